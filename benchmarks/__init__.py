@@ -1,1 +1,1 @@
-"""Measurements against the goals: `make bench`, or `python -m benchmarks --only fit --seed 1 --seed 2 --quick`."""
+"""Measurements against the goals: `make bench`, or `python -m benchmarks --only fit --seed 1 --quick`."""

@@ -23,8 +23,8 @@ from benchmarks.table import Row, markdown, with_section
 RESULTS = Path(__file__).parent / "RESULTS.md"
 HEAD = """# Measured
 
-Written by `make bench`; each section states the machine and the day of its own run. Ratios compare within one run,
-accuracy is against rendered or drawn truth. Goals not met say NO and stay in the table.
+Written by `make bench`; each section states the machine and the day of its own run. Ratios compare
+within one run, accuracy is against rendered or drawn truth. Goals not met say NO and stay in the table.
 """
 
 
@@ -74,7 +74,8 @@ def _table(name: str, rows: list[Row]) -> Table:
 
 
 def _conditions(seeds: list[int], seconds: float) -> str:
-    machine = f"{os.cpu_count()} cores ({platform.machine()}, {platform.system()}), Python {platform.python_version()}"
+    cores = f"{os.cpu_count()} cores ({platform.machine()}, {platform.system()})"
+    machine = f"{cores}, Python {platform.python_version()}"
     versions = f"numpy {np.__version__}, OpenCV {cv2.__version__}"
     chosen = ", ".join(map(str, seeds))
     return f"{datetime.now(UTC):%Y-%m-%d}, {machine}, {versions}; seeds {chosen}; took {seconds:.0f} s."

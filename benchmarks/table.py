@@ -4,8 +4,8 @@ A benchmark module exposes
 
     def rows(seeds: list[int], quick: bool) -> Iterable[Row]
 
-and is found by its presence in this package. `seeds` are the scenes' seeds (never tune to one), `quick` asks for a run
-of seconds whose figures are only indicative. Yield each row as soon as it is measured.
+and is found by its presence in this package. `seeds` are the scenes' seeds (never tune to one), `quick` asks
+for a run of seconds whose figures are only indicative. Yield each row as soon as it is measured.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True, slots=True)
 class Row:
-    """A figure: what was measured, the reading, the goal and whether it is met (None: no goal, stated for context)."""
+    """A figure: what was measured, the reading, the goal and whether it is met (None: it has no goal)."""
 
     what: str
     measured: str
