@@ -1,0 +1,209 @@
+"""The service as a client sees it: requests with retries, answers as dictionaries, refusals as errors.
+
+Requests that may safely be made twice (GET, PUT by hash, the question what is missing) are repeated with
+growing pauses while the network or the service is away. POST that creates is repeated only where the service
+cannot have seen it: nobody listened, or it answered that it is busy.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from datetime import timedelta
+from types import TracebackType
+from typing import Any
+
+import httpx2
+import stamina
+
+Json = dict[str, Any]
+
+_BUSY_STATUSES = frozenset({408, 425, 429, 502, 503, 504, 507})
+_PAGE = 500
+_MISSING_CHUNK = 1000
+
+
+class ClientError(Exception):
+    """The service refused a request, or could not be reached. Code, detail and advice as it gave them."""
+
+    def __init__(self, code: str, detail: str, advice: str | None = None, status: int | None = None) -> None:
+        super().__init__(f"{detail} ({code})" if code else detail)
+        self.code = code
+        self.detail = detail
+        self.advice = advice
+        self.status = status
+
+
+class _BusyError(Exception):
+    """An answer that asks to come again; carries the response and the pause it names, s."""
+
+    def __init__(self, response: httpx2.Response) -> None:
+        super().__init__(f"HTTP {response.status_code}")
+        self.response = response
+        text = response.headers.get("retry-after", "")
+        self.pause_s = min(float(text), 60.0) if text.isdigit() else None
+
+
+class ServiceClient:
+    """A connection to one service with one key; safe to use from several threads.
+
+    Parameters
+    ----------
+    url, key
+        Where the service is, and an API key (None for a service run with GRIDPOSE_AUTH=off).
+    retry_for_s
+        How long a request is repeated while the service is away or busy; 0 asks once.
+    on_retry
+        Called with a short reason before each pause.
+    """
+
+    def __init__(
+        self,
+        url: str,
+        key: str | None,
+        *,
+        retry_for_s: float = 300.0,
+        on_retry: Callable[[str], None] | None = None,
+        transport: httpx2.BaseTransport | None = None,
+    ) -> None:
+        headers = {} if key is None else {"Authorization": f"Bearer {key}"}
+        self.url = url.rstrip("/")
+        self._retry_for = timedelta(seconds=retry_for_s)
+        self._on_retry = on_retry
+        self._http = httpx2.Client(
+            base_url=self.url,
+            headers=headers,
+            timeout=httpx2.Timeout(60.0, connect=10.0),
+            transport=transport,
+        )
+
+    def __enter__(self) -> ServiceClient:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def close(self) -> None:
+        self._http.close()
+
+    def get(self, path: str, **query: Any) -> Json:
+        return self._json("GET", path, repeatable=True, params=_without_nulls(query))
+
+    def get_bytes(self, path: str) -> bytes:
+        return self._request("GET", path, repeatable=True).content
+
+    def create(self, path: str, body: Json) -> Json:
+        """POST a new resource."""
+        return self._json("POST", path, repeatable=False, json=body)
+
+    def put(self, path: str, body: Json) -> Json:
+        return self._json("PUT", path, repeatable=True, json=body)
+
+    def items(self, path: str, **query: Any) -> Iterator[Json]:
+        """Yield every item of a list, page by page, oldest first."""
+        cursor: str | None = None
+        while True:
+            page = self.get(path, limit=_PAGE, cursor=cursor, **query)
+            yield from page["items"]
+            cursor = page["next_cursor"]
+            if cursor is None:
+                return
+
+    def missing_images(self, session_id: str, images: Sequence[tuple[str, str]]) -> set[tuple[str, str]]:
+        """Return which (pose_id, sha256) the session does not hold yet."""
+        missing: set[tuple[str, str]] = set()
+        for start in range(0, len(images), _MISSING_CHUNK):
+            chunk = images[start : start + _MISSING_CHUNK]
+            body = {"images": [{"pose_id": pose, "sha256": sha256} for pose, sha256 in chunk]}
+            path = f"/v1/sessions/{session_id}/images/missing"
+            answer = self._json("POST", path, repeatable=True, json=body)
+            missing.update((entry["pose_id"], entry["sha256"]) for entry in answer["missing"])
+        return missing
+
+    def put_image(self, session_id: str, pose_id: str, sha256: str, data: bytes, **metadata: Any) -> Json:
+        """Upload one image and return its measurement; the same again returns the first one."""
+        return self._json(
+            "PUT",
+            f"/v1/sessions/{session_id}/poses/{pose_id}/images/{sha256}",
+            repeatable=True,
+            params=_without_nulls(metadata),
+            content=data,
+            headers={"Content-Type": "application/octet-stream"},
+        )
+
+    def _json(self, method: str, path: str, *, repeatable: bool, **options: Any) -> Json:
+        response = self._request(method, path, repeatable=repeatable, **options)
+        try:
+            answer = response.json()
+        except ValueError:
+            answer = None
+        if not isinstance(answer, dict):
+            raise ClientError(
+                "unexpected_answer",
+                f"{self.url} answered {response.status_code} with something that is not this service's JSON.",
+                "Check the URL: it must be that of a Gridpose service, without a path.",
+                response.status_code,
+            )
+        return answer
+
+    def _request(self, method: str, path: str, *, repeatable: bool, **options: Any) -> httpx2.Response:
+        def worth_repeating(error: Exception) -> bool | float:
+            if isinstance(error, _BusyError):
+                again: bool | float = True if error.pause_s is None else error.pause_s
+            elif isinstance(error, httpx2.UnsupportedProtocol):
+                again = False
+            else:
+                sent = not isinstance(error, httpx2.ConnectError | httpx2.ConnectTimeout)
+                again = isinstance(error, httpx2.TransportError) and (repeatable or not sent)
+            if again is not False and self._on_retry is not None:
+                self._on_retry(_reason(error))
+            return again
+
+        response: httpx2.Response | None = None
+        try:
+            for attempt in stamina.retry_context(
+                on=worth_repeating,
+                attempts=1 if not self._retry_for else None,
+                timeout=self._retry_for or None,
+                wait_initial=0.2,
+                wait_max=15.0,
+            ):
+                with attempt:
+                    response = self._http.request(method, path, **options)
+                    if response.status_code in _BUSY_STATUSES:
+                        raise _BusyError(response)
+        except _BusyError as busy:
+            response = busy.response
+        except (httpx2.TransportError, httpx2.InvalidURL) as error:
+            raise ClientError(
+                "unreachable",
+                f"No answer from {self.url}: {_reason(error)}.",
+                "Check the URL, the network, and that the service runs (`gridpose serve`).",
+            ) from error
+        assert response is not None
+        if response.is_success:
+            return response
+        raise _refusal(response)
+
+
+def _refusal(response: httpx2.Response) -> ClientError:
+    try:
+        problem = response.json()
+    except ValueError:
+        problem = None
+    if not isinstance(problem, dict) or "code" not in problem:
+        return ClientError("unexpected_answer", f"HTTP {response.status_code}.", status=response.status_code)
+    detail = str(problem.get("detail") or problem.get("title") or f"HTTP {response.status_code}")
+    fields = "; ".join(f"{e.get('field')}: {e.get('message')}" for e in problem.get("errors") or [])
+    if fields:
+        detail = f"{detail} {fields}"
+    return ClientError(str(problem["code"]), detail, problem.get("advice"), response.status_code)
+
+
+def _reason(error: Exception) -> str:
+    return str(error) or type(error).__name__
+
+
+def _without_nulls(query: Mapping[str, Any]) -> dict[str, Any]:
+    return {name: value for name, value in query.items() if value is not None}

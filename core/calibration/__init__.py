@@ -1,0 +1,1 @@
+"""Camera calibration and pose from grid points."""

@@ -1,0 +1,127 @@
+"""From a fit's covariance to what is reported: the camera's pose, residual statistics, observability, remarks."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from core.calibration.result import CameraPose, Reprojection
+from core.errors import Advisory
+from core.targets.specification import GridPoints
+from core.transforms import GIMBAL_MARGIN, hat, rotation_to_rpy, rpy_jacobian
+
+CORRELATION_SIGNIFICANCE = 3.0
+LARGEST_CORRELATION = 0.8
+
+
+def camera_pose(
+    rotation: Float[np.ndarray, "3 3"],
+    translation_mm: Float[np.ndarray, "3"],
+    covariance: Float[np.ndarray, "6 6"],
+    conditional: Float[np.ndarray, "6 6"],
+) -> CameraPose:
+    """Turn T_camera_target and its covariances (w, d in the camera frame) into the camera's pose in the target frame.
+
+    R_ee = Rᵀ, p = -Rᵀt (eqs 36-37). To first order exp(w) R, t + d give exp(w') Rᵀ and p + p' with
+
+        w' = -Rᵀ w,      p' = -Rᵀ [t]× w - Rᵀ d.
+    """
+    R_target_camera = rotation.T
+    J = np.zeros((6, 6))
+    J[:3, :3] = -R_target_camera @ hat(translation_mm)
+    J[:3, 3:] = -R_target_camera
+    J[3:, :3] = -R_target_camera
+    pose_covariance = J @ covariance @ J.T
+    rpy = rotation_to_rpy(R_target_camera)
+    E = rpy_jacobian(rpy)
+    rpy_variance = np.diag(E @ pose_covariance[3:, 3:] @ E.T)
+    return CameraPose(
+        position_mm=-R_target_camera @ translation_mm,
+        rotation=R_target_camera,
+        roll_pitch_yaw=rpy,
+        roll_pitch_yaw_standard_uncertainty=np.sqrt(rpy_variance),
+        covariance=0.5 * (pose_covariance + pose_covariance.T),
+        conditional_covariance=J @ conditional @ J.T,
+    )
+
+
+def reprojection(residuals_px: Float[np.ndarray, "n 2"], used: Bool[np.ndarray, " n"]) -> Reprojection:
+    """Statistics of the residual distances of the points used."""
+    distance = np.linalg.norm(residuals_px[used], axis=1)
+    return Reprojection(
+        rms_px=math.sqrt(float(np.mean(distance**2))),
+        mean_px=float(distance.mean()),
+        std_px=float(distance.std(ddof=1)),
+        max_px=float(distance.max()),
+        points=int(used.sum()),
+        rejected=int((~used).sum()),
+    )
+
+
+def correlation_inflation(
+    points: GridPoints, residuals_px: Float[np.ndarray, "n 2"], used: Bool[np.ndarray, " n"]
+) -> tuple[float, float]:
+    """Return (factor, ρ): how much spatially correlated residuals inflate standard uncertainties, and the correlation of
+    neighbours.
+
+    Corner noise is independent from point to point; a bowed print or a lens beyond the model leaves residuals that
+    resemble their neighbours', and then n points say less than n independent ones. With ρ(i, j) = ρ^|i| ρ^|j| over the
+    grid, the variance of a smooth combination of residuals is ((1 + ρ)/(1 - ρ))² times that of white noise, which is the
+    factor's square. It is 1 unless ρ exceeds zero by three of its standard errors.
+    """
+    grid = np.full((points.target.rows, points.target.columns, 2), np.nan)
+    grid[points.row[used], points.column[used]] = residuals_px[used]
+    products = np.concatenate([(grid[:, 1:] * grid[:, :-1]).ravel(), (grid[1:] * grid[:-1]).ravel()])
+    products = products[np.isfinite(products)]
+    variance = float(np.mean(residuals_px[used] ** 2))
+    if len(products) < 20 or variance <= 0:
+        return 1.0, 0.0
+    rho = float(np.mean(products)) / variance
+    if rho * math.sqrt(len(products)) < CORRELATION_SIGNIFICANCE:
+        return 1.0, rho
+    bounded = min(rho, LARGEST_CORRELATION)
+    return (1.0 + bounded) / (1.0 - bounded), rho
+
+
+def remarks(
+    points: GridPoints, pose: CameraPose, statistics: Reprojection, chi: float, inflation: float, rho: float
+) -> list[Advisory]:
+    """Remarks that hold whatever the estimator; `chi` is the residual scale over the detector's own uncertainty."""
+    found = list(points.warnings)
+    if chi > 1.2:
+        found.append(
+            Advisory(
+                "residuals_exceed_noise",
+                f"The residuals are {chi:.1f} times what corner noise explains; uncertainties are scaled up by that.",
+                "Check that the printed grid is flat and true to size, and that the lens has no more than moderate "
+                "distortion.",
+            )
+        )
+    if inflation > 1.0:
+        found.append(
+            Advisory(
+                "residuals_correlated",
+                f"Residuals of neighbouring points agree (correlation {rho:.2f}): the grid or the lens departs from the "
+                f"model. Uncertainties are scaled up by {inflation:.1f}.",
+                "Check the grid's flatness; a pooled calibration over several views averages such errors out.",
+            )
+        )
+    if statistics.rejected > 0.1 * len(points):
+        found.append(
+            Advisory(
+                "many_points_rejected",
+                f"{statistics.rejected} of {len(points)} points did not fit and were left out.",
+                "Look at the overlay: reflections, dirt or something in front of the grid are the usual causes.",
+            )
+        )
+    if abs(abs(pose.roll_pitch_yaw[1]) - math.pi / 2) < GIMBAL_MARGIN:
+        found.append(
+            Advisory(
+                "near_gimbal_lock",
+                "Pitch is within 5° of ±90°, where roll and yaw cannot be told apart.",
+                "Use the rotation matrix and its covariance instead.",
+            )
+        )
+    return found

@@ -1,0 +1,120 @@
+"""What can go wrong in the numerics, as one tree.
+
+GridposeError                        code, detail, advice; `points` where grid points were found before the failure
+├── InvalidInput                     the caller's arguments cannot be used
+│   ├── InvalidTarget                invalid_target
+│   └── InvalidArgument              invalid_argument
+├── ImageError                       the bytes are no image we take
+│   ├── EmptyImage                   empty_upload
+│   ├── UnsupportedImage             unsupported_image
+│   ├── ImageTooManyPixels           image_too_many_pixels
+│   └── UndecodableImage             undecodable_image
+├── DetectionError                   the picture does not show what was asked for
+│   ├── TargetNotFound               target_not_found
+│   └── TargetMismatch               target_mismatch
+└── EstimationError                  the points do not determine an answer
+    ├── FocalNotObservable           focal_not_observable
+    ├── DegenerateGeometry           degenerate_geometry
+    └── NotConverged                 not_converged
+
+`code` is stable and snake_case, `detail` says what happened with its figures, `advice` says what to do next.
+Nothing here knows of HTTP; the service maps classes to statuses in one table.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+
+@dataclass(frozen=True, slots=True)
+class Advisory:
+    """A remark that travels with a result: a stable code, what was seen, and what to do about it."""
+
+    code: str
+    detail: str
+    advice: str | None = None
+
+
+class GridposeError(Exception):
+    """Base of every failure the numerics raise on purpose."""
+
+    code: ClassVar[str] = "gridpose_error"
+    default_advice: ClassVar[str | None] = None
+
+    def __init__(self, detail: str, advice: str | None = None, *, points: Any = None) -> None:
+        super().__init__(detail)
+        self.detail = detail
+        self.advice = advice if advice is not None else self.default_advice
+        self.points = points
+        """The `core.targets.GridPoints` found before the failure, or None: a refused view still serves
+        pooled estimates."""
+
+
+class InvalidInput(GridposeError):
+    code = "invalid_input"
+
+
+class InvalidTarget(InvalidInput):
+    code = "invalid_target"
+
+
+class InvalidArgument(InvalidInput):
+    code = "invalid_argument"
+
+
+class ImageError(GridposeError):
+    code = "image_error"
+
+
+class EmptyImage(ImageError):
+    code = "empty_upload"
+    default_advice = "Send the image file's bytes as the body."
+
+
+class UnsupportedImage(ImageError):
+    code = "unsupported_image"
+    default_advice = "Send PNG, JPEG, TIFF or BMP with 8 or 16 bit, grey or colour."
+
+
+class ImageTooManyPixels(ImageError):
+    code = "image_too_many_pixels"
+    default_advice = "Crop or bin the image, or raise GRIDPOSE_MAX_IMAGE_PIXELS."
+
+
+class UndecodableImage(ImageError):
+    code = "undecodable_image"
+    default_advice = "The file is damaged or cut short; save it again and upload that."
+
+
+class DetectionError(GridposeError):
+    code = "detection_error"
+
+
+class TargetNotFound(DetectionError):
+    code = "target_not_found"
+    default_advice = "Check that the whole grid is in view, sharp and evenly lit, and that the target's size is right."
+
+
+class TargetMismatch(DetectionError):
+    code = "target_mismatch"
+    default_advice = "Check the target's columns and rows, which count inner corners, and keep other grids out of view."
+
+
+class EstimationError(GridposeError):
+    code = "estimation_error"
+
+
+class FocalNotObservable(EstimationError):
+    code = "focal_not_observable"
+    default_advice = "Tilt the target by 15° or more, or give a focal prior or session intrinsics."
+
+
+class DegenerateGeometry(EstimationError):
+    code = "degenerate_geometry"
+    default_advice = "Use an image that shows the grid's points spread over two directions."
+
+
+class NotConverged(EstimationError):
+    code = "not_converged"
+    default_advice = "Check the target's size and the image's sharpness, and take the image again."

@@ -1,0 +1,277 @@
+"""The one nonlinear solver: Levenberg-Marquardt with Gaussian priors and robust weights.
+
+The estimate minimises, over the state s,
+
+    Σᵢ ρ(dᵢ² / (σ² uᵢ²)) + ‖q(s)‖²
+
+where dᵢ is the length of point i's residual vector, uᵢ its relative standard uncertainty, q the priors' residuals in
+units of their own σ, and σ the noise scale, which is itself estimated from the residuals: a constant would be wrong for
+every camera but one. Two stages:
+
+1. Cauchy, ρ(z) = c² log(1 + z/c²), with σ from the median distance, until the step is a small part of its own
+   uncertainty: gross errors lose their pull.
+2. Points beyond 4 robust σ are rejected; the rest is fitted with ρ(z) = z, σ² = Σ dᵢ²/uᵢ² / (degrees of freedom), where
+   priors count as the part of a measurement that they are: dof = observations - tr(H⁻¹ H_data).
+
+Steps are solved from normal equations scaled to unit diagonal, so that pixels, millimetres and radians weigh alike and
+the condition number reported is the scaled one.
+
+References: D. W. Marquardt, SIAM J. Appl. Math. 11 (1963) 431-441; P. W. Holland, R. E. Welsch, Comm. Statist. A6
+(1977) 813-827 (tuning constants).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Generic, TypeVar
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+State = TypeVar("State")
+
+Evaluate = Callable[[State], tuple[Float[np.ndarray, "m n"], Float[np.ndarray, "p m n"]]]
+"""state -> residuals (observed - predicted; m components of n points) and derivatives of the *prediction*."""
+Prior = Callable[[State], tuple[Float[np.ndarray, " q"], Float[np.ndarray, "q p"]]]
+"""state -> prior residuals (expected - state, in their σ) and derivatives of the state's side."""
+Retract = Callable[[State, Float[np.ndarray, " p"]], State]
+"""(state, step) -> state; the step's coordinates are the covariance's."""
+
+CAUCHY_C = 2.385  # 95 % efficient on Gaussian residuals (Holland and Welsch 1977)
+REJECTION = 4.0
+SMALLEST_SCALE = 1e-10  # px; noise-free data must not divide by zero
+STEP_TOLERANCE = 1e-3  # of its own standard uncertainty
+ROBUST_STEP_TOLERANCE = 0.1  # the first stage only has to tell good points from bad
+
+
+@dataclass(frozen=True, slots=True)
+class Fit(Generic[State]):
+    """What a fit found and how far to trust it.
+
+    `status` is "converged", "iteration_limit" or "singular"; only the first is an answer. `covariance` has the step's
+    coordinates. `scale` is σ in the residuals' unit per unit of relative uncertainty, `cost` the objective at the end.
+    """
+
+    state: State
+    status: str
+    covariance: Float[np.ndarray, "p p"]
+    information: Float[np.ndarray, "p p"]  # data and priors, at `scale`
+    data_information: Float[np.ndarray, "p p"]
+    condition_number: float
+    residuals: Float[np.ndarray, "m n"]
+    used: Bool[np.ndarray, " n"]
+    scale: float
+    degrees_of_freedom: float
+    cost: float
+    iterations: int
+
+    @property
+    def converged(self) -> bool:
+        return self.status == "converged"
+
+
+def fit(
+    evaluate: Evaluate[State],
+    retract: Retract[State],
+    start: State,
+    relative_uncertainty: Float[np.ndarray, " n"],
+    *,
+    prior: Prior[State] | None = None,
+    iteration_limit: int = 40,
+) -> Fit[State]:
+    """Fit robustly and return the estimate with its covariance.
+
+    Parameters: `relative_uncertainty` (n,) is each point's standard uncertainty in any common unit; only ratios matter.
+    """
+    run = _Run(evaluate, retract, prior, 1.0 / (relative_uncertainty / np.mean(relative_uncertainty)), iteration_limit)
+    state, _ = run.minimise(start, robust=True, used=None, scale=None)
+    residuals, _ = run.linearised(state)
+    distance = run.distances(residuals)
+    robust_scale = max(_scale_from_median(distance, len(residuals)), SMALLEST_SCALE)
+    used = distance <= REJECTION * robust_scale
+    state, ok = run.minimise(state, robust=False, used=used, scale=robust_scale)
+    return run.summary(state, used, "converged" if ok else "iteration_limit")
+
+
+def _scale_from_median(distance: Float[np.ndarray, " n"], components: int) -> float:
+    """Return σ of one residual component from the median length (chi distribution with 1, 2 or 3 components)."""
+    return float(np.median(distance)) / {1: 0.674490, 2: 1.177410, 3: 1.538172}[components]
+
+
+def _solve(
+    scaled: Float[np.ndarray, "p p"], slope: Float[np.ndarray, " p"], damping: float
+) -> Float[np.ndarray, " p"] | None:
+    """Return the damped step in scaled coordinates, or None where the matrix is singular."""
+    damped = scaled.copy()
+    damped.flat[:: len(slope) + 1] += damping
+    try:
+        step = np.linalg.solve(damped, slope)
+    except np.linalg.LinAlgError:
+        return None
+    return step if np.all(np.isfinite(step)) else None
+
+
+def _in_sigmas(scaled: Float[np.ndarray, "p p"], step: Float[np.ndarray, " p"]) -> float:
+    """Length of a step in units of its own standard uncertainty."""
+    return math.sqrt(max(float(step @ scaled @ step), 0.0))
+
+
+class _Run(Generic[State]):
+    """One fit's fixed arguments and its work counter; not part of the module's face."""
+
+    def __init__(
+        self,
+        evaluate: Evaluate[State],
+        retract: Retract[State],
+        prior: Prior[State] | None,
+        root_weight: Float[np.ndarray, " n"],
+        iteration_limit: int,
+    ) -> None:
+        self.evaluate, self.retract, self.prior = evaluate, retract, prior
+        self.root_weight = None if np.ptp(root_weight) < 1e-12 else root_weight
+        self.iteration_limit = iteration_limit
+        self.iterations = 0
+
+    def linearised(self, state: State) -> tuple[Float[np.ndarray, "m n"], Float[np.ndarray, "p m n"]]:
+        residuals, jacobian = self.evaluate(state)
+        if self.root_weight is not None:
+            residuals, jacobian = residuals * self.root_weight, jacobian * self.root_weight
+        return residuals, jacobian
+
+    @staticmethod
+    def distances(residuals: Float[np.ndarray, "m n"]) -> Float[np.ndarray, " n"]:
+        return np.sqrt(np.einsum("mn,mn->n", residuals, residuals))
+
+    def minimise(
+        self, state: State, *, robust: bool, used: Bool[np.ndarray, " n"] | None, scale: float | None
+    ) -> tuple[State, bool]:
+        damping = 1e-4 if robust else 0.0
+        tolerance = ROBUST_STEP_TOLERANCE if robust else STEP_TOLERANCE
+        residuals, jacobian = self.linearised(state)
+        for _ in range(self.iteration_limit):
+            self.iterations += 1
+            sigma = self._scale(residuals, used, robust, scale)
+            H, g, cost = self._normal(state, residuals, jacobian, used, robust, sigma)
+            diagonal = np.sqrt(np.diag(H))
+            if not np.all(np.isfinite(diagonal)) or np.any(diagonal == 0):
+                return state, False
+            scaled, slope = H / np.outer(diagonal, diagonal), g / diagonal
+            for _ in range(16):
+                step = _solve(scaled, slope, damping)
+                if step is not None:
+                    trial = self.retract(state, step / diagonal)
+                    trial_residuals, trial_jacobian = self.linearised(trial)
+                    trial_cost = self._cost(trial, trial_residuals, used, robust, sigma)
+                    if trial_cost <= cost * (1.0 + 1e-12) + 1e-12:
+                        break
+                damping = max(10.0 * damping, 1e-7)
+            else:
+                # No step downhill exists within rounding: a minimum, if the gradient agrees.
+                return state, step is not None and _in_sigmas(scaled, step) < STEP_TOLERANCE
+            state, residuals, jacobian = trial, trial_residuals, trial_jacobian
+            if _in_sigmas(scaled, step) < tolerance:
+                # A damped step may be short for its damping's sake; only the undamped one measures the distance left.
+                if damping < 1e-13:
+                    return state, True
+                damping = 0.0
+            else:
+                damping = 0.02 * damping
+        return state, False
+
+    def _scale(
+        self, residuals: Float[np.ndarray, "m n"], used: Bool[np.ndarray, " n"] | None, robust: bool, floor: float | None
+    ) -> float:
+        if robust:
+            return max(_scale_from_median(self.distances(residuals), len(residuals)), SMALLEST_SCALE)
+        kept = residuals[:, used]
+        # The exact degrees of freedom enter in `summary`; here σ only balances data and priors.
+        return max(math.sqrt(float(np.mean(kept * kept))), SMALLEST_SCALE) if kept.size else float(floor or 1.0)
+
+    def _normal(
+        self,
+        state: State,
+        residuals: Float[np.ndarray, "m n"],
+        jacobian: Float[np.ndarray, "p m n"],
+        used: Bool[np.ndarray, " n"] | None,
+        robust: bool,
+        sigma: float,
+    ) -> tuple[Float[np.ndarray, "p p"], Float[np.ndarray, " p"], float]:
+        z = np.einsum("mn,mn->n", residuals, residuals) / sigma**2
+        if robust:
+            root = np.sqrt(1.0 / (1.0 + z / CAUCHY_C**2)) / sigma
+            cost = CAUCHY_C**2 * float(np.sum(np.log1p(z / CAUCHY_C**2)))
+        else:
+            root = np.where(used, 1.0 / sigma, 0.0)
+            cost = float(np.sum(z[used]))
+        J = (jacobian * root).reshape(len(jacobian), -1)
+        H = J @ J.T
+        g = J @ (residuals * root).ravel()
+        if self.prior is not None:
+            q, Q = self.prior(state)
+            H += Q.T @ Q
+            g += Q.T @ q
+            cost += float(q @ q)
+        return H, g, cost
+
+    def _cost(
+        self,
+        state: State,
+        residuals: Float[np.ndarray, "m n"],
+        used: Bool[np.ndarray, " n"] | None,
+        robust: bool,
+        sigma: float,
+    ) -> float:
+        z = np.einsum("mn,mn->n", residuals, residuals) / sigma**2
+        cost = CAUCHY_C**2 * float(np.sum(np.log1p(z / CAUCHY_C**2))) if robust else float(np.sum(z[used]))
+        if self.prior is not None:
+            q, _ = self.prior(state)
+            cost += float(q @ q)
+        return cost
+
+    def summary(self, state: State, used: Bool[np.ndarray, " n"], status: str) -> Fit[State]:
+        residuals, jacobian = self.linearised(state)
+        J = jacobian[:, :, used].reshape(len(jacobian), -1)
+        data = J @ J.T
+        square_sum = float(np.sum(residuals[:, used] ** 2))
+        count = residuals[:, used].size
+        prior_residuals, Q = self.prior(state) if self.prior is not None else (np.zeros(0), np.zeros((0, len(data))))
+        scale, dof = max(math.sqrt(square_sum / max(count, 1)), SMALLEST_SCALE), float(count)
+        information, covariance = data, np.full_like(data, np.nan)
+        condition = math.inf
+        for _ in range(4):  # σ and the degrees of freedom that priors leave depend on one another, weakly
+            information = data / scale**2 + Q.T @ Q
+            diagonal = np.sqrt(np.diag(information))
+            if not np.all(diagonal > 0):
+                status = "singular"
+                break
+            values, vectors = np.linalg.eigh(information / np.outer(diagonal, diagonal))
+            if values[0] <= 1e-15 * values[-1]:
+                status = "singular"
+                break
+            condition = float(values[-1] / values[0])
+            covariance = (vectors / values) @ vectors.T / np.outer(diagonal, diagonal)
+            dof = count - float(np.sum(covariance * data)) / scale**2
+            if dof <= 0.5:
+                status = "singular"
+                break
+            scale = max(math.sqrt(square_sum / dof), SMALLEST_SCALE)
+        else:
+            information = data / scale**2 + Q.T @ Q
+            covariance = np.linalg.inv(information)
+        raw, _ = self.evaluate(state)
+        return Fit(
+            state=state,
+            status=status,
+            covariance=0.5 * (covariance + covariance.T),
+            information=information,
+            data_information=data / scale**2,
+            condition_number=condition,
+            residuals=raw,
+            used=used,
+            scale=scale,
+            degrees_of_freedom=dof,
+            cost=square_sum / scale**2 + float(prior_residuals @ prior_residuals),
+            iterations=self.iterations,
+        )

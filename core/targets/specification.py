@@ -1,0 +1,94 @@
+"""What a printed target is, and where its grid points ideally lie."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from core.errors import Advisory, InvalidTarget
+
+KINDS = ("chessboard", "charuco", "circles", "asymmetric_circles", "aprilgrid")
+
+
+@dataclass(frozen=True, slots=True)
+class TargetSpec:
+    """A planar target.
+
+    `columns`, `rows` count grid points along x and y (inner corners of a chessboard); `pitch_mm` is the distance
+    of neighbouring grid points. The target frame has its origin at grid point (0, 0), x along columns, y along
+    rows, z = x × y (into the board when seen from the front with y down).
+    """
+
+    kind: str
+    columns: int
+    rows: int
+    pitch_mm: float
+    marker_mm: float | None = None
+    dictionary: str | None = None
+    legacy_layout: bool = False
+    pitch_standard_uncertainty_mm: float | None = None
+
+    def __post_init__(self) -> None:
+        if self.kind not in KINDS:
+            raise InvalidTarget(f"Unknown target kind {self.kind!r}.", f"Use one of {', '.join(KINDS)}.")
+        for name in ("columns", "rows"):
+            value = getattr(self, name)
+            if not isinstance(value, int) or isinstance(value, bool) or not 2 <= value <= 500:
+                raise InvalidTarget(f"{name} must be a whole number from 2 to 500, got {value!r}.")
+        if not (math.isfinite(self.pitch_mm) and self.pitch_mm > 0):
+            raise InvalidTarget(f"pitch_mm must be a positive length, got {self.pitch_mm!r}.")
+
+    @property
+    def size(self) -> int:
+        """Number of grid points of the whole target."""
+        return self.columns * self.rows
+
+    def points_target(
+        self, column: Int[np.ndarray, " n"] | None = None, row: Int[np.ndarray, " n"] | None = None
+    ) -> Float[np.ndarray, "n 3"]:
+        """Return ideal grid points in the target frame, mm; row-major over the whole target by default."""
+        if column is None or row is None:
+            row, column = (a.ravel() for a in np.mgrid[0 : self.rows, 0 : self.columns])
+        x = 2 * column + row % 2 if self.kind == "asymmetric_circles" else column
+        return np.stack([x, row, np.zeros(len(row))], axis=1).astype(np.float64) * self.pitch_mm
+
+
+@dataclass(frozen=True, slots=True)
+class GridPoints:
+    """Grid points found in one image: which ones, where, and how sure each is.
+
+    `points_px` (n, 2) u right, v down, (0, 0) at the centre of the top-left pixel; `standard_uncertainty_px` (n,) is
+    the detector's own estimate for u and v alike. The fit re-scales it by the residuals where they say more.
+    """
+
+    target: TargetSpec
+    image_width_px: int
+    image_height_px: int
+    column: Int[np.ndarray, " n"]
+    row: Int[np.ndarray, " n"]
+    points_px: Float[np.ndarray, "n 2"]
+    standard_uncertainty_px: Float[np.ndarray, " n"]
+    warnings: tuple[Advisory, ...] = ()
+
+    @property
+    def points_target(self) -> Float[np.ndarray, "n 3"]:
+        """The same points in the target frame, mm."""
+        return self.target.points_target(self.column, self.row)
+
+    def __len__(self) -> int:
+        return len(self.column)
+
+    def __eq__(self, other: Any) -> bool:
+        return (
+            isinstance(other, GridPoints)
+            and self.target == other.target
+            and np.array_equal(self.column, other.column)
+            and np.array_equal(self.row, other.row)
+            and np.array_equal(self.points_px, other.points_px)
+        )
+
+    __hash__ = None  # type: ignore[assignment]

@@ -1,0 +1,205 @@
+"""Rigid motions in space: SO(3) and SE(3) by arrays.
+
+`T_a_b` maps points given in frame b into frame a, so that adjacent frames cancel: T_a_c = T_a_b @ T_b_c.
+Perturbations are on the left: R_true = exp(w) R. Angles in radians, lengths in mm.
+Roll, pitch, yaw are R = Rz(yaw) Ry(pitch) Rx(roll), singular at pitch = ±90°.
+
+References: R. M. Murray, Z. Li, S. S. Sastry, "A Mathematical Introduction to Robotic Manipulation", 1994, ch. 2.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from jaxtyping import Float
+
+from core.errors import InvalidArgument
+
+GIMBAL_MARGIN = math.radians(5.0)
+"""Within this angle of pitch = ±90°, roll and yaw are reported with a warning."""
+
+
+def hat(w: Float[np.ndarray, "3"]) -> Float[np.ndarray, "3 3"]:
+    """Return [w]×, so that hat(w) @ a = w × a."""
+    x, y, z = w
+    return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+
+
+def so3_exp(w: Float[np.ndarray, "3"]) -> Float[np.ndarray, "3 3"]:
+    """Rotate by |w| rad about w (Rodrigues)."""
+    x, y, z = float(w[0]), float(w[1]), float(w[2])
+    square = x * x + y * y + z * z
+    if square < 1e-12:  # series to order 4: exact in double precision below 1e-6 rad
+        a, b = 1.0 - square / 6.0, 0.5 - square / 24.0
+    else:
+        angle = math.sqrt(square)
+        a, b = math.sin(angle) / angle, (1.0 - math.cos(angle)) / square
+    return np.array(
+        [
+            [1.0 - b * (y * y + z * z), b * x * y - a * z, b * x * z + a * y],
+            [b * x * y + a * z, 1.0 - b * (x * x + z * z), b * y * z - a * x],
+            [b * x * z - a * y, b * y * z + a * x, 1.0 - b * (x * x + y * y)],
+        ]
+    )
+
+
+def so3_log(rotation: Float[np.ndarray, "3 3"]) -> Float[np.ndarray, "3"]:
+    """Return the rotation vector w with exp(w) = R and |w| ≤ π; well conditioned from 0 up to π (by quaternion)."""
+    w, x, y, z = _quaternion(rotation)
+    norm = math.sqrt(x * x + y * y + z * z)
+    if norm < 1e-9:
+        scale = 2.0 / w
+    else:
+        # w ≥ 0 by construction, so the angle is in [0, π].
+        scale = 2.0 * math.atan2(norm, w) / norm
+    return np.array([x * scale, y * scale, z * scale])
+
+
+def _quaternion(rotation: Float[np.ndarray, "3 3"]) -> tuple[float, float, float, float]:
+    """Return the unit quaternion (w, x, y, z), w ≥ 0, by the largest of its four components (Shepperd)."""
+    r = rotation
+    trace = float(np.trace(r))
+    candidates = [trace, float(r[0, 0]), float(r[1, 1]), float(r[2, 2])]
+    largest = int(np.argmax(candidates))
+    if largest == 0:
+        q = np.array([1.0 + trace, r[2, 1] - r[1, 2], r[0, 2] - r[2, 0], r[1, 0] - r[0, 1]])
+    else:
+        i = largest - 1
+        j, k = (i + 1) % 3, (i + 2) % 3
+        q = np.empty(4)
+        q[0] = r[k, j] - r[j, k]
+        q[1 + i] = 1.0 + r[i, i] - r[j, j] - r[k, k]
+        q[1 + j] = r[j, i] + r[i, j]
+        q[1 + k] = r[k, i] + r[i, k]
+    q /= np.linalg.norm(q)
+    if q[0] < 0:
+        q = -q
+    return float(q[0]), float(q[1]), float(q[2]), float(q[3])
+
+
+def transform(rotation: Float[np.ndarray, "3 3"], translation: Float[np.ndarray, "3"]) -> Float[np.ndarray, "4 4"]:
+    """Return [[R, t], [0, 1]]."""
+    T = np.eye(4)
+    T[:3, :3] = rotation
+    T[:3, 3] = translation
+    return T
+
+
+def compose(*transforms: Float[np.ndarray, "4 4"]) -> Float[np.ndarray, "4 4"]:
+    """Return the product of the given transforms, left to right."""
+    T = np.eye(4)
+    for factor in transforms:
+        T = T @ factor
+    return T
+
+
+def invert(T_a_b: Float[np.ndarray, "4 4"]) -> Float[np.ndarray, "4 4"]:
+    """Return T_b_a."""
+    rotation = T_a_b[:3, :3].T
+    return transform(rotation, -rotation @ T_a_b[:3, 3])
+
+
+def transform_points(T_a_b: Float[np.ndarray, "4 4"], points_b: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 3"]:
+    """Return the points of frame b in frame a."""
+    return points_b @ T_a_b[:3, :3].T + T_a_b[:3, 3]
+
+
+def se3_exp(twist: Float[np.ndarray, "6"]) -> Float[np.ndarray, "4 4"]:
+    """Return exp of the twist (v, w): translation part first (Murray, Li, Sastry eq. 2.36)."""
+    v, w = twist[:3], twist[3:]
+    return transform(so3_exp(w), so3_left_jacobian(w) @ v)
+
+
+def se3_log(T: Float[np.ndarray, "4 4"]) -> Float[np.ndarray, "6"]:
+    """Return the twist (v, w) with se3_exp(twist) = T."""
+    w = so3_log(T[:3, :3])
+    return np.concatenate([np.linalg.solve(so3_left_jacobian(w), T[:3, 3]), w])
+
+
+def so3_left_jacobian(w: Float[np.ndarray, "3"]) -> Float[np.ndarray, "3 3"]:
+    """Return J with exp(w + δ) ≈ exp(J δ) exp(w)."""
+    W = hat(w)
+    square = float(w @ w)
+    if square < 1e-8:
+        a, b = 0.5 - square / 24.0, 1.0 / 6.0 - square / 120.0
+    else:
+        angle = math.sqrt(square)
+        a = (1.0 - math.cos(angle)) / square
+        b = (angle - math.sin(angle)) / (square * angle)
+    return np.eye(3) + a * W + b * (W @ W)
+
+
+def rpy_to_rotation(roll_pitch_yaw: Float[np.ndarray, "3"]) -> Float[np.ndarray, "3 3"]:
+    """Return Rz(yaw) Ry(pitch) Rx(roll)."""
+    roll, pitch, yaw = (float(a) for a in roll_pitch_yaw)
+    cr, sr, cp, sp, cy, sy = (f(a) for a in (roll, pitch, yaw) for f in (math.cos, math.sin))
+    return np.array(
+        [
+            [cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr],
+            [sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr],
+            [-sp, cp * sr, cp * cr],
+        ]
+    )
+
+
+def rotation_to_rpy(rotation: Float[np.ndarray, "3 3"]) -> Float[np.ndarray, "3"]:
+    """Return roll and yaw in (-π, π], pitch in [-π/2, π/2]; at the singularity yaw carries all and roll is 0."""
+    r = rotation
+    cos_pitch = math.hypot(r[0, 0], r[1, 0])
+    pitch = math.atan2(-r[2, 0], cos_pitch)
+    if cos_pitch < 1e-9:
+        return np.array([0.0, pitch, math.atan2(-r[0, 1], r[1, 1])])
+    return np.array([math.atan2(r[2, 1], r[2, 2]), pitch, math.atan2(r[1, 0], r[0, 0])])
+
+
+def rpy_jacobian(roll_pitch_yaw: Float[np.ndarray, "3"]) -> Float[np.ndarray, "3 3"]:
+    """Return d(roll, pitch, yaw)/dw for R_true = exp(w) R.
+
+    w = E(pitch, yaw) (roll', pitch', yaw')ᵀ with columns Rz Ry x, Rz y, z; its inverse grows as 1/cos(pitch). Within
+    1e-6 rad of the singularity it is evaluated at that distance, where the uncertainty is as good as unbounded.
+    """
+    _, pitch, yaw = (float(a) for a in roll_pitch_yaw)
+    cp = math.cos(pitch)
+    cp = math.copysign(max(abs(cp), 1e-6), cp)
+    tp = math.sin(pitch) / cp
+    cy, sy = math.cos(yaw), math.sin(yaw)
+    return np.array([[cy / cp, sy / cp, 0.0], [-sy, cy, 0.0], [cy * tp, sy * tp, 1.0]])
+
+
+def nearest_rotation(matrix: Float[np.ndarray, "3 3"]) -> Float[np.ndarray, "3 3"]:
+    """Return the rotation nearest to a matrix in the Frobenius norm (orthogonal Procrustes)."""
+    U, _, Vt = np.linalg.svd(matrix)
+    return np.asarray(U @ np.diag([1.0, 1.0, float(np.sign(np.linalg.det(U @ Vt)))]) @ Vt)
+
+
+def rotation_mean(
+    rotations: Float[np.ndarray, "n 3 3"], weights: Float[np.ndarray, " n"] | None = None
+) -> Float[np.ndarray, "3 3"]:
+    """Return the weighted Riemannian mean: the R with Σ wᵢ log(Rᵢ Rᵀ) = 0.
+
+    Raises InvalidArgument where there is none: no rotations, or weights without a positive sum.
+
+    References: J. H. Manton, "A globally convergent numerical algorithm for computing the centre of mass on compact
+    Lie groups", ICARCV 2004.
+    """
+    w = np.ones(len(rotations)) if weights is None else weights
+    if len(rotations) == 0 or not np.sum(w) > 0:
+        raise InvalidArgument("A mean needs at least one rotation and weights with a positive sum.")
+    w = w / np.sum(w)
+    mean = nearest_rotation(np.tensordot(w, rotations, axes=1))
+    for _ in range(50):
+        step = w @ np.array([so3_log(R @ mean.T) for R in rotations])
+        mean = so3_exp(step) @ mean
+        if step @ step < 1e-28:
+            break
+    return mean
+
+
+def transform_mean(
+    transforms: Float[np.ndarray, "n 4 4"], weights: Float[np.ndarray, " n"] | None = None
+) -> Float[np.ndarray, "4 4"]:
+    """Return the mean pose: rotation mean and weighted mean of the positions, each by itself."""
+    w = np.ones(len(transforms)) if weights is None else weights
+    rotation = rotation_mean(transforms[:, :3, :3], w)
+    return transform(rotation, (w / np.sum(w)) @ transforms[:, :3, 3])
