@@ -1,0 +1,182 @@
+"""Scenes: a target before a camera, with everything about it known; the standard ones for measurements."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+
+import numpy as np
+from jaxtyping import Float
+
+from core.camera import Camera, project
+from core.errors import InvalidArgument
+from core.targets.specification import GridPoints, TargetSpec
+from core.transforms import compose, so3_exp, transform, transform_points
+
+
+@dataclass(frozen=True, slots=True)
+class Light:
+    """How bright the sheet's inks look, in 8-bit grey levels, and how that varies over the image.
+
+    The levels are multiplied by (1 + gradient · q) (1 - vignetting r²), with q the pixel's place from -1 to 1
+    across width and height, r its distance from the centre in half diagonals.
+    """
+
+    black_level: float = 30.0
+    white_level: float = 205.0
+    gradient: tuple[float, float] = (0.0, 0.0)
+    vignetting: float = 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class Scene:
+    """One picture to be taken, with its ground truth.
+
+    `blur_px` is the standard deviation of the lens's Gaussian blur (at least .1), which comes on top of the
+    pixel's own area; `noise_levels` that of white noise in 8-bit grey levels; `quiet_zone` the white margin
+    around the board in pitches; `clutter` from 0 (plain background) to 1. `seed` draws the noise,
+    `background_seed` what lies behind the sheet.
+    """
+
+    target: TargetSpec
+    camera: Camera
+    T_camera_target: Float[np.ndarray, "4 4"]
+    width_px: int = 2448
+    height_px: int = 2050
+    blur_px: float = 1.0
+    noise_levels: float = 0.0
+    light: Light = field(default_factory=Light)
+    bit_depth: int = 8
+    quiet_zone: float = 1.0
+    clutter: float = 0.0
+    seed: int = 0
+    background_seed: int = 0
+
+    def __post_init__(self) -> None:
+        if self.bit_depth not in (8, 16):
+            raise InvalidArgument(f"bit_depth must be 8 or 16, got {self.bit_depth}.")
+        if self.blur_px < 0.1:
+            raise InvalidArgument(f"blur_px must be at least .1, got {self.blur_px}.")
+
+    @property
+    def points_px(self) -> Float[np.ndarray, "n 2"]:
+        """The true pixels of all grid points, row-major."""
+        return project(transform_points(self.T_camera_target, self.target.points_target()), self.camera)
+
+    @property
+    def grid_points(self) -> GridPoints:
+        """The same as a detector would hand them over, without uncertainty."""
+        row, column = (a.ravel() for a in np.mgrid[0 : self.target.rows, 0 : self.target.columns])
+        return GridPoints(
+            target=self.target,
+            image_width_px=self.width_px,
+            image_height_px=self.height_px,
+            column=column,
+            row=row,
+            points_px=self.points_px,
+            standard_uncertainty_px=np.zeros(len(row)),
+        )
+
+
+def standard_camera() -> Camera:
+    """Return the camera of the standard scenes: 2448 x 2050 pixels, f 2320 px, k1 -.1, k2 .05."""
+    return Camera(2320.0, 2320.0, 1229.5, 1020.0, k1=-0.1, k2=0.05)
+
+
+def standard_target(columns: int, rows: int) -> TargetSpec:
+    """Return a chessboard about 300 mm wide, whatever its number of points."""
+    return TargetSpec("chessboard", columns, rows, pitch_mm=round(300.0 / columns, 1))
+
+
+def standard_scene(
+    target: TargetSpec,
+    seed: int,
+    *,
+    tilt: float | None = None,
+    max_roll: float = math.radians(40.0),
+    blur_px: float = 1.0,
+    noise_levels: float = 4.0,
+    clutter: float = 1.0,
+) -> Scene:
+    """Return one of the standard scenes: a random pose that shows the whole board, uneven light, clutter.
+
+    Parameters
+    ----------
+    tilt
+        Angle between the optical axis and the board's normal, rad; random from 0 to 60° by default.
+    max_roll
+        Largest turn about the board's normal, rad.
+    """
+    rng = np.random.default_rng([seed, 20160516])
+    camera = standard_camera()
+    if tilt is None:
+        tilt = float(rng.uniform(0.0, math.radians(60.0)))
+    light = Light(
+        black_level=float(rng.uniform(20, 40)),
+        white_level=float(rng.uniform(170, 210)),
+        gradient=(float(rng.uniform(-0.2, 0.2)), float(rng.uniform(-0.2, 0.2))),
+        vignetting=float(rng.uniform(0.05, 0.3)),
+    )
+    T_camera_target = random_pose(target, camera, (2448, 2050), tilt, max_roll, rng)
+    return Scene(
+        target=target,
+        camera=camera,
+        T_camera_target=T_camera_target,
+        blur_px=blur_px,
+        noise_levels=noise_levels,
+        light=light,
+        clutter=clutter,
+        seed=seed,
+        background_seed=seed,
+    )
+
+
+def random_pose(
+    target: TargetSpec,
+    camera: Camera,
+    size_px: tuple[int, int],
+    tilt: float,
+    max_roll: float,
+    rng: np.random.Generator,
+) -> Float[np.ndarray, "4 4"]:
+    """Return a random T_camera_target of the given tilt (rad) that has the whole board in the image.
+
+    The board fills from 45 to 90 % of the largest size at which it fits.
+    """
+    axis_angle = rng.uniform(0.0, 2.0 * math.pi)
+    axis = np.array([math.cos(axis_angle), math.sin(axis_angle), 0.0])
+    rotation = so3_exp(tilt * axis) @ so3_exp(np.array([0.0, 0.0, rng.uniform(-max_roll, max_roll)]))
+    middle = np.array([target.columns - 1, target.rows - 1, 0.0]) * target.pitch_mm / 2.0
+    turned = transform(rotation, -rotation @ middle)  # the board's middle at the origin
+    far = _fitting_distance(turned, target, camera, size_px) / rng.uniform(0.45, 0.9)
+    for reach in np.linspace(1.0, 0.0, 41):  # aside as far as the frame allows
+        aside = rng.uniform(-0.5, 0.5, 2) * reach * far * np.array(size_px) / (camera.fx_px, camera.fy_px)
+        T_camera_target = compose(transform(np.eye(3), np.array([*aside, far])), turned)
+        if _is_in_view(T_camera_target, target, camera, size_px):
+            return T_camera_target
+    raise InvalidArgument("No pose with this tilt has the whole board in view.")
+
+
+def _fitting_distance(
+    turned: Float[np.ndarray, "4 4"], target: TargetSpec, camera: Camera, size_px: tuple[int, int]
+) -> float:
+    """Return the least distance (mm) at which the turned board, straight ahead, is all in view."""
+    size = max(target.columns, target.rows) * target.pitch_mm
+    near, far = 0.5 * size, 40.0 * size
+    while far / near > 1.01:
+        distance = math.sqrt(near * far)
+        T = compose(transform(np.eye(3), np.array([0.0, 0.0, distance])), turned)
+        near, far = (near, distance) if _is_in_view(T, target, camera, size_px) else (distance, far)
+    return far
+
+
+def _is_in_view(
+    T_camera_target: Float[np.ndarray, "4 4"], target: TargetSpec, camera: Camera, size_px: tuple[int, int]
+) -> bool:
+    """Tell whether the board with its outermost squares lies in the image."""
+    x, y = (a.ravel() for a in np.meshgrid([-1.0, target.columns], [-1.0, target.rows]))
+    corners = transform_points(T_camera_target, np.stack([x, y, np.zeros(4)], axis=1) * target.pitch_mm)
+    if np.any(corners[:, 2] <= 0.0):
+        return False
+    pixels = project(corners, camera)
+    return bool(np.all(pixels > 4.0) and np.all(pixels < np.array(size_px) - 5.0))
