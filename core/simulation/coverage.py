@@ -24,7 +24,7 @@ _DIFFERENTIATE = np.pad(np.stack([chebyshev.chebder(unit) for unit in _I]), ((0,
 
 
 class Coverage:
-    """A pattern seen by a camera: how much white, and how much sheet, a small Gaussian around a place sees."""
+    """A pattern seen by a camera: how much white and how much sheet a small Gaussian around a place sees."""
 
     def __init__(
         self,
@@ -81,7 +81,7 @@ class Coverage:
         x_line: Float[np.ndarray, " n"],
         y_line: Float[np.ndarray, " n"],
     ) -> Float[np.ndarray, "4 n"]:
-        """Return the probabilities that a normal about each place falls left or right of, above or below two lines.
+        """Return the probabilities that a normal about each place falls on either side of two lines.
 
         A line x = c is L(n) = (h1 - c h3)·(n, 1) = 0 in undistorted n; h3·(n, 1) > 0 makes L's sign
         that of x - c. Order: left above, right above, left below, right below.

@@ -1,17 +1,20 @@
-"""Images of scenes, exact in geometry: edges and corners stand within 1e-4 px of where the camera model puts them.
+"""Images of scenes, exact in geometry: edges stand within 1e-4 px of where the camera model puts them.
 
-The ideal image (1 on white, 0 on black ink) is convolved with the lens's Gaussian of standard deviation σ and with
-the pixel's square. In two steps, so that nothing is sampled too coarsely:
+The ideal image (1 on white, 0 on black ink) is convolved with the lens's Gaussian of standard deviation σ and
+with the pixel's square. In two steps, so that nothing is sampled too coarsely:
 
 1. On a grid m times finer than the pixels (spacing h = 1/m) the ideal image convolved with a small Gaussian,
-   σ₀ = ¾ h, is evaluated in closed form. Around a fine sample p the lines of the pattern are straight: a line's
-   signed distance is a = L(p) / |∇L(p)|, with L linear in undistorted coordinates, so that perspective is exact and
-   only the lens's distortion is linearised, over a few σ₀. Near one line the value is Φ(a/σ₀); near the crossing of
-   two it is made of bivariate normal probabilities with the correlation ∇Lx·∇Ly / (|∇Lx| |∇Ly|).
-2. The rest of the blur, √(σ² - σ₀²), and the mean over the pixel's m x m samples are one matrix on either side of a
-   tile. The Gaussian of step 1 leaves next to nothing above the fine grid's Nyquist frequency that could alias.
+   σ₀ = ¾ h, is evaluated in closed form. Around a fine sample p the lines of the pattern are straight: a
+   line's signed distance is a = L(p) / |∇L(p)|, with L linear in undistorted coordinates, so that perspective
+   is exact and only the lens's distortion is linearised, over a few σ₀. Near one line the value is Φ(a/σ₀);
+   near the crossing of two it is made of bivariate normal probabilities with the correlation ∇Lx·∇Ly / (|∇Lx|
+   |∇Ly|).
+2. The rest of the blur, √(σ² - σ₀²), and the mean over the pixel's m x m samples are one matrix on either
+   side of a tile. The Gaussian of step 1 leaves next to nothing above the fine grid's Nyquist frequency that
+   could alias.
 
-The total point spread function is symmetric, so it moves no edge. Beyond step 1's reach a sample is its cell's ink.
+The total point spread function is symmetric, so it moves no edge. Beyond step 1's reach a sample is its
+cell's ink.
 """
 
 from __future__ import annotations

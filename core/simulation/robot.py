@@ -18,7 +18,8 @@ from core.transforms import compose, invert, so3_exp, transform
 class SessionImage:
     """One image a robot session would send: its tags, what the robot was told, and the scene with the truth.
 
-    `commanded_T_target_camera` is the same for all cycles of a pose; `scene.T_camera_target` is what came of it.
+    `commanded_T_target_camera` is the same for all cycles of a pose; `scene.T_camera_target` is what came of
+    it.
     """
 
     pose_id: str
