@@ -7,7 +7,8 @@ With (x, y) = (X/Z, Y/Z) in the camera frame, r² = x² + y²:
     y' = y g + p1 (r² + 2 y²) + 2 p2 x y
     u  = fx x' + cx,   v = fy y' + cy
 
-which is OpenCV's model, in its parameter order and pixel convention ((0, 0) is the centre of the top-left pixel).
+which is OpenCV's model, in its parameter order and pixel convention ((0, 0) is the centre of the top-left
+pixel).
 
 References: D. C. Brown, "Close-range camera calibration", Photogrammetric Engineering 37 (1971) 855-866.
 """
@@ -63,9 +64,9 @@ def project_with_jacobian(
 ) -> tuple[Float[np.ndarray, "2 n"], Float[np.ndarray, "9 2 n"], Float[np.ndarray, "3 2 n"]]:
     """Project and differentiate.
 
-    Returns pixels, their derivatives by the camera's parameters in the order of `CAMERA_PARAMETERS`, and by the points
-    of the camera frame (px/mm). Points run along the last axis, so that every product below is over contiguous memory
-    and a normal matrix is one matrix product.
+    Returns pixels, their derivatives by the camera's parameters in the order of `CAMERA_PARAMETERS`, and by
+    the points of the camera frame (px/mm). Points run along the last axis, so that every product below is
+    over contiguous memory and a normal matrix is one matrix product.
     """
     Z_inverse = 1.0 / points_camera[:, 2]
     x, y = points_camera[:, 0] * Z_inverse, points_camera[:, 1] * Z_inverse
@@ -90,7 +91,9 @@ def project_with_jacobian(
 def _distort(
     x: Float[np.ndarray, " n"], y: Float[np.ndarray, " n"], camera: Camera
 ) -> tuple[Float[np.ndarray, "2 n"], tuple[Float[np.ndarray, " n"], ...], Float[np.ndarray, "9 2 n"]]:
-    """Return (x', y'), the derivatives (dx'/dx, dx'/dy = dy'/dx, dy'/dy), and d(x', y')/dk in rows 4-8 of nine."""
+    """Return (x', y'), the derivatives (dx'/dx, dx'/dy = dy'/dx, dy'/dy), and d(x', y')/dk in rows 4-8 of
+    nine.
+    """
     k1, k2, p1, p2, k3 = camera.k1, camera.k2, camera.p1, camera.p2, camera.k3
     x2, y2, xy2 = x * x, y * y, 2.0 * (x * y)
     r2 = x2 + y2
@@ -122,8 +125,8 @@ def undistort_points(
 ) -> Float[np.ndarray, "n 2"]:
     """Return normalised (x, y) whose projection is `points_px`, by Newton's method on the distortion.
 
-    Where the distortion has no inverse (beyond the radius at which the model folds back) the nearest point the iteration
-    reaches is returned; `project` of it then differs from the input, which callers can test.
+    Where the distortion has no inverse (beyond the radius at which the model folds back) the nearest point
+    the iteration reaches is returned; `project` of it then differs from the input, which callers can test.
     """
     target = np.array(
         [(points_px[:, 0] - camera.cx_px) / camera.fx_px, (points_px[:, 1] - camera.cy_px) / camera.fy_px]

@@ -1,18 +1,13 @@
 """What can go wrong in the numerics, as one tree.
 
-GridposeError                        code, detail, advice; `points` where grid points were found before the failure
-├── InvalidInput                     the caller's arguments cannot be used
-│   ├── InvalidTarget                invalid_target
-│   └── InvalidArgument              invalid_argument
-├── ImageError                       the bytes are no image we take
-│   ├── EmptyImage                   empty_upload
-│   ├── UnsupportedImage             unsupported_image
-│   ├── ImageTooManyPixels           image_too_many_pixels
-│   └── UndecodableImage             undecodable_image
-├── DetectionError                   the picture does not show what was asked for
-│   ├── TargetNotFound               target_not_found
-│   └── TargetMismatch               target_mismatch
-└── EstimationError                  the points do not determine an answer
+GridposeError                        code, detail, advice; `points` where grid points were found before the
+failure ├── InvalidInput                     the caller's arguments cannot be used │   ├── InvalidTarget
+invalid_target │   └── InvalidArgument              invalid_argument ├── ImageError                       the
+bytes are no image we take │   ├── EmptyImage                   empty_upload │   ├── UnsupportedImage
+unsupported_image │   ├── ImageTooManyPixels           image_too_many_pixels │   └── UndecodableImage
+undecodable_image ├── DetectionError                   the picture does not show what was asked for │   ├──
+TargetNotFound               target_not_found │   └── TargetMismatch               target_mismatch └──
+EstimationError                  the points do not determine an answer
     ├── FocalNotObservable           focal_not_observable
     ├── DegenerateGeometry           degenerate_geometry
     └── NotConverged                 not_converged
@@ -93,12 +88,16 @@ class DetectionError(GridposeError):
 
 class TargetNotFound(DetectionError):
     code = "target_not_found"
-    default_advice = "Check that the whole grid is in view, sharp and evenly lit, and that the target's size is right."
+    default_advice = (
+        "Check that the whole grid is in view, sharp and evenly lit, and that the target's size is right."
+    )
 
 
 class TargetMismatch(DetectionError):
     code = "target_mismatch"
-    default_advice = "Check the target's columns and rows, which count inner corners, and keep other grids out of view."
+    default_advice = (
+        "Check the target's columns and rows, which count inner corners, and keep other grids out of view."
+    )
 
 
 class EstimationError(GridposeError):

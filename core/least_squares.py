@@ -4,20 +4,21 @@ The estimate minimises, over the state s,
 
     Σᵢ ρ(dᵢ² / (σ² uᵢ²)) + ‖q(s)‖²
 
-where dᵢ is the length of point i's residual vector, uᵢ its relative standard uncertainty, q the priors' residuals in
-units of their own σ, and σ the noise scale, which is itself estimated from the residuals: a constant would be wrong for
-every camera but one. Two stages:
+where dᵢ is the length of point i's residual vector, uᵢ its relative standard uncertainty, q the priors'
+residuals in units of their own σ, and σ the noise scale, which is itself estimated from the residuals: a
+constant would be wrong for every camera but one. Two stages:
 
 1. Cauchy, ρ(z) = c² log(1 + z/c²), with σ from the median distance, until the step is a small part of its own
    uncertainty: gross errors lose their pull.
-2. Points beyond 4 robust σ are rejected; the rest is fitted with ρ(z) = z, σ² = Σ dᵢ²/uᵢ² / (degrees of freedom), where
-   priors count as the part of a measurement that they are: dof = observations - tr(H⁻¹ H_data).
+2. Points beyond 4 MAD (4 · 1.4826 · the median distance) are rejected; the rest is fitted with ρ(z) = z, σ² =
+   Σ dᵢ²/uᵢ² / (degrees of freedom), where priors count as the part of a measurement that they are: dof =
+   observations - tr(H⁻¹ H_data).
 
-Steps are solved from normal equations scaled to unit diagonal, so that pixels, millimetres and radians weigh alike and
-the condition number reported is the scaled one.
+Steps are solved from normal equations scaled to unit diagonal, so that pixels, millimetres and radians weigh
+alike and the condition number reported is the scaled one.
 
-References: D. W. Marquardt, SIAM J. Appl. Math. 11 (1963) 431-441; P. W. Holland, R. E. Welsch, Comm. Statist. A6
-(1977) 813-827 (tuning constants).
+References: D. W. Marquardt, SIAM J. Appl. Math. 11 (1963) 431-441; P. W. Holland, R. E. Welsch, Comm.
+Statist. A6 (1977) 813-827 (tuning constants).
 """
 
 from __future__ import annotations
@@ -40,18 +41,21 @@ Retract = Callable[[State, Float[np.ndarray, " p"]], State]
 """(state, step) -> state; the step's coordinates are the covariance's."""
 
 CAUCHY_C = 2.385  # 95 % efficient on Gaussian residuals (Holland and Welsch 1977)
-REJECTION = 4.0
+REJECTION = 4.0 * 1.4826  # of the median distance: 4 MAD, about 7 σ of one component for two components
 SMALLEST_SCALE = 1e-10  # px; noise-free data must not divide by zero
-STEP_TOLERANCE = 1e-3  # of its own standard uncertainty
-ROBUST_STEP_TOLERANCE = 0.1  # the first stage only has to tell good points from bad
+STEP_TOLERANCE = (
+    1e-2  # of its own standard uncertainty; convergence being quadratic, what is left is far less
+)
+ROBUST_STEP_TOLERANCE = 0.5  # the first stage only has to tell good points from bad
 
 
 @dataclass(frozen=True, slots=True)
 class Fit(Generic[State]):
     """What a fit found and how far to trust it.
 
-    `status` is "converged", "iteration_limit" or "singular"; only the first is an answer. `covariance` has the step's
-    coordinates. `scale` is σ in the residuals' unit per unit of relative uncertainty, `cost` the objective at the end.
+    `status` is "converged", "iteration_limit" or "singular"; only the first is an answer. `covariance` has
+    the step's coordinates. `scale` is σ in the residuals' unit per unit of relative uncertainty, `cost` the
+    objective at the end.
     """
 
     state: State
@@ -83,16 +87,30 @@ def fit(
 ) -> Fit[State]:
     """Fit robustly and return the estimate with its covariance.
 
-    Parameters: `relative_uncertainty` (n,) is each point's standard uncertainty in any common unit; only ratios matter.
+    Parameters: `relative_uncertainty` (n,) is each point's standard uncertainty in any common unit; only
+    ratios matter.
     """
-    run = _Run(evaluate, retract, prior, 1.0 / (relative_uncertainty / np.mean(relative_uncertainty)), iteration_limit)
-    state, _ = run.minimise(start, robust=True, used=None, scale=None)
-    residuals, _ = run.linearised(state)
-    distance = run.distances(residuals)
-    robust_scale = max(_scale_from_median(distance, len(residuals)), SMALLEST_SCALE)
-    used = distance <= REJECTION * robust_scale
-    state, ok = run.minimise(state, robust=False, used=used, scale=robust_scale)
-    return run.summary(state, used, "converged" if ok else "iteration_limit")
+    run = _Run(
+        evaluate,
+        retract,
+        prior,
+        1.0 / (relative_uncertainty / np.mean(relative_uncertainty)),
+        iteration_limit,
+    )
+    robust, _ = run.minimise(run.linearised(start), used=None)
+    distance = np.sqrt(_squared(robust.residuals))
+    used = distance <= REJECTION * max(float(np.median(distance)), SMALLEST_SCALE)
+    final, ok = run.minimise(robust, used=used)
+    return run.summary(final, used, "converged" if ok else "iteration_limit")
+
+
+@dataclass(frozen=True, slots=True)
+class _Linearised(Generic[State]):
+    """A state with its weighted residuals and Jacobian."""
+
+    state: State
+    residuals: Float[np.ndarray, "m n"]
+    jacobian: Float[np.ndarray, "p m n"]
 
 
 def _scale_from_median(distance: Float[np.ndarray, " n"], components: int) -> float:
@@ -111,6 +129,20 @@ def _solve(
     except np.linalg.LinAlgError:
         return None
     return step if np.all(np.isfinite(step)) else None
+
+
+def _squared(residuals: Float[np.ndarray, "m n"]) -> Float[np.ndarray, " n"]:
+    return np.asarray(np.einsum("mn,mn->n", residuals, residuals))
+
+
+def _scale(residuals: Float[np.ndarray, "m n"], used: Bool[np.ndarray, " n"] | None) -> float:
+    """σ for the next step: from the median in the robust stage, then the rms. The exact degrees of freedom enter at the
+    end; until then σ only balances data and priors.
+    """
+    squared = _squared(residuals)
+    if used is None:
+        return max(_scale_from_median(np.sqrt(squared), len(residuals)), SMALLEST_SCALE)
+    return max(math.sqrt(float(squared @ used) / max(int(used.sum()) * len(residuals), 1)), SMALLEST_SCALE)
 
 
 def _in_sigmas(scaled: Float[np.ndarray, "p p"], step: Float[np.ndarray, " p"]) -> float:
@@ -134,113 +166,89 @@ class _Run(Generic[State]):
         self.iteration_limit = iteration_limit
         self.iterations = 0
 
-    def linearised(self, state: State) -> tuple[Float[np.ndarray, "m n"], Float[np.ndarray, "p m n"]]:
+    def linearised(self, state: State) -> _Linearised[State]:
         residuals, jacobian = self.evaluate(state)
         if self.root_weight is not None:
             residuals, jacobian = residuals * self.root_weight, jacobian * self.root_weight
-        return residuals, jacobian
-
-    @staticmethod
-    def distances(residuals: Float[np.ndarray, "m n"]) -> Float[np.ndarray, " n"]:
-        return np.sqrt(np.einsum("mn,mn->n", residuals, residuals))
+        return _Linearised(state, residuals, jacobian)
 
     def minimise(
-        self, state: State, *, robust: bool, used: Bool[np.ndarray, " n"] | None, scale: float | None
-    ) -> tuple[State, bool]:
-        damping = 1e-4 if robust else 0.0
-        tolerance = ROBUST_STEP_TOLERANCE if robust else STEP_TOLERANCE
-        residuals, jacobian = self.linearised(state)
+        self, at: _Linearised[State], *, used: Bool[np.ndarray, " n"] | None
+    ) -> tuple[_Linearised[State], bool]:
+        """Minimise with Cauchy weights over all points, or plainly over those `used`; True where it
+        converged.
+        """
+        robust = used is None
+        damping, tolerance = (1e-4, ROBUST_STEP_TOLERANCE) if robust else (0.0, STEP_TOLERANCE)
         for _ in range(self.iteration_limit):
             self.iterations += 1
-            sigma = self._scale(residuals, used, robust, scale)
-            H, g, cost = self._normal(state, residuals, jacobian, used, robust, sigma)
+            sigma = _scale(at.residuals, used)
+            H, g, cost = self._normal(at, used, sigma)
             diagonal = np.sqrt(np.diag(H))
             if not np.all(np.isfinite(diagonal)) or np.any(diagonal == 0):
-                return state, False
+                return at, False
             scaled, slope = H / np.outer(diagonal, diagonal), g / diagonal
             for _ in range(16):
                 step = _solve(scaled, slope, damping)
                 if step is not None:
-                    trial = self.retract(state, step / diagonal)
-                    trial_residuals, trial_jacobian = self.linearised(trial)
-                    trial_cost = self._cost(trial, trial_residuals, used, robust, sigma)
-                    if trial_cost <= cost * (1.0 + 1e-12) + 1e-12:
+                    trial = self.linearised(self.retract(at.state, step / diagonal))
+                    if self._cost(trial, used, sigma) <= cost * (1.0 + 1e-12) + 1e-12:
                         break
                 damping = max(10.0 * damping, 1e-7)
             else:
                 # No step downhill exists within rounding: a minimum, if the gradient agrees.
-                return state, step is not None and _in_sigmas(scaled, step) < STEP_TOLERANCE
-            state, residuals, jacobian = trial, trial_residuals, trial_jacobian
+                return at, step is not None and _in_sigmas(scaled, step) < STEP_TOLERANCE
+            at = trial
             if _in_sigmas(scaled, step) < tolerance:
-                # A damped step may be short for its damping's sake; only the undamped one measures the distance left.
-                if damping < 1e-13:
-                    return state, True
+                # A damped step may be short for its damping's sake; only the undamped one measures the
+                # distance left.
+                if robust or damping < 1e-13:
+                    return at, True
                 damping = 0.0
             else:
                 damping = 0.02 * damping
-        return state, False
-
-    def _scale(
-        self, residuals: Float[np.ndarray, "m n"], used: Bool[np.ndarray, " n"] | None, robust: bool, floor: float | None
-    ) -> float:
-        if robust:
-            return max(_scale_from_median(self.distances(residuals), len(residuals)), SMALLEST_SCALE)
-        kept = residuals[:, used]
-        # The exact degrees of freedom enter in `summary`; here σ only balances data and priors.
-        return max(math.sqrt(float(np.mean(kept * kept))), SMALLEST_SCALE) if kept.size else float(floor or 1.0)
+        return at, False
 
     def _normal(
-        self,
-        state: State,
-        residuals: Float[np.ndarray, "m n"],
-        jacobian: Float[np.ndarray, "p m n"],
-        used: Bool[np.ndarray, " n"] | None,
-        robust: bool,
-        sigma: float,
+        self, at: _Linearised[State], used: Bool[np.ndarray, " n"] | None, sigma: float
     ) -> tuple[Float[np.ndarray, "p p"], Float[np.ndarray, " p"], float]:
-        z = np.einsum("mn,mn->n", residuals, residuals) / sigma**2
-        if robust:
+        """Return the normal matrix, the right-hand side and the cost."""
+        z = _squared(at.residuals) / sigma**2
+        if used is None:
             root = np.sqrt(1.0 / (1.0 + z / CAUCHY_C**2)) / sigma
-            cost = CAUCHY_C**2 * float(np.sum(np.log1p(z / CAUCHY_C**2)))
         else:
-            root = np.where(used, 1.0 / sigma, 0.0)
-            cost = float(np.sum(z[used]))
-        J = (jacobian * root).reshape(len(jacobian), -1)
+            root = used / sigma
+        J = (at.jacobian * root).reshape(len(at.jacobian), -1)
         H = J @ J.T
-        g = J @ (residuals * root).ravel()
+        g = J @ (at.residuals * root).ravel()
         if self.prior is not None:
-            q, Q = self.prior(state)
+            q, Q = self.prior(at.state)
             H += Q.T @ Q
             g += Q.T @ q
-            cost += float(q @ q)
-        return H, g, cost
+        return H, g, self._cost(at, used, sigma)
 
-    def _cost(
-        self,
-        state: State,
-        residuals: Float[np.ndarray, "m n"],
-        used: Bool[np.ndarray, " n"] | None,
-        robust: bool,
-        sigma: float,
-    ) -> float:
-        z = np.einsum("mn,mn->n", residuals, residuals) / sigma**2
-        cost = CAUCHY_C**2 * float(np.sum(np.log1p(z / CAUCHY_C**2))) if robust else float(np.sum(z[used]))
+    def _cost(self, at: _Linearised[State], used: Bool[np.ndarray, " n"] | None, sigma: float) -> float:
+        z = _squared(at.residuals) / sigma**2
+        cost = CAUCHY_C**2 * float(np.log1p(z / CAUCHY_C**2).sum()) if used is None else float(z @ used)
         if self.prior is not None:
-            q, _ = self.prior(state)
+            q, _ = self.prior(at.state)
             cost += float(q @ q)
-        return cost
+        return cost if math.isfinite(cost) else math.inf
 
-    def summary(self, state: State, used: Bool[np.ndarray, " n"], status: str) -> Fit[State]:
-        residuals, jacobian = self.linearised(state)
-        J = jacobian[:, :, used].reshape(len(jacobian), -1)
+    def summary(self, at: _Linearised[State], used: Bool[np.ndarray, " n"], status: str) -> Fit[State]:
+        """Scale, degrees of freedom, covariance and the unweighted residuals at the end of a fit."""
+        state, residuals = at.state, at.residuals
+        J = (at.jacobian * used).reshape(len(at.jacobian), -1)
         data = J @ J.T
         square_sum = float(np.sum(residuals[:, used] ** 2))
         count = residuals[:, used].size
-        prior_residuals, Q = self.prior(state) if self.prior is not None else (np.zeros(0), np.zeros((0, len(data))))
+        prior_residuals, Q = (
+            self.prior(state) if self.prior is not None else (np.zeros(0), np.zeros((0, len(data))))
+        )
         scale, dof = max(math.sqrt(square_sum / max(count, 1)), SMALLEST_SCALE), float(count)
         information, covariance = data, np.full_like(data, np.nan)
         condition = math.inf
-        for _ in range(4):  # σ and the degrees of freedom that priors leave depend on one another, weakly
+        for _ in range(3):  # σ and the degrees of freedom that priors leave depend on one another, weakly
             information = data / scale**2 + Q.T @ Q
             diagonal = np.sqrt(np.diag(information))
             if not np.all(diagonal > 0):
@@ -260,7 +268,6 @@ class _Run(Generic[State]):
         else:
             information = data / scale**2 + Q.T @ Q
             covariance = np.linalg.inv(information)
-        raw, _ = self.evaluate(state)
         return Fit(
             state=state,
             status=status,
@@ -268,7 +275,7 @@ class _Run(Generic[State]):
             information=information,
             data_information=data / scale**2,
             condition_number=condition,
-            residuals=raw,
+            residuals=residuals if self.root_weight is None else residuals / self.root_weight,
             used=used,
             scale=scale,
             degrees_of_freedom=dof,

@@ -4,7 +4,8 @@
 Perturbations are on the left: R_true = exp(w) R. Angles in radians, lengths in mm.
 Roll, pitch, yaw are R = Rz(yaw) Ry(pitch) Rx(roll), singular at pitch = ±90°.
 
-References: R. M. Murray, Z. Li, S. S. Sastry, "A Mathematical Introduction to Robotic Manipulation", 1994, ch. 2.
+References: R. M. Murray, Z. Li, S. S. Sastry, "A Mathematical Introduction to Robotic Manipulation", 1994,
+ch. 2.
 """
 
 from __future__ import annotations
@@ -45,7 +46,9 @@ def so3_exp(w: Float[np.ndarray, "3"]) -> Float[np.ndarray, "3 3"]:
 
 
 def so3_log(rotation: Float[np.ndarray, "3 3"]) -> Float[np.ndarray, "3"]:
-    """Return the rotation vector w with exp(w) = R and |w| ≤ π; well conditioned from 0 up to π (by quaternion)."""
+    """Return the rotation vector w with exp(w) = R and |w| ≤ π; well conditioned from 0 up to π (by
+    quaternion).
+    """
     w, x, y, z = _quaternion(rotation)
     norm = math.sqrt(x * x + y * y + z * z)
     if norm < 1e-9:
@@ -78,7 +81,9 @@ def _quaternion(rotation: Float[np.ndarray, "3 3"]) -> tuple[float, float, float
     return float(q[0]), float(q[1]), float(q[2]), float(q[3])
 
 
-def transform(rotation: Float[np.ndarray, "3 3"], translation: Float[np.ndarray, "3"]) -> Float[np.ndarray, "4 4"]:
+def transform(
+    rotation: Float[np.ndarray, "3 3"], translation: Float[np.ndarray, "3"]
+) -> Float[np.ndarray, "4 4"]:
     """Return [[R, t], [0, 1]]."""
     T = np.eye(4)
     T[:3, :3] = rotation
@@ -100,7 +105,9 @@ def invert(T_a_b: Float[np.ndarray, "4 4"]) -> Float[np.ndarray, "4 4"]:
     return transform(rotation, -rotation @ T_a_b[:3, 3])
 
 
-def transform_points(T_a_b: Float[np.ndarray, "4 4"], points_b: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 3"]:
+def transform_points(
+    T_a_b: Float[np.ndarray, "4 4"], points_b: Float[np.ndarray, "n 3"]
+) -> Float[np.ndarray, "n 3"]:
     """Return the points of frame b in frame a."""
     return points_b @ T_a_b[:3, :3].T + T_a_b[:3, 3]
 
@@ -156,8 +163,9 @@ def rotation_to_rpy(rotation: Float[np.ndarray, "3 3"]) -> Float[np.ndarray, "3"
 def rpy_jacobian(roll_pitch_yaw: Float[np.ndarray, "3"]) -> Float[np.ndarray, "3 3"]:
     """Return d(roll, pitch, yaw)/dw for R_true = exp(w) R.
 
-    w = E(pitch, yaw) (roll', pitch', yaw')ᵀ with columns Rz Ry x, Rz y, z; its inverse grows as 1/cos(pitch). Within
-    1e-6 rad of the singularity it is evaluated at that distance, where the uncertainty is as good as unbounded.
+    w = E(pitch, yaw) (roll', pitch', yaw')ᵀ with columns Rz Ry x, Rz y, z; its inverse grows as 1/cos(pitch).
+    Within 1e-6 rad of the singularity it is evaluated at that distance, where the uncertainty is as good as
+    unbounded.
     """
     _, pitch, yaw = (float(a) for a in roll_pitch_yaw)
     cp = math.cos(pitch)
@@ -180,8 +188,8 @@ def rotation_mean(
 
     Raises InvalidArgument where there is none: no rotations, or weights without a positive sum.
 
-    References: J. H. Manton, "A globally convergent numerical algorithm for computing the centre of mass on compact
-    Lie groups", ICARCV 2004.
+    References: J. H. Manton, "A globally convergent numerical algorithm for computing the centre of mass on
+    compact Lie groups", ICARCV 2004.
     """
     w = np.ones(len(rotations)) if weights is None else weights
     if len(rotations) == 0 or not np.sum(w) > 0:

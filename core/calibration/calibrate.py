@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from core.calibration.model import Lens
 from core.calibration.result import Calibration
-from core.calibration.single_image import Lens, calibrate_points
+from core.calibration.single_image import calibrate_points
 from core.camera import Camera
 from core.image import DEFAULT_MAX_PIXELS, decode
 from core.targets.detect import detect
@@ -22,8 +23,8 @@ def calibrate_image(
 
     `data` is a whole PNG, JPEG, TIFF or BMP file. EXIF orientation is ignored: pixels are the sensor's.
 
-    Raises the leaves of ImageError, DetectionError and EstimationError (`core.errors`); those raised after grid points were
-    found carry them as `.points`.
+    Raises the leaves of ImageError, DetectionError and EstimationError (`core.errors`); those raised after
+    grid points were found carry them as `.points`.
     """
     points = detect(decode(data, max_pixels=max_pixels), target)
     return calibrate_points(points, lens=lens, intrinsics=intrinsics)

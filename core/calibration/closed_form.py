@@ -1,24 +1,27 @@
 """Closed-form camera and pose from one planar view: the paper's variants A (null space) and B (vanishing points).
 
-Both end in the same two equations. With a and b the images of the plane's x and y directions relative to the principal
-point, a = (fx r11, fy r21, r31)·c and b = (fx r12, fy r22, r32)·c, orthonormality of r1 and r2 (the paper's 25-27) reads
+Both end in the same two equations. With a and b the images of the plane's x and y directions relative to the
+principal point, a = (fx r11, fy r21, r31)·c and b = (fx r12, fy r22, r32)·c, orthonormality of r1 and r2 (the
+paper's 25-27) reads
 
-    a1 b1 X + a2 b2 Y + a3 b3 = 0,      (a1² - b1²) X + (a2² - b2²) Y + (a3² - b3²) = 0,      X = 1/fx², Y = 1/fy²,
+    a1 b1 X + a2 b2 Y + a3 b3 = 0,      (a1² - b1²) X + (a2² - b2²) Y + (a3² - b3²) = 0,      X = 1/fx², Y =
+    1/fy²,
 
-written with products throughout: the paper's quotients (23)-(24) divide by r12 and r22, which vanish for axis-aligned tilt.
-The variants differ in how a and b are found, and whether X = Y is imposed:
+written with products throughout: the paper's quotients (23)-(24) divide by r12 and r22, which vanish for
+axis-aligned tilt. The variants differ in how a and b are found, and whether X = Y is imposed:
 
-- A, `nullspace`: (r31, tz) from the x-axis points as a null space (8), r32 from the y-axis points (13), then the first two
-  rows from all the others (19)-(20), *with the principal point given*. As printed, (19)-(22) has four columns of which
-  h = x r31 + y r32 + tz is an exact combination of the other three: rank 3 always. A homography holds 8 numbers, pose and
-  fx, fy, cx, cy need 10. `paper_literal` keeps that form, with its rank shown, for comparison only.
+- A, `nullspace`: (r31, tz) from the x-axis points as a null space (8), r32 from the y-axis points (13), then
+  the first two rows from all the others (19)-(20), *with the principal point given*. As printed, (19)-(22)
+  has four columns of which h = x r31 + y r32 + tz is an exact combination of the other three: rank 3 always.
+  A homography holds 8 numbers, pose and fx, fy, cx, cy need 10. `paper_literal` keeps that form, with its
+  rank shown, for comparison only.
 - B, `vanishing_point`: a and b are the homography's first two columns (eqs 30-35 in matrix form).
 
-A pose follows from a, b and the translation column by scaling to unit r1, r2 and the nearest rotation; every depth must be
-positive, not t_z alone.
+A pose follows from a, b and the translation column by scaling to unit r1, r2 and the nearest rotation; every
+depth must be positive, not t_z alone.
 
-References: R. A. Boby, S. K. Saha, "Single image based camera calibration and pose estimation of the end-effector of a
-robot", ICRA 2016, 10.1109/ICRA.2016.7487395.
+References: R. A. Boby, S. K. Saha, "Single image based camera calibration and pose estimation of the
+end-effector of a robot", ICRA 2016, 10.1109/ICRA.2016.7487395.
 """
 
 from __future__ import annotations
@@ -40,8 +43,8 @@ from core.transforms import nearest_rotation, transform, transform_points
 class ClosedForm:
     """A start for the refinement: a distortion-free camera and the pose.
 
-    `rank_ratio` is σ4/σ1 of the literal variant's matrix L3 (1 for every other): below 1e-12 its principal point is a
-    minimum-norm artefact, not a measurement.
+    `rank_ratio` is σ4/σ1 of the literal variant's matrix L3 (1 for every other): below 1e-12 its principal
+    point is a minimum-norm artefact, not a measurement.
     """
 
     camera: Camera
@@ -54,15 +57,19 @@ def vanishing_point(
 ) -> ClosedForm:
     """Variant B from the homography's columns; `single_focal` imposes fx = fy (B1, the robust default).
 
-    Raises DegenerateGeometry where the view does not determine the focal length (near fronto-parallel, or for two
-    focal lengths a tilt about an image axis).
+    Raises DegenerateGeometry where the view does not determine the focal length (near fronto-parallel, or for
+    two focal lengths a tilt about an image axis).
     """
     H = estimate_homography(points.points_target[:, :2], points.points_px)
     return from_homography(H, points, principal_point, single_focal=single_focal)
 
 
 def from_homography(
-    H: Float[np.ndarray, "3 3"], points: GridPoints, principal_point: tuple[float, float], *, single_focal: bool
+    H: Float[np.ndarray, "3 3"],
+    points: GridPoints,
+    principal_point: tuple[float, float],
+    *,
+    single_focal: bool,
 ) -> ClosedForm:
     """Variant B given the homography; see `vanishing_point`."""
     cx, cy = principal_point
@@ -81,7 +88,9 @@ def nullspace(points: GridPoints, principal_point: tuple[float, float]) -> Close
 
 
 def paper_literal(points: GridPoints) -> ClosedForm:
-    """Variant A as printed, principal point by pseudo-inverse of the rank-deficient four-column L3: not for use."""
+    """Variant A as printed, principal point by pseudo-inverse of the rank-deficient four-column L3: not for
+    use.
+    """
     return _variant_a(points, None)
 
 
@@ -99,8 +108,11 @@ def _variant_a(points: GridPoints, principal_point: tuple[float, float] | None) 
     on_x, on_y = (row == 0) & (column > 0), (column == 0) & (row > 0)
     inside = (column > 0) & (row > 0)
     if len(origin) != 1 or on_x.sum() < 2 or on_y.sum() < 1 or inside.sum() < 3:
-        raise DegenerateGeometry("Variant A needs the target's origin, points on both of its axes and some off them.")
-    # II.F: scale both sets; image coordinates about the principal point where it is given, else about the mean.
+        raise DegenerateGeometry(
+            "Variant A needs the target's origin, points on both of its axes and some off them."
+        )
+    # II.F: scale both sets; image coordinates about the principal point where it is given, else about the
+    # mean.
     N_px = normalising_transform(points.points_px)
     scale = float(N_px[0, 0])
     centre = -N_px[:2, 2] / scale if principal_point is None else np.array(principal_point)
@@ -116,7 +128,10 @@ def _variant_a(points: GridPoints, principal_point: tuple[float, float] | None) 
     xs, us, vs = x[on_x], u[on_x], v[on_x]
     zero = np.zeros_like(xs)
     L1 = interleaved(
-        np.stack([xs, zero]), np.stack([u0 - us, v0 - vs]), np.stack([-us * xs, -vs * xs]), np.stack([zero, xs])
+        np.stack([xs, zero]),
+        np.stack([u0 - us, v0 - vs]),
+        np.stack([-us * xs, -vs * xs]),
+        np.stack([zero, xs]),
     )
     _, tz, r31, _ = np.linalg.svd(L1)[2][3]
     # (13): [γ, r32, δ] by least squares, at the same unknown factor.
@@ -160,11 +175,14 @@ def _focal_lengths(a: Float[np.ndarray, "3"], b: Float[np.ndarray, "3"], single:
         inverse_squares = np.full(2, float(s @ c) / norm if norm > 0 else math.nan)
     else:
         if abs(np.linalg.det(A)) < 1e-14:
-            raise DegenerateGeometry("The tilt is about an image axis: fx and fy cannot both be told from this view.")
+            raise DegenerateGeometry(
+                "The tilt is about an image axis: fx and fy cannot both be told from this view."
+            )
         inverse_squares = np.linalg.solve(A, c)
     if not np.all(np.isfinite(inverse_squares)) or np.any(inverse_squares <= 0):
         raise DegenerateGeometry(
-            "The squared focal length comes out negative: the view is near fronto-parallel or the principal point wrong."
+            "The squared focal length comes out negative: "
+            "the view is near fronto-parallel or the principal point wrong."
         )
     fx, fy = 1.0 / np.sqrt(inverse_squares)
     return float(fx), float(fy)

@@ -1,9 +1,10 @@
 """Plane-to-image homography by the normalised direct linear transform.
 
-s (u, v, 1)ᵀ = H (x, y, 1)ᵀ. Both point sets are centred and scaled first: the paper's "no scaling is needed" (II.G) is
-false for the DLT.
+s (u, v, 1)ᵀ = H (x, y, 1)ᵀ. Both point sets are centred and scaled first: the paper's "no scaling is needed"
+(II.G) is false for the DLT.
 
-References: R. Hartley, A. Zisserman, "Multiple View Geometry", 2nd ed. 2004, alg. 4.2; R. Hartley, PAMI 19 (1997) 580-593.
+References: R. Hartley, A. Zisserman, "Multiple View Geometry", 2nd ed. 2004, alg. 4.2; R. Hartley, PAMI 19
+(1997) 580-593.
 """
 
 from __future__ import annotations
@@ -62,7 +63,9 @@ def estimate_homography(
     return np.asarray(H / np.linalg.norm(H))
 
 
-def map_points(H: Float[np.ndarray, "3 3"], points_plane: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, "n 2"]:
+def map_points(
+    H: Float[np.ndarray, "3 3"], points_plane: Float[np.ndarray, "n 2"]
+) -> Float[np.ndarray, "n 2"]:
     """Map plane points to the image."""
     homogeneous = points_plane @ H[:, :2].T + H[:, 2]
     return np.asarray(homogeneous[:, :2] / homogeneous[:, 2:])

@@ -1,7 +1,8 @@
 """The value a calibration returns: estimate, doubt, residuals and remarks together.
 
-State order of every full covariance: the camera's nine parameters (`CAMERA_PARAMETERS`), then a small rotation w and a
-small translation d of T_camera_target, with R_true = exp(w) R and t_true = t + d, in the camera frame (rad, mm).
+State order of every full covariance: the camera's nine parameters (`CAMERA_PARAMETERS`), then a small
+rotation w and a small translation d of T_camera_target, with R_true = exp(w) R and t_true = t + d, in the
+camera frame (rad, mm).
 """
 
 from __future__ import annotations
@@ -22,9 +23,9 @@ STATE = ("fx_px", "fy_px", "cx_px", "cy_px", "k1", "k2", "p1", "p2", "k3", "wx",
 class CameraPose:
     """The camera in the target frame (the paper's eqs 36-37): p = -Rᵀt, R_ee = Rᵀ.
 
-    `covariance` (6, 6): x, y, z in mm, then a small rotation w in rad with R_true = exp(w) R_estimated, all in the
-    target frame. `conditional_covariance` is the same with the intrinsics held fixed. Angles in radians,
-    R = Rz(yaw) Ry(pitch) Rx(roll).
+    `covariance` (6, 6): x, y, z in mm, then a small rotation w in rad with R_true = exp(w) R_estimated, all
+    in the target frame. `conditional_covariance` is the same with the intrinsics held fixed. Angles in
+    radians, R = Rz(yaw) Ry(pitch) Rx(roll).
     """
 
     position_mm: Float[np.ndarray, "3"]

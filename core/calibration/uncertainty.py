@@ -1,4 +1,6 @@
-"""From a fit's covariance to what is reported: the camera's pose, residual statistics, observability, remarks."""
+"""From a fit's covariance to what is reported: the camera's pose, residual statistics, observability,
+remarks.
+"""
 
 from __future__ import annotations
 
@@ -63,13 +65,13 @@ def reprojection(residuals_px: Float[np.ndarray, "n 2"], used: Bool[np.ndarray, 
 def correlation_inflation(
     points: GridPoints, residuals_px: Float[np.ndarray, "n 2"], used: Bool[np.ndarray, " n"]
 ) -> tuple[float, float]:
-    """Return (factor, ρ): how much spatially correlated residuals inflate standard uncertainties, and the correlation of
+    """Return (factor, ρ): by how much correlated residuals inflate uncertainties, and the correlation of
     neighbours.
 
-    Corner noise is independent from point to point; a bowed print or a lens beyond the model leaves residuals that
-    resemble their neighbours', and then n points say less than n independent ones. With ρ(i, j) = ρ^|i| ρ^|j| over the
-    grid, the variance of a smooth combination of residuals is ((1 + ρ)/(1 - ρ))² times that of white noise, which is the
-    factor's square. It is 1 unless ρ exceeds zero by three of its standard errors.
+    Corner noise is independent from point to point; a bowed print or a lens beyond the model leaves residuals
+    that resemble their neighbours', and then n points say less than n independent ones. With ρ(i, j) = ρ^|i|
+    ρ^|j| over the grid, the variance of a smooth combination of residuals is ((1 + ρ)/(1 - ρ))² times that of
+    white noise, which is the factor's square. It is 1 unless ρ exceeds zero by three of its standard errors.
     """
     grid = np.full((points.target.rows, points.target.columns, 2), np.nan)
     grid[points.row[used], points.column[used]] = residuals_px[used]
@@ -88,7 +90,9 @@ def correlation_inflation(
 def remarks(
     points: GridPoints, pose: CameraPose, statistics: Reprojection, chi: float, inflation: float, rho: float
 ) -> list[Advisory]:
-    """Remarks that hold whatever the estimator; `chi` is the residual scale over the detector's own uncertainty."""
+    """Remarks that hold whatever the estimator; `chi` is the residual scale over the detector's own
+    uncertainty.
+    """
     found = list(points.warnings)
     if chi > 1.2:
         found.append(
@@ -103,8 +107,8 @@ def remarks(
         found.append(
             Advisory(
                 "residuals_correlated",
-                f"Residuals of neighbouring points agree (correlation {rho:.2f}): the grid or the lens departs from the "
-                f"model. Uncertainties are scaled up by {inflation:.1f}.",
+                f"Residuals of neighbouring points agree (correlation {rho:.2f}): the grid or the lens departs "
+                f"from the model. Uncertainties are scaled up by {inflation:.1f}.",
                 "Check the grid's flatness; a pooled calibration over several views averages such errors out.",
             )
         )

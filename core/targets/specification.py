@@ -18,9 +18,9 @@ KINDS = ("chessboard", "charuco", "circles", "asymmetric_circles", "aprilgrid")
 class TargetSpec:
     """A planar target.
 
-    `columns`, `rows` count grid points along x and y (inner corners of a chessboard); `pitch_mm` is the distance
-    of neighbouring grid points. The target frame has its origin at grid point (0, 0), x along columns, y along
-    rows, z = x × y (into the board when seen from the front with y down).
+    `columns`, `rows` count grid points along x and y (inner corners of a chessboard); `pitch_mm` is the
+    distance of neighbouring grid points. The target frame has its origin at grid point (0, 0), x along
+    columns, y along rows, z = x × y (into the board when seen from the front with y down).
     """
 
     kind: str
@@ -61,8 +61,9 @@ class TargetSpec:
 class GridPoints:
     """Grid points found in one image: which ones, where, and how sure each is.
 
-    `points_px` (n, 2) u right, v down, (0, 0) at the centre of the top-left pixel; `standard_uncertainty_px` (n,) is
-    the detector's own estimate for u and v alike. The fit re-scales it by the residuals where they say more.
+    `points_px` (n, 2) u right, v down, (0, 0) at the centre of the top-left pixel; `standard_uncertainty_px`
+    (n,) is the detector's own estimate for u and v alike. The fit re-scales it by the residuals where they
+    say more.
     """
 
     target: TargetSpec
@@ -73,10 +74,14 @@ class GridPoints:
     points_px: Float[np.ndarray, "n 2"]
     standard_uncertainty_px: Float[np.ndarray, " n"]
     warnings: tuple[Advisory, ...] = ()
+    measured_points_target: Float[np.ndarray, "n 3"] | None = None
+    """Where the points of this very board were measured to be (mm), in place of the ideal grid's."""
 
     @property
     def points_target(self) -> Float[np.ndarray, "n 3"]:
         """The same points in the target frame, mm."""
+        if self.measured_points_target is not None:
+            return self.measured_points_target
         return self.target.points_target(self.column, self.row)
 
     def __len__(self) -> int:
