@@ -1,0 +1,68 @@
+"""The one way from an image to grid points."""
+
+from __future__ import annotations
+
+import numpy as np
+from jaxtyping import UInt8, UInt16
+
+from core.errors import InvalidArgument, InvalidTarget, TargetNotFound
+from core.targets.chessboard import detect_chessboard
+from core.targets.specification import GridPoints, TargetSpec
+
+DETECTABLE_KINDS = ("chessboard",)
+"""The kinds of target that `detect` can find today."""
+
+_LEAST_PITCH_PX = 4.0
+
+
+def check_detectable(target: TargetSpec) -> None:
+    """Raise InvalidTarget where `detect` cannot find such a target in any image."""
+    if target.kind not in DETECTABLE_KINDS:
+        raise InvalidTarget(
+            f"Targets of kind {target.kind!r} cannot be detected.",
+            f"Use one of {', '.join(DETECTABLE_KINDS)}.",
+        )
+    if min(target.columns, target.rows) < 3:
+        raise InvalidTarget(
+            f"A chessboard of {target.columns} x {target.rows} inner corners cannot be told from clutter.",
+            "Use one with at least 3 inner corners each way.",
+        )
+
+
+def detect(image: UInt8[np.ndarray, "h w"] | UInt16[np.ndarray, "h w"], target: TargetSpec) -> GridPoints:
+    """Find a target's grid points in an image.
+
+    Parameters
+    ----------
+    image
+        Grey values.
+    target
+        What to look for: all of it must be in view.
+
+    Returns
+    -------
+    GridPoints
+        All points, row-major (index = row * columns + column), with the origin by the convention of
+        `core.targets.orientation`.
+
+    Raises
+    ------
+    InvalidArgument
+        The image is no grey picture of 8 or 16 bit.
+    InvalidTarget
+        No such target can be detected.
+    TargetNotFound
+        The target is not in the image, or not wholly.
+    TargetMismatch
+        Another grid is in view.
+    """
+    if image.ndim != 2 or image.dtype not in (np.uint8, np.uint16):
+        raise InvalidArgument(f"The image must be grey and uint8 or uint16, got {image.dtype} {image.shape}.")
+    check_detectable(target)
+    long, short = max(target.columns, target.rows), min(target.columns, target.rows)
+    if max(image.shape) < long * _LEAST_PITCH_PX or min(image.shape) < short * _LEAST_PITCH_PX:
+        raise TargetNotFound(
+            f"An image of {image.shape[1]} x {image.shape[0]} pixels is too small for a grid of "
+            f"{target.columns} x {target.rows}."
+        )
+    return detect_chessboard(image, target)
