@@ -1,0 +1,26 @@
+"""Gridpose's numerics: arrays and bytes in, values out; no service, file, clock or log.
+
+    from core import TargetSpec, calibrate_image
+    calibration = calibrate_image(data, TargetSpec("chessboard", 9, 6, 25.0))
+"""
+
+from core.calibration.calibrate import calibrate_image
+from core.calibration.model import Lens
+from core.calibration.result import Calibration
+from core.calibration.single_image import calibrate_points
+from core.camera import Camera
+from core.errors import Advisory, GridposeError
+from core.targets.specification import GridPoints, TargetSpec
+
+__all__ = [
+    "Advisory",
+    "Calibration",
+    "Camera",
+    "GridPoints",
+    "GridposeError",
+    "Lens",
+    "TargetSpec",
+    "calibrate_image",
+    "calibrate_points",
+]
+__version__ = "0.1.0"

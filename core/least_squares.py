@@ -42,7 +42,6 @@ Retract = Callable[[State, Float[np.ndarray, " p"]], State]
 
 CAUCHY_C = 2.385  # 95 % efficient on Gaussian residuals (Holland and Welsch 1977)
 REJECTION = 4.0 * 1.4826  # of the median distance: 4 MAD, about 7 σ of one component for two components
-SMALLEST_SCALE = 1e-10  # px; noise-free data must not divide by zero
 STEP_TOLERANCE = (
     1e-2  # of its own standard uncertainty; convergence being quadratic, what is left is far less
 )
@@ -83,6 +82,7 @@ def fit(
     relative_uncertainty: Float[np.ndarray, " n"],
     *,
     prior: Prior[State] | None = None,
+    smallest_scale: float = 1e-9,
     iteration_limit: int = 40,
 ) -> Fit[State]:
     """Fit robustly and return the estimate with its covariance.
@@ -95,11 +95,12 @@ def fit(
         retract,
         prior,
         1.0 / (relative_uncertainty / np.mean(relative_uncertainty)),
+        smallest_scale,
         iteration_limit,
     )
     robust, _ = run.minimise(run.linearised(start), used=None)
     distance = np.sqrt(_squared(robust.residuals))
-    used = distance <= REJECTION * max(float(np.median(distance)), SMALLEST_SCALE)
+    used = distance <= REJECTION * max(float(np.median(distance)), smallest_scale)
     final, ok = run.minimise(robust, used=used)
     return run.summary(final, used, "converged" if ok else "iteration_limit")
 
@@ -135,16 +136,6 @@ def _squared(residuals: Float[np.ndarray, "m n"]) -> Float[np.ndarray, " n"]:
     return np.asarray(np.einsum("mn,mn->n", residuals, residuals))
 
 
-def _scale(residuals: Float[np.ndarray, "m n"], used: Bool[np.ndarray, " n"] | None) -> float:
-    """σ for the next step: from the median in the robust stage, then the rms. The exact degrees of freedom enter at the
-    end; until then σ only balances data and priors.
-    """
-    squared = _squared(residuals)
-    if used is None:
-        return max(_scale_from_median(np.sqrt(squared), len(residuals)), SMALLEST_SCALE)
-    return max(math.sqrt(float(squared @ used) / max(int(used.sum()) * len(residuals), 1)), SMALLEST_SCALE)
-
-
 def _in_sigmas(scaled: Float[np.ndarray, "p p"], step: Float[np.ndarray, " p"]) -> float:
     """Length of a step in units of its own standard uncertainty."""
     return math.sqrt(max(float(step @ scaled @ step), 0.0))
@@ -159,11 +150,12 @@ class _Run(Generic[State]):
         retract: Retract[State],
         prior: Prior[State] | None,
         root_weight: Float[np.ndarray, " n"],
+        smallest_scale: float,
         iteration_limit: int,
     ) -> None:
         self.evaluate, self.retract, self.prior = evaluate, retract, prior
         self.root_weight = None if np.ptp(root_weight) < 1e-12 else root_weight
-        self.iteration_limit = iteration_limit
+        self.smallest_scale, self.iteration_limit = smallest_scale, iteration_limit
         self.iterations = 0
 
     def linearised(self, state: State) -> _Linearised[State]:
@@ -172,6 +164,25 @@ class _Run(Generic[State]):
             residuals, jacobian = residuals * self.root_weight, jacobian * self.root_weight
         return _Linearised(state, residuals, jacobian)
 
+    def free(self, at: _Linearised[State]) -> int:
+        """Number of parameters less the number of priors on them."""
+        priors = 0 if self.prior is None else len(self.prior(at.state)[0])
+        return max(len(at.jacobian) - priors, 0)
+
+    def scale(
+        self, residuals: Float[np.ndarray, "m n"], used: Bool[np.ndarray, " n"] | None, free: int
+    ) -> float:
+        """σ for the next step: from the median in the robust stage, then from the sum of squares.
+
+        `free` parameters are taken off the observations, those that no prior holds; the exact degrees of freedom enter at
+        the end. Until then σ only balances data and priors.
+        """
+        squared = _squared(residuals)
+        if used is None:
+            return max(_scale_from_median(np.sqrt(squared), len(residuals)), self.smallest_scale)
+        dof = max(int(used.sum()) * len(residuals) - free, 1)
+        return max(math.sqrt(float(squared @ used) / dof), self.smallest_scale)
+
     def minimise(
         self, at: _Linearised[State], *, used: Bool[np.ndarray, " n"] | None
     ) -> tuple[_Linearised[State], bool]:
@@ -179,22 +190,23 @@ class _Run(Generic[State]):
         converged.
         """
         robust = used is None
+        free = self.free(at)
         damping, tolerance = (1e-4, ROBUST_STEP_TOLERANCE) if robust else (0.0, STEP_TOLERANCE)
         for _ in range(self.iteration_limit):
             self.iterations += 1
-            sigma = _scale(at.residuals, used)
+            sigma = self.scale(at.residuals, used, free)
             H, g, cost = self._normal(at, used, sigma)
             diagonal = np.sqrt(np.diag(H))
             if not np.all(np.isfinite(diagonal)) or np.any(diagonal == 0):
                 return at, False
             scaled, slope = H / np.outer(diagonal, diagonal), g / diagonal
-            for _ in range(16):
+            for attempt in range(16):
                 step = _solve(scaled, slope, damping)
                 if step is not None:
                     trial = self.linearised(self.retract(at.state, step / diagonal))
                     if self._cost(trial, used, sigma) <= cost * (1.0 + 1e-12) + 1e-12:
                         break
-                damping = max(10.0 * damping, 1e-7)
+                damping = max(5.0 * damping, 1e-10)
             else:
                 # No step downhill exists within rounding: a minimum, if the gradient agrees.
                 return at, step is not None and _in_sigmas(scaled, step) < STEP_TOLERANCE
@@ -206,7 +218,7 @@ class _Run(Generic[State]):
                     return at, True
                 damping = 0.0
             else:
-                damping = 0.02 * damping
+                damping *= 0.02 if attempt == 0 else 0.5
         return at, False
 
     def _normal(
@@ -245,7 +257,7 @@ class _Run(Generic[State]):
         prior_residuals, Q = (
             self.prior(state) if self.prior is not None else (np.zeros(0), np.zeros((0, len(data))))
         )
-        scale, dof = max(math.sqrt(square_sum / max(count, 1)), SMALLEST_SCALE), float(count)
+        scale, dof = max(math.sqrt(square_sum / max(count, 1)), self.smallest_scale), float(count)
         information, covariance = data, np.full_like(data, np.nan)
         condition = math.inf
         for _ in range(3):  # σ and the degrees of freedom that priors leave depend on one another, weakly
@@ -264,7 +276,7 @@ class _Run(Generic[State]):
             if dof <= 0.5:
                 status = "singular"
                 break
-            scale = max(math.sqrt(square_sum / dof), SMALLEST_SCALE)
+            scale = max(math.sqrt(square_sum / dof), self.smallest_scale)
         else:
             information = data / scale**2 + Q.T @ Q
             covariance = np.linalg.inv(information)

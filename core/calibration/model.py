@@ -26,6 +26,9 @@ LENS_PRIOR = 0.05
 PRINCIPAL_POINT_PRIOR = 0.01  # of the image width, about the centre
 ASPECT_PRIOR = 1e-3
 TANGENTIAL_PRIOR = 3e-4
+SMALLEST_NOISE_PX = (
+    1e-4  # no camera locates corners better; exact points still need the priors to separate f from depth
+)
 RADIAL_PRIORS = (0.3, 0.5)
 
 # Step coordinates of the two estimators within the 15 of `result.STATE`.

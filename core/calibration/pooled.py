@@ -117,7 +117,15 @@ def _fit(views: Sequence[GridPoints], start: State, lens: Lens | None) -> Fit[St
         return q, padded
 
     uncertainty = np.concatenate([v.standard_uncertainty_px for v in views])
-    return fit(evaluate, retract, start, uncertainty, prior=prior, iteration_limit=100)
+    return fit(
+        evaluate,
+        retract,
+        start,
+        uncertainty,
+        prior=prior,
+        smallest_scale=SMALLEST_NOISE_PX,
+        iteration_limit=100,
+    )
 
 
 def _conclude(views: Sequence[GridPoints], result: Fit[State]) -> PooledCalibration:

@@ -20,6 +20,7 @@ from core.calibration.model import (
     POSE,
     PRINCIPAL_POINT_PRIOR,
     RADIAL_PRIORS,
+    SMALLEST_NOISE_PX,
     TANGENTIAL_PRIOR,
     Lens,
     View,
@@ -102,7 +103,17 @@ def _fit_all(points: GridPoints, lens: Lens | None) -> tuple[str, Fit[View]]:
         raise DegenerateGeometry(f"Camera and pose need at least 8 grid points, {len(points)} were found.")
     evaluate, prior = view_residuals(points, FREE), view_prior(points, lens)
     fits = [
-        (name, fit(evaluate, retract, view_of(start, points), points.standard_uncertainty_px, prior=prior))
+        (
+            name,
+            fit(
+                evaluate,
+                retract,
+                view_of(start, points),
+                points.standard_uncertainty_px,
+                prior=prior,
+                smallest_scale=SMALLEST_NOISE_PX,
+            ),
+        )
         for name, start in _starts(points, lens)
     ]
     converged = [item for item in fits if item[1].converged]
@@ -115,7 +126,7 @@ def _total(result: Fit[View], points: GridPoints) -> float:
     posterior.
     """
     distance = np.sqrt(np.sum(result.residuals**2, axis=0))
-    scale = max(result.scale, 1e-10)
+    scale = max(result.scale, SMALLEST_NOISE_PX)
     return float(2.0 * len(points) * math.log(scale) + np.sum(np.minimum((distance / scale) ** 2, 32.0)))
 
 
@@ -148,7 +159,10 @@ def _conclude(
     if np.any(depth <= 0):
         raise DegenerateGeometry("The best fit puts grid points behind the camera.")
     residuals = np.ascontiguousarray(result.residuals.T)
-    inflation, rho = correlation_inflation(points, residuals, result.used)
+    if result.scale > SMALLEST_NOISE_PX:
+        inflation, rho = correlation_inflation(points, residuals, result.used)
+    else:
+        inflation, rho = 1.0, 0.0  # what is left are rounding errors
     # From the centroid to the target's origin: t = t_c - R c, so d = d_c + [R c]× w.
     origin = -view.rotation @ centroid
     to_origin = np.eye(15)
@@ -156,9 +170,14 @@ def _conclude(
     covariance = np.zeros((15, 15))
     covariance[np.ix_(indices, indices)] = result.covariance * inflation**2
     covariance = to_origin @ covariance @ to_origin.T
+    translation = view.translation_mm + origin
+    if points.target.pitch_standard_uncertainty_mm:
+        # A print that is 1 % too large is taken for one 1 % nearer: the same relative error in every length. It is common
+        # to all images of the target, so it belongs to the absolute pose only, not to the conditional one.
+        relative = points.target.pitch_standard_uncertainty_mm / points.target.pitch_mm
+        covariance[12:, 12:] += relative**2 * np.outer(translation, translation)
     conditional = np.linalg.inv(result.information[-6:, -6:]) * inflation**2
     conditional = to_origin[9:, 9:] @ conditional @ to_origin[9:, 9:].T
-    translation = view.translation_mm + origin
     focal, focal_uncertainty = _focal(view.camera, covariance)
     # Where focal length cannot be told the cost is a flat valley, on which the solver may walk on without
     # end: that is the refusal's case too, not a failure to converge.
