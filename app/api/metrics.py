@@ -1,0 +1,97 @@
+"""What Prometheus is told."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import sqlalchemy as sa
+from prometheus_client import CollectorRegistry, Counter, Histogram, generate_latest
+from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily, Metric
+from prometheus_client.registry import Collector
+
+from app.errors import ServiceError
+from app.jobs.embedded import EmbeddedRunner
+from app.records.tables import STATUSES, Measurement
+from app.services.installation import Installation
+from app.settings import program_version
+
+_METHODS = {"GET", "HEAD", "POST", "PUT", "PATCH", "DELETE", "OPTIONS"}
+
+
+class Metrics:
+    """One application's numbers, in a registry of its own."""
+
+    def __init__(self) -> None:
+        self.registry = CollectorRegistry()
+        labels = ("method", "route", "status")
+        self._requests = Counter(
+            "gridpose_http_requests", "Requests answered.", labels, registry=self.registry
+        )
+        self._durations = Histogram(
+            "gridpose_http_request_duration_seconds",
+            "Time from a request's first byte to its answer's last.",
+            ("method", "route"),
+            registry=self.registry,
+            buckets=(0.002, 0.005, 0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1, 2, 5, 10),
+        )
+
+    def request_done(self, method: str, route: str, status: int, duration_s: float) -> None:
+        """Count one request; the route's pattern, never the address itself, so that labels stay few."""
+        method = method if method in _METHODS else "OTHER"
+        self._requests.labels(method, route, str(status)).inc()
+        self._durations.labels(method, route).observe(duration_s)
+
+    def watch(self, installation: Installation, runner: EmbeddedRunner | None) -> None:
+        """Report the queue, the runner and the disk as well, looked up when asked."""
+        self.registry.register(_Gauges(installation, runner))
+
+    def render(self) -> bytes:
+        """Return everything in Prometheus' text format."""
+        return generate_latest(self.registry)
+
+
+class _Gauges(Collector):
+    def __init__(self, installation: Installation, runner: EmbeddedRunner | None) -> None:
+        self._installation = installation
+        self._runner = runner
+
+    def describe(self) -> Iterable[Metric]:
+        return ()
+
+    def collect(self) -> Iterable[Metric]:
+        info = GaugeMetricFamily("gridpose_build_info", "The running version.", labels=["version"])
+        info.add_metric([program_version()], 1)
+        yield info
+        try:
+            with self._installation.database.read() as records:
+                rows = records.execute(
+                    sa.select(Measurement.status, sa.func.count()).group_by(Measurement.status)
+                )
+                counts = dict(rows.tuples().all())
+        except ServiceError:
+            counts = None
+        if counts is not None:
+            by_status = GaugeMetricFamily(
+                "gridpose_measurements", "Measurements by status.", labels=["status"]
+            )
+            for status in STATUSES:
+                by_status.add_metric([status], counts.get(status, 0))
+            yield by_status
+        yield GaugeMetricFamily(
+            "gridpose_disk_free_bytes",
+            "Free space where originals lie.",
+            value=self._installation.blobs.free_bytes(),
+        )
+        if self._runner is not None:
+            yield GaugeMetricFamily(
+                "gridpose_runner_up", "1 while jobs are run.", value=int(self._runner.alive)
+            )
+            yield CounterMetricFamily(
+                "gridpose_jobs_finished", "Jobs run to their end.", value=self._runner.finished
+            )
+            yield CounterMetricFamily(
+                "gridpose_worker_crashes", "Worker processes lost.", value=self._runner.crashes
+            )
+            yield CounterMetricFamily(
+                "gridpose_job_timeouts", "Jobs ended by time-out.", value=self._runner.timeouts
+            )

@@ -1,0 +1,204 @@
+"""Every error as an RFC 9457 problem: one table from error to status, one from validation to our own words."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from http import HTTPStatus
+from typing import Any
+
+from fastapi import FastAPI, Request
+from fastapi.exceptions import RequestValidationError
+from starlette.exceptions import HTTPException
+from starlette.responses import JSONResponse
+
+from app.errors import (
+    Conflict,
+    InvalidContent,
+    NotAllowed,
+    NotAuthenticated,
+    NotFound,
+    ServiceError,
+    StorageFull,
+    TooLarge,
+    Unavailable,
+    UnsupportedContent,
+)
+
+MEDIA_TYPE = "application/problem+json"
+
+STATUSES: tuple[tuple[type[ServiceError], HTTPStatus], ...] = (
+    (NotAuthenticated, HTTPStatus.UNAUTHORIZED),
+    (NotAllowed, HTTPStatus.FORBIDDEN),
+    (NotFound, HTTPStatus.NOT_FOUND),
+    (Conflict, HTTPStatus.CONFLICT),
+    (TooLarge, HTTPStatus(413)),
+    (UnsupportedContent, HTTPStatus.UNSUPPORTED_MEDIA_TYPE),
+    (InvalidContent, HTTPStatus(422)),
+    (StorageFull, HTTPStatus.INSUFFICIENT_STORAGE),
+    (Unavailable, HTTPStatus.SERVICE_UNAVAILABLE),
+)
+
+_TITLES = {
+    401: "Not authenticated",
+    403: "Not allowed",
+    404: "Not found",
+    405: "Method not allowed",
+    409: "Conflict",
+    413: "Too large",
+    415: "Unsupported media type",
+    422: "Invalid content",
+    500: "Internal error",
+    503: "Unavailable",
+    507: "Storage full",
+}
+_HTTP_CODES = {
+    400: ("invalid_request", "The request cannot be read."),
+    404: ("not_found", "There is nothing at this address."),
+    405: ("method_not_allowed", "This address does not take this method."),
+    413: ("body_too_large", "The body is too large."),
+}
+_HTTP_ADVICE = {
+    404: "See /docs for the addresses there are.",
+    405: "The Allow header lists the methods this address takes.",
+    413: "Send less at a time.",
+}
+
+_TYPE_WORDS = {
+    "missing": "is required",
+    "extra_forbidden": "is not a field known here",
+    "finite_number": "must be a finite number",
+    "float_type": "must be a number",
+    "float_parsing": "must be a number",
+    "int_type": "must be a whole number",
+    "int_parsing": "must be a whole number",
+    "int_parsing_size": "is too large",
+    "int_from_float": "must be a whole number",
+    "bool_type": "must be true or false",
+    "bool_parsing": "must be true or false",
+    "string_type": "must be text",
+    "string_unicode": "must be valid Unicode text",
+    "list_type": "must be a list",
+    "dict_type": "must be an object",
+    "model_type": "must be an object",
+    "model_attributes_type": "must be an object",
+    "none_required": "must be null",
+    "json_invalid": "is not valid JSON",
+}
+
+
+def problem_response(
+    status: int,
+    code: str,
+    detail: str,
+    advice: str | None = None,
+    errors: Iterable[tuple[str, str]] = (),
+    headers: Mapping[str, str] | None = None,
+) -> JSONResponse:
+    """Return a problem document."""
+    return JSONResponse(
+        {
+            "type": f"urn:gridpose:problem:{code}",
+            "title": _TITLES.get(status, "Request refused"),
+            "status": status,
+            "detail": detail,
+            "code": code,
+            "advice": advice,
+            "errors": [{"field": field, "message": message} for field, message in errors],
+        },
+        status_code=status,
+        media_type=MEDIA_TYPE,
+        headers=dict(headers) if headers else None,
+    )
+
+
+def service_problem(error: ServiceError) -> JSONResponse:
+    """Return the problem of a refusal of ours."""
+    status = next(
+        (status for kind, status in STATUSES if isinstance(error, kind)), HTTPStatus.INTERNAL_SERVER_ERROR
+    )
+    headers = {}
+    if status == HTTPStatus.UNAUTHORIZED:
+        headers["WWW-Authenticate"] = 'Bearer realm="gridpose"'
+    if status in (HTTPStatus.SERVICE_UNAVAILABLE, HTTPStatus.INSUFFICIENT_STORAGE):
+        headers["Retry-After"] = "5"
+    return problem_response(status, error.code, error.detail, error.advice, error.errors, headers)
+
+
+def internal_problem() -> JSONResponse:
+    """Return the problem of a defect: nothing of its inside."""
+    return problem_response(
+        500,
+        "internal_error",
+        "Something went wrong inside the service.",
+        "It is noted in the server's log under this response's X-Request-ID.",
+    )
+
+
+def install_problem_handlers(app: FastAPI) -> None:
+    """Make every error this application answers a problem document."""
+
+    async def on_service_error(_request: Request, error: Exception) -> JSONResponse:
+        assert isinstance(error, ServiceError)
+        return service_problem(error)
+
+    async def on_http_error(_request: Request, error: Exception) -> JSONResponse:
+        assert isinstance(error, HTTPException)
+        code, detail = _HTTP_CODES.get(error.status_code, ("request_refused", "The request was refused."))
+        return problem_response(
+            error.status_code, code, detail, _HTTP_ADVICE.get(error.status_code), headers=error.headers
+        )
+
+    async def on_invalid(_request: Request, error: Exception) -> JSONResponse:
+        assert isinstance(error, RequestValidationError)
+        return service_problem(invalid_request(error.errors()))
+
+    app.add_exception_handler(ServiceError, on_service_error)
+    app.add_exception_handler(HTTPException, on_http_error)
+    app.add_exception_handler(RequestValidationError, on_invalid)
+
+
+def invalid_request(errors: Iterable[Any]) -> InvalidContent:
+    """Return the refusal that pydantic's findings amount to, in our own words."""
+    found = [(_field(error["loc"]), _message(error)) for error in errors]
+    return InvalidContent(
+        "The request's content is not valid.",
+        "Correct the fields listed in errors.",
+        errors=found[:100],
+    )
+
+
+def _field(location: Iterable[Any]) -> str:
+    parts = [str(part) for part in location]
+    if parts and parts[0] in ("body", "query", "path", "header"):
+        parts = parts[1:]
+    field = ".".join(parts) or "body"
+    return field[:200].encode("utf-8", "replace").decode()
+
+
+def _message(error: Mapping[str, Any]) -> str:
+    kind, context = error["type"], error.get("ctx") or {}
+    if kind in _TYPE_WORDS:
+        return _TYPE_WORDS[kind]
+    if kind == "string_too_short":
+        return f"must have at least {context['min_length']} characters"
+    if kind == "string_too_long":
+        return f"must have at most {context['max_length']} characters"
+    if kind == "too_short":
+        return f"must have at least {context['min_length']} items"
+    if kind == "too_long":
+        return f"must have at most {context['max_length']} items"
+    for name, words in (
+        ("gt", "greater than"),
+        ("ge", "at least"),
+        ("lt", "less than"),
+        ("le", "at most"),
+    ):
+        if name in context:
+            return f"must be {words} {context[name]:g}"
+    if kind == "literal_error":
+        return f"must be one of {context['expected']}"
+    if kind == "string_pattern_mismatch":
+        return "has characters or a form not allowed here"
+    if kind == "value_error" and isinstance(context.get("error"), ValueError):
+        return str(context["error"])
+    return "is not valid"

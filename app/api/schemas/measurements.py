@@ -1,0 +1,207 @@
+"""Poses and measurements as JSON."""
+
+from __future__ import annotations
+
+from datetime import datetime
+from typing import Annotated, Literal
+
+from pydantic import Field
+
+from app.api.schemas.common import (
+    PRINTABLE,
+    Angle,
+    Coordinate,
+    JointAngles,
+    PoseTag,
+    RequestModel,
+    ResponseModel,
+    Sha256,
+)
+
+MeasurementStatus = Literal["queued", "running", "succeeded", "failed"]
+
+
+class PoseWrite(RequestModel):
+    """What the robot was told; everything may be unknown."""
+
+    position_mm: Annotated[list[Coordinate], Field(min_length=3, max_length=3)] | None = None
+    roll_deg: Angle | None = None
+    pitch_deg: Angle | None = None
+    yaw_deg: Angle | None = None
+    joint_angles_deg: JointAngles | None = None
+    approach: Annotated[str, Field(min_length=1, max_length=200, pattern=PRINTABLE)] | None = None
+
+
+class PoseItem(PoseWrite):
+    """One pose of a bulk list."""
+
+    pose_id: PoseTag
+
+
+class PoseRead(ResponseModel):
+    pose_id: str
+    position_mm: list[float] | None
+    roll_deg: float | None
+    pitch_deg: float | None
+    yaw_deg: float | None
+    joint_angles_deg: list[float] | None
+    approach: str | None
+
+
+class PosePage(ResponseModel):
+    items: list[PoseRead]
+    next_cursor: str | None
+
+
+class ImageName(RequestModel):
+    """An image by the pose it was taken at and its hash."""
+
+    pose_id: PoseTag
+    sha256: Sha256
+
+
+class ImageList(RequestModel):
+    images: list[ImageName]
+
+
+class MissingImages(ResponseModel):
+    missing: list[ImageName]
+
+
+class FailureRead(ResponseModel):
+    """Why an image gave no calibration, and what to do about it."""
+
+    code: str
+    detail: str
+    advice: str | None
+
+
+class AdvisoryRead(ResponseModel):
+    code: str
+    detail: str
+    advice: str | None
+
+
+class IntrinsicsRead(ResponseModel):
+    fx_px: float
+    fy_px: float
+    cx_px: float
+    cy_px: float
+
+
+class DistortionRead(ResponseModel):
+    k1: float
+    k2: float
+    p1: float
+    p2: float
+    k3: float
+
+
+class CameraUncertainty(ResponseModel):
+    """Standard uncertainties; 0 where the parameter was given."""
+
+    fx_px: float
+    fy_px: float
+    cx_px: float
+    cy_px: float
+    k1: float
+    k2: float
+    p1: float
+    p2: float
+    k3: float
+
+
+class PoseUncertainty(ResponseModel):
+    x_mm: float
+    y_mm: float
+    z_mm: float
+    roll_deg: float
+    pitch_deg: float
+    yaw_deg: float
+
+
+class CameraPoseRead(ResponseModel):
+    """The camera in the target frame; covariances in mm and rad."""
+
+    position_mm: list[float]
+    rotation: list[list[float]]
+    roll_deg: float
+    pitch_deg: float
+    yaw_deg: float
+    standard_uncertainty: PoseUncertainty
+    covariance: list[list[float]]
+    conditional_covariance: list[list[float]]
+
+
+class ReprojectionRead(ResponseModel):
+    rms_px: float
+    mean_px: float
+    std_px: float
+    max_px: float
+    points: int
+    rejected: int
+
+
+class ObservabilityRead(ResponseModel):
+    focal_relative_uncertainty: float
+    condition_number: float
+    tilt_deg: float
+    prior_dominated: list[str]
+
+
+class CalibrationRead(ResponseModel):
+    """One image, calibrated."""
+
+    estimator: str
+    start: str
+    image_width_px: int
+    image_height_px: int
+    intrinsics: IntrinsicsRead
+    distortion: DistortionRead
+    standard_uncertainty: CameraUncertainty
+    T_camera_target: list[list[float]]
+    pose: CameraPoseRead
+    reprojection: ReprojectionRead
+    observability: ObservabilityRead
+    warnings: list[AdvisoryRead]
+
+
+class GridPointRead(ResponseModel):
+    column: int
+    row: int
+    u_px: float
+    v_px: float
+    standard_uncertainty_px: float
+    residual_u_px: float | None
+    residual_v_px: float | None
+    used: bool | None
+
+
+class MeasurementRead(ResponseModel):
+    """One image and what came of it."""
+
+    id: str
+    session_id: str
+    pose_id: str
+    cycle: int | None
+    target_id: str
+    siblings: list[str]
+    focus_group: str
+    joint_angles_deg: list[float] | None
+    captured_at: datetime | None
+    received_at: datetime
+    finished_at: datetime | None
+    sha256: str
+    filename: str | None
+    bytes: int
+    status: MeasurementStatus
+    attempts: int
+    duration_ms: float | None
+    failure: FailureRead | None
+    calibration: CalibrationRead | None
+    points: list[GridPointRead] | None
+
+
+class MeasurementPage(ResponseModel):
+    items: list[MeasurementRead]
+    next_cursor: str | None

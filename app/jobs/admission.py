@@ -1,0 +1,57 @@
+"""What an upload is checked for before it is acknowledged: magic bytes and header, never a decoding."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from app.errors import InvalidContent, ServiceError, UnsupportedContent
+from core.errors import EmptyImage, GridposeError, ImageTooManyPixels, UndecodableImage, UnsupportedImage
+from core.image import HEADER_BYTES, ImageHeader, check_pixels, read_header
+
+DETECTABLE_KINDS = ("chessboard",)
+"""Kinds of target the numerics can find in an image; others are refused when a target is made."""
+
+_REFUSALS: tuple[tuple[type[GridposeError], type[ServiceError]], ...] = (
+    (EmptyImage, InvalidContent),
+    (UnsupportedImage, UnsupportedContent),
+    (ImageTooManyPixels, InvalidContent),
+    (UndecodableImage, InvalidContent),
+)
+
+
+@dataclass(frozen=True, slots=True)
+class AdmittedImage:
+    """What the header says."""
+
+    format: str
+    width_px: int
+    height_px: int
+
+
+def admit_image(path: Path, max_pixels: int) -> AdmittedImage:
+    """Return what the file's header says, or raise the refusal it deserves.
+
+    The beginning of the file is enough for all but a TIFF that keeps its directory at the end.
+    """
+    try:
+        header = _read_header(path)
+        check_pixels(header, max_pixels)
+    except GridposeError as error:
+        for kind, refusal in _REFUSALS:
+            if isinstance(error, kind):
+                raise refusal(error.detail, error.advice, code=error.code) from error
+        raise
+    return AdmittedImage(header.format, header.width_px, header.height_px)
+
+
+def _read_header(path: Path) -> ImageHeader:
+    with path.open("rb") as file:
+        beginning = file.read(HEADER_BYTES)
+        try:
+            return read_header(beginning)
+        except UndecodableImage:
+            rest = file.read()
+            if not rest:
+                raise
+    return read_header(beginning + rest)

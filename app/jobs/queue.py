@@ -1,0 +1,74 @@
+"""The narrow interface between those who want an image measured and those who do it.
+
+The embedded queue (`row_queue.py`) is the measurement row itself; a queue on PostgreSQL fills the same interface.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+from sqlalchemy import orm
+
+from app.records.codec import Outcome
+
+
+@dataclass(frozen=True, slots=True)
+class Job:
+    """All a worker needs to measure one image; plain values, so that it travels between processes.
+
+    `claim` is the token of this one hand-out: a result is taken only from whoever holds the row's latest.
+    """
+
+    measurement_id: str
+    claim: str
+    sha256: str
+    target: dict[str, Any]
+    lens: dict[str, float] | None
+    intrinsics: dict[str, float] | None
+
+
+@dataclass(frozen=True, slots=True)
+class Finished:
+    """What came of a job that ran to its end, in success or in a failure with a code."""
+
+    job: Job
+    outcome: Outcome
+    duration_ms: float
+
+
+class Queue(Protocol):
+    """Jobs in, claims out, results back; at least once each, and a result is written once."""
+
+    def enqueue(self, session: orm.Session, measurement_id: str) -> None:
+        """Add a job within the caller's transaction: it exists if and only if that commits."""
+        ...
+
+    def notify(self) -> None:
+        """Say that jobs were committed, so that an idle runner looks at once."""
+        ...
+
+    def wait(self, timeout_s: float) -> None:
+        """Return when somebody called `notify`, or after `timeout_s`."""
+        ...
+
+    def recover(self) -> int:
+        """Give back the jobs a runner that is gone left running; attempts do not count. Needs the runner's lock."""
+        ...
+
+    def claim(self, limit: int) -> Sequence[Job]:
+        """Take up to `limit` jobs, oldest first."""
+        ...
+
+    def finish(self, finished: Sequence[Finished]) -> int:
+        """Save results; those whose claim is no longer current are dropped. Return how many were saved."""
+        ...
+
+    def give_back(self, jobs: Sequence[Job]) -> None:
+        """Put claimed jobs back untouched."""
+        ...
+
+    def crashed(self, job: Job) -> None:
+        """Count an attempt that ended with the worker's death; after the last allowed one the job fails."""
+        ...

@@ -1,0 +1,60 @@
+"""What a worker process does before its first job: one thread each, and no life beyond its parent's.
+
+This module imports nothing heavy, so that the environment is set before numpy and OpenCV are loaded.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import multiprocessing
+import os
+import signal
+import sys
+import threading
+
+THREAD_VARIABLES = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "VECLIB_MAXIMUM_THREADS")
+_PR_SET_PDEATHSIG = 1
+
+
+def prepare_environment(max_image_pixels: int) -> None:
+    """Set what children inherit and must see before they import numpy or OpenCV."""
+    for variable in THREAD_VARIABLES:
+        os.environ.setdefault(variable, "1")
+    os.environ["OPENCV_IO_MAX_IMAGE_PIXELS"] = str(max_image_pixels)
+
+
+def start_worker(max_image_pixels: int, tied_to_thread: bool) -> None:
+    """Initialise a worker: tie it to its parent, limit threads, and load the numerics before the first job.
+
+    `tied_to_thread`: the thread that starts this process lives as long as the pool does, which Linux's death signal
+    needs, since it fires at the end of that thread.
+    """
+    _end_with_parent(use_death_signal=tied_to_thread)
+    prepare_environment(max_image_pixels)
+
+    import cv2
+
+    import app.jobs.process_image  # noqa: F401 - loaded here so that the first job need not
+
+    cv2.setNumThreads(1)
+
+
+def _end_with_parent(*, use_death_signal: bool) -> None:
+    """Make sure that this process ends when its parent does, even by SIGKILL.
+
+    A thread that waits for the parent works everywhere but needs the interpreter; on Linux the kernel's death signal
+    ends even a process stuck in a long call.
+    """
+    parent = multiprocessing.parent_process()
+    if parent is None:
+        return
+    if use_death_signal and sys.platform == "linux":
+        ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
+        if os.getppid() != parent.pid:  # it died before we asked
+            os._exit(1)
+
+    def wait_for_end() -> None:
+        parent.join()
+        os._exit(1)
+
+    threading.Thread(target=wait_for_end, name="parent-watch", daemon=True).start()

@@ -1,0 +1,289 @@
+"""A calibration as a row, and back again without loss.
+
+The row holds the document the API shows (degrees, named fields) and, beside it, the arrays as bytes: `state` is the
+float64 vector of `_STATE_LAYOUT`, little endian; `points` one `_POINT` record per grid point. Analyses over thousands
+of rows read these and never open an image again.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+
+from core.calibration.result import Calibration, CameraPose, Observability, Reprojection
+from core.camera import CAMERA_PARAMETERS, Camera
+from core.errors import Advisory
+from core.targets.specification import GridPoints, TargetSpec
+
+_STATE_LAYOUT: tuple[tuple[str, tuple[int, ...]], ...] = (
+    ("camera", (9,)),
+    ("T_camera_target", (4, 4)),
+    ("covariance", (15, 15)),
+    ("position_mm", (3,)),
+    ("rotation", (3, 3)),
+    ("roll_pitch_yaw", (3,)),
+    ("roll_pitch_yaw_standard_uncertainty", (3,)),
+    ("pose_covariance", (6, 6)),
+    ("conditional_covariance", (6, 6)),
+    ("reprojection", (4,)),
+    ("observability", (3,)),
+)
+_POINT = np.dtype(
+    [
+        ("column", "<i2"),
+        ("row", "<i2"),
+        ("u_px", "<f8"),
+        ("v_px", "<f8"),
+        ("standard_uncertainty_px", "<f8"),
+        ("residual_u_px", "<f8"),
+        ("residual_v_px", "<f8"),
+        ("used", "i1"),
+    ]
+)
+_UNKNOWN = -1  # `used` of a point no fit has looked at; its residuals are NaN
+
+
+@dataclass(frozen=True, slots=True)
+class Failure:
+    """Why an image gave no calibration."""
+
+    code: str
+    detail: str
+    advice: str | None
+
+
+@dataclass(frozen=True, slots=True)
+class Outcome:
+    """What a job brings back: the columns of its `results` row, if any, and the failure, if one."""
+
+    result: dict[str, Any] | None
+    failure: Failure | None
+
+
+@dataclass(frozen=True, slots=True)
+class Provenance:
+    """What a result was computed from and with: enough to compute it again."""
+
+    core_version: str
+    input_sha256: str
+    settings: dict[str, Any]
+
+    def columns(self) -> dict[str, Any]:
+        """Return the columns of the `results` row."""
+        return {
+            "core_version": self.core_version,
+            "input_sha256": self.input_sha256,
+            "settings": self.settings,
+        }
+
+
+def encode_calibration(calibration: Calibration, provenance: Provenance) -> dict[str, Any]:
+    """Return the columns of the `results` row of a success."""
+    return {
+        "estimator": calibration.estimator,
+        "calibration": calibration_document(calibration),
+        "state": _encode_state(calibration),
+        "points": _encode_points(calibration.points, calibration.residuals_px, calibration.used),
+        "points_warnings": _advisories(calibration.points.warnings),
+        **provenance.columns(),
+    }
+
+
+def encode_refused(points: GridPoints | None, provenance: Provenance) -> dict[str, Any]:
+    """Return the columns of the `results` row of a refusal: its points, where they were found, serve later."""
+    return {
+        "estimator": None,
+        "calibration": None,
+        "state": None,
+        "points": _encode_points(points, None, None) if points is not None else None,
+        "points_warnings": _advisories(points.warnings) if points is not None else None,
+        **provenance.columns(),
+    }
+
+
+def decode_calibration(
+    document: dict[str, Any],
+    state: bytes,
+    points: bytes,
+    points_warnings: list[dict[str, Any]],
+    target: TargetSpec,
+) -> Calibration:
+    """Return the very calibration that `encode_calibration` was given."""
+    arrays = _decode_state(state)
+    records = np.frombuffer(points, dtype=_POINT)
+    width, height = document["image_width_px"], document["image_height_px"]
+    rms_px, mean_px, std_px, max_px = (float(value) for value in arrays["reprojection"])
+    focal_relative_uncertainty, condition_number, tilt = (float(value) for value in arrays["observability"])
+    return Calibration(
+        estimator=document["estimator"],
+        start=document["start"],
+        image_width_px=width,
+        image_height_px=height,
+        camera=Camera.from_array(arrays["camera"]),
+        T_camera_target=arrays["T_camera_target"],
+        covariance=arrays["covariance"],
+        pose=CameraPose(
+            position_mm=arrays["position_mm"],
+            rotation=arrays["rotation"],
+            roll_pitch_yaw=arrays["roll_pitch_yaw"],
+            roll_pitch_yaw_standard_uncertainty=arrays["roll_pitch_yaw_standard_uncertainty"],
+            covariance=arrays["pose_covariance"],
+            conditional_covariance=arrays["conditional_covariance"],
+        ),
+        reprojection=Reprojection(
+            rms_px=rms_px,
+            mean_px=mean_px,
+            std_px=std_px,
+            max_px=max_px,
+            points=document["reprojection"]["points"],
+            rejected=document["reprojection"]["rejected"],
+        ),
+        observability=Observability(
+            focal_relative_uncertainty=focal_relative_uncertainty,
+            condition_number=condition_number,
+            tilt=tilt,
+            prior_dominated=tuple(document["observability"]["prior_dominated"]),
+        ),
+        warnings=tuple(Advisory(**warning) for warning in document["warnings"]),
+        points=decode_points(points, points_warnings, target, width, height),
+        residuals_px=np.stack([records["residual_u_px"], records["residual_v_px"]], axis=1),
+        used=records["used"] == 1,
+    )
+
+
+def decode_points(
+    points: bytes, warnings: list[dict[str, Any]], target: TargetSpec, width_px: int, height_px: int
+) -> GridPoints:
+    """Return the grid points of a stored result."""
+    records = np.frombuffer(points, dtype=_POINT)
+    return GridPoints(
+        target=target,
+        image_width_px=width_px,
+        image_height_px=height_px,
+        column=records["column"].astype(np.intp),
+        row=records["row"].astype(np.intp),
+        points_px=np.stack([records["u_px"], records["v_px"]], axis=1),
+        standard_uncertainty_px=records["standard_uncertainty_px"].copy(),
+        warnings=tuple(Advisory(**warning) for warning in warnings),
+    )
+
+
+def points_documents(points: bytes) -> list[dict[str, Any]]:
+    """Return stored points as the API shows them: every point found, rejected ones too."""
+    names = _POINT.names or ()
+    documents = []
+    for record in np.frombuffer(points, dtype=_POINT).tolist():
+        document = dict(zip(names, record, strict=True))
+        if document["used"] == _UNKNOWN:
+            document.update(residual_u_px=None, residual_v_px=None, used=None)
+        else:
+            document["used"] = document["used"] == 1
+        documents.append(document)
+    return documents
+
+
+def calibration_document(calibration: Calibration) -> dict[str, Any]:
+    """Return a calibration as the API shows it: degrees where a name says so, no NaN anywhere."""
+    camera = dict(zip(CAMERA_PARAMETERS, calibration.camera.as_array().tolist(), strict=True))
+    uncertainty = calibration.camera_standard_uncertainty.tolist()
+    pose = calibration.pose
+    roll, pitch, yaw = np.degrees(pose.roll_pitch_yaw).tolist()
+    position_uncertainty = np.sqrt(np.diag(pose.covariance)[:3]).tolist()
+    angle_uncertainty = np.degrees(pose.roll_pitch_yaw_standard_uncertainty).tolist()
+    reprojection, observability = calibration.reprojection, calibration.observability
+    return {
+        "estimator": calibration.estimator,
+        "start": calibration.start,
+        "image_width_px": calibration.image_width_px,
+        "image_height_px": calibration.image_height_px,
+        "intrinsics": {name: camera[name] for name in CAMERA_PARAMETERS[:4]},
+        "distortion": {name: camera[name] for name in CAMERA_PARAMETERS[4:]},
+        "standard_uncertainty": dict(zip(CAMERA_PARAMETERS, uncertainty, strict=True)),
+        "T_camera_target": calibration.T_camera_target.tolist(),
+        "pose": {
+            "position_mm": pose.position_mm.tolist(),
+            "rotation": pose.rotation.tolist(),
+            "roll_deg": roll,
+            "pitch_deg": pitch,
+            "yaw_deg": yaw,
+            "standard_uncertainty": dict(
+                zip(
+                    ("x_mm", "y_mm", "z_mm", "roll_deg", "pitch_deg", "yaw_deg"),
+                    position_uncertainty + angle_uncertainty,
+                    strict=True,
+                )
+            ),
+            "covariance": pose.covariance.tolist(),
+            "conditional_covariance": pose.conditional_covariance.tolist(),
+        },
+        "reprojection": {
+            "rms_px": reprojection.rms_px,
+            "mean_px": reprojection.mean_px,
+            "std_px": reprojection.std_px,
+            "max_px": reprojection.max_px,
+            "points": reprojection.points,
+            "rejected": reprojection.rejected,
+        },
+        "observability": {
+            "focal_relative_uncertainty": observability.focal_relative_uncertainty,
+            "condition_number": observability.condition_number,
+            "tilt_deg": math.degrees(observability.tilt),
+            "prior_dominated": list(observability.prior_dominated),
+        },
+        "warnings": _advisories(calibration.warnings),
+    }
+
+
+def _encode_state(calibration: Calibration) -> bytes:
+    pose, reprojection, observability = calibration.pose, calibration.reprojection, calibration.observability
+    arrays: dict[str, Any] = {
+        "camera": calibration.camera.as_array(),
+        "T_camera_target": calibration.T_camera_target,
+        "covariance": calibration.covariance,
+        "position_mm": pose.position_mm,
+        "rotation": pose.rotation,
+        "roll_pitch_yaw": pose.roll_pitch_yaw,
+        "roll_pitch_yaw_standard_uncertainty": pose.roll_pitch_yaw_standard_uncertainty,
+        "pose_covariance": pose.covariance,
+        "conditional_covariance": pose.conditional_covariance,
+        "reprojection": (reprojection.rms_px, reprojection.mean_px, reprojection.std_px, reprojection.max_px),
+        "observability": (
+            observability.focal_relative_uncertainty,
+            observability.condition_number,
+            observability.tilt,
+        ),
+    }
+    parts = [np.asarray(arrays[name], dtype="<f8").reshape(shape).tobytes() for name, shape in _STATE_LAYOUT]
+    return b"".join(parts)
+
+
+def _decode_state(state: bytes) -> dict[str, Float[np.ndarray, "..."]]:
+    values = np.frombuffer(state, dtype="<f8")
+    arrays, offset = {}, 0
+    for name, shape in _STATE_LAYOUT:
+        size = math.prod(shape)
+        arrays[name] = values[offset : offset + size].reshape(shape).copy()
+        offset += size
+    return arrays
+
+
+def _encode_points(points: GridPoints, residuals_px: Any, used: Any) -> bytes:
+    records = np.zeros(len(points), dtype=_POINT)
+    records["column"], records["row"] = points.column, points.row
+    records["u_px"], records["v_px"] = points.points_px[:, 0], points.points_px[:, 1]
+    records["standard_uncertainty_px"] = points.standard_uncertainty_px
+    if residuals_px is None:
+        records["residual_u_px"] = records["residual_v_px"] = np.nan
+        records["used"] = _UNKNOWN
+    else:
+        records["residual_u_px"], records["residual_v_px"] = residuals_px[:, 0], residuals_px[:, 1]
+        records["used"] = used
+    return records.tobytes()
+
+
+def _advisories(advisories: tuple[Advisory, ...]) -> list[dict[str, Any]]:
+    return [{"code": a.code, "detail": a.detail, "advice": a.advice} for a in advisories]

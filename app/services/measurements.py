@@ -1,0 +1,268 @@
+"""Measurements: an image comes in, is kept for good, and is computed by whoever takes the job."""
+
+from __future__ import annotations
+
+import unicodedata
+from collections.abc import Sequence
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+import sqlalchemy as sa
+from sqlalchemy import orm
+
+from app.blobs.local import StagedBlob
+from app.errors import Conflict, InvalidContent, NotFound
+from app.jobs.admission import AdmittedImage, admit_image
+from app.records.codec import points_documents
+from app.records.ids import new_id
+from app.records.pagination import page
+from app.records.tables import Measurement, Result, Session
+from app.services.installation import Installation
+from app.services.lookup import find
+from app.services.poses import ensure_pose
+
+FILENAME_LENGTH = 255
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Metadata:
+    """What a client says about an image; all of it optional."""
+
+    cycle: int | None = None
+    target_id: str | None = None
+    focus_group: str = "default"
+    joint_angles_deg: list[float] | None = None
+    captured_at: datetime | None = None
+    filename: str | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Accepted:
+    """The measurement an upload led to, and whether it is a new one."""
+
+    measurement: Measurement
+    is_new: bool
+
+
+def check_target(session: Session, target_id: str | None) -> str:
+    """Return the target an image of this session shows."""
+    target_ids = [target.target_id for target in session.targets]
+    if target_id is None:
+        if len(target_ids) == 1:
+            return target_ids[0]
+        raise InvalidContent(
+            "The session has several targets, and the upload does not say which one the image shows.",
+            "Send target_id with the image.",
+            code="target_id_required",
+            errors=[("target_id", "is required here")],
+        )
+    if target_id not in target_ids:
+        raise InvalidContent(
+            "The session does not look at this target.",
+            "Send one of the session's target_ids, or add the target to the session.",
+            code="target_unknown",
+            errors=[("target_id", "is not one of the session's targets")],
+        )
+    return target_id
+
+
+def accept_image(
+    installation: Installation,
+    session_id: str,
+    pose_id: str,
+    staged: StagedBlob,
+    metadata: Metadata,
+    *,
+    expected_sha256: str | None,
+) -> Accepted:
+    """Keep a received file for good and queue its measurement; on return both are durable.
+
+    The same image for the same pose and target again gives the first measurement, unchanged.
+    """
+    if staged.size == 0:
+        raise InvalidContent(
+            "The upload is empty.", "Send the image file's bytes as the body.", code="empty_upload"
+        )
+    sha256 = staged.sha256
+    if expected_sha256 is not None and sha256 != expected_sha256:
+        raise InvalidContent(
+            "The bytes received do not have the SHA-256 stated in the address; nothing was kept.",
+            "Compute the hash of exactly the bytes sent, and send them again.",
+            code="hash_mismatch",
+        )
+    with installation.database.read() as records:
+        session = find(records, Session, session_id)
+        target_id = check_target(session, metadata.target_id)
+        first = _find_same(records, session_id, pose_id, sha256, target_id)
+        if first is not None:
+            return Accepted(first, is_new=False)
+    admitted = admit_image(staged.path, installation.settings.max_image_pixels)
+    with installation.blobs.guard(sha256):
+        installation.blobs.publish(staged)
+        with installation.database.write() as records:
+            session = find(records, Session, session_id, lock=True)
+            target_id = check_target(session, metadata.target_id)
+            first = _find_same(records, session_id, pose_id, sha256, target_id)
+            if first is not None:
+                return Accepted(first, is_new=False)
+            ensure_pose(records, session_id, pose_id)
+            measurement = _new_measurement(
+                session_id, pose_id, target_id, sha256, staged.size, metadata, admitted
+            )
+            records.add(measurement)
+            records.flush()
+            installation.queue.enqueue(records, measurement.id)
+    installation.queue.notify()
+    return Accepted(measurement, is_new=True)
+
+
+def find_missing(
+    records: orm.Session, session_id: str, images: Sequence[tuple[str, str]]
+) -> list[tuple[str, str]]:
+    """Return those (pose_id, sha256) of which the session has no measurement, in the order asked, each once."""
+    find(records, Session, session_id)
+    wanted = list(dict.fromkeys(images))
+    present: set[tuple[str, str]] = set()
+    hashes = list({sha256 for _, sha256 in wanted})
+    for start in range(0, len(hashes), 500):
+        rows = records.execute(
+            sa.select(Measurement.pose_id, Measurement.sha256).where(
+                Measurement.session_id == session_id, Measurement.sha256.in_(hashes[start : start + 500])
+            )
+        )
+        present.update((pose_id, sha256) for pose_id, sha256 in rows)
+    return [image for image in wanted if image not in present]
+
+
+def get_measurement(records: orm.Session, measurement_id: str) -> Measurement:
+    """Return one measurement with its result."""
+    find(records, Measurement, measurement_id)
+    return records.scalars(
+        sa.select(Measurement)
+        .where(Measurement.id == measurement_id)
+        .options(orm.joinedload(Measurement.result))
+        .execution_options(populate_existing=True)
+    ).one()
+
+
+def get_points(records: orm.Session, measurement_id: str) -> list[dict[str, Any]] | None:
+    """Return every grid point found, or None where none is known (yet)."""
+    points = records.scalar(sa.select(Result.points).where(Result.measurement_id == measurement_id))
+    return points_documents(points) if points is not None else None
+
+
+def list_measurements(
+    records: orm.Session,
+    session_id: str,
+    *,
+    status: str | None,
+    pose_id: str | None,
+    limit: int,
+    cursor: str | None,
+) -> tuple[Sequence[Measurement], str | None]:
+    """Return one page of a session's measurements, with their results."""
+    find(records, Session, session_id)
+    statement = (
+        sa.select(Measurement)
+        .where(Measurement.session_id == session_id)
+        .options(orm.joinedload(Measurement.result))
+    )
+    if status is not None:
+        statement = statement.where(Measurement.status == status)
+    if pose_id is not None:
+        statement = statement.where(Measurement.pose_id == pose_id)
+    return page(records, statement, Measurement.id, limit=limit, cursor=cursor)
+
+
+def get_original(installation: Installation, measurement_id: str) -> tuple[Measurement, Path]:
+    """Return a measurement and where its original lies."""
+    with installation.database.read() as records:
+        measurement = find(records, Measurement, measurement_id)
+    path = installation.blobs.path(measurement.sha256)
+    if not path.is_file():
+        raise NotFound(
+            "The stored image is gone from the server's disk.",
+            "Upload the image again.",
+            code="original_missing",
+        )
+    return measurement, path
+
+
+def retry_measurement(installation: Installation, measurement_id: str) -> Measurement:
+    """Queue a measurement again, whatever came of it; its last result is forgotten."""
+    with installation.database.write() as records:
+        measurement = find(records, Measurement, measurement_id, lock=True)
+        if measurement.status == "running":
+            raise Conflict(
+                "The measurement is being computed right now.",
+                "Wait until it has finished, then retry.",
+                code="measurement_running",
+            )
+        records.execute(sa.delete(Result).where(Result.measurement_id == measurement_id))
+        measurement.status = "queued"
+        measurement.attempts = 0
+        measurement.claim = None
+        measurement.finished_at = measurement.duration_ms = None
+        measurement.failure_code = measurement.failure_detail = measurement.failure_advice = None
+        records.flush()
+        installation.queue.enqueue(records, measurement_id)
+    installation.queue.notify()
+    with installation.database.read() as records:
+        return get_measurement(records, measurement_id)
+
+
+def bare_filename(name: str | None) -> str | None:
+    """Return a file's name without path or control characters, None where nothing is left."""
+    if name is None:
+        return None
+    name = name.replace("\\", "/").rsplit("/", 1)[-1]
+    name = "".join(c for c in name if unicodedata.category(c) not in ("Cc", "Cs")).strip()
+    return name[:FILENAME_LENGTH] if name not in ("", ".", "..") else None
+
+
+def _find_same(
+    records: orm.Session, session_id: str, pose_id: str, sha256: str, target_id: str
+) -> Measurement | None:
+    return records.scalar(
+        sa.select(Measurement)
+        .where(
+            Measurement.session_id == session_id,
+            Measurement.pose_id == pose_id,
+            Measurement.sha256 == sha256,
+            Measurement.target_id == target_id,
+        )
+        .options(orm.joinedload(Measurement.result))
+    )
+
+
+def _new_measurement(
+    session_id: str,
+    pose_id: str,
+    target_id: str,
+    sha256: str,
+    size: int,
+    metadata: Metadata,
+    admitted: AdmittedImage,
+) -> Measurement:
+    return Measurement(
+        id=new_id("mea"),
+        session_id=session_id,
+        pose_id=pose_id,
+        target_id=target_id,
+        cycle=metadata.cycle,
+        focus_group=metadata.focus_group,
+        joint_angles_deg=metadata.joint_angles_deg,
+        captured_at=metadata.captured_at,
+        received_at=datetime.now(UTC),
+        sha256=sha256,
+        filename=bare_filename(metadata.filename),
+        bytes=size,
+        image_format=admitted.format,
+        image_width_px=admitted.width_px,
+        image_height_px=admitted.height_px,
+        status="queued",
+        attempts=0,
+        result=None,
+    )

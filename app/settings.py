@@ -1,0 +1,95 @@
+"""Everything that can be configured, read from the environment (`GRIDPOSE_*`)."""
+
+from __future__ import annotations
+
+import importlib.metadata
+import ipaddress
+import os
+from functools import cache
+from pathlib import Path
+from typing import Annotated, Literal, Self
+
+import platformdirs
+from pydantic import Field, SecretStr, model_validator
+from pydantic_settings import BaseSettings, SettingsConfigDict
+
+MIB = 1024 * 1024
+
+
+class Settings(BaseSettings):
+    """One running service's configuration."""
+
+    model_config = SettingsConfigDict(env_prefix="GRIDPOSE_", frozen=True, env_ignore_empty=True)
+
+    data_dir: Annotated[
+        Path, Field(description="Folder of the database, the originals and the key pepper.")
+    ] = Field(default_factory=lambda: platformdirs.user_data_path("gridpose"))
+    host: Annotated[str, Field(description="Address to listen on.")] = "127.0.0.1"
+    port: Annotated[int, Field(ge=0, le=65535, description="Port to listen on; 0 takes a free one.")] = 8000
+    workers: Annotated[
+        int | None,
+        Field(ge=0, le=256, description="Processes that compute; 0: none in this process; default: cores."),
+    ] = None
+    auth: Annotated[
+        Literal["on", "off"],
+        Field(description="`off` lets everyone do everything; only with a loopback address."),
+    ] = "on"
+    database_url: Annotated[
+        str | None,
+        Field(description="`postgresql+psycopg://user@host/name`; default: SQLite in the data folder."),
+    ] = None
+    key_pepper: Annotated[
+        SecretStr | None,
+        Field(description="Secret the API keys are hashed with; default: made once in the data folder."),
+    ] = None
+    job_timeout_s: Annotated[
+        float, Field(gt=0, le=86400, description="Longest computation of one image, seconds.")
+    ] = 60.0
+    max_upload_bytes: Annotated[int, Field(ge=1, description="Largest image file taken, bytes.")] = 128 * MIB
+    max_image_pixels: Annotated[int, Field(ge=1, description="Largest image taken, width times height.")] = (
+        100_000_000
+    )
+    disk_floor_bytes: Annotated[
+        int, Field(ge=0, description="Free disk space below which uploads are refused, bytes.")
+    ] = 256 * MIB
+    log_level: Annotated[
+        Literal["debug", "info", "warning", "error"], Field(description="Least severe message logged.")
+    ] = "info"
+
+    @model_validator(mode="after")
+    def _refuse_open_service(self) -> Self:
+        if self.auth == "off" and not is_loopback(self.host):
+            raise ValueError(
+                f"GRIDPOSE_AUTH=off is only allowed on a loopback address such as 127.0.0.1, not on {self.host!r}"
+            )
+        return self
+
+    @property
+    def worker_count(self) -> int:
+        """Processes to compute with: as set, or one per core this process may use."""
+        if self.workers is not None:
+            return self.workers
+        if hasattr(os, "sched_getaffinity"):
+            return len(os.sched_getaffinity(0))
+        return os.cpu_count() or 1
+
+    @property
+    def effective_database_url(self) -> str:
+        """The database's address, SQLite in the data folder unless one was given."""
+        return self.database_url or f"sqlite:///{self.data_dir / 'gridpose.sqlite3'}"
+
+
+def is_loopback(host: str) -> bool:
+    """Tell whether only this machine can reach `host`."""
+    if host == "localhost":
+        return True
+    try:
+        return ipaddress.ip_address(host).is_loopback
+    except ValueError:
+        return False
+
+
+@cache
+def program_version() -> str:
+    """Return this program's version, as installed."""
+    return importlib.metadata.version("gridpose")

@@ -1,0 +1,22 @@
+"""Alembic's environment: runs on the connection `app.records.schema` hands over."""
+
+from __future__ import annotations
+
+from alembic import context
+
+from app.records.tables import Table
+
+connection = context.config.attributes.get("connection")
+if connection is None:
+    raise SystemExit("migrations run through `gridpose` (app.records.schema), which opens the right database")
+
+context.configure(
+    connection=connection,
+    target_metadata=Table.metadata,
+    render_as_batch=True,
+    compare_type=True,
+    # SQLite's transactions do cover DDL once the driver lets us say BEGIN ourselves, which it does here.
+    transactional_ddl=True,
+)
+with context.begin_transaction():
+    context.run_migrations()
