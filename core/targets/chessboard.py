@@ -15,16 +15,21 @@ import numpy as np
 from jaxtyping import Float, UInt8
 
 from core.errors import TargetMismatch, TargetNotFound
-from core.targets import lattice
+from core.targets.lattice import is_smooth
 from core.targets.orientation import orient, right_handed
 from core.targets.refinement import refine, standard_uncertainties
 from core.targets.specification import GridPoints, TargetSpec
+from core.targets.squares import Colours, LineBeyond, grow, lines_beyond, measure_colours
 
-_SIZES_PX = (1000, 640, 1600)  # longest side of the reduced images, in the order they are tried
-_CLASSIC = cv2.CALIB_CB_ADAPTIVE_THRESH | cv2.CALIB_CB_NORMALIZE_IMAGE
-_SECTOR_BASED = cv2.CALIB_CB_NORMALIZE_IMAGE
-_ANY_GRID = cv2.CALIB_CB_NORMALIZE_IMAGE | cv2.CALIB_CB_LARGER
-_LEAST_OTHER_GRID = 12  # points of another board that is worth naming
+_SIZES_PX = (1000, 640, 1600)  # longest sides of the reduced images, in the order they are tried
+_DETECTORS = (
+    (cv2.findChessboardCorners, cv2.CALIB_CB_ADAPTIVE_THRESH | cv2.CALIB_CB_NORMALIZE_IMAGE, 1000),
+    (cv2.findChessboardCornersSB, cv2.CALIB_CB_NORMALIZE_IMAGE, 1600),
+)
+"""Function, flags, and the longest side on which it is used: the first is quick on a board, and its time explodes
+on clutter."""
+_ANY_GRID = cv2.CALIB_CB_LARGER | cv2.CALIB_CB_EXHAUSTIVE
+_ANY_SIZE = (5, 4)  # the least of the grids taken for a board that was not asked for
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,32 +44,53 @@ class _Reduced:
         return (points + 0.5) * self.scale - 0.5
 
 
+@dataclass(frozen=True, slots=True)
+class _Found:
+    """A right-handed grid at full resolution, its squares, and what lies beyond its four sides."""
+
+    grid: Float[np.ndarray, "rows columns 2"]
+    colours: Colours
+    beyond: tuple[LineBeyond, ...]
+
+
 def detect_chessboard(image: np.ndarray, target: TargetSpec) -> GridPoints:
     """Find the inner corners of a chessboard; see `core.targets.detect.detect`."""
     full = image.astype(np.float32)
     shown = _to_8_bit(image)
-    goes_on = False
+    lattice = None
     for candidate in _candidates(shown, target):
-        grid = right_handed(candidate)
-        if not lattice.is_smooth(grid):
+        found = _judge(full, candidate)
+        if found is None:
             continue
-        grid = refine(full, grid)
-        if not lattice.is_smooth(grid):
-            continue
-        squares = lattice.Squares(full, grid)
-        if not squares.are_a_chessboard():
-            continue
-        if squares.continue_beyond().any():
-            goes_on = True
-            continue
-        return _grid_points(full, grid, squares.origin_is_black, target)
-    raise _failure(shown, full, target, goes_on)
+        if not any(line.is_lattice for line in found.beyond):
+            return _grid_points(full, found, target)
+        if lattice is None:  # this is a part of a larger board; the one asked for may still be beside it
+            lattice = _judge(full, grow(full, found.grid))
+    lattice = lattice or _any_lattice(shown, full)
+    if lattice is None:
+        raise TargetNotFound(f"No chessboard of {target.columns} x {target.rows} inner corners was found.")
+    if not any(line.is_lattice for line in lattice.beyond):
+        for grid in (lattice.grid, np.rot90(lattice.grid)):
+            if grid.shape[:2] == (target.rows, target.columns):
+                colours = measure_colours(full, grid)
+                return _grid_points(full, _Found(grid, colours, lattice.beyond), target)
+    raise _other_grid(lattice, target)
 
 
-def _grid_points(
-    full: np.ndarray, grid: Float[np.ndarray, "rows columns 2"], origin_is_black: bool, target: TargetSpec
-) -> GridPoints:
-    oriented, warnings = orient(grid, origin_is_black)
+def _judge(full: np.ndarray, candidate: Float[np.ndarray, "rows columns 2"]) -> _Found | None:
+    """Return the candidate refined at full resolution, or None where it is no chessboard."""
+    grid = right_handed(candidate)
+    if not is_smooth(grid):
+        return None
+    grid = refine(full, grid)
+    if not is_smooth(grid):
+        return None
+    colours = measure_colours(full, grid)
+    return _Found(grid, colours, lines_beyond(full, grid, colours)) if colours.are_a_chessboard else None
+
+
+def _grid_points(full: np.ndarray, found: _Found, target: TargetSpec) -> GridPoints:
+    grid, warnings = orient(found.grid, found.colours.origin_is_black)
     row, column = (a.ravel() for a in np.mgrid[0 : target.rows, 0 : target.columns])
     return GridPoints(
         target=target,
@@ -72,8 +98,8 @@ def _grid_points(
         image_height_px=full.shape[0],
         column=column,
         row=row,
-        points_px=np.ascontiguousarray(oriented.reshape(-1, 2)),
-        standard_uncertainty_px=standard_uncertainties(full, oriented).ravel(),
+        points_px=np.ascontiguousarray(grid.reshape(-1, 2)),
+        standard_uncertainty_px=standard_uncertainties(full, grid).ravel(),
         warnings=warnings,
     )
 
@@ -84,10 +110,9 @@ def _candidates(
     """Yield grids of the target's size that OpenCV sees, in full-resolution pixels, cheapest first."""
     long, short = max(target.columns, target.rows), min(target.columns, target.rows)
     for reduced in _reduced_images(shown):
-        for find, flags in (
-            (cv2.findChessboardCorners, _CLASSIC),
-            (cv2.findChessboardCornersSB, _SECTOR_BASED),
-        ):
+        for find, flags, longest_px in _DETECTORS:
+            if max(reduced.image.shape) > longest_px:
+                continue
             found, corners = find(reduced.image, (long, short), flags=flags)
             if found and corners is not None and corners.size == 2 * long * short:
                 grid = reduced.to_full(np.asarray(corners, dtype=np.float64).reshape(short, long, 2))
@@ -121,32 +146,25 @@ def _to_8_bit(image: np.ndarray) -> UInt8[np.ndarray, "h w"]:
     return np.asarray(cv2.convertScaleAbs(np.clip(image, low, high) - low, alpha=255.0 / span))
 
 
-def _failure(
-    shown: UInt8[np.ndarray, "h w"], full: np.ndarray, target: TargetSpec, goes_on: bool
-) -> TargetNotFound | TargetMismatch:
-    """Return why the target was not found: another board is in view, or none."""
-    asked = f"{target.columns} x {target.rows}"
-    other = _other_grid(shown, full, target)
-    if other is not None:
-        return TargetMismatch(f"A {other[0]} x {other[1]} grid is in view, {asked} was asked for.")
-    if goes_on:
-        return TargetMismatch(f"A grid larger than {asked} is in view.")
-    return TargetNotFound(f"No chessboard of {asked} inner corners was found.")
-
-
-def _other_grid(
-    shown: UInt8[np.ndarray, "h w"], full: np.ndarray, target: TargetSpec
-) -> tuple[int, int] | None:
-    """Return columns and rows of another whole board in view, the larger number first, or None."""
+def _any_lattice(shown: UInt8[np.ndarray, "h w"], full: np.ndarray) -> _Found | None:
+    """Return the lattice of whatever chessboard is in view, grown as far as it goes; None where there is none."""
     reduced = next(_reduced_images(shown))
-    found, corners, meta = cv2.findChessboardCornersSBWithMeta(reduced.image, (3, 3), _ANY_GRID)
-    if not found or corners is None or meta is None or meta.size < _LEAST_OTHER_GRID:
+    found, corners, meta = cv2.findChessboardCornersSBWithMeta(reduced.image, _ANY_SIZE, _ANY_GRID)
+    if not found or corners is None or meta is None:
         return None
-    grid = right_handed(reduced.to_full(np.asarray(corners, dtype=np.float64).reshape(*meta.shape[:2], 2)))
-    if not lattice.is_smooth(grid):
-        return None
-    squares = lattice.Squares(full, grid)
-    if not squares.are_a_chessboard() or squares.continue_beyond().any() or squares.leave_the_image().any():
-        return None
-    size = (max(meta.shape[:2]), min(meta.shape[:2]))
-    return None if size == (max(target.columns, target.rows), min(target.columns, target.rows)) else size
+    points = np.asarray(corners, dtype=np.float64).reshape(*meta.shape[:2], 2)
+    part = _judge(full, reduced.to_full(points))
+    return None if part is None else _judge(full, grow(full, part.grid))
+
+
+def _other_grid(lattice: _Found, target: TargetSpec) -> TargetNotFound | TargetMismatch:
+    """Return what to say of a lattice that is not the one asked for."""
+    asked = f"{target.columns} x {target.rows}"
+    long, short = sorted(lattice.grid.shape[:2], reverse=True)
+    if any(line.is_lattice or not line.is_visible for line in lattice.beyond):
+        if long > max(target.columns, target.rows) or short > min(target.columns, target.rows):
+            return TargetMismatch(f"A grid of at least {long} x {short} is in view, {asked} was asked for.")
+        return TargetNotFound(
+            f"Only {long} x {short} points of a grid are wholly in view, {asked} were asked for."
+        )
+    return TargetMismatch(f"A {long} x {short} grid is in view, {asked} was asked for.")

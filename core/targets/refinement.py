@@ -19,7 +19,7 @@ _LEAST_WINDOW, _LARGEST_WINDOW = 2, 11
 _STOP = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_MAX_ITER, 60, 1e-4)
 
 _DERIVATIVE_NOISE = 12.0 / 64.0  # variance that 3 x 3 Sobel / 8 makes of unit white noise
-_OVER_BOUND = 2.3
+_OVER_BOUND = 2.6
 """How far this estimator's error lies above the bound of its window, measured on rendered images: 2 to
 2.6."""
 _LEAST_UNCERTAINTY_PX = 0.005
