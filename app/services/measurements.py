@@ -21,6 +21,7 @@ from app.records.pagination import page
 from app.records.tables import Measurement, Result, Session
 from app.services.installation import Installation
 from app.services.lookup import find
+from app.services.originals import tidy_after_failure
 from app.services.poses import ensure_pose
 
 FILENAME_LENGTH = 255
@@ -99,22 +100,42 @@ def accept_image(
         if first is not None:
             return Accepted(first, is_new=False)
     admitted = admit_image(staged.path, installation.settings.max_image_pixels)
-    with installation.blobs.guard(sha256):
-        installation.blobs.publish(staged)
-        with installation.database.write() as records:
-            session = find(records, Session, session_id, lock=True)
-            target_id = check_target(session, metadata.target_id)
-            first = _find_same(records, session_id, pose_id, sha256, target_id)
-            if first is not None:
-                return Accepted(first, is_new=False)
-            ensure_pose(records, session_id, pose_id)
-            measurement = _new_measurement(
-                session_id, pose_id, target_id, sha256, staged.size, metadata, admitted
-            )
-            records.add(measurement)
-            records.flush()
-            installation.queue.enqueue(records, measurement.id)
+    database, blobs = installation.database, installation.blobs
+    with blobs.guard(sha256):
+        blobs.publish(staged)
+        try:
+            with database.write() as records:
+                accepted = _add_measurement(
+                    installation, records, session_id, pose_id, staged, metadata, admitted
+                )
+        except Exception:
+            tidy_after_failure(database, blobs, sha256)
+            raise
     installation.queue.notify()
+    return accepted
+
+
+def _add_measurement(
+    installation: Installation,
+    records: orm.Session,
+    session_id: str,
+    pose_id: str,
+    staged: StagedBlob,
+    metadata: Metadata,
+    admitted: AdmittedImage,
+) -> Accepted:
+    session = find(records, Session, session_id, lock=True)
+    target_id = check_target(session, metadata.target_id)
+    first = _find_same(records, session_id, pose_id, staged.sha256, target_id)
+    if first is not None:
+        return Accepted(first, is_new=False)
+    ensure_pose(records, session_id, pose_id)
+    measurement = _new_measurement(
+        session_id, pose_id, target_id, staged.sha256, staged.size, metadata, admitted
+    )
+    records.add(measurement)
+    records.flush()
+    installation.queue.enqueue(records, measurement.id)
     return Accepted(measurement, is_new=True)
 
 

@@ -17,6 +17,7 @@ from app.records.ids import is_id, new_id
 from app.records.pagination import page
 from app.records.tables import STATUSES, Measurement, Robot, Session, SessionTarget, Target
 from app.services.lookup import find
+from app.services.originals import remove_unreferenced
 
 Counts = dict[str, int]
 
@@ -96,9 +97,7 @@ def delete_session(database: Database, blobs: LocalBlobs, session_id: str) -> No
         ).all()
         records.delete(session)
     for sha256 in originals:
-        with blobs.guard(sha256), database.read() as records:
-            if records.scalar(sa.select(Measurement.id).where(Measurement.sha256 == sha256).limit(1)) is None:
-                blobs.remove(sha256)
+        remove_unreferenced(database, blobs, sha256)
 
 
 def count_measurements(records: orm.Session, session_ids: Sequence[str]) -> dict[str, Counts]:
