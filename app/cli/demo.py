@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import sys
 import tempfile
 from collections.abc import Sequence
 from dataclasses import replace
@@ -133,10 +134,10 @@ def _show(console: Console, session: Sequence[SessionImage], measurements: Seque
     rows = [compare(truths[m["pose_id"], m["cycle"]], m) for m in accepted]
     rows.sort(key=lambda row: row.name)
 
+    for table in (position_table(rows), rotation_table(rows), refusal_table(refused)):
+        console.print()
+        console.print(table)
     console.print()
-    console.print(position_table(rows))
-    console.print(rotation_table(rows))
-    console.print(refusal_table(refused))
     ratio = _overall(rows)
     flat: dict[str, Any] = by_tag.get((FLAT, 1), {}).get("failure") or {}
     faults = []
@@ -148,7 +149,7 @@ def _show(console: Console, session: Sequence[SessionImage], measurements: Seque
         faults.append(f"errors are {ratio:.1f} times what was stated")
     console.print(
         f"[bold]{len(rows)} images calibrated, {len(refused)} refused.[/] Over all of them the true error is "
-        f"{ratio:.2f} times the stated standard uncertainty (near 1: honest; few images scatter about it)."
+        f"{ratio:.2f} times the stated standard uncertainty (1 would be exact, less is cautious)."
     )
     for fault in faults:
         console.print(f"[red]This is not as it must be: {escape(fault)}.[/]")
@@ -173,10 +174,19 @@ def _say_where(console: Console, folder: Path, key: str, session_id: str) -> Non
         soft_wrap=True,
     )
     console.print(
-        f"  gridpose serve --data-dir {folder}\n"
+        f"  {_command()} serve --data-dir {folder}\n"
         f"  curl -H 'Authorization: Bearer {key}' \\\n"
         f"    http://127.0.0.1:8000/v1/sessions/{session_id}/measurements\n"
         "  and in a browser: http://127.0.0.1:8000/docs",
         soft_wrap=True,
         markup=False,
     )
+
+
+def _command() -> str:
+    """Return what to type for `gridpose` here, where its folder need not be on the PATH."""
+    script = Path(sys.executable).with_name("gridpose")
+    if not script.exists():
+        return f"{sys.executable} -m app.cli"
+    here = Path.cwd()
+    return str(script.relative_to(here)) if script.is_relative_to(here) else str(script)

@@ -6,6 +6,7 @@ import signal
 import socket
 from importlib.metadata import version
 from pathlib import Path
+from types import FrameType
 
 import uvicorn
 
@@ -25,15 +26,16 @@ def serve(host: str | None, port: int | None, data_dir: Path | None) -> int:
     settings = load_settings(host=host, port=port, data_dir=data_dir)
     listener = _listen(settings)
     installation = open_installation(settings)
+    require_unlocked(settings, "head.lock", f"Another `gridpose serve` uses {settings.data_dir}.")
     if settings.worker_count:
-        require_free_folder(settings)
+        require_no_runner(settings)
     try:
         admin_key = _first_admin_key(installation)
     finally:
         installation.close()
 
     app = create_app(settings)
-    server = uvicorn.Server(
+    server = _Server(
         uvicorn.Config(
             app,
             log_config=None,
@@ -53,17 +55,29 @@ def serve(host: str | None, port: int | None, data_dir: Path | None) -> int:
     return 0 if server.started else 1
 
 
-def require_free_folder(settings: Settings) -> None:
+def require_no_runner(settings: Settings) -> None:
     """End the command where another process already runs jobs of this data folder."""
-    lock = FileLock(settings.data_dir / "runner.lock")
+    require_unlocked(settings, "runner.lock", f"Another process computes the images of {settings.data_dir}.")
+
+
+def require_unlocked(settings: Settings, name: str, message: str) -> None:
+    """End the command with a sentence where another process holds a lock that this one will need."""
+    lock = FileLock(settings.data_dir / name)
     try:
         lock.acquire()
     except AlreadyLocked:
-        fail(
-            f"Another service or worker already works on {settings.data_dir}.",
-            "End that one, give another --data-dir, or serve HTTP alone with GRIDPOSE_WORKERS=0.",
-        )
+        fail(message, "End that one, or give another --data-dir.")
     lock.release()
+
+
+class _Server(uvicorn.Server):
+    """A server that tells its workers and event streams to end before it waits for open connections."""
+
+    def handle_exit(self, sig: int, frame: FrameType | None) -> None:
+        begin_shutdown = getattr(self.config.app.state, "begin_shutdown", None)  # type: ignore[union-attr]
+        if begin_shutdown is not None:
+            begin_shutdown()
+        super().handle_exit(sig, frame)
 
 
 def _listen(settings: Settings) -> socket.socket:
