@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 from core.errors import EmptyImage, ImageTooManyPixels, UndecodableImage, UnsupportedImage
 from core.image import bmp, jpeg, png, tiff
@@ -16,6 +16,7 @@ HEADER_BYTES = 256 * 1024
 TIFF may keep its directory at the end: `read_header` then needs the whole file."""
 
 
+@runtime_checkable
 class _FormatReader(Protocol):
     """What each format's module offers."""
 

@@ -9,9 +9,9 @@ with the pixel's square. In two steps, so that nothing is sampled too coarsely:
    is exact and only the lens's distortion is linearised, over a few σ₀. Near one line the value is Φ(a/σ₀);
    near the crossing of two it is made of bivariate normal probabilities with the correlation ∇Lx·∇Ly / (|∇Lx|
    |∇Ly|).
-2. The rest of the blur, √(σ² - σ₀²), and the mean over the pixel's m x m samples are one matrix on either
-   side of a tile. The Gaussian of step 1 leaves next to nothing above the fine grid's Nyquist frequency that
-   could alias.
+2. The rest of the blur and the mean over the pixel's m x m samples are one matrix on either side of a tile. The
+   rest is √(σ² - σ₀² + h²/12): m points a pixel have h²/12 less variance than the pixel's square. The Gaussian of
+   step 1 leaves next to nothing above the fine grid's Nyquist frequency that could alias.
 
 The total point spread function is symmetric, so it moves no edge. Beyond step 1's reach a sample is its
 cell's ink.
@@ -72,7 +72,7 @@ def _render_sheet(scene: Scene) -> tuple[Float[np.ndarray, "h w"], Float[np.ndar
     sheet = np.zeros_like(white)
     fine = max(2, math.ceil(0.9 / scene.blur_px))
     fine_blur_px = 0.75 / fine
-    rest_px = math.sqrt(scene.blur_px**2 - fine_blur_px**2)
+    rest_px = math.sqrt(scene.blur_px**2 - fine_blur_px**2 + 1.0 / (12.0 * fine**2))
     halo = math.ceil(_REACH * rest_px) + 1
     coverage = Coverage(pattern, scene.camera, scene.T_camera_target, fine_blur_px, _REACH)
     left, top, right, bottom = _bounds(scene, pattern, halo)
