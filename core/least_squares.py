@@ -61,7 +61,6 @@ class Fit(Generic[State]):
     status: str
     covariance: Float[np.ndarray, "p p"]
     information: Float[np.ndarray, "p p"]  # data and priors, at `scale`
-    data_information: Float[np.ndarray, "p p"]
     condition_number: float
     residuals: Float[np.ndarray, "m n"]
     used: Bool[np.ndarray, " n"]
@@ -285,7 +284,6 @@ class _Run(Generic[State]):
             status=status,
             covariance=0.5 * (covariance + covariance.T),
             information=information,
-            data_information=data / scale**2,
             condition_number=condition,
             residuals=residuals if self.root_weight is None else residuals / self.root_weight,
             used=used,

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import os
+import uuid
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -28,3 +30,26 @@ def data_folder() -> Path:
     if not folder.is_dir():
         pytest.skip("the real photographs are not here: set GRIDPOSE_TEST_DATA to their folder")
     return folder
+
+
+@pytest.fixture
+def postgres_url() -> Iterator[str]:
+    """The address of an empty PostgreSQL database of this test's own, dropped afterwards.
+
+    Skips where no server answers, unless one is required (`CI` or `GRIDPOSE_TEST_REQUIRE_POSTGRES`).
+    """
+    import psycopg
+
+    server = os.environ.get("GRIDPOSE_TEST_POSTGRES_URL", "postgresql://postgres@127.0.0.1:5432/test")
+    server = server.replace("postgresql+psycopg://", "postgresql://")
+    try:
+        connection = psycopg.connect(server, autocommit=True, connect_timeout=5)
+    except psycopg.OperationalError as error:
+        if os.environ.get("CI") or os.environ.get("GRIDPOSE_TEST_REQUIRE_POSTGRES"):
+            pytest.fail(f"PostgreSQL is required here and does not answer: {error}")
+        pytest.skip("no PostgreSQL server answers: set GRIDPOSE_TEST_POSTGRES_URL")
+    name = f"gridpose_{uuid.uuid4().hex}"
+    with connection:
+        connection.execute(f"CREATE DATABASE {name}")
+        yield server.rpartition("/")[0].replace("postgresql://", "postgresql+psycopg://") + f"/{name}"
+        connection.execute(f"DROP DATABASE {name} WITH (FORCE)")

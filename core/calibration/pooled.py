@@ -16,6 +16,7 @@ from core.calibration import closed_form
 from core.calibration.homography import estimate_homography
 from core.calibration.model import (
     FREE,
+    SMALLEST_NOISE_PX,
     Lens,
     View,
     camera_prior,

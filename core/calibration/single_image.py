@@ -55,7 +55,7 @@ def calibrate_points(
     all is (estimator "per_image"), with a 5 % prior on the focal length if `lens` is given.
 
     Raises DegenerateGeometry for too few or collinear points, NotConverged, and FocalNotObservable where the
-    predicted u(f)/f exceeds 2 % (with a lens prior: 5 %); each carries the points.
+    predicted u(f)/f exceeds 2 % and no lens is stated; each carries the points.
     """
     try:
         if intrinsics is not None:
@@ -63,7 +63,7 @@ def calibrate_points(
             indices, gate = POSE, math.inf
         else:
             start, view_fit = _fit_all(points, lens)
-            indices, gate = FREE, FOCAL_GATE if lens is None else max(FOCAL_GATE, LENS_PRIOR)
+            indices, gate = FREE, FOCAL_GATE if lens is None else math.inf
         return _conclude(points, start, view_fit, indices, gate, lens)
     except (DegenerateGeometry, NotConverged, FocalNotObservable) as failure:
         failure.points = points
@@ -160,7 +160,10 @@ def _conclude(
         raise DegenerateGeometry("The best fit puts grid points behind the camera.")
     residuals = np.ascontiguousarray(result.residuals.T)
     if result.scale > SMALLEST_NOISE_PX:
-        inflation, rho = correlation_inflation(points, residuals, result.used)
+        _, jacobian = view_residuals(points, indices)(view)
+        inflation, rho = correlation_inflation(
+            points, residuals, result.used, jacobian, result.covariance, result.scale
+        )
     else:
         inflation, rho = 1.0, 0.0  # what is left are rounding errors
     # From the centroid to the target's origin: t = t_c - R c, so d = d_c + [R c]× w.
@@ -168,12 +171,13 @@ def _conclude(
     to_origin = np.eye(15)
     to_origin[12:, 9:12] = -hat(origin)
     covariance = np.zeros((15, 15))
+    # All of it, the priors' part too: a print that is longer one way breaks fx = fy as it breaks the residuals.
     covariance[np.ix_(indices, indices)] = result.covariance * inflation**2
     covariance = to_origin @ covariance @ to_origin.T
     translation = view.translation_mm + origin
     if points.target.pitch_standard_uncertainty_mm:
-        # A print that is 1 % too large is taken for one 1 % nearer: the same relative error in every length. It is common
-        # to all images of the target, so it belongs to the absolute pose only, not to the conditional one.
+        # A print 1 % too large is taken for one 1 % nearer: the same relative error in every length. It is
+        # common to all images of the target, so it belongs to the absolute pose, not the conditional one.
         relative = points.target.pitch_standard_uncertainty_mm / points.target.pitch_mm
         covariance[12:, 12:] += relative**2 * np.outer(translation, translation)
     conditional = np.linalg.inv(result.information[-6:, -6:]) * inflation**2

@@ -14,7 +14,7 @@ from core.errors import Advisory
 from core.targets.specification import GridPoints
 from core.transforms import GIMBAL_MARGIN, hat, rotation_to_rpy, rpy_jacobian
 
-CORRELATION_SIGNIFICANCE = 3.0
+NOTABLE_INFLATION = 1.25
 LARGEST_CORRELATION = 0.8
 
 
@@ -63,27 +63,41 @@ def reprojection(residuals_px: Float[np.ndarray, "n 2"], used: Bool[np.ndarray, 
 
 
 def correlation_inflation(
-    points: GridPoints, residuals_px: Float[np.ndarray, "n 2"], used: Bool[np.ndarray, " n"]
+    points: GridPoints,
+    residuals_px: Float[np.ndarray, "n 2"],
+    used: Bool[np.ndarray, " n"],
+    jacobian: Float[np.ndarray, "p 2 n"],
+    covariance: Float[np.ndarray, "p p"],
+    scale_px: float,
 ) -> tuple[float, float]:
     """Return (factor, ρ): by how much correlated residuals inflate uncertainties, and the correlation of
     neighbours.
 
     Corner noise is independent from point to point; a bowed print or a lens beyond the model leaves residuals
-    that resemble their neighbours', and then n points say less than n independent ones. With ρ(i, j) = ρ^|i|
-    ρ^|j| over the grid, the variance of a smooth combination of residuals is ((1 + ρ)/(1 - ρ))² times that of
-    white noise, which is the factor's square. It is 1 unless ρ exceeds zero by three of its standard errors.
+    that resemble their neighbours', and then n points say less than n independent ones. With
+    ρ(i, j) = ρ^|i| ρ^|j| over the grid, the variance of a smooth combination of residuals is
+    ((1 + ρ)/(1 - ρ))² times that of white noise, which is the factor's square.
+
+    The fit itself makes residuals of white noise correlate: their covariance is σ² (I - J C Jᵀ/σ²). That known part
+    is taken off, and what is left is shrunk by what chance alone would make of it; a negative ρ counts as none.
     """
-    grid = np.full((points.target.rows, points.target.columns, 2), np.nan)
-    grid[points.row[used], points.column[used]] = residuals_px[used]
-    products = np.concatenate([(grid[:, 1:] * grid[:, :-1]).ravel(), (grid[1:] * grid[:-1]).ravel()])
-    products = products[np.isfinite(products)]
-    variance = float(np.mean(residuals_px[used] ** 2))
-    if len(products) < 20 or variance <= 0:
+    index = np.full((points.target.rows, points.target.columns), -1)
+    index[points.row[used], points.column[used]] = np.flatnonzero(used)
+    first = np.concatenate([index[:, :-1].ravel(), index[:-1].ravel()])
+    second = np.concatenate([index[:, 1:].ravel(), index[1:].ravel()])
+    both = (first >= 0) & (second >= 0)
+    first, second = first[both], second[both]
+    count = 2 * len(first)
+    if count < 20 or scale_px <= 0:
         return 1.0, 0.0
-    rho = float(np.mean(products)) / variance
-    if rho * math.sqrt(len(products)) < CORRELATION_SIGNIFICANCE:
-        return 1.0, rho
-    bounded = min(rho, LARGEST_CORRELATION)
+    observed = float(np.sum(residuals_px[first] * residuals_px[second]))
+    leverage = np.einsum(
+        "pmk,pmk->", np.tensordot(covariance, jacobian[:, :, first], axes=1), jacobian[:, :, second]
+    )
+    rho = (observed + float(leverage)) / (count * scale_px**2)
+    # Wiener's factor z²/(1 + z²), z in standard errors of ρ: chance is shrunk away, evidence is kept, without a cliff.
+    z_squared = rho**2 * count
+    bounded = min(max(rho, 0.0) * z_squared / (1.0 + z_squared), LARGEST_CORRELATION)
     return (1.0 + bounded) / (1.0 - bounded), rho
 
 
@@ -103,7 +117,7 @@ def remarks(
                 "distortion.",
             )
         )
-    if inflation > 1.0:
+    if inflation > NOTABLE_INFLATION:
         found.append(
             Advisory(
                 "residuals_correlated",
