@@ -26,7 +26,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Generic, TypeVar
+from typing import Any, Generic, TypeVar
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -63,6 +63,7 @@ class Fit(Generic[State]):
     information: Float[np.ndarray, "p p"]  # data and priors, at `scale`
     condition_number: float
     residuals: Float[np.ndarray, "m n"]
+    jacobian: Float[np.ndarray, "p m n"]
     used: Bool[np.ndarray, " n"]
     scale: float
     degrees_of_freedom: float
@@ -98,7 +99,7 @@ def fit(
         iteration_limit,
     )
     robust, _ = run.minimise(run.linearised(start), used=None)
-    distance = np.sqrt(_squared(robust.residuals))
+    distance = np.sqrt(robust.squared)
     used = distance <= REJECTION * max(float(np.median(distance)), smallest_scale)
     final, ok = run.minimise(robust, used=used)
     return run.summary(final, used, "converged" if ok else "iteration_limit")
@@ -106,11 +107,14 @@ def fit(
 
 @dataclass(frozen=True, slots=True)
 class _Linearised(Generic[State]):
-    """A state with its weighted residuals and Jacobian."""
+    """A state with what is known there: weighted residuals, their squared lengths, Jacobian, and the priors' part."""
 
     state: State
     residuals: Float[np.ndarray, "m n"]
+    squared: Float[np.ndarray, " n"]
     jacobian: Float[np.ndarray, "p m n"]
+    prior_residuals: Float[np.ndarray, " q"]
+    prior_jacobian: Float[np.ndarray, "q p"]
 
 
 def _scale_from_median(distance: Float[np.ndarray, " n"], components: int) -> float:
@@ -131,13 +135,31 @@ def _solve(
     return step if np.all(np.isfinite(step)) else None
 
 
-def _squared(residuals: Float[np.ndarray, "m n"]) -> Float[np.ndarray, " n"]:
-    return np.asarray(np.einsum("mn,mn->n", residuals, residuals))
-
-
 def _in_sigmas(scaled: Float[np.ndarray, "p p"], step: Float[np.ndarray, " p"]) -> float:
     """Length of a step in units of its own standard uncertainty."""
     return math.sqrt(max(float(step @ scaled @ step), 0.0))
+
+
+def _normal_equations(
+    at: _Linearised[Any], used: Bool[np.ndarray, " n"] | None, sigma: float
+) -> tuple[Float[np.ndarray, "p p"], Float[np.ndarray, " p"]]:
+    """Return the normal matrix and the right-hand side at noise scale `sigma`."""
+    if used is None:
+        root = 1.0 / np.sqrt(sigma**2 + at.squared / CAUCHY_C**2)
+    else:
+        root = used / sigma
+    J = (at.jacobian * root).reshape(len(at.jacobian), -1)
+    Q = at.prior_jacobian
+    return J @ J.T + Q.T @ Q, J @ (at.residuals * root).ravel() + Q.T @ at.prior_residuals
+
+
+def _cost(at: _Linearised[Any], used: Bool[np.ndarray, " n"] | None, sigma: float) -> float:
+    if used is None:
+        cost = CAUCHY_C**2 * float(np.log1p(at.squared / (sigma * CAUCHY_C) ** 2).sum())
+    else:
+        cost = float(at.squared @ used) / sigma**2
+    cost += float(at.prior_residuals @ at.prior_residuals)
+    return cost if math.isfinite(cost) else math.inf
 
 
 class _Run(Generic[State]):
@@ -161,54 +183,53 @@ class _Run(Generic[State]):
         residuals, jacobian = self.evaluate(state)
         if self.root_weight is not None:
             residuals, jacobian = residuals * self.root_weight, jacobian * self.root_weight
-        return _Linearised(state, residuals, jacobian)
+        squared = np.einsum("mn,mn->n", residuals, residuals)
+        if self.prior is None:
+            q, Q = np.zeros(0), np.zeros((0, len(jacobian)))
+        else:
+            q, Q = self.prior(state)
+        return _Linearised(state, residuals, squared, jacobian, q, Q)
 
-    def free(self, at: _Linearised[State]) -> int:
-        """Number of parameters less the number of priors on them."""
-        priors = 0 if self.prior is None else len(self.prior(at.state)[0])
-        return max(len(at.jacobian) - priors, 0)
-
-    def scale(
-        self, residuals: Float[np.ndarray, "m n"], used: Bool[np.ndarray, " n"] | None, free: int
-    ) -> float:
+    def scale(self, at: _Linearised[State], used: Bool[np.ndarray, " n"] | None) -> float:
         """σ for the next step: from the median in the robust stage, then from the sum of squares.
 
-        `free` parameters are taken off the observations, those that no prior holds; the exact degrees of freedom enter at
-        the end. Until then σ only balances data and priors.
+        Parameters that no prior holds are taken off the observations; the exact degrees of freedom enter at the
+        end. Until then σ only balances data and priors.
         """
-        squared = _squared(residuals)
         if used is None:
-            return max(_scale_from_median(np.sqrt(squared), len(residuals)), self.smallest_scale)
-        dof = max(int(used.sum()) * len(residuals) - free, 1)
-        return max(math.sqrt(float(squared @ used) / dof), self.smallest_scale)
+            found = _scale_from_median(np.sqrt(at.squared), len(at.residuals))
+        else:
+            free = max(len(at.jacobian) - len(at.prior_residuals), 0)
+            found = math.sqrt(float(at.squared @ used) / max(int(used.sum()) * len(at.residuals) - free, 1))
+        return max(found, self.smallest_scale)
 
     def minimise(
         self, at: _Linearised[State], *, used: Bool[np.ndarray, " n"] | None
     ) -> tuple[_Linearised[State], bool]:
-        """Minimise with Cauchy weights over all points, or plainly over those `used`; True where it
-        converged.
-        """
+        """Minimise with Cauchy weights over all points, or plainly over those `used`; True where it converged."""
         robust = used is None
-        free = self.free(at)
         damping, tolerance = (1e-4, ROBUST_STEP_TOLERANCE) if robust else (0.0, STEP_TOLERANCE)
         for _ in range(self.iteration_limit):
             self.iterations += 1
-            sigma = self.scale(at.residuals, used, free)
-            H, g, cost = self._normal(at, used, sigma)
+            sigma = self.scale(at, used)
+            H, g = _normal_equations(at, used, sigma)
+            cost = _cost(at, used, sigma)
             diagonal = np.sqrt(np.diag(H))
             if not np.all(np.isfinite(diagonal)) or np.any(diagonal == 0):
                 return at, False
             scaled, slope = H / np.outer(diagonal, diagonal), g / diagonal
-            for attempt in range(16):
+            rejected = 0
+            while True:
                 step = _solve(scaled, slope, damping)
                 if step is not None:
                     trial = self.linearised(self.retract(at.state, step / diagonal))
-                    if self._cost(trial, used, sigma) <= cost * (1.0 + 1e-12) + 1e-12:
+                    if _cost(trial, used, sigma) <= cost * (1.0 + 1e-12) + 1e-12:
                         break
+                rejected += 1
+                if rejected == 16:
+                    # No step downhill exists within rounding: a minimum, if the gradient agrees.
+                    return at, step is not None and _in_sigmas(scaled, step) < STEP_TOLERANCE
                 damping = max(5.0 * damping, 1e-10)
-            else:
-                # No step downhill exists within rounding: a minimum, if the gradient agrees.
-                return at, step is not None and _in_sigmas(scaled, step) < STEP_TOLERANCE
             at = trial
             if _in_sigmas(scaled, step) < tolerance:
                 # A damped step may be short for its damping's sake; only the undamped one measures the
@@ -217,34 +238,8 @@ class _Run(Generic[State]):
                     return at, True
                 damping = 0.0
             else:
-                damping *= 0.02 if attempt == 0 else 0.5
+                damping *= 0.5 if rejected else 0.02
         return at, False
-
-    def _normal(
-        self, at: _Linearised[State], used: Bool[np.ndarray, " n"] | None, sigma: float
-    ) -> tuple[Float[np.ndarray, "p p"], Float[np.ndarray, " p"], float]:
-        """Return the normal matrix, the right-hand side and the cost."""
-        z = _squared(at.residuals) / sigma**2
-        if used is None:
-            root = np.sqrt(1.0 / (1.0 + z / CAUCHY_C**2)) / sigma
-        else:
-            root = used / sigma
-        J = (at.jacobian * root).reshape(len(at.jacobian), -1)
-        H = J @ J.T
-        g = J @ (at.residuals * root).ravel()
-        if self.prior is not None:
-            q, Q = self.prior(at.state)
-            H += Q.T @ Q
-            g += Q.T @ q
-        return H, g, self._cost(at, used, sigma)
-
-    def _cost(self, at: _Linearised[State], used: Bool[np.ndarray, " n"] | None, sigma: float) -> float:
-        z = _squared(at.residuals) / sigma**2
-        cost = CAUCHY_C**2 * float(np.log1p(z / CAUCHY_C**2).sum()) if used is None else float(z @ used)
-        if self.prior is not None:
-            q, _ = self.prior(at.state)
-            cost += float(q @ q)
-        return cost if math.isfinite(cost) else math.inf
 
     def summary(self, at: _Linearised[State], used: Bool[np.ndarray, " n"], status: str) -> Fit[State]:
         """Scale, degrees of freedom, covariance and the unweighted residuals at the end of a fit."""
@@ -253,9 +248,7 @@ class _Run(Generic[State]):
         data = J @ J.T
         square_sum = float(np.sum(residuals[:, used] ** 2))
         count = residuals[:, used].size
-        prior_residuals, Q = (
-            self.prior(state) if self.prior is not None else (np.zeros(0), np.zeros((0, len(data))))
-        )
+        prior_residuals, Q = at.prior_residuals, at.prior_jacobian
         scale, dof = max(math.sqrt(square_sum / max(count, 1)), self.smallest_scale), float(count)
         information, covariance = data, np.full_like(data, np.nan)
         condition = math.inf
@@ -286,6 +279,7 @@ class _Run(Generic[State]):
             information=information,
             condition_number=condition,
             residuals=residuals if self.root_weight is None else residuals / self.root_weight,
+            jacobian=at.jacobian if self.root_weight is None else at.jacobian / self.root_weight,
             used=used,
             scale=scale,
             degrees_of_freedom=dof,

@@ -12,7 +12,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Float
 
 from core.calibration.closed_form import ClosedForm
 from core.camera import Camera, project_with_jacobian
@@ -74,22 +74,23 @@ def centred(points: GridPoints) -> tuple[Float[np.ndarray, "n 3"], Float[np.ndar
     return target - centroid, centroid
 
 
-def view_residuals(points: GridPoints, indices: Int[np.ndarray, " p"]) -> Evaluate[View]:
-    """Return the residual function over the chosen step coordinates."""
+def view_residuals(points: GridPoints, *, free: bool) -> Evaluate[View]:
+    """Return the residual function over `FREE` step coordinates, or over those of the `POSE` alone."""
+    first = len(FREE) - len(POSE) if free else 0
     target, observed = centred(points)[0], points.points_px.T
 
     def evaluate(view: View) -> tuple[Float[np.ndarray, "2 n"], Float[np.ndarray, "p 2 n"]]:
         rotated = target @ view.rotation.T  # about the centroid
         pixels, by_camera, by_point = project_with_jacobian(rotated + view.translation_mm, view.camera)
         X, Y, Z = rotated.T
-        jacobian = np.empty((15, 2, len(target)))
-        jacobian[:9] = by_camera
+        jacobian = np.empty((first + 6, 2, len(target)))
+        jacobian[:first] = by_camera[:first]
         # d(exp(w) R x)/dw = w × (R x), one axis at a time.
-        jacobian[9] = by_point[2] * Y - by_point[1] * Z
-        jacobian[10] = by_point[0] * Z - by_point[2] * X
-        jacobian[11] = by_point[1] * X - by_point[0] * Y
-        jacobian[12:] = by_point
-        return observed - pixels, jacobian[indices]
+        jacobian[first] = by_point[2] * Y - by_point[1] * Z
+        jacobian[first + 1] = by_point[0] * Z - by_point[2] * X
+        jacobian[first + 2] = by_point[1] * X - by_point[0] * Y
+        jacobian[first + 3 :] = by_point
+        return observed - pixels, jacobian
 
     return evaluate
 

@@ -15,7 +15,6 @@ from jaxtyping import Bool, Float
 from core.calibration import closed_form
 from core.calibration.homography import estimate_homography
 from core.calibration.model import (
-    FREE,
     SMALLEST_NOISE_PX,
     Lens,
     View,
@@ -85,7 +84,7 @@ def _start(
 
 
 def _fit(views: Sequence[GridPoints], start: State, lens: Lens | None) -> Fit[State]:
-    residual_functions = [view_residuals(v, FREE) for v in views]
+    residual_functions = [view_residuals(v, free=True) for v in views]
     of_camera = camera_prior(views[0].image_width_px, views[0].image_height_px, lens)
     size = 8 + 6 * len(views)
 

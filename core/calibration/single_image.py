@@ -101,7 +101,7 @@ def _fit_all(points: GridPoints, lens: Lens | None) -> tuple[str, Fit[View]]:
     """Refine every start and keep the one of least cost."""
     if len(points) < 8:
         raise DegenerateGeometry(f"Camera and pose need at least 8 grid points, {len(points)} were found.")
-    evaluate, prior = view_residuals(points, FREE), view_prior(points, lens)
+    evaluate, prior = view_residuals(points, free=True), view_prior(points, lens)
     fits = [
         (
             name,
@@ -138,7 +138,10 @@ def _fit_pose(points: GridPoints, camera: Camera) -> Fit[View]:
     H = camera.matrix @ estimate_homography(points.points_target[:, :2], normalised)
     start = closed_form.nominal(H, points, camera)
     return fit(
-        view_residuals(points, POSE), retract_pose, view_of(start, points), points.standard_uncertainty_px
+        view_residuals(points, free=False),
+        retract_pose,
+        view_of(start, points),
+        points.standard_uncertainty_px,
     )
 
 
@@ -160,10 +163,7 @@ def _conclude(
         raise DegenerateGeometry("The best fit puts grid points behind the camera.")
     residuals = np.ascontiguousarray(result.residuals.T)
     if result.scale > SMALLEST_NOISE_PX:
-        _, jacobian = view_residuals(points, indices)(view)
-        inflation, rho = correlation_inflation(
-            points, residuals, result.used, jacobian, result.covariance, result.scale
-        )
+        inflation, rho = correlation_inflation(points, result)
     else:
         inflation, rho = 1.0, 0.0  # what is left are rounding errors
     # From the centroid to the target's origin: t = t_c - R c, so d = d_c + [R c]× w.

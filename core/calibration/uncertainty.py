@@ -5,12 +5,14 @@ remarks.
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 from jaxtyping import Bool, Float
 
 from core.calibration.result import CameraPose, Reprojection
 from core.errors import Advisory
+from core.least_squares import Fit
 from core.targets.specification import GridPoints
 from core.transforms import GIMBAL_MARGIN, hat, rotation_to_rpy, rpy_jacobian
 
@@ -62,14 +64,7 @@ def reprojection(residuals_px: Float[np.ndarray, "n 2"], used: Bool[np.ndarray, 
     )
 
 
-def correlation_inflation(
-    points: GridPoints,
-    residuals_px: Float[np.ndarray, "n 2"],
-    used: Bool[np.ndarray, " n"],
-    jacobian: Float[np.ndarray, "p 2 n"],
-    covariance: Float[np.ndarray, "p p"],
-    scale_px: float,
-) -> tuple[float, float]:
+def correlation_inflation(points: GridPoints, result: Fit[Any]) -> tuple[float, float]:
     """Return (factor, ρ): by how much correlated residuals inflate uncertainties, and the correlation of
     neighbours.
 
@@ -81,20 +76,20 @@ def correlation_inflation(
     The fit itself makes residuals of white noise correlate: their covariance is σ² (I - J C Jᵀ/σ²). That known part
     is taken off, and what is left is shrunk by what chance alone would make of it; a negative ρ counts as none.
     """
+    used, residuals, jacobian = result.used, result.residuals, result.jacobian
     index = np.full((points.target.rows, points.target.columns), -1)
     index[points.row[used], points.column[used]] = np.flatnonzero(used)
     first = np.concatenate([index[:, :-1].ravel(), index[:-1].ravel()])
     second = np.concatenate([index[:, 1:].ravel(), index[1:].ravel()])
     both = (first >= 0) & (second >= 0)
     first, second = first[both], second[both]
-    count = 2 * len(first)
-    if count < 20 or scale_px <= 0:
+    count = len(residuals) * len(first)
+    if count < 20 or result.scale <= 0:
         return 1.0, 0.0
-    observed = float(np.sum(residuals_px[first] * residuals_px[second]))
-    leverage = np.einsum(
-        "pmk,pmk->", np.tensordot(covariance, jacobian[:, :, first], axes=1), jacobian[:, :, second]
-    )
-    rho = (observed + float(leverage)) / (count * scale_px**2)
+    observed = float(np.sum(residuals[:, first] * residuals[:, second]))
+    shared = np.tensordot(result.covariance, jacobian, axes=1)[:, :, first]
+    leverage = float(np.vdot(shared, jacobian[:, :, second]))
+    rho = (observed + leverage) / (count * result.scale**2)
     # Wiener's factor z²/(1 + z²), z in standard errors of ρ: chance is shrunk away, evidence is kept, without a cliff.
     z_squared = rho**2 * count
     bounded = min(max(rho, 0.0) * z_squared / (1.0 + z_squared), LARGEST_CORRELATION)

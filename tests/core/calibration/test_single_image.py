@@ -52,7 +52,7 @@ def test_exact_points_of_a_centred_camera_give_the_exact_answer(tilt: float) -> 
 def test_residual_derivatives_match_differences() -> None:
     view = draw_view(np.random.default_rng(2), tilt_deg=35.0)
     state = view_of(ClosedForm(view.camera, view.T_camera_target), view.points)
-    evaluate = view_residuals(view.points, FREE)
+    evaluate = view_residuals(view.points, free=True)
     _, jacobian = evaluate(state)
     for index in range(len(FREE)):
         h = 1e-3 if index < 4 else 1e-6

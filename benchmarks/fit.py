@@ -1,0 +1,146 @@
+"""The fit of one image: its time beside OpenCV's, what it accepts, and whether its intervals hold."""
+
+from __future__ import annotations
+
+import os
+import time
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from statistics import median
+
+import cv2
+import numpy as np
+
+from benchmarks.table import Row
+from core import Calibration, calibrate_points
+from core.errors import FocalNotObservable, NotConverged
+from core.simulation.views import View, draw_view
+from core.transforms import invert, so3_log
+
+NAMES = ("fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2", "x", "y", "z", "wx", "wy", "wz")
+GRIDS = ((9, 6), (14, 10), (25, 18))
+NOISES_PX = (0.02, 0.05, 0.1)
+TILTS_DEG = (0.0, 2.0, 5.0, 10.0, 20.0, 30.0, 45.0, 60.0)
+
+
+def rows(seeds: list[int], quick: bool) -> Iterable[Row]:
+    yield from _time(seeds, 5 if quick else 40)
+    yield from _mixture(seeds, 400 if quick else 24_000)
+
+
+def _time(seeds: list[int], repeats: int) -> Iterable[Row]:
+    views = [
+        draw_view(np.random.default_rng(seed), columns=25, rows=18, tilt_deg=tilt)
+        for seed in seeds
+        for tilt in (20.0, 30.0, 45.0)
+    ]
+    ours: list[float] = []
+    theirs: list[float] = []
+    with _one_core():
+        for view in views:  # caches and code paths warm
+            calibrate_points(view.points)
+            _opencv(view)
+        for _ in range(repeats):
+            for view in views:
+                ours.append(_seconds(lambda v=view: calibrate_points(v.points)))
+                theirs.append(_seconds(lambda v=view: _opencv(v)))
+    note = f"450 points, start included; {len(views)} views × {repeats}, in turns, one core, medians"
+    yield Row.at_most("fit alone", 1e3 * median(ours), 3.0, "ms", note)
+    yield Row.context("cv2.calibrateCamera, 450 points", 1e3 * median(theirs), "ms", note)
+    yield Row.at_most("fit alone ÷ cv2.calibrateCamera", median(ours) / median(theirs), 1.0, note=note)
+
+
+@dataclass(frozen=True)
+class _Accepted:
+    tilt_deg: float
+    focal_error: float
+    z: np.ndarray
+
+
+def _mixture(seeds: list[int], count: int) -> Iterable[Row]:
+    """All grids, noises and tilts in equal parts; cameras drawn from the priors."""
+    accepted: list[_Accepted] = []
+    refused = dict.fromkeys(TILTS_DEG, 0)
+    total = dict.fromkeys(TILTS_DEG, 0)
+    other = 0
+    cells = [(g, n, t) for g in GRIDS for n in NOISES_PX for t in TILTS_DEG]
+    for seed in seeds:
+        rng = np.random.default_rng(seed)
+        for _ in range(max(1, count // (len(seeds) * len(cells)))):
+            for (columns, grid_rows), noise, tilt in cells:
+                view = draw_view(rng, columns=columns, rows=grid_rows, sigma_px=noise, tilt_deg=tilt)
+                total[tilt] += 1
+                try:
+                    found = calibrate_points(view.points)
+                except FocalNotObservable:
+                    refused[tilt] += 1
+                except NotConverged:
+                    other += 1
+                else:
+                    accepted.append(_compare(view, found, tilt))
+    errors = np.array([a.focal_error for a in accepted])
+    note = f"{sum(total.values()):,} views, {len(accepted):,} accepted"
+    yield Row.at_most("accepted fits off by more than 10 % in f", float(np.sum(errors > 0.1)), 0.0, note=note)
+    yield Row.context("worst accepted error of f", 100 * float(errors.max()), "%", note)
+    yield Row.at_most("fits that did not converge", float(other), 0.0, note=note)
+    share = ", ".join(f"{t:.0f}°: {100 * (1 - refused[t] / total[t]):.0f} %" for t in TILTS_DEG)
+    yield Row("views accepted, by tilt", share, note="the rest is refused: focal length not observable")
+    z = np.array([a.z for a in accepted if a.tilt_deg >= 10.0])
+    coverage = np.mean(np.abs(z) < 1.959964, axis=0)
+    spread = f"{len(z):,} views at 10-60°; standard error {100 * np.sqrt(0.95 * 0.05 / len(z)):.2f} %"
+    yield Row.within(
+        "coverage of 95 % intervals, mean", 100 * float(coverage.mean()), 93.0, 97.0, "%", spread
+    )
+    for label, index in (("lowest", int(coverage.argmin())), ("highest", int(coverage.argmax()))):
+        yield Row.within(
+            f"coverage, {label} parameter ({NAMES[index]})",
+            100 * float(coverage[index]),
+            93.0,
+            97.0,
+            "%",
+            spread,
+        )
+
+
+def _compare(view: View, found: Calibration, tilt_deg: float) -> _Accepted:
+    truth, estimate = view.camera.as_array()[:8], found.camera.as_array()[:8]
+    T = invert(view.T_camera_target)
+    pose = np.concatenate(
+        [T[:3, 3] - found.pose.position_mm, so3_log(T[:3, :3] @ found.pose.rotation.T)]
+    ) / np.sqrt(np.diag(found.pose.covariance))
+    camera = (truth - estimate) / found.camera_standard_uncertainty[:8]
+    return _Accepted(tilt_deg, abs(estimate[0] / truth[0] - 1.0), np.concatenate([camera, pose]))
+
+
+def _opencv(view: View) -> None:
+    cv2.calibrateCamera(
+        [view.points.points_target.astype(np.float32)],
+        [view.points.points_px.astype(np.float32)],
+        (view.points.image_width_px, view.points.image_height_px),
+        None,
+        None,
+        flags=cv2.CALIB_FIX_K3,
+    )
+
+
+def _seconds(call) -> float:  # type: ignore[no-untyped-def]
+    started = time.perf_counter()
+    call()
+    return time.perf_counter() - started
+
+
+@contextmanager
+def _one_core() -> Iterator[None]:
+    """Pin this process to one core, and OpenCV to one thread, for the time of a comparison."""
+    threads = cv2.getNumThreads()
+    cores = os.sched_getaffinity(0) if hasattr(os, "sched_getaffinity") else set()
+    cv2.setNumThreads(1)
+    if cores:
+        os.sched_setaffinity(0, {max(cores)})
+    try:
+        yield
+    finally:
+        cv2.setNumThreads(threads)
+        if cores:
+            os.sched_setaffinity(0, cores)
