@@ -36,7 +36,7 @@ from core.calibration.result import Calibration, Observability
 from core.calibration.uncertainty import camera_pose, correlation_inflation, remarks, reprojection
 from core.camera import CAMERA_PARAMETERS, Camera, undistort_points
 from core.errors import Advisory, DegenerateGeometry, FocalNotObservable, NotConverged
-from core.least_squares import Fit, fit
+from core.least_squares import Fit, Prior, fit
 from core.targets.specification import GridPoints
 from core.transforms import hat, transform
 
@@ -44,6 +44,7 @@ FOCAL_GATE = 0.02
 """Largest predicted u(f)/f that is reported as a measurement."""
 START_FACTORS = (0.6, 1.0, 1.8)  # of the image width, where no closed form is plausible
 PLAUSIBLE_START = (0.3, 10.0)
+RIVAL_COST = 9.0  # three sigmas: a fit whose cost is within this of the best explains the points as well
 
 
 def calibrate_points(
@@ -59,12 +60,13 @@ def calibrate_points(
     """
     try:
         if intrinsics is not None:
+            rivals: list[float] = []
             start, view_fit = "nominal", _fit_pose(points, intrinsics)
             indices, gate = POSE, math.inf
         else:
-            start, view_fit = _fit_all(points, lens)
+            start, view_fit, rivals = _fit_all(points, lens)
             indices, gate = FREE, FOCAL_GATE if lens is None else math.inf
-        return _conclude(points, start, view_fit, indices, gate, lens)
+        return _conclude(points, start, view_fit, rivals, indices, gate, lens)
     except (DegenerateGeometry, NotConverged, FocalNotObservable) as failure:
         failure.points = points
         raise
@@ -97,8 +99,10 @@ def _starts(points: GridPoints, lens: Lens | None) -> list[tuple[str, closed_for
     return [(name, closed_form.nominal(H, points, Camera(f, f, *centre))) for name, f in named]
 
 
-def _fit_all(points: GridPoints, lens: Lens | None) -> tuple[str, Fit[View]]:
-    """Refine every start and keep the one of least cost."""
+def _fit_all(points: GridPoints, lens: Lens | None) -> tuple[str, Fit[View], list[float]]:
+    """Refine every start; return the name and fit of least cost, and the focal lengths (px) of its rivals: fits from
+    other starts that explain the points as well.
+    """
     if len(points) < 8:
         raise DegenerateGeometry(f"Camera and pose need at least 8 grid points, {len(points)} were found.")
     evaluate, prior = view_residuals(points, free=True), view_prior(points, lens)
@@ -116,18 +120,22 @@ def _fit_all(points: GridPoints, lens: Lens | None) -> tuple[str, Fit[View]]:
         )
         for name, start in _starts(points, lens)
     ]
-    converged = [item for item in fits if item[1].converged]
-    # By median-based scale through the same points: a fit that rejects half of them is no better for it.
-    return min(converged or fits, key=lambda item: _total(item[1], points))
+    ranked = sorted(fits, key=lambda item: (not item[1].converged, _total(item[1], points, prior)))
+    name, best = ranked[0]
+    near = _total(best, points, prior) + RIVAL_COST
+    rivals = [f for _, f in ranked[1:] if f.converged and _total(f, points, prior) < near]
+    return name, best, [0.5 * (f.state.camera.fx_px + f.state.camera.fy_px) for f in rivals]
 
 
-def _total(result: Fit[View], points: GridPoints) -> float:
-    """A cost comparable between fits of the same points with different σ and rejections: the negative log
-    posterior.
+def _total(result: Fit[View], points: GridPoints, prior: Prior[View]) -> float:
+    """Twice the negative log posterior, comparable between fits of the same points with different σ and rejections:
+    a fit that leaves points out pays for each as much as it saves.
     """
     distance = np.sqrt(np.sum(result.residuals**2, axis=0))
     scale = max(result.scale, SMALLEST_NOISE_PX)
-    return float(2.0 * len(points) * math.log(scale) + np.sum(np.minimum((distance / scale) ** 2, 32.0)))
+    data = 4.0 * len(points) * math.log(scale) + float(np.sum(np.minimum((distance / scale) ** 2, 32.0)))
+    q, _ = prior(result.state)
+    return data + float(q @ q)
 
 
 def _fit_pose(points: GridPoints, camera: Camera) -> Fit[View]:
@@ -149,6 +157,7 @@ def _conclude(
     points: GridPoints,
     start: str,
     result: Fit[View],
+    rivals: list[float],
     indices: Int[np.ndarray, " p"],
     gate: float,
     lens: Lens | None,
@@ -203,7 +212,19 @@ def _conclude(
                 "The session's intrinsics were used as given; the pose's uncertainty does not contain theirs.",
             )
         )
-    elif lens is not None and abs(math.log(lens.focal_px / focal)) > 3.0 * LENS_PRIOR:
+    if any(abs(rival - focal) > 3.0 * focal_uncertainty * focal for rival in rivals):
+        warnings.append(
+            Advisory(
+                "starts_disagree",
+                f"Other focal lengths explain this view as well: {', '.join(f'{f:.0f} px' for f in rivals)}.",
+                "Tilt the target more, or give the session's intrinsics.",
+            )
+        )
+    if (
+        lens is not None
+        and len(indices) == len(FREE)
+        and abs(math.log(lens.focal_px / focal)) > 3.0 * LENS_PRIOR
+    ):
         warnings.append(
             Advisory(
                 "lens_prior_contradicted",
