@@ -67,7 +67,7 @@ class _Gauges(Collector):
                 rows = records.execute(
                     sa.select(Measurement.status, sa.func.count()).group_by(Measurement.status)
                 )
-                counts = dict(rows.tuples().all())
+                counts: dict[str, int] | None = {row[0]: row[1] for row in rows}
         except ServiceError:
             counts = None
         if counts is not None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable, Mapping
 from http import HTTPStatus
 from typing import Any
@@ -141,11 +142,14 @@ def install_problem_handlers(app: FastAPI) -> None:
         assert isinstance(error, ServiceError)
         return service_problem(error)
 
-    async def on_http_error(_request: Request, error: Exception) -> JSONResponse:
+    async def on_http_error(request: Request, error: Exception) -> JSONResponse:
         assert isinstance(error, HTTPException)
         code, detail = _HTTP_CODES.get(error.status_code, ("request_refused", "The request was refused."))
+        headers = dict(error.headers or {})
+        if error.status_code == HTTPStatus.METHOD_NOT_ALLOWED:
+            headers["Allow"] = ", ".join(_allowed_methods(app, request.url.path)) or "GET"
         return problem_response(
-            error.status_code, code, detail, _HTTP_ADVICE.get(error.status_code), headers=error.headers
+            error.status_code, code, detail, _HTTP_ADVICE.get(error.status_code), headers=headers
         )
 
     async def on_invalid(_request: Request, error: Exception) -> JSONResponse:
@@ -155,6 +159,15 @@ def install_problem_handlers(app: FastAPI) -> None:
     app.add_exception_handler(ServiceError, on_service_error)
     app.add_exception_handler(HTTPException, on_http_error)
     app.add_exception_handler(RequestValidationError, on_invalid)
+
+
+def _allowed_methods(app: FastAPI, path: str) -> list[str]:
+    """Return every method some route takes at `path`; the router itself names only the first route's."""
+    methods: set[str] = set()
+    for template, operations in app.openapi()["paths"].items():
+        if re.fullmatch(re.sub(r"\{[^}]+\}", "[^/]+", template), path):
+            methods.update(method.upper() for method in operations)
+    return sorted(methods)
 
 
 def invalid_request(errors: Iterable[Any]) -> InvalidContent:

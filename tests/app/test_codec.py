@@ -1,0 +1,118 @@
+"""A calibration survives its row to the last bit, and its document speaks degrees."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+from typing import Any
+
+import numpy as np
+import pytest
+
+from app.records.codec import (
+    Provenance,
+    decode_calibration,
+    decode_points,
+    encode_calibration,
+    encode_refused,
+    points_documents,
+)
+from core.calibration.result import Calibration, CameraPose, Observability, Reprojection
+from core.camera import Camera
+from core.errors import Advisory
+from core.targets.specification import GridPoints, TargetSpec
+
+TARGET = TargetSpec("chessboard", 7, 5, 12.5)
+PROVENANCE = Provenance("1.2.3", "0" * 64, {"lens": None})
+
+
+@pytest.fixture
+def calibration() -> Calibration:
+    """Random numbers in every field: what each means does not matter here, that it survives does."""
+    rng = np.random.default_rng(7)
+    count = 31
+
+    def covariance(size: int) -> np.ndarray:
+        root = rng.normal(size=(size, size))
+        return root @ root.T
+
+    points = GridPoints(
+        target=TARGET,
+        image_width_px=640,
+        image_height_px=480,
+        column=rng.integers(0, 7, count),
+        row=rng.integers(0, 5, count),
+        points_px=rng.normal(300, 100, (count, 2)),
+        standard_uncertainty_px=rng.uniform(0.01, 0.1, count),
+        warnings=(Advisory("orientation_ambiguous", "Two ends look alike.", "Keep one."),),
+    )
+    return Calibration(
+        estimator="per_image",
+        start="vanishing_point",
+        image_width_px=640,
+        image_height_px=480,
+        camera=Camera.from_array(rng.normal(size=9)),
+        T_camera_target=rng.normal(size=(4, 4)),
+        covariance=covariance(15),
+        pose=CameraPose(
+            position_mm=rng.normal(size=3),
+            rotation=rng.normal(size=(3, 3)),
+            roll_pitch_yaw=np.array([np.pi / 2, -np.pi / 6, np.pi]),
+            roll_pitch_yaw_standard_uncertainty=np.array([np.pi / 180, 0.0, 1e-3]),
+            covariance=covariance(6),
+            conditional_covariance=covariance(6),
+        ),
+        reprojection=Reprojection(rms_px=0.1, mean_px=0.08, std_px=0.03, max_px=0.3, points=30, rejected=1),
+        observability=Observability(0.01, 1234.5, np.pi / 4, ("k3", "p1")),
+        warnings=(Advisory("w", "d", None), *points.warnings),
+        points=points,
+        residuals_px=rng.normal(size=(count, 2)),
+        used=rng.uniform(size=count) > 0.1,
+    )
+
+
+def assert_same(left: Any, right: Any) -> None:
+    if dataclasses.is_dataclass(left):
+        assert type(left) is type(right)
+        for field in dataclasses.fields(left):
+            assert_same(getattr(left, field.name), getattr(right, field.name))
+    elif isinstance(left, np.ndarray):
+        np.testing.assert_array_equal(left, right)
+    else:
+        assert left == right
+
+
+def test_nothing_is_lost(calibration: Calibration) -> None:
+    row = encode_calibration(calibration, PROVENANCE)
+    document = json.loads(json.dumps(row["calibration"], allow_nan=False))
+    decoded = decode_calibration(document, row["state"], row["points"], row["points_warnings"], TARGET)
+    assert_same(decoded, calibration)
+    assert (row["core_version"], row["input_sha256"], row["settings"]) == ("1.2.3", "0" * 64, {"lens": None})
+
+
+def test_the_document_has_degrees_where_it_says_so(calibration: Calibration) -> None:
+    document = encode_calibration(calibration, PROVENANCE)["calibration"]
+    pose = document["pose"]
+    assert [pose[name] for name in ("roll_deg", "pitch_deg", "yaw_deg")] == pytest.approx(
+        [90.0, -30.0, 180.0]
+    )
+    assert pose["standard_uncertainty"]["roll_deg"] == pytest.approx(1.0)
+    assert pose["covariance"] == calibration.pose.covariance.tolist()
+    assert document["observability"]["tilt_deg"] == pytest.approx(45.0)
+    assert document["standard_uncertainty"]["k1"] == pytest.approx(np.sqrt(calibration.covariance[4, 4]))
+
+
+def test_a_refusal_keeps_its_points(calibration: Calibration) -> None:
+    row = encode_refused(calibration.points, PROVENANCE)
+    assert row["calibration"] is row["state"] is None
+    assert_same(decode_points(row["points"], row["points_warnings"], TARGET, 640, 480), calibration.points)
+    documents = points_documents(row["points"])
+    assert len(documents) == 31
+    assert {d["used"] for d in documents} == {d["residual_u_px"] for d in documents} == {None}
+    assert encode_refused(None, PROVENANCE)["points"] is None
+
+
+def test_points_are_compact(calibration: Calibration) -> None:
+    row = encode_calibration(calibration, PROVENANCE)
+    assert len(row["points"]) == 31 * 45
+    assert len(row["state"]) < 3000

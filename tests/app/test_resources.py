@@ -1,0 +1,193 @@
+"""Targets, robots, sessions and poses: made, read, changed, listed, deleted; on both databases."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+
+ROBOT = {
+    "name": "KR5",
+    "joints": [{"a_mm": 180, "alpha_deg": -90, "d_mm": 400, "theta_offset_deg": 0}],
+    "repeatability_mm": 0.04,
+}
+
+
+def test_a_target_is_read_as_it_was_made(any_api: Any) -> None:
+    made = any_api.client.post(
+        "/v1/targets",
+        json={"name": "A3 board ø", "kind": "chessboard", "columns": 14, "rows": 10, "pitch_mm": 21.5},
+    )
+    assert made.status_code == 201
+    document = made.json()
+    assert {key: document[key] for key in ("name", "kind", "columns", "rows", "pitch_mm")} == {
+        "name": "A3 board ø",
+        "kind": "chessboard",
+        "columns": 14,
+        "rows": 10,
+        "pitch_mm": 21.5,
+    }
+    assert document["legacy_layout"] is False
+    assert (
+        document["marker_mm"] is document["dictionary"] is document["pitch_standard_uncertainty_mm"] is None
+    )
+    assert document["created_at"].endswith("Z")
+    assert made.headers["location"] == f"/v1/targets/{document['id']}"
+    assert any_api.client.get(made.headers["location"]).json() == document
+
+
+@pytest.mark.parametrize("kind", ["charuco", "circles", "asymmetric_circles", "aprilgrid"])
+def test_a_kind_that_cannot_be_detected_is_refused_with_advice(api: Any, kind: str) -> None:
+    response = api.client.post(
+        "/v1/targets", json={"name": "x", "kind": kind, "columns": 5, "rows": 7, "pitch_mm": 30}
+    )
+    assert response.status_code == 422
+    assert response.json()["code"] == "target_kind_unsupported"
+    assert "chessboard" in response.json()["advice"]
+    assert api.client.get("/v1/targets").json()["items"] == []
+
+
+def test_a_robot_is_read_as_it_was_made(any_api: Any) -> None:
+    made = any_api.client.post("/v1/robots", json=ROBOT)
+    assert made.status_code == 201
+    document = made.json()
+    assert set(document) == {"id", "name", "joints", "repeatability_mm"}
+    assert document["joints"] == ROBOT["joints"]
+    assert any_api.client.get(made.headers["location"]).json() == document
+
+
+def test_a_session_holds_what_it_was_made_with(any_api: Any) -> None:
+    target_id = any_api.make_target()
+    robot_id = any_api.client.post("/v1/robots", json=ROBOT).json()["id"]
+    made = any_api.client.post(
+        "/v1/sessions",
+        json={
+            "name": "cell 4",
+            "target_ids": [target_id],
+            "robot_id": robot_id,
+            "lens": {"focal_length_mm": 8, "pixel_pitch_um": 3.45},
+            "intrinsics": {"fx_px": 2320, "fy_px": 2320, "cx_px": 1224, "cy_px": 1025},
+        },
+    )
+    assert made.status_code == 201, made.text
+    document = made.json()
+    assert document["target_ids"] == [target_id]
+    assert document["robot_id"] == robot_id
+    assert document["lens"] == {"focal_length_mm": 8.0, "pixel_pitch_um": 3.45}
+    assert document["intrinsics"]["k1"] == 0.0
+    assert document["counts"] == {"queued": 0, "running": 0, "succeeded": 0, "failed": 0}
+    assert any_api.client.get(made.headers["location"]).json() == document
+
+
+def test_patch_changes_what_is_named_and_nothing_else(any_api: Any) -> None:
+    first, second = any_api.make_target(), any_api.make_target(name="second")
+    session_id = any_api.make_session(first, lens={"focal_length_mm": 8, "pixel_pitch_um": 3.45})
+    before = any_api.client.get(f"/v1/sessions/{session_id}").json()
+
+    assert any_api.client.patch(f"/v1/sessions/{session_id}", json={}).json() == before
+    changed = any_api.client.patch(
+        f"/v1/sessions/{session_id}", json={"name": "new", "target_ids": [second, first], "lens": None}
+    )
+    assert changed.status_code == 200, changed.text
+    expected = {**before, "name": "new", "target_ids": [second, first], "lens": None}
+    assert changed.json() == expected
+    assert any_api.client.get(f"/v1/sessions/{session_id}").json() == expected
+
+
+def test_a_session_refuses_targets_and_robots_that_do_not_exist(api: Any) -> None:
+    target_id = api.make_target()
+    for fields, code in (
+        ({"target_ids": ["tgt_nope"]}, "target_unknown"),
+        ({"target_ids": [target_id, target_id]}, "invalid_request"),
+        ({"target_ids": [target_id], "robot_id": "rob_nope"}, "robot_unknown"),
+    ):
+        response = api.client.post("/v1/sessions", json={"name": "s", **fields})
+        assert (response.status_code, response.json()["code"]) == (422, code)
+
+
+def test_a_target_with_measurements_cannot_leave_its_session(api: Any, grey_png: bytes) -> None:
+    first, second = api.make_target(), api.make_target()
+    session_id = api.make_session(first)
+    assert api.put_image(session_id, grey_png).status_code == 202
+    response = api.client.patch(f"/v1/sessions/{session_id}", json={"target_ids": [second]})
+    assert (response.status_code, response.json()["code"]) == (422, "target_in_use")
+    assert api.client.get(f"/v1/sessions/{session_id}").json()["target_ids"] == [first]
+
+
+def test_poses_are_made_replaced_and_listed(any_api: Any) -> None:
+    address = f"/v1/sessions/{any_api.make_session()}/poses"
+    pose = {"position_mm": [1, 2.5, -3], "roll_deg": 180, "joint_angles_deg": [0, -90.5], "approach": "h1"}
+
+    made = any_api.client.put(f"{address}/P.1-a_b", json=pose)
+    assert made.status_code == 201
+    assert made.headers["location"] == f"{address}/P.1-a_b"
+    assert made.json() == {"pose_id": "P.1-a_b", "pitch_deg": None, "yaw_deg": None, **pose}
+
+    replaced = any_api.client.put(f"{address}/P.1-a_b", json={"yaw_deg": 5})
+    assert replaced.status_code == 200
+    assert replaced.json()["position_mm"] is None
+    assert any_api.client.get(f"{address}/P.1-a_b").json() == replaced.json()
+    assert any_api.client.get(address).json() == {"items": [replaced.json()], "next_cursor": None}
+    assert any_api.client.get(f"{address}/other").json()["code"] == "pose_not_found"
+
+
+def test_bulk_poses_are_all_or_nothing(any_api: Any) -> None:
+    address = f"/v1/sessions/{any_api.make_session()}/poses"
+    any_api.client.put(f"{address}/P2", json={"yaw_deg": 5})
+
+    stored = any_api.client.post(address, json=[{"pose_id": f"P{n}", "roll_deg": n} for n in range(200)])
+    assert stored.status_code == 200
+    assert len(stored.json()["items"]) == 200
+    assert any_api.client.get(f"{address}/P2").json()["roll_deg"] == 2
+    assert any_api.client.get(f"{address}/P2").json()["yaw_deg"] is None
+
+    twice = any_api.client.post(address, json=[{"pose_id": "new"}, {"pose_id": "P3"}, {"pose_id": "new"}])
+    assert (twice.status_code, twice.json()["code"]) == (422, "duplicate_pose")
+    assert twice.json()["errors"][0]["field"] == "2.pose_id"
+    assert any_api.client.get(f"{address}/new").status_code == 404
+    assert any_api.client.post(address, json=[{"pose_id": "ok"}, {"pose_id": "n ok"}]).status_code == 422
+    assert any_api.client.get(f"{address}/ok").status_code == 404
+
+
+def test_deleting_a_session_takes_everything_of_it_but_shared_originals(
+    any_api: Any, grey_png: bytes, board_png: bytes
+) -> None:
+    target_id = any_api.make_target()
+    gone, kept = any_api.make_session(target_id), any_api.make_session(target_id)
+    shared = any_api.put_image(gone, grey_png).json()
+    alone = any_api.put_image(gone, board_png).json()
+    survivor = any_api.put_image(kept, grey_png).json()
+    blobs = any_api.installation.blobs
+
+    assert any_api.client.delete(f"/v1/sessions/{gone}").status_code == 204
+
+    for address in (f"/v1/sessions/{gone}", f"/v1/measurements/{shared['id']}"):
+        assert any_api.client.get(address).status_code == 404
+    assert any_api.client.delete(f"/v1/sessions/{gone}").status_code == 404
+    assert not blobs.path(alone["sha256"]).exists()
+    assert blobs.path(survivor["sha256"]).read_bytes() == grey_png
+    assert any_api.client.get(f"/v1/measurements/{survivor['id']}/image").content == grey_png
+    assert [job.measurement_id for job in any_api.installation.queue.claim(10)] == [survivor["id"]]
+
+
+def test_lists_run_from_oldest_to_newest_by_pages(any_api: Any) -> None:
+    made = [any_api.make_target(name=f"t{n}") for n in range(7)]
+    seen, cursor, sizes = [], None, []
+    while True:
+        query = {"limit": 3} if cursor is None else {"limit": 3, "cursor": cursor}
+        page = any_api.client.get("/v1/targets", params=query).json()
+        seen += [item["id"] for item in page["items"]]
+        sizes.append(len(page["items"]))
+        cursor = page["next_cursor"]
+        if cursor is None:
+            break
+    assert seen == made
+    assert sizes == [3, 3, 1]
+    assert any_api.client.get("/v1/targets", params={"limit": 7}).json()["next_cursor"] is None
+
+
+def test_a_list_gives_fifty_items_unless_asked_otherwise(api: Any) -> None:
+    address = f"/v1/sessions/{api.make_session()}/poses"
+    api.client.post(address, json=[{"pose_id": f"P{n:03}"} for n in range(60)])
+    assert len(api.client.get(address).json()["items"]) == 50
+    assert len(api.client.get(address, params={"limit": 500}).json()["items"]) == 60
