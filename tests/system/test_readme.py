@@ -1,0 +1,126 @@
+"""What README.md shows is what happens: its commands are run and their answers compared with the printed ones."""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import math
+import os
+import re
+import shutil
+import subprocess
+import time
+from pathlib import Path
+
+import pytest
+
+from app.agent import ServiceClient
+from app.cli.process import ServiceProcess
+from app.settings import Settings
+
+PROJECT = Path(__file__).parents[2]
+README = (PROJECT / "README.md").read_text(encoding="utf-8")
+
+# Quoted text, numbers, words, punctuation; white space is of no account.
+_TOKEN = re.compile(r'\.\.\.|"[^"]*"|-?\d+(?:\.\d+)?(?:e[-+]?\d+)?|[^\W\d]\w*|[^\s\w]')
+_ID = re.compile(r"\b[a-z]{3}_[0-9a-z]{26}\b")
+# The last digits of a fit vary between processors; what is shown must agree well below its uncertainty.
+_RELATIVE, _ABSOLUTE = 1e-2, 1e-4
+
+
+def block(marker: str) -> str:
+    """Return the fenced block after `<!-- marker -->`."""
+    match = re.search(rf"<!-- {marker} -->\n```\w+\n(.*?)```", README, re.DOTALL)
+    assert match is not None, f"README.md has no block {marker}"
+    return match[1]
+
+
+def agree(shown: str, actual: str) -> bool:
+    """Tell whether two tokens are the same, or numbers that are nearly so."""
+    try:
+        return math.isclose(float(shown), float(actual), rel_tol=_RELATIVE, abs_tol=_ABSOLUTE)
+    except ValueError:
+        return shown == actual
+
+
+def assert_shows(shown: str, actual: str) -> None:
+    """Check that what is shown stands in the answer, piece by piece in order; `...` leaves something out."""
+    answer = _TOKEN.findall(actual)
+    position = 0
+    for piece in shown.split("..."):
+        tokens = _TOKEN.findall(piece)
+        last = len(answer) - len(tokens)
+        while (
+            not all(agree(*pair) for pair in zip(tokens, answer[position:], strict=False)) or position > last
+        ):
+            position += 1
+            assert position <= last, f"README.md shows {piece!r}, the answer was {actual}"
+        position += len(tokens)
+
+
+@pytest.mark.skipif(shutil.which("curl") is None, reason="curl is not installed")
+def test_the_curl_session(service: ServiceProcess, data_folder: Path, tmp_path: Path) -> None:
+    shutil.copy(data_folder / "opencv_samples" / "left12.jpg", tmp_path)
+    steps = [step.split("\n", 1) for step in re.split(r"^\$ ", block("curl"), flags=re.MULTILINE)[1:]]
+    steps = [step for step in steps if step[0].startswith("curl")]
+    assert len(steps) == 5
+    environment = {
+        **os.environ,
+        "URL": f"{service.url}/v1",
+        "AUTH": f"Authorization: Bearer {service.admin_key}",
+    }
+    ids: dict[str, str] = {}
+    for command, shown in steps:
+        for said, real in ids.items():
+            command = command.replace(said, real)
+        if measurement := re.search(r"measurements/(\w+)$", command):
+            _wait_until_computed(service, measurement[1])
+        ended = subprocess.run(
+            ["bash", "-c", command], cwd=tmp_path, env=environment, capture_output=True, text=True, check=True
+        )
+        for said, real in zip(_ID.findall(shown), _ID.findall(ended.stdout), strict=False):
+            ids.setdefault(said, real)
+            shown = shown.replace(said, real)
+        assert_shows(shown, ended.stdout)
+    assert len(ids) == 3
+    assert (tmp_path / "overlay.png").read_bytes().startswith(b"\x89PNG")
+
+
+def _wait_until_computed(service: ServiceProcess, measurement_id: str) -> None:
+    deadline = time.monotonic() + 60
+    with ServiceClient(service.url, service.admin_key) as client:
+        while client.get(f"/v1/measurements/{measurement_id}")["status"] not in ("succeeded", "failed"):
+            assert time.monotonic() < deadline, "the photograph was not computed"
+
+
+def test_the_five_lines_of_python(data_folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    code, comments = block("python").split("\n\n")
+    assert len(code.splitlines()) == 5
+    monkeypatch.chdir(data_folder / "opencv_samples")
+    output = io.StringIO()
+    with contextlib.redirect_stdout(output):
+        exec(compile(code, "README.md", "exec"), {})
+    shown = "".join(line.removeprefix("# ") for line in comments.splitlines(keepends=True))
+    assert len(_TOKEN.findall(shown)) == len(_TOKEN.findall(output.getvalue()))
+    assert_shows(shown, output.getvalue())
+
+
+def test_the_table_of_settings_is_complete() -> None:
+    table = README.split("## Settings")[1].split("## ")[0]
+    rows = dict(re.findall(r"^\| `(GRIDPOSE_\w+)` \| (.*?) \|", table, re.MULTILINE))
+    assert set(rows) == {f"GRIDPOSE_{name.upper()}" for name in Settings.model_fields}
+    for name, field in Settings.model_fields.items():
+        shown = rows[f"GRIDPOSE_{name.upper()}"]
+        if isinstance(field.default, int | float | str):
+            default = f"{field.default:g}" if isinstance(field.default, float) else str(field.default)
+            assert shown == f"`{default}`"
+        else:
+            assert "`" not in shown
+
+
+def test_what_readme_names_is_there() -> None:
+    for link in re.findall(r"\]\(([^)#:]+)\)", README):
+        assert (PROJECT / link).exists(), link
+    makefile = (PROJECT / "Makefile").read_text(encoding="utf-8")
+    for target in set(re.findall(r"`?make (\w+)", README)):
+        assert re.search(rf"^{target}:", makefile, re.MULTILINE), target
