@@ -12,7 +12,7 @@ from scipy.special import ndtr
 from core.camera import Camera, undistort_points
 from core.simulation.patterns import RectilinearPattern
 
-_DEGREE = 7  # of the polynomial that stands for the lens over one tile
+_DEGREE = 5  # of the polynomial that stands for the lens over one tile
 _NODES = chebyshev.chebpts1(_DEGREE + 1)
 _BINS_PER_CELL = 16
 _LEGENDRE_NODES, _LEGENDRE_WEIGHTS = np.polynomial.legendre.leggauss(20)
