@@ -28,18 +28,18 @@ class Row:
     @classmethod
     def at_most(cls, what: str, value: float, limit: float, unit: str = "", note: str = "") -> Row:
         """Return a row whose goal is an upper limit; NaN never meets it."""
-        return cls(what, figure(value, unit), f"≤ {figure(limit, unit)}", value <= limit, note)
+        return cls(what, figure(value, unit), f"≤ {figure(limit, unit)}", bool(value <= limit), note)
 
     @classmethod
     def at_least(cls, what: str, value: float, limit: float, unit: str = "", note: str = "") -> Row:
         """Return a row whose goal is a lower limit; NaN never meets it."""
-        return cls(what, figure(value, unit), f"≥ {figure(limit, unit)}", value >= limit, note)
+        return cls(what, figure(value, unit), f"≥ {figure(limit, unit)}", bool(value >= limit), note)
 
     @classmethod
     def within(cls, what: str, value: float, low: float, high: float, unit: str = "", note: str = "") -> Row:
         """Return a row whose goal is an interval."""
         goal = f"{figure(low, unit)} to {figure(high, unit)}"
-        return cls(what, figure(value, unit), goal, low <= value <= high, note)
+        return cls(what, figure(value, unit), goal, bool(low <= value <= high), note)
 
     @classmethod
     def context(cls, what: str, value: float, unit: str = "", note: str = "") -> Row:

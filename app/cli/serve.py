@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import signal
 import socket
 from importlib.metadata import version
@@ -24,7 +25,7 @@ _LAST_REQUESTS_S = 8
 def serve(host: str | None, port: int | None, data_dir: Path | None) -> int:
     """Serve until told to end; return the exit code."""
     settings = load_settings(host=host, port=port, data_dir=data_dir)
-    listener = _listen(settings)
+    listener = listen(settings)
     installation = open_installation(settings)
     require_unlocked(settings, "head.lock", f"Another `gridpose serve` uses {settings.data_dir}.")
     if settings.worker_count:
@@ -80,11 +81,20 @@ class _Server(uvicorn.Server):
         super().handle_exit(sig, frame)
 
 
-def _listen(settings: Settings) -> socket.socket:
+def listen(settings: Settings) -> socket.socket:
+    """Return a listening socket on the settings' address; ends the command where that cannot be had."""
     family = socket.AF_INET6 if ":" in settings.host else socket.AF_INET
+    # The protocol is named because asyncio turns Nagle's algorithm off only where it is: with 0, which means the
+    # same, every answer on a kept connection waits 40 ms for the client's delayed acknowledgement.
+    listener = socket.socket(family, socket.SOCK_STREAM, socket.IPPROTO_TCP)
     try:
-        return socket.create_server((settings.host, settings.port), family=family, backlog=2048)
+        if os.name == "posix":  # elsewhere this option would let two programs share the port
+            listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        listener.bind((settings.host, settings.port))
+        listener.listen(2048)
+        return listener
     except OSError as error:
+        listener.close()
         fail(
             f"Cannot listen on {settings.host}, port {settings.port}: {error.strerror or error}.",
             "Another program may have the port: give another with --port, or --port 0 for any free one.",
