@@ -52,17 +52,17 @@ def serve(
     data_dir: DataDir = None,
 ) -> None:
     """Run the service: HTTP, and GRIDPOSE_WORKERS worker processes beside it (default: one a core)."""
-    from app.cli import serve as command
+    from app.cli.serve import serve as run
 
-    raise typer.Exit(command.serve(host, port, data_dir))
+    raise typer.Exit(run(host, port, data_dir))
 
 
 @app.command()
 def worker(data_dir: DataDir = None) -> None:
     """Compute queued images without serving HTTP."""
-    from app.cli import worker as command
+    from app.cli.worker import work as run
 
-    raise typer.Exit(command.work(data_dir))
+    raise typer.Exit(run(data_dir))
 
 
 @keys.command("create")
@@ -77,17 +77,17 @@ def keys_create(
     data_dir: DataDir = None,
 ) -> None:
     """Make a key and print it, this once, as the last line."""
-    from app.cli import keys as command
+    from app.cli.keys import create
 
-    raise typer.Exit(command.create(name, scope.value, days, data_dir))
+    raise typer.Exit(create(name, scope.value, days, data_dir))
 
 
 @keys.command("list")
 def keys_list(data_dir: DataDir = None) -> None:
     """Show names, scopes and dates of all keys; never the keys themselves."""
-    from app.cli import keys as command
+    from app.cli.keys import show
 
-    raise typer.Exit(command.show(data_dir))
+    raise typer.Exit(show(data_dir))
 
 
 @keys.command("revoke")
@@ -96,17 +96,17 @@ def keys_revoke(
     data_dir: DataDir = None,
 ) -> None:
     """End a key's validity at once and for ever."""
-    from app.cli import keys as command
+    from app.cli.keys import revoke
 
-    raise typer.Exit(command.revoke(key_id, data_dir))
+    raise typer.Exit(revoke(key_id, data_dir))
 
 
 @app.command()
 def doctor(data_dir: DataDir = None) -> None:
     """Check this installation and its data folder, and say what to do about each finding."""
-    from app.cli import doctor as command
+    from app.cli.doctor import examine as run
 
-    raise typer.Exit(command.examine(data_dir))
+    raise typer.Exit(run(data_dir))
 
 
 @app.command()
@@ -145,12 +145,13 @@ def upload(
 
     Ends with 0 when every image is stored (and, with --wait, calibrated), else with 1 and a list.
     """
-    from app.cli import upload as command
+    from app.cli.upload import Request
+    from app.cli.upload import upload as run
 
-    request = command.Request(
+    request = Request(
         folder, session, url, key, target, pattern, pose, focus_group, parallel, retry_for, wait
     )
-    raise typer.Exit(command.upload(request))
+    raise typer.Exit(run(request))
 
 
 @app.command()
@@ -161,9 +162,9 @@ def demo(
     seed: Annotated[int, typer.Option(help="Seed of the rendered session.")] = 1,
 ) -> None:
     """Render a robot session with known truth, run it through the real service, and compare."""
-    from app.cli import demo as command
+    from app.cli.demo import demonstrate as run
 
-    raise typer.Exit(command.demonstrate(data_dir, seed))
+    raise typer.Exit(run(data_dir, seed))
 
 
 @app.command()
