@@ -94,7 +94,7 @@ def _start(settings: Settings, metrics: Metrics) -> Service:
     except AlreadyLocked as error:
         raise AlreadyServed("Another `gridpose serve` uses this data folder.") from error
     installation = Installation.open(settings)
-    leftovers = installation.blobs.clear_incoming()
+    leftovers = installation.blobs.prepare()
     if leftovers:
         log.info("interrupted_uploads_removed", files=leftovers)
     runner = None

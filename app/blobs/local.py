@@ -102,8 +102,14 @@ class LocalBlobs:
         """Delete an original that no row names any more; call it within `guard`."""
         self.path(sha256).unlink(missing_ok=True)
 
-    def clear_incoming(self) -> int:
-        """Remove what interrupted uploads left behind and return how many files that were."""
+    def prepare(self) -> int:
+        """Make every folder, once and durably, and remove what interrupted uploads left; return how many files.
+
+        With the folders there beforehand, an upload has one folder fewer to bring to the disk.
+        """
+        for number in range(256):
+            (self.root / f"{number:02x}").mkdir(exist_ok=True)
+        _sync_folder(self.root)
         leftovers = list(self._incoming.iterdir())
         for path in leftovers:
             path.unlink(missing_ok=True)
