@@ -80,10 +80,10 @@ def list_keys(
 
 
 def get_key(installation: Installation, key_id: str) -> ApiKey:
-    """Return one key without its secret."""
+    """Return one key that is still in force, without its secret."""
     with installation.database.read() as session:
         key = session.get(ApiKey, key_id) if is_id(key_id) else None
-    if key is None:
+    if key is None or key.revoked_at is not None:
         raise NotFound.of("key")
     return key
 

@@ -31,7 +31,7 @@ def list_keys(service: ServiceDep, limit: Limit = 50, cursor: Cursor = None) -> 
 
 @router.get("/{key_id}", responses=problems(404))
 def get_key(key_id: str, service: ServiceDep) -> KeyRead:
-    """Return one key without its secret."""
+    """Return one key that is still in force, without its secret."""
     return KeyRead.model_validate(keys.get_key(service.installation, key_id))
 
 
