@@ -15,11 +15,18 @@ import numpy as np
 from jaxtyping import Float, UInt8
 
 from core.errors import TargetMismatch, TargetNotFound
-from core.targets.lattice import is_smooth
+from core.targets.lattice import is_smooth, smooth_residuals
 from core.targets.orientation import orient, right_handed
 from core.targets.refinement import refine, standard_uncertainties
 from core.targets.specification import GridPoints, TargetSpec
-from core.targets.squares import Colours, LineBeyond, grow, lines_beyond, measure_colours
+from core.targets.squares import (
+    Colours,
+    LineBeyond,
+    grow,
+    lines_beyond,
+    measure_colours,
+    outer_lines_are_corners,
+)
 
 _SIZES_PX = (1000, 640, 1600)  # longest sides of the reduced images, in the order they are tried
 _DETECTORS = (
@@ -28,6 +35,8 @@ _DETECTORS = (
 )
 """Function, flags, and the longest side on which it is used: the first is quick on a board, and its time explodes
 on clutter."""
+_ASTRAY = 6.0  # times the median residual of the smooth grid
+_LEAST_ASTRAY_PX = 0.3
 _ANY_GRID = cv2.CALIB_CB_LARGER | cv2.CALIB_CB_EXHAUSTIVE
 _ANY_SIZE = (5, 4)  # the least of the grids taken for a board that was not asked for
 
@@ -83,14 +92,20 @@ def _judge(full: np.ndarray, candidate: Float[np.ndarray, "rows columns 2"]) -> 
     if not is_smooth(grid):
         return None
     grid = refine(full, grid)
-    if not is_smooth(grid):
+    if not is_smooth(grid) or np.any(grid < 0.0) or np.any(grid > np.array(full.shape[::-1]) - 1.0):
         return None
     colours = measure_colours(full, grid)
-    return _Found(grid, colours, lines_beyond(full, grid, colours)) if colours.are_a_chessboard else None
+    if not colours.are_a_chessboard or not outer_lines_are_corners(full, grid, colours):
+        return None
+    return _Found(grid, colours, lines_beyond(full, grid, colours))
 
 
 def _grid_points(full: np.ndarray, found: _Found, target: TargetSpec) -> GridPoints:
     grid, warnings = orient(found.grid, found.colours.origin_is_black)
+    uncertainties = standard_uncertainties(full, grid)
+    rest = np.linalg.norm(smooth_residuals(grid)[1], axis=2)
+    astray = rest > max(_ASTRAY * float(np.median(rest)), _LEAST_ASTRAY_PX)  # by a highlight or a blot
+    uncertainties[astray] = np.maximum(uncertainties[astray], rest[astray])
     row, column = (a.ravel() for a in np.mgrid[0 : target.rows, 0 : target.columns])
     return GridPoints(
         target=target,
@@ -99,7 +114,7 @@ def _grid_points(full: np.ndarray, found: _Found, target: TargetSpec) -> GridPoi
         column=column,
         row=row,
         points_px=np.ascontiguousarray(grid.reshape(-1, 2)),
-        standard_uncertainty_px=standard_uncertainties(full, grid).ravel(),
+        standard_uncertainty_px=uncertainties.ravel(),
         warnings=warnings,
     )
 

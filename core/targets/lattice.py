@@ -10,6 +10,7 @@ from jaxtyping import Float
 
 _SMOOTH_TERMS = ((1, 3), (2, 6), (3, 10), (4, 15))  # degree of a polynomial in two variables, its terms
 _LARGEST_RESIDUAL = 0.2  # of the local spacing
+_LARGEST_KINK = 0.35  # of the longer of two successive steps
 _LARGEST_BEND = 1.5  # of the local spacing: how far a lens may bend the board's lines (wide-angle ones: .9)
 
 
@@ -50,8 +51,22 @@ def smooth_residuals(
 
 
 def is_smooth(grid: Float[np.ndarray, "rows columns 2"]) -> bool:
-    """Tell whether the grid is one that a lens could make of a plane: detectors do return wrong ones."""
+    """Tell whether the grid is one that a lens could make of a plane: detectors do return wrong ones.
+
+    As a whole by what a homography and a low polynomial leave, and from point to point by the second differences,
+    since lines that are shifted or swapped hide from a polynomial where there are few of them.
+    """
+    if not np.all(np.isfinite(grid)):
+        return False
     local = spacing(grid)
+    for along in (grid, np.swapaxes(grid, 0, 1)):
+        steps = np.diff(along, axis=0)
+        length = np.linalg.norm(steps, axis=2)
+        if np.any(
+            np.linalg.norm(np.diff(steps, axis=0), axis=2)
+            > _LARGEST_KINK * np.maximum(length[1:], length[:-1])
+        ):
+            return False
     bend, rest = (np.linalg.norm(r, axis=2) for r in smooth_residuals(grid))
     return bool(
         np.all(np.isfinite(rest))

@@ -29,11 +29,12 @@ _ROUNDING = 1.0 / np.sqrt(12.0)
 def refine(
     image: Float32[np.ndarray, "h w"], grid: Float[np.ndarray, "rows columns 2"]
 ) -> Float[np.ndarray, "rows columns 2"]:
-    """Return the corners refined, px; one that runs away from its place is left where it was."""
+    """Return the corners refined, px; one that runs away, or is not in the image, is left where it was."""
     half = windows(grid)
     refined = grid.copy()
-    for window in np.unique(half):
-        chosen = half == window
+    inside = np.all((grid >= 0.0) & (grid <= np.array(image.shape[::-1]) - 1.0), axis=2)
+    for window in np.unique(half[inside]):
+        chosen = (half == window) & inside
         corners = np.ascontiguousarray(grid[chosen].reshape(-1, 1, 2), dtype=np.float32)
         found = cv2.cornerSubPix(image, corners, (int(window), int(window)), (-1, -1), _STOP)
         refined[chosen] = np.asarray(found, dtype=np.float64).reshape(-1, 2)

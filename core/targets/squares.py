@@ -17,6 +17,7 @@ _QUADRANTS = ((-1.0, -1.0), (1.0, -1.0), (-1.0, 1.0), (1.0, 1.0))
 _QUADRANT_REACH = 0.3  # of the spacing
 _LEAST_GAP = 0.3  # of the board's contrast
 _CONTINUES = 0.6  # of a line's visible places
+_OUTER_CORNERS = 0.7  # of an outermost line's visible points; highlights may spoil some
 _MOST_LINES = 500
 
 
@@ -89,38 +90,66 @@ def lines_beyond(
     )
 
 
+def outer_lines_are_corners(
+    image: Float32[np.ndarray, "h w"], grid: Float[np.ndarray, "rows columns 2"], colours: Colours
+) -> bool:
+    """Tell whether the grid's outermost points are corners of four squares, not ends of the board's outline."""
+    rows, columns = grid.shape[:2]
+    across = np.swapaxes(grid, 0, 1)
+    black = colours.origin_is_black
+    for lines, first_is_black in (
+        (grid[:2], not black),
+        (grid[::-1][:2], black != (rows % 2 == 0)),
+        (across[:2], not black),
+        (across[::-1][:2], black != (columns % 2 == 0)),
+    ):
+        corner, visible = _corners(image, lines[0], lines[0] - lines[1], first_is_black, colours.contrast)
+        if int(corner.sum()) < _OUTER_CORNERS * int(visible.sum()):
+            return False
+    return True
+
+
 def _line_beyond(
     image: Float32[np.ndarray, "h w"],
     lines: Float[np.ndarray, "three n 2"],
     first_is_black: bool,
     contrast: float,
 ) -> LineBeyond:
-    """Look at the line that comes before three, the outermost first.
-
-    A place is a corner if its four quadrants' colours alternate as the board's do. `first_is_black`: is the quadrant
-    that lies outward, and forward along the line, black at the line's first place?
-    """
+    """Look at the line that comes before three, the outermost first; `first_is_black` as in `_corners`."""
     places = (
         3.0 * lines[0] - 3.0 * lines[1] + lines[2]
     )  # a parabola through the three: perspective bends little
-    outward = places - lines[0]
+    corner, visible = _corners(image, places, places - lines[0], first_is_black, contrast)
+    is_lattice = int(corner.sum()) >= max(2.0, _CONTINUES * int(visible.sum()))
+    return LineBeyond(places, is_lattice, bool(visible.all()))
+
+
+def _corners(
+    image: Float32[np.ndarray, "h w"],
+    places: Float[np.ndarray, "n 2"],
+    outward: Float[np.ndarray, "n 2"],
+    first_is_black: bool,
+    contrast: float,
+) -> tuple[Bool[np.ndarray, " n"], Bool[np.ndarray, " n"]]:
+    """Tell which of a line's places are corners of four squares in alternating colours, and which can be judged.
+
+    `first_is_black`: is the quadrant that lies outward, and forward along the line, black at the first place?
+    """
     forward = np.gradient(places, axis=0)
     quadrants = np.stack([places + _QUADRANT_REACH * (a * outward + b * forward) for a, b in _QUADRANTS])
     levels, inside = sample(image, quadrants)
-    visible = inside.all(axis=0)
+    visible: Bool[np.ndarray, " n"] = np.asarray(inside.all(axis=0))
     diagonal, other = levels[[0, 3]], levels[[1, 2]]  # the outward and forward quadrant is the last
     black_diagonal = other.min(axis=0) - diagonal.max(axis=0)
     white_diagonal = diagonal.min(axis=0) - other.max(axis=0)
     is_even = np.arange(len(places)) % 2 == 0
     gap = np.where(is_even == first_is_black, black_diagonal, white_diagonal)
-    corners = int(np.sum((gap > _LEAST_GAP * contrast) & visible))
-    seen = int(visible.sum())
-    return LineBeyond(places, corners >= max(2.0, _CONTINUES * seen), bool(visible.all()))
+    return (gap > _LEAST_GAP * contrast) & visible, visible
 
 
 def grow(
     image: Float32[np.ndarray, "h w"], grid: Float[np.ndarray, "rows columns 2"]
-) -> Float[np.ndarray, "rows columns 2"]:
+) -> Float[np.ndarray, "all_rows all_columns 2"]:
     """Return the whole lattice that a part of it belongs to, as far as it is in the image."""
     while max(grid.shape[:2]) < _MOST_LINES:
         sides = lines_beyond(image, grid, measure_colours(image, grid))
