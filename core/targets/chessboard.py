@@ -29,8 +29,9 @@ from core.targets.squares import (
 )
 
 _SIZES_PX = (1000, 640, 1600)  # longest sides of the reduced images, in the order they are tried
+_CLASSIC = cv2.CALIB_CB_ADAPTIVE_THRESH | cv2.CALIB_CB_NORMALIZE_IMAGE | cv2.CALIB_CB_FAST_CHECK
 _DETECTORS = (
-    (cv2.findChessboardCorners, cv2.CALIB_CB_ADAPTIVE_THRESH | cv2.CALIB_CB_NORMALIZE_IMAGE, 1000),
+    (cv2.findChessboardCorners, _CLASSIC, 1000),
     (cv2.findChessboardCornersSB, cv2.CALIB_CB_NORMALIZE_IMAGE, 1600),
 )
 """Function, flags, and the longest side on which it is used: the first is quick on a board, and its time explodes
