@@ -17,7 +17,7 @@ from app.api.problems import internal_problem
 log = structlog.get_logger(__name__)
 
 _REQUEST_ID = re.compile(r"[A-Za-z0-9._-]{1,64}")
-_DRAIN_BYTES = 8 * 1024 * 1024
+_DRAIN_BYTES = 32 * 1024 * 1024
 _DRAIN_S = 5.0
 _QUIET = ("/livez", "/readyz", "/metrics")
 _CONTENT_SECURITY_POLICY = (

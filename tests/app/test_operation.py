@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import logging
 import re
+import shutil
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -99,6 +100,25 @@ def test_the_log_is_json_and_holds_no_secret(api: Any, capsys: pytest.CaptureFix
     assert (request["method"], request["route"], request["status"]) == ("GET", "/v1/targets", 200)
     secret = api.client.headers["authorization"].rpartition("_")[2]
     assert secret not in json.dumps(lines)
+
+
+@pytest.mark.usefixtures("restored_logging")
+def test_a_defect_is_logged_without_the_secrets_around_it(
+    open_api: Any, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with open_api() as running:
+        configure_logging("info")
+        running.client.headers["X-Secret"] = "hush"
+        # The originals' folder is gone: a defect no request could cause, and none may be told of.
+        shutil.rmtree(running.installation.blobs.root)
+        response = running.client.get("/metrics")
+        assert (response.status_code, response.json()["code"]) == (500, "internal_error")
+        assert str(running.installation.settings.data_dir) not in response.text
+    logged = capsys.readouterr().err
+    (line,) = [line for line in logged.splitlines() if '"request_failed"' in line]
+    assert json.loads(line)["exception"][0]["exc_type"] == "FileNotFoundError"
+    assert json.loads(line)["request_id"] == response.headers["x-request-id"]
+    assert "hush" not in logged
 
 
 def test_secrets_lie_where_only_the_owner_reads(api: Any) -> None:

@@ -93,6 +93,16 @@ def test_the_original_comes_back_as_an_attachment(api: Any, grey_png: bytes) -> 
     assert "/" not in measurement["filename"]
 
 
+@pytest.mark.parametrize(
+    "requested", ["bytes=0-3", "bytes=abc", "bytes=999999999-", "lines=1-2", "bytes=5-1"]
+)
+def test_an_original_is_always_whole(api: Any, grey_png: bytes, requested: str) -> None:
+    measurement = api.put_image(api.make_session(), grey_png).json()
+    image = api.client.get(f"/v1/measurements/{measurement['id']}/image", headers={"Range": requested})
+    assert (image.status_code, image.content) == (200, grey_png)
+    assert image.headers["accept-ranges"] == "none"
+
+
 def test_the_same_upload_again_gives_the_first_measurement(any_api: Any, grey_png: bytes) -> None:
     session_id = any_api.make_session()
     first = any_api.put_image(session_id, grey_png, cycle=1)

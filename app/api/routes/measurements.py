@@ -5,11 +5,11 @@ from __future__ import annotations
 from typing import Annotated, Any, Literal
 
 from fastapi import Path, Query, Request, Response
-from fastapi.responses import FileResponse
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from starlette.concurrency import run_in_threadpool
 
 from app.api.contract import Cursor, Limit, Service, ServiceDep, contract_router, problems
+from app.api.files import WholeFile
 from app.api.problems import invalid_request
 from app.api.schemas.common import Cycle, Identifier, Moment, PoseTag, Sha256, Text, parse_joint_angles
 from app.api.schemas.measurements import (
@@ -207,7 +207,7 @@ def get_measurement(
 
 @router.get(
     "/measurements/{measurement_id}/image",
-    response_class=FileResponse,
+    response_class=WholeFile,
     responses={
         200: {
             "description": "The original, byte for byte.",
@@ -219,10 +219,10 @@ def get_measurement(
         **problems(404),
     },
 )
-def get_image(measurement_id: str, service: ServiceDep) -> FileResponse:
+def get_image(measurement_id: str, service: ServiceDep) -> WholeFile:
     """Return the original image as a file to save."""
     measurement, path = measurements.get_original(service.installation, measurement_id)
-    return FileResponse(
+    return WholeFile(
         path,
         media_type=MEDIA_TYPES[measurement.image_format],
         filename=measurement.filename or f"{measurement.sha256}.{measurement.image_format}",

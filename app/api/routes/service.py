@@ -8,10 +8,11 @@ from collections.abc import AsyncIterator
 from pathlib import Path
 
 from fastapi import APIRouter, Response
-from fastapi.responses import FileResponse, JSONResponse, StreamingResponse
+from fastapi.responses import JSONResponse, StreamingResponse
 from starlette.concurrency import run_in_threadpool
 
 from app.api.contract import Service, ServiceDep, contract_router, problems
+from app.api.files import WholeFile
 from app.api.problems import problem_response
 from app.api.schemas.service import HealthCheck, Liveness, Readiness
 from app.errors import NotFound
@@ -124,14 +125,14 @@ def _event(name: str, progress: Progress) -> str:
 
 
 @documentation.get("/docs")
-def get_docs_page() -> FileResponse:
+def get_docs_page() -> WholeFile:
     """Serve the documentation page; every file of it is ours, since shop floors are offline."""
-    return FileResponse(_WEB / "index.html", media_type="text/html")
+    return WholeFile(_WEB / "index.html", media_type="text/html")
 
 
 @documentation.get("/docs/{name}")
-def get_docs_file(name: str) -> FileResponse:
+def get_docs_file(name: str) -> WholeFile:
     """Serve one of the page's own files."""
     if name not in _DOCS_FILES:
         raise NotFound.of("file")
-    return FileResponse(_WEB / name, media_type=_DOCS_FILES[name], headers={"Cache-Control": "max-age=3600"})
+    return WholeFile(_WEB / name, media_type=_DOCS_FILES[name], headers={"Cache-Control": "max-age=3600"})
