@@ -79,8 +79,8 @@ def _header(page: _Page) -> ImageHeader:
     width, height = page.one(_WIDTH), page.one(_HEIGHT)
     check_dimensions(width, height, "TIFF")
     channels = page.one(_SAMPLES, 1)
-    depths = set(page.entries.get(_BITS, (1,)))
-    formats = set(page.entries.get(_SAMPLE_FORMAT, (_UNSIGNED,)))
+    depths = set(page.entries.get(_BITS) or (1,))  # a tag may be there and hold nothing
+    formats = set(page.entries.get(_SAMPLE_FORMAT) or (_UNSIGNED,))
     photometric = page.one(_PHOTOMETRIC, 1)
     if formats != {_UNSIGNED}:
         raise UnsupportedImage("TIFF with floating-point or signed samples is not taken.")

@@ -312,6 +312,14 @@ def test_single_pixel(extension: str) -> None:
     assert abs(int(image[0, 0]) - 200) <= 2
 
 
+def test_tiff_whose_tag_holds_nothing() -> None:
+    data = bytearray(WHOLE["tiff little"])
+    entry = data.index(struct.pack("<HHI", 258, 4, 1))
+    struct.pack_into("<I", data, entry + 4, 0)
+    with pytest.raises(UndecodableImage):
+        decode(bytes(data))
+
+
 def test_no_pixels() -> None:
     with pytest.raises(UndecodableImage, match="0 x 17"):
         read_header(png(0, 8, b"", 0, HEIGHT))
