@@ -41,7 +41,8 @@ def demonstrate(data_dir: Path | None, seed: int) -> int:
     folder = data_dir or Path(tempfile.mkdtemp(prefix="gridpose-demo-"))
     folder.mkdir(parents=True, exist_ok=True)
     if any(folder.iterdir()):
-        console.print(f"[red]{escape(str(folder))} is not empty;[/] give --data-dir a new folder.")
+        message = f"[red]{escape(str(folder))} is not empty;[/] give --data-dir a new folder."
+        console.print(message, soft_wrap=True)
         return 2
     session = demo_session(seed)
     console.print(
