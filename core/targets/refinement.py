@@ -22,7 +22,9 @@ _DERIVATIVE_NOISE = 12.0 / 64.0  # variance that 3 x 3 Sobel / 8 makes of unit w
 _OVER_BOUND = 2.6
 """How far this estimator's error lies above the bound of its window, measured on rendered images: 2 to
 2.6."""
-_LEAST_UNCERTAINTY_PX = 0.005
+_OWN_ERROR_PX = 0.012
+"""What this estimator is off by without any noise: its window is not centred on the corner's own gradients. Root
+mean square over rendered standard scenes, .011 to .012."""
 _ROUNDING = 1.0 / np.sqrt(12.0)
 
 
@@ -58,7 +60,7 @@ def standard_uncertainties(
 
     In white noise of variance s² no estimator does better than the covariance s² M⁻¹, M = Σ g gᵀ over the
     window (the Cramér-Rao bound of a shift). Stated is √(½ trace) of that, times what this estimator loses
-    against it. s comes from the picture; M is freed of what the noise adds to it.
+    against it, and its own error beside. s comes from the picture; M is freed of what the noise adds to it.
     """
     noise = noise_level(image, grid)
     uncertainties = np.full(grid.shape[:2], np.inf)
@@ -75,7 +77,7 @@ def standard_uncertainties(
         if a > 0.0 and c > 0.0 and determinant > 0.0:
             uncertainties[index] = _OVER_BOUND * noise * np.sqrt(0.5 * (a + c) / determinant)
     # a corner without gradients is worth next to nothing: as uncertain as its window is wide
-    return np.clip(uncertainties, _LEAST_UNCERTAINTY_PX, half.astype(np.float64))
+    return np.minimum(np.hypot(uncertainties, _OWN_ERROR_PX), half.astype(np.float64))
 
 
 def noise_level(image: Float32[np.ndarray, "h w"], grid: Float[np.ndarray, "rows columns 2"]) -> float:
