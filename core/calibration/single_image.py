@@ -42,6 +42,7 @@ from core.transforms import hat, transform
 
 FOCAL_GATE = 0.02
 """Largest predicted u(f)/f that is reported as a measurement."""
+UNTRUSTED = 10.0  # times the median uncertainty
 START_FACTORS = (0.6, 1.0, 1.8)  # of the image width, where no closed form is plausible
 PLAUSIBLE_START = (0.3, 10.0)
 RIVAL_COST = 9.0  # three sigmas: a fit whose cost is within this of the best explains the points as well
@@ -171,6 +172,10 @@ def _conclude(
     if np.any(depth <= 0):
         raise DegenerateGeometry("The best fit puts grid points behind the camera.")
     residuals = np.ascontiguousarray(result.residuals.T)
+    # A point that the detector itself calls ten times as uncertain as the rest had a hundredth of their weight: it is
+    # reported as what it was, left out, and does not stand in the statistics as if it had been believed.
+    uncertainty = points.standard_uncertainty_px
+    used = result.used & (uncertainty <= UNTRUSTED * np.median(uncertainty))
     if result.scale > SMALLEST_NOISE_PX:
         inflation, rho = correlation_inflation(points, result)
     else:
@@ -202,7 +207,7 @@ def _conclude(
     if not result.converged:
         raise NotConverged(f"The fit did not converge within {result.iterations} iterations.")
     pose = camera_pose(view.rotation, translation, covariance[9:, 9:], conditional)
-    statistics = reprojection(residuals, result.used)
+    statistics = reprojection(residuals, used)
     chi = result.scale / float(np.mean(points.standard_uncertainty_px))
     warnings = remarks(points, pose, statistics, chi, inflation, rho)
     if len(indices) == len(POSE):
@@ -253,7 +258,7 @@ def _conclude(
         warnings=tuple(warnings),
         points=points,
         residuals_px=residuals,
-        used=result.used,
+        used=used,
     )
 
 

@@ -92,12 +92,11 @@ def test_each_photo_is_calibrated_or_refused_for_a_reason(data_folder: Path, pho
 def test_residuals_are_those_of_a_board_found_right(data_folder: Path, photos: PhotoSet) -> None:
     """A wrong grid leaves tens of pixels, a wrong orientation mirrors the board; neither may pass.
 
-    The multi-view residuals are .24 to .26 px. right02 has more: its board's outermost squares are cut to half, so that
-    three corners' windows reach over the edge, and one of them (1.8 px off, rightly called uncertain by .9 px) is used.
+    The multi-view residuals are .24 to .26 px; a single view, with a pose and a camera of its own, stays below.
     """
     for name, found in outcomes(data_folder, photos).items():
         if isinstance(found, Calibration):
-            assert found.reprojection.rms_px < 0.35, name
-            assert found.reprojection.mean_px < 0.25, name
+            assert found.reprojection.rms_px < 0.25, name
+            assert found.reprojection.rejected <= 5, name
             assert found.T_camera_target[2, 3] > 0, name
             assert found.observability.tilt < np.radians(75), name

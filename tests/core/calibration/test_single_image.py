@@ -245,3 +245,16 @@ def test_stated_intervals_cover_at_tilts_from_ten_degrees(columns: int, rows: in
     # Binomial: σ = 1.1 % at 400 trials; the worst of 14 within 3.5 σ, the mean over parameters within 2 %.
     assert np.all(np.abs(coverage - 0.95) < 3.5 * math.sqrt(0.95 * 0.05 / 400)), coverage
     assert abs(np.mean(coverage) - 0.95) < 0.02
+
+
+def test_points_the_detector_distrusts_are_counted_as_left_out() -> None:
+    view = draw_view(np.random.default_rng(13))
+    px, uncertainty = view.points.points_px.copy(), view.points.standard_uncertainty_px.copy()
+    px[17] += 1.5
+    uncertainty[17] = 1.0
+    doubted = dataclasses.replace(view.points, points_px=px, standard_uncertainty_px=uncertainty)
+    found = calibrate_points(doubted)
+    assert not found.used[17]
+    assert found.reprojection.rejected == 1
+    assert found.reprojection.max_px < 0.5
+    assert found.camera.fx_px == pytest.approx(calibrate_points(view.points).camera.fx_px, rel=1e-3)
