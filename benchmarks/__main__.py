@@ -47,7 +47,7 @@ def main() -> int:
 
     console = Console()
     for name in arguments.only or sorted(modules):
-        started = time.perf_counter()
+        started, load = time.perf_counter(), _load()
         rows: list[Row] = []
         for row in modules[name].rows(seeds, arguments.quick):
             rows.append(row)
@@ -57,7 +57,7 @@ def main() -> int:
         seconds = time.perf_counter() - started
         console.print(_table(name, rows))
         if not (arguments.no_write or arguments.quick):
-            body = f"{_conditions(seeds, seconds)}\n\n{markdown(rows)}"
+            body = f"{_conditions(seeds, seconds, load)}\n\n{markdown(rows)}"
             document = RESULTS.read_text(encoding="utf-8") if RESULTS.exists() else HEAD
             RESULTS.write_text(with_section(document, name, body), encoding="utf-8")
     return 0
@@ -73,12 +73,17 @@ def _table(name: str, rows: list[Row]) -> Table:
     return table
 
 
-def _conditions(seeds: list[int], seconds: float) -> str:
+def _load() -> str:
+    """Return how busy the machine is already: beside other work, ratios of whole machines mean little."""
+    return f"load average {os.getloadavg()[0]:.1f}" if hasattr(os, "getloadavg") else "load unknown"
+
+
+def _conditions(seeds: list[int], seconds: float, load: str) -> str:
     cores = f"{os.cpu_count()} cores ({platform.machine()}, {platform.system()})"
     machine = f"{cores}, Python {platform.python_version()}"
     versions = f"numpy {np.__version__}, OpenCV {cv2.__version__}"
     chosen = ", ".join(map(str, seeds))
-    return f"{datetime.now(UTC):%Y-%m-%d}, {machine}, {versions}; seeds {chosen}; took {seconds:.0f} s."
+    return f"{datetime.now(UTC):%Y-%m-%d}, {machine}, {versions}; seeds {chosen}; {load} at the start; took {seconds:.0f} s."
 
 
 if __name__ == "__main__":
