@@ -83,7 +83,8 @@ def _conditions(seeds: list[int], seconds: float, load: str) -> str:
     machine = f"{cores}, Python {platform.python_version()}"
     versions = f"numpy {np.__version__}, OpenCV {cv2.__version__}"
     chosen = ", ".join(map(str, seeds))
-    return f"{datetime.now(UTC):%Y-%m-%d}, {machine}, {versions}; seeds {chosen}; {load} at the start; took {seconds:.0f} s."
+    run = f"seeds {chosen}; {load} at the start; took {seconds:.0f} s."
+    return f"{datetime.now(UTC):%Y-%m-%d}, {machine}, {versions}; {run}"
 
 
 if __name__ == "__main__":
