@@ -1,7 +1,6 @@
 """Gridpose's numerics: arrays and bytes in, values out; no service, file, clock or log.
 
-    from core import TargetSpec, calibrate_image
-    calibration = calibrate_image(data, TargetSpec("chessboard", 9, 6, 25.0))
+The door: `calibrate_image(data, TargetSpec("chessboard", 9, 6, 25.0)) -> Calibration`.
 """
 
 from core.calibration.calibrate import calibrate_image

@@ -48,6 +48,7 @@ class GridposeError(Exception):
 
 class InvalidInput(GridposeError):
     code = "invalid_input"
+    default_advice = "Correct the value named and try again."
 
 
 class InvalidTarget(InvalidInput):

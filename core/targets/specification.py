@@ -41,6 +41,11 @@ class TargetSpec:
                 raise InvalidTarget(f"{name} must be a whole number from 2 to 500, got {value!r}.")
         if not (math.isfinite(self.pitch_mm) and self.pitch_mm > 0):
             raise InvalidTarget(f"pitch_mm must be a positive length, got {self.pitch_mm!r}.")
+        doubt = self.pitch_standard_uncertainty_mm
+        if doubt is not None and not 0 <= doubt < self.pitch_mm:
+            raise InvalidTarget(
+                f"pitch_standard_uncertainty_mm must lie between 0 and the pitch, got {doubt!r}."
+            )
 
     @property
     def size(self) -> int:

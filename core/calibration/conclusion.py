@@ -1,0 +1,221 @@
+"""From a fit to what is reported: a Calibration with its doubt and remarks, or a refusal."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Int
+
+from core.calibration.model import (
+    FREE,
+    LENS_PRIOR,
+    POSE,
+    PRINCIPAL_POINT_PRIOR,
+    RADIAL_PRIORS,
+    TANGENTIAL_PRIOR,
+    Lens,
+    View,
+    camera_prior,
+    centred,
+)
+from core.calibration.result import Calibration, Observability
+from core.calibration.uncertainty import camera_pose, correlation_inflation, remarks, reprojection
+from core.camera import CAMERA_PARAMETERS, Camera
+from core.errors import Advisory, DegenerateGeometry, FocalNotObservable, NotConverged
+from core.least_squares import Fit
+from core.targets.specification import GridPoints
+from core.transforms import hat, transform
+
+UNTRUSTED = 10.0  # times the median uncertainty
+LARGEST_RESIDUAL = 0.1  # of the grid's step: beyond it the points are not this grid through this camera
+STRAINED = 2.0  # prior σ; cameras as assumed end within 1.1 in 95 % of views
+
+
+@dataclass(frozen=True, slots=True)
+class Judged:
+    """A fit with the inflation its residuals call for, and the focal length it leaves."""
+
+    start: str
+    fit: Fit[View]
+    indices: Int[np.ndarray, " p"]
+    inflation: float
+    neighbour_correlation: float
+
+    @property
+    def focal_px(self) -> float:
+        """Mean of fx and fy."""
+        return 0.5 * float(self.fit.state.parameters[0] + self.fit.state.parameters[1])
+
+    @property
+    def focal_relative_uncertainty(self) -> float:
+        """u(f)/f, 0 where the camera was held fixed."""
+        if len(self.indices) == len(POSE):
+            return 0.0
+        C = self.fit.covariance
+        variance = 0.25 * float(C[0, 0] + 2.0 * C[0, 1] + C[1, 1])
+        return self.inflation * math.sqrt(max(variance, 0.0)) / self.focal_px
+
+
+def judge(
+    points: GridPoints, start: str, result: Fit[View], indices: Int[np.ndarray, " p"], smallest_scale: float
+) -> Judged:
+    """Look at the residuals. At `smallest_scale` what is left are rounding errors or too few to tell anything from.
+
+    Raises DegenerateGeometry where the fit found its problem singular.
+    """
+    if result.status == "singular":
+        raise DegenerateGeometry("The grid points found do not determine the camera and its pose.")
+    inflation, rho = correlation_inflation(points, result) if result.scale > smallest_scale else (1.0, 0.0)
+    return Judged(start, result, indices, inflation, rho)
+
+
+def conclude(
+    points: GridPoints,
+    judged: Judged,
+    *,
+    gate: float,
+    lens: Lens | None = None,
+    contradicted: Lens | None = None,
+) -> Calibration:
+    """Turn a fit into a Calibration, or refuse it.
+
+    `gate` is the largest u(f)/f let through, `lens` the one whose prior was used, `contradicted` one that was stated
+    and left out because the image says otherwise.
+    """
+    start, result, indices = judged.start, judged.fit, judged.indices
+    view = result.state
+    target, centroid = centred(points)
+    depth = target @ view.rotation[2] + view.translation_mm[2]
+    if np.any(depth <= 0):
+        raise DegenerateGeometry("The best fit puts grid points behind the camera.")
+    if float(view.rotation[:, 2] @ view.translation_mm) <= 0:
+        raise DegenerateGeometry(
+            "The grid is seen from behind.",
+            "Check that the image is not mirrored and the print not seen through.",
+        )
+    residuals = np.ascontiguousarray(result.residuals.T)
+    # A point that the detector itself calls ten times as uncertain as the rest had a hundredth of their weight: it is
+    # reported as what it was, left out, and does not stand in the statistics as if it had been believed.
+    uncertainty = points.standard_uncertainty_px
+    used = result.used & (uncertainty <= UNTRUSTED * np.median(uncertainty))
+    # From the centroid to the target's origin: t = t_c - R c, so d = d_c + [R c]× w.
+    origin = -view.rotation @ centroid
+    to_origin = np.eye(15)
+    to_origin[12:, 9:12] = -hat(origin)
+    covariance = np.zeros((15, 15))
+    # All of it, the priors' part too: a print that is longer one way breaks fx = fy as it breaks the residuals.
+    covariance[np.ix_(indices, indices)] = result.covariance * judged.inflation**2
+    covariance = to_origin @ covariance @ to_origin.T
+    translation = view.translation_mm + origin
+    if points.target.pitch_standard_uncertainty_mm:
+        # A print 1 % too large is taken for one 1 % nearer: the same relative error in every length. It is
+        # common to all images of the target, so it belongs to the absolute pose, not the conditional one.
+        relative = points.target.pitch_standard_uncertainty_mm / points.target.pitch_mm
+        covariance[12:, 12:] += relative**2 * np.outer(translation, translation)
+    conditional = np.linalg.inv(result.information[-6:, -6:]) * judged.inflation**2
+    conditional = to_origin[9:, 9:] @ conditional @ to_origin[9:, 9:].T
+    focal, focal_uncertainty = judged.focal_px, judged.focal_relative_uncertainty
+    # Where focal length cannot be told the cost is a flat valley, on which the solver may walk on without
+    # end: that is the refusal's case too, not a failure to converge.
+    if focal_uncertainty > gate:
+        raise FocalNotObservable(
+            f"The focal length is not observable in this view: its predicted standard uncertainty is "
+            f"{100 * focal_uncertainty:.1f} % of {focal:.0f} px, more than {100 * gate:.0f} %.",
+            None
+            if contradicted is None
+            else f"The stated lens, {contradicted.focal_px:.0f} px, does not fit this view either: check its focal "
+            "length and the pixel pitch, or tilt the target by 15° or more.",
+        )
+    if not result.converged:
+        raise NotConverged(f"The fit did not converge within {result.iterations} iterations.")
+    pose = camera_pose(view.rotation, translation, covariance[9:, 9:], conditional)
+    statistics = reprojection(residuals, used)
+    step = grid_step_px(points)
+    if statistics.rms_px > LARGEST_RESIDUAL * step:
+        raise NotConverged(
+            f"The best fit leaves residuals of {statistics.rms_px:.1f} px where the grid's step is {step:.0f} px: "
+            "camera and target as stated do not explain this image.",
+            "Check the target's size and the session's intrinsics or lens.",
+        )
+    chi = result.scale / float(np.mean(points.standard_uncertainty_px))
+    warnings = remarks(points, pose, statistics, chi, judged.inflation, judged.neighbour_correlation)
+    if len(indices) == len(POSE):
+        warnings.append(
+            Advisory(
+                "intrinsics_taken_as_exact",
+                "The session's intrinsics were used as given; the pose's uncertainty does not contain theirs.",
+            )
+        )
+    else:
+        warnings += strained_priors(points, view.camera, lens)
+    if contradicted is not None:
+        warnings.append(
+            Advisory(
+                "lens_prior_contradicted",
+                f"The image says f = {focal:.0f} px, the stated lens {contradicted.focal_px:.0f} px; "
+                "the lens was left out.",
+                "Check the lens's focal length and the camera's pixel pitch (binning doubles it).",
+            )
+        )
+    return Calibration(
+        estimator="given" if len(indices) == len(POSE) else "per_image",
+        start=start,
+        image_width_px=points.image_width_px,
+        image_height_px=points.image_height_px,
+        camera=view.camera,
+        T_camera_target=transform(view.rotation, translation),
+        covariance=covariance,
+        pose=pose,
+        reprojection=statistics,
+        observability=Observability(
+            focal_relative_uncertainty=focal_uncertainty,
+            condition_number=result.condition_number,
+            tilt=math.acos(min(1.0, max(-1.0, float(view.rotation[2, 2])))),
+            prior_dominated=_prior_dominated(points, judged, lens) if len(indices) == len(FREE) else (),
+        ),
+        warnings=tuple(warnings),
+        points=points,
+        residuals_px=residuals,
+        used=used,
+    )
+
+
+def _prior_dominated(points: GridPoints, judged: Judged, lens: Lens | None) -> tuple[str, ...]:
+    """Name the parameters of which the prior tells more than the image: posterior variance over half the
+    prior's.
+    """
+    sigma = np.full(8, np.inf)
+    sigma[2:4] = PRINCIPAL_POINT_PRIOR * points.image_width_px
+    sigma[4:6] = RADIAL_PRIORS
+    sigma[6:8] = TANGENTIAL_PRIOR
+    if lens is not None:
+        sigma[:2] = LENS_PRIOR * judged.focal_px
+    dominated = np.diag(judged.fit.covariance)[:8] > 0.5 * sigma**2
+    return tuple(name for name, flag in zip(CAMERA_PARAMETERS[:8], dominated, strict=True) if flag)
+
+
+def strained_priors(points: GridPoints, camera: Camera, lens: Lens | None) -> list[Advisory]:
+    """Remark on parameters that ended more than two σ from what lenses are usually like."""
+    q, _ = camera_prior(points.image_width_px, points.image_height_px, lens)(camera.as_array())
+    names = ("cx_px", "cy_px", "k1", "k2", "p1", "p2", "fx/fy", "f")
+    strained = [name for name, value in zip(names, q, strict=False) if abs(value) > STRAINED]
+    if not strained:
+        return []
+    return [
+        Advisory(
+            "priors_strained",
+            f"{', '.join(strained)} ended more than {STRAINED:g} σ from what a single image has to assume of lenses "
+            "and prints; uncertainties may be too small.",
+            "Calibrate this camera from several tilted views and give the session those intrinsics; check the print's "
+            "length against its width.",
+        )
+    ]
+
+
+def grid_step_px(points: GridPoints) -> float:
+    """The mean distance of neighbouring grid points in the image, px."""
+    spread_px = math.sqrt(float(np.sum(np.var(points.points_px, axis=0))))
+    spread_mm = math.sqrt(float(np.sum(np.var(points.points_target, axis=0))))
+    return points.target.pitch_mm * spread_px / spread_mm

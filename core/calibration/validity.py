@@ -1,0 +1,56 @@
+"""What may enter a fit: refuse at the door what would end in numbers without meaning."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from core.calibration.model import Lens
+from core.camera import Camera
+from core.errors import DegenerateGeometry, InvalidArgument
+from core.targets.specification import GridPoints
+
+FOCAL_RANGE = (0.01, 1000.0)  # of the image's longer side: from a fish-eye's to a telescope's
+LARGEST_COORDINATE = 1e6  # px, from the image's corner
+LARGEST_RATIO = 1e6  # of standard uncertainties within one image
+
+
+def check_points(points: GridPoints) -> None:
+    """Raise InvalidArgument or DegenerateGeometry unless the points can be fitted."""
+    if points.image_width_px < 1 or points.image_height_px < 1:
+        raise InvalidArgument("The image must have at least one pixel.")
+    if not np.all(np.abs(points.points_px) < LARGEST_COORDINATE):  # NaN fails too
+        raise InvalidArgument("Grid points must have finite pixel coordinates within reason.")
+    uncertainty = points.standard_uncertainty_px
+    if len(points) and not (
+        np.all(uncertainty > 0) and np.all(uncertainty < LARGEST_RATIO * uncertainty.min())
+    ):
+        raise InvalidArgument("Standard uncertainties of grid points must be positive and comparable.")
+    keys = points.row.astype(np.int64) * points.target.columns + points.column
+    if len(np.unique(keys)) != len(points):
+        raise DegenerateGeometry("A grid point is named twice.")
+
+
+def check_lens(lens: Lens, points: GridPoints) -> None:
+    """Raise InvalidArgument where no lens has the focal length stated."""
+    _check_focal(
+        lens.focal_px, points, "Check focal_length_mm and pixel_pitch_um: millimetres and micrometres."
+    )
+
+
+def check_camera(camera: Camera, points: GridPoints) -> None:
+    """Raise InvalidArgument where given intrinsics cannot be those of a camera."""
+    if not np.all(np.isfinite(camera.as_array())):
+        raise InvalidArgument("The given intrinsics must be finite numbers.")
+    for focal in (camera.fx_px, camera.fy_px):
+        _check_focal(focal, points, "Check the session's intrinsics: focal lengths are in pixels.")
+
+
+def _check_focal(focal: float, points: GridPoints, advice: str) -> None:
+    longer = max(points.image_width_px, points.image_height_px)
+    low, high = (factor * longer for factor in FOCAL_RANGE)
+    if not (math.isfinite(focal) and low < focal < high):
+        raise InvalidArgument(
+            f"A focal length of {focal:.3g} px is not that of a camera with {longer} px.", advice
+        )
