@@ -17,8 +17,9 @@ from app.api.problems import internal_problem
 log = structlog.get_logger(__name__)
 
 _REQUEST_ID = re.compile(r"[A-Za-z0-9._-]{1,64}")
-_DRAIN_BYTES = 32 * 1024 * 1024
+_DRAIN_BYTES = 256 * 1024 * 1024
 _DRAIN_S = 5.0
+_NEXT_PIECE_WITHIN_S = 60.0
 _QUIET = ("/livez", "/readyz", "/metrics")
 _CONTENT_SECURITY_POLICY = (
     "default-src 'none'; script-src 'self'; style-src 'self' 'unsafe-inline'; img-src 'self' data:; "
@@ -44,7 +45,11 @@ class _Exchange:
     """One request and its answer."""
 
     def __init__(self, app: ASGIApp, metrics: Metrics, scope: Scope, receive: Receive, send: Send) -> None:
-        self._app, self._metrics, self._scope = app, metrics, scope
+        self._app, self._metrics = app, metrics
+        self._method = scope["method"]
+        # What may be read may be asked about: HEAD is GET without the body. An event stream has no end to await.
+        self._is_head = self._method == "HEAD" and not scope["path"].endswith("/events")
+        self._scope = {**scope, "method": "GET"} if self._is_head else scope
         self._receive, self._send = receive, send
         headers = Headers(scope=scope)
         offered = headers.get("x-request-id", "")
@@ -66,13 +71,21 @@ class _Exchange:
         try:
             await self._app(self._scope, self._read, self._write)
         except Exception as error:
-            log.error("request_failed", method=self._scope["method"], route=self._route(), exc_info=error)
+            log.error("request_failed", method=self._method, route=self._route(), exc_info=error)
             if self._status:
                 raise
             await internal_problem()(self._scope, self._read, self._write)
 
     async def _read(self) -> Message:
-        message = await self._receive()
+        if self._body_complete:
+            return await self._receive()
+        try:
+            async with asyncio.timeout(_NEXT_PIECE_WITHIN_S):
+                message = await self._receive()
+        except TimeoutError:
+            # A client that fell silent is as good as gone; its connection is closed after the answer.
+            self._may_drain = False
+            return {"type": "http.disconnect"}
         if message["type"] != "http.request" or not message.get("more_body", False):
             self._body_complete = True
         return message
@@ -91,6 +104,8 @@ class _Exchange:
                     await self._drain()
                 if not self._body_complete:
                     headers["Connection"] = "close"
+        elif self._is_head and message["type"] == "http.response.body":
+            message = {**message, "body": b""}
         await self._send(message)
 
     async def _drain(self) -> None:
@@ -108,7 +123,7 @@ class _Exchange:
         return getattr(route, "path", "unmatched")
 
     def _note(self, duration_s: float) -> None:
-        method, route = self._scope["method"], self._route()
+        method, route = self._method, self._route()
         self._metrics.request_done(method, route, self._status, duration_s)
         if self._scope["path"] not in _QUIET:
             log.info(

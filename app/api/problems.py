@@ -207,7 +207,8 @@ def _message(error: Mapping[str, Any]) -> str:
         ("le", "at most"),
     ):
         if name in context:
-            return f"must be {words} {context[name]:g}"
+            bound = context[name]
+            return f"must be {words} {bound if isinstance(bound, int) else format(bound, 'g')}"
     if kind == "literal_error":
         return f"must be one of {context['expected']}"
     if kind == "string_pattern_mismatch":

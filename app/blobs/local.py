@@ -18,10 +18,14 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import BinaryIO
 
-from app.errors import StorageFull
+import structlog
+
+from app.errors import StorageFull, Unavailable
 
 _STRIPES = 64
-_FULL = {errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO, errno.EROFS}
+_BUSY = {errno.EMFILE, errno.ENFILE, errno.ENOMEM}
+
+log = structlog.get_logger(__name__)
 
 
 class StagedBlob:
@@ -77,6 +81,13 @@ class LocalBlobs:
         """Begin to receive a file."""
         return StagedBlob(self._incoming / secrets.token_hex(16))
 
+    def holds(self, sha256: str, size: int) -> bool:
+        """Tell whether the original is there, as long as it was when it came."""
+        try:
+            return self.path(sha256).stat().st_size == size
+        except FileNotFoundError:
+            return False
+
     def publish(self, staged: StagedBlob) -> None:
         """Put a received file under its name; on return it survives a power cut."""
         target = self.path(staged.sha256)
@@ -127,13 +138,16 @@ class LocalBlobs:
 
 @contextmanager
 def storage_refusals() -> Iterator[None]:
-    """Turn a write the disk refused into StorageFull."""
+    """Turn a write that failed into a refusal: the client may try again, the log says what the disk said."""
     try:
         yield
     except OSError as error:
-        if error.errno in _FULL:
-            raise StorageFull() from error
-        raise
+        log.error("original_not_written", reason=errno.errorcode.get(error.errno or 0), path=error.filename)
+        if error.errno in _BUSY:
+            raise Unavailable(
+                "The server has too much to do at once.", "Try again shortly.", code="busy"
+            ) from error
+        raise StorageFull() from error
 
 
 def _sync_folder(folder: Path) -> None:

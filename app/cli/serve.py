@@ -12,6 +12,8 @@ from types import FrameType
 import uvicorn
 
 from app.cli.configuration import fail, load_settings, open_installation
+from app.cli.connections import Connection, allow_many_connections
+from app.logs import configure_logging
 from app.main import create_app
 from app.records.lock import AlreadyLocked, FileLock
 from app.services.installation import Installation
@@ -25,6 +27,8 @@ _LAST_REQUESTS_S = 8
 def serve(host: str | None, port: int | None, data_dir: Path | None) -> int:
     """Serve until told to end; return the exit code."""
     settings = load_settings(host=host, port=port, data_dir=data_dir)
+    configure_logging(settings.log_level)
+    allow_many_connections()
     listener = listen(settings)
     installation = open_installation(settings)
     require_unlocked(settings, "head.lock", f"Another `gridpose serve` uses {settings.data_dir}.")
@@ -39,6 +43,7 @@ def serve(host: str | None, port: int | None, data_dir: Path | None) -> int:
     server = _Server(
         uvicorn.Config(
             app,
+            http=Connection,
             log_config=None,
             access_log=False,
             server_header=False,

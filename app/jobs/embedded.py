@@ -230,7 +230,7 @@ class EmbeddedRunner:
             failure = Failure(
                 "original_missing",
                 "The stored image is gone from the server's disk.",
-                "Upload the image again.",
+                "Upload the image again, which puts it back, then retry.",
             )
             return Finished(ended.job, Outcome(None, failure), 0.0)
         log.error("job_failed_unexpectedly", measurement_id=ended.job.measurement_id, exc_info=error)

@@ -14,12 +14,16 @@ from types import ModuleType
 from typing import Any
 
 import sqlalchemy as sa
+import structlog
 from sqlalchemy import orm
 from sqlalchemy.pool import QueuePool
 
 from app.errors import StorageFull, Unavailable
 
 BUSY_TIMEOUT_S = 20.0
+_DAMAGE = ("database disk image is malformed", "file is not a database")
+
+log = structlog.get_logger(__name__)
 
 
 def sqlite_driver() -> tuple[ModuleType, bool]:
@@ -83,10 +87,20 @@ def _refusals() -> Iterator[None]:
         yield
     except sa.exc.OperationalError as error:
         reason = str(error.orig).lower()
+        log.error("database_refused", reason=reason)
         if "disk is full" in reason or "disk i/o error" in reason or "no space left" in reason:
             raise StorageFull() from error
         raise Unavailable(
             "The database cannot be reached or is busy.", "Try again shortly.", code="database_unavailable"
+        ) from error
+    except sa.exc.DatabaseError as error:
+        if not any(sign in str(error.orig).lower() for sign in _DAMAGE):
+            raise
+        log.critical("database_damaged", reason=str(error.orig))
+        raise Unavailable(
+            "The database is damaged.",
+            "Stop the service, run `gridpose doctor` on the server, and restore a backup.",
+            code="database_damaged",
         ) from error
     except sa.exc.TimeoutError as error:
         raise Unavailable(

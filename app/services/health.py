@@ -10,6 +10,7 @@ from app.errors import ServiceError
 from app.jobs.embedded import EmbeddedRunner
 from app.records import schema
 from app.records.database import sqlite_version
+from app.records.tables import Session
 from app.services.installation import Installation
 
 
@@ -37,6 +38,7 @@ def _database(installation: Installation) -> Check:
         with installation.database.write() as records:
             # Takes the write lock and writes nothing.
             records.execute(sa.text("DELETE FROM api_keys WHERE 1 = 0"))
+            records.execute(sa.select(Session.id).limit(1))
     except (ServiceError, sa.exc.SQLAlchemyError):
         return Check("database", ok=False, detail="The database cannot be written to.")
     if not installation.database.is_sqlite:

@@ -12,7 +12,7 @@ from typing import Any
 import sqlalchemy as sa
 from sqlalchemy import orm
 
-from app.blobs.local import StagedBlob
+from app.blobs.local import LocalBlobs, StagedBlob
 from app.errors import Conflict, InvalidContent, NotFound
 from app.jobs.admission import AdmittedImage, admit_image
 from app.records.codec import points_documents
@@ -21,7 +21,7 @@ from app.records.pagination import page
 from app.records.tables import Measurement, Result, Session
 from app.services.installation import Installation
 from app.services.lookup import find
-from app.services.originals import tidy_after_failure
+from app.services.originals import restore_original, tidy_after_failure
 from app.services.poses import ensure_pose
 
 FILENAME_LENGTH = 255
@@ -97,10 +97,11 @@ def accept_image(
         session = find(records, Session, session_id)
         target_id = check_target(session, metadata.target_id)
         first = _find_same(records, session_id, pose_id, sha256, target_id)
-        if first is not None:
-            return Accepted(first, is_new=False)
-    admitted = admit_image(staged.path, installation.settings.max_image_pixels)
     database, blobs = installation.database, installation.blobs
+    if first is not None:
+        restore_original(database, blobs, staged)
+        return Accepted(first, is_new=False)
+    admitted = admit_image(staged.path, installation.settings.max_image_pixels)
     with blobs.guard(sha256):
         blobs.publish(staged)
         try:
@@ -140,20 +141,23 @@ def _add_measurement(
 
 
 def find_missing(
-    records: orm.Session, session_id: str, images: Sequence[tuple[str, str]]
+    records: orm.Session, blobs: LocalBlobs, session_id: str, images: Sequence[tuple[str, str]]
 ) -> list[tuple[str, str]]:
-    """Return those (pose_id, sha256) of which the session has no measurement, in the order asked, each once."""
+    """Return those (pose_id, sha256) of which the session has no measurement, in the order asked, each once.
+
+    One whose original is gone from the disk is missing too: sending it again puts it back.
+    """
     find(records, Session, session_id)
     wanted = list(dict.fromkeys(images))
     present: set[tuple[str, str]] = set()
     hashes = list({sha256 for _, sha256 in wanted})
     for start in range(0, len(hashes), 500):
         rows = records.execute(
-            sa.select(Measurement.pose_id, Measurement.sha256).where(
+            sa.select(Measurement.pose_id, Measurement.sha256, Measurement.bytes).where(
                 Measurement.session_id == session_id, Measurement.sha256.in_(hashes[start : start + 500])
             )
         )
-        present.update((pose_id, sha256) for pose_id, sha256 in rows)
+        present.update((pose_id, sha256) for pose_id, sha256, size in rows if blobs.holds(sha256, size))
     return [image for image in wanted if image not in present]
 
 
@@ -205,7 +209,7 @@ def get_original(installation: Installation, measurement_id: str) -> tuple[Measu
     if not path.is_file():
         raise NotFound(
             "The stored image is gone from the server's disk.",
-            "Upload the image again.",
+            "Upload the image again, which puts it back.",
             code="original_missing",
         )
     return measurement, path

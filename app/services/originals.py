@@ -5,7 +5,7 @@ from __future__ import annotations
 import sqlalchemy as sa
 import structlog
 
-from app.blobs.local import LocalBlobs
+from app.blobs.local import LocalBlobs, StagedBlob
 from app.errors import ServiceError
 from app.records.database import Database
 from app.records.tables import Measurement
@@ -18,6 +18,18 @@ def remove_unreferenced(database: Database, blobs: LocalBlobs, sha256: str) -> N
     with blobs.guard(sha256), database.read() as records:
         if records.scalar(sa.select(Measurement.id).where(Measurement.sha256 == sha256).limit(1)) is None:
             blobs.remove(sha256)
+
+
+def restore_original(database: Database, blobs: LocalBlobs, staged: StagedBlob) -> None:
+    """Put an original back that was lost from the disk, now that somebody sent it again."""
+    sha256, size = staged.sha256, staged.size
+    with blobs.guard(sha256):
+        if blobs.holds(sha256, size):
+            return
+        blobs.publish(staged)
+        log.warning("original_restored", sha256=sha256)
+        # Its rows may have been deleted since they were looked at.
+        remove_unreferenced(database, blobs, sha256)
 
 
 def tidy_after_failure(database: Database, blobs: LocalBlobs, sha256: str) -> None:

@@ -299,3 +299,14 @@ def test_a_body_over_its_limit_is_refused(api: Any, chunked: bool) -> None:
 def test_a_lying_content_length_is_no_defect(api: Any) -> None:
     headers = {"Content-Type": "application/json", "Content-Length": "abc"}
     assert_problem(api.client.post("/v1/targets", content=b"{}", headers=headers), 422)
+
+
+def test_a_bound_is_stated_exactly(api: Any) -> None:
+    session_id = api.make_session()
+    problem = assert_problem(
+        api.client.put(
+            f"/v1/sessions/{session_id}/poses/P1/images/{'0' * 64}", params={"cycle": 2**31}, content=b"x"
+        ),
+        422,
+    )
+    assert problem["errors"] == [{"field": "cycle", "message": "must be at most 2147483647"}]

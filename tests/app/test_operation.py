@@ -11,11 +11,14 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+import sqlalchemy as sa
 import structlog
 
 import app
+from app.errors import Unavailable
 from app.logs import configure_logging
 from app.main import AlreadyServed
+from app.records.database import Database
 
 
 def test_the_service_says_that_it_lives_and_is_ready(any_api: Any) -> None:
@@ -125,3 +128,27 @@ def test_secrets_lie_where_only_the_owner_reads(api: Any) -> None:
     pepper = api.installation.settings.data_dir / "key-pepper"
     assert pepper.stat().st_mode & 0o077 == 0
     assert len(pepper.read_bytes()) == 64
+
+
+def test_what_may_be_read_may_be_asked_about(api: Any, grey_png: bytes) -> None:
+    session_id = api.make_session()
+    measurement_id = api.put_image(session_id, grey_png).json()["id"]
+    image = f"/v1/measurements/{measurement_id}/image"
+    for address in ("/livez", "/readyz", "/v1/targets", image, "/openapi.json", "/docs", "/v1/nothing"):
+        asked, read = api.client.head(address), api.client.get(address)
+        assert asked.content == b""
+        for part in ("content-length", "content-type"):
+            assert asked.headers[part] == read.headers[part]
+        assert asked.status_code == read.status_code
+    assert api.client.head("/v1/targets", headers={"Authorization": ""}).status_code == 401
+    # An event stream never ends: nothing could be said of it by reading it.
+    assert api.client.head(f"/v1/sessions/{session_id}/events").status_code == 405
+
+
+def test_a_damaged_database_is_said_to_be_that(tmp_path: Path) -> None:
+    (tmp_path / "damaged.sqlite3").write_bytes(b"no database at all " * 1000)
+    database = Database(f"sqlite:///{tmp_path / 'damaged.sqlite3'}")
+    with pytest.raises(Unavailable) as caught, database.read() as records:
+        records.execute(sa.text("SELECT 1 FROM sessions"))
+    assert caught.value.code == "database_damaged"
+    database.dispose()

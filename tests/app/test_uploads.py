@@ -16,8 +16,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from app.blobs.local import LocalBlobs, StagedBlob
-from app.errors import StorageFull
+from app.blobs.local import LocalBlobs, StagedBlob, storage_refusals
+from app.errors import StorageFull, Unavailable
 
 OCTETS = {"Content-Type": "application/octet-stream"}
 
@@ -462,3 +462,38 @@ def test_room_is_judged_by_what_is_announced(tmp_path: Path) -> None:
     blobs.check_room(0, 1)
     with pytest.raises(StorageFull):
         blobs.check_room(0, 2 * free)
+
+
+def test_an_original_lost_from_the_disk_is_missing_and_comes_back_with_the_next_upload(
+    api: Any, grey_png: bytes
+) -> None:
+    session_id = api.make_session()
+    first = api.put_image(session_id, grey_png).json()
+    question = {"images": [{"pose_id": "P1", "sha256": first["sha256"]}]}
+    missing = f"/v1/sessions/{session_id}/images/missing"
+    assert api.client.post(missing, json=question).json() == {"missing": []}
+    (original,) = files_of(api)
+    for damage in (original.unlink, lambda: os.truncate(original, 10)):
+        damage()
+        assert api.client.post(missing, json=question).json()["missing"] == question["images"]
+        again = api.put_image(session_id, grey_png)
+        assert (again.status_code, again.json()["id"]) == (200, first["id"])
+        assert original.read_bytes() == grey_png
+        assert api.client.get(f"/v1/measurements/{first['id']}/image").content == grey_png
+        assert files_of(api) == [original]
+
+
+def test_a_folder_that_cannot_be_written_is_no_defect(api: Any, grey_png: bytes) -> None:
+    session_id = api.make_session()
+    folder = api.installation.blobs.path(hashlib.sha256(grey_png).hexdigest()).parent
+    folder.rmdir()
+    folder.write_text("in the way")
+    refused = api.put_image(session_id, grey_png)
+    assert (refused.status_code, refused.json()["code"]) == (507, "storage_full")
+    folder.unlink()
+    assert api.put_image(session_id, grey_png).status_code == 202
+
+
+def test_too_many_open_files_are_not_called_a_full_disk() -> None:
+    with pytest.raises(Unavailable), storage_refusals():
+        raise OSError(errno.EMFILE, "Too many open files")

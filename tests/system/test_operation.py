@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import json
 import os
 import re
 import subprocess
@@ -165,3 +166,13 @@ def test_version_and_help_load_nothing_of_the_service() -> None:
     )
     ended = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=False)
     assert ended.returncode == 0, ended.stderr
+
+
+def test_the_log_is_json_on_stderr(make_service: MakeService) -> None:
+    service = make_service().start()
+    httpx2.get(f"{service.url}/v1/targets")
+    assert service.stop() == 0
+    log = (service.data_dir / "service.log").read_text(encoding="utf-8").splitlines()
+    lines = [json.loads(line) for line in log]
+    (request,) = [line for line in lines if line["event"] == "request"]
+    assert (request["route"], request["status"], request["level"]) == ("unmatched", 401, "info")

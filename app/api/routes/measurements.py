@@ -168,7 +168,10 @@ def find_missing_images(session_id: str, body: ImageList, service: ServiceDep) -
     """Tell which of these images are not here yet."""
     with service.installation.database.read() as records:
         missing = measurements.find_missing(
-            records, session_id, [(image.pose_id, image.sha256) for image in body.images]
+            records,
+            service.installation.blobs,
+            session_id,
+            [(image.pose_id, image.sha256) for image in body.images],
         )
     return MissingImages.model_validate(
         {"missing": [{"pose_id": pose_id, "sha256": sha256} for pose_id, sha256 in missing]}
