@@ -120,6 +120,35 @@ def draw_overlay(path: str, points: list[dict[str, Any]], max_pixels: int) -> by
                 u + RESIDUAL_SCALE * point["residual_u_px"], v + RESIDUAL_SCALE * point["residual_v_px"]
             )
             cv2.line(canvas, place(u, v), end, (255, 128, 0), 1, cv2.LINE_AA, subpixel)
+    # The target's axes, from grid point (0, 0) on: a wrong orientation is seen at a glance.
+    at = {(point["column"], point["row"]): place(point["u_px"], point["v_px"]) for point in points}
+    for end_of, colour, name in (((2, 0), (0, 0, 255), "x"), ((0, 2), (255, 0, 0), "y")):
+        if (0, 0) in at and end_of in at:
+            tip = at[end_of]
+            cv2.arrowedLine(
+                canvas, at[0, 0], tip, colour, max(1, radius // 3), cv2.LINE_AA, subpixel, tipLength=0.1
+            )
+            corner = ((tip[0] >> subpixel) + radius, (tip[1] >> subpixel) - radius)
+            cv2.putText(
+                canvas, name, corner, cv2.FONT_HERSHEY_SIMPLEX, radius / 8, colour, max(1, radius // 4)
+            )
+    _write_legend(canvas, radius)
     encoded, buffer = cv2.imencode(".png", canvas, [cv2.IMWRITE_PNG_COMPRESSION, 1])
     assert encoded
     return bytes(buffer)
+
+
+def _write_legend(canvas: Any, radius: int) -> None:
+    """Say in the lower left corner what the colours and lines are."""
+    import cv2
+
+    text = f"green: used   red: left out   lines: residuals x {RESIDUAL_SCALE:g}"
+    size, weight = max(0.35, radius / 14), max(1, radius // 6)
+    (width, height), below = cv2.getTextSize(text, cv2.FONT_HERSHEY_SIMPLEX, size, weight)
+    bottom = canvas.shape[0] - 1
+    cv2.rectangle(
+        canvas, (0, bottom - height - 2 * below), (width + 2 * below, bottom), (255, 255, 255), cv2.FILLED
+    )
+    cv2.putText(
+        canvas, text, (below, bottom - below), cv2.FONT_HERSHEY_SIMPLEX, size, (0, 0, 0), weight, cv2.LINE_AA
+    )

@@ -120,9 +120,13 @@ def conclude(
     # Where focal length cannot be told the cost is a flat valley, on which the solver may walk on without
     # end: that is the refusal's case too, not a failure to converge.
     if focal_uncertainty > gate:
+        doubt = (
+            f"is {100 * focal_uncertainty:.1f} % of {focal:.0f} px, more than {100 * gate:.0f} %."
+            if focal_uncertainty < 0.5
+            else "is as large as the value itself."
+        )
         raise FocalNotObservable(
-            f"The focal length is not observable in this view: its predicted standard uncertainty is "
-            f"{100 * focal_uncertainty:.1f} % of {focal:.0f} px, more than {100 * gate:.0f} %.",
+            f"The focal length is not observable in this view: its predicted standard uncertainty {doubt}",
             None
             if contradicted is None
             else f"The stated lens, {contradicted.focal_px:.0f} px, does not fit this view either: check its focal "
