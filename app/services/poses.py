@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
+from typing import Any
 
 import sqlalchemy as sa
 from sqlalchemy import orm
@@ -41,9 +42,7 @@ def put_pose(
     return pose, True
 
 
-def put_poses(
-    records: orm.Session, session_id: str, items: Sequence[tuple[str, CommandedPose]]
-) -> list[Pose]:
+def put_poses(records: orm.Session, session_id: str, items: Sequence[tuple[str, CommandedPose]]) -> None:
     """Store many poses, new or replaced, in the order given; all of them or none."""
     find(records, Session, session_id, lock=True)
     seen: set[str] = set()
@@ -59,19 +58,22 @@ def put_poses(
             code="duplicate_pose",
             errors=repeated[:100],
         )
-    existing = {
-        pose.pose_id: pose for pose in records.scalars(sa.select(Pose).where(Pose.session_id == session_id))
-    }
-    poses = []
+    known = records.execute(sa.select(Pose.pose_id, Pose.id).where(Pose.session_id == session_id))
+    row_ids = {row.pose_id: row.id for row in known}
+    replaced: list[dict[str, Any]] = []
+    new: list[dict[str, Any]] = []
     for pose_id, commanded in items:
-        pose = existing.get(pose_id)
-        if pose is None:
-            pose = _new_pose(session_id, pose_id, commanded)
-            records.add(pose)
+        if pose_id in row_ids:
+            replaced.append({"id": row_ids[pose_id], **asdict(commanded)})
         else:
-            _assign(pose, commanded)
-        poses.append(pose)
-    return poses
+            new.append(
+                {"id": new_id("pos"), "session_id": session_id, "pose_id": pose_id, **asdict(commanded)}
+            )
+    # In bulk, since the write lock is held meanwhile: row by row, a hundred thousand poses keep uploads waiting.
+    if replaced:
+        records.execute(sa.update(Pose), replaced)
+    if new:
+        records.execute(sa.insert(Pose), new)
 
 
 def get_pose(records: orm.Session, session_id: str, pose_id: str) -> Pose:

@@ -191,3 +191,19 @@ def test_a_list_gives_fifty_items_unless_asked_otherwise(api: Any) -> None:
     api.client.post(address, json=[{"pose_id": f"P{n:03}"} for n in range(60)])
     assert len(api.client.get(address).json()["items"]) == 50
     assert len(api.client.get(address, params={"limit": 500}).json()["items"]) == 60
+
+
+def test_tens_of_thousands_of_poses_go_in_at_once_and_more_are_refused(api: Any) -> None:
+    address = f"/v1/sessions/{api.make_session()}/poses"
+    assert api.client.put(f"{address}/P7", json={"approach": "from above"}).status_code == 201
+    poses = [{"pose_id": f"P{number}", "joint_angles_deg": [number, 0.5]} for number in range(30_000)]
+    answer = api.client.post(address, json=poses)
+    assert answer.status_code == 200
+    unknown = dict.fromkeys(("position_mm", "roll_deg", "pitch_deg", "yaw_deg", "approach"))
+    assert answer.json()["items"][7] == {**poses[7], **unknown}
+    for number in (7, 29_999):
+        assert api.client.get(f"{address}/P{number}").json() == {**poses[number], **unknown}
+    # The pose that was there keeps its place; the others follow in the order they were sent.
+    first = api.client.get(address, params={"limit": 3}).json()["items"]
+    assert [pose["pose_id"] for pose in first] == ["P7", "P0", "P1"]
+    assert api.client.post(address, json=[{"pose_id": "P"}] * 100_001).status_code == 422

@@ -8,7 +8,7 @@ from fastapi import Path, Response
 
 from app.api.contract import Cursor, Limit, ServiceDep, contract_router, problems
 from app.api.schemas.common import PoseTag
-from app.api.schemas.measurements import PoseItem, PosePage, PoseRead, PoseWrite
+from app.api.schemas.measurements import PoseList, PosePage, PoseRead, PoseWrite
 from app.api.views import pose_document
 from app.services import poses
 
@@ -36,12 +36,12 @@ def put_pose(
 
 
 @router.post("", tags=["bulk"], responses=problems(404, 413, 415, 422, 507))
-def put_poses(session_id: str, body: list[PoseItem], service: ServiceDep) -> PosePage:
+def put_poses(session_id: str, body: PoseList, service: ServiceDep) -> PosePage:
     """Store many poses at once, new or replaced: all or nothing."""
     items = [(item.pose_id, poses.CommandedPose(**item.model_dump(exclude={"pose_id"}))) for item in body]
     with service.installation.database.write() as records:
-        rows = poses.put_poses(records, session_id, items)
-    return PosePage(items=[pose_document(row) for row in rows], next_cursor=None)
+        poses.put_poses(records, session_id, items)
+    return PosePage(items=[PoseRead.model_validate(item) for item in body], next_cursor=None)
 
 
 @router.get("", responses=problems(404, 422))

@@ -38,6 +38,9 @@ class PoseItem(PoseWrite):
     pose_id: PoseTag
 
 
+PoseList = Annotated[list[PoseItem], Field(max_length=100_000)]
+
+
 class PoseRead(ResponseModel):
     pose_id: str
     position_mm: list[float] | None
