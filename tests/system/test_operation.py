@@ -176,3 +176,11 @@ def test_the_log_is_json_on_stderr(make_service: MakeService) -> None:
     lines = [json.loads(line) for line in log]
     (request,) = [line for line in lines if line["event"] == "request"]
     assert (request["route"], request["status"], request["level"]) == ("unmatched", 401, "info")
+
+
+def test_doctor_outlives_a_lock_that_cannot_be_opened(tmp_path: Path) -> None:
+    new_key(tmp_path, "admin")
+    (tmp_path / "runner.lock").mkdir()  # as unusable as on a disk that went read-only, and the same to root
+    ended = gridpose("doctor", "--data-dir", str(tmp_path))
+    assert "nothing runs on this folder" in ended.stdout
+    assert "Traceback" not in ended.stderr

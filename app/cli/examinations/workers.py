@@ -38,5 +38,7 @@ def _is_running(settings: Settings) -> bool:
         lock.acquire()
     except (AlreadyLocked, PermissionError):
         return True
+    except OSError:  # a disk that is read-only now: nobody can have taken the lock on it
+        return False
     lock.release()
     return False
