@@ -497,3 +497,11 @@ def test_a_folder_that_cannot_be_written_is_no_defect(api: Any, grey_png: bytes)
 def test_too_many_open_files_are_not_called_a_full_disk() -> None:
     with pytest.raises(Unavailable), storage_refusals():
         raise OSError(errno.EMFILE, "Too many open files")
+
+
+def test_a_misspelt_parameter_is_refused_before_it_is_lost(api: Any, grey_png: bytes) -> None:
+    response = api.put_image(api.make_session(), grey_png, cylce=1)
+    assert response.status_code == 422
+    assert response.json()["errors"] == [{"field": "cylce", "message": "is not known"}]
+    assert "cycle" in response.json()["advice"]
+    assert files_of(api) == []

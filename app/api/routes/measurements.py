@@ -120,6 +120,7 @@ async def put_image(
     )
     require_image_type(request)
     await run_in_threadpool(_check_target, service, session_id, target_id)
+    _refuse_unknown(request)
     async with receive_raw(request, service.installation) as staged:
         accepted = await run_in_threadpool(
             measurements.accept_image,
@@ -276,6 +277,18 @@ def _check_target(service: Service, session_id: str, target_id: str | None) -> N
     """Refuse a wrong target before the image is received."""
     with service.installation.database.read() as records:
         measurements.check_target(find(records, Session, session_id), target_id)
+
+
+def _refuse_unknown(request: Request) -> None:
+    """Raise InvalidContent for query parameters that mean nothing here: a misspelt `cycle` would be lost for good."""
+    known = {"cycle", "target_id", "focus_group", "joint_angles_deg", "captured_at", "filename"}
+    unknown = sorted(set(request.query_params) - known)
+    if unknown:
+        raise InvalidContent(
+            "The address holds query parameters that are not known.",
+            f"Check their spelling; known are {', '.join(sorted(known))}.",
+            errors=[(name[:200], "is not known") for name in unknown[:20]],
+        )
 
 
 def _joint_angles(text: str | None) -> list[float] | None:
