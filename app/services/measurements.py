@@ -77,10 +77,12 @@ def accept_image(
     metadata: Metadata,
     *,
     expected_sha256: str | None,
+    checked_target_id: str | None = None,
 ) -> Accepted:
     """Keep a received file for good and queue its measurement; on return both are durable.
 
-    The same image for the same pose and target again gives the first measurement, unchanged.
+    The same image for the same pose and target again gives the first measurement, unchanged. `checked_target_id` is
+    what `check_target` said before the file came, if it was asked; the transaction that writes asks again.
     """
     if staged.size == 0:
         raise InvalidContent(
@@ -94,8 +96,7 @@ def accept_image(
             code="hash_mismatch",
         )
     with installation.database.read() as records:
-        session = find(records, Session, session_id)
-        target_id = check_target(session, metadata.target_id)
+        target_id = checked_target_id or check_target(find(records, Session, session_id), metadata.target_id)
         first = _find_same(records, session_id, pose_id, sha256, target_id)
     database, blobs = installation.database, installation.blobs
     if first is not None:

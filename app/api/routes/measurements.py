@@ -119,7 +119,7 @@ async def put_image(
         filename=filename,
     )
     require_image_type(request)
-    await run_in_threadpool(_check_target, service, session_id, target_id)
+    checked_target_id = await run_in_threadpool(_check_target, service, session_id, target_id)
     _refuse_unknown(request)
     async with receive_raw(request, service.installation) as staged:
         accepted = await run_in_threadpool(
@@ -130,6 +130,7 @@ async def put_image(
             staged,
             metadata,
             expected_sha256=sha256,
+            checked_target_id=checked_target_id,
         )
     return _answer(response, accepted)
 
@@ -273,10 +274,10 @@ def _answer(response: Response, accepted: measurements.Accepted) -> MeasurementR
     return measurement_document(accepted.measurement)
 
 
-def _check_target(service: Service, session_id: str, target_id: str | None) -> None:
-    """Refuse a wrong target before the image is received."""
+def _check_target(service: Service, session_id: str, target_id: str | None) -> str:
+    """Return the image's target; refuse a wrong one before the image is received."""
     with service.installation.database.read() as records:
-        measurements.check_target(find(records, Session, session_id), target_id)
+        return measurements.check_target(find(records, Session, session_id), target_id)
 
 
 def _refuse_unknown(request: Request) -> None:
