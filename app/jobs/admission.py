@@ -8,9 +8,9 @@ from pathlib import Path
 from app.errors import InvalidContent, ServiceError, UnsupportedContent
 from core.errors import EmptyImage, GridposeError, ImageTooManyPixels, UndecodableImage, UnsupportedImage
 from core.image import HEADER_BYTES, ImageHeader, check_pixels, read_header
+from core.targets import DETECTABLE_KINDS
 
-DETECTABLE_KINDS = ("chessboard",)
-"""Kinds of target the numerics can find in an image; others are refused when a target is made."""
+__all__ = ["DETECTABLE_KINDS", "AdmittedImage", "admit_image"]
 
 _REFUSALS: tuple[tuple[type[GridposeError], type[ServiceError]], ...] = (
     (EmptyImage, InvalidContent),

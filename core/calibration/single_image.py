@@ -118,9 +118,11 @@ def _judge_free(points: GridPoints, lens: Lens | None) -> Judged:
         raise DegenerateGeometry(f"Camera and pose need at least 8 grid points, {len(points)} were found.")
     starts = [(name, view_of(start, points)) for name, start in _starts(points, lens)]
     if len(points) > 2 * SUBSET:
-        name, chosen = _best_fit(_every(points, len(points) // SUBSET), lens, starts)
-        # Every part has a centroid of its own, to which a view's translation refers.
-        starts = [(name, _recentred(chosen.state, _every(points, len(points) // SUBSET), points))]
+        part = _part(points, SUBSET)
+        # A part has a centroid of its own, to which a view's translation refers.
+        starts = [(name, _recentred(view, points, part)) for name, view in starts]
+        name, chosen = _best_fit(part, lens, starts)
+        starts = [(name, _recentred(chosen.state, part, points))]
     name, best = _best_fit(points, lens, starts)
     return judge(points, name, best, FREE, _smallest_scale(points, len(FREE)))
 
@@ -142,9 +144,11 @@ def _smallest_scale(points: GridPoints, parameters: int) -> float:
     return SMALLEST_NOISE_PX
 
 
-def _every(points: GridPoints, step: int) -> GridPoints:
-    """Return every `step`-th grid point."""
-    chosen = slice(None, None, step)
+def _part(points: GridPoints, count: int) -> GridPoints:
+    """Return `count` of the grid points, scattered without pattern (a regular step may fall on a single column) and
+    the same ones every time.
+    """
+    chosen = np.sort(np.random.default_rng(0).permutation(len(points))[:count])
     measured = points.measured_points_target
     return dataclasses.replace(
         points,
