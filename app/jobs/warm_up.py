@@ -1,0 +1,39 @@
+"""The first picture of a new process, before any job: what is compiled on first use is compiled then.
+
+`python -m app.jobs.warm_up` does the same at the end of an installation, so that the machine code is kept and no
+worker ever has to wait for it.
+"""
+
+from __future__ import annotations
+
+import math
+
+import cv2
+import numpy as np
+
+from core import Camera, TargetSpec, calibrate_image
+from core.simulation import Scene, render
+from core.transforms import so3_exp, transform
+
+_TARGET = TargetSpec("chessboard", 7, 5, pitch_mm=10.0)
+_CAMERA = Camera(300.0, 300.0, 159.5, 119.5)
+_MIDDLE_MM = np.array([30.0, 20.0, 0.0])
+_AHEAD_MM = np.array([0.0, 0.0, 120.0])
+_TILT = so3_exp(np.array([math.radians(35.0), 0.0, 0.1]))
+
+
+def warm_up() -> None:
+    """Calibrate a small rendered board, by the way that every picture takes."""
+    scene = Scene(
+        target=_TARGET,
+        camera=_CAMERA,
+        T_camera_target=transform(_TILT, _AHEAD_MM - _TILT @ _MIDDLE_MM),
+        width_px=320,
+        height_px=240,
+        noise_levels=2.0,
+    )
+    calibrate_image(cv2.imencode(".png", render(scene))[1].tobytes(), _TARGET)
+
+
+if __name__ == "__main__":
+    warm_up()
