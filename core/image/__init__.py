@@ -1,7 +1,7 @@
 """Bytes to a grey array: what the file is, whether it is whole, and its pixels.
 
 `read_header` looks at magic bytes and header only, in pure Python; `check_whole` walks the file's structure;
-`decode` does both and then lets OpenCV decode. EXIF orientation is ignored: pixels are the sensor's.
+`decode` does both and then lets OpenCV decode. Orientation, of EXIF and of TIFF, is ignored: pixels are the sensor's.
 """
 
 from core.image.decoding import decode

@@ -5,6 +5,9 @@ Reference: Microsoft, "Bitmap Storage": BITMAPFILEHEADER, BITMAPCOREHEADER, BITM
 
 from __future__ import annotations
 
+import numpy as np
+from jaxtyping import UInt8
+
 from core.errors import UndecodableImage, UnsupportedImage
 from core.image.layout import ImageHeader, check_dimensions, unpack
 
@@ -21,6 +24,7 @@ _SAMPLES = {
     24: (8, 3),
     32: (8, 4),
 }  # bits -> (bits of a sample, channels)
+_GREY_SCALE = np.arange(256, dtype=np.uint8)[:, None]
 
 
 def read_header(data: memoryview) -> ImageHeader:
@@ -44,6 +48,31 @@ def check_whole(data: memoryview) -> None:
         end = start + needed if needed else len(data)
         if bytes(data[end - 2 : end]) != b"\0\1":
             raise UndecodableImage("The BMP file's run-length coded pixels have no end mark.")
+
+
+def read_plain(data: memoryview) -> UInt8[np.ndarray, "h w"] | None:
+    """Return the pixels of a file of 8 bits whose palette is the grey scale, or None where OpenCV is to decode."""
+    check_whole(data)
+    width, height, bits, compression, _ = _fields(data)
+    (start,) = unpack("<I", data, 10, "the BMP header")
+    (header_bytes,) = unpack("<I", data, _FILE_HEADER_BYTES, "the BMP header")
+    if bits != 8 or compression != _RGB or header_bytes == _CORE_HEADER_BYTES:
+        return None
+    (colours,) = unpack("<I", data, _FILE_HEADER_BYTES + 32, "the BMP header")
+    palette_at = _FILE_HEADER_BYTES + header_bytes
+    palette = np.frombuffer(data, dtype=np.uint8)[palette_at : palette_at + 4 * 256]
+    if (
+        colours not in (0, 256)
+        or palette.size != 4 * 256
+        or np.any(palette.reshape(256, 4)[:, :3] != _GREY_SCALE)
+    ):
+        return None
+    row_bytes = (width + 3) // 4 * 4
+    rows = np.frombuffer(data, dtype=np.uint8, count=row_bytes * height, offset=start).reshape(
+        height, row_bytes
+    )
+    (signed_height,) = unpack("<i", data, _FILE_HEADER_BYTES + 8, "the BMP header")
+    return rows[:: 1 if signed_height < 0 else -1, :width].copy()
 
 
 def _fields(data: memoryview) -> tuple[int, int, int, int, int]:

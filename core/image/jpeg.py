@@ -5,8 +5,9 @@ Reference: ITU-T T.81 (1992), Annex B: SOI, segments with a length, scans of ent
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterator
+
+import numpy as np
 
 from core.errors import UndecodableImage, UnsupportedImage
 from core.image.layout import ImageHeader, check_dimensions, unpack
@@ -14,7 +15,7 @@ from core.image.layout import ImageHeader, check_dimensions, unpack
 _SOI, _EOI, _SOS, _TEM, _APP14 = 0xD8, 0xD9, 0xDA, 0x01, 0xEE
 _FRAMES_TAKEN = {0xC0, 0xC1, 0xC2}  # baseline, extended sequential, progressive; all Huffman coded
 _FRAMES = set(range(0xC0, 0xD0)) - {0xC4, 0xC8, 0xCC}  # DHT, JPG and DAC are no frames
-_MARKER_IN_SCAN = re.compile(rb"\xff+[^\x00\xff\xd0-\xd7]")  # neither a stuffed byte nor a restart
+_WINDOW_BYTES = 1 << 16
 _MAX_SCANS = 200
 """A progressive picture has about ten; thousands over a large frame attack the decoder's time."""
 
@@ -82,7 +83,18 @@ def _segments(data: memoryview) -> Iterator[tuple[int, int]]:
             raise UndecodableImage("The JPEG file is damaged: a segment's length is impossible.")
         offset += length
         if marker == _SOS:
-            found = _MARKER_IN_SCAN.search(data, offset)
-            if found is None:
-                raise UndecodableImage("The JPEG file ends inside its picture.")
-            offset = found.end() - 2
+            offset = _end_of_scan(data, offset)
+
+
+def _end_of_scan(data: memoryview, offset: int) -> int:
+    """Return where the first marker after `offset` begins that is neither a stuffed byte nor a restart (B.1.1.5)."""
+    scan = np.frombuffer(data, dtype=np.uint8)
+    while offset < len(scan) - 1:
+        window = scan[offset : offset + _WINDOW_BYTES]
+        prefixes = np.flatnonzero(window[:-1] == 0xFF)
+        codes = window[prefixes + 1]
+        ends = prefixes[(codes != 0) & (codes != 0xFF) & ((codes < 0xD0) | (codes > 0xD7))]
+        if ends.size:
+            return offset + int(ends[0])
+        offset += len(window) - 1  # a prefix may be the last byte
+    raise UndecodableImage("The JPEG file ends inside its picture.")

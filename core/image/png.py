@@ -5,22 +5,35 @@ Reference: W3C, "Portable Network Graphics (PNG) Specification (Third Edition)",
 
 from __future__ import annotations
 
+import struct
 import zlib
+from collections.abc import Callable
+from typing import NamedTuple
 
 from core.errors import UndecodableImage, UnsupportedImage
 from core.image.layout import ImageHeader, check_dimensions, unpack
 
 _SIGNATURE_BYTES = 8
-_IHDR, _IDAT, _IEND = (int.from_bytes(name) for name in (b"IHDR", b"IDAT", b"IEND"))
-_ANCILLARY = 1 << 29  # bit 5 of the name's first byte: not needed for the pixels (section 5.4)
+_ANCILLARY = 1 << 5  # in the name's first byte: not needed for the pixels (section 5.4)
 _CHANNELS = {0: 1, 2: 3, 3: 1, 4: 2, 6: 4}
 _DEPTHS = {0: (1, 2, 4, 8, 16), 2: (8, 16), 3: (1, 2, 4, 8), 4: (8, 16), 6: (8, 16)}
+_CHUNK, _CRC = struct.Struct(">I4s"), struct.Struct(">I")
+_MAX_CHUNKS = 1 << 17
+"""Encoders write 8 kB at a time or more; millions of empty chunks attack the reader's memory."""
+
+
+class Chunk(NamedTuple):
+    """A chunk's name and where its body lies in the file."""
+
+    name: bytes
+    start: int
+    end: int
 
 
 def read_header(data: memoryview) -> ImageHeader:
     """Return what the IHDR chunk states (section 11.2.1)."""
-    length, name = unpack(">II", data, _SIGNATURE_BYTES, "the PNG header")
-    if name != _IHDR or length != 13:
+    (length,) = unpack(">I4x", data, _SIGNATURE_BYTES, "the PNG header")
+    if bytes(data[_SIGNATURE_BYTES + 4 : _SIGNATURE_BYTES + 8]) != b"IHDR" or length != 13:
         raise UndecodableImage("The PNG file does not begin with its header chunk.")
     width, height, depth, colour, compression, filtering, interlace, crc = unpack(
         ">IIBBBBBI", data, _SIGNATURE_BYTES + 8, "the PNG header"
@@ -34,26 +47,32 @@ def read_header(data: memoryview) -> ImageHeader:
 
 
 def check_whole(data: memoryview) -> None:
-    """Walk the chunks to IEND; the checksums of those that matter for the pixels must be right (section 5.3).
+    """Check chunks and checksums up to IEND; the compressed stream's own end is watched by the decoder."""
+    read_chunks(data, zlib.crc32)
 
-    The compressed stream's own end is watched by the decoder, which fails on a short one.
+
+def read_chunks(data: memoryview, crc32: Callable[[memoryview], int]) -> list[Chunk]:
+    """Return the chunks from IHDR to IEND, pixels among them.
+
+    The checksums of those that matter for the pixels must be right (section 5.3); `crc32` computes them.
     """
-    offset = _SIGNATURE_BYTES
-    has_pixels = False
-    while True:
-        length, name = unpack(">II", data, offset, "the PNG file's chunks")
-        end = offset + 12 + length
-        if end > len(data):
+    chunks: list[Chunk] = []
+    start = _SIGNATURE_BYTES + 8
+    while not chunks or chunks[-1].name != b"IEND":
+        if start > len(data):
+            raise UndecodableImage("The file ends inside the PNG file's chunks.")
+        length, name = _CHUNK.unpack_from(data, start - 8)
+        end = start + length
+        if end + 4 > len(data):
             raise UndecodableImage(
-                f"The PNG file ends inside a chunk, at {len(data)} of at least {end} bytes."
+                f"The PNG file ends inside a chunk, at {len(data)} of at least {end + 4} bytes."
             )
-        if not name & _ANCILLARY:
-            (crc,) = unpack(">I", data, end - 4, "a PNG chunk")
-            if zlib.crc32(data[offset + 4 : end - 4]) != crc:
-                raise UndecodableImage("The checksum of a PNG chunk is wrong.")
-        has_pixels |= name == _IDAT
-        if name == _IEND:
-            break
-        offset = end
-    if not has_pixels:
+        if not name[0] & _ANCILLARY and crc32(data[start - 4 : end]) != _CRC.unpack_from(data, end)[0]:
+            raise UndecodableImage("The checksum of a PNG chunk is wrong.")
+        if len(chunks) == _MAX_CHUNKS:
+            raise UndecodableImage(f"The PNG file has more than {_MAX_CHUNKS} chunks.")
+        chunks.append(Chunk(name, start, end))
+        start = end + 12
+    if not any(chunk.name == b"IDAT" for chunk in chunks):
         raise UndecodableImage("The PNG file holds no pixels.")
+    return chunks

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import struct
-import zlib
 
 import cv2
 import numpy as np
@@ -19,6 +18,7 @@ from core.errors import (
     UnsupportedImage,
 )
 from core.image import check_pixels, check_whole, decode, read_header
+from tests.core.image.encoders import GREY_PALETTE, bmp, png, tiff
 
 WIDTH, HEIGHT = 23, 17
 RNG = np.random.default_rng(7)
@@ -34,51 +34,18 @@ def encode(extension: str, image: np.ndarray, *parameters: int) -> bytes:
     return data.tobytes()
 
 
-def png(colour: int, depth: int, rows: bytes, width: int, height: int, palette: bytes = b"") -> bytes:
-    """Write a PNG by hand: kinds that OpenCV does not write."""
-
-    def chunk(name: bytes, body: bytes) -> bytes:
-        return struct.pack(">I", len(body)) + name + body + struct.pack(">I", zlib.crc32(name + body))
-
-    header = struct.pack(">IIBBBBB", width, height, depth, colour, 0, 0, 0)
-    body = chunk(b"IHDR", header) + (chunk(b"PLTE", palette) if palette else b"")
-    return b"\x89PNG\r\n\x1a\n" + body + chunk(b"IDAT", zlib.compress(rows)) + chunk(b"IEND", b"")
-
-
-def tiff(
+def tiff_of(
     order: str, samples: bytes, bits: int, *, big: bool = False, extra: tuple[tuple[int, int], ...] = ()
 ) -> bytes:
-    """Write an uncompressed TIFF of WIDTH x HEIGHT by hand: one strip, then the directory."""
-    entries = {256: WIDTH, 257: HEIGHT, 258: bits, 259: 1, 262: 1, 277: 1, 278: HEIGHT, 279: len(samples)}
-    entries[273] = 16 if big else 8
-    entries.update(extra)
-    start = entries[273] + len(samples)
-    mark = b"II" if order == "<" else b"MM"
-    if big:
-        head = mark + struct.pack(order + "HHHQ", 43, 8, 0, start)
-        body = struct.pack(order + "Q", len(entries))
-        body += b"".join(
-            struct.pack(order + "HHQQ", tag, 16, 1, value) for tag, value in sorted(entries.items())
-        )
-        return head + samples + body + struct.pack(order + "Q", 0)
-    head = mark + struct.pack(order + "HI", 42, start)
-    body = struct.pack(order + "H", len(entries))
-    body += b"".join(struct.pack(order + "HHII", tag, 4, 1, value) for tag, value in sorted(entries.items()))
-    return head + samples + body + struct.pack(order + "I", 0)
+    return tiff(order, [samples], bits, WIDTH, HEIGHT, HEIGHT, big=big, extra=extra)
 
 
 def bmp_of(
     bits: int, compression: int, pixels: bytes, palette: bytes = b"", *, height: int = HEIGHT
 ) -> bytes:
-    """Write a BMP by hand with a 40-byte header."""
-    start = 14 + 40 + len(palette)
-    info = struct.pack(
-        "<IiiHHIIiiII", 40, WIDTH, height, 1, bits, compression, len(pixels), 0, 0, len(palette) // 4, 0
-    )
-    return b"BM" + struct.pack("<IHHI", start + len(pixels), 0, 0, start) + info + palette + pixels
+    return bmp(bits, compression, pixels, WIDTH, height, palette)
 
 
-GREY_PALETTE = b"".join(bytes([i, i, i, 0]) for i in range(256))
 RLE8 = b"".join(b"".join(bytes([1, value]) for value in row) + b"\0\0" for row in GREY[::-1])[:-2] + b"\0\1"
 
 WHOLE = {
@@ -95,9 +62,9 @@ WHOLE = {
     "tiff colour": encode(".tif", COLOUR),
     "tiff plain": encode(".tif", GREY, cv2.IMWRITE_TIFF_COMPRESSION, 1),
     "tiff deflate": encode(".tif", GREY, cv2.IMWRITE_TIFF_COMPRESSION, 8),
-    "tiff little": tiff("<", GREY.tobytes(), 8),
-    "tiff big-endian": tiff(">", GREY16.astype(">u2").tobytes(), 16),
-    "bigtiff": tiff("<", GREY.tobytes(), 8, big=True),
+    "tiff little": tiff_of("<", GREY.tobytes(), 8),
+    "tiff big-endian": tiff_of(">", GREY16.astype(">u2").tobytes(), 16),
+    "bigtiff": tiff_of("<", GREY.tobytes(), 8, big=True),
     "bmp grey": encode(".bmp", GREY),
     "bmp colour": encode(".bmp", COLOUR),
     "bmp rgba": encode(".bmp", RGBA),
@@ -264,11 +231,11 @@ def test_cmyk_and_float() -> None:
     with pytest.raises(UnsupportedImage, match="CMYK"):
         read_header(bytes(jpeg))
     with pytest.raises(UnsupportedImage, match="CMYK"):
-        read_header(tiff("<", bytes(4 * WIDTH * HEIGHT), 8, extra=((262, 5), (277, 4))))
+        read_header(tiff_of("<", bytes(4 * WIDTH * HEIGHT), 8, extra=((262, 5), (277, 4))))
     with pytest.raises(UnsupportedImage, match="floating"):
         read_header(encode(".tif", GREY.astype(np.float32)))
     with pytest.raises(UnsupportedImage, match="bits"):
-        read_header(tiff(">", bytes(4 * WIDTH * HEIGHT), 32))
+        read_header(tiff_of(">", bytes(4 * WIDTH * HEIGHT), 32))
 
 
 def test_bombs_are_refused_by_their_header() -> None:
@@ -277,11 +244,15 @@ def test_bombs_are_refused_by_their_header() -> None:
     assert len(bomb) < 100_000
     with pytest.raises(ImageTooManyPixels, match="20000 x 20000"):
         decode(bomb)
-    bmp = bytearray(WHOLE["bmp grey"])
-    struct.pack_into("<ii", bmp, 18, 2**31 - 1, 2**31 - 1)
+    bitmap = bytearray(WHOLE["bmp grey"])
+    struct.pack_into("<ii", bitmap, 18, 2**31 - 1, 2**31 - 1)
     jpeg = bytearray(WHOLE["jpeg grey"])
     struct.pack_into(">HH", jpeg, jpeg.index(b"\xff\xc0") + 5, 65535, 65535)
-    for data in (bytes(bmp), bytes(jpeg), tiff("<", b"", 8, extra=((256, 2**32 - 1), (257, 2**32 - 1)))):
+    for data in (
+        bytes(bitmap),
+        bytes(jpeg),
+        tiff_of("<", b"", 8, extra=((256, 2**32 - 1), (257, 2**32 - 1))),
+    ):
         with pytest.raises(ImageTooManyPixels):
             decode(data)
 

@@ -1,0 +1,46 @@
+"""Damaged files and mutated lattices through decoding and detection: an answer or our error, soon and in bounds."""
+
+from __future__ import annotations
+
+import os
+
+import pytest
+
+from tests.core.fuzz.campaign import run_items
+
+
+@pytest.mark.parametrize(
+    ("items", "processes"),
+    [(3000, 1), pytest.param(50_000, os.cpu_count() or 1, id="soak", marks=pytest.mark.soak)],
+)
+def test_damaged_files(items: int, processes: int) -> None:
+    campaign = run_items("file", 0, items, processes=processes)
+    assert not campaign.findings, "\n".join(campaign.findings)
+    assert campaign.items == items
+    decoded = sum(count for outcome, count in campaign.outcomes.items() if outcome.startswith("decoded"))
+    assert 0.05 * items < decoded < 0.5 * items  # most is refused, and much gets as far as the pixels
+
+
+@pytest.mark.parametrize(
+    ("items", "processes"),
+    [(300, 1), pytest.param(50_000, os.cpu_count() or 1, id="soak", marks=pytest.mark.soak)],
+)
+def test_mutated_lattices(items: int, processes: int) -> None:
+    campaign = run_items("lattice", 0, items, processes=processes)
+    assert not campaign.findings, "\n".join(campaign.findings)
+    assert campaign.items == items
+    assert campaign.outcomes["found"] > 0.03 * items
+    assert campaign.outcomes["target_not_found"] > 0.1 * items
+
+
+def test_the_watch_sees_what_it_is_for() -> None:
+    campaign = run_items("planted", 0, 5, processes=2)
+    seen = {int(finding.split()[1].rstrip(":")): finding for finding in campaign.findings}
+    assert sorted(seen) == [1, 2, 3, 4]
+    assert "ValueError: planted" in seen[1]
+    assert "SIGPROF" in seen[2]
+    assert "SIGSEGV" in seen[3]
+    assert "grew by" in seen[4]
+    asleep = run_items("planted", 5, 7, stuck_s=5.0)
+    assert asleep.findings == ["planted 5: ended by no sign of life for 5 s"]
+    assert asleep.outcomes["nothing"] == 1  # it goes on after that
