@@ -1,8 +1,12 @@
-"""Finding a chessboard: OpenCV's detectors on reduced images, then our own judgement of what they return.
+"""Finding a chessboard: corners, the lattice they make, and whether it is the board asked for.
 
-Coarse detection never runs on more than a fixed number of pixels, so that a picture without a board costs a
-bounded time. What is found is refined at full resolution and believed only if it is a smooth grid, coloured
-like a chessboard, and goes on beyond no side.
+On one level of a pyramid after the other, coarse to fine, corners are looked for (`saddles`) and linked to patches of
+lattice (`linking`). Each patch is grown on the full picture as far as it goes (`growth`), and its ends are looked at
+(`squares`). The first level with every corner of the board settles it; a part of a lattice is never taken. Then the
+corners are refined (`refinement`).
+
+Of several boards in view the one asked for is found if it alone has that size. Two of it are a mismatch, unless one is
+so much smaller that it can only be a picture or a reflection of a board.
 """
 
 from __future__ import annotations
@@ -10,177 +14,237 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-import cv2
 import numpy as np
-from jaxtyping import Float, UInt8
+from jaxtyping import Float, UInt8, UInt16
 
-from core.errors import TargetMismatch, TargetNotFound
-from core.targets.lattice import is_smooth, smooth_residuals
-from core.targets.orientation import orient, right_handed
-from core.targets.refinement import refine, standard_uncertainties
+from core.errors import Advisory, TargetMismatch, TargetNotFound
+from core.targets.growth import whole_lattice
+from core.targets.lattice import Lattice
+from core.targets.linking import Patches, link
+from core.targets.orientation import orient
+from core.targets.pyramid import Level, levels
+from core.targets.refinement import refine_corners
+from core.targets.saddles import Saddles, find_saddles
 from core.targets.specification import GridPoints, TargetSpec
-from core.targets.squares import (
-    Colours,
-    LineBeyond,
-    grow,
-    lines_beyond,
-    measure_colours,
-    outer_lines_are_corners,
-)
+from core.targets.squares import ENOUGH_VISIBLE, Board, bounded
 
-_SIZES_PX = (1000, 640, 1600)  # longest sides of the reduced images, in the order they are tried
-_CLASSIC = cv2.CALIB_CB_ADAPTIVE_THRESH | cv2.CALIB_CB_NORMALIZE_IMAGE | cv2.CALIB_CB_FAST_CHECK
-_DETECTORS = (
-    (cv2.findChessboardCorners, _CLASSIC, 1000),
-    (cv2.findChessboardCornersSB, cv2.CALIB_CB_NORMALIZE_IMAGE, 1600),
-)
-"""Function, flags, and the longest side on which it is used: the first is quick on a board, and its time explodes
-on clutter."""
-_ASTRAY = 6.0  # times the median residual of the smooth grid
-_LEAST_ASTRAY_PX = 0.3
-_ANY_GRID = cv2.CALIB_CB_LARGER | cv2.CALIB_CB_EXHAUSTIVE
-_ANY_SIZE = (5, 4)  # the least of the grids taken for a board that was not asked for
+_LEAST_PATCH = 4  # corners: one closed cell
+_MOST_PATCHES = 8  # of a level, the largest
+_SAME = 0.3  # of a patch's own spacing: corners that near are one
+_LEAST_EXTENT = 0.25  # of the largest board's: a smaller one does not count beside it
+_ENOUGH_SEEN = 0.5  # of a board's corners
 
 
 @dataclass(frozen=True, slots=True)
-class _Reduced:
-    """A smaller picture, and how its pixels lie in the full one: full = (small + ½) scale - ½."""
+class Step:
+    """What was found on one level; `boards` holds a board for each patch that makes one."""
 
-    image: UInt8[np.ndarray, "h w"]
-    scale: Float[np.ndarray, "2"]
-
-    def to_full(self, points: Float[np.ndarray, "*n 2"]) -> Float[np.ndarray, "*n 2"]:
-        """Return the same places in the full picture's pixels."""
-        return (points + 0.5) * self.scale - 0.5
+    level: Level
+    saddles: Saddles
+    patches: Patches
+    boards: tuple[Board, ...]
 
 
 @dataclass(frozen=True, slots=True)
-class _Found:
-    """A right-handed grid at full resolution, its squares, and what lies beyond its four sides."""
+class Trace:
+    """How a board was found.
 
-    grid: Float[np.ndarray, "rows columns 2"]
-    colours: Colours
-    beyond: tuple[LineBeyond, ...]
+    `steps` are the levels looked at; `lattice` is the board before refinement with the target's rows and columns,
+    though not in its final order (`core.targets.orientation.orient` gives that), or None if it was not found.
+    """
+
+    steps: tuple[Step, ...]
+    lattice: Lattice | None
 
 
-def detect_chessboard(image: np.ndarray, target: TargetSpec) -> GridPoints:
+def detect_chessboard(
+    image: UInt8[np.ndarray, "h w"] | UInt16[np.ndarray, "h w"], target: TargetSpec
+) -> GridPoints:
     """Find the inner corners of a chessboard; see `core.targets.detect.detect`."""
-    full = image.astype(np.float32)
-    shown = _to_8_bit(image)
-    lattice = None
-    for candidate in _candidates(shown, target):
-        found = _judge(full, candidate)
-        if found is None:
+    image = _plain(image)
+    trace = trace_detection(image, target)
+    if trace.lattice is None:
+        raise _not_found(trace.steps, target)
+    return _grid_points(image, trace.lattice, target)
+
+
+def trace_detection(image: UInt8[np.ndarray, "h w"] | UInt16[np.ndarray, "h w"], target: TargetSpec) -> Trace:
+    """Find the board, short of refinement, and return what was seen on the way; for drawing as well.
+
+    Raises
+    ------
+    TargetMismatch
+        Two boards of the size asked for are in view.
+    """
+    steps: list[Step] = []
+    best: Lattice | None = None
+    for step in _search(_plain(image)):
+        steps.append(step)
+        lattice = _the_one(step.boards, target)
+        if lattice is not None and (best is None or lattice.known.sum() > best.known.sum()):
+            best = lattice
+        if best is not None and best.known.all():
+            break
+    return Trace(tuple(steps), best)
+
+
+def _plain(image: np.ndarray) -> np.ndarray:
+    """Return the picture as the kernels take it: in one piece, and writeable, which is of another type for them."""
+    if image.flags.c_contiguous and image.flags.writeable and image.flags.aligned:
+        return image
+    return image.copy(order="C")
+
+
+def _search(image: np.ndarray) -> Iterator[Step]:
+    """Yield what each level shows, coarse to fine."""
+    for level in levels(image):
+        saddles = find_saddles(level)
+        patches = link(saddles)
+        yield Step(level, saddles, patches, _boards(image, level, saddles, patches))
+
+
+def _boards(image: np.ndarray, level: Level, saddles: Saddles, patches: Patches) -> tuple[Board, ...]:
+    """Return the boards that a level's patches are parts of, each once."""
+    boards: list[Board] = []
+    lattices: list[Float[np.ndarray, "n 2"]] = []
+    for number in range(min(len(patches.sizes), _MOST_PATCHES)):
+        if patches.sizes[number] < _LEAST_PATCH:
+            break
+        members = np.flatnonzero(patches.patch == number)
+        points = level.to_full(saddles.points[members])
+        if any(_is_among(points, others) for others in lattices):
             continue
-        if not any(line.is_lattice for line in found.beyond):
-            return _grid_points(full, found, target)
-        if lattice is None:  # this is a part of a larger board; the one asked for may still be beside it
-            lattice = _judge(full, grow(full, found.grid))
-    lattice = lattice or _any_lattice(shown, full)
-    if lattice is None:
-        raise TargetNotFound(f"No chessboard of {target.columns} x {target.rows} inner corners was found.")
-    if not any(line.is_lattice for line in lattice.beyond):
-        for grid in (lattice.grid, np.rot90(lattice.grid)):
-            if grid.shape[:2] == (target.rows, target.columns):
-                colours = measure_colours(full, grid)
-                return _grid_points(full, _Found(grid, colours, lattice.beyond), target)
-    raise _other_grid(lattice, target)
+        lattice = whole_lattice(image, points, patches.place[members])
+        lattices.append(lattice.grid[lattice.known])
+        board = bounded(image, lattice)
+        if board is not None:
+            boards.append(board)
+    return tuple(boards)
 
 
-def _judge(full: np.ndarray, candidate: Float[np.ndarray, "rows columns 2"]) -> _Found | None:
-    """Return the candidate refined at full resolution, or None where it is no chessboard."""
-    grid = right_handed(candidate)
-    if not is_smooth(grid):
+def _is_among(points: Float[np.ndarray, "n 2"], others: Float[np.ndarray, "m 2"]) -> bool:
+    """Tell whether most of a patch's corners are corners of a lattice that was grown already."""
+    if len(others) == 0:
+        return False
+    few = points[:: max(1, len(points) // 5)]
+    near = _SAME * float(np.min(np.linalg.norm(points[1:] - points[0], axis=1)))
+    u, v = (np.subtract.outer(few[:, k], others[:, k]) for k in range(2))
+    return bool(np.median(np.sqrt((u * u + v * v).min(axis=1))) < near)
+
+
+def _the_one(boards: tuple[Board, ...], target: TargetSpec) -> Lattice | None:
+    """Return the lattice of the board asked for, rows and columns as the target's; None if it is not among them.
+
+    Raises TargetMismatch where there are two of it.
+    """
+    fitting = [board for board in boards if _fits(board, target) and board.is_whole and board.is_resolved]
+    fitting = [board for board in fitting if board.lattice.known.mean() >= _ENOUGH_SEEN]
+    if not fitting:
         return None
-    grid = refine(full, grid)
-    if not is_smooth(grid) or np.any(grid < 0.0) or np.any(grid > np.array(full.shape[::-1]) - 1.0):
-        return None
-    colours = measure_colours(full, grid)
-    if not colours.are_a_chessboard or not outer_lines_are_corners(full, grid, colours):
-        return None
-    return _Found(grid, colours, lines_beyond(full, grid, colours))
+    largest = max(_extent_px(board) for board in fitting)
+    fitting = [board for board in fitting if _extent_px(board) > _LEAST_EXTENT * largest]
+    if len(fitting) > 1:
+        raise TargetMismatch(
+            f"{len(fitting)} grids of {target.columns} x {target.rows} are in view, one was asked for.",
+            "Cover the others, or use boards of different sizes.",
+        )
+    lattice = fitting[0].lattice
+    return lattice if lattice.gap.shape == (target.rows, target.columns) else lattice.quarter_turn()
 
 
-def _grid_points(full: np.ndarray, found: _Found, target: TargetSpec) -> GridPoints:
-    grid, warnings = orient(found.grid, found.colours.origin_is_black)
-    uncertainties = standard_uncertainties(full, grid)
-    rest = np.linalg.norm(smooth_residuals(grid)[1], axis=2)
-    astray = rest > max(_ASTRAY * float(np.median(rest)), _LEAST_ASTRAY_PX)  # by a highlight or a blot
-    uncertainties[astray] = np.maximum(uncertainties[astray], rest[astray])
-    row, column = (a.ravel() for a in np.mgrid[0 : target.rows, 0 : target.columns])
+def _extent_px(board: Board) -> float:
+    """Return how far the board reaches in the picture, px."""
+    return float(
+        np.max(np.nanmax(board.lattice.grid, axis=(0, 1)) - np.nanmin(board.lattice.grid, axis=(0, 1)))
+    )
+
+
+def _fits(board: Board, target: TargetSpec) -> bool:
+    return board.size == (max(target.columns, target.rows), min(target.columns, target.rows))
+
+
+def _grid_points(image: np.ndarray, lattice: Lattice, target: TargetSpec) -> GridPoints:
+    """Return the refined corners of the board, those that cannot be trusted left out.
+
+    Raises TargetNotFound where too few are left.
+    """
+    lattice, warnings = orient(lattice)
+    row, column = np.nonzero(lattice.known)
+    refined = refine_corners(
+        image, column, row, lattice.grid[row, column], origin_is_black=not lattice.origin_is_bright
+    )
+    trusted = refined.trusted
+    left_out = target.size - int(trusted.sum())
+    if left_out > (1.0 - _ENOUGH_SEEN) * target.size:
+        raise TargetNotFound(
+            f"A {target.columns} x {target.rows} grid is in view, but {left_out} of its {target.size} corners "
+            "are too poor to measure."
+        )
+    if left_out:
+        warnings = (*warnings, _left_out(left_out, target.size))
     return GridPoints(
         target=target,
-        image_width_px=full.shape[1],
-        image_height_px=full.shape[0],
-        column=column,
-        row=row,
-        points_px=np.ascontiguousarray(grid.reshape(-1, 2)),
-        standard_uncertainty_px=uncertainties.ravel(),
+        image_width_px=image.shape[1],
+        image_height_px=image.shape[0],
+        column=column[trusted],
+        row=row[trusted],
+        points_px=np.ascontiguousarray(refined.points_px[trusted]),
+        standard_uncertainty_px=refined.standard_uncertainty_px[trusted],
         warnings=warnings,
     )
 
 
-def _candidates(
-    shown: UInt8[np.ndarray, "h w"], target: TargetSpec
-) -> Iterator[Float[np.ndarray, "rows columns 2"]]:
-    """Yield grids of the target's size that OpenCV sees, in full-resolution pixels, cheapest first."""
-    long, short = max(target.columns, target.rows), min(target.columns, target.rows)
-    for reduced in _reduced_images(shown):
-        for find, flags, longest_px in _DETECTORS:
-            if max(reduced.image.shape) > longest_px:
-                continue
-            found, corners = find(reduced.image, (long, short), flags=flags)
-            if found and corners is not None and corners.size == 2 * long * short:
-                grid = reduced.to_full(np.asarray(corners, dtype=np.float64).reshape(short, long, 2))
-                yield grid if target.columns >= target.rows else np.swapaxes(grid, 0, 1)
+def _left_out(count: int, size: int) -> Advisory:
+    return Advisory(
+        code="corners_left_out",
+        detail=f"{count} of {size} corners were left out: the picture does not show them as corners of squares.",
+        advice="Look at the overlay: reflections, dirt or something in front of the grid are the usual causes.",
+    )
 
 
-def _reduced_images(shown: UInt8[np.ndarray, "h w"]) -> Iterator[_Reduced]:
-    """Yield the picture at the sizes at which boards are looked for; once only where it is small itself."""
-    height, width = shown.shape
-    longest = max(height, width)
-    previous: set[tuple[int, int]] = set()
-    for size in _SIZES_PX:
-        factor = min(1.0, size / longest)
-        shape = (max(1, round(width * factor)), max(1, round(height * factor)))
-        if shape in previous:
-            continue
-        previous.add(shape)
-        image = shown if shape == (width, height) else cv2.resize(shown, shape, interpolation=cv2.INTER_AREA)
-        yield _Reduced(image, np.array([width / shape[0], height / shape[1]]))
-
-
-def _to_8_bit(image: np.ndarray) -> UInt8[np.ndarray, "h w"]:
-    """Return the picture for the coarse detectors, its range stretched where it has 16 bit.
-
-    A 12-bit camera fills a sixteenth of the range.
-    """
-    if image.dtype == np.uint8:
-        return image
-    low, high = np.percentile(image[::4, ::4], (0.5, 99.5))
-    span = max(float(high - low), 1.0)
-    return np.asarray(cv2.convertScaleAbs(np.clip(image, low, high) - low, alpha=255.0 / span))
-
-
-def _any_lattice(shown: UInt8[np.ndarray, "h w"], full: np.ndarray) -> _Found | None:
-    """Return the lattice of whatever chessboard is in view, grown as far as it goes; None where there is none."""
-    reduced = next(_reduced_images(shown))
-    found, corners, meta = cv2.findChessboardCornersSBWithMeta(reduced.image, _ANY_SIZE, _ANY_GRID)
-    if not found or corners is None or meta is None:
-        return None
-    points = np.asarray(corners, dtype=np.float64).reshape(*meta.shape[:2], 2)
-    part = _judge(full, reduced.to_full(points))
-    return None if part is None else _judge(full, grow(full, part.grid))
-
-
-def _other_grid(lattice: _Found, target: TargetSpec) -> TargetNotFound | TargetMismatch:
-    """Return what to say of a lattice that is not the one asked for."""
+def _not_found(steps: tuple[Step, ...], target: TargetSpec) -> TargetNotFound | TargetMismatch:
+    """Return what to say of a picture without the board: what was seen in its place."""
     asked = f"{target.columns} x {target.rows}"
-    long, short = sorted(lattice.grid.shape[:2], reverse=True)
-    if any(line.is_lattice or not line.is_visible for line in lattice.beyond):
-        if long > max(target.columns, target.rows) or short > min(target.columns, target.rows):
-            return TargetMismatch(f"A grid of at least {long} x {short} is in view, {asked} was asked for.")
+    boards = [board for step in steps for board in step.boards if board.lattice.known.mean() >= _ENOUGH_SEEN]
+    if not boards:
+        return TargetNotFound(f"No chessboard of {asked} inner corners was found.")
+    board = max(boards, key=lambda b: int(b.lattice.known.sum()))
+    long, short = board.size
+    if not board.is_resolved:
+        return TargetNotFound(
+            f"A grid of about {long} x {short} is in view, but its squares are only {board.square_px:.0f} px wide.",
+            "Move the camera nearer, or use a board with larger squares: 8 px and more.",
+        )
+    if board.is_whole:
+        return TargetMismatch(f"A {long} x {short} grid is in view, {asked} was asked for.")
+    if long > max(target.columns, target.rows) or short > min(target.columns, target.rows):
+        return TargetMismatch(f"A grid of at least {long} x {short} is in view, {asked} was asked for.")
+    if _fits(board, target):
+        return _not_whole(board, asked)
+    if board.goes_on:
         return TargetNotFound(
             f"Only {long} x {short} points of a grid are wholly in view, {asked} were asked for."
         )
-    return TargetMismatch(f"A {long} x {short} grid is in view, {asked} was asked for.")
+    return TargetNotFound(
+        f"{long} x {short} points of a grid are seen, but not where it ends; {asked} were asked for.",
+        "Keep the outermost squares, and the margin around them, in view and free of reflections.",
+    )
+
+
+def _not_whole(board: Board, asked: str) -> TargetNotFound:
+    """Return what to say where as many points as were asked for are seen, but not that the board ends with them."""
+    seen = f"A grid of {asked} points is in view, but"
+    if board.is_cropped or any(side.visible < ENOUGH_VISIBLE for side in board.sides):
+        return TargetNotFound(
+            f"{seen} its outermost squares are cut off by the picture's edge.",
+            "Move the camera or the board until all squares and some of the margin around them are in the picture.",
+        )
+    if board.goes_on:
+        return TargetNotFound(
+            f"{seen} it seems to go on beyond them.",
+            "Count the inner corners of the board, and keep other patterns away from its edge.",
+        )
+    return TargetNotFound(
+        f"{seen} its outermost squares are hidden, or run into what is beside them.",
+        "Keep the outermost squares, and the margin around them, in view and free of reflections.",
+    )

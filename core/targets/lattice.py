@@ -1,17 +1,51 @@
-"""The geometry of a found grid: its spacing, and whether a lens could make it of a plane."""
+"""The geometry of a found lattice of corners."""
 
 from __future__ import annotations
 
-from typing import cast
+from dataclasses import dataclass
 
-import cv2
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
-_SMOOTH_TERMS = ((1, 3), (2, 6), (3, 10), (4, 15))  # degree of a polynomial in two variables, its terms
-_LARGEST_RESIDUAL = 0.2  # of the local spacing
 _LARGEST_KINK = 0.35  # of the longer of two successive steps
-_LARGEST_BEND = 1.5  # of the local spacing: how far a lens may bend the board's lines (wide-angle ones: .9)
+
+
+@dataclass(frozen=True, slots=True)
+class Lattice:
+    """Corners of a lattice in pixels of the full picture, NaN where none was found, in a right-handed order.
+
+    `gap`: by how much the darker bright square is brighter than the brighter dark one at each corner, grey levels;
+    `outside`: which places beside known corners lie outside the picture; `origin_is_bright` tells of the square between
+    grid[0, 0] and grid[1, 1]; `cut_short` of a lattice that has more corners, but was grown no further.
+    """
+
+    grid: Float[np.ndarray, "rows columns 2"]
+    gap: Float[np.ndarray, "rows columns"]
+    outside: Bool[np.ndarray, "rows columns"]
+    origin_is_bright: bool
+    cut_short: bool = False
+
+    @property
+    def known(self) -> Bool[np.ndarray, "rows columns"]:
+        """Where a corner was found."""
+        return np.asarray(np.isfinite(self.gap))
+
+    def cut(self, top: int, bottom: int, left: int, right: int) -> Lattice:
+        """Return rows `top` to `bottom` and columns `left` to `right`, the latter of each exclusive."""
+        return Lattice(
+            self.grid[top:bottom, left:right],
+            self.gap[top:bottom, left:right],
+            self.outside[top:bottom, left:right],
+            self.origin_is_bright == ((top + left) % 2 == 0),
+            self.cut_short,
+        )
+
+    def quarter_turn(self) -> Lattice:
+        """Return the same lattice with the last column as its first row; it stays right-handed."""
+        is_bright = self.origin_is_bright == (self.gap.shape[1] % 2 == 0)
+        return Lattice(
+            np.rot90(self.grid), np.rot90(self.gap), np.rot90(self.outside), is_bright, self.cut_short
+        )
 
 
 def spacing(grid: Float[np.ndarray, "rows columns 2"]) -> Float[np.ndarray, "rows columns"]:
@@ -23,53 +57,21 @@ def spacing(grid: Float[np.ndarray, "rows columns 2"]) -> Float[np.ndarray, "row
     return np.minimum(np.minimum(wide[:, 1:], wide[:, :-1]), np.minimum(high[1:], high[:-1]))
 
 
-def smooth_residuals(
-    grid: Float[np.ndarray, "rows columns 2"],
-) -> tuple[Float[np.ndarray, "rows columns 2"], Float[np.ndarray, "rows columns 2"]]:
-    """Return what a homography leaves, and what a homography and a low polynomial (for the lens) leave, px.
-
-    The polynomial has at most a third as many terms as there are points, so that it cannot follow single
-    ones.
-    """
-    rows, columns = grid.shape[:2]
-    y, x = np.mgrid[-1.0 : 1.0 : rows * 1j, -1.0 : 1.0 : columns * 1j]
-    ideal = np.stack([x.ravel(), y.ravel()], axis=1)
-    pixels = grid.reshape(-1, 2)
-    middle, size = pixels.mean(axis=0), pixels.std()
-    # None, which OpenCV's types leave out, for points that lie on a line
-    H = cast("np.ndarray | None", cv2.findHomography(ideal, (pixels - middle) / max(size, 1e-9), 0)[0])
-    if H is None or not np.all(np.isfinite(pixels)):
-        return np.full_like(grid, np.inf), np.full_like(grid, np.inf)
-    seen = np.column_stack([ideal, np.ones(len(ideal))]) @ H.T
-    bend = pixels - (seen[:, :2] / seen[:, 2:] * size + middle)
-    degree = max(d for d, terms in _SMOOTH_TERMS if d == 1 or terms <= len(pixels) // 3)
-    degree = min(degree, rows, columns)
-    powers = [(i, j) for i in range(degree + 1) for j in range(degree + 1 - i)]
-    A = np.stack([ideal[:, 0] ** i * ideal[:, 1] ** j for i, j in powers], axis=1)
-    coefficients, *_ = np.linalg.lstsq(A, bend, rcond=None)
-    return bend.reshape(grid.shape), (bend - A @ coefficients).reshape(grid.shape)
+def kinks(grid: Float[np.ndarray, "rows columns 2"]) -> Bool[np.ndarray, "rows columns"]:
+    """Tell at which points a line bends more than any lens makes it."""
+    bad = np.zeros(grid.shape[:2], dtype=bool)
+    with np.errstate(invalid="ignore"):  # where points are missing nothing is known against their neighbours
+        for lines, marks in ((grid, bad), (np.swapaxes(grid, 0, 1), bad.T)):
+            steps = np.diff(lines, axis=0)
+            length = np.hypot(steps[..., 0], steps[..., 1])
+            turn = np.diff(steps, axis=0)
+            bend = np.hypot(turn[..., 0], turn[..., 1])
+            marks[1:-1] |= bend > _LARGEST_KINK * np.maximum(length[1:], length[:-1])
+    return bad
 
 
-def is_smooth(grid: Float[np.ndarray, "rows columns 2"]) -> bool:
-    """Tell whether the grid is one that a lens could make of a plane: detectors do return wrong ones.
-
-    As a whole by what a homography and a low polynomial leave, and from point to point by the second differences,
-    since lines that are shifted or swapped hide from a polynomial where there are few of them.
-    """
-    if not np.all(np.isfinite(grid)):
-        return False
-    local = spacing(grid)
-    for along in (grid, np.swapaxes(grid, 0, 1)):
-        steps = np.diff(along, axis=0)
-        length = np.linalg.norm(steps, axis=2)
-        if np.any(
-            np.linalg.norm(np.diff(steps, axis=0), axis=2)
-            > _LARGEST_KINK * np.maximum(length[1:], length[:-1])
-        ):
-            return False
-    bend, rest = (np.linalg.norm(r, axis=2) for r in smooth_residuals(grid))
-    return bool(
-        np.all(np.isfinite(rest))
-        and np.all(rest < _LARGEST_RESIDUAL * local)
-        and np.all(bend < _LARGEST_BEND * local)
-    )
+def lonely(known: Bool[np.ndarray, "rows columns"]) -> Bool[np.ndarray, "rows columns"]:
+    """Tell which known points have fewer than two neighbours known."""
+    around = np.pad(known.astype(np.int8), 1)
+    neighbours = around[:-2, 1:-1] + around[2:, 1:-1] + around[1:-1, :-2] + around[1:-1, 2:]
+    return np.asarray(known & (neighbours < 2))

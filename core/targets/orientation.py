@@ -4,8 +4,7 @@ A grid is an array (rows, columns, 2) of pixels. Its lines were found in some or
 follows from:
 
 1. **Handedness.** Seen from the front, x to the right and y down: the cross product of the x and the y
-   direction in the image (u right, v down) is positive. A grid with a negative one is mirrored and has its
-   columns reversed.
+   direction in the image (u right, v down) is positive. Lattices are found in such an order, and only turned.
 2. **Colour.** The outermost square diagonally beyond grid point (0, 0) is black. The square (i, j) between
    the points (i, j) and (i + 1, j + 1) is of the same colour as that one, square (-1, -1), if i + j is even.
    Turned by 180° the origin's square is the former square (columns - 2, rows - 2): columns + rows odd makes
@@ -19,9 +18,9 @@ follows from:
 from __future__ import annotations
 
 import numpy as np
-from jaxtyping import Float
 
 from core.errors import Advisory
+from core.targets.lattice import Lattice
 
 _AMBIGUOUS = Advisory(
     code="orientation_ambiguous",
@@ -30,41 +29,19 @@ _AMBIGUOUS = Advisory(
 )
 
 
-def right_handed(grid: Float[np.ndarray, "rows columns 2"]) -> Float[np.ndarray, "rows columns 2"]:
-    """Return the grid, with its columns reversed if it was mirrored (rule 1)."""
-    x, y = _directions(grid)
-    return grid[:, ::-1] if x[0] * y[1] - x[1] * y[0] < 0.0 else grid
+def orient(lattice: Lattice) -> tuple[Lattice, tuple[Advisory, ...]]:
+    """Return a lattice of the target's rows and columns in its right order, and a warning where the board does not
+    determine that order."""
+    turns = [lattice]
+    for _ in range(3):
+        turns.append(turns[-1].quarter_turn())
+    orders = [turn for turn in turns if turn.gap.shape == lattice.gap.shape]
+    black = [order for order in orders if not order.origin_is_bright]
+    best = max(black or orders, key=_rightward)
+    return best, () if len(black or orders) == 1 else (_AMBIGUOUS,)
 
 
-def orient(
-    grid: Float[np.ndarray, "rows columns 2"], origin_is_black: bool
-) -> tuple[Float[np.ndarray, "rows columns 2"], tuple[Advisory, ...]]:
-    """Return a right-handed grid in its right order, and a warning where the board does not determine that
-    order.
-
-    Parameters
-    ----------
-    origin_is_black
-        Whether the square (0, 0), between grid[0, 0] and grid[1, 1], is black in the order given.
-    """
-    rows, columns = grid.shape[:2]
-    # after k quarter turns: is the origin's square of the other colour?
-    changes = {0: 0, 1: columns % 2, 2: (columns + rows) % 2, 3: rows % 2}
-    turns = [0, 1, 2, 3] if rows == columns else [0, 2]
-    black = [k for k in turns if origin_is_black != bool(changes[k])]
-    orders = [np.rot90(grid, k) for k in (black or turns)]
-    best = max(orders, key=_rightward)
-    return best, () if len(orders) == 1 else (_AMBIGUOUS,)
-
-
-def _rightward(grid: Float[np.ndarray, "rows columns 2"]) -> float:
-    """Return the cosine of the angle between the x axis and +u."""
-    x, _ = _directions(grid)
-    return float(x[0] / np.hypot(x[0], x[1]))
-
-
-def _directions(
-    grid: Float[np.ndarray, "rows columns 2"],
-) -> tuple[Float[np.ndarray, "2"], Float[np.ndarray, "2"]]:
-    """Return the mean directions of the x and the y axis in the image, px over the whole board."""
-    return (grid[:, -1] - grid[:, 0]).mean(axis=0), (grid[-1] - grid[0]).mean(axis=0)
+def _rightward(lattice: Lattice) -> float:
+    """Return the cosine of the angle between the x axis and +u: of the mean step over the whole board."""
+    u, v = np.nanmean(np.diff(lattice.grid, axis=1), axis=(0, 1))
+    return float(u / np.hypot(u, v))

@@ -1,93 +1,327 @@
 """Sub-pixel refinement of chessboard corners at full resolution, and what doubt is left.
 
-Around a corner q every gradient g at a pixel p is perpendicular to p - q: on an edge the difference runs
-along it, in a flat square g = 0. So q minimises Σ (gᵀ(p - q))² over a window (W. Förstner, E. Gülch, 1987),
-which OpenCV's `cornerSubPix` iterates. The window follows the local spacing: as large as reaches no other
-corner's edges, up to where it gains nothing.
+Maximum likelihood on the picture's own pixels: each corner's model is that of `core.targets.corner_kernel`, with the
+edges' directions and bends from all corners together (`core.targets.grid_map`). Two steps on few pixels bring the
+corners from a detector's tenths of a px to some hundredths and tell the blur; those that turn out to be px off come
+near by wide templates first. One step on all pixels up to half-way to the next corners does the rest. No pixel serves
+two corners, so their errors are independent of each other.
 """
 
 from __future__ import annotations
 
-import cv2
+from dataclasses import dataclass
+
 import numpy as np
-from jaxtyping import Float, Float32
+from jaxtyping import Bool, Float, Int, UInt8, UInt16
 
-from core.targets.lattice import spacing
+from core.targets import corner_kernel as kernel
+from core.targets.grid_map import GridBasis, GridShape, grid_basis, grid_shape, grid_slopes
 
-_WINDOW_OF_SPACING = 0.38
-_LEAST_WINDOW, _LARGEST_WINDOW = 2, 11
-_STOP = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_MAX_ITER, 60, 1e-4)
-
-_DERIVATIVE_NOISE = 12.0 / 64.0  # variance that 3 x 3 Sobel / 8 makes of unit white noise
-_OVER_BOUND = 2.6
-"""How far this estimator's error lies above the bound of its window, measured on rendered images: 2 to
-2.6."""
-_OWN_ERROR_PX = 0.012
-"""What this estimator is off by without any noise: its window is not centred on the corner's own gradients. Root
-mean square over rendered standard scenes, .011 to .012."""
+_COARSE_SIGMAS_PX = (2.5, 1.5, 1.2)
+"""Of the templates of the first steps: wide ones pull from further away."""
+_COARSE_REACH_PX = 7.0
+_MIDDLE_REACH_PX = 12.0
+_SIGMA_RANGE = (0.3, 8.0)
+_SETTLED_PX = 0.15
+_NEAR_START_PX = 0.4
+_SETTLED_BLUR = 0.1  # of its logarithm
+_MOST_MIDDLE_STEPS, _MOST_FINAL_STEPS = 4, 3
+_CONVERGED_PX = 0.06
+_LEAST_REACH = 1.7  # in σ, as are the spacings
+_LEAST_SPACING, _LEAST_SPACING_AT_BORDER = 3.5, 4.5  # beyond the border the pattern goes on otherwise
+_LONGEST_STEP = 1.5  # in σ
+_BLUR_VARIES = 2.0  # over the board
+_ASTRAY = 6.0
+_OWN_PLACE = 0.4  # of the spacing: half-way a neighbour's begins
+_LEAST_CONTRAST = 0.15  # of the median
+_LARGEST_VARIANCE = 4.0  # of the residuals, times the median
+_SMALL_RESIDUAL = 0.01  # of half the contrast: without noise the model itself shows
+_POOLED = 50.0
 _ROUNDING = 1.0 / np.sqrt(12.0)
 
 
-def refine(
-    image: Float32[np.ndarray, "h w"], grid: Float[np.ndarray, "rows columns 2"]
-) -> Float[np.ndarray, "rows columns 2"]:
-    """Return the corners refined, px; one that runs away, or is not in the image, is left where it was."""
-    half = windows(grid)
-    refined = grid.copy()
-    inside = np.all((grid >= 0.0) & (grid <= np.array(image.shape[::-1]) - 1.0), axis=2)
-    for window in np.unique(half[inside]):
-        chosen = (half == window) & inside
-        corners = np.ascontiguousarray(grid[chosen].reshape(-1, 1, 2), dtype=np.float32)
-        found = cv2.cornerSubPix(image, corners, (int(window), int(window)), (-1, -1), _STOP)
-        refined[chosen] = np.asarray(found, dtype=np.float64).reshape(-1, 2)
-    moved = np.linalg.norm(refined - grid, axis=2)
-    lost = (moved > half) | ~np.isfinite(moved)
-    refined[lost] = grid[lost]
-    return refined
+@dataclass(frozen=True, slots=True)
+class Refined:
+    """Corners refined.
 
-
-def windows(grid: Float[np.ndarray, "rows columns 2"]) -> np.ndarray:
-    """Return the half width (px, whole) of each corner's window."""
-    half = np.floor(_WINDOW_OF_SPACING * spacing(grid))
-    return np.clip(half, _LEAST_WINDOW, _LARGEST_WINDOW).astype(int)
-
-
-def standard_uncertainties(
-    image: Float32[np.ndarray, "h w"], grid: Float[np.ndarray, "rows columns 2"]
-) -> Float[np.ndarray, "rows columns"]:
-    """Return each corner's standard uncertainty for u and v alike, px, from noise and gradients in its
-    window.
-
-    In white noise of variance s² no estimator does better than the covariance s² M⁻¹, M = Σ g gᵀ over the
-    window (the Cramér-Rao bound of a shift). Stated is √(½ trace) of that, times what this estimator loses
-    against it, and its own error beside. s comes from the picture; M is freed of what the noise adds to it.
+    `standard_uncertainty_px` holds for u and v alike; `trusted` is False where the picture contradicts the
+    corner, which then has its start as its place and an infinite uncertainty. `blur_px` is the lens's Gaussian
+    blur at the corner, the pixel's own area not counted; `contrast` white less black in the picture's levels.
     """
-    noise = noise_level(image, grid)
-    uncertainties = np.full(grid.shape[:2], np.inf)
-    half = windows(grid)
-    for index in np.ndindex(*grid.shape[:2]):
-        u, v = np.rint(grid[index]).astype(int)
-        reach = half[index] + 1
-        patch = image[max(v - reach, 0) : v + reach + 1, max(u - reach, 0) : u + reach + 1]
-        gu = cv2.Sobel(patch, cv2.CV_32F, 1, 0, scale=0.125)[1:-1, 1:-1].astype(np.float64)
-        gv = cv2.Sobel(patch, cv2.CV_32F, 0, 1, scale=0.125)[1:-1, 1:-1].astype(np.float64)
-        added = gu.size * _DERIVATIVE_NOISE * noise**2
-        a, b, c = np.sum(gu * gu) - added, np.sum(gu * gv), np.sum(gv * gv) - added
-        determinant = a * c - b * b
-        if a > 0.0 and c > 0.0 and determinant > 0.0:
-            uncertainties[index] = _OVER_BOUND * noise * np.sqrt(0.5 * (a + c) / determinant)
-    # a corner without gradients is worth next to nothing: as uncertain as its window is wide
-    return np.minimum(np.hypot(uncertainties, _OWN_ERROR_PX), half.astype(np.float64))
+
+    points_px: Float[np.ndarray, "n 2"]
+    standard_uncertainty_px: Float[np.ndarray, " n"]
+    trusted: Bool[np.ndarray, " n"]
+    blur_px: Float[np.ndarray, " n"]
+    contrast: Float[np.ndarray, " n"]
 
 
-def noise_level(image: Float32[np.ndarray, "h w"], grid: Float[np.ndarray, "rows columns 2"]) -> float:
-    """Return the standard deviation of white noise over the board, in the image's grey levels.
+def refine_corners(
+    image: UInt8[np.ndarray, "h w"] | UInt16[np.ndarray, "h w"],
+    column: Int[np.ndarray, " n"],
+    row: Int[np.ndarray, " n"],
+    points_px: Float[np.ndarray, "n 2"],
+    *,
+    origin_is_black: bool,
+    largest_reach: float = 0.5,
+) -> Refined:
+    """Refine the corners of a chessboard.
 
-    J. Immerkær, "Fast noise variance estimation", CVIU 64 (1996) 300-302, with the median in place of the
-    mean, so that edges do not count; never below the rounding to whole levels.
+    Parameters
+    ----------
+    column, row
+        The corners' places in the grid; any part of a grid.
+    points_px
+        Where they are within 2 px and a quarter of the spacing.
+    origin_is_black
+        Whether the square between grid points (0, 0) and (1, 1) is black.
+    largest_reach
+        How far from the corner pixels are used, as a share of the spacing.
+
+    Raises
+    ------
+    InvalidArgument
+        Fewer than four corners, or all on a line.
     """
-    (left, top), (right, bottom) = (np.rint(f(grid, axis=(0, 1))).astype(int) for f in (np.min, np.max))
-    part = image[max(top, 0) : bottom + 1, max(left, 0) : right + 1]
-    kernel = np.array([[1, -2, 1], [-2, 4, -2], [1, -2, 1]], dtype=np.float32) / 6.0
-    filtered = cv2.filter2D(part, cv2.CV_32F, kernel)
-    return max(float(np.median(np.abs(filtered))) / 0.6745, _ROUNDING)
+    image = np.ascontiguousarray(image)
+    ideal = np.stack([column, row], axis=1).astype(np.float64)
+    count = len(ideal)
+    good = np.all(np.isfinite(points_px), axis=1)
+    start = np.where(good[:, None], points_px, 0.0)
+    states = np.zeros((count, kernel.STATE))
+    steps = np.full((count, kernel.STEP), np.nan)
+    sign = np.where((column + row) % 2 == 0, -1.0, 1.0) * (1.0 if origin_is_black else -1.0)
+    states[:, kernel.SIGN] = sign
+    states[:, [kernel.REACH_1, kernel.REACH_2]] = np.inf
+    states[:, [kernel.Q_U, kernel.Q_V]] = start
+    basis = grid_basis(ideal, start, good.astype(np.float64))
+    shape, _ = _fit(basis, states, good)
+    states[:, [kernel.SIGMA_1, kernel.SIGMA_2]] = _COARSE_SIGMAS_PX[-1]
+    _step(image, states, shape, _COARSE_REACH_PX, largest_reach, good, steps, stride=3)
+    far = good & ~(_length(steps) < _NEAR_START_PX)
+    if far.any():
+        states[far, kernel.Q_U], states[far, kernel.Q_V] = start[far].T
+        unsettled = far
+        for sigma in _COARSE_SIGMAS_PX:
+            states[np.ix_(far, [kernel.SIGMA_1, kernel.SIGMA_2])] = sigma
+            _step(
+                image,
+                states,
+                shape,
+                _COARSE_REACH_PX,
+                largest_reach,
+                unsettled,
+                steps,
+                stride=3,
+                is_coarse=True,
+            )
+            unsettled = far & ~(_length(steps) < _SETTLED_PX)
+        shape, _ = _fit(basis, states, good)
+    for _ in range(_MOST_MIDDLE_STEPS):
+        _step(image, states, shape, _MIDDLE_REACH_PX, largest_reach, good, steps, stride=2)
+        if _blur_is_settled(steps):
+            break
+    shape, steady = _fit(basis, states, good)
+    _set_light(basis, column, row, shape, states, steps, steady)
+    unsettled = good
+    for _ in range(_MOST_FINAL_STEPS):
+        _step(image, states, shape, np.inf, largest_reach, unsettled, steps, stride=1)
+        unsettled = good & (_length(steps) > _CONVERGED_PX)
+        if not _blur_is_settled(steps):
+            unsettled = good
+        if not unsettled.any():
+            break
+    beside = _follow_map(basis, states, steps, good)
+    x, y = ideal.T
+    at_border = (x == x.min()) | (x == x.max()) | (y == y.min()) | (y == y.max())
+    return _conclude(states, steps, points_px, good & (beside < _OWN_PLACE), at_border)
+
+
+def _median(values: Float[np.ndarray, " n"]) -> float:
+    """Return the median of finite values; numpy's own takes ten times as long over few."""
+    middle = len(values) // 2
+    if len(values) % 2:
+        return float(np.partition(values, middle)[middle])
+    low, high = np.partition(values, (middle - 1, middle))[middle - 1 : middle + 1]
+    return 0.5 * float(low + high)
+
+
+def _length(steps: Float[np.ndarray, "n step"]) -> Float[np.ndarray, " n"]:
+    """Return how far the corners moved, px; NaN where they did not."""
+    return np.hypot(steps[:, kernel.STEP_U], steps[:, kernel.STEP_V])
+
+
+def _blur_is_settled(steps: Float[np.ndarray, "n step"]) -> bool:
+    """Tell whether a step left the board's blur as it was."""
+    wider = np.abs(steps[:, [kernel.WIDER_1, kernel.WIDER_2]])
+    known = wider[np.isfinite(wider)]
+    return known.size == 0 or _median(known) < _SETTLED_BLUR
+
+
+def _fit(
+    basis: GridBasis, states: Float[np.ndarray, "n state"], good: Bool[np.ndarray, " n"]
+) -> tuple[GridShape, Bool[np.ndarray, " n"]]:
+    """Fit the grid's map to where the corners are now, and return which corners are where it has them.
+
+    Corners too near the picture's border for their edges to tell anything do not count, those far off count little.
+    """
+    points = states[:, [kernel.Q_U, kernel.Q_V]]
+    reach = np.minimum(states[:, kernel.REACH_1], states[:, kernel.REACH_2])
+    sigma = np.maximum(states[:, kernel.SIGMA_1], states[:, kernel.SIGMA_2])
+    used = good & (reach >= _LEAST_REACH * sigma)
+    if np.count_nonzero(used) < 4:
+        used = good
+    shape = grid_shape(basis, points, None if used.all() else used.astype(np.float64))
+    rest = np.linalg.norm(points - shape.points_px, axis=1)
+    typical = max(_median(rest[used]), 1e-3)
+    if np.max(rest[used]) > _ASTRAY * typical:
+        shape = grid_shape(basis, points, used / (1.0 + (rest / (2.0 * typical)) ** 2) ** 2)
+        rest = np.linalg.norm(points - shape.points_px, axis=1)
+        typical = max(_median(rest[used]), 1e-3)
+    return shape, used & (rest < _ASTRAY * typical)
+
+
+def _follow_map(
+    basis: GridBasis,
+    states: Float[np.ndarray, "n state"],
+    steps: Float[np.ndarray, "n step"],
+    good: Bool[np.ndarray, " n"],
+) -> Float[np.ndarray, " n"]:
+    """Move the corners by what their edges' bends, by the map through the refined corners, differ from those used.
+
+    Return how far they are from their places by the map, in spacings.
+
+    An edge bent by κ stands ½ κ s² aside, over its reach r to both sides on average κ r² / 6. Its arms, on average at
+    ± r / 2, are as uneven as the turn from the directions used, too, and no more.
+    """
+    shape, _ = _fit(basis, states, good)
+    shifts, turns = [], []
+    for along, bend, (n_u, n_v, k), reach in (
+        (shape.along_y, shape.bend_y, (kernel.N1_U, kernel.N1_V, kernel.BEND_1), kernel.REACH_1),
+        (shape.along_x, shape.bend_x, (kernel.N2_U, kernel.N2_V, kernel.BEND_2), kernel.REACH_2),
+    ):
+        normal, length = states[:, [n_u, n_v]], np.maximum(np.linalg.norm(along, axis=1), 1e-9)
+        bend_now = np.sum(normal * bend, axis=1) / length**2
+        shifts.append((states[:, k] - bend_now) * states[:, reach] ** 2 / 6.0)
+        turns.append(np.sum(normal * along, axis=1) / length * states[:, reach])
+        states[:, k] = bend_now
+    n1u, n1v, n2u, n2v = (states[:, k] for k in (kernel.N1_U, kernel.N1_V, kernel.N2_U, kernel.N2_V))
+    skew = n1u * n2v - n1v * n2u
+    states[:, kernel.Q_U] += (n2v * shifts[0] - n1v * shifts[1]) / skew
+    states[:, kernel.Q_V] += (n1u * shifts[1] - n2u * shifts[0]) / skew
+    steps[:, kernel.UNEVEN] -= turns[0] - turns[1]
+    spacing = np.minimum(states[:, kernel.SPACING_1], states[:, kernel.SPACING_2])
+    beside = np.linalg.norm(states[:, [kernel.Q_U, kernel.Q_V]] - shape.points_px, axis=1)
+    return beside / np.maximum(spacing, 1e-9)
+
+
+def _step(
+    image: np.ndarray,
+    states: Float[np.ndarray, "n state"],
+    shape: GridShape,
+    reach_px: float,
+    largest_reach: float,
+    chosen: Bool[np.ndarray, " n"],
+    steps: Float[np.ndarray, "n step"],
+    *,
+    stride: int,
+    is_coarse: bool = False,
+) -> None:
+    """Set the edges by the grid's map, do one step, and move the corners (and their blur) by it."""
+    height, width = image.shape
+    kernel.place_edges(
+        states,
+        shape.along_x,
+        shape.along_y,
+        shape.bend_x,
+        shape.bend_y,
+        reach_px,
+        largest_reach,
+        width,
+        height,
+    )
+    indices = np.flatnonzero(chosen)
+    kernel.step_corners(image, states, indices, stride, not is_coarse, steps)
+    kernel.move_corners(states, steps, indices, not is_coarse, _LONGEST_STEP, _BLUR_VARIES, *_SIGMA_RANGE)
+
+
+def _set_light(
+    basis: GridBasis,
+    column: Int[np.ndarray, " n"],
+    row: Int[np.ndarray, " n"],
+    shape: GridShape,
+    states: Float[np.ndarray, "n state"],
+    steps: Float[np.ndarray, "n step"],
+    steady: Bool[np.ndarray, " n"],
+) -> None:
+    """Set the slopes of level and contrast, by those of the corners themselves about each one."""
+    contrast = steps[:, kernel.CONTRAST]
+    known = steady & (contrast > 0.0)
+    if known.any():
+        known &= contrast > _LEAST_CONTRAST * _median(contrast[known])
+    slopes = grid_slopes(basis, column, row, steps[:, [kernel.LEVEL, kernel.CONTRAST]], known)
+    states[:, kernel.PER_CONTRAST] = np.where(
+        known, 1.0 / np.where(known, steps[:, kernel.CONTRAST], 1.0), 0.0
+    )
+    # by the indices, to by the pixels
+    x, y = shape.along_x, shape.along_y
+    determinant = x[:, 0] * y[:, 1] - x[:, 1] * y[:, 0]
+    determinant = np.where(np.abs(determinant) > 1e-9, determinant, np.inf)
+    for k, (u, v) in enumerate(((kernel.LEVEL_U, kernel.LEVEL_V), (kernel.CONTRAST_U, kernel.CONTRAST_V))):
+        by_x, by_y = slopes[:, k, 0], slopes[:, k, 1]
+        states[:, u] = (by_x * y[:, 1] - by_y * x[:, 1]) / determinant
+        states[:, v] = (by_y * x[:, 0] - by_x * y[:, 0]) / determinant
+
+
+def _conclude(
+    states: Float[np.ndarray, "n state"],
+    steps: Float[np.ndarray, "n step"],
+    start: Float[np.ndarray, "n 2"],
+    good: Bool[np.ndarray, " n"],
+    at_border: Bool[np.ndarray, " n"],
+) -> Refined:
+    """Judge the corners, and state their uncertainty."""
+    points = states[:, [kernel.Q_U, kernel.Q_V]]
+    sigma = np.sqrt(np.mean(states[:, [kernel.SIGMA_1, kernel.SIGMA_2]] ** 2, axis=1))
+    contrast = steps[:, kernel.CONTRAST]
+    freedom = np.maximum(steps[:, kernel.SAMPLES] - 7.0, 1.0)
+    variance = np.maximum(steps[:, kernel.SQUARES] / freedom, _ROUNDING**2)
+    spacing = np.minimum(states[:, kernel.SPACING_1], states[:, kernel.SPACING_2])
+    moved = np.linalg.norm(points - start, axis=1)
+    reach = np.minimum(states[:, kernel.REACH_1], states[:, kernel.REACH_2])
+    last = np.linalg.norm(steps[:, [kernel.STEP_U, kernel.STEP_V]], axis=1)
+    with np.errstate(invalid="ignore"):
+        trusted = good & np.isfinite(last) & (contrast > 0.0) & (last < 0.3 * sigma)
+        trusted &= (moved < np.maximum(2.5, 0.25 * spacing)) & (moved < _OWN_PLACE * spacing)
+        trusted &= reach > _LEAST_REACH * sigma
+        trusted &= spacing > np.where(at_border, _LEAST_SPACING_AT_BORDER, _LEAST_SPACING) * sigma
+    if trusted.any():
+        trusted &= contrast > _LEAST_CONTRAST * _median(contrast[trusted])
+        noise = _median(variance[trusted])
+        relative = variance / contrast**2
+        typical = _median(relative[trusted])
+        # in a reflex or a shadow noise and contrast change together
+        excess = np.minimum(variance / noise, relative / typical)
+        trusted &= (excess < _LARGEST_VARIANCE) | (relative < _SMALL_RESIDUAL**2)
+        share = _POOLED / (_POOLED + freedom)
+        variance = share * noise + (1.0 - share) * variance
+    uneven = steps[:, kernel.UNEVEN] ** 2 / (steps[:, kernel.UNEVEN_VARIANCE] * variance)
+    told = trusted & np.isfinite(uneven)
+    factor = 1.0
+    if np.count_nonzero(told) >= 8:
+        typical = max(1.0, _median(uneven[told]) / 0.455)
+        trusted &= ~(uneven > 25.0 * typical)
+        told &= trusted
+        factor = float(np.mean(uneven[told]))
+        if factor < 1.0 + 3.0 * np.sqrt(2.0 / np.count_nonzero(told)):
+            factor = 1.0
+    trace = 0.5 * (steps[:, kernel.COV_UU] + steps[:, kernel.COV_VV])
+    uncertainty = np.sqrt(trace * variance * factor)
+    trusted &= np.isfinite(uncertainty)
+    return Refined(
+        points_px=np.where(trusted[:, None], points, start),
+        standard_uncertainty_px=np.where(trusted, uncertainty, np.inf),
+        trusted=trusted,
+        blur_px=np.sqrt(np.maximum(sigma**2 - 1.0 / 12.0, 0.0)),
+        contrast=np.where(np.isfinite(contrast), 2.0 * contrast, 0.0),
+    )

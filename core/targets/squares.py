@@ -1,178 +1,196 @@
-"""The picture around a found grid: are its squares a chessboard's, and does the lattice end where the grid does?"""
+"""Where a found lattice ends, and whether it is the board that ends there.
+
+A board's outermost corners are followed by one more square, then by the margin. A lattice whose next line is out of the
+picture, or hidden, may go on there: nobody can tell how large it is. So on each side three things are looked at: how
+much of the outermost line of corners is seen, whether the squares beyond it all end at one depth (often less than a
+whole square: boards are cut to fit their plates; what hides a board does not end so evenly), and whether corners follow
+at their other end.
+"""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
-import cv2
 import numpy as np
-from jaxtyping import Bool, Float, Float32
+from jaxtyping import Float, Shaped
 
-from core.targets.refinement import refine
+from core.targets.lattice import Lattice
 
-_LEAST_RIGHT = 0.93
-_LEAST_STEP = 0.25  # of the board's contrast: a smaller difference of two squares is none
-_INSIDE_SQUARE = (-0.2, 0.0, 0.2)  # of its sides
-_QUADRANTS = ((-1.0, -1.0), (1.0, -1.0), (-1.0, 1.0), (1.0, 1.0))
-_QUADRANT_REACH = 0.3  # of the spacing
-_LEAST_GAP = 0.3  # of the board's contrast
-_CONTINUES = 0.6  # of a line's visible places
-_OUTER_CORNERS = 0.7  # of an outermost line's visible points; highlights may spoil some
-_MOST_LINES = 500
+_LEAST_OF_LINE = 0.3  # of a line's corners; a line with fewer is none of the lattice
+_ENOUGH_OF_LINE = 0.5
+_LEAST_CORNERS = 2
+ENOUGH_VISIBLE = 0.5
+_ENOUGH_SQUARES = 0.65
+_MOST_BEYOND = 0.12  # of the places beyond: chance makes corners of clutter, a board makes all of them
+_DEPTHS = np.arange(0.4, 0.95, 0.1)  # of a step, where the outermost squares are looked at
+_BESIDE = 0.3  # of a step, to both sides of the edge between two of them
+_LEAST_STEP = 0.25  # of the contrast at the board's corners
+_MARGIN_PX = 2.0
+_LEAST_SQUARE_PX = 6.0
 
 
 @dataclass(frozen=True, slots=True)
-class Colours:
-    """What the squares between a grid's points look like.
+class Side:
+    """One side of a lattice, all as shares from 0 to 1.
 
-    `contrast` is the median difference of neighbouring squares, grey levels; `right` the share of neighbours that
-    differ as those of a chessboard do; `origin_is_black` tells of the square between grid[0, 0] and grid[1, 1].
+    `seen` of its outermost corners; `visible` of the places of the line beyond, where the outermost squares end: those
+    in the picture; `squares` of the outermost squares in the picture: those that reach as deep as most do; `beyond` of
+    the visible places: those that are corners again.
     """
 
-    origin_is_black: bool
-    contrast: float
-    right: float
+    seen: float
+    visible: float
+    squares: float
+    beyond: float
 
     @property
-    def are_a_chessboard(self) -> bool:
-        """Whether all but a few neighbours differ as they should; highlights may spoil some."""
-        return self.right >= _LEAST_RIGHT
+    def goes_on(self) -> bool:
+        """Whether there are more lines than were found, or may be: the picture ends here."""
+        return self.visible < ENOUGH_VISIBLE or self.beyond > _MOST_BEYOND
+
+    @property
+    def is_an_end(self) -> bool:
+        """Whether the board ends here beyond doubt."""
+        return not self.goes_on and self.seen >= _ENOUGH_OF_LINE and self.squares >= _ENOUGH_SQUARES
 
 
 @dataclass(frozen=True, slots=True)
-class LineBeyond:
-    """The line of points that would come next beyond one side of a grid.
+class Board:
+    """A lattice without the stray corners around it, and its four sides: top, bottom, left, right."""
 
-    `places_px` in the grid's order; `is_lattice`: the picture shows chessboard corners there; `is_visible`: all of
-    them and the squares around are in the image.
-    """
+    lattice: Lattice
+    sides: tuple[Side, Side, Side, Side]
 
-    places_px: Float[np.ndarray, "n 2"]
-    is_lattice: bool
-    is_visible: bool
+    @property
+    def size(self) -> tuple[int, int]:
+        """Number of lines the longer and the shorter way."""
+        long, short = sorted(self.lattice.gap.shape, reverse=True)
+        return long, short
+
+    @property
+    def is_cropped(self) -> bool:
+        """Whether some of its corners lie outside the picture."""
+        return bool(self.lattice.outside.any())
+
+    @property
+    def square_px(self) -> float:
+        """The distance of neighbouring lines, px: the median of all squares, in the direction in which it is less."""
+        grid = self.lattice.grid
+        across, down = np.diff(grid, axis=1)[:-1], np.diff(grid, axis=0)[:, :-1]
+        area = np.abs(across[..., 0] * down[..., 1] - across[..., 1] * down[..., 0])
+        longer = np.maximum(np.hypot(across[..., 0], across[..., 1]), np.hypot(down[..., 0], down[..., 1]))
+        height = (area / longer)[np.isfinite(area)]
+        return float(np.median(height)) if len(height) else 0.0
+
+    @property
+    def is_resolved(self) -> bool:
+        """Whether its squares are large enough in the picture to tell its ends."""
+        return self.square_px >= _LEAST_SQUARE_PX
+
+    @property
+    def is_whole(self) -> bool:
+        """Whether all of it is in the picture and all four sides are the board's ends."""
+        whole = not self.is_cropped and not self.lattice.cut_short
+        return whole and all(side.is_an_end for side in self.sides)
+
+    @property
+    def goes_on(self) -> bool:
+        """Whether it has more corners, or may have them, than were found."""
+        return self.is_cropped or self.lattice.cut_short or any(side.goes_on for side in self.sides)
 
 
-def measure_colours(image: Float32[np.ndarray, "h w"], grid: Float[np.ndarray, "rows columns 2"]) -> Colours:
-    """Return what the squares between the grid's points look like."""
-    corner, right, below, opposite = grid[:-1, :-1], grid[:-1, 1:], grid[1:, :-1], grid[1:, 1:]
-    centre = (corner + right + below + opposite) / 4.0
-    x_side, y_side = (right - corner + opposite - below) / 2.0, (below - corner + opposite - right) / 2.0
-    places = np.stack([centre + a * x_side + b * y_side for a in _INSIDE_SQUARE for b in _INSIDE_SQUARE])
-    levels = np.median(sample(image, places)[0], axis=0)
-    j, i = np.mgrid[0 : levels.shape[0], 0 : levels.shape[1]]
-    lighter_if_odd = np.where((i + j) % 2 == 0, 1.0, -1.0)  # times a step away from this square
-    steps = np.concatenate(
-        [
-            (np.diff(levels, axis=1) * lighter_if_odd[:, :-1]).ravel(),
-            (np.diff(levels, axis=0) * lighter_if_odd[:-1]).ravel(),
-        ]
-    )  # how much lighter the odd one of two neighbours is than the even one
-    middle = float(np.median(steps))
-    contrast = abs(middle)
-    right_steps = steps * np.sign(middle) > _LEAST_STEP * contrast
-    return Colours(middle > 0.0, contrast, float(np.mean(right_steps)) if contrast > 0.0 else 0.0)
-
-
-def lines_beyond(
-    image: Float32[np.ndarray, "h w"], grid: Float[np.ndarray, "rows columns 2"], colours: Colours
-) -> tuple[LineBeyond, LineBeyond, LineBeyond, LineBeyond]:
-    """Return what comes next above, below, left and right of a grid."""
-    rows, columns = grid.shape[:2]
-    across = np.swapaxes(grid, 0, 1)
-    black = colours.origin_is_black
-    # The square outward of the next line and after its first point is (0, -2) above, (0, rows) below, (-2, 0) to the
-    # left, (columns, 0) to the right: of the origin's colour where that sum is even.
-    return (
-        _line_beyond(image, grid[:3], black, colours.contrast),
-        _line_beyond(image, grid[::-1][:3], black != (rows % 2 == 1), colours.contrast),
-        _line_beyond(image, across[:3], black, colours.contrast),
-        _line_beyond(image, across[::-1][:3], black != (columns % 2 == 1), colours.contrast),
+def bounded(image: Shaped[np.ndarray, "h w"], lattice: Lattice) -> Board | None:
+    """Return the board that a lattice shows, or None where it is too small for any."""
+    box = _box(lattice.known)
+    top, bottom, left, right = box
+    if bottom - top < 3 or right - left < 3:
+        return None
+    part = lattice.cut(*box)
+    known = lattice.known
+    grid, gap = part.grid, part.gap
+    across, gap_across = np.swapaxes(grid, 0, 1), gap.T
+    rows, columns = gap.shape
+    bright = part.origin_is_bright
+    none_above = np.zeros(columns, dtype=bool)
+    none_beside = np.zeros(rows, dtype=bool)
+    beyond = (
+        known[top - 1, left:right] if top > 0 else none_above,
+        known[bottom, left:right] if bottom < known.shape[0] else none_above,
+        known[top:bottom, left - 1] if left > 0 else none_beside,
+        known[top:bottom, right] if right < known.shape[1] else none_beside,
+    )
+    # the outermost square after a line's first corner: (0, -1) above, (0, rows - 1) below, (-1, 0) to the left,
+    # (columns - 1, 0) to the right; of the origin's colour where that sum is even
+    return Board(
+        part,
+        (
+            _side(image, grid[:3], gap[0], not bright, beyond[0]),
+            _side(image, grid[::-1][:3], gap[-1], bright == (rows % 2 == 1), beyond[1]),
+            _side(image, across[:3], gap_across[0], not bright, beyond[2]),
+            _side(image, across[::-1][:3], gap_across[-1], bright == (columns % 2 == 1), beyond[3]),
+        ),
     )
 
 
-def outer_lines_are_corners(
-    image: Float32[np.ndarray, "h w"], grid: Float[np.ndarray, "rows columns 2"], colours: Colours
-) -> bool:
-    """Tell whether the grid's outermost points are corners of four squares, not ends of the board's outline."""
-    rows, columns = grid.shape[:2]
-    across = np.swapaxes(grid, 0, 1)
-    black = colours.origin_is_black
-    for lines, first_is_black in (
-        (grid[:2], not black),
-        (grid[::-1][:2], black != (rows % 2 == 0)),
-        (across[:2], not black),
-        (across[::-1][:2], black != (columns % 2 == 0)),
-    ):
-        corner, visible = _corners(image, lines[0], lines[0] - lines[1], first_is_black, colours.contrast)
-        if int(corner.sum()) < _OUTER_CORNERS * int(visible.sum()):
-            return False
-    return True
-
-
-def _line_beyond(
-    image: Float32[np.ndarray, "h w"],
-    lines: Float[np.ndarray, "three n 2"],
-    first_is_black: bool,
-    contrast: float,
-) -> LineBeyond:
-    """Look at the line that comes before three, the outermost first; `first_is_black` as in `_corners`."""
-    places = (
-        3.0 * lines[0] - 3.0 * lines[1] + lines[2]
-    )  # a parabola through the three: perspective bends little
-    corner, visible = _corners(image, places, places - lines[0], first_is_black, contrast)
-    is_lattice = int(corner.sum()) >= max(2.0, _CONTINUES * int(visible.sum()))
-    return LineBeyond(places, is_lattice, bool(visible.all()))
-
-
-def _corners(
-    image: Float32[np.ndarray, "h w"],
-    places: Float[np.ndarray, "n 2"],
-    outward: Float[np.ndarray, "n 2"],
-    first_is_black: bool,
-    contrast: float,
-) -> tuple[Bool[np.ndarray, " n"], Bool[np.ndarray, " n"]]:
-    """Tell which of a line's places are corners of four squares in alternating colours, and which can be judged.
-
-    `first_is_black`: is the quadrant that lies outward, and forward along the line, black at the first place?
-    """
-    forward = np.gradient(places, axis=0)
-    quadrants = np.stack([places + _QUADRANT_REACH * (a * outward + b * forward) for a, b in _QUADRANTS])
-    levels, inside = sample(image, quadrants)
-    visible: Bool[np.ndarray, " n"] = np.asarray(inside.all(axis=0))
-    diagonal, other = levels[[0, 3]], levels[[1, 2]]  # the outward and forward quadrant is the last
-    black_diagonal = other.min(axis=0) - diagonal.max(axis=0)
-    white_diagonal = diagonal.min(axis=0) - other.max(axis=0)
-    is_even = np.arange(len(places)) % 2 == 0
-    gap = np.where(is_even == first_is_black, black_diagonal, white_diagonal)
-    return (gap > _LEAST_GAP * contrast) & visible, visible
-
-
-def grow(
-    image: Float32[np.ndarray, "h w"], grid: Float[np.ndarray, "rows columns 2"]
-) -> Float[np.ndarray, "all_rows all_columns 2"]:
-    """Return the whole lattice that a part of it belongs to, as far as it is in the image."""
-    while max(grid.shape[:2]) < _MOST_LINES:
-        sides = lines_beyond(image, grid, measure_colours(image, grid))
-        side = next((k for k, line in enumerate(sides) if line.is_lattice and line.is_visible), None)
-        if side is None:
+def _box(known: Shaped[np.ndarray, "rows columns"]) -> tuple[int, int, int, int]:
+    """Return top, bottom, left, right (exclusive) of what is left without outermost lines of few corners."""
+    top, bottom, left, right = 0, known.shape[0], 0, known.shape[1]
+    while bottom > top and right > left:
+        part = known[top:bottom, left:right]
+        shares = (part[0].mean(), part[-1].mean(), part[:, 0].mean(), part[:, -1].mean())
+        counts = (part[0].sum(), part[-1].sum(), part[:, 0].sum(), part[:, -1].sum())
+        side = int(np.argmin(shares))
+        if shares[side] >= _LEAST_OF_LINE and counts[side] >= _LEAST_CORNERS:
             break
-        across = side >= 2
-        turned = np.swapaxes(grid, 0, 1) if across else grid
-        turned = turned[::-1] if side % 2 == 1 else turned
-        refined = refine(image, np.stack([sides[side].places_px, turned[0]]))[:1]
-        turned = np.concatenate([refined, turned])
-        turned = turned[::-1] if side % 2 == 1 else turned
-        grid = np.swapaxes(turned, 0, 1) if across else turned
-    return grid
+        top, bottom = top + (side == 0), bottom - (side == 1)
+        left, right = left + (side == 2), right - (side == 3)
+    return top, bottom, left, right
 
 
-def sample(
-    image: Float32[np.ndarray, "h w"], places: Float[np.ndarray, "*n 2"]
-) -> tuple[Float32[np.ndarray, "*n"], Bool[np.ndarray, "*n"]]:
-    """Return grey values at pixel places by bilinear interpolation, and which of the places are in the image."""
-    shape = places.shape[:-1]
-    flat = places.reshape(shape[0], -1, 2).astype(np.float32)
-    levels = cv2.remap(image, flat[..., 0], flat[..., 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+def _side(
+    image: Shaped[np.ndarray, "h w"],
+    lines: Float[np.ndarray, "three n 2"],
+    gap: Float[np.ndarray, " n"],
+    first_is_bright: bool,
+    beyond: Shaped[np.ndarray, " n"],
+) -> Side:
+    """Look at the side whose outermost three lines are given, the outermost first; `first_is_bright` tells of the
+    square outward of it and after its first corner."""
+    seen = float(np.isfinite(gap).mean())
+    outer, inner = lines[0], lines[1]
+    straight = 2.0 * outer - inner
+    bent = 3.0 * outer - 3.0 * inner + lines[2]  # a parabola through the three: perspective bends little
+    places = np.where(np.isfinite(bent), bent, straight)
+    good = np.isfinite(places[:, 0])
+    if int(good.sum()) < _LEAST_CORNERS:
+        return Side(seen, 0.0, 0.0, 0.0)
+    number = np.flatnonzero(good)
+    places, outer, levels_apart = places[good], outer[good], gap[good]
     height, width = image.shape
-    inside = np.all((places >= 0.0) & (places <= np.array([width - 1.0, height - 1.0])), axis=-1)
-    return np.asarray(levels, dtype=np.float32).reshape(shape), inside
+    limit = np.array([width, height]) - 1.0 - _MARGIN_PX
+    visible = np.all((places >= _MARGIN_PX) & (places <= limit), axis=1)
+    ends = np.minimum(np.arange(len(number)) + 1, len(number) - 1), np.maximum(np.arange(len(number)) - 1, 0)
+    aside = _BESIDE * (outer[ends[0]] - outer[ends[1]]) / (number[ends[0]] - number[ends[1]])[:, None]
+    middle = outer + _DEPTHS[:, None, None] * (places - outer)
+    step = levels_at(image, middle + aside) - levels_at(image, middle - aside)
+    sign = np.where((number % 2 == 0) == first_is_bright, 1.0, -1.0)
+    differ = step * sign > _LEAST_STEP * levels_apart
+    depth = np.logical_and.accumulate(differ, axis=0).sum(axis=0)
+    right = visible & (np.abs(depth - np.sort(depth)[len(depth) // 2]) <= 1)
+    count = max(int(visible.sum()), 1)
+    hidden = len(gap) - len(number)
+    return Side(
+        seen,
+        float(visible.mean()),
+        float(right.sum()) / (count + hidden),
+        float((beyond[good] & visible).sum()) / count,
+    )
+
+
+def levels_at(image: Shaped[np.ndarray, "h w"], places: Float[np.ndarray, "*n 2"]) -> Float[np.ndarray, "*n"]:
+    """Return the grey values at the pixels nearest to the places, those beyond the border as at it."""
+    height, width = image.shape
+    nearest = np.rint(places).astype(np.intp)
+    u = np.minimum(np.maximum(nearest[..., 0], 0), width - 1)
+    v = np.minimum(np.maximum(nearest[..., 1], 0), height - 1)
+    return image[v, u].astype(np.float64)
