@@ -1,16 +1,22 @@
 """What can go wrong in the numerics, as one tree.
 
-GridposeError                        code, detail, advice; `points` where grid points were found before the
-failure ├── InvalidInput                     the caller's arguments cannot be used │   ├── InvalidTarget
-invalid_target │   └── InvalidArgument              invalid_argument ├── ImageError                       the
-bytes are no image we take │   ├── EmptyImage                   empty_upload │   ├── UnsupportedImage
-unsupported_image │   ├── ImageTooManyPixels           image_too_many_pixels │   └── UndecodableImage
-undecodable_image ├── DetectionError                   the picture does not show what was asked for │   ├──
-TargetNotFound               target_not_found │   └── TargetMismatch               target_mismatch └──
-EstimationError                  the points do not determine an answer
-    ├── FocalNotObservable           focal_not_observable
-    ├── DegenerateGeometry           degenerate_geometry
-    └── NotConverged                 not_converged
+    GridposeError                        code, detail, advice; `points` where grid points were found before
+    ├── InvalidInput                     the caller's arguments cannot be used
+    │   ├── InvalidTarget                invalid_target
+    │   └── InvalidArgument              invalid_argument
+    ├── ImageError                       the bytes are no image we take
+    │   ├── EmptyImage                   empty_upload
+    │   ├── UnsupportedImage             unsupported_image
+    │   ├── ImageTooManyPixels           image_too_many_pixels
+    │   └── UndecodableImage             undecodable_image
+    ├── DetectionError                   the picture does not show what was asked for
+    │   ├── TargetNotFound               target_not_found
+    │   └── TargetMismatch               target_mismatch
+    └── EstimationError                  the points or poses do not determine an answer
+        ├── FocalNotObservable           focal_not_observable
+        ├── DegenerateGeometry           degenerate_geometry
+        ├── MotionInsufficient           motion_insufficient
+        └── NotConverged                 not_converged
 
 `code` is stable and snake_case, `detail` says what happened with its figures, `advice` says what to do next.
 Nothing here knows of HTTP; the service maps classes to statuses in one table.
@@ -113,6 +119,11 @@ class FocalNotObservable(EstimationError):
 class DegenerateGeometry(EstimationError):
     code = "degenerate_geometry"
     default_advice = "Use an image that shows the grid's points spread over two directions."
+
+
+class MotionInsufficient(EstimationError):
+    code = "motion_insufficient"
+    default_advice = "Add poses whose orientations differ by 20° or more about at least two different axes."
 
 
 class NotConverged(EstimationError):

@@ -6,13 +6,16 @@ The estimate minimises, over the state s,
 
 where dᵢ is the length of point i's residual vector, uᵢ its relative standard uncertainty, q the priors'
 residuals in units of their own σ, and σ the noise scale, which is itself estimated from the residuals: a
-constant would be wrong for every camera but one. Two stages:
+constant would be wrong for every camera but one. Three stages:
 
-1. Cauchy, ρ(z) = c² log(1 + z/c²), with σ from the median distance, until the step is a small part of its own
+1. Plain, ρ(z) = z, over all points, by Gauss-Newton steps. Where the residuals are the noise that was expected and
+   none lies beyond 4 MAD (4 · 1.4826 · the median distance) there are no gross errors, and this is the answer.
+2. Else Cauchy, ρ(z) = c² log(1 + z/c²), with σ from the median distance, until the step is a small part of its own
    uncertainty: gross errors lose their pull.
-2. Points beyond 4 MAD (4 · 1.4826 · the median distance) are rejected; the rest is fitted with ρ(z) = z, σ² =
-   Σ dᵢ²/uᵢ² / (degrees of freedom), where priors count as the part of a measurement that they are: dof =
-   observations - tr(H⁻¹ H_data).
+3. Points beyond 4 MAD are rejected and the rest is fitted plainly.
+
+σ² = Σ dᵢ²/uᵢ² / (degrees of freedom), where priors count as the part of a measurement that they are: dof =
+observations - tr(H⁻¹ H_data).
 
 Steps are solved from normal equations scaled to unit diagonal, so that pixels, millimetres and radians weigh
 alike and the condition number reported is the scaled one.
@@ -31,6 +34,8 @@ from typing import Any, Generic, TypeVar
 import numpy as np
 from jaxtyping import Bool, Float
 
+from core.compiled import compiled
+
 State = TypeVar("State")
 
 Evaluate = Callable[[State], tuple[Float[np.ndarray, "m n"], Float[np.ndarray, "p m n"]]]
@@ -42,10 +47,18 @@ Retract = Callable[[State, Float[np.ndarray, " p"]], State]
 
 CAUCHY_C = 2.385  # 95 % efficient on Gaussian residuals (Holland and Welsch 1977)
 REJECTION = 4.0 * 1.4826  # of the median distance: 4 MAD, about 7 σ of one component for two components
-STEP_TOLERANCE = (
-    1e-2  # of its own standard uncertainty; convergence being quadratic, what is left is far less
-)
-ROBUST_STEP_TOLERANCE = 0.5  # the first stage only has to tell good points from bad
+MEDIAN_LENGTH = {1: 0.674490, 2: 1.177410, 3: 1.538172}
+"""Median length of a vector of so many normal components, in their σ (chi distribution)."""
+STEP_TOLERANCE = 1e-2  # of its own standard uncertainty; steps shrink, so that what is left is far less
+NEGLIGIBLE_STEP = 2e-3  # need not be taken at all
+SETTLED = 1e-3  # relative change of σ, which balances data and priors, by the last step
+ROBUST_STEP_TOLERANCE = 0.5  # the robust stage only has to tell good points from bad
+SMALLEST_DAMPING = 1e-10  # of the unit diagonal
+REJECTED_STEPS = 16
+# The first stage: how long it is tried, and when its answer may stand without the others.
+PLAIN_ITERATIONS = 10
+OBSERVATIONS_PER_PARAMETER = 4.0  # with fewer, gross errors can hide in a plain fit
+EXPECTED_SCALE = 1.5  # of the stated uncertainty: beyond that, gross errors may be hiding one another
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,28 +92,36 @@ def fit(
     evaluate: Evaluate[State],
     retract: Retract[State],
     start: State,
-    relative_uncertainty: Float[np.ndarray, " n"],
+    uncertainty: Float[np.ndarray, " n"],
     *,
     prior: Prior[State] | None = None,
     smallest_scale: float = 1e-9,
     iteration_limit: int = 40,
+    used: Bool[np.ndarray, " n"] | None = None,
 ) -> Fit[State]:
     """Fit robustly and return the estimate with its covariance.
 
-    Parameters: `relative_uncertainty` (n,) is each point's standard uncertainty in any common unit; only
-    ratios matter.
+    Parameters: `uncertainty` (n,) is each point's standard uncertainty in the residuals' unit. Only ratios enter the
+    estimate; the level tells whether the residuals are the noise that was expected. `used` are the points that count,
+    where that is already decided: the fit is a plain one.
     """
-    run = _Run(
-        evaluate,
-        retract,
-        prior,
-        1.0 / (relative_uncertainty / np.mean(relative_uncertainty)),
-        smallest_scale,
-        iteration_limit,
-    )
-    robust, _ = run.minimise(run.linearised(start), used=None)
-    distance = np.sqrt(robust.squared)
-    used = distance <= REJECTION * max(float(np.median(distance)), smallest_scale)
+    expected = float(np.mean(uncertainty))
+    run = _Run(evaluate, retract, prior, expected / uncertainty, smallest_scale, iteration_limit)
+    at = run.linearised(start)
+    if used is not None:
+        final, ok = run.minimise(at, used=used)
+        return run.summary(final, used, "converged" if ok else "iteration_limit")
+    if at.residuals.size >= OBSERVATIONS_PER_PARAMETER * len(at.jacobian):
+        everything = np.ones(len(uncertainty), dtype=np.bool_)
+        largest = max(EXPECTED_SCALE * expected, smallest_scale)
+        plain, ok = run.minimise(at, used=everything, largest_scale=largest, limit=PLAIN_ITERATIONS)
+        # Gross errors can pull a plain fit anywhere: then it is no start for the next stage either.
+        if ok and run.inliers(plain).all():
+            if run.scale(plain, everything) <= largest:
+                return run.summary(plain, everything, "converged")
+            at = plain
+    robust, _ = run.minimise(at, used=None)
+    used = run.inliers(robust)
     final, ok = run.minimise(robust, used=used)
     return run.summary(final, used, "converged" if ok else "iteration_limit")
 
@@ -117,40 +138,82 @@ class _Linearised(Generic[State]):
     prior_jacobian: Float[np.ndarray, "q p"]
 
 
-def _scale_from_median(distance: Float[np.ndarray, " n"], components: int) -> float:
-    """Return σ of one residual component from the median length (chi distribution with 1, 2 or 3 components)."""
-    return float(np.median(distance)) / {1: 0.674490, 2: 1.177410, 3: 1.538172}[components]
+@compiled
+def _damped_step(
+    H: Float[np.ndarray, "p p"], g: Float[np.ndarray, " p"], damping: float
+) -> tuple[Float[np.ndarray, " p"], float]:
+    """Solve (H/(d dᵀ) + damping·I) (d x) = g/d with d² the diagonal of H, by Cholesky's factorisation.
+
+    Returns x and its length in units of its own standard uncertainty, √(xᵀ H x); that is ∞ where H is not positive
+    definite.
+    """
+    size = len(g)
+    x = np.zeros(size)
+    unit = np.empty(size)
+    for i in range(size):
+        if not 0.0 < H[i, i] < np.inf:
+            return x, np.inf
+        unit[i] = 1.0 / np.sqrt(H[i, i])
+    L = np.empty((size, size))
+    for i in range(size):
+        for j in range(i + 1):
+            total = H[i, j] * unit[i] * unit[j]
+            for k in range(j):
+                total -= L[i, k] * L[j, k]
+            if i > j:
+                L[i, j] = total / L[j, j]
+            else:
+                total += damping
+                if not total > 0.0:
+                    return x, np.inf
+                L[i, i] = np.sqrt(total)
+    y = np.empty(size)
+    square = 0.0
+    for i in range(size):
+        total = g[i] * unit[i]
+        for k in range(i):
+            total -= L[i, k] * y[k]
+        y[i] = total / L[i, i]
+        square += y[i] * y[i]
+    for i in range(size - 1, -1, -1):
+        total = y[i]
+        for k in range(i + 1, size):
+            total -= L[k, i] * x[k]
+        x[i] = total / L[i, i]
+        square -= damping * x[i] * x[i]
+    return x * unit, np.sqrt(max(square, 0.0))
 
 
-def _solve(
-    scaled: Float[np.ndarray, "p p"], slope: Float[np.ndarray, " p"], damping: float
-) -> Float[np.ndarray, " p"] | None:
-    """Return the damped step in scaled coordinates, or None where the matrix is singular."""
-    damped = scaled.copy()
-    damped.flat[:: len(slope) + 1] += damping
+def _inverse(matrix: Float[np.ndarray, "p p"]) -> Float[np.ndarray, "p p"]:
+    """Return the inverse of a symmetric matrix; NaN where it is singular."""
     try:
-        step = np.linalg.solve(damped, slope)
+        inverse = np.linalg.inv(matrix)
     except np.linalg.LinAlgError:
-        return None
-    return step if np.all(np.isfinite(step)) else None
+        return np.full_like(matrix, np.nan)
+    return np.asarray(0.5 * (inverse + inverse.T))
 
 
-def _in_sigmas(scaled: Float[np.ndarray, "p p"], step: Float[np.ndarray, " p"]) -> float:
-    """Length of a step in units of its own standard uncertainty."""
-    return math.sqrt(max(float(step @ scaled @ step), 0.0))
+def _condition_number(matrix: Float[np.ndarray, "p p"]) -> float:
+    """Return the condition number of a positive definite matrix scaled to unit diagonal; ∞ where it is not."""
+    diagonal = np.sqrt(np.abs(matrix.diagonal()))
+    if not (np.all(diagonal > 0) and math.isfinite(float(diagonal.sum()))):
+        return math.inf
+    values = np.linalg.eigvalsh(matrix / np.outer(diagonal, diagonal))
+    return float(values[-1] / values[0]) if values[0] > 1e-15 * values[-1] else math.inf
 
 
 def _normal_equations(
     at: _Linearised[Any], used: Bool[np.ndarray, " n"] | None, sigma: float
 ) -> tuple[Float[np.ndarray, "p p"], Float[np.ndarray, " p"]]:
     """Return the normal matrix and the right-hand side at noise scale `sigma`."""
+    jacobian, residuals = at.jacobian, at.residuals
     if used is None:
-        root = 1.0 / np.sqrt(sigma**2 + at.squared / CAUCHY_C**2)
-    else:
-        root = used / sigma
-    J = (at.jacobian * root).reshape(len(at.jacobian), -1)
-    Q = at.prior_jacobian
-    return J @ J.T + Q.T @ Q, J @ (at.residuals * root).ravel() + Q.T @ at.prior_residuals
+        root = 1.0 / np.sqrt(1.0 + at.squared / (sigma * CAUCHY_C) ** 2)
+        jacobian, residuals = jacobian * root, residuals * root
+    elif not used.all():
+        jacobian, residuals = jacobian * used, residuals * used
+    J, Q, weight = jacobian.reshape(len(jacobian), -1), at.prior_jacobian, 1.0 / sigma**2
+    return weight * (J @ J.T) + Q.T @ Q, weight * (J @ residuals.ravel()) + Q.T @ at.prior_residuals
 
 
 def _cost(at: _Linearised[Any], used: Bool[np.ndarray, " n"] | None, sigma: float) -> float:
@@ -197,92 +260,86 @@ class _Run(Generic[State]):
         end. Until then σ only balances data and priors.
         """
         if used is None:
-            found = _scale_from_median(np.sqrt(at.squared), len(at.residuals))
+            found = math.sqrt(float(np.median(at.squared))) / MEDIAN_LENGTH[len(at.residuals)]
         else:
             free = max(len(at.jacobian) - len(at.prior_residuals), 0)
             found = math.sqrt(float(at.squared @ used) / max(int(used.sum()) * len(at.residuals) - free, 1))
         return max(found, self.smallest_scale)
 
+    def inliers(self, at: _Linearised[State]) -> Bool[np.ndarray, " n"]:
+        """Which points lie within the rejection's distance."""
+        limit = max(REJECTION**2 * float(np.median(at.squared)), (REJECTION * self.smallest_scale) ** 2)
+        within: Bool[np.ndarray, " n"] = at.squared <= limit
+        return within
+
     def minimise(
-        self, at: _Linearised[State], *, used: Bool[np.ndarray, " n"] | None
+        self,
+        at: _Linearised[State],
+        *,
+        used: Bool[np.ndarray, " n"] | None,
+        largest_scale: float = math.inf,
+        limit: int | None = None,
     ) -> tuple[_Linearised[State], bool]:
         """Minimise with Cauchy weights over all points, or plainly over those `used`; True where it converged."""
         robust = used is None
         damping, tolerance = (1e-4, ROBUST_STEP_TOLERANCE) if robust else (0.0, STEP_TOLERANCE)
-        for _ in range(self.iteration_limit):
+        sigma, full = 0.0, math.inf  # noise scale and length of the last step, if it was a full one
+        for _ in range(self.iteration_limit if limit is None else limit):
+            sigma, former = min(self.scale(at, used), largest_scale), sigma
+            if full < tolerance and abs(sigma - former) < SETTLED * sigma:
+                return at, True
             self.iterations += 1
-            sigma = self.scale(at, used)
             H, g = _normal_equations(at, used, sigma)
             cost = _cost(at, used, sigma)
-            diagonal = np.sqrt(np.diag(H))
-            if not np.all(np.isfinite(diagonal)) or np.any(diagonal == 0):
-                return at, False
-            scaled, slope = H / np.outer(diagonal, diagonal), g / diagonal
             rejected = 0
             while True:
-                step = _solve(scaled, slope, damping)
-                if step is not None:
-                    trial = self.linearised(self.retract(at.state, step / diagonal))
+                step, length = _damped_step(H, g, damping)
+                if damping == 0.0 and length < NEGLIGIBLE_STEP:
+                    return at, True
+                if length < math.inf:
+                    trial = self.linearised(self.retract(at.state, step))
                     if _cost(trial, used, sigma) <= cost * (1.0 + 1e-12) + 1e-12:
                         break
                 rejected += 1
-                if rejected == 16:
+                if rejected == REJECTED_STEPS:
                     # No step downhill exists within rounding: a minimum, if the gradient agrees.
-                    return at, step is not None and _in_sigmas(scaled, step) < STEP_TOLERANCE
-                damping = max(5.0 * damping, 1e-10)
+                    return at, length < tolerance
+                damping = max(5.0 * damping, SMALLEST_DAMPING)
             at = trial
-            if _in_sigmas(scaled, step) < tolerance:
-                # A damped step may be short for its damping's sake; only the undamped one measures the
-                # distance left.
-                if robust or damping < 1e-13:
-                    return at, True
+            if robust and length < tolerance:
+                return at, True
+            # A damped step may be short for its damping's sake; only a full one measures the distance left.
+            full = length if damping == 0.0 else math.inf
+            damping = 0.0 if length < tolerance else damping * (0.5 if rejected else 0.02)
+            if damping < SMALLEST_DAMPING:
                 damping = 0.0
-            else:
-                damping *= 0.5 if rejected else 0.02
         return at, False
 
     def summary(self, at: _Linearised[State], used: Bool[np.ndarray, " n"], status: str) -> Fit[State]:
         """Scale, degrees of freedom, covariance and the unweighted residuals at the end of a fit."""
-        state, residuals = at.state, at.residuals
-        J = (at.jacobian * used).reshape(len(at.jacobian), -1)
-        data = J @ J.T
-        square_sum = float(np.sum(residuals[:, used] ** 2))
-        count = residuals[:, used].size
-        prior_residuals, Q = at.prior_residuals, at.prior_jacobian
+        J = (at.jacobian if used.all() else at.jacobian * used).reshape(len(at.jacobian), -1)
+        data, held = J @ J.T, at.prior_jacobian.T @ at.prior_jacobian
+        square_sum, count = float(at.squared @ used), int(used.sum()) * len(at.residuals)
         scale, dof = max(math.sqrt(square_sum / max(count, 1)), self.smallest_scale), float(count)
-        information, covariance = data, np.full_like(data, np.nan)
-        condition = math.inf
         for _ in range(3):  # σ and the degrees of freedom that priors leave depend on one another, weakly
-            information = data / scale**2 + Q.T @ Q
-            diagonal = np.sqrt(np.diag(information))
-            if not np.all(diagonal > 0):
-                status = "singular"
-                break
-            values, vectors = np.linalg.eigh(information / np.outer(diagonal, diagonal))
-            if values[0] <= 1e-15 * values[-1]:
-                status = "singular"
-                break
-            condition = float(values[-1] / values[0])
-            covariance = (vectors / values) @ vectors.T / np.outer(diagonal, diagonal)
-            dof = count - float(np.sum(covariance * data)) / scale**2
-            if dof <= 0.5:
+            dof = count - float(np.vdot(_inverse(data / scale**2 + held), data)) / scale**2
+            if not dof > 0.5:  # NaN, too, where there is no inverse
                 status = "singular"
                 break
             scale = max(math.sqrt(square_sum / dof), self.smallest_scale)
-        else:
-            information = data / scale**2 + Q.T @ Q
-            covariance = np.linalg.inv(information)
+        information = data / scale**2 + held
+        covariance, condition = _inverse(information), _condition_number(information)
         return Fit(
-            state=state,
-            status=status,
-            covariance=0.5 * (covariance + covariance.T),
+            state=at.state,
+            status=status if math.isfinite(condition) else "singular",
+            covariance=covariance,
             information=information,
             condition_number=condition,
-            residuals=residuals if self.root_weight is None else residuals / self.root_weight,
+            residuals=at.residuals if self.root_weight is None else at.residuals / self.root_weight,
             jacobian=at.jacobian if self.root_weight is None else at.jacobian / self.root_weight,
             used=used,
             scale=scale,
             degrees_of_freedom=dof,
-            cost=square_sum / scale**2 + float(prior_residuals @ prior_residuals),
+            cost=square_sum / scale**2 + float(at.prior_residuals @ at.prior_residuals),
             iterations=self.iterations,
         )

@@ -36,7 +36,9 @@ from core.calibration.homography import estimate_homography, normalising_transfo
 from core.camera import Camera
 from core.errors import DegenerateGeometry
 from core.targets.specification import GridPoints
-from core.transforms import nearest_rotation, transform, transform_points
+from core.transforms import hat, nearest_rotation, transform, transform_points
+
+LARGEST_FOCAL_PX = 1e8  # beyond it 1/f² is a rounding error of whatever sign
 
 
 @dataclass(frozen=True, slots=True)
@@ -179,9 +181,9 @@ def _focal_lengths(a: Float[np.ndarray, "3"], b: Float[np.ndarray, "3"], single:
                 "The tilt is about an image axis: fx and fy cannot both be told from this view."
             )
         inverse_squares = np.linalg.solve(A, c)
-    if not np.all(np.isfinite(inverse_squares)) or np.any(inverse_squares <= 0):
+    if not np.all(np.isfinite(inverse_squares)) or np.any(inverse_squares < LARGEST_FOCAL_PX**-2):
         raise DegenerateGeometry(
-            "The squared focal length comes out negative: "
+            "The squared focal length comes out negative or infinite: "
             "the view is near fronto-parallel or the principal point wrong."
         )
     fx, fy = 1.0 / np.sqrt(inverse_squares)
@@ -193,12 +195,11 @@ def _pose(
 ) -> ClosedForm:
     """Scale K⁻¹H to unit columns, take the nearest rotation and demand positive depths."""
     B = centred / np.array([[fx], [fy], [1.0]])
-    scale = 2.0 / (np.linalg.norm(B[:, 0]) + np.linalg.norm(B[:, 1]))
-    if B[2, 2] < 0:
-        scale = -scale
-    r1, r2, t = (B * scale).T
-    rotation = nearest_rotation(np.stack([r1, r2, np.cross(r1, r2)], axis=1))
-    T = transform(rotation, t)
+    scale = 2.0 / (math.hypot(*B[:, 0]) + math.hypot(*B[:, 1]))
+    B *= math.copysign(scale, B[2, 2])
+    t = B[:, 2].copy()
+    B[:, 2] = hat(B[:, 0]) @ B[:, 1]
+    T = transform(nearest_rotation(B), t)
     if np.any(transform_points(T, points.points_target)[:, 2] <= 0):
         raise DegenerateGeometry("Some grid points would lie behind the camera.")
     return ClosedForm(Camera(fx, fy, cx, cy), T)

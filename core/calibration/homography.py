@@ -23,7 +23,8 @@ def normalising_transform(points: Float[np.ndarray, "n 2"]) -> Float[np.ndarray,
     Raises DegenerateGeometry where all points coincide.
     """
     centre = points.mean(axis=0)
-    spread = math.sqrt(float(np.mean(np.sum((points - centre) ** 2, axis=1))))
+    offset = points - centre
+    spread = math.sqrt(float(np.vdot(offset, offset)) / len(points))
     if not spread > 0:
         raise DegenerateGeometry("All grid points lie in one spot.")
     scale = math.sqrt(2.0) / spread
@@ -40,17 +41,21 @@ def estimate_homography(
     if len(points_plane) < 4:
         raise DegenerateGeometry(f"A homography needs at least 4 points, got {len(points_plane)}.")
     N_plane, N_px = normalising_transform(points_plane), normalising_transform(points_px)
-    x, y = (points_plane * N_plane[0, 0] + N_plane[:2, 2]).T
-    u, v = (points_px * N_px[0, 0] + N_px[:2, 2]).T
-    P = np.stack([x, y, np.ones_like(x)])  # (3, n)
-    # AᵀA of the DLT, block by block: rows of A are (p, 0, -u p) and (0, p, -v p).
-    S, Su, Sv, Sw = P @ P.T, (P * u) @ P.T, (P * v) @ P.T, (P * (u * u + v * v)) @ P.T
+    # Rows p, u p and v p with p = (x, y, 1), normalised: their products are all that AᵀA of the DLT is made of, its
+    # rows being (p, 0, -u p) and (0, p, -v p).
+    P = np.ones((3, 3, len(points_px)))
+    P[0, :2] = points_plane.T * N_plane[0, 0] + N_plane[:2, 2:]
+    uv = points_px.T * N_px[0, 0] + N_px[:2, 2:]
+    np.multiply(P[0], uv[0], out=P[1])
+    np.multiply(P[0], uv[1], out=P[2])
+    rows = P.reshape(9, -1)
+    G = rows @ rows.T
     M = np.zeros((9, 9))
-    M[:3, :3] = M[3:6, 3:6] = S
-    M[:3, 6:] = M[6:, :3] = -Su
-    M[3:6, 6:] = M[6:, 3:6] = -Sv
-    M[6:, 6:] = Sw
-    values, vectors = np.linalg.eigh(M)
+    M[:3, :3] = M[3:6, 3:6] = G[:3, :3]
+    M[6:, :3] = -G[3:6, :3]
+    M[6:, 3:6] = -G[6:, :3]
+    M[6:, 6:] = G[3:6, 3:6] + G[6:, 6:]
+    values, vectors = np.linalg.eigh(M)  # of the lower triangle
     if values[1] < 1e-9 * values[-1]:
         raise DegenerateGeometry("The grid points found lie on one line, or nearly so.")
     H = np.linalg.solve(N_px, vectors[:, 0].reshape(3, 3) @ N_plane)

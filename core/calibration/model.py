@@ -15,7 +15,8 @@ import numpy as np
 from jaxtyping import Float
 
 from core.calibration.closed_form import ClosedForm
-from core.camera import Camera, project_with_jacobian
+from core.calibration.view_residuals import residuals_with_jacobian
+from core.camera import Camera
 from core.errors import InvalidArgument
 from core.least_squares import Evaluate, Prior
 from core.targets.specification import GridPoints
@@ -76,21 +77,13 @@ def centred(points: GridPoints) -> tuple[Float[np.ndarray, "n 3"], Float[np.ndar
 
 def view_residuals(points: GridPoints, *, free: bool) -> Evaluate[View]:
     """Return the residual function over `FREE` step coordinates, or over those of the `POSE` alone."""
-    first = len(FREE) - len(POSE) if free else 0
-    target, observed = centred(points)[0], points.points_px.T
+    cameras = len(FREE) - len(POSE) if free else 0
+    target, observed = np.ascontiguousarray(centred(points)[0].T), np.ascontiguousarray(points.points_px.T)
 
     def evaluate(view: View) -> tuple[Float[np.ndarray, "2 n"], Float[np.ndarray, "p 2 n"]]:
-        rotated = target @ view.rotation.T  # about the centroid
-        pixels, by_camera, by_point = project_with_jacobian(rotated + view.translation_mm, view.camera)
-        X, Y, Z = rotated.T
-        jacobian = np.empty((first + 6, 2, len(target)))
-        jacobian[:first] = by_camera[:first]
-        # d(exp(w) R x)/dw = w × (R x), one axis at a time.
-        jacobian[first] = by_point[2] * Y - by_point[1] * Z
-        jacobian[first + 1] = by_point[0] * Z - by_point[2] * X
-        jacobian[first + 2] = by_point[1] * X - by_point[0] * Y
-        jacobian[first + 3 :] = by_point
-        return observed - pixels, jacobian
+        return residuals_with_jacobian(
+            target, observed, view.parameters, view.rotation, view.translation_mm, cameras
+        )
 
     return evaluate
 
@@ -106,38 +99,50 @@ def retract(view: View, step: Float[np.ndarray, "14"]) -> View:
     k2 with f⁴. A straight step leaves that curved valley at second order and the solver creeps; this curve
     stays in it. Its tangent is the plain step's, so Jacobian and covariance are untouched.
     """
-    parameters = view.parameters.copy()
-    ratio = float(np.clip(0.5 * (step[0] / parameters[0] + step[1] / parameters[1]), -0.7, 0.7))
+    # Numbers one by one: arrays of three would cost ten times as much.
+    fx, fy, cx, cy, k1, k2, p1, p2, k3 = view.parameters.tolist()
+    dfx, dfy, dcx, dcy, dk1, dk2, dp1, dp2, wx, wy, wz, dx, dy, dz = step.tolist()
+    X, Y, Z = view.translation_mm.tolist()
+    ratio = _bounded(0.5 * (dfx / fx + dfy / fy))
     growth = math.expm1(ratio) / ratio if abs(ratio) > 1e-8 else 1.0
-    parameters[:2] *= np.exp(np.clip(step[:2] / parameters[:2], -0.7, 0.7))
-    parameters[2:8] += step[2:8]
-    parameters[4] += parameters[4] * (math.expm1(2.0 * ratio) - 2.0 * ratio)
-    parameters[5] += parameters[5] * (math.expm1(4.0 * ratio) - 4.0 * ratio)
+    new_fx, new_fy, new_Z = (
+        value * math.exp(_bounded(d / value)) for value, d in ((fx, dfx), (fy, dfy), (Z, dz))
+    )
+    k1 += dk1 + k1 * (math.expm1(2.0 * ratio) - 2.0 * ratio)
+    k2 += dk2 + k2 * (math.expm1(4.0 * ratio) - 4.0 * ratio)
     # The centroid's image f·x/z + c keeps its first-order motion, however far f and depth go.
-    depth = view.translation_mm[2]
-    new_depth = depth * math.exp(float(np.clip(step[-1] / depth, -0.7, 0.7)))
-    direction = view.translation_mm[:2] / depth
-    image = view.parameters[:2] * direction
-    image += step[:2] * direction + view.parameters[:2] * (step[-3:-1] - direction * step[-1]) / depth
-    translation = np.append(image / parameters[:2] * new_depth, new_depth)
-    return View(parameters, so3_exp(step[-6:-3] * growth) @ view.rotation, translation)
+    x, y = X / Z, Y / Z
+    image_x = fx * x + dfx * x + fx * (dx - x * dz) / Z
+    image_y = fy * y + dfy * y + fy * (dy - y * dz) / Z
+    parameters = np.array([new_fx, new_fy, cx + dcx, cy + dcy, k1, k2, p1 + dp1, p2 + dp2, k3])
+    translation = np.array([image_x / new_fx * new_Z, image_y / new_fy * new_Z, new_Z])
+    rotation = so3_exp(np.array([wx * growth, wy * growth, wz * growth])) @ view.rotation
+    return View(parameters, rotation, translation)
+
+
+def _bounded(logarithm: float) -> float:
+    """A change of a length by a factor of two at most in one step."""
+    return min(max(logarithm, -0.7), 0.7)
 
 
 def camera_prior(
-    width_px: int, height_px: int, lens: Lens | None
-) -> Callable[[Float[np.ndarray, "9"]], tuple[Float[np.ndarray, " q"], Float[np.ndarray, "q 8"]]]:
-    """Gaussian priors on a camera's parameters, in their σ; those on log(fx/fy) and log f are scale-free."""
+    width_px: int, height_px: int, lens: Lens | None, coordinates: int = 8
+) -> Callable[[Float[np.ndarray, "9"]], tuple[Float[np.ndarray, " q"], Float[np.ndarray, "q p"]]]:
+    """Gaussian priors on a camera's parameters, in their σ; those on log(fx/fy) and log f are scale-free.
+
+    Derivatives are by `coordinates` of a step, the camera's eight first.
+    """
     centre = 0.5 * (width_px - 1), 0.5 * (height_px - 1)
     sigma_centre = PRINCIPAL_POINT_PRIOR * width_px
     rows = 7 + (lens is not None)
-    Q = np.zeros((rows, 8))
-    Q[0, 2] = Q[1, 3] = 1.0 / sigma_centre
-    Q[2, 4], Q[3, 5] = 1.0 / RADIAL_PRIORS[0], 1.0 / RADIAL_PRIORS[1]
-    Q[4, 6] = Q[5, 7] = 1.0 / TANGENTIAL_PRIOR
+    constant = np.zeros((rows, coordinates))
+    constant[0, 2] = constant[1, 3] = 1.0 / sigma_centre
+    constant[2, 4], constant[3, 5] = 1.0 / RADIAL_PRIORS[0], 1.0 / RADIAL_PRIORS[1]
+    constant[4, 6] = constant[5, 7] = 1.0 / TANGENTIAL_PRIOR
 
-    def prior(parameters: Float[np.ndarray, "9"]) -> tuple[Float[np.ndarray, " q"], Float[np.ndarray, "q 8"]]:
+    def prior(parameters: Float[np.ndarray, "9"]) -> tuple[Float[np.ndarray, " q"], Float[np.ndarray, "q p"]]:
         fx, fy, cx, cy, k1, k2, p1, p2 = parameters.tolist()[:8]
-        q = np.empty(rows)
+        q, Q = np.empty(rows), constant.copy()
         q[0], q[1] = (centre[0] - cx) / sigma_centre, (centre[1] - cy) / sigma_centre
         q[2], q[3] = -k1 / RADIAL_PRIORS[0], -k2 / RADIAL_PRIORS[1]
         q[4], q[5] = -p1 / TANGENTIAL_PRIOR, -p2 / TANGENTIAL_PRIOR
@@ -153,15 +158,8 @@ def camera_prior(
 
 def view_prior(points: GridPoints, lens: Lens | None) -> Prior[View]:
     """`camera_prior` over the step of one free view."""
-    of_camera = camera_prior(points.image_width_px, points.image_height_px, lens)
-
-    def prior(view: View) -> tuple[Float[np.ndarray, " q"], Float[np.ndarray, "q p"]]:
-        q, Q = of_camera(view.parameters)
-        padded = np.zeros((len(q), len(FREE)))
-        padded[:, :8] = Q
-        return q, padded
-
-    return prior
+    of_camera = camera_prior(points.image_width_px, points.image_height_px, lens, len(FREE))
+    return lambda view: of_camera(view.parameters)
 
 
 def image_centre(points: GridPoints) -> tuple[float, float]:

@@ -14,7 +14,7 @@ import numpy as np
 from jaxtyping import Float
 
 from core.calibration import closed_form
-from core.calibration.conclusion import Judged, conclude, judge
+from core.calibration.conclusion import Judged, conclude, judge, relative_focal_uncertainty
 from core.calibration.homography import estimate_homography
 from core.calibration.model import (
     FREE,
@@ -44,6 +44,8 @@ LENS_GATE = 2.0 * LENS_PRIOR
 """The same where a lens is stated: its prior alone leaves 5 %."""
 START_FACTORS = (0.6, 1.0, 1.8)  # of the image width, where no closed form is plausible
 PLAUSIBLE_START = (0.3, 10.0)
+ITERATIONS, TRIAL_ITERATIONS = 100, 10
+HOPELESS = 3.0  # times the wider gate: no minimum at the end of the valley brings the uncertainty down to it
 SUBSET = 500  # points enough to choose a start by
 SPARE_OBSERVATIONS = 30
 """With fewer observations beyond the parameters than this, residuals alone do not tell the noise."""
@@ -64,9 +66,10 @@ def calibrate_points(
     """
     try:
         check_points(points)
+        located = dataclasses.replace(points, measured_points_target=points.points_target)  # computed once
         if intrinsics is not None:
-            return conclude(points, _judge_pose(points, intrinsics), gate=math.inf)
-        free = _judge_free(points, None)
+            return conclude(points, _judge_pose(located, intrinsics), gate=math.inf)
+        free = _judge_free(located, None)
         if lens is None:
             return conclude(points, free, gate=FOCAL_GATE)
         check_lens(lens, points)
@@ -74,7 +77,7 @@ def calibrate_points(
         distance = abs(math.log(lens.focal_px / free.focal_px))
         if free.fit.converged and distance > 3.0 * math.hypot(LENS_PRIOR, u):
             return conclude(points, free, gate=FOCAL_GATE, contradicted=lens)
-        return conclude(points, _judge_free(points, lens), gate=LENS_GATE, lens=lens)
+        return conclude(points, _judge_free(located, lens), gate=LENS_GATE, lens=lens)
     except GridposeError as failure:
         failure.points = points
         raise
@@ -85,14 +88,14 @@ def calibrate_points(
         ) from error
 
 
-def plausible_focal(H: Float[np.ndarray, "3 3"], points: GridPoints) -> float | None:
-    """Return the focal length of closed form B1, px, or None where the view gives none or an absurd one."""
+def plausible_start(H: Float[np.ndarray, "3 3"], points: GridPoints) -> closed_form.ClosedForm | None:
+    """Return closed form B1, or None where the view gives none or an absurd focal length."""
     try:
-        focal = closed_form.from_homography(H, points, image_centre(points), single_focal=True).camera.fx_px
+        start = closed_form.from_homography(H, points, image_centre(points), single_focal=True)
     except DegenerateGeometry:
         return None  # no failure: a near fronto-parallel view has no closed form
     low, high = (factor * points.image_width_px for factor in PLAUSIBLE_START)
-    return focal if low < focal < high else None
+    return start if low < start.camera.fx_px < high else None
 
 
 def assumed_focals(points: GridPoints, lens: Lens | None) -> list[float]:
@@ -102,21 +105,24 @@ def assumed_focals(points: GridPoints, lens: Lens | None) -> list[float]:
     )
 
 
-def _starts(points: GridPoints, lens: Lens | None) -> list[tuple[str, closed_form.ClosedForm]]:
+def _starts(points: GridPoints, lens: Lens | None) -> list[tuple[str, View]]:
     """Closed form B1 where plausible; otherwise, and beside it where a lens is stated, assumed focal lengths."""
     H = estimate_homography(points.points_target[:, :2], points.points_px)
-    focal, centre = plausible_focal(H, points), image_centre(points)
-    named = [("vanishing_point", focal)] if focal is not None else []
-    if focal is None or lens is not None:
-        named += [("nominal", assumed) for assumed in assumed_focals(points, lens)]
-    return [(name, closed_form.nominal(H, points, Camera(f, f, *centre))) for name, f in named]
+    plausible, centre = plausible_start(H, points), image_centre(points)
+    named = [("vanishing_point", plausible)] if plausible is not None else []
+    if plausible is None or lens is not None:
+        named += [
+            ("nominal", closed_form.nominal(H, points, Camera(f, f, *centre)))
+            for f in assumed_focals(points, lens)
+        ]
+    return [(name, view_of(start, points)) for name, start in named]
 
 
 def _judge_free(points: GridPoints, lens: Lens | None) -> Judged:
     """Refine every start and keep the one of least cost; of large grids the start is chosen on a part."""
     if len(points) < 8:
         raise DegenerateGeometry(f"Camera and pose need at least 8 grid points, {len(points)} were found.")
-    starts = [(name, view_of(start, points)) for name, start in _starts(points, lens)]
+    starts = _starts(points, lens)
     if len(points) > 2 * SUBSET:
         part = _part(points, SUBSET)
         # A part has a centroid of its own, to which a view's translation refers.
@@ -128,13 +134,33 @@ def _judge_free(points: GridPoints, lens: Lens | None) -> Judged:
 
 
 def _best_fit(points: GridPoints, lens: Lens | None, starts: list[tuple[str, View]]) -> tuple[str, Fit[View]]:
+    """Refine every start a little, and the one of least cost to the end."""
     evaluate, prior = view_residuals(points, free=True), view_prior(points, lens)
     scale, uncertainty = _smallest_scale(points, len(FREE)), points.standard_uncertainty_px
-    fits = [
-        (name, fit(evaluate, retract, start, uncertainty, prior=prior, smallest_scale=scale))
-        for name, start in starts
-    ]
-    return min(fits, key=lambda item: (not item[1].converged, _total(item[1], points, prior)))
+
+    def refined(start: View, iterations: int) -> Fit[View]:
+        return fit(
+            evaluate,
+            retract,
+            start,
+            uncertainty,
+            prior=prior,
+            smallest_scale=scale,
+            iteration_limit=iterations,
+        )
+
+    if len(starts) == 1:
+        name, start = starts[0]
+        return name, refined(start, ITERATIONS)
+    tried = [(name, refined(start, TRIAL_ITERATIONS)) for name, start in starts]
+    name, best = min(tried, key=lambda item: _rank(item[1], points, prior))
+    hopeless = relative_focal_uncertainty(best) > HOPELESS * LENS_GATE
+    return name, best if best.converged or hopeless else refined(best.state, ITERATIONS)
+
+
+def _rank(result: Fit[View], points: GridPoints, prior: Prior[View]) -> tuple[bool, bool, float]:
+    """The smaller the better; costs equal to within a thousandth are the same minimum, and the first start's."""
+    return result.status == "singular", not result.converged, round(_total(result, points, prior), 3)
 
 
 def _smallest_scale(points: GridPoints, parameters: int) -> float:

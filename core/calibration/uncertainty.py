@@ -8,9 +8,10 @@ import math
 from typing import Any
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 
 from core.calibration.result import CameraPose, Reprojection
+from core.compiled import compiled
 from core.errors import Advisory
 from core.least_squares import Fit
 from core.targets.specification import GridPoints
@@ -53,14 +54,15 @@ def camera_pose(
 
 def reprojection(residuals_px: Float[np.ndarray, "n 2"], used: Bool[np.ndarray, " n"]) -> Reprojection:
     """Statistics of the residual distances of the points used."""
-    distance = np.linalg.norm(residuals_px[used], axis=1)
+    squared = np.einsum("nm,nm->n", residuals_px, residuals_px)[used]
+    distance = np.sqrt(squared)
     return Reprojection(
-        rms_px=math.sqrt(float(np.mean(distance**2))),
+        rms_px=math.sqrt(float(squared.mean())),
         mean_px=float(distance.mean()),
         std_px=float(distance.std(ddof=1)),
         max_px=float(distance.max()),
-        points=int(used.sum()),
-        rejected=int((~used).sum()),
+        points=len(distance),
+        rejected=len(used) - len(distance),
     )
 
 
@@ -79,21 +81,43 @@ def correlation_inflation(points: GridPoints, result: Fit[Any]) -> tuple[float, 
     used, residuals, jacobian = result.used, result.residuals, result.jacobian
     index = np.full((points.target.rows, points.target.columns), -1)
     index[points.row[used], points.column[used]] = np.flatnonzero(used)
-    first = np.concatenate([index[:, :-1].ravel(), index[:-1].ravel()])
-    second = np.concatenate([index[:, 1:].ravel(), index[1:].ravel()])
-    both = (first >= 0) & (second >= 0)
-    first, second = first[both], second[both]
+    first, second = _neighbours(index)
     count = len(residuals) * len(first)
     if count < 20 or result.scale <= 0:
         return 1.0, 0.0
-    observed = float(np.sum(residuals[:, first] * residuals[:, second]))
-    shared = np.tensordot(result.covariance, jacobian, axes=1)[:, :, first]
-    leverage = float(np.vdot(shared, jacobian[:, :, second]))
+    observed = sum_of_products(residuals, residuals, first, second)
+    flat = jacobian.reshape(len(jacobian), -1)
+    leverage = sum_of_products(
+        (result.covariance @ flat).reshape(-1, used.size), flat.reshape(-1, used.size), first, second
+    )
     rho = (observed + leverage) / (count * result.scale**2)
     # Wiener's factor z²/(1 + z²), z in standard errors of ρ: chance is shrunk away, evidence is kept, without a cliff.
     z_squared = rho**2 * count
     bounded = min(max(rho, 0.0) * z_squared / (1.0 + z_squared), LARGEST_CORRELATION)
     return (1.0 + bounded) / (1.0 - bounded), rho
+
+
+def _neighbours(index: Int[np.ndarray, "r c"]) -> tuple[Int[np.ndarray, " k"], Int[np.ndarray, " k"]]:
+    """Return the pairs of points next to each other along a row or a column; `index` is -1 where there is no point."""
+    first = np.concatenate([index[:, :-1].ravel(), index[:-1].ravel()])
+    second = np.concatenate([index[:, 1:].ravel(), index[1:].ravel()])
+    both = (first >= 0) & (second >= 0)
+    return first[both], second[both]
+
+
+@compiled
+def sum_of_products(
+    a: Float[np.ndarray, "m n"],
+    b: Float[np.ndarray, "m n"],
+    first: Int[np.ndarray, " k"],
+    second: Int[np.ndarray, " k"],
+) -> float:
+    """Return Σ a[:, first] · b[:, second] without making copies; indices must lie in [0, n)."""
+    total = 0.0
+    for row in range(a.shape[0]):
+        for k in range(len(first)):
+            total += a[row, first[k]] * b[row, second[k]]
+    return total
 
 
 def remarks(

@@ -27,6 +27,17 @@ def check_points(points: GridPoints) -> None:
         np.all(uncertainty > 0) and np.all(uncertainty < LARGEST_RATIO * uncertainty.min())
     ):
         raise InvalidArgument("Standard uncertainties of grid points must be positive and comparable.")
+    target = points.target
+    inside = (
+        (points.column >= 0)
+        & (points.column < target.columns)
+        & (points.row >= 0)
+        & (points.row < target.rows)
+    )
+    if not np.all(inside):
+        raise InvalidArgument(
+            f"A grid point lies outside the target's {target.columns} × {target.rows} points."
+        )
     keys = points.row.astype(np.int64) * points.target.columns + points.column
     if len(np.unique(keys)) != len(points):
         raise DegenerateGeometry("A grid point is named twice.")

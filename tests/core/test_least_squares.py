@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from core.least_squares import Evaluate, fit
+from core.least_squares import Evaluate, _damped_step, fit
 
 X = np.linspace(-1.0, 1.0, 80)
 
@@ -117,3 +117,54 @@ def test_the_stated_covariance_is_what_noise_does() -> None:
         hits += abs(result.state[1] - 3.0) < 1.96 * math.sqrt(result.covariance[1, 1])
     # Binomial: 95 % of 600 has a standard deviation of .9 %; four of those either way.
     assert abs(hits / trials - 0.95) < 4 * math.sqrt(0.95 * 0.05 / trials)
+
+
+@pytest.mark.parametrize("damping", [0.0, 1e-3])
+def test_steps_are_those_of_the_normal_equations(damping: float) -> None:
+    rng = np.random.default_rng(7)
+    J = rng.normal(size=(30, 6)) * np.array([1e-4, 1e-2, 1.0, 1e2, 1e4, 1e6])
+    H, g = J.T @ J, J.T @ rng.normal(size=30)
+    unit = np.sqrt(np.diag(H))
+    damped = H / np.outer(unit, unit) + damping * np.eye(6)
+    expected = np.linalg.solve(damped, g / unit) / unit
+    step, length = _damped_step(H, g, damping)
+    np.testing.assert_allclose(step, expected, rtol=1e-9)
+    assert length == pytest.approx(math.sqrt(expected @ H @ expected), rel=1e-9)
+
+
+@pytest.mark.parametrize(
+    "H", [np.zeros((2, 2)), np.ones((2, 2)), np.array([[1.0, 2.0], [2.0, 1.0]]), np.full((2, 2), np.nan)]
+)
+def test_there_is_no_step_without_a_positive_definite_matrix(H: np.ndarray) -> None:
+    assert _damped_step(H, np.ones(2), 0.0)[1] == math.inf
+
+
+def test_gross_errors_that_hide_one_another_are_found() -> None:
+    """A sixth of the points off together: a plain line takes half of it up, and no residual stands out. What gives
+    them away is that the residuals are larger than stated.
+    """
+    rng = np.random.default_rng(8)
+    y = 2.0 + 3.0 * X + rng.normal(0.0, 0.01, len(X))
+    together = X > 0.7
+    plain = np.polynomial.polynomial.polyfit(X, y + 0.3 * together, 1)
+    distance = np.abs(y + 0.3 * together - plain[0] - plain[1] * X)
+    assert distance.max() < 4.0 * np.median(distance)
+    result = fit(line(y + 0.3 * together), add, np.zeros(2), np.full(len(X), 0.01))
+    np.testing.assert_array_equal(result.used, ~together)
+    np.testing.assert_allclose(result.state, [2.0, 3.0], atol=0.01)
+
+
+@pytest.mark.parametrize("stated", [1e-3, 0.1, 10.0])
+def test_the_level_of_the_stated_uncertainty_does_not_matter_without_gross_errors(stated: float) -> None:
+    """It decides by which way the answer is found, not what it is."""
+    rng = np.random.default_rng(9)
+    y = 2.0 + 3.0 * X + rng.normal(0.0, 0.1, len(X))
+
+    def prior(state: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        return np.array([(2.9 - state[1]) / 0.01]), np.array([[0.0, 100.0]])
+
+    usual = fit(line(y), add, np.zeros(2), np.full(len(X), 0.1), prior=prior)
+    found = fit(line(y), add, np.zeros(2), np.full(len(X), stated), prior=prior)
+    sigma = np.sqrt(np.diag(usual.covariance))
+    np.testing.assert_allclose((found.state - usual.state) / sigma, 0.0, atol=0.005)
+    np.testing.assert_allclose(found.covariance, usual.covariance, rtol=1e-3)

@@ -3,8 +3,12 @@
 The references (data/README.md) come from a multi-view `cv2.calibrateCamera` over each whole set. What one view
 with weak priors can reach is bounded by the priors (a principal point 3.5 % off the centre, where 1 % is assumed,
 is what the OpenCV cameras have) and by the boards (Sony: printed 0.4 % longer one way than the other, which no
-single view can tell from tilt); hence medians of 1 to 3.5 % in f. A naive one-image `cv2.calibrateCamera` has
+single view can tell from tilt); hence medians of .8 to 2.5 % in f. A naive one-image `cv2.calibrateCamera` has
 1.0, 1.5, 4.7 and 3.2 % there, with nonsense among them; here what cannot be told is refused.
+
+How many are accepted follows from the uncertainty stated. The corners' own noise is so small that what is left on
+these prints is their bow, which neighbours share; the uncertainties grow by that (decision 0006) and then are what
+the errors are: on the OpenCV photos the rms of error over uncertainty is 1.
 """
 
 from __future__ import annotations
@@ -28,15 +32,26 @@ class PhotoSet:
     """Mean of fx and fy of the reference."""
     median_limit: float
     accepted_at_least: int
+    in_uncertainties: float
+    """Largest root mean square of error over stated uncertainty."""
 
 
 SETS = [
-    PhotoSet("left", "opencv_samples/left*.jpg", TargetSpec("chessboard", 9, 6, 25.0), 13, 532.4, 0.010, 10),
     PhotoSet(
-        "right", "opencv_samples/right*.jpg", TargetSpec("chessboard", 9, 6, 25.0), 13, 534.5, 0.012, 10
+        "left", "opencv_samples/left*.jpg", TargetSpec("chessboard", 9, 6, 25.0), 13, 532.4, 0.008, 10, 1.25
     ),
     PhotoSet(
-        "Sony", "boofcv/Sony_DSC-HX5V_Chess/*.jpg", TargetSpec("chessboard", 6, 4, 30.0), 13, 706.65, 0.035, 8
+        "right", "opencv_samples/right*.jpg", TargetSpec("chessboard", 9, 6, 25.0), 13, 534.5, 0.011, 7, 1.25
+    ),
+    PhotoSet(
+        "Sony",
+        "boofcv/Sony_DSC-HX5V_Chess/*.jpg",
+        TargetSpec("chessboard", 6, 4, 30.0),
+        13,
+        706.65,
+        0.025,
+        8,
+        2.6,
     ),
     PhotoSet(
         "Bumblebee",
@@ -44,8 +59,9 @@ SETS = [
         TargetSpec("chessboard", 6, 4, 30.0),
         22,
         526.2,
-        0.025,
+        0.018,
         12,
+        1.8,
     ),
 ]
 REFUSALS = {"focal_not_observable"}
@@ -77,6 +93,9 @@ def test_each_photo_is_calibrated_or_refused_for_a_reason(data_folder: Path, pho
     relative = [abs(f / photos.focal_px - 1.0) for f in focal.values()]
     assert float(np.median(relative)) <= photos.median_limit
 
+    u = np.array([c.observability.focal_relative_uncertainty for c in accepted.values()])
+    assert float(np.sqrt(np.mean((np.array(relative) / u) ** 2))) <= photos.in_uncertainties
+
     # Four stated uncertainties, and 1 % for what the reference itself may be off: BoofCV's own intrinsics of the
     # Sony camera differ from OpenCV's by that much.
     wrong = {
@@ -92,11 +111,11 @@ def test_each_photo_is_calibrated_or_refused_for_a_reason(data_folder: Path, pho
 def test_residuals_are_those_of_a_board_found_right(data_folder: Path, photos: PhotoSet) -> None:
     """A wrong grid leaves tens of pixels, a wrong orientation mirrors the board; neither may pass.
 
-    The multi-view residuals are .24 to .26 px; a single view, with a pose and a camera of its own, stays below.
+    The multi-view residuals are .07 to .16 px; a single view, with a pose and a camera of its own, stays below.
     """
     for name, found in outcomes(data_folder, photos).items():
         if isinstance(found, Calibration):
-            assert found.reprojection.rms_px < 0.25, name
-            assert found.reprojection.rejected <= 5, name
+            assert found.reprojection.rms_px < 0.17, name
+            assert found.reprojection.rejected <= 2, name
             assert found.T_camera_target[2, 3] > 0, name
             assert found.observability.tilt < np.radians(75), name

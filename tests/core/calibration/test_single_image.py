@@ -258,3 +258,61 @@ def test_points_the_detector_distrusts_are_counted_as_left_out() -> None:
     assert found.reprojection.rejected == 1
     assert found.reprojection.max_px < 0.5
     assert found.camera.fx_px == pytest.approx(calibrate_points(view.points).camera.fx_px, rel=1e-3)
+
+
+@pytest.mark.parametrize("intrinsics", [False, True])
+def test_holes_in_the_grid_cost_points_and_nothing_else(intrinsics: bool) -> None:
+    """A third of the points missing, in any order, the origin, a whole row and a corner among them."""
+    rng = np.random.default_rng(14)
+    z = []
+    for _ in range(25):
+        view = draw_view(rng, tilt_deg=40.0)
+        points = view.points
+        there = (
+            (rng.random(len(points)) > 0.25) & (points.row != 4) & ((points.column > 2) | (points.row > 2))
+        )
+        kept = rng.permutation(np.flatnonzero(there))
+        partial = dataclasses.replace(
+            points,
+            column=points.column[kept],
+            row=points.row[kept],
+            points_px=points.points_px[kept],
+            standard_uncertainty_px=points.standard_uncertainty_px[kept],
+        )
+        options = {"intrinsics": view.camera} if intrinsics else {}
+        found = calibrate_points(partial, **options)  # type: ignore[arg-type]
+        assert found.points is partial
+        assert found.residuals_px.shape == (len(kept), 2)
+        assert found.reprojection.points + found.reprojection.rejected == len(kept)
+        T = invert(view.T_camera_target)
+        error = np.concatenate(
+            [T[:3, 3] - found.pose.position_mm, so3_log(T[:3, :3] @ found.pose.rotation.T)]
+        )
+        z.append(error / np.sqrt(np.diag(found.pose.covariance)))
+    # 150 roughly normal figures, correlated within a view.
+    assert 0.7 < math.sqrt(np.mean(np.square(z))) < 1.3
+
+
+def test_very_precise_corners_are_believed_no_more_than_they_deserve() -> None:
+    """At .003 px nothing in the fit may stand in for the noise: errors still have the stated size."""
+    rng = np.random.default_rng(15)
+    views = [draw_view(rng, tilt_deg=35.0, sigma_px=0.003) for _ in range(25)]
+    z = np.array([errors_in_sigmas(view) for view in views])
+    assert 0.75 < math.sqrt(np.mean(z**2)) < 1.25
+    assert np.max(np.abs(z)) < 5.0
+    # A print off by a hundredth of a millimetre here and there: far more than the corners' noise, and told so.
+    target = views[0].points.points_target + rng.normal(0.0, 0.01, (140, 3)) * [1.0, 1.0, 0.0]
+    px = project(transform_points(views[0].T_camera_target, target), views[0].camera)
+    rough = calibrate_points(dataclasses.replace(views[0].points, points_px=px))
+    smooth = calibrate_points(views[0].points)
+    assert "residuals_exceed_noise" in {w.code for w in rough.warnings}
+    ratio = rough.observability.focal_relative_uncertainty / smooth.observability.focal_relative_uncertainty
+    assert ratio > 5.0
+
+
+def test_a_long_way_along_the_valley_is_walked_to_its_end() -> None:
+    """At .002 px one of these views takes 50 steps: f, depth, tilt and distortion move together, a little at a time."""
+    rng = np.random.default_rng(9020)
+    views = [draw_view(rng, columns=9, rows=6, sigma_px=0.002, tilt_deg=20.0) for _ in range(40)]
+    z = np.array([errors_in_sigmas(view) for view in views])
+    assert np.max(np.abs(z)) < 5.0

@@ -49,6 +49,12 @@ def test_a_point_named_twice_is_refused(points: GridPoints) -> None:
         calibrate_points(dataclasses.replace(points, column=column))
 
 
+@pytest.mark.parametrize("step", [1, -14])
+def test_a_point_outside_the_target_is_refused(points: GridPoints, step: int) -> None:
+    with pytest.raises(InvalidArgument, match="outside the target"):
+        calibrate_points(dataclasses.replace(points, column=points.column + step))
+
+
 @pytest.mark.parametrize(
     "values", [(1e5, 1e-300), (5e-324, 1e4), (0.004, 4e-243), (3.2e-54, 0.0076), (8.0, 3450.0)]
 )

@@ -1,0 +1,177 @@
+"""Several views with one camera: the arrow-shaped solver against the same fit written out densely."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from core.calibration import closed_form
+from core.calibration.homography import estimate_homography
+from core.calibration.model import (
+    SMALLEST_NOISE_PX,
+    View,
+    camera_prior,
+    image_centre,
+    view_of,
+    view_residuals,
+)
+from core.calibration.pooled import PooledCalibration, calibrate_views
+from core.calibration.shared_lens import TIED, Placement, fit_shared_lens
+from core.camera import Camera
+from core.errors import InvalidArgument
+from core.least_squares import Fit, fit
+from core.simulation.views import draw_camera, draw_view
+from core.targets.specification import GridPoints
+from core.transforms import so3_exp, so3_log
+
+State = tuple[View, ...]
+
+
+def drawn(
+    seed: int, count: int, camera: Camera | None = None, sigma_px: float = 0.05
+) -> tuple[Camera, list[GridPoints]]:
+    """Views of one camera, each with a tenth of its points missing."""
+    rng = np.random.default_rng(seed)
+    camera = camera or draw_camera(rng)
+    views = []
+    for _ in range(count):
+        points = draw_view(rng, tilt_deg=rng.uniform(5.0, 45.0), camera=camera, sigma_px=sigma_px).points
+        there = np.flatnonzero(rng.random(len(points)) > 0.1)
+        views.append(part(points, there))
+    return camera, views
+
+
+def part(points: GridPoints, chosen: np.ndarray) -> GridPoints:
+    return dataclasses.replace(
+        points,
+        column=points.column[chosen],
+        row=points.row[chosen],
+        points_px=points.points_px[chosen],
+        standard_uncertainty_px=points.standard_uncertainty_px[chosen],
+    )
+
+
+def start(views: list[GridPoints], focal: float) -> State:
+    camera = Camera(focal, focal, *image_centre(views[0]))
+    return tuple(
+        view_of(closed_form.nominal(estimate_homography(v.points_target[:, :2], v.points_px), v, camera), v)
+        for v in views
+    )
+
+
+def dense(views: list[GridPoints], begin: State) -> Fit[State]:
+    """All parameters in one state, all derivatives in one array."""
+    residual_functions = [view_residuals(v, free=True) for v in views]
+    size = 8 + 6 * len(views)
+    of_camera = camera_prior(views[0].image_width_px, views[0].image_height_px, None, size)
+
+    def evaluate(state: State) -> tuple[np.ndarray, np.ndarray]:
+        parts = [f(view) for f, view in zip(residual_functions, state, strict=True)]
+        residuals = np.concatenate([r for r, _ in parts], axis=1)
+        jacobian = np.zeros((size, 2, residuals.shape[1]))
+        first = 0
+        for index, (r, J) in enumerate(parts):
+            columns = slice(first, first + r.shape[1])
+            jacobian[:8, :, columns] = J[:8]
+            jacobian[8 + 6 * index : 14 + 6 * index, :, columns] = J[8:]
+            first += r.shape[1]
+        return residuals, jacobian
+
+    def retract(state: State, step: np.ndarray) -> State:
+        parameters = state[0].parameters.copy()
+        parameters[:8] += step[:8]
+        return tuple(
+            View(parameters, so3_exp(d[:3]) @ view.rotation, view.translation_mm + d[3:])
+            for view, d in zip(state, step[8:].reshape(-1, 6), strict=True)
+        )
+
+    return fit(
+        evaluate,
+        retract,
+        begin,
+        np.concatenate([v.standard_uncertainty_px for v in views]),
+        prior=lambda state: of_camera(state[0].parameters),
+        smallest_scale=SMALLEST_NOISE_PX,
+        iteration_limit=100,
+    )
+
+
+def assert_same(found: PooledCalibration, expected: Fit[State]) -> None:
+    assert expected.converged
+    sigma = np.sqrt(np.diag(expected.covariance))
+    difference = (found.camera.as_array() - expected.state[0].parameters)[:8]
+    np.testing.assert_allclose(difference / sigma[:8], 0.0, atol=0.01)
+    for index, (T, view) in enumerate(zip(found.T_camera_target, expected.state, strict=True)):
+        w = so3_log(T[:3, :3] @ view.rotation.T)
+        np.testing.assert_allclose(w / sigma[8 + 6 * index : 11 + 6 * index], 0.0, atol=0.01)
+    # The dense fit knows the priors' part of the degrees of freedom, some of 8 among thousands.
+    np.testing.assert_allclose(np.sqrt(np.diag(found.covariance))[:8], sigma[:8], rtol=0.01)
+    np.testing.assert_array_equal(np.concatenate(found.used), expected.used)
+    np.testing.assert_allclose(np.concatenate(found.residuals_px).T, expected.residuals, atol=1e-3)
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_it_is_the_dense_fit(seed: int) -> None:
+    camera, views = drawn(seed, 8)
+    found = calibrate_views(views)
+    assert_same(found, dense(views, start(views, 2320.0)))
+    z = (found.camera.as_array() - camera.as_array())[:8] / np.sqrt(np.diag(found.covariance))[:8]
+    assert np.max(np.abs(z)) < 4.0
+
+
+def test_gross_errors_are_left_out_as_by_the_dense_fit() -> None:
+    rng = np.random.default_rng(4)
+    _, views = drawn(4, 8)
+    spoiled, wrong = [], []
+    for points in views:
+        px, bad = points.points_px.copy(), rng.permutation(len(points))[: len(points) // 5]
+        px[bad] += 20.0 * rng.choice([-1.0, 1.0], (len(bad), 2))
+        spoiled.append(dataclasses.replace(points, points_px=px))
+        wrong.append(np.isin(np.arange(len(points)), bad))
+    found = calibrate_views(spoiled)
+    np.testing.assert_array_equal(np.concatenate(found.used), ~np.concatenate(wrong))
+    assert_same(found, dense(spoiled, start(spoiled, 2320.0)))
+
+
+@pytest.mark.parametrize("stated_px", [0.002, 0.05, 1.0])
+def test_the_level_of_the_stated_uncertainty_does_not_matter(stated_px: float) -> None:
+    """It decides by which way the answer is found, not what it is."""
+    _, views = drawn(5, 8)
+    restated = [dataclasses.replace(v, standard_uncertainty_px=np.full(len(v), stated_px)) for v in views]
+    assert_same(calibrate_views(restated), dense(views, start(views, 2320.0)))
+
+
+@pytest.mark.parametrize("factor", [0.4, 0.7, 1.5, 3.0])
+def test_starts_far_from_the_truth_end_in_one_place(factor: float) -> None:
+    camera, views = drawn(6, 8, sigma_px=0.01)
+    expected = calibrate_views(views)
+    begin = [
+        Placement(v.parameters, v.rotation, v.translation_mm) for v in start(views, factor * camera.fx_px)
+    ]
+    found = fit_shared_lens(views, begin, TIED)
+    assert found.converged
+    sigma = np.sqrt(np.diag(expected.covariance))[:8]
+    difference = found.at.placements[0].parameters[:8] - expected.camera.as_array()[:8]
+    np.testing.assert_allclose(difference / sigma, 0.0, atol=0.02)
+
+
+@pytest.mark.parametrize("factor", [1.02, 1.2])
+def test_a_view_of_another_focus_is_left_out_among_many(factor: float) -> None:
+    camera, views = drawn(7, 12)
+    foreign = dataclasses.replace(camera, fx_px=factor * camera.fx_px, fy_px=factor * camera.fy_px, k1=0.2)
+    _, (stranger,) = drawn(8, 1, foreign)
+    found = calibrate_views([*views, stranger])
+    assert not found.used[-1].any()
+    assert all(u.mean() > 0.99 for u in found.used[:-1])
+    z = (found.camera.as_array() - camera.as_array())[:8] / np.sqrt(np.diag(found.covariance))[:8]
+    assert np.max(np.abs(z)) < 4.0
+
+
+def test_what_cannot_be_pooled_is_refused() -> None:
+    _, views = drawn(9, 2)
+    with pytest.raises(InvalidArgument):
+        calibrate_views([])
+    with pytest.raises(InvalidArgument, match="same image size"):
+        calibrate_views([views[0], dataclasses.replace(views[1], image_width_px=2000)])

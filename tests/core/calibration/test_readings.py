@@ -1,0 +1,92 @@
+"""Boards that look the same when turned: one reading over all images of a session."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from core.calibration.readings import choose_readings, turns_alike
+from core.targets.specification import TargetSpec
+from core.transforms import rpy_to_rotation, so3_exp, transform_points
+
+
+@pytest.mark.parametrize(
+    ("kind", "columns", "rows", "turns"),
+    [
+        ("chessboard", 9, 6, 1),
+        ("chessboard", 10, 6, 2),
+        ("chessboard", 9, 9, 2),
+        ("chessboard", 8, 8, 4),
+        ("charuco", 10, 6, 1),
+        ("circles", 9, 6, 2),
+        ("circles", 7, 7, 4),
+        ("asymmetric_circles", 4, 11, 1),
+        ("asymmetric_circles", 4, 10, 2),
+        ("aprilgrid", 6, 6, 1),
+    ],
+)
+def test_a_turn_maps_the_grid_onto_itself(kind: str, columns: int, rows: int, turns: int) -> None:
+    target = TargetSpec(kind, columns, rows, 10.0)
+    found = turns_alike(target)
+    assert len(found) == turns
+    np.testing.assert_array_equal(found[0], np.eye(4))
+    grid = {tuple(p) for p in np.round(target.points_target(), 6) + 0.0}
+    for T in found:
+        assert {tuple(p) for p in np.round(transform_points(T, target.points_target()), 6) + 0.0} == grid
+
+
+def orientations(rng: np.random.Generator, poses: int) -> np.ndarray:
+    """Cameras that look at a board, turned about its normal by anything."""
+    return np.array(
+        [
+            so3_exp(np.array([0.0, 0.0, rng.uniform(-math.pi, math.pi)]))
+            @ so3_exp(np.array([*rng.uniform(-0.6, 0.6, 2), 0.0]))
+            for _ in range(poses)
+        ]
+    )
+
+
+@pytest.mark.parametrize(("columns", "rows"), [(10, 6), (8, 8)])
+def test_commanded_orientations_decide_between_poses(columns: int, rows: int) -> None:
+    rng = np.random.default_rng(1)
+    turns = turns_alike(TargetSpec("chessboard", columns, rows, 10.0))
+    for _ in range(20):
+        true = orientations(rng, 8)
+        mounting, base = so3_exp(rng.normal(size=3)), so3_exp(rng.normal(size=3))
+        commanded = {i: base @ R @ mounting for i, R in enumerate(true)}
+        seen, poses, expected = [], [], []
+        for i, R in enumerate(true):
+            for _ in range(3):
+                read = int(rng.integers(len(turns)))
+                seen.append(turns[read][:3, :3] @ so3_exp(rng.normal(0.0, 1e-3, 3)) @ R)
+                poses.append(i)
+                expected.append(read)
+        readings = choose_readings(np.array(seen), poses, turns, commanded)
+        assert readings.by_commands
+        assert readings.doubtful == ()
+        # All are turned back, but for one turn that all have in common.
+        back = [turns[t][:3, :3].T @ R for t, R in zip(readings.turns, seen, strict=True)]
+        common = [b @ true[pose].T for b, pose in zip(back, poses, strict=True)]
+        assert np.max(np.abs(np.array(common) - common[0])) < 0.02
+
+
+def test_without_commands_the_least_turn_is_taken_and_doubt_is_told() -> None:
+    turns = turns_alike(TargetSpec("chessboard", 10, 6, 10.0))
+    about = [so3_exp(np.array([0.0, 0.0, math.radians(angle)])) for angle in (0.0, 170.0, -20.0, 265.0)]
+    readings = choose_readings(np.array(about), ["a", "b", "c", "d"], turns, {})
+    assert list(readings.turns) == [0, 1, 0, 0]
+    assert not readings.by_commands
+    assert readings.doubtful == ("d",)
+
+
+def test_commands_of_some_poses_only() -> None:
+    turns = turns_alike(TargetSpec("chessboard", 10, 6, 10.0))
+    tilted = rpy_to_rotation(np.array([0.3, -0.2, 0.0]))
+    true = {"a": tilted, "b": so3_exp(np.array([0.0, 0.1, math.radians(150.0)])) @ tilted, "c": tilted}
+    seen = [true["a"], turns[1][:3, :3] @ true["b"], turns[1][:3, :3] @ true["c"]]
+    commanded = {"a": true["a"], "b": true["b"]}
+    readings = choose_readings(np.array(seen), ["a", "b", "c"], turns, commanded)
+    assert list(readings.turns) == [0, 1, 1]
+    assert not readings.by_commands
