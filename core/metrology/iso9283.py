@@ -1,0 +1,217 @@
+"""Performance criteria of ISO 9283:1998, clause 7, as the standard writes them; nothing estimated beside them.
+
+n cycles attain positions p_j and angles a_j, b_j, c_j (here roll, pitch, yaw) where p_c, a_c were commanded. Bars are
+means over the cycles. Millimetres and radians.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+from core.errors import InvalidArgument
+from core.metrology.figures import Figures
+from core.metrology.orientation import mean_and_vectors, rotation_vectors
+from core.transforms import rotation_to_rpy
+
+
+def deviations(values: Float[np.ndarray, "n k"]) -> Float[np.ndarray, "n k"]:
+    """Return a_j - ā of each column; exactly zero where all cycles are equal, however far from the origin."""
+    shifted = values - values[0]
+    return np.asarray(shifted - shifted.mean(axis=0))
+
+
+def position_repeatability(positions_mm: Float[np.ndarray, "n 3"]) -> float:
+    """Return RP_l = l̄ + 3 S_l, l_j = ‖p_j - p̄‖, S_l² = Σ (l_j - l̄)² / (n - 1) (7.2.2); n ≥ 2."""
+    _at_least_two(len(positions_mm))
+    lengths = np.linalg.norm(deviations(positions_mm), axis=1)
+    return float(lengths.mean() + 3.0 * lengths.std(ddof=1))
+
+
+def three_sigma(values: Float[np.ndarray, "n k"]) -> Float[np.ndarray, " k"]:
+    """Return 3 S of each column, S² = Σ (a_j - ā)² / (n - 1): RP_a, RP_b, RP_c (7.2.2) and RD (7.3.3); n ≥ 2."""
+    _at_least_two(len(values))
+    d = deviations(values)
+    return np.asarray(3.0 * np.sqrt(np.einsum("nk,nk->k", d, d) / (len(values) - 1)))
+
+
+def pose_accuracy(
+    mean_position_mm: Float[np.ndarray, "3"],
+    commanded_position_mm: Float[np.ndarray, "3"],
+    mean_rotation: Float[np.ndarray, "3 3"] | None = None,
+    commanded_rotation: Float[np.ndarray, "3 3"] | None = None,
+) -> Figures[float | None]:
+    """Return AP_p = ‖p̄ - p_c‖ and, signed, attained less commanded on each axis and angle (7.2.1).
+
+    Angles are differences of roll, pitch and yaw taken to (-π, π]; None without both rotations. Both poses must be in
+    one frame: the commanded one after the transform between robot and instrument is known.
+    """
+    d = mean_position_mm - commanded_position_mm
+    angles: tuple[float | None, ...] = (None, None, None)
+    if mean_rotation is not None and commanded_rotation is not None:
+        angles = tuple(_turn(rotation_to_rpy(mean_rotation) - rotation_to_rpy(commanded_rotation)))
+    return Figures(float(np.linalg.norm(d)), float(d[0]), float(d[1]), float(d[2]), *angles)
+
+
+def direction_variation(
+    mean_positions_mm: Float[np.ndarray, "h 3"], mean_rotations: Float[np.ndarray, "h 3 3"] | None = None
+) -> Figures[float | None]:
+    """Return vAP: the largest differences between the mean poses attained from h directions of approach (7.2.3).
+
+    The standard asks for three directions; two give a lower bound. vAP_p = max ‖p̄_h - p̄_k‖; axes and angles are the
+    largest absolute differences.
+    """
+    if len(mean_positions_mm) < 2:
+        raise InvalidArgument(
+            "Variation over approach directions needs at least two directions.",
+            "Visit the pose from three directions, as the standard asks, and tag each with its approach.",
+        )
+    h, k = np.triu_indices(len(mean_positions_mm), 1)
+    d = mean_positions_mm[h] - mean_positions_mm[k]
+    largest = np.abs(d).max(axis=0)
+    angles: tuple[float | None, ...] = (None, None, None)
+    if mean_rotations is not None:
+        rpy = np.array([rotation_to_rpy(R) for R in mean_rotations])
+        turns = np.array([_turn(difference) for difference in rpy[h] - rpy[k]])
+        angles = tuple(float(a) for a in np.abs(turns).max(axis=0))
+    length = float(np.linalg.norm(d, axis=1).max())
+    return Figures(length, float(largest[0]), float(largest[1]), float(largest[2]), *angles)
+
+
+@dataclass(frozen=True, slots=True)
+class DistancePerformance:
+    """AD and RD of the way between two commanded positions, mm: of its length, then along each axis."""
+
+    cycles: int
+    mean_distance_mm: float
+    accuracy_mm: float | None
+    accuracy_xyz_mm: tuple[float, float, float] | None
+    repeatability_mm: float | None
+    repeatability_xyz_mm: tuple[float, float, float] | None
+
+
+def distance_performance(
+    first_mm: Float[np.ndarray, "n 3"],
+    second_mm: Float[np.ndarray, "m 3"],
+    commanded_first_mm: Float[np.ndarray, "3"] | None = None,
+    commanded_second_mm: Float[np.ndarray, "3"] | None = None,
+) -> DistancePerformance:
+    """Return AD_p = D̄ - D_c (7.3.2) and RD = 3 S_D (7.3.3), D_j = ‖p_1j - p_2j‖ within cycle j.
+
+    Along the axes D_xj = |x_1j - x_2j|. A length is the same in every frame, so AD_p needs no transform between robot
+    and instrument; the axes do. Accuracy is None without commanded positions, repeatability below two cycles.
+
+    Raises InvalidArgument where the two positions were not visited equally often.
+    """
+    if len(first_mm) != len(second_mm) or len(first_mm) == 0:
+        raise InvalidArgument(
+            f"A distance needs both its ends in each cycle; there are {len(first_mm)} and {len(second_mm)}.",
+            "Pair the visits by cycle and leave out cycles that miss an end.",
+        )
+    axes = np.abs(first_mm - second_mm)
+    lengths = np.column_stack([np.linalg.norm(first_mm - second_mm, axis=1), axes])
+    mean = lengths.mean(axis=0)
+    accuracy = repeatability = None
+    if commanded_first_mm is not None and commanded_second_mm is not None:
+        way = commanded_first_mm - commanded_second_mm
+        accuracy = mean - np.array([np.linalg.norm(way), *np.abs(way)])
+    if len(lengths) > 1:
+        repeatability = three_sigma(lengths)
+    return DistancePerformance(
+        len(lengths),
+        float(mean[0]),
+        None if accuracy is None else float(accuracy[0]),
+        None if accuracy is None else _xyz(accuracy[1:]),
+        None if repeatability is None else float(repeatability[0]),
+        None if repeatability is None else _xyz(repeatability[1:]),
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class DriftBlock:
+    """What a run of consecutive cycles reads: first and last cycle counted from 1, mm and rad."""
+
+    first_cycle: int
+    last_cycle: int
+    mean_position_mm: Float[np.ndarray, "3"]
+    accuracy_mm: float | None
+    repeatability_mm: float
+
+
+@dataclass(frozen=True, slots=True)
+class Drift:
+    """dAP and dRP between the first and the last block, with what is known even where nothing was commanded.
+
+    `shift_mm` and `shift_rad` are how far the mean pose moved, p̄_T - p̄_1 and log(R̄_T R̄_1ᵀ): they need no commanded
+    pose, and dAP never exceeds the length of the shift.
+    """
+
+    blocks: tuple[DriftBlock, ...]
+    accuracy_drift_mm: float | None
+    repeatability_drift_mm: float
+    shift_mm: Float[np.ndarray, "3"]
+    shift_rad: Float[np.ndarray, "3"] | None
+
+
+def drift(
+    positions_mm: Float[np.ndarray, "n 3"],
+    rotations: Float[np.ndarray, "n 3 3"] | None = None,
+    commanded_position_mm: Float[np.ndarray, "3"] | None = None,
+    block: int = 10,
+) -> Drift:
+    """Return dAP = |AP_1 - AP_T| and dRP = |RP_1 - RP_T| (7.6) over blocks of consecutive cycles from a cold start.
+
+    Cycles in the order they were made. Those that fill no whole block join the last one.
+
+    Raises InvalidArgument where there are fewer cycles than two blocks.
+    """
+    count = len(positions_mm) // max(block, 1)
+    if block < 2 or count < 2:
+        raise InvalidArgument(
+            f"Drift needs two blocks of {block} cycles; there are {len(positions_mm)} cycles.",
+            "Run more cycles, or choose shorter blocks of at least two.",
+        )
+    starts = [i * block for i in range(count)]
+    ends = [*starts[1:], len(positions_mm)]
+    blocks = []
+    for start, end in zip(starts, ends, strict=True):
+        part = positions_mm[start:end]
+        mean = part.mean(axis=0)
+        accuracy = None
+        if commanded_position_mm is not None:
+            accuracy = float(np.linalg.norm(mean - commanded_position_mm))
+        blocks.append(DriftBlock(start + 1, end, mean, accuracy, position_repeatability(part)))
+    first, last = blocks[0], blocks[-1]
+    turned = None
+    if rotations is not None:
+        first_rotation, _ = mean_and_vectors(rotations[: ends[0]])
+        last_rotation, _ = mean_and_vectors(rotations[starts[-1] :])
+        turned = rotation_vectors(last_rotation[None], first_rotation)[0]
+    moved = None
+    if first.accuracy_mm is not None and last.accuracy_mm is not None:
+        moved = abs(first.accuracy_mm - last.accuracy_mm)
+    return Drift(
+        tuple(blocks),
+        moved,
+        abs(first.repeatability_mm - last.repeatability_mm),
+        last.mean_position_mm - first.mean_position_mm,
+        turned,
+    )
+
+
+def _at_least_two(n: int) -> None:
+    if n < 2:
+        raise InvalidArgument(
+            "Scatter needs at least two cycles.", "Visit the pose again: 30 cycles are the standard."
+        )
+
+
+def _turn(difference: Float[np.ndarray, "3"]) -> list[float]:
+    return [float(math.pi - (math.pi - a) % (2.0 * math.pi)) for a in difference]
+
+
+def _xyz(values: Float[np.ndarray, "3"]) -> tuple[float, float, float]:
+    return float(values[0]), float(values[1]), float(values[2])

@@ -1,0 +1,77 @@
+"""Scatter of orientation: rotation vectors about the mean, and what they are as roll, pitch and yaw.
+
+Roll, pitch and yaw are coordinates that fail at pitch = ±90°; the rotation vectors w_j = log(R_j R̄ᵀ) about the mean
+R̄ do not. Statistics therefore run on w and are mapped to the angles by their derivative at the mean,
+δ(roll, pitch, yaw) = J w, which agrees with the statistics of the angles themselves to second order in the scatter.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from jaxtyping import Float
+
+from core.transforms import nearest_rotation, rotation_to_rpy, rpy_jacobian, so3_exp, so3_log
+
+UNKNOWN_ANGLE = math.pi / math.sqrt(3.0)
+"""Standard deviation of an angle of which nothing is known (uniform over a turn), rad: no angle scatters more."""
+
+
+def rotation_vectors(
+    rotations: Float[np.ndarray, "n 3 3"], about: Float[np.ndarray, "3 3"]
+) -> Float[np.ndarray, "n 3"]:
+    """Return w with R_j = exp(w_j) R_about, rad, in the frame's axes."""
+    relative = rotations @ about.T
+    axis = 0.5 * np.stack(
+        [
+            relative[:, 2, 1] - relative[:, 1, 2],
+            relative[:, 0, 2] - relative[:, 2, 0],
+            relative[:, 1, 0] - relative[:, 0, 1],
+        ],
+        axis=1,
+    )
+    sine = np.sqrt(np.einsum("ni,ni->n", axis, axis))
+    cosine = 0.5 * (np.trace(relative, axis1=1, axis2=2) - 1.0)
+    angle = np.arctan2(sine, cosine)
+    # θ / sin θ → 1 + θ²/6 as θ → 0
+    w = axis * np.where(sine > 1e-8, angle / np.maximum(sine, 1e-8), 1.0)[:, None]
+    for j in np.flatnonzero(angle > 3.0):  # sin θ loses the axis near half a turn; such cycles are rare
+        w[j] = so3_log(relative[j])
+    return np.asarray(w)
+
+
+def mean_and_vectors(
+    rotations: Float[np.ndarray, "n 3 3"],
+) -> tuple[Float[np.ndarray, "3 3"], Float[np.ndarray, "n 3"]]:
+    """Return the R̄ with Σ log(R_j R̄ᵀ) = 0, as `core.transforms.rotation_mean` does, and those logarithms."""
+    mean = nearest_rotation(rotations.mean(axis=0))
+    for _ in range(50):
+        vectors = rotation_vectors(rotations, mean)
+        step = vectors.mean(axis=0)
+        if step @ step < 1e-28:
+            break
+        mean = so3_exp(step) @ mean
+    return mean, vectors
+
+
+def angles_from_vectors(mean: Float[np.ndarray, "3 3"]) -> Float[np.ndarray, "3 3"]:
+    """Return J: small changes of (roll, pitch, yaw) at the mean are J w."""
+    return rpy_jacobian(rotation_to_rpy(mean))
+
+
+def angles_about_mean(
+    rotations: Float[np.ndarray, "n 3 3"], mean: Float[np.ndarray, "3 3"]
+) -> Float[np.ndarray, "n 3"]:
+    """Return roll, pitch, yaw of each cycle less those of the mean, each taken to (-π, π]: the standard's own way."""
+    pitch_cosine = np.hypot(rotations[:, 0, 0], rotations[:, 1, 0])
+    angles = np.stack(
+        [
+            np.arctan2(rotations[:, 2, 1], rotations[:, 2, 2]),
+            np.arctan2(-rotations[:, 2, 0], pitch_cosine),
+            np.arctan2(rotations[:, 1, 0], rotations[:, 0, 0]),
+        ],
+        axis=1,
+    )
+    difference = angles - rotation_to_rpy(mean)
+    return np.asarray(np.pi - np.mod(np.pi - difference, 2.0 * np.pi))

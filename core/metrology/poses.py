@@ -1,0 +1,91 @@
+"""What repeatability is computed from: the cycles of one commanded pose, checked once, at the door."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from core.errors import InvalidArgument
+
+_ORTHONORMAL = 1e-6  # a rotation written with seven digits passes, a scaled or mirrored matrix does not
+_SEMIDEFINITE = 1e-9  # relative to the largest eigenvalue: what writing and reading a covariance costs
+
+
+@dataclass(frozen=True, slots=True)
+class PoseCycles:
+    """All visits to one commanded pose, in the order they were made, whatever instrument measured them.
+
+    Parameters
+    ----------
+    positions_mm
+        One row a cycle, in one frame.
+    rotations
+        Orientation in the same frame, or None where the instrument gives positions alone.
+    covariances
+        Of each measurement: (x, y, z in mm, then a small rotation w in rad with R_true = exp(w) R_measured, all in
+        that frame). What counts for repeatability is the part that differs from cycle to cycle: for a camera take
+        the *conditional* covariance, intrinsics held, because an error of the lens is common to all cycles of a pose
+        and leaves with the mean. None: nothing is known of the instrument.
+
+    Raises InvalidArgument, naming the cycle (counted from 1), where a value is not finite, a rotation is not
+    orthonormal and right-handed, or a covariance is not symmetric and positive semidefinite; and where there are not as
+    many rotations or covariances as positions.
+    """
+
+    positions_mm: Float[np.ndarray, "n 3"]
+    rotations: Float[np.ndarray, "r 3 3"] | None = None
+    covariances: Float[np.ndarray, "c 6 6"] | None = None
+
+    def __post_init__(self) -> None:
+        if len(self.positions_mm) == 0:
+            raise InvalidArgument(
+                "A pose needs at least one cycle.", "Leave out poses that were never measured."
+            )
+        _require(np.isfinite(self.positions_mm).all(axis=1), "a position that is not finite")
+        if self.rotations is not None:
+            self._same_length(self.rotations, "rotations")
+            _require(np.isfinite(self.rotations).all(axis=(1, 2)), "a rotation that is not finite")
+            product = self.rotations @ self.rotations.transpose(0, 2, 1)
+            square = np.abs(product - np.eye(3)).max(axis=(1, 2)) < _ORTHONORMAL
+            _require(square & (np.linalg.det(self.rotations) > 0.0), "a matrix that is no rotation")
+        if self.covariances is not None:
+            self._same_length(self.covariances, "covariances")
+            _require(np.isfinite(self.covariances).all(axis=(1, 2)), "a covariance that is not finite")
+            _require(
+                _semidefinite(self.covariances), "a covariance that is not symmetric positive semidefinite"
+            )
+
+    def __len__(self) -> int:
+        return len(self.positions_mm)
+
+    def take(self, cycles: Int[np.ndarray, " k"]) -> PoseCycles:
+        """Return the cycles of these indices alone."""
+        return PoseCycles(
+            self.positions_mm[cycles],
+            None if self.rotations is None else self.rotations[cycles],
+            None if self.covariances is None else self.covariances[cycles],
+        )
+
+    def _same_length(self, values: np.ndarray, name: str) -> None:
+        if len(values) != len(self.positions_mm):
+            raise InvalidArgument(
+                f"There are {len(self.positions_mm)} positions and {len(values)} {name}; each cycle needs both."
+            )
+
+
+def _require(passes: Bool[np.ndarray, " n"], what: str) -> None:
+    if not passes.all():
+        cycle = int(np.argmin(passes)) + 1
+        raise InvalidArgument(f"Cycle {cycle} has {what}.", "Correct this cycle, or leave it out and say so.")
+
+
+def _semidefinite(covariances: Float[np.ndarray, "n 6 6"]) -> Bool[np.ndarray, " n"]:
+    # mm² and rad² differ by orders of magnitude, so the test runs on correlations.
+    variance = np.diagonal(covariances, axis1=1, axis2=2)
+    scale = np.sqrt(np.where(variance > 0.0, variance, 1.0))
+    correlation = covariances / (scale[:, :, None] * scale[:, None, :])
+    symmetric = np.abs(correlation - correlation.transpose(0, 2, 1)).max(axis=(1, 2)) < 1e-6
+    smallest = np.linalg.eigvalsh((correlation + correlation.transpose(0, 2, 1)) / 2.0)[:, 0]
+    return np.asarray((variance >= 0.0).all(axis=1) & symmetric & (smallest > -_SEMIDEFINITE * 6.0))

@@ -1,0 +1,271 @@
+"""What a reading of scatter is worth: its interval, the instrument's part in it, and what is left for the robot.
+
+Each figure is the reading of n cycles p_j ~ N(μ, Σ_robot + M_j), M_j the covariance of measurement j.
+
+- **Interval**: between which the figure of endless cycles of the same robot and instrument lies. 3 S is a χ² matter,
+  S² ν / σ² ~ χ²_ν with ν = n - 1, exact under Gaussian scatter of any shape; RP_l has no exact law, see `radial`.
+  Where measurements differ in noise, cycles count unequally: ν is then (n - 1) (mean τ_j²)² / mean τ_j⁴ with τ_j² the
+  variance of cycle j (Welch-Satterthwaite).
+- **Noise floor**: the expected reading of n cycles on a motionless robot, so of M_j alone. The deviation of cycle j
+  from the mean of all has covariance (1 - 2/n) M_j + M̄/n, which makes E l̄ exact.
+- **Corrected**: the reading that the same number of cycles would have given with a perfect instrument. Covariances
+  subtract, D = S - M̄ without its negative part, and the reading is scaled by g(D) / g(S): with M = 0 it is the raw
+  reading to the last digit. Because S is itself scattered, g(D) is biased (upward where noise makes a sphere look
+  elongated, downward where a subtraction stops at zero); the bias is found by repeating the subtraction on Wishart
+  replicates of S and divided out, once.
+
+References: B. L. Welch, Biometrika 34 (1947) 28-35, doi:10.1093/biomet/34.1-2.28; B. Efron, R. J. Tibshirani, "An
+Introduction to the Bootstrap", 1993, §10.6 (bias correction); T. W. Anderson, "An Introduction to Multivariate
+Statistical Analysis", 2003, §7.2 (Bartlett's decomposition).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from enum import StrEnum
+from functools import lru_cache
+
+import numpy as np
+from jaxtyping import Float
+from scipy.special import chdtri, gammaln, ndtri
+from scipy.stats import qmc
+
+from core.metrology.radial import (
+    CONFIDENCE,
+    eigenvalues,
+    long_run_reading,
+    mean_length,
+    reading_law,
+)
+
+FEW_CYCLES = 10
+SOUND_FLOOR = 0.5
+"""The corrected RP_l has an interval that keeps its level where the floor is below this share of the reading."""
+_POINTS = 32  # a power of two, which balances the net
+_SIGNS = np.array([[1.0, 1.0, 1.0], [1.0, 1.0, -1.0], [1.0, -1.0, 1.0], [-1.0, 1.0, 1.0]])
+_REPLICATES = _POINTS * len(_SIGNS)
+_CHI_GRID = 128
+
+
+class Verdict(StrEnum):
+    """What a figure measures: the robot, mostly the instrument, nothing yet, or too little to say."""
+
+    ROBOT = "robot"
+    INSTRUMENT_LIMITED = "instrument_limited"
+    BELOW_DETECTION = "below_detection"
+    TOO_FEW_CYCLES = "too_few_cycles"
+
+
+@dataclass(frozen=True, slots=True)
+class Limits:
+    """Where a figure stops speaking of the robot: shares of the noise floor; both without unit.
+
+    `instrument_share`: a floor above this share of the reading makes it instrument limited (at .25 the instrument adds
+    about 3 % to the reading). `detection_share`: a reading below this share of the floor is less than the stated
+    measurement noise alone would give, by more than chance.
+    """
+
+    instrument_share: float = 0.25
+    detection_share: float = 0.75
+
+
+def judge(reading: float, floor: float | None, cycles: int, limits: Limits) -> Verdict:
+    """Return what a reading measures, given the floor that n cycles have; None where nothing is known of the noise.
+
+    What is not known passes no check: without a floor no reading speaks of the robot.
+    """
+    if cycles < FEW_CYCLES:
+        return Verdict.TOO_FEW_CYCLES
+    if reading == 0.0 or (floor is not None and reading < limits.detection_share * floor):
+        return Verdict.BELOW_DETECTION
+    if floor is None:
+        return Verdict.INSTRUMENT_LIMITED
+    return Verdict.INSTRUMENT_LIMITED if floor > limits.instrument_share * reading else Verdict.ROBOT
+
+
+@dataclass(frozen=True, slots=True)
+class Assessed:
+    """A batch of readings with what surrounds them, one row a pose; in the readings' unit."""
+
+    low: Float[np.ndarray, "*k"]
+    high: Float[np.ndarray, "*k"]
+    floor: Float[np.ndarray, "*k"]
+    corrected: Float[np.ndarray, "*k"]
+    corrected_low: Float[np.ndarray, "*k"]
+    corrected_high: Float[np.ndarray, "*k"]
+
+
+def assess_three_sigma(
+    variance: Float[np.ndarray, "k c"],
+    noise: Float[np.ndarray, "k c"],
+    noise_square: Float[np.ndarray, "k c"],
+    cycles: Float[np.ndarray, " k"],
+) -> Assessed:
+    """Return intervals, floors and corrected values of the readings 3 S of c quantities.
+
+    Parameters
+    ----------
+    variance
+        S² of n cycles.
+    noise, noise_square
+        Mean over the cycles of the measurements' variances, and of their squares.
+    cycles
+        n ≥ 2 of each row.
+    """
+    nu = cycles[:, None] - 1.0
+    excess = np.maximum(noise_square - noise * noise, 0.0)
+    total = np.maximum(variance, noise)
+    effective = nu * _share(total * total, total * total + excess)
+    tail = (1.0 - CONFIDENCE) / 2.0
+    low = 3.0 * np.sqrt(variance * effective / chdtri(effective, tail))
+    high = 3.0 * np.sqrt(variance * effective / chdtri(effective, 1.0 - tail))
+    floor = 3.0 * np.sqrt(noise) * _mean_root(nu * _share(noise * noise, noise * noise + excess))
+    left = np.maximum(variance - noise, 0.0)
+    replicas = variance[..., None] * _chi_square_means(tuple(np.ravel(nu)))[:, None, :]
+    expected = np.sqrt(np.maximum(replicas - noise[..., None], 0.0)).mean(axis=-1)
+    unsubtracted = np.sqrt(replicas).mean(axis=-1)
+    corrected = 3.0 * left * _share(unsubtracted, expected * np.sqrt(variance))
+    return Assessed(
+        low,
+        high,
+        floor,
+        corrected,
+        np.sqrt(np.maximum(low * low - 9.0 * noise, 0.0)),
+        np.sqrt(np.maximum(high * high - 9.0 * noise, 0.0)),
+    )
+
+
+def still_lengths(covariances: Float[np.ndarray, "n 3 3"]) -> tuple[float, float]:
+    """Return E l̄ and √(E S_l²) of n ≥ 2 measurements of a motionless robot, mm, given each M_j (mm²).
+
+    Two lengths correlate as the square of their points' correlation, 1 / (n - 1)², to within a few percent of it:
+    hence the factor n (n - 2) / (n - 1)² on the variance within, which is exact at n = 2 (S_l = 0) and in the limit.
+    """
+    n = len(covariances)
+    deviations = (1.0 - 2.0 / n) * covariances + covariances.mean(axis=0) / n
+    length = float(mean_length(eigenvalues(deviations)).mean())
+    square = float(np.einsum("nii->", deviations)) / n
+    return length, (max(square - length * length, 0.0) * n * (n - 2.0)) ** 0.5 / (n - 1.0)
+
+
+def assess_radial(
+    reading: Float[np.ndarray, " k"],
+    covariance: Float[np.ndarray, "k 3 3"],
+    noise: Float[np.ndarray, "k 3 3"],
+    trace_excess: Float[np.ndarray, " k"],
+    still: Float[np.ndarray, "k 2"],
+    cycles: Float[np.ndarray, " k"],
+) -> Assessed:
+    """Return intervals, floors and corrected values of the readings RP_l, mm.
+
+    Parameters
+    ----------
+    covariance, noise
+        S of the n cycles and the mean of their measurements' covariances, mm².
+    trace_excess
+        Variance over the cycles of the measurements' tr M_j, mm⁴.
+    still
+        From `still_lengths`.
+    cycles
+        n ≥ 2 of each row.
+    """
+    # By LAPACK: the shape is a square root, which makes 1e-8 of a vanishing axis 1e-4.
+    spectrum = np.maximum(np.linalg.eigvalsh(covariance)[:, ::-1], 0.0)
+    size = long_run_reading(spectrum)
+    noise_trace = np.trace(noise, axis1=1, axis2=2)
+    floor = (
+        still[:, 0]
+        + 3.0
+        * still[:, 1]
+        * reading_law(eigenvalues(noise), _effective(cycles, noise_trace, trace_excess)).mean_scatter
+    )
+    effective = _effective(cycles, np.maximum(spectrum.sum(axis=1), noise_trace), trace_excess)
+    law = reading_law(spectrum, effective)
+    low, high = law.interval(reading)
+    # Two cycles are equally far from their mean, S_l = 0: the long-run figure lies above such a reading.
+    low = np.minimum(low, reading)
+    left = long_run_reading(np.linalg.eigvalsh(covariance - noise)[:, ::-1])
+    subtracted, plain = _replicated(covariance, noise, cycles)
+    corrected = reading * _share(left, size) * _share(left * plain.mean, size * subtracted.mean)
+    # The reading's own spread, with that of g(S) in it replaced by that of g(D).
+    spread = np.sqrt(
+        np.maximum(law.spread**2 + subtracted.log_variance - plain.log_variance, 0.04 * law.spread**2)
+    )
+    corrected_low, corrected_high = replace(law, spread=spread).interval(corrected)
+    return Assessed(low, high, floor, corrected, corrected_low, corrected_high)
+
+
+@dataclass(frozen=True, slots=True)
+class _Replicated:
+    """Mean of g over replicates, mm, and the variance of its logarithm were it lognormal."""
+
+    mean: Float[np.ndarray, " k"]
+    log_variance: Float[np.ndarray, " k"]
+
+
+def _replicated(
+    covariance: Float[np.ndarray, "k 3 3"], noise: Float[np.ndarray, "k 3 3"], cycles: Float[np.ndarray, " k"]
+) -> tuple[_Replicated, _Replicated]:
+    """Return what g(S* - M) and g(S*) do over Wishart replicates S* of S."""
+    values, vectors = np.linalg.eigh(covariance)
+    root = vectors * np.sqrt(np.maximum(values, 0.0))[:, None, :]
+    size = np.empty((2, len(root), _REPLICATES))
+    for n in np.unique(cycles):
+        rows = np.flatnonzero(cycles == n)
+        factors = _wishart_factors(int(n) - 1)
+        for chunk in np.array_split(rows, max(1, len(rows) // 64)):
+            replicas = root[chunk, None] @ factors
+            replicas = replicas @ replicas.transpose(0, 1, 3, 2)
+            size[0, chunk] = long_run_reading(eigenvalues(replicas - noise[chunk, None]))
+            size[1, chunk] = long_run_reading(eigenvalues(replicas))
+    mean = size.mean(axis=2)
+    log_variance = np.log1p(_share(size.var(axis=2), mean * mean))
+    return _Replicated(mean[0], log_variance[0]), _Replicated(mean[1], log_variance[1])
+
+
+@lru_cache(maxsize=256)
+def _wishart_factors(nu: int) -> Float[np.ndarray, "b 3 3"]:
+    """Return A with A Aᵀ distributed as a Wishart matrix of ν degrees of freedom over ν (Bartlett).
+
+    Each point of a Sobol net stands with every choice of signs of the axes, D A D: eigenvectors have no sign, and no
+    result may depend on which one they came with.
+    """
+    uniform = qmc.Sobol(6, scramble=False).random(_POINTS) + 0.5 / _POINTS
+    factors = np.zeros((_POINTS, 3, 3))
+    for i in range(min(nu, 3)):
+        factors[:, i, i] = np.sqrt(chdtri(nu - i, uniform[:, i]))
+    for column, (i, j) in enumerate(((1, 0), (2, 0), (2, 1))):
+        if j < nu:  # with fewer cycles than dimensions the matrix has no more columns than ν
+            factors[:, i, j] = ndtri(uniform[:, 3 + column])
+    flips = _SIGNS[:, :, None] * _SIGNS[:, None, :]
+    factors = (factors[:, None] * flips).reshape(-1, 3, 3) / np.sqrt(nu)
+    factors.flags.writeable = False
+    return factors
+
+
+@lru_cache(maxsize=64)
+def _chi_square_means(nus: tuple[float, ...]) -> Float[np.ndarray, "k g"]:
+    """Return midpoint quantiles of χ²_ν / ν, a row for each ν."""
+    tails = (np.arange(_CHI_GRID) + 0.5) / _CHI_GRID
+    nu = np.array(nus)
+    unique, inverse = np.unique(nu, return_inverse=True)
+    grid = chdtri(unique[:, None], tails) / unique[:, None]
+    return np.asarray(grid[inverse])
+
+
+def _effective(
+    cycles: Float[np.ndarray, " k"], variance: Float[np.ndarray, " k"], excess: Float[np.ndarray, " k"]
+) -> Float[np.ndarray, " k"]:
+    """Return how many equal cycles scatter as much as these, whose variances differ (Welch-Satterthwaite)."""
+    return 1.0 + (cycles - 1.0) * _share(variance * variance, variance * variance + excess)
+
+
+def _mean_root(nu: Float[np.ndarray, "*k"]) -> Float[np.ndarray, "*k"]:
+    """Return E √(χ²_ν / ν), the mean of S over σ (c₄ of quality control, n = ν + 1)."""
+    return np.asarray(np.sqrt(2.0 / nu) * np.exp(gammaln((nu + 1.0) / 2.0) - gammaln(nu / 2.0)))
+
+
+def _share(part: Float[np.ndarray, "*k"], whole: Float[np.ndarray, "*k"]) -> Float[np.ndarray, "*k"]:
+    """Return part / whole; 1 where there is nothing of either, 0 where there is no whole to a part."""
+    some = whole > 0.0
+    return np.asarray(np.where(some, part / np.where(some, whole, 1.0), np.where(part > 0.0, 0.0, 1.0)))
