@@ -16,11 +16,12 @@ from app.api.edge import Edge
 from app.api.metrics import Metrics
 from app.api.openapi import openapi_document
 from app.api.problems import install_problem_handlers
-from app.api.routes import keys, measurements, poses, robots, sessions, targets
+from app.api.routes import analyses, keys, measurements, poses, robots, sessions, targets
 from app.api.routes import service as service_routes
 from app.api.security import KeyCheck
 from app.jobs.overlay import OverlayPainter
 from app.records.lock import AlreadyLocked, FileLock
+from app.services.analyses.desk import AnalysisDesk
 from app.services.installation import Installation
 from app.settings import Settings, program_version
 
@@ -67,6 +68,7 @@ def create_app(settings: Settings) -> FastAPI:
         sessions.router,
         poses.router,
         measurements.router,
+        analyses.router,
         keys.router,
         service_routes.router,
         service_routes.documentation,
@@ -110,13 +112,15 @@ def _start(settings: Settings, metrics: Metrics) -> Service:
             ) from error
     metrics.watch(installation, runner)
     painter = OverlayPainter(settings.max_image_pixels)
-    return Service(installation, runner, painter, metrics, head_lock)
+    analyses = AnalysisDesk(settings.max_image_pixels)
+    return Service(installation, runner, painter, analyses, metrics, head_lock)
 
 
 def _stop(service: Service) -> None:
     if service.runner is not None:
         service.runner.stop()
     service.painter.close()
+    service.analyses.close()
     service.installation.close()
     service.head_lock.release()
 

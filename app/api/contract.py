@@ -21,6 +21,7 @@ from app.jobs.embedded import EmbeddedRunner
 from app.jobs.overlay import OverlayPainter
 from app.records.lock import FileLock
 from app.records.tables import Measurement, Robot, Session, Table, Target
+from app.services.analyses.desk import AnalysisDesk
 from app.services.installation import Installation
 from app.services.lookup import NOUNS, exists
 
@@ -55,6 +56,7 @@ class Service:
     installation: Installation
     runner: EmbeddedRunner | None
     painter: OverlayPainter
+    analyses: AnalysisDesk
     metrics: Metrics
     head_lock: FileLock
     stopping: bool = field(default=False)
@@ -62,6 +64,7 @@ class Service:
     def begin_shutdown(self) -> None:
         """Note that the process is told to end: streams end, no job is taken, lost workers count no attempt."""
         self.stopping = True
+        self.analyses.begin_shutdown()
         if self.runner is not None:
             self.runner.begin_stop()
 

@@ -24,7 +24,7 @@ from app.jobs.lane import Compute, Lane
 from app.jobs.process_image import process_image
 from app.jobs.queue import Finished, Job, Queue
 from app.jobs.runner_lock import RunnerLock
-from app.jobs.worker_process import prepare_environment
+from app.jobs.worker_process import keep_compiled_code, prepare_environment
 from app.records.codec import Failure, Outcome
 from app.records.database import Database
 from app.settings import Settings
@@ -88,6 +88,7 @@ class EmbeddedRunner:
         cls, settings: Settings, database: Database, queue: Queue, blobs: LocalBlobs
     ) -> EmbeddedRunner:
         """Return the runner that `settings` describe; at least one worker."""
+        keep_compiled_code(settings.data_dir)
         return cls(
             queue,
             blobs,

@@ -2,51 +2,43 @@
 
 from __future__ import annotations
 
-import multiprocessing
-import threading
-from concurrent.futures import TimeoutError as FutureTimeout
-from concurrent.futures.process import BrokenProcessPool
 from pathlib import Path
 from typing import Any
 
-from pebble import ProcessExpired, ProcessPool
-
 from app.errors import Conflict, Unavailable
-from app.jobs.worker_process import prepare_environment, start_worker
+from app.jobs.side_process import Crowded, Lost, SideProcess, TimedOut
 
 TIMEOUT_S = 30.0
 WAITING_AT_MOST = 8
 RESIDUAL_SCALE = 100.0
 """Residuals are drawn a hundred times as long as they are; a hundredth of a pixel would not be seen."""
 _LONGEST_SIDE_PX = 2400
-_BUSY = "Too many overlays are being drawn."
 
 
 class OverlayPainter:
-    """Draws overlays in one process of its own, started at the first request and replaced when it dies."""
+    """Draws overlays in a process of its own."""
 
     def __init__(self, max_pixels: int) -> None:
         self._max_pixels = max_pixels
-        self._pool: ProcessPool | None = None
-        self._opening = threading.Lock()
-        self._places = threading.BoundedSemaphore(WAITING_AT_MOST)
+        self._process = SideProcess(max_pixels, timeout_s=TIMEOUT_S, waiting_at_most=WAITING_AT_MOST)
 
     def draw(self, path: Path, points: list[dict[str, Any]]) -> bytes:
         """Return a PNG of the image at `path` with `points` (as the API lists them) drawn into it."""
-        if not self._places.acquire(blocking=False):
-            raise Unavailable(_BUSY, "Ask again shortly.", code="busy")
         try:
-            future = self._running_pool().schedule(
-                draw_overlay, args=(str(path), points, self._max_pixels), timeout=TIMEOUT_S
-            )
-            drawn: bytes | None = future.result()
-        except (FutureTimeout, ProcessExpired, BrokenProcessPool, RuntimeError) as error:
-            self._abandon()
+            drawn = self._process.call(draw_overlay, str(path), points, self._max_pixels)
+        except Crowded:
             raise Unavailable(
-                "The overlay could not be drawn in time.", "Ask again; the server may be short of memory."
+                "Too many overlays are being drawn.", "Ask again shortly.", code="busy"
+            ) from None
+        except TimedOut as error:
+            raise Unavailable(
+                "The overlay could not be drawn in time.", "Ask again when the server is less busy."
             ) from error
-        finally:
-            self._places.release()
+        except Lost as error:
+            raise Unavailable(
+                "The process that drew the overlay ended unexpectedly.",
+                "Ask again; if it happens again, the server may be short of memory.",
+            ) from error
         if drawn is None:
             raise Conflict(
                 "The stored image cannot be decoded, so there is nothing to draw on.",
@@ -57,28 +49,7 @@ class OverlayPainter:
 
     def close(self) -> None:
         """End the process."""
-        self._abandon()
-
-    def _running_pool(self) -> ProcessPool:
-        with self._opening:
-            if self._pool is None:
-                prepare_environment(self._max_pixels)
-                # Not tied to this thread, which serves one request and may end long before the pool.
-                self._pool = ProcessPool(
-                    max_workers=1,
-                    max_tasks=200,
-                    initializer=start_worker,
-                    initargs=(self._max_pixels, False),
-                    context=multiprocessing.get_context("spawn"),
-                )
-            return self._pool
-
-    def _abandon(self) -> None:
-        with self._opening:
-            pool, self._pool = self._pool, None
-        if pool is not None:
-            pool.stop()  # type: ignore[no-untyped-call]
-            pool.join()
+        self._process.close()
 
 
 def draw_overlay(path: str, points: list[dict[str, Any]], max_pixels: int) -> bytes | None:

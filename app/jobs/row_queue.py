@@ -13,7 +13,7 @@ from app.jobs.queue import Finished, Job
 from app.records.codec import Failure
 from app.records.database import Database
 from app.records.ids import new_id
-from app.records.tables import Measurement, Result, Session, Target
+from app.records.tables import Measurement, Result, Session, Target, target_fields
 
 MAX_ATTEMPTS = 3
 
@@ -21,16 +21,6 @@ WORKER_CRASHED = Failure(
     "worker_crashed",
     f"The process computing this image died {MAX_ATTEMPTS} times.",
     "Check the server's memory and log; the image may be larger than the server can hold. Then retry.",
-)
-_TARGET_FIELDS = (
-    "kind",
-    "columns",
-    "rows",
-    "pitch_mm",
-    "marker_mm",
-    "dictionary",
-    "legacy_layout",
-    "pitch_standard_uncertainty_mm",
 )
 
 
@@ -97,7 +87,7 @@ class RowQueue:
                 measurement_id=measurement_id,
                 claim=claim,
                 sha256=sha256,
-                target={name: getattr(target, name) for name in _TARGET_FIELDS},
+                target=target_fields(target),
                 lens=lens,
                 intrinsics=intrinsics,
             )

@@ -11,6 +11,7 @@ import os
 import signal
 import sys
 import threading
+from pathlib import Path
 
 THREAD_VARIABLES = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "VECLIB_MAXIMUM_THREADS")
 _PR_SET_PDEATHSIG = 1
@@ -21,6 +22,15 @@ def prepare_environment(max_image_pixels: int) -> None:
     for variable in THREAD_VARIABLES:
         os.environ.setdefault(variable, "1")
     os.environ["OPENCV_IO_MAX_IMAGE_PIXELS"] = str(max_image_pixels)
+
+
+def keep_compiled_code(data_dir: Path) -> None:
+    """Let children keep compiled kernels in the data folder where the program's own may not be written.
+
+    In a container or a system folder they would be compiled again by every worker that starts, many seconds each.
+    """
+    if not os.access(Path(__file__).parents[2] / "core", os.W_OK):
+        os.environ.setdefault("NUMBA_CACHE_DIR", str(data_dir / "compiled"))
 
 
 def start_worker(max_image_pixels: int, tied_to_thread: bool) -> None:
@@ -35,8 +45,10 @@ def start_worker(max_image_pixels: int, tied_to_thread: bool) -> None:
     import cv2
 
     import app.jobs.process_image  # noqa: F401 - loaded here so that the first job need not
+    from app.jobs.warm_up import warm_up
 
     cv2.setNumThreads(1)
+    warm_up()
 
 
 def _end_with_parent(*, use_death_signal: bool) -> None:

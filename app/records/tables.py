@@ -87,6 +87,23 @@ class Target(Table):
     created_at: Mapped[datetime]
 
 
+def target_fields(target: Target) -> JsonObject:
+    """Return what the numerics take of a target: the fields of `core.TargetSpec`."""
+    return {
+        name: getattr(target, name)
+        for name in (
+            "kind",
+            "columns",
+            "rows",
+            "pitch_mm",
+            "marker_mm",
+            "dictionary",
+            "legacy_layout",
+            "pitch_standard_uncertainty_mm",
+        )
+    }
+
+
 class Robot(Table):
     __tablename__ = "robots"
 

@@ -1,0 +1,81 @@
+"""/v1/sessions/{session_id}: what the stored measurements amount to"""
+
+from __future__ import annotations
+
+from typing import Annotated, Any
+
+from fastapi import Header, Query, Response
+
+from app.api.contract import Service, ServiceDep, contract_router, problems
+from app.api.schemas.analyses import Estimator, IntrinsicsAnalysis, RepeatabilityAnalysis, Source
+
+CONFIDENCE_LEVEL = "0.95"
+
+router = contract_router(prefix="/v1/sessions/{session_id}", tags=["analyses"])
+
+_ETAG = {
+    "ETag": {"description": "Changes with what the answer is computed from.", "schema": {"type": "string"}}
+}
+_RESPONSES: dict[int | str, dict[str, Any]] = {
+    200: {"headers": _ETAG},
+    304: {"description": "The client has this answer already.", "headers": _ETAG},
+    **problems(404, 409, 422, 503),
+}
+EstimatorQuery = Annotated[
+    Estimator,
+    Query(
+        description="`pooled`: one camera for all images of a focus group. `pooled_free_focal`: the same with a focal "
+        "length for each image. `per_image`: every image by itself. `per_image_fixed_pp`: the same with the principal "
+        "point held. `given`: the session's intrinsics."
+    ),
+]
+SourceQuery = Annotated[
+    Source,
+    Query(
+        description="`images`: poses estimated from images. `measured_poses`: those another instrument measured."
+    ),
+]
+KnownTags = Annotated[
+    str | None,
+    Header(alias="If-None-Match", max_length=4096, description="Entity tags of answers the client has."),
+]
+
+
+@router.get("/intrinsics", response_model=IntrinsicsAnalysis, responses=_RESPONSES)
+def get_intrinsics(
+    session_id: str, service: ServiceDep, estimator: EstimatorQuery = "pooled", known: KnownTags = None
+) -> Response:
+    """Calibrate the session's camera from all its images, repeated poses or not."""
+    return _answer(service, "intrinsics", session_id, {"estimator": estimator}, known)
+
+
+@router.get("/repeatability", response_model=RepeatabilityAnalysis, responses=_RESPONSES)
+def get_repeatability(
+    session_id: str,
+    service: ServiceDep,
+    estimator: EstimatorQuery = "pooled",
+    source: SourceQuery = "images",
+    known: KnownTags = None,
+) -> Response:
+    """Give every pose's repeatability by ISO 9283, with intervals, noise floor, verdict and accuracy."""
+    settings = {"estimator": estimator, "source": source, "confidence_level": CONFIDENCE_LEVEL}
+    return _answer(service, "repeatability", session_id, settings, known)
+
+
+def _answer(
+    service: Service, analysis: str, session_id: str, settings: dict[str, str], known: str | None
+) -> Response:
+    answer = service.analyses.answer(
+        service.installation, analysis, session_id, settings, _entity_tags(known)
+    )
+    headers = {"ETag": answer.etag, "Cache-Control": "private, no-cache"}
+    if answer.body is None:
+        return Response(status_code=304, headers=headers)
+    return Response(answer.body, media_type="application/json", headers=headers)
+
+
+def _entity_tags(known: str | None) -> frozenset[str]:
+    """Return the tags of an If-None-Match header; weak ones compare as strong ones do (RFC 9110, 13.1.2)."""
+    if known is None:
+        return frozenset()
+    return frozenset(tag.strip().removeprefix("W/") for tag in known.split(","))

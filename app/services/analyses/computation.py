@@ -1,0 +1,53 @@
+"""One analysis in the process beside the head: it reads the session itself and returns bytes, so that neither grid
+points nor estimates pass through the process that takes uploads.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from functools import cache
+from typing import Any
+
+from app.records.database import Database
+from app.services.analyses.documents import encode
+from app.services.analyses.intrinsics import intrinsics_document
+from app.services.analyses.outcome import Analysed, CannotAnalyse, Refused
+from app.services.analyses.repeatability import repeatability_document
+from app.services.analyses.snapshot import Snapshot, read_points, read_snapshot
+from app.settings import program_version
+from core import GridposeError
+
+Document = Callable[[Snapshot, Mapping[str, bytes], Mapping[str, str]], dict[str, Any]]
+ANALYSES: dict[str, Document] = {
+    "intrinsics": intrinsics_document,
+    "repeatability": repeatability_document,
+}
+
+
+def analyse(
+    database: Database, analysis: str, session_id: str, settings: Mapping[str, str]
+) -> Analysed | Refused:
+    """Compute one document from what the session holds now."""
+    with database.read() as records:
+        snapshot = read_snapshot(records, session_id)
+        points = read_points(records, session_id)
+    inputs_sha256 = snapshot.inputs_sha256(analysis, settings)
+    try:
+        document = ANALYSES[analysis](snapshot, points, settings)
+    except CannotAnalyse as reason:
+        return reason.refused
+    except GridposeError as error:
+        return Refused(error.code, error.detail, error.advice)
+    head = {
+        "session_id": session_id,
+        "inputs_sha256": inputs_sha256,
+        "core_version": program_version(),
+        "pending": snapshot.pending,
+    }
+    return Analysed(inputs_sha256, snapshot.pending, encode({**head, **document}))
+
+
+@cache
+def open_database(url: str) -> Database:
+    """Return this process's own connections; they are kept from one call to the next."""
+    return Database(url)

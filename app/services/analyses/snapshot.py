@@ -1,0 +1,197 @@
+"""What an analysis is computed from: one session's finished measurements in a fixed order, and their hash.
+
+The hash tells two sets of inputs apart and nothing else: it holds neither ids nor times, and no order in which things
+arrived, so that the same images, tags and settings have the same hash in any session of any installation.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import re
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import sqlalchemy as sa
+from sqlalchemy import orm
+
+from app.records.tables import Measurement, Pose, Result, Session, Target, target_fields
+from app.services.lookup import find
+from app.settings import program_version
+
+_NUMBER = re.compile(r"(\d+)", re.ASCII)
+
+
+@dataclass(frozen=True, slots=True)
+class Image:
+    """A finished measurement; `target` is its target's place in the session's list.
+
+    `point_bytes` is the size of its stored grid points, None where none were found.
+    """
+
+    measurement_id: str
+    pose_id: str
+    cycle: int | None
+    sha256: str
+    target: int
+    focus_group: str
+    joint_angles_deg: list[float] | None
+    width_px: int
+    height_px: int
+    failure_code: str | None
+    failure_detail: str | None
+    point_bytes: int | None
+    computed_by: str | None
+
+
+@dataclass(frozen=True, slots=True)
+class Commanded:
+    """What the robot was told at a pose; everything may be unknown."""
+
+    position_mm: list[float] | None
+    roll_deg: float | None
+    pitch_deg: float | None
+    yaw_deg: float | None
+    joint_angles_deg: list[float] | None
+    approach: str | None
+
+
+@dataclass(frozen=True, slots=True)
+class Snapshot:
+    """One session at one moment. `images` are in the order of pose (natural), cycle, hash and target; those without a
+    cycle follow those with one. `pending` measurements are not finished, and not among them.
+    """
+
+    session_id: str
+    target_ids: tuple[str, ...]
+    targets: tuple[dict[str, Any], ...]
+    lens: dict[str, float] | None
+    intrinsics: dict[str, float] | None
+    commanded: Mapping[str, Commanded]
+    images: tuple[Image, ...]
+    pending: int
+
+    def inputs_sha256(self, analysis: str, settings: Mapping[str, Any]) -> str:
+        """Return the hash of everything that `analysis` with `settings` is computed from, this program included."""
+        inputs = {
+            "analysis": analysis,
+            "settings": dict(settings),
+            "core_version": program_version(),
+            "lens": self.lens,
+            "intrinsics": self.intrinsics,
+            "targets": self.targets,
+            "poses": [
+                [pose_id, asdict(self.commanded[pose_id])] for pose_id in sorted(self.commanded, key=natural)
+            ],
+            "images": [
+                [
+                    image.pose_id,
+                    image.cycle,
+                    image.sha256,
+                    image.target,
+                    image.focus_group,
+                    image.joint_angles_deg,
+                    image.failure_code,
+                    image.point_bytes,
+                    image.computed_by,
+                ]
+                for image in self.images
+            ],
+        }
+        text = json.dumps(inputs, sort_keys=True, separators=(",", ":"), allow_nan=False)
+        return hashlib.sha256(text.encode()).hexdigest()
+
+
+def natural(text: str) -> tuple[tuple[tuple[int, int, str], ...], str]:
+    """Return a key that sorts P2 before P10; texts that differ have keys that differ."""
+    parts = tuple(
+        (0, int(part), "") if part.isdecimal() else (1, 0, part) for part in _NUMBER.split(text) if part
+    )
+    return parts, text
+
+
+def read_snapshot(records: orm.Session, session_id: str) -> Snapshot:
+    """Read a session without its arrays."""
+    session = find(records, Session, session_id)
+    target_ids = tuple(target.target_id for target in session.targets)
+    rows = {row.id: row for row in records.scalars(sa.select(Target).where(Target.id.in_(target_ids)))}
+    images = _read_images(
+        records, session_id, {target_id: place for place, target_id in enumerate(target_ids)}
+    )
+    named = {image.pose_id for image in images}
+    return Snapshot(
+        session_id=session_id,
+        target_ids=target_ids,
+        targets=tuple(target_fields(rows[i]) for i in target_ids),
+        lens=session.lens,
+        intrinsics=session.intrinsics,
+        commanded={
+            pose_id: commanded for pose_id, commanded in _read_poses(records, session_id) if pose_id in named
+        },
+        images=images,
+        pending=records.scalar(
+            sa.select(sa.func.count()).where(
+                Measurement.session_id == session_id, Measurement.status.in_(("queued", "running"))
+            )
+        )
+        or 0,
+    )
+
+
+def read_points(records: orm.Session, session_id: str) -> dict[str, bytes]:
+    """Return the stored grid points of every finished measurement that has any, by its id."""
+    rows = records.execute(
+        sa.select(Result.measurement_id, Result.points)
+        .join(Measurement, Measurement.id == Result.measurement_id)
+        .where(Measurement.session_id == session_id, Result.points.is_not(None))
+    )
+    return {measurement_id: points for measurement_id, points in rows if points is not None}
+
+
+def _read_images(records: orm.Session, session_id: str, places: Mapping[str, int]) -> tuple[Image, ...]:
+    rows = records.execute(
+        sa.select(
+            Measurement.id.label("measurement_id"),
+            Measurement.pose_id,
+            Measurement.cycle,
+            Measurement.sha256,
+            Measurement.target_id,
+            Measurement.focus_group,
+            Measurement.joint_angles_deg,
+            Measurement.image_width_px.label("width_px"),
+            Measurement.image_height_px.label("height_px"),
+            Measurement.failure_code,
+            Measurement.failure_detail,
+            sa.func.length(Result.points).label("point_bytes"),
+            Result.core_version.label("computed_by"),
+        )
+        .outerjoin(Result, Result.measurement_id == Measurement.id)
+        .where(Measurement.session_id == session_id, Measurement.status.in_(("succeeded", "failed")))
+    ).all()
+    images = []
+    for row in rows:
+        fields = dict(row._mapping)
+        images.append(Image(target=places[fields.pop("target_id")], **fields))
+    keys = {pose_id: natural(pose_id) for pose_id in {image.pose_id for image in images}}
+    return tuple(
+        sorted(
+            images,
+            key=lambda i: (keys[i.pose_id], i.cycle is None, i.cycle or 0, i.sha256, i.target),
+        )
+    )
+
+
+def _read_poses(records: orm.Session, session_id: str) -> list[tuple[str, Commanded]]:
+    rows = records.execute(
+        sa.select(
+            Pose.pose_id,
+            Pose.position_mm,
+            Pose.roll_deg,
+            Pose.pitch_deg,
+            Pose.yaw_deg,
+            Pose.joint_angles_deg,
+            Pose.approach,
+        ).where(Pose.session_id == session_id)
+    ).all()
+    return [(row[0], Commanded(*row[1:])) for row in rows]

@@ -1,0 +1,301 @@
+"""The camera of a session over HTTP: the truth within what is stated, and every refusal in words."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+import random
+from typing import Any
+
+import numpy as np
+import pytest
+
+from app.api.schemas.analyses import IntrinsicsAnalysis
+from app.services.analyses.desk import entity_tag
+from app.services.analyses.snapshot import read_snapshot
+from core.camera import CAMERA_PARAMETERS
+from core.simulation.views import draw_pose
+from core.targets.specification import TargetSpec
+from core.transforms import compose, invert, so3_exp, so3_log, transform
+from tests.app.analyses.conftest import (
+    BOARD,
+    CAMERA,
+    HEIGHT,
+    WIDTH,
+    Shot,
+    Store,
+    body,
+    look,
+    new_session,
+    problem,
+    same_but_for_ids,
+    shoot,
+    with_fields,
+)
+
+
+def get(api: Any, session: str, **query: Any) -> Any:
+    return api.client.get(f"/v1/sessions/{session}/intrinsics", params=query)
+
+
+@pytest.mark.parametrize("estimator", ["pooled", "pooled_free_focal"])
+def test_the_camera_is_found_within_its_stated_uncertainty(api: Any, store: Store, estimator: str) -> None:
+    session = new_session(api)
+    ids = store(api, session, shoot(cycles=6))
+    document = body(get(api, session, estimator=estimator))
+    IntrinsicsAnalysis.model_validate(document, extra="forbid")
+    (group,) = document["groups"]
+    assert (group["focus_group"], group["images"], document["pending"]) == ("default", 30, 0)
+    found = {**group["intrinsics"], **group["distortion"]}
+    for name in CAMERA_PARAMETERS[:8]:
+        u = group["standard_uncertainty"][name]
+        assert u > 0
+        assert abs(found[name] - getattr(CAMERA, name)) < 4.0 * u, name
+    assert found["k3"] == group["standard_uncertainty"]["k3"] == 0.0
+    covariance = np.array(group["covariance"])
+    assert covariance.shape == (9, 9)
+    assert np.sqrt(np.diag(covariance)) == pytest.approx(list(group["standard_uncertainty"].values()))
+    # χ² of 30 images of 54 points: a standard deviation of .026.
+    assert group["reduced_chi2"] == pytest.approx(1.0, abs=0.1)
+    assert len(group["worst"]) == 5
+    assert {worst["measurement_id"] for worst in group["worst"]} <= set(ids)
+    assert document["warnings"] == document["target_transforms"] == []
+
+
+def test_estimators_that_share_nothing_report_the_mean_camera(api: Any, store: Store) -> None:
+    session = new_session(api)
+    store(api, session, shoot(cycles=3))
+    (group,) = body(get(api, session, estimator="per_image"))["groups"]
+    assert group["intrinsics"]["fx_px"] == pytest.approx(
+        CAMERA.fx_px, abs=4 * group["standard_uncertainty"]["fx_px"]
+    )
+    (group,) = body(get(api, session, estimator="per_image_fixed_pp"))["groups"]
+    assert group["intrinsics"]["cx_px"] == 0.5 * (WIDTH - 1)
+    assert group["intrinsics"]["fx_px"] == group["intrinsics"]["fy_px"] != 0
+    assert group["standard_uncertainty"]["cx_px"] == group["distortion"]["p1"] == 0
+
+
+def test_given_intrinsics_are_reported_as_given(api: Any, store: Store) -> None:
+    intrinsics = dataclasses.asdict(CAMERA)
+    session = new_session(api, intrinsics=intrinsics)
+    store(api, session, shoot(cycles=2))
+    document = body(get(api, session, estimator="given"))
+    (group,) = document["groups"]
+    assert {**group["intrinsics"], **group["distortion"]} == intrinsics
+    assert set(group["standard_uncertainty"].values()) == {0.0}
+    assert document["warnings"] == []
+    # Given ones that are wrong are called so.
+    wrong = {**intrinsics, "fx_px": 1.02 * intrinsics["fx_px"], "fy_px": 1.02 * intrinsics["fy_px"]}
+    assert api.client.patch(f"/v1/sessions/{session}", json={"intrinsics": wrong}).status_code == 200
+    (warning,) = body(get(api, session, estimator="given"))["warnings"]
+    assert warning["code"] == "intrinsics_not_common"
+
+
+def test_the_order_of_uploads_never_matters(api: Any, store: Store) -> None:
+    shots = [*shoot(cycles=3), *with_fields(shoot(seed=7, cycles=1), focus_group="other")]
+    for i in (1, 5):
+        shots[i] = dataclasses.replace(shots[i], cycle=None)
+    shuffled = list(enumerate(shots))
+    random.Random(3).shuffle(shuffled)
+    session, other = new_session(api), new_session(api)
+    ids = store(api, session, shots)
+    others = store(api, other, [shot for _, shot in shuffled])
+    matched = [others[[place for place, _ in shuffled].index(i)] for i in range(len(shots))]
+    first, second = get(api, session), get(api, other)
+    assert body(first)["inputs_sha256"] == body(second)["inputs_sha256"]
+    assert first.headers["ETag"] == second.headers["ETag"]
+    assert same_but_for_ids(first.text, [session, *ids], second.text, [other, *matched])
+
+
+def test_an_answer_the_client_has_is_not_sent_again(api: Any, store: Store) -> None:
+    session = new_session(api)
+    shots = shoot(cycles=2)
+    store(api, session, shots[:-2])
+    url = f"/v1/sessions/{session}/intrinsics"
+    first = api.client.get(url)
+    tag = first.headers["ETag"]
+    assert api.client.get(url).content == first.content
+    for known in (tag, f'"x", {tag}', f"W/{tag}", "*"):
+        again = api.client.get(url, headers={"If-None-Match": known})
+        assert (again.status_code, again.content, again.headers["ETag"]) == (304, b"", tag)
+    assert api.client.get(url, headers={"If-None-Match": '"x"'}).content == first.content
+    assert get(api, session, estimator="per_image").headers["ETag"] != tag
+    # An image that waits changes what is said of it, though not what is computed; one more that is measured does both.
+    store(api, session, with_fields(shots[-2:-1], status="queued"))
+    waiting = api.client.get(url, headers={"If-None-Match": tag})
+    assert body(waiting) == {**body(first), "pending": 1}
+    store(api, session, shots[-1:])
+    more = body(api.client.get(url, headers={"If-None-Match": waiting.headers["ETag"]}))
+    assert more["inputs_sha256"] != body(first)["inputs_sha256"]
+    assert more["groups"][0]["images"] == 9
+
+
+def test_the_inputs_are_told_apart_by_all_that_enters(
+    api: Any, store: Store, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    shots = shoot(cycles=1)
+    variants = {
+        "as it is": (shots, {}),
+        "another cycle": ([dataclasses.replace(shots[0], cycle=2), *shots[1:]], {}),
+        "another focus group": ([*with_fields(shots[:1], focus_group="x"), *shots[1:]], {}),
+        "joint angles": ([*with_fields(shots[:1], joint_angles_deg=[1.0]), *shots[1:]], {}),
+        "a lens": (shots, {"lens": {"focal_length_mm": 8.0, "pixel_pitch_um": 6.9}}),
+    }
+    hashes = {}
+    for name, (stored, fields) in variants.items():
+        session = new_session(api, **fields)
+        store(api, session, stored)
+        hashes[name] = body(get(api, session))["inputs_sha256"]
+    session = new_session(api, dataclasses.replace(BOARD, pitch_mm=12.5))
+    store(api, session, shots)
+    hashes["another pitch"] = body(get(api, session))["inputs_sha256"]
+    assert len(set(hashes.values())) == len(hashes)
+    session = new_session(api)
+    store(api, session, with_fields(shots, captured_at=None, filename="a.png"))
+    assert body(get(api, session))["inputs_sha256"] == hashes["as it is"]
+    tag = get(api, session).headers["ETag"]
+    monkeypatch.setattr("app.services.analyses.snapshot.program_version", lambda: "9.9.9")
+    with api.installation.database.read() as records:
+        snapshot = read_snapshot(records, session)
+    newer = snapshot.inputs_sha256("intrinsics", {"estimator": "pooled"})
+    assert entity_tag(newer, 0) != tag
+
+
+def test_views_that_one_image_is_refused_for_count_in_the_pool(api: Any, store: Store) -> None:
+    rng = np.random.default_rng(5)
+    flat = []
+    for i in range(6):
+        T = draw_pose(rng, BOARD, CAMERA, WIDTH, math.radians(1.0))
+        flat.append(Shot(f"F{i}", 1, look(rng, T), invert(T)))
+    session = new_session(api)
+    store(api, session, [*shoot(cycles=1), *flat])
+    refused = api.client.get(f"/v1/sessions/{session}/measurements", params={"status": "failed"}).json()[
+        "items"
+    ]
+    assert {m["failure"]["code"] for m in refused} == {"focal_not_observable"}
+    assert body(get(api, session))["groups"][0]["images"] == 5 + len(flat)
+    document = body(get(api, session, estimator="per_image"))
+    assert document["groups"][0]["images"] == 5 + len(flat) - len(refused)
+    (warning,) = document["warnings"]
+    assert warning["code"] == "images_excluded"
+    assert all(m["id"] in warning["detail"] for m in refused[:5])
+
+
+def test_a_focus_that_changed_is_told_and_named(api: Any, store: Store) -> None:
+    shots = shoot(poses=8, cycles=4)
+    zoomed = dataclasses.replace(CAMERA, fx_px=1.004 * CAMERA.fx_px, fy_px=1.004 * CAMERA.fy_px)
+    rng = np.random.default_rng(2)
+    changed = [
+        dataclasses.replace(shot, points=look(rng, invert(shot.T_target_camera), camera=zoomed))
+        if shot.pose_id == "P3"
+        else shot
+        for shot in shots
+    ]
+    session = new_session(api)
+    ids = store(api, session, changed)
+    document = body(get(api, session))
+    (warning,) = document["warnings"]
+    assert warning["code"] == "intrinsics_not_common"
+    assert document["groups"][0]["reduced_chi2"] > 1.3
+    of_pose = {one for one, shot in zip(ids, changed, strict=True) if shot.pose_id == "P3"}
+    assert {worst["measurement_id"] for worst in document["groups"][0]["worst"][:4]} == of_pose
+    # In focus groups of their own each camera is sound.
+    session = new_session(api)
+    store(
+        api,
+        session,
+        [
+            dataclasses.replace(s, fields={"focus_group": s.pose_id[:1] + str(s.pose_id == "P3")})
+            for s in changed
+        ],
+    )
+    document = body(get(api, session))
+    assert [(g["focus_group"], g["images"]) for g in document["groups"]] == [("PFalse", 28), ("PTrue", 4)]
+    assert document["warnings"] == []
+    assert document["groups"][0]["intrinsics"]["fx_px"] == pytest.approx(CAMERA.fx_px, rel=5e-4)
+
+
+def test_an_image_of_another_camera_is_left_out_and_named(api: Any, store: Store) -> None:
+    rng = np.random.default_rng(2)
+    other = dataclasses.replace(CAMERA, fx_px=1.2 * CAMERA.fx_px, fy_px=1.2 * CAMERA.fy_px)
+    T = draw_pose(rng, BOARD, other, WIDTH, math.radians(40.0))
+    session = new_session(api)
+    ids = store(api, session, [*shoot(cycles=4), Shot("P9", 1, look(rng, T, camera=other), invert(T))])
+    document = body(get(api, session))
+    assert document["groups"][0]["images"] == 20
+    (warning,) = document["warnings"]
+    assert warning["code"] == "images_excluded"
+    assert ids[-1] in warning["detail"]
+    assert document["groups"][0]["intrinsics"]["fx_px"] == pytest.approx(CAMERA.fx_px, rel=5e-4)
+
+
+def test_two_targets_in_one_picture_are_tied(api: Any, store: Store) -> None:
+    second = TargetSpec("chessboard", 8, 5, 10.0)
+    T_first_second = transform(so3_exp(np.array([0.1, -0.3, 0.2])), np.array([30.0, 10.0, 4.0]))
+    session = new_session(api, BOARD, second)
+    first_id, second_id = api.client.get(f"/v1/sessions/{session}").json()["target_ids"]
+    shots = shoot(cycles=2)
+    rng = np.random.default_rng(11)
+    store(api, session, shots, first_id)
+    both = [
+        dataclasses.replace(
+            shot,
+            points=look(rng, compose(invert(shot.T_target_camera), T_first_second), board=second),
+            fields={"sha256": shot.sha256},
+        )
+        for shot in shots[:5]
+    ]
+    store(api, session, both, second_id)
+    document = body(get(api, session))
+    (tie,) = document["target_transforms"]
+    assert (tie["from_target_id"], tie["to_target_id"], tie["images"]) == (first_id, second_id, 5)
+    found, u = np.array(tie["T_from_to"]), np.sqrt(np.diag(tie["covariance"]))
+    assert np.all(np.abs(found[:3, 3] - T_first_second[:3, 3]) < 4.0 * u[:3])
+    assert np.all(np.abs(so3_log(found[:3, :3] @ T_first_second[:3, :3].T)) < 4.0 * u[3:])
+    assert np.all(u[:3] < 0.1)
+
+
+def test_bad_input_is_refused_with_advice(api: Any, store: Store) -> None:
+    session = new_session(api)
+    assert "no images" in problem(get(api, session), 409, "too_few_measurements")["detail"]
+    store(api, session, with_fields(shoot(cycles=1), status="queued"))
+    waiting = problem(get(api, session), 409, "too_few_measurements")
+    assert "5 are waiting" in waiting["detail"]
+    assert waiting["advice"]
+    session = new_session(api)
+    store(api, session, [dataclasses.replace(shot, points=None) for shot in shoot(cycles=1)])
+    nothing = problem(get(api, session), 409, "nothing_usable")
+    assert "target_not_found (5)" in nothing["detail"]
+    problem(get(api, session, estimator="given"), 409, "intrinsics_missing")
+    problem(get(api, session, estimator="best"), 422, "invalid_request")
+    problem(get(api, "ses_" + "0" * 26), 404, "session_not_found")
+    problem(api.client.post(f"/v1/sessions/{session}/intrinsics"), 405, "method_not_allowed")
+    headers = {"Authorization": "Bearer gp_x_y"}
+    problem(api.client.get(f"/v1/sessions/{session}/intrinsics", headers=headers), 401, "not_authenticated")
+
+
+def test_flat_views_alone_do_not_make_a_focal_length(api: Any, store: Store) -> None:
+    session = new_session(api)
+    store(api, session, shoot(cycles=2, tilt_deg=0.2, sigma_px=0.1))
+    refused = problem(get(api, session), 409, "focal_not_observable")
+    assert "tilt" in refused["advice"]
+
+
+def test_sizes_of_images_do_not_mix(api: Any, store: Store) -> None:
+    shots = shoot(cycles=2)
+    small = [
+        dataclasses.replace(
+            s, points=dataclasses.replace(s.points, image_width_px=1300, image_height_px=HEIGHT)
+        )
+        for s in shots
+        if s.points is not None
+    ]
+    session = new_session(api)
+    ids = store(api, session, [*small[:2], *shots[2:]])
+    document = body(get(api, session))
+    assert document["groups"][0]["images"] == 8
+    assert [w["code"] for w in document["warnings"]] == ["image_size_differs", "images_excluded"]
+    assert all(one in document["warnings"][1]["detail"] for one in ids[:2])
+    session = new_session(api)
+    store(api, session, [*small[:5], *shots[5:]])
+    assert "1300 x 1024 (5)" in problem(get(api, session), 409, "mixed_image_sizes")["detail"]
