@@ -5,7 +5,7 @@ BIN    := $(VENV)/bin
 export OMP_NUM_THREADS ?= 1
 export OPENBLAS_NUM_THREADS ?= 1
 
-.PHONY: help setup setup-dev demo serve test check bench soak lock openapi clean
+.PHONY: help setup setup-dev demo serve test check bench soak pictures lock openapi clean
 
 help:  ## list the targets
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 12
@@ -14,6 +14,7 @@ $(BIN)/.setup: requirements.txt pyproject.toml
 	$(PYTHON) -m venv $(VENV)
 	$(BIN)/python -m pip install --quiet --require-hashes -r requirements.txt
 	$(BIN)/python -m pip install --quiet --no-deps --no-build-isolation -e .
+	$(BIN)/python -m app.jobs.warm_up  # compiles the kernels, so that nobody waits for them later
 	@touch $@
 
 $(BIN)/.setup-dev: $(BIN)/.setup requirements-dev.txt
@@ -31,7 +32,7 @@ serve: setup  ## run the service on this machine (data in ./gridpose-data)
 	$(BIN)/gridpose serve --data-dir gridpose-data
 
 test: setup-dev  ## every test but the soak runs
-	$(BIN)/python -m pytest -n auto
+	$(BIN)/python -m pytest -n auto -m "not soak"
 
 check: setup-dev  ## format, lint, types, layers, and the committed openapi.json
 	$(BIN)/ruff format --check .
@@ -48,6 +49,9 @@ bench: setup-dev  ## measure; prints the table and writes benchmarks/RESULTS.md
 
 soak: setup-dev  ## long crash and fuzz runs
 	$(BIN)/python -m pytest -m soak -p no:cacheprovider tests
+
+pictures: setup-dev  ## draw the pictures of docs/ anew
+	$(BIN)/python docs/pictures/draw_detection.py
 
 lock: setup-dev  ## renew the hashed requirements
 	$(BIN)/python -m pip install --quiet uv

@@ -3,16 +3,14 @@
 from __future__ import annotations
 
 import dataclasses
-import os
-import time
-from collections.abc import Iterable, Iterator
-from contextlib import contextmanager
+from collections.abc import Iterable
 from dataclasses import dataclass
 from statistics import median
 
 import cv2
 import numpy as np
 
+from benchmarks.conditions import one_core, seconds
 from benchmarks.table import Row
 from core import Calibration, calibrate_points
 from core.errors import FocalNotObservable, GridposeError
@@ -39,18 +37,18 @@ def _time(seeds: list[int], repeats: int) -> Iterable[Row]:
     ]
     ours: list[float] = []
     theirs: list[float] = []
-    with _one_core():
+    with one_core():
         for view in views:  # caches and code paths warm
             calibrate_points(view.points)
             _opencv(view)
         for _ in range(repeats):
             for view in views:
-                ours.append(_seconds(lambda v=view: calibrate_points(v.points)))
-                theirs.append(_seconds(lambda v=view: _opencv(v)))
+                ours.append(seconds(lambda v=view: calibrate_points(v.points)))
+                theirs.append(seconds(lambda v=view: _opencv(v)))
     note = f"450 points, start included; {len(views)} views × {repeats}, in turns, one core, medians"
-    yield Row.at_most("fit alone", 1e3 * median(ours), 3.0, "ms", note)
+    yield Row.at_most("fit alone", 1e3 * median(ours), 1.5, "ms", note)
     yield Row.context("cv2.calibrateCamera, 450 points", 1e3 * median(theirs), "ms", note)
-    yield Row.at_most("fit alone ÷ cv2.calibrateCamera", median(ours) / median(theirs), 1.0, note=note)
+    yield Row.at_most("fit alone ÷ cv2.calibrateCamera", median(ours) / median(theirs), 0.5, note=note)
 
 
 @dataclass(frozen=True)
@@ -155,25 +153,3 @@ def _opencv(view: View) -> None:
         None,
         flags=cv2.CALIB_FIX_K3,
     )
-
-
-def _seconds(call) -> float:  # type: ignore[no-untyped-def]
-    started = time.perf_counter()
-    call()
-    return time.perf_counter() - started
-
-
-@contextmanager
-def _one_core() -> Iterator[None]:
-    """Pin this process to one core, and OpenCV to one thread, for the time of a comparison."""
-    threads = cv2.getNumThreads()
-    cores = os.sched_getaffinity(0) if hasattr(os, "sched_getaffinity") else set()
-    cv2.setNumThreads(1)
-    if cores:
-        os.sched_setaffinity(0, {max(cores)})
-    try:
-        yield
-    finally:
-        cv2.setNumThreads(threads)
-        if cores:
-            os.sched_setaffinity(0, cores)
