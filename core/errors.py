@@ -16,7 +16,15 @@
         ├── FocalNotObservable           focal_not_observable
         ├── DegenerateGeometry           degenerate_geometry
         ├── MotionInsufficient           motion_insufficient
-        └── NotConverged                 not_converged
+        ├── NotConverged                 not_converged
+        └── KinematicsError              the joints' angles and motions do not tell the robot's geometry
+            ├── JointAnglesMissing       joint_angles_missing
+            ├── JointAnglesInconsistent  joint_angles_inconsistent
+            ├── JointAnglesUnit          joint_angles_unit
+            ├── JointNotMoved            joint_not_moved
+            ├── ArcTooShort              arc_too_short
+            ├── RotationsMissing         rotations_missing
+            └── PrismaticJoint           prismatic_joint
 
 `code` is stable and snake_case, `detail` says what happened with its figures, `advice` says what to do next.
 Nothing here knows of HTTP; the service maps classes to statuses in one table.
@@ -129,3 +137,47 @@ class MotionInsufficient(EstimationError):
 class NotConverged(EstimationError):
     code = "not_converged"
     default_advice = "Check the target's size and the image's sharpness, and take the image again."
+
+
+class KinematicsError(EstimationError):
+    code = "kinematics_error"
+    default_advice = "Check the joint angles that the poses carry."
+
+
+class JointAnglesMissing(KinematicsError):
+    code = "joint_angles_missing"
+    default_advice = "Send joint_angles_deg with every pose or image; or leave poses without them out."
+
+
+class JointAnglesInconsistent(KinematicsError):
+    code = "joint_angles_inconsistent"
+    default_advice = "Give every pose one angle for each of the robot's joints, in their order from the base."
+
+
+class JointAnglesUnit(KinematicsError):
+    code = "joint_angles_unit"
+    default_advice = "The angles look like radians: send them in degrees."
+
+
+class JointNotMoved(KinematicsError):
+    code = "joint_not_moved"
+    default_advice = "Add a sweep of this joint: poses at which it alone moves and the others rest."
+
+
+class ArcTooShort(KinematicsError):
+    code = "arc_too_short"
+    default_advice = (
+        "Sweep this joint over a longer arc, 80° or more; or use the combined method, which needs less."
+    )
+
+
+class RotationsMissing(KinematicsError):
+    code = "rotations_missing"
+    default_advice = "The poses are positions alone: use the circle method (cpa), or measure rotations too."
+
+
+class PrismaticJoint(KinematicsError):
+    code = "prismatic_joint"
+    default_advice = (
+        "Only turning joints are identified: leave this joint's poses out and describe the rest as the robot."
+    )
