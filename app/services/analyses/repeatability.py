@@ -26,7 +26,7 @@ Value = TypeVar("Value")
 
 
 @dataclass(frozen=True, slots=True)
-class _Row:
+class PoseRow:
     """One pose: the images that count for it, in order, and those that do not."""
 
     pose_id: str
@@ -46,7 +46,7 @@ def repeatability_document(
             "Leave source away to analyse the session's images.",
         )
     session = estimate_session(snapshot, points, settings["estimator"])
-    rows = _rows(snapshot, session)
+    rows = pose_rows(snapshot, session)
     accuracy = assess_accuracy(snapshot, {row.pose_id: row.images for row in rows if row.images})
     return {
         "estimator": settings["estimator"],
@@ -59,7 +59,7 @@ def repeatability_document(
     }
 
 
-def _rows(snapshot: Snapshot, session: SessionEstimate) -> list[_Row]:
+def pose_rows(snapshot: Snapshot, session: SessionEstimate) -> list[PoseRow]:
     """Sort the images by pose, one target a pose, and compute every pose's figures."""
     found = {e.image.measurement_id: e for e in session.images}
     images: dict[str, list[EstimatedImage]] = {}
@@ -98,7 +98,7 @@ def _rows(snapshot: Snapshot, session: SessionEstimate) -> list[_Row]:
         for pose_id, one in assessed.items()
     }
     return [
-        _without_outliers(_Row(pose_id, images[pose_id], excluded[pose_id], figures.get(pose_id)))
+        _without_outliers(PoseRow(pose_id, images[pose_id], excluded[pose_id], figures.get(pose_id)))
         for pose_id in images
     ]
 
@@ -131,7 +131,7 @@ def _of_one_target(images: list[EstimatedImage]) -> tuple[list[EstimatedImage], 
     return [e for e in images if e.image.target == target], others
 
 
-def _without_outliers(row: _Row) -> _Row:
+def _without_outliers(row: PoseRow) -> PoseRow:
     figures = row.figures
     if figures is None or not figures.excluded:
         return row
@@ -141,10 +141,10 @@ def _without_outliers(row: _Row) -> _Row:
         Exclusion(row.images[e.index].image.measurement_id, e.code, e.detail + would)
         for e in figures.excluded
     ]
-    return _Row(row.pose_id, [row.images[i] for i in figures.used], [*row.excluded, *outliers], figures)
+    return PoseRow(row.pose_id, [row.images[i] for i in figures.used], [*row.excluded, *outliers], figures)
 
 
-def _row_document(row: _Row, accuracy: Accuracy) -> dict[str, Any]:
+def _row_document(row: PoseRow, accuracy: Accuracy) -> dict[str, Any]:
     figures = row.figures
     nothing: Figures[Any] = Figures(None, None, None, None, None, None, None)
     return {
@@ -197,7 +197,7 @@ def _pair(value: tuple[float, float], factor: float) -> list[float]:
     return [factor * value[0], factor * value[1]]
 
 
-def _drift_document(rows: Sequence[_Row]) -> dict[str, Any] | None:
+def _drift_document(rows: Sequence[PoseRow]) -> dict[str, Any] | None:
     """Return how each pose moved from its first cycles to its last, where there are two blocks of cycles."""
     documents = []
     for row in rows:
@@ -230,7 +230,7 @@ def _drift_document(rows: Sequence[_Row]) -> dict[str, Any] | None:
     return {"poses": documents} if documents else None
 
 
-def _remarks(rows: Sequence[_Row]) -> list[Advisory]:
+def _remarks(rows: Sequence[PoseRow]) -> list[Advisory]:
     """Return the poses' own remarks, those of one kind together."""
     kinds: dict[str, list[tuple[str, Advisory]]] = {}
     for row in rows:
