@@ -1,0 +1,173 @@
+"""Denavit-Hartenberg chains: forward kinematics, and how the end's pose changes with every parameter.
+
+The classic (distal) convention, with Hayati's second turn β for neighbouring axes that are near parallel:
+
+    T_{i-1,i} = Rz(θ_i + offset_i) Tz(d_i) Tx(a_i) Rx(α_i) Ry(β_i)
+
+so that joint i turns about the z axis of frame i-1. Where axes i and i+1 are parallel, d_i may be anything: it is then
+kept at what it is, and β_i takes its place (Hayati's form has no Tz; a d_i that is held is the same form with its
+origin moved along the axis). Elsewhere β_i = 0. Lengths in mm, angles in rad.
+
+References: J. Denavit, R. S. Hartenberg, J. Appl. Mech. 22 (1955) 215-221; S. A. Hayati, "Robot arm geometric link
+parameter estimation", CDC 1983.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import astuple, dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+from core.errors import InvalidArgument
+
+JOINT_PARAMETERS = ("a_mm", "alpha_rad", "d_mm", "theta_offset_rad", "beta_rad")
+"""Names and order of one joint's parameters in every array and covariance."""
+LARGEST_SIGMA_D_MM = 1.0
+PARALLEL_AT_MOST = 0.2  # sine of the angle: beyond it poor data, not the axes' direction, make d uncertain
+
+
+@dataclass(frozen=True, slots=True)
+class JointParameters:
+    """What one joint and the link after it contribute; field order is `JOINT_PARAMETERS`."""
+
+    a_mm: float
+    alpha_rad: float
+    d_mm: float
+    theta_offset_rad: float
+    beta_rad: float = 0.0
+
+    def __post_init__(self) -> None:
+        if not all(math.isfinite(value) for value in astuple(self)):
+            raise InvalidArgument("Every DH parameter must be a finite number.")
+
+
+@dataclass(frozen=True, slots=True)
+class Chain:
+    """Revolute joints in a row, from the base to the flange."""
+
+    joints: tuple[JointParameters, ...]
+
+    def __post_init__(self) -> None:
+        if not self.joints:
+            raise InvalidArgument("A chain needs at least one joint.")
+
+    def __len__(self) -> int:
+        return len(self.joints)
+
+    def as_array(self) -> Float[np.ndarray, "j 5"]:
+        """Return the parameters, a row per joint in the order of `JOINT_PARAMETERS`."""
+        return np.array([astuple(joint) for joint in self.joints], dtype=np.float64)
+
+    @classmethod
+    def from_array(cls, parameters: Float[np.ndarray, "j 5"]) -> Chain:
+        """Make a chain from rows in the order of `JOINT_PARAMETERS`."""
+        return cls(tuple(JointParameters(*(float(value) for value in row)) for row in parameters))
+
+    @classmethod
+    def from_rows(cls, rows: Sequence[tuple[float, float, float, float]]) -> Chain:
+        """Make a chain from (a mm, α °, d mm, θ offset °) per joint, as data sheets have it."""
+        return cls(
+            tuple(
+                JointParameters(float(a), math.radians(alpha), float(d), math.radians(offset))
+                for a, alpha, d, offset in rows
+            )
+        )
+
+
+def nearly_parallel(alpha_rad: float, sigma_d_mm: float) -> bool:
+    """Whether β has to stand for d between neighbouring axes at the angle α, where d would be uncertain by σ_d.
+
+    The foot of a common normal slides along the axis by 1/sin α of what moves either axis across, so that σ_d grows
+    without bound as axes become parallel while every pose stays as well known. How near is too near depends on the
+    measurement: the decision is by the predicted σ_d. Axes at a fair angle are never called parallel.
+    """
+    return abs(math.sin(alpha_rad)) < PARALLEL_AT_MOST and not sigma_d_mm <= LARGEST_SIGMA_D_MM
+
+
+def frames(chain: Chain, joint_angles: Float[np.ndarray, "n j"]) -> Float[np.ndarray, "n k 4 4"]:
+    """Return T_base_frame of every frame, the base itself first (k = j + 1), for joint angles in rad.
+
+    Raises InvalidArgument where the number of joint angles is not that of the joints.
+    """
+    return chain_frames(chain.as_array(), joint_angles)
+
+
+def forward(chain: Chain, joint_angles: Float[np.ndarray, "n j"]) -> Float[np.ndarray, "n 4 4"]:
+    """Return T_base_flange for joint angles in rad."""
+    return np.ascontiguousarray(frames(chain, joint_angles)[:, -1])
+
+
+def chain_frames(
+    parameters: Float[np.ndarray, "j 5"], joint_angles: Float[np.ndarray, "n _"]
+) -> Float[np.ndarray, "n k 4 4"]:
+    """`frames` for parameters as rows in the order of `JOINT_PARAMETERS`."""
+    count, joints = joint_angles.shape
+    if joints != len(parameters):
+        raise InvalidArgument(
+            f"There are {joints} joint angles for a chain of {len(parameters)} joints.",
+            "Give one angle per joint, first joint first.",
+        )
+    result = np.zeros((count, joints + 1, 4, 4))
+    result[:, 0] = np.eye(4)
+    turn = np.zeros((count, 4, 4))
+    turn[:, 2, 2] = turn[:, 3, 3] = 1.0
+    for i, (a, alpha, d, offset, beta) in enumerate(parameters.tolist()):
+        cosine, sine = np.cos(joint_angles[:, i] + offset), np.sin(joint_angles[:, i] + offset)
+        turn[:, 0, 0] = turn[:, 1, 1] = cosine
+        turn[:, 1, 0], turn[:, 0, 1] = sine, -sine
+        result[:, i + 1] = result[:, i] @ (turn @ _link(a, alpha, d, beta))
+    return result
+
+
+def _link(a: float, alpha: float, d: float, beta: float) -> Float[np.ndarray, "4 4"]:
+    """Return Tz(d) Tx(a) Rx(α) Ry(β)."""
+    ca, sa, cb, sb = math.cos(alpha), math.sin(alpha), math.cos(beta), math.sin(beta)
+    return np.array(
+        [[cb, 0.0, sb, a], [sa * sb, ca, -sa * cb, 0.0], [-ca * sb, sa, ca * cb, d], [0.0, 0.0, 0.0, 1.0]]
+    )
+
+
+def pose_with_jacobian(
+    parameters: Float[np.ndarray, "j 5"],
+    joint_angles: Float[np.ndarray, "n j"],
+    T_target_base: Float[np.ndarray, "n 4 4"],
+    T_flange_camera: Float[np.ndarray, "4 4"],
+) -> tuple[Float[np.ndarray, "n 4 4"], Float[np.ndarray, "p 6 n"]]:
+    """Return T_target_camera and its derivatives by everything it hangs on.
+
+    A pose changes by (p', w'): its position by p' (mm), its rotation R to exp(w') R, both in the target frame.
+    Columns, p = 5 j + 12: every joint's parameters in the order of `JOINT_PARAMETERS`; the tool's (p, w) with
+    T_flange_camera's rotation turned from the left, in the flange frame; then the base's (p, w), likewise, in the
+    target frame. Poses run along the last axis.
+
+    With o and z the origin and axis of a turn and p the end, dp = z × (p - o), dw = z; a shift along x gives dp = x.
+    """
+    count, joints = joint_angles.shape
+    T = T_target_base[:, None] @ chain_frames(parameters, joint_angles)
+    end = T[:, -1] @ T_flange_camera
+    position = end[:, :3, 3]
+    J = np.zeros((5 * joints + 12, 6, count))
+
+    def turned(row: int, axis: Float[np.ndarray, "n 3"], origin: Float[np.ndarray, "n 3"]) -> None:
+        J[row, :3] = np.cross(axis, position - origin).T
+        J[row, 3:] = axis.T
+
+    for i in range(joints):
+        before, after = T[:, i], T[:, i + 1]
+        angle = joint_angles[:, i] + parameters[i, 3]
+        x = np.cos(angle)[:, None] * before[:, :3, 0] + np.sin(angle)[:, None] * before[:, :3, 1]
+        J[5 * i, :3] = x.T
+        turned(5 * i + 1, x, after[:, :3, 3])
+        J[5 * i + 2, :3] = before[:, :3, 2].T
+        turned(5 * i + 3, before[:, :3, 2], before[:, :3, 3])
+        turned(5 * i + 4, after[:, :3, 1], after[:, :3, 3])
+    tool, base = 5 * joints, 5 * joints + 6
+    flange = np.moveaxis(T[:, -1, :3, :3], 0, -1)
+    J[tool : tool + 3, :3] = J[tool + 3 : tool + 6, 3:] = np.swapaxes(flange, 0, 1)
+    for k in range(3):
+        J[base + k, k] = 1.0
+        turned(base + 3 + k, np.broadcast_to(np.eye(3)[k], (count, 3)), T_target_base[:, :3, 3])
+    return end, J
