@@ -207,6 +207,33 @@ class Measurement(Table):
     )
 
 
+class MeasuredPose(Table):
+    """One reading of another instrument: a laser tracker, a measuring machine.
+
+    `content_sha256` is over all that the client sent of it, so that sending it again stores nothing.
+    """
+
+    __tablename__ = "measured_poses"
+    __table_args__ = (
+        sa.UniqueConstraint("session_id", "pose_id", "cycle"),
+        sa.UniqueConstraint("session_id", "pose_id", "content_sha256"),
+        sa.ForeignKeyConstraint(
+            ["session_id", "pose_id"], ["poses.session_id", "poses.pose_id"], ondelete="CASCADE"
+        ),
+        sa.Index("ix_measured_poses_session_id_id", "session_id", "id"),
+    )
+
+    id: Mapped[str] = mapped_column(sa.String(40), primary_key=True)
+    session_id: Mapped[str] = mapped_column(sa.ForeignKey("sessions.id", ondelete="CASCADE"))
+    pose_id: Mapped[str] = mapped_column(sa.String(128))
+    cycle: Mapped[int | None]
+    joint_angles_deg: Mapped[JsonList | None]
+    position_mm: Mapped[JsonList]
+    rotation: Mapped[JsonList | None]
+    covariance: Mapped[JsonList | None]
+    content_sha256: Mapped[str] = mapped_column(sa.String(64))
+
+
 class Result(Table):
     """What one computation gave, with enough beside it to compute it again.
 
