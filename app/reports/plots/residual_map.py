@@ -1,0 +1,214 @@
+"""What the lens model leaves over, by place in the image: where a mean residual remains, the model does not fit."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float, Int
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.ticker import MaxNLocator
+
+from app.reports.plots.svg import BLUE, FAINT, axes_at, draw_svg, short, text_at
+
+FEWEST_IN_CELL = 3
+_PER_CELL = 25
+_CHANCE = 0.01
+_CHI2 = -2.0 * math.log(_CHANCE)  # the quantile of χ² with two degrees of freedom
+_LEFT, _PANEL_WIDTH, _GAP = 0.8, 4.6, 0.85
+_HEADER, _CAPTION, _BELOW, _FOOTER = 0.62, 0.78, 0.62, 0.6
+
+
+@dataclass(frozen=True, slots=True)
+class ResidualField:
+    """The residuals (observed - predicted, px) of one focus group's points, at the places where they were observed."""
+
+    focus_group: str
+    images: int
+    width_px: int
+    height_px: int
+    points_px: Float[np.ndarray, "n 2"]
+    residuals_px: Float[np.ndarray, "n 2"]
+    left_out: int
+
+
+@dataclass(frozen=True, slots=True)
+class Cells:
+    """Residuals by square cells of the image: of each that has points enough its middle, mean, rms and count.
+
+    `stands_out`: the mean is longer than chance lets it be in one cell of a hundred, n |m|² / σ² > χ²₂.
+    """
+
+    size_px: float
+    middle_px: Float[np.ndarray, "c 2"]
+    mean_px: Float[np.ndarray, "c 2"]
+    rms_px: Float[np.ndarray, " c"]
+    count: Int[np.ndarray, " c"]
+
+    @property
+    def stands_out(self) -> Float[np.ndarray, " c"]:
+        # Of what scatters within the cells; a cell's own would be too uncertain.
+        within = self.count * (self.rms_px**2 - np.sum(self.mean_px**2, axis=1))
+        freedom = 2.0 * float(np.sum(self.count - 1))
+        variance = max(float(within.sum()) / max(freedom, 1.0), 1e-30)
+        return np.asarray(self.count * np.sum(self.mean_px**2, axis=1) / variance > _CHI2)
+
+
+def cells_of(field: ResidualField) -> Cells:
+    """Sort the residuals into cells, so large that each has some 25 points where the image is full."""
+    wanted = math.sqrt(field.width_px * field.height_px * _PER_CELL / max(len(field.points_px), 1))
+    longest = max(field.width_px, field.height_px)
+    size = longest / round(min(max(longest / wanted, 6.0), 26.0))
+    columns = math.ceil(field.width_px / size)
+    place = np.floor((field.points_px + 0.5) / size).astype(np.intp)
+    place = np.clip(place, 0, [columns - 1, math.ceil(field.height_px / size) - 1])
+    index = place[:, 1] * columns + place[:, 0]
+    found, inverse, count = np.unique(index, return_inverse=True, return_counts=True)
+    sums = [np.bincount(inverse, weights=field.residuals_px[:, axis]) for axis in (0, 1)]
+    squares = np.bincount(inverse, weights=np.sum(field.residuals_px**2, axis=1))
+    full = count >= FEWEST_IN_CELL
+    middle = np.stack([found % columns + 0.5, found // columns + 0.5], axis=1) * size - 0.5
+    return Cells(
+        size,
+        middle[full],
+        (np.stack(sums, axis=1) / count[:, None])[full],
+        np.sqrt(squares / count)[full],
+        count[full],
+    )
+
+
+def residuals_svg(fields: Sequence[ResidualField], estimator: str) -> bytes:
+    """Return for every focus group the mean residuals and their size over the image."""
+    title = f"Residuals over the image (estimator {estimator})"
+    cells = [cells_of(field) for field in fields]
+    return draw_svg(
+        lambda: residuals_figure(fields, cells, title),
+        title,
+        "\n".join(" ".join(_caption(f, c)) for f, c in zip(fields, cells, strict=True)),
+    )
+
+
+def residuals_figure(fields: Sequence[ResidualField], cells: Sequence[Cells], title: str) -> Figure:
+    """Draw it; within `drawing_style`."""
+    heights = [min(_PANEL_WIDTH * f.height_px / f.width_px, 9.0) for f in fields]
+    rows = [_CAPTION + height + _BELOW for height in heights]
+    figure = Figure((_LEFT + 2 * _PANEL_WIDTH + _GAP + 1.0, _HEADER + sum(rows) + _FOOTER))
+    text_at(figure, 0.15, 0.32, title, fontsize=12, weight="bold")
+    top = _HEADER
+    for field, found, height, row in zip(fields, cells, heights, rows, strict=True):
+        first, second = _caption(field, found)
+        text_at(figure, 0.15, top + 0.12, first)
+        text_at(figure, 0.15, top + 0.34, second, color="#555555", fontsize=8)
+        _draw_means(figure, axes_at(figure, _LEFT, top + _CAPTION, _PANEL_WIDTH, height), field, found)
+        left = _LEFT + _PANEL_WIDTH + _GAP
+        axes = axes_at(figure, left, top + _CAPTION, _PANEL_WIDTH, height)
+        bar = axes_at(figure, left + _PANEL_WIDTH + 0.12, top + _CAPTION, 0.14, height)
+        _draw_sizes(figure, axes, bar, field, found)
+        top += row
+    figure.legend(
+        handles=[
+            Line2D(
+                [],
+                [],
+                color=BLUE,
+                lw=1.6,
+                label="mean residual that chance explains in 1 cell of 100 at most",
+            ),
+            Line2D([], [], color=FAINT, lw=1.6, label="the others"),
+        ],
+        loc="lower center",
+        ncols=2,
+    )
+    return figure
+
+
+def _caption(field: ResidualField, cells: Cells) -> tuple[str, str]:
+    rms = math.sqrt(float(np.mean(np.sum(field.residuals_px**2, axis=1)))) if len(field.points_px) else 0.0
+    gone = f", {field.left_out:,} left out as outliers" if field.left_out else ""
+    noun = "image" if field.images == 1 else "images"
+    first = (
+        f"Focus group {short(field.focus_group)}   ·   {field.images:,} {noun}   ·   "
+        f"{len(field.points_px):,} points{gone}   ·   rms {rms:.3g} px"
+    )
+    if not len(cells.count):
+        return first, f"no cell has {FEWEST_IN_CELL} points"
+    out = int(np.count_nonzero(cells.stands_out))
+    mean = math.sqrt(float(np.mean(np.sum(cells.mean_px**2, axis=1))))
+    return first, (
+        f"{out} of {len(cells.count)} cells have a mean residual beyond chance (chance alone: "
+        f"{_CHANCE * len(cells.count):.1f}); mean residuals have an rms of {mean:.2g} px"
+    )
+
+
+def _draw_means(figure: Figure, axes: Axes, field: ResidualField, cells: Cells) -> None:
+    _frame(axes, field)
+    axes.set_title("mean residual, observed − predicted", loc="left")
+    lengths = np.linalg.norm(cells.mean_px, axis=1)
+    if not len(lengths) or not lengths.any():
+        return
+    # The longest arrows fill their cell; one stray cell does not make all others invisible.
+    unit = _round_down(float(np.quantile(lengths, 0.95)))
+    scale = 0.95 * cells.size_px / max(float(np.quantile(lengths, 0.95)), 1e-12)
+    colours = np.where(cells.stands_out, BLUE, FAINT)
+    start = cells.middle_px - 0.5 * scale * cells.mean_px
+    arrows = axes.quiver(
+        start[:, 0],
+        start[:, 1],
+        cells.mean_px[:, 0],
+        cells.mean_px[:, 1],
+        color=colours.tolist(),
+        angles="xy",
+        scale_units="xy",
+        scale=1.0 / scale,
+        width=0.0042,
+        headwidth=3.6,
+        headlength=4.2,
+        headaxislength=3.8,
+    )
+    above = 1.0 + 0.12 / (axes.get_position().height * figure.get_size_inches()[1])
+    axes.quiverkey(
+        arrows, 0.82, above, unit, f"{unit:g} px", labelpos="E", coordinates="axes", labelsep=0.06, color=BLUE
+    )
+
+
+def _draw_sizes(figure: Figure, axes: Axes, bar: Axes, field: ResidualField, cells: Cells) -> None:
+    _frame(axes, field)
+    axes.set_title("size of the residuals (rms distance)", loc="left")
+    columns, rows = (math.ceil(side / cells.size_px) for side in (field.width_px, field.height_px))
+    grid = np.full((rows, columns), np.nan)
+    place = np.floor((cells.middle_px + 0.5) / cells.size_px).astype(np.intp)
+    grid[place[:, 1], place[:, 0]] = cells.rms_px
+    top = float(np.quantile(cells.rms_px, 0.98)) if len(cells.rms_px) else 1.0
+    mesh = axes.pcolormesh(
+        np.arange(columns + 1) * cells.size_px - 0.5,
+        np.arange(rows + 1) * cells.size_px - 0.5,
+        np.ma.masked_invalid(grid),
+        vmin=0.0,
+        vmax=top if top > 0.0 else 1.0,
+        cmap="viridis",
+        rasterized=False,
+    )
+    colourbar = figure.colorbar(mesh, cax=bar, extend="max")
+    colourbar.set_label("px")
+    colourbar.outline.set_linewidth(0.6)
+    bar.grid(False)
+
+
+def _frame(axes: Axes, field: ResidualField) -> None:
+    """Set the image's own frame: u to the right, v down."""
+    axes.set(xlim=(-0.5, field.width_px - 0.5), ylim=(field.height_px - 0.5, -0.5))
+    axes.set_xlabel("u, px")
+    axes.set_ylabel("v, px", labelpad=2)
+    for axis in (axes.xaxis, axes.yaxis):
+        axis.set_major_locator(MaxNLocator(6))
+    axes.grid(False)
+
+
+def _round_down(value: float) -> float:
+    """Return the largest of 1, 2, 5 · 10ᵏ that is no larger."""
+    power = 10.0 ** math.floor(math.log10(value))
+    return power * max(step for step in (1.0, 2.0, 5.0) if step * power <= value * (1.0 + 1e-9))
