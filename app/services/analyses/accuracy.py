@@ -42,7 +42,7 @@ def assess_accuracy(snapshot: Snapshot, poses: Mapping[str, Sequence[EstimatedIm
         if (c := snapshot.commanded.get(pose_id)) and c.position_mm is not None
     }
     if not told:
-        return _none(
+        return unavailable(
             "The poses' commanded positions are not known.",
             "PUT the session's poses with what was commanded.",
         )
@@ -50,18 +50,22 @@ def assess_accuracy(snapshot: Snapshot, poses: Mapping[str, Sequence[EstimatedIm
     target = max(sorted(set(targets)), key=targets.count)
     told = {pose_id: c for pose_id, c in told.items() if poses[pose_id][0].image.target == target}
     try:
-        if all(_rotation(c) is None for c in told.values()):
+        if all(commanded_rotation(c) is None for c in told.values()):
             return _by_positions(poses, told)
-        return _by_poses(poses, {pose_id: c for pose_id, c in told.items() if _rotation(c) is not None})
+        return _by_poses(
+            poses, {pose_id: c for pose_id, c in told.items() if commanded_rotation(c) is not None}
+        )
     except GridposeError as failure:
-        return _none(failure.detail, failure.advice)
+        return unavailable(failure.detail, failure.advice)
 
 
-def _none(reason: str, advice: str | None) -> Accuracy:
+def unavailable(reason: str, advice: str | None) -> Accuracy:
+    """Return that nothing could be compared, and why."""
     return Accuracy({}, (Advisory("accuracy_unavailable", f"Accuracy is not given: {reason}", advice),))
 
 
-def _rotation(commanded: Commanded) -> Float[np.ndarray, "3 3"] | None:
+def commanded_rotation(commanded: Commanded) -> Float[np.ndarray, "3 3"] | None:
+    """Return how the robot was told to turn its flange; None where that is not known whole."""
     angles = (commanded.roll_deg, commanded.pitch_deg, commanded.yaw_deg)
     if any(angle is None for angle in angles):
         return None
@@ -80,7 +84,7 @@ def _by_poses(poses: Mapping[str, Sequence[EstimatedImage]], told: Mapping[str, 
     commanded = {}
     stations = []
     for pose_id, c in told.items():
-        rotation = _rotation(c)
+        rotation = commanded_rotation(c)
         assert rotation is not None
         commanded[pose_id] = transform(rotation, np.array(c.position_mm, dtype=np.float64))
         images = poses[pose_id]
@@ -94,11 +98,11 @@ def _by_poses(poses: Mapping[str, Sequence[EstimatedImage]], told: Mapping[str, 
             )
         )
     tie = tie_frames(stations)
-    found = {d.pose_id: _compared(d, commanded[d.pose_id]) for d in tie.deviations}
+    found = {d.pose_id: compared(d, commanded[d.pose_id]) for d in tie.deviations}
     return Accuracy(found, tie.warnings)
 
 
-def _compared(deviation: Deviation, commanded: Float[np.ndarray, "4 4"]) -> Figures[float | None]:
+def compared(deviation: Deviation, commanded: Float[np.ndarray, "4 4"]) -> Figures[float | None]:
     """Return AP by the frames that the other poses tie, where they suffice for that."""
     position, turn = deviation.held_out_position_mm, deviation.held_out_rotation
     if position is None or turn is None:

@@ -5,6 +5,7 @@ points nor estimates pass through the process that takes uploads.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from functools import cache
 from typing import Any
 
@@ -13,7 +14,7 @@ from app.services.analyses.documents import encode
 from app.services.analyses.intrinsics import intrinsics_document
 from app.services.analyses.outcome import Analysed, CannotAnalyse, Refused
 from app.services.analyses.repeatability import repeatability_document
-from app.services.analyses.snapshot import Snapshot, read_points, read_snapshot
+from app.services.analyses.snapshot import Snapshot, read_points, read_readings, read_snapshot
 from app.settings import program_version
 from core import GridposeError
 
@@ -28,9 +29,14 @@ def analyse(
     database: Database, analysis: str, session_id: str, settings: Mapping[str, str]
 ) -> Analysed | Refused:
     """Compute one document from what the session holds now."""
+    source = settings.get("source", "images")
+    points: dict[str, bytes] = {}
     with database.read() as records:
-        snapshot = read_snapshot(records, session_id)
-        points = read_points(records, session_id)
+        snapshot = read_snapshot(records, session_id, source)
+        if source == "measured_poses":
+            snapshot = replace(snapshot, readings=read_readings(records, session_id))
+        else:
+            points = read_points(records, session_id)
     inputs_sha256 = snapshot.inputs_sha256(analysis, settings)
     try:
         document = ANALYSES[analysis](snapshot, points, settings)

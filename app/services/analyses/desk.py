@@ -48,7 +48,7 @@ class AnalysisDesk:
         Raises NotFound, Conflict where it cannot be made, Unavailable where its process is crowded or died.
         """
         with installation.database.read() as records:
-            snapshot = read_snapshot(records, session_id)
+            snapshot = read_snapshot(records, session_id, settings.get("source", "images"))
         etag = entity_tag(snapshot.inputs_sha256(analysis, settings), snapshot.pending)
         if etag in known_etags:
             return Analysis(etag, None)

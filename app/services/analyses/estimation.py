@@ -50,6 +50,14 @@ class EstimatedImage:
     common: Float[np.ndarray, "6 9"]
     rms_px: float
 
+    @property
+    def measurement_id(self) -> str:
+        return self.image.measurement_id
+
+    @property
+    def cycle(self) -> int | None:
+        return self.image.cycle
+
 
 @dataclass(frozen=True, slots=True)
 class FocusGroup:

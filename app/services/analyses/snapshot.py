@@ -10,16 +10,18 @@ import hashlib
 import json
 import re
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from typing import Any
 
 import sqlalchemy as sa
 from sqlalchemy import orm
 
-from app.records.tables import Measurement, Pose, Result, Session, Target, target_fields
+from app.records.tables import MeasuredPose, Measurement, Pose, Result, Robot, Session, Target, target_fields
 from app.services.lookup import find
 from app.settings import program_version
 
+ROBOT_ANALYSES = frozenset({"dh"})
+"""Those that are computed from the robot's nominal joints, too."""
 _NUMBER = re.compile(r"(\d+)", re.ASCII)
 
 
@@ -58,9 +60,33 @@ class Commanded:
 
 
 @dataclass(frozen=True, slots=True)
+class Measured:
+    """A reading of another instrument, by the hash of what was read."""
+
+    measurement_id: str
+    pose_id: str
+    cycle: int | None
+    content_sha256: str
+
+
+@dataclass(frozen=True, slots=True)
+class Reading:
+    """What was read; `covariance` is of x, y, z (mm) and a small rotation (rad) from the left."""
+
+    joint_angles_deg: list[float] | None
+    position_mm: list[float]
+    rotation: list[list[float]] | None
+    covariance: list[list[float]] | None
+
+
+@dataclass(frozen=True, slots=True)
 class Snapshot:
     """One session at one moment. `images` are in the order of pose (natural), cycle, hash and target; those without a
     cycle follow those with one. `pending` measurements are not finished, and not among them.
+
+    Where an analysis is of another instrument's poses, `measured` are those in the same order, and there are no images.
+    `robot` are the joints of the session's robot, as stored. `readings`, by their ids, are filled in where the analysis
+    is computed (`read_readings`); the hash is without them.
     """
 
     session_id: str
@@ -71,6 +97,9 @@ class Snapshot:
     commanded: Mapping[str, Commanded]
     images: tuple[Image, ...]
     pending: int
+    measured: tuple[Measured, ...] = ()
+    robot: list[dict[str, float]] | None = None
+    readings: Mapping[str, Reading] = field(default_factory=dict)
 
     def inputs_sha256(self, analysis: str, settings: Mapping[str, Any]) -> str:
         """Return the hash of everything that `analysis` with `settings` is computed from, this program included."""
@@ -98,6 +127,8 @@ class Snapshot:
                 ]
                 for image in self.images
             ],
+            "measured": [[m.pose_id, m.cycle, m.content_sha256] for m in self.measured],
+            "robot": self.robot if analysis in ROBOT_ANALYSES else None,
         }
         text = json.dumps(inputs, sort_keys=True, separators=(",", ":"), allow_nan=False)
         return hashlib.sha256(text.encode()).hexdigest()
@@ -111,15 +142,20 @@ def natural(text: str) -> tuple[tuple[tuple[int, int, str], ...], str]:
     return parts, text
 
 
-def read_snapshot(records: orm.Session, session_id: str) -> Snapshot:
-    """Read a session without its arrays."""
+def read_snapshot(records: orm.Session, session_id: str, source: str = "images") -> Snapshot:
+    """Read a session without its arrays; of its images or, with source `measured_poses`, its measured poses."""
     session = find(records, Session, session_id)
     target_ids = tuple(target.target_id for target in session.targets)
     rows = {row.id: row for row in records.scalars(sa.select(Target).where(Target.id.in_(target_ids)))}
-    images = _read_images(
-        records, session_id, {target_id: place for place, target_id in enumerate(target_ids)}
-    )
-    named = {image.pose_id for image in images}
+    images: tuple[Image, ...] = ()
+    measured: tuple[Measured, ...] = ()
+    if source == "measured_poses":
+        measured = _read_measured(records, session_id)
+    else:
+        places = {target_id: place for place, target_id in enumerate(target_ids)}
+        images = _read_images(records, session_id, places)
+    named = {image.pose_id for image in images} | {reading.pose_id for reading in measured}
+    robot = records.get(Robot, session.robot_id) if session.robot_id is not None else None
     return Snapshot(
         session_id=session_id,
         target_ids=target_ids,
@@ -130,7 +166,11 @@ def read_snapshot(records: orm.Session, session_id: str) -> Snapshot:
             pose_id: commanded for pose_id, commanded in _read_poses(records, session_id) if pose_id in named
         },
         images=images,
-        pending=records.scalar(
+        measured=measured,
+        robot=robot.joints if robot is not None else None,
+        pending=0
+        if source == "measured_poses"
+        else records.scalar(
             sa.select(sa.func.count()).where(
                 Measurement.session_id == session_id, Measurement.status.in_(("queued", "running"))
             )
@@ -147,6 +187,33 @@ def read_points(records: orm.Session, session_id: str) -> dict[str, bytes]:
         .where(Measurement.session_id == session_id, Result.points.is_not(None))
     )
     return {measurement_id: points for measurement_id, points in rows if points is not None}
+
+
+def read_readings(records: orm.Session, session_id: str) -> dict[str, Reading]:
+    """Return what other instruments read, by the readings' ids."""
+    rows = records.execute(
+        sa.select(
+            MeasuredPose.id,
+            MeasuredPose.joint_angles_deg,
+            MeasuredPose.position_mm,
+            MeasuredPose.rotation,
+            MeasuredPose.covariance,
+        ).where(MeasuredPose.session_id == session_id)
+    )
+    return {row[0]: Reading(*row[1:]) for row in rows}
+
+
+def _read_measured(records: orm.Session, session_id: str) -> tuple[Measured, ...]:
+    rows = records.execute(
+        sa.select(
+            MeasuredPose.id, MeasuredPose.pose_id, MeasuredPose.cycle, MeasuredPose.content_sha256
+        ).where(MeasuredPose.session_id == session_id)
+    )
+    measured = [Measured(*row) for row in rows]
+    keys = {pose_id: natural(pose_id) for pose_id in {m.pose_id for m in measured}}
+    return tuple(
+        sorted(measured, key=lambda m: (keys[m.pose_id], m.cycle is None, m.cycle or 0, m.content_sha256))
+    )
 
 
 def _read_images(records: orm.Session, session_id: str, places: Mapping[str, int]) -> tuple[Image, ...]:

@@ -1,0 +1,101 @@
+"""Pose accuracy of what another instrument measured, against what the robot was told.
+
+Where readings have orientations, the frames are tied as for a camera, with the probe in the camera's place. Readings of
+positions alone (a reflector) are tied the other way about: the commanded poses say how the flange was turned, the
+readings where one point of it was, and the nine unknowns of `core.calibration.hand_eye.positions` are the instrument in
+the robot's base and that point on the flange.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from app.services.analyses.accuracy import Accuracy, commanded_rotation, compared, unavailable
+from app.services.analyses.pose_rows import AnyVisit
+from app.services.analyses.snapshot import Commanded, Snapshot
+from core import Advisory, GridposeError
+from core.calibration.hand_eye import PositionStation, average_station, tie_frames, tie_positions
+from core.metrology import pose_accuracy
+from core.transforms import transform
+
+
+def assess_measured_accuracy(snapshot: Snapshot, poses: Mapping[str, Sequence[AnyVisit]]) -> Accuracy:
+    """Compare the mean of every pose's readings with what was commanded."""
+    told = {
+        pose_id: c
+        for pose_id in poses
+        if (c := snapshot.commanded.get(pose_id)) and c.position_mm is not None
+    }
+    if not told:
+        return unavailable(
+            "The poses' commanded positions are not known.",
+            "PUT the session's poses with what was commanded.",
+        )
+    whole = {
+        pose_id: c
+        for pose_id, c in told.items()
+        if commanded_rotation(c) is not None and all(v.rotation is not None for v in poses[pose_id])
+    }
+    try:
+        return _by_poses(poses, whole) if whole else _by_positions(poses, told)
+    except GridposeError as failure:
+        return unavailable(failure.detail, failure.advice)
+
+
+def _by_poses(poses: Mapping[str, Sequence[AnyVisit]], told: Mapping[str, Commanded]) -> Accuracy:
+    commanded = {pose_id: _commanded(c) for pose_id, c in told.items()}
+    stations = []
+    for pose_id, T_base_flange in commanded.items():
+        measured = [transform(v.rotation, v.position_mm) for v in poses[pose_id] if v.rotation is not None]
+        covariances = [v.covariance for v in poses[pose_id] if v.covariance is not None]
+        stations.append(
+            average_station(
+                pose_id,
+                T_base_flange,
+                np.array(measured),
+                np.array(covariances) if len(covariances) == len(measured) else None,
+            )
+        )
+    tie = tie_frames(stations)
+    return Accuracy({d.pose_id: compared(d, commanded[d.pose_id]) for d in tie.deviations}, tie.warnings)
+
+
+def _by_positions(poses: Mapping[str, Sequence[AnyVisit]], told: Mapping[str, Commanded]) -> Accuracy:
+    """Tie with the roles exchanged: the readings are the places, the commanded poses say how the point was turned."""
+    oriented = all(commanded_rotation(c) is not None for c in told.values())
+    remarks: list[Advisory] = []
+    if not oriented:
+        remarks.append(
+            Advisory(
+                "point_on_flange_unknown",
+                "Neither orientations were commanded for every pose nor measured: accuracy takes the measured point "
+                "for the commanded one, or every pose for turned alike.",
+                "State the poses' commanded orientations.",
+            )
+        )
+    stations = [
+        PositionStation(
+            pose_id,
+            np.mean([v.position_mm for v in poses[pose_id]], axis=0),
+            _commanded(c) if oriented else transform(np.eye(3), np.array(c.position_mm, dtype=np.float64)),
+        )
+        for pose_id, c in told.items()
+    ]
+    tie = tie_positions(stations)
+    R_base_instrument = tie.T_base_target[:3, :3].T
+    found = {}
+    for station, fitted, held_out in zip(stations, tie.deviations_mm, tie.held_out_mm, strict=True):
+        # What the tie calls attained is here what was commanded, seen by the instrument.
+        deviation = -R_base_instrument @ (fitted if held_out is None else held_out)
+        commanded = station.T_target_camera[:3, 3]
+        found[station.pose_id] = pose_accuracy(commanded + deviation, commanded)
+    return Accuracy(found, (*remarks, *tie.warnings))
+
+
+def _commanded(told: Commanded) -> np.ndarray:
+    rotation = commanded_rotation(told)
+    return transform(
+        np.eye(3) if rotation is None else rotation, np.array(told.position_mm, dtype=np.float64)
+    )
