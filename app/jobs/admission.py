@@ -1,16 +1,24 @@
-"""What an upload is checked for before it is acknowledged: magic bytes and header, never a decoding."""
+"""What is checked before it is acknowledged: an upload by magic bytes and header, never decoded; a target's markers."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from app.errors import InvalidContent, ServiceError, UnsupportedContent
-from core.errors import EmptyImage, GridposeError, ImageTooManyPixels, UndecodableImage, UnsupportedImage
+from core.errors import (
+    EmptyImage,
+    GridposeError,
+    ImageTooManyPixels,
+    InvalidTarget,
+    UndecodableImage,
+    UnsupportedImage,
+)
 from core.image import HEADER_BYTES, ImageHeader, check_pixels, read_header
-from core.targets import DETECTABLE_KINDS
+from core.targets import DETECTABLE_KINDS, TargetSpec, check_detectable
 
-__all__ = ["DETECTABLE_KINDS", "AdmittedImage", "admit_image"]
+__all__ = ["DETECTABLE_KINDS", "AdmittedImage", "admit_image", "admit_markers"]
 
 _REFUSALS: tuple[tuple[type[GridposeError], type[ServiceError]], ...] = (
     (EmptyImage, InvalidContent),
@@ -43,6 +51,17 @@ def admit_image(path: Path, max_pixels: int) -> AdmittedImage:
                 raise refusal(error.detail, error.advice, code=error.code) from error
         raise
     return AdmittedImage(header.format, header.width_px, header.height_px)
+
+
+def admit_markers(fields: dict[str, Any]) -> None:
+    """Refuse a target whose markers cannot be: an unknown dictionary, or one with too few, or too large ones.
+
+    `fields` are those of `core.TargetSpec`. Raises InvalidContent.
+    """
+    try:
+        check_detectable(TargetSpec(**fields))
+    except InvalidTarget as error:
+        raise InvalidContent(error.detail, error.advice, code=error.code) from error
 
 
 def _read_header(path: Path) -> ImageHeader:

@@ -10,10 +10,10 @@ import sqlalchemy as sa
 from sqlalchemy import orm
 
 from app.errors import InvalidContent
-from app.jobs.admission import DETECTABLE_KINDS
+from app.jobs.admission import DETECTABLE_KINDS, admit_markers
 from app.records.ids import new_id
 from app.records.pagination import page
-from app.records.tables import Target
+from app.records.tables import Target, target_fields
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -32,7 +32,7 @@ class NewTarget:
 
 
 def create_target(session: orm.Session, new: NewTarget) -> Target:
-    """Store a target of a kind that can be detected."""
+    """Store a target that can be detected. Raises InvalidContent for another."""
     if new.kind not in DETECTABLE_KINDS:
         raise InvalidContent(
             f"Targets of kind {new.kind} cannot be detected yet.",
@@ -53,6 +53,8 @@ def create_target(session: orm.Session, new: NewTarget) -> Target:
         pitch_standard_uncertainty_mm=new.pitch_standard_uncertainty_mm,
         created_at=datetime.now(UTC),
     )
+    if target.kind == "charuco":
+        admit_markers(target_fields(target))
     session.add(target)
     return target
 

@@ -6,17 +6,19 @@ import numpy as np
 from jaxtyping import UInt8, UInt16
 
 from core.errors import InvalidArgument, InvalidTarget, TargetNotFound
+from core.targets.charuco import detect_charuco
+from core.targets.charuco_layout import charuco_layout
 from core.targets.chessboard import detect_chessboard
 from core.targets.specification import GridPoints, TargetSpec
 
-DETECTABLE_KINDS = ("chessboard",)
+DETECTABLE_KINDS = ("chessboard", "charuco")
 """The kinds of target that `detect` can find today."""
 
 _LEAST_PITCH_PX = 4.0
 
 
 def check_detectable(target: TargetSpec) -> None:
-    """Raise InvalidTarget where `detect` cannot find such a target in any image."""
+    """Raise InvalidTarget where `detect` cannot find such a target in any image, or no such target can be printed."""
     if target.kind not in DETECTABLE_KINDS:
         raise InvalidTarget(
             f"Targets of kind {target.kind!r} cannot be detected.",
@@ -24,9 +26,11 @@ def check_detectable(target: TargetSpec) -> None:
         )
     if min(target.columns, target.rows) < 3:
         raise InvalidTarget(
-            f"A chessboard of {target.columns} x {target.rows} inner corners cannot be told from clutter.",
+            f"A {target.kind} of {target.columns} x {target.rows} inner corners cannot be told from clutter.",
             "Use one with at least 3 inner corners each way.",
         )
+    if target.kind == "charuco":
+        charuco_layout(target)
 
 
 def detect(image: UInt8[np.ndarray, "h w"] | UInt16[np.ndarray, "h w"], target: TargetSpec) -> GridPoints:
@@ -37,13 +41,13 @@ def detect(image: UInt8[np.ndarray, "h w"] | UInt16[np.ndarray, "h w"], target: 
     image
         Grey values.
     target
-        What to look for: all of it must be in view.
+        What to look for: all of it must be in view, of a ChArUco board at least half of its corners.
 
     Returns
     -------
     GridPoints
-        All points, row-major (index = row * columns + column), with the origin by the convention of
-        `core.targets.orientation`.
+        The points found, row-major, with the origin by the convention of `core.targets.orientation`, or as a
+        ChArUco board's markers tell.
 
     Raises
     ------
@@ -65,4 +69,4 @@ def detect(image: UInt8[np.ndarray, "h w"] | UInt16[np.ndarray, "h w"], target: 
             f"An image of {image.shape[1]} x {image.shape[0]} pixels is too small for a grid of "
             f"{target.columns} x {target.rows}."
         )
-    return detect_chessboard(image, target)
+    return detect_charuco(image, target) if target.kind == "charuco" else detect_chessboard(image, target)

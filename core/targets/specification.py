@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -81,6 +82,9 @@ class GridPoints:
     warnings: tuple[Advisory, ...] = ()
     measured_points_target: Float[np.ndarray, "n 3"] | None = None
     """Where the points of this very board were measured to be (mm), in place of the ideal grid's."""
+    markers_px: Mapping[int, Float[np.ndarray, "4 2"]] | None = None
+    """Corners of the markers seen on the way, by id, in the order of `CharucoLayout.marker_corners`; no fit takes them.
+    None for targets without markers."""
 
     @property
     def points_target(self) -> Float[np.ndarray, "n 3"]:

@@ -36,7 +36,47 @@ def test_a_target_is_read_as_it_was_made(any_api: Any) -> None:
     assert any_api.client.get(made.headers["location"]).json() == document
 
 
-@pytest.mark.parametrize("kind", ["charuco", "circles", "asymmetric_circles", "aprilgrid"])
+CHARUCO = {
+    "name": "x",
+    "kind": "charuco",
+    "columns": 7,
+    "rows": 5,
+    "pitch_mm": 30.0,
+    "marker_mm": 21.0,
+    "dictionary": "DICT_APRILTAG_36h11",
+}
+
+
+def test_a_charuco_board_is_read_as_it_was_made(api: Any) -> None:
+    made = api.client.post("/v1/targets", json={**CHARUCO, "legacy_layout": True})
+    assert made.status_code == 201, made.text
+    document = api.client.get(made.headers["location"]).json()
+    assert {name: document[name] for name in CHARUCO} == CHARUCO
+    assert document["legacy_layout"] is True
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"dictionary": "DICT_9X9_50"}, "Unknown marker dictionary"),
+        ({"dictionary": None}, "Unknown marker dictionary"),
+        ({"dictionary": "DICT_4X4_50", "columns": 14, "rows": 10}, "82 markers"),
+        ({"marker_mm": None}, "marker_mm"),
+        ({"marker_mm": 30.0}, "marker_mm"),
+        ({"columns": 2}, "2 x 5"),
+    ],
+)
+def test_a_charuco_board_that_cannot_be_is_refused_with_advice(
+    api: Any, changes: dict[str, Any], words: str
+) -> None:
+    response = api.client.post("/v1/targets", json={**CHARUCO, **changes})
+    assert (response.status_code, response.json()["code"]) == (422, "invalid_target")
+    assert words in response.json()["detail"]
+    assert response.json()["advice"]
+    assert api.client.get("/v1/targets").json()["items"] == []
+
+
+@pytest.mark.parametrize("kind", ["circles", "asymmetric_circles", "aprilgrid"])
 def test_a_kind_that_cannot_be_detected_is_refused_with_advice(api: Any, kind: str) -> None:
     response = api.client.post(
         "/v1/targets", json={"name": "x", "kind": kind, "columns": 5, "rows": 7, "pitch_mm": 30}

@@ -3,7 +3,8 @@
 `aruco_marker` is cv2.solvePnP with SOLVEPNP_IPPE_SQUARE, OpenCV's way for a single marker, on the four corners that
 OpenCV's own marker detector found. Four corners of a small square leave a second pose, mirrored about the line of
 sight, that explains the image nearly as well; the ratio of the two reprojection errors is told, and near 1 the pose
-may be the wrong one. `aruco_board` is cv2.solvePnP (iterative) on all points of the board.
+may be the wrong one. `aruco_board` is cv2.solvePnP (iterative) on the corners of all markers of the board that were
+found.
 
 Both need a camera that was calibrated before, from other images or from the session's own by `zhang`.
 
@@ -14,44 +15,20 @@ References: T. Collins, A. Bartoli, "Infinitesimal plane-based pose estimation",
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 
 import cv2
 import numpy as np
-from jaxtyping import Float, UInt8, UInt16
+from jaxtyping import Float
 
 from core.calibration.baselines.result import Baseline, baseline
-from core.calibration.validity import check_camera, check_points
 from core.camera import Camera, project
 from core.errors import Advisory, DegenerateGeometry, InvalidArgument, NotConverged
-from core.targets.charuco_layout import CharucoLayout, charuco_layout, marker_dictionary
-from core.targets.specification import GridPoints, TargetSpec
+from core.targets.charuco_layout import CharucoLayout
 from core.transforms import compose, invert, so3_exp, transform, transform_points
 
 AMBIGUOUS = 2.0
 """Below this ratio of the mirrored pose's reprojection error to the chosen one's, the choice is chance."""
-
-
-def detect_markers(
-    image: UInt8[np.ndarray, "h w"] | UInt16[np.ndarray, "h w"], target: TargetSpec
-) -> dict[int, Float[np.ndarray, "4 2"]]:
-    """Return the corners (px, in `CharucoLayout.marker_corners`' order) of the board's markers, by OpenCV's detector.
-
-    Its corners are refined by cornerSubPix, which favours it. Raises InvalidTarget for a target without markers.
-    """
-    layout = charuco_layout(target)
-    grey = image if image.dtype == np.uint8 else (image >> 8).astype(np.uint8)
-    parameters = cv2.aruco.DetectorParameters()
-    parameters.cornerRefinementMethod = cv2.aruco.CORNER_REFINE_SUBPIX
-    corners, ids, _ = cv2.aruco.ArucoDetector(marker_dictionary(target), parameters).detectMarkers(grey)
-    found: dict[int, Float[np.ndarray, "4 2"]] = {}
-    repeated: set[int] = set()
-    numbers = [] if ids is None else [int(number) for number in ids.ravel()]
-    for number, four in zip(numbers, corners, strict=True):
-        if number in found:
-            repeated.add(number)
-        elif number < len(layout.marker_squares):
-            found[number] = four.reshape(4, 2).astype(np.float64)
-    return {number: found[number] for number in sorted(found.keys() - repeated)}
 
 
 def central_marker(layout: CharucoLayout) -> int:
@@ -99,20 +76,44 @@ def aruco_marker(
     return baseline("aruco_marker", camera, poses[:1], [residuals], [remark] if ratio < AMBIGUOUS else [])
 
 
-def aruco_board(points: GridPoints, camera: Camera) -> Baseline:
-    """Return the board's pose from all of its points.
+def aruco_board(
+    markers: Mapping[int, Float[np.ndarray, "4 2"]], layout: CharucoLayout, camera: Camera
+) -> Baseline:
+    """Return the board's pose from the corners of all markers found, px by id.
 
-    Raises InvalidArgument, DegenerateGeometry for fewer than six points, NotConverged where OpenCV finds no pose.
+    Raises InvalidArgument, InvalidTarget for ids the board does not have, DegenerateGeometry for fewer than two
+    markers, NotConverged where OpenCV finds no pose.
     """
-    check_points(points)
-    check_camera(camera, points)
-    if len(points) < 6:
-        raise DegenerateGeometry(f"The board's pose needs at least 6 points, {len(points)} were found.")
-    target = points.points_target
+    if len(markers) < 2:
+        raise DegenerateGeometry(
+            f"The board's pose takes at least two markers, {len(markers)} were found.",
+            "Show more of the board, sharp and evenly lit.",
+        )
+    numbers = sorted(markers)
+    corners_target = np.concatenate([layout.marker_corners(number) for number in numbers])
+    corners_px = np.concatenate([markers[number] for number in numbers])
+    return pose_of_points("aruco_board", corners_target, corners_px, camera)
+
+
+def pose_of_points(
+    method: str,
+    points_target: Float[np.ndarray, "n 3"],
+    points_px: Float[np.ndarray, "n 2"],
+    camera: Camera,
+) -> Baseline:
+    """Return the pose of points of one plane with a camera that is known, by cv2.solvePnP (iterative).
+
+    Raises InvalidArgument for pixels or a camera that are not finite, DegenerateGeometry for fewer than six points,
+    NotConverged where OpenCV finds no pose.
+    """
+    if not (np.all(np.isfinite(points_px)) and np.all(np.isfinite(camera.as_array()))):
+        raise InvalidArgument("Points and intrinsics must be finite.")
+    if len(points_target) < 6:
+        raise DegenerateGeometry(f"The pose needs at least 6 points, {len(points_target)} were found.")
     try:
         found, rotation, translation = cv2.solvePnP(
-            target,
-            points.points_px.reshape(-1, 1, 2),
+            points_target,
+            points_px.reshape(-1, 1, 2),
             camera.matrix,
             camera.as_array()[4:],
             flags=cv2.SOLVEPNP_ITERATIVE,
@@ -120,10 +121,10 @@ def aruco_board(points: GridPoints, camera: Camera) -> Baseline:
     except cv2.error as failure:
         raise NotConverged(f"OpenCV's solvePnP failed: {failure.err}.") from failure
     T = transform(so3_exp(np.ravel(rotation)), np.ravel(translation))
-    inside = transform_points(T, target)
+    inside = transform_points(T, points_target)
     if not found or not np.all(np.isfinite(T)) or np.any(inside[:, 2] <= 0):
         raise NotConverged("OpenCV's solvePnP found no pose of the board.")
-    return baseline("aruco_board", camera, [T], [points.points_px - project(inside, camera)])
+    return baseline(method, camera, [T], [points_px - project(inside, camera)])
 
 
 def _marker_frame(corners: Float[np.ndarray, "4 3"]) -> tuple[Float[np.ndarray, "4 4"], float]:

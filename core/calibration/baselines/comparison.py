@@ -1,22 +1,30 @@
-"""The rows of Table II: every method on the same grid points, with the images it fails on and why."""
+"""Every method on the same images: the rows of Table II, and the poses that Table III is made of.
+
+Nothing is refused as a whole: a method that fails on an image, or on all of them, says so in its row.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Hashable, Iterable, Sequence
+from dataclasses import replace
 from functools import partial
 
-import numpy as np
-
+from core.calibration.baselines.aruco import aruco_board, aruco_marker, central_marker, pose_of_points
 from core.calibration.baselines.dlt import dlt
 from core.calibration.baselines.opencv import opencv_single_image, zhang
 from core.calibration.baselines.proposed import VARIANTS, proposed
-from core.calibration.baselines.result import Baseline
+from core.calibration.baselines.result import Baseline, baseline
+from core.calibration.baselines.rows import Answer, CameraOf, Failure, MethodRow, attempt
 from core.calibration.baselines.tsai import tsai
-from core.calibration.result import Reprojection
-from core.calibration.uncertainty import reprojection
-from core.errors import DegenerateGeometry, GridposeError
-from core.targets.specification import GridPoints
+from core.calibration.estimators import GroupEstimate, estimate_group
+from core.calibration.model import Lens
+from core.calibration.validity import check_camera, check_points
+from core.camera import Camera, project
+from core.errors import Advisory, DegenerateGeometry, GridposeError, InvalidArgument, TargetNotFound
+from core.targets.charuco import Markers
+from core.targets.charuco_layout import CharucoLayout, charuco_layout
+from core.targets.specification import GridPoints, TargetSpec
+from core.transforms import invert, transform, transform_points
 
 SINGLE_VIEW: dict[str, Callable[[GridPoints], Baseline]] = {
     **{method: partial(proposed, method) for method in VARIANTS},
@@ -24,67 +32,214 @@ SINGLE_VIEW: dict[str, Callable[[GridPoints], Baseline]] = {
     "tsai": tsai,
     "dlt": dlt,
 }
-CALIBRATION_METHODS = (*VARIANTS, "zhang", "opencv_single_image", "tsai", "dlt")
+METHODS = (
+    *VARIANTS,
+    "zhang",
+    "opencv_single_image",
+    "tsai",
+    "dlt",
+    "aruco_marker",
+    "aruco_board",
+    "pooled",
+)
 """The order of the rows."""
+MARKER_METHODS = ("aruco_marker", "aruco_board")
+ZHANG_VIEWS = 60
+"""Views that `zhang` calibrates from at most, lest hundreds take minutes."""
+LEAST_POINTS = 6
 
 
-@dataclass(frozen=True, slots=True)
-class Failure:
-    """What went wrong on one image, by its index; None where it is the images together."""
+def compare_methods(
+    views: Sequence[GridPoints],
+    *,
+    markers: Sequence[Markers | None] | None = None,
+    intrinsics: Camera | None = None,
+    lens: Lens | None = None,
+    repeats: Sequence[Hashable] | None = None,
+    pooled: GroupEstimate | Failure | None = None,
+    methods: Iterable[str] = METHODS,
+) -> tuple[MethodRow, ...]:
+    """Calibrate by every method, or find poses where it is one that does not calibrate.
 
-    image: int | None
-    code: str
-    detail: str
-    advice: str | None
+    Parameters
+    ----------
+    views
+        The images of one camera setting (one focus group).
+    markers
+        The corners of the markers seen in each view, `GridPoints.markers_px` by default; None for a view of which they
+        are not known.
+    intrinsics
+        The camera by which poses from markers are found; the pooled one by default.
+    lens, repeats
+        As `estimate_group` takes them, for the pooled row.
+    pooled
+        What `estimate_group` made of these very views with estimator `pooled`, where that is known already.
+    methods
+        Those wanted; the rows stand in the order of `METHODS`.
 
-
-@dataclass(frozen=True, slots=True)
-class MethodRow:
-    """One method over all images: `reprojection` over all points of those it answered for, None where there are none.
-
-    `answers` has the index of each answered image and its answer; a method that takes the images together has one,
-    with index None.
+    Raises InvalidArgument for a method there is not.
     """
+    wanted = set(methods)
+    if not wanted <= set(METHODS):
+        raise InvalidArgument(f"There are no methods {sorted(wanted - set(METHODS))}; choose of {METHODS}.")
+    shown = [v.markers_px for v in views] if markers is None else list(markers)
+    if pooled is None and ("pooled" in wanted or (wanted.intersection(MARKER_METHODS) and not intrinsics)):
+        pooled = _pool(views, lens, repeats)
+    rows = []
+    for method in METHODS:
+        if method not in wanted:
+            continue
+        if method == "pooled":
+            assert pooled is not None
+            rows.append(_pooled_row(views, pooled))
+        elif method == "zhang":
+            rows.append(_zhang_row(views))
+        elif method in MARKER_METHODS:
+            rows.append(_marker_row(method, views, shown, intrinsics or _camera_of(pooled)))
+        else:
+            calibrate = SINGLE_VIEW[method]
+            attempts = [_single(i, partial(calibrate, points)) for i, points in enumerate(views)]
+            rows.append(_row(method, "each_image", attempts))
+    return tuple(rows)
 
-    method: str
-    images: int
-    reprojection: Reprojection | None
-    answers: tuple[tuple[int | None, Baseline], ...]
-    failures: tuple[Failure, ...]
 
-    @property
-    def failure(self) -> Failure | None:
-        """Why there is no answer at all, or None."""
-        return self.failures[0] if self.failures and not self.answers else None
+def evenly(count: int, at_most: int) -> list[int]:
+    """Return at most so many of `count` places, evenly over all of them, the first and the last among them."""
+    if count <= at_most:
+        return list(range(count))
+    return [round(i * (count - 1) / max(at_most - 1, 1)) for i in range(at_most)]
 
 
-def compare_calibrations(views: Sequence[GridPoints]) -> tuple[MethodRow, ...]:
-    """Calibrate by every method; `views` are the images of one camera setting (one focus group)."""
-    return tuple(_row(method, views) for method in CALIBRATION_METHODS)
+def _row(method: str, camera_of: CameraOf, outcomes: Iterable[Answer | Failure]) -> MethodRow:
+    answers: list[Answer] = []
+    failures: list[Failure] = []
+    for outcome in outcomes:
+        if isinstance(outcome, Answer):
+            answers.append(outcome)
+        else:
+            failures.append(outcome)
+    return MethodRow(method, camera_of, tuple(answers), tuple(failures))
 
 
-def _row(method: str, views: Sequence[GridPoints]) -> MethodRow:
-    answers: list[tuple[int | None, Baseline]] = []
-    failures = []
-    attempts: list[tuple[int | None, Callable[[], Baseline]]]
-    if method == "zhang":
-        attempts = [(None, partial(zhang, views))]
-    else:
-        attempts = [(index, partial(SINGLE_VIEW[method], points)) for index, points in enumerate(views)]
-    for index, attempt in attempts:
+def _single(image: int, calibrate: Callable[[], Baseline]) -> Answer | Failure:
+    return attempt(image, lambda: Answer((image,), calibrate()))
+
+
+def _zhang_row(views: Sequence[GridPoints]) -> MethodRow:
+    """Calibrate from a part of the views where they are many; all are placed by its camera then, which is where the
+    calibration itself puts those it has.
+    """
+    failures: list[Failure] = []
+    sound = []
+    for i, points in enumerate(views):
         try:
-            answers.append((index, attempt()))
+            check_points(points)
+            if len(points) < LEAST_POINTS:
+                raise DegenerateGeometry(
+                    f"At least {LEAST_POINTS} points are needed, {len(points)} were found."
+                )
         except GridposeError as error:
-            failures.append(Failure(index, error.code, error.detail, error.advice))
-        except (np.linalg.LinAlgError, ArithmeticError):
-            unnamed = DegenerateGeometry("The grid points found do not determine the camera and its pose.")
-            failures.append(Failure(index, unnamed.code, unnamed.detail, unnamed.advice))
-    residuals = [r for _, answer in answers for r in answer.residuals_px]
-    together = np.concatenate(residuals) if residuals else np.zeros((0, 2))
+            failures.append(Failure(i, error.code, error.detail, error.advice))
+        else:
+            sound.append(i)
+    chosen = [sound[k] for k in evenly(len(sound), ZHANG_VIEWS)]
+    answer = attempt(None, lambda: Answer(tuple(chosen), zhang([views[i] for i in chosen])))
+    if isinstance(answer, Failure):
+        return MethodRow("zhang", "all_images", (), (*failures, answer))
+    if len(chosen) == len(sound):
+        return MethodRow("zhang", "all_images", (answer,), tuple(failures))
+    camera = answer.result.camera
+    assert camera is not None, "attempt() lets no answer without a camera through"
+    placed = [
+        _single(i, partial(pose_of_points, "zhang", views[i].points_target, views[i].points_px, camera))
+        for i in sound
+    ]
+    row = _row("zhang", "all_images", placed)
+    remark = Advisory(
+        "calibrated_from_a_part",
+        f"Calibrated from {len(chosen)} of {len(sound)} images, evenly over all of them in their order; the poses of "
+        "all are found with that camera.",
+    )
+    return replace(row, failures=(*failures, *row.failures), remarks=(remark, *answer.result.warnings))
+
+
+def _pool(
+    views: Sequence[GridPoints], lens: Lens | None, repeats: Sequence[Hashable] | None
+) -> GroupEstimate | Failure:
+    try:
+        return estimate_group(views, "pooled", lens=lens, repeats=repeats)
+    except GridposeError as error:
+        return Failure(None, error.code, error.detail, error.advice)
+
+
+def _pooled_row(views: Sequence[GridPoints], estimate: GroupEstimate | Failure) -> MethodRow:
+    if isinstance(estimate, Failure):
+        return MethodRow("pooled", "all_images", (), (estimate,))
+    images = tuple(estimate.images.tolist())
+    poses = [invert(transform(R, p)) for R, p in zip(estimate.rotations, estimate.positions_mm, strict=True)]
+    residuals = [
+        views[i].points_px - project(transform_points(T, views[i].points_target), estimate.camera)
+        for i, T in zip(images, poses, strict=True)
+    ]
     return MethodRow(
-        method=method,
-        images=sum(len(answer.residuals_px) for _, answer in answers),
-        reprojection=reprojection(together, np.ones(len(together), dtype=np.bool_)) if residuals else None,
-        answers=tuple(answers),
-        failures=tuple(failures),
+        "pooled",
+        "all_images",
+        (Answer(images, baseline("pooled", estimate.camera, poses, residuals)),),
+        tuple(Failure(i, e.code, e.detail, e.advice) for i, e in estimate.failures),
+        scatter=dict(zip(images, estimate.scatter, strict=True)),
+    )
+
+
+def _marker_row(
+    method: str, views: Sequence[GridPoints], markers: Sequence[Markers | None], camera: Camera | Failure
+) -> MethodRow:
+    if isinstance(camera, Failure):
+        return MethodRow(method, "given", (), (camera,))
+    layouts: dict[TargetSpec, CharucoLayout] = {}
+
+    def find(points: GridPoints, seen: Markers | None) -> Baseline:
+        check_camera(camera, points)
+        if points.target not in layouts:
+            layouts[points.target] = charuco_layout(points.target)
+        layout = layouts[points.target]
+        if method == "aruco_board":
+            return aruco_board(seen or {}, layout, camera)
+        marker = central_marker(layout)
+        if marker not in (seen or {}):
+            raise TargetNotFound(f"Marker {marker}, the one nearest to the board's middle, was not found.")
+        assert seen is not None
+        return aruco_marker(seen[marker], layout.marker_corners(marker), camera)
+
+    outcomes: list[Answer | Failure] = []
+    for i, (points, seen) in enumerate(zip(views, markers, strict=True)):
+        if points.target.kind != "charuco":
+            outcomes.append(Failure(i, *_WITHOUT_MARKERS))
+        elif seen is None:
+            outcomes.append(Failure(i, *_NOT_STORED))
+        else:
+            outcomes.append(_single(i, partial(find, points, seen)))
+    return _row(method, "given", outcomes)
+
+
+_WITHOUT_MARKERS = (
+    "target_without_markers",
+    "The target has no ArUco markers.",
+    "Use a ChArUco board (kind charuco): it has both, so that the methods are compared on the same images.",
+)
+_NOT_STORED = (
+    "markers_not_stored",
+    "The image was measured before markers were stored.",
+    "Retry the measurement: markers are found and stored anew.",
+)
+
+
+def _camera_of(pooled: GroupEstimate | Failure | None) -> Camera | Failure:
+    if isinstance(pooled, GroupEstimate):
+        return pooled.camera
+    why = f": {pooled.detail}" if pooled is not None else "."
+    return Failure(
+        None,
+        "intrinsics_missing",
+        f"Poses from markers take a calibrated camera, and the pooled calibration gives none{why}",
+        "Give the session intrinsics, or add images with the target tilted by 15° or more.",
     )

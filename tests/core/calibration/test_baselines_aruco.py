@@ -8,7 +8,13 @@ import math
 import numpy as np
 import pytest
 
-from core.calibration.baselines import aruco_board, aruco_marker, central_marker, detect_markers
+from core.calibration.baselines import (
+    aruco_board,
+    aruco_marker,
+    central_marker,
+    detect_markers,
+    pose_of_points,
+)
 from core.camera import Camera, project
 from core.errors import DegenerateGeometry, InvalidArgument, InvalidTarget
 from core.simulation import Scene, render
@@ -32,6 +38,13 @@ def board_points(T: np.ndarray) -> GridPoints:
     return GridPoints(TARGET, 1600, 1200, column, row, px, np.full(35, 0.05))
 
 
+def board_markers(T: np.ndarray) -> dict[int, np.ndarray]:
+    return {
+        marker: project(transform_points(T, LAYOUT.marker_corners(marker)), CAMERA)
+        for marker in range(len(LAYOUT.marker_squares))
+    }
+
+
 def test_the_central_marker_is_in_the_middle() -> None:
     corners = LAYOUT.marker_corners(central_marker(LAYOUT))
     middle = TARGET.points_target().mean(axis=0)
@@ -49,8 +62,11 @@ def test_exact_corners_give_the_pose(tilt: float) -> None:
         np.testing.assert_allclose(found.T_camera_target[0][:3, 3], T[:3, 3], atol=0.2)
         assert found.reprojection.max_px < 0.01
         assert found.method == "aruco_marker"
-    board = aruco_board(board_points(T), CAMERA)
+    board = aruco_board(board_markers(T), LAYOUT, CAMERA)
     np.testing.assert_allclose(board.T_camera_target[0], T, atol=1e-3)
+    points = pose_of_points("zhang", TARGET.points_target(), board_points(T).points_px, CAMERA)
+    np.testing.assert_allclose(points.T_camera_target[0], T, atol=1e-3)
+    assert (board.method, points.method) == ("aruco_board", "zhang")
 
 
 def test_a_marker_seen_from_afar_may_be_its_mirror_image_and_says_so() -> None:
@@ -68,17 +84,15 @@ def test_a_marker_is_far_noisier_than_the_board() -> None:
     """Depth and tilt of a marker a tenth of the board's size; the theory is in the ratio of the two covariances."""
     T, sigma, rng = pose(30.0), 0.05, np.random.default_rng(2)
     corners = LAYOUT.marker_corners(central_marker(LAYOUT))
-    exact_marker, exact_board = project(transform_points(T, corners), CAMERA), board_points(T)
+    exact_marker, exact_board = project(transform_points(T, corners), CAMERA), board_markers(T)
     marker, board = [], []
     for _ in range(100):
-        noisy = exact_board.points_px + rng.normal(0.0, sigma, (35, 2))
-        board.append(
-            aruco_board(dataclasses.replace(exact_board, points_px=noisy), CAMERA).T_camera_target[0]
-        )
+        markers = {k: px + rng.normal(0.0, sigma, (4, 2)) for k, px in exact_board.items()}
+        board.append(aruco_board(markers, LAYOUT, CAMERA).T_camera_target[0])
         noisy = exact_marker + rng.normal(0.0, sigma, (4, 2))
         marker.append(aruco_marker(noisy, corners, CAMERA).T_camera_target[0])
     spread_marker, spread_board = (np.std(np.array(Ts)[:, 2, 3]) for Ts in (marker, board))
-    # √(35/4) in number and more than three in extent, of which depth takes the product at least.
+    # √24 in number and more than three in extent, of which depth takes the product at least.
     assert spread_marker > 8.0 * spread_board
 
 
@@ -106,15 +120,15 @@ def test_what_cannot_be_used_is_refused() -> None:
             aruco_marker(px, wrong, CAMERA)
     with pytest.raises(InvalidTarget):
         detect_markers(np.zeros((10, 10), np.uint8), TargetSpec("chessboard", 7, 5, 25.0))
-    points = board_points(pose(20.0))
-    few = dataclasses.replace(
-        points,
-        column=points.column[:5],
-        row=points.row[:5],
-        points_px=points.points_px[:5],
-        standard_uncertainty_px=points.standard_uncertainty_px[:5],
-    )
-    with pytest.raises(DegenerateGeometry):
-        aruco_board(few, CAMERA)
+    board = board_markers(pose(20.0))
+    with pytest.raises(DegenerateGeometry, match="two markers"):
+        aruco_board({3: board[3]}, LAYOUT, CAMERA)
+    with pytest.raises(InvalidTarget, match="markers 0 to 23"):
+        aruco_board({**board, 24: board[3]}, LAYOUT, CAMERA)
     with pytest.raises(InvalidArgument):
-        aruco_board(points, dataclasses.replace(CAMERA, fx_px=math.nan))
+        aruco_board({**board, 3: np.full((4, 2), np.nan)}, LAYOUT, CAMERA)
+    with pytest.raises(InvalidArgument):
+        aruco_board(board, LAYOUT, dataclasses.replace(CAMERA, fx_px=math.nan))
+    points = board_points(pose(20.0))
+    with pytest.raises(DegenerateGeometry, match="at least 6"):
+        pose_of_points("zhang", points.points_target[:5], points.points_px[:5], CAMERA)

@@ -180,9 +180,11 @@ def test_large_squares_of_a_wallpaper_are_no_board_of_another_size() -> None:
 
 def test_refusals() -> None:
     picture = np.zeros((100, 100), np.uint8)
-    for kind in ("charuco", "circles", "asymmetric_circles", "aprilgrid"):
+    for kind in ("circles", "asymmetric_circles", "aprilgrid"):
         with pytest.raises(InvalidTarget):
             detect(picture, TargetSpec(kind, 9, 6, 20.0))
+    with pytest.raises(InvalidTarget, match="marker dictionary"):
+        detect(picture, TargetSpec("charuco", 9, 6, 20.0))
     with pytest.raises(InvalidTarget, match="2 x 6"):
         detect(picture, TargetSpec("chessboard", 2, 6, 20.0))
     for wrong in (picture.astype(np.float32), np.zeros((100, 100, 3), np.uint8)):

@@ -1,0 +1,166 @@
+"""Repeatability by every method of the comparison, from the same images: the rows of Table III.
+
+All rows are by the same rules, those of `core.metrology.repeatability`: RP_l and 3 S of ISO 9283:1998 (7.2.2), outliers
+left out where no scatter explains them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Hashable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+from core.calibration.baselines import Failure, MethodRow
+from core.metrology.figures import FIGURE_NAMES, Figures
+from core.metrology.poses import PoseCycles
+from core.metrology.repeatability import PoseRepeatability, assess_repeatability
+from core.transforms import compose, invert
+
+LEAST_IMAGES = 2
+
+
+@dataclass(frozen=True, slots=True)
+class MethodPose:
+    """One pose by one method; mm and rad.
+
+    `images` are those that count, `failures` the others of the pose, with the reason of each. `noise_floor` is None
+    where the method states no covariance; all figures are None below two images, for the reason in `failure`.
+    """
+
+    label: Hashable
+    images: tuple[int, ...]
+    repeatability: Figures[float | None]
+    noise_floor: Figures[float | None] | None
+    failures: tuple[Failure, ...]
+    failure: Failure | None
+
+
+@dataclass(frozen=True, slots=True)
+class MethodRepeatability:
+    """One method over all poses; `failure` is that of its row of calibrations."""
+
+    method: str
+    poses: tuple[MethodPose, ...]
+    failure: Failure | None
+
+
+def compare_repeatability(
+    rows: Sequence[MethodRow],
+    labels: Sequence[Hashable | None],
+    turns: Sequence[Float[np.ndarray, "4 4"]] | None = None,
+) -> tuple[MethodRepeatability, ...]:
+    """Return every method's repeatability at every pose.
+
+    Parameters
+    ----------
+    labels
+        The pose that each image shows; None for an image that belongs to no pose. Poses stand in the order in which
+        they first occur.
+    turns
+        Of each image T_target_turned, for boards that look the same when turned: its pose is given in the turned frame.
+    """
+    images: dict[Hashable, list[int]] = {}
+    for image, label in enumerate(labels):
+        if label is not None:
+            images.setdefault(label, []).append(image)
+    return tuple(
+        MethodRepeatability(
+            row.method,
+            tuple(_poses(row, images, turns)),
+            row.failure,
+        )
+        for row in rows
+    )
+
+
+def _poses(
+    row: MethodRow,
+    images: dict[Hashable, list[int]],
+    turns: Sequence[Float[np.ndarray, "4 4"]] | None,
+) -> list[MethodPose]:
+    found = {
+        image: invert(T if turns is None else compose(T, turns[image])) for image, T in row.poses.items()
+    }
+    failed = {failure.image: failure for failure in row.failures}
+    together = failed.get(None)
+    known = {label: [i for i in members if i in found] for label, members in images.items()}
+    several = [label for label, members in known.items() if len(members) >= LEAST_IMAGES]
+    assessed = dict(
+        zip(
+            several,
+            assess_repeatability([_cycles(row, known[s], found, turns) for s in several]),
+            strict=True,
+        )
+    )
+    poses = []
+    for label, members in images.items():
+        without = [failed[i] for i in members if i in failed]
+        if label in assessed:
+            poses.append(_assessed(row, label, known[label], assessed[label], without))
+        else:
+            poses.append(_unknown(label, members, known[label], without, together))
+    return poses
+
+
+def _cycles(
+    row: MethodRow,
+    members: list[int],
+    found: dict[int, Float[np.ndarray, "4 4"]],
+    turns: Sequence[Float[np.ndarray, "4 4"]] | None,
+) -> PoseCycles:
+    T = np.array([found[i] for i in members])
+    covariances = None
+    if row.scatter is not None:
+        covariances = np.array(
+            [_in_turned_frame(row.scatter[i], None if turns is None else turns[i]) for i in members]
+        )
+    return PoseCycles(T[:, :3, 3], T[:, :3, :3], covariances)
+
+
+def _in_turned_frame(
+    covariance: Float[np.ndarray, "6 6"], turn: Float[np.ndarray, "4 4"] | None
+) -> Float[np.ndarray, "6 6"]:
+    if turn is None:
+        return covariance
+    both = np.zeros((6, 6))
+    both[:3, :3] = both[3:, 3:] = turn[:3, :3].T
+    return np.asarray(both @ covariance @ both.T)
+
+
+def _assessed(
+    row: MethodRow, label: Hashable, members: list[int], figures: PoseRepeatability, without: list[Failure]
+) -> MethodPose:
+    outliers = [
+        Failure(members[e.index], e.code, e.detail, "Look at these images' overlays, and take them again.")
+        for e in figures.excluded
+    ]
+    return MethodPose(
+        label,
+        tuple(members[i] for i in figures.used),
+        figures.repeatability,
+        figures.noise_floor if row.scatter is not None else None,
+        (*without, *outliers),
+        None,
+    )
+
+
+def _unknown(
+    label: Hashable,
+    members: list[int],
+    known: list[int],
+    without: list[Failure],
+    together: Failure | None,
+) -> MethodPose:
+    few = Failure(
+        None,
+        "too_few_images",
+        f"Repeatability takes at least {LEAST_IMAGES} images of a pose; of {len(members)} here, {len(known)} gave a "
+        "pose by this method.",
+        "Visit the pose again: the standard asks for 30 cycles."
+        if len(members) < LEAST_IMAGES
+        else "See why the others failed.",
+    )
+    nothing: Figures[float | None] = Figures(*[None] * len(FIGURE_NAMES))
+    return MethodPose(label, tuple(known), nothing, None, tuple(without), together or few)

@@ -1,0 +1,135 @@
+"""ChArUco boards: named by their markers, refined by their corners, whatever is misread or out of view."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from core.camera import Camera
+from core.errors import TargetNotFound
+from core.simulation import Scene, render
+from core.targets import detect
+from core.targets.charuco import detect_markers, fitting_markers
+from core.targets.charuco_layout import charuco_layout
+from core.targets.specification import TargetSpec
+from core.transforms import so3_exp, transform
+
+CAMERA = Camera(1450.0, 1451.0, 640.0, 480.0, k1=-0.12, k2=0.04, p1=2e-4)
+BOARD = TargetSpec("charuco", 7, 5, 22.0, 15.4, "DICT_5X5_100")
+Shot = tuple[Scene, np.ndarray]
+
+
+def scene(
+    target: TargetSpec = BOARD,
+    *,
+    tilt_deg: float = 30.0,
+    turn: float = 0.3,
+    aside_mm: float = 0.0,
+    depth_mm: float = 300.0,
+) -> Scene:
+    R = so3_exp(math.radians(tilt_deg) * np.array([0.8, 0.6, 0.0])) @ so3_exp(np.array([0.0, 0.0, turn]))
+    middle = target.points_target().mean(axis=0)
+    T = transform(R, np.array([aside_mm, 0.0, depth_mm]) - R @ middle)
+    return Scene(target, CAMERA, T, 1280, 960, noise_levels=3.0, clutter=1.0, seed=2)
+
+
+@pytest.fixture(scope="module")
+def shot() -> Shot:
+    taken = scene()
+    return taken, render(taken)
+
+
+def errors(taken: Scene, picture: np.ndarray) -> tuple[int, float, float]:
+    """How many points were found, their RMS error (px), and that over the stated uncertainty."""
+    found = detect(picture, taken.target)
+    truth = taken.points_px[found.row * taken.target.columns + found.column]
+    off = found.points_px - truth
+    stated = off / found.standard_uncertainty_px[:, None]
+    return len(found), float(np.sqrt(np.mean(off**2))), float(np.sqrt(np.mean(stated**2)))
+
+
+@pytest.mark.parametrize(
+    ("columns", "rows", "legacy", "turn"),
+    [(7, 5, False, 0.3), (7, 5, True, 2.0), (6, 5, False, -1.4), (6, 5, True, 3.1), (4, 4, False, 1.5)],
+)
+def test_every_corner_is_found_and_named_whichever_way_the_board_lies(
+    columns: int, rows: int, legacy: bool, turn: float
+) -> None:
+    """Boards that look the same when turned (4 x 4) are told by their markers, old layout and new."""
+    target = TargetSpec("charuco", columns, rows, 22.0, 15.4, "DICT_5X5_100", legacy)
+    taken = scene(target, turn=turn)
+    count, rms, stated = errors(taken, render(taken))
+    assert count == target.size
+    assert rms < 0.012
+    assert 0.6 < stated < 1.5
+
+
+def test_depth_makes_no_difference(shot: Shot) -> None:
+    _, picture = shot
+    found = detect(picture, BOARD)
+    deep = detect(picture.astype(np.uint16) * 257, BOARD)
+    np.testing.assert_array_equal(found.column, deep.column)
+    np.testing.assert_allclose(found.points_px, deep.points_px, atol=2e-3)
+
+
+def test_the_markers_come_along(shot: Shot) -> None:
+    _, picture = shot
+    found = detect(picture, BOARD)
+    assert found.markers_px is not None
+    assert sorted(found.markers_px) == list(range(24))
+    same = detect_markers(picture, BOARD)
+    for marker, corners in found.markers_px.items():
+        np.testing.assert_array_equal(corners, same[marker])
+
+
+def test_what_is_hidden_costs_points_and_is_said(shot: Shot) -> None:
+    taken, picture = shot
+    hidden = picture.copy()
+    hidden[:, 820:] = 120
+    found = detect(hidden, BOARD)
+    assert 18 <= len(found) < 35
+    truth = taken.points_px[found.row * 7 + found.column]
+    assert np.abs(found.points_px - truth).max() < 0.1
+    assert [w.code for w in found.warnings] == ["corners_left_out"]
+    hidden[:, 600:] = 120
+    with pytest.raises(TargetNotFound, match="too few"):
+        detect(hidden, BOARD)
+
+
+def test_a_board_partly_out_of_the_picture_keeps_its_names() -> None:
+    taken = scene(aside_mm=95.0)
+    found = detect(render(taken), BOARD)
+    assert 18 <= len(found) < 35
+    truth = taken.points_px[found.row * 7 + found.column]
+    assert np.abs(found.points_px - truth).max() < 0.1
+
+
+def test_no_board_and_the_mirrored_one(shot: Shot) -> None:
+    _, picture = shot
+    with pytest.raises(TargetNotFound, match="No marker"):
+        detect(np.full((400, 300), 128, np.uint8), BOARD)
+    with pytest.raises(TargetNotFound):
+        detect(np.ascontiguousarray(picture[:, ::-1]), BOARD)
+
+
+def test_another_board_is_not_taken_for_it(shot: Shot) -> None:
+    """Same dictionary, other size: the ids stand elsewhere, so that no two markers fit together."""
+    _, picture = shot
+    with pytest.raises(TargetNotFound):
+        detect(picture, TargetSpec("charuco", 8, 6, 22.0, 15.4, "DICT_5X5_100"))
+    with pytest.raises(TargetNotFound):
+        detect(picture, TargetSpec("charuco", 7, 5, 22.0, 15.4, "DICT_4X4_100"))
+
+
+def test_misread_markers_do_not_fit(shot: Shot) -> None:
+    _, picture = shot
+    layout = charuco_layout(BOARD)
+    markers = detect_markers(picture, BOARD)
+    assert fitting_markers(markers, layout) == markers
+    swapped = {**markers, 3: markers[20], 20: markers[3]}
+    swapped[11] = markers[11] + [200.0, 0.0]
+    assert sorted(fitting_markers(swapped, layout)) == sorted(set(markers) - {3, 20, 11})
+    assert fitting_markers({5: markers[5]}, layout) == {}
+    assert fitting_markers({}, layout) == {}
