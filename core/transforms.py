@@ -59,6 +59,49 @@ def so3_log(rotation: Float[np.ndarray, "3 3"]) -> Float[np.ndarray, "3"]:
     return np.array([x * scale, y * scale, z * scale])
 
 
+def rotation_vectors(
+    rotations: Float[np.ndarray, "n 3 3"], about: Float[np.ndarray, "3 3"]
+) -> Float[np.ndarray, "n 3"]:
+    """Return w with R_j = exp(w_j) R_about, rad, in the frame's axes."""
+    relative = rotations @ about.T
+    axis = 0.5 * np.stack(
+        [
+            relative[:, 2, 1] - relative[:, 1, 2],
+            relative[:, 0, 2] - relative[:, 2, 0],
+            relative[:, 1, 0] - relative[:, 0, 1],
+        ],
+        axis=1,
+    )
+    sine = np.sqrt(np.einsum("ni,ni->n", axis, axis))
+    cosine = 0.5 * (np.trace(relative, axis1=1, axis2=2) - 1.0)
+    angle = np.arctan2(sine, cosine)
+    # θ / sin θ → 1 + θ²/6 as θ → 0
+    w = axis * np.where(sine > 1e-8, angle / np.maximum(sine, 1e-8), 1.0)[:, None]
+    for j in np.flatnonzero(angle > 3.0):  # sin θ loses the axis near half a turn; such cycles are rare
+        w[j] = so3_log(relative[j])
+    return np.asarray(w)
+
+
+def rotations_from_vectors(vectors: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 3 3"]:
+    """Return exp(w) of each rotation vector, as `so3_exp` does of one."""
+    x, y, z = vectors.T
+    square = np.einsum("ni,ni->n", vectors, vectors)
+    small = square < 1e-12
+    angle = np.sqrt(np.where(small, 1.0, square))
+    a = np.where(small, 1.0 - square / 6.0, np.sin(angle) / angle)
+    b = np.where(small, 0.5 - square / 24.0, (1.0 - np.cos(angle)) / np.where(small, 1.0, square))
+    R = np.empty((len(vectors), 3, 3))
+    R[:, 0, 0], R[:, 1, 1], R[:, 2, 2] = (
+        1.0 - b * (y * y + z * z),
+        1.0 - b * (x * x + z * z),
+        1.0 - b * (x * x + y * y),
+    )
+    R[:, 0, 1], R[:, 1, 0] = b * x * y - a * z, b * x * y + a * z
+    R[:, 0, 2], R[:, 2, 0] = b * x * z + a * y, b * x * z - a * y
+    R[:, 1, 2], R[:, 2, 1] = b * y * z - a * x, b * y * z + a * x
+    return R
+
+
 def _quaternion(rotation: Float[np.ndarray, "3 3"]) -> tuple[float, float, float, float]:
     """Return the unit quaternion (w, x, y, z), w ≥ 0, by the largest of its four components (Shepperd)."""
     r = rotation

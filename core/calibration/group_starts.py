@@ -6,13 +6,13 @@ from collections.abc import Hashable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float, Int
 
 from core.calibration import closed_form
 from core.calibration.homography import estimate_homography
-from core.calibration.model import centred
-from core.calibration.shared_lens import Placement
+from core.calibration.model import View, centred
 from core.calibration.validity import LARGEST_RATIO, check_points
+from core.calibration.view_stack import ViewStack
 from core.camera import Camera, project, undistort_points
 from core.errors import DegenerateGeometry, GridposeError
 from core.targets.specification import GridPoints
@@ -33,15 +33,19 @@ class Alike:
     failures: dict[int, GridposeError]
 
 
-def find_alike(views: Sequence[GridPoints], labels: Sequence[Hashable], *, least: int) -> Alike:
+def find_alike(views: ViewStack, labels: Sequence[Hashable], *, least: int) -> Alike:
     """Check the views, of which each needs `least` points, and find those of one label that show nearly the same."""
     alike = Alike([], {}, {}, {})
+    first_of: dict[Hashable, int] = {}
+    firsts = np.array([first_of.setdefault(label, i) for i, label in enumerate(labels)])
+    near = _near(views, firsts).tolist()
     leaders: dict[Hashable, int] = {}
-    for i, (view, label) in enumerate(zip(views, labels, strict=True)):
+    for i, label in enumerate(labels):
         leader = leaders.get(label)
-        if leader is not None and _near(view, views[leader]):
+        if leader is not None and (near[i] if leader == firsts[i] else _near_one(views, i, leader)):
             alike.leader[i] = leader
         else:
+            view = views.view(i)
             try:
                 check_points(view)
                 if len(view) < least:
@@ -58,27 +62,38 @@ def find_alike(views: Sequence[GridPoints], labels: Sequence[Hashable], *, least
     return alike
 
 
-def _near(view: GridPoints, leader: GridPoints) -> bool:
-    """Tell whether the same points lie in nearly the same places; what is near a view that was checked is sound too."""
-    if len(view) != len(leader) or view.target != leader.target:
-        return False
-    smallest, largest = view.standard_uncertainty_px.min(), view.standard_uncertainty_px.max()
-    return bool(
-        np.array_equal(view.column, leader.column)
-        and np.array_equal(view.row, leader.row)
-        and np.abs(view.points_px - leader.points_px).max() < NEAR * view.image_width_px  # NaN fails
-        and smallest > 0
-        and largest < LARGEST_RATIO * smallest
-    )
+def _near_one(views: ViewStack, i: int, leader: int) -> bool:
+    return bool(_near(views.take([leader, i]), np.zeros(2, dtype=np.intp))[1])
 
 
-def placed(H: Float[np.ndarray, "3 3"], points: GridPoints, camera: Camera) -> Placement:
+def _near(views: ViewStack, leaders: Int[np.ndarray, " m"]) -> Bool[np.ndarray, " m"]:
+    """Tell of each view whether it shows the points of its leader, in nearly the same places; what is near a view that
+    was checked is sound too.
+    """
+    near = (views.counts == views.counts[leaders]) & (views.target == views.target[leaders])
+    # Each point beside the leader's of the same place in the list; where there are fewer of these, any.
+    beside = np.arange(views.first[-1]) + views.spread(views.first[leaders] - views.first[:-1])
+    beside = np.minimum(beside, views.first[-1] - 1)
+    u = views.standard_uncertainty_px
+    alike = (views.column == views.column[beside]) & (views.row == views.row[beside])
+    with np.errstate(invalid="ignore"):
+        shift = np.abs(views.points_px - views.points_px[beside]) < NEAR * views.image_width_px
+    differing = views.sums((~(alike & shift.all(axis=1) & (u > 0))).astype(np.float64))  # NaN differs
+    extremes = np.array([[1.0, 1.0]] * len(views))
+    some = views.counts > 0
+    starts = views.first[:-1][some]
+    extremes[some, 0] = np.minimum.reduceat(u, starts) if len(starts) else 1.0
+    extremes[some, 1] = np.maximum.reduceat(u, starts) if len(starts) else 1.0
+    return np.asarray(near & (differing == 0.0) & (extremes[:, 1] < LARGEST_RATIO * extremes[:, 0]))
+
+
+def placed(H: Float[np.ndarray, "3 3"], points: GridPoints, camera: Camera) -> View:
     """Place a view before a camera by its homography, distortion left aside."""
     T = closed_form.nominal(H, points, camera).T_camera_target
-    return Placement(camera.as_array(), T[:3, :3], T[:3, :3] @ centred(points)[1] + T[:3, 3])
+    return View(camera.as_array(), T[:3, :3], T[:3, :3] @ centred(points)[1] + T[:3, 3])
 
 
-def placed_before(camera: Camera, points: GridPoints) -> Placement:
+def placed_before(camera: Camera, points: GridPoints) -> View:
     """Place a view before a known camera by the homography of its undistorted points.
 
     Raises DegenerateGeometry where the camera's distortion has no inverse at the points.

@@ -9,92 +9,127 @@ grid point over the pose's images, is judged once for all of them, and of each i
 from __future__ import annotations
 
 from collections.abc import Hashable, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from core.calibration.model import SMALLEST_NOISE_PX
+from core.calibration.view_stack import ViewStack
+from core.compiled import compiled
 from core.least_squares import REJECTION
-from core.targets.specification import GridPoints, TargetSpec
 
 ENOUGH_FOR_MEDIAN = 3
 """Images of a point from which on a gross error in one of them leaves the median alone."""
 
 
-@dataclass(frozen=True, slots=True)
-class Repeats:
-    """Images of one pose: which views they are, and of each its points' places among all that the pose shows."""
-
-    views: tuple[int, ...]
-    places: tuple[Int[np.ndarray, " _"], ...]
-    root_weights: tuple[Float[np.ndarray, " _"], ...]  # 1/u
-    count: int
-
-
-def find_repeats(views: Sequence[GridPoints], labels: Sequence[Hashable] | None) -> tuple[Repeats, ...]:
-    """Sort views by label, and by target; without labels every view is by itself."""
-    members: dict[tuple[Hashable, TargetSpec], list[int]] = {}
-    for i, view in enumerate(views):
-        members.setdefault((i if labels is None else labels[i], view.target), []).append(i)
-    return tuple(_repeats(views, group) for group in members.values())
-
-
-def _repeats(views: Sequence[GridPoints], group: list[int]) -> Repeats:
-    cells = [views[i].row * views[i].target.columns + views[i].column for i in group]
-    different, place = np.unique(np.concatenate(cells), return_inverse=True)
-    ends = np.cumsum([len(c) for c in cells])
-    return Repeats(
-        tuple(group),
-        tuple(np.split(place, ends[:-1])),
-        tuple(1.0 / views[i].standard_uncertainty_px for i in group),
-        len(different),
-    )
+def find_repeats(views: ViewStack, labels: Sequence[Hashable] | None) -> tuple[Int[np.ndarray, " _"], ...]:
+    """Return the views of each label, by target; without labels every view is by itself."""
+    if labels is None:
+        return tuple(np.array([i]) for i in range(len(views)))
+    members: dict[tuple[Hashable, int], list[int]] = {}
+    for i, key in enumerate(zip(labels, views.target.tolist(), strict=True)):
+        members.setdefault(key, []).append(i)
+    return tuple(np.array(group) for group in members.values())
 
 
 def inliers_of(
-    repeats: Sequence[Repeats], residuals: Sequence[Float[np.ndarray, "2 _"]], kept: Bool[np.ndarray, " m"]
-) -> tuple[Bool[np.ndarray, " _"], ...]:
-    """Return for every view which of its points count; none of views that are not `kept`.
+    views: ViewStack,
+    poses: Sequence[Int[np.ndarray, " _"]],
+    residuals: Float[np.ndarray, "2 n"],
+    kept: Bool[np.ndarray, " m"],
+) -> Bool[np.ndarray, " n"]:
+    """Return which points count; none of views that are not `kept`. `poses` are the views of each pose.
 
     A point is out in all images of a pose where its median residual lies beyond the rejection's distance of these
     images' residuals, and out in one image where it deviates from that median by more than the rejection's distance of
     that image's deviations, and by more than the median itself: to leave a point out of one image moves its pose by
     what is systematic in the point, to keep it by what deviates.
     """
-    used = [np.zeros(r.shape[1], dtype=np.bool_) for r in residuals]
-    for pose in repeats:
-        chosen = [k for k, i in enumerate(pose.views) if kept[i]]
-        if not chosen:
+    used = np.zeros(len(views.column), dtype=np.bool_)
+    root_weight = 1.0 / views.standard_uncertainty_px
+    cells = [t.columns * t.rows for t in views.targets]
+    for pose in poses:
+        chosen = pose[kept[pose]]
+        if len(chosen):
+            size = cells[int(views.target[chosen[0]])]
+            judge_pose(
+                chosen,
+                views.first,
+                views.cell,
+                size,
+                residuals,
+                root_weight,
+                REJECTION,
+                SMALLEST_NOISE_PX,
+                ENOUGH_FOR_MEDIAN,
+                used,
+            )
+    return used
+
+
+@compiled
+def medians(values: Float[np.ndarray, " n"], first: Int[np.ndarray, " bounds"]) -> Float[np.ndarray, " m"]:
+    """Return the median of values[first[i]:first[i + 1]]; 0 where there are none."""
+    result = np.zeros(len(first) - 1)
+    for i in range(len(result)):
+        if first[i + 1] > first[i]:
+            result[i] = np.median(values[first[i] : first[i + 1]])
+    return result
+
+
+@compiled
+def judge_pose(
+    pose: Int[np.ndarray, " k"],
+    first: Int[np.ndarray, " bounds"],
+    cell: Int[np.ndarray, " n"],
+    cells: int,
+    residuals: Float[np.ndarray, "2 n"],
+    root_weight: Float[np.ndarray, " n"],
+    rejection: float,
+    smallest_noise_px: float,
+    enough: int,
+    used: Bool[np.ndarray, " n"],
+) -> None:
+    """Mark which points of one pose's views count; `cell` lies in [0, cells)."""
+    # The points of every cell, one cell after another.
+    ends = np.zeros(cells + 1, dtype=np.intp)
+    for i in pose:
+        for k in range(first[i], first[i + 1]):
+            ends[cell[k] + 1] += 1
+    ends = np.cumsum(ends)
+    place = ends[:-1].copy()
+    points = np.empty(ends[cells], dtype=np.intp)
+    levels = np.empty(len(pose))
+    floors = np.empty(len(pose))
+    for j in range(len(pose)):
+        begin, end = first[pose[j]], first[pose[j] + 1]
+        distance = np.empty(end - begin)
+        for k in range(begin, end):
+            points[place[cell[k]]] = k
+            place[cell[k]] += 1
+            distance[k - begin] = np.hypot(residuals[0, k], residuals[1, k]) * root_weight[k]
+        floors[j] = smallest_noise_px * np.median(root_weight[begin:end])
+        levels[j] = max(np.median(distance), floors[j])
+    limit = rejection * np.median(levels)
+    u, v = np.zeros(cells), np.zeros(cells)
+    common = np.zeros(cells, dtype=np.bool_)
+    spared = np.zeros(cells)
+    for c in range(cells):
+        at = points[ends[c] : ends[c + 1]]
+        if len(at) == 0:
             continue
-        place = np.concatenate([pose.places[k] for k in chosen])
-        root = np.concatenate([pose.root_weights[k] for k in chosen])
-        stacked = np.concatenate([residuals[pose.views[k]] for k in chosen], axis=1)
-        size = np.bincount(place, minlength=pose.count)
-        median = np.stack([_medians(component, place, size) for component in stacked])
-        weight = np.bincount(place, root, minlength=pose.count) / np.maximum(size, 1)
-        systematic = np.hypot(*median) * weight
-        levels, floors = [], []
-        for k in chosen:
-            floors.append(SMALLEST_NOISE_PX * float(np.median(pose.root_weights[k])))
-            levels.append(float(np.median(np.hypot(*residuals[pose.views[k]]) * pose.root_weights[k])))
-        common = systematic <= REJECTION * float(np.median(np.maximum(levels, floors)))
-        spared = np.where(size >= ENOUGH_FOR_MEDIAN, systematic, 0.0)
-        for k, floor in zip(chosen, floors, strict=True):
-            i, at = pose.views[k], pose.places[k]
-            deviation = np.hypot(*(residuals[i] - median[:, at])) * pose.root_weights[k]
-            limit = REJECTION * max(float(np.median(deviation)), floor)
-            used[i] = common[at] & (deviation <= np.maximum(limit, spared[at]))
-    return tuple(used)
-
-
-def _medians(
-    values: Float[np.ndarray, " n"], place: Int[np.ndarray, " n"], size: Int[np.ndarray, " p"]
-) -> Float[np.ndarray, " p"]:
-    """Return the median of the values at each place; anything where there is none."""
-    order = np.lexsort((values, place))
-    first = np.cumsum(size) - size
-    last = len(order) - 1
-    low = order[np.clip(first + (size - 1) // 2, 0, last)]
-    high = order[np.clip(first + size // 2, 0, last)]
-    return np.asarray(0.5 * (values[low] + values[high]))
+        u[c], v[c] = np.median(residuals[0][at]), np.median(residuals[1][at])
+        systematic = np.hypot(u[c], v[c]) * np.mean(root_weight[at])
+        common[c] = systematic <= limit
+        if len(at) >= enough:
+            spared[c] = systematic
+    for j in range(len(pose)):
+        begin, end = first[pose[j]], first[pose[j] + 1]
+        deviation = np.empty(end - begin)
+        for k in range(begin, end):
+            c = cell[k]
+            deviation[k - begin] = np.hypot(residuals[0, k] - u[c], residuals[1, k] - v[c]) * root_weight[k]
+        of_view = rejection * max(np.median(deviation), floors[j])
+        for k in range(begin, end):
+            c = cell[k]
+            used[k] = common[c] and deviation[k - begin] <= max(of_view, spared[c])

@@ -7,16 +7,18 @@ poses.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Bool, Float
 
 from core.calibration import closed_form
+from core.calibration.arrow import TIED
 from core.calibration.homography import estimate_homography
-from core.calibration.model import Lens, centred, image_centre, view_of
-from core.calibration.shared_lens import TIED, Placement, SharedLens, fit_shared_lens
+from core.calibration.model import Lens, View, image_centre, view_of
+from core.calibration.shared_lens import SharedLens, fit_shared_lens
 from core.calibration.single_image import assumed_focals, plausible_start
+from core.calibration.view_stack import ViewStack, stack_states, stack_views
 from core.camera import Camera
 from core.errors import InvalidArgument, NotConverged
 from core.targets.specification import GridPoints
@@ -52,42 +54,40 @@ def calibrate_views(views: Sequence[GridPoints], *, lens: Lens | None = None) ->
         raise InvalidArgument(
             "All views must have the same image size.", "Pool images of one camera setting only."
         )
-    found = fit_common_camera(views, lens)
+    stack = stack_views(views)
+    found = fit_common_camera(stack, lens)
     if not found.converged:
         raise NotConverged("The pooled fit did not converge from any start.")
-    placements = found.at.placements
-    kept = np.concatenate([r[:, u] for r, u in zip(found.at.residuals, found.used, strict=True)], axis=1)
+    placements, residuals, used = found.at.placements, found.at.residuals, found.used
+    origins = placements.translations_mm - np.einsum("kij,kj->ki", placements.rotations, stack.centroids)
+    parts = [stack.part(i) for i in range(len(stack))]
     return PooledCalibration(
-        camera=Camera.from_array(placements[0].parameters),
+        camera=Camera.from_array(placements.parameters[0]),
         covariance=found.covariance,
-        T_camera_target=tuple(
-            transform(p.rotation, p.translation_mm - p.rotation @ centred(v)[1])
-            for p, v in zip(placements, views, strict=True)
-        ),
-        residuals_px=tuple(np.ascontiguousarray(r.T) for r in found.at.residuals),
-        used=found.used,
-        rms_px=float(np.sqrt(np.mean(np.sum(kept**2, axis=0)))),
+        T_camera_target=tuple(transform(R, t) for R, t in zip(placements.rotations, origins, strict=True)),
+        residuals_px=tuple(np.ascontiguousarray(residuals[:, part].T) for part in parts),
+        used=tuple(used[part] for part in parts),
+        rms_px=float(np.sqrt(np.sum(residuals[:, used] ** 2) / max(int(used.sum()), 1))),
     )
 
 
-def fit_common_camera(views: Sequence[GridPoints], lens: Lens | None) -> SharedLens:
+def fit_common_camera(views: ViewStack, lens: Lens | None) -> SharedLens:
     """Fit one camera from the views' own closed forms or, where none gives a focal length, from assumed ones.
 
     Raises DegenerateGeometry for points on one line.
     """
-    views = [replace(v, measured_points_target=v.points_target) for v in views]  # computed once
-    homographies = [estimate_homography(v.points_target[:, :2], v.points_px) for v in views]
-    starts = [plausible_start(H, v) for H, v in zip(homographies, views, strict=True)]
+    each = [views.view(i) for i in range(len(views))]
+    homographies = [estimate_homography(v.points_target[:, :2], v.points_px) for v in each]
+    starts = [plausible_start(H, v) for H, v in zip(homographies, each, strict=True)]
     found = [start.camera.fx_px for start in starts if start is not None]
-    focals = [float(np.median(found))] if found else assumed_focals(views[0], lens)
+    focals = [float(np.median(found))] if found else assumed_focals(each[0], lens)
     fits = []
     for focal in focals:
-        camera = Camera(focal, focal, *image_centre(views[0]))
-        placed = [_placement(H, v, camera) for H, v in zip(homographies, views, strict=True)]
-        fits.append(fit_shared_lens(views, placed, TIED, lens=lens))
+        camera = Camera(focal, focal, *image_centre(each[0]))
+        placed = [_placed(H, v, camera) for H, v in zip(homographies, each, strict=True)]
+        fits.append(fit_shared_lens(views, stack_states(placed), TIED, lens=lens))
     return min(fits, key=lambda f: (not f.converged, -int(f.kept.sum()), f.scale))
 
 
-def _placement(H: Float[np.ndarray, "3 3"], points: GridPoints, camera: Camera) -> Placement:
-    view = view_of(closed_form.nominal(H, points, camera), points)
-    return Placement(view.parameters, view.rotation, view.translation_mm)
+def _placed(H: Float[np.ndarray, "3 3"], points: GridPoints, camera: Camera) -> View:
+    return view_of(closed_form.nominal(H, points, camera), points)

@@ -21,27 +21,27 @@ from core.calibration.model import (
     view_prior,
     view_residuals,
 )
-from core.calibration.shared_lens import Linearised, Placement
+from core.calibration.shared_lens import Linearised
+from core.calibration.view_stack import ViewStack
 from core.errors import NotConverged
 from core.least_squares import Prior, fit
 from core.targets.specification import GridPoints
 
 
-def points_in_common(
-    views: Sequence[GridPoints], at: Linearised, labels: Sequence[Hashable]
-) -> tuple[Bool[np.ndarray, " _"], ...]:
-    """Return which points of each view count, decided for all views of a label together."""
-    return inliers_of(find_repeats(views, labels), at.residuals, np.ones(len(views), dtype=np.bool_))
+def points_in_common(views: ViewStack, at: Linearised, labels: Sequence[Hashable]) -> Bool[np.ndarray, " n"]:
+    """Return which points count, decided for all views of a label together."""
+    everyone = np.ones(len(views), dtype=np.bool_)
+    return inliers_of(views, find_repeats(views, labels), at.residuals, everyone)
 
 
 def fit_again(
     points: GridPoints,
-    start: Placement,
+    start: View,
     used: Bool[np.ndarray, " n"],
     *,
     centre_held: bool,
     lens: Lens | None,
-) -> Placement:
+) -> View:
     """Fit one image plainly with the points `used`; everything free, or f, k1, k2 and the pose alone.
 
     Raises NotConverged.
@@ -57,7 +57,7 @@ def fit_again(
     found = fit(
         evaluate,
         lambda view, by: retract(view, step @ by),
-        View(start.parameters, start.rotation, start.translation_mm),
+        start,
         points.standard_uncertainty_px,
         prior=prior,
         smallest_scale=SMALLEST_NOISE_PX,
@@ -68,4 +68,4 @@ def fit_again(
             "The grid points that this image shares with the others of its pose do not determine it.",
             "Look at its overlay: reflections, dirt or something in front of the grid are the usual causes.",
         )
-    return Placement(found.state.parameters, found.state.rotation, found.state.translation_mm)
+    return found.state

@@ -1,22 +1,10 @@
 """Many views, one lens: a pose for every view, with what the views share and what each has of its own told apart.
 
-Camera coordinates of a step: log f (fx and fy together), log(fx/fy), then cx, cy, k1, k2, p1, p2; a pose has six. A
-`Sharing` says which of them all views have in common and which each has by itself. With shared coordinates s and a
-view's own l, the normal equations are an arrow,
-
-    [A  C₁ C₂ ...] [s ]   [a ]
-    [C₁ᵀ L₁      ] [l₁] = [b₁]
-    [C₂ᵀ    L₂   ] [l₂]   [b₂]
-
-whose head is solved first: (A - Σ Cᵢ Lᵢ⁻¹ Cᵢᵀ) s = a - Σ Cᵢ Lᵢ⁻¹ bᵢ, and then lᵢ = Lᵢ⁻¹ (bᵢ - Cᵢᵀ s). The cost is
-linear in the number of views.
+The step of all views at once is solved from equations in the shape of an arrow (`arrow`).
 
 Robust in stages, as the solver of one image is: plain least squares, which is the answer where its residuals are the
 noise that was stated and nothing stands out; else Cauchy weights by each view's own scale, then rejection of points
 beyond 4 MAD (`inliers`) and of whole views whose residuals are far above the others', then plain least squares again.
-
-References: B. Triggs, P. McLauchlan, R. Hartley, A. Fitzgibbon, "Bundle adjustment: a modern synthesis", 1999,
-section 6.1.
 """
 
 from __future__ import annotations
@@ -28,9 +16,11 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float
 
-from core.calibration.inliers import Repeats, find_repeats, inliers_of
-from core.calibration.model import SMALLEST_NOISE_PX, Lens, camera_prior, centred
-from core.calibration.view_residuals import residuals_with_jacobian
+from core.calibration.arrow import Arrow, Sharing, arrow
+from core.calibration.inliers import find_repeats, inliers_of, medians
+from core.calibration.model import SMALLEST_NOISE_PX, Lens, camera_prior
+from core.calibration.view_residuals import normal_equations
+from core.calibration.view_stack import Placements, ViewStack
 from core.least_squares import (
     CAUCHY_C,
     EXPECTED_SCALE,
@@ -41,8 +31,7 @@ from core.least_squares import (
     ROBUST_STEP_TOLERANCE,
     STEP_TOLERANCE,
 )
-from core.targets.specification import GridPoints
-from core.transforms import so3_exp
+from core.transforms import rotations_from_vectors
 
 ITERATIONS = 40
 FOREIGN = 5.0
@@ -53,27 +42,30 @@ CameraPrior = Callable[[Float[np.ndarray, "9"]], tuple[Float[np.ndarray, " q"], 
 
 
 @dataclass(frozen=True, slots=True)
-class Sharing:
-    """Which camera coordinates views have in common, and which each has of its own beside its pose."""
-
-    common: tuple[int, ...]
-    own: tuple[int, ...]
-
-
-TIED = Sharing(common=tuple(range(8)), own=())
-FREE_FOCAL = Sharing(common=tuple(range(1, 8)), own=(0,))
-KNOWN = Sharing(common=(), own=())
-
-
-@dataclass(frozen=True, slots=True)
-class Placement:
-    """One view's state: camera parameters in the order of `CAMERA_PARAMETERS`, rotation, and the position of its grid
-    points' centroid in the camera frame (mm).
+class Linearised:
+    """Views at their placements: the products of `view_residuals.normal_equations` at unit scale; `residuals` in px,
+    `squared` distances in stated uncertainties.
     """
 
-    parameters: Float[np.ndarray, "9"]
-    rotation: Float[np.ndarray, "3 3"]
-    translation_mm: Float[np.ndarray, "3"]
+    placements: Placements
+    products: Float[np.ndarray, "m 15 15"]
+    residuals: Float[np.ndarray, "2 n"]
+    squared: Float[np.ndarray, " n"]
+    cost: float
+
+    @property
+    def normal(self) -> Float[np.ndarray, "m 14 14"]:
+        """Over the camera's first eight parameters, a rotation about the centroid and a translation."""
+        return self.products[:, :14, :14]
+
+    @property
+    def gradient(self) -> Float[np.ndarray, "m 14"]:
+        return self.products[:, :14, 14]
+
+    @property
+    def square_sums(self) -> Float[np.ndarray, " m"]:
+        """Of the distances of the points that count."""
+        return self.products[:, 14, 14]
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,143 +73,94 @@ class SharedLens:
     """What views with something in common amount to.
 
     `covariance` (9, 9) of the common camera parameters, in the order of `CAMERA_PARAMETERS`; what views have of their
-    own is 0 there. `scale` is σ per unit of the points' stated uncertainty. `kept` is false for views left out.
-    `converged` is false where the iteration did not come to its end: then this is no answer, but shows what could not
-    be told.
+    own is 0 there. `scale` is σ per unit of the points' stated uncertainty. `kept` is false for views left out, `used`
+    for points. `converged` is false where the iteration did not come to its end: then this is no answer, but shows what
+    could not be told.
     """
 
     at: Linearised
     covariance: Float[np.ndarray, "9 9"]
-    used: tuple[Bool[np.ndarray, " _"], ...]
+    used: Bool[np.ndarray, " n"]
     kept: Bool[np.ndarray, " m"]
     scale: float
     converged: bool
 
 
 def fit_shared_lens(
-    views: Sequence[GridPoints],
-    start: Sequence[Placement],
+    views: ViewStack,
+    start: Placements,
     sharing: Sharing,
     *,
     lens: Lens | None = None,
     repeats: Sequence[Hashable] | None = None,
 ) -> SharedLens:
-    """Fit all views at once from `start`, one placement per view; views of one label in `repeats` show one pose."""
-    problem = _Problem(
-        tuple(_prepared(v) for v in views),
-        find_repeats(views, repeats),
-        sharing,
-        camera_prior(views[0].image_width_px, views[0].image_height_px, lens),
-    )
-    everything = tuple(np.ones(len(v), dtype=np.bool_) for v in views)
+    """Fit all views at once from `start`; views of one label in `repeats` show one pose."""
+    problem = _Problem(views, sharing, camera_prior(views.image_width_px, views.image_height_px, lens))
+    everything = np.ones(len(views.column), dtype=np.bool_)
     at, scale, converged = problem.plain(
-        tuple(start), everything, np.ones(len(views), dtype=np.bool_), EXPECTED_SCALE, PLAIN_ITERATIONS
+        start, everything, np.ones(len(views), dtype=np.bool_), EXPECTED_SCALE, PLAIN_ITERATIONS
     )
-    kept, used = problem.inliers(at)
-    clean = converged and all(bool(u.all()) for u in used)
+    poses = find_repeats(views, repeats)
+    kept = problem.alike(at)
+    used = inliers_of(views, poses, at.residuals, kept)
+    clean = converged and bool(used.all())
     if clean and scale <= EXPECTED_SCALE and problem.redundant():
         return problem.summary(at, used, kept, scale, converged)
     # Gross errors can pull a plain fit anywhere: then it is no start for the next stage either.
-    at = problem.robust(at.placements if clean else tuple(start))
-    kept, used = problem.inliers(at)
+    at = problem.robust(at.placements if clean else start)
+    kept = problem.alike(at)
+    used = inliers_of(views, poses, at.residuals, kept)
     at, scale, converged = problem.plain(at.placements, used, kept)
     return problem.summary(at, used, kept, scale, converged)
 
 
 def linearise(
-    views: Sequence[GridPoints], placements: Sequence[Placement], used: Sequence[Bool[np.ndarray, " _"]]
+    views: ViewStack, placements: Placements, used: Bool[np.ndarray, " n"], *, robust: bool = False
 ) -> Linearised:
-    """Return normal matrices, gradients and residuals of views at their placements, over the points used."""
-    return _linearised(tuple(_prepared(v) for v in views), tuple(placements), tuple(used))
-
-
-@dataclass(frozen=True, slots=True)
-class _View:
-    target: Float[np.ndarray, "3 n"]
-    observed: Float[np.ndarray, "2 n"]
-    weight: Float[np.ndarray, " n"]  # 1/u²
-
-
-def _prepared(points: GridPoints) -> _View:
-    return _View(
-        np.ascontiguousarray(centred(points)[0].T),
-        np.ascontiguousarray(points.points_px.T),
-        1.0 / points.standard_uncertainty_px**2,
-    )
-
-
-@dataclass(frozen=True, slots=True)
-class Linearised:
-    """Views at their placements: `normal` and `gradient` at unit scale over the camera's first eight parameters, a
-    rotation about the centroid and a translation; `residuals` in px, `distance` in stated uncertainties.
+    """Evaluate every view over the points used; or robustly over all, each view by its own scale, which the cost is
+    made of.
     """
-
-    placements: tuple[Placement, ...]
-    normal: Float[np.ndarray, "m 14 14"]
-    gradient: Float[np.ndarray, "m 14"]
-    residuals: tuple[Float[np.ndarray, "2 _"], ...]
-    distance: tuple[Float[np.ndarray, " _"], ...]
-    cost: float
-
-
-@dataclass(frozen=True, slots=True)
-class _Arrow:
-    """Normal equations in step coordinates: the common ones, and each view's own apart."""
-
-    A: Float[np.ndarray, "s s"]
-    a: Float[np.ndarray, " s"]
-    C: Float[np.ndarray, "m s l"]
-    L: Float[np.ndarray, "m l l"]
-    b: Float[np.ndarray, "m l"]
-
-    def solve(self, damping: float) -> tuple[Float[np.ndarray, " s"], Float[np.ndarray, "m l"], float]:
-        """Return the common step, the views' own, and the longest of them in units of its own uncertainty."""
-        L = self.L * (1.0 + damping * np.eye(self.L.shape[-1]))
-        by_common = np.linalg.solve(L, np.swapaxes(self.C, 1, 2))
-        own = np.linalg.solve(L, self.b[..., None])[..., 0]
-        common = self.a
-        if len(common):
-            head = self.A * (1.0 + damping * np.eye(len(self.a))) - np.einsum(
-                "msl,mlk->sk", self.C, by_common
-            )
-            common = np.linalg.solve(head, self.a - np.einsum("msl,ml->s", self.C, own))
-            own = own - by_common @ common
-        lengths = np.einsum("ml,mlk,mk->m", own, self.L, own)
-        longest = max(float(common @ self.information() @ common), float(lengths.max()), 0.0)
-        return common, own, math.sqrt(longest)
-
-    def information(self) -> Float[np.ndarray, "s s"]:
-        """The information on the common coordinates with the views' own eliminated."""
-        by_common = np.linalg.solve(self.L, np.swapaxes(self.C, 1, 2))
-        return np.asarray(self.A - np.einsum("msl,mlk->sk", self.C, by_common))
+    products, residuals, squared, cost = normal_equations(
+        views.first,
+        views.centred,
+        views.observed,
+        views.weight,
+        used,
+        placements.parameters,
+        placements.rotations,
+        placements.translations_mm,
+        robust,
+        CAUCHY_C,
+        MEDIAN_LENGTH[2],
+    )
+    return Linearised(placements, products, residuals, squared, float(cost.sum()))
 
 
 @dataclass(frozen=True, slots=True)
 class _Problem:
-    views: tuple[_View, ...]
-    repeats: tuple[Repeats, ...]
+    views: ViewStack
     sharing: Sharing
     prior: CameraPrior
 
     def redundant(self) -> bool:
         """Whether every view has points enough that gross errors cannot hide in a plain fit."""
-        parameters = 6 + len(self.sharing.own)
-        return all(v.observed.size >= OBSERVATIONS_PER_PARAMETER * parameters for v in self.views)
+        least = 0.5 * OBSERVATIONS_PER_PARAMETER * len(self.sharing.local)
+        return bool(np.all(self.views.counts >= least))
 
-    def inliers(self, at: Linearised) -> tuple[Bool[np.ndarray, " m"], tuple[Bool[np.ndarray, " _"], ...]]:
-        """Return which views are of the others' kind, and which of their points count."""
-        median = np.array([float(np.median(d)) for d in at.distance])
-        floor = SMALLEST_NOISE_PX * np.array([math.sqrt(float(np.median(v.weight))) for v in self.views])
-        kept = median <= FOREIGN * np.maximum(np.median(median), floor)
-        return kept, inliers_of(self.repeats, at.residuals, kept)
+    def alike(self, at: Linearised) -> Bool[np.ndarray, " m"]:
+        """Return which views are of the others' kind."""
+        median = np.sqrt(medians(at.squared, self.views.first))
+        floor = SMALLEST_NOISE_PX * np.sqrt(medians(self.views.weight, self.views.first))
+        return np.asarray(median <= FOREIGN * np.maximum(np.median(median), floor))
 
-    def robust(self, start: tuple[Placement, ...]) -> Linearised:
+    def robust(self, start: Placements) -> Linearised:
         """Iterate with Cauchy weights, σ from each view's own median, while residuals become smaller."""
-        at = _linearised(self.views, start, None)
+        everything = np.ones(len(self.views.column), dtype=np.bool_)
+        at = linearise(self.views, start, everything, robust=True)
         damping = 0.0
         for _ in range(ITERATIONS):
-            common, own, length = self.arrow(at, 1.0).solve(damping)
-            candidate = _linearised(self.views, self.moved(at.placements, common, own), None)
+            common, own, length = self.step(at, 1.0, damping)
+            candidate = linearise(self.views, self.moved(at.placements, common, own), everything, robust=True)
             if candidate.cost <= at.cost:
                 at, damping = candidate, 0.1 * damping if damping > 1e-4 else 0.0
             else:
@@ -228,8 +171,8 @@ class _Problem:
 
     def plain(
         self,
-        start: tuple[Placement, ...],
-        used: tuple[Bool[np.ndarray, " _"], ...],
+        start: Placements,
+        used: Bool[np.ndarray, " n"],
         kept: Bool[np.ndarray, " m"],
         largest: float = math.inf,
         limit: int = ITERATIONS,
@@ -238,22 +181,20 @@ class _Problem:
 
         `largest` bounds the σ that steps are weighed with.
         """
-        at = _linearised(self.views, start, used)
-        points = sum(int(u.sum()) for u in used)
-        freedom = max(
-            2 * points - int(kept.sum()) * (6 + len(self.sharing.own)) - len(self.sharing.common), 1
-        )
-        smallest = SMALLEST_NOISE_PX * float(
-            np.median([math.sqrt(float(np.median(v.weight))) for v in self.views])
+        at = linearise(self.views, start, used)
+        parameters = int(kept.sum()) * len(self.sharing.local) + len(self.sharing.common)
+        freedom = max(2 * int(used.sum()) - parameters, 1)
+        smallest = SMALLEST_NOISE_PX * math.sqrt(
+            float(np.median(medians(self.views.weight, self.views.first)))
         )
         damping = 0.0
         for _ in range(limit):
             found = max(math.sqrt(at.cost / freedom), smallest)
             scale = min(found, largest)
-            common, own, length = self.arrow(at, scale).solve(damping)
+            common, own, length = self.step(at, scale, damping)
             if length < NEGLIGIBLE_STEP and not damping:
                 return at, found, True
-            candidate = _linearised(self.views, self.moved(at.placements, common, own), used)
+            candidate = linearise(self.views, self.moved(at.placements, common, own), used)
             if self.total(candidate, scale) <= self.total(at, scale):
                 at, damping = candidate, 0.1 * damping if damping > 1e-4 else 0.0
                 if length < STEP_TOLERANCE and not damping:
@@ -267,92 +208,50 @@ class _Problem:
         return at, max(math.sqrt(at.cost / freedom), smallest), False
 
     def total(self, at: Linearised, scale: float) -> float:
-        q, _ = self.prior(at.placements[0].parameters)
+        q, _ = self.prior(at.placements.parameters[0])
         return at.cost / scale**2 + (float(q @ q) if self.sharing.common else 0.0)
 
-    def arrow(self, at: Linearised, scale: float) -> _Arrow:
-        """Take the camera parameters to step coordinates, and add the priors to the head."""
-        common, own = list(self.sharing.common), list(self.sharing.own)
-        change = np.zeros((len(self.views), 14, 14))
-        change[:, 8:, 8:] = np.eye(6)
-        for i, placement in enumerate(at.placements):
-            change[i, :8, :8] = coordinates(placement.parameters)
-        transposed = np.swapaxes(change, 1, 2)
-        N = transposed @ at.normal @ change / scale**2
-        g = (transposed @ at.gradient[..., None])[..., 0] / scale**2
-        local = [*own, *range(8, 14)]
-        L = N[:, local][:, :, local]
-        # A view that is left out stays where it is.
-        empty = ~np.any(L, axis=(1, 2))
-        L[empty] = np.eye(len(local))
-        A, a = N[:, common][:, :, common].sum(axis=0), g[:, common].sum(axis=0)
-        if common:
-            parameters = at.placements[0].parameters
+    def step(
+        self, at: Linearised, scale: float, damping: float
+    ) -> tuple[Float[np.ndarray, " s"], Float[np.ndarray, "m l"], float]:
+        """Return the common step, the views' own, and the longest of them in units of its own uncertainty."""
+        plain = self.arrow(at, scale)
+        common, own = (plain if not damping else self.arrow(at, scale, damping)).solve()
+        return common, own, plain.longest(common, own)
+
+    def arrow(self, at: Linearised, scale: float, damping: float = 0.0) -> Arrow:
+        prior = None
+        if self.sharing.common:
+            parameters = at.placements.parameters[0]
             q, Q = self.prior(parameters)
-            Q = (Q @ coordinates(parameters))[:, common]
-            A, a = A + Q.T @ Q, a + Q.T @ q
-        return _Arrow(A, a, N[:, common][:, :, local], L, g[:, local])
+            Q = (Q @ coordinates(parameters))[:, self.sharing.common]
+            prior = Q.T @ Q, Q.T @ q
+        return arrow(at.products, at.placements.parameters, self.sharing, 1.0 / scale**2, prior, damping)
 
     def moved(
         self,
-        placements: tuple[Placement, ...],
+        placements: Placements,
         common: Float[np.ndarray, " s"],
         own: Float[np.ndarray, "m l"],
-    ) -> tuple[Placement, ...]:
-        moved = []
-        step = np.zeros(8)
-        step[list(self.sharing.common)] = common
-        for placement, of_view in zip(placements, own, strict=True):
-            step[list(self.sharing.own)] = of_view[:-6]
-            moved.append(_moved(placement, step, of_view[-6:]))
-        return tuple(moved)
+    ) -> Placements:
+        step = np.zeros((len(placements), 8))
+        step[:, list(self.sharing.common)] = common
+        step[:, list(self.sharing.own)] = own[:, :-6]
+        return moved(placements, step, own[:, -6:])
 
     def summary(
         self,
         at: Linearised,
-        used: tuple[Bool[np.ndarray, " _"], ...],
+        used: Bool[np.ndarray, " n"],
         kept: Bool[np.ndarray, " m"],
         scale: float,
         converged: bool,
     ) -> SharedLens:
         covariance = np.zeros((9, 9))
         if self.sharing.common:
-            by_step = coordinates(at.placements[0].parameters)[:, list(self.sharing.common)]
-            covariance[:8, :8] = by_step @ np.linalg.inv(self.arrow(at, scale).information()) @ by_step.T
+            by_step = coordinates(at.placements.parameters[0])[:, list(self.sharing.common)]
+            covariance[:8, :8] = by_step @ np.linalg.inv(self.arrow(at, scale).head) @ by_step.T
         return SharedLens(at, covariance, used, kept, scale, converged)
-
-
-def _linearised(
-    views: tuple[_View, ...],
-    placements: tuple[Placement, ...],
-    used: tuple[Bool[np.ndarray, " _"], ...] | None,
-) -> Linearised:
-    """Evaluate every view; without `used`, robustly: each view by its own scale, which the cost is made of."""
-    count = len(views)
-    normal, gradient = np.empty((count, 14, 14)), np.empty((count, 14))
-    residuals, distance = [], []
-    cost = 0.0
-    for i, (view, at) in enumerate(zip(views, placements, strict=True)):
-        r, J = residuals_with_jacobian(
-            view.target, view.observed, at.parameters, at.rotation, at.translation_mm, 8
-        )
-        squared = np.einsum("mn,mn->n", r, r) * view.weight
-        d = np.sqrt(squared)
-        if used is None:
-            scale = max(math.sqrt(float(np.median(squared))) / MEDIAN_LENGTH[2], 1e-9)
-            weight = view.weight / (scale**2 * (1.0 + squared / (CAUCHY_C * scale) ** 2))
-            cost += 2.0 * len(d) * math.log(scale)
-        else:
-            weight = view.weight * used[i]
-            cost += float(squared @ used[i])
-        root = np.sqrt(weight)
-        J *= root
-        weighted = J.reshape(14, -1)
-        np.matmul(weighted, weighted.T, out=normal[i])
-        np.matmul(weighted, (r * root).ravel(), out=gradient[i])
-        residuals.append(r)
-        distance.append(d)
-    return Linearised(placements, normal, gradient, tuple(residuals), tuple(distance), cost)
 
 
 def coordinates(parameters: Float[np.ndarray, "9"]) -> Float[np.ndarray, "8 8"]:
@@ -363,15 +262,17 @@ def coordinates(parameters: Float[np.ndarray, "9"]) -> Float[np.ndarray, "8 8"]:
     return change
 
 
-def _moved(placement: Placement, step: Float[np.ndarray, "8"], pose: Float[np.ndarray, "6"]) -> Placement:
-    parameters = placement.parameters.copy()
-    focal, ratio = min(max(float(step[0]), -0.5), 0.5), min(max(float(step[1]), -0.1), 0.1)
-    parameters[0] *= math.exp(focal + 0.5 * ratio)
-    parameters[1] *= math.exp(focal - 0.5 * ratio)
-    parameters[2:8] += step[2:]
-    translation = placement.translation_mm + pose[3:]
+def moved(
+    placements: Placements, step: Float[np.ndarray, "m 8"], pose: Float[np.ndarray, "m 6"]
+) -> Placements:
+    """Return the placements after a step of each view's camera, in the arrow's coordinates, and of its pose."""
+    parameters = placements.parameters.copy()
+    focal, ratio = np.clip(step[:, 0], -0.5, 0.5), np.clip(step[:, 1], -0.1, 0.1)
+    parameters[:, 0] *= np.exp(focal + 0.5 * ratio)
+    parameters[:, 1] *= np.exp(focal - 0.5 * ratio)
+    parameters[:, 2:8] += step[:, 2:]
+    translations = placements.translations_mm + pose[:, 3:]
     # A centroid never passes through the camera.
-    translation[2] = placement.translation_mm[2] * math.exp(
-        min(max(float(pose[5]) / float(placement.translation_mm[2]), -0.7), 0.7)
-    )
-    return Placement(parameters, so3_exp(pose[:3]) @ placement.rotation, translation)
+    depth = placements.translations_mm[:, 2]
+    translations[:, 2] = depth * np.exp(np.clip(pose[:, 5] / depth, -0.7, 0.7))
+    return Placements(parameters, rotations_from_vectors(pose[:, :3]) @ placements.rotations, translations)

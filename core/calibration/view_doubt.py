@@ -8,12 +8,13 @@ own mean by C N C only: where a prior pulls all of them the same way, it makes n
 from __future__ import annotations
 
 from collections.abc import Hashable, Sequence
+from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 
 from core.calibration.model import SMALLEST_NOISE_PX
-from core.targets.specification import GridPoints
+from core.calibration.view_stack import ViewStack
 
 LEAST_FREEDOM = 200
 """Degrees of freedom below which images of one pose do not tell their noise by themselves."""
@@ -21,14 +22,48 @@ SMALLEST_EIGENVALUE = 1e-10
 """Of the camera's normal matrix scaled to unit diagonal: below it a view says nothing of that combination."""
 
 
+@dataclass(frozen=True, slots=True)
+class Reduced:
+    """Every view's normal equations with what it has of its own, l, told from the camera's eight parameters.
+
+    `L` is l's information, `by_camera` = L⁻¹ Cᵀ how the best l follows the camera; `S` and `g` are the camera's
+    information and gradient once l is eliminated. All at unit scale.
+    """
+
+    L: Float[np.ndarray, "k l l"]
+    by_camera: Float[np.ndarray, "k l 8"]
+    S: Float[np.ndarray, "k 8 8"]
+    g: Float[np.ndarray, "k 8"]
+    unit: Float[np.ndarray, "k 8"]
+    """1/√ of the camera's own diagonal: of each parameter its scale, whatever the view says of it."""
+
+
+def reduced(products: Float[np.ndarray, "k 15 15"], own: Float[np.ndarray, "k 14 l"] | None) -> Reduced:
+    """Eliminate what each view has of its own: `own` are its derivatives of camera and pose; None is the pose alone."""
+    if own is None:
+        L, C, b = products[:, 8:14, 8:14], products[:, 8:14, :8], products[:, 8:14, 14:]
+    else:
+        rows = np.swapaxes(own, 1, 2) @ products[:, :14]
+        L, C, b = rows[:, :, :14] @ own, rows[:, :, :8], rows[:, :, 14:]
+    solved = np.linalg.solve(L, np.concatenate([C, b], axis=2))
+    back = np.swapaxes(C, 1, 2) @ solved
+    diagonal = np.diagonal(products, axis1=1, axis2=2)[:, :8]
+    return Reduced(
+        L,
+        solved[:, :, :8],
+        products[:, :8, :8] - back[:, :, :8],
+        products[:, :8, 14] - back[:, :, 8],
+        1.0 / np.sqrt(np.maximum(diagonal, 1e-300)),
+    )
+
+
 def pose_covariances(
-    N: Float[np.ndarray, "k l l"], P: Float[np.ndarray, "k l l"]
-) -> tuple[Float[np.ndarray, "k 6 6"], Float[np.ndarray, "k 6 6"]]:
-    """Return (C, C N C) of the last six coordinates, a pose."""
-    C = np.linalg.inv(N + P)
+    N: Float[np.ndarray, "k l l"], P: Float[np.ndarray, "k l l"] | None
+) -> tuple[Float[np.ndarray, "k l l"], Float[np.ndarray, "k l l"]]:
+    """Return (C, C N C); without priors they are the same."""
+    C = np.linalg.inv(N if P is None else N + P)
     C = 0.5 * (C + np.swapaxes(C, 1, 2))
-    scatter = C @ N @ C
-    return C[:, -6:, -6:], scatter[:, -6:, -6:]
+    return (C, C) if P is None else (C, C @ N @ C)
 
 
 def in_target_frame(
@@ -58,9 +93,9 @@ def transformed(J: Float[np.ndarray, "k a b"], C: Float[np.ndarray, "k b b"]) ->
 
 
 def repeated_scales(
-    views: Sequence[GridPoints],
-    residuals: Sequence[Float[np.ndarray, "2 _"]],
-    used: Sequence[Bool[np.ndarray, " _"]],
+    views: ViewStack,
+    residuals: Float[np.ndarray, "2 n"],
+    used: Bool[np.ndarray, " n"],
     labels: Sequence[Hashable],
     parameters: int,
     otherwise: float,
@@ -70,66 +105,73 @@ def repeated_scales(
     `parameters` each view has of its own; `otherwise` is for where there are no repeated views. Never below what
     `SMALLEST_NOISE_PX` is of the uncertainty: one image stored many times has no noise, which no instrument has.
     """
-    members: dict[Hashable, list[int]] = {}
-    for i, label in enumerate(labels):
-        members.setdefault((label, views[i].column.tobytes(), views[i].row.tobytes()), []).append(i)
-    squares = {key: _about_mean(views, residuals, used, group, parameters) for key, group in members.items()}
-    total, freedom = (sum(part) for part in zip(*squares.values(), strict=True))
+    members: dict[tuple[Hashable, int, bytes], list[int]] = {}
+    cell, bounds = views.cell, views.first.tolist()
+    for i, (label, target) in enumerate(zip(labels, views.target.tolist(), strict=True)):
+        shown = cell[bounds[i] : bounds[i + 1]].tobytes()
+        members.setdefault((label, target, shown), []).append(i)
+    groups = [np.array(group) for group in members.values()]
+    squares = [_about_mean(views, residuals, used, group, parameters) for group in groups]
+    total, freedom = (sum(part) for part in zip(*squares, strict=True))
     common = float(np.sqrt(total / freedom)) if freedom >= LEAST_FREEDOM else otherwise
     scales = np.empty(len(views))
-    for key, group in members.items():
-        square, of_label = squares[key]
+    for group, (square, of_label) in zip(groups, squares, strict=True):
         scale = float(np.sqrt(square / of_label)) if of_label >= LEAST_FREEDOM else common
-        scales[group] = max(scale, SMALLEST_NOISE_PX / float(views[group[0]].standard_uncertainty_px.mean()))
+        scales[group] = max(scale, SMALLEST_NOISE_PX / float(views.uncertainty[group[0]]))
     return scales
 
 
 def _about_mean(
-    views: Sequence[GridPoints],
-    residuals: Sequence[Float[np.ndarray, "2 _"]],
-    used: Sequence[Bool[np.ndarray, " _"]],
-    group: list[int],
+    views: ViewStack,
+    residuals: Float[np.ndarray, "2 n"],
+    used: Bool[np.ndarray, " n"],
+    group: Int[np.ndarray, " g"],
     parameters: int,
 ) -> tuple[float, int]:
     """Return the sum of squares about the mean, in stated uncertainties, and its degrees of freedom."""
-    everywhere = np.all([used[i] for i in group], axis=0)
+    if len(group) < 2:
+        return 0.0, 0
+    points = views.first[group][:, None] + np.arange(views.counts[group[0]])
+    everywhere = used[points].all(axis=0)
     freedom = (len(group) - 1) * (2 * int(everywhere.sum()) - parameters)
     if freedom <= 0:
         return 0.0, 0
-    uncertainty = np.mean([views[i].standard_uncertainty_px[everywhere] for i in group], axis=0)
-    stack = np.array([residuals[i][:, everywhere] for i in group]) / uncertainty
-    return float(np.sum((stack - stack.mean(axis=0)) ** 2)), freedom
+    points = points[:, everywhere]
+    uncertainty = views.standard_uncertainty_px[points].mean(axis=0)
+    total = 0.0
+    for component in residuals:
+        stack = component[points]
+        total += float(np.sum(np.sum((stack - stack.mean(axis=0)) ** 2, axis=0) / uncertainty**2))
+    return total, freedom
 
 
 def disagreement(
-    normal: Float[np.ndarray, "k 14 14"],
-    gradient: Float[np.ndarray, "k 14"],
+    views: Reduced,
     squares: Float[np.ndarray, " k"],
     observations: Float[np.ndarray, " k"],
-    own: Float[np.ndarray, "k 14 l"],
     common: int,
 ) -> float | None:
     """Return how far views contradict a common camera, 1 being what chance makes; None where there is nothing to tell.
 
-    One step from the common answer toward a camera of its own lessens a view's squared residuals by gᵀ S⁺ g, with S and
-    g the camera's part of the view's normal equations after what the view has of its own is eliminated (Rao's score
-    test); over the noise variance that the view's residuals leave, that is χ² with rank(S) degrees of freedom if the
-    camera is right. The sum over views is compared with its expectation, `common` parameters having been fitted.
+    One step from the common answer toward a camera of its own lessens a view's squared residuals by gᵀ S⁺ g (Rao's
+    score test); over the noise variance that the view's residuals leave, that is χ² with rank(S) degrees of freedom if
+    the camera is right. The sum over views is compared with its expectation, `common` parameters having been fitted.
     """
-    transposed = np.swapaxes(own, 1, 2)
-    L, C = transposed @ normal @ own, transposed @ normal[:, :, :8]
-    S = normal[:, :8, :8] - np.swapaxes(C, 1, 2) @ np.linalg.solve(L, C)
-    of_own = np.linalg.solve(L, transposed @ gradient[..., None])
-    g = gradient[:, :8] - (np.swapaxes(C, 1, 2) @ of_own)[..., 0]
-    unit = 1.0 / np.sqrt(np.maximum(np.diagonal(normal, axis1=1, axis2=2)[:, :8], 1e-300))
-    values, vectors = np.linalg.eigh(S * unit[:, :, None] * unit[:, None, :])
-    told = values > SMALLEST_EIGENVALUE
-    along = np.einsum("kij,ki->kj", vectors, g * unit)
-    gain = np.sum(np.where(told, along**2 / np.where(told, values, 1.0), 0.0), axis=1)
-    rank = told.sum(axis=1)
-    left = observations - own.shape[2] - rank
+    gain, rank = score_test(views.S, views.g, views.unit)
+    left = observations - views.L.shape[1] - rank
     enough = left > 0
     if not enough.any() or int(rank[enough].sum()) <= common:
         return None
     variance = np.maximum(squares - gain, 1e-12 * squares + 1e-300) / np.maximum(left, 1.0)
     return float(np.sum((gain / variance)[enough]) / (int(rank[enough].sum()) - common))
+
+
+def score_test(
+    S: Float[np.ndarray, "k 8 8"], g: Float[np.ndarray, "k 8"], unit: Float[np.ndarray, "k 8"]
+) -> tuple[Float[np.ndarray, " k"], Int[np.ndarray, " k"]]:
+    """Return gᵀ S⁺ g and the rank of S, judged in units of `unit`."""
+    values, vectors = np.linalg.eigh(S * unit[:, :, None] * unit[:, None, :])
+    told = values > SMALLEST_EIGENVALUE
+    along = np.einsum("kij,ki->kj", vectors, g * unit)
+    gain = np.sum(np.where(told, along**2 / np.where(told, values, 1.0), 0.0), axis=1)
+    return gain, told.sum(axis=1)

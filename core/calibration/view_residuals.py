@@ -1,4 +1,4 @@
-"""Residuals of one view and their derivatives by camera and pose, in one pass over the points.
+"""Residuals of views and their derivatives by camera and pose, in one pass over the points.
 
 The same numbers as `core.camera.project_with_jacobian` with the chain rule for the pose, without the arrays in between:
 a fit of one image spends most of its time here.
@@ -7,30 +7,25 @@ a fit of one image spends most of its time here.
 from __future__ import annotations
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float, Int
 
 from core.compiled import compiled
 
 
 @compiled
-def residuals_with_jacobian(
+def _evaluate(
     target: Float[np.ndarray, "3 n"],
     observed: Float[np.ndarray, "2 n"],
     parameters: Float[np.ndarray, "9"],
     rotation: Float[np.ndarray, "3 3"],
     translation_mm: Float[np.ndarray, "3"],
     cameras: int,
-) -> tuple[Float[np.ndarray, "2 n"], Float[np.ndarray, "p 2 n"]]:
-    """Return observed - predicted (px) and the derivatives of the prediction.
-
-    `target` are points about their centroid (mm), `translation_mm` the centroid in the camera frame, `parameters` in
-    the order of `CAMERA_PARAMETERS`. Derivatives are by the first `cameras` of these (8 or 0), then by a rotation from
-    the left about the centroid and by the translation.
-    """
+    residuals: Float[np.ndarray, "2 n"],
+    jacobian: Float[np.ndarray, "p 2 n"],
+) -> None:
+    """Write residuals and derivatives to arrays given; see `residuals_with_jacobian`."""
     fx, fy, cx, cy, k1, k2, p1, p2, k3 = parameters
     count = target.shape[1]
-    residuals = np.empty((2, count))
-    jacobian = np.empty((cameras + 6, 2, count))
     for i in range(count):
         a, b, c = target[0, i], target[1, i], target[2, i]
         X = rotation[0, 0] * a + rotation[0, 1] * b + rotation[0, 2] * c
@@ -68,4 +63,122 @@ def residuals_with_jacobian(
             jacobian[cameras + 3, row, i] = by_X
             jacobian[cameras + 4, row, i] = by_Y
             jacobian[cameras + 5, row, i] = by_Z
+
+
+@compiled
+def residuals_with_jacobian(
+    target: Float[np.ndarray, "3 n"],
+    observed: Float[np.ndarray, "2 n"],
+    parameters: Float[np.ndarray, "9"],
+    rotation: Float[np.ndarray, "3 3"],
+    translation_mm: Float[np.ndarray, "3"],
+    cameras: int,
+) -> tuple[Float[np.ndarray, "2 n"], Float[np.ndarray, "p 2 n"]]:
+    """Return observed - predicted (px) and the derivatives of the prediction.
+
+    `target` are points about their centroid (mm), `translation_mm` the centroid in the camera frame, `parameters` in
+    the order of `CAMERA_PARAMETERS`. Derivatives are by the first `cameras` of these (8 or 0), then by a rotation from
+    the left about the centroid and by the translation.
+    """
+    count = target.shape[1]
+    residuals = np.empty((2, count))
+    jacobian = np.empty((cameras + 6, 2, count))
+    _evaluate(target, observed, parameters, rotation, translation_mm, cameras, residuals, jacobian)
     return residuals, jacobian
+
+
+@compiled(reassociates=True)
+def normal_equations(
+    first: Int[np.ndarray, " bounds"],
+    target: Float[np.ndarray, "3 n"],
+    observed: Float[np.ndarray, "2 n"],
+    weight: Float[np.ndarray, " n"],
+    used: Bool[np.ndarray, " n"],
+    parameters: Float[np.ndarray, "m 9"],
+    rotations: Float[np.ndarray, "m 3 3"],
+    translations_mm: Float[np.ndarray, "m 3"],
+    robust: bool,
+    cauchy: float,
+    median_length: float,
+) -> tuple[
+    Float[np.ndarray, "m 15 15"], Float[np.ndarray, "2 n"], Float[np.ndarray, " n"], Float[np.ndarray, " m"]
+]:
+    """Return for every view the products of its derivatives and residuals, and residuals, squared distances and costs.
+
+    Row and column 14 of the products belong to the residuals: [J r]ᵀ W [J r] with the camera's first eight parameters,
+    a rotation about the centroid and a translation in J. Distances are in stated uncertainties, weight = 1/u². Plainly
+    the points `used` count and a view's cost is the sum of their squares; where `robust`, all count with Cauchy's
+    weights at the view's own scale s, the median distance over `median_length`, and the cost is 2 n log s.
+    """
+    views = len(first) - 1
+    products = np.zeros((views, 15, 15))
+    residuals = np.empty((2, first[views]))
+    squared = np.empty(first[views])
+    cost = np.zeros(views)
+    for i in range(views):
+        start, end = first[i], first[i + 1]
+        count = end - start
+        if count == 0:
+            continue
+        rows = np.empty((15, 2, count))
+        _evaluate(
+            np.ascontiguousarray(target[:, start:end]),
+            np.ascontiguousarray(observed[:, start:end]),
+            parameters[i],
+            rotations[i],
+            translations_mm[i],
+            8,
+            rows[14],
+            rows[:14],
+        )
+        for k in range(count):
+            u, v = rows[14, 0, k], rows[14, 1, k]
+            residuals[0, start + k], residuals[1, start + k] = u, v
+            squared[start + k] = (u * u + v * v) * weight[start + k]
+        root = np.empty(count)
+        if robust:
+            scale = max(np.sqrt(np.median(squared[start:end])) / median_length, 1e-9)
+            cost[i] = 2.0 * count * np.log(scale)
+            for k in range(count):
+                beyond = squared[start + k] / (cauchy * scale) ** 2
+                root[k] = np.sqrt(weight[start + k] / (1.0 + beyond)) / scale
+        else:
+            for k in range(count):
+                if used[start + k]:
+                    cost[i] += squared[start + k]
+                    root[k] = np.sqrt(weight[start + k])
+                else:
+                    root[k] = 0.0
+        for a in range(15):
+            for k in range(count):
+                rows[a, 0, k] *= root[k]
+                rows[a, 1, k] *= root[k]
+        _products(rows.reshape(15, 2 * count), products[i])
+    return products, residuals, squared, cost
+
+
+@compiled(reassociates=True)
+def _products(rows: Float[np.ndarray, "p k"], result: Float[np.ndarray, "p p"]) -> None:
+    """Write rows rowsᵀ, p a multiple of 3, in blocks of 3 x 3 that stay in registers."""
+    size, length = rows.shape
+    for i in range(0, size, 3):
+        a, b, c = rows[i], rows[i + 1], rows[i + 2]
+        for j in range(0, i + 1, 3):
+            x, y, z = rows[j], rows[j + 1], rows[j + 2]
+            ax = ay = az = bx = by = bz = cx = cy = cz = 0.0
+            for k in range(length):
+                ax += a[k] * x[k]
+                ay += a[k] * y[k]
+                az += a[k] * z[k]
+                bx += b[k] * x[k]
+                by += b[k] * y[k]
+                bz += b[k] * z[k]
+                cx += c[k] * x[k]
+                cy += c[k] * y[k]
+                cz += c[k] * z[k]
+            result[i, j], result[i, j + 1], result[i, j + 2] = ax, ay, az
+            result[i + 1, j], result[i + 1, j + 1], result[i + 1, j + 2] = bx, by, bz
+            result[i + 2, j], result[i + 2, j + 1], result[i + 2, j + 2] = cx, cy, cz
+    for i in range(size):
+        for j in range(i):
+            result[j, i] = result[i, j]

@@ -12,33 +12,10 @@ import math
 import numpy as np
 from jaxtyping import Float
 
-from core.transforms import nearest_rotation, rotation_to_rpy, rpy_jacobian, so3_exp, so3_log
+from core.transforms import nearest_rotation, rotation_to_rpy, rotation_vectors, rpy_jacobian, so3_exp
 
 UNKNOWN_ANGLE = math.pi / math.sqrt(3.0)
 """Standard deviation of an angle of which nothing is known (uniform over a turn), rad: no angle scatters more."""
-
-
-def rotation_vectors(
-    rotations: Float[np.ndarray, "n 3 3"], about: Float[np.ndarray, "3 3"]
-) -> Float[np.ndarray, "n 3"]:
-    """Return w with R_j = exp(w_j) R_about, rad, in the frame's axes."""
-    relative = rotations @ about.T
-    axis = 0.5 * np.stack(
-        [
-            relative[:, 2, 1] - relative[:, 1, 2],
-            relative[:, 0, 2] - relative[:, 2, 0],
-            relative[:, 1, 0] - relative[:, 0, 1],
-        ],
-        axis=1,
-    )
-    sine = np.sqrt(np.einsum("ni,ni->n", axis, axis))
-    cosine = 0.5 * (np.trace(relative, axis1=1, axis2=2) - 1.0)
-    angle = np.arctan2(sine, cosine)
-    # θ / sin θ → 1 + θ²/6 as θ → 0
-    w = axis * np.where(sine > 1e-8, angle / np.maximum(sine, 1e-8), 1.0)[:, None]
-    for j in np.flatnonzero(angle > 3.0):  # sin θ loses the axis near half a turn; such cycles are rare
-        w[j] = so3_log(relative[j])
-    return np.asarray(w)
 
 
 def mean_and_vectors(

@@ -10,6 +10,7 @@ import pytest
 
 from core.calibration.estimators import GroupEstimate, estimate_group
 from core.calibration.inliers import find_repeats, inliers_of
+from core.calibration.view_stack import stack_views
 from core.camera import project
 from core.metrology import PoseCycles, assess_repeatability
 from core.simulation.views import draw_camera, draw_pose
@@ -93,7 +94,10 @@ def decide(
             )
         )
     parts = [r[:, : len(v)] for r, v in zip(residuals, views, strict=True)]
-    return list(inliers_of(find_repeats(views, labels), parts, np.ones(len(views), dtype=np.bool_)))
+    stack = stack_views(views)
+    everyone = np.ones(len(views), dtype=np.bool_)
+    used = inliers_of(stack, find_repeats(stack, labels), np.concatenate(parts, axis=1), everyone)
+    return [used[stack.part(i)] for i in range(len(stack))]
 
 
 def noise(images: int) -> np.ndarray:

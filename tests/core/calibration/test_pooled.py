@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from core.calibration import closed_form
+from core.calibration.arrow import TIED
 from core.calibration.homography import estimate_homography
 from core.calibration.model import (
     SMALLEST_NOISE_PX,
@@ -18,7 +19,8 @@ from core.calibration.model import (
     view_residuals,
 )
 from core.calibration.pooled import PooledCalibration, calibrate_views
-from core.calibration.shared_lens import TIED, Placement, fit_shared_lens
+from core.calibration.shared_lens import fit_shared_lens
+from core.calibration.view_stack import stack_states, stack_views
 from core.camera import Camera
 from core.errors import InvalidArgument
 from core.least_squares import Fit, fit
@@ -147,13 +149,11 @@ def test_the_level_of_the_stated_uncertainty_does_not_matter(stated_px: float) -
 def test_starts_far_from_the_truth_end_in_one_place(factor: float) -> None:
     camera, views = drawn(6, 8, sigma_px=0.01)
     expected = calibrate_views(views)
-    begin = [
-        Placement(v.parameters, v.rotation, v.translation_mm) for v in start(views, factor * camera.fx_px)
-    ]
-    found = fit_shared_lens(views, begin, TIED)
+    begin = stack_states(start(views, factor * camera.fx_px))
+    found = fit_shared_lens(stack_views(views), begin, TIED)
     assert found.converged
     sigma = np.sqrt(np.diag(expected.covariance))[:8]
-    difference = found.at.placements[0].parameters[:8] - expected.camera.as_array()[:8]
+    difference = found.at.placements.parameters[0, :8] - expected.camera.as_array()[:8]
     np.testing.assert_allclose(difference / sigma, 0.0, atol=0.02)
 
 
