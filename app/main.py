@@ -16,7 +16,17 @@ from app.api.edge import Edge
 from app.api.metrics import Metrics
 from app.api.openapi import openapi_document
 from app.api.problems import install_problem_handlers
-from app.api.routes import analyses, keys, measured_poses, measurements, poses, robots, sessions, targets
+from app.api.routes import (
+    analyses,
+    keys,
+    measured_poses,
+    measurements,
+    plots,
+    poses,
+    robots,
+    sessions,
+    targets,
+)
 from app.api.routes import service as service_routes
 from app.api.security import KeyCheck
 from app.jobs.overlay import OverlayPainter
@@ -70,6 +80,7 @@ def create_app(settings: Settings) -> FastAPI:
         measured_poses.router,
         measurements.router,
         analyses.router,
+        plots.router,
         keys.router,
         service_routes.router,
         service_routes.documentation,

@@ -13,12 +13,12 @@ CONFIDENCE_LEVEL = "0.95"
 
 router = contract_router(prefix="/v1/sessions/{session_id}", tags=["analyses"])
 
-_ETAG = {
+ETAG_HEADER = {
     "ETag": {"description": "Changes with what the answer is computed from.", "schema": {"type": "string"}}
 }
 _RESPONSES: dict[int | str, dict[str, Any]] = {
-    200: {"headers": _ETAG},
-    304: {"description": "The client has this answer already.", "headers": _ETAG},
+    200: {"headers": ETAG_HEADER},
+    304: {"description": "The client has this answer already.", "headers": ETAG_HEADER},
     **problems(404, 409, 422, 503),
 }
 EstimatorQuery = Annotated[
@@ -46,7 +46,7 @@ def get_intrinsics(
     session_id: str, service: ServiceDep, estimator: EstimatorQuery = "pooled", known: KnownTags = None
 ) -> Response:
     """Calibrate the session's camera from all its images, repeated poses or not."""
-    return _answer(service, "intrinsics", session_id, {"estimator": estimator}, known)
+    return answer_analysis(service, "intrinsics", session_id, {"estimator": estimator}, known)
 
 
 @router.get("/repeatability", response_model=RepeatabilityAnalysis, responses=_RESPONSES)
@@ -59,19 +59,25 @@ def get_repeatability(
 ) -> Response:
     """Give every pose's repeatability by ISO 9283, with intervals, noise floor, verdict and accuracy."""
     settings = {"estimator": estimator, "source": source, "confidence_level": CONFIDENCE_LEVEL}
-    return _answer(service, "repeatability", session_id, settings, known)
+    return answer_analysis(service, "repeatability", session_id, settings, known)
 
 
-def _answer(
-    service: Service, analysis: str, session_id: str, settings: dict[str, str], known: str | None
+def answer_analysis(
+    service: Service,
+    analysis: str,
+    session_id: str,
+    settings: dict[str, str],
+    known: str | None,
+    media_type: str = "application/json",
 ) -> Response:
+    """Answer with a document of the analysis desk, or that the client has it."""
     answer = service.analyses.answer(
         service.installation, analysis, session_id, settings, _entity_tags(known)
     )
     headers = {"ETag": answer.etag, "Cache-Control": "private, no-cache"}
     if answer.body is None:
         return Response(status_code=304, headers=headers)
-    return Response(answer.body, media_type="application/json", headers=headers)
+    return Response(answer.body, media_type=media_type, headers=headers)
 
 
 def _entity_tags(known: str | None) -> frozenset[str]:

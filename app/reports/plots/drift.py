@@ -19,7 +19,7 @@ from app.reports.plots.svg import BLUE, GREEN, INK, ORANGE, axes_at, draw_svg, m
 
 _AXES = (("x", BLUE, "o"), ("y", ORANGE, "s"), ("z", GREEN, "^"))
 _LEFT, _PANEL_WIDTH, _PANEL_HEIGHT, _GAP = 0.8, 4.1, 1.75, 0.85
-_HEADER, _CAPTION, _BELOW, _FOOTER = 0.62, 0.5, 0.6, 0.55
+_HEADER, _CAPTION, _BELOW, _FOOTER = 0.62, 0.64, 0.62, 0.7
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,10 +65,13 @@ def drift_figure(poses: Sequence[PoseDrift], title: str, block: int) -> Figure:
         left = _LEFT + (place % columns) * (_PANEL_WIDTH + _GAP)
         top = _HEADER + (place // columns) * row
         first, second = _caption(pose, block)
-        text_at(figure, left, top + 0.14, f"{short(pose.pose_id)}   ·   {first}")
-        text_at(figure, left, top + 0.36, second, color="#555555", fontsize=8)
+        text_at(figure, left, top + 0.1, short(pose.pose_id), fontsize=10, weight="bold")
+        text_at(figure, left, top + 0.31, first)
+        text_at(figure, left, top + 0.51, second, color="#555555", fontsize=8)
         _draw(axes_at(figure, left, top + _CAPTION, _PANEL_WIDTH, _PANEL_HEIGHT), pose)
-    figure.legend(handles=_legend(block), loc="lower center", ncols=4, columnspacing=1.6, handletextpad=0.6)
+    figure.legend(
+        handles=_legend(block), loc="lower center", ncols=2 * columns, columnspacing=1.6, handletextpad=0.6
+    )
     return figure
 
 

@@ -18,10 +18,27 @@ from app.services.analyses.snapshot import Snapshot, read_points, read_readings,
 from app.settings import program_version
 from core import GridposeError
 
-Document = Callable[[Snapshot, Mapping[str, bytes], Mapping[str, str]], dict[str, Any]]
+Document = Callable[[Snapshot, Mapping[str, bytes], Mapping[str, str]], dict[str, Any] | bytes]
+
+
+def _plot(name: str) -> Document:
+    """Return what draws a plot; matplotlib is loaded when the first is asked for, not for every analysis."""
+
+    def draw(snapshot: Snapshot, points: Mapping[str, bytes], settings: Mapping[str, str]) -> bytes:
+        from app.services.analyses import plots
+
+        svg: bytes = getattr(plots, name)(snapshot, points, settings)
+        return svg
+
+    return draw
+
+
 ANALYSES: dict[str, Document] = {
     "intrinsics": intrinsics_document,
     "repeatability": repeatability_document,
+    "scatter_plot": _plot("scatter_plot"),
+    "drift_plot": _plot("drift_plot"),
+    "residual_map": _plot("residual_map"),
 }
 
 
@@ -44,6 +61,8 @@ def analyse(
         return reason.refused
     except GridposeError as error:
         return Refused(error.code, error.detail, error.advice)
+    if isinstance(document, bytes):  # a picture holds neither ids nor hashes
+        return Analysed(inputs_sha256, snapshot.pending, document)
     head = {
         "session_id": session_id,
         "inputs_sha256": inputs_sha256,

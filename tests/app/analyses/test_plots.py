@@ -1,0 +1,146 @@
+"""Plots over HTTP: drawn beside the head from what is stored, told apart by their tags, refused in words."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree
+
+import pytest
+
+from tests.app.analyses.conftest import Shot, Store, body, new_session, problem, shoot, with_fields
+
+SPACE = "{http://www.w3.org/2000/svg}"
+PLOTS = ("repeatability/scatter.svg", "repeatability/drift.svg", "intrinsics/residuals.svg")
+
+
+def get(api: Any, session: str, plot: str, **query: Any) -> Any:
+    return api.client.get(f"/v1/sessions/{session}/{plot}", params=query)
+
+
+def told(response: Any) -> list[str]:
+    """The lines of a picture's description, once it is seen to be one."""
+    assert response.status_code == 200, response.text
+    assert response.headers["content-type"] == "image/svg+xml"
+    root = ElementTree.fromstring(response.content)
+    assert root.tag == f"{SPACE}svg"
+    description = root.findtext(f"{SPACE}desc")
+    assert description is not None
+    return description.splitlines()
+
+
+@pytest.fixture(scope="module")
+def ordinary() -> list[Shot]:
+    return shoot(3, poses=3, cycles=20)
+
+
+def test_pictures_say_what_the_tables_say(api: Any, store: Store, ordinary: list[Shot]) -> None:
+    session = new_session(api)
+    blind = Shot("P2", 21, None, ordinary[0].T_target_camera)
+    store(api, session, [*ordinary, blind])
+    rows = body(api.client.get(f"/v1/sessions/{session}/repeatability"))["poses"]
+    lines = told(get(api, session, PLOTS[0]))
+    assert len(lines) == len(rows) == 3
+    for row, line in zip(rows, lines, strict=True):
+        assert line.startswith(f"{row['pose_id']}: n = {row['n']} ")
+        assert f"verdict: {row['verdict'].replace('_', ' ')}" in line
+        reading, floor = row["repeatability"]["position_mm"], row["noise_floor"]["position_mm"]
+        assert float(line.split("RP_l = ")[1].split(" ")[0]) == pytest.approx(reading, rel=5e-3)
+        assert float(line.split("noise floor ")[1].split(" ")[0]) == pytest.approx(floor, rel=5e-2)
+    assert told(get(api, session, PLOTS[0], pose_id="P2")) == lines[1:2]
+    moved = told(get(api, session, PLOTS[1]))
+    assert [line.split(":")[0] for line in moved] == ["P1", "P2", "P3"]
+    assert all("n = 20" in line and "standard errors" in line for line in moved)
+    (residuals,) = told(get(api, session, PLOTS[2]))
+    assert residuals.startswith("Focus group default   ·   60 images   ·   ")
+    # Noise of .02 px in u and in v.
+    assert float(residuals.split("rms ")[1].split(" ")[0]) == pytest.approx(0.02 * 2**0.5, rel=0.05)
+
+
+@pytest.mark.parametrize("plot", PLOTS)
+def test_a_picture_is_known_by_its_tag(api: Any, store: Store, ordinary: list[Shot], plot: str) -> None:
+    first, other = new_session(api), new_session(api)
+    store(api, first, ordinary[:6])
+    store(api, other, list(reversed(ordinary[:6])))
+    drawn = get(api, first, plot)
+    tag = drawn.headers["etag"]
+    assert get(api, other, plot).content == drawn.content
+    again = api.client.get(f"/v1/sessions/{first}/{plot}", headers={"If-None-Match": tag})
+    assert (again.status_code, again.content, again.headers["etag"]) == (304, b"", tag)
+    by_another = get(api, first, plot, estimator="per_image_fixed_pp")
+    assert by_another.headers["etag"] != tag
+    assert by_another.content != drawn.content
+    assert api.client.head(f"/v1/sessions/{first}/{plot}").headers["etag"] == tag
+    store(api, first, ordinary[6:9])
+    assert get(api, first, plot).headers["etag"] != tag
+
+
+def test_groups_are_drawn_apart_or_one_alone(api: Any, store: Store, ordinary: list[Shot]) -> None:
+    session = new_session(api)
+    near, far = (
+        with_fields(ordinary[:9], focus_group="near"),
+        with_fields(ordinary[9:18], focus_group="far $x$"),
+    )
+    store(api, session, [*near, *far])
+    lines = told(get(api, session, PLOTS[2]))
+    assert [line.split("   ")[0] for line in lines] == ["Focus group far $x$", "Focus group near"]
+    assert told(get(api, session, PLOTS[2], focus_group="near")) == lines[1:]
+    problem(get(api, session, PLOTS[2], focus_group="elsewhere"), 404, "focus_group_not_found")
+
+
+@pytest.mark.parametrize("plot", PLOTS)
+def test_what_cannot_be_drawn_is_said(api: Any, store: Store, ordinary: list[Shot], plot: str) -> None:
+    problem(get(api, "ses_nowhere", plot), 404, "session_not_found")
+    session = new_session(api)
+    assert problem(get(api, session, plot), 409, "too_few_measurements")["advice"]
+    problem(get(api, session, plot, estimator="best"), 422, "invalid_request")
+    problem(get(api, session, plot, estimator="given"), 409, "too_few_measurements")
+    store(api, session, [Shot("P1", cycle, None, ordinary[0].T_target_camera) for cycle in (1, 2)])
+    assert problem(get(api, session, plot), 409, "nothing_usable")["advice"]
+
+
+def test_poses_that_have_nothing_to_show(api: Any, store: Store, ordinary: list[Shot]) -> None:
+    session = new_session(api)
+    once = [shot for shot in ordinary if shot.cycle == 1]
+    blind = Shot("P9", 1, None, ordinary[0].T_target_camera)
+    store(api, session, [*once, blind])
+    api.client.put(f"/v1/sessions/{session}/poses/P10", json={})
+    lines = told(get(api, session, PLOTS[0]))
+    assert lines[0] == "P1: n = 1   ·   repeatability needs two cycles"
+    assert lines[3] == "P9: n = 0   ·   no image counts: target_not_found (1)"
+    assert problem(get(api, session, PLOTS[1]), 409, "too_few_cycles")["advice"]
+    for plot in PLOTS[:2]:
+        problem(get(api, session, plot, pose_id="P9"), 409, "nothing_usable")
+        problem(get(api, session, plot, pose_id="P10"), 409, "too_few_measurements")
+        problem(get(api, session, plot, pose_id="P11"), 404, "pose_not_found")
+        problem(get(api, session, plot, pose_id="../P1"), 422, "invalid_request")
+
+
+def test_too_many_poses_for_one_picture(api: Any, store: Store) -> None:
+    session = new_session(api)
+    store(api, session, shoot(5, poses=41, cycles=2))
+    for plot in PLOTS[:2]:
+        refused = problem(get(api, session, plot), 409, "too_many_to_draw")
+        assert "pose_id" in refused["advice"]
+        assert told(get(api, session, plot, pose_id="P41"))[0].startswith("P41: n = 2")
+
+
+def test_the_head_never_loads_what_draws() -> None:
+    """Pictures are drawn in the process beside it; the head stays small."""
+    program = (
+        "import sys, app.main, app.services.analyses.desk\n"
+        "from app.settings import Settings\n"
+        "from pathlib import Path\n"
+        "app.main.create_app(Settings(data_dir=Path('/nonexistent/gridpose'))).openapi()\n"
+        "print([m for m in ('matplotlib', 'PIL', 'app.services.analyses.plots') if m in sys.modules])"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", program],
+        cwd=Path(__file__).parents[3],
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    assert done.stdout.strip() == "[]"

@@ -1,0 +1,333 @@
+"""Plots are drawn of plain values: what they show is where it belongs, nothing hides anything, odd poses included."""
+
+from __future__ import annotations
+
+import itertools
+import os
+import re
+import subprocess
+import sys
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree
+
+import numpy as np
+import pytest
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from matplotlib.patches import Circle, Ellipse
+from matplotlib.text import Annotation, Text
+
+from app.reports.plots.drift import Block, PoseDrift, drift_figure, drift_svg
+from app.reports.plots.residual_map import ResidualField, cells_of, residuals_figure, residuals_svg
+from app.reports.plots.scatter import PoseScatter, scatter_figure, scatter_svg
+from app.reports.plots.svg import drawing_style, millimetres
+
+NOTHING = np.zeros((0, 3))
+
+
+def scatter(pose_id: str = "P1", n: int = 12, sigma: float = 0.03, **changes: Any) -> PoseScatter:
+    rng = np.random.default_rng(n)
+    positions = np.array([120.0, 80.0, -400.0]) + sigma * rng.standard_normal((n, 3))
+    several = n > 1
+    values: dict[str, Any] = {
+        "left_out_mm": NOTHING,
+        "observed_mm2": np.cov(positions, rowvar=False) if several else None,
+        "noise_mm2": np.diag([0.004, 0.005, 0.002]) ** 2,
+        "reading_mm": 3.4 * sigma if several else None,
+        "interval_mm": (2.7 * sigma, 4.6 * sigma) if several else None,
+        "floor_mm": 0.0131 if several else None,
+        "corrected_mm": 3.3 * sigma if several else None,
+        "verdict": "robot" if n >= 10 else "too_few_cycles",
+    }
+    return PoseScatter(pose_id, positions, **{**values, **changes})
+
+
+def motionless(n: int = 10) -> PoseScatter:
+    nil = np.zeros((3, 3))
+    figures = {"reading_mm": 0.0, "interval_mm": (0.0, 0.0), "floor_mm": 0.0, "corrected_mm": 0.0}
+    return scatter("still", n, 0.0, observed_mm2=nil, noise_mm2=nil, verdict="below_detection", **figures)
+
+
+ODD_SCATTERS = [
+    scatter("one-cycle", 1),
+    motionless(),
+    scatter("nothing-counts", 0, remark="no image counts: target_not_found (3)"),
+    scatter("outliers", left_out_mm=np.array([[5e4, -2e4, 1.0], [120.01, 80.01, -400.01]])),
+    scatter("x" * 128, 8, 40.0),
+    scatter("no-covariances", noise_mm2=None, floor_mm=None, corrected_mm=None),
+]
+
+
+def drifting(pose_id: str = "P1", n: int = 30, slope: float = 0.004, sigma: float = 0.02) -> PoseDrift:
+    rng = np.random.default_rng(n)
+    cycles = np.arange(1, n + 1)
+    positions = np.array([120.0, 80.0, -400.0]) + sigma * rng.standard_normal((n, 3))
+    positions[:, 0] += slope * cycles
+    blocks = []
+    for start in range(0, n - 9 if n >= 20 else 0, 10):
+        part = positions[start : start + 10]
+        error = part.std(axis=0, ddof=1) / np.sqrt(10)
+        blocks.append(Block(start + 1, start + 10, part.mean(axis=0), error, 3.4 * sigma))
+    return PoseDrift(pose_id, cycles, positions, tuple(blocks))
+
+
+ODD_DRIFTS = [
+    drifting("still", slope=0.0, sigma=0.0),
+    drifting("two-cycles", n=2),
+    drifting("far", slope=50.0),
+    drifting("y" * 128, n=120),
+]
+
+
+def field(name: str = "default", n: int = 4000, bend: float = 0.0, **changes: Any) -> ResidualField:
+    """Points all over the image, with noise of .02 px and a distortion left over that grows to the corners."""
+    rng = np.random.default_rng(n)
+    width, height = changes.get("width_px", 2448), changes.get("height_px", 2050)
+    points = rng.uniform(0.0, 1.0, (n, 2)) * (width, height)
+    off = 2.0 * points / (width, height) - 1.0
+    residuals = 0.02 * rng.standard_normal((n, 2)) + bend * off * np.sum(off * off, axis=1)[:, None]
+    values = {"width_px": width, "height_px": height, "left_out": 0, **changes}
+    return ResidualField(name, 30, points_px=points, residuals_px=residuals, **values)
+
+
+ODD_FIELDS = [
+    field("cost $5$ and $6$ 焦点", bend=0.02, left_out=12),
+    field("tall", 900, width_px=600, height_px=2400),
+    field("five points", 5),
+    ResidualField("perfect", 1, 640, 480, np.array([[3.0, 4.0]] * 9), np.zeros((9, 2)), 0),
+]
+
+
+def drawings() -> dict[str, Callable[[], Figure]]:
+    return {
+        "scatter": lambda: scatter_figure([scatter()], "title"),
+        "odd scatters": lambda: scatter_figure(ODD_SCATTERS, "title"),
+        "drift": lambda: drift_figure([drifting()], "title", 10),
+        "odd drifts": lambda: drift_figure(ODD_DRIFTS, "title", 10),
+        "residuals": lambda: residuals_figure([field()], [cells_of(field())], "title"),
+        "odd residuals": lambda: residuals_figure(ODD_FIELDS, [cells_of(f) for f in ODD_FIELDS], "title"),
+    }
+
+
+def boxes(figure: Figure) -> list[tuple[str, Any]]:
+    """What is written, and where, in pixels."""
+    canvas = FigureCanvasAgg(figure)
+    canvas.draw()
+    renderer = canvas.get_renderer()
+    found = []
+    for text in figure.findobj(Text):
+        assert isinstance(text, Text)
+        if text.get_text() and text.get_visible() and not isinstance(text, Annotation):
+            found.append((text.get_text(), text.get_window_extent(renderer)))
+    for axes in figure.axes:  # labels of ticks beyond the axes' ends are not drawn
+        low, high = axes.get_xlim(), axes.get_ylim()
+        for axis, (start, end) in ((axes.xaxis, low), (axes.yaxis, high)):
+            hidden = [
+                tick.label1.get_window_extent(renderer).bounds
+                for tick in axis.get_major_ticks()
+                if not min(start, end) <= tick.get_loc() <= max(start, end)
+            ]
+            found = [(said, box) for said, box in found if box.bounds not in hidden]
+    return found
+
+
+@pytest.mark.parametrize("name", list(drawings()))
+def test_nothing_written_hides_another_or_leaves_the_sheet(name: str) -> None:
+    with drawing_style():
+        figure = drawings()[name]()
+        sheet = figure.bbox
+        written = boxes(figure)
+    assert len(written) > 10
+    for said, box in written:
+        assert min(box.x0, box.y0, sheet.x1 - box.x1, sheet.y1 - box.y1) >= -0.5, said
+    for (one, a), (other, b) in itertools.combinations(written, 2):
+        apart = a.x1 <= b.x0 + 0.6 or b.x1 <= a.x0 + 0.6 or a.y1 <= b.y0 + 0.6 or b.y1 <= a.y0 + 0.6
+        assert apart, f"{one!r} and {other!r} overlap"
+
+
+@pytest.mark.parametrize(
+    "svg",
+    [
+        scatter_svg(ODD_SCATTERS, "pooled"),
+        drift_svg(ODD_DRIFTS, "given", 10),
+        residuals_svg(ODD_FIELDS, "pooled"),
+    ],
+    ids=["scatter", "drift", "residuals"],
+)
+def test_a_document_stands_for_itself(svg: bytes) -> None:
+    """White paper, a title and words for those who cannot see it, and nothing from another host."""
+    root = ElementTree.fromstring(svg)
+    space = "{http://www.w3.org/2000/svg}"
+    assert root.tag == f"{space}svg"
+    title, description = root.find(f"{space}title"), root.find(f"{space}desc")
+    assert title is not None
+    assert title.text
+    assert description is not None
+    assert description.text
+    assert len(description.text.splitlines()) >= 4
+    paper = root.find(f".//{space}g[@id='patch_1']/{space}path")
+    assert paper is not None
+    assert "fill: #ffffff" in paper.attrib["style"]
+    assert not root.findall(f".//{space}text")  # outlines: no font is asked for
+    addresses = set(re.findall(r"https?://[^\"' <]+", svg.decode()))
+    assert addresses <= {"http://www.w3.org/2000/svg", "http://www.w3.org/1999/xlink"}
+    for element in root.iter():
+        for name, value in element.attrib.items():
+            if name.endswith("href"):
+                assert value.startswith(("#", "data:image/png"))
+        assert element.tag not in (f"{space}script", f"{space}foreignObject", f"{space}a")
+
+
+def test_the_same_figures_are_the_same_bytes_in_any_process() -> None:
+    program = (
+        "import hashlib\n"
+        "from tests.app.reports.test_plots import *\n"
+        "drawn = [scatter_svg(ODD_SCATTERS, 'pooled'), drift_svg(ODD_DRIFTS, 'pooled', 10),"
+        " residuals_svg(ODD_FIELDS, 'pooled')]\n"
+        "print(*[hashlib.sha256(svg).hexdigest() for svg in drawn])\n"
+    )
+    said = []
+    for seed in ("1", "2"):
+        done = subprocess.run(
+            [sys.executable, "-c", program],
+            cwd=Path(__file__).parents[3],
+            env={**os.environ, "PYTHONHASHSEED": seed, "SOURCE_DATE_EPOCH": seed},
+            capture_output=True,
+            text=True,
+            check=True,
+        )
+        said.append(done.stdout.split())
+    assert said[0] == said[1]
+    assert len(set(said[0])) == 3
+
+
+def test_the_look_is_the_projects_own(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Settings of matplotlib that a user made stay as they are, and change no plot."""
+    import matplotlib as mpl
+
+    before = scatter_svg([scatter()], "pooled")
+    with mpl.rc_context({"axes.facecolor": "black", "font.size": 20.0, "svg.fonttype": "none"}):
+        assert scatter_svg([scatter()], "pooled") == before
+        assert mpl.rcParams["font.size"] == 20.0
+
+
+def patches(figure: Figure, kind: type, colour: str | None = None) -> list[Any]:
+    from matplotlib.colors import to_hex
+
+    found = [patch for axes in figure.axes for patch in axes.patches if type(patch) is kind]
+    return [p for p in found if colour is None or to_hex(p.get_edgecolor()) == colour]
+
+
+def test_ellipses_are_three_standard_deviations_seen_along_each_axis() -> None:
+    turn = np.array([[0.8, -0.6, 0.0], [0.6, 0.8, 0.0], [0.0, 0.0, 1.0]])
+    covariance = turn @ np.diag([0.4, 0.1, 0.2]) ** 2 @ turn.T
+    pose = scatter(sigma=0.2, observed_mm2=covariance, noise_mm2=np.diag([0.01, 0.02, 0.03]) ** 2)
+    with drawing_style():
+        figure = scatter_figure([pose], "title")
+    observed, noise = patches(figure, Ellipse, "#0072b2"), patches(figure, Ellipse, "#d55e00")
+    assert len(observed) == len(noise) == 3
+    xy = observed[0]
+    assert sorted([xy.width, xy.height]) == pytest.approx([0.6, 2.4])
+    along = xy.angle if xy.width > xy.height else xy.angle + 90.0
+    assert along % 180.0 == pytest.approx(np.degrees(np.arctan2(0.6, 0.8)))
+    for ellipse, axes in zip(noise, ((0.01, 0.02), (0.01, 0.03), (0.02, 0.03)), strict=True):
+        assert sorted([ellipse.width, ellipse.height]) == pytest.approx([6.0 * s for s in axes])
+    assert [circle.radius for circle in patches(figure, Circle)] == pytest.approx([pose.reading_mm] * 3)
+
+
+def points_in(figure: Figure, marker: str) -> list[list[int]]:
+    """How many points of this marker each panel shows, inside its frame."""
+    counts = []
+    for axes in figure.axes:
+        inside = 0
+        for line in axes.lines:
+            if line.get_marker() == marker:
+                x, y = (np.asarray(values, dtype=float) for values in line.get_data())
+                inside += int(np.sum((np.abs(x) <= axes.get_xlim()[1]) & (np.abs(y) <= axes.get_ylim()[1])))
+        counts.append(inside)
+    return [counts[i : i + 3] for i in range(0, len(counts), 3)]
+
+
+def test_every_cycle_is_in_the_frame_and_what_is_beyond_is_pointed_at() -> None:
+    poses = [pose for pose in ODD_SCATTERS if len(pose.positions_mm)]
+    with drawing_style():
+        figure = scatter_figure(poses, "title")
+    assert points_in(figure, "o") == [[len(pose.positions_mm)] * 3 for pose in poses]
+    place = [pose.pose_id for pose in poses].index("outliers")
+    panels = figure.axes[3 * place : 3 * place + 3]
+    assert points_in(figure, "x")[place] == [1, 1, 1]
+    assert [len([t for t in axes.texts if isinstance(t, Annotation)]) for axes in panels] == [1, 1, 1]
+    # The outlier 50 m away does not shrink what counts to a dot.
+    assert panels[0].get_xlim()[1] < 0.2 or "µm" in panels[0].get_xlabel()
+
+
+def test_units_follow_the_scatter() -> None:
+    poses = [scatter("a", sigma=1.0), scatter("b", sigma=1e-3), motionless()]
+    quiet = [
+        PoseScatter(
+            p.pose_id, p.positions_mm, NOTHING, p.observed_mm2, None, p.reading_mm, None, None, None, "robot"
+        )
+        for p in poses
+    ]
+    with drawing_style():
+        figure = scatter_figure(quiet, "title")
+    assert [axes.get_xlabel()[-2:] for axes in figure.axes[::3]] == ["mm", "µm", "nm"]
+
+
+def test_captions_say_n_reading_interval_floor_and_verdict() -> None:
+    pose = scatter(verdict="instrument_limited", left_out_mm=np.zeros((2, 3)))
+    description = ElementTree.fromstring(scatter_svg([pose], "pooled")).findtext(
+        "{http://www.w3.org/2000/svg}desc"
+    )
+    assert description is not None
+    for part in (
+        "P1: n = 12 (+ 2 left out)",
+        "RP_l = 0.102 [0.0810, 0.138] mm",
+        "noise floor 0.0131 mm",
+        "corrected 0.0990 mm",
+        "verdict: instrument limited",
+    ):
+        assert part in description
+    assert [millimetres(v) for v in (0.0, 1e-5, 0.012345, 0.5, 12.345, 123456.0)] == [
+        "0",
+        "1e-05",
+        "0.0123",
+        "0.500",
+        "12.3",
+        "1.23e+05",
+    ]
+
+
+def test_drift_is_told_with_its_doubt() -> None:
+    pose = drifting(slope=0.01, sigma=0.005)
+    description = ElementTree.fromstring(drift_svg([pose], "pooled", 10)).findtext(
+        "{http://www.w3.org/2000/svg}desc"
+    )
+    assert description is not None
+    said = re.search(r"moved ([\d.]+) mm.*x, y, z: \+([\d.]+), .*standard errors ([\d.]+)", description)
+    assert said is not None
+    moved, x, error = map(float, said.groups())
+    assert x == pytest.approx(0.2, abs=4.0 * error)
+    assert moved == pytest.approx(x, abs=4.0 * error)
+    # Within a block the slope adds its own spread: 0.01 mm x √(99/12) of ten cycles, over √10, at both ends.
+    assert error == pytest.approx(np.sqrt(2 * (0.005**2 + 0.01**2 * 110 / 12) / 10), rel=0.3)
+
+
+def flagged(residual_fields: Sequence[ResidualField]) -> list[float]:
+    return [float(np.mean(cells_of(f).stands_out)) for f in residual_fields]
+
+
+def test_cells_recover_the_mean_residual_and_tell_chance_from_lens() -> None:
+    plain, bent = field(n=20000), field(n=20000, bend=0.02)
+    of_plain, of_bent = flagged([plain, bent])
+    # One cell of a hundred by chance: of some 700 cells within four standard deviations of 7.
+    assert of_plain < 0.01 + 4.0 * np.sqrt(0.01 / len(cells_of(plain).count))
+    assert of_bent > 0.5
+    cells = cells_of(bent)
+    off = 2.0 * cells.middle_px / (2448, 2050) - 1.0
+    expected = 0.02 * off * np.sum(off * off, axis=1)[:, None]
+    pull = (cells.mean_px - expected) / (0.02 / np.sqrt(cells.count))[:, None]
+    assert 0.8 < float(np.sqrt(np.mean(pull**2))) < 1.25
+    assert int(cells.count.sum()) == 20000
