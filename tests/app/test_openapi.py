@@ -125,6 +125,7 @@ def test_the_contract_is_all_there(document: dict[str, Any]) -> None:
         "GET /v1/robots/{robot_id}",
         "GET /v1/sessions",
         "GET /v1/sessions/{session_id}",
+        "GET /v1/sessions/{session_id}/comparison",
         "GET /v1/sessions/{session_id}/events",
         "GET /v1/sessions/{session_id}/intrinsics",
         "GET /v1/sessions/{session_id}/intrinsics/residuals.svg",

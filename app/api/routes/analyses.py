@@ -8,6 +8,7 @@ from fastapi import Header, Query, Response
 
 from app.api.contract import Service, ServiceDep, contract_router, problems
 from app.api.schemas.analyses import Estimator, IntrinsicsAnalysis, RepeatabilityAnalysis, Source
+from app.api.schemas.comparison import ComparisonAnalysis
 
 CONFIDENCE_LEVEL = "0.95"
 
@@ -60,6 +61,12 @@ def get_repeatability(
     """Give every pose's repeatability by ISO 9283, with intervals, noise floor, verdict and accuracy."""
     settings = {"estimator": estimator, "source": source, "confidence_level": CONFIDENCE_LEVEL}
     return answer_analysis(service, "repeatability", session_id, settings, known)
+
+
+@router.get("/comparison", response_model=ComparisonAnalysis, responses=_RESPONSES)
+def get_comparison(session_id: str, service: ServiceDep, known: KnownTags = None) -> Response:
+    """Compare every method on the same images: calibration (the paper's Table II) and repeatability (Table III)."""
+    return answer_analysis(service, "comparison", session_id, {}, known)
 
 
 def answer_analysis(

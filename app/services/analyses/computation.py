@@ -10,6 +10,7 @@ from functools import cache
 from typing import Any
 
 from app.records.database import Database
+from app.services.analyses.comparison import comparison_document
 from app.services.analyses.documents import encode
 from app.services.analyses.intrinsics import intrinsics_document
 from app.services.analyses.outcome import Analysed, CannotAnalyse, Refused
@@ -36,6 +37,7 @@ def _plot(name: str) -> Document:
 ANALYSES: dict[str, Document] = {
     "intrinsics": intrinsics_document,
     "repeatability": repeatability_document,
+    "comparison": comparison_document,
     "scatter_plot": _plot("scatter_plot"),
     "drift_plot": _plot("drift_plot"),
     "residual_map": _plot("residual_map"),
