@@ -25,10 +25,21 @@ _MISSING_CHUNK = 1000
 class ClientError(Exception):
     """The service refused a request, or could not be reached. Code, detail and advice as it gave them."""
 
-    def __init__(self, code: str, detail: str, advice: str | None = None, status: int | None = None) -> None:
-        super().__init__(f"{detail} ({code})" if code else detail)
+    def __init__(
+        self,
+        code: str,
+        detail: str,
+        advice: str | None = None,
+        status: int | None = None,
+        fields: Sequence[tuple[str, str]] = (),
+    ) -> None:
+        self.summary = detail
+        """`detail` without `fields`: of a refused body, where something is wrong, and what."""
+        self.fields = tuple(fields)
+        told = "; ".join(f"{field}: {message}" for field, message in fields)
+        self.detail = f"{detail} {told}" if told else detail
+        super().__init__(f"{self.detail} ({code})" if code else self.detail)
         self.code = code
-        self.detail = detail
         self.advice = advice
         self.status = status
 
@@ -121,6 +132,11 @@ class ServiceClient:
             missing.update((entry["pose_id"], entry["sha256"]) for entry in answer["missing"])
         return missing
 
+    def put_measured_poses(self, session_id: str, readings: Sequence[Json]) -> Json:
+        """Store another instrument's readings; those stored already are answered as they are."""
+        path = f"/v1/sessions/{session_id}/measured-poses"
+        return self._json("POST", path, repeatable=True, json=list(readings))
+
     def put_image(self, session_id: str, pose_id: str, sha256: str, data: bytes, **metadata: Any) -> Json:
         """Upload one image and return its measurement; the same again returns the first one."""
         return self._json(
@@ -195,10 +211,8 @@ def _refusal(response: httpx2.Response) -> ClientError:
     if not isinstance(problem, dict) or "code" not in problem:
         return ClientError("unexpected_answer", f"HTTP {response.status_code}.", status=response.status_code)
     detail = str(problem.get("detail") or problem.get("title") or f"HTTP {response.status_code}")
-    fields = "; ".join(f"{e.get('field')}: {e.get('message')}" for e in problem.get("errors") or [])
-    if fields:
-        detail = f"{detail} {fields}"
-    return ClientError(str(problem["code"]), detail, problem.get("advice"), response.status_code)
+    fields = [(str(e.get("field")), str(e.get("message"))) for e in problem.get("errors") or []]
+    return ClientError(str(problem["code"]), detail, problem.get("advice"), response.status_code, fields)
 
 
 def _reason(error: Exception) -> str:

@@ -154,6 +154,109 @@ def upload(
     raise typer.Exit(run(request))
 
 
+class Lengths(enum.StrEnum):
+    """Units of coordinates."""
+
+    mm = "mm"
+    m = "m"
+    inch = "in"
+
+
+class Angles(enum.StrEnum):
+    """Units of angles."""
+
+    deg = "deg"
+    rad = "rad"
+
+
+class RecordFormat(enum.StrEnum):
+    """Files that readings come in."""
+
+    csv = "csv"
+    json = "json"
+    yaml = "yaml"
+
+
+@app.command("import")
+def import_(
+    file: Annotated[
+        Path, typer.Argument(help="CSV, JSON or YAML file of readings.", exists=True, dir_okay=False)
+    ],
+    session: Annotated[
+        str | None, typer.Option(help="Id or name of the session; a new name is made, given --target.")
+    ] = None,
+    url: Annotated[
+        str, typer.Option(envvar="GRIDPOSE_URL", help="Where the service is.")
+    ] = "http://127.0.0.1:8000",
+    key: Annotated[str | None, typer.Option(envvar="GRIDPOSE_KEY", help="API key of scope upload.")] = None,
+    target: Annotated[
+        str | None,
+        typer.Option(help="Target of a new session: an id, or KIND:COLUMNSxROWS:PITCH_MM."),
+    ] = None,
+    column: Annotated[
+        list[str] | None,
+        typer.Option(
+            help="FIELD=COLUMN, as often as needed: pose, cycle, joints (several columns, by commas), x, y, z, "
+            "rx, ry, rz (or r1, r2, r3), qx, qy, qz, qw, and u_x ... for standard uncertainties."
+        ),
+    ] = None,
+    rotation: Annotated[
+        str | None,
+        typer.Option(
+            help="What angles mean: the order of the product, xyz for Rx Ry Rz, zyx for roll, pitch, yaw; or vector."
+        ),
+    ] = None,
+    lengths: Annotated[Lengths, typer.Option(help="Unit of coordinates.")] = Lengths.mm,
+    angles: Annotated[Angles, typer.Option(help="Unit of orientations' angles.")] = Angles.deg,
+    joint_angles: Annotated[Angles, typer.Option(help="Unit of joint angles.")] = Angles.deg,
+    file_format: Annotated[
+        RecordFormat | None, typer.Option("--format", help="Kind of file.  [default: by its name]")
+    ] = None,
+    delimiter: Annotated[
+        str | None, typer.Option(help="Between a CSV's columns, or tab.  [default: by the first line]")
+    ] = None,
+    decimal: Annotated[
+        str | None, typer.Option(help="Decimal sign of a CSV, . or ,  [default: by the numbers]")
+    ] = None,
+    prefix: Annotated[str, typer.Option(help="Before the number, for pose IDs of unnamed readings.")] = "r",
+    skip_invalid: Annotated[
+        bool, typer.Option("--skip-invalid", help="Send the sound readings and leave out the others.")
+    ] = False,
+    dry_run: Annotated[
+        bool, typer.Option("--dry-run", help="Read, check and show the first reading; send nothing.")
+    ] = False,
+    retry_for: Annotated[
+        float, typer.Option(help="Seconds to go on trying while the service is away.", min=0)
+    ] = 300.0,
+) -> None:
+    """Send poses that a laser tracker or another instrument measured to a session; again changes nothing.
+
+    Ends with 0 when all are stored, 1 when some are refused (with their lines), 2 when the file cannot be read so.
+    """
+    from app.cli.import_poses import Request, import_poses
+
+    request = Request(
+        file=file,
+        session=session,
+        url=url,
+        key=key,
+        target=target,
+        kind=file_format.value if file_format else None,
+        columns=tuple(column or ()),
+        rotation=rotation,
+        lengths=lengths.value,
+        angles=angles.value,
+        joint_angles=joint_angles.value,
+        delimiter=delimiter,
+        decimal=decimal,
+        prefix=prefix,
+        skip=skip_invalid,
+        dry_run=dry_run,
+        retry_for_s=retry_for,
+    )
+    raise typer.Exit(import_poses(request))
+
+
 @app.command()
 def demo(
     data_dir: Annotated[

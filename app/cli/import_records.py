@@ -1,0 +1,163 @@
+"""Files of an instrument as records: rows of a CSV, entries of a JSON or YAML list or mapping, with their lines.
+
+A record's fields have one name each; those inside others are named by their path, `pose.x`.
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+FORMATS = {".csv": "csv", ".txt": "csv", ".tsv": "csv", ".json": "json", ".yaml": "yaml", ".yml": "yaml"}
+_DELIMITERS = ";\t,"
+
+
+class FileRefused(Exception):
+    """A file that cannot be read, with its place in words; `advice` says what to do."""
+
+    def __init__(self, detail: str, advice: str | None = None) -> None:
+        super().__init__(detail)
+        self.advice = advice
+
+
+@dataclass(frozen=True, slots=True)
+class Record:
+    """One reading as the file has it: where it stands, its name where it has one, its fields by their paths."""
+
+    place: str
+    name: str | None
+    fields: dict[str, Any]
+
+
+@dataclass(frozen=True, slots=True)
+class Records:
+    """The records of a file; `delimiter` of a CSV."""
+
+    kind: str
+    entries: list[Record]
+    delimiter: str | None = None
+
+
+def read_records(path: Path, kind: str | None, delimiter: str | None) -> Records:
+    """Return the records of a file.
+
+    `kind` is csv, json or yaml, by default as the file's name has it; `delimiter` of a CSV, by default the one its
+    first line has most of. Raises FileRefused.
+    """
+    kind = kind or FORMATS.get(path.suffix.lower())
+    if kind is None:
+        raise FileRefused(
+            f"{path.name} is no kind of file known by its name.", "Give --format csv, json or yaml."
+        )
+    text = _read_text(path)
+    if kind == "csv":
+        return _csv_records(text, delimiter)
+    entries = _json_records(text) if kind == "json" else _yaml_records(text)
+    return Records(kind, list(entries))
+
+
+def _read_text(path: Path) -> str:
+    try:
+        data = path.read_bytes()
+    except OSError as error:
+        raise FileRefused(f"{path} cannot be read: {error.strerror}.") from error
+    try:
+        return data.decode("utf-8-sig")
+    except UnicodeDecodeError:
+        return data.decode("cp1252", errors="replace")  # as spreadsheets on Windows write it
+
+
+def _csv_records(text: str, delimiter: str | None) -> Records:
+    first = text.partition("\n")[0]
+    delimiter = delimiter or max(_DELIMITERS, key=first.count)
+    rows = csv.reader(io.StringIO(text), delimiter=delimiter)
+    try:
+        names = [name.strip() for name in next(rows)]
+    except StopIteration:
+        raise FileRefused("The file is empty.") from None
+    if len(set(names)) != len(names):
+        repeated = sorted({name for name in names if names.count(name) > 1})
+        raise FileRefused(
+            f"Line 1 names columns more than once: {', '.join(repeated)}.", "Rename them in the file."
+        )
+    entries = []
+    try:
+        for row in rows:
+            if not any(cell.strip() for cell in row):
+                continue
+            if len(row) != len(names):
+                raise FileRefused(
+                    f"Line {rows.line_num} has {len(row)} cells, the header {len(names)}.",
+                    "Check the delimiter (--delimiter) and that the line is complete.",
+                )
+            cells = {name: cell.strip() for name, cell in zip(names, row, strict=True)}
+            entries.append(Record(f"line {rows.line_num}", None, cells))
+    except csv.Error as error:
+        raise FileRefused(f"Line {rows.line_num} is no row of a CSV: {error}.") from error
+    return Records("csv", entries, delimiter)
+
+
+def _json_records(text: str) -> Iterator[Record]:
+    try:
+        content = json.loads(text)
+    except RecursionError:
+        raise FileRefused("The JSON is nested too deeply.") from None
+    except json.JSONDecodeError as error:
+        raise FileRefused(f"Line {error.lineno} is no JSON: {error.msg}.") from error
+    return _entries(content, {})
+
+
+def _yaml_records(text: str) -> Iterator[Record]:
+    import yaml
+
+    loader = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
+    try:
+        content = yaml.load(text, Loader=loader)  # noqa: S506 - a safe loader, in C where there is one
+        tree = yaml.compose(text, Loader=loader)
+    except RecursionError:
+        raise FileRefused("The YAML is nested too deeply.") from None
+    except yaml.YAMLError as error:
+        mark = getattr(error, "problem_mark", None)
+        where = f"Line {mark.line + 1}" if mark is not None else "The file"
+        raise FileRefused(f"{where} is no YAML: {getattr(error, 'problem', None) or error}.") from error
+    lines: dict[int, int] = {}
+    if isinstance(tree, yaml.MappingNode):
+        lines = {i: key.start_mark.line + 1 for i, (key, _) in enumerate(tree.value)}
+    elif isinstance(tree, yaml.SequenceNode):
+        lines = {i: node.start_mark.line + 1 for i, node in enumerate(tree.value)}
+    return _entries(content, lines)
+
+
+def _entries(content: Any, lines: dict[int, int]) -> Iterator[Record]:
+    """Yield the entries of a list, or of a mapping from their names; `items` of the service's own lists."""
+    if isinstance(content, dict) and isinstance(content.get("items"), list):
+        content, lines = content["items"], {}
+    named: Iterable[tuple[str | None, Any]]
+    if isinstance(content, dict):
+        named = [(str(name), entry) for name, entry in content.items()]
+    elif isinstance(content, list):
+        named = [(None, entry) for entry in content]
+    else:
+        raise FileRefused(
+            "The file holds neither a list of readings nor a mapping from their names.",
+            'Write [{"pose_id": "P1", "position_mm": [x, y, z]}, ...].',
+        )
+    for index, (name, entry) in enumerate(named):
+        place = f"line {lines[index]}" if index in lines else f"reading {index + 1}"
+        if not isinstance(entry, dict):
+            raise FileRefused(f"In {place} there is no reading but {type(entry).__name__}.")
+        yield Record(place, name, dict(_flat(entry, "")))
+
+
+def _flat(entry: dict[Any, Any], prefix: str) -> Iterator[tuple[str, Any]]:
+    for name, value in entry.items():
+        path = f"{prefix}{name}"
+        if isinstance(value, dict):
+            yield from _flat(value, f"{path}.")
+        else:
+            yield path, value

@@ -1,0 +1,244 @@
+"""Files of instruments as readings: what is read, in which convention and unit, and which line is wrong."""
+
+from __future__ import annotations
+
+import json
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from app.cli.import_poses import Request, import_poses
+from app.cli.import_readings import Layout, read_readings
+from app.cli.import_records import FileRefused, read_records
+from core.transforms import rpy_to_rotation, so3_exp, so3_log
+
+CSV = """pose;X;Y;Z;A;B;C;sx;sy;sz;sa;sb;sc;q1;q2
+P1;1,5;-2;3e0;10;20;30;0,01;0,02;0,03;0,001;0,002;0,003;90;-45,5
+P1;1,75;-2;3;10;20;30;0,01;0,02;0,03;0,001;0,002;0,003;90;-45,5
+P2;2;0;1;-170;80;5;0,01;0,02;0,03;0,001;0,002;0,003;0;1
+"""
+COLUMNS = {
+    **dict(zip(("x", "y", "z", "rx", "ry", "rz"), "XYZABC", strict=True)),
+    **{f"u_{name}": f"s{letter}" for name, letter in zip(("x", "y", "z"), "xyz", strict=True)},
+    **{f"u_{name}": f"s{letter}" for name, letter in zip(("rx", "ry", "rz"), "abc", strict=True)},
+    "joints": "q1,q2",
+}
+
+
+def write(folder: Path, text: str, name: str = "readings.csv", encoding: str = "utf-8") -> Path:
+    path = folder / name
+    path.write_text(text, encoding=encoding)
+    return path
+
+
+def read(path: Path, **layout: Any) -> tuple[list[dict[str, Any]], list[tuple[str, str]]]:
+    found, problems = read_readings(read_records(path, None, None), Layout(**layout))
+    return [reading for _, reading in found], [(p.place, p.message) for p in problems]
+
+
+def turn(axis: int, degrees: float) -> Any:
+    return so3_exp(math.radians(degrees) * np.eye(3)[axis])
+
+
+def test_a_tracker_s_csv_with_decimal_commas(tmp_path: Path) -> None:
+    (first, second, third), problems = read(write(tmp_path, CSV), columns=COLUMNS, rotation="xyz")
+    assert problems == []
+    assert [first["pose_id"], second["pose_id"], third["pose_id"]] == ["P1", "P1", "P2"]
+    assert (first["cycle"], first["position_mm"], first["joint_angles_deg"]) == (
+        None,
+        [1.5, -2.0, 3.0],
+        [90.0, -45.5],
+    )
+    assert np.allclose(first["rotation"], turn(0, 10) @ turn(1, 20) @ turn(2, 30), atol=1e-15)
+    assert np.allclose(np.diag(first["covariance"])[:3], [1e-4, 4e-4, 9e-4])
+
+
+@pytest.mark.parametrize("sequence", ["xyz", "zyx", "zxy", "yxz", "zyz", "xzx"])
+def test_angles_mean_what_the_convention_says(tmp_path: Path, sequence: str) -> None:
+    angles = (20.0, -35.0, 50.0)
+    proper = len(set(sequence)) == 2
+    names = ["r1", "r2", "r3"] if proper else [f"r{axis}" for axis in sequence]
+    header = ",".join(["x", "y", "z", *names, "u_x", "u_y", "u_z", *(f"u_{n}" for n in names)])
+    row = ",".join(str(v) for v in (1, 2, 3, *angles, 0.1, 0.1, 0.1, 0.001, 0.002, 0.003))
+    ((reading,), problems) = read(write(tmp_path, f"{header}\n{row}\n"), rotation=sequence)
+    assert problems == []
+    turns = [turn("xyz".index(axis), angle) for axis, angle in zip(sequence, angles, strict=True)]
+    expected = turns[0] @ turns[1] @ turns[2]
+    assert np.allclose(reading["rotation"], expected, atol=1e-15)
+    if sequence == "zyx":
+        yaw, pitch, roll = np.radians(angles)
+        assert np.allclose(reading["rotation"], rpy_to_rotation(np.array([roll, pitch, yaw])), atol=1e-15)
+    # The angles' uncertainties as a small rotation from the left: what moving each angle a little does.
+    J = np.zeros((3, 3))
+    for k in range(3):
+        moved = list(turns)
+        moved[k] = turn("xyz".index(sequence[k]), angles[k] + 1e-4)
+        J[:, k] = so3_log(moved[0] @ moved[1] @ moved[2] @ expected.T) / math.radians(1e-4)
+    u = np.radians([0.001, 0.002, 0.003])
+    assert np.allclose(
+        np.array(reading["covariance"])[3:, 3:], J @ np.diag(u**2) @ J.T, rtol=1e-5, atol=1e-14
+    )
+
+
+def test_units_vectors_and_quaternions(tmp_path: Path) -> None:
+    vector = np.array([0.3, -1.2, 2.0])
+    path = write(tmp_path, "x,y,z,rx,ry,rz,q1\n0.001,0.002,0.003,0.3,-1.2,2.0,3.141592653589793\n")
+    ((reading,), _) = read(
+        path,
+        rotation="vector",
+        length_mm=1000.0,
+        angle_rad=1.0,
+        joint_deg=math.degrees(1.0),
+        columns={"joints": "q1"},
+    )
+    assert reading["position_mm"] == pytest.approx([1.0, 2.0, 3.0])
+    assert reading["joint_angles_deg"] == pytest.approx([180.0])
+    assert np.allclose(reading["rotation"], so3_exp(vector), atol=1e-14)
+    angle = float(np.linalg.norm(vector))
+    q = [*(math.sin(angle / 2) * vector / angle), math.cos(angle / 2)]
+    text = "x,y,z,qx,qy,qz,qw\n0,0,0," + ",".join(f"{v:.6f}" for v in q) + "\n"
+    ((reading,), _) = read(write(tmp_path, text))
+    assert np.allclose(reading["rotation"], so3_exp(vector), atol=5e-6)
+    R = np.array(reading["rotation"])
+    assert np.abs(R @ R.T - np.eye(3)).max() < 1e-14
+
+
+def test_positions_alone_and_poses_by_number(tmp_path: Path) -> None:
+    text = "x\ty\tz\n1\t2\t3\n\n4\t5\t6\n"
+    readings, problems = read(write(tmp_path, text, encoding="utf-8-sig"), prefix="T")
+    assert problems == []
+    assert [r["pose_id"] for r in readings] == ["T1", "T2"]
+    assert readings[0]["rotation"] is readings[0]["covariance"] is readings[0]["joint_angles_deg"] is None
+
+
+def test_nested_yaml_by_its_names(tmp_path: Path) -> None:
+    text = """# two axes
+'1593701755':
+  camera_joints: []
+  pose: {qw: 1.0, qx: 0.0, qy: 0.0, qz: 0.0, x: -0.5, y: 0.25, z: 1.0}
+  target_joints: [-0.5, 0.25]
+b:
+  pose: {qw: 0.9, qx: 0.0, qy: 0.0, qz: 0.0, x: -0.5, y: 0.25, z: 1.0}
+  target_joints: [-0.5, 0.25]
+"""
+    columns = {name: f"pose.{name}" for name in ("x", "y", "z", "qx", "qy", "qz", "qw")}
+    readings, problems = read(
+        write(tmp_path, text, "p.yaml"), columns={**columns, "joints": "target_joints"}, length_mm=1000.0
+    )
+    assert [(r["pose_id"], r["position_mm"]) for r in readings] == [("1593701755", [-500.0, 250.0, 1000.0])]
+    assert readings[0]["joint_angles_deg"] == [-0.5, 0.25]
+    assert problems == [("line 6", "its quaternion has the norm 0.9, not 1")]
+
+
+def test_the_service_s_own_form_passes_through(tmp_path: Path) -> None:
+    own = [{"pose_id": "P1", "cycle": 2, "position_mm": [1.0, 2.0, 3.0]}]
+    page = {"items": [{"id": "mpo_1", **own[0]}], "next_cursor": None}
+    for content in (own, page):
+        readings, problems = read(write(tmp_path, json.dumps(content), "p.json"))
+        assert (readings, problems) == (own, [])
+    _, problems = read(write(tmp_path, json.dumps([{**own[0], "rotations": []}]), "p.json"))
+    assert problems == [("reading 1", "a reading with position_mm has no rotations")]
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "place", "message"),
+    [
+        ("1,75", "1,7x5", "line 3", "X is no number: '1,7x5'"),
+        ("1,75", "", "line 3", "X is empty"),
+        ("1,75", "nan", "line 3", "X is not finite"),
+        ("P2", "P 2", "line 4", "'P 2' is no pose ID"),
+        ("P2;2", ";2", "line 4", "has no pose"),
+        ("0;1\n", "0;\n", "line 4", "q2 is empty"),
+    ],
+)
+def test_a_wrong_cell_is_named_with_its_line(
+    tmp_path: Path, old: str, new: str, place: str, message: str
+) -> None:
+    assert old in CSV
+    text = CSV.replace(old, new)
+    readings, problems = read(write(tmp_path, text), columns=COLUMNS, rotation="xyz")
+    assert [where for where, _ in problems] == [place]
+    assert problems[0][1].startswith(message)
+    assert len(readings) == 2
+
+
+def test_cycles_that_come_twice_and_joints_that_differ(tmp_path: Path) -> None:
+    text = "pose,cycle,x,y,z\nP1,1,0,0,0\nP1,1,0,0,1\nP1,2,0,0,1\nP1,0,0,0,1\nP1,1.5,0,0,1\n"
+    _, problems = read(write(tmp_path, text))
+    assert sorted(problems) == [
+        ("line 3", "is cycle 1 of pose P1 again, as line 2 is"),
+        ("line 5", "cycle is no cycle: 0"),
+        ("line 6", "cycle is no cycle: 1.5"),
+    ]
+    entries = [{"x": 0, "y": 0, "z": 0, "joints": joints} for joints in ([1, 2], [1, 2, 3])]
+    _, problems = read(write(tmp_path, json.dumps(entries), "p.json"))
+    assert problems == [("reading 2", "has 3 joint angles, the first reading 2")]
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "words"),
+    [
+        ("a.csv", "", "empty"),
+        ("a.csv", "x,y,z\n", "no readings"),
+        ("a.csv", "a,b,z\n1,2,3\n", "no x, y"),
+        ("a.csv", "x,x,z\n1,2,3\n", "more than once: x"),
+        ("a.csv", "x,y,z\n1,2\n", "Line 2 has 2 cells"),
+        ("a.csv", "x;y;z\n1,5;2.5;3\n", "decimal comma and some a decimal point"),
+        ("a.dat", "x,y,z\n1,2,3\n", "no kind of file known"),
+        ("a.json", '[\n{"x": 1,}]', "Line 2 is no JSON"),
+        ("a.json", "[" * 100_000, "nested too deeply"),
+        ("a.json", "5", "neither a list"),
+        ("a.json", "[[1, 2, 3]]", "no reading but list"),
+        ("a.yaml", "a: [1\nb: 2", "is no YAML"),
+        ("a.yaml", "!!python/object/apply:os.system ['true']", "is no YAML"),
+    ],
+)
+def test_a_file_that_is_none_is_refused_in_words(tmp_path: Path, name: str, text: str, words: str) -> None:
+    with pytest.raises(FileRefused, match=words):
+        read(write(tmp_path, text, name))
+
+
+def request(file: Path, **changes: Any) -> Request:
+    fields: dict[str, Any] = {
+        **dict.fromkeys(("session", "key", "target", "kind", "rotation", "delimiter", "decimal")),
+        **{"url": "http://127.0.0.1:9", "columns": (), "lengths": "mm", "angles": "deg"},
+        **{"joint_angles": "deg", "prefix": "r", "skip": False, "dry_run": True, "retry_for_s": 0.0},
+    }
+    return Request(file=file, **{**fields, **changes})
+
+
+def test_a_dry_run_shows_the_first_and_asks_about_units(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = write(tmp_path, "x,y,z,q1\n1,2,3,3.1\n1,2,3,-0.2\n")
+    assert import_poses(request(path, columns=("joints=q1",))) == 0
+    shown = capsys.readouterr()
+    assert json.loads(shown.out)["joint_angles_deg"] == [3.1]
+    assert "--joint-angles rad" in shown.err
+    assert import_poses(request(path, columns=("joints=q1",), joint_angles="rad")) == 0
+    shown = capsys.readouterr()
+    assert json.loads(shown.out)["joint_angles_deg"] == [pytest.approx(math.degrees(3.1))]
+    assert "--joint-angles rad" not in shown.err
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"columns": ("x",)}, "FIELD=COLUMN"),
+        ({"columns": ("w=x",)}, "knows no w"),
+        ({"columns": ("x=absent",)}, "no absent"),
+        ({"rotation": "xxy"}, "xyz for Rx Ry Rz"),
+        ({"rotation": "abc"}, "xyz for Rx Ry Rz"),
+        ({"delimiter": ";;"}, "one character"),
+        ({"dry_run": False}, "--session"),
+    ],
+)
+def test_options_that_say_nothing_sensible(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], changes: dict[str, Any], words: str
+) -> None:
+    path = write(tmp_path, "x,y,z\n1,2,3\n")
+    assert import_poses(request(path, **changes)) == 2
+    assert words in capsys.readouterr().err
