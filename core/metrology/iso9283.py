@@ -14,14 +14,18 @@ from jaxtyping import Float
 
 from core.errors import InvalidArgument
 from core.metrology.figures import Figures
-from core.metrology.orientation import mean_and_vectors, rotation_vectors
-from core.transforms import rotation_to_rpy
+from core.metrology.orientation import mean_and_vectors
+from core.transforms import rotation_to_rpy, rotation_vectors
+
+SMALLEST_DEVIATION = 1e-30
+"""What is less is nothing: far below any instrument, and squares of squares stay above the least of floats."""
 
 
 def deviations(values: Float[np.ndarray, "n k"]) -> Float[np.ndarray, "n k"]:
     """Return a_j - ā of each column; exactly zero where all cycles are equal, however far from the origin."""
     shifted = values - values[0]
-    return np.asarray(shifted - shifted.mean(axis=0))
+    about = shifted - shifted.mean(axis=0)
+    return np.where(np.abs(about) < SMALLEST_DEVIATION, 0.0, about)
 
 
 def position_repeatability(positions_mm: Float[np.ndarray, "n 3"]) -> float:

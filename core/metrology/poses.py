@@ -11,6 +11,10 @@ from core.errors import InvalidArgument
 
 _ORTHONORMAL = 1e-6  # a rotation written with seven digits passes, a scaled or mirrored matrix does not
 _SEMIDEFINITE = 1e-9  # relative to the largest eigenvalue: what writing and reading a covariance costs
+LARGEST_MM = 1e9
+"""No robot reaches so far (a thousand km); fourth powers of what lies within are still far from the end of floats."""
+LARGEST_RAD = 1e3
+"""An angle is unknown long before its uncertainty is so large."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,9 +33,9 @@ class PoseCycles:
         the *conditional* covariance, intrinsics held, because an error of the lens is common to all cycles of a pose
         and leaves with the mean. None: nothing is known of the instrument.
 
-    Raises InvalidArgument, naming the cycle (counted from 1), where a value is not finite, a rotation is not
-    orthonormal and right-handed, or a covariance is not symmetric and positive semidefinite; and where there are not as
-    many rotations or covariances as positions.
+    Raises InvalidArgument, naming the cycle (counted from 1), where a value is not finite or absurd (`LARGEST_MM`,
+    `LARGEST_RAD`), a rotation is not orthonormal and right-handed, or a covariance is not symmetric and positive
+    semidefinite; and where there are not as many rotations or covariances as positions.
     """
 
     positions_mm: Float[np.ndarray, "n 3"]
@@ -44,6 +48,10 @@ class PoseCycles:
                 "A pose needs at least one cycle.", "Leave out poses that were never measured."
             )
         _require(np.isfinite(self.positions_mm).all(axis=1), "a position that is not finite")
+        _require(
+            (np.abs(self.positions_mm) <= LARGEST_MM).all(axis=1),
+            f"a position more than {LARGEST_MM:.0e} mm from the origin",
+        )
         if self.rotations is not None:
             self._same_length(self.rotations, "rotations")
             _require(np.isfinite(self.rotations).all(axis=(1, 2)), "a rotation that is not finite")
@@ -53,6 +61,12 @@ class PoseCycles:
         if self.covariances is not None:
             self._same_length(self.covariances, "covariances")
             _require(np.isfinite(self.covariances).all(axis=(1, 2)), "a covariance that is not finite")
+            variance = np.diagonal(self.covariances, axis1=1, axis2=2)
+            limit = np.array([LARGEST_MM**2] * 3 + [LARGEST_RAD**2] * 3)
+            _require(
+                np.asarray((variance <= limit).all(axis=1)),
+                f"a standard uncertainty above {LARGEST_MM:.0e} mm or {LARGEST_RAD:.0e} rad",
+            )
             _require(
                 _semidefinite(self.covariances), "a covariance that is not symmetric positive semidefinite"
             )

@@ -12,7 +12,9 @@ Each figure is the reading of n cycles p_j ~ N(μ, Σ_robot + M_j), M_j the cova
   subtract, D = S - M̄ without its negative part, and the reading is scaled by g(D) / g(S): with M = 0 it is the raw
   reading to the last digit. Because S is itself scattered, g(D) is biased (upward where noise makes a sphere look
   elongated, downward where a subtraction stops at zero); the bias is found by repeating the subtraction on Wishart
-  replicates of S and divided out, once.
+  replicates of the model D + M and divided out. Replicates of S itself would leave 2 % where robot and noise read
+  alike: where the subtraction stopped at zero, S is no sum of M and a covariance. The bias depends on D's size, which
+  is biased too, so that it is found once more with D scaled by the first answer.
 
 References: B. L. Welch, Biometrika 34 (1947) 28-35, doi:10.1093/biomet/34.1-2.28; B. Efron, R. J. Tibshirani, "An
 Introduction to the Bootstrap", 1993, §10.6 (bias correction); T. W. Anderson, "An Introduction to Multivariate
@@ -43,7 +45,7 @@ SOUND_FLOOR = 0.5
 """The corrected RP_l has an interval that keeps its level where the floor is below this share of the reading."""
 _POINTS = 32  # a power of two, which balances the net
 _SIGNS = np.array([[1.0, 1.0, 1.0], [1.0, 1.0, -1.0], [1.0, -1.0, 1.0], [-1.0, 1.0, 1.0]])
-_REPLICATES = _POINTS * len(_SIGNS)
+_ROUNDS = 2
 _CHI_GRID = 128
 
 
@@ -138,14 +140,18 @@ def assess_three_sigma(
 def still_lengths(covariances: Float[np.ndarray, "n 3 3"]) -> tuple[float, float]:
     """Return E l̄ and √(E S_l²) of n ≥ 2 measurements of a motionless robot, mm, given each M_j (mm²).
 
-    Two lengths correlate as the square of their points' correlation, 1 / (n - 1)², to within a few percent of it:
-    hence the factor n (n - 2) / (n - 1)² on the variance within, which is exact at n = 2 (S_l = 0) and in the limit.
+    Two lengths correlate as the square of their points' correlation, 1 / (n - 1)², to within a few percent of it: hence
+    the factor n (n - 2) / (n - 1)² on the lengths' mean variance, which is exact at n = 2 (S_l = 0) and in the limit.
+    What the expected lengths of unequal measurements differ by comes in whole, by n / (n - 1).
     """
     n = len(covariances)
     deviations = (1.0 - 2.0 / n) * covariances + covariances.mean(axis=0) / n
-    length = float(mean_length(eigenvalues(deviations)).mean())
-    square = float(np.einsum("nii->", deviations)) / n
-    return length, (max(square - length * length, 0.0) * n * (n - 2.0)) ** 0.5 / (n - 1.0)
+    lengths = mean_length(eigenvalues(deviations))
+    length = float(lengths.mean())
+    between = float(np.var(lengths))
+    within = float(np.einsum("nii->", deviations)) / n - length * length - between
+    squared = max(within, 0.0) * n * (n - 2.0) / (n - 1.0) ** 2 + between * n / (n - 1.0)
+    return length, float(np.sqrt(squared)) if n > 2 else 0.0
 
 
 def assess_radial(
@@ -171,7 +177,6 @@ def assess_radial(
     """
     # By LAPACK: the shape is a square root, which makes 1e-8 of a vanishing axis 1e-4.
     spectrum = np.maximum(np.linalg.eigvalsh(covariance)[:, ::-1], 0.0)
-    size = long_run_reading(spectrum)
     noise_trace = np.trace(noise, axis1=1, axis2=2)
     floor = (
         still[:, 0]
@@ -184,9 +189,9 @@ def assess_radial(
     low, high = law.interval(reading)
     # Two cycles are equally far from their mean, S_l = 0: the long-run figure lies above such a reading.
     low = np.minimum(low, reading)
-    left = long_run_reading(np.linalg.eigvalsh(covariance - noise)[:, ::-1])
-    subtracted, plain = _replicated(covariance, noise, cycles)
-    corrected = reading * _share(left, size) * _share(left * plain.mean, size * subtracted.mean)
+    subtracted, plain = _subtraction(covariance, noise, cycles)
+    # With M = 0 both ratios are 1, and the reading stands.
+    corrected = reading * _share(subtracted.found, plain.found) * _share(plain.gain, subtracted.gain)
     # The reading's own spread, with that of g(S) in it replaced by that of g(D).
     spread = np.sqrt(
         np.maximum(law.spread**2 + subtracted.log_variance - plain.log_variance, 0.04 * law.spread**2)
@@ -196,31 +201,61 @@ def assess_radial(
 
 
 @dataclass(frozen=True, slots=True)
-class _Replicated:
-    """Mean of g over replicates, mm, and the variance of its logarithm were it lognormal."""
+class _Estimated:
+    """What an estimate g of the scatter read, mm; by what factor it reads too much, and the variance of its logarithm
+    were it lognormal, both by replicates.
+    """
 
-    mean: Float[np.ndarray, " k"]
+    found: Float[np.ndarray, " k"]
+    gain: Float[np.ndarray, " k"]
     log_variance: Float[np.ndarray, " k"]
 
 
-def _replicated(
+def _subtraction(
     covariance: Float[np.ndarray, "k 3 3"], noise: Float[np.ndarray, "k 3 3"], cycles: Float[np.ndarray, " k"]
-) -> tuple[_Replicated, _Replicated]:
-    """Return what g(S* - M) and g(S*) do over Wishart replicates S* of S."""
-    values, vectors = np.linalg.eigh(covariance)
-    root = vectors * np.sqrt(np.maximum(values, 0.0))[:, None, :]
-    size = np.empty((2, len(root), _REPLICATES))
+) -> tuple[_Estimated, _Estimated]:
+    """Return what g(S - M) and g(S) are worth, by Wishart replicates S* of the model D + M that was fitted.
+
+    Replicates of S itself would not do: where a subtraction stopped at zero, S is no sum of M and a covariance. D's
+    size is then taken to where the replicates read what was observed, once, since the factor depends on it.
+    """
+    values, vectors = np.linalg.eigh(covariance - noise)
+    values = np.maximum(values, 0.0)
+    left = long_run_reading(values[:, ::-1])
+    size = long_run_reading(np.linalg.eigvalsh(covariance)[:, ::-1])
+    gain, log_variance = np.empty((2, len(left))), np.empty((2, len(left)))
     for n in np.unique(cycles):
         rows = np.flatnonzero(cycles == n)
         factors = _wishart_factors(int(n) - 1)
         for chunk in np.array_split(rows, max(1, len(rows) // 64)):
-            replicas = root[chunk, None] @ factors
-            replicas = replicas @ replicas.transpose(0, 1, 3, 2)
-            size[0, chunk] = long_run_reading(eigenvalues(replicas - noise[chunk, None]))
-            size[1, chunk] = long_run_reading(eigenvalues(replicas))
-    mean = size.mean(axis=2)
-    log_variance = np.log1p(_share(size.var(axis=2), mean * mean))
-    return _Replicated(mean[0], log_variance[0]), _Replicated(mean[1], log_variance[1])
+            D, M = _composed(vectors[chunk], values[chunk]), noise[chunk]
+            scale = np.ones(len(chunk))
+            for _ in range(_ROUNDS):
+                model = scale[:, None, None] * D + M
+                replicas = _replicas(model, factors)
+                of_robot = long_run_reading(eigenvalues(replicas - M[:, None]))
+                gain[0, chunk] = _share(of_robot.mean(axis=1), np.sqrt(scale) * left[chunk])
+                scale = _share(np.ones(len(chunk)), gain[0, chunk]) ** 2
+            of_all = long_run_reading(eigenvalues(replicas))
+            gain[1, chunk] = _share(of_all.mean(axis=1), long_run_reading(np.linalg.eigvalsh(model)[:, ::-1]))
+            for k, sizes in enumerate((of_robot, of_all)):
+                log_variance[k, chunk] = np.log1p(_share(sizes.var(axis=1), sizes.mean(axis=1) ** 2))
+    return _Estimated(left, gain[0], log_variance[0]), _Estimated(size, gain[1], log_variance[1])
+
+
+def _composed(
+    vectors: Float[np.ndarray, "k 3 3"], values: Float[np.ndarray, "k 3"]
+) -> Float[np.ndarray, "k 3 3"]:
+    return np.asarray((vectors * values[:, None, :]) @ np.swapaxes(vectors, 1, 2))
+
+
+def _replicas(
+    covariance: Float[np.ndarray, "k 3 3"], factors: Float[np.ndarray, "b 3 3"]
+) -> Float[np.ndarray, "k b 3 3"]:
+    """Return sample covariances of cycles that scatter as `covariance`."""
+    values, vectors = np.linalg.eigh(covariance)
+    roots = (vectors * np.sqrt(np.maximum(values, 0.0))[:, None, :])[:, None] @ factors
+    return np.asarray(roots @ np.swapaxes(roots, 2, 3))
 
 
 @lru_cache(maxsize=256)

@@ -235,6 +235,24 @@ TURNED = rpy_to_rotation(np.array([0.1, 0.2, 0.3]))
         (np.array([[0.0, 0.0, 0.0], [0.0, np.nan, 0.0]]), None, None, "Cycle 2 has a position"),
         (np.array([[np.inf, 0.0, 0.0]]), None, None, "Cycle 1 has a position"),
         (
+            np.array([[0.0, 0.0, 0.0], [0.0, -1e150, 0.0]]),
+            None,
+            None,
+            "Cycle 2 has a position more than 1e\\+09 mm",
+        ),
+        (
+            np.zeros((3, 3)),
+            None,
+            bad_covariance(1, 1e19 * np.eye(6)),
+            "Cycle 2 has a standard uncertainty above",
+        ),
+        (
+            np.zeros((3, 3)),
+            None,
+            bad_covariance(2, np.diag([0.0, 0.0, 0.0, 0.0, 1e7, 0.0])),
+            "Cycle 3 has a standard uncertainty above",
+        ),
+        (
             np.zeros((2, 3)),
             np.stack([TURNED, 1.01 * TURNED]),
             None,
@@ -274,3 +292,18 @@ def test_a_singular_covariance_is_fine() -> None:
     )
     assert result.noise_floor.y_mm == 0.0
     assert np.isfinite(numbers(result)).all()
+
+
+@pytest.mark.parametrize("n", [2, 3, 30])
+@pytest.mark.parametrize("spread_mm", [1e9, 1e3, 1e-9, 1e-120, 1e-310])
+@pytest.mark.parametrize("noise_mm", [1e9, 1.0, 1e-80, 0.0])
+def test_figures_are_finite_at_the_ends_of_what_is_taken(n: int, spread_mm: float, noise_mm: float) -> None:
+    rng = np.random.default_rng(n)
+    positions = np.clip(spread_mm * rng.standard_normal((n, 3)), -1e9, 1e9)
+    covariance = np.diag([noise_mm**2] * 3 + [min(noise_mm, 1e3) ** 2] * 3)
+    result = assess(
+        PoseCycles(positions, np.repeat(np.eye(3)[None], n, axis=0), np.repeat(covariance[None], n, axis=0))
+    )
+    values = np.array(numbers(result))
+    assert np.isfinite(values).all()
+    assert values.min() >= 0.0

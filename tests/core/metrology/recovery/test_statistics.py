@@ -163,6 +163,26 @@ def test_noise_floor_is_the_expected_reading_of_a_motionless_robot(n: int, shape
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("n", [10, 30])
+@pytest.mark.parametrize(
+    ("shape", "noisy_every"), [("sphere", 2), ("needle", 2), ("sphere", 5), ("needle", 5)]
+)
+def test_noise_floor_where_cycles_differ_five_to_one(n: int, shape: str, noisy_every: int) -> None:
+    # Every second or fifth measurement scatters five times as much as the rest.
+    trials = 6000
+    weights = np.where(np.arange(n) % noisy_every == 0, 25.0, 1.0)
+    result = run(n, np.zeros(3), of_reading(shape, 1.0), trials, seed=8, weights=weights)
+    error = 4.0 * result.reading.std() / math.sqrt(trials) / result.reading.mean()
+    # Beside chance: effective degrees of freedom stand for the unequal ones, which matters where few cycles count.
+    model = 0.03 if n == 10 else 0.012
+    assert result.radial.floor[0] / result.reading.mean() == pytest.approx(1.0, abs=error + model)
+    chance = 4.0 * result.sigma[:, 0].std() / math.sqrt(trials) / result.sigma[:, 0].mean()
+    assert result.three_sigma.floor[0, 0] / result.sigma[:, 0].mean() == pytest.approx(
+        1.0, abs=chance + model
+    )
+
+
+@pytest.mark.slow
 @pytest.mark.parametrize(("n", "ratio"), [(30, 1.0), (30, 1.5), (30, 4.0), (100, 1.0), (100, 2.0)])
 @pytest.mark.parametrize(
     ("shape", "noise_shape", "turned"),
