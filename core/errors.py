@@ -16,12 +16,14 @@
         ├── FocalNotObservable           focal_not_observable
         ├── DegenerateGeometry           degenerate_geometry
         ├── MotionInsufficient           motion_insufficient
+        ├── TargetShapeNotObservable     target_shape_not_observable
         ├── NotConverged                 not_converged
         └── KinematicsError              the joints' angles and motions do not tell the robot's geometry
             ├── JointAnglesMissing       joint_angles_missing
             ├── JointAnglesInconsistent  joint_angles_inconsistent
             ├── JointAnglesUnit          joint_angles_unit
             ├── JointNotMoved            joint_not_moved
+            ├── TooFewPoses              too_few_poses
             ├── ArcTooShort              arc_too_short
             ├── RotationsMissing         rotations_missing
             └── PrismaticJoint           prismatic_joint
@@ -134,6 +136,11 @@ class MotionInsufficient(EstimationError):
     default_advice = "Add poses whose orientations differ by 20° or more about at least two different axes."
 
 
+class TargetShapeNotObservable(EstimationError):
+    code = "target_shape_not_observable"
+    default_advice = "Add images with the target tilted by 20° to 40° to all sides, and turned in its plane."
+
+
 class NotConverged(EstimationError):
     code = "not_converged"
     default_advice = "Check the target's size and the image's sharpness, and take the image again."
@@ -162,6 +169,11 @@ class JointAnglesUnit(KinematicsError):
 class JointNotMoved(KinematicsError):
     code = "joint_not_moved"
     default_advice = "Add a sweep of this joint: poses at which it alone moves and the others rest."
+
+
+class TooFewPoses(KinematicsError):
+    code = "too_few_poses"
+    default_advice = "Add poses at other joint angles; thirty that move all joints are a sound beginning."
 
 
 class ArcTooShort(KinematicsError):

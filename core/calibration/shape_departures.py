@@ -1,0 +1,134 @@
+"""Departures of a target's points from their places: which shapes they take, what is convention, how sure they are.
+
+Vectors have x, y, z of one point after another, mm; points are about the target's middle.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+from scipy.special import chdtrc
+
+POINT_PRIOR = 0.02  # of the pitch, each coordinate
+BOW_PRIOR = 0.02  # of the extent, at the border
+AFFINE_PRIOR = 0.01
+SIGNIFICANT = 1e-3
+
+
+@dataclass(frozen=True, slots=True)
+class Departure:
+    """How far points are from their places, over all points and the coordinates meant; mm.
+
+    `rms_mm` with its standard uncertainty, `noise_mm` the rms that the estimate's own doubt makes of it, `chi2` and
+    `freedom` of the departures against what noise alone would give, `significant` where that explains them once in a
+    thousand times at most.
+    """
+
+    rms_mm: float
+    standard_uncertainty_mm: float
+    noise_mm: float
+    largest_mm: float
+    chi2: float
+    freedom: int
+    significant: bool
+
+
+@dataclass(frozen=True, slots=True)
+class Measure:
+    """A number with its standard uncertainty, in one unit."""
+
+    value: float
+    standard_uncertainty: float
+
+
+def shape_prior(nominal: Float[np.ndarray, "n 3"], pitch_mm: float) -> Float[np.ndarray, "p p"]:
+    """Return the information that says what departures are like, by Woodbury from the sum of its parts."""
+    modes = np.column_stack(
+        [BOW_PRIOR * m for m in _bows(nominal)] + [AFFINE_PRIOR * m for m in _affine(nominal)]
+    )
+    inverse = 1.0 / (POINT_PRIOR * pitch_mm) ** 2
+    inside = np.linalg.inv(np.eye(modes.shape[1]) + inverse * modes.T @ modes)
+    return np.asarray(inverse * np.eye(len(modes)) - inverse**2 * modes @ inside @ modes.T)
+
+
+def _bows(nominal: Float[np.ndarray, "n 3"]) -> list[Float[np.ndarray, " p"]]:
+    """Return z = x²/h, y²/h and xy/h with h the extent, as departures of all points; as high as the extent at most."""
+    x, y = nominal[:, 0], nominal[:, 1]
+    extent = float(np.max(np.ptp(nominal, axis=0)))
+    nothing = np.zeros(len(x))
+    return [np.column_stack([nothing, nothing, 4.0 * z / extent]).ravel() for z in (x * x, y * y, x * y)]
+
+
+def _affine(nominal: Float[np.ndarray, "n 3"]) -> list[Float[np.ndarray, " p"]]:
+    """Return a print longer in x than in y, and one whose axes meet at less than 90°, for a ratio and an angle of 1."""
+    x, y = 0.5 * nominal[:, 0], 0.5 * nominal[:, 1]
+    nothing = np.zeros(len(x))
+    return [np.column_stack([x, -y, nothing]).ravel(), np.column_stack([y, x, nothing]).ravel()]
+
+
+def gauge_of(nominal: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "p 7"]:
+    """Return an orthonormal basis of what moves, turns and scales the target as a whole."""
+    count = len(nominal)
+    moves = [np.tile(axis, (count, 1)) for axis in np.eye(3)]
+    turns = [np.cross(axis, nominal) for axis in np.eye(3)]
+    basis, _ = np.linalg.qr(np.column_stack([m.ravel() for m in (*moves, *turns, nominal)]))
+    return np.asarray(basis)
+
+
+def projected(
+    covariance: Float[np.ndarray, "p p"], gauge: Float[np.ndarray, "p 7"]
+) -> Float[np.ndarray, "p p"]:
+    """Return the covariance of what is left when the gauge's part is taken off."""
+    half = covariance - gauge @ (gauge.T @ covariance)
+    result = half - (half @ gauge) @ gauge.T
+    return np.asarray(0.5 * (result + result.T))
+
+
+def low_order_shapes(
+    nominal: Float[np.ndarray, "n 3"],
+    departures: Float[np.ndarray, " p"],
+    covariance: Float[np.ndarray, "p p"],
+) -> list[Measure]:
+    """Fit the low-order shapes, with what the gauge lets go free beside them, and say how large they are."""
+    extent = float(np.max(np.ptp(nominal, axis=0)))
+    half = 0.5 * np.ptp(nominal, axis=0)
+    # By z = 4 a x² / extent the middle of a row lies 4 a (half)² / extent off the line between its ends.
+    height = 4.0 / extent * np.array([half[0] ** 2, half[1] ** 2, half[0] * half[1]])
+    modes = np.column_stack([*_bows(nominal), *_affine(nominal), gauge_of(nominal)])
+    by_departure = np.linalg.pinv(modes)[:5]
+    by_departure[:3] *= height[:, None]
+    values = by_departure @ departures
+    doubt = np.sqrt(np.maximum(np.einsum("ij,jk,ik->i", by_departure, covariance, by_departure), 0.0))
+    # A positive bow stands out toward +z in the middle, where x² bends the ends.
+    signs = np.array([-1.0, -1.0, 1.0, 1.0, 1.0])
+    return [Measure(float(s * v), float(u)) for s, v, u in zip(signs, values, doubt, strict=True)]
+
+
+def departure_of(
+    departures: Float[np.ndarray, " p"],
+    covariance: Float[np.ndarray, "p p"],
+    noise: Float[np.ndarray, "p p"],
+    axes: tuple[int, ...],
+) -> Departure:
+    count = len(departures) // 3
+    chosen = (3 * np.arange(count)[:, None] + np.array(axes)).ravel()
+    d, C = departures[chosen], covariance[np.ix_(chosen, chosen)]
+    rms = math.sqrt(float(d @ d) / count)
+    # Var |d|² = 4 dᵀ C d + 2 tr C² about a departure d.
+    variance = 4.0 * float(d @ C @ d) + 2.0 * float(np.sum(C * C))
+    values, vectors = np.linalg.eigh(noise[np.ix_(chosen, chosen)])
+    told = values > 1e-9 * values[-1]
+    along = vectors[:, told].T @ d
+    chi2, freedom = float(np.sum(along**2 / values[told])), int(told.sum())
+    return Departure(
+        rms_mm=rms,
+        standard_uncertainty_mm=math.sqrt(variance) / (2.0 * count * rms) if rms > 0.0 else 0.0,
+        noise_mm=math.sqrt(float(np.trace(C)) / count),
+        largest_mm=math.sqrt(float(np.max(np.sum(d.reshape(count, -1) ** 2, axis=1)))),
+        chi2=chi2,
+        freedom=freedom,
+        significant=float(chdtrc(freedom, chi2)) < SIGNIFICANT,
+    )
