@@ -1,8 +1,8 @@
 """A calibration as a row, and back again without loss.
 
 The row holds the document the API shows (degrees, named fields) and, beside it, the arrays as bytes: `state` is the
-float64 vector of `_STATE_LAYOUT`, little endian; `points` one `_POINT` record per grid point. Analyses over thousands
-of rows read these and never open an image again.
+float64 vector of `_STATE_LAYOUT`, little endian; `points` one `_POINT` record per grid point; `markers` one `_MARKER`
+record per marker seen, ascending by id. Analyses over thousands of rows read these and never open an image again.
 """
 
 from __future__ import annotations
@@ -44,6 +44,7 @@ _POINT = np.dtype(
         ("used", "i1"),
     ]
 )
+_MARKER = np.dtype([("id", "<i4"), ("corners_px", "<f8", (4, 2))])
 _UNKNOWN = -1  # `used` of a point no fit has looked at; its residuals are NaN
 
 
@@ -88,6 +89,7 @@ def encode_calibration(calibration: Calibration, provenance: Provenance) -> dict
         "calibration": calibration_document(calibration),
         "state": _encode_state(calibration),
         "points": _encode_points(calibration.points, calibration.residuals_px, calibration.used),
+        "markers": _encode_markers(calibration.points),
         "points_warnings": _advisories(calibration.points.warnings),
         **provenance.columns(),
     }
@@ -100,6 +102,7 @@ def encode_refused(points: GridPoints | None, provenance: Provenance) -> dict[st
         "calibration": None,
         "state": None,
         "points": _encode_points(points, None, None) if points is not None else None,
+        "markers": _encode_markers(points) if points is not None else None,
         "points_warnings": _advisories(points.warnings) if points is not None else None,
         **provenance.columns(),
     }
@@ -170,6 +173,12 @@ def decode_points(
         standard_uncertainty_px=records["standard_uncertainty_px"].copy(),
         warnings=tuple(Advisory(**warning) for warning in warnings),
     )
+
+
+def decode_markers(markers: bytes) -> dict[int, Float[np.ndarray, "4 2"]]:
+    """Return the corners (px) of the markers of a stored result, by their ids."""
+    records = np.frombuffer(markers, dtype=_MARKER)
+    return dict(zip(records["id"].tolist(), records["corners_px"].astype(np.float64), strict=True))
 
 
 def points_documents(points: bytes) -> list[dict[str, Any]]:
@@ -282,6 +291,15 @@ def _encode_points(points: GridPoints, residuals_px: Any, used: Any) -> bytes:
     else:
         records["residual_u_px"], records["residual_v_px"] = residuals_px[:, 0], residuals_px[:, 1]
         records["used"] = used
+    return records.tobytes()
+
+
+def _encode_markers(points: GridPoints) -> bytes | None:
+    if points.markers_px is None:
+        return None
+    records = np.zeros(len(points.markers_px), dtype=_MARKER)
+    for record, (marker, corners) in zip(records, sorted(points.markers_px.items()), strict=True):
+        record["id"], record["corners_px"] = marker, corners
     return records.tobytes()
 
 

@@ -238,7 +238,8 @@ class Result(Table):
     """What one computation gave, with enough beside it to compute it again.
 
     `calibration` is the document the API shows; `state` and `points` are its arrays without loss (`codec.py`). A
-    refused view has points and no calibration.
+    refused view has points and no calibration. `markers` are the corners of the markers seen, null for targets without
+    any and for what was measured before they were kept.
     """
 
     __tablename__ = "results"
@@ -250,6 +251,7 @@ class Result(Table):
     calibration: Mapped[JsonObject | None] = mapped_column(sa.JSON(none_as_null=True))
     state: Mapped[bytes | None] = mapped_column(sa.LargeBinary(), deferred=True)
     points: Mapped[bytes | None] = mapped_column(sa.LargeBinary(), deferred=True)
+    markers: Mapped[bytes | None] = mapped_column(sa.LargeBinary(), deferred=True)
     points_warnings: Mapped[JsonList | None] = mapped_column(sa.JSON(none_as_null=True), deferred=True)
     core_version: Mapped[str] = mapped_column(sa.String(32))
     settings: Mapped[JsonObject] = mapped_column(sa.JSON(), deferred=True)

@@ -12,6 +12,7 @@ import pytest
 from app.records.codec import (
     Provenance,
     decode_calibration,
+    decode_markers,
     decode_points,
     encode_calibration,
     encode_refused,
@@ -110,6 +111,27 @@ def test_a_refusal_keeps_its_points(calibration: Calibration) -> None:
     assert len(documents) == 31
     assert {d["used"] for d in documents} == {d["residual_u_px"] for d in documents} == {None}
     assert encode_refused(None, PROVENANCE)["points"] is None
+
+
+def test_markers_are_kept_with_points_or_without_calibration(calibration: Calibration) -> None:
+    rng = np.random.default_rng(8)
+    markers = {marker: rng.normal(300, 100, (4, 2)) for marker in (7, 0, 81)}
+    points = dataclasses.replace(calibration.points, markers_px=markers)
+    for row in (
+        encode_refused(points, PROVENANCE),
+        encode_calibration(dataclasses.replace(calibration, points=points), PROVENANCE),
+    ):
+        decoded = decode_markers(row["markers"])
+        assert list(decoded) == [0, 7, 81]
+        for marker, corners in markers.items():
+            np.testing.assert_array_equal(decoded[marker], corners)
+    assert (
+        decode_markers(encode_refused(dataclasses.replace(points, markers_px={}), PROVENANCE)["markers"])
+        == {}
+    )
+    # targets that have none are told from those of which none was seen
+    assert encode_calibration(calibration, PROVENANCE)["markers"] is None
+    assert encode_refused(None, PROVENANCE)["markers"] is None
 
 
 def test_points_are_compact(calibration: Calibration) -> None:

@@ -149,6 +149,18 @@ def test_every_step_up_and_down_keeps_the_data_it_can(database: Database, tmp_pa
     assert content(database) == {**before, **lost}
 
 
+def test_markers_come_and_go_and_leave_the_result_as_it_was(database: Database, tmp_path: Path) -> None:
+    schema.upgrade(database, tmp_path)
+    before = fill(database)
+    with database.write() as records:
+        records.execute(sa.update(Result).values(markers=bytes(range(68))))
+    assert content(database)["results"][0]["markers"] == bytes(range(68))
+    schema.downgrade(database, "0002")
+    assert "markers" not in {column["name"] for column in sa.inspect(database.engine).get_columns("results")}
+    schema.upgrade(database, tmp_path)
+    assert content(database) == before
+
+
 def test_the_way_down_ends_at_nothing(database: Database, tmp_path: Path) -> None:
     schema.upgrade(database, tmp_path)
     fill(database)

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from app.records.codec import decode_points
+from app.records.codec import decode_markers, decode_points
 from app.services.analyses.comparison_images import Chosen, choose_images
 from app.services.analyses.documents import advisories
 from app.services.analyses.estimation import SessionEstimate, estimate_session
@@ -54,8 +54,10 @@ def comparison_document(
         for i in chosen.images
     ]
     pooled = _pool(replace(snapshot, images=chosen.images), points, targets)
+    markers = [snapshot.markers.get(image.measurement_id) for image in chosen.images]
     rows = compare_methods(
         views,
+        markers=[decode_markers(seen) if seen is not None else None for seen in markers],
         intrinsics=Camera(**snapshot.intrinsics) if snapshot.intrinsics is not None else None,
         lens=Lens(**snapshot.lens) if snapshot.lens is not None else None,
         pooled=pooled.estimate,

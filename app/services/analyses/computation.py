@@ -15,7 +15,7 @@ from app.services.analyses.documents import encode
 from app.services.analyses.intrinsics import intrinsics_document
 from app.services.analyses.outcome import Analysed, CannotAnalyse, Refused
 from app.services.analyses.repeatability import repeatability_document
-from app.services.analyses.snapshot import Snapshot, read_points, read_readings, read_snapshot
+from app.services.analyses.snapshot import Snapshot, read_markers, read_points, read_readings, read_snapshot
 from app.settings import program_version
 from core import GridposeError
 
@@ -56,6 +56,8 @@ def analyse(
             snapshot = replace(snapshot, readings=read_readings(records, session_id))
         else:
             points = read_points(records, session_id)
+        if analysis == "comparison":
+            snapshot = replace(snapshot, markers=read_markers(records, session_id))
     inputs_sha256 = snapshot.inputs_sha256(analysis, settings)
     try:
         document = ANALYSES[analysis](snapshot, points, settings)

@@ -29,7 +29,7 @@ _NUMBER = re.compile(r"(\d+)", re.ASCII)
 class Image:
     """A finished measurement; `target` is its target's place in the session's list.
 
-    `point_bytes` is the size of its stored grid points, None where none were found.
+    `point_bytes` is the size of its stored grid points, None where none were found, `marker_bytes` of its markers.
     """
 
     measurement_id: str
@@ -45,6 +45,7 @@ class Image:
     failure_detail: str | None
     point_bytes: int | None
     computed_by: str | None
+    marker_bytes: int | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -86,7 +87,8 @@ class Snapshot:
 
     Where an analysis is of another instrument's poses, `measured` are those in the same order, and there are no images.
     `robot` are the joints of the session's robot, as stored. `readings`, by their ids, are filled in where the analysis
-    is computed (`read_readings`); the hash is without them.
+    is computed (`read_readings`); the hash is without them. So are the `markers` of images, by measurement
+    (`read_markers`).
     """
 
     session_id: str
@@ -100,6 +102,7 @@ class Snapshot:
     measured: tuple[Measured, ...] = ()
     robot: list[dict[str, float]] | None = None
     readings: Mapping[str, Reading] = field(default_factory=dict)
+    markers: Mapping[str, bytes] = field(default_factory=dict)
 
     def inputs_sha256(self, analysis: str, settings: Mapping[str, Any]) -> str:
         """Return the hash of everything that `analysis` with `settings` is computed from, this program included."""
@@ -124,6 +127,7 @@ class Snapshot:
                     image.failure_code,
                     image.point_bytes,
                     image.computed_by,
+                    image.marker_bytes,
                 ]
                 for image in self.images
             ],
@@ -189,6 +193,16 @@ def read_points(records: orm.Session, session_id: str) -> dict[str, bytes]:
     return {measurement_id: points for measurement_id, points in rows if points is not None}
 
 
+def read_markers(records: orm.Session, session_id: str) -> dict[str, bytes]:
+    """Return the stored markers of every finished measurement of a target that has any, by its id."""
+    rows = records.execute(
+        sa.select(Result.measurement_id, Result.markers)
+        .join(Measurement, Measurement.id == Result.measurement_id)
+        .where(Measurement.session_id == session_id, Result.markers.is_not(None))
+    )
+    return {measurement_id: markers for measurement_id, markers in rows if markers is not None}
+
+
 def read_readings(records: orm.Session, session_id: str) -> dict[str, Reading]:
     """Return what other instruments read, by the readings' ids."""
     rows = records.execute(
@@ -232,6 +246,7 @@ def _read_images(records: orm.Session, session_id: str, places: Mapping[str, int
             Measurement.failure_detail,
             sa.func.length(Result.points).label("point_bytes"),
             Result.core_version.label("computed_by"),
+            sa.func.length(Result.markers).label("marker_bytes"),
         )
         .outerjoin(Result, Result.measurement_id == Measurement.id)
         .where(Measurement.session_id == session_id, Measurement.status.in_(("succeeded", "failed")))
