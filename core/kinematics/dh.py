@@ -21,6 +21,7 @@ from dataclasses import astuple, dataclass
 import numpy as np
 from jaxtyping import Float
 
+from core.compiled import compiled
 from core.errors import InvalidArgument
 
 JOINT_PARAMETERS = ("a_mm", "alpha_rad", "d_mm", "theta_offset_rad", "beta_rad")
@@ -130,44 +131,78 @@ def _link(a: float, alpha: float, d: float, beta: float) -> Float[np.ndarray, "4
     )
 
 
+@compiled
 def pose_with_jacobian(
     parameters: Float[np.ndarray, "j 5"],
     joint_angles: Float[np.ndarray, "n j"],
     T_target_base: Float[np.ndarray, "n 4 4"],
     T_flange_camera: Float[np.ndarray, "4 4"],
 ) -> tuple[Float[np.ndarray, "n 4 4"], Float[np.ndarray, "p 6 n"]]:
-    """Return T_target_camera and its derivatives by everything it hangs on.
+    """Return T_target_camera and its derivatives by everything it hangs on, in one pass: what an identification spends
+    its time on.
 
-    A pose changes by (p', w'): its position by p' (mm), its rotation R to exp(w') R, both in the target frame.
-    Columns, p = 5 j + 12: every joint's parameters in the order of `JOINT_PARAMETERS`; the tool's (p, w) with
-    T_flange_camera's rotation turned from the left, in the flange frame; then the base's (p, w), likewise, in the
-    target frame. Poses run along the last axis.
+    A pose changes by (p', w'): its position by p' (mm), its rotation R to exp(w') R, both in the target frame. The
+    p = 5 j + 12 rows: every joint's parameters in the order of `JOINT_PARAMETERS`; the tool's (p, w), T_flange_camera's
+    rotation turned from the left, in the flange frame; then the base's (p, w), likewise, in the target frame. Poses
+    run along the last axis.
 
-    With o and z the origin and axis of a turn and p the end, dp = z × (p - o), dw = z; a shift along x gives dp = x.
+    With o and z the origin and axis of a turn and p the end, p' = z × (p - o), w' = z; a shift along x gives p' = x.
     """
     count, joints = joint_angles.shape
-    T = T_target_base[:, None] @ chain_frames(parameters, joint_angles)
-    end = T[:, -1] @ T_flange_camera
-    position = end[:, :3, 3]
+    end = np.empty((count, 4, 4))
     J = np.zeros((5 * joints + 12, 6, count))
-
-    def turned(row: int, axis: Float[np.ndarray, "n 3"], origin: Float[np.ndarray, "n 3"]) -> None:
-        J[row, :3] = np.cross(axis, position - origin).T
-        J[row, 3:] = axis.T
-
-    for i in range(joints):
-        before, after = T[:, i], T[:, i + 1]
-        angle = joint_angles[:, i] + parameters[i, 3]
-        x = np.cos(angle)[:, None] * before[:, :3, 0] + np.sin(angle)[:, None] * before[:, :3, 1]
-        J[5 * i, :3] = x.T
-        turned(5 * i + 1, x, after[:, :3, 3])
-        J[5 * i + 2, :3] = before[:, :3, 2].T
-        turned(5 * i + 3, before[:, :3, 2], before[:, :3, 3])
-        turned(5 * i + 4, after[:, :3, 1], after[:, :3, 3])
-    tool, base = 5 * joints, 5 * joints + 6
-    flange = np.moveaxis(T[:, -1, :3, :3], 0, -1)
-    J[tool : tool + 3, :3] = J[tool + 3 : tool + 6, 3:] = np.swapaxes(flange, 0, 1)
-    for k in range(3):
-        J[base + k, k] = 1.0
-        turned(base + 3 + k, np.broadcast_to(np.eye(3)[k], (count, 3)), T_target_base[:, :3, 3])
+    R = np.empty((joints + 1, 3, 3))
+    o = np.empty((joints + 1, 3))
+    x = np.empty((joints, 3))
+    p = np.empty(3)
+    for n in range(count):
+        for k in range(3):
+            o[0, k] = T_target_base[n, k, 3]
+            for m in range(3):
+                R[0, k, m] = T_target_base[n, k, m]
+        for i in range(joints):
+            a, alpha, d, beta = parameters[i, 0], parameters[i, 1], parameters[i, 2], parameters[i, 4]
+            theta = joint_angles[n, i] + parameters[i, 3]
+            ct, st, ca, sa = np.cos(theta), np.sin(theta), np.cos(alpha), np.sin(alpha)
+            cb, sb = np.cos(beta), np.sin(beta)
+            for k in range(3):
+                along = ct * R[i, k, 0] + st * R[i, k, 1]
+                across = ct * R[i, k, 1] - st * R[i, k, 0]
+                z = R[i, k, 2]
+                y, up = ca * across + sa * z, ca * z - sa * across
+                x[i, k] = along
+                R[i + 1, k, 0] = cb * along - sb * up
+                R[i + 1, k, 1] = y
+                R[i + 1, k, 2] = sb * along + cb * up
+                o[i + 1, k] = o[i, k] + a * along + d * z
+        for k in range(3):
+            p[k] = o[joints, k]
+            for m in range(3):
+                p[k] += R[joints, k, m] * T_flange_camera[m, 3]
+                end[n, k, m] = 0.0
+                for h in range(3):
+                    end[n, k, m] += R[joints, k, h] * T_flange_camera[h, m]
+            end[n, k, 3], end[n, 3, k] = p[k], 0.0
+        end[n, 3, 3] = 1.0
+        for k in range(3):
+            s, t = (k + 1) % 3, (k + 2) % 3
+            for i in range(joints):
+                row = 5 * i
+                J[row, k, n] = x[i, k]
+                J[row + 1, k, n] = x[i, s] * (p[t] - o[i + 1, t]) - x[i, t] * (p[s] - o[i + 1, s])
+                J[row + 1, 3 + k, n] = x[i, k]
+                J[row + 2, k, n] = R[i, k, 2]
+                J[row + 3, k, n] = R[i, s, 2] * (p[t] - o[i, t]) - R[i, t, 2] * (p[s] - o[i, s])
+                J[row + 3, 3 + k, n] = R[i, k, 2]
+                J[row + 4, k, n] = R[i + 1, s, 1] * (p[t] - o[i + 1, t]) - R[i + 1, t, 1] * (
+                    p[s] - o[i + 1, s]
+                )
+                J[row + 4, 3 + k, n] = R[i + 1, k, 1]
+            tool, base = 5 * joints, 5 * joints + 6
+            for m in range(3):
+                J[tool + m, k, n] = R[joints, k, m]
+                J[tool + 3 + m, 3 + k, n] = R[joints, k, m]
+            J[base + k, k, n] = J[base + 3 + k, 3 + k, n] = 1.0
+            J[base + 3 + s, k, n] = p[t] - o[0, t]
+            J[base + 3 + t, k, n] = o[0, s] - p[s]
     return end, J

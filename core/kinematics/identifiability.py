@@ -1,0 +1,292 @@
+"""What poses cannot tell: the null space of the Jacobian, which parameters are held for it, and why, in words.
+
+A null vector is a change of parameters that moves no pose. For each, one parameter has to be held, and the choice is a
+convention: of the first joint θ and d (the base does the same), of the last joint all four (the tool does), then d of
+joints whose axes are parallel to the next, then whatever else takes part. The null space is asked at the chain with its
+near-parallel axes made parallel: what is told only by the thousandth of a degree they lack is not told.
+
+Beside the exact null space stand directions that the data leave as good as open: uncertain by more than `OPEN` of the
+arm's reach. They are held by the same rules.
+
+References: J. M. Hollerbach, C. W. Wampler, Int. J. Robotics Research 15 (1996) 573-591; J.-H. Borm, C.-H. Menq,
+Int. J. Robotics Research 10 (1991) 584-597 (the observability index).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from core.kinematics.dh import nearly_parallel
+from core.kinematics.parameters import ALPHA, BETA, THETA, A, ArmState, D, Layout
+from core.kinematics.problem import Observations, Scatter, linearised, whitened, whitener
+
+RANK = 1e-8  # of the largest singular value
+TAKES_PART = 1e-3  # of a null vector's length
+OPEN = 0.02
+"""Of the reach: a combination of parameters that moves the arm's end by so much within its uncertainty is open."""
+
+
+@dataclass(frozen=True, slots=True)
+class Gauge:
+    """Which columns are fitted, and of those that are not, why.
+
+    `parallel` says which joints' axes are near parallel to the next, so that β stands for d. `sentences` tell what
+    cannot be told.
+    """
+
+    free: Bool[np.ndarray, " p"]
+    parallel: Bool[np.ndarray, " j"]
+    sentences: tuple[str, ...]
+
+
+def choose_gauge(
+    arm: ArmState, seen: Observations, scatter: Scatter, parallel: Bool[np.ndarray, " j"] | None = None
+) -> Gauge:
+    """Decide at an arm what to fit; joints known to be `parallel` to the next stay so."""
+    layout = arm.layout
+    _, J = linearised(arm, seen)
+    information = _scaled_information(arm, seen, J, scatter)
+    decided = _parallel(arm, information) if parallel is None else parallel | _parallel(arm, information)
+    candidates = np.ones(layout.size, dtype=np.bool_)
+    for joint in range(layout.joints):
+        candidates[layout.column(joint, BETA)] = decided[joint]
+    candidates[layout.kinematic :] = False
+    columns = np.flatnonzero(candidates)
+    snapped = _snapped(arm, decided)
+    J = _scaled(snapped, linearised(snapped, seen)[1])
+    order = [c for c in _order(layout, decided) if candidates[c]]
+    exact = _held(null_space(J[columns].reshape(len(columns), -1)), columns, order)
+    free = candidates.copy()
+    free[exact.columns] = False
+    left = np.flatnonzero(free)
+    H = _marginal(information, left, layout.kinematic)
+    values, vectors = np.linalg.eigh(H)
+    weak = _held(vectors[:, values < (OPEN * arm.reach_mm) ** -2.0], left, [c for c in order if free[c]])
+    free[weak.columns] = False
+    sentences = (
+        *_sentences(exact, layout, decided, arm, seen.rotations is None),
+        *_open_sentences(weak, layout),
+    )
+    return Gauge(free, decided, sentences)
+
+
+def null_space(rows: Float[np.ndarray, "p q"]) -> Float[np.ndarray, "p k"]:
+    """Return an orthonormal basis of the combinations of rows that vanish."""
+    R = np.linalg.qr(rows.T, mode="r")
+    _, values, Vt = np.linalg.svd(R)
+    full = np.zeros(len(rows))
+    full[: len(values)] = values
+    return np.ascontiguousarray(Vt[full <= RANK * values[0]].T)
+
+
+@dataclass(frozen=True, slots=True)
+class Conditioning:
+    """How well poses tell the parameters that are fitted: the singular values of the Jacobian, in units where 1 mm and
+    what moves the arm's end by 1 mm weigh alike; their ratio, and Borm and Menq's O1, their geometric mean over the
+    root of the number of poses.
+    """
+
+    singular_values: Float[np.ndarray, " f"]
+    condition_number: float
+    observability_o1: float
+
+
+def conditioning(
+    arm: ArmState, J: Float[np.ndarray, "p m n"], free: Bool[np.ndarray, " p"], used: Bool[np.ndarray, " n"]
+) -> Conditioning:
+    """Return the conditioning of the kinematic columns that are free, over the poses used."""
+    chosen = free.copy()
+    chosen[arm.layout.kinematic :] = False
+    rows = _scaled(arm, J[:, :, used])[chosen].reshape(int(chosen.sum()), -1)
+    values = np.linalg.svd(np.linalg.qr(rows.T, mode="r"), compute_uv=False)
+    smallest = float(values[-1])
+    return Conditioning(
+        values,
+        float(values[0]) / smallest if smallest > 0.0 else math.inf,
+        float(np.exp(np.mean(np.log(np.maximum(values, 1e-300))))) / math.sqrt(int(used.sum())),
+    )
+
+
+def _scaled(arm: ArmState, J: Float[np.ndarray, "p m n"]) -> Float[np.ndarray, "p m n"]:
+    """Return the Jacobian with all rows in mm at the arm's end and all columns by steps of like weight."""
+    scaled = J * arm.layout.units(arm.reach_mm)[:, None, None]
+    scaled[:, 3:] *= arm.reach_mm
+    return np.asarray(scaled)
+
+
+def _scaled_information(
+    arm: ArmState, seen: Observations, J: Float[np.ndarray, "p m n"], scatter: Scatter
+) -> Float[np.ndarray, "p p"]:
+    """Return the whitened information on all columns, in steps of like weight."""
+    rows = whitened(whitener(seen, scatter), J * arm.layout.units(arm.reach_mm)[:, None, None])
+    rows = rows.reshape(len(J), -1)
+    H = rows @ rows.T
+    k = arm.layout.kinematic
+    H[k:, k:] += np.eye(arm.layout.shared)
+    return np.asarray(H)
+
+
+def _marginal(H: Float[np.ndarray, "p p"], kept: np.ndarray, kinematic: int) -> Float[np.ndarray, "f f"]:
+    """Return the information on the columns kept, the shared errors eliminated."""
+    kept_part = H[np.ix_(kept, kept)]
+    shared = H[kinematic:, kinematic:]
+    if not len(shared):
+        return kept_part
+    C = H[kept, kinematic:]
+    return np.asarray(kept_part - C @ np.linalg.solve(shared, C.T))
+
+
+def _parallel(arm: ArmState, information: Float[np.ndarray, "p p"]) -> Bool[np.ndarray, " j"]:
+    """Which joints' axes are near parallel to the next, by the doubt that their d would have."""
+    layout = arm.layout
+    parallel = np.zeros(layout.joints, dtype=np.bool_)
+    alphas = arm.parameters[:-1, ALPHA]
+    if not any(nearly_parallel(float(alpha), math.inf) for alpha in alphas):
+        return parallel
+    last = layout.joints - 1
+    held = {layout.column(0, THETA), layout.column(0, D), *(layout.column(last, k) for k in range(5))}
+    held |= {layout.column(i, BETA) for i in range(layout.joints)}
+    columns = np.array([c for c in range(layout.kinematic) if c not in held])
+    values, vectors = np.linalg.eigh(_marginal(information, columns, layout.kinematic))
+    half = vectors / np.sqrt(np.maximum(values, 1e-15 * values[-1]))
+    sigma = dict(zip(columns.tolist(), np.sqrt(np.sum(half**2, axis=1)).tolist(), strict=True))
+    for joint, alpha in enumerate(alphas.tolist()):
+        # Of the first joint d is the base's; the doubt shows in the next one's.
+        shown = layout.column(max(joint, 1), D)
+        parallel[joint] = nearly_parallel(alpha, sigma.get(shown, math.inf))
+    return parallel
+
+
+def _snapped(arm: ArmState, parallel: Bool[np.ndarray, " j"]) -> ArmState:
+    """Return the arm with its near-parallel axes made parallel."""
+    parameters = arm.parameters.copy()
+    parameters[parallel, ALPHA] = math.pi * np.round(parameters[parallel, ALPHA] / math.pi)
+    parameters[parallel, BETA] = 0.0
+    return replace(arm, parameters=parameters)
+
+
+def _order(layout: Layout, parallel: Bool[np.ndarray, " j"]) -> Iterator[int]:
+    """Return all columns, those first that are held by preference."""
+    last = layout.joints - 1
+    yield layout.column(0, THETA)
+    yield layout.column(0, D)
+    yield from (layout.column(last, k) for k in (THETA, D, A, ALPHA, BETA) if last or k not in (THETA, D))
+    inner = range(layout.joints - 1)
+    yield from (layout.column(i, D) for i in inner if i and parallel[i])
+    yield from (layout.column(i, D) for i in inner if i and not parallel[i])
+    for parameter in (THETA, BETA, ALPHA, A):
+        yield from (layout.column(i, parameter) for i in inner if i or parameter != THETA)
+    frames = [layout.tool, *(layout.base(t) for t in range(layout.targets))]
+    for frame in frames:
+        yield from range(frame.start + 3, frame.stop)
+        yield from range(frame.start, frame.start + 3)
+
+
+@dataclass(frozen=True, slots=True)
+class _Held:
+    """Columns held, and for each the null vector in which it is 1 and the other held ones 0."""
+
+    columns: list[int]
+    vectors: list[dict[int, float]]
+
+
+def _held(N: Float[np.ndarray, "p k"], columns: np.ndarray, order: Sequence[int]) -> _Held:
+    """Choose a column to hold for every null vector, in the order of preference."""
+    place = {int(c): i for i, c in enumerate(columns)}
+    rest = N.copy()
+    chosen: list[int] = []
+    for column in order:
+        if len(chosen) == N.shape[1]:
+            break
+        row = rest[place[column]]
+        length = float(np.linalg.norm(row))
+        if length > TAKES_PART:
+            chosen.append(column)
+            rest = rest - np.outer(rest @ row, row) / length**2
+    if not chosen:
+        return _Held([], [])
+    V = N @ np.linalg.pinv(N[[place[c] for c in chosen]])
+    vectors = []
+    for k in range(len(chosen)):
+        v = V[:, k] / np.linalg.norm(V[:, k])
+        vectors.append({int(c): float(v[i]) for i, c in enumerate(columns) if abs(v[i]) > TAKES_PART})
+    return _Held(chosen, vectors)
+
+
+def _sentences(
+    held: _Held, layout: Layout, parallel: Bool[np.ndarray, " j"], arm: ArmState, positions_only: bool
+) -> Iterator[str]:
+    """Say what cannot be told from what, one sentence for each group of parameters that belong together."""
+    names = layout.names()
+    groups: list[tuple[list[int], set[int]]] = []  # columns held, and what takes part beside them
+    for column, vector in zip(held.columns, held.vectors, strict=True):
+        partners = {_kind(c, layout) for c in vector if c != column}
+        for group in groups:
+            joined = {p for p in partners & group[1] if p >= 0}
+            if joined or partners == group[1]:
+                group[0].append(column)
+                group[1].update(partners)
+                break
+        else:
+            groups.append(([column], partners))
+    for columns, partners in groups:
+        own = [names[c] for c in columns]
+        others = sorted(p for p in partners if p >= 0)
+        frames = [word for kind, word in ((_TOOL, "tool"), (_BASE, "base")) if kind in partners]
+        of_frames = " and ".join(f"the {word} transform" for word in frames)
+        if frames == ["base"] and layout.targets > 1:
+            of_frames = "the base transforms"
+        if others and not frames:
+            everything = sorted([*columns, *others])
+            because = _because(everything, layout, parallel)
+            yield f"{_listed([names[c] for c in everything])} cannot be told apart{because}."
+        elif others:
+            yield f"{_listed(own)} cannot be told from {_listed([names[c] for c in others])} and {of_frames}."
+        elif frames:
+            yield f"{_listed(own)} cannot be told from {of_frames}."
+        elif positions_only and all(c in range(layout.tool.start + 3, layout.tool.stop) for c in columns):
+            yield "The tool's orientation cannot be told: the poses are positions alone."
+        else:
+            yield f"{_listed(own)} cannot be told: no pose depends on {'it' if len(own) == 1 else 'them'}."
+
+
+_TOOL, _BASE = -1, -2
+
+
+def _kind(column: int, layout: Layout) -> int:
+    """Return the column of a joint's parameter, or which frame another belongs to."""
+    if layout.joint_of(column) is not None:
+        return column
+    return _TOOL if column < layout.tool.stop else _BASE
+
+
+def _because(columns: Sequence[int], layout: Layout, parallel: Bool[np.ndarray, " j"]) -> str:
+    joints = sorted({c // 5 for c in columns})
+    consecutive = joints == list(range(joints[0], joints[-1] + 1))
+    if consecutive and all(c % 5 == D for c in columns) and parallel[joints[:-1]].all():
+        return f": joints {_listed([str(i + 1) for i in joints])} are parallel"
+    if consecutive and len(joints) == 2 and all(c % 5 in (D, THETA) for c in columns):
+        return f": the axes of joints {_listed([str(i + 1) for i in joints])} coincide"
+    return ""
+
+
+def _open_sentences(held: _Held, layout: Layout) -> Iterator[str]:
+    names = layout.names()
+    for column, vector in zip(held.columns, held.vectors, strict=True):
+        strongest = sorted((c for c in vector if c != column), key=lambda c: -abs(vector[c]))[:3]
+        if strongest:
+            yield (
+                f"{names[column]} can hardly be told from {_listed([names[c] for c in strongest])} at these poses; "
+                "it is held."
+            )
+        else:
+            yield f"{names[column]} can hardly be told at these poses; it is held."
+
+
+def _listed(words: Sequence[str]) -> str:
+    return words[0] if len(words) == 1 else ", ".join(words[:-1]) + " and " + words[-1]

@@ -1,0 +1,341 @@
+"""Global identification: chain, tool, bases and what targets are to one another, from all poses at once.
+
+`identify` is the door: poses in, an `Identification` out, which knows its doubt. The steps: `problem.placed` puts the
+start before the poses in closed form; `identifiability.choose_gauge` decides what can be told; `refinement.refine` fits
+it robustly together with the robot's own scatter; where the answer's axes turn out parallel, or a direction open, that
+is held and fitted again; `validation.validate` holds poses out.
+
+Conventions: θ and d of the first joint and all four of the last cannot be told from base and tool and stay at the
+nominal's values, or zero; so does d of a joint whose axis is near parallel to the next, with β in its place.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from core.errors import Advisory, JointAnglesInconsistent, JointNotMoved, NotConverged, TooFewPoses
+from core.kinematics.dh import JOINT_PARAMETERS, Chain, JointParameters, forward
+from core.kinematics.identifiability import Conditioning, Gauge, choose_gauge, conditioning
+from core.kinematics.parameters import THETA, ArmState, D, Layout
+from core.kinematics.poses import PoseData
+from core.kinematics.problem import Observations, Scatter, observations_of, placed
+from core.kinematics.refinement import DEFAULT_SCATTER, Refined, refine
+from core.kinematics.scatter import SMALLEST
+from core.kinematics.target_transforms import TargetTransform, target_transforms
+from core.kinematics.validation import FOLDS, HeldOut, Validation, rms, validate
+
+NOT_MOVED = math.radians(1.0)
+ILL_CONDITIONED = 100.0
+INCONSISTENT = 0.005
+"""Of the reach: poses that scatter by more about the best arm are not this arm's."""
+FAR_MM, FAR_RAD = 20.0, math.radians(5.0)
+ROUNDS = 3
+
+
+@dataclass(frozen=True, slots=True)
+class JointEstimate:
+    """One joint, counted from 1. The mappings have the names of `JOINT_PARAMETERS`; an uncertainty is None where the
+    parameter is not identifiable, and the parameter then has the nominal's value, or zero. `arc_rad` is the range of
+    the joint's angles.
+    """
+
+    joint: int
+    parameters: JointParameters
+    standard_uncertainty: Mapping[str, float | None]
+    identifiable: Mapping[str, bool]
+    nominal: JointParameters | None
+    parallel_to_next: bool
+    arc_rad: float
+
+
+@dataclass(frozen=True, slots=True)
+class Identification:
+    """What poses say of a robot.
+
+    Parameters
+    ----------
+    chain, T_flange_camera, T_target_base
+        The arm: T_target_camera = T_target_base · forward(chain, q) · T_flange_camera; a base for each target.
+    names, covariance
+        Of the parameters that were fitted (mm, rad): joints' by the words of `Layout.names`, then the tool's and the
+        bases', whose rotations are turned from the left.
+    scatter
+        The robot's own: standard deviation of each coordinate of position (mm) and of rotation (rad), beyond the
+        instrument's stated noise; all of the noise where none was stated.
+    residual
+        Rms over the poses used; `residuals` (m, n) of all poses, observed - predicted; `used` which count.
+    null_space
+        Sentences on what the poses cannot tell.
+    """
+
+    chain: Chain
+    T_flange_camera: Float[np.ndarray, "4 4"]
+    T_target_base: Float[np.ndarray, "t 4 4"]
+    joints: tuple[JointEstimate, ...]
+    names: tuple[str, ...]
+    covariance: Float[np.ndarray, "f f"]
+    target_transforms: tuple[TargetTransform, ...]
+    scatter_position_mm: float
+    scatter_rotation: float | None
+    residual: HeldOut
+    residuals: Float[np.ndarray, "m n"]
+    used: Bool[np.ndarray, " n"]
+    conditioning: Conditioning
+    null_space: tuple[str, ...]
+    validation: Validation | None
+    warnings: tuple[Advisory, ...]
+
+    @property
+    def correlation(self) -> Float[np.ndarray, "f f"]:
+        unit = 1.0 / np.sqrt(np.diag(self.covariance))
+        return np.asarray(self.covariance * np.outer(unit, unit))
+
+
+@dataclass(frozen=True, slots=True)
+class Solution:
+    """A fit with the gauge it was made in; what `identify` reports from."""
+
+    refined: Refined
+    gauge: Gauge
+
+
+def identify(
+    poses: PoseData, nominal: Chain | None = None, *, start: Chain | None = None, folds: int = FOLDS
+) -> Identification:
+    """Identify the robot from poses at known joint angles.
+
+    Parameters
+    ----------
+    nominal
+        The robot as its maker describes it: what is not identifiable keeps its values, and it is compared with.
+    start
+        Where to begin, the nominal if not given. One of the two is needed; `core.kinematics.cpa` finds a start from
+        sweeps alone.
+    folds
+        Parts that poses are dealt into for validation; 0 for none.
+
+    Raises JointAnglesInconsistent for a chain of another number of joints or poses that no such arm explains,
+    JointNotMoved, TooFewPoses, NotConverged.
+    """
+    seen = observations_of(poses)
+    begin = begin_at(poses, nominal, start)
+    arm = placed(begin.as_array(), forward(begin, poses.joint_angles), seen)
+    solution = solve(arm, seen, poses)
+    return report(solution, seen, poses, nominal, folds)
+
+
+def solve(
+    arm: ArmState,
+    seen: Observations,
+    poses: PoseData,
+    scatter: Scatter | None = None,
+    gauge: Gauge | None = None,
+) -> Solution:
+    """Fit from an arm, choosing what to fit on the way."""
+    if gauge is None:
+        _require_enough(seen)
+        gauge = choose_gauge(arm, seen, scatter or (SMALLEST if seen.own.any() else DEFAULT_SCATTER))
+    for _ in range(ROUNDS):
+        refined = refine(arm, seen, gauge.free, scatter)
+        _require_consistent(refined, poses)
+        again = choose_gauge(refined.arm, seen, refined.scatter, gauge.parallel)
+        if np.array_equal(again.free, gauge.free):
+            break
+        gauge, scatter = again, refined.scatter
+        arm = _regauged(refined.arm, arm, gauge)
+    if refined.status != "converged":
+        raise NotConverged(
+            "The identification did not come to its end.",
+            "Check the joint angles and the nominal; begin from sweeps (combined) where the nominal is far off.",
+        )
+    return Solution(refined, gauge)
+
+
+def report(
+    solution: Solution, seen: Observations, poses: PoseData, nominal: Chain | None, folds: int
+) -> Identification:
+    """Say what a fit amounts to."""
+    refined, gauge = solution.refined, solution.gauge
+    arm, layout = refined.arm, refined.arm.layout
+    kinematic = int(gauge.free.sum())
+    covariance = refined.covariance[:kinematic, :kinematic]
+    sigma = np.full(layout.kinematic, np.nan)
+    sigma[np.flatnonzero(gauge.free)] = np.sqrt(np.diag(covariance))
+    used = np.flatnonzero(refined.used)
+    how = conditioning(arm, refined.jacobian, gauge.free, refined.used)
+    compared = None
+    if nominal is not None:
+        kept = seen.take(used)
+        compared = placed(nominal.as_array(), forward(nominal, kept.joint_angles), kept)
+        compared = replace(compared, shared=arm.shared)
+    validation = None
+    if folds > 1:
+        validation = validate(arm, compared, seen.take(used), gauge.free, refined.scatter, folds)
+    names = layout.names()
+    return Identification(
+        chain=arm.chain,
+        T_flange_camera=arm.T_flange_camera,
+        T_target_base=arm.T_target_base,
+        joints=tuple(
+            _joint(i, arm, sigma, gauge, nominal, poses.joint_angles[used]) for i in range(layout.joints)
+        ),
+        names=tuple(names[c] for c in np.flatnonzero(gauge.free)),
+        covariance=covariance,
+        target_transforms=target_transforms(arm, gauge.free, covariance, seen.target[used]),
+        scatter_position_mm=math.sqrt(refined.scatter.position),
+        scatter_rotation=math.sqrt(refined.scatter.rotation) if seen.components == 6 else None,
+        residual=rms(refined.residuals[:, used]),
+        residuals=refined.residuals,
+        used=refined.used,
+        conditioning=how,
+        null_space=gauge.sentences,
+        validation=validation,
+        warnings=tuple(_warnings(refined, how, validation, poses, nominal, gauge)),
+    )
+
+
+def begin_at(poses: PoseData, nominal: Chain | None, start: Chain | None) -> Chain:
+    """Return the chain to begin at, with the nominal's values where frames make a parameter a convention."""
+    chain = start or nominal
+    if chain is None:
+        raise JointAnglesInconsistent(
+            "The global identification needs a chain to begin at.",
+            "Give the robot's nominal DH parameters, or sweep every joint alone so that axes can be found first.",
+        )
+    for given in (start, nominal):
+        if given is not None and len(given) != poses.joints:
+            raise JointAnglesInconsistent(
+                f"The poses carry {poses.joints} joint angles and the robot has {len(given)} joints."
+            )
+    arcs = np.ptp(poses.joint_angles, axis=0)
+    resting = np.flatnonzero(arcs < NOT_MOVED)
+    if len(resting):
+        which = ", ".join(str(i + 1) for i in resting)
+        raise JointNotMoved(f"Over all poses joint {which} moves by less than {math.degrees(NOT_MOVED):g}°.")
+    if start is None:
+        return chain
+    parameters = start.as_array()
+    convention = np.zeros_like(parameters) if nominal is None else nominal.as_array()
+    parameters[0, [D, THETA]] = convention[0, [D, THETA]]
+    parameters[-1] = convention[-1]
+    return Chain.from_array(parameters)
+
+
+def _require_enough(seen: Observations) -> None:
+    """Four numbers for each joint and six for each target are what an arm in general amounts to."""
+    unknown, told = 4 * seen.layout.joints + 6 * seen.layout.targets, len(seen) * seen.components
+    if told < 1.2 * unknown:
+        least = math.ceil(1.2 * unknown / seen.components)
+        raise TooFewPoses(
+            f"{len(seen)} poses do not determine {unknown} parameters: {least} are the least, three times as many "
+            "are sound."
+        )
+
+
+def _require_consistent(refined: Refined, poses: PoseData) -> None:
+    spread = math.sqrt(refined.scatter.position)
+    reach = refined.arm.reach_mm
+    if spread > INCONSISTENT * reach:
+        raise JointAnglesInconsistent(
+            f"The poses do not follow from their joint angles: about the best arm with {poses.joints} joints they "
+            f"scatter by {spread:.3g} mm.",
+            "Check the order, signs and unit of the joint angles, that each belongs to its pose, and the nominal's "
+            "offsets.",
+        )
+
+
+def _regauged(arm: ArmState, start: ArmState, gauge: Gauge) -> ArmState:
+    """Return the arm with newly held columns of the chain at the start's values."""
+    held = ~gauge.free[: arm.layout.tool.start].reshape(-1, 5)
+    return replace(arm, parameters=np.where(held, start.parameters, arm.parameters))
+
+
+def _joint(
+    i: int,
+    arm: ArmState,
+    sigma: Float[np.ndarray, " p"],
+    gauge: Gauge,
+    nominal: Chain | None,
+    joint_angles: Float[np.ndarray, "n j"],
+) -> JointEstimate:
+    layout: Layout = arm.layout
+    columns = [layout.column(i, k) for k in range(5)]
+    doubt = {
+        name: float(sigma[c]) if gauge.free[c] else None
+        for name, c in zip(JOINT_PARAMETERS, columns, strict=True)
+    }
+    return JointEstimate(
+        joint=i + 1,
+        parameters=arm.chain.joints[i],
+        standard_uncertainty=doubt,
+        identifiable={name: value is not None for name, value in doubt.items()},
+        nominal=None if nominal is None else nominal.joints[i],
+        parallel_to_next=bool(gauge.parallel[i]),
+        arc_rad=float(np.ptp(joint_angles[:, i])),
+    )
+
+
+def _far_from(nominal: Chain | None, refined: Refined, gauge: Gauge) -> list[Advisory]:
+    """A parameter that no workshop would miss by so much means angles of another sign or zero."""
+    if nominal is None:
+        return []
+    off = np.abs(refined.arm.parameters - nominal.as_array())
+    limits = np.array([FAR_RAD if name.endswith("_rad") else FAR_MM for name in JOINT_PARAMETERS])
+    far = np.flatnonzero(((off > limits) & gauge.free[: off.size].reshape(off.shape)).ravel())
+    if not len(far):
+        return []
+    names = refined.arm.layout.names()
+    return [
+        Advisory(
+            "far_from_nominal",
+            f"{', '.join(names[c] for c in far)}: over {FAR_MM:g} mm or {math.degrees(FAR_RAD):g}° off the nominal.",
+            "Check the signs and zeros of the joint angles and the nominal's values: the arm found moves as the poses "
+            "do, but it may be described by other angles than its maker's.",
+        )
+    ]
+
+
+def _warnings(
+    refined: Refined,
+    how: Conditioning,
+    validation: Validation | None,
+    poses: PoseData,
+    nominal: Chain | None,
+    gauge: Gauge,
+) -> list[Advisory]:
+    found = []
+    if how.condition_number > ILL_CONDITIONED:
+        found.append(
+            Advisory(
+                "ill_conditioned",
+                f"The condition number is {how.condition_number:.0f}: some parameters are told far worse than others.",
+                "Add poses that move all joints over their range; the parameters' uncertainties say which suffer.",
+            )
+        )
+    found += _far_from(nominal, refined, gauge)
+    out = np.flatnonzero(~refined.used)
+    if len(out):
+        some = ", ".join(poses.label(int(i)) for i in out[:5]) + (", ..." if len(out) > 5 else "")
+        found.append(
+            Advisory(
+                "poses_left_out",
+                f"{len(out)} of {len(poses)} poses do not fit the others and were left out: {some}.",
+                "Check their joint angles and measurements.",
+            )
+        )
+    if validation is not None and validation.nominal is not None:
+        ours, nominals = validation.identified.position_rms_mm, validation.nominal.position_rms_mm
+        if ours > nominals:
+            found.append(
+                Advisory(
+                    "no_better_than_nominal",
+                    f"On held-out poses the identified chain is off by {ours:.3g} mm, the nominal by {nominals:.3g}.",
+                    "Add poses; these do not tell the parameters better than the maker knows them.",
+                )
+            )
+    return found

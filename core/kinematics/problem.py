@@ -1,0 +1,206 @@
+"""Residuals of poses at an arm, whitened by what is known of their noise.
+
+Of pose i with covariance C_i of the instrument and S of the robot's own scatter, V_i = C_i + S = L Lᵀ, the residual
+L⁻¹ (p - p̂, log(R R̂ᵀ)) is a vector of independent unit normals. Positions come first, so that its first three are the
+position's by itself, and its last three what the rotation says beyond that: two points of three components each, of
+which either may be a gross error.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float, Int
+from scipy.spatial.transform import Rotation
+
+from core.kinematics.dh import pose_with_jacobian
+from core.kinematics.parameters import ArmState, Layout
+from core.kinematics.poses import PoseData
+from core.transforms import nearest_rotation, transform
+
+
+@dataclass(frozen=True, slots=True)
+class Scatter:
+    """The robot's own scatter, and all that an instrument of unknown noise adds: variances of each coordinate of the
+    camera's position (mm²) and rotation (rad²).
+    """
+
+    position: float
+    rotation: float
+
+    def diagonal(self, components: int) -> Float[np.ndarray, " m"]:
+        return np.array([self.position] * 3 + [self.rotation] * 3)[:components]
+
+
+@dataclass(frozen=True, slots=True)
+class Observations:
+    """Poses made ready: `own` is C (zero where unknown), `common` the shared errors' factors, both of m components, 6
+    or 3 for positions alone.
+    """
+
+    joint_angles: Float[np.ndarray, "n j"]
+    positions_mm: Float[np.ndarray, "n 3"]
+    rotations: Float[np.ndarray, "n 3 3"] | None
+    own: Float[np.ndarray, "n m m"]
+    common: Float[np.ndarray, "n m k"]
+    target: Int[np.ndarray, " n"]
+
+    def __len__(self) -> int:
+        return len(self.positions_mm)
+
+    @property
+    def components(self) -> int:
+        return int(self.own.shape[1])
+
+    @property
+    def layout(self) -> Layout:
+        return Layout(
+            self.joint_angles.shape[1], int(self.target.max(initial=0)) + 1, int(self.common.shape[2])
+        )
+
+    def take(self, poses: Int[np.ndarray, " q"]) -> Observations:
+        """Return these poses alone; the targets keep their numbers."""
+        return Observations(
+            self.joint_angles[poses],
+            self.positions_mm[poses],
+            None if self.rotations is None else self.rotations[poses],
+            self.own[poses],
+            self.common[poses],
+            self.target[poses],
+        )
+
+
+def observations_of(poses: PoseData) -> Observations:
+    """Make poses ready."""
+    m, n = (3 if poses.rotations is None else 6), len(poses)
+    own = np.zeros((n, m, m)) if poses.covariance is None else poses.covariance[:, :m, :m]
+    common = np.zeros((n, m, 0)) if poses.common is None else poses.common[:, :m]
+    return Observations(
+        np.ascontiguousarray(poses.joint_angles, dtype=np.float64),
+        poses.positions_mm,
+        poses.rotations,
+        own,
+        common,
+        np.asarray(poses.targets),
+    )
+
+
+def linearised(
+    arm: ArmState, seen: Observations
+) -> tuple[Float[np.ndarray, "m n"], Float[np.ndarray, "p m n"]]:
+    """Return observed - predicted of every pose, and the derivatives of the prediction by all columns of the layout."""
+    layout, m = arm.layout, seen.components
+    end, local = pose_with_jacobian(
+        arm.parameters, seen.joint_angles, arm.T_target_base[seen.target], arm.T_flange_camera
+    )
+    J = np.zeros((layout.size, m, len(seen)))
+    base = layout.tool.stop
+    J[:base] = local[:base, :m]
+    for target in range(layout.targets):
+        of_target = seen.target == target
+        if of_target.all():
+            J[layout.base(target)] = local[base:, :m]
+        else:
+            J[layout.base(target)] = local[base:, :m] * of_target
+    J[layout.kinematic :] = np.moveaxis(seen.common, 2, 0).swapaxes(1, 2)
+    r = np.empty((m, len(seen)))
+    r[:3] = (seen.positions_mm - end[:, :3, 3]).T
+    if seen.rotations is not None:
+        turn = seen.rotations @ end[:, :3, :3].transpose(0, 2, 1)
+        r[3:] = Rotation.from_matrix(turn).as_rotvec().T
+    if layout.shared:
+        r -= np.einsum("nmk,k->mn", seen.common, arm.shared)
+    return r, J
+
+
+def whitener(seen: Observations, scatter: Scatter) -> Float[np.ndarray, "m m n"]:
+    """Return L⁻¹ of every pose, lower triangular."""
+    V = seen.own + np.diag(scatter.diagonal(seen.components))
+    unit = 1.0 / np.sqrt(np.diagonal(V, axis1=1, axis2=2))
+    L = np.linalg.cholesky(V * unit[:, :, None] * unit[:, None, :])
+    inverse = np.linalg.inv(L) * unit[:, None, :]
+    return np.ascontiguousarray(np.moveaxis(np.tril(inverse), 0, -1))
+
+
+def whitened(
+    W: Float[np.ndarray, "m m n"], values: Float[np.ndarray, "*p m n"]
+) -> Float[np.ndarray, "*p m n"]:
+    """Return L⁻¹ x for x along the axis before the last."""
+    result = np.empty_like(values)
+    for a in range(len(W)):
+        result[..., a, :] = W[a, 0] * values[..., 0, :]
+        for b in range(1, a + 1):
+            result[..., a, :] += W[a, b] * values[..., b, :]
+    return result
+
+
+def as_points(values: Float[np.ndarray, "*p m n"]) -> Float[np.ndarray, "*p 3 q"]:
+    """Return position and rotation parts as points of three components: the n positions, then the n rotations."""
+    if values.shape[-2] == 3:
+        return values
+    return np.concatenate([values[..., :3, :], values[..., 3:, :]], axis=-1)
+
+
+def placed(
+    parameters: Float[np.ndarray, "j 5"], T_base_flange: Float[np.ndarray, "n 4 4"], seen: Observations
+) -> ArmState:
+    """Return the arm of a chain with tool and bases in closed form.
+
+    Rotations: R_obs = X_t R_B Z is bilinear; the first singular pair of Σ R_B ⊗ R_obs of the first target holds X and
+    Z (Shah 2013); other targets' X follow from Z by Procrustes. Then positions are linear in both translations. Of
+    positions alone, Xᵀ (p - t_X) - R_B t_Z = p_B is linear in Xᵀ, Xᵀ t_X and t_Z; the tool's rotation, of which they
+    say nothing, is none.
+
+    References: M. Shah, J. Mechanisms Robotics 5 (2013) 031007, 10.1115/1.4024473.
+    """
+    layout = seen.layout
+    R_B, p_B = T_base_flange[:, :3, :3], T_base_flange[:, :3, 3]
+    main = int(np.argmax(np.bincount(seen.target)))
+    members = [np.flatnonzero(seen.target == t) for t in range(layout.targets)]
+    if seen.rotations is None:
+        R_Z = np.eye(3)
+        turns = [_turn_by_positions(R_B[i], p_B[i], seen.positions_mm[i]) for i in members]
+    else:
+        some = members[main]
+        K = np.einsum("nij,nkl->kijl", R_B[some], seen.rotations[some]).reshape(9, 9)
+        U, _, Vt = np.linalg.svd(K)
+        M_X, M_Z = U[:, 0].reshape(3, 3), Vt[0].reshape(3, 3)
+        if np.linalg.det(M_Z) < 0:
+            M_X, M_Z = -M_X, -M_Z
+        R_Z = nearest_rotation(M_Z)
+        turns = [
+            nearest_rotation(np.einsum("nij,nkj->ik", seen.rotations[i], R_B[i] @ R_Z))
+            if len(i)
+            else np.eye(3)
+            for i in members
+        ]
+    X = np.array(turns)
+    # p_obs = X (p_B + R_B t_Z) + t_X
+    A = np.zeros((len(seen), 3, 3 + 3 * layout.targets))
+    A[:, :, :3] = X[seen.target] @ R_B
+    for t, some in enumerate(members):
+        A[some, :, 3 + 3 * t : 6 + 3 * t] = np.eye(3)
+    b = seen.positions_mm - np.einsum("nij,nj->ni", X[seen.target], p_B)
+    found = np.linalg.lstsq(A.reshape(-1, A.shape[2]), b.ravel(), rcond=None)[0]
+    return ArmState(
+        parameters,
+        transform(R_Z, found[:3]),
+        np.array([transform(X[t], found[3 + 3 * t : 6 + 3 * t]) for t in range(layout.targets)]),
+        np.zeros(layout.shared),
+    )
+
+
+def _turn_by_positions(
+    R_B: Float[np.ndarray, "n 3 3"], p_B: Float[np.ndarray, "n 3"], p: Float[np.ndarray, "n 3"]
+) -> Float[np.ndarray, "3 3"]:
+    """Return X of p = X (p_B + R_B t_Z) + t_X by linear least squares."""
+    if not len(p):
+        return np.eye(3)
+    A = np.zeros((len(p), 3, 15))
+    for k in range(3):
+        A[:, k, 3 * k : 3 * k + 3] = p
+    A[:, :, 9:12] = -R_B
+    A[:, :, 12:] = -np.eye(3)
+    found = np.linalg.lstsq(A.reshape(-1, 15), p_B.ravel(), rcond=None)[0]
+    return nearest_rotation(found[:9].reshape(3, 3)).T
