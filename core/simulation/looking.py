@@ -1,0 +1,82 @@
+"""Joint angles at which a camera on an arm looks at a target: what a session of free poses consists of."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from jaxtyping import Float
+
+from core.camera import Camera, project
+from core.kinematics.dh import pose_with_jacobian
+from core.simulation.arm import Arm
+from core.targets.specification import TargetSpec
+from core.transforms import compose, invert, so3_exp, so3_log, transform, transform_points
+
+STEPS = 20
+REACHED = 1e-6
+MARGIN_PX = 20.0
+LARGEST_STEP = 0.3
+
+
+def looking_angles(
+    arm: Arm,
+    spec: TargetSpec,
+    camera: Camera,
+    size_px: tuple[int, int],
+    rng: np.random.Generator,
+    count: int,
+    *,
+    home: Float[np.ndarray, " j"],
+    limits: Float[np.ndarray, "j 2"],
+    target: int = 0,
+    tilt: float = math.radians(40.0),
+    fill: tuple[float, float] = (0.45, 0.75),
+) -> Float[np.ndarray, "n j"]:
+    """Draw joint angles (rad) within limits, at each of which the whole grid is in the image.
+
+    Views tilt up to `tilt` to any side, turn freely about the optical axis, and let the grid fill a share of the image
+    drawn from `fill`; the grid stands anywhere in the image.
+
+    Raises ValueError where the arm can hardly look at the target.
+    """
+    points = spec.points_target()
+    middle = points.mean(axis=0)
+    extent = float(np.max(np.ptp(points, axis=0)))
+    found: list[Float[np.ndarray, " j"]] = []
+    for _ in range(60 * count):
+        if len(found) == count:
+            return np.array(found)
+        side, lean = rng.uniform(0.0, 2.0 * math.pi), tilt * math.sqrt(rng.uniform(0.0, 1.0))
+        rotation = so3_exp(lean * np.array([math.cos(side), math.sin(side), 0.0])) @ so3_exp(
+            np.array([0.0, 0.0, rng.uniform(-math.pi, math.pi)])
+        )
+        depth = camera.fx_px * extent / (rng.uniform(*fill) * min(size_px))
+        centre = np.array([*rng.uniform(-0.1, 0.1, 2) * depth, depth])
+        T_camera_target = transform(rotation, centre - rotation @ middle)
+        pixels = project(transform_points(T_camera_target, points), camera)
+        if np.any(pixels < MARGIN_PX) or np.any(pixels > np.array(size_px) - MARGIN_PX):
+            continue
+        angles = _reach(arm, invert(T_camera_target), home, target)
+        if angles is not None and np.all(angles > limits[:, 0]) and np.all(angles < limits[:, 1]):
+            found.append(angles)
+    raise ValueError("The arm can hardly look at this target.")
+
+
+def _reach(
+    arm: Arm, T_target_camera: Float[np.ndarray, "4 4"], start: Float[np.ndarray, " j"], target: int
+) -> Float[np.ndarray, " j"] | None:
+    """Return joint angles that bring the camera there, by damped Newton steps; None where none are found."""
+    angles = start.copy()
+    parameters, base = arm.chain.as_array(), arm.T_target_base[target][None]
+    for _ in range(STEPS):
+        end, J = pose_with_jacobian(parameters, angles[None], base, arm.T_flange_camera)
+        off = compose(T_target_camera, invert(end[0]))
+        error = np.concatenate([T_target_camera[:3, 3] - end[0, :3, 3], 500.0 * so3_log(off[:3, :3])])
+        if float(np.linalg.norm(error)) < REACHED:
+            return angles
+        columns = J[3 : 5 * len(angles) : 5, :, 0].T * np.repeat([1.0, 500.0], 3)[:, None]
+        H = columns.T @ columns
+        step = np.linalg.solve(H + 1e-6 * np.trace(H) * np.eye(len(H)), columns.T @ error)
+        angles = angles + np.clip(step, -LARGEST_STEP, LARGEST_STEP)
+    return None

@@ -1,0 +1,152 @@
+"""Robot and lens from grid points together: truth recovered, doubt stated, the lens's error shared."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from core.camera import CAMERA_PARAMETERS, Camera
+from core.errors import InvalidArgument, JointAnglesInconsistent
+from core.kinematics.on_points import identify_on_points
+from core.simulation.arm import KR5_ARC, KR5_ARC_HOME, KR5_ARC_LIMITS, Arm, kr5_arc
+from core.simulation.looking import looking_angles
+from core.simulation.scenes import Scene
+from core.targets.specification import GridPoints, TargetSpec
+from core.transforms import invert, so3_exp, transform
+from tests.core.kinematics.arms import stated, told_truth
+
+GRID = TargetSpec("chessboard", 14, 9, 25.0)
+CAMERA = Camera(2350.0, 2348.0, 1230.0, 1018.0, -0.1, 0.05, 1e-4, -2e-4)
+SIZE = (2448, 2050)
+
+
+def session(
+    seed: int,
+    *,
+    count: int = 36,
+    sigma_px: float = 0.02,
+    position_mm: float = 0.0,
+    rotation_rad: float = 0.0,
+    targets: int = 1,
+    grid: TargetSpec = GRID,
+) -> tuple[Arm, np.ndarray, list[GridPoints], np.ndarray]:
+    """An arm, joint angles, the grid points seen there, and which target it was."""
+    rng = np.random.default_rng(seed)
+    arm = kr5_arc(rng)
+    second = invert(arm.T_target_base[0]) @ transform(
+        so3_exp(np.array([0.5, 0.3, 0.2])), np.array([150.0, 80.0, 30.0])
+    )
+    arm = replace(arm, T_target_base=np.array([arm.T_target_base[0], invert(second)]))
+    each = [
+        looking_angles(
+            arm, grid, CAMERA, SIZE, rng, count // targets, home=KR5_ARC_HOME, limits=KR5_ARC_LIMITS, target=t
+        )
+        for t in range(targets)
+    ]
+    q, target = np.concatenate(each), np.repeat(np.arange(targets), count // targets)
+    views = []
+    for T in arm.camera_poses(q, target):
+        e = rng.normal(0.0, 1.0, 6) * np.repeat([position_mm, rotation_rad], 3)
+        camera_pose = transform(so3_exp(e[3:]) @ T[:3, :3], T[:3, 3] + e[:3])
+        points = Scene(grid, CAMERA, invert(camera_pose), *SIZE).grid_points
+        noisy = points.points_px + rng.normal(0.0, sigma_px, points.points_px.shape)
+        views.append(
+            replace(points, points_px=noisy, standard_uncertainty_px=np.full(len(noisy), max(sigma_px, 1e-3)))
+        )
+    return arm, q, views, target
+
+
+def camera_ratio(found: Camera, covariance: np.ndarray) -> np.ndarray:
+    return (found.as_array() - CAMERA.as_array())[:8] / np.sqrt(np.diag(covariance)[:8])
+
+
+def test_a_perfect_robot_is_told_to_microns() -> None:
+    arm, q, views, _ = session(1)
+    found = identify_on_points(views, q, KR5_ARC)
+    off = found.robot.chain.as_array() - told_truth(arm, q)
+    ratio = off / stated(found.robot)
+    assert np.nanmax(np.abs(ratio)) < 4.5
+    assert 0.6 < np.sqrt(np.nanmean(ratio**2)) < 1.5
+    lengths, turns = off[:, [0, 2]], off[:, [1, 3, 4]]
+    assert np.sqrt(np.mean(lengths[lengths != 0.0] ** 2)) < 0.01
+    assert np.degrees(np.sqrt(np.mean(turns[turns != 0.0] ** 2))) < 0.001
+    assert np.max(np.abs(camera_ratio(found.camera, found.camera_covariance))) < 4.5
+    assert found.rms_px == pytest.approx(0.02 * math.sqrt(2.0), rel=0.05)
+    assert found.images.tolist() == list(range(len(views)))
+    assert found.robot.scatter_position_mm < 0.003
+
+
+def test_exact_points_of_a_perfect_robot_leave_nothing() -> None:
+    arm, q, views, _ = session(2, count=24, sigma_px=0.0)
+    found = identify_on_points(views, q, KR5_ARC, folds=0)
+    np.testing.assert_allclose(found.T_target_camera, arm.camera_poses(q), atol=2e-5)
+    assert found.rms_px < 1e-5
+    assert found.camera.fx_px == pytest.approx(CAMERA.fx_px, abs=1e-3)
+
+
+def test_a_robot_that_scatters_is_told_within_its_stated_doubt() -> None:
+    arm, q, views, _ = session(3, count=48, position_mm=0.03, rotation_rad=math.radians(0.005))
+    found = identify_on_points(views, q, KR5_ARC)
+    ratio = (found.robot.chain.as_array() - told_truth(arm, q)) / stated(found.robot)
+    assert np.nanmax(np.abs(ratio)) < 4.5
+    assert found.robot.scatter_position_mm == pytest.approx(0.03, rel=0.3)
+    assert found.robot.scatter_rotation == pytest.approx(math.radians(0.005), rel=0.3)
+    assert found.robot.validation is not None
+    assert found.robot.validation.identified.position_rms_mm < 0.1
+    # The images say where the camera was, to microns; the chain does not pull it away.
+    assert np.sqrt(np.mean((found.T_target_camera - arm.camera_poses(q))[:, :3, 3] ** 2)) > 0.02
+    assert found.rms_px == pytest.approx(0.02 * math.sqrt(2.0), rel=0.05)
+
+
+def test_two_targets_in_one_session() -> None:
+    arm, q, views, target = session(4, targets=2)
+    found = identify_on_points(views, q, KR5_ARC, target=target, folds=0)
+    (tie,) = found.robot.target_transforms
+    true = arm.T_target_base[0] @ invert(arm.T_target_base[1])
+    assert np.all(np.abs(true[:3, 3] - tie.T_from_to[:3, 3]) < 4.5 * np.sqrt(np.diag(tie.covariance)[:3]))
+    assert np.nanmax(np.abs((found.robot.chain.as_array() - told_truth(arm, q)) / stated(found.robot))) < 4.5
+
+
+def test_the_prints_scale_is_in_the_doubt_of_every_length() -> None:
+    _, q, views, _ = session(5, count=24)
+    uncertain = replace(GRID, pitch_standard_uncertainty_mm=0.025)  # a thousandth
+    plain = identify_on_points(views, q, KR5_ARC, folds=0)
+    found = identify_on_points([replace(v, target=uncertain) for v in views], q, KR5_ARC, folds=0)
+    upper_arm = found.robot.joints[1]
+    assert upper_arm.standard_uncertainty["a_mm"] == pytest.approx(0.6, rel=0.05)
+    turned = plain.robot.joints[2].standard_uncertainty["alpha_rad"]
+    assert found.robot.joints[2].standard_uncertainty["alpha_rad"] == pytest.approx(turned, rel=0.05)
+
+
+def test_an_image_with_other_joint_angles_is_left_out() -> None:
+    _, q, views, _ = session(6, position_mm=0.03, rotation_rad=math.radians(0.005))
+    q = q.copy()
+    q[7, 3] += math.radians(1.0)
+    found = identify_on_points(views, q, KR5_ARC, labels=tuple(f"P{i}" for i in range(len(views))), folds=0)
+    assert np.flatnonzero(~found.robot.used).tolist() == [7]
+    assert any("P7" in w.detail for w in found.robot.warnings)
+
+
+def test_covariance_of_the_lens_names_what_it_is_of() -> None:
+    _, q, views, _ = session(7, count=24)
+    found = identify_on_points(views, q, KR5_ARC, folds=0)
+    assert found.camera_covariance.shape == (len(CAMERA_PARAMETERS),) * 2
+    assert np.all(np.linalg.eigvalsh(found.camera_covariance[:8, :8]) > 0.0)
+    assert not found.camera_covariance[8].any()  # k3 is held
+
+
+def test_images_and_angles_come_in_pairs() -> None:
+    _, q, views, _ = session(8, count=8)
+    with pytest.raises(InvalidArgument, match="8 images and 7 sets"):
+        identify_on_points(views, q[1:], KR5_ARC)
+    with pytest.raises(InvalidArgument):
+        identify_on_points([], q[:0], KR5_ARC)
+
+
+def test_angles_of_other_images_are_found_out() -> None:
+    _, q, views, _ = session(9, count=24)
+    with pytest.raises(JointAnglesInconsistent):
+        identify_on_points(views, np.roll(q, 5, axis=0), KR5_ARC)
