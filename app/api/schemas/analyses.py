@@ -210,6 +210,64 @@ class Drift(ResponseModel):
     poses: list[PoseDrift]
 
 
+class PoseDistance(ResponseModel):
+    """The way between two poses by ISO 9283:1998, 7.3: of the measured point, within each cycle that visits both."""
+
+    from_pose_id: str
+    to_pose_id: str
+    n: Annotated[int, Field(description="Cycles that visit both poses once.")]
+    mean_mm: float
+    standard_uncertainty_mm: Annotated[
+        float | None,
+        Field(
+            description="Of the mean: its scatter over the cycles and, for images, what the shared lens and the "
+            "print's scale leave open; another instrument's common errors are not known."
+        ),
+    ]
+    commanded_mm: Annotated[
+        float | None,
+        Field(
+            description="Null where no positions were commanded, or other orientations at the two ends: then the "
+            "measured point does not move as the commanded one."
+        ),
+    ]
+    accuracy_mm: Annotated[float | None, Field(description="AD: attained less commanded (7.3.2).")]
+    repeatability_mm: Annotated[float | None, Field(description="RD = 3 S of the distance (7.3.3).")]
+    interval_mm: Annotated[Interval | None, Field(description="Of RD, at the confidence level.")]
+    noise_floor_mm: Annotated[
+        float | None,
+        Field(description="The RD that the measurements' noise alone would give on a motionless robot."),
+    ]
+
+
+class Approach(ResponseModel):
+    """One direction from which a commanded pose was approached."""
+
+    approach: str
+    pose_ids: list[str]
+    n: int
+
+
+class ApproachVariation(ResponseModel):
+    """One commanded pose approached from several directions (ISO 9283:1998, 7.2.3)."""
+
+    directions: list[Approach]
+    variation: Annotated[
+        PoseFigures,
+        Field(
+            description="vAP: the largest difference between the directions' mean poses: of the position its length, "
+            "else the absolute difference on each axis and angle."
+        ),
+    ]
+    noise_floor: Annotated[
+        PoseFigures,
+        Field(
+            description="The expected reading if the direction made no difference, from the cycles' own scatter; null "
+            "where no direction has two cycles."
+        ),
+    ]
+
+
 class RepeatabilityAnalysis(AnalysisHead):
     """Pose repeatability of a session, pose by pose in natural order."""
 
@@ -218,4 +276,18 @@ class RepeatabilityAnalysis(AnalysisHead):
     poses: list[PoseRepeatability]
     intrinsics: list[GroupIntrinsics]
     drift: Drift | None
+    distances: Annotated[
+        list[PoseDistance] | None,
+        Field(
+            description="Between all pairs of up to ten poses, of more between each and the next; null where no two "
+            "have two numbered cycles in common."
+        ),
+    ]
+    approach_variation: Annotated[
+        list[ApproachVariation] | None,
+        Field(
+            description="Of every commanded pose that stands under several pose ids with different `approach`; null "
+            "where there is none."
+        ),
+    ]
     warnings: list[AdvisoryRead]

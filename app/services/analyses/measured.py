@@ -12,6 +12,7 @@ from jaxtyping import Float
 from app.services.analyses.documents import advisories
 from app.services.analyses.measured_accuracy import assess_measured_accuracy
 from app.services.analyses.outcome import CannotAnalyse
+from app.services.analyses.performance import assess_performance, of_visit
 from app.services.analyses.pose_rows import Row, drift_document, row_document, row_remarks, without_outliers
 from app.services.analyses.snapshot import Reading, Snapshot
 from core import Advisory
@@ -65,6 +66,7 @@ def measured_repeatability(snapshot: Snapshot, settings: Mapping[str, str]) -> d
         )
     ]
     accuracy = assess_measured_accuracy(snapshot, {row.pose_id: row.images for row in rows})
+    performance = assess_performance(rows, snapshot.commanded, of_visit)
     return {
         "estimator": settings["estimator"],
         "source": settings["source"],
@@ -72,7 +74,11 @@ def measured_repeatability(snapshot: Snapshot, settings: Mapping[str, str]) -> d
         "poses": [row_document(row, accuracy) for row in rows],
         "intrinsics": [],
         "drift": drift_document(rows),
-        "warnings": advisories((*_remarks(visits, cycles), *row_remarks(rows), *accuracy.warnings)),
+        "distances": performance.distances,
+        "approach_variation": performance.approach_variation,
+        "warnings": advisories(
+            (*_remarks(visits, cycles), *row_remarks(rows), *accuracy.warnings, *performance.warnings)
+        ),
     }
 
 

@@ -103,6 +103,11 @@ def _mean(figures: PoseRepeatability | None) -> dict[str, Any]:
     }
 
 
+def figure_fields(figures: Figures[float | None]) -> dict[str, Any]:
+    """Return one value a figure under the API's names; angles in degrees."""
+    return _fields(figures, _number)
+
+
 def _fields(figures: Figures[Value | None], to_json: Callable[[Value, float], Any]) -> dict[str, Any]:
     """Return figures under the API's names; angles in degrees."""
     values = [value for _, value in figures.items()]

@@ -13,6 +13,7 @@ from app.services.analyses.accuracy import assess_accuracy
 from app.services.analyses.documents import advisories, camera_fields
 from app.services.analyses.estimation import EstimatedImage, Exclusion, SessionEstimate, estimate_session
 from app.services.analyses.measured import measured_repeatability
+from app.services.analyses.performance import assess_performance, of_image
 from app.services.analyses.pose_rows import Row, drift_document, row_document, row_remarks, without_outliers
 from app.services.analyses.snapshot import Snapshot
 from core.metrology import Figures, PoseCycles, PoseRepeatability, Verdict, assess_repeatability
@@ -30,6 +31,7 @@ def repeatability_document(
     session = estimate_session(snapshot, points, settings["estimator"])
     rows = pose_rows(snapshot, session)
     accuracy = assess_accuracy(snapshot, {row.pose_id: row.images for row in rows if row.images})
+    performance = assess_performance(rows, snapshot.commanded, of_image)
     return {
         "estimator": settings["estimator"],
         "source": settings["source"],
@@ -37,7 +39,11 @@ def repeatability_document(
         "poses": [row_document(row, accuracy) for row in rows],
         "intrinsics": [camera_fields(group) for group in session.groups],
         "drift": drift_document(rows),
-        "warnings": advisories((*session.warnings, *row_remarks(rows), *accuracy.warnings)),
+        "distances": performance.distances,
+        "approach_variation": performance.approach_variation,
+        "warnings": advisories(
+            (*session.warnings, *row_remarks(rows), *accuracy.warnings, *performance.warnings)
+        ),
     }
 
 

@@ -1,0 +1,148 @@
+"""Distances between poses and poses approached from several sides, each figure with what its cycles leave open.
+
+Readings p_1j, p_2j of cycle j have covariances M_1j, M_2j, of what differs from cycle to cycle. The distance D_j
+scatters with the robot's part and eᵀ (M_1j + M_2j) e, e its direction; that is one quantity, so that its 3 S has the
+interval and the floor of any (`uncertainty`). The distance's mean is as uncertain as S_D / √n and what all readings have
+in common leave it: c_1, c_2 being what one standard uncertainty of each common error does to the two positions,
+‖eᵀ (c_1 - c_2)‖.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+from core.errors import InvalidArgument
+from core.metrology.figures import FIGURE_NAMES, Figures
+from core.metrology.iso9283 import (
+    DistancePerformance,
+    direction_variation,
+    distance_performance,
+    three_sigma,
+)
+from core.metrology.orientation import UNKNOWN_ANGLE, angles_from_vectors, mean_and_vectors
+from core.metrology.poses import PoseCycles
+from core.metrology.sample import sample_of
+from core.metrology.uncertainty import assess_three_sigma
+
+FAR_ENOUGH = 20.0
+"""A distance shorter than this many of its own standard deviations does not scatter along its direction alone."""
+_DRAWS = 1000
+_SEED = 9283
+
+
+@dataclass(frozen=True, slots=True)
+class DistanceAssessment:
+    """AD and RD of one way, mm. `standard_uncertainty_mm` is the mean distance's, of the readings; `interval_mm` and
+    `noise_floor_mm` are RD's, as those of any 3 S. None below two cycles, the floor also where nothing is known of the
+    instrument.
+    """
+
+    performance: DistancePerformance
+    standard_uncertainty_mm: float | None
+    interval_mm: tuple[float, float] | None
+    noise_floor_mm: float | None
+
+
+def assess_distance(
+    first: PoseCycles,
+    second: PoseCycles,
+    commanded_first_mm: Float[np.ndarray, "3"] | None = None,
+    commanded_second_mm: Float[np.ndarray, "3"] | None = None,
+    common_first: Float[np.ndarray, "6 k"] | None = None,
+    common_second: Float[np.ndarray, "6 k"] | None = None,
+) -> DistanceAssessment:
+    """Return distance accuracy and repeatability (ISO 9283:1998, 7.3.2, 7.3.3) of cycles that visit both poses.
+
+    `first` and `second` hold the same cycles in the same order. `common_...` are what one standard uncertainty of each
+    error that all readings share does to the poses, of which positions come first.
+
+    Raises InvalidArgument where the poses were not visited equally often, or lie so near to one another that a distance
+    between them means nothing.
+    """
+    performance = distance_performance(
+        first.positions_mm, second.positions_mm, commanded_first_mm, commanded_second_mm
+    )
+    way = second.positions_mm - first.positions_mm
+    lengths = np.linalg.norm(way, axis=1)
+    if len(lengths) < 2:
+        return DistanceAssessment(performance, None, None, None)
+    scatter = max(float(np.max(three_sigma(way))), float(np.max(three_sigma(lengths[:, None])))) / 3.0
+    if float(lengths.mean()) <= FAR_ENOUGH * scatter:
+        raise InvalidArgument(
+            f"The two poses are {lengths.mean():.3g} mm apart and scatter by {scatter:.3g} mm: that is no distance.",
+            "Choose two poses of the cube that lie far apart, as the standard does.",
+        )
+    e = way / lengths[:, None]
+    n = len(lengths)
+    variance = float(np.var(lengths, ddof=1))
+    noise = np.zeros(n)
+    for cycles in (first, second):
+        if cycles.covariances is not None:
+            noise += np.einsum("ni,nij,nj->n", e, cycles.covariances[:, :3, :3], e)
+    known = first.covariances is not None and second.covariances is not None
+    assessed = assess_three_sigma(
+        np.array([[variance]]),
+        np.array([[noise.mean()]]),
+        np.array([[np.mean(noise * noise)]]),
+        np.array([float(n)]),
+    )
+    common = 0.0
+    if common_first is not None and common_second is not None:
+        common = float(np.linalg.norm(e.mean(axis=0) @ (common_first - common_second)[:3]))
+    return DistanceAssessment(
+        performance,
+        math.hypot(math.sqrt(variance / n), common),
+        (float(assessed.low[0, 0]), float(assessed.high[0, 0])),
+        float(assessed.floor[0, 0]) if known else None,
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class ApproachVariation:
+    """vAP, mm and rad, and what the cycles' own scatter would make of it were the direction without effect: of means
+    of so many cycles, the expected largest difference. None where no direction has two cycles.
+    """
+
+    figures: Figures[float | None]
+    noise_floor: Figures[float | None]
+
+
+def assess_approaches(directions: Sequence[PoseCycles]) -> ApproachVariation:
+    """Return vAP (ISO 9283:1998, 7.2.3) of one commanded pose approached from several directions, at least two."""
+    samples = [sample_of(cycles) for cycles in directions]
+    rotations = [s.mean_rotation for s in samples if s.mean_rotation is not None]
+    turned = len(rotations) == len(samples)
+    figures = direction_variation(
+        np.array([s.mean_position for s in samples]), np.array(rotations) if turned else None
+    )
+    nothing: Figures[float | None] = Figures(*[None] * len(FIGURE_NAMES))
+    counts = np.array([len(s.cycles) for s in samples])
+    if not np.any(counts > 1):
+        return ApproachVariation(figures, nothing)
+    to_angles = np.eye(3)
+    if turned:
+        mean, _ = mean_and_vectors(np.array(rotations))
+        to_angles = angles_from_vectors(mean)
+    scatter = np.zeros((6, 6))
+    for s in samples:
+        about = np.zeros((len(s.cycles), 6))
+        about[:, :3] = s.cycles.positions_mm - s.mean_position
+        if turned and s.vectors is not None:
+            about[:, 3:] = s.vectors @ to_angles.T
+        scatter += about.T @ about
+    scatter /= float(np.sum(counts - 1))
+    values, vectors = np.linalg.eigh(scatter)
+    root = vectors * np.sqrt(np.maximum(values, 0.0))
+    draws = np.random.default_rng(_SEED).standard_normal((_DRAWS, len(samples), 6)) @ root.T
+    draws /= np.sqrt(counts)[:, None]
+    h, k = np.triu_indices(len(samples), 1)
+    d = draws[:, h] - draws[:, k]
+    expected = np.abs(d).max(axis=1).mean(axis=0)
+    length = float(np.linalg.norm(d[..., :3], axis=2).max(axis=1).mean())
+    angles = np.minimum(expected[3:], 3.0 * UNKNOWN_ANGLE).tolist() if turned else [None] * 3
+    return ApproachVariation(figures, Figures(length, *expected[:3].tolist(), *angles))
