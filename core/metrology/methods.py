@@ -13,6 +13,7 @@ import numpy as np
 from jaxtyping import Float
 
 from core.calibration.baselines import Failure, MethodRow
+from core.errors import InvalidArgument
 from core.metrology.figures import FIGURE_NAMES, Figures
 from core.metrology.poses import PoseCycles
 from core.metrology.repeatability import PoseRepeatability, assess_repeatability
@@ -86,21 +87,22 @@ def _poses(
     failed = {failure.image: failure for failure in row.failures}
     together = failed.get(None)
     known = {label: [i for i in members if i in found] for label, members in images.items()}
-    several = [label for label, members in known.items() if len(members) >= LEAST_IMAGES]
-    assessed = dict(
-        zip(
-            several,
-            assess_repeatability([_cycles(row, known[s], found, turns) for s in several]),
-            strict=True,
-        )
-    )
+    cycles: dict[Hashable, PoseCycles] = {}
+    refused: dict[Hashable, Failure] = {}
+    for label, members in known.items():
+        if len(members) >= LEAST_IMAGES:
+            try:
+                cycles[label] = _cycles(row, members, found, turns)
+            except InvalidArgument as error:
+                refused[label] = Failure(None, error.code, error.detail, error.advice)
+    assessed = dict(zip(cycles, assess_repeatability(list(cycles.values())), strict=True))
     poses = []
     for label, members in images.items():
         without = [failed[i] for i in members if i in failed]
         if label in assessed:
             poses.append(_assessed(row, label, known[label], assessed[label], without))
         else:
-            poses.append(_unknown(label, members, known[label], without, together))
+            poses.append(_unknown(label, members, known[label], without, together or refused.get(label)))
     return poses
 
 
@@ -151,7 +153,7 @@ def _unknown(
     members: list[int],
     known: list[int],
     without: list[Failure],
-    together: Failure | None,
+    reason: Failure | None,
 ) -> MethodPose:
     few = Failure(
         None,
@@ -163,4 +165,4 @@ def _unknown(
         else "See why the others failed.",
     )
     nothing: Figures[float | None] = Figures(*[None] * len(FIGURE_NAMES))
-    return MethodPose(label, tuple(known), nothing, None, tuple(without), together or few)
+    return MethodPose(label, tuple(known), nothing, None, tuple(without), reason or few)

@@ -14,6 +14,8 @@ from core.calibration.result import Reprojection
 from core.calibration.uncertainty import reprojection
 from core.errors import Advisory, DegenerateGeometry, GridposeError, NotConverged
 
+FARTHEST_MM = 1e6
+"""A kilometre: a target that a method puts farther away was not found there."""
 CameraOf = Literal["each_image", "all_images", "given"]
 
 
@@ -111,7 +113,7 @@ def attempt(image: int | None, answer: Callable[[], Answer]) -> Answer | Failure
     reason: Advisory | GridposeError
     try:
         found = answer()
-        _require_finite(found.result)
+        _require_sense(found.result)
     except GridposeError as error:
         reason = error
     except (np.linalg.LinAlgError, ArithmeticError):
@@ -123,10 +125,13 @@ def attempt(image: int | None, answer: Callable[[], Answer]) -> Answer | Failure
     return Failure(image, reason.code, reason.detail, reason.advice)
 
 
-def _require_finite(answer: Baseline) -> None:
-    """Raise NotConverged unless every number is one."""
+def _require_sense(answer: Baseline) -> None:
+    """Raise NotConverged unless every number is one, and every target where a camera could see it."""
     numbers = [*answer.T_camera_target, *answer.residuals_px]
     if answer.camera is not None:
         numbers.append(answer.camera.as_array())
     if not all(np.all(np.isfinite(n)) for n in numbers):
         raise NotConverged("The method returned no finite answer.")
+    farthest = max((float(np.abs(T[:3, 3]).max()) for T in answer.T_camera_target), default=0.0)
+    if farthest > FARTHEST_MM:
+        raise NotConverged(f"The method puts the target {farthest / 1e6:.3g} km from the camera.")

@@ -10,6 +10,7 @@ import pytest
 
 from core.calibration.baselines import (
     METHODS,
+    Failure,
     MethodRow,
     compare_methods,
     comparison,
@@ -17,6 +18,8 @@ from core.calibration.baselines import (
     proposed,
 )
 from core.calibration.baselines.comparison import MARKER_METHODS, evenly
+from core.calibration.baselines.result import baseline
+from core.calibration.baselines.rows import Answer, attempt
 from core.calibration.estimators import estimate_group
 from core.calibration.single_image import calibrate_points
 from core.camera import Camera, project
@@ -142,6 +145,20 @@ def test_a_mapping_that_tells_no_camera_is_no_answer() -> None:
     assert row.answers == ()
     assert row.failure is not None
     assert row.failure.code == "camera_not_determined"
+
+
+def test_a_pose_beyond_all_distances_is_no_answer() -> None:
+    T = np.eye(4)
+    T[2, 3] = 2e6
+    answer = baseline("dlt", CAMERA, [T], [np.zeros((54, 2))])
+    failure = attempt(3, lambda: Answer((3,), answer))
+    assert isinstance(failure, Failure)
+    assert (failure.image, failure.code) == (3, "not_converged")
+    assert "2 km" in failure.detail
+    T[2, 3] = math.nan
+    failure = attempt(3, lambda: Answer((3,), answer))
+    assert isinstance(failure, Failure)
+    assert "finite" in failure.detail
 
 
 def test_one_image_that_fails_leaves_the_others_their_figures() -> None:

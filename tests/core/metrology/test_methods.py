@@ -137,6 +137,19 @@ def test_a_method_that_fails_as_a_whole_says_why_at_every_pose() -> None:
     assert row.poses[0].failure == row.failure
 
 
+def test_poses_that_the_engine_refuses_are_named_and_the_others_stand() -> None:
+    views, labels = visits()
+    (row,) = compare_methods(views, methods=["pooled"], repeats=labels)
+    assert row.scatter is not None
+    wrong = dataclasses.replace(row, scatter={**row.scatter, 0: -np.eye(6)})
+    (table,) = compare_repeatability([wrong], labels)
+    first, second, third = table.poses
+    assert first.failure is not None
+    assert first.failure.code == "invalid_argument"
+    assert first.repeatability.position_mm is None
+    assert second.failure is third.failure is None
+
+
 def test_images_without_a_pose_count_nowhere() -> None:
     views, _ = visits()
     rows = compare_methods(views[:4], methods=["dlt"])
