@@ -35,10 +35,10 @@ class Coverage:
         reach: float,
     ) -> None:
         self._pattern = pattern
-        self._camera = camera
-        self._H_target_image = np.linalg.inv(T_camera_target[:3, [0, 1, 3]])
+        self.camera = camera
+        self.H_target_image = np.linalg.inv(T_camera_target[:3, [0, 1, 3]])
         if np.linalg.det(T_camera_target[:3, [0, 1, 3]]) < 0.0:  # seen from behind: the sheet is its own back
-            self._H_target_image = -self._H_target_image
+            self.H_target_image = -self.H_target_image
         self._blur_px = blur_px
         self._reach = reach
         self._x_lines = _Lines(pattern.x_edges)
@@ -48,8 +48,8 @@ class Coverage:
         self, u_px: Float[np.ndarray, " w"], v_px: Float[np.ndarray, " h"]
     ) -> tuple[Float[np.ndarray, "h w"], Float[np.ndarray, "h w"]]:
         """Return white and sheet at the places (v_px[j], u_px[i])."""
-        lens = _TileLens(u_px, v_px, self._camera)
-        H = self._H_target_image
+        lens = TileLens(u_px, v_px, self.camera)
+        H = self.H_target_image
         scale = lens.combine(H[2])
         in_front = scale > 0.0
         scale = np.where(in_front, scale, 1.0)
@@ -76,7 +76,7 @@ class Coverage:
 
     def _quadrants(
         self,
-        lens: _TileLens,
+        lens: TileLens,
         near: Bool[np.ndarray, "h w"],
         x_line: Float[np.ndarray, " n"],
         y_line: Float[np.ndarray, " n"],
@@ -86,7 +86,7 @@ class Coverage:
         A line x = c is L(n) = (h1 - c h3)·(n, 1) = 0 in undistorted n; h3·(n, 1) > 0 makes L's sign
         that of x - c. Order: left above, right above, left below, right below.
         """
-        H = self._H_target_image
+        H = self.H_target_image
         (xn, yn), du, dv = lens.at(near)
         distances, gradients = [], []
         for row, line in ((H[0], x_line), (H[1], y_line)):
@@ -124,7 +124,7 @@ class _Lines:
         return index, self._edges[index]
 
 
-class _TileLens:
+class TileLens:
     """Undistorted coordinates over one tile, as a polynomial through exact values at Chebyshev nodes."""
 
     def __init__(self, u_px: Float[np.ndarray, " w"], v_px: Float[np.ndarray, " h"], camera: Camera) -> None:

@@ -1,4 +1,4 @@
-"""What is printed: the sheet as cells between straight lines, each with its ink."""
+"""What is printed: the sheet as cells between straight lines, each with its ink, or as dots."""
 
 from __future__ import annotations
 
@@ -27,8 +27,51 @@ class RectilinearPattern:
     sheet: Float[np.ndarray, "ny+1 nx+1"]
 
 
-def pattern_of(target: TargetSpec, quiet_zone: float) -> RectilinearPattern:
-    """Return the sheet of a target with a white margin of `quiet_zone` pitches around it.
+@dataclass(frozen=True, slots=True)
+class DotPattern:
+    """A white sheet with black dots on a square lattice, which may stand askew.
+
+    The lattice index (p, q) of a place (x, y) in the target frame, mm, is `to_index` (x, y); `radius_mm` (rows of q,
+    columns of p, from `first` on) is 0 where the lattice has no dot. `blank` is the sheet without them.
+    """
+
+    blank: RectilinearPattern
+    to_index: Float[np.ndarray, "2 2"]
+    first: tuple[int, int]
+    radius_mm: Float[np.ndarray, "nq np"]
+
+    @property
+    def x_edges(self) -> Float[np.ndarray, " nx"]:
+        """Where the sheet begins and ends, mm."""
+        return self.blank.x_edges
+
+    @property
+    def y_edges(self) -> Float[np.ndarray, " ny"]:
+        """The same along y."""
+        return self.blank.y_edges
+
+    def nearest(
+        self, x: Float[np.ndarray, "h w"], y: Float[np.ndarray, "h w"]
+    ) -> tuple[Float[np.ndarray, "h w"], Float[np.ndarray, "h w"], Float[np.ndarray, "h w"]]:
+        """Return centre (x, y) and radius of the dot at the nearest place of the lattice; radius 0 for none."""
+        M, size = self.to_index, self.radius_mm.shape
+        index = []
+        for k in range(2):
+            value = np.rint(M[k, 0] * x + M[k, 1] * y - self.first[k])
+            index.append(np.where(np.isfinite(value), value, -1.0))
+        inside = (index[0] >= 0) & (index[0] < size[1]) & (index[1] >= 0) & (index[1] < size[0])
+        p, q = (np.where(inside, i, 0.0).astype(np.intp) for i in index)
+        radius = np.where(inside, self.radius_mm[q, p], 0.0)
+        back = np.linalg.inv(M)
+        p_all, q_all = p + self.first[0], q + self.first[1]
+        return back[0, 0] * p_all + back[0, 1] * q_all, back[1, 0] * p_all + back[1, 1] * q_all, radius
+
+
+def pattern_of(
+    target: TargetSpec, quiet_zone: float, origin_dot: float = 1.0
+) -> RectilinearPattern | DotPattern:
+    """Return the sheet of a target with a white margin of `quiet_zone` pitches around it; the dot at the origin of a
+    board of dots is `origin_dot` times as wide as the others.
 
     Raises
     ------
@@ -39,6 +82,8 @@ def pattern_of(target: TargetSpec, quiet_zone: float) -> RectilinearPattern:
         return _chessboard(target, quiet_zone)
     if target.kind == "charuco":
         return _charuco(target, quiet_zone)
+    if target.kind in ("circles", "asymmetric_circles"):
+        return _dots(target, quiet_zone, origin_dot)
     raise InvalidTarget(f"A target of kind {target.kind!r} cannot be rendered.")
 
 
@@ -69,6 +114,28 @@ def _charuco(target: TargetSpec, quiet_zone: float) -> RectilinearPattern:
         first_row, first_column = j * parts + 1, i * parts + 1
         white[first_row : first_row + cells, first_column : first_column + cells] = picture
     return _sheet(edges[0], edges[1], white, quiet_zone * target.pitch_mm)
+
+
+def _dots(target: TargetSpec, quiet_zone: float, origin_dot: float) -> DotPattern:
+    """Return the dots, each `marker_mm` wide or half as wide as they stand apart."""
+    staggered = target.kind == "asymmetric_circles"
+    points = target.points_target()[:, :2]
+    turn = np.array([[0.5, 0.5], [-0.5, 0.5]]) if staggered else np.eye(2)
+    to_index = turn / target.pitch_mm
+    apart = target.pitch_mm * (np.sqrt(2.0) if staggered else 1.0)
+    index = np.rint(points @ to_index.T).astype(np.intp)
+    first = index.min(axis=0)
+    radius = np.zeros(tuple((index.max(axis=0) - first + 1)[::-1]))
+    radius[index[:, 1] - first[1], index[:, 0] - first[0]] = 0.5 * (target.marker_mm or 0.5 * apart)
+    radius[index[0, 1] - first[1], index[0, 0] - first[0]] *= origin_dot
+    low, high = points.min(axis=0) - apart, points.max(axis=0) + apart
+    blank = _sheet(
+        np.array([low[0], high[0]]),
+        np.array([low[1], high[1]]),
+        np.ones((1, 1)),
+        quiet_zone * target.pitch_mm,
+    )
+    return DotPattern(blank, to_index, (int(first[0]), int(first[1])), radius)
 
 
 def _sheet(

@@ -28,7 +28,8 @@ from jaxtyping import Float, UInt8, UInt16
 from core.camera import project
 from core.errors import InvalidArgument
 from core.simulation.coverage import Coverage
-from core.simulation.patterns import RectilinearPattern, pattern_of
+from core.simulation.dot_coverage import DotCoverage
+from core.simulation.patterns import DotPattern, RectilinearPattern, pattern_of
 from core.simulation.scenes import Scene
 from core.simulation.surroundings import background, illumination
 from core.transforms import transform_points
@@ -68,14 +69,18 @@ def render_levels(scene: Scene) -> Float[np.ndarray, "h w"]:
 
 def _render_sheet(scene: Scene) -> tuple[Float[np.ndarray, "h w"], Float[np.ndarray, "h w"]]:
     """Return how much of each pixel's light comes from white ink, and from the sheet at all."""
-    pattern = pattern_of(scene.target, scene.quiet_zone)
+    pattern = pattern_of(scene.target, scene.quiet_zone, scene.origin_dot)
     white = np.zeros((scene.height_px, scene.width_px), dtype=np.float32)
     sheet = np.zeros_like(white)
     fine = max(2, math.ceil(0.9 / scene.blur_px))
     fine_blur_px = 0.75 / fine
     rest_px = math.sqrt(scene.blur_px**2 - fine_blur_px**2 + 1.0 / (12.0 * fine**2))
     halo = math.ceil(_REACH * rest_px) + 1
-    coverage = Coverage(pattern, scene.camera, scene.T_camera_target, fine_blur_px, _REACH)
+    coverage: Coverage | DotCoverage = (
+        DotCoverage(pattern, scene.camera, scene.T_camera_target, fine_blur_px, _REACH)
+        if isinstance(pattern, DotPattern)
+        else Coverage(pattern, scene.camera, scene.T_camera_target, fine_blur_px, _REACH)
+    )
     left, top, right, bottom = _bounds(scene, pattern, halo)
     kernel = _pixel_kernel(fine, rest_px, halo)
     pixels = np.s_[halo * fine : -halo * fine : fine, halo * fine : -halo * fine : fine]
@@ -89,7 +94,7 @@ def _render_sheet(scene: Scene) -> tuple[Float[np.ndarray, "h w"], Float[np.ndar
     return white, sheet
 
 
-def _bounds(scene: Scene, pattern: RectilinearPattern, halo: int) -> tuple[int, int, int, int]:
+def _bounds(scene: Scene, pattern: RectilinearPattern | DotPattern, halo: int) -> tuple[int, int, int, int]:
     """Return left, top, right, bottom (px, the latter two exclusive) of what the sheet can touch."""
     x, y = pattern.x_edges[[0, -1]], pattern.y_edges[[0, -1]]
     along = np.linspace(0.0, 1.0, 65)

@@ -35,7 +35,8 @@ class Scene:
     `blur_px` is the standard deviation of the lens's Gaussian blur (at least .1), which comes on top of the
     pixel's own area; `noise_levels` that of white noise in 8-bit grey levels; `quiet_zone` the white margin
     around the board in pitches; `clutter` from 0 (plain background) to 1. `seed` draws the noise,
-    `background_seed` what lies behind the sheet.
+    `background_seed` what lies behind the sheet. `origin_dot` is how much wider the dot at the origin of a board of
+    dots is than the others: some print it so to mark it.
     """
 
     target: TargetSpec
@@ -51,6 +52,7 @@ class Scene:
     clutter: float = 0.0
     seed: int = 0
     background_seed: int = 0
+    origin_dot: float = 1.0
 
     def __post_init__(self) -> None:
         if self.bit_depth not in (8, 16):
@@ -146,7 +148,8 @@ def random_pose(
     axis_angle = rng.uniform(0.0, 2.0 * math.pi)
     axis = np.array([math.cos(axis_angle), math.sin(axis_angle), 0.0])
     rotation = so3_exp(tilt * axis) @ so3_exp(np.array([0.0, 0.0, rng.uniform(-max_roll, max_roll)]))
-    middle = np.array([target.columns - 1, target.rows - 1, 0.0]) * target.pitch_mm / 2.0
+    points = target.points_target()
+    middle = (points.min(axis=0) + points.max(axis=0)) / 2.0
     turned = transform(rotation, -rotation @ middle)  # the board's middle at the origin
     far = _fitting_distance(turned, target, camera, size_px) / rng.uniform(0.45, 0.9)
     for reach in np.linspace(1.0, 0.0, 41):  # aside as far as the frame allows
@@ -173,9 +176,11 @@ def _fitting_distance(
 def _is_in_view(
     T_camera_target: Float[np.ndarray, "4 4"], target: TargetSpec, camera: Camera, size_px: tuple[int, int]
 ) -> bool:
-    """Tell whether the board with its outermost squares lies in the image."""
-    x, y = (a.ravel() for a in np.meshgrid([-1.0, target.columns], [-1.0, target.rows]))
-    corners = transform_points(T_camera_target, np.stack([x, y, np.zeros(4)], axis=1) * target.pitch_mm)
+    """Tell whether the grid, and one pitch around it, lies in the image."""
+    points = target.points_target()[:, :2]
+    low, high = points.min(axis=0) - target.pitch_mm, points.max(axis=0) + target.pitch_mm
+    x, y = (a.ravel() for a in np.meshgrid([low[0], high[0]], [low[1], high[1]]))
+    corners = transform_points(T_camera_target, np.stack([x, y, np.zeros(4)], axis=1))
     if np.any(corners[:, 2] <= 0.0):
         return False
     pixels = project(corners, camera)

@@ -9,9 +9,16 @@ from core.errors import InvalidArgument, InvalidTarget, TargetNotFound
 from core.targets.charuco import detect_charuco
 from core.targets.charuco_layout import charuco_layout
 from core.targets.chessboard import detect_chessboard
+from core.targets.circles import detect_circles
 from core.targets.specification import GridPoints, TargetSpec
 
-DETECTABLE_KINDS = ("chessboard", "charuco")
+_DETECTORS = {
+    "chessboard": detect_chessboard,
+    "charuco": detect_charuco,
+    "circles": detect_circles,
+    "asymmetric_circles": detect_circles,
+}
+DETECTABLE_KINDS = tuple(_DETECTORS)
 """The kinds of target that `detect` can find today."""
 
 _LEAST_PITCH_PX = 4.0
@@ -26,8 +33,8 @@ def check_detectable(target: TargetSpec) -> None:
         )
     if min(target.columns, target.rows) < 3:
         raise InvalidTarget(
-            f"A {target.kind} of {target.columns} x {target.rows} inner corners cannot be told from clutter.",
-            "Use one with at least 3 inner corners each way.",
+            f"A target of {target.columns} x {target.rows} grid points cannot be told from clutter.",
+            "Use one with at least 3 grid points each way.",
         )
     if target.kind == "charuco":
         charuco_layout(target)
@@ -41,13 +48,14 @@ def detect(image: UInt8[np.ndarray, "h w"] | UInt16[np.ndarray, "h w"], target: 
     image
         Grey values.
     target
-        What to look for: all of it must be in view, of a ChArUco board at least half of its corners.
+        What to look for: all of it must be in view, of a ChArUco board at least half of its corners; of dots three
+        quarters must be free.
 
     Returns
     -------
     GridPoints
         The points found, row-major, with the origin by the convention of `core.targets.orientation`, or as a
-        ChArUco board's markers tell.
+        ChArUco board's markers tell, or a larger dot at the origin of a board of dots.
 
     Raises
     ------
@@ -69,4 +77,4 @@ def detect(image: UInt8[np.ndarray, "h w"] | UInt16[np.ndarray, "h w"], target: 
             f"An image of {image.shape[1]} x {image.shape[0]} pixels is too small for a grid of "
             f"{target.columns} x {target.rows}."
         )
-    return detect_charuco(image, target) if target.kind == "charuco" else detect_chessboard(image, target)
+    return _DETECTORS[target.kind](image, target)

@@ -174,7 +174,7 @@ def test_refusals() -> None:
     with pytest.raises(InvalidArgument):
         small_scene(blur_px=0.0)
     with pytest.raises(InvalidTarget):
-        render(small_scene(target=TargetSpec("circles", 5, 4, 10.0)))
+        render(small_scene(target=TargetSpec("aprilgrid", 5, 4, 10.0)))
 
 
 def test_standard_scene_has_clutter_and_the_whole_board() -> None:

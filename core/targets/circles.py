@@ -1,0 +1,202 @@
+"""Finding boards of dots, `circles` and `asymmetric_circles`, and the pictures of their dots' centres.
+
+Dots are found (`dots`), linked to lattices (`dot_lattice`), and the lattice that has the target's places is taken. Each
+dot is then fitted at full resolution, and its centre's picture told from that (`dot_refinement`).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float, Int, Shaped, UInt8, UInt16
+
+from core.errors import Advisory, TargetMismatch, TargetNotFound
+from core.targets.dot_lattice import DotLattice, dot_lattices
+from core.targets.dot_refinement import LEAST_DOTS, ODD, FittedDots, corrected_centres, fit_dots, plane_map
+from core.targets.dots import Dots, find_dots
+from core.targets.pyramid import Level, levels
+from core.targets.specification import GridPoints, TargetSpec
+
+_ENOUGH_SEEN = 0.75
+_ENOUGH_OF_LINE = 0.5
+_LARGEST_VARIANCE = 6.0  # of the residuals, times the median
+_LEAST_CONTRAST = 0.25  # of the median
+_ROUNDING = 1.0 / 12.0
+
+_AMBIGUOUS = Advisory(
+    code="orientation_ambiguous",
+    detail="This board looks the same when turned; its x axis was taken to point to the right in the image.",
+    advice="Use a board with a larger dot at its origin, asymmetric circles with an odd number of rows, or markers.",
+)
+
+
+@dataclass(frozen=True, slots=True)
+class _Match:
+    """Dots of the level, and the column and row each stands for."""
+
+    dots: Int[np.ndarray, " n"]
+    column: Int[np.ndarray, " n"]
+    row: Int[np.ndarray, " n"]
+    ideal: Float[np.ndarray, "n 2"]
+    """In the target plane, pitches."""
+
+
+def detect_circles(
+    image: UInt8[np.ndarray, "h w"] | UInt16[np.ndarray, "h w"], target: TargetSpec
+) -> GridPoints:
+    """Find the dots' centres of a board of circles; see `core.targets.detect.detect`."""
+    image = np.require(image, requirements=["C", "W", "A"])
+    seen: list[tuple[int, int]] = []
+    best: GridPoints | None = None
+    failure: TargetNotFound | None = None
+    for level in levels(image):
+        for dots in find_dots(level):
+            for lattice in dot_lattices(dots):
+                extent = lattice.places.max(axis=0) - lattice.places.min(axis=0) + 1
+                if len(lattice.dots) >= _ENOUGH_SEEN * extent[0] * extent[1]:
+                    seen.append((int(extent.max()), int(extent.min())))
+                matches = _matches(lattice, target)
+                if not matches:
+                    continue
+                try:
+                    found = _grid_points(image, level, dots, matches, target)
+                except TargetNotFound as reason:
+                    failure = reason
+                    continue
+                best = found if best is None or len(found) > len(best) else best
+        if best is not None and len(best) == target.size:
+            break
+    if best is not None:
+        return best
+    raise failure or _not_found(seen, target)
+
+
+def _not_found(seen: list[tuple[int, int]], target: TargetSpec) -> TargetNotFound | TargetMismatch:
+    """Return what to say of a picture without the board: what was seen in its place."""
+    asked = f"{target.columns} x {target.rows}"
+    if not seen or target.kind != "circles":
+        return TargetNotFound(f"No grid of {asked} dots was found.")
+    long, short = max(seen, key=lambda size: size[0] * size[1])
+    if long > max(target.columns, target.rows) or short > min(target.columns, target.rows):
+        return TargetMismatch(f"A grid of {long} x {short} dots is in view, {asked} was asked for.")
+    return TargetNotFound(f"Only {long} x {short} dots of a grid are wholly in view, {asked} were asked for.")
+
+
+def _sites(target: TargetSpec) -> Int[np.ndarray, "n 2"]:
+    """Return the dots' places (p, q) in a square lattice, row-major."""
+    xy = np.rint(target.points_target()[:, :2] / target.pitch_mm).astype(np.intp)
+    if target.kind == "circles":
+        return xy
+    return np.stack([(xy[:, 0] + xy[:, 1]) // 2, (xy[:, 1] - xy[:, 0]) // 2], axis=1)
+
+
+def _matches(lattice: DotLattice, target: TargetSpec) -> list[_Match]:
+    """Return the ways (of four turns) in which the lattice's places are the target's, and no others."""
+    sites = _sites(target)
+    sites -= sites.min(axis=0)
+    size = sites.max(axis=0) + 1
+    table = np.full(tuple(size), -1, dtype=np.intp)
+    table[sites[:, 0], sites[:, 1]] = np.arange(len(sites))
+    found = []
+    places = lattice.places
+    for _ in range(4):
+        moved = places - places.min(axis=0)
+        if np.array_equal(moved.max(axis=0) + 1, size):
+            index = table[moved[:, 0], moved[:, 1]]
+            if np.all(index >= 0) and _is_whole(index, target):
+                column, row = index % target.columns, index // target.columns
+                ideal = target.points_target(column, row)[:, :2] / target.pitch_mm
+                found.append(_Match(lattice.dots, column, row, ideal))
+        places = np.stack([-places[:, 1], places[:, 0]], axis=1)
+    return found
+
+
+def _is_whole(index: Int[np.ndarray, " n"], target: TargetSpec) -> bool:
+    """Tell whether enough dots were found, on the outermost lines as well."""
+    known = np.zeros((target.rows, target.columns), dtype=np.bool_)
+    known.ravel()[index] = True
+    outer = (known[0], known[-1], known[:, 0], known[:, -1])
+    return bool(known.mean() >= _ENOUGH_SEEN and all(line.mean() >= _ENOUGH_OF_LINE for line in outer))
+
+
+def _grid_points(
+    image: Shaped[np.ndarray, "h w"], level: Level, dots: Dots, matches: list[_Match], target: TargetSpec
+) -> GridPoints:
+    fitted = fit_dots(image, level, dots, matches[0].dots, matches[0].ideal)
+    if fitted.trusted.sum() < max(LEAST_DOTS, _ENOUGH_SEEN * target.size):
+        raise _too_poor(target, int(fitted.trusted.sum()))
+    match, warnings = _oriented(matches, fitted)
+    centres, trusted = corrected_centres(match.ideal, fitted)
+    variance, contrast = fitted.variance, fitted.contrast
+    noise = np.maximum(variance, _ROUNDING)
+    uncertainty = np.sqrt(noise * 0.5 * np.trace(fitted.covariance, axis1=1, axis2=2))
+    usual = float(np.median(variance[trusted])) if trusted.any() else 0.0
+    usual_contrast = float(np.median(contrast[trusted])) if trusted.any() else 0.0
+    trusted &= (variance <= _LARGEST_VARIANCE * max(usual, 1.0)) & (
+        contrast >= _LEAST_CONTRAST * usual_contrast
+    )
+    count = int(trusted.sum())
+    if count < _ENOUGH_SEEN * target.size:
+        raise _too_poor(target, count)
+    order = np.flatnonzero(trusted)
+    order = order[np.lexsort((match.column[order], match.row[order]))]
+    if count < target.size:
+        warnings = (*warnings, _left_out(target.size - count, target.size))
+    return GridPoints(
+        target=target,
+        image_width_px=image.shape[1],
+        image_height_px=image.shape[0],
+        column=match.column[order],
+        row=match.row[order],
+        points_px=np.ascontiguousarray(centres[order]),
+        standard_uncertainty_px=uncertainty[order],
+        warnings=warnings,
+    )
+
+
+def _too_poor(target: TargetSpec, count: int) -> TargetNotFound:
+    return TargetNotFound(
+        f"A grid of {target.columns} x {target.rows} dots is in view, but {target.size - count} of its dots are "
+        "too poor to measure.",
+        "Light the board evenly, focus, and keep it free of reflections; dots of 10 px and more serve best.",
+    )
+
+
+def _left_out(count: int, size: int) -> Advisory:
+    return Advisory(
+        code="corners_left_out",
+        detail=f"{count} of {size} dots were left out: the picture does not show them as dots.",
+        advice="Look at the overlay: reflections, dirt or something in front of the grid are the usual causes.",
+    )
+
+
+def _oriented(matches: list[_Match], fitted: FittedDots) -> tuple[_Match, tuple[Advisory, ...]]:
+    """Return the right one of several orders: by a larger dot at the origin, or by the x axis's direction."""
+    if len(matches) == 1:
+        return matches[0], ()
+    marked = _marked(matches, fitted)
+    if marked is not None:
+        return marked, ()
+
+    def rightward(match: _Match) -> float:
+        A = np.column_stack([match.ideal, np.ones(len(match.ideal))])
+        u, v = np.linalg.lstsq(A, fitted.shapes[:, :2], rcond=None)[0][0]
+        return float(u / np.hypot(u, v))
+
+    return max(matches, key=rightward), (_AMBIGUOUS,)
+
+
+def _marked(matches: list[_Match], fitted: FittedDots) -> _Match | None:
+    """Return the order in which a dot larger than all others is the origin."""
+    trusted = fitted.trusted
+    J, _ = plane_map(matches[0].ideal, fitted.shapes[:, :2], trusted.astype(np.float64))
+    ratio = np.where(trusted, fitted.radius_px / np.sqrt(np.abs(np.linalg.det(J))), 0.0)
+    ratio /= np.median(ratio[trusted])
+    largest = int(np.argmax(ratio))
+    if ratio[largest] < 1.0 + ODD or np.delete(ratio, largest).max() > 1.0 + 0.5 * (ratio[largest] - 1.0):
+        return None
+    for match in matches:
+        if match.column[largest] == 0 and match.row[largest] == 0:
+            return match
+    return None

@@ -1,0 +1,188 @@
+"""Boards of dots: their centres against rendered truth, which dot is the origin, and what is not such a board."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import cv2
+import numpy as np
+import pytest
+
+from core.camera import Camera
+from core.errors import TargetMismatch, TargetNotFound
+from core.simulation import Light, Scene, render, standard_scene, standard_target
+from core.simulation.scenes import random_pose
+from core.targets import TargetSpec, detect
+from core.targets.dot_kernel import dot_equations
+from core.targets.dots import patch_moments
+
+CAMERA = Camera(1500.0, 1500.0, 795.0, 603.0, k1=-0.2)
+SIZE = (1600, 1200)
+SYMMETRIC = TargetSpec("circles", 9, 7, 25.0)
+ASYMMETRIC = TargetSpec("asymmetric_circles", 4, 11, 20.0)
+
+
+def scene_of(target: TargetSpec, tilt_deg: float, seed: int, *, roll: float = 0.6) -> Scene:
+    T = random_pose(target, CAMERA, SIZE, math.radians(tilt_deg), roll, np.random.default_rng(seed))
+    light = Light(gradient=(0.15, -0.1), vignetting=0.2)
+    return Scene(target, CAMERA, T, *SIZE, light=light, clutter=0.7, seed=seed, background_seed=seed)
+
+
+def errors(scene: Scene, found: object) -> np.ndarray:
+    truth = scene.points_px.reshape(scene.target.rows, scene.target.columns, 2)
+    return np.asarray(found.points_px - truth[found.row, found.column])  # type: ignore[attr-defined]
+
+
+@pytest.mark.parametrize("target", [SYMMETRIC, ASYMMETRIC], ids=["circles", "asymmetric"])
+@pytest.mark.parametrize("tilt_deg", [0.0, 25.0, 45.0])
+def test_centres_are_those_of_the_dots_not_of_their_pictures(target: TargetSpec, tilt_deg: float) -> None:
+    """Without noise, under perspective and a lens with k1 -.2. Left alone, the pictures' own centres are off by up to
+    half a pixel."""
+    scene = scene_of(target, tilt_deg, seed=1)
+    found = detect(render(scene), target)
+    assert len(found) >= target.size - 1
+    error = errors(scene, found)
+    assert np.abs(error).max() < 0.005
+    assert np.abs(error.mean(axis=0)).max() < 0.001
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_errors_are_as_stated(seed: int) -> None:
+    scene = replace(scene_of(SYMMETRIC, 15.0 * seed + 10.0, seed), noise_levels=4.0)
+    found = detect(render(scene), SYMMETRIC)
+    assert len(found) == SYMMETRIC.size
+    z = errors(scene, found) / found.standard_uncertainty_px[:, None]
+    # of 126 coordinates the rms scatters by 1 / sqrt(252) = .063
+    assert np.sqrt(np.mean(z**2)) == pytest.approx(1.0, abs=0.2)
+    assert np.median(found.standard_uncertainty_px) < 0.02
+
+
+def test_bright_dots_on_a_dark_sheet() -> None:
+    scene = replace(
+        scene_of(SYMMETRIC, 20.0, seed=4), light=Light(black_level=200.0, white_level=40.0), noise_levels=2.0
+    )
+    found = detect(render(scene), SYMMETRIC)
+    assert len(found) == SYMMETRIC.size
+    assert np.abs(errors(scene, found)).max() < 0.05
+
+
+@pytest.mark.parametrize("turns", range(4))
+def test_a_larger_dot_is_the_origin(turns: int) -> None:
+    """Whichever way the camera is turned, and on a board with as many columns as rows."""
+    target = TargetSpec("circles", 7, 7, 25.0)
+    scene = replace(scene_of(target, 15.0, seed=2, roll=0.2), origin_dot=1.5, noise_levels=2.0)
+    found = detect(np.ascontiguousarray(np.rot90(render(scene), turns)), target)
+    assert not found.warnings
+    unturned = _unturn(found.points_px, turns)
+    truth = scene.points_px.reshape(7, 7, 2)[found.row, found.column]
+    off = np.abs(unturned - truth)
+    assert off.max() < 0.05
+
+
+def _unturn(points: np.ndarray, turns: int) -> np.ndarray:
+    """Pixels of a picture that numpy turned by quarter turns, as pixels of the one before."""
+    width, height = SIZE
+    u, v = points.T
+    return {
+        0: np.stack([u, v], axis=1),
+        1: np.stack([width - 1.0 - v, u], axis=1),
+        2: np.stack([width - 1.0 - u, height - 1.0 - v], axis=1),
+        3: np.stack([v, height - 1.0 - u], axis=1),
+    }[turns]
+
+
+def test_boards_that_look_the_same_when_turned_are_said_to() -> None:
+    for target, ambiguous in ((SYMMETRIC, True), (ASYMMETRIC, False), (replace(ASYMMETRIC, rows=10), True)):
+        picture = render(scene_of(target, 20.0, seed=3, roll=0.2))
+        found = detect(picture, target)
+        assert [w.code for w in found.warnings] == (["orientation_ambiguous"] if ambiguous else [])
+
+
+def test_an_asymmetric_board_upside_down_keeps_its_origin() -> None:
+    scene = scene_of(ASYMMETRIC, 20.0, seed=5, roll=0.2)
+    found = detect(np.ascontiguousarray(np.rot90(render(scene), 2)), ASYMMETRIC)
+    truth = scene.points_px.reshape(11, 4, 2)[found.row, found.column]
+    assert np.abs(_unturn(found.points_px, 2) - truth).max() < 0.01
+
+
+def test_covered_dots_are_left_out_and_the_others_stay() -> None:
+    scene = replace(scene_of(SYMMETRIC, 20.0, seed=6), noise_levels=2.0)
+    picture = render(scene)
+    middle = scene.points_px.reshape(7, 9, 2)[3, 4]
+    u, v = (round(float(c)) for c in middle)
+    cv2.line(picture, (u - 120, v - 100), (u + 120, v + 100), 90, 25)  # a cable
+    found = detect(picture, SYMMETRIC)
+    assert 0.75 * SYMMETRIC.size <= len(found) < SYMMETRIC.size
+    assert "corners_left_out" in [w.code for w in found.warnings]
+    error = np.abs(errors(scene, found)).max(axis=1)
+    assert np.quantile(error, 0.9) < 0.03
+    assert np.all(error < 8.0 * found.standard_uncertainty_px)
+
+
+def test_another_grid_is_named() -> None:
+    picture = render(replace(scene_of(SYMMETRIC, 10.0, seed=7), clutter=0.0))
+    with pytest.raises(TargetMismatch, match="9 x 7 dots is in view, 8 x 5 was asked for"):
+        detect(picture, TargetSpec("circles", 8, 5, 25.0))
+    with pytest.raises(TargetNotFound, match="9 x 7"):
+        detect(picture, TargetSpec("circles", 12, 9, 25.0))
+
+
+def test_what_is_no_board_of_dots_is_none() -> None:
+    chessboard = render(standard_scene(standard_target(9, 6), seed=1))
+    noise = np.random.default_rng(0).integers(0, 256, (600, 800), dtype=np.uint8)
+    for picture in (chessboard, noise, np.full((600, 800), 128, np.uint8)):
+        with pytest.raises((TargetNotFound, TargetMismatch)):  # what lies about may be a grid of its own
+            detect(picture, SYMMETRIC)
+
+
+def test_equations_are_those_of_the_model() -> None:
+    """The kernel beside the model in numpy, with derivatives from differences."""
+    rng = np.random.default_rng(3)
+    image = rng.uniform(20.0, 200.0, (60, 70))
+    shape = np.array([34.3, 28.8, 0.008, 0.002, 0.012, 1.3])
+    light = np.array([180.0, 5.0, -3.0, -140.0, 4.0, 2.0])
+    reach = 5.5
+
+    def model(
+        shape: np.ndarray, light: np.ndarray, u: np.ndarray, v: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        x, y = u - shape[0], v - shape[1]
+        mx, my = shape[2] * x + shape[3] * y, shape[3] * x + shape[4] * y
+        F, steep = np.sqrt(x * mx + y * my), np.hypot(mx, my)
+        a = (1.0 - F) * F / steep
+        unit = (shape[2] * shape[4] - shape[3] ** 2) ** 0.25
+        P = np.vectorize(lambda z: 0.5 * math.erfc(-z / math.sqrt(2.0)))(a / shape[5])
+        xn, yn = x * unit, y * unit
+        return light[0] + light[1] * xn + light[2] * yn + (light[3] + light[4] * xn + light[5] * yn) * P, a
+
+    v, u = (a.ravel().astype(float) for a in np.mgrid[0:60, 0:70])
+    values, distance = model(shape, light, u, v)
+    used = np.abs(distance) <= reach
+    N, g, squares, count = dot_equations(image, shape, light, reach, 1)
+    residual = image.ravel()[used] - values[used]
+    assert count == used.sum()
+    assert squares == pytest.approx(np.sum(residual**2))
+    assert N[6, 6] == pytest.approx(count)
+    assert g[6] == pytest.approx(residual.sum())
+    edge = np.abs(distance[used]) < 0.7  # derivatives are those at the edge
+    J = []
+    for k in range(6):
+        step = np.zeros(6)
+        step[k] = 1e-6 * max(1.0, abs(shape[k])) if k in (0, 1, 5) else 1e-8
+        up, down = (model(shape + sign * step, light, u[used], v[used])[0] for sign in (1.0, -1.0))
+        J.append((up - down) / (2.0 * step[k]))
+    numeric = np.array([np.sum(j**2) for j in J])
+    assert edge.any()
+    np.testing.assert_allclose(np.diag(N)[:6], numeric, rtol=0.12)
+
+
+def test_moments_are_those_of_the_pixels() -> None:
+    labels = np.zeros((12, 14), np.int32)
+    labels[2:7, 3:11] = 1
+    labels[8:11, 1:4] = 2
+    boxes, centres = np.array([[3, 2, 8, 5], [1, 8, 3, 3]], np.int32), np.array([[6.5, 4.0], [2.0, 9.0]])
+    sums = patch_moments(labels, boxes, np.array([1, 2], np.int32), centres)
+    # of a rectangle w x h: w² / 12 and h² / 12 for each of its w h pixels
+    np.testing.assert_allclose(sums[0], np.diag([64.0 / 12.0, 25.0 / 12.0]) * 40.0, atol=1e-9)
+    np.testing.assert_allclose(sums[1], np.diag([9.0 / 12.0, 9.0 / 12.0]) * 9.0, atol=1e-9)
