@@ -166,28 +166,33 @@ def _variant_a(points: GridPoints, principal_point: tuple[float, float] | None) 
 
 def _focal_lengths(a: Float[np.ndarray, "3"], b: Float[np.ndarray, "3"], single: bool) -> tuple[float, float]:
     """Solve the two orthonormality equations for (fx, fy), or in least squares for one f."""
+    # Numbers one by one: arrays of two would cost ten times as much.
+    (a1, a2, a3), (b1, b2, b3) = a.tolist(), b.tolist()
     # Depth-scale the rows so that the two equations weigh alike whatever the units.
-    unit = math.sqrt(float(a[0] ** 2 + a[1] ** 2 + b[0] ** 2 + b[1] ** 2)) or 1.0
-    a, b = a / unit, b / unit
-    A = np.array([[a[0] * b[0], a[1] * b[1]], [0.5 * (a[0] ** 2 - b[0] ** 2), 0.5 * (a[1] ** 2 - b[1] ** 2)]])
-    c = -np.array([a[2] * b[2], 0.5 * (a[2] ** 2 - b[2] ** 2)])
+    weight = 1.0 / (a1**2 + a2**2 + b1**2 + b2**2 or 1.0)
+    p1, q1, c1 = weight * a1 * b1, weight * a2 * b2, -weight * a3 * b3
+    p2, q2, c2 = (
+        0.5 * weight * (a1**2 - b1**2),
+        0.5 * weight * (a2**2 - b2**2),
+        -0.5 * weight * (a3**2 - b3**2),
+    )
     if single:
-        s = A.sum(axis=1)
-        norm = float(s @ s)
-        inverse_squares = np.full(2, float(s @ c) / norm if norm > 0 else math.nan)
+        s1, s2 = p1 + q1, p2 + q2
+        norm = s1**2 + s2**2
+        X = Y = (s1 * c1 + s2 * c2) / norm if norm > 0 else math.nan
     else:
-        if abs(np.linalg.det(A)) < 1e-14:
+        determinant = p1 * q2 - q1 * p2
+        if abs(determinant) < 1e-14:
             raise DegenerateGeometry(
                 "The tilt is about an image axis: fx and fy cannot both be told from this view."
             )
-        inverse_squares = np.linalg.solve(A, c)
-    if not np.all(np.isfinite(inverse_squares)) or np.any(inverse_squares < LARGEST_FOCAL_PX**-2):
+        X, Y = (c1 * q2 - q1 * c2) / determinant, (p1 * c2 - c1 * p2) / determinant
+    if not LARGEST_FOCAL_PX**-2 <= min(X, Y) <= max(X, Y) < math.inf:
         raise DegenerateGeometry(
             "The squared focal length comes out negative or infinite: "
             "the view is near fronto-parallel or the principal point wrong."
         )
-    fx, fy = 1.0 / np.sqrt(inverse_squares)
-    return float(fx), float(fy)
+    return 1.0 / math.sqrt(X), 1.0 / math.sqrt(Y)
 
 
 def _pose(

@@ -25,6 +25,7 @@ from core.calibration.uncertainty import camera_pose, correlation_inflation, rem
 from core.camera import CAMERA_PARAMETERS, Camera
 from core.errors import Advisory, DegenerateGeometry, FocalNotObservable, NotConverged
 from core.least_squares import Fit
+from core.targets.quantiles import median
 from core.targets.specification import GridPoints
 from core.transforms import hat, transform
 
@@ -104,7 +105,7 @@ def conclude(
     # A point that the detector itself calls ten times as uncertain as the rest had a hundredth of their weight: it is
     # reported as what it was, left out, and does not stand in the statistics as if it had been believed.
     uncertainty = points.standard_uncertainty_px
-    used = result.used & (uncertainty <= UNTRUSTED * np.median(uncertainty))
+    used = result.used & (uncertainty <= UNTRUSTED * median(uncertainty))
     # From the centroid to the target's origin: t = t_c - R c, so d = d_c + [R c]× w.
     origin = -view.rotation @ centroid
     to_origin = np.eye(15)

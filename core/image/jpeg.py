@@ -8,14 +8,16 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import numpy as np
+from jaxtyping import UInt8
 
+from core.compiled import compiled
 from core.errors import UndecodableImage, UnsupportedImage
 from core.image.layout import ImageHeader, check_dimensions, unpack
 
 _SOI, _EOI, _SOS, _TEM, _APP14 = 0xD8, 0xD9, 0xDA, 0x01, 0xEE
 _FRAMES_TAKEN = {0xC0, 0xC1, 0xC2}  # baseline, extended sequential, progressive; all Huffman coded
 _FRAMES = set(range(0xC0, 0xD0)) - {0xC4, 0xC8, 0xCC}  # DHT, JPG and DAC are no frames
-_WINDOW_BYTES = 1 << 16
+_BLOCK_BYTES = 1 << 12
 _MAX_SCANS = 200
 """A progressive picture has about ten; thousands over a large frame attack the decoder's time."""
 
@@ -88,13 +90,26 @@ def _segments(data: memoryview) -> Iterator[tuple[int, int]]:
 
 def _end_of_scan(data: memoryview, offset: int) -> int:
     """Return where the first marker after `offset` begins that is neither a stuffed byte nor a restart (B.1.1.5)."""
-    scan = np.frombuffer(data, dtype=np.uint8)
-    while offset < len(scan) - 1:
-        window = scan[offset : offset + _WINDOW_BYTES]
-        prefixes = np.flatnonzero(window[:-1] == 0xFF)
-        codes = window[prefixes + 1]
-        ends = prefixes[(codes != 0) & (codes != 0xFF) & ((codes < 0xD0) | (codes > 0xD7))]
-        if ends.size:
-            return offset + int(ends[0])
-        offset += len(window) - 1  # a prefix may be the last byte
-    raise UndecodableImage("The JPEG file ends inside its picture.")
+    end = next_marker(np.frombuffer(data, dtype=np.uint8), offset)
+    if end < 0:
+        raise UndecodableImage("The JPEG file ends inside its picture.")
+    return end
+
+
+@compiled
+def next_marker(scan: UInt8[np.ndarray, " n"], offset: int) -> int:
+    """Return where 0xFF is followed by anything but 0, 0xFF and a restart's 0xD0 to 0xD7, from `offset` on; else -1."""
+    last = scan.shape[0] - 1
+    for begin in range(offset, last, _BLOCK_BYTES):
+        end = min(begin + _BLOCK_BYTES, last)
+        prefixes, codes = scan[begin:end], scan[begin + 1 : end + 1]
+        is_marker = False  # a loop without a way out is compiled to vector instructions
+        for i in range(end - begin):
+            is_marker |= (prefixes[i] == 0xFF) & (codes[i] != 0)
+        if not is_marker:
+            continue
+        for i in range(end - begin):
+            code = codes[i]
+            if prefixes[i] == 0xFF and code != 0 and code != 0xFF and not 0xD0 <= code <= 0xD7:
+                return begin + i
+    return -1

@@ -141,8 +141,9 @@ def _the_one(boards: tuple[Board, ...], target: TargetSpec) -> Lattice | None:
     fitting = [board for board in fitting if board.lattice.known.mean() >= _ENOUGH_SEEN]
     if not fitting:
         return None
-    largest = max(_extent_px(board) for board in fitting)
-    fitting = [board for board in fitting if _extent_px(board) > _LEAST_EXTENT * largest]
+    if len(fitting) > 1:
+        largest = max(_extent_px(board) for board in fitting)
+        fitting = [board for board in fitting if _extent_px(board) > _LEAST_EXTENT * largest]
     if len(fitting) > 1:
         raise TargetMismatch(
             f"{len(fitting)} grids of {target.columns} x {target.rows} are in view, one was asked for.",

@@ -436,6 +436,38 @@ def move_corners(
 
 
 @compiled
+def follow_edges(
+    states: Float[np.ndarray, "n state"],
+    steps: Float[np.ndarray, "n step"],
+    along_x: Float[np.ndarray, "n 2"],
+    along_y: Float[np.ndarray, "n 2"],
+    bend_x: Float[np.ndarray, "n 2"],
+    bend_y: Float[np.ndarray, "n 2"],
+) -> None:
+    """Move the corners by what their edges' bends differ from those that the last step had; see `place_edges`.
+
+    An edge bent by κ stands ½ κ s² aside, over its reach r to both sides on average κ r² / 6. Its arms, on average at
+    ± r / 2, are as uneven as the turn from the directions used, too, and no more.
+    """
+    shifts = np.empty(2)
+    for k in range(states.shape[0]):
+        s = states[k]
+        for edge in range(2):
+            along, bend = (along_y[k], bend_y[k]) if edge == 0 else (along_x[k], bend_x[k])
+            at = N1_U if edge == 0 else N2_U
+            length = max(math.hypot(along[0], along[1]), 1e-9)
+            reach = s[at + 3]
+            bend_now = (s[at] * bend[0] + s[at + 1] * bend[1]) / length**2
+            turn = (s[at] * along[0] + s[at + 1] * along[1]) / length * reach
+            shifts[edge] = (s[at + 2] - bend_now) * reach**2 / 6.0
+            s[at + 2] = bend_now
+            steps[k, UNEVEN] += turn if edge == 1 else -turn
+        skew = s[N1_U] * s[N2_V] - s[N1_V] * s[N2_U]
+        s[Q_U] += (s[N2_V] * shifts[0] - s[N1_V] * shifts[1]) / skew
+        s[Q_V] += (s[N1_U] * shifts[1] - s[N2_U] * shifts[0]) / skew
+
+
+@compiled
 def _room(states: Float[np.ndarray, "n state"], chosen: Int[np.ndarray, " k"]) -> int:
     """Return how many pixels the bands of one corner can have."""
     most = 1.0

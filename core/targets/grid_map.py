@@ -16,7 +16,7 @@ from jaxtyping import Bool, Float, Int
 from core.compiled import compiled
 from core.errors import InvalidArgument
 
-_POWERS = [(degree - j, j) for degree in range(6) for j in range(degree + 1)]
+_POWERS = np.array([(degree - j, j) for degree in range(6) for j in range(degree + 1)])
 _POINTS_PER_TERM = 2
 _TELLING = 5.0
 """A degree is used if its terms explain more than mere noise would by so many standard deviations of that."""
@@ -73,39 +73,125 @@ def grid_basis(
     count = int(np.count_nonzero(used))
     if count < 4:
         raise InvalidArgument("A grid needs at least four points.", "Pass more of its points.")
-    index_size = max(float(ideal.std()), 1e-9)
-    middle, size = points_px[used].mean(axis=0), max(float(points_px[used].std()), 1e-9)
-    x = np.column_stack([(ideal - ideal.mean(axis=0)) / index_size, np.ones(len(ideal))])
-    picture = _projected(_homography(x, (points_px - middle) / size, weights), x)
-    lines = min(len(np.unique(ideal[used, k])) for k in range(2))
+    indices, _, _, index_size = _normalised(ideal, np.ones(len(ideal), dtype=np.bool_))
+    points, *middle, size = _normalised(points_px, used)
+    H = _homography(indices, points, weights)
+    lines = min(_distinct(ideal, axis, used) for axis in range(2))
     terms = min(count // _POINTS_PER_TERM, len(_POWERS))
     degree = max((d for d in range(6) if (d + 1) * (d + 2) // 2 <= terms and d < 2 * lines), default=0)
-    polynomials = _monomials(picture, _POWERS[: (degree + 1) * (degree + 2) // 2])
-    Q, R = np.linalg.qr(polynomials[0])
-    return GridBasis(middle, size, index_size, picture, polynomials, Q, R, degree)
+    picture, polynomials = _derived(H, indices, _POWERS[: (degree + 1) * (degree + 2) // 2])
+    Q, R = _orthonormal(polynomials[0])
+    return GridBasis(np.array(middle), size, index_size, picture, polynomials, Q, R, degree)
+
+
+@compiled
+def _normalised(
+    points: Float[np.ndarray, "n 2"], used: Bool[np.ndarray, " n"]
+) -> tuple[Float[np.ndarray, "n 2"], float, float, float]:
+    """Return the points about the middle of those used, which there must be, in units of their spread; the middle and
+    the spread.
+    """
+    count, u, v, square = 0, 0.0, 0.0, 0.0
+    for k in range(len(points)):
+        if used[k]:
+            count, u, v = count + 1, u + points[k, 0], v + points[k, 1]
+    u, v = u / count, v / count
+    for k in range(len(points)):
+        if used[k]:
+            square += (points[k, 0] - u) ** 2 + (points[k, 1] - v) ** 2
+    size = max(math.sqrt(0.5 * square / count), 1e-9)
+    normalised = np.empty((len(points), 2))
+    for k in range(len(points)):
+        normalised[k, 0], normalised[k, 1] = (points[k, 0] - u) / size, (points[k, 1] - v) / size
+    return normalised, u, v, size
+
+
+@compiled
+def _distinct(values: Float[np.ndarray, "n 2"], axis: int, used: Bool[np.ndarray, " n"]) -> int:
+    """Return how many values there are in a column of those used; more than three count as three."""
+    seen = np.empty(3)
+    count = 0
+    for k in range(len(values)):
+        if used[k] and not np.any(seen[:count] == values[k, axis]):
+            seen[count] = values[k, axis]
+            count += 1
+            if count == 3:
+                break
+    return count
+
+
+@compiled
+def _orthonormal(
+    B: Float[np.ndarray, "n k"],
+) -> tuple[Float[np.ndarray, "n k"], Float[np.ndarray, "k k"]]:
+    """Return Q and upper R of B = Q R by Gram's and Schmidt's process, done twice, so that rounding leaves Q orthogonal
+    (L. Giraud et al., 2005); a column that the former ones make up is 0 in Q.
+    """
+    terms = B.shape[1]
+    Q, R = np.ascontiguousarray(B.T), np.zeros((terms, terms))
+    for k in range(terms):
+        whole = math.sqrt(_product(Q[k], Q[k]))
+        for _ in range(2):
+            for i in range(k):
+                part = _product(Q[i], Q[k])
+                R[i, k] += part
+                Q[k] -= part * Q[i]
+        length = math.sqrt(_product(Q[k], Q[k]))
+        if length > 1e-14 * whole:
+            R[k, k] = length
+            Q[k] /= length
+        else:
+            Q[k] = 0.0
+    return np.ascontiguousarray(Q.T), R
+
+
+@compiled(reassociates=True)
+def _product(a: Float[np.ndarray, " n"], b: Float[np.ndarray, " n"]) -> float:
+    """Return a · b."""
+    total = 0.0
+    for k in range(len(a)):
+        total += a[k] * b[k]
+    return total
 
 
 def grid_shape(
     basis: GridBasis, points_px: Float[np.ndarray, "n 2"], weights: Float[np.ndarray, " n"] | None = None
 ) -> GridShape:
     """Fit the map to the points, with no higher a polynomial than they call for, and return it at these points."""
-    bend = (points_px - basis.middle_px) / basis.size_px - basis.picture[0]
+    bend = points_px / basis.size_px - (basis.middle_px / basis.size_px + basis.picture[0])
     Q, R, free = basis.Q, basis.R, len(bend)
     if weights is not None:
         root = np.sqrt(weights)[:, None]
-        Q, R = np.linalg.qr(basis.polynomials[0] * root)
+        Q, R = _orthonormal(basis.polynomials[0] * root)
         bend = bend * root
         free = int(np.count_nonzero(weights))
     coefficients = _coefficients(Q, R, bend, free, basis.degree)
-    values = basis.picture + basis.polynomials[:, :, : len(coefficients)] @ coefficients
     once, twice = basis.size_px / basis.index_size, basis.size_px / basis.index_size**2
-    return GridShape(
-        points_px=values[0] * basis.size_px + basis.middle_px,
-        along_x=values[1] * once,
-        along_y=values[2] * once,
-        bend_x=values[3] * twice,
-        bend_y=values[4] * twice,
-    )
+    scales = np.array([basis.size_px, once, once, twice, twice])
+    return GridShape(*_evaluated(basis.picture, basis.polynomials, coefficients, scales, basis.middle_px))
+
+
+@compiled
+def _evaluated(
+    picture: Float[np.ndarray, "5 n 2"],
+    polynomials: Float[np.ndarray, "5 n k"],
+    coefficients: Float[np.ndarray, "t 2"],
+    scales: Float[np.ndarray, "5"],
+    middle_px: Float[np.ndarray, "2"],
+) -> Float[np.ndarray, "5 n 2"]:
+    """Return the map and its derivatives: the homography's picture and the first t polynomials, in px."""
+    values = np.empty_like(picture)
+    for d in range(5):
+        for n in range(picture.shape[1]):
+            u, v = picture[d, n, 0], picture[d, n, 1]
+            for t in range(len(coefficients)):
+                u += polynomials[d, n, t] * coefficients[t, 0]
+                v += polynomials[d, n, t] * coefficients[t, 1]
+            values[d, n, 0], values[d, n, 1] = u * scales[d], v * scales[d]
+            if d == 0:
+                values[d, n, 0] += middle_px[0]
+                values[d, n, 1] += middle_px[1]
+    return values
 
 
 @compiled
@@ -164,7 +250,7 @@ def grid_slopes(
     filled = np.where(known[:, None], values, 0.0)
     B, Q, R = basis.polynomials, basis.Q, basis.R
     if not known.all():
-        Q, R = np.linalg.qr(np.where(known[:, None], B[0], 0.0))
+        Q, R = _orthonormal(np.where(known[:, None], B[0], 0.0))
     free, highest = int(np.count_nonzero(known)), min(basis.degree, _LIGHT_DEGREE)
     slopes = np.empty((len(column), 2, 2))
     for k in range(2):
@@ -180,61 +266,73 @@ def grid_slopes(
 
 
 def _homography(
-    x: Float[np.ndarray, "n 3"], p: Float[np.ndarray, "n 2"], weights: Float[np.ndarray, " n"]
+    x: Float[np.ndarray, "n 2"], p: Float[np.ndarray, "n 2"], weights: Float[np.ndarray, " n"]
 ) -> Float[np.ndarray, "3 3"]:
     """Return H of p ~ H x by the direct linear transform, both normalised."""
-    w = np.sqrt(weights)[:, None]
-    zero = np.zeros_like(x)
-    A = np.concatenate(
-        [
-            np.concatenate([x, zero, -p[:, :1] * x], axis=1) * w,
-            np.concatenate([zero, x, -p[:, 1:] * x], axis=1) * w,
-        ]
-    )
-    values, vectors = np.linalg.eigh(A.T @ A)
+    values, vectors = np.linalg.eigh(_transform_products(x, p, weights))
     if not values[1] > 1e-9 * values[-1]:
         raise InvalidArgument("The grid's points lie on a line.", "Pass points of at least two lines.")
     H = vectors[:, 0].reshape(3, 3)
-    return H if np.sum(x @ H[2]) > 0.0 else -H
+    return H if H[2] @ (*x.sum(axis=0), len(x)) > 0.0 else -H
 
 
-def _projected(H: Float[np.ndarray, "3 3"], x: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "5 n 2"]:
-    """Return m = H x dehomogenised, its derivatives by x and y, and the second ones by x and by y."""
-    scale = (x @ H[2])[:, None]
-    scale = np.where(np.abs(scale) > 1e-9, scale, 1e-9)
-    m = x @ H[:2].T / scale
-    first = [(H[:2, k] - m * H[2, k]) / scale for k in range(2)]
-    second = [-2.0 * H[2, k] * first[k] / scale for k in range(2)]
-    return np.stack([m, *first, *second])
+@compiled
+def _transform_products(
+    x: Float[np.ndarray, "n 2"], p: Float[np.ndarray, "n 2"], weights: Float[np.ndarray, " n"]
+) -> Float[np.ndarray, "9 9"]:
+    """Return AᵀA (its lower triangle) of the direct linear transform's rows (x, 0, -u x) and (0, x, -v x), with
+    x = (x, y, 1)."""
+    A = np.zeros((9, 9))
+    one = np.ones(3)
+    for n in range(len(x)):
+        one[0], one[1] = x[n, 0], x[n, 1]
+        u, v, weight = p[n, 0], p[n, 1], weights[n]
+        for i in range(3):
+            for j in range(3):
+                product = weight * one[i] * one[j]
+                A[i, j] += product
+                A[6 + i, j] -= u * product
+                A[6 + i, 3 + j] -= v * product
+                A[6 + i, 6 + j] += (u * u + v * v) * product
+    A[3:6, 3:6] = A[:3, :3]
+    return A
 
 
-def _monomials(
-    picture: Float[np.ndarray, "5 n 2"], powers: list[tuple[int, int]]
-) -> Float[np.ndarray, "5 n k"]:
-    """Return the monomials of the homography's picture, and their derivatives by x, y, xx, yy."""
-    m, m_x, m_y, m_xx, m_yy = picture
-    i, j = np.array(powers).T
-    highest = int(i.max())
-    tables = []
-    for values in m.T:
-        power = np.vander(values, highest + 1, increasing=True)
-        k = np.arange(highest + 1)
-        once, twice = np.zeros_like(power), np.zeros_like(power)
-        once[:, 1:] = power[:, :-1] * k[1:]
-        twice[:, 2:] = power[:, :-2] * (k * (k - 1))[2:]
-        tables.append((power, once, twice))
-    u, v = ([table[:, p] for table in tables[axis]] for axis, p in ((0, i), (1, j)))
-    B_u, B_v, B_uu, B_uv, B_vv = u[1] * v[0], u[0] * v[1], u[2] * v[0], u[1] * v[1], u[0] * v[2]
-    first = [B_u * d[:, :1] + B_v * d[:, 1:] for d in (m_x, m_y)]
-    second = [
-        B_u * dd[:, :1]
-        + B_v * dd[:, 1:]
-        + B_uu * d[:, :1] ** 2
-        + 2.0 * B_uv * d[:, :1] * d[:, 1:]
-        + B_vv * d[:, 1:] ** 2
-        for d, dd in ((m_x, m_xx), (m_y, m_yy))
-    ]
-    return np.stack([u[0] * v[0], *first, *second])
+@compiled
+def _derived(
+    H: Float[np.ndarray, "3 3"], x: Float[np.ndarray, "n 2"], powers: Int[np.ndarray, "k 2"]
+) -> tuple[Float[np.ndarray, "5 n 2"], Float[np.ndarray, "5 n k"]]:
+    """Return m = H x dehomogenised and the monomials m_uⁱ m_vʲ, both with their derivatives by x, y, xx, yy."""
+    count, terms = len(x), len(powers)
+    picture, polynomials = np.empty((5, count, 2)), np.empty((5, count, terms))
+    u_powers, v_powers = np.zeros(8), np.zeros(8)  # that of degree d at d + 2: two derivatives begin with 0
+    u_powers[2] = v_powers[2] = 1.0
+    for n in range(count):
+        scale = H[2, 0] * x[n, 0] + H[2, 1] * x[n, 1] + H[2, 2]
+        scale = scale if abs(scale) > 1e-9 else 1e-9
+        for c in range(2):
+            m = (H[c, 0] * x[n, 0] + H[c, 1] * x[n, 1] + H[c, 2]) / scale
+            picture[0, n, c] = m
+            for k in range(2):
+                picture[1 + k, n, c] = (H[c, k] - m * H[2, k]) / scale
+                picture[3 + k, n, c] = -2.0 * H[2, k] * picture[1 + k, n, c] / scale
+        for d in range(3, 8):
+            u_powers[d] = u_powers[d - 1] * picture[0, n, 0]
+            v_powers[d] = v_powers[d - 1] * picture[0, n, 1]
+        for t in range(terms):
+            i, j = powers[t]
+            u, v = u_powers[i + 2], v_powers[j + 2]
+            u_1, v_1 = i * u_powers[i + 1], j * v_powers[j + 1]
+            u_2, v_2 = i * (i - 1) * u_powers[i], j * (j - 1) * v_powers[j]
+            polynomials[0, n, t] = u * v
+            for k in range(2):
+                m_u, m_v = picture[1 + k, n]
+                polynomials[1 + k, n, t] = u_1 * v * m_u + u * v_1 * m_v
+                bent = u_2 * v * m_u * m_u + 2.0 * u_1 * v_1 * m_u * m_v + u * v_2 * m_v * m_v
+                polynomials[3 + k, n, t] = (
+                    bent + u_1 * v * picture[3 + k, n, 0] + u * v_1 * picture[3 + k, n, 1]
+                )
+    return picture, polynomials
 
 
 @compiled

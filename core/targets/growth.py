@@ -16,6 +16,7 @@ from jaxtyping import Bool, Float, Int, Shaped
 
 from core.compiled import compiled
 from core.targets.lattice import Lattice, kinks, lonely
+from core.targets.quantiles import median
 
 _REACH = 0.36  # of a step
 _LARGEST_REACH_PX = 8.0  # beyond it uneven light does more harm than pixels do good
@@ -110,7 +111,7 @@ def _prune(
 
 def _median(gap: Float[np.ndarray, "rows columns"]) -> float:
     known = gap[np.isfinite(gap)]
-    return float(np.median(known)) if len(known) else 0.0
+    return median(known) if len(known) else 0.0
 
 
 def _bounded(lattice: Lattice) -> Lattice:

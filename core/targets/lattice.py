@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Bool, Float
+
+from core.compiled import compiled
 
 _LARGEST_KINK = 0.35  # of the longer of two successive steps
 
@@ -57,21 +60,33 @@ def spacing(grid: Float[np.ndarray, "rows columns 2"]) -> Float[np.ndarray, "row
     return np.minimum(np.minimum(wide[:, 1:], wide[:, :-1]), np.minimum(high[1:], high[:-1]))
 
 
+@compiled
 def kinks(grid: Float[np.ndarray, "rows columns 2"]) -> Bool[np.ndarray, "rows columns"]:
     """Tell at which points a line bends more than any lens makes it."""
-    bad = np.zeros(grid.shape[:2], dtype=bool)
-    with np.errstate(invalid="ignore"):  # where points are missing nothing is known against their neighbours
-        for lines, marks in ((grid, bad), (np.swapaxes(grid, 0, 1), bad.T)):
-            steps = np.diff(lines, axis=0)
-            length = np.hypot(steps[..., 0], steps[..., 1])
-            turn = np.diff(steps, axis=0)
-            bend = np.hypot(turn[..., 0], turn[..., 1])
-            marks[1:-1] |= bend > _LARGEST_KINK * np.maximum(length[1:], length[:-1])
+    rows, columns, _ = grid.shape
+    bad = np.zeros((rows, columns), dtype=np.bool_)
+    for j in range(rows):
+        for i in range(columns):
+            for dj, di in ((1, 0), (0, 1)):
+                if j < dj or i < di or j + dj >= rows or i + di >= columns:
+                    continue
+                before_u, before_v = grid[j, i] - grid[j - dj, i - di]
+                after_u, after_v = grid[j + dj, i + di] - grid[j, i]
+                longer = max(math.hypot(before_u, before_v), math.hypot(after_u, after_v))
+                # where points are missing nothing is known against their neighbours: NaN is not larger
+                if math.hypot(after_u - before_u, after_v - before_v) > _LARGEST_KINK * longer:
+                    bad[j, i] = True
     return bad
 
 
+@compiled
 def lonely(known: Bool[np.ndarray, "rows columns"]) -> Bool[np.ndarray, "rows columns"]:
     """Tell which known points have fewer than two neighbours known."""
-    around = np.pad(known.astype(np.int8), 1)
-    neighbours = around[:-2, 1:-1] + around[2:, 1:-1] + around[1:-1, :-2] + around[1:-1, 2:]
-    return np.asarray(known & (neighbours < 2))
+    rows, columns = known.shape
+    alone = np.zeros((rows, columns), dtype=np.bool_)
+    for j in range(rows):
+        for i in range(columns):
+            beside = (j > 0 and known[j - 1, i]) + (j + 1 < rows and known[j + 1, i])
+            beside += (i > 0 and known[j, i - 1]) + (i + 1 < columns and known[j, i + 1])
+            alone[j, i] = known[j, i] and beside < 2
+    return alone

@@ -47,10 +47,7 @@ def link(saddles: Saddles) -> Patches:
     height, width = saddles.smooth.shape
     cell = max(4.0, math.sqrt(_PER_CELL * height * width / max(count, 1)))
     across, down = int(width / cell) + 1, int(height / cell) + 1
-    cells = (saddles.points / np.float32(cell)).astype(np.int64)
-    cell_of = cells[:, 1] * across + cells[:, 0]
-    order = np.argsort(cell_of, kind="stable")
-    starts = np.searchsorted(cell_of[order], np.arange(across * down + 1))
+    cells, order, starts = into_cells(saddles.points, np.float32(cell), across, down)
     links = neighbours(
         saddles.points,
         saddles.rays,
@@ -63,15 +60,30 @@ def link(saddles: Saddles) -> Patches:
         down,
         cell,
     )
-    degree = np.sum(links >= 0, axis=1)
-    seeds = np.argsort(-degree, kind="stable")
-    patch, place, patches = spread(links, seeds[degree[seeds] > 0])
-    sizes = np.bincount(patch[patch >= 0], minlength=patches)
-    rank = np.argsort(-sizes, kind="stable")
-    new_number = np.empty(patches, dtype=np.int64)
-    new_number[rank] = np.arange(patches)
-    patch = np.where(patch >= 0, new_number[np.maximum(patch, 0)] if patches else -1, -1)
-    return Patches(links, patch, place, sizes[rank])
+    return Patches(links, *spread(links))
+
+
+@compiled
+def into_cells(
+    points: np.ndarray, cell: np.float32, across: int, down: int
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return each point's cell (n, 2) column and row, the points in the order of their cells (row by row), and where in
+    that order each cell begins; the last entry is its end.
+    """
+    count = points.shape[0]
+    cells = np.empty((count, 2), dtype=np.int64)
+    starts = np.zeros(across * down + 1, dtype=np.int64)
+    for p in range(count):
+        cells[p, 0], cells[p, 1] = int(points[p, 0] / cell), int(points[p, 1] / cell)
+        starts[cells[p, 1] * across + cells[p, 0] + 1] += 1
+    for k in range(across * down):
+        starts[k + 1] += starts[k]
+    order, ends = np.empty(count, dtype=np.int64), starts[:-1].copy()
+    for p in range(count):
+        k = cells[p, 1] * across + cells[p, 0]
+        order[ends[k]] = p
+        ends[k] += 1
+    return cells, order, starts
 
 
 @compiled
@@ -192,41 +204,49 @@ def neighbours(
 
 
 @compiled
-def spread(links: np.ndarray, seeds: np.ndarray) -> tuple[np.ndarray, np.ndarray, int]:
-    """Return patch (n,), place (n, 2) and the number of patches, following the links from each seed not yet reached.
+def spread(links: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return patch (n,), place (n, 2) and the patches' sizes, largest first, by following the links from the corners
+    with most of them on.
 
     A corner that is reached on a second way at another place keeps the first one: the one nearer to the seed.
     """
     count = links.shape[0]
     patch = np.full(count, -1, dtype=np.int64)
     place = np.zeros((count, 2), dtype=np.int64)
+    sizes = np.zeros(count, dtype=np.int64)
     turned = np.zeros(count, dtype=np.int64)  # direction (0 +x, 1 +y, 2 -x, 3 -y) of a corner's ray 0
     queue = np.empty(count, dtype=np.int64)
     patches = 0
-    for seed in seeds:
-        if patch[seed] >= 0:
-            continue
-        patch[seed] = patches
-        place[seed] = 0
-        turned[seed] = 0
-        queue[0] = seed
-        first, last = 0, 1
-        while first < last:
-            p = queue[first]
-            first += 1
-            for k in range(4):
-                q = links[p, k]
-                if q < 0 or patch[q] >= 0:
-                    continue
-                back = 0
-                while back < 3 and links[q, back] != p:
-                    back += 1
-                direction = (k + turned[p]) % 4
-                patch[q] = patches
-                turned[q] = (direction + 2 - back) % 4
-                place[q, 0] = place[p, 0] + (1 if direction == 0 else -1 if direction == 2 else 0)
-                place[q, 1] = place[p, 1] + (1 if direction == 1 else -1 if direction == 3 else 0)
-                queue[last] = q
-                last += 1
-        patches += 1
-    return patch, place, patches
+    for degree in range(4, 0, -1):
+        for seed in range(count):
+            if patch[seed] >= 0 or np.sum(links[seed] >= 0) != degree:
+                continue
+            patch[seed] = patches
+            queue[0] = seed
+            first, last = 0, 1
+            while first < last:
+                p = queue[first]
+                first += 1
+                for k in range(4):
+                    q = links[p, k]
+                    if q < 0 or patch[q] >= 0:
+                        continue
+                    back = 0
+                    while back < 3 and links[q, back] != p:
+                        back += 1
+                    direction = (k + turned[p]) % 4
+                    patch[q] = patches
+                    turned[q] = (direction + 2 - back) % 4
+                    place[q, 0] = place[p, 0] + (1 if direction == 0 else -1 if direction == 2 else 0)
+                    place[q, 1] = place[p, 1] + (1 if direction == 1 else -1 if direction == 3 else 0)
+                    queue[last] = q
+                    last += 1
+            sizes[patches] = last
+            patches += 1
+    by_size = np.argsort(-sizes[:patches], kind="mergesort")  # of equal ones the first stays first
+    number = np.empty(patches, dtype=np.int64)
+    number[by_size] = np.arange(patches)
+    for p in range(count):
+        if patch[p] >= 0:
+            patch[p] = number[patch[p]]
+    return patch, place, sizes[by_size]

@@ -37,11 +37,13 @@ def orient(lattice: Lattice) -> tuple[Lattice, tuple[Advisory, ...]]:
         turns.append(turns[-1].quarter_turn())
     orders = [turn for turn in turns if turn.gap.shape == lattice.gap.shape]
     black = [order for order in orders if not order.origin_is_bright]
-    best = max(black or orders, key=_rightward)
-    return best, () if len(black or orders) == 1 else (_AMBIGUOUS,)
+    if len(black) == 1:
+        return black[0], ()
+    return max(black or orders, key=_rightward), (_AMBIGUOUS,)
 
 
 def _rightward(lattice: Lattice) -> float:
     """Return the cosine of the angle between the x axis and +u: of the mean step over the whole board."""
-    u, v = np.nanmean(np.diff(lattice.grid, axis=1), axis=(0, 1))
+    steps = np.diff(lattice.grid, axis=1)
+    u, v = steps[np.isfinite(steps[..., 0])].mean(axis=0)
     return float(u / np.hypot(u, v))

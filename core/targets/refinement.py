@@ -16,6 +16,7 @@ from jaxtyping import Bool, Float, Int, UInt8, UInt16
 
 from core.targets import corner_kernel as kernel
 from core.targets.grid_map import GridBasis, GridShape, grid_basis, grid_shape, grid_slopes
+from core.targets.quantiles import median
 
 _COARSE_SIGMAS_PX = (2.5, 1.5, 1.2)
 """Of the templates of the first steps: wide ones pull from further away."""
@@ -24,7 +25,7 @@ _MIDDLE_REACH_PX = 12.0
 _SIGMA_RANGE = (0.3, 8.0)
 _SETTLED_PX = 0.15
 _NEAR_START_PX = 0.4
-_SETTLED_BLUR = 0.1  # of its logarithm
+_SETTLED_BLUR, _NEARLY_SETTLED_BLUR = 0.1, 0.25  # of its logarithm; the next step leaves about the square
 _MOST_MIDDLE_STEPS, _MOST_FINAL_STEPS = 4, 3
 _CONVERGED_PX = 0.06
 _LEAST_REACH = 1.7  # in σ, as are the spacings
@@ -97,7 +98,7 @@ def refine_corners(
     basis = grid_basis(ideal, start, good.astype(np.float64))
     shape, _ = _fit(basis, states, good)
     states[:, [kernel.SIGMA_1, kernel.SIGMA_2]] = _COARSE_SIGMAS_PX[-1]
-    _step(image, states, shape, _COARSE_REACH_PX, largest_reach, good, steps, stride=3)
+    _step(image, states, shape, _MIDDLE_REACH_PX, largest_reach, good, steps, stride=2)
     far = good & ~(_length(steps) < _NEAR_START_PX)
     if far.any():
         states[far, kernel.Q_U], states[far, kernel.Q_V] = start[far].T
@@ -118,16 +119,17 @@ def refine_corners(
             unsettled = far & ~(_length(steps) < _SETTLED_PX)
         shape, _ = _fit(basis, states, good)
     for _ in range(_MOST_MIDDLE_STEPS):
-        _step(image, states, shape, _MIDDLE_REACH_PX, largest_reach, good, steps, stride=2)
-        if _blur_is_settled(steps):
+        if not far.any() and _blur_is_settled(steps, _NEARLY_SETTLED_BLUR):
             break
+        far[:] = False
+        _step(image, states, shape, _MIDDLE_REACH_PX, largest_reach, good, steps, stride=2)
     shape, steady = _fit(basis, states, good)
     _set_light(basis, column, row, shape, states, steps, steady)
     unsettled = good
     for _ in range(_MOST_FINAL_STEPS):
         _step(image, states, shape, np.inf, largest_reach, unsettled, steps, stride=1)
         unsettled = good & (_length(steps) > _CONVERGED_PX)
-        if not _blur_is_settled(steps):
+        if not _blur_is_settled(steps, _SETTLED_BLUR):
             unsettled = good
         if not unsettled.any():
             break
@@ -137,25 +139,16 @@ def refine_corners(
     return _conclude(states, steps, points_px, good & (beside < _OWN_PLACE), at_border)
 
 
-def _median(values: Float[np.ndarray, " n"]) -> float:
-    """Return the median of finite values; numpy's own takes ten times as long over few."""
-    middle = len(values) // 2
-    if len(values) % 2:
-        return float(np.partition(values, middle)[middle])
-    low, high = np.partition(values, (middle - 1, middle))[middle - 1 : middle + 1]
-    return 0.5 * float(low + high)
-
-
 def _length(steps: Float[np.ndarray, "n step"]) -> Float[np.ndarray, " n"]:
     """Return how far the corners moved, px; NaN where they did not."""
     return np.hypot(steps[:, kernel.STEP_U], steps[:, kernel.STEP_V])
 
 
-def _blur_is_settled(steps: Float[np.ndarray, "n step"]) -> bool:
-    """Tell whether a step left the board's blur as it was."""
+def _blur_is_settled(steps: Float[np.ndarray, "n step"], limit: float) -> bool:
+    """Tell whether a step changed the board's blur by less than so much of its logarithm."""
     wider = np.abs(steps[:, [kernel.WIDER_1, kernel.WIDER_2]])
     known = wider[np.isfinite(wider)]
-    return known.size == 0 or _median(known) < _SETTLED_BLUR
+    return known.size == 0 or median(known) < limit
 
 
 def _fit(
@@ -172,13 +165,20 @@ def _fit(
     if np.count_nonzero(used) < 4:
         used = good
     shape = grid_shape(basis, points, None if used.all() else used.astype(np.float64))
-    rest = np.linalg.norm(points - shape.points_px, axis=1)
-    typical = max(_median(rest[used]), 1e-3)
-    if np.max(rest[used]) > _ASTRAY * typical:
-        shape = grid_shape(basis, points, used / (1.0 + (rest / (2.0 * typical)) ** 2) ** 2)
-        rest = np.linalg.norm(points - shape.points_px, axis=1)
-        typical = max(_median(rest[used]), 1e-3)
-    return shape, used & (rest < _ASTRAY * typical)
+    rest, limit = _rest(points, shape, used)
+    if np.max(rest[used]) > limit:
+        shape = grid_shape(basis, points, used / (1.0 + (rest / (2.0 / _ASTRAY * limit)) ** 2) ** 2)
+        rest, limit = _rest(points, shape, used)
+    return shape, used & (rest < limit)
+
+
+def _rest(
+    points: Float[np.ndarray, "n 2"], shape: GridShape, used: Bool[np.ndarray, " n"]
+) -> tuple[Float[np.ndarray, " n"], float]:
+    """Return how far points are from where the map has them, px, and how far is too far."""
+    off = points - shape.points_px
+    rest = np.hypot(off[:, 0], off[:, 1])
+    return rest, _ASTRAY * max(median(rest[used]), 1e-3)
 
 
 def _follow_map(
@@ -190,28 +190,11 @@ def _follow_map(
     """Move the corners by what their edges' bends, by the map through the refined corners, differ from those used.
 
     Return how far they are from their places by the map, in spacings.
-
-    An edge bent by κ stands ½ κ s² aside, over its reach r to both sides on average κ r² / 6. Its arms, on average at
-    ± r / 2, are as uneven as the turn from the directions used, too, and no more.
     """
     shape, _ = _fit(basis, states, good)
-    shifts, turns = [], []
-    for along, bend, (n_u, n_v, k), reach in (
-        (shape.along_y, shape.bend_y, (kernel.N1_U, kernel.N1_V, kernel.BEND_1), kernel.REACH_1),
-        (shape.along_x, shape.bend_x, (kernel.N2_U, kernel.N2_V, kernel.BEND_2), kernel.REACH_2),
-    ):
-        normal, length = states[:, [n_u, n_v]], np.maximum(np.linalg.norm(along, axis=1), 1e-9)
-        bend_now = np.sum(normal * bend, axis=1) / length**2
-        shifts.append((states[:, k] - bend_now) * states[:, reach] ** 2 / 6.0)
-        turns.append(np.sum(normal * along, axis=1) / length * states[:, reach])
-        states[:, k] = bend_now
-    n1u, n1v, n2u, n2v = (states[:, k] for k in (kernel.N1_U, kernel.N1_V, kernel.N2_U, kernel.N2_V))
-    skew = n1u * n2v - n1v * n2u
-    states[:, kernel.Q_U] += (n2v * shifts[0] - n1v * shifts[1]) / skew
-    states[:, kernel.Q_V] += (n1u * shifts[1] - n2u * shifts[0]) / skew
-    steps[:, kernel.UNEVEN] -= turns[0] - turns[1]
+    kernel.follow_edges(states, steps, shape.along_x, shape.along_y, shape.bend_x, shape.bend_y)
     spacing = np.minimum(states[:, kernel.SPACING_1], states[:, kernel.SPACING_2])
-    beside = np.linalg.norm(states[:, [kernel.Q_U, kernel.Q_V]] - shape.points_px, axis=1)
+    beside = np.hypot(*(states[:, [kernel.Q_U, kernel.Q_V]] - shape.points_px).T)
     return beside / np.maximum(spacing, 1e-9)
 
 
@@ -258,7 +241,7 @@ def _set_light(
     contrast = steps[:, kernel.CONTRAST]
     known = steady & (contrast > 0.0)
     if known.any():
-        known &= contrast > _LEAST_CONTRAST * _median(contrast[known])
+        known &= contrast > _LEAST_CONTRAST * median(contrast[known])
     slopes = grid_slopes(basis, column, row, steps[:, [kernel.LEVEL, kernel.CONTRAST]], known)
     states[:, kernel.PER_CONTRAST] = np.where(
         known, 1.0 / np.where(known, steps[:, kernel.CONTRAST], 1.0), 0.0
@@ -282,24 +265,24 @@ def _conclude(
 ) -> Refined:
     """Judge the corners, and state their uncertainty."""
     points = states[:, [kernel.Q_U, kernel.Q_V]]
-    sigma = np.sqrt(np.mean(states[:, [kernel.SIGMA_1, kernel.SIGMA_2]] ** 2, axis=1))
+    sigma = np.hypot(states[:, kernel.SIGMA_1], states[:, kernel.SIGMA_2]) / np.sqrt(2.0)
     contrast = steps[:, kernel.CONTRAST]
     freedom = np.maximum(steps[:, kernel.SAMPLES] - 7.0, 1.0)
     variance = np.maximum(steps[:, kernel.SQUARES] / freedom, _ROUNDING**2)
     spacing = np.minimum(states[:, kernel.SPACING_1], states[:, kernel.SPACING_2])
-    moved = np.linalg.norm(points - start, axis=1)
+    moved = np.hypot(*(points - start).T)
     reach = np.minimum(states[:, kernel.REACH_1], states[:, kernel.REACH_2])
-    last = np.linalg.norm(steps[:, [kernel.STEP_U, kernel.STEP_V]], axis=1)
+    last = _length(steps)
     with np.errstate(invalid="ignore"):
         trusted = good & np.isfinite(last) & (contrast > 0.0) & (last < 0.3 * sigma)
         trusted &= (moved < np.maximum(2.5, 0.25 * spacing)) & (moved < _OWN_PLACE * spacing)
         trusted &= reach > _LEAST_REACH * sigma
         trusted &= spacing > np.where(at_border, _LEAST_SPACING_AT_BORDER, _LEAST_SPACING) * sigma
     if trusted.any():
-        trusted &= contrast > _LEAST_CONTRAST * _median(contrast[trusted])
-        noise = _median(variance[trusted])
+        trusted &= contrast > _LEAST_CONTRAST * median(contrast[trusted])
+        noise = median(variance[trusted])
         relative = variance / contrast**2
-        typical = _median(relative[trusted])
+        typical = median(relative[trusted])
         # in a reflex or a shadow noise and contrast change together
         excess = np.minimum(variance / noise, relative / typical)
         trusted &= (excess < _LARGEST_VARIANCE) | (relative < _SMALL_RESIDUAL**2)
@@ -309,12 +292,15 @@ def _conclude(
     told = trusted & np.isfinite(uneven)
     factor = 1.0
     if np.count_nonzero(told) >= 8:
-        typical = max(1.0, _median(uneven[told]) / 0.455)
+        typical = max(1.0, median(uneven[told]) / 0.455)
         trusted &= ~(uneven > 25.0 * typical)
         told &= trusted
         factor = float(np.mean(uneven[told]))
         if factor < 1.0 + 3.0 * np.sqrt(2.0 / np.count_nonzero(told)):
             factor = 1.0
+    if trusted.any():  # an edge tells its place by 1/σ, and the last step corrected σ once more
+        wider = steps[:, [kernel.WIDER_1, kernel.WIDER_2]][trusted]
+        factor *= np.exp(median(wider.ravel()))
     trace = 0.5 * (steps[:, kernel.COV_UU] + steps[:, kernel.COV_VV])
     uncertainty = np.sqrt(trace * variance * factor)
     trusted &= np.isfinite(uncertainty)

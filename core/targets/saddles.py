@@ -18,6 +18,7 @@ from jaxtyping import Float32, Shaped
 
 from core.compiled import compiled
 from core.targets.pyramid import Level
+from core.targets.quantiles import quantiles
 
 _BINOMIAL = np.array([1.0, 2.0, 1.0], dtype=np.float32)
 _SCALE = 16.0  # times the grey values: smoothing is kept in whole numbers, unrounded
@@ -96,16 +97,23 @@ def mixed_derivative_noise(smooth: Shaped[np.ndarray, "h w"]) -> float:
     if min(height, width) < 3:
         return _LEAST_NOISE
     step = max(1, math.isqrt(height * width // _NOISE_SAMPLES))
-    part = smooth.astype(np.float32) if step == 1 else smooth
-    lower, upper = part[2::step], part[:-2:step]
-    mixed = (
-        lower[:, 2::step].astype(np.float32)
-        - lower[:, :-2:step]
-        - upper[:, 2::step].astype(np.float32)
-        + upper[:, :-2:step]
-    )
-    calm, strong = np.quantile(np.abs(mixed), (_NOISE_QUANTILE, _STRONG_QUANTILE))
-    return max(min(float(calm) / _NOISE_DEVIATES, _MOST_OF_STRONG * float(strong)), _LEAST_NOISE)
+    calm, strong = quantiles(mixed_derivatives(smooth, step), (_NOISE_QUANTILE, _STRONG_QUANTILE))
+    return max(min(calm / _NOISE_DEVIATES, _MOST_OF_STRONG * strong), _LEAST_NOISE)
+
+
+@compiled
+def mixed_derivatives(smooth: np.ndarray, step: int) -> np.ndarray:
+    """Return 4 |f_xy| at every `step`-th pixel of every `step`-th row, float32, row by row."""
+    height, width = smooth.shape
+    found = np.empty(((height - 3) // step + 1) * ((width - 3) // step + 1), dtype=np.float32)
+    count = 0
+    for v in range(1, height - 1, step):
+        upper, lower = smooth[v - 1], smooth[v + 1]
+        for u in range(1, width - 1, step):
+            falling = np.float32(lower[u + 1]) - np.float32(lower[u - 1])
+            found[count] = abs(falling - np.float32(upper[u + 1]) + np.float32(upper[u - 1]))
+            count += 1
+    return found
 
 
 @compiled
@@ -228,8 +236,8 @@ def rings(
             continue
         kept = np.float32(0.0)
         for radius in _RINGS_PX:
-            look_around(smooth, x, y, np.float32(radius), level, circle, ring)
-            apart = alternates(ring, np.float32(least_sector), angles)
+            changes = look_around(smooth, x, y, np.float32(radius), level, circle, ring)
+            apart = alternates(ring, np.float32(least_sector), angles) if changes == 4 else np.float32(0.0)
             if kept > 0.0 and (apart == 0.0 or turned(angles, best) > _LARGEST_TURN):
                 break
             if apart > 0.0:
@@ -263,35 +271,42 @@ def look_around(
     level: np.float32,
     circle: np.ndarray,
     ring: np.ndarray,
-) -> None:
-    """Write the grey values on a circle, less `level`, to `ring`; all of it must be in the picture."""
+) -> int:
+    """Write the grey values on a circle, less `level`, to `ring`; all of it must be in the picture.
+
+    Returns how often they change between dark and bright.
+    """
+    flat, to_below = smooth.reshape(-1), np.uint32(smooth.shape[1])
+    changes, was_bright = 0, False
     for i in range(circle.shape[0]):
         a, b = x + radius * circle[i, 0], y + radius * circle[i, 1]
-        i0, j0 = int(a), int(b)
+        i0, j0 = np.uint32(a), np.uint32(b)
         fa, fb = a - np.float32(i0), b - np.float32(j0)
-        above_left, above_right = np.float32(smooth[j0, i0]), np.float32(smooth[j0, i0 + 1])
-        below_left, below_right = np.float32(smooth[j0 + 1, i0]), np.float32(smooth[j0 + 1, i0 + 1])
-        above = above_left + fa * (above_right - above_left)
-        below = below_left + fa * (below_right - below_left)
-        ring[i] = above + fb * (below - above) - level
+        here = np.uint32(j0 * to_below + i0)  # unsigned: no index counts from the end
+        below = np.uint32(here + to_below)
+        above_left, above_right = np.float32(flat[here]), np.float32(flat[here + np.uint32(1)])
+        below_left, below_right = np.float32(flat[below]), np.float32(flat[below + np.uint32(1)])
+        upper = above_left + fa * (above_right - above_left)
+        lower = below_left + fa * (below_right - below_left)
+        value = upper + fb * (lower - upper) - level
+        is_bright = value >= 0.0
+        changes += is_bright != was_bright
+        was_bright = is_bright
+        ring[i] = value
+    begins_bright = ring[0] >= 0.0  # which was compared with dark instead of with the last
+    return changes - begins_bright + (begins_bright != was_bright)
 
 
 @compiled
 def alternates(ring: np.ndarray, least_sector: np.float32, angles: np.ndarray) -> np.float32:
-    """Return how far bright and dark are apart on a ring around a corner of four squares, 0 where it shows no corner.
+    """Return how far bright and dark are apart on a ring of four changes, 0 where it shows no corner of four squares.
 
     Writes where the grey values change, by growing angle, to `angles` (4,); bright follows on the first.
     """
     samples = ring.shape[0]
-    changes, first = 0, 0
-    for i in range(samples):
-        is_bright, was_bright = ring[i] >= 0.0, ring[i - 1 if i > 0 else samples - 1] >= 0.0
-        if is_bright != was_bright:
-            changes += 1
-            if is_bright:
-                first = i
-    if changes != 4:
-        return np.float32(0.0)
+    first = samples - 1
+    while ring[first] < 0.0 or ring[first - 1 if first > 0 else samples - 1] >= 0.0:
+        first -= 1
     step_angle = np.float32(2.0 * np.pi / samples)
     weakest, total = np.float32(np.inf), np.float32(0.0)
     strongest, peak = np.float32(0.0), np.float32(0.0)

@@ -9,11 +9,13 @@ at their other end.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float, Shaped
+from jaxtyping import Bool, Float, Shaped
 
+from core.compiled import compiled
 from core.targets.lattice import Lattice
 
 _LEAST_OF_LINE = 0.3  # of a line's corners; a line with fewer is none of the lattice
@@ -22,7 +24,7 @@ _LEAST_CORNERS = 2
 ENOUGH_VISIBLE = 0.5
 _ENOUGH_SQUARES = 0.65
 _MOST_BEYOND = 0.12  # of the places beyond: chance makes corners of clutter, a board makes all of them
-_DEPTHS = np.arange(0.4, 0.95, 0.1)  # of a step, where the outermost squares are looked at
+_DEPTHS = (0.4, 0.5, 0.6, 0.7, 0.8, 0.9)  # of a step, where the outermost squares are looked at
 _BESIDE = 0.3  # of a step, to both sides of the edge between two of them
 _LEAST_STEP = 0.25  # of the contrast at the board's corners
 _MARGIN_PX = 2.0
@@ -101,96 +103,151 @@ class Board:
 
 def bounded(image: Shaped[np.ndarray, "h w"], lattice: Lattice) -> Board | None:
     """Return the board that a lattice shows, or None where it is too small for any."""
-    box = _box(lattice.known)
-    top, bottom, left, right = box
+    known = lattice.known
+    top, bottom, left, right = box(known)
     if bottom - top < 3 or right - left < 3:
         return None
-    part = lattice.cut(*box)
-    known = lattice.known
-    grid, gap = part.grid, part.gap
-    across, gap_across = np.swapaxes(grid, 0, 1), gap.T
-    rows, columns = gap.shape
-    bright = part.origin_is_bright
-    none_above = np.zeros(columns, dtype=bool)
-    none_beside = np.zeros(rows, dtype=bool)
-    beyond = (
-        known[top - 1, left:right] if top > 0 else none_above,
-        known[bottom, left:right] if bottom < known.shape[0] else none_above,
-        known[top:bottom, left - 1] if left > 0 else none_beside,
-        known[top:bottom, right] if right < known.shape[1] else none_beside,
-    )
-    # the outermost square after a line's first corner: (0, -1) above, (0, rows - 1) below, (-1, 0) to the left,
-    # (columns - 1, 0) to the right; of the origin's colour where that sum is even
-    return Board(
-        part,
-        (
-            _side(image, grid[:3], gap[0], not bright, beyond[0]),
-            _side(image, grid[::-1][:3], gap[-1], bright == (rows % 2 == 1), beyond[1]),
-            _side(image, across[:3], gap_across[0], not bright, beyond[2]),
-            _side(image, across[::-1][:3], gap_across[-1], bright == (columns % 2 == 1), beyond[3]),
-        ),
-    )
+    part = lattice.cut(top, bottom, left, right)
+    grid, gap = np.ascontiguousarray(part.grid), np.ascontiguousarray(part.gap)
+    around = known_around(known, top, bottom, left, right)
+    shares = look_at_sides(image, grid, gap, part.origin_is_bright, around)
+    above, below, before, after = (Side(*four) for four in shares.tolist())
+    return Board(part, (above, below, before, after))
 
 
-def _box(known: Shaped[np.ndarray, "rows columns"]) -> tuple[int, int, int, int]:
+@compiled
+def box(known: Bool[np.ndarray, "rows columns"]) -> tuple[int, int, int, int]:
     """Return top, bottom, left, right (exclusive) of what is left without outermost lines of few corners."""
     top, bottom, left, right = 0, known.shape[0], 0, known.shape[1]
     while bottom > top and right > left:
-        part = known[top:bottom, left:right]
-        shares = (part[0].mean(), part[-1].mean(), part[:, 0].mean(), part[:, -1].mean())
-        counts = (part[0].sum(), part[-1].sum(), part[:, 0].sum(), part[:, -1].sum())
-        side = int(np.argmin(shares))
-        if shares[side] >= _LEAST_OF_LINE and counts[side] >= _LEAST_CORNERS:
+        worst, fewest, side = 2.0, 0, 0
+        for k in range(4):
+            if k < 2:
+                count, length = np.sum(known[top if k == 0 else bottom - 1, left:right]), right - left
+            else:
+                count, length = np.sum(known[top:bottom, left if k == 2 else right - 1]), bottom - top
+            if count / length < worst:
+                worst, fewest, side = count / length, count, k
+        if worst >= _LEAST_OF_LINE and fewest >= _LEAST_CORNERS:
             break
         top, bottom = top + (side == 0), bottom - (side == 1)
         left, right = left + (side == 2), right - (side == 3)
     return top, bottom, left, right
 
 
-def _side(
+@compiled
+def known_around(
+    known: Bool[np.ndarray, "rows columns"], top: int, bottom: int, left: int, right: int
+) -> Bool[np.ndarray, "4 longer"]:
+    """Return which corners are known on the lines next to a part of the lattice: above, below, left, right of it."""
+    around = np.zeros((4, max(bottom - top, right - left)), dtype=np.bool_)
+    for i in range(right - left):
+        around[0, i] = top > 0 and known[top - 1, left + i]
+        around[1, i] = bottom < known.shape[0] and known[bottom, left + i]
+    for j in range(bottom - top):
+        around[2, j] = left > 0 and known[top + j, left - 1]
+        around[3, j] = right < known.shape[1] and known[top + j, right]
+    return around
+
+
+@compiled
+def look_at_sides(
     image: Shaped[np.ndarray, "h w"],
-    lines: Float[np.ndarray, "three n 2"],
-    gap: Float[np.ndarray, " n"],
+    grid: Float[np.ndarray, "rows columns 2"],
+    gap: Float[np.ndarray, "rows columns"],
+    origin_is_bright: bool,
+    beyond: Bool[np.ndarray, "4 longer"],
+) -> Float[np.ndarray, "4 4"]:
+    """Return the four figures of `Side` for top, bottom, left and right.
+
+    `beyond` tells which corners of the next line on each side are known.
+    """
+    rows, columns = gap.shape
+    shares = np.zeros((4, 4))
+    for side in range(4):
+        count = columns if side < 2 else rows
+        # the outermost square after a line's first corner: (0, -1) above, (0, rows - 1) below, (-1, 0) to the left,
+        # (columns - 1, 0) to the right; of the origin's colour where that sum is even
+        is_bright = origin_is_bright
+        if side == 0 or side == 2 or (rows if side == 1 else columns) % 2 == 0:
+            is_bright = not origin_is_bright
+        outer, inner, third = np.empty((count, 2)), np.empty((count, 2)), np.empty((count, 2))
+        apart = np.empty(count)
+        for k in range(count):
+            for depth, line in enumerate((outer, inner, third)):
+                if side < 2:
+                    line[k] = grid[depth if side == 0 else rows - 1 - depth, k]
+                else:
+                    line[k] = grid[k, depth if side == 2 else columns - 1 - depth]
+            if side < 2:
+                apart[k] = gap[0 if side == 0 else rows - 1, k]
+            else:
+                apart[k] = gap[k, 0 if side == 2 else columns - 1]
+        look_at_side(image, outer, inner, third, apart, is_bright, beyond[side], shares[side])
+    return shares
+
+
+@compiled
+def look_at_side(
+    image: Shaped[np.ndarray, "h w"],
+    outer: Float[np.ndarray, "n 2"],
+    inner: Float[np.ndarray, "n 2"],
+    third: Float[np.ndarray, "n 2"],
+    apart: Float[np.ndarray, " n"],
     first_is_bright: bool,
-    beyond: Shaped[np.ndarray, " n"],
-) -> Side:
-    """Look at the side whose outermost three lines are given, the outermost first; `first_is_bright` tells of the
-    square outward of it and after its first corner."""
-    seen = float(np.isfinite(gap).mean())
-    outer, inner = lines[0], lines[1]
-    straight = 2.0 * outer - inner
-    bent = 3.0 * outer - 3.0 * inner + lines[2]  # a parabola through the three: perspective bends little
-    places = np.where(np.isfinite(bent), bent, straight)
-    good = np.isfinite(places[:, 0])
-    if int(good.sum()) < _LEAST_CORNERS:
-        return Side(seen, 0.0, 0.0, 0.0)
-    number = np.flatnonzero(good)
-    places, outer, levels_apart = places[good], outer[good], gap[good]
+    beyond: Bool[np.ndarray, " longer"],
+    shares: Float[np.ndarray, "4"],
+) -> None:
+    """Write the figures of `Side`, given its outermost three lines, and the gaps of the outermost.
+
+    `first_is_bright` tells of the square outward of the outermost line and after its first corner.
+    """
     height, width = image.shape
-    limit = np.array([width, height]) - 1.0 - _MARGIN_PX
-    visible = np.all((places >= _MARGIN_PX) & (places <= limit), axis=1)
-    ends = np.minimum(np.arange(len(number)) + 1, len(number) - 1), np.maximum(np.arange(len(number)) - 1, 0)
-    aside = _BESIDE * (outer[ends[0]] - outer[ends[1]]) / (number[ends[0]] - number[ends[1]])[:, None]
-    middle = outer + _DEPTHS[:, None, None] * (places - outer)
-    step = levels_at(image, middle + aside) - levels_at(image, middle - aside)
-    sign = np.where((number % 2 == 0) == first_is_bright, 1.0, -1.0)
-    differ = step * sign > _LEAST_STEP * levels_apart
-    depth = np.logical_and.accumulate(differ, axis=0).sum(axis=0)
-    right = visible & (np.abs(depth - np.sort(depth)[len(depth) // 2]) <= 1)
-    count = max(int(visible.sum()), 1)
-    hidden = len(gap) - len(number)
-    return Side(
-        seen,
-        float(visible.mean()),
-        float(right.sum()) / (count + hidden),
-        float((beyond[good] & visible).sum()) / count,
-    )
+    count = len(outer)
+    places, number = np.empty((count, 2)), np.empty(count, dtype=np.int64)
+    good = 0
+    for k in range(count):
+        for axis in range(2):
+            straight = 2.0 * outer[k, axis] - inner[k, axis]
+            # a parabola through the three: perspective bends little
+            bent = straight + outer[k, axis] - 2.0 * inner[k, axis] + third[k, axis]
+            places[good, axis] = bent if math.isfinite(bent) else straight
+        if math.isfinite(places[good, 0]):
+            number[good] = k
+            good += 1
+    shares[0] = np.sum(np.isfinite(apart)) / count
+    if good < _LEAST_CORNERS:
+        return
+    depths, visible = np.zeros(good, dtype=np.int64), np.zeros(good, dtype=np.bool_)
+    for n in range(good):
+        k, u, v = number[n], places[n, 0], places[n, 1]
+        visible[n] = min(u, v) >= _MARGIN_PX and u <= width - 1.0 - _MARGIN_PX
+        visible[n] = visible[n] and v <= height - 1.0 - _MARGIN_PX
+        before, after = number[max(n - 1, 0)], number[min(n + 1, good - 1)]
+        aside_u = _BESIDE * (outer[after, 0] - outer[before, 0]) / (after - before)
+        aside_v = _BESIDE * (outer[after, 1] - outer[before, 1]) / (after - before)
+        sign = 1.0 if (k % 2 == 0) == first_is_bright else -1.0
+        for depth in _DEPTHS:
+            middle_u, middle_v = (
+                outer[k, 0] + depth * (u - outer[k, 0]),
+                outer[k, 1] + depth * (v - outer[k, 1]),
+            )
+            step = level_at(image, middle_u + aside_u, middle_v + aside_v)
+            step -= level_at(image, middle_u - aside_u, middle_v - aside_v)
+            if not step * sign > _LEAST_STEP * apart[k]:
+                break
+            depths[n] += 1
+    usual = np.sort(depths)[good // 2]
+    seen = max(int(np.sum(visible)), 1)
+    shares[1] = np.sum(visible) / good
+    shares[2] = np.sum(visible & (np.abs(depths - usual) <= 1)) / (seen + count - good)
+    for n in range(good):
+        shares[3] += (visible[n] and beyond[number[n]]) / seen
 
 
-def levels_at(image: Shaped[np.ndarray, "h w"], places: Float[np.ndarray, "*n 2"]) -> Float[np.ndarray, "*n"]:
-    """Return the grey values at the pixels nearest to the places, those beyond the border as at it."""
+@compiled
+def level_at(image: Shaped[np.ndarray, "h w"], u: float, v: float) -> float:
+    """Return the grey value at the pixel nearest to a place, of one beyond the border that at it."""
     height, width = image.shape
-    nearest = np.rint(places).astype(np.intp)
-    u = np.minimum(np.maximum(nearest[..., 0], 0), width - 1)
-    v = np.minimum(np.maximum(nearest[..., 1], 0), height - 1)
-    return image[v, u].astype(np.float64)
+    nearest_u, nearest_v = round(min(max(u, 0.0), width - 1.0)), round(min(max(v, 0.0), height - 1.0))
+    return float(image[int(nearest_v), int(nearest_u)])

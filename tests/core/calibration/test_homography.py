@@ -5,7 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from core.calibration.homography import estimate_homography, map_points, normalising_transform
+from core.calibration.homography import (
+    estimate_homography,
+    map_points,
+    normalising_transform,
+    transform_products,
+)
 from core.errors import DegenerateGeometry
 
 PLANE = np.stack(np.meshgrid(np.arange(7.0), np.arange(5.0)), axis=-1).reshape(-1, 2) * 25.0
@@ -44,3 +49,13 @@ def test_what_is_no_plane_is_degenerate(plane: np.ndarray) -> None:
     px = map_points(TRUE, plane)
     with pytest.raises(DegenerateGeometry):
         estimate_homography(plane, px)
+
+
+def test_products_are_those_of_the_transforms_rows() -> None:
+    px = map_points(TRUE, PLANE) + np.random.default_rng(0).normal(0.0, 0.3, PLANE.shape)
+    N_plane, N_px = normalising_transform(PLANE), normalising_transform(px)
+    p = np.column_stack([PLANE, np.ones(len(PLANE))]) @ N_plane.T
+    u, v = (px * N_px[0, 0] + N_px[:2, 2]).T[..., None]
+    A = np.vstack([np.hstack([p, 0 * p, -u * p]), np.hstack([0 * p, p, -v * p])])
+    found = transform_products(PLANE, px, N_plane, N_px)
+    np.testing.assert_allclose(np.tril(found), np.tril(A.T @ A), atol=1e-9)

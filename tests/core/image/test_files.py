@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import struct
 
 import cv2
@@ -18,6 +19,7 @@ from core.errors import (
     UnsupportedImage,
 )
 from core.image import check_pixels, check_whole, decode, read_header
+from core.image.jpeg import next_marker
 from tests.core.image.encoders import GREY_PALETTE, bmp, png, tiff
 
 WIDTH, HEIGHT = 23, 17
@@ -334,3 +336,21 @@ def test_right_magic_then_random_bytes(magic: bytes, rest: bytes) -> None:
 def test_views_and_bytearrays_are_taken() -> None:
     for data in (bytearray(WHOLE["png grey"]), memoryview(WHOLE["png grey"])):
         np.testing.assert_array_equal(decode(data), GREY)
+
+
+@pytest.mark.parametrize("length", [2, 3, 300, 4096, 4097, 4098, 20_000])
+def test_the_next_marker_is_found_wherever_it_stands(length: int) -> None:
+    """The compiled search against a regular expression: stuffed bytes, restarts and fill bytes are no markers."""
+    rng = np.random.default_rng(length)
+    scan = rng.choice(np.array([0, 1, 0x7F, 0xFF, 0xD0, 0xD7], dtype=np.uint8), length)
+    after = scan[1:]
+    after[(scan[:-1] == 0xFF) & (after != 0xFF) & (after < 0xD0)] = 0
+    for _ in range(8):
+        data = scan.tobytes()
+        marker = re.search(rb"\xff[^\x00\xff\xd0-\xd7]", data)
+        assert next_marker(np.frombuffer(data, dtype=np.uint8), 0) == (marker.start() if marker else -1)
+        at = int(rng.integers(0, length - 1))
+        scan[at : at + 2] = 0xFF, rng.choice([0x01, 0xCF, 0xD8, 0xD9, 0xFE])
+        found = next_marker(scan, at)
+        assert found == at
+        assert next_marker(scan, length - 1) == -1
