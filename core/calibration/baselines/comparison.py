@@ -99,7 +99,8 @@ def compare_methods(
         else:
             calibrate = SINGLE_VIEW[method]
             attempts = [_single(i, partial(calibrate, points)) for i, points in enumerate(views)]
-            rows.append(_row(method, "each_image", attempts))
+            row = _row(method, "each_image", attempts)
+            rows.append(replace(row, remarks=(_CENTRE_FREE,)) if method in VARIANTS and row.answers else row)
     return tuple(rows)
 
 
@@ -221,6 +222,12 @@ def _marker_row(
     return _row(method, "given", outcomes)
 
 
+_CENTRE_FREE = Advisory(
+    "principal_point_free",
+    "Every image has a principal point of its own, which one image hardly tells from the camera's place: that is most "
+    "of the scatter of these poses.",
+    "For repeatability from single images hold it (repeatability?estimator=per_image_fixed_pp), or pool the images.",
+)
 _WITHOUT_MARKERS = (
     "target_without_markers",
     "The target has no ArUco markers.",

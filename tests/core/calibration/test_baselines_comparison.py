@@ -87,6 +87,9 @@ def test_every_method_has_its_row_and_its_noise() -> None:
         assert figures is not None
         assert figures.mean[0] == pytest.approx(views[0].camera.fx_px, rel=3e-3)
         assert figures.spread is None
+    for method, row in rows.items():
+        expected = ["principal_point_free"] if method.startswith("proposed") else []
+        assert [remark.code for remark in row.remarks] == expected
     assert rows["pooled"].scatter is not None
     assert sorted(rows["pooled"].scatter) == list(range(6))
 
