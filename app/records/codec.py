@@ -8,6 +8,7 @@ record per marker seen, ascending by id. Analyses over thousands of rows read th
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -15,6 +16,7 @@ import numpy as np
 from jaxtyping import Float
 
 from core.calibration.result import Calibration, CameraPose, Observability, Reprojection
+from core.calibration.view_stack import ViewStack
 from core.camera import CAMERA_PARAMETERS, Camera
 from core.errors import Advisory
 from core.targets.specification import GridPoints, TargetSpec
@@ -172,6 +174,36 @@ def decode_points(
         points_px=np.stack([records["u_px"], records["v_px"]], axis=1),
         standard_uncertainty_px=records["standard_uncertainty_px"].copy(),
         warnings=tuple(Advisory(**warning) for warning in warnings),
+    )
+
+
+def decode_stack(
+    points: Sequence[bytes],
+    targets: Sequence[TargetSpec],
+    target: Sequence[int],
+    width_px: int,
+    height_px: int,
+) -> ViewStack:
+    """Return the grid points of many stored results of one image size; `target` is each one's place in `targets`."""
+    records = np.frombuffer(b"".join(points), dtype=_POINT)
+    counts = np.array([len(stored) // _POINT.itemsize for stored in points], dtype=np.intp)
+    column, row = records["column"].astype(np.intp), records["row"].astype(np.intp)
+    of_point = np.repeat(np.array(target, dtype=np.intp), counts)
+    places = np.empty((len(records), 3))
+    for k, spec in enumerate(targets):
+        shown = of_point == k
+        places[shown] = spec.points_target(column[shown], row[shown])
+    return ViewStack(
+        image_width_px=width_px,
+        image_height_px=height_px,
+        targets=tuple(targets),
+        target=np.array(target, dtype=np.intp),
+        first=np.concatenate([[0], np.cumsum(counts)]),
+        column=column,
+        row=row,
+        points_px=np.stack([records["u_px"], records["v_px"]], axis=1),
+        standard_uncertainty_px=records["standard_uncertainty_px"].copy(),
+        points_target=places,
     )
 
 

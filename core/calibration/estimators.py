@@ -16,6 +16,7 @@ images of the pose (`inliers`).
 
 from __future__ import annotations
 
+import math
 from collections.abc import Hashable, Sequence
 from dataclasses import dataclass
 
@@ -23,13 +24,16 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from core.calibration.group_doubt import Doubt, doubt_of
-from core.calibration.group_fits import Fitted, fit_each, fit_given, fit_pooled
+from core.calibration.group_each import fit_each
+from core.calibration.group_fits import Fitted, fit_given
+from core.calibration.group_pooled import fit_pooled
 from core.calibration.model import Lens
 from core.calibration.view_stack import ViewStack, stack_views
 from core.camera import Camera
 from core.errors import Advisory, GridposeError, InvalidArgument
 from core.targets.specification import GridPoints
 
+NOTABLE_INFLATION = 1.5
 ESTIMATORS = ("pooled", "pooled_free_focal", "per_image", "per_image_fixed_pp", "given")
 
 
@@ -58,6 +62,9 @@ class GroupEstimate:
         it: 1 where one camera explains all. None where nothing is shared or there is one image only.
     warnings
         What to know of the whole group.
+    inflation
+        By how much the uncertainties of the camera are larger than independent residuals would leave them; those of
+        poses grow with them, `scatter` does not (`systematic`).
     """
 
     estimator: str
@@ -75,6 +82,7 @@ class GroupEstimate:
     reduced_chi2: float
     disagreement: float | None
     warnings: tuple[Advisory, ...] = ()
+    inflation: float = 1.0
 
 
 def estimate_group(
@@ -119,6 +127,8 @@ def estimate_group(
 
 def _with_doubt(fitted: Fitted, doubt: Doubt, failures: dict[int, GridposeError]) -> GroupEstimate:
     placements = fitted.at.placements
+    growth = doubt.growth.own if fitted.shared is None or fitted.estimator == "given" else doubt.growth.camera
+    inflation = math.sqrt(growth)
     return GroupEstimate(
         estimator=fitted.estimator,
         images=np.array(fitted.images),
@@ -134,7 +144,23 @@ def _with_doubt(fitted: Fitted, doubt: Doubt, failures: dict[int, GridposeError]
         rms_px=doubt.rms_px,
         reduced_chi2=doubt.reduced_chi2,
         disagreement=doubt.disagreement,
-        warnings=fitted.warnings,
+        warnings=fitted.warnings + _remarks(inflation),
+        inflation=inflation,
+    )
+
+
+def _remarks(inflation: float) -> tuple[Advisory, ...]:
+    if inflation <= NOTABLE_INFLATION:
+        return ()
+    return (
+        Advisory(
+            "residuals_correlated",
+            "Residuals agree between neighbouring points, between images of a pose, or differ from pose to pose as "
+            "noise does not: the grid or the lens departs from the model. Uncertainties of the camera and of absolute "
+            f"poses are scaled up by {inflation:.1f}; the noise floor of repeatability does not contain what is common "
+            "to the images.",
+            "Check that the grid is flat and true to size; tilted views from many sides average such errors out.",
+        ),
     )
 
 

@@ -11,6 +11,7 @@ from core.calibration.fixed_centre import TO_FULL_STEP
 from core.calibration.group_fits import Fitted
 from core.calibration.model import RADIAL_PRIORS, SMALLEST_NOISE_PX, Lens, camera_prior
 from core.calibration.shared_lens import coordinates
+from core.calibration.systematic import Growth, growth_of
 from core.calibration.view_doubt import (
     disagreement,
     in_target_frame,
@@ -34,6 +35,7 @@ class Doubt:
     rms_px: Float[np.ndarray, " k"]
     reduced_chi2: float
     disagreement: float | None
+    growth: Growth
 
 
 def doubt_of(fitted: Fitted, lens: Lens | None) -> Doubt:
@@ -53,6 +55,19 @@ def doubt_of(fitted: Fitted, lens: Lens | None) -> Doubt:
     noise = repeated_scales(
         views, at.residuals, used, fitted.labels, count, float(np.sqrt(np.mean(scale**2)))
     )
+    in_common = {"pooled": 8, "pooled_free_focal": 7}.get(fitted.estimator, 0)
+    camera = None if shared is None else shared.covariance
+    growth = growth_of(
+        views,
+        at,
+        used,
+        fitted.labels,
+        parts,
+        own,
+        scale,
+        None if camera is None else camera[:8, :8],
+        in_common,
+    )
     # The fit weighed data against priors by all that its residuals hold; of that only the noise scatters.
     C, scatter = pose_covariances(parts.L / scale[:, None, None] ** 2, P)
     scatter = scatter[:, -6:, -6:] * (noise / scale)[:, None, None] ** 2
@@ -60,29 +75,30 @@ def doubt_of(fitted: Fitted, lens: Lens | None) -> Doubt:
     J = in_target_frame(rotations, centroids)
     contradiction = None
     if shared is not None:
-        fitted_in_common = {"pooled": 8, "pooled_free_focal": 7}.get(fitted.estimator, 0)
-        contradiction = disagreement(parts, at.square_sums, 2.0 * points, fitted_in_common)
+        contradiction = disagreement(parts, at.square_sums, 2.0 * points, in_common)
     positions = views.centroids - np.einsum("kji,kj->ki", rotations, centroids)
     common = np.zeros((len(views), 6, 9))
-    if shared is not None:
+    if camera is not None:
+        camera = growth.camera * camera
         D = -parts.by_camera[:, -6:]
-        common[:, :, :8] = J @ (D @ _root(shared.covariance[:8, :8]))
+        common[:, :, :8] = J @ (D @ _root(camera[:8, :8]))
     common[:, :3, 8] = _print_scale(views)[:, None] * positions
     camera_covariance = np.zeros((9, 9))
     if own is not None:
-        camera_covariance[:8, :8] = transformed(own[:, :8], C).mean(axis=0)
-    if shared is not None:
-        camera_covariance += shared.covariance
+        camera_covariance[:8, :8] = growth.own * transformed(own[:, :8], C).mean(axis=0)
+    if camera is not None:
+        camera_covariance += camera
     squared_px = views.sums(np.where(used, np.sum(at.residuals**2, axis=0), 0.0))
     return Doubt(
         camera_covariance,
         positions,
-        transformed(J, C[:, -6:, -6:]) + common @ np.swapaxes(common, 1, 2),
+        growth.own * transformed(J, C[:, -6:, -6:]) + common @ np.swapaxes(common, 1, 2),
         transformed(J, scatter),
         common,
         np.sqrt(squared_px / points),
         float(np.mean(scale**2)),
         contradiction,
+        growth,
     )
 
 

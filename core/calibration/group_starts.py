@@ -14,6 +14,7 @@ from core.calibration.model import View, centred
 from core.calibration.validity import LARGEST_RATIO, check_points
 from core.calibration.view_stack import ViewStack
 from core.camera import Camera, project, undistort_points
+from core.compiled import compiled
 from core.errors import DegenerateGeometry, GridposeError
 from core.targets.specification import GridPoints
 
@@ -35,29 +36,30 @@ class Alike:
 
 def find_alike(views: ViewStack, labels: Sequence[Hashable], *, least: int) -> Alike:
     """Check the views, of which each needs `least` points, and find those of one label that show nearly the same."""
-    alike = Alike([], {}, {}, {})
     first_of: dict[Hashable, int] = {}
     firsts = np.array([first_of.setdefault(label, i) for i, label in enumerate(labels)])
     near = _near(views, firsts).tolist()
+    alike = Alike([], {}, {}, {})
     leaders: dict[Hashable, int] = {}
-    for i, label in enumerate(labels):
+    for i, (label, first) in enumerate(zip(labels, firsts.tolist(), strict=True)):
         leader = leaders.get(label)
-        if leader is not None and (near[i] if leader == firsts[i] else _near_one(views, i, leader)):
+        if leader is not None and (near[i] if leader == first else _near_one(views, i, leader)):
             alike.leader[i] = leader
-        else:
-            view = views.view(i)
-            try:
-                check_points(view)
-                if len(view) < least:
-                    raise DegenerateGeometry(
-                        f"A pose needs at least {least} grid points, {len(view)} were found."
-                    )
-                alike.homographies[i] = estimate_homography(view.points_target[:, :2], view.points_px)
-            except GridposeError as failure:
-                alike.failures[i] = failure
-                continue
-            alike.leader[i] = i
-            leaders.setdefault(label, i)
+            alike.usable.append(i)
+            continue
+        view = views.view(i)
+        try:
+            check_points(view)
+            if len(view) < least:
+                raise DegenerateGeometry(
+                    f"A pose needs at least {least} grid points, {len(view)} were found."
+                )
+            alike.homographies[i] = estimate_homography(view.points_target[:, :2], view.points_px)
+        except GridposeError as failure:
+            alike.failures[i] = failure
+            continue
+        alike.leader[i] = i
+        leaders.setdefault(label, i)
         alike.usable.append(i)
     return alike
 
@@ -67,24 +69,56 @@ def _near_one(views: ViewStack, i: int, leader: int) -> bool:
 
 
 def _near(views: ViewStack, leaders: Int[np.ndarray, " m"]) -> Bool[np.ndarray, " m"]:
-    """Tell of each view whether it shows the points of its leader, in nearly the same places; what is near a view that
-    was checked is sound too.
+    """Tell of each view whether it shows the points of its leader, in nearly the same places."""
+    return shows_the_same(
+        leaders,
+        views.first,
+        views.target,
+        views.column,
+        views.row,
+        views.points_px,
+        views.standard_uncertainty_px,
+        NEAR * views.image_width_px,
+        LARGEST_RATIO,
+    )
+
+
+@compiled
+def shows_the_same(
+    leaders: Int[np.ndarray, " m"],
+    first: Int[np.ndarray, " bounds"],
+    target: Int[np.ndarray, " m"],
+    column: Int[np.ndarray, " n"],
+    row: Int[np.ndarray, " n"],
+    points_px: Float[np.ndarray, "n 2"],
+    uncertainty: Float[np.ndarray, " n"],
+    near_px: float,
+    largest_ratio: float,
+) -> Bool[np.ndarray, " m"]:
+    """Tell whether views show the same points as their leaders within `near_px`, with uncertainties that make sense:
+    what is near a view that was checked is sound too. NaN is near nothing.
     """
-    near = (views.counts == views.counts[leaders]) & (views.target == views.target[leaders])
-    # Each point beside the leader's of the same place in the list; where there are fewer of these, any.
-    beside = np.arange(views.first[-1]) + views.spread(views.first[leaders] - views.first[:-1])
-    beside = np.minimum(beside, views.first[-1] - 1)
-    u = views.standard_uncertainty_px
-    alike = (views.column == views.column[beside]) & (views.row == views.row[beside])
-    with np.errstate(invalid="ignore"):
-        shift = np.abs(views.points_px - views.points_px[beside]) < NEAR * views.image_width_px
-    differing = views.sums((~(alike & shift.all(axis=1) & (u > 0))).astype(np.float64))  # NaN differs
-    extremes = np.array([[1.0, 1.0]] * len(views))
-    some = views.counts > 0
-    starts = views.first[:-1][some]
-    extremes[some, 0] = np.minimum.reduceat(u, starts) if len(starts) else 1.0
-    extremes[some, 1] = np.maximum.reduceat(u, starts) if len(starts) else 1.0
-    return np.asarray(near & (differing == 0.0) & (extremes[:, 1] < LARGEST_RATIO * extremes[:, 0]))
+    same = np.zeros(len(leaders), dtype=np.bool_)
+    for i in range(len(leaders)):
+        begin, count, other = first[i], first[i + 1] - first[i], first[leaders[i]]
+        if first[leaders[i] + 1] - other != count or target[leaders[i]] != target[i] or count == 0:
+            continue
+        same[i] = True
+        smallest, largest = np.inf, 0.0
+        for k in range(count):
+            a, b = begin + k, other + k
+            smallest, largest = min(smallest, uncertainty[a]), max(largest, uncertainty[a])
+            if not (
+                column[a] == column[b]
+                and row[a] == row[b]
+                and abs(points_px[a, 0] - points_px[b, 0]) < near_px
+                and abs(points_px[a, 1] - points_px[b, 1]) < near_px
+                and uncertainty[a] > 0.0
+            ):
+                same[i] = False
+                break
+        same[i] = same[i] and largest < largest_ratio * smallest
+    return same
 
 
 def placed(H: Float[np.ndarray, "3 3"], points: GridPoints, camera: Camera) -> View:

@@ -46,7 +46,7 @@ def inliers_of(
     what is systematic in the point, to keep it by what deviates.
     """
     used = np.zeros(len(views.column), dtype=np.bool_)
-    root_weight = 1.0 / views.standard_uncertainty_px
+    root_weight = np.sqrt(views.weight)
     cells = [t.columns * t.rows for t in views.targets]
     for pose in poses:
         chosen = pose[kept[pose]]
@@ -59,22 +59,13 @@ def inliers_of(
                 size,
                 residuals,
                 root_weight,
+                views.median_weight,
                 REJECTION,
                 SMALLEST_NOISE_PX,
                 ENOUGH_FOR_MEDIAN,
                 used,
             )
     return used
-
-
-@compiled
-def medians(values: Float[np.ndarray, " n"], first: Int[np.ndarray, " bounds"]) -> Float[np.ndarray, " m"]:
-    """Return the median of values[first[i]:first[i + 1]]; 0 where there are none."""
-    result = np.zeros(len(first) - 1)
-    for i in range(len(result)):
-        if first[i + 1] > first[i]:
-            result[i] = np.median(values[first[i] : first[i + 1]])
-    return result
 
 
 @compiled
@@ -85,6 +76,7 @@ def judge_pose(
     cells: int,
     residuals: Float[np.ndarray, "2 n"],
     root_weight: Float[np.ndarray, " n"],
+    median_weight: Float[np.ndarray, " m"],
     rejection: float,
     smallest_noise_px: float,
     enough: int,
@@ -107,8 +99,8 @@ def judge_pose(
         for k in range(begin, end):
             points[place[cell[k]]] = k
             place[cell[k]] += 1
-            distance[k - begin] = np.hypot(residuals[0, k], residuals[1, k]) * root_weight[k]
-        floors[j] = smallest_noise_px * np.median(root_weight[begin:end])
+            distance[k - begin] = np.sqrt(residuals[0, k] ** 2 + residuals[1, k] ** 2) * root_weight[k]
+        floors[j] = smallest_noise_px * np.sqrt(median_weight[pose[j]])
         levels[j] = max(np.median(distance), floors[j])
     limit = rejection * np.median(levels)
     u, v = np.zeros(cells), np.zeros(cells)
@@ -119,7 +111,7 @@ def judge_pose(
         if len(at) == 0:
             continue
         u[c], v[c] = np.median(residuals[0][at]), np.median(residuals[1][at])
-        systematic = np.hypot(u[c], v[c]) * np.mean(root_weight[at])
+        systematic = np.sqrt(u[c] ** 2 + v[c] ** 2) * np.mean(root_weight[at])
         common[c] = systematic <= limit
         if len(at) >= enough:
             spared[c] = systematic
@@ -128,7 +120,8 @@ def judge_pose(
         deviation = np.empty(end - begin)
         for k in range(begin, end):
             c = cell[k]
-            deviation[k - begin] = np.hypot(residuals[0, k] - u[c], residuals[1, k] - v[c]) * root_weight[k]
+            away = (residuals[0, k] - u[c]) ** 2 + (residuals[1, k] - v[c]) ** 2
+            deviation[k - begin] = np.sqrt(away) * root_weight[k]
         of_view = rejection * max(np.median(deviation), floors[j])
         for k in range(begin, end):
             c = cell[k]

@@ -6,6 +6,7 @@ poses.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -18,6 +19,7 @@ from core.calibration.homography import estimate_homography
 from core.calibration.model import Lens, View, image_centre, view_of
 from core.calibration.shared_lens import SharedLens, fit_shared_lens
 from core.calibration.single_image import assumed_focals, plausible_start
+from core.calibration.systematic import growth_of_shared
 from core.calibration.view_stack import ViewStack, stack_states, stack_views
 from core.camera import Camera
 from core.errors import InvalidArgument, NotConverged
@@ -29,8 +31,9 @@ from core.transforms import transform
 class PooledCalibration:
     """One camera from several views.
 
-    `covariance` (9, 9) in the order of `CAMERA_PARAMETERS` (k3 held at 0), `T_camera_target` one (4, 4) per
-    view, `residuals_px` and `used` per view; of a view unlike the others no point is used.
+    `covariance` (9, 9) in the order of `CAMERA_PARAMETERS` (k3 held at 0), `inflation` by how much its standard
+    uncertainties are larger than independent residuals would leave them, `T_camera_target` one (4, 4) per view,
+    `residuals_px` and `used` per view; of a view unlike the others no point is used.
     """
 
     camera: Camera
@@ -39,6 +42,7 @@ class PooledCalibration:
     residuals_px: tuple[Float[np.ndarray, "_ 2"], ...]
     used: tuple[Bool[np.ndarray, " _"], ...]
     rms_px: float
+    inflation: float
 
 
 def calibrate_views(views: Sequence[GridPoints], *, lens: Lens | None = None) -> PooledCalibration:
@@ -58,16 +62,18 @@ def calibrate_views(views: Sequence[GridPoints], *, lens: Lens | None = None) ->
     found = fit_common_camera(stack, lens)
     if not found.converged:
         raise NotConverged("The pooled fit did not converge from any start.")
+    growth = growth_of_shared(stack, found, list(range(len(stack)))).camera
     placements, residuals, used = found.at.placements, found.at.residuals, found.used
     origins = placements.translations_mm - np.einsum("kij,kj->ki", placements.rotations, stack.centroids)
     parts = [stack.part(i) for i in range(len(stack))]
     return PooledCalibration(
         camera=Camera.from_array(placements.parameters[0]),
-        covariance=found.covariance,
+        covariance=growth * found.covariance,
         T_camera_target=tuple(transform(R, t) for R, t in zip(placements.rotations, origins, strict=True)),
         residuals_px=tuple(np.ascontiguousarray(residuals[:, part].T) for part in parts),
         used=tuple(used[part] for part in parts),
         rms_px=float(np.sqrt(np.sum(residuals[:, used] ** 2) / max(int(used.sum()), 1))),
+        inflation=math.sqrt(growth),
     )
 
 

@@ -74,19 +74,19 @@ def choose_readings(
     R_base_flange of the poses for which it is known.
     """
     back = np.swapaxes(turns[:, :3, :3], 1, 2)
-    names = list(dict.fromkeys(poses))
-    first = [poses.index(name) for name in names]
+    first_of: dict[Hashable, int] = {}
+    for i, pose in enumerate(poses):
+        first_of.setdefault(pose, i)
+    names, first = list(first_of), list(first_of.values())
     place = {name: i for i, name in enumerate(names)}
     of_pose = np.array([place[pose] for pose in poses])
     candidates = np.einsum("tij,pjk->ptik", back, rotations[first])
     settled = _settle(candidates, [commanded.get(name) for name in names])
     products = _products(turns)
-    chosen = np.array(
-        [
-            products[settled.turn[pose], int(np.argmin(_angles(back @ R, rotations[first[pose]])))]
-            for R, pose in zip(rotations, of_pose, strict=True)
-        ]
-    )
+    # The turn after which an image is nearest to its pose's first: the smallest angle, so the largest trace.
+    relative = rotations @ np.swapaxes(rotations[first][of_pose], 1, 2)
+    nearest = np.argmax(np.einsum("tij,kji->kt", back, relative), axis=1)
+    chosen = products[settled.turn[of_pose], nearest]
     doubtful = tuple(name for name, sure in zip(names, settled.sure, strict=True) if not sure)
     return Readings(chosen, settled.by_commands, doubtful)
 

@@ -17,10 +17,10 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from core.calibration.arrow import Arrow, Sharing, arrow
-from core.calibration.inliers import find_repeats, inliers_of, medians
+from core.calibration.inliers import find_repeats, inliers_of
 from core.calibration.model import SMALLEST_NOISE_PX, Lens, camera_prior
 from core.calibration.view_residuals import normal_equations
-from core.calibration.view_stack import Placements, ViewStack
+from core.calibration.view_stack import Placements, ViewStack, medians
 from core.least_squares import (
     CAUCHY_C,
     EXPECTED_SCALE,
@@ -122,8 +122,9 @@ def linearise(
     """
     products, residuals, squared, cost = normal_equations(
         views.first,
-        views.centred,
-        views.observed,
+        views.points_target,
+        views.centroids,
+        views.points_px,
         views.weight,
         used,
         placements.parameters,
@@ -150,7 +151,7 @@ class _Problem:
     def alike(self, at: Linearised) -> Bool[np.ndarray, " m"]:
         """Return which views are of the others' kind."""
         median = np.sqrt(medians(at.squared, self.views.first))
-        floor = SMALLEST_NOISE_PX * np.sqrt(medians(self.views.weight, self.views.first))
+        floor = SMALLEST_NOISE_PX * np.sqrt(self.views.median_weight)
         return np.asarray(median <= FOREIGN * np.maximum(np.median(median), floor))
 
     def robust(self, start: Placements) -> Linearised:
@@ -184,9 +185,7 @@ class _Problem:
         at = linearise(self.views, start, used)
         parameters = int(kept.sum()) * len(self.sharing.local) + len(self.sharing.common)
         freedom = max(2 * int(used.sum()) - parameters, 1)
-        smallest = SMALLEST_NOISE_PX * math.sqrt(
-            float(np.median(medians(self.views.weight, self.views.first)))
-        )
+        smallest = SMALLEST_NOISE_PX * math.sqrt(float(np.median(self.views.median_weight)))
         damping = 0.0
         for _ in range(limit):
             found = max(math.sqrt(at.cost / freedom), smallest)

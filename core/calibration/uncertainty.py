@@ -81,7 +81,7 @@ def correlation_inflation(points: GridPoints, result: Fit[Any]) -> tuple[float, 
     used, residuals, jacobian = result.used, result.residuals, result.jacobian
     index = np.full((points.target.rows, points.target.columns), -1)
     index[points.row[used], points.column[used]] = np.flatnonzero(used)
-    first, second = _neighbours(index)
+    first, second = neighbours(index)
     count = len(residuals) * len(first)
     if count < 20 or result.scale <= 0:
         return 1.0, 0.0
@@ -97,7 +97,7 @@ def correlation_inflation(points: GridPoints, result: Fit[Any]) -> tuple[float, 
     return (1.0 + bounded) / (1.0 - bounded), rho
 
 
-def _neighbours(index: Int[np.ndarray, "r c"]) -> tuple[Int[np.ndarray, " k"], Int[np.ndarray, " k"]]:
+def neighbours(index: Int[np.ndarray, "r c"]) -> tuple[Int[np.ndarray, " k"], Int[np.ndarray, " k"]]:
     """Return the pairs of points next to each other along a row or a column; `index` is -1 where there is no point."""
     first = np.concatenate([index[:, :-1].ravel(), index[:-1].ravel()])
     second = np.concatenate([index[:, 1:].ravel(), index[1:].ravel()])

@@ -90,8 +90,9 @@ def residuals_with_jacobian(
 @compiled(reassociates=True)
 def normal_equations(
     first: Int[np.ndarray, " bounds"],
-    target: Float[np.ndarray, "3 n"],
-    observed: Float[np.ndarray, "2 n"],
+    points_target: Float[np.ndarray, "n 3"],
+    centroids: Float[np.ndarray, "m 3"],
+    points_px: Float[np.ndarray, "n 2"],
     weight: Float[np.ndarray, " n"],
     used: Bool[np.ndarray, " n"],
     parameters: Float[np.ndarray, "m 9"],
@@ -120,10 +121,15 @@ def normal_equations(
         count = end - start
         if count == 0:
             continue
-        rows = np.empty((15, 2, count))
+        target, observed, rows = np.empty((3, count)), np.empty((2, count)), np.empty((15, 2, count))
+        for k in range(count):
+            for j in range(3):
+                target[j, k] = points_target[start + k, j] - centroids[i, j]
+            for j in range(2):
+                observed[j, k] = points_px[start + k, j]
         _evaluate(
-            np.ascontiguousarray(target[:, start:end]),
-            np.ascontiguousarray(observed[:, start:end]),
+            target,
+            observed,
             parameters[i],
             rotations[i],
             translations_mm[i],

@@ -12,6 +12,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from core.calibration.model import View
+from core.compiled import compiled
 from core.errors import InvalidArgument
 from core.targets.specification import GridPoints, TargetSpec
 
@@ -49,18 +50,14 @@ class ViewStack:
         return self.sums(self.points_target) / np.maximum(self.counts, 1)[:, None]
 
     @cached_property
-    def centred(self) -> Float[np.ndarray, "3 n"]:
-        """The points about their image's centroid, mm."""
-        return np.ascontiguousarray((self.points_target - self.spread(self.centroids)).T)
-
-    @cached_property
-    def observed(self) -> Float[np.ndarray, "2 n"]:
-        return np.ascontiguousarray(self.points_px.T)
-
-    @cached_property
     def weight(self) -> Float[np.ndarray, " n"]:
         """1/u² of each point."""
         return 1.0 / self.standard_uncertainty_px**2
+
+    @cached_property
+    def median_weight(self) -> Float[np.ndarray, " m"]:
+        """The median of each image's weights."""
+        return medians(self.weight, self.first)
 
     @cached_property
     def cell(self) -> Int[np.ndarray, " n"]:
@@ -168,6 +165,23 @@ def segment_sums(values: np.ndarray, first: Int[np.ndarray, " bounds"]) -> np.nd
     if some.any():
         sums[some] = np.add.reduceat(values, first[:-1][some], axis=0)
     return sums
+
+
+@compiled
+def medians(values: Float[np.ndarray, " n"], first: Int[np.ndarray, " bounds"]) -> Float[np.ndarray, " m"]:
+    """Return the median of values[first[i]:first[i + 1]]; 0 where there are none."""
+    result = np.zeros(len(first) - 1)
+    for i in range(len(result)):
+        begin, end = first[i], first[i + 1]
+        if end == begin:
+            continue
+        same = True
+        for k in range(begin + 1, end):
+            if values[k] != values[begin]:
+                same = False
+                break
+        result[i] = values[begin] if same else np.median(values[begin:end])
+    return result
 
 
 @dataclass(frozen=True, slots=True)

@@ -4,19 +4,18 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Hashable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float
 
-from app.records.codec import decode_points
+from app.records.codec import decode_stack
+from app.services.analyses.board_readings import GroupPoses, read_alike
 from app.services.analyses.outcome import CannotAnalyse
 from app.services.analyses.snapshot import Image, Snapshot
 from core import Advisory, Camera, GridposeError, Lens, TargetSpec
 from core.calibration.estimators import GroupEstimate, estimate_group
-from core.calibration.readings import choose_readings, turns_alike
-from core.transforms import rpy_to_rotation
 
 POINTS_AT_MOST = 4_000_000
 """Grid points of one analysis, which takes some 450 bytes for each."""
@@ -61,7 +60,10 @@ class EstimatedImage:
 
 @dataclass(frozen=True, slots=True)
 class FocusGroup:
-    """One focus group's camera, and its images in the session's order."""
+    """One focus group's camera, and its images in the session's order.
+
+    `estimate` is in the frames of the boards as each image's reading had them, `images` in those of one reading.
+    """
 
     name: str
     estimate: GroupEstimate
@@ -95,21 +97,31 @@ def estimate_session(snapshot: Snapshot, points: Mapping[str, bytes], estimator:
             _exclude(excluded, image, image.failure_code or "no_points", image.failure_detail or "No points.")
     warnings: list[Advisory] = []
     failures: list[GridposeError] = []
-    groups = []
+    estimates: list[GroupPoses] = []
     for name in sorted(found):
         images = _of_one_size(name, found[name], excluded, warnings)
         try:
-            groups.append(_estimate(name, images, snapshot, points, estimator, excluded))
+            estimates.append(_estimate(name, images, snapshot, points, estimator, excluded))
         except GridposeError as failure:
             failures.append(failure)
             for image in images:
                 if image.measurement_id not in excluded:
                     _exclude(excluded, image, failure.code, failure.detail)
-    if not groups:
+    if not estimates:
         raise _nothing(snapshot, excluded, failures)
+    alike, remarks = read_alike(snapshot, estimates)
+    groups = [
+        FocusGroup(read.name, read.estimate, _images(turned))
+        for read, turned in zip(estimates, alike, strict=True)
+    ]
     doubts = {group.name: _disagreement(group) for group in groups}
+    warnings += [
+        warning
+        for group in groups
+        for warning in group.estimate.warnings
+        if not (warning.code == "residuals_correlated" and doubts[group.name])  # which says more
+    ]
     warnings += [doubt for doubt in doubts.values() if doubt is not None]
-    groups, remarks = _read_alike(snapshot, groups)
     place = {image.measurement_id: i for i, image in enumerate(snapshot.images)}
     everything = sorted(
         (image for group in groups for image in group.images), key=lambda e: place[e.image.measurement_id]
@@ -193,16 +205,15 @@ def _estimate(
     points: Mapping[str, bytes],
     estimator: str,
     excluded: dict[str, Exclusion],
-) -> FocusGroup:
-    targets = [TargetSpec(**target) for target in snapshot.targets]
-    views = [
-        decode_points(
-            points[image.measurement_id], [], targets[image.target], image.width_px, image.height_px
-        )
-        for image in images
-    ]
+) -> GroupPoses:
     estimate = estimate_group(
-        views,
+        decode_stack(
+            [points[image.measurement_id] for image in images],
+            [TargetSpec(**target) for target in snapshot.targets],
+            [image.target for image in images],
+            images[0].width_px,
+            images[0].height_px,
+        ),
         estimator,
         lens=Lens(**snapshot.lens) if snapshot.lens is not None else None,
         intrinsics=Camera(**snapshot.intrinsics) if snapshot.intrinsics is not None else None,
@@ -210,19 +221,23 @@ def _estimate(
     )
     for i, failure in estimate.failures:
         _exclude(excluded, images[i], failure.code, failure.detail)
-    estimated = tuple(
-        EstimatedImage(
-            images[i],
-            estimate.positions_mm[k],
-            estimate.rotations[k],
-            estimate.covariance[k],
-            estimate.scatter[k],
-            estimate.common[k],
-            float(estimate.rms_px[k]),
+    return GroupPoses(name, tuple(images[i] for i in estimate.images.tolist()), estimate)
+
+
+def _images(group: GroupPoses) -> tuple[EstimatedImage, ...]:
+    estimate = group.estimate
+    return tuple(
+        map(
+            EstimatedImage,
+            group.images,
+            estimate.positions_mm,
+            estimate.rotations,
+            estimate.covariance,
+            estimate.scatter,
+            estimate.common,
+            estimate.rms_px.tolist(),
         )
-        for k, i in enumerate(estimate.images.tolist())
     )
-    return FocusGroup(name, estimate, estimated)
 
 
 def _nothing(
@@ -258,70 +273,11 @@ def _disagreement(group: FocusGroup) -> Advisory | None:
     return Advisory(
         "intrinsics_not_common",
         f"One {what} does not explain the images of focus group {group.name!r}: cameras of their own would fit them "
-        f"better by {value:.1f} times what chance allows. No figure of its poses is said to be the robot's. "
+        f"better by {value:.1f} times what chance allows; uncertainties of camera and absolute poses are scaled up by "
+        f"{group.estimate.inflation:.1f}. No figure of its poses is said to be the robot's. "
         f"Worst: {listed}.",
         "Check that focus and zoom stayed as they were and that the print is flat; give each setting a focus_group of "
         "its own, or use estimator=pooled_free_focal where the lens refocuses.",
-    )
-
-
-def _read_alike(snapshot: Snapshot, groups: list[FocusGroup]) -> tuple[list[FocusGroup], list[Advisory]]:
-    """Take one reading of boards that look the same when turned, over all images of the session."""
-    remarks: list[Advisory] = []
-    turned: dict[str, EstimatedImage] = {}
-    commanded: dict[Hashable, Float[np.ndarray, "3 3"]] = {
-        pose_id: rpy_to_rotation(np.radians([c.roll_deg, c.pitch_deg, c.yaw_deg]))
-        for pose_id, c in snapshot.commanded.items()
-        if c.roll_deg is not None and c.pitch_deg is not None and c.yaw_deg is not None
-    }
-    place = {image.measurement_id: i for i, image in enumerate(snapshot.images)}
-    for target, fields in enumerate(snapshot.targets):
-        turns = turns_alike(TargetSpec(**fields))
-        images = [e for group in groups for e in group.images if e.image.target == target]
-        if len(turns) == 1 or not images:
-            continue
-        images.sort(key=lambda e: place[e.image.measurement_id])
-        poses = [e.image.pose_id for e in images]
-        readings = choose_readings(np.array([e.rotation for e in images]), poses, turns, commanded)
-        for e, turn in zip(images, readings.turns.tolist(), strict=True):
-            turned[e.image.measurement_id] = _turned(e, turns[turn])
-        if not readings.by_commands and len(set(poses)) > 1:
-            doubt = (
-                f" In doubt: {', '.join(str(pose) for pose in readings.doubtful)}."
-                if readings.doubtful
-                else ""
-            )
-            remarks.append(
-                Advisory(
-                    "orientation_ambiguous",
-                    "The board looks the same when turned; it was read so that the camera turns least between poses. "
-                    f"Repeatability does not depend on it, positions of poses against one another do.{doubt}",
-                    "State the poses' commanded orientations, or use a board whose columns and rows have an odd sum.",
-                )
-            )
-    return [
-        FocusGroup(
-            group.name,
-            group.estimate,
-            tuple(turned.get(e.image.measurement_id, e) for e in group.images),
-        )
-        for group in groups
-    ], remarks
-
-
-def _turned(e: EstimatedImage, turn: Float[np.ndarray, "4 4"]) -> EstimatedImage:
-    """Return the image with its target frame turned: T_target_camera becomes turn⁻¹ T_target_camera."""
-    back = turn[:3, :3].T
-    both = np.zeros((6, 6))
-    both[:3, :3] = both[3:, 3:] = back
-    return EstimatedImage(
-        e.image,
-        back @ (e.position_mm - turn[:3, 3]),
-        back @ e.rotation,
-        both @ e.covariance @ both.T,
-        both @ e.scatter @ both.T,
-        both @ e.common,
-        e.rms_px,
     )
 
 

@@ -232,35 +232,31 @@ def _read_measured(records: orm.Session, session_id: str) -> tuple[Measured, ...
 
 def _read_images(records: orm.Session, session_id: str, places: Mapping[str, int]) -> tuple[Image, ...]:
     rows = records.execute(
-        sa.select(
-            Measurement.id.label("measurement_id"),
+        sa.select(  # in the order of Image's fields
+            Measurement.id,
             Measurement.pose_id,
             Measurement.cycle,
             Measurement.sha256,
             Measurement.target_id,
             Measurement.focus_group,
             Measurement.joint_angles_deg,
-            Measurement.image_width_px.label("width_px"),
-            Measurement.image_height_px.label("height_px"),
+            Measurement.image_width_px,
+            Measurement.image_height_px,
             Measurement.failure_code,
             Measurement.failure_detail,
-            sa.func.length(Result.points).label("point_bytes"),
-            Result.core_version.label("computed_by"),
-            sa.func.length(Result.markers).label("marker_bytes"),
+            sa.func.length(Result.points),
+            Result.core_version,
+            sa.func.length(Result.markers),
         )
         .outerjoin(Result, Result.measurement_id == Measurement.id)
         .where(Measurement.session_id == session_id, Measurement.status.in_(("succeeded", "failed")))
     ).all()
-    images = []
-    for row in rows:
-        fields = dict(row._mapping)
-        images.append(Image(target=places[fields.pop("target_id")], **fields))
-    keys = {pose_id: natural(pose_id) for pose_id in {image.pose_id for image in images}}
+    fields: list[tuple[Any, ...]] = [(*row[:4], places[row[4]], *row[5:]) for row in rows]
+    images = [Image(*row) for row in fields]
+    names = sorted({image.pose_id for image in images}, key=natural)
+    rank = {pose_id: place for place, pose_id in enumerate(names)}
     return tuple(
-        sorted(
-            images,
-            key=lambda i: (keys[i.pose_id], i.cycle is None, i.cycle or 0, i.sha256, i.target),
-        )
+        sorted(images, key=lambda i: (rank[i.pose_id], i.cycle is None, i.cycle or 0, i.sha256, i.target))
     )
 
 

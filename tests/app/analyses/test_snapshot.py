@@ -3,13 +3,19 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 import random
 
+import numpy as np
 import pytest
 
+from app.records.codec import Provenance, decode_points, decode_stack, encode_refused
 from app.services.analyses.estimation import POINTS_AT_MOST, estimate_session
 from app.services.analyses.outcome import CannotAnalyse
 from app.services.analyses.snapshot import Image, Snapshot, natural
+from core.simulation.views import draw_pose
+from core.targets.specification import TargetSpec
+from tests.app.analyses.conftest import BOARD, CAMERA, HEIGHT, WIDTH, look
 
 IMAGE = Image("mea_1", "P1", 1, "0" * 64, 0, "default", None, 640, 480, None, None, 45 * 54, "0.1.0")
 SNAPSHOT = Snapshot("ses_1", ("tgt_1",), ({"kind": "chessboard"},), None, None, {}, (IMAGE,), 0)
@@ -51,3 +57,21 @@ def test_more_than_memory_holds_is_refused() -> None:
         estimate_session(dataclasses.replace(SNAPSHOT, images=(large,)), {}, "pooled")
     assert refusal.value.refused.code == "too_many_measurements"
     assert refusal.value.refused.advice
+
+
+def test_stored_points_of_many_images_are_decoded_at_once() -> None:
+    boards = [BOARD, TargetSpec("asymmetric_circles", 4, 6, 7.0)]
+    rng = np.random.default_rng(1)
+    shown = [0, 1, 0]
+    views = [
+        look(rng, draw_pose(rng, boards[k], CAMERA, WIDTH, math.radians(30.0)), board=boards[k])
+        for k in shown
+    ]
+    stored = [encode_refused(view, Provenance("0.1.0", "0" * 64, {}))["points"] for view in views]
+    stack = decode_stack(stored, boards, shown, WIDTH, HEIGHT)
+    assert stack.targets == tuple(boards)
+    for k, (view, points) in enumerate(zip(views, stored, strict=True)):
+        one = decode_points(points, [], boards[shown[k]], WIDTH, HEIGHT)
+        assert stack.view(k) == one == view
+        np.testing.assert_array_equal(stack.view(k).points_target, one.points_target)
+        np.testing.assert_array_equal(stack.view(k).standard_uncertainty_px, one.standard_uncertainty_px)

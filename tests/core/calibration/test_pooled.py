@@ -109,7 +109,8 @@ def assert_same(found: PooledCalibration, expected: Fit[State]) -> None:
         w = so3_log(T[:3, :3] @ view.rotation.T)
         np.testing.assert_allclose(w / sigma[8 + 6 * index : 11 + 6 * index], 0.0, atol=0.01)
     # The dense fit knows the priors' part of the degrees of freedom, some of 8 among thousands.
-    np.testing.assert_allclose(np.sqrt(np.diag(found.covariance))[:8], sigma[:8], rtol=0.01)
+    stated = np.sqrt(np.diag(found.covariance))[:8] / found.inflation
+    np.testing.assert_allclose(stated, sigma[:8], rtol=0.01)
     np.testing.assert_array_equal(np.concatenate(found.used), expected.used)
     np.testing.assert_allclose(np.concatenate(found.residuals_px).T, expected.residuals, atol=1e-3)
 

@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 
 from core.calibration.arrow import FREE_FOCAL, KNOWN, TIED, Sharing, arrow
-from core.calibration.inliers import ENOUGH_FOR_MEDIAN, find_repeats, inliers_of, medians
+from core.calibration.inliers import ENOUGH_FOR_MEDIAN, find_repeats, inliers_of
 from core.calibration.model import SMALLEST_NOISE_PX
 from core.calibration.shared_lens import Linearised, coordinates, linearise
 from core.calibration.view_residuals import residuals_with_jacobian
-from core.calibration.view_stack import Placements, ViewStack, segment_sums, stack_views
+from core.calibration.view_stack import Placements, ViewStack, medians, segment_sums, stack_views
 from core.least_squares import CAUCHY_C, MEDIAN_LENGTH, REJECTION
 from core.simulation.views import draw_camera, draw_view
 from core.targets.specification import GridPoints
@@ -191,6 +191,7 @@ def test_inliers(seen: tuple[ViewStack, Placements, np.ndarray]) -> None:
 
 def test_medians_and_sums_of_segments() -> None:
     values = np.random.default_rng(3).normal(size=20)
+    values[:5] = 0.7
     first = np.array([0, 5, 5, 11, 20])
     parts = [values[a:b] for a, b in pairwise(first)]
     expected = [float(np.median(p)) if len(p) else 0.0 for p in parts]
