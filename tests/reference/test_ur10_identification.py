@@ -8,7 +8,9 @@ millimetre). Nominal DH parameters by the maker.
 from __future__ import annotations
 
 import math
-import time
+import os
+import subprocess
+import sys
 from dataclasses import replace
 from pathlib import Path
 
@@ -92,13 +94,33 @@ def test_positions_alone_do_nearly_as_well(data_folder: Path) -> None:
     assert position_rms(found, poses.take(np.flatnonzero(~part))) < 0.5
 
 
+SPEED = """
+import sys, time
+from pathlib import Path
+from tests.core.kinematics.arms import UR10
+from tests.reference.test_ur10_identification import tracked
+from core.kinematics.identification import identify
+
+poses = tracked(Path(sys.argv[1]))
+identify(poses, UR10)  # kernels compiled
+took = []
+for _ in range(3):
+    begun = time.process_time()
+    identify(poses, UR10)
+    took.append(time.process_time() - begun)
+print(min(took))
+"""
+
+
 def test_all_1495_poses_take_a_second_at_most(data_folder: Path) -> None:
-    poses = tracked(data_folder)
-    identify(poses, UR10)  # kernels compiled
-    took = []
-    for _ in range(3):
-        begun = time.process_time()
-        identify(poses, UR10)
-        took.append(time.process_time() - begun)
-    # .25 s where this was written; shapes are checked while tests run, and machines differ.
-    assert min(took) < 2.0
+    """Validation included; in a process of its own with one thread, as the service runs its analyses."""
+    threads = dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"), "1")
+    ran = subprocess.run(
+        [sys.executable, "-c", SPEED, str(data_folder)],
+        cwd=Path(__file__).parents[2],
+        env=os.environ | threads,
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    assert float(ran.stdout) < 1.0  # s of processor time; .25 where this was written
