@@ -4,100 +4,157 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from rich.markup import escape
 from rich.table import Table
 
 from app.agent import Json
-from core.simulation import SessionImage
-from core.transforms import so3_log
+from app.cli.demo_paper import POSES, PRINTED
+from app.cli.demo_truth import Figure, ImageError
+
+METHODS = {
+    "proposed_nullspace": "proposed, null space",
+    "proposed_vanishing_point": "proposed, vanishing pts",
+    "zhang": "Zhang, all views",
+    "opencv_single_image": "OpenCV, single image",
+    "tsai": "Tsai",
+    "dlt": "DLT",
+    "aruco_marker": "ArUco, one marker",
+    "aruco_board": "ArUco, whole board",
+    "pooled": "pooled (Gridpose)",
+}
+_ANGLES = ("roll_deg", "pitch_deg", "yaw_deg")
 
 
-@dataclass(frozen=True, slots=True)
-class Comparison:
-    """One image's estimate, its stated uncertainty, and how far from the truth it is.
-
-    Uncertainties and errors of position (mm) and rotation (°) are lengths of vectors; a ratio is
-    sqrt(eᵀ Σ⁻¹ e / 3), 1 in the root mean square where Σ is the truth about e.
-    """
-
-    name: str
-    position_mm: tuple[float, float, float]
-    position_uncertainty_mm: float
-    position_error_mm: float
-    position_ratio: float
-    roll_pitch_yaw_deg: tuple[float, float, float]
-    rotation_uncertainty_deg: float
-    rotation_error_deg: float
-    rotation_ratio: float
-    focal_px: float
-    focal_uncertainty_px: float
-    focal_error_px: float
-
-
-def compare(image: SessionImage, measurement: Json) -> Comparison:
-    """Return a calibrated measurement beside its image's truth."""
-    calibration = measurement["calibration"]
-    pose, intrinsics = calibration["pose"], calibration["intrinsics"]
-    covariance = np.array(pose["covariance"])
-    truth = image.true_T_target_camera
-    position_error = np.array(pose["position_mm"]) - truth[:3, 3]
-    rotation_error = so3_log(truth[:3, :3] @ np.array(pose["rotation"]).T)
-    x, y, z = pose["position_mm"]
-    return Comparison(
-        name=f"{image.pose_id}/c{image.cycle}",
-        position_mm=(x, y, z),
-        position_uncertainty_mm=_length(covariance[:3, :3]),
-        position_error_mm=float(np.linalg.norm(position_error)),
-        position_ratio=_ratio(position_error, covariance[:3, :3]),
-        roll_pitch_yaw_deg=(pose["roll_deg"], pose["pitch_deg"], pose["yaw_deg"]),
-        rotation_uncertainty_deg=math.degrees(_length(covariance[3:, 3:])),
-        rotation_error_deg=math.degrees(float(np.linalg.norm(rotation_error))),
-        rotation_ratio=_ratio(rotation_error, covariance[3:, 3:]),
-        focal_px=intrinsics["fx_px"],
-        focal_uncertainty_px=calibration["standard_uncertainty"]["fx_px"],
-        focal_error_px=intrinsics["fx_px"] - image.scene.camera.fx_px,
-    )
-
-
-def position_table(rows: Sequence[Comparison]) -> Table:
-    """Return where the camera was, in the target's frame."""
+def image_table(errors: Sequence[ImageError]) -> Table:
+    """Return how single images came out, pose by pose: medians, and roots of mean squares of error over u."""
     table = _table(
-        "Camera position in the target frame, mm", "image", "x", "y", "z", "± u", "error", "error/u"
+        "Single images: camera pose and focal length, medians by pose",
+        *("pose", "images", "error mm", "± u", "err/u", "error °", "± u", "err/u", "f error px", "± u"),
     )
-    for r in rows:
-        x, y, z = (f"{value:.2f}" for value in r.position_mm)
+    for pose_id in dict.fromkeys(e.pose_id for e in errors):
+        rows = [e for e in errors if e.pose_id == pose_id]
+
+        def median(name: str, rows: Sequence[ImageError] = rows) -> float:
+            return float(np.median([getattr(row, name) for row in rows]))
+
         table.add_row(
-            r.name,
-            x,
-            y,
-            z,
-            f"{r.position_uncertainty_mm:.2f}",
-            f"{r.position_error_mm:.2f}",
-            f"{r.position_ratio:.1f}",
+            pose_id,
+            str(len(rows)),
+            f"{median('position_error_mm'):.2f}",
+            f"{median('position_uncertainty_mm'):.2f}",
+            f"{root_mean_square([r.position_ratio for r in rows]):.2f}",
+            f"{median('rotation_error_deg'):.3f}",
+            f"{median('rotation_uncertainty_deg'):.3f}",
+            f"{root_mean_square([r.rotation_ratio for r in rows]):.2f}",
+            f"{float(np.median([abs(r.focal_error_px) for r in rows])):.2f}",
+            f"{median('focal_uncertainty_px'):.2f}",
         )
     return table
 
 
-def rotation_table(rows: Sequence[Comparison]) -> Table:
-    """Return how the camera was turned, and its focal length."""
-    names = ("image", "roll", "pitch", "yaw", "± u", "error", "error/u", "f px", "± u", "error")
-    table = _table("Camera orientation, degrees, and focal length, px", *names)
-    for r in rows:
-        angles = (f"{value:.3f}" for value in r.roll_pitch_yaw_deg)
+def position_table(figures: Sequence[Figure]) -> Table:
+    """Return the paper's Table III for positions: the truth beside what was read, with all that is said of it."""
+    table = _table(
+        "Table III, position: RP_l by ISO 9283, mm (estimator pooled)",
+        *("pose", "true", "these cycles", "raw", "95 % interval", "corrected", "floor", "verdict"),
+        left=("pose", "verdict"),
+    )
+    for f in figures:
+        if f.name == "position_mm":
+            values = [f"{v:.4f}" for v in (f.true, f.of_these_cycles, f.raw)]
+            table.add_row(
+                f.pose_id,
+                *values,
+                f"{f.low:.4f} - {f.high:.4f}",
+                f"{f.corrected:.4f}",
+                f"{f.floor:.4f}",
+                f.verdict.replace("_", " "),
+            )
+    return table
+
+
+def orientation_table(figures: Sequence[Figure]) -> Table:
+    """Return the paper's Table III for angles."""
+    table = _table(
+        "Table III, orientation: 3 S, degrees (estimator pooled)",
+        *("pose", "angle", "true", "these cycles", "raw", "95 % interval", "corrected", "floor"),
+        left=("pose", "angle"),
+    )
+    for f in figures:
+        if f.name in _ANGLES:
+            values = [f"{v:.4f}" for v in (f.true, f.of_these_cycles, f.raw)]
+            interval = f"{f.low:.4f} - {f.high:.4f}"
+            angle = f.name.removesuffix("_deg")
+            table.add_row(f.pose_id, angle, *values, interval, f"{f.corrected:.4f}", f"{f.floor:.4f}")
+    return table
+
+
+def methods_table(comparison: Json, fixed_centre: Json, figures: Sequence[Figure]) -> Table:
+    """Return RP_l of every method on these images, and what the paper printed of its own."""
+    table = _table(
+        "Table III, every method on these images: RP_l, mm; the largest 3 S of an angle, °",
+        *("", *POSES, "angle"),
+    )
+    truth = {(f.pose_id, f.name): f.true for f in figures}
+    worst = max((value for (_, name), value in truth.items() if name in _ANGLES), default=math.nan)
+    positions = [truth.get((pose_id, "position_mm")) for pose_id in POSES]
+    table.add_row("[bold]true[/]", *(_or_dash(value) for value in positions), f"{worst:.3f}")
+    for row in comparison["repeatability"]:
+        table.add_row(METHODS[row["method"]], *_readings(row["poses"]))
+    table.add_row("each image, centre held", *_readings(fixed_centre["poses"]))
+    for name, printed in PRINTED.items():
+        largest = max(max(printed[angle]) for angle in _ANGLES)
+        values = (f"{value:.3f}" for value in printed["position_mm"])
+        table.add_row(f"[italic]the paper: {name}[/]", *values, f"{largest:.3f}")
+    return table
+
+
+def _readings(poses: Sequence[Json]) -> list[str]:
+    """Return RP_l of P1 to P5 and the largest 3 S of an angle, as far as they are known."""
+    found = {pose["pose_id"]: pose["repeatability"] for pose in poses if pose["pose_id"] in POSES}
+    positions = [found[p]["position_mm"] if p in found else None for p in POSES]
+    angles = [figures[a] for figures in found.values() for a in _ANGLES if figures[a] is not None]
+    return [*(_or_dash(value) for value in positions), _or_dash(max(angles, default=None))]
+
+
+def calibration_table(comparison: Json, true_focal_px: float) -> Table:
+    """Return the paper's Table II: re-projection, and what it does not say, how far the focal length is off."""
+    table = _table(
+        "Table II, the same images calibrated: re-projection and focal length, px",
+        *("", "images", "mean", "std", "f", "error of f", "spread of f"),
+    )
+    for row in comparison["calibration"]:
+        seen, camera, spread = row["reprojection"], row["intrinsics"], row["spread"]
+        focal = camera["fx_px"] if camera else None
         table.add_row(
-            r.name,
-            *angles,
-            f"{r.rotation_uncertainty_deg:.3f}",
-            f"{r.rotation_error_deg:.3f}",
-            f"{r.rotation_ratio:.1f}",
-            f"{r.focal_px:.1f}",
-            f"{r.focal_uncertainty_px:.1f}",
-            f"{r.focal_error_px:+.1f}",
+            METHODS[row["method"]],
+            f"{row['calibrated']}/{row['calibrated'] + row['failed']}",
+            *(_or_dash(seen and seen[name], 4) for name in ("mean_px", "std_px")),
+            _or_dash(focal, 1),
+            "-" if focal is None else f"{focal - true_focal_px:+.1f}",
+            _or_dash(spread and spread["fx_px"], 1),
         )
     return table
+
+
+def _or_dash(value: float | None, digits: int = 3) -> str:
+    return "-" if value is None else f"{value:.{digits}f}"
+
+
+def failures_of(comparison: Json) -> list[str]:
+    """Return in words why methods gave no answer, or none for some images."""
+    said = []
+    for row in comparison["calibration"]:
+        if row["failure"]:
+            said.append(f"{METHODS[row['method']]}: {row['failure']['detail']}")
+        else:
+            said += [
+                f"{METHODS[row['method']]}, {f['images']} of {f['images'] + row['calibrated']}: {f['detail']}"
+                for f in row["failures"]
+            ]
+    return said
 
 
 def refusal_table(measurements: Sequence[Json]) -> Table:
@@ -117,19 +174,16 @@ def refusal_table(measurements: Sequence[Json]) -> Table:
     return table
 
 
-def _table(title: str, first: str, *others: str) -> Table:
+def root_mean_square(values: Sequence[float]) -> float:
+    """Return √(mean of squares); NaN of nothing."""
+    return math.sqrt(float(np.mean(np.square(values)))) if len(values) else math.nan
+
+
+def _table(title: str, first: str, *others: str, left: Sequence[str] = ()) -> Table:
     table = Table(
         title=title, title_justify="left", title_style="bold", box=None, padding=(0, 2, 0, 0), pad_edge=False
     )
-    table.add_column(first)
+    table.add_column(first, no_wrap=True)
     for name in others:
-        table.add_column(name, justify="right", no_wrap=True)
+        table.add_column(name, justify="left" if name in left else "right", no_wrap=True)
     return table
-
-
-def _length(covariance: np.ndarray) -> float:
-    return math.sqrt(float(np.trace(covariance)))
-
-
-def _ratio(error: np.ndarray, covariance: np.ndarray) -> float:
-    return math.sqrt(float(error @ np.linalg.solve(covariance, error)) / len(error))

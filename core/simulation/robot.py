@@ -61,20 +61,40 @@ def robot_session(
         for index, T_target_camera in enumerate(commanded):
             w, d = rng.normal(0.0, repeatability_rad, 3), rng.normal(0.0, repeatability_mm, 3)
             true = transform(so3_exp(w) @ T_target_camera[:3, :3], T_target_camera[:3, 3] + d)
-            scene = Scene(
-                target=target,
-                camera=camera,
-                T_camera_target=invert(true),
-                width_px=size_px[0],
-                height_px=size_px[1],
-                noise_levels=2.0,
-                light=Light(gradient=(0.1, -0.08), vignetting=0.15),
-                clutter=0.7,
+            scene = workshop_scene(
+                target,
+                camera,
+                invert(true),
+                size_px,
                 seed=int(rng.integers(2**31)),
                 background_seed=seed * 1000 + index,
             )
             images.append(SessionImage(f"P{index + 1:0{digits}d}", cycle, T_target_camera, scene))
     return images
+
+
+def workshop_scene(
+    target: TargetSpec,
+    camera: Camera,
+    T_camera_target: Float[np.ndarray, "4 4"],
+    size_px: tuple[int, int],
+    *,
+    seed: int,
+    background_seed: int,
+) -> Scene:
+    """Return a scene as robot sessions have it: a good lens and sensor, uneven light, things behind the board."""
+    return Scene(
+        target=target,
+        camera=camera,
+        T_camera_target=T_camera_target,
+        width_px=size_px[0],
+        height_px=size_px[1],
+        noise_levels=2.0,
+        light=Light(gradient=(0.1, -0.08), vignetting=0.15),
+        clutter=0.7,
+        seed=seed,
+        background_seed=background_seed,
+    )
 
 
 def _pose_around(

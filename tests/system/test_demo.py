@@ -8,17 +8,18 @@ import re
 import subprocess
 import sys
 from pathlib import Path
+from xml.etree import ElementTree
 
 import pytest
 
 
 def demo(folder: Path, columns: int) -> subprocess.CompletedProcess[str]:
     return subprocess.run(
-        [sys.executable, "-m", "app.cli", "demo", "--data-dir", str(folder), "--seed", "2"],
+        [sys.executable, "-m", "app.cli", "demo", "--quick", "--data-dir", str(folder), "--seed", "2"],
         env={**os.environ, "COLUMNS": str(columns), "NO_COLOR": "1"},
         capture_output=True,
         text=True,
-        timeout=300,
+        timeout=600,
         check=False,
     )
 
@@ -29,22 +30,39 @@ def test_it_calibrates_refuses_and_tells_the_truth(tmp_path: Path) -> None:
     ended = demo(folder, 80)
     said = ended.stdout
     assert ended.returncode == 0, said + ended.stderr
-    assert "15 images calibrated, 1 refused" in " ".join(said.split())
+    assert "50 images calibrated, 1 refused" in " ".join(said.split())
     assert "focal_not_observable" in said
     tables, where = said.split("All of it is kept in")
-    assert max(len(line) for line in tables.splitlines()) <= 80
+    assert max(len(line.rstrip()) for line in tables.splitlines()) <= 80
+    assert "…" not in tables  # nothing had to be cut
 
-    rows = re.findall(r"^(P\d/c\d)((?: +-?[\d.]+){6}) *$", tables, re.MULTILINE)
-    assert len(rows) == 15
-    measurements = {
-        f"{m['pose_id']}/c{m['cycle']}": m for m in json.loads((folder / "measurements.json").read_text())
-    }
-    for name, figures in rows:
-        position = measurements[name]["calibration"]["pose"]["position_mm"]
-        assert [f"{value:.2f}" for value in position] == figures.split()[:3]
-    assert (folder / "overlay-P1.png").exists()
-    for kept in re.findall(r"^  ([\w.-]+\.(?:json|png|sqlite3)) ", where, re.MULTILINE):
-        assert (folder / kept).exists()
+    truth = {(f["pose_id"], f["name"]): f for f in json.loads((folder / "truth.json").read_text())}
+    assert len(truth) == 35
+    repeatability = json.loads((folder / "repeatability.json").read_text())
+    rows = re.findall(
+        r"^(P\d)((?: +[\d.]+){3}) +([\d.]+) - ([\d.]+)((?: +[\d.]+){2})  (\w+)", tables, re.MULTILINE
+    )
+    assert [row[0] for row in rows] == ["P1", "P2", "P3", "P4", "P5"]
+    for (pose_id, first, low, high, last, verdict), answer in zip(rows, repeatability["poses"], strict=False):
+        figure = truth[pose_id, "position_mm"]
+        reading, floor = answer["repeatability"]["position_mm"], answer["noise_floor"]["position_mm"]
+        corrected = answer["corrected"]["position_mm"]
+        shown = [figure["true"], figure["of_these_cycles"], reading]
+        assert first.split() == [f"{value:.4f}" for value in shown]
+        assert last.split() == [f"{value:.4f}" for value in (corrected, floor)]
+        assert [low, high] == [f"{value:.4f}" for value in answer["interval"]["position_mm"]]
+        assert verdict == answer["verdict"] == "robot"
+
+    comparison = json.loads((folder / "comparison.json").read_text())
+    marker, board = (
+        {row["method"]: row for row in comparison["repeatability"]}[m] for m in ("aruco_marker", "pooled")
+    )
+    for one, all_of_it in zip(marker["poses"][:5], board["poses"][:5], strict=True):
+        assert one["repeatability"]["position_mm"] > 3.0 * all_of_it["repeatability"]["position_mm"]
+    for name in ("scatter.svg", "drift.svg", "residuals.svg"):
+        assert ElementTree.parse(folder / name).getroot().tag.endswith("svg")
+    for kept in re.findall(r"^  ([\w.-]+\.(?:json|svg|png|sqlite3)) ", where, re.MULTILINE):
+        assert (folder / kept).exists(), kept
 
     again = demo(folder, 80)
     assert again.returncode == 2

@@ -1,0 +1,23 @@
+"""What Boby and Saha printed (ICRA 2016): their Table III.
+
+Their Table II is a picture in the copy this was taken from, and its figures are not given here.
+"""
+
+from __future__ import annotations
+
+POSES = ("P1", "P2", "P3", "P4", "P5")
+PRINTED: dict[str, dict[str, tuple[float, ...]]] = {
+    "proposed": {
+        "position_mm": (0.258, 0.157, 0.330, 0.218, 0.307),
+        "roll_deg": (0.014, 0.008, 0.007, 0.007, 0.008),
+        "pitch_deg": (0.026, 0.011, 0.016, 0.015, 0.023),
+        "yaw_deg": (0.017, 0.012, 0.018, 0.014, 0.018),
+    },
+    "ArUco": {
+        "position_mm": (0.386, 1.376, 1.764, 1.591, 0.862),
+        "roll_deg": (0.052, 0.061, 0.198, 0.030, 0.034),
+        "pitch_deg": (0.069, 0.357, 0.278, 0.456, 0.057),
+        "yaw_deg": (0.147, 0.226, 0.437, 0.181, 0.271),
+    },
+}
+"""Repeatability of the KUKA KR5 Arc at five poses of a 100 mm cube, by their method and by ArUco."""

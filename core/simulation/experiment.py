@@ -1,0 +1,197 @@
+"""Boby and Saha's experiment with its truth: a KUKA KR5 Arc with a camera on its flange visits five poses of a cube.
+
+ISO 9283:1998, 6.8: P1 is the centre of the cube, P2 to P5 lie on the diagonals of its measuring plane, 10 % of their
+length from the ends. The camera looks at the middle of a board on the table; the robot's joints return to where they
+were told with a small error, so that each pose scatters by a covariance of its own, which is known.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+from core.camera import Camera
+from core.errors import InvalidArgument
+from core.kinematics.dh import Chain, forward
+from core.metrology.figures import Figures
+from core.metrology.radial import eigenvalues, long_run_reading
+from core.simulation.arm import KR5_ARC, KR5_ARC_HOME, KR5_ARC_LIMITS, T_FLANGE_CAMERA, Arm, kr5_arc
+from core.simulation.robot import SessionImage, workshop_scene
+from core.targets.specification import TargetSpec
+from core.transforms import (
+    compose,
+    invert,
+    rotation_to_rpy,
+    rpy_jacobian,
+    so3_exp,
+    so3_log,
+    transform,
+    transform_points,
+)
+
+CUBE_MM = 100.0
+FROM_THE_END = 0.1
+JOINT_REPEATABILITY_RAD = 33e-6
+"""Standard deviation of each joint about where it was told to go; makes some 0.1 mm of RP_l, as the maker claims."""
+_SPAN = 0.5  # share of the image that the board takes
+_STEP = 1e-5  # of numeric derivatives, rad
+_REACHED = 1e-9  # mm, and rad times a metre
+
+
+@dataclass(frozen=True, slots=True)
+class CubePose:
+    """One pose: what the robot is told, and how the camera truly scatters about its mean.
+
+    `covariance` is of x, y, z (mm), then a small rotation (rad) from the left, in the target frame.
+    """
+
+    pose_id: str
+    joint_angles: Float[np.ndarray, "6"]
+    commanded_T_base_flange: Float[np.ndarray, "4 4"]
+    mean_T_target_camera: Float[np.ndarray, "4 4"]
+    covariance: Float[np.ndarray, "6 6"]
+
+    @property
+    def true_repeatability(self) -> Figures[float]:
+        """RP_l and 3 S after endless cycles, mm and rad; angles by rotation vectors mapped to roll, pitch, yaw."""
+        reading = float(long_run_reading(eigenvalues(self.covariance[:3, :3])))
+        J = np.eye(6)
+        J[3:, 3:] = rpy_jacobian(rotation_to_rpy(self.mean_T_target_camera[:3, :3]))
+        spread = 3.0 * np.sqrt(np.diag(J @ self.covariance @ J.T))
+        return Figures(reading, *spread.tolist())
+
+
+@dataclass(frozen=True, slots=True)
+class Experiment:
+    """The poses, and the images in the order they are taken: pose by pose within each cycle."""
+
+    poses: tuple[CubePose, ...]
+    images: tuple[SessionImage, ...]
+
+
+def cube_experiment(
+    target: TargetSpec,
+    camera: Camera,
+    size_px: tuple[int, int],
+    *,
+    cycles: int,
+    joint_repeatability_rad: float = JOINT_REPEATABILITY_RAD,
+    seed: int = 0,
+) -> Experiment:
+    """Return the experiment before a board; arm, mount, view and scatter are drawn by the seed.
+
+    The arm as built differs from its data sheet by tenths of a millimetre and the camera's mount by millimetres, so
+    that nothing stands exactly where it was told.
+
+    Raises InvalidArgument where the arm does not reach.
+    """
+    rng = np.random.default_rng([seed, 20160517])
+    arm = kr5_arc(rng)
+    T_base_target = invert(arm.T_target_base[0])
+    views = _views(target, camera, size_px, T_base_target, rng)
+    poses = tuple(
+        _pose(f"P{i + 1}", T_base_camera, arm, joint_repeatability_rad)
+        for i, T_base_camera in enumerate(views)
+    )
+    images = []
+    for cycle in range(1, cycles + 1):
+        for index, pose in enumerate(poses):
+            angles = pose.joint_angles + rng.normal(0.0, joint_repeatability_rad, 6)
+            scene = workshop_scene(
+                target,
+                camera,
+                invert(arm.camera_poses(angles[None])[0]),
+                size_px,
+                seed=int(rng.integers(2**31)),
+                background_seed=seed * 1000 + index,
+            )
+            commanded = compose(arm.T_target_base[0], pose.commanded_T_base_flange, T_FLANGE_CAMERA)
+            images.append(SessionImage(pose.pose_id, cycle, commanded, scene))
+    return Experiment(poses, tuple(images))
+
+
+def cube_points(centre_mm: Float[np.ndarray, "3"], edge_mm: float = CUBE_MM) -> Float[np.ndarray, "5 3"]:
+    """Return P1 to P5 of a cube along the axes: its centre, and 10 % from the ends of the measuring plane's diagonals.
+
+    The measuring plane holds y and the diagonal of x and z.
+    """
+    reach = (0.5 - FROM_THE_END) * edge_mm
+    corners = np.array([[1.0, 1.0, 1.0], [1.0, -1.0, 1.0], [-1.0, -1.0, -1.0], [-1.0, 1.0, -1.0]])
+    return centre_mm + np.vstack([np.zeros((1, 3)), reach * corners])
+
+
+def joint_angles_at(
+    chain: Chain, T_base_flange: Float[np.ndarray, "4 4"], start: Float[np.ndarray, " j"]
+) -> Float[np.ndarray, " j"]:
+    """Return joint angles (rad) that bring the flange there, by Newton's steps from a start nearby.
+
+    Raises InvalidArgument where they do not arrive.
+    """
+    angles = np.array(start, dtype=np.float64)
+    for _ in range(100):
+        off = _motion(forward(chain, angles[None])[0], T_base_flange)
+        off[3:] *= 1000.0  # a milliradian counts as a millimetre
+        if float(np.abs(off).max()) < _REACHED:
+            return angles
+        J = _jacobian(lambda q: forward(chain, q), angles)
+        J[3:] *= 1000.0
+        step = np.linalg.solve(J.T @ J + 1e-3 * np.eye(len(angles)), J.T @ off)
+        angles += step * min(1.0, 0.3 / float(np.abs(step).max()))
+    raise InvalidArgument("The arm does not reach this pose from where it starts.")
+
+
+def _views(
+    target: TargetSpec,
+    camera: Camera,
+    size_px: tuple[int, int],
+    T_base_target: Float[np.ndarray, "4 4"],
+    rng: np.random.Generator,
+) -> list[Float[np.ndarray, "4 4"]]:
+    """Return T_base_camera of the five poses: each looks at the board's middle, from about 30° beside its normal."""
+    middle = np.array([target.columns - 1, target.rows - 1, 0.0]) * target.pitch_mm / 2.0
+    extent = np.array([target.columns + 1, target.rows + 1]) * target.pitch_mm
+    distance = float(np.max(extent * np.array([camera.fx_px, camera.fy_px]) / (_SPAN * np.array(size_px))))
+    tilt, side, roll = np.radians(rng.uniform([28.0, 40.0, -15.0], [32.0, 70.0, 15.0]))
+    axis = np.array([-math.sin(side), math.cos(side), 0.0])
+    ahead = so3_exp(tilt * axis) @ np.array([0.0, 0.0, 1.0])
+    centre, at = transform_points(T_base_target, np.stack([middle - distance * ahead, middle]))
+    upright = T_base_target[:3, :3] @ so3_exp(tilt * axis) @ so3_exp(np.array([0.0, 0.0, roll]))
+    views = []
+    for place in cube_points(centre):
+        now, wanted = upright[:, 2], (at - place) / np.linalg.norm(at - place)
+        turn = np.cross(now, wanted)
+        sine = float(np.linalg.norm(turn))
+        angle = math.atan2(sine, float(now @ wanted))
+        views.append(transform(so3_exp(turn * (angle / sine if sine > 0.0 else 0.0)) @ upright, place))
+    return views
+
+
+def _pose(
+    pose_id: str, T_base_camera: Float[np.ndarray, "4 4"], arm: Arm, joint_repeatability_rad: float
+) -> CubePose:
+    T_base_flange = compose(T_base_camera, invert(T_FLANGE_CAMERA))
+    angles = joint_angles_at(KR5_ARC, T_base_flange, KR5_ARC_HOME)
+    if np.any(angles < KR5_ARC_LIMITS[:, 0]) or np.any(angles > KR5_ARC_LIMITS[:, 1]):
+        raise InvalidArgument(f"{pose_id} lies beyond the limits of a joint.")
+    J = _jacobian(arm.camera_poses, angles)
+    mean = arm.camera_poses(angles[None])[0]
+    return CubePose(pose_id, angles, T_base_flange, mean, joint_repeatability_rad**2 * (J @ J.T))
+
+
+def _jacobian(
+    poses_at: Callable[[Float[np.ndarray, "n j"]], Float[np.ndarray, "n 4 4"]],
+    angles: Float[np.ndarray, " j"],
+) -> Float[np.ndarray, "6 j"]:
+    """Return how a pose moves with each joint: mm/rad, and rad/rad of the rotation from the left."""
+    steps = _STEP * np.eye(len(angles))
+    before, after = poses_at(angles - steps), poses_at(angles + steps)
+    return np.stack([_motion(a, b) for a, b in zip(before, after, strict=True)], axis=1) / (2.0 * _STEP)
+
+
+def _motion(T_from: Float[np.ndarray, "4 4"], T_to: Float[np.ndarray, "4 4"]) -> Float[np.ndarray, "6"]:
+    """Return d (mm), w (rad) with t_to = t_from + d and R_to = exp(w) R_from."""
+    return np.concatenate([T_to[:3, 3] - T_from[:3, 3], so3_log(T_to[:3, :3] @ T_from[:3, :3].T)])

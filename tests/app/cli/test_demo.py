@@ -1,0 +1,154 @@
+"""The demo's judgement: it passes what is as it must be, and nothing else."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy.stats import binom
+
+from app.cli.demo_paper import POSES, PRINTED
+from app.cli.demo_session import FLAT, Answers, DemoSession, demo_session
+from app.cli.demo_tables import METHODS, calibration_table, failures_of, methods_table
+from app.cli.demo_truth import Figure, ImageError, faults, figures_beside_truth, misses_by_chance
+from core.metrology import PoseCycles, assess_repeatability
+
+NAMES = ("position_mm", "x_mm", "y_mm", "z_mm", "roll_deg", "pitch_deg", "yaw_deg")
+
+
+@pytest.fixture(scope="module")
+def session() -> DemoSession:
+    return demo_session(1, quick=True)
+
+
+def answered(session: DemoSession, scale: float = 1.0) -> dict[str, Any]:
+    """What a perfect instrument would have the service answer, the scatter multiplied by `scale`."""
+    rows = []
+    for pose in session.poses:
+        true = np.array([i.true_T_target_camera for i in session.images if i.pose_id == pose.pose_id])
+        mean = true[:, :3, 3].mean(axis=0)
+        (found,) = assess_repeatability(
+            [PoseCycles(mean + scale * (true[:, :3, 3] - mean), true[:, :3, :3])], exclude_outliers=False
+        )
+        factors = [np.degrees(1.0) if name.endswith("_deg") else 1.0 for name in NAMES]
+        readings = [f * v for f, (_, v) in zip(factors, found.repeatability.items(), strict=True)]
+        bounds = [[f * v for v in pair] for f, (_, pair) in zip(factors, found.interval.items(), strict=True)]
+        rows.append(
+            {
+                "pose_id": pose.pose_id,
+                "repeatability": dict(zip(NAMES, readings, strict=True)),
+                "interval": dict(zip(NAMES, bounds, strict=True)),
+                "corrected": dict(zip(NAMES, readings, strict=True)),
+                "noise_floor": dict.fromkeys(NAMES, 0.001),
+                "verdict": "robot",
+            }
+        )
+    nothing = dict.fromkeys(NAMES)
+    parts = ("repeatability", "interval", "corrected", "noise_floor")
+    flat = {"pose_id": FLAT, **dict.fromkeys(parts, nothing), "verdict": "too_few_cycles"}
+    return {"poses": [*rows, flat]}
+
+
+def error(pose_id: str, ratio: float = 0.9) -> ImageError:
+    return ImageError(pose_id, 0.5, 0.6, ratio, 0.02, 0.03, ratio, 0.5, 0.7)
+
+
+def sound(session: DemoSession) -> tuple[Answers, list[ImageError], list[Figure]]:
+    tags = [(image.pose_id, image.cycle) for image in session.images]
+    measurements: list[dict[str, Any]] = [
+        {"pose_id": p, "cycle": c, "failure": {"code": "focal_not_observable"} if p == FLAT else None}
+        for p, c in tags
+    ]
+    table = answered(session)
+    errors = [error(pose_id) for pose_id, _ in tags if pose_id != FLAT]
+    return Answers("ses_1", measurements, table, table, {}), errors, figures_beside_truth(session, table)
+
+
+def test_the_flat_view_comes_last_and_is_flat(session: DemoSession) -> None:
+    flat = session.images[-1]
+    assert (flat.pose_id, flat.cycle) == (FLAT, 1)
+    assert np.degrees(np.arccos(flat.scene.T_camera_target[2, 2])) < 0.5
+    assert len(session.images) == 5 * session.cycles + 1
+    whole = demo_session(1)
+    assert len(whole.images) == 101
+    assert whole.images[0].scene.width_px == 2 * session.images[0].scene.width_px
+    # The same place in the picture, whose pixels are twice as wide: (0, 0) is the middle of a pixel.
+    camera, half = whole.images[0].scene.camera, session.images[0].scene.camera
+    assert camera.cx_px + 0.5 == pytest.approx(2.0 * (half.cx_px + 0.5))
+    assert camera.cy_px + 0.5 == pytest.approx(2.0 * (half.cy_px + 0.5))
+
+
+def test_what_is_sound_has_no_fault(session: DemoSession) -> None:
+    answers, errors, figures = sound(session)
+    assert len(figures) == 35
+    assert [f.name for f in figures[:7]] == list(NAMES)
+    for f in figures:
+        assert f.raw == pytest.approx(f.of_these_cycles, rel=1e-9)
+    assert faults(session, answers, errors, figures) == []
+
+
+def test_every_fault_is_told(session: DemoSession) -> None:
+    answers, errors, figures = sound(session)
+
+    def said(**changes: Any) -> str:
+        parts = {"answers": answers, "errors": errors, "figures": figures, **changes}
+        return "; ".join(faults(session, **parts))
+
+    assert "49 of 50 tilted views" in said(errors=errors[1:])
+    assert "errors are 3.0 times" in said(errors=[error(e.pose_id, 3.0) for e in errors])
+    accepted = [{**m, "failure": None} for m in answers.measurements]
+    assert "the flat view was not refused" in said(answers=replace(answers, measurements=accepted))
+    assert "flat view" in said(answers=replace(answers, measurements=accepted[:-1]))
+    assert "34 of 35 figures" in said(figures=figures[1:])
+    limited = [replace(f, verdict="instrument_limited") for f in figures]
+    assert "P3 is said to be instrument limited" in said(figures=limited)
+    wild = [replace(f, raw=f.raw + 0.002) if f.name == "x_mm" else f for f in figures]
+    assert "P5: x_mm reads" in said(figures=wild)
+    narrow = [replace(f, low=2.0 * f.true, high=3.0 * f.true) for f in figures]
+    assert "35 of 35 intervals" in said(figures=narrow)
+    some = [*narrow[: misses_by_chance(35)], *[replace(f, low=0.0, high=9.0) for f in figures[9:]]]
+    assert "intervals" not in said(figures=some)
+
+
+def test_a_reading_twice_as_large_is_a_fault(session: DemoSession) -> None:
+    answers, errors, _ = sound(session)
+    table = answered(session, scale=2.0)
+    found = faults(
+        session, replace(answers, repeatability=table), errors, figures_beside_truth(session, table)
+    )
+    assert any("reads" in fault for fault in found)
+
+
+def test_chance_is_given_its_due() -> None:
+    for count in (1, 5, 35, 200):
+        allowed = misses_by_chance(count)
+        assert binom.sf(allowed, count, 0.05) <= 1e-5
+        assert allowed == 0 or binom.sf(allowed - 1, count, 0.05) > 1e-5
+    assert misses_by_chance(35) == 9
+    assert misses_by_chance(0) == 0
+
+
+def test_what_the_paper_printed_is_complete() -> None:
+    assert [sum(PRINTED[name]["position_mm"]) for name in ("proposed", "ArUco")] == pytest.approx(
+        [1.27, 5.979]
+    )
+    for printed in PRINTED.values():
+        assert {name: len(values) for name, values in printed.items()} == dict.fromkeys(
+            ("position_mm", "roll_deg", "pitch_deg", "yaw_deg"), len(POSES)
+        )
+
+
+def test_methods_without_an_answer_say_why(session: DemoSession) -> None:
+    _, _, figures = sound(session)
+    failure = {"code": "target_without_markers", "detail": "The target has no markers.", "advice": None}
+    nothing = {"reprojection": None, "intrinsics": None, "spread": None, "calibrated": 0, "failed": 51}
+    comparison = {
+        "calibration": [{"method": m, **nothing, "failures": [], "failure": failure} for m in METHODS],
+        "repeatability": [{"method": m, "poses": [], "failure": failure} for m in METHODS],
+    }
+    assert calibration_table(comparison, 1160.0).row_count == len(METHODS)
+    assert methods_table(comparison, {"poses": []}, figures).row_count == len(METHODS) + 4
+    assert methods_table(comparison, {"poses": []}, []).row_count == len(METHODS) + 4
+    assert failures_of(comparison)[0] == "proposed, null space: The target has no markers."
