@@ -263,11 +263,14 @@ def demo(
         Path | None, typer.Option(help="Keep the session here.  [default: a new temporary folder]")
     ] = None,
     seed: Annotated[int, typer.Option(help="Seed of the rendered session.")] = 1,
+    quick: Annotated[
+        bool, typer.Option("--quick", help="Half the pixels in each direction, half the cycles.")
+    ] = False,
 ) -> None:
-    """Render a robot session with known truth, run it through the real service, and compare."""
+    """Run the paper's experiment with known truth through the real service, and compare."""
     from app.cli.demo import demonstrate as run
 
-    raise typer.Exit(run(data_dir, seed))
+    raise typer.Exit(run(data_dir, seed, quick))
 
 
 @app.command()
