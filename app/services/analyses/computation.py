@@ -15,6 +15,7 @@ from app.services.analyses.documents import encode
 from app.services.analyses.intrinsics import intrinsics_document
 from app.services.analyses.outcome import Analysed, CannotAnalyse, Refused
 from app.services.analyses.repeatability import repeatability_document
+from app.services.analyses.revision import read_mark
 from app.services.analyses.snapshot import Snapshot, read_markers, read_points, read_readings, read_snapshot
 from app.settings import program_version
 from core import GridposeError
@@ -51,6 +52,7 @@ def analyse(
     source = settings.get("source", "images")
     points: dict[str, bytes] = {}
     with database.read() as records:
+        mark = read_mark(records, session_id)
         snapshot = read_snapshot(records, session_id, source)
         if source == "measured_poses":
             snapshot = replace(snapshot, readings=read_readings(records, session_id))
@@ -66,14 +68,14 @@ def analyse(
     except GridposeError as error:
         return Refused(error.code, error.detail, error.advice)
     if isinstance(document, bytes):  # a picture holds neither ids nor hashes
-        return Analysed(inputs_sha256, snapshot.pending, document)
+        return Analysed(inputs_sha256, snapshot.pending, document, mark)
     head = {
         "session_id": session_id,
         "inputs_sha256": inputs_sha256,
         "core_version": program_version(),
         "pending": snapshot.pending,
     }
-    return Analysed(inputs_sha256, snapshot.pending, encode({**head, **document}))
+    return Analysed(inputs_sha256, snapshot.pending, encode({**head, **document}), mark)
 
 
 @cache

@@ -11,12 +11,17 @@ from dataclasses import dataclass
 from app.errors import Conflict, NotFound, ServiceError, Unavailable
 from app.jobs.side_process import Crowded, Lost, SideProcess, TimedOut
 from app.services.analyses.outcome import Analysed, Refused
+from app.services.analyses.revision import read_mark
 from app.services.analyses.snapshot import read_snapshot
 from app.services.installation import Installation
 
 TIMEOUT_S = 180.0
 WAITING_AT_MOST = 8
 KEPT_BYTES = 64 * 1024 * 1024
+KEPT_TAGS = 4096
+
+Question = tuple[str, str, tuple[tuple[str, str], ...]]
+"""A session, an analysis and its settings."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,11 +33,14 @@ class Analysis:
 
 
 class AnalysisDesk:
-    """Answers analyses; the last documents are kept, by what they were computed from."""
+    """Answers analyses. The last documents are kept by what they were computed from, and the last tags by the marks
+    that their sessions had.
+    """
 
     def __init__(self, max_pixels: int) -> None:
         self._process = SideProcess(max_pixels, timeout_s=TIMEOUT_S, waiting_at_most=WAITING_AT_MOST)
         self._kept: OrderedDict[tuple[str, str], bytes] = OrderedDict()
+        self._tags: OrderedDict[Question, tuple[str, str]] = OrderedDict()
         self._keeping = threading.Lock()
 
     def answer(
@@ -48,15 +56,22 @@ class AnalysisDesk:
         Raises NotFound, Conflict where it cannot be made, Unavailable where its process is crowded or died.
         """
         with installation.database.read() as records:
-            snapshot = read_snapshot(records, session_id, settings.get("source", "images"))
-        etag = entity_tag(snapshot.inputs_sha256(analysis, settings), snapshot.pending)
-        if etag in known_etags:
+            mark = read_mark(records, session_id)
+            question = (session_id, analysis, tuple(sorted(settings.items())))
+            etag = self._tag(question, mark)
+            if etag is None and known_etags:
+                # The client asked before, this process did not: the hash is known sooner than the answer.
+                snapshot = read_snapshot(records, session_id, settings.get("source", "images"))
+                etag = entity_tag(snapshot.inputs_sha256(analysis, settings), snapshot.pending)
+                self._keep_tag(question, mark, etag)
+        if etag is not None and etag in known_etags:
             return Analysis(etag, None)
-        body = self._find(session_id, etag)
-        if body is None:
+        body = self._find(session_id, etag) if etag is not None else None
+        if etag is None or body is None:
             analysed = self._compute(installation, analysis, session_id, settings)
             etag, body = entity_tag(analysed.inputs_sha256, analysed.pending), analysed.body
             self._keep(session_id, etag, body)
+            self._keep_tag(question, analysed.mark, etag)
         return Analysis(etag, None if known_etags & {etag, "*"} else body)
 
     def begin_shutdown(self) -> None:
@@ -94,6 +109,19 @@ class AnalysisDesk:
         if isinstance(outcome, ServiceFailure):
             raise outcome.kind(outcome.detail, outcome.advice, code=outcome.code)
         return outcome
+
+    def _tag(self, question: Question, mark: str) -> str | None:
+        """Return the tag of an answer to the question, if one was given while the session had this mark."""
+        with self._keeping:
+            then, tag = self._tags.get(question, (None, None))
+            return tag if then == mark else None
+
+    def _keep_tag(self, question: Question, mark: str, etag: str) -> None:
+        with self._keeping:
+            self._tags[question] = mark, etag
+            self._tags.move_to_end(question)
+            while len(self._tags) > KEPT_TAGS:
+                self._tags.popitem(last=False)
 
     def _find(self, session_id: str, etag: str) -> bytes | None:
         with self._keeping:

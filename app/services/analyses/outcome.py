@@ -7,11 +7,12 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True, slots=True)
 class Analysed:
-    """A document and what it was computed from."""
+    """A document and what it was computed from; `mark` is the session's at that moment (`revision`)."""
 
     inputs_sha256: str
     pending: int
     body: bytes
+    mark: str
 
 
 @dataclass(frozen=True, slots=True)
