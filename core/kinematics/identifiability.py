@@ -58,7 +58,7 @@ def choose_gauge(
     candidates[layout.kinematic :] = False
     columns = np.flatnonzero(candidates)
     snapped = _snapped(arm, decided)
-    J = _scaled(snapped, linearised(snapped, seen)[1])
+    J = scaled(snapped, linearised(snapped, seen)[1])
     order = [c for c in _order(layout, decided) if candidates[c]]
     exact = _held(null_space(J[columns].reshape(len(columns), -1)), columns, order)
     free = candidates.copy()
@@ -102,7 +102,7 @@ def conditioning(
     """Return the conditioning of the kinematic columns that are free, over the poses used."""
     chosen = free.copy()
     chosen[arm.layout.kinematic :] = False
-    rows = _scaled(arm, J[:, :, used])[chosen].reshape(int(chosen.sum()), -1)
+    rows = scaled(arm, J[:, :, used])[chosen].reshape(int(chosen.sum()), -1)
     values = np.linalg.svd(np.linalg.qr(rows.T, mode="r"), compute_uv=False)
     smallest = float(values[-1])
     return Conditioning(
@@ -112,7 +112,7 @@ def conditioning(
     )
 
 
-def _scaled(arm: ArmState, J: Float[np.ndarray, "p m n"]) -> Float[np.ndarray, "p m n"]:
+def scaled(arm: ArmState, J: Float[np.ndarray, "p m n"]) -> Float[np.ndarray, "p m n"]:
     """Return the Jacobian with all rows in mm at the arm's end and all columns by steps of like weight."""
     scaled = J * arm.layout.units(arm.reach_mm)[:, None, None]
     scaled[:, 3:] *= arm.reach_mm

@@ -21,7 +21,7 @@ from jaxtyping import Bool, Float
 from core.errors import Advisory, JointAnglesInconsistent, JointNotMoved, NotConverged, TooFewPoses
 from core.kinematics.dh import JOINT_PARAMETERS, Chain, JointParameters, forward
 from core.kinematics.identifiability import Conditioning, Gauge, choose_gauge, conditioning
-from core.kinematics.parameters import THETA, ArmState, D, Layout
+from core.kinematics.parameters import THETA, ArmState, D
 from core.kinematics.poses import PoseData
 from core.kinematics.problem import Observations, Scatter, observations_of, placed
 from core.kinematics.refinement import DEFAULT_SCATTER, Refined, refine
@@ -164,8 +164,6 @@ def report(
     arm, layout = refined.arm, refined.arm.layout
     kinematic = int(gauge.free.sum())
     covariance = refined.covariance[:kinematic, :kinematic]
-    sigma = np.full(layout.kinematic, np.nan)
-    sigma[np.flatnonzero(gauge.free)] = np.sqrt(np.diag(covariance))
     used = np.flatnonzero(refined.used)
     how = conditioning(arm, refined.jacobian, gauge.free, refined.used)
     compared = None
@@ -181,9 +179,7 @@ def report(
         chain=arm.chain,
         T_flange_camera=arm.T_flange_camera,
         T_target_base=arm.T_target_base,
-        joints=tuple(
-            _joint(i, arm, sigma, gauge, nominal, poses.joint_angles[used]) for i in range(layout.joints)
-        ),
+        joints=joint_estimates(arm, gauge, covariance, nominal, poses.joint_angles[used]),
         names=tuple(names[c] for c in np.flatnonzero(gauge.free)),
         covariance=covariance,
         target_transforms=target_transforms(arm, gauge.free, covariance, seen.target[used]),
@@ -255,29 +251,35 @@ def _regauged(arm: ArmState, start: ArmState, gauge: Gauge) -> ArmState:
     return replace(arm, parameters=np.where(held, start.parameters, arm.parameters))
 
 
-def _joint(
-    i: int,
+def joint_estimates(
     arm: ArmState,
-    sigma: Float[np.ndarray, " p"],
     gauge: Gauge,
+    covariance: Float[np.ndarray, "f f"],
     nominal: Chain | None,
     joint_angles: Float[np.ndarray, "n j"],
-) -> JointEstimate:
-    layout: Layout = arm.layout
-    columns = [layout.column(i, k) for k in range(5)]
-    doubt = {
-        name: float(sigma[c]) if gauge.free[c] else None
-        for name, c in zip(JOINT_PARAMETERS, columns, strict=True)
-    }
-    return JointEstimate(
-        joint=i + 1,
-        parameters=arm.chain.joints[i],
-        standard_uncertainty=doubt,
-        identifiable={name: value is not None for name, value in doubt.items()},
-        nominal=None if nominal is None else nominal.joints[i],
-        parallel_to_next=bool(gauge.parallel[i]),
-        arc_rad=float(np.ptp(joint_angles[:, i])),
-    )
+) -> tuple[JointEstimate, ...]:
+    """Return what is known of every joint; `covariance` is of the free columns."""
+    layout, chain = arm.layout, arm.chain
+    sigma = np.full(layout.kinematic, np.nan)
+    sigma[np.flatnonzero(gauge.free)] = np.sqrt(np.diag(covariance))
+    joints = []
+    for i in range(layout.joints):
+        doubt: dict[str, float | None] = {}
+        for k, name in enumerate(JOINT_PARAMETERS):
+            column = layout.column(i, k)
+            doubt[name] = float(sigma[column]) if gauge.free[column] else None
+        joints.append(
+            JointEstimate(
+                joint=i + 1,
+                parameters=chain.joints[i],
+                standard_uncertainty=doubt,
+                identifiable={name: value is not None for name, value in doubt.items()},
+                nominal=None if nominal is None else nominal.joints[i],
+                parallel_to_next=bool(gauge.parallel[i]),
+                arc_rad=float(np.ptp(joint_angles[:, i])),
+            )
+        )
+    return tuple(joints)
 
 
 def _far_from(nominal: Chain | None, refined: Refined, gauge: Gauge) -> list[Advisory]:

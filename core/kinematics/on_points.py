@@ -2,19 +2,9 @@
 
 Poses estimated first and a chain fitted to them afterwards lose twice: what the chain knows of where the camera was
 never reaches the lens, and the lens's error bends all poses alike. Here every image is linearised where lens and chain
-put it. With l a step of the lens, δ one of the image's pose, and
-
-    [A  B] [l]   [a]
-    [Bᵀ P] [δ] = [b]
-
-its normal equations, the image says δ = P⁻¹ (b - Bᵀ l) with covariance P⁻¹, and of the lens what is left,
-Λ = Σ (A - B P⁻¹ Bᵀ) + priors with the right-hand side Σ (a - B P⁻¹ b). That is poses with independent errors and one
-lens in common, which is what `refinement` takes, to first order exactly; so the pass is: linearise, refine, move lens
-and images to where the answer puts them, until the lens rests. A robot's own scatter is in it as it is with poses: the
-image is moved to its best place between chain and measurement.
-
-References: B. Triggs, P. McLauchlan, R. Hartley, A. Fitzgibbon, "Bundle adjustment: a modern synthesis", 1999,
-section 6.1.
+put it (`image_poses`), which makes poses with one lens in common of the images, and that is what `refinement` takes. So
+the pass is: linearise, refine, move lens and images to where the answer puts them, until the lens rests. A robot's own
+scatter is in it as it is with poses: the image is moved to its best place between chain and measurement.
 """
 
 from __future__ import annotations
@@ -24,19 +14,18 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Float, Int
 
-from core.calibration.model import SMALLEST_NOISE_PX, Lens, camera_prior
+from core.calibration.model import SMALLEST_NOISE_PX, Lens
 from core.calibration.pooled import fit_common_camera
 from core.calibration.shared_lens import coordinates, linearise, moved
-from core.calibration.view_doubt import in_target_frame, transformed
-from core.calibration.view_stack import Placements, ViewStack, stack_views
+from core.calibration.view_stack import Placements, stack_views
 from core.camera import Camera
 from core.errors import InvalidArgument, NotConverged
 from core.kinematics.dh import Chain, forward
 from core.kinematics.identification import Identification, begin_at, report, solve
+from core.kinematics.image_poses import Images, poses_of_images
 from core.kinematics.parameters import ArmState
-from core.kinematics.poses import PoseData
 from core.kinematics.problem import Observations, observations_of, placed
 from core.kinematics.refinement import Refined
 from core.kinematics.validation import FOLDS
@@ -53,7 +42,7 @@ class PointsIdentification:
     """A robot and the lens it was measured with, from the same images.
 
     `images` are the views that count, ascending; `robot.used` and `robot.residuals` run over them. `camera_covariance`
-    has the order of `CAMERA_PARAMETERS`, `T_camera_target` is one per image, at its best place.
+    has the order of `CAMERA_PARAMETERS`, `T_target_camera` is one per image, at its best place.
     """
 
     robot: Identification
@@ -62,17 +51,6 @@ class PointsIdentification:
     images: Int[np.ndarray, " k"]
     T_target_camera: Float[np.ndarray, "k 4 4"]
     rms_px: float
-
-
-@dataclass(frozen=True, slots=True)
-class _Pass:
-    """Images linearised: their poses at the lens that they find best, and how pose and lens go with its standard
-    deviations.
-    """
-
-    poses: PoseData
-    step: Float[np.ndarray, "8"]
-    root: Float[np.ndarray, "8 8"]
 
 
 def identify_on_points(
@@ -105,7 +83,7 @@ def identify_on_points(
     whole = stack.sums(shared.used.astype(np.float64)) >= LEAST_SHARE * stack.counts
     in_front = shared.at.placements.translations_mm[:, 2] > 0.0
     images = np.flatnonzero(shared.kept & whole & in_front)
-    seen = _Images(
+    seen = Images(
         stack.take(images),
         shared.used[stack.spread(np.isin(np.arange(len(stack)), images))],
         max(shared.scale, SMALLEST_NOISE_PX / float(stack.uncertainty.mean())),
@@ -117,21 +95,8 @@ def identify_on_points(
     return _identified(seen, shared.at.placements.take(images), images, nominal, start, folds)
 
 
-@dataclass(frozen=True, slots=True)
-class _Images:
-    """What does not change from pass to pass."""
-
-    views: ViewStack
-    used: Bool[np.ndarray, " n"]
-    scale: float
-    lens: Lens | None
-    joint_angles: Float[np.ndarray, "k j"]
-    target: Int[np.ndarray, " k"]
-    labels: tuple[str, ...]
-
-
 def _identified(
-    seen: _Images,
+    seen: Images,
     placements: Placements,
     images: Int[np.ndarray, " k"],
     nominal: Chain | None,
@@ -140,7 +105,7 @@ def _identified(
 ) -> PointsIdentification:
     arm, scatter, gauge = None, None, None
     for _ in range(PASSES):
-        at = _pass(seen, placements)
+        at = poses_of_images(seen, placements)
         ready = observations_of(at.poses)
         if arm is None:
             begin = begin_at(at.poses, nominal, start)
@@ -172,63 +137,6 @@ def _identified(
     )
 
 
-def _pass(seen: _Images, placements: Placements) -> _Pass:
-    """Linearise the images at their places."""
-    at = linearise(seen.views, placements, seen.used)
-    parameters = placements.parameters[0]
-    change = np.eye(14)
-    change[:8, :8] = coordinates(parameters)
-    N = change.T @ at.normal @ change / seen.scale**2
-    g = at.gradient @ change / seen.scale**2
-    A, B, P = N[:, :8, :8], N[:, :8, 8:], N[:, 8:, 8:]
-    own = np.linalg.inv(P)
-    own = 0.5 * (own + own.transpose(0, 2, 1))
-    back = B @ own
-    q, Q = camera_prior(seen.views.image_width_px, seen.views.image_height_px, seen.lens)(parameters)
-    Q = Q @ coordinates(parameters)
-    information = (A - back @ B.transpose(0, 2, 1)).sum(axis=0) + Q.T @ Q
-    step = np.linalg.solve(
-        information, (g[:, :8] - np.einsum("kab,kb->ka", back, g[:, 8:])).sum(axis=0) + Q.T @ q
-    )
-    root = _root(information)
-    motion = np.einsum("kab,kb->ka", own, g[:, 8:] - np.einsum("kab,a->kb", B, step))
-    rotations = rotations_from_vectors(motion[:, :3]) @ placements.rotations
-    centroids = placements.translations_mm + motion[:, 3:]
-    J = in_target_frame(rotations, centroids)
-    positions = seen.views.centroids - np.einsum("kji,kj->ki", rotations, centroids)
-    common = J @ back.transpose(0, 2, 1) @ root
-    poses = PoseData(
-        seen.joint_angles,
-        positions,
-        np.ascontiguousarray(rotations.transpose(0, 2, 1)),
-        transformed(J, own),
-        np.concatenate([common, _prints(seen, positions)], axis=2),
-        seen.target,
-        seen.labels,
-    )
-    return _Pass(poses, step, root)
-
-
-def _root(information: Float[np.ndarray, "8 8"]) -> Float[np.ndarray, "8 8"]:
-    """Return a root of the inverse: standard deviations of independent errors."""
-    unit = 1.0 / np.sqrt(np.diag(information))
-    values, vectors = np.linalg.eigh(information * np.outer(unit, unit))
-    return np.asarray(unit[:, None] * vectors / np.sqrt(np.maximum(values, 1e-15 * values[-1])))
-
-
-def _prints(seen: _Images, positions: Float[np.ndarray, "k 3"]) -> Float[np.ndarray, "k 6 t"]:
-    """Return what one standard uncertainty of each print's scale does to poses, for prints that state one."""
-    columns = []
-    for target in np.unique(seen.target):
-        members = seen.target == target
-        spec = seen.views.targets[int(seen.views.target[int(np.argmax(members))])]
-        if spec.pitch_standard_uncertainty_mm:
-            column = np.zeros((len(positions), 6))
-            column[members, :3] = positions[members] * spec.pitch_standard_uncertainty_mm / spec.pitch_mm
-            columns.append(column)
-    return np.stack(columns, axis=2) if columns else np.zeros((len(positions), 6, 0))
-
-
 def _attained(refined: Refined, ready: Observations) -> Float[np.ndarray, "k 4 4"]:
     """Return where the camera was: between chain and image as their uncertainties have it; by the image alone where it
     was left out.
@@ -248,7 +156,7 @@ def _attained(refined: Refined, ready: Observations) -> Float[np.ndarray, "k 4 4
 
 
 def _moved(
-    seen: _Images,
+    seen: Images,
     placements: Placements,
     step: Float[np.ndarray, "8"],
     T_target_camera: Float[np.ndarray, "k 4 4"],

@@ -64,8 +64,8 @@ def refine(
         n = len(seen)
         used = result.used[:n] if len(result.used) == n else result.used[:n] & result.used[n:]
         r, J = linearised(arm, seen)
-        information = _information(seen, J, free, used, S)
-        covariance = _inverse(information)
+        information = information_of(seen, J, free, used, S)
+        covariance = inverse_of(information)
         keep = np.flatnonzero(used)
         found = estimate_scatter(seen.take(keep), r[:, keep], _leverage(J[free][:, :, keep], covariance), S)
         rests = _ratio(found, S) < SETTLED
@@ -92,7 +92,7 @@ def refine_plainly(
         if k:
             H[-k:, -k:] += np.eye(k)
             g[-k:] -= arm.shared
-        solved = _inverse(H) @ g
+        solved = inverse_of(H) @ g
         step = np.zeros(arm.layout.size)
         step[free] = solved
         arm = arm.moved(step)
@@ -152,7 +152,7 @@ def _fitted(
     )
 
 
-def _information(
+def information_of(
     seen: Observations,
     J: Float[np.ndarray, "p m n"],
     free: Bool[np.ndarray, " p"],
@@ -177,7 +177,7 @@ def _leverage(
     return (half @ covariance).reshape(n, m, f) @ half.reshape(n, m, f).transpose(0, 2, 1)
 
 
-def _inverse(H: Float[np.ndarray, "f f"]) -> Float[np.ndarray, "f f"]:
+def inverse_of(H: Float[np.ndarray, "f f"]) -> Float[np.ndarray, "f f"]:
     """Invert an information matrix by way of its unit diagonal; what it does not tell gets a huge variance."""
     unit = 1.0 / np.sqrt(np.maximum(np.diag(H), 1e-300))
     values, vectors = np.linalg.eigh(H * np.outer(unit, unit))

@@ -15,7 +15,7 @@ from core.transforms import compose, invert, so3_exp, so3_log, transform, transf
 
 STEPS = 20
 REACHED = 1e-6
-MARGIN_PX = 20.0
+MARGIN_PX = 10.0
 LARGEST_STEP = 0.3
 
 
@@ -33,7 +33,7 @@ def looking_angles(
     tilt: float = math.radians(40.0),
     fill: tuple[float, float] = (0.45, 0.75),
 ) -> Float[np.ndarray, "n j"]:
-    """Draw joint angles (rad) within limits, at each of which the whole grid is in the image.
+    """Draw joint angles (rad) within limits, at each of which the grid and a pitch around it are in the image.
 
     Views tilt up to `tilt` to any side, turn freely about the optical axis, and let the grid fill a share of the image
     drawn from `fill`; the grid stands anywhere in the image.
@@ -42,6 +42,8 @@ def looking_angles(
     """
     points = spec.points_target()
     middle = points.mean(axis=0)
+    low, high = points.min(axis=0) - spec.pitch_mm, points.max(axis=0) + spec.pitch_mm
+    outline = np.array([[x, y, 0.0] for x in (low[0], high[0]) for y in (low[1], high[1])])
     extent = float(np.max(np.ptp(points, axis=0)))
     found: list[Float[np.ndarray, " j"]] = []
     for _ in range(60 * count):
@@ -54,7 +56,7 @@ def looking_angles(
         depth = camera.fx_px * extent / (rng.uniform(*fill) * min(size_px))
         centre = np.array([*rng.uniform(-0.1, 0.1, 2) * depth, depth])
         T_camera_target = transform(rotation, centre - rotation @ middle)
-        pixels = project(transform_points(T_camera_target, points), camera)
+        pixels = project(transform_points(T_camera_target, outline), camera)
         if np.any(pixels < MARGIN_PX) or np.any(pixels > np.array(size_px) - MARGIN_PX):
             continue
         angles = _reach(arm, invert(T_camera_target), home, target)

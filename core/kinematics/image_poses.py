@@ -1,0 +1,111 @@
+"""Images linearised where lens and chain put them: poses with independent errors, and one lens in common.
+
+With l a step of the lens, δ one of the image's pose, and
+
+    [A  B] [l]   [a]
+    [Bᵀ P] [δ] = [b]
+
+the image's normal equations, the image says δ = P⁻¹ (b - Bᵀ l) with covariance P⁻¹, and of the lens what is left,
+Λ = Σ (A - B P⁻¹ Bᵀ) + priors with the right-hand side Σ (a - B P⁻¹ b). To first order exactly, these are poses as
+`PoseData` has them, their shared errors the lens's in independent standard deviations.
+
+References: B. Triggs, P. McLauchlan, R. Hartley, A. Fitzgibbon, "Bundle adjustment: a modern synthesis", 1999,
+section 6.1.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from core.calibration.model import Lens, camera_prior
+from core.calibration.shared_lens import coordinates, linearise
+from core.calibration.view_doubt import in_target_frame, transformed
+from core.calibration.view_stack import Placements, ViewStack
+from core.kinematics.poses import PoseData
+from core.transforms import rotations_from_vectors
+
+
+@dataclass(frozen=True, slots=True)
+class Images:
+    """What is known of images beside their places: grid points and which of them count, the noise's `scale` per unit of
+    stated uncertainty, a prior on the lens, joint angles (rad), the target that each shows, names.
+    """
+
+    views: ViewStack
+    used: Bool[np.ndarray, " n"]
+    scale: float
+    lens: Lens | None
+    joint_angles: Float[np.ndarray, "k j"]
+    target: Int[np.ndarray, " k"]
+    labels: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class ImagePoses:
+    """Images linearised: their poses at the lens that they find best, which is a `step` from the one they were
+    linearised at, and the `root` of its covariance: the first eight shared errors are in its columns' units.
+    """
+
+    poses: PoseData
+    step: Float[np.ndarray, "8"]
+    root: Float[np.ndarray, "8 8"]
+
+
+def poses_of_images(seen: Images, placements: Placements) -> ImagePoses:
+    """Linearise the images at their places."""
+    at = linearise(seen.views, placements, seen.used)
+    parameters = placements.parameters[0]
+    change = np.eye(14)
+    change[:8, :8] = coordinates(parameters)
+    N = change.T @ at.normal @ change / seen.scale**2
+    g = at.gradient @ change / seen.scale**2
+    A, B, P = N[:, :8, :8], N[:, :8, 8:], N[:, 8:, 8:]
+    own = np.linalg.inv(P)
+    own = 0.5 * (own + own.transpose(0, 2, 1))
+    back = B @ own
+    q, Q = camera_prior(seen.views.image_width_px, seen.views.image_height_px, seen.lens)(parameters)
+    Q = Q @ coordinates(parameters)
+    information = (A - back @ B.transpose(0, 2, 1)).sum(axis=0) + Q.T @ Q
+    step = np.linalg.solve(
+        information, (g[:, :8] - np.einsum("kab,kb->ka", back, g[:, 8:])).sum(axis=0) + Q.T @ q
+    )
+    root = _root(information)
+    motion = np.einsum("kab,kb->ka", own, g[:, 8:] - np.einsum("kab,a->kb", B, step))
+    rotations = rotations_from_vectors(motion[:, :3]) @ placements.rotations
+    centroids = placements.translations_mm + motion[:, 3:]
+    J = in_target_frame(rotations, centroids)
+    positions = seen.views.centroids - np.einsum("kji,kj->ki", rotations, centroids)
+    common = J @ back.transpose(0, 2, 1) @ root
+    poses = PoseData(
+        seen.joint_angles,
+        positions,
+        np.ascontiguousarray(rotations.transpose(0, 2, 1)),
+        transformed(J, own),
+        np.concatenate([common, _prints(seen, positions)], axis=2),
+        seen.target,
+        seen.labels,
+    )
+    return ImagePoses(poses, step, root)
+
+
+def _root(information: Float[np.ndarray, "8 8"]) -> Float[np.ndarray, "8 8"]:
+    """Return a root of the inverse: standard deviations of independent errors."""
+    unit = 1.0 / np.sqrt(np.diag(information))
+    values, vectors = np.linalg.eigh(information * np.outer(unit, unit))
+    return np.asarray(unit[:, None] * vectors / np.sqrt(np.maximum(values, 1e-15 * values[-1])))
+
+
+def _prints(seen: Images, positions: Float[np.ndarray, "k 3"]) -> Float[np.ndarray, "k 6 t"]:
+    """Return what one standard uncertainty of each print's scale does to poses, for prints that state one."""
+    columns = []
+    for target in np.unique(seen.target):
+        members = seen.target == target
+        spec = seen.views.targets[int(seen.views.target[int(np.argmax(members))])]
+        if spec.pitch_standard_uncertainty_mm:
+            column = np.zeros((len(positions), 6))
+            column[members, :3] = positions[members] * spec.pitch_standard_uncertainty_mm / spec.pitch_mm
+            columns.append(column)
+    return np.stack(columns, axis=2) if columns else np.zeros((len(positions), 6, 0))
