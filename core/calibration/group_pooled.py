@@ -94,9 +94,10 @@ def _focal(shared: SharedLens) -> float:
 
 
 def _relative_uncertainty(shared: SharedLens) -> float:
+    """Return u(f)/f, infinite where the fit is so degenerate that its covariance is none."""
     covariance = shared.covariance
-    u = math.sqrt(0.25 * float(covariance[0, 0] + 2.0 * covariance[0, 1] + covariance[1, 1]))
-    return u / _focal(shared)
+    variance = 0.25 * float(covariance[0, 0] + 2.0 * covariance[0, 1] + covariance[1, 1])
+    return math.sqrt(variance) / _focal(shared) if variance > 0.0 else math.inf
 
 
 def _contradicts(shared: SharedLens, lens: Lens) -> bool:
@@ -149,6 +150,8 @@ def _check_focal(shared: SharedLens) -> None:
     if u > FOCAL_GATE:
         raise FocalNotObservable(
             f"Together the images leave the focal length uncertain by {100.0 * u:.1f} %; the limit is "
-            f"{100.0 * FOCAL_GATE:g} %.",
+            f"{100.0 * FOCAL_GATE:g} %."
+            if math.isfinite(u)
+            else "Together the images leave the focal length undetermined.",
             "Add images with the target tilted by 15° or more, or give the session intrinsics and use estimator=given.",
         )

@@ -262,6 +262,18 @@ def test_flat_views_alone_are_refused() -> None:
     assert len(estimate_group(views, "given", intrinsics=camera).images) == 4
 
 
+@pytest.mark.parametrize("scale", [(-5.0, 5.0), (1e-3, 1e-3)])
+def test_pictures_that_no_camera_takes_are_refused_in_words(scale: tuple[float, float]) -> None:
+    """A mirrored board, and one of a hundredth of a pixel: the fit ends where its covariance is none."""
+    board = TargetSpec("chessboard", 9, 6, 12.0)
+    row, column = (a.ravel() for a in np.mgrid[0:6, 0:9])
+    px = board.points_target()[:, :2] * scale + 600.0
+    points = GridPoints(board, 1224, 1024, column, row, px, np.full(54, 0.02))
+    for count in (1, 3):
+        with pytest.raises(GridposeError):
+            estimate_group([points] * count, "pooled")
+
+
 def test_two_boards_before_one_camera_are_pooled() -> None:
     rng = np.random.default_rng(12)
     camera = draw_camera(rng)
