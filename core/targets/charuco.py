@@ -2,9 +2,9 @@
 
 OpenCV's detector finds and reads the markers. One that does not fit the board together with a neighbour is none of it,
 whatever it reads: what four corners of one marker predict of the next one over must be there, which lens distortion
-hardly touches and a misread marker does not satisfy. Each grid point beside a marker is placed by the plane through the
-markers nearest to it, and refined as any chessboard's corner (`refinement`), which uses the pixels along the squares'
-edges only and so never sees the markers.
+hardly touches and a misread marker does not satisfy. Each grid point beside a marker, or one square further, is placed
+by the plane through the markers nearest to it, and refined as any chessboard's corner (`refinement`), which uses the
+pixels along the squares' edges only and so never sees the markers.
 
 References: Garrido-Jurado et al. 2014 as in `core.targets.charuco_layout`.
 """
@@ -27,6 +27,9 @@ Markers = Mapping[int, Float[np.ndarray, "4 2"]]
 ENOUGH_SEEN = 0.5  # of the board's corners, as of a chessboard's
 _FITS = 0.3  # of a marker's side: how far a neighbour may be from where it is predicted
 _NEAREST = 4  # markers that place a grid point
+_REACH = (
+    1.5  # squares, from a marker's middle to the grid points it helps to place: its square's own are at .5
+)
 
 
 def detect_charuco(
@@ -134,7 +137,7 @@ def _beside(one: int, other: int, layout: CharucoLayout) -> bool:
 def _place_grid_points(
     markers: Markers, layout: CharucoLayout, shape: tuple[int, ...]
 ) -> tuple[Int[np.ndarray, " n"], Int[np.ndarray, " n"], Float[np.ndarray, "n 2"]]:
-    """Return column, row and place (px) of the grid points in the picture that a marker's square ends at."""
+    """Return column, row and place (px) of the grid points in the picture that are near enough to a marker."""
     target = layout.target
     numbers = np.array(sorted(markers))
     squares = layout.marker_squares[numbers]
@@ -144,7 +147,7 @@ def _place_grid_points(
         for column in range(target.columns):
             # square (i, j) has the grid points (i - 1, j - 1) to (i, j) at its corners
             apart = squares - [column + 0.5, row + 0.5]
-            if np.abs(apart).max(axis=1).min() > 0.5:
+            if np.abs(apart).max(axis=1).min() > _REACH:
                 continue
             nearest = numbers[np.argsort((apart**2).sum(axis=1), kind="stable")[:_NEAREST]]
             H = _plane_through(nearest.tolist(), markers, layout)
@@ -181,7 +184,7 @@ def _counted(markers: int) -> str:
 def _left_out(count: int, size: int) -> Advisory:
     return Advisory(
         code="corners_left_out",
-        detail=f"{count} of {size} corners were left out: they are out of view, no marker beside them was read, or the "
+        detail=f"{count} of {size} corners were left out: they are out of view, no marker near them was read, or the "
         "picture does not show them as corners of squares.",
         advice="Look at the overlay: reflections, dirt or something in front of the grid are the usual causes.",
     )
