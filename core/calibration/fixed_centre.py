@@ -7,6 +7,8 @@ images of one pose, not for where the camera is.
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from jaxtyping import Float
 
@@ -21,10 +23,10 @@ from core.calibration.model import (
     view_of,
     view_residuals,
 )
-from core.calibration.single_image import assumed_focals, plausible_start
+from core.calibration.single_image import FOCAL_GATE, assumed_focals, plausible_start
 from core.calibration.validity import check_points
 from core.camera import Camera
-from core.errors import DegenerateGeometry, NotConverged
+from core.errors import DegenerateGeometry, FocalNotObservable, NotConverged
 from core.least_squares import Fit, fit
 from core.targets.specification import GridPoints
 
@@ -39,7 +41,8 @@ def fit_fixed_centre(
 ) -> Fit[View]:
     """Fit f = fx = fy, k1, k2 and the pose; k1 and k2 have the weak priors of any single image.
 
-    The covariance has the coordinates of `TO_FULL_STEP`. Raises InvalidArgument, DegenerateGeometry, NotConverged.
+    The covariance has the coordinates of `TO_FULL_STEP`. Raises InvalidArgument, DegenerateGeometry, FocalNotObservable
+    for a view that tells nothing of the focal length, NotConverged.
     """
     check_points(points)
     if len(points) < 6:
@@ -67,9 +70,18 @@ def fit_fixed_centre(
         for f in focals
     ]
     best = min((f for f in fits if f.converged), key=lambda f: f.scale, default=None)
-    if best is None:
-        raise NotConverged("No focal length explains the grid points with the principal point held.")
-    return best
+    if best is not None:
+        return best
+    # Where the focal length cannot be told the cost is a flat valley, along which the solver walks without end.
+    if any(f.status == "singular" or _relative_uncertainty(f) > FOCAL_GATE for f in fits):
+        raise FocalNotObservable(
+            "The focal length is not observable in this view, even with the principal point held."
+        )
+    raise NotConverged("No focal length explains the grid points with the principal point held.")
+
+
+def _relative_uncertainty(result: Fit[View]) -> float:
+    return math.sqrt(max(float(result.covariance[0, 0]), 0.0)) / float(result.state.parameters[0])
 
 
 def radial_prior(view: View) -> tuple[Float[np.ndarray, "2"], Float[np.ndarray, "2 9"]]:
