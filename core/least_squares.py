@@ -47,7 +47,7 @@ Retract = Callable[[State, Float[np.ndarray, " p"]], State]
 
 CAUCHY_C = 2.385  # 95 % efficient on Gaussian residuals (Holland and Welsch 1977)
 REJECTION = 4.0 * 1.4826  # of the median distance: 4 MAD, about 7 σ of one component for two components
-MEDIAN_LENGTH = {1: 0.674490, 2: 1.177410, 3: 1.538172}
+MEDIAN_LENGTH = {1: 0.674490, 2: 1.177410, 3: 1.538172, 4: 1.832128, 5: 2.086015, 6: 2.312600}
 """Median length of a vector of so many normal components, in their σ (chi distribution)."""
 STEP_TOLERANCE = 1e-2  # of its own standard uncertainty; steps shrink, so that what is left is far less
 NEGLIGIBLE_STEP = 2e-3  # need not be taken at all

@@ -48,7 +48,7 @@ class PoseData:
         The user's names of the poses, for messages; as many as poses, or none.
     """
 
-    joint_angles: Float[np.ndarray, "n j"]
+    joint_angles: Float[np.ndarray, "a j"]
     positions_mm: Float[np.ndarray, "n 3"]
     rotations: Float[np.ndarray, "n 3 3"] | None = None
     covariance: Float[np.ndarray, "n 6 6"] | None = None

@@ -1,0 +1,178 @@
+"""The motion of one joint: an axis, and a pose that turns about it.
+
+    p_k = c + D_k (p_0 - c),     R_k = D_k R_0,     D_k = Rot(n, φ_k)
+
+with the axis through c along n, and (p_0, R_0) the pose at φ = 0. The φ_k are the encoder's, or free: each pose then
+tells its own, and what remains of it is how far it lies off the motion. One model so serves all methods: positions with
+free angles are the circle (what remains is distance in the plane and out of it); poses with free angles are the screw;
+poses, or positions, with the encoder's angles are the combined form.
+
+Derivatives of the prediction, positions and rotation vectors (R_true = exp(w) R), e along the basis (radial e1,
+tangential e2, axial n):
+
+    c moved by e ⊥ n           (1 - D) e                            0
+    n turned by w about c      w × (D u) - D (w × u)                (1 - D) w          u = p_0 - c
+    p_0 moved by v             D v                                  0
+    the pose turned by w       D (w × u)                            D w
+    φ                          n × (D u)                            n
+
+With free angles turning the pose about n is the same as shifting all angles, so it is no parameter then.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from jaxtyping import Float
+from scipy.spatial.transform import Rotation
+
+from core.transforms import hat, so3_exp
+
+AXIS_PARAMETERS = 4
+"""The first of every step: c along e1 and e2 (mm), n turned about e1 and e2 (rad)."""
+_ANGLE_STEPS = 3
+
+
+@dataclass(frozen=True, slots=True)
+class Measured:
+    """The poses of one arc, made ready: `whitening` W with W V Wᵀ = 1, `encoder` the angles about their mean, rad."""
+
+    positions: Float[np.ndarray, "n 3"]
+    rotations: Float[np.ndarray, "n 3 3"] | None
+    encoder: Float[np.ndarray, " n"]
+    whitening: Float[np.ndarray, "n m m"]
+    free_angles: bool
+
+    @property
+    def components(self) -> int:
+        """Residuals of one pose that are left after its angle was told."""
+        return (3 if self.rotations is None else 6) - int(self.free_angles)
+
+
+@dataclass(frozen=True, slots=True)
+class Motion:
+    """A state of the fit; `angles` are φ."""
+
+    point: Float[np.ndarray, "3"]
+    direction: Float[np.ndarray, "3"]
+    position: Float[np.ndarray, "3"]
+    rotation: Float[np.ndarray, "3 3"] | None
+    angles: Float[np.ndarray, " n"]
+
+    @property
+    def basis(self) -> Float[np.ndarray, "3 3"]:
+        """Columns e1 (from the axis to p_0), e2, n."""
+        n = self.direction
+        out = self.position - self.point
+        out = out - n * (n @ out)
+        if out @ out < 1e-18:  # on the axis: any direction across it will do
+            out = hat(n)[int(np.argmin(np.abs(n)))]
+        e1 = out / np.linalg.norm(out)
+        return np.array([e1, hat(n) @ e1, n]).T
+
+    @property
+    def radius(self) -> float:
+        return float(np.linalg.norm(hat(self.direction) @ (self.position - self.point)))
+
+    def moved(self, step: Float[np.ndarray, " p"], seen: Measured) -> Motion:
+        """Return the motion after a step of its parameters; the angles follow where they are free."""
+        E = self.basis
+        point = self.point + E[:, :2] @ step[:2]
+        direction = so3_exp(E[:, :2] @ step[2:4]) @ self.direction
+        direction /= np.linalg.norm(direction)
+        if self.rotation is None:
+            shift = np.zeros(3)
+            shift[[0, 2] if seen.free_angles else [0, 1, 2]] = step[4:]
+            position, rotation = self.position + E @ shift, None
+        else:
+            turn = np.zeros(3)
+            turn[: 2 if seen.free_angles else 3] = step[7:]
+            R = so3_exp(E @ turn)
+            position = self.point + E @ step[4:7] + R @ (self.position - self.point)
+            rotation = R @ self.rotation
+        point = point + direction * (direction @ (position - point))
+        moved = Motion(point, direction, position, rotation, self.angles)
+        return with_angles(moved, seen)
+
+
+def rotations_about(
+    direction: Float[np.ndarray, "3"], angles: Float[np.ndarray, " n"]
+) -> Float[np.ndarray, "n 3 3"]:
+    """Return Rot(n, φ) of every angle."""
+    return np.asarray(Rotation.from_rotvec(angles[:, None] * direction).as_matrix()).reshape(-1, 3, 3)
+
+
+def residuals(motion: Motion, seen: Measured) -> Float[np.ndarray, "n m"]:
+    """Return measured - predicted of every pose: position (mm), and rotation vector (rad) where there is one."""
+    D = rotations_about(motion.direction, motion.angles)
+    off = seen.positions - motion.point - D @ (motion.position - motion.point)
+    if seen.rotations is None or motion.rotation is None:
+        return np.asarray(off)
+    turn = seen.rotations @ (D @ motion.rotation).swapaxes(1, 2)
+    return np.hstack([off, Rotation.from_matrix(turn).as_rotvec()])
+
+
+def angle_derivative(motion: Motion, seen: Measured) -> Float[np.ndarray, "n m"]:
+    """Return d(prediction)/dφ of every pose."""
+    D = rotations_about(motion.direction, motion.angles)
+    along = D @ (motion.position - motion.point) @ hat(motion.direction).T
+    if seen.rotations is None:
+        return np.asarray(along)
+    return np.hstack([along, np.broadcast_to(motion.direction, along.shape)])
+
+
+def jacobian(motion: Motion, seen: Measured) -> Float[np.ndarray, "n m p"]:
+    """Return d(prediction)/d(step) of every pose."""
+    E, u = motion.basis, motion.position - motion.point
+    e1, e2, n = E.T
+    D = rotations_about(motion.direction, motion.angles)
+    out = D @ u
+    across = np.eye(3) - D
+
+    def turned(w: Float[np.ndarray, "3"]) -> Float[np.ndarray, "k 3"]:
+        return np.asarray(out @ hat(w).T - D @ (hat(w) @ u))
+
+    zero = np.zeros_like(out)
+    if seen.rotations is None:
+        shifts = (e1, n) if seen.free_angles else (e1, e2, n)
+        columns = [across @ e1, across @ e2, turned(e1), turned(e2), *(D @ v for v in shifts)]
+        return np.stack(columns, axis=2)
+    turns = (e1, e2) if seen.free_angles else (e1, e2, n)
+    position = [across @ e1, across @ e2, turned(e1), turned(e2)]
+    position += [D @ v for v in (e1, e2, n)] + [D @ (hat(w) @ u) for w in turns]
+    rotation = [zero, zero, across @ e1, across @ e2, zero, zero, zero, *(D @ w for w in turns)]
+    return np.concatenate([np.stack(position, axis=2), np.stack(rotation, axis=2)], axis=1)
+
+
+def with_angles(motion: Motion, seen: Measured) -> Motion:
+    """Return the motion with each pose's angle where it agrees best; unchanged where the encoder tells them."""
+    if not seen.free_angles:
+        return motion
+    for _ in range(_ANGLE_STEPS):
+        r = np.einsum("nij,nj->ni", seen.whitening, residuals(motion, seen))
+        g = np.einsum("nij,nj->ni", seen.whitening, angle_derivative(motion, seen))
+        step = np.sum(g * r, axis=1) / np.maximum(np.sum(g * g, axis=1), 1e-300)
+        # A gross error would send its angle round and round.
+        motion = replace(motion, angles=motion.angles + np.clip(step, -1.0, 1.0))
+    return motion
+
+
+def linearised(
+    motion: Motion, seen: Measured
+) -> tuple[Float[np.ndarray, "n r"], Float[np.ndarray, "n r p"], Float[np.ndarray, "n r m"]]:
+    """Return whitened residuals, derivatives, and the matrix that whitens: what is left once the angles are told.
+
+    With g the whitened derivative by a free angle, a Householder reflection takes g to the last component, which is
+    then dropped.
+    """
+    W = seen.whitening
+    if seen.free_angles:
+        g = np.einsum("nij,nj->ni", W, angle_derivative(motion, seen))
+        v = g / np.maximum(np.linalg.norm(g, axis=1, keepdims=True), 1e-300)
+        v[:, -1] += np.where(v[:, -1] < 0.0, -1.0, 1.0)
+        scale = 2.0 / np.sum(v * v, axis=1)
+        reflection = np.eye(v.shape[1]) - scale[:, None, None] * v[:, :, None] * v[:, None, :]
+        W = reflection[:, :-1] @ W
+    r = np.einsum("nri,ni->nr", W, residuals(motion, seen))
+    return r, W @ jacobian(motion, seen), W

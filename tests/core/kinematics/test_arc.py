@@ -1,0 +1,199 @@
+"""One joint's motion: derivatives, closed forms, robust starts."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from core.errors import DegenerateGeometry
+from core.kinematics.arc import (
+    Measured,
+    Motion,
+    angle_derivative,
+    jacobian,
+    linearised,
+    residuals,
+    rotations_about,
+)
+from core.kinematics.arc_noise import ArcResiduals, Variances, estimate_variances, weights
+from core.kinematics.arc_start import robust_start
+from core.kinematics.screw import motion_by_circle, motion_by_encoder, motion_by_rotations
+from core.transforms import so3_exp, so3_log
+
+POINT, DIRECTION = np.array([300.0, -150.0, 700.0]), so3_exp(np.array([0.5, -1.1, 0.4])) @ [0.0, 0.0, 1.0]
+OUT = 600.0 * np.cross(DIRECTION, [1.0, 0.0, 0.0]) / np.linalg.norm(np.cross(DIRECTION, [1.0, 0.0, 0.0]))
+START = so3_exp(np.array([2.0, 0.3, -0.4]))
+
+
+def arc_of(angles: np.ndarray, radius: float = 1.0) -> tuple[np.ndarray, np.ndarray]:
+    D = rotations_about(DIRECTION, angles)
+    return POINT + radius * (D @ OUT), D @ START
+
+
+def state(rng: np.random.Generator, angles: np.ndarray, with_rotations: bool) -> Motion:
+    return Motion(
+        POINT + rng.normal(0.0, 1.0, 3),
+        so3_exp(rng.normal(0.0, 0.02, 3)) @ DIRECTION,
+        POINT + OUT + rng.normal(0.0, 2.0, 3),
+        so3_exp(rng.normal(0.0, 0.02, 3)) @ START if with_rotations else None,
+        angles + rng.normal(0.0, 0.02, len(angles)),
+    )
+
+
+@pytest.mark.parametrize("with_rotations", [True, False])
+@pytest.mark.parametrize("free_angles", [True, False])
+def test_derivatives_match_differences(with_rotations: bool, free_angles: bool) -> None:
+    rng = np.random.default_rng(5)
+    angles = np.linspace(-0.7, 0.7, 5)
+    positions, rotations = arc_of(angles)
+    m = 6 if with_rotations else 3
+    seen = Measured(
+        positions, rotations if with_rotations else None, angles, np.tile(np.eye(m), (5, 1, 1)), free_angles
+    )
+    motion = state(rng, angles, with_rotations)
+    held = Measured(seen.positions, seen.rotations, angles, seen.whitening, False)
+    J = jacobian(motion, seen)
+    assert (
+        J.shape[2]
+        == {(True, True): 9, (True, False): 10, (False, True): 6, (False, False): 7}[
+            with_rotations, free_angles
+        ]
+    )
+
+    def moved(step: np.ndarray) -> np.ndarray:
+        # The parameters' own motion, the free angles held: what they do follows from `angle_derivative`.
+        if not free_angles:
+            return residuals(motion.moved(step, seen), seen)
+        full = np.insert(step, 5, 0.0) if not with_rotations else np.append(step, 0.0)
+        return residuals(motion.moved(full, held), seen)
+
+    h = 1e-5
+    for k in range(J.shape[2]):
+        step = np.zeros(J.shape[2])
+        step[k] = h
+        difference = (moved(-step) - moved(step)) / (2.0 * h)
+        # Residuals of some hundredths of a radian turn the logarithm's derivative by half as much.
+        np.testing.assert_allclose(J[:, :, k], difference, rtol=0.05, atol=0.05)
+        np.testing.assert_allclose(J[:, :3, k], difference[:, :3], rtol=1e-5, atol=1e-4)
+    turned = [
+        residuals(
+            Motion(motion.point, motion.direction, motion.position, motion.rotation, motion.angles + s), held
+        )
+        for s in (-h, h)
+    ]
+    np.testing.assert_allclose(
+        angle_derivative(motion, seen)[:, :3],
+        ((turned[0] - turned[1]) / (2.0 * h))[:, :3],
+        rtol=1e-6,
+        atol=1e-4,
+    )
+
+
+def test_free_angles_leave_what_is_across_the_motion() -> None:
+    rng = np.random.default_rng(6)
+    angles = np.linspace(-0.7, 0.7, 6)
+    positions, rotations = arc_of(angles)
+    W = weights(np.tile(np.diag([4.0, 1.0, 1.0, 1e-6, 1e-6, 2e-6]), (6, 1, 1)), Variances(1e-12, 1e-18))
+    seen = Measured(positions, rotations, angles, W, True)
+    motion = state(rng, angles, True)
+    r, J, whitening = linearised(motion, seen)
+    assert (r.shape, J.shape) == ((6, 5), (6, 5, 9))
+    across = np.einsum("nrm,nm->nr", whitening, angle_derivative(motion, seen))
+    np.testing.assert_allclose(across, 0.0, atol=1e-9)
+    # Nothing else is lost: 1 = WᵀW + its share along the angle.
+    full = np.einsum("nij,nj->ni", W, residuals(motion, seen))
+    g = np.einsum("nij,nj->ni", W, angle_derivative(motion, seen))
+    along = np.sum(full * g, axis=1) ** 2 / np.sum(g * g, axis=1)
+    np.testing.assert_allclose(np.sum(r**2, axis=1) + along, np.sum(full**2, axis=1), rtol=1e-9)
+
+
+@pytest.mark.parametrize("arc", [10.0, 80.0, 200.0, 340.0, 700.0])
+def test_closed_forms_are_exact(arc: float) -> None:
+    encoder = np.radians(np.linspace(-arc / 2.0, arc / 2.0, 23))
+    positions, rotations = arc_of(encoder)
+    found = [
+        motion_by_rotations(positions, rotations, encoder, free_angles=False),
+        motion_by_rotations(positions, rotations, encoder, free_angles=True),
+        motion_by_encoder(positions, encoder),
+        motion_by_circle(positions, encoder),
+    ]
+    for motion in found:
+        np.testing.assert_allclose(motion.direction, DIRECTION, atol=1e-7)
+        np.testing.assert_allclose(np.cross(motion.point - POINT, DIRECTION), 0.0, atol=1e-4)
+        assert motion.radius == pytest.approx(600.0, abs=1e-4)
+        D = rotations_about(motion.direction, motion.angles)
+        again = motion.point + D @ (motion.position - motion.point)
+        np.testing.assert_allclose(again, positions, atol=1e-4)
+
+
+def test_the_sense_is_the_encoders() -> None:
+    encoder = np.linspace(-0.5, 0.5, 7)
+    positions, rotations = arc_of(-encoder)
+    for motion in (
+        motion_by_rotations(positions, rotations, encoder, free_angles=True),
+        motion_by_encoder(positions, encoder),
+        motion_by_circle(positions, encoder),
+    ):
+        np.testing.assert_allclose(motion.direction, -DIRECTION, atol=1e-6)
+
+
+def test_positions_that_do_not_go_round_are_refused() -> None:
+    encoder = np.linspace(-0.5, 0.5, 7)
+    with pytest.raises(DegenerateGeometry):
+        motion_by_encoder(np.outer(encoder, [10.0, 20.0, 30.0]), encoder)
+    with pytest.raises(DegenerateGeometry):
+        motion_by_circle(np.tile(POINT, (7, 1)), encoder)
+
+
+@pytest.mark.parametrize("with_rotations", [True, False])
+@pytest.mark.parametrize("free_angles", [True, False])
+def test_wrong_poses_do_not_spoil_the_start(with_rotations: bool, free_angles: bool) -> None:
+    rng = np.random.default_rng(7)
+    encoder = np.linspace(-0.7, 0.7, 12)
+    positions, rotations = arc_of(encoder)
+    positions = positions + rng.normal(0.0, 0.05, positions.shape)
+    positions[[1, 5, 8]] += rng.normal(0.0, 200.0, (3, 3))
+    rotations[1] = so3_exp(np.array([0.0, 1.0, 0.0])) @ rotations[1]
+    motion = robust_start(positions, rotations if with_rotations else None, encoder, free_angles=free_angles)
+    assert math.degrees(float(np.linalg.norm(np.cross(motion.direction, DIRECTION)))) < 1.0
+    assert np.linalg.norm(np.cross(motion.point - POINT, DIRECTION)) < 10.0
+
+
+def test_variances_of_arcs_are_unbiased_and_one_at_its_floor_does_not_lift_the_other() -> None:
+    rng = np.random.default_rng(8)
+    found = []
+    for _ in range(150):
+        arcs = []
+        for _ in range(4):
+            J = rng.normal(0.0, 1.0, (12, 6, 10))
+            own = np.tile(np.diag([0.01] * 3 + [1e-6] * 3), (12, 1, 1))
+            noise = rng.normal(0.0, 1.0, (12, 6)) * np.sqrt([0.05] * 3 + [1e-6] * 3)
+            V = np.array([0.05] * 3 + [1e-6] * 3)
+            scaled = (J / np.sqrt(V)[:, None]).reshape(72, 10)
+            fitted = scaled @ np.linalg.lstsq(scaled, (noise / np.sqrt(V)).ravel(), rcond=None)[0]
+            arcs.append(ArcResiduals(own, noise - fitted.reshape(12, 6) * np.sqrt(V), J, None))
+        variances = estimate_variances(arcs, Variances(1e-4, 1e-10), 2)
+        found.append((variances.position, variances.rotation))
+    position, rotation = np.array(found).T
+    # Each estimate has some 120 degrees of freedom: 13 % of .05, and 1 % for the mean of 150; three of those.
+    assert np.mean(position) == pytest.approx(0.04, abs=0.002)
+    # None is there: half of the estimates are at the floor, the others small against the instrument's 1e-6.
+    assert 0.3 < np.mean(rotation <= 1.01e-18) < 0.75
+    assert np.mean(rotation) < 1.5e-7
+
+
+def test_motions_keep_their_pose_on_the_way() -> None:
+    encoder = np.linspace(-0.5, 0.5, 7)
+    positions, rotations = arc_of(encoder)
+    seen = Measured(positions, rotations, encoder, np.tile(np.eye(6), (7, 1, 1)), False)
+    motion = motion_by_rotations(positions, rotations, encoder, free_angles=False)
+    there = motion.moved(np.array([1.0, -2.0, 0.01, 0.02, 1.0, 1.0, 1.0, 0.01, 0.0, -0.01]), seen)
+    out = there.position - there.point
+    assert abs(out @ there.direction) < 1e-9
+    assert there.rotation is not None
+    assert motion.rotation is not None
+    assert np.linalg.norm(so3_log(there.rotation @ motion.rotation.T)) == pytest.approx(
+        math.hypot(0.01, 0.01), rel=1e-6
+    )
