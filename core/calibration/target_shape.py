@@ -65,7 +65,7 @@ class TargetShape:
     from the line between its ends, `bow_y_mm` the same of a column, `twist_mm` how far the corners stand out of the
     plane, two up and two down. `aspect` is the length along x over that along y, less 1; `shear` by how much less than
     90° the axes meet, rad. `camera` and `camera_covariance` are those of the joint fit: the doubt of the target's shape
-    is in them. `used_views` are the views that count, by their index.
+    is in them, by `shape_covariance`. `used_views` are the views that count, by their index.
     """
 
     target: TargetSpec
@@ -82,6 +82,7 @@ class TargetShape:
     shear: Measure
     camera: Camera
     camera_covariance: Float[np.ndarray, "9 9"]
+    shape_covariance: Float[np.ndarray, "9 9"]
     used_views: Int[np.ndarray, " k"]
     directions: int
     rms_before_px: float
@@ -284,6 +285,10 @@ def _conclude(
     C = np.linalg.inv(H * np.outer(unit, unit)) * np.outer(unit, unit)
     camera_covariance = np.zeros((9, 9))
     camera_covariance[:CAMERA, :CAMERA] = C[:CAMERA, :CAMERA]
+    # H⁻¹ = A⁻¹ + (what the departures' doubt adds), A the camera's information were the target known.
+    of_shape = np.zeros((9, 9))
+    by_shape = np.linalg.solve(H[:CAMERA, :CAMERA], H[:CAMERA, CAMERA:])
+    of_shape[:CAMERA, :CAMERA] = by_shape @ C[CAMERA:, CAMERA:] @ by_shape.T
     gauge = gauge_of(fit.nominal)
     departures = (state.points_mm - fit.nominal).ravel()
     departures = departures - gauge @ (gauge.T @ departures)
@@ -315,6 +320,7 @@ def _conclude(
         shear=measures[4],
         camera=Camera.from_array(state.parameters),
         camera_covariance=camera_covariance,
+        shape_covariance=0.5 * (of_shape + of_shape.T),
         used_views=kept,
         directions=directions,
         rms_before_px=before_px,

@@ -36,6 +36,13 @@ SourceQuery = Annotated[
         description="`images`: poses estimated from images. `measured_poses`: those another instrument measured."
     ),
 ]
+RefineQuery = Annotated[
+    bool,
+    Query(
+        description="Estimate the target's own shape, too (print errors, bow), and the camera before the target as it "
+        "is; takes images that show it from eight directions or more."
+    ),
+]
 KnownTags = Annotated[
     str | None,
     Header(alias="If-None-Match", max_length=4096, description="Entity tags of answers the client has."),
@@ -44,10 +51,15 @@ KnownTags = Annotated[
 
 @router.get("/intrinsics", response_model=IntrinsicsAnalysis, responses=_RESPONSES)
 def get_intrinsics(
-    session_id: str, service: ServiceDep, estimator: EstimatorQuery = "pooled", known: KnownTags = None
+    session_id: str,
+    service: ServiceDep,
+    estimator: EstimatorQuery = "pooled",
+    refine_target: RefineQuery = False,
+    known: KnownTags = None,
 ) -> Response:
     """Calibrate the session's camera from all its images, repeated poses or not."""
-    return answer_analysis(service, "intrinsics", session_id, {"estimator": estimator}, known)
+    settings = {"estimator": estimator} | ({"refine_target": "true"} if refine_target else {})
+    return answer_analysis(service, "intrinsics", session_id, settings, known)
 
 
 @router.get("/repeatability", response_model=RepeatabilityAnalysis, responses=_RESPONSES)

@@ -86,11 +86,76 @@ class AnalysisHead(ResponseModel):
     ]
 
 
+class ShapeMeasure(ResponseModel):
+    """A number with its standard uncertainty."""
+
+    value: float
+    standard_uncertainty: float
+
+
+class ShapeDeparture(ResponseModel):
+    """How far grid points are from their places, over all points."""
+
+    rms_mm: float
+    standard_uncertainty_mm: float
+    noise_mm: Annotated[float, Field(description="The rms that the estimate's own doubt makes of it.")]
+    largest_mm: float
+    significant: Annotated[
+        bool, Field(description="Whether noise alone would give so much once in a thousand times at most.")
+    ]
+
+
+class ShapePoint(ResponseModel):
+    """One grid point's departure from its place, in the target frame."""
+
+    column: int
+    row: int
+    departure_mm: Vector
+    standard_uncertainty_mm: Vector
+
+
+class TargetShape(ResponseModel):
+    """The target as it is: departures from the ideal grid after the best move, turn and scaling of the whole."""
+
+    target_id: str
+    focus_group: Annotated[str, Field(description="Whose images it comes from.")]
+    images: int
+    directions: Annotated[
+        int,
+        Field(description="From which the images show it that differ by 5° and are tilted by 10° or more."),
+    ]
+    applied: Annotated[
+        bool,
+        Field(
+            description="Whether the cameras are those before the refined target: where anything is significant."
+        ),
+    ]
+    rms_before_px: Annotated[float, Field(description="Residual distances with the target taken as perfect.")]
+    rms_px: float
+    reduced_chi2: Annotated[float, _CHI]
+    in_plane: ShapeDeparture
+    out_of_plane: ShapeDeparture
+    bow_x_mm: Annotated[
+        ShapeMeasure,
+        Field(description="How far the middle of a row stands out along z (into the board) from its ends."),
+    ]
+    bow_y_mm: Annotated[ShapeMeasure, Field(description="The same of a column.")]
+    twist_mm: Annotated[
+        ShapeMeasure, Field(description="How far the corners stand out of the plane, two up and two down.")
+    ]
+    aspect: Annotated[ShapeMeasure, Field(description="Length along x over length along y, less 1.")]
+    shear_deg: Annotated[ShapeMeasure, Field(description="By how much less than 90° the axes meet.")]
+    points: list[ShapePoint]
+
+
 class IntrinsicsAnalysis(AnalysisHead):
     """The camera of a session, focus group by focus group."""
 
     groups: list[GroupCalibration]
     target_transforms: list[TargetTransform]
+    target_shape: Annotated[
+        TargetShape | None, Field(description="With `refine_target`: the target's own shape.")
+    ]
     warnings: list[AdvisoryRead]
 
 

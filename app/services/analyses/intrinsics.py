@@ -11,6 +11,7 @@ from jaxtyping import Float
 
 from app.services.analyses.documents import advisories, camera_fields
 from app.services.analyses.estimation import EstimatedImage, estimate_session, worst_images
+from app.services.analyses.refined_target import refine_target
 from app.services.analyses.snapshot import Snapshot
 from core.transforms import hat, transform, transform_mean
 
@@ -20,6 +21,11 @@ def intrinsics_document(
 ) -> dict[str, Any]:
     """Return what `GET .../intrinsics` answers, but for the fields every analysis has."""
     session = estimate_session(snapshot, points, settings["estimator"])
+    groups, images, shape, warnings = session.groups, session.images, None, session.warnings
+    if settings.get("refine_target") == "true":
+        refined = refine_target(snapshot, points, session)
+        groups, images, shape = refined.groups, refined.images, refined.shape
+        warnings = (*warnings, *refined.warnings)
     return {
         "estimator": settings["estimator"],
         "groups": [
@@ -31,10 +37,11 @@ def intrinsics_document(
                     for e in worst_images(group)
                 ],
             }
-            for group in session.groups
+            for group in groups
         ],
-        "target_transforms": _target_transforms(snapshot, session.images),
-        "warnings": advisories(session.warnings),
+        "target_transforms": _target_transforms(snapshot, images),
+        "target_shape": shape,
+        "warnings": advisories(warnings),
     }
 
 
