@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Annotated, Any
 
 from fastapi import Query, Response
 
 from app.api.contract import Service, ServiceDep, contract_router, problems
-from app.api.routes.analyses import ETAG_HEADER, EstimatorQuery, KnownTags, answer_analysis
+from app.api.routes.analyses import ETAG_HEADER, EstimatorQuery, KnownTags, SourceQuery, answer_analysis
 from app.api.schemas.common import Text
 from app.services import poses
 from app.services.lookup import POSE_ID
@@ -45,10 +46,12 @@ def get_scatter_plot(
     service: ServiceDep,
     pose_id: PoseQuery = None,
     estimator: EstimatorQuery = "pooled",
+    source: SourceQuery = "images",
     known: KnownTags = None,
 ) -> Response:
     """Draw how the positions of each pose scatter, and how much of that is the instrument's."""
-    return _answer(service, "scatter_plot", session_id, estimator, {"pose_id": pose_id}, known)
+    settings = {"estimator": estimator, "source": source}
+    return _answer(service, "scatter_plot", session_id, settings, {"pose_id": pose_id}, known)
 
 
 @router.get(
@@ -63,10 +66,12 @@ def get_drift_plot(
     service: ServiceDep,
     pose_id: PoseQuery = None,
     estimator: EstimatorQuery = "pooled",
+    source: SourceQuery = "images",
     known: KnownTags = None,
 ) -> Response:
     """Draw how the poses move over the cycles."""
-    return _answer(service, "drift_plot", session_id, estimator, {"pose_id": pose_id}, known)
+    settings = {"estimator": estimator, "source": source}
+    return _answer(service, "drift_plot", session_id, settings, {"pose_id": pose_id}, known)
 
 
 @router.get(
@@ -82,23 +87,21 @@ def get_residual_map(
     known: KnownTags = None,
 ) -> Response:
     """Draw what the camera model leaves over, by place in the image."""
-    return _answer(service, "residual_map", session_id, estimator, {"focus_group": focus_group}, known)
+    settings = {"estimator": estimator}
+    return _answer(service, "residual_map", session_id, settings, {"focus_group": focus_group}, known)
 
 
 def _answer(
     service: Service,
     analysis: str,
     session_id: str,
-    estimator: str,
-    chosen: dict[str, str | None],
+    settings: Mapping[str, str],
+    chosen: Mapping[str, str | None],
     known: str | None,
 ) -> Response:
     pose_id = chosen.get("pose_id")
     if pose_id is not None:
         with service.installation.database.read() as records:
             poses.get_pose(records, session_id, pose_id)
-    settings = {
-        "estimator": estimator,
-        **{name: value for name, value in chosen.items() if value is not None},
-    }
+    settings = {**settings, **{name: value for name, value in chosen.items() if value is not None}}
     return answer_analysis(service, analysis, session_id, settings, known, media_type=SVG)

@@ -43,9 +43,8 @@ class PoseDrift:
     blocks: tuple[Block, ...]
 
 
-def drift_svg(poses: Sequence[PoseDrift], estimator: str, block: int) -> bytes:
+def drift_svg(poses: Sequence[PoseDrift], title: str, block: int) -> bytes:
     """Return a panel for every pose, x, y and z over the cycles."""
-    title = f"Drift over the cycles, in the target frame (estimator {estimator})"
     return draw_svg(
         lambda: drift_figure(poses, title, block),
         title,
@@ -60,7 +59,7 @@ def drift_figure(poses: Sequence[PoseDrift], title: str, block: int) -> Figure:
     row = _CAPTION + _PANEL_HEIGHT + _BELOW
     width = _LEFT + columns * _PANEL_WIDTH + (columns - 1) * _GAP + 0.25
     figure = Figure((max(width, 6.6), _HEADER + row * rows + _FOOTER))
-    text_at(figure, 0.15, 0.32, title, fontsize=12 if columns == 2 else 11, weight="bold")
+    text_at(figure, 0.15, 0.32, title, fontsize=12 if columns == 2 else 9.5, weight="bold")
     for place, pose in enumerate(poses):
         left = _LEFT + (place % columns) * (_PANEL_WIDTH + _GAP)
         top = _HEADER + (place // columns) * row

@@ -81,9 +81,8 @@ def cells_of(field: ResidualField) -> Cells:
     )
 
 
-def residuals_svg(fields: Sequence[ResidualField], estimator: str) -> bytes:
+def residuals_svg(fields: Sequence[ResidualField], title: str) -> bytes:
     """Return for every focus group the mean residuals and their size over the image."""
-    title = f"Residuals over the image (estimator {estimator})"
     cells = [cells_of(field) for field in fields]
     return draw_svg(
         lambda: residuals_figure(fields, cells, title),

@@ -57,9 +57,8 @@ class PoseScatter:
     remark: str = ""
 
 
-def scatter_svg(poses: Sequence[PoseScatter], estimator: str) -> bytes:
+def scatter_svg(poses: Sequence[PoseScatter], title: str) -> bytes:
     """Return three projections of every pose, one pose a row."""
-    title = f"Position scatter in the target frame, about each pose's mean (estimator {estimator})"
     return draw_svg(
         lambda: scatter_figure(poses, title), title, "\n".join(f"{p.pose_id}: {_caption(p)}" for p in poses)
     )

@@ -55,16 +55,8 @@ def measured_visits(snapshot: Snapshot) -> list[MeasuredVisit]:
 
 def measured_repeatability(snapshot: Snapshot, settings: Mapping[str, str]) -> dict[str, Any]:
     """Return what `GET .../repeatability?source=measured_poses` answers, but for the fields every analysis has."""
-    visits: dict[str, list[MeasuredVisit]] = {}
-    for visit in measured_visits(snapshot):
-        visits.setdefault(visit.pose_id, []).append(visit)
-    cycles = [_cycles(of_pose) for of_pose in visits.values()]
-    rows = [
-        without_outliers(Row(pose_id, of_pose, [], _told(one, figures)))
-        for (pose_id, of_pose), one, figures in zip(
-            visits.items(), cycles, assess_repeatability(cycles), strict=True
-        )
-    ]
+    visits = visits_by_pose(snapshot)
+    rows = measured_rows(visits)
     accuracy = assess_measured_accuracy(snapshot, {row.pose_id: row.images for row in rows})
     performance = assess_performance(rows, snapshot.commanded, of_visit)
     return {
@@ -77,9 +69,28 @@ def measured_repeatability(snapshot: Snapshot, settings: Mapping[str, str]) -> d
         "distances": performance.distances,
         "approach_variation": performance.approach_variation,
         "warnings": advisories(
-            (*_remarks(visits, cycles), *row_remarks(rows), *accuracy.warnings, *performance.warnings)
+            (*_remarks(visits), *row_remarks(rows), *accuracy.warnings, *performance.warnings)
         ),
     }
+
+
+def visits_by_pose(snapshot: Snapshot) -> dict[str, list[MeasuredVisit]]:
+    """Return the session's readings pose by pose; raises CannotAnalyse where there are none."""
+    visits: dict[str, list[MeasuredVisit]] = {}
+    for visit in measured_visits(snapshot):
+        visits.setdefault(visit.pose_id, []).append(visit)
+    return visits
+
+
+def measured_rows(visits: Mapping[str, list[MeasuredVisit]]) -> list[Row[MeasuredVisit]]:
+    """Return every pose's row with its figures."""
+    cycles = [_cycles(of_pose) for of_pose in visits.values()]
+    return [
+        without_outliers(Row(pose_id, of_pose, [], _told(one, figures)))
+        for (pose_id, of_pose), one, figures in zip(
+            visits.items(), cycles, assess_repeatability(cycles), strict=True
+        )
+    ]
 
 
 def semidefinite(covariance: Float[np.ndarray, "6 6"]) -> Float[np.ndarray, "6 6"]:
@@ -127,10 +138,10 @@ def _told(cycles: PoseCycles, figures: PoseRepeatability) -> PoseRepeatability:
     return replace(figures, noise_floor=unknown, corrected=unknown, warnings=warnings)
 
 
-def _remarks(visits: Mapping[str, list[MeasuredVisit]], cycles: Sequence[PoseCycles]) -> list[Advisory]:
+def _remarks(visits: Mapping[str, list[MeasuredVisit]]) -> list[Advisory]:
     """Say which figures are null, and why."""
     remarks = []
-    positions_alone = [p for p, one in zip(visits, cycles, strict=True) if one.rotations is None]
+    positions_alone = [p for p, one in visits.items() if any(v.rotation is None for v in one)]
     if positions_alone:
         remarks.append(
             Advisory(
@@ -140,7 +151,7 @@ def _remarks(visits: Mapping[str, list[MeasuredVisit]], cycles: Sequence[PoseCyc
                 "Use a probe that measures all six degrees of freedom where orientation matters.",
             )
         )
-    unknown = [p for p, one in zip(visits, cycles, strict=True) if one.covariances is None]
+    unknown = [p for p, one in visits.items() if any(v.covariance is None for v in one)]
     if unknown:
         remarks.append(
             Advisory(

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
 
+import numpy as np
 import pytest
 
 from tests.app.analyses.conftest import Shot, Store, body, new_session, problem, shoot, with_fields
@@ -116,6 +117,34 @@ def test_poses_that_have_nothing_to_show(api: Any, store: Store, ordinary: list[
         problem(get(api, session, plot, pose_id="P10"), 409, "too_few_measurements")
         problem(get(api, session, plot, pose_id="P11"), 404, "pose_not_found")
         problem(get(api, session, plot, pose_id="../P1"), 422, "invalid_request")
+
+
+def test_what_another_instrument_measured_is_drawn_too(api: Any, store: Store) -> None:
+    session = new_session(api)
+    rng = np.random.default_rng(8)
+    readings = [
+        {
+            "pose_id": pose_id,
+            "cycle": cycle,
+            "position_mm": rng.normal((1000.0 * place, 5.0, -3.0), 0.02).tolist(),
+            "covariance": np.diag([1e-4] * 3 + [1e-10] * 3).tolist() if pose_id == "P1" else None,
+        }
+        for cycle in range(1, 25)
+        for place, pose_id in enumerate(("P1", "P2"))
+    ]
+    stored = api.client.post(f"/v1/sessions/{session}/measured-poses", json=readings)
+    assert stored.status_code in (200, 201), stored.text
+    with_noise, without = told(get(api, session, PLOTS[0], source="measured_poses"))
+    assert "noise floor" in with_noise
+    assert "noise floor" not in without
+    title = ElementTree.fromstring(get(api, session, PLOTS[0], source="measured_poses").content)[0].text
+    assert title is not None
+    assert "instrument's frame" in title
+    moved = told(get(api, session, PLOTS[1], source="measured_poses", pose_id="P2"))
+    assert len(moved) == 1
+    assert "standard errors" in moved[0]
+    problem(get(api, session, PLOTS[0]), 409, "too_few_measurements")
+    problem(get(api, new_session(api), PLOTS[1], source="measured_poses"), 409, "measured_poses_missing")
 
 
 def test_too_many_poses_for_one_picture(api: Any, store: Store) -> None:

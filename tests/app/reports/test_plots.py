@@ -151,8 +151,8 @@ def test_nothing_written_hides_another_or_leaves_the_sheet(name: str) -> None:
     "svg",
     [
         scatter_svg(ODD_SCATTERS, "pooled"),
-        drift_svg(ODD_DRIFTS, "given", 10),
-        residuals_svg(ODD_FIELDS, "pooled"),
+        drift_svg(ODD_DRIFTS, "Drift", 10),
+        residuals_svg(ODD_FIELDS, "Residuals"),
     ],
     ids=["scatter", "drift", "residuals"],
 )
