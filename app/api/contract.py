@@ -8,6 +8,7 @@ from typing import Annotated, Any
 
 import structlog
 from fastapi import APIRouter, Depends, Query, Request
+from fastapi.dependencies.models import Dependant
 from fastapi.routing import APIRoute
 from starlette.concurrency import run_in_threadpool
 from starlette.responses import Response
@@ -16,7 +17,7 @@ from app.api.metrics import Metrics
 from app.api.problems import MEDIA_TYPE
 from app.api.schemas.common import PlainInt
 from app.api.strict_json import MIB, parse, read_body, require_json
-from app.errors import NotFound
+from app.errors import InvalidContent, NotFound
 from app.jobs.embedded import EmbeddedRunner
 from app.jobs.overlay import OverlayPainter
 from app.records.lock import FileLock
@@ -90,9 +91,14 @@ class ContractRoute(APIRoute):
         answer = super().get_route_handler()
         takes_json = self.body_field is not None
         limit = BULK_LIMIT if "bulk" in self.tags else BODY_LIMIT
+        # An analysis whose settings were misspelt would be another one than was asked for.
+        known = _query_parameters(self.dependant)
+        strict = "analyses" in self.tags
 
         async def handle(request: Request) -> Response:
             await _find_parents(request)
+            if strict:
+                _refuse_unknown_parameters(request, known)
             if takes_json:
                 require_json(request)
                 body = await read_body(request, limit)
@@ -102,6 +108,25 @@ class ContractRoute(APIRoute):
             return await answer(request)
 
         return handle
+
+
+def _query_parameters(dependant: Dependant) -> set[str]:
+    """Return the names of a route's query parameters, those of what it depends on too."""
+    names = {field.alias for field in dependant.query_params}
+    return names.union(*map(_query_parameters, dependant.dependencies))
+
+
+def _refuse_unknown_parameters(request: Request, known: set[str]) -> None:
+    """Raise InvalidContent for query parameters that mean nothing here."""
+    unknown = sorted(set(request.query_params) - known)
+    if unknown:
+        raise InvalidContent(
+            "The address holds query parameters that are not known.",
+            f"Check their spelling; known are {', '.join(sorted(known))}."
+            if known
+            else "This address takes none.",
+            errors=[(name[:200], "is not known") for name in unknown[:20]],
+        )
 
 
 async def _find_parents(request: Request) -> None:

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+from typing import Any
 
 import sqlalchemy as sa
 from sqlalchemy import orm
@@ -53,7 +54,7 @@ def read_mark(records: orm.Session, session_id: str) -> str:
 
 def _all(
     columns: tuple[orm.attributes.InstrumentedAttribute[object], ...], table: type[Table], session_id: str
-) -> sa.Select[tuple[str]]:
+) -> sa.Select[Any]:
     """Select the columns of all the session's rows as one text.
 
     Its order is the database's: another one would only cost what the mark is there to save.

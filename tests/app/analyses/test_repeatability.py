@@ -400,6 +400,9 @@ def test_bad_input_is_refused_with_advice(api: Any, store: Store) -> None:
     problem(get(api, session, estimator="given"), 409, "intrinsics_missing")
     problem(get(api, session, source="tracker"), 422, "invalid_request")
     problem(get(api, session, estimator=""), 422, "invalid_request")
+    misspelt = problem(get(api, session, estimater="given", source="images"), 422, "invalid_request")
+    assert misspelt["errors"] == [{"field": "estimater", "message": "is not known"}]
+    assert "estimator, source" in misspelt["advice"]
     problem(get(api, "ses_" + "0" * 26), 404, "session_not_found")
     problem(get(api, "nonsense"), 404, "session_not_found")
 
