@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from datetime import UTC, datetime
 from typing import Any
 
 import numpy as np
@@ -10,7 +11,7 @@ import pytest
 import sqlalchemy as sa
 
 from app.records.codec import decode_markers
-from app.records.tables import Result
+from app.records.tables import Measurement, Result
 from core.camera import Camera
 from core.simulation import Scene, render
 from core.targets.specification import TargetSpec
@@ -22,6 +23,7 @@ FIELDS = {"kind": "charuco", "columns": 7, "rows": 5, "pitch_mm": 24.0, "marker_
 BOARD = TargetSpec(**FIELDS, dictionary="DICT_5X5_100")  # type: ignore[arg-type]
 CAMERA = Camera(1150.0, 1150.0, 511.5, 383.5, k1=-0.1, k2=0.05)
 POSES, CYCLES = 3, 5
+LONG_AGO = datetime(2026, 1, 31, tzinfo=UTC)
 
 
 def photograph(pose: int, cycle: int) -> bytes:
@@ -122,6 +124,7 @@ def test_what_was_measured_before_markers_were_kept_says_so_until_it_is_retried(
     before = computing_api.client.get(f"/v1/sessions/{session}/comparison").headers["etag"]
     with computing_api.installation.database.write() as records:
         records.execute(sa.update(Result).where(Result.measurement_id == old).values(markers=None))
+        records.execute(sa.update(Measurement).where(Measurement.id == old).values(finished_at=LONG_AGO))
     for method in ("aruco_marker", "aruco_board"):
         row = rows(computing_api, session, "calibration")[method]
         assert (row["calibrated"], row["failed"], row["failure"]) == (POSES * CYCLES - 1, 1, None)
