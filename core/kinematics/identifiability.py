@@ -56,6 +56,8 @@ def choose_gauge(
     for joint in range(layout.joints):
         candidates[layout.column(joint, BETA)] = decided[joint]
     candidates[layout.kinematic :] = False
+    for target in range(layout.targets):
+        candidates[layout.base(target)] = np.any(seen.target == target)
     columns = np.flatnonzero(candidates)
     snapped = _snapped(arm, decided)
     J = scaled(snapped, linearised(snapped, seen)[1])

@@ -25,15 +25,15 @@ from core.kinematics.parameters import THETA, ArmState, D
 from core.kinematics.poses import PoseData
 from core.kinematics.problem import Observations, Scatter, observations_of, placed
 from core.kinematics.refinement import DEFAULT_SCATTER, Refined, refine
+from core.kinematics.remarks import remarks
 from core.kinematics.scatter import SMALLEST
+from core.kinematics.sweeps import find_sweeps
 from core.kinematics.target_transforms import TargetTransform, target_transforms
 from core.kinematics.validation import FOLDS, HeldOut, Validation, rms, validate
 
 NOT_MOVED = math.radians(1.0)
-ILL_CONDITIONED = 100.0
 INCONSISTENT = 0.005
 """Of the reach: poses that scatter by more about the best arm are not this arm's."""
-FAR_MM, FAR_RAD = 20.0, math.radians(5.0)
 ROUNDS = 3
 
 
@@ -41,7 +41,7 @@ ROUNDS = 3
 class JointEstimate:
     """One joint, counted from 1. The mappings have the names of `JOINT_PARAMETERS`; an uncertainty is None where the
     parameter is not identifiable, and the parameter then has the nominal's value, or zero. `arc_rad` is the range of
-    the joint's angles.
+    the joint's angles. `poses` are those of its sweeps and `residual` theirs; all poses where it has none.
     """
 
     joint: int
@@ -51,6 +51,8 @@ class JointEstimate:
     nominal: JointParameters | None
     parallel_to_next: bool
     arc_rad: float
+    poses: int
+    residual: HeldOut | None
 
 
 @dataclass(frozen=True, slots=True)
@@ -179,7 +181,9 @@ def report(
         chain=arm.chain,
         T_flange_camera=arm.T_flange_camera,
         T_target_base=arm.T_target_base,
-        joints=joint_estimates(arm, gauge, covariance, nominal, poses.joint_angles[used]),
+        joints=_with_residuals(
+            joint_estimates(arm, gauge, covariance, nominal, poses.joint_angles[used]), refined, poses
+        ),
         names=tuple(names[c] for c in np.flatnonzero(gauge.free)),
         covariance=covariance,
         target_transforms=target_transforms(arm, gauge.free, covariance, seen.target[used]),
@@ -191,7 +195,7 @@ def report(
         conditioning=how,
         null_space=gauge.sentences,
         validation=validation,
-        warnings=tuple(_warnings(refined, how, validation, poses, nominal, gauge)),
+        warnings=tuple(remarks(refined, gauge, how, validation, poses, nominal)),
     )
 
 
@@ -208,11 +212,13 @@ def begin_at(poses: PoseData, nominal: Chain | None, start: Chain | None) -> Cha
             raise JointAnglesInconsistent(
                 f"The poses carry {poses.joints} joint angles and the robot has {len(given)} joints."
             )
+    if not len(poses):
+        raise TooFewPoses("There are no poses.")
     arcs = np.ptp(poses.joint_angles, axis=0)
     resting = np.flatnonzero(arcs < NOT_MOVED)
     if len(resting):
-        which = ", ".join(str(i + 1) for i in resting)
-        raise JointNotMoved(f"Over all poses joint {which} moves by less than {math.degrees(NOT_MOVED):g}°.")
+        which = f"joint{'s' if len(resting) > 1 else ''} {', '.join(str(i + 1) for i in resting)}"
+        raise JointNotMoved(f"Over all poses {which} moved by less than {math.degrees(NOT_MOVED):g}°.")
     if start is None:
         return chain
     parameters = start.as_array()
@@ -224,7 +230,7 @@ def begin_at(poses: PoseData, nominal: Chain | None, start: Chain | None) -> Cha
 
 def _require_enough(seen: Observations) -> None:
     """Four numbers for each joint and six for each target are what an arm in general amounts to."""
-    unknown, told = 4 * seen.layout.joints + 6 * seen.layout.targets, len(seen) * seen.components
+    unknown, told = 4 * seen.layout.joints + 6 * len(np.unique(seen.target)), len(seen) * seen.components
     if told < 1.2 * unknown:
         least = math.ceil(1.2 * unknown / seen.components)
         raise TooFewPoses(
@@ -277,67 +283,22 @@ def joint_estimates(
                 nominal=None if nominal is None else nominal.joints[i],
                 parallel_to_next=bool(gauge.parallel[i]),
                 arc_rad=float(np.ptp(joint_angles[:, i])),
+                poses=len(joint_angles),
+                residual=None,
             )
         )
     return tuple(joints)
 
 
-def _far_from(nominal: Chain | None, refined: Refined, gauge: Gauge) -> list[Advisory]:
-    """A parameter that no workshop would miss by so much means angles of another sign or zero."""
-    if nominal is None:
-        return []
-    off = np.abs(refined.arm.parameters - nominal.as_array())
-    limits = np.array([FAR_RAD if name.endswith("_rad") else FAR_MM for name in JOINT_PARAMETERS])
-    far = np.flatnonzero(((off > limits) & gauge.free[: off.size].reshape(off.shape)).ravel())
-    if not len(far):
-        return []
-    names = refined.arm.layout.names()
-    return [
-        Advisory(
-            "far_from_nominal",
-            f"{', '.join(names[c] for c in far)}: over {FAR_MM:g} mm or {math.degrees(FAR_RAD):g}° off the nominal.",
-            "Check the signs and zeros of the joint angles and the nominal's values: the arm found moves as the poses "
-            "do, but it may be described by other angles than its maker's.",
-        )
-    ]
-
-
-def _warnings(
-    refined: Refined,
-    how: Conditioning,
-    validation: Validation | None,
-    poses: PoseData,
-    nominal: Chain | None,
-    gauge: Gauge,
-) -> list[Advisory]:
+def _with_residuals(
+    joints: tuple[JointEstimate, ...], refined: Refined, poses: PoseData
+) -> tuple[JointEstimate, ...]:
+    members: list[set[int]] = [set() for _ in joints]
+    for sweep in find_sweeps(poses):
+        members[sweep.joint].update(i for i in sweep.poses.tolist() if refined.used[i])
+    everything = np.flatnonzero(refined.used)
     found = []
-    if how.condition_number > ILL_CONDITIONED:
-        found.append(
-            Advisory(
-                "ill_conditioned",
-                f"The condition number is {how.condition_number:.0f}: some parameters are told far worse than others.",
-                "Add poses that move all joints over their range; the parameters' uncertainties say which suffer.",
-            )
-        )
-    found += _far_from(nominal, refined, gauge)
-    out = np.flatnonzero(~refined.used)
-    if len(out):
-        some = ", ".join(poses.label(int(i)) for i in out[:5]) + (", ..." if len(out) > 5 else "")
-        found.append(
-            Advisory(
-                "poses_left_out",
-                f"{len(out)} of {len(poses)} poses do not fit the others and were left out: {some}.",
-                "Check their joint angles and measurements.",
-            )
-        )
-    if validation is not None and validation.nominal is not None:
-        ours, nominals = validation.identified.position_rms_mm, validation.nominal.position_rms_mm
-        if ours > nominals:
-            found.append(
-                Advisory(
-                    "no_better_than_nominal",
-                    f"On held-out poses the identified chain is off by {ours:.3g} mm, the nominal by {nominals:.3g}.",
-                    "Add poses; these do not tell the parameters better than the maker knows them.",
-                )
-            )
-    return found
+    for joint, of_sweeps in zip(joints, members, strict=True):
+        chosen = np.array(sorted(of_sweeps), dtype=np.intp) if of_sweeps else everything
+        found.append(replace(joint, poses=len(chosen), residual=rms(refined.residuals[:, chosen])))
+    return tuple(found)

@@ -30,9 +30,9 @@ def target_transforms(
     covariance: Float[np.ndarray, "f f"],
     target: Int[np.ndarray, " n"],
 ) -> tuple[TargetTransform, ...]:
-    """Return the transform from the first target to every other; `covariance` is of the `free` columns.
+    """Return the transform from the first target that was seen to every other; `covariance` is of the `free` columns.
 
-    With T = B_0 B_t⁻¹, R its rotation and (d, w) changes of either base: w' = w_0 - R w_t and
+    With T = B_0 B_t⁻¹ (0 the first), R its rotation and (d, w) changes of either base: w' = w_0 - R w_t and
     p' = d_0 - w' × (R p_t) - R d_t, where p_t is base t's position.
     """
     layout = arm.layout
@@ -40,14 +40,20 @@ def target_transforms(
     columns = np.flatnonzero(free[: layout.kinematic])
     full[np.ix_(columns, columns)] = covariance
     found = []
-    for t in range(1, layout.targets):
-        T = arm.T_target_base[0] @ invert(arm.T_target_base[t])
+    first, *others = (int(t) for t in np.unique(target))
+    for t in others:
+        T = arm.T_target_base[first] @ invert(arm.T_target_base[t])
         R = T[:3, :3]
         J = np.zeros((6, 12))
         J[3:, 3:6], J[3:, 9:] = np.eye(3), -R
         J[:3] = hat(R @ arm.T_target_base[t, :3, 3]) @ J[3:]
         J[:3, :3] += np.eye(3)
         J[:3, 6:9] -= R
-        where = [*range(*layout.base(0).indices(layout.size)), *range(*layout.base(t).indices(layout.size))]
-        found.append(TargetTransform(0, t, T, J @ full[np.ix_(where, where)] @ J.T, int(np.sum(target == t))))
+        where = [
+            *range(*layout.base(first).indices(layout.size)),
+            *range(*layout.base(t).indices(layout.size)),
+        ]
+        found.append(
+            TargetTransform(first, t, T, J @ full[np.ix_(where, where)] @ J.T, int(np.sum(target == t)))
+        )
     return tuple(found)

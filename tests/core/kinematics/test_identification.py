@@ -12,7 +12,7 @@ from core.errors import JointAnglesInconsistent, JointNotMoved, TooFewPoses
 from core.kinematics.dh import Chain, forward
 from core.kinematics.identification import identify
 from core.kinematics.poses import PoseData
-from core.simulation.arm import KR5_ARC, Arm, deviated, kr5_arc
+from core.simulation.arm import KR5_ARC, KR5_ARC_HOME, Arm, deviated, kr5_arc
 from core.simulation.sweeps import Repeatability, measure_poses
 from core.transforms import so3_exp, so3_log
 from tests.core.kinematics.arms import SEVEN_JOINTS, angles, stated, told_truth
@@ -172,6 +172,43 @@ def test_the_order_of_poses_does_not_matter() -> None:
     np.testing.assert_allclose(one.chain.as_array(), other.chain.as_array(), rtol=0.0, atol=1e-5)
 
 
+def test_residuals_are_told_joint_by_joint() -> None:
+    _, poses = measured(19, robot=ROBOT)
+    positions = poses.positions_mm.copy()
+    positions[3 * 11 : 4 * 11] += np.random.default_rng(1).normal(0.0, 0.3, (11, 3))  # the sweep of joint 4
+    found = identify(replace(poses, positions_mm=positions), KR5_ARC, folds=0)
+    by_joint = []
+    for joint in found.joints:
+        assert joint.residual is not None
+        by_joint.append(joint.residual.position_rms_mm)
+    assert int(np.argmax(by_joint)) == 3
+    assert by_joint[3] > 2.0 * sorted(by_joint)[-2]
+    # Eleven of each sweep, and home, which recurs in the five others.
+    at_home = 16 - int(not found.used[3 * 11 + 5])
+    assert [j.poses for j in found.joints if j.joint != 4] == [at_home] * 5
+    assert all(j.arc_rad >= math.radians(80.0) - 1e-9 for j in found.joints)
+
+
+def test_a_joint_that_hardly_moves_is_remarked_on() -> None:
+    rng = np.random.default_rng(20)
+    arm = kr5_arc(rng)
+    q = angles(rng)
+    q[:, 4] = KR5_ARC_HOME[4] + 0.1 * (q[:, 4] - KR5_ARC_HOME[4])
+    found = identify(measure_poses(arm, q, rng, robot=ROBOT), KR5_ARC, folds=0)
+    (remark,) = [w for w in found.warnings if w.code == "arc_short"]
+    assert "5 by 8.0°" in remark.detail
+
+
+def test_a_target_that_no_pose_shows_is_passed_over() -> None:
+    rng = np.random.default_rng(21)
+    arm = kr5_arc(rng)
+    q = angles(rng)
+    poses = measure_poses(arm, q, rng, robot=ROBOT, target=np.arange(len(q)) % 2)
+    found = identify(replace(poses, target=1 + np.arange(len(q)) % 2), KR5_ARC, folds=0)
+    assert [(t.from_target, t.to_target) for t in found.target_transforms] == [(1, 2)]
+    assert not any("no pose depends" in sentence for sentence in found.null_space)
+
+
 def test_a_chain_of_another_number_of_joints_is_refused() -> None:
     _, poses = measured(13)
     with pytest.raises(JointAnglesInconsistent, match="6 joint angles and the robot has 7 joints"):
@@ -188,7 +225,7 @@ def test_a_joint_that_rests_is_named() -> None:
     _, poses = measured(14)
     q = poses.joint_angles.copy()
     q[:, 2] = 0.3
-    with pytest.raises(JointNotMoved, match="joint 3 moves"):
+    with pytest.raises(JointNotMoved, match="joint 3 moved"):
         identify(replace(poses, joint_angles=q), KR5_ARC)
 
 
