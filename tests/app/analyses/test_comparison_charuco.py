@@ -21,7 +21,7 @@ from tests.app.conftest import encode
 
 FIELDS = {"kind": "charuco", "columns": 7, "rows": 5, "pitch_mm": 24.0, "marker_mm": 16.8}
 BOARD = TargetSpec(**FIELDS, dictionary="DICT_5X5_100")  # type: ignore[arg-type]
-CAMERA = Camera(1150.0, 1150.0, 511.5, 383.5, k1=-0.1, k2=0.05)
+CAMERA = Camera(860.0, 860.0, 383.5, 287.5, k1=-0.1, k2=0.05)
 POSES, CYCLES = 3, 5
 LONG_AGO = datetime(2026, 1, 31, tzinfo=UTC)
 
@@ -32,7 +32,7 @@ def photograph(pose: int, cycle: int) -> bytes:
     R = so3_exp(math.radians(30.0) * axis) @ so3_exp(np.array([0.0, 0.0, 0.2 * pose - 0.1]))
     T = transform(R, np.array([0.0, 0.0, 260.0 + 20.0 * pose]) - R @ BOARD.points_target().mean(axis=0))
     seed = 100 * pose + cycle
-    return encode(".png", render(Scene(BOARD, CAMERA, T, 1024, 768, noise_levels=3.0, seed=seed)))
+    return encode(".png", render(Scene(BOARD, CAMERA, T, 768, 576, noise_levels=3.0, seed=seed)))
 
 
 @pytest.fixture(scope="module")
@@ -103,14 +103,14 @@ def test_given_intrinsics_are_the_markers_camera(
 ) -> None:
     session, _ = measured
     before = computing_api.client.get(f"/v1/sessions/{session}/comparison").headers["etag"]
-    given = {"fx_px": 1150.0, "fy_px": 1150.0, "cx_px": 511.5, "cy_px": 383.5, "k1": -0.1, "k2": 0.05}
+    given = {"fx_px": 860.0, "fy_px": 860.0, "cx_px": 383.5, "cy_px": 287.5, "k1": -0.1, "k2": 0.05}
     patched = computing_api.client.patch(f"/v1/sessions/{session}", json={"intrinsics": given})
     assert patched.status_code == 200, patched.text
     try:
         assert computing_api.client.get(f"/v1/sessions/{session}/comparison").headers["etag"] != before
         row = rows(computing_api, session, "calibration")["aruco_board"]
         assert row["camera"] == "session"
-        assert row["intrinsics"]["fx_px"] == 1150.0
+        assert row["intrinsics"]["fx_px"] == 860.0
     finally:
         computing_api.client.patch(f"/v1/sessions/{session}", json={"intrinsics": None})
 
