@@ -23,12 +23,13 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float, Int
 
+from core.calibration.common_weights import with_common_weights
 from core.calibration.group_doubt import Doubt, doubt_of
 from core.calibration.group_each import fit_each
 from core.calibration.group_fits import Fitted, fit_given
 from core.calibration.group_pooled import fit_pooled
 from core.calibration.model import Lens
-from core.calibration.view_stack import ViewStack, stack_views
+from core.calibration.view_stack import ViewStack, number_labels, stack_views
 from core.camera import Camera
 from core.errors import Advisory, GridposeError, InvalidArgument
 from core.targets.specification import GridPoints
@@ -110,7 +111,8 @@ def estimate_group(
     EstimationError where no view can be estimated or, with a shared camera, the focal length is not determined.
     """
     stack = views if isinstance(views, ViewStack) else stack_views(views)
-    labels = list(range(len(stack))) if repeats is None else list(repeats)
+    labels = number_labels(range(len(stack)) if repeats is None else repeats)
+    stack = with_common_weights(stack, labels.tolist())
     failures: dict[int, GridposeError] = {}
     if estimator in ("pooled", "pooled_free_focal"):
         fitted = fit_pooled(stack, labels, estimator, lens, failures)
