@@ -19,9 +19,11 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from core.errors import Advisory, JointAnglesInconsistent, JointNotMoved, NotConverged, TooFewPoses
+from core.kinematics.angle_units import check_angles
+from core.kinematics.cpa import identify_from_axes
 from core.kinematics.dh import JOINT_PARAMETERS, Chain, JointParameters, forward
 from core.kinematics.identifiability import Conditioning, Gauge, choose_gauge, conditioning
-from core.kinematics.parameters import THETA, ArmState, D
+from core.kinematics.parameters import SHORTEST_REACH_MM, THETA, ArmState, D
 from core.kinematics.poses import PoseData
 from core.kinematics.problem import Observations, Scatter, observations_of, placed
 from core.kinematics.refinement import DEFAULT_SCATTER, Refined, refine
@@ -33,7 +35,7 @@ from core.kinematics.validation import FOLDS, HeldOut, Validation, rms, validate
 
 NOT_MOVED = math.radians(1.0)
 INCONSISTENT = 0.005
-"""Of the reach: poses that scatter by more about the best arm are not this arm's."""
+"""Of the start's length: poses that scatter by more about the best arm are not this arm's."""
 ROUNDS = 3
 
 
@@ -116,13 +118,13 @@ def identify(
     nominal
         The robot as its maker describes it: what is not identifiable keeps its values, and it is compared with.
     start
-        Where to begin, the nominal if not given. One of the two is needed; `core.kinematics.cpa` finds a start from
-        sweeps alone.
+        Where to begin; the nominal if not given, and without one what sweeps say by the combined method of `cpa`.
     folds
         Parts that poses are dealt into for validation; 0 for none.
 
     Raises JointAnglesInconsistent for a chain of another number of joints or poses that no such arm explains,
-    JointNotMoved, TooFewPoses, NotConverged.
+    JointAnglesUnit where radians and degrees were confused, JointNotMoved, TooFewPoses, NotConverged; without nominal
+    and start what `cpa.identify_from_axes` raises.
     """
     seen = observations_of(poses)
     begin = begin_at(poses, nominal, start)
@@ -142,9 +144,10 @@ def solve(
     if gauge is None:
         _require_enough(seen)
         gauge = choose_gauge(arm, seen, scatter or (SMALLEST if seen.own.any() else DEFAULT_SCATTER))
+    length = max(arm.links_mm, SHORTEST_REACH_MM)
     for _ in range(ROUNDS):
         refined = refine(arm, seen, gauge.free, scatter)
-        _require_consistent(refined, poses)
+        _require_consistent(refined, length, poses)
         again = choose_gauge(refined.arm, seen, refined.scatter, gauge.parallel)
         if np.array_equal(again.free, gauge.free):
             break
@@ -201,12 +204,6 @@ def report(
 
 def begin_at(poses: PoseData, nominal: Chain | None, start: Chain | None) -> Chain:
     """Return the chain to begin at, with the nominal's values where frames make a parameter a convention."""
-    chain = start or nominal
-    if chain is None:
-        raise JointAnglesInconsistent(
-            "The global identification needs a chain to begin at.",
-            "Give the robot's nominal DH parameters, or sweep every joint alone so that axes can be found first.",
-        )
     for given in (start, nominal):
         if given is not None and len(given) != poses.joints:
             raise JointAnglesInconsistent(
@@ -217,11 +214,12 @@ def begin_at(poses: PoseData, nominal: Chain | None, start: Chain | None) -> Cha
     arcs = np.ptp(poses.joint_angles, axis=0)
     resting = np.flatnonzero(arcs < NOT_MOVED)
     if len(resting):
+        check_angles(poses, find_sweeps(poses))
         which = f"joint{'s' if len(resting) > 1 else ''} {', '.join(str(i + 1) for i in resting)}"
         raise JointNotMoved(f"Over all poses {which} moved by less than {math.degrees(NOT_MOVED):g}°.")
-    if start is None:
-        return chain
-    parameters = start.as_array()
+    if start is None and nominal is not None:
+        return nominal
+    parameters = (identify_from_axes(poses).chain if start is None else start).as_array()
     convention = np.zeros_like(parameters) if nominal is None else nominal.as_array()
     parameters[0, [D, THETA]] = convention[0, [D, THETA]]
     parameters[-1] = convention[-1]
@@ -239,10 +237,10 @@ def _require_enough(seen: Observations) -> None:
         )
 
 
-def _require_consistent(refined: Refined, poses: PoseData) -> None:
+def _require_consistent(refined: Refined, length_mm: float, poses: PoseData) -> None:
     spread = math.sqrt(refined.scatter.position)
-    reach = refined.arm.reach_mm
-    if spread > INCONSISTENT * reach:
+    if spread > INCONSISTENT * length_mm:
+        check_angles(poses, find_sweeps(poses))
         raise JointAnglesInconsistent(
             f"The poses do not follow from their joint angles: about the best arm with {poses.joints} joints they "
             f"scatter by {spread:.3g} mm.",

@@ -93,8 +93,12 @@ class ArmState:
     @property
     def reach_mm(self) -> float:
         """The length of the chain, with the tool: what an angle's error is seen at."""
-        links = float(np.abs(self.parameters[:, [A, D]]).sum())
-        return max(links + float(np.linalg.norm(self.T_flange_camera[:3, 3])), SHORTEST_REACH_MM)
+        return max(self.links_mm + float(np.linalg.norm(self.T_flange_camera[:3, 3])), SHORTEST_REACH_MM)
+
+    @property
+    def links_mm(self) -> float:
+        """The length of the chain by itself."""
+        return float(np.abs(self.parameters[:, [A, D]]).sum())
 
     def moved(self, step: Float[np.ndarray, " p"]) -> ArmState:
         """Return the arm after a step in the order of the columns."""

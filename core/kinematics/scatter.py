@@ -49,7 +49,12 @@ def estimate_scatter(
         score = 0.5 * E @ (Kr**2 - diagonal + taken).sum(axis=0)
         information = 0.5 * E @ (K**2).sum(axis=0) @ E.T
         former = variances
-        variances = np.maximum(variances + np.linalg.solve(information, score), floor)
+        # A variance at its floor that wants to go below is held, and the other estimated given that: a joint step
+        # would leave the other too large.
+        free = (variances > floor) | (score > 0.0)
+        step = np.zeros(kinds)
+        step[free] = np.linalg.solve(information[np.ix_(free, free)], score[free])
+        variances = np.maximum(variances + step, floor)
         if np.all(np.abs(variances - former) <= SETTLED * variances):
             break
     return Scatter(float(variances[0]), float(variances[1]) if kinds == 2 else start.rotation)
