@@ -94,7 +94,7 @@ def orientation_table(figures: Sequence[Figure]) -> Table:
 def methods_table(comparison: Json, fixed_centre: Json, figures: Sequence[Figure]) -> Table:
     """Return RP_l of every method on these images, and what the paper printed of its own."""
     table = _table(
-        "Table III, every method on these images: RP_l, mm; the largest 3 S of an angle, °",
+        "Table III by every method: RP_l, mm; largest 3 S of an angle, °",
         *("", *POSES, "angle"),
     )
     truth = {(f.pose_id, f.name): f.true for f in figures}
@@ -123,7 +123,7 @@ def calibration_table(comparison: Json, true_focal_px: float) -> Table:
     """Return the paper's Table II: re-projection, and what it does not say, how far the focal length is off."""
     table = _table(
         "Table II, the same images calibrated: re-projection and focal length, px",
-        *("", "images", "mean", "std", "f", "error of f", "spread of f"),
+        *("", "images", "mean", "std", "f", "error", "spread"),
     )
     for row in comparison["calibration"]:
         seen, camera, spread = row["reprojection"], row["intrinsics"], row["spread"]
@@ -144,17 +144,17 @@ def _or_dash(value: float | None, digits: int = 3) -> str:
 
 
 def failures_of(comparison: Json) -> list[str]:
-    """Return in words why methods gave no answer, or none for some images."""
-    said = []
+    """Return in words why methods gave no answer, or none for some images; what several share is said once."""
+    said: dict[str, list[str]] = {}
     for row in comparison["calibration"]:
+        name = METHODS[row["method"]]
         if row["failure"]:
-            said.append(f"{METHODS[row['method']]}: {row['failure']['detail']}")
-        else:
-            said += [
-                f"{METHODS[row['method']]}, {f['images']} of {f['images'] + row['calibrated']}: {f['detail']}"
-                for f in row["failures"]
-            ]
-    return said
+            said.setdefault(row["failure"]["detail"], []).append(name)
+            continue
+        images = row["calibrated"] + row["failed"]
+        for failure in row["failures"]:
+            said.setdefault(f"{failure['images']} of {images}: {failure['detail']}", []).append(name)
+    return [f"{' and '.join(names)}: {detail}" for detail, names in said.items()]
 
 
 def refusal_table(measurements: Sequence[Json]) -> Table:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -151,4 +153,15 @@ def test_methods_without_an_answer_say_why(session: DemoSession) -> None:
     assert calibration_table(comparison, 1160.0).row_count == len(METHODS)
     assert methods_table(comparison, {"poses": []}, figures).row_count == len(METHODS) + 4
     assert methods_table(comparison, {"poses": []}, []).row_count == len(METHODS) + 4
-    assert failures_of(comparison)[0] == "proposed, null space: The target has no markers."
+    assert failures_of(comparison) == [f"{' and '.join(METHODS.values())}: The target has no markers."]
+
+
+def test_the_readme_shows_this_very_experiment() -> None:
+    """What the robot truly does follows from the seed alone, and is cheap to compute again."""
+    readme = (Path(__file__).parents[3] / "README.md").read_text(encoding="utf-8")
+    block = re.search(r"<!-- demo -->\n```\w+\n(.*?)```", readme, re.DOTALL)
+    assert block is not None
+    shown = [line.split()[:3] for line in block[1].splitlines() if re.match(r"P\d +\d", line)]
+    session = demo_session(1)
+    figures = [f for f in figures_beside_truth(session, answered(session)) if f.name == "position_mm"]
+    assert shown == [[f.pose_id, f"{f.true:.4f}", f"{f.of_these_cycles:.4f}"] for f in figures]
