@@ -12,6 +12,7 @@ import cv2
 import numpy as np
 
 from core import Camera, TargetSpec, calibrate_image
+from core.calibration.estimators import estimate_group
 from core.simulation import Scene, render
 from core.transforms import so3_exp, transform
 
@@ -23,7 +24,7 @@ _TILT = so3_exp(np.array([math.radians(35.0), 0.0, 0.1]))
 
 
 def warm_up() -> None:
-    """Calibrate a small rendered board, by the way that every picture takes."""
+    """Calibrate a small rendered board, by the way that every picture takes, and pool it as analyses do."""
     scene = Scene(
         target=_TARGET,
         camera=_CAMERA,
@@ -32,7 +33,8 @@ def warm_up() -> None:
         height_px=240,
         noise_levels=2.0,
     )
-    calibrate_image(cv2.imencode(".png", render(scene))[1].tobytes(), _TARGET)
+    found = calibrate_image(cv2.imencode(".png", render(scene))[1].tobytes(), _TARGET)
+    estimate_group([found.points, found.points], "pooled", repeats=["home", "home"])
 
 
 if __name__ == "__main__":

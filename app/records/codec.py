@@ -188,11 +188,14 @@ def decode_stack(
     records = np.frombuffer(b"".join(points), dtype=_POINT)
     counts = np.array([len(stored) // _POINT.itemsize for stored in points], dtype=np.intp)
     column, row = records["column"].astype(np.intp), records["row"].astype(np.intp)
-    of_point = np.repeat(np.array(target, dtype=np.intp), counts)
-    places = np.empty((len(records), 3))
-    for k, spec in enumerate(targets):
-        shown = of_point == k
-        places[shown] = spec.points_target(column[shown], row[shown])
+    if len(set(target)) == 1:
+        places = targets[target[0]].points_target(column, row)
+    else:
+        of_point = np.repeat(np.array(target, dtype=np.intp), counts)
+        places = np.empty((len(records), 3))
+        for k in set(target):
+            shown = of_point == k
+            places[shown] = targets[k].points_target(column[shown], row[shown])
     return ViewStack(
         image_width_px=width_px,
         image_height_px=height_px,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Hashable, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 from jaxtyping import Bool
@@ -23,7 +23,7 @@ from core.targets.specification import GridPoints
 
 def fit_each(
     views: ViewStack,
-    labels: Sequence[Hashable],
+    labels: Int[np.ndarray, " m"],
     estimator: str,
     lens: Lens | None,
     intrinsics: Camera | None,
@@ -55,7 +55,7 @@ def fit_each(
     if not images:
         raise first_failure(failures)
     warnings = _contradictions(lens, states, contradicted)
-    chosen, repeats = views.take(images), [labels[i] for i in images]
+    chosen, repeats = views.take(images), labels[images]
     flat = np.concatenate(used)
     at = linearise(chosen, stack_states(states), flat)
     common = points_in_common(chosen, at, repeats)
@@ -81,9 +81,7 @@ def fit_each(
     flat = np.concatenate([common[chosen.part(k)] for k in left])
     rest = chosen.take(left)
     at = linearise(rest, stack_states([states[k] for k in left]), flat)
-    return Fitted(
-        estimator, [images[k] for k in left], rest, [repeats[k] for k in left], at, flat, None, warnings
-    )
+    return Fitted(estimator, [images[k] for k in left], rest, repeats[left], at, flat, None, warnings)
 
 
 def _contradictions(

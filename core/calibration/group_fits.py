@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Hashable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -30,7 +29,7 @@ class Fitted:
     estimator: str
     images: list[int]
     views: ViewStack
-    labels: list[Hashable]
+    labels: Int[np.ndarray, " m"]
     at: Linearised
     used: Bool[np.ndarray, " n"]
     shared: SharedLens | None
@@ -38,7 +37,7 @@ class Fitted:
 
 
 def fit_given(
-    views: ViewStack, labels: Sequence[Hashable], camera: Camera, failures: dict[int, GridposeError]
+    views: ViewStack, labels: Int[np.ndarray, " m"], camera: Camera, failures: dict[int, GridposeError]
 ) -> Fitted:
     """Fit the poses alone; add what cannot be fitted to `failures`."""
     check_camera(camera, views.view(0))
@@ -53,7 +52,7 @@ def fit_given(
     usable = [i for i in alike.usable if alike.leader[i] in of_leader]
     if not usable:
         raise first_failure(failures)
-    chosen, repeats = views.take(usable), [labels[i] for i in usable]
+    chosen, repeats = views.take(usable), labels[usable]
     alike = Alike(usable, alike.leader, alike.homographies, alike.failures)
     shared = fit_shared_lens(chosen, start_of(alike, of_leader), KNOWN, repeats=repeats)
     return fitted_together("given", chosen, usable, repeats, shared, failures, ())
@@ -69,7 +68,7 @@ def fitted_together(
     estimator: str,
     views: ViewStack,
     usable: list[int],
-    labels: list[Hashable],
+    labels: Int[np.ndarray, " m"],
     shared: SharedLens,
     failures: dict[int, GridposeError],
     warnings: tuple[Advisory, ...],
@@ -108,7 +107,7 @@ def fitted_together(
         )
         used = used[points]
     images = [usable[j] for j in kept]
-    return Fitted(estimator, images, views.take(kept), [labels[j] for j in kept], at, used, shared, warnings)
+    return Fitted(estimator, images, views.take(kept), labels[kept], at, used, shared, warnings)
 
 
 def first_failure(failures: dict[int, GridposeError]) -> GridposeError:

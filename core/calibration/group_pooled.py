@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Hashable, Mapping, Sequence
+from collections.abc import Mapping
 
 import numpy as np
 
@@ -29,7 +29,7 @@ TRIED = 5
 
 def fit_pooled(
     views: ViewStack,
-    labels: Sequence[Hashable],
+    labels: Int[np.ndarray, " m"],
     estimator: str,
     lens: Lens | None,
     failures: dict[int, GridposeError],
@@ -40,7 +40,7 @@ def fit_pooled(
     if not alike.usable:
         raise first_failure(failures)
     chosen = views.take(alike.usable)
-    repeats = [labels[i] for i in alike.usable]
+    repeats = labels[alike.usable]
     each = {i: views.view(i) for i in alike.homographies}
     starts = [plausible_start(H, each[i]) for i, H in alike.homographies.items()]
     found = [start.camera.fx_px for start in starts if start is not None]
@@ -115,7 +115,7 @@ def _contradicts(shared: SharedLens, lens: Lens) -> bool:
 def _from_single_images(
     views: ViewStack,
     chosen: ViewStack,
-    repeats: Sequence[Hashable],
+    repeats: Int[np.ndarray, " m"],
     alike: Alike,
     each: Mapping[int, GridPoints],
     lens: Lens | None,

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -34,34 +33,43 @@ class Alike:
     failures: dict[int, GridposeError]
 
 
-def find_alike(views: ViewStack, labels: Sequence[Hashable], *, least: int) -> Alike:
+def find_alike(views: ViewStack, labels: Int[np.ndarray, " m"], *, least: int) -> Alike:
     """Check the views, of which each needs `least` points, and find those of one label that show nearly the same."""
-    first_of: dict[Hashable, int] = {}
-    firsts = np.array([first_of.setdefault(label, i) for i, label in enumerate(labels)])
-    near = _near(views, firsts).tolist()
+    _, first, place = np.unique(labels, return_index=True, return_inverse=True)
+    firsts = first[place]
+    near = _near(views, firsts) & (firsts != np.arange(len(views)))
     alike = Alike([], {}, {}, {})
-    leaders: dict[Hashable, int] = {}
-    for i, (label, first) in enumerate(zip(labels, firsts.tolist(), strict=True)):
-        leader = leaders.get(label)
-        if leader is not None and (near[i] if leader == first else _near_one(views, i, leader)):
-            alike.leader[i] = leader
-            alike.usable.append(i)
-            continue
-        view = views.view(i)
-        try:
-            check_points(view)
-            if len(view) < least:
-                raise DegenerateGeometry(
-                    f"A pose needs at least {least} grid points, {len(view)} were found."
-                )
-            alike.homographies[i] = estimate_homography(view.points_target[:, :2], view.points_px)
-        except GridposeError as failure:
-            alike.failures[i] = failure
-            continue
-        alike.leader[i] = i
-        leaders.setdefault(label, i)
-        alike.usable.append(i)
-    return alike
+    leaders: dict[int, int] = {}
+    # What is near its label's first view, if that one is sound, needs no look of its own.
+    for i in np.flatnonzero(~near).tolist():
+        _look(views, int(labels[i]), i, leaders, alike, least)
+    for i in np.flatnonzero(near).tolist():
+        leader = int(firsts[i])
+        if leader in alike.leader:
+            alike.leader[i] = alike.leader[leader]
+        else:
+            _look(views, int(labels[i]), i, leaders, alike, least)
+    usable = sorted(alike.leader)
+    return Alike(usable, alike.leader, alike.homographies, alike.failures)
+
+
+def _look(views: ViewStack, label: int, i: int, leaders: dict[int, int], alike: Alike, least: int) -> None:
+    """Take view i for near its label's leader, for a leader or for a failure."""
+    leader = leaders.get(label)
+    if leader is not None and _near_one(views, i, leader):
+        alike.leader[i] = leader
+        return
+    view = views.view(i)
+    try:
+        check_points(view)
+        if len(view) < least:
+            raise DegenerateGeometry(f"A pose needs at least {least} grid points, {len(view)} were found.")
+        alike.homographies[i] = estimate_homography(view.points_target[:, :2], view.points_px)
+    except GridposeError as failure:
+        alike.failures[i] = failure
+        return
+    alike.leader[i] = i
+    leaders.setdefault(label, i)
 
 
 def _near_one(views: ViewStack, i: int, leader: int) -> bool:

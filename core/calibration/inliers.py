@@ -8,13 +8,13 @@ grid point over the pose's images, is judged once for all of them, and of each i
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from core.calibration.model import SMALLEST_NOISE_PX
-from core.calibration.view_stack import ViewStack
+from core.calibration.view_stack import ViewStack, groups_of
 from core.compiled import compiled
 from core.least_squares import REJECTION
 
@@ -22,14 +22,11 @@ ENOUGH_FOR_MEDIAN = 3
 """Images of a point from which on a gross error in one of them leaves the median alone."""
 
 
-def find_repeats(views: ViewStack, labels: Sequence[Hashable] | None) -> tuple[Int[np.ndarray, " _"], ...]:
+def find_repeats(views: ViewStack, labels: Int[np.ndarray, " m"] | None) -> list[Int[np.ndarray, " _"]]:
     """Return the views of each label, by target; without labels every view is by itself."""
     if labels is None:
-        return tuple(np.array([i]) for i in range(len(views)))
-    members: dict[tuple[Hashable, int], list[int]] = {}
-    for i, key in enumerate(zip(labels, views.target.tolist(), strict=True)):
-        members.setdefault(key, []).append(i)
-    return tuple(np.array(group) for group in members.values())
+        return [np.array([i]) for i in range(len(views))]
+    return groups_of(labels * len(views.targets) + views.target)
 
 
 def inliers_of(

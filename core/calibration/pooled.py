@@ -62,7 +62,7 @@ def calibrate_views(views: Sequence[GridPoints], *, lens: Lens | None = None) ->
     found = fit_common_camera(stack, lens)
     if not found.converged:
         raise NotConverged("The pooled fit did not converge from any start.")
-    growth = growth_of_shared(stack, found, list(range(len(stack)))).camera
+    growth = growth_of_shared(stack, found, np.arange(len(stack))).camera
     placements, residuals, used = found.at.placements, found.at.residuals, found.used
     origins = placements.translations_mm - np.einsum("kij,kj->ki", placements.rotations, stack.centroids)
     parts = [stack.part(i) for i in range(len(stack))]

@@ -6,8 +6,6 @@ is systematic in those points (see `inliers`).
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Sequence
-
 import numpy as np
 from jaxtyping import Bool, Float
 
@@ -28,7 +26,9 @@ from core.least_squares import Prior, fit
 from core.targets.specification import GridPoints
 
 
-def points_in_common(views: ViewStack, at: Linearised, labels: Sequence[Hashable]) -> Bool[np.ndarray, " n"]:
+def points_in_common(
+    views: ViewStack, at: Linearised, labels: Int[np.ndarray, " m"]
+) -> Bool[np.ndarray, " n"]:
     """Return which points count, decided for all views of a label together."""
     everyone = np.ones(len(views), dtype=np.bool_)
     return inliers_of(views, find_repeats(views, labels), at.residuals, everyone)

@@ -10,7 +10,7 @@ beyond 4 MAD (`inliers`) and of whole views whose residuals are far above the ot
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Hashable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -92,7 +92,7 @@ def fit_shared_lens(
     sharing: Sharing,
     *,
     lens: Lens | None = None,
-    repeats: Sequence[Hashable] | None = None,
+    repeats: Int[np.ndarray, " m"] | None = None,
 ) -> SharedLens:
     """Fit all views at once from `start`; views of one label in `repeats` show one pose."""
     problem = _Problem(views, sharing, camera_prior(views.image_width_px, views.image_height_px, lens))

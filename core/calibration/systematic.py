@@ -19,7 +19,7 @@ A pose's own covariance grows by the neighbours' factor of single images. The fi
 from __future__ import annotations
 
 import math
-from collections.abc import Hashable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TypeVar
 
@@ -31,7 +31,7 @@ from core.calibration.shared_lens import Linearised, SharedLens
 from core.calibration.uncertainty import LARGEST_CORRELATION, neighbours
 from core.calibration.view_doubt import Reduced, reduced, score_test
 from core.calibration.view_residuals import residuals_with_jacobian
-from core.calibration.view_stack import ViewStack, segment_sums
+from core.calibration.view_stack import ViewStack, groups_of, segment_sums
 
 LOOKED_AT = 60
 """As many images, and poses, evenly chosen, tell how neighbours correlate."""
@@ -61,7 +61,7 @@ def growth_of(
     views: ViewStack,
     at: Linearised,
     used: Bool[np.ndarray, " n"],
-    labels: Sequence[Hashable],
+    labels: Int[np.ndarray, " k"],
     parts: Reduced,
     own: Float[np.ndarray, "k 14 l"] | None,
     scale: Float[np.ndarray, " k"],
@@ -98,7 +98,7 @@ def growth_of(
     return Growth(max(of_means, _between_poses(views, at, used, labels, parts, common)), single.growth)
 
 
-def growth_of_shared(views: ViewStack, shared: SharedLens, labels: Sequence[Hashable]) -> Growth:
+def growth_of_shared(views: ViewStack, shared: SharedLens, labels: Int[np.ndarray, " k"]) -> Growth:
     """Return it for a camera common to all views, each with a pose of its own."""
     kept = np.flatnonzero(shared.kept)
     points = views.spread(shared.kept)
@@ -113,7 +113,7 @@ def growth_of_shared(views: ViewStack, shared: SharedLens, labels: Sequence[Hash
         views.take(kept),
         at,
         shared.used[points],
-        [labels[i] for i in kept.tolist()],
+        labels[kept],
         reduced(at.products, None),
         None,
         np.full(len(kept), shared.scale),
@@ -126,15 +126,13 @@ def _between_poses(
     views: ViewStack,
     at: Linearised,
     used: Bool[np.ndarray, " n"],
-    labels: Sequence[Hashable],
+    labels: Int[np.ndarray, " k"],
     parts: Reduced,
     common: int,
 ) -> float:
     """Return the growth that the poses' disagreement over the camera tells; 1 where there is nothing to tell from."""
-    place: dict[Hashable, int] = {}
-    pose = np.array([place.setdefault(label, len(place)) for label in labels])
-    order = np.argsort(pose, kind="stable")
-    bounds = np.concatenate([[0], np.cumsum(np.bincount(pose))])
+    order = np.argsort(labels, kind="stable")
+    bounds = np.concatenate([[0], np.cumsum(np.unique(labels, return_counts=True)[1])])
 
     def summed(of_views: np.ndarray) -> np.ndarray:
         return segment_sums(of_views[order], bounds)
@@ -233,17 +231,14 @@ def _evenly(items: list[T]) -> list[T]:
 
 
 def _poses(
-    views: ViewStack, at: Linearised, used: Bool[np.ndarray, " n"], labels: Sequence[Hashable]
+    views: ViewStack, at: Linearised, used: Bool[np.ndarray, " n"], labels: Int[np.ndarray, " k"]
 ) -> list[_Pose]:
     """Return the mean residuals of each label's images that show what its first one shows."""
-    members: dict[tuple[Hashable, int], list[int]] = {}
-    for i, key in enumerate(zip(labels, views.target.tolist(), strict=True)):
-        members.setdefault(key, []).append(i)
     poses = []
-    for group in _evenly(list(members.values())):
-        first = group[0]
+    for group in _evenly(groups_of(labels * len(views.targets) + views.target)):
+        first = int(group[0])
         count, cells = int(views.counts[first]), views.cell[views.part(first)]
-        alike = np.array([i for i in group if views.counts[i] == count])
+        alike = group[views.counts[group] == count]
         points = views.first[alike][:, None] + np.arange(count)
         same = np.all(views.cell[points] == cells, axis=1)
         alike, points = alike[same], points[same]

@@ -7,7 +7,6 @@ own mean by C N C only: where a prior pulls all of them the same way, it makes n
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -96,7 +95,7 @@ def repeated_scales(
     views: ViewStack,
     residuals: Float[np.ndarray, "2 n"],
     used: Bool[np.ndarray, " n"],
-    labels: Sequence[Hashable],
+    labels: Int[np.ndarray, " k"],
     parameters: int,
     otherwise: float,
 ) -> Float[np.ndarray, " k"]:
@@ -105,9 +104,9 @@ def repeated_scales(
     `parameters` each view has of its own; `otherwise` is for where there are no repeated views. Never below what
     `SMALLEST_NOISE_PX` is of the uncertainty: one image stored many times has no noise, which no instrument has.
     """
-    members: dict[tuple[Hashable, int, bytes], list[int]] = {}
+    members: dict[tuple[int, int, bytes], list[int]] = {}
     cell, bounds = views.cell, views.first.tolist()
-    for i, (label, target) in enumerate(zip(labels, views.target.tolist(), strict=True)):
+    for i, (label, target) in enumerate(zip(labels.tolist(), views.target.tolist(), strict=True)):
         shown = cell[bounds[i] : bounds[i + 1]].tobytes()
         members.setdefault((label, target, shown), []).append(i)
     groups = [np.array(group) for group in members.values()]

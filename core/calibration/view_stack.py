@@ -4,7 +4,7 @@ images is one loop in machine code.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Hashable, Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -155,6 +155,18 @@ def stack_views(views: Sequence[GridPoints]) -> ViewStack:
         np.concatenate([v.standard_uncertainty_px for v in views]),
         np.concatenate(located),
     )
+
+
+def number_labels(labels: Iterable[Hashable]) -> Int[np.ndarray, " m"]:
+    """Return labels as numbers from 0 on, in the order of their first appearance."""
+    places: dict[Hashable, int] = {}
+    return np.array([places.setdefault(label, len(places)) for label in labels], dtype=np.intp)
+
+
+def groups_of(numbers: Int[np.ndarray, " m"]) -> list[Int[np.ndarray, " _"]]:
+    """Return the places of each number, those of the lowest first, ascending."""
+    order = np.argsort(numbers, kind="stable")
+    return np.split(order, np.flatnonzero(np.diff(numbers[order])) + 1) if len(order) else []
 
 
 def segment_sums(values: np.ndarray, first: Int[np.ndarray, " bounds"]) -> np.ndarray:

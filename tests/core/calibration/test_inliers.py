@@ -96,7 +96,12 @@ def decide(
     parts = [r[:, : len(v)] for r, v in zip(residuals, views, strict=True)]
     stack = stack_views(views)
     everyone = np.ones(len(views), dtype=np.bool_)
-    used = inliers_of(stack, find_repeats(stack, labels), np.concatenate(parts, axis=1), everyone)
+    used = inliers_of(
+        stack,
+        find_repeats(stack, None if labels is None else np.array(labels)),
+        np.concatenate(parts, axis=1),
+        everyone,
+    )
     return [used[stack.part(i)] for i in range(len(stack))]
 
 

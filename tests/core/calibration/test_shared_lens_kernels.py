@@ -178,7 +178,7 @@ def test_inliers(seen: tuple[ViewStack, Placements, np.ndarray]) -> None:
     residuals = rng.standard_t(1.5, (2, len(views.column))) * 0.05
     labels = [0, 1, 0, 1, 0, 1, 2]
     kept = np.array([True, True, True, False, True, True, True])
-    used = inliers_of(views, find_repeats(views, labels), residuals, kept)
+    used = inliers_of(views, find_repeats(views, np.array(labels)), residuals, kept)
     assert 0.02 < np.mean(~used) < 0.5
     assert not used[views.part(3)].any()
     poses: dict[tuple[int, int], list[int]] = {}
