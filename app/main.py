@@ -19,6 +19,7 @@ from app.api.problems import install_problem_handlers
 from app.api.routes import (
     analyses,
     keys,
+    kinematics,
     measured_poses,
     measurements,
     plots,
@@ -80,6 +81,8 @@ def create_app(settings: Settings) -> FastAPI:
         measured_poses.router,
         measurements.router,
         analyses.router,
+        kinematics.router,
+        kinematics.plans,
         plots.router,
         keys.router,
         service_routes.router,

@@ -23,6 +23,12 @@ keys = typer.Typer(
     help="Make, list and revoke API keys, with or without a running service.", no_args_is_help=True
 )
 app.add_typer(keys, name="keys")
+export = typer.Typer(
+    help="Write what a session's analyses found as files of other programs.", no_args_is_help=True
+)
+app.add_typer(export, name="export")
+plan = typer.Typer(help="Predict what measurements would tell before they are made.", no_args_is_help=True)
+app.add_typer(plan, name="plan")
 
 DataDir = Annotated[
     Path | None,
@@ -151,6 +157,117 @@ def upload(
     request = Request(
         folder, session, url, key, target, pattern, pose, focus_group, parallel, retry_for, wait
     )
+    raise typer.Exit(run(request))
+
+
+class ModelFormat(enum.StrEnum):
+    """Files a robot is written as."""
+
+    urdf = "urdf"
+    rtb = "rtb"
+    yaml = "yaml"
+    csv = "csv"
+
+
+class DhMethod(enum.StrEnum):
+    """How a robot is identified."""
+
+    cpa = "cpa"
+    screw = "screw"
+    combined = "combined"
+    global_ = "global"
+
+
+class DhSource(enum.StrEnum):
+    """Where a session's poses come from."""
+
+    images = "images"
+    measured_poses = "measured_poses"
+
+
+@export.command("dh")
+def export_dh(
+    session: Annotated[str, typer.Option(help="Id or name of the session.")],
+    model_format: Annotated[
+        ModelFormat,
+        typer.Option(
+            "--format", help="rtb: Python for Peter Corke's Robotics Toolbox. csv: one row a joint."
+        ),
+    ],
+    output: Annotated[Path | None, typer.Option("--output", "-o", help="File.  [default: stdout]")] = None,
+    url: Annotated[
+        str, typer.Option(envvar="GRIDPOSE_URL", help="Where the service is.")
+    ] = "http://127.0.0.1:8000",
+    key: Annotated[str | None, typer.Option(envvar="GRIDPOSE_KEY", help="API key of scope read.")] = None,
+    method: Annotated[DhMethod, typer.Option(help="As of the analysis.")] = DhMethod.global_,
+    source: Annotated[
+        DhSource, typer.Option(help="Poses from images, or of another instrument.")
+    ] = DhSource.images,
+    estimator: Annotated[str, typer.Option(help="As of the analysis.")] = "pooled",
+    joint_tolerance_deg: Annotated[
+        float | None, typer.Option(help="How far resting joints may differ within a sweep.")
+    ] = None,
+    joint_names: Annotated[
+        str | None, typer.Option(help="Names of the joints, by commas.  [default: joint_1, ...]")
+    ] = None,
+    joint_limits: Annotated[
+        str | None,
+        typer.Option(help="LOW:HIGH in degrees for each joint, by commas; without, they turn freely."),
+    ] = None,
+    camera: Annotated[
+        bool, typer.Option(help="With the camera (or probe) as a link of the URDF, where it was found.")
+    ] = True,
+    retry_for: Annotated[
+        float, typer.Option(help="Seconds to go on trying while the service is away.", min=0)
+    ] = 300.0,
+) -> None:
+    """Write a session's identified robot as URDF, Robotics Toolbox model, YAML or CSV."""
+    from app.cli.export_dh import Request
+    from app.cli.export_dh import export_dh as run
+
+    request = Request(
+        session=session,
+        kind=model_format.value,
+        output=output,
+        url=url,
+        key=key,
+        method=method.value,
+        source=source.value,
+        estimator=estimator,
+        joint_tolerance_deg=joint_tolerance_deg,
+        names=joint_names,
+        limits=joint_limits,
+        camera=camera,
+        retry_for_s=retry_for,
+    )
+    raise typer.Exit(run(request))
+
+
+@plan.command("dh")
+def plan_dh(
+    file: Annotated[
+        Path,
+        typer.Argument(
+            help="YAML or JSON with target_id, camera, home_deg, sweeps, ... as POST .../dh-plan takes them.",
+            exists=True,
+            dir_okay=False,
+        ),
+    ],
+    robot: Annotated[str, typer.Option(help="Id or name of the robot.")],
+    url: Annotated[
+        str, typer.Option(envvar="GRIDPOSE_URL", help="Where the service is.")
+    ] = "http://127.0.0.1:8000",
+    key: Annotated[str | None, typer.Option(envvar="GRIDPOSE_KEY", help="API key of scope upload.")] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print the service's answer as it is.")] = False,
+    retry_for: Annotated[
+        float, typer.Option(help="Seconds to go on trying while the service is away.", min=0)
+    ] = 300.0,
+) -> None:
+    """Predict the uncertainty of every DH parameter for a set of poses, and suggest the poses that help most."""
+    from app.cli.plan_dh import Request
+    from app.cli.plan_dh import plan_dh as run
+
+    request = Request(file=file, robot=robot, url=url, key=key, as_json=as_json, retry_for_s=retry_for)
     raise typer.Exit(run(request))
 
 

@@ -31,3 +31,22 @@ def test_the_pictures_of_detection_are_drawn(tmp_path: Path) -> None:
         assert (ROOT / "docs" / "pictures" / path.name).exists()
         picture = cv2.imread(str(path)).astype(int)
         assert np.count_nonzero(np.ptp(picture, axis=2) > 40) > 500, path.name
+
+
+def test_the_picture_of_frames_is_drawn(tmp_path: Path) -> None:
+    script = ROOT / "docs" / "pictures" / "draw_frames.py"
+    done = subprocess.run(
+        [sys.executable, str(script), "--into", str(tmp_path)],
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    (path,) = tmp_path.glob("*.png")
+    assert done.stdout.split() == [str(path)]
+    assert f"(pictures/{path.name})" in (ROOT / "docs" / "kinematics.md").read_text(encoding="utf-8")
+    drawn, kept = (cv2.imread(str(p)).astype(int) for p in (path, ROOT / "docs" / "pictures" / path.name))
+    assert drawn.shape == kept.shape
+    for k in range(3):  # arrows in blue, green and red
+        others = np.delete(drawn, k, axis=2).max(axis=2)
+        assert np.count_nonzero(drawn[:, :, k] - others > 60) > 100

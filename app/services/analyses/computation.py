@@ -13,6 +13,7 @@ from app.records.database import Database
 from app.services.analyses.comparison import comparison_document
 from app.services.analyses.documents import encode
 from app.services.analyses.intrinsics import intrinsics_document
+from app.services.analyses.kinematics import dh_document
 from app.services.analyses.outcome import Analysed, CannotAnalyse, Refused
 from app.services.analyses.repeatability import repeatability_document
 from app.services.analyses.revision import read_mark
@@ -39,6 +40,7 @@ ANALYSES: dict[str, Document] = {
     "intrinsics": intrinsics_document,
     "repeatability": repeatability_document,
     "comparison": comparison_document,
+    "dh": dh_document,
     "scatter_plot": _plot("scatter_plot"),
     "drift_plot": _plot("drift_plot"),
     "residual_map": _plot("residual_map"),

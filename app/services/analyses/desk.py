@@ -5,8 +5,9 @@ from __future__ import annotations
 import hashlib
 import threading
 from collections import OrderedDict
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from typing import Any, TypeVar
 
 from app.errors import Conflict, NotFound, ServiceError, Unavailable
 from app.jobs.side_process import Crowded, Lost, SideProcess, TimedOut
@@ -20,6 +21,7 @@ WAITING_AT_MOST = 8
 KEPT_BYTES = 64 * 1024 * 1024
 KEPT_TAGS = 4096
 
+Answer = TypeVar("Answer")
 Question = tuple[str, str, tuple[tuple[str, str], ...]]
 """A session, an analysis and its settings."""
 
@@ -74,6 +76,12 @@ class AnalysisDesk:
             self._keep_tag(question, analysed.mark, etag)
         return Analysis(etag, None if known_etags & {etag, "*"} else body)
 
+    def plan(
+        self, robot: list[dict[str, float]], target: Mapping[str, Any], request: Mapping[str, Any]
+    ) -> bytes:
+        """Return what poses would tell of a robot; raises as `answer` does."""
+        return self._call(compute_plan, robot, dict(target), dict(request))
+
     def begin_shutdown(self) -> None:
         """Let go of requests that wait for an analysis: they are told to ask again."""
         self._process.interrupt()
@@ -86,8 +94,11 @@ class AnalysisDesk:
         self, installation: Installation, analysis: str, session_id: str, settings: Mapping[str, str]
     ) -> Analysed:
         url = installation.database.url.render_as_string(hide_password=False)
+        return self._call(compute, url, analysis, session_id, dict(settings))
+
+    def _call(self, function: Callable[..., Answer | Refused | ServiceFailure], *arguments: Any) -> Answer:
         try:
-            outcome = self._process.call(compute, url, analysis, session_id, dict(settings))
+            outcome = self._process.call(function, *arguments)
         except Crowded:
             raise Unavailable(
                 "Too many analyses are being computed.", "Ask again shortly.", code="busy"
@@ -164,3 +175,20 @@ def compute(
     except ServiceError as error:
         kind = NotFound if isinstance(error, NotFound) else Unavailable
         return ServiceFailure(kind, error.code, error.detail, error.advice)
+
+
+def compute_plan(
+    robot: list[dict[str, float]], target: Mapping[str, Any], request: Mapping[str, Any]
+) -> bytes | Refused | ServiceFailure:
+    """Run in the process beside the head."""
+    from app.services.analyses.documents import encode
+    from app.services.analyses.outcome import CannotAnalyse
+    from app.services.analyses.planning import plan_document
+    from core import GridposeError
+
+    try:
+        return encode(plan_document(robot, target, request))
+    except CannotAnalyse as reason:
+        return reason.refused
+    except GridposeError as error:
+        return Refused(error.code, error.detail, error.advice)

@@ -1,0 +1,153 @@
+"""`gridpose export dh` from a real service: files that other programs read, refusals that say what to do."""
+
+from __future__ import annotations
+
+import csv
+import io
+import math
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+from pytransform3d.urdf import UrdfTransformManager
+
+from app.agent import ServiceClient
+from app.cli.process import ServiceProcess
+from core.kinematics.dh import Chain, forward
+
+TWO_AXES = Chain.from_rows([(150.0, 90.0, 300.0, 10.0), (80.0, 0.0, 20.0, 0.0)])
+
+
+def gridpose(service: ServiceProcess, *arguments: str) -> tuple[int, str, str]:
+    ended = subprocess.run(
+        [sys.executable, "-m", "app.cli", *arguments],
+        env={**os.environ, "GRIDPOSE_URL": service.url, "GRIDPOSE_KEY": service.admin_key or ""},
+        capture_output=True,
+        text=True,
+        timeout=300,
+        check=False,
+    )
+    assert "Traceback" not in ended.stderr, ended.stderr
+    return ended.returncode, ended.stdout, ended.stderr
+
+
+def make_session(service: ServiceProcess) -> None:
+    """A session named "cell" with exact poses of a positioner with two axes."""
+    angles = np.radians([[a, b] for a in (-40, 0, 40) for b in (-60, 0, 60)])
+    with ServiceClient(service.url, service.admin_key) as client:
+        target = {"name": "t", "kind": "chessboard", "columns": 9, "rows": 6, "pitch_mm": 25.0}
+        target_id = client.create("/v1/targets", target)["id"]
+        joints = [
+            {
+                "a_mm": j.a_mm + 1.0,
+                "alpha_deg": math.degrees(j.alpha_rad) + 0.1,
+                "d_mm": j.d_mm,
+                "theta_offset_deg": math.degrees(j.theta_offset_rad),
+            }
+            for j in TWO_AXES.joints
+        ]
+        robot_id = client.create("/v1/robots", {"name": "Positioner", "joints": joints})["id"]
+        session = client.create(
+            "/v1/sessions", {"name": "cell", "target_ids": [target_id], "robot_id": robot_id}
+        )
+        client.put_measured_poses(
+            session["id"],
+            [
+                {
+                    "pose_id": f"P{i}",
+                    "joint_angles_deg": np.degrees(q).tolist(),
+                    "position_mm": T[:3, 3].tolist(),
+                    "rotation": T[:3, :3].tolist(),
+                }
+                for i, (q, T) in enumerate(zip(angles, forward(TWO_AXES, angles), strict=True))
+            ],
+        )
+
+
+def test_a_robot_comes_out_as_every_file(service: ServiceProcess, tmp_path: Path) -> None:
+    make_session(service)
+    export = ("export", "dh", "--session", "cell", "--source", "measured_poses")
+    urdf = tmp_path / "robot.urdf"
+    options = ("--joint-names", "tilt,turn", "--joint-limits", "-90:90,180", "-o", str(urdf))
+    code, said, errors = gridpose(service, *export, "--format", "urdf", *options)
+    assert (code, said) == (0, ""), errors
+    code, text, errors = gridpose(service, *export, "--format", "csv")
+    assert code == 0, errors
+    rows = list(csv.DictReader(io.StringIO(text)))
+    assert float(rows[0]["a_mm"]) == pytest.approx(150.0, abs=1e-6)
+    found = Chain.from_rows(
+        [
+            (float(r["a_mm"]), float(r["alpha_deg"]), float(r["d_mm"]), float(r["theta_offset_deg"]))
+            for r in rows
+        ]
+    )
+    tree = UrdfTransformManager()
+    tree.load_urdf(urdf.read_text(encoding="utf-8"))
+    assert tree.get_joint_limits("turn") == (-math.pi, math.pi)
+    q = np.radians([[25.0, -130.0]])
+    for name, angle in zip(("tilt", "turn"), q[0], strict=True):
+        tree.set_joint(name, angle)
+    T = tree.get_transform("flange", "base_link")
+    T[:3, 3] *= 1000.0
+    assert np.abs(T - forward(found, q)[0]).max() < 1e-9
+    code, text, errors = gridpose(service, *export, "--format", "yaml")
+    assert code == 0, errors
+    document = yaml.safe_load(text)
+    assert document["robot"] == "Positioner"
+    assert document["joints"][0]["a_mm"] == float(rows[0]["a_mm"])
+    code, text, errors = gridpose(service, *export, "--format", "rtb")
+    assert code == 0, errors
+    assert "RevoluteDH(" in text
+
+
+def test_refusals_say_what_to_do(service: ServiceProcess) -> None:
+    make_session(service)
+    export = ("export", "dh", "--format", "csv", "--session")
+    code, _, said = gridpose(service, *export, "cell")
+    assert code == 1
+    assert "too_few_measurements" in said
+    code, _, said = gridpose(service, *export, "nobody")
+    assert code == 1
+    assert "session_not_found" in said
+    measured = ("cell", "--source", "measured_poses")
+    for options, words in (
+        (("--joint-names", "a,b,c"), "2 different names"),
+        (("--joint-limits", "90"), "2 ranges"),
+        (("--joint-limits", "90,x"), "no degrees"),
+        (("--joint-limits", "90,5:1"), "no range"),
+    ):
+        code, _, said = gridpose(service, *export, *measured, *options)
+        assert code == 2, said
+        assert words in said
+
+
+def test_a_plan_is_shown(service: ServiceProcess, tmp_path: Path) -> None:
+    make_session(service)
+    with ServiceClient(service.url, service.admin_key) as client:
+        (target,) = client.items("/v1/targets")
+    plan = {
+        "target_id": target["id"],
+        "camera": {
+            **{"fx_px": 1200.0, "fy_px": 1200.0, "cx_px": 640.0, "cy_px": 480.0},
+            **{"image_width_px": 1280, "image_height_px": 960},
+        },
+        "home_deg": [0.0, 0.0],
+        "sweeps": {"half_arc_deg": 10.0, "steps": 5},
+        "suggest": 2,
+        "fill": 0.3,
+    }
+    path = tmp_path / "plan.yaml"
+    path.write_text(yaml.safe_dump(plan), encoding="utf-8")
+    code, shown, errors = gridpose(service, "plan", "dh", str(path), "--robot", "Positioner")
+    assert code == 0, errors
+    assert "10 of 10 poses see their whole grid" in shown
+    assert "2 further poses" in shown
+    code, _, said = gridpose(service, "plan", "dh", str(path), "--robot", "nobody")
+    assert (code, "robot_not_found" in said) == (1, True)
+    path.write_text("- 1\n", encoding="utf-8")
+    code, _, said = gridpose(service, "plan", "dh", str(path), "--robot", "Positioner")
+    assert (code, "does not hold a plan" in said) == (2, True)
