@@ -23,6 +23,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float, Int
 
+from core.calibration.common_weights import with_common_weights
 from core.calibration.group_doubt import Doubt, doubt_of
 from core.calibration.group_each import fit_each
 from core.calibration.group_fits import Fitted, fit_given
@@ -111,6 +112,7 @@ def estimate_group(
     """
     stack = views if isinstance(views, ViewStack) else stack_views(views)
     labels = number_labels(range(len(stack)) if repeats is None else repeats)
+    stack = with_common_weights(stack, labels.tolist())
     failures: dict[int, GridposeError] = {}
     if estimator in ("pooled", "pooled_free_focal"):
         fitted = fit_pooled(stack, labels, estimator, lens, failures)
