@@ -17,7 +17,7 @@ import cv2
 import numpy as np
 from jaxtyping import Float, Int, UInt8, UInt16
 
-from core.errors import Advisory, TargetNotFound
+from core.errors import Advisory, TargetMismatch, TargetNotFound
 from core.targets.charuco_layout import CharucoLayout, charuco_layout, marker_dictionary
 from core.targets.refinement import refine_corners
 from core.targets.specification import GridPoints, TargetSpec
@@ -37,8 +37,13 @@ def detect_charuco(
 ) -> GridPoints:
     """Find the inner corners of a ChArUco board; see `core.targets.detect.detect`."""
     layout = charuco_layout(target)
-    markers = detect_markers(image, target)
+    markers, repeated = _read_markers(image, layout)
     fitting = fitting_markers(markers, layout)
+    if not fitting and repeated:
+        raise TargetMismatch(
+            f"{len(repeated)} of the ChArUco board's markers are in view more than once.",
+            "Cover the other boards with the same markers, and mirrors.",
+        )
     if not fitting:
         raise TargetNotFound(
             f"{_counted(len(markers))} of the ChArUco board found, but no two side by side as printed."
@@ -84,11 +89,19 @@ def detect_markers(
     Its corners are refined by cornerSubPix. An id that was read twice is left out, since nobody knows which is meant.
     Raises InvalidTarget for a target without markers.
     """
-    layout = charuco_layout(target)
+    return _read_markers(image, charuco_layout(target))[0]
+
+
+def _read_markers(
+    image: UInt8[np.ndarray, "h w"] | UInt16[np.ndarray, "h w"], layout: CharucoLayout
+) -> tuple[dict[int, Float[np.ndarray, "4 2"]], set[int]]:
+    """Return the corners of the markers seen once, and the ids of those seen several times."""
     grey = image if image.dtype == np.uint8 else (image >> 8).astype(np.uint8)
     parameters = cv2.aruco.DetectorParameters()
     parameters.cornerRefinementMethod = cv2.aruco.CORNER_REFINE_SUBPIX
-    corners, ids, _ = cv2.aruco.ArucoDetector(marker_dictionary(target), parameters).detectMarkers(grey)
+    corners, ids, _ = cv2.aruco.ArucoDetector(marker_dictionary(layout.target), parameters).detectMarkers(
+        grey
+    )
     found: dict[int, Float[np.ndarray, "4 2"]] = {}
     repeated: set[int] = set()
     numbers = [] if ids is None else [int(number) for number in ids.ravel()]
@@ -97,7 +110,7 @@ def detect_markers(
             repeated.add(number)
         elif number < len(layout.marker_squares):
             found[number] = four.reshape(4, 2).astype(np.float64)
-    return {number: found[number] for number in sorted(found.keys() - repeated)}
+    return {number: found[number] for number in sorted(found.keys() - repeated)}, repeated
 
 
 def fitting_markers(markers: Markers, layout: CharucoLayout) -> dict[int, Float[np.ndarray, "4 2"]]:

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from core.camera import Camera
-from core.errors import TargetNotFound
+from core.errors import TargetMismatch, TargetNotFound
 from core.simulation import Scene, render
 from core.targets import detect
 from core.targets.charuco import detect_markers, fitting_markers
@@ -121,6 +121,12 @@ def test_another_board_is_not_taken_for_it(shot: Shot) -> None:
         detect(picture, TargetSpec("charuco", 8, 6, 22.0, 15.4, "DICT_5X5_100"))
     with pytest.raises(TargetNotFound):
         detect(picture, TargetSpec("charuco", 7, 5, 22.0, 15.4, "DICT_4X4_100"))
+
+
+def test_two_boards_with_the_same_markers_are_a_mismatch(shot: Shot) -> None:
+    _, picture = shot
+    with pytest.raises(TargetMismatch, match="more than once"):
+        detect(np.hstack([picture, picture]), BOARD)
 
 
 def test_misread_markers_do_not_fit(shot: Shot) -> None:

@@ -180,7 +180,7 @@ def test_large_squares_of_a_wallpaper_are_no_board_of_another_size() -> None:
 
 def test_refusals() -> None:
     picture = np.zeros((100, 100), np.uint8)
-    for kind in ("circles", "asymmetric_circles", "aprilgrid"):
+    for kind in ("aprilgrid",):
         with pytest.raises(InvalidTarget):
             detect(picture, TargetSpec(kind, 9, 6, 20.0))
     with pytest.raises(InvalidTarget, match="marker dictionary"):
