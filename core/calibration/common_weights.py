@@ -10,34 +10,67 @@ pose depends on. A point that is far less certain in one image than in the other
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Sequence
 from dataclasses import replace
 
 import numpy as np
+from jaxtyping import Float, Int
 
-from core.calibration.view_stack import ViewStack
+from core.calibration.view_stack import ViewStack, groups_of
+from core.compiled import compiled
 
 OWN = 1.5
 """A point's uncertainty in an image stays as it is where it exceeds the pattern by this factor."""
 
 
-def with_common_weights(views: ViewStack, labels: Sequence[Hashable]) -> ViewStack:
+def with_common_weights(views: ViewStack, labels: Int[np.ndarray, " m"]) -> ViewStack:
     """Return the views with uncertainties of one pattern for all views of a label and target."""
-    place: dict[tuple[Hashable, int], int] = {}
-    pose = np.array(
-        [place.setdefault(key, len(place)) for key in zip(labels, views.target.tolist(), strict=True)],
-        dtype=np.intp,
-    )
-    u = views.standard_uncertainty_px
-    sound = np.isfinite(u) & (u > 0.0)  # what is not is the checks' to name
-    if len(place) == len(views) or not sound.any():
-        return views
-    logs = np.log(np.where(sound, u, 1.0))
-    counts = np.maximum(views.sums(sound.astype(np.float64)), 1.0)
-    level = views.spread(views.sums(logs * sound) / counts)
-    key = views.spread(pose) * max(t.size for t in views.targets) + views.cell
-    seen = np.bincount(key, sound)
-    pattern = np.bincount(key, (logs - level) * sound) / np.maximum(seen, 1.0)
-    common = np.exp(level + pattern[key])
-    chosen = sound & (u <= OWN * common)
-    return replace(views, standard_uncertainty_px=np.where(chosen, common, u))
+    uncertainty = views.standard_uncertainty_px.copy()
+    cells = [t.size for t in views.targets]
+    changed = False
+    for pose in groups_of(labels * len(views.targets) + views.target):
+        if len(pose) > 1:
+            size = cells[int(views.target[pose[0]])]
+            weigh_alike(pose, views.first, views.cell, size, views.standard_uncertainty_px, OWN, uncertainty)
+            changed = True
+    return replace(views, standard_uncertainty_px=uncertainty) if changed else views
+
+
+@compiled
+def weigh_alike(
+    pose: Int[np.ndarray, " k"],
+    first: Int[np.ndarray, " bounds"],
+    cell: Int[np.ndarray, " n"],
+    cells: int,
+    stated: Float[np.ndarray, " n"],
+    own: float,
+    result: Float[np.ndarray, " n"],
+) -> None:
+    """Write the uncertainties of one pose's views, level times pattern, where they are not left as stated.
+
+    The pattern is the mean over the views of each cell's logarithm less the view's mean. What is no positive number or
+    no cell of the target stays as it is: that is the checks' to name.
+    """
+    total, seen = np.zeros(cells), np.zeros(cells)
+    levels = np.zeros(len(pose))
+    for j in range(len(pose)):
+        begin, end = first[pose[j]], first[pose[j] + 1]
+        logs = np.zeros(end - begin)
+        count = 0
+        for k in range(begin, end):
+            if 0.0 < stated[k] < np.inf and 0 <= cell[k] < cells:
+                logs[k - begin] = np.log(stated[k])
+                levels[j] += logs[k - begin]
+                count += 1
+        levels[j] /= max(count, 1)
+        for k in range(begin, end):
+            if 0.0 < stated[k] < np.inf and 0 <= cell[k] < cells:
+                total[cell[k]] += logs[k - begin] - levels[j]
+                seen[cell[k]] += 1.0
+    pattern = np.exp(total / np.maximum(seen, 1.0))
+    for j in range(len(pose)):
+        level = np.exp(levels[j])
+        for k in range(first[pose[j]], first[pose[j] + 1]):
+            if 0.0 < stated[k] < np.inf and 0 <= cell[k] < cells:
+                common = level * pattern[cell[k]]
+                if stated[k] <= own * common:
+                    result[k] = common

@@ -112,7 +112,7 @@ def estimate_group(
     """
     stack = views if isinstance(views, ViewStack) else stack_views(views)
     labels = number_labels(range(len(stack)) if repeats is None else repeats)
-    stack = with_common_weights(stack, labels.tolist())
+    stack = with_common_weights(stack, labels)
     failures: dict[int, GridposeError] = {}
     if estimator in ("pooled", "pooled_free_focal"):
         fitted = fit_pooled(stack, labels, estimator, lens, failures)

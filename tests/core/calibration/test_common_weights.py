@@ -65,7 +65,7 @@ def test_the_pattern_is_common_and_the_level_each_image_s_own() -> None:
     views, labels = images(2, 10, 0.03)
     views[3] = dataclasses.replace(views[3], standard_uncertainty_px=3.0 * views[3].standard_uncertainty_px)
     stack = stack_views(views)
-    common = with_common_weights(stack, labels).standard_uncertainty_px.reshape(20, -1)
+    common = with_common_weights(stack, np.array(labels)).standard_uncertainty_px.reshape(20, -1)
     before = stack.standard_uncertainty_px.reshape(20, -1)
     np.testing.assert_allclose(np.exp(np.log(common).mean(axis=1)), np.exp(np.log(before).mean(axis=1)))
     shape = common / common.mean(axis=1, keepdims=True)
@@ -78,7 +78,7 @@ def test_what_one_image_says_of_a_point_alone_is_kept() -> None:
     u = views[4].standard_uncertainty_px.copy()
     u[7] = 20.0 * SIGMA_PX
     views[4] = dataclasses.replace(views[4], standard_uncertainty_px=u)
-    common = with_common_weights(stack_views(views), labels).standard_uncertainty_px.reshape(10, -1)
+    common = with_common_weights(stack_views(views), np.array(labels)).standard_uncertainty_px.reshape(10, -1)
     assert common[4, 7] == 20.0 * SIGMA_PX
     # A tenth of its logarithm reaches the same point in the others.
     assert np.all(common[np.arange(10) != 4, 7] < OWN * SIGMA_PX)
@@ -87,10 +87,31 @@ def test_what_one_image_says_of_a_point_alone_is_kept() -> None:
 def test_images_by_themselves_and_unsound_uncertainties_stay() -> None:
     views, labels = images(1, 4, 0.03)
     stack = stack_views(views)
-    assert with_common_weights(stack, range(4)) is stack
+    assert with_common_weights(stack, np.arange(4)) is stack
     bad = stack.standard_uncertainty_px.copy()
     bad[[0, 60, 120]] = [np.nan, 0.0, np.inf]
-    found = with_common_weights(dataclasses.replace(stack, standard_uncertainty_px=bad), labels)
+    found = with_common_weights(dataclasses.replace(stack, standard_uncertainty_px=bad), np.array(labels))
     np.testing.assert_array_equal(found.standard_uncertainty_px[[0, 60, 120]], [np.nan, 0.0, np.inf])
     rest = np.delete(found.standard_uncertainty_px, [0, 60, 120])
     assert np.all((rest > 0.0) & np.isfinite(rest))
+
+
+def test_the_compiled_loop_is_the_formula() -> None:
+    views, labels = images(3, 4, 0.3)
+    views += [dataclasses.replace(v, target=TargetSpec("chessboard", 9, 6, 31.0)) for v in views[:2]]
+    stack, numbers = stack_views(views), np.array([*labels, 0, 0])
+    u = stack.standard_uncertainty_px
+    expected = u.copy()
+    for pose in {
+        (label, target) for label, target in zip(numbers.tolist(), stack.target.tolist(), strict=True)
+    }:
+        members = np.flatnonzero((numbers == pose[0]) & (stack.target == pose[1]))
+        logs = np.log(np.array([u[stack.part(int(i))] for i in members]))
+        level = logs.mean(axis=1, keepdims=True)
+        common = np.exp(level + (logs - level).mean(axis=0))
+        for i, pattern in zip(members, common, strict=True):
+            part = stack.part(int(i))
+            expected[part] = np.where(u[part] <= OWN * pattern, pattern, u[part])
+    found = with_common_weights(stack, numbers).standard_uncertainty_px
+    np.testing.assert_allclose(found, expected, rtol=1e-12)
+    assert 0 < np.count_nonzero(found == u) < 0.5 * len(u)
