@@ -2,3 +2,9 @@
 
 matplotlib is loaded by the process that draws, never by the one that serves.
 """
+
+import logging
+
+# Where its own folder may not be written, as in a container, matplotlib says so in prose; one in the system's
+# temporary folder serves as well, and the service's log is JSON.
+logging.getLogger("matplotlib").setLevel(logging.ERROR)

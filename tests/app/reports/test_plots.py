@@ -213,6 +213,19 @@ def test_the_look_is_the_projects_own(tmp_path: Path, monkeypatch: pytest.Monkey
         assert mpl.rcParams["font.size"] == 20.0
 
 
+def test_a_folder_that_may_not_be_written_is_no_matter(tmp_path: Path) -> None:
+    (tmp_path / "file").touch()
+    done = subprocess.run(
+        [sys.executable, "-c", "import app.reports.plots.svg"],
+        cwd=Path(__file__).parents[3],
+        env={**os.environ, "MPLCONFIGDIR": str(tmp_path / "file" / "folder")},
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    assert done.stderr == ""
+
+
 def patches(figure: Figure, kind: type, colour: str | None = None) -> list[Any]:
     from matplotlib.colors import to_hex
 
