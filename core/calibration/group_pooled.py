@@ -9,10 +9,10 @@ import numpy as np
 
 from core.calibration.arrow import FREE_FOCAL, TIED
 from core.calibration.group_fits import Fitted, first_failure, fitted_together, start_of
-from core.calibration.group_starts import Alike, find_alike, placed, placed_before
+from core.calibration.group_starts import Alike, find_alike, placed, placed_before, start_focals
 from core.calibration.model import LENS_PRIOR, Lens, View, image_centre
 from core.calibration.shared_lens import SharedLens, fit_shared_lens
-from core.calibration.single_image import FOCAL_GATE, assumed_focals, calibrate_points, plausible_start
+from core.calibration.single_image import FOCAL_GATE, calibrate_points
 from core.calibration.validity import check_lens
 from core.calibration.view_stack import ViewStack, stack_states
 from core.camera import Camera
@@ -42,16 +42,14 @@ def fit_pooled(
     chosen = views.take(alike.usable)
     repeats = labels[alike.usable]
     each = {i: views.view(i) for i in alike.homographies}
-    starts = [plausible_start(H, each[i]) for i, H in alike.homographies.items()]
-    found = [start.camera.fx_px for start in starts if start is not None]
     some = views.view(alike.usable[0])
     if lens is not None:
         check_lens(lens, some)
-    focals = [float(np.median(found))] if found else assumed_focals(some, lens)
+    focals = start_focals([(H, each[i]) for i, H in alike.homographies.items()], lens)
     fits = []
     for focal in focals:
         camera = Camera(focal, focal, *image_centre(some))
-        of_leader = {i: placed(H, each[i], camera) for i, H in alike.homographies.items()}
+        of_leader = {i: placed(H, each[i], camera, views.centroids[i]) for i, H in alike.homographies.items()}
         of_leader = _fit_part(views, alike, of_leader, lens)
         fits.append(fit_shared_lens(chosen, start_of(alike, of_leader), TIED, lens=lens, repeats=repeats))
     if not any(f.converged for f in fits):

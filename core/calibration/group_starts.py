@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -9,9 +10,10 @@ from jaxtyping import Bool, Float, Int
 
 from core.calibration import closed_form
 from core.calibration.homography import estimate_homography
-from core.calibration.model import View, centred
+from core.calibration.model import Lens, View, centred
+from core.calibration.single_image import assumed_focals, plausible_start
 from core.calibration.validity import LARGEST_RATIO, check_points
-from core.calibration.view_stack import ViewStack
+from core.calibration.view_stack import ViewStack, evenly
 from core.camera import Camera, project, undistort_points
 from core.compiled import compiled
 from core.errors import DegenerateGeometry, GridposeError
@@ -19,6 +21,8 @@ from core.targets.specification import GridPoints
 
 NEAR = 0.02
 """Of the image's width: views whose points lie within this of one another's have one start."""
+ASKED = 30
+"""As many views, evenly chosen, are asked for a focal length to start from."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -129,10 +133,26 @@ def shows_the_same(
     return same
 
 
-def placed(H: Float[np.ndarray, "3 3"], points: GridPoints, camera: Camera) -> View:
-    """Place a view before a camera by its homography, distortion left aside."""
+def start_focals(
+    views: Sequence[tuple[Float[np.ndarray, "3 3"], GridPoints]], lens: Lens | None
+) -> list[float]:
+    """Return the focal lengths to start from: the median of what views by themselves tell, each given with its
+    homography, or assumed ones where none tells any. Of many views a part is asked first.
+    """
+    for asked in (evenly(list(views), ASKED), views):
+        starts = [plausible_start(H, points) for H, points in asked]
+        found = [start.camera.fx_px for start in starts if start is not None]
+        if found:
+            return [float(np.median(found))]
+    return assumed_focals(views[0][1], lens)
+
+
+def placed(
+    H: Float[np.ndarray, "3 3"], points: GridPoints, camera: Camera, centroid: Float[np.ndarray, "3"]
+) -> View:
+    """Place a view before a camera by its homography, distortion left aside; `centroid` is that of its points."""
     T = closed_form.nominal(H, points, camera).T_camera_target
-    return View(camera.as_array(), T[:3, :3], T[:3, :3] @ centred(points)[1] + T[:3, 3])
+    return View(camera.as_array(), T[:3, :3], T[:3, :3] @ centroid + T[:3, 3])
 
 
 def placed_before(camera: Camera, points: GridPoints) -> View:
@@ -147,6 +167,5 @@ def placed_before(camera: Camera, points: GridPoints) -> View:
             "The distortion folds back within the image: these pixels have no direction.",
             "Check the session's intrinsics: k1, k2, p1, p2, k3 in OpenCV's order, for this image size.",
         )
-    return placed(
-        camera.matrix @ estimate_homography(points.points_target[:, :2], normalised), points, camera
-    )
+    H = camera.matrix @ estimate_homography(points.points_target[:, :2], normalised)
+    return placed(H, points, camera, centred(points)[1])

@@ -107,7 +107,10 @@ def judge_pose(
         at = points[ends[c] : ends[c + 1]]
         if len(at) == 0:
             continue
-        u[c], v[c] = np.median(residuals[0][at]), np.median(residuals[1][at])
+        if len(at) == 1:
+            u[c], v[c] = residuals[0, at[0]], residuals[1, at[0]]
+        else:
+            u[c], v[c] = np.median(residuals[0][at]), np.median(residuals[1][at])
         systematic = np.sqrt(u[c] ** 2 + v[c] ** 2) * np.mean(root_weight[at])
         common[c] = systematic <= limit
         if len(at) >= enough:

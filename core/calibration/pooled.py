@@ -13,12 +13,11 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float
 
-from core.calibration import closed_form
 from core.calibration.arrow import TIED
+from core.calibration.group_starts import placed, start_focals
 from core.calibration.homography import estimate_homography
-from core.calibration.model import Lens, View, image_centre, view_of
+from core.calibration.model import Lens, image_centre
 from core.calibration.shared_lens import SharedLens, fit_shared_lens
-from core.calibration.single_image import assumed_focals, plausible_start
 from core.calibration.systematic import growth_of_shared
 from core.calibration.view_stack import ViewStack, stack_states, stack_views
 from core.camera import Camera
@@ -84,16 +83,10 @@ def fit_common_camera(views: ViewStack, lens: Lens | None) -> SharedLens:
     """
     each = [views.view(i) for i in range(len(views))]
     homographies = [estimate_homography(v.points_target[:, :2], v.points_px) for v in each]
-    starts = [plausible_start(H, v) for H, v in zip(homographies, each, strict=True)]
-    found = [start.camera.fx_px for start in starts if start is not None]
-    focals = [float(np.median(found))] if found else assumed_focals(each[0], lens)
+    focals = start_focals(list(zip(homographies, each, strict=True)), lens)
     fits = []
     for focal in focals:
         camera = Camera(focal, focal, *image_centre(each[0]))
-        placed = [_placed(H, v, camera) for H, v in zip(homographies, each, strict=True)]
-        fits.append(fit_shared_lens(views, stack_states(placed), TIED, lens=lens))
+        start = [placed(H, v, camera, c) for H, v, c in zip(homographies, each, views.centroids, strict=True)]
+        fits.append(fit_shared_lens(views, stack_states(start), TIED, lens=lens))
     return min(fits, key=lambda f: (not f.converged, -int(f.kept.sum()), f.scale))
-
-
-def _placed(H: Float[np.ndarray, "3 3"], points: GridPoints, camera: Camera) -> View:
-    return view_of(closed_form.nominal(H, points, camera), points)

@@ -21,7 +21,6 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TypeVar
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -31,13 +30,11 @@ from core.calibration.shared_lens import Linearised, SharedLens
 from core.calibration.uncertainty import LARGEST_CORRELATION, neighbours
 from core.calibration.view_doubt import Reduced, reduced, score_test
 from core.calibration.view_residuals import residuals_with_jacobian
-from core.calibration.view_stack import ViewStack, groups_of, segment_sums
+from core.calibration.view_stack import ViewStack, evenly, groups_of, segment_sums
 
-LOOKED_AT = 60
+LOOKED_AT = 30
 """As many images, and poses, evenly chosen, tell how neighbours correlate."""
 LEAST_PAIRS = 20
-
-T = TypeVar("T")
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,7 +79,7 @@ def growth_of(
         context,
         [
             _Pose(np.array([i]), at.residuals[:, views.part(i)], used[views.part(i)])
-            for i in _evenly(list(range(len(views))))
+            for i in evenly(list(range(len(views))), LOOKED_AT)
         ],
     )
     if not common:
@@ -223,19 +220,12 @@ def _beyond_chance(ratio: float, standard_error: float) -> float:
     return 1.0 + excess * z_squared / (1.0 + z_squared)
 
 
-def _evenly(items: list[T]) -> list[T]:
-    """Return `LOOKED_AT` of the items from first to last, or all where there are no more."""
-    if len(items) <= LOOKED_AT:
-        return items
-    return [items[k] for k in np.linspace(0, len(items) - 1, LOOKED_AT).astype(np.intp).tolist()]
-
-
 def _poses(
     views: ViewStack, at: Linearised, used: Bool[np.ndarray, " n"], labels: Int[np.ndarray, " k"]
 ) -> list[_Pose]:
     """Return the mean residuals of each label's images that show what its first one shows."""
     poses = []
-    for group in _evenly(groups_of(labels * len(views.targets) + views.target)):
+    for group in evenly(groups_of(labels * len(views.targets) + views.target), LOOKED_AT):
         first = int(group[0])
         count, cells = int(views.counts[first]), views.cell[views.part(first)]
         alike = group[views.counts[group] == count]

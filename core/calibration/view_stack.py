@@ -7,6 +7,7 @@ from __future__ import annotations
 from collections.abc import Hashable, Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import TypeVar
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -15,6 +16,8 @@ from core.calibration.model import View
 from core.compiled import compiled
 from core.errors import InvalidArgument
 from core.targets.specification import GridPoints, TargetSpec
+
+T = TypeVar("T")
 
 
 @dataclass(frozen=True)
@@ -161,6 +164,13 @@ def number_labels(labels: Iterable[Hashable]) -> Int[np.ndarray, " m"]:
     """Return labels as numbers from 0 on, in the order of their first appearance."""
     places: dict[Hashable, int] = {}
     return np.array([places.setdefault(label, len(places)) for label in labels], dtype=np.intp)
+
+
+def evenly(items: list[T], count: int) -> list[T]:
+    """Return `count` of the items, from the first to the last, or all where there are no more."""
+    if len(items) <= count:
+        return items
+    return [items[k] for k in np.linspace(0, len(items) - 1, count).astype(np.intp).tolist()]
 
 
 def groups_of(numbers: Int[np.ndarray, " m"]) -> list[Int[np.ndarray, " _"]]:
