@@ -14,10 +14,14 @@ import numpy as np
 from jaxtyping import Float, Int
 from scipy.spatial.transform import Rotation
 
+from core.errors import InvalidArgument
 from core.kinematics.dh import pose_with_jacobian
 from core.kinematics.parameters import ArmState, Layout
 from core.kinematics.poses import PoseData
 from core.transforms import nearest_rotation, transform
+
+INDEFINITE = 1e-7
+"""Of the unit diagonal: an eigenvalue of a correlation matrix may be so far below zero by rounding."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,9 +76,12 @@ class Observations:
 
 
 def observations_of(poses: PoseData) -> Observations:
-    """Make poses ready."""
+    """Make poses ready.
+
+    Raises InvalidArgument, naming the pose, for a matrix that is no covariance.
+    """
     m, n = (3 if poses.rotations is None else 6), len(poses)
-    own = np.zeros((n, m, m)) if poses.covariance is None else poses.covariance[:, :m, :m]
+    own = np.zeros((n, m, m)) if poses.covariance is None else _definite(poses, m)
     common = np.zeros((n, m, 0)) if poses.common is None else poses.common[:, :m]
     return Observations(
         np.ascontiguousarray(poses.joint_angles, dtype=np.float64),
@@ -84,6 +91,21 @@ def observations_of(poses: PoseData) -> Observations:
         common,
         np.asarray(poses.targets),
     )
+
+
+def _definite(poses: PoseData, m: int) -> Float[np.ndarray, "n m m"]:
+    """Return the covariances, symmetric and definite by a hair where they are not to rounding."""
+    assert poses.covariance is not None
+    given = poses.covariance[:, :m, :m]
+    own = 0.5 * (given + given.transpose(0, 2, 1))
+    unit = 1.0 / np.sqrt(np.diagonal(own, axis1=1, axis2=2))
+    least = np.linalg.eigvalsh(own * unit[:, :, None] * unit[:, None, :])[:, 0]
+    if np.any(least < -INDEFINITE):
+        label = poses.label(int(np.argmin(least)))
+        raise InvalidArgument(
+            f"Pose {label} has a matrix that is no covariance.", "Correct it, or leave it out."
+        )
+    return own + 2.0 * INDEFINITE * own * np.eye(m)
 
 
 def linearised(

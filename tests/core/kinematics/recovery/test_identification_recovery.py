@@ -47,20 +47,20 @@ def rms(pairs: list[tuple[np.ndarray, np.ndarray]], columns: list[int]) -> float
 )
 def test_pooled_poses(free: int, robot: Repeatability, limit_mm: float, limit_deg: float) -> None:
     pairs = []
-    for trial in range(10):
+    for trial in range(8):
         rng = np.random.default_rng([trial, free, 4])
         arm = kr5_arc(rng)
         q = angles(rng, free=free)
         pairs.append(compared(arm, q, identify(measure_poses(arm, q, rng, robot=robot), KR5_ARC, folds=0)))
     assert_covered(pairs)
-    # Ten arms of 30 parameters: the rms itself is good to some 10 %.
+    # Eight arms of 30 parameters: the rms itself is good to some 12 %.
     assert rms(pairs, [0, 2]) < 1.2 * limit_mm
     assert math.degrees(rms(pairs, [1, 3, 4])) < 1.2 * limit_deg
 
 
 def test_grid_points_of_a_robot_that_scatters() -> None:
     pairs = []
-    for trial in range(5):
+    for trial in range(4):
         arm, q, views, _ = session(
             100 + trial, count=40, position_mm=ROBOT.position_mm, rotation_rad=ROBOT.rotation_rad
         )
