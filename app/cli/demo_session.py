@@ -18,6 +18,7 @@ from rich.progress import Progress
 from app.agent import ClientError, Json, ServiceClient, plan_files
 from app.cli.upload import transfer
 from app.jobs.worker_process import THREAD_VARIABLES
+from app.settings import Settings
 from core import TargetSpec
 from core.camera import Camera
 from core.kinematics.dh import Chain
@@ -94,12 +95,7 @@ def render_images(images: Sequence[SessionImage], folder: Path, progress: Progre
     for variable in THREAD_VARIABLES:  # inherited: each process is to keep to one core
         os.environ.setdefault(variable, "1")
     with ProcessPoolExecutor(
-        max(
-            1,
-            min(
-                len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1, 16
-            ),
-        ),
+        min(max(Settings().worker_count, 1), 16),  # each holds an image of 100 MB
         mp_context=multiprocessing.get_context("spawn"),
         initializer=cv2.setNumThreads,
         initargs=(1,),

@@ -122,7 +122,7 @@ def _readings(poses: Sequence[Json]) -> list[str]:
 def calibration_table(comparison: Json, true_focal_px: float) -> Table:
     """Return the paper's Table II: re-projection, and what it does not say, how far the focal length is off."""
     table = _table(
-        "Table II, the same images calibrated: re-projection and focal length, px",
+        "Table II, the same images: re-projection and focal length, px",
         *("", "images", "mean", "std", "f", "error", "spread"),
     )
     for row in comparison["calibration"]:
