@@ -2,8 +2,8 @@
 
 Readings p_1j, p_2j of cycle j have covariances M_1j, M_2j, of what differs from cycle to cycle. The distance D_j
 scatters with the robot's part and eᵀ (M_1j + M_2j) e, e its direction; that is one quantity, so that its 3 S has the
-interval and the floor of any (`uncertainty`). The distance's mean is as uncertain as S_D / √n and what all readings have
-in common leave it: c_1, c_2 being what one standard uncertainty of each common error does to the two positions,
+interval and the floor of any (`uncertainty`). The distance's mean is as uncertain as S_D / √n and what all readings
+have in common leave it: c_1, c_2 being what one standard uncertainty of each common error does to the two positions,
 ‖eᵀ (c_1 - c_2)‖.
 """
 

@@ -1,4 +1,8 @@
-"""The seven figures that ISO 9283 gives of a pose, under one set of names."""
+"""The figures of a pose under one set of names.
+
+ISO 9283:1998 defines those of the position as a whole (AP_p 7.2.1, RP_l 7.2.2, vAP_p 7.2.3) and of the angles (RP_a,
+RP_b, RP_c and so on, ibidem); those along the axes stand beside them, by the angles' formula.
+"""
 
 from __future__ import annotations
 

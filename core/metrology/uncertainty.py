@@ -190,14 +190,33 @@ def assess_radial(
     # Two cycles are equally far from their mean, S_l = 0: the long-run figure lies above such a reading.
     low = np.minimum(low, reading)
     subtracted, plain = _subtraction(covariance, noise, cycles)
-    # With M = 0 both ratios are 1, and the reading stands.
+    # With M = 0 the ratios are 1, and the reading stands.
     corrected = reading * _share(subtracted.found, plain.found) * _share(plain.gain, subtracted.gain)
+    corrected = corrected / _heavy_tail(spectrum, noise_trace, trace_excess)
     # The reading's own spread, with that of g(S) in it replaced by that of g(D).
     spread = np.sqrt(
         np.maximum(law.spread**2 + subtracted.log_variance - plain.log_variance, 0.04 * law.spread**2)
     )
     corrected_low, corrected_high = replace(law, spread=spread).interval(corrected)
     return Assessed(low, high, floor, corrected, corrected_low, corrected_high)
+
+
+def _heavy_tail(
+    spectrum: Float[np.ndarray, "k 3"],
+    noise_trace: Float[np.ndarray, " k"],
+    trace_excess: Float[np.ndarray, " k"],
+) -> Float[np.ndarray, " k"]:
+    """Return by what factor cycles of unequal noise read more than equal ones of the same covariance.
+
+    With τ_j² the variance of cycle j, mean lengths go by E τ = √(E τ²) (1 + v)^-⅛, v the variance of τ² over its mean
+    squared: exact to second order in v.
+    """
+    total = spectrum.sum(axis=1)
+    unevenness = np.where(total > 0.0, trace_excess, 0.0) / np.where(
+        total > 0.0, np.maximum(total, noise_trace) ** 2, 1.0
+    )
+    m = mean_length(spectrum) * (1.0 + unevenness) ** -0.125
+    return _share(m + 3.0 * np.sqrt(np.maximum(total - m * m, 0.0)), long_run_reading(spectrum))
 
 
 @dataclass(frozen=True, slots=True)

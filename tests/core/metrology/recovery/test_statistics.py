@@ -183,6 +183,24 @@ def test_noise_floor_where_cycles_differ_five_to_one(n: int, shape: str, noisy_e
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize(("ratio", "limit"), [(1.0, 0.07), (2.0, 0.025)])
+@pytest.mark.parametrize(("shape", "noisy_every"), [("sphere", 2), ("needle", 5)])
+def test_corrected_repeatability_where_cycles_differ_five_to_one(
+    ratio: float, limit: float, shape: str, noisy_every: int
+) -> None:
+    # A mixture of narrow and wide scatter reads more than its covariance tells: raw 10 to 60 %.
+    n, trials = 30, 2500
+    weights = np.where(np.arange(n) % noisy_every == 0, 25.0, 1.0)
+    noise = of_reading("sphere", 1.0) / weights.mean()
+    result = run(n, of_reading(shape, ratio), noise, trials, seed=9, weights=weights)
+    truth = result.true_reading.mean()
+    corrected = np.minimum(result.radial.corrected, result.reading)
+    error = 3.0 * (corrected - result.true_reading).std() / math.sqrt(trials) / truth
+    assert corrected.mean() / truth == pytest.approx(1.0, abs=limit + error)
+    assert error < 0.02  # so that the test can fail
+
+
+@pytest.mark.slow
 @pytest.mark.parametrize(("n", "ratio"), [(30, 1.0), (30, 1.5), (30, 4.0), (100, 1.0), (100, 2.0)])
 @pytest.mark.parametrize(
     ("shape", "noise_shape", "turned"),
