@@ -1,8 +1,9 @@
 """Compiled kernels: loops over pixels that numpy cannot do in one pass, compiled by numba on first use.
 
 A kernel takes and returns plain arrays and numbers, has a twin in plain numpy that its tests compare it with, and
-is kept on disk once compiled, where there is a place to keep it. Kernels that call one another live in one module:
-what is kept is renewed when the kernel's own module changes, and only then.
+is kept on disk once compiled, where there is a place to keep it. What is kept is renewed when the kernel's own module
+changes, and only then; what it calls and the constants it names are part of it. So kernels that call one another live
+in one module, together with their constants.
 """
 
 from __future__ import annotations

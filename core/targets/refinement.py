@@ -1,10 +1,11 @@
 """Sub-pixel refinement of chessboard corners at full resolution, and what doubt is left.
 
 Maximum likelihood on the picture's own pixels: each corner's model is that of `core.targets.corner_kernel`, with the
-edges' directions and bends from all corners together (`core.targets.grid_map`). Two steps on few pixels bring the
-corners from a detector's tenths of a px to some hundredths and tell the blur; those that turn out to be px off come
-near by wide templates first. One step on all pixels up to half-way to the next corners does the rest. No pixel serves
-two corners, so their errors are independent of each other.
+edges' directions and bends from all corners together (`core.targets.grid_map`). One step on every third line near the
+corner, or some more where the blur is far from the usual, brings them from a detector's tenths of a px to some
+hundredths and tells the blur; those that turn out to be px off come near by wide templates first. One step on all
+pixels up to half-way to the next corners does the rest. No pixel serves two corners, so their errors are independent
+of each other.
 """
 
 from __future__ import annotations
@@ -21,7 +22,7 @@ from core.targets.quantiles import median
 _COARSE_SIGMAS_PX = (2.5, 1.5, 1.2)
 """Of the templates of the first steps: wide ones pull from further away."""
 _COARSE_REACH_PX = 7.0
-_MIDDLE_REACH_PX = 12.0
+_MIDDLE_REACH_PX = 18.0
 _SIGMA_RANGE = (0.3, 8.0)
 _SETTLED_PX = 0.15
 _NEAR_START_PX = 0.4
@@ -98,7 +99,7 @@ def refine_corners(
     basis = grid_basis(ideal, start, good.astype(np.float64))
     shape, _ = _fit(basis, states, good)
     states[:, [kernel.SIGMA_1, kernel.SIGMA_2]] = _COARSE_SIGMAS_PX[-1]
-    _step(image, states, shape, _MIDDLE_REACH_PX, largest_reach, good, steps, stride=2)
+    _step(image, states, shape, _MIDDLE_REACH_PX, largest_reach, good, steps, stride=3)
     far = good & ~(_length(steps) < _NEAR_START_PX)
     if far.any():
         states[far, kernel.Q_U], states[far, kernel.Q_V] = start[far].T
@@ -118,11 +119,11 @@ def refine_corners(
             )
             unsettled = far & ~(_length(steps) < _SETTLED_PX)
         shape, _ = _fit(basis, states, good)
-    for _ in range(_MOST_MIDDLE_STEPS):
-        if not far.any() and _blur_is_settled(steps, _NEARLY_SETTLED_BLUR):
-            break
-        far[:] = False
-        _step(image, states, shape, _MIDDLE_REACH_PX, largest_reach, good, steps, stride=2)
+    if far.any() or not _blur_is_settled(steps, _NEARLY_SETTLED_BLUR):
+        for _ in range(_MOST_MIDDLE_STEPS):
+            _step(image, states, shape, _MIDDLE_REACH_PX, largest_reach, good, steps, stride=2)
+            if _blur_is_settled(steps, _SETTLED_BLUR):
+                break
     shape, steady = _fit(basis, states, good)
     _set_light(basis, column, row, shape, states, steps, steady)
     unsettled = good

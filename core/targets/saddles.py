@@ -26,7 +26,7 @@ _LEAST_NOISE = 3.0  # of the mixed derivative, from the rounding to whole levels
 _NOISE_QUANTILE, _NOISE_DEVIATES = 0.4, 0.5244  # |z| of a normal deviate z is below the latter in that share
 _STRONG_QUANTILE, _MOST_OF_STRONG = 0.99, 0.08
 """Where squares fill the picture no part of it is calm: noise is taken as no more than this part of what is strong."""
-_NOISE_SAMPLES = 5_000
+_NOISE_SAMPLES = 2_000
 _LEAST_SADDLE = 4.0  # standard deviations of the noise
 _LEAST_SECTOR = 2.0  # standard deviations of the smoothed picture's noise
 _MOST_SADDLES = 1 << 17

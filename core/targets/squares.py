@@ -17,6 +17,7 @@ from jaxtyping import Bool, Float, Shaped
 
 from core.compiled import compiled
 from core.targets.lattice import Lattice
+from core.targets.quantiles import median
 
 _LEAST_OF_LINE = 0.3  # of a line's corners; a line with fewer is none of the lattice
 _ENOUGH_OF_LINE = 0.5
@@ -77,12 +78,8 @@ class Board:
     @property
     def square_px(self) -> float:
         """The distance of neighbouring lines, px: the median of all squares, in the direction in which it is less."""
-        grid = self.lattice.grid
-        across, down = np.diff(grid, axis=1)[:-1], np.diff(grid, axis=0)[:, :-1]
-        area = np.abs(across[..., 0] * down[..., 1] - across[..., 1] * down[..., 0])
-        longer = np.maximum(np.hypot(across[..., 0], across[..., 1]), np.hypot(down[..., 0], down[..., 1]))
-        height = (area / longer)[np.isfinite(area)]
-        return float(np.median(height)) if len(height) else 0.0
+        heights = square_heights(np.ascontiguousarray(self.lattice.grid))
+        return median(heights) if len(heights) else 0.0
 
     @property
     def is_resolved(self) -> bool:
@@ -113,6 +110,23 @@ def bounded(image: Shaped[np.ndarray, "h w"], lattice: Lattice) -> Board | None:
     shares = look_at_sides(image, grid, gap, part.origin_is_bright, around)
     above, below, before, after = (Side(*four) for four in shares.tolist())
     return Board(part, (above, below, before, after))
+
+
+@compiled
+def square_heights(grid: Float[np.ndarray, "rows columns 2"]) -> Float[np.ndarray, " n"]:
+    """Return the area of each square whose first three corners are known, over its longer side, px."""
+    rows, columns, _ = grid.shape
+    heights = np.empty(rows * columns)
+    count = 0
+    for j in range(rows - 1):
+        for i in range(columns - 1):
+            across_u, across_v = grid[j, i + 1] - grid[j, i]
+            down_u, down_v = grid[j + 1, i] - grid[j, i]
+            area = abs(across_u * down_v - across_v * down_u)
+            if math.isfinite(area):
+                heights[count] = area / max(math.hypot(across_u, across_v), math.hypot(down_u, down_v))
+                count += 1
+    return heights[:count]
 
 
 @compiled

@@ -11,7 +11,7 @@ from core.targets.lattice import kinks, lonely
 from core.targets.linking import into_cells, spread
 from core.targets.quantiles import median, quantiles
 from core.targets.saddles import mixed_derivatives
-from core.targets.squares import box, known_around, look_at_sides
+from core.targets.squares import box, known_around, look_at_sides, square_heights
 
 
 def lattice_with_holes(
@@ -196,6 +196,16 @@ def test_a_lattices_box_and_what_is_around(seed: int) -> None:
     np.testing.assert_array_equal(around[1, : right - left], padded[bottom + 1, columns])
     np.testing.assert_array_equal(around[2, : bottom - top], padded[rows, left])
     np.testing.assert_array_equal(around[3, : bottom - top], padded[rows, right + 1])
+
+
+def test_the_height_of_squares() -> None:
+    grid, _ = lattice_with_holes(np.random.default_rng(2), 7, 9, 0.2)
+    across, down = np.diff(grid, axis=1)[:-1], np.diff(grid, axis=0)[:, :-1]
+    area = np.abs(across[..., 0] * down[..., 1] - across[..., 1] * down[..., 0])
+    longer = np.maximum(np.linalg.norm(across, axis=2), np.linalg.norm(down, axis=2))
+    expected = (area / longer)[np.isfinite(area)]
+    assert 5 < len(expected) < 48
+    np.testing.assert_allclose(square_heights(grid), expected, rtol=1e-12)
 
 
 def test_a_lattice_without_corners_has_no_box() -> None:
