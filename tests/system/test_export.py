@@ -8,6 +8,7 @@ import math
 import os
 import subprocess
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -20,6 +21,15 @@ from app.cli.process import ServiceProcess
 from core.kinematics.dh import Chain, forward
 
 TWO_AXES = Chain.from_rows([(150.0, 90.0, 300.0, 10.0), (80.0, 0.0, 20.0, 0.0)])
+
+
+@pytest.fixture(scope="module")
+def service(tmp_path_factory: pytest.TempPathFactory) -> Iterator[ServiceProcess]:
+    """One service for all tests here, which only read its session "cell"."""
+    folder = tmp_path_factory.mktemp("export") / "data"
+    with ServiceProcess(folder, {"GRIDPOSE_WORKERS": "0"}) as process:
+        make_session(process)
+        yield process
 
 
 def gridpose(service: ServiceProcess, *arguments: str) -> tuple[int, str, str]:
@@ -69,7 +79,6 @@ def make_session(service: ServiceProcess) -> None:
 
 
 def test_a_robot_comes_out_as_every_file(service: ServiceProcess, tmp_path: Path) -> None:
-    make_session(service)
     export = ("export", "dh", "--session", "cell", "--source", "measured_poses")
     urdf = tmp_path / "robot.urdf"
     options = ("--joint-names", "tilt,turn", "--joint-limits", "-90:90,180", "-o", str(urdf))
@@ -105,7 +114,6 @@ def test_a_robot_comes_out_as_every_file(service: ServiceProcess, tmp_path: Path
 
 
 def test_refusals_say_what_to_do(service: ServiceProcess) -> None:
-    make_session(service)
     export = ("export", "dh", "--format", "csv", "--session")
     code, _, said = gridpose(service, *export, "cell")
     assert code == 1
@@ -126,7 +134,6 @@ def test_refusals_say_what_to_do(service: ServiceProcess) -> None:
 
 
 def test_a_plan_is_shown(service: ServiceProcess, tmp_path: Path) -> None:
-    make_session(service)
     with ServiceClient(service.url, service.admin_key) as client:
         (target,) = client.items("/v1/targets")
     plan = {

@@ -7,6 +7,7 @@ import re
 import shlex
 import subprocess
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +18,13 @@ from app.agent import ServiceClient
 from app.cli.process import ServiceProcess
 
 DOCUMENT = Path(__file__).parents[2] / "docs" / "kinematics.md"
+
+
+@pytest.fixture(scope="module")
+def service(tmp_path_factory: pytest.TempPathFactory) -> Iterator[ServiceProcess]:
+    """One service for all tests here, each with a session of its own."""
+    with ServiceProcess(tmp_path_factory.mktemp("import") / "data", {"GRIDPOSE_WORKERS": "0"}) as process:
+        yield process
 
 
 def gridpose(service: ServiceProcess, *arguments: str) -> tuple[int, str, str]:
