@@ -1,0 +1,206 @@
+"""Analyses of stored sessions: repeatability over 10,000 measurements, answers that are known, pages, pooled fits."""
+
+from __future__ import annotations
+
+import hashlib
+import math
+import tempfile
+import time
+from collections.abc import Iterable, Iterator
+from datetime import UTC, datetime
+from pathlib import Path
+from statistics import median
+from typing import Any
+
+import httpx2
+import numpy as np
+import sqlalchemy as sa
+
+from app.agent import ServiceClient
+from app.cli.process import ServiceProcess
+from app.records.codec import Provenance, encode_calibration, encode_refused
+from app.records.database import Database
+from app.records.ids import new_id
+from app.records.tables import Measurement, Result
+from app.services.analyses.computation import analyse
+from app.services.poses import ensure_pose
+from app.settings import Settings
+from benchmarks.conditions import one_core, seconds
+from benchmarks.table import Row
+from core import calibrate_points
+from core.calibration.pooled import calibrate_views
+from core.camera import project
+from core.simulation.views import draw_camera, draw_pose, draw_view
+from core.targets.specification import GridPoints, TargetSpec
+from core.transforms import invert, so3_exp, transform, transform_points
+
+WIDTH, HEIGHT = 2448, 2050
+SIGMA_PX = 0.05
+REPEATABILITY_MM = 0.05
+STORED = 10_000
+
+
+def rows(seeds: list[int], quick: bool) -> Iterable[Row]:
+    yield from _pooled_fit(seeds, 3 if quick else 15)
+    cases = [((14, 10), 50), ((14, 10), 5), ((9, 6), 50), ((9, 6), 5)]
+    for board, poses in cases[:1] if quick else cases:
+        yield from _stored(board, poses, seeds[0], 3 if quick else 7)
+
+
+def _pooled_fit(seeds: list[int], repeats: int) -> Iterable[Row]:
+    sets = []
+    for seed in seeds:
+        rng = np.random.default_rng(seed)
+        camera = draw_camera(rng)
+        sets.append(
+            [
+                draw_view(rng, columns=25, rows=18, tilt_deg=rng.uniform(10.0, 45.0), camera=camera).points
+                for _ in range(150)
+            ]
+        )
+    with one_core():
+        calibrate_views(sets[0])
+        times = [seconds(lambda v=views: calibrate_views(v)) for _ in range(repeats) for views in sets]
+        started = time.process_time()
+        for views in sets:
+            calibrate_views(views)
+        processor = (time.process_time() - started) / len(sets)
+    best = f"best {1e3 * min(times):.0f} ms"
+    note = f"starts and covariance included; {len(times)} fits, one core, median ({best})"
+    yield Row.at_most("pooled fit, 150 images x 450 points", 1e3 * median(times), 75.0, "ms", note)
+    yield Row.context("the same, processor time", 1e3 * processor, "ms", f"mean of {len(sets)}")
+
+
+def _stored(board: tuple[int, int], poses: int, seed: int, repeats: int) -> Iterable[Row]:
+    """Ask a service of its own for a session's table: computed, kept, unchanged, and a page of its measurements."""
+    case = f"{poses} poses x {STORED // poses} cycles, {board[0]}x{board[1]}"
+    with tempfile.TemporaryDirectory(prefix="gridpose-bench-") as name:
+        folder = Path(name)
+        with ServiceProcess(folder, {"GRIDPOSE_WORKERS": "0"}) as service:
+            assert service.admin_key is not None
+            with ServiceClient(service.url, service.admin_key) as client:
+                session_id, target_id = _new_session(client, board)
+            _fill(folder, session_id, target_id, board, poses, seed)
+            headers = {"Authorization": f"Bearer {service.admin_key}"}
+            with httpx2.Client(base_url=service.url, headers=headers, timeout=200.0) as client:
+                yield from _asked(client, session_id, case, repeats)
+        yield _alone(folder, session_id, case, repeats)
+
+
+def _asked(client: httpx2.Client, session_id: str, case: str, repeats: int) -> Iterable[Row]:
+    address = f"/v1/sessions/{session_id}"
+
+    def get(path: str, **headers: str) -> tuple[float, httpx2.Response]:
+        started = time.perf_counter()
+        response = client.get(address + path, headers=headers)
+        taken = time.perf_counter() - started
+        assert response.status_code in (200, 304), response.text
+        return taken, response
+
+    get("/intrinsics")  # the process that computes is started and loaded
+    computed: list[float] = []
+    for repeat in range(repeats):
+        # What a robot was told at one pose is another input each time, so that nothing is known beforehand.
+        told = {"position_mm": [float(repeat), 0.0, 0.0]}
+        assert client.put(f"{address}/poses/P1", json=told).status_code == 200
+        taken, response = get("/repeatability")
+        computed.append(taken)
+    tag = {"If-None-Match": response.headers["ETag"]}
+    kept = [get("/repeatability")[0] for _ in range(5 * repeats)]
+    unchanged = [get("/repeatability", **tag)[0] for _ in range(5 * repeats)]
+    pages = []
+    cursor = ""
+    for _ in range(5 * repeats):
+        taken, response = get(f"/measurements?limit=50{cursor}")
+        pages.append(taken)
+        cursor = f"&cursor={response.json()['next_cursor']}"
+    note = f"by HTTP, {case}; median of {repeats} (best {min(computed):.2f} s)"
+    yield Row.at_most("repeatability over 10,000 stored measurements", median(computed), 1.0, "s", note)
+    how = f"by HTTP, {case}; median of {5 * repeats}"
+    yield Row.context("the same again, kept", 1e3 * median(kept), "ms", how)
+    yield Row.context("the same again, 304", 1e3 * median(unchanged), "ms", how)
+    yield Row.at_most("a page of 50 of 10,000 measurements", 1e3 * median(pages), 20.0, "ms", how)
+
+
+def _alone(folder: Path, session_id: str, case: str, repeats: int) -> Row:
+    """Compute the table in this process: on a machine with other work its processor time tells more than the clock."""
+    database = Database(Settings(data_dir=folder).effective_database_url)
+    settings = {"estimator": "pooled", "source": "images", "confidence_level": "0.95"}
+    times = []
+    for _ in range(repeats + 1):
+        started = time.process_time()
+        analyse(database, "repeatability", session_id, settings)
+        times.append(time.process_time() - started)
+    database.dispose()
+    note = f"reading included, without HTTP, {case}; best of {repeats}, threads added up"
+    return Row.context("the same, processor time", min(times[1:]), "s", note)
+
+
+def _new_session(client: ServiceClient, board: tuple[int, int]) -> tuple[str, str]:
+    target = {"name": "board", "kind": "chessboard", "columns": board[0], "rows": board[1], "pitch_mm": 10.0}
+    target_id: str = client.create("/v1/targets", target)["id"]
+    session_id: str = client.create("/v1/sessions", {"name": "bench", "target_ids": [target_id]})["id"]
+    return session_id, target_id
+
+
+def _fill(
+    folder: Path, session_id: str, target_id: str, board: tuple[int, int], poses: int, seed: int
+) -> None:
+    """Store finished measurements, as workers would have left them, in the service's database."""
+    database = Database(Settings(data_dir=folder).effective_database_url)
+    measurements, results = [], []
+    documents: dict[str, dict[str, Any]] = {}
+    for pose_id, cycle, points in _visits(board, poses, seed):
+        sha256 = hashlib.sha256(points.points_px.tobytes()).hexdigest()
+        provenance = Provenance("0.1.0", sha256, {})
+        if (
+            pose_id not in documents
+        ):  # one calibration's document stands for its pose's: analyses read points alone
+            documents[pose_id] = encode_calibration(calibrate_points(points), provenance)
+        measurement = {
+            "id": new_id("mea"),
+            "session_id": session_id,
+            "pose_id": pose_id,
+            "target_id": target_id,
+            "cycle": cycle,
+            "focus_group": "default",
+            "received_at": datetime.now(UTC),
+            "finished_at": datetime.now(UTC),
+            "sha256": sha256,
+            "bytes": 1,
+            "image_format": "png",
+            "image_width_px": WIDTH,
+            "image_height_px": HEIGHT,
+            "status": "succeeded",
+            "attempts": 1,
+        }
+        measurements.append(measurement)
+        stored = encode_refused(points, provenance)["points"]
+        results.append({**documents[pose_id], "points": stored, "measurement_id": measurement["id"]})
+    with database.write() as records:
+        for pose_id in documents:
+            ensure_pose(records, session_id, pose_id)
+        records.flush()
+        records.execute(sa.insert(Measurement), measurements)
+        records.execute(sa.insert(Result), results)
+    database.dispose()
+
+
+def _visits(board: tuple[int, int], poses: int, seed: int) -> Iterator[tuple[str, int, GridPoints]]:
+    """Yield what a detector reports of a robot whose positions scatter; its uncertainties scatter by 3 %, too."""
+    rng = np.random.default_rng(seed)
+    target = TargetSpec("chessboard", board[0], board[1], 10.0)
+    camera = draw_camera(rng)
+    row, column = (a.ravel() for a in np.mgrid[0 : board[1], 0 : board[0]])
+    commanded = [
+        invert(draw_pose(rng, target, camera, WIDTH, math.radians(rng.uniform(20.0, 40.0))))
+        for _ in range(poses)
+    ]
+    for cycle in range(1, STORED // poses + 1):
+        for index, told in enumerate(commanded):
+            d, w = rng.normal(0.0, REPEATABILITY_MM, 3), rng.normal(0.0, 1e-3 * REPEATABILITY_MM, 3)
+            attained = invert(transform(so3_exp(w) @ told[:3, :3], told[:3, 3] + d))
+            exact = project(transform_points(attained, target.points_target()), camera)
+            noisy = exact + rng.normal(0.0, SIGMA_PX, exact.shape)
+            u = SIGMA_PX * np.exp(rng.normal(0.0, 0.03, len(exact)))
+            yield f"P{index + 1}", cycle, GridPoints(target, WIDTH, HEIGHT, column, row, noisy, u)
