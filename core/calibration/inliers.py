@@ -13,6 +13,7 @@ from collections.abc import Sequence
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from core.calibration.in_parts import in_two_parts
 from core.calibration.model import SMALLEST_NOISE_PX
 from core.calibration.view_stack import ViewStack, groups_of
 from core.compiled import compiled
@@ -43,25 +44,28 @@ def inliers_of(
     what is systematic in the point, to keep it by what deviates.
     """
     used = np.zeros(len(views.column), dtype=np.bool_)
-    root_weight = np.sqrt(views.weight)
+    root_weight, median_weight, cell = np.sqrt(views.weight), views.median_weight, views.cell
     cells = [t.columns * t.rows for t in views.targets]
-    for pose in poses:
-        chosen = pose[kept[pose]]
-        if len(chosen):
-            size = cells[int(views.target[chosen[0]])]
-            judge_pose(
-                chosen,
-                views.first,
-                views.cell,
-                size,
-                residuals,
-                root_weight,
-                views.median_weight,
-                REJECTION,
-                SMALLEST_NOISE_PX,
-                ENOUGH_FOR_MEDIAN,
-                used,
-            )
+
+    def judge(begin: int, stop: int) -> None:
+        for pose in poses[begin:stop]:
+            chosen = pose[kept[pose]]
+            if len(chosen):
+                judge_pose(
+                    chosen,
+                    views.first,
+                    cell,
+                    cells[int(views.target[chosen[0]])],
+                    residuals,
+                    root_weight,
+                    median_weight,
+                    REJECTION,
+                    SMALLEST_NOISE_PX,
+                    ENOUGH_FOR_MEDIAN,
+                    used,
+                )
+
+    in_two_parts(judge, len(poses), len(used))
     return used
 
 

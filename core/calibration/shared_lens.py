@@ -17,6 +17,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from core.calibration.arrow import Arrow, Sharing, arrow
+from core.calibration.in_parts import in_two_parts
 from core.calibration.inliers import find_repeats, inliers_of
 from core.calibration.model import SMALLEST_NOISE_PX, Lens, camera_prior
 from core.calibration.view_residuals import normal_equations
@@ -120,20 +121,34 @@ def linearise(
     """Evaluate every view over the points used; or robustly over all, each view by its own scale, which the cost is
     made of.
     """
-    products, residuals, squared, cost = normal_equations(
-        views.first,
-        views.points_target,
-        views.centroids,
-        views.points_px,
-        views.weight,
-        used,
-        placements.parameters,
-        placements.rotations,
-        placements.translations_mm,
-        robust,
-        CAUCHY_C,
-        MEDIAN_LENGTH[2],
-    )
+    views_count, points = len(views), len(views.column)
+    products, cost = np.zeros((views_count, 15, 15)), np.zeros(views_count)
+    residuals, squared = np.empty((2, points)), np.empty(points)
+    centroids, weight = views.centroids, views.weight
+
+    def evaluate(begin: int, stop: int) -> None:
+        normal_equations(
+            views.first,
+            views.points_target,
+            centroids,
+            views.points_px,
+            weight,
+            used,
+            placements.parameters,
+            placements.rotations,
+            placements.translations_mm,
+            robust,
+            CAUCHY_C,
+            MEDIAN_LENGTH[2],
+            begin,
+            stop,
+            products,
+            residuals,
+            squared,
+            cost,
+        )
+
+    in_two_parts(evaluate, views_count, points)
     return Linearised(placements, products, residuals, squared, float(cost.sum()))
 
 

@@ -101,22 +101,22 @@ def normal_equations(
     robust: bool,
     cauchy: float,
     median_length: float,
-) -> tuple[
-    Float[np.ndarray, "m 15 15"], Float[np.ndarray, "2 n"], Float[np.ndarray, " n"], Float[np.ndarray, " m"]
-]:
-    """Return for every view the products of its derivatives and residuals, and residuals, squared distances and costs.
+    begin: int,
+    stop: int,
+    products: Float[np.ndarray, "m 15 15"],
+    residuals: Float[np.ndarray, "2 n"],
+    squared: Float[np.ndarray, " n"],
+    cost: Float[np.ndarray, " m"],
+) -> None:
+    """Write for the views [begin, stop) the products of derivatives and residuals, and residuals, squared distances and
+    costs; `products` and `cost` come as zeros.
 
     Row and column 14 of the products belong to the residuals: [J r]ᵀ W [J r] with the camera's first eight parameters,
     a rotation about the centroid and a translation in J. Distances are in stated uncertainties, weight = 1/u². Plainly
     the points `used` count and a view's cost is the sum of their squares; where `robust`, all count with Cauchy's
     weights at the view's own scale s, the median distance over `median_length`, and the cost is 2 n log s.
     """
-    views = len(first) - 1
-    products = np.zeros((views, 15, 15))
-    residuals = np.empty((2, first[views]))
-    squared = np.empty(first[views])
-    cost = np.zeros(views)
-    for i in range(views):
+    for i in range(begin, stop):
         start, end = first[i], first[i + 1]
         count = end - start
         if count == 0:
@@ -160,7 +160,6 @@ def normal_equations(
                 rows[a, 0, k] *= root[k]
                 rows[a, 1, k] *= root[k]
         _products(rows.reshape(15, 2 * count), products[i])
-    return products, residuals, squared, cost
 
 
 @compiled(reassociates=True)
