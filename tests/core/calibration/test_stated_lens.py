@@ -1,0 +1,43 @@
+"""A stated lens: used where it fits, left out with a remark where the images say otherwise, whatever the estimator."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from core.calibration.estimators import estimate_group
+from core.calibration.model import Lens
+from tests.core.calibration.test_estimators import session
+
+PITCH_UM = 3.45
+SESSION = session(21, poses=5, cycles=2)
+
+
+def lens(factor: float) -> Lens:
+    """A lens of so many times the true focal length."""
+    return Lens(factor * SESSION.camera.fx_px * PITCH_UM / 1000.0, PITCH_UM)
+
+
+@pytest.mark.parametrize("estimator", ["pooled", "pooled_free_focal", "per_image", "per_image_fixed_pp"])
+@pytest.mark.parametrize("factor", [0.5, 2.0])
+def test_one_that_the_images_contradict_is_left_out(estimator: str, factor: float) -> None:
+    """Binning by two, the usual mistake."""
+    without = estimate_group(SESSION.views, estimator, repeats=SESSION.labels)
+    found = estimate_group(SESSION.views, estimator, repeats=SESSION.labels, lens=lens(factor))
+    (warning,) = [w for w in found.warnings if w.code == "lens_prior_contradicted"]
+    assert f"stated lens {lens(factor).focal_px:.0f} px" in warning.detail
+    assert ("10 of 10 images" in warning.detail) == estimator.startswith("per_image")
+    assert warning.advice
+    u = np.sqrt(np.einsum("kii->ki", without.covariance))[:, :3]
+    assert np.max(np.abs(found.positions_mm - without.positions_mm) / u) < 0.05
+    np.testing.assert_allclose(
+        np.diag(found.camera_covariance), np.diag(without.camera_covariance), rtol=0.05, atol=1e-20
+    )
+
+
+@pytest.mark.parametrize("estimator", ["pooled", "pooled_free_focal", "per_image", "per_image_fixed_pp"])
+def test_one_that_is_good_to_five_per_cent_is_taken_without_a_word(estimator: str) -> None:
+    for factor in (0.95, 1.0, 1.07):
+        found = estimate_group(SESSION.views, estimator, repeats=SESSION.labels, lens=lens(factor))
+        assert "lens_prior_contradicted" not in {w.code for w in found.warnings}
+        assert len(found.images) == 10
