@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Float
 
 from app.services.analyses.estimation import EstimatedImage, SessionEstimate, estimate_session
-from app.services.analyses.measured import MeasuredVisit, measured_visits
+from app.services.analyses.measured import MeasuredVisit, measured_visits, semidefinite
 from app.services.analyses.outcome import CannotAnalyse
 from app.services.analyses.snapshot import Commanded, Snapshot
 from core import Advisory
@@ -18,6 +18,8 @@ from core.kinematics.dh import Chain, JointParameters, forward
 from core.kinematics.poses import PoseData, stack_joint_angles
 from core.transforms import rotation_to_rpy
 
+POSES_AT_MOST = 20_000
+"""Of one identification, which takes some 20 kB for each."""
 NAMED = 5
 LENS_FACTORS = 8
 """The columns of an image's `common` that are its lens's; the last is the print's scale."""
@@ -60,8 +62,16 @@ def gather_poses(
 ) -> RobotPoses:
     """Return the session's poses that carry joint angles.
 
-    Raises CannotAnalyse where there are none, JointAnglesInconsistent where their number is not the robot's.
+    Raises CannotAnalyse where there are none or too many, JointAnglesInconsistent where their joints are not the
+    robot's.
     """
+    count = len(snapshot.measured) + len(snapshot.images)
+    if count > POSES_AT_MOST:
+        raise CannotAnalyse(
+            "too_many_measurements",
+            f"The session holds {count} measurements; one identification takes {POSES_AT_MOST}.",
+            "Divide them among several sessions; a few hundred poses that move all joints say nearly as much.",
+        )
     if settings["source"] == "measured_poses":
         return _of_readings(snapshot, nominal)
     return _of_images(snapshot, points, settings["estimator"], nominal)
@@ -107,8 +117,7 @@ def _angles(e: EstimatedImage, commanded: Commanded | None) -> list[float] | Non
 
 def _own_covariance(e: EstimatedImage) -> Float[np.ndarray, "6 6"]:
     """Return what an image's pose does not share with others': all of its covariance but the common part."""
-    own = e.covariance - e.common @ e.common.T
-    return np.asarray((own + own.T) / 2.0)
+    return semidefinite(e.covariance - e.common @ e.common.T)
 
 
 def _common(images: Sequence[EstimatedImage]) -> Float[np.ndarray, "n 6 k"] | None:
@@ -168,6 +177,15 @@ def _of_readings(snapshot: Snapshot, nominal: Chain | None) -> RobotPoses:
             "have no rotation, while most have one",
         )
         known = turned
+    elif turned:
+        warnings.append(
+            Advisory(
+                "rotations_left_out",
+                f"{len(turned)} of {len(known)} measured poses have a rotation; positions alone are used.",
+                "Measure rotations at most poses, or identify from those that have one in a session of their own.",
+            )
+        )
+        known = [replace(v, rotation=None) for v in known]
     rotations = [v.rotation for v in known if v.rotation is not None]
     covariances = [v.covariance for v in known if v.covariance is not None]
     if 0 < len(covariances) < len(known):
