@@ -185,7 +185,7 @@ def read_snapshot(records: orm.Session, session_id: str, source: str = "images")
 
 def read_points(records: orm.Session, session_id: str) -> dict[str, bytes]:
     """Return the stored grid points of every finished measurement that has any, by its id."""
-    rows = records.execute(
+    rows = records.connection().execute(
         sa.select(Result.measurement_id, Result.points)
         .join(Measurement, Measurement.id == Result.measurement_id)
         .where(Measurement.session_id == session_id, Result.points.is_not(None))
@@ -231,7 +231,7 @@ def _read_measured(records: orm.Session, session_id: str) -> tuple[Measured, ...
 
 
 def _read_images(records: orm.Session, session_id: str, places: Mapping[str, int]) -> tuple[Image, ...]:
-    rows = records.execute(
+    rows = records.connection().execute(  # plain rows: no entity is loaded
         sa.select(  # in the order of Image's fields
             Measurement.id,
             Measurement.pose_id,
