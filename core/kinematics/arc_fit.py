@@ -82,6 +82,12 @@ class ArcProblem:
                 f"The sweep of joint {joint} does not tell its axis: too few poses are left, or they lie on it.",
                 "Sweep a longer arc with more poses, with the camera away from the joint's axis.",
             )
+        if not robust and not found.converged and self.rotations is None:
+            raise DegenerateGeometry(
+                f"The positions of joint {joint}'s sweep do not settle on an axis: they hardly go round one.",
+                "Mount the camera or reflector away from the joint's axis, or sweep a longer arc; or use rotations "
+                "(method screw or combined).",
+            )
         if not robust and not found.converged:
             raise NotConverged(
                 f"The axis of joint {joint} does not settle: its poses do not go round.",
