@@ -69,7 +69,7 @@ def test_a_perfect_robot_is_told_to_microns() -> None:
     off = found.robot.chain.as_array() - told_truth(arm, q)
     ratio = off / stated(found.robot)
     assert np.nanmax(np.abs(ratio)) < 4.5
-    assert 0.6 < np.sqrt(np.nanmean(ratio**2)) < 1.5
+    assert 0.4 < np.sqrt(np.nanmean(ratio**2)) < 1.8  # one arm's errors are correlated
     lengths, turns = off[:, [0, 2]], off[:, [1, 3, 4]]
     assert np.sqrt(np.mean(lengths[lengths != 0.0] ** 2)) < 0.01
     assert np.degrees(np.sqrt(np.mean(turns[turns != 0.0] ** 2))) < 0.001
