@@ -60,13 +60,14 @@ def kr5_arc(
 ) -> Arm:
     """Draw a KR5 Arc as built: every length and angle is off by a little, and the camera's mount by more.
 
-    Standard deviations are given. There are two targets, mutually perpendicular: one lies flat, its face up,
+    Standard deviations are given. There are two targets, mutually perpendicular: one lies nearly flat, its face up,
     the other stands ahead of the robot and faces it.
     """
-    down, ahead = np.array([math.pi, 0.0, 0.0]), np.array([0.0, math.pi / 2.0, 0.0])
+    flat = so3_exp(np.array([math.pi, 0.0, 0.3]))
+    upright = flat @ so3_exp(np.array([0.0, math.pi / 2.0, 0.0])) @ so3_exp(np.array([0.0, 0.0, 0.2]))
     T_base_target = [
-        transform(so3_exp(down) @ so3_exp(np.array([0.0, 0.0, 0.3])), np.array([900.0, -150.0, 250.0])),
-        transform(so3_exp(ahead) @ so3_exp(np.array([0.0, 0.0, 0.2])), np.array([1350.0, 100.0, 700.0])),
+        transform(flat, np.array([900.0, -150.0, 250.0])),
+        transform(upright, np.array([1350.0, 100.0, 700.0])),
     ]
     return Arm(
         deviated(KR5_ARC, rng, deviation_mm, deviation_rad),
