@@ -13,7 +13,9 @@ import numpy as np
 
 from core import Camera, TargetSpec, calibrate_image
 from core.calibration.estimators import estimate_group
+from core.kinematics.dh import pose_with_jacobian
 from core.simulation import Scene, render
+from core.targets import detect
 from core.transforms import so3_exp, transform
 
 _TARGET = TargetSpec("chessboard", 7, 5, pitch_mm=10.0)
@@ -37,5 +39,15 @@ def warm_up() -> None:
     estimate_group([found.points, found.points], "pooled", repeats=["home", "home"])
 
 
+def warm_up_the_rest() -> None:
+    """Compile what is kept on disk for later: boards of dots, and the kinematics of analyses."""
+    dots = TargetSpec("circles", 5, 4, pitch_mm=14.0)
+    middle = dots.points_target().mean(axis=0)
+    scene = Scene(dots, _CAMERA, transform(_TILT, _AHEAD_MM - _TILT @ middle), 320, 240, noise_levels=2.0)
+    detect(render(scene), dots)
+    pose_with_jacobian(np.zeros((2, 5)), np.zeros((1, 2)), np.eye(4)[None], np.eye(4))
+
+
 if __name__ == "__main__":
     warm_up()
+    warm_up_the_rest()

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
 from core.calibration.fixed_centre import TO_FULL_STEP
 from core.calibration.group_fits import Fitted
@@ -14,6 +14,7 @@ from core.calibration.shared_lens import coordinates
 from core.calibration.systematic import Growth, growth_of
 from core.calibration.view_doubt import (
     disagreement,
+    disagreement_of_repeats,
     in_target_frame,
     pose_covariances,
     reduced,
@@ -35,6 +36,8 @@ class Doubt:
     rms_px: Float[np.ndarray, " k"]
     reduced_chi2: float
     disagreement: float | None
+    repeats_disagreement: Float[np.ndarray, " k"]
+    repeats_freedom: Int[np.ndarray, " k"]
     growth: Growth
 
 
@@ -73,9 +76,10 @@ def doubt_of(fitted: Fitted, lens: Lens | None) -> Doubt:
     scatter = scatter[:, -6:, -6:] * (noise / scale)[:, None, None] ** 2
     rotations, centroids = at.placements.rotations, at.placements.translations_mm
     J = in_target_frame(rotations, centroids)
-    contradiction = None
+    contradiction, of_repeats = None, (np.ones(len(views)), np.zeros(len(views), dtype=np.intp))
     if shared is not None:
         contradiction = disagreement(parts, at.square_sums, 2.0 * points, in_common)
+        of_repeats = disagreement_of_repeats(views, at.residuals, used, fitted.labels, parts)
     positions = views.centroids - np.einsum("kji,kj->ki", rotations, centroids)
     common = np.zeros((len(views), 6, 9))
     if camera is not None:
@@ -98,6 +102,7 @@ def doubt_of(fitted: Fitted, lens: Lens | None) -> Doubt:
         np.sqrt(squared_px / points),
         float(np.mean(scale**2)),
         contradiction,
+        *of_repeats,
         growth,
     )
 

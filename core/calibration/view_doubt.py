@@ -104,12 +104,7 @@ def repeated_scales(
     `parameters` each view has of its own; `otherwise` is for where there are no repeated views. Never below what
     `SMALLEST_NOISE_PX` is of the uncertainty: one image stored many times has no noise, which no instrument has.
     """
-    members: dict[tuple[int, int, bytes], list[int]] = {}
-    cell, bounds = views.cell, views.first.tolist()
-    for i, (label, target) in enumerate(zip(labels.tolist(), views.target.tolist(), strict=True)):
-        shown = cell[bounds[i] : bounds[i + 1]].tobytes()
-        members.setdefault((label, target, shown), []).append(i)
-    groups = [np.array(group) for group in members.values()]
+    groups = _repeated(views, labels)
     squares = [_about_mean(views, residuals, used, group, parameters) for group in groups]
     total, freedom = (sum(part) for part in zip(*squares, strict=True))
     common = float(np.sqrt(total / freedom)) if freedom >= LEAST_FREEDOM else otherwise
@@ -118,6 +113,16 @@ def repeated_scales(
         scale = float(np.sqrt(square / of_label)) if of_label >= LEAST_FREEDOM else common
         scales[group] = max(scale, SMALLEST_NOISE_PX / float(views.uncertainty[group[0]]))
     return scales
+
+
+def _repeated(views: ViewStack, labels: Int[np.ndarray, " k"]) -> list[Int[np.ndarray, " g"]]:
+    """Return the views of each label that show the same points of the same target."""
+    members: dict[tuple[int, int, bytes], list[int]] = {}
+    cell, bounds = views.cell, views.first.tolist()
+    for i, (label, target) in enumerate(zip(labels.tolist(), views.target.tolist(), strict=True)):
+        shown = cell[bounds[i] : bounds[i + 1]].tobytes()
+        members.setdefault((label, target, shown), []).append(i)
+    return [np.array(group) for group in members.values()]
 
 
 def _about_mean(
@@ -163,6 +168,36 @@ def disagreement(
         return None
     variance = np.maximum(squares - gain, 1e-12 * squares + 1e-300) / np.maximum(left, 1.0)
     return float(np.sum((gain / variance)[enough]) / (int(rank[enough].sum()) - common))
+
+
+def disagreement_of_repeats(
+    views: ViewStack,
+    residuals: Float[np.ndarray, "2 n"],
+    used: Bool[np.ndarray, " n"],
+    labels: Int[np.ndarray, " k"],
+    parts: Reduced,
+) -> tuple[Float[np.ndarray, " k"], Int[np.ndarray, " k"]]:
+    """Return for every view how far the views of its label contradict one camera among themselves, and the degrees of
+    freedom of that; 1 and 0 where it is not repeated.
+
+    What the lens's model and the print lack moves the scores g of all images of a pose alike. About their mean they
+    scatter by noise alone if the camera stayed as it was: Σ (g - ḡ)ᵀ S⁺ (g - ḡ) over its expectation, with the noise
+    from what residuals scatter about their own mean once that is taken out.
+    """
+    ratio, freedom = np.ones(len(labels)), np.zeros(len(labels), dtype=np.intp)
+    for group in _repeated(views, labels):
+        square, left = _about_mean(views, residuals, used, group, parts.L.shape[1])
+        if left < LEAST_FREEDOM:
+            continue
+        S = np.repeat(parts.S[group].mean(axis=0)[None], len(group), axis=0)
+        unit = np.repeat(parts.unit[group].mean(axis=0)[None], len(group), axis=0)
+        gain, rank = score_test(S, parts.g[group] - parts.g[group].mean(axis=0), unit)
+        told = int(rank[0]) * (len(group) - 1)
+        total = float(gain.sum())
+        noise = max(square - total, 1e-12 * square + 1e-300) / max(left - told, 1)
+        floor = (SMALLEST_NOISE_PX / float(views.uncertainty[group[0]])) ** 2
+        ratio[group], freedom[group] = total / told / max(noise, floor), told
+    return ratio, freedom
 
 
 def score_test(

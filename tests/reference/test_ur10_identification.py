@@ -112,7 +112,7 @@ print(min(took))
 """
 
 
-def test_all_1495_poses_take_a_second_at_most(data_folder: Path) -> None:
+def test_all_1495_poses_take_no_longer_than_anyone_waits(data_folder: Path) -> None:
     """Validation included; in a process of its own with one thread, as the service runs its analyses."""
     threads = dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"), "1")
     ran = subprocess.run(
@@ -123,4 +123,6 @@ def test_all_1495_poses_take_a_second_at_most(data_folder: Path) -> None:
         text=True,
         check=True,
     )
-    assert float(ran.stdout) < 1.0  # s of processor time; .25 where this was written
+    # s of processor time; .25 where this was written. The goal of 1 s is measured by `make bench`; this guards against
+    # an answer that became many times slower, on build servers that are busy or old as well.
+    assert float(ran.stdout) < 3.0

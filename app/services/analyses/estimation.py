@@ -13,7 +13,7 @@ from jaxtyping import Float
 from app.records.codec import decode_stack
 from app.services.analyses.board_readings import GroupPoses, read_alike
 from app.services.analyses.outcome import CannotAnalyse
-from app.services.analyses.snapshot import Image, Snapshot
+from app.services.analyses.snapshot import Image, Snapshot, natural
 from core import Advisory, Camera, GridposeError, Lens, TargetSpec
 from core.calibration.estimators import GroupEstimate, estimate_group
 
@@ -78,8 +78,8 @@ class SessionEstimate:
     images: tuple[EstimatedImage, ...]
     excluded: Mapping[str, Exclusion]
     warnings: tuple[Advisory, ...]
-    contradicted: frozenset[str]
-    """Focus groups whose images one camera does not explain."""
+    unsteady: frozenset[str]
+    """Poses whose images one camera does not explain: it changed from cycle to cycle, and they scatter by that too."""
 
 
 def estimate_session(snapshot: Snapshot, points: Mapping[str, bytes], estimator: str) -> SessionEstimate:
@@ -122,6 +122,9 @@ def estimate_session(snapshot: Snapshot, points: Mapping[str, bytes], estimator:
         if not (warning.code == "residuals_correlated" and doubts[group.name])  # which says more
     ]
     warnings += [doubt for doubt in doubts.values() if doubt is not None]
+    unsteady = frozenset(pose_id for group in groups for pose_id in _unsteady(group))
+    if unsteady:
+        warnings.append(_unsteady_remark(unsteady))
     place = {image.measurement_id: i for i, image in enumerate(snapshot.images)}
     everything = sorted(
         (image for group in groups for image in group.images), key=lambda e: place[e.image.measurement_id]
@@ -131,7 +134,7 @@ def estimate_session(snapshot: Snapshot, points: Mapping[str, bytes], estimator:
         tuple(everything),
         excluded,
         (*warnings, *remarks, *_exclusion_remarks(snapshot, excluded)),
-        frozenset(name for name, doubt in doubts.items() if doubt is not None),
+        unsteady,
     )
 
 
@@ -274,10 +277,30 @@ def _disagreement(group: FocusGroup) -> Advisory | None:
         "intrinsics_not_common",
         f"One {what} does not explain the images of focus group {group.name!r}: cameras of their own would fit them "
         f"better by {value:.1f} times what chance allows; uncertainties of camera and absolute poses are scaled up by "
-        f"{group.estimate.inflation:.1f}. No figure of its poses is said to be the robot's. "
-        f"Worst: {listed}.",
+        f"{group.estimate.inflation:.1f}. Repeatability is judged pose by pose: what all images of a pose share does "
+        f"not scatter. Worst: {listed}.",
         "Check that focus and zoom stayed as they were and that the print is flat; give each setting a focus_group of "
         "its own, or use estimator=pooled_free_focal where the lens refocuses.",
+    )
+
+
+def _unsteady(group: FocusGroup) -> set[str]:
+    """Return the poses whose images contradict one camera among themselves by more than chance would have it."""
+    estimate = group.estimate
+    freedom = np.maximum(estimate.repeats_freedom, 1)
+    beyond = estimate.repeats_disagreement > np.maximum(DISAGREEMENT, 1.0 + 4.0 * np.sqrt(2.0 / freedom))
+    return {e.image.pose_id for e, one in zip(group.images, beyond.tolist(), strict=True) if one}
+
+
+def _unsteady_remark(poses: frozenset[str]) -> Advisory:
+    listed = sorted(poses, key=natural)
+    named = ", ".join(listed[:NAMED]) + (", ..." if len(listed) > NAMED else "")
+    return Advisory(
+        "camera_not_steady",
+        f"The camera was not the same in all images of {len(listed)} poses: {named}. Their scatter is not the robot's "
+        "alone, and no figure of theirs is said to be.",
+        "Switch automatic focus, zoom and image stabilisation off; or use estimator=pooled_free_focal where the lens "
+        "refocuses between images.",
     )
 
 

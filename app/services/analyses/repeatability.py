@@ -80,10 +80,7 @@ def pose_rows(snapshot: Snapshot, session: SessionEstimate) -> list[PoseRow]:
         )
     )
     figures = {
-        pose_id: _in_doubt(one)
-        if session.contradicted.intersection(e.image.focus_group for e in images[pose_id])
-        else one
-        for pose_id, one in assessed.items()
+        pose_id: _in_doubt(one) if pose_id in session.unsteady else one for pose_id, one in assessed.items()
     }
     return [
         without_outliers(PoseRow(pose_id, images[pose_id], excluded[pose_id], figures.get(pose_id)))
@@ -92,7 +89,7 @@ def pose_rows(snapshot: Snapshot, session: SessionEstimate) -> list[PoseRow]:
 
 
 def _in_doubt(figures: PoseRepeatability) -> PoseRepeatability:
-    """Return the figures of a pose whose images contradict their camera: none of them is said to be the robot's."""
+    """Return the figures of a pose whose camera was not steady: none of them is said to be the robot's."""
 
     def judged(verdict: Verdict | None) -> Verdict | None:
         return Verdict.INSTRUMENT_LIMITED if verdict == Verdict.ROBOT else verdict

@@ -231,26 +231,30 @@ def _read_measured(records: orm.Session, session_id: str) -> tuple[Measured, ...
 
 
 def _read_images(records: orm.Session, session_id: str, places: Mapping[str, int]) -> tuple[Image, ...]:
-    rows = records.connection().execute(  # plain rows: no entity is loaded
-        sa.select(  # in the order of Image's fields
-            Measurement.id,
-            Measurement.pose_id,
-            Measurement.cycle,
-            Measurement.sha256,
-            Measurement.target_id,
-            Measurement.focus_group,
-            Measurement.joint_angles_deg,
-            Measurement.image_width_px,
-            Measurement.image_height_px,
-            Measurement.failure_code,
-            Measurement.failure_detail,
-            sa.func.length(Result.points),
-            Result.core_version,
-            sa.func.length(Result.markers),
+    rows = (
+        records.connection()
+        .execute(  # plain rows: no entity is loaded
+            sa.select(  # in the order of Image's fields
+                Measurement.id,
+                Measurement.pose_id,
+                Measurement.cycle,
+                Measurement.sha256,
+                Measurement.target_id,
+                Measurement.focus_group,
+                Measurement.joint_angles_deg,
+                Measurement.image_width_px,
+                Measurement.image_height_px,
+                Measurement.failure_code,
+                Measurement.failure_detail,
+                sa.func.length(Result.points),
+                Result.core_version,
+                sa.func.length(Result.markers),
+            )
+            .outerjoin(Result, Result.measurement_id == Measurement.id)
+            .where(Measurement.session_id == session_id, Measurement.status.in_(("succeeded", "failed")))
         )
-        .outerjoin(Result, Result.measurement_id == Measurement.id)
-        .where(Measurement.session_id == session_id, Measurement.status.in_(("succeeded", "failed")))
-    ).all()
+        .all()
+    )
     fields: list[tuple[Any, ...]] = [(*row[:4], places[row[4]], *row[5:]) for row in rows]
     images = [Image(*row) for row in fields]
     names = sorted({image.pose_id for image in images}, key=natural)

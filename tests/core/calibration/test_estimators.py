@@ -206,6 +206,11 @@ def test_a_changed_focal_length_contradicts_a_common_camera() -> None:
     assert tied.disagreement is not None
     assert free.disagreement is not None
     assert tied.disagreement > 5.0
+    assert tied.repeats_disagreement.min() > 3.0
+    steady = estimate_group(s.views, "pooled", repeats=s.labels)
+    freedom = float(steady.repeats_freedom[0])
+    assert freedom > 0
+    assert np.abs(steady.repeats_disagreement - 1.0).max() < 4.0 * math.sqrt(2.0 / freedom)
     assert free.disagreement < chance
     assert free.cameras[1::2, 0].mean() / free.cameras[::2, 0].mean() == pytest.approx(1.002, abs=2e-4)
 
