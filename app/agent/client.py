@@ -7,6 +7,7 @@ cannot have seen it: nobody listened, or it answered that it is busy.
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from datetime import timedelta
 from types import TracebackType
@@ -52,6 +53,17 @@ class _BusyError(Exception):
         self.response = response
         text = response.headers.get("retry-after", "")
         self.pause_s = min(float(text), 60.0) if text.isdigit() else None
+
+
+def _encoded(body: Any) -> bytes:
+    try:
+        return json.dumps(body, allow_nan=False).encode()
+    except (TypeError, ValueError, RecursionError) as error:
+        raise ClientError(
+            "invalid_request",
+            f"There are values that cannot be sent as JSON: {error}.",
+            "NaN, infinities, dates and values within themselves cannot stand there; write numbers and texts.",
+        ) from error
 
 
 class ServiceClient:
@@ -149,6 +161,9 @@ class ServiceClient:
         )
 
     def _json(self, method: str, path: str, *, repeatable: bool, **options: Any) -> Json:
+        if "json" in options:
+            options["content"] = _encoded(options.pop("json"))
+            options["headers"] = {"Content-Type": "application/json"}
         response = self._request(method, path, repeatable=repeatable, **options)
         try:
             answer = response.json()

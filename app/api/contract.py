@@ -118,7 +118,15 @@ def _query_parameters(dependant: Dependant) -> set[str]:
 
 def _refuse_unknown_parameters(request: Request, known: set[str]) -> None:
     """Raise InvalidContent for query parameters that mean nothing here."""
-    unknown = sorted(set(request.query_params) - known)
+    names = [name for name, _ in request.query_params.multi_items()]
+    twice = sorted({name for name in names if names.count(name) > 1} & known)
+    if twice:
+        raise InvalidContent(
+            "The address gives a query parameter more than once.",
+            "Give each parameter once.",
+            errors=[(name, "is given more than once") for name in twice],
+        )
+    unknown = sorted(set(names) - known)
     if unknown:
         raise InvalidContent(
             "The address holds query parameters that are not known.",

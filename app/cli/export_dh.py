@@ -43,7 +43,7 @@ def export_dh(request: Request) -> int:
     console = Console(stderr=True, highlight=False, soft_wrap=True)
     stamina.instrumentation.set_on_retry_hooks([])
     try:
-        model = _model(request)
+        model = _model(request, console)
     except OptionRefused as refused:
         console.print(f"[red]{escape(str(refused))}[/]")
         return 2
@@ -67,8 +67,13 @@ def export_dh(request: Request) -> int:
     return 0
 
 
-def _model(request: Request) -> Model:
-    with ServiceClient(request.url, request.key, retry_for_s=request.retry_for_s) as client:
+def _model(request: Request, console: Console) -> Model:
+    with ServiceClient(
+        request.url,
+        request.key,
+        retry_for_s=request.retry_for_s,
+        on_retry=lambda reason: console.print(f"[yellow]trying again: {escape(reason)}[/]"),
+    ) as client:
         session_id, _ = find_or_make_session(client, request.session, None)
         document = client.get(
             f"/v1/sessions/{session_id}/dh",

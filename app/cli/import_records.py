@@ -80,6 +80,8 @@ def _csv_records(text: str, delimiter: str | None) -> Records:
         names = [name.strip() for name in next(rows)]
     except StopIteration:
         raise FileRefused("The file is empty.") from None
+    except csv.Error as error:
+        raise FileRefused(f"Line 1 cannot be read: {error}.", "Save the table as CSV text anew.") from None
     if len(set(names)) != len(names):
         repeated = sorted({name for name in names if names.count(name) > 1})
         raise FileRefused(

@@ -45,7 +45,12 @@ def plan_dh(request: Request) -> int:
         errors.print(f"[red]{escape(str(error))}[/]")
         return 2
     try:
-        with ServiceClient(request.url, request.key, retry_for_s=request.retry_for_s) as client:
+        with ServiceClient(
+            request.url,
+            request.key,
+            retry_for_s=request.retry_for_s,
+            on_retry=lambda reason: errors.print(f"[yellow]trying again: {escape(reason)}[/]"),
+        ) as client:
             robot_id = _robot(client, request.robot)
             plan = client.create(f"/v1/robots/{robot_id}/dh-plan", body)
     except ClientError as error:
@@ -67,6 +72,8 @@ def _read(file: Path) -> Json:
         body = yaml.safe_load(file.read_text(encoding="utf-8-sig"))
     except (OSError, UnicodeDecodeError) as error:
         raise ValueError(f"{file} cannot be read: {error}.") from error
+    except RecursionError as error:
+        raise ValueError(f"{file} is nested too deep to be a plan.") from error
     except yaml.YAMLError as error:
         raise ValueError(f"{file} is no YAML or JSON: {error}") from error
     if not isinstance(body, dict):

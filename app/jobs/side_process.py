@@ -14,11 +14,14 @@ from concurrent.futures import TimeoutError as FutureTimeout
 from concurrent.futures.process import BrokenProcessPool
 from typing import Any, TypeVar
 
+import structlog
 from pebble import ProcessExpired, ProcessPool
 
 from app.jobs.worker_process import prepare_environment, start_worker
 
 Result = TypeVar("Result")
+
+log = structlog.get_logger(__name__)
 
 
 class Crowded(Exception):
@@ -61,6 +64,12 @@ class SideProcess:
         except (BrokenProcessPool, CancelledError, RuntimeError) as error:
             self._abandon(pool)
             raise Lost from error
+        except Exception as error:
+            # Only the process that failed knows where; what it sent along as text would be lost with it.
+            log.error(
+                "side_process_failed", function=function.__name__, trace=getattr(error, "traceback", None)
+            )
+            raise
         finally:
             self._waiting.discard(future)
             self._places.release()

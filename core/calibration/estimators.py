@@ -61,10 +61,9 @@ class GroupEstimate:
     disagreement
         How much better the images would be explained if each had a camera of its own, over what chance would make of
         it: 1 where one camera explains all. None where nothing is shared or there is one image only.
-    repeats_disagreement, repeats_freedom
-        The same among the images of one pose alone, for each image that of its pose, and its degrees of freedom; 1 and
-        0 where nothing is shared or repeated. What print and lens model lack is the same in all of them: this is what
-        speaks of a camera that changed from cycle to cycle.
+    unsteady
+        Of each image, whether the camera changed among the images of its pose, by so much that it shows in their
+        scatter. What print and lens model lack is the same in all of them and is no such change.
     warnings
         What to know of the whole group.
     inflation
@@ -86,8 +85,7 @@ class GroupEstimate:
     rms_px: Float[np.ndarray, " k"]
     reduced_chi2: float
     disagreement: float | None
-    repeats_disagreement: Float[np.ndarray, " k"]
-    repeats_freedom: Int[np.ndarray, " k"]
+    unsteady: Bool[np.ndarray, " k"]
     warnings: tuple[Advisory, ...] = ()
     inflation: float = 1.0
 
@@ -152,8 +150,7 @@ def _with_doubt(fitted: Fitted, doubt: Doubt, failures: dict[int, GridposeError]
         rms_px=doubt.rms_px,
         reduced_chi2=doubt.reduced_chi2,
         disagreement=doubt.disagreement,
-        repeats_disagreement=doubt.repeats_disagreement,
-        repeats_freedom=doubt.repeats_freedom,
+        unsteady=doubt.unsteady,
         warnings=fitted.warnings + _remarks(inflation),
         inflation=inflation,
     )

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float
 
 from core.calibration.fixed_centre import TO_FULL_STEP
 from core.calibration.group_fits import Fitted
@@ -14,12 +14,12 @@ from core.calibration.shared_lens import coordinates
 from core.calibration.systematic import Growth, growth_of
 from core.calibration.view_doubt import (
     disagreement,
-    disagreement_of_repeats,
     in_target_frame,
     pose_covariances,
     reduced,
     repeated_scales,
     transformed,
+    unsteady_repeats,
 )
 from core.calibration.view_stack import Placements, ViewStack
 
@@ -36,8 +36,7 @@ class Doubt:
     rms_px: Float[np.ndarray, " k"]
     reduced_chi2: float
     disagreement: float | None
-    repeats_disagreement: Float[np.ndarray, " k"]
-    repeats_freedom: Int[np.ndarray, " k"]
+    unsteady: Bool[np.ndarray, " k"]
     growth: Growth
 
 
@@ -76,10 +75,10 @@ def doubt_of(fitted: Fitted, lens: Lens | None) -> Doubt:
     scatter = scatter[:, -6:, -6:] * (noise / scale)[:, None, None] ** 2
     rotations, centroids = at.placements.rotations, at.placements.translations_mm
     J = in_target_frame(rotations, centroids)
-    contradiction, of_repeats = None, (np.ones(len(views)), np.zeros(len(views), dtype=np.intp))
+    contradiction, unsteady = None, np.zeros(len(views), dtype=np.bool_)
     if shared is not None:
         contradiction = disagreement(parts, at.square_sums, 2.0 * points, in_common)
-        of_repeats = disagreement_of_repeats(views, at.residuals, used, fitted.labels, parts)
+        unsteady = unsteady_repeats(views, fitted.labels, parts, at.placements, noise)
     positions = views.centroids - np.einsum("kji,kj->ki", rotations, centroids)
     common = np.zeros((len(views), 6, 9))
     if camera is not None:
@@ -102,7 +101,7 @@ def doubt_of(fitted: Fitted, lens: Lens | None) -> Doubt:
         np.sqrt(squared_px / points),
         float(np.mean(scale**2)),
         contradiction,
-        *of_repeats,
+        unsteady,
         growth,
     )
 

@@ -11,12 +11,19 @@ from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
+from scipy.special import chdtri
 
 from core.calibration.model import SMALLEST_NOISE_PX
-from core.calibration.view_stack import ViewStack
+from core.calibration.view_stack import Placements, ViewStack, groups_of
+from core.transforms import rotation_vectors
 
 LEAST_FREEDOM = 200
 """Degrees of freedom below which images of one pose do not tell their noise by themselves."""
+LEAST_REPEATS = 3
+LARGEST_DISAGREEMENT = 1.5
+FALSE_ALARMS = 1e-4
+VISIBLE_SHARE = 0.25
+"""Of the poses' scatter: what a changing camera makes of it counts from here on."""
 SMALLEST_EIGENVALUE = 1e-10
 """Of the camera's normal matrix scaled to unit diagonal: below it a view says nothing of that combination."""
 
@@ -170,34 +177,54 @@ def disagreement(
     return float(np.sum((gain / variance)[enough]) / (int(rank[enough].sum()) - common))
 
 
-def disagreement_of_repeats(
+def unsteady_repeats(
     views: ViewStack,
-    residuals: Float[np.ndarray, "2 n"],
-    used: Bool[np.ndarray, " n"],
     labels: Int[np.ndarray, " k"],
     parts: Reduced,
-) -> tuple[Float[np.ndarray, " k"], Int[np.ndarray, " k"]]:
-    """Return for every view how far the views of its label contradict one camera among themselves, and the degrees of
-    freedom of that; 1 and 0 where it is not repeated.
+    placements: Placements,
+    noise: Float[np.ndarray, " k"],
+) -> Bool[np.ndarray, " k"]:
+    """Tell of every view whether the camera changed among the views of its label by so much that their poses scatter
+    visibly by that.
 
-    What the lens's model and the print lack moves the scores g of all images of a pose alike. About their mean they
-    scatter by noise alone if the camera stayed as it was: Σ (g - ḡ)ᵀ S⁺ (g - ḡ) over its expectation, with the noise
-    from what residuals scatter about their own mean once that is taken out.
+    One step from the common answer gives each view k the change c_k = vᵀ g_k / vᵀ S_k v of its own along a direction v
+    of the camera's parameters, with the variance noise² / vᵀ S_k v: focal length, and the principal point's two. What
+    print and lens model lack moves all c_k alike but for the robot's motion. So two things are asked of them: that they
+    scatter by more than chance, and that the poses' scatter this makes is a share of the scatter there is.
     """
-    ratio, freedom = np.ones(len(labels)), np.zeros(len(labels), dtype=np.intp)
-    for group in _repeated(views, labels):
-        square, left = _about_mean(views, residuals, used, group, parts.L.shape[1])
-        if left < LEAST_FREEDOM:
+    unsteady = np.zeros(len(labels), dtype=np.bool_)
+    rotations, centroids = placements.rotations, placements.translations_mm
+    J = in_target_frame(rotations, centroids)
+    positions = views.centroids - np.einsum("kji,kj->ki", rotations, centroids)
+    for group in groups_of(labels * len(views.targets) + views.target):
+        freedom = len(group) - 1
+        if freedom < LEAST_REPEATS - 1:
             continue
-        S = np.repeat(parts.S[group].mean(axis=0)[None], len(group), axis=0)
-        unit = np.repeat(parts.unit[group].mean(axis=0)[None], len(group), axis=0)
-        gain, rank = score_test(S, parts.g[group] - parts.g[group].mean(axis=0), unit)
-        told = int(rank[0]) * (len(group) - 1)
-        total = float(gain.sum())
-        noise = max(square - total, 1e-12 * square + 1e-300) / max(left - told, 1)
-        floor = (SMALLEST_NOISE_PX / float(views.uncertainty[group[0]])) ** 2
-        ratio[group], freedom[group] = total / told / max(noise, floor), told
-    return ratio, freedom
+        turns = rotation_vectors(np.swapaxes(rotations[group], 1, 2), rotations[group[0]].T)
+        seen = (np.trace(np.cov(positions[group].T)), np.trace(np.cov(turns.T)))
+        beyond = max(LARGEST_DISAGREEMENT, float(chdtri(freedom, FALSE_ALARMS)) / freedom)
+        for v in _changes(placements.parameters[group[0]]):
+            told = np.einsum("i,kij,j->k", v, parts.S[group], v) / noise[group] ** 2
+            if not np.all(told > 0.0):
+                continue
+            change = parts.g[group] @ v / noise[group] ** 2 / told
+            off = change - np.sum(change * told) / np.sum(told)
+            if np.sum(told * off**2) / freedom <= beyond:
+                continue
+            excess = max(float(np.sum(off**2)) / freedom - float(np.mean(1.0 / told)), 0.0)
+            moved = np.einsum("kij,kjl,l->ki", J[group], -parts.by_camera[group, -6:], v).mean(axis=0)
+            made = (excess * float(moved[:3] @ moved[:3]), excess * float(moved[3:] @ moved[3:]))
+            if any(one > VISIBLE_SHARE**2 * whole for one, whole in zip(made, seen, strict=True)):
+                unsteady[group] = True
+    return unsteady
+
+
+def _changes(parameters: Float[np.ndarray, "9"]) -> Float[np.ndarray, "3 8"]:
+    """Return the directions in which cameras change: the focal length by its share, the principal point by pixels."""
+    v = np.zeros((3, 8))
+    v[0, :2] = parameters[:2]
+    v[1, 2] = v[2, 3] = 1.0
+    return v
 
 
 def score_test(

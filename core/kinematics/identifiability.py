@@ -21,7 +21,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Bool, Float
 
-from core.kinematics.dh import nearly_parallel
+from core.kinematics.dh import PARALLEL_AT_MOST, nearly_parallel
 from core.kinematics.parameters import ALPHA, BETA, THETA, A, ArmState, D, Layout
 from core.kinematics.problem import Observations, Scatter, linearised, whitened, whitener
 
@@ -51,7 +51,9 @@ def choose_gauge(
     layout = arm.layout
     _, J = linearised(arm, seen)
     information = _scaled_information(arm, seen, J, scatter)
-    decided = _parallel(arm, information) if parallel is None else parallel | _parallel(arm, information)
+    decided = _parallel(arm, information)
+    if parallel is not None:  # but not where the axes turned out to stand apart
+        decided |= parallel & (np.abs(np.sin(arm.parameters[:, ALPHA])) < PARALLEL_AT_MOST)
     candidates = np.ones(layout.size, dtype=np.bool_)
     for joint in range(layout.joints):
         candidates[layout.column(joint, BETA)] = decided[joint]

@@ -18,7 +18,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Bool, Float
 
-from core.errors import Advisory, JointAnglesInconsistent, JointNotMoved, NotConverged, TooFewPoses
+from core.errors import (
+    Advisory,
+    DegenerateGeometry,
+    JointAnglesInconsistent,
+    JointNotMoved,
+    NotConverged,
+    TooFewPoses,
+)
 from core.kinematics.angle_units import check_angles
 from core.kinematics.cpa import identify_from_axes
 from core.kinematics.dh import JOINT_PARAMETERS, Chain, JointParameters, forward
@@ -133,6 +140,14 @@ def identify(
     return report(solution, seen, poses, nominal, folds)
 
 
+def _require_anything(gauge: Gauge) -> None:
+    if not gauge.free.any():
+        raise DegenerateGeometry(
+            "The poses are too uncertain to tell any of the robot's parameters.",
+            "Check the unit of their covariances: mm² and rad².",
+        )
+
+
 def solve(
     arm: ArmState,
     seen: Observations,
@@ -144,6 +159,7 @@ def solve(
     if gauge is None:
         _require_enough(seen)
         gauge = choose_gauge(arm, seen, scatter or (SMALLEST if seen.own.any() else DEFAULT_SCATTER))
+    _require_anything(gauge)
     length = max(arm.links_mm, SHORTEST_REACH_MM)
     for _ in range(ROUNDS):
         refined = refine(arm, seen, gauge.free, scatter)
@@ -152,6 +168,7 @@ def solve(
         if np.array_equal(again.free, gauge.free):
             break
         gauge, scatter = again, refined.scatter
+        _require_anything(gauge)
         arm = _regauged(refined.arm, arm, gauge)
     if refined.status != "converged":
         raise NotConverged(

@@ -15,6 +15,7 @@ section 6.1.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -22,10 +23,16 @@ from jaxtyping import Bool, Float, Int
 
 from core.calibration.model import Lens, camera_prior
 from core.calibration.shared_lens import coordinates, linearise
+from core.calibration.systematic import Growth
 from core.calibration.view_doubt import in_target_frame, transformed
 from core.calibration.view_stack import Placements, ViewStack
+from core.errors import DegenerateGeometry
 from core.kinematics.poses import PoseData
 from core.transforms import rotations_from_vectors
+
+_NO_GROWTH = Growth(1.0, 1.0)
+_LEAST_TOLD = 1e-14
+"""Smallest eigenvalue of a pose's scaled information: below, rounding has the rest."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,6 +48,9 @@ class Images:
     joint_angles: Float[np.ndarray, "k j"]
     target: Int[np.ndarray, " k"]
     labels: tuple[str, ...]
+    growth: Growth = _NO_GROWTH
+    """Of the variances of lens and places, where residuals are more than noise: a print that is not flat, a lens beyond
+    its model."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,6 +73,7 @@ def poses_of_images(seen: Images, placements: Placements) -> ImagePoses:
     N = change.T @ at.normal @ change / seen.scale**2
     g = at.gradient @ change / seen.scale**2
     A, B, P = N[:, :8, :8], N[:, :8, 8:], N[:, 8:, 8:]
+    _require_poses(P)
     own = np.linalg.inv(P)
     own = 0.5 * (own + own.transpose(0, 2, 1))
     back = B @ own
@@ -72,7 +83,7 @@ def poses_of_images(seen: Images, placements: Placements) -> ImagePoses:
     step = np.linalg.solve(
         information, (g[:, :8] - np.einsum("kab,kb->ka", back, g[:, 8:])).sum(axis=0) + Q.T @ q
     )
-    root = _root(information)
+    root = _root(information) * math.sqrt(seen.growth.camera)
     motion = np.einsum("kab,kb->ka", own, g[:, 8:] - np.einsum("kab,a->kb", B, step))
     rotations = rotations_from_vectors(motion[:, :3]) @ placements.rotations
     centroids = placements.translations_mm + motion[:, 3:]
@@ -83,7 +94,7 @@ def poses_of_images(seen: Images, placements: Placements) -> ImagePoses:
         seen.joint_angles,
         positions,
         np.ascontiguousarray(rotations.transpose(0, 2, 1)),
-        transformed(J, own),
+        transformed(J, own) * seen.growth.own,
         np.concatenate([common, _prints(seen, positions)], axis=2),
         seen.target,
         seen.labels,
@@ -91,9 +102,26 @@ def poses_of_images(seen: Images, placements: Placements) -> ImagePoses:
     return ImagePoses(poses, step, root)
 
 
+def _require_poses(information: Float[np.ndarray, "k 6 6"]) -> None:
+    """Raise DegenerateGeometry where an image does not tell its own pose."""
+    unit = np.sqrt(np.maximum(np.diagonal(information, axis1=1, axis2=2), 1e-300))
+    scaled = information / (unit[:, :, None] * unit[:, None, :])
+    if not np.isfinite(information).all() or np.linalg.eigvalsh(scaled)[:, 0].min() < _LEAST_TOLD:
+        raise DegenerateGeometry(
+            "Some images do not tell where the camera is: their grid points lie too near to one another, or on a line.",
+            "Show more of the grid, larger in the image.",
+        )
+
+
 def _root(information: Float[np.ndarray, "8 8"]) -> Float[np.ndarray, "8 8"]:
     """Return a root of the inverse: standard deviations of independent errors."""
-    unit = 1.0 / np.sqrt(np.diag(information))
+    told = np.diag(information)
+    if not (np.isfinite(information).all() and np.all(told > 0.0)):
+        raise DegenerateGeometry(
+            "The images say nothing of the lens: all of them see the grid from one direction.",
+            "Tilt the camera against the grid, and move more than one joint.",
+        )
+    unit = 1.0 / np.sqrt(told)
     values, vectors = np.linalg.eigh(information * np.outer(unit, unit))
     return np.asarray(unit[:, None] * vectors / np.sqrt(np.maximum(values, 1e-15 * values[-1])))
 

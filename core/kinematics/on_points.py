@@ -19,6 +19,7 @@ from jaxtyping import Float, Int
 from core.calibration.model import SMALLEST_NOISE_PX, Lens
 from core.calibration.pooled import fit_common_camera
 from core.calibration.shared_lens import coordinates, linearise, moved
+from core.calibration.systematic import growth_of_shared
 from core.calibration.view_stack import Placements, stack_views
 from core.camera import Camera
 from core.errors import InvalidArgument, NotConverged
@@ -91,6 +92,7 @@ def identify_on_points(
         np.ascontiguousarray(joint_angles[images]),
         np.zeros(len(images), dtype=np.intp) if target is None else target[images],
         tuple(labels[i] for i in images) if labels else (),
+        growth_of_shared(stack, shared, np.arange(len(stack))),
     )
     return _identified(seen, shared.at.placements.take(images), images, nominal, start, folds)
 

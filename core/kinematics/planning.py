@@ -87,7 +87,7 @@ def rig_before(
     image.
     """
     middle = target.points_target().mean(axis=0)
-    extent = np.array([target.columns, target.rows]) * target.pitch_mm
+    extent = np.ptp(target.points_target()[:, :2], axis=0) + target.pitch_mm
     depth = float(np.max(extent * [camera.fx_px, camera.fy_px] / np.array(size_px))) / fill
     T_camera_target = transform(np.eye(3), np.array([0.0, 0.0, depth]) - middle)
     T_base_target = forward(chain, home[None])[0] @ T_flange_camera @ T_camera_target

@@ -23,8 +23,8 @@ DEFAULT_SCATTER = Scatter(0.1**2, 1e-4**2)
 ROUNDS = 12
 SETTLED = 0.02  # relative change of a standard deviation between rounds
 MANY_ITERATIONS = 100
-SMALLEST_SCALE = 0.1
-"""Of whitened residuals: where they are smaller, the scatter was begun at too much, and the next round knows better."""
+SMALLEST_SCALE = 1.0
+"""Of whitened residuals: no pose within its stated uncertainty is an outlier, however much better others agree."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -37,6 +37,7 @@ _KNOTS = (2, 3, 4, 5, 6, 8, 10, 14, 20, 30, 50, 100)
 """Numbers of cycles that are simulated; between them and beyond, the law is smooth in 1/√(n - 1)."""
 _AXIS = np.linspace(0.0, 1.0, 6)
 _REPLICATES = 6000
+_LEAST_VARIANCE = 1e-200
 
 
 def eigenvalues(matrices: Float[np.ndarray, "*k 3 3"]) -> Float[np.ndarray, "*k 3"]:
@@ -59,8 +60,10 @@ def eigenvalues(matrices: Float[np.ndarray, "*k 3 3"]) -> Float[np.ndarray, "*k 
 
 def mean_length(spectrum: Float[np.ndarray, "*k 3"]) -> Float[np.ndarray, "*k"]:
     """Return E|x| of x ~ N(0, Σ) with these eigenvalues (negative ones, by rounding or subtraction, count as 0)."""
-    first, second, third = np.moveaxis(np.maximum(spectrum, 0.0), -1, 0)
-    return np.asarray(np.sqrt(8.0 / np.pi) * elliprg(first, second, third))
+    largest = np.maximum(spectrum[..., :1], 0.0)
+    told = largest > _LEAST_VARIANCE  # below, Carlson's integral underflows
+    shape = np.where(told, np.maximum(spectrum, 0.0) / np.where(told, largest, 1.0), 0.0)
+    return np.asarray(np.sqrt(8.0 / np.pi * largest[..., 0]) * elliprg(*np.moveaxis(shape, -1, 0)))
 
 
 def long_run_reading(spectrum: Float[np.ndarray, "*k 3"]) -> Float[np.ndarray, "*k"]:

@@ -82,6 +82,15 @@ def test_more_poses_tell_more_and_suggested_ones_most(api: Any) -> None:
     assert planned(api, robot, **query)["joints"] == still["joints"]
 
 
+def test_poses_that_tell_nothing_are_said_to(api: Any) -> None:
+    robot = make_robot(api)
+    still = planned(api, robot, joint_angles_deg=[np.degrees(KR5_ARC_HOME).tolist()] * 20)
+    assert not any(any(joint["identifiable"].values()) for joint in still["joints"])
+    # One joint alone, all images from one direction.
+    one = planned(api, robot, sweeps={"joints": [6], "steps": 15})
+    assert not any(any(joint["identifiable"].values()) for joint in one["joints"][:4])
+
+
 def test_refusals_say_what_to_do(api: Any) -> None:
     robot = make_robot(api)
     for changes, code in (
@@ -93,6 +102,8 @@ def test_refusals_say_what_to_do(api: Any) -> None:
         ({"free_poses": 30, "T_flange_camera": np.diag([1.0, 1.0, -1.0, 1.0]).tolist()}, "invalid_matrix"),
     ):
         assert assert_problem(ask(api, robot, **changes), 409, code)["advice"], changes
+    huge = api.make_target(columns=500, rows=500)
+    assert_problem(ask(api, robot, target_id=huge, free_poses=30), 409, "plan_too_large")
     assert_problem(ask(api, "rob_nothing"), 404, "robot_not_found")
     assert_problem(ask(api, robot, target_id="tgt_nothing", free_poses=30), 422, "target_unknown")
 

@@ -84,7 +84,7 @@ class DhPlanCreate(RequestModel):
         float, Field(ge=0.05, le=1.0, description="What share of the image the grid fills at home.")
     ] = 0.5
     noise_px: Annotated[
-        float, Field(gt=0.0, le=10.0, description="Standard deviation of a grid point's coordinate.")
+        float, Field(ge=1e-4, le=10.0, description="Standard deviation of a grid point's coordinate.")
     ] = 0.05
     robot_position_mm: Annotated[
         float, Field(ge=0.0, le=100.0, description="The robot's own scatter of each coordinate.")

@@ -9,6 +9,8 @@ from dataclasses import replace
 from functools import cache
 from typing import Any
 
+import numpy as np
+
 from app.records.database import Database
 from app.services.analyses.comparison import comparison_document
 from app.services.analyses.documents import encode
@@ -69,6 +71,12 @@ def analyse(
         return reason.refused
     except GridposeError as error:
         return Refused(error.code, error.detail, error.advice)
+    except np.linalg.LinAlgError:
+        return Refused(
+            "degenerate_geometry",
+            "The measurements are so nearly alike, or so uncertain, that the equations have no answer.",
+            "Add measurements that differ more, and check the units of what was stated.",
+        )
     if isinstance(document, bytes):  # a picture holds neither ids nor hashes
         return Analysed(inputs_sha256, snapshot.pending, document, mark)
     head = {

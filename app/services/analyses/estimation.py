@@ -285,11 +285,9 @@ def _disagreement(group: FocusGroup) -> Advisory | None:
 
 
 def _unsteady(group: FocusGroup) -> set[str]:
-    """Return the poses whose images contradict one camera among themselves by more than chance would have it."""
-    estimate = group.estimate
-    freedom = np.maximum(estimate.repeats_freedom, 1)
-    beyond = estimate.repeats_disagreement > np.maximum(DISAGREEMENT, 1.0 + 4.0 * np.sqrt(2.0 / freedom))
-    return {e.image.pose_id for e, one in zip(group.images, beyond.tolist(), strict=True) if one}
+    """Return the poses among whose images the camera changed."""
+    told = group.estimate.unsteady.tolist()
+    return {e.image.pose_id for e, one in zip(group.images, told, strict=True) if one}
 
 
 def _unsteady_remark(poses: frozenset[str]) -> Advisory:

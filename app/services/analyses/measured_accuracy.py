@@ -39,7 +39,7 @@ def assess_measured_accuracy(snapshot: Snapshot, poses: Mapping[str, Sequence[An
         if commanded_rotation(c) is not None and all(v.rotation is not None for v in poses[pose_id])
     }
     try:
-        return _by_poses(poses, whole) if whole else _by_positions(poses, told)
+        return _by_poses(poses, whole) if 2 * len(whole) >= len(told) else _by_positions(poses, told)
     except GridposeError as failure:
         return unavailable(failure.detail, failure.advice)
 

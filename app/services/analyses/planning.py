@@ -19,6 +19,8 @@ from core.kinematics.planning import Prediction, Rig, predict, rig_before, sugge
 from core.simulation.arm import free_angles, sweep_angles
 
 POSES_AT_MOST = 2000
+POINTS_AT_MOST = 2_000_000
+"""Grid points of all poses and candidates of one plan, which takes about 1.3 kB for each."""
 _SEED = 9283  # free poses and candidates are a matter of chance, the same at every request
 _JOINT_FIELDS = ("joint", "parallel_to_next", "standard_uncertainty", "identifiable")
 
@@ -32,6 +34,35 @@ def plan_document(
     rng = np.random.default_rng(_SEED)
     q = _angles(chain, request, rng)
     rig = _rig(chain, target, request)
+    _check_size(len(q), target, request)
+    try:
+        return _document(chain, q, rig, rng, request)
+    except np.linalg.LinAlgError:
+        raise CannotAnalyse(
+            "degenerate_geometry",
+            "These poses say so little of robot or lens that nothing can be predicted.",
+            "Move more joints, further, and tilt the camera against the grid; check the camera's figures.",
+        ) from None
+
+
+def _check_size(poses: int, target: Mapping[str, Any], request: Mapping[str, Any]) -> None:
+    looked_at = poses + (request["candidates"] if request["suggest"] else 0)
+    points = looked_at * target["columns"] * target["rows"]
+    if points > POINTS_AT_MOST:
+        raise CannotAnalyse(
+            "plan_too_large",
+            f"The plan looks at {points} grid points in {looked_at} poses and candidates; one takes {POINTS_AT_MOST}.",
+            "Plan with fewer poses or candidates, or with a coarser grid.",
+        )
+
+
+def _document(
+    chain: Chain,
+    q: Float[np.ndarray, "n j"],
+    rig: Rig,
+    rng: np.random.Generator,
+    request: Mapping[str, Any],
+) -> dict[str, Any]:
     planned = predict(chain, q, rig)
     suggested = np.zeros((0, len(chain)))
     with_suggested = None

@@ -19,7 +19,7 @@ from core.kinematics.poses import PoseData
 from core.simulation.arm import KR5_ARC, KR5_ARC_HOME, Arm, free_angles, kr5_arc, sweep_angles
 from core.simulation.sweeps import Repeatability, measure_poses
 from core.simulation.views import draw_pose
-from core.targets.specification import TargetSpec
+from core.targets.specification import GridPoints, TargetSpec
 from core.transforms import invert, so3_log
 from tests.app.analyses.conftest import (
     BOARD,
@@ -318,13 +318,20 @@ def photographed(
     arm = Arm(arm.chain, np.array(bases), arm.T_flange_camera)
     q = sweep_angles(KR5_ARC_HOME, half_arc=math.radians(arc_deg), steps=5)
     q = np.concatenate([q, free_angles(rng, KR5_ARC_HOME, free, half_range=math.radians(arc_deg))])
-    shots = []
-    for index, board in enumerate(boards):
-        T = arm.camera_poses(q, np.full(len(q), index))
-        shots.append(
-            [Shot(f"P{i + 1}", None, look(rng, invert(T[i]), board=board), T[i]) for i in range(len(q))]
-        )
-    return arm, shots, q
+    T = [arm.camera_poses(q, np.full(len(q), index)) for index in range(len(boards))]
+    seen = [[look(rng, invert(pose), board=board) for pose in T[k]] for k, board in enumerate(boards)]
+    shown = [i for i in range(len(q)) if all(_near_the_picture(views[i]) for views in seen)]
+    shots = [
+        [Shot(f"P{n + 1}", None, seen[k][i], T[k][i]) for n, i in enumerate(shown)]
+        for k in range(len(boards))
+    ]
+    return arm, shots, q[shown]
+
+
+def _near_the_picture(points: GridPoints) -> bool:
+    """Whether the board is where a wider picture would show it; beyond, the lens's model bends back on itself."""
+    size = np.array([points.image_width_px, points.image_height_px])
+    return bool(np.all(points.points_px >= -size) and np.all(points.points_px <= 2.0 * size))
 
 
 def tell_angles(api: Any, session: str, q: Any) -> None:

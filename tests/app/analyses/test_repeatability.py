@@ -416,6 +416,8 @@ def test_bad_input_is_refused_with_advice(api: Any, store: Store) -> None:
     problem(get(api, session, estimator=""), 422, "invalid_request")
     misspelt = problem(get(api, session, estimater="given", source="images"), 422, "invalid_request")
     assert misspelt["errors"] == [{"field": "estimater", "message": "is not known"}]
+    twice = api.client.get(f"/v1/sessions/{session}/repeatability?estimator=pooled&estimator=given").json()
+    assert twice["errors"] == [{"field": "estimator", "message": "is given more than once"}]
     assert "estimator, source" in misspelt["advice"]
     problem(get(api, "ses_" + "0" * 26), 404, "session_not_found")
     problem(get(api, "nonsense"), 404, "session_not_found")

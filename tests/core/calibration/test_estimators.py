@@ -206,13 +206,44 @@ def test_a_changed_focal_length_contradicts_a_common_camera() -> None:
     assert tied.disagreement is not None
     assert free.disagreement is not None
     assert tied.disagreement > 5.0
-    assert tied.repeats_disagreement.min() > 3.0
+    assert tied.unsteady.all()
     steady = estimate_group(s.views, "pooled", repeats=s.labels)
-    freedom = float(steady.repeats_freedom[0])
-    assert freedom > 0
-    assert np.abs(steady.repeats_disagreement - 1.0).max() < 4.0 * math.sqrt(2.0 / freedom)
+    assert not steady.unsteady.any()
     assert free.disagreement < chance
     assert free.cameras[1::2, 0].mean() / free.cameras[::2, 0].mean() == pytest.approx(1.002, abs=2e-4)
+
+
+@pytest.mark.parametrize("missing", [False, True])
+def test_what_is_wrong_in_all_images_alike_is_no_change_of_the_camera(missing: bool) -> None:
+    """A bowed print, and given intrinsics off by ten pixels, before a robot that moves; and points hidden here and
+    there. A focus that breathes is told through all that."""
+    rng = np.random.default_rng(3)
+    camera = draw_camera(rng)
+    views, breathing, labels = [], [], []
+    for pose in range(5):
+        T = draw_pose(rng, BOARD, camera, WIDTH, math.radians(30.0))
+        for cycle in range(10):
+            moved = T.copy()
+            moved[:3, 3] += rng.normal(0.0, 0.1, 3)
+            seen = view(rng, camera, moved, sigma_px=0.02, bow_mm=0.1)
+            keep = np.ones(len(seen), dtype=bool)
+            keep[rng.integers(len(seen))] = not missing
+            seen = dataclasses.replace(
+                seen,
+                **{
+                    name: getattr(seen, name)[keep]
+                    for name in ("column", "row", "points_px", "standard_uncertainty_px")
+                },
+            )
+            views.append(seen)
+            centre = np.array([camera.cx_px, camera.cy_px])
+            grown = (seen.points_px - centre) * (1.0 + 2e-3 * (cycle % 2)) + centre
+            breathing.append(dataclasses.replace(seen, points_px=grown))
+            labels.append(pose)
+    off = dataclasses.replace(camera, cx_px=camera.cx_px + 10.0)
+    assert not estimate_group(views, "pooled", repeats=labels).unsteady.any()
+    assert not estimate_group(views, "given", intrinsics=off, repeats=labels).unsteady.any()
+    assert estimate_group(breathing, "pooled", repeats=labels).unsteady.all()
 
 
 def test_the_print_scale_is_in_the_pose_and_not_in_the_scatter() -> None:

@@ -85,3 +85,12 @@ def test_between_and_beyond_the_simulated_numbers_of_cycles() -> None:
             assert law.centre[0] == pytest.approx(logs.mean(), abs=5.0 * logs.std() / math.sqrt(trials))
             # 3 % for the spread is four standard errors of it, and the shapes between nodes.
             assert law.spread[0] == pytest.approx(logs.std(), rel=0.04)
+
+
+def test_scatter_next_to_nothing_has_a_length_next_to_nothing() -> None:
+    spectra = np.array([[1e-300, 1e-300, 1e-301], [0.0, 0.0, 0.0], [1e-30, 0.0, 0.0], [4.0, 4.0, 4.0]])
+    found = mean_length(spectra)
+    assert np.all(np.isfinite(found))
+    np.testing.assert_allclose(
+        found, [0.0, 0.0, 1e-15 * np.sqrt(2.0 / np.pi), 4.0 * np.sqrt(2.0 / np.pi)], atol=1e-150
+    )
