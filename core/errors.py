@@ -11,8 +11,10 @@
     │   └── UndecodableImage             undecodable_image
     ├── DetectionError                   the picture does not show what was asked for
     │   ├── TargetNotFound               target_not_found
-    │   └── TargetMismatch               target_mismatch
+    │   ├── TargetMismatch               target_mismatch
+    │   └── TargetMirrored               target_mirrored
     └── EstimationError                  the points or poses do not determine an answer
+        ├── OriginUnknown                origin_unknown
         ├── FocalNotObservable           focal_not_observable
         ├── DegenerateGeometry           degenerate_geometry
         ├── MotionInsufficient           motion_insufficient
@@ -117,8 +119,23 @@ class TargetMismatch(DetectionError):
     )
 
 
+class TargetMirrored(DetectionError):
+    code = "target_mirrored"
+    default_advice = (
+        "Print the target without mirroring, and switch the camera's or the software's image mirroring off."
+    )
+
+
 class EstimationError(GridposeError):
     code = "estimation_error"
+
+
+class OriginUnknown(EstimationError):
+    code = "origin_unknown"
+    default_advice = (
+        "Show the whole board, or use one whose origin can be told from a part: ChArUco, AprilGrid, or a chessboard "
+        "with marked squares."
+    )
 
 
 class FocalNotObservable(EstimationError):

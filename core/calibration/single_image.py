@@ -34,7 +34,7 @@ from core.calibration.model import (
 from core.calibration.result import Calibration
 from core.calibration.validity import check_camera, check_lens, check_points
 from core.camera import Camera, project, undistort_points
-from core.errors import DegenerateGeometry, GridposeError
+from core.errors import DegenerateGeometry, GridposeError, OriginUnknown
 from core.least_squares import Fit, Prior, fit
 from core.targets.specification import GridPoints
 
@@ -60,12 +60,17 @@ def calibrate_points(
     all is (estimator "per_image"). A stated `lens` is a 5 % prior on the focal length, unless the image by itself
     determines it and contradicts the lens; then the lens is left out, with a remark.
 
-    Raises InvalidArgument for arguments no camera has, DegenerateGeometry for too few or collinear points,
+    Raises InvalidArgument for arguments no camera has, OriginUnknown for a part of a grid that may be any part,
+    DegenerateGeometry for too few or collinear points,
     NotConverged where no camera explains them, and FocalNotObservable where the predicted u(f)/f exceeds 2 %
     (with a lens: 10 %); each carries the points.
     """
     try:
         check_points(points)
+        if points.origin == "unknown":
+            raise OriginUnknown(
+                "Part of the grid is in view, and nothing tells which part: the pose is known but for whole squares."
+            )
         located = dataclasses.replace(points, measured_points_target=points.points_target)  # computed once
         if intrinsics is not None:
             return conclude(points, _judge_pose(located, intrinsics), gate=math.inf)

@@ -25,7 +25,7 @@ from core.targets.orientation import orient
 from core.targets.pyramid import Level, levels
 from core.targets.refinement import refine_corners
 from core.targets.saddles import Saddles, find_saddles
-from core.targets.specification import GridPoints, TargetSpec
+from core.targets.specification import GridPoints, Origin, TargetSpec
 from core.targets.squares import ENOUGH_VISIBLE, Board, bounded
 
 _LEAST_PATCH = 4  # corners: one closed cell
@@ -170,6 +170,7 @@ def _grid_points(image: np.ndarray, lattice: Lattice, target: TargetSpec) -> Gri
     Raises TargetNotFound where too few are left.
     """
     lattice, warnings = orient(lattice)
+    origin: Origin = "turned" if warnings else "known"
     row, column = np.nonzero(lattice.known)
     refined = refine_corners(
         image, column, row, lattice.grid[row, column], origin_is_black=not lattice.origin_is_bright
@@ -192,6 +193,7 @@ def _grid_points(image: np.ndarray, lattice: Lattice, target: TargetSpec) -> Gri
         points_px=np.ascontiguousarray(refined.points_px[trusted]),
         standard_uncertainty_px=refined.standard_uncertainty_px[trusted],
         warnings=warnings,
+        origin=origin,
     )
 
 

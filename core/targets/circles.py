@@ -16,7 +16,7 @@ from core.targets.dot_lattice import DotLattice, dot_lattices
 from core.targets.dot_refinement import LEAST_DOTS, ODD, FittedDots, corrected_centres, fit_dots, plane_map
 from core.targets.dots import Dots, find_dots
 from core.targets.pyramid import Level, levels
-from core.targets.specification import GridPoints, TargetSpec
+from core.targets.specification import GridPoints, Origin, TargetSpec
 
 _ENOUGH_SEEN = 0.75
 _ENOUGH_OF_LINE = 0.5
@@ -127,6 +127,7 @@ def _grid_points(
     if fitted.trusted.sum() < max(LEAST_DOTS, _ENOUGH_SEEN * target.size):
         raise _too_poor(target, int(fitted.trusted.sum()))
     match, warnings = _oriented(matches, fitted)
+    origin: Origin = "turned" if warnings else "known"
     centres, trusted = corrected_centres(match.ideal, fitted)
     variance, contrast = fitted.variance, fitted.contrast
     noise = np.maximum(variance, _ROUNDING)
@@ -152,6 +153,7 @@ def _grid_points(
         points_px=np.ascontiguousarray(centres[order]),
         standard_uncertainty_px=uncertainty[order],
         warnings=warnings,
+        origin=origin,
     )
 
 

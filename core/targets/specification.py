@@ -5,14 +5,20 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from jaxtyping import Float, Int
 
 from core.errors import Advisory, InvalidTarget
+from core.targets.capture_quality import CaptureQuality
 
 KINDS = ("chessboard", "charuco", "circles", "asymmetric_circles", "aprilgrid")
+
+Origin = Literal["known", "turned", "unknown"]
+"""How far a picture tells which grid point is (0, 0): for sure; but for turns of the whole grid that look the same, of
+which one was chosen; or not at all, where part of a grid is seen: its columns and rows then count from the part's own
+corner, in an order of the right handedness and colours."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -85,6 +91,8 @@ class GridPoints:
     markers_px: Mapping[int, Float[np.ndarray, "4 2"]] | None = None
     """Corners of the markers seen on the way, by id, in the order of `CharucoLayout.marker_corners`; no fit takes them.
     None for targets without markers."""
+    origin: Origin = "known"
+    capture_quality: CaptureQuality | None = None
 
     @property
     def points_target(self) -> Float[np.ndarray, "n 3"]:
