@@ -2,7 +2,7 @@
 
 from core.simulation.arm import KR5_ARC, KR5_ARC_HOME, KR5_ARC_LIMITS, Arm, free_angles, kr5_arc, sweep_angles
 from core.simulation.renderer import render
-from core.simulation.robot import SessionImage, robot_session
+from core.simulation.robot import SessionImage
 from core.simulation.scenes import Light, Scene, standard_camera, standard_scene, standard_target
 from core.simulation.sweeps import Repeatability, measure_poses
 
@@ -19,7 +19,6 @@ __all__ = [
     "kr5_arc",
     "measure_poses",
     "render",
-    "robot_session",
     "standard_camera",
     "standard_scene",
     "standard_target",

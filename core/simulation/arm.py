@@ -9,8 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float, Int
 
-from core.kinematics.dh import Chain, forward
-from core.transforms import so3_exp, transform
+from core.kinematics.dh import Chain, forward, pose_with_jacobian
+from core.transforms import compose, invert, so3_exp, so3_log, transform
 
 KR5_ARC = Chain.from_rows(
     [
@@ -30,6 +30,8 @@ KR5_ARC_LIMITS = np.radians(
 KR5_ARC_HOME = np.radians([0.0, -65.0, 75.0, 10.0, 55.0, 0.0])
 T_FLANGE_CAMERA = transform(so3_exp(np.array([0.05, -0.08, 0.4])), np.array([65.0, -30.0, 80.0]))
 _PARALLEL = 1e-6  # sine of a nominal twist below which neighbours are meant to be parallel
+_LEVER_MM = 500.0  # a rotation counts as what it moves at this distance
+_LARGEST_STEP = 0.3  # rad
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,6 +50,46 @@ class Arm:
         return np.asarray(
             self.T_target_base[which] @ forward(self.chain, joint_angles) @ self.T_flange_camera
         )
+
+
+def joint_motions(
+    arm: Arm, angles: Float[np.ndarray, " j"], target: int = 0
+) -> tuple[Float[np.ndarray, "4 4"], Float[np.ndarray, "6 j"]]:
+    """Return T_target_camera at joint angles in rad, and how each joint moves it.
+
+    A column has mm/rad along the target's axes, then rad/rad of the rotation from the left.
+    """
+    end, J = pose_with_jacobian(
+        arm.chain.as_array(), angles[None], arm.T_target_base[target][None], arm.T_flange_camera
+    )
+    return end[0], J[3 : 5 * len(angles) : 5, :, 0].T  # a joint's turn is its offset's
+
+
+def reach(
+    arm: Arm,
+    T_target_camera: Float[np.ndarray, "4 4"],
+    start: Float[np.ndarray, " j"],
+    target: int = 0,
+    *,
+    steps: int = 20,
+    within_mm: float = 1e-6,
+) -> Float[np.ndarray, " j"] | None:
+    """Return joint angles (rad) that bring the camera there, by damped Newton steps from a start; None where none are
+    found. Limits of joints are not looked at.
+    """
+    angles = start
+    weight = np.repeat([1.0, _LEVER_MM], 3)
+    for _ in range(steps):
+        end, motions = joint_motions(arm, angles, target)
+        turn = so3_log(compose(T_target_camera, invert(end))[:3, :3])
+        error = weight * np.concatenate([T_target_camera[:3, 3] - end[:3, 3], turn])
+        if float(np.linalg.norm(error)) < within_mm:
+            return angles
+        columns = motions * weight[:, None]
+        H = columns.T @ columns
+        step = np.linalg.solve(H + 1e-6 * np.trace(H) * np.eye(len(H)), columns.T @ error)
+        angles = angles + np.clip(step, -_LARGEST_STEP, _LARGEST_STEP)
+    return None
 
 
 def kr5_arc(

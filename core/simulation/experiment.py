@@ -8,7 +8,6 @@ were told with a small error, so that each pose scatters by a covariance of its 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,10 +15,18 @@ from jaxtyping import Float
 
 from core.camera import Camera
 from core.errors import InvalidArgument
-from core.kinematics.dh import Chain, forward
 from core.metrology.figures import Figures
 from core.metrology.radial import eigenvalues, long_run_reading
-from core.simulation.arm import KR5_ARC, KR5_ARC_HOME, KR5_ARC_LIMITS, T_FLANGE_CAMERA, Arm, kr5_arc
+from core.simulation.arm import (
+    KR5_ARC,
+    KR5_ARC_HOME,
+    KR5_ARC_LIMITS,
+    T_FLANGE_CAMERA,
+    Arm,
+    joint_motions,
+    kr5_arc,
+    reach,
+)
 from core.simulation.robot import SessionImage, workshop_scene
 from core.targets.specification import TargetSpec
 from core.transforms import (
@@ -28,7 +35,6 @@ from core.transforms import (
     rotation_to_rpy,
     rpy_jacobian,
     so3_exp,
-    so3_log,
     transform,
     transform_points,
 )
@@ -38,8 +44,10 @@ FROM_THE_END = 0.1
 JOINT_REPEATABILITY_RAD = 33e-6
 """Standard deviation of each joint about where it was told to go; makes some 0.1 mm of RP_l, as the maker claims."""
 _SPAN = 0.5  # share of the image that the board takes
-_STEP = 1e-5  # of numeric derivatives, rad
-_REACHED = 1e-9  # mm, and rad times a metre
+_STEPS = 100
+_WITHIN_MM = 1e-9
+_TOLD = Arm(KR5_ARC, np.eye(4)[None], np.eye(4))
+"""The robot as its controller has it: what it reaches for is T_base_flange."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -119,29 +127,9 @@ def cube_points(centre_mm: Float[np.ndarray, "3"], edge_mm: float = CUBE_MM) -> 
 
     The measuring plane holds y and the diagonal of x and z.
     """
-    reach = (0.5 - FROM_THE_END) * edge_mm
+    half = (0.5 - FROM_THE_END) * edge_mm
     corners = np.array([[1.0, 1.0, 1.0], [1.0, -1.0, 1.0], [-1.0, -1.0, -1.0], [-1.0, 1.0, -1.0]])
-    return centre_mm + np.vstack([np.zeros((1, 3)), reach * corners])
-
-
-def joint_angles_at(
-    chain: Chain, T_base_flange: Float[np.ndarray, "4 4"], start: Float[np.ndarray, " j"]
-) -> Float[np.ndarray, " j"]:
-    """Return joint angles (rad) that bring the flange there, by Newton's steps from a start nearby.
-
-    Raises InvalidArgument where they do not arrive.
-    """
-    angles = np.array(start, dtype=np.float64)
-    for _ in range(100):
-        off = _motion(forward(chain, angles[None])[0], T_base_flange)
-        off[3:] *= 1000.0  # a milliradian counts as a millimetre
-        if float(np.abs(off).max()) < _REACHED:
-            return angles
-        J = _jacobian(lambda q: forward(chain, q), angles)
-        J[3:] *= 1000.0
-        step = np.linalg.solve(J.T @ J + 1e-3 * np.eye(len(angles)), J.T @ off)
-        angles += step * min(1.0, 0.3 / float(np.abs(step).max()))
-    raise InvalidArgument("The arm does not reach this pose from where it starts.")
+    return centre_mm + np.vstack([np.zeros((1, 3)), half * corners])
 
 
 def _views(
@@ -174,24 +162,12 @@ def _pose(
     pose_id: str, T_base_camera: Float[np.ndarray, "4 4"], arm: Arm, joint_repeatability_rad: float
 ) -> CubePose:
     T_base_flange = compose(T_base_camera, invert(T_FLANGE_CAMERA))
-    angles = joint_angles_at(KR5_ARC, T_base_flange, KR5_ARC_HOME)
+    angles = reach(_TOLD, T_base_flange, KR5_ARC_HOME, steps=_STEPS, within_mm=_WITHIN_MM)
+    if angles is None:
+        raise InvalidArgument(
+            f"{pose_id} is out of the arm's reach.", "Choose a smaller grid, or a wider lens."
+        )
     if np.any(angles < KR5_ARC_LIMITS[:, 0]) or np.any(angles > KR5_ARC_LIMITS[:, 1]):
         raise InvalidArgument(f"{pose_id} lies beyond the limits of a joint.")
-    J = _jacobian(arm.camera_poses, angles)
-    mean = arm.camera_poses(angles[None])[0]
+    mean, J = joint_motions(arm, angles)
     return CubePose(pose_id, angles, T_base_flange, mean, joint_repeatability_rad**2 * (J @ J.T))
-
-
-def _jacobian(
-    poses_at: Callable[[Float[np.ndarray, "n j"]], Float[np.ndarray, "n 4 4"]],
-    angles: Float[np.ndarray, " j"],
-) -> Float[np.ndarray, "6 j"]:
-    """Return how a pose moves with each joint: mm/rad, and rad/rad of the rotation from the left."""
-    steps = _STEP * np.eye(len(angles))
-    before, after = poses_at(angles - steps), poses_at(angles + steps)
-    return np.stack([_motion(a, b) for a, b in zip(before, after, strict=True)], axis=1) / (2.0 * _STEP)
-
-
-def _motion(T_from: Float[np.ndarray, "4 4"], T_to: Float[np.ndarray, "4 4"]) -> Float[np.ndarray, "6"]:
-    """Return d (mm), w (rad) with t_to = t_from + d and R_to = exp(w) R_from."""
-    return np.concatenate([T_to[:3, 3] - T_from[:3, 3], so3_log(T_to[:3, :3] @ T_from[:3, :3].T)])

@@ -8,15 +8,11 @@ import numpy as np
 from jaxtyping import Float
 
 from core.camera import Camera, project
-from core.kinematics.dh import pose_with_jacobian
-from core.simulation.arm import Arm
+from core.simulation.arm import Arm, reach
 from core.targets.specification import TargetSpec
-from core.transforms import compose, invert, so3_exp, so3_log, transform, transform_points
+from core.transforms import invert, so3_exp, transform, transform_points
 
-STEPS = 20
-REACHED = 1e-6
 MARGIN_PX = 10.0
-LARGEST_STEP = 0.3
 
 
 def looking_angles(
@@ -59,26 +55,7 @@ def looking_angles(
         pixels = project(transform_points(T_camera_target, outline), camera)
         if np.any(pixels < MARGIN_PX) or np.any(pixels > np.array(size_px) - MARGIN_PX):
             continue
-        angles = _reach(arm, invert(T_camera_target), home, target)
+        angles = reach(arm, invert(T_camera_target), home, target)
         if angles is not None and np.all(angles > limits[:, 0]) and np.all(angles < limits[:, 1]):
             found.append(angles)
     raise ValueError("The arm can hardly look at this target.")
-
-
-def _reach(
-    arm: Arm, T_target_camera: Float[np.ndarray, "4 4"], start: Float[np.ndarray, " j"], target: int
-) -> Float[np.ndarray, " j"] | None:
-    """Return joint angles that bring the camera there, by damped Newton steps; None where none are found."""
-    angles = start.copy()
-    parameters, base = arm.chain.as_array(), arm.T_target_base[target][None]
-    for _ in range(STEPS):
-        end, J = pose_with_jacobian(parameters, angles[None], base, arm.T_flange_camera)
-        off = compose(T_target_camera, invert(end[0]))
-        error = np.concatenate([T_target_camera[:3, 3] - end[0, :3, 3], 500.0 * so3_log(off[:3, :3])])
-        if float(np.linalg.norm(error)) < REACHED:
-            return angles
-        columns = J[3 : 5 * len(angles) : 5, :, 0].T * np.repeat([1.0, 500.0], 3)[:, None]
-        H = columns.T @ columns
-        step = np.linalg.solve(H + 1e-6 * np.trace(H) * np.eye(len(H)), columns.T @ error)
-        angles = angles + np.clip(step, -LARGEST_STEP, LARGEST_STEP)
-    return None

@@ -1,8 +1,7 @@
-"""A camera held by a robot before a fixed target, with the robot's true repeatability known."""
+"""An image of a robot session with its truth, and what a workshop looks like."""
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,7 +10,7 @@ from jaxtyping import Float
 from core.camera import Camera
 from core.simulation.scenes import Light, Scene
 from core.targets.specification import TargetSpec
-from core.transforms import compose, invert, so3_exp, transform
+from core.transforms import invert
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,46 +30,6 @@ class SessionImage:
     def true_T_target_camera(self) -> Float[np.ndarray, "4 4"]:
         """Where the camera really was."""
         return invert(self.scene.T_camera_target)
-
-
-def robot_session(
-    target: TargetSpec,
-    camera: Camera,
-    size_px: tuple[int, int],
-    *,
-    poses: int = 5,
-    cycles: int = 6,
-    repeatability_mm: float = 0.03,
-    repeatability_rad: float = math.radians(0.005),
-    seed: int = 0,
-) -> list[SessionImage]:
-    """Return the images of a session, pose by pose within each cycle, as ISO 9283 drives them.
-
-    Parameters
-    ----------
-    size_px
-        Width and height of the images.
-    repeatability_mm, repeatability_rad
-        Standard deviation of the camera's position along each axis, and of its rotation about each.
-    """
-    rng = np.random.default_rng([seed, 9283])
-    commanded = [_pose_around(target, camera, size_px, index, poses, rng) for index in range(poses)]
-    digits = len(str(poses))
-    images = []
-    for cycle in range(1, cycles + 1):
-        for index, T_target_camera in enumerate(commanded):
-            w, d = rng.normal(0.0, repeatability_rad, 3), rng.normal(0.0, repeatability_mm, 3)
-            true = transform(so3_exp(w) @ T_target_camera[:3, :3], T_target_camera[:3, 3] + d)
-            scene = workshop_scene(
-                target,
-                camera,
-                invert(true),
-                size_px,
-                seed=int(rng.integers(2**31)),
-                background_seed=seed * 1000 + index,
-            )
-            images.append(SessionImage(f"P{index + 1:0{digits}d}", cycle, T_target_camera, scene))
-    return images
 
 
 def workshop_scene(
@@ -95,28 +54,3 @@ def workshop_scene(
         seed=seed,
         background_seed=background_seed,
     )
-
-
-def _pose_around(
-    target: TargetSpec,
-    camera: Camera,
-    size_px: tuple[int, int],
-    index: int,
-    poses: int,
-    rng: np.random.Generator,
-) -> Float[np.ndarray, "4 4"]:
-    """Return T_target_camera of a camera that looks at the board's middle, 20 to 35° tilted.
-
-    Successive poses tilt to successive sides. The board takes about two thirds of the image.
-    """
-    middle = np.array([target.columns - 1, target.rows - 1, 0.0]) * target.pitch_mm / 2.0
-    extent = np.array([target.columns + 1, target.rows + 1]) * target.pitch_mm
-    focal = np.array([camera.fx_px, camera.fy_px])
-    distance = float(np.max(extent * focal / (0.62 * np.array(size_px)))) * float(rng.uniform(1.0, 1.15))
-    side = 2.0 * math.pi * (index + float(rng.uniform(0.1, 0.5))) / poses
-    tilt = math.radians(float(rng.uniform(20.0, 35.0)))
-    rotation = so3_exp(tilt * np.array([math.cos(side), math.sin(side), 0.0]))
-    rotation = rotation @ so3_exp(np.array([0.0, 0.0, math.radians(float(rng.uniform(-20.0, 20.0)))]))
-    ahead = transform(np.eye(3), np.array([0.0, 0.0, distance]))
-    T_camera_target = compose(ahead, transform(rotation, -rotation @ middle))
-    return invert(T_camera_target)

@@ -17,8 +17,9 @@ from core.simulation import (
     kr5_arc,
     sweep_angles,
 )
+from core.simulation.arm import joint_motions, reach
 from core.simulation.sweeps import camera_noise, measure_poses
-from core.transforms import so3_log
+from core.transforms import so3_log, transform
 
 ARM = kr5_arc(np.random.default_rng(0))
 ANGLES = np.tile(sweep_angles(KR5_ARC_HOME, steps=3), (40, 1))
@@ -44,6 +45,38 @@ def test_it_is_nearly_the_nominal_and_within_its_limits() -> None:
     assert swept.shape == (66, 6)
     z = [ARM.T_target_base[t, :3, :3].T[:, 2] for t in (0, 1)]
     assert abs(z[0] @ z[1]) < 1e-9  # mutually perpendicular
+
+
+@pytest.mark.parametrize("target", [0, 1])
+def test_joints_move_the_camera_as_differences_say(target: int) -> None:
+    h = 1e-5
+    T, motions = joint_motions(ARM, KR5_ARC_HOME, target)
+    which = np.full(6, target)
+    np.testing.assert_allclose(T, ARM.camera_poses(KR5_ARC_HOME[None], which[:1])[0], atol=1e-9)
+    before, after = (ARM.camera_poses(KR5_ARC_HOME + s * h * np.eye(6), which) for s in (-1.0, 1.0))
+    np.testing.assert_allclose(motions[:3], (after - before)[:, :3, 3].T / (2.0 * h), atol=1e-5)
+    turns = [so3_log(R @ S.T) for R, S in zip(after[:, :3, :3], before[:, :3, :3], strict=True)]
+    np.testing.assert_allclose(motions[3:], np.array(turns).T / (2.0 * h), atol=1e-9)
+
+
+@pytest.mark.parametrize("target", [0, 1])
+def test_reach_is_the_inverse_of_forward(target: int) -> None:
+    angles = KR5_ARC_HOME + np.radians([8.0, -6.0, 5.0, 12.0, -9.0, 20.0])
+    T = ARM.camera_poses(angles[None], np.array([target]))[0]
+    found = reach(ARM, T, KR5_ARC_HOME, target, within_mm=1e-9)
+    assert found is not None
+    np.testing.assert_allclose(found, angles, atol=1e-9)
+    roughly = reach(ARM, T, KR5_ARC_HOME, target)
+    assert roughly is not None
+    np.testing.assert_allclose(roughly, angles, atol=1e-7)
+
+
+def test_what_is_too_far_or_too_many_steps_away_is_not_reached() -> None:
+    T = ARM.camera_poses(KR5_ARC_HOME[None])[0]
+    assert reach(ARM, transform(T[:3, :3], T[:3, 3] + 5000.0), KR5_ARC_HOME) is None
+    turned = ARM.camera_poses(KR5_ARC_HOME[None] + 0.25)[0]
+    assert reach(ARM, turned, KR5_ARC_HOME, steps=1) is None
+    assert reach(ARM, turned, KR5_ARC_HOME) is not None
 
 
 @pytest.mark.parametrize("estimator", ["pooled", "per_image", "given"])
