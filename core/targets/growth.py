@@ -18,7 +18,7 @@ from core.compiled import compiled
 from core.targets.lattice import Lattice, kinks, lonely
 from core.targets.quantiles import median
 
-_REACH = 0.36  # of a step
+LARGEST_REACH = 0.36  # of a step
 _LARGEST_REACH_PX = 8.0  # beyond it uneven light does more harm than pixels do good
 _SAMPLES = 6  # along either step
 _LOOKS = 3
@@ -37,11 +37,15 @@ _BLOCK = 32  # columns that are looked at again together
 
 
 def whole_lattice(
-    image: Shaped[np.ndarray, "h w"], points: Float[np.ndarray, "n 2"], place: Int[np.ndarray, "n 2"]
+    image: Shaped[np.ndarray, "h w"],
+    points: Float[np.ndarray, "n 2"],
+    place: Int[np.ndarray, "n 2"],
+    reach: float = LARGEST_REACH,
 ) -> Lattice:
     """Return the lattice that corners (px of the full picture, at column and row) belong to, grown to its ends.
 
-    The square between places (0, 0) and (1, 1) is bright.
+    The square between places (0, 0) and (1, 1) is bright. `reach` is how far from a corner, in steps, its squares are
+    plain: less where something is printed in them.
     """
     low = place.min(axis=0) - _MARGIN
     columns, rows = place.max(axis=0) - low + 1 + _MARGIN
@@ -50,13 +54,13 @@ def whole_lattice(
     at = place - low
     grid[at[::-1, 1], at[::-1, 0]] = points[::-1]  # of two at one place the first
     bright = bool((low[0] + low[1]) % 2 == 0)
-    settle(image, grid, gap, bright)
+    settle(image, grid, gap, bright, reach)
     drop(grid, gap, gap < _LEAST_OF_MEDIAN * _median(gap))
     outside = np.zeros(gap.shape, dtype=bool)
     fresh = np.ones(gap.shape, dtype=bool)
     cut_short = False
     while True:
-        grow(image, grid, gap, bright, outside, fresh)
+        grow(image, grid, gap, bright, outside, fresh, reach)
         pads = _pads(np.isfinite(gap))
         if not any(map(any, pads)):
             break
@@ -73,7 +77,7 @@ def whole_lattice(
         fresh = _prune(grid, gap)
         if not fresh.any():
             break
-        grow(image, grid, gap, bright, outside, fresh)
+        grow(image, grid, gap, bright, outside, fresh, reach)
     else:
         _prune(grid, gap)
     return _bounded(Lattice(grid, gap, outside, bright, cut_short))
@@ -132,23 +136,24 @@ def _locate(
     bx: float,
     by: float,
     sign: float,
+    reach: float,
     found: np.ndarray,
 ) -> bool:
     """Write u, v, gap of the corner near (u, v) with steps a and b to `found`; tell whether it is one.
 
-    `sign` is 1 where the quadrant between a and b is bright, else -1.
+    `sign` is 1 where the quadrant between a and b is bright, else -1; `reach` in steps.
     """
     height, width = image.shape
     a_length, b_length = np.hypot(ax, ay), np.hypot(bx, by)
     if not (a_length > 1.5 and b_length > 1.5 and np.isfinite(u) and np.isfinite(v)):
         return False
-    a_reach, b_reach = min(_REACH, _LARGEST_REACH_PX / a_length), min(_REACH, _LARGEST_REACH_PX / b_length)
+    a_reach, b_reach = min(reach, _LARGEST_REACH_PX / a_length), min(reach, _LARGEST_REACH_PX / b_length)
     moved_a, moved_b = 0.0, 0.0  # in steps
     quadrant = np.empty(4)
     move = 0.0
     for iteration in range(_LOOKS):
         part = 1.0 - iteration / (_LOOKS - 1)  # from the whole reach to the final one
-        fa, fb = _REACH**part * a_reach ** (1.0 - part), _REACH**part * b_reach ** (1.0 - part)
+        fa, fb = reach**part * a_reach ** (1.0 - part), reach**part * b_reach ** (1.0 - part)
         total_x, total_y, total_xy = 0.0, 0.0, 0.0
         quadrant[:] = 0.0
         for j in range(_SAMPLES):
@@ -228,7 +233,9 @@ def _step_around(
 
 
 @compiled
-def settle(image: np.ndarray, grid: np.ndarray, gap: np.ndarray, origin_is_bright: bool) -> None:
+def settle(
+    image: np.ndarray, grid: np.ndarray, gap: np.ndarray, origin_is_bright: bool, reach: float
+) -> None:
     """Move the corners of `grid` (rows, columns, 2) to where the picture has them and write their gaps; those that the
     picture does not show become NaN. In place."""
     rows, columns = gap.shape
@@ -243,7 +250,7 @@ def settle(image: np.ndarray, grid: np.ndarray, gap: np.ndarray, origin_is_brigh
             if (
                 _step_around(old, known, j, i, 0, 1, a)
                 and _step_around(old, known, j, i, 1, 0, b)
-                and _locate(image, old[j, i, 0], old[j, i, 1], a[0], a[1], b[0], b[1], sign, found)
+                and _locate(image, old[j, i, 0], old[j, i, 1], a[0], a[1], b[0], b[1], sign, reach, found)
             ):
                 grid[j, i, 0], grid[j, i, 1], gap[j, i] = found[0], found[1], found[2]
             else:
@@ -258,6 +265,7 @@ def grow(
     origin_is_bright: bool,
     outside: np.ndarray,
     fresh: np.ndarray,
+    reach: float,
 ) -> None:
     """Find further corners beside those of `grid` until there are no more within the arrays, in place.
 
@@ -351,7 +359,7 @@ def grow(
                 sign = 1.0 if ((i + j) % 2 == 0) == origin_is_bright else -1.0
                 if (
                     has_steps
-                    and _locate(image, u, v, a[0], a[1], b[0], b[1], sign, found)
+                    and _locate(image, u, v, a[0], a[1], b[0], b[1], sign, reach, found)
                     and found[2] > _LEAST_GAP * reference / beside
                 ):
                     grid[j, i, 0], grid[j, i, 1], gap[j, i] = found[0], found[1], found[2]

@@ -20,7 +20,7 @@ from core.targets.saddles import Saddles
 _LEAST_COSINE = 0.92  # of the angle between a ray and the way to the neighbour: 23°
 _LARGEST_RATIO = 4.0  # of two neighbours' contrasts
 _LEAST_EDGE = 0.25  # of the lesser contrast: what is left of it along the edge
-_BESIDE = 0.15  # of an edge's length: where its two sides are looked at
+BESIDE = 0.15  # of an edge's length: where its two sides are looked at
 _LOOKS = 5  # places along an edge
 _MOST_VISITED = 80  # corners nearer than the neighbour that do not belong to the board
 _PER_CELL = 0.5
@@ -41,8 +41,11 @@ class Patches:
     sizes: Int[np.ndarray, " patches"]
 
 
-def link(saddles: Saddles) -> Patches:
-    """Return the patches of lattice among a level's corners."""
+def link(saddles: Saddles, beside: float = BESIDE) -> Patches:
+    """Return the patches of lattice among a level's corners.
+
+    `beside` is where an edge's two sides are looked at, in its lengths: nearer where something is printed in squares.
+    """
     count = len(saddles)
     height, width = saddles.smooth.shape
     cell = max(4.0, math.sqrt(_PER_CELL * height * width / max(count, 1)))
@@ -59,6 +62,7 @@ def link(saddles: Saddles) -> Patches:
         across,
         down,
         cell,
+        beside,
     )
     return Patches(links, *spread(links))
 
@@ -98,10 +102,12 @@ def neighbours(
     across: int,
     down: int,
     cell: float,
+    beside_edge: float,
 ) -> np.ndarray:
     """Return links (n, 4): for each ray the index of the corner that it and a ray of that corner agree on, or -1.
 
-    Only links that are a side of a closed cell of four count: one that skips a corner not seen is none.
+    Only links that are a side of a closed cell of four count: one that skips a corner not seen is none. `beside_edge`
+    as in `link`.
 
     `order` lists the corners by cell (a square of `cell` pixels, row by row), `starts` where each cell's begin.
     """
@@ -158,7 +164,7 @@ def neighbours(
                         nx, ny = rays[p, (out + 1) % 4, 0], rays[p, (out + 1) % 4, 1]
                         ox, oy = rays[p, (out + 3) % 4, 0], rays[p, (out + 3) % 4, 1]
                         sine = max(abs(ux * ny - uy * nx), np.float32(0.3))
-                        beside = max(np.float32(_BESIDE) * length, np.float32(1.0) / sine)
+                        beside = max(np.float32(beside_edge) * length, np.float32(1.0) / sine)
                         if out % 2 == 1:
                             nx, ny, ox, oy = ox, oy, nx, ny
                         nx, ny, ox, oy = nx * beside, ny * beside, ox * beside, oy * beside
