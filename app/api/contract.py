@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Coroutine
+from collections.abc import Callable, Coroutine, Mapping
 from dataclasses import dataclass, field
-from typing import Annotated, Any
+from typing import Annotated, Any, get_args, get_origin
 
 import structlog
 from fastapi import APIRouter, Depends, Query, Request
@@ -92,13 +92,13 @@ class ContractRoute(APIRoute):
         takes_json = self.body_field is not None
         limit = BULK_LIMIT if "bulk" in self.tags else BODY_LIMIT
         # An analysis whose settings were misspelt would be another one than was asked for.
-        known = _query_parameters(self.dependant)
+        parameters = _query_parameters(self.dependant)
         strict = "analyses" in self.tags
 
         async def handle(request: Request) -> Response:
             await _find_parents(request)
             if strict:
-                _refuse_unknown_parameters(request, known)
+                _refuse_unknown_parameters(request, parameters)
             if takes_json:
                 require_json(request)
                 body = await read_body(request, limit)
@@ -110,16 +110,23 @@ class ContractRoute(APIRoute):
         return handle
 
 
-def _query_parameters(dependant: Dependant) -> set[str]:
-    """Return the names of a route's query parameters, those of what it depends on too."""
-    names = {field.alias for field in dependant.query_params}
-    return names.union(*map(_query_parameters, dependant.dependencies))
+def _query_parameters(dependant: Dependant) -> dict[str, bool]:
+    """Return the names of a route's query parameters, those of what it depends on too, and which may be repeated."""
+    found = {field.alias: _is_list(field.field_info.annotation) for field in dependant.query_params}
+    for each in dependant.dependencies:
+        found |= _query_parameters(each)
+    return found
 
 
-def _refuse_unknown_parameters(request: Request, known: set[str]) -> None:
-    """Raise InvalidContent for query parameters that mean nothing here."""
+def _is_list(annotation: Any) -> bool:
+    return get_origin(annotation) is list or any(map(_is_list, get_args(annotation)))
+
+
+def _refuse_unknown_parameters(request: Request, parameters: Mapping[str, bool]) -> None:
+    """Raise InvalidContent for query parameters that mean nothing here, and for single ones given twice."""
     names = [name for name, _ in request.query_params.multi_items()]
-    twice = sorted({name for name in names if names.count(name) > 1} & known)
+    known = set(parameters)
+    twice = sorted({name for name in names if names.count(name) > 1 and not parameters.get(name, True)})
     if twice:
         raise InvalidContent(
             "The address gives a query parameter more than once.",

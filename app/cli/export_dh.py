@@ -32,6 +32,7 @@ class Request:
     source: str
     estimator: str
     joint_tolerance_deg: float | None
+    sweeps: tuple[str, ...]
     names: str | None
     limits: str | None
     camera: bool
@@ -81,6 +82,7 @@ def _model(request: Request, console: Console) -> Model:
             source=request.source,
             estimator=request.estimator,
             joint_tolerance_deg=request.joint_tolerance_deg,
+            sweep=list(request.sweeps) or None,
         )
         session = client.get(f"/v1/sessions/{session_id}")
         name = session["name"]

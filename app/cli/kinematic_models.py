@@ -108,7 +108,7 @@ def write_yaml(model: Model) -> str:
         **{
             name: model.document[name]
             for name in (
-                *("convention", "method", "source", "estimator", "session_id", "inputs_sha256"),
+                *("convention", "method", "source", "estimator", "sweeps", "session_id", "inputs_sha256"),
                 *("core_version", "residual", "validation", "condition_number", "null_space"),
             )
         },

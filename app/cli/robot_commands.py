@@ -61,6 +61,12 @@ def export_dh(
     joint_tolerance_deg: Annotated[
         float | None, typer.Option(help="How far resting joints may differ within a sweep.")
     ] = None,
+    sweep: Annotated[
+        list[str] | None,
+        typer.Option(
+            help="JOINT:POSE,POSE,... names a sweep by its poses, with * and ? as patterns; as often as there are such."
+        ),
+    ] = None,
     joint_names: Annotated[
         str | None, typer.Option(help="Names of the joints, by commas.  [default: joint_1, ...]")
     ] = None,
@@ -89,6 +95,7 @@ def export_dh(
         source=source.value,
         estimator=estimator,
         joint_tolerance_deg=joint_tolerance_deg,
+        sweeps=tuple(sweep or ()),
         names=joint_names,
         limits=joint_limits,
         camera=camera,

@@ -103,6 +103,13 @@ def test_a_robot_comes_out_as_every_file(service: ServiceProcess, tmp_path: Path
     T = tree.get_transform("flange", "base_link")
     T[:3, 3] *= 1000.0
     assert np.abs(T - forward(found, q)[0]).max() < 1e-9
+    named = ("--sweep", "1:P0,P3,P6", "--sweep", "1:P1,P4,P7", "--sweep", "2:P?", "--method", "combined")
+    code, _, said = gridpose(service, *export, "--format", "yaml", *named)
+    assert (code, "joint 1 moved" in said) == (1, True)  # all nine poses are no sweep of joint 2
+    code, text, errors = gridpose(service, *export, "--format", "yaml", *named[:4], *named[6:])
+    assert code == 0, errors
+    document = yaml.safe_load(text)
+    assert document["sweeps"] == ["1:P0,P3,P6", "1:P1,P4,P7"]
     code, text, errors = gridpose(service, *export, "--format", "yaml")
     assert code == 0, errors
     document = yaml.safe_load(text)

@@ -6,6 +6,7 @@ import json
 from typing import Annotated
 
 from fastapi import Query, Response
+from pydantic import Field
 
 from app.api.contract import ServiceDep, contract_router, problems
 from app.api.routes.analyses import (
@@ -17,6 +18,7 @@ from app.api.routes.analyses import (
 )
 from app.api.schemas.kinematics import DhAnalysis, DhMethod
 from app.api.schemas.planning import DhPlan, DhPlanCreate
+from app.services.analyses.sweep_names import PATTERN, sweeps_setting
 from app.services.plans import read_plan
 
 router = contract_router(prefix="/v1/sessions/{session_id}", tags=["analyses"])
@@ -38,6 +40,16 @@ ToleranceQuery = Annotated[
         description="A sweep of a joint is a largest set of poses whose other joints agree within this, degrees.",
     ),
 ]
+SweepName = Annotated[str, Field(max_length=8192, pattern=PATTERN)]
+SweepQuery = Annotated[
+    list[SweepName] | None,
+    Query(
+        max_length=200,
+        description="A sweep by its poses, `JOINT:POSE,POSE,...`, as often as there are such, a joint's number from 1; "
+        "`*` in a pose's name is any text, `?` one character: `1:j1-*`. A joint that is named has these sweeps alone; "
+        "those of the others are recognised. All poses of a sweep must have the other joints at rest.",
+    ),
+]
 
 
 @router.get(
@@ -56,6 +68,7 @@ def get_dh(
     estimator: EstimatorQuery = "pooled",
     source: SourceQuery = "images",
     joint_tolerance_deg: ToleranceQuery = 0.02,
+    sweep: SweepQuery = None,
     known: KnownTags = None,
 ) -> Response:
     """Identify the robot's Denavit-Hartenberg parameters from poses at known joint angles."""
@@ -65,6 +78,8 @@ def get_dh(
         "source": source,
         "joint_tolerance_deg": repr(joint_tolerance_deg),
     }
+    if sweep:
+        settings["sweeps"] = sweeps_setting(sweep)
     return answer_analysis(service, "dh", session_id, settings, known)
 
 

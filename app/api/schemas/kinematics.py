@@ -129,6 +129,10 @@ class DhAnalysis(AnalysisHead):
     source: Source
     convention: DhConvention
     joint_tolerance_deg: float
+    sweeps: Annotated[
+        list[str],
+        Field(description="The sweeps that the request named; those of all other joints were recognised."),
+    ]
     joints: list[DhJoint]
     residual: PoseErrors
     validation: DhValidation | None

@@ -19,6 +19,7 @@ from app.services.analyses.kinematics_documents import (
     identification_document,
 )
 from app.services.analyses.kinematics_poses import RobotPoses, gather_poses, nominal_chain
+from app.services.analyses.kinematics_sweeps import sweeps_of
 from app.services.analyses.outcome import CannotAnalyse
 from app.services.analyses.snapshot import Snapshot
 from core import Advisory, Lens, TargetSpec
@@ -29,7 +30,7 @@ from core.kinematics.dh import Chain
 from core.kinematics.identification import Identification, identify
 from core.kinematics.on_points import PointsIdentification, identify_on_points
 from core.kinematics.poses import PoseData
-from core.kinematics.sweeps import Sweep, find_sweeps
+from core.kinematics.sweeps import Sweep
 from core.targets.specification import GridPoints
 
 STARTING_SWEEPS = 2
@@ -45,7 +46,9 @@ def dh_document(
     nominal = nominal_chain(snapshot.robot)
     gathered = gather_poses(snapshot, points, settings, nominal)
     tolerance = math.radians(float(settings["joint_tolerance_deg"]))
-    sweeps = find_sweeps(gathered.poses, tolerance=tolerance)
+    known = sweeps_of(snapshot, gathered.poses, settings, tolerance)
+    gathered = replace(gathered, warnings=(*gathered.warnings, *known.warnings))
+    sweeps = known.sweeps
     check_angles(gathered.poses, sweeps)
     try:
         if settings["method"] == "global":
@@ -70,6 +73,7 @@ def dh_document(
         "source": settings["source"],
         "convention": "classic_dh",
         "joint_tolerance_deg": float(settings["joint_tolerance_deg"]),
+        "sweeps": list(known.named),
         **found,
     }
 

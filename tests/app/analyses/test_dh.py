@@ -288,6 +288,65 @@ def test_refusals_say_what_to_do(api: Any) -> None:
     refused(sent[:5], "joint_not_moved")
 
 
+def test_sweeps_named_by_their_poses(api: Any) -> None:
+    """Free poses that happen to rest do not disturb, a pose serves several sweeps, patterns stand for many."""
+    arm, poses = measured(7, free=6)
+    joints = [np.flatnonzero(np.ptp(poses.joint_angles[9 * k : 9 * k + 9], axis=0) > 0.1) for k in range(6)]
+    assert [j.tolist() for j in joints] == [[k] for k in range(6)]
+    names = [f"j{i // 9 + 1}-{i % 9}" if i < 54 else f"free.{i - 54}" for i in range(len(poses))]
+    sent = [{**r, "pose_id": name} for r, name in zip(readings(poses), names, strict=True)]
+    session = new_session(api, robot_id=make_robot(api))
+    send(api, session, sent)
+    plain = document(of_readings(api, session, method="combined"))
+    assert plain["sweeps"] == []
+    assert [j["poses"] for j in plain["joints"]] == [14] * 6
+    named = document(of_readings(api, session, method="combined", sweep=[f"{k}:j{k}-*" for k in range(1, 7)]))
+    assert [j["poses"] for j in named["joints"]] == [9] * 6
+    assert error_mm(named, arm, free_angles(np.random.default_rng(99), KR5_ARC_HOME, 50)) < 0.3
+    # Home, the fifth of each sweep, may serve any of them; what is not named is recognised; order is of no matter.
+    some = ["3:j3-1,j3-0,j3-8,j1-4,j3-7", "1:j1-?"]
+    first, second = (
+        of_readings(api, session, method="combined", sweep=order) for order in (some, some[::-1])
+    )
+    assert first.content == second.content
+    found = document(first)
+    assert found["sweeps"] == ["1:j1-?", "3:j1-4,j3-0,j3-1,j3-7,j3-8"]
+    assert [j["poses"] for j in found["joints"]] == [9, 14, 5, 14, 14, 14]
+    # Two sweeps of one joint, and the global method's residuals by joint.
+    found = document(of_readings(api, session, sweep=["2:j2-0,j2-1,j2-2,j2-3", "2:j2-4,j2-5,j2-6,j2-7,j2-8"]))
+    assert found["inputs_sha256"] != document(of_readings(api, session))["inputs_sha256"]
+    assert found["joints"][1]["residual"]["position_rms_mm"] < 0.3
+
+    def refused(code: str, *sweep: str) -> str:
+        answer = problem(of_readings(api, session, method="combined", sweep=list(sweep)), 409, code)
+        assert answer["advice"]
+        return str(answer["detail"])
+
+    assert "j9-1" in refused("sweep_pose_unknown", "1:j1-1,j9-1")
+    assert "x*" in refused("sweep_pose_unknown", "1:x*")
+    assert "7" in refused("sweep_joint_unknown", "7:j1-*")
+    assert "joint 2 moved" in refused("joint_angles_inconsistent", "1:j1-*,j2-0")
+    assert "joint 2 moved" in refused("joint_angles_inconsistent", "1:j2-*")
+    refused("joint_not_moved", "1:j1-1,j1-2")
+    for malformed in ("", "j1-1", "0:j1-1", "1:", "1:a,,b", "100:a", "1:a b", "1:[a]", "1:ü"):
+        assert of_readings(api, session, sweep=malformed).status_code == 422, malformed
+    # A wider tolerance lets the others move by so much.
+    document(of_readings(api, session, method="combined", sweep="1:j1-*", joint_tolerance_deg=1.0))
+
+
+def test_poses_that_failed_are_left_out_of_a_named_sweep(api: Any) -> None:
+    _, poses = measured(8, free=0)
+    sent = [{**r, "pose_id": f"p{i}"} for i, r in enumerate(readings(poses))]
+    sent[3]["joint_angles_deg"] = None
+    session = new_session(api, robot_id=make_robot(api))
+    send(api, session, sent)
+    sweep = "1:" + ",".join(f"p{i}" for i in range(9))
+    found = document(of_readings(api, session, method="combined", sweep=sweep))
+    assert found["joints"][0]["poses"] == 8
+    (said,) = (w for w in found["warnings"] if w["code"] == "sweep_poses_left_out")
+    assert "p3" in said["detail"]
+
+
 def test_queries_are_checked(api: Any) -> None:
     session = new_session(api)
     for query in (

@@ -54,7 +54,7 @@ def model(rows: Any = None, beta: float | None = None, **changes: Any) -> Model:
     joints = [joint(i + 1, row, beta if i == 1 else None) for i, row in enumerate(rows)]
     document = {
         **{"session_id": "ses_1", "inputs_sha256": "0" * 64, "core_version": "0.1.0"},
-        **{"method": "global", "source": "measured_poses", "estimator": "pooled"},
+        **{"method": "global", "source": "measured_poses", "estimator": "pooled", "sweeps": []},
         **{"convention": "classic_dh", "condition_number": 50.0, "null_space": ["d1 -- and more."]},
         "joints": joints,
         "residual": {"position_rms_mm": 0.05, "rotation_rms_deg": 0.005},
