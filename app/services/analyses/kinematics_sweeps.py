@@ -5,9 +5,9 @@ A joint that is named has its named sweeps alone; the others' are recognised.
 
 from __future__ import annotations
 
-import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from fnmatch import fnmatchcase
 
 from app.services.analyses.outcome import CannotAnalyse
 from app.services.analyses.snapshot import Snapshot, natural
@@ -66,8 +66,7 @@ def _matching(patterns: Sequence[str], pose_ids: set[str]) -> set[str]:
     found: set[str] = set()
     for pattern in patterns:
         if "*" in pattern or "?" in pattern:
-            expression = re.compile("".join({"*": ".*", "?": "."}.get(c, re.escape(c)) for c in pattern))
-            members = {pose_id for pose_id in pose_ids if expression.fullmatch(pose_id)}
+            members = {pose_id for pose_id in pose_ids if fnmatchcase(pose_id, pattern)}  # brackets never come here
             what = "matches"
         else:
             members, what = {pattern} & pose_ids, "is named"

@@ -324,6 +324,7 @@ def test_sweeps_named_by_their_poses(api: Any) -> None:
 
     assert "j9-1" in refused("sweep_pose_unknown", "1:j1-1,j9-1")
     assert "x*" in refused("sweep_pose_unknown", "1:x*")
+    assert "*j*" in refused("sweep_pose_unknown", f"1:{'*j' * 40}*x")  # at once, however many stars
     assert "7" in refused("sweep_joint_unknown", "7:j1-*")
     assert "joint 2 moved" in refused("joint_angles_inconsistent", "1:j1-*,j2-0")
     assert "joint 2 moved" in refused("joint_angles_inconsistent", "1:j2-*")
