@@ -54,7 +54,7 @@ class DotCoverage:
         inked = np.where(radius > 0.0, away < radius, False).astype(np.float64)
         if near.any():
             inked[near] = self._blurred(lens, near, dx[near], dy[near], radius[near], x[near], y[near])
-        return white - np.minimum(inked, white), sheet
+        return white + inked - 2.0 * white * inked, sheet
 
     def _blurred(
         self,

@@ -9,6 +9,7 @@ from jaxtyping import Float
 
 from core.errors import InvalidTarget
 from core.targets.charuco_layout import charuco_layout
+from core.targets.marked_squares import mark_diameter_mm, marked_squares
 from core.targets.specification import TargetSpec
 
 
@@ -29,7 +30,7 @@ class RectilinearPattern:
 
 @dataclass(frozen=True, slots=True)
 class DotPattern:
-    """A white sheet with black dots on a square lattice, which may stand askew.
+    """A sheet with dots on a square lattice, which may stand askew, each of the other colour than what is under it.
 
     The lattice index (p, q) of a place (x, y) in the target frame, mm, is `to_index` (x, y); `radius_mm` (rows of q,
     columns of p, from `first` on) is 0 where the lattice has no dot. `blank` is the sheet without them.
@@ -37,7 +38,7 @@ class DotPattern:
 
     blank: RectilinearPattern
     to_index: Float[np.ndarray, "2 2"]
-    first: tuple[int, int]
+    first: tuple[float, float]
     radius_mm: Float[np.ndarray, "nq np"]
 
     @property
@@ -68,10 +69,10 @@ class DotPattern:
 
 
 def pattern_of(
-    target: TargetSpec, quiet_zone: float, origin_dot: float = 1.0
+    target: TargetSpec, quiet_zone: float, origin_dot: float = 1.0, *, marks: bool = False
 ) -> RectilinearPattern | DotPattern:
     """Return the sheet of a target with a white margin of `quiet_zone` pitches around it; the dot at the origin of a
-    board of dots is `origin_dot` times as wide as the others.
+    board of dots is `origin_dot` times as wide as the others, and a chessboard carries its `marks` on request.
 
     Raises
     ------
@@ -79,7 +80,8 @@ def pattern_of(
         This kind cannot be rendered, or its markers cannot be printed as stated.
     """
     if target.kind == "chessboard":
-        return _chessboard(target, quiet_zone)
+        plain = _chessboard(target, quiet_zone)
+        return _marked(plain, target) if marks else plain
     if target.kind == "charuco":
         return _charuco(target, quiet_zone)
     if target.kind in ("circles", "asymmetric_circles"):
@@ -93,6 +95,17 @@ def _chessboard(target: TargetSpec, quiet_zone: float) -> RectilinearPattern:
     edges = [np.arange(-1.0, count + 1.0) * target.pitch_mm for count in (target.columns, target.rows)]
     j, i = np.mgrid[0 : target.rows + 1, 0 : target.columns + 1]
     return _sheet(edges[0], edges[1], ((i + j) % 2).astype(np.float64), quiet_zone * target.pitch_mm)
+
+
+def _marked(plain: RectilinearPattern, target: TargetSpec) -> DotPattern:
+    """Return a chessboard with a dot in the middle of each of its marked squares."""
+    squares = np.array(marked_squares(target))
+    if len(squares) == 0:
+        raise InvalidTarget(f"On a target of {target.columns} x {target.rows} marks have no room.")
+    low = squares.min(axis=0)
+    radius = np.zeros(tuple((squares.max(axis=0) - low + 1)[::-1]))
+    radius[squares[:, 1] - low[1], squares[:, 0] - low[0]] = 0.5 * mark_diameter_mm(target)
+    return DotPattern(plain, np.eye(2) / target.pitch_mm, (float(low[0]) + 0.5, float(low[1]) + 0.5), radius)
 
 
 def _charuco(target: TargetSpec, quiet_zone: float) -> RectilinearPattern:

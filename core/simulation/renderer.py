@@ -69,7 +69,7 @@ def render_levels(scene: Scene) -> Float[np.ndarray, "h w"]:
 
 def _render_sheet(scene: Scene) -> tuple[Float[np.ndarray, "h w"], Float[np.ndarray, "h w"]]:
     """Return how much of each pixel's light comes from white ink, and from the sheet at all."""
-    pattern = pattern_of(scene.target, scene.quiet_zone, scene.origin_dot)
+    pattern = pattern_of(scene.target, scene.quiet_zone, scene.origin_dot, marks=scene.marks)
     white = np.zeros((scene.height_px, scene.width_px), dtype=np.float32)
     sheet = np.zeros_like(white)
     fine = max(2, math.ceil(0.9 / scene.blur_px))

@@ -36,7 +36,7 @@ class Scene:
     pixel's own area; `noise_levels` that of white noise in 8-bit grey levels; `quiet_zone` the white margin
     around the board in pitches; `clutter` from 0 (plain background) to 1. `seed` draws the noise,
     `background_seed` what lies behind the sheet. `origin_dot` is how much wider the dot at the origin of a board of
-    dots is than the others: some print it so to mark it.
+    dots is than the others: some print it so to mark it. `marks` prints a chessboard's marked squares.
     """
 
     target: TargetSpec
@@ -53,6 +53,7 @@ class Scene:
     seed: int = 0
     background_seed: int = 0
     origin_dot: float = 1.0
+    marks: bool = False
 
     def __post_init__(self) -> None:
         if self.bit_depth not in (8, 16):
