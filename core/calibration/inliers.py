@@ -45,7 +45,7 @@ def inliers_of(
     """
     used = np.zeros(len(views.column), dtype=np.bool_)
     root_weight, median_weight, cell = np.sqrt(views.weight), views.median_weight, views.cell
-    cells = [t.columns * t.rows for t in views.targets]
+    cells = [t.size for t in views.targets]
 
     def judge(begin: int, stop: int) -> None:
         for pose in poses[begin:stop]:

@@ -174,7 +174,7 @@ def _field(context: _Context, poses: Sequence[_Pose]) -> _Field:
         i = int(pose.images[0])
         part, placement = views.part(i), at.placements.view(i)
         target = views.targets[int(views.target[i])]
-        index = np.full((target.rows, target.columns), -1)
+        index = np.full((target.grid_rows, target.grid_columns), -1)
         index[views.row[part][pose.used], views.column[part][pose.used]] = np.arange(int(pose.used.sum()))
         first, second = neighbours(index)
         root = np.sqrt(views.weight[part])[pose.used] / context.scale[i]

@@ -99,8 +99,8 @@ class TargetShape:
         if points.target != self.target:
             raise InvalidArgument("These points are another target's.")
         everywhere = self.target.points_target()
-        everywhere[self.row * self.target.columns + self.column] += self.departures_mm
-        places = everywhere[points.row * self.target.columns + points.column]
+        everywhere[self.row * self.target.grid_columns + self.column] += self.departures_mm
+        places = everywhere[points.row * self.target.grid_columns + points.column]
         return replace(points, measured_points_target=places)
 
 
@@ -168,7 +168,7 @@ class _Fit:
     @classmethod
     def of(cls, views: Sequence[GridPoints], lens: Lens | None) -> _Fit:
         target = views[0].target
-        cells = [v.row * target.columns + v.column for v in views]
+        cells = [v.row * target.grid_columns + v.column for v in views]
         place = np.unique(np.concatenate(cells))
         everywhere = target.points_target()[place]
         middle = everywhere.mean(axis=0)
@@ -307,8 +307,8 @@ def _conclude(
     freedom = max(2 * sum(int(u.sum()) for u in used) - CAMERA - 6 * len(kept) - len(departures) + 7, 1)
     return TargetShape(
         target=fit.target,
-        column=fit.place % fit.target.columns,
-        row=fit.place // fit.target.columns,
+        column=fit.place % fit.target.grid_columns,
+        row=fit.place // fit.target.grid_columns,
         departures_mm=departures.reshape(-1, 3),
         covariance=covariance,
         in_plane=departure_of(departures, covariance, noise, (0, 1)),

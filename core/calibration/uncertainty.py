@@ -79,7 +79,7 @@ def correlation_inflation(points: GridPoints, result: Fit[Any]) -> tuple[float, 
     is taken off, and what is left is shrunk by what chance alone would make of it; a negative ρ counts as none.
     """
     used, residuals, jacobian = result.used, result.residuals, result.jacobian
-    index = np.full((points.target.rows, points.target.columns), -1)
+    index = np.full((points.target.grid_rows, points.target.grid_columns), -1)
     index[points.row[used], points.column[used]] = np.flatnonzero(used)
     first, second = neighbours(index)
     count = len(residuals) * len(first)

@@ -30,15 +30,15 @@ def check_points(points: GridPoints) -> None:
     target = points.target
     inside = (
         (points.column >= 0)
-        & (points.column < target.columns)
+        & (points.column < target.grid_columns)
         & (points.row >= 0)
-        & (points.row < target.rows)
+        & (points.row < target.grid_rows)
     )
     if not np.all(inside):
         raise InvalidArgument(
-            f"A grid point lies outside the target's {target.columns} × {target.rows} points."
+            f"A grid point lies outside the target's {target.grid_columns} × {target.grid_rows} points."
         )
-    keys = points.row.astype(np.int64) * points.target.columns + points.column
+    keys = points.row.astype(np.int64) * points.target.grid_columns + points.column
     if len(points) and np.bincount(keys).max() > 1:
         raise DegenerateGeometry("A grid point is named twice.")
 

@@ -65,7 +65,7 @@ class ViewStack:
     @cached_property
     def cell(self) -> Int[np.ndarray, " n"]:
         """Each point's place in its target, row by row."""
-        columns = np.array([t.columns for t in self.targets], dtype=np.intp)[self.target]
+        columns = np.array([t.grid_columns for t in self.targets], dtype=np.intp)[self.target]
         return self.row * self.spread(columns) + self.column
 
     @cached_property

@@ -239,7 +239,7 @@ def _views(
             views.append(None)
             continue
         pixels = np.ascontiguousarray(pixels[: len(points)])
-        row, column = (a.ravel() for a in np.mgrid[0 : spec.rows, 0 : spec.columns])
+        row, column = (a.ravel() for a in np.mgrid[0 : spec.grid_rows, 0 : spec.grid_columns])
         noise = np.full(len(pixels), rig.noise_px)
         views.append(GridPoints(spec, rig.width_px, rig.height_px, column, row, pixels, noise))
     return views

@@ -8,6 +8,7 @@ import numpy as np
 from jaxtyping import Float
 
 from core.errors import InvalidTarget
+from core.targets.aprilgrid_layout import BORDER_CELLS, TAG_CELLS, aprilgrid_layout
 from core.targets.charuco_layout import charuco_layout
 from core.targets.marked_squares import mark_diameter_mm, marked_squares
 from core.targets.specification import TargetSpec
@@ -86,6 +87,8 @@ def pattern_of(
         return _charuco(target, quiet_zone)
     if target.kind in ("circles", "asymmetric_circles"):
         return _dots(target, quiet_zone, origin_dot)
+    if target.kind == "aprilgrid":
+        return _aprilgrid(target, quiet_zone)
     raise InvalidTarget(f"A target of kind {target.kind!r} cannot be rendered.")
 
 
@@ -126,6 +129,24 @@ def _charuco(target: TargetSpec, quiet_zone: float) -> RectilinearPattern:
     for (i, j), picture in zip(layout.marker_squares, layout.marker_cells, strict=True):
         first_row, first_column = j * parts + 1, i * parts + 1
         white[first_row : first_row + cells, first_column : first_column + cells] = picture
+    return _sheet(edges[0], edges[1], white, quiet_zone * target.pitch_mm)
+
+
+def _aprilgrid(target: TargetSpec, quiet_zone: float) -> RectilinearPattern:
+    """Return the tags cell by cell, and the squares in the gaps' crossings, those beyond the outermost tags too."""
+    layout = aprilgrid_layout(target)
+    cells = np.arange(TAG_CELLS + 1) * (layout.tag_mm / TAG_CELLS)
+    edges = []
+    for count in (target.columns, target.rows):
+        lines = (np.arange(count)[:, None] * target.pitch_mm + cells).ravel()
+        edges.append(np.concatenate([[-layout.gap_mm], lines, [lines[-1] + layout.gap_mm]]))
+    parts = TAG_CELLS + 1  # a gap and a tag
+    white = np.ones((target.rows * parts + 1, target.columns * parts + 1))
+    white[::parts, ::parts] = 0.0
+    for (i, j), code in zip(layout.tag_places, layout.tag_codes, strict=True):
+        tag = white[j * parts + 1 : (j + 1) * parts, i * parts + 1 : (i + 1) * parts]
+        tag[:] = 0.0
+        tag[BORDER_CELLS:-BORDER_CELLS, BORDER_CELLS:-BORDER_CELLS] = code
     return _sheet(edges[0], edges[1], white, quiet_zone * target.pitch_mm)
 
 

@@ -69,7 +69,7 @@ class Scene:
     @property
     def grid_points(self) -> GridPoints:
         """The same as a detector would hand them over, without uncertainty."""
-        row, column = (a.ravel() for a in np.mgrid[0 : self.target.rows, 0 : self.target.columns])
+        row, column = (a.ravel() for a in np.mgrid[0 : self.target.grid_rows, 0 : self.target.grid_columns])
         return GridPoints(
             target=self.target,
             image_width_px=self.width_px,

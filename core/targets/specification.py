@@ -25,9 +25,13 @@ corner, in an order of the right handedness and colours."""
 class TargetSpec:
     """A planar target.
 
-    `columns`, `rows` count grid points along x and y (inner corners of a chessboard); `pitch_mm` is the
-    distance of neighbouring grid points. The target frame has its origin at grid point (0, 0), x along
+    `columns`, `rows` count grid points along x and y (inner corners of a chessboard), or an AprilGrid's tags;
+    `pitch_mm` is the distance of neighbouring ones. The target frame has its origin at grid point (0, 0), x along
     columns, y along rows, z = x × y (into the board when seen from the front with y down).
+
+    An AprilGrid's grid points are its tags' corners: column 2i and 2i + 1 are the left and right sides of its i-th
+    tags, row 2j and 2j + 1 the upper and lower ones, counted from the upper left of the sheet as Kalibr prints it
+    (`core.targets.aprilgrid_layout`).
     """
 
     kind: str
@@ -55,16 +59,30 @@ class TargetSpec:
             )
 
     @property
+    def grid_columns(self) -> int:
+        """Number of grid points along x."""
+        return 2 * self.columns if self.kind == "aprilgrid" else self.columns
+
+    @property
+    def grid_rows(self) -> int:
+        """Number of grid points along y."""
+        return 2 * self.rows if self.kind == "aprilgrid" else self.rows
+
+    @property
     def size(self) -> int:
         """Number of grid points of the whole target."""
-        return self.columns * self.rows
+        return self.grid_columns * self.grid_rows
 
     def points_target(
         self, column: Int[np.ndarray, " n"] | None = None, row: Int[np.ndarray, " n"] | None = None
     ) -> Float[np.ndarray, "n 3"]:
         """Return ideal grid points in the target frame, mm; row-major over the whole target by default."""
         if column is None or row is None:
-            row, column = (a.ravel() for a in np.mgrid[0 : self.rows, 0 : self.columns])
+            row, column = (a.ravel() for a in np.mgrid[0 : self.grid_rows, 0 : self.grid_columns])
+        if self.kind == "aprilgrid":
+            tag_mm = self.marker_mm or 0.0
+            x, y = ((n // 2) * self.pitch_mm + (n % 2) * tag_mm for n in (column, row))
+            return np.stack([x, y, np.zeros(len(x))], axis=1)
         x = 2 * column + row % 2 if self.kind == "asymmetric_circles" else column
         return np.stack([x, row, np.zeros(len(row))], axis=1).astype(np.float64) * self.pitch_mm
 

@@ -100,6 +100,6 @@ def test_levels_of_markers_equal_supersampling() -> None:
 
 
 def test_what_cannot_be_printed_is_refused() -> None:
-    for target in (TargetSpec("charuco", 4, 3, 20.0), TargetSpec("aprilgrid", 4, 3, 20.0, 15.0)):
+    for target in (TargetSpec("charuco", 4, 3, 20.0), TargetSpec("aprilgrid", 4, 3, 20.0)):
         with pytest.raises(InvalidTarget):
             pattern_of(target, 1.0)

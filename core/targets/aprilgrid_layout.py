@@ -1,0 +1,116 @@
+"""Where an AprilGrid's tags stand, what is printed in them, and how the target frame lies to Kalibr's.
+
+The sheet is Kalibr's: square tags of the family 36h11 with a black border two cells wide, `marker_mm` from edge to edge
+and `pitch_mm` from tag to tag (Kalibr's tagSize and tagSize (1 + tagSpacing)); a black square fills each crossing of
+the gaps, also beyond the outermost tags, so that four squares meet at every corner of a tag.
+
+Held so that the tags stand upright, id 0 is at the lower left; ids count to the right, and row by row upward. There
+is Kalibr's origin, its y upward and its z out of the sheet. Here, as for every target, y points down and z into the
+board, so that the origin, grid point (0, 0), is the *upper* left corner of the sheet's uppermost left tag, which has
+the first id of the last row. With H = (rows - 1) pitch + marker, Kalibr's (x, y, z) are (x, H - y, -z) of the target
+frame.
+
+OpenCV's pictures of these tags (`DICT_APRILTAG_36h11`) stand upside down against the family's own, and Kalibr's.
+
+References: E. Olson, "AprilTag: A robust and flexible visual fiducial system", ICRA 2011,
+10.1109/ICRA.2011.5979561; P. Furgale, J. Rehder, R. Siegwart, "Unified temporal and spatial calibration for
+multi-sensor systems", IROS 2013, 10.1109/IROS.2013.6696514; Kalibr's wiki, "Calibration targets".
+"""
+
+from __future__ import annotations
+
+import functools
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from core.errors import InvalidTarget
+from core.targets.specification import TargetSpec
+
+DICTIONARY = "DICT_APRILTAG_36h11"
+CODE_CELLS, BORDER_CELLS = 6, 2
+TAG_CELLS = CODE_CELLS + 2 * BORDER_CELLS
+LEAST_GAP, LARGEST_GAP = 0.1, 1.0
+"""Of a tag's edge (Kalibr's tagSpacing): narrower ones blur shut, wider ones Kalibr does not print."""
+_MEANING = "marker_mm is a tag's edge (Kalibr's tagSize), pitch_mm from tag to tag: tagSize (1 + tagSpacing)."
+
+
+@dataclass(frozen=True, slots=True)
+class AprilGridLayout:
+    """The tags of one sheet.
+
+    Tag k has id k and is the `tag_places[k]` = (i, j): i-th from the left, j-th from the top. `tag_codes` (tags, 6, 6)
+    are the cells inside its border as seen upright, True where white.
+    """
+
+    target: TargetSpec
+    tag_mm: float
+    tag_places: Int[np.ndarray, "k 2"]
+    tag_codes: Bool[np.ndarray, "k 6 6"]
+
+    @property
+    def gap_mm(self) -> float:
+        """Width of the white gaps, and of the black squares in their crossings."""
+        return self.target.pitch_mm - self.tag_mm
+
+    def tag_corners(self, tag: int) -> Float[np.ndarray, "4 3"]:
+        """Return a tag's corners in the target frame, mm: from its upper left, clockwise as seen."""
+        if not 0 <= tag < len(self.tag_places):
+            raise InvalidTarget(f"The grid has tags 0 to {len(self.tag_places) - 1}, not {tag}.")
+        i, j = self.tag_places[tag]
+        origin = np.array([i, j, 0.0]) * self.target.pitch_mm
+        square = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [1.0, 1.0, 0.0], [0.0, 1.0, 0.0]])
+        return np.asarray(origin + self.tag_mm * square)
+
+
+def aprilgrid_layout(target: TargetSpec) -> AprilGridLayout:
+    """Return the layout of a target of kind `aprilgrid`.
+
+    Raises InvalidTarget for another kind or family of tags, more tags than the family has, and tags that leave no gap.
+    """
+    if target.kind != "aprilgrid":
+        raise InvalidTarget(f"A target of kind {target.kind!r} has no AprilTags.")
+    if target.dictionary not in (None, DICTIONARY):
+        raise InvalidTarget(
+            f"An AprilGrid has tags of the family 36h11, not {target.dictionary!r}.",
+            f"Leave dictionary out, or set it to {DICTIONARY}.",
+        )
+    tag_mm = target.marker_mm
+    if tag_mm is None or not 0.0 < tag_mm < target.pitch_mm:
+        raise InvalidTarget(
+            f"An AprilGrid's marker_mm must be positive and less than its pitch_mm, got {tag_mm!r}.", _MEANING
+        )
+    gap = (target.pitch_mm - tag_mm) / tag_mm
+    if not LEAST_GAP <= gap <= LARGEST_GAP:
+        raise InvalidTarget(
+            f"An AprilGrid's gaps must be {LEAST_GAP:g} to {LARGEST_GAP:g} of a tag's edge wide, got {gap:.3g}.",
+            _MEANING,
+        )
+    count = target.columns * target.rows
+    dictionary = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_APRILTAG_36h11)
+    available = len(dictionary.bytesList)
+    if count > available:
+        raise InvalidTarget(
+            f"The grid needs {count} tags, the family 36h11 has {available}.",
+            "Use fewer columns and rows; they count tags.",
+        )
+    j, i = np.divmod(np.arange(count), target.columns)
+    return AprilGridLayout(
+        target=target,
+        tag_mm=float(tag_mm),
+        tag_places=np.stack([i, target.rows - 1 - j], axis=1),
+        tag_codes=family_codes()[:count],
+    )
+
+
+@functools.cache
+def family_codes() -> Bool[np.ndarray, "587 6 6"]:
+    """Return the cells of all tags of the family, as seen upright: True where white."""
+    dictionary = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_APRILTAG_36h11)
+    side = CODE_CELLS + 2
+    pictures = [cv2.aruco.generateImageMarker(dictionary, k, side) for k in range(len(dictionary.bytesList))]
+    codes = np.array([np.rot90(picture[1:-1, 1:-1] > 127, 2) for picture in pictures])
+    codes.flags.writeable = False
+    return codes
