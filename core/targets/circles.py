@@ -16,7 +16,7 @@ from core.targets.dot_lattice import DotLattice, dot_lattices
 from core.targets.dot_refinement import LEAST_DOTS, ODD, FittedDots, corrected_centres, fit_dots, plane_map
 from core.targets.dots import Dots, find_dots
 from core.targets.pyramid import Level, levels
-from core.targets.specification import GridPoints, Origin, TargetSpec
+from core.targets.specification import GridPoints, Origin, TargetSpec, points_left_out
 
 _ENOUGH_SEEN = 0.75
 _ENOUGH_OF_LINE = 0.5
@@ -143,7 +143,8 @@ def _grid_points(
     order = np.flatnonzero(trusted)
     order = order[np.lexsort((match.column[order], match.row[order]))]
     if count < target.size:
-        warnings = (*warnings, _left_out(target.size - count, target.size))
+        reason = "dots were left out: the picture does not show them as dots."
+        warnings = (*warnings, points_left_out(target.size - count, target.size, reason))
     return GridPoints(
         target=target,
         image_width_px=image.shape[1],
@@ -162,14 +163,6 @@ def _too_poor(target: TargetSpec, count: int) -> TargetNotFound:
         f"A grid of {target.columns} x {target.rows} dots is in view, but {target.size - count} of its dots are "
         "too poor to measure.",
         "Light the board evenly, focus, and keep it free of reflections; dots of 10 px and more serve best.",
-    )
-
-
-def _left_out(count: int, size: int) -> Advisory:
-    return Advisory(
-        code="corners_left_out",
-        detail=f"{count} of {size} dots were left out: the picture does not show them as dots.",
-        advice="Look at the overlay: reflections, dirt or something in front of the grid are the usual causes.",
     )
 
 

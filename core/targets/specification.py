@@ -87,6 +87,15 @@ class TargetSpec:
         return np.stack([x, row, np.zeros(len(row))], axis=1).astype(np.float64) * self.pitch_mm
 
 
+def points_left_out(count: int, size: int, reason: str) -> Advisory:
+    """Return the remark that `count` of a target's `size` grid points were not measured, for a reason in words."""
+    return Advisory(
+        code="corners_left_out",
+        detail=f"{count} of {size} {reason}",
+        advice="Look at the overlay: reflections, dirt or something in front of the grid are the usual causes.",
+    )
+
+
 @dataclass(frozen=True, slots=True)
 class GridPoints:
     """Grid points found in one image: which ones, where, and how sure each is.
