@@ -21,6 +21,7 @@ from core.calibration.model import (
     centred,
 )
 from core.calibration.result import Calibration, Observability
+from core.calibration.two_fold import SecondPose, apart, needed_evidence, pose_ambiguous
 from core.calibration.uncertainty import camera_pose, correlation_inflation, remarks, reprojection
 from core.camera import CAMERA_PARAMETERS, Camera
 from core.errors import Advisory, DegenerateGeometry, FocalNotObservable, NotConverged
@@ -36,18 +37,27 @@ STRAINED = 2.0  # prior σ; of cameras as assumed one in eight is remarked on at
 
 @dataclass(frozen=True, slots=True)
 class Judged:
-    """A fit with the inflation its residuals call for, and the focal length it leaves."""
+    """A fit with the inflation its residuals call for, the focal length it leaves, and the other local minimum."""
 
     start: str
     fit: Fit[View]
     indices: Int[np.ndarray, " p"]
     inflation: float
     neighbour_correlation: float
+    other: SecondPose | None = None
 
     @property
     def focal_px(self) -> float:
         """Mean of fx and fy."""
         return 0.5 * float(self.fit.state.parameters[0] + self.fit.state.parameters[1])
+
+    @property
+    def pose_is_ambiguous(self) -> bool:
+        """Whether the other minimum is a pose of its own that the residuals do not rule out."""
+        needed = needed_evidence(self.fit.degrees_of_freedom)
+        if self.other is None or self.other.evidence >= needed:
+            return False
+        return apart(self.other, self.fit.state, self.fit.information[-6:, -6:] / self.inflation**2) > needed
 
     @property
     def focal_relative_uncertainty(self) -> float:
@@ -151,6 +161,8 @@ def conclude(
         )
     chi = result.scale / float(np.mean(points.standard_uncertainty_px))
     warnings = remarks(points, pose, statistics, chi, judged.inflation, judged.neighbour_correlation)
+    if judged.other is not None and judged.pose_is_ambiguous:
+        warnings.append(pose_ambiguous(judged.other.ratio))
     if len(indices) == len(POSE):
         warnings.append(
             Advisory(
@@ -184,6 +196,7 @@ def conclude(
             condition_number=result.condition_number,
             tilt=math.acos(min(1.0, max(-1.0, float(view.rotation[2, 2])))),
             prior_dominated=_prior_dominated(points, judged, lens) if len(indices) == len(FREE) else (),
+            pose_ambiguity_ratio=None if judged.other is None else judged.other.ratio,
         ),
         warnings=tuple(warnings),
         points=points,

@@ -54,13 +54,16 @@ class Observability:
 
     `focal_relative_uncertainty` is the predicted u(f)/f; `condition_number` that of the scaled normal matrix;
     `tilt` the angle (rad) between the optical axis and the target's normal; `prior_dominated` names the
-    parameters whose uncertainty is mostly the prior's.
+    parameters whose uncertainty is mostly the prior's. `pose_ambiguity_ratio` is the least sum of squared residuals
+    (in stated uncertainties, over the points used) over that at the second local minimum, whose tilt is mirrored about
+    the line of sight: 0 to 1, at 1 the two poses cannot be told apart; None where there is no second minimum.
     """
 
     focal_relative_uncertainty: float
     condition_number: float
     tilt: float
     prior_dominated: tuple[str, ...]
+    pose_ambiguity_ratio: float | None = None
 
 
 @dataclass(frozen=True, slots=True)

@@ -32,6 +32,7 @@ from core.calibration.model import (
     view_residuals,
 )
 from core.calibration.result import Calibration
+from core.calibration.two_fold import SecondPose, better_start, needed_evidence, second_pose
 from core.calibration.validity import check_camera, check_lens, check_points
 from core.camera import Camera, project, undistort_points
 from core.errors import DegenerateGeometry, GridposeError, OriginUnknown
@@ -76,13 +77,15 @@ def calibrate_points(
             return conclude(points, _judge_pose(located, intrinsics), gate=math.inf)
         free = _judge_free(located, None)
         if lens is None:
-            return conclude(points, free, gate=FOCAL_GATE)
+            return conclude(points, _with_other(located, free, None), gate=FOCAL_GATE)
         check_lens(lens, points)
         u = free.focal_relative_uncertainty
         distance = abs(math.log(lens.focal_px / free.focal_px))
         if free.fit.converged and distance > 3.0 * math.hypot(LENS_PRIOR, u):
-            return conclude(points, free, gate=FOCAL_GATE, contradicted=lens)
-        return conclude(points, _judge_free(located, lens), gate=LENS_GATE, lens=lens)
+            return conclude(points, _with_other(located, free, None), gate=FOCAL_GATE, contradicted=lens)
+        return conclude(
+            points, _with_other(located, _judge_free(located, lens), lens), gate=LENS_GATE, lens=lens
+        )
     except GridposeError as failure:
         failure.points = points
         raise
@@ -222,6 +225,17 @@ def _judge_pose(points: GridPoints, camera: Camera) -> Judged:
         )
     H = camera.matrix @ estimate_homography(points.points_target[:, :2], normalised)
     start = view_of(closed_form.nominal(H, points, camera), points)
+    judged = _fit_pose(points, start)
+    if not judged.fit.converged:
+        judged = _fit_pose(points, better_start(points, judged.fit.state))
+    other = _other_minimum(points, judged)
+    if other is not None and other.cost < other.first_cost:
+        judged = _fit_pose(points, other.view)
+        other = _other_minimum(points, judged)
+    return dataclasses.replace(judged, other=other)
+
+
+def _fit_pose(points: GridPoints, start: View) -> Judged:
     scale = _smallest_scale(points, len(POSE))
     result = fit(
         view_residuals(points, free=False),
@@ -231,3 +245,57 @@ def _judge_pose(points: GridPoints, camera: Camera) -> Judged:
         smallest_scale=scale,
     )
     return judge(points, "nominal", result, POSE, scale)
+
+
+def _other_minimum(points: GridPoints, judged: Judged) -> SecondPose | None:
+    """Return the pose of the opposite tilt before the same camera, if it is a minimum of its own."""
+    result, uncertainty = judged.fit, points.standard_uncertainty_px
+    if not result.converged:
+        return None
+    cost = float(np.sum((result.residuals[:, result.used] / uncertainty[result.used]) ** 2))
+    variance = (judged.inflation * result.scale / float(np.mean(uncertainty))) ** 2
+    return second_pose(points, result.state, result.used, cost, variance)
+
+
+def _with_other(points: GridPoints, judged: Judged, lens: Lens | None) -> Judged:
+    """Return the better of a free fit's two minima, with the other.
+
+    Where the image by itself tells the focal length, it tells the perspective that rules the other pose out. Where a
+    stated lens tells it, camera and pose together may follow the wrong tilt: then the fit is made again from the other
+    one, and compared with all that priors say.
+    """
+    other = _other_minimum(points, judged)
+    if other is None:
+        return judged
+    needed = needed_evidence(judged.fit.degrees_of_freedom)
+    if judged.focal_relative_uncertainty <= FOCAL_GATE and other.evidence >= needed:
+        return dataclasses.replace(judged, other=other)
+    _, again = _best_fit(points, lens, [(judged.start, other.view)])
+    if not again.converged or _back(again.state, judged.fit.state, other.view):
+        return dataclasses.replace(judged, other=other)
+    best = judge(points, judged.start, again, FREE, _smallest_scale(points, len(FREE)))
+    if _total(again, points, view_prior(points, lens)) >= _total(
+        judged.fit, points, view_prior(points, lens)
+    ):
+        judged, best = best, judged
+    return dataclasses.replace(best, other=_released(points, best, judged.fit, lens))
+
+
+def _back(view: View, first: View, other: View) -> bool:
+    """Tell whether a fit that began at the other tilt ended at the first."""
+    return float(view.rotation[:, 2] @ first.rotation[:, 2]) > float(
+        view.rotation[:, 2] @ other.rotation[:, 2]
+    )
+
+
+def _released(points: GridPoints, best: Judged, second: Fit[View], lens: Lens | None) -> SecondPose:
+    """Return the second of two free fits, over the points of the first; what priors say of each camera counts too."""
+    prior, uncertainty = view_prior(points, lens), points.standard_uncertainty_px
+    used = best.fit.used & second.used
+    variance = (best.inflation * best.fit.scale / float(np.mean(uncertainty))) ** 2
+    costs = []
+    for result in (best.fit, second):
+        q, _ = prior(result.state)
+        squares = float(np.sum((result.residuals[:, used] / uncertainty[used]) ** 2))
+        costs.append(squares + variance * float(q @ q))
+    return SecondPose(second.state, costs[0], costs[1], variance)

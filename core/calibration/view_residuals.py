@@ -88,6 +88,128 @@ def residuals_with_jacobian(
 
 
 @compiled(reassociates=True)
+def descend(
+    target: Float[np.ndarray, "3 n"],
+    observed: Float[np.ndarray, "2 n"],
+    root_weight: Float[np.ndarray, " n"],
+    parameters: Float[np.ndarray, "9"],
+    rotation: Float[np.ndarray, "3 3"],
+    translation_mm: Float[np.ndarray, "3"],
+    steps: int,
+    known_cost: float,
+    share: float,
+    least: float,
+) -> tuple[Float[np.ndarray, "3 3"], Float[np.ndarray, "3"], float]:
+    """Walk from a pose down to the minimum of Σ w² |residual|² in whose valley it lies, the camera held: by Levenberg's
+    and Marquardt's method, `steps` evaluations at most.
+
+    Returns rotation, translation and the cost. Steps end where they gain less than `least`, or than `share` of what the
+    cost is above `known_cost`. A trial behind the camera is no step.
+    """
+    count = target.shape[1]
+    residuals, jacobian = np.empty((2, count)), np.empty((6, 2, count))
+    H, L = np.empty((6, 6)), np.empty((6, 6))
+    g, unit, y, x = np.empty(6), np.empty(6), np.empty(6), np.empty(6)
+    turn = np.empty((3, 3))
+    best_R, best_t = rotation.copy(), translation_mm.copy()
+    R, t = best_R.copy(), best_t.copy()
+    cost, damping = np.inf, 0.0
+    for _ in range(steps):
+        before = True
+        for i in range(count):
+            depth = R[2, 0] * target[0, i] + R[2, 1] * target[1, i] + R[2, 2] * target[2, i] + t[2]
+            before = before and depth > 0.0
+        found = np.inf
+        if before:
+            _evaluate(target, observed, parameters, R, t, 0, residuals, jacobian)
+            found = 0.0
+            for i in range(count):
+                w = root_weight[i]
+                for row in range(2):
+                    residuals[row, i] *= w
+                    found += residuals[row, i] * residuals[row, i]
+        if found < cost:
+            gained = cost - found
+            cost = found
+            best_R[:], best_t[:] = R, t
+            damping = 0.0 if damping < 1e-6 else 0.1 * damping
+            if gained < max(least, share * (cost - known_cost)):
+                break
+            for a in range(6):
+                for i in range(count):
+                    jacobian[a, 0, i] *= root_weight[i]
+                    jacobian[a, 1, i] *= root_weight[i]
+            for a in range(6):
+                for b in range(a + 1):
+                    total = 0.0
+                    for row in range(2):
+                        for i in range(count):
+                            total += jacobian[a, row, i] * jacobian[b, row, i]
+                    H[a, b] = H[b, a] = total
+                total = 0.0
+                for row in range(2):
+                    for i in range(count):
+                        total += jacobian[a, row, i] * residuals[row, i]
+                g[a] = total
+        else:
+            damping = max(10.0 * damping, 1e-4)
+        if not cost < np.inf:
+            break
+        sound = True
+        for a in range(6):
+            sound = sound and H[a, a] > 0.0
+            unit[a] = 1.0 / np.sqrt(H[a, a]) if H[a, a] > 0.0 else 0.0
+        for a in range(6):
+            for b in range(a + 1):
+                total = H[a, b] * unit[a] * unit[b]
+                for k in range(b):
+                    total -= L[a, k] * L[b, k]
+                if a > b:
+                    L[a, b] = total / L[b, b]
+                else:
+                    total += damping
+                    sound = sound and total > 0.0
+                    L[a, a] = np.sqrt(total) if total > 0.0 else 1.0
+        if not sound:
+            damping = max(10.0 * damping, 1e-4)
+            continue
+        gain = 0.0
+        for a in range(6):
+            total = g[a] * unit[a]
+            for k in range(a):
+                total -= L[a, k] * y[k]
+            y[a] = total / L[a, a]
+            gain += y[a] * y[a]
+        if gain < max(least, share * (cost - known_cost)):
+            break
+        for a in range(5, -1, -1):
+            total = y[a]
+            for k in range(a + 1, 6):
+                total -= L[k, a] * x[k]
+            x[a] = total / L[a, a]
+        for a in range(6):
+            x[a] *= unit[a]
+        _rotate(x, turn)
+        R = turn @ best_R
+        t = best_t + x[3:]
+    return best_R, best_t, cost
+
+
+@compiled
+def _rotate(w: Float[np.ndarray, " p"], turn: Float[np.ndarray, "3 3"]) -> None:
+    """Write exp([w]×) of the first three of `w`, by Rodrigues' formula."""
+    x, y, z = w[0], w[1], w[2]
+    square = x * x + y * y + z * z
+    a, b = 1.0 - square / 6.0, 0.5 - square / 24.0
+    if square > 1e-8:
+        angle = np.sqrt(square)
+        a, b = np.sin(angle) / angle, (1.0 - np.cos(angle)) / square
+    turn[0, 0], turn[0, 1], turn[0, 2] = 1.0 - b * (y * y + z * z), b * x * y - a * z, b * x * z + a * y
+    turn[1, 0], turn[1, 1], turn[1, 2] = b * x * y + a * z, 1.0 - b * (x * x + z * z), b * y * z - a * x
+    turn[2, 0], turn[2, 1], turn[2, 2] = b * x * z - a * y, b * y * z + a * x, 1.0 - b * (x * x + y * y)
+
+
+@compiled(reassociates=True)
 def normal_equations(
     first: Int[np.ndarray, " bounds"],
     points_target: Float[np.ndarray, "n 3"],
