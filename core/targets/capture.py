@@ -1,0 +1,399 @@
+"""How well a picture was taken: sharpness, motion, light, size and tilt, from the target's own edges.
+
+**Blur.** Each edge of the target is a step before the lens and the motion blurred it. Across an edge with the normal n
+the blur of covariance Σ (px²) has the variance nᵀ Σ n, read from the average edge's 10-90 % rise distance. The edges of
+a chessboard have but two directions m₁, m₂, which leave Σ's third element open; the corners tell it. Where the edges
+cross the grey value is, of the contrast's half above the middle,
+
+    E[sgn(m₁ᵀ z) sgn(m₂ᵀ z)] = (2/π) arcsin(m₁ᵀ Σ m₂ / √(m₁ᵀ Σ m₁ · m₂ᵀ Σ m₂)),   z ~ N(0, Σ)
+
+(Sheppard's formula). Around a dot there are edges of all directions. A uniform motion of length L adds L²/12 along its
+direction, so that L² = 12 (λ₁ - λ₂) with Σ's eigenvalues λ.
+
+**Light.** The ends of the same profiles lie on the target's white and black.
+
+References: ISO 12233 for the edge profile; W. F. Sheppard, "On the application of the theory of error to cases of
+normal distribution and normal correlation", Phil. Trans. R. Soc. A 192 (1899), 10.1098/rsta.1899.0003.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+import cv2
+import numpy as np
+from jaxtyping import Float, Int, Shaped
+
+from core.errors import Advisory, DegenerateGeometry
+from core.targets.capture_quality import CaptureQuality
+from core.targets.edge_kernel import BINS_PER_PX, REACH_PX, average_profiles
+from core.targets.specification import GridPoints
+
+_PROFILES = 60  # of each direction: the average's noise is a few thousandths of the contrast
+_REACH = 0.45  # of the distance to the next edge: nearly to the middle of the square
+_ENOUGH_REACH = 1.5  # of the rise distance: nearer ends of an edge are not yet black and white
+_MARGIN = 0.8  # of the space between a square's edge and the marker in it
+_LEAST_CONTRAST = 0.03  # of full scale, of an edge that is looked at
+_GAUSSIAN_RISE = 2.563  # 10-90 % of a Gaussian's rise, standard deviations
+_TOP = 0.995  # of full scale
+
+_BLUR_PX = 4.5
+_MOTION_PX, _MOTION_SHARE = 2.0, 0.8  # the latter of the edges' width
+_SATURATED = 0.02
+_CLIPPED = 0.2
+_CONTRAST = 0.2
+_COVERAGE = 0.1
+_TILT_LOW, _TILT_HIGH = math.radians(15.0), math.radians(60.0)
+
+
+@dataclass(frozen=True, slots=True)
+class _Edges:
+    """Where edges are, which way they are crossed, and which of them belong together."""
+
+    middle: Float[np.ndarray, "n 2"]
+    across: Float[np.ndarray, "n 2"]
+    half_px: Float[np.ndarray, " n"]
+    straight_px: Float[np.ndarray, " n"]  # how wide a blur may be for the edge to be as a straight one
+    family: Int[np.ndarray, " n"]
+    families: int
+
+
+def assess_capture(image: Shaped[np.ndarray, "h w"], points: GridPoints) -> CaptureQuality:
+    """Tell how well a picture (grey, uint8 or uint16) was taken, where `points` were found in it."""
+    full = 255.0 if image.dtype == np.uint8 else 65535.0
+    is_dots = points.target.kind in ("circles", "asymmetric_circles")
+    cells = None if is_dots else _cells(points)
+    H = _plane(points)
+    edges = _dot_edges(points, H) if cells is None else _square_edges(points, cells)
+    averages, counts, ends, saturated, clipped = average_profiles(
+        image,
+        edges.middle,
+        edges.across,
+        edges.half_px,
+        edges.family,
+        edges.families,
+        _LEAST_CONTRAST * full,
+        _TOP * full,
+    )
+    rises = np.array([_rise_px(average, count) for average, count in zip(averages, counts, strict=True)])
+    for number in range(edges.families):
+        straight = edges.straight_px[edges.family == number]
+        if len(straight) and np.median(straight) < _ENOUGH_REACH * rises[number]:
+            rises[number] = math.nan
+    blur = _blur(image, points, edges, rises, cells)
+    motion_px, direction = _motion(blur)
+    seen = np.isfinite(ends[:, 0])
+    quality = CaptureQuality(
+        edge_width_px=float(np.nanmin(rises)) if np.isfinite(rises).any() else None,
+        motion_blur_px=motion_px,
+        motion_blur_direction=direction,
+        saturated_fraction=None if math.isnan(saturated) else float(saturated),
+        clipped_fraction=None if math.isnan(clipped) else float(clipped),
+        contrast=float(np.median(ends[seen, 1] - ends[seen, 0])) / full if seen.any() else None,
+        coverage_fraction=_coverage(points),
+        tilt=_tilt(H, points),
+        advice=(),
+    )
+    if not _is_motion(quality):
+        quality = replace(quality, motion_blur_direction=None)
+    return replace(quality, advice=advise(quality))
+
+
+def with_tilt(quality: CaptureQuality, tilt: float) -> CaptureQuality:
+    """Return the quality with the tilt (rad) that a calibration found, in place of a usual lens's."""
+    known = replace(quality, tilt=tilt)
+    return replace(known, advice=advise(known))
+
+
+def advise(quality: CaptureQuality) -> tuple[Advisory, ...]:
+    """Return what would make a better picture, the most worthwhile first."""
+    said: list[Advisory] = []
+    q = quality
+    if q.saturated_fraction is not None and q.saturated_fraction > _SATURATED:
+        said.append(
+            Advisory(
+                "overexposed",
+                f"{q.saturated_fraction:.0%} of the target's white is saturated, which moves its edges.",
+                "Expose less, close the aperture a little, or turn the light away.",
+            )
+        )
+    if q.motion_blur_px is not None and q.motion_blur_direction is not None:
+        said.append(
+            Advisory(
+                "motion_blurred",
+                f"Something moved while the picture was exposed: about {q.motion_blur_px:.1f} px along "
+                f"{math.degrees(q.motion_blur_direction):.0f}° (0° is to the right, 90° down).",
+                "Wait until the robot rests before the picture is taken, or expose for a shorter time.",
+            )
+        )
+    if q.edge_width_px is not None and q.edge_width_px > _BLUR_PX:
+        said.append(
+            Advisory(
+                "blurred",
+                f"The edges are {q.edge_width_px:.1f} px wide (10-90 %); 2 to 4 px are good.",
+                "Focus on the target, or close the aperture for more depth of field.",
+            )
+        )
+    if q.contrast is not None and q.contrast < _CONTRAST:
+        said.append(
+            Advisory(
+                "low_contrast",
+                f"Between the target's black and white lie {q.contrast:.0%} of the camera's range.",
+                "Expose longer or light the target better, without reflections on it.",
+            )
+        )
+    if q.clipped_fraction is not None and q.clipped_fraction > _CLIPPED:
+        said.append(
+            Advisory(
+                "underexposed",
+                f"{q.clipped_fraction:.0%} of the target's black is at zero, which moves its edges.",
+                "Expose longer, or raise the camera's black level.",
+            )
+        )
+    if q.tilt is not None and q.tilt < _TILT_LOW:
+        degrees = math.degrees(q.tilt)
+        said.append(
+            Advisory(
+                "tilt_small",
+                f"The target is tilted by {degrees:.0f}°: a single picture like this tells little of the focal length.",
+                f"Tilt the target or the camera {max(1.0, 15.0 - degrees):.0f}° more, unless the session's lens is "
+                "known.",
+            )
+        )
+    if q.tilt is not None and q.tilt > _TILT_HIGH:
+        degrees = math.degrees(q.tilt)
+        said.append(
+            Advisory(
+                "tilt_large",
+                f"The target is tilted by {degrees:.0f}°: its squares are short in one direction.",
+                f"Tilt it {max(1.0, degrees - 45.0):.0f}° less; 20° to 45° are best.",
+            )
+        )
+    if q.coverage_fraction < _COVERAGE:
+        said.append(
+            Advisory(
+                "small_in_picture",
+                f"The grid fills {q.coverage_fraction:.0%} of the picture.",
+                "Come nearer, or use a larger target: a third of the picture and more is good.",
+            )
+        )
+    return tuple(said)
+
+
+def _is_motion(quality: CaptureQuality) -> bool:
+    """Tell whether a blur that is longer one way is so by more than the edges of a picture at rest seem to be."""
+    length, width = quality.motion_blur_px, quality.edge_width_px
+    return length is not None and width is not None and length > max(_MOTION_PX, _MOTION_SHARE * width)
+
+
+def _thinned(members: Int[np.ndarray, " n"]) -> Int[np.ndarray, " m"]:
+    """Return some of many, spread evenly."""
+    if len(members) <= _PROFILES:
+        return members
+    return members[np.arange(_PROFILES) * len(members) // _PROFILES]
+
+
+def _cells(points: GridPoints) -> Int[np.ndarray, "n 3"]:
+    """Return points with their next ones along x and y: corners of squares; of an AprilGrid of those between tags."""
+    table = np.full((int(points.row.max()) + 1, int(points.column.max()) + 1), -1, dtype=np.intp)
+    table[points.row, points.column] = np.arange(len(points))
+    first, along, down = table[:-1, :-1], table[:-1, 1:], table[1:, :-1]
+    whole = (first >= 0) & (along >= 0) & (down >= 0)
+    if points.target.kind == "aprilgrid":
+        whole[::2] = False
+        whole[:, ::2] = False
+    return np.stack([first[whole], along[whole], down[whole]], axis=1)
+
+
+def _square_edges(points: GridPoints, cells: Int[np.ndarray, "n 3"]) -> _Edges:
+    """Return the middles of the squares' sides along x (family 0) and y (family 1)."""
+    few = cells[_thinned(np.arange(len(cells)))]
+    start, along, down = (points.points_px[few[:, k]] for k in range(3))
+    a, b = along - start, down - start
+    area = np.abs(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0])
+    length = np.stack([np.linalg.norm(a, axis=1), np.linalg.norm(b, axis=1)])
+    across = np.concatenate([_normal(a), _normal(b)])
+    half = _free_of_marker(points) * np.concatenate([area / length[0], area / length[1]])
+    return _Edges(
+        middle=np.concatenate([start + 0.5 * a, start + 0.5 * b]),
+        across=across,
+        half_px=half,
+        straight_px=half,
+        family=np.repeat(np.arange(2), len(few)),
+        families=2,
+    )
+
+
+def _free_of_marker(points: GridPoints) -> float:
+    """Return how far beside an edge, in squares, there is nothing but ink or paper."""
+    target = points.target
+    if target.kind != "charuco" or target.marker_mm is None:
+        return _REACH
+    return min(_REACH, _MARGIN * 0.5 * (1.0 - target.marker_mm / target.pitch_mm))
+
+
+def _dot_edges(points: GridPoints, H: Float[np.ndarray, "3 3"]) -> _Edges:
+    """Return the edges of dots in four directions of the target, each a family.
+
+    By the plane's local map A a circle's normal q is A⁻ᵀ q in the picture. A dot has between a fifth and two thirds of
+    the distance to the next one as its diameter.
+    """
+    target = points.target
+    apart_mm = target.pitch_mm * (math.sqrt(2.0) if target.kind == "asymmetric_circles" else 1.0)
+    radius_mm = 0.5 * (target.marker_mm or 0.5 * apart_mm)
+    few = _thinned(np.arange(len(points)))
+    A = _local_map(H, points.points_target[few])
+    angle = np.repeat(np.arange(4) * (0.25 * math.pi), len(few))
+    q = np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    A = np.tile(A, (4, 1, 1))
+    turned = np.einsum("nji,nj->ni", np.linalg.inv(A), q)
+    steep = np.linalg.norm(turned, axis=1)  # mm per px
+    reach = radius_mm / steep  # from the middle of the dot's picture to its tangent
+    # No further inward than the ellipse is wide, or the profile would come out at its other side.
+    inward = np.minimum(reach, radius_mm * np.linalg.svd(A, compute_uv=False)[:, 1])
+    half = np.minimum(inward, (0.5 * apart_mm - radius_mm) / steep)
+    curvature_radius = (radius_mm**2 * np.abs(np.linalg.det(A))) ** 2 / reach**3
+    return _Edges(
+        middle=np.tile(points.points_px[few], (4, 1)) + radius_mm * np.einsum("nij,nj->ni", A, q),
+        across=turned / steep[:, None],
+        half_px=half,
+        straight_px=np.minimum(half, curvature_radius),
+        family=np.repeat(np.arange(4), len(few)),
+        families=4,
+    )
+
+
+def _normal(vectors: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, "n 2"]:
+    """Return the unit vectors a quarter turn from +u toward +v on."""
+    turned = np.stack([-vectors[:, 1], vectors[:, 0]], axis=1)
+    return np.asarray(turned / np.linalg.norm(turned, axis=1, keepdims=True))
+
+
+def _rise_px(average: Float[np.ndarray, " bins"], counts: Float[np.ndarray, " bins"]) -> float:
+    """Return the 10-90 % rise distance of an average edge, NaN where it is not seen."""
+    places = (np.arange(len(average)) + 0.5) / BINS_PER_PX - REACH_PX
+    enough = counts > 0.2 * counts.max() if counts.max() > 0 else counts > 0
+    s, g = places[enough], average[enough]
+    if len(s) < 8:
+        return math.nan
+    zero = int(np.searchsorted(s, 0.0))
+    low, high = _crossing(s[:zero][::-1], g[:zero][::-1], 0.1), _crossing(s[zero:], g[zero:], 0.9)
+    return high - low
+
+
+def _crossing(s: Float[np.ndarray, " n"], g: Float[np.ndarray, " n"], level: float) -> float:
+    """Return where the edge, followed outward, first passes a level; NaN if never."""
+    beyond = g < level if level < 0.5 else g > level
+    if not beyond.any() or beyond[0]:
+        return math.nan
+    k = int(np.argmax(beyond))
+    share = (level - g[k - 1]) / (g[k] - g[k - 1])
+    return float(s[k - 1] + share * (s[k] - s[k - 1]))
+
+
+def _blur(
+    image: Shaped[np.ndarray, "h w"],
+    points: GridPoints,
+    edges: _Edges,
+    rises: Float[np.ndarray, " families"],
+    cells: Int[np.ndarray, "n 3"] | None,
+) -> Float[np.ndarray, "2 2"] | None:
+    """Return the blur's covariance, px²; None where the edges do not tell it."""
+    rows, values = [], []
+    for number in range(edges.families):
+        n = edges.across[edges.family == number]
+        if len(n) and math.isfinite(rises[number]):
+            rows.append(_quadratic(n, n))
+            values.append((rises[number] / _GAUSSIAN_RISE) ** 2)
+    if cells is not None and len(rows) == 2:
+        crossing = _crossing_correlation(image, points, cells)
+        if crossing is None:
+            return None
+        m1, m2, correlation = crossing
+        rows.append(_quadratic(m1, m2))
+        values.append(correlation * math.sqrt(values[0] * values[1]))
+    if len(rows) < 3:
+        return None
+    (uu, uv, vv), _, rank, _ = np.linalg.lstsq(np.array(rows), np.array(values), rcond=1e-3)
+    return np.array([[uu, uv], [uv, vv]]) if rank == 3 else None
+
+
+def _quadratic(m: Float[np.ndarray, "n 2"], n: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, "3"]:
+    """Return the mean of mᵀ Σ n as a row over Σ's elements uu, uv, vv."""
+    return np.array(
+        [
+            np.mean(m[:, 0] * n[:, 0]),
+            np.mean(m[:, 0] * n[:, 1] + m[:, 1] * n[:, 0]),
+            np.mean(m[:, 1] * n[:, 1]),
+        ]
+    )
+
+
+def _crossing_correlation(
+    image: Shaped[np.ndarray, "h w"], points: GridPoints, cells: Int[np.ndarray, "n 3"]
+) -> tuple[Float[np.ndarray, "n 2"], Float[np.ndarray, "n 2"], float] | None:
+    """Return the normals of the two edges at corners, and the blur's correlation between them."""
+    few = cells[_thinned(np.arange(len(cells)))]
+    start, along, down = (points.points_px[few[:, k]] for k in range(3))
+    a, b = along - start, down - start
+    m1, m2 = _normal(a), _normal(b)
+    m1 *= np.sign((m1 * b).sum(axis=1, keepdims=True))
+    m2 *= np.sign((m2 * a).sum(axis=1, keepdims=True))
+    far = 0.8 * _free_of_marker(points)
+    places = np.stack(
+        [start] + [start + far * (i * a + j * b) for i, j in ((1, 1), (-1, -1), (1, -1), (-1, 1))]
+    )
+    u, v = np.ascontiguousarray(places.astype(np.float32).transpose(2, 0, 1))
+    grey = cv2.remap(image, u, v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE).astype(np.float64)
+    same, other = 0.5 * (grey[1] + grey[2]), 0.5 * (grey[3] + grey[4])
+    swing = 0.5 * (same - other)
+    clear = np.abs(swing) > 0.25 * np.median(np.abs(swing))
+    if not clear.any():
+        return None
+    value = float(np.median((grey[0] - 0.5 * (same + other))[clear] / swing[clear]))
+    return m1, m2, math.sin(0.5 * math.pi * min(max(value, -1.0), 1.0))
+
+
+def _motion(blur: Float[np.ndarray, "2 2"] | None) -> tuple[float | None, float | None]:
+    """Return length (px) and direction (rad) of the motion that would explain a blur longer one way."""
+    if blur is None:
+        return None, None
+    variances, directions = np.linalg.eigh(blur)
+    length = math.sqrt(12.0 * max(0.0, float(variances[1] - max(variances[0], 0.0))))
+    u, v = directions[:, 1]
+    return length, math.atan2(v, u) % math.pi
+
+
+def _coverage(points: GridPoints) -> float:
+    """Return how much of the picture lies within the grid points' outline."""
+    outline = cv2.convexHull(points.points_px.astype(np.float32)).reshape(-1, 1, 2)
+    return float(cv2.contourArea(outline)) / (points.image_width_px * points.image_height_px)
+
+
+def _plane(points: GridPoints) -> Float[np.ndarray, "3 3"]:
+    """Return the map from the target's plane (mm) to pixels, about the picture's middle."""
+    few = _thinned(np.arange(len(points)))
+    H, _ = cv2.findHomography(points.points_target[few, :2], points.points_px[few] - _middle_px(points))
+    if H is None or not np.all(np.isfinite(H)):
+        raise DegenerateGeometry("The grid points found lie on a line.", points=points)
+    return np.asarray(H)
+
+
+def _middle_px(points: GridPoints) -> Float[np.ndarray, "2"]:
+    return 0.5 * np.array([points.image_width_px - 1.0, points.image_height_px - 1.0])
+
+
+def _local_map(H: Float[np.ndarray, "3 3"], places: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 2 2"]:
+    """Return the plane's map at places of the target, px per mm."""
+    ahead = places[:, :2] @ H[:, :2].T + H[:, 2]
+    px = ahead[:, :2] / ahead[:, 2:]
+    return np.asarray((H[:2, :2] - px[:, :, None] * H[2, :2]) / ahead[:, 2:, None])
+
+
+def _tilt(H: Float[np.ndarray, "3 3"], points: GridPoints) -> float | None:
+    """Return the angle between the target's normal and the optical axis, for a lens as long as the picture is wide."""
+    x, y = (H[:, k] / [points.image_width_px, points.image_width_px, 1.0] for k in range(2))
+    normal = np.cross(x, y)
+    length = float(np.linalg.norm(normal))
+    return math.acos(min(1.0, abs(float(normal[2])) / length)) if length > 0.0 else None
