@@ -1,0 +1,172 @@
+"""Printed targets, rasterised: found by the detectors, true to scale, with rulers and words where they should be."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from xml.etree import ElementTree
+
+import numpy as np
+import pypdfium2
+import pytest
+
+from app.printing.documents import to_pdf, to_svg
+from app.printing.papers import SIZES_MM, Paper
+from app.printing.sheet import Sheet, draw_sheet, sheet_id_of
+from core import TargetSpec
+from core.errors import InvalidArgument, InvalidTarget
+from core.targets.detect import detect
+from tests.app.printing.sheets import CASES, Case, Picture, pdf_picture, svg_picture
+
+CHESSBOARD = TargetSpec("chessboard", 9, 6, 25.0)
+
+
+def sheet_of(case: Case) -> Sheet:
+    return draw_sheet(case.target, case.paper, origin_dot=case.origin_dot, marks=case.marks)
+
+
+@pytest.mark.parametrize("picture_of", [pdf_picture, svg_picture])
+@pytest.mark.parametrize("case", CASES, ids=str)
+def test_every_kind_is_found_on_its_sheet_at_its_true_scale(
+    case: Case, picture_of: Callable[[Sheet, float], Picture]
+) -> None:
+    sheet = sheet_of(case)
+    # no whole number of pixels to a millimetre, so that rounding would show
+    picture = picture_of(sheet, 30.3 if case.paper == "A0" else 80.7)
+    found = detect(picture.as_scanned, case.target)
+    assert len(found) == case.target.size
+    assert found.origin == case.origin
+    expected = found.points_target[:, :2] + sheet.origin
+    places = picture.on_paper(found.points_px)
+    assert np.abs(places - expected).max() < max(0.01, picture.rounding_px * picture.mm_per_px.max())
+    pitch = np.linalg.lstsq(np.column_stack([expected, np.ones(len(places))]), places, rcond=None)[0][:2]
+    np.testing.assert_allclose(pitch, np.eye(2), atol=1e-4)
+
+
+@pytest.mark.parametrize("case", CASES, ids=str)
+def test_nothing_is_printed_near_the_edge_and_the_target_has_white_around_it(case: Case) -> None:
+    sheet = sheet_of(case)
+    places = np.array(
+        [values[k : k + 2] for path in sheet.outlines for _, values in path for k in range(0, len(values), 2)]
+    )
+    assert places.min() >= 5.0 - 1e-9
+    assert np.all(places.max(axis=0) <= np.array([sheet.paper.width_mm, sheet.paper.height_mm]) - 5.0 + 1e-9)
+    picture = pdf_picture(sheet, 50.3)
+    left, bottom = sheet.along_y.line, sheet.along_x.line
+    rows, columns = np.nonzero(picture.levels < 128)
+    x, y = picture.on_paper(np.stack([columns, rows], axis=1)).T
+    inside = (x > left + 0.5) & (y < bottom - 0.5)
+    quiet = 0.25 * case.target.pitch_mm - 0.6  # a pixel
+    assert x[inside].min() > left + quiet
+    assert y[inside].max() < bottom - quiet
+
+
+@pytest.mark.parametrize("picture_of", [pdf_picture, svg_picture])
+def test_rulers_stand_where_they_say(picture_of: Callable[[Sheet, float], Picture]) -> None:
+    sheet = draw_sheet(CHESSBOARD)
+    picture = picture_of(sheet, 151.7)
+
+    def marks(levels: np.ndarray, mm_per_px: float) -> np.ndarray:
+        """Return the centres of dark runs along a line, mm from its beginning."""
+        ink = 255.0 - levels
+        runs = np.flatnonzero(ink > 40)
+        runs = np.split(runs, np.flatnonzero(np.diff(runs) > 1) + 1)
+        around = [np.arange(run[0] - 1, run[-1] + 2) for run in runs]
+        return (np.array([np.average(k, weights=ink[k]) for k in around]) + 0.5) * mm_per_px
+
+    x, y = picture.mm_per_px
+    row, column = round((sheet.along_x.line + 0.7) / y), round((sheet.along_y.line - 0.7) / x)
+    corner = round(10.0 / x)  # left of it are the other ruler's figures, below that row this one's
+    along_x = marks(picture.levels[row, corner:], x) + corner * x
+    along_y = marks(picture.levels[: row - 5, column], y)
+    for found, ruler in ((along_x, sheet.along_x), (along_y, sheet.along_y)):
+        np.testing.assert_allclose(found - ruler.start, np.arange(0.0, ruler.length + 1.0, 5.0), atol=0.02)
+    assert sheet.along_x.length == 270.0
+    assert sheet.along_y.length == 180.0
+
+
+def test_the_sheet_says_what_it_is() -> None:
+    board = TargetSpec("charuco", 5, 8, 28.0, 20.0, "DICT_6X6_250", legacy_layout=True)
+    sheet = draw_sheet(board, name="Cell 7 (left) \\ Größe Ω <&>")
+    pdf = to_pdf(sheet)
+    text = pypdfium2.PdfDocument(pdf)[0].get_textpage().get_text_range()
+    text = " ".join(text.split())
+    assert f"{sheet.sheet_id}: charuco 5 x 8 inner corners" in text
+    for words in (
+        "28 mm",
+        "marker 20 mm",
+        "DICT_6X6_250",
+        "legacy layout",
+        "100 %",
+        "Cell 7 (left) \\ Größe",
+    ):
+        assert words in text
+    assert " 250" in text
+    assert pypdfium2.PdfDocument(pdf).get_metadata_value("Title") == sheet.title
+    assert b"/PrintScaling /None" in pdf
+    root = ElementTree.fromstring(to_svg(sheet))
+    title, desc = (root.find(f"{{http://www.w3.org/2000/svg}}{tag}").text for tag in ("title", "desc"))
+    assert title == sheet.title
+    assert "never fitted to the page" in desc
+    # Letters are drawn: there is ink where the first line stands.
+    picture = svg_picture(sheet, 100.0)
+    first = sheet.words[0]
+    u, v = (round(place / size) for place, size in zip((first.x, first.y), picture.mm_per_px, strict=True))
+    assert np.count_nonzero(picture.levels[v - 8 : v, u : u + 300] < 128) > 100
+
+
+def test_the_same_sheet_is_the_same_bytes_and_has_the_same_id() -> None:
+    assert to_pdf(draw_sheet(CHESSBOARD)) == to_pdf(draw_sheet(CHESSBOARD))
+    assert to_svg(draw_sheet(CHESSBOARD)) == to_svg(draw_sheet(CHESSBOARD))
+    sheet_id = sheet_id_of(CHESSBOARD)
+    assert re.fullmatch(r"gp-[0-9a-f]{8}", sheet_id)
+    # On paper, it is printed for good: this one may never change.
+    assert sheet_id == "gp-5d49aa3e"
+    doubtful = TargetSpec("chessboard", 9, 6, 25.0, pitch_standard_uncertainty_mm=0.1)
+    assert sheet_id_of(doubtful) == sheet_id
+    others = {
+        sheet_id_of(CHESSBOARD, marks=True),
+        sheet_id_of(TargetSpec("chessboard", 9, 6, 25.1)),
+        sheet_id_of(TargetSpec("circles", 9, 6, 25.0)),
+        sheet_id_of(TargetSpec("circles", 9, 6, 25.0), origin_dot=1.5),
+    }
+    assert len(others | {sheet_id}) == 5
+
+
+def test_the_page_is_the_paper() -> None:
+    small = TargetSpec("chessboard", 4, 3, 10.0)
+    for name, (short, long) in SIZES_MM.items():
+        page = pypdfium2.PdfDocument(to_pdf(draw_sheet(small, name)))[0]
+        assert sorted(v * 25.4 / 72.0 for v in page.get_size()) == pytest.approx([short, long], abs=1e-3)
+    assert draw_sheet(TargetSpec("chessboard", 9, 4, 20.0)).paper == Paper("A4", upright=False)
+    assert draw_sheet(TargetSpec("chessboard", 4, 9, 20.0)).paper == Paper("A4", upright=True)
+
+
+def test_a_target_too_large_is_told_its_paper_and_its_pitch() -> None:
+    with pytest.raises(InvalidArgument, match="300 x 210 mm, too large for A4") as refused:
+        draw_sheet(TargetSpec("chessboard", 9, 6, 30.0))
+    advice = refused.value.advice or ""
+    assert advice.startswith("Print on A3, or use a pitch of ")
+    pitch = float(re.search(r"pitch of ([\d.]+) mm", advice)[1])  # type: ignore[index]
+    draw_sheet(TargetSpec("chessboard", 9, 6, pitch))
+    with pytest.raises(InvalidArgument):
+        draw_sheet(TargetSpec("chessboard", 9, 6, pitch + 0.1))
+    draw_sheet(TargetSpec("chessboard", 9, 6, 30.0), "A3")
+    with pytest.raises(InvalidArgument) as refused:
+        draw_sheet(TargetSpec("chessboard", 200, 100, 30.0), "A0")
+    assert "Print on" not in (refused.value.advice or "")
+
+
+def test_what_cannot_be_printed_is_refused_with_advice() -> None:
+    dots = TargetSpec("circles", 9, 6, 20.0)
+    for refused in (
+        lambda: draw_sheet(CHESSBOARD, "A5"),
+        lambda: draw_sheet(CHESSBOARD, origin_dot=1.5),
+        lambda: draw_sheet(dots, marks=True),
+        lambda: draw_sheet(dots, origin_dot=1.1),  # not told from the others
+        lambda: draw_sheet(dots, origin_dot=3.0),  # meets its neighbours
+    ):
+        with pytest.raises(InvalidArgument):
+            refused()
+    with pytest.raises(InvalidTarget, match="marker_mm"):
+        draw_sheet(TargetSpec("charuco", 9, 6, 20.0, 25.0, "DICT_6X6_250"))
