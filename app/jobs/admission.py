@@ -16,9 +16,7 @@ from core.errors import (
     UnsupportedImage,
 )
 from core.image import HEADER_BYTES, ImageHeader, check_pixels, read_header
-from core.targets import DETECTABLE_KINDS, TargetSpec, check_detectable
-
-__all__ = ["DETECTABLE_KINDS", "AdmittedImage", "admit_image", "admit_markers"]
+from core.targets import TargetSpec, check_detectable
 
 _REFUSALS: tuple[tuple[type[GridposeError], type[ServiceError]], ...] = (
     (EmptyImage, InvalidContent),

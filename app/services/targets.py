@@ -9,8 +9,7 @@ from datetime import UTC, datetime
 import sqlalchemy as sa
 from sqlalchemy import orm
 
-from app.errors import InvalidContent
-from app.jobs.admission import DETECTABLE_KINDS, admit_markers
+from app.jobs.admission import admit_markers
 from app.records.ids import new_id
 from app.records.pagination import page
 from app.records.tables import Target, target_fields
@@ -32,14 +31,7 @@ class NewTarget:
 
 
 def create_target(session: orm.Session, new: NewTarget) -> Target:
-    """Store a target that can be detected. Raises InvalidContent for another."""
-    if new.kind not in DETECTABLE_KINDS:
-        raise InvalidContent(
-            f"Targets of kind {new.kind} cannot be detected yet.",
-            f"Use one of: {', '.join(DETECTABLE_KINDS)}.",
-            code="target_kind_unsupported",
-            errors=[("kind", "is not supported yet")],
-        )
+    """Store a target. Raises InvalidContent for one whose markers cannot be."""
     target = Target(
         id=new_id("tgt"),
         name=new.name,
@@ -53,7 +45,7 @@ def create_target(session: orm.Session, new: NewTarget) -> Target:
         pitch_standard_uncertainty_mm=new.pitch_standard_uncertainty_mm,
         created_at=datetime.now(UTC),
     )
-    if target.kind == "charuco":
+    if target.kind in ("charuco", "aprilgrid"):
         admit_markers(target_fields(target))
     session.add(target)
     return target

@@ -6,6 +6,8 @@ import numpy as np
 from jaxtyping import UInt8, UInt16
 
 from core.errors import InvalidArgument, InvalidTarget, TargetNotFound
+from core.targets.aprilgrid import detect_aprilgrid
+from core.targets.aprilgrid_layout import aprilgrid_layout
 from core.targets.charuco import detect_charuco
 from core.targets.charuco_layout import charuco_layout
 from core.targets.chessboard import detect_chessboard
@@ -17,27 +19,22 @@ _DETECTORS = {
     "charuco": detect_charuco,
     "circles": detect_circles,
     "asymmetric_circles": detect_circles,
+    "aprilgrid": detect_aprilgrid,
 }
-DETECTABLE_KINDS = tuple(_DETECTORS)
-"""The kinds of target that `detect` can find today."""
-
 _LEAST_PITCH_PX = 4.0
 
 
 def check_detectable(target: TargetSpec) -> None:
     """Raise InvalidTarget where `detect` cannot find such a target in any image, or no such target can be printed."""
-    if target.kind not in DETECTABLE_KINDS:
-        raise InvalidTarget(
-            f"Targets of kind {target.kind!r} cannot be detected.",
-            f"Use one of {', '.join(DETECTABLE_KINDS)}.",
-        )
-    if min(target.columns, target.rows) < 3:
+    if min(target.grid_columns, target.grid_rows) < 3:
         raise InvalidTarget(
             f"A target of {target.columns} x {target.rows} grid points cannot be told from clutter.",
             "Use one with at least 3 grid points each way.",
         )
     if target.kind == "charuco":
         charuco_layout(target)
+    if target.kind == "aprilgrid":
+        aprilgrid_layout(target)
 
 
 def detect(image: UInt8[np.ndarray, "h w"] | UInt16[np.ndarray, "h w"], target: TargetSpec) -> GridPoints:
@@ -48,14 +45,14 @@ def detect(image: UInt8[np.ndarray, "h w"] | UInt16[np.ndarray, "h w"], target: 
     image
         Grey values.
     target
-        What to look for: all of it must be in view, of a ChArUco board at least half of its corners; of dots three
-        quarters must be free.
+        What to look for: all of it must be in view, of a ChArUco board at least half of its corners, of an AprilGrid
+        two tags; of dots three quarters must be free.
 
     Returns
     -------
     GridPoints
         The points found, row-major, with the origin by the convention of `core.targets.orientation`, or as a
-        ChArUco board's markers tell, or a larger dot at the origin of a board of dots.
+        ChArUco board's or an AprilGrid's markers tell, or a larger dot at the origin of a board of dots.
 
     Raises
     ------
@@ -67,11 +64,13 @@ def detect(image: UInt8[np.ndarray, "h w"] | UInt16[np.ndarray, "h w"], target: 
         The target is not in the image, or not wholly.
     TargetMismatch
         Another grid is in view.
+    TargetMirrored
+        The target is in view, but mirrored.
     """
     if image.ndim != 2 or image.dtype not in (np.uint8, np.uint16):
         raise InvalidArgument(f"The image must be grey and uint8 or uint16, got {image.dtype} {image.shape}.")
     check_detectable(target)
-    long, short = max(target.columns, target.rows), min(target.columns, target.rows)
+    long, short = max(target.grid_columns, target.grid_rows), min(target.grid_columns, target.grid_rows)
     if max(image.shape) < long * _LEAST_PITCH_PX or min(image.shape) < short * _LEAST_PITCH_PX:
         raise TargetNotFound(
             f"An image of {image.shape[1]} x {image.shape[0]} pixels is too small for a grid of "

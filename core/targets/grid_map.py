@@ -237,15 +237,17 @@ def _coefficients(
 
 def grid_slopes(
     basis: GridBasis,
+    ideal: Float[np.ndarray, "n 2"],
     column: Int[np.ndarray, " n"],
     row: Int[np.ndarray, " n"],
     values: Float[np.ndarray, "n 2"],
     known: Bool[np.ndarray, " n"],
 ) -> Float[np.ndarray, "n 2 2"]:
-    """Return the slopes by column and row of two quantities measured at the points.
+    """Return the slopes, by the ideal places' two coordinates, of two quantities measured at the points.
 
-    Those of one low polynomial over all points, where it leaves mere noise; where neighbours agree in what it leaves (a
-    reflex's edge, a shadow's), those from neighbour to neighbour.
+    `ideal` are the places the map was made of; columns and rows say who is whose neighbour. The slopes are those of one
+    low polynomial over all points, where it leaves mere noise; where neighbours agree in what it leaves (a reflex's
+    edge, a shadow's), those from neighbour to neighbour.
     """
     filled = np.where(known[:, None], values, 0.0)
     B, Q, R = basis.polynomials, basis.Q, basis.R
@@ -257,7 +259,7 @@ def grid_slopes(
         terms = _coefficients(Q, R, filled[:, k : k + 1], free, highest)[:, 0]
         rest = filled[:, k] - B[0][:, : len(terms)] @ terms
         if _neighbours_agree(column, row, rest, known):
-            slopes[:, k] = _least_slopes(column, row, filled[:, k], known)
+            slopes[:, k] = _least_slopes(ideal, column, row, filled[:, k], known)
         else:
             slopes[:, k, 0], slopes[:, k, 1] = (
                 B[d][:, : len(terms)] @ terms / basis.index_size for d in (1, 2)
@@ -371,13 +373,14 @@ def _neighbours_agree(
 
 @compiled
 def _least_slopes(
+    ideal: Float[np.ndarray, "n 2"],
     column: Int[np.ndarray, " n"],
     row: Int[np.ndarray, " n"],
     values: Float[np.ndarray, " n"],
     known: Bool[np.ndarray, " n"],
 ) -> Float[np.ndarray, "n 2"]:
-    """Return each point's slopes by column and row: of the differences to its two neighbours the smaller one, 0 where
-    they have opposite signs, so that a jump beyond one of them does not count (P. L. Roe's minmod, 1986).
+    """Return each point's slopes by its ideal place's coordinates: of those to its two neighbours the smaller one, 0
+    where they have opposite signs, so that a jump beyond one of them does not count (P. L. Roe's minmod, 1986).
     """
     at = _table(column, row, known)
     slopes = np.zeros((len(column), 2))
@@ -389,8 +392,11 @@ def _least_slopes(
         for axis in range(2):
             before = at[j, i - 1] if axis == 0 else at[j - 1, i]
             after = at[j, i + 1] if axis == 0 else at[j + 1, i]
-            down = values[n] - values[before] if before >= 0 else math.nan
-            up = values[after] - values[n] if after >= 0 else math.nan
+            down, up = math.nan, math.nan
+            if before >= 0:
+                down = (values[n] - values[before]) / (ideal[n, axis] - ideal[before, axis])
+            if after >= 0:
+                up = (values[after] - values[n]) / (ideal[after, axis] - ideal[n, axis])
             if before < 0 or after < 0:
                 slopes[n, axis] = up if after >= 0 else down if before >= 0 else 0.0
             elif up * down > 0.0:

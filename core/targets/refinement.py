@@ -66,8 +66,10 @@ def refine_corners(
     *,
     origin_is_black: bool,
     largest_reach: float = 0.5,
+    places: Float[np.ndarray, "n 2"] | None = None,
+    plain: float | None = None,
 ) -> Refined:
-    """Refine the corners of a chessboard.
+    """Refine the corners of a chessboard, or of a pattern of squares whose lines stand unevenly.
 
     Parameters
     ----------
@@ -79,6 +81,11 @@ def refine_corners(
         Whether the square between grid points (0, 0) and (1, 1) is black.
     largest_reach
         How far from the corner pixels are used, as a share of the spacing.
+    places
+        Where the corners are on the print, in units of the shortest distance to a neighbour, the spacing: (column, row)
+        by default.
+    plain
+        How far from its edges the squares are plain, in spacings. By default they are all through, and of one size.
 
     Raises
     ------
@@ -86,7 +93,7 @@ def refine_corners(
         Fewer than four corners, or all on a line.
     """
     image = np.ascontiguousarray(image)
-    ideal = np.stack([column, row], axis=1).astype(np.float64)
+    ideal = np.asarray(np.stack([column, row], axis=1) if places is None else places, np.float64)
     count = len(ideal)
     good = np.all(np.isfinite(points_px), axis=1)
     start = np.where(good[:, None], points_px, 0.0)
@@ -125,7 +132,7 @@ def refine_corners(
             if _blur_is_settled(steps, _SETTLED_BLUR):
                 break
     shape, steady = _fit(basis, states, good)
-    _set_light(basis, column, row, shape, states, steps, steady)
+    _set_light(basis, ideal, column, row, shape, states, steps, steady)
     unsettled = good
     for _ in range(_MOST_FINAL_STEPS):
         _step(image, states, shape, np.inf, largest_reach, unsettled, steps, stride=1)
@@ -137,7 +144,11 @@ def refine_corners(
     beside = _follow_map(basis, states, steps, good)
     x, y = ideal.T
     at_border = (x == x.min()) | (x == x.max()) | (y == y.min()) | (y == y.max())
-    return _conclude(states, steps, points_px, good & (beside < _OWN_PLACE), at_border)
+    if plain is None:
+        least_spacing = np.where(at_border, _LEAST_SPACING_AT_BORDER, _LEAST_SPACING)
+    else:
+        least_spacing = np.full(count, _LEAST_SPACING_AT_BORDER / plain)
+    return _conclude(states, steps, points_px, good & (beside < _OWN_PLACE), least_spacing)
 
 
 def _length(steps: Float[np.ndarray, "n step"]) -> Float[np.ndarray, " n"]:
@@ -231,6 +242,7 @@ def _step(
 
 def _set_light(
     basis: GridBasis,
+    ideal: Float[np.ndarray, "n 2"],
     column: Int[np.ndarray, " n"],
     row: Int[np.ndarray, " n"],
     shape: GridShape,
@@ -243,11 +255,11 @@ def _set_light(
     known = steady & (contrast > 0.0)
     if known.any():
         known &= contrast > _LEAST_CONTRAST * median(contrast[known])
-    slopes = grid_slopes(basis, column, row, steps[:, [kernel.LEVEL, kernel.CONTRAST]], known)
+    slopes = grid_slopes(basis, ideal, column, row, steps[:, [kernel.LEVEL, kernel.CONTRAST]], known)
     states[:, kernel.PER_CONTRAST] = np.where(
         known, 1.0 / np.where(known, steps[:, kernel.CONTRAST], 1.0), 0.0
     )
-    # by the indices, to by the pixels
+    # by the places, to by the pixels
     x, y = shape.along_x, shape.along_y
     determinant = x[:, 0] * y[:, 1] - x[:, 1] * y[:, 0]
     determinant = np.where(np.abs(determinant) > 1e-9, determinant, np.inf)
@@ -262,9 +274,9 @@ def _conclude(
     steps: Float[np.ndarray, "n step"],
     start: Float[np.ndarray, "n 2"],
     good: Bool[np.ndarray, " n"],
-    at_border: Bool[np.ndarray, " n"],
+    least_spacing: Float[np.ndarray, " n"],
 ) -> Refined:
-    """Judge the corners, and state their uncertainty."""
+    """Judge the corners, and state their uncertainty. `least_spacing` is in σ."""
     points = states[:, [kernel.Q_U, kernel.Q_V]]
     sigma = np.hypot(states[:, kernel.SIGMA_1], states[:, kernel.SIGMA_2]) / np.sqrt(2.0)
     contrast = steps[:, kernel.CONTRAST]
@@ -278,7 +290,7 @@ def _conclude(
         trusted = good & np.isfinite(last) & (contrast > 0.0) & (last < 0.3 * sigma)
         trusted &= (moved < np.maximum(2.5, 0.25 * spacing)) & (moved < _OWN_PLACE * spacing)
         trusted &= reach > _LEAST_REACH * sigma
-        trusted &= spacing > np.where(at_border, _LEAST_SPACING_AT_BORDER, _LEAST_SPACING) * sigma
+        trusted &= spacing > least_spacing * sigma
     if trusted.any():
         trusted &= contrast > _LEAST_CONTRAST * median(contrast[trusted])
         noise = median(variance[trusted])

@@ -76,15 +76,24 @@ def test_a_charuco_board_that_cannot_be_is_refused_with_advice(
     assert api.client.get("/v1/targets").json()["items"] == []
 
 
-@pytest.mark.parametrize("kind", ["aprilgrid"])
-def test_a_kind_that_cannot_be_detected_is_refused_with_advice(api: Any, kind: str) -> None:
-    response = api.client.post(
-        "/v1/targets", json={"name": "x", "kind": kind, "columns": 5, "rows": 7, "pitch_mm": 30}
-    )
+@pytest.mark.parametrize(
+    ("changes", "word"),
+    [
+        ({}, "marker_mm"),
+        ({"marker_mm": 30}, "marker_mm"),
+        ({"marker_mm": 29.5}, "gaps"),
+        ({"marker_mm": 24, "dictionary": "DICT_6X6_250"}, "36h11"),
+        ({"marker_mm": 24, "columns": 30, "rows": 20}, "600 tags"),
+    ],
+)
+def test_an_aprilgrid_that_cannot_be_printed_is_refused(api: Any, changes: dict[str, Any], word: str) -> None:
+    wanted = {"name": "x", "kind": "aprilgrid", "columns": 5, "rows": 7, "pitch_mm": 30}
+    response = api.client.post("/v1/targets", json=wanted | changes)
     assert response.status_code == 422
-    assert response.json()["code"] == "target_kind_unsupported"
-    assert "chessboard" in response.json()["advice"]
+    assert response.json()["code"] == "invalid_target"
+    assert word in response.json()["detail"]
     assert api.client.get("/v1/targets").json()["items"] == []
+    assert api.client.post("/v1/targets", json=wanted | {"marker_mm": 24}).status_code == 201
 
 
 def test_a_robot_is_read_as_it_was_made(any_api: Any) -> None:
