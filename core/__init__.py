@@ -3,7 +3,7 @@
 The door: `calibrate_image(data, TargetSpec("chessboard", 9, 6, 25.0)) -> Calibration`.
 """
 
-from core.calibration.calibrate import calibrate_image
+from core.calibration.calibrate import TargetOutcome, calibrate_image, calibrate_targets
 from core.calibration.model import Lens
 from core.calibration.result import Calibration
 from core.calibration.single_image import calibrate_points
@@ -18,8 +18,10 @@ __all__ = [
     "GridPoints",
     "GridposeError",
     "Lens",
+    "TargetOutcome",
     "TargetSpec",
     "calibrate_image",
     "calibrate_points",
+    "calibrate_targets",
 ]
 __version__ = "0.1.0"

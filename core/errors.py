@@ -12,6 +12,7 @@
     ├── DetectionError                   the picture does not show what was asked for
     │   ├── TargetNotFound               target_not_found
     │   ├── TargetMismatch               target_mismatch
+    │   ├── TargetAmbiguous              target_ambiguous
     │   └── TargetMirrored               target_mirrored
     └── EstimationError                  the points or poses do not determine an answer
         ├── OriginUnknown                origin_unknown
@@ -116,6 +117,14 @@ class TargetMismatch(DetectionError):
     code = "target_mismatch"
     default_advice = (
         "Check the target's columns and rows, which count inner corners, and keep other grids out of view."
+    )
+
+
+class TargetAmbiguous(DetectionError):
+    code = "target_ambiguous"
+    default_advice = (
+        "Say which target the image shows (target_id), or use targets that differ in their numbers of points or in "
+        "their markers' dictionaries."
     )
 
 
