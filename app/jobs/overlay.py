@@ -22,10 +22,10 @@ class OverlayPainter:
         self._max_pixels = max_pixels
         self._process = SideProcess(max_pixels, timeout_s=TIMEOUT_S, waiting_at_most=WAITING_AT_MOST)
 
-    def draw(self, path: Path, points: list[dict[str, Any]]) -> bytes:
-        """Return a PNG of the image at `path` with `points` (as the API lists them) drawn into it."""
+    def draw(self, path: Path, points: list[dict[str, Any]], quality: dict[str, Any] | None) -> bytes:
+        """Return a PNG of the image at `path` with `points` and capture quality (as the API has them) drawn into it."""
         try:
-            drawn = self._process.call(draw_overlay, str(path), points, self._max_pixels)
+            drawn = self._process.call(draw_overlay, str(path), points, quality, self._max_pixels)
         except Crowded:
             raise Unavailable(
                 "Too many overlays are being drawn.", "Ask again shortly.", code="busy"
@@ -52,7 +52,9 @@ class OverlayPainter:
         self._process.close()
 
 
-def draw_overlay(path: str, points: list[dict[str, Any]], max_pixels: int) -> bytes | None:
+def draw_overlay(
+    path: str, points: list[dict[str, Any]], quality: dict[str, Any] | None, max_pixels: int
+) -> bytes | None:
     """Draw in the worker process: used points green, rejected ones red, undecided ones yellow; None: undecodable."""
     import cv2
     import numpy as np
@@ -82,6 +84,9 @@ def draw_overlay(path: str, points: list[dict[str, Any]], max_pixels: int) -> by
             round(((v_px + 0.5) * scale - 0.5) * fraction),
         )
 
+    if quality is not None:  # before the points, which nothing is to hide
+        at_px = [place(point["u_px"], point["v_px"]) for point in points]
+        _write_quality(canvas, quality, [(u >> subpixel, v >> subpixel) for u, v in at_px], radius)
     for point in points:
         colour = {True: (0, 200, 0), False: (0, 0, 255), None: (0, 220, 220)}[point["used"]]
         u, v = point["u_px"], point["v_px"]
@@ -109,17 +114,102 @@ def draw_overlay(path: str, points: list[dict[str, Any]], max_pixels: int) -> by
     return bytes(buffer)
 
 
+def quality_lines(quality: dict[str, Any]) -> list[str]:
+    """Return what is written of a picture's capture quality: its figures, then its advice."""
+    figures = [
+        _figure("edges", quality["edge_width_px"], "{:.1f} px"),
+        _motion(quality),
+        _figure("contrast", quality["contrast"], "{:.0%}"),
+        _figure("white saturated", quality["saturated_fraction"], "{:.0%}"),
+        _figure("black clipped", quality["clipped_fraction"], "{:.0%}"),
+        _figure("fills", quality["coverage_fraction"], "{:.0%} of the picture"),
+        _figure("tilt", quality["tilt_deg"], "{:.0f} deg"),
+    ]
+    advice = [one["advice"] or one["detail"] for one in quality["advice"]]
+    return [", ".join(figure for figure in figures if figure), *(f"- {_plain(text)}" for text in advice)]
+
+
+def _figure(name: str, value: float | None, form: str) -> str | None:
+    return f"{name} {form.format(value)}" if value is not None else None
+
+
+def _motion(quality: dict[str, Any]) -> str | None:
+    length, direction = quality["motion_blur_px"], quality["motion_blur_direction_deg"]
+    if length is None:
+        return None
+    return f"motion {length:.1f} px" + (f" at {direction:.0f} deg" if direction is not None else "")
+
+
+def _plain(text: str) -> str:
+    """Return a text in the letters that the pictures' font has."""
+    for letter, spelt in (("°", " deg"), ("×", "x"), ("–", "-"), ("’", "'"), ("σ", "sigma")):
+        text = text.replace(letter, spelt)
+    return text.encode("ascii", "replace").decode()
+
+
+def _write_quality(canvas: Any, quality: dict[str, Any], points: list[tuple[int, int]], radius: int) -> None:
+    """Say how well the picture was taken, in the corner where the fewest points are."""
+    import cv2
+
+    size, weight, line_px, below = _lettering(radius)
+    height, width = canvas.shape[:2]
+    lines = _wrapped(quality_lines(quality), round(0.5 * width) - 2 * below, size, weight)
+    broad = 2 * below + max(_width(line, size, weight) for line in lines)
+    tall = below + line_px * len(lines)
+    corners = [(0, 0), (width - broad, 0), (width - broad, height - tall)]  # in the fourth stands the legend
+
+    def covered(corner: tuple[int, int]) -> int:
+        left, top = corner
+        return sum(left <= u < left + broad and top <= v < top + tall for u, v in points)
+
+    left, top = min(corners, key=covered)
+    left, top = max(0, left), max(0, top)
+    box = canvas[top : top + tall, left : left + broad]
+    box[:] = (0.2 * box + 0.8 * 255).astype(box.dtype)
+    for k, line in enumerate(lines):
+        at = (left + below, top + (k + 1) * line_px - below // 2)
+        cv2.putText(canvas, line, at, cv2.FONT_HERSHEY_SIMPLEX, size, (0, 0, 0), weight, cv2.LINE_AA)
+
+
 def _write_legend(canvas: Any, radius: int) -> None:
     """Say in the lower left corner what the colours and lines are."""
     import cv2
 
     text = f"green: used   red: left out   lines: residuals x {RESIDUAL_SCALE:g}"
-    size, weight = max(0.35, radius / 14), max(1, radius // 6)
-    (width, height), below = cv2.getTextSize(text, cv2.FONT_HERSHEY_SIMPLEX, size, weight)
+    size, weight, line_px, below = _lettering(radius)
     bottom = canvas.shape[0] - 1
-    cv2.rectangle(
-        canvas, (0, bottom - height - 2 * below), (width + 2 * below, bottom), (255, 255, 255), cv2.FILLED
-    )
+    corner = (_width(text, size, weight) + 2 * below, bottom)
+    cv2.rectangle(canvas, (0, bottom - line_px), corner, (255, 255, 255), cv2.FILLED)
     cv2.putText(
         canvas, text, (below, bottom - below), cv2.FONT_HERSHEY_SIMPLEX, size, (0, 0, 0), weight, cv2.LINE_AA
     )
+
+
+def _lettering(radius: int) -> tuple[float, int, int, int]:
+    """Return the letters' size and weight, the height of a line, and that of a letter's tail."""
+    import cv2
+
+    size, weight = max(0.35, radius / 14), max(1, radius // 6)
+    (_, height), below = cv2.getTextSize("Ag", cv2.FONT_HERSHEY_SIMPLEX, size, weight)
+    return size, weight, height + 2 * below, below
+
+
+def _width(text: str, size: float, weight: int) -> int:
+    import cv2
+
+    return int(cv2.getTextSize(text, cv2.FONT_HERSHEY_SIMPLEX, size, weight)[0][0])
+
+
+def _wrapped(lines: list[str], width: int, size: float, weight: int) -> list[str]:
+    """Return lines that are at most so wide, in pixels; what is too long goes on in the next, indented."""
+    wrapped: list[str] = []
+    for line in lines:
+        current = ""
+        for word in line.split(" "):
+            longer = f"{current} {word}" if current else word
+            if current and _width(longer, size, weight) > width:
+                wrapped.append(current)
+                longer = f"  {word}"
+            current = longer
+        wrapped.append(current)
+    return wrapped

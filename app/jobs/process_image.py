@@ -8,10 +8,15 @@ from pathlib import Path
 from typing import Any
 
 from app.jobs.queue import Job
-from app.records.codec import Failure, Outcome, Provenance, encode_calibration, encode_refused
+from app.records.codec import Failure, Outcome, Provenance, Shown, encode_calibration, encode_refused
 from app.settings import program_version
-from core import Camera, GridposeError, Lens, TargetSpec, calibrate_image
-from core.errors import NotConverged
+from core import Camera, GridposeError, Lens, TargetOutcome, TargetSpec, calibrate_targets
+from core.errors import NotConverged, TargetAmbiguous, TargetMirrored, TargetMismatch, TargetNotFound
+
+NAMED = 8
+"""Targets listed in the text of a failure; a session may have many more."""
+_TELLING = (TargetAmbiguous, TargetMirrored, TargetMismatch, TargetNotFound)
+"""Reasons why a target was not found, the most telling one first."""
 
 
 def process_image(job: Job, path: str, max_pixels: int) -> tuple[Outcome, float]:
@@ -20,39 +25,116 @@ def process_image(job: Job, path: str, max_pixels: int) -> tuple[Outcome, float]
     What the numerics refuse is an outcome; anything else they raise is a defect and propagates.
     """
     started = time.perf_counter()
-    outcome = measure(Path(path).read_bytes(), job, max_pixels)
+    data = Path(path).read_bytes()
+    if job.names_its_target:
+        outcome = measure(data, job, max_pixels)
+    else:
+        outcome = measure_shown(data, job, max_pixels)
     return outcome, (time.perf_counter() - started) * 1000.0
 
 
 def measure(data: bytes, job: Job, max_pixels: int) -> Outcome:
-    """Calibrate the image `data` as `job` says."""
-    provenance = Provenance(
+    """Calibrate the image `data` from the one target that `job` names."""
+    (sought,) = job.targets
+    provenance = _provenance(job, {"target": sought.fields}, max_pixels)
+    try:
+        (outcome,) = calibrate_targets(
+            data, [TargetSpec(**sought.fields)], **_known(job), max_pixels=max_pixels
+        )
+    except GridposeError as error:
+        return Outcome(*_refused(error, provenance))
+    return Outcome(*_encoded(outcome, provenance))
+
+
+def measure_shown(data: bytes, job: Job, max_pixels: int) -> Outcome:
+    """Calibrate the image `data` from every target of `job` that it shows.
+
+    The outcome's own result and failure say why the row's own target is not among those shown: of a row without one,
+    why none of all is.
+    """
+    shown: list[Shown] = []
+    missed: dict[str, GridposeError] = {}
+    nothing = encode_refused(
+        None, _provenance(job, {"targets": [sought.fields for sought in job.targets]}, max_pixels)
+    )
+    try:
+        outcomes = calibrate_targets(
+            data,
+            [TargetSpec(**sought.fields) for sought in job.targets],
+            **_known(job),
+            max_pixels=max_pixels,
+        )
+    except GridposeError as error:
+        return Outcome(nothing, _failure(error))
+    started = time.perf_counter()
+    for sought, outcome in zip(job.targets, outcomes, strict=True):
+        provenance = _provenance(job, {"target": sought.fields}, max_pixels)
+        if outcome.failure is not None and outcome.failure.points is None:
+            missed[sought.target_id] = outcome.failure
+            continue
+        result, failure = _encoded(outcome, provenance)
+        ended = time.perf_counter()
+        shown.append(Shown(sought.target_id, result, failure, (ended - started) * 1000.0))
+        started = ended
+    return Outcome(nothing, _why_not(job, missed), tuple(shown))
+
+
+def _why_not(job: Job, missed: dict[str, GridposeError]) -> Failure:
+    """Return why the row's own target is not shown; of a row without one, why none is."""
+    if job.target_id in missed:
+        return _failure(missed[job.target_id])
+    telling = [kind for kind in _TELLING if any(type(failure) is kind for failure in missed.values())]
+    reasons = [f for f in missed.values() if not telling or type(f) is telling[0]]
+    listed = "; ".join(
+        f"{sought.fields['kind']} {sought.fields['columns']} x {sought.fields['rows']} ({sought.target_id})"
+        for sought in job.targets[:NAMED]
+    )
+    more = f"; and {len(job.targets) - NAMED} more" if len(job.targets) > NAMED else ""
+    kind = telling[0] if telling else TargetNotFound
+    detail = f"None of the session's {len(job.targets)} targets was found. Looked for: {listed}{more}."
+    if reasons and kind is not TargetNotFound:
+        detail = f"{detail} {reasons[0].detail}"
+    return Failure(kind.code, detail, kind.default_advice)
+
+
+def _provenance(job: Job, sought: dict[str, Any], max_pixels: int) -> Provenance:
+    return Provenance(
         core_version=program_version(),
         input_sha256=job.sha256,
         settings={
-            "target": job.target,
+            **sought,
             "lens": job.lens,
             "intrinsics": job.intrinsics,
             "max_image_pixels": max_pixels,
         },
     )
-    try:
-        calibration = calibrate_image(
-            data,
-            TargetSpec(**job.target),
-            lens=Lens(**job.lens) if job.lens is not None else None,
-            intrinsics=Camera(**job.intrinsics) if job.intrinsics is not None else None,
-            max_pixels=max_pixels,
-        )
-        columns = encode_calibration(calibration, provenance)
-        if not _is_finite(columns["calibration"]):
-            raise NotConverged("The estimate is not finite.", points=calibration.points)
-    except GridposeError as error:
-        return Outcome(
-            result=encode_refused(error.points, provenance),
-            failure=Failure(error.code, error.detail, error.advice),
-        )
-    return Outcome(result=columns, failure=None)
+
+
+def _known(job: Job) -> dict[str, Any]:
+    """Return what the session states of its camera, as the numerics take it."""
+    return {
+        "lens": Lens(**job.lens) if job.lens is not None else None,
+        "intrinsics": Camera(**job.intrinsics) if job.intrinsics is not None else None,
+    }
+
+
+def _encoded(outcome: TargetOutcome, provenance: Provenance) -> tuple[dict[str, Any], Failure | None]:
+    if outcome.calibration is None:
+        assert outcome.failure is not None
+        return _refused(outcome.failure, provenance)
+    columns = encode_calibration(outcome.calibration, provenance)
+    if not _is_finite(columns["calibration"]):
+        points = outcome.calibration.points
+        return _refused(NotConverged("The estimate is not finite.", points=points), provenance)
+    return columns, None
+
+
+def _refused(error: GridposeError, provenance: Provenance) -> tuple[dict[str, Any], Failure]:
+    return encode_refused(error.points, provenance), _failure(error)
+
+
+def _failure(error: GridposeError) -> Failure:
+    return Failure(error.code, error.detail, error.advice)
 
 
 def _is_finite(document: dict[str, Any]) -> bool:

@@ -15,18 +15,34 @@ from app.records.codec import Outcome
 
 
 @dataclass(frozen=True, slots=True)
+class Sought:
+    """A target that an image is searched for; `fields` are those of `core.TargetSpec`."""
+
+    target_id: str
+    fields: dict[str, Any]
+
+
+@dataclass(frozen=True, slots=True)
 class Job:
     """All a worker needs to measure one image; plain values, so that it travels between processes.
 
-    `claim` is the token of this one hand-out: a result is taken only from whoever holds the row's latest.
+    `claim` is the token of this one hand-out: a result is taken only from whoever holds the row's latest. `target_id`
+    is the row's own target, None until one was found; `targets` are those to look for, where several are, in the
+    session's order.
     """
 
     measurement_id: str
     claim: str
     sha256: str
-    target: dict[str, Any]
+    target_id: str | None
+    targets: tuple[Sought, ...]
     lens: dict[str, float] | None
     intrinsics: dict[str, float] | None
+
+    @property
+    def names_its_target(self) -> bool:
+        """Whether the one target to look for is the row's own, so that whatever comes of it is the row's."""
+        return [sought.target_id for sought in self.targets] == [self.target_id]
 
 
 @dataclass(frozen=True, slots=True)

@@ -2,14 +2,15 @@
 
 The row holds the document the API shows (degrees, named fields) and, beside it, the arrays as bytes: `state` is the
 float64 vector of `_STATE_LAYOUT`, little endian; `points` one `_POINT` record per grid point; `markers` one `_MARKER`
-record per marker seen, ascending by id. Analyses over thousands of rows read these and never open an image again.
+record per marker seen, ascending by id; `capture_quality` that value's fields, angles in radians. Analyses over
+thousands of rows read these and never open an image again.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import Any
 
 import numpy as np
@@ -19,7 +20,8 @@ from core.calibration.result import Calibration, CameraPose, Observability, Repr
 from core.calibration.view_stack import ViewStack
 from core.camera import CAMERA_PARAMETERS, Camera
 from core.errors import Advisory
-from core.targets.specification import GridPoints, TargetSpec
+from core.targets.capture_quality import CaptureQuality
+from core.targets.specification import GridPoints, Origin, TargetSpec
 
 _STATE_LAYOUT: tuple[tuple[str, tuple[int, ...]], ...] = (
     ("camera", (9,)),
@@ -33,6 +35,7 @@ _STATE_LAYOUT: tuple[tuple[str, tuple[int, ...]], ...] = (
     ("conditional_covariance", (6, 6)),
     ("reprojection", (4,)),
     ("observability", (3,)),
+    ("pose_ambiguity_ratio", ()),  # NaN for none; the last, since states stored before it end here
 )
 _POINT = np.dtype(
     [
@@ -47,6 +50,12 @@ _POINT = np.dtype(
     ]
 )
 _MARKER = np.dtype([("id", "<i4"), ("corners_px", "<f8", (4, 2))])
+_ORIGINS: dict[str | None, Origin] = {
+    None: "known",
+    "known": "known",
+    "turned": "turned",
+    "unknown": "unknown",
+}
 _UNKNOWN = -1  # `used` of a point no fit has looked at; its residuals are NaN
 
 
@@ -60,11 +69,29 @@ class Failure:
 
 
 @dataclass(frozen=True, slots=True)
+class Shown:
+    """A target that an image was searched for and shows: the columns of its `results` row, and the failure, if one.
+
+    `duration_ms` is what it alone took, without decoding and searching.
+    """
+
+    target_id: str
+    result: dict[str, Any]
+    failure: Failure | None
+    duration_ms: float
+
+
+@dataclass(frozen=True, slots=True)
 class Outcome:
-    """What a job brings back: the columns of its `results` row, if any, and the failure, if one."""
+    """What a job brings back: the columns of its `results` row, if any, and the failure, if one.
+
+    Of an image that was searched for several targets these are what holds where the row's own is not among those
+    `shown`, which are in the session's order.
+    """
 
     result: dict[str, Any] | None
     failure: Failure | None
+    shown: tuple[Shown, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -93,6 +120,8 @@ def encode_calibration(calibration: Calibration, provenance: Provenance) -> dict
         "points": _encode_points(calibration.points, calibration.residuals_px, calibration.used),
         "markers": _encode_markers(calibration.points),
         "points_warnings": _advisories(calibration.points.warnings),
+        "origin": calibration.points.origin,
+        "capture_quality": _encode_quality(calibration.points.capture_quality),
         **provenance.columns(),
     }
 
@@ -106,6 +135,8 @@ def encode_refused(points: GridPoints | None, provenance: Provenance) -> dict[st
         "points": _encode_points(points, None, None) if points is not None else None,
         "markers": _encode_markers(points) if points is not None else None,
         "points_warnings": _advisories(points.warnings) if points is not None else None,
+        "origin": points.origin if points is not None else None,
+        "capture_quality": _encode_quality(points.capture_quality) if points is not None else None,
         **provenance.columns(),
     }
 
@@ -116,13 +147,17 @@ def decode_calibration(
     points: bytes,
     points_warnings: list[dict[str, Any]],
     target: TargetSpec,
+    *,
+    origin: str | None = None,
+    capture_quality: dict[str, Any] | None = None,
 ) -> Calibration:
-    """Return the very calibration that `encode_calibration` was given."""
+    """Return the very calibration that `encode_calibration` was given, but for its points' markers."""
     arrays = _decode_state(state)
     records = np.frombuffer(points, dtype=_POINT)
     width, height = document["image_width_px"], document["image_height_px"]
     rms_px, mean_px, std_px, max_px = (float(value) for value in arrays["reprojection"])
     focal_relative_uncertainty, condition_number, tilt = (float(value) for value in arrays["observability"])
+    ratio = float(arrays["pose_ambiguity_ratio"])
     return Calibration(
         estimator=document["estimator"],
         start=document["start"],
@@ -152,18 +187,37 @@ def decode_calibration(
             condition_number=condition_number,
             tilt=tilt,
             prior_dominated=tuple(document["observability"]["prior_dominated"]),
+            pose_ambiguity_ratio=None if math.isnan(ratio) else ratio,
         ),
         warnings=tuple(Advisory(**warning) for warning in document["warnings"]),
-        points=decode_points(points, points_warnings, target, width, height),
+        points=decode_points(
+            points,
+            points_warnings,
+            target,
+            width,
+            height,
+            origin=origin,
+            capture_quality=capture_quality,
+        ),
         residuals_px=np.stack([records["residual_u_px"], records["residual_v_px"]], axis=1),
         used=records["used"] == 1,
     )
 
 
 def decode_points(
-    points: bytes, warnings: list[dict[str, Any]], target: TargetSpec, width_px: int, height_px: int
+    points: bytes,
+    warnings: list[dict[str, Any]],
+    target: TargetSpec,
+    width_px: int,
+    height_px: int,
+    *,
+    origin: str | None = None,
+    capture_quality: dict[str, Any] | None = None,
 ) -> GridPoints:
-    """Return the grid points of a stored result."""
+    """Return the grid points of a stored result, but for their markers.
+
+    `origin` is null in results of the time before it was kept, when every grid's was known or one of its turns'.
+    """
     records = np.frombuffer(points, dtype=_POINT)
     return GridPoints(
         target=target,
@@ -174,6 +228,8 @@ def decode_points(
         points_px=np.stack([records["u_px"], records["v_px"]], axis=1),
         standard_uncertainty_px=records["standard_uncertainty_px"].copy(),
         warnings=tuple(Advisory(**warning) for warning in warnings),
+        origin=_ORIGINS[origin],
+        capture_quality=decode_quality(capture_quality) if capture_quality is not None else None,
     )
 
 
@@ -208,6 +264,12 @@ def decode_stack(
         standard_uncertainty_px=records["standard_uncertainty_px"].copy(),
         points_target=places,
     )
+
+
+def decode_quality(capture_quality: dict[str, Any]) -> CaptureQuality:
+    """Return the capture quality of a stored result; angles in radians."""
+    advice = tuple(Advisory(**one) for one in capture_quality["advice"])
+    return CaptureQuality(**{**capture_quality, "advice": advice})
 
 
 def decode_markers(markers: bytes) -> dict[int, Float[np.ndarray, "4 2"]]:
@@ -277,6 +339,7 @@ def calibration_document(calibration: Calibration) -> dict[str, Any]:
             "condition_number": observability.condition_number,
             "tilt_deg": math.degrees(observability.tilt),
             "prior_dominated": list(observability.prior_dominated),
+            "pose_ambiguity_ratio": observability.pose_ambiguity_ratio,
         },
         "warnings": _advisories(calibration.warnings),
     }
@@ -300,6 +363,9 @@ def _encode_state(calibration: Calibration) -> bytes:
             observability.condition_number,
             observability.tilt,
         ),
+        "pose_ambiguity_ratio": math.nan
+        if observability.pose_ambiguity_ratio is None
+        else observability.pose_ambiguity_ratio,
     }
     parts = [np.asarray(arrays[name], dtype="<f8").reshape(shape).tobytes() for name, shape in _STATE_LAYOUT]
     return b"".join(parts)
@@ -310,7 +376,8 @@ def _decode_state(state: bytes) -> dict[str, Float[np.ndarray, "..."]]:
     arrays, offset = {}, 0
     for name, shape in _STATE_LAYOUT:
         size = math.prod(shape)
-        arrays[name] = values[offset : offset + size].reshape(shape).copy()
+        stored = values[offset : offset + size]
+        arrays[name] = stored.reshape(shape).copy() if len(stored) == size else np.full(shape, np.nan)
         offset += size
     return arrays
 
@@ -336,6 +403,22 @@ def _encode_markers(points: GridPoints) -> bytes | None:
     for record, (marker, corners) in zip(records, sorted(points.markers_px.items()), strict=True):
         record["id"], record["corners_px"] = marker, corners
     return records.tobytes()
+
+
+def _encode_quality(quality: CaptureQuality | None) -> dict[str, Any] | None:
+    """Return the value's own fields, with null for what is not finite, which JSON has no word for."""
+    if quality is None:
+        return None
+    figures = {
+        field.name: getattr(quality, field.name) for field in fields(quality) if field.name != "advice"
+    }
+    return {
+        **{
+            name: float(value) if value is not None and math.isfinite(value) else None
+            for name, value in figures.items()
+        },
+        "advice": _advisories(quality.advice),
+    }
 
 
 def _advisories(advisories: tuple[Advisory, ...]) -> list[dict[str, Any]]:

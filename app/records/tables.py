@@ -162,7 +162,11 @@ class Pose(Table):
 
 
 class Measurement(Table):
-    """One image and what came of it. The row is the queue: `status` says whose turn it is."""
+    """One image and what came of it of one target. The row is the queue: `status` says whose turn it is.
+
+    `seeks_target`: the upload named no target, so that detection finds which of the session's are shown; `target_id`
+    is null until it has, and where it finds none. What else the image shows has rows of its own, which do not seek.
+    """
 
     __tablename__ = "measurements"
     __table_args__ = (
@@ -176,12 +180,23 @@ class Measurement(Table):
         sa.Index("ix_measurements_status_id", "status", "id"),
         sa.Index("ix_measurements_sha256", "sha256"),
         sa.Index("ix_measurements_target_id", "target_id"),
+        # Unique although target_id may be null, which the constraint above lets pass any number of times.
+        sa.Index(
+            "uq_measurements_seeking",
+            "session_id",
+            "pose_id",
+            "sha256",
+            unique=True,
+            sqlite_where=sa.text("seeks_target"),
+            postgresql_where=sa.text("seeks_target"),
+        ),
     )
 
     id: Mapped[str] = mapped_column(sa.String(40), primary_key=True)
     session_id: Mapped[str] = mapped_column(sa.ForeignKey("sessions.id", ondelete="CASCADE"))
     pose_id: Mapped[str] = mapped_column(sa.String(128))
-    target_id: Mapped[str] = mapped_column(sa.ForeignKey("targets.id"))
+    target_id: Mapped[str | None] = mapped_column(sa.ForeignKey("targets.id"))
+    seeks_target: Mapped[bool] = mapped_column(default=False, server_default=sa.false())
     cycle: Mapped[int | None]
     focus_group: Mapped[str] = mapped_column(sa.String(200))
     joint_angles_deg: Mapped[JsonList | None]
@@ -239,7 +254,8 @@ class Result(Table):
 
     `calibration` is the document the API shows; `state` and `points` are its arrays without loss (`codec.py`). A
     refused view has points and no calibration. `markers` are the corners of the markers seen, null for targets without
-    any and for what was measured before they were kept.
+    any and for what was measured before they were kept. `origin` and `capture_quality` are those of the grid points,
+    null where there are none and for what was measured before they were kept.
     """
 
     __tablename__ = "results"
@@ -253,6 +269,8 @@ class Result(Table):
     points: Mapped[bytes | None] = mapped_column(sa.LargeBinary(), deferred=True)
     markers: Mapped[bytes | None] = mapped_column(sa.LargeBinary(), deferred=True)
     points_warnings: Mapped[JsonList | None] = mapped_column(sa.JSON(none_as_null=True), deferred=True)
+    origin: Mapped[str | None] = mapped_column(sa.String(16))
+    capture_quality: Mapped[JsonObject | None] = mapped_column(sa.JSON(none_as_null=True))
     core_version: Mapped[str] = mapped_column(sa.String(32))
     settings: Mapped[JsonObject] = mapped_column(sa.JSON(), deferred=True)
     input_sha256: Mapped[str] = mapped_column(sa.String(64))

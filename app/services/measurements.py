@@ -11,6 +11,7 @@ from typing import Any
 
 import sqlalchemy as sa
 from sqlalchemy import orm
+from sqlalchemy.sql.elements import ColumnElement
 
 from app.blobs.local import LocalBlobs, StagedBlob
 from app.errors import Conflict, InvalidContent, NotFound
@@ -40,25 +41,34 @@ class Metadata:
 
 
 @dataclass(frozen=True, slots=True)
+class MeasurementView:
+    """A measurement with its result, and the ids of the others of the same image at the same pose, oldest first."""
+
+    measurement: Measurement
+    siblings: list[str]
+
+
+@dataclass(frozen=True, slots=True)
 class Accepted:
     """The measurement an upload led to, and whether it is a new one."""
 
-    measurement: Measurement
+    view: MeasurementView
     is_new: bool
 
 
-def check_target(session: Session, target_id: str | None) -> str:
-    """Return the target an image of this session shows."""
+@dataclass(frozen=True, slots=True)
+class Intended:
+    """Which target an upload is of, None where the image is to be searched first, and whether the upload named it."""
+
+    target_id: str | None
+    named: bool
+
+
+def check_target(session: Session, target_id: str | None) -> Intended:
+    """Return which target an upload to this session is of."""
     target_ids = [target.target_id for target in session.targets]
     if target_id is None:
-        if len(target_ids) == 1:
-            return target_ids[0]
-        raise InvalidContent(
-            "The session has several targets, and the upload does not say which one the image shows.",
-            "Send target_id with the image.",
-            code="target_id_required",
-            errors=[("target_id", "is required here")],
-        )
+        return Intended(target_ids[0] if len(target_ids) == 1 else None, named=False)
     if target_id not in target_ids:
         raise InvalidContent(
             "The session does not look at this target.",
@@ -66,7 +76,7 @@ def check_target(session: Session, target_id: str | None) -> str:
             code="target_unknown",
             errors=[("target_id", "is not one of the session's targets")],
         )
-    return target_id
+    return Intended(target_id, named=True)
 
 
 def accept_image(
@@ -77,12 +87,13 @@ def accept_image(
     metadata: Metadata,
     *,
     expected_sha256: str | None,
-    checked_target_id: str | None = None,
+    intended: Intended | None = None,
 ) -> Accepted:
     """Keep a received file for good and queue its measurement; on return both are durable.
 
-    The same image for the same pose and target again gives the first measurement, unchanged. `checked_target_id` is
-    what `check_target` said before the file came, if it was asked; the transaction that writes asks again.
+    The same image for the same pose and target again gives the first measurement, unchanged; and so does the same
+    image without a target, however many of them detection found in it. `intended` is what `check_target` said before
+    the file came, if it was asked; the transaction that writes asks again.
     """
     if staged.size == 0:
         raise InvalidContent(
@@ -96,12 +107,14 @@ def accept_image(
             code="hash_mismatch",
         )
     with installation.database.read() as records:
-        target_id = checked_target_id or check_target(find(records, Session, session_id), metadata.target_id)
-        first = _find_same(records, session_id, pose_id, sha256, target_id)
+        if intended is None:
+            intended = check_target(find(records, Session, session_id), metadata.target_id)
+        first = _find_same(records, session_id, pose_id, sha256, intended)
+        views = _with_siblings(records, [first] if first is not None else [])
     database, blobs = installation.database, installation.blobs
-    if first is not None:
+    if views:
         restore_original(database, blobs, staged)
-        return Accepted(first, is_new=False)
+        return Accepted(views[0], is_new=False)
     admitted = admit_image(staged.path, installation.settings.max_image_pixels)
     with blobs.guard(sha256):
         blobs.publish(staged)
@@ -127,18 +140,22 @@ def _add_measurement(
     admitted: AdmittedImage,
 ) -> Accepted:
     session = find(records, Session, session_id, lock=True)
-    target_id = check_target(session, metadata.target_id)
-    first = _find_same(records, session_id, pose_id, staged.sha256, target_id)
+    intended = check_target(session, metadata.target_id)
+    first = _find_same(records, session_id, pose_id, staged.sha256, intended)
     if first is not None:
-        return Accepted(first, is_new=False)
+        return Accepted(_with_siblings(records, [first])[0], is_new=False)
     ensure_pose(records, session_id, pose_id)
     measurement = _new_measurement(
-        session_id, pose_id, target_id, staged.sha256, staged.size, metadata, admitted
+        session_id, pose_id, intended, staged.sha256, staged.size, metadata, admitted
     )
     records.add(measurement)
     records.flush()
     installation.queue.enqueue(records, measurement.id)
-    return Accepted(measurement, is_new=True)
+    if len(session.targets) == 1:
+        return Accepted(
+            MeasurementView(measurement, []), is_new=True
+        )  # which the image's others would need, too
+    return Accepted(_with_siblings(records, [measurement])[0], is_new=True)
 
 
 def find_missing(
@@ -162,15 +179,16 @@ def find_missing(
     return [image for image in wanted if image not in present]
 
 
-def get_measurement(records: orm.Session, measurement_id: str) -> Measurement:
-    """Return one measurement with its result."""
+def get_measurement(records: orm.Session, measurement_id: str) -> MeasurementView:
+    """Return one measurement."""
     find(records, Measurement, measurement_id)
-    return records.scalars(
+    measurement = records.scalars(
         sa.select(Measurement)
         .where(Measurement.id == measurement_id)
         .options(orm.joinedload(Measurement.result))
         .execution_options(populate_existing=True)
     ).one()
+    return _with_siblings(records, [measurement])[0]
 
 
 def get_points(records: orm.Session, measurement_id: str) -> list[dict[str, Any]] | None:
@@ -187,8 +205,8 @@ def list_measurements(
     pose_id: str | None,
     limit: int,
     cursor: str | None,
-) -> tuple[Sequence[Measurement], str | None]:
-    """Return one page of a session's measurements, with their results."""
+) -> tuple[list[MeasurementView], str | None]:
+    """Return one page of a session's measurements."""
     find(records, Session, session_id)
     statement = (
         sa.select(Measurement)
@@ -199,7 +217,8 @@ def list_measurements(
         statement = statement.where(Measurement.status == status)
     if pose_id is not None:
         statement = statement.where(Measurement.pose_id == pose_id)
-    return page(records, statement, Measurement.id, limit=limit, cursor=cursor)
+    rows, next_cursor = page(records, statement, Measurement.id, limit=limit, cursor=cursor)
+    return _with_siblings(records, rows), next_cursor
 
 
 def get_original(installation: Installation, measurement_id: str) -> tuple[Measurement, Path]:
@@ -216,8 +235,12 @@ def get_original(installation: Installation, measurement_id: str) -> tuple[Measu
     return measurement, path
 
 
-def retry_measurement(installation: Installation, measurement_id: str) -> Measurement:
-    """Queue a measurement again, whatever came of it; its last result is forgotten."""
+def retry_measurement(installation: Installation, measurement_id: str) -> MeasurementView:
+    """Queue a measurement again, whatever came of it; its last result is forgotten.
+
+    Where its upload named no target, the image is searched for all of the session's targets again; those that other
+    measurements of it have keep theirs.
+    """
     with installation.database.write() as records:
         measurement = find(records, Measurement, measurement_id, lock=True)
         if measurement.status == "running":
@@ -248,17 +271,45 @@ def bare_filename(name: str | None) -> str | None:
     return name[:FILENAME_LENGTH] if name not in ("", ".", "..") else None
 
 
+def _with_siblings(records: orm.Session, measurements: Sequence[Measurement]) -> list[MeasurementView]:
+    """Return these measurements of one session with the others of their images; one question for all of them."""
+    if not measurements:
+        return []
+    of_image: dict[tuple[str, str], list[str]] = {}
+    # Not in the order of ids, for which SQLite would read the whole session.
+    for measurement_id, pose_id, sha256 in records.execute(
+        sa.select(Measurement.id, Measurement.pose_id, Measurement.sha256).where(
+            Measurement.session_id == measurements[0].session_id,
+            Measurement.pose_id.in_({m.pose_id for m in measurements}),
+            Measurement.sha256.in_({m.sha256 for m in measurements}),
+        )
+    ):
+        of_image.setdefault((pose_id, sha256), []).append(measurement_id)
+    return [
+        MeasurementView(m, sorted(set(of_image.get((m.pose_id, m.sha256), ())) - {m.id}))
+        for m in measurements
+    ]
+
+
 def _find_same(
-    records: orm.Session, session_id: str, pose_id: str, sha256: str, target_id: str
+    records: orm.Session, session_id: str, pose_id: str, sha256: str, intended: Intended
 ) -> Measurement | None:
+    """Return the measurement that the same upload led to: of this target; or of none named, then as now."""
+    same: list[ColumnElement[bool]] = []
+    if not intended.named:
+        same.append(Measurement.seeks_target.is_(True))
+    if intended.target_id is not None:
+        same.append(Measurement.target_id == intended.target_id)
     return records.scalar(
         sa.select(Measurement)
         .where(
             Measurement.session_id == session_id,
             Measurement.pose_id == pose_id,
             Measurement.sha256 == sha256,
-            Measurement.target_id == target_id,
+            sa.or_(*same),
         )
+        .order_by(Measurement.id)
+        .limit(1)
         .options(orm.joinedload(Measurement.result))
     )
 
@@ -266,7 +317,7 @@ def _find_same(
 def _new_measurement(
     session_id: str,
     pose_id: str,
-    target_id: str,
+    intended: Intended,
     sha256: str,
     size: int,
     metadata: Metadata,
@@ -276,7 +327,8 @@ def _new_measurement(
         id=new_id("mea"),
         session_id=session_id,
         pose_id=pose_id,
-        target_id=target_id,
+        target_id=intended.target_id,
+        seeks_target=not intended.named,
         cycle=metadata.cycle,
         focus_group=metadata.focus_group,
         joint_angles_deg=metadata.joint_angles_deg,

@@ -152,7 +152,9 @@ def _change_targets(records: orm.Session, session: Session, target_ids: Sequence
     targets = _session_targets(records, target_ids)
     used = set(
         records.scalars(
-            sa.select(Measurement.target_id).where(Measurement.session_id == session.id).distinct()
+            sa.select(Measurement.target_id)
+            .where(Measurement.session_id == session.id, Measurement.target_id.is_not(None))
+            .distinct()
         )
     )
     if not used.issubset(target_ids):

@@ -64,7 +64,7 @@ def calibration() -> Calibration:
             conditional_covariance=covariance(6),
         ),
         reprojection=Reprojection(rms_px=0.1, mean_px=0.08, std_px=0.03, max_px=0.3, points=30, rejected=1),
-        observability=Observability(0.01, 1234.5, np.pi / 4, ("k3", "p1")),
+        observability=Observability(0.01, 1234.5, np.pi / 4, ("k3", "p1"), 0.25),
         warnings=(Advisory("w", "d", None), *points.warnings),
         points=points,
         residuals_px=rng.normal(size=(count, 2)),
@@ -89,6 +89,25 @@ def test_nothing_is_lost(calibration: Calibration) -> None:
     decoded = decode_calibration(document, row["state"], row["points"], row["points_warnings"], TARGET)
     assert_same(decoded, calibration)
     assert (row["core_version"], row["input_sha256"], row["settings"]) == ("1.2.3", "0" * 64, {"lens": None})
+
+
+def test_states_from_before_the_second_pose_was_looked_for_are_read(calibration: Calibration) -> None:
+    row = encode_calibration(calibration, PROVENANCE)
+    decoded = decode_calibration(
+        row["calibration"], row["state"][:-8], row["points"], row["points_warnings"], TARGET
+    )
+    assert decoded.observability.pose_ambiguity_ratio is None
+    assert decoded.observability.tilt == calibration.observability.tilt
+
+
+def test_no_second_pose_stays_none(calibration: Calibration) -> None:
+    observability = dataclasses.replace(calibration.observability, pose_ambiguity_ratio=None)
+    row = encode_calibration(dataclasses.replace(calibration, observability=observability), PROVENANCE)
+    assert row["calibration"]["observability"]["pose_ambiguity_ratio"] is None
+    decoded = decode_calibration(
+        row["calibration"], row["state"], row["points"], row["points_warnings"], TARGET
+    )
+    assert decoded.observability == observability
 
 
 def test_the_document_has_degrees_where_it_says_so(calibration: Calibration) -> None:

@@ -105,7 +105,8 @@ def test_claims_are_oldest_first_and_exclusive(any_api: Any, grey_png: bytes) ->
     assert [job.measurement_id for job in (*first, *second, *third)] == ids
     assert queue.claim(2) == ()
     assert any_api.client.get(f"/v1/measurements/{ids[0]}").json()["status"] == "running"
-    assert first[0].target["columns"] == 9
+    assert [sought.fields["columns"] for sought in first[0].targets] == [9]
+    assert first[0].names_its_target
     running = any_api.client.post(f"/v1/measurements/{ids[0]}/retry")
     assert (running.status_code, running.json()["code"]) == (409, "measurement_running")
 

@@ -414,14 +414,69 @@ def test_a_session_deleted_meanwhile_leaves_no_original(api: Any, grey_png: byte
     assert files_of(api) == []
 
 
-def test_several_targets_need_the_image_to_name_one(api: Any, grey_png: bytes) -> None:
-    first, second = api.make_target(), api.make_target()
-    session_id = api.make_session(first, second)
-    response = api.put_image(session_id, grey_png)
-    assert (response.status_code, response.json()["code"]) == (422, "target_id_required")
-    named = [api.put_image(session_id, grey_png, target_id=target_id) for target_id in (first, second)]
+def test_an_image_that_names_no_target_is_one_measurement_until_it_is_searched(
+    any_api: Any, grey_png: bytes
+) -> None:
+    first, second = any_api.make_target(), any_api.make_target(columns=7)
+    session_id = any_api.make_session(first, second)
+    seeking = any_api.put_image(session_id, grey_png)
+    assert (seeking.status_code, seeking.json()["target_id"]) == (202, None)
+    assert seeking.json()["siblings"] == []
+    again = any_api.put_image(session_id, grey_png, cycle=5)
+    form = any_api.client.post(
+        f"/v1/sessions/{session_id}/images", files={"image": ("x.png", grey_png)}, data={"pose_id": "P1"}
+    )
+    assert [again.status_code, form.status_code] == [200, 200]
+    assert again.json() == form.json() == seeking.json()
+    named = [any_api.put_image(session_id, grey_png, target_id=target_id) for target_id in (first, second)]
     assert [response.status_code for response in named] == [202, 202]
     assert [response.json()["target_id"] for response in named] == [first, second]
+    ids = [response.json()["id"] for response in (seeking, *named)]
+    assert named[1].json()["siblings"] == ids[:2]
+    listed = any_api.client.get(f"/v1/sessions/{session_id}/measurements").json()["items"]
+    assert [item["id"] for item in listed] == ids
+    assert [item["siblings"] for item in listed] == [ids[1:], [ids[0], ids[2]], ids[:2]]
+    elsewhere = any_api.put_image(session_id, grey_png, "P2").json()
+    assert elsewhere["siblings"] == []
+    repeated = any_api.put_image(session_id, grey_png)
+    assert (repeated.status_code, repeated.json()["siblings"]) == (200, ids[1:])
+    wrong = any_api.put_image(session_id, grey_png, target_id=any_api.make_target())
+    assert (wrong.status_code, wrong.json()["code"]) == (422, "target_unknown")
+
+
+def test_simultaneous_uploads_without_target_make_one_measurement(any_api: Any, grey_png: bytes) -> None:
+    session_id = any_api.make_session(any_api.make_target(), any_api.make_target(columns=7))
+    start = threading.Barrier(6)
+
+    def send(_number: int) -> Any:
+        start.wait()
+        return any_api.put_image(session_id, grey_png)
+
+    with ThreadPoolExecutor(6) as pool:
+        responses = list(pool.map(send, range(6)))
+    assert sorted(r.status_code for r in responses) == [200] * 5 + [202]
+    assert len({r.json()["id"] for r in responses}) == 1
+
+
+def test_targets_that_come_and_go_leave_an_upload_the_same(any_api: Any, grey_png: bytes) -> None:
+    """Without a target it was sent, and without a target it is found, however many the session has by then."""
+    one, two = any_api.make_target(), any_api.make_target(columns=7)
+    session_id = any_api.make_session(one)
+    address = f"/v1/sessions/{session_id}"
+    alone = any_api.put_image(session_id, grey_png).json()
+    assert alone["target_id"] == one
+    assert any_api.client.patch(address, json={"target_ids": [two, one]}).status_code == 200
+    again = any_api.put_image(session_id, grey_png)
+    assert (again.status_code, again.json()) == (200, alone)
+    assert any_api.put_image(session_id, grey_png, target_id=one).json() == alone
+    seeking = any_api.put_image(session_id, grey_png, "P2")
+    assert (seeking.status_code, seeking.json()["target_id"]) == (202, None)
+    # what is not found yet is no reason to keep a target
+    assert any_api.client.patch(address, json={"target_ids": [one]}).status_code == 200
+    again = any_api.put_image(session_id, grey_png, "P2")
+    assert (again.status_code, again.json()) == (200, seeking.json())
+    refused = any_api.client.patch(address, json={"target_ids": [two]})
+    assert (refused.status_code, refused.json()["code"]) == (422, "target_in_use")
 
 
 def test_missing_images_are_named(any_api: Any, grey_png: bytes) -> None:

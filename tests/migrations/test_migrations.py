@@ -29,6 +29,7 @@ from app.records.tables import (
     SessionTarget,
     Table,
     Target,
+    target_fields,
 )
 
 SINCE_THE_FIRST = ("measured_poses",)
@@ -87,6 +88,7 @@ def fill(database: Database) -> dict[str, list[dict[str, Any]]]:
                 session_id=session_id,
                 pose_id="P1",
                 target_id=target_id,
+                seeks_target=True,
                 focus_group="default",
                 received_at=NOW,
                 sha256="0" * 64,
@@ -157,6 +159,78 @@ def test_markers_come_and_go_and_leave_the_result_as_it_was(database: Database, 
     assert content(database)["results"][0]["markers"] == bytes(range(68))
     schema.downgrade(database, "0002")
     assert "markers" not in {column["name"] for column in sa.inspect(database.engine).get_columns("results")}
+    schema.upgrade(database, tmp_path)
+    assert content(database) == before
+
+
+def test_images_of_sessions_with_one_target_named_none(database: Database, tmp_path: Path) -> None:
+    """To send such an image again without naming the target must find it, however many targets the session has now."""
+    schema.upgrade(database, tmp_path)
+    before = fill(database)
+    second = new_id("tgt")
+    with database.write() as records:
+        (target,) = records.scalars(sa.select(Target)).all()
+        records.add(Target(id=second, **{**target_fields(target), "columns": 5}, name="b", created_at=NOW))
+        (one,) = records.scalars(sa.select(Session)).all()
+        both = Session(id=new_id("ses"), name="both", created_at=NOW)
+        records.add(both)
+        records.flush()
+        both.targets.extend(
+            SessionTarget(position=k, target_id=target_id) for k, target_id in enumerate((target.id, second))
+        )
+        records.add(Pose(id=new_id("pos"), session_id=both.id, pose_id="P1"))
+        records.flush()
+        fields = {**before["measurements"][0], "session_id": both.id, "seeks_target": False}
+        records.add(Measurement(**{**fields, "id": new_id("mea")}))
+        records.add(Measurement(**{**fields, "id": new_id("mea"), "target_id": second}))
+    before = content(database)
+    schema.downgrade(database, "0003")
+    schema.upgrade(database, tmp_path)
+    assert content(database) == before
+    seeking = {row["session_id"]: row["seeks_target"] for row in content(database)["measurements"]}
+    assert seeking == {one.id: True, both.id: False}
+
+
+def test_only_what_shows_no_target_is_lost_on_the_way_down(database: Database, tmp_path: Path) -> None:
+    schema.upgrade(database, tmp_path)
+    before = fill(database)
+    with database.write() as records:
+        row = {
+            **before["measurements"][0],
+            "id": new_id("mea"),
+            "sha256": "1" * 64,
+            "target_id": None,
+            "status": "failed",
+        }
+        records.add(Measurement(**row))
+        records.flush()
+        records.add(Result(**{**before["results"][0], "measurement_id": row["id"]}))
+    assert len(content(database)["results"]) == 2
+    schema.downgrade(database, "0003")
+    schema.upgrade(database, tmp_path)
+    assert content(database) == before
+
+
+def test_one_image_is_searched_for_targets_once(database: Database, tmp_path: Path) -> None:
+    schema.upgrade(database, tmp_path)
+    row = {**fill(database)["measurements"][0], "target_id": None}
+    with pytest.raises(sa.exc.IntegrityError), database.write() as records:
+        records.add(Measurement(**{**row, "id": new_id("mea")}))
+    with database.write() as records:
+        for _ in range(2):  # without seeking, targets that are not known do not hinder one another
+            records.add(Measurement(**{**row, "id": new_id("mea"), "seeks_target": False}))
+
+
+def test_origin_and_capture_quality_come_and_go(database: Database, tmp_path: Path) -> None:
+    schema.upgrade(database, tmp_path)
+    before = fill(database)
+    quality = {"tilt": 0.1 + 0.2, "advice": []}
+    with database.write() as records:
+        records.execute(sa.update(Result).values(origin="turned", capture_quality=quality))
+    assert content(database)["results"][0]["capture_quality"] == quality
+    schema.downgrade(database, "0003")
+    names = {column["name"] for column in sa.inspect(database.engine).get_columns("results")}
+    assert not names & {"origin", "capture_quality"}
     schema.upgrade(database, tmp_path)
     assert content(database) == before
 

@@ -20,7 +20,7 @@ from app.api.schemas.measurements import (
     MissingImages,
 )
 from app.api.uploads import receive_form, receive_raw, require_image_type
-from app.api.views import measurement_document
+from app.api.views import measurement_document, quality_document
 from app.errors import Conflict, InvalidContent
 from app.records.tables import Session
 from app.services import measurements
@@ -119,7 +119,7 @@ async def put_image(
         filename=filename,
     )
     require_image_type(request)
-    checked_target_id = await run_in_threadpool(_check_target, service, session_id, target_id)
+    intended = await run_in_threadpool(_check_target, service, session_id, target_id)
     _refuse_unknown(request)
     async with receive_raw(request, service.installation) as staged:
         accepted = await run_in_threadpool(
@@ -130,7 +130,7 @@ async def put_image(
             staged,
             metadata,
             expected_sha256=sha256,
-            checked_target_id=checked_target_id,
+            intended=intended,
         )
     return _answer(response, accepted)
 
@@ -191,10 +191,10 @@ def list_measurements(
 ) -> MeasurementPage:
     """List a session's measurements, oldest first."""
     with service.installation.database.read() as records:
-        rows, next_cursor = measurements.list_measurements(
+        views, next_cursor = measurements.list_measurements(
             records, session_id, status=status, pose_id=pose_id, limit=limit, cursor=cursor
         )
-    return MeasurementPage(items=[measurement_document(row) for row in rows], next_cursor=next_cursor)
+    return MeasurementPage(items=[measurement_document(view) for view in views], next_cursor=next_cursor)
 
 
 @router.get("/measurements/{measurement_id}", responses=problems(404, 422))
@@ -205,9 +205,9 @@ def get_measurement(
 ) -> MeasurementRead:
     """Return one measurement."""
     with service.installation.database.read() as records:
-        measurement = measurements.get_measurement(records, measurement_id)
+        view = measurements.get_measurement(records, measurement_id)
         points = measurements.get_points(records, measurement_id) if include == "points" else None
-    return measurement_document(measurement, points)
+    return measurement_document(view, points)
 
 
 @router.get(
@@ -240,7 +240,8 @@ def get_image(measurement_id: str, service: ServiceDep) -> WholeFile:
     response_class=Response,
     responses={
         200: {
-            "description": "The image with the points found and their residuals, a hundred times enlarged.",
+            "description": "The image with the points found, their residuals a hundred times enlarged, and how well "
+            "it was taken.",
             "content": {"image/png": {"schema": {"type": "string", "format": "binary"}}},
         },
         **problems(404, 409, 503),
@@ -251,31 +252,32 @@ def get_overlay(measurement_id: str, service: ServiceDep) -> Response:
     measurement, path = measurements.get_original(service.installation, measurement_id)
     with service.installation.database.read() as records:
         points = measurements.get_points(records, measurement.id)
+        quality = quality_document(measurements.get_measurement(records, measurement.id).measurement)
     if points is None:
         raise Conflict(
             "No points are known of this image.",
             "Wait until it is measured; where no target was found there is nothing to draw.",
             code="no_points",
         )
-    return Response(service.painter.draw(path, points), media_type="image/png")
+    return Response(service.painter.draw(path, points, quality), media_type="image/png")
 
 
 @router.post("/measurements/{measurement_id}/retry", status_code=202, responses=problems(404, 409, 507))
 def retry_measurement(measurement_id: str, service: ServiceDep, response: Response) -> MeasurementRead:
     """Compute a measurement again with today's code, whatever came of it before."""
-    measurement = measurements.retry_measurement(service.installation, measurement_id)
-    response.headers["Location"] = f"/v1/measurements/{measurement.id}"
-    return measurement_document(measurement)
+    view = measurements.retry_measurement(service.installation, measurement_id)
+    response.headers["Location"] = f"/v1/measurements/{measurement_id}"
+    return measurement_document(view)
 
 
 def _answer(response: Response, accepted: measurements.Accepted) -> MeasurementRead:
     response.status_code = 202 if accepted.is_new else 200
-    response.headers["Location"] = f"/v1/measurements/{accepted.measurement.id}"
-    return measurement_document(accepted.measurement)
+    response.headers["Location"] = f"/v1/measurements/{accepted.view.measurement.id}"
+    return measurement_document(accepted.view)
 
 
-def _check_target(service: Service, session_id: str, target_id: str | None) -> str:
-    """Return the image's target; refuse a wrong one before the image is received."""
+def _check_target(service: Service, session_id: str, target_id: str | None) -> measurements.Intended:
+    """Return which target the image is of; refuse a wrong one before the image is received."""
     with service.installation.database.read() as records:
         return measurements.check_target(find(records, Session, session_id), target_id)
 

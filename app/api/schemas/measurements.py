@@ -150,6 +150,11 @@ class ObservabilityRead(ResponseModel):
     condition_number: float
     tilt_deg: float
     prior_dominated: list[str]
+    pose_ambiguity_ratio: float | None = Field(
+        default=None,
+        description="Least squared residuals over those of the second pose, whose tilt is mirrored about the line of "
+        "sight: 0 to 1, at 1 the image does not tell the two apart. Null where there is no second minimum.",
+    )
 
 
 class CalibrationRead(ResponseModel):
@@ -180,15 +185,43 @@ class GridPointRead(ResponseModel):
     used: bool | None
 
 
+class CaptureQualityRead(ResponseModel):
+    """How well the picture was taken, where the target is; a figure is null where the picture does not tell it."""
+
+    edge_width_px: float | None = Field(description="10-90 % rise distance of the sharpest edges.")
+    motion_blur_px: float | None = Field(
+        description="Length of the uniform motion that would widen edges as much more in one direction than across it."
+    )
+    motion_blur_direction_deg: float | None = Field(
+        description="That direction, from u toward v, from 0 to 180."
+    )
+    saturated_fraction: float | None = Field(description="Share of the target's white at the sensor's top.")
+    clipped_fraction: float | None = Field(description="Share of the target's black at the sensor's bottom.")
+    contrast: float | None = Field(description="White less black, as a fraction of full scale.")
+    coverage_fraction: float = Field(description="Share of the picture within the grid points' outline.")
+    tilt_deg: float | None = Field(
+        description="Angle between the target's normal and the line of sight to its middle, for a usual lens."
+    )
+    advice: list[AdvisoryRead] = Field(
+        description="What would make a better picture, the most worthwhile first; empty for a good one."
+    )
+
+
 class MeasurementRead(ResponseModel):
-    """One image and what came of it."""
+    """One image and what came of it of one target.
+
+    An image uploaded without `target_id` to a session with several targets becomes a measurement for each target that
+    it shows. Until it is searched, and where it shows none, its measurement's `target_id` is null.
+    """
 
     id: str
     session_id: str
     pose_id: str
     cycle: int | None
-    target_id: str
-    siblings: list[str]
+    target_id: str | None
+    siblings: list[str] = Field(
+        description="The measurements of the same image at the same pose, of other targets; oldest first."
+    )
     focus_group: str
     joint_angles_deg: list[float] | None
     captured_at: datetime | None
@@ -202,6 +235,12 @@ class MeasurementRead(ResponseModel):
     duration_ms: float | None
     failure: FailureRead | None
     calibration: CalibrationRead | None
+    origin: Literal["known", "turned", "unknown"] | None = Field(
+        description="How far the picture tells which grid point is (0, 0): `known` for sure; `turned` but for turns of "
+        "the whole grid that look the same, one of which was chosen; `unknown` where part of a grid is seen that may "
+        "be any part. Null where no points were found, or before this was kept."
+    )
+    capture_quality: CaptureQualityRead | None
     points: list[GridPointRead] | None
 
 

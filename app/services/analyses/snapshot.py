@@ -20,6 +20,8 @@ from app.records.tables import MeasuredPose, Measurement, Pose, Result, Robot, S
 from app.services.lookup import find
 from app.settings import program_version
 
+NO_TARGET = -1
+"""The place of the target of an image that shows none of the session's; it is never one with points."""
 ROBOT_ANALYSES = frozenset({"dh"})
 """Those that are computed from the robot's nominal joints, too."""
 _NUMBER = re.compile(r"(\d+)", re.ASCII)
@@ -27,9 +29,10 @@ _NUMBER = re.compile(r"(\d+)", re.ASCII)
 
 @dataclass(frozen=True, slots=True)
 class Image:
-    """A finished measurement; `target` is its target's place in the session's list.
+    """A finished measurement; `target` is its target's place in the session's list, or NO_TARGET.
 
     `point_bytes` is the size of its stored grid points, None where none were found, `marker_bytes` of its markers.
+    `origin` is that of its grid points, None where there are none and where it was measured before that was kept.
     """
 
     measurement_id: str
@@ -46,6 +49,7 @@ class Image:
     point_bytes: int | None
     computed_by: str | None
     marker_bytes: int | None = None
+    origin: str | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -128,6 +132,7 @@ class Snapshot:
                     image.point_bytes,
                     image.computed_by,
                     image.marker_bytes,
+                    image.origin,
                 ]
                 for image in self.images
             ],
@@ -249,13 +254,14 @@ def _read_images(records: orm.Session, session_id: str, places: Mapping[str, int
                 sa.func.length(Result.points),
                 Result.core_version,
                 sa.func.length(Result.markers),
+                Result.origin,
             )
             .outerjoin(Result, Result.measurement_id == Measurement.id)
             .where(Measurement.session_id == session_id, Measurement.status.in_(("succeeded", "failed")))
         )
         .all()
     )
-    fields: list[tuple[Any, ...]] = [(*row[:4], places[row[4]], *row[5:]) for row in rows]
+    fields: list[tuple[Any, ...]] = [(*row[:4], places[row[4]] if row[4] else NO_TARGET, *row[5:]) for row in rows]
     images = [Image(*row) for row in fields]
     names = sorted({image.pose_id for image in images}, key=natural)
     rank = {pose_id: place for place, pose_id in enumerate(names)}
