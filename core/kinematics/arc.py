@@ -25,13 +25,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float
-from scipy.spatial.transform import Rotation
 
-from core.transforms import hat, so3_exp
+from core.transforms import hat, rotation_vectors, so3_exp
 
 AXIS_PARAMETERS = 4
 """The first of every step: c along e1 and e2 (mm), n turned about e1 and e2 (rad)."""
 _ANGLE_STEPS = 3
+_SETTLED = 1e-7  # rad: steps are quadratic, and after such a one nothing is left
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,13 +52,25 @@ class Measured:
 
 @dataclass(frozen=True, slots=True)
 class Motion:
-    """A state of the fit; `angles` are φ."""
+    """A state of the fit; `angles` are φ. Of many at once all fields have leading axes, and `residuals`,
+    `angle_derivative` and `with_angles` take them; the rest is of one alone.
+    """
 
-    point: Float[np.ndarray, "3"]
-    direction: Float[np.ndarray, "3"]
-    position: Float[np.ndarray, "3"]
-    rotation: Float[np.ndarray, "3 3"] | None
-    angles: Float[np.ndarray, " n"]
+    point: Float[np.ndarray, "*b 3"]
+    direction: Float[np.ndarray, "*b 3"]
+    position: Float[np.ndarray, "*b 3"]
+    rotation: Float[np.ndarray, "*b 3 3"] | None
+    angles: Float[np.ndarray, "*b n"]
+
+    def one(self, index: int) -> Motion:
+        """Return one of many."""
+        return Motion(
+            self.point[index],
+            self.direction[index],
+            self.position[index],
+            None if self.rotation is None else self.rotation[index],
+            np.ascontiguousarray(self.angles[index]),
+        )
 
     @property
     def basis(self) -> Float[np.ndarray, "3 3"]:
@@ -97,36 +109,68 @@ class Motion:
 
 
 def rotations_about(
-    direction: Float[np.ndarray, "3"], angles: Float[np.ndarray, " n"]
-) -> Float[np.ndarray, "n 3 3"]:
-    """Return Rot(n, φ) of every angle."""
-    return np.asarray(Rotation.from_rotvec(angles[:, None] * direction).as_matrix()).reshape(-1, 3, 3)
+    direction: Float[np.ndarray, "*b 3"], angles: Float[np.ndarray, "*b n"]
+) -> Float[np.ndarray, "*b n 3 3"]:
+    """Return Rot(n, φ) of every angle, by Rodrigues' formula."""
+    K = np.zeros((*direction.shape, 3))
+    x, y, z = direction[..., 0], direction[..., 1], direction[..., 2]
+    K[..., 2, 1], K[..., 0, 2], K[..., 1, 0] = x, y, z
+    K -= K.swapaxes(-1, -2)
+    sine, versine = np.sin(angles)[..., None, None], 2.0 * np.sin(0.5 * angles)[..., None, None] ** 2
+    return np.asarray(np.eye(3) + sine * K[..., None, :, :] + versine * (K @ K)[..., None, :, :])
 
 
-def residuals(motion: Motion, seen: Measured) -> Float[np.ndarray, "n m"]:
+def residuals(motion: Motion, seen: Measured) -> Float[np.ndarray, "*b n m"]:
     """Return measured - predicted of every pose: position (mm), and rotation vector (rad) where there is one."""
-    D = rotations_about(motion.direction, motion.angles)
-    off = seen.positions - motion.point - D @ (motion.position - motion.point)
+    return _residuals(motion, seen, rotations_about(motion.direction, motion.angles))
+
+
+def _residuals(
+    motion: Motion, seen: Measured, D: Float[np.ndarray, "*b n 3 3"]
+) -> Float[np.ndarray, "*b n m"]:
+    off = seen.positions - motion.point[..., None, :] - _turned(D, motion.position - motion.point)
     if seen.rotations is None or motion.rotation is None:
         return np.asarray(off)
-    turn = seen.rotations @ (D @ motion.rotation).swapaxes(1, 2)
-    return np.hstack([off, Rotation.from_matrix(turn).as_rotvec()])
+    turn = seen.rotations @ (D @ motion.rotation[..., None, :, :]).swapaxes(-1, -2)
+    turns = rotation_vectors(turn.reshape(-1, 3, 3), np.eye(3)).reshape(off.shape)
+    return np.concatenate([off, turns], axis=-1)
 
 
-def angle_derivative(motion: Motion, seen: Measured) -> Float[np.ndarray, "n m"]:
+def angle_derivative(motion: Motion, seen: Measured) -> Float[np.ndarray, "*b n m"]:
     """Return d(prediction)/dφ of every pose."""
-    D = rotations_about(motion.direction, motion.angles)
-    along = D @ (motion.position - motion.point) @ hat(motion.direction).T
+    return _angle_derivative(motion, seen, rotations_about(motion.direction, motion.angles))
+
+
+def _angle_derivative(
+    motion: Motion, seen: Measured, D: Float[np.ndarray, "*b n 3 3"]
+) -> Float[np.ndarray, "*b n m"]:
+    n = motion.direction[..., None, :]
+    along = _cross(n, _turned(D, motion.position - motion.point))
     if seen.rotations is None:
-        return np.asarray(along)
-    return np.hstack([along, np.broadcast_to(motion.direction, along.shape)])
+        return along
+    return np.concatenate([along, np.broadcast_to(n, along.shape)], axis=-1)
+
+
+def _turned(
+    D: Float[np.ndarray, "*b n 3 3"], vector: Float[np.ndarray, "*b 3"]
+) -> Float[np.ndarray, "*b n 3"]:
+    return np.asarray((D @ vector[..., None, :, None])[..., 0])
+
+
+def _cross(a: Float[np.ndarray, "*_a 3"], b: Float[np.ndarray, "*_b 3"]) -> Float[np.ndarray, "*_c 3"]:
+    x, y, z = (a[..., i] for i in range(3))
+    u, v, w = (b[..., i] for i in range(3))
+    return np.stack([y * w - z * v, z * u - x * w, x * v - y * u], axis=-1)
 
 
 def jacobian(motion: Motion, seen: Measured) -> Float[np.ndarray, "n m p"]:
     """Return d(prediction)/d(step) of every pose."""
+    return _jacobian(motion, seen, rotations_about(motion.direction, motion.angles))
+
+
+def _jacobian(motion: Motion, seen: Measured, D: Float[np.ndarray, "n 3 3"]) -> Float[np.ndarray, "n m p"]:
     E, u = motion.basis, motion.position - motion.point
     e1, e2, n = E.T
-    D = rotations_about(motion.direction, motion.angles)
     out = D @ u
     across = np.eye(3) - D
 
@@ -150,11 +194,14 @@ def with_angles(motion: Motion, seen: Measured) -> Motion:
     if not seen.free_angles:
         return motion
     for _ in range(_ANGLE_STEPS):
-        r = np.einsum("nij,nj->ni", seen.whitening, residuals(motion, seen))
-        g = np.einsum("nij,nj->ni", seen.whitening, angle_derivative(motion, seen))
-        step = np.sum(g * r, axis=1) / np.maximum(np.sum(g * g, axis=1), 1e-300)
+        D = rotations_about(motion.direction, motion.angles)
+        r = (seen.whitening @ _residuals(motion, seen, D)[..., None])[..., 0]
+        g = (seen.whitening @ _angle_derivative(motion, seen, D)[..., None])[..., 0]
+        step = np.sum(g * r, axis=-1) / np.maximum(np.sum(g * g, axis=-1), 1e-300)
         # A gross error would send its angle round and round.
         motion = replace(motion, angles=motion.angles + np.clip(step, -1.0, 1.0))
+        if np.abs(step).max() < _SETTLED:
+            break
     return motion
 
 
@@ -166,13 +213,13 @@ def linearised(
     With g the whitened derivative by a free angle, a Householder reflection takes g to the last component, which is
     then dropped.
     """
-    W = seen.whitening
+    W, D = seen.whitening, rotations_about(motion.direction, motion.angles)
     if seen.free_angles:
-        g = np.einsum("nij,nj->ni", W, angle_derivative(motion, seen))
+        g = np.einsum("nij,nj->ni", W, _angle_derivative(motion, seen, D))
         v = g / np.maximum(np.linalg.norm(g, axis=1, keepdims=True), 1e-300)
         v[:, -1] += np.where(v[:, -1] < 0.0, -1.0, 1.0)
         scale = 2.0 / np.sum(v * v, axis=1)
         reflection = np.eye(v.shape[1]) - scale[:, None, None] * v[:, :, None] * v[:, None, :]
         W = reflection[:, :-1] @ W
-    r = np.einsum("nri,ni->nr", W, residuals(motion, seen))
-    return r, W @ jacobian(motion, seen), W
+    r = np.einsum("nri,ni->nr", W, _residuals(motion, seen, D))
+    return r, W @ _jacobian(motion, seen, D), W

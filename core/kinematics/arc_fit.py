@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 from core.errors import DegenerateGeometry, NotConverged
 from core.kinematics.arc import (
@@ -55,6 +55,10 @@ class ArcProblem:
         common = np.zeros((n, m, 0)) if poses.common is None else poses.common[members, :m]
         rotations = poses.rotations[members] if with_rotations and poses.rotations is not None else None
         return cls(sweep, poses.positions_mm[members], rotations, own, common, method != "combined")
+
+    def resume(self, motion: Motion, used: Bool[np.ndarray, " n"]) -> None:
+        """Start where the same poses, moved by little or by nothing, were fitted before."""
+        self.motion, self.used = motion, used.copy()
 
     def start(self) -> None:
         self.motion = robust_start(self.positions, self.rotations, self.encoder, free_angles=self.free_angles)

@@ -80,12 +80,20 @@ class AxisFits:
     shared: Float[np.ndarray, " k"]
     warnings: tuple[Advisory, ...]
 
+    @property
+    def variances(self) -> Variances:
+        """Return the scatter as variances."""
+        return Variances(self.scatter_mm**2, 1.0 if self.scatter_rad is None else self.scatter_rad**2)
 
-def fit_axes(poses: PoseData, sweeps: Sequence[Sweep], method: str = "combined") -> AxisFits:
+
+def fit_axes(
+    poses: PoseData, sweeps: Sequence[Sweep], method: str = "combined", begin: AxisFits | None = None
+) -> AxisFits:
     """Fit the axis of every sweep.
 
     `method` is "cpa" (circles through positions), "screw" (poses, whatever the encoder says) or "combined" (poses at
-    the encoder's angles; of positions alone, positions at the encoder's angles).
+    the encoder's angles; of positions alone, positions at the encoder's angles). `begin` are fits of the same sweeps to
+    poses that differ little.
 
     Raises InvalidArgument for another method, RotationsMissing for screws of positions alone, ArcTooShort where no arc
     of a joint is long enough or has poses enough, DegenerateGeometry where positions do not tell an axis, NotConverged
@@ -97,14 +105,19 @@ def fit_axes(poses: PoseData, sweeps: Sequence[Sweep], method: str = "combined")
         raise RotationsMissing("The screw method reads axes off rotations, and the poses have none.")
     usable, warnings = _long_enough(sweeps, method)
     arcs = [ArcProblem.prepared(poses, sweep, method) for sweep in usable]
-    for arc in arcs:
-        arc.start()
-    variances = _first_variances(arcs, known=poses.covariance is not None)
+    if begin is None:
+        for arc in arcs:
+            arc.start()
+        variances = _first_variances(arcs, known=poses.covariance is not None)
+    else:
+        for arc, earlier in zip(arcs, begin.arcs, strict=True):
+            arc.resume(earlier.motion, earlier.used)
+        variances = begin.variances
     kinds = 1 if arcs[0].rotations is None else 2
     shared = np.zeros(arcs[0].common.shape[2])
     for attempt in range(_PASSES):
         for arc in arcs:
-            arc.refine(variances, shared, robust=attempt == 0)
+            arc.refine(variances, shared, robust=attempt == 0 and begin is None)
         _reject(arcs)
         for arc in arcs:
             arc.refine(variances, shared, robust=False)

@@ -31,10 +31,10 @@ from core.kinematics.axes import AxisFits, fit_axes
 from core.kinematics.common_normals import Axes, Described, LinkForm, choose_signs, describe, feet
 from core.kinematics.dh import JOINT_PARAMETERS, Chain, JointParameters, forward, nearly_parallel
 from core.kinematics.home import common_home
-from core.kinematics.link_targets import Given, TargetLink, link_targets
+from core.kinematics.link_targets import Given, TargetLink
 from core.kinematics.poses import PoseData
 from core.kinematics.sweeps import JOINT_TOLERANCE, Sweep, find_sweeps, require_sweeps
-from core.kinematics.uncertain_axes import STEP_RAD, ArcTree, UncertainAxes, lines_of
+from core.kinematics.uncertain_axes import STEP_RAD, ArcTree, UncertainAxes
 from core.transforms import invert, transform, transform_mean
 
 _LARGEST_TURN = 0.1
@@ -132,11 +132,11 @@ def identify_from_axes(
     found = find_sweeps(poses, tolerance=tolerance) if sweeps is None else tuple(sweeps)
     check_angles(poses, found)
     require_sweeps(found, poses.joints)
-    first = _identify(poses, poses, nominal, method, found, tolerance, target_transforms)
+    first = _identify(poses, poses, nominal, method, found, tolerance, target_transforms, None)
     rested = _rested(poses, found, first)
     if rested is None:
         return first
-    return _identify(rested, poses, nominal, method, found, tolerance, target_transforms)
+    return _identify(rested, poses, nominal, method, found, tolerance, target_transforms, first.fits)
 
 
 def _identify(
@@ -147,12 +147,12 @@ def _identify(
     sweeps: Sequence[Sweep],
     tolerance: float,
     given: Given | None,
+    begin: AxisFits | None,
 ) -> AxesIdentification:
-    fits = fit_axes(poses, sweeps, method)
-    lines = lines_of(fits)
+    fits = fit_axes(poses, sweeps, method, begin)
     home = common_home([arc.sweep for arc in fits.arcs], poses.joints, tolerance)
-    links = link_targets(poses, lines, given, 2.0 * tolerance)
-    tree = ArcTree(lines, home, links, int(poses.targets.min()), 2.0 * tolerance)
+    tree = ArcTree.grown(fits, home, poses, given, 2.0 * tolerance)
+    links = tree.links
     uncertain = tree.uncertain(fits)
     axes = uncertain.axes
     forms = _choose_forms(uncertain, home, nominal)

@@ -13,7 +13,7 @@ Networks and Systems, 1984, 120-129, 10.1007/BFb0031048.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -73,49 +73,145 @@ def axes_at_home(
     for joint in range(count):
         arcs = np.flatnonzero(lines.joints == joint)
         T = T_first_target[lines.targets[arcs]]
-        R, t = T[:, :3, :3], T[:, :3, 3]
-        for j in range(joint):
-            turns = home[j] - lines.settings[arcs, j]
-            if turns.any():
-                E = rotations_about(directions[j], turns)
-                R, t = E @ R, points[j] + np.einsum("nij,nj->ni", E, t - points[j])
-        points[joint], directions[joint] = _averaged(
-            np.einsum("nij,nj->ni", R, lines.points[arcs]) + t,
-            np.einsum("nij,nj->ni", R, lines.directions[arcs]),
-            R @ lines.bases[arcs],
-            lines.roots[arcs],
-        )
+        for turns, E in _turns(lines, home, arcs, directions[:joint]):
+            T = _turned(T, E, points[turns])
+        points[joint], directions[joint] = _averaged(_brought(lines, arcs, T))
     return Axes(points, directions)
 
 
-def _averaged(
-    points: Float[np.ndarray, "k 3"],
-    directions: Float[np.ndarray, "k 3"],
-    bases: Float[np.ndarray, "k 3 2"],
-    roots: Float[np.ndarray, "k 4 4"],
-) -> tuple[Float[np.ndarray, "3"], Float[np.ndarray, "3"]]:
+def home_derivatives(
+    lines: Lines,
+    home: Float[np.ndarray, " j"],
+    T_first_target: Float[np.ndarray, "t 4 4"],
+    by_target: Float[np.ndarray, "t 6 q"],
+    axes: Axes,
+) -> Float[np.ndarray, "j 6 q"]:
+    """Return how the axes at home move: the twist (v, w) of each, x' = v + w × x, by q changes.
+
+    The first four of every arc are its line's, along and about its basis; `by_target` is the twist of every target's
+    transform. Where an axis moves by ξ, a turn E about it goes to exp(ξ) E exp(-ξ), so that a twist δ of what is
+    turned becomes ξ + Ad_E (δ - ξ). What moves along the axis itself or about it is of no consequence.
+    """
+    twists = np.zeros((len(home), 6, by_target.shape[2]))
+    for joint in range(len(home)):
+        arcs = np.flatnonzero(lines.joints == joint)
+        T, delta = T_first_target[lines.targets[arcs]], by_target[lines.targets[arcs]]
+        for j, E in _turns(lines, home, arcs, axes.directions[:joint]):
+            T = _turned(T, E, axes.points[j])
+            delta = twists[j] + _adjoint(E, axes.points[j], delta - twists[j])
+        near = _brought(lines, arcs, T)
+        moved = np.zeros((len(arcs), 4, twists.shape[2]))
+        across = near.bases.swapaxes(1, 2)
+        moved[:, :2] = across @ (delta[:, :3] - hats(near.points) @ delta[:, 3:])
+        moved[:, 2:] = across @ delta[:, 3:]
+        for k, arc in enumerate(arcs):
+            moved[k, :, 4 * arc : 4 * arc + 4] += np.eye(4)
+        E_axis = near.bases[0]
+        if len(arcs) > 1:
+            E_axis = _next_to(near.bases[0], axes.directions[joint])
+            gains, _ = _gains(near, axes.points[joint], axes.directions[joint], E_axis)
+            step = np.einsum("kij,kjq->iq", gains, moved)
+        else:
+            step = moved[0]
+        twists[joint, 3:] = E_axis @ step[2:]
+        twists[joint, :3] = E_axis @ step[:2] + hat(axes.points[joint]) @ twists[joint, 3:]
+    return twists
+
+
+def hats(vectors: Float[np.ndarray, "k 3"]) -> Float[np.ndarray, "k 3 3"]:
+    """Return [w]× of each."""
+    K = np.zeros((len(vectors), 3, 3))
+    K[:, 2, 1], K[:, 0, 2], K[:, 1, 0] = vectors.T
+    return np.asarray(K - K.swapaxes(1, 2))
+
+
+def _turns(
+    lines: Lines,
+    home: Float[np.ndarray, " j"],
+    arcs: Int[np.ndarray, " k"],
+    directions: Float[np.ndarray, "i 3"],
+) -> Iterator[tuple[int, Float[np.ndarray, "k 3 3"]]]:
+    """Yield the joints before that arcs' settings differ from home in, and how far each arc has to be turned back."""
+    for j, direction in enumerate(directions):
+        turns = home[j] - lines.settings[arcs, j]
+        if turns.any():
+            yield j, rotations_about(direction, turns)
+
+
+def _turned(
+    T: Float[np.ndarray, "k 4 4"], E: Float[np.ndarray, "k 3 3"], point: Float[np.ndarray, "3"]
+) -> Float[np.ndarray, "k 4 4"]:
+    turned = T.copy()
+    turned[:, :3, :3] = E @ T[:, :3, :3]
+    turned[:, :3, 3] = point + (E @ (T[:, :3, 3] - point)[:, :, None])[:, :, 0]
+    return turned
+
+
+def _adjoint(
+    E: Float[np.ndarray, "k 3 3"], point: Float[np.ndarray, "3"], twist: Float[np.ndarray, "k 6 q"]
+) -> Float[np.ndarray, "k 6 q"]:
+    """Return Ad of the turn about the point."""
+    w = E @ twist[:, 3:]
+    return np.concatenate([E @ twist[:, :3] + hats(point - E @ point) @ w, w], axis=1)
+
+
+@dataclass(frozen=True, slots=True)
+class _Near:
+    """Lines of one joint, brought home."""
+
+    points: Float[np.ndarray, "k 3"]
+    directions: Float[np.ndarray, "k 3"]
+    bases: Float[np.ndarray, "k 3 2"]
+    roots: Float[np.ndarray, "k 4 4"]
+
+
+def _brought(lines: Lines, arcs: Int[np.ndarray, " k"], T: Float[np.ndarray, "k 4 4"]) -> _Near:
+    R, t = T[:, :3, :3], T[:, :3, 3]
+    return _Near(
+        (R @ lines.points[arcs][:, :, None])[:, :, 0] + t,
+        (R @ lines.directions[arcs][:, :, None])[:, :, 0],
+        R @ lines.bases[arcs],
+        lines.roots[arcs],
+    )
+
+
+def _averaged(near: _Near) -> tuple[Float[np.ndarray, "3"], Float[np.ndarray, "3"]]:
     """Return the line that lies best among several, each weighted by its own information."""
-    point, direction, E = points[0], directions[0], bases[0]
-    if len(points) == 1:
+    point, direction, E = near.points[0], near.directions[0], near.bases[0]
+    if len(near.points) == 1:
         return point, direction
     for _ in range(3):
-        out = points - point
-        along = out @ direction
-        # Next to an arc's own point the line passes at p - q; moved by (e, w), E e + along (E w) × n further.
-        q = out - along[:, None] * direction
-        across = bases.swapaxes(1, 2)
-        J = np.zeros((len(points), 4, 4))
-        J[:, :2, :2] = J[:, 2:, 2:] = across @ E
-        J[:, :2, 2:] = along[:, None, None] * (across @ (-hat(direction) @ E))
-        off = np.concatenate([q, directions @ -hat(direction)], axis=1).reshape(-1, 2, 3)  # n × n_k
-        right = np.einsum("kij,kcj->kci", across, off).reshape(-1, 4)
-        H = roots.swapaxes(1, 2) @ roots
-        normal = np.einsum("kai,kab,kbj->ij", J, H, J)
-        unit = 1.0 / np.sqrt(np.diag(normal))
-        step = unit * np.linalg.solve(
-            normal * np.outer(unit, unit), unit * np.einsum("kai,kab,kb->i", J, H, right)
-        )
+        gains, right = _gains(near, point, direction, E)
+        step = np.einsum("kij,kj->i", gains, right)
         point = point + E @ step[:2]
         turn = so3_exp(E @ step[2:])
         direction, E = turn @ direction, turn @ E
     return point, direction
+
+
+def _gains(
+    near: _Near, point: Float[np.ndarray, "3"], direction: Float[np.ndarray, "3"], E: Float[np.ndarray, "3 2"]
+) -> tuple[Float[np.ndarray, "k 4 4"], Float[np.ndarray, "k 4"]]:
+    """Return what each line's distance from a line (last, along and about its own basis) moves that line by."""
+    out = near.points - point
+    along = out @ direction
+    # Next to an arc's own point the line passes at p - q; moved by (e, w), E e + along (E w) × n further.
+    q = out - along[:, None] * direction
+    across = near.bases.swapaxes(1, 2)
+    J = np.zeros((len(out), 4, 4))
+    J[:, :2, :2] = J[:, 2:, 2:] = across @ E
+    J[:, :2, 2:] = along[:, None, None] * (across @ (-hat(direction) @ E))
+    off = np.concatenate([q, near.directions @ -hat(direction)], axis=1).reshape(-1, 2, 3)  # n × n_k
+    right = np.einsum("kij,kcj->kci", across, off).reshape(-1, 4)
+    JH = J.swapaxes(1, 2) @ (near.roots.swapaxes(1, 2) @ near.roots)
+    normal = (JH @ J).sum(axis=0)
+    unit = 1.0 / np.sqrt(np.diag(normal))
+    inverse = unit[:, None] * np.linalg.inv(normal * np.outer(unit, unit)) * unit
+    return inverse @ JH, right
+
+
+def _next_to(E: Float[np.ndarray, "3 2"], direction: Float[np.ndarray, "3"]) -> Float[np.ndarray, "3 2"]:
+    """Return two directions across a line, near those given."""
+    first = E[:, 0] - direction * (direction @ E[:, 0])
+    first /= np.linalg.norm(first)
+    return np.column_stack([first, hat(direction) @ first])

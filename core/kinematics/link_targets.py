@@ -34,8 +34,8 @@ _ADVICE = (
 
 @dataclass(frozen=True, slots=True)
 class TargetLink:
-    """T_first_target; `covariance` (6, 6) is of d (mm) and w (rad, from the left) in the first target's frame, or None
-    where the arcs told it and their covariance is its own. `pairs` are what it was found from: poses or axes.
+    """T_first_target; `covariance` (6, 6) is of d (mm) and w (rad, from the left) in the first target's frame, None
+    where the arcs tell it and it is still to be carried from theirs. `pairs` are what it was found from: poses or axes.
     """
 
     T_first_target: Float[np.ndarray, "4 4"]
@@ -63,12 +63,10 @@ def link_targets(
             links[target] = TargetLink(T, covariance, 0)
             continue
         link = _by_poses(poses, first, target)
-        if link is None and len(_shared_axes(lines, first, target, tolerance)):
-            link = TargetLink(
-                by_arcs(lines, first, target, tolerance),
-                None,
-                len(_shared_axes(lines, first, target, tolerance)),
-            )
+        if link is None:
+            pairs = shared_axes(lines, first, target, tolerance)
+            if len(pairs):
+                link = TargetLink(by_arcs(lines, pairs), None, len(pairs))
         if link is not None:
             links[target] = link
         elif np.any(lines.targets == target):
@@ -78,19 +76,19 @@ def link_targets(
     return links
 
 
-def by_arcs(lines: Lines, first: int, target: int, tolerance: float) -> Float[np.ndarray, "4 4"]:
-    """Return T_first_target from axes that were found on both.
+def by_arcs(lines: Lines, pairs: Int[np.ndarray, "p 2"]) -> Float[np.ndarray, "4 4"]:
+    """Return T_first_target from axes that were found on both, as `shared_axes` has them.
 
     Raises MotionInsufficient where these are parallel.
     """
-    pairs = _shared_axes(lines, first, target, tolerance)
     n, m = lines.directions[pairs[:, 0]], lines.directions[pairs[:, 1]]
     M = n.T @ m
     singular = np.linalg.svd(M, compute_uv=False)
     if not singular[1] > _LEAST_SPREAD**2 * len(pairs):
         raise MotionInsufficient(
-            f"All joints that were swept on target {first + 1} and on target {target + 1} have parallel axes: these do "
-            "not tell how the targets lie to one another.",
+            f"All joints that were swept on target {int(lines.targets[pairs[0, 0]]) + 1} and on target "
+            f"{int(lines.targets[pairs[0, 1]]) + 1} have parallel axes: these do not tell how the targets lie to one "
+            "another.",
             _ADVICE,
         )
     R = nearest_rotation(M)
@@ -100,7 +98,7 @@ def by_arcs(lines: Lines, first: int, target: int, tolerance: float) -> Float[np
     return transform(R, t)
 
 
-def _shared_axes(lines: Lines, first: int, target: int, tolerance: float) -> Int[np.ndarray, "p 2"]:
+def shared_axes(lines: Lines, first: int, target: int, tolerance: float) -> Int[np.ndarray, "p 2"]:
     """Return pairs of arcs of one joint, one on either target, with the joints before it at the same angles."""
     pairs = []
     for a in np.flatnonzero(lines.targets == first):

@@ -1,4 +1,4 @@
-"""Closed forms of one joint's motion, where its fits start.
+"""Closed forms of one joint's motion, where its fits start; of several sets of poses at once.
 
 The direction is what the rotations share: rotation vectors about their mean all lie along the axis, so it is their
 first principal direction, by the encoder's sense. The axis then follows from positions, which are linear in c and u of
@@ -13,113 +13,128 @@ calibration index and taxonomy for robot kinematic calibration methods", Int. J.
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float
-from scipy.spatial.transform import Rotation
+from jaxtyping import Bool, Float
 
-from core.errors import DegenerateGeometry
 from core.kinematics.arc import Motion, rotations_about
-from core.kinematics.circle import fit_circle
-from core.transforms import nearest_rotation
+from core.kinematics.circle import fit_circles
+from core.transforms import rotation_vectors
 
 _LOGARITHMS = math.radians(300.0)  # of arc: beyond, rotation vectors about the mean wrap
+_ROUND = 1e-12  # of the positions' extent squared
 
 
-def motion_by_rotations(
-    positions: Float[np.ndarray, "n 3"],
-    rotations: Float[np.ndarray, "n 3 3"],
-    encoder: Float[np.ndarray, " n"],
+@dataclass(frozen=True, slots=True)
+class Motions:
+    """A motion for each set of poses, in the leading axis of `all`; what stands where there is `none` means nothing."""
+
+    all: Motion
+    none: Bool[np.ndarray, " b"]
+
+
+def motions_by_rotations(
+    positions: Float[np.ndarray, "b n 3"],
+    rotations: Float[np.ndarray, "b n 3 3"],
+    encoder: Float[np.ndarray, "b n"],
     *,
     free_angles: bool,
-) -> Motion:
-    """Return the motion of poses; `encoder` is in rad about its mean."""
-    total = rotations.sum(axis=0)
-    mean = nearest_rotation(total)
-    if float(np.ptp(encoder)) < _LOGARITHMS:
-        turns = Rotation.from_matrix(rotations @ mean.T).as_rotvec()
-        turns = turns - turns.mean(axis=0)
-        n = np.linalg.svd(turns, full_matrices=False)[2][0]
-        n = n if float(turns @ n @ encoder) >= 0.0 else -n
+) -> Motions:
+    """Return the motions of poses; `encoder` is in rad about a middle."""
+    total = rotations.sum(axis=1)
+    if float(np.ptp(encoder, axis=1).max()) < _LOGARITHMS:
+        turns = _logarithms(rotations @ _nearest(total)[:, None].swapaxes(2, 3))
+        turns = turns - turns.mean(axis=1, keepdims=True)
+        n = np.linalg.svd(turns, full_matrices=False)[2][:, 0]
+        sense = np.einsum("bnk,bk,bn->b", turns, n, encoder)
+        n = np.where(sense >= 0.0, 1.0, -1.0)[:, None] * n
     else:  # Σ R_k keeps along the axis what it loses across
-        n = np.linalg.svd(total)[0][:, 0]
-        n = n if _disagreement(n, rotations, encoder) <= _disagreement(-n, rotations, encoder) else -n
+        n = np.linalg.svd(total)[0][:, :, 0]
+        kept, other = (_agreement(sign * n, rotations, encoder) for sign in (1.0, -1.0))
+        n = np.where(kept >= other, 1.0, -1.0)[:, None] * n
     angles = encoder
     if free_angles:
         angles = encoder + _along(n, rotations, encoder)
     D = rotations_about(n, angles)
-    A = np.concatenate([np.broadcast_to(np.eye(3), D.shape), D], axis=2).reshape(-1, 6)
-    found = np.linalg.lstsq(A, positions.ravel(), rcond=1e-9)[0]
-    R_0 = nearest_rotation((D.swapaxes(1, 2) @ rotations).sum(axis=0))
-    return _placed(found[:3], n, found[:3] + found[3:], R_0, angles)
+    A = np.concatenate([np.broadcast_to(np.eye(3), D.shape), D], axis=3).reshape(len(D), -1, 6)
+    found = (np.linalg.pinv(A, rcond=1e-9) @ positions.reshape(len(D), -1, 1))[:, :, 0]
+    R_0 = _nearest((D.swapaxes(2, 3) @ rotations).sum(axis=1))
+    placed = _placed(found[:, :3], n, found[:, :3] + found[:, 3:], R_0, angles)
+    return Motions(placed, np.zeros(len(D), dtype=np.bool_))
 
 
-def motion_by_encoder(positions: Float[np.ndarray, "n 3"], encoder: Float[np.ndarray, " n"]) -> Motion:
-    """Return the motion of positions at the encoder's angles.
-
-    Raises DegenerateGeometry where the positions do not go round.
-    """
-    A = np.column_stack([np.ones(len(encoder)), np.cos(encoder), np.sin(encoder)])
-    a, b, e = np.linalg.lstsq(A, positions, rcond=None)[0]
+def motions_by_encoder(positions: Float[np.ndarray, "b n 3"], encoder: Float[np.ndarray, "b n"]) -> Motions:
+    """Return the motions of positions at the encoder's angles; none where they do not go round."""
+    A = np.stack([np.ones_like(encoder), np.cos(encoder), np.sin(encoder)], axis=2)
+    a, b, e = np.moveaxis(np.linalg.pinv(A) @ positions, 1, 0)
     n = np.cross(b, e)
-    length = float(np.linalg.norm(n))
-    if not length > 1e-12 * max(float(b @ b), float(e @ e), 1e-12):
-        raise DegenerateGeometry(
-            "The positions of a sweep do not go round an axis.",
-            "Mount the camera or reflector away from the joint's axis, and check that the joint turns.",
-        )
-    return _placed(a, n / length, a + b, None, encoder)
+    length = np.linalg.norm(n, axis=1)
+    extent = np.maximum(np.maximum(np.sum(b * b, axis=1), np.sum(e * e, axis=1)), _ROUND)
+    none = ~(length > _ROUND * extent)
+    return Motions(_placed(a, n / np.where(none, 1.0, length)[:, None], a + b, None, encoder), none)
 
 
-def motion_by_circle(positions: Float[np.ndarray, "n 3"], encoder: Float[np.ndarray, " n"]) -> Motion:
-    """Return the motion of positions by the circle through them; the encoder tells its sense and the turns.
-
-    Raises DegenerateGeometry where no circle can be fitted.
-    """
-    circle = fit_circle(positions)
-    middle = positions[int(np.argmin(np.abs(encoder)))] - circle.centre
-    e1 = middle - circle.normal * (circle.normal @ middle)
-    e1 /= max(float(np.linalg.norm(e1)), 1e-300)
-    best: tuple[float, Motion] | None = None
-    for n in (circle.normal, -circle.normal):
-        out = positions - circle.centre
-        angles = np.arctan2(out @ np.cross(n, e1), out @ e1)
-        off = _wrapped(angles - encoder)
-        shift = math.atan2(float(np.sin(off).mean()), float(np.cos(off).mean()))
+def motions_by_circle(positions: Float[np.ndarray, "b n 3"], encoder: Float[np.ndarray, "b n"]) -> Motions:
+    """Return the motions of positions by the circle through them; the encoder tells its sense and the turns."""
+    circles = fit_circles(positions)
+    out = positions - circles.centres[:, None]
+    middle = np.argmin(np.abs(encoder), axis=1)
+    e1 = np.take_along_axis(out, middle[:, None, None], axis=1)[:, 0]
+    e1 = e1 - circles.normals * np.sum(circles.normals * e1, axis=1, keepdims=True)
+    e1 = e1 / np.maximum(np.linalg.norm(e1, axis=1, keepdims=True), 1e-300)
+    best, angles, normals = np.full(len(encoder), np.inf), encoder, circles.normals
+    for n in (circles.normals, -circles.normals):
+        along, across = ((out @ axis[:, :, None])[:, :, 0] for axis in (e1, np.cross(n, e1)))
+        off = _wrapped(np.arctan2(across, along) - encoder)
+        shift = np.arctan2(np.sin(off).mean(axis=1), np.cos(off).mean(axis=1))[:, None]
         off = _wrapped(off - shift)
-        motion = _placed(circle.centre, n, circle.centre + circle.radius * e1, None, encoder + shift + off)
-        if best is None or float(off @ off) < best[0]:
-            best = float(off @ off), motion
-    assert best is not None
-    return best[1]
+        nearer = np.sum(off**2, axis=1) < best
+        best = np.where(nearer, np.sum(off**2, axis=1), best)
+        angles = np.where(nearer[:, None], encoder + shift + off, angles)
+        normals = np.where(nearer[:, None], n, normals)
+    at = circles.centres + circles.radii[:, None] * e1
+    return Motions(_placed(circles.centres, normals, at, None, angles), circles.none)
+
+
+def _nearest(matrices: Float[np.ndarray, "b 3 3"]) -> Float[np.ndarray, "b 3 3"]:
+    """Return the rotation nearest to each matrix, as `core.transforms.nearest_rotation` does of one."""
+    U, _, Vt = np.linalg.svd(matrices)
+    U[:, :, 2] *= np.sign(np.linalg.det(U @ Vt))[:, None]
+    return np.asarray(U @ Vt)
+
+
+def _logarithms(rotations: Float[np.ndarray, "b n 3 3"]) -> Float[np.ndarray, "b n 3"]:
+    return rotation_vectors(rotations.reshape(-1, 3, 3), np.eye(3)).reshape(rotations.shape[:3])
 
 
 def _along(
-    n: Float[np.ndarray, "3"], rotations: Float[np.ndarray, "n 3 3"], encoder: Float[np.ndarray, " n"]
-) -> Float[np.ndarray, " n"]:
+    n: Float[np.ndarray, "b 3"], rotations: Float[np.ndarray, "b n 3 3"], encoder: Float[np.ndarray, "b n"]
+) -> Float[np.ndarray, "b n"]:
     """Return how much further than the encoder says each pose turned about n, against the mean of all."""
     left = rotations_about(n, -encoder) @ rotations
-    return np.asarray(Rotation.from_matrix(left @ nearest_rotation(left.sum(axis=0)).T).as_rotvec() @ n)
+    mean = _nearest(left.sum(axis=1))
+    return np.einsum("bnk,bk->bn", _logarithms(left @ mean[:, None].swapaxes(2, 3)), n)
 
 
-def _disagreement(
-    n: Float[np.ndarray, "3"], rotations: Float[np.ndarray, "n 3 3"], encoder: Float[np.ndarray, " n"]
-) -> float:
+def _agreement(
+    n: Float[np.ndarray, "b 3"], rotations: Float[np.ndarray, "b n 3 3"], encoder: Float[np.ndarray, "b n"]
+) -> Float[np.ndarray, " b"]:
     left = rotations_about(n, -encoder) @ rotations
-    return -float(np.linalg.norm(left.sum(axis=0)))
+    return np.asarray(np.linalg.norm(left.sum(axis=1), axis=(1, 2)))
 
 
 def _placed(
-    point: Float[np.ndarray, "3"],
-    direction: Float[np.ndarray, "3"],
-    position: Float[np.ndarray, "3"],
-    rotation: Float[np.ndarray, "3 3"] | None,
-    angles: Float[np.ndarray, " n"],
+    point: Float[np.ndarray, "b 3"],
+    direction: Float[np.ndarray, "b 3"],
+    position: Float[np.ndarray, "b 3"],
+    rotation: Float[np.ndarray, "b 3 3"] | None,
+    angles: Float[np.ndarray, "b n"],
 ) -> Motion:
-    """Return the motion with its point at the foot of the pose at φ = 0."""
-    foot = point + direction * (direction @ (position - point))
-    return Motion(foot, direction, position, rotation, np.asarray(angles))
+    """Return motions with their point at the foot of the pose at φ = 0."""
+    along = np.sum(direction * (position - point), axis=1, keepdims=True)
+    return Motion(point + direction * along, direction, position, rotation, angles)
 
 
-def _wrapped(angles: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
+def _wrapped(angles: Float[np.ndarray, "b n"]) -> Float[np.ndarray, "b n"]:
     return np.asarray((angles + math.pi) % (2.0 * math.pi) - math.pi)

@@ -1,23 +1,24 @@
-"""The covariance of joint axes at home, and of what is computed from them, by differences.
+"""The covariance of joint axes at home, and of what is computed from them.
 
-Everything after the arcs' fits (links of targets by arcs, bringing axes home, averaging, common normals) is smooth in
-the arcs' axes, four numbers each, and cheap: central differences by steps far below any axis' uncertainty and far above
-rounding carry the arcs' covariance through.
+Everything after the arcs' fits is smooth in the arcs' axes, four numbers each. Bringing axes home and averaging them
+has its derivatives in `home`; links of targets by arcs, and common normals, are cheap: central differences by steps far
+below any axis' uncertainty and far above rounding.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float
 
 from core.kinematics.axes import AxisFits
 from core.kinematics.common_normals import Axes
-from core.kinematics.home import Lines, axes_at_home
-from core.kinematics.link_targets import TargetLink, by_arcs
-from core.transforms import so3_exp, transform
+from core.kinematics.home import Lines, axes_at_home, hats, home_derivatives
+from core.kinematics.link_targets import Given, TargetLink, by_arcs, link_targets, shared_axes
+from core.kinematics.poses import PoseData
+from core.transforms import so3_exp, so3_log
 
 STEP_MM, STEP_RAD = 1e-4, 1e-7
 
@@ -43,56 +44,85 @@ def lines_of(fits: AxisFits) -> Lines:
 
 @dataclass(frozen=True, slots=True)
 class ArcTree:
-    """What follows from the arcs: links by arcs, and axes at home."""
+    """What follows from the arcs: links of targets with their covariance, and axes at home.
+
+    `by_arcs` are derivatives of links (position, then rotation from the left) by all arcs' lines, four columns each;
+    of those links that the arcs told.
+    """
 
     lines: Lines
     home: Float[np.ndarray, " j"]
     links: dict[int, TargetLink]
-    first: int
-    tolerance: float
+    by_arcs: dict[int, Float[np.ndarray, "6 q"]]
 
-    def axes(
-        self, lines: Lines | None = None, target: int = -1, step: Float[np.ndarray, "6"] | None = None
-    ) -> Axes:
-        """Return the axes at home; of other lines, or with the link of a target moved by a step."""
-        lines = self.lines if lines is None else lines
+    @classmethod
+    def grown(
+        cls,
+        fits: AxisFits,
+        home: Float[np.ndarray, " j"],
+        poses: PoseData,
+        given: Given | None,
+        tolerance: float,
+    ) -> ArcTree:
+        """Link the targets; `tolerance` as of `link_targets`, which see for what is raised."""
+        lines = lines_of(fits)
+        links = link_targets(poses, lines, given, tolerance)
+        derivatives = {}
+        for target, link in links.items():
+            if link.covariance is None:
+                J = _link_derivative(lines, int(poses.targets.min()), target, tolerance)
+                derivatives[target] = J
+                links[target] = replace(link, covariance=J @ fits.covariance @ J.T)
+        return cls(lines, home, links, derivatives)
+
+    def axes(self) -> Axes:
+        """Return the axes at home."""
+        return axes_at_home(self.lines, self.home, self._transforms())
+
+    def uncertain(self, fits: AxisFits) -> UncertainAxes:
+        """Return the axes with their covariance, from that of the arcs and of the links that these did not tell."""
+        T, axes = self._transforms(), self.axes()
+        q = len(fits.covariance)
+        others = [
+            t
+            for t, link in self.links.items()
+            if t not in self.by_arcs and link.covariance is not None and link.covariance.any()
+        ]
+        by_target = np.zeros((len(T), 6, q + 6 * len(others)))
+        spread = np.zeros((q + 6 * len(others),) * 2)
+        spread[:q, :q] = fits.covariance
+        for target, J in self.by_arcs.items():
+            by_target[target, :, :q] = J
+        for k, target in enumerate(others):
+            columns = slice(q + 6 * k, q + 6 * k + 6)
+            by_target[target, :, columns] = np.eye(6)
+            spread[columns, columns] = self.links[target].covariance
+        # A link's position moves at its own place, a twist's velocity is the origin's.
+        by_target[:, :3] += hats(T[:, :3, 3]) @ by_target[:, 3:]
+        twists = home_derivatives(self.lines, self.home, T, by_target, axes)
+        bases = axes.bases()
+        across = bases.swapaxes(1, 2)
+        shift = across @ (twists[:, :3] - hats(axes.points) @ twists[:, 3:])
+        J = np.concatenate([shift, across @ twists[:, 3:]], axis=1).reshape(-1, len(spread))
+        return UncertainAxes(axes, bases, J @ spread @ J.T)
+
+    def _transforms(self) -> Float[np.ndarray, "t 4 4"]:
         T = np.tile(np.eye(4), (max(self.links) + 1, 1, 1))
         for index, link in self.links.items():
             T[index] = link.T_first_target
-            if link.covariance is None and lines is not self.lines:
-                T[index] = by_arcs(lines, self.first, index, self.tolerance)
-            if index == target and step is not None:
-                T[index] = transform(so3_exp(step[3:]) @ T[index, :3, :3], T[index, :3, 3] + step[:3])
-        return axes_at_home(lines, self.home, T)
+        return T
 
-    def uncertain(self, fits: AxisFits) -> UncertainAxes:
-        """Return the axes with their covariance, from that of the arcs and of the links."""
-        axes = self.axes()
-        bases = axes.bases()
 
-        def change(ahead: Axes, behind: Axes, step: float) -> Float[np.ndarray, " c"]:
-            shift = np.einsum("jia,ji->ja", bases, ahead.points - behind.points)
-            turn = np.einsum("jia,ji->ja", bases, np.cross(behind.directions, ahead.directions))
-            return np.hstack([shift, turn]).ravel() / (2.0 * step)
-
-        steps = np.diag([STEP_MM] * 2 + [STEP_RAD] * 2)
-        columns = []
-        for arc in range(len(fits.arcs)):
-            for step in steps:
-                ahead, behind = (self.axes(self.lines.moved(arc, s)) for s in (step, -step))
-                columns.append(change(ahead, behind, float(step.sum())))
-        J = np.column_stack(columns)
-        covariance = J @ fits.covariance @ J.T
-        for target, link in self.links.items():
-            if link.covariance is None or not link.covariance.any():
-                continue
-            columns = []
-            for step in np.diag([STEP_MM] * 3 + [STEP_RAD] * 3):
-                ahead, behind = (self.axes(None, target, s) for s in (step, -step))
-                columns.append(change(ahead, behind, float(step.sum())))
-            J = np.column_stack(columns)
-            covariance += J @ link.covariance @ J.T
-        return UncertainAxes(axes, bases, covariance)
+def _link_derivative(lines: Lines, first: int, target: int, tolerance: float) -> Float[np.ndarray, "6 q"]:
+    """Return d(link by arcs) by all lines, by differences."""
+    pairs = shared_axes(lines, first, target, tolerance)
+    J = np.zeros((6, 4 * len(lines.joints)))
+    for arc in np.unique(pairs):
+        for k, step in enumerate(np.diag([STEP_MM] * 2 + [STEP_RAD] * 2)):
+            ahead, behind = (by_arcs(lines.moved(int(arc), s), pairs) for s in (step, -step))
+            change = [*(ahead[:3, 3] - behind[:3, 3]), *so3_log(ahead[:3, :3] @ behind[:3, :3].T)]
+            J[:, 4 * arc + k] = np.array(change) / (2.0 * float(step.sum()))
+    return J
 
 
 @dataclass(frozen=True, slots=True)

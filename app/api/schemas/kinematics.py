@@ -113,10 +113,9 @@ class DhTargetTransform(ResponseModel):
         Matrix, Field(description="4 x 4, mm: maps points of the second target into the first's frame.")
     ]
     covariance: Annotated[
-        Matrix | None,
+        Matrix,
         Field(
-            description="6 x 6: x, y, z (mm), then a small rotation (rad) from the left, in the first target's frame; "
-            "null where it comes from the sweeps' axes and its doubt is in the parameters'."
+            description="6 x 6: x, y, z (mm), then a small rotation (rad) from the left, in the first target's frame."
         ),
     ]
     images: Annotated[int, Field(description="What it was found from: images, poses or pairs of axes.")]

@@ -8,7 +8,7 @@ from dataclasses import astuple
 from typing import Any
 
 import numpy as np
-from jaxtyping import Int
+from jaxtyping import Float, Int
 
 from app.services.analyses.snapshot import Snapshot
 from core.kinematics.cpa import AxesIdentification, IdentifiedJoint
@@ -62,13 +62,18 @@ def axes_document(
                 "from_target_id": snapshot.target_ids[targets[min(found.links)]],
                 "to_target_id": snapshot.target_ids[targets[target]],
                 "T_from_to": link.T_first_target.tolist(),
-                "covariance": None if link.covariance is None else link.covariance.tolist(),
+                "covariance": _told(link.covariance),
                 "images": link.pairs,
             }
             for target, link in sorted(found.links.items())
             if target != min(found.links)
         ],
     }
+
+
+def _told(covariance: Float[np.ndarray, "6 6"] | None) -> list[list[float]]:
+    assert covariance is not None  # an identification has carried it from the arcs
+    return covariance.tolist()
 
 
 def _conditioning(found: AxesIdentification, poses: PoseData) -> Conditioning:

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -16,10 +18,11 @@ from core.kinematics.arc import (
     linearised,
     residuals,
     rotations_about,
+    with_angles,
 )
 from core.kinematics.arc_noise import ArcResiduals, Variances, estimate_variances, weights
 from core.kinematics.arc_start import robust_start
-from core.kinematics.screw import motion_by_circle, motion_by_encoder, motion_by_rotations
+from core.kinematics.screw import Motions, motions_by_circle, motions_by_encoder, motions_by_rotations
 from core.transforms import so3_exp, so3_log
 
 POINT, DIRECTION = np.array([300.0, -150.0, 700.0]), so3_exp(np.array([0.5, -1.1, 0.4])) @ [0.0, 0.0, 1.0]
@@ -109,15 +112,29 @@ def test_free_angles_leave_what_is_across_the_motion() -> None:
     np.testing.assert_allclose(np.sum(r**2, axis=1) + along, np.sum(full**2, axis=1), rtol=1e-9)
 
 
+def by_rotations(positions: Any, rotations: Any, encoder: Any, *, free_angles: bool) -> Motion:
+    return motions_by_rotations(
+        positions[None], rotations[None], encoder[None], free_angles=free_angles
+    ).all.one(0)
+
+
+def by_encoder(positions: Any, encoder: Any) -> Motion:
+    return motions_by_encoder(positions[None], encoder[None]).all.one(0)
+
+
+def by_circle(positions: Any, encoder: Any) -> Motion:
+    return motions_by_circle(positions[None], encoder[None]).all.one(0)
+
+
 @pytest.mark.parametrize("arc", [10.0, 80.0, 200.0, 340.0, 700.0])
 def test_closed_forms_are_exact(arc: float) -> None:
     encoder = np.radians(np.linspace(-arc / 2.0, arc / 2.0, 23))
     positions, rotations = arc_of(encoder)
     found = [
-        motion_by_rotations(positions, rotations, encoder, free_angles=False),
-        motion_by_rotations(positions, rotations, encoder, free_angles=True),
-        motion_by_encoder(positions, encoder),
-        motion_by_circle(positions, encoder),
+        by_rotations(positions, rotations, encoder, free_angles=False),
+        by_rotations(positions, rotations, encoder, free_angles=True),
+        by_encoder(positions, encoder),
+        by_circle(positions, encoder),
     ]
     for motion in found:
         np.testing.assert_allclose(motion.direction, DIRECTION, atol=1e-7)
@@ -132,19 +149,55 @@ def test_the_sense_is_the_encoders() -> None:
     encoder = np.linspace(-0.5, 0.5, 7)
     positions, rotations = arc_of(-encoder)
     for motion in (
-        motion_by_rotations(positions, rotations, encoder, free_angles=True),
-        motion_by_encoder(positions, encoder),
-        motion_by_circle(positions, encoder),
+        by_rotations(positions, rotations, encoder, free_angles=True),
+        by_encoder(positions, encoder),
+        by_circle(positions, encoder),
     ):
         np.testing.assert_allclose(motion.direction, -DIRECTION, atol=1e-6)
 
 
-def test_positions_that_do_not_go_round_are_refused() -> None:
+def test_positions_that_do_not_go_round_have_no_motion() -> None:
     encoder = np.linspace(-0.5, 0.5, 7)
-    with pytest.raises(DegenerateGeometry):
-        motion_by_encoder(np.outer(encoder, [10.0, 20.0, 30.0]), encoder)
-    with pytest.raises(DegenerateGeometry):
-        motion_by_circle(np.tile(POINT, (7, 1)), encoder)
+    positions, _ = arc_of(encoder)
+    straight = np.outer(encoder, [10.0, 20.0, 30.0])
+    for motions in (motions_by_encoder, motions_by_circle):
+        assert motions(np.array([straight, positions]), np.tile(encoder, (2, 1))).none.tolist() == [
+            True,
+            False,
+        ]
+    assert motions_by_circle(np.tile(POINT, (1, 7, 1)), encoder[None]).none.tolist() == [True]
+    for rotations in (None, np.tile(np.eye(3), (7, 1, 1))):
+        if rotations is None:
+            with pytest.raises(DegenerateGeometry):
+                robust_start(straight, rotations, encoder, free_angles=True)
+
+
+def test_many_at_once_are_as_one_by_one() -> None:
+    rng = np.random.default_rng(4)
+    encoder = np.linspace(-0.6, 0.7, 9)
+    positions, rotations = arc_of(encoder)
+    some = np.array([np.sort(rng.permutation(9)[:4]) for _ in range(5)])
+    noisy = positions + rng.normal(0.0, 0.5, positions.shape)
+    seen = Measured(noisy, rotations, encoder, np.tile(np.eye(6), (9, 1, 1)), True)
+
+    def check(many: Motions, alone: list[Motion]) -> None:
+        for k, one in enumerate(alone):
+            for name in ("point", "direction", "position", "angles"):
+                np.testing.assert_allclose(getattr(many.all.one(k), name), getattr(one, name), atol=1e-9)
+
+    check(
+        motions_by_rotations(noisy[some], rotations[some], encoder[some], free_angles=True),
+        [by_rotations(noisy[i], rotations[i], encoder[i], free_angles=True) for i in some],
+    )
+    check(motions_by_encoder(noisy[some], encoder[some]), [by_encoder(noisy[i], encoder[i]) for i in some])
+    check(motions_by_circle(noisy[some], encoder[some]), [by_circle(noisy[i], encoder[i]) for i in some])
+    many = motions_by_rotations(noisy[some], rotations[some], encoder[some], free_angles=True).all
+    many = replace(many, angles=np.tile(encoder, (5, 1)))
+    turned = with_angles(many, seen)
+    for k in range(5):
+        alone = with_angles(many.one(k), seen)
+        np.testing.assert_allclose(turned.angles[k], alone.angles, atol=1e-12)
+        np.testing.assert_allclose(residuals(turned, seen)[k], residuals(alone, seen), atol=1e-9)
 
 
 @pytest.mark.parametrize("with_rotations", [True, False])
@@ -188,7 +241,7 @@ def test_motions_keep_their_pose_on_the_way() -> None:
     encoder = np.linspace(-0.5, 0.5, 7)
     positions, rotations = arc_of(encoder)
     seen = Measured(positions, rotations, encoder, np.tile(np.eye(6), (7, 1, 1)), False)
-    motion = motion_by_rotations(positions, rotations, encoder, free_angles=False)
+    motion = by_rotations(positions, rotations, encoder, free_angles=False)
     there = motion.moved(np.array([1.0, -2.0, 0.01, 0.02, 1.0, 1.0, 1.0, 0.01, 0.0, -0.01]), seen)
     out = there.position - there.point
     assert abs(out @ there.direction) < 1e-9

@@ -16,10 +16,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from core.kinematics.axes import fit_axes
 from core.kinematics.common_normals import axes_of, restate
 from core.kinematics.cpa import AxesIdentification, identify_from_axes
+from core.kinematics.sweeps import JOINT_TOLERANCE, find_sweeps
+from core.kinematics.uncertain_axes import ArcTree
 from core.simulation import KR5_ARC, KR5_ARC_HOME, Arm, Repeatability, kr5_arc, measure_poses, sweep_angles
-from core.transforms import so3_exp
+from core.transforms import invert, so3_exp, so3_log
 
 ROBOT = Repeatability(0.1 / 3.616, math.radians(0.005))
 SPREAD_OF_ARMS = 0.07
@@ -136,3 +139,24 @@ def test_what_all_poses_share_is_estimated_with_the_arcs() -> None:
         careless.append((arm, identify_from_axes(replace(shifted, common=None), KR5_ARC)))
     assert covered(careful) > 0.95 - 3.5 * SPREAD_OF_ARMS / math.sqrt(4)
     assert rms(careful)[0] < rms(careless)[0]
+
+
+def test_how_targets_lie_by_arcs_on_each_has_a_true_covariance() -> None:
+    """No image shows both targets: joints 1 and 2 are swept before either, at other settings of the joints after."""
+    away = KR5_ARC_HOME + np.radians([0.0, 0.0, -20.0, 5.0, 30.0, 0.0])
+    q = np.concatenate([sweep_angles(home, joints=[0, 1], steps=9) for home in (KR5_ARC_HOME, away)])
+    target = np.repeat([0, 1], len(q) // 2)
+    squares = []
+    for trial in range(16):
+        rng = np.random.default_rng([trial, 79])
+        arm = kr5_arc(rng)
+        poses = measure_poses(arm, q, rng, robot=ROBOT, target=target)
+        fits = fit_axes(poses, find_sweeps(poses))
+        link = ArcTree.grown(fits, KR5_ARC_HOME, poses, None, 2.0 * JOINT_TOLERANCE).links[1]
+        assert link.covariance is not None
+        T = arm.T_target_base[0] @ invert(arm.T_target_base[1])
+        turn = so3_log(T[:3, :3] @ link.T_first_target[:3, :3].T)
+        error = np.concatenate([T[:3, 3] - link.T_first_target[:3, 3], turn])
+        squares.append(float(error @ np.linalg.solve(link.covariance, error)) / 6.0)
+    # 16 links of six numbers: √(2/96) = .14 of the mean; three and a half of that.
+    assert np.mean(squares) == pytest.approx(1.0, abs=0.5)
