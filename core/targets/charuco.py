@@ -1,35 +1,42 @@
 """Finding a ChArUco board: its markers say which grid points are where, the refiner says exactly where.
 
-OpenCV's detector finds and reads the markers. One that does not fit the board together with a neighbour is none of it,
-whatever it reads: what four corners of one marker predict of the next one over must be there, which lens distortion
-hardly touches and a misread marker does not satisfy. Each grid point beside a marker, or one square further, is placed
-by the plane through the markers nearest to it, and refined as any chessboard's corner (`refinement`), which uses the
-pixels along the squares' edges only and so never sees the markers.
+The corners of its squares make a lattice as a chessboard's do, and are found in the same way, coarse to fine; the
+markers are then read where the lattice has them, and place it on the board (`charuco_lattice`). Parts of the board on
+both sides of something in front of it are joined if they lie in one plane. Where no lattice is found, OpenCV's detector
+looks for markers (`charuco_markers`). The corners are refined as any chessboard's (`refinement`), by pixels along the
+squares' edges only, so that the markers are never seen.
 
-References: Garrido-Jurado et al. 2014 as in `core.targets.charuco_layout`.
+Any part of a board will do that has enough corners for a pose, and enough markers to be told from everything else:
+some that agree where the board is, in two of its rows, and next to none that contradict them.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from dataclasses import dataclass
 
-import cv2
 import numpy as np
-from jaxtyping import Float, Int, UInt8, UInt16
+from jaxtyping import Int, UInt8, UInt16
 
-from core.errors import Advisory, TargetMismatch, TargetNotFound
-from core.targets.charuco_layout import CharucoLayout, charuco_layout, marker_dictionary
-from core.targets.refinement import refine_corners
-from core.targets.specification import GridPoints, TargetSpec
-
-Markers = Mapping[int, Float[np.ndarray, "4 2"]]
-
-ENOUGH_SEEN = 0.5  # of the board's corners, as of a chessboard's
-_FITS = 0.3  # of a marker's side: how far a neighbour may be from where it is predicted
-_NEAREST = 4  # markers that place a grid point
-_REACH = (
-    1.5  # squares, from a marker's middle to the grid points it helps to place: its square's own are at .5
+from core.errors import DetectionError, TargetMirrored, TargetMismatch, TargetNotFound
+from core.targets.charuco_lattice import CONTRARY, PlacedLattice, lattices_of, place_lattice
+from core.targets.charuco_layout import CharucoLayout, charuco_layout
+from core.targets.charuco_markers import (
+    fitting_markers,
+    place_grid_points,
+    read_markers_alone,
+    refined_markers,
+    straying_markers,
 )
+from core.targets.charuco_parts import Part, corners_in_view, joined
+from core.targets.marker_codes import MarkerCodes, marker_codes
+from core.targets.pyramid import levels
+from core.targets.refinement import refine_corners
+from core.targets.specification import GridPoints, TargetSpec, points_left_out
+
+LEAST_CORNERS = 8
+"""Of which a pose with its doubt can be had; of a board with fewer than twice as many, half."""
+_ENOUGH_IN_VIEW = 0.5  # of the corners that should be in view: with fewer, finer levels are looked at as well
+_BOARD_LIKE = 6  # framed squares in one lattice: a board with markers, whichever
 
 
 def detect_charuco(
@@ -37,37 +44,91 @@ def detect_charuco(
 ) -> GridPoints:
     """Find the inner corners of a ChArUco board; see `core.targets.detect.detect`."""
     layout = charuco_layout(target)
-    markers, repeated = _read_markers(image, layout)
+    codes = marker_codes(str(target.dictionary))
+    image = np.require(image, requirements=["C", "W", "A"])
+    seen = look_for_lattices(image, layout, codes)
+    part = seen.part
+    if part is not None:
+        part = Part(part.column, part.row, part.points_px, refined_markers(image, part.markers, layout))
+    else:
+        if seen.says_another:
+            raise _not_found(seen.lattices, target)
+        part = look_for_markers(image, layout, codes)
+        if part is None:
+            raise _not_found(seen.lattices, target)
+    return _measured(image, part, layout)
+
+
+@dataclass(frozen=True, slots=True)
+class Seen:
+    """The lattices found, on one level after the other, and the board that they make."""
+
+    lattices: tuple[PlacedLattice, ...]
+    part: Part | None
+
+    @property
+    def says_another(self) -> bool:
+        """Whether a board is in view that is another one, or mirrored."""
+        return any(lattice.verdict in ("contradicted", "mirrored") for lattice in self.lattices)
+
+
+def look_for_lattices(image: np.ndarray, layout: CharucoLayout, codes: MarkerCodes) -> Seen:
+    """Find the board by the lattice of its squares' corners. Raises TargetMismatch where there are two of it."""
+    found: list[PlacedLattice] = []
+    part = None
+    for level in levels(image):
+        found += [
+            place_lattice(image, lattice, layout, codes) for lattice in lattices_of(image, level, layout)
+        ]
+        part = joined(found, layout)
+        if part is not None and len(part) >= _ENOUGH_IN_VIEW * corners_in_view(
+            part, layout.target, image.shape
+        ):
+            break
+    return Seen(tuple(found), part)
+
+
+def look_for_markers(image: np.ndarray, layout: CharucoLayout, codes: MarkerCodes) -> Part | None:
+    """Find the board by markers that OpenCV's detector finds; None where too few fit together.
+
+    Raises TargetMismatch where markers are in view more than once, or contradict those that fit.
+    """
+    markers, repeated = read_markers_alone(image, layout)
     fitting = fitting_markers(markers, layout)
     if not fitting and repeated:
         raise TargetMismatch(
             f"{len(repeated)} of the ChArUco board's markers are in view more than once.",
             "Cover the other boards with the same markers, and mirrors.",
         )
-    if not fitting:
-        raise TargetNotFound(
-            f"{_counted(len(markers))} of the ChArUco board found, but no two side by side as printed."
-            if markers
-            else "No marker of the ChArUco board was found.",
-            "Show the board sharp, evenly lit and with markers of 20 px and more; check its dictionary, size and "
-            "legacy_layout. A mirrored print cannot be read.",
-        )
-    column, row, places = _place_grid_points(fitting, layout, image.shape)
-    seen = len(column)
-    if seen >= 4 and len(set(column.tolist())) > 1 and len(set(row.tolist())) > 1:
-        refined = refine_corners(
-            np.ascontiguousarray(image), column, row, places, origin_is_black=bool(layout.black[1, 1])
-        )
+    if len(fitting) < codes.least_agreeing or np.ptp(layout.marker_squares[sorted(fitting), 1]) == 0:
+        return None
+    strays = straying_markers(markers, fitting, layout)
+    if len(strays) > CONTRARY * len(fitting):
+        raise _another_board(len(fitting) + len(strays), len(fitting), layout.target)
+    return Part(*place_grid_points(fitting, layout, image.shape), fitting)
+
+
+def _measured(image: np.ndarray, part: Part, layout: CharucoLayout) -> GridPoints:
+    """Return the refined corners of a part of the board. Raises TargetNotFound where too few can be trusted."""
+    target = layout.target
+    column, row = part.column, part.row
+    if _is_spread(column, row):
+        refined = refine_corners(image, column, row, part.points_px, origin_is_black=bool(layout.black[1, 1]))
         trusted = refined.trusted
     else:
-        trusted = np.zeros(seen, dtype=np.bool_)
+        trusted = np.zeros(len(column), dtype=np.bool_)
     count = int(trusted.sum())
-    if count < ENOUGH_SEEN * target.size:
+    if count < min(LEAST_CORNERS, 0.5 * target.size) or not _is_spread(column[trusted], row[trusted]):
         raise TargetNotFound(
-            f"{len(fitting)} of the ChArUco board's {len(layout.marker_squares)} markers were found, and "
+            f"{len(part.markers)} of the ChArUco board's {len(layout.marker_squares)} markers were found, and "
             f"{count} of its {target.size} corners can be measured: too few.",
             "Bring more of the board into view, free of reflections and of anything in front of it.",
         )
+    reason = (
+        "corners were left out: they are out of view, no marker near them was read, or the picture does not show them "
+        "as corners of squares."
+    )
+    left_out = target.size - count
     return GridPoints(
         target=target,
         image_width_px=image.shape[1],
@@ -76,128 +137,44 @@ def detect_charuco(
         row=row[trusted],
         points_px=np.ascontiguousarray(refined.points_px[trusted]),
         standard_uncertainty_px=refined.standard_uncertainty_px[trusted],
-        warnings=(_left_out(target.size - count, target.size),) if count < target.size else (),
-        markers_px=fitting,
+        warnings=(points_left_out(left_out, target.size, reason),) if left_out else (),
+        markers_px=part.markers,
     )
 
 
-def detect_markers(
-    image: UInt8[np.ndarray, "h w"] | UInt16[np.ndarray, "h w"], target: TargetSpec
-) -> dict[int, Float[np.ndarray, "4 2"]]:
-    """Return the corners (px, in `CharucoLayout.marker_corners`' order) of the board's markers, by OpenCV's detector.
-
-    Its corners are refined by cornerSubPix. An id that was read twice is left out, since nobody knows which is meant.
-    Raises InvalidTarget for a target without markers.
-    """
-    return _read_markers(image, charuco_layout(target))[0]
+def _is_spread(column: Int[np.ndarray, " n"], row: Int[np.ndarray, " n"]) -> bool:
+    """Tell whether corners are enough for a plane: four, not all in one line."""
+    return len(column) >= 4 and bool(np.ptp(column) > 0 and np.ptp(row) > 0)
 
 
-def _read_markers(
-    image: UInt8[np.ndarray, "h w"] | UInt16[np.ndarray, "h w"], layout: CharucoLayout
-) -> tuple[dict[int, Float[np.ndarray, "4 2"]], set[int]]:
-    """Return the corners of the markers seen once, and the ids of those seen several times."""
-    grey = image if image.dtype == np.uint8 else (image >> 8).astype(np.uint8)
-    parameters = cv2.aruco.DetectorParameters()
-    parameters.cornerRefinementMethod = cv2.aruco.CORNER_REFINE_SUBPIX
-    corners, ids, _ = cv2.aruco.ArucoDetector(marker_dictionary(layout.target), parameters).detectMarkers(
-        grey
+def _not_found(lattices: tuple[PlacedLattice, ...], target: TargetSpec) -> DetectionError:
+    """Return what to say of a picture without the board: what was seen in its place."""
+    mirrored = [lattice for lattice in lattices if lattice.verdict == "mirrored"]
+    if mirrored:
+        count = max(lattice.agreeing for lattice in mirrored)
+        return TargetMirrored(f"{count} of the ChArUco board's markers are in view, mirrored.")
+    contradicted = [lattice for lattice in lattices if lattice.verdict == "contradicted"]
+    if contradicted:
+        most = max(contradicted, key=lambda lattice: lattice.read)
+        return _another_board(most.read, most.agreeing, target)
+    framed = max((lattice.framed for lattice in lattices), default=0)
+    if framed >= _BOARD_LIKE:
+        return TargetNotFound(
+            f"A board with markers is in view, but hardly any of {framed} is one of {target.dictionary} on this board.",
+            "Check its dictionary, and its marker_mm; if they are right, show it sharp and with markers of 20 px and "
+            "more.",
+        )
+    return TargetNotFound(
+        "No ChArUco board was found: no two markers of it side by side as printed.",
+        "Show the board sharp, evenly lit and with markers of 20 px and more; check its dictionary, size and "
+        "legacy_layout.",
     )
-    found: dict[int, Float[np.ndarray, "4 2"]] = {}
-    repeated: set[int] = set()
-    numbers = [] if ids is None else [int(number) for number in ids.ravel()]
-    for number, four in zip(numbers, corners, strict=True):
-        if number in found:
-            repeated.add(number)
-        elif number < len(layout.marker_squares):
-            found[number] = four.reshape(4, 2).astype(np.float64)
-    return {number: found[number] for number in sorted(found.keys() - repeated)}, repeated
 
 
-def fitting_markers(markers: Markers, layout: CharucoLayout) -> dict[int, Float[np.ndarray, "4 2"]]:
-    """Return the largest set of markers that fit the board from neighbour to neighbour; empty for none of two."""
-    numbers = sorted(markers)
-    maps = {number: _plane_through([number], markers, layout) for number in numbers}
-    centres = {number: layout.marker_corners(number).mean(axis=0)[:2] for number in numbers}
-    sides = {
-        number: float(np.linalg.norm(np.diff(markers[number], axis=0), axis=1).min()) for number in numbers
-    }
-
-    def predicts(one: int, other: int) -> bool:
-        H = maps[one]
-        if H is None:
-            return False
-        off = _mapped(H, centres[other][None])[0] - markers[other].mean(axis=0)
-        return bool(np.linalg.norm(off) < _FITS * sides[other])
-
-    parts: list[set[int]] = []
-    for number in numbers:
-        joined = {number}
-        for part in [p for p in parts if any(_beside(number, other, layout) for other in p)]:
-            beside = [other for other in part if _beside(number, other, layout)]
-            if any(predicts(number, other) and predicts(other, number) for other in beside):
-                parts.remove(part)
-                joined |= part
-        parts.append(joined)
-    largest = max(parts, key=lambda part: (len(part), -min(part)), default=set())
-    return {number: markers[number] for number in sorted(largest)} if len(largest) > 1 else {}
-
-
-def _beside(one: int, other: int, layout: CharucoLayout) -> bool:
-    apart = np.abs(layout.marker_squares[one] - layout.marker_squares[other])
-    return int(apart.sum()) == 2
-
-
-def _place_grid_points(
-    markers: Markers, layout: CharucoLayout, shape: tuple[int, ...]
-) -> tuple[Int[np.ndarray, " n"], Int[np.ndarray, " n"], Float[np.ndarray, "n 2"]]:
-    """Return column, row and place (px) of the grid points in the picture that are near enough to a marker."""
-    target = layout.target
-    numbers = np.array(sorted(markers))
-    squares = layout.marker_squares[numbers]
-    height, width = shape
-    columns, rows, places = [], [], []
-    for row in range(target.rows):
-        for column in range(target.columns):
-            # square (i, j) has the grid points (i - 1, j - 1) to (i, j) at its corners
-            apart = squares - [column + 0.5, row + 0.5]
-            if np.abs(apart).max(axis=1).min() > _REACH:
-                continue
-            nearest = numbers[np.argsort((apart**2).sum(axis=1), kind="stable")[:_NEAREST]]
-            H = _plane_through(nearest.tolist(), markers, layout)
-            if H is None:
-                continue
-            u, v = _mapped(H, np.array([[column, row]]) * target.pitch_mm)[0]
-            if 0.0 <= u <= width - 1.0 and 0.0 <= v <= height - 1.0:
-                columns.append(column)
-                rows.append(row)
-                places.append((u, v))
-    return np.array(columns, np.intp), np.array(rows, np.intp), np.array(places, np.float64).reshape(-1, 2)
-
-
-def _plane_through(
-    numbers: list[int], markers: Markers, layout: CharucoLayout
-) -> Float[np.ndarray, "3 3"] | None:
-    """Return the homography from the target's plane (mm) to pixels by these markers' corners."""
-    corners = np.concatenate([layout.marker_corners(number)[:, :2] for number in numbers])
-    H, _ = cv2.findHomography(corners, np.concatenate([markers[number] for number in numbers]))
-    return None if H is None or not np.all(np.isfinite(H)) else np.asarray(H, np.float64)
-
-
-def _mapped(H: Float[np.ndarray, "3 3"], points: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, "n 2"]:
-    """Return the points' pixels; far outside of any picture where the plane ends before them."""
-    ahead = points @ H[:, :2].T + H[:, 2]
-    scale = np.where(ahead[:, 2:] > 1e-9, ahead[:, 2:], 1e-9)
-    return np.asarray(ahead[:, :2] / scale)
-
-
-def _counted(markers: int) -> str:
-    return "One marker" if markers == 1 else f"{markers} markers"
-
-
-def _left_out(count: int, size: int) -> Advisory:
-    return Advisory(
-        code="corners_left_out",
-        detail=f"{count} of {size} corners were left out: they are out of view, no marker near them was read, or the "
-        "picture does not show them as corners of squares.",
-        advice="Look at the overlay: reflections, dirt or something in front of the grid are the usual causes.",
+def _another_board(read: int, agreeing: int, target: TargetSpec) -> TargetMismatch:
+    return TargetMismatch(
+        f"{read} markers of {target.dictionary} are in view, but only {agreeing} of them stand as on a ChArUco "
+        f"board of {target.columns} x {target.rows} inner corners.",
+        "Check columns and rows, which count inner corners, and legacy_layout; keep other boards with the same "
+        "dictionary out of view.",
     )

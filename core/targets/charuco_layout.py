@@ -12,6 +12,7 @@ detection of highly reliable fiducial markers under occlusion", Pattern Recognit
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any
 
 import cv2
@@ -47,8 +48,9 @@ class CharucoLayout:
         return np.asarray(centre + 0.5 * self.marker_mm * signs)
 
 
+@lru_cache(maxsize=32)
 def charuco_layout(target: TargetSpec) -> CharucoLayout:
-    """Return the layout of a target of kind `charuco`.
+    """Return the layout of a target of kind `charuco`; its arrays are shared, and may not be written to.
 
     Raises InvalidTarget for another kind, an unknown dictionary or one with too few markers, and markers that do not
     fit into the squares.
@@ -71,13 +73,16 @@ def charuco_layout(target: TargetSpec) -> CharucoLayout:
         )
     side = int(dictionary.markerSize) + 2
     pictures = [cv2.aruco.generateImageMarker(dictionary, k, side) for k in range(len(rows))]
-    return CharucoLayout(
+    layout = CharucoLayout(
         target=target,
         marker_mm=float(marker_mm),
         black=black,
         marker_squares=np.stack([columns, rows], axis=1),
         marker_cells=np.array([picture > 127 for picture in pictures], dtype=np.float64),
     )
+    for array in (layout.black, layout.marker_squares, layout.marker_cells):
+        array.flags.writeable = False
+    return layout
 
 
 def marker_dictionary(target: TargetSpec) -> Any:

@@ -13,7 +13,7 @@ from core.calibration.baselines.proposed import proposed
 from core.calibration.baselines.result import Baseline
 from core.calibration.baselines.rows import CameraFigures, Failure, MethodRow
 from core.calibration.baselines.tsai import tsai
-from core.targets.charuco import detect_markers
+from core.targets.charuco_markers import detect_markers
 
 __all__ = [
     "METHODS",

@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 from core.camera import Camera
-from core.errors import TargetMismatch, TargetNotFound
+from core.errors import TargetMirrored, TargetMismatch, TargetNotFound
 from core.simulation import Scene, render
 from core.targets import detect
-from core.targets.charuco import detect_markers, fitting_markers
 from core.targets.charuco_layout import charuco_layout
+from core.targets.charuco_markers import detect_markers, fitting_markers
 from core.targets.specification import TargetSpec
 from core.transforms import so3_exp, transform
 
@@ -75,13 +75,15 @@ def test_depth_makes_no_difference(shot: Shot) -> None:
 
 
 def test_the_markers_come_along(shot: Shot) -> None:
+    """Refined as OpenCV's detector refines its own, which stops within a tenth of a px of the start or so."""
     _, picture = shot
     found = detect(picture, BOARD)
     assert found.markers_px is not None
     assert sorted(found.markers_px) == list(range(24))
     same = detect_markers(picture, BOARD)
-    for marker, corners in found.markers_px.items():
-        np.testing.assert_array_equal(corners, same[marker])
+    off = np.array([corners - same[marker] for marker, corners in found.markers_px.items()])
+    assert np.sqrt(np.mean(off**2)) < 0.05
+    assert np.abs(off).max() < 0.3
 
 
 def test_what_is_hidden_costs_points_and_is_said(shot: Shot) -> None:
@@ -93,8 +95,8 @@ def test_what_is_hidden_costs_points_and_is_said(shot: Shot) -> None:
     truth = taken.points_px[found.row * 7 + found.column]
     assert np.abs(found.points_px - truth).max() < 0.1
     assert [w.code for w in found.warnings] == ["corners_left_out"]
-    hidden[:, 600:] = 120
-    with pytest.raises(TargetNotFound, match="too few"):
+    hidden[:, 480:] = 120
+    with pytest.raises(TargetNotFound):
         detect(hidden, BOARD)
 
 
@@ -108,18 +110,18 @@ def test_a_board_partly_out_of_the_picture_keeps_its_names() -> None:
 
 def test_no_board_and_the_mirrored_one(shot: Shot) -> None:
     _, picture = shot
-    with pytest.raises(TargetNotFound, match="No marker"):
+    with pytest.raises(TargetNotFound, match="No ChArUco board"):
         detect(np.full((400, 300), 128, np.uint8), BOARD)
-    with pytest.raises(TargetNotFound):
+    with pytest.raises(TargetMirrored, match="24 of"):
         detect(np.ascontiguousarray(picture[:, ::-1]), BOARD)
 
 
 def test_another_board_is_not_taken_for_it(shot: Shot) -> None:
     """Same dictionary, other size: the ids stand elsewhere, so that no two markers fit together."""
     _, picture = shot
-    with pytest.raises(TargetNotFound):
+    with pytest.raises(TargetMismatch, match="24 markers of DICT_5X5_100 are in view, but only 8"):
         detect(picture, TargetSpec("charuco", 8, 6, 22.0, 15.4, "DICT_5X5_100"))
-    with pytest.raises(TargetNotFound):
+    with pytest.raises(TargetNotFound, match="DICT_4X4_100"):
         detect(picture, TargetSpec("charuco", 7, 5, 22.0, 15.4, "DICT_4X4_100"))
 
 
