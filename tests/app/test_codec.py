@@ -14,6 +14,7 @@ from app.records.codec import (
     decode_calibration,
     decode_markers,
     decode_points,
+    decode_quality,
     encode_calibration,
     encode_refused,
     points_documents,
@@ -21,6 +22,7 @@ from app.records.codec import (
 from core.calibration.result import Calibration, CameraPose, Observability, Reprojection
 from core.camera import Camera
 from core.errors import Advisory
+from core.targets.capture_quality import CaptureQuality
 from core.targets.specification import GridPoints, TargetSpec
 
 TARGET = TargetSpec("chessboard", 7, 5, 12.5)
@@ -151,6 +153,43 @@ def test_markers_are_kept_with_points_or_without_calibration(calibration: Calibr
     # targets that have none are told from those of which none was seen
     assert encode_calibration(calibration, PROVENANCE)["markers"] is None
     assert encode_refused(None, PROVENANCE)["markers"] is None
+
+
+def test_origin_and_capture_quality_survive_with_a_calibration_or_without(calibration: Calibration) -> None:
+    quality = CaptureQuality(
+        edge_width_px=np.pi,
+        motion_blur_px=0.1 + 0.2,
+        motion_blur_direction=np.nextafter(1.0, 2.0),
+        saturated_fraction=0.0,
+        clipped_fraction=None,
+        contrast=1e-300,
+        coverage_fraction=1 / 3,
+        tilt=np.pi / 7,
+        advice=(Advisory("blurred", "d", "Focus."), Advisory("low_contrast", "e", None)),
+    )
+    for origin in ("known", "turned", "unknown"):
+        points = dataclasses.replace(calibration.points, origin=origin, capture_quality=quality)
+        row = encode_refused(points, PROVENANCE)
+        stored = json.loads(json.dumps(row["capture_quality"], allow_nan=False))
+        told = {"origin": row["origin"], "capture_quality": stored}
+        assert_same(decode_points(row["points"], row["points_warnings"], TARGET, 640, 480, **told), points)
+        whole = dataclasses.replace(calibration, points=points)
+        row = encode_calibration(whole, PROVENANCE)
+        assert (row["origin"], row["capture_quality"]) == (origin, stored)
+        decoded = decode_calibration(
+            row["calibration"], row["state"], row["points"], row["points_warnings"], TARGET, **told
+        )
+        assert_same(decoded, whole)
+    nothing = encode_refused(None, PROVENANCE)
+    assert nothing["origin"] is nothing["capture_quality"] is None
+
+
+def test_a_figure_without_meaning_is_no_figure(calibration: Calibration) -> None:
+    quality = CaptureQuality(np.nan, np.inf, None, None, None, None, 0.5, None, ())
+    points = dataclasses.replace(calibration.points, capture_quality=quality)
+    stored = encode_refused(points, PROVENANCE)["capture_quality"]
+    assert stored["edge_width_px"] is stored["motion_blur_px"] is None
+    assert decode_quality(stored) == CaptureQuality(None, None, None, None, None, None, 0.5, None, ())
 
 
 def test_points_are_compact(calibration: Calibration) -> None:

@@ -12,6 +12,7 @@ import cv2
 import numpy as np
 import pytest
 
+from app.jobs.overlay import draw_overlay, quality_lines
 from core.simulation.renderer import render
 from core.simulation.scenes import standard_scene
 from core.targets.specification import TargetSpec
@@ -93,6 +94,49 @@ def test_the_overlay_is_a_picture_of_the_points(computing_api: Any, measured: di
         around = drawn[v - 12 : v + 13, u - 12 : u + 13].astype(int)
         green = (around[..., 1] > around[..., 0] + 60) & (around[..., 1] > around[..., 2] + 60)
         assert green.any()
+
+
+def test_the_overlay_tells_how_well_the_picture_was_taken(tmp_path: Path) -> None:
+    """In a corner that is free, in the letters the font has, and never over a point."""
+    quality = {
+        "edge_width_px": 2.94,
+        "motion_blur_px": None,
+        "motion_blur_direction_deg": None,
+        "saturated_fraction": 0.12,
+        "clipped_fraction": 0.0,
+        "contrast": 0.5,
+        "coverage_fraction": 0.31,
+        "tilt_deg": 8.0,
+        "advice": [
+            {"code": "flat", "detail": "Nearly flat.", "advice": "Tilt the board by 15° more – or 20°."},
+            {"code": "dark", "detail": "Dark: " + "a long word " * 30, "advice": None},
+        ],
+    }
+    figures, tilt, dark = quality_lines(quality)
+    assert figures.startswith("edges 2.9 px, contrast 50%, white saturated 12%")
+    assert "motion" not in figures
+    assert tilt == "- Tilt the board by 15 deg more - or 20 deg."
+    assert dark.startswith("- Dark:")
+    path = tmp_path / "grey.png"
+    cv2.imwrite(str(path), np.full((480, 640), 90, np.uint8))
+    point = {"column": 0, "row": 0, "residual_u_px": None, "residual_v_px": None, "used": None}
+    for places, corner in (
+        ([], np.s_[:60, :300]),
+        ([(40.0, 20.0)], np.s_[:60, 340:]),
+        ([(40.0, 20.0), (600.0, 20.0)], np.s_[420:, 340:]),
+    ):
+        points = [{**point, "u_px": u, "v_px": v} for u, v in places]
+        without, drawn = (
+            cv2.imdecode(np.frombuffer(draw_overlay(str(path), points, told, 10**7) or b"", np.uint8), 1)
+            for told in (None, quality)
+        )
+        assert drawn.shape == without.shape == (480, 640, 3)
+        changed = np.any(drawn != without, axis=2)
+        assert changed[corner].mean() > 0.9
+        assert drawn[corner].min() < 90  # black letters
+        for u, v in places:
+            around = np.s_[int(v) - 6 : int(v) + 7, int(u) - 6 : int(u) + 7]
+            np.testing.assert_array_equal(drawn[around], without[around])
 
 
 def test_session_intrinsics_leave_only_the_pose_to_find(computing_api: Any, board_png: bytes) -> None:
