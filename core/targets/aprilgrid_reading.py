@@ -96,6 +96,19 @@ def read_lattice(
     return None
 
 
+def wrong_bits(
+    image: Shaped[np.ndarray, "h w"],
+    layout: AprilGridLayout,
+    tags: Int[np.ndarray, " n"],
+    corners_px: Float[np.ndarray, "n 4 2"],
+) -> Int[np.ndarray, " n"]:
+    """Return in how many bits the picture differs from tags where they should be: corners from the upper left on,
+    clockwise. All bits where there is no dark border in a bright surrounding."""
+    bits, told = _read(image, corners_px, layout.gap_mm / layout.tag_mm)
+    different = np.sum(bits != layout.tag_codes[tags], axis=(1, 2))
+    return np.where(told, different, CODE_CELLS**2)
+
+
 def _dark_cells(place: Int[np.ndarray, "n 2"], points_px: Float[np.ndarray, "n 2"]) -> _Cells:
     """Return the closed dark cells; where they are of two sizes, the larger ones."""
     low = place.min(axis=0)
