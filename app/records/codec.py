@@ -14,7 +14,7 @@ from dataclasses import dataclass, fields
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
 from core.calibration.result import Calibration, CameraPose, Observability, Reprojection
 from core.calibration.view_stack import ViewStack
@@ -270,6 +270,21 @@ def decode_quality(capture_quality: dict[str, Any]) -> CaptureQuality:
     """Return the capture quality of a stored result; angles in radians."""
     advice = tuple(Advisory(**one) for one in capture_quality["advice"])
     return CaptureQuality(**{**capture_quality, "advice": advice})
+
+
+def end_points(points: Sequence[bytes]) -> tuple[Int[np.ndarray, "m 2 2"], Float[np.ndarray, "m 2 2"]]:
+    """Return column and row, and u and v (px), of the first and the last point of stored results that have points."""
+    size = _POINT.itemsize
+    records = np.frombuffer(b"".join(end for p in points for end in (p[:size], p[-size:])), dtype=_POINT)
+    cells = np.stack([records["column"], records["row"]], axis=1).astype(np.intp)
+    return cells.reshape(-1, 2, 2), np.stack([records["u_px"], records["v_px"]], axis=1).reshape(-1, 2, 2)
+
+
+def rename_points(points: bytes, column: Int[np.ndarray, " n"], row: Int[np.ndarray, " n"]) -> bytes:
+    """Return stored points under other names, row by row as a detector lists them."""
+    records = np.frombuffer(points, dtype=_POINT).copy()
+    records["column"], records["row"] = column, row
+    return records[np.lexsort((column, row))].tobytes()
 
 
 def decode_markers(markers: bytes) -> dict[int, Float[np.ndarray, "4 2"]]:

@@ -5,10 +5,11 @@ past the vertical the reading flips, and with it the target frame, by a turn of 
 ones under other names, so that another reading of an estimated pose needs no new fit: with S the turn of the grid in
 the target frame, T_target_camera becomes S⁻¹ T_target_camera.
 
-Images of one pose differ by the robot's repeatability, far less than a turn: they follow the pose's first image. Poses
-follow one another by the commanded orientations where these are known: the camera sits fixed on the flange, so that the
-angle between two poses is the same for flange and camera, whatever the mounting. Elsewhere the least turn between poses
-is taken, which is a guess.
+Images of one pose differ by the robot's repeatability, far less than a turn: they follow the pose's first image. An
+image that shows for sure which way round the board is (`GridPoints.origin` "known") is never turned; its pose follows
+it, and all other poses begin there. Poses follow one another by the commanded orientations where these are known: the
+camera sits fixed on the flange, so that the angle between two poses is the same for flange and camera, whatever the
+mounting. Elsewhere the least turn between poses is taken, which is a guess.
 """
 
 from __future__ import annotations
@@ -18,7 +19,7 @@ from collections.abc import Hashable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 
 from core.targets.specification import TargetSpec
 from core.transforms import transform
@@ -27,21 +28,33 @@ CLEAR = math.radians(10.0)
 """Commanded orientations decide where they are nearer to one reading than to the next by this much."""
 BOLD = math.radians(60.0)
 """The least turn is no sound guess where it is more than this or the next reading is within `CLEAR` of it."""
+ENOUGH_TO_CONTRADICT = 4
+"""Commanded poses from which on one of them can be said to contradict the others."""
+MOST_REFERENCES = 256
+"""Settled poses of one round that the open ones are compared with, evenly chosen from all of them."""
 
 
 @dataclass(frozen=True, slots=True)
 class Readings:
-    """The turn chosen for each image, as an index into `turns_alike`; whether commanded orientations decided every one
-    between poses; and the poses whose turn against the others is a guess that another reading comes close to.
+    """The turn chosen for each image, as an index into `turns_alike`.
+
+    `settled` tells whether commanded orientations or images that show their origin decided every turn between poses.
+    `doubtful` are the poses whose turn against the others is a guess that another reading comes close to,
+    `contradicting` those whose commanded orientation fits none of the readings, and `unclear` the images that no
+    reading brings clearly nearest to the first of their pose: they show another orientation than it.
     """
 
     turns: Int[np.ndarray, " k"]
-    by_commands: bool
+    settled: bool
     doubtful: tuple[Hashable, ...]
+    contradicting: tuple[Hashable, ...]
+    unclear: Bool[np.ndarray, " k"]
 
 
-def turns_alike(target: TargetSpec) -> Float[np.ndarray, "turns 4 4"]:
-    """Return the turns of the target frame, the identity first, after which the grid looks the same."""
+def quarter_turns(target: TargetSpec) -> tuple[int, ...]:
+    """Return by how many quarter turns the grid may be turned and look the same, 0 first; by the target's kind alone:
+    marks in a chessboard or a larger dot may tell (`GridPoints.origin`).
+    """
     columns, rows = target.columns, target.rows
     half = {
         "chessboard": (columns + rows) % 2 == 0,
@@ -51,11 +64,28 @@ def turns_alike(target: TargetSpec) -> Float[np.ndarray, "turns 4 4"]:
     quarter = columns == rows and (
         target.kind == "circles" or (target.kind == "chessboard" and columns % 2 == 0)
     )
-    steps = (0, 1, 2, 3) if quarter else (0, 2) if half else (0,)
+    return (0, 1, 2, 3) if quarter else (0, 2) if half else (0,)
+
+
+def turned_cells(
+    target: TargetSpec, column: Int[np.ndarray, " n"], row: Int[np.ndarray, " n"], quarters: int
+) -> tuple[Int[np.ndarray, " n"], Int[np.ndarray, " n"]]:
+    """Return the names of grid points after so many quarter turns of the grid, by which it must look the same."""
+    last_column, last_row = target.columns - 1, target.rows - 1
+    return (
+        (column, row),
+        (last_row - row, column),
+        (last_column - column, last_row - row),
+        (row, last_column - column),
+    )[quarters]
+
+
+def turns_alike(target: TargetSpec) -> Float[np.ndarray, "turns 4 4"]:
+    """Return the turns of the target frame, the identity first, after which the grid looks the same."""
     corners = target.points_target()
     centre = 0.5 * (corners.min(axis=0) + corners.max(axis=0))
     turns = []
-    for step in steps:
+    for step in quarter_turns(target):
         cosine, sine = ((1.0, 0.0), (0.0, 1.0), (-1.0, 0.0), (0.0, -1.0))[step]
         rotation = np.array([[cosine, -sine, 0.0], [sine, cosine, 0.0], [0.0, 0.0, 1.0]])
         turns.append(transform(rotation, centre - rotation @ centre))
@@ -67,86 +97,143 @@ def choose_readings(
     poses: Sequence[Hashable],
     turns: Float[np.ndarray, "turns 4 4"],
     commanded: Mapping[Hashable, Float[np.ndarray, "3 3"]],
+    known: Sequence[bool] | None = None,
 ) -> Readings:
     """Choose a turn for every image.
 
     Parameters: `rotations` are R_target_camera as read, `poses` names the pose of each image, `commanded` holds
-    R_base_flange of the poses for which it is known.
+    R_base_flange of the poses for which it is known, `known` tells of each image whether it shows its origin.
     """
+    sure = np.zeros(len(poses), dtype=np.bool_) if known is None else np.asarray(known, dtype=np.bool_)
     back = np.swapaxes(turns[:, :3, :3], 1, 2)
     first_of: dict[Hashable, int] = {}
     for i, pose in enumerate(poses):
-        first_of.setdefault(pose, i)
-    names, first = list(first_of), list(first_of.values())
+        first = first_of.setdefault(pose, i)
+        if sure[i] and not sure[first]:
+            first_of[pose] = i
+    names, first_images = list(first_of), np.array(list(first_of.values()), dtype=np.intp)
     place = {name: i for i, name in enumerate(names)}
-    of_pose = np.array([place[pose] for pose in poses])
-    candidates = np.einsum("tij,pjk->ptik", back, rotations[first])
-    settled = _settle(candidates, [commanded.get(name) for name in names])
+    of_pose = np.array([place[pose] for pose in poses], dtype=np.intp)
+    candidates = np.einsum("tij,pjk->ptik", back, rotations[first_images])
+    settled = _settle(candidates, [commanded.get(name) for name in names], sure[first_images])
     products = _products(turns)
     # The turn after which an image is nearest to its pose's first: the smallest angle, so the largest trace.
-    relative = rotations @ np.swapaxes(rotations[first][of_pose], 1, 2)
-    nearest = np.argmax(np.einsum("tij,kji->kt", back, relative), axis=1)
-    chosen = products[settled.turn[of_pose], nearest]
-    doubtful = tuple(name for name, sure in zip(names, settled.sure, strict=True) if not sure)
-    return Readings(chosen, settled.by_commands, doubtful)
+    relative = rotations @ np.swapaxes(rotations[first_images][of_pose], 1, 2)
+    traces = np.einsum("tij,kji->kt", back, relative)
+    nearest = np.argmax(traces, axis=1)
+    chosen = np.where(sure, 0, products[settled.turn[of_pose], nearest])
+    to_first = np.arccos(np.clip(0.5 * (traces - 1.0), -1.0, 1.0))
+    return Readings(
+        chosen,
+        settled.by_evidence,
+        tuple(name for name, one in zip(names, settled.sure, strict=True) if not one),
+        tuple(name for name, one in zip(names, settled.contradicting.tolist(), strict=True) if one),
+        ~sure & (_margin(to_first) < CLEAR),
+    )
 
 
 @dataclass(frozen=True, slots=True)
 class _Settled:
     turn: Int[np.ndarray, " p"]
     sure: list[bool]
-    by_commands: bool
+    by_evidence: bool
+    contradicting: Bool[np.ndarray, " p"]
 
 
 def _settle(
-    candidates: Float[np.ndarray, "p turns 3 3"], commanded: Sequence[Float[np.ndarray, "3 3"] | None]
+    candidates: Float[np.ndarray, "p turns 3 3"],
+    commanded: Sequence[Float[np.ndarray, "3 3"] | None],
+    fixed: Bool[np.ndarray, " p"],
 ) -> _Settled:
-    """Settle one pose after another, the clearest first, since each settled one makes the others clearer."""
+    """Settle the poses in rounds, the clearest first, since settled ones make the others clearer: in a round no more of
+    them than are settled already. Those `fixed` are, as they were read; without any, the first that was commanded is.
+    """
     count, turns = candidates.shape[:2]
     known = np.array([R is not None for R in commanded])
     told = np.array([np.eye(3) if R is None else R for R in commanded])
     turn = np.zeros(count, dtype=np.intp)
-    sure = [True] * count
-    by_commands = True
+    sure = np.ones(count, dtype=np.bool_)
+    by_evidence = True
     misfit = np.zeros((count, turns))  # of angles to the settled poses, seen and commanded
     compared = 0
     least = np.full((count, turns), np.inf)  # turn to the nearest settled pose
-    newest = int(np.argmax(known))
+    newest = np.flatnonzero(fixed) if fixed.any() else np.array([int(np.argmax(known))])
     open_poses = np.ones(count, dtype=np.bool_)
-    for _ in range(count - 1):
+    flat = candidates.reshape(-1, 9)
+    while True:
         open_poses[newest] = False
-        reference = candidates[newest, turn[newest]]
-        seen = _angles(candidates.reshape(-1, 3, 3), reference).reshape(count, turns)
-        least = np.minimum(least, seen)
-        if known[newest]:
-            misfit += (seen - _angles(told, told[newest])[:, None]) ** 2
-            compared += 1
+        references = _evenly(newest)
+        at = candidates[references, turn[references]].reshape(-1, 9)
+        seen = _angles(flat, at).reshape(count, turns, -1)
+        least = np.minimum(least, seen.min(axis=2))
+        if known[references].any():
+            of_flange = _angles(told.reshape(-1, 9), told[references[known[references]]].reshape(-1, 9))
+            misfit += np.sum((seen[:, :, known[references]] - of_flange[:, None]) ** 2, axis=2)
+            compared += int(known[references].sum())
+        if not open_poses.any():
+            break
         by_angle = _margin(np.sqrt(misfit / max(compared, 1)))
         clear = open_poses & known & (by_angle > CLEAR) & (compared > 0)
+        most = max(1, count - int(open_poses.sum()))
         if clear.any():
-            newest = int(np.argmax(np.where(clear, by_angle, -np.inf)))
-            turn[newest] = int(np.argmin(misfit[newest]))
-        else:
-            by_commands = False
-            by_turn = _margin(least)
-            newest = int(np.argmax(np.where(open_poses, by_turn, -np.inf)))
-            turn[newest] = int(np.argmin(least[newest]))
-            sure[newest] = bool(by_turn[newest] > CLEAR and least[newest].min() < BOLD)
-    return _Settled(turn, sure, by_commands)
+            newest = _clearest(by_angle, clear, most)
+            turn[newest] = np.argmin(misfit[newest], axis=1)
+            continue
+        by_evidence = False
+        by_turn = _margin(least)
+        sound = open_poses & (by_turn > CLEAR) & (least.min(axis=1) < BOLD)
+        newest = _clearest(by_turn, sound, most) if sound.any() else _clearest(by_turn, open_poses, 1)
+        turn[newest] = np.argmin(least[newest], axis=1)
+        sure[newest] = sound[newest]
+    return _Settled(turn, sure.tolist(), by_evidence, _contradicting(candidates, turn, told, known))
+
+
+def _contradicting(
+    candidates: Float[np.ndarray, "p turns 3 3"],
+    turn: Int[np.ndarray, " p"],
+    told: Float[np.ndarray, "p 3 3"],
+    known: Bool[np.ndarray, " p"],
+) -> Bool[np.ndarray, " p"]:
+    """Tell which poses' angles to the others, seen and commanded, differ: by the median, which a few others that are
+    wrong themselves leave alone.
+    """
+    result = np.zeros(len(turn), dtype=np.bool_)
+    among = np.flatnonzero(known)
+    if len(among) < ENOUGH_TO_CONTRADICT:
+        return result
+    references = _evenly(among)
+    seen = candidates[np.arange(len(turn)), turn].reshape(-1, 9)
+    of_flange = told.reshape(-1, 9)
+    off = np.abs(_angles(seen[among], seen[references]) - _angles(of_flange[among], of_flange[references]))
+    result[among] = np.median(off, axis=1) > CLEAR
+    return result
+
+
+def _clearest(
+    margin: Float[np.ndarray, " p"], of: Bool[np.ndarray, " p"], most: int
+) -> Int[np.ndarray, " n"]:
+    """Return at most so many of the poses, those of the largest margins."""
+    order = np.argsort(np.where(of, -margin, np.inf), kind="stable")
+    return order[: min(most, int(of.sum()))]
+
+
+def _evenly(poses: Int[np.ndarray, " n"]) -> Int[np.ndarray, " m"]:
+    if len(poses) <= MOST_REFERENCES:
+        return poses
+    return poses[np.linspace(0, len(poses) - 1, MOST_REFERENCES).astype(np.intp)]
 
 
 def _margin(distance: Float[np.ndarray, "p turns"]) -> Float[np.ndarray, " p"]:
-    """Return by how much the best is better than the next."""
+    """Return by how much the best is better than the next; without bounds where there is but one."""
+    if distance.shape[1] == 1:
+        return np.full(len(distance), np.inf)
     ordered = np.sort(distance, axis=1)
     return np.asarray(ordered[:, 1] - ordered[:, 0])
 
 
-def _angles(
-    rotations: Float[np.ndarray, "n 3 3"], reference: Float[np.ndarray, "3 3"]
-) -> Float[np.ndarray, " n"]:
-    """Return the angle of each Rᵀ R_reference."""
-    cosine = 0.5 * (np.einsum("nij,ij->n", rotations, reference) - 1.0)
-    return np.asarray(np.arccos(np.clip(cosine, -1.0, 1.0)))
+def _angles(one: Float[np.ndarray, "n 9"], other: Float[np.ndarray, "m 9"]) -> Float[np.ndarray, "n m"]:
+    """Return the angles of Rᵀ R' between rotations written out in rows of nine."""
+    return np.asarray(np.arccos(np.clip(0.5 * (one @ other.T - 1.0), -1.0, 1.0)))
 
 
 def _products(turns: Float[np.ndarray, "turns 4 4"]) -> Int[np.ndarray, "turns turns"]:
@@ -155,5 +242,5 @@ def _products(turns: Float[np.ndarray, "turns 4 4"]) -> Int[np.ndarray, "turns t
     table = np.empty((len(turns), len(turns)), dtype=np.intp)
     for i, first in enumerate(rotations):
         for j, second in enumerate(rotations):
-            table[i, j] = int(np.argmin(_angles(rotations, first @ second)))
+            table[i, j] = int(np.argmax(np.einsum("nij,ij->n", rotations, first @ second)))
     return table

@@ -67,11 +67,11 @@ def calibrate_points(
     (with a lens: 10 %); each carries the points.
     """
     try:
-        check_points(points)
-        if points.origin == "unknown":
+        if points.origin == "unknown":  # whose columns and rows may be exchanged, too
             raise OriginUnknown(
                 "Part of the grid is in view, and nothing tells which part: the pose is known but for whole squares."
             )
+        check_points(points)
         located = dataclasses.replace(points, measured_points_target=points.points_target)  # computed once
         if intrinsics is not None:
             return conclude(points, _judge_pose(located, intrinsics), gate=math.inf)

@@ -16,6 +16,7 @@ from app.services.analyses.comparison import comparison_document
 from app.services.analyses.documents import encode
 from app.services.analyses.intrinsics import intrinsics_document
 from app.services.analyses.kinematics import dh_document
+from app.services.analyses.naming import name_alike
 from app.services.analyses.outcome import Analysed, CannotAnalyse, Refused
 from app.services.analyses.repeatability import repeatability_document
 from app.services.analyses.revision import read_mark
@@ -65,6 +66,7 @@ def analyse(
         if analysis == "comparison":
             snapshot = replace(snapshot, markers=read_markers(records, session_id))
     inputs_sha256 = snapshot.inputs_sha256(analysis, settings)
+    snapshot, points = name_alike(snapshot, points)
     try:
         document = ANALYSES[analysis](snapshot, points, settings)
     except CannotAnalyse as reason:

@@ -12,6 +12,7 @@ from jaxtyping import Float
 
 from app.records.codec import decode_stack
 from app.services.analyses.board_readings import GroupPoses, read_alike
+from app.services.analyses.naming import naming_remarks
 from app.services.analyses.outcome import CannotAnalyse
 from app.services.analyses.snapshot import Image, Snapshot, natural
 from core import Advisory, Camera, GridposeError, Lens, TargetSpec
@@ -22,6 +23,10 @@ POINTS_AT_MOST = 4_000_000
 _BYTES_PER_POINT = 45
 WORST = 5
 NAMED = 5
+_UNCLEAR = (
+    "The image shows another orientation than the first of its pose, whichever way the board, which looks the same "
+    "when turned, is read."
+)
 DISAGREEMENT = 1.5
 """Above this a common camera is called into question, if chance does not explain it."""
 
@@ -78,6 +83,9 @@ class SessionEstimate:
     images: tuple[EstimatedImage, ...]
     excluded: Mapping[str, Exclusion]
     warnings: tuple[Advisory, ...]
+    unclear: Mapping[str, Exclusion]
+    """Images that show another orientation than their pose's first, however a board that looks the same turned is read:
+    estimated, but no visit to their pose."""
     unsteady: frozenset[str]
     """Poses whose images one camera does not explain: it changed from cycle to cycle, and they scatter by that too."""
 
@@ -109,10 +117,10 @@ def estimate_session(snapshot: Snapshot, points: Mapping[str, bytes], estimator:
                     _exclude(excluded, image, failure.code, failure.detail)
     if not estimates:
         raise _nothing(snapshot, excluded, failures)
-    alike, remarks = read_alike(snapshot, estimates)
+    alike = read_alike(snapshot, estimates)
     groups = [
         FocusGroup(read.name, read.estimate, _images(turned))
-        for read, turned in zip(estimates, alike, strict=True)
+        for read, turned in zip(estimates, alike.groups, strict=True)
     ]
     doubts = {group.name: _disagreement(group) for group in groups}
     warnings += [
@@ -133,7 +141,16 @@ def estimate_session(snapshot: Snapshot, points: Mapping[str, bytes], estimator:
         tuple(groups),
         tuple(everything),
         excluded,
-        (*warnings, *remarks, *_exclusion_remarks(snapshot, excluded)),
+        (
+            *warnings,
+            *naming_remarks(
+                snapshot,
+                [i for i in snapshot.images if i.measurement_id in excluded and i.origin == "unknown"],
+            ),
+            *alike.remarks,
+            *_exclusion_remarks(snapshot, excluded),
+        ),
+        {one: Exclusion(one, "orientation_unclear", _UNCLEAR) for one in sorted(alike.unclear)},
         unsteady,
     )
 

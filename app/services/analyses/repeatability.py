@@ -55,7 +55,9 @@ def pose_rows(snapshot: Snapshot, session: SessionEstimate) -> list[PoseRow]:
     for image in snapshot.images:
         images.setdefault(image.pose_id, [])
         excluded.setdefault(image.pose_id, [])
-        if image.measurement_id in found:
+        if image.measurement_id in session.unclear:
+            excluded[image.pose_id].append(session.unclear[image.measurement_id])
+        elif image.measurement_id in found:
             images[image.pose_id].append(found[image.measurement_id])
         else:
             excluded[image.pose_id].append(session.excluded[image.measurement_id])

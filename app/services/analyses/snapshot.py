@@ -92,7 +92,7 @@ class Snapshot:
     Where an analysis is of another instrument's poses, `measured` are those in the same order, and there are no images.
     `robot` are the joints of the session's robot, as stored. `readings`, by their ids, are filled in where the analysis
     is computed (`read_readings`); the hash is without them. So are the `markers` of images, by measurement
-    (`read_markers`).
+    (`read_markers`), and `parts_named`, the measurements whose points others of their pose named (`naming`).
     """
 
     session_id: str
@@ -107,6 +107,7 @@ class Snapshot:
     robot: list[dict[str, float]] | None = None
     readings: Mapping[str, Reading] = field(default_factory=dict)
     markers: Mapping[str, bytes] = field(default_factory=dict)
+    parts_named: frozenset[str] = frozenset()
 
     def inputs_sha256(self, analysis: str, settings: Mapping[str, Any]) -> str:
         """Return the hash of everything that `analysis` with `settings` is computed from, this program included."""
@@ -261,7 +262,9 @@ def _read_images(records: orm.Session, session_id: str, places: Mapping[str, int
         )
         .all()
     )
-    fields: list[tuple[Any, ...]] = [(*row[:4], places[row[4]] if row[4] else NO_TARGET, *row[5:]) for row in rows]
+    fields: list[tuple[Any, ...]] = [
+        (*row[:4], places[row[4]] if row[4] else NO_TARGET, *row[5:]) for row in rows
+    ]
     images = [Image(*row) for row in fields]
     names = sorted({image.pose_id for image in images}, key=natural)
     rank = {pose_id: place for place, pose_id in enumerate(names)}

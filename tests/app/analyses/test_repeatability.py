@@ -308,7 +308,9 @@ def turned(rng: np.random.Generator, shots: list[Shot], board: TargetSpec) -> li
         )
         noise = rng.normal(0.0, 0.02, exact.shape)
         seen.append(
-            dataclasses.replace(shot, points=dataclasses.replace(shot.points, points_px=exact + noise))
+            dataclasses.replace(
+                shot, points=dataclasses.replace(shot.points, points_px=exact + noise, origin="turned")
+            )
         )
     return seen
 

@@ -64,7 +64,7 @@ def test_commanded_orientations_decide_between_poses(columns: int, rows: int) ->
                 poses.append(i)
                 expected.append(read)
         readings = choose_readings(np.array(seen), poses, turns, commanded)
-        assert readings.by_commands
+        assert readings.settled
         assert readings.doubtful == ()
         # All are turned back, but for one turn that all have in common.
         back = [turns[t][:3, :3].T @ R for t, R in zip(readings.turns, seen, strict=True)]
@@ -77,7 +77,7 @@ def test_without_commands_the_least_turn_is_taken_and_doubt_is_told() -> None:
     about = [so3_exp(np.array([0.0, 0.0, math.radians(angle)])) for angle in (0.0, 170.0, -20.0, 265.0)]
     readings = choose_readings(np.array(about), ["a", "b", "c", "d"], turns, {})
     assert list(readings.turns) == [0, 1, 0, 0]
-    assert not readings.by_commands
+    assert not readings.settled
     assert readings.doubtful == ("d",)
 
 
@@ -89,4 +89,4 @@ def test_commands_of_some_poses_only() -> None:
     commanded = {"a": true["a"], "b": true["b"]}
     readings = choose_readings(np.array(seen), ["a", "b", "c"], turns, commanded)
     assert list(readings.turns) == [0, 1, 1]
-    assert not readings.by_commands
+    assert not readings.settled

@@ -1,0 +1,145 @@
+"""Grid points under one set of names for all images of a pose, before anything is computed from them.
+
+A part of a chessboard that may be any part, and a board that looks the same when turned, are named by another image of
+the same pose, before the same lens (`core.calibration.naming_parts`): by one that shows its origin, or else by the
+first that shows the whole board. What stays unnamed of parts is left out, and said so.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from app.records.codec import decode_points, end_points, rename_points
+from app.services.analyses.snapshot import Image, Snapshot
+from core import Advisory, TargetSpec
+from core.calibration.naming_parts import NEAR, name_points
+from core.calibration.readings import quarter_turns
+from core.targets.specification import GridPoints, Origin
+
+ORIGIN_UNKNOWN = "origin_unknown"
+NAMED = 5
+
+
+def origin_of(image: Image, target: TargetSpec) -> Origin:
+    """Return how far an image's points are named for sure; of results from before that was kept, what the kind says."""
+    if image.origin == "unknown":
+        return "unknown"
+    if image.origin is None:
+        return "known" if len(quarter_turns(target)) == 1 else "turned"
+    return "turned" if image.origin == "turned" else "known"
+
+
+def name_alike(snapshot: Snapshot, points: Mapping[str, bytes]) -> tuple[Snapshot, dict[str, bytes]]:
+    """Return the session with the points of each pose under one set of names; without the points of parts that no image
+    of their pose names.
+    """
+    named, origins = dict(points), {}
+    parts: set[str] = set()
+    targets = [TargetSpec(**fields) for fields in snapshot.targets]
+    for members in _same_views(snapshot, points, targets):
+        images = [snapshot.images[i] for i in members]
+        found = _name(images, points, targets[images[0].target])
+        parts |= {image.measurement_id for image in images if image.origin == "unknown"} & found.keys()
+        for image in images:
+            answer = found.get(image.measurement_id)
+            if answer is not None:
+                origins[image.measurement_id], named[image.measurement_id] = answer
+            elif image.origin == "unknown":
+                del named[image.measurement_id]
+    if not origins and len(named) == len(points):
+        return snapshot, named
+    images = [
+        replace(image, origin=origins.get(image.measurement_id, image.origin)) for image in snapshot.images
+    ]
+    return replace(snapshot, images=tuple(images), parts_named=frozenset(parts)), named
+
+
+def _same_views(
+    snapshot: Snapshot, points: Mapping[str, bytes], targets: Sequence[TargetSpec]
+) -> list[list[int]]:
+    """Return the images of each pose, target, lens and image size among which some are not named for sure."""
+    together: dict[tuple[object, ...], list[int]] = {}
+    open_groups: set[tuple[object, ...]] = set()
+    for i, image in enumerate(snapshot.images):
+        if not points.get(image.measurement_id):
+            continue
+        key = (image.pose_id, image.target, image.focus_group, image.width_px, image.height_px)
+        together.setdefault(key, []).append(i)
+        if origin_of(image, targets[image.target]) != "known":
+            open_groups.add(key)
+    return [members for key, members in together.items() if key in open_groups]
+
+
+def _name(
+    images: Sequence[Image], points: Mapping[str, bytes], target: TargetSpec
+) -> dict[str, tuple[Origin, bytes]]:
+    """Return origin and points of the images of one pose that its reference names; without those it does not name."""
+    origins = [origin_of(image, target) for image in images]
+    whole = [i for i, origin in enumerate(origins) if origin != "unknown"]
+    if not whole:
+        return {}
+    # The first that is sure, else the first that has most points: it serves all others.
+    chosen = min(whole, key=lambda i: (origins[i] != "known", -len(points[images[i].measurement_id]), i))
+    stored = [points[image.measurement_id] for image in images]
+    reference = _decoded(images[chosen], stored[chosen], target, origins[chosen])
+    cells, px = end_points(stored)
+    # Whole boards mostly agree: two of their corners say so, without a look at the rest.
+    far = NEAR * float(np.linalg.norm(px[chosen, 1] - px[chosen, 0]))
+    agree = np.all(cells == cells[chosen], axis=(1, 2)) & np.all(
+        np.linalg.norm(px - px[chosen], axis=2) < far, axis=1
+    )
+    answers: dict[str, tuple[Origin, bytes]] = {}
+    for i, image in enumerate(images):
+        if origins[i] == "known":
+            continue
+        if i == chosen or (origins[i] == "turned" and agree[i]):
+            answers[image.measurement_id] = origins[chosen], stored[i]
+            continue
+        found = name_points(_decoded(image, stored[i], target, origins[i]), reference)
+        if found is not None:
+            renamed = rename_points(stored[i], found.column, found.row) if found.changed else stored[i]
+            answers[image.measurement_id] = origins[chosen], renamed
+    return answers
+
+
+def _decoded(image: Image, stored: bytes, target: TargetSpec, origin: Origin) -> GridPoints:
+    view = decode_points(stored, [], target, image.width_px, image.height_px)
+    return replace(view, origin=origin)
+
+
+def naming_remarks(snapshot: Snapshot, unnamed: Sequence[Image]) -> list[Advisory]:
+    """Say which images of parts count under the names of others, and which of them do not count."""
+    remarks = []
+    if snapshot.parts_named:
+        parts = [image for image in snapshot.images if image.measurement_id in snapshot.parts_named]
+        remarks.append(
+            Advisory(
+                "parts_named",
+                f"{_images(len(parts))} part of a board; its grid points took their names from images of the same pose "
+                f"that show the whole board: {_listed(parts)}.",
+            )
+        )
+    if unnamed:
+        remarks.append(
+            Advisory(
+                ORIGIN_UNKNOWN,
+                f"{_images(len(unnamed))} part of a board, and no image of the same pose says which part: "
+                f"{_listed(unnamed)}.",
+                "Show the whole board in at least one image of each pose; or use a board whose origin can be told from "
+                "a part: ChArUco, AprilGrid, or a chessboard with marked squares.",
+            )
+        )
+    return remarks
+
+
+def _images(count: int) -> str:
+    return "One image shows" if count == 1 else f"{count} images show"
+
+
+def _listed(images: Sequence[Image]) -> str:
+    poses = list(dict.fromkeys(image.pose_id for image in images))
+    more = f" and {len(poses) - NAMED} more" if len(poses) > NAMED else ""
+    return f"{'pose' if len(poses) == 1 else 'poses'} {', '.join(poses[:NAMED])}{more}"

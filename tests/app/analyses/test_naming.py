@@ -1,0 +1,309 @@
+"""Sessions whose images name the same board differently: turned, or in part; no figure ever mixes two readings."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+
+from core.calibration.readings import quarter_turns, turned_cells
+from core.camera import project
+from core.targets.specification import GridPoints, Origin, TargetSpec
+from core.transforms import invert, rotation_to_rpy, so3_exp, transform, transform_points
+from tests.app.analyses.conftest import CAMERA, HEIGHT, WIDTH, Shot, Store, body, look
+
+NOISE = 0.02
+
+
+def new_session(api: Any, board: TargetSpec) -> str:
+    fields = {"kind": board.kind, "columns": board.columns, "rows": board.rows, "pitch_mm": board.pitch_mm}
+    return str(api.make_session(api.make_target(**fields)))
+
+
+def upright(rng: np.random.Generator, board: TargetSpec, tilt: float) -> np.ndarray:
+    """T_camera_target with the board's x axis within the robot's scatter of the vertical: its reading flips."""
+    R = so3_exp(np.array([tilt, 0.3 * tilt, 0.0])) @ so3_exp(np.array([0.0, 0.0, 0.5 * math.pi]))
+    middle = np.array([*rng.uniform(-15.0, 15.0, 2), 330.0])
+    return transform(R, middle - R @ board.points_target().mean(axis=0))
+
+
+def read(points: GridPoints, quarters: int, origin: Origin) -> GridPoints:
+    """The same picture as a detector that reads the board turned reports it, row by row."""
+    column, row = turned_cells(points.target, points.column, points.row, quarters)
+    order = np.lexsort((column, row))
+    return dataclasses.replace(
+        points,
+        column=column[order],
+        row=row[order],
+        points_px=points.points_px[order],
+        standard_uncertainty_px=points.standard_uncertainty_px[order],
+        origin=origin,
+    )
+
+
+def session_of(
+    board: TargetSpec,
+    seed: int,
+    *,
+    poses: int = 4,
+    cycles: int = 10,
+    flips: bool = True,
+    scatter_mm: float = 0.05,
+) -> list[Shot]:
+    """A robot's session; where `flips`, every image is read one of the ways that look the same, by chance."""
+    rng, chance = np.random.default_rng(seed), np.random.default_rng(seed + 1000)
+    turns = quarter_turns(board)
+    shots = []
+    tilts = np.linspace(0.45, 0.75, poses) * np.where(np.arange(poses) % 2, -1.0, 1.0)
+    for index, tilt in enumerate(tilts):
+        told = invert(upright(rng, board, float(tilt)))
+        for cycle in range(1, cycles + 1):
+            true = transform(told[:3, :3], told[:3, 3] + rng.normal(0.0, scatter_mm, 3))
+            points = look(rng, invert(true), board=board, sigma_px=NOISE)
+            quarters = int(chance.choice(turns)) if flips and len(turns) > 1 else 0
+            origin: Origin = "turned" if len(turns) > 1 else "known"
+            shots.append(Shot(f"P{index + 1}", cycle, read(points, quarters, origin), true))
+    return shots
+
+
+def table(api: Any, session: str, **query: str) -> dict[str, Any]:
+    return body(api.client.get(f"/v1/sessions/{session}/repeatability", params=query))
+
+
+def codes(document: dict[str, Any]) -> set[str]:
+    return {warning["code"] for warning in document["warnings"]}
+
+
+def figures(document: dict[str, Any]) -> list[float]:
+    return [
+        row[kind]["position_mm"] for row in document["poses"] for kind in ("repeatability", "noise_floor")
+    ]
+
+
+AMBIGUOUS = [
+    ("chessboard", 10, 6),
+    ("chessboard", 8, 6),
+    ("chessboard", 8, 8),
+    ("circles", 9, 6),
+    ("circles", 7, 7),
+    ("asymmetric_circles", 4, 10),
+]
+
+
+@pytest.mark.parametrize("estimator", ["pooled", "per_image_fixed_pp"])
+@pytest.mark.parametrize(("kind", "columns", "rows"), AMBIGUOUS)
+def test_images_that_flip_within_a_pose_are_read_alike(
+    api: Any, store: Store, kind: str, columns: int, rows: int, estimator: str
+) -> None:
+    board = TargetSpec(kind, columns, rows, 12.0)
+    documents = []
+    for flips in (True, False):
+        session = new_session(api, board)
+        store(api, session, session_of(board, 31, flips=flips))
+        documents.append(table(api, session, estimator=estimator))
+    flipped, steady = documents
+    # To the last digits the figures are those of images that all were read one way: nothing is left of the flips.
+    assert figures(flipped) == pytest.approx(figures(steady), rel=1e-3)
+    assert all(row["n"] == 10 for row in flipped["poses"])
+    largest = 0.6 if estimator == "pooled" else 6.0  # a flip moves the camera by some hundred millimetres
+    assert all(row["repeatability"]["position_mm"] < largest for row in flipped["poses"])
+    assert "orientation_unclear" not in codes(flipped)
+
+
+def test_boards_that_show_their_origin_are_never_turned_nor_doubted(api: Any, store: Store) -> None:
+    """A larger dot at the origin or marked squares: by its kind alone such a board would be ambiguous."""
+    for board in (TargetSpec("circles", 9, 6, 12.0), TargetSpec("chessboard", 10, 6, 12.0)):
+        rng = np.random.default_rng(32)
+        shots = [
+            dataclasses.replace(shot, points=dataclasses.replace(shot.points, origin="known"))
+            for shot in session_of(board, 32, flips=False)
+        ]
+        # One pose sees the board the other way round, which a guess by the least turn would undo.
+        about = np.array([*board.points_target().mean(axis=0)[:2], 0.0])
+        half = so3_exp(np.array([0.0, 0.0, math.pi]))
+        around = transform(half, about - half @ about)
+        turned = []
+        for shot in shots[:10]:
+            true = around @ shot.T_target_camera
+            points = look(rng, invert(true), board=board, sigma_px=NOISE)
+            turned.append(Shot("P9", shot.cycle, points, true))
+        session = new_session(api, board)
+        store(api, session, [*shots, *turned])
+        document = table(api, session)
+        assert "orientation_ambiguous" not in codes(document)
+        row = next(row for row in document["poses"] if row["pose_id"] == "P9")
+        mean = np.mean([shot.T_target_camera[:3, 3] for shot in turned], axis=0)
+        assert np.linalg.norm(np.array(row["mean"]["position_mm"]) - mean) < 2.0
+        other = np.mean([shot.T_target_camera[:3, 3] for shot in shots[:10]], axis=0)
+        assert np.linalg.norm(mean - other) > 50.0
+
+
+def test_one_image_that_shows_the_origin_anchors_the_session(api: Any, store: Store) -> None:
+    """Of a board of dots whose larger dot a cable hides in all images but one."""
+    board = TargetSpec("circles", 9, 6, 12.0)
+    shots = session_of(board, 33)
+    index = 15
+    rng = np.random.default_rng(1)
+    sure = look(rng, invert(shots[index].T_target_camera), board=board, sigma_px=NOISE)
+    shots[index] = dataclasses.replace(shots[index], points=sure)
+    session = new_session(api, board)
+    store(api, session, shots)
+    document = table(api, session)
+    # Its own pose is sure; the others follow by the least turn, which is said.
+    row = document["poses"][1]
+    true = np.mean([shot.T_target_camera[:3, 3] for shot in shots if shot.pose_id == "P2"], axis=0)
+    assert np.linalg.norm(np.array(row["mean"]["position_mm"]) - true) < 2.0
+    assert row["n"] == 10
+    assert all(row["repeatability"]["position_mm"] < 0.6 for row in document["poses"])
+
+
+def test_an_image_under_the_wrong_pose_is_no_visit_to_it(api: Any, store: Store) -> None:
+    board = TargetSpec("chessboard", 10, 6, 12.0)
+    shots = session_of(board, 34)
+    rng = np.random.default_rng(2)
+    quarter = invert(shots[0].T_target_camera) @ transform(
+        so3_exp(np.array([0.0, 0.0, 0.5 * math.pi])), np.zeros(3)
+    )
+    points = look(rng, quarter, board=board, sigma_px=NOISE)
+    stray = Shot("P1", 11, dataclasses.replace(points, origin="turned"), invert(quarter))
+    session = new_session(api, board)
+    ids = store(api, session, [*shots, stray])
+    document = table(api, session)
+    row = document["poses"][0]
+    assert [(e["measurement_id"], e["code"]) for e in row["excluded"]] == [(ids[-1], "orientation_unclear")]
+    assert row["n"] == 10
+    (warning,) = [w for w in document["warnings"] if w["code"] == "orientation_unclear"]
+    assert "P1" in warning["detail"]
+
+
+def told(shots: list[Shot], scramble: str | None = None) -> dict[str, dict[str, Any]]:
+    """What the robot was commanded, in its base; at the pose `scramble` something else."""
+    base = transform(so3_exp(np.array([-0.5, 0.2, 1.4])), np.array([700.0, -100.0, 300.0]))
+    mounting = transform(so3_exp(np.array([0.3, -2.0, 0.4])), np.array([20.0, 10.0, 80.0]))
+    fields = {}
+    for shot in shots:
+        T = base @ shot.T_target_camera @ mounting
+        if shot.pose_id == scramble:
+            T = T @ transform(so3_exp(np.array([0.9, -0.8, 0.7])), np.zeros(3))
+        roll, pitch, yaw = np.degrees(rotation_to_rpy(T[:3, :3])).tolist()
+        fields[shot.pose_id] = {
+            "position_mm": T[:3, 3].tolist(),
+            "roll_deg": roll,
+            "pitch_deg": pitch,
+            "yaw_deg": yaw,
+        }
+    return fields
+
+
+@pytest.mark.parametrize(("kind", "columns", "rows"), [("chessboard", 9, 6), ("chessboard", 10, 6)])
+def test_a_pose_that_contradicts_its_command_is_named(
+    api: Any, store: Store, kind: str, columns: int, rows: int
+) -> None:
+    board = TargetSpec(kind, columns, rows, 12.0)
+    shots = session_of(board, 35, poses=6, cycles=4)
+    session = new_session(api, board)
+    store(api, session, shots)
+    for pose_id, fields in told(shots).items():
+        api.client.put(f"/v1/sessions/{session}/poses/{pose_id}", json=fields)
+    assert not {"pose_contradicts_command", "orientation_ambiguous"} & codes(table(api, session))
+    for pose_id, fields in told(shots, scramble="P4").items():
+        api.client.put(f"/v1/sessions/{session}/poses/{pose_id}", json=fields)
+    (warning,) = [w for w in table(api, session)["warnings"] if w["code"] == "pose_contradicts_command"]
+    assert warning["detail"].endswith(": P4.")
+
+
+def in_part(points: GridPoints, first_column: int, first_row: int, quarters: int) -> GridPoints:
+    """What a detector reports of a board that runs out of the picture: counted from the part's own corner."""
+    keep = (points.column >= first_column) & (points.row >= first_row)
+    wide, high = points.target.columns - first_column, points.target.rows - first_row
+    c, r = points.column[keep] - first_column, points.row[keep] - first_row
+    column, row = ((c, r), (high - 1 - r, c), (wide - 1 - c, high - 1 - r), (r, wide - 1 - c))[quarters]
+    order = np.lexsort((column, row))
+    return dataclasses.replace(
+        points,
+        column=column[order],
+        row=row[order],
+        points_px=points.points_px[keep][order],
+        standard_uncertainty_px=points.standard_uncertainty_px[keep][order],
+        origin="unknown",
+    )
+
+
+@pytest.mark.parametrize(("columns", "rows"), [(9, 6), (10, 6)])
+def test_parts_of_a_board_count_by_the_whole_images_of_their_pose(
+    api: Any, store: Store, columns: int, rows: int
+) -> None:
+    board = TargetSpec("chessboard", columns, rows, 12.0)
+    whole = session_of(board, 36, flips=False)
+    shots = []
+    for index, shot in enumerate(whole):
+        assert shot.points is not None
+        if index % 3 == 1:
+            points = in_part(shot.points, 3, index % 2, index % 4)
+            shot = dataclasses.replace(shot, points=points)
+        shots.append(shot)
+    session = new_session(api, board)
+    ids = store(api, session, shots)
+    parts = [
+        measurement for measurement, shot in zip(ids, shots, strict=True) if shot.points.origin == "unknown"
+    ]
+    for measurement in parts:
+        stored = api.client.get(f"/v1/measurements/{measurement}").json()
+        assert (stored["status"], stored["failure"]["code"]) == ("failed", "origin_unknown")
+    document = table(api, session)
+    assert all(row["n"] == 10 and not row["excluded"] for row in document["poses"])
+    assert all(row["repeatability"]["position_mm"] < 0.6 for row in document["poses"])
+    (remark,) = [w for w in document["warnings"] if w["code"] == "parts_named"]
+    assert remark["detail"].startswith(f"{len(parts)} images show part of a board")
+    true = [shot.T_target_camera[:3, 3] for shot in whole if shot.pose_id == "P1"]
+    mean = np.array(document["poses"][0]["mean"]["position_mm"])
+    assert np.linalg.norm(mean - np.mean(true, axis=0)) < 2.0
+    intrinsics = body(api.client.get(f"/v1/sessions/{session}/intrinsics"))
+    assert intrinsics["groups"][0]["images"] == len(shots)
+
+
+def test_parts_that_no_image_names_are_left_out_with_advice(api: Any, store: Store) -> None:
+    board = TargetSpec("chessboard", 9, 6, 12.0)
+    shots = session_of(board, 37, flips=False)
+    lonely = [
+        dataclasses.replace(shot, points=in_part(shot.points, 3, 0, 0)) if shot.pose_id == "P3" else shot
+        for shot in shots
+        if shot.points is not None
+    ]
+    session = new_session(api, board)
+    store(api, session, lonely)
+    document = table(api, session)
+    row = document["poses"][2]
+    assert row["n"] == 0
+    assert {e["code"] for e in row["excluded"]} == {"origin_unknown"}
+    (warning,) = [w for w in document["warnings"] if w["code"] == "origin_unknown"]
+    assert "P3" in warning["detail"]
+    assert "whole board" in warning["advice"]
+    assert [row["n"] for row in document["poses"]] == [10, 10, 0, 10]
+
+
+def test_a_session_of_parts_alone_is_refused_with_the_reason(api: Any, store: Store) -> None:
+    board = TargetSpec("chessboard", 9, 6, 12.0)
+    shots = [
+        dataclasses.replace(shot, points=in_part(shot.points, 3, 0, 0))
+        for shot in session_of(board, 38, poses=2, cycles=2, flips=False)
+        if shot.points is not None
+    ]
+    session = new_session(api, board)
+    store(api, session, shots)
+    for analysis in ("repeatability", "intrinsics", "comparison"):
+        response = api.client.get(f"/v1/sessions/{session}/{analysis}")
+        assert response.status_code == 409, response.text
+        assert "origin_unknown" in response.text
+
+
+def test_the_picture_is_as_large_as_the_sessions_say() -> None:
+    """The scenes here: boards wholly within the image."""
+    rng = np.random.default_rng(0)
+    for _, columns, rows in AMBIGUOUS:
+        board = TargetSpec("chessboard", columns, rows, 12.0)
+        px = project(transform_points(upright(rng, board, 0.75), board.points_target()), CAMERA)
+        assert np.all((px > 0.0) & (px < [WIDTH, HEIGHT]))
