@@ -2,7 +2,8 @@
 
 On one level of a pyramid after the other, coarse to fine, corners are looked for (`saddles`) and linked to patches of
 lattice (`linking`). Each patch is grown on the full picture as far as it goes (`growth`), and its ends are looked at
-(`squares`). The first level with every corner of the board settles it; a part of a lattice is never taken. Then the
+(`squares`). The first level with every corner of the board settles it. Marked squares (`marked_reading`) tell its
+origin, or its colours (`orientation`). Where no level has it whole, a part of it may serve (`partial_board`). Then the
 corners are refined (`refinement`).
 
 Of several boards in view the one asked for is found if it alone has that size. Two of it are a mismatch, unless one is
@@ -17,11 +18,13 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float, UInt8, UInt16
 
-from core.errors import Advisory, TargetMismatch, TargetNotFound
+from core.errors import Advisory, TargetMirrored, TargetMismatch, TargetNotFound
 from core.targets.growth import whole_lattice
 from core.targets.lattice import Lattice
 from core.targets.linking import Patches, link
+from core.targets.marked_reading import read_marks
 from core.targets.orientation import orient
+from core.targets.partial_board import Part, find_part, is_mirrored, turned_by_marks
 from core.targets.pyramid import Level, levels
 from core.targets.refinement import refine_corners
 from core.targets.saddles import Saddles, find_saddles
@@ -63,9 +66,14 @@ def detect_chessboard(
     """Find the inner corners of a chessboard; see `core.targets.detect.detect`."""
     image = _plain(image)
     trace = trace_detection(image, target)
-    if trace.lattice is None:
-        raise _not_found(trace.steps, target)
-    return _grid_points(image, trace.lattice, target)
+    if trace.lattice is not None:
+        return _whole(image, trace.lattice, target)
+    parts = [part for step in trace.steps if (part := find_part(image, step.boards, target)) is not None]
+    if parts:
+        return _grid_points(
+            image, max(parts, key=lambda part: (part.is_named, int(part.lattice.known.sum()))), target
+        )
+    raise _not_found(trace.steps, target)
 
 
 def trace_detection(image: UInt8[np.ndarray, "h w"] | UInt16[np.ndarray, "h w"], target: TargetSpec) -> Trace:
@@ -164,32 +172,48 @@ def _fits(board: Board, target: TargetSpec) -> bool:
     return board.size == (max(target.columns, target.rows), min(target.columns, target.rows))
 
 
-def _grid_points(image: np.ndarray, lattice: Lattice, target: TargetSpec) -> GridPoints:
-    """Return the refined corners of the board, those that cannot be trusted left out.
+def _whole(image: np.ndarray, lattice: Lattice, target: TargetSpec) -> GridPoints:
+    """Return the refined corners of a board seen whole, in the order that marks, colours or direction give it."""
+    readings = read_marks(image, lattice)
+    if is_mirrored(readings, lattice, target):
+        raise TargetMirrored("The chessboard's marks are those of a mirrored print.")
+    turned = turned_by_marks(readings, lattice, target)
+    if turned is not None:
+        return _grid_points(image, Part(turned, 0, 0, is_named=True), target)
+    ordered, warnings = orient(lattice)
+    return _grid_points(image, Part(ordered, 0, 0, is_named=True), target, warnings)
+
+
+def _grid_points(
+    image: np.ndarray, part: Part, target: TargetSpec, warnings: tuple[Advisory, ...] = ()
+) -> GridPoints:
+    """Return the refined corners of a board or a part of it, those that cannot be trusted left out.
 
     Raises TargetNotFound where too few are left.
     """
-    lattice, warnings = orient(lattice)
-    origin: Origin = "turned" if warnings else "known"
+    lattice = part.lattice
+    origin: Origin = "unknown" if not part.is_named else "turned" if warnings else "known"
     row, column = np.nonzero(lattice.known)
     refined = refine_corners(
         image, column, row, lattice.grid[row, column], origin_is_black=not lattice.origin_is_bright
     )
     trusted = refined.trusted
     left_out = target.size - int(trusted.sum())
-    if left_out > (1.0 - _ENOUGH_SEEN) * target.size:
+    is_part = lattice.gap.shape != (target.rows, target.columns)
+    enough = _ENOUGH_SEEN * (len(trusted) if is_part else target.size)
+    if trusted.sum() < enough:
         raise TargetNotFound(
             f"A {target.columns} x {target.rows} grid is in view, but {left_out} of its {target.size} corners "
             "are too poor to measure."
         )
     if left_out:
-        warnings = (*warnings, _left_out(left_out, target.size))
+        warnings = (*warnings, _left_out(left_out, target.size, is_part))
     return GridPoints(
         target=target,
         image_width_px=image.shape[1],
         image_height_px=image.shape[0],
-        column=column[trusted],
-        row=row[trusted],
+        column=column[trusted] + part.column,
+        row=row[trusted] + part.row,
         points_px=np.ascontiguousarray(refined.points_px[trusted]),
         standard_uncertainty_px=refined.standard_uncertainty_px[trusted],
         warnings=warnings,
@@ -197,7 +221,13 @@ def _grid_points(image: np.ndarray, lattice: Lattice, target: TargetSpec) -> Gri
     )
 
 
-def _left_out(count: int, size: int) -> Advisory:
+def _left_out(count: int, size: int, is_part: bool) -> Advisory:
+    if is_part:
+        return Advisory(
+            code="corners_left_out",
+            detail=f"{count} of {size} corners were left out: they are out of view, hidden, or not clear enough.",
+            advice="Bring more of the board into view.",
+        )
     return Advisory(
         code="corners_left_out",
         detail=f"{count} of {size} corners were left out: the picture does not show them as corners of squares.",

@@ -45,14 +45,16 @@ def detect(image: UInt8[np.ndarray, "h w"] | UInt16[np.ndarray, "h w"], target: 
     image
         Grey values.
     target
-        What to look for: all of it must be in view, of a ChArUco board at least half of its corners, of an AprilGrid
-        two tags; of dots three quarters must be free.
+        What to look for: all of it must be in view, of a chessboard a part that ends with the picture or carries the
+        marked squares, of a ChArUco board at least half of its corners, of an AprilGrid two tags; of dots three
+        quarters must be free.
 
     Returns
     -------
     GridPoints
         The points found, row-major, with the origin by the convention of `core.targets.orientation`, or as a
-        ChArUco board's or an AprilGrid's markers tell, or a larger dot at the origin of a board of dots.
+        ChArUco board's or an AprilGrid's markers tell, a chessboard's marked squares, or a larger dot at the origin
+        of a board of dots; `origin` "unknown" for a part that may be any part (`core.targets.partial_board`).
 
     Raises
     ------

@@ -39,10 +39,10 @@ def orient(lattice: Lattice) -> tuple[Lattice, tuple[Advisory, ...]]:
     black = [order for order in orders if not order.origin_is_bright]
     if len(black) == 1:
         return black[0], ()
-    return max(black or orders, key=_rightward), (_AMBIGUOUS,)
+    return max(black or orders, key=rightward), (_AMBIGUOUS,)
 
 
-def _rightward(lattice: Lattice) -> float:
+def rightward(lattice: Lattice) -> float:
     """Return the cosine of the angle between the x axis and +u: of the mean step over the whole board."""
     steps = np.diff(lattice.grid, axis=1)
     u, v = steps[np.isfinite(steps[..., 0])].mean(axis=0)

@@ -23,8 +23,8 @@ _LEAST_OF_LINE = 0.3  # of a line's corners; a line with fewer is none of the la
 _ENOUGH_OF_LINE = 0.5
 _LEAST_CORNERS = 2
 ENOUGH_VISIBLE = 0.5
-_ENOUGH_SQUARES = 0.65
-_MOST_BEYOND = 0.12  # of the places beyond: chance makes corners of clutter, a board makes all of them
+ENOUGH_SQUARES = 0.65
+MOST_BEYOND = 0.12  # of the places beyond: chance makes corners of clutter, a board makes all of them
 _DEPTHS = (0.4, 0.5, 0.6, 0.7, 0.8, 0.9)  # of a step, where the outermost squares are looked at
 _BESIDE = 0.3  # of a step, to both sides of the edge between two of them
 _LEAST_STEP = 0.25  # of the contrast at the board's corners
@@ -49,12 +49,12 @@ class Side:
     @property
     def goes_on(self) -> bool:
         """Whether there are more lines than were found, or may be: the picture ends here."""
-        return self.visible < ENOUGH_VISIBLE or self.beyond > _MOST_BEYOND
+        return self.visible < ENOUGH_VISIBLE or self.beyond > MOST_BEYOND
 
     @property
     def is_an_end(self) -> bool:
         """Whether the board ends here beyond doubt."""
-        return not self.goes_on and self.seen >= _ENOUGH_OF_LINE and self.squares >= _ENOUGH_SQUARES
+        return not self.goes_on and self.seen >= _ENOUGH_OF_LINE and self.squares >= ENOUGH_SQUARES
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,0 +1,129 @@
+"""Reading the marks of a chessboard (`core.targets.marked_squares`) off a lattice of its corners.
+
+A square is looked at in its own coordinates, bilinear between its four corners: its middle against a ring around it. By
+how much they differ, of the contrast at its corners, and in the sense a dot would make, is its score: near one for a
+dot, less where blur is as wide as the dot, near none for a plain square.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float, Shaped
+
+from core.compiled import compiled
+from core.targets.lattice import Lattice
+from core.targets.marked_squares import SHAPE
+
+_MIDDLE, _RING = 0.08, 0.31  # of the square's side, from its centre
+_LEAST_SCORE = 0.25
+_PLAIN = 0.5  # of the least of four marks: squares beside them score less
+
+
+@dataclass(frozen=True, slots=True)
+class Reading:
+    """Where a lattice carries the marks: in the lattice mirrored left to right first where `is_mirrored`, then turned
+    `turns` times by `Lattice.quarter_turn`, the elbow is the square after the point (`column`, `row`)."""
+
+    turns: int
+    is_mirrored: bool
+    column: int
+    row: int
+
+
+def read_marks(image: Shaped[np.ndarray, "h w"], lattice: Lattice) -> tuple[Reading, ...]:
+    """Return every way in which a lattice's marked squares are the marks of a board, with plain squares around them."""
+    rows, columns = lattice.gap.shape
+    if rows < 2 or columns < 2:
+        return ()
+    scores = mark_scores(
+        image,
+        np.ascontiguousarray(lattice.grid),
+        np.ascontiguousarray(lattice.gap),
+        lattice.origin_is_bright,
+    )
+    if np.count_nonzero(scores > _LEAST_SCORE) < len(SHAPE):
+        return ()
+    j, i = np.mgrid[0 : rows - 1, 0 : columns - 1]
+    bright = ((i + j) % 2 == 0) == lattice.origin_is_bright
+    readings = []
+    for is_mirrored in (False, True):
+        for turns in range(4):
+            seen, are_bright = (np.rot90(a[:, ::-1] if is_mirrored else a, turns) for a in (scores, bright))
+            readings += [
+                Reading(turns, is_mirrored, int(a), int(b))
+                for b, a in np.argwhere((seen > _LEAST_SCORE) & are_bright).tolist()
+                if _is_elbow(seen, a, b)
+            ]
+    return tuple(readings)
+
+
+def _is_elbow(scores: Float[np.ndarray, "rows columns"], column: int, row: int) -> bool:
+    """Tell whether the marks, and no others near them, begin at a square."""
+    rows, columns = scores.shape
+    marks = {(column + i, row + j) for i, j in SHAPE}
+    if any(not (i < columns and j < rows and scores[j, i] > _LEAST_SCORE) for i, j in marks):
+        return False
+    limit = _PLAIN * min(scores[j, i] for i, j in marks)
+    around = [
+        scores[j, i]
+        for j in range(max(row - 1, 0), min(row + 3, rows))
+        for i in range(max(column - 1, 0), min(column + 4, columns))
+        if (i, j) not in marks
+    ]
+    return not any(score > limit for score in around)  # unknown ones are NaN, and may be anything
+
+
+@compiled
+def mark_scores(
+    image: Shaped[np.ndarray, "h w"],
+    grid: Float[np.ndarray, "rows columns 2"],
+    gap: Float[np.ndarray, "rows columns"],
+    origin_is_bright: bool,
+) -> Float[np.ndarray, "rows-1 columns-1"]:
+    """Return how much each square looks as if it carried a mark; NaN where a corner of it is unknown."""
+    rows, columns = gap.shape
+    scores = np.full((rows - 1, columns - 1), np.nan)
+    for j in range(rows - 1):
+        for i in range(columns - 1):
+            contrast = 0.25 * (gap[j, i] + gap[j, i + 1] + gap[j + 1, i] + gap[j + 1, i + 1])
+            if not contrast > 0.0:
+                continue
+            middle, ring = 0.0, 0.0
+            for n in range(9):
+                # the middle of three by three places is counted once, as is each of the eight around it
+                x, y = (n % 3 - 1.0), (n // 3 - 1.0)
+                inner = level_between(image, grid, j, i, 0.5 + _MIDDLE * x, 0.5 + _MIDDLE * y)
+                middle += inner / 9.0
+                if n != 4:
+                    ring += level_between(image, grid, j, i, 0.5 + _RING * x, 0.5 + _RING * y) / 8.0
+            is_bright = ((i + j) % 2 == 0) == origin_is_bright
+            scores[j, i] = (ring - middle if is_bright else middle - ring) / contrast
+    return scores
+
+
+@compiled
+def level_between(
+    image: Shaped[np.ndarray, "h w"],
+    grid: Float[np.ndarray, "rows columns 2"],
+    j: int,
+    i: int,
+    x: float,
+    y: float,
+) -> float:
+    """Return the grey value, bilinear between pixels, at the place (x, y) from 0 to 1 in the square after (i, j)."""
+    height, width = image.shape
+    u, v = 0.0, 0.0
+    for down in range(2):
+        for right in range(2):
+            weight = (x if right == 1 else 1.0 - x) * (y if down == 1 else 1.0 - y)
+            u += weight * grid[j + down, i + right, 0]
+            v += weight * grid[j + down, i + right, 1]
+    u, v = min(max(u, 0.0), width - 1.001), min(max(v, 0.0), height - 1.001)
+    left, top = math.floor(u), math.floor(v)
+    a, b = u - left, v - top
+    upper = (1.0 - a) * image[top, left] + a * image[top, left + 1]
+    lower = (1.0 - a) * image[top + 1, left] + a * image[top + 1, left + 1]
+    return float((1.0 - b) * upper + b * lower)

@@ -1,0 +1,325 @@
+"""Chessboards of which a part is in view, marked and plain ones; mirrored prints, things in front, several at once."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable
+
+import cv2
+import numpy as np
+import pytest
+
+from core.errors import InvalidTarget, TargetMirrored, TargetMismatch, TargetNotFound
+from core.simulation import Scene, render, standard_scene, standard_target
+from core.targets import GridPoints, TargetSpec, detect
+from core.targets.marked_reading import mark_scores
+from core.targets.marked_squares import marked_squares
+
+Take = Callable[..., tuple[Scene, np.ndarray]]
+Window = tuple[int, int, int, int]
+
+
+def errors(found: GridPoints, scene: Scene, shift: tuple[float, float] = (0.0, 0.0)) -> np.ndarray:
+    truth = scene.points_px.reshape(scene.target.rows, scene.target.columns, 2)
+    return np.asarray(found.points_px + np.array(shift) - truth[found.row, found.column])
+
+
+def window(scene: Scene, left: float, top: float, right: float, bottom: float) -> Window:
+    """A part of the picture, its borders given as shares of the grid points' bounding box."""
+    low, high = scene.points_px.min(axis=0), scene.points_px.max(axis=0)
+    x0, y0 = np.rint(low + np.array([left, top]) * (high - low)).astype(int)
+    x1, y1 = np.rint(low + np.array([right, bottom]) * (high - low)).astype(int)
+    return max(int(x0), 0), max(int(y0), 0), min(int(x1), scene.width_px), min(int(y1), scene.height_px)
+
+
+def cut(picture: np.ndarray, part: Window) -> np.ndarray:
+    x0, y0, x1, y1 = part
+    return np.ascontiguousarray(picture[y0:y1, x0:x1])
+
+
+WINDOWS = {
+    "right": (-9.0, -9.0, 0.8, 9.0),
+    "left": (0.2, -9.0, 9.0, 9.0),
+    "bottom": (-9.0, -9.0, 9.0, 0.8),
+    "top and left": (0.15, 0.15, 9.0, 9.0),
+    "all round": (0.15, 0.15, 0.85, 0.85),
+}
+
+
+@pytest.mark.parametrize("size", [(3, 3), (4, 3), (3, 9), (5, 3), (4, 4), (8, 6), (9, 6), (14, 10), (25, 18)])
+def test_marks_are_an_l_with_a_white_elbow_near_the_middle(size: tuple[int, int]) -> None:
+    columns, rows = size
+    marks = marked_squares(TargetSpec("chessboard", columns, rows, 20.0))
+    if columns < 4 or (columns, rows) == (4, 3):
+        assert marks == ()
+        with pytest.raises(InvalidTarget, match="no room"):
+            render(dataclasses.replace(standard_scene(standard_target(*size), 1), marks=True))
+        return
+    (a, b), *others = marks
+    assert (a + b) % 2 == 1
+    assert others == [(a + 1, b), (a + 2, b), (a, b + 1)]
+    assert all(0 <= i < columns - 1 and 0 <= j < rows - 1 for i, j in marks)
+    middle = np.mean(marks, axis=0) + 0.5
+    assert np.all(np.abs(middle - np.array([columns - 1, rows - 1]) / 2.0) <= 1.5)
+    assert marked_squares(TargetSpec("circles", columns, rows, 20.0)) == ()
+
+
+def test_marks_are_rendered_where_they_belong(take: Take) -> None:
+    scene, plain = take(9, 6, seed=1, noise_levels=0.0)
+    marked = render(dataclasses.replace(scene, marks=True))
+    grid = scene.points_px.reshape(6, 9, 2)
+    changed = np.abs(marked.astype(int) - plain) > 100
+    places = {(2, 1): False, (3, 1): True, (4, 1): False, (2, 2): True}
+    assert tuple(places) == marked_squares(scene.target)
+    for j in range(5):
+        for i in range(8):
+            u, v = np.rint(grid[j : j + 2, i : i + 2].mean(axis=(0, 1))).astype(int)
+            assert changed[v, u] == ((i, j) in places)
+            if (i, j) in places:
+                assert (marked[v, u] > 110) == places[i, j]
+    # each a circle of .34 pitches: its share of the square
+    square = cv2.contourArea(grid[[1, 1, 2, 2], [2, 5, 5, 2]].astype(np.float32)) / 3.0
+    assert changed.sum() == pytest.approx(4.0 * np.pi * 0.17**2 * square, rel=0.15)
+
+
+@pytest.mark.parametrize("size", [(9, 6), (8, 6), (6, 6), (14, 10)])
+@pytest.mark.parametrize("seed", range(3))
+def test_marks_tell_the_origin_of_any_board(take: Take, size: tuple[int, int], seed: int) -> None:
+    scene, picture = take(*size, seed=seed, max_roll_deg=180.0, marks=True)
+    found = detect(picture, scene.target)
+    assert (found.origin, found.warnings, len(found)) == ("known", (), scene.target.size)
+    assert np.abs(errors(found, scene)).max() < 0.3
+
+
+@pytest.mark.parametrize("where", WINDOWS)
+@pytest.mark.parametrize("size", [(9, 6), (14, 10)])
+@pytest.mark.parametrize("seed", range(2))
+def test_marks_name_a_part(take: Take, where: str, size: tuple[int, int], seed: int) -> None:
+    scene, picture = take(*size, seed=seed, max_roll_deg=180.0, tilt_deg=20.0, marks=True)
+    part = window(scene, *WINDOWS[where])
+    found = detect(cut(picture, part), scene.target)
+    assert found.origin == "known"
+    assert [w.code for w in found.warnings] == ["corners_left_out"]
+    assert 12 <= len(found) < scene.target.size
+    assert np.abs(errors(found, scene, part[:2])).max() < 0.3
+
+
+def test_marks_name_what_is_left_beside_a_hand(take: Take) -> None:
+    """A whole side hidden, though the picture goes on: without marks it is refused."""
+    for marks in (True, False):
+        scene, picture = take(14, 10, seed=3, marks=marks)
+        grid = scene.points_px.reshape(10, 14, 2)
+        beyond = grid[:, -1] + 3.0 * (grid[:, -1] - grid[:, -2])
+        hand = np.concatenate([grid[:, -3] - np.linspace(0.0, 25.0, 10)[:, None], beyond[::-1]])
+        picture = picture.copy()
+        cv2.fillPoly(picture, [np.rint(hand).astype(np.int32)], 120)
+        if marks:
+            found = detect(picture, scene.target)
+            assert found.origin == "known"
+            assert found.column.max() in (9, 10)
+            assert np.abs(errors(found, scene)).max() < 0.5
+        else:
+            with pytest.raises((TargetNotFound, TargetMismatch)):
+                detect(picture, scene.target)
+
+
+@pytest.mark.parametrize("where", WINDOWS)
+@pytest.mark.parametrize("size", [(9, 6), (8, 6), (14, 10)])
+def test_a_part_without_marks_counts_from_its_own_corner(
+    take: Take, where: str, size: tuple[int, int]
+) -> None:
+    """Right but for a turn and whole squares: in right-handed order, colours as on the board."""
+    scene, picture = take(*size, seed=4, max_roll_deg=180.0, tilt_deg=15.0)
+    part = window(scene, *WINDOWS[where])
+    found = detect(cut(picture, part), scene.target)
+    assert found.origin == "unknown"
+    assert found.column.min() + found.row.min() <= 1
+    assert found.column.max() < size[0]
+    assert found.row.max() < size[1]
+    truth = scene.points_px - part[:2]
+    distance = np.linalg.norm(truth[None] - found.points_px[:, None], axis=2)
+    which = distance.argmin(axis=1)
+    assert distance.min(axis=1).max() < 0.3
+    true = np.stack([which % size[0], which // size[0]], axis=1)
+    counted = np.stack([found.column, found.row], axis=1)
+    step = np.linalg.lstsq(np.column_stack([counted, np.ones(len(found))]), true, rcond=None)[0]
+    np.testing.assert_allclose(step, np.rint(step), atol=1e-9)
+    np.testing.assert_allclose(step[:2] @ step[:2].T, np.eye(2), atol=1e-9)
+    assert np.linalg.det(step[:2]) == pytest.approx(1.0)
+    # square (i, j) reaches from its point by half a step: black where i + j is even, on the print as in the count
+    middle = np.rint(np.array([0.5, 0.5]) @ step[:2] + step[2] - 0.5).astype(int)
+    assert middle.sum() % 2 == 0
+
+
+@pytest.mark.parametrize("size", [(9, 6), (8, 6), (7, 7)])
+def test_a_mirrored_print_is_told_by_its_marks(take: Take, size: tuple[int, int]) -> None:
+    scene, picture = take(*size, seed=2, max_roll_deg=180.0, marks=True)
+    mirrored = np.ascontiguousarray(picture[:, ::-1])
+    part = window(scene, -9.0, -9.0, 0.85, 9.0)
+    for seen in (mirrored, np.ascontiguousarray(cut(picture, part)[::-1])):
+        with pytest.raises(TargetMirrored):
+            detect(seen, scene.target)
+
+
+@pytest.mark.parametrize(
+    ("asked", "reason"),
+    [((14, 10), "not of one of 14 x 10"), ((10, 6), "not of one of 10 x 6"), ((8, 6), "not of one")],
+)
+def test_a_part_of_another_marked_board_is_named(take: Take, asked: tuple[int, int], reason: str) -> None:
+    scene, picture = take(9, 6, seed=5, max_roll_deg=0.0, tilt_deg=10.0, marks=True)
+    with pytest.raises(TargetMismatch, match=reason):
+        detect(cut(picture, window(scene, 0.12, -9.0, 9.0, 9.0)), TargetSpec("chessboard", *asked, 20.0))
+
+
+def test_a_smaller_board_seen_whole_is_no_part(take: Take) -> None:
+    for marks in (False, True):
+        _, picture = take(9, 6, seed=5, marks=marks)
+        with pytest.raises(TargetMismatch, match=r"A 9 x 6 grid is in view, 14 x 10"):
+            detect(picture, TargetSpec("chessboard", 14, 10, 20.0))
+
+
+def test_a_part_with_two_ends_too_near_is_none(take: Take) -> None:
+    """Top and bottom of a 9 x 6 are seen: no part of a 14 x 10, nor of a 9 x 7."""
+    scene, picture = take(9, 6, seed=1, max_roll_deg=0.0, tilt_deg=10.0)
+    part = cut(picture, window(scene, 0.2, -9.0, 9.0, 9.0))
+    assert detect(part, scene.target).origin == "unknown"
+    for asked in ((14, 10), (9, 7)):
+        with pytest.raises(TargetNotFound, match="points of a grid are wholly in view"):
+            detect(part, TargetSpec("chessboard", *asked, 20.0))
+
+
+def test_few_corners_are_no_part(take: Take) -> None:
+    scene, picture = take(14, 10, seed=0, tilt_deg=10.0, max_roll_deg=5.0)
+    with pytest.raises(TargetNotFound):
+        detect(cut(picture, window(scene, 0.4, 0.4, 0.62, 0.62)), scene.target)
+
+
+def test_the_whole_board_is_taken_before_a_part_of_its_like(take: Take) -> None:
+    scene, whole = take(9, 6, seed=1)
+    other, picture = take(9, 6, seed=4)
+    part = picture[:, : round(float(other.points_px[:, 0].mean()))]
+    found = detect(np.ascontiguousarray(np.concatenate([whole, part], axis=1)), scene.target)
+    assert found.origin == "known"
+    assert np.abs(errors(found, scene)).max() < 0.3
+
+
+def test_of_two_parts_nobody_knows_which_is_meant(take: Take) -> None:
+    (one, first), (other, second) = take(9, 6, seed=1), take(9, 6, seed=4)
+    left = second[:, round(float(other.points_px[:, 0].mean())) :]
+    right = first[:, : round(float(one.points_px[:, 0].mean()))]
+    with pytest.raises(TargetMismatch, match="2 grids in view may be parts"):
+        detect(np.ascontiguousarray(np.concatenate([left, right], axis=1)), one.target)
+
+
+def occluded(picture: np.ndarray, scene: Scene, kind: str, rng: np.random.Generator) -> np.ndarray:
+    """The picture with something drawn over a part of the board."""
+    grid = scene.points_px.reshape(scene.target.rows, scene.target.columns, 2)
+    pitch = float(np.linalg.norm(grid[1, 1] - grid[0, 0])) / np.sqrt(2.0)
+    middle = grid[
+        scene.target.rows // 2 + rng.integers(-1, 2), scene.target.columns // 2 + rng.integers(-2, 3)
+    ]
+    drawn = picture.copy()
+    if kind == "hand":
+        palm = (middle + rng.uniform(-1.0, 1.0, 2) * pitch).astype(int).tolist()
+        cv2.ellipse(drawn, palm, (int(2.2 * pitch), int(1.5 * pitch)), 30, 0, 360, 150, -1, cv2.LINE_AA)
+        for angle in np.linspace(-0.5, 0.5, 4):
+            tip = palm + 3.5 * pitch * np.array([np.cos(angle), np.sin(angle)])
+            cv2.line(drawn, palm, tip.astype(int).tolist(), 150, int(0.5 * pitch), cv2.LINE_AA)
+    elif kind == "cable":
+        ends = grid[0, rng.integers(2, 5)], grid[-1, -rng.integers(2, 5)]
+        path = np.linspace(*ends, 40) + 0.4 * pitch * np.sin(np.linspace(0.0, 9.0, 40))[:, None]
+        cv2.polylines(drawn, [np.rint(path).astype(np.int32)], False, 15, int(0.35 * pitch), cv2.LINE_AA)
+    else:
+        v, u = np.mgrid[0 : picture.shape[0], 0 : picture.shape[1]]
+        away = ((u - middle[0]) ** 2 + (v - middle[1]) ** 2) / (2.0 * (1.3 * pitch) ** 2)
+        drawn = np.clip(picture + 500.0 * np.exp(-away), 0, 255).astype(np.uint8)
+    return cv2.GaussianBlur(drawn, (0, 0), 0.6) if kind != "highlight" else drawn
+
+
+@pytest.mark.parametrize("kind", ["hand", "cable", "highlight"])
+@pytest.mark.parametrize("seed", range(3))
+def test_what_lies_on_the_board_costs_corners_not_correctness(take: Take, kind: str, seed: int) -> None:
+    scene, picture = take(14, 10, seed=seed, tilt_deg=20.0)
+    found = detect(occluded(picture, scene, kind, np.random.default_rng(seed)), scene.target)
+    assert 0.5 * 140 <= len(found) < 140
+    off = np.abs(errors(found, scene)).max(axis=1)
+    clear = np.abs(errors(detect(picture, scene.target), scene)).max(axis=1)
+    if kind == "highlight":  # at its rim light changes faster than the model of a corner has it
+        assert np.median(off) < 2.0 * np.median(clear)
+    else:
+        assert np.median(off) < 1.2 * np.median(clear)
+        assert np.quantile(off, 0.95) < 1.5 * np.quantile(clear, 0.95)
+    assert off.max() < 0.5
+
+
+@pytest.mark.parametrize("marks", [False, True])
+def test_boards_of_two_sizes_in_one_picture_are_each_found(take: Take, marks: bool) -> None:
+    (small, first), (large, second) = take(9, 6, seed=1, marks=marks), take(14, 10, seed=2, marks=marks)
+    both = np.concatenate([first, second], axis=1)
+    assert np.abs(errors(detect(both, small.target), small)).max() < 0.3
+    shift = (-float(first.shape[1]), 0.0)
+    assert np.abs(errors(detect(both, large.target), large, shift)).max() < 0.3
+
+
+@pytest.mark.slow
+def test_marks_move_no_corner(take: Take) -> None:
+    """Errors on marked boards are those on plain ones, the corners of marked squares included."""
+    squares: dict[bool, list[np.ndarray]] = {False: [], True: []}
+    near: list[np.ndarray] = []
+    for seed in range(6):
+        scene, _ = take(25, 18, seed=seed, tilt_deg=10.0, clutter=0.0)
+        for marks in (False, True):
+            found = detect(render(dataclasses.replace(scene, marks=marks)), scene.target)
+            error = errors(found, scene)
+            squares[marks].append(np.mean(error**2))
+            if marks:
+                beside = {
+                    (i + a, j + b) for i, j in marked_squares(scene.target) for a in (0, 1) for b in (0, 1)
+                }
+                at = [(i, j) in beside for i, j in zip(found.column, found.row, strict=True)]
+                near.append(error[at])
+    assert np.sqrt(np.mean(squares[True])) < 1.02 * np.sqrt(np.mean(squares[False]))
+    corners = np.concatenate(near)
+    usual = np.sqrt(np.mean(squares[False]))
+    # 10 corners of 6 boards: their mean scatters by 1 / sqrt(60) of the noise
+    assert len(corners) == 60
+    assert np.all(np.abs(corners.mean(axis=0)) < 3.5 * usual / np.sqrt(60.0))
+    assert np.sqrt(np.mean(corners**2)) < 1.35 * usual
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_scores_are_those_of_plain_numpy(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    image = cv2.GaussianBlur(rng.integers(0, 256, (90, 110), dtype=np.uint8), (0, 0), 2.0)
+    y, x = np.mgrid[0:5, 0:6].astype(float)
+    grid = np.stack([12 + 15 * x + 2 * y, 8 + 14 * y - x], axis=2) + rng.normal(0.0, 0.4, (5, 6, 2))
+    gap = rng.uniform(20.0, 60.0, (5, 6))
+    grid[2, 3], gap[2, 3] = np.nan, np.nan
+    scores = mark_scores(image, grid, gap, True)
+    assert np.isnan(scores[1:3, 2:4]).all()
+
+    def level(j: int, i: int, x: float, y: float) -> float:
+        top = (1 - x) * grid[j, i] + x * grid[j, i + 1]
+        low = (1 - x) * grid[j + 1, i] + x * grid[j + 1, i + 1]
+        u, v = (1 - y) * top + y * low
+        patch = cv2.remap(
+            image.astype(np.float32),
+            np.full((1, 1), u, np.float32),
+            np.full((1, 1), v, np.float32),
+            cv2.INTER_LINEAR,
+        )
+        return float(patch[0, 0])
+
+    for j in range(4):
+        for i in range(5):
+            if np.isnan(scores[j, i]):
+                continue
+            steps = [(a, b) for b in (-1, 0, 1) for a in (-1, 0, 1)]
+            middle = np.mean([level(j, i, 0.5 + 0.08 * a, 0.5 + 0.08 * b) for a, b in steps])
+            ring = np.mean(
+                [level(j, i, 0.5 + 0.31 * a, 0.5 + 0.31 * b) for a, b in steps if (a, b) != (0, 0)]
+            )
+            sign = 1.0 if (i + j) % 2 == 0 else -1.0
+            contrast = gap[j : j + 2, i : i + 2].mean()
+            # cv2 interpolates in 32nds of a pixel
+            assert scores[j, i] == pytest.approx(sign * (ring - middle) / contrast, abs=0.03)
