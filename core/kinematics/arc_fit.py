@@ -108,6 +108,15 @@ class ArcProblem:
             angle_derivative(self.motion, self.seen)[self.used] if self.free_angles else None,
         )
 
+    def whitened(
+        self,
+    ) -> tuple[Float[np.ndarray, " q"], Float[np.ndarray, "q p"], Float[np.ndarray, "q k"]]:
+        """Return residuals, derivatives by the arc's parameters and by the shared errors, of the poses that count."""
+        r, J, W = linearised(self.motion, self.seen)
+        C = W @ self.common
+        r, J, C = r[self.used], J[self.used], C[self.used]
+        return r.ravel(), J.reshape(-1, J.shape[2]), C.reshape(r.size, C.shape[2])
+
     def distances(self) -> Float[np.ndarray, " n"]:
         """Return the squared length of each pose's whitened residual."""
         return np.asarray(np.sum(linearised(self.motion, self.seen)[0] ** 2, axis=1))

@@ -185,22 +185,11 @@ def _shared(arcs: Sequence[ArcProblem], before: Float[np.ndarray, " k"]) -> Floa
         return before
     information, told = np.eye(len(before)), np.zeros(len(before))
     for arc in arcs:
-        r, J, C = _whitened(arc)
+        r, J, C = arc.whitened()
         kept = C - J @ np.linalg.lstsq(J, C, rcond=None)[0]
         information += kept.T @ kept
         told += kept.T @ (r + C @ before)
     return np.linalg.solve(information, told)
-
-
-def _whitened(
-    arc: ArcProblem,
-) -> tuple[Float[np.ndarray, " q"], Float[np.ndarray, "q p"], Float[np.ndarray, "q k"]]:
-    """Return residuals, derivatives by the arc's parameters and by the shared errors, of the poses that count."""
-    r, J, W = linearised(arc.motion, arc.seen)
-    C = W @ arc.common
-    keep = arc.used
-    r, J, C = r[keep], J[keep], C[keep]
-    return r.ravel(), J.reshape(-1, J.shape[2]), C.reshape(r.size, C.shape[2])
 
 
 def _summary(

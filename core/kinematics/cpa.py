@@ -28,13 +28,16 @@ from scipy.spatial.transform import Rotation
 from core.errors import Advisory, JointAnglesInconsistent
 from core.kinematics.angle_units import check_angles
 from core.kinematics.axes import AxisFits, fit_axes
+from core.kinematics.axes_validation import validate_axes
 from core.kinematics.common_normals import Axes, Described, LinkForm, choose_signs, describe, feet
 from core.kinematics.dh import JOINT_PARAMETERS, Chain, JointParameters, forward, nearly_parallel
 from core.kinematics.home import common_home
 from core.kinematics.link_targets import Given, TargetLink
 from core.kinematics.poses import PoseData
+from core.kinematics.remarks import of_validation
 from core.kinematics.sweeps import JOINT_TOLERANCE, Sweep, find_sweeps, require_sweeps
 from core.kinematics.uncertain_axes import STEP_RAD, ArcTree, UncertainAxes
+from core.kinematics.validation import Validation
 from core.transforms import invert, transform, transform_mean
 
 _LARGEST_TURN = 0.1
@@ -76,6 +79,8 @@ class AxesIdentification:
         The joint axes in the first target's frame, at the joint angles `home` (rad).
     scatter_mm, scatter_rad
         Standard deviation of each coordinate of position and rotation beyond the instrument's stated noise.
+    forms
+        How each link but the last is described.
     residual_mm, residual_rad
         Rms length over the sweeps' poses of measured - predicted by the chain; rotation None for positions alone.
     """
@@ -95,6 +100,8 @@ class AxesIdentification:
     residual_mm: float
     residual_rad: float | None
     null_space: tuple[str, ...]
+    forms: tuple[LinkForm, ...]
+    validation: Validation | None
     warnings: tuple[Advisory, ...]
 
 
@@ -106,6 +113,7 @@ def identify_from_axes(
     sweeps: Sequence[Sweep] | None = None,
     tolerance: float = JOINT_TOLERANCE,
     target_transforms: Given | None = None,
+    folds: int = 0,
 ) -> AxesIdentification:
     """Identify the robot from sweeps of every joint.
 
@@ -121,6 +129,8 @@ def identify_from_axes(
         How far the resting joints of a sweep may differ, rad.
     target_transforms
         How targets lie to the first, where that is known; else it is found out.
+    folds
+        Parts that poses are dealt into for validation; 0 for none.
 
     Raises JointAnglesInconsistent for a nominal of another number of joints, JointNotMoved, JointAnglesUnit,
     PrismaticJoint, and MotionInsufficient where nothing ties the targets.
@@ -132,11 +142,26 @@ def identify_from_axes(
     found = find_sweeps(poses, tolerance=tolerance) if sweeps is None else tuple(sweeps)
     check_angles(poses, found)
     require_sweeps(found, poses.joints)
-    first = _identify(poses, poses, nominal, method, found, tolerance, target_transforms, None)
-    rested = _rested(poses, found, first)
-    if rested is None:
-        return first
-    return _identify(rested, poses, nominal, method, found, tolerance, target_transforms, first.fits)
+    answer = _identify(poses, poses, nominal, method, found, tolerance, target_transforms, None)
+    rested = _rested(poses, found, answer)
+    if rested is not None:
+        answer = _identify(rested, poses, nominal, method, found, tolerance, target_transforms, answer.fits)
+    if folds < 2:
+        return answer
+    validation = validate_axes(
+        poses,
+        poses if rested is None else rested,
+        method,
+        answer.fits,
+        answer.home,
+        answer.forms,
+        answer.chain,
+        nominal,
+        target_transforms,
+        2.0 * tolerance,
+        folds,
+    )
+    return replace(answer, validation=validation, warnings=(*answer.warnings, *of_validation(validation)))
 
 
 def _identify(
@@ -183,6 +208,8 @@ def _identify(
         residual_mm=residual_mm,
         residual_rad=residual_rad,
         null_space=_null_space(described, forms),
+        forms=forms,
+        validation=None,
         warnings=fits.warnings,
     )
 

@@ -195,7 +195,9 @@ def report(
         compared = replace(compared, shared=arm.shared)
     validation = None
     if folds > 1:
-        validation = validate(arm, compared, seen.take(used), gauge.free, refined.scatter, folds)
+        validation = validate(
+            arm, compared, seen.take(used), gauge.free, refined.scatter, folds, len(seen) - len(used)
+        )
     names = layout.names()
     return Identification(
         chain=arm.chain,

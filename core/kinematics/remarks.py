@@ -46,6 +46,11 @@ def remarks(
             f"{len(out)} of {len(poses)} poses do not fit the others and were left out: {some}.",
             "Check their joint angles and measurements.",
         )
+    yield from of_validation(validation)
+
+
+def of_validation(validation: Validation | None) -> Iterator[Advisory]:
+    """Return what held-out poses say against an identification."""
     if validation is not None and validation.nominal is not None:
         ours, nominals = validation.identified.position_rms_mm, validation.nominal.position_rms_mm
         if ours > nominals:

@@ -7,39 +7,55 @@ below any axis' uncertainty and far above rounding.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float
 
+from core.kinematics.arc import Motion
 from core.kinematics.axes import AxisFits
 from core.kinematics.common_normals import Axes
 from core.kinematics.home import Lines, axes_at_home, hats, home_derivatives
 from core.kinematics.link_targets import Given, TargetLink, by_arcs, link_targets, shared_axes
 from core.kinematics.poses import PoseData
+from core.kinematics.sweeps import Sweep
 from core.transforms import so3_exp, so3_log
 
 STEP_MM, STEP_RAD = 1e-4, 1e-7
 
 
-def lines_of(fits: AxisFits) -> Lines:
-    """Return the arcs' axes as lines with their information."""
-    arcs = fits.arcs
+def lines_of(
+    motions: Sequence[Motion], sweeps: Sequence[Sweep], covariances: Sequence[Float[np.ndarray, "4 4"]]
+) -> Lines:
+    """Return the axes of arcs as lines with their information."""
     roots = []
-    for i in range(len(arcs)):
-        block = fits.covariance[4 * i : 4 * i + 4, 4 * i : 4 * i + 4]
+    for block in covariances:
         unit = np.sqrt(np.diag(block))
         roots.append(np.linalg.inv(np.linalg.cholesky(block / np.outer(unit, unit))) / unit)
     return Lines(
-        np.array([arc.point_mm for arc in arcs]),
-        np.array([arc.direction for arc in arcs]),
-        fits.bases,
+        np.array([motion.point for motion in motions]),
+        np.array([motion.direction for motion in motions]),
+        np.array([motion.basis[:, :2] for motion in motions]),
         np.array(roots),
-        np.array([arc.sweep.joint for arc in arcs]),
-        np.array([arc.sweep.setting for arc in arcs]),
-        np.array([arc.sweep.target for arc in arcs]),
+        np.array([sweep.joint for sweep in sweeps]),
+        np.array([sweep.setting for sweep in sweeps]),
+        np.array([sweep.target for sweep in sweeps]),
     )
+
+
+def lines_of_fits(fits: AxisFits) -> Lines:
+    """Return the fitted axes as lines with their information."""
+    blocks = [fits.covariance[4 * i : 4 * i + 4, 4 * i : 4 * i + 4] for i in range(len(fits.arcs))]
+    return lines_of([arc.motion for arc in fits.arcs], [arc.sweep for arc in fits.arcs], blocks)
+
+
+def transforms_of(links: Mapping[int, TargetLink]) -> Float[np.ndarray, "t 4 4"]:
+    """Return T_first_target of every target by its index; of one without a link that of the first."""
+    T = np.tile(np.eye(4), (max(links) + 1, 1, 1))
+    for target, link in links.items():
+        T[target] = link.T_first_target
+    return T
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,7 +81,7 @@ class ArcTree:
         tolerance: float,
     ) -> ArcTree:
         """Link the targets; `tolerance` as of `link_targets`, which see for what is raised."""
-        lines = lines_of(fits)
+        lines = lines_of_fits(fits)
         links = link_targets(poses, lines, given, tolerance)
         derivatives = {}
         for target, link in links.items():
@@ -77,11 +93,11 @@ class ArcTree:
 
     def axes(self) -> Axes:
         """Return the axes at home."""
-        return axes_at_home(self.lines, self.home, self._transforms())
+        return axes_at_home(self.lines, self.home, transforms_of(self.links))
 
     def uncertain(self, fits: AxisFits) -> UncertainAxes:
         """Return the axes with their covariance, from that of the arcs and of the links that these did not tell."""
-        T, axes = self._transforms(), self.axes()
+        T, axes = transforms_of(self.links), self.axes()
         q = len(fits.covariance)
         others = [
             t
@@ -105,12 +121,6 @@ class ArcTree:
         shift = across @ (twists[:, :3] - hats(axes.points) @ twists[:, 3:])
         J = np.concatenate([shift, across @ twists[:, 3:]], axis=1).reshape(-1, len(spread))
         return UncertainAxes(axes, bases, J @ spread @ J.T)
-
-    def _transforms(self) -> Float[np.ndarray, "t 4 4"]:
-        T = np.tile(np.eye(4), (max(self.links) + 1, 1, 1))
-        for index, link in self.links.items():
-            T[index] = link.T_first_target
-        return T
 
 
 def _link_derivative(lines: Lines, first: int, target: int, tolerance: float) -> Float[np.ndarray, "6 q"]:

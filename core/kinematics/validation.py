@@ -3,13 +3,16 @@
 Poses are dealt into folds, all poses of one joint configuration into the same, so that no repeat tells of the one held
 out. For each fold the arm is fitted to the rest, begun at the fit of all (its minimum is its own), and compared with
 the fold; the nominal chain likewise, with only its tool and bases fitted. What all poses share (the lens) is fitted
-with the rest and taken off both sides.
+with the rest and taken off both sides. Poses that the fit of all leaves out as gross errors are not predicted, which
+is said with the figures: `left_out`.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -33,12 +36,19 @@ class HeldOut:
 
 @dataclass(frozen=True, slots=True)
 class Validation:
-    """Identified and nominal chain on poses that neither was fitted to; `held_out` poses in `folds` parts."""
+    """Identified and nominal chain on poses that neither was fitted to; `held_out` poses in `folds` parts, without the
+    `left_out` ones that the fit of all poses has for gross errors.
+    """
 
     identified: HeldOut
     nominal: HeldOut | None
     held_out: int
     folds: int
+    left_out: int
+
+
+Fitted = Callable[[Observations, int], ArmState | None]
+"""An arm from the poses that are left without a fold; None where they are too few."""
 
 
 def validate(
@@ -48,30 +58,58 @@ def validate(
     free: Bool[np.ndarray, " p"],
     scatter: Scatter,
     folds: int = FOLDS,
+    left_out: int = 0,
 ) -> Validation | None:
-    """Return the held-out errors; None where there are too few configurations to hold any out."""
+    """Return the held-out errors of a fit of all poses at once; None where there are too few configurations to hold any
+    out.
+    """
     of_fold = deal(seen.joint_angles, folds)
     least = int(free[: arm.layout.kinematic].sum())
     count = int(of_fold.max()) + 1
-    sizes = np.bincount(of_fold, minlength=count)
-    if count < folds or (len(seen) - sizes.max()) * seen.components < 1.2 * least:
+    if count < folds or (len(seen) - np.bincount(of_fold).max()) * seen.components < 1.2 * least:
         return None
     of_frames = free.copy()
     of_frames[: arm.layout.tool.start] = False
-    identified, compared, taken = [], [], 0
+    compared: Fitted | None = None
+    if nominal is not None:
+        compared = partial(_refined, nominal, of_frames, scatter)
+    return hold_out(seen, of_fold, partial(_refined, arm, free, scatter), compared, left_out)
+
+
+def hold_out(
+    seen: Observations,
+    of_fold: Int[np.ndarray, " n"],
+    identified: Fitted,
+    nominal: Fitted | None,
+    left_out: int,
+) -> Validation | None:
+    """Return how well what is fitted without a fold predicts it, over all folds; None where one cannot be fitted."""
+    found: list[Float[np.ndarray, "m _"]] = []
+    compared: list[Float[np.ndarray, "m _"]] = []
+    count = int(of_fold.max()) + 1
     for fold in range(count):
         rest, held = np.flatnonzero(of_fold != fold), np.flatnonzero(of_fold == fold)
         held = held[np.isin(seen.target[held], seen.target[rest])]
         if not len(held):
             continue
-        taken += len(held)
         others, out = seen.take(rest), seen.take(held)
-        identified.append(linearised(refine_plainly(arm, others, free, scatter), out)[0])
-        if nominal is not None:
-            compared.append(linearised(refine_plainly(nominal, others, of_frames, scatter), out)[0])
-    if not identified:
+        for fitted, residuals in ((identified, found), (nominal, compared)):
+            if fitted is None:
+                continue
+            arm = fitted(others, fold)
+            if arm is None:
+                return None
+            residuals.append(linearised(arm, out)[0])
+    if not found:
         return None
-    return Validation(_rms(identified), _rms(compared) if compared else None, taken, count)
+    taken = sum(part.shape[1] for part in found)
+    return Validation(_rms(found), _rms(compared) if compared else None, taken, count, left_out)
+
+
+def _refined(
+    arm: ArmState, free: Bool[np.ndarray, " p"], scatter: Scatter, others: Observations, _: int
+) -> ArmState:
+    return refine_plainly(arm, others, free, scatter)
 
 
 def deal(joint_angles: Float[np.ndarray, "n j"], folds: int) -> Int[np.ndarray, " n"]:

@@ -88,9 +88,17 @@ class DhJoint(ResponseModel):
 
 
 class DhValidation(PoseErrors):
-    """Errors at poses that had no part in the fit: all are dealt into folds, each predicted by the rest."""
+    """Errors at poses that had no part in the fit: all are dealt into five folds, each predicted by the rest, with base
+    and tool fitted to these.
+    """
 
     held_out: Annotated[int, Field(description="How many poses were held out, over all folds.")]
+    left_out: Annotated[
+        int,
+        Field(
+            description="Poses that the fit of all of them has for gross errors, which nothing was asked to predict."
+        ),
+    ]
     nominal: Annotated[
         PoseErrors | None,
         Field(description="The nominal robot at the same poses, its tool and base fitted to the rest."),

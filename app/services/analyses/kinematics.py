@@ -31,6 +31,7 @@ from core.kinematics.identification import Identification, identify
 from core.kinematics.on_points import PointsIdentification, identify_on_points
 from core.kinematics.poses import PoseData
 from core.kinematics.sweeps import Sweep
+from core.kinematics.validation import FOLDS
 from core.targets.specification import GridPoints
 
 STARTING_SWEEPS = 2
@@ -55,7 +56,7 @@ def dh_document(
             found = _global(snapshot, points, settings, gathered, nominal, sweeps)
         else:
             axes = identify_from_axes(
-                gathered.poses, nominal, settings["method"], sweeps=sweeps, tolerance=tolerance
+                gathered.poses, nominal, settings["method"], sweeps=sweeps, tolerance=tolerance, folds=FOLDS
             )
             found = {
                 **axes_document(axes, gathered.poses, snapshot, gathered.targets),

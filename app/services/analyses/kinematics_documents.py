@@ -20,7 +20,7 @@ from core.kinematics.poses import PoseData
 from core.kinematics.problem import linearised, observations_of
 from core.kinematics.sweeps import Sweep
 from core.kinematics.target_transforms import TargetTransform
-from core.kinematics.validation import HeldOut, rms
+from core.kinematics.validation import HeldOut, Validation, rms
 
 API_NAMES = {
     "a_mm": "a_mm",
@@ -45,7 +45,7 @@ def axes_document(
             for joint in found.joints
         ],
         "residual": _held_out(HeldOut(found.residual_mm, found.residual_rad)),
-        "validation": None,
+        "validation": _validation(found.validation),
         "condition_number": how.condition_number if math.isfinite(how.condition_number) else None,
         "observability_o1": how.observability_o1,
         "null_space": list(found.null_space),
@@ -106,13 +106,7 @@ def identification_document(
     return {
         "joints": [joint_document(joint, int(found.used.sum())) for joint in found.joints],
         "residual": _held_out(found.residual),
-        "validation": None
-        if found.validation is None
-        else {
-            **_held_out(found.validation.identified),
-            "held_out": found.validation.held_out,
-            "nominal": _held_out(found.validation.nominal) if found.validation.nominal else None,
-        },
+        "validation": _validation(found.validation),
         "condition_number": condition if math.isfinite(condition) else None,
         "observability_o1": found.conditioning.observability_o1,
         "null_space": list(found.null_space),
@@ -185,6 +179,17 @@ def _parameters(joint: JointParameters) -> dict[str, float | None]:
 
 def _in_degrees(name: str, value: float) -> float:
     return math.degrees(value) if name.endswith("_rad") else value
+
+
+def _validation(found: Validation | None) -> dict[str, Any] | None:
+    if found is None:
+        return None
+    return {
+        **_held_out(found.identified),
+        "held_out": found.held_out,
+        "left_out": found.left_out,
+        "nominal": _held_out(found.nominal) if found.nominal is not None else None,
+    }
 
 
 def _held_out(errors: HeldOut) -> dict[str, Any]:

@@ -191,7 +191,10 @@ def test_axes_of_sweeps_find_the_robot(api: Any, method: str, within_mm: float) 
     found = document(of_readings(api, session, method=method))
     assert found["method"] == method
     assert error_mm(found, arm, free_angles(np.random.default_rng(99), KR5_ARC_HOME, 50)) < within_mm
-    assert found["validation"] is None
+    validation = found["validation"]
+    assert (validation["held_out"], validation["left_out"]) == (len(poses), 0)
+    if method != "cpa":
+        assert validation["position_rms_mm"] < validation["nominal"]["position_rms_mm"]
     assert [j["poses"] for j in found["joints"]] == [14] * 6  # its own nine, and home from the other five
     assert all(j["residual"]["position_rms_mm"] < 0.3 for j in found["joints"])
 

@@ -11,7 +11,7 @@ from core.kinematics.axes import AxisFits, fit_axes
 from core.kinematics.home import axes_at_home, common_home
 from core.kinematics.link_targets import by_arcs, shared_axes
 from core.kinematics.sweeps import JOINT_TOLERANCE, find_sweeps
-from core.kinematics.uncertain_axes import STEP_MM, STEP_RAD, ArcTree, lines_of
+from core.kinematics.uncertain_axes import STEP_MM, STEP_RAD, ArcTree, lines_of_fits
 from core.simulation.arm import KR5_ARC_HOME, kr5_arc, sweep_angles
 from core.simulation.sweeps import Repeatability, measure_poses
 from core.transforms import invert, so3_exp, transform
@@ -48,7 +48,7 @@ def swept() -> Swept:
 def test_covariance_is_that_of_differences(given: bool, swept: Swept) -> None:
     fits, home, by_themselves, by_link, C = swept
     tree = by_link if given else by_themselves
-    lines = lines_of(fits)
+    lines = lines_of_fits(fits)
     pairs = shared_axes(lines, 0, 1, TOLERANCE)
     assert len(pairs) > 1
     T = np.array([np.eye(4), tree.links[1].T_first_target])
