@@ -12,10 +12,18 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from app.services.analyses.accuracy import Accuracy, commanded_rotation, compared, unavailable
+from app.services.analyses.commanded_accuracy import (
+    Accuracy,
+    Told,
+    Ways,
+    commanded_pose,
+    commanded_rotation,
+    compare_with_commands,
+    of_tie,
+)
 from app.services.analyses.pose_rows import AnyVisit
-from app.services.analyses.snapshot import Commanded, Snapshot
-from core import Advisory, GridposeError
+from app.services.analyses.snapshot import Snapshot
+from core import Advisory
 from core.calibration.hand_eye import PositionStation, average_station, tie_frames, tie_positions
 from core.metrology import pose_accuracy
 from core.transforms import transform
@@ -23,46 +31,47 @@ from core.transforms import transform
 
 def assess_measured_accuracy(snapshot: Snapshot, poses: Mapping[str, Sequence[AnyVisit]]) -> Accuracy:
     """Compare the mean of every pose's readings with what was commanded."""
-    told = {
-        pose_id: c
-        for pose_id in poses
-        if (c := snapshot.commanded.get(pose_id)) and c.position_mm is not None
-    }
-    if not told:
-        return unavailable(
-            "The poses' commanded positions are not known.",
-            "PUT the session's poses with what was commanded.",
+    return compare_with_commands(
+        snapshot,
+        dict.fromkeys(poses, 0),
+        Ways(
+            lambda pose_id: _oriented(poses[pose_id]),
+            lambda told: _by_poses(poses, told),
+            lambda told: _by_positions(poses, told),
+        ),
+    )
+
+
+def _oriented(visits: Sequence[AnyVisit]) -> bool:
+    return all(v.rotation is not None for v in visits)
+
+
+def _by_poses(poses: Mapping[str, Sequence[AnyVisit]], told: Told) -> Accuracy:
+    turned = {pose_id: c for pose_id, c in told.items() if _oriented(poses[pose_id])}
+    measured = {
+        pose_id: np.array(
+            [transform(v.rotation, v.position_mm) for v in poses[pose_id] if v.rotation is not None]
         )
-    whole = {
-        pose_id: c
-        for pose_id, c in told.items()
-        if commanded_rotation(c) is not None and all(v.rotation is not None for v in poses[pose_id])
+        for pose_id in turned
     }
-    try:
-        return _by_poses(poses, whole) if 2 * len(whole) >= len(told) else _by_positions(poses, told)
-    except GridposeError as failure:
-        return unavailable(failure.detail, failure.advice)
-
-
-def _by_poses(poses: Mapping[str, Sequence[AnyVisit]], told: Mapping[str, Commanded]) -> Accuracy:
-    commanded = {pose_id: _commanded(c) for pose_id, c in told.items()}
     stations = []
-    for pose_id, T_base_flange in commanded.items():
-        measured = [transform(v.rotation, v.position_mm) for v in poses[pose_id] if v.rotation is not None]
+    for pose_id, c in turned.items():
+        if commanded_rotation(c) is None:
+            continue
         covariances = [v.covariance for v in poses[pose_id] if v.covariance is not None]
         stations.append(
             average_station(
                 pose_id,
-                T_base_flange,
-                np.array(measured),
-                np.array(covariances) if len(covariances) == len(measured) else None,
+                commanded_pose(c),
+                measured[pose_id],
+                np.array(covariances) if len(covariances) == len(measured[pose_id]) else None,
             )
         )
-    tie = tie_frames(stations)
-    return Accuracy({d.pose_id: compared(d, commanded[d.pose_id]) for d in tie.deviations}, tie.warnings)
+    others = {pose_id: measured[pose_id] for pose_id, c in turned.items() if commanded_rotation(c) is None}
+    return of_tie(tie_frames(stations), told, others)
 
 
-def _by_positions(poses: Mapping[str, Sequence[AnyVisit]], told: Mapping[str, Commanded]) -> Accuracy:
+def _by_positions(poses: Mapping[str, Sequence[AnyVisit]], told: Told) -> Accuracy:
     """Tie with the roles exchanged: the readings are the places, the commanded poses say how the point was turned."""
     oriented = all(commanded_rotation(c) is not None for c in told.values())
     remarks: list[Advisory] = []
@@ -79,7 +88,9 @@ def _by_positions(poses: Mapping[str, Sequence[AnyVisit]], told: Mapping[str, Co
         PositionStation(
             pose_id,
             np.mean([v.position_mm for v in poses[pose_id]], axis=0),
-            _commanded(c) if oriented else transform(np.eye(3), np.array(c.position_mm, dtype=np.float64)),
+            commanded_pose(c)
+            if oriented
+            else transform(np.eye(3), np.array(c.position_mm, dtype=np.float64)),
         )
         for pose_id, c in told.items()
     ]
@@ -92,10 +103,3 @@ def _by_positions(poses: Mapping[str, Sequence[AnyVisit]], told: Mapping[str, Co
         commanded = station.T_target_camera[:3, 3]
         found[station.pose_id] = pose_accuracy(commanded + deviation, commanded)
     return Accuracy(found, (*remarks, *tie.warnings))
-
-
-def _commanded(told: Commanded) -> np.ndarray:
-    rotation = commanded_rotation(told)
-    return transform(
-        np.eye(3) if rotation is None else rotation, np.array(told.position_mm, dtype=np.float64)
-    )

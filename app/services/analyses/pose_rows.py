@@ -10,7 +10,7 @@ from typing import Any, Generic, Protocol, TypeVar
 import numpy as np
 from jaxtyping import Float
 
-from app.services.analyses.accuracy import Accuracy
+from app.services.analyses.commanded_accuracy import Accuracy
 from app.services.analyses.estimation import Exclusion
 from core import Advisory
 from core.metrology import Figures, PoseRepeatability, drift
