@@ -1,0 +1,90 @@
+"""Analyses of a session whose every image shows two perpendicular grids and names neither: rendered, searched, tied."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+import pytest
+
+from core import TargetSpec
+from core.transforms import so3_log
+from tests.app.analyses.conftest import body
+from tests.room_corner import CAMERA, Corner
+
+AHEAD = TargetSpec("chessboard", 8, 5, 18.0)
+RIGHT = TargetSpec("charuco", 6, 5, 22.0, 16.0, "DICT_5X5_100")
+VIEWS = {
+    "P1": {"turn": 0.1},
+    "P2": {"turn": 0.8, "lift_mm": 60.0},
+    "P3": {"turn": -0.6, "lift_mm": -50.0, "near_mm": 40.0},
+}
+
+
+@pytest.fixture(scope="module")
+def computing(open_api: Any) -> Iterator[Any]:
+    with open_api(workers=1) as running:
+        yield running
+
+
+@pytest.fixture(scope="module")
+def session(computing: Any) -> tuple[str, list[str]]:
+    """Three poses, twice each: the session and its targets."""
+    corner = Corner(AHEAD, RIGHT)
+    targets = [computing.make_target(**dataclasses.asdict(spec)) for spec in (AHEAD, RIGHT)]
+    session_id = computing.make_session(*targets)
+    accepted = [
+        computing.put_image(
+            session_id, corner.picture(corner.view(**view), seed=10 * cycle + k), pose_id, cycle=cycle
+        )
+        for cycle in (1, 2)
+        for k, (pose_id, view) in enumerate(VIEWS.items())
+    ]
+    for response in accepted:
+        assert computing.wait_for(response.json()["id"])["status"] == "succeeded"
+    return session_id, targets
+
+
+def test_the_grids_are_tied_by_the_images_that_show_both(computing: Any, session: Any) -> None:
+    session_id, targets = session
+    found = body(computing.client.get(f"/v1/sessions/{session_id}/intrinsics"))
+    (group,) = found["groups"]
+    assert group["images"] == 2 * 2 * len(VIEWS)
+    (between,) = found["target_transforms"]
+    assert (between["from_target_id"], between["to_target_id"], between["images"]) == (*targets, 6)
+    T, said = Corner(AHEAD, RIGHT).T_ahead_right, np.array(between["T_from_to"])
+    # Five standard uncertainties: one session of one seed, which must not fail by mere chance.
+    stated = 5.0 * np.sqrt(np.diag(np.array(between["covariance"])))
+    assert np.all(np.abs(said[:3, 3] - T[:3, 3]) < stated[:3])
+    assert np.all(np.abs(so3_log(said[:3, :3] @ T[:3, :3].T)) < stated[3:])
+    assert np.linalg.norm(said[:3, 3] - T[:3, 3]) < 1.0
+    assert float(said[:3, 2] @ [0.0, 0.0, 1.0]) == pytest.approx(0.0, abs=math.radians(0.2))
+    assert group["intrinsics"]["fx_px"] == pytest.approx(CAMERA.fx_px, rel=0.005)
+
+
+def test_every_pose_is_one_of_one_target_and_nothing_is_dropped(computing: Any, session: Any) -> None:
+    session_id, _ = session
+    table = body(computing.client.get(f"/v1/sessions/{session_id}/repeatability"))
+    assert [(pose["pose_id"], pose["n"]) for pose in table["poses"]] == [(pose, 2) for pose in VIEWS]
+    for pose in table["poses"]:
+        assert len(pose["used"]) == 2
+        assert [left["code"] for left in pose["excluded"]] == ["other_target"] * 2
+        assert pose["repeatability"]["position_mm"] < 0.2
+    compared = body(computing.client.get(f"/v1/sessions/{session_id}/comparison"))
+    assert compared["images"] == 2 * 2 * len(VIEWS)
+
+
+def test_an_image_of_neither_is_named_in_every_table(computing: Any, session: Any, grey_png: bytes) -> None:
+    session_id, _ = session
+    nothing = computing.put_image(session_id, grey_png, "P4").json()["id"]
+    assert computing.wait_for(nothing)["failure"]["code"] == "target_not_found"
+    table = body(computing.client.get(f"/v1/sessions/{session_id}/repeatability"))
+    (row,) = (pose for pose in table["poses"] if pose["pose_id"] == "P4")
+    assert (row["n"], [left["measurement_id"] for left in row["excluded"]]) == (0, [nothing])
+    for analysis in ("intrinsics", "comparison"):
+        body(computing.client.get(f"/v1/sessions/{session_id}/{analysis}"))
+    for plot in ("repeatability/scatter.svg", "intrinsics/residuals.svg"):
+        assert computing.client.get(f"/v1/sessions/{session_id}/{plot}").status_code == 200
