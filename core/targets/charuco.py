@@ -18,7 +18,13 @@ import numpy as np
 from jaxtyping import Int, UInt8, UInt16
 
 from core.errors import DetectionError, TargetMirrored, TargetMismatch, TargetNotFound
-from core.targets.charuco_lattice import CONTRARY, PlacedLattice, lattices_of, place_lattice
+from core.targets.charuco_lattice import (
+    PlacedLattice,
+    are_enough,
+    is_contradicted,
+    lattices_of,
+    place_lattice,
+)
 from core.targets.charuco_layout import CharucoLayout, charuco_layout
 from core.targets.charuco_markers import (
     fitting_markers,
@@ -80,7 +86,7 @@ def look_for_lattices(image: np.ndarray, layout: CharucoLayout, codes: MarkerCod
         found += [
             place_lattice(image, lattice, layout, codes) for lattice in lattices_of(image, level, layout)
         ]
-        part = joined(found, layout)
+        part = joined(found, layout, codes)
         if part is not None and len(part) >= _ENOUGH_IN_VIEW * corners_in_view(
             part, layout.target, image.shape
         ):
@@ -100,10 +106,10 @@ def look_for_markers(image: np.ndarray, layout: CharucoLayout, codes: MarkerCode
             f"{len(repeated)} of the ChArUco board's markers are in view more than once.",
             "Cover the other boards with the same markers, and mirrors.",
         )
-    if len(fitting) < codes.least_agreeing or np.ptp(layout.marker_squares[sorted(fitting), 1]) == 0:
+    if not fitting or not are_enough(fitting, layout, codes):
         return None
     strays = straying_markers(markers, fitting, layout)
-    if len(strays) > CONTRARY * len(fitting):
+    if is_contradicted(len(strays), len(fitting)):
         raise _another_board(len(fitting) + len(strays), len(fitting), layout.target)
     return Part(*place_grid_points(fitting, layout, image.shape), fitting)
 
@@ -172,9 +178,14 @@ def _not_found(lattices: tuple[PlacedLattice, ...], target: TargetSpec) -> Detec
 
 
 def _another_board(read: int, agreeing: int, target: TargetSpec) -> TargetMismatch:
+    board = f"a ChArUco board of {target.columns} x {target.rows} inner corners"
+    detail = (
+        f"{read} markers of {target.dictionary} are in view, but only {agreeing} of them stand as on {board}."
+        if agreeing < read
+        else f"{read} markers stand as on {board}, but the one in view ends before that one does, or goes on beyond it."
+    )
     return TargetMismatch(
-        f"{read} markers of {target.dictionary} are in view, but only {agreeing} of them stand as on a ChArUco "
-        f"board of {target.columns} x {target.rows} inner corners.",
+        detail,
         "Check columns and rows, which count inner corners, and legacy_layout; keep other boards with the same "
         "dictionary out of view.",
     )

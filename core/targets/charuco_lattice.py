@@ -8,13 +8,14 @@ is not named, since a lattice may have slipped on the way there.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from core.targets.charuco_ends import ends_early, goes_beyond
 from core.targets.charuco_layout import CharucoLayout
 from core.targets.growth import whole_lattice
 from core.targets.lattice import Lattice
@@ -25,7 +26,8 @@ from core.targets.pyramid import Level
 from core.targets.quantiles import median
 from core.targets.saddles import find_saddles
 
-CONTRARY = 0.125  # of the markers that agree: so many may contradict them
+_CONTRARY = 0.2  # of the markers that agree: so many may contradict them, misread or pasted there
+_RIVALS = 2  # markers that agree on another place: another board's
 _LEAST_PATCH = 4  # corners: one closed cell
 _MOST_PATCHES = 12  # of a level, the largest
 _PLAIN = 0.9  # of the margin between a square's edges and its marker
@@ -41,8 +43,8 @@ class Votes:
     """What the markers of a lattice say, for one way of taking the picture (as it is, or mirrored).
 
     `turn` and `shift` (columns, rows) take the lattice's indices p to the board's, M p + shift with M the quarter turn
-    to the power `turn`; `agreeing` are the readings that say so, of the markers `markers`, and `contrary` how many say
-    anything else.
+    to the power `turn`; `agreeing` are the readings that say so, of the markers `markers`. `contrary` say anything
+    else, `rivals` of them the same.
     """
 
     turn: int
@@ -50,6 +52,7 @@ class Votes:
     agreeing: Int[np.ndarray, " n"]
     markers: Int[np.ndarray, " n"]
     contrary: int
+    rivals: int
 
 
 @dataclass(frozen=True, slots=True)
@@ -97,16 +100,27 @@ def place_lattice(
     """Read a lattice's markers and place it on the board by them."""
     size = layout.marker_mm / layout.target.pitch_mm
     readings = read_markers(image, lattice, codes.side, size)
-    as_seen = _votes(readings.place, readings.codes, layout, codes)
-    if _is_sure(as_seen, layout, codes):
-        return _placed("placed", lattice, readings, as_seen, layout)
+    votes = _votes(readings.place, readings.codes, layout, codes)
     mirrored = _votes(readings.place[:, ::-1], readings.mirrored, layout, codes)
-    if _is_sure(mirrored, layout, codes):
-        return _placed("mirrored", lattice, readings, mirrored, layout)
-    read = len(as_seen.agreeing) + as_seen.contrary
-    return _placed(
-        "contradicted" if read >= codes.least_agreeing else "unread", lattice, readings, as_seen, layout
-    )
+    if len(mirrored.markers) > len(votes.markers) and _is_sure(mirrored, layout, codes):
+        return _placed("mirrored", image, lattice, readings, mirrored, layout)
+    if is_contradicted(votes.contrary, len(votes.markers)) or votes.rivals >= _RIVALS:
+        read = len(votes.markers) + votes.contrary
+        verdict: Verdict = "contradicted" if read >= codes.least_agreeing else "unread"
+    else:
+        verdict = "placed" if _is_sure(votes, layout, codes) else "unread"
+    return _placed(verdict, image, lattice, readings, votes, layout)
+
+
+def is_contradicted(contrary: int, agreeing: int) -> bool:
+    """Tell whether more markers contradict those that agree than dirt makes."""
+    return contrary > _CONTRARY * agreeing
+
+
+def are_enough(markers: Collection[int], layout: CharucoLayout, codes: MarkerCodes) -> bool:
+    """Tell whether so many markers that agree say where the board is: not by chance, and in two of its rows."""
+    rows = layout.marker_squares[sorted(markers), 1]
+    return len(rows) >= codes.least_agreeing and int(np.ptp(rows)) > 0
 
 
 def _votes(
@@ -117,7 +131,7 @@ def _votes(
     seen = np.flatnonzero(nearest[:, 0] >= 0)
     own = seen[nearest[seen, 0] < len(layout.marker_squares)]
     if len(own) == 0:
-        return Votes(0, np.zeros(2, np.intp), own, own, len(seen))
+        return Votes(0, np.zeros(2, np.intp), own, own, len(seen), 0)
     marker, turn = nearest[own, 0], nearest[own, 1]
     shift = np.empty((len(own), 2), np.intp)
     for quarter in range(4):
@@ -129,40 +143,67 @@ def _votes(
     ways, which, counts = np.unique(said, axis=0, return_inverse=True, return_counts=True)
     best = int(np.argmax(counts))
     agree = which.ravel() == best
-    return Votes(int(ways[best, 0]), ways[best, 1:], own[agree], marker[agree], len(seen) - int(agree.sum()))
+    contrary = len(seen) - int(counts[best])
+    rivals = int(np.delete(counts, best).max(initial=0))
+    return Votes(int(ways[best, 0]), ways[best, 1:], own[agree], marker[agree], contrary, rivals)
 
 
 def _is_sure(votes: Votes, layout: CharucoLayout, codes: MarkerCodes) -> bool:
-    """Tell whether enough markers agree, in two rows of the board, and too few contradict them."""
-    if len(votes.markers) < codes.least_agreeing or votes.contrary > CONTRARY * len(votes.markers):
+    """Tell whether enough markers agree, and too few contradict them."""
+    if is_contradicted(votes.contrary, len(votes.markers)) or votes.rivals >= _RIVALS:
         return False
-    return bool(np.ptp(layout.marker_squares[votes.markers, 1]) > 0)
+    return are_enough(votes.markers.tolist(), layout, codes)
 
 
 def _placed(
-    verdict: Verdict, lattice: Lattice, readings: Readings, votes: Votes, layout: CharucoLayout
+    verdict: Verdict,
+    image: np.ndarray,
+    lattice: Lattice,
+    readings: Readings,
+    votes: Votes,
+    layout: CharucoLayout,
 ) -> PlacedLattice:
     j, i = np.nonzero(lattice.known)
     column, row = (np.stack([i, j], axis=1) @ _matrix(votes.turn).T + votes.shift).T
-    supported = np.zeros(len(column), dtype=np.bool_)
+    named = np.zeros(len(column), dtype=np.bool_)
     markers: dict[int, Float[np.ndarray, "4 2"]] = {}
-    if verdict != "mirrored" and len(votes.markers):
-        supported = _supported(column, row, layout.marker_squares[votes.markers])
-        supported &= (
-            (column >= 0) & (column < layout.target.columns) & (row >= 0) & (row < layout.target.rows)
-        )
+    if verdict in ("placed", "unread") and len(votes.markers):
+        size = (layout.target.columns, layout.target.rows)
+        named = (column >= 0) & (column < size[0]) & (row >= 0) & (row < size[1])
+        if goes_beyond(column, row, size) or goes_beyond(row, column, size[::-1]):
+            verdict = "contradicted"
+        elif verdict == "placed" and np.count_nonzero(named) < layout.target.size:
+            margin = 0.5 * (1.0 - layout.marker_mm / layout.target.pitch_mm)
+            if ends_early(image, *_by_name(lattice, readings, votes, layout), layout.black, margin):
+                verdict = "contradicted"
+        named &= _supported(column, row, layout.marker_squares[votes.markers])
         corners = _marker_corners(readings, votes, layout)
         markers = {int(votes.markers[k]): corners[k] for k in np.argsort(votes.markers)}
     return PlacedLattice(
         verdict,
         len(readings.codes),
-        len(votes.agreeing) + votes.contrary,
-        len(votes.agreeing),
-        column[supported],
-        row[supported],
-        lattice.grid[j, i][supported],
+        len(votes.markers) + votes.contrary,
+        len(votes.markers),
+        column[named],
+        row[named],
+        lattice.grid[j, i][named],
         markers,
     )
+
+
+def _by_name(
+    lattice: Lattice, readings: Readings, votes: Votes, layout: CharucoLayout
+) -> tuple[Float[np.ndarray, "rows columns 2"], Bool[np.ndarray, "rows columns"]]:
+    """Return the places of the board's grid points from (-1, -1) to (columns, rows), and which of them are known."""
+    rows, columns = readings.places_px.shape[:2]
+    j, i = (a.ravel() for a in np.mgrid[-1 : rows - 1, -1 : columns - 1])
+    column, row = (np.stack([i, j], axis=1) @ _matrix(votes.turn).T + votes.shift).T + 1
+    size = (layout.target.rows + 2, layout.target.columns + 2)
+    own = (column >= 0) & (column < size[1]) & (row >= 0) & (row < size[0])
+    places, known = np.full((*size, 2), np.nan), np.zeros(size, dtype=np.bool_)
+    places[row[own], column[own]] = readings.places_px.reshape(-1, 2)[own]
+    known[row[own], column[own]] = np.pad(lattice.known, 1).ravel()[own]
+    return places, known
 
 
 def _supported(

@@ -15,8 +15,9 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from core.errors import TargetMismatch
-from core.targets.charuco_lattice import PlacedLattice
+from core.targets.charuco_lattice import PlacedLattice, are_enough
 from core.targets.charuco_layout import CharucoLayout
+from core.targets.marker_codes import MarkerCodes
 from core.targets.specification import TargetSpec
 
 _SAME = 0.5  # of a marker's side: what is nearer is the same marker
@@ -37,14 +38,14 @@ class Part:
         return len(self.column)
 
 
-def joined(lattices: Iterable[PlacedLattice], layout: CharucoLayout) -> Part | None:
-    """Return the board that the lattices make; None if none of them is placed for sure.
+def joined(lattices: Iterable[PlacedLattice], layout: CharucoLayout, codes: MarkerCodes) -> Part | None:
+    """Return the board that the lattices make, one that is placed for sure or several that are so together; else None.
 
     Raises TargetMismatch where two boards of about one size are in view.
     """
     usable = [lattice for lattice in lattices if lattice.verdict in ("placed", "unread") and lattice.markers]
     usable.sort(key=lambda lattice: (lattice.verdict != "placed", -lattice.agreeing))
-    if not usable or usable[0].verdict != "placed":
+    if not usable:
         return None
     parts, markers = [usable[0]], dict(usable[0].markers)
     for lattice in usable[1:]:
@@ -59,6 +60,8 @@ def joined(lattices: Iterable[PlacedLattice], layout: CharucoLayout) -> Part | N
         if common or (lattice.agreeing == lattice.read and _is_in_plane(lattice, usable[0])):
             parts.append(lattice)
             markers = {**lattice.markers, **markers}
+    if not are_enough(markers, layout, codes):
+        return None
     return _union(parts, markers, layout.target)
 
 
