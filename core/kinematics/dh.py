@@ -60,7 +60,8 @@ class Chain:
 
     def as_array(self) -> Float[np.ndarray, "j 5"]:
         """Return the parameters, a row per joint in the order of `JOINT_PARAMETERS`."""
-        return np.array([astuple(joint) for joint in self.joints], dtype=np.float64)
+        rows = [(j.a_mm, j.alpha_rad, j.d_mm, j.theta_offset_rad, j.beta_rad) for j in self.joints]
+        return np.array(rows, dtype=np.float64)
 
     @classmethod
     def from_array(cls, parameters: Float[np.ndarray, "j 5"]) -> Chain:
