@@ -51,13 +51,16 @@ def admit_image(path: Path, max_pixels: int) -> AdmittedImage:
     return AdmittedImage(header.format, header.width_px, header.height_px)
 
 
-def admit_markers(fields: dict[str, Any]) -> None:
-    """Refuse a target whose markers cannot be: an unknown dictionary, or one with too few, or too large ones.
+def admit_target(fields: dict[str, Any]) -> None:
+    """Refuse a target that cannot be: a pitch that is anybody's guess, an unknown dictionary, one with too few markers,
+    or too large ones.
 
     `fields` are those of `core.TargetSpec`. Raises InvalidContent.
     """
     try:
-        check_detectable(TargetSpec(**fields))
+        target = TargetSpec(**fields)
+        if target.kind in ("charuco", "aprilgrid"):
+            check_detectable(target)
     except InvalidTarget as error:
         raise InvalidContent(error.detail, error.advice, code=error.code) from error
 

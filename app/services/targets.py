@@ -9,7 +9,7 @@ from datetime import UTC, datetime
 import sqlalchemy as sa
 from sqlalchemy import orm
 
-from app.jobs.admission import admit_markers
+from app.jobs.admission import admit_target
 from app.records.ids import new_id
 from app.records.pagination import page
 from app.records.tables import Target, target_fields
@@ -31,7 +31,7 @@ class NewTarget:
 
 
 def create_target(session: orm.Session, new: NewTarget) -> Target:
-    """Store a target. Raises InvalidContent for one whose markers cannot be."""
+    """Store a target. Raises InvalidContent for one that cannot be."""
     target = Target(
         id=new_id("tgt"),
         name=new.name,
@@ -45,8 +45,7 @@ def create_target(session: orm.Session, new: NewTarget) -> Target:
         pitch_standard_uncertainty_mm=new.pitch_standard_uncertainty_mm,
         created_at=datetime.now(UTC),
     )
-    if target.kind in ("charuco", "aprilgrid"):
-        admit_markers(target_fields(target))
+    admit_target(target_fields(target))
     session.add(target)
     return target
 

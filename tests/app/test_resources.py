@@ -76,6 +76,16 @@ def test_a_charuco_board_that_cannot_be_is_refused_with_advice(
     assert api.client.get("/v1/targets").json()["items"] == []
 
 
+def test_a_pitch_in_total_doubt_is_refused(api: Any) -> None:
+    wanted = {"name": "x", "kind": "chessboard", "columns": 9, "rows": 6, "pitch_mm": 25.0}
+    for doubt, status in ((25.0, 422), (24.9, 201)):
+        response = api.client.post("/v1/targets", json={**wanted, "pitch_standard_uncertainty_mm": doubt})
+        assert response.status_code == status, response.text
+        if status == 422:
+            assert response.json()["code"] == "invalid_target"
+            assert "pitch_standard_uncertainty_mm" in response.json()["detail"]
+
+
 @pytest.mark.parametrize(
     ("changes", "word"),
     [
@@ -101,7 +111,8 @@ def test_a_robot_is_read_as_it_was_made(any_api: Any) -> None:
     assert made.status_code == 201
     document = made.json()
     assert set(document) == {"id", "name", "joints", "repeatability_mm"}
-    assert document["joints"] == ROBOT["joints"]
+    unknown = {"name": None, "lower_deg": None, "upper_deg": None}
+    assert document["joints"] == [{**joint, **unknown} for joint in ROBOT["joints"]]
     assert any_api.client.get(made.headers["location"]).json() == document
 
 
