@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -10,7 +11,7 @@ import stamina
 from rich.console import Console
 from rich.markup import escape
 
-from app.agent import ClientError, ServiceClient
+from app.agent import ClientError, Json, ServiceClient
 from app.cli.kinematic_models import WRITERS, Model
 from app.cli.upload import find_or_make_session
 
@@ -85,25 +86,44 @@ def _model(request: Request, console: Console) -> Model:
             sweep=list(request.sweeps) or None,
         )
         session = client.get(f"/v1/sessions/{session_id}")
-        name = session["name"]
+        robot = {"name": session["name"], "joints": [{} for _ in document["joints"]]}
         if session["robot_id"] is not None:
-            name = client.get(f"/v1/robots/{session['robot_id']}")["name"]
-    count = len(document["joints"])
-    return Model(document, name, _names(request.names, count), _limits(request.limits, count), request.camera)
+            robot = client.get(f"/v1/robots/{session['robot_id']}")
+    joints: list[Json] = robot["joints"]
+    return Model(
+        document,
+        robot["name"],
+        _names(request.names, [joint.get("name") for joint in joints]),
+        _limits(request.limits, [(joint.get("lower_deg"), joint.get("upper_deg")) for joint in joints]),
+        request.camera,
+    )
 
 
-def _names(text: str | None, count: int) -> tuple[str, ...]:
+def _names(text: str | None, stored: Sequence[str | None]) -> tuple[str, ...]:
+    """Return the names that were given, else the robot's own; a joint without one is called by its number."""
+    count = len(stored)
     if text is None:
-        return tuple(f"joint_{i}" for i in range(1, count + 1))
-    names = tuple(part.strip() for part in text.split(","))
-    if len(names) != count or len(set(names)) != count or not all(names):
+        return tuple(
+            name if name is not None else _unlike(f"joint_{i}", stored) for i, name in enumerate(stored, 1)
+        )
+    given = tuple(part.strip() for part in text.split(","))
+    if len(given) != count or len(set(given)) != count or not all(given):
         raise OptionRefused(f"--joint-names needs {count} different names, separated by commas.")
-    return names
+    return given
 
 
-def _limits(text: str | None, count: int) -> tuple[tuple[float, float], ...] | None:
+def _unlike(name: str, others: Sequence[str | None]) -> str:
+    while name in others:
+        name += "_"
+    return name
+
+
+def _limits(
+    text: str | None, stored: Sequence[tuple[float | None, float | None]]
+) -> tuple[tuple[float, float] | None, ...]:
+    """Return the limits that were given, else the robot's own."""
     if text is None:
-        return None
+        return tuple(None if low is None or high is None else (low, high) for low, high in stored)
     limits = []
     for part in text.split(","):
         low, colon, high = part.partition(":")
@@ -114,6 +134,6 @@ def _limits(text: str | None, count: int) -> tuple[tuple[float, float], ...] | N
         if not pair[0] < pair[1] or not all(abs(value) < 1e6 for value in pair):
             raise OptionRefused(f"--joint-limits has no range in {part!r}.")
         limits.append(pair)
-    if len(limits) != count:
-        raise OptionRefused(f"--joint-limits needs {count} ranges, such as -155:155,-180:65,170.")
+    if len(limits) != len(stored):
+        raise OptionRefused(f"--joint-limits needs {len(stored)} ranges, such as -155:155,-180:65,170.")
     return tuple(limits)

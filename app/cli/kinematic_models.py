@@ -29,12 +29,14 @@ CSV_COLUMNS = (
 
 @dataclass(frozen=True, slots=True)
 class Model:
-    """The answer of `GET .../dh`, with what the robot's maker says beside it: names and limits (deg) of joints."""
+    """The answer of `GET .../dh`, with what the robot's maker says beside it: names and limits (deg) of joints, None of
+    those that turn freely.
+    """
 
     document: Json
     name: str
     joint_names: tuple[str, ...]
-    limits_deg: tuple[tuple[float, float], ...] | None
+    limits_deg: tuple[tuple[float, float] | None, ...]
     with_camera: bool
 
     @property
@@ -55,9 +57,9 @@ def write_urdf(model: Model) -> str:
     fixed = _product()
     for i, joint in enumerate(model.joints):
         origin = _times(fixed, _rotation_z(_radians(joint["theta_offset_deg"])))
-        kind, limit = "continuous", ""
-        if model.limits_deg is not None:
-            low, high = (math.radians(value) for value in model.limits_deg[i])
+        kind, limit, limits = "continuous", "", model.limits_deg[i]
+        if limits is not None:
+            low, high = map(math.radians, limits)
             kind = "revolute"
             limit = f'<limit lower="{low!r}" upper="{high!r}" effort="0" velocity="0"/>'
         lines += _joint(model.joint_names[i], kind, names[i], names[i + 1], origin, limit)
@@ -116,9 +118,9 @@ def write_yaml(model: Model) -> str:
             {
                 "name": model.joint_names[i],
                 **joint,
-                "limits_deg": list(model.limits_deg[i]) if model.limits_deg is not None else None,
+                "limits_deg": list(limits) if limits is not None else None,
             }
-            for i, joint in enumerate(model.joints)
+            for i, (joint, limits) in enumerate(zip(model.joints, model.limits_deg, strict=True))
         ],
         **{name: model.document[name] for name in ("T_flange_camera", "T_target_base")},
     }
@@ -179,9 +181,10 @@ def _si(joint: Json) -> tuple[float, float, float, float, float]:
 
 
 def _limits(model: Model, i: int) -> str:
-    if model.limits_deg is None:
+    limits = model.limits_deg[i]
+    if limits is None:
         return ""
-    low, high = (math.radians(value) for value in model.limits_deg[i])
+    low, high = map(math.radians, limits)
     return f"qlim=[{low!r}, {high!r}]"
 
 

@@ -68,11 +68,14 @@ def export_dh(
         ),
     ] = None,
     joint_names: Annotated[
-        str | None, typer.Option(help="Names of the joints, by commas.  [default: joint_1, ...]")
+        str | None,
+        typer.Option(help="Names of the joints, by commas.  [default: the robot's own, or joint_1, ...]"),
     ] = None,
     joint_limits: Annotated[
         str | None,
-        typer.Option(help="LOW:HIGH in degrees for each joint, by commas; without, they turn freely."),
+        typer.Option(
+            help="LOW:HIGH in degrees for each joint, by commas.  [default: the robot's own; else they turn freely]"
+        ),
     ] = None,
     camera: Annotated[
         bool, typer.Option(help="With the camera (or probe) as a link of the URDF, where it was found.")

@@ -18,7 +18,7 @@ CAMERA = {
 }
 
 
-def make_robot(api: Any) -> str:
+def make_robot(api: Any, limits: Any = None) -> str:
     joints = [
         {
             "a_mm": j.a_mm,
@@ -28,6 +28,10 @@ def make_robot(api: Any) -> str:
         }
         for j in KR5_ARC.joints
     ]
+    for joint, (low, high) in zip(
+        joints, () if limits is None else np.degrees(limits).tolist(), strict=False
+    ):
+        joint.update(lower_deg=low, upper_deg=high)
     return str(api.client.post("/v1/robots", json={"name": "KR5", "joints": joints}).json()["id"])
 
 
@@ -89,6 +93,31 @@ def test_poses_that_tell_nothing_are_said_to(api: Any) -> None:
     # One joint alone, all images from one direction.
     one = planned(api, robot, sweeps={"joints": [6], "steps": 15})
     assert not any(any(joint["identifiable"].values()) for joint in one["joints"][:4])
+
+
+def test_suggested_poses_stay_within_the_joints_limits(api: Any) -> None:
+    home = np.degrees(KR5_ARC_HOME)
+    limits = np.radians(np.column_stack([home - 3.0, home + np.where(np.arange(6) == 0, 1.0, 90.0)]))
+    robot = make_robot(api, limits)
+    found = planned(api, robot, free_poses=25, suggest=8)
+    q = np.array([pose["joint_angles_deg"] for pose in found["poses"]] + found["suggested"]) - home
+    assert len(q) == 33
+    assert np.all(q >= -3.0 - 1e-9)
+    assert np.all(q[:, 0] <= 1.0 + 1e-9)
+    assert np.all(q[:, 1:].max(axis=0) > 3.0)
+    # Without limits they go to either side alike.
+    free = planned(api, make_robot(api), free_poses=25, suggest=8)
+    q = np.array([pose["joint_angles_deg"] for pose in free["poses"]] + free["suggested"]) - home
+    assert np.all(q.min(axis=0) < -3.0)
+    assert np.all(q[:, 0].max() > 3.0)
+    for changes in (
+        {"sweeps": {"half_arc_deg": 4.0, "steps": 5, "joints": [1]}},
+        {"joint_angles_deg": [(home + 2.0).tolist()]},
+        {"home_deg": (home - 4.0).tolist(), "free_poses": 30},
+    ):
+        problem = assert_problem(ask(api, robot, **changes), 409, "joint_limits_exceeded")
+        assert "joint 1" in problem["detail"]
+        assert problem["advice"]
 
 
 def test_refusals_say_what_to_do(api: Any) -> None:

@@ -10,6 +10,7 @@ import subprocess
 import sys
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -60,6 +61,7 @@ def make_session(service: ServiceProcess) -> None:
             }
             for j in TWO_AXES.joints
         ]
+        joints[0] |= {"name": "lean", "lower_deg": -100.0, "upper_deg": 95.0}
         robot_id = client.create("/v1/robots", {"name": "Positioner", "joints": joints})["id"]
         session = client.create(
             "/v1/sessions", {"name": "cell", "target_ids": [target_id], "robot_id": robot_id}
@@ -115,9 +117,24 @@ def test_a_robot_comes_out_as_every_file(service: ServiceProcess, tmp_path: Path
     document = yaml.safe_load(text)
     assert document["robot"] == "Positioner"
     assert document["joints"][0]["a_mm"] == float(rows[0]["a_mm"])
+    assert [(j["name"], j["limits_deg"]) for j in document["joints"]] == [
+        ("lean", [-100.0, 95.0]),
+        ("joint_2", None),
+    ]
     code, text, errors = gridpose(service, *export, "--format", "rtb")
     assert code == 0, errors
-    assert "RevoluteDH(" in text
+    program: dict[str, Any] = {}
+    exec(compile(text, "robot.py", "exec"), program)
+    T = np.array(program["robot"].fkine(q[0]))
+    T[:3, 3] *= 1000.0
+    assert np.abs(T - forward(found, q)[0]).max() < 1e-9
+    assert np.degrees(program["robot"].links[0].qlim) == pytest.approx([-100.0, 95.0])
+    code, text, errors = gridpose(service, *export, "--format", "urdf")
+    assert code == 0, errors
+    tree = UrdfTransformManager()
+    tree.load_urdf(text)
+    assert tree.get_joint_limits("lean") == pytest.approx(np.radians([-100.0, 95.0]))
+    assert tree.get_joint_limits("joint_2") == (-math.inf, math.inf)
 
 
 def test_refusals_say_what_to_do(service: ServiceProcess) -> None:

@@ -67,6 +67,14 @@ class Joint(RequestModel):
     alpha_deg: Angle
     d_mm: Coordinate
     theta_offset_deg: Angle = 0.0
+    name: Annotated[
+        Text | None, Field(description="The maker's name of the joint, for files of other programs.")
+    ] = None
+    lower_deg: Annotated[
+        Angle | None,
+        Field(description="The joint turns no further down; together with `upper_deg`, or neither."),
+    ] = None
+    upper_deg: Angle | None = None
 
 
 class RobotCreate(RequestModel):

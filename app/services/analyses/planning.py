@@ -16,27 +16,30 @@ from core import Camera, TargetSpec
 from core.camera import CAMERA_PARAMETERS
 from core.kinematics.dh import Chain
 from core.kinematics.planning import Prediction, Rig, predict, rig_before, suggest
-from core.simulation.arm import free_angles, sweep_angles
+from core.simulation.arm import sweep_angles
 
 POSES_AT_MOST = 2000
 POINTS_AT_MOST = 2_000_000
 """Grid points of all poses and candidates of one plan, which takes about 1.3 kB for each."""
 _SEED = 9283  # free poses and candidates are a matter of chance, the same at every request
+_ROUNDING = 1e-9  # rad
 _JOINT_FIELDS = ("joint", "parallel_to_next", "standard_uncertainty", "identifiable")
 
 
 def plan_document(
-    robot: list[dict[str, float]], target: Mapping[str, Any], request: Mapping[str, Any]
+    robot: list[dict[str, Any]], target: Mapping[str, Any], request: Mapping[str, Any]
 ) -> dict[str, Any]:
     """Return what `POST .../dh-plan` answers, but for the ids; `request` is its body."""
     chain = nominal_chain(robot)
     assert chain is not None
     rng = np.random.default_rng(_SEED)
-    q = _angles(chain, request, rng)
+    limits = _limits(robot)
+    q = _angles(chain, limits, request, rng)
+    _check_limits(q, limits)
     rig = _rig(chain, target, request)
     _check_size(len(q), target, request)
     try:
-        return _document(chain, q, rig, rng, request)
+        return _document(chain, limits, q, rig, rng, request)
     except np.linalg.LinAlgError:
         raise CannotAnalyse(
             "degenerate_geometry",
@@ -58,6 +61,7 @@ def _check_size(poses: int, target: Mapping[str, Any], request: Mapping[str, Any
 
 def _document(
     chain: Chain,
+    limits: Float[np.ndarray, "2 j"],
     q: Float[np.ndarray, "n j"],
     rig: Rig,
     rng: np.random.Generator,
@@ -67,7 +71,7 @@ def _document(
     suggested = np.zeros((0, len(chain)))
     with_suggested = None
     if request["suggest"]:
-        candidates = free_angles(rng, _home(request), request["candidates"], half_range=_range(request))
+        candidates = _drawn(rng, request, request["candidates"], limits)
         suggested = candidates[suggest(chain, q[planned.visible], candidates, rig, request["suggest"])]
         if len(suggested):
             with_suggested = _joints(predict(chain, np.concatenate([q, suggested]), rig))
@@ -97,11 +101,39 @@ def _home(request: Mapping[str, Any]) -> Float[np.ndarray, " j"]:
     return np.radians(np.array(request["home_deg"], dtype=np.float64))
 
 
-def _range(request: Mapping[str, Any]) -> float:
-    return math.radians(request["half_range_deg"])
+def _limits(robot: list[dict[str, Any]]) -> Float[np.ndarray, "2 j"]:
+    """Return the least and the largest angle of every joint, rad; infinite where the robot states none."""
+    names = (("lower_deg", -math.inf), ("upper_deg", math.inf))
+    return np.radians(np.array([[joint.get(name, free) for joint in robot] for name, free in names]))
 
 
-def _angles(chain: Chain, request: Mapping[str, Any], rng: np.random.Generator) -> Float[np.ndarray, "n j"]:
+def _check_limits(q: Float[np.ndarray, "n j"], limits: Float[np.ndarray, "2 j"]) -> None:
+    """Raise CannotAnalyse where a pose is beyond what the robot's joints can do."""
+    beyond = (q < limits[0] - _ROUNDING) | (q > limits[1] + _ROUNDING)
+    if beyond.any():
+        joint = int(np.argmax(beyond.any(axis=0)))
+        low, high = np.degrees(limits[:, joint])
+        least, largest = np.degrees([q[:, joint].min(), q[:, joint].max()])
+        raise CannotAnalyse(
+            "joint_limits_exceeded",
+            f"{int(beyond.any(axis=1).sum())} of {len(q)} poses are beyond the robot's joint limits: joint {joint + 1} "
+            f"is to turn from {least:.6g}° to {largest:.6g}°, and may from {low:.6g}° to {high:.6g}°.",
+            "Move home, shorten half_arc_deg, or take those poses out; free and suggested poses stay within limits.",
+        )
+
+
+def _drawn(
+    rng: np.random.Generator, request: Mapping[str, Any], count: int, limits: Float[np.ndarray, "2 j"]
+) -> Float[np.ndarray, "n j"]:
+    """Return angles at random about home, all joints at once, as far as the limits let them."""
+    home, half_range = _home(request), math.radians(request["half_range_deg"])
+    low, high = np.maximum(home - half_range, limits[0]), np.minimum(home + half_range, limits[1])
+    return np.asarray(rng.uniform(low, np.maximum(low, high), (count, len(home))))
+
+
+def _angles(
+    chain: Chain, limits: Float[np.ndarray, "2 j"], request: Mapping[str, Any], rng: np.random.Generator
+) -> Float[np.ndarray, "n j"]:
     """Return all poses that are thought of, rad: sweeps, free ones, those one by one."""
     home = _home(request)
     listed = request["joint_angles_deg"]
@@ -115,6 +147,7 @@ def _angles(chain: Chain, request: Mapping[str, Any], rng: np.random.Generator) 
             f"The robot has {len(chain)} joints; home or a pose has another number, or a sweep names another joint.",
             "Give one angle for each of the robot's joints, in their order from the base.",
         )
+    _check_limits(home[None], limits)
     parts = [np.zeros((0, len(chain)))]
     if sweeps is not None:
         parts.append(
@@ -126,7 +159,7 @@ def _angles(chain: Chain, request: Mapping[str, Any], rng: np.random.Generator) 
             )
         )
     if request["free_poses"]:
-        parts.append(free_angles(rng, home, request["free_poses"], half_range=_range(request)))
+        parts.append(_drawn(rng, request, request["free_poses"], limits))
     if listed:
         parts.append(np.radians(np.array(listed, dtype=np.float64)))
     q = np.concatenate(parts)

@@ -24,6 +24,8 @@ NO_TARGET = -1
 """The place of the target of an image that shows none of the session's; it is never one with points."""
 ROBOT_ANALYSES = frozenset({"dh"})
 """Those that are computed from the robot's nominal joints, too."""
+_OF_JOINT = ("a_mm", "alpha_deg", "d_mm", "theta_offset_deg")
+"""What is computed from; names and limits are for other programs."""
 _NUMBER = re.compile(r"(\d+)", re.ASCII)
 
 
@@ -90,8 +92,8 @@ class Snapshot:
     cycle follow those with one. `pending` measurements are not finished, and not among them.
 
     Where an analysis is of another instrument's poses, `measured` are those in the same order, and there are no images.
-    `robot` are the joints of the session's robot, as stored. `readings`, by their ids, are filled in where the analysis
-    is computed (`read_readings`); the hash is without them. So are the `markers` of images, by measurement
+    `robot` are the nominal parameters of the session's joints. `readings`, by their ids, are filled in where the
+    analysis is computed (`read_readings`); the hash is without them. So are the `markers` of images, by measurement
     (`read_markers`), and `parts_named`, the measurements whose points others of their pose named (`naming`).
     """
 
@@ -177,7 +179,9 @@ def read_snapshot(records: orm.Session, session_id: str, source: str = "images")
         },
         images=images,
         measured=measured,
-        robot=robot.joints if robot is not None else None,
+        robot=[{name: joint[name] for name in _OF_JOINT} for joint in robot.joints]
+        if robot is not None
+        else None,
         pending=0
         if source == "measured_poses"
         else records.scalar(

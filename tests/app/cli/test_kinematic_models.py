@@ -6,14 +6,13 @@ import csv
 import dataclasses
 import io
 import math
-import sys
-import types
 from typing import Any
 
 import numpy as np
 import pytest
 import yaml
 from pytransform3d.urdf import UrdfTransformManager
+from roboticstoolbox import DHRobot, ERobot
 
 from app.cli.kinematic_models import WRITERS, Model
 from core.kinematics.dh import Chain, JointParameters, forward
@@ -63,7 +62,9 @@ def model(rows: Any = None, beta: float | None = None, **changes: Any) -> Model:
         "T_target_base": [np.eye(4).tolist()],
         "warnings": [],
     }
-    plain = Model(document, 'KR5 "Arc" & <co> -- ü', tuple(f"joint_{i}" for i in range(1, 7)), None, True)
+    plain = Model(
+        document, 'KR5 "Arc" & <co> -- ü', tuple(f"joint_{i}" for i in range(1, 7)), (None,) * 6, True
+    )
     return dataclasses.replace(plain, **changes)
 
 
@@ -115,73 +116,27 @@ def test_urdf_without_limits_turns_freely_and_has_a_camera_only_where_asked() ->
     tree = UrdfTransformManager()
     tree.load_urdf(text)
     assert tree.get_joint_limits("joint_1") == (-np.inf, np.inf)
-
-
-class RevoluteDH:
-    """As the toolbox documents it: standard DH, m and rad."""
-
-    def __init__(self, d: float, a: float, alpha: float, offset: float, qlim: Any = None) -> None:
-        self.parameters, self.qlim = JointParameters(1000.0 * a, alpha, 1000.0 * d, offset), qlim
-
-
-class DHRobot:
-    def __init__(self, links: list[RevoluteDH], name: str) -> None:
-        self.links, self.name = links, name
-
-    def fkine(self, q: Any) -> Any:
-        return forward(Chain(tuple(link.parameters for link in self.links)), q[None])[0]
-
-
-class ET:
-    """The toolbox's elementary transforms: without an amount, a joint; joined by *."""
-
-    def __init__(self, *steps: tuple[str, float | None]) -> None:
-        self.steps = steps
-
-    def __mul__(self, other: ET) -> ET:
-        return ET(*self.steps, *other.steps)
-
-
-for _name in ("Rx", "Ry", "Rz", "tx", "ty", "tz"):
-
-    def _step(eta: float | None = None, qlim: Any = None, name: str = _name) -> ET:
-        return ET((name, eta))
-
-    setattr(ET, _name, staticmethod(_step))
-
-
-class ERobot:
-    def __init__(self, steps: ET, name: str) -> None:
-        self.steps, self.name = steps.steps, name
-
-    def fkine(self, q: Any) -> Any:
-        T, angles = np.eye(4), list(q)
-        for name, eta in self.steps:
-            amount = angles.pop(0) if eta is None else eta
-            axis = np.eye(3)["xyz".index(name[1])]
-            rotation = so3_exp(amount * axis) if name[0] == "R" else np.eye(3)
-            T = T @ transform(rotation, np.zeros(3) if name[0] == "R" else 1000.0 * amount * axis)
-        assert not angles
-        return T
+    tree.load_urdf(WRITERS["urdf"](model(limits_deg=(None, (-90.0, 65.0), *(None,) * 4))))
+    assert tree.get_joint_limits("joint_1") == (-np.inf, np.inf)
+    assert tree.get_joint_limits("joint_2") == pytest.approx(np.radians((-90.0, 65.0)))
 
 
 @pytest.mark.parametrize("beta", [None, 0.0123456789])
-def test_robotics_toolbox(beta: float | None, monkeypatch: pytest.MonkeyPatch) -> None:
-    toolbox = types.ModuleType("roboticstoolbox")
-    for each in (RevoluteDH, DHRobot, ET, ERobot):
-        setattr(toolbox, each.__name__, each)
-    monkeypatch.setitem(sys.modules, "roboticstoolbox", toolbox)
-    for limits in (None, ((-155.0, 155.0),) * 6):
-        of = model(beta=beta, limits_deg=limits)
+@pytest.mark.parametrize("rows", [None, KR5])
+def test_robotics_toolbox(beta: float | None, rows: Any) -> None:
+    """Run by the toolbox itself: the file is a program."""
+    for limits in ((None,) * 6, ((-155.0, 150.0),) * 6):
+        of = model(rows, beta, limits_deg=limits)
         names: dict[str, Any] = {}
         exec(compile(WRITERS["rtb"](of), "robot.py", "exec"), names)
         robot = names["robot"]
         assert robot.name == of.name
         assert isinstance(robot, DHRobot if beta is None else ERobot)
+        assert robot.n == 6
         for q, T in zip(configurations(), forward(chain(of), configurations()), strict=True):
-            assert np.abs(robot.fkine(q) - T).max() < 1e-9
-        if limits is not None and beta is None:
-            assert robot.links[0].qlim == pytest.approx([-math.radians(155.0), math.radians(155.0)])
+            agree(np.array(robot.fkine(q)), T)
+        if limits[0] is not None:
+            assert np.asarray(robot.qlim) == pytest.approx(np.radians([[-155.0] * 6, [150.0] * 6]))
 
 
 @pytest.mark.parametrize("beta", [None, 0.0123456789])

@@ -1,0 +1,67 @@
+"""Robots over HTTP: nominal parameters, and names and limits of joints where their maker gives them."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+
+from tests.app.test_bad_input import assert_problem
+
+PLAIN = {"a_mm": 180.0, "alpha_deg": -90.0, "d_mm": 400.0}
+
+
+def make(api: Any, *joints: dict[str, Any]) -> Any:
+    return api.client.post(
+        "/v1/robots", json={"name": "R", "joints": [{**PLAIN, **joint} for joint in joints]}
+    )
+
+
+def test_names_and_limits_are_kept_and_what_is_not_known_is_null(api: Any) -> None:
+    told = {"name": "A1", "lower_deg": -155.0, "upper_deg": 155.0}
+    created = make(api, told, {}, {"name": "A3"}, {"lower_deg": -15.0, "upper_deg": 158.0})
+    assert created.status_code == 201
+    robot = created.json()
+    unknown = {"name": None, "lower_deg": None, "upper_deg": None}
+    plain = {**PLAIN, "theta_offset_deg": 0.0}
+    assert robot["joints"] == [
+        {**plain, **told},
+        {**plain, **unknown},
+        {**plain, **unknown, "name": "A3"},
+        {**plain, **unknown, "lower_deg": -15.0, "upper_deg": 158.0},
+    ]
+    assert api.client.get(f"/v1/robots/{robot['id']}").json() == robot
+    assert robot in api.client.get("/v1/robots").json()["items"]
+
+
+@pytest.mark.parametrize(
+    ("joints", "field"),
+    [
+        ([{"name": "A"}, {"name": "B"}, {"name": "A"}], "joints.2.name"),
+        ([{"lower_deg": 10.0, "upper_deg": 10.0}], "joints.0.upper_deg"),
+        ([{}, {"lower_deg": 10.0, "upper_deg": -10.0}], "joints.1.upper_deg"),
+        ([{"lower_deg": 10.0}], "joints.0.upper_deg"),
+        ([{"upper_deg": 10.0}], "joints.0.lower_deg"),
+    ],
+)
+def test_names_and_limits_that_cannot_be_are_refused(
+    api: Any, joints: list[dict[str, Any]], field: str
+) -> None:
+    problem = assert_problem(make(api, *joints), 422, "invalid_joints")
+    assert [error["field"] for error in problem["errors"]] == [field]
+    assert problem["advice"]
+
+
+@pytest.mark.parametrize(
+    "joint",
+    [
+        {"name": ""},
+        {"name": 3},
+        {"name": "a\nb"},
+        {"lower_deg": "1"},
+        {"lower_deg": 1e9},
+        {"limits_deg": [0, 1]},
+    ],
+)
+def test_wrong_fields_are_refused(api: Any, joint: dict[str, Any]) -> None:
+    assert_problem(make(api, joint), 422, "invalid_request")
