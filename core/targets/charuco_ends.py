@@ -36,9 +36,9 @@ def goes_beyond(across: Int[np.ndarray, " n"], along: Int[np.ndarray, " n"], siz
 
 def ends_early(
     image: np.ndarray,
-    places_px: Float[np.ndarray, "rows+2 columns+2 2"],
-    known: Bool[np.ndarray, "rows+2 columns+2"],
-    black: Bool[np.ndarray, "rows+1 columns+1"],
+    places_px: Float[np.ndarray, "rows columns 2"],
+    known: Bool[np.ndarray, "rows columns"],
+    black: Bool[np.ndarray, "lines gaps"],
     margin: float,
 ) -> bool:
     """Tell whether the board is seen to end before its last line of corners, on any side.
@@ -60,7 +60,7 @@ def _ends_before(
     image: np.ndarray,
     places_px: Float[np.ndarray, "rows columns 2"],
     known: Bool[np.ndarray, "rows columns"],
-    black: Bool[np.ndarray, "rows-1 columns-1"],
+    black: Bool[np.ndarray, "lines gaps"],
     margin: float,
 ) -> bool:
     """Tell whether the board ends before its last row; the arrays' rows may be its columns, or run backward."""
