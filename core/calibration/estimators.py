@@ -21,7 +21,7 @@ from collections.abc import Hashable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 
 from core.calibration.common_weights import with_common_weights
 from core.calibration.group_doubt import Doubt, doubt_of
@@ -29,6 +29,7 @@ from core.calibration.group_each import fit_each
 from core.calibration.group_fits import Fitted, fit_given
 from core.calibration.group_pooled import fit_pooled
 from core.calibration.model import Lens
+from core.calibration.shown_alike import with_common_points
 from core.calibration.view_stack import ViewStack, number_labels, stack_views
 from core.camera import Camera
 from core.errors import Advisory, GridposeError, InvalidArgument
@@ -64,6 +65,9 @@ class GroupEstimate:
     unsteady
         Of each image, whether the camera changed among the images of its pose, by so much that it shows in their
         scatter. What print and lens model lack is the same in all of them and is no such change.
+    differing
+        Of each image, whether the images of its pose show so different points that they had to be estimated from other
+        points each (`shown_alike`): what is systematic in these scatters too.
     warnings
         What to know of the whole group.
     inflation
@@ -86,6 +90,7 @@ class GroupEstimate:
     reduced_chi2: float
     disagreement: float | None
     unsteady: Bool[np.ndarray, " k"]
+    differing: Bool[np.ndarray, " k"]
     warnings: tuple[Advisory, ...] = ()
     inflation: float = 1.0
 
@@ -116,6 +121,7 @@ def estimate_group(
     """
     stack = views if isinstance(views, ViewStack) else stack_views(views)
     labels = number_labels(range(len(stack)) if repeats is None else repeats)
+    stack, differing = with_common_points(stack, labels)
     stack = with_common_weights(stack, labels)
     failures: dict[int, GridposeError] = {}
     if estimator in ("pooled", "pooled_free_focal"):
@@ -128,10 +134,12 @@ def estimate_group(
         fitted = fit_each(stack, labels, estimator, lens, intrinsics, failures)
     else:
         raise InvalidArgument(f"Unknown estimator {estimator!r}.", f"Use one of {', '.join(ESTIMATORS)}.")
-    return _with_doubt(fitted, doubt_of(fitted, lens), failures)
+    return _with_doubt(fitted, doubt_of(fitted, lens), failures, differing)
 
 
-def _with_doubt(fitted: Fitted, doubt: Doubt, failures: dict[int, GridposeError]) -> GroupEstimate:
+def _with_doubt(
+    fitted: Fitted, doubt: Doubt, failures: dict[int, GridposeError], differing: Bool[np.ndarray, " m"]
+) -> GroupEstimate:
     placements = fitted.at.placements
     growth = doubt.growth.own if fitted.shared is None or fitted.estimator == "given" else doubt.growth.camera
     inflation = math.sqrt(growth)
@@ -151,6 +159,7 @@ def _with_doubt(fitted: Fitted, doubt: Doubt, failures: dict[int, GridposeError]
         reduced_chi2=doubt.reduced_chi2,
         disagreement=doubt.disagreement,
         unsteady=doubt.unsteady,
+        differing=differing[fitted.images],
         warnings=fitted.warnings + _remarks(inflation),
         inflation=inflation,
     )

@@ -14,6 +14,7 @@ from jaxtyping import Bool, Float, Int
 from scipy.special import chdtri
 
 from core.calibration.model import SMALLEST_NOISE_PX
+from core.calibration.shown_alike import show_the_same, squares_about_mean
 from core.calibration.view_stack import Placements, ViewStack, groups_of
 from core.transforms import rotation_vectors
 
@@ -111,7 +112,7 @@ def repeated_scales(
     `parameters` each view has of its own; `otherwise` is for where there are no repeated views. Never below what
     `SMALLEST_NOISE_PX` is of the uncertainty: one image stored many times has no noise, which no instrument has.
     """
-    groups = _repeated(views, labels)
+    groups = groups_of(labels * len(views.targets) + views.target)
     squares = [_about_mean(views, residuals, used, group, parameters) for group in groups]
     total, freedom = (sum(part) for part in zip(*squares, strict=True))
     common = float(np.sqrt(total / freedom)) if freedom >= LEAST_FREEDOM else otherwise
@@ -120,16 +121,6 @@ def repeated_scales(
         scale = float(np.sqrt(square / of_label)) if of_label >= LEAST_FREEDOM else common
         scales[group] = max(scale, SMALLEST_NOISE_PX / float(views.uncertainty[group[0]]))
     return scales
-
-
-def _repeated(views: ViewStack, labels: Int[np.ndarray, " k"]) -> list[Int[np.ndarray, " g"]]:
-    """Return the views of each label that show the same points of the same target."""
-    members: dict[tuple[int, int, bytes], list[int]] = {}
-    cell, bounds = views.cell, views.first.tolist()
-    for i, (label, target) in enumerate(zip(labels.tolist(), views.target.tolist(), strict=True)):
-        shown = cell[bounds[i] : bounds[i + 1]].tobytes()
-        members.setdefault((label, target, shown), []).append(i)
-    return [np.array(group) for group in members.values()]
 
 
 def _about_mean(
@@ -142,6 +133,14 @@ def _about_mean(
     """Return the sum of squares about the mean, in stated uncertainties, and its degrees of freedom."""
     if len(group) < 2:
         return 0.0, 0
+    if not show_the_same(views, group):
+        shown = np.concatenate([np.arange(views.first[i], views.first[i + 1]) for i in group])
+        shown = shown[used[shown]]
+        total, freedom = squares_about_mean(
+            views.cell[shown], residuals[:, shown], views.standard_uncertainty_px[shown]
+        )
+        freedom -= (len(group) - 1) * parameters
+        return (total, freedom) if freedom > 0 else (0.0, 0)
     points = views.first[group][:, None] + np.arange(views.counts[group[0]])
     everywhere = used[points].all(axis=0)
     freedom = (len(group) - 1) * (2 * int(everywhere.sum()) - parameters)

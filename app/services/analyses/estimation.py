@@ -88,6 +88,8 @@ class SessionEstimate:
     estimated, but no visit to their pose."""
     unsteady: frozenset[str]
     """Poses whose images one camera does not explain: it changed from cycle to cycle, and they scatter by that too."""
+    differing: frozenset[str] = frozenset()
+    """Poses whose images show too different points: what print and lens lack makes these scatter, too."""
 
 
 def estimate_session(snapshot: Snapshot, points: Mapping[str, bytes], estimator: str) -> SessionEstimate:
@@ -133,6 +135,14 @@ def estimate_session(snapshot: Snapshot, points: Mapping[str, bytes], estimator:
     unsteady = frozenset(pose_id for group in groups for pose_id in _unsteady(group))
     if unsteady:
         warnings.append(_unsteady_remark(unsteady))
+    differing = frozenset(
+        e.image.pose_id
+        for group in groups
+        for e, one in zip(group.images, group.estimate.differing.tolist(), strict=True)
+        if one
+    )
+    if differing:
+        warnings.append(_differing_remark(differing))
     place = {image.measurement_id: i for i, image in enumerate(snapshot.images)}
     everything = sorted(
         (image for group in groups for image in group.images), key=lambda e: place[e.image.measurement_id]
@@ -152,6 +162,7 @@ def estimate_session(snapshot: Snapshot, points: Mapping[str, bytes], estimator:
         ),
         {one: Exclusion(one, "orientation_unclear", _UNCLEAR) for one in sorted(alike.unclear)},
         unsteady,
+        differing,
     )
 
 
@@ -316,6 +327,18 @@ def _unsteady_remark(poses: frozenset[str]) -> Advisory:
         "alone, and no figure of theirs is said to be.",
         "Switch automatic focus, zoom and image stabilisation off; or use estimator=pooled_free_focal where the lens "
         "refocuses between images.",
+    )
+
+
+def _differing_remark(poses: frozenset[str]) -> Advisory:
+    listed = sorted(poses, key=natural)
+    named = ", ".join(listed[:NAMED]) + (", ..." if len(listed) > NAMED else "")
+    return Advisory(
+        "points_differ",
+        f"The images of {len(listed)} poses show so different grid points that less than half of them are common: "
+        f"{named}. A print that is not flat or a lens beyond its model moves such images against one another, and no "
+        "figure of these poses is said to be the robot's.",
+        "Keep the same part of the board in view in all cycles of a pose; leave out images in which much is hidden.",
     )
 
 

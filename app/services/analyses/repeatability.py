@@ -81,9 +81,8 @@ def pose_rows(snapshot: Snapshot, session: SessionEstimate) -> list[PoseRow]:
             strict=True,
         )
     )
-    figures = {
-        pose_id: _in_doubt(one) if pose_id in session.unsteady else one for pose_id, one in assessed.items()
-    }
+    doubtful = session.unsteady | session.differing
+    figures = {pose_id: _in_doubt(one) if pose_id in doubtful else one for pose_id, one in assessed.items()}
     return [
         without_outliers(PoseRow(pose_id, images[pose_id], excluded[pose_id], figures.get(pose_id)))
         for pose_id in images
@@ -91,7 +90,11 @@ def pose_rows(snapshot: Snapshot, session: SessionEstimate) -> list[PoseRow]:
 
 
 def _in_doubt(figures: PoseRepeatability) -> PoseRepeatability:
-    """Return the figures of a pose whose camera was not steady: none of them is said to be the robot's."""
+    """Return the figures of a pose that scatters by its camera's change, or by what its images do not all show.
+
+    None of them is said to be the robot's, and from none is anything taken off: how much is the instrument's is not
+    known.
+    """
 
     def judged(verdict: Verdict | None) -> Verdict | None:
         return Verdict.INSTRUMENT_LIMITED if verdict == Verdict.ROBOT else verdict
@@ -100,6 +103,8 @@ def _in_doubt(figures: PoseRepeatability) -> PoseRepeatability:
         figures,
         verdict=judged(figures.verdict) or figures.verdict,
         verdicts=Figures(*(judged(verdict) for _, verdict in figures.verdicts.items())),
+        corrected=figures.repeatability,
+        corrected_interval=Figures(None, None, None, None, None, None, None),
     )
 
 
