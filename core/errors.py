@@ -73,6 +73,11 @@ class InvalidInput(GridposeError):
 class InvalidTarget(InvalidInput):
     code = "invalid_target"
 
+    def __init__(self, detail: str, advice: str | None = None, *, field: str | None = None) -> None:
+        super().__init__(detail, advice)
+        self.field = field
+        """The field of `core.targets.TargetSpec` that is to be corrected, where it is one."""
+
 
 class InvalidArgument(InvalidInput):
     code = "invalid_argument"

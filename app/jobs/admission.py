@@ -62,7 +62,8 @@ def admit_target(fields: dict[str, Any]) -> None:
         if target.kind in ("charuco", "aprilgrid"):
             check_detectable(target)
     except InvalidTarget as error:
-        raise InvalidContent(error.detail, error.advice, code=error.code) from error
+        wrong = [(error.field, error.detail)] if error.field is not None else []
+        raise InvalidContent(error.detail, error.advice, code=error.code, errors=wrong) from error
 
 
 def _read_header(path: Path) -> ImageHeader:

@@ -59,7 +59,9 @@ def charuco_layout(target: TargetSpec) -> CharucoLayout:
     marker_mm = target.marker_mm
     if marker_mm is None or not 0.0 < marker_mm < target.pitch_mm:
         raise InvalidTarget(
-            f"A ChArUco board's marker_mm must be positive and less than its pitch_mm, got {marker_mm!r}."
+            f"A ChArUco board's marker_mm must be positive and less than its pitch_mm, got {marker_mm!r}.",
+            "Measure a marker from black edge to black edge, and a square.",
+            field="marker_mm",
         )
     j, i = np.mgrid[0 : target.rows + 1, 0 : target.columns + 1]
     white_start = target.legacy_layout and (target.rows + 1) % 2 == 0
@@ -70,6 +72,7 @@ def charuco_layout(target: TargetSpec) -> CharucoLayout:
         raise InvalidTarget(
             f"The board needs {len(rows)} markers, {target.dictionary} has {available}.",
             "Use a larger dictionary of the same marker size, or fewer squares.",
+            field="dictionary",
         )
     side = int(dictionary.markerSize) + 2
     pictures = [cv2.aruco.generateImageMarker(dictionary, k, side) for k in range(len(rows))]
@@ -93,6 +96,8 @@ def marker_dictionary(target: TargetSpec) -> Any:
     number = getattr(cv2.aruco, name, None) if name is not None and name.startswith("DICT_") else None
     if number is None:
         raise InvalidTarget(
-            f"Unknown marker dictionary {name!r}.", "Use OpenCV's name, for example DICT_6X6_250."
+            f"Unknown marker dictionary {name!r}.",
+            "Use OpenCV's name, for example DICT_6X6_250.",
+            field="dictionary",
         )
     return cv2.aruco.getPredefinedDictionary(number)

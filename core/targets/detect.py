@@ -30,6 +30,7 @@ def check_detectable(target: TargetSpec) -> None:
         raise InvalidTarget(
             f"A target of {target.columns} x {target.rows} grid points cannot be told from clutter.",
             "Use one with at least 3 grid points each way.",
+            field="columns" if target.grid_columns < 3 else "rows",
         )
     if target.kind == "charuco":
         charuco_layout(target)
@@ -46,8 +47,8 @@ def detect(image: UInt8[np.ndarray, "h w"] | UInt16[np.ndarray, "h w"], target: 
         Grey values.
     target
         What to look for: all of it must be in view, of a chessboard a part that ends with the picture or carries the
-        marked squares, of a ChArUco board at least half of its corners, of an AprilGrid two tags; of dots three
-        quarters must be free.
+        marked squares, of a ChArUco board eight corners and some markers in two rows, of an AprilGrid two tags; of
+        dots three quarters must be free.
 
     Returns
     -------

@@ -56,24 +56,33 @@ def test_a_charuco_board_is_read_as_it_was_made(api: Any) -> None:
 
 
 @pytest.mark.parametrize(
-    ("changes", "words"),
+    ("changes", "words", "field"),
     [
-        ({"dictionary": "DICT_9X9_50"}, "Unknown marker dictionary"),
-        ({"dictionary": None}, "Unknown marker dictionary"),
-        ({"dictionary": "DICT_4X4_50", "columns": 14, "rows": 10}, "82 markers"),
-        ({"marker_mm": None}, "marker_mm"),
-        ({"marker_mm": 30.0}, "marker_mm"),
-        ({"columns": 2}, "2 x 5"),
+        ({"dictionary": "DICT_9X9_50"}, "Unknown marker dictionary", "dictionary"),
+        ({"dictionary": None}, "Unknown marker dictionary", "dictionary"),
+        ({"dictionary": "DICT_4X4_50", "columns": 14, "rows": 10}, "82 markers", "dictionary"),
+        ({"marker_mm": None}, "marker_mm", "marker_mm"),
+        ({"marker_mm": 30.0}, "marker_mm", "marker_mm"),
+        ({"columns": 2}, "2 x 5", "columns"),
+        ({"rows": 2}, "7 x 2", "rows"),
     ],
 )
 def test_a_charuco_board_that_cannot_be_is_refused_with_advice(
-    api: Any, changes: dict[str, Any], words: str
+    api: Any, changes: dict[str, Any], words: str, field: str
 ) -> None:
     response = api.client.post("/v1/targets", json={**CHARUCO, **changes})
     assert (response.status_code, response.json()["code"]) == (422, "invalid_target")
     assert words in response.json()["detail"]
     assert response.json()["advice"]
+    assert [error["field"] for error in response.json()["errors"]] == [field]
     assert api.client.get("/v1/targets").json()["items"] == []
+
+
+@pytest.mark.parametrize("pitch_mm", [0.0, -1.0, 1e-320, 9e-7, 1e10])
+def test_a_pitch_that_no_print_has_is_refused(api: Any, pitch_mm: float) -> None:
+    response = api.client.post("/v1/targets", json={**CHARUCO, "pitch_mm": pitch_mm})
+    assert response.status_code == 422
+    assert "pitch_mm" in [error["field"] for error in response.json()["errors"]]
 
 
 def test_a_pitch_in_total_doubt_is_refused(api: Any) -> None:

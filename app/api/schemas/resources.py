@@ -8,6 +8,7 @@ from typing import Annotated, Literal
 from pydantic import Field
 
 from app.api.schemas.common import (
+    MAX_LENGTH_MM,
     Angle,
     Coordinate,
     Identifier,
@@ -20,6 +21,9 @@ from app.api.schemas.common import (
 TargetKind = Literal["chessboard", "charuco", "circles", "asymmetric_circles", "aprilgrid"]
 Scope = Literal["read", "upload", "admin"]
 Span = Annotated[int, Field(ge=2, le=500)]
+Pitch = Annotated[
+    float, Field(ge=1e-6, le=MAX_LENGTH_MM)
+]  # a nanometre: a smaller one is a slip, and squares to nothing
 PixelCoordinate = Annotated[float, Field(ge=-1e6, le=1e6)]
 FocalLength = Annotated[float, Field(gt=0, le=1e7)]
 DistortionCoefficient = Annotated[float, Field(ge=-1e6, le=1e6)]
@@ -32,7 +36,7 @@ class TargetCreate(RequestModel):
     kind: TargetKind
     columns: Span
     rows: Span
-    pitch_mm: PositiveLength
+    pitch_mm: Pitch
     marker_mm: PositiveLength | None = None
     dictionary: Annotated[str, Field(max_length=64, pattern=r"^DICT_[A-Za-z0-9_]+$")] | None = None
     legacy_layout: bool = False
