@@ -26,7 +26,7 @@ from core.errors import (
     NotConverged,
     TooFewPoses,
 )
-from core.kinematics.angle_units import check_angles
+from core.kinematics.angle_units import check_against_nominal, check_angles
 from core.kinematics.cpa import identify_from_axes
 from core.kinematics.dh import JOINT_PARAMETERS, Chain, JointParameters, forward
 from core.kinematics.identifiability import Conditioning, Gauge, choose_gauge, conditioning
@@ -230,6 +230,8 @@ def begin_at(poses: PoseData, nominal: Chain | None, start: Chain | None) -> Cha
             )
     if not len(poses):
         raise TooFewPoses("There are no poses.")
+    if nominal is not None:
+        check_against_nominal(poses, nominal)
     arcs = np.ptp(poses.joint_angles, axis=0)
     resting = np.flatnonzero(arcs < NOT_MOVED)
     if len(resting):

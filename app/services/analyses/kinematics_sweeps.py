@@ -66,7 +66,9 @@ def _matching(patterns: Sequence[str], pose_ids: set[str]) -> set[str]:
     found: set[str] = set()
     for pattern in patterns:
         if "*" in pattern or "?" in pattern:
-            members = {pose_id for pose_id in pose_ids if fnmatchcase(pose_id, pattern)}  # brackets never come here
+            members = {
+                pose_id for pose_id in pose_ids if fnmatchcase(pose_id, pattern)
+            }  # brackets never come here
             what = "matches"
         else:
             members, what = {pattern} & pose_ids, "is named"

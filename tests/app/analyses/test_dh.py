@@ -273,6 +273,14 @@ def test_refusals_say_what_to_do(api: Any) -> None:
     radians = [{**r, "joint_angles_deg": np.radians(r["joint_angles_deg"]).tolist()} for r in sent]
     for method in ("global", "combined"):
         assert "radians" in refused(radians, "joint_angles_unit", method=method)
+    # Without sweeps the nominal robot tells, of positions alone too.
+    _, loose = measured(6, arc_deg=40.0, free=40)
+    free = readings(loose)[54:]
+    for changes in ({}, {"rotation": None}):
+        radians = [
+            {**r, **changes, "joint_angles_deg": np.radians(r["joint_angles_deg"]).tolist()} for r in free
+        ]
+        assert "radians" in refused(radians, "joint_angles_unit")
     _, short = measured(6, arc_deg=20.0, free=0)
     assert "60°" in refused(readings(short), "arc_too_short", method="cpa")
     still = [r for i, r in enumerate(sent[:54]) if not 27 <= i < 36]

@@ -1,0 +1,95 @@
+"""Radians for degrees, joints that slide: told by sweeps, and by free poses where the nominal robot is known."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from core.errors import JointAnglesUnit, KinematicsError, PrismaticJoint
+from core.kinematics.angle_units import check_against_nominal, check_angles
+from core.kinematics.dh import Chain, forward
+from core.kinematics.identification import identify
+from core.kinematics.poses import PoseData
+from core.kinematics.sweeps import find_sweeps
+from core.simulation.arm import KR5_ARC, KR5_ARC_HOME, free_angles, kr5_arc
+from core.simulation.sweeps import Repeatability, measure_poses
+
+
+def free_poses(seed: int = 1, half_range: float = math.radians(40.0)) -> PoseData:
+    rng = np.random.default_rng(seed)
+    arm = kr5_arc(rng)
+    q = free_angles(rng, KR5_ARC_HOME, 60, half_range=half_range)
+    return measure_poses(arm, q, rng, estimator="given", robot=Repeatability(0.1, 1e-4))
+
+
+@pytest.mark.parametrize("with_rotations", [True, False])
+@pytest.mark.parametrize(("factor", "words"), [(math.pi / 180.0, "radians"), (180.0 / math.pi, "degrees")])
+def test_another_unit_is_recognised_without_sweeps(with_rotations: bool, factor: float, words: str) -> None:
+    poses = free_poses()
+    poses = replace(poses, joint_angles=factor * poses.joint_angles)
+    if not with_rotations:
+        poses = replace(poses, rotations=None)
+    with pytest.raises(JointAnglesUnit, match=words):
+        check_against_nominal(poses, KR5_ARC)
+    with pytest.raises(JointAnglesUnit):
+        identify(poses, KR5_ARC, folds=0)
+    near = free_poses(2, math.radians(15.0))  # as degrees these hardly move
+    with pytest.raises(JointAnglesUnit):
+        identify(
+            replace(
+                near,
+                joint_angles=factor * near.joint_angles,
+                rotations=near.rotations if with_rotations else None,
+            ),
+            KR5_ARC,
+        )
+
+
+@pytest.mark.parametrize("half_range_deg", [2.0, 40.0])
+def test_small_moves_are_no_radians(half_range_deg: float) -> None:
+    """A robot about its zero, all angles small as degrees: they are what they are."""
+    rng = np.random.default_rng(3)
+    arm = kr5_arc(rng)
+    q = free_angles(rng, np.zeros(6), 60, half_range=math.radians(half_range_deg))
+    for with_rotations in (True, False):
+        poses = measure_poses(arm, q, rng, estimator="given", robot=Repeatability(0.1, 1e-4))
+        check_against_nominal(poses if with_rotations else replace(poses, rotations=None), KR5_ARC)
+
+
+@pytest.mark.parametrize("sliding", [0, 2, 5])
+def test_a_joint_that_slides_is_recognised_without_sweeps(sliding: int) -> None:
+    rng = np.random.default_rng(4)
+    q = free_angles(rng, KR5_ARC_HOME, 60)
+    # What is sent for the joint are millimetres: it shifts along its axis by them, and the axes after it along.
+    rows = KR5_ARC.as_array()
+    T = []
+    for angles in q:
+        of_pose = rows.copy()
+        of_pose[sliding, 2] += 200.0 * angles[sliding]
+        turned = np.where(np.arange(6) == sliding, 0.0, angles)
+        T.append(forward(Chain.from_array(of_pose), turned[None])[0])
+    poses = PoseData(q, np.array(T)[:, :3, 3], np.array(T)[:, :3, :3])
+    with pytest.raises(PrismaticJoint, match=f"joint {sliding + 1} "):
+        check_against_nominal(poses, KR5_ARC)
+    with pytest.raises(PrismaticJoint):
+        identify(poses, KR5_ARC, folds=0)
+
+
+def test_a_nominal_of_another_robot_is_no_reason_to_refuse() -> None:
+    poses = free_poses(5)
+    wrong = KR5_ARC.as_array()
+    wrong[:, 0] *= 1.6
+    wrong[3, 3] += 0.7
+    check_against_nominal(poses, Chain.from_array(wrong))
+    check_angles(poses, find_sweeps(poses))
+
+
+def test_what_is_said_has_a_code_and_advice() -> None:
+    poses = free_poses()
+    with pytest.raises(KinematicsError) as caught:
+        identify(replace(poses, joint_angles=np.radians(poses.joint_angles)), KR5_ARC)
+    assert caught.value.code == "joint_angles_unit"
+    assert caught.value.advice
