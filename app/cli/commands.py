@@ -168,7 +168,7 @@ def demo(
     ] = None,
     seed: Annotated[int, typer.Option(help="Seed of the rendered session.")] = 1,
     quick: Annotated[
-        bool, typer.Option("--quick", help="Half the pixels in each direction, half the cycles.")
+        bool, typer.Option("--quick", help="Half the pixels in each direction, half the cycles, fewer poses.")
     ] = False,
 ) -> None:
     """Run the paper's experiment with known truth through the real service, and compare."""

@@ -13,7 +13,18 @@ from rich.console import Console
 from rich.markup import escape
 
 from app.agent import ClientError, ServiceClient
-from app.cli.demo_session import BOARD, Answers, DemoSession, demo_session, render_images, run_session
+from app.cli.demo_arm import demo_arm_session, run_arm_session
+from app.cli.demo_arm_report import introduce_arm, show_arm
+from app.cli.demo_session import (
+    BOARD,
+    Answers,
+    DemoSession,
+    demo_session,
+    describe_robot,
+    image_files,
+    render_images,
+    run_session,
+)
 from app.cli.demo_tables import (
     calibration_table,
     failures_of,
@@ -55,17 +66,24 @@ def demonstrate(data_dir: Path | None, seed: int, quick: bool = False) -> int:
         f"flat. {len(session.images)} images of {width} × {height} pixels, rendered with known truth.\n"
     )
     started = time.monotonic()
+    arm_session = demo_arm_session(session.arm, seed, quick=quick)
+    introduce_arm(console, arm_session)
+    images, sweeps = folder / "images", folder / "sweeps"
+    files = {**image_files(session.images, images), **image_files(arm_session.images, sweeps)}
     try:
         with transfer_progress(console) as progress, ServiceProcess(folder) as service:
-            render_images(session.images, folder / "images", progress)
+            render_images(files, progress)
             with ServiceClient(service.url, service.admin_key) as client:
-                answers = run_session(client, session, folder, progress)
+                robot_id = describe_robot(client)
+                answers = run_session(client, session, robot_id, folder, progress)
+                arm_answers = run_arm_session(client, arm_session, robot_id, sweeps, progress)
     except (ServiceStartError, ClientError) as error:
         console.print(f"[red]{escape(str(error))}[/]\nWhat was made is in {escape(str(folder))}.")
         return 1
     sound = _show(console, session, answers, folder)
-    console.print(f"It took {time.monotonic() - started:.0f} s, rendering included.")
-    _say_where(console, folder, service.admin_key or "", answers.session_id)
+    sound &= show_arm(console, arm_session, arm_answers, folder)
+    console.print(f"\nIt took {time.monotonic() - started:.0f} s, rendering included.")
+    _say_where(console, folder, service.admin_key or "", answers.session_id, arm_answers.session_id)
     return 0 if sound else 1
 
 
@@ -116,10 +134,10 @@ def _keep(folder: Path, answers: Answers, figures: list[Figure]) -> None:
         (folder / name).write_text(json.dumps(document, indent=2) + "\n", encoding="utf-8")
 
 
-def _say_where(console: Console, folder: Path, key: str, session_id: str) -> None:
+def _say_where(console: Console, folder: Path, key: str, session_id: str, arm_session_id: str) -> None:
     console.print(
         f"\nAll of it is kept in [bold]{escape(str(folder))}[/]:\n"
-        "  images/             what was rendered and uploaded\n"
+        "  images/, sweeps/    what was rendered and uploaded\n"
         "  overlay-P1.png ...  the points found in it, with their residuals\n"
         "  scatter.svg         each pose's cycles, their ellipsoid, and the instrument's\n"
         "  drift.svg           the poses over the cycles\n"
@@ -128,14 +146,17 @@ def _say_where(console: Console, folder: Path, key: str, session_id: str) -> Non
         "  repeatability.json  pose by pose,\n"
         "  comparison.json     and method by method\n"
         "  truth.json          every figure of repeatability beside its truth\n"
+        "  dh.json             DH parameters, as the service gave them by every method,\n"
+        "  dh-truth.json       and each beside its truth\n"
         "  gridpose.sqlite3    the service's database, originals beside it\n"
         "\nTo look at it again, start the service on that folder and ask it:",
         soft_wrap=True,
     )
     console.print(
         f"  {_command()} serve --data-dir {folder}\n"
-        f"  curl -H 'Authorization: Bearer {key}' \\\n"
-        f"    http://127.0.0.1:8000/v1/sessions/{session_id}/repeatability\n"
+        f"  export GRIDPOSE_URL=http://127.0.0.1:8000 GRIDPOSE_KEY={key}\n"
+        f'  curl -H "Authorization: Bearer $GRIDPOSE_KEY" $GRIDPOSE_URL/v1/sessions/{session_id}/repeatability\n'
+        f"  {_command()} export dh --session {arm_session_id} --format urdf\n"
         "  and in a browser: http://127.0.0.1:8000/docs",
         soft_wrap=True,
         markup=False,

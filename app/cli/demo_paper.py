@@ -1,4 +1,4 @@
-"""What Boby and Saha printed (ICRA 2016): their Table III.
+"""What Boby and Saha printed (ICRA 2016): their Tables III and IV.
 
 Their Table II is a picture in the copy this was taken from, and its figures are not given here.
 """
@@ -21,3 +21,9 @@ PRINTED: dict[str, dict[str, tuple[float, ...]]] = {
     },
 }
 """Repeatability of the KUKA KR5 Arc at five poses of a 100 mm cube, by their method and by ArUco."""
+PRINTED_LINKS: dict[str, tuple[float, ...]] = {
+    "a": (189.6, 759.4, 105.9, 271.5, 30.1),
+    "alpha": (77.6, 2.4, 94.9, 94.2, 90.9),
+    "d": (0.0, 0.0, 173.7, 44.0, 9.2),
+}
+"""Table IV: link lengths (mm), twists (°) and joint offsets (their b, mm) of links 1 to 5, by circle point analysis."""

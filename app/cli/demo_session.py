@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import multiprocessing
 import os
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -23,7 +23,7 @@ from core import TargetSpec
 from core.camera import Camera
 from core.kinematics.dh import Chain
 from core.simulation import Scene, SessionImage, render
-from core.simulation.arm import KR5_ARC
+from core.simulation.arm import KR5_ARC, Arm
 from core.simulation.experiment import CubePose, cube_experiment
 from core.transforms import invert, rotation_to_rpy, so3_exp, transform
 
@@ -47,8 +47,9 @@ _PICTURES = {
 
 @dataclass(frozen=True, slots=True)
 class DemoSession:
-    """The poses with their truth, and the images: the experiment's, then one view that is all but flat."""
+    """The arm, the poses with their truth, and the images: the experiment's, then one view that is all but flat."""
 
+    arm: Arm
     poses: tuple[CubePose, ...]
     images: tuple[SessionImage, ...]
     cycles: int
@@ -86,12 +87,17 @@ def demo_session(seed: int, *, quick: bool = False) -> DemoSession:
     flat = SessionImage(
         FLAT, 1, invert(T_camera_target), replace(first.scene, T_camera_target=T_camera_target, seed=seed)
     )
-    return DemoSession(experiment.poses, (*experiment.images, flat), cycles, size)
+    return DemoSession(experiment.arm, experiment.poses, (*experiment.images, flat), cycles, size)
 
 
-def render_images(images: Sequence[SessionImage], folder: Path, progress: Progress) -> None:
-    """Render into folder/pose/c{cycle}.png, in as many processes as there are cores to use."""
-    task = progress.add_task("rendering", total=len(images))
+def image_files(images: Sequence[SessionImage], folder: Path) -> dict[Path, Scene]:
+    """Return where each image's file goes, folder/pose/c{cycle}.png, with what it shows."""
+    return {folder / image.pose_id / f"c{image.cycle}.png": image.scene for image in images}
+
+
+def render_images(files: Mapping[Path, Scene], progress: Progress) -> None:
+    """Render into files, in as many processes as there are cores to use."""
+    task = progress.add_task("rendering", total=len(files))
     for variable in THREAD_VARIABLES:  # inherited: each process is to keep to one core
         os.environ.setdefault(variable, "1")
     with ProcessPoolExecutor(
@@ -101,10 +107,9 @@ def render_images(images: Sequence[SessionImage], folder: Path, progress: Progre
         initargs=(1,),
     ) as processes:
         jobs = []
-        for image in images:
-            path = folder / image.pose_id / f"c{image.cycle}.png"
+        for path, scene in files.items():
             path.parent.mkdir(parents=True, exist_ok=True)
-            jobs.append(processes.submit(_render, image.scene, path))
+            jobs.append(processes.submit(_render, scene, path))
         for job in as_completed(jobs):
             job.result()
             progress.advance(task)
@@ -116,9 +121,11 @@ def _render(scene: Scene, path: Path) -> None:
     path.write_bytes(data.tobytes())
 
 
-def run_session(client: ServiceClient, session: DemoSession, folder: Path, progress: Progress) -> Answers:
-    """Do what a shop-floor PC does: describe board, robot, session and poses, upload, wait, read; keep the answers."""
-    session_id = _describe(client, session)
+def run_session(
+    client: ServiceClient, session: DemoSession, robot_id: str, folder: Path, progress: Progress
+) -> Answers:
+    """Do what a shop-floor PC does: describe board, session and poses, upload, wait, read; keep the answers."""
+    session_id = _describe(client, session, robot_id)
     outcomes, result = transfer(client, session_id, plan_files(folder / "images").images, progress, wait=True)
     assert result is not None
     failed = [outcome for outcome in outcomes if outcome.status == "failed"]
@@ -139,7 +146,12 @@ def run_session(client: ServiceClient, session: DemoSession, folder: Path, progr
     return Answers(session_id, list(result.measurements), *answers)
 
 
-def _describe(client: ServiceClient, session: DemoSession) -> str:
+def describe_robot(client: ServiceClient) -> str:
+    """Tell the service of the robot what its data sheet says; return its id."""
+    return str(client.create("/v1/robots", {"name": "KUKA KR5 Arc", "joints": _joints(KR5_ARC)})["id"])
+
+
+def _describe(client: ServiceClient, session: DemoSession, robot_id: str) -> str:
     target_id = client.create(
         "/v1/targets",
         {
@@ -152,7 +164,6 @@ def _describe(client: ServiceClient, session: DemoSession) -> str:
             "dictionary": BOARD.dictionary,
         },
     )["id"]
-    robot_id = client.create("/v1/robots", {"name": "KUKA KR5 Arc", "joints": _joints(KR5_ARC)})["id"]
     body = {"name": "Demo", "target_ids": [target_id], "robot_id": robot_id}
     session_id: str = client.create("/v1/sessions", body)["id"]
     for pose in session.poses:

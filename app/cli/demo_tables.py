@@ -11,7 +11,7 @@ from rich.table import Table
 
 from app.agent import Json
 from app.cli.demo_paper import POSES, PRINTED
-from app.cli.demo_truth import Figure, ImageError
+from app.cli.demo_truth import Figure, ImageError, root_mean_square
 
 METHODS = {
     "proposed_nullspace": "proposed, null space",
@@ -29,7 +29,7 @@ _ANGLES = ("roll_deg", "pitch_deg", "yaw_deg")
 
 def image_table(errors: Sequence[ImageError]) -> Table:
     """Return how single images came out, pose by pose: medians, and roots of mean squares of error over u."""
-    table = _table(
+    table = plain_table(
         "Single images: camera pose and focal length, medians by pose",
         *("pose", "images", "error mm", "± u", "err/u", "error °", "± u", "err/u", "f error px", "± u"),
     )
@@ -56,7 +56,7 @@ def image_table(errors: Sequence[ImageError]) -> Table:
 
 def position_table(figures: Sequence[Figure]) -> Table:
     """Return the paper's Table III for positions: the truth beside what was read, with all that is said of it."""
-    table = _table(
+    table = plain_table(
         "Table III, position: RP_l by ISO 9283, mm (estimator pooled)",
         *("pose", "true", "these cycles", "raw", "95 % interval", "corrected", "floor", "verdict"),
         left=("pose", "verdict"),
@@ -77,7 +77,7 @@ def position_table(figures: Sequence[Figure]) -> Table:
 
 def orientation_table(figures: Sequence[Figure]) -> Table:
     """Return the paper's Table III for angles."""
-    table = _table(
+    table = plain_table(
         "Table III, orientation: 3 S, degrees (estimator pooled)",
         *("pose", "angle", "true", "these cycles", "raw", "95 % interval", "corrected", "floor"),
         left=("pose", "angle"),
@@ -93,7 +93,7 @@ def orientation_table(figures: Sequence[Figure]) -> Table:
 
 def methods_table(comparison: Json, fixed_centre: Json, figures: Sequence[Figure]) -> Table:
     """Return RP_l of every method on these images, and what the paper printed of its own."""
-    table = _table(
+    table = plain_table(
         "Table III by every method: RP_l, mm; largest 3 S of an angle, °",
         *("", *POSES, "angle"),
     )
@@ -121,7 +121,7 @@ def _readings(poses: Sequence[Json]) -> list[str]:
 
 def calibration_table(comparison: Json, true_focal_px: float) -> Table:
     """Return the paper's Table II: re-projection, and what it does not say, how far the focal length is off."""
-    table = _table(
+    table = plain_table(
         "Table II, the same images: re-projection and focal length, px",
         *("", "images", "mean", "std", "f", "error", "spread"),
     )
@@ -174,12 +174,7 @@ def refusal_table(measurements: Sequence[Json]) -> Table:
     return table
 
 
-def root_mean_square(values: Sequence[float]) -> float:
-    """Return √(mean of squares); NaN of nothing."""
-    return math.sqrt(float(np.mean(np.square(values)))) if len(values) else math.nan
-
-
-def _table(title: str, first: str, *others: str, left: Sequence[str] = ()) -> Table:
+def plain_table(title: str, first: str, *others: str, left: Sequence[str] = ()) -> Table:
     table = Table(
         title=title, title_justify="left", title_style="bold", box=None, padding=(0, 2, 0, 0), pad_edge=False
     )

@@ -168,6 +168,11 @@ def error_over_uncertainty(errors: Sequence[ImageError]) -> float:
     return math.sqrt(float(np.mean([[e.position_ratio**2, e.rotation_ratio**2] for e in errors])))
 
 
+def root_mean_square(values: Sequence[float]) -> float:
+    """Return √(mean of squares); NaN of nothing."""
+    return math.sqrt(float(np.mean(np.square(values)))) if len(values) else math.nan
+
+
 def _length(covariance: np.ndarray) -> float:
     return math.sqrt(float(np.trace(covariance)))
 

@@ -75,8 +75,9 @@ class CubePose:
 
 @dataclass(frozen=True, slots=True)
 class Experiment:
-    """The poses, and the images in the order they are taken: pose by pose within each cycle."""
+    """The arm as built, the poses, and the images in the order they are taken: pose by pose within each cycle."""
 
+    arm: Arm
     poses: tuple[CubePose, ...]
     images: tuple[SessionImage, ...]
 
@@ -119,7 +120,7 @@ def cube_experiment(
             )
             commanded = compose(arm.T_target_base[0], pose.commanded_T_base_flange, T_FLANGE_CAMERA)
             images.append(SessionImage(pose.pose_id, cycle, commanded, scene))
-    return Experiment(poses, tuple(images))
+    return Experiment(arm, poses, tuple(images))
 
 
 def cube_points(centre_mm: Float[np.ndarray, "3"], edge_mm: float = CUBE_MM) -> Float[np.ndarray, "5 3"]:

@@ -1,18 +1,20 @@
-"""Joint angles at which a camera on an arm looks at a target: what a session of free poses consists of."""
+"""Joint angles at which a camera on an arm looks at a target: free poses, and sweeps that keep it in view."""
 
 from __future__ import annotations
 
 import math
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 from core.camera import Camera, project
 from core.simulation.arm import Arm, reach
 from core.targets.specification import TargetSpec
-from core.transforms import invert, so3_exp, transform, transform_points
+from core.transforms import invert, so3_exp, transform
 
 MARGIN_PX = 10.0
+_STEP = math.radians(2.0)  # of a joint that is moved as far as the grid stays in view
+_STEEPEST = math.radians(60.0)
 
 
 def looking_angles(
@@ -38,8 +40,6 @@ def looking_angles(
     """
     points = spec.points_target()
     middle = points.mean(axis=0)
-    low, high = points.min(axis=0) - spec.pitch_mm, points.max(axis=0) + spec.pitch_mm
-    outline = np.array([[x, y, 0.0] for x in (low[0], high[0]) for y in (low[1], high[1])])
     extent = float(np.max(np.ptp(points, axis=0)))
     found: list[Float[np.ndarray, " j"]] = []
     for _ in range(60 * count):
@@ -52,10 +52,76 @@ def looking_angles(
         depth = camera.fx_px * extent / (rng.uniform(*fill) * min(size_px))
         centre = np.array([*rng.uniform(-0.1, 0.1, 2) * depth, depth])
         T_camera_target = transform(rotation, centre - rotation @ middle)
-        pixels = project(transform_points(T_camera_target, outline), camera)
-        if np.any(pixels < MARGIN_PX) or np.any(pixels > np.array(size_px) - MARGIN_PX):
+        if not in_view(T_camera_target[None], spec, camera, size_px)[0]:
             continue
         angles = reach(arm, invert(T_camera_target), home, target)
         if angles is not None and np.all(angles > limits[:, 0]) and np.all(angles < limits[:, 1]):
             found.append(angles)
     raise ValueError("The arm can hardly look at this target.")
+
+
+def telling_sweep(
+    arm: Arm,
+    spec: TargetSpec,
+    camera: Camera,
+    size_px: tuple[int, int],
+    through: Float[np.ndarray, "n j"],
+    joint: int,
+    *,
+    limits: Float[np.ndarray, "j 2"],
+    steps: int,
+    target: int = 0,
+    largest: float = math.radians(120.0),
+    smallest: float = math.radians(10.0),
+) -> Float[np.ndarray, "m j"]:
+    """Return the sweep (rad) of one joint through any of the given poses that tells most without losing the grid.
+
+    The joint (counted from 0) is turned both ways until the grid or a pitch around it would leave the image, be seen
+    at less than 30°, or the joint come to its limit, or the arc to `largest`; `steps` poses are spread over the arc.
+    What an arc tells is its depth, by how much it is not straight: of the same angle more, the farther the camera
+    is from the axis.
+
+    Raises ValueError where no arc is as wide as `smallest`.
+    """
+    half = round(largest / _STEP)
+    moves = _STEP * np.arange(-half, half + 1)
+    turns = moves[:, None] * np.eye(len(arm.chain))[joint]
+    swept = (through[:, None] + turns).reshape(-1, len(arm.chain))
+    camera_poses = arm.camera_poses(swept, np.full(len(swept), target))
+    T_camera_target = np.linalg.inv(camera_poses)
+    seen = in_view(T_camera_target, spec, camera, size_px) & (T_camera_target[:, 2, 2] > math.cos(_STEEPEST))
+    seen &= np.all((swept > limits[:, 0]) & (swept < limits[:, 1]), axis=1)
+    deepest, best = 0.0, through[:0]
+    for pose, of_pose in enumerate(seen.reshape(len(through), -1)):
+        if not of_pose[half]:
+            continue
+        lost = np.flatnonzero(~of_pose)
+        first = int(max(lost[lost < half], default=-1)) + 1
+        last = int(min(lost[lost > half], default=len(moves))) - 1
+        if last - first > half:  # wider than need be: as much to either side as there is
+            first = min(max(first, half - half // 2), last - half)
+            last = first + half
+        ends = pose * len(moves) + np.array([first, last])
+        arc = _STEP * (last - first)
+        chord = float(np.linalg.norm(np.ptp(camera_poses[ends, :3, 3], axis=0)))
+        depth = 0.5 * chord * math.tan(arc / 4.0)
+        if arc >= smallest and depth > deepest:
+            deepest, best = depth, np.linspace(*swept[ends], steps)
+    if not len(best):
+        raise ValueError(f"Joint {joint + 1} can hardly move without losing the target.")
+    return np.asarray(best)
+
+
+def in_view(
+    T_camera_target: Float[np.ndarray, "n 4 4"], spec: TargetSpec, camera: Camera, size_px: tuple[int, int]
+) -> Bool[np.ndarray, " n"]:
+    """Tell in which views the grid and a pitch around it are in the image, a few pixels from its edge."""
+    points = spec.points_target()
+    low, high = points.min(axis=0) - spec.pitch_mm, points.max(axis=0) + spec.pitch_mm
+    outline = np.array([[x, y, 0.0] for x in (low[0], high[0]) for y in (low[1], high[1])])
+    corners = np.einsum("nij,kj->nki", T_camera_target[:, :3, :3], outline) + T_camera_target[:, None, :3, 3]
+    ahead = np.all(corners[:, :, 2] > spec.pitch_mm, axis=1)
+    corners[~ahead] = [0.0, 0.0, 1.0]
+    pixels = project(corners.reshape(-1, 3), camera).reshape(-1, 4, 2)
+    inside = (pixels >= MARGIN_PX) & (pixels <= np.array(size_px) - MARGIN_PX)
+    return np.asarray(ahead & np.all(inside, axis=(1, 2)))

@@ -24,6 +24,38 @@ def demo(folder: Path, columns: int) -> subprocess.CompletedProcess[str]:
     )
 
 
+def assert_table_iv(said: str, folder: Path) -> None:
+    """Every line is what the service answered, and lies by the truth within its own uncertainty."""
+    truth = json.loads((folder / "dh-truth.json").read_text())["global"]
+    answer = json.loads((folder / "dh.json").read_text())["global"]
+    rows = re.findall(
+        r"^(\d| )  +(a|alpha|d|theta|beta)((?: +-?[\d.]+){2}) +(-?[\d.]+)((?: +[\d.]+){2}) +(-|[\d.]+) *$",
+        said,
+        re.MULTILINE,
+    )
+    told = [p for p in truth if p["uncertainty"] is not None]
+    assert len(rows) == len(told) == 18
+    assert len(re.findall(r"-    as sheet        -      - ", said)) == len(truth) - 18 == 7
+    squares: dict[bool, list[float]] = {True: [], False: []}
+    for (_, name, known, identified, doubt, _), p in zip(rows, told, strict=True):
+        field = {"theta": "theta_offset"}.get(name, name) + ("_mm" if name in "ad" else "_deg")
+        joint = answer["joints"][p["joint"] - 1]
+        digits = 4 if name in "ad" else 5
+        assert p["name"] == name
+        assert known.split()[1] == f"{p['true']:.{digits}f}"
+        assert identified == f"{joint[field]:.{digits}f}"
+        uncertainty, ratio = (float(value) for value in doubt.split())
+        assert uncertainty == pytest.approx(joint["standard_uncertainty"][field], abs=0.6 * 10.0**-digits)
+        assert ratio == pytest.approx(abs(joint[field] - p["true"]) / p["uncertainty"], abs=0.006)
+        assert ratio < 5.0
+        squares[name in "ad"].append((joint[field] - p["true"]) ** 2)
+    # Arms are drawn .3 mm and .03° off their data sheet along each parameter.
+    assert sum(squares[True]) / len(squares[True]) < 0.06**2
+    assert sum(squares[False]) / len(squares[False]) < 0.006**2
+    assert re.search(r"^cpa: circles.* +\d\.\d{4} +\d\.\d{5} ", said, re.MULTILINE)
+    assert answer["null_space"][0] in " ".join(said.split())
+
+
 @pytest.mark.slow
 def test_it_calibrates_refuses_and_tells_the_truth(tmp_path: Path) -> None:
     folder = tmp_path / "kept"
@@ -52,6 +84,8 @@ def test_it_calibrates_refuses_and_tells_the_truth(tmp_path: Path) -> None:
         assert last.split() == [f"{value:.4f}" for value in (corrected, floor)]
         assert [low, high] == [f"{value:.4f}" for value in answer["interval"]["position_mm"]]
         assert verdict == answer["verdict"] == "robot"
+
+    assert_table_iv(tables, folder)
 
     comparison = json.loads((folder / "comparison.json").read_text())
     marker, board = (
