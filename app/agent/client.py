@@ -19,6 +19,7 @@ import stamina
 Json = dict[str, Any]
 
 _BUSY_STATUSES = frozenset({408, 425, 429, 502, 503, 504, 507})
+_LAST_PORT = 65535
 _PAGE = 500
 _MISSING_CHUNK = 1000
 
@@ -77,6 +78,11 @@ class ServiceClient:
         How long a request is repeated while the service is away or busy; 0 asks once.
     on_retry
         Called with a short reason before each pause.
+
+    Raises
+    ------
+    ClientError
+        `invalid_url` or `invalid_key`, where these cannot be what they should.
     """
 
     def __init__(
@@ -92,12 +98,28 @@ class ServiceClient:
         self.url = url.rstrip("/")
         self._retry_for = timedelta(seconds=retry_for_s)
         self._on_retry = on_retry
-        self._http = httpx2.Client(
-            base_url=self.url,
-            headers=headers,
-            timeout=httpx2.Timeout(60.0, connect=10.0),
-            transport=transport,
-        )
+        try:
+            self._http = httpx2.Client(
+                base_url=self.url,
+                headers=headers,
+                timeout=httpx2.Timeout(60.0, connect=10.0),
+                transport=transport,
+            )
+            port = self._http.base_url.port
+            if port is not None and port > _LAST_PORT:
+                raise httpx2.InvalidURL(f"there is no port {port}")
+        except httpx2.InvalidURL as error:
+            raise ClientError(
+                "invalid_url",
+                f"{url} is no address of a service: {_reason(error)}.",
+                "Write it as http://measuring-pc:8000.",
+            ) from error
+        except UnicodeEncodeError as error:
+            raise ClientError(
+                "invalid_key",
+                "The key holds letters that no key has.",
+                "Copy it anew: gp_, the key's id, and the secret, as `gridpose keys create` printed them.",
+            ) from error
 
     def __enter__(self) -> ServiceClient:
         return self
@@ -182,8 +204,8 @@ class ServiceClient:
         def worth_repeating(error: Exception) -> bool | float:
             if isinstance(error, _BusyError):
                 again: bool | float = True if error.pause_s is None else error.pause_s
-            elif isinstance(error, httpx2.UnsupportedProtocol):
-                again = False
+            elif isinstance(error, httpx2.UnsupportedProtocol | httpx2.LocalProtocolError):
+                again = False  # of our own making: it would be the same the next time
             else:
                 sent = not isinstance(error, httpx2.ConnectError | httpx2.ConnectTimeout)
                 again = isinstance(error, httpx2.TransportError) and (repeatable or not sent)

@@ -41,6 +41,18 @@ class Edge:
         await _Exchange(self._app, self._metrics, scope, receive, send).run()
 
 
+def _with_one_line_of_tags(scope: Scope) -> Scope:
+    """Return a request whose entity tags stand in one header line, which is the same as in several (RFC 9110, 5.3).
+
+    Of several lines, the framework would hand over the first alone.
+    """
+    lines = [value for name, value in scope["headers"] if name == b"if-none-match"]
+    if len(lines) < 2:
+        return scope
+    others = [(name, value) for name, value in scope["headers"] if name != b"if-none-match"]
+    return {**scope, "headers": [*others, (b"if-none-match", b", ".join(lines))]}
+
+
 class _Exchange:
     """One request and its answer."""
 
@@ -49,7 +61,7 @@ class _Exchange:
         self._method = scope["method"]
         # What may be read may be asked about: HEAD is GET without the body. An event stream has no end to await.
         self._is_head = self._method == "HEAD" and not scope["path"].endswith("/events")
-        self._scope = {**scope, "method": "GET"} if self._is_head else scope
+        self._scope = _with_one_line_of_tags({**scope, "method": "GET"} if self._is_head else scope)
         self._receive, self._send = receive, send
         headers = Headers(scope=scope)
         offered = headers.get("x-request-id", "")

@@ -119,6 +119,13 @@ def _yaml_records(text: str) -> Iterator[Record]:
 
     loader = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
     try:
+        for event in yaml.parse(text, Loader=loader):
+            if isinstance(event, yaml.AliasEvent):  # a few lines of them may stand for millions of readings
+                where = f"Line {event.start_mark.line + 1}" if event.start_mark is not None else "The file"
+                raise FileRefused(
+                    f"{where} refers to another place of the file (*{event.anchor}).",
+                    "Write every reading out: save the file without anchors and aliases, or as JSON or CSV.",
+                )
         content = yaml.load(text, Loader=loader)  # noqa: S506 - a safe loader, in C where there is one
         tree = yaml.compose(text, Loader=loader)
     except RecursionError:

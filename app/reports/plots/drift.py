@@ -19,6 +19,8 @@ from app.reports.plots.svg import BLUE, GREEN, INK, ORANGE, axes_at, draw_svg, m
 
 _AXES = (("x", BLUE, "o"), ("y", ORANGE, "s"), ("z", GREEN, "^"))
 _LEFT, _PANEL_WIDTH, _PANEL_HEIGHT, _GAP = 0.8, 4.1, 1.75, 0.85
+_VECTORS_AT_MOST = 3000
+"""Points that are drawn one by one; more of them become a picture within the drawing, or it would have megabytes."""
 _HEADER, _CAPTION, _BELOW, _FOOTER = 0.62, 0.64, 0.62, 0.7
 
 
@@ -60,6 +62,7 @@ def drift_figure(poses: Sequence[PoseDrift], title: str, block: int) -> Figure:
     width = _LEFT + columns * _PANEL_WIDTH + (columns - 1) * _GAP + 0.25
     figure = Figure((max(width, 6.6), _HEADER + row * rows + _FOOTER))
     text_at(figure, 0.15, 0.32, title, fontsize=12 if columns == 2 else 9.5, weight="bold")
+    as_picture = sum(pose.positions_mm.size for pose in poses) > _VECTORS_AT_MOST
     for place, pose in enumerate(poses):
         left = _LEFT + (place % columns) * (_PANEL_WIDTH + _GAP)
         top = _HEADER + (place // columns) * row
@@ -67,7 +70,7 @@ def drift_figure(poses: Sequence[PoseDrift], title: str, block: int) -> Figure:
         text_at(figure, left, top + 0.1, short(pose.pose_id), fontsize=10, weight="bold")
         text_at(figure, left, top + 0.31, first)
         text_at(figure, left, top + 0.51, second, color="#555555", fontsize=8)
-        _draw(axes_at(figure, left, top + _CAPTION, _PANEL_WIDTH, _PANEL_HEIGHT), pose)
+        _draw(axes_at(figure, left, top + _CAPTION, _PANEL_WIDTH, _PANEL_HEIGHT), pose, as_picture)
     figure.legend(
         handles=_legend(block), loc="lower center", ncols=2 * columns, columnspacing=1.6, handletextpad=0.6
     )
@@ -93,7 +96,7 @@ def _caption(pose: PoseDrift, block: int) -> tuple[str, str]:
     )
 
 
-def _draw(axes: Axes, pose: PoseDrift) -> None:
+def _draw(axes: Axes, pose: PoseDrift, as_picture: bool) -> None:
     origin = pose.blocks[0].mean_mm if pose.blocks else pose.positions_mm.mean(axis=0)
     offsets = pose.positions_mm - origin
     unit, factor = _unit(float(np.abs(offsets).max()))
@@ -109,13 +112,13 @@ def _draw(axes: Axes, pose: PoseDrift) -> None:
             alpha=0.55,
             ls="none",
             zorder=2,
+            rasterized=as_picture,
         )
-        for block in pose.blocks:
-            ends = (block.first_cycle - 0.4, block.last_cycle + 0.4)
-            middle = float(block.mean_mm[axis] - origin[axis]) * factor
-            spread = 2.0 * float(block.standard_error_mm[axis]) * factor
-            axes.fill_between(ends, middle - spread, middle + spread, color=colour, alpha=0.16, lw=0)
-            axes.plot(ends, (middle, middle), color=colour, lw=1.7, zorder=3)
+        x, middle, spread = _steps(pose.blocks, axis, origin[axis], factor)
+        axes.fill_between(
+            x, middle - spread, middle + spread, color=colour, alpha=0.16, lw=0, rasterized=as_picture
+        )
+        axes.plot(x, middle, color=colour, lw=1.7, zorder=3, rasterized=as_picture)
     axes.set_xlim(float(pose.cycles.min()) - 1.0, float(pose.cycles.max()) + 1.0)
     if not offsets.any():
         axes.set_ylim(-1.0, 1.0)
@@ -123,6 +126,18 @@ def _draw(axes: Axes, pose: PoseDrift) -> None:
     axes.yaxis.set_major_locator(MaxNLocator(5))
     axes.set_xlabel("cycle")
     axes.set_ylabel(f"off the {'first block' if pose.blocks else 'mean'}, {unit}", labelpad=2)
+
+
+def _steps(
+    blocks: Sequence[Block], axis: int, origin_mm: float, factor: float
+) -> tuple[Float[np.ndarray, " k"], Float[np.ndarray, " k"], Float[np.ndarray, " k"]]:
+    """Return cycles, means and two standard errors of the blocks one after the other, with gaps (NaN) between."""
+    x, middle, spread = np.full((3, len(blocks), 3), np.nan)
+    for row, block in enumerate(blocks):
+        x[row, :2] = block.first_cycle - 0.4, block.last_cycle + 0.4
+        middle[row, :2] = (block.mean_mm[axis] - origin_mm) * factor
+        spread[row, :2] = 2.0 * block.standard_error_mm[axis] * factor
+    return x.ravel(), middle.ravel(), spread.ravel()
 
 
 def _unit(reach_mm: float) -> tuple[str, float]:

@@ -29,6 +29,7 @@ _STYLE: Any = {
     "figure.facecolor": "white",
     "savefig.facecolor": "white",
     "figure.dpi": 72,
+    "savefig.dpi": 144,  # of what is drawn as a picture; the rest has none
     "font.family": ["DejaVu Sans"],
     "font.size": 9.0,
     "text.parse_math": False,  # a dollar in a name is a dollar

@@ -96,6 +96,28 @@ def test_something_else_at_the_address_is_said_to_be_that(answer: httpx2.Respons
     assert caught.value.code == "unexpected_answer"
 
 
+@pytest.mark.parametrize(
+    ("url", "key", "code"),
+    [
+        ("http://[::1", "gp_a_b", "invalid_url"),
+        ("http://cell:80800000", "gp_a_b", "invalid_url"),
+        ("http://cell:8000", "gp_schlüssel", "invalid_key"),
+    ],
+)
+def test_an_address_or_a_key_that_cannot_be_is_said_to_be_that(url: str, key: str, code: str) -> None:
+    with pytest.raises(ClientError) as caught:
+        ServiceClient(url, key)
+    assert caught.value.code == code
+    assert caught.value.advice
+
+
+def test_what_this_side_gets_wrong_is_not_repeated() -> None:
+    line = Line(httpx2.LocalProtocolError("Illegal header value"), httpx2.Response(200, json={}))
+    with line.client() as client, pytest.raises(ClientError, match="Illegal header value"):
+        client.get("/v1/sessions")
+    assert len(line.requests) == 1
+
+
 def test_it_gives_up_in_the_end() -> None:
     with Line(*[httpx2.ConnectError("refused")] * 5).client() as client, pytest.raises(ClientError) as caught:
         client.get("/v1/sessions")

@@ -119,6 +119,9 @@ def test_an_answer_the_client_has_is_not_sent_again(api: Any, store: Store) -> N
         again = api.client.get(url, headers={"If-None-Match": known})
         assert (again.status_code, again.content, again.headers["ETag"]) == (304, b"", tag)
     assert api.client.get(url, headers={"If-None-Match": '"x"'}).content == first.content
+    for lines in (['"x"', tag, '"y"'], [tag, '"x"']):  # several header lines are one list
+        headers = [("If-None-Match", line) for line in lines]
+        assert api.client.get(url, headers=headers).status_code == 304
     assert get(api, session, estimator="per_image").headers["ETag"] != tag
     # An image that waits changes what is said of it, though not what is computed; one more that is measured does both.
     store(api, session, with_fields(shots[-2:-1], status="queued"))

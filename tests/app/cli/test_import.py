@@ -27,6 +27,12 @@ COLUMNS = {
     "joints": "q1,q2",
 }
 
+BOMB = "a: &a [1, 2]\n" + "".join(
+    f"{name}: &{name} [{', '.join([f'*{last}'] * 10)}]\n"
+    for last, name in zip("abcdefghi", "bcdefghij", strict=True)
+)
+"""Ten lines that stand for a thousand million numbers."""
+
 
 def write(folder: Path, text: str, name: str = "readings.csv", encoding: str = "utf-8") -> Path:
     path = folder / name
@@ -193,6 +199,8 @@ def test_cycles_that_come_twice_and_joints_that_differ(tmp_path: Path) -> None:
         ("a.json", "5", "neither a list"),
         ("a.json", "[[1, 2, 3]]", "no reading but list"),
         ("a.yaml", "a: [1\nb: 2", "is no YAML"),
+        ("a.yaml", "a: &x [1, 2]\nb: *x", "Line 2 refers to another place of the file"),
+        ("a.yaml", BOMB, "refers to another place of the file"),
         ("a.yaml", "!!python/object/apply:os.system ['true']", "is no YAML"),
     ],
 )

@@ -313,6 +313,15 @@ def test_captions_say_n_reading_interval_floor_and_verdict() -> None:
     ]
 
 
+def test_ten_thousand_points_are_a_picture_within_the_drawing() -> None:
+    many = [drifting("P1", n=10_000, slope=1e-6)]
+    drawn = drift_svg(many, "Drift", 10)
+    assert drawn == drift_svg(many, "Drift", 10)
+    assert len(drawn) < 1_000_000
+    assert b"data:image/png;base64," in drawn
+    assert b"data:image" not in drift_svg([drifting("P1", n=100)], "Drift", 10)
+
+
 def test_drift_is_told_with_its_doubt() -> None:
     pose = drifting(slope=0.01, sigma=0.005)
     description = ElementTree.fromstring(drift_svg([pose], "pooled", 10)).findtext(
