@@ -14,10 +14,7 @@ from jaxtyping import Bool, Float, Int
 _BEYOND, _LEAST_BEYOND = 0.3, 2  # of the corners of the line before; clutter makes some of them
 _LEAST_LINE = 2  # corners of a lattice's last line
 _LEAST_TOLD, _ENOUGH_TOLD = 2, 0.8  # squares beside white ones that must be paper, and of all in the picture
-_LAST, _NEXT = (
-    0.85,
-    (1.25, 1.6),
-)  # squares, from the last line of corners outward: still in the squares, beyond them
+_LAST, _NEXT = 0.85, 1.2  # squares outward of the last line of corners: still in the last squares, and beyond
 _AS_BRIGHT = 0.25  # of the contrast
 
 
@@ -74,8 +71,8 @@ def _ends_before(
     is_black = black[line]
     white_levels = _levels(image, middle + (1.0 - 0.5 * margin) * outward)
     dark_levels = _levels(image, middle + _LAST * outward)
-    next_levels = np.stack([_levels(image, middle + depth * outward) for depth in _NEXT])
-    whites = ~is_black & np.isfinite(white_levels) & np.isfinite(next_levels).all(axis=0)
+    next_levels = _levels(image, middle + _NEXT * outward)
+    whites = ~is_black & np.isfinite(white_levels) & np.isfinite(next_levels)
     darks = is_black & np.isfinite(dark_levels)
     if np.count_nonzero(whites) < _LEAST_TOLD or not darks.any():
         return False
@@ -83,7 +80,7 @@ def _ends_before(
     contrast = bright - dark
     if not contrast > 0.0 or np.mean(dark_levels[darks] < dark + 0.5 * contrast) < _ENOUGH_TOLD:
         return False
-    alike = np.abs(next_levels[:, whites] - white_levels[whites]).max(axis=0) < _AS_BRIGHT * contrast
+    alike = np.abs(next_levels[whites] - white_levels[whites]) < _AS_BRIGHT * contrast
     return bool(np.mean(alike) >= _ENOUGH_TOLD)
 
 

@@ -7,7 +7,7 @@ lens may bend. The same marker at two places means two boards; one much smaller 
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import cv2
@@ -38,7 +38,7 @@ class Part:
         return len(self.column)
 
 
-def joined(lattices: Iterable[PlacedLattice], layout: CharucoLayout, codes: MarkerCodes) -> Part | None:
+def joined(lattices: Sequence[PlacedLattice], layout: CharucoLayout, codes: MarkerCodes) -> Part | None:
     """Return the board that the lattices make, one that is placed for sure or several that are so together; else None.
 
     Raises TargetMismatch where two boards of about one size are in view.
@@ -57,10 +57,12 @@ def joined(lattices: Iterable[PlacedLattice], layout: CharucoLayout, codes: Mark
                     "Cover the other boards with the same markers, and mirrors.",
                 )
             continue
-        if common or (lattice.agreeing == lattice.read and _is_in_plane(lattice, usable[0])):
+        if _belongs(lattice, usable[0], markers):
             parts.append(lattice)
             markers = {**lattice.markers, **markers}
-    if not are_enough(markers, layout, codes):
+    if not are_enough(markers, layout, codes) or any(
+        _belongs(lattice, parts[0], markers) for lattice in lattices if lattice.verdict == "contradicted"
+    ):
         return None
     return _union(parts, markers, layout.target)
 
@@ -76,6 +78,21 @@ def corners_in_view(part: Part, target: TargetSpec, shape: Sequence[int]) -> int
     places, ahead = _mapped(H, column, row)
     inside = ahead & np.all(places >= 1.0, axis=1) & np.all(places <= np.array(shape[1::-1]) - 2.0, axis=1)
     return int(np.count_nonzero(inside))
+
+
+def _belongs(
+    lattice: PlacedLattice, first: PlacedLattice, markers: Mapping[int, Float[np.ndarray, "4 2"]]
+) -> bool:
+    """Tell whether a lattice is of the same board: it shares markers, or all it reads has it in the first one's plane.
+
+    One that is contradicted though all its markers agree ends where that board must not.
+    """
+    if lattice.verdict == "contradicted" and lattice.agreeing < lattice.read:
+        return False
+    common = lattice.markers.keys() & markers.keys()
+    if common:
+        return not any(_apart(lattice.markers[k], markers[k]) for k in common)
+    return lattice.agreeing == lattice.read > 0 and _is_in_plane(lattice, first)
 
 
 def _union(
