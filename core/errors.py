@@ -17,6 +17,7 @@
     └── EstimationError                  the points or poses do not determine an answer
         ├── OriginUnknown                origin_unknown
         ├── FocalNotObservable           focal_not_observable
+        ├── PoseAmbiguous                pose_ambiguous
         ├── DegenerateGeometry           degenerate_geometry
         ├── MotionInsufficient           motion_insufficient
         ├── TargetShapeNotObservable     target_shape_not_observable
@@ -155,6 +156,14 @@ class OriginUnknown(EstimationError):
 class FocalNotObservable(EstimationError):
     code = "focal_not_observable"
     default_advice = "Tilt the target by 15° or more, or give a focal prior or session intrinsics."
+
+
+class PoseAmbiguous(EstimationError):
+    code = "pose_ambiguous"
+    default_advice = (
+        "Bring the camera nearer or use a larger board, so that it fills more of the image, and tilt it by 30° to "
+        "45°."
+    )
 
 
 class DegenerateGeometry(EstimationError):

@@ -18,7 +18,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Hashable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -28,7 +28,8 @@ from core.calibration.group_doubt import Doubt, doubt_of
 from core.calibration.group_each import fit_each
 from core.calibration.group_fits import Fitted, fit_given
 from core.calibration.group_pooled import fit_pooled
-from core.calibration.model import Lens
+from core.calibration.group_two_fold import ambiguous, look_at_tilts
+from core.calibration.model import SMALLEST_NOISE_PX, Lens
 from core.calibration.shown_alike import with_common_points
 from core.calibration.view_stack import ViewStack, number_labels, stack_views
 from core.camera import Camera
@@ -134,7 +135,53 @@ def estimate_group(
         fitted = fit_each(stack, labels, estimator, lens, intrinsics, failures)
     else:
         raise InvalidArgument(f"Unknown estimator {estimator!r}.", f"Use one of {', '.join(ESTIMATORS)}.")
-    return _with_doubt(fitted, doubt_of(fitted, lens), failures, differing)
+    doubt = doubt_of(fitted, lens)
+    estimate = _with_doubt(fitted, doubt, failures, differing)
+    return _without_ambiguous(estimate, fitted, doubt)
+
+
+def _without_ambiguous(estimate: GroupEstimate, fitted: Fitted, doubt: Doubt) -> GroupEstimate:
+    """Return the estimate without images of poses whose tilt may as well be the opposite one; the camera is theirs too.
+
+    Raises PoseAmbiguous where these are all.
+    """
+    at, views = fitted.at, fitted.views
+    points = views.sums(fitted.used.astype(np.float64))
+    scale = np.sqrt(at.square_sums / np.maximum(2.0 * points - 6.0, 1.0))
+    # What neighbouring residuals or the images of a pose have in common tells less than independent noise would.
+    growth = max(doubt.growth.own, doubt.growth.camera)
+    tilts = look_at_tilts(
+        views,
+        fitted.labels,
+        at.placements,
+        at.residuals,
+        fitted.used,
+        growth * np.maximum(scale, SMALLEST_NOISE_PX / views.uncertainty) ** 2,
+        at.products[:, 8:14, 8:14],
+    )
+    wrong = tilts.doubtful | tilts.changed
+    if not wrong.any():
+        return estimate
+    failures = dict(estimate.failures)
+    for k in np.flatnonzero(wrong).tolist():
+        failures[int(estimate.images[k])] = ambiguous(float(tilts.ratio[k]), at.placements.view(k))
+    if wrong.all():
+        raise failures[int(estimate.images[0])]
+    rest = ~wrong
+    return replace(
+        estimate,
+        images=estimate.images[rest],
+        failures=tuple(sorted(failures.items())),
+        cameras=estimate.cameras[rest],
+        positions_mm=estimate.positions_mm[rest],
+        rotations=estimate.rotations[rest],
+        covariance=estimate.covariance[rest],
+        scatter=estimate.scatter[rest],
+        common=estimate.common[rest],
+        rms_px=estimate.rms_px[rest],
+        unsteady=estimate.unsteady[rest],
+        differing=estimate.differing[rest],
+    )
 
 
 def _with_doubt(

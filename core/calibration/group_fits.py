@@ -10,6 +10,7 @@ from jaxtyping import Bool
 
 from core.calibration.arrow import KNOWN
 from core.calibration.group_starts import Alike, find_alike, placed_before
+from core.calibration.group_two_fold import with_better_tilts
 from core.calibration.model import View
 from core.calibration.shared_lens import Linearised, SharedLens, fit_shared_lens
 from core.calibration.validity import check_camera
@@ -55,6 +56,7 @@ def fit_given(
     chosen, repeats = views.take(usable), labels[usable]
     alike = Alike(usable, alike.leader, alike.homographies, alike.failures)
     shared = fit_shared_lens(chosen, start_of(alike, of_leader), KNOWN, repeats=repeats)
+    shared = with_better_tilts(chosen, shared, KNOWN, None, repeats)
     return fitted_together("given", chosen, usable, repeats, shared, failures, ())
 
 

@@ -10,6 +10,7 @@ import numpy as np
 from core.calibration.arrow import FREE_FOCAL, TIED
 from core.calibration.group_fits import Fitted, first_failure, fitted_together, start_of
 from core.calibration.group_starts import Alike, find_alike, placed, placed_before, start_focals
+from core.calibration.group_two_fold import with_better_tilts
 from core.calibration.model import LENS_PRIOR, Lens, View, image_centre
 from core.calibration.shared_lens import SharedLens, fit_shared_lens
 from core.calibration.single_image import FOCAL_GATE, calibrate_points
@@ -63,6 +64,7 @@ def fit_pooled(
     _check_focal(shared)
     if estimator == "pooled_free_focal":
         shared = fit_shared_lens(chosen, shared.at.placements, FREE_FOCAL, lens=lens, repeats=repeats)
+    shared = with_better_tilts(chosen, shared, TIED if estimator == "pooled" else FREE_FOCAL, lens, repeats)
     if not shared.converged:
         raise NotConverged(
             "No common camera explains the images.",

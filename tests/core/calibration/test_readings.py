@@ -90,3 +90,64 @@ def test_commands_of_some_poses_only() -> None:
     readings = choose_readings(np.array(seen), ["a", "b", "c"], turns, commanded)
     assert list(readings.turns) == [0, 1, 1]
     assert not readings.settled
+
+
+def test_images_that_show_their_origin_are_never_turned_and_anchor_the_others() -> None:
+    rng = np.random.default_rng(4)
+    turns = turns_alike(TargetSpec("circles", 7, 7, 10.0))
+    true = orientations(rng, 8)
+    mounting, base = so3_exp(rng.normal(size=3)), so3_exp(rng.normal(size=3))
+    commanded = {i: base @ R @ mounting for i, R in enumerate(true)}
+    for trial in range(20):
+        seen, poses, expected, known = [], [], [], []
+        for i, R in enumerate(true):
+            for cycle in range(3):
+                sure = i == trial % 8 and cycle == 2
+                read = 0 if sure else int(rng.integers(4))
+                seen.append(turns[read][:3, :3] @ so3_exp(rng.normal(0.0, 1e-3, 3)) @ R)
+                poses.append(i)
+                expected.append(read)
+                known.append(sure)
+        readings = choose_readings(np.array(seen), poses, turns, commanded, known)
+        # One sure image settles all: here not even a common turn is left open.
+        assert readings.turns.tolist() == expected
+        assert readings.settled
+        assert not readings.unclear.any()
+
+
+def test_a_board_that_shows_its_origin_is_compared_with_commands_all_the_same() -> None:
+    rng = np.random.default_rng(5)
+    turns = turns_alike(TargetSpec("chessboard", 9, 6, 10.0))
+    true = orientations(rng, 6)
+    mounting = so3_exp(rng.normal(size=3))
+    commanded = {f"P{i}": R @ mounting for i, R in enumerate(true)}
+    names = [f"P{i}" for i in range(6)]
+    fine = choose_readings(true, names, turns, commanded, [True] * 6)
+    assert (fine.contradicting, fine.doubtful, fine.settled) == ((), (), True)
+    commanded["P3"] = so3_exp(np.array([0.0, 0.7, 0.4])) @ commanded["P3"]
+    assert choose_readings(true, names, turns, commanded, [True] * 6).contradicting == ("P3",)
+    # Of three, none can be said to be the wrong one.
+    few = {name: commanded[name] for name in ("P2", "P3", "P4")}
+    assert choose_readings(true, names, turns, few, [True] * 6).contradicting == ()
+
+
+def test_an_image_of_another_orientation_is_unclear_within_its_pose() -> None:
+    turns = turns_alike(TargetSpec("chessboard", 10, 6, 10.0))
+    about = [so3_exp(np.array([0.0, 0.0, math.radians(angle)])) for angle in (0.0, 180.5, 88.0)]
+    readings = choose_readings(np.array(about), ["a", "a", "a"], turns, {})
+    assert readings.unclear.tolist() == [False, False, True]
+    assert readings.turns.tolist()[:2] == [0, 1]
+
+
+def test_a_thousand_poses_are_read_like_a_few() -> None:
+    """In rounds, so that many poses take no more than a few looks at all of them."""
+    rng = np.random.default_rng(6)
+    turns = turns_alike(TargetSpec("chessboard", 10, 6, 10.0))
+    true = orientations(rng, 1200)
+    mounting = so3_exp(rng.normal(size=3))
+    read = rng.integers(2, size=len(true))
+    seen = np.array([turns[t][:3, :3] @ R for t, R in zip(read, true, strict=True)])
+    commanded = {i: R @ mounting for i, R in enumerate(true)}
+    readings = choose_readings(seen, list(range(len(true))), turns, commanded)
+    assert readings.settled
+    assert np.all(readings.turns == read) or np.all(readings.turns != read)

@@ -1,0 +1,155 @@
+"""The two tilts of every pose of a focus group (`two_fold`): the better one taken for all images of a pose together.
+
+Where perspective hardly shows, one image of a pose may fit the mirrored tilt better by chance and the next one the true
+one, so that the pose jumps between the two from cycle to cycle. The images of a pose show one tilt: what each says of
+the two adds up, Λ = Σ (c_B - c_A)/s², and all are put in the one that is the better by that. What remains undecided,
+by the quantile that holds for one image, is no answer.
+
+Most poses cannot be mistaken, and one image of each says so; only the images of the others are looked at one by one.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from core.calibration.arrow import Sharing
+from core.calibration.model import Lens, View
+from core.calibration.shared_lens import SharedLens, fit_shared_lens
+from core.calibration.two_fold import SecondPose, apart, needed_evidence, second_pose
+from core.calibration.view_stack import Placements, ViewStack, groups_of
+from core.errors import PoseAmbiguous
+
+ROUNDS = 2
+"""Fits after which views still in the wrong minimum are left there: the camera follows the poses a little."""
+
+
+@dataclass(frozen=True, slots=True)
+class Tilts:
+    """The placements with the better tilt of each pose's two, which of them changed, which are doubtful, and the ratio
+    of the lesser to the greater sum of squared residuals of all that were looked at; 0 elsewhere.
+    """
+
+    placements: Placements
+    changed: Bool[np.ndarray, " m"]
+    doubtful: Bool[np.ndarray, " m"]
+    ratio: Float[np.ndarray, " m"]
+
+
+@dataclass(frozen=True, slots=True)
+class _Fitted:
+    """What is known of fitted views: `variance` of a residual, and the information of poses at unit scale."""
+
+    views: ViewStack
+    placements: Placements
+    residuals: Float[np.ndarray, "2 n"]
+    used: Bool[np.ndarray, " n"]
+    variance: Float[np.ndarray, " m"]
+    information: Float[np.ndarray, "m 6 6"]
+
+    def second(self, i: int) -> SecondPose | None:
+        """Return the other minimum of a view; of one of which no point counts, over all points."""
+        part, points = self.views.part(i), self.views.view(i)
+        used = self.used[part] if self.used[part].any() else np.ones(len(points), dtype=np.bool_)
+        residuals = self.residuals[:, part][:, used] / points.standard_uncertainty_px[used]
+        return second_pose(
+            points, self.placements.view(i), used, float(np.sum(residuals**2)), float(self.variance[i])
+        )
+
+    def freedom(self, i: int) -> float:
+        return 2.0 * float(self.used[self.views.part(i)].sum()) - 6.0
+
+
+def look_at_tilts(
+    views: ViewStack,
+    labels: Int[np.ndarray, " m"],
+    placements: Placements,
+    residuals: Float[np.ndarray, "2 n"],
+    used: Bool[np.ndarray, " n"],
+    variance: Float[np.ndarray, " m"],
+    information: Float[np.ndarray, "m 6 6"],
+) -> Tilts:
+    """Compare the two tilts of every label's views.
+
+    `residuals` (px) and the points `used` are of the views at their placements, `variance` that of a residual in stated
+    uncertainties, `information` (w, d about the points' centroid) that of the poses at unit variance.
+    """
+    fitted = _Fitted(views, placements, residuals, used, variance, information)
+    rotations, translations = placements.rotations.copy(), placements.translations_mm.copy()
+    changed, doubtful = np.zeros(len(views), dtype=np.bool_), np.zeros(len(views), dtype=np.bool_)
+    ratio = np.zeros(len(views))
+    for pose in groups_of(labels * len(views.targets) + views.target):
+        members = pose.tolist()
+        first = fitted.second(members[0])
+        if first is None or first.evidence >= needed_evidence(fitted.freedom(members[0])):
+            # A view of which nothing counts may be where it is for the wrong tilt's sake.
+            members = [i for i in members if not used[views.part(i)].any()]
+        seconds = {i: other for i in members if (other := fitted.second(i)) is not None}
+        if not seconds:
+            continue
+        for i, other in seconds.items():
+            ratio[i] = other.ratio
+        turned, evidence = _together(fitted, seconds)
+        for i in turned:
+            rotations[i], translations[i] = seconds[i].view.rotation, seconds[i].view.translation_mm
+            changed[i] = True
+        if evidence < needed_evidence(sum(fitted.freedom(i) for i in seconds)):
+            for i, other in seconds.items():
+                if apart(other, placements.view(i), information[i] / variance[i]) > needed_evidence(
+                    fitted.freedom(i)
+                ):
+                    doubtful[i] = True
+    return Tilts(Placements(placements.parameters, rotations, translations), changed, doubtful, ratio)
+
+
+def _together(fitted: _Fitted, seconds: dict[int, SecondPose]) -> tuple[list[int], float]:
+    """Return which views of one pose are to be turned to their other tilt, and √Λ of all together for what results."""
+    leader = next(iter(seconds))
+    normals = (fitted.placements.rotations[leader][:, 2], seconds[leader].view.rotation[:, 2])
+    total = 0.0
+    in_first: dict[int, bool] = {}
+    for i, other in seconds.items():
+        normal = fitted.placements.rotations[i][:, 2]
+        in_first[i] = float(normal @ normals[0]) >= float(normal @ normals[1])
+        gain = (other.cost - other.first_cost) / other.variance
+        total += gain if in_first[i] else -gain
+    turned = [i for i, first in in_first.items() if first != (total >= 0.0)]
+    return turned, float(np.sqrt(abs(total)))
+
+
+def with_better_tilts(
+    views: ViewStack,
+    shared: SharedLens,
+    sharing: Sharing,
+    lens: Lens | None,
+    labels: Int[np.ndarray, " m"],
+) -> SharedLens:
+    """Return the fit with every pose in the better of its two tilts."""
+    for _ in range(ROUNDS):
+        if not shared.converged:
+            break
+        at = shared.at
+        tilts = look_at_tilts(
+            views,
+            labels,
+            at.placements,
+            at.residuals,
+            shared.used,
+            np.full(len(views), shared.scale**2),
+            at.products[:, 8:14, 8:14],
+        )
+        if not tilts.changed.any():
+            break
+        shared = fit_shared_lens(views, tilts.placements, sharing, lens=lens, repeats=labels)
+    return shared
+
+
+def ambiguous(ratio: float, view: View) -> PoseAmbiguous:
+    """Return the failure of a view whose pose's two tilts cannot be told apart."""
+    tilt = float(np.degrees(np.arccos(np.clip(view.rotation[2, 2], -1.0, 1.0))))
+    return PoseAmbiguous(
+        f"The board, tilted by {tilt:.0f}°, may as well be tilted the opposite way: the two poses leave squared "
+        f"residuals of the ratio {ratio:.2f}, and the images of this pose together do not tell which is true."
+    )
