@@ -12,6 +12,7 @@ from typing import Annotated
 import typer
 
 from app.cli.robot_commands import export, import_, plan
+from app.cli.target_commands import target
 
 app = typer.Typer(
     name="gridpose",
@@ -27,6 +28,7 @@ keys = typer.Typer(
 app.add_typer(keys, name="keys")
 app.add_typer(export, name="export")
 app.add_typer(plan, name="plan")
+app.add_typer(target, name="target")
 
 DataDir = Annotated[
     Path | None,

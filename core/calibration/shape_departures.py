@@ -107,6 +107,15 @@ def low_order_shapes(
     return [Measure(float(s * v), float(u)) for s, v, u in zip(signs, values, doubt, strict=True)]
 
 
+def without_low_order(
+    nominal: Float[np.ndarray, "n 3"], departures: Float[np.ndarray, " p"]
+) -> Float[np.ndarray, "n 3"]:
+    """Return what the low-order shapes and the gauge leave of departures, by least squares."""
+    modes = np.column_stack([*_bows(nominal), *_affine(nominal), gauge_of(nominal)])
+    rest = departures - modes @ np.linalg.lstsq(modes, departures, rcond=None)[0]
+    return np.asarray(rest.reshape(-1, 3))
+
+
 def departure_of(
     departures: Float[np.ndarray, " p"],
     covariance: Float[np.ndarray, "p p"],

@@ -104,8 +104,10 @@ class TargetShape:
         return replace(points, measured_points_target=places)
 
 
-def estimate_target_shape(views: Sequence[GridPoints], *, lens: Lens | None = None) -> TargetShape:
-    """Estimate the shape of the target that all views show.
+def estimate_target_shape(
+    views: Sequence[GridPoints], *, lens: Lens | None = None, least_directions: int = LEAST_DIRECTIONS
+) -> TargetShape:
+    """Estimate the shape of the target that all views show, from `least_directions` at least.
 
     Raises InvalidArgument for no views, several targets or sizes of image, and targets of more than `MOST_POINTS`
     points; TargetShapeNotObservable where the views do not tell the shape; and what `calibrate_views` raises.
@@ -125,10 +127,10 @@ def estimate_target_shape(views: Sequence[GridPoints], *, lens: Lens | None = No
     kept = np.array([i for i, used in enumerate(planar.used) if used.any()])
     rotations = np.array([planar.T_camera_target[i][:3, :3] for i in kept])
     directions = count_directions(rotations)
-    if directions < LEAST_DIRECTIONS:
+    if directions < least_directions:
         raise TargetShapeNotObservable(
             f"The images show the target from {directions} directions that differ by 5° and are tilted by 10° or more; "
-            f"its shape takes {LEAST_DIRECTIONS}."
+            f"its shape takes {least_directions}."
         )
     fit = _Fit.of([views[i] for i in kept], lens)
     start = np.array([planar.T_camera_target[i][:3, 3] for i in kept]) + rotations @ fit.middle

@@ -1,0 +1,95 @@
+"""Which target the `gridpose target` commands are about: described by options, or stored in a service."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+
+from app.agent import ClientError, Json, ServiceClient
+from core import TargetSpec
+from core.errors import InvalidArgument
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Service:
+    """Where a service is, and how to speak with it."""
+
+    url: str
+    key: str | None
+    retry_for_s: float
+
+    def client(self) -> ServiceClient:
+        return ServiceClient(self.url, self.key, retry_for_s=self.retry_for_s)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TargetOptions:
+    """The options that describe a target; None where not given."""
+
+    target_id: str | None
+    kind: str | None
+    columns: int | None
+    rows: int | None
+    pitch_mm: float | None
+    marker_mm: float | None
+    dictionary: str | None
+    legacy_layout: bool
+
+
+@dataclass(frozen=True, slots=True)
+class Named:
+    """A target, and its name in a service."""
+
+    target: TargetSpec
+    name: str | None
+
+
+def chosen_target(options: TargetOptions, service: Service) -> Named:
+    """Return the target described or named.
+
+    Raises InvalidArgument for options that describe none or two, InvalidTarget for impossible ones, ClientError where
+    the service does not give it.
+    """
+    described = {
+        "--kind": options.kind,
+        "--columns": options.columns,
+        "--rows": options.rows,
+        "--pitch-mm": options.pitch_mm,
+    }
+    if options.target_id is not None:
+        others = [name for name, value in described.items() if value is not None]
+        if others:
+            raise InvalidArgument(
+                f"--target-id already says what {', '.join(others)} would.", "Give the one or the others."
+            )
+        with service.client() as client:
+            return stored_target(client.get(f"/v1/targets/{options.target_id}"))
+    missing = [name for name, value in described.items() if value is None]
+    if missing:
+        raise InvalidArgument(
+            f"What is printed is not told: {', '.join(missing)} missing.",
+            "Describe the target, e.g. --kind chessboard --columns 9 --rows 6 --pitch-mm 25, or give the "
+            "--target-id of a service's.",
+        )
+    target = TargetSpec(
+        str(options.kind),
+        options.columns or 0,
+        options.rows or 0,
+        options.pitch_mm or 0.0,
+        options.marker_mm,
+        options.dictionary,
+        options.legacy_layout,
+    )
+    return Named(target, None)
+
+
+def stored_target(answer: Json) -> Named:
+    """Return a target as a service described it."""
+    known = {field.name for field in fields(TargetSpec)}
+    unknown = set(answer) - known - {"id", "name", "created_at"}
+    if unknown:
+        raise ClientError(
+            "unknown_fields",
+            f"The service describes its target by what this program does not know: {', '.join(sorted(unknown))}.",
+            "Update gridpose on this machine.",
+        )
+    return Named(TargetSpec(**{name: answer[name] for name in known & set(answer)}), answer["name"])

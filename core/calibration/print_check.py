@@ -1,0 +1,270 @@
+"""What a printed target is like, in a workshop's words: how far it is from what it states, and what to do about it.
+
+From a target's estimated shape (`target_shape`) follow measures, each as a share of the same limit: of lengths a share
+of the grid's longer side, of angles and ratios the share itself. With U = 2 u a measure v is
+
+    fine        |v| + U ≤ limit,
+    off         |v| - U > limit,
+    undecided   else.
+
+Of the largest of n departures, noise alone makes more than of one: there U holds with 95 % for all n together.
+
+Photographs tell no length. Where a rule was laid along the print, and read r for a length s, the pitch along x and y
+follows from ln(r / s) along either and from ln(x / y), the ratio of both, by least squares.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from jaxtyping import Float, Int
+from scipy.special import chdtri
+
+from core.calibration.shape_departures import Measure, without_low_order
+from core.calibration.target_shape import TargetShape
+from core.errors import InvalidArgument
+from core.targets.specification import TargetSpec
+
+LIMIT = 1e-3
+LEAST_DIRECTIONS = 6
+"""Fewer than a refined target takes for analyses: a check with too few ends undecided, not wrong."""
+_COVERAGE = 2.0
+_WORST_MISREADING = 0.2
+Verdict = Literal["fine", "off", "undecided"]
+
+_PRINT_AGAIN = (
+    "Print again at 100 % with every fitting, scaling and margin option off; where it stays, on another printer, since "
+    "many feed paper unevenly"
+)
+_MOUNT = (
+    "Mount the print on something stiff and flat (glass, an aluminium sheet), glued on all of its surface."
+)
+_MORE_PHOTOS = (
+    "Add photos with the target tilted by 20° to 40° to all sides, and with the camera turned by 90°."
+)
+
+
+@dataclass(frozen=True, slots=True)
+class PrintedShape:
+    """A target's shape as estimated, by this process or by a service; arrays and measures as in `TargetShape`."""
+
+    target: TargetSpec
+    column: Int[np.ndarray, " n"]
+    row: Int[np.ndarray, " n"]
+    departures_mm: Float[np.ndarray, "n 3"]
+    standard_uncertainty_mm: Float[np.ndarray, "n 3"]
+    bow_x_mm: Measure
+    bow_y_mm: Measure
+    twist_mm: Measure
+    aspect: Measure
+    shear: Measure
+
+    @classmethod
+    def of(cls, shape: TargetShape) -> PrintedShape:
+        return cls(
+            shape.target,
+            shape.column,
+            shape.row,
+            shape.departures_mm,
+            shape.standard_uncertainty_mm,
+            shape.bow_x_mm,
+            shape.bow_y_mm,
+            shape.twist_mm,
+            shape.aspect,
+            shape.shear,
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class RuleReading:
+    """What a steel rule read along x or y for a length that the print states, mm."""
+
+    along: Literal["x", "y"]
+    stated_mm: float
+    read_mm: float
+    standard_uncertainty_mm: float
+
+
+@dataclass(frozen=True, slots=True)
+class Finding:
+    """One measure against its limit, in `unit` ("" for a ratio); `advice` where it is not fine."""
+
+    code: str
+    unit: str
+    value: float
+    standard_uncertainty: float
+    limit: float
+    verdict: Verdict
+    detail: str
+    advice: str | None
+
+
+@dataclass(frozen=True, slots=True)
+class PrintCheck:
+    """All measures, the worst first of those that are off; pitches along x and y where a rule was read."""
+
+    findings: tuple[Finding, ...]
+    pitch_x_mm: Measure | None
+    pitch_y_mm: Measure | None
+
+    @property
+    def verdict(self) -> Verdict:
+        """`off` where any is, else `undecided` where any is."""
+        verdicts = {finding.verdict for finding in self.findings}
+        return "off" if "off" in verdicts else "undecided" if "undecided" in verdicts else "fine"
+
+
+def check_print(
+    shape: PrintedShape, readings: Sequence[RuleReading] = (), *, limit: float = LIMIT
+) -> PrintCheck:
+    """Compare a print with what it states.
+
+    `limit` is how far it may be off, as a share of the grid's longer side.
+
+    Raises InvalidArgument for a limit or a reading that cannot be meant.
+    """
+    if not 0.0 < limit < 1.0:
+        raise InvalidArgument(f"The limit must be a share between 0 and 1, got {limit!r}.")
+    places = shape.target.points_target(shape.column, shape.row)
+    extent = float(np.max(np.ptp(places, axis=0)))
+    pitches = _pitches(shape, readings)
+    findings = [
+        _ratio(shape.aspect, limit),
+        _angle(shape.shear, limit),
+        _bow("bow_x_mm", shape.bow_x_mm, limit * extent),
+        _bow("bow_y_mm", shape.bow_y_mm, limit * extent),
+        _bow("twist_mm", shape.twist_mm, limit * extent),
+        *_local(shape, places, limit * extent),
+        *(
+            _scale(axis, pitch, shape.target.pitch_mm, limit)
+            for axis, pitch in zip("xy", pitches or (), strict=False)
+        ),
+    ]
+    rank = {"off": 0, "undecided": 1, "fine": 2}
+    findings.sort(key=lambda f: (rank[f.verdict], -abs(f.value) / f.limit))
+    return PrintCheck(tuple(findings), *(pitches or (None, None)))
+
+
+def _judged(value: float, half_width: float, limit: float) -> Verdict:
+    if abs(value) + half_width <= limit:
+        return "fine"
+    return "off" if abs(value) - half_width > limit else "undecided"
+
+
+def _finding(
+    code: str, unit: str, measure: Measure, limit: float, detail: str, cure: str, coverage: float = _COVERAGE
+) -> Finding:
+    half_width = coverage * measure.standard_uncertainty
+    verdict = _judged(measure.value, half_width, limit)
+    unclear = verdict == "undecided" and half_width > 0.5 * limit
+    advice = None if verdict == "fine" else _MORE_PHOTOS if unclear else cure
+    return Finding(code, unit, measure.value, measure.standard_uncertainty, limit, verdict, detail, advice)
+
+
+def _ratio(aspect: Measure, limit: float) -> Finding:
+    longer, shorter = ("x", "y") if aspect.value >= 0.0 else ("y", "x")
+    detail = (
+        f"It is {_percent(abs(aspect.value))} longer along {longer} than along {shorter} "
+        f"(± {_percent(_COVERAGE * aspect.standard_uncertainty)})."
+    )
+    cure = f"{_PRINT_AGAIN}. One pitch cannot describe it: refine the target in the session's analyses till then."
+    return _finding("aspect", "", aspect, limit, detail, cure)
+
+
+def _angle(shear: Measure, limit: float) -> Finding:
+    angle, doubt = 90.0 - math.degrees(shear.value), math.degrees(_COVERAGE * shear.standard_uncertainty)
+    detail = f"Its axes meet at {angle:.3f}° (± {doubt:.2g}°)."
+    return _finding("shear_rad", "rad", shear, limit, detail, f"{_PRINT_AGAIN}.")
+
+
+def _bow(code: str, bow: Measure, limit_mm: float) -> Finding:
+    side = "behind" if bow.value >= 0.0 else "in front of"
+    told = {
+        "bow_x_mm": "The middle of a row lies {} the line between the row's ends",
+        "bow_y_mm": "The middle of a column lies {} the line between the column's ends",
+        "twist_mm": "Two opposite corners, the first one's and the last one's, lie {} the plane of the whole",
+    }[code].format(f"{_mm(abs(bow.value))} {side}")
+    detail = f"{told} (± {_mm(_COVERAGE * bow.standard_uncertainty)})."
+    return _finding(code, "mm", bow, limit_mm, detail, _MOUNT)
+
+
+def _local(shape: PrintedShape, places: Float[np.ndarray, "n 3"], limit_mm: float) -> tuple[Finding, Finding]:
+    """Return the largest departures in the plane and out of it, of what stretch, shear and bow leave."""
+    rest = without_low_order(places - places.mean(axis=0), shape.departures_mm.ravel())
+    u = shape.standard_uncertainty_mm
+    found = []
+    for code, axes, cure in (
+        ("local_in_plane_mm", [0, 1], "Look there for creases, bubbles and blots, and print again."),
+        ("local_out_of_plane_mm", [2], _MOUNT),
+    ):
+        distance = np.sqrt(np.sum(rest[:, axes] ** 2, axis=1))
+        worst = int(np.argmax(distance))
+        length = float(distance[worst])
+        along = rest[worst, axes] / length if length > 0.0 else np.zeros(len(axes))
+        doubt = float(np.sqrt(np.sum((along * u[worst, axes]) ** 2)))
+        coverage = math.sqrt(float(chdtri(len(axes), 0.05 / len(places))))
+        where = "in its plane" if len(axes) == 2 else "out of its plane"
+        detail = (
+            f"Grid point ({shape.column[worst]}, {shape.row[worst]}) is farthest from where the others put it "
+            f"{where}: {_mm(length)} (± {_mm(coverage * doubt)})."
+        )
+        found.append(_finding(code, "mm", Measure(length, doubt), limit_mm, detail, cure, coverage))
+    return found[0], found[1]
+
+
+def _scale(axis: str, pitch: Measure, stated_mm: float, limit: float) -> Finding:
+    off = Measure(pitch.value / stated_mm - 1.0, pitch.standard_uncertainty / stated_mm)
+    detail = (
+        f"Its pitch along {axis} is {pitch.value:.4f} mm (± {_COVERAGE * pitch.standard_uncertainty:.2g} mm), "
+        f"{_percent(abs(off.value))} {'more' if off.value >= 0.0 else 'less'} than stated."
+    )
+    half_width = _COVERAGE * off.standard_uncertainty
+    cure = f"{_PRINT_AGAIN}; or state the pitch as measured."
+    verdict = _judged(off.value, half_width, limit)
+    if verdict == "undecided" and half_width > 0.5 * limit:
+        cure = "Read the rule over the ruler's whole length, with a magnifier, and both along x and along y."
+    verdict = _judged(off.value, half_width, limit)
+    advice = None if verdict == "fine" else cure
+    return Finding(f"scale_{axis}", "", off.value, off.standard_uncertainty, limit, verdict, detail, advice)
+
+
+def _pitches(shape: PrintedShape, readings: Sequence[RuleReading]) -> tuple[Measure, Measure] | None:
+    """Return the pitches along x and y, or None without a reading."""
+    if not readings:
+        return None
+    rows, values, weights = (
+        [[1.0, -1.0]],
+        [math.log1p(shape.aspect.value)],
+        [shape.aspect.standard_uncertainty],
+    )
+    for reading in readings:
+        if not (reading.stated_mm > 0.0 and reading.read_mm > 0.0 and reading.standard_uncertainty_mm > 0.0):
+            raise InvalidArgument("A rule's readings, stated lengths and their uncertainty must be positive.")
+        ratio = reading.read_mm / reading.stated_mm
+        if abs(ratio - 1.0) > _WORST_MISREADING:
+            raise InvalidArgument(
+                f"A rule that reads {reading.read_mm:g} mm for a stated {reading.stated_mm:g} mm along {reading.along} "
+                "is no check of this print.",
+                "Measure between the marks that the stated length belongs to, in millimetres.",
+            )
+        rows.append([1.0, 0.0] if reading.along == "x" else [0.0, 1.0])
+        values.append(math.log(ratio))
+        weights.append(reading.standard_uncertainty_mm / reading.read_mm)
+    A = np.array(rows) / np.array(weights)[:, None]
+    C = np.linalg.inv(A.T @ A)
+    logs = C @ A.T @ (np.array(values) / np.array(weights))
+    pitch = [shape.target.pitch_mm * math.exp(v) for v in logs]
+    x, y = (Measure(p, p * math.sqrt(v)) for p, v in zip(pitch, np.diag(C), strict=True))
+    return x, y
+
+
+def _percent(share: float) -> str:
+    return f"{100.0 * share:.2g} %"
+
+
+def _mm(length: float) -> str:
+    return f"{length:.2g} mm"
