@@ -20,6 +20,7 @@ from core.targets.specification import GridPoints, Origin, TargetSpec, points_le
 
 _ENOUGH_SEEN = 0.75
 _ENOUGH_OF_LINE = 0.5
+_LEAST_EXTENT = 0.25  # of the largest board's: a smaller one does not count beside it
 _LARGEST_VARIANCE = 6.0  # of the residuals, times the median
 _LEAST_CONTRAST = 0.25  # of the median
 _ROUNDING = 1.0 / 12.0
@@ -48,10 +49,11 @@ def detect_circles(
     """Find the dots' centres of a board of circles; see `core.targets.detect.detect`."""
     image = np.require(image, requirements=["C", "W", "A"])
     seen: list[tuple[int, int]] = []
-    best: GridPoints | None = None
+    found: list[GridPoints] = []
     failure: TargetNotFound | None = None
     for level in levels(image):
         for dots in find_dots(level):
+            here: list[GridPoints] = []
             for lattice in dot_lattices(dots):
                 extent = lattice.places.max(axis=0) - lattice.places.min(axis=0) + 1
                 if len(lattice.dots) >= _ENOUGH_SEEN * extent[0] * extent[1]:
@@ -60,16 +62,31 @@ def detect_circles(
                 if not matches:
                     continue
                 try:
-                    found = _grid_points(image, level, dots, matches, target)
+                    here.append(_grid_points(image, level, dots, matches, target))
                 except TargetNotFound as reason:
                     failure = reason
-                    continue
-                best = found if best is None or len(found) > len(best) else best
-        if best is not None and len(best) == target.size:
-            break
-    if best is not None:
-        return best
+            found.extend(_the_one(here, target))
+            if any(len(points) == target.size for points in found):
+                return max(found, key=len)
+    if found:
+        return max(found, key=len)
     raise failure or _not_found(seen, target)
+
+
+def _the_one(found: list[GridPoints], target: TargetSpec) -> list[GridPoints]:
+    """Return the board among those of one picture; of several the one beside which the others are small, as pictures
+    and reflections of a board are.
+
+    Raises TargetMismatch where there are two.
+    """
+    extent = [float(np.ptp(points.points_px, axis=0).max()) for points in found]
+    large = [points for points, px in zip(found, extent, strict=True) if px > _LEAST_EXTENT * max(extent)]
+    if len(large) > 1:
+        raise TargetMismatch(
+            f"{len(large)} grids of {target.columns} x {target.rows} dots are in view, one was asked for.",
+            "Cover the others, or use boards of different sizes.",
+        )
+    return large
 
 
 def _not_found(seen: list[tuple[int, int]], target: TargetSpec) -> TargetNotFound | TargetMismatch:

@@ -8,13 +8,14 @@ by the last step.
 
 from __future__ import annotations
 
-from collections import deque
+import math
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Float, Int
 from scipy.spatial import cKDTree
 
+from core.compiled import compiled
 from core.targets.dots import Dots
 
 _CANDIDATES = 12  # nearest dots looked at
@@ -24,6 +25,7 @@ _LARGER = 1.9  # of two neighbours' areas, seen or on the print
 _MARKED = 6.0  # of an area, where one dot is larger to mark the origin
 _OFF = 0.25  # of a step: how far from its predicted place a dot may be
 _LEAST = 6  # dots
+_MOST_LINES = 510  # to either side of a seed
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,16 +42,17 @@ def dot_lattices(dots: Dots) -> list[DotLattice]:
     if len(dots) < _LEAST:
         return []
     near = _neighbours(dots)
-    steps, irregular = _crosses(dots, near)
-    free = np.ones(len(dots), dtype=np.bool_)
-    lattices = []
-    for seed in np.lexsort((np.arange(len(dots)), irregular)).tolist():
-        if not np.isfinite(irregular[seed]):
-            break
-        if free[seed]:
-            lattice = _grow(seed, steps[seed], dots, near, free)
-            if len(lattice.dots) >= _LEAST:
-                lattices.append(lattice)
+    steps, irregular = crosses(dots.centres, dots.moments, near)
+    seeds = np.lexsort((np.arange(len(dots)), irregular))
+    seeds = seeds[np.isfinite(irregular[seeds])]
+    root = np.sqrt(np.linalg.det(dots.moments))
+    order, places, lengths = grown(seeds, steps, dots.centres, root, near)
+    ends = np.cumsum(lengths)
+    lattices = [
+        DotLattice(order[end - length : end], places[end - length : end])
+        for length, end in zip(lengths.tolist(), ends.tolist(), strict=True)
+        if length >= _LEAST
+    ]
     return sorted(lattices, key=lambda lattice: -len(lattice.dots))
 
 
@@ -57,74 +60,121 @@ def _neighbours(dots: Dots) -> Int[np.ndarray, "n k"]:
     """Return the dots nearest to each, nearest first."""
     count = min(2 * _CANDIDATES + 1, len(dots))
     _, found = cKDTree(dots.centres).query(dots.centres, k=count)
-    return np.asarray(found[:, 1:], dtype=np.intp)
+    return np.ascontiguousarray(found[:, 1:], dtype=np.intp)
 
 
-def _crosses(
-    dots: Dots, near: Int[np.ndarray, "n k"]
+@compiled
+def crosses(
+    centres: Float[np.ndarray, "n 2"], moments: Float[np.ndarray, "n 2 2"], near: Int[np.ndarray, "n k"]
 ) -> tuple[Float[np.ndarray, "n 2 2"], Float[np.ndarray, " n"]]:
     """Return the steps along p and q (px, as rows) around each dot, and how irregular its four neighbours stand, in
     steps; infinite where it has none such."""
-    values, vectors = np.linalg.eigh(4.0 * dots.moments)
-    W = np.einsum("nij,nj,nkj->nik", vectors, 1.0 / np.sqrt(values), vectors)  # |W d| in radii of the dot
-    root = np.sqrt(np.prod(values, axis=1))
-    steps = dots.centres[near] - dots.centres[:, None, :]
-    flat = np.einsum("nij,nkj->nki", W, steps)
-    length = np.hypot(flat[..., 0], flat[..., 1])
-    ratio = root[near] / root[:, None]
-    length[(ratio > _LARGER) | (ratio < 1.0 / _LARGER) | (length > _FURTHEST)] = np.inf
-    order = np.argsort(length, axis=1, kind="stable")[:, :_CANDIDATES]
-    length = np.take_along_axis(length, order, axis=1)
-    flat, steps = (np.take_along_axis(a, order[..., None], axis=1) for a in (flat, steps))
-    irregular = np.where(np.isfinite(length[:, 0]), 0.0, np.inf)
-    unit = np.where(np.isfinite(length[:, 0]), length[:, 0], 1.0)
-    chosen = []
-    wanted = flat[:, 0]
-    for _ in range(4):
-        off = np.hypot(*np.moveaxis(flat - wanted[:, None, :], 2, 0))
-        off[~np.isfinite(length)] = np.inf
-        best = np.argmin(off, axis=1)
-        least = np.take_along_axis(off, best[:, None], axis=1)[:, 0] / unit
-        irregular += np.where(least <= _UNEVEN, least, np.inf)
-        chosen.append(np.take_along_axis(steps, best[:, None, None], axis=1)[:, 0])
-        wanted = np.stack([-wanted[:, 1], wanted[:, 0]], axis=1)
-    right, down, left, up = chosen
-    return np.stack([(right - left) / 2.0, (down - up) / 2.0], axis=1), irregular
+    count, most = near.shape
+    steps, irregular = np.zeros((count, 2, 2)), np.full(count, np.inf)
+    root = np.empty(count)
+    for n in range(count):
+        root[n] = 4.0 * math.sqrt(moments[n, 0, 0] * moments[n, 1, 1] - moments[n, 0, 1] ** 2)
+    flat, step, length = np.empty((most, 2)), np.empty((most, 2)), np.empty(most)
+    for n in range(count):
+        # W = C^(-1/2) of C = 4 moments: |W d| in radii of the dot; √C = (C + √det) / √(trace + 2 √det)
+        a, b, c = 4.0 * moments[n, 0, 0], 4.0 * moments[n, 0, 1], 4.0 * moments[n, 1, 1]
+        norm = math.sqrt(a + c + 2.0 * root[n])
+        a, b, c = (a + root[n]) / norm, b / norm, (c + root[n]) / norm
+        determinant = a * c - b * b
+        held = 0
+        for k in range(most):
+            other = near[n, k]
+            ratio = root[other] / root[n]
+            if ratio > _LARGER or ratio < 1.0 / _LARGER:
+                continue
+            u, v = centres[other, 0] - centres[n, 0], centres[other, 1] - centres[n, 1]
+            x, y = (c * u - b * v) / determinant, (a * v - b * u) / determinant
+            away = math.hypot(x, y)
+            if away > _FURTHEST:
+                continue
+            at = held  # sorted by distance, the first of equals first
+            while at > 0 and length[at - 1] > away:
+                length[at], flat[at], step[at] = length[at - 1], flat[at - 1], step[at - 1]
+                at -= 1
+            length[at] = away
+            flat[at, 0], flat[at, 1], step[at, 0], step[at, 1] = x, y, u, v
+            held += 1
+        held = min(held, _CANDIDATES)
+        if held == 0:
+            continue
+        x, y = flat[0, 0], flat[0, 1]
+        uneven = 0.0
+        for turn in range(4):
+            best, least = 0, math.inf
+            for k in range(held):
+                off = math.hypot(flat[k, 0] - x, flat[k, 1] - y)
+                if off < least:
+                    best, least = k, off
+            least /= length[0]
+            uneven += least if least <= _UNEVEN else math.inf
+            sense = 0.5 if turn < 2 else -0.5
+            steps[n, turn % 2, 0] += sense * step[best, 0]
+            steps[n, turn % 2, 1] += sense * step[best, 1]
+            x, y = -y, x
+        irregular[n] = uneven
+    return steps, irregular
 
 
-def _grow(
-    seed: int,
-    steps: Float[np.ndarray, "2 2"],
-    dots: Dots,
+@compiled
+def grown(
+    seeds: Int[np.ndarray, " m"],
+    steps: Float[np.ndarray, "n 2 2"],
+    centres: Float[np.ndarray, "n 2"],
+    root: Float[np.ndarray, " n"],
     near: Int[np.ndarray, "n k"],
-    free: Bool[np.ndarray, " n"],
-) -> DotLattice:
-    """Grow a lattice from a dot with known steps; its dots are no longer free afterwards."""
-    root = np.sqrt(np.linalg.det(dots.moments))
-    at: dict[tuple[int, int], int] = {(0, 0): seed}
-    local: dict[tuple[int, int], Float[np.ndarray, "2 2"]] = {(0, 0): steps}
-    queue = deque([(0, 0)])
-    free[seed] = False
-    while queue:
-        place = queue.popleft()
-        dot, basis = at[place], local[place]
-        around = near[dot]
-        ratio = root[around] / root[dot]
-        around = around[free[around] & (ratio < _MARKED) & (ratio > 1.0 / _MARKED)]
-        taken = dots.centres[around] - dots.centres[dot]
-        for axis, sense in ((0, 1), (1, 1), (0, -1), (1, -1)):
-            nxt = (place[0] + sense, place[1]) if axis == 0 else (place[0], place[1] + sense)
-            if nxt in at or len(around) == 0:
-                continue
-            step = sense * basis[axis]
-            off = np.hypot(*(taken - step).T)
-            best = int(np.argmin(off))
-            n = int(around[best])
-            if off[best] > _OFF * np.hypot(*step) or not free[n]:
-                continue
-            free[n] = False
-            at[nxt] = n
-            local[nxt] = basis.copy()
-            local[nxt][axis] = sense * taken[best]
-            queue.append(nxt)
-    return DotLattice(np.array(list(at.values()), dtype=np.intp), np.array(list(at), dtype=np.intp))
+) -> tuple[Int[np.ndarray, " l"], Int[np.ndarray, "l 2"], Int[np.ndarray, " k"]]:
+    """Grow a lattice from each seed in turn that is in none yet.
+
+    Returns the dots, lattice after lattice, their places, and how many each lattice has.
+    """
+    count = len(centres)
+    order, places = np.empty(count, dtype=np.int64), np.empty((count, 2), dtype=np.int64)
+    local = np.empty((count, 2, 2))
+    lengths = np.empty(count, dtype=np.int64)
+    free = np.ones(count, dtype=np.bool_)
+    half = min(count, _MOST_LINES)
+    at = np.zeros((2 * half + 1, 2 * half + 1), dtype=np.bool_)
+    done, lattices = 0, 0
+    for seed in seeds:
+        if not free[seed]:
+            continue
+        first, end = done, done + 1
+        order[first], local[first], free[seed] = seed, steps[seed], False
+        places[first, 0], places[first, 1] = 0, 0
+        at[half, half] = True
+        while done < end:
+            dot, p, q = order[done], places[done, 0], places[done, 1]
+            for way in range(4):
+                axis, sense = way % 2, 1 if way < 2 else -1
+                p_next, q_next = p + (sense if axis == 0 else 0), q + (sense if axis == 1 else 0)
+                if max(abs(p_next), abs(q_next)) > half or at[q_next + half, p_next + half]:
+                    continue
+                u, v = sense * local[done, axis, 0], sense * local[done, axis, 1]
+                best, least = -1, _OFF * math.hypot(u, v)
+                for other in near[dot]:
+                    ratio = root[other] / root[dot]
+                    if not free[other] or not 1.0 / _MARKED < ratio < _MARKED:
+                        continue
+                    du, dv = centres[other, 0] - centres[dot, 0], centres[other, 1] - centres[dot, 1]
+                    off = math.hypot(du - u, dv - v)
+                    if off <= least:
+                        best, least = other, off
+                if best < 0:
+                    continue
+                order[end], places[end, 0], places[end, 1], free[best] = best, p_next, q_next, False
+                local[end] = local[done]
+                local[end, axis, 0] = sense * (centres[best, 0] - centres[dot, 0])
+                local[end, axis, 1] = sense * (centres[best, 1] - centres[dot, 1])
+                at[q_next + half, p_next + half] = True
+                end += 1
+            done += 1
+        for k in range(first, end):
+            at[places[k, 1] + half, places[k, 0] + half] = False
+        lengths[lattices] = end - first
+        lattices += 1
+    return order[:done], places[:done], lengths[:lattices]

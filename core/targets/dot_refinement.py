@@ -17,7 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float, Int, Shaped
 
-from core.targets.dot_kernel import fit_dot
+from core.targets.dot_kernel import fit_each
 from core.targets.dots import Dots
 from core.targets.grid_map import grid_basis, grid_shape
 from core.targets.pyramid import Level
@@ -26,7 +26,8 @@ ODD = 0.25  # by how much, of the others' radius, a dot is larger or smaller tha
 LEAST_DOTS = 8
 _SMALL_PX = 8.0
 _FIRST_DOUBTS, _LATER_DOUBTS = (0.7, 0.7), (0.1, 0.2)  # of shape and blur, see `dot_kernel.fit_dot`
-_OUTLINE = 16  # places on a dot's outline
+_OUTLINE = 8  # places on half of a dot's outline
+_ASIDE = 1e-4  # grid units: for a difference that stands for a derivative
 _CORRECTIONS = 4
 _SETTLED_PX = 5e-4
 _MOST_STEPS = 12
@@ -99,13 +100,22 @@ def _fit_from(
     shapes, variance = start.copy(), np.zeros(count)
     covariance, contrast = np.zeros((count, 2, 2)), np.zeros(count)
     trusted = np.zeros(count, dtype=np.bool_)
-    for n in range(count):
-        shape, light, covariance[n], variance[n], trusted[n] = fit_dot(
-            image, start[n], _LEAST_BLUR_PX, _MOST_STEPS, _TOLERANCE, *doubts
-        )
-        contrast[n] = -light[3] if are_dark else light[3]
-        if trusted[n]:
-            shapes[n] = shape
+    fit_each(
+        image,
+        start,
+        _LEAST_BLUR_PX,
+        _MOST_STEPS,
+        _TOLERANCE,
+        *doubts,
+        shapes,
+        contrast,
+        covariance,
+        variance,
+        trusted,
+    )
+    shapes[~trusted] = start[~trusted]
+    if are_dark:
+        contrast = -contrast
     return FittedDots(shapes, variance, covariance, contrast, trusted & (contrast > 0.0))
 
 
@@ -136,26 +146,35 @@ def plane_map(
 def corrected_centres(
     ideal: Float[np.ndarray, "n 2"], fitted: FittedDots
 ) -> tuple[Float[np.ndarray, "n 2"], Bool[np.ndarray, " n"]]:
-    """Return the pictures of the dots' centres, and which dots agree with the map they make."""
+    """Return the pictures of the dots' centres, and which dots agree with the map they make.
+
+    A dot's outline is put through the map's series to second order about its centre: terms of third order are odd, and
+    move no centre.
+    """
     count = len(ideal)
-    angle = np.arange(_OUTLINE) * (2.0 * np.pi / _OUTLINE)
+    angle = np.arange(_OUTLINE) * (np.pi / _OUTLINE)
     ring = np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    squares = np.stack([0.5 * ring[:, 0] ** 2, ring[:, 0] * ring[:, 1], 0.5 * ring[:, 1] ** 2])
     measured, trusted = fitted.shapes[:, :2], fitted.trusted
+    # the second place of each dot, a little along x, tells how the slope along y changes on the way there
+    places = np.concatenate([ideal, ideal + np.array([_ASIDE, 0.0])])
+    weights = np.concatenate([trusted.astype(np.float64), np.zeros(count)])
+    basis = grid_basis(places, np.concatenate([measured, measured]), weights)
     shift = np.zeros((count, 2))
-    J, _ = plane_map(ideal, measured, trusted.astype(np.float64))
     for _ in range(_CORRECTIONS):
         centres = measured - shift
-        radius = fitted.radius_px / np.sqrt(np.abs(np.linalg.det(J)))
-        places = np.concatenate([ideal, (ideal[:, None, :] + radius[:, None, None] * ring).reshape(-1, 2)])
-        known = np.concatenate([centres, np.repeat(centres, _OUTLINE, axis=0)])
-        weights = np.concatenate([trusted.astype(np.float64), np.zeros(count * _OUTLINE)])
-        all_J, drawn = plane_map(places, known, weights)
-        J = all_J[:count]
-        off = np.hypot(*(centres - drawn[:count]).T)
+        weights[:count] = trusted
+        shape = grid_shape(basis, np.concatenate([centres, centres]), weights)
+        drawn = shape.points_px[:count]
+        J = np.stack([shape.along_x[:count], shape.along_y[:count]], axis=2)
+        mixed = (shape.along_y[count:] - shape.along_y[:count]) / _ASIDE
+        second = np.stack([shape.bend_x[:count], mixed, shape.bend_y[:count]], axis=1)
+        off = np.hypot(*(centres - drawn).T)
         usual = 1.4826 * float(np.median(off[trusted])) if trusted.any() else 0.0
         trusted = trusted & (off <= _ASTRAY * max(usual, 0.01))
-        outline = drawn[count:].reshape(count, _OUTLINE, 2)
-        renewed = _ellipse_centres(outline, drawn[:count], J * radius[:, None, None], ring)
+        radius = fitted.radius_px / np.sqrt(np.abs(J[:, 0, 0] * J[:, 1, 1] - J[:, 0, 1] * J[:, 1, 0]))
+        departure = np.tensordot(second * (radius**2)[:, None, None], squares, axes=(1, 0)).transpose(0, 2, 1)
+        renewed = _ellipse_centres(departure, J * radius[:, None, None], ring)
         moved = float(np.max(np.abs(renewed - shift)))
         shift = renewed
         if moved < _SETTLED_PX:
@@ -164,31 +183,20 @@ def corrected_centres(
 
 
 def _ellipse_centres(
-    outline: Float[np.ndarray, "n k 2"],
-    centres: Float[np.ndarray, "n 2"],
-    A: Float[np.ndarray, "n 2 2"],
-    ring: Float[np.ndarray, "k 2"],
+    departure: Float[np.ndarray, "n k 2"], A: Float[np.ndarray, "n 2 2"], ring: Float[np.ndarray, "k 2"]
 ) -> Float[np.ndarray, "n 2"]:
     """Return how far the centres of the ellipses that fit outlines lie from the pictures of the dots' centres.
 
-    One Gauss-Newton step from the ellipse centre + A n: distances along the edge's normal, weighted by the length of
-    edge each place stands for, since pixels all along it tell the ellipse equally.
+    `departure` is that of the outlines from the ellipses A n, the same at opposite places. One Gauss-Newton step from
+    these: distances along the edge's normal, weighted by the length of edge each place stands for, since pixels all
+    along it tell the ellipse equally. At opposite places an ellipse's change of shape is the same and its normals are
+    opposite, so the shape does not mix in, and half of the ring serves for the whole.
     """
-    departure = outline - centres[:, None, :] - np.einsum("nij,kj->nki", A, ring)
-    normal = np.einsum("nij,kj->nki", np.linalg.inv(A).transpose(0, 2, 1), ring)
-    normal /= np.linalg.norm(normal, axis=2, keepdims=True)
-    tangent = np.stack([-ring[:, 1], ring[:, 0]], axis=1)
-    weight = np.linalg.norm(np.einsum("nij,kj->nki", A, tangent), axis=2)
-    value = np.einsum("nki,nki->nk", departure, normal)
-    c, s = ring.T
-    shapes = [
-        np.stack([c, np.zeros_like(c)], axis=1),
-        np.stack([s, c], axis=1),
-        np.stack([np.zeros_like(s), s], axis=1),
-    ]
-    basis = [normal[..., 0], normal[..., 1]]
-    basis += [np.einsum("nki,nij,kj->nk", normal, A, shape) for shape in shapes]
-    B = np.stack(basis, axis=2)
-    N = np.einsum("nki,nk,nkj->nij", B, weight, B)
-    g = np.einsum("nki,nk,nk->ni", B, weight, value)
-    return np.asarray(np.linalg.solve(N, g[..., None])[:, :2, 0])
+    tangent = np.stack([-ring[:, 1], ring[:, 0]], axis=1) @ A.transpose(0, 2, 1)
+    u, v = tangent[..., 1], -tangent[..., 0]  # the normal, as long as the edge there
+    length = np.hypot(u, v)
+    value = (departure[..., 0] * u + departure[..., 1] * v) / length
+    uu, uv, vv = (np.sum(product / length, axis=1) for product in (u * u, u * v, v * v))
+    along_u, along_v = (np.sum(value * part, axis=1) for part in (u, v))
+    determinant = uu * vv - uv * uv
+    return np.stack([vv * along_u - uv * along_v, uu * along_v - uv * along_u], axis=1) / determinant[:, None]

@@ -46,14 +46,12 @@ def find_dots(level: Level) -> Iterator[Dots]:
     image = _eight_bit(level.image)
     low, high = np.percentile(image[::4, ::4], [1.0, 99.0])
     step = max(2.0, _LEAST_STEP * float(high - low))
-    masks: dict[bool, list[Shaped[np.ndarray, "h w"]]] = {True: [], False: []}
+    means = []
     for share in _WINDOWS:
         width = 2 * round(0.5 * share * max(image.shape)) + 1
-        mean = cv2.blur(image, (width, width), borderType=cv2.BORDER_REPLICATE)
-        masks[True].append((cv2.subtract(mean, image) > step).view(np.uint8))
-        masks[False].append((cv2.subtract(image, mean) > step).view(np.uint8))
-    for are_dark, found in masks.items():
-        yield _ellipses(found, are_dark)
+        means.append(cv2.blur(image, (width, width), borderType=cv2.BORDER_REPLICATE))
+    yield _ellipses([(cv2.subtract(mean, image) > step).view(np.uint8) for mean in means], are_dark=True)
+    yield _ellipses([(cv2.subtract(image, mean) > step).view(np.uint8) for mean in means], are_dark=False)
 
 
 def _eight_bit(image: Shaped[np.ndarray, "h w"]) -> Shaped[np.ndarray, "h w"]:
@@ -63,7 +61,7 @@ def _eight_bit(image: Shaped[np.ndarray, "h w"]) -> Shaped[np.ndarray, "h w"]:
     return np.asarray(((image - low) * (255.0 / max(high - low, 1))).astype(np.uint8))
 
 
-def _ellipses(masks: list[Shaped[np.ndarray, "h w"]], are_dark: bool) -> Dots:
+def _ellipses(masks: list[Shaped[np.ndarray, "h w"]], *, are_dark: bool) -> Dots:
     parts = [_patches(mask) for mask in masks]
     centres, moments, misfits = (np.concatenate(values) for values in zip(*parts, strict=True))
     kept = _once(centres, moments, misfits)
@@ -74,17 +72,14 @@ def _patches(
     mask: Shaped[np.ndarray, "h w"],
 ) -> tuple[Float[np.ndarray, "n 2"], Float[np.ndarray, "n 2 2"], Float[np.ndarray, " n"]]:
     """Return centres, moments and misfits of a mask's patches that are ellipses."""
-    _, labels, statistics, centres = cv2.connectedComponentsWithStats(mask, connectivity=4, ltype=cv2.CV_32S)
-    area = statistics[:, cv2.CC_STAT_AREA].astype(np.float64)
-    box = statistics[:, cv2.CC_STAT_WIDTH].astype(np.float64) * statistics[:, cv2.CC_STAT_HEIGHT]
+    area, boxes, centres, second = patches(mask)
+    box = (boxes[:, 2] * boxes[:, 3]).astype(np.float64)
     wanted = (area >= _LEAST_AREA_PX) & (area <= _LARGEST_AREA * mask.size) & (area > _LEAST_FILL * box)
-    wanted[0] = False
     chosen = np.flatnonzero(wanted)
     if len(chosen) == 0:
         return np.zeros((0, 2)), np.zeros((0, 2, 2)), np.zeros(0)
-    second = patch_moments(labels, statistics[chosen, :4], chosen.astype(np.int32), centres[chosen])
     area = area[chosen]
-    C = second / area[:, None, None]
+    C = second[chosen] / area[:, None, None]
     determinant = C[:, 0, 0] * C[:, 1, 1] - C[:, 0, 1] ** 2
     middle = 0.5 * (C[:, 0, 0] + C[:, 1, 1])
     spread = np.sqrt(np.maximum(middle**2 - determinant, 0.0))
@@ -97,33 +92,95 @@ def _patches(
 
 
 @compiled
-def patch_moments(
-    labels: Int[np.ndarray, "h w"],
-    boxes: Int[np.ndarray, "n 4"],
-    chosen: Int[np.ndarray, " n"],
-    centres: Float[np.ndarray, "n 2"],
-) -> Float[np.ndarray, "n 2 2"]:
-    """Return the sums of (u - ū)(u - ū)ᵀ over the pixels of labelled patches; boxes are left, top, width, height.
+def patches(
+    mask: Shaped[np.ndarray, "h w"],
+) -> tuple[
+    Float[np.ndarray, " n"], Int[np.ndarray, "n 4"], Float[np.ndarray, "n 2"], Float[np.ndarray, "n 2 2"]
+]:
+    """Return area, box (left, top, width, height), centre and the sums of (u - ū)(u - ū)ᵀ of a mask's patches: pixels
+    that are not 0, joined by their sides, in the order in which a row-wise look meets them.
 
-    A pixel is a square: its own 1/12 is part of the patch's.
+    A pixel is a square: its own 1/12 is part of the patch's moments. Runs of pixels along the rows are joined where
+    they touch those of the row before.
     """
-    sums = np.zeros((len(chosen), 2, 2))
-    for n in range(len(chosen)):
-        left, top, width, height = boxes[n, 0], boxes[n, 1], boxes[n, 2], boxes[n, 3]
-        uu, uv, vv, count = 0.0, 0.0, 0.0, 0
-        for v in range(top, top + height):
-            y = v - centres[n, 1]
-            for u in range(left, left + width):
-                if labels[v, u] == chosen[n]:
-                    x = u - centres[n, 0]
-                    uu += x * x
-                    uv += x * y
-                    vv += y * y
-                    count += 1
-        sums[n, 0, 0] = uu + count / 12.0
-        sums[n, 1, 1] = vv + count / 12.0
-        sums[n, 0, 1] = sums[n, 1, 0] = uv
-    return sums
+    height, width = mask.shape
+    runs = 0
+    for v in range(height):
+        before = 0
+        for u in range(width):
+            runs += (mask[v, u] != 0) and before == 0
+            before = mask[v, u]
+    first, last = np.empty(runs, dtype=np.int64), np.empty(runs, dtype=np.int64)
+    row, parent = np.empty(runs, dtype=np.int64), np.empty(runs, dtype=np.int64)
+    count, above, above_end = 0, 0, 0
+    for v in range(height):
+        begun = count
+        u = 0
+        while u < width:
+            if mask[v, u] == 0:
+                u += 1
+                continue
+            first[count], row[count], parent[count] = u, v, count
+            while u < width and mask[v, u] != 0:
+                u += 1
+            last[count] = u - 1
+            count += 1
+        k = above
+        for n in range(begun, count):
+            while k < above_end and last[k] < first[n]:
+                k += 1
+            m = k
+            while m < above_end and first[m] <= last[n]:
+                a, b = n, m
+                while parent[a] != a:
+                    parent[a] = parent[parent[a]]
+                    a = parent[a]
+                while parent[b] != b:
+                    parent[b] = parent[parent[b]]
+                    b = parent[b]
+                if a < b:
+                    parent[b] = a
+                else:
+                    parent[a] = b
+                m += 1
+        above, above_end = begun, count
+    number = np.empty(runs, dtype=np.int64)
+    found = 0
+    for n in range(runs):  # a run's root comes before it
+        root = n
+        while parent[root] != root:
+            root = parent[root]
+        if root == n:
+            number[n] = found
+            found += 1
+        else:
+            number[n] = number[root]
+    area, boxes = np.zeros(found), np.zeros((found, 4), dtype=np.int64)
+    centres, second = np.zeros((found, 2)), np.zeros((found, 2, 2))
+    for n in range(runs):
+        i, a, b, v = number[n], first[n], last[n], row[n]
+        length = b - a + 1
+        if area[i] == 0.0:
+            boxes[i, 0], boxes[i, 1], boxes[i, 2] = a, v, b
+        boxes[i, 0], boxes[i, 2], boxes[i, 3] = min(boxes[i, 0], a), max(boxes[i, 2], b), v
+        area[i] += length
+        centres[i, 0] += 0.5 * length * (a + b)
+        centres[i, 1] += length * v
+    for i in range(found):
+        centres[i, 0] /= area[i]
+        centres[i, 1] /= area[i]
+        boxes[i, 2] += 1 - boxes[i, 0]
+        boxes[i, 3] += 1 - boxes[i, 1]
+    for n in range(runs):
+        i, length = number[n], last[n] - first[n] + 1
+        x, y = 0.5 * (first[n] + last[n]) - centres[i, 0], row[n] - centres[i, 1]
+        # a run of so many squares is length³ / 12 about its middle
+        second[i, 0, 0] += length * (x * x + length * length / 12.0)
+        second[i, 1, 1] += length * (y * y + 1.0 / 12.0)
+        second[i, 0, 1] += length * x * y
+    for i in range(found):
+        second[i, 1, 0] = second[i, 0, 1]
+    return area, boxes, centres, second
 
 
 def _once(

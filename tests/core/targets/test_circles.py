@@ -15,7 +15,8 @@ from core.simulation import Light, Scene, render, standard_scene, standard_targe
 from core.simulation.scenes import random_pose
 from core.targets import TargetSpec, detect
 from core.targets.dot_kernel import dot_equations
-from core.targets.dots import patch_moments
+from core.targets.dot_lattice import crosses, dot_lattices
+from core.targets.dots import Dots, patches
 
 CAMERA = Camera(1500.0, 1500.0, 795.0, 603.0, k1=-0.2)
 SIZE = (1600, 1200)
@@ -177,12 +178,51 @@ def test_equations_are_those_of_the_model() -> None:
     np.testing.assert_allclose(np.diag(N)[:6], numeric, rtol=0.12)
 
 
-def test_moments_are_those_of_the_pixels() -> None:
-    labels = np.zeros((12, 14), np.int32)
-    labels[2:7, 3:11] = 1
-    labels[8:11, 1:4] = 2
-    boxes, centres = np.array([[3, 2, 8, 5], [1, 8, 3, 3]], np.int32), np.array([[6.5, 4.0], [2.0, 9.0]])
-    sums = patch_moments(labels, boxes, np.array([1, 2], np.int32), centres)
+@pytest.mark.parametrize("share", [0.1, 0.45, 0.62, 0.9])
+def test_patches_are_those_of_opencv(share: float) -> None:
+    """Area, box and centre of what hangs together; moments by the pixels themselves."""
+    mask = (np.random.default_rng(round(100 * share)).random((37, 53)) < share).astype(np.uint8)
+    _, labels, statistics, centres = cv2.connectedComponentsWithStats(mask, connectivity=4, ltype=cv2.CV_32S)
+    area, boxes, middles, second = patches(mask)
+    expected = [n for n in dict.fromkeys(labels.ravel().tolist()) if n != 0]  # in the order they are met
+    np.testing.assert_array_equal(area, statistics[expected, cv2.CC_STAT_AREA])
+    np.testing.assert_array_equal(boxes, statistics[expected, :4])
+    np.testing.assert_allclose(middles, centres[expected], atol=1e-12)
+    for n, sums in zip(expected, second, strict=True):
+        v, u = np.nonzero(labels == n)
+        off = np.stack([u, v]) - centres[n][:, None]
+        np.testing.assert_allclose(sums, off @ off.T + np.eye(2) * len(u) / 12.0, atol=1e-9)
+
+
+def test_moments_of_a_rectangle() -> None:
+    mask = np.zeros((12, 14), np.uint8)
+    mask[2:7, 3:11] = 1
+    area, boxes, middles, second = patches(mask)
+    assert (area.tolist(), boxes.tolist(), middles.tolist()) == ([40.0], [[3, 2, 8, 5]], [[6.5, 4.0]])
     # of a rectangle w x h: w² / 12 and h² / 12 for each of its w h pixels
-    np.testing.assert_allclose(sums[0], np.diag([64.0 / 12.0, 25.0 / 12.0]) * 40.0, atol=1e-9)
-    np.testing.assert_allclose(sums[1], np.diag([9.0 / 12.0, 9.0 / 12.0]) * 9.0, atol=1e-9)
+    np.testing.assert_allclose(second[0], np.diag([64.0 / 12.0, 25.0 / 12.0]) * 40.0, atol=1e-9)
+
+
+def test_crosses_are_those_of_a_print_seen_aslant() -> None:
+    """Any linear map of a square lattice of circles: its own steps, but for a quarter turn, and no irregularity."""
+    A = np.array([[21.0, 6.0], [-4.0, 13.0]])
+    q, p = np.mgrid[0:6, 0:7]
+    centres = np.stack([p.ravel(), q.ravel()], axis=1) @ A.T + 100.0
+    dots = Dots(centres, np.tile(0.25**2 * A @ A.T / 4.0, (42, 1, 1)), are_dark=True)
+    near = np.argsort(np.linalg.norm(centres[:, None] - centres[None], axis=2), axis=1, kind="stable")[
+        :, 1:25
+    ]
+    steps, irregular = crosses(dots.centres, dots.moments, near)
+    inner = np.flatnonzero(((p > 0) & (p < 6) & (q > 0) & (q < 5)).ravel())
+    np.testing.assert_allclose(irregular[inner], 0.0, atol=1e-9)
+    assert np.isinf(irregular[0])
+    for step in steps[inner]:
+        turn = np.linalg.solve(A, step.T)
+        np.testing.assert_allclose(turn, np.rint(turn), atol=1e-9)
+        assert np.linalg.det(turn) == pytest.approx(1.0)
+    (lattice,) = dot_lattices(dots)
+    assert sorted(lattice.dots.tolist()) == list(range(42))
+    terms = np.column_stack([lattice.places, np.ones(42)])
+    turn = np.linalg.solve(A, np.linalg.lstsq(terms, centres[lattice.dots], rcond=None)[0][:2].T)
+    np.testing.assert_allclose(turn, np.rint(turn), atol=1e-9)
+    assert np.linalg.det(turn) == pytest.approx(1.0)
