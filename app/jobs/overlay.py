@@ -189,7 +189,7 @@ def _lettering(radius: int) -> tuple[float, int, int, int]:
     """Return the letters' size and weight, the height of a line, and that of a letter's tail."""
     import cv2
 
-    size, weight = max(0.35, radius / 14), max(1, radius // 6)
+    size, weight = max(0.45, radius / 11), max(1, radius // 5)
     (_, height), below = cv2.getTextSize("Ag", cv2.FONT_HERSHEY_SIMPLEX, size, weight)
     return size, weight, height + 2 * below, below
 

@@ -42,6 +42,10 @@ _RAW_BODY = {
         },
     }
 }
+_TARGET = (
+    "What the image shows; by default the session's only target. Where it has several, the image is searched for all "
+    "of them, and each that it shows becomes a measurement."
+)
 _ANGLES = "Comma-separated joint angles, degrees; they override the pose's."
 JointList = Annotated[str, Field(min_length=1, max_length=400)]
 
@@ -77,7 +81,7 @@ _FORM_BODY = {
                             "pattern": "^[A-Za-z0-9_-][A-Za-z0-9._-]*$",
                         },
                         "cycle": {"type": "integer", "minimum": 1, "maximum": 2**31 - 1},
-                        "target_id": {"type": "string"},
+                        "target_id": {"type": "string", "description": _TARGET},
                         "focus_group": {"type": "string", "minLength": 1, "maxLength": 200},
                         "joint_angles_deg": {"type": "string", "description": _ANGLES},
                         "captured_at": {"type": "string", "format": "date-time"},
@@ -103,7 +107,7 @@ async def put_image(
     service: ServiceDep,
     response: Response,
     cycle: Cycle | None = None,
-    target_id: Identifier | None = None,
+    target_id: Annotated[Identifier | None, Query(description=_TARGET)] = None,
     focus_group: Text = "default",
     joint_angles_deg: Annotated[JointList | None, Query(description=_ANGLES)] = None,
     captured_at: Moment | None = None,
