@@ -147,8 +147,8 @@ def _contradicting(pose_ids: Iterable[str]) -> Advisory:
         "pose_contradicts_command",
         f"The orientations commanded and those seen do not go together, whichever way the board is read: "
         f"{_listed(pose_ids)}.",
-        "Check these poses' roll_deg, pitch_deg and yaw_deg (R = Rz(yaw) Ry(pitch) Rx(roll)), and that their images "
-        "carry the right tag.",
+        "Check these poses' roll_deg, pitch_deg and yaw_deg (R = Rz(yaw) Ry(pitch) Rx(roll)) or joint angles, and that "
+        "their images carry the right tag.",
     )
 
 

@@ -14,12 +14,12 @@ from app.records.codec import decode_markers, decode_points
 from app.services.analyses.comparison_images import Chosen, choose_images
 from app.services.analyses.documents import advisories
 from app.services.analyses.estimation import SessionEstimate, estimate_session
+from app.services.analyses.naming import origin_of
 from app.services.analyses.outcome import CannotAnalyse
 from app.services.analyses.snapshot import Image, Snapshot
 from core import Advisory, Camera, Lens, TargetSpec
 from core.calibration.baselines import Failure, MethodRow, compare_methods
 from core.calibration.estimators import GroupEstimate
-from core.calibration.readings import turns_alike
 from core.camera import CAMERA_PARAMETERS
 from core.metrology import Figures
 from core.metrology.methods import MethodPose, MethodRepeatability, compare_repeatability
@@ -80,7 +80,6 @@ def comparison_document(
 
 def _pool(snapshot: Snapshot, points: Mapping[str, bytes], targets: Sequence[TargetSpec]) -> _Pooled:
     """Estimate as `repeatability` does, with the readings of alike boards that it takes."""
-    alike = [len(turns_alike(target)) > 1 for target in targets]
     try:
         session = estimate_session(snapshot, points, "pooled")
     except CannotAnalyse as reason:
@@ -89,7 +88,7 @@ def _pool(snapshot: Snapshot, points: Mapping[str, bytes], targets: Sequence[Tar
         return _Pooled(None, failure, (np.eye(4),) * len(snapshot.images))
     (group,) = session.groups
     turns: list[Float[np.ndarray, "4 4"] | None] = [
-        None if alike[image.target] else np.eye(4) for image in snapshot.images
+        np.eye(4) if origin_of(image, targets[image.target]) == "known" else None for image in snapshot.images
     ]
     estimate = group.estimate
     for k, i in enumerate(estimate.images.tolist()):

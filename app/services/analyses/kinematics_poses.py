@@ -82,7 +82,8 @@ def _of_images(
 ) -> RobotPoses:
     estimate = estimate_session(_with_orientations(snapshot, nominal), points, estimator)
     angles = [_angles(e, snapshot.commanded.get(e.image.pose_id)) for e in estimate.images]
-    keep = [i for i, values in enumerate(angles) if values is not None]
+    unclear = [e.measurement_id in estimate.unclear for e in estimate.images]
+    keep = [i for i, values in enumerate(angles) if values is not None and not unclear[i]]
     if not keep:
         raise CannotAnalyse(
             "joint_angles_missing",
