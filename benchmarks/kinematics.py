@@ -9,14 +9,17 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
+from benchmarks.conditions import seconds
 from benchmarks.table import Row
 from core.camera import Camera
 from core.errors import DetectionError
+from core.kinematics.cpa import identify_from_axes
 from core.kinematics.dh import JOINT_PARAMETERS
 from core.kinematics.identification import Identification, identify
 from core.kinematics.on_points import identify_on_points
@@ -47,7 +50,7 @@ RENDERED = 60
 
 
 def rows(seeds: list[int], quick: bool) -> Iterable[Row]:
-    trials = 10 if quick else 60
+    trials = 10 if quick else 40
     for free, limits in ((0, (0.045, 0.0055)), (30, (0.025, 0.003))):
         note = f"{trials * len(seeds)} arms as built; pooled poses, RP_l {RP_L:g} mm"
         extra = f" + {free} free poses" if free else ""
@@ -151,14 +154,25 @@ def _speed() -> Iterator[Row]:
     bare = replace(poses, covariance=None, common=None)
     for name, given in (("with covariances and a common lens", poses), ("without covariances", bare)):
         yield _timed(name, given)
+    homes = KR5_ARC_HOME + np.vstack([np.zeros(6), rng.uniform(-0.3, 0.3, (5, 6))])
+    q = np.vstack([sweep_angles(home, steps=9) for home in homes])
+    swept = measure_poses(arm, q, rng, robot=ROBOT)
+    for method in ("cpa", "screw", "combined"):
+        times = _times(partial(identify_from_axes, swept, KR5_ARC, method, folds=5))
+        yield Row.context(
+            f"identification of {len(swept)} poses from 36 sweeps, {method}",
+            float(np.median(times[1:])),
+            "s",
+            "six sweeps of each joint; validation in five folds included",
+        )
+
+
+def _times(call: Callable[[], object]) -> list[float]:
+    return [seconds(call) for _ in range(6)]
 
 
 def _timed(name: str, poses: PoseData) -> Row:
-    times = []
-    for _ in range(6):
-        begun = time.perf_counter()
-        identify(poses, KR5_ARC)
-        times.append(time.perf_counter() - begun)
+    times = _times(partial(identify, poses, KR5_ARC))
     return Row.at_most(
         f"global identification of {len(poses):,} poses, {name}",
         float(np.median(times[1:])),

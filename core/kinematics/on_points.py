@@ -19,7 +19,7 @@ from jaxtyping import Float, Int
 from core.calibration.model import SMALLEST_NOISE_PX, Lens
 from core.calibration.pooled import fit_common_camera
 from core.calibration.shared_lens import coordinates, linearise, moved
-from core.calibration.systematic import growth_of_shared
+from core.calibration.systematic import Growth, growth_of_shared
 from core.calibration.view_stack import Placements, stack_views
 from core.camera import Camera
 from core.errors import InvalidArgument, NotConverged
@@ -92,9 +92,21 @@ def identify_on_points(
         np.ascontiguousarray(joint_angles[images]),
         np.zeros(len(images), dtype=np.intp) if target is None else target[images],
         tuple(labels[i] for i in images) if labels else (),
-        growth_of_shared(stack, shared, np.arange(len(stack))),
+        _alike_in_all(growth_of_shared(stack, shared, np.arange(len(stack))), len(images)),
     )
     return _identified(seen, shared.at.placements.take(images), images, nominal, start, folds)
+
+
+def _alike_in_all(growth: Growth, images: int) -> Growth:
+    """Return the growth where what makes each image's own camera scatter is the same in all images.
+
+    A bow of the print, or what a lens has beyond its model, pulls the cameras of images apart as their views differ,
+    and all of them one way besides. That part no residual shows, and it does not grow less with the number of images:
+    against noise, which does, it counts so many times. The lens's errors before a bowed grid are then 1.2 times what is
+    stated (rms; 36 images, a robot that scatters), without it 3.5 times. A chain that is exact finds the lens all the
+    same.
+    """
+    return Growth(1.0 + images * (growth.camera - 1.0), growth.own)
 
 
 def _identified(
