@@ -53,7 +53,16 @@ def session_of(
         if turned and rng.random() < 0.5:
             seen = seen[::-1]  # half a turn of the grid
             T = compose(T, turns_alike(board)[1])
-        points = GridPoints(board, WIDTH, HEIGHT, column, row, seen.copy(), np.full(len(seen), SIGMA_PX))
+        points = GridPoints(
+            board,
+            WIDTH,
+            HEIGHT,
+            column,
+            row,
+            seen.copy(),
+            np.full(len(seen), SIGMA_PX),
+            origin="turned" if turned else "known",
+        )
         shots.append(Shot(f"P{i}", 1, points, invert(T)))
     return shots
 
