@@ -2,20 +2,21 @@
 
 The lines along the tags' sides make a lattice of corners, tag, gap, tag, gap, that is found as a chessboard's is
 (`saddles`, `linking`); what is printed in its dark cells tells where on the grid a lattice lies (`aprilgrid_reading`),
-and several lattices are put together to one grid (`aprilgrid_assembly`). Every grid point within a tag of one that was
-read is then measured at full resolution like any corner of four squares (`refinement`), by the pixels along its edges
-up to half-way to the next corner, that is half the gap, and no deeper than a tag's border.
+and several lattices are put together to one grid (`aprilgrid_assembly`). Every corner of a tag that was read, and so
+has its name from that tag itself, is then measured at full resolution like any corner of four squares (`refinement`),
+by the pixels along its edges up to half-way to the next corner, that is half the gap, and no deeper than the border.
 """
 
 from __future__ import annotations
 
 import numpy as np
-from jaxtyping import UInt8, UInt16
+from jaxtyping import Bool, Float, UInt8, UInt16
 
-from core.errors import Advisory, DetectionError, TargetNotFound
+from core.errors import Advisory, TargetNotFound
 from core.targets.aprilgrid_assembly import LEAST_TAGS, FoundGrid, assemble
 from core.targets.aprilgrid_layout import BORDER_CELLS, TAG_CELLS, AprilGridLayout, aprilgrid_layout
 from core.targets.aprilgrid_reading import LatticePart, read_lattice
+from core.targets.grid_map import grid_basis, grid_shape
 from core.targets.linking import link
 from core.targets.pyramid import levels
 from core.targets.refinement import refine_corners
@@ -25,6 +26,8 @@ from core.targets.specification import GridPoints, TargetSpec
 LEAST_CORNERS = 8
 _LEAST_PATCH = 4  # corners: one closed cell
 _MOST_PATCHES = 40  # of a level, the largest
+_ASTRAY, _LEAST_REST_PX = 8.0, 0.02
+_MAPS = 4
 _BESIDE = 0.06  # of an edge's length: within a tag's border, and within the gap, at any tilt
 
 
@@ -37,16 +40,11 @@ def detect_aprilgrid(
     found = _search(image, layout)
     column, row, points = found.grid_points(image.shape)
     plain = min(layout.gap_mm, BORDER_CELLS / TAG_CELLS * layout.tag_mm)
+    places = target.points_target(column, row)[:, :2] / layout.gap_mm
     refined = refine_corners(
-        image,
-        column,
-        row,
-        points,
-        origin_is_black=True,
-        places=target.points_target(column, row)[:, :2] / layout.gap_mm,
-        plain=plain / layout.gap_mm,
+        image, column, row, points, origin_is_black=True, places=places, plain=plain / layout.gap_mm
     )
-    trusted = refined.trusted
+    trusted = _are_smooth(places, refined.points_px, refined.trusted)
     count = int(trusted.sum())
     if count < LEAST_CORNERS:
         raise TargetNotFound(
@@ -66,13 +64,31 @@ def detect_aprilgrid(
     )
 
 
+def _are_smooth(
+    places: Float[np.ndarray, "n 2"], points_px: Float[np.ndarray, "n 2"], trusted: Bool[np.ndarray, " n"]
+) -> Bool[np.ndarray, " n"]:
+    """Tell which corners are where a smooth map through the trusted ones has them: the edge of what is in front of a
+    tag may make another corner near its own."""
+    agreeing = trusted
+    for _ in range(_MAPS):
+        if np.count_nonzero(agreeing) < LEAST_CORNERS:
+            return agreeing
+        weights = agreeing.astype(np.float64)
+        shape = grid_shape(grid_basis(places, points_px, weights), points_px, weights)
+        rest = np.hypot(*(points_px - shape.points_px).T)
+        kept = trusted & (rest < _ASTRAY * max(float(np.median(rest[agreeing])), _LEAST_REST_PX))
+        if np.array_equal(kept, agreeing):
+            break
+        agreeing = kept
+    return agreeing
+
+
 def _search(image: np.ndarray, layout: AprilGridLayout) -> FoundGrid:
     """Return the grid, from the level of the picture that shows most tags of it.
 
     Raises TargetNotFound where none shows two, TargetMismatch and TargetMirrored where something else was seen.
     """
     best: FoundGrid | None = None
-    failure: DetectionError | None = None
     for level in levels(image):
         saddles = find_saddles(level)
         patches = link(saddles, _BESIDE)
@@ -84,19 +100,21 @@ def _search(image: np.ndarray, layout: AprilGridLayout) -> FoundGrid:
             part = read_lattice(image, layout, patches.place[members], level.to_full(saddles.points[members]))
             if part is not None:
                 parts.append(part)
-        try:
-            found = assemble(parts, image, layout)
-        except DetectionError as reason:
-            failure = reason
-            continue
+        found = assemble(parts, image, layout)
         if best is None or len(found.tags) > len(best.tags):
             best = found
         if best.is_all_in_view(image.shape):
             break
     read = 0 if best is None else len(best.tags)
-    if best is not None and read >= LEAST_TAGS:
-        return best
-    raise failure or _not_found(read)
+    if best is None or read < LEAST_TAGS:
+        raise _not_found(read)
+    if not best.is_certain:
+        raise TargetNotFound(
+            f"{read} tags of the AprilGrid were read, but all in one row: which they are of a grid of "
+            f"{layout.target.columns} columns they do not prove.",
+            "Bring more of the grid into view: tags of two rows at least.",
+        )
+    return best
 
 
 def _not_found(read: int) -> TargetNotFound:
@@ -110,7 +128,7 @@ def _not_found(read: int) -> TargetNotFound:
 def _left_out(count: int, size: int) -> Advisory:
     return Advisory(
         code="corners_left_out",
-        detail=f"{count} of {size} corners were left out: they are out of view, no tag near them was read, or the "
+        detail=f"{count} of {size} corners were left out: they are out of view, their tag was not read, or the "
         "picture does not show them as corners of squares.",
         advice="Look at the overlay: reflections, dirt or something in front of the grid are the usual causes.",
     )

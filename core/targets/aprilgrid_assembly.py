@@ -1,4 +1,4 @@
-"""One AprilGrid from the lattices its tags were read in, and where all of its corners in view must be.
+"""One AprilGrid from the lattices its tags were read in.
 
 What is in front of the grid may cut it in several lattices; they are one grid where the plane through the nearest tags
 of one is that of the other. Tags beside those found, whose corners were not linked, are looked for where the nearest
@@ -26,19 +26,10 @@ _CLOCKWISE = np.array([[0, 0], [1, 0], [1, 1], [0, 1]])
 
 @dataclass(frozen=True, slots=True)
 class FoundGrid:
-    """A grid in a picture: the tags read, with their corners (px) from the upper left clockwise, and all corners of the
-    lattices they were read in, by column and row."""
+    """A grid in a picture: the tags read, with their corners (px) from the upper left clockwise."""
 
     layout: AprilGridLayout
     tags: dict[int, Float[np.ndarray, "4 2"]] = field(default_factory=dict)
-    corners: dict[tuple[int, int], Float[np.ndarray, "2"]] = field(default_factory=dict)
-
-    def add(self, part: LatticePart) -> None:
-        """Take a lattice in."""
-        for tag, corners in part.tags.items():
-            self.tags.setdefault(tag, corners)
-        for (column, row), point in zip(part.grid.tolist(), part.points_px, strict=True):
-            self.corners.setdefault((column, row), point)
 
     def is_all_in_view(self, shape: tuple[int, ...]) -> bool:
         """Tell whether every tag of the grid that is wholly in the picture was read, as far as these predict them."""
@@ -49,14 +40,14 @@ class FoundGrid:
 
     def predicted(self, tags: Int[np.ndarray, " k"]) -> Float[np.ndarray, "k 4 2"]:
         """Return the corners of tags (px) by the planes through those nearest to them; NaN behind the camera."""
-        known = np.array(sorted(self.tags))
-        apart = self.layout.tag_places[known] - self.layout.tag_places[tags][:, None]
+        places, known = self.layout.tag_places[tags], np.array(sorted(self.tags))
+        apart = self.layout.tag_places[known] - places[:, None]
         nearest = known[np.argsort((apart**2).sum(axis=2), axis=1, kind="stable")[:, :_NEAREST]]
         corners = np.array([self.layout.tag_corners(int(tag))[:, :2] for tag in known])
         pixels = np.array([self.tags[int(tag)] for tag in known])
         at = np.searchsorted(known, nearest)
-        ideal, seen = (a[at].reshape(len(tags), -1, 2) for a in (corners, pixels))
-        wanted = np.array([self.layout.tag_corners(int(tag))[:, :2] for tag in tags])
+        ideal, seen = (a[at].reshape(len(places), -1, 2) for a in (corners, pixels))
+        wanted = places[:, None] * self.layout.target.pitch_mm + _CLOCKWISE * self.layout.tag_mm
         return _through_planes(ideal, seen, wanted)
 
     def complete(self, image: Shaped[np.ndarray, "h w"]) -> None:
@@ -71,21 +62,22 @@ class FoundGrid:
             inside = _are_in(places, image.shape)
             tags, places = np.array(beside)[inside], places[inside]
             if len(tags):
-                is_there = wrong_bits(image, self.layout, tags, places) <= MOST_WRONG_BITS
+                gap, codes = self.layout.gap_mm / self.layout.tag_mm, self.layout.tag_codes[tags]
+                is_there = wrong_bits(image, gap, codes, places) <= MOST_WRONG_BITS
                 self.tags.update(zip(tags[is_there].tolist(), places[is_there], strict=True))
+
+    @property
+    def is_certain(self) -> bool:
+        """Whether tags of two rows were read: of one row alone nothing tells how many columns the sheet has."""
+        return len(np.unique(self.layout.tag_places[sorted(self.tags), 1])) > 1
 
     def grid_points(
         self, shape: tuple[int, ...]
     ) -> tuple[Int[np.ndarray, " n"], Int[np.ndarray, " n"], Float[np.ndarray, "n 2"]]:
-        """Return column, row and place (px) of the grid points in the picture whose tag, or one beside it, was read."""
-        beside = self._beside(self._missing())
-        tags = np.array([*self.tags, *beside.tolist()])
-        places = np.array([*self.tags.values(), *(self.predicted(beside) if len(beside) else ())])
-        grid = 2 * self.layout.tag_places[tags][:, None] + _CLOCKWISE
-        column, row = grid.reshape(-1, 2).T
-        points = places.reshape(-1, 2)
-        for n in range(4 * len(self.tags), len(points)):
-            points[n] = self.corners.get((int(column[n]), int(row[n])), points[n])
+        """Return column, row and place (px) of the corners in the picture of the tags read."""
+        places = self.layout.tag_places[list(self.tags)]
+        column, row = (2 * places[:, None] + _CLOCKWISE).reshape(-1, 2).T
+        points = np.array(list(self.tags.values())).reshape(-1, 2)
         inside = np.all((points >= 0.0) & (points <= [shape[1] - 1.0, shape[0] - 1.0]), axis=1)
         order = np.lexsort((column, row))
         order = order[inside[order]]
@@ -111,7 +103,7 @@ def assemble(
     found = FoundGrid(layout)
     for part in sorted(parts, key=lambda p: -len(p.tags)):
         agreeing, others = len(part.tags), part.contradicting
-        if others >= LEAST_TAGS and others > _MOST_CONTRADICTING * agreeing:
+        if others > _MOST_CONTRADICTING * agreeing:
             raise TargetMismatch(
                 f"AprilTags are in view, but {others} of {agreeing + others} are not where a grid of "
                 f"{layout.target.columns} x {layout.target.rows} has them.",
@@ -121,14 +113,19 @@ def assemble(
         if agreeing == 0:
             continue
         if not found.tags or _fits(part, found):
-            found.add(part)
+            found.tags.update({tag: corners for tag, corners in part.tags.items() if tag not in found.tags})
         elif agreeing >= LEAST_TAGS:
             raise TargetMismatch(
                 f"{agreeing} tags of the AprilGrid are in view beside others that belong to it.",
                 "Cover other sheets with the same tags, and mirrors.",
             )
-    if not found.tags and any(part.is_mirrored for part in parts):
-        raise TargetMirrored("The AprilGrid's tags are in view, but mirrored.")
+    if any(part.is_mirrored for part in parts):
+        if not found.tags:
+            raise TargetMirrored("The AprilGrid's tags are in view, but mirrored.")
+        raise TargetMismatch(
+            "The AprilGrid's tags are in view twice, once mirrored.",
+            "Cover mirrors, and sheets with the same tags.",
+        )
     found.complete(image)
     return found
 

@@ -4,13 +4,15 @@ The sheet is Kalibr's: square tags of the family 36h11 with a black border two c
 and `pitch_mm` from tag to tag (Kalibr's tagSize and tagSize (1 + tagSpacing)); a black square fills each crossing of
 the gaps, also beyond the outermost tags, so that four squares meet at every corner of a tag.
 
-Held so that the tags stand upright, id 0 is at the lower left; ids count to the right, and row by row upward. There
-is Kalibr's origin, its y upward and its z out of the sheet. Here, as for every target, y points down and z into the
-board, so that the origin, grid point (0, 0), is the *upper* left corner of the sheet's uppermost left tag, which has
-the first id of the last row. With H = (rows - 1) pitch + marker, Kalibr's (x, y, z) are (x, H - y, -z) of the target
-frame.
+Kalibr's frame has its origin at the lower left, where id 0 is when the tags stand upright, x to the right, y upward and
+z out of the sheet; ids count along x, row by row along y. The target frame has z into the board, as every target's, and
+keeps Kalibr's y: x runs the other way. So it is that of the sheet upside down, seen as usual with x to the right and y
+down: id 0 is at the upper *right*, and grid point (0, 0), the upper left, is the corner of the last id of the first
+row. With W = (columns - 1) pitch + marker, Kalibr's (x, y, z) are (W - x, y, -z) of the target frame. Where a tag is
+depends on its id and on `columns`, which the ids of two rows prove, and not on how many rows a sheet is said to have.
 
-OpenCV's pictures of these tags (`DICT_APRILTAG_36h11`) stand upside down against the family's own, and Kalibr's.
+Upside down the tags look as OpenCV draws them (`DICT_APRILTAG_36h11`), which is upside down against the family's own
+pictures, and Kalibr's.
 
 References: E. Olson, "AprilTag: A robust and flexible visual fiducial system", ICRA 2011,
 10.1109/ICRA.2011.5979561; P. Furgale, J. Rehder, R. Siegwart, "Unified temporal and spatial calibration for
@@ -41,8 +43,8 @@ _MEANING = "marker_mm is a tag's edge (Kalibr's tagSize), pitch_mm from tag to t
 class AprilGridLayout:
     """The tags of one sheet.
 
-    Tag k has id k and is the `tag_places[k]` = (i, j): i-th from the left, j-th from the top. `tag_codes` (tags, 6, 6)
-    are the cells inside its border as seen upright, True where white.
+    Tag k has id k and is the `tag_places[k]` = (i, j): i-th along x, j-th along y. `tag_codes` (tags, 6, 6) are the
+    cells inside its border, rows along y and columns along x, True where white.
     """
 
     target: TargetSpec
@@ -96,21 +98,21 @@ def aprilgrid_layout(target: TargetSpec) -> AprilGridLayout:
             f"The grid needs {count} tags, the family 36h11 has {available}.",
             "Use fewer columns and rows; they count tags.",
         )
-    j, i = np.divmod(np.arange(count), target.columns)
+    j, from_right = np.divmod(np.arange(count), target.columns)
     return AprilGridLayout(
         target=target,
         tag_mm=float(tag_mm),
-        tag_places=np.stack([i, target.rows - 1 - j], axis=1),
+        tag_places=np.stack([target.columns - 1 - from_right, j], axis=1),
         tag_codes=family_codes()[:count],
     )
 
 
 @functools.cache
 def family_codes() -> Bool[np.ndarray, "587 6 6"]:
-    """Return the cells of all tags of the family, as seen upright: True where white."""
+    """Return the cells of all tags of the family, as OpenCV draws them: True where white."""
     dictionary = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_APRILTAG_36h11)
     side = CODE_CELLS + 2
     pictures = [cv2.aruco.generateImageMarker(dictionary, k, side) for k in range(len(dictionary.bytesList))]
-    codes = np.array([np.rot90(picture[1:-1, 1:-1] > 127, 2) for picture in pictures])
+    codes = np.array([picture[1:-1, 1:-1] > 127 for picture in pictures])
     codes.flags.writeable = False
     return codes

@@ -25,6 +25,7 @@ MOST_WRONG_BITS = 3
 SURE_WRONG_BITS = 1
 """Of a tag whose contradiction counts."""
 _LEAST_LEVELS = 3.0  # between white and black, grey levels of 256
+_BORDER = BORDER_CELLS / TAG_CELLS
 _LEAST_SIDE_RATIO = (
     0.7  # of the larger of the two kinds of dark cells: smaller ones are the squares between tags
 )
@@ -41,13 +42,10 @@ class LatticePart:
     """A part of the grid as a lattice of corners.
 
     `tags` are those read in it that agree on where it lies: the corners of each in pixels of the full picture, from its
-    upper left clockwise. `grid` (n, 2) column and row of each corner in the target, `points_px` (n, 2) where it is.
-    `contradicting` counts the tags that were read well and belong elsewhere.
+    upper left clockwise. `contradicting` counts the tags that were read well and belong elsewhere.
     """
 
     tags: dict[int, Float[np.ndarray, "4 2"]]
-    grid: Int[np.ndarray, "n 2"]
-    points_px: Float[np.ndarray, "n 2"]
     contradicting: int
     is_mirrored: bool = False
 
@@ -90,22 +88,22 @@ def read_lattice(
             read = read[number[read] < len(layout.tag_places)]
             if len(read) < 2:
                 return None
-            return LatticePart({}, place[:0], points_px[:0], 0, is_mirrored=True)
+            return LatticePart({}, 0, is_mirrored=True)
         if len(read):
-            return _placed(layout, place, points_px, cells, read, number, turn, wrong)
+            return _placed(layout, cells, read, number, turn, wrong)
     return None
 
 
 def wrong_bits(
     image: Shaped[np.ndarray, "h w"],
-    layout: AprilGridLayout,
-    tags: Int[np.ndarray, " n"],
+    gap: float,
+    codes: Bool[np.ndarray, "n 6 6"],
     corners_px: Float[np.ndarray, "n 4 2"],
 ) -> Int[np.ndarray, " n"]:
     """Return in how many bits the picture differs from tags where they should be: corners from the upper left on,
-    clockwise. All bits where there is no dark border in a bright surrounding."""
-    bits, told = _read(image, corners_px, layout.gap_mm / layout.tag_mm)
-    different = np.sum(bits != layout.tag_codes[tags], axis=(1, 2))
+    clockwise. All bits where there is no dark border in a bright surrounding, the gap (in sides of a tag)."""
+    bits, told = _read(image, corners_px, gap)
+    different = np.sum(bits != codes, axis=(1, 2))
     return np.where(told, different, CODE_CELLS**2)
 
 
@@ -145,7 +143,7 @@ def _read(
     black, white = values[:, codes:].reshape(-1, 2, 4, _ALONG_SIDE).mean(axis=3).transpose(1, 0, 2)
     middle = (np.arange(CODE_CELLS) - 0.5 * (CODE_CELLS - 1)) / TAG_CELLS
     limit = np.zeros((len(values), CODE_CELLS, CODE_CELLS))
-    for sides, apart in ((black, 1.0 - BORDER_CELLS / TAG_CELLS), (white, 1.0 + gap)):
+    for sides, apart in ((black, 1.0 - _BORDER), (white, 1.0 + gap)):
         along_y, along_x = (sides[:, 2] - sides[:, 0]) / apart, (sides[:, 1] - sides[:, 3]) / apart
         limit += 0.5 * sides.mean(axis=1)[:, None, None]
         limit += 0.5 * (along_y[:, None, None] * middle[:, None] + along_x[:, None, None] * middle)
@@ -161,7 +159,7 @@ def _looks(gap: float) -> Float[np.ndarray, "k 2"]:
     y, x, dy, dx = np.meshgrid(cell, cell, inside, inside, indexing="ij")
     places = [np.stack([(x + dx).ravel(), (y + dy).ravel()], axis=1)]
     along = (np.arange(_ALONG_SIDE) + 0.5) / _ALONG_SIDE
-    for depth in (0.5 * BORDER_CELLS / TAG_CELLS, -0.5 * gap):
+    for depth in (0.5 * _BORDER, -0.5 * gap):
         at, far = np.full(_ALONG_SIDE, depth), np.full(_ALONG_SIDE, 1.0 - depth)
         places += [np.stack(pair, axis=1) for pair in ((along, at), (far, along), (along, far), (at, along))]
     return np.concatenate(places)
@@ -213,8 +211,6 @@ def _nearest(
 
 def _placed(
     layout: AprilGridLayout,
-    place: Int[np.ndarray, "n 2"],
-    points_px: Float[np.ndarray, "n 2"],
     cells: _Cells,
     read: Int[np.ndarray, " r"],
     number: Int[np.ndarray, " c"],
@@ -229,14 +225,12 @@ def _placed(
             shift = 2 * layout.tag_places[number[n]] - axes @ (cells.place[n] + _UPPER_LEFT[turn[n]])
             votes[int(n)] = (int(turn[n]), int(shift[0]), int(shift[1]))
     if not votes:
-        return LatticePart({}, place[:0], points_px[:0], int(np.sum(wrong[read] <= SURE_WRONG_BITS)))
+        return LatticePart({}, int(np.sum(wrong[read] <= SURE_WRONG_BITS)))
     count = Counter(votes.values())
     errors = {vote: sum(int(wrong[n]) for n, other in votes.items() if other == vote) for vote in count}
     chosen = min(count, key=lambda vote: (-count[vote], errors[vote], vote))
     agreeing = [n for n, vote in votes.items() if vote == chosen]
     others = [n for n in read if votes.get(int(n)) != chosen and wrong[n] <= SURE_WRONG_BITS]
-    grid = place @ np.array(_TURNS[chosen[0]]).T + chosen[1:]
-    on_grid = np.all((grid >= 0) & (grid < [layout.target.grid_columns, layout.target.grid_rows]), axis=1)
     # clockwise from the lattice's first corner on; the tag's own first one comes as many places later
     tags = {int(number[n]): np.roll(cells.corners_px[n], -int(turn[n]), axis=0) for n in agreeing}
-    return LatticePart(tags, grid[on_grid], points_px[on_grid], len(others))
+    return LatticePart(tags, len(others))

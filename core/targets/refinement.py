@@ -35,6 +35,7 @@ _LONGEST_STEP = 1.5  # in σ
 _BLUR_VARIES = 2.0  # over the board
 _ASTRAY = 6.0
 _OWN_PLACE = 0.4  # of the spacing: half-way a neighbour's begins
+_OWN_PLACE_IN_PRINT = 0.2  # the same where something is printed in the squares, which has corners of its own
 _LEAST_CONTRAST = 0.15  # of the median
 _LARGEST_VARIANCE = 4.0  # of the residuals, times the median
 _SMALL_RESIDUAL = 0.01  # of half the contrast: without noise the model itself shows
@@ -145,10 +146,10 @@ def refine_corners(
     x, y = ideal.T
     at_border = (x == x.min()) | (x == x.max()) | (y == y.min()) | (y == y.max())
     if plain is None:
-        least_spacing = np.where(at_border, _LEAST_SPACING_AT_BORDER, _LEAST_SPACING)
+        least_spacing, own_place = np.where(at_border, _LEAST_SPACING_AT_BORDER, _LEAST_SPACING), _OWN_PLACE
     else:
-        least_spacing = np.full(count, _LEAST_SPACING_AT_BORDER / plain)
-    return _conclude(states, steps, points_px, good & (beside < _OWN_PLACE), least_spacing)
+        least_spacing, own_place = np.full(count, _LEAST_SPACING_AT_BORDER / plain), _OWN_PLACE_IN_PRINT
+    return _conclude(states, steps, points_px, good & (beside < own_place), least_spacing)
 
 
 def _length(steps: Float[np.ndarray, "n step"]) -> Float[np.ndarray, " n"]:

@@ -29,9 +29,8 @@ class TargetSpec:
     `pitch_mm` is the distance of neighbouring ones. The target frame has its origin at grid point (0, 0), x along
     columns, y along rows, z = x × y (into the board when seen from the front with y down).
 
-    An AprilGrid's grid points are its tags' corners: column 2i and 2i + 1 are the left and right sides of its i-th
-    tags, row 2j and 2j + 1 the upper and lower ones, counted from the upper left of the sheet as Kalibr prints it
-    (`core.targets.aprilgrid_layout`).
+    An AprilGrid's grid points are its tags' corners: columns 2i and 2i + 1 are the two sides of its i-th tags along x,
+    rows 2j and 2j + 1 those of its j-th ones along y (where that begins: `core.targets.aprilgrid_layout`).
     """
 
     kind: str

@@ -25,23 +25,34 @@ def white_at(target: TargetSpec, x: np.ndarray, y: np.ndarray) -> np.ndarray:
 
 @pytest.mark.parametrize(("number", "code"), [(0, FIRST), (1, SECOND), (586, LAST)])
 def test_codes_are_the_family_s_own(number: int, code: int) -> None:
-    bits = [code >> (35 - k) & 1 for k in range(36)]
-    np.testing.assert_array_equal(family_codes()[number].ravel(), bits)
+    upright = [code >> (35 - k) & 1 for k in range(36)]
+    np.testing.assert_array_equal(family_codes()[number].ravel(), upright[::-1])
 
 
-def test_ids_begin_at_the_lower_left_and_go_up() -> None:
-    """Kalibr's rows count upward; the target's frame has y downward, so id 0 is in the last row of places."""
+def test_ids_begin_at_kalibr_s_origin_the_upper_right_of_the_sheet_upside_down() -> None:
+    """Kalibr has x along the ids, y along their rows, and z toward the eye; turned about y, z goes into the board."""
     layout = aprilgrid_layout(GRID)
-    assert layout.tag_places[0].tolist() == [0, 2]
-    assert layout.tag_places[3].tolist() == [3, 2]
-    assert layout.tag_places[4].tolist() == [0, 1]
-    assert layout.tag_places[11].tolist() == [3, 0]
-    # the corners of tag 5, from its upper left clockwise
+    assert layout.tag_places[0].tolist() == [3, 0]
+    assert layout.tag_places[3].tolist() == [0, 0]
+    assert layout.tag_places[4].tolist() == [3, 1]
+    assert layout.tag_places[11].tolist() == [0, 2]
+    # the corners of tag 5 (Kalibr's second of the second row), from its upper left clockwise
     np.testing.assert_allclose(
-        layout.tag_corners(5), [[26, 26, 0], [46, 26, 0], [46, 46, 0], [26, 46, 0]], atol=1e-12
+        layout.tag_corners(5), [[52, 26, 0], [72, 26, 0], [72, 46, 0], [52, 46, 0]], atol=1e-12
     )
+    # Kalibr's lower left corner of tag k, as its documentation numbers the points
+    width = 3 * 26.0 + 20.0
+    for tag in range(12):
+        kalibr = np.array([26.0 * (tag % 4), 26.0 * (tag // 4), 0.0])
+        x, y, z = layout.tag_corners(tag)[1]
+        np.testing.assert_allclose([width - x, y, -z], kalibr, atol=1e-12)
     with pytest.raises(InvalidTarget):
         layout.tag_corners(12)
+
+
+def test_places_do_not_depend_on_how_many_rows_a_sheet_is_said_to_have() -> None:
+    higher = aprilgrid_layout(TargetSpec("aprilgrid", 4, 7, 26.0, 20.0))
+    np.testing.assert_array_equal(higher.tag_places[:12], aprilgrid_layout(GRID).tag_places)
 
 
 def test_grid_points_are_the_tags_corners() -> None:
@@ -71,8 +82,8 @@ def test_the_sheet_by_hand() -> None:
     assert white_at(GRID, *np.meshgrid(26.0 * np.arange(4) + 10.0, crossings[1])).all()
 
 
-def test_opencv_reads_the_sheet_upside_down() -> None:
-    """OpenCV's pictures of this family stand on their heads: its first corner is the tag's lower right one."""
+def test_opencv_reads_the_sheet() -> None:
+    """OpenCV's pictures of this family stand on their heads, as the sheet does in the target frame."""
     step = 8  # px for a mm
     x = (np.arange(-10 * step, 108 * step) + 0.5) / step
     y = (np.arange(-10 * step, 82 * step) + 0.5) / step
@@ -86,8 +97,7 @@ def test_opencv_reads_the_sheet_upside_down() -> None:
     layout = aprilgrid_layout(GRID)
     for number, four in zip(ids.ravel(), corners, strict=True):
         seen_mm = (four.reshape(4, 2) + 0.5) / step - 10.0
-        upright = np.roll(seen_mm, -2, axis=0)
-        assert np.abs(upright - layout.tag_corners(int(number))[:, :2]).max() < 0.5
+        assert np.abs(seen_mm - layout.tag_corners(int(number))[:, :2]).max() < 0.5
 
 
 @pytest.mark.parametrize(
