@@ -95,7 +95,7 @@ def mutated_view(seed: int, number: int, kind: str = "charuco") -> MutatedView:
     T_camera_target = _draw_pose(rng, printed, camera, strays=is_as_stated)
     levels = _backgrounds(seed)[int(rng.integers(_BACKGROUNDS))].copy()
     if is_as_stated and rng.random() < 0.35:
-        _add_another(rng, levels, printed, camera, changes)
+        _add_another(rng, levels, printed, stated, camera, changes)
     dark, bright = float(rng.uniform(5, 60)), float(rng.uniform(120, 245))
     _lay(levels, sheet, camera, T_camera_target, dark, bright)
     points = project(transform_points(T_camera_target, printed.points_target()), camera)
@@ -240,11 +240,14 @@ def _add_another(
     rng: np.random.Generator,
     levels: Float[np.ndarray, "h w"],
     printed: TargetSpec,
+    stated: TargetSpec,
     camera: Camera,
     changes: list[str],
 ) -> None:
-    """Lay another board into the picture, behind the one to come; never the same one."""
+    """Lay another board into the picture, behind the one to come; never the same one, nor the one asked for."""
     other = _draw_target(rng, printed.kind)
+    while other.kind == "aprilgrid" and other.columns in (printed.columns, stated.columns):
+        other = _draw_target(rng, printed.kind)  # of sheets of equal width one is the upper part of the other
     if rng.random() < 0.4:
         other = replace(printed, kind="chessboard", dictionary=None, marker_mm=None)
     elif printed.kind == "charuco" and rng.random() < 0.5:
