@@ -37,6 +37,8 @@ from core.errors import Advisory, GridposeError, InvalidArgument
 from core.targets.specification import GridPoints
 
 NOTABLE_INFLATION = 1.5
+SURE = 20.0
+"""Standard deviations of a tilt over its opposite from which on any image's own noise leaves it sure."""
 ESTIMATORS = ("pooled", "pooled_free_focal", "per_image", "per_image_fixed_pp", "given")
 
 
@@ -150,6 +152,11 @@ def _without_ambiguous(estimate: GroupEstimate, fitted: Fitted, doubt: Doubt) ->
     scale = np.sqrt(at.square_sums / np.maximum(2.0 * points - 6.0, 1.0))
     # What neighbouring residuals or the images of a pose have in common tells less than independent noise would.
     growth = max(doubt.growth.own, doubt.growth.camera)
+    certain = None
+    if fitted.tilt_evidence is not None and fitted.shared is not None:
+        # Most poses are so sure at the fit's own scale that no look at the image's own changes it.
+        larger = math.sqrt(growth) * float(np.max(scale)) / fitted.shared.scale
+        certain = fitted.tilt_evidence > SURE * max(larger, 1.0)
     tilts = look_at_tilts(
         views,
         fitted.labels,
@@ -158,6 +165,7 @@ def _without_ambiguous(estimate: GroupEstimate, fitted: Fitted, doubt: Doubt) ->
         fitted.used,
         growth * np.maximum(scale, SMALLEST_NOISE_PX / views.uncertainty) ** 2,
         at.products[:, 8:14, 8:14],
+        certain,
     )
     wrong = tilts.doubtful | tilts.changed
     if not wrong.any():

@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Bool
+from jaxtyping import Bool, Float
 
 from core.calibration.arrow import KNOWN
 from core.calibration.group_starts import Alike, find_alike, placed_before
@@ -24,7 +24,8 @@ class Fitted:
     """The views that could be fitted, at their placements, before their doubt is known.
 
     `images` says which of all views given they are, `labels` are theirs; `shared` is the fit of those that share a
-    camera, left-out views included.
+    camera, left-out views included. `tilt_evidence` says how sure the tilt of each view's pose is
+    (`group_two_fold.with_better_tilts`), None where that was not looked at.
     """
 
     estimator: str
@@ -35,6 +36,7 @@ class Fitted:
     used: Bool[np.ndarray, " n"]
     shared: SharedLens | None
     warnings: tuple[Advisory, ...] = ()
+    tilt_evidence: Float[np.ndarray, " m"] | None = None
 
 
 def fit_given(
@@ -56,8 +58,8 @@ def fit_given(
     chosen, repeats = views.take(usable), labels[usable]
     alike = Alike(usable, alike.leader, alike.homographies, alike.failures)
     shared = fit_shared_lens(chosen, start_of(alike, of_leader), KNOWN, repeats=repeats)
-    shared = with_better_tilts(chosen, shared, KNOWN, None, repeats)
-    return fitted_together("given", chosen, usable, repeats, shared, failures, ())
+    shared, evidence = with_better_tilts(chosen, shared, KNOWN, None, repeats)
+    return fitted_together("given", chosen, usable, repeats, shared, failures, (), evidence)
 
 
 def start_of(alike: Alike, of_leader: dict[int, View]) -> Placements:
@@ -74,6 +76,7 @@ def fitted_together(
     shared: SharedLens,
     failures: dict[int, GridposeError],
     warnings: tuple[Advisory, ...],
+    evidence: Float[np.ndarray, " m"],
 ) -> Fitted:
     """Return a fit without the views that do not fit the common camera or lie behind it."""
     at, used = shared.at, shared.used
@@ -109,7 +112,9 @@ def fitted_together(
         )
         used = used[points]
     images = [usable[j] for j in kept]
-    return Fitted(estimator, images, views.take(kept), labels[kept], at, used, shared, warnings)
+    return Fitted(
+        estimator, images, views.take(kept), labels[kept], at, used, shared, warnings, evidence[kept]
+    )
 
 
 def first_failure(failures: dict[int, GridposeError]) -> GridposeError:

@@ -64,13 +64,15 @@ def fit_pooled(
     _check_focal(shared)
     if estimator == "pooled_free_focal":
         shared = fit_shared_lens(chosen, shared.at.placements, FREE_FOCAL, lens=lens, repeats=repeats)
-    shared = with_better_tilts(chosen, shared, TIED if estimator == "pooled" else FREE_FOCAL, lens, repeats)
+    shared, evidence = with_better_tilts(
+        chosen, shared, TIED if estimator == "pooled" else FREE_FOCAL, lens, repeats
+    )
     if not shared.converged:
         raise NotConverged(
             "No common camera explains the images.",
             "Check that all images of the focus group show the session's targets, taken with one camera setting.",
         )
-    return fitted_together(estimator, chosen, alike.usable, repeats, shared, failures, warnings)
+    return fitted_together(estimator, chosen, alike.usable, repeats, shared, failures, warnings, evidence)
 
 
 def _fit_part(

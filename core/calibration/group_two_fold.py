@@ -29,13 +29,15 @@ ROUNDS = 2
 @dataclass(frozen=True, slots=True)
 class Tilts:
     """The placements with the better tilt of each pose's two, which of them changed, which are doubtful, and the ratio
-    of the lesser to the greater sum of squared residuals of all that were looked at; 0 elsewhere.
+    of the lesser to the greater sum of squared residuals of all that were looked at; 0 elsewhere. `evidence` is the √Λ
+    of each pose's first image, infinite where it has no second tilt.
     """
 
     placements: Placements
     changed: Bool[np.ndarray, " m"]
     doubtful: Bool[np.ndarray, " m"]
     ratio: Float[np.ndarray, " m"]
+    evidence: Float[np.ndarray, " m"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,8 +72,9 @@ def look_at_tilts(
     used: Bool[np.ndarray, " n"],
     variance: Float[np.ndarray, " m"],
     information: Float[np.ndarray, "m 6 6"],
+    certain: Bool[np.ndarray, " m"] | None = None,
 ) -> Tilts:
-    """Compare the two tilts of every label's views.
+    """Compare the two tilts of every label's views, but those `certain` already.
 
     `residuals` (px) and the points `used` are of the views at their placements, `variance` that of a residual in stated
     uncertainties, `information` (w, d about the points' centroid) that of the poses at unit variance.
@@ -79,10 +82,13 @@ def look_at_tilts(
     fitted = _Fitted(views, placements, residuals, used, variance, information)
     rotations, translations = placements.rotations.copy(), placements.translations_mm.copy()
     changed, doubtful = np.zeros(len(views), dtype=np.bool_), np.zeros(len(views), dtype=np.bool_)
-    ratio = np.zeros(len(views))
+    ratio, evidences = np.zeros(len(views)), np.full(len(views), np.inf)
     for pose in groups_of(labels * len(views.targets) + views.target):
         members = pose.tolist()
+        if certain is not None and certain[members[0]]:
+            continue
         first = fitted.second(members[0])
+        evidences[pose] = np.inf if first is None else first.evidence
         if first is None or first.evidence >= needed_evidence(fitted.freedom(members[0])):
             # A view of which nothing counts may be where it is for the wrong tilt's sake.
             members = [i for i in members if not used[views.part(i)].any()]
@@ -101,7 +107,9 @@ def look_at_tilts(
                     fitted.freedom(i)
                 ):
                     doubtful[i] = True
-    return Tilts(Placements(placements.parameters, rotations, translations), changed, doubtful, ratio)
+    return Tilts(
+        Placements(placements.parameters, rotations, translations), changed, doubtful, ratio, evidences
+    )
 
 
 def _together(fitted: _Fitted, seconds: dict[int, SecondPose]) -> tuple[list[int], float]:
@@ -125,8 +133,11 @@ def with_better_tilts(
     sharing: Sharing,
     lens: Lens | None,
     labels: Int[np.ndarray, " m"],
-) -> SharedLens:
-    """Return the fit with every pose in the better of its two tilts."""
+) -> tuple[SharedLens, Float[np.ndarray, " m"]]:
+    """Return the fit with every pose in the better of its two tilts, and how sure of it each pose's first image is: √Λ
+    at the fit's own scale; 0 where that was not looked at.
+    """
+    evidence = np.zeros(len(views))
     for _ in range(ROUNDS):
         if not shared.converged:
             break
@@ -141,9 +152,10 @@ def with_better_tilts(
             at.products[:, 8:14, 8:14],
         )
         if not tilts.changed.any():
+            evidence = tilts.evidence
             break
         shared = fit_shared_lens(views, tilts.placements, sharing, lens=lens, repeats=labels)
-    return shared
+    return shared, evidence
 
 
 def ambiguous(ratio: float, view: View) -> PoseAmbiguous:
