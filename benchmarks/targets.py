@@ -1,0 +1,275 @@
+"""Every kind of target: corners and centres against rendered truth, wrong names, and time beside the chessboard's."""
+
+from __future__ import annotations
+
+import math
+import multiprocessing
+import os
+from collections.abc import Iterable
+from concurrent.futures import ProcessPoolExecutor
+from contextlib import suppress
+from dataclasses import dataclass, replace
+from functools import partial
+from itertools import islice
+from statistics import median
+
+import cv2
+import numpy as np
+
+from benchmarks.conditions import one_core, seconds
+from benchmarks.table import Row
+from core import TargetSpec, calibrate_image
+from core.camera import Camera
+from core.errors import DetectionError, FocalNotObservable
+from core.simulation import Scene, render, standard_camera, standard_scene, standard_target
+from core.simulation.mutations import mutated_views
+from core.simulation.scenes import random_pose
+from core.targets.detect import detect
+
+CHARUCO = (
+    TargetSpec("charuco", 9, 6, 33.0, 24.0, "DICT_5X5_100"),
+    TargetSpec("charuco", 14, 10, 21.4, 16.0, "DICT_5X5_100"),
+)
+APRILGRID = TargetSpec("aprilgrid", 6, 6, 45.5, 35.0)
+CIRCLES = (TargetSpec("circles", 14, 10, 21.4), TargetSpec("asymmetric_circles", 7, 20, 15.0))
+CHESSBOARD = standard_target(14, 10)
+DOT_TILT, DOT_K1 = math.radians(45.0), -0.2
+SUBPIX_WINDOW = (5, 5)  # half the gap between tags, where they are smallest
+SUBPIX_STOP = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_MAX_ITER, 60, 1e-4)
+WRONG_PX = 1.0
+MUTATED_VIEWS = 10_000
+MUTATED_KINDS = ("charuco", "aprilgrid")
+_CHUNK = 50  # views of one seed
+
+
+def rows(seeds: list[int], quick: bool) -> Iterable[Row]:
+    """Yield accuracy, names and times of the targets that are no chessboards."""
+    per_seed = 1 if quick else 12
+    with ProcessPoolExecutor(os.cpu_count() or 1, multiprocessing.get_context("spawn")) as pool:
+        jobs = [
+            (target, int(np.random.SeedSequence([seed, index, target.size]).generate_state(1)[0]))
+            for target in (*CHARUCO, APRILGRID)
+            for seed in seeds
+            for index in range(per_seed)
+        ]
+        corners = list(pool.map(_corners, *zip(*jobs, strict=True)))
+        yield from _charuco([c for c in corners if c.target.kind == "charuco"])
+        yield from _aprilgrid([c for c in corners if c.target.kind == "aprilgrid"])
+        for target in CIRCLES:
+            drawn = [1000 * seed + index for seed in seeds for index in range(per_seed)]
+            yield from _dots(target, list(pool.map(_dot_errors, [target] * len(drawn), drawn)))
+        yield from _names(pool, seeds, 200 if quick else MUTATED_VIEWS)
+    yield from _time(seeds, 1 if quick else 4, 2 if quick else 5)
+
+
+@dataclass(frozen=True)
+class _Corners:
+    """One picture's corners against the truth, u and v; `theirs` are those of OpenCV's way, at the corners that both
+    found. None where it was not found."""
+
+    target: TargetSpec
+    ours_px: np.ndarray | None
+    stated_px: np.ndarray | None
+    both_px: np.ndarray
+    theirs_px: np.ndarray
+    theirs_missing: int
+
+
+def _corners(target: TargetSpec, seed: int) -> _Corners:
+    """Detect a rendered board and compare; OpenCV's way is its ChArUco detector, or cornerSubPix from our corners."""
+    cv2.setNumThreads(1)
+    scene = standard_scene(target, seed)
+    picture = render(scene)
+    try:
+        found = detect(picture, target)
+    except DetectionError:
+        none = np.zeros((0, 2))
+        return _Corners(target, None, None, none, none, 0)
+    index = found.row * target.grid_columns + found.column
+    ours = np.full((target.size, 2), np.nan)
+    ours[index] = found.points_px - scene.points_px[index]
+    theirs = np.full((target.size, 2), np.nan)
+    if target.kind == "charuco":
+        seen, numbers = _opencv_charuco(picture, target)
+        theirs[numbers] = seen - scene.points_px[numbers]
+    else:
+        start = found.points_px.astype(np.float32).reshape(-1, 1, 2)
+        seen = cv2.cornerSubPix(picture, start, SUBPIX_WINDOW, (-1, -1), SUBPIX_STOP).reshape(-1, 2)
+        theirs[index] = seen - scene.points_px[index]
+    with np.errstate(invalid="ignore"):
+        both = np.isfinite(ours[:, 0]) & (np.abs(theirs).max(axis=1) < WRONG_PX)
+    missing = int(np.sum(np.isfinite(ours[:, 0]))) - int(both.sum())
+    return _Corners(target, ours[index], found.standard_uncertainty_px, ours[both], theirs[both], missing)
+
+
+def _opencv_charuco(picture: np.ndarray, target: TargetSpec) -> tuple[np.ndarray, np.ndarray]:
+    dictionary = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, str(target.dictionary)))
+    size = (target.columns + 1, target.rows + 1)
+    board = cv2.aruco.CharucoBoard(size, target.pitch_mm, float(target.marker_mm or 0.0), dictionary)
+    corners, numbers, _, _ = cv2.aruco.CharucoDetector(board).detectBoard(picture)
+    if numbers is None:
+        return np.zeros((0, 2)), np.zeros(0, np.intp)
+    return corners.reshape(-1, 2).astype(np.float64), numbers.ravel().astype(np.intp)
+
+
+def _charuco(seen: list[_Corners]) -> Iterable[Row]:
+    for target in CHARUCO:
+        of_target = [c for c in seen if c.target == target]
+        name, note = f"ChArUco {target.columns}x{target.rows}", _found_note(of_target)
+        ours, theirs = (
+            _rms(np.concatenate([getattr(c, f) for c in of_target])) for f in ("both_px", "theirs_px")
+        )
+        missing = sum(c.theirs_missing for c in of_target)
+        beside = (
+            f"{note}; OpenCV {theirs:.4f} px on the same corners; {missing} more it misses or has 1 px off"
+        )
+        yield Row.at_most(f"{name} corner rms ÷ OpenCV's CharucoDetector", ours / theirs, 0.2, note=beside)
+        yield from _accuracy(name, of_target)
+
+
+def _aprilgrid(seen: list[_Corners]) -> Iterable[Row]:
+    name = f"AprilGrid {APRILGRID.columns}x{APRILGRID.rows}"
+    ours, theirs = (_rms(np.concatenate([getattr(c, f) for c in seen])) for f in ("both_px", "theirs_px"))
+    beside = f"{_found_note(seen)}; cornerSubPix 5 from our corners: {theirs:.4f} px"
+    yield Row.context(f"{name} corner rms ÷ cornerSubPix", ours / theirs, note=beside)
+    yield from _accuracy(name, seen)
+
+
+def _accuracy(name: str, seen: list[_Corners]) -> Iterable[Row]:
+    measured = [c for c in seen if c.ours_px is not None and c.stated_px is not None]
+    note = _found_note(seen)
+    if not measured:
+        yield Row.at_least(f"{name}: views found", 0.0, 100.0, "%", note)
+        return
+    yield Row.at_least(f"{name}: views found", 100.0 * len(measured) / len(seen), 100.0, "%", note)
+    errors = np.concatenate([c.ours_px for c in measured if c.ours_px is not None])
+    stated = np.concatenate([c.stated_px for c in measured if c.stated_px is not None])
+    yield Row.context(f"{name} corner rms", _rms(errors), "px", note)
+    what = f"{name}: error ÷ stated uncertainty, rms"
+    yield Row.within(what, _rms(errors / stated[:, None]), 0.95, 1.05, note=note)
+
+
+def _found_note(seen: list[_Corners]) -> str:
+    corners = sum(len(c.ours_px) for c in seen if c.ours_px is not None)
+    return f"{len(seen)} standard scenes, tilts 0-60°, {corners:,} corners"
+
+
+def _dot_errors(target: TargetSpec, seed: int) -> np.ndarray | None:
+    """Return the errors (px) of the dots of a picture without noise; None where the board was not found."""
+    cv2.setNumThreads(1)
+    camera: Camera = replace(standard_camera(), k1=DOT_K1, k2=0.0)
+    T = random_pose(target, camera, (2448, 2050), DOT_TILT, math.pi, np.random.default_rng([seed, 45]))
+    scene = Scene(target, camera, T, bit_depth=16, seed=seed)
+    try:
+        found = detect(render(scene), target)
+    except DetectionError:
+        return None
+    truth = scene.points_px
+    index = found.row * target.columns + found.column
+    if found.origin == "turned" and np.abs(found.points_px - truth[index]).mean() > WRONG_PX:
+        index = target.size - 1 - index
+    return np.asarray(found.points_px - truth[index])
+
+
+def _dots(target: TargetSpec, errors: list[np.ndarray | None]) -> Iterable[Row]:
+    found = [e for e in errors if e is not None]
+    name = f"{target.kind} {target.columns}x{target.rows}"
+    note = f"{len(errors)} scenes at 45°, k1 -.2, no noise, {sum(len(e) for e in found):,} dots"
+    yield Row.at_least(f"{name}: views found", 100.0 * len(found) / len(errors), 100.0, "%", note)
+    every = np.concatenate([np.linalg.norm(e, axis=1) for e in found]) if found else np.array([math.nan])
+    yield Row.at_most(f"{name}: bias of the worst centre", float(every.max()), 0.005, "px", note)
+    yield Row.context(f"{name}: bias of the centres, rms", _rms(every), "px", note)
+
+
+@dataclass(frozen=True)
+class _Named:
+    """What became of some mutated views: corners with a wrong name, and views as stated and those of them measured."""
+
+    wrong: int
+    corners: int
+    as_stated: int
+    measured: int
+
+
+def _name(kind: str, seed: int, count: int) -> _Named:
+    cv2.setNumThreads(1)
+    wrong = corners = as_stated = measured = 0
+    for view in islice(mutated_views(seed, kind=kind), count):
+        as_stated += view.is_as_stated
+        try:
+            found = detect(view.image, view.target)
+        except DetectionError:
+            continue
+        wrong += view.wrong(found)
+        corners += len(found)
+        measured += view.is_as_stated
+    return _Named(wrong, corners, as_stated, measured)
+
+
+def _names(pool: ProcessPoolExecutor, seeds: list[int], views: int) -> Iterable[Row]:
+    """Count wrong names in views with things before the board, flipped bits, other boards and mirrored ones."""
+    each = views // len(MUTATED_KINDS)
+    for kind in MUTATED_KINDS:
+        drawn = np.random.SeedSequence([*seeds, len(kind)]).generate_state(-(-each // _CHUNK))
+        counts = [min(_CHUNK, each - _CHUNK * k) for k in range(len(drawn))]
+        seen = list(pool.map(_name, [kind] * len(drawn), [int(s) for s in drawn], counts))
+        total = _Named(*(sum(getattr(n, f) for n in seen) for f in _Named.__dataclass_fields__))
+        note = (
+            f"{each:,} rendered and mutated views, {total.corners:,} corners accepted; of {total.as_stated:,} views "
+            f"that show the board asked for {total.measured:,} were measured"
+        )
+        yield Row.at_most(f"{kind}: corners accepted under a wrong name", float(total.wrong), 0.0, note=note)
+        share = 100.0 * total.measured / max(total.as_stated, 1)
+        yield Row.context(f"{kind}: mutated views measured", share, "%", note)
+
+
+def _time(seeds: list[int], per_seed: int, repeats: int) -> Iterable[Row]:
+    """Bytes to pose, and detection alone, beside a chessboard's: pictures of equal size, as many points."""
+    targets = {"chessboard": CHESSBOARD, "charuco": CHARUCO[1], "aprilgrid": APRILGRID}
+    targets |= {target.kind: target for target in CIRCLES}
+    paths: dict[str, list[float]] = {kind: [] for kind in targets}
+    alone: dict[str, list[float]] = {kind: [] for kind in targets}
+    with one_core():
+        for index, seed in enumerate(s * per_seed + k for s in seeds for k in range(per_seed)):
+            pictures = {kind: render(standard_scene(target, seed)) for kind, target in targets.items()}
+            data = {kind: cv2.imencode(".png", picture)[1].tobytes() for kind, picture in pictures.items()}
+            if index == 0:
+                for kind, target in targets.items():
+                    _calibrate(data[kind], target)  # code and caches warm
+            for kind in targets:
+                paths[kind].append(math.inf)
+                alone[kind].append(math.inf)
+            for _ in range(repeats):
+                for kind, target in targets.items():
+                    whole = seconds(partial(_calibrate, data[kind], target))
+                    part = seconds(partial(_detect, pictures[kind], target))
+                    paths[kind][-1] = min(paths[kind][-1], whole)
+                    alone[kind][-1] = min(alone[kind][-1], part)
+    note = f"{len(paths['chessboard'])} pictures of 5 Mpx each, 140-144 points, best of {repeats}, in turns, one core"
+    for kind in targets:
+        ms, path = 1e3 * median(alone[kind]), 1e3 * median(paths[kind])
+        if kind == "chessboard":
+            yield Row.context(
+                "PNG bytes to pose, chessboard", path, "ms", f"detection alone {ms:.1f} ms; {note}"
+            )
+            continue
+        ratio = median(a / b for a, b in zip(paths[kind], paths["chessboard"], strict=True))
+        yield Row.at_most(
+            f"PNG bytes to pose, {kind} ÷ chessboard", ratio, 2.0, note=f"{path:.1f} ms; {note}"
+        )
+        ratio = median(a / b for a, b in zip(alone[kind], alone["chessboard"], strict=True))
+        yield Row.context(f"detection alone, {kind} ÷ chessboard", ratio, note=f"{ms:.1f} ms; {note}")
+
+
+def _calibrate(data: bytes, target: TargetSpec) -> None:
+    with suppress(FocalNotObservable, DetectionError):
+        calibrate_image(data, target)
+
+
+def _detect(picture: np.ndarray, target: TargetSpec) -> None:
+    with suppress(DetectionError):
+        detect(picture, target)
+
+
+def _rms(values: np.ndarray) -> float:
+    return float(np.sqrt(np.mean(np.square(values)))) if len(values) else math.nan
