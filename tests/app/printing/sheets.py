@@ -42,6 +42,7 @@ CASES = [
     Case(TargetSpec("charuco", 4, 7, 30.0, 15.0, "DICT_4X4_50", legacy_layout=True)),
     Case(TargetSpec("circles", 10, 7, 20.0), origin_dot=1.5),
     Case(TargetSpec("asymmetric_circles", 4, 11, 17.0)),
+    Case(TargetSpec("aprilgrid", 6, 4, 40.0, 30.0)),
     Case(TargetSpec("charuco", 17, 11, 60.0, 45.0, "DICT_5X5_1000"), paper="A0"),
 ]
 
