@@ -28,7 +28,7 @@ from core.targets.partial_board import Part, find_part, is_mirrored, turned_by_m
 from core.targets.pyramid import Level, levels
 from core.targets.refinement import refine_corners
 from core.targets.saddles import Saddles, find_saddles
-from core.targets.specification import GridPoints, Origin, TargetSpec
+from core.targets.specification import GridPoints, Origin, TargetSpec, points_left_out
 from core.targets.squares import ENOUGH_VISIBLE, Board, bounded
 
 _LEAST_PATCH = 4  # corners: one closed cell
@@ -207,7 +207,10 @@ def _grid_points(
             "are too poor to measure."
         )
     if left_out:
-        warnings = (*warnings, _left_out(left_out, target.size, is_part))
+        reason = "corners were left out: the picture does not show them as corners of squares."
+        if is_part:
+            reason = "corners were left out: they are out of view, hidden, or not clear enough."
+        warnings = (*warnings, points_left_out(left_out, target.size, reason))
     return GridPoints(
         target=target,
         image_width_px=image.shape[1],
@@ -218,20 +221,6 @@ def _grid_points(
         standard_uncertainty_px=refined.standard_uncertainty_px[trusted],
         warnings=warnings,
         origin=origin,
-    )
-
-
-def _left_out(count: int, size: int, is_part: bool) -> Advisory:
-    if is_part:
-        return Advisory(
-            code="corners_left_out",
-            detail=f"{count} of {size} corners were left out: they are out of view, hidden, or not clear enough.",
-            advice="Bring more of the board into view.",
-        )
-    return Advisory(
-        code="corners_left_out",
-        detail=f"{count} of {size} corners were left out: the picture does not show them as corners of squares.",
-        advice="Look at the overlay: reflections, dirt or something in front of the grid are the usual causes.",
     )
 
 

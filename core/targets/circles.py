@@ -1,7 +1,8 @@
 """Finding boards of dots, `circles` and `asymmetric_circles`, and the pictures of their dots' centres.
 
-Dots are found (`dots`), linked to lattices (`dot_lattice`), and the lattice that has the target's places is taken. Each
-dot is then fitted at full resolution, and its centre's picture told from that (`dot_refinement`).
+Dots are found (`dots`), linked to lattices (`dot_lattice`), and the lattice that has the target's places is taken, or
+one that may be a part of it (`partial_dots`). Each dot is then fitted at full resolution, and its centre's picture told
+from that (`dot_refinement`).
 """
 
 from __future__ import annotations
@@ -11,15 +12,17 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float, Int, Shaped, UInt8, UInt16
 
-from core.errors import Advisory, TargetMismatch, TargetNotFound
+from core.errors import Advisory, TargetMirrored, TargetMismatch, TargetNotFound
 from core.targets.dot_lattice import DotLattice, dot_lattices
 from core.targets.dot_refinement import LEAST_DOTS, ODD, FittedDots, corrected_centres, fit_dots, plane_map
 from core.targets.dots import Dots, find_dots
+from core.targets.partial_dots import part_turns
 from core.targets.pyramid import Level, levels
 from core.targets.specification import GridPoints, Origin, TargetSpec, points_left_out
 
 _ENOUGH_SEEN = 0.75
 _ENOUGH_OF_LINE = 0.5
+_ROUND = 0.98  # of `Dots.fill`
 _LEAST_EXTENT = 0.25  # of the largest board's: a smaller one does not count beside it
 _LARGEST_VARIANCE = 6.0  # of the residuals, times the median
 _LEAST_CONTRAST = 0.25  # of the median
@@ -50,6 +53,7 @@ def detect_circles(
     image = np.require(image, requirements=["C", "W", "A"])
     seen: list[tuple[int, int]] = []
     found: list[GridPoints] = []
+    parts: list[tuple[Level, Dots, list[_Match]]] = []
     failure: TargetNotFound | None = None
     for level in levels(image):
         for dots in find_dots(level):
@@ -60,6 +64,13 @@ def detect_circles(
                     seen.append((int(extent.max()), int(extent.min())))
                 matches = _matches(lattice, target)
                 if not matches:
+                    if _is_mirrored(lattice, target):
+                        raise TargetMirrored(
+                            f"The {target.columns} x {target.rows} dots in view are those of a mirrored print."
+                        )
+                    turned = _part_matches(image, level, dots, lattice, target)
+                    if turned:
+                        parts.append((level, dots, turned))
                     continue
                 try:
                     here.append(_grid_points(image, level, dots, matches, target))
@@ -70,6 +81,8 @@ def detect_circles(
                 return max(found, key=len)
     if found:
         return max(found, key=len)
+    if parts:
+        return _grid_points(image, *max(parts, key=lambda part: len(part[2][0].dots)), target, is_part=True)
     raise failure or _not_found(seen, target)
 
 
@@ -129,6 +142,27 @@ def _matches(lattice: DotLattice, target: TargetSpec) -> list[_Match]:
     return found
 
 
+def _is_mirrored(lattice: DotLattice, target: TargetSpec) -> bool:
+    """Tell whether the dots are the target's seen in a mirror; a rectangle's look the same there."""
+    return target.kind != "circles" and bool(
+        _matches(DotLattice(lattice.dots, lattice.places[:, ::-1]), target)
+    )
+
+
+def _part_matches(
+    image: Shaped[np.ndarray, "h w"], level: Level, dots: Dots, lattice: DotLattice, target: TargetSpec
+) -> list[_Match]:
+    """Return the turns in which a lattice may be a part of the target; its size does not tell it from a grille's."""
+    height, width = image.shape
+    if np.median(dots.fill[lattice.dots]) < _ROUND:
+        return []
+    turns = part_turns(lattice, level.to_full(dots.centres[lattice.dots]), (height, width), target)
+    return [
+        _Match(lattice.dots, column, row, np.stack([column, row], axis=1).astype(np.float64))
+        for column, row in turns
+    ]
+
+
 def _is_whole(index: Int[np.ndarray, " n"], target: TargetSpec) -> bool:
     """Tell whether enough dots were found, on the outermost lines as well."""
     known = np.zeros((target.rows, target.columns), dtype=np.bool_)
@@ -138,13 +172,21 @@ def _is_whole(index: Int[np.ndarray, " n"], target: TargetSpec) -> bool:
 
 
 def _grid_points(
-    image: Shaped[np.ndarray, "h w"], level: Level, dots: Dots, matches: list[_Match], target: TargetSpec
+    image: Shaped[np.ndarray, "h w"],
+    level: Level,
+    dots: Dots,
+    matches: list[_Match],
+    target: TargetSpec,
+    *,
+    is_part: bool = False,
 ) -> GridPoints:
     fitted = fit_dots(image, level, dots, matches[0].dots, matches[0].ideal)
-    if fitted.trusted.sum() < max(LEAST_DOTS, _ENOUGH_SEEN * target.size):
+    enough = _ENOUGH_SEEN * (len(matches[0].dots) if is_part else target.size)
+    if fitted.trusted.sum() < max(LEAST_DOTS, enough):
         raise _too_poor(target, int(fitted.trusted.sum()))
-    match, warnings = _oriented(matches, fitted)
-    origin: Origin = "turned" if warnings else "known"
+    match, is_told = _oriented(matches, fitted, target, is_part=is_part)
+    warnings: tuple[Advisory, ...] = () if is_told or is_part else (_AMBIGUOUS,)
+    origin: Origin = "known" if is_told else "unknown" if is_part else "turned"
     centres, trusted = corrected_centres(match.ideal, fitted)
     variance, contrast = fitted.variance, fitted.contrast
     noise = np.maximum(variance, _ROUNDING)
@@ -155,12 +197,14 @@ def _grid_points(
         contrast >= _LEAST_CONTRAST * usual_contrast
     )
     count = int(trusted.sum())
-    if count < _ENOUGH_SEEN * target.size:
+    if count < enough:
         raise _too_poor(target, count)
     order = np.flatnonzero(trusted)
     order = order[np.lexsort((match.column[order], match.row[order]))]
     if count < target.size:
         reason = "dots were left out: the picture does not show them as dots."
+        if is_part:
+            reason = "dots were left out: they are out of view, hidden, or not clear enough."
         warnings = (*warnings, points_left_out(target.size - count, target.size, reason))
     return GridPoints(
         target=target,
@@ -183,32 +227,44 @@ def _too_poor(target: TargetSpec, count: int) -> TargetNotFound:
     )
 
 
-def _oriented(matches: list[_Match], fitted: FittedDots) -> tuple[_Match, tuple[Advisory, ...]]:
-    """Return the right one of several orders: by a larger dot at the origin, or by the x axis's direction."""
-    if len(matches) == 1:
-        return matches[0], ()
-    marked = _marked(matches, fitted)
-    if marked is not None:
-        return marked, ()
+def _oriented(
+    matches: list[_Match], fitted: FittedDots, target: TargetSpec, *, is_part: bool
+) -> tuple[_Match, bool]:
+    """Return the right one of several orders, by a larger dot at the origin, or else by the x axis's direction; and
+    whether it is told.
+
+    Raises TargetMirrored where the larger dot is at a corner of the board that no turn makes the origin.
+    """
+    if len(matches) == 1 and not is_part:
+        return matches[0], True
+    largest = _larger_dot(matches[0], fitted)
+    if largest is not None:
+        for match in matches:
+            if match.column[largest] == 0 and match.row[largest] == 0:
+                return match, True
+        column, row = matches[0].column[largest], matches[0].row[largest]
+        if not is_part and column in (0, target.columns - 1) and row in (0, target.rows - 1):
+            raise TargetMirrored(
+                "The larger dot is at a corner where only a mirrored print of the board has its origin.",
+                "Print the target without mirroring, and switch image mirroring off; or, if the print is right, "
+                "exchange the target's columns and rows.",
+            )
 
     def rightward(match: _Match) -> float:
         A = np.column_stack([match.ideal, np.ones(len(match.ideal))])
         u, v = np.linalg.lstsq(A, fitted.shapes[:, :2], rcond=None)[0][0]
         return float(u / np.hypot(u, v))
 
-    return max(matches, key=rightward), (_AMBIGUOUS,)
+    return max(matches, key=rightward), False
 
 
-def _marked(matches: list[_Match], fitted: FittedDots) -> _Match | None:
-    """Return the order in which a dot larger than all others is the origin."""
+def _larger_dot(match: _Match, fitted: FittedDots) -> int | None:
+    """Return which dot is larger than all others on the print, if one is."""
     trusted = fitted.trusted
-    J, _ = plane_map(matches[0].ideal, fitted.shapes[:, :2], trusted.astype(np.float64))
+    J, _ = plane_map(match.ideal, fitted.shapes[:, :2], trusted.astype(np.float64))
     ratio = np.where(trusted, fitted.radius_px / np.sqrt(np.abs(np.linalg.det(J))), 0.0)
     ratio /= np.median(ratio[trusted])
     largest = int(np.argmax(ratio))
     if ratio[largest] < 1.0 + ODD or np.delete(ratio, largest).max() > 1.0 + 0.5 * (ratio[largest] - 1.0):
         return None
-    for match in matches:
-        if match.column[largest] == 0 and match.row[largest] == 0:
-            return match
-    return None
+    return largest

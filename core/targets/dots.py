@@ -31,10 +31,14 @@ _SAME = 0.35  # of the radius: centres nearer than that are one dot
 
 @dataclass(frozen=True, slots=True)
 class Dots:
-    """Dots in pixels of one level: centres, and the second moments of uniform ellipses (px², a circle's is r²/4)."""
+    """Dots in pixels of one level: centres, and the second moments of uniform ellipses (px², a circle's is r²/4).
+
+    `fill` is their area over that of the ellipse with the same moments: of a square and its like .955.
+    """
 
     centres: Float[np.ndarray, "n 2"]
     moments: Float[np.ndarray, "n 2 2"]
+    fill: Float[np.ndarray, " n"]
     are_dark: bool
 
     def __len__(self) -> int:
@@ -63,15 +67,15 @@ def _eight_bit(image: Shaped[np.ndarray, "h w"]) -> Shaped[np.ndarray, "h w"]:
 
 def _ellipses(masks: list[Shaped[np.ndarray, "h w"]], *, are_dark: bool) -> Dots:
     parts = [_patches(mask) for mask in masks]
-    centres, moments, misfits = (np.concatenate(values) for values in zip(*parts, strict=True))
-    kept = _once(centres, moments, misfits)
-    return Dots(centres[kept], moments[kept], are_dark)
+    centres, moments, fill = (np.concatenate(values) for values in zip(*parts, strict=True))
+    kept = _once(centres, moments, np.abs(fill - 1.0))
+    return Dots(centres[kept], moments[kept], fill[kept], are_dark)
 
 
 def _patches(
     mask: Shaped[np.ndarray, "h w"],
 ) -> tuple[Float[np.ndarray, "n 2"], Float[np.ndarray, "n 2 2"], Float[np.ndarray, " n"]]:
-    """Return centres, moments and misfits of a mask's patches that are ellipses."""
+    """Return centres, moments and fill of a mask's patches that are ellipses."""
     area, boxes, centres, second = patches(mask)
     box = (boxes[:, 2] * boxes[:, 3]).astype(np.float64)
     wanted = (area >= _LEAST_AREA_PX) & (area <= _LARGEST_AREA * mask.size) & (area > _LEAST_FILL * box)
@@ -86,9 +90,9 @@ def _patches(
     least = middle - spread
     slender = middle + spread > _MOST_SLENDER**2 * least
     sound = (least > 0.0) & ~slender
-    misfit = np.abs(area / (4.0 * np.pi * np.sqrt(np.where(sound, determinant, 1.0))) - 1.0)
-    fits = sound & (misfit < _ELLIPTIC + _PER_PIXEL / np.sqrt(area))
-    return centres[chosen][fits], C[fits], misfit[fits]
+    fill = area / (4.0 * np.pi * np.sqrt(np.where(sound, determinant, 1.0)))
+    fits = sound & (np.abs(fill - 1.0) < _ELLIPTIC + _PER_PIXEL / np.sqrt(area))
+    return centres[chosen][fits], C[fits], fill[fits]
 
 
 @compiled

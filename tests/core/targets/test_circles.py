@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 
 from core.camera import Camera
-from core.errors import TargetMismatch, TargetNotFound
+from core.errors import TargetMirrored, TargetMismatch, TargetNotFound
 from core.simulation import Light, Scene, render, standard_scene, standard_target
 from core.simulation.scenes import random_pose
-from core.targets import TargetSpec, detect
+from core.targets import GridPoints, TargetSpec, detect
 from core.targets.dot_kernel import dot_equations
 from core.targets.dot_lattice import crosses, dot_lattices
 from core.targets.dots import Dots, patches
@@ -129,6 +129,102 @@ def test_another_grid_is_named() -> None:
         detect(picture, TargetSpec("circles", 12, 9, 25.0))
 
 
+WINDOWS = {
+    "right": (-9.0, -9.0, 0.75, 9.0),
+    "bottom": (-9.0, -9.0, 9.0, 0.75),
+    "right and bottom": (-9.0, -9.0, 0.75, 0.75),
+}
+
+
+def cut(picture: np.ndarray, scene: Scene, shares: tuple[float, ...]) -> tuple[np.ndarray, tuple[int, int]]:
+    """A part of the picture, its borders as shares of the grid points' bounding box; and where it begins."""
+    low, high = scene.points_px.min(axis=0), scene.points_px.max(axis=0)
+    edges = np.concatenate([low + shares[:2] * (high - low), low + shares[2:] * (high - low)])
+    x0, y0, x1, y1 = (max(round(float(edge)), 0) for edge in edges)
+    return np.ascontiguousarray(picture[y0:y1, x0:x1]), (x0, y0)
+
+
+@pytest.mark.parametrize("where", WINDOWS)
+@pytest.mark.parametrize("is_bright", [False, True])
+def test_a_part_with_the_larger_dot_is_named(where: str, is_bright: bool) -> None:
+    light = Light(black_level=200.0, white_level=40.0) if is_bright else Light()
+    for target in (SYMMETRIC, TargetSpec("circles", 8, 8, 25.0)):
+        scene = replace(
+            scene_of(target, 20.0, seed=8, roll=0.3), origin_dot=1.5, noise_levels=2.0, light=light
+        )
+        picture, begin = cut(render(scene), scene, WINDOWS[where])
+        found = detect(picture, target)
+        assert found.origin == "known"
+        assert [w.code for w in found.warnings] == ["corners_left_out"]
+        assert 0.4 * target.size < len(found) < target.size
+        truth = scene.points_px.reshape(target.rows, target.columns, 2)[found.row, found.column]
+        off = np.abs(found.points_px + begin - truth).max(axis=1)
+        assert np.median(off) < 0.02
+        assert np.all(off < 6.0 * found.standard_uncertainty_px)  # some dots are cut in two
+
+
+@pytest.mark.parametrize("where", WINDOWS)
+def test_a_part_of_a_plain_board_counts_from_its_own_corner(where: str) -> None:
+    scene = replace(scene_of(SYMMETRIC, 20.0, seed=9, roll=1.5), noise_levels=2.0)
+    picture, begin = cut(render(scene), scene, WINDOWS[where])
+    found = detect(picture, SYMMETRIC)
+    assert (found.origin, found.column.min(), found.row.min()) == ("unknown", 0, 0)
+    distance = np.linalg.norm(scene.points_px[None] - (found.points_px + begin)[:, None], axis=2)
+    assert np.all(distance.min(axis=1) < 6.0 * found.standard_uncertainty_px)
+    true = np.stack([distance.argmin(axis=1) % 9, distance.argmin(axis=1) // 9, np.ones(len(found))], axis=1)
+    counted = np.stack([found.column, found.row, np.ones(len(found))], axis=1)
+    step = np.linalg.lstsq(counted, true, rcond=None)[0]
+    np.testing.assert_allclose(step, np.rint(step), atol=1e-9)
+    assert np.linalg.det(step[:2, :2]) == pytest.approx(1.0)
+
+
+def test_a_part_that_cannot_be_of_the_board_is_none() -> None:
+    scene = replace(scene_of(SYMMETRIC, 15.0, seed=9, roll=0.2), noise_levels=2.0)
+    picture, _ = cut(render(scene), scene, WINDOWS["right"])  # seven dots from end to end
+    for asked in ((9, 8), (12, 10), (6, 5)):
+        with pytest.raises((TargetNotFound, TargetMismatch)):
+            detect(picture, TargetSpec("circles", *asked, 25.0))
+
+
+def test_mirrored_prints_are_told_where_they_differ() -> None:
+    """By the larger dot, and by the rows' order where there is an even number of staggered rows."""
+    marked = replace(scene_of(SYMMETRIC, 15.0, seed=2), origin_dot=1.5, noise_levels=2.0)
+    staggered = replace(scene_of(replace(ASYMMETRIC, rows=10), 20.0, seed=3), noise_levels=2.0)
+    for scene in (marked, staggered):
+        picture = render(scene)
+        assert detect(picture, scene.target).origin in ("known", "turned")
+        with pytest.raises(TargetMirrored):
+            detect(np.ascontiguousarray(picture[:, ::-1]), scene.target)
+
+
+@pytest.mark.parametrize("kind", ["circles", "asymmetric_circles"])
+def test_boards_of_two_sizes_in_one_picture_are_each_found(kind: str) -> None:
+    sizes = ((9, 7), (7, 5)) if kind == "circles" else ((4, 11), (3, 9))
+    scenes = [
+        replace(scene_of(TargetSpec(kind, *size, 25.0), 20.0, seed, roll=0.3), noise_levels=2.0)
+        for seed, size in enumerate(sizes)
+    ]
+    both = np.concatenate([render(scene) for scene in scenes], axis=1)
+    for scene, shift in zip(scenes, (0.0, SIZE[0]), strict=True):
+        found = detect(both, scene.target)
+        assert len(found) == scene.target.size
+        flipped = errors_either_way(scene, found)
+        assert np.abs(flipped - np.array([shift, 0.0])).max() < 0.06
+    twice = np.concatenate([render(scenes[0])] * 2, axis=1)
+    with pytest.raises(TargetMismatch, match="2 grids"):
+        detect(twice, scenes[0].target)
+
+
+def errors_either_way(scene: Scene, found: GridPoints) -> np.ndarray:
+    """The errors in the order that fits, of those in which the board looks the same."""
+    turned = replace(
+        found, column=scene.target.columns - 1 - found.column, row=scene.target.rows - 1 - found.row
+    )
+    return min(
+        (errors(scene, each) for each in (found, turned)), key=lambda e: float(np.ptp(e, axis=0).max())
+    )
+
+
 def test_what_is_no_board_of_dots_is_none() -> None:
     chessboard = render(standard_scene(standard_target(9, 6), seed=1))
     noise = np.random.default_rng(0).integers(0, 256, (600, 800), dtype=np.uint8)
@@ -208,7 +304,7 @@ def test_crosses_are_those_of_a_print_seen_aslant() -> None:
     A = np.array([[21.0, 6.0], [-4.0, 13.0]])
     q, p = np.mgrid[0:6, 0:7]
     centres = np.stack([p.ravel(), q.ravel()], axis=1) @ A.T + 100.0
-    dots = Dots(centres, np.tile(0.25**2 * A @ A.T / 4.0, (42, 1, 1)), are_dark=True)
+    dots = Dots(centres, np.tile(0.25**2 * A @ A.T / 4.0, (42, 1, 1)), np.ones(42), are_dark=True)
     near = np.argsort(np.linalg.norm(centres[:, None] - centres[None], axis=2), axis=1, kind="stable")[
         :, 1:25
     ]
@@ -226,3 +322,19 @@ def test_crosses_are_those_of_a_print_seen_aslant() -> None:
     turn = np.linalg.solve(A, np.linalg.lstsq(terms, centres[lattice.dots], rcond=None)[0][:2].T)
     np.testing.assert_allclose(turn, np.rint(turn), atol=1e-9)
     assert np.linalg.det(turn) == pytest.approx(1.0)
+
+
+def test_squares_are_no_part_of_a_board_of_dots() -> None:
+    """A grille that runs out of the picture: a lattice, but not of dots."""
+    picture = np.full((500, 700), 190, np.uint8)
+    for v in range(40, 500, 40):
+        for u in range(200, 740, 40):
+            picture[v - 10 : v + 10, u - 10 : u + 10] = 40
+    with pytest.raises((TargetNotFound, TargetMismatch)):
+        detect(cv2.GaussianBlur(picture, (0, 0), 1.0), TargetSpec("circles", 20, 15, 20.0))
+    for v in range(40, 500, 40):
+        for u in range(200, 740, 40):
+            picture[v - 15 : v + 15, u - 15 : u + 15] = 190
+            cv2.circle(picture, (u, v), 11, 40, -1, cv2.LINE_AA)
+    found = detect(cv2.GaussianBlur(picture, (0, 0), 1.0), TargetSpec("circles", 20, 15, 20.0))
+    assert found.origin == "unknown"
