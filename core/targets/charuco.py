@@ -163,6 +163,12 @@ def _not_found(lattices: tuple[PlacedLattice, ...], target: TargetSpec) -> Detec
     if contradicted:
         most = max(contradicted, key=lambda lattice: lattice.read)
         return _another_board(most.read, most.agreeing, target)
+    agreeing = max((lattice.agreeing for lattice in lattices), default=0)
+    if agreeing > 1:
+        return TargetNotFound(
+            f"{agreeing} of the ChArUco board's markers were found where they belong: too few, or all in one row.",
+            "Bring more of the board into view, free of reflections and of anything in front of it.",
+        )
     framed = max((lattice.framed for lattice in lattices), default=0)
     if framed >= _BOARD_LIKE:
         return TargetNotFound(
