@@ -29,19 +29,18 @@ from core.errors import Advisory, JointAnglesInconsistent
 from core.kinematics.angle_units import check_angles
 from core.kinematics.axes import AxisFits, fit_axes
 from core.kinematics.axes_validation import validate_axes
-from core.kinematics.common_normals import Axes, Described, LinkForm, choose_signs, describe, feet
-from core.kinematics.dh import JOINT_PARAMETERS, Chain, JointParameters, forward, nearly_parallel
+from core.kinematics.common_normals import Axes, Described, LinkForm, describe
+from core.kinematics.dh import JOINT_PARAMETERS, Chain, JointParameters, forward
 from core.kinematics.home import common_home
+from core.kinematics.link_forms import choose_forms
 from core.kinematics.link_targets import Given, TargetLink
 from core.kinematics.poses import PoseData
 from core.kinematics.remarks import of_validation
 from core.kinematics.sweeps import JOINT_TOLERANCE, Sweep, find_sweeps, require_sweeps
-from core.kinematics.uncertain_axes import STEP_RAD, ArcTree, UncertainAxes
+from core.kinematics.uncertain_axes import ArcTree
 from core.kinematics.validation import Validation
 from core.transforms import invert, transform, transform_mean
 
-_LARGEST_TURN = 0.1
-"""rad: where x' between parallel axes is more uncertain than this, they are taken for one line."""
 _RESTED = 1e-7  # rad
 
 
@@ -180,7 +179,7 @@ def _identify(
     links = tree.links
     uncertain = tree.uncertain(fits)
     axes = uncertain.axes
-    forms = _choose_forms(uncertain, home, nominal)
+    forms = choose_forms(uncertain, home, nominal)
     described = describe(axes, home, forms, nominal)
 
     def parameters(at: Axes) -> Float[np.ndarray, " p"]:
@@ -212,48 +211,6 @@ def _identify(
         validation=None,
         warnings=fits.warnings,
     )
-
-
-def _choose_forms(
-    uncertain: UncertainAxes, home: Float[np.ndarray, " j"], nominal: Chain | None
-) -> tuple[LinkForm, ...]:
-    """Decide on predicted uncertainties which neighbours are near parallel, and which of these are one line."""
-    axes = uncertain.axes
-    count = len(axes) - 1
-    if not count:
-        return ()
-    alphas = [_angle(axes, i) for i in range(count)]
-    sigma_d = np.full(count, np.inf)
-    told = [i for i in range(count) if feet(axes, i)[2] > 10.0 * STEP_RAD]
-    if told:
-        slides = uncertain.carry(lambda at: np.array([feet(at, i)[0] for i in told]))
-        sigma_d[told] = np.sqrt(np.diag(slides))
-    parallel = [nearly_parallel(alphas[i], float(sigma_d[i])) for i in range(count)]
-    offsets = uncertain.carry(lambda at: np.concatenate([_offset(at, axes, i) for i in range(count)]))
-    sigma_a = np.sqrt(np.diag(offsets)).reshape(count, 3).max(axis=1)
-    length = [float(np.linalg.norm(_offset(axes, axes, i))) for i in range(count)]
-    coincident = [
-        bool(p and s > _LARGEST_TURN * max(a, 1e-12))
-        for p, s, a in zip(parallel, sigma_a, length, strict=True)
-    ]
-    return choose_signs(axes, home, parallel, coincident, nominal, sigma_a)
-
-
-def _angle(axes: Axes, link: int) -> float:
-    n, m = axes.directions[link], axes.directions[link + 1]
-    return math.atan2(float(np.linalg.norm(np.cross(n, m))), float(n @ m))
-
-
-def _offset(axes: Axes, at: Axes, link: int) -> Float[np.ndarray, "3"]:
-    """Return how far apart neighbouring axes are, where the first of them was fitted; a vector across the first."""
-    n, m = axes.directions[link], axes.directions[link + 1]
-    across = np.cross(at.directions[link], at.directions[link + 1])
-    out = axes.points[link + 1] - axes.points[link]
-    sine = float(np.linalg.norm(across))
-    if sine > 0.1:
-        return np.asarray(across / sine * (out @ across) / sine)
-    out = out - m * (out @ n) / (m @ n)
-    return np.asarray(out)
 
 
 def _joints(

@@ -22,6 +22,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from core.kinematics.dh import PARALLEL_AT_MOST, nearly_parallel
+from core.kinematics.null_space_words import Held, open_sentences, sentences
 from core.kinematics.parameters import ALPHA, BETA, THETA, A, ArmState, D, Layout
 from core.kinematics.problem import Observations, Scatter, linearised, whitened, whitener
 
@@ -72,11 +73,11 @@ def choose_gauge(
     values, vectors = np.linalg.eigh(H)
     weak = _held(vectors[:, values < (OPEN * arm.reach_mm) ** -2.0], left, [c for c in order if free[c]])
     free[weak.columns] = False
-    sentences = (
-        *_sentences(exact, layout, decided, arm, seen.rotations is None),
-        *_open_sentences(weak, layout),
+    said = (
+        *sentences(exact, layout, decided, seen.rotations is None),
+        *open_sentences(weak, layout),
     )
-    return Gauge(free, decided, sentences)
+    return Gauge(free, decided, said)
 
 
 def null_space(rows: Float[np.ndarray, "p q"]) -> Float[np.ndarray, "p k"]:
@@ -191,15 +192,7 @@ def _order(layout: Layout, parallel: Bool[np.ndarray, " j"]) -> Iterator[int]:
         yield from range(frame.start, frame.start + 3)
 
 
-@dataclass(frozen=True, slots=True)
-class _Held:
-    """Columns held, and for each the null vector in which it is 1 and the other held ones 0."""
-
-    columns: list[int]
-    vectors: list[dict[int, float]]
-
-
-def _held(N: Float[np.ndarray, "p k"], columns: np.ndarray, order: Sequence[int]) -> _Held:
+def _held(N: Float[np.ndarray, "p k"], columns: np.ndarray, order: Sequence[int]) -> Held:
     """Choose a column to hold for every null vector, in the order of preference."""
     place = {int(c): i for i, c in enumerate(columns)}
     rest = N.copy()
@@ -213,84 +206,10 @@ def _held(N: Float[np.ndarray, "p k"], columns: np.ndarray, order: Sequence[int]
             chosen.append(column)
             rest = rest - np.outer(rest @ row, row) / length**2
     if not chosen:
-        return _Held([], [])
+        return Held([], [])
     V = N @ np.linalg.pinv(N[[place[c] for c in chosen]])
     vectors = []
     for k in range(len(chosen)):
         v = V[:, k] / np.linalg.norm(V[:, k])
         vectors.append({int(c): float(v[i]) for i, c in enumerate(columns) if abs(v[i]) > TAKES_PART})
-    return _Held(chosen, vectors)
-
-
-def _sentences(
-    held: _Held, layout: Layout, parallel: Bool[np.ndarray, " j"], arm: ArmState, positions_only: bool
-) -> Iterator[str]:
-    """Say what cannot be told from what, one sentence for each group of parameters that belong together."""
-    names = layout.names()
-    groups: list[tuple[list[int], set[int]]] = []  # columns held, and what takes part beside them
-    for column, vector in zip(held.columns, held.vectors, strict=True):
-        partners = {_kind(c, layout) for c in vector if c != column}
-        for group in groups:
-            joined = {p for p in partners & group[1] if p >= 0}
-            if joined or partners == group[1]:
-                group[0].append(column)
-                group[1].update(partners)
-                break
-        else:
-            groups.append(([column], partners))
-    for columns, partners in groups:
-        own = [names[c] for c in columns]
-        others = sorted(p for p in partners if p >= 0)
-        frames = [word for kind, word in ((_TOOL, "tool"), (_BASE, "base")) if kind in partners]
-        of_frames = " and ".join(f"the {word} transform" for word in frames)
-        if frames == ["base"] and layout.targets > 1:
-            of_frames = "the base transforms"
-        if others and not frames:
-            everything = sorted([*columns, *others])
-            because = _because(everything, layout, parallel)
-            yield f"{_listed([names[c] for c in everything])} cannot be told apart{because}."
-        elif others:
-            yield f"{_listed(own)} cannot be told from {_listed([names[c] for c in others])} and {of_frames}."
-        elif frames:
-            yield f"{_listed(own)} cannot be told from {of_frames}."
-        elif positions_only and all(c in range(layout.tool.start + 3, layout.tool.stop) for c in columns):
-            yield "The tool's orientation cannot be told: the poses are positions alone."
-        else:
-            yield f"{_listed(own)} cannot be told: no pose depends on {'it' if len(own) == 1 else 'them'}."
-
-
-_TOOL, _BASE = -1, -2
-
-
-def _kind(column: int, layout: Layout) -> int:
-    """Return the column of a joint's parameter, or which frame another belongs to."""
-    if layout.joint_of(column) is not None:
-        return column
-    return _TOOL if column < layout.tool.stop else _BASE
-
-
-def _because(columns: Sequence[int], layout: Layout, parallel: Bool[np.ndarray, " j"]) -> str:
-    joints = sorted({c // 5 for c in columns})
-    consecutive = joints == list(range(joints[0], joints[-1] + 1))
-    if consecutive and all(c % 5 == D for c in columns) and parallel[joints[:-1]].all():
-        return f": joints {_listed([str(i + 1) for i in joints])} are parallel"
-    if consecutive and len(joints) == 2 and all(c % 5 in (D, THETA) for c in columns):
-        return f": the axes of joints {_listed([str(i + 1) for i in joints])} coincide"
-    return ""
-
-
-def _open_sentences(held: _Held, layout: Layout) -> Iterator[str]:
-    names = layout.names()
-    for column, vector in zip(held.columns, held.vectors, strict=True):
-        strongest = sorted((c for c in vector if c != column), key=lambda c: -abs(vector[c]))[:3]
-        if strongest:
-            yield (
-                f"{names[column]} can hardly be told from {_listed([names[c] for c in strongest])} at these poses; "
-                "it is held."
-            )
-        else:
-            yield f"{names[column]} can hardly be told at these poses; it is held."
-
-
-def _listed(words: Sequence[str]) -> str:
-    return words[0] if len(words) == 1 else ", ".join(words[:-1]) + " and " + words[-1]
+    return Held(chosen, vectors)

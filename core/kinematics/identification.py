@@ -12,7 +12,6 @@ nominal's values, or zero; so does d of a joint whose axis is near parallel to t
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -28,8 +27,9 @@ from core.errors import (
 )
 from core.kinematics.angle_units import check_against_nominal, check_angles
 from core.kinematics.cpa import identify_from_axes
-from core.kinematics.dh import JOINT_PARAMETERS, Chain, JointParameters, forward
+from core.kinematics.dh import Chain, forward
 from core.kinematics.identifiability import Conditioning, Gauge, choose_gauge, conditioning
+from core.kinematics.joint_estimates import JointEstimate, joint_estimates, with_residuals
 from core.kinematics.parameters import SHORTEST_REACH_MM, THETA, ArmState, D
 from core.kinematics.poses import PoseData
 from core.kinematics.problem import Observations, Scatter, observations_of, placed
@@ -44,24 +44,6 @@ NOT_MOVED = math.radians(1.0)
 INCONSISTENT = 0.005
 """Of the start's length: poses that scatter by more about the best arm are not this arm's."""
 ROUNDS = 3
-
-
-@dataclass(frozen=True, slots=True)
-class JointEstimate:
-    """One joint, counted from 1. The mappings have the names of `JOINT_PARAMETERS`; an uncertainty is None where the
-    parameter is not identifiable, and the parameter then has the nominal's value, or zero. `arc_rad` is the range of
-    the joint's angles. `poses` are those of its sweeps and `residual` theirs; all poses where it has none.
-    """
-
-    joint: int
-    parameters: JointParameters
-    standard_uncertainty: Mapping[str, float | None]
-    identifiable: Mapping[str, bool]
-    nominal: JointParameters | None
-    parallel_to_next: bool
-    arc_rad: float
-    poses: int
-    residual: HeldOut | None
 
 
 @dataclass(frozen=True, slots=True)
@@ -203,7 +185,7 @@ def report(
         chain=arm.chain,
         T_flange_camera=arm.T_flange_camera,
         T_target_base=arm.T_target_base,
-        joints=_with_residuals(
+        joints=with_residuals(
             joint_estimates(arm, gauge, covariance, nominal, poses.joint_angles[used]), refined, poses
         ),
         names=tuple(names[c] for c in np.flatnonzero(gauge.free)),
@@ -274,50 +256,3 @@ def _regauged(arm: ArmState, start: ArmState, gauge: Gauge) -> ArmState:
     """Return the arm with newly held columns of the chain at the start's values."""
     held = ~gauge.free[: arm.layout.tool.start].reshape(-1, 5)
     return replace(arm, parameters=np.where(held, start.parameters, arm.parameters))
-
-
-def joint_estimates(
-    arm: ArmState,
-    gauge: Gauge,
-    covariance: Float[np.ndarray, "f f"],
-    nominal: Chain | None,
-    joint_angles: Float[np.ndarray, "n j"],
-) -> tuple[JointEstimate, ...]:
-    """Return what is known of every joint; `covariance` is of the free columns."""
-    layout, chain = arm.layout, arm.chain
-    sigma = np.full(layout.kinematic, np.nan)
-    sigma[np.flatnonzero(gauge.free)] = np.sqrt(np.diag(covariance))
-    joints = []
-    for i in range(layout.joints):
-        doubt: dict[str, float | None] = {}
-        for k, name in enumerate(JOINT_PARAMETERS):
-            column = layout.column(i, k)
-            doubt[name] = float(sigma[column]) if gauge.free[column] else None
-        joints.append(
-            JointEstimate(
-                joint=i + 1,
-                parameters=chain.joints[i],
-                standard_uncertainty=doubt,
-                identifiable={name: value is not None for name, value in doubt.items()},
-                nominal=None if nominal is None else nominal.joints[i],
-                parallel_to_next=bool(gauge.parallel[i]),
-                arc_rad=float(np.ptp(joint_angles[:, i])),
-                poses=len(joint_angles),
-                residual=None,
-            )
-        )
-    return tuple(joints)
-
-
-def _with_residuals(
-    joints: tuple[JointEstimate, ...], refined: Refined, poses: PoseData
-) -> tuple[JointEstimate, ...]:
-    members: list[set[int]] = [set() for _ in joints]
-    for sweep in find_sweeps(poses):
-        members[sweep.joint].update(i for i in sweep.poses.tolist() if refined.used[i])
-    everything = np.flatnonzero(refined.used)
-    found = []
-    for joint, of_sweeps in zip(joints, members, strict=True):
-        chosen = np.array(sorted(of_sweeps), dtype=np.intp) if of_sweeps else everything
-        found.append(replace(joint, poses=len(chosen), residual=rms(refined.residuals[:, chosen])))
-    return tuple(found)

@@ -24,8 +24,8 @@ from core.camera import Camera, project
 from core.errors import TooFewPoses
 from core.kinematics.dh import Chain, forward
 from core.kinematics.identifiability import Conditioning, choose_gauge, conditioning, scaled
-from core.kinematics.identification import JointEstimate, joint_estimates
 from core.kinematics.image_poses import Images, poses_of_images
+from core.kinematics.joint_estimates import JointEstimate, joint_estimates
 from core.kinematics.parameters import ArmState
 from core.kinematics.problem import Observations, Scatter, linearised, observations_of
 from core.kinematics.refinement import DEFAULT_SCATTER, information_of, inverse_of

@@ -14,7 +14,8 @@ from app.services.analyses.snapshot import Snapshot
 from core.kinematics.cpa import AxesIdentification, IdentifiedJoint
 from core.kinematics.dh import JointParameters
 from core.kinematics.identifiability import Conditioning, conditioning
-from core.kinematics.identification import Identification, JointEstimate
+from core.kinematics.identification import Identification
+from core.kinematics.joint_estimates import JointEstimate
 from core.kinematics.parameters import ArmState, Layout
 from core.kinematics.poses import PoseData
 from core.kinematics.problem import linearised, observations_of
