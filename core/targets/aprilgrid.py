@@ -12,7 +12,7 @@ from __future__ import annotations
 import numpy as np
 from jaxtyping import Bool, Float, UInt8, UInt16
 
-from core.errors import Advisory, TargetNotFound
+from core.errors import TargetNotFound
 from core.targets.aprilgrid_assembly import LEAST_TAGS, FoundGrid, assemble
 from core.targets.aprilgrid_layout import BORDER_CELLS, TAG_CELLS, AprilGridLayout, aprilgrid_layout
 from core.targets.aprilgrid_reading import LatticePart, read_lattice
@@ -21,13 +21,17 @@ from core.targets.linking import link
 from core.targets.pyramid import levels
 from core.targets.refinement import refine_corners
 from core.targets.saddles import find_saddles
-from core.targets.specification import GridPoints, TargetSpec
+from core.targets.specification import GridPoints, TargetSpec, points_left_out
 
 LEAST_CORNERS = 8
 _LEAST_PATCH = 4  # corners: one closed cell
 _MOST_PATCHES = 40  # of a level, the largest
 _ASTRAY, _LEAST_REST_PX = 8.0, 0.02
 _MAPS = 4
+_LEFT_OUT = (
+    "corners were left out: they are out of view, their tag was not read, or the picture does not show them as corners "
+    "of squares."
+)
 _BESIDE = 0.06  # of an edge's length: within a tag's border, and within the gap, at any tilt
 
 
@@ -60,7 +64,9 @@ def detect_aprilgrid(
         row=row[trusted],
         points_px=np.ascontiguousarray(refined.points_px[trusted]),
         standard_uncertainty_px=refined.standard_uncertainty_px[trusted],
-        warnings=(_left_out(target.size - count, target.size),) if count < target.size else (),
+        warnings=(points_left_out(target.size - count, target.size, _LEFT_OUT),)
+        if count < target.size
+        else (),
     )
 
 
@@ -122,13 +128,4 @@ def _not_found(read: int) -> TargetNotFound:
         "Only one tag of the AprilGrid was found." if read else "No tag of the AprilGrid was found.",
         "Show the grid sharp, evenly lit and with tags of 25 px and more. It must be Kalibr's sheet: tags of the "
         "family 36h11 with a border of two cells, and black squares in the gaps' crossings.",
-    )
-
-
-def _left_out(count: int, size: int) -> Advisory:
-    return Advisory(
-        code="corners_left_out",
-        detail=f"{count} of {size} corners were left out: they are out of view, their tag was not read, or the "
-        "picture does not show them as corners of squares.",
-        advice="Look at the overlay: reflections, dirt or something in front of the grid are the usual causes.",
     )
