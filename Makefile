@@ -52,6 +52,8 @@ soak: setup-dev  ## long crash and fuzz runs
 
 pictures: setup-dev  ## draw the pictures of docs/ anew
 	$(BIN)/python docs/pictures/draw_detection.py
+	$(BIN)/python docs/pictures/draw_frames.py
+	$(BIN)/python docs/pictures/draw_targets.py
 
 lock: setup-dev  ## renew the hashed requirements
 	$(BIN)/python -m pip install --quiet uv

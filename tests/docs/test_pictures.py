@@ -50,3 +50,24 @@ def test_the_picture_of_frames_is_drawn(tmp_path: Path) -> None:
     for k in range(3):  # arrows in blue, green and red
         others = np.delete(drawn, k, axis=2).max(axis=2)
         assert np.count_nonzero(drawn[:, :, k] - others > 60) > 100
+
+
+def test_the_pictures_of_targets_are_drawn(tmp_path: Path) -> None:
+    """One of each kind, as the command line prints it, and the kept ones are these."""
+    script = ROOT / "docs" / "pictures" / "draw_targets.py"
+    done = subprocess.run(
+        [sys.executable, str(script), "--into", str(tmp_path)],
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    text = (ROOT / "docs" / "targets.md").read_text(encoding="utf-8")
+    drawn = sorted(tmp_path.glob("*.png"))
+    assert [str(path) for path in drawn] == sorted(done.stdout.split())
+    assert len(drawn) == 6
+    for path in drawn:
+        assert f"(pictures/{path.name})" in text
+        fresh, kept = (cv2.imread(str(p)).astype(int) for p in (path, ROOT / "docs" / "pictures" / path.name))
+        assert fresh.shape == kept.shape
+        assert np.mean(np.abs(fresh - kept) > 60) < 0.002, path.name

@@ -9,6 +9,7 @@ import os
 import re
 import shutil
 import subprocess
+import sys
 import time
 from pathlib import Path
 
@@ -103,6 +104,13 @@ def test_the_five_lines_of_python(data_folder: Path, monkeypatch: pytest.MonkeyP
     shown = "".join(line.removeprefix("# ") for line in comments.splitlines(keepends=True))
     assert len(_TOKEN.findall(shown)) == len(_TOKEN.findall(output.getvalue()))
     assert_shows(shown, output.getvalue())
+
+
+def test_the_target_is_printed(tmp_path: Path) -> None:
+    command = block("target").split()
+    assert command[0] == "gridpose"
+    subprocess.run([sys.executable, "-m", "app.cli", *command[1:]], cwd=tmp_path, check=True, timeout=120)
+    assert (tmp_path / "board.pdf").read_bytes().startswith(b"%PDF-")
 
 
 def test_the_table_of_settings_is_complete() -> None:

@@ -1,0 +1,197 @@
+"""`gridpose target`: from the options to the file, from the file to photographs, and from those to a verdict."""
+
+from __future__ import annotations
+
+import json
+import math
+from functools import cache
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pypdfium2
+import pytest
+from typer.testing import CliRunner
+
+from app.cli.commands import app
+from app.printing.sheet import draw_sheet
+from core import Camera, TargetSpec
+from core.camera import undistort_points
+from core.simulation.views import draw_pose
+from core.transforms import invert
+from tests.app.printing.sheets import Picture, pdf_picture
+
+BOARD = TargetSpec("charuco", 7, 5, 28.0, 20.0, "DICT_5X5_100")
+DESCRIBED = (
+    *("--kind", "charuco", "--columns", "7", "--rows", "5", "--pitch-mm", "28"),
+    *("--marker-mm", "20", "--dictionary", "DICT_5X5_100"),
+)
+CAMERA = Camera(1000.0, 1000.0, 399.5, 319.5, k1=-0.1, k2=0.03)
+WIDTH, HEIGHT, FINER = 800, 640, 2
+RUN = CliRunner()
+
+
+@cache
+def rays_of_camera() -> np.ndarray:
+    """Return the rays (rows, columns, 3) of a grid finer than the pixels."""
+    places = (np.arange(max(WIDTH, HEIGHT) * FINER) + 0.5) / FINER - 0.5
+    u, v = np.meshgrid(places[: WIDTH * FINER], places[: HEIGHT * FINER])
+    flat = undistort_points(np.column_stack([u.ravel(), v.ravel()]), CAMERA)
+    return np.column_stack([flat, np.ones(u.size)]).reshape(*u.shape, 3)
+
+
+def photograph(
+    paper: Picture, origin: tuple[float, float], printed: np.ndarray, T: np.ndarray, rng: np.random.Generator
+) -> np.ndarray:
+    """Take a picture of a sheet whose printer made `printed` (2, 2) of every place on it."""
+    back = invert(T)
+    rays = rays_of_camera() @ back[:3, :3].T
+    on_plane = back[:2, 3] - rays[..., :2] * (back[2, 3] / rays[..., 2])[..., None]
+    texture = ((on_plane @ np.linalg.inv(printed).T + origin) / paper.mm_per_px - 0.5).astype(np.float32)
+    seen = cv2.remap(
+        paper.levels,
+        np.ascontiguousarray(texture[..., 0]),
+        np.ascontiguousarray(texture[..., 1]),
+        cv2.INTER_LINEAR,
+        borderMode=cv2.BORDER_CONSTANT,
+        borderValue=90,
+    )
+    small = cv2.resize(seen.astype(np.float32), (WIDTH, HEIGHT), interpolation=cv2.INTER_AREA)
+    levels = 25.0 + 0.7 * cv2.GaussianBlur(small, (0, 0), 0.8) + rng.normal(0.0, 2.0, small.shape)
+    return np.clip(np.rint(levels), 0, 255).astype(np.uint8)
+
+
+def take_photos(
+    folder: Path, printed: np.ndarray, seed: int, count: int, tilt_deg: float = 30.0
+) -> list[str]:
+    """Photograph a print of the board from random sides, every other time with the camera turned by 90°."""
+    sheet = draw_sheet(BOARD, "A4")
+    paper = pdf_picture(sheet, 160.0)
+    rng = np.random.default_rng(seed)
+    paths = []
+    for number in range(count):
+        T = draw_pose(rng, BOARD, CAMERA, 560, math.radians(tilt_deg))
+        if number % 2:
+            T = np.array([[0.0, -1.0, 0, 0], [1.0, 0.0, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]) @ T
+        path = folder / f"{number:02d}.png"
+        path.write_bytes(cv2.imencode(".png", photograph(paper, sheet.origin, printed, T, rng))[1].tobytes())
+        paths.append(str(path))
+    return paths
+
+
+def gridpose(*arguments: str) -> tuple[int, str, str]:
+    ended = RUN.invoke(app, ["target", *arguments], catch_exceptions=False)
+    return ended.exit_code, ended.stdout, ended.stderr
+
+
+def test_from_print_to_photographs_to_a_verdict(tmp_path: Path) -> None:
+    stretched = take_photos(tmp_path, np.diag([1.002, 0.998]), seed=1, count=10)
+    code, out, _ = gridpose("check", *stretched, *DESCRIBED, "--json", "--measured-mm", "x:250:250.5")
+    assert code == 1
+    told = json.loads(out)
+    assert (told["verdict"], told["photos"], told["skipped"]) == ("off", 10, [])
+    findings = {finding["code"]: finding for finding in told["findings"]}
+    aspect = findings["aspect"]
+    assert aspect["verdict"] == "off"
+    assert aspect["value"] == pytest.approx(0.004, abs=4.0 * aspect["standard_uncertainty"])
+    assert aspect["standard_uncertainty"] < 3e-4
+    assert findings["shear_rad"]["verdict"] == "fine"
+    assert told["pitch_y_mm"]["value"] == pytest.approx(
+        28.0 * 0.998, abs=4 * told["pitch_y_mm"]["standard_uncertainty"]
+    )
+
+
+def test_a_true_print_is_fine_and_what_is_no_photo_of_it_is_named(tmp_path: Path) -> None:
+    photos = take_photos(tmp_path, np.eye(2), seed=2, count=10)
+    stray = tmp_path / "stray.png"
+    stray.write_bytes(cv2.imencode(".png", np.full((HEIGHT, WIDTH), 128, np.uint8))[1].tobytes())
+    text = tmp_path / "text.jpg"
+    text.write_bytes(b"no picture")
+    code, out, err = gridpose("check", *photos, str(stray), str(text), *DESCRIBED, "--json")
+    told = json.loads(out)
+    assert (code, told["verdict"]) == (0, "fine"), told["findings"]
+    assert {s["file"]: s["code"] for s in told["skipped"]} == {
+        "stray.png": "target_not_found",
+        "text.jpg": "unsupported_image",
+    }
+    assert "tell no length" in told["warnings"][0]
+    assert err == ""
+
+
+def test_photographs_that_cannot_tell_are_refused_with_advice(tmp_path: Path) -> None:
+    photos = take_photos(tmp_path, np.eye(2), seed=3, count=3)
+    code, out, err = gridpose("check", *photos, *DESCRIBED)
+    assert (code, out) == (1, "")
+    assert "from 3 directions" in err
+    assert "tilted by 20°" in err
+    code, _, err = gridpose(
+        "check", photos[0], "--kind", "chessboard", "--columns", "9", "--rows", "6", "--pitch-mm", "9"
+    )
+    assert code == 1
+    assert "none of 1 photographs" in err
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (("check", *DESCRIBED), "No photographs"),
+        (("check", "--session", "cell", __file__), "both named"),
+        (("check", __file__, *DESCRIBED, "--measured-mm", "250"), "SIDE:STATED:READ"),
+        (("check", __file__, "--kind", "circles"), "--columns, --rows, --pitch-mm missing"),
+        (("pdf", "--target-id", "tgt_1", "--rows", "3"), "already says what --rows would"),
+        (("pdf", "--kind", "circles"), "--columns, --rows, --pitch-mm missing"),
+        (("pdf", *DESCRIBED, "-o", "board.png"), "Call it .pdf or .svg"),
+        (("pdf", *DESCRIBED[:8], "--marker-mm", "40", "--dictionary", "DICT_5X5_100"), "marker_mm must be"),
+        (("pdf", *DESCRIBED[:6], "--pitch-mm", "50"), "dictionary"),
+    ],
+)
+def test_options_that_cannot_be_meant_are_refused(arguments: tuple[str, ...], words: str) -> None:
+    code, out, err = gridpose(*arguments)
+    assert (code, out) == (2, "")
+    assert words in " ".join(err.split())
+
+
+def test_the_file_is_named_by_what_it_shows(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    code, _, err = gridpose("pdf", *DESCRIBED)
+    assert code == 0
+    made = tmp_path / "charuco-7x5-28mm-A4.pdf"
+    assert (
+        "charuco 7 x 5 inner corners"
+        in pypdfium2.PdfDocument(made.read_bytes())[0].get_textpage().get_text_range()
+    )
+    assert made.name in err
+    assert "steel rule" in err
+    assert gridpose("pdf", *DESCRIBED, "--paper", "A2", "--format", "svg")[0] == 0
+    assert (tmp_path / "charuco-7x5-28mm-A2.svg").read_bytes().startswith(b"<?xml")
+    assert gridpose("pdf", *DESCRIBED, "-o", "board.SVG")[0] == 0
+    assert (tmp_path / "board.SVG").read_bytes().startswith(b"<?xml")
+    code, _, err = gridpose("pdf", *DESCRIBED, "-o", "nowhere/board.pdf")
+    assert code == 1
+    assert "cannot be written" in err
+
+
+def test_the_photos_of_a_real_print(data_folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """BoofCV's photos of a chessboard: calibrated together fx is .38 % more than fy: the print is longer."""
+    photos = sorted(str(path) for path in (data_folder / "boofcv" / "Sony_DSC-HX5V_Chess").glob("*.jpg"))
+    described = ("--kind", "chessboard", "--columns", "6", "--rows", "4", "--pitch-mm", "30")
+    code, out, _ = gridpose("check", *photos, *described, "--json")
+    told = json.loads(out)
+    assert code == 1
+    assert told["verdict"] == "off"
+    aspect = next(finding for finding in told["findings"] if finding["code"] == "aspect")
+    # All were taken the same way up, so that camera and print share what is longer: told, and left open.
+    assert aspect["value"] == pytest.approx(0.004, abs=2.0 * aspect["standard_uncertainty"])
+    assert aspect["verdict"] == "undecided"
+    assert "turned by 90°" in aspect["advice"]
+    assert any("turned by 180°" in warning for warning in told["warnings"])
+    monkeypatch.setenv("COLUMNS", "400")  # so that no sentence is broken
+    code, out, _ = gridpose("check", *photos, *described)
+    assert code == 1
+    for words in (
+        aspect["detail"],
+        aspect["advice"],
+        "Photographs tell no length",
+        "The print is not as stated.",
+    ):
+        assert words in out
