@@ -101,14 +101,14 @@ def place_lattice(
     size = layout.marker_mm / layout.target.pitch_mm
     readings = read_markers(image, lattice, codes.side, size)
     votes = _votes(readings.place, readings.codes, layout, codes)
+    if _is_sure(votes, layout, codes):
+        return _placed("placed", image, lattice, readings, votes, layout)
     mirrored = _votes(readings.place[:, ::-1], readings.mirrored, layout, codes)
     if len(mirrored.markers) > len(votes.markers) and _is_sure(mirrored, layout, codes):
         return _placed("mirrored", image, lattice, readings, mirrored, layout)
-    if is_contradicted(votes.contrary, len(votes.markers)) or votes.rivals >= _RIVALS:
-        read = len(votes.markers) + votes.contrary
-        verdict: Verdict = "contradicted" if read >= codes.least_agreeing else "unread"
-    else:
-        verdict = "placed" if _is_sure(votes, layout, codes) else "unread"
+    read = len(votes.markers) + votes.contrary
+    against = is_contradicted(votes.contrary, len(votes.markers)) or votes.rivals >= _RIVALS
+    verdict: Verdict = "contradicted" if against and read >= codes.least_agreeing else "unread"
     return _placed(verdict, image, lattice, readings, votes, layout)
 
 
