@@ -19,6 +19,7 @@ from core.targets.marked_squares import SHAPE
 
 _MIDDLE, _RING = 0.08, 0.31  # of the square's side, from its centre
 _LEAST_SCORE = 0.25
+_WORTH_A_LOOK = 0.08  # at a few places
 _PLAIN = 0.5  # of the least of four marks: squares beside them score less
 
 
@@ -91,6 +92,15 @@ def mark_scores(
             contrast = 0.25 * (gap[j, i] + gap[j, i + 1] + gap[j + 1, i] + gap[j + 1, i + 1])
             if not contrast > 0.0:
                 continue
+            sign = 1.0 if ((i + j) % 2 == 0) == origin_is_bright else -1.0
+            # five places first: they tell most of the plain squares
+            middle, ring = level_between(image, grid, j, i, 0.5, 0.5), 0.0
+            for n in range(4):
+                x, y = (_RING if n % 2 == 0 else -_RING), (_RING if n < 2 else -_RING)
+                ring += level_between(image, grid, j, i, 0.5 + x, 0.5 + y) / 4.0
+            scores[j, i] = sign * (ring - middle) / contrast
+            if scores[j, i] < _WORTH_A_LOOK:
+                continue
             middle, ring = 0.0, 0.0
             for n in range(9):
                 # the middle of three by three places is counted once, as is each of the eight around it
@@ -99,8 +109,7 @@ def mark_scores(
                 middle += inner / 9.0
                 if n != 4:
                     ring += level_between(image, grid, j, i, 0.5 + _RING * x, 0.5 + _RING * y) / 8.0
-            is_bright = ((i + j) % 2 == 0) == origin_is_bright
-            scores[j, i] = (ring - middle if is_bright else middle - ring) / contrast
+            scores[j, i] = sign * (ring - middle) / contrast
     return scores
 
 
