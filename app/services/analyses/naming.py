@@ -41,9 +41,12 @@ def name_alike(snapshot: Snapshot, points: Mapping[str, bytes]) -> tuple[Snapsho
     targets = [TargetSpec(**fields) for fields in snapshot.targets]
     for members in _same_views(snapshot, points, targets):
         images = [snapshot.images[i] for i in members]
-        found = _name(images, points, targets[images[0].target])
-        parts |= {image.measurement_id for image in images if image.origin == "unknown"} & found.keys()
-        for image in images:
+        target = targets[images[0].target]
+        read = [_as_read(image, points[image.measurement_id], target) for image in images]
+        found = _name(images, read, points, target)
+        for image, origin in zip(images, read, strict=True):
+            if origin == "unknown" and image.measurement_id in found:
+                parts.add(image.measurement_id)
             answer = found.get(image.measurement_id)
             if answer is not None:
                 origins[image.measurement_id], named[image.measurement_id] = answer
@@ -73,11 +76,23 @@ def _same_views(
     return [members for key, members in together.items() if key in open_groups]
 
 
+def _as_read(image: Image, stored: bytes, target: TargetSpec) -> Origin:
+    """Return `origin_of` an image; of a part that has the grid's full columns and rows, that of the whole grid: its
+    outermost squares alone are out of view, and its order is that of the right colours.
+    """
+    origin = origin_of(image, target)
+    if origin != "unknown":
+        return origin
+    view = decode_points(stored, [], target, image.width_px, image.height_px)
+    if (view.column.max() + 1, view.row.max() + 1) != (target.columns, target.rows):
+        return "unknown"
+    return "known" if len(quarter_turns(target)) == 1 else "turned"
+
+
 def _name(
-    images: Sequence[Image], points: Mapping[str, bytes], target: TargetSpec
+    images: Sequence[Image], origins: Sequence[Origin], points: Mapping[str, bytes], target: TargetSpec
 ) -> dict[str, tuple[Origin, bytes]]:
     """Return origin and points of the images of one pose that its reference names; without those it does not name."""
-    origins = [origin_of(image, target) for image in images]
     whole = [i for i, origin in enumerate(origins) if origin != "unknown"]
     if not whole:
         return {}
@@ -94,6 +109,7 @@ def _name(
     answers: dict[str, tuple[Origin, bytes]] = {}
     for i, image in enumerate(images):
         if origins[i] == "known":
+            answers[image.measurement_id] = "known", stored[i]
             continue
         if i == chosen or (origins[i] == "turned" and agree[i]):
             answers[image.measurement_id] = origins[chosen], stored[i]

@@ -285,6 +285,26 @@ def test_parts_that_no_image_names_are_left_out_with_advice(api: Any, store: Sto
     assert [row["n"] for row in document["poses"]] == [10, 10, 0, 10]
 
 
+@pytest.mark.parametrize(("columns", "rows"), [(9, 6), (10, 6)])
+def test_boards_of_which_only_the_outermost_squares_are_cut_off_are_whole(
+    api: Any, store: Store, columns: int, rows: int
+) -> None:
+    """All of their grid points are in view, in an order that the colours tell."""
+    board = TargetSpec("chessboard", columns, rows, 12.0)
+    shots = [
+        dataclasses.replace(shot, points=dataclasses.replace(shot.points, origin="unknown"))
+        for shot in session_of(board, 39)
+        if shot.points is not None
+    ]
+    session = new_session(api, board)
+    store(api, session, shots)
+    document = table(api, session)
+    assert all(row["n"] == 10 and not row["excluded"] for row in document["poses"])
+    assert all(row["repeatability"]["position_mm"] < 0.6 for row in document["poses"])
+    assert not {"parts_named", "origin_unknown"} & codes(document)
+    assert ("orientation_ambiguous" in codes(document)) == (columns == 10)
+
+
 def test_a_session_of_parts_alone_is_refused_with_the_reason(api: Any, store: Store) -> None:
     board = TargetSpec("chessboard", 9, 6, 12.0)
     shots = [
