@@ -14,7 +14,7 @@ from core.errors import TargetMirrored, TargetMismatch, TargetNotFound
 from core.simulation import Light, Scene, render, standard_scene, standard_target
 from core.simulation.scenes import random_pose
 from core.targets import GridPoints, TargetSpec, detect
-from core.targets.dot_kernel import dot_equations
+from core.targets.dot_kernel import dot_equations, fit_dot, fit_each, normal
 from core.targets.dot_lattice import crosses, dot_lattices
 from core.targets.dots import Dots, patches
 
@@ -272,6 +272,34 @@ def test_equations_are_those_of_the_model() -> None:
     numeric = np.array([np.sum(j**2) for j in J])
     assert edge.any()
     np.testing.assert_allclose(np.diag(N)[:6], numeric, rtol=0.12)
+
+
+def test_the_normal_distribution_is_scipys() -> None:
+    for z in np.linspace(-8.0, 8.0, 1001):
+        upper, density = normal(float(z))
+        assert upper == pytest.approx(0.5 * math.erfc(-z / math.sqrt(2.0)), abs=1e-8)
+        assert density == pytest.approx(math.exp(-0.5 * z * z) / math.sqrt(2.0 * math.pi), abs=1e-8)
+
+
+def test_dots_fitted_together_are_those_fitted_alone() -> None:
+    """And where the steps end, the gradient does: another step, from there, moves no centre."""
+    scene = replace(scene_of(SYMMETRIC, 30.0, seed=1), noise_levels=4.0)
+    image = render(scene)
+    starts = np.array([[u + 0.8, v - 0.6, 0.007, 0.0, 0.008, 1.5] for u, v in scene.points_px[:20]])
+    n = len(starts)
+    shapes, contrast, covariance = np.zeros((n, 6)), np.zeros(n), np.zeros((n, 2, 2))
+    variance, converged = np.zeros(n), np.zeros(n, dtype=np.bool_)
+    options = (0.25, 12, 0.2, 0.7, 0.7)
+    fit_each(image, starts, *options, shapes, contrast, covariance, variance, converged)
+    assert converged.all()
+    for k, start in enumerate(starts):
+        shape, light, of_centre, noise, _ = fit_dot(image, start, *options)
+        np.testing.assert_array_equal(shapes[k], shape)
+        np.testing.assert_array_equal(covariance[k], of_centre)
+        assert (contrast[k], variance[k]) == (light[3], noise)
+        again = fit_dot(image, shape, 0.25, 12, 1e-3, 0.7, 0.7)[0]
+        doubt = math.sqrt(float(np.trace(of_centre)) / 2.0 * noise)
+        assert np.hypot(*(again[:2] - shape[:2])) < 0.5 * doubt
 
 
 @pytest.mark.parametrize("share", [0.1, 0.45, 0.62, 0.9])
