@@ -17,9 +17,8 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from app.agent import ClientError, Json
+from app.agent import ClientError, Json, ServiceClient
 from app.cli.target_options import Service, TargetOptions, chosen_target, stored_target
-from app.cli.upload import find_or_make_session
 from app.printing.sheet import describe, sheet_id_of
 from core import GridPoints, GridposeError, TargetSpec
 from core.calibration.print_check import (
@@ -184,7 +183,7 @@ def _from_session(request: Request) -> _Looked:
     if request.photos:
         raise InvalidArgument("Photographs and a session are both named.", "Name the one or the other.")
     with request.service.client() as client:
-        session_id, _ = find_or_make_session(client, str(request.session), None)
+        session_id = _session_id(client, str(request.session))
         document = client.get(f"/v1/sessions/{session_id}/intrinsics", refine_target=True)["target_shape"]
         target = stored_target(client.get(f"/v1/targets/{document['target_id']}")).target
 
@@ -208,6 +207,19 @@ def _from_session(request: Request) -> _Looked:
         measure("shear_deg", math.radians(1.0)),
     )
     return _Looked(shape, document["images"], document["directions"], document["rms_px"], (), ())
+
+
+def _session_id(client: ServiceClient, session: str) -> str:
+    """Return the id of the session with this id or name."""
+    named = [e["id"] for e in client.items("/v1/sessions") if session in (e["id"], e["name"])]
+    if len(named) != 1:
+        problem = "No session has" if not named else "Several sessions have"
+        raise ClientError(
+            "session_not_found" if not named else "session_ambiguous",
+            f"{problem} the id or the name {session!r}.",
+            "Give the id; GET /v1/sessions lists them.",
+        )
+    return str(named[0])
 
 
 _NO_LENGTH = (

@@ -167,17 +167,14 @@ def _finding(
 
 def _ratio(aspect: Measure, limit: float) -> Finding:
     longer, shorter = ("x", "y") if aspect.value >= 0.0 else ("y", "x")
-    detail = (
-        f"It is {_percent(abs(aspect.value))} longer along {longer} than along {shorter} "
-        f"(± {_percent(_COVERAGE * aspect.standard_uncertainty)})."
-    )
+    detail = f"It is {_percent(aspect)} longer along {longer} than along {shorter}."
     cure = f"{_PRINT_AGAIN}. One pitch cannot describe it: refine the target in the session's analyses till then."
     return _finding("aspect", "", aspect, limit, detail, cure)
 
 
 def _angle(shear: Measure, limit: float) -> Finding:
     angle, doubt = 90.0 - math.degrees(shear.value), math.degrees(_COVERAGE * shear.standard_uncertainty)
-    detail = f"Its axes meet at {angle:.3f}° (± {doubt:.2g}°)."
+    detail = f"Its axes meet at {_rounded(angle, doubt, '°')}."
     return _finding("shear_rad", "rad", shear, limit, detail, f"{_PRINT_AGAIN}.")
 
 
@@ -187,9 +184,8 @@ def _bow(code: str, bow: Measure, limit_mm: float) -> Finding:
         "bow_x_mm": "The middle of a row lies {} the line between the row's ends",
         "bow_y_mm": "The middle of a column lies {} the line between the column's ends",
         "twist_mm": "Two opposite corners, the first one's and the last one's, lie {} the plane of the whole",
-    }[code].format(f"{_mm(abs(bow.value))} {side}")
-    detail = f"{told} (± {_mm(_COVERAGE * bow.standard_uncertainty)})."
-    return _finding(code, "mm", bow, limit_mm, detail, _MOUNT)
+    }[code].format(f"{_mm(bow.value, bow.standard_uncertainty)} {side}")
+    return _finding(code, "mm", bow, limit_mm, f"{told}.", _MOUNT)
 
 
 def _local(shape: PrintedShape, places: Float[np.ndarray, "n 3"], limit_mm: float) -> tuple[Finding, Finding]:
@@ -210,7 +206,7 @@ def _local(shape: PrintedShape, places: Float[np.ndarray, "n 3"], limit_mm: floa
         where = "in its plane" if len(axes) == 2 else "out of its plane"
         detail = (
             f"Grid point ({shape.column[worst]}, {shape.row[worst]}) is farthest from where the others put it "
-            f"{where}: {_mm(length)} (± {_mm(coverage * doubt)})."
+            f"{where}: {_mm(length, doubt, coverage)}."
         )
         found.append(_finding(code, "mm", Measure(length, doubt), limit_mm, detail, cure, coverage))
     return found[0], found[1]
@@ -219,8 +215,8 @@ def _local(shape: PrintedShape, places: Float[np.ndarray, "n 3"], limit_mm: floa
 def _scale(axis: str, pitch: Measure, stated_mm: float, limit: float) -> Finding:
     off = Measure(pitch.value / stated_mm - 1.0, pitch.standard_uncertainty / stated_mm)
     detail = (
-        f"Its pitch along {axis} is {pitch.value:.4f} mm (± {_COVERAGE * pitch.standard_uncertainty:.2g} mm), "
-        f"{_percent(abs(off.value))} {'more' if off.value >= 0.0 else 'less'} than stated."
+        f"Its pitch along {axis} is {_rounded(pitch.value, _COVERAGE * pitch.standard_uncertainty, ' mm')}, "
+        f"{_percent(off)} {'more' if off.value >= 0.0 else 'less'} than stated."
     )
     half_width = _COVERAGE * off.standard_uncertainty
     cure = f"{_PRINT_AGAIN}; or state the pitch as measured."
@@ -262,9 +258,15 @@ def _pitches(shape: PrintedShape, readings: Sequence[RuleReading]) -> tuple[Meas
     return x, y
 
 
-def _percent(share: float) -> str:
-    return f"{100.0 * share:.2g} %"
+def _percent(share: Measure) -> str:
+    return _rounded(100.0 * abs(share.value), 100.0 * _COVERAGE * share.standard_uncertainty, " %")
 
 
-def _mm(length: float) -> str:
-    return f"{length:.2g} mm"
+def _mm(length: float, standard_uncertainty: float, coverage: float = _COVERAGE) -> str:
+    return _rounded(abs(length), coverage * standard_uncertainty, " mm")
+
+
+def _rounded(value: float, doubt: float, unit: str) -> str:
+    """Return a value with its expanded uncertainty, which is given two digits."""
+    digits = min(max(0, 1 - math.floor(math.log10(doubt))), 6) if doubt > 0.0 else 6
+    return f"{value:.{digits}f}{unit} (± {doubt:.{digits}f}{unit})"
