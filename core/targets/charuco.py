@@ -172,14 +172,15 @@ def _not_found(lattices: tuple[PlacedLattice, ...], target: TargetSpec) -> Detec
     framed = max((lattice.framed for lattice in lattices), default=0)
     if framed >= _BOARD_LIKE:
         return TargetNotFound(
-            f"A board with markers is in view, but hardly any of {framed} is one of {target.dictionary} on this board.",
+            f"A board with markers is in view, but hardly any of {framed} reads as one of this board's, of "
+            f"{target.dictionary}.",
             "Check its dictionary, and its marker_mm; if they are right, show it sharp and with markers of 20 px and "
             "more.",
         )
     return TargetNotFound(
         "No ChArUco board was found: no two markers of it side by side as printed.",
-        "Show the board sharp, evenly lit and with markers of 20 px and more; check its dictionary, size and "
-        "legacy_layout.",
+        "Show the board sharp, evenly lit and with markers of 20 px and more; check its dictionary, size, marker_mm "
+        "and legacy_layout.",
     )
 
 
