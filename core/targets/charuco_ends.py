@@ -76,11 +76,13 @@ def _ends_before(
     darks = is_black & np.isfinite(dark_levels)
     if np.count_nonzero(whites) < _LEAST_TOLD or not darks.any():
         return False
-    bright, dark = float(np.median(white_levels[whites])), float(np.median(dark_levels[darks]))
+    bright, dark = float(np.max(white_levels[whites])), float(np.median(dark_levels[darks]))
     contrast = bright - dark
     if not contrast > 0.0 or np.mean(dark_levels[darks] < dark + 0.5 * contrast) < _ENOUGH_TOLD:
         return False
-    alike = np.abs(next_levels[whites] - white_levels[whites]) < _AS_BRIGHT * contrast
+    # of a square whose margin is soiled that of the brightest one is taken
+    white = np.where(white_levels > dark + 0.5 * contrast, white_levels, bright)[whites]
+    alike = np.abs(next_levels[whites] - white) < _AS_BRIGHT * contrast
     return bool(np.mean(alike) >= _ENOUGH_TOLD)
 
 
