@@ -33,7 +33,9 @@ def rows(seeds: list[int], quick: bool) -> Iterable[Row]:
         except DetectionError:
             pass
         else:
-            if found.origin != "unknown":  # a part of a board that may be any part: refused by every calibration
+            if (
+                found.origin != "unknown"
+            ):  # a part of a board that may be any part: refused by every calibration
                 accepted.append(kind)
     note = f"{asked} pictures: no board, another board, a cropped one, two alike"
     if accepted:

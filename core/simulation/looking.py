@@ -106,7 +106,7 @@ def telling_sweep(
         chord = float(np.linalg.norm(np.ptp(camera_poses[ends, :3, 3], axis=0)))
         depth = 0.5 * chord * math.tan(arc / 4.0)
         if arc >= smallest and depth > deepest:
-            deepest, best = depth, np.linspace(*swept[ends], steps)
+            deepest, best = depth, np.linspace(swept[ends[0]], swept[ends[1]], steps)
     if not len(best):
         raise ValueError(f"Joint {joint + 1} can hardly move without losing the target.")
     return np.asarray(best)

@@ -50,9 +50,10 @@ def sheet_in_view(
         (u.shape[1] * _STEP_PX, u.shape[0] * _STEP_PX),
         interpolation=cv2.INTER_LINEAR,
     )
-    mapping = np.ascontiguousarray(whole[_STEP_PX : _STEP_PX + height, _STEP_PX : _STEP_PX + width])
+    inner = whole[_STEP_PX : _STEP_PX + height, _STEP_PX : _STEP_PX + width]
+    along, down = (np.ascontiguousarray(inner[..., k]) for k in range(2))
     seen = cv2.remap(
-        drawing, mapping, None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT, borderValue=(0, 0)
+        drawing, along, down, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT, borderValue=(0, 0)
     )
     ink, sheet = (seen[..., k].astype(np.float32) / np.float32(255.0) for k in range(2))
     return ink, sheet

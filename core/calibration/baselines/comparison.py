@@ -21,8 +21,8 @@ from core.calibration.model import Lens
 from core.calibration.validity import check_camera, check_points
 from core.camera import Camera, project
 from core.errors import Advisory, DegenerateGeometry, GridposeError, InvalidArgument, TargetNotFound
-from core.targets.charuco_markers import Markers
 from core.targets.charuco_layout import CharucoLayout, charuco_layout
+from core.targets.charuco_markers import Markers
 from core.targets.specification import GridPoints, TargetSpec
 from core.transforms import invert, transform, transform_points
 
