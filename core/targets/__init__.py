@@ -2,5 +2,6 @@
 
 from core.targets.detect import check_detectable, detect
 from core.targets.specification import GridPoints, TargetSpec
+from core.targets.target_fields import check_fields
 
-__all__ = ["GridPoints", "TargetSpec", "check_detectable", "detect"]
+__all__ = ["GridPoints", "TargetSpec", "check_detectable", "check_fields", "detect"]
