@@ -26,8 +26,9 @@ WORKER_CRASHED = Failure(
 ALREADY_MEASURED = Failure(
     "target_already_measured",
     "Every target that this image shows has a measurement of this image at this pose already: see siblings.",
-    "Nothing is lost; use those measurements.",
+    "Nothing is to be done: analyses take those measurements, and leave this row out.",
 )
+"""Of a row that only says where its image was measured; it is no input of any analysis."""
 
 _OF_THE_IMAGE = (
     "session_id",
@@ -223,15 +224,22 @@ def _save_shown(session: orm.Session, item: Finished, now: datetime) -> bool:
             Measurement.id != row.id,
         )
     ).all()
-    others = [shown for shown in outcome.shown if shown.target_id not in held]
+    # The session's lock is held: what is read here stays so until this is saved.
+    looked_at = session.scalars(
+        sa.select(SessionTarget.target_id).where(SessionTarget.session_id == row.session_id)
+    ).all()
+    found = [shown for shown in outcome.shown if shown.target_id in looked_at]
+    others = [shown for shown in found if shown.target_id not in held]
     own = next((shown for shown in others if row.target_id in (None, shown.target_id)), None)
     result, failure = outcome.result, outcome.failure
     if own is not None:
         others.remove(own)
         row.target_id = own.target_id
         result, failure = own.result, own.failure
-    elif row.target_id is None and outcome.shown:
+    elif row.target_id is None and found:
         failure = ALREADY_MEASURED
+    elif row.target_id is None and outcome.shown:
+        failure = _taken_away(item.job, [shown.target_id for shown in outcome.shown])
     measured = [(row, result, failure, item.duration_ms - sum(shown.duration_ms for shown in others))]
     for shown in others:
         sibling = Measurement(**of_the_image, id=new_id("mea"), target_id=shown.target_id, attempts=1)
@@ -246,6 +254,17 @@ def _save_shown(session: orm.Session, item: Finished, now: datetime) -> bool:
             session.add(Result(measurement_id=each.id, **columns))
     session.flush()
     return True
+
+
+def _taken_away(job: Job, shown: Sequence[str]) -> Failure:
+    """Return what is said of an image that shows nothing but targets its session has no more."""
+    return Failure(
+        "target_not_found",
+        "None of the session's targets was found. Looked for: "
+        f"{'; '.join(sought.target_id for sought in job.targets)}. The image shows {', '.join(shown)}, taken from the "
+        "session while it was computed.",
+        "Add the target to the session's target_ids again if it is to be measured, then retry.",
+    )
 
 
 def _current(job: Job) -> sa.Update:

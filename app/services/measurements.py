@@ -151,10 +151,8 @@ def _add_measurement(
     records.add(measurement)
     records.flush()
     installation.queue.enqueue(records, measurement.id)
-    if len(session.targets) == 1:
-        return Accepted(
-            MeasurementView(measurement, []), is_new=True
-        )  # which the image's others would need, too
+    if len(session.targets) == 1:  # an image of one target has no other rows
+        return Accepted(MeasurementView(measurement, []), is_new=True)
     return Accepted(_with_siblings(records, [measurement])[0], is_new=True)
 
 

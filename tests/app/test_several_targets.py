@@ -263,6 +263,34 @@ def test_what_came_by_name_meanwhile_is_left_alone(any_api: Any, grey_png: bytes
     assert [sought.target_id for sought in named.targets] == targets[:1]
 
 
+@pytest.mark.parametrize("places", [(0, 1), (1,)], ids=["both", "the one taken away"])
+def test_a_target_taken_from_the_session_during_the_search_gets_no_row(
+    any_api: Any, grey_png: bytes, places: tuple[int, ...]
+) -> None:
+    queue = any_api.installation.queue
+    session_id, (kept, gone), measurement_id = seek(any_api, grey_png, targets=2)
+    (job,) = queue.claim(1)
+    changed = any_api.client.patch(f"/v1/sessions/{session_id}", json={"target_ids": [kept]})
+    assert changed.status_code == 200
+    assert queue.finish([Finished(job, shown(job, *places), 100.0)]) == 1
+    (row,) = listed(any_api, session_id)
+    assert row["id"] == measurement_id
+    if 0 in places:
+        assert (row["status"], row["target_id"]) == ("succeeded", kept)
+    else:
+        assert (row["failure"]["code"], row["target_id"]) == ("target_not_found", None)
+        assert kept in row["failure"]["detail"]
+        assert f"shows {gone}" in row["failure"]["detail"]
+    for analysis in ("intrinsics", "repeatability", "comparison", "dh"):
+        assert any_api.client.get(f"/v1/sessions/{session_id}/{analysis}").status_code == 409
+    # What is measured or queued by name holds its target fast.
+    back = any_api.client.patch(f"/v1/sessions/{session_id}", json={"target_ids": [kept, gone]})
+    assert back.status_code == 200
+    any_api.put_image(session_id, grey_png, target_id=gone)
+    refused = any_api.client.patch(f"/v1/sessions/{session_id}", json={"target_ids": [kept]})
+    assert (refused.status_code, refused.json()["code"]) == (422, "target_in_use")
+
+
 def test_a_deleted_session_takes_the_search_with_it(any_api: Any, grey_png: bytes) -> None:
     queue = any_api.installation.queue
     session_id, _, _ = seek(any_api, grey_png)

@@ -16,12 +16,27 @@ from typing import Any
 import sqlalchemy as sa
 from sqlalchemy import orm
 
-from app.records.tables import MeasuredPose, Measurement, Pose, Result, Robot, Session, Target, target_fields
+from app.jobs.row_queue import ALREADY_MEASURED
+from app.records.tables import (
+    MeasuredPose,
+    Measurement,
+    Pose,
+    Result,
+    Robot,
+    Session,
+    SessionTarget,
+    Target,
+    target_fields,
+)
 from app.services.lookup import find
 from app.settings import program_version
 
 NO_TARGET = -1
 """The place of the target of an image that shows none of the session's; it is never one with points."""
+_FOREIGN = (
+    "target_not_in_session",
+    "It is of a target that the session does not look at; add it to the session's target_ids to have it count.",
+)
 ROBOT_ANALYSES = frozenset({"dh"})
 """Those that are computed from the robot's nominal joints, too."""
 _OF_JOINT = ("a_mm", "alpha_deg", "d_mm", "theta_offset_deg")
@@ -194,10 +209,17 @@ def read_snapshot(records: orm.Session, session_id: str, source: str = "images")
 
 
 def read_points(records: orm.Session, session_id: str) -> dict[str, bytes]:
-    """Return the stored grid points of every finished measurement that has any, by its id."""
+    """Return the stored grid points of every finished measurement of the session's targets that has any, by its id."""
     rows = records.connection().execute(
         sa.select(Result.measurement_id, Result.points)
         .join(Measurement, Measurement.id == Result.measurement_id)
+        .join(
+            SessionTarget,
+            sa.and_(
+                SessionTarget.session_id == Measurement.session_id,
+                SessionTarget.target_id == Measurement.target_id,
+            ),
+        )
         .where(Measurement.session_id == session_id, Result.points.is_not(None))
     )
     return {measurement_id: points for measurement_id, points in rows if points is not None}
@@ -262,12 +284,21 @@ def _read_images(records: orm.Session, session_id: str, places: Mapping[str, int
                 Result.origin,
             )
             .outerjoin(Result, Result.measurement_id == Measurement.id)
-            .where(Measurement.session_id == session_id, Measurement.status.in_(("succeeded", "failed")))
+            .where(
+                Measurement.session_id == session_id,
+                Measurement.status.in_(("succeeded", "failed")),
+                # Such a row says nothing that the image's other rows do not, and whether there is one tells in which
+                # order the uploads came.
+                sa.func.coalesce(Measurement.failure_code, "") != ALREADY_MEASURED.code,
+            )
         )
         .all()
     )
     fields: list[tuple[Any, ...]] = [
-        (*row[:4], places[row[4]] if row[4] else NO_TARGET, *row[5:]) for row in rows
+        (*row[:4], places.get(row[4], NO_TARGET), *row[5:])
+        if row[4] is None or row[4] in places
+        else (*row[:4], NO_TARGET, *row[5:9], *_FOREIGN, None, row[12])
+        for row in rows
     ]
     images = [Image(*row) for row in fields]
     names = sorted({image.pose_id for image in images}, key=natural)

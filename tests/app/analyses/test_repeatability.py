@@ -449,3 +449,15 @@ def test_a_computation_that_dies_is_a_503_and_the_next_one_works(
         assert "ended unexpectedly" in gone["detail"]
         assert "Ask again" in gone["advice"]
     assert get(api, session).status_code == 200
+
+
+def test_an_image_of_a_target_that_is_not_the_sessions_is_left_out_and_named(api: Any, store: Store) -> None:
+    session, shots = new_session(api), shoot(cycles=4)
+    store(api, session, shots[:-1])
+    (foreign,) = store(api, session, shots[-1:], target_id=api.make_target(name="another"))
+    document = body(api.client.get(f"/v1/sessions/{session}/repeatability"))
+    left = [(e["measurement_id"], e["code"]) for pose in document["poses"] for e in pose["excluded"]]
+    assert left == [(foreign, "target_not_in_session")]
+    assert sum(pose["n"] for pose in document["poses"]) == len(shots) - 1
+    for analysis in ("intrinsics", "comparison"):
+        body(api.client.get(f"/v1/sessions/{session}/{analysis}"))

@@ -88,3 +88,35 @@ def test_an_image_of_neither_is_named_in_every_table(computing: Any, session: An
         body(computing.client.get(f"/v1/sessions/{session_id}/{analysis}"))
     for plot in ("repeatability/scatter.svg", "intrinsics/residuals.svg"):
         assert computing.client.get(f"/v1/sessions/{session_id}/{plot}").status_code == 200
+
+
+ANALYSES = ("intrinsics", "repeatability", "comparison")
+
+
+def test_the_order_of_named_and_unnamed_uploads_changes_nothing(computing: Any, session: Any) -> None:
+    _, targets = session
+    corner = Corner(AHEAD, RIGHT)
+    pictures = {
+        pose: corner.picture(corner.view(**view), seed=k) for k, (pose, view) in enumerate(VIEWS.items())
+    }
+    told = []
+    for order in ((None, *targets), (*targets, None), (targets[1], None, targets[0])):
+        session_id = computing.make_session(*targets)
+        for target_id in order:
+            query = {} if target_id is None else {"target_id": target_id}
+            for response in [
+                computing.put_image(session_id, data, pose, **query) for pose, data in pictures.items()
+            ]:
+                computing.wait_for(response.json()["id"])
+        found = [body(computing.client.get(f"/v1/sessions/{session_id}/{name}")) for name in ANALYSES]
+        told.append(
+            [
+                (f["inputs_sha256"], [w["code"] for w in f["warnings"]], f.get("images"), f["pending"])
+                for f in found
+            ]
+        )
+        assert [len(pose["excluded"]) for pose in found[1]["poses"]] == [1] * len(
+            VIEWS
+        )  # of the other target
+        assert all(code != "images_excluded" for _, codes, _, _ in told[-1] for code in codes)
+    assert told[0] == told[1] == told[2]
