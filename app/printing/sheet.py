@@ -15,15 +15,18 @@ from app.printing.lettering import text_outlines, text_width
 from app.printing.outlines import Ink, Path, box, ink_of, moved
 from app.printing.papers import SIZES_MM, Paper
 from core import TargetSpec
-from core.errors import InvalidArgument
+from core.errors import InvalidArgument, InvalidTarget
 from core.targets.detect import check_detectable
 from core.targets.dot_refinement import ODD
 from core.targets.marked_squares import marked_squares
+from core.targets.target_fields import check_fields, spacing_mm
 
 EDGE_MM = 6.0
 """Nothing is printed nearer to the paper's edge: printers leave some 4 mm white."""
 QUIET = 0.25
 """White around the ink, at least, in pitches (of staggered dots in their distance)."""
+LEAST_PITCH_MM = 0.5
+"""A printer of 600 points to the inch puts twelve into that, and its edges are already off by a tenth of it."""
 _NOTE = (
     "Print at 100 % (actual size), never fitted to the page, and check with a steel rule: the marks along both sides "
     "are in mm. Grid point (0, 0) is at the upper left, x right, y down."
@@ -99,11 +102,19 @@ def draw_sheet(
     InvalidArgument
         No such paper, a dot or marks that the target has not, or a target larger than the paper.
     InvalidTarget
-        No such target can be printed, or none that could be found in a picture.
+        No such target can be printed, or none that could be found in a picture, or it is described by a field that
+        its kind has not.
     """
     if paper not in SIZES_MM:
         raise InvalidArgument(f"Unknown paper {paper!r}.", f"Use one of {', '.join(SIZES_MM)}.")
+    check_fields(target)
     check_detectable(target)
+    if target.pitch_mm < LEAST_PITCH_MM:
+        raise InvalidTarget(
+            f"A pitch of {target.pitch_mm:g} mm cannot be printed: a printer's points are some .04 mm wide.",
+            f"pitch_mm is in millimetres; {LEAST_PITCH_MM:g} is the least. Finer targets are made on glass.",
+            field="pitch_mm",
+        )
     _check_extras(target, origin_dot, marks)
     ink = ink_of(target, origin_dot=origin_dot, marks=marks)
     sheet_id = sheet_id_of(target, origin_dot, marks)
@@ -166,11 +177,6 @@ def _check_extras(target: TargetSpec, origin_dot: float, marks: bool) -> None:
             f"from them, and {math.floor(10.0 * most) / 10.0:g} times at most, or it meets its neighbours; "
             f"got {origin_dot:g}."
         )
-
-
-def spacing_mm(target: TargetSpec) -> float:
-    """Return the distance of nearest neighbours."""
-    return target.pitch_mm * (math.sqrt(2.0) if target.kind == "asymmetric_circles" else 1.0)
 
 
 @dataclass(frozen=True, slots=True)

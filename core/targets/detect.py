@@ -13,6 +13,7 @@ from core.targets.charuco_layout import charuco_layout
 from core.targets.chessboard import detect_chessboard
 from core.targets.circles import detect_circles
 from core.targets.specification import GridPoints, TargetSpec
+from core.targets.target_fields import check_marker_size
 
 _DETECTORS = {
     "chessboard": detect_chessboard,
@@ -36,6 +37,7 @@ def check_detectable(target: TargetSpec) -> None:
         charuco_layout(target)
     if target.kind == "aprilgrid":
         aprilgrid_layout(target)
+    check_marker_size(target)
 
 
 def detect(image: UInt8[np.ndarray, "h w"] | UInt16[np.ndarray, "h w"], target: TargetSpec) -> GridPoints:

@@ -1,6 +1,8 @@
-"""Which fields of a target mean anything, by its kind."""
+"""Which fields of a target mean anything, by its kind, and how large its markers or dots may be."""
 
 from __future__ import annotations
+
+import math
 
 from core.errors import InvalidTarget
 from core.targets.specification import TargetSpec
@@ -18,6 +20,14 @@ _OF = {
     "legacy_layout": "it is of ChArUco boards of before OpenCV 4.6",
 }
 
+LEAST_DOT, LARGEST_DOT = 0.2, 0.9
+"""A dot's diameter over the distance to the next dot. Wider dots run into one another in the picture, and of smaller
+ones the neighbours are too many radii away (`core.targets.dot_lattice`); within these bounds sharp views, flat and
+tilted, are found."""
+LEAST_CHARUCO_MARKER = 0.1
+"""A ChArUco marker's side over the pitch. A smaller one's cells are less than a sixtieth of a square wide: no lens that
+has the whole board in view tells them."""
+
 
 def check_fields(target: TargetSpec) -> None:
     """Raise InvalidTarget where a field is set that a target of this kind has not.
@@ -33,4 +43,35 @@ def check_fields(target: TargetSpec) -> None:
             f"A target of kind {target.kind!r} has no {name}: {meaning}.",
             f"Leave {name} out, or correct the kind.",
             field=name,
+        )
+
+
+def spacing_mm(target: TargetSpec) -> float:
+    """Return the distance of nearest grid points (of tags, for an AprilGrid), mm."""
+    return target.pitch_mm * (math.sqrt(2.0) if target.kind == "asymmetric_circles" else 1.0)
+
+
+def check_marker_size(target: TargetSpec) -> None:
+    """Raise InvalidTarget for dots that touch or vanish, and for ChArUco markers that vanish.
+
+    What else must be so of markers and tags: `core.targets.charuco_layout`, `core.targets.aprilgrid_layout`.
+    """
+    size = target.marker_mm
+    if size is None:
+        return
+    if target.kind in ("circles", "asymmetric_circles"):
+        apart = spacing_mm(target)
+        if not LEAST_DOT * apart <= size <= LARGEST_DOT * apart:
+            raise InvalidTarget(
+                f"marker_mm, the dots' diameter, must be {LEAST_DOT:g} to {LARGEST_DOT:g} of their distance of "
+                f"{apart:.4g} mm, or they are not told apart or not seen; got {size:g} mm.",
+                f"Half the distance serves best: {0.5 * apart:.4g} mm, which is taken where marker_mm is left out.",
+                field="marker_mm",
+            )
+    if target.kind == "charuco" and size < LEAST_CHARUCO_MARKER * target.pitch_mm:
+        raise InvalidTarget(
+            f"A ChArUco board's marker_mm must be {LEAST_CHARUCO_MARKER:g} of its pitch_mm at least, or its cells are "
+            f"too small to be seen; got {size:g} mm.",
+            "Make it two thirds to three quarters of the pitch, or state what the print has.",
+            field="marker_mm",
         )

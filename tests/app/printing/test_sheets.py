@@ -170,3 +170,14 @@ def test_what_cannot_be_printed_is_refused_with_advice() -> None:
             refused()
     with pytest.raises(InvalidTarget, match="marker_mm"):
         draw_sheet(TargetSpec("charuco", 9, 6, 20.0, 25.0, "DICT_6X6_250"))
+    for target, field in (
+        (TargetSpec("circles", 9, 6, 20.0, 25.0), "marker_mm"),
+        (TargetSpec("circles", 9, 6, 20.0, 0.001), "marker_mm"),
+        (TargetSpec("chessboard", 9, 6, 20.0, dictionary="DICT_6X6_250"), "dictionary"),
+        (TargetSpec("chessboard", 9, 6, 1e-4), "pitch_mm"),
+        (TargetSpec("circles", 9, 6, 0.49), "pitch_mm"),
+    ):
+        with pytest.raises(InvalidTarget) as invalid:
+            draw_sheet(target)
+        assert invalid.value.field == field
+    draw_sheet(TargetSpec("chessboard", 9, 6, 0.5))
