@@ -295,7 +295,7 @@ def _read_images(records: orm.Session, session_id: str, places: Mapping[str, int
         .all()
     )
     fields: list[tuple[Any, ...]] = [
-        (*row[:4], places.get(row[4], NO_TARGET), *row[5:])
+        (*row[:4], NO_TARGET if row[4] is None else places[row[4]], *row[5:])
         if row[4] is None or row[4] in places
         else (*row[:4], NO_TARGET, *row[5:9], *_FOREIGN, None, row[12])
         for row in rows
