@@ -14,7 +14,7 @@ from core.errors import TargetMirrored, TargetMismatch, TargetNotFound
 from core.simulation import Light, Scene, render, standard_scene, standard_target
 from core.simulation.scenes import random_pose
 from core.targets import GridPoints, TargetSpec, detect
-from core.targets.dot_kernel import dot_equations, fit_dot, fit_each, normal
+from core.targets.dot_kernel import dot_equations, fit_dot, fit_each, normal, solve_equations
 from core.targets.dot_lattice import crosses, dot_lattices
 from core.targets.dots import Dots, patches
 
@@ -272,6 +272,26 @@ def test_equations_are_those_of_the_model() -> None:
     numeric = np.array([np.sum(j**2) for j in J])
     assert edge.any()
     np.testing.assert_allclose(np.diag(N)[:6], numeric, rtol=0.12)
+
+
+@pytest.mark.parametrize("first", [0, 6])
+def test_equations_are_solved_as_numpy_solves_them(first: int) -> None:
+    rng = np.random.default_rng(first)
+    J, r = rng.normal(size=(40, 12)) * np.logspace(-3, 2, 12), rng.normal(size=40)
+    N = np.zeros((14, 16))
+    N[:12, :12], N[12, :12] = np.tril(J.T @ J), J.T @ r
+    solution, covariance = np.zeros(12), np.zeros((2, 2))
+    told, solved = solve_equations(N, first, solution, covariance)
+    assert solved
+    expected = np.linalg.lstsq(J[:, first:], r, rcond=None)[0]
+    np.testing.assert_allclose(solution[first:], expected, rtol=1e-6)
+    assert not solution[:first].any()
+    assert told == pytest.approx(r @ J[:, first:] @ expected)
+    if first == 0:
+        np.testing.assert_allclose(covariance, np.linalg.inv(J.T @ J)[:2, :2], rtol=1e-6)
+    N = np.zeros((14, 16))
+    N[:12, :12] = np.tril(-J.T @ J)
+    assert not solve_equations(N, first, solution, covariance)[1]
 
 
 def test_the_normal_distribution_is_scipys() -> None:
