@@ -13,7 +13,7 @@ from rich.markup import escape
 
 from app.agent import ClientError, Json, ServiceClient
 from app.cli.kinematic_models import WRITERS, Model
-from app.cli.upload import find_or_make_session
+from app.cli.upload import find_session
 
 
 class OptionRefused(Exception):
@@ -76,7 +76,7 @@ def _model(request: Request, console: Console) -> Model:
         retry_for_s=request.retry_for_s,
         on_retry=lambda reason: console.print(f"[yellow]trying again: {escape(reason)}[/]"),
     ) as client:
-        session_id, _ = find_or_make_session(client, request.session, None)
+        session_id = find_session(client, request.session)["id"]
         document = client.get(
             f"/v1/sessions/{session_id}/dh",
             method=request.method,

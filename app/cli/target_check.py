@@ -17,8 +17,9 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from app.agent import ClientError, Json, ServiceClient
-from app.cli.target_options import Service, TargetOptions, chosen_target, stored_target
+from app.agent import ClientError, Json
+from app.cli.target_options import TargetOptions, chosen_target, stored_target
+from app.cli.upload import find_session
 from app.printing.sheet import describe, sheet_id_of
 from core import GridPoints, GridposeError, TargetSpec
 from core.calibration.print_check import (
@@ -27,12 +28,13 @@ from core.calibration.print_check import (
     PrintCheck,
     PrintedShape,
     RuleReading,
+    check_asked,
     check_print,
 )
 from core.calibration.readings import turns_alike
 from core.calibration.shape_departures import Measure
 from core.calibration.target_shape import estimate_target_shape
-from core.errors import InvalidArgument, TargetShapeNotObservable
+from core.errors import InvalidArgument, InvalidInput, TargetShapeNotObservable
 from core.image import decode
 from core.targets.detect import check_detectable, detect
 
@@ -48,7 +50,6 @@ class Request:
     photos: tuple[Path, ...]
     session: str | None
     target: TargetOptions
-    service: Service
     readings: tuple[str, ...]
     reading_u_mm: float
     limit_percent: float
@@ -74,13 +75,20 @@ def check_target(request: Request) -> int:
     stamina.instrumentation.set_on_retry_hooks([])
     try:
         readings = [_reading(text, request.reading_u_mm) for text in request.readings]
+        if not 0.0 < request.limit_percent < 100.0:
+            raise InvalidArgument(
+                f"--limit-percent must be more than 0 and less than 100, got {request.limit_percent:g}.",
+                "It is how far the print may be off, in percent of the grid's longer side: .1 where nothing is said.",
+            )
+        limit = request.limit_percent / 100.0
+        check_asked(readings, limit)
         looked = _from_session(request) if request.session is not None else _from_photos(request, errors)
-        check = check_print(looked.shape, readings, limit=request.limit_percent / 100.0)
+        check = check_print(looked.shape, readings, limit=limit)
     except (GridposeError, ClientError) as error:
         errors.print(f"[red]{escape(error.detail)}[/]")
         if error.advice:
             errors.print(escape(error.advice))
-        return 2 if isinstance(error, InvalidArgument) else 1
+        return 2 if isinstance(error, InvalidInput) else 1
     if request.as_json:
         print(json.dumps(_document(looked, check), indent=2, allow_nan=False))
     else:
@@ -104,7 +112,7 @@ def _from_photos(request: Request, errors: Console) -> _Looked:
         raise InvalidArgument(
             "No photographs are named.", "Name ten or more of the print, or a --session of a service."
         )
-    target = chosen_target(request.target, request.service).target
+    target = chosen_target(request.target).target
     check_detectable(target)
     skipped: list[tuple[str, str, str]] = []
     views: list[GridPoints] = []
@@ -182,8 +190,14 @@ def _spread(count: int) -> list[int]:
 def _from_session(request: Request) -> _Looked:
     if request.photos:
         raise InvalidArgument("Photographs and a session are both named.", "Name the one or the other.")
-    with request.service.client() as client:
-        session_id = _session_id(client, str(request.session))
+    told = [*(["--target-id"] if request.target.target_id is not None else []), *request.target.description]
+    if told:
+        raise InvalidArgument(
+            f"--session already says what {', '.join(told)} would: its images were searched for its own targets.",
+            "Name the session alone, or photographs and what they show.",
+        )
+    with request.target.service.client() as client:
+        session_id = find_session(client, str(request.session))["id"]
         document = client.get(f"/v1/sessions/{session_id}/intrinsics", refine_target=True)["target_shape"]
         target = stored_target(client.get(f"/v1/targets/{document['target_id']}")).target
 
@@ -207,19 +221,6 @@ def _from_session(request: Request) -> _Looked:
         measure("shear_deg", math.radians(1.0)),
     )
     return _Looked(shape, document["images"], document["directions"], document["rms_px"], (), ())
-
-
-def _session_id(client: ServiceClient, session: str) -> str:
-    """Return the id of the session with this id or name."""
-    named = [e["id"] for e in client.items("/v1/sessions") if session in (e["id"], e["name"])]
-    if len(named) != 1:
-        problem = "No session has" if not named else "Several sessions have"
-        raise ClientError(
-            "session_not_found" if not named else "session_ambiguous",
-            f"{problem} the id or the name {session!r}.",
-            "Give the id; GET /v1/sessions lists them.",
-        )
-    return str(named[0])
 
 
 _NO_LENGTH = (

@@ -92,21 +92,23 @@ def target_pdf(
     For example: gridpose target pdf --kind charuco --columns 9 --rows 6 --pitch-mm 25 --marker-mm 18
     --dictionary DICT_5X5_100 -o board.pdf
     """
-    from app.cli.target_options import Service, TargetOptions
+    from app.cli.target_options import target_options
     from app.cli.target_pdf import Request, print_target
 
     request = Request(
-        target=TargetOptions(
+        target=target_options(
             target_id=target_id,
-            kind=kind.value if kind else None,
+            kind=kind,
             columns=columns,
             rows=rows,
             pitch_mm=pitch_mm,
             marker_mm=marker_mm,
             dictionary=dictionary,
             legacy_layout=legacy_layout,
+            url=url,
+            key=key,
+            retry_for=retry_for,
         ),
-        service=Service(url=url, key=key, retry_for_s=retry_for),
         output=output,
         kind=file_format.value if file_format else None,
         paper=paper.value,
@@ -161,22 +163,24 @@ def target_check(
     meant so.
     """
     from app.cli.target_check import Request, check_target
-    from app.cli.target_options import Service, TargetOptions
+    from app.cli.target_options import target_options
 
     request = Request(
         photos=tuple(photos or ()),
         session=session,
-        target=TargetOptions(
+        target=target_options(
             target_id=target_id,
-            kind=kind.value if kind else None,
+            kind=kind,
             columns=columns,
             rows=rows,
             pitch_mm=pitch_mm,
             marker_mm=marker_mm,
             dictionary=dictionary,
             legacy_layout=legacy_layout,
+            url=url,
+            key=key,
+            retry_for=retry_for,
         ),
-        service=Service(url=url, key=key, retry_for_s=retry_for),
         readings=tuple(measured_mm or ()),
         reading_u_mm=measured_u_mm,
         limit_percent=limit_percent,

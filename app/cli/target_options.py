@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass, fields
 
 from app.agent import ClientError, Json, ServiceClient
 from core import TargetSpec
 from core.errors import InvalidArgument
+from core.targets.target_fields import check_fields
+
+_ID = re.compile(r"[0-9A-Za-z_-]+")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -23,7 +27,7 @@ class Service:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TargetOptions:
-    """The options that describe a target; None where not given."""
+    """The options that describe a target, or name one of a service's; None where not given."""
 
     target_id: str | None
     kind: str | None
@@ -33,6 +37,49 @@ class TargetOptions:
     marker_mm: float | None
     dictionary: str | None
     legacy_layout: bool
+    service: Service
+
+    @property
+    def description(self) -> list[str]:
+        """The names of the options given that describe a target."""
+        values = {
+            "--kind": self.kind,
+            "--columns": self.columns,
+            "--rows": self.rows,
+            "--pitch-mm": self.pitch_mm,
+            "--marker-mm": self.marker_mm,
+            "--dictionary": self.dictionary,
+            "--legacy-layout": self.legacy_layout or None,
+        }
+        return [name for name, value in values.items() if value is not None]
+
+
+def target_options(
+    *,
+    target_id: str | None,
+    kind: str | None,
+    columns: int | None,
+    rows: int | None,
+    pitch_mm: float | None,
+    marker_mm: float | None,
+    dictionary: str | None,
+    legacy_layout: bool,
+    url: str,
+    key: str | None,
+    retry_for: float,
+) -> TargetOptions:
+    """Return the options that the commands have in common, as they are given on the command line."""
+    return TargetOptions(
+        target_id=target_id,
+        kind=None if kind is None else str(kind),
+        columns=columns,
+        rows=rows,
+        pitch_mm=pitch_mm,
+        marker_mm=marker_mm,
+        dictionary=dictionary,
+        legacy_layout=legacy_layout,
+        service=Service(url=url, key=key, retry_for_s=retry_for),
+    )
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,27 +90,26 @@ class Named:
     name: str | None
 
 
-def chosen_target(options: TargetOptions, service: Service) -> Named:
+def chosen_target(options: TargetOptions) -> Named:
     """Return the target described or named.
 
     Raises InvalidArgument for options that describe none or two, InvalidTarget for impossible ones, ClientError where
     the service does not give it.
     """
-    described = {
-        "--kind": options.kind,
-        "--columns": options.columns,
-        "--rows": options.rows,
-        "--pitch-mm": options.pitch_mm,
-    }
+    described = options.description
     if options.target_id is not None:
-        others = [name for name, value in described.items() if value is not None]
-        if others:
+        if described:
             raise InvalidArgument(
-                f"--target-id already says what {', '.join(others)} would.", "Give the one or the others."
+                f"--target-id already says what {', '.join(described)} would.", "Give the one or the others."
             )
-        with service.client() as client:
+        if _ID.fullmatch(options.target_id) is None:
+            raise InvalidArgument(
+                f"--target-id {options.target_id!r} is no id.",
+                "Ids begin with tgt_; GET /v1/targets lists them.",
+            )
+        with options.service.client() as client:
             return stored_target(client.get(f"/v1/targets/{options.target_id}"))
-    missing = [name for name, value in described.items() if value is None]
+    missing = [name for name in ("--kind", "--columns", "--rows", "--pitch-mm") if name not in described]
     if missing:
         raise InvalidArgument(
             f"What is printed is not told: {', '.join(missing)} missing.",
@@ -79,6 +125,7 @@ def chosen_target(options: TargetOptions, service: Service) -> Named:
         options.dictionary,
         options.legacy_layout,
     )
+    check_fields(target)
     return Named(target, None)
 
 

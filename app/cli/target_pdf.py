@@ -10,7 +10,7 @@ from rich.console import Console
 from rich.markup import escape
 
 from app.agent import ClientError
-from app.cli.target_options import Service, TargetOptions, chosen_target
+from app.cli.target_options import TargetOptions, chosen_target
 from app.printing.documents import to_pdf, to_svg
 from app.printing.sheet import Sheet, draw_sheet
 from core import GridposeError
@@ -24,7 +24,6 @@ class Request:
     """The options of `gridpose target pdf`."""
 
     target: TargetOptions
-    service: Service
     output: Path | None
     kind: str | None
     paper: str
@@ -38,7 +37,7 @@ def print_target(request: Request) -> int:
     stamina.instrumentation.set_on_retry_hooks([])
     try:
         kind = _kind(request)
-        named = chosen_target(request.target, request.service)
+        named = chosen_target(request.target)
         sheet = draw_sheet(
             named.target,
             request.paper,
@@ -63,11 +62,16 @@ def print_target(request: Request) -> int:
 
 def _kind(request: Request) -> str:
     """Return pdf or svg, by the option or the file's name."""
-    if request.kind is not None:
-        return request.kind
     if request.output is None:
-        return "pdf"
+        return request.kind or "pdf"
     suffix = request.output.suffix.lower().removeprefix(".")
+    if request.kind is not None:
+        if suffix in WRITERS and suffix != request.kind:
+            raise InvalidArgument(
+                f"{request.output.name} is to be {suffix} by its name, and {request.kind} by --format.",
+                "Leave --format away, or call the file what it is.",
+            )
+        return request.kind
     if suffix not in WRITERS:
         raise InvalidArgument(
             f"{request.output.name} does not say what kind of file it is to be.",

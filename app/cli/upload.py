@@ -138,19 +138,9 @@ def find_or_make_session(client: ServiceClient, session: str, target: str | None
     `session` is an id, or the name of exactly one session; a name that none has is made, for which a target
     is needed. `target` is an id, or a description (`chessboard:9x6:25`) of one that may have to be made.
     """
-    named = []
-    for entry in client.items("/v1/sessions"):
-        if entry["id"] == session:
-            return entry["id"], _target_of(client, entry, target)
-        if entry["name"] == session:
-            named.append(entry)
-    if len(named) == 1:
-        return named[0]["id"], _target_of(client, named[0], target)
-    if named:
-        ids = ", ".join(entry["id"] for entry in named)
-        raise ClientError(
-            "session_ambiguous", f"Several sessions are named {session!r}: {ids}.", "Give the id."
-        )
+    found = _session_named(client, session)
+    if found is not None:
+        return found["id"], _target_of(client, found, target)
     if target is None:
         raise ClientError(
             "session_not_found",
@@ -160,6 +150,33 @@ def find_or_make_session(client: ServiceClient, session: str, target: str | None
     target_id = _find_or_make_target(client, target)
     created = client.create("/v1/sessions", {"name": session, "target_ids": [target_id]})
     return created["id"], target_id
+
+
+def find_session(client: ServiceClient, session: str) -> Json:
+    """Return the session with this id, or the only one with this name; ClientError where there is none."""
+    found = _session_named(client, session)
+    if found is None:
+        raise ClientError(
+            "session_not_found",
+            f"No session has the id or the name {session!r}.",
+            "Check the name, or give the id; GET /v1/sessions lists them.",
+        )
+    return found
+
+
+def _session_named(client: ServiceClient, session: str) -> Json | None:
+    named = []
+    for entry in client.items("/v1/sessions"):
+        if entry["id"] == session:
+            return entry
+        if entry["name"] == session:
+            named.append(entry)
+    if len(named) > 1:
+        ids = ", ".join(entry["id"] for entry in named)
+        raise ClientError(
+            "session_ambiguous", f"Several sessions are named {session!r}: {ids}.", "Give the id."
+        )
+    return named[0] if named else None
 
 
 def _target_of(client: ServiceClient, session: Json, target: str | None) -> str | None:

@@ -127,8 +127,7 @@ def check_print(
 
     Raises InvalidArgument for a limit or a reading that cannot be meant.
     """
-    if not 0.0 < limit < 1.0:
-        raise InvalidArgument(f"The limit must be a share between 0 and 1, got {limit!r}.")
+    check_asked(readings, limit)
     places = shape.target.points_target(shape.column, shape.row)
     extent = float(np.max(np.ptp(places, axis=0)))
     pitches = _pitches(shape, readings)
@@ -147,6 +146,25 @@ def check_print(
     rank = {"off": 0, "undecided": 1, "fine": 2}
     findings.sort(key=lambda f: (rank[f.verdict], -abs(f.value) / f.limit))
     return PrintCheck(tuple(findings), *(pitches or (None, None)))
+
+
+def check_asked(readings: Sequence[RuleReading], limit: float) -> None:
+    """Raise InvalidArgument for a limit or a reading that cannot be meant.
+
+    `check_print` does so itself; this can be asked before the shape is known, which takes its time.
+    """
+    if not 0.0 < limit < 1.0:
+        raise InvalidArgument(f"The limit must be a share between 0 and 1, got {limit!r}.")
+    for reading in readings:
+        values = (reading.stated_mm, reading.read_mm, reading.standard_uncertainty_mm)
+        if not all(0.0 < value < math.inf for value in values):
+            raise InvalidArgument("A rule's readings, stated lengths and their uncertainty must be positive.")
+        if abs(reading.read_mm / reading.stated_mm - 1.0) > _WORST_MISREADING:
+            raise InvalidArgument(
+                f"A rule that reads {reading.read_mm:g} mm for a stated {reading.stated_mm:g} mm along {reading.along} "
+                "is no check of this print.",
+                "Measure between the marks that the stated length belongs to, in millimetres.",
+            )
 
 
 def _judged(value: float, half_width: float, limit: float) -> Verdict:
@@ -238,17 +256,8 @@ def _pitches(shape: PrintedShape, readings: Sequence[RuleReading]) -> tuple[Meas
         [shape.aspect.standard_uncertainty],
     )
     for reading in readings:
-        if not (reading.stated_mm > 0.0 and reading.read_mm > 0.0 and reading.standard_uncertainty_mm > 0.0):
-            raise InvalidArgument("A rule's readings, stated lengths and their uncertainty must be positive.")
-        ratio = reading.read_mm / reading.stated_mm
-        if abs(ratio - 1.0) > _WORST_MISREADING:
-            raise InvalidArgument(
-                f"A rule that reads {reading.read_mm:g} mm for a stated {reading.stated_mm:g} mm along {reading.along} "
-                "is no check of this print.",
-                "Measure between the marks that the stated length belongs to, in millimetres.",
-            )
         rows.append([1.0, 0.0] if reading.along == "x" else [0.0, 1.0])
-        values.append(math.log(ratio))
+        values.append(math.log(reading.read_mm / reading.stated_mm))
         weights.append(reading.standard_uncertainty_mm / reading.read_mm)
     A = np.array(rows) / np.array(weights)[:, None]
     C = np.linalg.inv(A.T @ A)

@@ -65,7 +65,9 @@ def test_a_stored_target_is_printed_and_its_session_checked(tmp_path: Path, data
         assert (tmp_path / "board.pdf").read_bytes().startswith(b"%PDF-")
         for refused, words in (
             (gridpose("target", "check", "--session", "nosuch"), "No session has"),
+            (gridpose("export", "dh", "--session", "nosuch", "--format", "urdf"), "No session has"),
             (gridpose("target", "pdf", "--target-id", "tgt_nosuch"), "no such target"),
         ):
             assert (refused.returncode, refused.stdout) == (1, "")
             assert words in refused.stderr
+            assert "--target " not in refused.stderr  # an option of `upload`, not of these

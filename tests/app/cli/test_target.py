@@ -26,6 +26,7 @@ DESCRIBED = (
     *("--kind", "charuco", "--columns", "7", "--rows", "5", "--pitch-mm", "28"),
     *("--marker-mm", "20", "--dictionary", "DICT_5X5_100"),
 )
+DOTS = ("--kind", "circles", "--columns", "9", "--rows", "6")
 CAMERA = Camera(1000.0, 1000.0, 399.5, 319.5, k1=-0.1, k2=0.03)
 WIDTH, HEIGHT, FINER = 800, 640, 2
 RUN = CliRunner()
@@ -139,16 +140,62 @@ def test_photographs_that_cannot_tell_are_refused_with_advice(tmp_path: Path) ->
         (("check", __file__, *DESCRIBED, "--measured-mm", "250"), "SIDE:STATED:READ"),
         (("check", __file__, "--kind", "circles"), "--columns, --rows, --pitch-mm missing"),
         (("pdf", "--target-id", "tgt_1", "--rows", "3"), "already says what --rows would"),
+        (
+            ("pdf", "--target-id", "tgt_1", "--marker-mm", "3", "--legacy-layout"),
+            "what --marker-mm, --legacy-layout",
+        ),
+        (
+            ("pdf", "--target-id", "tgt_1", "--dictionary", "DICT_4X4_50"),
+            "already says what --dictionary would",
+        ),
+        (("pdf", "--target-id", "../sessions"), "'../sessions' is no id"),
+        (("check", __file__, "--target-id", "../sessions"), "'../sessions' is no id"),
+        (
+            ("check", "--session", "cell", *DESCRIBED[:2], "--marker-mm", "2"),
+            "what --kind, --marker-mm would",
+        ),
+        (("check", "--session", "cell", "--target-id", "tgt_1"), "what --target-id would"),
         (("pdf", "--kind", "circles"), "--columns, --rows, --pitch-mm missing"),
         (("pdf", *DESCRIBED, "-o", "board.png"), "Call it .pdf or .svg"),
         (("pdf", *DESCRIBED[:8], "--marker-mm", "40", "--dictionary", "DICT_5X5_100"), "marker_mm must be"),
         (("pdf", *DESCRIBED[:6], "--pitch-mm", "50"), "dictionary"),
+        (("pdf", *DESCRIBED, "-o", "board.pdf", "--format", "svg"), "pdf by its name, and svg by --format"),
+        (("pdf", *DOTS, "--pitch-mm", "20", "--marker-mm", "25"), "diameter"),
+        (("pdf", *DOTS, "--pitch-mm", "20", "--marker-mm", "19.99"), "diameter"),
+        (("pdf", *DOTS, "--pitch-mm", "20", "--marker-mm", "0.001"), "diameter"),
+        (("check", __file__, *DOTS, "--pitch-mm", "20", "--marker-mm", "25"), "diameter"),
+        (("pdf", *DOTS, "--pitch-mm", "0.0001"), "cannot be printed"),
+        (("pdf", *DOTS, "--pitch-mm", "20", "--legacy-layout"), "'circles' has no legacy_layout"),
+        (("pdf", *DESCRIBED[:1], "chessboard", *DESCRIBED[2:]), "'chessboard' has no marker_mm"),
+        (("check", __file__, *DESCRIBED[:1], "chessboard", *DESCRIBED[2:]), "'chessboard' has no marker_mm"),
     ],
 )
 def test_options_that_cannot_be_meant_are_refused(arguments: tuple[str, ...], words: str) -> None:
     code, out, err = gridpose(*arguments)
     assert (code, out) == (2, "")
     assert words in " ".join(err.split())
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (("--limit-percent", "nan"), "--limit-percent must be more than 0"),
+        (("--limit-percent", "-1"), "--limit-percent must be more than 0"),
+        (("--limit-percent", "100"), "--limit-percent must be more than 0"),
+        (("--measured-mm", "x:250:0"), "must be positive"),
+        (("--measured-mm", "x:0:250"), "must be positive"),
+        (("--measured-mm", "x:250:25"), "no check of this print"),
+        (("--measured-mm", "x:250:250", "--measured-u-mm", "inf"), "must be positive"),
+    ],
+)
+def test_limits_and_readings_are_looked_at_before_the_photographs(
+    options: tuple[str, ...], words: str
+) -> None:
+    """This very file is no photograph: searched, it would be named as one that was left out, with exit code 1."""
+    code, out, err = gridpose("check", __file__, *DESCRIBED, *options)
+    assert (code, out) == (2, "")
+    assert words in " ".join(err.split())
+    assert "left out" not in err
 
 
 def test_the_file_is_named_by_what_it_shows(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
