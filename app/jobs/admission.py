@@ -17,6 +17,7 @@ from core.errors import (
 )
 from core.image import HEADER_BYTES, ImageHeader, check_pixels, read_header
 from core.targets import TargetSpec, check_detectable
+from core.targets.target_fields import check_fields
 
 _REFUSALS: tuple[tuple[type[GridposeError], type[ServiceError]], ...] = (
     (EmptyImage, InvalidContent),
@@ -52,15 +53,15 @@ def admit_image(path: Path, max_pixels: int) -> AdmittedImage:
 
 
 def admit_target(fields: dict[str, Any]) -> None:
-    """Refuse a target that cannot be: a pitch that is anybody's guess, an unknown dictionary, one with too few markers,
-    or too large ones.
+    """Refuse a target that no image can ever be measured with, such as one with too few grid points or markers that do
+    not fit, and one with fields that its kind has not: whoever sent them means another.
 
     `fields` are those of `core.TargetSpec`. Raises InvalidContent.
     """
     try:
         target = TargetSpec(**fields)
-        if target.kind in ("charuco", "aprilgrid"):
-            check_detectable(target)
+        check_fields(target)
+        check_detectable(target)
     except InvalidTarget as error:
         wrong = [(error.field, error.detail)] if error.field is not None else []
         raise InvalidContent(error.detail, error.advice, code=error.code, errors=wrong) from error

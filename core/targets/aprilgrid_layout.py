@@ -78,17 +78,23 @@ def aprilgrid_layout(target: TargetSpec) -> AprilGridLayout:
         raise InvalidTarget(
             f"An AprilGrid has tags of the family 36h11, not {target.dictionary!r}.",
             f"Leave dictionary out, or set it to {DICTIONARY}.",
+            field="dictionary",
         )
     tag_mm = target.marker_mm
-    if tag_mm is None or not 0.0 < tag_mm < target.pitch_mm:
+    if tag_mm is None:
+        raise InvalidTarget("marker_mm is required for AprilGrids.", _MEANING, field="marker_mm")
+    if not 0.0 < tag_mm < target.pitch_mm:
         raise InvalidTarget(
-            f"An AprilGrid's marker_mm must be positive and less than its pitch_mm, got {tag_mm!r}.", _MEANING
+            f"An AprilGrid's marker_mm must be positive and less than its pitch_mm, got {tag_mm!r}.",
+            _MEANING,
+            field="marker_mm",
         )
     gap = (target.pitch_mm - tag_mm) / tag_mm
     if not LEAST_GAP <= gap <= LARGEST_GAP:
         raise InvalidTarget(
             f"An AprilGrid's gaps must be {LEAST_GAP:g} to {LARGEST_GAP:g} of a tag's edge wide, got {gap:.3g}.",
             _MEANING,
+            field="marker_mm",
         )
     count = target.columns * target.rows
     dictionary = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_APRILTAG_36h11)
@@ -97,6 +103,7 @@ def aprilgrid_layout(target: TargetSpec) -> AprilGridLayout:
         raise InvalidTarget(
             f"The grid needs {count} tags, the family 36h11 has {available}.",
             "Use fewer columns and rows; they count tags.",
+            field="columns" if target.columns >= target.rows else "rows",
         )
     j, from_right = np.divmod(np.arange(count), target.columns)
     return AprilGridLayout(

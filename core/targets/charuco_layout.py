@@ -57,7 +57,13 @@ def charuco_layout(target: TargetSpec) -> CharucoLayout:
     """
     dictionary = marker_dictionary(target)
     marker_mm = target.marker_mm
-    if marker_mm is None or not 0.0 < marker_mm < target.pitch_mm:
+    if marker_mm is None:
+        raise InvalidTarget(
+            "marker_mm is required for ChArUco boards.",
+            "Measure a marker from black edge to black edge.",
+            field="marker_mm",
+        )
+    if not 0.0 < marker_mm < target.pitch_mm:
         raise InvalidTarget(
             f"A ChArUco board's marker_mm must be positive and less than its pitch_mm, got {marker_mm!r}.",
             "Measure a marker from black edge to black edge, and a square.",
@@ -93,7 +99,13 @@ def marker_dictionary(target: TargetSpec) -> Any:
     if target.kind != "charuco":
         raise InvalidTarget(f"A target of kind {target.kind!r} has no ChArUco markers.")
     name = target.dictionary
-    number = getattr(cv2.aruco, name, None) if name is not None and name.startswith("DICT_") else None
+    if name is None:
+        raise InvalidTarget(
+            "dictionary is required for ChArUco boards.",
+            "Use OpenCV's name, for example DICT_6X6_250.",
+            field="dictionary",
+        )
+    number = getattr(cv2.aruco, name, None) if name.startswith("DICT_") else None
     if number is None:
         raise InvalidTarget(
             f"Unknown marker dictionary {name!r}.",

@@ -44,17 +44,24 @@ class TargetSpec:
 
     def __post_init__(self) -> None:
         if self.kind not in KINDS:
-            raise InvalidTarget(f"Unknown target kind {self.kind!r}.", f"Use one of {', '.join(KINDS)}.")
+            raise InvalidTarget(
+                f"Unknown target kind {self.kind!r}.", f"Use one of {', '.join(KINDS)}.", field="kind"
+            )
         for name in ("columns", "rows"):
             value = getattr(self, name)
             if not isinstance(value, int) or isinstance(value, bool) or not 2 <= value <= 500:
-                raise InvalidTarget(f"{name} must be a whole number from 2 to 500, got {value!r}.")
+                raise InvalidTarget(
+                    f"{name} must be a whole number from 2 to 500, got {value!r}.", field=name
+                )
         if not (math.isfinite(self.pitch_mm) and self.pitch_mm > 0):
-            raise InvalidTarget(f"pitch_mm must be a positive length, got {self.pitch_mm!r}.")
+            raise InvalidTarget(
+                f"pitch_mm must be a positive length, got {self.pitch_mm!r}.", field="pitch_mm"
+            )
         doubt = self.pitch_standard_uncertainty_mm
         if doubt is not None and not 0 <= doubt < self.pitch_mm:
             raise InvalidTarget(
-                f"pitch_standard_uncertainty_mm must lie between 0 and the pitch, got {doubt!r}."
+                f"pitch_standard_uncertainty_mm must lie between 0 and the pitch, got {doubt!r}.",
+                field="pitch_standard_uncertainty_mm",
             )
 
     @property
