@@ -49,8 +49,8 @@ def detect(image: UInt8[np.ndarray, "h w"] | UInt16[np.ndarray, "h w"], target: 
         Grey values.
     target
         What to look for: all of it must be in view, of a chessboard a part that ends with the picture or carries the
-        marked squares, of a ChArUco board eight corners and some markers in two rows, of an AprilGrid two tags; of
-        dots three quarters must be free.
+        marked squares, of a ChArUco board eight corners and some markers in two rows, of an AprilGrid tags of two rows;
+        of dots three quarters must be free, or of `circles` a part that ends with the picture.
 
     Returns
     -------

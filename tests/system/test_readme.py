@@ -14,8 +14,12 @@ import time
 from pathlib import Path
 
 import pytest
+from typer.core import TyperGroup as Group
+from typer.main import get_command
 
 from app.agent import ServiceClient
+from app.api.schemas.measurements import MeasurementRead
+from app.cli.commands import app
 from app.cli.process import ServiceProcess
 from app.settings import Settings
 
@@ -124,6 +128,20 @@ def test_the_table_of_settings_is_complete() -> None:
             assert shown == f"`{default}`"
         else:
             assert "`" not in shown
+
+
+def test_the_commands_and_fields_that_are_named_exist() -> None:
+    commands = get_command(app)
+    named = set(re.findall(r"`?\bgridpose ([a-z]+)(?: ([a-z]+))?", README))
+    for first, second in named:
+        assert isinstance(commands, Group)
+        assert first in commands.commands, first
+        inner = commands.commands[first]
+        if isinstance(inner, Group):
+            assert second in inner.commands, (first, second)
+    assert {("target", "pdf"), ("target", "check")} <= named
+    told = set(re.findall(r"`(\w+)`", README))
+    assert {"capture_quality", "siblings", "target_id"} <= told & set(MeasurementRead.model_fields)
 
 
 def test_what_readme_names_is_there() -> None:
