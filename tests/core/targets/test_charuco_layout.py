@@ -47,7 +47,7 @@ def test_a_marker_that_is_not_there() -> None:
     ("target", "words"),
     [
         (TargetSpec("chessboard", 4, 6, 20.0, 12.0, "DICT_4X4_50"), "no ChArUco"),
-        (TargetSpec("charuco", 4, 6, 20.0, 12.0), "Unknown marker dictionary None"),
+        (TargetSpec("charuco", 4, 6, 20.0, 12.0), "dictionary is required for ChArUco boards"),
         (TargetSpec("charuco", 4, 6, 20.0, 12.0, "4X4_50"), "Unknown marker dictionary"),
         (TargetSpec("charuco", 4, 6, 20.0, 12.0, "DICT_9X9_50"), "Unknown marker dictionary"),
         (TargetSpec("charuco", 4, 6, 20.0, None, "DICT_4X4_50"), "marker_mm"),
