@@ -25,6 +25,9 @@ EDGE_MM = 6.0
 """Nothing is printed nearer to the paper's edge: printers leave some 4 mm white."""
 QUIET = 0.25
 """White around the ink, at least, in pitches (of staggered dots in their distance)."""
+WIDEST_ORIGIN = 2.4
+"""Times as wide as the others: a wider dot has over six times their area, and is no longer taken for one of them
+(`core.targets.dot_lattice`)."""
 LEAST_PITCH_MM = 0.5
 """A printer of 600 points to the inch puts twelve into that, and its edges are already off by a tenth of it."""
 _NOTE = (
@@ -170,12 +173,18 @@ def _check_extras(target: TargetSpec, origin_dot: float, marks: bool) -> None:
         raise InvalidArgument(f"A {target.kind} has no dots.", "Leave --origin-dot away.")
     apart = spacing_mm(target)
     usual = target.marker_mm if target.marker_mm is not None else 0.5 * apart
-    most = (1.8 * apart - usual) / usual  # a tenth of the way to each neighbour stays white
+    # a tenth of the way to each neighbour stays white
+    most = min((1.8 * apart - usual) / usual, WIDEST_ORIGIN)
+    if most <= 1.0 + ODD:
+        raise InvalidArgument(
+            f"Dots {usual:g} mm wide, {apart:.4g} mm apart, leave no room for a larger one at the origin.",
+            "Leave --origin-dot away, or make the dots smaller: half of their distance serves best.",
+        )
     if not 1.0 + ODD < origin_dot <= most:
         raise InvalidArgument(
             f"The dot at the origin must be more than {1.0 + ODD:g} times as wide as the others, or it is not told "
-            f"from them, and {math.floor(10.0 * most) / 10.0:g} times at most, or it meets its neighbours; "
-            f"got {origin_dot:g}."
+            f"from them, and {math.floor(100.0 * most) / 100.0:g} times at most, or it meets its neighbours or is not "
+            f"taken for one of them; got {origin_dot:g}."
         )
 
 

@@ -12,7 +12,7 @@ import pytest
 
 from app.printing.documents import to_pdf, to_svg
 from app.printing.papers import SIZES_MM, Paper
-from app.printing.sheet import Sheet, draw_sheet, sheet_id_of
+from app.printing.sheet import WIDEST_ORIGIN, Sheet, draw_sheet, sheet_id_of
 from core import TargetSpec
 from core.errors import InvalidArgument, InvalidTarget
 from core.targets.detect import detect
@@ -157,6 +157,14 @@ def test_a_target_too_large_is_told_its_paper_and_its_pitch() -> None:
     assert "Print on" not in (refused.value.advice or "")
 
 
+@pytest.mark.parametrize("diameter_mm", [4.0, 10.0])
+@pytest.mark.parametrize("origin_dot", [1.3, WIDEST_ORIGIN])
+def test_every_dot_allowed_at_the_origin_tells_it(diameter_mm: float, origin_dot: float) -> None:
+    target = TargetSpec("circles", 8, 6, 20.0, diameter_mm)
+    found = detect(pdf_picture(draw_sheet(target, origin_dot=origin_dot), 50.3).as_scanned, target)
+    assert (len(found), found.origin) == (target.size, "known")
+
+
 def test_what_cannot_be_printed_is_refused_with_advice() -> None:
     dots = TargetSpec("circles", 9, 6, 20.0)
     for refused in (
@@ -164,7 +172,9 @@ def test_what_cannot_be_printed_is_refused_with_advice() -> None:
         lambda: draw_sheet(CHESSBOARD, origin_dot=1.5),
         lambda: draw_sheet(dots, marks=True),
         lambda: draw_sheet(dots, origin_dot=1.1),  # not told from the others
-        lambda: draw_sheet(dots, origin_dot=3.0),  # meets its neighbours
+        lambda: draw_sheet(dots, origin_dot=2.5),  # not taken for one of them
+        lambda: draw_sheet(TargetSpec("circles", 9, 6, 20.0, 14.0), origin_dot=1.6),  # meets its neighbours
+        lambda: draw_sheet(TargetSpec("circles", 9, 6, 20.0, 17.0), origin_dot=1.3),  # no room for any
     ):
         with pytest.raises(InvalidArgument):
             refused()
