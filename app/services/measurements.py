@@ -261,11 +261,11 @@ def retry_measurement(installation: Installation, measurement_id: str) -> Measur
 
 
 def bare_filename(name: str | None) -> str | None:
-    """Return a file's name without path or control characters, None where nothing is left."""
+    """Return a file's name without path, control or invisible characters, None where nothing is left."""
     if name is None:
         return None
     name = name.replace("\\", "/").rsplit("/", 1)[-1]
-    name = "".join(c for c in name if unicodedata.category(c) not in ("Cc", "Cs")).strip()
+    name = "".join(c for c in name if unicodedata.category(c) not in ("Cc", "Cf", "Cs", "Zl", "Zp")).strip()
     return name[:FILENAME_LENGTH] if name not in ("", ".", "..") else None
 
 

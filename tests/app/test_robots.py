@@ -58,6 +58,7 @@ def test_names_and_limits_that_cannot_be_are_refused(
         {"name": ""},
         {"name": 3},
         {"name": "a\nb"},
+        {"name": "A\u202e1"},
         {"lower_deg": "1"},
         {"lower_deg": 1e9},
         {"limits_deg": [0, 1]},

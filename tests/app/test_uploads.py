@@ -51,7 +51,7 @@ def test_a_raw_upload_is_kept_with_its_metadata(any_api: Any, grey_png: bytes) -
         focus_group="near",
         joint_angles_deg="1, -2.5,3e1",
         captured_at="2026-01-31T12:00:00.5+02:00",
-        filename="C:\\photos\\a\x01 b.png",
+        filename="C:\\photos\\a\x01\u202e b.png",
     )
     assert response.status_code == 202, response.text
     document = response.json()

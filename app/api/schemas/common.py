@@ -1,8 +1,9 @@
-"""What all request and response bodies share: strictness, text without control characters, bounded numbers."""
+"""What all request and response bodies share: strictness, text that is seen as it is, bounded numbers."""
 
 from __future__ import annotations
 
 import re
+import unicodedata
 from datetime import UTC, datetime
 from typing import Annotated, Any
 
@@ -14,6 +15,9 @@ _RFC3339 = re.compile(
     r"[0-9]{4}-[0-9]{2}-[0-9]{2}[Tt ][0-9]{2}:[0-9]{2}:[0-9]{2}(\.[0-9]{1,9})?([Zz]|[+-][0-9]{2}:[0-9]{2})",
     re.ASCII,
 )
+_INVISIBLE = ("Cf", "Zl", "Zp")
+"""Unicode's categories of what is not seen and may turn, join or break the text around it. `PRINTABLE` refuses the
+control characters; these are too scattered for a pattern."""
 _LIST = re.compile(r"[-+0-9.eE]+( *, *[-+0-9.eE]+)*", re.ASCII)
 
 
@@ -47,6 +51,14 @@ def _utc(value: Any) -> Any:
         raise ValueError("is no date and time that exists") from None
 
 
+def _visible(value: str) -> str:
+    if any(unicodedata.category(character) in _INVISIBLE for character in value):
+        raise ValueError(
+            "has invisible characters that steer how text is shown, such as U+202E; leave them out"
+        )
+    return value
+
+
 def parse_joint_angles(text: str) -> list[float]:
     """Return the numbers of a comma-separated list, degrees."""
     if not _LIST.fullmatch(text):
@@ -67,7 +79,7 @@ MAX_ANGLE_DEG = 1e6
 MAX_LENGTH_MM = 1e9
 MAX_CYCLE = 2**31 - 1
 
-Text = Annotated[str, Field(min_length=1, max_length=200, pattern=PRINTABLE)]
+Text = Annotated[str, Field(min_length=1, max_length=200, pattern=PRINTABLE), AfterValidator(_visible)]
 Identifier = Annotated[str, Field(min_length=1, max_length=64, pattern=PRINTABLE)]
 PoseTag = Annotated[str, Field(min_length=1, max_length=128, pattern=r"^[A-Za-z0-9_-][A-Za-z0-9._-]*$")]
 Sha256 = Annotated[

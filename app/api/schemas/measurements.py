@@ -8,7 +8,6 @@ from typing import Annotated, Literal
 from pydantic import Field
 
 from app.api.schemas.common import (
-    PRINTABLE,
     Angle,
     Coordinate,
     JointAngles,
@@ -16,6 +15,7 @@ from app.api.schemas.common import (
     RequestModel,
     ResponseModel,
     Sha256,
+    Text,
 )
 
 MeasurementStatus = Literal["queued", "running", "succeeded", "failed"]
@@ -29,7 +29,7 @@ class PoseWrite(RequestModel):
     pitch_deg: Angle | None = None
     yaw_deg: Angle | None = None
     joint_angles_deg: JointAngles | None = None
-    approach: Annotated[str, Field(min_length=1, max_length=200, pattern=PRINTABLE)] | None = None
+    approach: Text | None = None
 
 
 class PoseItem(PoseWrite):
