@@ -26,7 +26,7 @@ from core.kinematics.poses import PoseData
 from core.kinematics.problem import Observations, Scatter, observations_of, placed
 from core.kinematics.refinement import refine, refine_plainly
 from core.kinematics.uncertain_axes import lines_of, transforms_of
-from core.kinematics.validation import Validation, deal, hold_out
+from core.kinematics.validation import SAME_CONFIGURATION, Validation, deal, hold_out
 
 _LEFT_OUT = -1  # the fold of poses that are in none
 
@@ -61,7 +61,12 @@ def validate_axes(
     if len(kept) < folds:
         return None
     of_fold = np.full(len(poses), _LEFT_OUT)
-    of_fold[kept] = deal(poses.joint_angles[kept], folds)
+    of_fold[kept] = deal(
+        poses.joint_angles[kept],
+        folds,
+        [poses.labels[i] for i in kept] if poses.labels else (),
+        max(SAME_CONFIGURATION, tolerance),
+    )
     if int(of_fold.max()) + 1 < folds:
         return None
 

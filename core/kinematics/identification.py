@@ -178,7 +178,14 @@ def report(
     validation = None
     if folds > 1:
         validation = validate(
-            arm, compared, seen.take(used), gauge.free, refined.scatter, folds, len(seen) - len(used)
+            arm,
+            compared,
+            seen.take(used),
+            gauge.free,
+            refined.scatter,
+            folds,
+            len(seen) - len(used),
+            [poses.labels[i] for i in used] if poses.labels else (),
         )
     names = layout.names()
     return Identification(

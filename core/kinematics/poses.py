@@ -45,7 +45,7 @@ class PoseData:
     target
         Index of the target that each pose was measured from, 0 for all where there is one.
     labels
-        The user's names of the poses, for messages; as many as poses, or none.
+        The user's names of the poses, as many as poses, or none: for messages, and to tell visits to one pose.
     """
 
     joint_angles: Float[np.ndarray, "a j"]

@@ -1,0 +1,66 @@
+"""Which poses are held out together: all visits to one configuration, whatever the encoders' last digits are."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from core.kinematics.identification import identify
+from core.kinematics.validation import SAME_CONFIGURATION, configurations, deal
+from core.simulation.arm import KR5_ARC, KR5_ARC_HOME, free_angles, kr5_arc
+from core.simulation.sweeps import Repeatability, measure_poses
+
+VISITS = 30
+
+
+@pytest.mark.parametrize("jitter_deg", [0.0, 0.005, 0.01, 0.02])
+def test_visits_at_encoder_readings_share_a_fold(jitter_deg: float) -> None:
+    rng = np.random.default_rng(31)
+    commanded = free_angles(rng, KR5_ARC_HOME, 40)
+    names = np.repeat([f"P{i}" for i in range(40)], VISITS)
+    q = np.repeat(commanded, VISITS, axis=0)
+    q = q + math.radians(jitter_deg) * rng.normal(0.0, 1.0, q.shape)
+    folds = deal(q, 5, names.tolist()).reshape(40, VISITS)
+    assert np.all(folds == folds[:, :1])
+    assert np.bincount(folds[:, 0]).tolist() == [8] * 5
+    # Readings alone tell it where they differ by less than the tolerance.
+    if jitter_deg <= 0.01:
+        assert np.array_equal(deal(q, 5).reshape(40, VISITS), folds)
+
+
+def test_linkage_is_by_chains_of_readings_and_by_names() -> None:
+    step = 0.9 * SAME_CONFIGURATION
+    q = np.zeros((6, 2))
+    q[:, 1] = [0.0, step, 2.0 * step, 10.0 * step, 20.0 * step, 20.0 * step + 1.2 * SAME_CONFIGURATION]
+    assert configurations(q).tolist() == [0, 0, 0, 1, 2, 3]
+    assert configurations(q, ["a", "b", "c", "d", "e", "f"]).tolist() == [0, 0, 0, 1, 2, 3]
+    assert configurations(q, ["a", "b", "c", "d", "e", "e"]).tolist() == [0, 0, 0, 1, 2, 2]
+    assert configurations(q, ["a", "b", "c", "d", "a", "e"]).tolist() == [0, 0, 0, 1, 0, 2]
+    assert configurations(q, tolerance=0.8 * step).tolist() == [0, 1, 2, 3, 4, 5]
+    # In another order the same poses are together, and have the same numbers.
+    order = np.array([4, 2, 0, 5, 3, 1])
+    assert configurations(q[order]).tolist() == np.array([0, 0, 0, 1, 2, 3])[order].tolist()
+
+
+def test_repeats_at_jittering_readings_say_no_more_than_at_steady_ones() -> None:
+    """A gear's error that no chain has is the same at all visits: dealt apart, these would foretell one another."""
+    rng = np.random.default_rng(32)
+    arm = kr5_arc(rng)
+    q = np.repeat(free_angles(rng, KR5_ARC_HOME, 14), 10, axis=0)
+    readings = q + math.radians(0.02) * rng.normal(0.0, 1.0, q.shape)
+
+    def held_out(at: np.ndarray) -> float:
+        turned = at + math.radians(0.02) * np.sin(2.0 * at + np.arange(6))
+        poses = measure_poses(
+            arm, turned, np.random.default_rng(33), estimator="given", robot=Repeatability(0.01, 1e-5)
+        )
+        names = tuple(f"P{i // 10}" for i in range(len(q)))
+        found = identify(replace(poses, joint_angles=at, labels=names), KR5_ARC)
+        assert found.validation is not None
+        return found.validation.identified.position_rms_mm
+
+    # Configuration by configuration the folds are the same ones; 140 predictions in 14 groups.
+    assert held_out(readings) == pytest.approx(held_out(q), rel=0.2)
