@@ -59,7 +59,8 @@ class DotPattern:
         M, size = self.to_index, self.radius_mm.shape
         index = []
         for k in range(2):
-            value = np.rint(M[k, 0] * x + M[k, 1] * y - self.first[k])
+            with np.errstate(invalid="ignore"):  # at the horizon x and y are infinite, and no dot is there
+                value = np.rint(M[k, 0] * x + M[k, 1] * y - self.first[k])
             index.append(np.where(np.isfinite(value), value, -1.0))
         inside = (index[0] >= 0) & (index[0] < size[1]) & (index[1] >= 0) & (index[1] < size[0])
         p, q = (np.where(inside, i, 0.0).astype(np.intp) for i in index)

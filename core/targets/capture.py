@@ -35,6 +35,10 @@ _REACH = 0.45  # of the distance to the next edge: nearly to the middle of the s
 _ENOUGH_REACH = 1.5  # of the rise distance: nearer ends of an edge are not yet black and white
 _MARGIN = 0.8  # of the space between a square's edge and the marker in it
 _LEAST_CONTRAST = 0.03  # of full scale, of an edge that is looked at
+_LEAST_PROFILES = 4  # of a family
+_SHARP_PX = 3.0  # the 10-90 % rise of a sharp picture's edge
+_HALVES_DIFFER = 0.25
+_LEAST_SHORTENED = 0.45  # of the longer side of a square, a tilt of 63°: beyond it motion is not told
 _GAUSSIAN_RISE = 2.563  # 10-90 % of a Gaussian's rise, standard deviations
 _TOP = 0.995  # of full scale
 
@@ -45,6 +49,13 @@ _CLIPPED = 0.2
 _CONTRAST = 0.2
 _COVERAGE = 0.1
 _TILT_LOW, _TILT_HIGH = math.radians(15.0), math.radians(60.0)
+
+
+_UNTOLD = Advisory(
+    "sharpness_untold",
+    "The target's edges are too wide, or the target too small in the picture, to tell how sharp they are.",
+    "Focus on the target and keep it at rest; if the picture looks sharp, come nearer or take larger squares.",
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,44 +77,110 @@ def assess_capture(image: Shaped[np.ndarray, "h w"], points: GridPoints) -> Capt
     cells = None if is_dots else _cells(points)
     H = _plane(points)
     edges = _dot_edges(points, H) if cells is None else _square_edges(points, cells)
-    averages, counts, ends, saturated, clipped = average_profiles(
-        image,
-        edges.middle,
-        edges.across,
-        edges.half_px,
-        edges.family,
-        edges.families,
-        _LEAST_CONTRAST * full,
-        _TOP * full,
-    )
-    rises = np.array([_rise_px(average, count) for average, count in zip(averages, counts, strict=True)])
-    for number in range(edges.families):
-        straight = edges.straight_px[edges.family == number]
-        if len(straight) and np.median(straight) < _ENOUGH_REACH * rises[number]:
-            rises[number] = math.nan
-    blur = _blur(image, points, edges, rises, cells)
-    motion_px, direction = _motion(blur)
-    seen = np.isfinite(ends[:, 0])
+    profiles = _average(image, edges, full)
+    motion_px, direction = _motion(_blur(image, points, edges, profiles.rises, cells))
+    told = np.isfinite(profiles.rises).any()
     quality = CaptureQuality(
-        edge_width_px=float(np.nanmin(rises)) if np.isfinite(rises).any() else None,
+        edge_width_px=float(np.nanmin(profiles.rises)) if told else None,
         motion_blur_px=motion_px,
         motion_blur_direction=direction,
-        saturated_fraction=None if math.isnan(saturated) else float(saturated),
-        clipped_fraction=None if math.isnan(clipped) else float(clipped),
-        contrast=float(np.median(ends[seen, 1] - ends[seen, 0])) / full if seen.any() else None,
+        saturated_fraction=profiles.saturated,
+        clipped_fraction=profiles.clipped,
+        contrast=profiles.contrast if told else None,
         coverage_fraction=_coverage(points),
         tilt=_tilt(H, points),
         advice=(),
     )
     if not _is_motion(quality):
         quality = replace(quality, motion_blur_direction=None)
-    return replace(quality, advice=advise(quality))
+    elif _is_steep(H, points) or not _halves_agree(image, points, edges, cells, full):
+        quality = replace(quality, motion_blur_px=None, motion_blur_direction=None)
+    advice = advise(quality)
+    if not told and profiles.is_wide:
+        advice = (_UNTOLD, *advice)
+    return replace(quality, advice=advice)
+
+
+@dataclass(frozen=True, slots=True)
+class _Profiles:
+    """What the edges' profiles say: each family's 10-90 % rise (px, NaN where it is not told), and the light.
+
+    `is_wide` tells that a sharp edge's rise would have been told.
+    """
+
+    rises: Float[np.ndarray, " families"]
+    saturated: float | None
+    clipped: float | None
+    contrast: float | None
+    is_wide: bool
+
+
+def _average(image: Shaped[np.ndarray, "h w"], edges: _Edges, full: float) -> _Profiles:
+    """Average the edges with room enough for the widest: one whose ends are not yet black and white looks sharper."""
+    room = np.ones(len(edges.family), dtype=np.bool_)
+    widest = 0.0
+    while True:
+        averages, counts, ends, saturated, clipped = average_profiles(
+            image,
+            edges.middle[room],
+            edges.across[room],
+            edges.half_px[room],
+            edges.family[room],
+            edges.families,
+            _LEAST_CONTRAST * full,
+            _TOP * full,
+        )
+        rises = np.array([_rise_px(average, count) for average, count in zip(averages, counts, strict=True)])
+        few = np.bincount(edges.family[room], minlength=edges.families) < _LEAST_PROFILES
+        widest = max(widest, float(np.nanmax(rises, initial=0.0)))  # a family that was told once still counts
+        enough = room & ~(edges.straight_px < _ENOUGH_REACH * widest)
+        if enough.sum() == room.sum():
+            break
+        room = enough
+    rises[few] = math.nan
+    seen = np.isfinite(ends[:, 0])
+    return _Profiles(
+        rises=rises,
+        saturated=None if math.isnan(saturated) else float(saturated),
+        clipped=None if math.isnan(clipped) else float(clipped),
+        contrast=float(np.median(ends[seen, 1] - ends[seen, 0])) / full if seen.any() else None,
+        is_wide=bool(np.median(edges.straight_px) > _ENOUGH_REACH * _SHARP_PX)
+        if len(edges.family)
+        else False,
+    )
+
+
+def _halves_agree(
+    image: Shaped[np.ndarray, "h w"],
+    points: GridPoints,
+    edges: _Edges,
+    cells: Int[np.ndarray, "n 3"] | None,
+    full: float,
+) -> bool:
+    """Tell whether either half of the edges shows the same motion: what noise or a few odd edges make, they do not."""
+    found = []
+    for half in range(2):
+        some = np.arange(len(edges.family)) % 2 == half
+        part = _Edges(
+            edges.middle[some],
+            edges.across[some],
+            edges.half_px[some],
+            edges.straight_px[some],
+            edges.family[some],
+            edges.families,
+        )
+        length, direction = _motion(_blur(image, points, part, _average(image, part, full).rises, cells))
+        if length is None or direction is None:
+            return False
+        found.append(length**2 * np.array([math.cos(2.0 * direction), math.sin(2.0 * direction)]))
+    return bool(np.linalg.norm(found[0] - found[1]) < _HALVES_DIFFER * np.linalg.norm(found[0] + found[1]))
 
 
 def with_tilt(quality: CaptureQuality, tilt: float) -> CaptureQuality:
     """Return the quality with the tilt (rad) that a calibration found, in place of a usual lens's."""
     known = replace(quality, tilt=tilt)
-    return replace(known, advice=advise(known))
+    untold = tuple(remark for remark in quality.advice if remark == _UNTOLD)
+    return replace(known, advice=(*untold, *advise(known)))
 
 
 def advise(quality: CaptureQuality) -> tuple[Advisory, ...]:
@@ -389,6 +466,12 @@ def _local_map(H: Float[np.ndarray, "3 3"], places: Float[np.ndarray, "n 3"]) ->
     ahead = places[:, :2] @ H[:, :2].T + H[:, 2]
     px = ahead[:, :2] / ahead[:, 2:]
     return np.asarray((H[:2, :2] - px[:, :, None] * H[2, :2]) / ahead[:, 2:, None])
+
+
+def _is_steep(H: Float[np.ndarray, "3 3"], points: GridPoints) -> bool:
+    """Tell whether the target is so short in one direction that its edges there are no measure of blur."""
+    long, short = np.linalg.svd(_local_map(H, points.points_target.mean(axis=0)[None])[0], compute_uv=False)
+    return bool(short < _LEAST_SHORTENED * long)
 
 
 def _tilt(H: Float[np.ndarray, "3 3"], points: GridPoints) -> float | None:

@@ -115,6 +115,26 @@ def test_sixteen_bit_pictures_are_judged_alike() -> None:
     assert sixteen.contrast == pytest.approx(eight.contrast, rel=1e-6)
 
 
+@pytest.mark.parametrize(("kind", "seed"), [("chessboard", 12), ("chessboard", 13), ("circles", 14)])
+def test_a_steep_target_at_rest_did_not_move(kind: str, seed: int) -> None:
+    """Squares short in one direction leave edges too little room; what they seem to be is not taken for motion."""
+    image, points = taken(kind, seed, blur_px=1.2, tilt=math.radians(69.0))
+    quality = assess_capture(image, points)
+    assert quality.motion_blur_direction is None
+    assert "motion_blurred" not in {remark.code for remark in quality.advice}
+
+
+def test_blur_that_fills_the_squares_is_not_called_sharp() -> None:
+    dense = TargetSpec("chessboard", 40, 30, 7.5)
+    scene = standard_scene(dense, 15, tilt=0.4, blur_px=4.0, noise_levels=0.0, clutter=0.0)
+    levels = render_levels(scene)
+    quality = assess_capture(np.clip(np.rint(levels), 0, 255).astype(np.uint8), scene.grid_points)
+    assert quality.edge_width_px is None
+    assert quality.contrast is None
+    assert quality.advice[0].code == "sharpness_untold"
+    assert with_tilt(quality, 0.5).advice[0].code == "sharpness_untold"
+
+
 @pytest.mark.parametrize("degrees", [3.0, 30.0, 66.0])
 def test_tilt_is_near_even_for_another_lens(degrees: float) -> None:
     image, points = taken("chessboard", 9, blur_px=1.0, tilt=math.radians(degrees))
