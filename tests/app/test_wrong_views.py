@@ -96,12 +96,11 @@ def test_a_mirrored_print_is_told_as_such(computing_api: Any, pictures: dict[str
     assert "mirror" in measurement["failure"]["advice"]
 
 
-def test_a_target_too_small_to_be_told_is_refused_image_by_image(computing_api: Any) -> None:
-    measurement = measure(
-        computing_api, TargetSpec("chessboard", 2, 5, 25.0), np.full((480, 640), 128, np.uint8)
-    )
-    assert measurement["failure"]["code"] == "invalid_target"
-    assert "3 grid points" in measurement["failure"]["advice"]
+def test_a_target_too_small_to_be_told_is_refused_before_any_image(computing_api: Any) -> None:
+    wanted = {"name": "x", "kind": "chessboard", "columns": 2, "rows": 5, "pitch_mm": 25.0}
+    response = computing_api.client.post("/v1/targets", json=wanted)
+    assert (response.status_code, response.json()["code"]) == (422, "invalid_target")
+    assert "3 grid points" in response.json()["advice"]
 
 
 def test_a_third_of_a_board_hidden_costs_points_and_not_the_pose(
