@@ -18,6 +18,7 @@ from core.targets.aprilgrid_layout import BORDER_CELLS, TAG_CELLS, AprilGridLayo
 from core.targets.aprilgrid_reading import LatticePart, read_lattice
 from core.targets.grid_map import grid_basis, grid_shape
 from core.targets.linking import link
+from core.targets.marker_neighbours import among_neighbours
 from core.targets.pyramid import levels
 from core.targets.refinement import refine_corners
 from core.targets.saddles import find_saddles
@@ -48,7 +49,8 @@ def detect_aprilgrid(
     refined = refine_corners(
         image, column, row, points, origin_is_black=True, places=places, plain=plain / layout.gap_mm
     )
-    trusted = _are_smooth(places, refined.points_px, refined.trusted)
+    trusted = among_neighbours(places, refined.points_px, refined.standard_uncertainty_px, refined.trusted)
+    trusted = _are_smooth(places, refined.points_px, trusted)
     count = int(trusted.sum())
     if count < LEAST_CORNERS:
         raise TargetNotFound(

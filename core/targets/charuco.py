@@ -12,12 +12,13 @@ some that agree where the board is, in two of its rows, and next to none that co
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Int, UInt8, UInt16
 
 from core.errors import DetectionError, TargetMirrored, TargetMismatch, TargetNotFound
+from core.targets.charuco_ends import goes_beyond
 from core.targets.charuco_lattice import (
     PlacedLattice,
     are_enough,
@@ -35,6 +36,7 @@ from core.targets.charuco_markers import (
 )
 from core.targets.charuco_parts import Part, corners_in_view, joined
 from core.targets.marker_codes import MarkerCodes, marker_codes
+from core.targets.marker_neighbours import among_neighbours
 from core.targets.pyramid import levels
 from core.targets.refinement import refine_corners
 from core.targets.specification import GridPoints, TargetSpec, points_left_out
@@ -120,7 +122,12 @@ def _measured(image: np.ndarray, part: Part, layout: CharucoLayout) -> GridPoint
     column, row = part.column, part.row
     if _is_spread(column, row):
         refined = refine_corners(image, column, row, part.points_px, origin_is_black=bool(layout.black[1, 1]))
-        trusted = refined.trusted
+        trusted = among_neighbours(
+            np.stack([column, row], axis=1).astype(np.float64),
+            refined.points_px,
+            refined.standard_uncertainty_px,
+            refined.trusted,
+        )
     else:
         trusted = np.zeros(len(column), dtype=np.bool_)
     count = int(trusted.sum())
@@ -129,6 +136,13 @@ def _measured(image: np.ndarray, part: Part, layout: CharucoLayout) -> GridPoint
             f"{len(part.markers)} of the ChArUco board's {len(layout.marker_squares)} markers were found, and "
             f"{count} of its {target.size} corners can be measured: too few.",
             "Bring more of the board into view, free of reflections and of anything in front of it.",
+        )
+    if _layout_is_open(part, column[trusted], row[trusted], layout):
+        raise TargetNotFound(
+            f"The {len(part.markers)} markers read stand in every other row only: they are as well those of the same "
+            f"board with legacy_layout {str(not target.legacy_layout).lower()}, one column farther on.",
+            "Bring more of the board into view: markers of two rows side by side, or its whole width; and check "
+            "legacy_layout.",
         )
     reason = (
         "corners were left out: they are out of view, no marker near them was read, or the picture does not show them "
@@ -146,6 +160,24 @@ def _measured(image: np.ndarray, part: Part, layout: CharucoLayout) -> GridPoint
         warnings=(points_left_out(left_out, target.size, reason),) if left_out else (),
         markers_px=part.markers,
     )
+
+
+def _layout_is_open(
+    part: Part, column: Int[np.ndarray, " n"], row: Int[np.ndarray, " n"], layout: CharucoLayout
+) -> bool:
+    """Tell whether the board with the other `legacy_layout` explains markers and corners as well, by other names.
+
+    With an even number of rows of squares the layouts have the same ids in each row of squares, a column apart: to one
+    side in the even rows, to the other in the odd ones. With an odd number they are the same.
+    """
+    target = layout.target
+    other = charuco_layout(replace(target, legacy_layout=not target.legacy_layout))
+    numbers = sorted(part.markers)
+    shifts = np.unique(other.marker_squares[numbers] - layout.marker_squares[numbers], axis=0)
+    if len(shifts) != 1 or not shifts.any():
+        return False
+    across, along = column + shifts[0, 0], row + shifts[0, 1]
+    return not goes_beyond(across, along, (target.columns, target.rows))
 
 
 def _is_spread(column: Int[np.ndarray, " n"], row: Int[np.ndarray, " n"]) -> bool:

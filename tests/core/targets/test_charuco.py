@@ -2,22 +2,25 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 
+import cv2
 import numpy as np
 import pytest
 
-from core.camera import Camera
+from core.camera import Camera, project
 from core.errors import TargetMirrored, TargetMismatch, TargetNotFound
 from core.simulation import Scene, render
 from core.targets import detect
 from core.targets.charuco_layout import charuco_layout
 from core.targets.charuco_markers import detect_markers, fitting_markers
 from core.targets.specification import TargetSpec
-from core.transforms import so3_exp, transform
+from core.transforms import so3_exp, transform, transform_points
 
 CAMERA = Camera(1450.0, 1451.0, 640.0, 480.0, k1=-0.12, k2=0.04, p1=2e-4)
 BOARD = TargetSpec("charuco", 7, 5, 22.0, 15.4, "DICT_5X5_100")
+MARKED = charuco_layout(BOARD).marker_squares.tolist()
 Shot = tuple[Scene, np.ndarray]
 
 
@@ -64,6 +67,36 @@ def test_every_corner_is_found_and_named_whichever_way_the_board_lies(
     assert count == target.size
     assert rms < 0.012
     assert 0.6 < stated < 1.5
+
+
+def test_markers_of_every_other_row_leave_the_layout_open(shot: Shot) -> None:
+    """They are the same in both layouts, one column apart: only the board's whole width tells which is printed."""
+    taken, picture = shot
+    half = covered(taken, picture, [(i - 0.85, j - 0.85, i - 0.15, j - 0.15) for i, j in MARKED if j % 2])
+    assert len(detect(half, BOARD)) == BOARD.size
+    legacy = dataclasses.replace(BOARD, legacy_layout=True)
+    with pytest.raises(TargetMismatch):
+        detect(half, legacy)
+    middle = covered(taken, half, [(-1.2, -1.2, 0.5, 5.2), (5.5, -1.2, 7.2, 5.2)])
+    for stated in (BOARD, legacy):
+        with pytest.raises(TargetNotFound, match="every other row") as refused:
+            detect(middle, stated)
+        assert "legacy_layout" in refused.value.advice
+    both = covered(taken, picture, [(-1.2, -1.2, 0.5, 5.2), (5.5, -1.2, 7.2, 5.2)])
+    found = detect(both, BOARD)
+    assert len(found) == 25
+    off = found.points_px - taken.points_px[found.row * BOARD.columns + found.column]
+    assert np.abs(off).max() < 0.1
+
+
+def covered(taken: Scene, picture: np.ndarray, boxes: list[tuple[float, float, float, float]]) -> np.ndarray:
+    """The picture with grey boxes on the board, given in squares from its first grid point."""
+    picture = picture.copy()
+    for x0, y0, x1, y1 in boxes:
+        corners = np.array([[x0, y0, 0], [x1, y0, 0], [x1, y1, 0], [x0, y1, 0]]) * taken.target.pitch_mm
+        places = project(transform_points(taken.T_camera_target, corners), taken.camera)
+        cv2.fillConvexPoly(picture, np.rint(places).astype(np.int32), 128)
+    return picture
 
 
 def test_depth_makes_no_difference(shot: Shot) -> None:
