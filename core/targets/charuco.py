@@ -139,10 +139,9 @@ def _measured(image: np.ndarray, part: Part, layout: CharucoLayout) -> GridPoint
         )
     if _layout_is_open(part, column[trusted], row[trusted], layout):
         raise TargetNotFound(
-            f"The {len(part.markers)} markers read stand in every other row only: they are as well those of the same "
-            f"board with legacy_layout {str(not target.legacy_layout).lower()}, one column farther on.",
-            "Bring more of the board into view: markers of two rows side by side, or its whole width; and check "
-            "legacy_layout.",
+            f"The {len(part.markers)} markers read are as well those of the same board with legacy_layout "
+            f"{str(not target.legacy_layout).lower()}, one column aside.",
+            "Bring the board's whole width into view: only its ends tell which of the two layouts is printed.",
         )
     reason = (
         "corners were left out: they are out of view, no marker near them was read, or the picture does not show them "
@@ -167,8 +166,9 @@ def _layout_is_open(
 ) -> bool:
     """Tell whether the board with the other `legacy_layout` explains markers and corners as well, by other names.
 
-    With an even number of rows of squares the layouts have the same ids in each row of squares, a column apart: to one
-    side in the even rows, to the other in the odd ones. With an odd number they are the same.
+    With an even number of rows of squares the two have the same ids a column apart: on boards with an odd number of
+    columns of squares all to one side, but for one marker of a pair of rows; else to one side in the even rows and to
+    the other in the odd ones, so that markers of both tell.
     """
     target = layout.target
     other = charuco_layout(replace(target, legacy_layout=not target.legacy_layout))
