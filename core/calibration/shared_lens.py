@@ -5,6 +5,7 @@ The step of all views at once is solved from equations in the shape of an arrow 
 Robust in stages, as the solver of one image is: plain least squares, which is the answer where its residuals are the
 noise that was stated and nothing stands out; else Cauchy weights by each view's own scale, then rejection of points
 beyond 4 MAD (`inliers`) and of whole views whose residuals are far above the others', then plain least squares again.
+Views left out are placed anew before the camera of the others, and are back if their residuals then are like theirs.
 """
 
 from __future__ import annotations
@@ -98,20 +99,34 @@ def fit_shared_lens(
     """Fit all views at once from `start`; views of one label in `repeats` show one pose."""
     problem = _Problem(views, sharing, camera_prior(views.image_width_px, views.image_height_px, lens))
     everything = np.ones(len(views.column), dtype=np.bool_)
-    at, scale, converged = problem.plain(
-        start, everything, np.ones(len(views), dtype=np.bool_), EXPECTED_SCALE, PLAIN_ITERATIONS
-    )
+    every_view = np.ones(len(views), dtype=np.bool_)
+    at, scale, converged = problem.plain(start, everything, every_view, EXPECTED_SCALE, PLAIN_ITERATIONS)
     poses = find_repeats(views, repeats)
     kept = problem.alike(at)
     used = inliers_of(views, poses, at.residuals, kept)
     clean = converged and bool(used.all())
     if clean and scale <= EXPECTED_SCALE and problem.redundant():
         return problem.summary(at, used, kept, scale, converged)
+    of_all, scale_of_all = at, scale
     # Gross errors can pull a plain fit anywhere: then it is no start for the next stage either.
     at = problem.robust(at.placements if clean else start)
     kept = problem.alike(at)
     used = inliers_of(views, poses, at.residuals, kept)
     at, scale, converged = problem.plain(at.placements, used, kept)
+    while converged and sharing.common and not kept.all():
+        at = problem.placed_again(at, used, kept)
+        known = problem.alike(at) & ~kept
+        if known.any():
+            kept = kept | known
+            used = inliers_of(views, poses, at.residuals, kept)
+            at, scale, converged = problem.plain(at.placements, used, kept)
+        elif clean and scale > EXPECTED_SCALE and scale_of_all <= FOREIGN * scale:
+            # All points of all views agreed. Without some the others are still far from their noise and not much nearer
+            # to it: what does not fit is nothing of these views', but what all have in common, as a print's shape.
+            used, kept = everything, every_view
+            at, scale, converged = problem.plain(of_all.placements, used, kept)
+        else:
+            break
     return problem.summary(at, used, kept, scale, converged)
 
 
@@ -168,6 +183,27 @@ class _Problem:
         median = np.sqrt(medians(at.squared, self.views.first))
         floor = SMALLEST_NOISE_PX * np.sqrt(self.views.median_weight)
         return np.asarray(median <= FOREIGN * np.maximum(np.median(median), floor))
+
+    def placed_again(
+        self, at: Linearised, used: Bool[np.ndarray, " n"], kept: Bool[np.ndarray, " m"]
+    ) -> Linearised:
+        """Place the views left out anew, each before the camera that the others found.
+
+        With Cauchy weights the views that fit best draw the camera to themselves; where the print is not flat and every
+        pose asks for another camera, some are left behind. The next stage moves the camera, but not views left out:
+        only once they are at their own best before it do their residuals tell whether they are foreign.
+        """
+        out = np.flatnonzero(~kept)
+        alone = Sharing(common=(), own=self.sharing.own)
+        found = fit_shared_lens(self.views.take(out), at.placements.take(out), alone).at.placements
+        rotations, translations = at.placements.rotations.copy(), at.placements.translations_mm.copy()
+        parameters = at.placements.parameters.copy()
+        parameters[out], rotations[out], translations[out] = (
+            found.parameters,
+            found.rotations,
+            found.translations_mm,
+        )
+        return linearise(self.views, Placements(parameters, rotations, translations), used)
 
     def robust(self, start: Placements) -> Linearised:
         """Iterate with Cauchy weights, σ from each view's own median, while residuals become smaller."""

@@ -9,6 +9,7 @@ import pytest
 
 from core.calibration import closed_form
 from core.calibration.arrow import TIED
+from core.calibration.estimators import estimate_group
 from core.calibration.homography import estimate_homography
 from core.calibration.model import (
     SMALLEST_NOISE_PX,
@@ -21,12 +22,12 @@ from core.calibration.model import (
 from core.calibration.pooled import PooledCalibration, calibrate_views
 from core.calibration.shared_lens import fit_shared_lens
 from core.calibration.view_stack import stack_states, stack_views
-from core.camera import Camera
+from core.camera import Camera, project
 from core.errors import InvalidArgument
 from core.least_squares import Fit, fit
-from core.simulation.views import draw_camera, draw_view
-from core.targets.specification import GridPoints
-from core.transforms import so3_exp, so3_log
+from core.simulation.views import draw_camera, draw_pose, draw_view
+from core.targets.specification import GridPoints, TargetSpec
+from core.transforms import so3_exp, so3_log, transform_points
 
 State = tuple[View, ...]
 
@@ -168,6 +169,61 @@ def test_a_view_of_another_focus_is_left_out_among_many(factor: float) -> None:
     assert all(u.mean() > 0.99 for u in found.used[:-1])
     z = (found.camera.as_array() - camera.as_array())[:8] / np.sqrt(np.diag(found.covariance))[:8]
     assert np.max(np.abs(z)) < 4.0
+
+
+def bowed_session(seed: int, bow_mm: float, foreign: float | None = None) -> list[GridPoints]:
+    """Ten images of each of five poses of a board that is bowed along its rows, every other image of a part of it. The
+    last pose is taken with `foreign` times the others' focal length, and another distortion.
+    """
+    rng = np.random.default_rng(seed)
+    board = TargetSpec("chessboard", 9, 6, 30.0)
+    flat = board.points_target()
+    row, column = (a.ravel() for a in np.mgrid[0:6, 0:9])
+    printed = flat.copy()
+    printed[:, 2] += bow_mm * (1.0 - ((column - 4.0) / 4.0) ** 2)
+    camera = draw_camera(rng)
+    other = (
+        camera
+        if foreign is None
+        else dataclasses.replace(camera, fx_px=foreign * camera.fx_px, fy_px=foreign * camera.fy_px, k1=0.2)
+    )
+    sigma_px, views = 0.01, []
+    for pose in range(5):
+        T = draw_pose(rng, board, camera, 2448, np.radians(rng.uniform(15.0, 40.0)))
+        for image in range(10):
+            moved = T.copy()
+            moved[:3, 3] += rng.normal(0.0, 0.05, 3)
+            px = project(transform_points(moved, printed), other if pose == 4 else camera)
+            px += rng.normal(0.0, sigma_px, px.shape)
+            there = (rng.random(54) < 0.8) if image % 2 else np.ones(54, dtype=np.bool_)
+            views.append(
+                GridPoints(
+                    board,
+                    2448,
+                    2050,
+                    column[there],
+                    row[there],
+                    px[there],
+                    np.full(int(there.sum()), sigma_px),
+                )
+            )
+    return views
+
+
+def left_out(views: list[GridPoints]) -> list[int]:
+    labels = [i // 10 for i in range(len(views))]
+    return [i for i, _ in estimate_group(views, "pooled", repeats=labels).failures]
+
+
+@pytest.mark.parametrize("seed", [7, 19, 147, 181])
+def test_no_view_of_a_bowed_board_is_foreign(seed: int) -> None:
+    assert left_out(bowed_session(seed, 0.3)) == []
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+@pytest.mark.parametrize("bow_mm", [0.0, 0.02])
+def test_a_pose_of_another_focus_is_left_out_whole(seed: int, bow_mm: float) -> None:
+    assert left_out(bowed_session(seed, bow_mm, foreign=1.05)) == list(range(40, 50))
 
 
 def test_what_cannot_be_pooled_is_refused() -> None:
