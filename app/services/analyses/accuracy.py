@@ -16,6 +16,7 @@ from app.services.analyses.commanded_accuracy import (
     Accuracy,
     Told,
     Ways,
+    by_measured_orientation,
     commanded_pose,
     commanded_rotation,
     compare_with_commands,
@@ -23,8 +24,7 @@ from app.services.analyses.commanded_accuracy import (
 )
 from app.services.analyses.estimation import EstimatedImage
 from app.services.analyses.snapshot import Snapshot
-from core.calibration.hand_eye import PositionStation, average_station, tie_frames, tie_positions
-from core.metrology import pose_accuracy
+from core.calibration.hand_eye import PositionStation, average_station, tie_frames
 from core.transforms import transform, transform_mean
 
 Poses = Mapping[str, Sequence[EstimatedImage]]
@@ -73,9 +73,4 @@ def _by_positions(poses: Poses, told: Told) -> Accuracy:
         )
         for pose_id, c in told.items()
     ]
-    tie = tie_positions(stations)
-    found = {}
-    for station, fitted, held_out in zip(stations, tie.deviations_mm, tie.held_out_mm, strict=True):
-        attained = station.position_base_mm + (fitted if held_out is None else held_out)
-        found[station.pose_id] = pose_accuracy(attained, station.position_base_mm)
-    return Accuracy(found, tie.warnings)
+    return by_measured_orientation(stations)

@@ -1,9 +1,11 @@
 """Pose accuracy against what the robot was told, whatever measured the poses: which poses can be compared, in which of
 two ways, and by name which cannot.
 
-Frames are tied by whole commanded poses where at least half of the poses have them: that of the measuring device on the
-flange and that of what it measures against in the base. A pose whose position alone was commanded is then compared in
-the frames that the others tie. Where fewer have them, or where these do not tie the frames, positions alone do.
+Frames are tied by the poses that were commanded whole, where these are at least half of all or enough to tell a wrong
+one among them: that of the measuring device on the flange and that of what it measures against in the base. A pose
+whose position alone was commanded is compared in the frames that they tie, and poses measured without orientation are
+tied by themselves. Where too few were commanded whole, or these do not tie the frames, positions alone do, and the
+poses that lose the accuracy of their orientation by that are named.
 """
 
 from __future__ import annotations
@@ -16,7 +18,8 @@ from jaxtyping import Float
 
 from app.services.analyses.snapshot import Commanded, Snapshot, natural
 from core import Advisory, GridposeError
-from core.calibration.hand_eye import Deviation, FrameTie
+from core.calibration.hand_eye import Deviation, FrameTie, PositionStation, tie_positions
+from core.calibration.hand_eye.tie import LEAST_TO_JUDGE
 from core.metrology import Figures, pose_accuracy
 from core.transforms import rpy_to_rotation, so3_exp, transform, transform_mean
 
@@ -75,7 +78,7 @@ def compare_with_commands(snapshot: Snapshot, frames: Mapping[str, int], ways: W
         found |= accuracy.poses
         warnings += [warning for warning in accuracy.warnings if warning not in warnings]
         without |= {
-            pose_id: "not all of its readings have an orientation"
+            pose_id: _why_not(told[pose_id], ways.oriented(pose_id))
             for pose_id in of_frame
             if pose_id not in found
         }
@@ -86,20 +89,63 @@ def compare_with_commands(snapshot: Snapshot, frames: Mapping[str, int], ways: W
 
 
 def _compare(told: Told, ways: Ways) -> Accuracy:
+    """Compare in the better of the two ways that gives an answer; the first failure counts where neither does."""
     whole = [
         pose_id for pose_id, c in told.items() if commanded_rotation(c) is not None and ways.oriented(pose_id)
     ]
-    if 2 * len(whole) < len(told):
+    if not whole:
         return ways.by_positions(told)
-    try:
-        return ways.by_poses(told)
-    except GridposeError as failure:
-        if len(whole) == len(told):
-            raise
+    if len(whole) >= LEAST_TO_JUDGE or 2 * len(whole) >= len(told):
         try:
-            return ways.by_positions(told)
+            return _by_poses(told, ways)
+        except GridposeError as failure:
+            if len(whole) == len(told):
+                raise
+            try:
+                return _without_orientation(ways.by_positions(told), whole, failure.detail)
+            except GridposeError:
+                raise failure from None
+    try:
+        few = f"they are fewer than half of the poses, and than {LEAST_TO_JUDGE}"
+        return _without_orientation(ways.by_positions(told), whole, few)
+    except GridposeError as failure:
+        try:
+            return _by_poses(told, ways)
         except GridposeError:
             raise failure from None
+
+
+def _by_poses(told: Told, ways: Ways) -> Accuracy:
+    """Compare by whole poses; those measured without orientation by themselves, where they suffice for that."""
+    accuracy = ways.by_poses(told)
+    rest = {pose_id: c for pose_id, c in told.items() if pose_id not in accuracy.poses}
+    if not rest:
+        return accuracy
+    try:
+        apart = ways.by_positions(rest)
+    except GridposeError:
+        return accuracy  # `compare_with_commands` names them.
+    return Accuracy({**accuracy.poses, **apart.poses}, (*accuracy.warnings, *apart.warnings))
+
+
+def _without_orientation(accuracy: Accuracy, whole: Sequence[str], reason: str) -> Accuracy:
+    """Return an accuracy of positions with the remark whose orientation was commanded and measured all the same."""
+    remark = Advisory(
+        "orientation_accuracy_unavailable",
+        f"The frames are tied by positions alone, so {_listed(sorted(whole, key=natural))} "
+        f"{'has' if len(whole) == 1 else 'have'} no accuracy of orientation, though it was commanded and measured: "
+        f"{reason.rstrip('.')}.",
+        f"State the commanded orientations of {LEAST_TO_JUDGE} poses or more that turn about two axes.",
+    )
+    return Accuracy(accuracy.poses, (remark, *accuracy.warnings))
+
+
+def _why_not(commanded: Commanded, oriented: bool) -> str:
+    if oriented:
+        return "its orientation was not commanded, and it cannot be compared with those whose was"
+    if commanded_rotation(commanded) is None:
+        return "its orientation was not commanded, and not all of its readings have one"
+    return "not all of its readings have an orientation, and such poses do not tie frames by themselves"
 
 
 def _incomplete(without: Mapping[str, str]) -> list[Advisory]:
@@ -153,6 +199,16 @@ def of_tie(tie: FrameTie, told: Told, others: Mapping[str, Float[np.ndarray, "n 
     for pose_id, measured in others.items():
         attained = tie.frames.attained(transform_mean(measured)[None])[0]
         found[pose_id] = pose_accuracy(attained[:3, 3], np.array(told[pose_id].position_mm, dtype=np.float64))
+    return Accuracy(found, tie.warnings)
+
+
+def by_measured_orientation(stations: Sequence[PositionStation]) -> Accuracy:
+    """Return AP of positions, in frames tied by them and by how each pose was measured to be turned."""
+    tie = tie_positions(stations)
+    found = {}
+    for station, fitted, held_out in zip(stations, tie.deviations_mm, tie.held_out_mm, strict=True):
+        attained = station.position_base_mm + (fitted if held_out is None else held_out)
+        found[station.pose_id] = pose_accuracy(attained, station.position_base_mm)
     return Accuracy(found, tie.warnings)
 
 

@@ -11,11 +11,13 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 import numpy as np
+from jaxtyping import Float
 
 from app.services.analyses.commanded_accuracy import (
     Accuracy,
     Told,
     Ways,
+    by_measured_orientation,
     commanded_pose,
     commanded_rotation,
     compare_with_commands,
@@ -23,10 +25,11 @@ from app.services.analyses.commanded_accuracy import (
 )
 from app.services.analyses.pose_rows import AnyVisit
 from app.services.analyses.snapshot import Snapshot
-from core import Advisory
+from core import Advisory, GridposeError
 from core.calibration.hand_eye import PositionStation, average_station, tie_frames, tie_positions
+from core.calibration.hand_eye.tie import LEAST_TO_JUDGE
 from core.metrology import pose_accuracy
-from core.transforms import transform
+from core.transforms import transform, transform_mean
 
 
 def assess_measured_accuracy(snapshot: Snapshot, poses: Mapping[str, Sequence[AnyVisit]]) -> Accuracy:
@@ -46,14 +49,13 @@ def _oriented(visits: Sequence[AnyVisit]) -> bool:
     return all(v.rotation is not None for v in visits)
 
 
+def _measured(visits: Sequence[AnyVisit]) -> Float[np.ndarray, "n 4 4"]:
+    return np.array([transform(v.rotation, v.position_mm) for v in visits if v.rotation is not None])
+
+
 def _by_poses(poses: Mapping[str, Sequence[AnyVisit]], told: Told) -> Accuracy:
     turned = {pose_id: c for pose_id, c in told.items() if _oriented(poses[pose_id])}
-    measured = {
-        pose_id: np.array(
-            [transform(v.rotation, v.position_mm) for v in poses[pose_id] if v.rotation is not None]
-        )
-        for pose_id in turned
-    }
+    measured = {pose_id: _measured(poses[pose_id]) for pose_id in turned}
     stations = []
     for pose_id, c in turned.items():
         if commanded_rotation(c) is None:
@@ -72,6 +74,28 @@ def _by_poses(poses: Mapping[str, Sequence[AnyVisit]], told: Told) -> Accuracy:
 
 
 def _by_positions(poses: Mapping[str, Sequence[AnyVisit]], told: Told) -> Accuracy:
+    if all(_oriented(poses[pose_id]) for pose_id in told):
+        return by_measured_orientation(
+            [
+                PositionStation(
+                    pose_id,
+                    np.array(c.position_mm, dtype=np.float64),
+                    transform_mean(_measured(poses[pose_id])),
+                )
+                for pose_id, c in told.items()
+            ]
+        )
+    turned = {pose_id: c for pose_id, c in told.items() if commanded_rotation(c) is not None}
+    if not LEAST_TO_JUDGE <= len(turned) < len(told):
+        return _of_a_point(poses, told)
+    try:
+        # Where a point on the flange was is not known of the others: they are named.
+        return _of_a_point(poses, turned)
+    except GridposeError:
+        return _of_a_point(poses, told)
+
+
+def _of_a_point(poses: Mapping[str, Sequence[AnyVisit]], told: Told) -> Accuracy:
     """Tie with the roles exchanged: the readings are the places, the commanded poses say how the point was turned."""
     oriented = all(commanded_rotation(c) is not None for c in told.values())
     remarks: list[Advisory] = []
@@ -79,8 +103,8 @@ def _by_positions(poses: Mapping[str, Sequence[AnyVisit]], told: Told) -> Accura
         remarks.append(
             Advisory(
                 "point_on_flange_unknown",
-                "Neither orientations were commanded for every pose nor measured: accuracy takes the measured point "
-                "for the commanded one, or every pose for turned alike.",
+                "Neither were orientations commanded for every pose, nor do all readings have one: accuracy takes the "
+                "measured point for the commanded one, or every pose for turned alike.",
                 "State the poses' commanded orientations.",
             )
         )

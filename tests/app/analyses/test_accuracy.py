@@ -40,7 +40,7 @@ def errors(found: dict[str, Any], off: dict[str, Any], names: list[str]) -> floa
 def test_poses_whose_position_alone_was_commanded_are_compared_too(
     api: Any, store: Store, without: int
 ) -> None:
-    """Of most poses' orientations in the frames they tie, of few by positions alone."""
+    """In the frames that the others tie, be these most or few of the poses."""
     shots, told, off = robot(15, 24, 0.5)
     session = new_session(api)
     store(api, session, shots)
@@ -52,10 +52,9 @@ def test_poses_whose_position_alone_was_commanded_are_compared_too(
     assert None not in found.values()
     assert errors(found, off, names) < 0.35
     assert {w["code"] for w in document["warnings"]}.isdisjoint(
-        {"accuracy_incomplete", "accuracy_unavailable"}
+        {"accuracy_incomplete", "accuracy_unavailable", "orientation_accuracy_unavailable"}
     )
-    turned = [name for name in names if found[name]["yaw_deg"] is not None]
-    assert turned == (names[without:] if without == 6 else [])
+    assert [name for name in names if found[name]["yaw_deg"] is not None] == names[without:]
 
 
 def test_two_commanded_orientations_do_not_keep_the_others_from_being_compared(
@@ -67,9 +66,85 @@ def test_two_commanded_orientations_do_not_keep_the_others_from_being_compared(
     names = list(told)
     commanded(api, session, {name: told[name] for name in names[:2]})
     commanded(api, session, {name: told[name] for name in names[2:]}, angles=False)
-    found = accuracy_of(table(api, session))
+    document = table(api, session)
+    found = accuracy_of(document)
     assert None not in found.values()
     assert errors(found, off, names) < 0.35
+    detail = remark(document, "orientation_accuracy_unavailable")
+    assert f"{names[0]}, {names[1]} have no accuracy of orientation" in detail
+    assert "fewer than half of the poses, and than 6" in detail
+
+
+@pytest.mark.parametrize(("whole", "positions"), [(6, 8), (10, 12)])
+def test_many_commanded_positions_do_not_keep_few_whole_poses_from_being_compared(
+    api: Any, store: Store, whole: int, positions: int
+) -> None:
+    """Of either source: the whole ones with their orientation, the others in the frames these tie."""
+    shots, told, off = robot(21, whole + positions, 0.3)
+    session = new_session(api)
+    store(api, session, shots)
+    names = list(told)
+    commanded(api, session, {name: told[name] for name in names[:whole]})
+    commanded(api, session, {name: told[name] for name in names[whole:]}, angles=False)
+    by_images = table(api, session)
+    found = accuracy_of(by_images)
+    assert None not in found.values()
+    assert errors(found, off, names) < 0.4
+    assert [name for name in names if found[name]["yaw_deg"] is not None] == names[:whole]
+
+    poses = drawn(6, whole + positions)
+    session = new_session(api)
+    tell(api, session, poses[:whole])
+    for k, pose in enumerate(poses[whole:], whole + 1):
+        fields = {"position_mm": pose[:3, 3].tolist()}
+        assert api.client.put(f"/v1/sessions/{session}/poses/P{k}", json=fields).status_code == 201
+    send(api, session, readings(poses, cycles=3))
+    by_probe = table(api, session, source="measured_poses")
+    found = accuracy_of(by_probe)
+    assert None not in found.values()
+    assert max(one["position_mm"] for one in found.values()) < 0.5
+    assert {name for name, one in found.items() if one["yaw_deg"] is not None} == {
+        f"P{k}" for k in range(1, whole + 1)
+    }
+    for document in (by_images, by_probe):
+        assert {w["code"] for w in document["warnings"]}.isdisjoint(
+            {"accuracy_incomplete", "accuracy_unavailable", "orientation_accuracy_unavailable"}
+        )
+
+
+def test_readings_with_orientation_serve_commanded_positions_alone(api: Any) -> None:
+    """Three whole poses of twelve tie too little: the probe's own orientations tell where its tip sits."""
+    poses = drawn(7, 12)
+    session = new_session(api)
+    tell(api, session, poses[:3])
+    for k, pose in enumerate(poses[3:], 4):
+        fields = {"position_mm": pose[:3, 3].tolist()}
+        assert api.client.put(f"/v1/sessions/{session}/poses/P{k}", json=fields).status_code == 201
+    send(api, session, readings(poses, cycles=3))
+    document = table(api, session, source="measured_poses")
+    found = accuracy_of(document)
+    assert None not in found.values()
+    assert max(one["position_mm"] for one in found.values()) < 0.5
+    assert "point_on_flange_unknown" not in {w["code"] for w in document["warnings"]}
+    assert "P1, P2, P3 have no accuracy" in remark(document, "orientation_accuracy_unavailable")
+
+
+def test_reflectors_that_were_told_a_position_alone_do_not_spoil_the_others(api: Any) -> None:
+    poses = drawn(8, 16)
+    session = new_session(api)
+    tell(api, session, poses[:10])
+    for k, pose in enumerate(poses[10:], 11):
+        fields = {"position_mm": pose[:3, 3].tolist()}
+        assert api.client.put(f"/v1/sessions/{session}/poses/P{k}", json=fields).status_code == 201
+    sent = readings(poses, cycles=3)
+    for reading in sent:
+        reading["rotation"] = None
+    send(api, session, sent)
+    document = table(api, session, source="measured_poses")
+    found = accuracy_of(document)
+    assert {name for name, one in found.items() if one is None} == {f"P{k}" for k in range(11, 17)}
+    assert max(one["position_mm"] for one in found.values() if one) < 0.5
+    assert "its orientation was not commanded" in remark(document, "accuracy_incomplete")
 
 
 def test_poses_before_a_second_target_are_tied_by_themselves_or_named(api: Any, store: Store) -> None:
