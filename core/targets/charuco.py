@@ -12,7 +12,7 @@ some that agree where the board is, in two of its rows, and next to none that co
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Int, UInt8, UInt16
@@ -26,7 +26,7 @@ from core.targets.charuco_lattice import (
     lattices_of,
     place_lattice,
 )
-from core.targets.charuco_layout import CharucoLayout, charuco_layout
+from core.targets.charuco_layout import CharucoLayout, charuco_layout, column_aside
 from core.targets.charuco_markers import (
     fitting_markers,
     place_grid_points,
@@ -64,7 +64,8 @@ def detect_charuco(
         part = look_for_markers(image, layout, codes)
         if part is None:
             raise _not_found(seen.lattices, target)
-    return _measured(image, part, layout)
+    ends = any(lattice.ends_as_stated for lattice in seen.lattices)
+    return _measured(image, part, layout, ends_as_stated=ends)
 
 
 @dataclass(frozen=True, slots=True)
@@ -116,7 +117,7 @@ def look_for_markers(image: np.ndarray, layout: CharucoLayout, codes: MarkerCode
     return Part(*place_grid_points(fitting, layout, image.shape), fitting)
 
 
-def _measured(image: np.ndarray, part: Part, layout: CharucoLayout) -> GridPoints:
+def _measured(image: np.ndarray, part: Part, layout: CharucoLayout, *, ends_as_stated: bool) -> GridPoints:
     """Return the refined corners of a part of the board. Raises TargetNotFound where too few can be trusted."""
     target = layout.target
     column, row = part.column, part.row
@@ -137,11 +138,12 @@ def _measured(image: np.ndarray, part: Part, layout: CharucoLayout) -> GridPoint
             f"{count} of its {target.size} corners can be measured: too few.",
             "Bring more of the board into view, free of reflections and of anything in front of it.",
         )
-    if _layout_is_open(part, column[trusted], row[trusted], layout):
+    if not ends_as_stated and _layout_is_open(part, column[trusted], row[trusted], layout):
         raise TargetNotFound(
             f"The {len(part.markers)} markers read are as well those of the same board with legacy_layout "
             f"{str(not target.legacy_layout).lower()}, one column aside.",
-            "Bring the board's whole width into view: only its ends tell which of the two layouts is printed.",
+            "Bring more of the board into view, its first or last column too: only an end tells which of the two "
+            "layouts is printed.",
         )
     reason = (
         "corners were left out: they are out of view, no marker near them was read, or the picture does not show them "
@@ -164,20 +166,9 @@ def _measured(image: np.ndarray, part: Part, layout: CharucoLayout) -> GridPoint
 def _layout_is_open(
     part: Part, column: Int[np.ndarray, " n"], row: Int[np.ndarray, " n"], layout: CharucoLayout
 ) -> bool:
-    """Tell whether the board with the other `legacy_layout` explains markers and corners as well, by other names.
-
-    With an even number of rows of squares the two have the same ids a column apart: on boards with an odd number of
-    columns of squares all to one side, but for one marker of a pair of rows; else to one side in the even rows and to
-    the other in the odd ones, so that markers of both tell.
-    """
-    target = layout.target
-    other = charuco_layout(replace(target, legacy_layout=not target.legacy_layout))
-    numbers = sorted(part.markers)
-    shifts = np.unique(other.marker_squares[numbers] - layout.marker_squares[numbers], axis=0)
-    if len(shifts) != 1 or not shifts.any():
-        return False
-    across, along = column + shifts[0, 0], row + shifts[0, 1]
-    return not goes_beyond(across, along, (target.columns, target.rows))
+    """Tell whether the board with the other `legacy_layout` explains markers and corners as well, by other names."""
+    aside = column_aside(part.markers, layout)
+    return aside != 0 and not goes_beyond(column + aside, row, (layout.target.columns, layout.target.rows))
 
 
 def _is_spread(column: Int[np.ndarray, " n"], row: Int[np.ndarray, " n"]) -> bool:

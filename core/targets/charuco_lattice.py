@@ -9,14 +9,14 @@ is not named, since a lattice may have slipped on the way there.
 from __future__ import annotations
 
 from collections.abc import Collection, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from core.targets.charuco_ends import ends_early, goes_beyond
-from core.targets.charuco_layout import CharucoLayout
+from core.targets.charuco_layout import CharucoLayout, column_aside, other_layout
 from core.targets.growth import whole_lattice
 from core.targets.lattice import Lattice
 from core.targets.linking import BESIDE, link
@@ -62,7 +62,8 @@ class PlacedLattice:
     Of one that is `unread` too few markers were read to tell; it is placed by what most of those say. `column`, `row`
     (n,) of its known corners that are supported, `points_px` their places; `markers` the corners (px) of the markers
     that agree, in the order of `CharucoLayout.marker_corners`. `framed` of its squares have a black frame, `read` of
-    them a marker of the dictionary.
+    them a marker of the dictionary. `ends_as_stated` of a placed one that ends where the same board with the other
+    `legacy_layout` would go on.
     """
 
     verdict: Verdict
@@ -73,6 +74,7 @@ class PlacedLattice:
     row: Int[np.ndarray, " n"]
     points_px: Float[np.ndarray, "n 2"]
     markers: dict[int, Float[np.ndarray, "4 2"]]
+    ends_as_stated: bool = False
 
 
 def lattices_of(image: np.ndarray, level: Level, layout: CharucoLayout) -> Iterator[Lattice]:
@@ -188,7 +190,21 @@ def _placed(
         row[named],
         lattice.grid[j, i][named],
         markers,
+        verdict == "placed" and _ends_as_stated(image, lattice, readings, votes, layout),
     )
+
+
+def _ends_as_stated(
+    image: np.ndarray, lattice: Lattice, readings: Readings, votes: Votes, layout: CharucoLayout
+) -> bool:
+    """Tell whether a lattice is seen to end where the other `legacy_layout`, a column aside, would go on."""
+    aside = column_aside(votes.markers.tolist(), layout)
+    if aside == 0:
+        return False
+    other = other_layout(layout)
+    margin = 0.5 * (1.0 - layout.marker_mm / layout.target.pitch_mm)
+    there = replace(votes, shift=votes.shift + np.array([aside, 0]))
+    return ends_early(image, *_by_name(lattice, readings, there, other), other.black, margin)
 
 
 def _by_name(

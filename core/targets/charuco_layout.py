@@ -11,7 +11,8 @@ detection of highly reliable fiducial markers under occlusion", Pattern Recognit
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Collection
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Any
 
@@ -92,6 +93,24 @@ def charuco_layout(target: TargetSpec) -> CharucoLayout:
     for array in (layout.black, layout.marker_squares, layout.marker_cells):
         array.flags.writeable = False
     return layout
+
+
+def other_layout(layout: CharucoLayout) -> CharucoLayout:
+    """Return the same board's layout with the other `legacy_layout`; of an odd number of rows of squares the same."""
+    target = layout.target
+    return charuco_layout(replace(target, legacy_layout=not target.legacy_layout))
+
+
+def column_aside(markers: Collection[int], layout: CharucoLayout) -> int:
+    """Return by how many columns the other `legacy_layout` has all of these markers aside; 0 where it does not.
+
+    With an even number of rows of squares the two have the same ids a column apart: on boards with an odd number of
+    columns of squares all to one side, but for one marker of a pair of rows; else to one side in the even rows and to
+    the other in the odd ones, so that markers of both tell.
+    """
+    numbers = sorted(markers)
+    apart = np.unique(other_layout(layout).marker_squares[numbers] - layout.marker_squares[numbers], axis=0)
+    return int(apart[0, 0]) if len(apart) == 1 and apart[0, 1] == 0 else 0
 
 
 def marker_dictionary(target: TargetSpec) -> Any:
