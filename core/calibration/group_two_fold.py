@@ -16,12 +16,15 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from core.calibration.arrow import Sharing
-from core.calibration.model import Lens, View
+from core.calibration.model import Lens, View, centred
 from core.calibration.shared_lens import SharedLens, fit_shared_lens
 from core.calibration.two_fold import SecondPose, apart, needed_evidence, second_pose
+from core.calibration.view_residuals import residuals_with_jacobian
 from core.calibration.view_stack import Placements, ViewStack, groups_of
 from core.errors import PoseAmbiguous
 
+CLEAR = 2.0
+"""Times the quantile: where a pose's first image is so sure, the others are not looked at."""
 ROUNDS = 2
 """Fits after which views still in the wrong minimum are left there: the camera follows the poses a little."""
 
@@ -51,10 +54,15 @@ class _Fitted:
     variance: Float[np.ndarray, " m"]
     information: Float[np.ndarray, "m 6 6"]
 
+    def counted(self, i: int) -> Bool[np.ndarray, " p"]:
+        """Return which points of a view are looked at: those used, or all where none is."""
+        used = self.used[self.views.part(i)]
+        return used if used.any() else np.ones_like(used)
+
     def second(self, i: int) -> SecondPose | None:
         """Return the other minimum of a view; of one of which no point counts, over all points."""
         part, points = self.views.part(i), self.views.view(i)
-        used = self.used[part] if self.used[part].any() else np.ones(len(points), dtype=np.bool_)
+        used = self.counted(i)
         residuals = self.residuals[:, part][:, used] / points.standard_uncertainty_px[used]
         return second_pose(
             points, self.placements.view(i), used, float(np.sum(residuals**2)), float(self.variance[i])
@@ -89,7 +97,7 @@ def look_at_tilts(
             continue
         first = fitted.second(members[0])
         evidences[pose] = np.inf if first is None else first.evidence
-        if first is None or first.evidence >= needed_evidence(fitted.freedom(members[0])):
+        if first is None or first.evidence >= CLEAR * needed_evidence(fitted.freedom(members[0])):
             # A view of which nothing counts may be where it is for the wrong tilt's sake.
             members = [i for i in members if not used[views.part(i)].any()]
         seconds = {i: other for i in members if (other := fitted.second(i)) is not None}
@@ -101,7 +109,7 @@ def look_at_tilts(
         for i in turned:
             rotations[i], translations[i] = seconds[i].view.rotation, seconds[i].view.translation_mm
             changed[i] = True
-        if evidence < needed_evidence(sum(fitted.freedom(i) for i in seconds)):
+        if evidence < needed_evidence(float(np.mean([fitted.freedom(i) for i in seconds]))):
             for i, other in seconds.items():
                 if apart(other, placements.view(i), information[i] / variance[i]) > needed_evidence(
                     fitted.freedom(i)
@@ -113,18 +121,54 @@ def look_at_tilts(
 
 
 def _together(fitted: _Fitted, seconds: dict[int, SecondPose]) -> tuple[list[int], float]:
-    """Return which views of one pose are to be turned to their other tilt, and √Λ of all together for what results."""
+    """Return which views of one pose are to be turned to their other tilt, and √Λ of all together for what results:
+    the gain of their mean residuals, over the variance that these have.
+    """
     leader = next(iter(seconds))
     normals = (fitted.placements.rotations[leader][:, 2], seconds[leader].view.rotation[:, 2])
-    total = 0.0
+    means = np.zeros((2, 2, int(fitted.views.cell.max()) + 1))  # of the residuals in either tilt, by cell
+    weight = np.zeros(means.shape[2])
+    own = 0.0
     in_first: dict[int, bool] = {}
     for i, other in seconds.items():
         normal = fitted.placements.rotations[i][:, 2]
         in_first[i] = float(normal @ normals[0]) >= float(normal @ normals[1])
-        gain = (other.cost - other.first_cost) / other.variance
-        total += gain if in_first[i] else -gain
-    turned = [i for i, first in in_first.items() if first != (total >= 0.0)]
-    return turned, float(np.sqrt(abs(total)))
+        cells, here, there, w = _both(fitted, i, other)
+        means[:, :, cells] += w * np.stack([here, there] if in_first[i] else [there, here])
+        weight[cells] += w
+        own += min(float(np.sum(w * here**2)), float(np.sum(w * there**2))) / other.variance
+    seen = weight > 0.0
+    # Σ over cells of (the cell's weight) x (mean residual)²: as one image's sum, of noise s² where all is independent.
+    sums = np.sum(means[:, :, seen] ** 2 / weight[seen], axis=(1, 2))
+    turned = [i for i, first in in_first.items() if first != bool(sums[1] >= sums[0])]
+    variance = float(np.mean([other.variance for other in seconds.values()]))
+    # Of n images that have nothing in common the better sum is 1/n of all squares; common is what is beyond that.
+    common = max(float(np.min(sums)) / variance * len(seconds) / max(own, 1e-300), 1.0)
+    return turned, float(np.sqrt(abs(sums[1] - sums[0]) / (variance * common)))
+
+
+def _both(
+    fitted: _Fitted, i: int, other: SecondPose
+) -> tuple[
+    Int[np.ndarray, " p"], Float[np.ndarray, "2 p"], Float[np.ndarray, "2 p"], Float[np.ndarray, " p"]
+]:
+    """Return the cells of a view's points, the residuals (px) in its tilt and in the other, and the points' weights."""
+    part, points = fitted.views.part(i), fitted.views.view(i)
+    there, _ = residuals_with_jacobian(
+        np.ascontiguousarray(centred(points)[0].T),
+        np.ascontiguousarray(points.points_px.T),
+        other.view.parameters,
+        np.ascontiguousarray(other.view.rotation),
+        other.view.translation_mm,
+        0,
+    )
+    used = fitted.counted(i)
+    return (
+        fitted.views.cell[part][used],
+        fitted.residuals[:, part][:, used],
+        there[:, used],
+        fitted.views.weight[part][used],
+    )
 
 
 def with_better_tilts(

@@ -8,6 +8,9 @@ For a part, each of its points that lies within a quarter of the reference's sho
 which shift of columns and rows it would be that point, for each of four quarter turns of the part's own count. The turn
 and shift most of them agree on is the answer, if these are most of the part's points. By any other shift or turn the
 points would lie at least three quarters of a step from those whose names they took, three times as far as they may.
+That holds for images of one pose. A board that stood whole squares aside, as after a pose that was taught anew or under
+the wrong label, shows the same pattern at the same pixels, and nothing in a part tells: its names are then wrong.
+
 For a whole board the turns that leave the grid what it is are compared by the distance between points of one name.
 """
 

@@ -135,7 +135,9 @@ def naming_remarks(snapshot: Snapshot, unnamed: Sequence[Image]) -> list[Advisor
             Advisory(
                 "parts_named",
                 f"{_images(len(parts))} part of a board; its grid points took their names from images of the same pose "
-                f"that show the whole board: {_listed(parts)}.",
+                f"that show the whole board: {_listed(parts)}. The names are right only if the board stood within half "
+                "a square of the same place in them.",
+                "Move to the same pose before each image of it; images of another pose need a pose_id of their own.",
             )
         )
     if unnamed:

@@ -140,3 +140,11 @@ def test_ordinary_views_are_not_doubted(estimator: str) -> None:
         views.append(GridPoints(board, 2448, 2050, column, row, px, np.full(board.size, 0.02)))
     found = estimate_group(views, estimator, intrinsics=CAMERA)
     assert "pose_ambiguous" not in {failure.code for _, failure in found.failures}
+
+
+@pytest.mark.parametrize("seed", range(4, 10))
+def test_what_all_images_have_in_common_counts_once(seed: int) -> None:
+    """Twenty times the same image say of the tilt no more than one of them, which does not tell it."""
+    views, _, _ = session(seed, [4500.0], 1)
+    with pytest.raises(PoseAmbiguous):
+        estimate_group(views * 20, "given", intrinsics=CAMERA, repeats=[0] * 20)
