@@ -25,7 +25,7 @@ from core.kinematics.parameters import ArmState
 from core.kinematics.poses import PoseData
 from core.kinematics.problem import Observations, Scatter, observations_of, placed
 from core.kinematics.refinement import refine, refine_plainly
-from core.kinematics.uncertain_axes import lines_of, transforms_of
+from core.kinematics.uncertain_axes import lines_of, robot_scatter, transforms_of
 from core.kinematics.validation import SAME_CONFIGURATION, Validation, deal, hold_out
 
 _LEFT_OUT = -1  # the fold of poses that are in none
@@ -70,6 +70,8 @@ def validate_axes(
     if int(of_fold.max()) + 1 < folds:
         return None
 
+    robot = robot_scatter(fits, rested)
+
     def framed(of: Chain, rest: Observations) -> ArmState:
         """Return a chain with tool and bases by the poses that are left."""
         arm = placed(of.as_array(), forward(of, rest.joint_angles), rest)
@@ -81,7 +83,7 @@ def validate_axes(
             return None
         left = np.flatnonzero((of_fold != fold) & (of_fold != _LEFT_OUT))
         try:
-            links = link_targets(rested.take(left), lines, given, tolerance)
+            links = link_targets(rested.take(left), poses.take(left), robot, lines, given, tolerance)
         except MotionInsufficient:
             return None
         axes = axes_at_home(lines, home, transforms_of(links))

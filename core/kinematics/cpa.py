@@ -175,7 +175,7 @@ def _identify(
 ) -> AxesIdentification:
     fits = fit_axes(poses, sweeps, method, begin)
     home = common_home([arc.sweep for arc in fits.arcs], poses.joints, tolerance)
-    tree = ArcTree.grown(fits, home, poses, given, 2.0 * tolerance)
+    tree = ArcTree.grown(fits, home, poses, given, 2.0 * tolerance, measured)
     links = tree.links
     uncertain = tree.uncertain(fits)
     axes = uncertain.axes

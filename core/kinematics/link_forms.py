@@ -11,7 +11,8 @@ from jaxtyping import Float
 
 from core.kinematics.common_normals import Axes, LinkForm, choose_signs, feet
 from core.kinematics.dh import Chain, nearly_parallel
-from core.kinematics.uncertain_axes import STEP_RAD, UncertainAxes
+from core.kinematics.link_targets import STEP_RAD
+from core.kinematics.uncertain_axes import UncertainAxes
 
 _LARGEST_TURN = 0.1
 """rad: where x' between parallel axes is more uncertain than this, they are taken for one line."""

@@ -46,6 +46,9 @@ class PoseData:
         Index of the target that each pose was measured from, 0 for all where there is one.
     labels
         The user's names of the poses, as many as poses, or none: for messages, and to tell visits to one pose.
+    image
+        Index of the image that each pose was measured in, the same for the poses of several targets that one image
+        shows; None where each has its own.
     """
 
     joint_angles: Float[np.ndarray, "a j"]
@@ -55,10 +58,11 @@ class PoseData:
     common: Float[np.ndarray, "n 6 k"] | None = None
     target: Int[np.ndarray, " n"] | None = None
     labels: tuple[str, ...] = field(default=())
+    image: Int[np.ndarray, " n"] | None = None
 
     def __post_init__(self) -> None:
         """Raise JointAnglesMissing or InvalidArgument, naming the pose, where something cannot be used."""
-        parts = (self.joint_angles, self.rotations, self.covariance, self.common, self.target)
+        parts = (self.joint_angles, self.rotations, self.covariance, self.common, self.target, self.image)
         if any(part is not None and len(part) != len(self.positions_mm) for part in parts):
             raise InvalidArgument("Each pose needs all of what is given: the arrays differ in length.")
         _require_angles(self)
@@ -109,6 +113,7 @@ class PoseData:
             None if self.common is None else self.common[poses],
             None if self.target is None else self.target[poses],
             tuple(self.labels[i] for i in poses) if self.labels else (),
+            None if self.image is None else self.image[poses],
         )
 
     def _require(self, passes: Bool[np.ndarray, " n"], what: str) -> None:

@@ -14,15 +14,14 @@ import numpy as np
 from jaxtyping import Float
 
 from core.kinematics.arc import Motion
-from core.kinematics.axes import AxisFits
+from core.kinematics.arc_noise import Variances
+from core.kinematics.axes import AxisFits, fit_axes
 from core.kinematics.common_normals import Axes
 from core.kinematics.home import Lines, axes_at_home, hats, home_derivatives
-from core.kinematics.link_targets import Given, TargetLink, by_arcs, link_targets, shared_axes
+from core.kinematics.link_targets import STEP_MM, STEP_RAD, Given, TargetLink, link_targets
 from core.kinematics.poses import PoseData
 from core.kinematics.sweeps import Sweep
-from core.transforms import so3_exp, so3_log
-
-STEP_MM, STEP_RAD = 1e-4, 1e-7
+from core.transforms import so3_exp
 
 
 def lines_of(
@@ -50,6 +49,15 @@ def lines_of_fits(fits: AxisFits) -> Lines:
     return lines_of([arc.motion for arc in fits.arcs], [arc.sweep for arc in fits.arcs], blocks)
 
 
+def robot_scatter(fits: AxisFits, poses: PoseData) -> Variances:
+    """Return what the robot does differently each time; circles say nothing of rotations, and where targets are to be
+    linked by these the same sweeps are fitted as motions.
+    """
+    if fits.scatter_rad is not None or poses.rotations is None or len(np.unique(poses.targets)) < 2:
+        return fits.variances
+    return fit_axes(poses, [arc.sweep for arc in fits.arcs], "combined").variances
+
+
 def transforms_of(links: Mapping[int, TargetLink]) -> Float[np.ndarray, "t 4 4"]:
     """Return T_first_target of every target by its index; of one without a link that of the first."""
     T = np.tile(np.eye(4), (max(links) + 1, 1, 1))
@@ -60,16 +68,14 @@ def transforms_of(links: Mapping[int, TargetLink]) -> Float[np.ndarray, "t 4 4"]
 
 @dataclass(frozen=True, slots=True)
 class ArcTree:
-    """What follows from the arcs: links of targets with their covariance, and axes at home.
-
-    `by_arcs` are derivatives of links (position, then rotation from the left) by all arcs' lines, four columns each;
-    of those links that the arcs told.
+    """What follows from the arcs: links of targets, their covariance complete, and axes at home. `beside_arcs` is the
+    part of each link's covariance that does not come from the arcs.
     """
 
     lines: Lines
     home: Float[np.ndarray, " j"]
     links: dict[int, TargetLink]
-    by_arcs: dict[int, Float[np.ndarray, "6 q"]]
+    beside_arcs: dict[int, Float[np.ndarray, "6 6"]]
 
     @classmethod
     def grown(
@@ -79,17 +85,19 @@ class ArcTree:
         poses: PoseData,
         given: Given | None,
         tolerance: float,
+        measured: PoseData | None = None,
     ) -> ArcTree:
-        """Link the targets; `tolerance` as of `link_targets`, which see for what is raised."""
+        """Link the targets; `tolerance` and `measured` (None: the same as `poses`) as of `link_targets`, which see for
+        what is raised.
+        """
         lines = lines_of_fits(fits)
-        links = link_targets(poses, lines, given, tolerance)
-        derivatives = {}
+        measured = poses if measured is None else measured
+        links = link_targets(poses, measured, robot_scatter(fits, poses), lines, given, tolerance)
+        beside = {target: link.covariance for target, link in links.items()}
         for target, link in links.items():
-            if link.covariance is None:
-                J = _link_derivative(lines, int(poses.targets.min()), target, tolerance)
-                derivatives[target] = J
-                links[target] = replace(link, covariance=J @ fits.covariance @ J.T)
-        return cls(lines, home, links, derivatives)
+            if (J := link.by_arcs) is not None:
+                links[target] = replace(link, covariance=link.covariance + J @ fits.covariance @ J.T)
+        return cls(lines, home, links, beside)
 
     def axes(self) -> Axes:
         """Return the axes at home."""
@@ -99,20 +107,17 @@ class ArcTree:
         """Return the axes with their covariance, from that of the arcs and of the links that these did not tell."""
         T, axes = transforms_of(self.links), self.axes()
         q = len(fits.covariance)
-        others = [
-            t
-            for t, link in self.links.items()
-            if t not in self.by_arcs and link.covariance is not None and link.covariance.any()
-        ]
+        others = [t for t, covariance in self.beside_arcs.items() if covariance.any()]
         by_target = np.zeros((len(T), 6, q + 6 * len(others)))
         spread = np.zeros((q + 6 * len(others),) * 2)
         spread[:q, :q] = fits.covariance
-        for target, J in self.by_arcs.items():
-            by_target[target, :, :q] = J
+        for target, link in self.links.items():
+            if link.by_arcs is not None:
+                by_target[target, :, :q] = link.by_arcs
         for k, target in enumerate(others):
             columns = slice(q + 6 * k, q + 6 * k + 6)
             by_target[target, :, columns] = np.eye(6)
-            spread[columns, columns] = self.links[target].covariance
+            spread[columns, columns] = self.beside_arcs[target]
         # A link's position moves at its own place, a twist's velocity is the origin's.
         by_target[:, :3] += hats(T[:, :3, 3]) @ by_target[:, 3:]
         twists = home_derivatives(self.lines, self.home, T, by_target, axes)
@@ -121,18 +126,6 @@ class ArcTree:
         shift = across @ (twists[:, :3] - hats(axes.points) @ twists[:, 3:])
         J = np.concatenate([shift, across @ twists[:, 3:]], axis=1).reshape(-1, len(spread))
         return UncertainAxes(axes, bases, J @ spread @ J.T)
-
-
-def _link_derivative(lines: Lines, first: int, target: int, tolerance: float) -> Float[np.ndarray, "6 q"]:
-    """Return d(link by arcs) by all lines, by differences."""
-    pairs = shared_axes(lines, first, target, tolerance)
-    J = np.zeros((6, 4 * len(lines.joints)))
-    for arc in np.unique(pairs):
-        for k, step in enumerate(np.diag([STEP_MM] * 2 + [STEP_RAD] * 2)):
-            ahead, behind = (by_arcs(lines.moved(int(arc), s), pairs) for s in (step, -step))
-            change = [*(ahead[:3, 3] - behind[:3, 3]), *so3_log(ahead[:3, :3] @ behind[:3, :3].T)]
-            J[:, 4 * arc + k] = np.array(change) / (2.0 * float(step.sum()))
-    return J
 
 
 @dataclass(frozen=True, slots=True)

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
 from app.services.analyses.estimation import EstimatedImage, SessionEstimate, estimate_session
 from app.services.analyses.measured import MeasuredVisit, measured_visits, semidefinite
@@ -102,11 +102,19 @@ def _of_images(
         _common(images),
         np.array([targets.index(e.image.target) for e in images], dtype=np.intp),
         labels,
+        images_shown(images),
     )
     without = sorted({e.image.pose_id for i, e in enumerate(estimate.images) if angles[i] is None})
     return RobotPoses(
         poses, targets, (*estimate.warnings, *_left_out(without, "joint_angles_missing")), estimate, images
     )
+
+
+def images_shown(images: Sequence[EstimatedImage]) -> Int[np.ndarray, " n"]:
+    """Return which image each estimate is of: several targets in one image are as many estimates."""
+    shots = [(e.image.pose_id, e.image.cycle, e.image.sha256) for e in images]
+    place = {shot: i for i, shot in enumerate(dict.fromkeys(shots))}
+    return np.array([place[shot] for shot in shots], dtype=np.intp)
 
 
 def _angles(e: EstimatedImage, commanded: Commanded | None) -> list[float] | None:

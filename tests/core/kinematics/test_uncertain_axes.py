@@ -9,9 +9,9 @@ import pytest
 
 from core.kinematics.axes import AxisFits, fit_axes
 from core.kinematics.home import axes_at_home, common_home
-from core.kinematics.link_targets import by_arcs, shared_axes
+from core.kinematics.link_targets import STEP_MM, STEP_RAD, by_arcs, shared_axes
 from core.kinematics.sweeps import JOINT_TOLERANCE, find_sweeps
-from core.kinematics.uncertain_axes import STEP_MM, STEP_RAD, ArcTree, lines_of_fits
+from core.kinematics.uncertain_axes import ArcTree, lines_of_fits
 from core.simulation.arm import KR5_ARC_HOME, kr5_arc, sweep_angles
 from core.simulation.sweeps import Repeatability, measure_poses
 from core.transforms import invert, so3_exp, transform
@@ -93,5 +93,5 @@ def test_covariance_is_that_of_differences(given: bool, swept: Swept) -> None:
 
 def test_a_link_s_doubt_is_carried_along(swept: Swept) -> None:
     fits, _, _, tree, _ = swept
-    certain = replace(tree, links={**tree.links, 1: replace(tree.links[1], covariance=np.zeros((6, 6)))})
+    certain = replace(tree, beside_arcs={1: np.zeros((6, 6))})
     assert np.trace(tree.uncertain(fits).covariance) > np.trace(certain.uncertain(fits).covariance)
