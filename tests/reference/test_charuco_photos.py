@@ -12,7 +12,9 @@ import cv2
 import numpy as np
 import pytest
 
+from core import calibrate_points
 from core.calibration.baselines import compare_methods
+from core.errors import FocalNotObservable
 from core.targets import TargetSpec, detect
 from core.targets.charuco import look_for_lattices, look_for_markers
 from core.targets.charuco_layout import charuco_layout
@@ -86,3 +88,20 @@ def test_all_eight_are_measured_and_tell_the_focal_length(data_folder: Path) -> 
     np.testing.assert_allclose(pooled.camera.mean[:2], 1361.0, rtol=0.012)
     assert pooled.reprojection is not None
     assert pooled.reprojection.rms_px < 0.6
+
+
+def test_single_photographs_are_better_than_the_naive_recipe_or_refused(data_folder: Path) -> None:
+    """One-image cv2.calibrateCamera is off by 4.6 % in f (median over the eight, as the data's table has it)."""
+    reference_px, naive = 1360.8, 0.046
+    errors = []
+    for name, target in PHOTOS[:8]:
+        try:
+            calibration = calibrate_points(detect(photo(data_folder, name), target))
+        except FocalNotObservable:
+            continue
+        error = calibration.camera.fx_px - reference_px
+        # 1 % beside the stated uncertainty, as for the chessboards: the reference itself is no better.
+        assert abs(error) < 4.0 * calibration.camera_standard_uncertainty[0] + 0.01 * reference_px
+        errors.append(abs(error) / reference_px)
+    assert len(errors) >= 3
+    assert np.median(errors) < naive
