@@ -137,7 +137,10 @@ def test_photographs_turn_as_their_robot_did(
             measurement["status"] == "succeeded" or measurement["failure"]["code"] == "focal_not_observable"
         )
         assert measurement["origin"] == "known"
-        assert measurement["capture_quality"]["contrast"] > 0.1
+        quality = measurement["capture_quality"]
+        assert 0.0 < quality["coverage_fraction"] < 1.0
+        # Dots of 3 px have hardly room for their edges to reach black and white; then there is no contrast to tell.
+        assert (folder == "circles_10x10" and quality["contrast"] is None) or quality["contrast"] > 0.1
     (group,) = api.client.get(f"/v1/sessions/{session_id}/intrinsics").json()["groups"]
     assert group["images"] == len(files)
     assert group["intrinsics"]["fx_px"] == pytest.approx(focal_px, rel=0.012)

@@ -190,7 +190,7 @@ def test_refusals() -> None:
     picture = np.zeros((100, 100), np.uint8)
     with pytest.raises(InvalidTarget, match="marker_mm"):
         detect(picture, TargetSpec("aprilgrid", 9, 6, 20.0))
-    with pytest.raises(InvalidTarget, match="marker dictionary"):
+    with pytest.raises(InvalidTarget, match="dictionary is required"):
         detect(picture, TargetSpec("charuco", 9, 6, 20.0))
     with pytest.raises(InvalidTarget, match="2 x 6"):
         detect(picture, TargetSpec("chessboard", 2, 6, 20.0))
