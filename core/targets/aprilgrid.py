@@ -18,7 +18,7 @@ from core.targets.aprilgrid_layout import BORDER_CELLS, TAG_CELLS, AprilGridLayo
 from core.targets.aprilgrid_reading import LatticePart, read_lattice
 from core.targets.grid_map import grid_basis, grid_shape
 from core.targets.linking import link
-from core.targets.marker_neighbours import among_neighbours
+from core.targets.marker_neighbours import among_neighbours, are_spread
 from core.targets.pyramid import levels
 from core.targets.refinement import refine_corners
 from core.targets.saddles import find_saddles
@@ -52,7 +52,7 @@ def detect_aprilgrid(
     trusted = among_neighbours(places, refined.points_px, refined.standard_uncertainty_px, refined.trusted)
     trusted = _are_smooth(places, refined.points_px, trusted)
     count = int(trusted.sum())
-    if count < LEAST_CORNERS:
+    if count < LEAST_CORNERS or not are_spread(places[trusted]):
         raise TargetNotFound(
             f"{len(found.tags)} of the AprilGrid's {len(layout.tag_places)} tags were read, but {count} of its "
             f"{target.size} corners can be measured: too few.",
@@ -79,7 +79,7 @@ def _are_smooth(
     tag may make another corner near its own."""
     agreeing = trusted
     for _ in range(_MAPS):
-        if np.count_nonzero(agreeing) < LEAST_CORNERS:
+        if np.count_nonzero(agreeing) < LEAST_CORNERS or not are_spread(places[agreeing]):
             return agreeing
         weights = agreeing.astype(np.float64)
         shape = grid_shape(grid_basis(places, points_px, weights), points_px, weights)

@@ -36,7 +36,7 @@ from core.targets.charuco_markers import (
 )
 from core.targets.charuco_parts import Part, corners_in_view, joined
 from core.targets.marker_codes import MarkerCodes, marker_codes
-from core.targets.marker_neighbours import among_neighbours
+from core.targets.marker_neighbours import among_neighbours, are_spread
 from core.targets.pyramid import levels
 from core.targets.refinement import refine_corners
 from core.targets.specification import GridPoints, TargetSpec, points_left_out
@@ -121,18 +121,16 @@ def _measured(image: np.ndarray, part: Part, layout: CharucoLayout, *, ends_as_s
     """Return the refined corners of a part of the board. Raises TargetNotFound where too few can be trusted."""
     target = layout.target
     column, row = part.column, part.row
-    if _is_spread(column, row):
+    places = np.stack([column, row], axis=1).astype(np.float64)
+    if are_spread(places):
         refined = refine_corners(image, column, row, part.points_px, origin_is_black=bool(layout.black[1, 1]))
         trusted = among_neighbours(
-            np.stack([column, row], axis=1).astype(np.float64),
-            refined.points_px,
-            refined.standard_uncertainty_px,
-            refined.trusted,
+            places, refined.points_px, refined.standard_uncertainty_px, refined.trusted
         )
     else:
         trusted = np.zeros(len(column), dtype=np.bool_)
     count = int(trusted.sum())
-    if count < min(LEAST_CORNERS, 0.5 * target.size) or not _is_spread(column[trusted], row[trusted]):
+    if count < min(LEAST_CORNERS, 0.5 * target.size) or not are_spread(places[trusted]):
         raise TargetNotFound(
             f"{len(part.markers)} of the ChArUco board's {len(layout.marker_squares)} markers were found, and "
             f"{count} of its {target.size} corners can be measured: too few.",
@@ -169,11 +167,6 @@ def _layout_is_open(
     """Tell whether the board with the other `legacy_layout` explains markers and corners as well, by other names."""
     aside = column_aside(part.markers, layout)
     return aside != 0 and not goes_beyond(column + aside, row, (layout.target.columns, layout.target.rows))
-
-
-def _is_spread(column: Int[np.ndarray, " n"], row: Int[np.ndarray, " n"]) -> bool:
-    """Tell whether corners are enough for a plane: four, not all in one line."""
-    return len(column) >= 4 and bool(np.ptp(column) > 0 and np.ptp(row) > 0)
 
 
 def _not_found(lattices: tuple[PlacedLattice, ...], target: TargetSpec) -> DetectionError:

@@ -46,7 +46,7 @@ def among_neighbours(
         return kept
     kept &= standard_uncertainty_px <= _UNCERTAIN * np.median(standard_uncertainty_px[trusted])
     members = np.flatnonzero(kept)
-    if len(members) < _LEAST or not _are_spread(places[members]):
+    if len(members) < _LEAST or not are_spread(places[members]):
         return kept
     kept[members] = _are_predicted(places[members], points_px[members], standard_uncertainty_px[members])
     return kept
@@ -72,7 +72,7 @@ def _are_predicted(
         worst = worst[np.argsort(-left[worst], kind="stable")][: max(allowed, 0)]
         rest = sure.copy()
         rest[worst] = False
-        if len(worst) == 0 or not _are_spread(places[rest]):
+        if len(worst) == 0 or not are_spread(places[rest]):
             break
         sure = rest
     around = np.median(left[nearest], axis=1)  # the nearest are sure ones
@@ -82,9 +82,11 @@ def _are_predicted(
     return sure | (left <= tolerance) | (spread > _LARGEST_LEVERAGE)
 
 
-def _are_spread(places: Float[np.ndarray, "n 2"]) -> bool:
-    """Tell whether places are not all in one row or column."""
-    return bool(np.all(np.ptp(places, axis=0) > 0.0))
+def are_spread(places: Float[np.ndarray, "n 2"]) -> bool:
+    """Tell whether places of a grid, (n, 2), determine a plane's picture: two rows with two of them each have four of
+    which no three lie on a line."""
+    _, counts = np.unique(places[:, 1], return_counts=True)
+    return bool(np.count_nonzero(counts >= 2) >= 2)
 
 
 def _left(

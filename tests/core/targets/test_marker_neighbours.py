@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from core.camera import Camera, project
-from core.targets.marker_neighbours import among_neighbours
+from core.targets.marker_neighbours import among_neighbours, are_spread
 from core.targets.specification import TargetSpec
 from core.transforms import so3_exp, transform, transform_points
 
@@ -79,3 +79,11 @@ def test_too_few_corners_or_one_row_say_nothing(count: int) -> None:
     given = np.arange(len(points)) < count
     kept = among_neighbours(places, points, np.full(len(points), NOISE_PX), given)
     np.testing.assert_array_equal(kept, given)
+
+
+def test_a_row_and_one_corner_beside_it_determine_no_plane() -> None:
+    row = np.array([[column, 3.0] for column in range(6)])
+    assert not are_spread(row)
+    assert not are_spread(np.vstack([row, [[2.0, 4.0]]]))
+    assert not are_spread(np.array([[0.0, 0.0], [1.0, 1.0], [2.0, 2.0], [3.0, 3.0]]))
+    assert are_spread(np.vstack([row, [[2.0, 4.0], [5.0, 4.0]]]))
