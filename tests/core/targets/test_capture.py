@@ -11,7 +11,8 @@ import pytest
 from core import GridPoints, TargetSpec
 from core.simulation import standard_scene
 from core.simulation.renderer import render_levels
-from core.targets.capture import advise, assess_capture, with_tilt
+from core.targets.capture import assess_capture, with_tilt
+from core.targets.capture_advice import advise
 from core.targets.capture_quality import CaptureQuality
 from core.targets.edge_kernel import BINS_PER_PX, REACH_PX, average_profiles
 
