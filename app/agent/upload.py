@@ -47,8 +47,18 @@ class SessionResult:
     measurements: tuple[Json, ...]
 
     @property
+    def succeeded(self) -> list[Json]:
+        return [m for m in self.measurements if m["status"] == "succeeded"]
+
+    @property
+    def already_measured(self) -> list[Json]:
+        """Those that failed only because their image has a measurement of every target it shows."""
+        return [m for m in self.measurements if _is_already_measured(m)]
+
+    @property
     def failed(self) -> list[Json]:
-        return [m for m in self.measurements if m["status"] == "failed"]
+        """The other failures: what a person is to look at."""
+        return [m for m in self.measurements if m["status"] == "failed" and not _is_already_measured(m)]
 
 
 def upload_files(
@@ -173,6 +183,11 @@ def collect_results(
             )
         time.sleep(pause_s)
         pause_s = min(1.5 * pause_s, longest_s)
+
+
+def _is_already_measured(measurement: Json) -> bool:
+    failure = measurement["failure"]
+    return failure is not None and failure["code"] == "target_already_measured"
 
 
 def _unfinished(client: ServiceClient, session_id: str) -> set[tuple[str, str | None]]:

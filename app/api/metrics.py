@@ -4,15 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-import sqlalchemy as sa
 from prometheus_client import CollectorRegistry, Counter, Histogram, generate_latest
 from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily, Metric
 from prometheus_client.registry import Collector
 
 from app.errors import ServiceError
 from app.jobs.embedded import EmbeddedRunner
-from app.records.tables import STATUSES, Measurement
 from app.services.installation import Installation
+from app.services.sessions import Counts, count_all_measurements
 from app.settings import program_version
 
 _METHODS = {"GET", "HEAD", "POST", "PUT", "PATCH", "DELETE", "OPTIONS"}
@@ -64,18 +63,17 @@ class _Gauges(Collector):
         yield info
         try:
             with self._installation.database.read() as records:
-                rows = records.execute(
-                    sa.select(Measurement.status, sa.func.count()).group_by(Measurement.status)
-                )
-                counts: dict[str, int] | None = {row[0]: row[1] for row in rows}
+                counts: Counts | None = count_all_measurements(records)
         except ServiceError:
             counts = None
         if counts is not None:
             by_status = GaugeMetricFamily(
-                "gridpose_measurements", "Measurements by status.", labels=["status"]
+                "gridpose_measurements",
+                "Measurements by status; failed ones that were measured already are apart.",
+                labels=["status"],
             )
-            for status in STATUSES:
-                by_status.add_metric([status], counts.get(status, 0))
+            for status, count in counts.items():
+                by_status.add_metric([status], count)
             yield by_status
         yield GaugeMetricFamily(
             "gridpose_disk_free_bytes",

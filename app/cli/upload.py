@@ -245,7 +245,11 @@ def _report(
             )
             for m in result.failed
         ]
-        console.print(f"{len(result.measurements) - len(refused)} calibrated, {len(refused)} refused")
+        console.print(f"{len(result.succeeded)} calibrated, {len(refused)} refused")
+        if result.already_measured:
+            console.print(
+                f"{len(result.already_measured)} measured before, under the names of their targets: nothing to do"
+            )
     for title, rows in (("Not uploaded", failed), ("Refused by the calibration", refused)):
         if rows:
             console.print(_list(title, rows))

@@ -13,7 +13,7 @@ from app.services.sessions import Counts, count_measurements
 
 @dataclass(frozen=True, slots=True)
 class Progress:
-    """Measurements of a session by status."""
+    """How many of a session's measurements stand where."""
 
     session_id: str
     counts: Counts

@@ -238,7 +238,7 @@ def test_measurements_are_listed_and_filtered(computing_api: Any, grey_png: byte
     single = computing_api.client.get(f"/v1/measurements/{ids[1]}").json()
     assert computing_api.client.get(address).json()["items"][1] == single
     counts = computing_api.client.get(f"/v1/sessions/{session_id}").json()["counts"]
-    assert counts == {"queued": 0, "running": 0, "succeeded": 2, "failed": 1}
+    assert counts == {"queued": 0, "running": 0, "succeeded": 2, "failed": 1, "already_measured": 0}
 
 
 def test_a_missing_original_is_a_failure_with_its_own_code(computing_api: Any, grey_png: bytes) -> None:

@@ -193,7 +193,13 @@ def test_a_session_holds_what_it_was_made_with(any_api: Any) -> None:
     assert document["robot_id"] == robot_id
     assert document["lens"] == {"focal_length_mm": 8.0, "pixel_pitch_um": 3.45}
     assert document["intrinsics"]["k1"] == 0.0
-    assert document["counts"] == {"queued": 0, "running": 0, "succeeded": 0, "failed": 0}
+    assert document["counts"] == {
+        "queued": 0,
+        "running": 0,
+        "succeeded": 0,
+        "failed": 0,
+        "already_measured": 0,
+    }
     assert any_api.client.get(made.headers["location"]).json() == document
 
 

@@ -93,7 +93,7 @@ def test_both_grids_of_a_corner_are_measured(computing_api: Any, specs: tuple[Ta
         for ending in ("image", "overlay"):
             assert api.client.get(f"/v1/measurements/{measurement['id']}/{ending}").status_code == 200
     counts = api.client.get(f"/v1/sessions/{session_id}").json()["counts"]
-    assert counts == {"queued": 0, "running": 0, "succeeded": 2, "failed": 0}
+    assert counts == {"queued": 0, "running": 0, "succeeded": 2, "failed": 0, "already_measured": 0}
     again = api.put_image(session_id, data)
     assert (again.status_code, again.json()) == (200, first)
     for measurement in both:
@@ -149,6 +149,35 @@ def test_nothing_left_to_measure_is_said_and_nothing_is_lost(computing_api: Any,
     assert searched["siblings"] == [by_name["id"]]
     assert [m["id"] for m in listed(api, session_id)] == [by_name["id"], searched["id"]]
     assert api.client.get(f"/v1/sessions/{session_id}/intrinsics").status_code == 200
+
+
+def test_what_was_measured_already_is_not_counted_as_failed(any_api: Any, grey_png: bytes) -> None:
+    queue = any_api.installation.queue
+    session_id, targets, _ = seek(any_api, grey_png)
+    any_api.put_image(session_id, grey_png, target_id=targets[0])
+    other, _, _ = seek(any_api, grey_png)
+    searched, named, vain = queue.claim(3)
+    for job, outcome in (
+        (named, dataclasses.replace(shown(named), failure=None)),
+        (searched, shown(searched, 0)),
+        (vain, shown(vain)),
+    ):
+        assert queue.finish([Finished(job, outcome, 1.0)]) == 1
+
+    def counts(session: str) -> dict[str, int]:
+        return dict(any_api.client.get(f"/v1/sessions/{session}").json()["counts"])
+
+    nothing = {"queued": 0, "running": 0, "succeeded": 0, "failed": 0, "already_measured": 0}
+    assert counts(session_id) == {**nothing, "succeeded": 1, "already_measured": 1}
+    assert counts(other) == {**nothing, "failed": 1}
+    pages = any_api.client.get("/v1/sessions").json()["items"]
+    assert {item["id"]: item["counts"] for item in pages} == {id_: counts(id_) for id_ in (session_id, other)}
+    metrics = any_api.client.get("/metrics").text
+    for status, number in (("succeeded", 1), ("failed", 1), ("already_measured", 1), ("queued", 0)):
+        assert f'gridpose_measurements{{status="{status}"}} {number}.0' in metrics
+    # The row itself is found among those that failed, with its code and what to do about it.
+    (row,) = any_api.client.get(f"/v1/sessions/{session_id}/measurements?status=failed").json()["items"]
+    assert row["failure"]["code"] == "target_already_measured"
 
 
 def test_an_image_of_none_says_what_was_looked_for(

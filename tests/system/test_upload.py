@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import os
 import shutil
 import subprocess
@@ -108,6 +109,29 @@ def test_refusals_are_listed_when_it_waits(service: ServiceProcess, folder: Path
     code, said = upload(service, good, "--session", "s", "--pose", "P9", "--wait")
     assert code == 0, said
     assert "1 calibrated, 0 refused" in said
+
+
+def test_what_was_measured_by_name_is_no_refusal(
+    service: ServiceProcess, photo: Path, tmp_path: Path
+) -> None:
+    data = photo.read_bytes()
+    sha256 = hashlib.sha256(data).hexdigest()
+    with ServiceClient(service.url, service.admin_key) as client:
+        shown, absent = (
+            client.create("/v1/targets", {"name": "t", "kind": "chessboard", "pitch_mm": 25.0, **size})["id"]
+            for size in ({"columns": 9, "rows": 6}, {"columns": 5, "rows": 4})
+        )
+        session_id = client.create("/v1/sessions", {"name": "s", "target_ids": [shown, absent]})["id"]
+        for target_id in (shown, None):
+            client.put_image(session_id, "P1", sha256, data, target_id=target_id)
+    folder = tmp_path / "P1"
+    folder.mkdir()
+    shutil.copy(photo, folder)
+    code, said = upload(service, tmp_path, "--session", "s", "--wait")
+    assert code == 0, said
+    assert "0 sent, 1 already there, 0 failed" in said
+    assert "1 calibrated, 0 refused" in said
+    assert "1 measured before" in said
 
 
 def test_a_wrong_key_and_a_missing_service_are_said_to_be_that(service: ServiceProcess, folder: Path) -> None:

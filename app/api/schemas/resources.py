@@ -145,12 +145,21 @@ class SessionChange(RequestModel):
 
 
 class Counts(ResponseModel):
-    """Measurements of a session by status."""
+    """How many measurements of a session stand where; together, all of them."""
 
     queued: int
     running: int
     succeeded: int
-    failed: int
+    failed: Annotated[
+        int, Field(description="Of status `failed`, but for those that `already_measured` counts.")
+    ]
+    already_measured: Annotated[
+        int,
+        Field(
+            description="Of status `failed` with the code `target_already_measured`: their images were measured "
+            "before, as `siblings` says. Nothing is lost, and nothing is to be done."
+        ),
+    ]
 
 
 class SessionRead(ResponseModel):
