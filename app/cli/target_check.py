@@ -20,7 +20,8 @@ from rich.table import Table
 from app.agent import ClientError, Json
 from app.cli.target_options import TargetOptions, chosen_target, stored_target
 from app.cli.upload import find_session
-from app.printing.sheet import describe, sheet_id_of
+from app.printing.identity import sheet_id_of
+from app.printing.sheet import describe
 from core import GridPoints, GridposeError, TargetSpec
 from core.calibration.print_check import (
     LEAST_DIRECTIONS,

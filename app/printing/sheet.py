@@ -5,12 +5,10 @@ Places are in mm from the paper's upper left corner, x to the right, y down.
 
 from __future__ import annotations
 
-import dataclasses
-import hashlib
-import json
 import math
 from dataclasses import dataclass
 
+from app.printing.identity import sheet_id_of
 from app.printing.lettering import text_outlines, text_width
 from app.printing.outlines import Ink, Path, box, ink_of, moved
 from app.printing.papers import SIZES_MM, Paper
@@ -128,16 +126,6 @@ def draw_sheet(
     if best.slack < 0.0:
         raise _too_large(target, ink, paper, identity)
     return best.sheet(target, sheet_id, identity, ink)
-
-
-def sheet_id_of(target: TargetSpec, origin_dot: float = 1.0, marks: bool = False) -> str:
-    """Return the id printed on a target's sheets: the same for whatever is printed alike."""
-    fields = dataclasses.asdict(target)
-    fields.pop("pitch_standard_uncertainty_mm")
-    fields |= {"origin_dot": origin_dot if origin_dot != 1.0 else None, "marks": marks}
-    # Fields at their defaults are left out, so that a later one does not rename the sheets of before.
-    told = {key: value for key, value in sorted(fields.items()) if value}
-    return f"gp-{hashlib.sha256(json.dumps(told).encode()).hexdigest()[:8]}"
 
 
 def describe(target: TargetSpec, origin_dot: float = 1.0, marks: bool = False) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Callable
 from xml.etree import ElementTree
@@ -11,8 +12,10 @@ import pypdfium2
 import pytest
 
 from app.printing.documents import to_pdf, to_svg
+from app.printing.identity import sheet_id_of
+from app.printing.outlines import ink_of
 from app.printing.papers import SIZES_MM, Paper
-from app.printing.sheet import WIDEST_ORIGIN, Sheet, draw_sheet, sheet_id_of
+from app.printing.sheet import WIDEST_ORIGIN, Sheet, draw_sheet
 from core import TargetSpec
 from core.errors import InvalidArgument, InvalidTarget
 from core.targets.detect import detect
@@ -131,6 +134,42 @@ def test_the_same_sheet_is_the_same_bytes_and_has_the_same_id() -> None:
         sheet_id_of(TargetSpec("circles", 9, 6, 25.0), origin_dot=1.5),
     }
     assert len(others | {sheet_id}) == 5
+
+
+def test_the_id_is_one_of_what_is_printed() -> None:
+    """Whatever two descriptions are: one id where they have the same ink, and two where they have not."""
+    charuco = [
+        TargetSpec("charuco", columns, rows, 20.0, 15.0, dictionary, legacy)
+        for columns, rows in ((9, 6), (9, 7), (20, 6))  # 35, 40 and 73 markers
+        for dictionary in (
+            "DICT_5X5_50",
+            "DICT_5X5_100",
+            "DICT_5X5_1000",
+            "DICT_6X6_100",
+            "DICT_APRILTAG_36h11",
+            "DICT_APRILTAG_36H11",
+        )
+        for legacy in (False, True)
+        if (columns, dictionary) != (20, "DICT_5X5_50")
+    ]
+    dots = [
+        TargetSpec(kind, 7, 5, 20.0, marker_mm)
+        for kind, usual in (("circles", 10.0), ("asymmetric_circles", 10.0 * math.sqrt(2.0)))
+        for marker_mm in (None, usual, 8.0)
+    ]
+    grids = [
+        TargetSpec("aprilgrid", 5, 4, 40.0, marker_mm, dictionary)
+        for marker_mm in (30.0, 31.0)
+        for dictionary in (None, "DICT_APRILTAG_36h11")
+    ]
+    targets = [*charuco, *dots, *grids, CHESSBOARD, TargetSpec("chessboard", 9, 6, 25)]
+    by_ink: dict[object, set[str]] = {}
+    for target in targets:
+        by_ink.setdefault(ink_of(target), set()).add(sheet_id_of(target))
+    boards = 3 * 3 + 3  # three sizes of three families; the old layout differs where squares have eight rows
+    assert len(by_ink) == boards + 4 + 2 + 1
+    assert all(len(ids) == 1 for ids in by_ink.values())
+    assert len(set.union(*by_ink.values())) == len(by_ink)
 
 
 def test_the_page_is_the_paper() -> None:
