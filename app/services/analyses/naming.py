@@ -2,25 +2,30 @@
 
 A part of a chessboard that may be any part, and a board that looks the same when turned, are named by another image of
 the same pose, before the same lens (`core.calibration.naming_parts`): by one that shows its origin, or else by the
-first that shows the whole board. What stays unnamed of parts is left out, and said so.
+first that shows the whole board. What stays unnamed of parts is left out, and said so. So are parts whose pose's named
+images do not agree where the board stood, be it one of many that stands aside: nobody can say with which the part goes.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from typing import Literal, get_args
 
 import numpy as np
 
 from app.records.codec import decode_points, end_points, rename_points
 from app.services.analyses.snapshot import Image, Snapshot
 from core import Advisory, TargetSpec
-from core.calibration.naming_parts import NEAR, name_points
+from core.calibration.naming_parts import NEAR, Named, name_points, stands_with
 from core.calibration.readings import quarter_turns
 from core.targets.specification import GridPoints, Origin
 
 ORIGIN_UNKNOWN = "origin_unknown"
 NAMED = 5
+
+Refusal = Literal["images_apart", "part_aside"]
+"""Why a part is not named though its pose has a named image: these stand apart, or the part contradicts them."""
 
 
 def origin_of(image: Image, target: TargetSpec) -> Origin:
@@ -38,12 +43,13 @@ def name_alike(snapshot: Snapshot, points: Mapping[str, bytes]) -> tuple[Snapsho
     """
     named, origins = dict(points), {}
     parts: set[str] = set()
+    refused: dict[str, str] = {}
     targets = [TargetSpec(**fields) for fields in snapshot.targets]
     for members in _same_views(snapshot, points, targets):
         images = [snapshot.images[i] for i in members]
         target = targets[images[0].target]
         read = [_as_read(image, points[image.measurement_id], target) for image in images]
-        found = _name(images, read, points, target)
+        found = _name(images, read, points, target, refused)
         for image, origin in zip(images, read, strict=True):
             if origin == "unknown" and image.measurement_id in found:
                 parts.add(image.measurement_id)
@@ -57,7 +63,8 @@ def name_alike(snapshot: Snapshot, points: Mapping[str, bytes]) -> tuple[Snapsho
     images = [
         replace(image, origin=origins.get(image.measurement_id, image.origin)) for image in snapshot.images
     ]
-    return replace(snapshot, images=tuple(images), parts_named=frozenset(parts)), named
+    named_alike = replace(snapshot, images=tuple(images), parts_named=frozenset(parts), parts_refused=refused)
+    return named_alike, named
 
 
 def _same_views(
@@ -84,15 +91,21 @@ def _as_read(image: Image, stored: bytes, target: TargetSpec) -> Origin:
     if origin != "unknown":
         return origin
     view = decode_points(stored, [], target, image.width_px, image.height_px)
-    if (view.column.max() + 1, view.row.max() + 1) != (target.columns, target.rows):
+    if (np.ptp(view.column) + 1, np.ptp(view.row) + 1) != (target.columns, target.rows):
         return "unknown"
     return "known" if len(quarter_turns(target)) == 1 else "turned"
 
 
 def _name(
-    images: Sequence[Image], origins: Sequence[Origin], points: Mapping[str, bytes], target: TargetSpec
+    images: Sequence[Image],
+    origins: Sequence[Origin],
+    points: Mapping[str, bytes],
+    target: TargetSpec,
+    refused: dict[str, str],
 ) -> dict[str, tuple[Origin, bytes]]:
-    """Return origin and points of the images of one pose that its reference names; without those it does not name."""
+    """Return origin and points of the images of one pose that its reference names; without those it does not name, of
+    which `refused` is told parts that it could name but for a contradiction.
+    """
     whole = [i for i, origin in enumerate(origins) if origin != "unknown"]
     if not whole:
         return {}
@@ -107,18 +120,47 @@ def _name(
         np.linalg.norm(px - px[chosen], axis=2) < far, axis=1
     )
     answers: dict[str, tuple[Origin, bytes]] = {}
-    for i, image in enumerate(images):
+    for i in whole:
+        image = images[i]
         if origins[i] == "known":
             answers[image.measurement_id] = "known", stored[i]
-            continue
-        if i == chosen or (origins[i] == "turned" and agree[i]):
+        elif i == chosen or agree[i]:
             answers[image.measurement_id] = origins[chosen], stored[i]
-            continue
-        found = name_points(_decoded(image, stored[i], target, origins[i]), reference)
-        if found is not None:
-            renamed = rename_points(stored[i], found.column, found.row) if found.changed else stored[i]
-            answers[image.measurement_id] = origins[chosen], renamed
+        else:
+            found = name_points(_decoded(image, stored[i], target, origins[i]), reference)
+            if isinstance(found, Named):
+                answers[image.measurement_id] = origins[chosen], _renamed(stored[i], found)
+    parts = [i for i, origin in enumerate(origins) if origin == "unknown"]
+    if parts and not _stand_alike(images, [i for i in whole if i != chosen], answers, target, reference):
+        refused.update((images[i].measurement_id, "images_apart") for i in parts)
+        return answers
+    for i in parts:
+        image = images[i]
+        found = name_points(_decoded(image, stored[i], target, "unknown"), reference)
+        if isinstance(found, Named):
+            answers[image.measurement_id] = origins[chosen], _renamed(stored[i], found)
+        elif found == "aside":
+            refused[image.measurement_id] = "part_aside"
     return answers
+
+
+def _stand_alike(
+    images: Sequence[Image],
+    others: Sequence[int],
+    answers: Mapping[str, tuple[Origin, bytes]],
+    target: TargetSpec,
+    reference: GridPoints,
+) -> bool:
+    """Tell whether a pose's named images all show the board where the reference does."""
+    for i in others:
+        answer = answers.get(images[i].measurement_id)
+        if answer is None or not stands_with(_decoded(images[i], answer[1], target, answer[0]), reference):
+            return False
+    return True
+
+
+def _renamed(stored: bytes, found: Named) -> bytes:
+    return rename_points(stored, found.column, found.row) if found.changed else stored
 
 
 def _decoded(image: Image, stored: bytes, target: TargetSpec, origin: Origin) -> GridPoints:
@@ -140,6 +182,32 @@ def naming_remarks(snapshot: Snapshot, unnamed: Sequence[Image]) -> list[Advisor
                 "Move to the same pose before each image of it; images of another pose need a pose_id of their own.",
             )
         )
+    apart, aside = (
+        [image for image in unnamed if snapshot.parts_refused.get(image.measurement_id) == why]
+        for why in get_args(Refusal)
+    )
+    if apart:
+        remarks.append(
+            Advisory(
+                "parts_disputed",
+                f"{_images(len(apart))} part of a board, and the images of the same pose that could say which part "
+                "contradict one another: they show the board more than a quarter of a square apart. Left out: "
+                f"{_listed(apart)}.",
+                "Find the images of the pose that show the board elsewhere (a wrong label, a pose taught anew, a board "
+                "that was moved) and give those a pose_id of their own.",
+            )
+        )
+    if aside:
+        remarks.append(
+            Advisory(
+                "parts_aside",
+                f"{_images(len(aside))} part of a board whose end or colours are not where the other images of the "
+                f"same pose have them: the board stood whole squares aside. Left out: {_listed(aside)}.",
+                "Check the label of these images, and whether the pose was taught anew or the board moved; give images "
+                "of another place a pose_id of their own, with one that shows the whole board.",
+            )
+        )
+    unnamed = [image for image in unnamed if image.measurement_id not in snapshot.parts_refused]
     if unnamed:
         remarks.append(
             Advisory(

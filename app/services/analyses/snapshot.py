@@ -109,7 +109,8 @@ class Snapshot:
     Where an analysis is of another instrument's poses, `measured` are those in the same order, and there are no images.
     `robot` are the nominal parameters of the session's joints. `readings`, by their ids, are filled in where the
     analysis is computed (`read_readings`); the hash is without them. So are the `markers` of images, by measurement
-    (`read_markers`), and `parts_named`, the measurements whose points others of their pose named (`naming`).
+    (`read_markers`), and by `naming` the measurements whose points others of their pose named, `parts_named`, and why
+    others were not, `parts_refused`.
     """
 
     session_id: str
@@ -125,6 +126,7 @@ class Snapshot:
     readings: Mapping[str, Reading] = field(default_factory=dict)
     markers: Mapping[str, bytes] = field(default_factory=dict)
     parts_named: frozenset[str] = frozenset()
+    parts_refused: Mapping[str, str] = field(default_factory=dict)
 
     def inputs_sha256(self, analysis: str, settings: Mapping[str, Any]) -> str:
         """Return the hash of everything that `analysis` with `settings` is computed from, this program included."""

@@ -217,25 +217,50 @@ def test_a_pose_that_contradicts_its_command_is_named(
     assert warning["detail"].endswith(": P4.")
 
 
-def in_part(points: GridPoints, first_column: int, first_row: int, quarters: int) -> GridPoints:
-    """What a detector reports of a board that runs out of the picture: counted from the part's own corner."""
+def beyond(points: GridPoints, first_column: int, first_row: int) -> GridPoints:
+    """A board that runs out of the picture, and shows its origin all the same, as marked squares do."""
     keep = (points.column >= first_column) & (points.row >= first_row)
-    wide, high = points.target.columns - first_column, points.target.rows - first_row
-    c, r = points.column[keep] - first_column, points.row[keep] - first_row
-    column, row = ((c, r), (high - 1 - r, c), (wide - 1 - c, high - 1 - r), (r, wide - 1 - c))[quarters]
-    order = np.lexsort((column, row))
     return dataclasses.replace(
         points,
+        column=points.column[keep],
+        row=points.row[keep],
+        points_px=points.points_px[keep],
+        standard_uncertainty_px=points.standard_uncertainty_px[keep],
+        origin="known",
+    )
+
+
+def in_part(points: GridPoints, first_column: int, first_row: int, quarters: int) -> GridPoints:
+    """What a detector reports of a board that runs out of the picture, its origin unknown: counted from the part's own
+    corner, so that square (i, j) is black where i + j is even."""
+    seen = beyond(points, first_column, first_row)
+    wide, high = points.target.columns - first_column, points.target.rows - first_row
+    c, r = seen.column - first_column, seen.row - first_row
+    column, row = ((c, r), (high - 1 - r, c), (wide - 1 - c, high - 1 - r), (r, wide - 1 - c))[quarters]
+    first = (column <= 1) & (row <= 1)
+    column = column + int(seen.column[first].min() + seen.row[first].min()) % 2
+    order = np.lexsort((column, row))
+    return dataclasses.replace(
+        seen,
         column=column[order],
         row=row[order],
-        points_px=points.points_px[keep][order],
-        standard_uncertainty_px=points.standard_uncertainty_px[keep][order],
+        points_px=seen.points_px[order],
+        standard_uncertainty_px=seen.standard_uncertainty_px[order],
         origin="unknown",
     )
 
 
+def moved_by(shot: Shot, columns: float) -> Shot:
+    """The same shot of a board that stands so many of its columns aside, the camera where it was."""
+    assert shot.points is not None
+    board = shot.points.target
+    aside = transform(np.eye(3), np.array([columns * board.pitch_mm, 0.0, 0.0]))
+    points = look(np.random.default_rng(5), invert(shot.T_target_camera) @ aside, board=board, sigma_px=NOISE)
+    return dataclasses.replace(shot, points=points)
+
+
 @pytest.mark.parametrize(("columns", "rows"), [(9, 6), (10, 6)])
-def test_parts_of_a_board_count_by_the_whole_images_of_their_pose(
+def test_parts_of_a_board_count_by_the_named_images_of_their_pose(
     api: Any, store: Store, columns: int, rows: int
 ) -> None:
     board = TargetSpec("chessboard", columns, rows, 12.0)
@@ -243,10 +268,9 @@ def test_parts_of_a_board_count_by_the_whole_images_of_their_pose(
     shots = []
     for index, shot in enumerate(whole):
         assert shot.points is not None
-        if index % 3 == 1:
-            points = in_part(shot.points, 3, index % 2, index % 4)
-            shot = dataclasses.replace(shot, points=points)
-        shots.append(shot)
+        cut = (3, index // 10 % 2)
+        points = in_part(shot.points, *cut, index % 4) if index % 3 == 1 else beyond(shot.points, *cut)
+        shots.append(dataclasses.replace(shot, points=points))
     session = new_session(api, board)
     ids = store(api, session, shots)
     parts = [
@@ -265,6 +289,85 @@ def test_parts_of_a_board_count_by_the_whole_images_of_their_pose(
     assert np.linalg.norm(mean - np.mean(true, axis=0)) < 2.0
     intrinsics = body(api.client.get(f"/v1/sessions/{session}/intrinsics"))
     assert intrinsics["groups"][0]["images"] == len(shots)
+
+
+@pytest.mark.parametrize(("aside", "strays"), [(2.0, 1), (2.0, 7), (1.0, 4), (0.4, 1)])
+def test_parts_whose_pose_stands_in_two_places_are_left_out(
+    api: Any, store: Store, aside: float, strays: int
+) -> None:
+    """Be it one image of many that stands aside: nobody can say with which the parts go."""
+    board = TargetSpec("chessboard", 9, 6, 12.0)
+    shots = []
+    for index, shot in enumerate(session_of(board, 40, flips=False)):
+        moved = moved_by(shot, aside) if 10 <= index < 10 + strays else shot
+        assert moved.points is not None
+        points = (
+            in_part(moved.points, 2, 0, index % 4) if index % 10 in (8, 9) else beyond(moved.points, 2, 0)
+        )
+        shots.append(dataclasses.replace(moved, points=points))
+    session = new_session(api, board)
+    ids = store(api, session, shots)
+    document = table(api, session)
+    (warning,) = [w for w in document["warnings"] if w["code"] == "parts_disputed"]
+    assert warning["detail"].startswith("2 images show part of a board")
+    assert warning["detail"].endswith(": pose P2.")
+    assert "pose_id of their own" in warning["advice"]
+    assert "origin_unknown" not in codes(document)
+    row = document["poses"][1]
+    excluded = {e["measurement_id"]: e["code"] for e in row["excluded"]}
+    assert {excluded[measurement] for measurement in ids[18:20]} == {"origin_unknown"}
+    # The other poses' parts count as before.
+    assert [row["n"] for row in document["poses"] if row["pose_id"] != "P2"] == [10, 10, 10]
+    (named,) = [w for w in document["warnings"] if w["code"] == "parts_named"]
+    assert named["detail"].startswith("6 images show part of a board")
+    assert "poses P1, P3, P4." in named["detail"]
+
+
+def test_a_part_whose_board_ends_where_the_others_show_more_of_it_is_left_out(api: Any, store: Store) -> None:
+    board = TargetSpec("chessboard", 9, 6, 12.0)
+    shots = []
+    for index, shot in enumerate(session_of(board, 41, flips=False)):
+        if index in (13, 17):
+            moved = moved_by(shot, 2.0)
+            assert moved.points is not None
+            # Of the board as it stands now, the first columns are where the others' third and fourth are.
+            seen = in_part(moved.points, 0, 0, 0)
+            keep = seen.column < 7
+            points = dataclasses.replace(
+                seen,
+                column=seen.column[keep],
+                row=seen.row[keep],
+                points_px=seen.points_px[keep],
+                standard_uncertainty_px=seen.standard_uncertainty_px[keep],
+            )
+            shot = dataclasses.replace(moved, points=points)
+        shots.append(shot)
+    session = new_session(api, board)
+    ids = store(api, session, shots)
+    document = table(api, session)
+    (warning,) = [w for w in document["warnings"] if w["code"] == "parts_aside"]
+    assert "2 images show part of a board" in warning["detail"]
+    assert warning["detail"].endswith(": pose P2.")
+    assert not {"origin_unknown", "parts_named", "parts_disputed"} & codes(document)
+    row = document["poses"][1]
+    assert {e["measurement_id"] for e in row["excluded"]} == {ids[13], ids[17]}
+    assert [row["n"] for row in document["poses"]] == [10, 8, 10, 10]
+
+
+def test_a_part_that_counts_from_its_second_column_is_no_whole_board(api: Any, store: Store) -> None:
+    """It reaches the target's last column by its count, but has one fewer: which one is out of view is open."""
+    board = TargetSpec("chessboard", 9, 6, 12.0)
+    shots = []
+    for shot in session_of(board, 42, flips=False):
+        assert shot.points is not None
+        points = in_part(shot.points, 1, 0, 2) if shot.pose_id == "P3" else shot.points
+        assert shot.pose_id != "P3" or (points.column.min(), points.column.max()) == (1, 8)
+        shots.append(dataclasses.replace(shot, points=points))
+    session = new_session(api, board)
+    store(api, session, shots)
+    document = table(api, session)
+    assert {e["code"] for e in document["poses"][2]["excluded"]} == {"origin_unknown"}
+    assert [row["n"] for row in document["poses"]] == [10, 10, 0, 10]
 
 
 def test_parts_that_no_image_names_are_left_out_with_advice(api: Any, store: Store) -> None:
