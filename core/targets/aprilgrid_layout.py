@@ -22,6 +22,7 @@ multi-sensor systems", IROS 2013, 10.1109/IROS.2013.6696514; Kalibr's wiki, "Cal
 from __future__ import annotations
 
 import functools
+import math
 from dataclasses import dataclass
 
 import cv2
@@ -36,7 +37,11 @@ CODE_CELLS, BORDER_CELLS = 6, 2
 TAG_CELLS = CODE_CELLS + 2 * BORDER_CELLS
 LEAST_GAP, LARGEST_GAP = 0.1, 1.0
 """Of a tag's edge (Kalibr's tagSpacing): narrower ones blur shut, wider ones Kalibr does not print."""
-_MEANING = "marker_mm is a tag's edge (Kalibr's tagSize), pitch_mm from tag to tag: tagSize (1 + tagSpacing)."
+_ROUNDING = 1e-5  # so that the limits may be met in the six figures they are told with
+_MEASURE = (
+    "Measure a tag from black edge to black edge for marker_mm (Kalibr's tagSize), and from there to the same edge of "
+    "the next tag for pitch_mm, tagSize (1 + tagSpacing)."
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,39 +75,20 @@ class AprilGridLayout:
 def aprilgrid_layout(target: TargetSpec) -> AprilGridLayout:
     """Return the layout of a target of kind `aprilgrid`.
 
-    Raises InvalidTarget for another kind or family of tags, more tags than the family has, and tags that leave no gap.
+    Raises InvalidTarget for another kind, another family of tags or one that is unknown, more tags than the family has,
+    and tags whose gaps are too narrow or too wide.
     """
     if target.kind != "aprilgrid":
         raise InvalidTarget(f"A target of kind {target.kind!r} has no AprilTags.")
-    if target.dictionary not in (None, DICTIONARY):
-        raise InvalidTarget(
-            f"An AprilGrid has tags of the family 36h11, not {target.dictionary!r}.",
-            f"Leave dictionary out, or set it to {DICTIONARY}.",
-            field="dictionary",
-        )
-    tag_mm = target.marker_mm
-    if tag_mm is None:
-        raise InvalidTarget("marker_mm is required for AprilGrids.", _MEANING, field="marker_mm")
-    if not 0.0 < tag_mm < target.pitch_mm:
-        raise InvalidTarget(
-            f"An AprilGrid's marker_mm must be positive and less than its pitch_mm, got {tag_mm!r}.",
-            _MEANING,
-            field="marker_mm",
-        )
-    gap = (target.pitch_mm - tag_mm) / tag_mm
-    if not LEAST_GAP <= gap <= LARGEST_GAP:
-        raise InvalidTarget(
-            f"An AprilGrid's gaps must be {LEAST_GAP:g} to {LARGEST_GAP:g} of a tag's edge wide, got {gap:.3g}.",
-            _MEANING,
-            field="marker_mm",
-        )
+    _check_dictionary(target.dictionary)
+    tag_mm = _tag_mm(target)
     count = target.columns * target.rows
     dictionary = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_APRILTAG_36h11)
     available = len(dictionary.bytesList)
     if count > available:
         raise InvalidTarget(
-            f"The grid needs {count} tags, the family 36h11 has {available}.",
-            "Use fewer columns and rows; they count tags.",
+            f"The grid of {target.columns} x {target.rows} needs {count} tags, the family 36h11 has {available}.",
+            f"columns and rows count tags, not their corners; columns times rows may be {available} at most.",
             field="columns" if target.columns >= target.rows else "rows",
         )
     j, from_right = np.divmod(np.arange(count), target.columns)
@@ -111,6 +97,44 @@ def aprilgrid_layout(target: TargetSpec) -> AprilGridLayout:
         tag_mm=float(tag_mm),
         tag_places=np.stack([target.columns - 1 - from_right, j], axis=1),
         tag_codes=family_codes()[:count],
+    )
+
+
+def _check_dictionary(name: str | None) -> None:
+    if name in (None, DICTIONARY, DICTIONARY.upper()):  # OpenCV has both spellings
+        return
+    kept = f"Leave dictionary out, or set it to {DICTIONARY}. Boards with other markers are of kind charuco."
+    if not str(name).startswith("DICT_") or not hasattr(cv2.aruco, str(name)):
+        raise InvalidTarget(f"Unknown marker dictionary {name!r}.", kept, field="dictionary")
+    raise InvalidTarget(
+        f"An AprilGrid has tags of the family 36h11, not of {name}.", kept, field="dictionary"
+    )
+
+
+def _tag_mm(target: TargetSpec) -> float:
+    """Return a tag's edge, mm. Raises InvalidTarget where it is not stated or leaves no gap that can be seen."""
+    tag_mm = target.marker_mm
+    if tag_mm is None:
+        raise InvalidTarget("marker_mm is required for AprilGrids.", _MEASURE, field="marker_mm")
+    if not 0.0 < tag_mm < math.inf:
+        raise InvalidTarget(
+            f"An AprilGrid's marker_mm must be a positive length, got {tag_mm!r}.",
+            _MEASURE,
+            field="marker_mm",
+        )
+    gap = (target.pitch_mm - tag_mm) / tag_mm
+    if LEAST_GAP - _ROUNDING <= gap <= LARGEST_GAP + _ROUNDING:
+        return float(tag_mm)
+    least, most = ((1.0 + share) * tag_mm for share in (LEAST_GAP, LARGEST_GAP))
+    wrong = (
+        f"An AprilGrid's gaps must be {LEAST_GAP:g} to {LARGEST_GAP:g} of a tag's edge wide, got {gap:.3g}."
+    )
+    if gap <= 0.0:
+        wrong = (
+            f"An AprilGrid's marker_mm must be less than its pitch_mm of {target.pitch_mm:g}, got {tag_mm:g}."
+        )
+    raise InvalidTarget(
+        wrong, f"{_MEASURE} With tags of {tag_mm:g} mm it is {least:.6g} to {most:.6g} mm.", field="marker_mm"
     )
 
 

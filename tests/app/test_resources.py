@@ -144,9 +144,12 @@ def test_the_diameter_of_dots_is_kept(api: Any) -> None:
     ("changes", "word", "field"),
     [
         ({}, "marker_mm is required for AprilGrids", "marker_mm"),
-        ({"marker_mm": 30}, "marker_mm", "marker_mm"),
+        ({"marker_mm": 30}, "less than its pitch_mm of 30, got 30", "marker_mm"),
+        ({"marker_mm": 45}, "less than its pitch_mm of 30, got 45", "marker_mm"),
         ({"marker_mm": 29.5}, "gaps", "marker_mm"),
+        ({"marker_mm": 2}, "gaps", "marker_mm"),
         ({"marker_mm": 24, "dictionary": "DICT_6X6_250"}, "36h11", "dictionary"),
+        ({"marker_mm": 24, "dictionary": "DICT_9X9_50"}, "Unknown marker dictionary", "dictionary"),
         ({"marker_mm": 24, "columns": 30, "rows": 20}, "600 tags", "columns"),
         ({"marker_mm": 24, "columns": 20, "rows": 30}, "600 tags", "rows"),
     ],
@@ -159,6 +162,7 @@ def test_an_aprilgrid_that_cannot_be_printed_is_refused(
     assert response.status_code == 422
     assert response.json()["code"] == "invalid_target"
     assert word in response.json()["detail"]
+    assert response.json()["advice"]
     assert [error["field"] for error in response.json()["errors"]] == [field]
     assert api.client.get("/v1/targets").json()["items"] == []
     assert api.client.post("/v1/targets", json=wanted | {"marker_mm": 24}).status_code == 201

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import math
+import re
+
 import cv2
 import numpy as np
 import pytest
@@ -104,21 +107,42 @@ def test_opencv_reads_the_sheet() -> None:
     ("target", "message"),
     [
         (TargetSpec("chessboard", 4, 3, 26.0, 20.0), "no AprilTags"),
-        (TargetSpec("aprilgrid", 4, 3, 26.0), "marker_mm"),
-        (TargetSpec("aprilgrid", 4, 3, 26.0, 26.0), "marker_mm"),
-        (TargetSpec("aprilgrid", 4, 3, 26.0, -1.0), "marker_mm"),
+        (TargetSpec("aprilgrid", 4, 3, 26.0), "marker_mm is required"),
+        (TargetSpec("aprilgrid", 4, 3, 26.0, 26.0), "marker_mm must be less than its pitch_mm of 26, got 26"),
+        (TargetSpec("aprilgrid", 4, 3, 26.0, 30.0), "marker_mm must be less than its pitch_mm of 26, got 30"),
+        (TargetSpec("aprilgrid", 4, 3, 26.0, -1.0), "marker_mm must be a positive length"),
+        (TargetSpec("aprilgrid", 4, 3, 26.0, math.nan), "marker_mm must be a positive length"),
+        (TargetSpec("aprilgrid", 4, 3, 26.0, math.inf), "marker_mm must be a positive length"),
         (TargetSpec("aprilgrid", 4, 3, 26.0, 25.5), "gaps"),
         (TargetSpec("aprilgrid", 4, 3, 26.0, 10.0), "gaps"),
         (TargetSpec("aprilgrid", 4, 3, 26.0, 20.0, "DICT_6X6_250"), "36h11"),
         (TargetSpec("aprilgrid", 4, 3, 26.0, 20.0, "DICT_APRILTAG_16h5"), "36h11"),
+        (TargetSpec("aprilgrid", 4, 3, 26.0, 20.0, "DICT_9X9_50"), "Unknown marker dictionary"),
+        (TargetSpec("aprilgrid", 4, 3, 26.0, 20.0, "tag36h11"), "Unknown marker dictionary"),
         (TargetSpec("aprilgrid", 49, 12, 26.0, 20.0), "588 tags"),
     ],
 )
 def test_what_cannot_be_printed_is_refused(target: TargetSpec, message: str) -> None:
-    with pytest.raises(InvalidTarget, match=message):
+    with pytest.raises(InvalidTarget, match=message) as refused:
         aprilgrid_layout(target)
+    assert refused.value.advice
 
 
-def test_the_family_s_own_dictionary_may_be_named() -> None:
-    layout = aprilgrid_layout(TargetSpec("aprilgrid", 4, 3, 26.0, 20.0, "DICT_APRILTAG_36h11"))
+@pytest.mark.parametrize("tag_mm", [20.0, 24.23, 7.77, 0.111])
+def test_the_pitches_advised_are_taken_and_none_beyond(tag_mm: float) -> None:
+    with pytest.raises(InvalidTarget) as refused:
+        aprilgrid_layout(TargetSpec("aprilgrid", 4, 3, 1.01 * tag_mm, tag_mm))
+    told = re.search(r"it is ([\d.]+) to ([\d.]+) mm", refused.value.advice or "")
+    assert told is not None
+    least, most = (float(figure) for figure in told.groups())
+    for pitch_mm in (least, most):
+        aprilgrid_layout(TargetSpec("aprilgrid", 4, 3, pitch_mm, tag_mm))
+    for pitch_mm in (0.999 * least, 1.001 * most):
+        with pytest.raises(InvalidTarget):
+            aprilgrid_layout(TargetSpec("aprilgrid", 4, 3, pitch_mm, tag_mm))
+
+
+@pytest.mark.parametrize("dictionary", ["DICT_APRILTAG_36h11", "DICT_APRILTAG_36H11"])
+def test_the_family_s_own_dictionary_may_be_named(dictionary: str) -> None:
+    layout = aprilgrid_layout(TargetSpec("aprilgrid", 4, 3, 26.0, 20.0, dictionary))
     assert layout.gap_mm == pytest.approx(6.0)
