@@ -1,7 +1,7 @@
 """The tables: one schema for SQLite and PostgreSQL.
 
 Ids are time-ordered text (`ids.new_id`), so that "oldest first" is the order of the primary key. Documents that are
-only ever read whole are JSON; arrays of a result are float64 bytes (`codec.py` knows the layout).
+only ever read whole are JSON; arrays of a result are float64 bytes (`codec` knows the layout).
 """
 
 from __future__ import annotations
@@ -252,7 +252,7 @@ class MeasuredPose(Table):
 class Result(Table):
     """What one computation gave, with enough beside it to compute it again.
 
-    `calibration` is the document the API shows; `state` and `points` are its arrays without loss (`codec.py`). A
+    `calibration` is the document the API shows; `state` and `points` are its arrays without loss (`codec`). A
     refused view has points and no calibration. `markers` are the corners of the markers seen, null for targets without
     any and for what was measured before they were kept. `origin` and `capture_quality` are those of the grid points,
     null where there are none and for what was measured before they were kept.
