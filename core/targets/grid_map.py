@@ -15,11 +15,10 @@ from jaxtyping import Bool, Float, Int
 
 from core.compiled import compiled
 from core.errors import InvalidArgument
+from core.targets.graded_fit import graded_coefficients, orthonormal
 
 _POWERS = np.array([(degree - j, j) for degree in range(6) for j in range(degree + 1)])
 _POINTS_PER_TERM = 2
-_TELLING = 5.0
-"""A degree is used if its terms explain more than mere noise would by so many standard deviations of that."""
 _LIGHT_DEGREE = 3
 _AGREEMENT = 3.0  # standard deviations by which chance correlates neighbours
 
@@ -80,7 +79,7 @@ def grid_basis(
     terms = min(count // _POINTS_PER_TERM, len(_POWERS))
     degree = max((d for d in range(6) if (d + 1) * (d + 2) // 2 <= terms and d < 2 * lines), default=0)
     picture, polynomials = _derived(H, indices, _POWERS[: (degree + 1) * (degree + 2) // 2])
-    Q, R = _orthonormal(polynomials[0])
+    Q, R = orthonormal(polynomials[0])
     return GridBasis(np.array(middle), size, index_size, picture, polynomials, Q, R, degree)
 
 
@@ -120,40 +119,6 @@ def _distinct(values: Float[np.ndarray, "n 2"], axis: int, used: Bool[np.ndarray
     return count
 
 
-@compiled
-def _orthonormal(
-    B: Float[np.ndarray, "n k"],
-) -> tuple[Float[np.ndarray, "n k"], Float[np.ndarray, "k k"]]:
-    """Return Q and upper R of B = Q R by Gram's and Schmidt's process, done twice, so that rounding leaves Q orthogonal
-    (L. Giraud et al., 2005); a column that the former ones make up is 0 in Q.
-    """
-    terms = B.shape[1]
-    Q, R = np.ascontiguousarray(B.T), np.zeros((terms, terms))
-    for k in range(terms):
-        whole = math.sqrt(_product(Q[k], Q[k]))
-        for _ in range(2):
-            for i in range(k):
-                part = _product(Q[i], Q[k])
-                R[i, k] += part
-                Q[k] -= part * Q[i]
-        length = math.sqrt(_product(Q[k], Q[k]))
-        if length > 1e-14 * whole:
-            R[k, k] = length
-            Q[k] /= length
-        else:
-            Q[k] = 0.0
-    return np.ascontiguousarray(Q.T), R
-
-
-@compiled(reassociates=True)
-def _product(a: Float[np.ndarray, " n"], b: Float[np.ndarray, " n"]) -> float:
-    """Return a · b."""
-    total = 0.0
-    for k in range(len(a)):
-        total += a[k] * b[k]
-    return total
-
-
 def grid_shape(
     basis: GridBasis, points_px: Float[np.ndarray, "n 2"], weights: Float[np.ndarray, " n"] | None = None
 ) -> GridShape:
@@ -162,10 +127,10 @@ def grid_shape(
     Q, R, free = basis.Q, basis.R, len(bend)
     if weights is not None:
         root = np.sqrt(weights)[:, None]
-        Q, R = _orthonormal(basis.polynomials[0] * root)
+        Q, R = orthonormal(basis.polynomials[0] * root)
         bend = bend * root
         free = int(np.count_nonzero(weights))
-    coefficients = _coefficients(Q, R, bend, free, basis.degree)
+    coefficients = graded_coefficients(Q, R, bend, free, basis.degree)
     once, twice = basis.size_px / basis.index_size, basis.size_px / basis.index_size**2
     scales = np.array([basis.size_px, once, once, twice, twice])
     return GridShape(*_evaluated(basis.picture, basis.polynomials, coefficients, scales, basis.middle_px))
@@ -194,47 +159,6 @@ def _evaluated(
     return values
 
 
-@compiled
-def _coefficients(
-    Q: Float[np.ndarray, "n k"],
-    R: Float[np.ndarray, "k k"],
-    y: Float[np.ndarray, "n c"],
-    free: int,
-    highest: int,
-) -> Float[np.ndarray, "t c"]:
-    """Return the least-squares coefficients of B = Q R up to the highest degree whose terms tell more than noise."""
-    columns = y.shape[1]
-    explained = np.zeros((Q.shape[1], columns))
-    left = 0.0
-    for n in range(Q.shape[0]):
-        for c in range(columns):
-            left += y[n, c] ** 2
-            for k in range(Q.shape[1]):
-                explained[k, c] += Q[n, k] * y[n, c]
-    terms = 0
-    for degree in range(highest + 1):
-        first, last = degree * (degree + 1) // 2, (degree + 1) * (degree + 2) // 2
-        told, least = 0.0, math.inf
-        for k in range(first, last):
-            least = min(least, abs(R[k, k]))
-            for c in range(columns):
-                told += explained[k, c] ** 2
-        left -= told
-        if least <= 1e-9 * abs(R[0, 0]):  # too few points, or all on a line
-            break
-        noise = max(left, 0.0) / max((free - last) * columns, 1)
-        values = (last - first) * columns
-        if told > noise * (values + _TELLING * math.sqrt(2.0 * values)):
-            terms = last
-    solution = explained[:terms].copy()
-    for c in range(columns):
-        for i in range(terms - 1, -1, -1):
-            for k in range(i + 1, terms):
-                solution[i, c] -= R[i, k] * solution[k, c]
-            solution[i, c] /= R[i, i]
-    return solution
-
-
 def grid_slopes(
     basis: GridBasis,
     ideal: Float[np.ndarray, "n 2"],
@@ -252,11 +176,11 @@ def grid_slopes(
     filled = np.where(known[:, None], values, 0.0)
     B, Q, R = basis.polynomials, basis.Q, basis.R
     if not known.all():
-        Q, R = _orthonormal(np.where(known[:, None], B[0], 0.0))
+        Q, R = orthonormal(np.where(known[:, None], B[0], 0.0))
     free, highest = int(np.count_nonzero(known)), min(basis.degree, _LIGHT_DEGREE)
     slopes = np.empty((len(column), 2, 2))
     for k in range(2):
-        terms = _coefficients(Q, R, filled[:, k : k + 1], free, highest)[:, 0]
+        terms = graded_coefficients(Q, R, filled[:, k : k + 1], free, highest)[:, 0]
         rest = filled[:, k] - B[0][:, : len(terms)] @ terms
         if _neighbours_agree(column, row, rest, known):
             slopes[:, k] = _least_slopes(ideal, column, row, filled[:, k], known)

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from core.targets import corner_kernel as kernel
-from core.targets.grid_map import _derived, _evaluated, _homography, _orthonormal
+from core.targets.graded_fit import orthonormal
+from core.targets.grid_map import _derived, _evaluated, _homography
 from core.targets.lattice import kinks, lonely
 from core.targets.linking import into_cells, spread
 from core.targets.quantiles import median, quantiles
@@ -216,11 +217,11 @@ def test_a_lattice_without_corners_has_no_box() -> None:
 def test_the_orthonormal_basis_is_that_of_householder() -> None:
     rng = np.random.default_rng(1)
     B = np.vander(rng.uniform(-1.5, 1.5, 80), 7, increasing=True)
-    Q, R = _orthonormal(B)
+    Q, R = orthonormal(B)
     np.testing.assert_allclose(Q.T @ Q, np.eye(7), atol=1e-14)
     np.testing.assert_allclose(Q @ R, B, atol=1e-13)
     np.testing.assert_allclose(np.abs(R), np.abs(np.linalg.qr(B)[1]), atol=1e-12)
-    Q, R = _orthonormal(np.column_stack([B[:, :2], B[:, :1] - 2.0 * B[:, 1:2], B[:, 2:3]]))
+    Q, R = orthonormal(np.column_stack([B[:, :2], B[:, :1] - 2.0 * B[:, 1:2], B[:, 2:3]]))
     np.testing.assert_array_equal(Q[:, 2], 0.0)
     assert R[2, 2] == 0.0
     np.testing.assert_allclose(np.linalg.norm(Q[:, 3]), 1.0)
