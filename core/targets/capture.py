@@ -211,7 +211,11 @@ def _square_edges(points: GridPoints, cells: Int[np.ndarray, "n 3"]) -> _Edges:
     area = np.abs(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0])
     length = np.stack([np.linalg.norm(a, axis=1), np.linalg.norm(b, axis=1)])
     across = np.concatenate([_normal(a), _normal(b)])
-    half = _free_of_marker(points) * np.concatenate([area / length[0], area / length[1]])
+    # As a tilted square's picture leans, a profile nears its other two sides: no further than where they are as near as
+    # its own.
+    wide = area / length
+    leaning = np.abs(np.sum(a * b, axis=1)) / (length[0] * length[1])
+    half = np.minimum(_free_of_marker(points) * wide, 0.5 * wide[::-1] / (1.0 + leaning)).ravel()
     return _Edges(
         middle=np.concatenate([start + 0.5 * a, start + 0.5 * b]),
         across=across,
@@ -329,7 +333,7 @@ def _quadratic(m: Float[np.ndarray, "n 2"], n: Float[np.ndarray, "n 2"]) -> Floa
 
 def _crossing_correlation(
     image: Shaped[np.ndarray, "h w"], points: GridPoints, cells: Int[np.ndarray, "n 3"]
-) -> tuple[Float[np.ndarray, "n 2"], Float[np.ndarray, "n 2"], float] | None:
+) -> tuple[Float[np.ndarray, "m 2"], Float[np.ndarray, "m 2"], float] | None:
     """Return the normals of the two edges at corners, and the blur's correlation between them."""
     few = cells[_thinned(np.arange(len(cells)))]
     start, along, down = (points.points_px[few[:, k]] for k in range(3))

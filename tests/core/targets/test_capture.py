@@ -125,6 +125,29 @@ def test_a_steep_target_at_rest_did_not_move(kind: str, seed: int) -> None:
     assert "motion_blurred" not in {remark.code for remark in quality.advice}
 
 
+@pytest.mark.parametrize(
+    ("kind", "columns", "degrees", "seeds"),
+    [("chessboard", 9, 65.0, (21,)), ("chessboard", 30, 69.0, (20, 21)), ("charuco", 18, 66.0, (20, 21))],
+)
+def test_steep_squares_look_no_sharper_than_they_are(
+    kind: str, columns: int, degrees: float, seeds: tuple[int, ...]
+) -> None:
+    """Leaning squares let profiles out at the sides beside them: widths came out at half, or are not told at all."""
+    side = 300.0 / columns
+    markers = (0.5 * side, "DICT_5X5_1000") if kind == "charuco" else ()
+    target = TargetSpec(kind, columns, 2 * columns // 3, side, *markers)
+    sharpest, widest = (GAUSSIAN_RISE * math.sqrt(1.2**2 + more) for more in (PIXEL, 3.0 * PIXEL))
+    told = []
+    for seed in seeds:
+        scene = standard_scene(
+            target, seed, tilt=math.radians(degrees), blur_px=1.2, noise_levels=0.0, clutter=0.0
+        )
+        picture = np.clip(np.rint(render_levels(scene)), 0, 255).astype(np.uint8)
+        told.append(assess_capture(picture, scene.grid_points).edge_width_px)
+    assert told[0] is not None
+    assert all(width is None or 0.95 * sharpest < width < 1.1 * widest for width in told)
+
+
 def test_blur_that_fills_the_squares_is_not_called_sharp() -> None:
     dense = TargetSpec("chessboard", 40, 30, 7.5)
     scene = standard_scene(dense, 15, tilt=0.4, blur_px=4.0, noise_levels=0.0, clutter=0.0)
