@@ -2,63 +2,28 @@
 
 from __future__ import annotations
 
-import dataclasses
 import math
-from typing import Any
 
 import cv2
 import numpy as np
 import pytest
 
 from core import calibrate_image
-from core.camera import Camera
 from core.errors import TargetMirrored, TargetMismatch, TargetNotFound
-from core.simulation import Light, Scene, render
+from core.simulation import Light, render
 from core.simulation.patterns import RectilinearPattern, pattern_of
 from core.targets import detect
 from core.targets.aprilgrid_layout import aprilgrid_layout, family_codes
 from core.targets.aprilgrid_reading import read_lattice
 from core.targets.specification import TargetSpec
-from core.transforms import so3_exp, transform
+from tests.core.targets.tilted_sheets import CAMERA, Shot, errors, take, tilted_scene, truth_px
 
-CAMERA = Camera(1450.0, 1451.0, 640.0, 480.0, k1=-0.2, k2=0.04, p1=2e-4)
 GRID = TargetSpec("aprilgrid", 5, 4, 32.5, 25.0)
-Shot = tuple[Scene, np.ndarray]
-
-
-def scene(
-    target: TargetSpec = GRID,
-    *,
-    tilt_deg: float = 30.0,
-    turn: float = 0.3,
-    aside_mm: float = 0.0,
-    depth_mm: float = 300.0,
-    **changes: Any,
-) -> Scene:
-    R = so3_exp(math.radians(tilt_deg) * np.array([0.8, 0.6, 0.0])) @ so3_exp(np.array([0.0, 0.0, turn]))
-    points = target.points_target()
-    middle = 0.5 * (points.min(axis=0) + points.max(axis=0))
-    T = transform(R, np.array([aside_mm, 0.0, depth_mm]) - R @ middle)
-    taken = Scene(target, CAMERA, T, 1280, 960, noise_levels=3.0, clutter=1.0, seed=2, quiet_zone=0.5)
-    return dataclasses.replace(taken, **changes)
 
 
 @pytest.fixture(scope="module")
 def shot() -> Shot:
-    taken = scene()
-    return taken, render(taken)
-
-
-def errors(taken: Scene, picture: np.ndarray) -> tuple[int, float, float]:
-    """How many points were found, their RMS error (px), and that over the stated uncertainty."""
-    found = detect(picture, taken.target)
-    off = found.points_px - truth(taken, found.column, found.row)
-    stated = off / found.standard_uncertainty_px[:, None]
-    return len(found), float(np.sqrt(np.mean(off**2))), float(np.sqrt(np.mean(stated**2)))
-
-
-def truth(taken: Scene, column: np.ndarray, row: np.ndarray) -> np.ndarray:
-    return np.asarray(taken.points_px[row * taken.target.grid_columns + column])
+    return take(GRID)
 
 
 @pytest.mark.parametrize(
@@ -75,8 +40,7 @@ def test_every_corner_is_found_and_named_whichever_way_the_grid_lies(
     columns: int, rows: int, gap: float, turn: float, tilt_deg: float
 ) -> None:
     target = TargetSpec("aprilgrid", columns, rows, 25.0 * (1.0 + gap), 25.0)
-    taken = scene(target, turn=turn, tilt_deg=tilt_deg)
-    count, rms, stated = errors(taken, render(taken))
+    count, rms, stated = errors(*take(target, turn=turn, tilt_deg=tilt_deg))
     assert count == target.size
     assert rms < 0.03
     # rms of 2 n values that should be standard normal: three of its standard deviations, and a tenth
@@ -139,7 +103,7 @@ def test_what_is_hidden_costs_points_and_is_said(shot: Shot, part: tuple[slice, 
     hidden[part] = 120
     found = detect(hidden, GRID)
     assert least <= len(found) < GRID.size
-    off = found.points_px - truth(taken, found.column, found.row)
+    off = found.points_px - truth_px(taken, found)
     assert np.abs(off).max() < 0.15
     assert [w.code for w in found.warnings] == ["corners_left_out"]
 
@@ -152,22 +116,22 @@ def test_cables_and_highlights_move_nothing(shot: Shot) -> None:
     cv2.circle(spoiled, (700, 400), 90, 255, -1, cv2.LINE_AA)
     found = detect(spoiled, GRID)
     assert len(found) >= 24
-    off = found.points_px - truth(taken, found.column, found.row)
+    off = found.points_px - truth_px(taken, found)
     assert np.abs(off).max() < 0.2
 
 
 @pytest.mark.parametrize("aside_mm", [95.0, -120.0])
 def test_a_grid_partly_out_of_the_picture_keeps_its_names(aside_mm: float) -> None:
-    taken = scene(aside_mm=aside_mm)
-    found = detect(render(taken), GRID)
+    taken, picture = take(GRID, aside_mm=aside_mm)
+    found = detect(picture, GRID)
     assert 20 <= len(found) < GRID.size
-    off = found.points_px - truth(taken, found.column, found.row)
+    off = found.points_px - truth_px(taken, found)
     assert np.abs(off).max() < 0.15
 
 
 def test_poor_light(shot: Shot) -> None:
-    taken = scene(light=Light(6.0, 30.0, gradient=(0.3, 0.2), vignetting=0.4), clutter=0.0)
-    count, rms, stated = errors(taken, render(taken))
+    light = Light(6.0, 30.0, gradient=(0.3, 0.2), vignetting=0.4)
+    count, rms, stated = errors(*take(GRID, light=light, clutter=0.0))
     assert count >= 0.9 * GRID.size
     assert rms < 0.2
     assert 0.7 < stated < 1.4
@@ -189,7 +153,7 @@ def test_another_board_is_not_taken_for_it(shot: Shot) -> None:
             detect(picture, TargetSpec("aprilgrid", columns, rows, 32.5, 25.0))
     board = TargetSpec("chessboard", 9, 6, 20.0)
     with pytest.raises(TargetNotFound, match="No tag"):
-        detect(render(scene(board)), GRID)
+        detect(render(tilted_scene(board)), GRID)
     with pytest.raises(TargetNotFound):
         detect(picture, board)
 
@@ -201,9 +165,9 @@ def test_two_sheets_with_the_same_tags_are_a_mismatch(shot: Shot) -> None:
 
 
 def test_tags_too_small_to_measure_are_refused_with_their_least_size() -> None:
-    taken = scene(depth_mm=2400.0, tilt_deg=0.0, clutter=0.0)
+    _, picture = take(GRID, depth_mm=2400.0, tilt_deg=0.0, clutter=0.0)
     with pytest.raises(TargetNotFound) as refusal:
-        detect(render(taken), GRID)
+        detect(picture, GRID)
     assert "25 px" in str(refusal.value.advice)
 
 
@@ -262,7 +226,7 @@ def test_a_sheet_of_fewer_rows_keeps_its_names(shot: Shot) -> None:
     found = detect(picture, TargetSpec("aprilgrid", 5, 6, 32.5, 25.0))
     assert found.row.max() < GRID.grid_rows
     assert len(found) > 0.95 * GRID.size
-    assert np.abs(found.points_px - truth(taken, found.column, found.row)).max() < 0.1
+    assert np.abs(found.points_px - truth_px(taken, found)).max() < 0.1
 
 
 def test_one_row_of_tags_does_not_prove_how_many_columns_there_are(shot: Shot) -> None:

@@ -3,54 +3,28 @@
 from __future__ import annotations
 
 import dataclasses
-import math
 
 import cv2
 import numpy as np
 import pytest
 
-from core.camera import Camera, project
+from core.camera import project
 from core.errors import TargetMirrored, TargetMismatch, TargetNotFound
-from core.simulation import Scene, render
+from core.simulation import Scene
 from core.targets import detect
 from core.targets.charuco_layout import charuco_layout
 from core.targets.charuco_markers import detect_markers, fitting_markers
 from core.targets.specification import TargetSpec
-from core.transforms import so3_exp, transform, transform_points
+from core.transforms import transform_points
+from tests.core.targets.tilted_sheets import Shot, errors, take, truth_px
 
-CAMERA = Camera(1450.0, 1451.0, 640.0, 480.0, k1=-0.12, k2=0.04, p1=2e-4)
 BOARD = TargetSpec("charuco", 7, 5, 22.0, 15.4, "DICT_5X5_100")
 MARKED = charuco_layout(BOARD).marker_squares.tolist()
-Shot = tuple[Scene, np.ndarray]
-
-
-def scene(
-    target: TargetSpec = BOARD,
-    *,
-    tilt_deg: float = 30.0,
-    turn: float = 0.3,
-    aside_mm: float = 0.0,
-    depth_mm: float = 300.0,
-) -> Scene:
-    R = so3_exp(math.radians(tilt_deg) * np.array([0.8, 0.6, 0.0])) @ so3_exp(np.array([0.0, 0.0, turn]))
-    middle = target.points_target().mean(axis=0)
-    T = transform(R, np.array([aside_mm, 0.0, depth_mm]) - R @ middle)
-    return Scene(target, CAMERA, T, 1280, 960, noise_levels=3.0, clutter=1.0, seed=2)
 
 
 @pytest.fixture(scope="module")
 def shot() -> Shot:
-    taken = scene()
-    return taken, render(taken)
-
-
-def errors(taken: Scene, picture: np.ndarray) -> tuple[int, float, float]:
-    """How many points were found, their RMS error (px), and that over the stated uncertainty."""
-    found = detect(picture, taken.target)
-    truth = taken.points_px[found.row * taken.target.columns + found.column]
-    off = found.points_px - truth
-    stated = off / found.standard_uncertainty_px[:, None]
-    return len(found), float(np.sqrt(np.mean(off**2))), float(np.sqrt(np.mean(stated**2)))
+    return take(BOARD)
 
 
 @pytest.mark.parametrize(
@@ -62,8 +36,7 @@ def test_every_corner_is_found_and_named_whichever_way_the_board_lies(
 ) -> None:
     """Boards that look the same when turned (4 x 4) are told by their markers, old layout and new."""
     target = TargetSpec("charuco", columns, rows, 22.0, 15.4, "DICT_5X5_100", legacy)
-    taken = scene(target, turn=turn)
-    count, rms, stated = errors(taken, render(taken))
+    count, rms, stated = errors(*take(target, turn=turn))
     assert count == target.size
     assert rms < 0.012
     assert 0.6 < stated < 1.5
@@ -89,8 +62,7 @@ def test_markers_of_every_other_row_leave_the_layout_open(shot: Shot) -> None:
     both = covered(taken, picture, [(-1.2, -1.2, 0.5, 5.2), (5.5, -1.2, 7.2, 5.2)])
     found = detect(both, BOARD)
     assert len(found) == 25
-    off = found.points_px - taken.points_px[found.row * BOARD.columns + found.column]
-    assert np.abs(off).max() < 0.1
+    assert np.abs(found.points_px - truth_px(taken, found)).max() < 0.1
 
 
 def covered(taken: Scene, picture: np.ndarray, boxes: list[tuple[float, float, float, float]]) -> np.ndarray:
@@ -129,8 +101,7 @@ def test_what_is_hidden_costs_points_and_is_said(shot: Shot) -> None:
     hidden[:, 820:] = 120
     found = detect(hidden, BOARD)
     assert 18 <= len(found) < 35
-    truth = taken.points_px[found.row * 7 + found.column]
-    assert np.abs(found.points_px - truth).max() < 0.1
+    assert np.abs(found.points_px - truth_px(taken, found)).max() < 0.1
     assert [w.code for w in found.warnings] == ["corners_left_out"]
     hidden[:, 480:] = 120
     with pytest.raises(TargetNotFound):
@@ -138,11 +109,10 @@ def test_what_is_hidden_costs_points_and_is_said(shot: Shot) -> None:
 
 
 def test_a_board_partly_out_of_the_picture_keeps_its_names() -> None:
-    taken = scene(aside_mm=95.0)
-    found = detect(render(taken), BOARD)
+    taken, picture = take(BOARD, aside_mm=95.0)
+    found = detect(picture, BOARD)
     assert 18 <= len(found) < 35
-    truth = taken.points_px[found.row * 7 + found.column]
-    assert np.abs(found.points_px - truth).max() < 0.1
+    assert np.abs(found.points_px - truth_px(taken, found)).max() < 0.1
 
 
 def test_no_board_and_the_mirrored_one(shot: Shot) -> None:

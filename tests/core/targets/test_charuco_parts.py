@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import math
 from collections.abc import Callable
 
 import cv2
@@ -11,31 +10,22 @@ import numpy as np
 import pytest
 
 from core import calibrate_points
-from core.camera import Camera
 from core.errors import TargetMirrored, TargetMismatch, TargetNotFound
-from core.simulation import Scene, render
+from core.simulation import Scene
 from core.targets import detect
 from core.targets.charuco import look_for_lattices, look_for_markers
 from core.targets.charuco_layout import charuco_layout
 from core.targets.marker_codes import marker_codes
 from core.targets.specification import TargetSpec
-from core.transforms import invert, so3_exp, transform
+from core.transforms import invert
+from tests.core.targets.tilted_sheets import CAMERA, Shot, take
 
-CAMERA = Camera(1450.0, 1451.0, 640.0, 480.0, k1=-0.12, k2=0.04, p1=2e-4)
 BOARD = TargetSpec("charuco", 11, 7, 15.0, 11.0, "DICT_5X5_100")
-Shot = tuple[Scene, np.ndarray]
-
-
-def take(target: TargetSpec = BOARD) -> Shot:
-    R = so3_exp(math.radians(32.0) * np.array([0.8, 0.6, 0.0])) @ so3_exp(np.array([0.0, 0.0, 0.3]))
-    T = transform(R, np.array([0.0, 0.0, 300.0]) - R @ target.points_target().mean(axis=0))
-    scene = Scene(target, CAMERA, T, 1280, 960, noise_levels=3.0, clutter=1.0, seed=4)
-    return scene, render(scene)
 
 
 @pytest.fixture(scope="module")
 def shot() -> Shot:
-    return take()
+    return take(BOARD, tilt_deg=32.0, seed=4, camera=dataclasses.replace(CAMERA, k1=-0.12))
 
 
 def off(taken: Scene, picture: np.ndarray) -> np.ndarray:
