@@ -37,9 +37,10 @@ from core.targets.charuco_markers import (
 from core.targets.charuco_parts import Part, corners_in_view, joined
 from core.targets.marker_codes import MarkerCodes, marker_codes
 from core.targets.marker_neighbours import among_neighbours, are_spread
+from core.targets.measured_points import measured_points
 from core.targets.pyramid import levels
 from core.targets.refinement import refine_corners
-from core.targets.specification import GridPoints, TargetSpec, points_left_out
+from core.targets.specification import GridPoints, TargetSpec
 
 LEAST_CORNERS = 8
 """Of which a pose with its doubt can be had; of a board with fewer than twice as many, half."""
@@ -147,18 +148,7 @@ def _measured(image: np.ndarray, part: Part, layout: CharucoLayout, *, ends_as_s
         "corners were left out: they are out of view, no marker near them was read, or the picture does not show them "
         "as corners of squares."
     )
-    left_out = target.size - count
-    return GridPoints(
-        target=target,
-        image_width_px=image.shape[1],
-        image_height_px=image.shape[0],
-        column=column[trusted],
-        row=row[trusted],
-        points_px=np.ascontiguousarray(refined.points_px[trusted]),
-        standard_uncertainty_px=refined.standard_uncertainty_px[trusted],
-        warnings=(points_left_out(left_out, target.size, reason),) if left_out else (),
-        markers_px=part.markers,
-    )
+    return measured_points(image, target, column, row, refined, trusted, reason, markers_px=part.markers)
 
 
 def _layout_is_open(

@@ -23,12 +23,13 @@ from core.targets.growth import whole_lattice
 from core.targets.lattice import Lattice
 from core.targets.linking import Patches, link
 from core.targets.marked_reading import read_marks
+from core.targets.measured_points import measured_points
 from core.targets.orientation import orient
 from core.targets.partial_board import Part, find_part, is_mirrored, turned_by_marks
 from core.targets.pyramid import Level, levels
 from core.targets.refinement import refine_corners
 from core.targets.saddles import Saddles, find_saddles
-from core.targets.specification import GridPoints, Origin, TargetSpec, points_left_out
+from core.targets.specification import GridPoints, Origin, TargetSpec
 from core.targets.squares import ENOUGH_VISIBLE, Board, bounded
 
 _LEAST_PATCH = 4  # corners: one closed cell
@@ -198,29 +199,19 @@ def _grid_points(
         image, column, row, lattice.grid[row, column], origin_is_black=not lattice.origin_is_bright
     )
     trusted = refined.trusted
-    left_out = target.size - int(trusted.sum())
     is_part = lattice.gap.shape != (target.rows, target.columns)
     enough = _ENOUGH_SEEN * (len(trusted) if is_part else target.size)
     if trusted.sum() < enough:
         raise TargetNotFound(
-            f"A {target.columns} x {target.rows} grid is in view, but {left_out} of its {target.size} corners "
-            "are too poor to measure."
+            f"A {target.columns} x {target.rows} grid is in view, but {target.size - int(trusted.sum())} of its "
+            f"{target.size} corners are too poor to measure."
         )
-    if left_out:
-        reason = "corners were left out: the picture does not show them as corners of squares."
-        if is_part:
-            reason = "corners were left out: they are out of view, hidden, or not clear enough."
-        warnings = (*warnings, points_left_out(left_out, target.size, reason))
-    return GridPoints(
-        target=target,
-        image_width_px=image.shape[1],
-        image_height_px=image.shape[0],
-        column=column[trusted] + part.column,
-        row=row[trusted] + part.row,
-        points_px=np.ascontiguousarray(refined.points_px[trusted]),
-        standard_uncertainty_px=refined.standard_uncertainty_px[trusted],
-        warnings=warnings,
-        origin=origin,
+    reason = "corners were left out: the picture does not show them as corners of squares."
+    if is_part:
+        reason = "corners were left out: they are out of view, hidden, or not clear enough."
+    column, row = column + part.column, row + part.row
+    return measured_points(
+        image, target, column, row, refined, trusted, reason, warnings=warnings, origin=origin
     )
 
 
