@@ -2,51 +2,52 @@
 
 from __future__ import annotations
 
-import subprocess
-import sys
+import runpy
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
 
-ROOT = Path(__file__).parents[2]
+DOCS = Path(__file__).parents[2] / "docs"
+PICTURES = DOCS / "pictures"
+
+
+def maker(script: str, name: str) -> Callable[..., Any]:
+    """The function of that name in one of the scripts that `make pictures` runs."""
+    function: Callable[..., Any] = runpy.run_path(str(PICTURES / script))[name]
+    return function
+
+
+def assert_shown(drawn: list[Path], document: str) -> None:
+    """A document shows each of these, and they are kept beside it."""
+    text = (DOCS / document).read_text(encoding="utf-8")
+    for path in drawn:
+        assert f"(pictures/{path.name})" in text
+        assert (PICTURES / path.name).exists()
+
+
+def colours(path: Path) -> np.ndarray:
+    return cv2.imread(str(path)).astype(int)
 
 
 def test_the_pictures_of_detection_are_drawn(tmp_path: Path) -> None:
-    """Each shows marks in colour on a grey picture, and docs/detection.md shows each."""
-    script = ROOT / "docs" / "pictures" / "draw_detection.py"
-    done = subprocess.run(
-        [sys.executable, str(script), "--seed", "3", "--into", str(tmp_path)],
-        cwd=ROOT,
-        capture_output=True,
-        text=True,
-        check=True,
-    )
-    text = (ROOT / "docs" / "detection.md").read_text(encoding="utf-8")
-    drawn = sorted(tmp_path.glob("*.png"))
-    assert [str(path) for path in drawn] == sorted(done.stdout.split())
+    """Each shows marks in colour on a grey picture."""
+    drawn = maker("draw_detection.py", "draw_all")(3, tmp_path)
+    assert sorted(tmp_path.iterdir()) == sorted(drawn)
     assert len(drawn) == 3
+    assert_shown(drawn, "detection.md")
     for path in drawn:
-        assert f"(pictures/{path.name})" in text
-        assert (ROOT / "docs" / "pictures" / path.name).exists()
-        picture = cv2.imread(str(path)).astype(int)
-        assert np.count_nonzero(np.ptp(picture, axis=2) > 40) > 500, path.name
+        assert np.count_nonzero(np.ptp(colours(path), axis=2) > 40) > 500, path.name
 
 
 def test_the_picture_of_frames_is_drawn(tmp_path: Path) -> None:
-    script = ROOT / "docs" / "pictures" / "draw_frames.py"
-    done = subprocess.run(
-        [sys.executable, str(script), "--into", str(tmp_path)],
-        cwd=ROOT,
-        capture_output=True,
-        text=True,
-        check=True,
-    )
-    (path,) = tmp_path.glob("*.png")
-    assert done.stdout.split() == [str(path)]
-    assert f"(pictures/{path.name})" in (ROOT / "docs" / "kinematics.md").read_text(encoding="utf-8")
-    drawn, kept = (cv2.imread(str(p)).astype(int) for p in (path, ROOT / "docs" / "pictures" / path.name))
-    assert drawn.shape == kept.shape
+    path = maker("draw_frames.py", "draw")(tmp_path)
+    assert list(tmp_path.iterdir()) == [path]
+    assert_shown([path], "kinematics.md")
+    drawn = colours(path)
+    assert drawn.shape == colours(PICTURES / path.name).shape
     for k in range(3):  # arrows in blue, green and red
         others = np.delete(drawn, k, axis=2).max(axis=2)
         assert np.count_nonzero(drawn[:, :, k] - others > 60) > 100
@@ -54,20 +55,11 @@ def test_the_picture_of_frames_is_drawn(tmp_path: Path) -> None:
 
 def test_the_pictures_of_targets_are_drawn(tmp_path: Path) -> None:
     """One of each kind, as the command line prints it, and the kept ones are these."""
-    script = ROOT / "docs" / "pictures" / "draw_targets.py"
-    done = subprocess.run(
-        [sys.executable, str(script), "--into", str(tmp_path)],
-        cwd=ROOT,
-        capture_output=True,
-        text=True,
-        check=True,
-    )
-    text = (ROOT / "docs" / "targets.md").read_text(encoding="utf-8")
-    drawn = sorted(tmp_path.glob("*.png"))
-    assert [str(path) for path in drawn] == sorted(done.stdout.split())
+    drawn = maker("draw_targets.py", "draw_all")(tmp_path)
+    assert sorted(tmp_path.iterdir()) == sorted(drawn)
     assert len(drawn) == 6
+    assert_shown(drawn, "targets.md")
     for path in drawn:
-        assert f"(pictures/{path.name})" in text
-        fresh, kept = (cv2.imread(str(p)).astype(int) for p in (path, ROOT / "docs" / "pictures" / path.name))
+        fresh, kept = colours(path), colours(PICTURES / path.name)
         assert fresh.shape == kept.shape
         assert np.mean(np.abs(fresh - kept) > 60) < 0.002, path.name
