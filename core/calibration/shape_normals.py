@@ -1,6 +1,6 @@
 """Camera, poses and the target's own points in one system: the normal equations of bundle adjustment, poses eliminated.
 
-Unknowns are the camera's first eight parameters c, the departures s of the grid points from where they were meant to be
+Unknowns are the camera's nine parameters c, the departures s of the grid points from where they were meant to be
 (3 a point, target frame, mm) and a pose for each view. With z = (c, s) and a view's pose l,
 
     [N_zz N_zl] [z]   [b_z]
@@ -22,8 +22,8 @@ from jaxtyping import Float, Int
 from core.camera import Camera, project_with_jacobian
 from core.transforms import so3_exp
 
-CAMERA = 8
-"""Camera parameters that are estimated; k3 stays."""
+CAMERA = 9
+"""Camera parameters that are estimated. k3 is: what it does to a wide lens's pictures otherwise looks like a bow."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,7 +49,7 @@ class ShapeState:
     def moved(self, z: Float[np.ndarray, " z"], poses: Float[np.ndarray, "m 6"]) -> ShapeState:
         """Take a step: R ← exp(w) R, t ← t + d."""
         parameters = self.parameters.copy()
-        parameters[:CAMERA] += z[:CAMERA]
+        parameters += z[:CAMERA]
         rotations = np.array([so3_exp(w) @ R for w, R in zip(poses[:, :3], self.rotations, strict=True)])
         points = self.points_mm + z[CAMERA:].reshape(-1, 3)
         return ShapeState(parameters, rotations, self.translations_mm + poses[:, 3:], points)
@@ -100,7 +100,7 @@ def normals_at(
         r = (view.points_px.T - pixels) / view.standard_uncertainty_px
         residuals.append(r)
         weighted = (r * np.sqrt(weight)).ravel()
-        c = (by_camera[:CAMERA] * root).reshape(CAMERA, -1)
+        c = (by_camera * root).reshape(CAMERA, -1)
         by_translation = by_point * root
         by_rotation = np.cross(turned.T[:, None, :], by_translation, axis=0)  # d(exp(w) R x)/dw = w × (R x)
         pose = np.concatenate([by_rotation, by_translation]).reshape(6, -1)

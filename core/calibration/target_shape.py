@@ -52,7 +52,10 @@ TILTED = math.radians(10.0)
 LARGEST_BOW_DOUBT = 1e-3
 """Of the target's extent: a bow that is less certain than this is not observed."""
 MOST_POINTS = 1200
+THIRD_RADIAL_PRIOR = 0.5
+"""σ of k3 about 0, as of k2: the estimators of cameras hold it at 0."""
 _ROBUST_STEPS, _STEPS = 8, 20
+_K3 = CAMERA - 1
 _SETTLED = 1e-3  # of the step's own uncertainty
 
 
@@ -194,9 +197,11 @@ class _Fit:
     ) -> tuple[Float[np.ndarray, "z z"], Float[np.ndarray, " z"]]:
         """Return information and gradient of camera and departures, σ per unit of stated uncertainty being `scale`."""
         H, b = normals.information / scale**2, normals.gradient / scale**2
-        q, Q = camera_prior(*self.size_px, self.lens)(state.parameters)
+        q, Q = camera_prior(*self.size_px, self.lens, CAMERA)(state.parameters)
         H[:CAMERA, :CAMERA] += Q.T @ Q
         b[:CAMERA] += Q.T @ q
+        H[_K3, _K3] += THIRD_RADIAL_PRIOR**-2
+        b[_K3] -= state.parameters[_K3] * THIRD_RADIAL_PRIOR**-2
         H[CAMERA:, CAMERA:] += self.prior
         b[CAMERA:] -= self.prior @ (state.points_mm - self.nominal).ravel()
         return H, b
@@ -225,17 +230,21 @@ class _Fit:
     def plain(
         self, state: ShapeState, used: tuple[Bool[np.ndarray, " _"], ...]
     ) -> tuple[ShapeState, Normals, float]:
-        """Iterate with the points used to the end; return the system there and the noise's scale."""
+        """Iterate with the points used to the end; return the system there and the noise's scale.
+
+        Residuals larger than stated widen all doubt. Smaller ones do not narrow it: corners beside a strong lens's bent
+        edges are off alike in all views, which their stated uncertainty has in it, and residuals do not show.
+        """
         weights = tuple(u.astype(np.float64) for u in used)
         parameters = CAMERA + 6 * len(self.views) + 3 * len(self.place) - 7
         freedom = max(2 * sum(int(u.sum()) for u in used) - parameters, 1)
         for _ in range(_STEPS):
             squares = _squares(residuals_at(state, self.views), used)
-            scale = max(math.sqrt(squares / freedom), self.least_scale)
+            scale = max(math.sqrt(squares / freedom), 1.0)
             state, length = self.step(state, weights, scale)
             if length < _SETTLED * math.sqrt(parameters):
                 normals = normals_at(state, self.views, weights)
-                scale = max(math.sqrt(_squares(normals.residuals, used) / freedom), self.least_scale)
+                scale = max(math.sqrt(_squares(normals.residuals, used) / freedom), 1.0)
                 return state, normals, scale
         raise NotConverged("The target's shape did not settle.", "Add images from more directions.")
 
@@ -285,12 +294,10 @@ def _conclude(
     H, _ = fit.with_priors(state, normals, scale)
     unit = 1.0 / np.sqrt(np.diag(H))
     C = np.linalg.inv(H * np.outer(unit, unit)) * np.outer(unit, unit)
-    camera_covariance = np.zeros((9, 9))
-    camera_covariance[:CAMERA, :CAMERA] = C[:CAMERA, :CAMERA]
-    # H⁻¹ = A⁻¹ + (what the departures' doubt adds), A the camera's information were the target known.
-    of_shape = np.zeros((9, 9))
-    by_shape = np.linalg.solve(H[:CAMERA, :CAMERA], H[:CAMERA, CAMERA:])
-    of_shape[:CAMERA, :CAMERA] = by_shape @ C[CAMERA:, CAMERA:] @ by_shape.T
+    # H⁻¹ = A⁻¹ + (what the departures' doubt adds), A the camera's information were the target known, and k3 held.
+    of_shape = np.zeros((CAMERA, CAMERA))
+    by_shape = np.linalg.solve(H[:_K3, :_K3], H[:_K3, CAMERA:])
+    of_shape[:_K3, :_K3] = by_shape @ C[CAMERA:, CAMERA:] @ by_shape.T
     gauge = gauge_of(fit.nominal)
     departures = (state.points_mm - fit.nominal).ravel()
     departures = departures - gauge @ (gauge.T @ departures)
@@ -321,7 +328,7 @@ def _conclude(
         aspect=measures[3],
         shear=measures[4],
         camera=Camera.from_array(state.parameters),
-        camera_covariance=camera_covariance,
+        camera_covariance=C[:CAMERA, :CAMERA],
         shape_covariance=0.5 * (of_shape + of_shape.T),
         used_views=kept,
         directions=directions,

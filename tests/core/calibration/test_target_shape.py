@@ -16,7 +16,7 @@ from core.calibration.target_shape import (
     count_directions,
     estimate_target_shape,
 )
-from core.camera import project
+from core.camera import Camera, project
 from core.errors import InvalidArgument, TargetShapeNotObservable
 from core.simulation.scenes import standard_camera
 from core.simulation.views import draw_pose
@@ -40,15 +40,21 @@ def departures(seed: int, bow_mm: float, print_mm: float) -> np.ndarray:
 
 
 def look(
-    seed: int, off: np.ndarray, *, count: int = 14, tilt_deg: float = 30.0, sigma_px: float = SIGMA_PX
+    seed: int,
+    off: np.ndarray,
+    *,
+    count: int = 14,
+    tilt_deg: float = 30.0,
+    sigma_px: float = SIGMA_PX,
+    camera: Camera = CAMERA,
 ) -> list[GridPoints]:
     """Views of the board with these departures, from random sides."""
     rng = np.random.default_rng(seed)
     row, column = (a.ravel() for a in np.mgrid[0 : BOARD.rows, 0 : BOARD.columns])
     views = []
     for _ in range(count):
-        T = draw_pose(rng, BOARD, CAMERA, 2448, math.radians(tilt_deg))
-        exact = project(transform_points(T, BOARD.points_target() + off), CAMERA)
+        T = draw_pose(rng, BOARD, camera, 2448, math.radians(tilt_deg))
+        exact = project(transform_points(T, BOARD.points_target() + off), camera)
         noisy = exact + rng.normal(0.0, sigma_px, exact.shape)
         views.append(GridPoints(BOARD, 2448, 2050, column, row, noisy, np.full(len(exact), sigma_px)))
     return views
@@ -86,6 +92,29 @@ def test_the_camera_found_with_the_shape_is_the_true_one(bowed: tuple[np.ndarray
     u = np.sqrt(np.diag(found.camera_covariance))[:8]
     assert np.all(np.abs((found.camera.as_array() - CAMERA.as_array())[:8]) < 4.0 * u)
     assert u[0] < 0.1
+
+
+def test_a_lens_that_needs_a_third_radial_term_does_not_pass_for_a_bow() -> None:
+    wide = Camera(1250.0, 1250.0, 1223.5, 1024.5, -0.3, 0.13, 0.0, 0.0, -0.03)
+    true = departures(4, 0.0, 0.0)
+    squares = 0.0
+    for seed in range(20, 24):
+        found = estimate_target_shape(look(seed, true, camera=wide))
+        assert found.reduced_chi2 == pytest.approx(1.0, abs=0.15)
+        assert abs(found.camera.k3 - wide.k3) < 4.0 * math.sqrt(found.camera_covariance[8, 8])
+        measures = (found.bow_x_mm, found.bow_y_mm, found.twist_mm, found.aspect, found.shear)
+        squares += sum((m.value / m.standard_uncertainty) ** 2 for m in measures)
+    assert squares == pytest.approx(20.0, abs=4.0 * math.sqrt(2.0 * 20.0))
+
+
+def test_residuals_smaller_than_stated_make_nothing_surer() -> None:
+    views = look(3, np.zeros((BOARD.size, 3)))
+    stated = [dataclasses.replace(v, standard_uncertainty_px=4.0 * v.standard_uncertainty_px) for v in views]
+    told, doubted = estimate_target_shape(views), estimate_target_shape(stated)
+    assert doubted.reduced_chi2 == pytest.approx(told.reduced_chi2 / 16.0, rel=0.01)
+    for name in ("bow_x_mm", "shear"):
+        ratio = getattr(doubted, name).standard_uncertainty / getattr(told, name).standard_uncertainty
+        assert ratio == pytest.approx(4.0 / max(1.0, math.sqrt(told.reduced_chi2)), rel=0.05), name
 
 
 @pytest.mark.slow
@@ -206,8 +235,8 @@ def test_the_eliminated_system_is_that_of_the_whole_jacobian() -> None:
         for _ in range(3)
     ]
     weights = [rng.uniform(0.0, 1.0, 9) for _ in views]
-    size, step = 8 + 36, 1e-4
-    scales = np.concatenate([[1.0, 1.0, 1.0, 1.0, 1e-3, 1e-3, 1e-3, 1e-3], np.ones(36)])
+    size, step = 9 + 36, 1e-4
+    scales = np.concatenate([[1.0] * 4 + [1e-3] * 5, np.ones(36)])
 
     def stacked(z: np.ndarray, poses: np.ndarray) -> np.ndarray:
         residuals = residuals_at(state.moved(z, poses), views)
