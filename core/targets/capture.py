@@ -27,14 +27,21 @@ from jaxtyping import Float, Int, Shaped
 
 from core.errors import Advisory, DegenerateGeometry
 from core.targets.capture_advice import advise
+from core.targets.capture_edges import (
+    Edges,
+    dot_edges,
+    free_of_marker,
+    local_map,
+    normals,
+    square_corners,
+    square_edges,
+    thinned,
+)
 from core.targets.capture_quality import CaptureQuality
 from core.targets.edge_kernel import BINS_PER_PX, REACH_PX, average_profiles
 from core.targets.specification import GridPoints
 
-_PROFILES = 60  # of each direction: the average's noise is a few thousandths of the contrast
-_REACH = 0.45  # of the distance to the next edge: nearly to the middle of the square
 _ENOUGH_REACH = 1.5  # of the rise distance: nearer ends of an edge are not yet black and white
-_MARGIN = 0.8  # of the space between a square's edge and the marker in it
 _LEAST_CONTRAST = 0.03  # of full scale, of an edge that is looked at
 _LEAST_PROFILES = 4  # of a family
 _SHARP_PX = 3.0  # the 10-90 % rise of a sharp picture's edge
@@ -53,25 +60,13 @@ _UNTOLD = Advisory(
 )
 
 
-@dataclass(frozen=True, slots=True)
-class _Edges:
-    """Where edges are, which way they are crossed, and which of them belong together."""
-
-    middle: Float[np.ndarray, "n 2"]
-    across: Float[np.ndarray, "n 2"]
-    half_px: Float[np.ndarray, " n"]
-    straight_px: Float[np.ndarray, " n"]  # how wide a blur may be for the edge to be as a straight one
-    family: Int[np.ndarray, " n"]
-    families: int
-
-
 def assess_capture(image: Shaped[np.ndarray, "h w"], points: GridPoints) -> CaptureQuality:
     """Tell how well a picture (grey, uint8 or uint16) was taken, where `points` were found in it."""
     full = 255.0 if image.dtype == np.uint8 else 65535.0
     is_dots = points.target.kind in ("circles", "asymmetric_circles")
-    cells = None if is_dots else _cells(points)
+    cells = None if is_dots else square_corners(points)
     H = _plane(points)
-    edges = _dot_edges(points, H) if cells is None else _square_edges(points, cells)
+    edges = dot_edges(points, H) if cells is None else square_edges(points, cells)
     profiles = _average(image, edges, full)
     motion_px, direction = _motion(_blur(image, points, edges, profiles.rises, cells))
     told = np.isfinite(profiles.rises).any()
@@ -110,7 +105,7 @@ class _Profiles:
     is_wide: bool
 
 
-def _average(image: Shaped[np.ndarray, "h w"], edges: _Edges, full: float) -> _Profiles:
+def _average(image: Shaped[np.ndarray, "h w"], edges: Edges, full: float) -> _Profiles:
     """Average the edges with room enough for the widest: one whose ends are not yet black and white looks sharper."""
     room = np.ones(len(edges.family), dtype=np.bool_)
     widest = 0.0
@@ -148,7 +143,7 @@ def _average(image: Shaped[np.ndarray, "h w"], edges: _Edges, full: float) -> _P
 def _halves_agree(
     image: Shaped[np.ndarray, "h w"],
     points: GridPoints,
-    edges: _Edges,
+    edges: Edges,
     cells: Int[np.ndarray, "n 3"] | None,
     full: float,
 ) -> bool:
@@ -156,7 +151,7 @@ def _halves_agree(
     found = []
     for half in range(2):
         some = np.arange(len(edges.family)) % 2 == half
-        part = _Edges(
+        part = Edges(
             edges.middle[some],
             edges.across[some],
             edges.half_px[some],
@@ -184,93 +179,6 @@ def _is_motion(quality: CaptureQuality) -> bool:
     return length is not None and width is not None and length > max(_MOTION_PX, _MOTION_SHARE * width)
 
 
-def _thinned(members: Int[np.ndarray, " n"]) -> Int[np.ndarray, " m"]:
-    """Return some of many, spread evenly."""
-    if len(members) <= _PROFILES:
-        return members
-    return members[np.arange(_PROFILES) * len(members) // _PROFILES]
-
-
-def _cells(points: GridPoints) -> Int[np.ndarray, "n 3"]:
-    """Return points with their next ones along x and y: corners of squares; of an AprilGrid of those between tags."""
-    table = np.full((int(points.row.max()) + 1, int(points.column.max()) + 1), -1, dtype=np.intp)
-    table[points.row, points.column] = np.arange(len(points))
-    first, along, down = table[:-1, :-1], table[:-1, 1:], table[1:, :-1]
-    whole = (first >= 0) & (along >= 0) & (down >= 0)
-    if points.target.kind == "aprilgrid":
-        whole[::2] = False
-        whole[:, ::2] = False
-    return np.stack([first[whole], along[whole], down[whole]], axis=1)
-
-
-def _square_edges(points: GridPoints, cells: Int[np.ndarray, "n 3"]) -> _Edges:
-    """Return the middles of the squares' sides along x (family 0) and y (family 1)."""
-    few = cells[_thinned(np.arange(len(cells)))]
-    start, along, down = (points.points_px[few[:, k]] for k in range(3))
-    a, b = along - start, down - start
-    area = np.abs(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0])
-    length = np.stack([np.linalg.norm(a, axis=1), np.linalg.norm(b, axis=1)])
-    across = np.concatenate([_normal(a), _normal(b)])
-    # As a tilted square's picture leans, a profile nears its other two sides: no further than where they are as near as
-    # its own.
-    wide = area / length
-    leaning = np.abs(np.sum(a * b, axis=1)) / (length[0] * length[1])
-    half = np.minimum(_free_of_marker(points) * wide, 0.5 * wide[::-1] / (1.0 + leaning)).ravel()
-    return _Edges(
-        middle=np.concatenate([start + 0.5 * a, start + 0.5 * b]),
-        across=across,
-        half_px=half,
-        straight_px=half,
-        family=np.repeat(np.arange(2), len(few)),
-        families=2,
-    )
-
-
-def _free_of_marker(points: GridPoints) -> float:
-    """Return how far beside an edge, in squares, there is nothing but ink or paper."""
-    target = points.target
-    if target.kind != "charuco" or target.marker_mm is None:
-        return _REACH
-    return min(_REACH, _MARGIN * 0.5 * (1.0 - target.marker_mm / target.pitch_mm))
-
-
-def _dot_edges(points: GridPoints, H: Float[np.ndarray, "3 3"]) -> _Edges:
-    """Return the edges of dots in four directions of the target, each a family.
-
-    By the plane's local map A a circle's normal q is A⁻ᵀ q in the picture. A dot has between a fifth and two thirds of
-    the distance to the next one as its diameter.
-    """
-    target = points.target
-    apart_mm = target.pitch_mm * (math.sqrt(2.0) if target.kind == "asymmetric_circles" else 1.0)
-    radius_mm = 0.5 * (target.marker_mm or 0.5 * apart_mm)
-    few = _thinned(np.arange(len(points)))
-    A = _local_map(H, points.points_target[few])
-    angle = np.repeat(np.arange(4) * (0.25 * math.pi), len(few))
-    q = np.stack([np.cos(angle), np.sin(angle)], axis=1)
-    A = np.tile(A, (4, 1, 1))
-    turned = np.einsum("nji,nj->ni", np.linalg.inv(A), q)
-    steep = np.linalg.norm(turned, axis=1)  # mm per px
-    reach = radius_mm / steep  # from the middle of the dot's picture to its tangent
-    # No further inward than the ellipse is wide, or the profile would come out at its other side.
-    inward = np.minimum(reach, radius_mm * np.linalg.svd(A, compute_uv=False)[:, 1])
-    half = np.minimum(inward, (0.5 * apart_mm - radius_mm) / steep)
-    curvature_radius = (radius_mm**2 * np.abs(np.linalg.det(A))) ** 2 / reach**3
-    return _Edges(
-        middle=np.tile(points.points_px[few], (4, 1)) + radius_mm * np.einsum("nij,nj->ni", A, q),
-        across=turned / steep[:, None],
-        half_px=half,
-        straight_px=np.minimum(half, curvature_radius),
-        family=np.repeat(np.arange(4), len(few)),
-        families=4,
-    )
-
-
-def _normal(vectors: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, "n 2"]:
-    """Return the unit vectors a quarter turn from +u toward +v on."""
-    turned = np.stack([-vectors[:, 1], vectors[:, 0]], axis=1)
-    return np.asarray(turned / np.linalg.norm(turned, axis=1, keepdims=True))
-
-
 def _rise_px(average: Float[np.ndarray, " bins"], counts: Float[np.ndarray, " bins"]) -> float:
     """Return the 10-90 % rise distance of an average edge, NaN where it is not seen."""
     places = (np.arange(len(average)) + 0.5) / BINS_PER_PX - REACH_PX
@@ -296,7 +204,7 @@ def _crossing(s: Float[np.ndarray, " n"], g: Float[np.ndarray, " n"], level: flo
 def _blur(
     image: Shaped[np.ndarray, "h w"],
     points: GridPoints,
-    edges: _Edges,
+    edges: Edges,
     rises: Float[np.ndarray, " families"],
     cells: Int[np.ndarray, "n 3"] | None,
 ) -> Float[np.ndarray, "2 2"] | None:
@@ -335,13 +243,13 @@ def _crossing_correlation(
     image: Shaped[np.ndarray, "h w"], points: GridPoints, cells: Int[np.ndarray, "n 3"]
 ) -> tuple[Float[np.ndarray, "m 2"], Float[np.ndarray, "m 2"], float] | None:
     """Return the normals of the two edges at corners, and the blur's correlation between them."""
-    few = cells[_thinned(np.arange(len(cells)))]
+    few = cells[thinned(np.arange(len(cells)))]
     start, along, down = (points.points_px[few[:, k]] for k in range(3))
     a, b = along - start, down - start
-    m1, m2 = _normal(a), _normal(b)
+    m1, m2 = normals(a), normals(b)
     m1 *= np.sign((m1 * b).sum(axis=1, keepdims=True))
     m2 *= np.sign((m2 * a).sum(axis=1, keepdims=True))
-    far = 0.8 * _free_of_marker(points)
+    far = 0.8 * free_of_marker(points)
     places = np.stack(
         [start] + [start + far * (i * a + j * b) for i, j in ((1, 1), (-1, -1), (1, -1), (-1, 1))]
     )
@@ -374,7 +282,7 @@ def _coverage(points: GridPoints) -> float:
 
 def _plane(points: GridPoints) -> Float[np.ndarray, "3 3"]:
     """Return the map from the target's plane (mm) to pixels, about the picture's middle."""
-    few = _thinned(np.arange(len(points)))
+    few = thinned(np.arange(len(points)))
     H, _ = cv2.findHomography(points.points_target[few, :2], points.points_px[few] - _middle_px(points))
     if H is None or not np.all(np.isfinite(H)):
         raise DegenerateGeometry("The grid points found lie on a line.", points=points)
@@ -385,16 +293,9 @@ def _middle_px(points: GridPoints) -> Float[np.ndarray, "2"]:
     return 0.5 * np.array([points.image_width_px - 1.0, points.image_height_px - 1.0])
 
 
-def _local_map(H: Float[np.ndarray, "3 3"], places: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 2 2"]:
-    """Return the plane's map at places of the target, px per mm."""
-    ahead = places[:, :2] @ H[:, :2].T + H[:, 2]
-    px = ahead[:, :2] / ahead[:, 2:]
-    return np.asarray((H[:2, :2] - px[:, :, None] * H[2, :2]) / ahead[:, 2:, None])
-
-
 def _is_steep(H: Float[np.ndarray, "3 3"], points: GridPoints) -> bool:
     """Tell whether the target is so short in one direction that its edges there are no measure of blur."""
-    long, short = np.linalg.svd(_local_map(H, points.points_target.mean(axis=0)[None])[0], compute_uv=False)
+    long, short = np.linalg.svd(local_map(H, points.points_target.mean(axis=0)[None])[0], compute_uv=False)
     return bool(short < _LEAST_SHORTENED * long)
 
 
