@@ -8,6 +8,7 @@ For a part, each of its points that lies within a quarter of the reference's sho
 which shift of columns and rows it would be that point, for each of four quarter turns of the part's own count. The turn
 and shift most of them agree on is the answer, if these are most of the part's points. By any other shift or turn the
 points would lie at least three quarters of a step from those whose names they took, three times as far as they may.
+Staggered grids are turned and shifted on their lines (`core.targets.dot_sites`).
 That holds for images of one pose. A board that stood whole squares aside, as after a pose that was taught anew or under
 the wrong label, shows the same pattern at the same pixels. Three things speak against it, each enough for a refusal:
 
@@ -31,6 +32,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from core.calibration.readings import quarter_turns, turned_cells
+from core.targets.dot_sites import apart, cells_of, is_staggered, lines, sites_of
 from core.targets.specification import GridPoints
 
 NEAR = 0.25
@@ -97,8 +99,8 @@ def _part(
     near = away[np.arange(len(view)), nearest] <= NEAR * step
     if 2 * int(near.sum()) <= len(view):
         return "unlike"
-    own = np.stack([view.column, view.row], axis=1)
-    told = np.stack([reference.column, reference.row], axis=1)[nearest[near]]
+    own = sites_of(view.target, view.column, view.row)
+    told = sites_of(view.target, reference.column, reference.row)[nearest[near]]
     quarters, shift, agreeing = 0, np.zeros(2, dtype=np.intp), 0
     for k, turn in enumerate(QUARTER_TURNS):
         shifts, counts = np.unique(told - own[near] @ turn.T, axis=0, return_counts=True)
@@ -107,8 +109,7 @@ def _part(
             quarters, shift, agreeing = k, shifts[most], int(counts[most])
     if 2 * agreeing <= len(view):
         return "unlike"
-    named = own @ QUARTER_TURNS[quarters].T + shift
-    column, row = np.ascontiguousarray(named[:, 0]), np.ascontiguousarray(named[:, 1])
+    column, row = cells_of(view.target, own @ QUARTER_TURNS[quarters].T + shift)
     # The square after (0, 0) comes to lie diagonally before it, beside it, or above it: a quarter turn moves it by one.
     other_colours = view.target.kind == "chessboard" and (int(shift.sum()) + quarters) % 2 != 0
     if other_colours or not np.all(_inside(view, column, row)) or _ends_amidst(view, reference, column, row):
@@ -123,8 +124,10 @@ def _ends_amidst(
     row: Int[np.ndarray, " n"],
 ) -> bool:
     """Tell whether a part, so named, ends within the picture where the reference has another line of points."""
-    grid, shown = _grid_px(reference), np.zeros((view.target.rows, view.target.columns), dtype=np.bool_)
-    shown[row, column] = True
+    grid = _lines_px(reference)
+    shown = np.zeros(grid.shape[:2], dtype=np.bool_)
+    x, y = sites_of(view.target, column, row).T
+    shown[y, x] = True
     last = np.array([view.image_width_px, view.image_height_px]) - 1.0
     for k in range(4):  # each side in turn as the first column
         px, there = np.rot90(grid, k), np.rot90(shown, k)
@@ -132,7 +135,7 @@ def _ends_amidst(
         if first == 0:
             continue
         inner, beyond = px[there[:, first], first], px[there[:, first], first - 1]
-        clear = beyond + CLEAR_OF_BORDER * (beyond - inner)
+        clear = beyond + CLEAR_OF_BORDER * apart(view.target) * (beyond - inner)
         in_view = np.all((clear > 0.0) & (clear < last), axis=1)
         if in_view.mean() > MOST_IN_VIEW:
             return True
@@ -171,6 +174,20 @@ def _grid_px(points: GridPoints) -> Float[np.ndarray, "rows columns 2"]:
     grid = np.full((points.target.rows, points.target.columns, 2), np.nan)
     grid[points.row, points.column] = points.points_px
     return grid
+
+
+def _lines_px(points: GridPoints) -> Float[np.ndarray, "down across 2"]:
+    """Return points by their lines; on staggered grids the places between them lie midway of those beside, or else of
+    those above and below."""
+    if not is_staggered(points.target):
+        return _grid_px(points)
+    across, down = lines(points.target)
+    grid = np.full((down + 2, across + 2, 2), np.nan)
+    x, y = sites_of(points.target, points.column, points.row).T
+    grid[y + 1, x + 1] = points.points_px
+    beside, over = 0.5 * (grid[1:-1, :-2] + grid[1:-1, 2:]), 0.5 * (grid[:-2, 1:-1] + grid[2:, 1:-1])
+    midway = np.where(np.isfinite(beside), beside, over)
+    return np.where(np.isfinite(grid[1:-1, 1:-1]), grid[1:-1, 1:-1], midway)
 
 
 def _shortest_step(reference: GridPoints) -> float:

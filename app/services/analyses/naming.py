@@ -19,6 +19,7 @@ from app.services.analyses.snapshot import Image, Snapshot
 from core import Advisory, TargetSpec
 from core.calibration.naming_parts import NEAR, Named, name_points, stands_with
 from core.calibration.readings import quarter_turns
+from core.targets.dot_sites import lines, sites_of
 from core.targets.specification import GridPoints, Origin
 
 ORIGIN_UNKNOWN = "origin_unknown"
@@ -91,7 +92,7 @@ def _as_read(image: Image, stored: bytes, target: TargetSpec) -> Origin:
     if origin != "unknown":
         return origin
     view = decode_points(stored, [], target, image.width_px, image.height_px)
-    if (np.ptp(view.column) + 1, np.ptp(view.row) + 1) != (target.columns, target.rows):
+    if tuple(np.ptp(sites_of(target, view.column, view.row), axis=0) + 1) != lines(target):
         return "unknown"
     return "known" if len(quarter_turns(target)) == 1 else "turned"
 
