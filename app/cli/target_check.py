@@ -262,12 +262,15 @@ def _show(console: Console, looked: _Looked, check: PrintCheck) -> None:
     table = Table(
         title="Judged by value ± expanded uncertainty (95 %) against the limit", title_justify="left"
     )
-    for header in ("", "", "what to do"):
+    for header in ("", "", "limit", "what to do"):
         table.add_column(header, overflow="fold")
     colours = {"off": "red", "undecided": "yellow", "fine": "green"}
     for finding in check.findings:
         colour = colours[finding.verdict]
-        table.add_row(f"[{colour}]{finding.verdict}[/]", escape(finding.detail), escape(_advice(finding)))
+        limit = escape(_limit(finding))
+        table.add_row(
+            f"[{colour}]{finding.verdict}[/]", escape(finding.detail), limit, escape(_advice(finding))
+        )
     console.print(table)
     _tell_skipped(console, looked.skipped)
     for warning in looked.warnings:
@@ -280,6 +283,14 @@ def _show(console: Console, looked: _Looked, check: PrintCheck) -> None:
             "off": "The print is not as stated.",
             "undecided": "The photographs leave open whether the print is as stated.",
         }[check.verdict]
+    )
+
+
+def _limit(finding: Finding) -> str:
+    if finding.unit == "mm":
+        return f"{finding.limit:.2g} mm"
+    return (
+        f"{math.degrees(finding.limit):.2g}°" if finding.unit == "rad" else f"{100.0 * finding.limit:.2g} %"
     )
 
 

@@ -34,6 +34,7 @@ LEAST_DIRECTIONS = 6
 """Fewer than a refined target takes for analyses: a check with too few ends undecided, not wrong."""
 _COVERAGE = 2.0
 _WORST_MISREADING = 0.2
+_LOW_ORDER = ("bow_x_mm", "bow_y_mm", "twist_mm", "aspect", "shear_rad")
 Verdict = Literal["fine", "off", "undecided"]
 
 _PRINT_AGAIN = (
@@ -43,9 +44,12 @@ _PRINT_AGAIN = (
 _MOUNT = (
     "Mount the print on something stiff and flat (glass, an aluminium sheet), glued on all of its surface."
 )
-_MORE_PHOTOS = (
-    "Add photos with the target tilted by 20° to 40° to all sides, and with the camera turned by 90°."
+_TILTED = "the target tilted by 20° to 40° to all sides"
+_MORE_PHOTOS = f"Add photos with {_TILTED}, and with the camera turned by 90°."
+_TOO_NEAR = (
+    "It is too near the limit for photographs to decide: take it as off, or allow more (--limit-percent)."
 )
+_LEAST_MORE, _MOST_MORE = 4, 50
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,6 +66,9 @@ class PrintedShape:
     twist_mm: Measure
     aspect: Measure
     shear: Measure
+    photos: int | None = None
+    doubt_if_turned: Float[np.ndarray, "5"] | None = None
+    """As in `TargetShape`; with it, undecided findings say how many photographs would decide."""
 
     @classmethod
     def of(cls, shape: TargetShape) -> PrintedShape:
@@ -76,7 +83,29 @@ class PrintedShape:
             shape.twist_mm,
             shape.aspect,
             shape.shear,
+            len(shape.used_views),
+            shape.doubt_if_turned,
         )
+
+    def deciding(self, code: str, wanted: float, u: float) -> str | None:
+        """Say which photographs would bring a measure's standard uncertainty from u to the one that is wanted.
+
+        None where the shape does not say what it was estimated from.
+        """
+        if self.photos is None or self.doubt_if_turned is None:
+            return None
+        # u² falls with the number of photographs, and of those with the camera turned as with as many that are not.
+        alike = self.photos * (u / wanted) ** 2 - self.photos if wanted != 0.0 else math.inf
+        turned = math.inf
+        if code in _LOW_ORDER and wanted != 0.0:
+            both = 2.0 * self.photos * (float(self.doubt_if_turned[_LOW_ORDER.index(code)]) / wanted) ** 2
+            turned = max(both - self.photos, 0.5 * min(both, self.photos))
+        fewer_turned = turned < 0.7 * alike
+        count = max(turned if fewer_turned else alike, _LEAST_MORE)
+        if count > _MOST_MORE:
+            return _TOO_NEAR
+        how = "with the camera turned by 90° (upright, not level)" if fewer_turned else "like these"
+        return f"Add about {math.ceil(count)} photos {how}, {_TILTED}: if the value stays, they decide."
 
 
 @dataclass(frozen=True, slots=True)
@@ -132,11 +161,11 @@ def check_print(
     extent = float(np.max(np.ptp(places, axis=0)))
     pitches = _pitches(shape, readings)
     findings = [
-        _ratio(shape.aspect, limit),
-        _angle(shape.shear, limit),
-        _bow("bow_x_mm", shape.bow_x_mm, limit * extent),
-        _bow("bow_y_mm", shape.bow_y_mm, limit * extent),
-        _bow("twist_mm", shape.twist_mm, limit * extent),
+        _ratio(shape, limit),
+        _angle(shape, limit),
+        _bow(shape, "bow_x_mm", shape.bow_x_mm, limit * extent),
+        _bow(shape, "bow_y_mm", shape.bow_y_mm, limit * extent),
+        _bow(shape, "twist_mm", shape.twist_mm, limit * extent),
         *_local(shape, places, limit * extent),
         *(
             _scale(axis, pitch, shape.target.pitch_mm, limit)
@@ -174,36 +203,50 @@ def _judged(value: float, half_width: float, limit: float) -> Verdict:
 
 
 def _finding(
-    code: str, unit: str, measure: Measure, limit: float, detail: str, cure: str, coverage: float = _COVERAGE
+    shape: PrintedShape,
+    code: str,
+    unit: str,
+    measure: Measure,
+    limit: float,
+    detail: str,
+    cure: str,
+    coverage: float = _COVERAGE,
 ) -> Finding:
-    half_width = coverage * measure.standard_uncertainty
-    verdict = _judged(measure.value, half_width, limit)
-    unclear = verdict == "undecided" and half_width > 0.5 * limit
-    advice = None if verdict == "fine" else _MORE_PHOTOS if unclear else cure
-    return Finding(code, unit, measure.value, measure.standard_uncertainty, limit, verdict, detail, advice)
+    value, u = measure.value, measure.standard_uncertainty
+    verdict = _judged(value, coverage * u, limit)
+    advice = None if verdict == "fine" else cure
+    if verdict == "undecided":
+        deciding = shape.deciding(code, (limit - abs(value)) / coverage, u)
+        if deciding is not None:
+            advice = deciding if deciding != _TOO_NEAR else f"{_TOO_NEAR} {cure}"
+        elif coverage * u > 0.5 * limit:
+            advice = _MORE_PHOTOS
+    return Finding(code, unit, value, u, limit, verdict, detail, advice)
 
 
-def _ratio(aspect: Measure, limit: float) -> Finding:
+def _ratio(shape: PrintedShape, limit: float) -> Finding:
+    aspect = shape.aspect
     longer, shorter = ("x", "y") if aspect.value >= 0.0 else ("y", "x")
     detail = f"It is {_percent(aspect)} longer along {longer} than along {shorter}."
     cure = f"{_PRINT_AGAIN}. One pitch cannot describe it: refine the target in the session's analyses till then."
-    return _finding("aspect", "", aspect, limit, detail, cure)
+    return _finding(shape, "aspect", "", aspect, limit, detail, cure)
 
 
-def _angle(shear: Measure, limit: float) -> Finding:
+def _angle(shape: PrintedShape, limit: float) -> Finding:
+    shear = shape.shear
     angle, doubt = 90.0 - math.degrees(shear.value), math.degrees(_COVERAGE * shear.standard_uncertainty)
     detail = f"Its axes meet at {_rounded(angle, doubt, '°')}."
-    return _finding("shear_rad", "rad", shear, limit, detail, f"{_PRINT_AGAIN}.")
+    return _finding(shape, "shear_rad", "rad", shear, limit, detail, f"{_PRINT_AGAIN}.")
 
 
-def _bow(code: str, bow: Measure, limit_mm: float) -> Finding:
+def _bow(shape: PrintedShape, code: str, bow: Measure, limit_mm: float) -> Finding:
     side = "behind" if bow.value >= 0.0 else "in front of"
     told = {
         "bow_x_mm": "The middle of a row lies {} the line between the row's ends",
         "bow_y_mm": "The middle of a column lies {} the line between the column's ends",
         "twist_mm": "Two opposite corners, the first one's and the last one's, lie {} the plane of the whole",
     }[code].format(f"{_mm(bow.value, bow.standard_uncertainty)} {side}")
-    return _finding(code, "mm", bow, limit_mm, f"{told}.", _MOUNT)
+    return _finding(shape, code, "mm", bow, limit_mm, f"{told}.", _MOUNT)
 
 
 def _local(shape: PrintedShape, places: Float[np.ndarray, "n 3"], limit_mm: float) -> tuple[Finding, Finding]:
@@ -226,7 +269,7 @@ def _local(shape: PrintedShape, places: Float[np.ndarray, "n 3"], limit_mm: floa
             f"Grid point ({shape.column[worst]}, {shape.row[worst]}) is farthest from where the others put it "
             f"{where}: {_mm(length, doubt, coverage)}."
         )
-        found.append(_finding(code, "mm", Measure(length, doubt), limit_mm, detail, cure, coverage))
+        found.append(_finding(shape, code, "mm", Measure(length, doubt), limit_mm, detail, cure, coverage))
     return found[0], found[1]
 
 

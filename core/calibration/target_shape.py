@@ -68,7 +68,9 @@ class TargetShape:
     from the line between its ends, `bow_y_mm` the same of a column, `twist_mm` how far the corners stand out of the
     plane, two up and two down. `aspect` is the length along x over that along y, less 1; `shear` by how much less than
     90° the axes meet, rad. `camera` and `camera_covariance` are those of the joint fit: the doubt of the target's shape
-    is in them, by `shape_covariance`. `used_views` are the views that count, by their index.
+    is in them, by `shape_covariance`. `used_views` are the views that count, by their index. `doubt_if_turned` is what
+    the standard uncertainties of bows, twist, aspect and shear would be, had every view been taken once more with the
+    camera turned by 90° about its axis: that tells a longer side of the print from a camera's oblong pixels.
     """
 
     target: TargetSpec
@@ -87,6 +89,7 @@ class TargetShape:
     camera_covariance: Float[np.ndarray, "9 9"]
     shape_covariance: Float[np.ndarray, "9 9"]
     used_views: Int[np.ndarray, " k"]
+    doubt_if_turned: Float[np.ndarray, "5"]
     directions: int
     rms_before_px: float
     rms_px: float
@@ -331,8 +334,30 @@ def _conclude(
         camera_covariance=C[:CAMERA, :CAMERA],
         shape_covariance=0.5 * (of_shape + of_shape.T),
         used_views=kept,
+        doubt_if_turned=_doubt_if_turned(fit, state, H, scale, used),
         directions=directions,
         rms_before_px=before_px,
         rms_px=_rms_px(fit.views, normals.residuals, used),
         reduced_chi2=_squares(normals.residuals, used) / freedom,
     )
+
+
+def _doubt_if_turned(
+    fit: _Fit,
+    state: ShapeState,
+    information: Float[np.ndarray, "z z"],
+    scale: float,
+    used: Sequence[Bool[np.ndarray, " _"]],
+) -> Float[np.ndarray, "5"]:
+    """Return what `TargetShape.doubt_if_turned` is: the information of the same views, turned, comes on top."""
+    quarter = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
+    turned = replace(
+        state, rotations=quarter @ state.rotations, translations_mm=state.translations_mm @ quarter.T
+    )
+    more = normals_at(turned, fit.views, [u.astype(np.float64) for u in used]).information / scale**2
+    both = information + more
+    unit = 1.0 / np.sqrt(np.diag(both))
+    C = np.linalg.inv(both * np.outer(unit, unit)) * np.outer(unit, unit)
+    covariance = projected(C[CAMERA:, CAMERA:], gauge_of(fit.nominal))
+    measures = low_order_shapes(fit.nominal, np.zeros(len(covariance)), covariance)
+    return np.array([m.standard_uncertainty for m in measures])

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -27,6 +29,9 @@ from core.transforms import transform_points
 BOARD = TargetSpec("chessboard", 9, 6, 30.0)
 CAMERA = standard_camera()
 SIGMA_PX = 0.02
+QUARTER_TURN = np.array(
+    [[0.0, -1.0, 0.0, 0.0], [1.0, 0.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0], [0.0, 0.0, 0.0, 1.0]]
+)
 MEASURES = ("aspect", "shear", "bow_x_mm", "bow_y_mm", "twist_mm")
 
 
@@ -47,17 +52,24 @@ def printed(
     )
 
 
-def shape_of(seed: int, places: np.ndarray, count: int = 9) -> PrintedShape:
-    """Estimate the shape of a print from points as a detector finds them, from random sides."""
+def shape_of(
+    seed: int, places: np.ndarray, count: int = 9, *, turned: int = 0, sigma_px: float = SIGMA_PX
+) -> PrintedShape:
+    """Estimate the shape of a print from points as a detector finds them, from random sides.
+
+    After `count` views come some with the camera turned by 90°.
+    """
     rng = np.random.default_rng(seed)
     row, column = (a.ravel() for a in np.mgrid[0 : BOARD.rows, 0 : BOARD.columns])
     moved = places + BOARD.points_target().mean(axis=0)
     views = []
-    for _ in range(count):
+    for number in range(count + turned):
         T = draw_pose(rng, BOARD, CAMERA, 2448, math.radians(30.0))
+        if number >= count:
+            T = QUARTER_TURN @ T
         exact = project(transform_points(T, moved), CAMERA)
-        seen = exact + rng.normal(0.0, SIGMA_PX, exact.shape)
-        views.append(GridPoints(BOARD, 2448, 2050, column, row, seen, np.full(len(seen), SIGMA_PX)))
+        seen = exact + rng.normal(0.0, sigma_px, exact.shape)
+        views.append(GridPoints(BOARD, 2448, 2050, column, row, seen, np.full(len(seen), sigma_px)))
     return PrintedShape.of(estimate_target_shape(views, least_directions=LEAST_DIRECTIONS))
 
 
@@ -165,6 +177,38 @@ def test_what_is_too_uncertain_is_left_open_with_advice() -> None:
     assert finding(near, "aspect").verdict == "undecided"
     assert "Print again" in (finding(near, "aspect").advice or "")
     assert check_print(shape_with(Measure(0.0005, 4e-4)), limit=2e-3).verdict == "fine"
+
+
+def test_the_photographs_named_bring_the_doubt_down_to_what_decides() -> None:
+    # Without a turned camera a longer side could as well be oblong pixels; .1 % of those is as much as the limit.
+    places, noise = printed(aspect=0.0016), 0.5
+    few = finding(check_print(shape_of(8, places, 10, sigma_px=noise)), "aspect")
+    assert few.verdict == "undecided"
+    told = re.match(r"Add about (\d+) photos with the camera turned by 90°", few.advice or "")
+    assert told is not None
+    count = int(told[1])
+    assert count <= 10
+    more = shape_of(8, places, 10, turned=count, sigma_px=noise)
+    wanted = abs(abs(few.value) - few.limit) / 2.0
+    assert more.aspect.standard_uncertainty < 1.1 * wanted
+    # As many more without turning leave it open.
+    alike = shape_of(8, places, 10 + count, sigma_px=noise)
+    assert alike.aspect.standard_uncertainty > wanted
+
+
+def test_what_no_number_of_photographs_decides_is_said() -> None:
+    shape = shape_of(9, printed(), 10, sigma_px=0.1)
+    near = replace(shape, shear=Measure(0.00101, shape.shear.standard_uncertainty))
+    advice = finding(check_print(near), "shear_rad").advice or ""
+    assert advice.startswith("It is too near the limit")
+    assert "Print again" in advice
+    # As many again, which halve the doubt's square, decide what is .7 of it from the limit; turned ones would not help.
+    u = shape.shear.standard_uncertainty
+    far = replace(shape, shear=Measure(2e-4 + 2.0 * u, u), doubt_if_turned=np.full(5, u))
+    advice = (
+        finding(check_print(far, limit=2e-4 + 2.0 * u * (1.0 + math.sqrt(0.5))), "shear_rad").advice or ""
+    )
+    assert re.match(r"Add about 1[01] photos like these", advice)
 
 
 @pytest.mark.parametrize(
