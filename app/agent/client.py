@@ -253,7 +253,7 @@ def _refusal(response: httpx2.Response) -> ClientError:
 
 
 def _reason(error: Exception) -> str:
-    return str(error) or type(error).__name__
+    return str(error).rstrip(".") or type(error).__name__
 
 
 def _without_nulls(query: Mapping[str, Any]) -> dict[str, Any]:

@@ -55,6 +55,7 @@ def print_target(request: Request) -> int:
         output.write_bytes(WRITERS[kind](sheet))
     except OSError as error:
         console.print(f"[red]{escape(str(output))} cannot be written: {error.strerror}.[/]")
+        console.print("Name a file in a folder that is there and may be written to: --output FILE.")
         return 1
     _tell(console, sheet, output)
     return 0
@@ -74,7 +75,7 @@ def _kind(request: Request) -> str:
         return request.kind
     if suffix not in WRITERS:
         raise InvalidArgument(
-            f"{request.output.name} does not say what kind of file it is to be.",
+            f"{request.output} does not say what kind of file it is to be.",
             "Call it .pdf or .svg, or give --format.",
         )
     return suffix

@@ -91,10 +91,10 @@ def _why_not(job: Job, missed: dict[str, GridposeError]) -> Failure:
     )
     more = f"; and {len(job.targets) - NAMED} more" if len(job.targets) > NAMED else ""
     kind = telling[0] if telling else TargetNotFound
-    detail = f"None of the session's {len(job.targets)} targets was found. Looked for: {listed}{more}."
+    found = f"None of the session's {len(job.targets)} targets was found."
     if reasons and kind is not TargetNotFound:
-        detail = f"{detail} {reasons[0].detail}"
-    return Failure(kind.code, detail, kind.default_advice)
+        found = reasons[0].detail
+    return Failure(kind.code, f"{found} Looked for: {listed}{more}.", kind.default_advice)
 
 
 def _provenance(job: Job, sought: dict[str, Any], max_pixels: int) -> Provenance:

@@ -59,6 +59,8 @@ def test_a_charuco_board_is_read_as_it_was_made(api: Any) -> None:
     ("changes", "words", "field"),
     [
         ({"dictionary": "DICT_9X9_50"}, "Unknown marker dictionary", "dictionary"),
+        ({"dictionary": "6x6_250"}, "Unknown marker dictionary '6x6_250'", "dictionary"),
+        ({"dictionary": "DetectorParameters"}, "Unknown marker dictionary", "dictionary"),
         ({"dictionary": None}, "dictionary is required for ChArUco boards", "dictionary"),
         ({"dictionary": "DICT_4X4_50", "columns": 14, "rows": 10}, "82 markers", "dictionary"),
         ({"marker_mm": None}, "marker_mm is required for ChArUco boards", "marker_mm"),
@@ -149,6 +151,7 @@ def test_the_diameter_of_dots_is_kept(api: Any) -> None:
         ({"marker_mm": 29.5}, "gaps", "marker_mm"),
         ({"marker_mm": 2}, "gaps", "marker_mm"),
         ({"marker_mm": 24, "dictionary": "DICT_6X6_250"}, "36h11", "dictionary"),
+        ({"marker_mm": 24, "dictionary": "tag36h11"}, "Unknown marker dictionary", "dictionary"),
         ({"marker_mm": 24, "dictionary": "DICT_9X9_50"}, "Unknown marker dictionary", "dictionary"),
         ({"marker_mm": 24, "columns": 30, "rows": 20}, "600 tags", "columns"),
         ({"marker_mm": 24, "columns": 20, "rows": 30}, "600 tags", "rows"),

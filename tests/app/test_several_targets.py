@@ -213,6 +213,10 @@ def test_boards_that_look_alike_are_not_guessed(computing_api: Any, corner: Corn
     assert measurement["target_id"] is None
     assert measurement["siblings"] == []
     assert "target_id" in measurement["failure"]["advice"]
+    detail = measurement["failure"]["detail"]
+    assert "None of" not in detail
+    for words in ("look alike", *targets):
+        assert words in detail
 
 
 def test_a_refused_view_is_shown_all_the_same(computing_api: Any, corner: Corner) -> None:

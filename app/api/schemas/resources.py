@@ -38,7 +38,7 @@ class TargetCreate(RequestModel):
     rows: Span
     pitch_mm: Pitch
     marker_mm: PositiveLength | None = None
-    dictionary: Annotated[str, Field(max_length=64, pattern=r"^DICT_[A-Za-z0-9_]+$")] | None = None
+    dictionary: Annotated[str, Field(max_length=64, pattern=r"^[A-Za-z0-9_]+$")] | None = None
     legacy_layout: bool = False
     pitch_standard_uncertainty_mm: Annotated[float, Field(ge=0, le=1e6)] | None = None
 

@@ -216,6 +216,10 @@ def test_the_file_is_named_by_what_it_shows(tmp_path: Path, monkeypatch: pytest.
     code, _, err = gridpose("pdf", *DESCRIBED, "-o", "nowhere/board.pdf")
     assert code == 1
     assert "cannot be written" in err
+    assert "--output" in err
+    code, _, err = gridpose("pdf", *DESCRIBED, "-o", ".")
+    assert code == 2
+    assert ". does not say" in err
 
 
 def test_the_photos_of_a_real_print(data_folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
