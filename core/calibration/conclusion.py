@@ -21,7 +21,7 @@ from core.calibration.model import (
     centred,
 )
 from core.calibration.result import Calibration, Observability
-from core.calibration.two_fold import SecondPose, apart, needed_evidence, pose_ambiguous
+from core.calibration.two_fold import SecondPose, is_held, needed_evidence, pose_ambiguous
 from core.calibration.uncertainty import camera_pose, correlation_inflation, remarks, reprojection
 from core.camera import CAMERA_PARAMETERS, Camera
 from core.errors import Advisory, DegenerateGeometry, FocalNotObservable, NotConverged
@@ -37,7 +37,7 @@ STRAINED = 2.0  # prior σ; of cameras as assumed one in eight is remarked on at
 
 @dataclass(frozen=True, slots=True)
 class Judged:
-    """A fit with the inflation its residuals call for, the focal length it leaves, and the other local minimum."""
+    """A fit with the inflation its residuals call for, the focal length it leaves, and the other tilt."""
 
     start: str
     fit: Fit[View]
@@ -53,11 +53,12 @@ class Judged:
 
     @property
     def pose_is_ambiguous(self) -> bool:
-        """Whether the other minimum is a pose of its own that the residuals do not rule out."""
+        """Whether the other tilt is a pose of its own that the residuals do not rule out."""
         needed = needed_evidence(self.fit.degrees_of_freedom)
         if self.other is None or self.other.evidence >= needed:
             return False
-        return apart(self.other, self.fit.state, self.fit.information[-6:, -6:] / self.inflation**2) > needed
+        information = self.fit.information[-6:, -6:] / self.inflation**2
+        return not is_held(self.other, self.fit.state, information)
 
     @property
     def focal_relative_uncertainty(self) -> float:
@@ -196,7 +197,9 @@ def conclude(
             condition_number=result.condition_number,
             tilt=math.acos(min(1.0, max(-1.0, float(view.rotation[2, 2])))),
             prior_dominated=_prior_dominated(points, judged, lens) if len(indices) == len(FREE) else (),
-            pose_ambiguity_ratio=None if judged.other is None else judged.other.ratio,
+            pose_ambiguity_ratio=judged.other.ratio
+            if judged.other is not None and (judged.other.is_minimum or judged.pose_is_ambiguous)
+            else None,
         ),
         warnings=tuple(warnings),
         points=points,

@@ -18,7 +18,7 @@ from jaxtyping import Bool, Float, Int
 from core.calibration.arrow import Sharing
 from core.calibration.model import Lens, View, centred
 from core.calibration.shared_lens import SharedLens, fit_shared_lens
-from core.calibration.two_fold import SecondPose, apart, needed_evidence, second_pose
+from core.calibration.two_fold import SecondPose, is_held, needed_evidence, second_pose
 from core.calibration.view_residuals import residuals_with_jacobian
 from core.calibration.view_stack import Placements, ViewStack, groups_of
 from core.errors import PoseAmbiguous
@@ -111,10 +111,7 @@ def look_at_tilts(
             changed[i] = True
         if evidence < needed_evidence(float(np.mean([fitted.freedom(i) for i in seconds]))):
             for i, other in seconds.items():
-                if apart(other, placements.view(i), information[i] / variance[i]) > needed_evidence(
-                    fitted.freedom(i)
-                ):
-                    doubtful[i] = True
+                doubtful[i] = not is_held(other, placements.view(i), information[i] / variance[i])
     return Tilts(
         Placements(placements.parameters, rotations, translations), changed, doubtful, ratio, evidences
     )

@@ -56,7 +56,8 @@ class Observability:
     `tilt` the angle (rad) between the optical axis and the target's normal; `prior_dominated` names the
     parameters whose uncertainty is mostly the prior's. `pose_ambiguity_ratio` is the least sum of squared residuals
     (in stated uncertainties, over the points used) over that at the second local minimum, whose tilt is mirrored about
-    the line of sight: 0 to 1, at 1 the two poses cannot be told apart; None where there is no second minimum.
+    the line of sight: 0 to 1, at 1 the two poses cannot be told apart; None where there is no second minimum, and the
+    remark `pose_ambiguous` is not given of the mirrored tilt itself.
     """
 
     focal_relative_uncertainty: float

@@ -11,6 +11,14 @@ units of the noise, then (c₁ - c₂)/s² would be normal about λ with the var
 probability of at most Φ(-√Λ), whatever λ. With s² itself from ν degrees of freedom Student's distribution takes the
 normal one's place: the other pose is ruled out where √Λ exceeds its quantile.
 
+Near the tilt at which the two minima merge there may be one alone, in a valley so flat that it may as well lie on the
+wrong side: then the mirrored tilt itself, all else fitted, is the pose to be ruled out.
+
+What is not ruled out is told, unless the pose's covariance holds it as its own doubt. A plane seen squarely has its two
+tilts within the noise of one another: where the cost is as quadratic as the covariance takes it to be, the other tilt
+lies d = √Λ standard deviations away. Where two valleys differ little, or are one flat one, d is greater, and the
+covariance says too much against the other tilt once d² - Λ is beyond `COVERED`².
+
 References: G. Schweighofer, A. Pinz, "Robust pose estimation from a planar target", IEEE TPAMI 28 (2006), 2024-2030,
 10.1109/TPAMI.2006.252; T. Collins, A. Bartoli, "Infinitesimal plane-based pose estimation", IJCV 109 (2014), 252-286,
 10.1007/s11263-014-0725-5 (section 3: the second solution).
@@ -26,30 +34,36 @@ from jaxtyping import Bool, Float
 from scipy.special import stdtrit
 
 from core.calibration.model import View, centred
-from core.calibration.view_residuals import descend
+from core.calibration.view_residuals import descend, residuals_with_jacobian
 from core.errors import Advisory
 from core.targets.specification import GridPoints
-from core.transforms import so3_log
+from core.transforms import so3_exp, so3_log
 
 FALSE_CHOICE = 1e-3
 """Probability with which a pose called certain may be the wrong one of the two, at the worst distance between them."""
 STEPS, LONG_WAY = 12, 60
+HOPELESS = 2.0
+"""Times the evidence that rules a pose out: one further off is not worth a word."""
 SHARE, LEAST = 1e-2, 1e-2
 """Of the excess over the first pose's cost, and of the noise's variance: steps that gain less are not taken."""
-SAME = 1e-3
-"""Of the angle between the two tilts: a descent that ends nearer to the first pose than this went back to it."""
+BACK = 0.5
+"""Of the angle between the two tilts: a descent that ends nearer to the first pose than this went back toward it."""
+COVERED = 2.0
+"""Standard deviations by which a pose's covariance may say more against another pose than the residuals do."""
 
 
 @dataclass(frozen=True, slots=True)
 class SecondPose:
     """The other local minimum of a view: its state, the sums of squared residuals at the first minimum and at this one,
-    and the `variance` s² of one of them at the first; all in stated uncertainties.
+    and the `variance` s² of one of them at the first; all in stated uncertainties. Where there is none, it is the pose
+    of the mirrored tilt, and not `is_minimum`.
     """
 
     view: View
     first_cost: float
     cost: float
     variance: float
+    is_minimum: bool = True
 
     @property
     def ratio(self) -> float:
@@ -79,15 +93,44 @@ def second_pose(
     points: GridPoints, view: View, used: Bool[np.ndarray, " n"], first_cost: float, variance: float
 ) -> SecondPose | None:
     """Return the other local minimum beside `view`, itself one with Σ (residual/u)² = `first_cost` over the points
-    `used`, of which chance explains `variance` for each; None where there is none: where the descent from the mirrored
-    tilt leads back, as it does for a plane seen squarely, or near and large.
+    `used`, of which chance explains `variance` for each; or the pose of the mirrored tilt where the descent from there
+    leads back, as it does for a plane seen squarely, or near and large. None where that is far from fitting.
     """
     start = View(view.parameters, mirrored(view.rotation, view.translation_mm), view.translation_mm)
     found, cost = _descended(points, start, used, STEPS, first_cost, LEAST * variance)
-    back = _tilt_between(found.rotation, view.rotation) <= SAME * _tilt_between(start.rotation, view.rotation)
-    if back or not math.isfinite(cost):
+    if not math.isfinite(cost):
         return None
-    return SecondPose(found, first_cost, cost, variance)
+    if _tilt_between(found.rotation, view.rotation) > BACK * _tilt_between(start.rotation, view.rotation):
+        return SecondPose(found, first_cost, cost, variance)
+    held, cost = _at_its_tilt(points, start, used)
+    second = SecondPose(held, first_cost, cost, variance, is_minimum=False)
+    return second if second.evidence < HOPELESS * needed_evidence(math.inf) else None
+
+
+def _at_its_tilt(points: GridPoints, start: View, used: Bool[np.ndarray, " n"]) -> tuple[View, float]:
+    """Return the best pose of a start's tilt, to first order, and its Σ (residual/u)²: turned about the plane's normal,
+    and moved.
+    """
+    root_weight = used / points.standard_uncertainty_px
+
+    def weighed(R: Float[np.ndarray, "3 3"], t: Float[np.ndarray, "3"]) -> tuple[np.ndarray, np.ndarray]:
+        residuals, jacobian = residuals_with_jacobian(
+            np.ascontiguousarray(centred(points)[0].T),
+            np.ascontiguousarray(points.points_px.T),
+            start.parameters,
+            np.ascontiguousarray(R),
+            t,
+            0,
+        )
+        return (residuals * root_weight).ravel(), (jacobian * root_weight).reshape(6, -1)
+
+    normal = start.rotation[:, 2]
+    r, J = weighed(start.rotation, start.translation_mm)
+    along = np.vstack([normal @ J[:3], J[3:]])
+    step = np.linalg.solve(along @ along.T, along @ r)
+    view = View(start.parameters, so3_exp(step[0] * normal) @ start.rotation, start.translation_mm + step[1:])
+    r, _ = weighed(view.rotation, view.translation_mm)
+    return view, float(r @ r)
 
 
 def better_start(points: GridPoints, view: View) -> View:
@@ -133,17 +176,14 @@ def needed_evidence(degrees_of_freedom: float) -> float:
     return float(stdtrit(max(degrees_of_freedom, 1.0), 1.0 - FALSE_CHOICE))
 
 
-def apart(other: SecondPose, view: View, information: Float[np.ndarray, "6 6"]) -> float:
-    """Return how many of its standard deviations the pose would have to be off to be the other one; `information` is
-    its inverse covariance, of a small rotation about the points' centroid and a translation.
-
-    A plane seen squarely has its two tilts within the noise of one another: what the pose's covariance covers is no
-    second pose.
+def is_held(other: SecondPose, view: View, information: Float[np.ndarray, "6 6"]) -> bool:
+    """Tell whether a pose's covariance holds the other one as its own doubt; `information` is its inverse, of a small
+    rotation about the points' centroid and a translation.
     """
     step = np.concatenate(
         [so3_log(other.view.rotation @ view.rotation.T), other.view.translation_mm - view.translation_mm]
     )
-    return math.sqrt(max(float(step @ information @ step), 0.0))
+    return float(step @ information @ step) <= other.evidence * abs(other.evidence) + COVERED**2
 
 
 def pose_ambiguous(ratio: float) -> Advisory:

@@ -151,6 +151,67 @@ def test_the_better_pose_is_taken_and_a_certain_one_is_right() -> None:
     assert wrong <= 400 * FALSE_CHOICE + 2
 
 
+def is_flipped(T: np.ndarray, true: np.ndarray) -> bool:
+    """Whether a pose is much nearer to the mirrored tilt than to the true one."""
+    other = mirrored(true[:3, :3], T[:3, :3] @ SMALL.points_target().mean(axis=0) + T[:3, 3])
+    return math.acos(min(1.0, float(T[:3, 2] @ other[:, 2]))) < 0.5 * math.radians(tilt_error_deg(T, true))
+
+
+def test_where_the_two_tilts_merge_a_certain_pose_is_right() -> None:
+    """Boards that are hardly tilted, seen from afar: the valley of the one minimum may reach over to the other tilt."""
+    rng = np.random.default_rng(10)
+    count, wrong, told, rightly = 1500, 0, 0, 0
+    for _ in range(count):
+        T = tilted(rng, rng.uniform(0.0, 15.0), rng.uniform(1000.0, 3300.0), SMALL)
+        found = calibrate_points(look(rng, T, float(rng.choice([0.02, 0.1])), SMALL), intrinsics=CAMERA)
+        doubtful = any(w.code == "pose_ambiguous" for w in found.warnings)
+        flipped = is_flipped(found.T_camera_target, T)
+        wrong += flipped and not doubtful
+        told += doubtful
+        rightly += flipped and doubtful
+        ratio = found.observability.pose_ambiguity_ratio
+        assert ratio is None or 0.0 <= ratio <= 1.0
+        assert not doubtful or ratio is not None
+    # Of Poisson's law with mean 1.5, five are seen once in fifty.
+    assert wrong <= count * FALSE_CHOICE + 2.5
+    assert rightly > 20
+    assert told < 0.36 * count
+
+
+def test_a_descent_that_leads_back_leaves_the_mirrored_tilt_to_be_ruled_out() -> None:
+    rng = np.random.default_rng(11)
+    squarely = so3_exp(np.array([0.001, 0.0, 0.0]))
+    middle = squarely @ BOARD.points_target().mean(axis=0)
+    points = look(rng, transform(squarely, np.array([0.0, 0.0, 900.0]) - middle), SIGMA)
+    found = calibrate_points(points, intrinsics=CAMERA)
+    R = found.T_camera_target[:3, :3]
+    centroid = BOARD.points_target().mean(axis=0)
+    view = View(CAMERA.as_array(), R, R @ centroid + found.T_camera_target[:3, 3])
+    cost = float(np.sum((found.residuals_px / SIGMA) ** 2))
+    used = np.ones(len(points), dtype=np.bool_)
+    other = second_pose(points, view, used, cost, 1.0)
+    assert other is not None
+    assert not other.is_minimum
+    np.testing.assert_allclose(other.view.rotation[:, 2], mirrored(R, view.translation_mm)[:, 2], atol=1e-12)
+    residuals, jacobian = view_residuals(points, free=False)(other.view)
+    assert other.cost == pytest.approx(float(np.sum((residuals / SIGMA) ** 2)), rel=1e-12)
+    assert other.cost > cost
+    # All but the tilt is at its best: turned about its normal, or moved, the board fits no better.
+    normal = other.view.rotation[:, 2]
+    along = np.vstack([np.tensordot(normal, jacobian[:3], axes=1)[None], jacobian[3:]])
+    slope = np.tensordot(along, residuals, axes=2)
+    gain = slope @ np.linalg.solve(np.tensordot(along, along, axes=([1, 2], [1, 2])), slope) / SIGMA**2
+    assert gain < 0.01
+    # It is no figure of an image that rules it out, or holds it in its doubt.
+    assert found.observability.pose_ambiguity_ratio is None
+    # Nor is it anything at all where the perspective is plain.
+    near = look(rng, tilted(rng, 10.0, 350.0), SIGMA)
+    sure = calibrate_points(near, intrinsics=CAMERA)
+    R = sure.T_camera_target[:3, :3]
+    view = View(CAMERA.as_array(), R, R @ centroid + sure.T_camera_target[:3, 3])
+    assert second_pose(near, view, used, float(np.sum((sure.residuals_px / SIGMA) ** 2)), 1.0) is None
+
+
 def test_a_start_at_the_wrong_pose_is_corrected(monkeypatch: pytest.MonkeyPatch) -> None:
     """Whichever of the two a closed form begins at, the fit ends at the better one."""
     from core.calibration import single_image
