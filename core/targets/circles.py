@@ -10,19 +10,23 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float, Int, Shaped, UInt8, UInt16
+from jaxtyping import Bool, Float, Int, Shaped, UInt8, UInt16
 
 from core.errors import Advisory, TargetMirrored, TargetMismatch, TargetNotFound
-from core.targets.dot_lattice import DotLattice, dot_lattices
-from core.targets.dot_refinement import LEAST_DOTS, ODD, FittedDots, corrected_centres, fit_dots, plane_map
+from core.targets.dot_lattice import DotLattice, dot_lattices, joined
+from core.targets.dot_refinement import LEAST_DOTS, ODD, FittedDots, corrected_centres, fit_dots, squareness
+from core.targets.dot_sites import cells_of, is_staggered, lines
 from core.targets.dots import Dots, find_dots
-from core.targets.partial_dots import part_turns
+from core.targets.partial_dots import along_lines, part_turns
 from core.targets.pyramid import Level, levels
 from core.targets.specification import GridPoints, Origin, TargetSpec, points_left_out
 
-_ENOUGH_SEEN = 0.75
+_ENOUGH_SEEN = 0.5
+_ENOUGH_OF_PART = 0.75
+_ENOUGH_TO_JOIN = 0.25
 _ENOUGH_OF_LINE = 0.5
 _ROUND = 0.98  # of `Dots.fill`
+_SQUARE = 0.05  # of `squareness`: round dots have less than .02, a grille's of 8 px .13
 _LEAST_EXTENT = 0.25  # of the largest board's: a smaller one does not count beside it
 _LARGEST_VARIANCE = 6.0  # of the residuals, times the median
 _LEAST_CONTRAST = 0.25  # of the median
@@ -58,11 +62,19 @@ def detect_circles(
     for level in levels(image):
         for dots in find_dots(level):
             here: list[GridPoints] = []
-            for lattice in dot_lattices(dots):
+            taken = np.zeros(len(dots), dtype=np.bool_)
+            lattices = dot_lattices(dots)
+            for n, lattice in enumerate(lattices):
+                if taken[lattice.dots].any():  # by one that was cut from it
+                    continue
                 extent = lattice.places.max(axis=0) - lattice.places.min(axis=0) + 1
-                if len(lattice.dots) >= _ENOUGH_SEEN * extent[0] * extent[1]:
+                if len(lattice.dots) >= _ENOUGH_OF_PART * extent[0] * extent[1]:
                     seen.append((int(extent.max()), int(extent.min())))
                 matches = _matches(lattice, target)
+                if not matches and len(lattice.dots) >= _ENOUGH_TO_JOIN * target.size:
+                    lattice = joined(lattice, lattices[n + 1 :], dots)
+                    taken[lattice.dots] = True
+                    matches = _matches(lattice, target)
                 if not matches:
                     if _is_mirrored(lattice, target):
                         raise TargetMirrored(
@@ -113,32 +125,18 @@ def _not_found(seen: list[tuple[int, int]], target: TargetSpec) -> TargetNotFoun
     return TargetNotFound(f"Only {long} x {short} dots of a grid are wholly in view, {asked} were asked for.")
 
 
-def _sites(target: TargetSpec) -> Int[np.ndarray, "n 2"]:
-    """Return the dots' places (p, q) in a square lattice, row-major."""
-    xy = np.rint(target.points_target()[:, :2] / target.pitch_mm).astype(np.intp)
-    if target.kind == "circles":
-        return xy
-    return np.stack([(xy[:, 0] + xy[:, 1]) // 2, (xy[:, 1] - xy[:, 0]) // 2], axis=1)
-
-
 def _matches(lattice: DotLattice, target: TargetSpec) -> list[_Match]:
     """Return the ways (of four turns) in which the lattice's places are the target's, and no others."""
-    sites = _sites(target)
-    sites -= sites.min(axis=0)
-    size = sites.max(axis=0) + 1
-    table = np.full(tuple(size), -1, dtype=np.intp)
-    table[sites[:, 0], sites[:, 1]] = np.arange(len(sites))
     found = []
-    places = lattice.places
+    places = along_lines(lattice, target)
     for _ in range(4):
-        moved = places - places.min(axis=0)
-        if np.array_equal(moved.max(axis=0) + 1, size):
-            index = table[moved[:, 0], moved[:, 1]]
-            if np.all(index >= 0) and _is_whole(index, target):
-                column, row = index % target.columns, index // target.columns
+        are_sites = not is_staggered(target) or places[0].sum() % 2 == 0
+        if are_sites and tuple(places.max(axis=0) + 1) == lines(target):
+            column, row = cells_of(target, places)
+            if _is_whole(row * target.columns + column, target):
                 ideal = target.points_target(column, row)[:, :2] / target.pitch_mm
                 found.append(_Match(lattice.dots, column, row, ideal))
-        places = np.stack([-places[:, 1], places[:, 0]], axis=1)
+        places = np.stack([places[:, 1].max() - places[:, 1], places[:, 0]], axis=1)
     return found
 
 
@@ -158,7 +156,7 @@ def _part_matches(
         return []
     turns = part_turns(lattice, level.to_full(dots.centres[lattice.dots]), (height, width), target)
     return [
-        _Match(lattice.dots, column, row, np.stack([column, row], axis=1).astype(np.float64))
+        _Match(lattice.dots, column, row, target.points_target(column, row)[:, :2] / target.pitch_mm)
         for column, row in turns
     ]
 
@@ -181,21 +179,32 @@ def _grid_points(
     is_part: bool = False,
 ) -> GridPoints:
     fitted = fit_dots(image, level, dots, matches[0].dots, matches[0].ideal)
-    enough = _ENOUGH_SEEN * (len(matches[0].dots) if is_part else target.size)
+    enough = _ENOUGH_OF_PART * len(matches[0].dots) if is_part else _ENOUGH_SEEN * target.size
     if fitted.trusted.sum() < max(LEAST_DOTS, enough):
         raise _too_poor(target, int(fitted.trusted.sum()))
-    match, is_told = _oriented(matches, fitted, target, is_part=is_part)
-    warnings: tuple[Advisory, ...] = () if is_told or is_part else (_AMBIGUOUS,)
-    origin: Origin = "known" if is_told else "unknown" if is_part else "turned"
-    centres, trusted = corrected_centres(match.ideal, fitted)
+    if squareness(image, fitted) > _SQUARE:
+        raise TargetNotFound(
+            f"A grid of {target.columns} x {target.rows} patches is in view, but they are square, not round.",
+            "Show the board of dots, and keep gratings and tiles of as many columns and rows out of the picture.",
+        )
+    centres, radius, trusted = corrected_centres(matches[0].ideal, fitted)
     variance, contrast = fitted.variance, fitted.contrast
     noise = np.maximum(variance, _ROUNDING)
     uncertainty = np.sqrt(noise * 0.5 * np.trace(fitted.covariance, axis1=1, axis2=2))
-    usual = float(np.median(variance[trusted])) if trusted.any() else 0.0
-    usual_contrast = float(np.median(contrast[trusted])) if trusted.any() else 0.0
+    usual, usual_contrast, usual_radius = (
+        float(np.median(values[trusted])) if trusted.any() else 0.0 for values in (variance, contrast, radius)
+    )
     trusted &= (variance <= _LARGEST_VARIANCE * max(usual, 1.0)) & (
         contrast >= _LEAST_CONTRAST * usual_contrast
     )
+    larger = _larger_dot(radius, trusted)
+    match, is_told = _oriented(matches, larger, fitted, target, is_part=is_part)
+    warnings: tuple[Advisory, ...] = () if is_told or is_part else (_AMBIGUOUS,)
+    origin: Origin = "known" if is_told else "unknown" if is_part else "turned"
+    odd = np.abs(radius - usual_radius) > ODD * usual_radius  # cut, half hidden, or no dots of the board
+    if larger is not None and match.column[larger] == 0 and match.row[larger] == 0:
+        odd[larger] = False
+    trusted &= ~odd
     count = int(trusted.sum())
     if count < enough:
         raise _too_poor(target, count)
@@ -228,7 +237,7 @@ def _too_poor(target: TargetSpec, count: int) -> TargetNotFound:
 
 
 def _oriented(
-    matches: list[_Match], fitted: FittedDots, target: TargetSpec, *, is_part: bool
+    matches: list[_Match], largest: int | None, fitted: FittedDots, target: TargetSpec, *, is_part: bool
 ) -> tuple[_Match, bool]:
     """Return the right one of several orders, by a larger dot at the origin, or else by the x axis's direction; and
     whether it is told.
@@ -237,7 +246,6 @@ def _oriented(
     """
     if len(matches) == 1 and not is_part:
         return matches[0], True
-    largest = _larger_dot(matches[0], fitted)
     if largest is not None:
         for match in matches:
             if match.column[largest] == 0 and match.row[largest] == 0:
@@ -258,12 +266,12 @@ def _oriented(
     return max(matches, key=rightward), False
 
 
-def _larger_dot(match: _Match, fitted: FittedDots) -> int | None:
-    """Return which dot is larger than all others on the print, if one is."""
-    trusted = fitted.trusted
-    J, _ = plane_map(match.ideal, fitted.shapes[:, :2], trusted.astype(np.float64))
-    ratio = np.where(trusted, fitted.radius_px / np.sqrt(np.abs(np.linalg.det(J))), 0.0)
-    ratio /= np.median(ratio[trusted])
+def _larger_dot(radius: Float[np.ndarray, " n"], trusted: Bool[np.ndarray, " n"]) -> int | None:
+    """Return which dot is larger than all others on the print, if one is; none that the picture does not show as a dot:
+    a blot beside one makes it larger, too."""
+    if not trusted.any():
+        return None
+    ratio = np.where(trusted, radius, 0.0) / np.median(radius[trusted])
     largest = int(np.argmax(ratio))
     if ratio[largest] < 1.0 + ODD or np.delete(ratio, largest).max() > 1.0 + 0.5 * (ratio[largest] - 1.0):
         return None

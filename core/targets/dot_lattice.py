@@ -4,13 +4,17 @@ A dot is a circle, so its own ellipse tells how the target plane is foreshortene
 by it, in radii of a dot, are as on the print. There a dot's neighbours in a square lattice stand at one distance, in
 four directions a right angle apart. From the most regular dot a lattice grows step by step, each next place predicted
 by the last step.
+
+What lies across a board cuts its lattice in two. Dots beyond the gap are found from the lattice as a whole (`joined`).
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
+import cv2
 import numpy as np
 from jaxtyping import Float, Int
 from scipy.spatial import cKDTree
@@ -26,6 +30,8 @@ _MARKED = 6.0  # of an area, where one dot is larger to mark the origin
 _OFF = 0.25  # of a step: how far from its predicted place a dot may be
 _LEAST = 6  # dots
 _MOST_LINES = 510  # to either side of a seed
+_ACROSS = 3  # lines, from a lattice's dots to those beyond a gap
+_JOINS = 0.75  # of a lattice's dots, on places of another: they are one
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,6 +60,54 @@ def dot_lattices(dots: Dots) -> list[DotLattice]:
         if length >= _LEAST
     ]
     return sorted(lattices, key=lambda lattice: -len(lattice.dots))
+
+
+def joined(lattice: DotLattice, others: Sequence[DotLattice], dots: Dots) -> DotLattice:
+    """Return a lattice with those of the others that stand on its places beyond gaps of a few lines.
+
+    Single dots are not taken: about a board there are always some that look like one more of its own. A place is
+    predicted by the homography of all dots, corrected by what that is off at the lattice's nearest one: over a few
+    lines a lens bends little more.
+    """
+    which, places = lattice.dots, lattice.places
+    free = np.concatenate([which[:0], *(other.dots for other in others)])
+    around = np.arange(-_ACROSS, _ACROSS + 1)
+    steps = np.stack(np.meshgrid(around, around), axis=-1).reshape(-1, 2)
+    size = np.linalg.det(dots.moments) ** 0.25
+    while len(free):
+        centres = dots.centres[which]
+        H: np.ndarray | None = cv2.findHomography(places.astype(np.float64), centres)[0]
+        if H is None:
+            break
+        wanted = np.unique((places[:, None] + steps).reshape(-1, 2), axis=0)
+        apart, nearest = cKDTree(places).query(wanted)
+        wanted, nearest = wanted[apart > 0.0], nearest[apart > 0.0]
+        drawn, right, below = (_mapped(H, wanted + aside) for aside in np.array([[0, 0], [1, 0], [0, 1]]))
+        at = drawn + centres[nearest] - _mapped(H, places[nearest])
+        step = np.minimum(np.hypot(*(right - drawn).T), np.hypot(*(below - drawn).T))
+        off, candidate = cKDTree(dots.centres[free]).query(at)
+        ratio = size[free[candidate]] / size[which[nearest]]
+        fits = (off <= _OFF * step) & (ratio < math.sqrt(_LARGER)) & (ratio > math.sqrt(1.0 / _LARGER))
+        best = np.flatnonzero(fits)[np.argsort(off[fits], kind="stable")]
+        _, first = np.unique(candidate[best], return_index=True)  # a dot stands on one place
+        best = best[first]
+        if len(best) == 0:
+            break
+        which = np.concatenate([which, free[candidate[best]]])
+        places = np.concatenate([places, wanted[best]])
+        free = np.delete(free, candidate[best])
+    kept = np.isin(which, lattice.dots)
+    for other in others:
+        here = np.isin(which, other.dots)
+        kept |= here & (np.count_nonzero(here) >= _JOINS * len(other.dots))
+    return DotLattice(which[kept], places[kept])
+
+
+def _mapped(H: Float[np.ndarray, "3 3"], places: Int[np.ndarray, "n 2"]) -> Float[np.ndarray, "n 2"]:
+    mapped = np.column_stack([places, np.ones(len(places))]) @ H.T
+    return np.asarray(
+        mapped[:, :2] / np.maximum(mapped[:, 2:], 1e-9)
+    )  # beyond the horizon: far from all dots
 
 
 def _neighbours(dots: Dots) -> Int[np.ndarray, "n k"]:

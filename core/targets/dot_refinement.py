@@ -14,6 +14,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import cv2
 import numpy as np
 from jaxtyping import Bool, Float, Int, Shaped
 
@@ -26,6 +27,7 @@ ODD = 0.25  # by how much, of the others' radius, a dot is larger or smaller tha
 LEAST_DOTS = 8
 _SMALL_PX = 8.0
 _FIRST_DOUBTS, _LATER_DOUBTS = (0.7, 0.7), (0.1, 0.2)  # of shape and blur, see `dot_kernel.fit_dot`
+_ROUND_TRIP = 24  # places on a dot's outline
 _OUTLINE = 8  # places on half of a dot's outline
 _ASIDE = 1e-4  # grid units: for a difference that stands for a derivative
 _CORRECTIONS = 4
@@ -90,6 +92,24 @@ def fit_dots(
     return fitted if expected is None else _fit_from(image, expected, dots.are_dark, _LATER_DOUBTS)
 
 
+def squareness(image: Shaped[np.ndarray, "h w"], fitted: FittedDots) -> float:
+    """Return how square the dots are: the part of their grey levels, along the fitted ellipses, that repeats itself at
+    every quarter turn, of their contrast; the same way round on all dots, as on a grille's."""
+    a, b, c = fitted.shapes[fitted.trusted, 2:5].T
+    root = np.sqrt(a * c - b * b)
+    norm = root * np.sqrt(a + c + 2.0 * root)  # M^(-1/2) = (M's adjugate + √det) / that
+    ring = 2.0 * np.pi * np.arange(_ROUND_TRIP) / _ROUND_TRIP
+    x, y = np.cos(ring), np.sin(ring)
+    u, v = fitted.shapes[fitted.trusted, :2].T[..., None]
+    u = u + ((c + root) / norm)[:, None] * x - (b / norm)[:, None] * y
+    v = v + ((a + root) / norm)[:, None] * y - (b / norm)[:, None] * x
+    levels = cv2.remap(
+        image, u.astype(np.float32), v.astype(np.float32), cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE
+    )
+    fourfold = levels.astype(np.float64) @ np.exp(4.0j * ring) / _ROUND_TRIP
+    return float(abs(np.mean(fourfold / fitted.contrast[fitted.trusted])))
+
+
 def _fit_from(
     image: Shaped[np.ndarray, "h w"],
     start: Float[np.ndarray, "n 6"],
@@ -145,8 +165,9 @@ def plane_map(
 
 def corrected_centres(
     ideal: Float[np.ndarray, "n 2"], fitted: FittedDots
-) -> tuple[Float[np.ndarray, "n 2"], Bool[np.ndarray, " n"]]:
-    """Return the pictures of the dots' centres, and which dots agree with the map they make.
+) -> tuple[Float[np.ndarray, "n 2"], Float[np.ndarray, " n"], Bool[np.ndarray, " n"]]:
+    """Return the pictures of the dots' centres, the dots' radii on the print (pitches), and which dots agree with the
+    map they make.
 
     A dot's outline is put through the map's series to second order about its centre: terms of third order are odd, and
     move no centre.
@@ -179,7 +200,7 @@ def corrected_centres(
         shift = renewed
         if moved < _SETTLED_PX:
             break
-    return measured - shift, trusted
+    return measured - shift, radius, trusted
 
 
 def _ellipse_centres(

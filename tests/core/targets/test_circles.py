@@ -16,6 +16,7 @@ from core.simulation.scenes import random_pose
 from core.targets import GridPoints, TargetSpec, detect
 from core.targets.dot_kernel import dot_equations, fit_dot, fit_each, normal, solve_equations
 from core.targets.dot_lattice import crosses, dot_lattices
+from core.targets.dot_sites import cells_of, lines, sites_of
 from core.targets.dots import Dots, patches
 
 CAMERA = Camera(1500.0, 1500.0, 795.0, 603.0, k1=-0.2)
@@ -75,15 +76,14 @@ def test_a_larger_dot_is_the_origin(turns: int) -> None:
     scene = replace(scene_of(target, 15.0, seed=2, roll=0.2), origin_dot=1.5, noise_levels=2.0)
     found = detect(np.ascontiguousarray(np.rot90(render(scene), turns)), target)
     assert not found.warnings
-    unturned = _unturn(found.points_px, turns)
     truth = scene.points_px.reshape(7, 7, 2)[found.row, found.column]
-    off = np.abs(unturned - truth)
+    off = np.abs(unturned(found.points_px, turns) - truth)
     assert off.max() < 0.05
 
 
-def _unturn(points: np.ndarray, turns: int) -> np.ndarray:
+def unturned(points: np.ndarray, turns: int, size: tuple[int, int] = SIZE) -> np.ndarray:
     """Pixels of a picture that numpy turned by quarter turns, as pixels of the one before."""
-    width, height = SIZE
+    width, height = size
     u, v = points.T
     return {
         0: np.stack([u, v], axis=1),
@@ -104,7 +104,7 @@ def test_an_asymmetric_board_upside_down_keeps_its_origin() -> None:
     scene = scene_of(ASYMMETRIC, 20.0, seed=5, roll=0.2)
     found = detect(np.ascontiguousarray(np.rot90(render(scene), 2)), ASYMMETRIC)
     truth = scene.points_px.reshape(11, 4, 2)[found.row, found.column]
-    assert np.abs(_unturn(found.points_px, 2) - truth).max() < 0.01
+    assert np.abs(unturned(found.points_px, 2) - truth).max() < 0.01
 
 
 def test_covered_dots_are_left_out_and_the_others_stay() -> None:
@@ -178,6 +178,91 @@ def test_a_part_of_a_plain_board_counts_from_its_own_corner(where: str) -> None:
     assert np.linalg.det(step[:2, :2]) == pytest.approx(1.0)
 
 
+@pytest.mark.parametrize("where", WINDOWS)
+@pytest.mark.parametrize("turns", range(4))
+def test_a_part_of_staggered_dots_counts_from_its_own_corner(where: str, turns: int) -> None:
+    """By a turn and a shift that leaves the stagger what it is, its columns and rows are the board's."""
+    target = replace(ASYMMETRIC, columns=6)
+    scene = replace(scene_of(target, 20.0, seed=9 + turns, roll=0.5), noise_levels=2.0)
+    picture, begin = cut(render(scene), scene, WINDOWS[where])
+    found = detect(np.ascontiguousarray(np.rot90(picture, turns)), target)
+    assert found.origin == "unknown"
+    assert 0.4 * target.size < len(found) < target.size
+    assert min(found.column.min(), found.row.min()) == 0
+    size = picture.shape[1], picture.shape[0]
+    distance = np.linalg.norm(
+        scene.points_px[None] - (unturned(found.points_px, turns, size) + begin)[:, None], axis=2
+    )
+    assert np.all(distance.min(axis=1) < 6.0 * found.standard_uncertainty_px)
+    row, column = np.divmod(distance.argmin(axis=1), target.columns)
+    true = np.column_stack([sites_of(target, column, row), np.ones(len(found))])
+    counted = np.column_stack([sites_of(target, found.column, found.row), np.ones(len(found))])
+    step = np.linalg.lstsq(counted, true, rcond=None)[0]
+    np.testing.assert_allclose(step, np.rint(step), atol=1e-9)
+    assert np.linalg.det(step[:2, :2]) == pytest.approx(1.0)
+    assert found.column.max() < target.columns
+    assert found.row.max() < target.rows
+
+
+def test_staggered_places_are_where_the_dots_lie() -> None:
+    for target in (SYMMETRIC, ASYMMETRIC, replace(ASYMMETRIC, rows=10)):
+        row, column = (a.ravel() for a in np.mgrid[0 : target.rows, 0 : target.columns])
+        sites = sites_of(target, column, row)
+        np.testing.assert_allclose(sites * target.pitch_mm, target.points_target()[:, :2])
+        assert tuple(sites.max(axis=0) + 1) == lines(target)
+        np.testing.assert_array_equal(np.stack(cells_of(target, sites)), np.stack([column, row]))
+
+
+@pytest.mark.parametrize("kind", ["circles", "asymmetric_circles"])
+@pytest.mark.parametrize("seed", range(4))
+def test_what_hides_a_third_of_the_dots_costs_points_and_no_names(kind: str, seed: int) -> None:
+    """A cable from end to end, a hand from one corner, a lamp's reflection: the others are right, as they say."""
+    target = TargetSpec(kind, 12, 9, 25.0) if kind == "circles" else TargetSpec(kind, 6, 15, 18.0)
+    scene = replace(scene_of(target, 10.0 + 8.0 * seed, seed, roll=0.5), noise_levels=2.0)
+    clear = render(scene)
+    corners = scene.points_px.reshape(target.rows, target.columns, 2)[[0, 0, -1, -1], [0, -1, -1, 0]]
+    middle = corners.mean(axis=0)
+
+    def cable(picture: np.ndarray) -> None:
+        a, b = (corners[k] + 0.43 * (corners[k + 1] - corners[k]) for k in (0, 2))
+        ends = [tuple(np.rint(end + 0.2 * (end - middle)).astype(int).tolist()) for end in (a, b)]
+        cv2.line(picture, ends[0], ends[1], 90, 45)
+
+    def hand(picture: np.ndarray) -> None:
+        outline = [
+            corners[0] + share * (corners[k] - corners[0]) for k, share in ((1, 0.4), (2, 0.6), (3, 0.4))
+        ]
+        outline.append(corners[0] - 0.4 * (middle - corners[0]))
+        cv2.fillPoly(picture, [np.rint(outline).astype(np.int32)], 130)
+
+    def reflection(picture: np.ndarray) -> None:
+        """Of a lamp: it blinds some of the dots, and ends within a few px."""
+        lamp = np.zeros(picture.shape, dtype=np.float32)
+        axes = tuple((0.22 * np.linalg.norm(corners[[1, 3]] - corners[0], axis=1)).astype(int).tolist())
+        cv2.ellipse(
+            lamp,
+            (tuple(middle.tolist()), (2 * axes[0], 2 * axes[1]), float(np.degrees(0.3))),
+            500.0,
+            cv2.FILLED,
+        )
+        picture[:] = np.clip(picture + cv2.GaussianBlur(lamp, (0, 0), 4.0), 0, 255).astype(np.uint8)
+
+    for hide in (cable, hand, reflection):
+        picture = clear.copy()
+        hide(picture)
+        found = detect(picture, target)
+        assert target.size / 2 <= len(found) < target.size, hide.__name__
+        truth = scene.points_px.reshape(target.rows, target.columns, 2)
+        names = [(found.row, found.column)]
+        if found.origin == "turned":
+            names.append((target.rows - 1 - found.row, target.columns - 1 - found.column))
+        off = min(
+            (np.linalg.norm(found.points_px - truth[name], axis=1) for name in names), key=lambda o: o.max()
+        )
+        assert np.median(off) < 0.03, hide.__name__
+        assert np.all(off < 8.0 * found.standard_uncertainty_px), hide.__name__
+
+
 def test_a_part_that_cannot_be_of_the_board_is_none() -> None:
     scene = replace(scene_of(SYMMETRIC, 15.0, seed=9, roll=0.2), noise_levels=2.0)
     picture, _ = cut(render(scene), scene, WINDOWS["right"])  # seven dots from end to end
@@ -231,6 +316,26 @@ def test_what_is_no_board_of_dots_is_none() -> None:
     for picture in (chessboard, noise, np.full((600, 800), 128, np.uint8)):
         with pytest.raises((TargetNotFound, TargetMismatch)):  # what lies about may be a grid of its own
             detect(picture, SYMMETRIC)
+
+
+@pytest.mark.parametrize("turn_deg", [0.0, 20.0])
+def test_a_grille_of_as_many_squares_is_no_board(turn_deg: float) -> None:
+    """Though it has the size that is asked for; round dots at the same places are the board."""
+    turn = cv2.getRotationMatrix2D((400.0, 300.0), turn_deg, 1.0)
+    for is_round in (True, False):
+        picture = np.full((600, 800), 200, np.uint8)
+        for row, column in np.ndindex(7, 9):
+            u, v = 200 + 50 * column, 150 + 50 * row
+            if is_round:
+                cv2.circle(picture, (u, v), 14, 40, -1)
+            else:
+                cv2.rectangle(picture, (u - 12, v - 12), (u + 12, v + 12), 40, -1)
+        picture = cv2.GaussianBlur(cv2.warpAffine(picture, turn, (800, 600), borderValue=200), (0, 0), 1.5)
+        if is_round:
+            assert len(detect(picture, SYMMETRIC)) == SYMMETRIC.size
+        else:
+            with pytest.raises(TargetNotFound, match="square, not round"):
+                detect(picture, SYMMETRIC)
 
 
 def test_equations_are_those_of_the_model() -> None:
