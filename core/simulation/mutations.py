@@ -15,10 +15,11 @@ from functools import lru_cache
 
 import cv2
 import numpy as np
-from jaxtyping import Float, UInt8
+from jaxtyping import Float, Int, UInt8
 
 from core.camera import Camera, project
-from core.simulation.patterns import RectilinearPattern, pattern_of
+from core.simulation import mutated_dots
+from core.simulation.patterns import DotPattern, RectilinearPattern, pattern_of
 from core.simulation.quick_views import sheet_in_view
 from core.simulation.scenes import Scene
 from core.simulation.surroundings import background
@@ -62,6 +63,19 @@ class MutatedView:
 
     def wrong(self, found: GridPoints) -> int:
         """Return how many grid points were found under a wrong name."""
+        row, column = (a.ravel() for a in np.mgrid[0 : self.target.grid_rows, 0 : self.target.grid_columns])
+        has = np.isfinite(self.points_px[:, 0])
+        places = self.points_px[has]
+        truth = GridPoints(self.target, *SIZE_PX, column[has], row[has], places, np.ones(len(places)))
+        cells = mutated_dots.readings(found, truth)
+        return min((self._misnamed(found.points_px, *cell) for cell in cells), default=0)
+
+    def _misnamed(
+        self,
+        points_px: Float[np.ndarray, "n 2"],
+        column: Int[np.ndarray, " n"],
+        row: Int[np.ndarray, " n"],
+    ) -> int:
         grid = self.points_px.reshape(-1, self.target.grid_columns, 2)
         apart = [np.linalg.norm(np.diff(grid, axis=axis), axis=2) for axis in range(2)]
         usual = min(float(np.nanmedian(steps)) if np.isfinite(steps).any() else np.inf for steps in apart)
@@ -70,12 +84,13 @@ class MutatedView:
         for steps, before, after in ((down, np.s_[1:], np.s_[:-1]), (across, np.s_[:, 1:], np.s_[:, :-1])):
             near[before] = np.minimum(near[before], steps)
             near[after] = np.minimum(near[after], steps)
-        off = np.linalg.norm(found.points_px - grid[found.row, found.column], axis=1)
-        return int(np.count_nonzero(~(off < _WRONG * near[found.row, found.column])))
+        has = (column >= 0) & (column < grid.shape[1]) & (row >= 0) & (row < grid.shape[0])
+        off = np.linalg.norm(points_px[has] - grid[row[has], column[has]], axis=1)
+        return len(points_px) - int(np.count_nonzero(off < _WRONG * near[row[has], column[has]]))
 
 
 def mutated_views(seed: int, kind: str = "charuco") -> Iterator[MutatedView]:
-    """Yield mutated views without end, `kind` "charuco" or "aprilgrid"; the same ones for the same seed."""
+    """Yield mutated views without end, of a kind with markers or of dots; the same ones for the same seed."""
     number = 0
     while True:
         yield mutated_view(seed, number, kind)
@@ -86,21 +101,30 @@ def mutated_view(seed: int, number: int, kind: str = "charuco") -> MutatedView:
     """Return the view of that number among a seed's."""
     rng = np.random.default_rng([seed, number, 9283])
     printed = _draw_target(rng, kind)
-    stated, changes = (printed, []) if rng.random() < _AS_STATED else _misstated(rng, printed)
+    origin_dot = mutated_dots.draw_origin_dot(rng, printed) if kind in mutated_dots.KINDS else 1.0
+    stated, changes = (printed, []) if rng.random() < _AS_STATED else _misstated(rng, printed, origin_dot)
     is_as_stated = not changes
-    sheet = _soiled(rng, pattern_of(printed, float(rng.uniform(0.2, 1.5))), printed, changes)
-    if "mirrored" in changes:
-        sheet = _mirrored(sheet)
+    sheet = _soiled(rng, pattern_of(printed, float(rng.uniform(0.2, 1.5)), origin_dot), printed, changes)
     camera = _draw_camera(rng)
     T_camera_target = _draw_pose(rng, printed, camera, strays=is_as_stated)
+    T_camera_sheet = T_camera_target
+    if "mirrored" in changes and isinstance(sheet, RectilinearPattern):
+        sheet = _mirrored(sheet)
+    elif "mirrored" in changes:
+        T_camera_sheet = T_camera_target @ np.diag([-1.0, 1.0, 1.0, 1.0])
+        T_camera_sheet[:3, 3] += T_camera_target[:3, 0] * float(sheet.x_edges[0] + sheet.x_edges[-1])
     levels = _backgrounds(seed)[int(rng.integers(_BACKGROUNDS))].copy()
     if is_as_stated and rng.random() < 0.35:
         _add_another(rng, levels, printed, stated, camera, changes)
     dark, bright = float(rng.uniform(5, 60)), float(rng.uniform(120, 245))
-    _lay(levels, sheet, camera, T_camera_target, dark, bright)
+    if kind in mutated_dots.KINDS and rng.random() < 0.2:
+        dark, bright = bright, dark
+    _lay(levels, sheet, camera, T_camera_sheet, dark, bright)
     points = project(transform_points(T_camera_target, printed.points_target()), camera)
     if is_as_stated:
         _add_occluders(rng, levels, points, changes)
+    if kind in mutated_dots.KINDS:
+        mutated_dots.add_blots(rng, levels, points, changes)
     image = _taken(rng, levels, points, changes)
     return MutatedView(image, stated, _named(stated, printed, points, changes), is_as_stated, tuple(changes))
 
@@ -110,6 +134,8 @@ def _draw_target(rng: np.random.Generator, kind: str) -> TargetSpec:
     if kind == "aprilgrid":
         columns, rows = (int(n) for n in rng.integers(3, 8, 2))
         return TargetSpec(kind, columns, rows, 30.0, 30.0 / (1.0 + float(rng.uniform(0.2, 0.4))))
+    if kind in mutated_dots.KINDS:
+        return mutated_dots.draw_dots(rng, kind)
     while True:
         columns, rows = int(rng.integers(3, 15)), int(rng.integers(3, 11))
         target = TargetSpec(
@@ -130,16 +156,25 @@ def _has_markers(target: TargetSpec) -> bool:
     return len(marker_dictionary(target).bytesList) >= (squares + 1) // 2
 
 
-def _misstated(rng: np.random.Generator, printed: TargetSpec) -> tuple[TargetSpec, list[str]]:
+def _misstated(
+    rng: np.random.Generator, printed: TargetSpec, origin_dot: float
+) -> tuple[TargetSpec, list[str]]:
     """Return another target than the one printed, and how they differ."""
     kinds = ["mirrored", "size", "size"]
+    if printed.kind in mutated_dots.KINDS and not mutated_dots.differs_in_a_mirror(printed, origin_dot):
+        kinds = ["size"]
     if printed.kind == "charuco":
         kinds += ["dictionary", "marker_size"] + ["layout"] * (printed.rows % 2)
     change = str(rng.choice(kinds))
     while change == "size":
         columns, rows = printed.columns + int(rng.integers(-2, 3)), printed.rows + int(rng.integers(-2, 3))
         stated = replace(printed, columns=max(columns, 3), rows=max(rows, 3))
-        if stated != printed and (printed.kind != "charuco" or _has_markers(stated)):
+        is_another = stated != printed
+        if printed.kind in mutated_dots.KINDS:
+            is_another = not (
+                mutated_dots.may_show(stated, printed) and mutated_dots.may_show(printed, stated)
+            )
+        if is_another and (printed.kind != "charuco" or _has_markers(stated)):
             return stated, ["size"]
     while change == "dictionary":
         stated = replace(printed, dictionary=str(rng.choice(_DICTIONARIES)))
@@ -170,10 +205,14 @@ def _named(
 
 
 def _soiled(
-    rng: np.random.Generator, sheet: object, printed: TargetSpec, changes: list[str]
-) -> RectilinearPattern:
-    """Return the sheet with some of its cells in the other ink, or a piece of it pasted elsewhere."""
-    assert isinstance(sheet, RectilinearPattern)
+    rng: np.random.Generator,
+    sheet: RectilinearPattern | DotPattern,
+    printed: TargetSpec,
+    changes: list[str],
+) -> RectilinearPattern | DotPattern:
+    """Return the sheet with some of its cells in the other ink, or a piece of it pasted elsewhere; dots worn."""
+    if isinstance(sheet, DotPattern):
+        return mutated_dots.soiled_dots(rng, sheet, changes)
     white = sheet.white.copy()
     inner = white[2:-2, 2:-2]  # without what is around the sheet, and its margin
     if rng.random() < 0.4:
@@ -224,7 +263,7 @@ def _draw_pose(
 
 def _lay(
     levels: Float[np.ndarray, "h w"],
-    sheet: RectilinearPattern,
+    sheet: RectilinearPattern | DotPattern,
     camera: Camera,
     T_camera_target: Float[np.ndarray, "4 4"],
     dark: float,
@@ -253,9 +292,12 @@ def _add_another(
     elif printed.kind == "charuco" and rng.random() < 0.5:
         wider = replace(printed, columns=max(3, printed.columns + int(rng.choice([-2, -1, 1, 2]))))
         other = wider if wider != printed and _has_markers(wider) else other
+    elif printed.kind in mutated_dots.KINDS and printed.columns > 3 and rng.random() < 0.5:
+        other = replace(printed, columns=max(3, printed.columns - int(rng.integers(1, 3))))
+    if printed.kind in mutated_dots.KINDS and mutated_dots.may_show(other, stated):
+        other = replace(printed, kind="chessboard", marker_mm=None)
     T = _draw_pose(rng, other, camera, strays=True)
     sheet = pattern_of(other, float(rng.uniform(0.2, 1.5)))
-    assert isinstance(sheet, RectilinearPattern)
     _lay(levels, sheet, camera, T, float(rng.uniform(5, 60)), float(rng.uniform(120, 245)))
     changes.append(f"beside_{other.kind}")
 

@@ -13,15 +13,16 @@ import numpy as np
 from jaxtyping import Float, UInt8
 
 from core.camera import Camera, undistort_points
-from core.simulation.patterns import RectilinearPattern
+from core.simulation.patterns import DotPattern, RectilinearPattern
 
 _STEP_PX = 8
 _FINER = 1.6  # samples of the sheet to a pixel of the picture
 _LARGEST_DRAWING = 3000
+_PARTS = 4  # bits of a sample that circles are placed by
 
 
 def sheet_in_view(
-    pattern: RectilinearPattern,
+    pattern: RectilinearPattern | DotPattern,
     camera: Camera,
     T_camera_target: Float[np.ndarray, "4 4"],
     size_px: tuple[int, int],
@@ -34,7 +35,7 @@ def sheet_in_view(
     per_mm = _FINER * camera.fx_px / float(T_camera_target[2, 3])
     extent = max(np.ptp(pattern.x_edges), np.ptp(pattern.y_edges))
     per_mm = min(per_mm, _LARGEST_DRAWING / extent)
-    drawing = _drawn(pattern, per_mm)
+    drawing = _dotted(pattern, per_mm) if isinstance(pattern, DotPattern) else _drawn(pattern, per_mm)
     # pixel k of a map enlarged so is place (k + ½) / step - ½ of the coarse one
     coarse = [np.arange(-1, side // _STEP_PX + 2) * _STEP_PX + 0.5 * (_STEP_PX - 1) for side in size_px]
     u, v = np.meshgrid(*coarse)
@@ -70,3 +71,18 @@ def _drawn(pattern: RectilinearPattern, per_mm: float) -> UInt8[np.ndarray, "h w
         for whole in (pattern.white, pattern.sheet)
     ]
     return np.ascontiguousarray(np.stack(parts, axis=2))
+
+
+def _dotted(pattern: DotPattern, per_mm: float) -> UInt8[np.ndarray, "h w 2"]:
+    """Return the blank sheet drawn, with the dots upon it."""
+    drawing = _drawn(pattern.blank, per_mm)
+    ink = np.ascontiguousarray(drawing[..., 0])
+    q, p = np.nonzero(pattern.radius_mm)
+    centres = (np.stack([p, q], axis=1) + pattern.first) @ np.linalg.inv(pattern.to_index).T
+    places = (centres - [pattern.x_edges[0], pattern.y_edges[0]]) * per_mm - 0.5
+    for place, radius in zip(places, pattern.radius_mm[q, p] * per_mm, strict=True):
+        u, v, r = (round(float(value) * (1 << _PARTS)) for value in (*place, radius))
+        below = ink[min(max(v >> _PARTS, 0), len(ink) - 1), min(max(u >> _PARTS, 0), ink.shape[1] - 1)]
+        cv2.circle(ink, (u, v), r, 255 - int(below), cv2.FILLED, cv2.LINE_AA, _PARTS)
+    drawing[..., 0] = ink
+    return drawing
