@@ -19,10 +19,11 @@ from core.targets.aprilgrid_reading import LatticePart, read_lattice
 from core.targets.grid_map import grid_basis, grid_shape
 from core.targets.linking import link
 from core.targets.marker_neighbours import among_neighbours, are_spread
+from core.targets.measured_points import measured_points
 from core.targets.pyramid import levels
 from core.targets.refinement import refine_corners
 from core.targets.saddles import find_saddles
-from core.targets.specification import GridPoints, TargetSpec, points_left_out
+from core.targets.specification import GridPoints, TargetSpec
 
 LEAST_CORNERS = 8
 _LEAST_PATCH = 4  # corners: one closed cell
@@ -58,18 +59,7 @@ def detect_aprilgrid(
             f"{target.size} corners can be measured: too few.",
             "Show the grid sharp and larger: gaps and borders of tags 5 px wide and more; free of reflections.",
         )
-    return GridPoints(
-        target=target,
-        image_width_px=image.shape[1],
-        image_height_px=image.shape[0],
-        column=column[trusted],
-        row=row[trusted],
-        points_px=np.ascontiguousarray(refined.points_px[trusted]),
-        standard_uncertainty_px=refined.standard_uncertainty_px[trusted],
-        warnings=(points_left_out(target.size - count, target.size, _LEFT_OUT),)
-        if count < target.size
-        else (),
-    )
+    return measured_points(image, target, column, row, refined, trusted, _LEFT_OUT)
 
 
 def _are_smooth(

@@ -15,8 +15,8 @@ is interpolated, and white noise in the picture is white noise in it. T is symme
 samples are taken (almost) symmetrically about q, so whatever is symmetric in the picture and not in the model (ink that
 spreads, a camera's gamma, a blur of another shape) moves no corner.
 
-Only pixels within `BAND` σ of an edge tell where it is. They do not tell the slopes of b and c, which look much like a
-shift of the edge: these are given.
+Only pixels near an edge, within `BAND` σ, tell where it is. They do not tell the slopes of b and c, which look much
+like a shift of the edge: these are given.
 """
 
 from __future__ import annotations
@@ -32,6 +32,9 @@ from core.compiled import compiled
 
 BAND = 2.0
 """Half width of the band of pixels along an edge, in σ: D² ∝ exp(-x²) beyond it is 4e-4 of the whole."""
+LEAST_BAND_PX = 2.0
+"""And in px at least this less two thirds of `BAND` σ, which is more where σ < .6: the one or two pixels across a
+sharper edge do not tell its blur from its contrast. Still wider, the band has what cameras do to sharpen edges."""
 NEAR = 3.0
 """Within so many σ of the other edge its P is not yet ±1."""
 
@@ -48,7 +51,8 @@ STATE = 20
 # columns of a step
 STEP_U, STEP_V, LEVEL, CONTRAST, WIDER_1, WIDER_2, SPREAD = range(7)
 SQUARES, SAMPLES, COV_UU, COV_UV, COV_VV, UNEVEN, UNEVEN_VARIANCE = range(7, 14)
-STEP = 14
+WEAKEST_ARM, WEAKEST_ARM_DOUBT = 14, 15
+STEP = 16
 
 _PER_UNIT = 32
 _AT = np.arange(0.0, 6.5, 1.0 / _PER_UNIT)
@@ -57,6 +61,9 @@ _BELL = np.exp(-0.5 * _AT**2) / math.sqrt(2.0 * math.pi)
 _P.flags.writeable = _BELL.flags.writeable = False
 
 _WIDEST = 2.3  # σ from an edge; a bent one's band is a little wider than BAND
+_LACKING = math.erfc(_WIDEST / math.sqrt(2.0))  # of P there
+_BELL_THERE = math.exp(-0.5 * _WIDEST**2) / math.sqrt(2.0 * math.pi)
+_TAIL, _TAIL_OF_BELL = 3.06, 3.41  # beyond it both end as eighth powers do, over so many σ: to 7e-5
 
 
 def _series(function: Callable[[Float[np.ndarray, " n"]], Float[np.ndarray, " n"]]) -> tuple[float, ...]:
@@ -101,6 +108,12 @@ def _profile(x: float, flat_top: float, spacing: float) -> tuple[float, float, f
 
 
 @compiled
+def _half_band(sigma: float) -> float:
+    """Return half the width (px) of the band of pixels along an edge."""
+    return max(BAND * sigma, LEAST_BAND_PX - BAND * sigma / 1.5)
+
+
+@compiled
 def _flat_top(n_u: float, n_v: float, sigma: float) -> float:
     """Return κ₄ / (24 σ⁴) of the pixel's square in an edge's profile."""
     return -(n_u**4 + n_v**4) / (120.0 * 24.0 * sigma**4)
@@ -134,6 +147,8 @@ def _band(
         own, other, arm = 1, 0, 2
     sign, per_contrast = s[SIGN], s[PER_CONTRAST]
     gap, gap_m = gap / sigma, gap_m / sigma_m
+    band, band_m = _half_band(sigma) / sigma, _half_band(sigma_m) / sigma_m
+    clear = max(NEAR, band_m)
     top, top_m = _flat_top(nu, nv, sigma), _flat_top(mu, mv, sigma_m)
     rho = nu * mu + nv * mv
     rest = 1.0 / math.sqrt(max(1.0 - rho * rho, 1e-4))
@@ -149,7 +164,7 @@ def _band(
         level_along, level_across = s[LEVEL_U], s[LEVEL_V]
         contrast_along, contrast_across = s[CONTRAST_U], s[CONTRAST_V]
     extent = reach * abs(n_across)
-    half = BAND * sigma / abs(n_across)
+    half = _half_band(sigma) / abs(n_across)
     per_across, per_sigma, per_sigma_m = 1.0 / n_across, 1.0 / sigma, 1.0 / sigma_m
     begin = max(0, math.ceil(q_along - extent - 0.5))
     end = min(size_along - 1, math.floor(q_along + extent + 0.5))
@@ -177,8 +192,8 @@ def _band(
         slope = contrast_along * along + contrast_across * across
         at = line * to_next_line + low * to_next
         span = half * abs(do)
-        is_arm = abs(o_middle) - span >= NEAR and abs(o_middle) + span + NEAR <= gap_m and gap >= BAND + NEAR
-        if is_arm and half * abs(da) <= _WIDEST:
+        is_arm = abs(o_middle) - span >= clear and abs(o_middle) + span + NEAR <= gap_m and gap >= band + NEAR
+        if is_arm:
             at_arm = arm + 1 if o_middle > 0.0 else arm
             place_a, place_w, place_s, place_g = pixels[at_arm]
             k = counts[at_arm]
@@ -196,7 +211,7 @@ def _band(
         for pixel in range(count):
             place_m = m_across * along - m_along * (across + pixel)
             # pixels in the other edge's band are in already
-            if first or abs(o) > BAND or abs(place_m) > s[REACH_1]:
+            if first or abs(o) > band_m or abs(place_m) > s[REACH_1]:
                 value, h, bell = _profile(a, top, gap)
                 value_m, h_m, bell_m = _profile(o, top_m, gap_m)
                 P_given, _ = _step((o - rho * a) * rest)
@@ -235,7 +250,7 @@ def _on_arm(
     a: float, slope: float, top: float, side: float, sigma: float, per_contrast: float
 ) -> tuple[float, float, float, float]:
     """Return the factors of c d, c₀, c Δln σ and c spread at a pixel of an arm; that of b₀ is 1."""
-    t = a * a
+    t = min(a * a, _WIDEST**2)
     c = _P_SERIES
     value = c[0] + t * (
         c[1] + t * (c[2] + t * (c[3] + t * (c[4] + t * (c[5] + t * (c[6] + t * (c[7] + t * c[8]))))))
@@ -244,6 +259,12 @@ def _on_arm(
     bell = c[0] + t * (
         c[1] + t * (c[2] + t * (c[3] + t * (c[4] + t * (c[5] + t * (c[6] + t * (c[7] + t * c[8]))))))
     )
+    if a * a > _WIDEST**2:  # of sharp edges alone, whose band is wider
+        size = abs(a)
+        q = max(1.0 - (size - _WIDEST) / _TAIL, 0.0) ** 2
+        value = (1.0 - _LACKING * q * q * q * q) / size
+        q = max(1.0 - (size - _WIDEST) / _TAIL_OF_BELL, 0.0) ** 2
+        bell = _BELL_THERE * q * q * q * q
     T = side * a * (value - 2.0 * top * bell * (t - 3.0))
     strong = 1.0 + slope * per_contrast
     bump = side * strong * 2.0 * bell * (1.0 + top * (t * (t - 6.0) + 3.0))
@@ -385,7 +406,7 @@ def place_edges(
             spacing = n_u * across[0] + n_v * across[1]
             if spacing < 0.0:
                 n_u, n_v, spacing = -n_u, -n_v, -spacing
-            beside = BAND * s[SIGMA_1 + edge]
+            beside = _half_band(s[SIGMA_1 + edge])
             reach = min(reach_px, reach_share * length)
             reach = min(reach, (room_u - beside * abs(n_u)) / max(abs(n_v), 1e-9))
             reach = min(reach, (room_v - beside * abs(n_v)) / max(abs(n_u), 1e-9))
@@ -475,7 +496,7 @@ def _room(states: Float[np.ndarray, "n state"], chosen: Int[np.ndarray, " k"]) -
         s = states[k]
         room = 0.0
         for reach, sigma in ((s[REACH_1], s[SIGMA_1]), (s[REACH_2], s[SIGMA_2])):
-            room += (2.0 * reach + 3.0) * (2.0 * BAND * sigma * math.sqrt(2.0) + 2.0)
+            room += (2.0 * reach + 3.0) * (2.0 * _half_band(sigma) * math.sqrt(2.0) + 2.0)
         if room > most:
             most = room
     return int(min(most, 1e6))
@@ -644,7 +665,7 @@ def _look_back(
     b: Float[np.ndarray, " 7"],
     out: Float[np.ndarray, " step"],
 ) -> None:
-    """Sum up the residuals' squares, and by how much the arms disagree.
+    """Sum up the residuals' squares, and by how much the arms disagree, in place and in contrast.
 
     An arm's own shift is Σ D r / (c Σ D²), of variance 1 / (c² Σ D²) in unit noise. Position moves both arms of an
     edge alike, spread ink moves them apart and does so for both edges: left is the difference of the differences.
@@ -653,6 +674,7 @@ def _look_back(
     for i in range(7):
         squares -= b[i] * A[7, i]
     out[SQUARES], out[SAMPLES] = max(squares, 0.0), A[2, 2]
+    _compare_arms(parts, b, out)
     uneven, variance = 0.0, 0.0
     for arm in range(4):
         edge = arm // 2
@@ -667,3 +689,26 @@ def _look_back(
         uneven += shift if arm == 1 or arm == 2 else -shift
         variance += 1.0 / (steepness * b[3] ** 2)
     out[UNEVEN], out[UNEVEN_VARIANCE] = uneven, variance
+
+
+@compiled
+def _compare_arms(
+    parts: Float[np.ndarray, "5 8 8"], b: Float[np.ndarray, " 7"], out: Float[np.ndarray, " step"]
+) -> None:
+    """Set the contrast across the arm that shows least, in the corner's own, and its doubt in unit noise.
+
+    A line through the grey over T along one arm has the contrast as its slope. Where the picture has a bend of an
+    outline, or the end of one, in place of a crossing, two arms or one show none.
+    """
+    for arm in range(4):
+        of_arm = parts[arm]
+        samples = of_arm[2, 2]
+        if samples <= 0.0:
+            continue
+        spread = of_arm[3, 3] - of_arm[3, 2] ** 2 / samples
+        if spread <= 0.0:
+            continue
+        share = (of_arm[7, 3] - of_arm[3, 2] * of_arm[7, 2] / samples) / (spread * b[3])
+        if not share >= out[WEAKEST_ARM]:
+            out[WEAKEST_ARM] = share
+            out[WEAKEST_ARM_DOUBT] = 1.0 / (abs(b[3]) * math.sqrt(spread))

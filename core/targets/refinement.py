@@ -37,8 +37,12 @@ _ASTRAY = 6.0
 _OWN_PLACE = 0.4  # of the spacing: half-way a neighbour's begins
 _OWN_PLACE_IN_PRINT = 0.2  # the same where something is printed in the squares, which has corners of its own
 _LEAST_CONTRAST = 0.15  # of the median
+_LEAST_ARM, _ARM_SIGMAS = 0.5, 4.0  # of the corner's contrast, across each of its four arms; beyond noise
 _LARGEST_VARIANCE = 4.0  # of the residuals, times the median
 _SMALL_RESIDUAL = 0.01  # of half the contrast: without noise the model itself shows
+_SHARPEST_PX = 0.26
+"""Below the 1/√12 of a pixel's area edges are not averaged over it: the picture is thresholded, or was resampled by the
+nearest pixel, and steps stand where its lines do not."""
 _POOLED = 50.0
 _ROUNDING = 1.0 / np.sqrt(12.0)
 
@@ -302,6 +306,8 @@ def _conclude(
         trusted &= (excess < _LARGEST_VARIANCE) | (relative < _SMALL_RESIDUAL**2)
         share = _POOLED / (_POOLED + freedom)
         variance = share * noise + (1.0 - share) * variance
+        doubt = steps[:, kernel.WEAKEST_ARM_DOUBT] * np.sqrt(variance)
+        trusted &= ~(steps[:, kernel.WEAKEST_ARM] < np.minimum(_LEAST_ARM, 1.0 - _ARM_SIGMAS * doubt))
     uneven = steps[:, kernel.UNEVEN] ** 2 / (steps[:, kernel.UNEVEN_VARIANCE] * variance)
     told = trusted & np.isfinite(uneven)
     factor = 1.0
@@ -312,11 +318,15 @@ def _conclude(
         factor = float(np.mean(uneven[told]))
         if factor < 1.0 + 3.0 * np.sqrt(2.0 / np.count_nonzero(told)):
             factor = 1.0
+    aliased_px: float | Float[np.ndarray, " n"] = 0.0
     if trusted.any():  # an edge tells its place by 1/σ, and the last step corrected σ once more
-        wider = steps[:, [kernel.WIDER_1, kernel.WIDER_2]][trusted]
-        factor *= np.exp(median(wider.ravel()))
+        wider = float(np.exp(median(steps[:, [kernel.WIDER_1, kernel.WIDER_2]][trusted].ravel())))
+        if wider * median(sigma[trusted]) < _SHARPEST_PX:
+            aliased_px = _aliasing(states)
+        else:
+            factor *= wider
     trace = 0.5 * (steps[:, kernel.COV_UU] + steps[:, kernel.COV_VV])
-    uncertainty = np.sqrt(trace * variance * factor)
+    uncertainty = np.hypot(np.sqrt(trace * variance * factor), aliased_px)
     trusted &= np.isfinite(uncertainty)
     return Refined(
         points_px=np.where(trusted[:, None], points, start),
@@ -325,3 +335,15 @@ def _conclude(
         blur_px=np.sqrt(np.maximum(sigma**2 - 1.0 / 12.0, 0.0)),
         contrast=np.where(np.isfinite(contrast), 2.0 * contrast, 0.0),
     )
+
+
+def _aliasing(states: Float[np.ndarray, "n state"]) -> Float[np.ndarray, " n"]:
+    """Return the standard uncertainty (px) that corners have of steps of whole pixels along their edges.
+
+    A line along one row of pixels may be anywhere in it; each step along its way tells where it is once more.
+    """
+    squares = np.zeros(len(states))  # of u and v together
+    for n_u, reach in ((kernel.N1_U, kernel.REACH_1), (kernel.N2_U, kernel.REACH_2)):
+        steps = 2.0 * states[:, reach] * np.abs(states[:, n_u : n_u + 2]).min(axis=1)
+        squares += (_ROUNDING / (1.0 + steps)) ** 2
+    return np.sqrt(0.5 * squares)

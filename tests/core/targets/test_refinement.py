@@ -178,6 +178,33 @@ def test_covered_corners_are_not_believed_and_spoil_no_other(take: Take) -> None
     assert refined.trusted[away].mean() > 0.9
 
 
+@pytest.mark.parametrize("seed", [2, 3, 5])
+def test_bends_of_an_outline_are_no_crossings(take: Take, seed: int) -> None:
+    """Where one of the four squares is missing, the one opposite still has its corner there."""
+    scene, picture = take(9, 6, seed=seed, tilt_deg=25.0, noise_levels=1.0)
+    points = scene.points_px.reshape(6, 9, 2)
+    black = np.rint(points[[2, 2, 3, 3], [4, 5, 5, 4]]).astype(np.int32)
+    covered = cv2.dilate(cv2.fillConvexPoly(np.zeros_like(picture), black, 1), np.ones((7, 7), np.uint8))
+    u, v = np.rint(points[2:4, 5:7].mean(axis=(0, 1))).astype(int)  # in the white one beside it
+    refined = refine_scene(scene, np.where(covered == 1, picture[v, u], picture))
+    trusted = refined.trusted.reshape(6, 9)
+    assert not trusted[2:4, 4:6].any()
+    assert trusted.sum() == 50
+
+
+def test_thresholded_pictures_are_measured_with_their_doubt(take: Take) -> None:
+    """Steps of whole pixels all along the edges: no blur to tell a place by, and errors of neighbours in unison."""
+    errors, trusted = [], []
+    for seed, tilt_deg in enumerate((10.0, 25.0, 40.0, 50.0)):
+        scene, picture = take(14, 10, seed, tilt_deg, 180.0, blur_px=0.1, noise_levels=0.0, light=Light())
+        refined = refine_scene(scene, np.where(picture > 117, 210, 30).astype(np.uint8))
+        errors.append(normalised(refined, scene))
+        trusted.append(refined.trusted.mean())
+    assert np.mean(trusted) > 0.8  # of lines along the pixels' rows next to nothing is known
+    assert max(trusted) > 0.95
+    assert 0.4 < rms(np.concatenate(errors)) < 1.2
+
+
 def test_the_edge_of_a_reflex_is_noticed(take: Take) -> None:
     scene, picture = take(9, 6, seed=2, tilt_deg=10.0)
     points = scene.points_px
@@ -267,14 +294,21 @@ def test_pictures_without_corners_give_none(seed: int) -> None:
 
 @pytest.mark.parametrize("angle_deg", [3.0, 40.0, 70.0, 130.0])
 @pytest.mark.parametrize("between_deg", [90.0, 75.0])
-def test_kernel_against_its_twin(angle_deg: float, between_deg: float) -> None:
-    """One step of the compiled kernel is the plain least-squares solution over the same pixels."""
+@pytest.mark.parametrize(("sigmas_px", "rtol"), [((1.1, 1.4), 3e-3), ((0.35, 0.5), 0.03)])
+def test_kernel_against_its_twin(
+    angle_deg: float, between_deg: float, sigmas_px: tuple[float, float], rtol: float
+) -> None:
+    """One step of the compiled kernel is the plain least-squares solution over the same pixels.
+
+    P of the other edge is ±1 to 3e-3 where the kernel takes it for that, and Mehler's series is cut off: of sharp edges
+    the few pixels near the crossing, where this matters, are a tenth of all.
+    """
     state = np.zeros(kernel.STATE)
     state[[kernel.Q_U, kernel.Q_V]] = 33.3, 28.8
     for at, angle in ((kernel.N1_U, angle_deg), (kernel.N2_U, angle_deg + between_deg)):
         state[at : at + 2] = math.cos(math.radians(angle)), math.sin(math.radians(angle))
     state[[kernel.REACH_1, kernel.REACH_2]] = 14.0, 12.0
-    state[[kernel.SIGMA_1, kernel.SIGMA_2]] = 1.1, 1.4
+    state[[kernel.SIGMA_1, kernel.SIGMA_2]] = sigmas_px
     state[[kernel.SPACING_1, kernel.SPACING_2]] = 40.0
     state[[kernel.LEVEL_U, kernel.LEVEL_V, kernel.CONTRAST_U, kernel.CONTRAST_V]] = 0.1, -0.2, 0.05, 0.1
     state[kernel.SIGN], state[kernel.PER_CONTRAST] = -1.0, 0.01
@@ -283,7 +317,8 @@ def test_kernel_against_its_twin(angle_deg: float, between_deg: float) -> None:
         [kernel.N1_U, kernel.N2_U, kernel.N1_V, kernel.N2_V]
     ].reshape(2, 2)
     noise = 5.0 * np.random.default_rng(int(angle_deg)).standard_normal(u.shape)
-    image = to_8_bit(120.0 - 80.0 * np.tanh(d[..., 0]) * np.tanh(d[..., 1]) + noise)
+    profiles = np.tanh(1.2 * d / sigmas_px)
+    image = to_8_bit(120.0 - 80.0 * profiles[..., 0] * profiles[..., 1] + noise)
     columns, grey, weight = twin_rows(image, state)
     root = np.sqrt(weight)[:, None]
     solution = np.linalg.lstsq(columns * root, grey * root[:, 0], rcond=None)[0]
@@ -295,11 +330,10 @@ def test_kernel_against_its_twin(angle_deg: float, between_deg: float) -> None:
     steps = np.full((1, kernel.STEP), np.nan)
     kernel.step_corners(image, state[None], np.array([0]), 1, True, steps)
     step = steps[0]
-    # P of the other edge is ±1 to 3e-3 where the kernel takes it for that, and Mehler's series is cut off
-    np.testing.assert_allclose(step[[kernel.STEP_U, kernel.STEP_V]], delta, rtol=3e-3, atol=1e-4)
-    np.testing.assert_allclose(step[[kernel.LEVEL, kernel.CONTRAST]], solution[2:4], rtol=3e-3)
+    np.testing.assert_allclose(step[[kernel.STEP_U, kernel.STEP_V]], delta, rtol=rtol, atol=1e-4)
+    np.testing.assert_allclose(step[[kernel.LEVEL, kernel.CONTRAST]], solution[2:4], rtol=rtol)
     assert step[kernel.SAMPLES] == pytest.approx(weight.sum(), rel=1e-9)
-    assert step[kernel.SQUARES] == pytest.approx(np.sum(residual**2), rel=0.01)
+    assert step[kernel.SQUARES] == pytest.approx(np.sum(residual**2), rel=max(0.01, rtol))
     expected = covariance[[0, 0, 1], [0, 1, 1]]
     stated = step[[kernel.COV_UU, kernel.COV_UV, kernel.COV_VV]]
     np.testing.assert_allclose(stated, expected, atol=5e-3 * np.abs(expected).max())
@@ -331,15 +365,14 @@ def twin_rows(image: np.ndarray, s: np.ndarray) -> tuple[np.ndarray, np.ndarray,
     n = s[[kernel.N1_U, kernel.N1_V, kernel.N2_U, kernel.N2_V]].reshape(2, 2)
     sigma, reach = s[[kernel.SIGMA_1, kernel.SIGMA_2]], s[[kernel.REACH_1, kernel.REACH_2]]
     x = d @ n.T / sigma
+    half = np.maximum(kernel.BAND * sigma, kernel.LEAST_BAND_PX - kernel.BAND * sigma / 1.5) / sigma
     weights = []
     for k in range(2):
         axis = 1 if abs(n[k, 0]) >= abs(n[k, 1]) else 0  # lines run along the other one
         extent = reach[k] * abs(n[k, 1 - axis])
-        weights.append(
-            np.clip(extent + 0.5 - np.abs(d[:, axis]), 0.0, 1.0) * (np.abs(x[:, k]) <= kernel.BAND)
-        )
+        weights.append(np.clip(extent + 0.5 - np.abs(d[:, axis]), 0.0, 1.0) * (np.abs(x[:, k]) <= half[k]))
     along_1 = np.abs(d @ np.array([-n[0, 1], n[0, 0]]))
-    weights[1] = weights[1] * ~((np.abs(x[:, 0]) <= kernel.BAND) & (along_1 <= reach[0]))
+    weights[1] = weights[1] * ~((np.abs(x[:, 0]) <= half[0]) & (along_1 <= reach[0]))
     rows, greys, kept = [], [], []
     for k in range(2):
         used = weights[k] > 0.0
