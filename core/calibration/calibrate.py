@@ -16,6 +16,7 @@ from core.errors import Advisory, GridposeError, TargetAmbiguous, TargetMismatch
 from core.image import DEFAULT_MAX_PIXELS, decode
 from core.targets.capture import assess_capture, with_tilt
 from core.targets.detect import detect
+from core.targets.shown_instead import look_for
 from core.targets.specification import GridPoints, TargetSpec
 
 _NUMBERED_KINDS = ("charuco", "aprilgrid")
@@ -52,7 +53,7 @@ def calibrate_image(
     Raises the leaves of ImageError, DetectionError and EstimationError (`core.errors`); those raised after
     grid points were found carry them as `.points`.
     """
-    points = detect(decode(data, max_pixels=max_pixels), target)
+    points = look_for(decode(data, max_pixels=max_pixels), target)
     return calibrate_points(points, lens=lens, intrinsics=intrinsics)
 
 
@@ -76,9 +77,10 @@ def calibrate_targets(
     """
     image = decode(data, max_pixels=max_pixels)
     finds: list[GridPoints | GridposeError] = []
+    find = look_for if len(targets) == 1 else detect
     for target in targets:
         try:
-            found = detect(image, target)
+            found = find(image, target)
             finds.append(dataclasses.replace(found, capture_quality=assess_capture(image, found)))
         except GridposeError as failure:
             finds.append(failure)

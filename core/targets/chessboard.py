@@ -97,6 +97,11 @@ def trace_detection(image: UInt8[np.ndarray, "h w"] | UInt16[np.ndarray, "h w"],
     return Trace(tuple(steps), best)
 
 
+def boards_in_view(image: UInt8[np.ndarray, "h w"] | UInt16[np.ndarray, "h w"]) -> tuple[Board, ...]:
+    """Return the lattices of squares that a picture shows, of any size; one may be there twice, by two levels."""
+    return tuple(board for step in _search(_plain(image)) for board in step.boards)
+
+
 def _plain(image: np.ndarray) -> np.ndarray:
     """Return the picture as the kernels take it: in one piece, and writeable, which is of another type for them."""
     if image.flags.c_contiguous and image.flags.writeable and image.flags.aligned:

@@ -50,7 +50,7 @@ def detect(image: UInt8[np.ndarray, "h w"] | UInt16[np.ndarray, "h w"], target: 
     target
         What to look for: all of it must be in view, of a chessboard a part that ends with the picture or carries the
         marked squares, of a ChArUco board eight corners and some markers in two rows, of an AprilGrid tags of two rows;
-        of dots three quarters must be free, or of `circles` a part that ends with the picture.
+        of dots half must be free, or a part that ends with the picture.
 
     Returns
     -------

@@ -1,0 +1,88 @@
+"""What is said of pictures that show a board of another kind than the one asked for."""
+
+from __future__ import annotations
+
+import math
+
+import cv2
+import numpy as np
+import pytest
+
+from core import calibrate_image
+from core.camera import Camera
+from core.errors import DetectionError, TargetMismatch, TargetNotFound
+from core.simulation import Scene, render
+from core.simulation.scenes import random_pose
+from core.targets.shown_instead import look_for
+from core.targets.specification import TargetSpec
+
+CAMERA = Camera(1000.0, 1000.0, 503.0, 396.0, k1=-0.1, k2=0.05)
+CHESSBOARD = TargetSpec("chessboard", 9, 6, 20.0)
+CHARUCO = TargetSpec("charuco", 9, 6, 20.0, 15.0, "DICT_5X5_100")
+SMALL_MARKERS = TargetSpec("charuco", 9, 6, 20.0, 11.0, "DICT_4X4_50")
+CIRCLES = TargetSpec("circles", 9, 6, 20.0)
+STAGGERED = TargetSpec("asymmetric_circles", 4, 11, 20.0)
+APRILGRID = TargetSpec("aprilgrid", 4, 4, 40.0, 30.0)
+
+
+def picture(target: TargetSpec, seed: int, marks: bool = False) -> np.ndarray:
+    rng = np.random.default_rng([seed, 5])
+    tilt = math.radians(rng.uniform(0.0, 40.0))
+    T = random_pose(target, CAMERA, (1000, 800), tilt, math.radians(180.0), rng)
+    return render(Scene(target, CAMERA, T, 1000, 800, noise_levels=2.0, seed=seed, marks=marks))
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+@pytest.mark.parametrize(
+    ("shown", "asked", "said"),
+    [
+        (CHARUCO, CHESSBOARD, "A ChArUco board"),
+        (SMALL_MARKERS, STAGGERED, "A ChArUco board"),
+        (CHARUCO, CIRCLES, "A ChArUco board"),
+        (CHESSBOARD, CHARUCO, "A chessboard of 9 x 6"),
+        (CHESSBOARD, STAGGERED, "A chessboard of 9 x 6"),
+        (CHESSBOARD, CIRCLES, "A chessboard of 9 x 6"),
+        (CHARUCO, STAGGERED, "A ChArUco board"),
+        (CHESSBOARD, APRILGRID, "A chessboard of 9 x 6"),
+        (CHARUCO, APRILGRID, "A ChArUco board"),
+    ],
+)
+def test_boards_of_another_kind_are_named(shown: TargetSpec, asked: TargetSpec, said: str, seed: int) -> None:
+    with pytest.raises(TargetMismatch, match=said) as caught:
+        look_for(picture(shown, seed), asked)
+    assert f"of {asked.columns} x {asked.rows} was asked for" in caught.value.detail
+    _, file = cv2.imencode(".png", picture(shown, seed))
+    with pytest.raises(TargetMismatch, match=said):
+        calibrate_image(file.tobytes(), asked)
+
+
+@pytest.mark.parametrize("asked", [CHESSBOARD, CHARUCO, CIRCLES, STAGGERED, APRILGRID])
+def test_without_any_board_none_is_named(asked: TargetSpec) -> None:
+    rng = np.random.default_rng(7)
+    for levels in (
+        np.full((800, 1000), 128.0),
+        cv2.GaussianBlur(rng.normal(128.0, 400.0, (800, 1000)), (0, 0), 3.0),
+        np.where((np.indices((800, 1000)) // 3).sum(axis=0) % 2 == 0, 60.0, 200.0),
+    ):
+        with pytest.raises(TargetNotFound):
+            look_for(np.clip(levels, 0, 255).astype(np.uint8), asked)
+
+
+def test_marked_squares_are_no_markers() -> None:
+    """A chessboard with marks, of another size: told by its size, as ever."""
+    with pytest.raises(DetectionError) as caught:
+        look_for(picture(CHESSBOARD, 3, marks=True), TargetSpec("chessboard", 7, 5, 20.0))
+    assert "ChArUco" not in caught.value.detail
+    assert isinstance(caught.value, TargetMismatch)
+
+
+def test_the_board_asked_for_is_found_as_ever() -> None:
+    for target in (CHESSBOARD, CHARUCO, CIRCLES, STAGGERED, APRILGRID):
+        assert len(look_for(picture(target, 4), target)) > 0.9 * target.size
+
+
+def test_of_the_board_asked_for_but_hidden_nothing_else_is_said() -> None:
+    shown = picture(CHESSBOARD, 6)
+    shown[:, 350:650] = 90
+    with pytest.raises(TargetNotFound):
+        look_for(shown, CHESSBOARD)
