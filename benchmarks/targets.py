@@ -38,7 +38,7 @@ SUBPIX_WINDOW = (5, 5)  # half the gap between tags, where they are smallest
 SUBPIX_STOP = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_MAX_ITER, 60, 1e-4)
 WRONG_PX = 1.0
 MUTATED_VIEWS = 10_000
-MUTATED_KINDS = ("charuco", "aprilgrid")
+MUTATED_KINDS = ("charuco", "aprilgrid", "circles", "asymmetric_circles")  # share the views equally
 _CHUNK = 50  # views of one seed
 
 
@@ -183,8 +183,9 @@ def _dots(target: TargetSpec, errors: list[np.ndarray | None]) -> Iterable[Row]:
 
 @dataclass(frozen=True)
 class _Named:
-    """What became of some mutated views: corners with a wrong name, and views as stated and those of them measured."""
+    """What became of some mutated views: points with a wrong name, and views as stated and those of them measured."""
 
+    views: int
     wrong: int
     corners: int
     as_stated: int
@@ -203,24 +204,40 @@ def _name(kind: str, seed: int, count: int) -> _Named:
         wrong += view.wrong(found)
         corners += len(found)
         measured += view.is_as_stated
-    return _Named(wrong, corners, as_stated, measured)
+    return _Named(count, wrong, corners, as_stated, measured)
 
 
 def _names(pool: ProcessPoolExecutor, seeds: list[int], views: int) -> Iterable[Row]:
-    """Count wrong names in views with things before the board, flipped bits, other boards and mirrored ones."""
+    """Count wrong names in views with things before the board, soiled, with other boards and mirrored ones: by kind,
+    and all together."""
     each = views // len(MUTATED_KINDS)
+    every = []
     for kind in MUTATED_KINDS:
         drawn = np.random.SeedSequence([*seeds, len(kind)]).generate_state(-(-each // _CHUNK))
         counts = [min(_CHUNK, each - _CHUNK * k) for k in range(len(drawn))]
         seen = list(pool.map(_name, [kind] * len(drawn), [int(s) for s in drawn], counts))
-        total = _Named(*(sum(getattr(n, f) for n in seen) for f in _Named.__dataclass_fields__))
-        note = (
-            f"{each:,} rendered and mutated views, {total.corners:,} corners accepted; of {total.as_stated:,} views "
-            f"that show the board asked for {total.measured:,} were measured"
-        )
-        yield Row.at_most(f"{kind}: corners accepted under a wrong name", float(total.wrong), 0.0, note=note)
+        every += seen
+        total = _together(seen)
+        yield from _wrong_names(kind, total)
         share = 100.0 * total.measured / max(total.as_stated, 1)
-        yield Row.context(f"{kind}: mutated views measured", share, "%", note)
+        yield Row.context(f"{kind}: mutated views measured", share, "%", _views_note(total))
+    yield from _wrong_names("every kind with markers or dots", _together(every))
+
+
+def _together(seen: list[_Named]) -> _Named:
+    return _Named(*(sum(getattr(n, f) for n in seen) for f in _Named.__dataclass_fields__))
+
+
+def _wrong_names(name: str, seen: _Named) -> Iterable[Row]:
+    what = f"{name}: points accepted under a wrong name"
+    yield Row.at_most(what, float(seen.wrong), 0.0, note=_views_note(seen))
+
+
+def _views_note(seen: _Named) -> str:
+    return (
+        f"{seen.views:,} rendered and mutated views, {seen.corners:,} points accepted; of {seen.as_stated:,} views "
+        f"that show the board asked for {seen.measured:,} were measured"
+    )
 
 
 def _time(seeds: list[int], per_seed: int, repeats: int) -> Iterable[Row]:

@@ -62,7 +62,13 @@ class MutatedView:
     changes: tuple[str, ...]
 
     def wrong(self, found: GridPoints) -> int:
-        """Return how many grid points were found under a wrong name."""
+        """Return how many grid points were found under a wrong name.
+
+        A rectangle of dots has the same places in a mirror. Where its larger dot is hidden, nothing is wrong in saying
+        that either end may be the origin; in naming one, all is.
+        """
+        if "mirrored" in self.changes and found.origin == "known":
+            return len(found)
         row, column = (a.ravel() for a in np.mgrid[0 : self.target.grid_rows, 0 : self.target.grid_columns])
         has = np.isfinite(self.points_px[:, 0])
         places = self.points_px[has]
@@ -197,7 +203,7 @@ def _named(
 ) -> Float[np.ndarray, "m 2"]:
     """Return the printed board's grid points under the stated one's names."""
     named = np.full((stated.grid_rows, stated.grid_columns, 2), np.nan)
-    if "mirrored" not in changes and "dictionary" not in changes:
+    if ("mirrored" not in changes or printed.kind == "circles") and "dictionary" not in changes:
         grid = points.reshape(printed.grid_rows, printed.grid_columns, 2)
         rows, columns = (min(a, b) for a, b in zip(named.shape[:2], grid.shape[:2], strict=True))
         named[:rows, :columns] = grid[:rows, :columns]

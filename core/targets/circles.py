@@ -7,14 +7,23 @@ from that (`dot_refinement`).
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Bool, Float, Int, Shaped, UInt8, UInt16
 
 from core.errors import Advisory, TargetMirrored, TargetMismatch, TargetNotFound
+from core.targets.dot_highlights import centre_shifts
 from core.targets.dot_lattice import DotLattice, dot_lattices, joined
-from core.targets.dot_refinement import LEAST_DOTS, ODD, FittedDots, corrected_centres, fit_dots, squareness
+from core.targets.dot_refinement import (
+    LEAST_DOTS,
+    ODD,
+    FittedDots,
+    corrected_centres,
+    fit_dots,
+    plane_map,
+    squareness,
+)
 from core.targets.dot_sites import cells_of, is_staggered, lines
 from core.targets.dots import Dots, find_dots
 from core.targets.partial_dots import along_lines, part_turns
@@ -25,6 +34,8 @@ _ENOUGH_SEEN = 0.5
 _ENOUGH_OF_PART = 0.75
 _ENOUGH_TO_JOIN = 0.25
 _ENOUGH_OF_LINE = 0.5
+_ENOUGH_DOTS, _ENOUGH_CLEAR = 25, 0.25  # of the target's, outside of highlights
+_IN_PLACE = 0.2  # of a dot's radius: a highlight moves it by less
 _ROUND = 0.98  # of `Dots.fill`
 _SQUARE = 0.05  # of `squareness`: round dots have less than .02, a grille's of 8 px .13
 _LEAST_EXTENT = 0.25  # of the largest board's: a smaller one does not count beside it
@@ -187,10 +198,20 @@ def _grid_points(
             f"A grid of {target.columns} x {target.rows} patches is in view, but they are square, not round.",
             "Show the board of dots, and keep gratings and tiles of as many columns and rows out of the picture.",
         )
-    centres, radius, trusted = corrected_centres(matches[0].ideal, fitted)
     variance, contrast = fitted.variance, fitted.contrast
     noise = np.maximum(variance, _ROUNDING)
     uncertainty = np.sqrt(noise * 0.5 * np.trace(fitted.covariance, axis1=1, axis2=2))
+    moved = centre_shifts(image, fitted, are_dark=dots.are_dark)
+    clear = fitted.trusted & (moved <= uncertainty)
+    if clear.sum() < max(LEAST_DOTS, min(_ENOUGH_DOTS, _ENOUGH_CLEAR * target.size)) or not _is_spread(
+        matches[0].ideal[clear]
+    ):
+        raise _too_poor(target, int(clear.sum()))
+    uncertainty = np.hypot(uncertainty, moved)
+    centres, radius, trusted = corrected_centres(matches[0].ideal, replace(fitted, trusted=clear))
+    drawn = plane_map(matches[0].ideal, centres, trusted.astype(np.float64))[1]
+    in_place = np.hypot(*(centres - drawn).T) <= _IN_PLACE * fitted.radius_px
+    trusted |= fitted.trusted & ~clear & in_place  # what stands in a highlight tells names, but no places
     usual, usual_contrast, usual_radius = (
         float(np.median(values[trusted])) if trusted.any() else 0.0 for values in (variance, contrast, radius)
     )
@@ -205,15 +226,19 @@ def _grid_points(
     if larger is not None and match.column[larger] == 0 and match.row[larger] == 0:
         odd[larger] = False
     trusted &= ~odd
+    index = match.row * target.columns + match.column
+    if trusted.sum() < enough or not (is_part or _is_whole(index[trusted], target)):
+        raise _too_poor(target, int(trusted.sum()))
+    trusted &= clear
     count = int(trusted.sum())
-    if count < enough:
-        raise _too_poor(target, count)
     order = np.flatnonzero(trusted)
     order = order[np.lexsort((match.column[order], match.row[order]))]
     if count < target.size:
-        reason = "dots were left out: the picture does not show them as dots."
+        reason = "dots were left out: they are hidden, not clear enough, or in saturated white."
         if is_part:
-            reason = "dots were left out: they are out of view, hidden, or not clear enough."
+            reason = (
+                "dots were left out: they are out of view, hidden, not clear enough, or in saturated white."
+            )
         warnings = (*warnings, points_left_out(target.size - count, target.size, reason))
     return GridPoints(
         target=target,
@@ -226,6 +251,11 @@ def _grid_points(
         warnings=warnings,
         origin=origin,
     )
+
+
+def _is_spread(ideal: Float[np.ndarray, "n 2"]) -> bool:
+    """Tell whether places are those of a plane's points, not of a line's."""
+    return bool(np.linalg.svd(ideal - ideal.mean(axis=0), compute_uv=False)[1] > 0.5)
 
 
 def _too_poor(target: TargetSpec, count: int) -> TargetNotFound:

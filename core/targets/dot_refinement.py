@@ -18,6 +18,7 @@ import cv2
 import numpy as np
 from jaxtyping import Bool, Float, Int, Shaped
 
+from core.errors import InvalidArgument
 from core.targets.dot_kernel import fit_each
 from core.targets.dots import Dots
 from core.targets.grid_map import grid_basis, grid_shape
@@ -36,6 +37,8 @@ _MOST_STEPS = 12
 _TOLERANCE = 0.2  # of the uncertainty: the next step would be a tenth of that
 _START_BLUR_PX, _LEAST_BLUR_PX = 1.5, 0.25
 _ASTRAY = 6.0
+_STRANGE = 0.1  # by how much a radius differs from the others'
+_ASIDE_OF_OTHERS = 0.2  # of a dot's radius: what is farther from where the others have it is not it
 
 
 @dataclass(frozen=True, slots=True)
@@ -95,19 +98,30 @@ def fit_dots(
 def squareness(image: Shaped[np.ndarray, "h w"], fitted: FittedDots) -> float:
     """Return how square the dots are: the part of their grey levels, along the fitted ellipses, that repeats itself at
     every quarter turn, of their contrast; the same way round on all dots, as on a grille's."""
-    a, b, c = fitted.shapes[fitted.trusted, 2:5].T
-    root = np.sqrt(a * c - b * b)
-    norm = root * np.sqrt(a + c + 2.0 * root)  # M^(-1/2) = (M's adjugate + √det) / that
     ring = 2.0 * np.pi * np.arange(_ROUND_TRIP) / _ROUND_TRIP
-    x, y = np.cos(ring), np.sin(ring)
-    u, v = fitted.shapes[fitted.trusted, :2].T[..., None]
-    u = u + ((c + root) / norm)[:, None] * x - (b / norm)[:, None] * y
-    v = v + ((a + root) / norm)[:, None] * y - (b / norm)[:, None] * x
+    u, v = outlines(fitted.shapes[fitted.trusted])
     levels = cv2.remap(
         image, u.astype(np.float32), v.astype(np.float32), cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE
     )
     fourfold = levels.astype(np.float64) @ np.exp(4.0j * ring) / _ROUND_TRIP
     return float(abs(np.mean(fourfold / fitted.contrast[fitted.trusted])))
+
+
+def outlines(
+    shapes: Float[np.ndarray, "n 6"], outside_px: Float[np.ndarray, " n"] | None = None
+) -> tuple[Float[np.ndarray, "n k"], Float[np.ndarray, "n k"]]:
+    """Return places all around the dots' outlines, or so far outside; inside, half-way to the centre at most."""
+    a, b, c = shapes[:, 2:5].T
+    root = np.sqrt(a * c - b * b)
+    norm = root * np.sqrt(a + c + 2.0 * root)  # M^(-1/2) = (M's adjugate + √det) / that
+    ring = 2.0 * np.pi * np.arange(_ROUND_TRIP) / _ROUND_TRIP
+    x, y = np.cos(ring), np.sin(ring)
+    u = ((c + root) / norm)[:, None] * x - (b / norm)[:, None] * y
+    v = ((a + root) / norm)[:, None] * y - (b / norm)[:, None] * x
+    if outside_px is not None:
+        longer = np.maximum(1.0 + outside_px[:, None] / np.hypot(u, v), 0.5)
+        u, v = longer * u, longer * v
+    return shapes[:, :1] + u, shapes[:, 1:2] + v
 
 
 def _fit_from(
@@ -200,7 +214,39 @@ def corrected_centres(
         shift = renewed
         if moved < _SETTLED_PX:
             break
-    return measured - shift, radius, trusted
+    return measured - shift, radius, _confirmed(ideal, measured - shift, fitted, radius, trusted)
+
+
+def _confirmed(
+    ideal: Float[np.ndarray, "n 2"],
+    centres: Float[np.ndarray, "n 2"],
+    fitted: FittedDots,
+    radius: Float[np.ndarray, " n"],
+    trusted: Bool[np.ndarray, " n"],
+) -> Bool[np.ndarray, " n"]:
+    """Return which dots stand where the others have them.
+
+    A dot at the end of a line draws the map to itself, so that it seems in place wherever it is. It is asked about
+    where its radius (grid units) is not the others': what is half a dot, or half a blot, is not as large as they.
+    """
+    if trusted.sum() <= LEAST_DOTS:
+        return trusted
+    confirmed = trusted.copy()
+    strange = np.abs(radius / np.median(radius[trusted]) - 1.0)
+    strange[~trusted] = 0.0
+    for n in np.argsort(-strange, kind="stable")[: np.count_nonzero(strange > _STRANGE)]:
+        others = confirmed.astype(np.float64)
+        others[n] = 0.0
+        if np.count_nonzero(others) < LEAST_DOTS:
+            break
+        try:
+            drawn = plane_map(ideal, centres, others)[1]
+        except InvalidArgument:  # all others stand on a line, which tells nothing of this one
+            continue
+        off = np.hypot(*(centres - drawn).T)
+        usual = 1.4826 * float(np.median(off[others > 0.0]))
+        confirmed[n] = off[n] <= max(_ASTRAY * usual, _ASIDE_OF_OTHERS * float(fitted.radius_px[n]))
+    return confirmed
 
 
 def _ellipse_centres(

@@ -263,6 +263,75 @@ def test_what_hides_a_third_of_the_dots_costs_points_and_no_names(kind: str, see
         assert np.all(off < 8.0 * found.standard_uncertainty_px), hide.__name__
 
 
+def _off(scene: Scene, found: GridPoints) -> np.ndarray:
+    """How far the dots are from the truth, in the better of the orders that are left open."""
+    target = scene.target
+    truth = scene.points_px.reshape(target.rows, target.columns, 2)
+    names = [(found.row, found.column)]
+    if found.origin == "turned":
+        names.append((target.rows - 1 - found.row, target.columns - 1 - found.column))
+    return min(
+        (np.linalg.norm(found.points_px - truth[n], axis=1) for n in names), key=lambda o: np.median(o)
+    )
+
+
+_HIGHLIT = {
+    "circles": TargetSpec("circles", 12, 9, 25.0),
+    "asymmetric_circles": TargetSpec("asymmetric_circles", 6, 15, 18.0),
+}
+
+
+@pytest.mark.parametrize("kind", _HIGHLIT)
+@pytest.mark.parametrize("bits", [8, 12, 16])
+def test_a_wide_soft_reflection_costs_points_and_moves_none(kind: str, bits: int) -> None:
+    """Of a window: it fades over a fifth of the board. Dots in the white it saturates would be some .3 px off."""
+    target, measured = _HIGHLIT[kind], 0
+    for seed in (4, 6, 7, 8, 11, 12):
+        light = Light(black_level=200.0, white_level=40.0) if seed == 4 else Light(gradient=(0.15, -0.1))
+        scene = replace(
+            scene_of(target, 8.0 * seed % 45.0, seed, roll=0.5),
+            noise_levels=2.0,
+            light=light,
+            bit_depth=8 if bits == 8 else 16,
+        )
+        clear = render(scene)
+        full = 255.0 if bits == 8 else 65535.0
+        rng = np.random.default_rng([seed, 7])
+        diagonal = float(np.linalg.norm(np.ptp(scene.points_px, axis=0)))
+        lamp = scene.points_px[rng.integers(target.size)]
+        sizes, peak = rng.uniform(0.1, 0.2, 2) * diagonal, rng.uniform(300.0, 700.0) * full / 255.0
+        fades = [
+            np.exp(-0.5 * ((np.arange(n) - middle) / size) ** 2)
+            for n, middle, size in zip(clear.shape[::-1], lamp, sizes, strict=True)
+        ]
+        picture = np.clip(clear + peak * np.outer(fades[1], fades[0]), 0, full).astype(clear.dtype)
+        if bits == 12:
+            picture = picture >> 4
+        try:
+            found = detect(picture, target)
+        except TargetNotFound:  # too much of it is blinded
+            continue
+        measured += 1
+        assert len(found) < target.size
+        assert "corners_left_out" in [w.code for w in found.warnings]
+        assert np.all(_off(scene, found) < 6.0 * found.standard_uncertainty_px), seed
+    assert measured >= 3
+
+
+@pytest.mark.parametrize("kind", _HIGHLIT)
+@pytest.mark.parametrize("exposure", [1.25, 1.6, 2.2])
+def test_a_board_that_is_overexposed_evenly_is_measured(kind: str, exposure: float) -> None:
+    target, usual = _HIGHLIT[kind], Light()
+    light = Light(black_level=exposure * usual.black_level, white_level=exposure * usual.white_level)
+    for seed in range(3):
+        scene = replace(scene_of(target, 12.0 * seed, seed, roll=0.5), noise_levels=2.0, light=light)
+        picture = render(scene)
+        assert (picture == 255).mean() > 0.05
+        found = detect(picture, target)
+        assert len(found) >= 0.8 * target.size
+        assert np.all(_off(scene, found) < 6.0 * found.standard_uncertainty_px)
+
+
 def test_a_part_that_cannot_be_of_the_board_is_none() -> None:
     scene = replace(scene_of(SYMMETRIC, 15.0, seed=9, roll=0.2), noise_levels=2.0)
     picture, _ = cut(render(scene), scene, WINDOWS["right"])  # seven dots from end to end

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from core.errors import DetectionError
-from core.simulation.mutations import mutated_views
+from core.simulation.mutations import mutated_view, mutated_views
 from core.targets import GridPoints, TargetSpec, detect
 
 VIEWS = 50
@@ -52,6 +52,38 @@ def test_names_are_wrong_that_no_turn_makes_right(kind: str) -> None:
     assert view.wrong(part) == inner.sum()
     part.points_px[3] += 2.0 * (part.points_px[1] - part.points_px[0])
     assert view.wrong(replace(part, origin="unknown", image_width_px=0, image_height_px=0)) == 1
+
+
+def test_what_is_left_of_a_larger_board_is_not_the_whole_of_a_smaller_one() -> None:
+    """The picture's border and a sheet before it leave 3 x 8 places of staggered dots, the last line of which is half
+    hidden: a part, if anything, whose names are left open."""
+    view = mutated_view(4, 537, "asymmetric_circles")
+    assert "beside_asymmetric_circles" in view.changes
+    try:
+        found = detect(view.image, view.target)
+    except DetectionError:
+        return
+    assert found.origin == "unknown"
+    assert view.wrong(found) == 0
+
+
+def test_a_blot_at_the_end_of_a_line_is_no_dot_of_it() -> None:
+    """The picture's border cuts it, too: it draws the map that it is judged by to itself."""
+    view = mutated_view(2, 235, "circles")
+    found = detect(view.image, view.target)
+    assert found.origin == "unknown"
+    assert view.wrong(found) == 0
+
+
+def test_a_mirrored_print_without_its_larger_dot_is_left_open() -> None:
+    """A blot joins the larger dot: what is left looks the same in a mirror. Naming an origin would be wrong."""
+    view = mutated_view(2, 230, "circles")
+    assert view.changes[0] == "mirrored"
+    found = detect(view.image, view.target)
+    assert found.origin == "turned"
+    assert view.wrong(found) == 0
+    assert view.wrong(replace(found, origin="known")) == len(found)
+    assert view.wrong(replace(found, column=found.column[::-1].copy())) > len(found) / 2
 
 
 def test_boards_that_a_mirror_leaves_alone_are_not_mirrored() -> None:
