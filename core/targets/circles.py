@@ -37,6 +37,7 @@ _ENOUGH_OF_LINE = 0.5
 _ENOUGH_DOTS, _ENOUGH_CLEAR = 25, 0.25  # of the target's, outside of highlights
 _IN_PLACE = 0.2  # of a dot's radius: a highlight moves it by less
 _ROUND = 0.98  # of `Dots.fill`
+_SLENDER = 1.25  # a larger dot is as round as the others; what a blot makes of one is not
 _SQUARE = 0.05  # of `squareness`: round dots have less than .02, a grille's of 8 px .13
 _LEAST_EXTENT = 0.25  # of the largest board's: a smaller one does not count beside it
 _LARGEST_VARIANCE = 6.0  # of the residuals, times the median
@@ -209,7 +210,7 @@ def _grid_points(
         raise _too_poor(target, int(clear.sum()))
     uncertainty = np.hypot(uncertainty, moved)
     centres, radius, trusted = corrected_centres(matches[0].ideal, replace(fitted, trusted=clear))
-    drawn = plane_map(matches[0].ideal, centres, trusted.astype(np.float64))[1]
+    J, drawn = plane_map(matches[0].ideal, centres, trusted.astype(np.float64))
     in_place = np.hypot(*(centres - drawn).T) <= _IN_PLACE * fitted.radius_px
     trusted |= fitted.trusted & ~clear & in_place  # what stands in a highlight tells names, but no places
     usual, usual_contrast, usual_radius = (
@@ -218,7 +219,7 @@ def _grid_points(
     trusted &= (variance <= _LARGEST_VARIANCE * max(usual, 1.0)) & (
         contrast >= _LEAST_CONTRAST * usual_contrast
     )
-    larger = _larger_dot(radius, trusted)
+    larger = _larger_dot(radius, trusted & (_slenderness(J, fitted) < _SLENDER))
     match, is_told = _oriented(matches, larger, fitted, target, is_part=is_part)
     warnings: tuple[Advisory, ...] = () if is_told or is_part else (_AMBIGUOUS,)
     origin: Origin = "known" if is_told else "unknown" if is_part else "turned"
@@ -294,6 +295,14 @@ def _oriented(
         return float(u / np.hypot(u, v))
 
     return max(matches, key=rightward), False
+
+
+def _slenderness(J: Float[np.ndarray, "n 2 2"], fitted: FittedDots) -> Float[np.ndarray, " n"]:
+    """Return how many times as long as wide the dots are on the print, by the map's Jacobians: round ones once."""
+    a, b, c = fitted.shapes[:, 2:5].T
+    M = np.stack([np.stack([a, b], axis=1), np.stack([b, c], axis=1)], axis=1)
+    squares = np.linalg.eigvalsh(J.transpose(0, 2, 1) @ M @ J)
+    return np.asarray(np.sqrt(squares[:, 1] / np.maximum(squares[:, 0], 1e-12)))
 
 
 def _larger_dot(radius: Float[np.ndarray, " n"], trusted: Bool[np.ndarray, " n"]) -> int | None:

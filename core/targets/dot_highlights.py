@@ -24,9 +24,9 @@ from jaxtyping import Float, Shaped
 from scipy.spatial import cKDTree
 
 from core.targets.dot_refinement import FittedDots, outlines
+from core.targets.grey_levels import largest_level
 
 _TOP = 0.995  # of the largest level
-_BIT_DEPTHS = (10, 12, 14, 16)
 _ENOUGH_CLIPPED = 0.02  # of the white pixels that tell of the edge
 _NEIGHBOURS = 8
 _SURE = 3.0  # standard deviations
@@ -51,18 +51,11 @@ def centre_shifts(
     clipped = (white >= _TOP * largest_level(image)).mean(axis=1) > _ENOUGH_CLIPPED
     within, doubt = _slopes(np.stack([u, v], axis=2), dark)
     noise = np.sqrt(np.maximum(fitted.variance, _ROUNDING))
+    if are_dark:  # nearer to the centre than half-way no ring lies: that of a small dot is in its edge's blur
+        within[3.0 * blur + 1.0 > 0.5 * fitted.radius_px] = 0.0
     slope = np.maximum(_slopes_between(fitted, np.median(dark, axis=1)), within - _SURE * noise * doubt)
     contrast = np.maximum(fitted.contrast, 1.0)
     return np.where(clipped, math.sqrt(0.5 * math.pi) * blur * slope * fitted.radius_px / contrast, 0.0)
-
-
-def largest_level(image: Shaped[np.ndarray, "h w"]) -> float:
-    """Return the level at which a picture's camera cuts off white; 16 bits may hold 10, 12 or 14, at either end."""
-    if image.dtype == np.uint8:
-        return 255.0
-    largest = int(image.max())
-    ends = {((1 << bits) - 1) << shift for bits in _BIT_DEPTHS for shift in (0, 16 - bits)}
-    return float(largest) if largest in ends else 65535.0
 
 
 def _levels(

@@ -29,6 +29,7 @@ LEAST_DOTS = 8
 _SMALL_PX = 8.0
 _FIRST_DOUBTS, _LATER_DOUBTS = (0.7, 0.7), (0.1, 0.2)  # of shape and blur, see `dot_kernel.fit_dot`
 _ROUND_TRIP = 24  # places on a dot's outline
+_LEAST_LEFT = 0.25  # of what repeats itself: what blur leaves less of is not told
 _OUTLINE = 8  # places on half of a dot's outline
 _ASIDE = 1e-4  # grid units: for a difference that stands for a derivative
 _CORRECTIONS = 4
@@ -104,7 +105,11 @@ def squareness(image: Shaped[np.ndarray, "h w"], fitted: FittedDots) -> float:
         image, u.astype(np.float32), v.astype(np.float32), cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE
     )
     fourfold = levels.astype(np.float64) @ np.exp(4.0j * ring) / _ROUND_TRIP
-    return float(abs(np.mean(fourfold / fitted.contrast[fitted.trusted])))
+    waves = (
+        4.0 / fitted.radius_px[fitted.trusted]
+    )  # rad per px along the outline, of which blur leaves exp(-(k s)²/2)
+    left = np.maximum(np.exp(-0.5 * (waves * fitted.shapes[fitted.trusted, 5]) ** 2), _LEAST_LEFT)
+    return float(abs(np.mean(fourfold / (left * fitted.contrast[fitted.trusted]))))
 
 
 def outlines(

@@ -75,6 +75,21 @@ def test_a_blot_at_the_end_of_a_line_is_no_dot_of_it() -> None:
     assert view.wrong(found) == 0
 
 
+def test_a_blot_over_a_dot_at_a_corner_is_no_larger_dot() -> None:
+    """It is not round, as a larger dot is: the part's names stay open."""
+    view = mutated_view(811, 11, "circles")
+    found = detect(view.image, view.target)
+    assert found.origin == "unknown"
+    assert view.wrong(found) == 0
+
+
+def test_a_blurred_grille_of_small_squares_is_no_board() -> None:
+    """Blur rounds squares of 8 px; it tells by how much."""
+    view = mutated_view(811, 63, "circles")
+    with pytest.raises(DetectionError):
+        detect(view.image, view.target)
+
+
 def test_a_mirrored_print_without_its_larger_dot_is_left_open() -> None:
     """A blot joins the larger dot: what is left looks the same in a mirror. Naming an origin would be wrong."""
     view = mutated_view(2, 230, "circles")
