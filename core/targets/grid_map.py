@@ -20,6 +20,7 @@ from core.targets.graded_fit import graded_coefficients, orthonormal
 _POWERS = np.array([(degree - j, j) for degree in range(6) for j in range(degree + 1)])
 _POINTS_PER_TERM = 2
 _LIGHT_DEGREE = 3
+_STANDS_OUT = 4.0  # times the median
 _AGREEMENT = 3.0  # standard deviations by which chance correlates neighbours
 
 
@@ -166,29 +167,38 @@ def grid_slopes(
     row: Int[np.ndarray, " n"],
     values: Float[np.ndarray, "n 2"],
     known: Bool[np.ndarray, " n"],
-) -> Float[np.ndarray, "n 2 2"]:
-    """Return the slopes, by the ideal places' two coordinates, of two quantities measured at the points.
+) -> tuple[Float[np.ndarray, "n 2 2"], Float[np.ndarray, "n 2 2"]]:
+    """Return two quantities' slopes at the points, by the ideal places' two coordinates, and the slopes' doubt.
 
     `ideal` are the places the map was made of; columns and rows say who is whose neighbour. The slopes are those of one
     low polynomial over all points, where it leaves mere noise; where neighbours agree in what it leaves (a reflex's
-    edge, a shadow's), those from neighbour to neighbour.
+    edge, a shadow's), those from neighbour to neighbour. A slope is doubtful by half of what those to either side
+    differ, and a polynomial's by the slopes that it leaves, where these stand out.
     """
     filled = np.where(known[:, None], values, 0.0)
     B, Q, R = basis.polynomials, basis.Q, basis.R
     if not known.all():
         Q, R = orthonormal(np.where(known[:, None], B[0], 0.0))
     free, highest = int(np.count_nonzero(known)), min(basis.degree, _LIGHT_DEGREE)
-    slopes = np.empty((len(column), 2, 2))
+    slopes, doubts = np.empty((len(column), 2, 2)), np.zeros((len(column), 2, 2))
     for k in range(2):
         terms = graded_coefficients(Q, R, filled[:, k : k + 1], free, highest)[:, 0]
         rest = filled[:, k] - B[0][:, : len(terms)] @ terms
-        if _neighbours_agree(column, row, rest, known):
-            slopes[:, k] = _least_slopes(ideal, column, row, filled[:, k], known)
+        is_uneven = _neighbours_agree(column, row, rest, known)
+        between, doubt = _least_slopes(ideal, column, row, filled[:, k] if is_uneven else rest, known)
+        if is_uneven:
+            slopes[:, k] = between
         else:
             slopes[:, k, 0], slopes[:, k, 1] = (
                 B[d][:, : len(terms)] @ terms / basis.index_size for d in (1, 2)
             )
-    return slopes
+            doubt += np.abs(between)
+        told = np.isfinite(doubt)
+        doubt = np.where(told, doubt, np.max(doubt, initial=0.0, where=told))
+        if not is_uneven and told.any():  # only what stands out from the noise
+            doubt[doubt < _STANDS_OUT * np.median(doubt[told])] = 0.0
+        doubts[:, k] = doubt
+    return slopes, doubts
 
 
 def _homography(
@@ -302,12 +312,14 @@ def _least_slopes(
     row: Int[np.ndarray, " n"],
     values: Float[np.ndarray, " n"],
     known: Bool[np.ndarray, " n"],
-) -> Float[np.ndarray, "n 2"]:
+) -> tuple[Float[np.ndarray, "n 2"], Float[np.ndarray, "n 2"]]:
     """Return each point's slopes by its ideal place's coordinates: of those to its two neighbours the smaller one, 0
     where they have opposite signs, so that a jump beyond one of them does not count (P. L. Roe's minmod, 1986).
+
+    Half of what the two differ, or of the only one, is returned beside; where there is none, infinity.
     """
     at = _table(column, row, known)
-    slopes = np.zeros((len(column), 2))
+    slopes, doubts = np.zeros((len(column), 2)), np.full((len(column), 2), np.inf)
     left, top = column.min() - 1, row.min() - 1
     for n in range(len(column)):
         i, j = column[n] - left, row[n] - top
@@ -321,8 +333,13 @@ def _least_slopes(
                 down = (values[n] - values[before]) / (ideal[n, axis] - ideal[before, axis])
             if after >= 0:
                 up = (values[after] - values[n]) / (ideal[after, axis] - ideal[n, axis])
+            if before < 0 and after < 0:
+                continue
             if before < 0 or after < 0:
-                slopes[n, axis] = up if after >= 0 else down if before >= 0 else 0.0
-            elif up * down > 0.0:
+                slopes[n, axis] = up if after >= 0 else down
+                doubts[n, axis] = 0.5 * abs(slopes[n, axis])
+                continue
+            if up * down > 0.0:
                 slopes[n, axis] = up if abs(up) < abs(down) else down
-    return slopes
+            doubts[n, axis] = 0.5 * abs(up - down)
+    return slopes, doubts

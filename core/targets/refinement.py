@@ -16,6 +16,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int, UInt8, UInt16
 
 from core.targets import corner_kernel as kernel
+from core.targets.grey_levels import largest_level
 from core.targets.grid_map import GridBasis, GridShape, grid_basis, grid_shape, grid_slopes
 from core.targets.quantiles import median
 
@@ -43,6 +44,10 @@ _SMALL_RESIDUAL = 0.01  # of half the contrast: without noise the model itself s
 _SHARPEST_PX = 0.26
 """Below the 1/√12 of a pixel's area edges are not averaged over it: the picture is thresholded, or was resampled by the
 nearest pixel, and steps stand where its lines do not."""
+_SHIFT_BY_SLOPE = 0.85
+"""A level rising by g per px along an edge moves it by .85 g r σ / c, r its reach and c half the contrast: the mean of
+D g s over that of D², D the bell that moving the edge adds, of one sign before the corner and the other after it."""
+_CUT = 0.98  # of the camera's largest level: white that high is cut off in part
 _POOLED = 50.0
 _ROUNDING = 1.0 / np.sqrt(12.0)
 
@@ -137,7 +142,7 @@ def refine_corners(
             if _blur_is_settled(steps, _SETTLED_BLUR):
                 break
     shape, steady = _fit(basis, states, good)
-    _set_light(basis, ideal, column, row, shape, states, steps, steady)
+    slope_doubts = _set_light(basis, ideal, column, row, shape, states, steps, steady, largest_level(image))
     unsettled = good
     for _ in range(_MOST_FINAL_STEPS):
         _step(image, states, shape, np.inf, largest_reach, unsettled, steps, stride=1)
@@ -153,7 +158,7 @@ def refine_corners(
         least_spacing, own_place = np.where(at_border, _LEAST_SPACING_AT_BORDER, _LEAST_SPACING), _OWN_PLACE
     else:
         least_spacing, own_place = np.full(count, _LEAST_SPACING_AT_BORDER / plain), _OWN_PLACE_IN_PRINT
-    return _conclude(states, steps, points_px, good & (beside < own_place), least_spacing)
+    return _conclude(states, steps, points_px, good & (beside < own_place), least_spacing, slope_doubts)
 
 
 def _length(steps: Float[np.ndarray, "n step"]) -> Float[np.ndarray, " n"]:
@@ -254,13 +259,19 @@ def _set_light(
     states: Float[np.ndarray, "n state"],
     steps: Float[np.ndarray, "n step"],
     steady: Bool[np.ndarray, " n"],
-) -> None:
-    """Set the slopes of level and contrast, by those of the corners themselves about each one."""
+    top: float,
+) -> Float[np.ndarray, "n 2"]:
+    """Set the slopes of level and contrast, by those of the corners themselves about each one.
+
+    Return how doubtful the level's are along each of the two edges, per px. Where white is cut off at `top`, the
+    largest level, the light's own slope, which black has yet, moves the two arms of an edge by different amounts, as a
+    slope that was not given would: it is all in doubt.
+    """
     contrast = steps[:, kernel.CONTRAST]
     known = steady & (contrast > 0.0)
     if known.any():
         known &= contrast > _LEAST_CONTRAST * median(contrast[known])
-    slopes = grid_slopes(basis, ideal, column, row, steps[:, [kernel.LEVEL, kernel.CONTRAST]], known)
+    slopes, doubts = grid_slopes(basis, ideal, column, row, steps[:, [kernel.LEVEL, kernel.CONTRAST]], known)
     states[:, kernel.PER_CONTRAST] = np.where(
         known, 1.0 / np.where(known, steps[:, kernel.CONTRAST], 1.0), 0.0
     )
@@ -272,6 +283,11 @@ def _set_light(
         by_x, by_y = slopes[:, k, 0], slopes[:, k, 1]
         states[:, u] = (by_x * y[:, 1] - by_y * x[:, 1]) / determinant
         states[:, v] = (by_y * x[:, 0] - by_x * y[:, 0]) / determinant
+    of_black = np.abs(slopes[:, 0] - slopes[:, 1])
+    is_cut_off = steps[:, kernel.LEVEL] + contrast > _CUT * top
+    doubt = np.where(is_cut_off[:, None], np.maximum(doubts[:, 0], of_black), doubts[:, 0])
+    along = np.stack([np.hypot(*y.T), np.hypot(*x.T)], axis=1)  # of the first edge, and of the second
+    return np.asarray(doubt[:, ::-1] / np.maximum(along, 1e-9))
 
 
 def _conclude(
@@ -280,8 +296,9 @@ def _conclude(
     start: Float[np.ndarray, "n 2"],
     good: Bool[np.ndarray, " n"],
     least_spacing: Float[np.ndarray, " n"],
+    slope_doubts: Float[np.ndarray, "n 2"],
 ) -> Refined:
-    """Judge the corners, and state their uncertainty. `least_spacing` is in σ."""
+    """Judge the corners, and state their uncertainty. `least_spacing` is in σ, `slope_doubts` of the level per px."""
     points = states[:, [kernel.Q_U, kernel.Q_V]]
     sigma = np.hypot(states[:, kernel.SIGMA_1], states[:, kernel.SIGMA_2]) / np.sqrt(2.0)
     contrast = steps[:, kernel.CONTRAST]
@@ -327,6 +344,9 @@ def _conclude(
             factor *= wider
     trace = 0.5 * (steps[:, kernel.COV_UU] + steps[:, kernel.COV_VV])
     uncertainty = np.hypot(np.sqrt(trace * variance * factor), aliased_px)
+    reaches, sigmas = states[:, [kernel.REACH_1, kernel.REACH_2]], states[:, [kernel.SIGMA_1, kernel.SIGMA_2]]
+    shifts = _SHIFT_BY_SLOPE * slope_doubts * reaches * sigmas / np.abs(contrast)[:, None]
+    uncertainty = np.hypot(uncertainty, np.sqrt(0.5 * np.sum(shifts**2, axis=1)))
     trusted &= np.isfinite(uncertainty)
     return Refined(
         points_px=np.where(trusted[:, None], points, start),

@@ -178,6 +178,29 @@ def test_covered_corners_are_not_believed_and_spoil_no_other(take: Take) -> None
     assert refined.trusted[away].mean() > 0.9
 
 
+@pytest.mark.parametrize("peak_levels", [80.0, 200.0, 500.0])
+def test_lamps_mirrored_in_the_board_are_in_the_doubt(take: Take, peak_levels: float) -> None:
+    """Broad light added, cut off at 255 where it is strong: its slopes are known by the corners alone, and badly."""
+    errors, trusted, size = [], 0, 0
+    for seed in range(6):
+        scene, _ = take(14, 10, seed, 20.0 + 5.0 * seed, 180.0, light=Light())
+        points, rng = scene.points_px, np.random.default_rng(seed)
+        at, spread = (
+            points[rng.integers(len(points))],
+            rng.uniform(0.08, 0.3, 2) * np.ptp(points, axis=0).max(),
+        )
+        u, v = (np.exp(-0.5 * ((np.arange(n) - at[k]) / spread[k]) ** 2) for k, n in enumerate((1000, 800)))
+        refined = refine_scene(
+            scene, to_8_bit(render_levels(scene) + peak_levels * np.outer(v, u), 4.0, seed)
+        )
+        errors.append(normalised(refined, scene))
+        trusted, size = trusted + int(refined.trusted.sum()), size + len(points)
+    error = np.concatenate(errors)
+    assert trusted > 0.6 * size  # the others are burnt out
+    assert rms(error) < 2.2  # at 200 levels 4.5, were the slopes taken for certain
+    assert np.mean(np.abs(error) > 6.0) < 0.04
+
+
 @pytest.mark.parametrize("seed", [2, 3, 5])
 def test_bends_of_an_outline_are_no_crossings(take: Take, seed: int) -> None:
     """Where one of the four squares is missing, the one opposite still has its corner there."""
