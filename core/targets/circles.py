@@ -13,6 +13,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int, Shaped, UInt8, UInt16
 
 from core.errors import Advisory, TargetMirrored, TargetMismatch, TargetNotFound
+from core.targets.dot_ends import goes_on
 from core.targets.dot_highlights import centre_shifts
 from core.targets.dot_lattice import DotLattice, dot_lattices, joined
 from core.targets.dot_refinement import (
@@ -230,6 +231,14 @@ def _grid_points(
     index = match.row * target.columns + match.column
     if trusted.sum() < enough or not (is_part or _is_whole(index[trusted], target)):
         raise _too_poor(target, int(trusted.sum()))
+    dark = usual_contrast if dots.are_dark else -usual_contrast
+    if not is_part and goes_on(
+        image, target, match.column[trusted], match.row[trusted], centres[trusted], dark
+    ):
+        raise TargetNotFound(
+            f"A grid of {target.columns} x {target.rows} dots is in view, but it goes on beyond them.",
+            "Count the board's dots; keep larger grids, grilles and gratings out of the picture.",
+        )
     trusted &= clear
     count = int(trusted.sum())
     order = np.flatnonzero(trusted)

@@ -110,3 +110,10 @@ def test_boards_that_a_mirror_leaves_alone_are_not_mirrored() -> None:
             assert view.target == TargetSpec(
                 kind, view.target.columns, view.target.rows, 30.0, view.target.marker_mm
             )
+
+
+def test_a_piece_of_a_grille_is_no_board() -> None:
+    """A sheet covers all but 6 x 6 places of a grille whose squares the blur has made round, and some beside them."""
+    view = mutated_view(812, 94, "circles")
+    with pytest.raises(DetectionError):
+        detect(view.image, view.target)
