@@ -34,6 +34,7 @@ _PRINTED = (
 )
 _MOST = 0.7  # of the bright squares
 _LEAST_SQUARES, _LEAST_CORNERS = 4, 12
+_LEAST_OF_PLAIN = 20  # corners: within a marker or between two a few may look like a board's
 _USUAL = TargetSpec("charuco", 3, 3, 4.0, 3.0, "DICT_4X4_50")
 """For the margin between squares and markers, by which corners are linked: other markers may be larger or smaller."""
 
@@ -56,16 +57,18 @@ def look_for(image: UInt8[np.ndarray, "h w"] | UInt16[np.ndarray, "h w"], target
 def _shown_instead(image: np.ndarray, target: TargetSpec) -> TargetMismatch | None:
     """Return what to say of the largest board of squares of another kind; None where there is none."""
     seen: list[tuple[int, str]] = []
-    if target.kind != "charuco":
-        for level in levels(image):
-            for lattice in lattices_of(image, level, charuco_layout(_USUAL)):
-                count = int(lattice.known.sum())
-                if count >= _LEAST_CORNERS and _has_markers(image, lattice):
-                    seen.append((count, f"A ChArUco board of at least {_size(lattice)} inner corners"))
+    for level in levels(image):
+        for lattice in lattices_of(image, level, charuco_layout(_USUAL)):
+            count = int(lattice.known.sum())
+            if count >= _LEAST_CORNERS and _has_markers(image, lattice):
+                seen.append((count, f"A ChArUco board of at least {_size(lattice)} inner corners"))
+    if target.kind == "charuco" and seen:  # what is wrong with it, its markers tell
+        return None
     if target.kind != "chessboard":
         for board in boards_in_view(image):
-            if board.is_whole and board.is_resolved and not _has_markers(image, board.lattice):
-                count = int(board.lattice.known.sum())
+            count = int(board.lattice.known.sum())
+            is_plain = count >= _LEAST_OF_PLAIN and not _has_markers(image, board.lattice)
+            if is_plain and board.is_whole and board.is_resolved:
                 seen.append((count, f"A chessboard of {_size(board.lattice)} inner corners"))
     if not seen:
         return None

@@ -81,6 +81,14 @@ def test_the_board_asked_for_is_found_as_ever() -> None:
         assert len(look_for(picture(target, 4), target)) > 0.9 * target.size
 
 
+@pytest.mark.parametrize("seed", range(4))
+def test_of_other_dictionaries_the_markers_tell(seed: int) -> None:
+    """Their squares are not those of a chessboard, nor is what lies within a marker."""
+    shown = TargetSpec("charuco", 7, 5, 24.0, 16.8, "DICT_5X5_100")
+    with pytest.raises(TargetNotFound):
+        look_for(picture(shown, seed), TargetSpec("charuco", 7, 5, 24.0, 16.8, "DICT_4X4_100"))
+
+
 def test_of_the_board_asked_for_but_hidden_nothing_else_is_said() -> None:
     shown = picture(CHESSBOARD, 6)
     shown[:, 350:650] = 90
