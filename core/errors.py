@@ -9,46 +9,68 @@
     │   ├── UnsupportedImage             unsupported_image
     │   ├── ImageTooManyPixels           image_too_many_pixels
     │   └── UndecodableImage             undecodable_image
-    ├── DetectionError                   the picture does not show what was asked for
+    ├── DetectionError                   the image does not show the target asked for
     │   ├── TargetNotFound               target_not_found
     │   ├── TargetMismatch               target_mismatch
     │   ├── TargetAmbiguous              target_ambiguous
-    │   └── TargetMirrored               target_mirrored
+    │   ├── TargetMirrored               target_mirrored
+    │   └── OriginUnknown                labelling_ambiguous
+    ├── SessionError                     the session does not hold what an analysis of it needs
+    │   ├── TooFewMeasurements           too_few_measurements
+    │   ├── TooManyMeasurements          too_many_measurements
+    │   ├── IntrinsicsMissing            intrinsics_missing
+    │   ├── MixedImageSizes              mixed_image_sizes
+    │   ├── NothingUsable                no_usable_images
+    │   ├── TooFewCycles                 too_few_cycles
+    │   ├── CommandedPosesMissing        commanded_poses_missing
+    │   ├── MeasuredPosesMissing         measured_poses_missing
+    │   ├── SweepJointUnknown            sweep_joint_unknown
+    │   └── SweepPoseUnknown             sweep_pose_unknown
     └── EstimationError                  the points or poses do not determine an answer
-        ├── OriginUnknown                origin_unknown
         ├── FocalNotObservable           focal_not_observable
+        │   └── FocalWeaklyObservable    focal_weakly_observable
         ├── PoseAmbiguous                pose_ambiguous
         ├── DegenerateGeometry           degenerate_geometry
         ├── MotionInsufficient           motion_insufficient
         ├── TargetShapeNotObservable     target_shape_not_observable
         ├── NotConverged                 not_converged
-        └── KinematicsError              the joints' angles and motions do not tell the robot's geometry
+        └── KinematicsError              joint angles and motions do not determine the robot's geometry
             ├── JointAnglesMissing       joint_angles_missing
             ├── JointAnglesInconsistent  joint_angles_inconsistent
-            ├── JointAnglesUnit          joint_angles_unit
-            ├── JointNotMoved            joint_not_moved
+            ├── JointAnglesUnitMismatch  joint_angles_unit_mismatch
+            ├── JointNotExcited          joint_not_excited
             ├── TooFewPoses              too_few_poses
             ├── ArcTooShort              arc_too_short
-            ├── RotationsMissing         rotations_missing
+            ├── RotationsMissing         rotations_required
             └── PrismaticJoint           prismatic_joint
 
 `code` is stable and snake_case, `detail` says what happened with its figures, `advice` says what to do next.
-Nothing here knows of HTTP; the service maps classes to statuses in one table.
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
 
 @dataclass(frozen=True, slots=True)
 class Advisory:
-    """A remark that travels with a result: a stable code, what was seen, and what to do about it."""
+    """A warning that accompanies a result: a stable code, what was observed, and what to do about it."""
 
     code: str
     detail: str
     advice: str | None = None
+
+
+MAX_LISTED = 5  # labels in a message; of more it gives the number of the others
+
+
+def listed(labels: Iterable[str]) -> str:
+    """Return labels for a message: "P1, P2, P3, P4, P5 and 7 more"."""
+    several = list(labels)
+    more = f" and {len(several) - MAX_LISTED} more" if len(several) > MAX_LISTED else ""
+    return ", ".join(several[:MAX_LISTED]) + more
 
 
 class GridposeError(Exception):
@@ -62,8 +84,7 @@ class GridposeError(Exception):
         self.detail = detail
         self.advice = advice if advice is not None else self.default_advice
         self.points = points
-        """The `core.targets.GridPoints` found before the failure, or None: a refused view still serves
-        pooled estimates."""
+        """The `core.targets.GridPoints` found before the failure, or None: they still serve pooled estimates."""
 
 
 class InvalidInput(GridposeError):
@@ -114,43 +135,89 @@ class DetectionError(GridposeError):
 
 class TargetNotFound(DetectionError):
     code = "target_not_found"
-    default_advice = (
-        "Check that the whole grid is in view, sharp and evenly lit, and that the target's size is right."
-    )
+    default_advice = "Show the whole grid, sharp and evenly lit, and check the target's size."
 
 
 class TargetMismatch(DetectionError):
     code = "target_mismatch"
-    default_advice = (
-        "Check the target's columns and rows, which count inner corners, and keep other grids out of view."
-    )
+    default_advice = "Check columns and rows, which count inner corners; keep other grids out of view."
 
 
 class TargetAmbiguous(DetectionError):
     code = "target_ambiguous"
-    default_advice = (
-        "Say which target the image shows (target_id), or use targets that differ in their numbers of points or in "
-        "their markers' dictionaries."
-    )
+    default_advice = "Name the target (target_id), or use targets that differ in size or dictionary."
 
 
 class TargetMirrored(DetectionError):
     code = "target_mirrored"
+    default_advice = "Print without mirroring, and switch the camera's image mirroring off."
+
+
+class OriginUnknown(DetectionError):
+    code = "labelling_ambiguous"
+    default_advice = "Show the whole board, or use ChArUco, an AprilGrid, or a chessboard with dots."
+
+
+class SessionError(GridposeError):
+    code = "session_error"
+
+
+class TooFewMeasurements(SessionError):
+    code = "too_few_measurements"
+    default_advice = "Upload images of the target first."
+
+
+class TooManyMeasurements(SessionError):
+    code = "too_many_measurements"
+    default_advice = "Divide the images among several sessions."
+
+
+class IntrinsicsMissing(SessionError):
+    code = "intrinsics_missing"
+    default_advice = "PATCH the session with intrinsics, or choose another estimator."
+
+
+class MixedImageSizes(SessionError):
+    code = "mixed_image_sizes"
+    default_advice = "Give each camera setting a focus_group of its own: `gridpose measurements correct`."
+
+
+class NothingUsable(SessionError):
+    code = "no_usable_images"
+    default_advice = "Look at failures and overlays; show the whole grid, sharp, evenly lit, tilted."
+
+
+class TooFewCycles(SessionError):
+    code = "too_few_cycles"
     default_advice = (
-        "Print the target without mirroring, and switch the camera's or the software's image mirroring off."
+        "Visit poses again and state each visit's cycle; mend tags with `gridpose measurements correct`."
     )
+
+
+class CommandedPosesMissing(SessionError):
+    code = "commanded_poses_missing"
+    default_advice = (
+        "State position_mm, roll_deg, pitch_deg and yaw_deg (POST .../poses, or `gridpose poses load`)."
+    )
+
+
+class MeasuredPosesMissing(SessionError):
+    code = "measured_poses_missing"
+    default_advice = "Send them (`gridpose measured-poses import`), or omit source to use images."
+
+
+class SweepJointUnknown(SessionError):
+    code = "sweep_joint_unknown"
+    default_advice = "Name a joint by its number, counted from 1 at the base."
+
+
+class SweepPoseUnknown(SessionError):
+    code = "sweep_pose_unknown"
+    default_advice = "Name poses by their pose_id; * stands for any text, ? for one character."
 
 
 class EstimationError(GridposeError):
     code = "estimation_error"
-
-
-class OriginUnknown(EstimationError):
-    code = "origin_unknown"
-    default_advice = (
-        "Show the whole board, or use one whose origin can be told from a part: ChArUco, AprilGrid, or a chessboard "
-        "with marked squares."
-    )
 
 
 class FocalNotObservable(EstimationError):
@@ -158,12 +225,14 @@ class FocalNotObservable(EstimationError):
     default_advice = "Tilt the target by 15° or more, or give a focal prior or session intrinsics."
 
 
+class FocalWeaklyObservable(FocalNotObservable):
+    code = "focal_weakly_observable"
+    default_advice = "Use the estimator pooled, or tilt the target by 15° or more."
+
+
 class PoseAmbiguous(EstimationError):
     code = "pose_ambiguous"
-    default_advice = (
-        "Bring the camera nearer or use a larger board, so that it fills more of the image, and tilt it by 30° to "
-        "45°."
-    )
+    default_advice = "Fill more of the image (nearer, or a larger board), and tilt by 30° to 45°."
 
 
 class DegenerateGeometry(EstimationError):
@@ -201,13 +270,13 @@ class JointAnglesInconsistent(KinematicsError):
     default_advice = "Give every pose one angle for each of the robot's joints, in their order from the base."
 
 
-class JointAnglesUnit(KinematicsError):
-    code = "joint_angles_unit"
+class JointAnglesUnitMismatch(KinematicsError):
+    code = "joint_angles_unit_mismatch"
     default_advice = "The angles look like radians: send them in degrees."
 
 
-class JointNotMoved(KinematicsError):
-    code = "joint_not_moved"
+class JointNotExcited(KinematicsError):
+    code = "joint_not_excited"
     default_advice = "Add a sweep of this joint: poses at which it alone moves and the others rest."
 
 
@@ -218,18 +287,14 @@ class TooFewPoses(KinematicsError):
 
 class ArcTooShort(KinematicsError):
     code = "arc_too_short"
-    default_advice = (
-        "Sweep this joint over a longer arc, 80° or more; or use the combined method, which needs less."
-    )
+    default_advice = "Sweep this joint over 80° or more, or use the combined method, which needs less."
 
 
 class RotationsMissing(KinematicsError):
-    code = "rotations_missing"
+    code = "rotations_required"
     default_advice = "The poses are positions alone: use the circle method (cpa), or measure rotations too."
 
 
 class PrismaticJoint(KinematicsError):
     code = "prismatic_joint"
-    default_advice = (
-        "Only turning joints are identified: leave this joint's poses out and describe the rest as the robot."
-    )
+    default_advice = "Only turning joints are identified: leave this joint's poses out."

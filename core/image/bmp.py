@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import UInt8
 
 from core.errors import UndecodableImage, UnsupportedImage
-from core.image.layout import ImageHeader, check_dimensions, unpack
+from core.image.layout import ByteSource, ImageHeader, check_dimensions, unpack
 
 _FILE_HEADER_BYTES = 14
 _CORE_HEADER_BYTES = 12
@@ -27,7 +27,7 @@ _SAMPLES = {
 _GREY_SCALE = np.arange(256, dtype=np.uint8)[:, None]
 
 
-def read_header(data: memoryview) -> ImageHeader:
+def read_header(data: ByteSource) -> ImageHeader:
     """Return what the information header states."""
     width, height, bits, _, _ = _fields(data)
     depth, channels = _SAMPLES[bits]
@@ -75,7 +75,7 @@ def read_plain(data: memoryview) -> UInt8[np.ndarray, "h w"] | None:
     return rows[:: 1 if signed_height < 0 else -1, :width].copy()
 
 
-def _fields(data: memoryview) -> tuple[int, int, int, int, int]:
+def _fields(data: ByteSource) -> tuple[int, int, int, int, int]:
     """Return width, height (px), bits of a pixel, compression, stated bytes of the pixel array."""
     (size,) = unpack("<I", data, _FILE_HEADER_BYTES, "the BMP header")
     if size not in _HEADER_SIZES:

@@ -13,7 +13,8 @@ import numpy as np
 from jaxtyping import UInt8, UInt16
 
 from core.errors import UndecodableImage
-from core.image import bmp, tiff
+from core.image import bmp, png, tiff
+from core.image.codec_messages import codec_messages_logged
 from core.image.header import DEFAULT_MAX_PIXELS, check_pixels, check_whole, read_header
 from core.image.layout import ImageHeader
 
@@ -26,7 +27,7 @@ _FLAGS = cv2.IMREAD_GRAYSCALE | cv2.IMREAD_ANYDEPTH | cv2.IMREAD_IGNORE_ORIENTAT
 
 
 def decode(data: bytes | bytearray | memoryview, *, max_pixels: int = DEFAULT_MAX_PIXELS) -> GreyImage:
-    """Return the picture's grey values, uint8 or (16-bit files) uint16; of a TIFF the first page.
+    """Return the image's grey values, uint8 or (16-bit files) uint16; of a TIFF the first page.
 
     Colours become luma (.299 R + .587 G + .114 B), transparency is ignored, and so is orientation, of EXIF
     and of TIFF.
@@ -58,16 +59,22 @@ def _read_plain(data: memoryview, header: ImageHeader) -> GreyImage | None:
 
 
 def _decode_by_opencv(data: bytes | bytearray | memoryview, header: ImageHeader) -> GreyImage:
-    check_whole(data)
-    stored = tiff.unturned(memoryview(data)) if header.format == "tiff" else data
+    stored = memoryview(data)
+    if header.format == "png":
+        stored = png.without_compressed_text(stored)
+    else:
+        check_whole(stored)
+    if header.format == "tiff":
+        stored = tiff.unturned(stored)
     try:
-        image = cv2.imdecode(np.frombuffer(stored, dtype=np.uint8), _FLAGS)
+        with codec_messages_logged():
+            image = cv2.imdecode(np.frombuffer(stored, dtype=np.uint8), _FLAGS)
     except (cv2.error, MemoryError) as error:
         raise UndecodableImage(f"The {header.format.upper()} file's pixels cannot be decoded.") from error
     if image is None:
         raise UndecodableImage(f"The {header.format.upper()} file's pixels cannot be decoded.")
     if image.shape != (header.height_px, header.width_px) or image.dtype not in (np.uint8, np.uint16):
         raise UndecodableImage(
-            f"The {header.format.upper()} file decodes to another picture than its header states."
+            f"The {header.format.upper()} file decodes to an image other than its header states."
         )
     return image

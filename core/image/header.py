@@ -6,21 +6,17 @@ from typing import Protocol, runtime_checkable
 
 from core.errors import EmptyImage, ImageTooManyPixels, UndecodableImage, UnsupportedImage
 from core.image import bmp, jpeg, png, tiff
-from core.image.layout import ImageHeader
+from core.image.layout import ByteSource, ImageHeader
 
 DEFAULT_MAX_PIXELS = 100_000_000
-"""Largest picture taken unless the caller says otherwise; four times a common 24 Mpx industrial camera."""
-
-HEADER_BYTES = 256 * 1024
-"""So much of a file's beginning usually holds its header: a JPEG's frame comes after its metadata segments.
-TIFF may keep its directory at the end: `read_header` then needs the whole file."""
+"""Largest image accepted by default: four times a common 24 Mpx industrial camera."""
 
 
 @runtime_checkable
 class _FormatReader(Protocol):
     """What each format's module offers."""
 
-    def read_header(self, data: memoryview) -> ImageHeader: ...
+    def read_header(self, data: ByteSource) -> ImageHeader: ...
 
     def check_whole(self, data: memoryview) -> None: ...
 
@@ -36,13 +32,15 @@ _READERS: dict[bytes, _FormatReader] = {
 }
 
 
-def read_header(data: bytes | bytearray | memoryview) -> ImageHeader:
+def read_header(data: bytes | bytearray | ByteSource) -> ImageHeader:
     """Return what magic bytes and header state, without decoding.
+
+    What is read, in time and in memory, is bounded by constants, whatever the file claims.
 
     Parameters
     ----------
     data
-        The file, or as much of its beginning as holds the header (see `HEADER_BYTES`).
+        The file, or as much of its beginning as holds the header; a TIFF may keep its directory at the end.
 
     Raises
     ------
@@ -53,14 +51,14 @@ def read_header(data: bytes | bytearray | memoryview) -> ImageHeader:
     UndecodableImage
         The header is damaged or goes on beyond the bytes given.
     """
-    view = memoryview(data)
-    return _reader(view).read_header(view)
+    source = memoryview(data) if isinstance(data, bytes | bytearray) else data
+    return _reader(source).read_header(source)
 
 
 def check_whole(data: bytes | bytearray | memoryview) -> None:
-    """Raise UndecodableImage unless the file's structure says that all of its picture is there.
+    """Raise UndecodableImage unless the file's structure shows that its image is complete.
 
-    Bytes after the end of the picture are allowed. The samples themselves are for the decoder to judge.
+    Bytes after the end of the image are allowed. The decoder judges the samples themselves.
     """
     view = memoryview(data)
     _reader(view).check_whole(view)
@@ -75,7 +73,7 @@ def check_pixels(header: ImageHeader, max_pixels: int) -> None:
         )
 
 
-def _reader(data: memoryview) -> _FormatReader:
+def _reader(data: ByteSource) -> _FormatReader:
     if len(data) == 0:
         raise EmptyImage("There are no bytes.")
     start = bytes(data[:8])

@@ -10,25 +10,27 @@ from collections.abc import Iterator
 import numpy as np
 from jaxtyping import UInt8
 
-from core.compiled import compiled
 from core.errors import UndecodableImage, UnsupportedImage
-from core.image.layout import ImageHeader, check_dimensions, unpack
+from core.image.layout import ByteSource, ImageHeader, check_dimensions, unpack
+from core.jit import jit
 
 _SOI, _EOI, _SOS, _TEM, _APP14 = 0xD8, 0xD9, 0xDA, 0x01, 0xEE
 _FRAMES_TAKEN = {0xC0, 0xC1, 0xC2}  # baseline, extended sequential, progressive; all Huffman coded
 _FRAMES = set(range(0xC0, 0xD0)) - {0xC4, 0xC8, 0xCC}  # DHT, JPG and DAC are no frames
 _BLOCK_BYTES = 1 << 12
 _MAX_SCANS = 200
-"""A progressive picture has about ten; thousands over a large frame attack the decoder's time."""
+"""A progressive image has about ten; thousands over a large frame attack the decoder's time."""
+_MAX_MARKERS = 1 << 13
+"""Markers and fill bytes outside of scans. Full segments hold 512 MiB; millions of empty ones attack the reader."""
 
 
-def read_header(data: memoryview) -> ImageHeader:
+def read_header(data: ByteSource) -> ImageHeader:
     """Return what the frame header (SOF) states (B.2.2)."""
     for marker, offset in _segments(data):  # noqa: B007 - used after the loop
         if marker in _FRAMES:
             break
         if marker in (_SOS, _EOI):
-            raise UndecodableImage("The JPEG file's picture comes before its header.")
+            raise UndecodableImage("The JPEG file's image data come before its header.")
     else:
         raise UndecodableImage("The JPEG file has no header.")
     depth, height, width, components = unpack(">BHHB", data, offset + 2, "the JPEG header")
@@ -53,19 +55,19 @@ def check_whole(data: memoryview) -> None:
         if scans > _MAX_SCANS:
             raise UndecodableImage(f"The JPEG file has more than {_MAX_SCANS} scans.")
     if not (frames and scans):
-        raise UndecodableImage("The JPEG file holds no picture.")
+        raise UndecodableImage("The JPEG file holds no image.")
 
 
-def _segments(data: memoryview) -> Iterator[tuple[int, int]]:
+def _segments(data: ByteSource) -> Iterator[tuple[int, int]]:
     """Yield each marker after SOI and the offset behind it, up to and with EOI, skipping scans.
 
     Raises
     ------
     UndecodableImage
-        The bytes end before EOI, or no marker stands where one must.
+        The bytes end before EOI, no marker stands where one must, or there are more than any encoder writes.
     """
     offset = 2
-    while True:
+    for _ in range(_MAX_MARKERS):
         (prefix, marker) = unpack(">BB", data, offset, "the JPEG file's segments")
         if prefix != 0xFF:
             raise UndecodableImage("The JPEG file is damaged: a segment does not begin with a marker.")
@@ -86,17 +88,19 @@ def _segments(data: memoryview) -> Iterator[tuple[int, int]]:
         offset += length
         if marker == _SOS:
             offset = _end_of_scan(data, offset)
+    raise UndecodableImage(f"The JPEG file has more than {_MAX_MARKERS} segments and fill bytes.")
 
 
-def _end_of_scan(data: memoryview, offset: int) -> int:
+def _end_of_scan(data: ByteSource, offset: int) -> int:
     """Return where the first marker after `offset` begins that is neither a stuffed byte nor a restart (B.1.1.5)."""
-    end = next_marker(np.frombuffer(data, dtype=np.uint8), offset)
+    scan = np.frombuffer(data[offset:], dtype=np.uint8)
+    end = next_marker(scan, 0)
     if end < 0:
-        raise UndecodableImage("The JPEG file ends inside its picture.")
-    return end
+        raise UndecodableImage("The JPEG file ends inside its image data.")
+    return offset + end
 
 
-@compiled
+@jit("Array(u1, 1, 'C', readonly=True), i8")
 def next_marker(scan: UInt8[np.ndarray, " n"], offset: int) -> int:
     """Return where 0xFF is followed by anything but 0, 0xFF and a restart's 0xD0 to 0xD7, from `offset` on; else -1."""
     last = scan.shape[0] - 1

@@ -4,13 +4,23 @@ from __future__ import annotations
 
 import struct
 from dataclasses import dataclass
+from typing import Protocol, runtime_checkable
 
 from core.errors import UndecodableImage
 
 
+@runtime_checkable
+class ByteSource(Protocol):
+    """A file's bytes: in memory, or on a disk from which only the slices asked for are read."""
+
+    def __len__(self) -> int: ...
+
+    def __getitem__(self, part: slice, /) -> bytes | memoryview: ...
+
+
 @dataclass(frozen=True, slots=True)
 class ImageHeader:
-    """What a file's header says of its (first) picture.
+    """What a file's header states about its (first) image.
 
     `format` is png, jpeg, tiff or bmp; `bit_depth` the bits of one sample (of one index for a palette);
     `channels` the samples of one pixel as stored (1 for a palette).
@@ -28,7 +38,7 @@ class ImageHeader:
         return self.width_px * self.height_px
 
 
-def unpack(layout: str, data: memoryview, offset: int, what: str) -> tuple[int, ...]:
+def unpack(layout: str, data: ByteSource, offset: int, what: str) -> tuple[int, ...]:
     """Return integers read at `offset` by a `struct` layout.
 
     Raises
@@ -36,12 +46,13 @@ def unpack(layout: str, data: memoryview, offset: int, what: str) -> tuple[int, 
     UndecodableImage
         The file ends before them.
     """
-    if offset < 0 or offset + struct.calcsize(layout) > len(data):
+    end = offset + struct.calcsize(layout)
+    if offset < 0 or end > len(data):
         raise UndecodableImage(f"The file ends inside {what}.")
-    return struct.unpack_from(layout, data, offset)
+    return struct.unpack(layout, data[offset:end])
 
 
 def check_dimensions(width_px: int, height_px: int, format_name: str) -> None:
-    """Refuse a picture without pixels."""
+    """Raise UndecodableImage for an image without pixels."""
     if width_px <= 0 or height_px <= 0:
         raise UndecodableImage(f"The {format_name} header states {width_px} x {height_px} pixels.")

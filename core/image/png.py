@@ -11,7 +11,7 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 from core.errors import UndecodableImage, UnsupportedImage
-from core.image.layout import ImageHeader, check_dimensions, unpack
+from core.image.layout import ByteSource, ImageHeader, check_dimensions, unpack
 
 _SIGNATURE_BYTES = 8
 _ANCILLARY = 1 << 5  # in the name's first byte: not needed for the pixels (section 5.4)
@@ -22,6 +22,11 @@ _MAX_CHUNKS = 1 << 17
 """Encoders write 8 kB at a time or more; millions of empty chunks attack the reader's memory."""
 
 
+_MAX_OTHER_CHUNKS = 1 << 12
+"""Chunks that hold no pixels."""
+_COMPRESSED_TEXT = (b"zTXt", b"iTXt", b"iCCP")
+
+
 class Chunk(NamedTuple):
     """A chunk's name and where its body lies in the file."""
 
@@ -30,7 +35,7 @@ class Chunk(NamedTuple):
     end: int
 
 
-def read_header(data: memoryview) -> ImageHeader:
+def read_header(data: ByteSource) -> ImageHeader:
     """Return what the IHDR chunk states (section 11.2.1)."""
     (length,) = unpack(">I4x", data, _SIGNATURE_BYTES, "the PNG header")
     if bytes(data[_SIGNATURE_BYTES + 4 : _SIGNATURE_BYTES + 8]) != b"IHDR" or length != 13:
@@ -57,6 +62,7 @@ def read_chunks(data: memoryview, crc32: Callable[[memoryview], int]) -> list[Ch
     The checksums of those that matter for the pixels must be right (section 5.3); `crc32` computes them.
     """
     chunks: list[Chunk] = []
+    others = 0
     start = _SIGNATURE_BYTES + 8
     while not chunks or chunks[-1].name != b"IEND":
         if start > len(data):
@@ -69,10 +75,22 @@ def read_chunks(data: memoryview, crc32: Callable[[memoryview], int]) -> list[Ch
             )
         if not name[0] & _ANCILLARY and crc32(data[start - 4 : end]) != _CRC.unpack_from(data, end)[0]:
             raise UndecodableImage("The checksum of a PNG chunk is wrong.")
-        if len(chunks) == _MAX_CHUNKS:
-            raise UndecodableImage(f"The PNG file has more than {_MAX_CHUNKS} chunks.")
+        others += name != b"IDAT"
+        if len(chunks) == _MAX_CHUNKS or others > _MAX_OTHER_CHUNKS:
+            raise UndecodableImage(
+                f"The PNG file has more than {_MAX_CHUNKS} chunks, or more than {_MAX_OTHER_CHUNKS} without pixels."
+            )
         chunks.append(Chunk(name, start, end))
         start = end + 12
     if not any(chunk.name == b"IDAT" for chunk in chunks):
         raise UndecodableImage("The PNG file holds no pixels.")
     return chunks
+
+
+def without_compressed_text(data: memoryview) -> memoryview:
+    """Return the file, which is checked to be whole, without texts that libpng would inflate (1,000 of 8 MB)."""
+    chunks = read_chunks(data, zlib.crc32)
+    if not any(chunk.name in _COMPRESSED_TEXT for chunk in chunks):
+        return data
+    kept = [data[chunk.start - 8 : chunk.end + 4] for chunk in chunks if chunk.name not in _COMPRESSED_TEXT]
+    return memoryview(b"".join([data[:_SIGNATURE_BYTES], *kept]))

@@ -1,8 +1,8 @@
 """PNG's pixels without libpng, for what industrial cameras send: grey, 8 or 16 bits, not interlaced.
 
 The compressed stream is inflated in pieces small enough to stay in the processor's cache, and each piece is unfiltered
-straight into the picture: beside the file and the picture nothing grows with their size. Whatever is out of the
-ordinary is left to OpenCV. Imported when the first picture is decoded: reading headers needs none of it.
+straight into the image: apart from the file and the image no buffer grows with their size. OpenCV decodes all other
+kinds. The module is imported when the first image is decoded, since reading headers does not need it.
 
 References: W3C, "Portable Network Graphics (PNG) Specification (Third Edition)", 2025, sections 9 (filtering) and 10
 (compression); RFC 1950 (1996), the stream's wrapper and checksum.
@@ -17,21 +17,21 @@ import numpy as np
 from isal import igzip_lib, isal_zlib
 from jaxtyping import Int64, UInt8, UInt16
 
-from core.compiled import compiled
 from core.errors import UndecodableImage
 from core.image.layout import ImageHeader
 from core.image.png import Chunk, read_chunks
+from core.jit import jit
 
 _METHODS_AT = slice(24, 29)
 _GREY_NOT_INTERLACED = (b"\x08\0\0\0\0", b"\x10\0\0\0\0")
-"""Depth, colour type and three methods, as they stand in the header (section 11.2.1)."""
+"""Depth, colour type and three methods, as stored in the header (section 11.2.1)."""
 
 _HARMLESS = frozenset(
     (b"IDAT", b"tEXt", b"zTXt", b"iTXt", b"tIME", b"pHYs", b"gAMA", b"cHRM", b"sRGB", b"eXIf")
 )
 """Chunks that leave grey values as they are (section 11.3)."""
 
-_LARGEST_WINDOW = 7
+_MAX_WINDOW = 7
 """Logarithm of the inflater's window, 8 subtracted (RFC 1950, section 2.2)."""
 
 _INPUT_BYTES = 1 << 16
@@ -64,7 +64,7 @@ def read_plain(
     left = rows.size + len(rows)
     for piece in _inflate(data, pixels, left):
         left -= len(piece)
-        if left < 0:  # more than the picture: only libpng knows which such streams it takes
+        if left < 0:  # more than the image: only libpng knows which such streams it takes
             return None
         if not unfilter(np.frombuffer(piece, dtype=np.uint8), rows, sample_bytes, state):
             raise UndecodableImage("The PNG file's pixels name a filter that does not exist.")
@@ -76,7 +76,7 @@ def read_plain(
 def _inflate(data: memoryview, pixels: list[Chunk], wanted: int) -> Iterator[bytes]:
     """Yield the stream of `wanted` bytes in pieces, or so much of a longer one as shows that it is longer."""
     method = next((data[chunk.start] for chunk in pixels if chunk.end > chunk.start), 0)
-    if method >> 4 > _LARGEST_WINDOW:  # of all that is wrong with a stream, the one that isal does not see
+    if method >> 4 > _MAX_WINDOW:  # of all that is wrong with a stream, the one that isal does not see
         raise UndecodableImage("The PNG file's compressed pixels are damaged.")
     stream = igzip_lib.IgzipDecompressor(flag=igzip_lib.DECOMP_ZLIB)
     for block in _blocks(data, pixels):
@@ -115,7 +115,7 @@ def _blocks(data: memoryview, pixels: list[Chunk]) -> Iterator[bytes | memoryvie
     yield b"".join(held)
 
 
-@compiled
+@jit("Array(u1, 1, 'C', readonly=True), u1[:, ::1], i8, i8[::1]")
 def unfilter(
     piece: UInt8[np.ndarray, " n"], rows: UInt8[np.ndarray, "h w"], step: int, state: Int64[np.ndarray, " 2"]
 ) -> bool:
@@ -124,9 +124,9 @@ def unfilter(
     Parameters
     ----------
     piece
-        The inflated stream's next bytes; what goes beyond the picture is not read.
+        The inflated stream's next bytes; bytes beyond the image are not read.
     rows
-        The picture's bytes, written from where the piece before this one ended.
+        The image's bytes, written from where the piece before this one ended.
     step
         Bytes from a pixel to its right neighbour.
     state
@@ -172,7 +172,10 @@ def unfilter(
     return True
 
 
-@compiled
+@jit(
+    "Array(u1, 1, 'C', readonly=True), u1[::1], u1[::1], u1, u1, i8",
+    "Array(u1, 1, 'A', readonly=True), u1[:], u1[:], u1, u1, i8",
+)
 def _unfilter_run(
     filtered: UInt8[np.ndarray, " n"],
     run: UInt8[np.ndarray, " n"],

@@ -17,8 +17,8 @@ constant would be wrong for every camera but one. Three stages:
 σ² = Σ dᵢ²/uᵢ² / (degrees of freedom), where priors count as the part of a measurement that they are: dof =
 observations - tr(H⁻¹ H_data).
 
-Steps are solved from normal equations scaled to unit diagonal, so that pixels, millimetres and radians weigh
-alike and the condition number reported is the scaled one.
+Steps are solved from normal equations scaled to unit diagonal, so that pixels, millimetres and radians have
+equal weight and the condition number reported is the scaled one.
 
 References: D. W. Marquardt, SIAM J. Appl. Math. 11 (1963) 431-441; P. W. Holland, R. E. Welsch, Comm.
 Statist. A6 (1977) 813-827 (tuning constants).
@@ -34,7 +34,7 @@ from typing import Any, Generic, TypeVar
 import numpy as np
 from jaxtyping import Bool, Float
 
-from core.compiled import compiled
+from core.numerics.normal_equations import condition_number, damped_step, inverse
 
 State = TypeVar("State")
 
@@ -52,8 +52,8 @@ MEDIAN_LENGTH = {1: 0.674490, 2: 1.177410, 3: 1.538172, 4: 1.832128, 5: 2.086015
 STEP_TOLERANCE = 1e-2  # of its own standard uncertainty; steps shrink, so that what is left is far less
 NEGLIGIBLE_STEP = 2e-3  # need not be taken at all
 SETTLED = 1e-3  # relative change of σ, which balances data and priors, by the last step
-ROBUST_STEP_TOLERANCE = 0.5  # the robust stage only has to tell good points from bad
-SMALLEST_DAMPING = 1e-10  # of the unit diagonal
+ROBUST_STEP_TOLERANCE = 0.5  # the robust stage only separates good points from bad
+MIN_DAMPING = 1e-10  # of the unit diagonal
 REJECTED_STEPS = 16
 # The first stage: how long it is tried, and when its answer may stand without the others.
 PLAIN_ITERATIONS = 10
@@ -63,7 +63,7 @@ EXPECTED_SCALE = 1.5  # of the stated uncertainty: beyond that, gross errors may
 
 @dataclass(frozen=True, slots=True)
 class Fit(Generic[State]):
-    """What a fit found and how far to trust it.
+    """Result of a fit: estimate, covariance, status and statistics.
 
     `status` is "converged", "iteration_limit" or "singular"; only the first is an answer. `covariance` has
     the step's coordinates. `scale` is σ in the residuals' unit per unit of relative uncertainty, `cost` the
@@ -102,7 +102,7 @@ def fit(
     """Fit robustly and return the estimate with its covariance.
 
     Parameters: `uncertainty` (n,) is each point's standard uncertainty in the residuals' unit. Only ratios enter the
-    estimate; the level tells whether the residuals are the noise that was expected. `used` are the points that count,
+    estimate; the level shows whether the residuals are the expected noise. `used` are the points that count,
     where that is already decided: the fit is a plain one.
     """
     expected = float(np.mean(uncertainty))
@@ -128,7 +128,7 @@ def fit(
 
 @dataclass(frozen=True, slots=True)
 class _Linearised(Generic[State]):
-    """A state with what is known there: weighted residuals, their squared lengths, Jacobian, and the priors' part."""
+    """Linearisation at a state: weighted residuals, their squared lengths, Jacobian, and the priors' part."""
 
     state: State
     residuals: Float[np.ndarray, "m n"]
@@ -136,70 +136,6 @@ class _Linearised(Generic[State]):
     jacobian: Float[np.ndarray, "p m n"]
     prior_residuals: Float[np.ndarray, " q"]
     prior_jacobian: Float[np.ndarray, "q p"]
-
-
-@compiled
-def _damped_step(
-    H: Float[np.ndarray, "p p"], g: Float[np.ndarray, " p"], damping: float
-) -> tuple[Float[np.ndarray, " p"], float]:
-    """Solve (H/(d dᵀ) + damping·I) (d x) = g/d with d² the diagonal of H, by Cholesky's factorisation.
-
-    Returns x and its length in units of its own standard uncertainty, √(xᵀ H x); that is ∞ where H is not positive
-    definite.
-    """
-    size = len(g)
-    x = np.zeros(size)
-    unit = np.empty(size)
-    for i in range(size):
-        if not 0.0 < H[i, i] < np.inf:
-            return x, np.inf
-        unit[i] = 1.0 / np.sqrt(H[i, i])
-    L = np.empty((size, size))
-    for i in range(size):
-        for j in range(i + 1):
-            total = H[i, j] * unit[i] * unit[j]
-            for k in range(j):
-                total -= L[i, k] * L[j, k]
-            if i > j:
-                L[i, j] = total / L[j, j]
-            else:
-                total += damping
-                if not total > 0.0:
-                    return x, np.inf
-                L[i, i] = np.sqrt(total)
-    y = np.empty(size)
-    square = 0.0
-    for i in range(size):
-        total = g[i] * unit[i]
-        for k in range(i):
-            total -= L[i, k] * y[k]
-        y[i] = total / L[i, i]
-        square += y[i] * y[i]
-    for i in range(size - 1, -1, -1):
-        total = y[i]
-        for k in range(i + 1, size):
-            total -= L[k, i] * x[k]
-        x[i] = total / L[i, i]
-        square -= damping * x[i] * x[i]
-    return x * unit, np.sqrt(max(square, 0.0))
-
-
-def _inverse(matrix: Float[np.ndarray, "p p"]) -> Float[np.ndarray, "p p"]:
-    """Return the inverse of a symmetric matrix; NaN where it is singular."""
-    try:
-        inverse = np.linalg.inv(matrix)
-    except np.linalg.LinAlgError:
-        return np.full_like(matrix, np.nan)
-    return np.asarray(0.5 * (inverse + inverse.T))
-
-
-def _condition_number(matrix: Float[np.ndarray, "p p"]) -> float:
-    """Return the condition number of a positive definite matrix scaled to unit diagonal; ∞ where it is not."""
-    diagonal = np.sqrt(np.abs(matrix.diagonal()))
-    if not (np.all(diagonal > 0) and math.isfinite(float(diagonal.sum()))):
-        return math.inf
-    values = np.linalg.eigvalsh(matrix / np.outer(diagonal, diagonal))
-    return float(values[-1] / values[0]) if values[0] > 1e-15 * values[-1] else math.inf
 
 
 def _normal_equations(
@@ -293,7 +229,7 @@ class _Run(Generic[State]):
             cost = _cost(at, used, sigma)
             rejected = 0
             while True:
-                step, length = _damped_step(H, g, damping)
+                step, length = damped_step(H, g, damping)
                 if damping == 0.0 and length < NEGLIGIBLE_STEP:
                     return at, True
                 if length < math.inf:
@@ -304,14 +240,14 @@ class _Run(Generic[State]):
                 if rejected == REJECTED_STEPS:
                     # No step downhill exists within rounding: a minimum, if the gradient agrees.
                     return at, length < tolerance
-                damping = max(5.0 * damping, SMALLEST_DAMPING)
+                damping = max(5.0 * damping, MIN_DAMPING)
             at = trial
             if robust and length < tolerance:
                 return at, True
             # A damped step may be short for its damping's sake; only a full one measures the distance left.
             full = length if damping == 0.0 else math.inf
             damping = 0.0 if length < tolerance else damping * (0.5 if rejected else 0.02)
-            if damping < SMALLEST_DAMPING:
+            if damping < MIN_DAMPING:
                 damping = 0.0
         return at, False
 
@@ -322,13 +258,13 @@ class _Run(Generic[State]):
         square_sum, count = float(at.squared @ used), int(used.sum()) * len(at.residuals)
         scale, dof = max(math.sqrt(square_sum / max(count, 1)), self.smallest_scale), float(count)
         for _ in range(3):  # σ and the degrees of freedom that priors leave depend on one another, weakly
-            dof = count - float(np.vdot(_inverse(data / scale**2 + held), data)) / scale**2
+            dof = count - float(np.vdot(inverse(data / scale**2 + held), data)) / scale**2
             if not dof > 0.5:  # NaN, too, where there is no inverse
                 status = "singular"
                 break
             scale = max(math.sqrt(square_sum / dof), self.smallest_scale)
         information = data / scale**2 + held
-        covariance, condition = _inverse(information), _condition_number(information)
+        covariance, condition = inverse(information), condition_number(information)
         return Fit(
             state=at.state,
             status=status if math.isfinite(condition) else "singular",

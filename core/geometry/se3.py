@@ -2,7 +2,6 @@
 
 `T_a_b` maps points given in frame b into frame a, so that adjacent frames cancel: T_a_c = T_a_b @ T_b_c.
 Perturbations are on the left: R_true = exp(w) R. Angles in radians, lengths in mm.
-Roll, pitch, yaw are R = Rz(yaw) Ry(pitch) Rx(roll), singular at pitch = ±90°.
 
 References: R. M. Murray, Z. Li, S. S. Sastry, "A Mathematical Introduction to Robotic Manipulation", 1994,
 ch. 2.
@@ -13,18 +12,25 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 from core.errors import InvalidArgument
 
-GIMBAL_MARGIN = math.radians(5.0)
-"""Within this angle of pitch = ±90°, roll and yaw are reported with a warning."""
+MAX_NOT_ORTHONORMAL = 1e-6
+"""Largest element of R Rᵀ - 1: a rotation written with seven digits passes, a scaled or mirrored matrix does not."""
 
 
 def hat(w: Float[np.ndarray, "3"]) -> Float[np.ndarray, "3 3"]:
     """Return [w]×, so that hat(w) @ a = w × a."""
     x, y, z = w
     return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+
+
+def hats(vectors: Float[np.ndarray, "*b 3"]) -> Float[np.ndarray, "*b 3 3"]:
+    """Return [v]× of every vector, as `hat` does of one."""
+    K = np.zeros((*vectors.shape, 3))
+    K[..., 2, 1], K[..., 0, 2], K[..., 1, 0] = vectors[..., 0], vectors[..., 1], vectors[..., 2]
+    return np.asarray(K - K.swapaxes(-1, -2))
 
 
 def so3_exp(w: Float[np.ndarray, "3"]) -> Float[np.ndarray, "3 3"]:
@@ -102,6 +108,27 @@ def rotations_from_vectors(vectors: Float[np.ndarray, "n 3"]) -> Float[np.ndarra
     return R
 
 
+def rotations_about(
+    direction: Float[np.ndarray, "*b 3"], angles: Float[np.ndarray, "*b n"]
+) -> Float[np.ndarray, "*b n 3 3"]:
+    """Return Rot(n, φ) of every angle (rad) about a direction of unit length, by Rodrigues' formula."""
+    K = hats(direction)
+    sine, versine = np.sin(angles)[..., None, None], 2.0 * np.sin(0.5 * angles)[..., None, None] ** 2
+    return np.asarray(np.eye(3) + sine * K[..., None, :, :] + versine * (K @ K)[..., None, :, :])
+
+
+def quaternion_to_rotation(quaternion: Float[np.ndarray, "4"]) -> Float[np.ndarray, "3 3"]:
+    """Return the rotation of a unit quaternion (w, x, y, z)."""
+    w, x, y, z = (float(component) for component in quaternion)
+    return np.array(
+        [
+            [1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - z * w), 2.0 * (x * z + y * w)],
+            [2.0 * (x * y + z * w), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - x * w)],
+            [2.0 * (x * z - y * w), 2.0 * (y * z + x * w), 1.0 - 2.0 * (x * x + y * y)],
+        ]
+    )
+
+
 def _quaternion(rotation: Float[np.ndarray, "3 3"]) -> tuple[float, float, float, float]:
     """Return the unit quaternion (w, x, y, z), w ≥ 0, by the largest of its four components (Shepperd)."""
     r = rotation
@@ -167,6 +194,11 @@ def se3_log(T: Float[np.ndarray, "4 4"]) -> Float[np.ndarray, "6"]:
     return np.concatenate([np.linalg.solve(so3_left_jacobian(w), T[:3, 3]), w])
 
 
+def perturbed(T: Float[np.ndarray, "4 4"], step: Float[np.ndarray, "6"]) -> Float[np.ndarray, "4 4"]:
+    """Return T after a small motion (d, w) of its frame: t + d (mm), exp(w) R (rad)."""
+    return transform(so3_exp(step[3:]) @ T[:3, :3], T[:3, 3] + step[:3])
+
+
 def so3_left_jacobian(w: Float[np.ndarray, "3"]) -> Float[np.ndarray, "3 3"]:
     """Return J with exp(w + δ) ≈ exp(J δ) exp(w)."""
     W = hat(w)
@@ -180,48 +212,17 @@ def so3_left_jacobian(w: Float[np.ndarray, "3"]) -> Float[np.ndarray, "3 3"]:
     return np.eye(3) + a * W + b * (W @ W)
 
 
-def rpy_to_rotation(roll_pitch_yaw: Float[np.ndarray, "3"]) -> Float[np.ndarray, "3 3"]:
-    """Return Rz(yaw) Ry(pitch) Rx(roll)."""
-    roll, pitch, yaw = (float(a) for a in roll_pitch_yaw)
-    cr, sr, cp, sp, cy, sy = (f(a) for a in (roll, pitch, yaw) for f in (math.cos, math.sin))
-    return np.array(
-        [
-            [cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr],
-            [sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr],
-            [-sp, cp * sr, cp * cr],
-        ]
-    )
+def nearest_rotation(matrices: Float[np.ndarray, "*b 3 3"]) -> Float[np.ndarray, "*b 3 3"]:
+    """Return the rotation nearest to each matrix in the Frobenius norm (orthogonal Procrustes)."""
+    U, _, Vt = np.linalg.svd(matrices)
+    U[..., :, 2] *= np.sign(np.linalg.det(U @ Vt))[..., None]
+    return np.asarray(U @ Vt)
 
 
-def rotation_to_rpy(rotation: Float[np.ndarray, "3 3"]) -> Float[np.ndarray, "3"]:
-    """Return roll and yaw in (-π, π], pitch in [-π/2, π/2]; at the singularity yaw carries all and roll is 0."""
-    r = rotation
-    cos_pitch = math.hypot(r[0, 0], r[1, 0])
-    pitch = math.atan2(-r[2, 0], cos_pitch)
-    if cos_pitch < 1e-9:
-        return np.array([0.0, pitch, math.atan2(-r[0, 1], r[1, 1])])
-    return np.array([math.atan2(r[2, 1], r[2, 2]), pitch, math.atan2(r[1, 0], r[0, 0])])
-
-
-def rpy_jacobian(roll_pitch_yaw: Float[np.ndarray, "3"]) -> Float[np.ndarray, "3 3"]:
-    """Return d(roll, pitch, yaw)/dw for R_true = exp(w) R.
-
-    w = E(pitch, yaw) (roll', pitch', yaw')ᵀ with columns Rz Ry x, Rz y, z; its inverse grows as 1/cos(pitch).
-    Within 1e-6 rad of the singularity it is evaluated at that distance, where the uncertainty is as good as
-    unbounded.
-    """
-    _, pitch, yaw = (float(a) for a in roll_pitch_yaw)
-    cp = math.cos(pitch)
-    cp = math.copysign(max(abs(cp), 1e-6), cp)
-    tp = math.sin(pitch) / cp
-    cy, sy = math.cos(yaw), math.sin(yaw)
-    return np.array([[cy / cp, sy / cp, 0.0], [-sy, cy, 0.0], [cy * tp, sy * tp, 1.0]])
-
-
-def nearest_rotation(matrix: Float[np.ndarray, "3 3"]) -> Float[np.ndarray, "3 3"]:
-    """Return the rotation nearest to a matrix in the Frobenius norm (orthogonal Procrustes)."""
-    U, _, Vt = np.linalg.svd(matrix)
-    return np.asarray(U @ np.diag([1.0, 1.0, float(np.sign(np.linalg.det(U @ Vt)))]) @ Vt)
+def are_rotations(matrices: Float[np.ndarray, "n 3 3"]) -> Bool[np.ndarray, " n"]:
+    """Return which of finite matrices are orthonormal and right-handed, to `MAX_NOT_ORTHONORMAL`."""
+    off = np.abs(matrices @ matrices.swapaxes(1, 2) - np.eye(3)).max(axis=(1, 2), initial=0.0)
+    return np.asarray((off < MAX_NOT_ORTHONORMAL) & (np.linalg.det(matrices) > 0.0))
 
 
 def rotation_mean(
@@ -229,7 +230,7 @@ def rotation_mean(
 ) -> Float[np.ndarray, "3 3"]:
     """Return the weighted Riemannian mean: the R with Σ wᵢ log(Rᵢ Rᵀ) = 0.
 
-    Raises InvalidArgument where there is none: no rotations, or weights without a positive sum.
+    Raises InvalidArgument where it does not exist: no rotations, or weights without a positive sum.
 
     References: J. H. Manton, "A globally convergent numerical algorithm for computing the centre of mass on
     compact Lie groups", ICARCV 2004.

@@ -1,0 +1,72 @@
+"""Estimation in general: least squares, normal equations with shared unknowns, variance components, quantiles."""
+
+from core.numerics.least_median import best_subset
+from core.numerics.least_squares import (
+    CAUCHY_C,
+    EXPECTED_SCALE,
+    MEDIAN_LENGTH,
+    NEGLIGIBLE_STEP,
+    OBSERVATIONS_PER_PARAMETER,
+    PLAIN_ITERATIONS,
+    REJECTION,
+    ROBUST_STEP_TOLERANCE,
+    STEP_TOLERANCE,
+    Evaluate,
+    Fit,
+    Prior,
+    fit,
+)
+from core.numerics.normal_equations import block_products, covariance_of, root_of_inverse
+from core.numerics.order_statistics import median, quantiles
+from core.numerics.schur import (
+    FREE_FOCAL,
+    KNOWN,
+    SHARED_CAMERA,
+    ArrowheadEquations,
+    Sharing,
+    arrow,
+    free_focal,
+    shared_camera,
+)
+from core.numerics.variance_components import (
+    SMALLEST,
+    LinearResiduals,
+    Variances,
+    estimate_variances,
+    weights,
+)
+
+__all__ = [
+    "CAUCHY_C",
+    "EXPECTED_SCALE",
+    "FREE_FOCAL",
+    "KNOWN",
+    "MEDIAN_LENGTH",
+    "NEGLIGIBLE_STEP",
+    "OBSERVATIONS_PER_PARAMETER",
+    "PLAIN_ITERATIONS",
+    "REJECTION",
+    "ROBUST_STEP_TOLERANCE",
+    "SHARED_CAMERA",
+    "SMALLEST",
+    "STEP_TOLERANCE",
+    "ArrowheadEquations",
+    "Evaluate",
+    "Fit",
+    "LinearResiduals",
+    "Prior",
+    "Sharing",
+    "Variances",
+    "arrow",
+    "best_subset",
+    "block_products",
+    "covariance_of",
+    "estimate_variances",
+    "fit",
+    "free_focal",
+    "median",
+    "quantiles",
+    "root_of_inverse",
+    "shared_camera",
+    "weights",
+]
