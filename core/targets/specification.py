@@ -11,14 +11,13 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from core.errors import Advisory, InvalidTarget
-from core.targets.capture_quality import CaptureQuality
+from core.targets.quality_result import CaptureQuality
 
 KINDS = ("chessboard", "charuco", "circles", "asymmetric_circles", "aprilgrid")
 
-Origin = Literal["known", "turned", "unknown"]
-"""How far a picture tells which grid point is (0, 0): for sure; but for turns of the whole grid that look the same, of
-which one was chosen; or not at all, where part of a grid is seen: its columns and rows then count from the part's own
-corner, in an order of the right handedness and colours."""
+Labelling = Literal["absolute", "up_to_symmetry"]
+"""How far an image determines which grid point is (0, 0): uniquely, or but for turns of the whole grid that look the
+same, one of which was chosen."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,7 +29,7 @@ class TargetSpec:
     columns, y along rows, z = x × y (into the board when seen from the front with y down).
 
     An AprilGrid's grid points are its tags' corners: columns 2i and 2i + 1 are the two sides of its i-th tags along x,
-    rows 2j and 2j + 1 those of its j-th ones along y (where that begins: `core.targets.aprilgrid_layout`).
+    rows 2j and 2j + 1 those of its j-th ones along y (where that begins: `core.targets.aprilgrid.layout`).
     """
 
     kind: str
@@ -57,10 +56,10 @@ class TargetSpec:
             raise InvalidTarget(
                 f"pitch_mm must be a positive length, got {self.pitch_mm!r}.", field="pitch_mm"
             )
-        doubt = self.pitch_standard_uncertainty_mm
-        if doubt is not None and not 0 <= doubt < self.pitch_mm:
+        uncertainty = self.pitch_standard_uncertainty_mm
+        if uncertainty is not None and not 0 <= uncertainty < self.pitch_mm:
             raise InvalidTarget(
-                f"pitch_standard_uncertainty_mm must lie between 0 and the pitch, got {doubt!r}.",
+                f"pitch_standard_uncertainty_mm must lie between 0 and the pitch, got {uncertainty!r}.",
                 field="pitch_standard_uncertainty_mm",
             )
 
@@ -93,10 +92,10 @@ class TargetSpec:
         return np.stack([x, row, np.zeros(len(row))], axis=1).astype(np.float64) * self.pitch_mm
 
 
-def points_left_out(count: int, size: int, reason: str) -> Advisory:
-    """Return the remark that `count` of a target's `size` grid points were not measured, for a reason in words."""
+def missing_points_warning(count: int, size: int, reason: str) -> Advisory:
+    """Return the warning that `count` of a target's `size` grid points were not measured, for `reason`."""
     return Advisory(
-        code="corners_left_out",
+        code="points_missing",
         detail=f"{count} of {size} {reason}",
         advice="Look at the overlay: reflections, dirt or something in front of the grid are the usual causes.",
     )
@@ -107,7 +106,7 @@ class GridPoints:
     """Grid points found in one image: which ones, where, and how sure each is.
 
     `points_px` (n, 2) u right, v down, (0, 0) at the centre of the top-left pixel; `standard_uncertainty_px`
-    (n,) is the detector's own estimate for u and v alike. The fit re-scales it by the residuals where they
+    (n,) is the detector's own estimate, the same for u and v. The fit re-scales it by the residuals where they
     say more.
     """
 
@@ -124,7 +123,7 @@ class GridPoints:
     markers_px: Mapping[int, Float[np.ndarray, "4 2"]] | None = None
     """Corners of the markers seen on the way, by id, in the order of `CharucoLayout.marker_corners`; no fit takes them.
     None for targets without markers."""
-    origin: Origin = "known"
+    labelling: Labelling = "absolute"
     capture_quality: CaptureQuality | None = None
 
     @property

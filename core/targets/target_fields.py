@@ -20,13 +20,13 @@ _OF = {
     "legacy_layout": "it is of ChArUco boards of before OpenCV 4.6",
 }
 
-LEAST_DOT, LARGEST_DOT = 0.2, 0.9
-"""A dot's diameter over the distance to the next dot. Wider dots run into one another in the picture, and of smaller
-ones the neighbours are too many radii away (`core.targets.dot_lattice`); within these bounds sharp views, flat and
+MIN_DOT_RATIO, MAX_DOT_RATIO = 0.2, 0.9
+"""A dot's diameter over the distance to the next dot. Wider dots merge in the image, and of smaller
+ones the neighbours are too many radii away (`core.targets.circles.lattice`); within these bounds sharp views, flat and
 tilted, are found."""
-LEAST_CHARUCO_MARKER = 0.1
+MIN_MARKER_RATIO = 0.1
 """A ChArUco marker's side over the pitch. A smaller one's cells are less than a sixtieth of a square wide: no lens that
-has the whole board in view tells them."""
+has the whole board in view resolves them."""
 
 
 def check_fields(target: TargetSpec) -> None:
@@ -54,23 +54,23 @@ def spacing_mm(target: TargetSpec) -> float:
 def check_marker_size(target: TargetSpec) -> None:
     """Raise InvalidTarget for dots that touch or vanish, and for ChArUco markers that vanish.
 
-    What else must be so of markers and tags: `core.targets.charuco_layout`, `core.targets.aprilgrid_layout`.
+    What else must be so of markers and tags: `core.targets.charuco.layout`, `core.targets.aprilgrid.layout`.
     """
     size = target.marker_mm
     if size is None:
         return
     if target.kind in ("circles", "asymmetric_circles"):
         apart = spacing_mm(target)
-        if not LEAST_DOT * apart <= size <= LARGEST_DOT * apart:
+        if not MIN_DOT_RATIO * apart <= size <= MAX_DOT_RATIO * apart:
             raise InvalidTarget(
-                f"marker_mm, the dots' diameter, must be {LEAST_DOT:g} to {LARGEST_DOT:g} of their distance of "
-                f"{apart:.4g} mm, or they are not told apart or not seen; got {size:g} mm.",
-                f"Half the distance serves best: {0.5 * apart:.4g} mm, which is taken where marker_mm is left out.",
+                f"marker_mm, the dots' diameter, must be {MIN_DOT_RATIO:g} to {MAX_DOT_RATIO:g} of their distance of "
+                f"{apart:.4g} mm, or they merge or are not detected; got {size:g} mm.",
+                f"Half the distance serves best: {0.5 * apart:.4g} mm, which is the default.",
                 field="marker_mm",
             )
-    if target.kind == "charuco" and size < LEAST_CHARUCO_MARKER * target.pitch_mm:
+    if target.kind == "charuco" and size < MIN_MARKER_RATIO * target.pitch_mm:
         raise InvalidTarget(
-            f"A ChArUco board's marker_mm must be {LEAST_CHARUCO_MARKER:g} of its pitch_mm at least, or its cells are "
+            f"A ChArUco board's marker_mm must be {MIN_MARKER_RATIO:g} of its pitch_mm at least, or its cells are "
             f"too small to be seen; got {size:g} mm.",
             "Make it two thirds to three quarters of the pitch, or state what the print has.",
             field="marker_mm",

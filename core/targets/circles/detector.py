@@ -1,0 +1,228 @@
+"""Find boards of dots, `circles` and `asymmetric_circles`, and measure the images of their dots' centres.
+
+Dots are detected (`blobs`), linked to lattices (`lattice`), and the lattice that has the target's places is taken, or
+one that is a part of it with the larger dot at its origin (`partial_view`). Each dot is then fitted at full resolution,
+and the image of its centre is determined from the fit (`ellipse_fit`).
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from jaxtyping import Float, Shaped, UInt8, UInt16
+
+from core.errors import Advisory, OriginUnknown, TargetMirrored, TargetMismatch, TargetNotFound
+from core.targets.circles.blobs import Dots, find_dots
+from core.targets.circles.board_ends import extends_beyond
+from core.targets.circles.board_matching import (
+    MIN_SEEN_SHARE,
+    BoardMatch,
+    board_matches,
+    is_mirrored,
+    is_whole,
+    larger_dot,
+    oriented,
+    partial_matches,
+    slenderness,
+)
+from core.targets.circles.ellipse_fit import (
+    MIN_DOTS,
+    ODD,
+    fit_dots,
+    fourth_harmonic_share,
+    perspective_corrected_centres,
+    plane_map,
+)
+from core.targets.circles.lattice import dot_lattices, merge_lattices
+from core.targets.circles.saturation import saturation_bias
+from core.targets.lattice import Level, levels
+from core.targets.specification import GridPoints, TargetSpec, missing_points_warning
+
+_MIN_PART_SHARE = 0.75
+_MIN_SHARE_TO_MERGE = 0.25
+_SUFFICIENT_DOTS, _MIN_CLEAR_SHARE = 25, 0.25  # of the target's, outside of highlights
+_IN_PLACE = 0.2  # of a dot's radius: a highlight moves it by less
+_SLENDER = 1.25  # a larger dot is as round as the others; what a blot makes of one is not
+_SQUARE = 0.05  # of `fourth_harmonic_share`: round dots have less than .02, a grille's of 8 px .13
+_MIN_EXTENT = 0.25  # of the largest board's: a smaller one is ignored
+_MAX_VARIANCE = 6.0  # of the residuals, times the median
+_MIN_CONTRAST = 0.25  # of the median
+_ROUNDING = 1.0 / 12.0
+
+_AMBIGUOUS = Advisory(
+    code="board_symmetry_unresolved",
+    detail="This board looks the same when turned; its x axis was taken to point to the right in the image.",
+    advice="Use a board with a larger dot at its origin, asymmetric circles with an odd number of rows, or markers.",
+)
+
+
+def detect_circles(
+    image: UInt8[np.ndarray, "h w"] | UInt16[np.ndarray, "h w"], target: TargetSpec
+) -> GridPoints:
+    """Find the dots' centres of a board of circles; see `core.targets.detection.detect`."""
+    image = np.require(image, requirements=["C", "W", "A"])
+    seen: list[tuple[int, int]] = []
+    found: list[GridPoints] = []
+    parts: list[tuple[Level, Dots, list[BoardMatch]]] = []
+    failure: TargetNotFound | None = None
+    for level in levels(image):
+        for dots in find_dots(level):
+            here: list[GridPoints] = []
+            taken = np.zeros(len(dots), dtype=np.bool_)
+            lattices = dot_lattices(dots)
+            for n, lattice in enumerate(lattices):
+                if taken[lattice.dots].any():  # by one that was cut from it
+                    continue
+                extent = lattice.places.max(axis=0) - lattice.places.min(axis=0) + 1
+                if len(lattice.dots) >= _MIN_PART_SHARE * extent[0] * extent[1]:
+                    seen.append((int(extent.max()), int(extent.min())))
+                matches = board_matches(lattice, target)
+                if not matches and len(lattice.dots) >= _MIN_SHARE_TO_MERGE * target.size:
+                    lattice = merge_lattices(lattice, lattices[n + 1 :], dots)
+                    taken[lattice.dots] = True
+                    matches = board_matches(lattice, target)
+                if not matches:
+                    if is_mirrored(lattice, target):
+                        raise TargetMirrored(
+                            f"The {target.columns} x {target.rows} dots in view are those of a mirrored print."
+                        )
+                    turned = partial_matches(image, level, dots, lattice, target)
+                    if turned:
+                        parts.append((level, dots, turned))
+                    continue
+                try:
+                    here.append(_grid_points(image, level, dots, matches, target))
+                except TargetNotFound as reason:
+                    failure = reason
+            found.extend(_the_one(here, target))
+            if any(len(points) == target.size for points in found):
+                return max(found, key=len)
+    if found:
+        return max(found, key=len)
+    if parts:
+        return _grid_points(image, *max(parts, key=lambda part: len(part[2][0].dots)), target, is_part=True)
+    raise failure or _not_found(seen, target)
+
+
+def _the_one(found: list[GridPoints], target: TargetSpec) -> list[GridPoints]:
+    """Return the board among those of one image; of several the one compared with which the others are small, as prints
+    and reflections of a board are.
+
+    Raises TargetMismatch where there are two.
+    """
+    extent = [float(np.ptp(points.points_px, axis=0).max()) for points in found]
+    large = [points for points, px in zip(found, extent, strict=True) if px > _MIN_EXTENT * max(extent)]
+    if len(large) > 1:
+        raise TargetMismatch(
+            f"{len(large)} grids of {target.columns} x {target.rows} dots are in view, one was asked for.",
+            "Cover the others, or use boards of different sizes.",
+        )
+    return large
+
+
+def _not_found(seen: list[tuple[int, int]], target: TargetSpec) -> TargetNotFound | TargetMismatch:
+    """Return the error for an image without the board; it states what was found instead."""
+    asked = f"{target.columns} x {target.rows}"
+    if not seen or target.kind != "circles":
+        return TargetNotFound(f"No grid of {asked} dots was found.")
+    long, short = max(seen, key=lambda size: size[0] * size[1])
+    if long > max(target.columns, target.rows) or short > min(target.columns, target.rows):
+        return TargetMismatch(f"A grid of {long} x {short} dots is in view, {asked} was asked for.")
+    return TargetNotFound(f"Only {long} x {short} dots of a grid are wholly in view, {asked} were asked for.")
+
+
+def _grid_points(
+    image: Shaped[np.ndarray, "h w"],
+    level: Level,
+    dots: Dots,
+    matches: list[BoardMatch],
+    target: TargetSpec,
+    *,
+    is_part: bool = False,
+) -> GridPoints:
+    fitted = fit_dots(image, level, dots, matches[0].dots, matches[0].ideal)
+    enough = _MIN_PART_SHARE * len(matches[0].dots) if is_part else MIN_SEEN_SHARE * target.size
+    if fitted.trusted.sum() < max(MIN_DOTS, enough):
+        raise _too_poor(target, int(fitted.trusted.sum()))
+    if fourth_harmonic_share(image, fitted) > _SQUARE:
+        raise TargetNotFound(
+            f"A grid of {target.columns} x {target.rows} patches is in view, but they are square, not round.",
+            "Show the board of dots, and keep gratings and tiles of as many columns and rows out of view.",
+        )
+    variance, contrast = fitted.variance, fitted.contrast
+    noise = np.maximum(variance, _ROUNDING)
+    uncertainty = np.sqrt(noise * 0.5 * np.trace(fitted.covariance, axis1=1, axis2=2))
+    moved = saturation_bias(image, fitted, are_dark=dots.are_dark)
+    clear = fitted.trusted & (moved <= uncertainty)
+    if clear.sum() < max(MIN_DOTS, min(_SUFFICIENT_DOTS, _MIN_CLEAR_SHARE * target.size)) or not _is_spread(
+        matches[0].ideal[clear]
+    ):
+        raise _too_poor(target, int(clear.sum()))
+    uncertainty = np.hypot(uncertainty, moved)
+    centres, radius, trusted = perspective_corrected_centres(matches[0].ideal, replace(fitted, trusted=clear))
+    J, drawn = plane_map(matches[0].ideal, centres, trusted.astype(np.float64))
+    in_place = np.hypot(*(centres - drawn).T) <= _IN_PLACE * fitted.radius_px
+    trusted |= fitted.trusted & ~clear & in_place  # dots in a highlight serve for labels, but not for places
+    usual, usual_contrast, usual_radius = (
+        float(np.median(values[trusted])) if trusted.any() else 0.0 for values in (variance, contrast, radius)
+    )
+    trusted &= (variance <= _MAX_VARIANCE * max(usual, 1.0)) & (contrast >= _MIN_CONTRAST * usual_contrast)
+    larger = larger_dot(radius, trusted & (slenderness(J, fitted) < _SLENDER))
+    match, is_resolved = oriented(matches, larger, fitted, target, is_part=is_part)
+    warnings: tuple[Advisory, ...] = () if is_resolved else (_AMBIGUOUS,)
+    odd = np.abs(radius - usual_radius) > ODD * usual_radius  # cut, half hidden, or no dots of the board
+    if larger is not None and match.column[larger] == 0 and match.row[larger] == 0:
+        odd[larger] = False
+    trusted &= ~odd
+    index = match.row * target.columns + match.column
+    if trusted.sum() < enough or not (is_part or is_whole(index[trusted], target)):
+        raise _too_poor(target, int(trusted.sum()))
+    if is_part and not is_resolved:
+        raise OriginUnknown(
+            f"Part of a grid of {target.columns} x {target.rows} dots is in view, and no larger dot at its origin "
+            "determines which part."
+        )
+    dark = usual_contrast if dots.are_dark else -usual_contrast
+    if not is_part and extends_beyond(
+        image, target, match.column[trusted], match.row[trusted], centres[trusted], dark
+    ):
+        raise TargetNotFound(
+            f"A grid of {target.columns} x {target.rows} dots is in view, but it goes on beyond them.",
+            "Count the board's dots; keep larger grids, grilles and gratings out of view.",
+        )
+    trusted &= clear
+    count = int(trusted.sum())
+    order = np.flatnonzero(trusted)
+    order = order[np.lexsort((match.column[order], match.row[order]))]
+    if count < target.size:
+        reason = "dots are missing: they are hidden, not clear enough, or in saturated white."
+        if is_part:
+            reason = (
+                "dots are missing: they are out of view, hidden, not clear enough, or in saturated white."
+            )
+        warnings = (*warnings, missing_points_warning(target.size - count, target.size, reason))
+    return GridPoints(
+        target=target,
+        image_width_px=image.shape[1],
+        image_height_px=image.shape[0],
+        column=match.column[order],
+        row=match.row[order],
+        points_px=np.ascontiguousarray(centres[order]),
+        standard_uncertainty_px=uncertainty[order],
+        warnings=warnings,
+        labelling="absolute" if is_resolved else "up_to_symmetry",
+    )
+
+
+def _is_spread(ideal: Float[np.ndarray, "n 2"]) -> bool:
+    """Return whether places are those of a plane's points, not of a line's."""
+    return bool(np.linalg.svd(ideal - ideal.mean(axis=0), compute_uv=False)[1] > 0.5)
+
+
+def _too_poor(target: TargetSpec, count: int) -> TargetNotFound:
+    return TargetNotFound(
+        f"A grid of {target.columns} x {target.rows} dots is in view, but {target.size - count} of its dots are "
+        "too poor to measure.",
+        "Light the board evenly, focus, and keep it free of reflections; dots of 10 px and more serve best.",
+    )

@@ -1,0 +1,80 @@
+"""Estimate how saturated white displaces the centres of the dots in it.
+
+Where white is cut off at the camera's largest level, the grey half-way between black and what is left of white is no
+longer at the dot's edge: with d the dark grey, C the contrast the light would give, T the largest level and s the blur,
+
+    edge moves by δ = s Φ⁻¹(q),   q = (T - d) / (2 C)
+
+Under even light that is the same all around the dot, and no centre moves. Light that changes by g per px moves the two
+sides of a dot of radius r differently, and its centre by
+
+    s / φ(Φ⁻¹(q)) · g r / (2 C)  ≥  √(π / 2) s g r / C
+
+C is hidden in what was cut off. The contrast that is left, in its place, makes that larger, as the greater depth of the
+cut does.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from jaxtyping import Float, Shaped
+from scipy.spatial import cKDTree
+
+from core.targets.circles.ellipse_fit import FittedDots, outlines
+from core.targets.subpixel import largest_level, levels_between
+
+_TOP = 0.995  # of the largest level
+_MIN_CLIPPED_SHARE = 0.02  # of the white pixels that determine the edge
+_NEIGHBOURS = 8
+_SURE = 3.0  # standard deviations
+_ROUNDING = 1.0 / 12.0
+
+
+def saturation_bias(
+    image: Shaped[np.ndarray, "h w"], fitted: FittedDots, *, are_dark: bool
+) -> Float[np.ndarray, " n"]:
+    """Return how far (px) the centres of dots in saturated white may have moved by it; 0 for the others."""
+    blur = fitted.shapes[:, 5]
+    side = 1.0 if are_dark else -1.0
+    white = np.concatenate(
+        [
+            levels_between(image, *outlines(fitted.shapes, side * far))
+            for far in (1.5 * blur + 0.5, 3.0 * blur + 1.0)
+        ],
+        axis=1,
+    )
+    u, v = outlines(fitted.shapes, -side * (3.0 * blur + 1.0))
+    dark = levels_between(image, u, v)
+    clipped = (white >= _TOP * largest_level(image)).mean(axis=1) > _MIN_CLIPPED_SHARE
+    within, sigma = _slopes(np.stack([u, v], axis=2), dark)
+    noise = np.sqrt(np.maximum(fitted.variance, _ROUNDING))
+    if are_dark:  # nearer to the centre than half-way no ring lies: that of a small dot is in its edge's blur
+        within[3.0 * blur + 1.0 > 0.5 * fitted.radius_px] = 0.0
+    slope = np.maximum(_slopes_between(fitted, np.median(dark, axis=1)), within - _SURE * noise * sigma)
+    contrast = np.maximum(fitted.contrast, 1.0)
+    return np.where(clipped, math.sqrt(0.5 * math.pi) * blur * slope * fitted.radius_px / contrast, 0.0)
+
+
+def _slopes_between(fitted: FittedDots, values: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
+    """Return how steep (per px) values are about each dot, by those nearest to it: far surer than within one dot, but
+    blind to light that ends between them."""
+    known = np.flatnonzero(fitted.trusted)
+    if len(known) < _NEIGHBOURS:
+        return np.zeros(len(values))
+    centres = fitted.shapes[:, :2]
+    _, near = cKDTree(centres[known]).query(centres, k=_NEIGHBOURS)
+    return _slopes(centres[known[near]], values[known[near]])[0]
+
+
+def _slopes(
+    places: Float[np.ndarray, "n k 2"], values: Float[np.ndarray, "n k"]
+) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
+    """Return the slopes of planes through values, and their standard deviations for values of variance one."""
+    x, y = places - places.mean(axis=1, keepdims=True), values - values.mean(axis=1, keepdims=True)
+    N = np.einsum("nki,nkj->nij", x, x)
+    trace = np.trace(N, axis1=1, axis2=2)
+    N += 1e-6 * trace[:, None, None] * np.eye(2)  # places on a line do not determine the slope across it
+    slope = np.linalg.solve(N, np.einsum("nki,nk->ni", x, y)[..., None])[..., 0]
+    return np.asarray(np.hypot(*slope.T)), np.sqrt(2.0 / trace)

@@ -1,0 +1,104 @@
+"""Identify the board of squares that an image shows in place of the requested target.
+
+A chessboard and a ChArUco board are the same lattice of squares; they are distinguished by whether most of the
+bright squares have a marker in them. Both are found here by that lattice, whatever its size. The error for an image
+without the target then names the board that was mounted instead, and nobody needs to search for poor light or a
+wrong size.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from jaxtyping import UInt8, UInt16
+
+from core.errors import OriginUnknown, TargetMismatch, TargetNotFound
+from core.targets.charuco import charuco_layout, lattices_of
+from core.targets.chessboard import boards_in_view
+from core.targets.detection import detect
+from core.targets.lattice import Lattice, levels
+from core.targets.markers import places_in_squares
+from core.targets.specification import GridPoints, TargetSpec
+
+_ASKED = {
+    "chessboard": "a chessboard, whose squares are plain,",
+    "charuco": "a ChArUco board",
+    "circles": "a board of dots",
+    "asymmetric_circles": "a board of staggered dots",
+    "aprilgrid": "an AprilGrid",
+}
+_ACROSS = np.linspace(0.2, 0.8, 9)
+"""Of a square: clear of its edges, over markers of half the square and more."""
+_PRINTED = 0.2
+"""Share of a bright square that is dark. With a marker of half its side the marker's border alone makes .24."""
+_MAJORITY = 0.7  # of the bright squares
+_MIN_SQUARES, _MIN_CORNERS = 4, 12
+_MIN_OF_PLAIN = 20  # corners: within a marker or between two a few may look like a board's
+_USUAL = TargetSpec("charuco", 3, 3, 4.0, 3.0, "DICT_4X4_50")
+"""For the margin between squares and markers, by which corners are linked: other markers may be larger or smaller."""
+
+
+def look_for(image: UInt8[np.ndarray, "h w"] | UInt16[np.ndarray, "h w"], target: TargetSpec) -> GridPoints:
+    """Find the one target that an image should show; as `core.targets.detection.detect`.
+
+    Where it is not found, but a board of another kind is wholly in view, TargetMismatch says so in place of
+    TargetNotFound or OriginUnknown.
+    """
+    try:
+        return detect(image, target)
+    except (TargetNotFound, OriginUnknown) as failure:
+        instead = _shown_instead(image, target)
+        if instead is None:
+            raise
+        raise instead from failure
+
+
+def _shown_instead(image: np.ndarray, target: TargetSpec) -> TargetMismatch | None:
+    """Return the error that names the largest board of squares of another kind; None without such a board."""
+    seen: list[tuple[int, str]] = []
+    for level in levels(image):
+        for lattice in lattices_of(image, level, charuco_layout(_USUAL)):
+            count = int(lattice.known.sum())
+            if count >= _MIN_CORNERS and _has_markers(image, lattice):
+                seen.append((count, f"A ChArUco board of at least {_size(lattice)} inner corners"))
+    if target.kind == "charuco" and seen:  # its markers explain the failure
+        return None
+    if target.kind != "chessboard":
+        for board in boards_in_view(image):
+            count = int(board.lattice.known.sum())
+            is_plain = count >= _MIN_OF_PLAIN and not _has_markers(image, board.lattice)
+            if is_plain and board.is_whole and board.is_resolved:
+                seen.append((count, f"A chessboard of {_size(board.lattice)} inner corners"))
+    if not seen:
+        return None
+    _, named = max(seen)
+    return TargetMismatch(
+        f"{named} is in view; {_ASKED[target.kind]} of {target.columns} x {target.rows} was asked for.",
+        "Show the target that the image was sent for, or send it for the one that it shows.",
+    )
+
+
+def _size(lattice: Lattice) -> str:
+    long, short = sorted(lattice.gap.shape, reverse=True)
+    return f"{long} x {short}"
+
+
+def _has_markers(image: np.ndarray, lattice: Lattice) -> bool:
+    """Return whether most of the bright squares have something dark printed in them.
+
+    Its size and its bits are not known, so that `marker_reading` cannot look for a frame.
+    """
+    known = lattice.known
+    row, column = np.nonzero(known[:-1, :-1] & known[:-1, 1:] & known[1:, :-1] & known[1:, 1:])
+    is_bright = ((row + column) % 2 == 0) == lattice.origin_is_bright
+    middle = np.stack(np.meshgrid(_ACROSS, _ACROSS), axis=2).reshape(-1, 2)
+    corners_px = np.pad(lattice.grid, ((1, 1), (1, 1), (0, 0)), constant_values=np.nan)
+    places = places_in_squares(corners_px, np.stack([column, row], axis=1), middle)
+    is_convex = np.isfinite(places).all(axis=(1, 2))
+    u, v = np.moveaxis(np.rint(np.where(np.isfinite(places), places, 0.0)).astype(np.intp), 2, 0)
+    greys = image[np.clip(v, 0, image.shape[0] - 1), np.clip(u, 0, image.shape[1] - 1)].astype(np.float64)
+    bright, dark = greys[is_bright & is_convex], greys[~is_bright & is_convex]
+    if len(bright) < _MIN_SQUARES or len(dark) == 0:
+        return False
+    half_way = 0.5 * (np.median(dark) + np.quantile(bright, 0.9, axis=1))
+    share = np.mean(bright < half_way[:, None], axis=1)
+    return bool(np.mean(share > _PRINTED) > _MAJORITY)
