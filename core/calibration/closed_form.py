@@ -13,8 +13,8 @@ axis-aligned tilt. The variants differ in how a and b are found, and whether X =
 - A, `nullspace`: (r31, tz) from the x-axis points as a null space (8), r32 from the y-axis points (13), then
   the first two rows from all the others (19)-(20), *with the principal point given*. As printed, (19)-(22)
   has four columns of which h = x r31 + y r32 + tz is an exact combination of the other three: rank 3 always.
-  A homography holds 8 numbers, pose and fx, fy, cx, cy need 10. `paper_literal` keeps that form, with its
-  rank shown, for comparison only.
+  A homography holds 8 numbers, pose and fx, fy, cx, cy need 10. `tests/core/calibration/test_closed_form.py`
+  shows it.
 - B, `vanishing_point`: a and b are the homography's first two columns (eqs 30-35 in matrix form).
 
 A pose follows from a, b and the translation column by scaling to unit r1, r2 and the nearest rotation; every
@@ -32,26 +32,27 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from core.calibration.homography import estimate_homography, normalising_transform
-from core.camera import Camera
 from core.errors import DegenerateGeometry
-from core.targets.specification import GridPoints
-from core.transforms import hat, nearest_rotation, transform, transform_points
+from core.geometry import (
+    Camera,
+    estimate_homography,
+    hat,
+    nearest_rotation,
+    normalising_transform,
+    transform,
+    transform_points,
+)
+from core.targets import GridPoints
 
-LARGEST_FOCAL_PX = 1e8  # beyond it 1/f² is a rounding error of whatever sign
+MAX_FOCAL_PX = 1e8  # beyond it 1/f² is a rounding error of whatever sign
 
 
 @dataclass(frozen=True, slots=True)
 class ClosedForm:
-    """A start for the refinement: a distortion-free camera and the pose.
-
-    `rank_ratio` is σ4/σ1 of the literal variant's matrix L3 (1 for every other): below 1e-12 its principal
-    point is a minimum-norm artefact, not a measurement.
-    """
+    """A start for the refinement: a distortion-free camera and the pose."""
 
     camera: Camera
     T_camera_target: Float[np.ndarray, "4 4"]
-    rank_ratio: float = 1.0
 
 
 def vanishing_point(
@@ -86,25 +87,6 @@ def nullspace(points: GridPoints, principal_point: tuple[float, float]) -> Close
     Needs grid point (0, 0) and at least one more point on each of the target's axes and two off them.
     Raises DegenerateGeometry otherwise, or where the squares of (28) come out negative.
     """
-    return _variant_a(points, principal_point)
-
-
-def paper_literal(points: GridPoints) -> ClosedForm:
-    """Variant A as printed, principal point by pseudo-inverse of the rank-deficient four-column L3: not for
-    use.
-    """
-    return _variant_a(points, None)
-
-
-def nominal(H: Float[np.ndarray, "3 3"], points: GridPoints, camera: Camera) -> ClosedForm:
-    """Pose for a camera assumed known, from the homography."""
-    cx, cy = camera.cx_px, camera.cy_px
-    centred = np.array([[1.0, 0.0, -cx], [0.0, 1.0, -cy], [0.0, 0.0, 1.0]]) @ H
-    start = _pose(centred, camera.fx_px, camera.fy_px, cx, cy, points)
-    return ClosedForm(camera, start.T_camera_target)
-
-
-def _variant_a(points: GridPoints, principal_point: tuple[float, float] | None) -> ClosedForm:
     column, row = points.column, points.row
     origin = np.flatnonzero((column == 0) & (row == 0))
     on_x, on_y = (row == 0) & (column > 0), (column == 0) & (row > 0)
@@ -113,11 +95,9 @@ def _variant_a(points: GridPoints, principal_point: tuple[float, float] | None) 
         raise DegenerateGeometry(
             "Variant A needs the target's origin, points on both of its axes and some off them."
         )
-    # II.F: scale both sets; image coordinates about the principal point where it is given, else about the
-    # mean.
-    N_px = normalising_transform(points.points_px)
-    scale = float(N_px[0, 0])
-    centre = -N_px[:2, 2] / scale if principal_point is None else np.array(principal_point)
+    # II.F: scale both sets, image coordinates about the principal point.
+    scale = float(normalising_transform(points.points_px)[0, 0])
+    centre = np.array(principal_point)
     length = float(np.max(np.abs(points.points_target[:, :2])))
     u, v = ((points.points_px - centre) * scale).T
     x, y = (points.points_target[:, :2] / length).T
@@ -145,30 +125,28 @@ def _variant_a(points: GridPoints, principal_point: tuple[float, float] | None) 
     # (19)-(20).
     xi, yi, ui, vi = x[inside], y[inside], u[inside], v[inside]
     h = xi * r31 + yi * r32 + tz
-    if principal_point is None:
-        L3 = np.stack([xi, yi, h, np.ones_like(xi)], axis=1)
-        singular = np.linalg.svd(L3, compute_uv=False)
-        rank_ratio = float(singular[3] / singular[0])
-        (a1, b1, cu, t1), (a2, b2_, cv, t2) = (np.linalg.pinv(L3, rcond=1e-12) @ (w * h) for w in (ui, vi))
-        cx, cy = float(centre[0] + cu / scale), float(centre[1] + cv / scale)
-    else:
-        L3 = np.stack([xi, yi, np.ones_like(xi)], axis=1)
-        rank_ratio = 1.0
-        (a1, b1, t1), (a2, b2_, t2) = (np.linalg.lstsq(L3, w * h, rcond=None)[0] for w in (ui, vi))
-        cx, cy = principal_point
+    L3 = np.stack([xi, yi, np.ones_like(xi)], axis=1)
+    (a1, b1, t1), (a2, b2_, t2) = (np.linalg.lstsq(L3, w * h, rcond=None)[0] for w in (ui, vi))
     # Back to pixels and millimetres: columns are the images of x, y and the origin.
     centred = np.array([[a1, b1, t1], [a2, b2_, t2], [scale * r31, scale * r32, scale * tz]])
     centred = centred / [length, length, 1.0]
     fx, fy = _focal_lengths(centred[:, 0], centred[:, 1], single=False)
-    start = _pose(centred, fx, fy, cx, cy, points)
-    return ClosedForm(start.camera, start.T_camera_target, rank_ratio)
+    return _pose(centred, fx, fy, *principal_point, points)
+
+
+def nominal(H: Float[np.ndarray, "3 3"], points: GridPoints, camera: Camera) -> ClosedForm:
+    """Pose for a camera assumed known, from the homography."""
+    cx, cy = camera.cx_px, camera.cy_px
+    centred = np.array([[1.0, 0.0, -cx], [0.0, 1.0, -cy], [0.0, 0.0, 1.0]]) @ H
+    start = _pose(centred, camera.fx_px, camera.fy_px, cx, cy, points)
+    return ClosedForm(camera, start.T_camera_target)
 
 
 def _focal_lengths(a: Float[np.ndarray, "3"], b: Float[np.ndarray, "3"], single: bool) -> tuple[float, float]:
     """Solve the two orthonormality equations for (fx, fy), or in least squares for one f."""
     # Numbers one by one: arrays of two would cost ten times as much.
     (a1, a2, a3), (b1, b2, b3) = a.tolist(), b.tolist()
-    # Depth-scale the rows so that the two equations weigh alike whatever the units.
+    # Depth-scale the rows so that the two equations have equal weight in any units.
     weight = 1.0 / (a1**2 + a2**2 + b1**2 + b2**2 or 1.0)
     p1, q1, c1 = weight * a1 * b1, weight * a2 * b2, -weight * a3 * b3
     p2, q2, c2 = (
@@ -184,10 +162,10 @@ def _focal_lengths(a: Float[np.ndarray, "3"], b: Float[np.ndarray, "3"], single:
         determinant = p1 * q2 - q1 * p2
         if abs(determinant) < 1e-14:
             raise DegenerateGeometry(
-                "The tilt is about an image axis: fx and fy cannot both be told from this view."
+                "The tilt is about an image axis: this view does not determine both fx and fy."
             )
         X, Y = (c1 * q2 - q1 * c2) / determinant, (p1 * c2 - c1 * p2) / determinant
-    if not LARGEST_FOCAL_PX**-2 <= min(X, Y) <= max(X, Y) < math.inf:
+    if not MAX_FOCAL_PX**-2 <= min(X, Y) <= max(X, Y) < math.inf:
         raise DegenerateGeometry(
             "The squared focal length comes out negative or infinite: "
             "the view is near fronto-parallel or the principal point wrong."

@@ -1,8 +1,12 @@
-"""One image: starts, MAP refinement, the refusal, and the doubt of what is left.
+"""Calibration from one image: initialisation, MAP refinement, refusal, and covariance.
 
-One planar view separates focal length and principal point from depth only through tilt and distortion, so
-weak priors (METHOD: what lenses are like) regularise the fit, and a view whose predicted u(f)/f still exceeds
-2 % is refused: its residual would be as small as ever while its pose is millimetres off.
+One planar view separates focal length and principal point from depth only through tilt and distortion, so weak priors
+(what lenses are like) regularise the fit. The predicted u(f)/f grades the answer, and beyond a bound the view is
+refused (`result.grade`): its residual would be as small as ever while its pose may be anywhere.
+
+The fit has two passes. Residuals that resemble their neighbours' say that the data are worth less than independent
+noise would be, by an inflation of their uncertainties (`uncertainty.correlation_inflation`). It belongs to the data,
+not to the priors: the fit is repeated with all prior residuals multiplied by it, and then the covariance is inflated.
 """
 
 from __future__ import annotations
@@ -14,9 +18,17 @@ import numpy as np
 from jaxtyping import Float
 
 from core.calibration import closed_form
-from core.calibration.conclusion import Judged, conclude, judge, relative_focal_uncertainty
-from core.calibration.homography import estimate_homography
-from core.calibration.model import (
+from core.calibration.initial_pose import pose_from_undistorted_points
+from core.calibration.planar_ambiguity import (
+    SecondPose,
+    better_start,
+    is_nearer_to_first,
+    needed_evidence,
+    second_of_two_fits,
+    second_pose,
+)
+from core.calibration.result import MAX_DETERMINED_UNCERTAINTY, MAX_FOCAL_UNCERTAINTY, Calibration
+from core.calibration.state import (
     FREE,
     LENS_PRIOR,
     POSE,
@@ -31,25 +43,20 @@ from core.calibration.model import (
     view_prior,
     view_residuals,
 )
-from core.calibration.result import Calibration
-from core.calibration.two_fold import SecondPose, better_start, needed_evidence, second_pose
+from core.calibration.summary import FitSummary, calibration_of, relative_focal_uncertainty, summarise_fit
 from core.calibration.validity import check_camera, check_lens, check_points
-from core.camera import Camera, project, undistort_points
-from core.errors import DegenerateGeometry, GridposeError, OriginUnknown
-from core.least_squares import Fit, Prior, fit
-from core.targets.specification import GridPoints
+from core.errors import DegenerateGeometry, GridposeError
+from core.geometry import Camera, estimate_homography
+from core.numerics import Fit, Prior, fit
+from core.targets import GridPoints
 
-FOCAL_GATE = 0.02
-"""Largest predicted u(f)/f that is reported as a measurement."""
-LENS_GATE = 2.0 * LENS_PRIOR
-"""The same where a lens is stated: its prior alone leaves 5 %."""
 START_FACTORS = (0.6, 1.0, 1.8)  # of the image width, where no closed form is plausible
 PLAUSIBLE_START = (0.3, 10.0)
 ITERATIONS, TRIAL_ITERATIONS = 100, 10
-HOPELESS = 3.0  # times the wider gate: no minimum at the end of the valley brings the uncertainty down to it
+MAX_START_UNCERTAINTY = 3.0 * MAX_FOCAL_UNCERTAINTY  # no valley brings more down to what is answered
+MIN_REFIT_INFLATION = 1.05  # below it a second pass moves the estimate by far less than its uncertainty
 SUBSET = 500  # points enough to choose a start by
-SPARE_OBSERVATIONS = 30
-"""With fewer observations beyond the parameters than this, residuals alone do not tell the noise."""
+MIN_REDUNDANCY = 30  # with fewer beyond the parameters, residuals alone do not determine the noise
 
 
 def calibrate_points(
@@ -59,33 +66,36 @@ def calibrate_points(
 
     With `intrinsics` given only the pose is estimated (estimator "given") and they are taken as exact; else
     all is (estimator "per_image"). A stated `lens` is a 5 % prior on the focal length, unless the image by itself
-    determines it and contradicts the lens; then the lens is left out, with a remark.
+    determines it and contradicts the lens; then the lens is ignored, with a warning.
 
-    Raises InvalidArgument for arguments no camera has, OriginUnknown for a part of a grid that may be any part,
-    DegenerateGeometry for too few or collinear points,
-    NotConverged where no camera explains them, and FocalNotObservable where the predicted u(f)/f exceeds 2 %
-    (with a lens: 10 %); each carries the points.
+    Raises InvalidArgument for arguments no camera has, DegenerateGeometry for too few or collinear points,
+    NotConverged where no camera explains them, and FocalNotObservable where the predicted u(f)/f exceeds
+    `MAX_FOCAL_UNCERTAINTY`; each carries the points.
     """
     try:
-        if points.origin == "unknown":  # whose columns and rows may be exchanged, too
-            raise OriginUnknown(
-                "Part of the grid is in view, and nothing tells which part: the pose is known but for whole squares."
-            )
         check_points(points)
         located = dataclasses.replace(points, measured_points_target=points.points_target)  # computed once
         if intrinsics is not None:
-            return conclude(points, _judge_pose(located, intrinsics), gate=math.inf)
-        free = _judge_free(located, None)
+            return calibration_of(
+                points, _fit_with_known_camera(located, intrinsics), max_focal_uncertainty=math.inf
+            )
+        free = _fit_free(located, None)
         if lens is None:
-            return conclude(points, _with_other(located, free, None), gate=FOCAL_GATE)
+            return calibration_of(
+                points, _with_other(located, free, None), max_focal_uncertainty=MAX_FOCAL_UNCERTAINTY
+            )
         check_lens(lens, points)
         u = free.focal_relative_uncertainty
         distance = abs(math.log(lens.focal_px / free.focal_px))
         if free.fit.converged and distance > 3.0 * math.hypot(LENS_PRIOR, u):
-            return conclude(points, _with_other(located, free, None), gate=FOCAL_GATE, contradicted=lens)
-        return conclude(
-            points, _with_other(located, _judge_free(located, lens), lens), gate=LENS_GATE, lens=lens
-        )
+            return calibration_of(
+                points,
+                _with_other(located, free, None),
+                max_focal_uncertainty=MAX_FOCAL_UNCERTAINTY,
+                contradicted=lens,
+            )
+        summary = _with_other(located, _fit_free(located, lens), lens)
+        return calibration_of(points, summary, max_focal_uncertainty=MAX_FOCAL_UNCERTAINTY, lens=lens)
     except GridposeError as failure:
         failure.points = points
         raise
@@ -96,7 +106,7 @@ def calibrate_points(
         ) from error
 
 
-def plausible_start(H: Float[np.ndarray, "3 3"], points: GridPoints) -> closed_form.ClosedForm | None:
+def closed_form_start(H: Float[np.ndarray, "3 3"], points: GridPoints) -> closed_form.ClosedForm | None:
     """Return closed form B1, or None where the view gives none or an absurd focal length."""
     try:
         start = closed_form.from_homography(H, points, image_centre(points), single_focal=True)
@@ -106,7 +116,7 @@ def plausible_start(H: Float[np.ndarray, "3 3"], points: GridPoints) -> closed_f
     return start if low < start.camera.fx_px < high else None
 
 
-def assumed_focals(points: GridPoints, lens: Lens | None) -> list[float]:
+def candidate_focals(points: GridPoints, lens: Lens | None) -> list[float]:
     """Focal lengths to start from where no view gives one: the lens's own, else wide, normal and long."""
     return (
         [lens.focal_px] if lens is not None else [factor * points.image_width_px for factor in START_FACTORS]
@@ -114,19 +124,19 @@ def assumed_focals(points: GridPoints, lens: Lens | None) -> list[float]:
 
 
 def _starts(points: GridPoints, lens: Lens | None) -> list[tuple[str, View]]:
-    """Closed form B1 where plausible; otherwise, and beside it where a lens is stated, assumed focal lengths."""
+    """Closed form B1 where plausible; otherwise, and also where a lens is stated, assumed focal lengths."""
     H = estimate_homography(points.points_target[:, :2], points.points_px)
-    plausible, centre = plausible_start(H, points), image_centre(points)
+    plausible, centre = closed_form_start(H, points), image_centre(points)
     named = [("vanishing_point", plausible)] if plausible is not None else []
     if plausible is None or lens is not None:
         named += [
             ("nominal", closed_form.nominal(H, points, Camera(f, f, *centre)))
-            for f in assumed_focals(points, lens)
+            for f in candidate_focals(points, lens)
         ]
     return [(name, view_of(start, points)) for name, start in named]
 
 
-def _judge_free(points: GridPoints, lens: Lens | None) -> Judged:
+def _fit_free(points: GridPoints, lens: Lens | None) -> FitSummary:
     """Refine every start and keep the one of least cost; of large grids the start is chosen on a part."""
     if len(points) < 8:
         raise DegenerateGeometry(f"Camera and pose need at least 8 grid points, {len(points)} were found.")
@@ -137,8 +147,27 @@ def _judge_free(points: GridPoints, lens: Lens | None) -> Judged:
         starts = [(name, _recentred(view, points, part)) for name, view in starts]
         name, chosen = _best_fit(part, lens, starts)
         starts = [(name, _recentred(chosen.state, part, points))]
-    name, best = _best_fit(points, lens, starts)
-    return judge(points, name, best, FREE, _smallest_scale(points, len(FREE)))
+    return _fit_twice(points, lens, starts)
+
+
+def _fit_twice(points: GridPoints, lens: Lens | None, starts: list[tuple[str, View]]) -> FitSummary:
+    """Fit, take the inflation that the residuals call for, and fit again with it in the priors' weight."""
+    name, first = _best_fit(points, lens, starts)
+    scale = _smallest_scale(points, len(FREE))
+    summary = summarise_fit(points, name, first, FREE, scale)
+    if not first.converged or summary.inflation < MIN_REFIT_INFLATION:
+        return summary
+    again = fit(
+        view_residuals(points, free=True),
+        retract,
+        first.state,
+        points.standard_uncertainty_px,
+        prior=view_prior(points, lens, summary.inflation),
+        smallest_scale=scale,
+        iteration_limit=ITERATIONS,
+        used=first.used,
+    )
+    return dataclasses.replace(summarise_fit(points, name, again, FREE, scale), inflation=summary.inflation)
 
 
 def _best_fit(points: GridPoints, lens: Lens | None, starts: list[tuple[str, View]]) -> tuple[str, Fit[View]]:
@@ -162,7 +191,7 @@ def _best_fit(points: GridPoints, lens: Lens | None, starts: list[tuple[str, Vie
         return name, refined(start, ITERATIONS)
     tried = [(name, refined(start, TRIAL_ITERATIONS)) for name, start in starts]
     name, best = min(tried, key=lambda item: _rank(item[1], points, prior))
-    hopeless = relative_focal_uncertainty(best) > HOPELESS * LENS_GATE
+    hopeless = relative_focal_uncertainty(best) > MAX_START_UNCERTAINTY
     return name, best if best.converged or hopeless else refined(best.state, ITERATIONS)
 
 
@@ -172,8 +201,8 @@ def _rank(result: Fit[View], points: GridPoints, prior: Prior[View]) -> tuple[bo
 
 
 def _smallest_scale(points: GridPoints, parameters: int) -> float:
-    """The least noise assumed, px: the detector's own figure where residuals are too few to tell."""
-    if 2 * len(points) - parameters < SPARE_OBSERVATIONS:
+    """The least noise assumed, px: the detector's own figure where residuals are too few to estimate it."""
+    if 2 * len(points) - parameters < MIN_REDUNDANCY:
         return max(SMALLEST_NOISE_PX, float(np.mean(points.standard_uncertainty_px)))
     return SMALLEST_NOISE_PX
 
@@ -211,31 +240,22 @@ def _total(result: Fit[View], points: GridPoints, prior: Prior[View]) -> float:
     return data + float(q @ q)
 
 
-def _judge_pose(points: GridPoints, camera: Camera) -> Judged:
+def _fit_with_known_camera(points: GridPoints, camera: Camera) -> FitSummary:
     if len(points) < 5:
         raise DegenerateGeometry(f"A pose needs at least 5 grid points, {len(points)} were found.")
     check_camera(camera, points)
-    # The homography of undistorted points, so that a strong lens does not spoil the start.
-    normalised = undistort_points(points.points_px, camera)
-    again = project(np.column_stack([normalised, np.ones(len(normalised))]), camera)
-    if float(np.mean(np.abs(again - points.points_px) > 0.5)) > 0.1:
-        raise DegenerateGeometry(
-            "The given distortion folds back within the image: these pixels have no direction.",
-            "Check the session's intrinsics: k1, k2, p1, p2, k3 in OpenCV's order, for this image size.",
-        )
-    H = camera.matrix @ estimate_homography(points.points_target[:, :2], normalised)
-    start = view_of(closed_form.nominal(H, points, camera), points)
-    judged = _fit_pose(points, start)
-    if not judged.fit.converged:
-        judged = _fit_pose(points, better_start(points, judged.fit.state))
-    other = _other_minimum(points, judged)
+    start = pose_from_undistorted_points(camera, points)
+    summary = _fit_pose(points, start)
+    if not summary.fit.converged:
+        summary = _fit_pose(points, better_start(points, summary.fit.state))
+    other = _other_minimum(points, summary)
     if other is not None and other.cost < other.first_cost:
-        judged = _fit_pose(points, other.view)
-        other = _other_minimum(points, judged)
-    return dataclasses.replace(judged, other=other)
+        summary = _fit_pose(points, other.view)
+        other = _other_minimum(points, summary)
+    return dataclasses.replace(summary, other=other)
 
 
-def _fit_pose(points: GridPoints, start: View) -> Judged:
+def _fit_pose(points: GridPoints, start: View) -> FitSummary:
     scale = _smallest_scale(points, len(POSE))
     result = fit(
         view_residuals(points, free=False),
@@ -244,58 +264,37 @@ def _fit_pose(points: GridPoints, start: View) -> Judged:
         points.standard_uncertainty_px,
         smallest_scale=scale,
     )
-    return judge(points, "nominal", result, POSE, scale)
+    return summarise_fit(points, "nominal", result, POSE, scale)
 
 
-def _other_minimum(points: GridPoints, judged: Judged) -> SecondPose | None:
+def _other_minimum(points: GridPoints, summary: FitSummary) -> SecondPose | None:
     """Return the pose of the opposite tilt before the same camera, if it is a minimum of its own."""
-    result, uncertainty = judged.fit, points.standard_uncertainty_px
+    result, uncertainty = summary.fit, points.standard_uncertainty_px
     if not result.converged:
         return None
     cost = float(np.sum((result.residuals[:, result.used] / uncertainty[result.used]) ** 2))
-    variance = (judged.inflation * result.scale / float(np.mean(uncertainty))) ** 2
+    variance = (summary.inflation * result.scale / float(np.mean(uncertainty))) ** 2
     return second_pose(points, result.state, result.used, cost, variance)
 
 
-def _with_other(points: GridPoints, judged: Judged, lens: Lens | None) -> Judged:
+def _with_other(points: GridPoints, summary: FitSummary, lens: Lens | None) -> FitSummary:
     """Return the better of a free fit's two minima, with the other.
 
-    Where the image by itself tells the focal length, it tells the perspective that rules the other pose out. Where a
-    stated lens tells it, camera and pose together may follow the wrong tilt: then the fit is made again from the other
-    one, and compared with all that priors say.
+    If the image by itself determines the focal length, its perspective rules the other pose out. If a stated lens
+    determines it, camera and pose together may follow the wrong tilt: then the fit is repeated from the other tilt, and
+    the two are compared with all priors.
     """
-    other = _other_minimum(points, judged)
+    other = _other_minimum(points, summary)
     if other is None:
-        return judged
-    needed = needed_evidence(judged.fit.degrees_of_freedom)
-    if judged.focal_relative_uncertainty <= FOCAL_GATE and other.evidence >= needed:
-        return dataclasses.replace(judged, other=other)
-    _, again = _best_fit(points, lens, [(judged.start, other.view)])
-    if not again.converged or _back(again.state, judged.fit.state, other.view):
-        return dataclasses.replace(judged, other=other)
-    best = judge(points, judged.start, again, FREE, _smallest_scale(points, len(FREE)))
-    if _total(again, points, view_prior(points, lens)) >= _total(
-        judged.fit, points, view_prior(points, lens)
-    ):
-        judged, best = best, judged
-    return dataclasses.replace(best, other=_released(points, best, judged.fit, lens))
-
-
-def _back(view: View, first: View, other: View) -> bool:
-    """Tell whether a fit that began at the other tilt ended at the first."""
-    return float(view.rotation[:, 2] @ first.rotation[:, 2]) > float(
-        view.rotation[:, 2] @ other.rotation[:, 2]
+        return summary
+    needed = needed_evidence(summary.fit.degrees_of_freedom)
+    if summary.focal_relative_uncertainty <= MAX_DETERMINED_UNCERTAINTY and other.evidence >= needed:
+        return dataclasses.replace(summary, other=other)
+    again = _fit_twice(points, lens, [(summary.start, other.view)])
+    if not again.fit.converged or is_nearer_to_first(again.fit.state, summary.fit.state, other.view):
+        return dataclasses.replace(summary, other=other)
+    prior = view_prior(points, lens, summary.inflation)
+    better, worse = sorted((summary, again), key=lambda one: _total(one.fit, points, prior))
+    return dataclasses.replace(
+        better, other=second_of_two_fits(points, better.fit, worse.fit, lens, better.inflation)
     )
-
-
-def _released(points: GridPoints, best: Judged, second: Fit[View], lens: Lens | None) -> SecondPose:
-    """Return the second of two free fits, over the points of the first; what priors say of each camera counts too."""
-    prior, uncertainty = view_prior(points, lens), points.standard_uncertainty_px
-    used = best.fit.used & second.used
-    variance = (best.inflation * best.fit.scale / float(np.mean(uncertainty))) ** 2
-    costs = []
-    for result in (best.fit, second):
-        q, _ = prior(result.state)
-        squares = float(np.sum((result.residuals[:, used] / uncertainty[used]) ** 2))
-        costs.append(squares + variance * float(q @ q))
-    return SecondPose(second.state, costs[0], costs[1], variance)

@@ -1,6 +1,4 @@
-"""From a fit's covariance to what is reported: the camera's pose, residual statistics, observability,
-remarks.
-"""
+"""Reported quantities from a fit's covariance: camera pose, residual statistics, observability, warnings."""
 
 from __future__ import annotations
 
@@ -11,14 +9,14 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from core.calibration.result import CameraPose, Reprojection
-from core.compiled import compiled
 from core.errors import Advisory
-from core.least_squares import Fit
-from core.targets.specification import GridPoints
-from core.transforms import GIMBAL_MARGIN, hat, rotation_to_rpy, rpy_jacobian
+from core.geometry import GIMBAL_MARGIN, hat, rotation_to_rpy, rpy_jacobian
+from core.jit import jit
+from core.numerics import Fit
+from core.targets import GridPoints
 
 NOTABLE_INFLATION = 1.25
-LARGEST_CORRELATION = 0.8
+MAX_CORRELATION = 0.8
 
 
 def camera_pose(
@@ -48,7 +46,7 @@ def camera_pose(
         roll_pitch_yaw=rpy,
         roll_pitch_yaw_standard_uncertainty=np.sqrt(rpy_variance),
         covariance=0.5 * (pose_covariance + pose_covariance.T),
-        conditional_covariance=J @ conditional @ J.T,
+        covariance_given_camera=J @ conditional @ J.T,
     )
 
 
@@ -93,7 +91,7 @@ def correlation_inflation(points: GridPoints, result: Fit[Any]) -> tuple[float, 
     rho = (observed + leverage) / (count * result.scale**2)
     # Wiener's factor z²/(1 + z²), z in standard errors of ρ: chance is shrunk away, evidence is kept, without a cliff.
     z_squared = rho**2 * count
-    bounded = min(max(rho, 0.0) * z_squared / (1.0 + z_squared), LARGEST_CORRELATION)
+    bounded = min(max(rho, 0.0) * z_squared / (1.0 + z_squared), MAX_CORRELATION)
     return (1.0 + bounded) / (1.0 - bounded), rho
 
 
@@ -105,7 +103,7 @@ def neighbours(index: Int[np.ndarray, "r c"]) -> tuple[Int[np.ndarray, " k"], In
     return first[both], second[both]
 
 
-@compiled
+@jit("f8[:, ::1], f8[:, ::1], i8[::1], i8[::1]")
 def sum_of_products(
     a: Float[np.ndarray, "m n"],
     b: Float[np.ndarray, "m n"],
@@ -120,10 +118,10 @@ def sum_of_products(
     return total
 
 
-def remarks(
+def warnings_for(
     points: GridPoints, pose: CameraPose, statistics: Reprojection, chi: float, inflation: float, rho: float
 ) -> list[Advisory]:
-    """Remarks that hold whatever the estimator; `chi` is the residual scale over the detector's own
+    """Return the warnings that every estimator shares; `chi` is the residual scale over the detector's own
     uncertainty.
     """
     found = list(points.warnings)
@@ -149,7 +147,7 @@ def remarks(
         found.append(
             Advisory(
                 "many_points_rejected",
-                f"{statistics.rejected} of {len(points)} points did not fit and were left out.",
+                f"{statistics.rejected} of {len(points)} points did not fit and were rejected.",
                 "Look at the overlay: reflections, dirt or something in front of the grid are the usual causes.",
             )
         )
@@ -157,7 +155,7 @@ def remarks(
         found.append(
             Advisory(
                 "near_gimbal_lock",
-                "Pitch is within 5° of ±90°, where roll and yaw cannot be told apart.",
+                "Pitch is within 5° of ±90°, where roll and yaw cannot be separated.",
                 "Use the rotation matrix and its covariance instead.",
             )
         )

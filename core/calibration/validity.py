@@ -1,4 +1,4 @@
-"""What may enter a fit: refuse at the door what would end in numbers without meaning."""
+"""Validation of the inputs of a fit: reject what would give meaningless numbers."""
 
 from __future__ import annotations
 
@@ -6,25 +6,25 @@ import math
 
 import numpy as np
 
-from core.calibration.model import Lens
-from core.camera import Camera
+from core.calibration.state import Lens
 from core.errors import DegenerateGeometry, InvalidArgument
-from core.targets.specification import GridPoints
+from core.geometry import Camera
+from core.targets import GridPoints
 
 FOCAL_RANGE = (0.01, 1000.0)  # of the image's longer side: from a fish-eye's to a telescope's
-LARGEST_COORDINATE = 1e6  # px, from the image's corner
-LARGEST_RATIO = 1e6  # of standard uncertainties within one image
+MAX_COORDINATE_PX = 1e6  # px, from the image's corner
+MAX_UNCERTAINTY_RATIO = 1e6  # of standard uncertainties within one image
 
 
 def check_points(points: GridPoints) -> None:
     """Raise InvalidArgument or DegenerateGeometry unless the points can be fitted."""
     if points.image_width_px < 1 or points.image_height_px < 1:
         raise InvalidArgument("The image must have at least one pixel.")
-    if not np.all(np.abs(points.points_px) < LARGEST_COORDINATE):  # NaN fails too
+    if not np.all(np.abs(points.points_px) < MAX_COORDINATE_PX):  # NaN fails too
         raise InvalidArgument("Grid points must have finite pixel coordinates within reason.")
     uncertainty = points.standard_uncertainty_px
     if len(points) and not (
-        np.all(uncertainty > 0) and np.all(uncertainty < LARGEST_RATIO * uncertainty.min())
+        np.all(uncertainty > 0) and np.all(uncertainty < MAX_UNCERTAINTY_RATIO * uncertainty.min())
     ):
         raise InvalidArgument("Standard uncertainties of grid points must be positive and comparable.")
     target = points.target

@@ -1,34 +1,38 @@
-"""Tying the robot's frames to the camera's: what accuracy against commanded poses needs.
+"""Hand-eye calibration: the transforms between robot and camera, as needed for pose accuracy.
 
-`tie_frames` where commanded poses are whole (or come from joint angles through forward kinematics), `tie_positions`
-where only positions were commanded; `attained_poses` then puts measured poses beside the commanded ones in the base
-frame.
+`calibrate_hand_eye` uses complete commanded poses (given, or from joint angles through forward kinematics).
+`calibrate_from_positions` uses commanded positions alone. `attained_poses` transforms measured poses to the base frame,
+for comparison with the commanded ones.
 """
 
-from core.calibration.hand_eye.positions import PositionStation, PositionTie, tie_positions
+from core.calibration.hand_eye.calibration import MIN_POSES_TO_REJECT, calibrate_hand_eye
+from core.calibration.hand_eye.initialisation import frame_rotations
+from core.calibration.hand_eye.position_only import PositionOnlyCalibration, calibrate_from_positions
 from core.calibration.hand_eye.result import (
     FRAMES_STATE,
     AttainedPoses,
-    Deviation,
-    FrameTie,
-    Mount,
-    Station,
+    CameraMountPrior,
+    HandEyeCalibration,
+    HandEyeObservation,
+    PoseResidual,
+    PositionObservation,
     attained_poses,
     average_station,
 )
-from core.calibration.hand_eye.tie import tie_frames
 
 __all__ = [
     "FRAMES_STATE",
+    "MIN_POSES_TO_REJECT",
     "AttainedPoses",
-    "Deviation",
-    "FrameTie",
-    "Mount",
-    "PositionStation",
-    "PositionTie",
-    "Station",
+    "CameraMountPrior",
+    "HandEyeCalibration",
+    "HandEyeObservation",
+    "PoseResidual",
+    "PositionObservation",
+    "PositionOnlyCalibration",
     "attained_poses",
     "average_station",
-    "tie_frames",
-    "tie_positions",
+    "calibrate_from_positions",
+    "calibrate_hand_eye",
+    "frame_rotations",
 ]

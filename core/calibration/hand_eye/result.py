@@ -1,35 +1,38 @@
-"""What goes into tying frames and what comes out of it."""
+"""Inputs and results of hand-eye calibration."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float
-from scipy import stats
+from scipy.special import stdtrit
 
 from core.calibration.hand_eye.model import Frames, jacobian, measurement_effect
-from core.errors import Advisory, InvalidArgument
-from core.transforms import transform_mean
+from core.errors import Advisory, InvalidArgument, listed
+from core.geometry import transform_mean
 
 FRAMES_STATE = tuple(
     f"{frame}.{name}"
     for frame in ("T_flange_camera", "T_base_target")
     for name in ("dx", "dy", "dz", "wx", "wy", "wz")
 )
-"""Order of the frames' covariance: for each a small translation d (mm) and rotation w (rad), R_true = exp(w) R."""
+"""Order of the frames' covariance: for each a small translation d (mm) and rotation w (rad), R_true = exp(w) R. Further
+targets follow in their order."""
 
 
 @dataclass(frozen=True, slots=True)
-class Station:
-    """One commanded pose, and where the camera was measured to be then.
+class HandEyeObservation:
+    """One commanded pose and the camera pose measured there.
 
     Cycles of the same commanded pose share the robot's deviation: average them first (`average_station`), or the
     covariances come out too small. `covariance` (x, y, z in mm, then w in rad; target frame) is what is this pose's
-    own, `CameraPose.conditional_covariance`, or None where it is not known: it then counts as part of the robot's
+    own, `CameraPose.covariance_given_camera`, or None where it is not known: it then counts as part of the robot's
     deviation. `common` (6, k) is what one standard uncertainty of each of k errors that all stations share, the lens's
-    above all, does to this pose: dpose/dlens @ root, with root rootᵀ the lens's covariance.
+    above all, does to this pose: dpose/dlens @ root, with root rootᵀ the lens's covariance. `target` is the place of
+    the target that the camera was measured before, 0 where there is one.
     """
 
     pose_id: str
@@ -37,11 +40,22 @@ class Station:
     T_target_camera: Float[np.ndarray, "4 4"]
     covariance: Float[np.ndarray, "6 6"] | None = None
     common: Float[np.ndarray, "6 k"] | None = None
+    target: int = 0
 
 
 @dataclass(frozen=True, slots=True)
-class Mount:
-    """What a drawing says of where the camera sits on the flange, with standard uncertainties (mm, rad)."""
+class PositionObservation:
+    """One commanded position (mm, base frame) and the camera pose measured there; else as `HandEyeObservation`."""
+
+    pose_id: str
+    position_base_mm: Float[np.ndarray, "3"]
+    T_target_camera: Float[np.ndarray, "4 4"]
+    covariance: Float[np.ndarray, "6 6"] | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class CameraMountPrior:
+    """Prior on the camera's pose on the flange, from a drawing, with standard uncertainties (mm, rad)."""
 
     T_flange_camera: Float[np.ndarray, "4 4"]
     position_standard_uncertainty_mm: float
@@ -54,12 +68,13 @@ class Mount:
 
 
 @dataclass(frozen=True, slots=True)
-class Deviation:
+class PoseResidual:
     """Attained - commanded of one pose in the base frame: position (mm) and rotation vector (rad).
 
-    The fit follows each pose a little, so these come out too small. `held_out_...` are the same with the frames tied by
-    the other poses, `held_out_covariance` (position, rotation) their covariance as a measurement of what the robot did;
-    None where the other poses would not suffice. Of a pose that was not `used` all poses used are the others.
+    The fit follows each pose a little, so these are too small. The fields `held_out_*` are the same with the frames
+    from the other poses, `held_out_covariance` (position, rotation) their covariance as a measurement of what the
+    robot did; None where the other poses would not suffice. Of a pose that was not `used` all poses used are the
+    others.
     """
 
     pose_id: str
@@ -72,41 +87,46 @@ class Deviation:
 
 
 @dataclass(frozen=True, slots=True)
-class FrameTie:
-    """The frames with their doubt, in the order of `FRAMES_STATE`.
+class HandEyeCalibration:
+    """The frames with their covariance, in the order of `FRAMES_STATE`; `T_base_targets` is one for each target.
 
-    `conditional_covariance` is `covariance` with the errors held that all stations have in common.
-    `robot_position_mm` and `robot_rotation` (rad) are the standard deviations, along each axis, of what the robot's
-    poses differ from those commanded beyond what the measurements explain.
+    `covariance_given_camera` is `covariance` without the errors that all stations have in common.
+    `robot_position_mm` and `robot_rotation` (rad) are the robot's standard deviations from the commanded poses along
+    each axis, beyond what the measurements explain.
     """
 
     T_flange_camera: Float[np.ndarray, "4 4"]
-    T_base_target: Float[np.ndarray, "4 4"]
-    covariance: Float[np.ndarray, "12 12"]
-    conditional_covariance: Float[np.ndarray, "12 12"]
+    T_base_targets: Float[np.ndarray, "t 4 4"]
+    covariance: Float[np.ndarray, "p p"]
+    covariance_given_camera: Float[np.ndarray, "p p"]
     robot_position_mm: float
     robot_rotation: float
     degrees_of_freedom: float
-    deviations: tuple[Deviation, ...]
+    deviations: tuple[PoseResidual, ...]
     warnings: tuple[Advisory, ...]
 
     @property
     def coverage_factor(self) -> float:
-        """Half a 95 % interval in standard uncertainties (Student's t: few poses do not tell the deviations well)."""
-        return float(stats.t.ppf(0.975, self.degrees_of_freedom))
+        """Half a 95 % interval in standard uncertainties (Student's t, since the deviations come from few poses)."""
+        return float(stdtrit(self.degrees_of_freedom, 0.975))
 
     @property
     def frames(self) -> Frames:
-        return Frames(self.T_flange_camera, self.T_base_target)
+        return Frames(self.T_flange_camera, self.T_base_targets)
+
+    @property
+    def T_base_target(self) -> Float[np.ndarray, "4 4"]:
+        """The first target in the base: the one there is, mostly."""
+        return np.asarray(self.T_base_targets[0])
 
 
 @dataclass(frozen=True, slots=True)
 class AttainedPoses:
-    """The cycles of one pose in the robot's base frame, ready to be compared with what was commanded.
+    """Measured cycles of one pose in the robot's base frame, for comparison with the commanded pose.
 
     `T_base_flange` (n) and `covariance` (n; d in mm, w in rad, base frame) are of the cycles, measurement alone;
     `frames_covariance` is the tied frames' part, common to all cycles: it enters accuracy, not repeatability. Errors of
-    the lens are in neither: T_flange_camera takes up most of them (`Deviation.held_out_covariance` has the rest).
+    the lens are in neither: T_flange_camera takes up most of them (`PoseResidual.held_out_covariance` has the rest).
     """
 
     pose_id: str
@@ -116,14 +136,28 @@ class AttainedPoses:
     frames_covariance: Float[np.ndarray, "6 6"]
 
 
+def rejected_poses(pose_ids: Sequence[str]) -> tuple[Advisory, ...]:
+    """Return the warning that these poses were rejected; none for no poses."""
+    if not pose_ids:
+        return ()
+    return (
+        Advisory(
+            "poses_excluded",
+            f"Rejected, far from where the other poses say they are: {listed(pose_ids)}.",
+            "Check their pose_id and commanded values, and that the target's origin is the same in their images.",
+        ),
+    )
+
+
 def average_station(
     pose_id: str,
     T_base_flange: Float[np.ndarray, "4 4"],
     T_target_camera: Float[np.ndarray, "n 4 4"],
     covariances: Float[np.ndarray, "n 6 6"] | None = None,
     common: Float[np.ndarray, "6 k"] | None = None,
-) -> Station:
-    """Return one station of all cycles of a pose.
+    target: int = 0,
+) -> HandEyeObservation:
+    """Return one observation averaged over all cycles of a pose.
 
     Its covariance is the cycles' mean one, as if nothing averaged out: what a bowed grid or a lens beyond the model do
     is the same in every cycle.
@@ -134,17 +168,17 @@ def average_station(
         raise InvalidArgument(f"Pose {pose_id} has no measurement.")
     mean = transform_mean(T_target_camera)
     covariance = None if covariances is None else covariances.mean(axis=0)
-    return Station(pose_id, T_base_flange, mean, covariance, common)
+    return HandEyeObservation(pose_id, T_base_flange, mean, covariance, common, target)
 
 
 def attained_poses(
-    tie: FrameTie,
+    tie: HandEyeCalibration,
     pose_id: str,
     commanded_T_base_flange: Float[np.ndarray, "4 4"],
     T_target_camera: Float[np.ndarray, "n 4 4"],
     covariances: Float[np.ndarray, "n 6 6"] | None = None,
 ) -> AttainedPoses:
-    """Return the measured cycles of a pose as T_base_flange, beside the commanded one."""
+    """Return the measured cycles of a pose before the first target as T_base_flange, with the commanded one."""
     frames = tie.frames
     G = measurement_effect(frames, T_target_camera)
     known = np.zeros((len(G), 6, 6)) if covariances is None else G @ covariances @ G.swapaxes(1, 2)
@@ -154,5 +188,5 @@ def attained_poses(
         commanded_T_base_flange=commanded_T_base_flange,
         T_base_flange=frames.attained(T_target_camera),
         covariance=known,
-        frames_covariance=J @ tie.conditional_covariance @ J.T,
+        frames_covariance=J @ tie.covariance_given_camera @ J.T,
     )

@@ -1,0 +1,279 @@
+"""Hand-eye calibration: the camera in the flange frame and the targets in the robot's base frame.
+
+    T_base_flange = T_base_target @ T_target_camera @ T_camera_flange
+
+holds for what each pose *attained*; what was commanded differs from it by the robot's deviation, position and rotation
+vector in the base frame, of unknown standard deviations s_p and s_r along each axis. Least squares over both unknown
+transforms,
+
+    min Σ eᵢᵀ Vᵢ⁻¹ eᵢ,      e = (p_commanded - p_attained, log(R_commanded R_attainedᵀ)),
+    Vᵢ = diag(s_p² I, s_r² I) + Gᵢ Σᵢ Gᵢᵀ,
+
+with Σᵢ the measured pose's covariance and Gᵢ what it does to the attained one. s_p and s_r are variance components
+estimated by restricted maximum likelihood (both normal equations of the residuals, the fixed point of score = 0).
+Each eᵢ is whitened rotation first, then position given rotation: two independent vectors of three for the solver.
+
+An error that all measured poses share, the lens's, is no noise: it shifts the frames, mostly T_flange_camera, and
+hardly the deviations. It is carried through to first order where the stations say what it does to them.
+
+A pose that belongs to another image, or a target whose origin was taken for the opposite corner, is beyond 4 MAD of the
+others. It is rejected from the fit and stays in the result, marked. With fewer than six poses none is rejected.
+
+The commanded poses serve twice: to tie the frames, and to be compared with. The fit follows each of them a little, so
+deviations come out too small, by as much as sqrt(1 - 12/6n); each deviation is therefore also given held out, as it is
+with the frames tied by all the other poses.
+
+References: F. Dornaika, R. Horaud, "Simultaneous robot-world and hand-eye calibration", IEEE Trans. Robotics and
+Automation 14 (1998) 617-622, 10.1109/70.704233; H. D. Patterson, R. Thompson, "Recovery of inter-block information
+when block sizes are unequal", Biometrika 58 (1971) 545-554, 10.1093/biomet/58.3.545.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from core.calibration.hand_eye.deviations import FramesFit, SharedErrors, deviations_of
+from core.calibration.hand_eye.initialisation import (
+    MIN_POSES,
+    check_count,
+    check_poses,
+    place_targets,
+    start_of,
+)
+from core.calibration.hand_eye.model import (
+    MIN_ROBOT_SIGMAS,
+    Frames,
+    PoseArrays,
+    jacobian,
+    measurement_covariance,
+    pose_variances,
+    residuals,
+    whitening,
+)
+from core.calibration.hand_eye.result import (
+    CameraMountPrior,
+    HandEyeCalibration,
+    HandEyeObservation,
+    rejected_poses,
+)
+from core.errors import Advisory, InvalidArgument, MotionInsufficient, NotConverged
+from core.geometry import hats, so3_log
+from core.numerics import REJECTION, Fit, LinearResiduals, Prior, Variances, estimate_variances, fit
+
+MIN_POSES_TO_REJECT = 6
+"""With fewer poses than this no pose is identified as an outlier."""
+LARGE_DEVIATION = 0.01
+"""Standard deviation, in rad and of the working distance, from which on a robot is not the likely reason."""
+MAX_UNCERTAINTY = 0.05
+"""Largest standard uncertainty of the camera on the flange that is an answer: in rad, and of the working distance."""
+MEDIAN_LENGTH = 1.538172
+"""The median length of three independent standard normals."""
+
+
+def calibrate_hand_eye(
+    stations: Sequence[HandEyeObservation], *, mount: CameraMountPrior | None = None
+) -> HandEyeCalibration:
+    """Estimate T_flange_camera and T_base_target, one for each target, from commanded poses and measured ones.
+
+    A stated `mount` is a prior: with it poses of like orientation serve too. A camera that stands still before a target
+    on the flange is the same problem: with T_camera_target in place of T_target_camera the answers are T_flange_target
+    and T_base_camera.
+
+    Raises InvalidArgument for poses that are not rigid motions or contradict each other, MotionInsufficient where
+    the poses do not determine the frames (the detail says which part), NotConverged where no frames explain most poses.
+    """
+    poses = _arrays(stations)
+    check_count(len(stations))
+    check_poses(poses)
+    start = start_of(poses) if mount is None else place_targets(mount.T_flange_camera, poses)
+    enough = len(stations) >= MIN_POSES_TO_REJECT
+    frames, used = _robust(start, poses, mount) if enough else (start, np.ones(len(stations), dtype=np.bool_))
+    for _ in range(4):
+        found = _plain(frames, poses, used, mount)
+        frames = found.frames
+        within = _within(found, poses) if enough else used
+        if np.array_equal(within, used):
+            break
+        used = within
+    distance = float(np.median(np.linalg.norm(poses.T_target_camera[used, :3, 3], axis=1)))
+    warnings = _warnings(
+        found.robot.deviations, distance, [s.pose_id for s, u in zip(stations, used, strict=True) if not u]
+    )
+    _check_answer(found, distance, warnings)
+    shared = SharedErrors.of(found, stations, poses, used)
+    # Positions and rotations share the surplus, since either has a deviation of its own, and the weight between the two
+    # follows from the same few residuals.
+    surplus = 3.0 * (float(used.sum()) - len(frames.T_base_targets)) - (4.0 if mount is None else 1.0)
+    return HandEyeCalibration(
+        T_flange_camera=found.frames.T_flange_camera,
+        T_base_targets=found.frames.T_base_targets,
+        covariance=found.covariance + shared.frames @ shared.frames.T,
+        covariance_given_camera=found.covariance,
+        robot_position_mm=found.robot.deviations[0],
+        robot_rotation=found.robot.deviations[1],
+        degrees_of_freedom=max(surplus, 1.0),
+        deviations=deviations_of(found, shared, stations, poses, used),
+        warnings=tuple(warnings),
+    )
+
+
+def _arrays(stations: Sequence[HandEyeObservation]) -> PoseArrays:
+    if not stations:
+        raise MotionInsufficient("There are no commanded poses to tie the frames with.")
+    covariance = np.array([np.zeros((6, 6)) if s.covariance is None else s.covariance for s in stations])
+    if not np.all(np.isfinite(covariance)) or np.any(np.linalg.eigvalsh(covariance)[:, 0] < -1e-9):
+        raise InvalidArgument("Covariances of measured poses must be finite and not negative.")
+    return PoseArrays(
+        np.array([s.T_base_flange for s in stations]),
+        np.array([s.T_target_camera for s in stations]),
+        covariance,
+        _targets(stations),
+    )
+
+
+def _targets(stations: Sequence[HandEyeObservation]) -> Int[np.ndarray, " n"]:
+    """Return the place of each station's target; every target has a station, or InvalidArgument is raised."""
+    target = np.array([s.target for s in stations], dtype=np.intp)
+    if not np.array_equal(np.unique(target), np.arange(target.max() + 1)):
+        raise InvalidArgument("Targets must be numbered from 0, without a gap.")
+    return target
+
+
+def _at_least(variances: Float[np.ndarray, "2"]) -> Variances:
+    """Return the variances of position and rotation, none below the smallest of a robot."""
+    position, rotation = variances.tolist()
+    return Variances(max(position, MIN_ROBOT_SIGMAS.position), max(rotation, MIN_ROBOT_SIGMAS.rotation))
+
+
+def _fit(
+    start: Frames, poses: PoseArrays, robot: Variances, mount: CameraMountPrior | None, *, expected: float
+) -> Fit[Frames]:
+    """Fit with the weights of `robot`; `expected` is the residual scale up to which no outliers are sought."""
+    W = whitening(pose_variances(start, poses, robot))
+    count = len(W)
+
+    def evaluate(frames: Frames) -> tuple[Float[np.ndarray, "3 m"], Float[np.ndarray, "p 3 m"]]:
+        e, J = residuals(frames, poses), jacobian(frames, poses.T_target_camera, poses.target)
+        # log(E exp(-δ)) = e - (1 + [e]×/2 + ...) δ.
+        J[:, 3:] += 0.5 * hats(e[:, 3:]) @ J[:, 3:]
+        whitened = np.einsum("nij,nj->ni", W, e).reshape(2 * count, 3)
+        derivative = (W @ J).reshape(2 * count, 3, frames.size)
+        return whitened.T.copy(), np.ascontiguousarray(derivative.transpose(2, 1, 0))
+
+    return fit(
+        evaluate,
+        Frames.moved,
+        start,
+        np.full(2 * count, expected),
+        prior=None if mount is None else _prior(mount),
+        smallest_scale=expected,
+    )
+
+
+def _prior(mount: CameraMountPrior) -> Prior[Frames]:
+    sigma = np.repeat([mount.position_standard_uncertainty_mm, mount.rotation_standard_uncertainty], 3)
+
+    def prior(frames: Frames) -> tuple[Float[np.ndarray, "6"], Float[np.ndarray, "6 p"]]:
+        expected, here = mount.T_flange_camera, frames.T_flange_camera
+        turn = so3_log(expected[:3, :3] @ here[:3, :3].T)
+        q = np.concatenate([expected[:3, 3] - here[:3, 3], turn]) / sigma
+        return q, np.hstack([np.diag(1.0 / sigma), np.zeros((6, frames.size - 6))])
+
+    return prior
+
+
+def _robust(
+    start: Frames, poses: PoseArrays, mount: CameraMountPrior | None
+) -> tuple[Frames, Bool[np.ndarray, " n"]]:
+    """Return frames and inlier stations: weights from the medians, then Cauchy's."""
+    lengths = np.linalg.norm(residuals(start, poses).reshape(-1, 2, 3), axis=2)
+    medians = np.median(lengths, axis=0) / MEDIAN_LENGTH
+    robot = _at_least(medians**2)
+    # Less is expected than the medians say, so that the solver does not pass over its robust stage.
+    result = _fit(start, poses, robot, mount, expected=0.2)
+    used: Bool[np.ndarray, " n"] = np.all(result.used.reshape(-1, 2), axis=1)
+    return result.state, used
+
+
+def _plain(
+    start: Frames, poses: PoseArrays, used: Bool[np.ndarray, " n"], mount: CameraMountPrior | None
+) -> FramesFit:
+    """Fit the stations used, with the robot's deviations estimated from them."""
+    if int(used.sum()) < max(MIN_POSES, 0.5 * len(used)):
+        raise NotConverged(
+            f"Only {int(used.sum())} of {len(used)} poses agree on where the camera and the target are.",
+            "Check that commanded poses and images belong together, and that the target's origin is the same in all.",
+        )
+    part = poses.part(used)
+    square = residuals(start, part).reshape(-1, 2, 3) ** 2
+    robot = _at_least(square.mean(axis=(0, 2)))
+    frames = start
+    for _ in range(5):
+        former = robot
+        Q = np.zeros((1, frames.size)) if mount is None else _prior(mount)(frames)[1]
+        left = LinearResiduals(
+            measurement_covariance(frames, part),
+            residuals(frames, part),
+            jacobian(frames, part.T_target_camera, part.target),
+            prior=Q.T @ Q,
+        )
+        robot = estimate_variances([left], robot, MIN_ROBOT_SIGMAS)
+        result = _fit(frames, part, robot, mount, expected=1.0)
+        if result.status == "singular":
+            raise MotionInsufficient("The poses do not determine the frames.")
+        if not result.converged:
+            raise NotConverged(
+                "No camera on the flange and target in the base explains the poses.",
+                "Check that commanded poses and images belong together.",
+            )
+        frames = result.state
+        if robot.near(former, 1e-2):
+            break
+    return FramesFit(frames, result.covariance, robot)
+
+
+def _within(found: FramesFit, poses: PoseArrays) -> Bool[np.ndarray, " n"]:
+    """Return which stations are inliers: within the solver's rejection distance by the deviations found."""
+    W = whitening(pose_variances(found.frames, poses, found.robot))
+    halves = np.einsum("nij,nj->ni", W, residuals(found.frames, poses)).reshape(-1, 2, 3)
+    limit = REJECTION * MEDIAN_LENGTH
+    within: Bool[np.ndarray, " n"] = np.all(np.linalg.norm(halves, axis=2) <= limit, axis=1)
+    return within
+
+
+def _check_answer(found: FramesFit, distance: float, warnings: Sequence[Advisory]) -> None:
+    """Refuse where the camera on the flange is uncertain beyond the first-order model.
+
+    Raises MotionInsufficient, or NotConverged where deviations too large for a robot are the reason.
+    """
+    values, vectors = np.linalg.eigh(found.covariance[:3, :3])
+    worst = math.sqrt(values[-1])
+    turn = math.sqrt(float(np.linalg.eigvalsh(found.covariance[3:6, 3:6])[-1]))
+    if worst > MAX_UNCERTAINTY * distance or turn > MAX_UNCERTAINTY:
+        for warning in warnings:
+            if warning.code == "hand_eye_residuals_large":
+                raise NotConverged(f"The frames cannot be tied. {warning.detail}", warning.advice)
+        axis = ", ".join(f"{value:.2f}" for value in vectors[:, -1])
+        raise MotionInsufficient(
+            "The poses hardly determine where the camera sits on the flange: standard uncertainty "
+            f"{worst:.3g} mm along ({axis}) of the flange, {math.degrees(turn):.2g}° in rotation."
+        )
+
+
+def _warnings(robot: tuple[float, float], distance: float, wrong: Sequence[str]) -> list[Advisory]:
+    found = list(rejected_poses(wrong))
+    if robot[0] > LARGE_DEVIATION * distance or robot[1] > LARGE_DEVIATION:
+        found.append(
+            Advisory(
+                "hand_eye_residuals_large",
+                f"Commanded and measured poses differ by {robot[0]:.3g} mm and {math.degrees(robot[1]):.2g}° (standard "
+                "deviation along each axis), which is more than robots are off.",
+                "Check the commanded values (millimetres, R = Rz Ry Rx, the same tool for all), the images' pose_id "
+                "and the target's pitch.",
+            )
+        )
+    return found

@@ -1,0 +1,295 @@
+"""Hand-eye calibration from commanded positions alone.
+
+The flange's orientation is unknown, but the camera measures its own. With c the commanded point
+(the tool's) in the camera frame, unknown like the target in the base,
+
+    p_base,i = R_base_target (p_i + R_i c) + t_base_target,      (R_i, p_i) = T_target_camera,i,
+
+with nine unknowns and without the robot's orientations. The camera's rotation on the flange stays unknown, so only
+position accuracy is determined.
+
+c is observable only through rotation. If all rotations share one axis, c along this axis cannot be separated from
+t_base_target. That component is held at zero and listed in `undetermined`; attained positions do not depend on it.
+
+References: S. Umeyama, "Least-squares estimation of transformation parameters between two point patterns", IEEE PAMI 13
+(1991) 376-380, 10.1109/34.88573 (the case c = 0).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import permutations, product
+
+import numpy as np
+from jaxtyping import Bool, Float
+from scipy.special import stdtrit
+
+from core.calibration.hand_eye.deviations import held_out_factors
+from core.calibration.hand_eye.initialisation import check_rigid
+from core.calibration.hand_eye.model import MIN_ROBOT_SIGMAS, whitening
+from core.calibration.hand_eye.result import PositionObservation, rejected_poses
+from core.errors import Advisory, InvalidArgument, MotionInsufficient, NotConverged
+from core.geometry import hats, nearest_rotation, perturbed, transform
+from core.numerics import Fit, LinearResiduals, Variances, estimate_variances, fit
+
+MIN_POSES_TO_REJECT = 6
+MIN_ROTATION = math.radians(0.1)
+"""Along an axis about which the camera turned by less, the point is not asked for."""
+MAX_UNCERTAINTY = 0.05
+"""Largest standard uncertainty (rad) of the target's rotation in the base that is an answer."""
+_SIGNS = [np.diag(signs) for signs in product((1.0, -1.0), repeat=3)]
+_TURNS = [S @ np.eye(3)[list(order)] for order in permutations(range(3)) for S in _SIGNS]
+_CUBE = [R for R in _TURNS if np.linalg.det(R) > 0]
+
+
+@dataclass(frozen=True, slots=True)
+class PositionOnlyCalibration:
+    """The target in the base, the commanded point in the camera frame (mm), and their covariance.
+
+    `covariance` (9, 9): the point, then d (mm) and w (rad) of T_base_target, R_true = exp(w) R. `deviations_mm` (n, 3)
+    are attained - commanded in the base frame, `held_out_mm` the same with the frames tied by the other stations (None
+    where those would not suffice), `used` the stations that tied the frames; `undetermined` names in words what was
+    held.
+    """
+
+    T_base_target: Float[np.ndarray, "4 4"]
+    point_camera_mm: Float[np.ndarray, "3"]
+    covariance: Float[np.ndarray, "9 9"]
+    robot_position_mm: float
+    degrees_of_freedom: float
+    pose_ids: tuple[str, ...]
+    deviations_mm: Float[np.ndarray, "n 3"]
+    held_out_mm: tuple[Float[np.ndarray, "3"] | None, ...]
+    used: Bool[np.ndarray, " n"]
+    undetermined: tuple[str, ...]
+    warnings: tuple[Advisory, ...]
+
+    @property
+    def coverage_factor(self) -> float:
+        """Half a 95 % interval in standard uncertainties."""
+        return float(stdtrit(self.degrees_of_freedom, 0.975))
+
+    def attained(self, T_target_camera: Float[np.ndarray, "n 4 4"]) -> Float[np.ndarray, "n 3"]:
+        """Return where the commanded point was, base frame, mm."""
+        return _predicted(_State(self.T_base_target, self.point_camera_mm), T_target_camera)
+
+
+@dataclass(frozen=True, slots=True)
+class _State:
+    T_base_target: Float[np.ndarray, "4 4"]
+    point: Float[np.ndarray, "3"]
+
+
+def calibrate_from_positions(stations: Sequence[PositionObservation]) -> PositionOnlyCalibration:
+    """Estimate the target in the base, and the commanded point in the camera frame, from commanded positions.
+
+    Raises InvalidArgument for numbers that are not finite, MotionInsufficient for too few positions or positions on
+    one line, NotConverged where nothing explains most positions.
+    """
+    commanded = np.array([s.position_base_mm for s in stations]).reshape(-1, 3)
+    measured = np.array([s.T_target_camera for s in stations]).reshape(-1, 4, 4)
+    covariance = np.array([np.zeros((6, 6)) if s.covariance is None else s.covariance for s in stations])
+    if not all(np.all(np.isfinite(values)) for values in (commanded, measured, covariance)):
+        raise InvalidArgument("Commanded and measured poses must be finite numbers.")
+    check_rigid("measured", measured)
+    free = _observable_directions(measured[:, :3, :3]) if len(stations) else np.zeros((3, 0))
+    needed = 3 + (free.shape[1] + 2) // 3
+    if len(stations) < needed:
+        raise MotionInsufficient(
+            f"Tying the frames by positions needs at least {needed} of them here, got {len(stations)}.",
+            "Add poses; ten or more that are not on one line are a good number.",
+        )
+    problem = _Problem(commanded, measured, covariance.reshape(-1, 6, 6), free)
+    start = _start(problem)
+    everything = np.ones(len(stations), dtype=np.bool_)
+    if len(stations) >= MIN_POSES_TO_REJECT:
+        typical = float(np.median(np.linalg.norm(_residuals(start, problem), axis=1)))
+        robust = _fit(start, problem, max(typical, MIN_ROBOT_SIGMAS.deviations[0]), expected=0.2)
+        start, used = robust.state, robust.used
+    else:
+        used = everything
+    if int(used.sum()) < max(needed, 0.5 * len(used)):
+        raise NotConverged(
+            f"Only {int(used.sum())} of {len(used)} positions agree on where the target is.",
+            "Check that commanded positions and images belong together.",
+        )
+    part = problem.part(used)
+    result, deviation = _estimate(start, part)
+    C = _covariance(result, free)
+    if result.status == "singular" or not np.trace(C[6:, 6:]) < MAX_UNCERTAINTY**2:
+        raise MotionInsufficient(
+            "The commanded positions lie on one line or close together: the target's rotation in the base is not "
+            "determined.",
+            "Add positions that span an area, better a volume, as wide as the target's distance.",
+        )
+    if not result.converged:
+        raise NotConverged("No target in the base explains the commanded positions.")
+    return PositionOnlyCalibration(
+        T_base_target=result.state.T_base_target,
+        point_camera_mm=result.state.point,
+        covariance=C,
+        robot_position_mm=deviation,
+        degrees_of_freedom=max(3.0 * float(used.sum()) - 6.0 - free.shape[1], 1.0),
+        pose_ids=tuple(s.pose_id for s in stations),
+        deviations_mm=-_residuals(result.state, problem),
+        held_out_mm=_held_out(result, problem, deviation, used),
+        used=used,
+        undetermined=_words(free),
+        warnings=_warnings(stations, used),
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class _Problem:
+    """`free` (3, k) spans the observable directions of the point, in the camera frame."""
+
+    commanded: Float[np.ndarray, "n 3"]
+    measured: Float[np.ndarray, "n 4 4"]
+    covariance: Float[np.ndarray, "n 6 6"]
+    free: Float[np.ndarray, "3 k"]
+
+    def part(self, used: Bool[np.ndarray, " n"]) -> _Problem:
+        return _Problem(self.commanded[used], self.measured[used], self.covariance[used], self.free)
+
+
+def _observable_directions(rotations: Float[np.ndarray, "n 3 3"]) -> Float[np.ndarray, "3 k"]:
+    """Return the directions v of the camera frame for which R_i v differs between poses."""
+    spread = (rotations - rotations.mean(axis=0)).reshape(-1, 3)
+    _, singular, Vt = np.linalg.svd(spread, full_matrices=False)
+    return np.ascontiguousarray(Vt[singular > MIN_ROTATION * math.sqrt(len(rotations))].T)
+
+
+def _predicted(state: _State, measured: Float[np.ndarray, "n 4 4"]) -> Float[np.ndarray, "n 3"]:
+    inside = measured[:, :3, 3] + measured[:, :3, :3] @ state.point
+    return inside @ state.T_base_target[:3, :3].T + state.T_base_target[:3, 3]
+
+
+def _residuals(state: _State, problem: _Problem) -> Float[np.ndarray, "n 3"]:
+    return problem.commanded - _predicted(state, problem.measured)
+
+
+def _jacobian(state: _State, problem: _Problem) -> Float[np.ndarray, "n 3 p"]:
+    """Return the predictions' derivatives by the point along `free`, then by d and w of T_base_target."""
+    R = state.T_base_target[:3, :3]
+    from_target = _predicted(state, problem.measured) - state.T_base_target[:3, 3]
+    by_point = R @ problem.measured[:, :3, :3] @ problem.free
+    by_place = np.broadcast_to(np.eye(3), (len(by_point), 3, 3))
+    return np.concatenate([by_point, by_place, -hats(from_target)], axis=2)
+
+
+def _measurement(state: _State, problem: _Problem) -> Float[np.ndarray, "n 3 3"]:
+    """Return the predictions' covariance due to measurement."""
+    R = state.T_base_target[:3, :3]
+    turned = -R @ hats(problem.measured[:, :3, :3] @ state.point)
+    G = np.concatenate([np.broadcast_to(R, turned.shape), turned], axis=2)
+    return np.asarray(G @ problem.covariance @ G.swapaxes(1, 2))
+
+
+def _fit(start: _State, problem: _Problem, deviation: float, *, expected: float) -> Fit[_State]:
+    W = whitening(_measurement(start, problem) + deviation**2 * np.eye(3))
+    size = problem.free.shape[1]
+
+    def evaluate(state: _State) -> tuple[Float[np.ndarray, "3 n"], Float[np.ndarray, "p 3 n"]]:
+        whitened = np.einsum("nij,nj->ni", W, _residuals(state, problem))
+        return whitened.T.copy(), np.ascontiguousarray((W @ _jacobian(state, problem)).transpose(2, 1, 0))
+
+    def retract(state: _State, step: Float[np.ndarray, " p"]) -> _State:
+        return _State(perturbed(state.T_base_target, step[size:]), state.point + problem.free @ step[:size])
+
+    return fit(evaluate, retract, start, np.full(len(W), expected), smallest_scale=expected)
+
+
+def _estimate(start: _State, problem: _Problem) -> tuple[Fit[_State], float]:
+    """Fit, with the robot's deviation estimated from the residuals."""
+    rms = math.sqrt(float(np.mean(_residuals(start, problem) ** 2)))
+    deviation = max(rms, MIN_ROBOT_SIGMAS.deviations[0])
+    result = _fit(start, problem, deviation, expected=1.0)
+    for _ in range(5):
+        former, state = deviation, result.state
+        left = LinearResiduals(
+            _measurement(state, problem), _residuals(state, problem), _jacobian(state, problem)
+        )
+        start_at = Variances.of_deviations(deviation, MIN_ROBOT_SIGMAS.deviations[1])
+        deviation = estimate_variances([left], start_at, MIN_ROBOT_SIGMAS).deviations[0]
+        result = _fit(state, problem, deviation, expected=1.0)
+        if abs(deviation - former) < 1e-2 * former:
+            break
+    return result, deviation
+
+
+def _start(problem: _Problem) -> _State:
+    """Return the best of some rotations, each with the point and place that suit it by linear least squares.
+
+    The rotations are that of the rigid alignment with the point in the camera's centre, which is near where the point
+    is near, and the 24 of a cube; each is improved by the same alignment, with the point known, a few times.
+    """
+    best, least = None, math.inf
+    origin = _State(np.eye(4), np.zeros(3))
+    for R in [_aligned(origin, problem), *_CUBE]:
+        state = _State(transform(R, np.zeros(3)), np.zeros(3))
+        for _ in range(10):
+            state = _placed(state.T_base_target[:3, :3], problem)
+            state = _State(transform(_aligned(state, problem), np.zeros(3)), state.point)
+        state = _placed(state.T_base_target[:3, :3], problem)
+        cost = float(np.median(np.linalg.norm(_residuals(state, problem), axis=1)))
+        if best is None or cost < least:
+            best, least = state, cost
+    assert best is not None
+    return best
+
+
+def _aligned(state: _State, problem: _Problem) -> Float[np.ndarray, "3 3"]:
+    """Return the rotation that best turns the points in the target frame to the commanded ones."""
+    inside = problem.measured[:, :3, 3] + problem.measured[:, :3, :3] @ state.point
+    commanded = problem.commanded
+    return nearest_rotation((commanded - commanded.mean(axis=0)).T @ (inside - inside.mean(axis=0)))
+
+
+def _placed(R: Float[np.ndarray, "3 3"], problem: _Problem) -> _State:
+    """Return the state of this rotation with the point and the place of least squares."""
+    size = problem.free.shape[1]
+    by_point = R @ problem.measured[:, :3, :3] @ problem.free
+    A = np.concatenate([by_point, np.broadcast_to(np.eye(3), (len(by_point), 3, 3))], axis=2)
+    b = problem.commanded - problem.measured[:, :3, 3] @ R.T
+    found = np.linalg.lstsq(A.reshape(-1, size + 3), b.ravel(), rcond=None)[0]
+    return _State(transform(R, found[size:]), problem.free @ found[:size])
+
+
+def _held_out(
+    result: Fit[_State], problem: _Problem, deviation: float, used: Bool[np.ndarray, " n"]
+) -> tuple[Float[np.ndarray, "3"] | None, ...]:
+    """Return attained - commanded with the frames estimated from the other stations."""
+    fitted = -_residuals(result.state, problem)
+    V = _measurement(result.state, problem) + deviation**2 * np.eye(3)
+    lefts = held_out_factors(_jacobian(result.state, problem), result.covariance, V, used)
+    return tuple(
+        None if left is None else np.linalg.solve(left, e) for left, e in zip(lefts, fitted, strict=True)
+    )
+
+
+def _covariance(result: Fit[_State], free: Float[np.ndarray, "3 k"]) -> Float[np.ndarray, "9 9"]:
+    size = free.shape[1]
+    spread = np.zeros((9, size + 6))
+    spread[:3, :size] = free
+    spread[3:, size:] = np.eye(6)
+    return np.asarray(spread @ result.covariance @ spread.T)
+
+
+def _words(free: Float[np.ndarray, "3 k"]) -> tuple[str, ...]:
+    if free.shape[1] == 3:
+        return ()
+    if free.shape[1] == 0:
+        where = "in any direction"
+    else:
+        axes = np.linalg.svd(free)[0][:, free.shape[1] :].T
+        where = "along " + ", ".join(f"({', '.join(f'{v:.2f}' for v in axis)})" for axis in axes)
+    return (
+        f"the commanded point in the camera frame {where}: the camera was not turned so that it would show",
+    )
+
+
+def _warnings(stations: Sequence[PositionObservation], used: Bool[np.ndarray, " n"]) -> tuple[Advisory, ...]:
+    wrong = [s.pose_id for s, believed in zip(stations, used, strict=True) if not believed]
+    return rejected_poses(wrong)

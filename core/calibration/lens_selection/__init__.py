@@ -1,0 +1,11 @@
+"""Which lens model a session's images ask for: Brown's, or one beyond it."""
+
+from core.calibration.lens_selection.selection import LensChoice, LensEvidence, select_lens
+from core.calibration.lens_selection.starts import observed_radius_px
+
+__all__ = [
+    "LensChoice",
+    "LensEvidence",
+    "observed_radius_px",
+    "select_lens",
+]

@@ -1,0 +1,152 @@
+"""Covariances of cameras and poses from the residuals of fitted views."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from core.calibration.fixed_principal_point import STEP_EMBEDDING
+from core.calibration.multi_view.correlated_residuals import VarianceInflation, variance_inflation
+from core.calibration.multi_view.initialisation import Fitted
+from core.calibration.multi_view.schur_blocks import (
+    disagreement,
+    drifting_cameras,
+    in_target_frame,
+    pose_covariances,
+    reduced,
+    repeated_scales,
+    transformed,
+)
+from core.calibration.multi_view.view_stack import Placements, ViewStack, coordinates
+from core.calibration.state import RADIAL_PRIORS, SMALLEST_NOISE_PX, camera_prior
+from core.geometry import free_parameters
+
+
+@dataclass(frozen=True, slots=True)
+class MultiViewCovariance:
+    """The uncertainties of `estimators.GroupEstimate`, and the positions they belong to."""
+
+    camera_covariance: Float[np.ndarray, "s s"]
+    positions_mm: Float[np.ndarray, "k 3"]
+    covariance: Float[np.ndarray, "k 6 6"]
+    scatter: Float[np.ndarray, "k 6 6"]
+    common: Float[np.ndarray, "k 6 e"]
+    rms_px: Float[np.ndarray, " k"]
+    reduced_chi2: float
+    disagreement: float | None
+    unsteady: Bool[np.ndarray, " k"]
+    growth: VarianceInflation
+
+
+def multi_view_covariance(fitted: Fitted) -> MultiViewCovariance:
+    """Return the covariances of camera and poses from the residuals at the placements."""
+    views, at, used, shared = fitted.views, fitted.at, fitted.used, fitted.shared
+    own = _own_coordinates(fitted.estimator, at.placements)
+    P = _own_priors(fitted, at.placements)
+    parts = reduced(at.products, own)
+    count = parts.L.shape[1]
+    points = views.sums(used.astype(np.float64))
+    if shared is not None:
+        scale = np.full(len(views), shared.scale)
+    else:
+        scale = np.sqrt(at.square_sums / np.maximum(2.0 * points - count, 1.0))
+    # No fit takes its noise for less.
+    scale = np.maximum(scale, SMALLEST_NOISE_PX / views.uncertainty)
+    noise = repeated_scales(
+        views, at.residuals, used, fitted.labels, count, float(np.sqrt(np.mean(scale**2)))
+    )
+    size = at.placements.parameters.shape[1]
+    free = free_parameters(size)
+    in_common = {"pooled": free, "pooled_free_focal": free - 1}.get(fitted.estimator, 0)
+    camera = None if shared is None else shared.covariance
+    growth = variance_inflation(
+        views,
+        at,
+        used,
+        fitted.labels,
+        parts,
+        own,
+        scale,
+        None if camera is None else camera[:free, :free],
+        in_common,
+    )
+    # The fit weighed data against priors by all that its residuals hold; of that only the noise scatters.
+    C, scatter = pose_covariances(parts.L / scale[:, None, None] ** 2, P)
+    scatter = scatter[:, -6:, -6:] * (noise / scale)[:, None, None] ** 2
+    rotations, centroids = at.placements.rotations, at.placements.translations_mm
+    J = in_target_frame(rotations, centroids)
+    contradiction, unsteady = None, np.zeros(len(views), dtype=np.bool_)
+    if shared is not None:
+        contradiction = disagreement(parts, at.square_sums, 2.0 * points, in_common)
+        unsteady = drifting_cameras(views, fitted.labels, parts, at.placements, noise)
+    positions = views.centroids - np.einsum("kji,kj->ki", rotations, centroids)
+    common = np.zeros((len(views), 6, free + 1))
+    if camera is not None:
+        camera = growth.camera * camera
+        D = -parts.by_camera[:, -6:]
+        common[:, :, :free] = J @ (D @ _root(camera[:free, :free]))
+    common[:, :3, free] = _print_scale(views)[:, None] * positions
+    camera_covariance = np.zeros((size, size))
+    if own is not None:
+        camera_covariance[:free, :free] = growth.own * transformed(own[:, :free], C).mean(axis=0)
+    if camera is not None:
+        camera_covariance += camera
+    squared_px = views.sums(np.where(used, np.sum(at.residuals**2, axis=0), 0.0))
+    return MultiViewCovariance(
+        camera_covariance,
+        positions,
+        growth.own * transformed(J, C[:, -6:, -6:]) + common @ np.swapaxes(common, 1, 2),
+        transformed(J, scatter),
+        common,
+        np.sqrt(squared_px / points),
+        float(np.mean(scale**2)),
+        contradiction,
+        unsteady,
+        growth,
+    )
+
+
+def _own_coordinates(estimator: str, placements: Placements) -> Float[np.ndarray, "k p l"] | None:
+    """Return derivatives by what each view has of its own, the pose last; None for the pose alone."""
+    count = len(placements)
+    if estimator == "per_image":
+        return np.broadcast_to(np.eye(14), (count, 14, 14))
+    if estimator == "per_image_fixed_pp":
+        return np.broadcast_to(STEP_EMBEDDING, (count, 14, 9))
+    if estimator == "pooled_free_focal":
+        free = placements.free
+        own = np.zeros((count, free + 6, 7))
+        own[:, free:, 1:] = np.eye(6)
+        for i in range(count):
+            own[i, :free, 0] = coordinates(placements.parameters[i])[:, 0]
+        return own
+    return None
+
+
+def _own_priors(fitted: Fitted, placements: Placements) -> Float[np.ndarray, "k l l"] | None:
+    """Return the priors' information on what each view has of its own."""
+    if fitted.estimator == "per_image":
+        views = fitted.views
+        of_camera = camera_prior(views.image_width_px, views.image_height_px, fitted.lens, 14)
+        Q = fitted.prior_factor * np.array([of_camera(parameters)[1] for parameters in placements.parameters])
+        return np.asarray(np.swapaxes(Q, 1, 2) @ Q)
+    if fitted.estimator == "per_image_fixed_pp":
+        diagonal = np.zeros(9)
+        diagonal[1:3] = 1.0 / np.array(RADIAL_PRIORS) ** 2
+        return np.broadcast_to(np.diag(diagonal), (len(placements), 9, 9))
+    return None
+
+
+def _root(covariance: Float[np.ndarray, "p p"]) -> Float[np.ndarray, "p p"]:
+    """Return B with B Bᵀ = Σ, by eigenvectors of the correlations."""
+    unit = np.sqrt(np.maximum(np.diag(covariance), 1e-300))
+    values, vectors = np.linalg.eigh(covariance / np.outer(unit, unit))
+    return np.asarray(unit[:, None] * vectors * np.sqrt(np.maximum(values, 0.0)))
+
+
+def _print_scale(views: ViewStack) -> Float[np.ndarray, " k"]:
+    """Return the relative standard uncertainty of the prints' scale: the same in every length."""
+    relative = [(t.pitch_standard_uncertainty_mm or 0.0) / t.pitch_mm for t in views.targets]
+    return np.array(relative)[views.target]

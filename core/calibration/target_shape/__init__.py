@@ -1,0 +1,26 @@
+"""Shape of a printed target: estimation from many views, deformation measures, inspection of the print."""
+
+from core.calibration.target_shape.deformation import Deformation, Measure, TargetShape
+from core.calibration.target_shape.estimation import estimate_target_shape
+from core.calibration.target_shape.print_inspection import (
+    MIN_DIRECTIONS,
+    PrintCheck,
+    PrintedShape,
+    PrintFinding,
+    check_print,
+)
+from core.calibration.target_shape.rule_readings import RuleReading, check_asked
+
+__all__ = [
+    "MIN_DIRECTIONS",
+    "Deformation",
+    "Measure",
+    "PrintCheck",
+    "PrintFinding",
+    "PrintedShape",
+    "RuleReading",
+    "TargetShape",
+    "check_asked",
+    "check_print",
+    "estimate_target_shape",
+]
