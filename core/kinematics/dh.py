@@ -21,8 +21,8 @@ from dataclasses import astuple, dataclass
 import numpy as np
 from jaxtyping import Float
 
-from core.compiled import compiled
 from core.errors import InvalidArgument
+from core.jit import jit
 
 JOINT_PARAMETERS = ("a_mm", "alpha_rad", "d_mm", "theta_offset_rad", "beta_rad")
 """Names and order of one joint's parameters in every array and covariance."""
@@ -120,19 +120,19 @@ def chain_frames(
         cosine, sine = np.cos(joint_angles[:, i] + offset), np.sin(joint_angles[:, i] + offset)
         turn[:, 0, 0] = turn[:, 1, 1] = cosine
         turn[:, 1, 0], turn[:, 0, 1] = sine, -sine
-        result[:, i + 1] = result[:, i] @ (turn @ _link(a, alpha, d, beta))
+        result[:, i + 1] = result[:, i] @ (turn @ link_transform(a, alpha, d, beta))
     return result
 
 
-def _link(a: float, alpha: float, d: float, beta: float) -> Float[np.ndarray, "4 4"]:
-    """Return Tz(d) Tx(a) Rx(α) Ry(β)."""
+def link_transform(a: float, alpha: float, d: float, beta: float) -> Float[np.ndarray, "4 4"]:
+    """Return Tz(d) Tx(a) Rx(α) Ry(β); angles in rad, the translation in the unit of a and d."""
     ca, sa, cb, sb = math.cos(alpha), math.sin(alpha), math.cos(beta), math.sin(beta)
     return np.array(
         [[cb, 0.0, sb, a], [sa * sb, ca, -sa * cb, 0.0], [-ca * sb, sa, ca * cb, d], [0.0, 0.0, 0.0, 1.0]]
     )
 
 
-@compiled
+@jit("f8[:, ::1], f8[:, ::1], f8[:, :, ::1], f8[:, ::1]")
 def pose_with_jacobian(
     parameters: Float[np.ndarray, "j 5"],
     joint_angles: Float[np.ndarray, "n j"],

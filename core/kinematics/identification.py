@@ -1,12 +1,12 @@
-"""Global identification: chain, tool, bases and what targets are to one another, from all poses at once.
+"""Global identification: chain, tool, bases and transforms between targets, from all poses at once.
 
-`identify` is the door: poses in, an `Identification` out, which knows its doubt. The steps: `problem.placed` puts the
-start before the poses in closed form; `identifiability.choose_gauge` decides what can be told; `refinement.refine` fits
-it robustly together with the robot's own scatter; where the answer's axes turn out parallel, or a direction open, that
-is held and fitted again; `validation.validate` holds poses out.
+`identify` takes poses and returns an `Identification` with its covariance. Its steps, in `global_fit`: `placed` puts
+the starting chain before the poses in closed form; `fix_gauge` decides which parameters are identifiable; `refine`
+fits them robustly together with the robot's own scatter; where axes of the result are parallel, or a direction is
+hardly determined, a parameter is held and the fit is repeated; `validate` holds poses out.
 
-Conventions: θ and d of the first joint and all four of the last cannot be told from base and tool and stay at the
-nominal's values, or zero; so does d of a joint whose axis is near parallel to the next, with β in its place.
+Conventions: θ and d of the first joint and all four of the last cannot be separated from base and tool and keep the
+nominal's values, or zero; so does d of a joint whose axis is near parallel to the next, where β is fitted instead.
 """
 
 from __future__ import annotations
@@ -21,41 +21,55 @@ from core.errors import (
     Advisory,
     DegenerateGeometry,
     JointAnglesInconsistent,
-    JointNotMoved,
+    JointNotExcited,
     NotConverged,
     TooFewPoses,
 )
-from core.kinematics.angle_units import check_against_nominal, check_angles
-from core.kinematics.cpa import identify_from_axes
+from core.kinematics.arm_model import SHORTEST_REACH_MM, THETA, ArmState, D
+from core.kinematics.circle_point_analysis import identify_from_axes
 from core.kinematics.dh import Chain, forward
-from core.kinematics.identifiability import Conditioning, Gauge, choose_gauge, conditioning
-from core.kinematics.joint_estimates import JointEstimate, joint_estimates, with_residuals
-from core.kinematics.parameters import SHORTEST_REACH_MM, THETA, ArmState, D
-from core.kinematics.poses import PoseData
-from core.kinematics.problem import Observations, Scatter, observations_of, placed
-from core.kinematics.refinement import DEFAULT_SCATTER, Refined, refine
-from core.kinematics.remarks import remarks
-from core.kinematics.scatter import SMALLEST
+from core.kinematics.frame_covariances import base_target_covariances, flange_camera_covariance
+from core.kinematics.global_fit import (
+    DEFAULT_SCATTER,
+    FOLDS,
+    Conditioning,
+    FitResult,
+    Gauge,
+    HoldOutError,
+    Observations,
+    Unidentifiable,
+    Validation,
+    conditioning,
+    fix_gauge,
+    observations_of,
+    placed,
+    refine,
+    rms,
+    validate,
+)
+from core.kinematics.joint_angle_checks import check_against_nominal, check_angles
+from core.kinematics.pose_observations import PoseData
+from core.kinematics.results import JointEstimate, joint_estimates, warnings_for, with_residuals
 from core.kinematics.sweeps import find_sweeps
 from core.kinematics.target_transforms import TargetTransform, target_transforms
-from core.kinematics.validation import FOLDS, HeldOut, Validation, rms, validate
+from core.numerics import SMALLEST, Variances
 
-NOT_MOVED = math.radians(1.0)
-INCONSISTENT = 0.005
+MIN_JOINT_RANGE = math.radians(1.0)
+MAX_RELATIVE_SCATTER = 0.005
 """Of the start's length: poses that scatter by more about the best arm are not this arm's."""
-ROUNDS = 3
+MAX_ROUNDS = 3
 
 
 @dataclass(frozen=True, slots=True)
 class Identification:
-    """What poses say of a robot.
+    """A robot identified from poses.
 
     Parameters
     ----------
     chain, T_flange_camera, T_target_base
         The arm: T_target_camera = T_target_base · forward(chain, q) · T_flange_camera; a base for each target.
     names, covariance
-        Of the parameters that were fitted (mm, rad): joints' by the words of `Layout.names`, then the tool's and the
+        Of the parameters that were fitted (mm, rad): keys of `ParameterLayout.keys`, joints', then the tool's and the
         bases', whose rotations are turned from the left.
     scatter
         The robot's own: standard deviation of each coordinate of position (mm) and of rotation (rad), beyond the
@@ -63,7 +77,9 @@ class Identification:
     residual
         Rms over the poses used; `residuals` (m, n) of all poses, observed - predicted; `used` which count.
     null_space
-        Sentences on what the poses cannot tell.
+        The parameters that the poses do not determine.
+    flange_camera_covariance, base_target_covariances
+        Of T_flange_camera and of each T_base_target (`frame_covariances`); None where it is not identifiable.
     """
 
     chain: Chain
@@ -75,11 +91,13 @@ class Identification:
     target_transforms: tuple[TargetTransform, ...]
     scatter_position_mm: float
     scatter_rotation: float | None
-    residual: HeldOut
+    residual: HoldOutError
     residuals: Float[np.ndarray, "m n"]
     used: Bool[np.ndarray, " n"]
     conditioning: Conditioning
-    null_space: tuple[str, ...]
+    null_space: tuple[Unidentifiable, ...]
+    flange_camera_covariance: Float[np.ndarray, "6 6"] | None
+    base_target_covariances: tuple[Float[np.ndarray, "6 6"] | None, ...]
     validation: Validation | None
     warnings: tuple[Advisory, ...]
 
@@ -93,7 +111,7 @@ class Identification:
 class Solution:
     """A fit with the gauge it was made in; what `identify` reports from."""
 
-    refined: Refined
+    refined: FitResult
     gauge: Gauge
 
 
@@ -105,18 +123,19 @@ def identify(
     Parameters
     ----------
     nominal
-        The robot as its maker describes it: what is not identifiable keeps its values, and it is compared with.
+        The robot as its maker describes it: parameters that are not identifiable keep its values, and the result is
+        compared with it.
     start
-        Where to begin; the nominal if not given, and without one what sweeps say by the combined method of `cpa`.
+        Where to begin; the nominal if not given, and without one the chain that sweeps give by the combined method.
     folds
         Parts that poses are dealt into for validation; 0 for none.
 
     Raises JointAnglesInconsistent for a chain of another number of joints or poses that no such arm explains,
-    JointAnglesUnit where radians and degrees were confused, JointNotMoved, TooFewPoses, NotConverged; without nominal
-    and start what `cpa.identify_from_axes` raises.
+    JointAnglesUnitMismatch where radians and degrees were confused, JointNotExcited, TooFewPoses, NotConverged; without
+    nominal and start what `identify_from_axes` raises.
     """
     seen = observations_of(poses)
-    begin = begin_at(poses, nominal, start)
+    begin = initial_chain(poses, nominal, start)
     arm = placed(begin.as_array(), forward(begin, poses.joint_angles), seen)
     solution = solve(arm, seen, poses)
     return report(solution, seen, poses, nominal, folds)
@@ -125,7 +144,7 @@ def identify(
 def _require_anything(gauge: Gauge) -> None:
     if not gauge.free.any():
         raise DegenerateGeometry(
-            "The poses are too uncertain to tell any of the robot's parameters.",
+            "The poses are too uncertain to determine any of the robot's parameters.",
             "Check the unit of their covariances: mm² and rad².",
         )
 
@@ -134,19 +153,19 @@ def solve(
     arm: ArmState,
     seen: Observations,
     poses: PoseData,
-    scatter: Scatter | None = None,
+    scatter: Variances | None = None,
     gauge: Gauge | None = None,
 ) -> Solution:
     """Fit from an arm, choosing what to fit on the way."""
     if gauge is None:
         _require_enough(seen)
-        gauge = choose_gauge(arm, seen, scatter or (SMALLEST if seen.own.any() else DEFAULT_SCATTER))
+        gauge = fix_gauge(arm, seen, scatter or (SMALLEST if seen.own.any() else DEFAULT_SCATTER))
     _require_anything(gauge)
     length = max(arm.links_mm, SHORTEST_REACH_MM)
-    for _ in range(ROUNDS):
+    for _ in range(MAX_ROUNDS):
         refined = refine(arm, seen, gauge.free, scatter)
         _require_consistent(refined, length, poses)
-        again = choose_gauge(refined.arm, seen, refined.scatter, gauge.parallel)
+        again = fix_gauge(refined.arm, seen, refined.scatter, gauge.parallel)
         if np.array_equal(again.free, gauge.free):
             break
         gauge, scatter = again, refined.scatter
@@ -154,7 +173,7 @@ def solve(
         arm = _regauged(refined.arm, arm, gauge)
     if refined.status != "converged":
         raise NotConverged(
-            "The identification did not come to its end.",
+            "The identification did not converge.",
             "Check the joint angles and the nominal; begin from sweeps (combined) where the nominal is far off.",
         )
     return Solution(refined, gauge)
@@ -163,7 +182,7 @@ def solve(
 def report(
     solution: Solution, seen: Observations, poses: PoseData, nominal: Chain | None, folds: int
 ) -> Identification:
-    """Say what a fit amounts to."""
+    """Return the identification that a fit gives, with its joints, validation and warnings."""
     refined, gauge = solution.refined, solution.gauge
     arm, layout = refined.arm, refined.arm.layout
     kinematic = int(gauge.free.sum())
@@ -187,7 +206,7 @@ def report(
             len(seen) - len(used),
             [poses.labels[i] for i in used] if poses.labels else (),
         )
-    names = layout.names()
+    keys = layout.keys()
     return Identification(
         chain=arm.chain,
         T_flange_camera=arm.T_flange_camera,
@@ -195,7 +214,7 @@ def report(
         joints=with_residuals(
             joint_estimates(arm, gauge, covariance, nominal, poses.joint_angles[used]), refined, poses
         ),
-        names=tuple(names[c] for c in np.flatnonzero(gauge.free)),
+        names=tuple(keys[c] for c in np.flatnonzero(gauge.free)),
         covariance=covariance,
         target_transforms=target_transforms(arm, gauge.free, covariance, seen.target[used]),
         scatter_position_mm=math.sqrt(refined.scatter.position),
@@ -204,13 +223,15 @@ def report(
         residuals=refined.residuals,
         used=refined.used,
         conditioning=how,
-        null_space=gauge.sentences,
+        null_space=gauge.unidentifiable,
+        flange_camera_covariance=flange_camera_covariance(arm, gauge.free, covariance),
+        base_target_covariances=base_target_covariances(arm, gauge.free, covariance),
         validation=validation,
-        warnings=tuple(remarks(refined, gauge, how, validation, poses, nominal)),
+        warnings=tuple(warnings_for(refined, gauge, how, validation, poses, nominal)),
     )
 
 
-def begin_at(poses: PoseData, nominal: Chain | None, start: Chain | None) -> Chain:
+def initial_chain(poses: PoseData, nominal: Chain | None, start: Chain | None) -> Chain:
     """Return the chain to begin at, with the nominal's values where frames make a parameter a convention."""
     for given in (start, nominal):
         if given is not None and len(given) != poses.joints:
@@ -222,11 +243,13 @@ def begin_at(poses: PoseData, nominal: Chain | None, start: Chain | None) -> Cha
     if nominal is not None:
         check_against_nominal(poses, nominal)
     arcs = np.ptp(poses.joint_angles, axis=0)
-    resting = np.flatnonzero(arcs < NOT_MOVED)
+    resting = np.flatnonzero(arcs < MIN_JOINT_RANGE)
     if len(resting):
         check_angles(poses, find_sweeps(poses))
         which = f"joint{'s' if len(resting) > 1 else ''} {', '.join(str(i + 1) for i in resting)}"
-        raise JointNotMoved(f"Over all poses {which} moved by less than {math.degrees(NOT_MOVED):g}°.")
+        raise JointNotExcited(
+            f"Over all poses {which} moved by less than {math.degrees(MIN_JOINT_RANGE):g}°."
+        )
     if start is None and nominal is not None:
         return nominal
     parameters = (identify_from_axes(poses).chain if start is None else start).as_array()
@@ -237,9 +260,9 @@ def begin_at(poses: PoseData, nominal: Chain | None, start: Chain | None) -> Cha
 
 
 def _require_enough(seen: Observations) -> None:
-    """Four numbers for each joint and six for each target are what an arm in general amounts to."""
-    unknown, told = 4 * seen.layout.joints + 6 * len(np.unique(seen.target)), len(seen) * seen.components
-    if told < 1.2 * unknown:
+    """Raise TooFewPoses where poses give too few equations: an arm has four unknowns a joint and six a target."""
+    unknown, equations = 4 * seen.layout.joints + 6 * len(np.unique(seen.target)), len(seen) * seen.components
+    if equations < 1.2 * unknown:
         least = math.ceil(1.2 * unknown / seen.components)
         raise TooFewPoses(
             f"{len(seen)} poses do not determine {unknown} parameters: {least} are the least, three times as many "
@@ -247,9 +270,9 @@ def _require_enough(seen: Observations) -> None:
         )
 
 
-def _require_consistent(refined: Refined, length_mm: float, poses: PoseData) -> None:
+def _require_consistent(refined: FitResult, length_mm: float, poses: PoseData) -> None:
     spread = math.sqrt(refined.scatter.position)
-    if spread > INCONSISTENT * length_mm:
+    if spread > MAX_RELATIVE_SCATTER * length_mm:
         check_angles(poses, find_sweeps(poses))
         raise JointAnglesInconsistent(
             f"The poses do not follow from their joint angles: about the best arm with {poses.joints} joints they "

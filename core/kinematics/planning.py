@@ -1,10 +1,10 @@
-"""Before anyone moves a robot: what poses would tell of it, and which further ones would tell most.
+"""Planning of poses: predicted uncertainties before the robot is moved, and the poses that would reduce them most.
 
 `predict` linearises the images that a camera would take at given joint angles: their grid points, with the noise that a
 detector has, give the covariance of every pose and of the lens; with the robot's own scatter these give the covariance
 of every parameter, as `identification` will state it. `suggest` chooses from candidates, one after another, the pose
 that raises Borm and Menq's observability index most: of all singular values' geometric mean, to which a pose with
-Jacobian J adds log det(1 + J M⁻¹ Jᵀ) over twice their number, M being what the poses so far amount to.
+Jacobian J adds log det(1 + J M⁻¹ Jᵀ) over twice their number, M being the information of the poses so far.
 
 References: J.-H. Borm, C.-H. Menq, Int. J. Robotics Research 10 (1991) 584-597; Y. Sun, J. M. Hollerbach, ICRA 2008
 (active calibration).
@@ -18,26 +18,34 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from core.calibration.model import Lens
-from core.calibration.view_stack import Placements, stack_views
-from core.camera import Camera, project
+from core.calibration import Lens, Placements, stack_views
 from core.errors import TooFewPoses
+from core.geometry import Camera, invert, project, transform, transform_points
+from core.kinematics.arm_model import ArmState
 from core.kinematics.dh import Chain, forward
-from core.kinematics.identifiability import Conditioning, choose_gauge, conditioning, scaled
-from core.kinematics.image_poses import Images, poses_of_images
-from core.kinematics.joint_estimates import JointEstimate, joint_estimates
-from core.kinematics.parameters import ArmState
-from core.kinematics.problem import Observations, Scatter, linearised, observations_of
-from core.kinematics.refinement import DEFAULT_SCATTER, information_of, inverse_of
-from core.kinematics.scatter import SMALLEST
-from core.targets.specification import GridPoints, TargetSpec
-from core.transforms import invert, transform, transform_points
+from core.kinematics.global_fit import (
+    DEFAULT_SCATTER,
+    Conditioning,
+    ImageObservations,
+    Observations,
+    Unidentifiable,
+    conditioning,
+    fix_gauge,
+    information_of,
+    linearise_images,
+    linearised,
+    observations_of,
+    scaled,
+)
+from core.kinematics.results import JointEstimate, joint_estimates
+from core.numerics import SMALLEST, Variances, covariance_of
+from core.targets import GridPoints, TargetSpec
 
 LARGEST_TILT = math.radians(65.0)  # beyond it grids are hardly detected
 
 
 @dataclass(frozen=True, slots=True)
-class Rig:
+class CameraSetup:
     """Camera and grids: where they are, and how well grid points are located.
 
     `T_target_base` is one for each of `targets`; `noise_px` the standard deviation of a grid point's coordinate;
@@ -58,8 +66,8 @@ class Rig:
 
 @dataclass(frozen=True, slots=True)
 class Prediction:
-    """What poses would tell: of every joint the standard uncertainties; `visible` are the poses that see their whole
-    grid, from which alone the rest is made; `names` and `covariance` as of `Identification`.
+    """Predicted result of an identification: the standard uncertainties of every joint. `visible` marks the poses that
+    see their whole grid; only these are used. `names` and `covariance` are those of `Identification`.
     """
 
     joints: tuple[JointEstimate, ...]
@@ -67,10 +75,10 @@ class Prediction:
     names: tuple[str, ...]
     covariance: Float[np.ndarray, "f f"]
     conditioning: Conditioning
-    null_space: tuple[str, ...]
+    null_space: tuple[Unidentifiable, ...]
 
 
-def rig_before(
+def default_setup(
     chain: Chain,
     home: Float[np.ndarray, " j"],
     camera: Camera,
@@ -82,7 +90,7 @@ def rig_before(
     fill: float = 0.5,
     scatter_position_mm: float = 0.0,
     scatter_rotation: float = 0.0,
-) -> Rig:
+) -> CameraSetup:
     """Return a rig with the grid straight before the camera at the joint angles `home` (rad), filling a share of the
     image.
     """
@@ -91,7 +99,7 @@ def rig_before(
     depth = float(np.max(extent * [camera.fx_px, camera.fy_px] / np.array(size_px))) / fill
     T_camera_target = transform(np.eye(3), np.array([0.0, 0.0, depth]) - middle)
     T_base_target = forward(chain, home[None])[0] @ T_flange_camera @ T_camera_target
-    return Rig(
+    return CameraSetup(
         camera,
         *size_px,
         noise_px,
@@ -103,10 +111,10 @@ def rig_before(
     )
 
 
-def visible(
+def count_visible_points(
     chain: Chain,
     joint_angles: Float[np.ndarray, "n j"],
-    rig: Rig,
+    rig: CameraSetup,
     target: Int[np.ndarray, " n"] | None = None,
 ) -> Bool[np.ndarray, " n"]:
     """Return which joint angles (rad) let the camera see the whole grid from its front, tilted no more than detectors
@@ -120,11 +128,11 @@ def visible(
 def predict(
     chain: Chain,
     joint_angles: Float[np.ndarray, "n j"],
-    rig: Rig,
+    rig: CameraSetup,
     target: Int[np.ndarray, " n"] | None = None,
 ) -> Prediction:
-    """Predict how well images at these joint angles (rad) would tell the robot's parameters; `target` is the grid that
-    each looks at.
+    """Predict how well images at these joint angles (rad) would determine the robot's parameters; `target` is the grid
+    that each looks at.
 
     Raises TooFewPoses where too few of them see their grid.
     """
@@ -143,37 +151,37 @@ def predict(
     lens = np.tile(rig.camera.as_array(), (len(T), 1))
     centroids = np.einsum("kij,kj->ki", T[:, :3, :3], stack.centroids) + T[:, :3, 3]
     everything = np.ones(len(stack.column), dtype=np.bool_)
-    images = Images(stack, everything, 1.0, rig.lens, joint_angles[seen], which[seen], ())
+    images = ImageObservations(stack, everything, 1.0, rig.lens, joint_angles[seen], which[seen], ())
     ready = observations_of(
-        poses_of_images(images, Placements(lens, np.ascontiguousarray(T[:, :3, :3]), centroids)).poses
+        linearise_images(images, Placements(lens, np.ascontiguousarray(T[:, :3, :3]), centroids)).poses
     )
     arm = ArmState(chain.as_array(), rig.T_flange_camera, rig.T_target_base, np.zeros(ready.layout.shared))
-    scatter = Scatter(
+    scatter = Variances(
         max(rig.scatter_position_mm**2, SMALLEST.position), max(rig.scatter_rotation**2, SMALLEST.rotation)
     )
-    gauge = choose_gauge(arm, ready, scatter)
+    gauge = fix_gauge(arm, ready, scatter)
     J = linearised(arm, ready)[1]
     all_poses = np.ones(len(ready), dtype=np.bool_)
     free = gauge.free.copy()
     free[arm.layout.kinematic :] = True
     kinematic = int(gauge.free.sum())
-    covariance = inverse_of(information_of(ready, J, free, all_poses, scatter))[:kinematic, :kinematic]
-    names = arm.layout.names()
+    covariance = covariance_of(information_of(ready, J, free, all_poses, scatter))[:kinematic, :kinematic]
+    keys = arm.layout.keys()
     return Prediction(
         joints=joint_estimates(arm, gauge, covariance, chain, joint_angles[seen]),
         visible=seen,
-        names=tuple(names[c] for c in np.flatnonzero(gauge.free)),
+        names=tuple(keys[c] for c in np.flatnonzero(gauge.free)),
         covariance=covariance,
         conditioning=conditioning(arm, J, gauge.free, all_poses),
-        null_space=gauge.sentences,
+        null_space=gauge.unidentifiable,
     )
 
 
-def suggest(
+def suggest_poses(
     chain: Chain,
     joint_angles: Float[np.ndarray, "n j"],
     candidates: Float[np.ndarray, "c j"],
-    rig: Rig,
+    rig: CameraSetup,
     count: int,
     target: Int[np.ndarray, " n"] | None = None,
 ) -> Int[np.ndarray, " s"]:
@@ -181,16 +189,16 @@ def suggest(
     where no more of them see the first grid.
     """
     arm = ArmState(chain.as_array(), rig.T_flange_camera, rig.T_target_base, np.zeros(0))
-    open_ones = np.flatnonzero(visible(chain, candidates, rig))
+    open_ones = np.flatnonzero(count_visible_points(chain, candidates, rig))
     which = _which(joint_angles, target)
     at = np.concatenate([joint_angles, candidates[open_ones]])
     of = np.concatenate([which, np.zeros(len(open_ones), dtype=np.intp)])
     seen = _exact(arm, at, of)
-    gauge = choose_gauge(arm, seen, DEFAULT_SCATTER)
+    gauge = fix_gauge(arm, seen, DEFAULT_SCATTER)
     J = scaled(arm, linearised(arm, seen)[1])[gauge.free].transpose(2, 1, 0)
     base, pool = J[: len(joint_angles)], J[len(joint_angles) :]
     M = np.einsum("nmp,nmq->pq", base, base)
-    M = M + 1e-9 * np.trace(M) / len(M) * np.eye(len(M))  # directions that nothing tells yet count first
+    M = M + 1e-9 * np.trace(M) / len(M) * np.eye(len(M))  # directions that no pose determines yet count first
     chosen: list[int] = []
     left = np.ones(len(pool), dtype=np.bool_)
     while len(chosen) < min(count, len(pool)):
@@ -209,13 +217,13 @@ def _which(
 
 
 def _camera_poses(
-    chain: Chain, joint_angles: Float[np.ndarray, "n j"], rig: Rig, target: Int[np.ndarray, " n"]
+    chain: Chain, joint_angles: Float[np.ndarray, "n j"], rig: CameraSetup, target: Int[np.ndarray, " n"]
 ) -> Float[np.ndarray, "n 4 4"]:
     return np.asarray(rig.T_target_base[target] @ forward(chain, joint_angles) @ rig.T_flange_camera)
 
 
 def _views(
-    chain: Chain, joint_angles: Float[np.ndarray, "n j"], rig: Rig, target: Int[np.ndarray, " n"]
+    chain: Chain, joint_angles: Float[np.ndarray, "n j"], rig: CameraSetup, target: Int[np.ndarray, " n"]
 ) -> list[GridPoints | None]:
     """Return what a perfect detector would find at each pose; None where the grid is not all in view, with a pitch of
     its margin.

@@ -1,4 +1,4 @@
-"""Sweeps, read off the joint angles: sets of poses at which one joint moves and the others rest.
+"""Sweeps, recognised from joint angles: sets of poses at which one joint moves and the others are stationary.
 
 A sweep of joint i is a largest set of poses whose other joints agree within the tolerance, each with each. Nothing is
 asked of their order: a joint may have several sweeps at different settings of the others, poses and whole cycles may
@@ -14,8 +14,8 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float, Int
 
-from core.errors import InvalidArgument, JointAnglesInconsistent, JointNotMoved
-from core.kinematics.poses import PoseData
+from core.errors import InvalidArgument, JointAnglesInconsistent, JointNotExcited
+from core.kinematics.pose_observations import PoseData
 
 JOINT_TOLERANCE = math.radians(0.02)
 LEAST_POSITIONS = 3
@@ -69,7 +69,7 @@ def named_sweeps(
     All poses of a label belong to the sweep.
 
     Raises InvalidArgument for a joint or label that does not exist, JointAnglesInconsistent where another joint moved
-    as well, JointNotMoved where the joint itself did not.
+    as well, JointNotExcited where the joint itself did not.
     """
     labels = np.array([poses.label(i) for i in range(len(poses))])
     found = []
@@ -88,11 +88,11 @@ def named_sweeps(
 
 
 def require_sweeps(sweeps: Sequence[Sweep], joints: int) -> None:
-    """Raise JointNotMoved, naming them, unless each joint has a sweep."""
+    """Raise JointNotExcited, naming them, unless each joint has a sweep."""
     still = sorted(set(range(joints)) - {sweep.joint for sweep in sweeps})
     if still:
         which = ", ".join(str(joint + 1) for joint in still)
-        raise JointNotMoved(
+        raise JointNotExcited(
             f"No sweep of joint {which} was found: nowhere are there {LEAST_POSITIONS} different angles of it while "
             "the other joints rest.",
             "Add a sweep of each such joint; or raise the joint tolerance if the others should have rested.",
@@ -123,7 +123,7 @@ def _check_named(poses: PoseData, joint: int, members: Int[np.ndarray, " m"], to
             "Name only poses at which the one joint moved, or raise the joint tolerance.",
         )
     if _positions(angles[:, joint], tolerance) < LEAST_POSITIONS:
-        raise JointNotMoved(
+        raise JointNotExcited(
             f"In a sweep named for joint {joint + 1} it takes fewer than {LEAST_POSITIONS} different angles."
         )
 

@@ -1,4 +1,4 @@
-"""How targets lie to one another, by way of the robot's base that all of them were seen from."""
+"""Transforms between targets, by way of the robot's base, with covariance."""
 
 from __future__ import annotations
 
@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from core.kinematics.parameters import ArmState
-from core.transforms import hat, invert
+from core.geometry import hat, invert
+from core.kinematics.arm_model import ArmState
 
 
 @dataclass(frozen=True, slots=True)

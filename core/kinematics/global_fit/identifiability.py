@@ -1,12 +1,13 @@
-"""What poses cannot tell: the null space of the Jacobian, which parameters are held for it, and why, in words.
+"""Identifiability of an arm's parameters: the null space of the Jacobian, which parameters are held, and why, in words.
 
-A null vector is a change of parameters that moves no pose. For each, one parameter has to be held, and the choice is a
-convention: of the first joint θ and d (the base does the same), of the last joint all four (the tool does), then d of
-joints whose axes are parallel to the next, then whatever else takes part. The null space is asked at the chain with its
-near-parallel axes made parallel: what is told only by the thousandth of a degree they lack is not told.
+A null vector is a change of parameters that moves no pose. For each, one parameter has to be held. The choice is a
+convention: θ and d of the first joint (equivalent to the base), all four of the last joint (equivalent to the tool),
+then d of joints whose axes are parallel to the next, then any other parameter that takes part. The null space is
+computed at the chain with its near-parallel axes made exactly parallel: a parameter that is determined only by the
+remaining thousandth of a degree counts as not determined.
 
-Beside the exact null space stand directions that the data leave as good as open: uncertain by more than `OPEN` of the
-arm's reach. They are held by the same rules.
+In addition to the exact null space, directions that the data hardly determine are held by the same rules: those
+uncertain by more than `MAX_RELATIVE_UNCERTAINTY` of the arm's reach.
 
 References: J. M. Hollerbach, C. W. Wampler, Int. J. Robotics Research 15 (1996) 573-591; J.-H. Borm, C.-H. Menq,
 Int. J. Robotics Research 10 (1991) 584-597 (the observability index).
@@ -21,32 +22,39 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Bool, Float
 
+from core.kinematics.arm_model import ALPHA, BETA, THETA, A, ArmState, D, ParameterLayout
 from core.kinematics.dh import PARALLEL_AT_MOST, nearly_parallel
-from core.kinematics.null_space_words import Held, open_sentences, sentences
-from core.kinematics.parameters import ALPHA, BETA, THETA, A, ArmState, D, Layout
-from core.kinematics.problem import Observations, Scatter, linearised, whitened, whitener
+from core.kinematics.global_fit.null_space import (
+    FixedParameters,
+    Unidentifiable,
+    unidentifiable,
+    weakly_identifiable,
+)
+from core.kinematics.global_fit.residuals import Observations, linearised, observations_of, whitened, whitener
+from core.kinematics.pose_observations import PoseData
+from core.numerics import Variances
 
 RANK = 1e-8  # of the largest singular value
-TAKES_PART = 1e-3  # of a null vector's length
-OPEN = 0.02
+MIN_SHARE = 1e-3  # of a null vector's length
+MAX_RELATIVE_UNCERTAINTY = 0.02
 """Of the reach: a combination of parameters that moves the arm's end by so much within its uncertainty is open."""
 
 
 @dataclass(frozen=True, slots=True)
 class Gauge:
-    """Which columns are fitted, and of those that are not, why.
+    """Which columns are fitted, and why the others are held.
 
-    `parallel` says which joints' axes are near parallel to the next, so that β stands for d. `sentences` tell what
-    cannot be told.
+    `parallel` marks the joints whose axes are near parallel to the next, so that β replaces d. `unidentifiable` are the
+    parameters that are not identifiable.
     """
 
     free: Bool[np.ndarray, " p"]
     parallel: Bool[np.ndarray, " j"]
-    sentences: tuple[str, ...]
+    unidentifiable: tuple[Unidentifiable, ...]
 
 
-def choose_gauge(
-    arm: ArmState, seen: Observations, scatter: Scatter, parallel: Bool[np.ndarray, " j"] | None = None
+def fix_gauge(
+    arm: ArmState, seen: Observations, scatter: Variances, parallel: Bool[np.ndarray, " j"] | None = None
 ) -> Gauge:
     """Decide at an arm what to fit; joints known to be `parallel` to the next stay so."""
     layout = arm.layout
@@ -71,11 +79,15 @@ def choose_gauge(
     left = np.flatnonzero(free)
     H = _marginal(information, left, layout.kinematic)
     values, vectors = np.linalg.eigh(H)
-    weak = _held(vectors[:, values < (OPEN * arm.reach_mm) ** -2.0], left, [c for c in order if free[c]])
+    weak = _held(
+        vectors[:, values < (MAX_RELATIVE_UNCERTAINTY * arm.reach_mm) ** -2.0],
+        left,
+        [c for c in order if free[c]],
+    )
     free[weak.columns] = False
     said = (
-        *sentences(exact, layout, decided, seen.rotations is None),
-        *open_sentences(weak, layout),
+        *unidentifiable(exact, layout, decided, seen.rotations is None),
+        *weakly_identifiable(weak, layout),
     )
     return Gauge(free, decided, said)
 
@@ -91,9 +103,9 @@ def null_space(rows: Float[np.ndarray, "p q"]) -> Float[np.ndarray, "p k"]:
 
 @dataclass(frozen=True, slots=True)
 class Conditioning:
-    """How well poses tell the parameters that are fitted: the singular values of the Jacobian, in units where 1 mm and
-    what moves the arm's end by 1 mm weigh alike; their ratio, and Borm and Menq's O1, their geometric mean over the
-    root of the number of poses.
+    """How well poses determine the fitted parameters: the singular values of the Jacobian, in units where 1 mm and an
+    angle that moves the arm's end by 1 mm weigh the same; their ratio; and Borm and Menq's O1, their geometric mean
+    over the root of the number of poses.
     """
 
     singular_values: Float[np.ndarray, " f"]
@@ -117,6 +129,22 @@ def conditioning(
     )
 
 
+def conditioning_of_chain(
+    poses: PoseData,
+    chain: Float[np.ndarray, "j 5"],
+    T_flange_camera: Float[np.ndarray, "4 4"],
+    T_target_base: Float[np.ndarray, "t 4 4"],
+    identifiable: Bool[np.ndarray, "j 5"],
+) -> Conditioning:
+    """Return how well poses determine the identifiable parameters of a chain with its tool and bases."""
+    seen = observations_of(poses)
+    arm = ArmState(chain, T_flange_camera, T_target_base[: seen.layout.targets], np.zeros(seen.layout.shared))
+    free = np.ones(arm.layout.size, dtype=np.bool_)
+    free[: arm.layout.tool.start] = identifiable.ravel()
+    _, J = linearised(arm, seen)
+    return conditioning(arm, J, free, np.ones(len(seen), dtype=np.bool_))
+
+
 def scaled(arm: ArmState, J: Float[np.ndarray, "p m n"]) -> Float[np.ndarray, "p m n"]:
     """Return the Jacobian with all rows in mm at the arm's end and all columns by steps of like weight."""
     scaled = J * arm.layout.units(arm.reach_mm)[:, None, None]
@@ -125,7 +153,7 @@ def scaled(arm: ArmState, J: Float[np.ndarray, "p m n"]) -> Float[np.ndarray, "p
 
 
 def _scaled_information(
-    arm: ArmState, seen: Observations, J: Float[np.ndarray, "p m n"], scatter: Scatter
+    arm: ArmState, seen: Observations, J: Float[np.ndarray, "p m n"], scatter: Variances
 ) -> Float[np.ndarray, "p p"]:
     """Return the whitened information on all columns, in steps of like weight."""
     rows = whitened(whitener(seen, scatter), J * arm.layout.units(arm.reach_mm)[:, None, None])
@@ -147,7 +175,7 @@ def _marginal(H: Float[np.ndarray, "p p"], kept: np.ndarray, kinematic: int) -> 
 
 
 def _parallel(arm: ArmState, information: Float[np.ndarray, "p p"]) -> Bool[np.ndarray, " j"]:
-    """Which joints' axes are near parallel to the next, by the doubt that their d would have."""
+    """Return which joints' axes are near parallel to the next, by the uncertainty that their d would have."""
     layout = arm.layout
     parallel = np.zeros(layout.joints, dtype=np.bool_)
     alphas = arm.parameters[:-1, ALPHA]
@@ -161,7 +189,7 @@ def _parallel(arm: ArmState, information: Float[np.ndarray, "p p"]) -> Bool[np.n
     half = vectors / np.sqrt(np.maximum(values, 1e-15 * values[-1]))
     sigma = dict(zip(columns.tolist(), np.sqrt(np.sum(half**2, axis=1)).tolist(), strict=True))
     for joint, alpha in enumerate(alphas.tolist()):
-        # Of the first joint d is the base's; the doubt shows in the next one's.
+        # The first joint's d belongs to the base; the uncertainty appears in the next joint's d.
         shown = layout.column(max(joint, 1), D)
         parallel[joint] = nearly_parallel(alpha, sigma.get(shown, math.inf))
     return parallel
@@ -175,7 +203,7 @@ def _snapped(arm: ArmState, parallel: Bool[np.ndarray, " j"]) -> ArmState:
     return replace(arm, parameters=parameters)
 
 
-def _order(layout: Layout, parallel: Bool[np.ndarray, " j"]) -> Iterator[int]:
+def _order(layout: ParameterLayout, parallel: Bool[np.ndarray, " j"]) -> Iterator[int]:
     """Return all columns, those first that are held by preference."""
     last = layout.joints - 1
     yield layout.column(0, THETA)
@@ -192,7 +220,7 @@ def _order(layout: Layout, parallel: Bool[np.ndarray, " j"]) -> Iterator[int]:
         yield from range(frame.start, frame.start + 3)
 
 
-def _held(N: Float[np.ndarray, "p k"], columns: np.ndarray, order: Sequence[int]) -> Held:
+def _held(N: Float[np.ndarray, "p k"], columns: np.ndarray, order: Sequence[int]) -> FixedParameters:
     """Choose a column to hold for every null vector, in the order of preference."""
     place = {int(c): i for i, c in enumerate(columns)}
     rest = N.copy()
@@ -202,14 +230,14 @@ def _held(N: Float[np.ndarray, "p k"], columns: np.ndarray, order: Sequence[int]
             break
         row = rest[place[column]]
         length = float(np.linalg.norm(row))
-        if length > TAKES_PART:
+        if length > MIN_SHARE:
             chosen.append(column)
             rest = rest - np.outer(rest @ row, row) / length**2
     if not chosen:
-        return Held([], [])
+        return FixedParameters([], [])
     V = N @ np.linalg.pinv(N[[place[c] for c in chosen]])
     vectors = []
     for k in range(len(chosen)):
         v = V[:, k] / np.linalg.norm(V[:, k])
-        vectors.append({int(c): float(v[i]) for i, c in enumerate(columns) if abs(v[i]) > TAKES_PART})
-    return Held(chosen, vectors)
+        vectors.append({int(c): float(v[i]) for i, c in enumerate(columns) if abs(v[i]) > MIN_SHARE})
+    return FixedParameters(chosen, vectors)

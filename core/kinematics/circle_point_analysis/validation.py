@@ -1,8 +1,9 @@
-"""Held-out validation of what sweeps tell: the arcs fitted without a part of their poses, and that part predicted.
+"""Cross-validation of an identification from sweeps: arcs fitted without a fold of poses, and that fold predicted.
 
-Poses are dealt as `validation` deals them. For each fold every arc is fitted again without the fold's poses, begun at
-the fit of all; targets are linked, axes brought home and described in the same forms; base and tool are fitted to the
-poses that are left, sweeps' and free ones alike. Poses that no such arm explains were left out before, and counted.
+Folds are assigned as in `global_fit.validation`. For each fold every arc is fitted again without the fold's poses,
+starting at the fit of all poses. Targets are linked, axes are brought home and described in the same forms. Base and
+tool are fitted to the remaining poses, those of sweeps and free ones. Poses that no such arm explains are excluded
+beforehand and counted.
 """
 
 from __future__ import annotations
@@ -13,22 +14,28 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from core.errors import DegenerateGeometry, MotionInsufficient, NotConverged
-from core.kinematics.arc import AXIS_PARAMETERS
-from core.kinematics.arc_fit import ArcProblem
-from core.kinematics.axes import LEAST_POSES, AxisFits
-from core.kinematics.common_normals import LinkForm, describe
+from core.kinematics.arm_model import ArmState
+from core.kinematics.circle_point_analysis.common_normals import LinkForm, describe
+from core.kinematics.circle_point_analysis.covariance import axes_from_motions, robot_scatter, transforms_of
+from core.kinematics.circle_point_analysis.home_configuration import Lines, axes_at_home
+from core.kinematics.circle_point_analysis.target_registration import Given, link_targets
 from core.kinematics.dh import Chain, forward
-from core.kinematics.home import Lines, axes_at_home
-from core.kinematics.identifiability import choose_gauge
-from core.kinematics.link_targets import Given, link_targets
-from core.kinematics.parameters import ArmState
-from core.kinematics.poses import PoseData
-from core.kinematics.problem import Observations, Scatter, observations_of, placed
-from core.kinematics.refinement import refine, refine_plainly
-from core.kinematics.uncertain_axes import lines_of, robot_scatter, transforms_of
-from core.kinematics.validation import SAME_CONFIGURATION, Validation, deal, hold_out
+from core.kinematics.global_fit import (
+    SAME_CONFIGURATION,
+    Observations,
+    Validation,
+    assign_folds,
+    cross_validate,
+    fit_unweighted,
+    fix_gauge,
+    observations_of,
+    placed,
+    refine,
+)
+from core.kinematics.joint_axes import AXIS_PARAMETERS, LEAST_POSES, ArcProblem, AxisFits
+from core.kinematics.pose_observations import PoseData
 
-_LEFT_OUT = -1  # the fold of poses that are in none
+_EXCLUDED = -1  # the fold of poses that are excluded from all folds
 
 
 def validate_axes(
@@ -44,14 +51,14 @@ def validate_axes(
     tolerance: float,
     folds: int,
 ) -> Validation | None:
-    """Return the held-out errors of a chain that `fits` of the poses told; None where folds leave too little of an arc.
+    """Return the held-out errors of a chain identified from `fits`; None where a fold leaves too little of an arc.
 
     `poses` are as measured, `rested` as they were fitted; `tolerance` is that of links, rad.
     """
     seen = observations_of(poses)
     whole = placed(chain.as_array(), forward(chain, poses.joint_angles), seen)
-    noise = Scatter(fits.variances.position, fits.variances.rotation)
-    frames = choose_gauge(whole, seen, noise).free
+    noise = fits.variances
+    frames = fix_gauge(whole, seen, noise).free
     frames[: whole.layout.tool.start] = False
     at_best = refine(whole, seen, frames)
     used = at_best.used.copy()
@@ -60,8 +67,8 @@ def validate_axes(
     kept = np.flatnonzero(used)
     if len(kept) < folds:
         return None
-    of_fold = np.full(len(poses), _LEFT_OUT)
-    of_fold[kept] = deal(
+    of_fold = np.full(len(poses), _EXCLUDED)
+    of_fold[kept] = assign_folds(
         poses.joint_angles[kept],
         folds,
         [poses.labels[i] for i in kept] if poses.labels else (),
@@ -75,13 +82,13 @@ def validate_axes(
     def framed(of: Chain, rest: Observations) -> ArmState:
         """Return a chain with tool and bases by the poses that are left."""
         arm = placed(of.as_array(), forward(of, rest.joint_angles), rest)
-        return refine_plainly(arm, rest, frames, at_best.scatter)
+        return fit_unweighted(arm, rest, frames, at_best.scatter)
 
     def identified(rest: Observations, fold: int) -> ArmState | None:
         lines = _lines_without(fits, rested, method, of_fold, fold)
         if lines is None or len(np.unique(lines.joints)) < len(home):
             return None
-        left = np.flatnonzero((of_fold != fold) & (of_fold != _LEFT_OUT))
+        left = np.flatnonzero((of_fold != fold) & (of_fold != _EXCLUDED))
         try:
             links = link_targets(rested.take(left), poses.take(left), robot, lines, given, tolerance)
         except MotionInsufficient:
@@ -93,7 +100,7 @@ def validate_axes(
         assert nominal is not None
         return framed(nominal, rest)
 
-    return hold_out(
+    return cross_validate(
         seen.take(kept),
         of_fold[kept],
         identified,
@@ -124,4 +131,4 @@ def _lines_without(
         unit = 1.0 / np.maximum(np.linalg.norm(J, axis=0), 1e-300)
         inverse = unit[:, None] * np.linalg.pinv((J * unit).T @ (J * unit), hermitian=True) * unit
         blocks.append(inverse[:AXIS_PARAMETERS, :AXIS_PARAMETERS])
-    return lines_of([p.motion for p in arcs], [p.sweep for p in arcs], blocks) if arcs else None
+    return axes_from_motions([p.motion for p in arcs], [p.sweep for p in arcs], blocks) if arcs else None

@@ -1,13 +1,16 @@
-"""The fit of one arc, at given variances of the robot and given errors of the lens."""
+"""The fit of one arc at given variances of the robot and given errors of the lens, and its robust start."""
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 
 from core.errors import DegenerateGeometry, NotConverged
-from core.kinematics.arc import (
-    Measured,
+from core.geometry import so3_exp
+from core.kinematics.joint_axes.arc_model import (
+    ArcObservations,
     Motion,
     angle_derivative,
     jacobian,
@@ -15,15 +18,18 @@ from core.kinematics.arc import (
     residuals,
     with_angles,
 )
-from core.kinematics.arc_noise import ArcResiduals, Variances, weights
-from core.kinematics.arc_start import robust_start
-from core.kinematics.poses import PoseData
+from core.kinematics.joint_axes.closed_form import (
+    Motions,
+    motions_by_circle,
+    motions_by_encoder,
+    motions_by_rotations,
+)
+from core.kinematics.pose_observations import PoseData
 from core.kinematics.sweeps import Sweep
-from core.least_squares import fit
-from core.transforms import so3_exp
+from core.numerics import LinearResiduals, Variances, best_subset, fit, weights
 
 UNITS = Variances(1.0, 1e-6)
-"""What is assumed before anything is known: a millimetre weighs as much as a milliradian."""
+"""The variances assumed at the start: a millimetre weighs as much as a milliradian."""
 _EXACT = 1e-3  # in units of the noise assumed
 
 
@@ -44,7 +50,7 @@ class ArcProblem:
         self.encoder = sweep.angles - 0.5 * (sweep.angles[0] + sweep.angles[-1])
         self.used = np.ones(len(positions), dtype=np.bool_)
         self.motion: Motion
-        self.seen: Measured
+        self.seen: ArcObservations
 
     @classmethod
     def prepared(cls, poses: PoseData, sweep: Sweep, method: str) -> ArcProblem:
@@ -83,25 +89,25 @@ class ArcProblem:
         joint = self.sweep.joint + 1
         if found.status == "singular":
             raise DegenerateGeometry(
-                f"The sweep of joint {joint} does not tell its axis: too few poses are left, or they lie on it.",
+                f"The sweep of joint {joint} does not determine its axis: too few poses remain, or they lie on it.",
                 "Sweep a longer arc with more poses, with the camera away from the joint's axis.",
             )
         if not robust and not found.converged and self.rotations is None:
             raise DegenerateGeometry(
-                f"The positions of joint {joint}'s sweep do not settle on an axis: they hardly go round one.",
+                f"The axis of joint {joint} could not be fitted: the positions of its sweep hardly lie on an arc.",
                 "Mount the camera or reflector away from the joint's axis, or sweep a longer arc; or use rotations "
                 "(method screw or combined).",
             )
         if not robust and not found.converged:
             raise NotConverged(
-                f"The axis of joint {joint} does not settle: its poses do not go round.",
+                f"The axis of joint {joint} could not be fitted: its poses do not lie on an arc.",
                 "Check that these poses carry the right joint angles and show the right target.",
             )
         self.motion = found.state
 
-    def linear(self) -> ArcResiduals:
+    def linear(self) -> LinearResiduals:
         """Return what is left, unwhitened, of the poses that count."""
-        return ArcResiduals(
+        return LinearResiduals(
             self.own[self.used],
             residuals(self.motion, self.seen)[self.used],
             jacobian(self.motion, self.seen)[self.used],
@@ -129,4 +135,65 @@ class ArcProblem:
             positions = positions - error[:, :3]
             if rotations is not None:
                 rotations = np.array([so3_exp(-w) for w in error[:, 3:]]) @ rotations
-        self.seen = Measured(positions, rotations, self.encoder, W, self.free_angles)
+        self.seen = ArcObservations(positions, rotations, self.encoder, W, self.free_angles)
+
+
+_SLIGHT = 2e-3
+"""Of the arc's extent: where no pose is off by more, outliers cannot mislead the robust fit."""
+_SUBSET, _SUBSETS = 4, 80
+
+
+def robust_start(
+    positions: Float[np.ndarray, "n 3"],
+    rotations: Float[np.ndarray, "n 3 3"] | None,
+    encoder: Float[np.ndarray, " n"],
+    *,
+    free_angles: bool,
+) -> Motion:
+    """Return the closed form of all poses, or that of a few whose median residual is least where some look wrong.
+
+    Raises DegenerateGeometry where positions do not determine an axis.
+    """
+    count, m = len(positions), 3 if rotations is None else 6
+    extent = float(np.linalg.norm(np.ptp(positions, axis=0)))
+    arm = max(extent / max(float(np.ptp(encoder)), 0.1), 1.0)
+    unit = np.diag(([1.0] * 3 + [arm] * 3)[:m])  # a rotation counts as what it moves at the arm's length
+    seen = ArcObservations(positions, rotations, encoder, np.broadcast_to(unit, (count, m, m)), free_angles)
+
+    def of_all(some: Motion) -> Motion:
+        """Motions of some poses, taken to all: each at its encoder's angle, or free to turn from there."""
+        angles = some.angles
+        if angles.shape[1] != count:
+            angles = np.broadcast_to(encoder, (len(some.point), count))
+        return with_angles(replace(some, angles=angles), seen)
+
+    def lengths(motions: Motion) -> Float[np.ndarray, "b n"]:
+        return np.asarray(np.linalg.norm(residuals(motions, seen) @ unit, axis=2))
+
+    everything = _closed_forms(seen, np.arange(count)[None])
+    if everything.none[0]:
+        raise DegenerateGeometry(
+            "The positions of a sweep are not an arc: they lie on one point or line.",
+            "Mount the camera or reflector away from the joint's axis, and check that the joint turns; or use "
+            "rotations (method screw or combined).",
+        )
+    motion = of_all(everything.all)
+    off = lengths(motion)[0]
+    if count <= _SUBSET + 1 or float(off.max()) <= _SLIGHT * extent:
+        return motion.one(0)
+
+    def of_sets(sets: Int[np.ndarray, "s k"]) -> Float[np.ndarray, "s 1 n"]:
+        candidates = _closed_forms(seen, sets)
+        found = np.where(candidates.none[:, None], np.inf, lengths(of_all(candidates.all)))
+        return np.asarray(found[:, None])
+
+    chosen = best_subset(of_sets, off[None], size=_SUBSET, number=_SUBSETS)
+    return motion.one(0) if chosen is None else of_all(_closed_forms(seen, chosen[None]).all).one(0)
+
+
+def _closed_forms(seen: ArcObservations, members: np.ndarray) -> Motions:
+    """Return the motions of sets of an arc's poses, `members` (b, n)."""
+    positions, encoder = seen.positions[members], seen.encoder[members]
+    if seen.rotations is not None:
+        return motions_by_rotations(positions, seen.rotations[members], encoder, free_angles=seen.free_angles)
+    return (motions_by_circle if seen.free_angles else motions_by_encoder)(positions, encoder)

@@ -19,10 +19,9 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float, Int
 
-from core.kinematics.arc import rotations_about
-from core.kinematics.common_normals import Axes
+from core.geometry import hat, hats, rotations_about, so3_exp
+from core.kinematics.circle_point_analysis.common_normals import Axes
 from core.kinematics.sweeps import Sweep
-from core.transforms import hat, so3_exp
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,7 +47,7 @@ class Lines:
         return Lines(points, directions, self.bases, self.roots, self.joints, self.settings, self.targets)
 
 
-def common_home(sweeps: Sequence[Sweep], joints: int, tolerance: float) -> Float[np.ndarray, " j"]:
+def find_home(sweeps: Sequence[Sweep], joints: int, tolerance: float) -> Float[np.ndarray, " j"]:
     """Return for each joint the angle (rad) at which it rests in most poses of the others' sweeps."""
     home = np.zeros(joints)
     for joint in range(joints):
@@ -116,13 +115,6 @@ def home_derivatives(
         twists[joint, 3:] = E_axis @ step[2:]
         twists[joint, :3] = E_axis @ step[:2] + hat(axes.points[joint]) @ twists[joint, 3:]
     return twists
-
-
-def hats(vectors: Float[np.ndarray, "k 3"]) -> Float[np.ndarray, "k 3 3"]:
-    """Return [w]× of each."""
-    K = np.zeros((len(vectors), 3, 3))
-    K[:, 2, 1], K[:, 0, 2], K[:, 1, 0] = vectors.T
-    return np.asarray(K - K.swapaxes(1, 2))
 
 
 def _turns(

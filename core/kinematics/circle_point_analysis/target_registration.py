@@ -1,11 +1,14 @@
-"""What targets are to one another, before any chain is known.
+"""Transforms between targets, before any chain is known.
 
-By poses: where two targets were measured at once each pair gives T_first_target = T_first_camera T_target_camera⁻¹. Of
-one image that shows both, a pair has the image's noise alone; of two images, at the same joint angles, the robot came
-there twice, and its own scatter is in the pair two times. By arcs: a joint that was swept on either target, the joints
-before it resting at the same angles, has one axis, known in both frames; two such axes that are not parallel tell the
-transform: the rotation from directions (Wahba's problem, by SVD), then the translation from points, each of which has
-to lie on its line. Where both tell it, each has its weight.
+From poses: each pair of poses of two targets gives T_first_target = T_first_camera T_target_camera⁻¹. A pair from one
+image that shows both targets has the noise of that image alone. A pair from two images at the same joint angles has the
+robot's scatter twice, since the robot moved there twice.
+
+From arcs: a joint that was swept on both targets, with the joints before it at the same angles, has one axis, known in
+both frames. Two such axes that are not parallel determine the transform: the rotation from directions (Wahba's problem,
+by SVD), then the translation from points, each of which has to lie on its line.
+
+Where poses and arcs both determine the transform, each is weighted by its covariance.
 
 References: G. Wahba, SIAM Review 7 (1965) 409; S. Umeyama, IEEE PAMI 13 (1991) 376-380, 10.1109/34.88573.
 """
@@ -19,17 +22,15 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from core.errors import MotionInsufficient
-from core.kinematics.arc_noise import Variances
-from core.kinematics.home import Lines
-from core.kinematics.poses import PoseData
-from core.transforms import hat, invert, nearest_rotation, so3_exp, so3_log, transform, transform_mean
+from core.geometry import hat, invert, nearest_rotation, perturbed, so3_log, transform, transform_mean
+from core.kinematics.circle_point_analysis.home_configuration import Lines
+from core.kinematics.pose_observations import PoseData
+from core.numerics import Variances
 
 STEP_MM, STEP_RAD = 1e-4, 1e-7
 """Of differences by lines: far below any axis' uncertainty, far above rounding."""
-_SAME = 1e-6  # rad: joint angles that were commanded alike
-_LEAST_SPREAD = (
-    0.1  # second singular value of the directions, for each line: below, they are as good as parallel
-)
+_SAME = 1e-6  # rad: joint angles that were commanded as the same
+_LEAST_SPREAD = 0.1  # second singular value of the directions, for each line: below, they count as parallel
 _ADVICE = (
     "Add images that show both targets at once; or sweep two joints whose axes are not parallel on either target, with "
     "the joints before them at the same angles; or state the transform."
@@ -61,12 +62,12 @@ def link_targets(
     given: Given | None,
     tolerance: float,
 ) -> dict[int, TargetLink]:
-    """Return how every target lies to the first: as given, else by poses and by arcs.
+    """Return the transform of every target to the first: as given, else by poses and by arcs.
 
     `poses` are those that the arcs were fitted to, `measured` the same before their joints were set at rest, `scatter`
     what the robot does differently each time.
 
-    Raises MotionInsufficient where nothing ties a target that arcs were seen on.
+    Raises MotionInsufficient where a target that arcs were seen on cannot be linked.
     """
     targets = poses.targets
     first = int(targets.min())
@@ -79,7 +80,7 @@ def link_targets(
         of_poses = _by_poses(poses, measured, scatter, first, target)
         pairs = shared_axes(lines, first, target, tolerance)
         of_arcs = None
-        if len(pairs) and (of_poses is None or _tell(lines, pairs)):
+        if len(pairs) and (of_poses is None or _determines_transform(lines, pairs)):
             of_arcs = TargetLink(by_arcs(lines, pairs), np.zeros((6, 6)), len(pairs), _by_lines(lines, pairs))
         if of_poses is not None:
             links[target] = of_poses if of_arcs is None else _together(of_poses, of_arcs, lines)
@@ -87,7 +88,8 @@ def link_targets(
             links[target] = of_arcs
         elif np.any(lines.targets == target):
             raise MotionInsufficient(
-                f"Nothing tells how target {target + 1} lies to target {first + 1}.", _ADVICE
+                f"The poses do not determine the transform from target {target + 1} to target {first + 1}.",
+                _ADVICE,
             )
     return links
 
@@ -98,11 +100,11 @@ def by_arcs(lines: Lines, pairs: Int[np.ndarray, "p 2"]) -> Float[np.ndarray, "4
     Raises MotionInsufficient where these are parallel.
     """
     n, M = lines.directions[pairs[:, 0]], _wahba(lines, pairs)
-    if not _tell(lines, pairs):
+    if not _determines_transform(lines, pairs):
         raise MotionInsufficient(
             f"All joints that were swept on target {int(lines.targets[pairs[0, 0]]) + 1} and on target "
-            f"{int(lines.targets[pairs[0, 1]]) + 1} have parallel axes: these do not tell how the targets lie to one "
-            "another.",
+            f"{int(lines.targets[pairs[0, 1]]) + 1} have parallel axes, which do not determine the transform "
+            "between the targets.",
             _ADVICE,
         )
     R = nearest_rotation(M)
@@ -127,8 +129,8 @@ def _wahba(lines: Lines, pairs: Int[np.ndarray, "p 2"]) -> Float[np.ndarray, "3 
     return lines.directions[pairs[:, 0]].T @ lines.directions[pairs[:, 1]]
 
 
-def _tell(lines: Lines, pairs: Int[np.ndarray, "p 2"]) -> bool:
-    """Tell whether the axes are not all parallel."""
+def _determines_transform(lines: Lines, pairs: Int[np.ndarray, "p 2"]) -> bool:
+    """Return whether the axes determine the transform: whether they are not all parallel."""
     singular = np.linalg.svd(_wahba(lines, pairs), compute_uv=False)
     return bool(singular[1] > _LEAST_SPREAD**2 * len(pairs))
 
@@ -148,12 +150,8 @@ def _from(T: Float[np.ndarray, "4 4"], other: Float[np.ndarray, "4 4"]) -> Float
     return np.array([*(other[:3, 3] - T[:3, 3]), *so3_log(other[:3, :3] @ T[:3, :3].T)])
 
 
-def _after(T: Float[np.ndarray, "4 4"], step: Float[np.ndarray, "6"]) -> Float[np.ndarray, "4 4"]:
-    return transform(so3_exp(step[3:]) @ T[:3, :3], T[:3, 3] + step[:3])
-
-
 def _together(of_poses: TargetLink, of_arcs: TargetLink, lines: Lines) -> TargetLink:
-    """Return what both tell, weighted by the covariance of either, that of the arcs one by one."""
+    """Return the mean of both links, weighted by the covariance of each, that of the arcs one by one."""
     J = of_arcs.by_arcs
     assert J is not None
     blocks = J.reshape(6, -1, 4).swapaxes(0, 1) @ np.linalg.inv(lines.roots)
@@ -161,7 +159,7 @@ def _together(of_poses: TargetLink, of_arcs: TargetLink, lines: Lines) -> Target
     gain = np.linalg.solve((of_poses.covariance + C).T, of_poses.covariance.T).T
     kept = np.eye(6) - gain
     return TargetLink(
-        _after(of_poses.T_first_target, gain @ _from(of_poses.T_first_target, of_arcs.T_first_target)),
+        perturbed(of_poses.T_first_target, gain @ _from(of_poses.T_first_target, of_arcs.T_first_target)),
         kept @ of_poses.covariance @ kept.T,
         of_poses.pairs + of_arcs.pairs,
         gain @ J,
@@ -178,7 +176,7 @@ def _by_poses(
     pairs = np.concatenate([siblings, visits])
     if not len(pairs):
         return None
-    # An image that shows both needs no angles, and none of its two poses is to be moved without the other.
+    # An image that shows both needs no angles, and neither of its two poses may be moved without the other.
     seen = (measured,) * len(siblings) + (poses,) * len(visits)
     T_first, T_other = (
         np.array([_pose(of, int(i)) for of, i in zip(seen, column, strict=True)]) for column in pairs.T
@@ -187,23 +185,23 @@ def _by_poses(
     T = transform_mean(each)
     R = T[:3, :3]
     own = np.zeros((len(poses), 6, 6)) if poses.covariance is None else poses.covariance
-    beside = np.diag(scatter.diagonal(6))
-    information, told = np.zeros((6, 6)), np.zeros(6)
+    robot_covariance = np.diag(scatter.diagonal(6))
+    information, weighted_step = np.zeros((6, 6)), np.zeros(6)
     effects = []
     for k, ((a, b), T_b) in enumerate(zip(pairs, T_other, strict=True)):
         arm = hat(R @ T_b[:3, 3])
         of_first = np.block([[np.eye(3), arm], [np.zeros((3, 3)), np.eye(3)]])
         of_other = -of_first @ np.kron(np.eye(2), R)
         # Where nothing is known of the instrument, its noise is in the scatter as well.
-        extra = beside if k >= len(siblings) or poses.covariance is None else np.zeros((6, 6))
+        extra = robot_covariance if k >= len(siblings) or poses.covariance is None else np.zeros((6, 6))
         C = of_first @ (own[a] + extra) @ of_first.T + of_other @ (own[b] + extra) @ of_other.T
         inverse = np.linalg.inv(C)
         information += inverse
-        told += inverse @ _from(T, each[k])
+        weighted_step += inverse @ _from(T, each[k])
         if poses.common is not None:
             effects.append(inverse @ (of_first @ poses.common[a] + of_other @ poses.common[b]))
     covariance = np.linalg.inv(information)
-    T = _after(T, covariance @ told)
+    T = perturbed(T, covariance @ weighted_step)
     if effects:
         shared = covariance @ np.sum(effects, axis=0)
         covariance = covariance + shared @ shared.T

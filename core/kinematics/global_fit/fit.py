@@ -1,9 +1,9 @@
-"""Everything at once: chain, tool, bases and shared errors from all poses, robustly, with the robot's own scatter.
+"""Robust fit of chain, tool, bases and shared errors to all poses at once, with the robot's own scatter.
 
-Least squares of whitened residuals by `core.least_squares` (plain first, Cauchy weights and rejection at 4 MAD where
-something stands out) in turn with the variance components of `scatter`, until the variances rest. Columns that are held
-keep the start's value. Shared errors are parameters with unit priors, which makes "one lens, one error" exact: the
-poses are independent given the lens.
+Least squares of whitened residuals by `core.numerics.least_squares` (plain first, Cauchy weights and rejection at 4 MAD
+where there are outliers) alternate with the variance components of the robot, until the variances converge. Columns
+that are held keep the start's value. Shared errors are parameters with unit priors, which makes "one lens, one error"
+exact: the poses are independent given the lens.
 """
 
 from __future__ import annotations
@@ -13,14 +13,22 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float
 
-from core.kinematics.parameters import ArmState
-from core.kinematics.problem import Observations, Scatter, as_points, linearised, whitened, whitener
-from core.kinematics.scatter import SMALLEST, estimate_scatter
-from core.least_squares import MEDIAN_LENGTH, Fit, fit
+from core.kinematics.arm_model import ArmState
+from core.kinematics.global_fit.residuals import Observations, as_points, linearised, whitened, whitener
+from core.numerics import (
+    MEDIAN_LENGTH,
+    SMALLEST,
+    Fit,
+    LinearResiduals,
+    Variances,
+    covariance_of,
+    estimate_variances,
+    fit,
+)
 
-DEFAULT_SCATTER = Scatter(0.1**2, 1e-4**2)
+DEFAULT_SCATTER = Variances.of_deviations(0.1, 1e-4)
 """Where nothing is known of the noise: only the ratio counts, and only at first."""
-ROUNDS = 12
+MAX_ROUNDS = 12
 SETTLED = 0.02  # relative change of a standard deviation between rounds
 MANY_ITERATIONS = 100
 SMALLEST_SCALE = 1.0
@@ -28,8 +36,8 @@ SMALLEST_SCALE = 1.0
 
 
 @dataclass(frozen=True, slots=True)
-class Refined:
-    """The arm that explains the poses best, and what that rests on.
+class FitResult:
+    """The arm that fits the poses best, with its residuals, weights and covariance.
 
     `residuals` of all poses (observed - predicted), `jacobian` by all columns, `used` the poses that count,
     `information` and `covariance` over the `free` columns and the shared errors, at V = C + S.
@@ -37,7 +45,7 @@ class Refined:
 
     arm: ArmState
     free: Bool[np.ndarray, " p"]
-    scatter: Scatter
+    scatter: Variances
     residuals: Float[np.ndarray, "m n"]
     jacobian: Float[np.ndarray, "p m n"]
     used: Bool[np.ndarray, " n"]
@@ -47,8 +55,8 @@ class Refined:
 
 
 def refine(
-    start: ArmState, seen: Observations, free: Bool[np.ndarray, " p"], scatter: Scatter | None = None
-) -> Refined:
+    start: ArmState, seen: Observations, free: Bool[np.ndarray, " p"], scatter: Variances | None = None
+) -> FitResult:
     """Fit the `free` columns (shared errors always are) from `start`, and the scatter with them.
 
     `scatter` is where its estimation begins. Without it a plain fit comes first, of which nothing but the size of its
@@ -58,25 +66,31 @@ def refine(
     free[start.layout.kinematic :] = True
     arm = start
     S = _first_scatter(start, seen, free) if scatter is None else scatter
-    for _ in range(ROUNDS):
+    for _ in range(MAX_ROUNDS):
         result = _fitted(arm, seen, free, S)
         arm = result.state
         n = len(seen)
         used = result.used[:n] if len(result.used) == n else result.used[:n] & result.used[n:]
         r, J = linearised(arm, seen)
         information = information_of(seen, J, free, used, S)
-        covariance = inverse_of(information)
+        covariance = covariance_of(information)
         keep = np.flatnonzero(used)
-        found = estimate_scatter(seen.take(keep), r[:, keep], _leverage(J[free][:, :, keep], covariance), S)
-        rests = _ratio(found, S) < SETTLED
+        left = LinearResiduals(
+            seen.own[keep],
+            r[:, keep].T,
+            np.ascontiguousarray(J[free][:, :, keep].T),
+            covariance=covariance,
+        )
+        found = estimate_variances([left], S)
+        rests = found.near(S, SETTLED)
         S = found
         if rests:
             break
-    return Refined(arm, free, S, r, J, used, information, covariance, result.status)
+    return FitResult(arm, free, S, r, J, used, information, covariance, result.status)
 
 
-def refine_plainly(
-    start: ArmState, seen: Observations, free: Bool[np.ndarray, " p"], scatter: Scatter, iterations: int = 3
+def fit_unweighted(
+    start: ArmState, seen: Observations, free: Bool[np.ndarray, " p"], scatter: Variances, iterations: int = 3
 ) -> ArmState:
     """Return the arm after a few plain Gauss-Newton steps from near the minimum, at a known scatter."""
     free = free.copy()
@@ -92,7 +106,7 @@ def refine_plainly(
         if k:
             H[-k:, -k:] += np.eye(k)
             g[-k:] -= arm.shared
-        solved = inverse_of(H) @ g
+        solved = covariance_of(H) @ g
         step = np.zeros(arm.layout.size)
         step[free] = solved
         arm = arm.moved(step)
@@ -101,7 +115,7 @@ def refine_plainly(
     return arm
 
 
-def _first_scatter(start: ArmState, seen: Observations, free: Bool[np.ndarray, " p"]) -> Scatter:
+def _first_scatter(start: ArmState, seen: Observations, free: Bool[np.ndarray, " p"]) -> Variances:
     """Return the scatter by the medians of a plain fit's residuals, which some gross errors leave alone."""
     everything = np.ones(len(seen) * (seen.components // 3), dtype=np.bool_)
     r, _ = linearised(_fitted(start, seen, free, DEFAULT_SCATTER, everything).state, seen)
@@ -110,17 +124,17 @@ def _first_scatter(start: ArmState, seen: Observations, free: Bool[np.ndarray, "
     found: list[float] = []
     for part, least in ((slice(0, 3), SMALLEST.position), (slice(3, 6), SMALLEST.rotation)):
         if part.start >= seen.components:
-            return Scatter(found[0], DEFAULT_SCATTER.rotation)
+            return Variances(found[0], DEFAULT_SCATTER.rotation)
         median = float(np.median(np.sum(r[part] ** 2, axis=0))) / MEDIAN_LENGTH[3] ** 2
         found.append(max(growth * median - float(np.median(own[:, part].mean(axis=1))), least))
-    return Scatter(*found)
+    return Variances(*found)
 
 
 def _fitted(
     start: ArmState,
     seen: Observations,
     free: Bool[np.ndarray, " p"],
-    scatter: Scatter,
+    scatter: Variances,
     used: Bool[np.ndarray, " q"] | None = None,
 ) -> Fit[ArmState]:
     W = whitener(seen, scatter)
@@ -157,7 +171,7 @@ def information_of(
     J: Float[np.ndarray, "p m n"],
     free: Bool[np.ndarray, " p"],
     used: Bool[np.ndarray, " n"],
-    scatter: Scatter,
+    scatter: Variances,
 ) -> Float[np.ndarray, "f f"]:
     """Return the information on the free columns, the shared errors' priors included."""
     Jw = (whitened(whitener(seen, scatter), J[free]) * used).reshape(int(free.sum()), -1)
@@ -166,27 +180,3 @@ def information_of(
     if k:
         H[-k:, -k:] += np.eye(k)
     return np.asarray(H)
-
-
-def _leverage(
-    J: Float[np.ndarray, "f m n"], covariance: Float[np.ndarray, "f f"]
-) -> Float[np.ndarray, "n m m"]:
-    """Return J Σ Jᵀ of every pose."""
-    f, m, n = J.shape
-    half = np.ascontiguousarray(J.transpose(2, 1, 0)).reshape(n * m, f)
-    return (half @ covariance).reshape(n, m, f) @ half.reshape(n, m, f).transpose(0, 2, 1)
-
-
-def inverse_of(H: Float[np.ndarray, "f f"]) -> Float[np.ndarray, "f f"]:
-    """Invert an information matrix by way of its unit diagonal; what it does not tell gets a huge variance."""
-    unit = 1.0 / np.sqrt(np.maximum(np.diag(H), 1e-300))
-    values, vectors = np.linalg.eigh(H * np.outer(unit, unit))
-    half = unit[:, None] * vectors / np.sqrt(np.maximum(values, 1e-15 * values[-1]))
-    return np.asarray(half @ half.T)
-
-
-def _ratio(a: Scatter, b: Scatter) -> float:
-    """Return the largest relative change of a standard deviation."""
-    return max(
-        abs(a.position - b.position) / (2.0 * a.position), abs(a.rotation - b.rotation) / (2.0 * a.rotation)
-    )

@@ -1,8 +1,8 @@
-"""Do joint angles and measured poses tell of the same turns: radians given for degrees, joints that do not turn.
+"""Consistency of joint angles with measured poses: radians given as degrees, joints that do not turn.
 
-Sweeps tell it joint by joint (`check_angles`), whatever the robot. Poses at which all joints moved tell it by the
-nominal robot (`check_against_nominal`): it explains them far better with the angles in the other unit, or with one
-joint at rest.
+`check_angles` compares them joint by joint, from sweeps, for any robot. `check_against_nominal` is for poses at which
+all joints moved: the nominal robot explains them far better with the angles in the other unit, or with one joint at
+rest.
 """
 
 from __future__ import annotations
@@ -15,20 +15,20 @@ import numpy as np
 from jaxtyping import Float
 from scipy.spatial.transform import Rotation
 
-from core.errors import DegenerateGeometry, JointAnglesInconsistent, JointAnglesUnit, PrismaticJoint
-from core.kinematics.circle import fit_circle
+from core.errors import DegenerateGeometry, JointAnglesInconsistent, JointAnglesUnitMismatch, PrismaticJoint
 from core.kinematics.dh import Chain, forward
-from core.kinematics.poses import PoseData
-from core.kinematics.problem import Observations, linearised, observations_of, placed
+from core.kinematics.global_fit import Observations, linearised, observations_of, placed
+from core.kinematics.joint_axes import fit_circle
+from core.kinematics.pose_observations import PoseData
 from core.kinematics.sweeps import Sweep
 
 _WITHIN = 0.2  # relative: a measured turn that differs by more is not this joint's
-_STILL = 0.1  # of the joint's angle: a smaller turn is none
+_STILL = 0.1  # of the joint's angle: a smaller turn counts as no turn
 _RADIANS = 180.0 / math.pi
 _LARGEST_RADIAN = 2.0 * math.pi * math.pi / 180.0  # 2 π taken for degrees, in rad
 _PAIRS = 500
 _NEAR = 0.02
-"""Of the positions' extent, and rad: a nominal robot that comes so near is meant."""
+"""Of the positions' extent, and rad: a nominal robot whose misfit is smaller is taken to be this robot."""
 _FAR_BETTER = 0.2
 _MOVED_MM = 1.0  # positions that move less may be on the axis
 
@@ -36,8 +36,8 @@ _MOVED_MM = 1.0  # positions that move less may be on the axis
 def check_angles(poses: PoseData, sweeps: Sequence[Sweep]) -> None:
     """Compare the turns of the joints with those that were measured.
 
-    Raises JointAnglesUnit where the angles are in another unit, PrismaticJoint where poses move along a line while a
-    joint's value changes, JointAnglesInconsistent where the turns differ otherwise.
+    Raises JointAnglesUnitMismatch where the angles are in another unit, PrismaticJoint where poses move along a line
+    while a joint's value changes, JointAnglesInconsistent where the turns differ otherwise.
     """
     ratios: dict[int, float] = {}
     for sweep in sweeps:
@@ -47,11 +47,11 @@ def check_angles(poses: PoseData, sweeps: Sequence[Sweep]) -> None:
             ratios.setdefault(sweep.joint, ratio)
     small = bool(np.all(np.abs(poses.joint_angles) < _LARGEST_RADIAN))
     if small and (_like(list(ratios.values()), _RADIANS) or (not ratios and _turned_further(poses))):
-        raise JointAnglesUnit(
+        raise JointAnglesUnitMismatch(
             "The joint angles are all below 2π as degrees, while the poses turned by far more: they look like radians."
         )
     if _like(list(ratios.values()), 1.0 / _RADIANS):
-        raise JointAnglesUnit(
+        raise JointAnglesUnitMismatch(
             "The poses turned 57 times less than the joint angles say: these look like degrees taken for radians.",
             "Give the joint angles in the unit that is asked for.",
         )
@@ -74,7 +74,7 @@ def check_against_nominal(poses: PoseData, nominal: Chain) -> None:
 
     Nothing is asked of poses that it explains to `_NEAR`, or that it explains no better otherwise.
 
-    Raises JointAnglesUnit and PrismaticJoint as `check_angles` does.
+    Raises JointAnglesUnitMismatch and PrismaticJoint as `check_angles` does.
     """
     seen, q = observations_of(poses), poses.joint_angles
     as_given = _misfit(nominal, q, seen)
@@ -88,7 +88,7 @@ def check_against_nominal(poses: PoseData, nominal: Chain) -> None:
     ):
         other = _misfit(nominal, factor * q, seen) if possible else as_given
         if other.position_mm < _FAR_BETTER * as_given.position_mm:
-            raise JointAnglesUnit(
+            raise JointAnglesUnitMismatch(
                 f"The nominal robot is off the poses by {as_given.position_mm:.3g} mm, and by {other.position_mm:.3g} "
                 f"mm if the angles are in the other unit: {words}.",
                 "Give the joint angles in the unit that is asked for: degrees over HTTP.",
@@ -129,7 +129,7 @@ def _like(ratios: Sequence[float], value: float) -> bool:
 
 
 def _turn_ratio(poses: PoseData, sweep: Sweep) -> float | None:
-    """Return by how much more the poses turn than the joint, of neighbouring angles; None where that cannot be told."""
+    """Return the ratio of the poses' turns to the joint's, of neighbouring angles; None where it is not determined."""
     moves = np.diff(sweep.angles)
     apart = moves > 0.02 * sweep.arc
     if poses.rotations is not None:
@@ -153,7 +153,7 @@ def _turns_on_circle(positions: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "
 
 
 def _turned_further(poses: PoseData) -> bool:
-    """Tell whether most pairs of poses differ by more rotation than all joints' turns together could make."""
+    """Return whether most pairs of poses differ by more rotation than all joints' turns together could make."""
     if poses.rotations is None or len(poses) < 2:
         return False
     rng = np.random.default_rng(0)

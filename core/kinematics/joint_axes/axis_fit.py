@@ -1,13 +1,14 @@
 """Joint axes from sweeps, with covariance: circle, screw, or combined with the encoder's angles.
 
-Each arc (one sweep on one target) is fitted by itself as the motion of `arc`, weighted by the poses' covariances. Then
-what the arcs have in common is told:
+Each arc (one sweep on one target) is fitted by itself as the motion of `arc_model`, weighted by the poses' covariances.
+Then the quantities that the arcs have in common are estimated:
 
 - The robot's own scatter, and all that a covariance may not know of: variances of position and of rotation, isotropic,
-  by restricted maximum likelihood over all arcs (`arc_noise`). They enter the weights, and the fit is repeated.
+  by restricted maximum likelihood over all arcs (`core.numerics.variance_components`). They enter the weights, and
+  the fit is repeated.
 - Wrong poses: beyond the distance that one of 100,000 exceeds, of all arcs' poses together.
 - The errors λ common to all poses, of unit variance each: with G_a = Σ J'PC and Σ_a the covariance of arc a alone,
-  Λ = 1 + Σ_a (F_a - G_a'Σ_a G_a), λ = Λ⁻¹ Σ_a C'P r. Arcs have to be circles whatever the lens, and so tell of it.
+  Λ = 1 + Σ_a (F_a - G_a'Σ_a G_a), λ = Λ⁻¹ Σ_a C'P r. Arcs are circles for any lens, which informs λ.
 
 The covariance is carried from the poses to all axes together, pose by pose, so that a home pose that serves several
 arcs is counted as the one measurement it is.
@@ -21,24 +22,23 @@ from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Bool, Float
-from scipy import stats
+from scipy.special import chdtri
 
-from core.errors import Advisory, ArcTooShort, DegenerateGeometry, InvalidArgument, RotationsMissing
-from core.kinematics.arc import AXIS_PARAMETERS, Motion, linearised, residuals
-from core.kinematics.arc_fit import ArcProblem
-from core.kinematics.arc_noise import Variances, estimate_variances, floor
-from core.kinematics.poses import PoseData
+from core.errors import Advisory, ArcTooShort, DegenerateGeometry, InvalidArgument, RotationsMissing, listed
+from core.kinematics.joint_axes.arc_fit import ArcProblem
+from core.kinematics.joint_axes.arc_model import AXIS_PARAMETERS, Motion, linearised, residuals
+from core.kinematics.pose_observations import PoseData
 from core.kinematics.sweeps import Sweep
-from core.least_squares import MEDIAN_LENGTH
+from core.numerics import MEDIAN_LENGTH, SMALLEST, Variances, estimate_variances
 
 METHODS = ("cpa", "screw", "combined")
 LEAST_ARC = {"cpa": math.radians(60.0), "screw": math.radians(10.0), "combined": math.radians(10.0)}
-"""Shorter arcs are refused: a short piece of a circle does not tell its centre, while encoder or rotations do."""
+"""Shorter arcs are rejected: a short piece of a circle does not determine its centre; encoder or rotations do."""
 LEAST_POSES = {"cpa": 4, "screw": 3, "combined": 3}
 _SHORT = math.radians(0.1)  # an arc of 60° may end a little early
 _REJECTED = 1e-5  # share of good poses that may be lost
 _PASSES = 8
-_LARGEST_DOUBT = (
+_MAX_DIRECTION_UNCERTAINTY = (
     0.1  # rad, of an axis that is an answer; covariance by first order means something up to there
 )
 _SETTLED = 0.01  # relative change of a standard deviation
@@ -96,8 +96,8 @@ def fit_axes(
     poses that differ little.
 
     Raises InvalidArgument for another method, RotationsMissing for screws of positions alone, ArcTooShort where no arc
-    of a joint is long enough or has poses enough, DegenerateGeometry where positions do not tell an axis, NotConverged
-    where a fit does not settle.
+    of a joint is long enough or has poses enough, DegenerateGeometry where positions do not determine an axis,
+    NotConverged where a fit does not settle.
     """
     if method not in METHODS:
         raise InvalidArgument(f"There is no method {method!r} here.", f"Use one of {', '.join(METHODS)}.")
@@ -113,7 +113,6 @@ def fit_axes(
         for arc, earlier in zip(arcs, begin.arcs, strict=True):
             arc.resume(earlier.motion, earlier.used)
         variances = begin.variances
-    kinds = 1 if arcs[0].rotations is None else 2
     shared = np.zeros(arcs[0].common.shape[2])
     for attempt in range(_PASSES):
         for arc in arcs:
@@ -122,7 +121,7 @@ def fit_axes(
         for arc in arcs:
             arc.refine(variances, shared, robust=False)
         former, before = variances, shared
-        variances = estimate_variances([arc.linear() for arc in arcs], variances, kinds)
+        variances = estimate_variances([arc.linear() for arc in arcs], variances)
         shared = _shared(arcs, shared)
         if attempt and variances.near(former, _SETTLED) and np.all(np.abs(shared - before) < 1e-3):
             break
@@ -146,9 +145,9 @@ def _long_enough(sweeps: Sequence[Sweep], method: str) -> tuple[list[Sweep], tup
         if len(good) < len(of_joint):
             warnings.append(
                 Advisory(
-                    "arc_left_out",
+                    "arc_excluded",
                     f"{len(of_joint) - len(good)} of {len(of_joint)} sweeps of joint {joint + 1} are shorter than "
-                    f"{math.degrees(limit):.0f}° or have fewer than {least} poses, and were left out.",
+                    f"{math.degrees(limit):.0f}° or have fewer than {least} poses, and were excluded.",
                 )
             )
         usable += good
@@ -157,15 +156,14 @@ def _long_enough(sweeps: Sequence[Sweep], method: str) -> tuple[list[Sweep], tup
 
 def _first_variances(arcs: Sequence[ArcProblem], *, known: bool) -> Variances:
     """Return what the robot adds at first: nothing, or where no covariance is known what medians of residuals say."""
-    least = floor()
     if known:
-        return least
+        return SMALLEST
     off = np.concatenate([residuals(arc.motion, arc.seen) for arc in arcs])
     lengths = np.linalg.norm(off.reshape(len(off), -1, 3), axis=2)
     found = (np.median(lengths, axis=0) / MEDIAN_LENGTH[3]) ** 2
     return Variances(
-        max(float(found[0]), least.position),
-        max(float(found[-1]), least.rotation) if len(found) > 1 else least.rotation,
+        max(float(found[0]), SMALLEST.position),
+        max(float(found[-1]), SMALLEST.rotation) if len(found) > 1 else SMALLEST.rotation,
     )
 
 
@@ -173,8 +171,8 @@ def _reject(arcs: Sequence[ArcProblem]) -> None:
     """Mark the poses that count: those within the distance of good ones, in units of the noise that most show."""
     components = arcs[0].seen.components
     distances = [arc.distances() for arc in arcs]
-    noise = float(np.median(np.concatenate(distances))) / float(stats.chi2.median(components))
-    limit = max(noise, 1.0) * float(stats.chi2.isf(_REJECTED, components))
+    noise = float(np.median(np.concatenate(distances))) / float(chdtri(components, 0.5))
+    limit = max(noise, 1.0) * float(chdtri(components, _REJECTED))
     for arc, squared in zip(arcs, distances, strict=True):
         arc.used = np.asarray(squared <= limit)
 
@@ -183,13 +181,13 @@ def _shared(arcs: Sequence[ArcProblem], before: Float[np.ndarray, " k"]) -> Floa
     """Return the errors common to all poses, in their standard deviations."""
     if not len(before):
         return before
-    information, told = np.eye(len(before)), np.zeros(len(before))
+    information, weighted = np.eye(len(before)), np.zeros(len(before))
     for arc in arcs:
         r, J, C = arc.whitened()
         kept = C - J @ np.linalg.lstsq(J, C, rcond=None)[0]
         information += kept.T @ kept
-        told += kept.T @ (r + C @ before)
-    return np.linalg.solve(information, told)
+        weighted += kept.T @ (r + C @ before)
+    return np.linalg.solve(information, weighted)
 
 
 def _summary(
@@ -231,17 +229,17 @@ def _summary(
     spread = np.einsum("anm,nmo->ano", gain, V).reshape(count, -1)
     covariance = spread @ gain.reshape(count, -1).T + S @ S.T
     bases = np.array([arc.motion.basis[:, :2] for arc in arcs])
-    _require_told(arcs, covariance)
+    _require_determined(arcs, covariance)
     found = tuple(
         _fit_of(arc, bases[i], covariance[4 * i : 4 * i + 4, 4 * i : 4 * i + 4]) for i, arc in enumerate(arcs)
     )
     rejected = sorted({int(p) for arc in arcs for p in arc.sweep.poses[~arc.used]})
     if rejected:
-        some = ", ".join(poses.label(i) for i in rejected[:5]) + (", ..." if len(rejected) > 5 else "")
+        some = listed([poses.label(i) for i in rejected])
         warnings += (
             Advisory(
-                "poses_rejected",
-                f"{len(rejected)} poses do not lie on their joint's arc and were left out: {some}.",
+                "pose_outliers",
+                f"{len(rejected)} poses do not lie on their joint's arc and were rejected: {some}.",
                 "Check that these poses carry the right joint angles and show the right target.",
             ),
         )
@@ -256,15 +254,15 @@ def _summary(
     )
 
 
-def _require_told(arcs: Sequence[ArcProblem], covariance: Float[np.ndarray, "q q"]) -> None:
-    """Raise DegenerateGeometry where an arc leaves its axis as good as open."""
-    doubt = np.sqrt(np.diag(covariance)).reshape(-1, AXIS_PARAMETERS)[:, 2:].max(axis=1)
-    worst = int(np.argmax(doubt))
-    if doubt[worst] > _LARGEST_DOUBT:
+def _require_determined(arcs: Sequence[ArcProblem], covariance: Float[np.ndarray, "q q"]) -> None:
+    """Raise DegenerateGeometry where an arc hardly determines its axis."""
+    uncertainty = np.sqrt(np.diag(covariance)).reshape(-1, AXIS_PARAMETERS)[:, 2:].max(axis=1)
+    worst = int(np.argmax(uncertainty))
+    if uncertainty[worst] > _MAX_DIRECTION_UNCERTAINTY:
         arc = arcs[worst]
         raise DegenerateGeometry(
             f"The sweep of joint {arc.sweep.joint + 1} leaves the direction of its axis uncertain by "
-            f"{math.degrees(doubt[worst]):.0f}°: it is {math.degrees(arc.sweep.arc):.0f}° at a radius of "
+            f"{math.degrees(uncertainty[worst]):.0f}°: it is {math.degrees(arc.sweep.arc):.0f}° at a radius of "
             f"{arc.motion.radius:.3g} mm.",
             "Mount the camera or reflector away from the joint's axis, or sweep a longer arc; or use rotations "
             "(method screw or combined).",

@@ -1,6 +1,4 @@
-"""How each link is described, decided on predicted uncertainties: Hayati's form between near parallel axes, and which
-of these are one line.
-"""
+"""The type of each link, decided on predicted uncertainties: common normal, Hayati's form, or coincident axes."""
 
 from __future__ import annotations
 
@@ -9,16 +7,16 @@ import math
 import numpy as np
 from jaxtyping import Float
 
-from core.kinematics.common_normals import Axes, LinkForm, choose_signs, feet
+from core.kinematics.circle_point_analysis.common_normals import Axes, LinkForm, choose_signs, feet
+from core.kinematics.circle_point_analysis.covariance import UncertainAxes
+from core.kinematics.circle_point_analysis.target_registration import STEP_RAD
 from core.kinematics.dh import Chain, nearly_parallel
-from core.kinematics.link_targets import STEP_RAD
-from core.kinematics.uncertain_axes import UncertainAxes
 
 _LARGEST_TURN = 0.1
 """rad: where x' between parallel axes is more uncertain than this, they are taken for one line."""
 
 
-def choose_forms(
+def classify_links(
     uncertain: UncertainAxes, home: Float[np.ndarray, " j"], nominal: Chain | None
 ) -> tuple[LinkForm, ...]:
     """Return the form of each link but the last, at joint angles `home` (rad)."""
@@ -28,12 +26,14 @@ def choose_forms(
         return ()
     alphas = [_angle(axes, i) for i in range(count)]
     sigma_d = np.full(count, np.inf)
-    told = [i for i in range(count) if feet(axes, i)[2] > 10.0 * STEP_RAD]
-    if told:
-        slides = uncertain.carry(lambda at: np.array([feet(at, i)[0] for i in told]))
-        sigma_d[told] = np.sqrt(np.diag(slides))
+    inclined = [i for i in range(count) if feet(axes, i)[2] > 10.0 * STEP_RAD]
+    if inclined:
+        slides = uncertain.propagate_covariance(lambda at: np.array([feet(at, i)[0] for i in inclined]))
+        sigma_d[inclined] = np.sqrt(np.diag(slides))
     parallel = [nearly_parallel(alphas[i], float(sigma_d[i])) for i in range(count)]
-    offsets = uncertain.carry(lambda at: np.concatenate([_offset(at, axes, i) for i in range(count)]))
+    offsets = uncertain.propagate_covariance(
+        lambda at: np.concatenate([_offset(at, axes, i) for i in range(count)])
+    )
     sigma_a = np.sqrt(np.diag(offsets)).reshape(count, 3).max(axis=1)
     length = [float(np.linalg.norm(_offset(axes, axes, i))) for i in range(count)]
     coincident = [

@@ -1,10 +1,10 @@
-"""Held-out validation: how well an identified arm predicts poses that had no part in its identification.
+"""Cross-validation: how well an identified arm predicts poses that were not used to identify it.
 
-Poses are dealt into folds, all poses of one joint configuration into the same, so that no repeat tells of the one held
-out; joint angles may be encoder readings, which differ a little at every visit. For each fold the arm is fitted to the
-rest, begun at the fit of all (its minimum is its own), and compared with the fold; the nominal chain likewise, with
-only its tool and bases fitted. What all poses share (the lens) is fitted with the rest and taken off both sides. Poses
-that the fit of all leaves out as gross errors are not predicted, which is said with the figures: `left_out`.
+Poses are assigned to folds, all poses of one joint configuration to the same fold, so that no repeat of a held-out pose
+is fitted. Joint angles may be encoder values, which differ a little at every visit. For each fold the arm is fitted to
+the other poses, starting at the fit of all poses, and compared with the fold; so is the nominal chain, of which only
+tool and bases are fitted. Errors common to all poses (the lens) are fitted with the other poses and subtracted on both
+sides. Poses that the fit of all poses rejects as gross errors are not predicted; `excluded` is their number.
 """
 
 from __future__ import annotations
@@ -19,9 +19,10 @@ from jaxtyping import Bool, Float, Int
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
-from core.kinematics.parameters import ArmState
-from core.kinematics.problem import Observations, Scatter, linearised
-from core.kinematics.refinement import refine_plainly
+from core.kinematics.arm_model import ArmState
+from core.kinematics.global_fit.fit import fit_unweighted
+from core.kinematics.global_fit.residuals import Observations, linearised
+from core.numerics import Variances
 
 FOLDS = 5
 SAME_CONFIGURATION = math.radians(0.05)
@@ -30,7 +31,7 @@ _SEED = 9283  # which poses share a fold is a matter of chance, the same at ever
 
 
 @dataclass(frozen=True, slots=True)
-class HeldOut:
+class HoldOutError:
     """Rms distance of positions (mm) and angle of rotations (rad; None for positions alone) from their prediction."""
 
     position_rms_mm: float
@@ -39,15 +40,15 @@ class HeldOut:
 
 @dataclass(frozen=True, slots=True)
 class Validation:
-    """Identified and nominal chain on poses that neither was fitted to; `held_out` poses in `folds` parts, without the
-    `left_out` ones that the fit of all poses has for gross errors.
+    """Errors of the identified and the nominal chain at poses that neither was fitted to: `held_out` poses in `folds`
+    folds. The fit of all poses rejected `excluded` poses as gross errors; they are not held out.
     """
 
-    identified: HeldOut
-    nominal: HeldOut | None
+    identified: HoldOutError
+    nominal: HoldOutError | None
     held_out: int
     folds: int
-    left_out: int
+    excluded: int
 
 
 Fitted = Callable[[Observations, int], ArmState | None]
@@ -59,15 +60,15 @@ def validate(
     nominal: ArmState | None,
     seen: Observations,
     free: Bool[np.ndarray, " p"],
-    scatter: Scatter,
+    scatter: Variances,
     folds: int = FOLDS,
-    left_out: int = 0,
+    excluded: int = 0,
     labels: Sequence[str] = (),
 ) -> Validation | None:
     """Return the held-out errors of a fit of all poses at once; None where there are too few configurations to hold any
     out. `labels` are the poses' names, if they have any.
     """
-    of_fold = deal(seen.joint_angles, folds, labels)
+    of_fold = assign_folds(seen.joint_angles, folds, labels)
     least = int(free[: arm.layout.kinematic].sum())
     count = int(of_fold.max()) + 1
     if count < folds or (len(seen) - np.bincount(of_fold).max()) * seen.components < 1.2 * least:
@@ -77,15 +78,15 @@ def validate(
     compared: Fitted | None = None
     if nominal is not None:
         compared = partial(_refined, nominal, of_frames, scatter)
-    return hold_out(seen, of_fold, partial(_refined, arm, free, scatter), compared, left_out)
+    return cross_validate(seen, of_fold, partial(_refined, arm, free, scatter), compared, excluded)
 
 
-def hold_out(
+def cross_validate(
     seen: Observations,
     of_fold: Int[np.ndarray, " n"],
     identified: Fitted,
     nominal: Fitted | None,
-    left_out: int,
+    excluded: int,
 ) -> Validation | None:
     """Return how well what is fitted without a fold predicts it, over all folds; None where one cannot be fitted."""
     found: list[Float[np.ndarray, "m _"]] = []
@@ -107,16 +108,16 @@ def hold_out(
     if not found:
         return None
     taken = sum(part.shape[1] for part in found)
-    return Validation(_rms(found), _rms(compared) if compared else None, taken, count, left_out)
+    return Validation(_rms(found), _rms(compared) if compared else None, taken, count, excluded)
 
 
 def _refined(
-    arm: ArmState, free: Bool[np.ndarray, " p"], scatter: Scatter, others: Observations, _: int
+    arm: ArmState, free: Bool[np.ndarray, " p"], scatter: Variances, others: Observations, _: int
 ) -> ArmState:
-    return refine_plainly(arm, others, free, scatter)
+    return fit_unweighted(arm, others, free, scatter)
 
 
-def deal(
+def assign_folds(
     joint_angles: Float[np.ndarray, "n j"],
     folds: int,
     labels: Sequence[str] = (),
@@ -172,12 +173,12 @@ def _linked(points: Float[np.ndarray, "n j"], tolerance: float) -> Int[np.ndarra
     return cluster
 
 
-def rms(residuals: Float[np.ndarray, "m n"]) -> HeldOut:
+def rms(residuals: Float[np.ndarray, "m n"]) -> HoldOutError:
     """Return the rms lengths of residuals."""
     position = math.sqrt(float(np.mean(np.sum(residuals[:3] ** 2, axis=0))))
     rotation = math.sqrt(float(np.mean(np.sum(residuals[3:] ** 2, axis=0)))) if len(residuals) > 3 else None
-    return HeldOut(position, rotation)
+    return HoldOutError(position, rotation)
 
 
-def _rms(parts: list[Float[np.ndarray, "m _"]]) -> HeldOut:
+def _rms(parts: list[Float[np.ndarray, "m _"]]) -> HoldOutError:
     return rms(np.concatenate(parts, axis=1))

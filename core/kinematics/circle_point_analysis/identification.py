@@ -1,15 +1,15 @@
 """Identification from sweeps: joint axes one by one, then DH parameters by their common normals.
 
-`identify_from_axes` is the door: poses in, an `AxesIdentification` out. The steps: sweeps are recognised (`sweeps`),
-each arc's axis is fitted (`axes`), targets are linked (`link_targets`), the axes are brought to one home configuration
-(`home`) and described (`common_normals`). Covariance is carried from the poses through all of it, by differences of
-everything after the arcs.
+`identify_from_axes` takes poses and returns an `AxesIdentification`. Its steps: sweeps are recognised (`sweeps`), each
+arc's axis is fitted (`joint_axes`), targets are linked (`target_registration`), the axes are brought to one home
+configuration (`home_configuration`) and described (`common_normals`). The covariance is propagated from the poses
+through all steps, after the arcs by finite differences.
 
 Where resting joints did not rest exactly, the poses are moved to where they would have been, by the chain just found,
 and everything is done once more.
 
-This is the paper's circle point analysis (Boby and Saha 2016, appendix A) with method "cpa"; "screw" and "combined" are
-what the same sweeps tell when rotations, and the encoder's angles, are used as well.
+This is the paper's circle point analysis (Boby and Saha 2016, appendix A) with method "cpa"; "screw" uses
+the rotations of the same sweeps as well, "combined" the rotations and the encoder's angles.
 
 References: R. A. Boby, S. K. Saha, "Single image based camera calibration and pose estimation of the end-effector of a
 robot", ICRA 2016; J. M. Hollerbach, C. W. Wampler, Int. J. Robotics Research 15 (1996) 573-591.
@@ -26,51 +26,34 @@ from jaxtyping import Bool, Float
 from scipy.spatial.transform import Rotation
 
 from core.errors import Advisory, JointAnglesInconsistent
-from core.kinematics.angle_units import check_angles
-from core.kinematics.axes import AxisFits, fit_axes
-from core.kinematics.axes_validation import validate_axes
-from core.kinematics.common_normals import Axes, Described, LinkForm, describe
-from core.kinematics.dh import JOINT_PARAMETERS, Chain, JointParameters, forward
-from core.kinematics.home import common_home
-from core.kinematics.link_forms import choose_forms
-from core.kinematics.link_targets import Given, TargetLink
-from core.kinematics.poses import PoseData
-from core.kinematics.remarks import of_validation
+from core.geometry import invert, transform, transform_mean
+from core.kinematics.arm_model import ParameterLayout
+from core.kinematics.circle_point_analysis.common_normals import Axes, DhDescription, LinkForm, describe
+from core.kinematics.circle_point_analysis.covariance import ArcTree
+from core.kinematics.circle_point_analysis.home_configuration import find_home
+from core.kinematics.circle_point_analysis.link_types import classify_links
+from core.kinematics.circle_point_analysis.target_registration import Given, TargetLink
+from core.kinematics.circle_point_analysis.validation import validate_axes
+from core.kinematics.dh import JOINT_PARAMETERS, Chain, forward
+from core.kinematics.global_fit import Unidentifiable, Validation, held_by_axes, unidentifiable
+from core.kinematics.joint_angle_checks import check_angles
+from core.kinematics.joint_axes import AxisFits, fit_axes
+from core.kinematics.pose_observations import PoseData
+from core.kinematics.results import JointEstimate, validation_warnings
 from core.kinematics.sweeps import JOINT_TOLERANCE, Sweep, find_sweeps, require_sweeps
-from core.kinematics.uncertain_axes import ArcTree
-from core.kinematics.validation import Validation
-from core.transforms import invert, transform, transform_mean
 
 _RESTED = 1e-7  # rad
 
 
 @dataclass(frozen=True, slots=True)
-class IdentifiedJoint:
-    """One joint, counted from 1. The mappings have the names of `JOINT_PARAMETERS`; an uncertainty is None where the
-    parameter is not identifiable: it then has the nominal's value, or zero.
-
-    `arc_rad` is the longest sweep's, `poses` how many there are in all its sweeps.
-    """
-
-    joint: int
-    parameters: JointParameters
-    standard_uncertainty: dict[str, float | None]
-    identifiable: dict[str, bool]
-    nominal: JointParameters | None
-    parallel_to_next: bool
-    arc_rad: float
-    poses: int
-
-
-@dataclass(frozen=True, slots=True)
 class AxesIdentification:
-    """What sweeps say of a robot.
+    """A robot identified from sweeps.
 
     Parameters
     ----------
     chain, T_target_base, T_flange_camera
-        T_target_camera = T_target_base · forward(chain, q) · T_flange_camera, for each target by its index; of
-        positions alone the tool's rotation is none.
+        T_target_camera = T_target_base · forward(chain, q) · T_flange_camera, for each target by its index; the
+        tool's rotation is the identity where the poses are positions alone.
     covariance
         (5 j, 5 j) of all parameters (mm, rad), joint by joint in the order of `JOINT_PARAMETERS`; zero where
         `identifiable` is false.
@@ -87,7 +70,7 @@ class AxesIdentification:
     chain: Chain
     covariance: Float[np.ndarray, "p p"]
     identifiable: Bool[np.ndarray, "j 5"]
-    joints: tuple[IdentifiedJoint, ...]
+    joints: tuple[JointEstimate, ...]
     axes: Axes
     home: Float[np.ndarray, " j"]
     T_target_base: Float[np.ndarray, "t 4 4"]
@@ -98,7 +81,7 @@ class AxesIdentification:
     scatter_rad: float | None
     residual_mm: float
     residual_rad: float | None
-    null_space: tuple[str, ...]
+    null_space: tuple[Unidentifiable, ...]
     forms: tuple[LinkForm, ...]
     validation: Validation | None
     warnings: tuple[Advisory, ...]
@@ -119,19 +102,20 @@ def identify_from_axes(
     Parameters
     ----------
     nominal
-        The robot as its maker describes it: tells conventions and which of two equal descriptions is meant.
+        The robot as its maker describes it: gives the conventions, and selects one of two equivalent descriptions.
     method
-        "cpa", "screw" or "combined"; see `core.kinematics.axes.fit_axes`, and there for what else is raised.
+        "cpa", "screw" or "combined"; see `core.kinematics.joint_axes.axis_fit.fit_axes`, and there for what
+        else is raised.
     sweeps
-        Where they are named; else they are recognised from the joint angles.
+        The sweeps, if the caller lists them; otherwise they are recognised from the joint angles.
     tolerance
         How far the resting joints of a sweep may differ, rad.
     target_transforms
-        How targets lie to the first, where that is known; else it is found out.
+        Transforms of targets to the first, where they are known; the others are estimated.
     folds
         Parts that poses are dealt into for validation; 0 for none.
 
-    Raises JointAnglesInconsistent for a nominal of another number of joints, JointNotMoved, JointAnglesUnit,
+    Raises JointAnglesInconsistent for a nominal of another number of joints, JointNotExcited, JointAnglesUnitMismatch,
     PrismaticJoint, and MotionInsufficient where nothing ties the targets.
     """
     if nominal is not None and len(nominal) != poses.joints:
@@ -160,7 +144,9 @@ def identify_from_axes(
         2.0 * tolerance,
         folds,
     )
-    return replace(answer, validation=validation, warnings=(*answer.warnings, *of_validation(validation)))
+    return replace(
+        answer, validation=validation, warnings=(*answer.warnings, *validation_warnings(validation))
+    )
 
 
 def _identify(
@@ -174,19 +160,19 @@ def _identify(
     begin: AxisFits | None,
 ) -> AxesIdentification:
     fits = fit_axes(poses, sweeps, method, begin)
-    home = common_home([arc.sweep for arc in fits.arcs], poses.joints, tolerance)
+    home = find_home([arc.sweep for arc in fits.arcs], poses.joints, tolerance)
     tree = ArcTree.grown(fits, home, poses, given, 2.0 * tolerance, measured)
     links = tree.links
     uncertain = tree.uncertain(fits)
     axes = uncertain.axes
-    forms = choose_forms(uncertain, home, nominal)
+    forms = classify_links(uncertain, home, nominal)
     described = describe(axes, home, forms, nominal)
 
     def parameters(at: Axes) -> Float[np.ndarray, " p"]:
         return describe(at, home, forms, nominal).parameters.ravel()
 
     mask = described.identifiable.ravel()
-    covariance = uncertain.carry(parameters) * np.outer(mask, mask)
+    covariance = uncertain.propagate_covariance(parameters) * np.outer(mask, mask)
     chain = Chain.from_array(described.parameters)
     T_target_base, T_flange_camera, residual_mm, residual_rad = _placed(
         measured, fits, chain, described, links
@@ -206,7 +192,7 @@ def _identify(
         scatter_rad=fits.scatter_rad,
         residual_mm=residual_mm,
         residual_rad=residual_rad,
-        null_space=_null_space(described, forms),
+        null_space=_null_space(described, forms, poses.rotations is None),
         forms=forms,
         validation=None,
         warnings=fits.warnings,
@@ -216,54 +202,50 @@ def _identify(
 def _joints(
     chain: Chain,
     covariance: Float[np.ndarray, "p p"],
-    described: Described,
+    described: DhDescription,
     forms: Sequence[LinkForm],
     nominal: Chain | None,
     sweeps: Sequence[Sweep],
-) -> tuple[IdentifiedJoint, ...]:
+) -> tuple[JointEstimate, ...]:
     sigma = np.sqrt(np.maximum(np.diag(covariance), 0.0)).reshape(-1, 5)
     found = []
     for i, joint in enumerate(chain.joints):
-        told = {name: bool(t) for name, t in zip(JOINT_PARAMETERS, described.identifiable[i], strict=True)}
-        doubt = {
-            name: float(s) if told[name] else None for name, s in zip(JOINT_PARAMETERS, sigma[i], strict=True)
+        identifiable = {
+            name: bool(t) for name, t in zip(JOINT_PARAMETERS, described.identifiable[i], strict=True)
+        }
+        uncertainty = {
+            name: float(s) if identifiable[name] else None
+            for name, s in zip(JOINT_PARAMETERS, sigma[i], strict=True)
         }
         own = [sweep for sweep in sweeps if sweep.joint == i]
         found.append(
-            IdentifiedJoint(
+            JointEstimate(
                 i + 1,
                 joint,
-                doubt,
-                told,
+                uncertainty,
+                identifiable,
                 None if nominal is None else nominal.joints[i],
                 i < len(forms) and forms[i].parallel,
                 max(sweep.arc for sweep in own),
                 len({int(pose) for sweep in own for pose in sweep.poses}),
+                None,
             )
         )
     return tuple(found)
 
 
-def _null_space(described: Described, forms: Sequence[LinkForm]) -> tuple[str, ...]:
-    last = len(described.parameters)
-    found = [f"theta{last} offset, d{last}, a{last} and alpha{last} cannot be told from the tool transform."]
-    if last > 1:
-        found.insert(0, "theta1 offset and d1 cannot be told from the base transform.")
-    for i, form in enumerate(forms):
-        if form.parallel:
-            found.append(
-                f"Axes {i + 1} and {i + 2} are near parallel: d{i + 1} cannot be told from d{i + 2}; beta{i + 1} is "
-                f"identified and d{i + 1} kept."
-            )
-        if form.coincident and i:
-            found.append(
-                f"Axes {i + 1} and {i + 2} are one line: theta{i + 1} offset cannot be told from theta{i + 2} offset."
-            )
-    return tuple(found)
+def _null_space(
+    described: DhDescription, forms: Sequence[LinkForm], positions_only: bool
+) -> tuple[Unidentifiable, ...]:
+    """Return what the axes do not determine."""
+    parallel = np.array([*(form.parallel for form in forms), False])
+    coincident = np.array([*(form.coincident for form in forms), False])
+    held = held_by_axes(described.identifiable, parallel, coincident)
+    return tuple(unidentifiable(held, ParameterLayout(len(parallel), 1, 0), parallel, positions_only))
 
 
 def _placed(
-    poses: PoseData, fits: AxisFits, chain: Chain, described: Described, links: dict[int, TargetLink]
+    poses: PoseData, fits: AxisFits, chain: Chain, described: DhDescription, links: dict[int, TargetLink]
 ) -> tuple[Float[np.ndarray, "t 4 4"], Float[np.ndarray, "4 4"], float, float | None]:
     """Return the bases, the tool, and what is left of the sweeps' poses."""
     T_target_base = np.tile(np.eye(4), (int(poses.targets.max()) + 1, 1, 1))
@@ -293,7 +275,7 @@ def _rested(poses: PoseData, sweeps: Sequence[Sweep], found: AxesIdentification)
     """Return the poses with all joints but the moving one exactly at rest; None where they were.
 
     By the chain just found: T' = T_target_base F(q') F(q)⁻¹ T_target_base⁻¹ T. A pose of several sweeps rests at the
-    same angles in all of them as far as the tolerance tells; the last counts.
+    same angles in all of them, within the tolerance; the last sweep counts.
     """
     angles = poses.joint_angles.copy()
     for sweep in sweeps:

@@ -1,4 +1,4 @@
-"""What a calibrated arm consists of, and the order of it all in Jacobians and covariances.
+"""The model of a calibrated arm, and the order of its parameters in Jacobians and covariances.
 
     T_target_camera = T_target_base · T_base_flange(q) · T_flange_camera
 
@@ -14,17 +14,19 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Float
 
+from core.geometry import nearest_rotation, so3_exp, transform
 from core.kinematics.dh import JOINT_PARAMETERS, Chain
-from core.transforms import nearest_rotation, so3_exp, transform
 
 A, ALPHA, D, THETA, BETA = range(5)
 _WORDS = ("a{}", "alpha{}", "d{}", "theta{} offset", "beta{}")
 _AXES = ("x", "y", "z", "rotation x", "rotation y", "rotation z")
+_FRAME_KEYS = ("x_mm", "y_mm", "z_mm", "rotation_x_rad", "rotation_y_rad", "rotation_z_rad")
+FLANGE_CAMERA = "flange_camera"
 SHORTEST_REACH_MM = 100.0
 
 
 @dataclass(frozen=True, slots=True)
-class Layout:
+class ParameterLayout:
     """How many joints, targets and shared errors there are, and thereby which column is what."""
 
     joints: int
@@ -65,6 +67,19 @@ class Layout:
             found += [f"base{which} {axis}" for axis in _AXES]
         return (*found, *(f"shared {k + 1}" for k in range(self.shared)))
 
+    def keys(self) -> tuple[str, ...]:
+        """Return a key for every column but the shared errors, with its unit: `joint_2.a_mm`, `flange_camera.x_mm`,
+        `target_base.rotation_z_rad`; joints and, where there are several, targets count from 1.
+        """
+        found = [f"joint_{i + 1}.{name}" for i in range(self.joints) for name in JOINT_PARAMETERS]
+        for frame in (FLANGE_CAMERA, *(self.base_key(target) for target in range(self.targets))):
+            found += [f"{frame}.{axis}" for axis in _FRAME_KEYS]
+        return tuple(found)
+
+    def base_key(self, target: int) -> str:
+        """Return the key of a target's base transform."""
+        return f"target_base_{target + 1}" if self.targets > 1 else "target_base"
+
     def units(self, reach_mm: float) -> Float[np.ndarray, " p"]:
         """Return steps of like weight: 1 mm, and the angle that moves the end of the arm by 1 mm."""
         angle = 1.0 / reach_mm
@@ -83,8 +98,8 @@ class ArmState:
     shared: Float[np.ndarray, " k"]
 
     @property
-    def layout(self) -> Layout:
-        return Layout(len(self.parameters), len(self.T_target_base), len(self.shared))
+    def layout(self) -> ParameterLayout:
+        return ParameterLayout(len(self.parameters), len(self.T_target_base), len(self.shared))
 
     @property
     def chain(self) -> Chain:

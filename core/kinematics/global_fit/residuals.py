@@ -1,4 +1,4 @@
-"""Residuals of poses at an arm, whitened by what is known of their noise.
+"""Residuals of poses at an arm, whitened by the covariance of their noise.
 
 Of pose i with covariance C_i of the instrument and S of the robot's own scatter, V_i = C_i + S = L Lᵀ, the residual
 L⁻¹ (p - p̂, log(R R̂ᵀ)) is a vector of independent unit normals. Positions come first, so that its first three are the
@@ -14,27 +14,16 @@ import numpy as np
 from jaxtyping import Float, Int
 from scipy.spatial.transform import Rotation
 
+from core.calibration import frame_rotations
 from core.errors import InvalidArgument
+from core.geometry import nearest_rotation, transform
+from core.kinematics.arm_model import ArmState, ParameterLayout
 from core.kinematics.dh import pose_with_jacobian
-from core.kinematics.parameters import ArmState, Layout
-from core.kinematics.poses import PoseData
-from core.transforms import nearest_rotation, transform
+from core.kinematics.pose_observations import PoseData
+from core.numerics import Variances, weights
 
 INDEFINITE = 1e-7
 """Of the unit diagonal: an eigenvalue of a correlation matrix may be so far below zero by rounding."""
-
-
-@dataclass(frozen=True, slots=True)
-class Scatter:
-    """The robot's own scatter, and all that an instrument of unknown noise adds: variances of each coordinate of the
-    camera's position (mm²) and rotation (rad²).
-    """
-
-    position: float
-    rotation: float
-
-    def diagonal(self, components: int) -> Float[np.ndarray, " m"]:
-        return np.array([self.position] * 3 + [self.rotation] * 3)[:components]
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,8 +47,8 @@ class Observations:
         return int(self.own.shape[1])
 
     @property
-    def layout(self) -> Layout:
-        return Layout(
+    def layout(self) -> ParameterLayout:
+        return ParameterLayout(
             self.joint_angles.shape[1], int(self.target.max(initial=0)) + 1, int(self.common.shape[2])
         )
 
@@ -136,13 +125,9 @@ def linearised(
     return r, J
 
 
-def whitener(seen: Observations, scatter: Scatter) -> Float[np.ndarray, "m m n"]:
+def whitener(seen: Observations, scatter: Variances) -> Float[np.ndarray, "m m n"]:
     """Return L⁻¹ of every pose, lower triangular."""
-    V = seen.own + np.diag(scatter.diagonal(seen.components))
-    unit = 1.0 / np.sqrt(np.diagonal(V, axis1=1, axis2=2))
-    L = np.linalg.cholesky(V * unit[:, :, None] * unit[:, None, :])
-    inverse = np.linalg.inv(L) * unit[:, None, :]
-    return np.ascontiguousarray(np.moveaxis(np.tril(inverse), 0, -1))
+    return np.ascontiguousarray(np.moveaxis(weights(seen.own, scatter), 0, -1))
 
 
 def whitened(
@@ -169,10 +154,10 @@ def placed(
 ) -> ArmState:
     """Return the arm of a chain with tool and bases in closed form.
 
-    Rotations: R_obs = X_t R_B Z is bilinear; the first singular pair of Σ R_B ⊗ R_obs of the first target holds X and
-    Z (Shah 2013); other targets' X follow from Z by Procrustes. Then positions are linear in both translations. Of
-    positions alone, Xᵀ (p - t_X) - R_B t_Z = p_B is linear in Xᵀ, Xᵀ t_X and t_Z; the tool's rotation, of which they
-    say nothing, is none.
+    Rotations: R_obs = X_t R_B Z is bilinear, and the target with the most poses determines Z (`frame_rotations`); every
+    target's X follows from Z by Procrustes. Then positions are linear in both translations. Of
+    positions alone, Xᵀ (p - t_X) - R_B t_Z = p_B is linear in Xᵀ, Xᵀ t_X and t_Z; the tool's rotation, which they do
+    not determine, is the identity.
 
     References: M. Shah, J. Mechanisms Robotics 5 (2013) 031007, 10.1115/1.4024473.
     """
@@ -185,12 +170,7 @@ def placed(
         turns = [_turn_by_positions(R_B[i], p_B[i], seen.positions_mm[i]) for i in members]
     else:
         some = members[main]
-        K = np.einsum("nij,nkl->kijl", R_B[some], seen.rotations[some]).reshape(9, 9)
-        U, _, Vt = np.linalg.svd(K)
-        M_X, M_Z = U[:, 0].reshape(3, 3), Vt[0].reshape(3, 3)
-        if np.linalg.det(M_Z) < 0:
-            M_X, M_Z = -M_X, -M_Z
-        R_Z = nearest_rotation(M_Z)
+        R_Z, _ = frame_rotations(R_B[some], seen.rotations[some])
         turns = [
             nearest_rotation(np.einsum("nij,nkj->ik", seen.rotations[i], R_B[i] @ R_Z))
             if len(i)

@@ -1,8 +1,8 @@
-"""The covariance of joint axes at home, and of what is computed from them.
+"""Covariance of joint axes at home, and of quantities computed from them.
 
-Everything after the arcs' fits is smooth in the arcs' axes, four numbers each. Bringing axes home and averaging them
-has its derivatives in `home`; links of targets by arcs, and common normals, are cheap: central differences by steps far
-below any axis' uncertainty and far above rounding.
+Every step after the arcs' fits is a smooth function of the arcs' axes, four numbers each. `home_configuration` has the
+derivatives of bringing axes home and averaging them. Links of targets by arcs, and common normals, are cheap: central
+differences, by steps far below any axis' uncertainty and far above rounding.
 """
 
 from __future__ import annotations
@@ -13,18 +13,23 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Float
 
-from core.kinematics.arc import Motion
-from core.kinematics.arc_noise import Variances
-from core.kinematics.axes import AxisFits, fit_axes
-from core.kinematics.common_normals import Axes
-from core.kinematics.home import Lines, axes_at_home, hats, home_derivatives
-from core.kinematics.link_targets import STEP_MM, STEP_RAD, Given, TargetLink, link_targets
-from core.kinematics.poses import PoseData
+from core.geometry import hats, so3_exp
+from core.kinematics.circle_point_analysis.common_normals import Axes
+from core.kinematics.circle_point_analysis.home_configuration import Lines, axes_at_home, home_derivatives
+from core.kinematics.circle_point_analysis.target_registration import (
+    STEP_MM,
+    STEP_RAD,
+    Given,
+    TargetLink,
+    link_targets,
+)
+from core.kinematics.joint_axes import AxisFits, Motion, fit_axes
+from core.kinematics.pose_observations import PoseData
 from core.kinematics.sweeps import Sweep
-from core.transforms import so3_exp
+from core.numerics import Variances
 
 
-def lines_of(
+def axes_from_motions(
     motions: Sequence[Motion], sweeps: Sequence[Sweep], covariances: Sequence[Float[np.ndarray, "4 4"]]
 ) -> Lines:
     """Return the axes of arcs as lines with their information."""
@@ -43,15 +48,15 @@ def lines_of(
     )
 
 
-def lines_of_fits(fits: AxisFits) -> Lines:
+def axes_from_fits(fits: AxisFits) -> Lines:
     """Return the fitted axes as lines with their information."""
     blocks = [fits.covariance[4 * i : 4 * i + 4, 4 * i : 4 * i + 4] for i in range(len(fits.arcs))]
-    return lines_of([arc.motion for arc in fits.arcs], [arc.sweep for arc in fits.arcs], blocks)
+    return axes_from_motions([arc.motion for arc in fits.arcs], [arc.sweep for arc in fits.arcs], blocks)
 
 
 def robot_scatter(fits: AxisFits, poses: PoseData) -> Variances:
-    """Return what the robot does differently each time; circles say nothing of rotations, and where targets are to be
-    linked by these the same sweeps are fitted as motions.
+    """Return the robot's own scatter. Circles carry no information on rotations; where targets are to be linked by
+    rotations, the same sweeps are fitted as motions.
     """
     if fits.scatter_rad is not None or poses.rotations is None or len(np.unique(poses.targets)) < 2:
         return fits.variances
@@ -68,14 +73,14 @@ def transforms_of(links: Mapping[int, TargetLink]) -> Float[np.ndarray, "t 4 4"]
 
 @dataclass(frozen=True, slots=True)
 class ArcTree:
-    """What follows from the arcs: links of targets, their covariance complete, and axes at home. `beside_arcs` is the
-    part of each link's covariance that does not come from the arcs.
+    """The chain from arcs to axes: links of targets with their whole covariance, and axes at home. `not_from_arcs` is
+    the part of each link's covariance that does not come from the arcs.
     """
 
     lines: Lines
     home: Float[np.ndarray, " j"]
     links: dict[int, TargetLink]
-    beside_arcs: dict[int, Float[np.ndarray, "6 6"]]
+    not_from_arcs: dict[int, Float[np.ndarray, "6 6"]]
 
     @classmethod
     def grown(
@@ -90,24 +95,24 @@ class ArcTree:
         """Link the targets; `tolerance` and `measured` (None: the same as `poses`) as of `link_targets`, which see for
         what is raised.
         """
-        lines = lines_of_fits(fits)
+        lines = axes_from_fits(fits)
         measured = poses if measured is None else measured
         links = link_targets(poses, measured, robot_scatter(fits, poses), lines, given, tolerance)
-        beside = {target: link.covariance for target, link in links.items()}
+        not_from_arcs = {target: link.covariance for target, link in links.items()}
         for target, link in links.items():
             if (J := link.by_arcs) is not None:
                 links[target] = replace(link, covariance=link.covariance + J @ fits.covariance @ J.T)
-        return cls(lines, home, links, beside)
+        return cls(lines, home, links, not_from_arcs)
 
     def axes(self) -> Axes:
         """Return the axes at home."""
         return axes_at_home(self.lines, self.home, transforms_of(self.links))
 
     def uncertain(self, fits: AxisFits) -> UncertainAxes:
-        """Return the axes with their covariance, from that of the arcs and of the links that these did not tell."""
+        """Return the axes with their covariance, from that of the arcs and of links from other sources."""
         T, axes = transforms_of(self.links), self.axes()
         q = len(fits.covariance)
-        others = [t for t, covariance in self.beside_arcs.items() if covariance.any()]
+        others = [t for t, covariance in self.not_from_arcs.items() if covariance.any()]
         by_target = np.zeros((len(T), 6, q + 6 * len(others)))
         spread = np.zeros((q + 6 * len(others),) * 2)
         spread[:q, :q] = fits.covariance
@@ -117,7 +122,7 @@ class ArcTree:
         for k, target in enumerate(others):
             columns = slice(q + 6 * k, q + 6 * k + 6)
             by_target[target, :, columns] = np.eye(6)
-            spread[columns, columns] = self.beside_arcs[target]
+            spread[columns, columns] = self.not_from_arcs[target]
         # A link's position moves at its own place, a twist's velocity is the origin's.
         by_target[:, :3] += hats(T[:, :3, 3]) @ by_target[:, 3:]
         twists = home_derivatives(self.lines, self.home, T, by_target, axes)
@@ -138,7 +143,7 @@ class UncertainAxes:
     bases: Float[np.ndarray, "j 3 2"]
     covariance: Float[np.ndarray, "q q"]
 
-    def carry(self, of: Callable[[Axes], Float[np.ndarray, " p"]]) -> Float[np.ndarray, "p p"]:
+    def propagate_covariance(self, of: Callable[[Axes], Float[np.ndarray, " p"]]) -> Float[np.ndarray, "p p"]:
         """Return the covariance of a function of the axes, by differences."""
         columns = []
         for joint, basis in enumerate(self.bases):

@@ -3,9 +3,9 @@
     p_k = c + D_k (p_0 - c),     R_k = D_k R_0,     D_k = Rot(n, φ_k)
 
 with the axis through c along n, and (p_0, R_0) the pose at φ = 0. The φ_k are the encoder's, or free: each pose then
-tells its own, and what remains of it is how far it lies off the motion. One model so serves all methods: positions with
-free angles are the circle (what remains is distance in the plane and out of it); poses with free angles are the screw;
-poses, or positions, with the encoder's angles are the combined form.
+determines its own angle, and its residual is the distance from the motion. One model serves all methods: positions with
+free angles are the circle (residuals in the plane and out of it); poses with free angles are the screw; poses, or
+positions, with the encoder's angles are the combined form.
 
 Derivatives of the prediction, positions and rotation vectors (R_true = exp(w) R), e along the basis (radial e1,
 tangential e2, axial n):
@@ -26,7 +26,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Float
 
-from core.transforms import hat, rotation_vectors, so3_exp
+from core.geometry import hat, rotation_vectors, rotations_about, so3_exp
 
 AXIS_PARAMETERS = 4
 """The first of every step: c along e1 and e2 (mm), n turned about e1 and e2 (rad)."""
@@ -35,7 +35,7 @@ _SETTLED = 1e-7  # rad: steps are quadratic, and after such a one nothing is lef
 
 
 @dataclass(frozen=True, slots=True)
-class Measured:
+class ArcObservations:
     """The poses of one arc, made ready: `whitening` W with W V Wᵀ = 1, `encoder` the angles about their mean, rad."""
 
     positions: Float[np.ndarray, "n 3"]
@@ -46,7 +46,7 @@ class Measured:
 
     @property
     def components(self) -> int:
-        """Residuals of one pose that are left after its angle was told."""
+        """Return the number of residuals of one pose that remain after its angle is determined."""
         return (3 if self.rotations is None else 6) - int(self.free_angles)
 
 
@@ -87,7 +87,7 @@ class Motion:
     def radius(self) -> float:
         return float(np.linalg.norm(hat(self.direction) @ (self.position - self.point)))
 
-    def moved(self, step: Float[np.ndarray, " p"], seen: Measured) -> Motion:
+    def moved(self, step: Float[np.ndarray, " p"], seen: ArcObservations) -> Motion:
         """Return the motion after a step of its parameters; the angles follow where they are free."""
         E = self.basis
         point = self.point + E[:, :2] @ step[:2]
@@ -108,25 +108,13 @@ class Motion:
         return with_angles(moved, seen)
 
 
-def rotations_about(
-    direction: Float[np.ndarray, "*b 3"], angles: Float[np.ndarray, "*b n"]
-) -> Float[np.ndarray, "*b n 3 3"]:
-    """Return Rot(n, φ) of every angle, by Rodrigues' formula."""
-    K = np.zeros((*direction.shape, 3))
-    x, y, z = direction[..., 0], direction[..., 1], direction[..., 2]
-    K[..., 2, 1], K[..., 0, 2], K[..., 1, 0] = x, y, z
-    K -= K.swapaxes(-1, -2)
-    sine, versine = np.sin(angles)[..., None, None], 2.0 * np.sin(0.5 * angles)[..., None, None] ** 2
-    return np.asarray(np.eye(3) + sine * K[..., None, :, :] + versine * (K @ K)[..., None, :, :])
-
-
-def residuals(motion: Motion, seen: Measured) -> Float[np.ndarray, "*b n m"]:
+def residuals(motion: Motion, seen: ArcObservations) -> Float[np.ndarray, "*b n m"]:
     """Return measured - predicted of every pose: position (mm), and rotation vector (rad) where there is one."""
     return _residuals(motion, seen, rotations_about(motion.direction, motion.angles))
 
 
 def _residuals(
-    motion: Motion, seen: Measured, D: Float[np.ndarray, "*b n 3 3"]
+    motion: Motion, seen: ArcObservations, D: Float[np.ndarray, "*b n 3 3"]
 ) -> Float[np.ndarray, "*b n m"]:
     off = seen.positions - motion.point[..., None, :] - _turned(D, motion.position - motion.point)
     if seen.rotations is None or motion.rotation is None:
@@ -136,13 +124,13 @@ def _residuals(
     return np.concatenate([off, turns], axis=-1)
 
 
-def angle_derivative(motion: Motion, seen: Measured) -> Float[np.ndarray, "*b n m"]:
+def angle_derivative(motion: Motion, seen: ArcObservations) -> Float[np.ndarray, "*b n m"]:
     """Return d(prediction)/dφ of every pose."""
     return _angle_derivative(motion, seen, rotations_about(motion.direction, motion.angles))
 
 
 def _angle_derivative(
-    motion: Motion, seen: Measured, D: Float[np.ndarray, "*b n 3 3"]
+    motion: Motion, seen: ArcObservations, D: Float[np.ndarray, "*b n 3 3"]
 ) -> Float[np.ndarray, "*b n m"]:
     n = motion.direction[..., None, :]
     along = _cross(n, _turned(D, motion.position - motion.point))
@@ -163,12 +151,14 @@ def _cross(a: Float[np.ndarray, "*_a 3"], b: Float[np.ndarray, "*_b 3"]) -> Floa
     return np.stack([y * w - z * v, z * u - x * w, x * v - y * u], axis=-1)
 
 
-def jacobian(motion: Motion, seen: Measured) -> Float[np.ndarray, "n m p"]:
+def jacobian(motion: Motion, seen: ArcObservations) -> Float[np.ndarray, "n m p"]:
     """Return d(prediction)/d(step) of every pose."""
     return _jacobian(motion, seen, rotations_about(motion.direction, motion.angles))
 
 
-def _jacobian(motion: Motion, seen: Measured, D: Float[np.ndarray, "n 3 3"]) -> Float[np.ndarray, "n m p"]:
+def _jacobian(
+    motion: Motion, seen: ArcObservations, D: Float[np.ndarray, "n 3 3"]
+) -> Float[np.ndarray, "n m p"]:
     E, u = motion.basis, motion.position - motion.point
     e1, e2, n = E.T
     out = D @ u
@@ -189,8 +179,8 @@ def _jacobian(motion: Motion, seen: Measured, D: Float[np.ndarray, "n 3 3"]) -> 
     return np.concatenate([np.stack(position, axis=2), np.stack(rotation, axis=2)], axis=1)
 
 
-def with_angles(motion: Motion, seen: Measured) -> Motion:
-    """Return the motion with each pose's angle where it agrees best; unchanged where the encoder tells them."""
+def with_angles(motion: Motion, seen: ArcObservations) -> Motion:
+    """Return the motion with each pose's angle where it agrees best; unchanged where the encoder gives them."""
     if not seen.free_angles:
         return motion
     for _ in range(_ANGLE_STEPS):
@@ -206,9 +196,9 @@ def with_angles(motion: Motion, seen: Measured) -> Motion:
 
 
 def linearised(
-    motion: Motion, seen: Measured
+    motion: Motion, seen: ArcObservations
 ) -> tuple[Float[np.ndarray, "n r"], Float[np.ndarray, "n r p"], Float[np.ndarray, "n r m"]]:
-    """Return whitened residuals, derivatives, and the matrix that whitens: what is left once the angles are told.
+    """Return whitened residuals, derivatives, and the whitening matrix, with the free angles eliminated.
 
     With g the whitened derivative by a free angle, a Householder reflection takes g to the last component, which is
     then dropped.

@@ -1,13 +1,13 @@
-"""What kinematics are identified from: joint angles, and the poses that were measured at them.
+"""Observations for kinematic identification: joint angles, and the poses measured at them.
 
     T_target_camera(q) = T_target_base · T_base_flange(q) · T_flange_camera
 
 whatever the instrument: for a camera on the flange the target's frame is the measuring frame; for a laser tracker that
 is the tracker's, with the probe or reflector in the camera's place.
 
-One lens, one error: where all poses hang on one estimated lens, most of a pose's error is common to all of them. The
-covariance therefore comes in two parts, cov(pose i, pose j) = δ_ij covariance_i + common_i common_jᵀ. Leaving the
-second part out makes intervals of anything absolute several times too short.
+One lens, one error: where all poses depend on one estimated lens, most of a pose's error is common to all of them. The
+covariance therefore comes in two parts, cov(pose i, pose j) = δ_ij covariance_i + common_i common_jᵀ. Without the
+second part, intervals of absolute quantities are several times too short.
 """
 
 from __future__ import annotations
@@ -18,9 +18,8 @@ from dataclasses import dataclass, field
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from core.errors import InvalidArgument, JointAnglesInconsistent, JointAnglesMissing
-
-_ORTHONORMAL = 1e-6  # a rotation written with seven digits passes, a scaled or mirrored matrix does not
+from core.errors import InvalidArgument, JointAnglesInconsistent, JointAnglesMissing, listed
+from core.geometry import are_rotations
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,7 +44,7 @@ class PoseData:
     target
         Index of the target that each pose was measured from, 0 for all where there is one.
     labels
-        The user's names of the poses, as many as poses, or none: for messages, and to tell visits to one pose.
+        The user's names of the poses, as many as poses, or none: for messages, and to group visits to one pose.
     image
         Index of the image that each pose was measured in, the same for the poses of several targets that one image
         shows; None where each has its own.
@@ -69,16 +68,13 @@ class PoseData:
         self._require(np.isfinite(self.positions_mm).all(axis=1), "a position that is not finite")
         if self.rotations is not None:
             self._require(np.isfinite(self.rotations).all(axis=(1, 2)), "a rotation that is not finite")
-            product = self.rotations @ self.rotations.transpose(0, 2, 1)
-            off = np.abs(product - np.eye(3)).max(axis=(1, 2), initial=0.0)
-            off = np.where(np.linalg.det(self.rotations) > 0.0, off, np.inf)
-            self._require(off < _ORTHONORMAL, "a matrix that is no rotation")
+            self._require(are_rotations(self.rotations), "a matrix that is no rotation")
         for values, name in ((self.covariance, "a covariance"), (self.common, "a common error")):
             if values is not None:
                 self._require(np.isfinite(values).all(axis=(1, 2)), f"{name} that is not finite")
         if self.covariance is not None:
-            told = 3 if self.rotations is None else 6
-            variances = np.diagonal(self.covariance, axis1=1, axis2=2)[:, :told]
+            components = 3 if self.rotations is None else 6
+            variances = np.diagonal(self.covariance, axis1=1, axis2=2)[:, :components]
             self._require(
                 np.asarray((variances > 0.0).all(axis=1)), "a covariance without a positive diagonal"
             )
@@ -126,7 +122,7 @@ def _require_angles(poses: PoseData) -> None:
     finite = np.isfinite(poses.joint_angles)
     without = np.flatnonzero(~finite.all(axis=1))
     if poses.joints == 0 or len(without):
-        some = ", ".join(poses.label(int(i)) for i in without[:5]) + (", ..." if len(without) > 5 else "")
+        some = listed([poses.label(int(i)) for i in without])
         raise JointAnglesMissing(
             f"{len(without)} of {len(poses)} poses are without all their joint angles: {some}."
             if poses.joints
@@ -147,8 +143,9 @@ def stack_joint_angles(
     named = list(labels) or [f"number {i + 1}" for i in range(len(angles))]
     missing = [name for name, values in zip(named, angles, strict=True) if not values]
     if missing or not angles:
-        some = ", ".join(missing[:5]) + (", ..." if len(missing) > 5 else "")
-        raise JointAnglesMissing(f"{len(missing)} of {len(angles)} poses are without joint angles: {some}.")
+        raise JointAnglesMissing(
+            f"{len(missing)} of {len(angles)} poses are without joint angles: {listed(missing)}."
+        )
     numbers = {len(values) for values in angles if values is not None}
     expected = joints if joints is not None else max(numbers)
     if numbers != {expected}:

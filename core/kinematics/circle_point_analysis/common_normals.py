@@ -9,12 +9,13 @@ origin where the common normal of axes i and i+1 meets axis i+1, and x_i along t
 with offset_i = θ_i - h_i in (-π, π]. Of x_i and -x_i, which differ by (a, α, θ) against (-a, -α, θ + π), that one is
 taken that is next to the nominal; without a nominal a_i > 0, and α_i > 0 where the axes intersect.
 
-Near parallel neighbours (decided on the predicted uncertainty of the foot) have Hayati's form instead: d_i stays at the
+Near parallel neighbours (decided on the predicted uncertainty of the foot) have Hayati's form instead: d_i keeps the
 nominal's value, origin i lies where axis i+1 pierces the plane across axis i, x' points there from axis i, and β_i is
-the turn about y that is left after α_i about x'. Where the two axes are one line, x' cannot be told either: θ_i then
-stays at the nominal's, or zero.
+the remaining rotation about y after α_i about x'. Where the two axes are one line, x' is not determined either: θ_i
+then keeps the nominal's value, or zero.
 
-Conventions that no pose can tell: θ_1 and d_1 (the base's), all of the last joint (the tool's).
+No pose determines θ_1 and d_1 (equivalent to the base), nor any parameter of the last joint (equivalent to the tool).
+These are conventions.
 
 References: J. Denavit, R. S. Hartenberg, J. Applied Mechanics 22 (1955) 215-221; S. A. Hayati, "Robot arm geometric
 link parameter estimation", IEEE CDC 1983, 10.1109/CDC.1983.269783.
@@ -29,8 +30,8 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float
 
+from core.geometry import hat, so3_exp, transform
 from core.kinematics.dh import Chain, frames
-from core.transforms import hat, so3_exp, transform
 
 _PARALLEL = 1e-9  # sine of the angle below which there is no common normal in double precision
 
@@ -61,7 +62,7 @@ class LinkForm:
 
 
 @dataclass(frozen=True, slots=True)
-class Described:
+class DhDescription:
     """Parameters, rows in the order of `JOINT_PARAMETERS`; the base in the axes' frame; which are not conventions."""
 
     parameters: Float[np.ndarray, "j 5"]
@@ -87,7 +88,7 @@ def feet(axes: Axes, link: int) -> tuple[float, float, float]:
 
 def describe(
     axes: Axes, home: Float[np.ndarray, " j"], forms: Sequence[LinkForm], nominal: Chain | None
-) -> Described:
+) -> DhDescription:
     """Return the DH parameters in given forms, one for each link but the last.
 
     `home` are the joint angles (rad) at which the axes are. The nominal gives what is convention, zero without one.
@@ -113,8 +114,8 @@ def choose_signs(
     nominal: Chain | None,
     sigma_a: Float[np.ndarray, " l"],
 ) -> tuple[LinkForm, ...]:
-    """Return the forms with each x chosen next to the nominal; without one so that a > 0, or α > 0 where a is not
-    told from zero by `sigma_a` (mm).
+    """Return the forms with each x chosen next to the nominal; without one so that a > 0, or α > 0 where a does not
+    differ from zero significantly, by its standard uncertainty `sigma_a` (mm).
     """
     forms = [LinkForm(p, 1.0, c) for p, c in zip(parallel, coincident, strict=True)]
     reach = float(np.linalg.norm(np.ptp(axes.points, axis=0))) + 1.0
@@ -126,12 +127,12 @@ def choose_signs(
             forms[i] = LinkForm(form.parallel, sign)
             a, alpha, _, offset, _ = _walk(axes, home, forms, _given(axes, nominal), 0.0).parameters[i]
             if nominal is None:
-                told = abs(a) > 3.0 * sigma_a[i] + 1e-6
-                cost = -a if told else -math.sin(alpha)
+                significant = abs(a) > 3.0 * sigma_a[i] + 1e-6
+                cost = -a if significant else -math.sin(alpha)
             else:
                 joint = nominal.joints[i]
                 cost = _turn(alpha - joint.alpha_rad) ** 2 + ((a - joint.a_mm) / reach) ** 2
-                # The base is free to turn: θ_1 says nothing.
+                # The base is free to turn: θ_1 does not decide.
                 cost += 0.1 * _turn(offset - joint.theta_offset_rad) ** 2 if i else 0.0
             candidates.append((cost, sign))
         forms[i] = LinkForm(form.parallel, min(candidates)[1])
@@ -147,13 +148,13 @@ def axes_of(
     return Axes(np.ascontiguousarray(T[:-1, :3, 3]), np.ascontiguousarray(T[:-1, :3, 2]))
 
 
-def restate(
+def reparametrise(
     chain: Chain, parallel: Sequence[bool], nominal: Chain | None, home: Float[np.ndarray, " j"] | None = None
 ) -> Chain:
     """Return the same arm in the conventions of an identification, so that the two can be compared.
 
-    What no pose can tell takes the nominal's values, and where `parallel` (for each joint, or each but the last) is
-    true the link has Hayati's form with the nominal's d. Base and tool then differ from the chain's own.
+    Parameters that no pose determines take the nominal's values. Where `parallel` (for each joint, or each but the
+    last) is true, the link has Hayati's form with the nominal's d. Base and tool then differ from the chain's own.
     """
     at = np.zeros(len(chain)) if home is None else home
     axes = axes_of(chain, at)
@@ -177,12 +178,12 @@ def _walk(
     forms: Sequence[LinkForm],
     given: Float[np.ndarray, "j 5"],
     lift: float,
-) -> Described:
-    """Go from the base to the end; `lift` moves the first origin along a first axis whose foot nothing tells."""
+) -> DhDescription:
+    """Go from the base to the end; `lift` moves the first origin along a first axis whose foot is not determined."""
     count = len(axes)
     P = given.copy()
     P[:, 4] = 0.0
-    told = np.zeros((count, 5), dtype=np.bool_)
+    identifiable = np.zeros((count, 5), dtype=np.bool_)
     base = np.eye(4)
     x, origin = np.zeros(3), np.zeros(3)
     for i in range(count - 1):
@@ -195,7 +196,7 @@ def _walk(
                 axes, i, form, start, _by_angle(x, z, home[i] + given[i, 3])
             )
             P[i, [0, 1, 4]] = found
-            told[i] = (True, True, False, i > 0 and not form.coincident, True)
+            identifiable[i] = (True, True, False, i > 0 and not form.coincident, True)
             foot = start
         else:
             first, second, _ = feet(axes, i)
@@ -205,13 +206,13 @@ def _walk(
             turned = x_next = form.sign * across / np.linalg.norm(across)
             P[i, 0] = (origin_next - foot) @ turned
             P[i, 1] = math.atan2(float(across @ turned), float(z @ axes.directions[i + 1]))
-            told[i] = (True, True, i > 0, i > 0, False)
+            identifiable[i] = (True, True, i > 0, i > 0, False)
             if i > 0:
                 P[i, 2] = (foot - origin) @ z
         if i == 0:
             x = so3_exp(-(home[0] + given[0, 3]) * z) @ turned
             base = transform(np.column_stack([x, hat(z) @ x, z]), foot - given[0, 2] * z)
-        elif told[i, 3]:
+        elif identifiable[i, 3]:
             theta = math.atan2(float(hat(x) @ turned @ z), float(x @ turned))
             P[i, 3] = _turn(theta - float(home[i]))
         x, origin = x_next, origin_next
@@ -220,7 +221,7 @@ def _walk(
         x = so3_exp(-(home[0] + given[0, 3]) * z) @ _across(z)
         base = transform(np.column_stack([x, hat(z) @ x, z]), axes.points[0] - given[0, 2] * z)
     P[-1, 4] = given[-1, 4]
-    return Described(P, base, told)
+    return DhDescription(P, base, identifiable)
 
 
 def _hayati(

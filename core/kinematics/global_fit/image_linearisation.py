@@ -21,24 +21,31 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from core.calibration.model import Lens, camera_prior
-from core.calibration.shared_lens import coordinates, linearise
-from core.calibration.systematic import Growth
-from core.calibration.view_doubt import in_target_frame, transformed
-from core.calibration.view_stack import Placements, ViewStack
+from core.calibration import (
+    Lens,
+    Placements,
+    VarianceInflation,
+    ViewStack,
+    camera_prior,
+    coordinates,
+    in_target_frame,
+    linearise,
+    transformed,
+)
 from core.errors import DegenerateGeometry
-from core.kinematics.poses import PoseData
-from core.transforms import rotations_from_vectors
+from core.geometry import rotations_from_vectors
+from core.kinematics.pose_observations import PoseData
+from core.numerics import root_of_inverse
 
-_NO_GROWTH = Growth(1.0, 1.0)
-_LEAST_TOLD = 1e-14
-"""Smallest eigenvalue of a pose's scaled information: below, rounding has the rest."""
+_NO_GROWTH = VarianceInflation(1.0, 1.0)
+_MIN_EIGENVALUE = 1e-14
+"""Smallest eigenvalue of a pose's scaled information: below it, rounding dominates."""
 
 
 @dataclass(frozen=True, slots=True)
-class Images:
-    """What is known of images beside their places: grid points and which of them count, the noise's `scale` per unit of
-    stated uncertainty, a prior on the lens, joint angles (rad), the target that each shows, names.
+class ImageObservations:
+    """Observations of images without their poses: grid points and which of them are used, the noise's `scale` per unit
+    of stated uncertainty, a prior on the lens, joint angles (rad), the target that each image shows, labels.
     """
 
     views: ViewStack
@@ -48,7 +55,7 @@ class Images:
     joint_angles: Float[np.ndarray, "k j"]
     target: Int[np.ndarray, " k"]
     labels: tuple[str, ...]
-    growth: Growth = _NO_GROWTH
+    growth: VarianceInflation = _NO_GROWTH
     """Of the variances of lens and places, where residuals are more than noise: a print that is not flat, a lens beyond
     its model."""
 
@@ -56,35 +63,38 @@ class Images:
 @dataclass(frozen=True, slots=True)
 class ImagePoses:
     """Images linearised: their poses at the lens that they find best, which is a `step` from the one they were
-    linearised at, and the `root` of its covariance: the first eight shared errors are in its columns' units.
+    linearised at, and the `root` of its covariance: the first shared errors, as many, are in its columns' units.
     """
 
     poses: PoseData
-    step: Float[np.ndarray, "8"]
-    root: Float[np.ndarray, "8 8"]
+    step: Float[np.ndarray, " c"]
+    root: Float[np.ndarray, "c c"]
 
 
-def poses_of_images(seen: Images, placements: Placements) -> ImagePoses:
+def linearise_images(seen: ImageObservations, placements: Placements) -> ImagePoses:
     """Linearise the images at their places."""
     at = linearise(seen.views, placements, seen.used)
     parameters = placements.parameters[0]
-    change = np.eye(14)
-    change[:8, :8] = coordinates(parameters)
+    of_camera = coordinates(parameters)
+    c = len(of_camera)
+    change = np.eye(c + 6)
+    change[:c, :c] = of_camera
     N = change.T @ at.normal @ change / seen.scale**2
     g = at.gradient @ change / seen.scale**2
-    A, B, P = N[:, :8, :8], N[:, :8, 8:], N[:, 8:, 8:]
+    A, B, P = N[:, :c, :c], N[:, :c, c:], N[:, c:, c:]
     _require_poses(P)
     own = np.linalg.inv(P)
     own = 0.5 * (own + own.transpose(0, 2, 1))
     back = B @ own
-    q, Q = camera_prior(seen.views.image_width_px, seen.views.image_height_px, seen.lens)(parameters)
-    Q = Q @ coordinates(parameters)
+    width, height = seen.views.image_width_px, seen.views.image_height_px
+    q, Q = camera_prior(width, height, seen.lens, model_size=len(parameters))(parameters)
+    Q = Q @ of_camera
     information = (A - back @ B.transpose(0, 2, 1)).sum(axis=0) + Q.T @ Q
     step = np.linalg.solve(
-        information, (g[:, :8] - np.einsum("kab,kb->ka", back, g[:, 8:])).sum(axis=0) + Q.T @ q
+        information, (g[:, :c] - np.einsum("kab,kb->ka", back, g[:, c:])).sum(axis=0) + Q.T @ q
     )
     root = _root(information) * math.sqrt(seen.growth.camera)
-    motion = np.einsum("kab,kb->ka", own, g[:, 8:] - np.einsum("kab,a->kb", B, step))
+    motion = np.einsum("kab,kb->ka", own, g[:, c:] - np.einsum("kab,a->kb", B, step))
     rotations = rotations_from_vectors(motion[:, :3]) @ placements.rotations
     centroids = placements.translations_mm + motion[:, 3:]
     J = in_target_frame(rotations, centroids)
@@ -103,30 +113,28 @@ def poses_of_images(seen: Images, placements: Placements) -> ImagePoses:
 
 
 def _require_poses(information: Float[np.ndarray, "k 6 6"]) -> None:
-    """Raise DegenerateGeometry where an image does not tell its own pose."""
+    """Raise DegenerateGeometry where an image does not determine its own pose."""
     unit = np.sqrt(np.maximum(np.diagonal(information, axis1=1, axis2=2), 1e-300))
     scaled = information / (unit[:, :, None] * unit[:, None, :])
-    if not np.isfinite(information).all() or np.linalg.eigvalsh(scaled)[:, 0].min() < _LEAST_TOLD:
+    if not np.isfinite(information).all() or np.linalg.eigvalsh(scaled)[:, 0].min() < _MIN_EIGENVALUE:
         raise DegenerateGeometry(
-            "Some images do not tell where the camera is: their grid points lie too near to one another, or on a line.",
+            "Some images do not determine the camera's pose: their grid points lie too close together, or on a line.",
             "Show more of the grid, larger in the image.",
         )
 
 
-def _root(information: Float[np.ndarray, "8 8"]) -> Float[np.ndarray, "8 8"]:
+def _root(information: Float[np.ndarray, "c c"]) -> Float[np.ndarray, "c c"]:
     """Return a root of the inverse: standard deviations of independent errors."""
-    told = np.diag(information)
-    if not (np.isfinite(information).all() and np.all(told > 0.0)):
+    diagonal = np.diag(information)
+    if not (np.isfinite(information).all() and np.all(diagonal > 0.0)):
         raise DegenerateGeometry(
-            "The images say nothing of the lens: all of them see the grid from one direction.",
+            "The images do not determine the lens: all of them see the grid from one direction.",
             "Tilt the camera against the grid, and move more than one joint.",
         )
-    unit = 1.0 / np.sqrt(told)
-    values, vectors = np.linalg.eigh(information * np.outer(unit, unit))
-    return np.asarray(unit[:, None] * vectors / np.sqrt(np.maximum(values, 1e-15 * values[-1])))
+    return root_of_inverse(information)
 
 
-def _prints(seen: Images, positions: Float[np.ndarray, "k 3"]) -> Float[np.ndarray, "k 6 t"]:
+def _prints(seen: ImageObservations, positions: Float[np.ndarray, "k 3"]) -> Float[np.ndarray, "k 6 t"]:
     """Return what one standard uncertainty of each print's scale does to poses, for prints that state one."""
     columns = []
     for target in np.unique(seen.target):

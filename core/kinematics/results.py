@@ -1,0 +1,158 @@
+"""Results of an identification: each joint with its uncertainties, arc and residuals, and the warnings."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+from jaxtyping import Float
+
+from core.errors import Advisory, listed
+from core.kinematics.arm_model import ArmState
+from core.kinematics.dh import JOINT_PARAMETERS, Chain, JointParameters
+from core.kinematics.global_fit import Conditioning, FitResult, Gauge, HoldOutError, Validation, rms
+from core.kinematics.pose_observations import PoseData
+from core.kinematics.sweeps import find_sweeps
+
+
+@dataclass(frozen=True, slots=True)
+class JointEstimate:
+    """One joint, counted from 1. The mappings have the names of `JOINT_PARAMETERS`; an uncertainty is None where the
+    parameter is not identifiable, and the parameter then has the nominal's value, or zero. `arc_rad` is the range of
+    the joint's angles, of joints identified by sweeps alone that of the longest. `poses` are those of its sweeps and
+    `residual` theirs; all poses where it has none.
+    """
+
+    joint: int
+    parameters: JointParameters
+    standard_uncertainty: Mapping[str, float | None]
+    identifiable: Mapping[str, bool]
+    nominal: JointParameters | None
+    parallel_to_next: bool
+    arc_rad: float
+    poses: int
+    residual: HoldOutError | None
+
+
+def joint_estimates(
+    arm: ArmState,
+    gauge: Gauge,
+    covariance: Float[np.ndarray, "f f"],
+    nominal: Chain | None,
+    joint_angles: Float[np.ndarray, "n j"],
+) -> tuple[JointEstimate, ...]:
+    """Return the estimates of every joint; `covariance` is of the free columns."""
+    layout, chain = arm.layout, arm.chain
+    sigma = np.full(layout.kinematic, np.nan)
+    sigma[np.flatnonzero(gauge.free)] = np.sqrt(np.diag(covariance))
+    joints = []
+    for i in range(layout.joints):
+        uncertainty: dict[str, float | None] = {}
+        for k, name in enumerate(JOINT_PARAMETERS):
+            column = layout.column(i, k)
+            uncertainty[name] = float(sigma[column]) if gauge.free[column] else None
+        joints.append(
+            JointEstimate(
+                joint=i + 1,
+                parameters=chain.joints[i],
+                standard_uncertainty=uncertainty,
+                identifiable={name: value is not None for name, value in uncertainty.items()},
+                nominal=None if nominal is None else nominal.joints[i],
+                parallel_to_next=bool(gauge.parallel[i]),
+                arc_rad=float(np.ptp(joint_angles[:, i])),
+                poses=len(joint_angles),
+                residual=None,
+            )
+        )
+    return tuple(joints)
+
+
+def with_residuals(
+    joints: tuple[JointEstimate, ...], refined: FitResult, poses: PoseData
+) -> tuple[JointEstimate, ...]:
+    """Return the joints with the residuals at the poses of their sweeps; at all poses for a joint without sweeps."""
+    members: list[set[int]] = [set() for _ in joints]
+    for sweep in find_sweeps(poses):
+        members[sweep.joint].update(i for i in sweep.poses.tolist() if refined.used[i])
+    everything = np.flatnonzero(refined.used)
+    found = []
+    for joint, of_sweeps in zip(joints, members, strict=True):
+        chosen = np.array(sorted(of_sweeps), dtype=np.intp) if of_sweeps else everything
+        found.append(replace(joint, poses=len(chosen), residual=rms(refined.residuals[:, chosen])))
+    return tuple(found)
+
+
+ILL_CONDITIONED = 100.0
+SHORT_ARC = math.radians(20.0)
+FAR_MM, FAR_RAD = 20.0, math.radians(5.0)
+
+
+def warnings_for(
+    refined: FitResult,
+    gauge: Gauge,
+    how: Conditioning,
+    validation: Validation | None,
+    poses: PoseData,
+    nominal: Chain | None,
+) -> Iterator[Advisory]:
+    """Yield the warnings of an identification."""
+    if how.condition_number > ILL_CONDITIONED:
+        yield Advisory(
+            "ill_conditioned",
+            f"The condition number is {how.condition_number:.0f}: some parameters are determined far less accurately "
+            "than others.",
+            "Add poses that move all joints over their range; the parameters' uncertainties say which suffer.",
+        )
+    yield from _short_arcs(poses.joint_angles[refined.used])
+    if nominal is not None:
+        yield from _far_from(nominal, refined, gauge)
+    out = np.flatnonzero(~refined.used)
+    if len(out):
+        some = listed([poses.label(int(i)) for i in out])
+        yield Advisory(
+            "poses_excluded",
+            f"{len(out)} of {len(poses)} poses do not fit the others and were rejected: {some}.",
+            "Check their joint angles and measurements.",
+        )
+    yield from validation_warnings(validation)
+
+
+def validation_warnings(validation: Validation | None) -> Iterator[Advisory]:
+    """Yield a warning where held-out poses contradict an identification."""
+    if validation is not None and validation.nominal is not None:
+        ours, nominals = validation.identified.position_rms_mm, validation.nominal.position_rms_mm
+        if ours > nominals:
+            yield Advisory(
+                "no_better_than_nominal",
+                f"On held-out poses the identified chain is off by {ours:.3g} mm, the nominal by {nominals:.3g}.",
+                "Add poses; these do not determine the parameters better than the data sheet states them.",
+            )
+
+
+def _short_arcs(joint_angles: Float[np.ndarray, "n j"]) -> Iterator[Advisory]:
+    arcs = np.ptp(joint_angles, axis=0)
+    short = np.flatnonzero(arcs < SHORT_ARC)
+    if len(short):
+        which = ", ".join(f"{i + 1} by {math.degrees(float(arcs[i])):.1f}°" for i in short)
+        yield Advisory(
+            "short_arc",
+            f"Some joints move little over all poses: {which}.",
+            "Move every joint over 40° or more; the accuracy of its axis is proportional to the arc.",
+        )
+
+
+def _far_from(nominal: Chain, refined: FitResult, gauge: Gauge) -> Iterator[Advisory]:
+    """A parameter that no workshop would miss by so much means angles of another sign or zero."""
+    off = np.abs(refined.arm.parameters - nominal.as_array())
+    limits = np.array([FAR_RAD if name.endswith("_rad") else FAR_MM for name in JOINT_PARAMETERS])
+    far = np.flatnonzero(((off > limits) & gauge.free[: off.size].reshape(off.shape)).ravel())
+    if len(far):
+        names = refined.arm.layout.names()
+        yield Advisory(
+            "deviation_from_nominal_large",
+            f"{', '.join(names[c] for c in far)}: over {FAR_MM:g} mm or {math.degrees(FAR_RAD):g}° off the nominal.",
+            "Check the signs and zeros of the joint angles and the nominal's values: the arm found moves as the poses "
+            "do, but it may be described by other angles than its maker's.",
+        )
