@@ -1,13 +1,7 @@
 """Robot performance by ISO 9283:1998, from poses alone, each figure with its interval and its noise floor."""
 
-from core.metrology.distances import (
-    ApproachVariation,
-    DistanceAssessment,
-    assess_approaches,
-    assess_distance,
-)
-from core.metrology.exclusions import Exclusion
-from core.metrology.figures import FIGURE_NAMES, Figures
+from core.metrology.distances import ApproachVariation, DistanceAssessment, assess_approaches, assess_distance
+from core.metrology.intervals import IntervalEstimate, assess_radial, assess_three_sigma, noise_only_lengths
 from core.metrology.iso9283 import (
     DistancePerformance,
     Drift,
@@ -15,28 +9,41 @@ from core.metrology.iso9283 import (
     distance_performance,
     drift,
     pose_accuracy,
+    position_repeatability,
 )
-from core.metrology.poses import PoseCycles
+from core.metrology.outliers import Outlier
+from core.metrology.pose_cycles import COMPONENTS, PerComponent, PoseCycles, angles_from_vectors
 from core.metrology.repeatability import PoseRepeatability, assess_repeatability
-from core.metrology.uncertainty import Limits, Verdict
+from core.metrology.rp_distribution import CONFIDENCE, eigenvalues, long_run_rp, rp_sampling_distribution
+from core.metrology.verdict import Verdict, VerdictLimits
 
 __all__ = [
-    "FIGURE_NAMES",
+    "COMPONENTS",
+    "CONFIDENCE",
     "ApproachVariation",
     "DistanceAssessment",
     "DistancePerformance",
     "Drift",
-    "Exclusion",
-    "Figures",
-    "Limits",
+    "IntervalEstimate",
+    "Outlier",
+    "PerComponent",
     "PoseCycles",
     "PoseRepeatability",
     "Verdict",
+    "VerdictLimits",
+    "angles_from_vectors",
     "assess_approaches",
     "assess_distance",
+    "assess_radial",
     "assess_repeatability",
+    "assess_three_sigma",
     "direction_variation",
     "distance_performance",
     "drift",
+    "eigenvalues",
+    "long_run_rp",
+    "noise_only_lengths",
     "pose_accuracy",
+    "position_repeatability",
+    "rp_sampling_distribution",
 ]

@@ -1,4 +1,4 @@
-"""Distances between poses and poses approached from several sides, each figure with what its cycles leave open.
+"""Distances between poses, and variation over approaches, each figure with its uncertainty.
 
 Readings p_1j, p_2j of cycle j have covariances M_1j, M_2j, of what differs from cycle to cycle. The distance D_j
 scatters with the robot's part and eᵀ (M_1j + M_2j) e, e its direction; that is one quantity, so that its 3 S has the
@@ -17,17 +17,22 @@ import numpy as np
 from jaxtyping import Float
 
 from core.errors import InvalidArgument
-from core.metrology.figures import FIGURE_NAMES, Figures
+from core.metrology.cycle_statistics import cycle_statistics
+from core.metrology.intervals import assess_three_sigma
 from core.metrology.iso9283 import (
     DistancePerformance,
     direction_variation,
     distance_performance,
     three_sigma,
 )
-from core.metrology.orientation import UNKNOWN_ANGLE, angles_from_vectors, mean_and_vectors
-from core.metrology.poses import PoseCycles
-from core.metrology.sample import sample_of
-from core.metrology.uncertainty import assess_three_sigma
+from core.metrology.pose_cycles import (
+    COMPONENTS,
+    UNKNOWN_ANGLE,
+    PerComponent,
+    PoseCycles,
+    angles_from_vectors,
+    mean_and_vectors,
+)
 
 FAR_ENOUGH = 20.0
 """A distance shorter than this many of its own standard deviations does not scatter along its direction alone."""
@@ -108,19 +113,19 @@ class ApproachVariation:
     of so many cycles, the expected largest difference. None where no direction has two cycles.
     """
 
-    figures: Figures[float | None]
-    noise_floor: Figures[float | None]
+    figures: PerComponent[float | None]
+    noise_floor: PerComponent[float | None]
 
 
 def assess_approaches(directions: Sequence[PoseCycles]) -> ApproachVariation:
     """Return vAP (ISO 9283:1998, 7.2.3) of one commanded pose approached from several directions, at least two."""
-    samples = [sample_of(cycles) for cycles in directions]
+    samples = [cycle_statistics(cycles) for cycles in directions]
     rotations = [s.mean_rotation for s in samples if s.mean_rotation is not None]
     turned = len(rotations) == len(samples)
     figures = direction_variation(
         np.array([s.mean_position for s in samples]), np.array(rotations) if turned else None
     )
-    nothing: Figures[float | None] = Figures(*[None] * len(FIGURE_NAMES))
+    nothing: PerComponent[float | None] = PerComponent(*[None] * len(COMPONENTS))
     counts = np.array([len(s.cycles) for s in samples])
     if not np.any(counts > 1):
         return ApproachVariation(figures, nothing)
@@ -145,4 +150,4 @@ def assess_approaches(directions: Sequence[PoseCycles]) -> ApproachVariation:
     expected = np.abs(d).max(axis=1).mean(axis=0)
     length = float(np.linalg.norm(d[..., :3], axis=2).max(axis=1).mean())
     angles = np.minimum(expected[3:], 3.0 * UNKNOWN_ANGLE).tolist() if turned else [None] * 3
-    return ApproachVariation(figures, Figures(length, *expected[:3].tolist(), *angles))
+    return ApproachVariation(figures, PerComponent(length, *expected[:3].tolist(), *angles))

@@ -1,4 +1,4 @@
-"""Performance criteria of ISO 9283:1998, clause 7, as the standard writes them; nothing estimated beside them.
+"""Performance criteria of ISO 9283:1998, clause 7, exactly as the standard defines them.
 
 n cycles attain positions p_j and angles a_j, b_j, c_j (here roll, pitch, yaw) where p_c, a_c were commanded. Bars are
 means over the cycles. Millimetres and radians.
@@ -13,9 +13,8 @@ import numpy as np
 from jaxtyping import Float
 
 from core.errors import InvalidArgument
-from core.metrology.figures import Figures
-from core.metrology.orientation import mean_and_vectors
-from core.transforms import rotation_to_rpy, rotation_vectors
+from core.geometry import rotation_to_rpy, rotation_vectors
+from core.metrology.pose_cycles import PerComponent, mean_and_vectors
 
 SMALLEST_DEVIATION = 1e-30
 """What is less is nothing: far below any instrument, and squares of squares stay above the least of floats."""
@@ -47,7 +46,7 @@ def pose_accuracy(
     commanded_position_mm: Float[np.ndarray, "3"],
     mean_rotation: Float[np.ndarray, "3 3"] | None = None,
     commanded_rotation: Float[np.ndarray, "3 3"] | None = None,
-) -> Figures[float | None]:
+) -> PerComponent[float | None]:
     """Return AP_p = ‖p̄ - p_c‖ and, signed, attained less commanded on each axis and angle (7.2.1).
 
     Angles are differences of roll, pitch and yaw taken to (-π, π]; None without both rotations. Both poses must be in
@@ -57,12 +56,12 @@ def pose_accuracy(
     angles: tuple[float | None, ...] = (None, None, None)
     if mean_rotation is not None and commanded_rotation is not None:
         angles = tuple(_turn(rotation_to_rpy(mean_rotation) - rotation_to_rpy(commanded_rotation)))
-    return Figures(float(np.linalg.norm(d)), float(d[0]), float(d[1]), float(d[2]), *angles)
+    return PerComponent(float(np.linalg.norm(d)), float(d[0]), float(d[1]), float(d[2]), *angles)
 
 
 def direction_variation(
     mean_positions_mm: Float[np.ndarray, "h 3"], mean_rotations: Float[np.ndarray, "h 3 3"] | None = None
-) -> Figures[float | None]:
+) -> PerComponent[float | None]:
     """Return vAP: the largest differences between the mean poses attained from h directions of approach (7.2.3).
 
     The standard asks for three directions; two give a lower bound. vAP_p = max ‖p̄_h - p̄_k‖; axes and angles are the
@@ -82,7 +81,7 @@ def direction_variation(
         turns = np.array([_turn(difference) for difference in rpy[h] - rpy[k]])
         angles = tuple(float(a) for a in np.abs(turns).max(axis=0))
     length = float(np.linalg.norm(d, axis=1).max())
-    return Figures(length, float(largest[0]), float(largest[1]), float(largest[2]), *angles)
+    return PerComponent(length, float(largest[0]), float(largest[1]), float(largest[2]), *angles)
 
 
 @dataclass(frozen=True, slots=True)
@@ -113,7 +112,7 @@ def distance_performance(
     if len(first_mm) != len(second_mm) or len(first_mm) == 0:
         raise InvalidArgument(
             f"A distance needs both its ends in each cycle; there are {len(first_mm)} and {len(second_mm)}.",
-            "Pair the visits by cycle and leave out cycles that miss an end.",
+            "Pair the visits by cycle and exclude cycles that miss an end.",
         )
     axes = np.abs(first_mm - second_mm)
     lengths = np.column_stack([np.linalg.norm(first_mm - second_mm, axis=1), axes])
@@ -136,11 +135,15 @@ def distance_performance(
 
 @dataclass(frozen=True, slots=True)
 class DriftBlock:
-    """What a run of consecutive cycles reads: first and last cycle counted from 1, mm and rad."""
+    """What a run of consecutive cycles reads: first and last cycle counted from 1, mm and rad.
+
+    `standard_error_mm` is that of the mean position along each axis, of the cycles' scatter.
+    """
 
     first_cycle: int
     last_cycle: int
     mean_position_mm: Float[np.ndarray, "3"]
+    standard_error_mm: Float[np.ndarray, "3"]
     accuracy_mm: float | None
     repeatability_mm: float
 
@@ -187,7 +190,8 @@ def drift(
         accuracy = None
         if commanded_position_mm is not None:
             accuracy = float(np.linalg.norm(mean - commanded_position_mm))
-        blocks.append(DriftBlock(start + 1, end, mean, accuracy, position_repeatability(part)))
+        error = part.std(axis=0, ddof=1) / math.sqrt(len(part))
+        blocks.append(DriftBlock(start + 1, end, mean, error, accuracy, position_repeatability(part)))
     first, last = blocks[0], blocks[-1]
     turned = None
     if rotations is not None:

@@ -1,4 +1,4 @@
-"""Repeatability of whole sessions: every pose's figures, with all that is needed to trust them."""
+"""Repeatability of the poses of a session: figures with intervals, noise floor, verdicts and warnings."""
 
 from __future__ import annotations
 
@@ -11,24 +11,23 @@ import numpy as np
 from jaxtyping import Float
 
 from core.errors import Advisory
-from core.metrology.exclusions import Exclusion, find_outliers
-from core.metrology.figures import FIGURE_NAMES, Figures
-from core.metrology.iso9283 import three_sigma
-from core.metrology.orientation import (
-    UNKNOWN_ANGLE,
-    angles_about_mean,
-)
-from core.metrology.poses import PoseCycles
-from core.metrology.sample import Sample, sample_of
-from core.metrology.uncertainty import (
-    SOUND_FLOOR,
-    Limits,
-    Verdict,
+from core.geometry import GIMBAL_MARGIN, rotation_to_rpy
+from core.metrology.cycle_statistics import CycleStatistics, cycle_statistics
+from core.metrology.intervals import (
+    MAX_FLOOR_SHARE,
     assess_radial,
     assess_three_sigma,
-    judge,
 )
-from core.transforms import GIMBAL_MARGIN, rotation_to_rpy
+from core.metrology.iso9283 import three_sigma
+from core.metrology.outliers import Outlier, find_outliers
+from core.metrology.pose_cycles import (
+    COMPONENTS,
+    UNKNOWN_ANGLE,
+    PerComponent,
+    PoseCycles,
+    angles_about_mean,
+)
+from core.metrology.verdict import Verdict, VerdictLimits, classify
 
 Interval = tuple[float, float]
 T = TypeVar("T")
@@ -36,7 +35,7 @@ T = TypeVar("T")
 
 @dataclass(frozen=True, slots=True)
 class OrientationScatter:
-    """Scatter of orientation told otherwise, rad.
+    """Scatter of orientation in two other forms, rad.
 
     `vector_xyz`: 3 S of the rotation vectors about the mean, along the frame's axes: free of any singularity.
     `roll_pitch_yaw`: 3 S of the angles of each cycle as such, the standard's own wording (7.2.2).
@@ -48,43 +47,42 @@ class OrientationScatter:
 
 @dataclass(frozen=True, slots=True)
 class PoseRepeatability:
-    """What n cycles say of one pose; mm and rad, in the frame of the measurements.
+    """Repeatability of one pose from n cycles; mm and rad, in the frame of the measurements.
 
     Values are None below two cycles, and for angles where no rotations were measured. `repeatability` is RP_l of the
     position and 3 S of the others (ISO 9283:1998, 7.2.2), angles by rotation vectors mapped to roll, pitch, yaw.
-    `interval`, `noise_floor`, `corrected` and `verdicts` are those of `core.metrology.uncertainty`; `verdict` is the
-    position's. `corrected_interval` of the position is None where the floor exceeds half of the reading, since no
-    interval found keeps its level there. `excluded` names the cycles left out by their index, and `with_excluded` is
-    `repeatability` with them.
+    `interval`, `noise_floor`, `corrected` and `verdicts` are those of `core.metrology.intervals`; `verdict` is the
+    position's. `corrected_interval` of the position is None where the floor exceeds half of RP_l, since no known
+    interval keeps its level there. ISO 9283 has no rejection: all cycles count. `outliers` names the cycles that no
+    scatter explains by their index, and `without_outliers` is `repeatability` of the others; None without outliers.
     """
 
     n: int
     mean_position_mm: Float[np.ndarray, "3"]
     mean_rotation: Float[np.ndarray, "3 3"] | None
     mean_roll_pitch_yaw: Float[np.ndarray, "3"] | None
-    repeatability: Figures[float | None]
-    interval: Figures[Interval | None]
-    noise_floor: Figures[float | None]
-    corrected: Figures[float | None]
-    corrected_interval: Figures[Interval | None]
+    repeatability: PerComponent[float | None]
+    interval: PerComponent[Interval | None]
+    noise_floor: PerComponent[float | None]
+    corrected: PerComponent[float | None]
+    corrected_interval: PerComponent[Interval | None]
     verdict: Verdict
-    verdicts: Figures[Verdict | None]
+    verdicts: PerComponent[Verdict | None]
     orientation: OrientationScatter | None
-    used: tuple[int, ...]
-    excluded: tuple[Exclusion, ...]
-    with_excluded: Figures[float | None] | None
+    outliers: tuple[Outlier, ...]
+    without_outliers: PerComponent[float | None] | None
     warnings: tuple[Advisory, ...]
 
 
 def assess_repeatability(
-    poses: Sequence[PoseCycles], limits: Limits | None = None, *, exclude_outliers: bool = True
+    poses: Sequence[PoseCycles], limits: VerdictLimits | None = None
 ) -> list[PoseRepeatability]:
     """Return the figures of each pose, in the order given.
 
     The same cycles give the same result whatever else is in the list; nothing is random.
     """
-    limits = limits or Limits()
-    choices = [_choose(cycles, exclude_outliers) for cycles in poses]
+    limits = limits or VerdictLimits()
+    choices = [_choose(cycles) for cycles in poses]
     several = [choice.sample for choice in choices if len(choice.cycles) > 1]
     rows = iter(_assess(several) if several else [])
     return [_conclude(choice, next(rows) if len(choice.cycles) > 1 else {}, limits) for choice in choices]
@@ -92,31 +90,28 @@ def assess_repeatability(
 
 @dataclass(frozen=True, slots=True)
 class _Choice:
-    """The cycles that count, and what was decided of the others."""
+    """The cycles of a pose, and the outliers among them."""
 
     cycles: PoseCycles
-    sample: Sample
-    used: tuple[int, ...]
-    excluded: tuple[Exclusion, ...]
-    with_excluded: Figures[float | None] | None
-    remarks: tuple[Advisory, ...]
+    sample: CycleStatistics
+    outliers: tuple[Outlier, ...]
+    without_outliers: PerComponent[float | None] | None
+    warnings: tuple[Advisory, ...]
 
 
-def _choose(cycles: PoseCycles, exclude_outliers: bool) -> _Choice:
-    whole = sample_of(cycles)
-    excluded, remarks = find_outliers(cycles.positions_mm, whole.vectors) if exclude_outliers else ([], [])
-    out = {exclusion.index for exclusion in excluded}
-    used = tuple(i for i in range(len(cycles)) if i not in out)
-    if not out:
-        return _Choice(cycles, whole, used, (), None, tuple(remarks))
-    rest = cycles.take(np.array(used))
-    return _Choice(rest, sample_of(rest), used, tuple(excluded), _raw(whole), tuple(remarks))
+def _choose(cycles: PoseCycles) -> _Choice:
+    sample = cycle_statistics(cycles)
+    outliers, warnings = find_outliers(cycles.positions_mm, sample.vectors)
+    if not outliers:
+        return _Choice(cycles, sample, (), None, tuple(warnings))
+    rest = cycles.take(np.setdiff1d(np.arange(len(cycles)), [outlier.index for outlier in outliers]))
+    return _Choice(cycles, sample, tuple(outliers), _raw(cycle_statistics(rest)), tuple(warnings))
 
 
 _COLUMNS = ("raw", "low", "high", "floor", "corrected", "corrected_low", "corrected_high")
 
 
-def _assess(samples: list[Sample]) -> list[dict[str, list[float]]]:
+def _assess(samples: list[CycleStatistics]) -> list[dict[str, list[float]]]:
     """Return for each pose the seven figures of the readings and of all that surrounds them."""
     cycles = np.array([float(len(s.cycles)) for s in samples])
     reading = np.array([s.reading for s in samples])
@@ -135,8 +130,8 @@ def _assess(samples: list[Sample]) -> list[dict[str, list[float]]]:
     columns = {"raw": np.column_stack([reading, 3.0 * np.sqrt(variance)])}
     for name in _COLUMNS[1:]:
         columns[name] = np.column_stack([getattr(radial, name), getattr(sigma, name)])
-    # A perfect instrument would not have read more: what rounding or the division by the bias puts above the reading
-    # is none of the robot's.
+    # A perfect instrument would not have measured more: an excess over the raw figure comes from rounding or from the
+    # division by the bias, not from the robot.
     columns["corrected"] = np.minimum(columns["corrected"], columns["raw"])
     for values in columns.values():
         np.minimum(values[:, 4:], 3.0 * UNKNOWN_ANGLE, out=values[:, 4:])
@@ -144,13 +139,13 @@ def _assess(samples: list[Sample]) -> list[dict[str, list[float]]]:
     return [dict(zip(_COLUMNS, row, strict=True)) for row in rows]
 
 
-def _raw(sample: Sample) -> Figures[float | None]:
+def _raw(sample: CycleStatistics) -> PerComponent[float | None]:
     angles = np.minimum(3.0 * np.sqrt(sample.variance[3:]), 3.0 * UNKNOWN_ANGLE)
     values = [sample.reading, *(3.0 * np.sqrt(sample.variance[:3])).tolist()]
     return _figures(values if sample.mean_rotation is None else [*values, *angles.tolist()])
 
 
-def _conclude(choice: _Choice, table: dict[str, list[float]], limits: Limits) -> PoseRepeatability:
+def _conclude(choice: _Choice, table: dict[str, list[float]], limits: VerdictLimits) -> PoseRepeatability:
     sample, n = choice.sample, len(choice.cycles)
     known = 4 if sample.mean_rotation is None else 7
 
@@ -160,10 +155,10 @@ def _conclude(choice: _Choice, table: dict[str, list[float]], limits: Limits) ->
     corrected_interval: list[Interval | None] = list(
         zip(values("corrected_low"), values("corrected_high"), strict=True)
     )
-    if table and table["floor"][0] > SOUND_FLOOR * table["raw"][0]:
+    if table and table["floor"][0] > MAX_FLOOR_SHARE * table["raw"][0]:
         corrected_interval[0] = None
     verdicts: list[Verdict] = [
-        judge(reading, floor if sample.cycles.covariances is not None else None, n, limits)
+        classify(reading, floor if sample.cycles.covariances is not None else None, n, limits)
         for reading, floor in zip(values("raw"), values("floor"), strict=True)
     ]
     return PoseRepeatability(
@@ -179,18 +174,17 @@ def _conclude(choice: _Choice, table: dict[str, list[float]], limits: Limits) ->
         verdicts[0] if verdicts else Verdict.TOO_FEW_CYCLES,
         _figures(verdicts),
         _orientation(sample),
-        choice.used,
-        choice.excluded,
-        choice.with_excluded,
-        choice.remarks + _remarks(sample),
+        choice.outliers,
+        choice.without_outliers,
+        choice.warnings + _warnings(sample),
     )
 
 
-def _figures(known: Sequence[T | None]) -> Figures[T | None]:
-    return Figures(*known, *[None] * (len(FIGURE_NAMES) - len(known)))
+def _figures(known: Sequence[T | None]) -> PerComponent[T | None]:
+    return PerComponent(*known, *[None] * (len(COMPONENTS) - len(known)))
 
 
-def _orientation(sample: Sample) -> OrientationScatter | None:
+def _orientation(sample: CycleStatistics) -> OrientationScatter | None:
     rotations, mean, vectors = sample.cycles.rotations, sample.mean_rotation, sample.vectors
     if rotations is None or mean is None or vectors is None or len(vectors) < 2:
         return None
@@ -199,21 +193,21 @@ def _orientation(sample: Sample) -> OrientationScatter | None:
     )
 
 
-def _remarks(sample: Sample) -> tuple[Advisory, ...]:
-    remarks = []
+def _warnings(sample: CycleStatistics) -> tuple[Advisory, ...]:
+    warnings = []
     if sample.cycles.covariances is None:
-        remarks.append(
+        warnings.append(
             Advisory(
                 "noise_unknown",
-                "The poses carry no covariances: the noise floor is taken as zero, and whether the figures speak of "
-                "the robot or of the instrument cannot be told.",
+                "The poses carry no covariances: the noise floor is taken as zero, and whether the figures describe "
+                "the robot or the instrument cannot be determined.",
                 "State the instrument's covariance with each pose.",
             )
         )
     if sample.mean_rotation is not None:
         pitch = float(rotation_to_rpy(sample.mean_rotation)[1])
         if abs(pitch) > math.pi / 2.0 - GIMBAL_MARGIN:
-            remarks.append(
+            warnings.append(
                 Advisory(
                     "near_gimbal_lock",
                     f"At a pitch of {math.degrees(pitch):.2f}° roll and yaw turn about nearly the same axis, and their "
@@ -222,14 +216,14 @@ def _remarks(sample: Sample) -> tuple[Advisory, ...]:
                 )
             )
     if len(sample.cycles) > 1 and not sample.variance[:3].any():
-        remarks.append(
+        warnings.append(
             Advisory(
                 "no_scatter",
                 f"All {len(sample.cycles)} cycles read the same position to the last digit.",
                 "Check that each cycle was measured anew, and with enough digits.",
             )
         )
-    return tuple(remarks)
+    return tuple(warnings)
 
 
 def _three(values: Float[np.ndarray, "3"]) -> tuple[float, float, float]:

@@ -9,8 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float, Int
 
-from core.kinematics.dh import Chain, forward, pose_with_jacobian
-from core.transforms import compose, invert, so3_exp, so3_log, transform
+from core.geometry import compose, invert, so3_exp, so3_log, transform
+from core.kinematics import Chain, forward, pose_with_jacobian
 
 KR5_ARC = Chain.from_rows(
     [

@@ -1,8 +1,8 @@
 """A session from which an arm is identified, with its truth: sweeps of every joint before two grids, and free poses.
 
-As in Boby and Saha's experiment two mutually perpendicular grids are taken in turn. Somebody moves one joint at a time
-as far as a grid stays in the picture. Joints 1 and 2 are swept before either grid from the same place of joint 1: two
-axes known in both grids' frames say how the grids lie to one another, before any chain is known.
+As in Boby and Saha's experiment two mutually perpendicular grids are taken in turn. One joint at a time is moved
+as far as a grid stays in the image. Joints 1 and 2 are swept before either grid from the same place of joint 1: two
+axes known in both grids' frames determine the transform between the grids, before any chain is known.
 """
 
 from __future__ import annotations
@@ -12,13 +12,11 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from core.camera import Camera
+from core.geometry import Camera, invert
 from core.simulation.arm import KR5_ARC_HOME, KR5_ARC_LIMITS, Arm
-from core.simulation.experiment import JOINT_REPEATABILITY_RAD
-from core.simulation.looking import looking_angles, telling_sweep
-from core.simulation.robot import SessionImage, workshop_scene
-from core.targets.specification import TargetSpec
-from core.transforms import invert
+from core.simulation.looking import largest_visible_sweep, sample_viewing_configurations
+from core.simulation.paper_experiment import JOINT_REPEATABILITY_RAD, SessionImage, workshop_scene
+from core.targets import TargetSpec
 
 _DRAWN = 300  # poses before each grid, through which sweeps are tried
 _FAR, _NEAR = (0.15, 0.25), (0.3, 0.6)  # share of the image that a grid takes: in sweeps, in free poses
@@ -26,7 +24,7 @@ _FAR, _NEAR = (0.15, 0.25), (0.3, 0.6)  # share of the image that a grid takes: 
 
 @dataclass(frozen=True, slots=True)
 class ArmPose:
-    """One pose: what the joints are told (rad), and which grid the camera then sees, by its index."""
+    """One pose: the commanded joint angles (rad), and which grid the camera then sees, by its index."""
 
     pose_id: str
     joint_angles: Float[np.ndarray, " j"]
@@ -42,7 +40,7 @@ class ArmSession:
     images: tuple[SessionImage, ...]
 
 
-def arm_session(
+def simulate_arm_session(
     arm: Arm,
     grid: TargetSpec,
     camera: Camera,
@@ -62,7 +60,7 @@ def arm_session(
     for target in range(len(arm.T_target_base)):
         letter = chr(ord("A") + target)
         tried, looking = (
-            looking_angles(
+            sample_viewing_configurations(
                 arm,
                 grid,
                 camera,
@@ -80,7 +78,7 @@ def arm_session(
             through = tried.copy()
             if joint == 1:
                 through[:, 0] = KR5_ARC_HOME[0]
-            swept = telling_sweep(
+            swept = largest_visible_sweep(
                 arm, grid, camera, size_px, through, joint, limits=KR5_ARC_LIMITS, steps=steps, target=target
             )
             poses += [ArmPose(f"{letter}-J{joint + 1}-{k + 1}", q, target) for k, q in enumerate(swept)]
@@ -88,7 +86,7 @@ def arm_session(
     images = []
     for pose in poses:
         attained = pose.joint_angles + rng.normal(0.0, joint_repeatability_rad, len(pose.joint_angles))
-        told, true = arm.camera_poses(np.stack([pose.joint_angles, attained]), np.full(2, pose.target))
+        commanded, true = arm.camera_poses(np.stack([pose.joint_angles, attained]), np.full(2, pose.target))
         scene = workshop_scene(
             grid,
             camera,
@@ -97,5 +95,5 @@ def arm_session(
             seed=int(rng.integers(2**31)),
             background_seed=seed * 1000 + pose.target,
         )
-        images.append(SessionImage(pose.pose_id, 1, told, scene))
+        images.append(SessionImage(pose.pose_id, 1, commanded, scene))
     return ArmSession(arm, tuple(poses), tuple(images))

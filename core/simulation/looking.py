@@ -7,17 +7,16 @@ import math
 import numpy as np
 from jaxtyping import Bool, Float
 
-from core.camera import Camera, project
+from core.geometry import Camera, invert, project, so3_exp, transform
 from core.simulation.arm import Arm, reach
-from core.targets.specification import TargetSpec
-from core.transforms import invert, so3_exp, transform
+from core.targets import TargetSpec
 
 MARGIN_PX = 10.0
 _STEP = math.radians(2.0)  # of a joint that is moved as far as the grid stays in view
 _STEEPEST = math.radians(60.0)
 
 
-def looking_angles(
+def sample_viewing_configurations(
     arm: Arm,
     spec: TargetSpec,
     camera: Camera,
@@ -60,7 +59,7 @@ def looking_angles(
     raise ValueError("The arm can hardly look at this target.")
 
 
-def telling_sweep(
+def largest_visible_sweep(
     arm: Arm,
     spec: TargetSpec,
     camera: Camera,
@@ -74,12 +73,12 @@ def telling_sweep(
     largest: float = math.radians(120.0),
     smallest: float = math.radians(10.0),
 ) -> Float[np.ndarray, "m j"]:
-    """Return the sweep (rad) of one joint through any of the given poses that tells most without losing the grid.
+    """Return the deepest sweep (rad) of one joint through any of the given poses that keeps the grid in view.
 
     The joint (counted from 0) is turned both ways until the grid or a pitch around it would leave the image, be seen
     at less than 30°, or the joint come to its limit, or the arc to `largest`; `steps` poses are spread over the arc.
-    What an arc tells is its depth, by how much it is not straight: of the same angle more, the farther the camera
-    is from the axis.
+    An arc informs by its depth, its deviation from a straight line: of the same angle the deeper, the farther the
+    camera is from the axis.
 
     Raises ValueError where no arc is as wide as `smallest`.
     """
@@ -115,7 +114,7 @@ def telling_sweep(
 def in_view(
     T_camera_target: Float[np.ndarray, "n 4 4"], spec: TargetSpec, camera: Camera, size_px: tuple[int, int]
 ) -> Bool[np.ndarray, " n"]:
-    """Tell in which views the grid and a pitch around it are in the image, a few pixels from its edge."""
+    """Return in which views the grid and a pitch around it are in the image, a few pixels from its edge."""
     points = spec.points_target()
     low, high = points.min(axis=0) - spec.pitch_mm, points.max(axis=0) + spec.pitch_mm
     outline = np.array([[x, y, 0.0] for x in (low[0], high[0]) for y in (low[1], high[1])])

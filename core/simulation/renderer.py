@@ -25,21 +25,19 @@ import cv2
 import numpy as np
 from jaxtyping import Float, UInt8, UInt16
 
-from core.camera import project
 from core.errors import InvalidArgument
-from core.simulation.coverage import Coverage
-from core.simulation.dot_coverage import DotCoverage
-from core.simulation.patterns import DotPattern, RectilinearPattern, pattern_of
+from core.geometry import project, transform_points
+from core.simulation.background import background, illumination
+from core.simulation.pattern_coverage import Coverage, DotCoverage
 from core.simulation.scenes import Scene
-from core.simulation.surroundings import background, illumination
-from core.transforms import transform_points
+from core.targets import DotPattern, RectilinearPattern, pattern_of
 
 _TILE_PX = 80  # so small that the products of its matrices stay in one thread: many run slower together
 _REACH = 5.0  # standard deviations; Φ(-5) = 3e-7
 
 
 def render(scene: Scene) -> UInt8[np.ndarray, "h w"] | UInt16[np.ndarray, "h w"]:
-    """Return the picture of a scene, uint8 or (bit_depth 16) uint16.
+    """Return the image of a scene, uint8 or (bit_depth 16) uint16.
 
     Raises
     ------
@@ -58,7 +56,7 @@ def render(scene: Scene) -> UInt8[np.ndarray, "h w"] | UInt16[np.ndarray, "h w"]
 
 
 def render_levels(scene: Scene) -> Float[np.ndarray, "h w"]:
-    """Return the noise-free picture in 8-bit grey levels, not rounded; float32."""
+    """Return the noise-free image in 8-bit grey levels, not rounded; float32."""
     white, sheet = _render_sheet(scene)
     light = scene.light
     levels = light.black_level * sheet + (light.white_level - light.black_level) * white

@@ -8,10 +8,9 @@ from dataclasses import dataclass, field
 import numpy as np
 from jaxtyping import Float
 
-from core.camera import Camera, project
 from core.errors import InvalidArgument
-from core.targets.specification import GridPoints, TargetSpec
-from core.transforms import compose, so3_exp, transform, transform_points
+from core.geometry import Camera, compose, project, so3_exp, transform, transform_points
+from core.targets import GridPoints, TargetSpec
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,7 +29,7 @@ class Light:
 
 @dataclass(frozen=True, slots=True)
 class Scene:
-    """One picture to be taken, with its ground truth.
+    """One image to be rendered, with its ground truth.
 
     `blur_px` is the standard deviation of the lens's Gaussian blur (at least .1), which comes on top of the
     pixel's own area; `noise_levels` that of white noise in 8-bit grey levels; `quiet_zone` the white margin
@@ -153,9 +152,9 @@ def random_pose(
     middle = (points.min(axis=0) + points.max(axis=0)) / 2.0
     turned = transform(rotation, -rotation @ middle)  # the board's middle at the origin
     far = _fitting_distance(turned, target, camera, size_px) / rng.uniform(0.45, 0.9)
-    for reach in np.linspace(1.0, 0.0, 41):  # aside as far as the frame allows
-        aside = rng.uniform(-0.5, 0.5, 2) * reach * far * np.array(size_px) / (camera.fx_px, camera.fy_px)
-        T_camera_target = compose(transform(np.eye(3), np.array([*aside, far])), turned)
+    for reach in np.linspace(1.0, 0.0, 41):  # displaced as far as the frame allows
+        shift = rng.uniform(-0.5, 0.5, 2) * reach * far * np.array(size_px) / (camera.fx_px, camera.fy_px)
+        T_camera_target = compose(transform(np.eye(3), np.array([*shift, far])), turned)
         if _is_in_view(T_camera_target, target, camera, size_px):
             return T_camera_target
     raise InvalidArgument("No pose with this tilt has the whole board in view.")
@@ -177,7 +176,7 @@ def _fitting_distance(
 def _is_in_view(
     T_camera_target: Float[np.ndarray, "4 4"], target: TargetSpec, camera: Camera, size_px: tuple[int, int]
 ) -> bool:
-    """Tell whether the grid, and one pitch around it, lies in the image."""
+    """Return whether the grid, and one pitch around it, lies in the image."""
     points = target.points_target()[:, :2]
     low, high = points.min(axis=0) - target.pitch_mm, points.max(axis=0) + target.pitch_mm
     x, y = (a.ravel() for a in np.meshgrid([low[0], high[0]], [low[1], high[1]]))

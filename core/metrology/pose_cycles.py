@@ -1,15 +1,33 @@
-"""What repeatability is computed from: the cycles of one commanded pose, checked once, at the door."""
+"""Cycles of one commanded pose, checked once on entry; names of its figures; scatter of orientation.
+
+Figures: ISO 9283:1998 defines those of the position as a whole (AP_p 7.2.1, RP_l 7.2.2, vAP_p 7.2.3) and of the angles
+(RP_a, RP_b, RP_c and so on, ibidem); figures along the axes are given in addition, by the angles' formula.
+
+Scatter of orientation: rotation vectors about the mean, mapped to roll, pitch and yaw. These angles are coordinates
+that fail at pitch = ±90°; the rotation vectors w_j = log(R_j R̄ᵀ) about the mean R̄ do not. Statistics therefore run on
+w and are mapped to the angles by their derivative at the mean, δ(roll, pitch, yaw) = J w, which agrees with the
+statistics of the angles themselves to second order in the scatter.
+"""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import math
+from dataclasses import dataclass, fields
+from typing import Generic, TypeVar
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from core.errors import InvalidArgument
+from core.geometry import (
+    are_rotations,
+    nearest_rotation,
+    rotation_to_rpy,
+    rotation_vectors,
+    rpy_jacobian,
+    so3_exp,
+)
 
-_ORTHONORMAL = 1e-6  # a rotation written with seven digits passes, a scaled or mirrored matrix does not
 _SEMIDEFINITE = 1e-9  # relative to the largest eigenvalue: what writing and reading a covariance costs
 LARGEST_MM = 1e9
 """No robot reaches so far (a thousand km); fourth powers of what lies within are still far from the end of floats."""
@@ -45,7 +63,7 @@ class PoseCycles:
     def __post_init__(self) -> None:
         if len(self.positions_mm) == 0:
             raise InvalidArgument(
-                "A pose needs at least one cycle.", "Leave out poses that were never measured."
+                "A pose needs at least one cycle.", "Exclude poses that were never measured."
             )
         _require(np.isfinite(self.positions_mm).all(axis=1), "a position that is not finite")
         _require(
@@ -55,9 +73,7 @@ class PoseCycles:
         if self.rotations is not None:
             self._same_length(self.rotations, "rotations")
             _require(np.isfinite(self.rotations).all(axis=(1, 2)), "a rotation that is not finite")
-            product = self.rotations @ self.rotations.transpose(0, 2, 1)
-            square = np.abs(product - np.eye(3)).max(axis=(1, 2)) < _ORTHONORMAL
-            _require(square & (np.linalg.det(self.rotations) > 0.0), "a matrix that is no rotation")
+            _require(are_rotations(self.rotations), "a matrix that is no rotation")
         if self.covariances is not None:
             self._same_length(self.covariances, "covariances")
             _require(np.isfinite(self.covariances).all(axis=(1, 2)), "a covariance that is not finite")
@@ -103,3 +119,66 @@ def _semidefinite(covariances: Float[np.ndarray, "n 6 6"]) -> Bool[np.ndarray, "
     symmetric = np.abs(correlation - correlation.transpose(0, 2, 1)).max(axis=(1, 2)) < 1e-6
     smallest = np.linalg.eigvalsh((correlation + correlation.transpose(0, 2, 1)) / 2.0)[:, 0]
     return np.asarray((variance >= 0.0).all(axis=1) & symmetric & (smallest > -_SEMIDEFINITE * 6.0))
+
+
+T = TypeVar("T")
+
+
+@dataclass(frozen=True, slots=True)
+class PerComponent(Generic[T]):
+    """One value for the position as a whole, one an axis, one a rotation angle; mm and rad."""
+
+    position_mm: T
+    x_mm: T
+    y_mm: T
+    z_mm: T
+    roll: T
+    pitch: T
+    yaw: T
+
+    def items(self) -> list[tuple[str, T]]:
+        """Return (name, value), in the order above."""
+        return [(field.name, getattr(self, field.name)) for field in fields(self)]
+
+
+COMPONENTS = tuple(field.name for field in fields(PerComponent))
+
+
+UNKNOWN_ANGLE = math.pi / math.sqrt(3.0)
+"""Standard deviation of an angle of which nothing is known (uniform over a turn), rad: no angle scatters more."""
+
+
+def mean_and_vectors(
+    rotations: Float[np.ndarray, "n 3 3"],
+) -> tuple[Float[np.ndarray, "3 3"], Float[np.ndarray, "n 3"]]:
+    """Return the R̄ with Σ log(R_j R̄ᵀ) = 0, as `core.geometry.se3.rotation_mean` does, and those logarithms."""
+    mean = nearest_rotation(rotations.mean(axis=0))
+    for _ in range(50):
+        vectors = rotation_vectors(rotations, mean)
+        step = vectors.mean(axis=0)
+        if step @ step < 1e-28:
+            break
+        mean = so3_exp(step) @ mean
+    return mean, vectors
+
+
+def angles_from_vectors(mean: Float[np.ndarray, "3 3"]) -> Float[np.ndarray, "3 3"]:
+    """Return J: small changes of (roll, pitch, yaw) at the mean are J w."""
+    return rpy_jacobian(rotation_to_rpy(mean))
+
+
+def angles_about_mean(
+    rotations: Float[np.ndarray, "n 3 3"], mean: Float[np.ndarray, "3 3"]
+) -> Float[np.ndarray, "n 3"]:
+    """Return roll, pitch, yaw of each cycle less those of the mean, each taken to (-π, π]: the standard's own way."""
+    pitch_cosine = np.hypot(rotations[:, 0, 0], rotations[:, 1, 0])
+    angles = np.stack(
+        [
+            np.arctan2(rotations[:, 2, 1], rotations[:, 2, 2]),
+            np.arctan2(-rotations[:, 2, 0], pitch_cosine),
+            np.arctan2(rotations[:, 1, 0], rotations[:, 0, 0]),
+        ],
+        axis=1,
+    )
+    difference = angles - rotation_to_rpy(mean)
+    return np.asarray(np.pi - np.mod(np.pi - difference, 2.0 * np.pi))

@@ -1,7 +1,7 @@
 """Repeatability by every method of the comparison, from the same images: the rows of Table III.
 
-All rows are by the same rules, those of `core.metrology.repeatability`: RP_l and 3 S of ISO 9283:1998 (7.2.2), outliers
-left out where no scatter explains them.
+All rows are by the same rules, those of `core.metrology.repeatability`: RP_l and 3 S of ISO 9283:1998 (7.2.2), over all
+images that a method has a pose for.
 """
 
 from __future__ import annotations
@@ -12,14 +12,12 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from core.calibration.baselines import Failure, MethodRow
+from core.comparison.results import Failure, MethodRow
 from core.errors import InvalidArgument
-from core.metrology.figures import FIGURE_NAMES, Figures
-from core.metrology.poses import PoseCycles
-from core.metrology.repeatability import PoseRepeatability, assess_repeatability
-from core.transforms import compose, invert
+from core.geometry import compose, invert
+from core.metrology import COMPONENTS, PerComponent, PoseCycles, PoseRepeatability, assess_repeatability
 
-LEAST_IMAGES = 2
+MIN_IMAGES = 2
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,8 +30,8 @@ class MethodPose:
 
     label: Hashable
     images: tuple[int, ...]
-    repeatability: Figures[float | None]
-    noise_floor: Figures[float | None] | None
+    repeatability: PerComponent[float | None]
+    noise_floor: PerComponent[float | None] | None
     failures: tuple[Failure, ...]
     failure: Failure | None
 
@@ -57,8 +55,8 @@ def compare_repeatability(
     Parameters
     ----------
     labels
-        The pose that each image shows; None for an image that belongs to no pose. Poses stand in the order in which
-        they first occur.
+        The pose that each image shows; None for an image that belongs to no pose. Poses are listed in the order in
+        which they first occur.
     turns
         Of each image T_target_turned, for boards that look the same when turned: its pose is given in the turned frame.
     """
@@ -90,7 +88,7 @@ def _poses(
     cycles: dict[Hashable, PoseCycles] = {}
     refused: dict[Hashable, Failure] = {}
     for label, members in known.items():
-        if len(members) >= LEAST_IMAGES:
+        if len(members) >= MIN_IMAGES:
             try:
                 cycles[label] = _cycles(row, members, found, turns)
             except InvalidArgument as error:
@@ -134,16 +132,12 @@ def _in_turned_frame(
 def _assessed(
     row: MethodRow, label: Hashable, members: list[int], figures: PoseRepeatability, without: list[Failure]
 ) -> MethodPose:
-    outliers = [
-        Failure(members[e.index], e.code, e.detail, "Look at these images' overlays, and take them again.")
-        for e in figures.excluded
-    ]
     return MethodPose(
         label,
-        tuple(members[i] for i in figures.used),
+        tuple(members),
         figures.repeatability,
         figures.noise_floor if row.scatter is not None else None,
-        (*without, *outliers),
+        tuple(without),
         None,
     )
 
@@ -158,11 +152,11 @@ def _unknown(
     few = Failure(
         None,
         "too_few_images",
-        f"Repeatability takes at least {LEAST_IMAGES} images of a pose; of {len(members)} here, {len(known)} gave a "
+        f"Repeatability takes at least {MIN_IMAGES} images of a pose; of {len(members)} here, {len(known)} gave a "
         "pose by this method.",
         "Visit the pose again: the standard asks for 30 cycles."
-        if len(members) < LEAST_IMAGES
+        if len(members) < MIN_IMAGES
         else "See why the others failed.",
     )
-    nothing: Figures[float | None] = Figures(*[None] * len(FIGURE_NAMES))
+    nothing: PerComponent[float | None] = PerComponent(*[None] * len(COMPONENTS))
     return MethodPose(label, tuple(known), nothing, None, tuple(without), reason or few)

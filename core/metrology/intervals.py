@@ -1,4 +1,4 @@
-"""What a reading of scatter is worth: its interval, the instrument's part in it, and what is left for the robot.
+"""Uncertainty of measured scatter: its interval, the noise floor of the instrument, and the corrected figure.
 
 Each figure is the reading of n cycles p_j ~ N(μ, Σ_robot + M_j), M_j the covariance of measurement j.
 
@@ -12,9 +12,9 @@ Each figure is the reading of n cycles p_j ~ N(μ, Σ_robot + M_j), M_j the cova
   subtract, D = S - M̄ without its negative part, and the reading is scaled by g(D) / g(S): with M = 0 it is the raw
   reading to the last digit. Because S is itself scattered, g(D) is biased (upward where noise makes a sphere look
   elongated, downward where a subtraction stops at zero); the bias is found by repeating the subtraction on Wishart
-  replicates of the model D + M and divided out. Replicates of S itself would leave 2 % where robot and noise read
-  alike: where the subtraction stopped at zero, S is no sum of M and a covariance. The bias depends on D's size, which
-  is biased too, so that it is found once more with D scaled by the first answer.
+  replicates of the model D + M and divided out. Replicates of S itself would leave 2 % where robot and noise have
+  equal figures: where the subtraction stopped at zero, S is no sum of M and a covariance. The bias depends on D's size,
+  which is biased too, so that it is found once more with D scaled by the first answer.
 
 References: B. L. Welch, Biometrika 34 (1947) 28-35, doi:10.1093/biomet/34.1-2.28; B. Efron, R. J. Tibshirani, "An
 Introduction to the Bootstrap", 1993, §10.6 (bias correction); T. W. Anderson, "An Introduction to Multivariate
@@ -24,7 +24,6 @@ Statistical Analysis", 2003, §7.2 (Bartlett's decomposition).
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from enum import StrEnum
 from functools import lru_cache
 
 import numpy as np
@@ -32,16 +31,15 @@ from jaxtyping import Float
 from scipy.special import chdtri, gammaln, ndtri
 from scipy.stats import qmc
 
-from core.metrology.radial import (
+from core.metrology.rp_distribution import (
     CONFIDENCE,
     eigenvalues,
-    long_run_reading,
+    long_run_rp,
     mean_length,
-    reading_law,
+    rp_sampling_distribution,
 )
 
-FEW_CYCLES = 10
-SOUND_FLOOR = 0.5
+MAX_FLOOR_SHARE = 0.5
 """The corrected RP_l has an interval that keeps its level where the floor is below this share of the reading."""
 _POINTS = 32  # a power of two, which balances the net
 _SIGNS = np.array([[1.0, 1.0, 1.0], [1.0, 1.0, -1.0], [1.0, -1.0, 1.0], [-1.0, 1.0, 1.0]])
@@ -49,44 +47,8 @@ _ROUNDS = 2
 _CHI_GRID = 128
 
 
-class Verdict(StrEnum):
-    """What a figure measures: the robot, mostly the instrument, nothing yet, or too little to say."""
-
-    ROBOT = "robot"
-    INSTRUMENT_LIMITED = "instrument_limited"
-    BELOW_DETECTION = "below_detection"
-    TOO_FEW_CYCLES = "too_few_cycles"
-
-
 @dataclass(frozen=True, slots=True)
-class Limits:
-    """Where a figure stops speaking of the robot: shares of the noise floor; both without unit.
-
-    `instrument_share`: a floor above this share of the reading makes it instrument limited (at .25 the instrument adds
-    about 3 % to the reading). `detection_share`: a reading below this share of the floor is less than the stated
-    measurement noise alone would give, by more than chance.
-    """
-
-    instrument_share: float = 0.25
-    detection_share: float = 0.75
-
-
-def judge(reading: float, floor: float | None, cycles: int, limits: Limits) -> Verdict:
-    """Return what a reading measures, given the floor that n cycles have; None where nothing is known of the noise.
-
-    What is not known passes no check: without a floor no reading speaks of the robot.
-    """
-    if cycles < FEW_CYCLES:
-        return Verdict.TOO_FEW_CYCLES
-    if reading == 0.0 or (floor is not None and reading < limits.detection_share * floor):
-        return Verdict.BELOW_DETECTION
-    if floor is None:
-        return Verdict.INSTRUMENT_LIMITED
-    return Verdict.INSTRUMENT_LIMITED if floor > limits.instrument_share * reading else Verdict.ROBOT
-
-
-@dataclass(frozen=True, slots=True)
-class Assessed:
+class IntervalEstimate:
     """A batch of readings with what surrounds them, one row a pose; in the readings' unit."""
 
     low: Float[np.ndarray, "*k"]
@@ -102,7 +64,7 @@ def assess_three_sigma(
     noise: Float[np.ndarray, "k c"],
     noise_square: Float[np.ndarray, "k c"],
     cycles: Float[np.ndarray, " k"],
-) -> Assessed:
+) -> IntervalEstimate:
     """Return intervals, floors and corrected values of the readings 3 S of c quantities.
 
     Parameters
@@ -127,7 +89,7 @@ def assess_three_sigma(
     expected = np.sqrt(np.maximum(replicas - noise[..., None], 0.0)).mean(axis=-1)
     unsubtracted = np.sqrt(replicas).mean(axis=-1)
     corrected = 3.0 * left * _share(unsubtracted, expected * np.sqrt(variance))
-    return Assessed(
+    return IntervalEstimate(
         low,
         high,
         floor,
@@ -137,7 +99,7 @@ def assess_three_sigma(
     )
 
 
-def still_lengths(covariances: Float[np.ndarray, "n 3 3"]) -> tuple[float, float]:
+def noise_only_lengths(covariances: Float[np.ndarray, "n 3 3"]) -> tuple[float, float]:
     """Return E l̄ and √(E S_l²) of n ≥ 2 measurements of a motionless robot, mm, given each M_j (mm²).
 
     Two lengths correlate as the square of their points' correlation, 1 / (n - 1)², to within a few percent of it: hence
@@ -161,7 +123,7 @@ def assess_radial(
     trace_excess: Float[np.ndarray, " k"],
     still: Float[np.ndarray, "k 2"],
     cycles: Float[np.ndarray, " k"],
-) -> Assessed:
+) -> IntervalEstimate:
     """Return intervals, floors and corrected values of the readings RP_l, mm.
 
     Parameters
@@ -171,7 +133,7 @@ def assess_radial(
     trace_excess
         Variance over the cycles of the measurements' tr M_j, mm⁴.
     still
-        From `still_lengths`.
+        From `noise_only_lengths`.
     cycles
         n ≥ 2 of each row.
     """
@@ -182,10 +144,12 @@ def assess_radial(
         still[:, 0]
         + 3.0
         * still[:, 1]
-        * reading_law(eigenvalues(noise), _effective(cycles, noise_trace, trace_excess)).mean_scatter
+        * rp_sampling_distribution(
+            eigenvalues(noise), _effective(cycles, noise_trace, trace_excess)
+        ).mean_scatter
     )
     effective = _effective(cycles, np.maximum(spectrum.sum(axis=1), noise_trace), trace_excess)
-    law = reading_law(spectrum, effective)
+    law = rp_sampling_distribution(spectrum, effective)
     low, high = law.interval(reading)
     # Two cycles are equally far from their mean, S_l = 0: the long-run figure lies above such a reading.
     low = np.minimum(low, reading)
@@ -198,7 +162,7 @@ def assess_radial(
         np.maximum(law.spread**2 + subtracted.log_variance - plain.log_variance, 0.04 * law.spread**2)
     )
     corrected_low, corrected_high = replace(law, spread=spread).interval(corrected)
-    return Assessed(low, high, floor, corrected, corrected_low, corrected_high)
+    return IntervalEstimate(low, high, floor, corrected, corrected_low, corrected_high)
 
 
 def _heavy_tail(
@@ -216,7 +180,7 @@ def _heavy_tail(
         total > 0.0, np.maximum(total, noise_trace) ** 2, 1.0
     )
     m = mean_length(spectrum) * (1.0 + unevenness) ** -0.125
-    return _share(m + 3.0 * np.sqrt(np.maximum(total - m * m, 0.0)), long_run_reading(spectrum))
+    return _share(m + 3.0 * np.sqrt(np.maximum(total - m * m, 0.0)), long_run_rp(spectrum))
 
 
 @dataclass(frozen=True, slots=True)
@@ -240,8 +204,8 @@ def _subtraction(
     """
     values, vectors = np.linalg.eigh(covariance - noise)
     values = np.maximum(values, 0.0)
-    left = long_run_reading(values[:, ::-1])
-    size = long_run_reading(np.linalg.eigvalsh(covariance)[:, ::-1])
+    left = long_run_rp(values[:, ::-1])
+    size = long_run_rp(np.linalg.eigvalsh(covariance)[:, ::-1])
     gain, log_variance = np.empty((2, len(left))), np.empty((2, len(left)))
     for n in np.unique(cycles):
         rows = np.flatnonzero(cycles == n)
@@ -252,11 +216,11 @@ def _subtraction(
             for _ in range(_ROUNDS):
                 model = scale[:, None, None] * D + M
                 replicas = _replicas(model, factors)
-                of_robot = long_run_reading(eigenvalues(replicas - M[:, None]))
+                of_robot = long_run_rp(eigenvalues(replicas - M[:, None]))
                 gain[0, chunk] = _share(of_robot.mean(axis=1), np.sqrt(scale) * left[chunk])
                 scale = _share(np.ones(len(chunk)), gain[0, chunk]) ** 2
-            of_all = long_run_reading(eigenvalues(replicas))
-            gain[1, chunk] = _share(of_all.mean(axis=1), long_run_reading(np.linalg.eigvalsh(model)[:, ::-1]))
+            of_all = long_run_rp(eigenvalues(replicas))
+            gain[1, chunk] = _share(of_all.mean(axis=1), long_run_rp(np.linalg.eigvalsh(model)[:, ::-1]))
             for k, sizes in enumerate((of_robot, of_all)):
                 log_variance[k, chunk] = np.log1p(_share(sizes.var(axis=1), sizes.mean(axis=1) ** 2))
     return _Estimated(left, gain[0], log_variance[0]), _Estimated(size, gain[1], log_variance[1])

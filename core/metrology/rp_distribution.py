@@ -1,6 +1,6 @@
-"""What the reading l̄ + 3 S_l is worth when the cycles scatter as a Gaussian of covariance Σ.
+"""Sampling distribution of RP_l = l̄ + 3 S_l when the cycles scatter as a Gaussian of covariance Σ.
 
-With p_j ~ N(μ, Σ) and endless cycles the reading is
+With p_j ~ N(μ, Σ) and endless cycles RP_l is
 
     g(Σ) = m + 3 √(tr Σ - m²),     m = E|p - μ| = √(8/π) R_G(λ₁, λ₂, λ₃),
 
@@ -61,19 +61,19 @@ def eigenvalues(matrices: Float[np.ndarray, "*k 3 3"]) -> Float[np.ndarray, "*k 
 def mean_length(spectrum: Float[np.ndarray, "*k 3"]) -> Float[np.ndarray, "*k"]:
     """Return E|x| of x ~ N(0, Σ) with these eigenvalues (negative ones, by rounding or subtraction, count as 0)."""
     largest = np.maximum(spectrum[..., :1], 0.0)
-    told = largest > _LEAST_VARIANCE  # below, Carlson's integral underflows
-    shape = np.where(told, np.maximum(spectrum, 0.0) / np.where(told, largest, 1.0), 0.0)
+    positive = largest > _LEAST_VARIANCE  # below, Carlson's integral underflows
+    shape = np.where(positive, np.maximum(spectrum, 0.0) / np.where(positive, largest, 1.0), 0.0)
     return np.asarray(np.sqrt(8.0 / np.pi * largest[..., 0]) * elliprg(*np.moveaxis(shape, -1, 0)))
 
 
-def long_run_reading(spectrum: Float[np.ndarray, "*k 3"]) -> Float[np.ndarray, "*k"]:
+def long_run_rp(spectrum: Float[np.ndarray, "*k 3"]) -> Float[np.ndarray, "*k"]:
     """Return g(Σ), the reading l̄ + 3 S_l after endless cycles."""
     m = mean_length(spectrum)
     return np.asarray(m + 3.0 * np.sqrt(np.maximum(np.maximum(spectrum, 0.0).sum(axis=-1) - m * m, 0.0)))
 
 
 @dataclass(frozen=True, slots=True)
-class ReadingLaw:
+class RpDistribution:
     """How log(reading / g) is spread over n cycles, for a batch of poses; all without unit.
 
     `centre` and `spread` are its mean and standard deviation at the shape given; `t_low`, `t_high` the quantiles of
@@ -97,7 +97,9 @@ class ReadingLaw:
         )
 
 
-def reading_law(spectrum: Float[np.ndarray, "k 3"], cycles: Float[np.ndarray, " k"]) -> ReadingLaw:
+def rp_sampling_distribution(
+    spectrum: Float[np.ndarray, "k 3"], cycles: Float[np.ndarray, " k"]
+) -> RpDistribution:
     """Return the law of the reading for covariances with these eigenvalues, largest first, and these n ≥ 2.
 
     `cycles` may be fractional: an effective number where some cycles count more than others.
@@ -112,7 +114,7 @@ def reading_law(spectrum: Float[np.ndarray, "k 3"], cycles: Float[np.ndarray, " 
         share = np.where(right == knot, 1.0 - weight, np.where(right - 1 == knot, weight, 0.0))
         values += share * _bilinear(_limit_nodes() if knot == len(_KNOTS) else _nodes(_KNOTS[knot]), u, v)
     centre, spread, low, high, loss = values
-    return ReadingLaw(centre * x * x, spread * x, low, high, 1.0 - loss * x * x)
+    return RpDistribution(centre * x * x, spread * x, low, high, 1.0 - loss * x * x)
 
 
 def _shape(spectrum: Float[np.ndarray, "*k 3"]) -> tuple[Float[np.ndarray, "*k"], Float[np.ndarray, "*k"]]:
@@ -140,7 +142,7 @@ def _nodes(n: int) -> Float[np.ndarray, "5 6 6"]:
             root = np.array([1.0, u, u * v])
             lengths = np.sqrt(squares @ root**2).reshape(_REPLICATES, n)
             s = lengths.std(axis=1, ddof=1)
-            logs[i, j] = np.log((lengths.mean(axis=1) + 3.0 * s) / long_run_reading(root**2))
+            logs[i, j] = np.log((lengths.mean(axis=1) + 3.0 * s) / long_run_rp(root**2))
             mean_square = np.mean(s * s)
             # Two cycles are equally far from their mean: S_l is nothing but rounding there.
             loss[i, j] = (1.0 - s.mean() / np.sqrt(mean_square)) * (n - 1.0) if n > 2 else 0.0

@@ -1,4 +1,4 @@
-"""The first two moments of a pose's cycles: where it is, how it scatters, and how its instrument does."""
+"""Mean pose and covariance of a pose's cycles, and the covariance of the instrument's noise."""
 
 from __future__ import annotations
 
@@ -7,20 +7,19 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
+from core.metrology.intervals import noise_only_lengths
 from core.metrology.iso9283 import deviations, position_repeatability
-from core.metrology.orientation import angles_from_vectors, mean_and_vectors
-from core.metrology.poses import PoseCycles
-from core.metrology.uncertainty import still_lengths
+from core.metrology.pose_cycles import PoseCycles, angles_from_vectors, mean_and_vectors
 
 
 @dataclass(frozen=True, slots=True)
-class Sample:
+class CycleStatistics:
     """Moments of n cycles; six columns are x, y, z, roll, pitch, yaw; mm and rad.
 
     `vectors` are the rotation vectors about the mean, `reading` is RP_l, `variance` and `covariance` (of the position)
     have the divisor n - 1. `noise`, `noise_square`, `noise_covariance` are means over the cycles of the measurements'
     variances, their squares and their position covariances, `trace_excess` the variance of tr M_j, `still` what
-    `still_lengths` gives. Scatter is zero for one cycle.
+    `noise_only_lengths` gives. Scatter is zero for one cycle.
     """
 
     cycles: PoseCycles
@@ -37,7 +36,7 @@ class Sample:
     still: tuple[float, float]
 
 
-def sample_of(cycles: PoseCycles) -> Sample:
+def cycle_statistics(cycles: PoseCycles) -> CycleStatistics:
     """Return the mean pose and the moments about it."""
     n = len(cycles)
     mean = cycles.positions_mm.mean(axis=0)
@@ -59,8 +58,8 @@ def sample_of(cycles: PoseCycles) -> Sample:
         noise, noise_square = variances.mean(axis=0), np.mean(variances * variances, axis=0)
         noise_covariance = position.mean(axis=0)
         excess = float(np.var(variances[:, :3].sum(axis=1)))
-        still = still_lengths(position) if n > 1 else still
-    return Sample(
+        still = noise_only_lengths(position) if n > 1 else still
+    return CycleStatistics(
         cycles,
         mean,
         rotation,

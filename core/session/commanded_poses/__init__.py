@@ -1,0 +1,18 @@
+"""A session's poses against what the robot was commanded: accuracy, and the camera on the flange."""
+
+from core.session.commanded_poses.accuracy import Accuracy, assess_accuracy
+from core.session.commanded_poses.hand_eye import (
+    HandEyeStation,
+    HeldOut,
+    SessionHandEye,
+    calibrate_session_hand_eye,
+)
+
+__all__ = [
+    "Accuracy",
+    "HandEyeStation",
+    "HeldOut",
+    "SessionHandEye",
+    "assess_accuracy",
+    "calibrate_session_hand_eye",
+]

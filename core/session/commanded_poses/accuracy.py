@@ -1,0 +1,150 @@
+"""Pose accuracy against the commanded poses, whatever measured the poses: which poses can be compared, in which of
+two ways, and which cannot.
+
+Frames are tied by the poses that were commanded whole, where these are at least half of all or enough to detect a wrong
+one among them: that of the measuring device on the flange and that of what it measures against in the base. A pose
+whose position alone was commanded is compared in the frames that they tie, and poses measured without orientation are
+tied by themselves. Where too few were commanded whole, or these do not tie the frames, positions alone do, and the
+poses that lose the accuracy of their orientation by that are named.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+from core.calibration import MIN_POSES_TO_REJECT
+from core.errors import Advisory, GridposeError, listed
+from core.metrology import PerComponent
+from core.session.commanded_poses.frame_ties import Commands, Visits, by_positions, by_whole_poses, oriented
+from core.session.model import CommandedPose, MeasuredPose, SessionData, natural
+
+
+@dataclass(frozen=True, slots=True)
+class Accuracy:
+    """AP by pose, mm and rad, for those that could be compared; what to know of it."""
+
+    poses: Mapping[str, PerComponent[float | None]]
+    warnings: tuple[Advisory, ...]
+
+
+def assess_accuracy(data: SessionData, visits: Mapping[str, Sequence[MeasuredPose]]) -> Accuracy:
+    """Compare the mean of every pose's visits with what was commanded.
+
+    Poses that were measured in different frames are tied by themselves; all visits of one pose are in one frame. A
+    warning names the commanded positions that cannot be compared.
+    """
+    commands = {pose_id: c for pose_id, c in data.commanded.items() if c.position_mm is not None}
+    if not any(pose_id in commands for pose_id in visits):
+        return _unavailable(
+            "The poses' commanded positions are not known.",
+            "PUT the session's poses with what was commanded.",
+        )
+    frames = {pose_id: of_pose[0].frame for pose_id, of_pose in visits.items()}
+    found: dict[str, PerComponent[float | None]] = {}
+    warnings: list[Advisory] = []
+    failures: dict[int, GridposeError] = {}
+    without = {pose_id: "no measurement of it counts" for pose_id in commands if pose_id not in frames}
+    for frame in sorted(set(frames.values())):
+        of_frame = {p: commands[p] for p in visits if frames[p] == frame and p in commands}
+        if not of_frame:
+            continue
+        try:
+            accuracy = _compare(visits, of_frame)
+        except GridposeError as failure:
+            failures[frame] = failure
+            without |= {pose_id: failure.detail.rstrip(".") for pose_id in of_frame}
+            continue
+        found |= accuracy.poses
+        warnings += [warning for warning in accuracy.warnings if warning not in warnings]
+        without |= {p: _why_not(visits[p], commands[p]) for p in of_frame if p not in found}
+    if not found:
+        most = max(failures, key=lambda frame: (list(frames.values()).count(frame), -frame))
+        return _unavailable(failures[most].detail, failures[most].advice)
+    return Accuracy(found, (*warnings, *_incomplete(without)))
+
+
+def _compare(visits: Visits, commands: Commands) -> Accuracy:
+    """Compare in the better of the two ways that gives an answer; the first failure counts where neither does."""
+    whole = [p for p, c in commands.items() if c.rotation() is not None and oriented(visits[p])]
+    if not whole:
+        return _by_positions(visits, commands)
+    if len(whole) >= MIN_POSES_TO_REJECT or 2 * len(whole) >= len(commands):
+        try:
+            return _by_poses(visits, commands)
+        except GridposeError as failure:
+            if len(whole) == len(commands):
+                raise
+            try:
+                return _without_orientation(_by_positions(visits, commands), whole, failure.detail)
+            except GridposeError:
+                raise failure from None
+    try:
+        few = f"they are fewer than half of the poses, and than {MIN_POSES_TO_REJECT}"
+        return _without_orientation(_by_positions(visits, commands), whole, few)
+    except GridposeError as failure:
+        try:
+            return _by_poses(visits, commands)
+        except GridposeError:
+            raise failure from None
+
+
+def _by_poses(visits: Visits, commands: Commands) -> Accuracy:
+    """Compare by whole poses; those measured without orientation by themselves, where they suffice for that."""
+    accuracy = Accuracy(*by_whole_poses(visits, commands))
+    rest = {pose_id: c for pose_id, c in commands.items() if pose_id not in accuracy.poses}
+    if not rest:
+        return accuracy
+    try:
+        apart = _by_positions(visits, rest)
+    except GridposeError:
+        return accuracy  # `assess_accuracy` names them.
+    return Accuracy({**accuracy.poses, **apart.poses}, (*accuracy.warnings, *apart.warnings))
+
+
+def _by_positions(visits: Visits, commands: Commands) -> Accuracy:
+    return Accuracy(*by_positions(visits, commands))
+
+
+def _without_orientation(accuracy: Accuracy, whole: Sequence[str], reason: str) -> Accuracy:
+    """Return an accuracy of positions with a warning whose orientation was commanded and measured all the same."""
+    warning = Advisory(
+        "orientation_accuracy_unavailable",
+        f"The frames are tied by positions alone, so {listed(sorted(whole, key=natural))} "
+        f"{'has' if len(whole) == 1 else 'have'} no accuracy of orientation, though it was commanded and measured: "
+        f"{reason.rstrip('.')}.",
+        f"State the commanded orientations of {MIN_POSES_TO_REJECT} poses or more that turn about two axes.",
+    )
+    return Accuracy(accuracy.poses, (warning, *accuracy.warnings))
+
+
+def _why_not(visits: Sequence[MeasuredPose], commanded: CommandedPose) -> str:
+    if oriented(visits):
+        return "its orientation was not commanded, and it cannot be compared with those whose was"
+    if commanded.rotation() is None:
+        return "its orientation was not commanded, and not all of its readings have one"
+    return "not all of its readings have an orientation, and such poses do not tie frames by themselves"
+
+
+def _incomplete(without: Mapping[str, str]) -> list[Advisory]:
+    """Name the poses that got no accuracy, by reason."""
+    reasons: dict[str, list[str]] = {}
+    for pose_id in sorted(without, key=natural):
+        reasons.setdefault(without[pose_id], []).append(pose_id)
+    if not reasons:
+        return []
+    found = "; ".join(f"{listed(pose_ids)}: {reason}" for reason, pose_ids in sorted(reasons.items()))
+    return [
+        Advisory(
+            "accuracy_incomplete",
+            f"{'One pose has' if len(without) == 1 else f'{len(without)} poses have'} a commanded position and no "
+            f"accuracy. {found}.",
+            "State the commanded orientations of all poses, and give poses before another target enough of their own "
+            "that turn about two axes.",
+        )
+    ]
+
+
+def _unavailable(reason: str, advice: str | None) -> Accuracy:
+    """Return that nothing could be compared, and why."""
+    return Accuracy({}, (Advisory("accuracy_unavailable", f"Accuracy is not given: {reason}", advice),))

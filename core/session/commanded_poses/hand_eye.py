@@ -1,0 +1,246 @@
+"""The camera on the robot's flange and the targets in its base, from a session's commanded poses.
+
+Each commanded pose is a station before each target that its images show: the mean of its visits. What the lens and the
+prints do to all of them is carried through as common to all (`core.session.robot.shared_errors`).
+
+The stations of one pose share the robot's deviation, which the fit takes as independent. Its covariance is multiplied
+by the mean number of stations a pose has: that is exact where every pose is seen before as many targets and the
+robot's deviation is all there is, and too large otherwise.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+from core.calibration import (
+    HandEyeCalibration,
+    PoseResidual,
+    average_station,
+    calibrate_hand_eye,
+)
+from core.errors import Advisory, CommandedPosesMissing
+from core.geometry import transform
+from core.kinematics import forward
+from core.session.model import (
+    CommandedPose,
+    ExcludedMeasurement,
+    ExcludedPose,
+    MeasuredPose,
+    SessionData,
+    SessionEstimate,
+    natural,
+)
+from core.session.robot import shared_errors
+
+WEAK_SHARE = 0.005
+"""Standard uncertainty of the camera on the flange, of the working distance and in rad, from which on a warning says
+that the motion hardly determines it."""
+_UNKNOWN = "Its commanded pose is not known whole."
+
+
+@dataclass(frozen=True, slots=True)
+class HandEyeStation:
+    """One commanded pose before one target: the place of the target in the session's list, the number of visits that
+    are averaged, and the deviations attained - commanded.
+    """
+
+    pose_id: str
+    target: int
+    visits: int
+    deviation: PoseResidual
+
+
+@dataclass(frozen=True, slots=True)
+class HeldOut:
+    """Root mean squares of distances (mm) and of angles (rad) over `poses` stations."""
+
+    poses: int
+    position_rms_mm: float
+    rotation_rms: float
+
+
+@dataclass(frozen=True)
+class SessionHandEye:
+    """T_flange_camera and a T_base_target for each of `targets`, the places in the session's list.
+
+    `covariance` has the order of `core.calibration.FRAMES_STATE`. `residual` is of the deviations as fitted,
+    `validation` of each station's with the frames from all other stations; None where these do not suffice.
+    `working_distance_mm` is the median distance of the camera from its target.
+    """
+
+    calibration: HandEyeCalibration
+    covariance: Float[np.ndarray, "p p"]
+    targets: tuple[int, ...]
+    stations: tuple[HandEyeStation, ...]
+    residual: HeldOut
+    validation: HeldOut | None
+    working_distance_mm: float
+    excluded: tuple[ExcludedPose, ...]
+    excluded_measurements: tuple[ExcludedMeasurement, ...]
+    warnings: tuple[Advisory, ...]
+
+
+def calibrate_session_hand_eye(data: SessionData, estimate: SessionEstimate) -> SessionHandEye:
+    """Estimate where the camera sits on the flange and each target lies in the robot's base.
+
+    Parameters
+    ----------
+    data
+        The session. Commanded poses count that state position and orientation; where none does, the nominal robot's
+        flange at the commanded joint angles takes their place.
+    estimate
+        The session's cameras and poses. Images that show another orientation than the first of their pose are excluded.
+
+    Raises CommandedPosesMissing, and what `core.calibration.calibrate_hand_eye` raises where the poses do not determine
+    the frames.
+    """
+    commanded, warnings = _commanded(data)
+    counted = [pose for pose in estimate.poses if pose.measurement_id not in estimate.unclear]
+    visits: dict[tuple[str, int], list[int]] = {}
+    for i, pose in enumerate(counted):
+        visits.setdefault((pose.pose_id, pose.frame), []).append(i)
+    stations = sorted(
+        (key for key in visits if key[0] in commanded), key=lambda key: (natural(key[0]), key[1])
+    )
+    if not stations:
+        raise CommandedPosesMissing(
+            f"None of the {len({key[0] for key in visits})} poses with usable images has a commanded pose."
+        )
+    targets = tuple(sorted({target for _, target in stations}))
+    common = shared_errors(counted)
+    tie = calibrate_hand_eye(
+        [
+            average_station(
+                pose_id,
+                commanded[pose_id],
+                np.array([_transform(counted[i]) for i in visits[pose_id, target]]),
+                _own_covariances([counted[i] for i in visits[pose_id, target]]),
+                None if common is None else common[visits[pose_id, target]].mean(axis=0),
+                targets.index(target),
+            )
+            for pose_id, target in stations
+        ]
+    )
+    per_pose = len(stations) / len({pose_id for pose_id, _ in stations})
+    covariance = tie.covariance + (per_pose - 1.0) * tie.covariance_given_camera
+    distance = float(
+        np.median([np.linalg.norm(counted[i].position_mm) for key in stations for i in visits[key]])
+    )
+    found = tuple(
+        HandEyeStation(pose_id, target, len(visits[pose_id, target]), deviation)
+        for (pose_id, target), deviation in zip(stations, tie.deviations, strict=True)
+    )
+    used = [station.deviation for station in found if station.deviation.used]
+    return SessionHandEye(
+        tie,
+        covariance,
+        targets,
+        found,
+        _rms([(d.position_mm, d.rotation) for d in used]),
+        _held_out(used),
+        distance,
+        _excluded(data, visits, commanded),
+        (
+            *estimate.excluded.values(),
+            *estimate.unclear.values(),
+            *(
+                ExcludedMeasurement(pose.measurement_id, "commanded_pose_missing", _UNKNOWN)
+                for pose in counted
+                if pose.pose_id not in commanded
+            ),
+        ),
+        (*estimate.warnings, *warnings, *tie.warnings, *_weak(covariance, distance)),
+    )
+
+
+def _commanded(data: SessionData) -> tuple[dict[str, Float[np.ndarray, "4 4"]], tuple[Advisory, ...]]:
+    """Return T_base_flange as commanded by pose: as stated, or else by the nominal robot and the joint angles."""
+    stated = {
+        pose_id: transform(rotation, np.array(c.position_mm, dtype=np.float64))
+        for pose_id, c in data.commanded.items()
+        if c.position_mm is not None and (rotation := c.rotation()) is not None
+    }
+    if stated or data.nominal is None:
+        return stated, ()
+    by_joints: dict[str, CommandedPose] = {
+        pose_id: c
+        for pose_id, c in data.commanded.items()
+        if c.joint_angles_deg is not None and len(c.joint_angles_deg) == len(data.nominal)
+    }
+    if not by_joints:
+        return {}, ()
+    q = np.radians(np.array([c.joint_angles_deg for c in by_joints.values()], dtype=np.float64))
+    warning = Advisory(
+        "commanded_by_nominal_robot",
+        "No pose states position and orientation: the flange is where the nominal robot has it at the commanded joint "
+        "angles, and the robot's errors are in the frames.",
+        "State the commanded poses, or identify the robot (dh).",
+    )
+    return dict(zip(by_joints, forward(data.nominal, q), strict=True)), (warning,)
+
+
+def _transform(pose: MeasuredPose) -> Float[np.ndarray, "4 4"]:
+    assert pose.rotation is not None  # poses of images always have one
+    return transform(pose.rotation, pose.position_mm)
+
+
+def _own_covariances(poses: Sequence[MeasuredPose]) -> Float[np.ndarray, "n 6 6"] | None:
+    known = [own for pose in poses if (own := pose.own_covariance()) is not None]
+    return np.array(known) if len(known) == len(poses) else None
+
+
+def _held_out(used: Sequence[PoseResidual]) -> HeldOut | None:
+    known = [
+        (d.held_out_position_mm, d.held_out_rotation)
+        for d in used
+        if d.held_out_position_mm is not None and d.held_out_rotation is not None
+    ]
+    return _rms(known) if known else None
+
+
+def _rms(deviations: Sequence[tuple[Float[np.ndarray, "3"], Float[np.ndarray, "3"]]]) -> HeldOut:
+    position, rotation = (
+        math.sqrt(float(np.mean([np.sum(d[k] ** 2) for d in deviations]))) for k in range(2)
+    )
+    return HeldOut(len(deviations), position, rotation)
+
+
+def _excluded(
+    data: SessionData,
+    visits: Mapping[tuple[str, int], Sequence[int]],
+    commanded: Mapping[str, Float[np.ndarray, "4 4"]],
+) -> tuple[ExcludedPose, ...]:
+    """Return the poses that do not count, and why."""
+    seen = {pose_id for pose_id, _ in visits}
+    found = [
+        *(ExcludedPose(pose_id, "commanded_pose_missing", _UNKNOWN) for pose_id in seen - set(commanded)),
+        *(
+            ExcludedPose(pose_id, "no_usable_images", "No image of it counts.")
+            for pose_id in set(commanded) - seen
+        ),
+    ]
+    return tuple(sorted(found, key=lambda one: natural(one.pose_id)))
+
+
+def _weak(covariance: Float[np.ndarray, "p p"], distance_mm: float) -> tuple[Advisory, ...]:
+    """Warn where the motion hardly determines the camera on the flange."""
+    values, vectors = np.linalg.eigh(covariance[:3, :3])
+    worst, turn = (
+        math.sqrt(max(float(v), 0.0)) for v in (values[-1], np.linalg.eigvalsh(covariance[3:6, 3:6])[-1])
+    )
+    if worst <= WEAK_SHARE * distance_mm and turn <= WEAK_SHARE:
+        return ()
+    axis = ", ".join(f"{value:.2f}" for value in vectors[:, -1])
+    return (
+        Advisory(
+            "motion_weak",
+            f"The poses hardly determine where the camera sits on the flange: standard uncertainty {worst:.2g} mm "
+            f"along ({axis}) of the flange, {math.degrees(turn):.2g}° in rotation.",
+            "Add poses whose orientations differ by 20° or more about at least two different axes.",
+        ),
+    )

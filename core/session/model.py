@@ -1,0 +1,293 @@
+"""The values of a session: what was observed and stated, and what is estimated of it.
+
+A session is some images of one or more targets, each taken at a pose of the robot that has a name (`pose_id`), or poses
+that another instrument measured. Stated values (joint angles, commanded poses) keep the unit they are stated in, which
+their names say; what is computed is in millimetres and radians.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from core.calibration import GroupEstimate, Lens, LensEvidence, ViewStack, stack_views
+from core.errors import Advisory, MeasuredPosesMissing, listed
+from core.geometry import Camera, rpy_to_rotation
+from core.kinematics import Chain
+from core.targets import GridPoints, Labelling, TargetSpec
+
+NO_TARGET = -1
+"""The place of the target of an image that shows none of the session's; such an image has no grid points."""
+_NUMBER = re.compile(r"(\d+)", re.ASCII)
+
+
+@dataclass(frozen=True, slots=True)
+class ImageObservation:
+    """One target in one image, or the reason why it was not measured.
+
+    Parameters
+    ----------
+    measurement_id
+        Names this observation in messages and answers.
+    pose_id
+        The robot's pose, under the user's name.
+    cycle
+        The number of the visit to the pose; None where it is not known.
+    image
+        Identifies the photograph within its pose and cycle (its SHA-256): observations of several targets share one.
+    target
+        The target's place in `SessionData.targets`, or NO_TARGET.
+    focus_group
+        Images with the same one share one setting of camera and lens.
+    joint_angles_deg
+        The image's own; None: those of its pose hold.
+    failure_code, failure_detail
+        Why the single image gave no calibration; its grid points may still be used.
+    labelling
+        How far the image shows which grid point is (0, 0).
+    filename
+        What the user calls the file, for messages; None where it is not known.
+    """
+
+    measurement_id: str
+    pose_id: str
+    cycle: int | None
+    image: str
+    target: int
+    focus_group: str
+    joint_angles_deg: Sequence[float] | None
+    width_px: int
+    height_px: int
+    failure_code: str | None = None
+    failure_detail: str | None = None
+    labelling: Labelling = "absolute"
+    filename: str | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class CommandedPose:
+    """What the robot was commanded at a pose, in its base frame; everything may be unknown."""
+
+    position_mm: Sequence[float] | None = None
+    roll_deg: float | None = None
+    pitch_deg: float | None = None
+    yaw_deg: float | None = None
+    joint_angles_deg: Sequence[float] | None = None
+    approach: str | None = None
+
+    def rotation(self) -> Float[np.ndarray, "3 3"] | None:
+        """Return R_base_flange; None where the orientation is not known whole."""
+        if self.roll_deg is None or self.pitch_deg is None or self.yaw_deg is None:
+            return None
+        return rpy_to_rotation(np.radians([self.roll_deg, self.pitch_deg, self.yaw_deg]))
+
+
+@dataclass(frozen=True, slots=True)
+class MeasuredPose:
+    """One visit to a pose as it was measured: by the camera in an image, or by another instrument.
+
+    Parameters
+    ----------
+    position_mm, rotation
+        Of the camera in the target frame (T_target_camera), or of the probe in the instrument's frame; the rotation is
+        None where the instrument gives positions alone.
+    covariance
+        Of x, y, z (mm) and a small rotation w (rad) with R_true = exp(w) R, in that frame; None where it is not stated.
+    scatter
+        The part of it that differs from visit to visit.
+    common
+        What one standard uncertainty of each error that all images share does to the pose: columns of the camera,
+        eight or more, and one of the print's scale, the last. None for another instrument.
+    frame
+        Distinguishes frames in which positions do not compare: the target's place in the session's list.
+    image
+        The observation that the pose was estimated from; None for another instrument.
+    """
+
+    measurement_id: str
+    pose_id: str
+    cycle: int | None
+    joint_angles_deg: Sequence[float] | None
+    position_mm: Float[np.ndarray, "3"]
+    rotation: Float[np.ndarray, "3 3"] | None
+    covariance: Float[np.ndarray, "6 6"] | None
+    scatter: Float[np.ndarray, "6 6"] | None
+    common: Float[np.ndarray, "6 e"] | None = None
+    frame: int = 0
+    image: ImageObservation | None = None
+    rms_px: float | None = None
+
+    def own_covariance(self) -> Float[np.ndarray, "6 6"] | None:
+        """Return the covariance without what all images share."""
+        if self.covariance is None or self.common is None:
+            return self.covariance
+        return np.asarray(self.covariance - self.common @ self.common.T)
+
+
+@dataclass(frozen=True)
+class CameraViews:
+    """The grid points of all images of one focus group and one size; row k of `views` is image `images[k]` of the
+    session.
+    """
+
+    focus_group: str
+    images: Int[np.ndarray, " k"]
+    views: ViewStack
+
+
+@dataclass(frozen=True)
+class SessionData:
+    """All that a session's figures are computed from.
+
+    Parameters
+    ----------
+    targets, target_ids
+        The targets and their names in messages.
+    images
+        In the order of pose (`natural`), cycle and image; those without a cycle follow those with one.
+    views
+        The grid points of those images in which they were found.
+    commanded
+        By `pose_id`.
+    measured
+        What another instrument measured, in the same order; a session of images has none.
+    lens
+        A 5 % prior on the focal length.
+    intrinsics
+        The camera of the estimator `given`.
+    nominal
+        The robot as its maker describes it.
+    pending
+        Images that are not computed yet, for messages.
+    """
+
+    targets: tuple[TargetSpec, ...]
+    target_ids: tuple[str, ...]
+    images: tuple[ImageObservation, ...] = ()
+    views: tuple[CameraViews, ...] = ()
+    commanded: Mapping[str, CommandedPose] = field(default_factory=dict)
+    measured: tuple[MeasuredPose, ...] = ()
+    lens: Lens | None = None
+    intrinsics: Camera | None = None
+    nominal: Chain | None = None
+    pending: int = 0
+
+    def observed(self) -> set[int]:
+        """Return the places of the images whose grid points were found."""
+        return {i for group in self.views for i in group.images.tolist()}
+
+    def points_count(self) -> int:
+        """Return the number of grid points of all images."""
+        return sum(len(group.views.column) for group in self.views)
+
+
+@dataclass(frozen=True, slots=True)
+class ExcludedMeasurement:
+    """A measurement that is not in the figures, and why."""
+
+    measurement_id: str
+    code: str
+    detail: str
+
+
+@dataclass(frozen=True, slots=True)
+class ExcludedPose:
+    """A commanded pose that is not in the figures, and why."""
+
+    pose_id: str
+    code: str
+    detail: str
+
+
+@dataclass(frozen=True)
+class FocusGroup:
+    """One focus group's camera and poses; rows run over its `poses`, which are in the session's order.
+
+    `views` has the points of each image under one labelling of each target, `quarters` by how many quarter turns of
+    the target frame that differs from the image's own
+    (`core.calibration.multi_view.board_symmetry.symmetry_rotations`): T_image_labelled. `evidence` is that against
+    Brown's lens model; None where it was not looked for.
+    """
+
+    name: str
+    estimate: GroupEstimate
+    poses: tuple[MeasuredPose, ...]
+    views: ViewStack
+    quarters: Int[np.ndarray, " k"]
+    evidence: LensEvidence | None = None
+
+
+@dataclass(frozen=True)
+class SessionEstimate:
+    """Cameras and poses of a session by one estimator; every image is estimated or excluded.
+
+    `unclear` are images that show another orientation than the first of their pose, however a board that looks the same
+    when turned is labelled: estimated, but no visit to their pose. `unsteady` are the poses among whose images the
+    camera changed, `differing` those whose images show too different points.
+    """
+
+    estimator: str
+    groups: tuple[FocusGroup, ...]
+    poses: tuple[MeasuredPose, ...]
+    excluded: Mapping[str, ExcludedMeasurement]
+    warnings: tuple[Advisory, ...]
+    unclear: Mapping[str, ExcludedMeasurement]
+    unsteady: frozenset[str]
+    differing: frozenset[str]
+
+
+def group_views(
+    images: Sequence[ImageObservation], points: Mapping[int, GridPoints]
+) -> tuple[CameraViews, ...]:
+    """Return the grid points of images, by their places, camera setting by camera setting."""
+    places: dict[tuple[str, int, int], list[int]] = {}
+    for i in sorted(points):
+        places.setdefault((images[i].focus_group, images[i].width_px, images[i].height_px), []).append(i)
+    return tuple(
+        CameraViews(name, np.array(members), stack_views([points[i] for i in members]))
+        for (name, _, _), members in places.items()
+    )
+
+
+def in_order(data: SessionData, groups: Sequence[FocusGroup]) -> tuple[MeasuredPose, ...]:
+    """Return the poses of all groups in the session's order."""
+    place = {image.measurement_id: i for i, image in enumerate(data.images)}
+    poses = (pose for group in groups for pose in group.poses)
+    return tuple(sorted(poses, key=lambda pose: place[pose.measurement_id]))
+
+
+def readings(data: SessionData) -> tuple[MeasuredPose, ...]:
+    """Return what another instrument measured; raises MeasuredPosesMissing where there is nothing."""
+    if not data.measured:
+        raise MeasuredPosesMissing("The session holds no poses measured by another instrument.")
+    return data.measured
+
+
+def natural(text: str) -> tuple[tuple[tuple[int, int, str], ...], str]:
+    """Return a key that sorts P2 before P10; texts that differ have keys that differ."""
+    parts = tuple(
+        (0, int(part), "") if part.isdecimal() else (1, 0, part) for part in _NUMBER.split(text) if part
+    )
+    return parts, text
+
+
+def exclusion_warnings(data: SessionData, excluded: Mapping[str, ExcludedMeasurement]) -> list[Advisory]:
+    """Say which images of an analysis are excluded, by the codes of the reasons."""
+    if not excluded:
+        return []
+    reasons: dict[str, list[str]] = {}
+    for image in data.images:
+        if image.measurement_id in excluded:
+            reasons.setdefault(excluded[image.measurement_id].code, []).append(image.measurement_id)
+    found = "; ".join(f"{code} ({len(ids)}): {listed(ids)}" for code, ids in sorted(reasons.items()))
+    return [
+        Advisory(
+            "images_excluded",
+            f"{len(excluded)} of {len(data.images)} measured images are not in the figures: {found}.",
+            "Look at their failures and overlays, and upload better ones of these poses if need be.",
+        )
+    ]

@@ -1,0 +1,250 @@
+"""ISO 9283 distance accuracy and repeatability, and multi-directional variation of pose accuracy.
+
+Both need poses in one frame; distances also need visits numbered by cycle, since a cycle's distance is between the two
+poses of that cycle. A length is the same in every frame, but it is the measured point's: it compares with the commanded
+one where the same orientation was commanded at both ends, so that all points of the flange move by the same vector.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from itertools import combinations, pairwise
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+
+from core.errors import Advisory, listed
+from core.geometry import so3_log
+from core.metrology import (
+    ApproachVariation,
+    DistanceAssessment,
+    PoseCycles,
+    assess_approaches,
+    assess_distance,
+)
+from core.session.model import CommandedPose, MeasuredPose
+
+MAX_PAIRS = 45
+"""All pairs of ten poses; of more poses, each with the next."""
+SAME_TURN = math.radians(0.001)
+MIN_SPREADS_APART = 50.0
+"""Poses nearer to one another than so many standard deviations of a position are one place."""
+
+
+@dataclass(frozen=True, slots=True)
+class PoseDistance:
+    """The distance between two poses; `commanded_mm` where it compares with what was measured."""
+
+    from_pose_id: str
+    to_pose_id: str
+    commanded_mm: float | None
+    found: DistanceAssessment
+
+
+@dataclass(frozen=True, slots=True)
+class Approaches:
+    """One commanded pose approached from several directions: the poses and the number of visits of each."""
+
+    pose_ids: Mapping[str, tuple[str, ...]]
+    visits: Mapping[str, int]
+    variation: ApproachVariation
+
+
+@dataclass(frozen=True, slots=True)
+class Performance:
+    """Both parts, empty where they cannot be given, and the reasons."""
+
+    distances: tuple[PoseDistance, ...]
+    approaches: tuple[Approaches, ...]
+    warnings: tuple[Advisory, ...]
+
+
+def assess_performance(
+    visits: Mapping[str, Sequence[MeasuredPose]], commanded: Mapping[str, CommandedPose]
+) -> Performance:
+    """Return distances between poses and variation over approaches, from the visits that count, by pose."""
+    warnings: list[Advisory] = []
+    distances = _distances(visits, commanded, warnings)
+    approaches = _approaches(visits, commanded, warnings)
+    return Performance(tuple(distances), tuple(approaches), tuple(warnings))
+
+
+def _distances(
+    readings: Mapping[str, Sequence[MeasuredPose]],
+    commanded: Mapping[str, CommandedPose],
+    warnings: list[Advisory],
+) -> list[PoseDistance]:
+    poses = list(readings)
+    pairs = list(combinations(poses, 2)) if len(poses) * (len(poses) - 1) // 2 <= MAX_PAIRS else None
+    if pairs is None:
+        pairs = list(pairwise(poses))[:MAX_PAIRS]
+        warnings.append(
+            Advisory(
+                "distance_pairs_truncated",
+                f"Of {len(poses)} poses, distances are given between {len(pairs)} pairs of successive ones, of all "
+                f"pairs where there are no more than {MAX_PAIRS}.",
+                "Put the poses whose distances matter into a session of their own.",
+            )
+        )
+    numbered = {pose_id: _by_cycle(visits) for pose_id, visits in readings.items()}
+    distances: list[PoseDistance] = []
+    turned: list[str] = []
+    for one, other in pairs:
+        first, second = numbered[one], numbered[other]
+        shared = [c for c in first if c in second]
+        if len(shared) < 2 or first[shared[0]].frame != second[shared[0]].frame:
+            continue
+        at = [first[c] for c in shared], [second[c] for c in shared]
+        same = _same_turn(commanded.get(one), commanded.get(other), at)
+        places = [_position(commanded.get(pose_id)) for pose_id in (one, other)]
+        comparable = all(place is not None for place in places)
+        if comparable and not same:
+            turned.append(f"{one}-{other}")
+        comparable = comparable and same
+        found = _assess(at, places[0] if comparable else None, places[1] if comparable else None)
+        if found is not None:
+            way = None
+            if comparable and places[0] is not None and places[1] is not None:
+                way = float(np.linalg.norm(places[1] - places[0]))
+            distances.append(PoseDistance(one, other, way, found))
+    if turned:
+        warnings.append(
+            Advisory(
+                "distance_accuracy_unavailable",
+                "Distance accuracy is not given where the robot turns between the two poses, since the measured point "
+                f"then moves otherwise than the commanded one: {listed(turned)}.",
+                "Command the same orientation at both ends, as the standard's cube does.",
+            )
+        )
+    if not distances and len(poses) > 1:
+        warnings.append(
+            Advisory(
+                "distances_unavailable",
+                "Distances are not given: no two poses in one frame, far enough apart, have two numbered cycles in "
+                "common.",
+                "Tag every image or reading with its cycle, one visit to each pose a cycle.",
+            )
+        )
+    return distances
+
+
+def _assess(
+    at: tuple[Sequence[MeasuredPose], Sequence[MeasuredPose]],
+    first_mm: Float[np.ndarray, "3"] | None,
+    second_mm: Float[np.ndarray, "3"] | None,
+) -> DistanceAssessment | None:
+    """Return a distance's figures; None where the poses are the same place."""
+    cycles = [_cycles(readings) for readings in at]
+    middles = [c.positions_mm.mean(axis=0) for c in cycles]
+    spread = max(float(np.max(np.std(c.positions_mm, axis=0))) for c in cycles)
+    if float(np.linalg.norm(middles[0] - middles[1])) <= MIN_SPREADS_APART * spread:
+        return None
+    common = [_common(readings) for readings in at]
+    return assess_distance(cycles[0], cycles[1], first_mm, second_mm, common[0], common[1])
+
+
+def _by_cycle(visits: Sequence[MeasuredPose]) -> dict[int, MeasuredPose]:
+    """Return the visits by cycle, without cycles that visit the pose more than once."""
+    times = Counter(visit.cycle for visit in visits)
+    return {visit.cycle: visit for visit in visits if visit.cycle is not None and times[visit.cycle] == 1}
+
+
+def _same_turn(
+    one: CommandedPose | None,
+    other: CommandedPose | None,
+    at: tuple[Sequence[MeasuredPose], Sequence[MeasuredPose]],
+) -> bool:
+    """Return whether the orientation is the same at both ends: as commanded, else as measured; True if unknown."""
+    rotations = [None if pose is None else pose.rotation() for pose in (one, other)]
+    if rotations[0] is not None and rotations[1] is not None:
+        return float(np.linalg.norm(so3_log(rotations[0].T @ rotations[1]))) <= SAME_TURN
+    seen = [readings[0].rotation for readings in at]
+    if seen[0] is None or seen[1] is None:
+        return True
+    return float(np.linalg.norm(so3_log(seen[0].T @ seen[1]))) <= 100.0 * SAME_TURN
+
+
+def _approaches(
+    readings: Mapping[str, Sequence[MeasuredPose]],
+    commanded: Mapping[str, CommandedPose],
+    warnings: list[Advisory],
+) -> list[Approaches]:
+    """Return vAP of every commanded pose that has two approaches."""
+    groups: dict[tuple[Any, ...], dict[str, list[str]]] = {}
+    for pose_id in readings:
+        pose = commanded.get(pose_id)
+        key = None if pose is None or pose.approach is None else _commanded_key(pose)
+        if pose is not None and pose.approach is not None and key is not None:
+            frame = readings[pose_id][0].frame
+            groups.setdefault((frame, *key), {}).setdefault(pose.approach, []).append(pose_id)
+    found = []
+    for directions in groups.values():
+        if len(directions) < 2:
+            continue
+        variation = assess_approaches(
+            [_cycles([r for pose_id in poses for r in readings[pose_id]]) for poses in directions.values()]
+        )
+        found.append(
+            Approaches(
+                {approach: tuple(poses) for approach, poses in directions.items()},
+                {approach: sum(len(readings[p]) for p in poses) for approach, poses in directions.items()},
+                variation,
+            )
+        )
+    two = [one for one in found if len(one.pose_ids) == 2]
+    if two:
+        warnings.append(
+            Advisory(
+                "approach_variation_from_two_directions",
+                f"{len(two)} of the poses approached from several directions have two of them, which give a lower "
+                "bound of the variation over the standard's three.",
+                "Approach them from a third direction.",
+            )
+        )
+    if not found and groups:
+        warnings.append(
+            Advisory(
+                "approach_variation_unavailable",
+                "Variation over approaches is not given: no two poses have the same commanded pose and different "
+                "approaches.",
+                "PUT each direction of approach as a pose of its own, with the same commanded pose and its approach.",
+            )
+        )
+    return found
+
+
+def _commanded_key(pose: CommandedPose) -> tuple[Any, ...] | None:
+    """Return a key that is equal for poses with the same command; None where no command is known."""
+    angles = (pose.roll_deg, pose.pitch_deg, pose.yaw_deg)
+    if pose.position_mm is not None:
+        return (*_rounded(pose.position_mm), *(None if a is None else round(a, 6) for a in angles))
+    return None if pose.joint_angles_deg is None else ("joints", *_rounded(pose.joint_angles_deg))
+
+
+def _rounded(values: Sequence[float]) -> list[float]:
+    return [round(value, 6) for value in values]
+
+
+def _position(pose: CommandedPose | None) -> Float[np.ndarray, "3"] | None:
+    if pose is None or pose.position_mm is None:
+        return None
+    return np.array(pose.position_mm, dtype=np.float64)
+
+
+def _cycles(readings: Sequence[MeasuredPose]) -> PoseCycles:
+    rotations = [r.rotation for r in readings if r.rotation is not None]
+    scatters = [r.scatter for r in readings if r.scatter is not None]
+    return PoseCycles(
+        np.array([r.position_mm for r in readings]),
+        np.array(rotations) if len(rotations) == len(readings) else None,
+        np.array(scatters) if len(scatters) == len(readings) else None,
+    )
+
+
+def _common(readings: Sequence[MeasuredPose]) -> Float[np.ndarray, "6 k"] | None:
+    common = [r.common for r in readings if r.common is not None]
+    return np.mean(common, axis=0) if len(common) == len(readings) else None

@@ -1,0 +1,262 @@
+"""Repeatability of every pose of a session by ISO 9283, whatever measured it: figures, accuracy, drift, distances."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from jaxtyping import Int
+
+from core.errors import Advisory, listed
+from core.metrology import Drift, PerComponent, PoseCycles, PoseRepeatability, Verdict, drift
+from core.metrology import assess_repeatability as assess_cycles
+from core.session.commanded_poses import Accuracy, assess_accuracy
+from core.session.model import (
+    ExcludedMeasurement,
+    MeasuredPose,
+    SessionData,
+    SessionEstimate,
+    readings,
+)
+from core.session.performance import Performance, assess_performance
+
+DRIFT_BLOCK = 10
+"""Cycles of one block of drift."""
+
+
+@dataclass(frozen=True, slots=True)
+class PoseRow:
+    """One pose: the visits that count for it, in order, those that do not, its figures, and the outliers' visits."""
+
+    pose_id: str
+    visits: tuple[MeasuredPose, ...]
+    excluded: tuple[ExcludedMeasurement, ...]
+    figures: PoseRepeatability | None
+
+
+@dataclass(frozen=True, slots=True)
+class SessionRepeatability:
+    """All poses of a session in their natural order, in mm and rad.
+
+    `poses` hold each pose's figures (None without a visit), `accuracy` those of the poses that compare with what was
+    commanded, `performance` distances between poses and variation over approaches.
+    """
+
+    poses: tuple[PoseRow, ...]
+    accuracy: Accuracy
+    performance: Performance
+    warnings: tuple[Advisory, ...]
+
+
+def assess_repeatability(data: SessionData, estimate: SessionEstimate | None = None) -> SessionRepeatability:
+    """Assess the repeatability and accuracy of every pose of a session by ISO 9283.
+
+    Parameters
+    ----------
+    data
+        The session.
+    estimate
+        Its cameras and poses (`core.session.estimation.estimate_session`), each pose in its target's frame; None: the
+        poses that another instrument measured, in that instrument's frame.
+
+    Returns figures in mm and rad with 95 % intervals and the part of the instrument.
+
+    Raises MeasuredPosesMissing where there is neither.
+
+    References
+    ----------
+    ISO 9283:1998, 7.2 (AP, RP), 7.2.3 (vAP), 7.3 (AD, RD), 7.6 (drift).
+    """
+    rows = measured_rows(data) if estimate is None else image_rows(data, estimate)
+    visits = {row.pose_id: row.visits for row in rows if row.visits}
+    accuracy = assess_accuracy(data, visits)
+    performance = assess_performance(visits, data.commanded)
+    before = _measured_warnings(data) if estimate is None else estimate.warnings
+    return SessionRepeatability(
+        tuple(rows),
+        accuracy,
+        performance,
+        (*before, *_row_warnings(rows), *accuracy.warnings, *performance.warnings),
+    )
+
+
+def image_rows(data: SessionData, estimate: SessionEstimate) -> list[PoseRow]:
+    """Sort the images by pose, one target a pose, and compute every pose's figures."""
+    found = {pose.measurement_id: pose for pose in estimate.poses}
+    visits: dict[str, list[MeasuredPose]] = {}
+    excluded: dict[str, list[ExcludedMeasurement]] = {}
+    for image in data.images:
+        visits.setdefault(image.pose_id, [])
+        excluded.setdefault(image.pose_id, [])
+        if image.measurement_id in estimate.unclear:
+            excluded[image.pose_id].append(estimate.unclear[image.measurement_id])
+        elif image.measurement_id in found:
+            visits[image.pose_id].append(found[image.measurement_id])
+        else:
+            excluded[image.pose_id].append(estimate.excluded[image.measurement_id])
+    for pose_id in visits:
+        visits[pose_id], others = _of_one_target(visits[pose_id])
+        excluded[pose_id] += others
+    unreliable = estimate.unsteady | estimate.differing
+    return _rows(visits, excluded, unreliable)
+
+
+def measured_rows(data: SessionData) -> list[PoseRow]:
+    """Sort what another instrument measured by pose, and compute every pose's figures.
+
+    Raises MeasuredPosesMissing.
+    """
+    visits: dict[str, list[MeasuredPose]] = {}
+    for pose in readings(data):
+        visits.setdefault(pose.pose_id, []).append(pose)
+    return _rows(visits, {}, frozenset())
+
+
+def drift_of(row: PoseRow) -> tuple[Int[np.ndarray, " n"], Drift] | None:
+    """Return the cycles that are numbered, and the drift over them; None where there are not two blocks of cycles."""
+    visits = [visit for visit in row.visits if visit.cycle is not None]
+    if len(visits) < 2 * DRIFT_BLOCK:
+        return None
+    rotations = [visit.rotation for visit in visits if visit.rotation is not None]
+    found = drift(
+        np.array([visit.position_mm for visit in visits]),
+        np.array(rotations) if len(rotations) == len(visits) else None,
+        block=DRIFT_BLOCK,
+    )
+    return np.array([visit.cycle for visit in visits], dtype=np.intp), found
+
+
+def _rows(
+    visits: Mapping[str, Sequence[MeasuredPose]],
+    excluded: Mapping[str, Sequence[ExcludedMeasurement]],
+    unreliable: frozenset[str],
+) -> list[PoseRow]:
+    several = [pose_id for pose_id in visits if visits[pose_id]]
+    cycles = {pose_id: _cycles(visits[pose_id]) for pose_id in several}
+    figures = {
+        pose_id: _without_instrument(cycles[pose_id], one)
+        for pose_id, one in zip(several, assess_cycles(list(cycles.values())), strict=True)
+    }
+    figures |= {
+        pose_id: _without_robot_verdict(figures[pose_id]) for pose_id in several if pose_id in unreliable
+    }
+    return [
+        PoseRow(pose_id, tuple(visits[pose_id]), tuple(excluded.get(pose_id, ())), figures.get(pose_id))
+        for pose_id in visits
+    ]
+
+
+def _cycles(visits: Sequence[MeasuredPose]) -> PoseCycles:
+    """Return a pose's cycles; orientations and covariances where every one of them has them."""
+    rotations = [visit.rotation for visit in visits if visit.rotation is not None]
+    scatter = [visit.scatter for visit in visits if visit.scatter is not None]
+    return PoseCycles(
+        np.array([visit.position_mm for visit in visits]),
+        np.array(rotations) if len(rotations) == len(visits) else None,
+        np.array(scatter) if len(scatter) == len(visits) else None,
+    )
+
+
+def _without_instrument(cycles: PoseCycles, figures: PoseRepeatability) -> PoseRepeatability:
+    """Return the figures without those of the instrument where it states no covariance."""
+    if cycles.covariances is not None:
+        return figures
+    unknown: PerComponent[Any] = PerComponent(None, None, None, None, None, None, None)
+    warnings = tuple(w for w in figures.warnings if w.code != "noise_unknown")
+    return replace(figures, noise_floor=unknown, corrected=unknown, warnings=warnings)
+
+
+def _without_robot_verdict(figures: PoseRepeatability) -> PoseRepeatability:
+    """Return the figures of a pose that scatters by its camera's change, or by what its images do not all show.
+
+    No verdict is `robot`, and nothing is subtracted from the figures: the instrument's share is not known.
+    """
+
+    def judged(verdict: Verdict | None) -> Verdict | None:
+        return Verdict.INSTRUMENT_LIMITED if verdict == Verdict.ROBOT else verdict
+
+    return replace(
+        figures,
+        verdict=judged(figures.verdict) or figures.verdict,
+        verdicts=PerComponent(*(judged(verdict) for _, verdict in figures.verdicts.items())),
+        corrected=figures.repeatability,
+        corrected_interval=PerComponent(None, None, None, None, None, None, None),
+    )
+
+
+def _of_one_target(
+    visits: list[MeasuredPose],
+) -> tuple[list[MeasuredPose], list[ExcludedMeasurement]]:
+    """Return the visits before the target that most show; frames of different targets do not compare."""
+    counts = Counter(visit.frame for visit in visits)
+    if len(counts) < 2:
+        return visits, []
+    frame = min(counts, key=lambda frame: (-counts[frame], frame))
+    detail = (
+        "Most images of this pose show another of the session's targets, whose frame this pose is given in."
+    )
+    others = [
+        ExcludedMeasurement(visit.measurement_id, "images_of_other_target", detail)
+        for visit in visits
+        if visit.frame != frame
+    ]
+    return [visit for visit in visits if visit.frame == frame], others
+
+
+def _row_warnings(rows: Sequence[PoseRow]) -> list[Advisory]:
+    """Return the poses' own warnings, those of one code together."""
+    kinds: dict[str, list[tuple[str, Advisory]]] = {}
+    for row in rows:
+        for warning in row.figures.warnings if row.figures else ():
+            kinds.setdefault(warning.code, []).append((row.pose_id, warning))
+    warnings = []
+    for code, found in kinds.items():
+        first = found[0][1]
+        noun, also = ("Pose", "") if len(found) == 1 else ("Poses", " (of the first)")
+        names = listed(pose_id for pose_id, _ in found)
+        warnings.append(Advisory(code, f"{noun} {names}: {first.detail}{also}", first.advice))
+    if not any(len(row.visits) > 1 for row in rows):
+        warnings.append(
+            Advisory(
+                "too_few_cycles",
+                "No pose has two images that count, so that nothing is known of repeatability.",
+                "Visit every pose again: the standard asks for 30 cycles.",
+            )
+        )
+    return warnings
+
+
+def _measured_warnings(data: SessionData) -> list[Advisory]:
+    """Say which figures are null, and why."""
+    poses = list(dict.fromkeys(pose.pose_id for pose in data.measured))
+    positions = {pose.pose_id for pose in data.measured if pose.rotation is None}
+    unknown = {pose.pose_id for pose in data.measured if pose.covariance is None}
+    warnings = []
+    if positions:
+        warnings.append(
+            Advisory(
+                "rotations_missing",
+                f"{_named(positions, poses)}: not every reading has a rotation, so that the figures of orientation are "
+                "null.",
+                "Use a probe that measures all six degrees of freedom where orientation matters.",
+            )
+        )
+    if unknown:
+        warnings.append(
+            Advisory(
+                "noise_unknown",
+                f"{_named(unknown, poses)}: not every reading has a covariance, so that noise_floor and corrected are "
+                "null, and whether the figures describe the robot or the instrument cannot be determined.",
+                "State the instrument's covariance with each reading.",
+            )
+        )
+    return warnings
+
+
+def _named(pose_ids: set[str], of: Sequence[str]) -> str:
+    if len(pose_ids) == len(of) > 1:
+        return f"All {len(of)} poses"
+    return f"{'Pose' if len(pose_ids) == 1 else 'Poses'} {listed(p for p in of if p in pose_ids)}"

@@ -1,0 +1,22 @@
+"""A robot's parameters from a session: its poses with joint angles, their sweeps, and the identification."""
+
+from core.session.robot.identification import RobotIdentification, identify_robot
+from core.session.robot.robot_poses import (
+    MAX_POSES,
+    poses_of_readings,
+    semidefinite,
+    shared_errors,
+    with_nominal_orientations,
+)
+from core.session.robot.sweeps import NamedSweep
+
+__all__ = [
+    "MAX_POSES",
+    "NamedSweep",
+    "RobotIdentification",
+    "identify_robot",
+    "poses_of_readings",
+    "semidefinite",
+    "shared_errors",
+    "with_nominal_orientations",
+]

@@ -1,0 +1,277 @@
+"""A robot's Denavit-Hartenberg parameters from a session's poses with their joint angles."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+from core.errors import (
+    Advisory,
+    DegenerateGeometry,
+    NotConverged,
+)
+from core.kinematics import (
+    FOLDS,
+    AxesIdentification,
+    Chain,
+    Conditioning,
+    HoldOutError,
+    Identification,
+    ImageIdentification,
+    JointEstimate,
+    ParameterLayout,
+    Sweep,
+    TargetTransform,
+    Unidentifiable,
+    Validation,
+    check_angles,
+    conditioning_of_chain,
+    identify,
+    identify_from_axes,
+    identify_from_images,
+    rms,
+)
+from core.session.estimation import estimate_session
+from core.session.model import ExcludedMeasurement, SessionData, SessionEstimate
+from core.session.robot.robot_poses import (
+    RobotPoses,
+    poses_of_estimate,
+    poses_of_readings,
+    with_nominal_orientations,
+)
+from core.session.robot.sweeps import NamedSweep, select_sweeps, solve_with_start
+
+DEFAULT_TOLERANCE = math.radians(0.02)
+
+
+@dataclass(frozen=True, slots=True)
+class JointFigures:
+    """One joint with the number of poses that it was identified from, and the residual where it alone moved."""
+
+    estimate: JointEstimate
+    poses: int
+    residual: HoldOutError | None
+
+
+@dataclass(frozen=True)
+class RobotIdentification:
+    """What a session's poses determine of a robot, in mm and rad.
+
+    Parameters
+    ----------
+    chain, T_flange_camera, T_target_base
+        T_target_camera = T_target_base · forward(chain, q) · T_flange_camera; a base for each of `targets`.
+    joints
+        From the base on, each with standard uncertainties.
+    parameters, correlation
+        Of the parameters that were fitted.
+    residual, validation
+        Rms of the poses about the arm, and of poses held out of the fit.
+    scatter_mm, scatter_rad
+        The robot's own: standard deviation of each coordinate of position and of rotation.
+    null_space
+        The parameters that the poses do not determine.
+    flange_camera_covariance, base_target_covariances
+        Of T_flange_camera (flange frame) and of each T_base_target (base frame): x, y, z (mm), then a rotation from
+        the left (rad). None where it is not identifiable, and with the methods that begin at axes.
+    target_transforms
+        How targets lie to one another, by their places in `targets`.
+    targets
+        The places of the targets in the session's list; empty for another instrument.
+    excluded
+        The measurements that are not among the poses that were fitted.
+    """
+
+    chain: Chain
+    T_flange_camera: Float[np.ndarray, "4 4"]
+    T_target_base: Float[np.ndarray, "t 4 4"]
+    joints: tuple[JointFigures, ...]
+    parameters: tuple[str, ...]
+    correlation: Float[np.ndarray, "f f"]
+    residual: HoldOutError
+    validation: Validation | None
+    conditioning: Conditioning
+    scatter_mm: float
+    scatter_rad: float | None
+    null_space: tuple[Unidentifiable, ...]
+    target_transforms: tuple[TargetTransform, ...]
+    targets: tuple[int, ...]
+    flange_camera_covariance: Float[np.ndarray, "6 6"] | None
+    base_target_covariances: tuple[Float[np.ndarray, "6 6"] | None, ...]
+    excluded: tuple[ExcludedMeasurement, ...]
+    warnings: tuple[Advisory, ...]
+
+
+def identify_robot(
+    data: SessionData,
+    estimate: SessionEstimate | None = None,
+    *,
+    method: str = "global",
+    tolerance: float = DEFAULT_TOLERANCE,
+    sweeps: Sequence[NamedSweep] = (),
+) -> RobotIdentification:
+    """Identify a robot's Denavit-Hartenberg parameters, tool and base from a session's poses.
+
+    T_target_camera = T_target_base · forward(chain, q) · T_flange_camera, classic (distal) links, mm and rad.
+
+    Parameters
+    ----------
+    data
+        The session. Joint angles of an image override those of its pose. Where it holds poses that another instrument
+        measured, these are taken.
+    estimate
+        The session's cameras and poses; None: estimated here with one common camera.
+    method
+        `global` (all poses at once; on the grid points themselves where one lens took all images), `cpa`, `screw` or
+        `combined` (from the axes of sweeps).
+    tolerance
+        A sweep of a joint is a largest set of poses whose other joints agree within it, rad.
+    sweeps
+        Sweeps by their poses; a joint that is named has these alone, those of the others are recognised.
+
+    Raises MeasuredPosesMissing where there are no images either, JointAnglesMissing, TooManyMeasurements,
+    SweepJointUnknown, SweepPoseUnknown, DegenerateGeometry, and what `core.kinematics` raises where poses or sweeps do
+    not determine the robot.
+    """
+    if data.measured or not data.images:
+        gathered = poses_of_readings(data)
+    else:
+        if estimate is None:
+            estimate = estimate_session(with_nominal_orientations(data))
+        gathered = poses_of_estimate(data, estimate)
+    known = select_sweeps(data, gathered.poses, sweeps, tolerance)
+    check_angles(gathered.poses, known.sweeps)
+    warnings = (*gathered.warnings, *known.warnings)
+    try:
+        if method == "global":
+            robot, more = _identify_globally(data, estimate, gathered, known.sweeps)
+            return _of_poses(robot, known.sweeps, gathered, (*warnings, *more))
+        axes = identify_from_axes(
+            gathered.poses, data.nominal, method, sweeps=known.sweeps, tolerance=tolerance, folds=FOLDS
+        )
+        return _of_axes(axes, gathered, warnings)
+    except np.linalg.LinAlgError as failure:
+        raise DegenerateGeometry(
+            "The poses leave the robot's geometry undetermined.",
+            "Add poses at other joint angles; thirty that move all joints over their range are a sound beginning.",
+        ) from failure
+
+
+def _of_poses(
+    found: Identification,
+    sweeps: Sequence[Sweep],
+    gathered: RobotPoses,
+    warnings: tuple[Advisory, ...],
+) -> RobotIdentification:
+    count = int(found.used.sum())
+
+    def of_joint(joint: JointEstimate) -> JointFigures:
+        members = {int(pose) for s in sweeps if s.joint == joint.joint - 1 for pose in s.poses}
+        rows = [pose for pose in sorted(members) if found.used[pose]]
+        return JointFigures(joint, count, rms(found.residuals[:, rows]) if rows else None)
+
+    return RobotIdentification(
+        found.chain,
+        found.T_flange_camera,
+        found.T_target_base,
+        tuple(map(of_joint, found.joints)),
+        found.names,
+        found.correlation,
+        found.residual,
+        found.validation,
+        found.conditioning,
+        found.scatter_position_mm,
+        found.scatter_rotation,
+        found.null_space,
+        found.target_transforms,
+        gathered.targets,
+        found.flange_camera_covariance,
+        found.base_target_covariances,
+        gathered.excluded,
+        (*warnings, *found.warnings),
+    )
+
+
+def _of_axes(
+    found: AxesIdentification, gathered: RobotPoses, warnings: tuple[Advisory, ...]
+) -> RobotIdentification:
+    arcs = found.fits.arcs
+    members = np.unique(np.concatenate([arc.sweep.poses[arc.used] for arc in arcs]))
+    free = np.flatnonzero(found.identifiable.ravel())
+    covariance = found.covariance[np.ix_(free, free)]
+    unit = 1.0 / np.sqrt(np.maximum(np.diag(covariance), 1e-300))
+    keys = ParameterLayout(len(found.joints), 1, 0).keys()
+
+    def of_joint(joint: JointEstimate) -> JointFigures:
+        off = np.concatenate([arc.residuals[arc.used] for arc in arcs if arc.sweep.joint == joint.joint - 1])
+        return JointFigures(joint, joint.poses, rms(np.ascontiguousarray(off.T)))
+
+    first = min(found.links)
+    return RobotIdentification(
+        found.chain,
+        found.T_flange_camera,
+        found.T_target_base,
+        tuple(map(of_joint, found.joints)),
+        tuple(keys[column] for column in free),
+        covariance * np.outer(unit, unit),
+        HoldOutError(found.residual_mm, found.residual_rad),
+        found.validation,
+        conditioning_of_chain(
+            gathered.poses.take(members),
+            found.chain.as_array(),
+            found.T_flange_camera,
+            found.T_target_base,
+            found.identifiable,
+        ),
+        found.scatter_mm,
+        found.scatter_rad,
+        found.null_space,
+        tuple(
+            TargetTransform(first, target, link.T_first_target, link.covariance, link.pairs)
+            for target, link in sorted(found.links.items())
+            if target != first
+        ),
+        gathered.targets,
+        None,
+        (None,) * len(found.T_target_base),
+        gathered.excluded,
+        (*warnings, *found.warnings),
+    )
+
+
+def _identify_globally(
+    data: SessionData, estimate: SessionEstimate | None, gathered: RobotPoses, sweeps: Sequence[Sweep]
+) -> tuple[Identification, tuple[Advisory, ...]]:
+    """Identify from all poses at once: on the grid points where one lens took them all, else on the poses."""
+    warnings: tuple[Advisory, ...] = ()
+    poses = gathered.poses
+    one = estimate.groups[0].estimate.fit if estimate is not None and len(estimate.groups) == 1 else None
+    if one is not None:
+        fit = one.take(gathered.rows)
+
+        def solve(start: Chain | None) -> ImageIdentification:
+            return identify_from_images(
+                fit, poses.joint_angles, data.nominal, target=poses.targets, start=start, labels=poses.labels
+            )
+
+        try:
+            answer = solve_with_start(solve, poses, data.nominal, sweeps)
+        except NotConverged as failure:
+            warnings = (
+                Advisory(
+                    "identified_without_images",
+                    f"Lens and robot could not be solved for together ({failure.detail}); the figures come from the "
+                    "poses, with the lens's uncertainty carried along.",
+                    "Check that no image is of another camera setting (focus_group).",
+                ),
+            )
+        else:
+            return answer.robot, ()
+    found = solve_with_start(
+        lambda start: identify(poses, data.nominal, start=start), poses, data.nominal, sweeps
+    )
+    return found, warnings

@@ -1,0 +1,246 @@
+"""Observations for a robot's identification: a session's poses that carry joint angles."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from core.calibration import number_labels
+from core.errors import (
+    Advisory,
+    JointAnglesMissing,
+    TooManyMeasurements,
+    listed,
+)
+from core.geometry import rotation_to_rpy
+from core.kinematics import PoseData, forward, stack_joint_angles
+from core.session.model import (
+    ExcludedMeasurement,
+    MeasuredPose,
+    SessionData,
+    SessionEstimate,
+    readings,
+)
+
+MAX_POSES = 20_000
+"""Of one identification, which takes some 20 kB for each."""
+_NO_ANGLES = "Neither it nor its pose has joint angles."
+_NO_ROTATION = "It has no rotation, while most have one."
+
+
+@dataclass(frozen=True, slots=True)
+class RobotPoses:
+    """Poses ready for identification.
+
+    `targets` are the places, in the session's list, of the targets that `poses.target` counts, and `rows` those of the
+    poses among the session's estimate; both are empty for another instrument. `excluded` are the measurements that are
+    not among `poses`.
+    """
+
+    poses: PoseData
+    targets: tuple[int, ...]
+    rows: Int[np.ndarray, " n"]
+    excluded: tuple[ExcludedMeasurement, ...]
+    warnings: tuple[Advisory, ...]
+
+
+def poses_of_estimate(data: SessionData, estimate: SessionEstimate) -> RobotPoses:
+    """Return the estimated poses of images that carry joint angles.
+
+    Raises JointAnglesMissing where none does, TooManyMeasurements, JointAnglesInconsistent where their joints are not
+    the robot's.
+    """
+    _check_size(len(data.images))
+    angles = [_angles(data, pose) for pose in estimate.poses]
+    keep = [
+        i
+        for i, pose in enumerate(estimate.poses)
+        if angles[i] is not None and pose.measurement_id not in estimate.unclear
+    ]
+    if not keep:
+        raise JointAnglesMissing(
+            f"None of the {len(estimate.poses)} images that serve carries joint angles, nor does its pose.",
+            "Send joint_angles_deg with the poses (POST .../poses, or `gridpose poses load`), or with the images.",
+        )
+    chosen = [estimate.poses[i] for i in keep]
+    targets = tuple(sorted({pose.frame for pose in chosen}))
+    poses = PoseData(
+        _joint_angles(data, chosen),
+        np.array([pose.position_mm for pose in chosen]),
+        np.array([pose.rotation for pose in chosen]),
+        np.array([semidefinite(own) for pose in chosen if (own := pose.own_covariance()) is not None]),
+        shared_errors(chosen),
+        np.array([targets.index(pose.frame) for pose in chosen], dtype=np.intp),
+        tuple(pose.pose_id for pose in chosen),
+        # Several targets in one image are as many poses.
+        number_labels((p.pose_id, p.cycle, p.image.image if p.image else "") for p in chosen),
+    )
+    without = sorted(
+        {pose.pose_id for pose, known in zip(estimate.poses, angles, strict=True) if known is None}
+    )
+    warnings = (*estimate.warnings, *_excluded(without, "joint_angles_missing"))
+    excluded = (
+        *estimate.excluded.values(),
+        *estimate.unclear.values(),
+        *(
+            ExcludedMeasurement(pose.measurement_id, "joint_angles_missing", _NO_ANGLES)
+            for pose, known in zip(estimate.poses, angles, strict=True)
+            if known is None
+        ),
+    )
+    return RobotPoses(poses, targets, np.array(keep, dtype=np.intp), excluded, warnings)
+
+
+def semidefinite(covariance: Float[np.ndarray, "6 6"]) -> Float[np.ndarray, "6 6"]:
+    """Return the covariance with what rounding to few digits left of asymmetry and negative eigenvalues taken off."""
+    scale = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+    unit = np.where(scale > 0.0, scale, 1.0)
+    correlation = np.where(np.outer(scale, scale) > 0.0, covariance / np.outer(unit, unit), 0.0)
+    values, vectors = np.linalg.eigh((correlation + correlation.T) / 2.0)
+    if values[0] >= 0.0:
+        mended = (correlation + correlation.T) / 2.0
+    else:
+        mended = (vectors * np.maximum(values, 0.0)) @ vectors.T
+    return np.asarray(mended * np.outer(scale, scale))
+
+
+def with_nominal_orientations(data: SessionData) -> SessionData:
+    """Return the session with the nominal robot's orientations for poses that were commanded by joint angles alone.
+
+    They decide how a board is labelled that looks the same when turned; how the flange is turned to the camera does not
+    matter there.
+    """
+    if data.nominal is None:
+        return data
+    joints = len(data.nominal)
+    by_joints = {
+        pose_id: c
+        for pose_id, c in data.commanded.items()
+        if c.roll_deg is None and c.joint_angles_deg is not None and len(c.joint_angles_deg) == joints
+    }
+    if not by_joints:
+        return data
+    q = np.radians(np.array([c.joint_angles_deg for c in by_joints.values()], dtype=np.float64))
+    commanded = dict(data.commanded)
+    for (pose_id, c), T in zip(by_joints.items(), forward(data.nominal, q), strict=True):
+        roll, pitch, yaw = np.degrees(rotation_to_rpy(T[:3, :3])).tolist()
+        commanded[pose_id] = replace(c, roll_deg=roll, pitch_deg=pitch, yaw_deg=yaw)
+    return replace(data, commanded=commanded)
+
+
+def poses_of_readings(data: SessionData) -> RobotPoses:
+    """Return what another instrument measured at known joint angles.
+
+    Raises as `readings` and `poses_of_estimate` do.
+    """
+    visits = readings(data)
+    _check_size(len(visits))
+    warnings: list[Advisory] = []
+    known = [v for v in visits if _angles(data, v) is not None]
+    if not known:
+        raise JointAnglesMissing(
+            f"None of the {len(visits)} measured poses carries joint angles.",
+            "Send joint_angles_deg with the measured poses, or with the poses of the same pose_id.",
+        )
+    without = sorted({v.pose_id for v in visits} - {v.pose_id for v in known})
+    excluded = [
+        ExcludedMeasurement(v.measurement_id, "joint_angles_missing", _NO_ANGLES)
+        for v in visits
+        if _angles(data, v) is None
+    ]
+    warnings += _excluded(without, "joint_angles_missing")
+    turned = [v for v in known if v.rotation is not None]
+    if turned and 2 * len(turned) >= len(known):
+        warnings += _excluded(
+            [v.pose_id for v in known if v.rotation is None],
+            "rotations_missing",
+            "have no rotation, while most have one",
+        )
+        excluded += [
+            ExcludedMeasurement(v.measurement_id, "rotations_missing", _NO_ROTATION)
+            for v in known
+            if v.rotation is None
+        ]
+        known = turned
+    elif turned:
+        warnings.append(
+            Advisory(
+                "rotations_ignored",
+                f"{len(turned)} of {len(known)} measured poses have a rotation; positions alone are used.",
+                "Measure rotations at most poses, or identify from those that have one in a session of their own.",
+            )
+        )
+        known = [replace(v, rotation=None) for v in known]
+    rotations = [v.rotation for v in known if v.rotation is not None]
+    covariances = [v.covariance for v in known if v.covariance is not None]
+    if 0 < len(covariances) < len(known):
+        warnings.append(
+            Advisory(
+                "covariances_ignored",
+                f"{len(covariances)} of {len(known)} measured poses state a covariance; none is used, and the noise "
+                "is read from the residuals.",
+                "State the instrument's covariance with each reading, or with none.",
+            )
+        )
+    poses = PoseData(
+        _joint_angles(data, known),
+        np.array([v.position_mm for v in known]),
+        np.array(rotations) if len(rotations) == len(known) else None,
+        np.array(covariances) if len(covariances) == len(known) else None,
+        labels=tuple(v.pose_id for v in known),
+    )
+    return RobotPoses(poses, (), np.zeros(0, dtype=np.intp), tuple(excluded), tuple(warnings))
+
+
+def _check_size(count: int) -> None:
+    if count > MAX_POSES:
+        raise TooManyMeasurements(
+            f"The session holds {count} measurements; one identification takes {MAX_POSES}.",
+            "Divide them among several sessions; a few hundred poses that move all joints determine nearly as much.",
+        )
+
+
+def _angles(data: SessionData, pose: MeasuredPose) -> Sequence[float] | None:
+    """Return the pose's own joint angles (deg), or else those commanded."""
+    if pose.joint_angles_deg is not None:
+        return pose.joint_angles_deg
+    commanded = data.commanded.get(pose.pose_id)
+    return commanded.joint_angles_deg if commanded is not None else None
+
+
+def _joint_angles(data: SessionData, poses: Sequence[MeasuredPose]) -> Float[np.ndarray, "n j"]:
+    joints = len(data.nominal) if data.nominal is not None else None
+    labels = [pose.pose_id for pose in poses]
+    return np.radians(stack_joint_angles([_angles(data, pose) for pose in poses], joints, labels))
+
+
+def shared_errors(poses: Sequence[MeasuredPose]) -> Float[np.ndarray, "n 6 k"] | None:
+    """Return the factors of common errors: one lens for each focus group, one scale for each target's print."""
+    names = [pose.image.focus_group if pose.image else "" for pose in poses]
+    groups, targets = sorted(set(names)), sorted({pose.frame for pose in poses})
+    # Of each group's lens as many as its model has free parameters; the print's scale is the last column.
+    factors = max((pose.common.shape[1] - 1 for pose in poses if pose.common is not None), default=0)
+    common = np.zeros((len(poses), 6, factors * len(groups) + len(targets)))
+    for i, (pose, name) in enumerate(zip(poses, names, strict=True)):
+        if pose.common is not None:
+            of_lens = pose.common[:, :-1]
+            first = factors * groups.index(name)
+            common[i, :, first : first + of_lens.shape[1]] = of_lens
+            common[i, :, factors * len(groups) + targets.index(pose.frame)] = pose.common[:, -1]
+    known = np.any(common != 0.0, axis=(0, 1))
+    return np.ascontiguousarray(common[:, :, known]) if known.any() else None
+
+
+def _excluded(pose_ids: Sequence[str], code: str, what: str = "have no joint angles") -> list[Advisory]:
+    if not pose_ids:
+        return []
+    return [
+        Advisory(
+            code,
+            f"Poses {listed(pose_ids)} {what} and are excluded.",
+            "Send what is missing, and the poses count.",
+        )
+    ]
