@@ -1,4 +1,4 @@
-"""Alembic's environment: runs on the connection `app.records.schema` hands over."""
+"""Alembic's environment: runs on the connection `app.records.migrations` hands over."""
 
 from __future__ import annotations
 
@@ -8,7 +8,9 @@ from app.records.tables import Table
 
 connection = context.config.attributes.get("connection")
 if connection is None:
-    raise SystemExit("migrations run through `gridpose` (app.records.schema), which opens the right database")
+    raise SystemExit(
+        "migrations run through `gridpose` (app.records.migrations), which opens the right database"
+    )
 
 context.configure(
     connection=connection,

@@ -1,8 +1,8 @@
-"""Originals as files, named by their SHA-256; durable before anyone is told so.
+"""Originals as files, named by their SHA-256; durable before an upload is acknowledged.
 
 An upload is written to `incoming/`, fsynced, renamed into place, and its folder is fsynced. Only then is the row
 written. A crash in between leaves a file without a row: harmless, since the next upload of the same bytes takes its
-place, and counted nowhere. Files left in `incoming/` are removed at start.
+place, and removed by the sweep (`services/orphans.py`), as are files left in `incoming/`.
 """
 
 from __future__ import annotations
@@ -10,37 +10,49 @@ from __future__ import annotations
 import errno
 import hashlib
 import os
+import re
 import secrets
 import shutil
 import threading
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import BinaryIO
 
 import structlog
 
-from app.errors import StorageFull, Unavailable
+from app.blobs.durable import sync_folder
+from app.blobs.integrity import is_whole
+from app.blobs.thumbnails import Thumbnails
+from app.errors import StorageFull, refusal_of
 
 _STRIPES = 64
-_BUSY = {errno.EMFILE, errno.ENFILE, errno.ENOMEM}
+_NAME = re.compile(r"[0-9a-f]{64}")
 
 log = structlog.get_logger(__name__)
 
 
 class StagedBlob:
-    """A file being received: hashed while it is written, not yet under its name."""
+    """A file being received: hashed while it is written, not yet under its name.
 
-    def __init__(self, path: Path) -> None:
+    `ended` is called once with the path when nothing will be written to it any more.
+    """
+
+    def __init__(self, path: Path, ended: Callable[[Path], None]) -> None:
         self.path = path
         self.size = 0
         self._hash = hashlib.sha256()
-        with storage_refusals():
-            self._file: BinaryIO = path.open("xb", buffering=0)
+        self._ended = ended
+        try:
+            with map_storage_errors():
+                self._file: BinaryIO = path.open("xb", buffering=0)
+        except BaseException:
+            ended(path)
+            raise
 
     def write(self, chunk: bytes) -> None:
         """Append `chunk`."""
-        with storage_refusals():
+        with map_storage_errors():
             rest = memoryview(chunk)
             while rest:
                 rest = rest[self._file.write(rest) :]
@@ -54,64 +66,110 @@ class StagedBlob:
 
     def flush(self) -> None:
         """Bring the bytes to the disk itself."""
-        with storage_refusals():
+        with map_storage_errors():
             os.fsync(self._file.fileno())
         self._file.close()
 
     def discard(self) -> None:
-        """Forget the file; harmless once it has been published."""
-        self._file.close()
-        self.path.unlink(missing_ok=True)
+        """Forget the file; harmless once it has been published. What cannot be removed now, the sweep removes later."""
+        try:
+            self._file.close()
+        except OSError as error:
+            log.warning(
+                "upload_not_closed", reason=errno.errorcode.get(error.errno or 0), path=str(self.path)
+            )
+        _unlink(self.path)
+        self._ended(self.path)
+
+
+def original_path(root: Path, sha256: str) -> Path:
+    """Return where, below a folder of originals, the one with this hash lies."""
+    return root / sha256[:2] / sha256
 
 
 class LocalBlobs:
-    """The originals of one data folder."""
+    """The originals of one data folder, and their thumbnails in the folder next to them."""
 
     def __init__(self, root: Path) -> None:
         self.root = root
+        self.thumbnails = Thumbnails(root.parent / "thumbnails")
         self._incoming = root / "incoming"
         self._incoming.mkdir(parents=True, exist_ok=True)
-        self._guards = tuple(threading.RLock() for _ in range(_STRIPES))
+        self._locks = tuple(threading.RLock() for _ in range(_STRIPES))
+        self._receiving: set[Path] = set()
 
     def path(self, sha256: str) -> Path:
         """Return where the original with this hash lies, or would lie."""
-        return self.root / sha256[:2] / sha256
+        return original_path(self.root, sha256)
 
     def stage(self) -> StagedBlob:
         """Begin to receive a file."""
-        return StagedBlob(self._incoming / secrets.token_hex(16))
+        path = self._incoming / secrets.token_hex(16)
+        self._receiving.add(path)  # before there is a file, or the sweep could take it for one left over
+        return StagedBlob(path, self._receiving.discard)
 
-    def holds(self, sha256: str, size: int) -> bool:
-        """Tell whether the original is there, as long as it was when it came."""
+    def exists(self, sha256: str, size: int) -> bool:
+        """Return whether the original is there, as long as it was when it came; its bytes are not read."""
         try:
             return self.path(sha256).stat().st_size == size
-        except FileNotFoundError:
+        except (FileNotFoundError, NotADirectoryError):
             return False
+
+    def is_whole(self, sha256: str, size: int) -> bool:
+        """Return whether the original is there with the bytes it came with; all of them are read."""
+        return is_whole(self.path(sha256), sha256, size)
 
     def publish(self, staged: StagedBlob) -> None:
         """Put a received file under its name; on return it survives a power cut."""
         target = self.path(staged.sha256)
         staged.flush()
-        with storage_refusals():
+        with map_storage_errors():
             if not target.parent.exists():
                 target.parent.mkdir(exist_ok=True)
-                _sync_folder(self.root)
-            # An identical file may be there already; replacing it is as good as keeping it, and surely whole.
-            staged.path.replace(target)
-            _sync_folder(target.parent)
+                sync_folder(self.root)
+            try:
+                # An identical file may be there already; replacing it is as good as keeping it, and surely whole.
+                staged.path.replace(target)
+            except PermissionError:
+                # Windows replaces no file that is open, as one that is being measured is.
+                if not self.is_whole(staged.sha256, staged.size):
+                    raise
+            sync_folder(target.parent)
 
     @contextmanager
-    def guard(self, sha256: str) -> Iterator[None]:
+    def lock(self, sha256: str) -> Iterator[None]:
         """Keep `publish` and its row on one side, `remove` on the other: never a row without its file.
 
         One process at a time serves uploads from a data folder (`head.lock`), so a lock in memory is enough.
         """
-        with self._guards[int(sha256[:8], 16) % _STRIPES]:
+        with self._locks[self.stripe(sha256)]:
             yield
 
-    def remove(self, sha256: str) -> None:
-        """Delete an original that no row names any more; call it within `guard`."""
-        self.path(sha256).unlink(missing_ok=True)
+    def stripe(self, sha256: str) -> int:
+        """Return which lock is that of `sha256`; hashes of one stripe are locked together."""
+        return int(sha256[:8], 16) % _STRIPES
+
+    def remove(self, sha256: str) -> bool:
+        """Delete an original that no row names any more, its thumbnail first; call it within `lock`.
+
+        Return False where the system refuses, as Windows does while the file is open; the log says why.
+        """
+        return self.thumbnails.remove(sha256) and _unlink(self.path(sha256))
+
+    def names(self) -> Iterator[list[tuple[str, float]]]:
+        """Yield the originals there are, folder by folder, each with the time it was last written (s, wall clock)."""
+        for number in range(256):
+            found = []
+            try:
+                with os.scandir(self.root / f"{number:02x}") as entries:
+                    for entry in entries:
+                        if _NAME.fullmatch(entry.name) and entry.name.startswith(f"{number:02x}"):
+                            with suppress(FileNotFoundError):
+                                found.append((entry.name, entry.stat(follow_symlinks=False).st_mtime))
+            except (FileNotFoundError, NotADirectoryError):
+                continue
+            if found:
+                yield sorted(found)
 
     def prepare(self) -> int:
         """Make every folder, once and durably, and remove what interrupted uploads left; return how many files.
@@ -120,11 +178,21 @@ class LocalBlobs:
         """
         for number in range(256):
             (self.root / f"{number:02x}").mkdir(exist_ok=True)
-        _sync_folder(self.root)
-        leftovers = list(self._incoming.iterdir())
-        for path in leftovers:
-            path.unlink(missing_ok=True)
-        return len(leftovers)
+        sync_folder(self.root)
+        return self.clear_incoming()
+
+    def clear_incoming(self) -> int:
+        """Remove what uploads left that nobody is receiving any more; return how many files went.
+
+        Uploads in progress are known in memory: no clock decides, and one process at a time receives (`head.lock`).
+        """
+        removed = 0
+        with os.scandir(self._incoming) as entries:
+            for entry in entries:
+                path = self._incoming / entry.name
+                if path not in self._receiving and entry.is_file(follow_symlinks=False):
+                    removed += _unlink(path)
+        return removed
 
     def free_bytes(self) -> int:
         """Return the free space of the disk the originals lie on."""
@@ -137,25 +205,22 @@ class LocalBlobs:
 
 
 @contextmanager
-def storage_refusals() -> Iterator[None]:
+def map_storage_errors() -> Iterator[None]:
     """Turn a write that failed into a refusal: the client may try again, the log says what the disk said."""
     try:
         yield
     except OSError as error:
         log.error("original_not_written", reason=errno.errorcode.get(error.errno or 0), path=error.filename)
-        if error.errno in _BUSY:
-            raise Unavailable(
-                "The server has too much to do at once.", "Try again shortly.", code="busy"
-            ) from error
-        raise StorageFull() from error
+        raise (refusal_of(error) or StorageFull()) from error
 
 
-def _sync_folder(folder: Path) -> None:
-    """Make a rename within `folder` durable; Windows does so by itself and cannot open folders."""
-    if os.name == "nt":
-        return
-    descriptor = os.open(folder, os.O_RDONLY)
+def _unlink(path: Path) -> bool:
+    """Remove a file, whether it is there or not; return False, and log why, where the system refuses."""
     try:
-        os.fsync(descriptor)
-    finally:
-        os.close(descriptor)
+        path.unlink(missing_ok=True)
+    except NotADirectoryError:
+        return True
+    except OSError as error:
+        log.warning("file_not_removed", path=str(path), reason=errno.errorcode.get(error.errno or 0))
+        return False
+    return True

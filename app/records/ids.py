@@ -6,10 +6,14 @@ import re
 import secrets
 import threading
 import time
+from collections.abc import Iterable
+from datetime import UTC, datetime, timedelta
 
 _ALPHABET = "0123456789abcdefghjkmnpqrstvwxyz"  # Crockford's base 32: no i, l, o, u
 _LENGTH = 26
 _SHAPE = re.compile(rf"[a-z]{{3}}_[{_ALPHABET}]{{{_LENGTH}}}")
+
+_EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
 
 _lock = threading.Lock()
 _last = 0
@@ -18,7 +22,8 @@ _last = 0
 def new_id(prefix: str) -> str:
     """Return `prefix`, an underscore, and 26 digits: milliseconds, then 80 random bits.
 
-    Within this process every id is greater than the one before, whatever the clock does.
+    Within this process every id is greater than the one before, whatever the clock does, and greater than those
+    that `follow` was given.
     """
     global _last
     with _lock:
@@ -31,6 +36,25 @@ def new_id(prefix: str) -> str:
     return f"{prefix}_{''.join(reversed(digits))}"
 
 
+def moment_of(row_id: str) -> datetime:
+    """Return when an id was made, to the millisecond; later where the clock had been set back."""
+    value = 0
+    for digit in row_id[4:]:
+        value = value * 32 + _ALPHABET.index(digit)
+    return _EPOCH + timedelta(milliseconds=value >> 80)
+
+
+def follow(ids: Iterable[str]) -> None:
+    """Make every id to come greater than `ids`: the clock may have been set back since those were made."""
+    global _last
+    with _lock:
+        for known in ids:
+            value = 0
+            for digit in known.rpartition("_")[2]:
+                value = value * 32 + _ALPHABET.index(digit)
+            _last = max(_last, value)
+
+
 def is_id(text: str) -> bool:
-    """Tell whether `text` could be an id of ours; what could not is never looked up."""
+    """Return whether `text` has the form of an id of this service; any other text is never looked up."""
     return _SHAPE.fullmatch(text) is not None

@@ -12,6 +12,7 @@ revision = "0002"
 down_revision = "0001"
 branch_labels = None
 depends_on = None
+lost_on_the_way_down = "All measured poses of other instruments."
 
 
 def upgrade() -> None:

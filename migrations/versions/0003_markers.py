@@ -1,4 +1,4 @@
-"""The markers seen beside the grid points: what poses from markers are compared by.
+"""The markers detected in addition to the grid points, for the comparison of poses from markers.
 
 Revision: 0003, after 0002
 """
@@ -12,6 +12,7 @@ revision = "0003"
 down_revision = "0002"
 branch_labels = None
 depends_on = None
+lost_on_the_way_down = "The corners of markers in stored results. A retry of the images measures them again."
 
 
 def upgrade() -> None:

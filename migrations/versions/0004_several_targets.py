@@ -1,4 +1,4 @@
-"""Several targets in one image; how far grid points know their origin, and how well the picture was taken.
+"""Several targets in one image; what is known of the origin of grid points, and the quality of the image.
 
 Revision: 0004, after 0003
 """
@@ -12,10 +12,14 @@ revision = "0004"
 down_revision = "0003"
 branch_labels = None
 depends_on = None
+lost_on_the_way_down = (
+    "The rows of images that show none of their session's targets; "
+    "the origin of stored grid points and their capture quality. A retry of the images determines both again."
+)
 
 
 def _checks() -> tuple[sa.CheckConstraint, ...]:
-    """Return what a table made anew, as SQLite needs it, must be told of, or it loses them."""
+    """Return the checks that SQLite loses when it makes a table anew, unless they are given."""
     return (
         sa.CheckConstraint(
             "status IN ('queued', 'running', 'succeeded', 'failed')", name=op.f("ck_measurements_status")

@@ -1,38 +1,41 @@
-"""A calibration as a row, and back again without loss.
+"""A calibration as a `results` row, and its grid points and markers back again without loss.
 
-The row (`results`) holds the document the API shows (`document`: degrees, named fields). Beside it stand the
-calibration's arrays and those of its `points` and markers as bytes; `remarks` and the picture's quality are JSON,
-angles in radians. Analyses over thousands of rows read these and never open an image again. `outcome` is what a job
-brings back.
+The row holds the document that the API shows (`results`: degrees, named fields; floats keep every bit as JSON) and,
+alongside it, the grid points and markers as bytes (`points`). Analyses of thousands of rows read these bytes and never
+open an image again. `outcome` is what a job returns.
 """
 
-from app.records.codec.document import calibration_document
-from app.records.codec.outcome import Failure, Outcome, Provenance, Shown
+from app.records.codec.outcome import DetectedTarget, Failure, Outcome, Provenance
 from app.records.codec.points import (
+    MARKER_BYTES,
+    POINT_BYTES,
+    are_markers,
+    are_points,
+    content_hash,
     decode_markers,
     decode_points,
     decode_stack,
-    end_points,
     points_documents,
-    rename_points,
+    relabel_points,
 )
-from app.records.codec.remarks import decode_quality
-from app.records.codec.results import decode_calibration, encode_calibration, encode_refused
+from app.records.codec.results import calibration_document, encode_calibration, encode_refused
 
 __all__ = [
+    "MARKER_BYTES",
+    "POINT_BYTES",
+    "DetectedTarget",
     "Failure",
     "Outcome",
     "Provenance",
-    "Shown",
+    "are_markers",
+    "are_points",
     "calibration_document",
-    "decode_calibration",
+    "content_hash",
     "decode_markers",
     "decode_points",
-    "decode_quality",
     "decode_stack",
     "encode_calibration",
     "encode_refused",
-    "end_points",
     "points_documents",
-    "rename_points",
+    "relabel_points",
 ]

@@ -16,7 +16,7 @@ class Failure:
 
 
 @dataclass(frozen=True, slots=True)
-class Shown:
+class DetectedTarget:
     """A target that an image was searched for and shows: the columns of its `results` row, and the failure, if one.
 
     `duration_ms` is what it alone took, without decoding and searching.
@@ -38,7 +38,7 @@ class Outcome:
 
     result: dict[str, Any] | None
     failure: Failure | None
-    shown: tuple[Shown, ...] = ()
+    shown: tuple[DetectedTarget, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)

@@ -3,15 +3,16 @@ by id, both little endian."""
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, TypeGuard
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from app.records.codec.remarks import decode_advisories, decode_quality
-from core.calibration.view_stack import ViewStack
-from core.targets.specification import GridPoints, Origin, TargetSpec
+from core.calibration import ViewStack
+from core.errors import Advisory
+from core.targets import GridPoints, TargetSpec
 
 _POINT = np.dtype(
     [
@@ -26,12 +27,7 @@ _POINT = np.dtype(
     ]
 )
 _MARKER = np.dtype([("id", "<i4"), ("corners_px", "<f8", (4, 2))])
-_ORIGINS: dict[str | None, Origin] = {
-    None: "known",
-    "known": "known",
-    "turned": "turned",
-    "unknown": "unknown",
-}
+POINT_BYTES, MARKER_BYTES = _POINT.itemsize, _MARKER.itemsize
 _UNKNOWN = -1  # `used` of a point no fit has looked at; its residuals are NaN
 
 
@@ -64,20 +60,26 @@ def encode_markers(points: GridPoints) -> bytes | None:
     return records.tobytes()
 
 
+def content_hash(points: bytes | None, markers: bytes | None) -> str:
+    """Return the SHA-256 of all arrays that analyses read of a result, as 64 hex digits.
+
+    Each array is preceded by its length, -1 for a missing array, so that no two contents are joined to the same bytes.
+    """
+    digest = hashlib.sha256()
+    for part in (points, markers):
+        digest.update((-1 if part is None else len(part)).to_bytes(8, "little", signed=True))
+        digest.update(part or b"")
+    return digest.hexdigest()
+
+
 def decode_points(
     points: bytes,
     warnings: list[dict[str, Any]],
     target: TargetSpec,
     width_px: int,
     height_px: int,
-    *,
-    origin: str | None = None,
-    capture_quality: dict[str, Any] | None = None,
 ) -> GridPoints:
-    """Return the grid points of a stored result, but for their markers.
-
-    `origin` is null in results of the time before it was kept, when every grid's was known or one of its turns'.
-    """
+    """Return the grid points of a stored result, without markers, origin and capture quality."""
     records = np.frombuffer(points, dtype=_POINT)
     return GridPoints(
         target=target,
@@ -87,16 +89,8 @@ def decode_points(
         row=records["row"].astype(np.intp),
         points_px=np.stack([records["u_px"], records["v_px"]], axis=1),
         standard_uncertainty_px=records["standard_uncertainty_px"].copy(),
-        warnings=decode_advisories(warnings),
-        origin=_ORIGINS[origin],
-        capture_quality=decode_quality(capture_quality) if capture_quality is not None else None,
+        warnings=tuple(Advisory(**one) for one in warnings),
     )
-
-
-def decode_residuals(points: bytes) -> tuple[Float[np.ndarray, "n 2"], Bool[np.ndarray, " n"]]:
-    """Return the residuals (px) of stored points that a fit looked at, and which of them it used."""
-    records = np.frombuffer(points, dtype=_POINT)
-    return np.stack([records["residual_u_px"], records["residual_v_px"]], axis=1), records["used"] == 1
 
 
 def decode_stack(
@@ -132,16 +126,18 @@ def decode_stack(
     )
 
 
-def end_points(points: Sequence[bytes]) -> tuple[Int[np.ndarray, "m 2 2"], Float[np.ndarray, "m 2 2"]]:
-    """Return column and row, and u and v (px), of the first and the last point of stored results that have points."""
-    size = _POINT.itemsize
-    records = np.frombuffer(b"".join(end for p in points for end in (p[:size], p[-size:])), dtype=_POINT)
-    cells = np.stack([records["column"], records["row"]], axis=1).astype(np.intp)
-    return cells.reshape(-1, 2, 2), np.stack([records["u_px"], records["v_px"]], axis=1).reshape(-1, 2, 2)
+def are_points(stored: object) -> TypeGuard[bytes]:
+    """Return whether a stored value consists of whole records of grid points; anything else cannot be decoded."""
+    return isinstance(stored, bytes) and len(stored) % POINT_BYTES == 0
 
 
-def rename_points(points: bytes, column: Int[np.ndarray, " n"], row: Int[np.ndarray, " n"]) -> bytes:
-    """Return stored points under other names, row by row as a detector lists them."""
+def are_markers(stored: object) -> TypeGuard[bytes]:
+    """Return whether a stored value consists of whole records of markers."""
+    return isinstance(stored, bytes) and len(stored) % MARKER_BYTES == 0
+
+
+def relabel_points(points: bytes, column: Int[np.ndarray, " n"], row: Int[np.ndarray, " n"]) -> bytes:
+    """Return stored points with other labels, row by row as a detector lists them."""
     records = np.frombuffer(points, dtype=_POINT).copy()
     records["column"], records["row"] = column, row
     return records[np.lexsort((column, row))].tobytes()

@@ -1,0 +1,57 @@
+"""Thumbnails as files, named by the SHA-256 of the original they were made of.
+
+A thumbnail can be made again at any time: it is not in backups, and one that cannot be written is not kept.
+"""
+
+from __future__ import annotations
+
+import errno
+import secrets
+from pathlib import Path
+
+import structlog
+
+log = structlog.get_logger(__name__)
+
+
+def thumbnail_path(root: Path, sha256: str) -> Path:
+    """Return where, below a folder of thumbnails, that of this original lies."""
+    return root / sha256[:2] / f"{sha256}.webp"
+
+
+class Thumbnails:
+    """The thumbnails of one data folder."""
+
+    def __init__(self, root: Path) -> None:
+        self.root = root
+
+    def read(self, sha256: str) -> bytes | None:
+        """Return the thumbnail of an original, or None where none is kept or it cannot be read."""
+        try:
+            return thumbnail_path(self.root, sha256).read_bytes() or None
+        except OSError:
+            return None
+
+    def write(self, sha256: str, data: bytes) -> None:
+        """Keep a thumbnail; it appears whole or not at all. Call it within the lock of the original."""
+        path = thumbnail_path(self.root, sha256)
+        temporary = path.with_name(f"{path.name}.{secrets.token_hex(8)}")
+        try:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            temporary.write_bytes(data)
+            temporary.replace(path)
+        except OSError as error:
+            log.warning("thumbnail_not_kept", reason=errno.errorcode.get(error.errno or 0))
+            temporary.unlink(missing_ok=True)
+
+    def remove(self, sha256: str) -> bool:
+        """Remove the thumbnail of an original, if there is one; return False where the system refuses."""
+        path = thumbnail_path(self.root, sha256)
+        try:
+            path.unlink(missing_ok=True)
+        except NotADirectoryError:
+            return True
+        except OSError as error:
+            log.warning("file_not_removed", path=str(path), reason=errno.errorcode.get(error.errno or 0))
+            return False
+        return True

@@ -1,0 +1,104 @@
+"""Tables of targets, robots, sessions and commanded poses."""
+
+from __future__ import annotations
+
+from datetime import datetime
+
+import sqlalchemy as sa
+from sqlalchemy.orm import Mapped, mapped_column, relationship
+
+from app.records.tables.base import JsonList, JsonObject, Table, made_by_column
+
+
+class Target(Table):
+    __tablename__ = "targets"
+
+    id: Mapped[str] = mapped_column(sa.String(40), primary_key=True)
+    name: Mapped[str] = mapped_column(sa.String(200))
+    kind: Mapped[str] = mapped_column(sa.String(32))
+    columns: Mapped[int]
+    rows: Mapped[int]
+    pitch_mm: Mapped[float] = mapped_column(sa.Double())
+    marker_mm: Mapped[float | None] = mapped_column(sa.Double())
+    dictionary: Mapped[str | None] = mapped_column(sa.String(64))
+    legacy_layout: Mapped[bool]
+    pitch_standard_uncertainty_mm: Mapped[float | None] = mapped_column(sa.Double())
+    created_at: Mapped[datetime]
+    made_by: Mapped[str | None] = made_by_column()
+
+
+def target_fields(target: Target) -> JsonObject:
+    """Return what the numerics take of a target: the fields of `core.TargetSpec`."""
+    return {
+        name: getattr(target, name)
+        for name in (
+            "kind",
+            "columns",
+            "rows",
+            "pitch_mm",
+            "marker_mm",
+            "dictionary",
+            "legacy_layout",
+            "pitch_standard_uncertainty_mm",
+        )
+    }
+
+
+class Robot(Table):
+    __tablename__ = "robots"
+
+    id: Mapped[str] = mapped_column(sa.String(40), primary_key=True)
+    name: Mapped[str] = mapped_column(sa.String(200))
+    joints: Mapped[JsonList]
+    datasheet_repeatability_mm: Mapped[float | None] = mapped_column(sa.Double())
+    created_at: Mapped[datetime]
+    made_by: Mapped[str | None] = made_by_column()
+
+
+class Session(Table):
+    __tablename__ = "sessions"
+
+    id: Mapped[str] = mapped_column(sa.String(40), primary_key=True)
+    name: Mapped[str] = mapped_column(sa.String(200))
+    robot_id: Mapped[str | None] = mapped_column(sa.ForeignKey("robots.id"), index=True)
+    lens: Mapped[JsonObject | None]
+    intrinsics: Mapped[JsonObject | None]
+    conditions: Mapped[JsonObject | None]
+    created_at: Mapped[datetime]
+    made_by: Mapped[str | None] = made_by_column()
+
+    targets: Mapped[list[SessionTarget]] = relationship(
+        order_by="SessionTarget.position", cascade="all, delete-orphan", passive_deletes=True, lazy="selectin"
+    )
+
+
+class SessionTarget(Table):
+    """Which targets a session looks at, in the order given."""
+
+    __tablename__ = "session_targets"
+
+    session_id: Mapped[str] = mapped_column(
+        sa.ForeignKey("sessions.id", ondelete="CASCADE"), primary_key=True
+    )
+    position: Mapped[int] = mapped_column(primary_key=True, autoincrement=False)
+    target_id: Mapped[str] = mapped_column(sa.ForeignKey("targets.id"), index=True)
+
+
+class Pose(Table):
+    """A commanded pose of the robot."""
+
+    __tablename__ = "poses"
+    __table_args__ = (
+        sa.UniqueConstraint("session_id", "pose_id"),
+        sa.Index("ix_poses_session_id_id", "session_id", "id"),
+    )
+
+    id: Mapped[str] = mapped_column(sa.String(40), primary_key=True)
+    session_id: Mapped[str] = mapped_column(sa.ForeignKey("sessions.id", ondelete="CASCADE"))
+    pose_id: Mapped[str] = mapped_column(sa.String(128))
+    position_mm: Mapped[JsonList | None]
+    roll_deg: Mapped[float | None] = mapped_column(sa.Double())
+    pitch_deg: Mapped[float | None] = mapped_column(sa.Double())
+    yaw_deg: Mapped[float | None] = mapped_column(sa.Double())
+    joint_angles_deg: Mapped[JsonList | None]
+    approach: Mapped[str | None] = mapped_column(sa.String(200))
