@@ -1,70 +1,61 @@
-"""The first picture of a new process, before any job: what is compiled on first use is compiled then.
+"""Compilation of the kernels ahead of the jobs: all of them at the end of an installation, the usual ones in a worker.
 
-`python -m app.jobs.warm_up` at the end of an installation compiles what pictures of all kinds of targets need, so that
-the machine code is kept and no job ever has to wait for it.
+`python -m app.jobs.warm_up` compiles every kernel of core for the signatures that it declares, in as many processes
+as there are cores, and stores the machine code where `core.code_cache` says. A worker process calls `warm_up` before
+its first job: it loads the stored code, or compiles what an image of a chessboard needs where none is stored.
 """
 
 from __future__ import annotations
 
+import importlib
+import inspect
 import math
-from collections.abc import Sequence
+import multiprocessing
+import os
+import pkgutil
+import sys
+import time
+from concurrent.futures import ProcessPoolExecutor
+from multiprocessing.sharedctypes import Synchronized
 
 import cv2
 import numpy as np
 from jaxtyping import UInt8, UInt16
 
+import core
 from core import Camera, TargetSpec, calibrate_targets
-from core.calibration.estimators import estimate_group
-from core.kinematics.dh import pose_with_jacobian
+from core.calibration import estimate_group
+from core.geometry import so3_exp, transform
+from core.jit import Kernel
 from core.simulation import Scene, render
 from core.targets import GridPoints
-from core.transforms import so3_exp, transform
 
 CHESSBOARD = TargetSpec("chessboard", 7, 5, pitch_mm=10.0)
-BOARDS = (
-    CHESSBOARD,
-    TargetSpec("charuco", 6, 4, pitch_mm=13.0, marker_mm=10.0, dictionary="DICT_4X4_50"),
-    TargetSpec("circles", 5, 4, pitch_mm=14.0),
-    TargetSpec("asymmetric_circles", 4, 5, pitch_mm=9.0),
-    TargetSpec("aprilgrid", 3, 3, pitch_mm=26.0, marker_mm=20.0),
-)
 _CAMERA = Camera(300.0, 300.0, 159.5, 119.5)
 _SIZE_PX = (320, 240)
-_PART_PX = 190
-"""Columns of a picture that a part of the board fills."""
 _AHEAD_MM = np.array([0.0, 0.0, 120.0])
 _TILT = so3_exp(np.array([math.radians(35.0), 0.0, 0.1]))
+_MAX_PROCESSES = 8
+"""More processes than this wait for the kernels of `core.targets.subpixel.corner_step`, which take longest."""
+_LINE_EVERY_S = 5.0
+"""Between lines of progress, where the output is no terminal and the same line cannot be written again."""
 
-Picture = UInt8[np.ndarray, "h w"] | UInt16[np.ndarray, "h w"]
+Image = UInt8[np.ndarray, "h w"] | UInt16[np.ndarray, "h w"]
+
+_compiled: Synchronized[int]
+"""How many signatures all processes have compiled. Set in the processes that `compile_kernels` starts."""
 
 
 def warm_up() -> None:
-    """Calibrate a small rendered board, by the way that every job's picture takes, and pool it as analyses do."""
-    points = _measured(picture(CHESSBOARD), CHESSBOARD)
+    """Calibrate a small rendered board, by the way that every job's image takes, and pool it as analyses do."""
+    points = _calibrated_points(small_image(CHESSBOARD), CHESSBOARD)
     estimate_group([points, points], "pooled", repeats=["home", "home"])
 
 
-def warm_up_the_rest() -> None:
-    """Compile what is kept on disk for later: boards of all kinds, whole and in part, in 8 and 16 bit, with what may be
-    printed on them; pictures of one kind that are searched for the others; and the kinematics of analyses."""
-    for bit_depth in (8, 16):
-        for board in BOARDS:
-            view = picture(board, bit_depth=bit_depth)
-            _measured(view, board)
-            _searched(view, BOARDS)
-            _searched(np.ascontiguousarray(view[:, :_PART_PX]), [board])
-        marked = picture(CHESSBOARD, bit_depth=bit_depth, marks=True)
-        _measured(marked, CHESSBOARD)
-        _searched(np.ascontiguousarray(marked[:, :_PART_PX]), [CHESSBOARD])
-        _measured(picture(BOARDS[2], bit_depth=bit_depth, origin_dot=1.5), BOARDS[2])
-    _searched(picture(CHESSBOARD), [CHESSBOARD], ".jpg")
-    pose_with_jacobian(np.zeros((2, 5)), np.zeros((1, 2)), np.eye(4)[None], np.eye(4))
-
-
-def picture(
+def small_image(
     board: TargetSpec, *, bit_depth: int = 8, marks: bool = False, origin_dot: float = 1.0, seed: int = 0
-) -> Picture:
-    """Return a small rendered picture of a tilted board."""
+) -> Image:
+    """Return a small rendered image of a tilted board."""
     middle_mm = board.points_target().mean(axis=0)
     scene = Scene(
         target=board,
@@ -81,25 +72,110 @@ def picture(
     return render(scene)
 
 
-def _measured(view: Picture, board: TargetSpec) -> GridPoints:
-    """Return the grid points of a calibrated picture; an installation that cannot do this one can do no other."""
-    (outcome,) = calibrate_targets(_encoded(view), [board])
+def _calibrated_points(image: Image, board: TargetSpec) -> GridPoints:
+    """Return the grid points of a calibrated image; an installation that cannot do this one can do no other."""
+    (outcome,) = calibrate_targets(cv2.imencode(".png", image)[1].tobytes(), [board])
     if outcome.failure is not None:
         raise outcome.failure
     assert outcome.calibration is not None
     return outcome.calibration.points
 
 
-def _searched(view: Picture, boards: Sequence[TargetSpec], extension: str = ".png") -> None:
-    """Look for boards that may be there only in part, or not at all: what is refused, too, runs through the kernels."""
-    for _ in calibrate_targets(_encoded(view, extension), boards):
-        pass
+def kernels_by_module() -> dict[str, list[Kernel]]:
+    """Return the kernels of core by the modules that define them."""
+    found: dict[str, list[Kernel]] = {}
+    for module in pkgutil.walk_packages(core.__path__, "core."):
+        for value in vars(importlib.import_module(module.name)).values():
+            if isinstance(value, Kernel) and value.__module__ == module.name:
+                found.setdefault(module.name, []).append(value)
+    return found
 
 
-def _encoded(view: Picture, extension: str = ".png") -> bytes:
-    return cv2.imencode(extension, view)[1].tobytes()
+def _modules_together(kernels: dict[str, list[Kernel]]) -> list[list[str]]:
+    """Return the modules in groups, the longest to compile first: those of one package whose kernels call one another
+    are one group.
+    """
+    group = {module: [module] for module in kernels}
+    for module in kernels:
+        for value in vars(sys.modules[module]).values():
+            other = value.__module__ if isinstance(value, Kernel) else module
+            if group[other] is not group[module] and _package(other) == _package(module):
+                group[module] += group[other]
+                group |= dict.fromkeys(group[other], group[module])
+    groups = {id(modules): modules for modules in group.values()}.values()
+    return sorted(groups, key=lambda modules: -sum(_weight(k) for m in modules for k in kernels[m]))
+
+
+def _package(module: str) -> str:
+    return module.rpartition(".")[0]
+
+
+def _weight(kernel: Kernel) -> int:
+    return len(inspect.getsource(inspect.unwrap(kernel))) * len(kernel.declared)
+
+
+def compile_kernels(processes: int) -> None:
+    """Compile every kernel for the signatures that it declares, and print the progress.
+
+    Modules whose kernels call one another are compiled in one process. A few small kernels are called from other
+    packages, so next to nothing is compiled twice.
+    """
+    kernels = kernels_by_module()
+    total = sum(len(kernel.declared) for of_module in kernels.values() for kernel in of_module)
+    spawn = multiprocessing.get_context("spawn")
+    compiled = spawn.Value("i", 0)
+    progress = _Progress(total)
+    with ProcessPoolExecutor(
+        processes, mp_context=spawn, initializer=_share_count, initargs=(compiled,)
+    ) as pool:
+        running = [pool.submit(_compile_modules, group) for group in _modules_together(kernels)]
+        while not all(future.done() for future in running):
+            progress.show(compiled.value)
+            time.sleep(0.1)
+        for future in running:
+            future.result()
+    progress.show(total)
+
+
+def _share_count(compiled: Synchronized[int]) -> None:
+    global _compiled
+    _compiled = compiled
+
+
+def _compile_modules(names: list[str]) -> None:
+    for name in names:
+        for kernel in vars(importlib.import_module(name)).values():
+            if isinstance(kernel, Kernel) and kernel.__module__ == name:
+                for signature in kernel.declared:
+                    kernel.compile_declared(signature)
+                    with _compiled.get_lock():
+                        _compiled.value += 1
+
+
+class _Progress:
+    """One line that is written again on a terminal; elsewhere a line every few seconds."""
+
+    def __init__(self, total: int) -> None:
+        self._total = total
+        self._shown = -1
+        self._next_line_at = 0.0
+
+    def show(self, count: int) -> None:
+        is_last = count == self._total
+        if count == self._shown or (
+            not sys.stdout.isatty() and not is_last and time.monotonic() < self._next_line_at
+        ):
+            return
+        self._shown, self._next_line_at = count, time.monotonic() + _LINE_EVERY_S
+        begin, end = ("\r", "\n" if is_last else "") if sys.stdout.isatty() else ("", "\n")
+        sys.stdout.write(f"{begin}compiling kernels {count} of {self._total}{end}")
+        sys.stdout.flush()
 
 
 if __name__ == "__main__":
-    warm_up()
-    warm_up_the_rest()
+    compile_kernels(
+        min(
+            len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1,
+            _MAX_PROCESSES,
+        )
+    )

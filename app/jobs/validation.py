@@ -1,10 +1,11 @@
-"""What is checked before it is acknowledged: an upload by magic bytes and header, never decoded; a target's markers."""
+"""Checks before an acknowledgement: an upload by magic bytes and header, without decoding; a target's markers."""
 
 from __future__ import annotations
 
+import os
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 from app.errors import InvalidContent, ServiceError, UnsupportedContent
 from core.errors import (
@@ -15,9 +16,11 @@ from core.errors import (
     UndecodableImage,
     UnsupportedImage,
 )
-from core.image import HEADER_BYTES, ImageHeader, check_pixels, read_header
-from core.targets import TargetSpec, check_detectable
-from core.targets.target_fields import check_fields
+from core.image import ImageHeader, check_pixels, read_header
+from core.targets import TargetSpec, check_detectable, check_fields
+
+_BLOCK_BYTES = 4096
+"""Read at a time: segments of a JPEG stand up to 64 KiB apart, and what is between them is not looked at."""
 
 _REFUSALS: tuple[tuple[type[GridposeError], type[ServiceError]], ...] = (
     (EmptyImage, InvalidContent),
@@ -28,7 +31,7 @@ _REFUSALS: tuple[tuple[type[GridposeError], type[ServiceError]], ...] = (
 
 
 @dataclass(frozen=True, slots=True)
-class AdmittedImage:
+class ImageInfo:
     """What the header says."""
 
     format: str
@@ -36,10 +39,11 @@ class AdmittedImage:
     height_px: int
 
 
-def admit_image(path: Path, max_pixels: int) -> AdmittedImage:
+def validate_image(path: Path, max_pixels: int) -> ImageInfo:
     """Return what the file's header says, or raise the refusal it deserves.
 
-    The beginning of the file is enough for all but a TIFF that keeps its directory at the end.
+    Only the header is read, wherever it lies in the file, and its length is bounded: this runs in the process that
+    answers all requests.
     """
     try:
         header = _read_header(path)
@@ -49,10 +53,10 @@ def admit_image(path: Path, max_pixels: int) -> AdmittedImage:
             if isinstance(error, kind):
                 raise refusal(error.detail, error.advice, code=error.code) from error
         raise
-    return AdmittedImage(header.format, header.width_px, header.height_px)
+    return ImageInfo(header.format, header.width_px, header.height_px)
 
 
-def admit_target(fields: dict[str, Any]) -> None:
+def validate_target(fields: dict[str, Any]) -> None:
     """Refuse a target that no image can ever be measured with, such as one with too few grid points or markers that do
     not fit, and one with fields that its kind has not: whoever sent them means another.
 
@@ -68,12 +72,21 @@ def admit_target(fields: dict[str, Any]) -> None:
 
 
 def _read_header(path: Path) -> ImageHeader:
-    with path.open("rb") as file:
-        beginning = file.read(HEADER_BYTES)
-        try:
-            return read_header(beginning)
-        except UndecodableImage:
-            rest = file.read()
-            if not rest:
-                raise
-    return read_header(beginning + rest)
+    with path.open("rb", buffering=_BLOCK_BYTES) as file:
+        return read_header(_FileBytes(file))
+
+
+class _FileBytes:
+    """The bytes of an open file, read when a slice of them is asked for."""
+
+    def __init__(self, file: BinaryIO) -> None:
+        self._file = file
+        self._size = file.seek(0, os.SEEK_END)
+
+    def __len__(self) -> int:
+        return self._size
+
+    def __getitem__(self, part: slice) -> bytes:
+        begin, end, _ = part.indices(self._size)
+        self._file.seek(begin)
+        return self._file.read(max(0, end - begin))

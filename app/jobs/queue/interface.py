@@ -1,6 +1,6 @@
-"""The narrow interface between those who want an image measured and those who do it.
+"""The interface between the code that accepts images and the code that measures them.
 
-The embedded queue (`row_queue.py`) is the measurement row itself; a queue on PostgreSQL fills the same interface.
+A job of `SqlQueue` (`sql_queue`) is a measurement row whose status is `queued`, on SQLite and PostgreSQL.
 """
 
 from __future__ import annotations
@@ -9,13 +9,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Protocol
 
-from sqlalchemy import orm
-
-from app.records.codec import Outcome
+from app.records.codec import Failure, Outcome
 
 
 @dataclass(frozen=True, slots=True)
-class Sought:
+class TargetQuery:
     """A target that an image is searched for; `fields` are those of `core.TargetSpec`."""
 
     target_id: str
@@ -35,18 +33,18 @@ class Job:
     claim: str
     sha256: str
     target_id: str | None
-    targets: tuple[Sought, ...]
+    targets: tuple[TargetQuery, ...]
     lens: dict[str, float] | None
     intrinsics: dict[str, float] | None
 
     @property
-    def names_its_target(self) -> bool:
+    def has_explicit_target(self) -> bool:
         """Whether the one target to look for is the row's own, so that whatever comes of it is the row's."""
         return [sought.target_id for sought in self.targets] == [self.target_id]
 
 
 @dataclass(frozen=True, slots=True)
-class Finished:
+class JobResult:
     """What came of a job that ran to its end, in success or in a failure with a code."""
 
     job: Job
@@ -56,10 +54,6 @@ class Finished:
 
 class Queue(Protocol):
     """Jobs in, claims out, results back; at least once each, and a result is written once."""
-
-    def enqueue(self, session: orm.Session, measurement_id: str) -> None:
-        """Add a job within the caller's transaction: it exists if and only if that commits."""
-        ...
 
     def notify(self) -> None:
         """Say that jobs were committed, so that an idle runner looks at once."""
@@ -74,17 +68,20 @@ class Queue(Protocol):
         ...
 
     def claim(self, limit: int) -> Sequence[Job]:
-        """Take up to `limit` jobs, oldest first."""
+        """Take up to `limit` jobs: sessions take turns, and each one's jobs come oldest first.
+
+        A row that cannot be read fails with a code instead, and is no job.
+        """
         ...
 
-    def finish(self, finished: Sequence[Finished]) -> int:
+    def finish(self, finished: Sequence[JobResult]) -> int:
         """Save results; those whose claim is no longer current are dropped. Return how many were saved."""
         ...
 
-    def give_back(self, jobs: Sequence[Job]) -> None:
+    def release(self, jobs: Sequence[Job]) -> None:
         """Put claimed jobs back untouched."""
         ...
 
-    def crashed(self, job: Job) -> None:
-        """Count an attempt that ended with the worker's death; after the last allowed one the job fails."""
+    def attempt_failed(self, job: Job, failure: Failure, *, max_attempts: int) -> None:
+        """Count an attempt that brought no result and queue the job again; after the last one it fails so."""
         ...

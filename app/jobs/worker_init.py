@@ -1,4 +1,4 @@
-"""What a worker process does before its first job: one thread each, and no life beyond its parent's.
+"""Start of a worker process: one thread, and an end when its parent ends.
 
 This module imports nothing heavy, so that the environment is set before numpy and OpenCV are loaded.
 """
@@ -27,31 +27,38 @@ def prepare_environment(max_image_pixels: int) -> None:
 def keep_compiled_code(data_dir: Path) -> None:
     """Let children keep compiled kernels in the data folder where the program's own may not be written.
 
-    In a container or a system folder they would be compiled again by every worker that starts, many seconds each.
+    What an installation compiled is read where it lies; this is the place of the rest, such as the code for another
+    processor than the installation's, which every worker that starts would compile again, many seconds each.
     """
     if not os.access(Path(__file__).parents[2] / "core", os.W_OK):
         os.environ.setdefault("NUMBA_CACHE_DIR", str(data_dir / "compiled"))
 
 
 def start_worker(max_image_pixels: int, tied_to_thread: bool) -> None:
-    """Initialise a worker: tie it to its parent, limit threads, and load the numerics before the first job.
-
-    `tied_to_thread`: the thread that starts this process lives as long as the pool does, which Linux's death signal
-    needs, since it fires at the end of that thread.
-    """
-    _end_with_parent(use_death_signal=tied_to_thread)
-    prepare_environment(max_image_pixels)
-
-    import cv2
+    """Initialise a worker that measures: as `start_drawing`, and load the numerics before the first job."""
+    start_drawing(max_image_pixels, tied_to_thread)
 
     import app.jobs.process_image  # noqa: F401 - loaded here so that the first job need not
     from app.jobs.warm_up import warm_up
 
-    cv2.setNumThreads(1)
     warm_up()
 
 
-def _end_with_parent(*, use_death_signal: bool) -> None:
+def start_drawing(max_image_pixels: int, tied_to_thread: bool) -> None:
+    """Initialise a worker that decodes images and draws: tie it to its parent, and limit threads.
+
+    `tied_to_thread`: the thread that starts this process lives as long as the pool does, which Linux's death signal
+    needs, since it fires at the end of that thread.
+    """
+    end_with_parent(use_death_signal=tied_to_thread)
+    prepare_environment(max_image_pixels)
+
+    import cv2
+
+    cv2.setNumThreads(1)
+
+
+def end_with_parent(*, use_death_signal: bool) -> None:
     """Make sure that this process ends when its parent does, even by SIGKILL.
 
     A thread that waits for the parent works everywhere but needs the interpreter; on Linux the kernel's death signal
