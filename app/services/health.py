@@ -1,17 +1,27 @@
-"""Is the service able to do its work? Each part by name."""
+"""Health of the service, part by part."""
 
 from __future__ import annotations
 
+import asyncio
+import math
+import time
 from dataclasses import dataclass
 
 import sqlalchemy as sa
+from starlette.concurrency import run_in_threadpool
 
 from app.errors import ServiceError
-from app.jobs.embedded import EmbeddedRunner
-from app.records import schema
-from app.records.database import sqlite_version
+from app.jobs.runner import JobRunner
+from app.records import migrations
+from app.records.database import BUSY_TIMEOUT_S, sqlite_version
 from app.records.tables import Session
-from app.services.installation import Installation
+from app.services.context import ServiceContext
+
+CACHED_S = 2.0
+ANSWER_WITHIN_S = 2.0
+"""How long an answer waits for a look; a write transaction may take longer than who asks has patience."""
+SILENT_S = BUSY_TIMEOUT_S + 5.0
+"""How long a look may take until the database counts as one that does not answer."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -23,17 +33,45 @@ class Check:
     detail: str
 
 
-def check_health(installation: Installation, runner: EmbeddedRunner | None) -> list[Check]:
-    """Look at every part; never raises."""
-    return [
-        _database(installation),
-        _migrations(installation),
-        _disk(installation),
-        _runner(installation, runner),
-    ]
+class HealthWatch:
+    """What readiness is answered from. However many ask, the database and the disk are looked at by one of them, and
+    not again for CACHED_S; the runner's state costs nothing and is always the present one. While a look takes longer
+    than ANSWER_WITHIN_S, what was found before holds, for SILENT_S at most. For one event loop.
+    """
+
+    def __init__(self, installation: ServiceContext, runner: JobRunner | None) -> None:
+        self._installation, self._runner = installation, runner
+        self._latest: asyncio.Task[list[Check]] | None = None
+        self._begun_at = self._looked_at = -math.inf
+        self._found: list[Check] | None = None
+
+    async def look(self) -> list[Check]:
+        """Return the state of every part; never raises."""
+        latest = self._latest
+        if latest is None or (latest.done() and time.monotonic() - self._looked_at > CACHED_S):
+            self._begun_at = time.monotonic()
+            latest = self._latest = asyncio.create_task(self._look())
+        # Not awaited itself: who asked first may leave while others wait.
+        await asyncio.wait((latest,), timeout=ANSWER_WITHIN_S)
+        found = latest.result() if latest.done() else self._found
+        if found is None or (not latest.done() and time.monotonic() - self._begun_at > SILENT_S):
+            found = [Check("database", ok=False, detail="The database does not answer.")]
+        return [*found, _runner(self._installation, self._runner)]
+
+    async def _look(self) -> list[Check]:
+        try:
+            self._found = await run_in_threadpool(check_storage, self._installation)
+            return self._found
+        finally:
+            self._looked_at = time.monotonic()
 
 
-def _database(installation: Installation) -> Check:
+def check_storage(installation: ServiceContext) -> list[Check]:
+    """Look at the database and the disk, which takes the write lock for a moment; never raises."""
+    return [_database(installation), _migrations(installation), _disk(installation)]
+
+
+def _database(installation: ServiceContext) -> Check:
     try:
         with installation.database.write() as records:
             # Takes the write lock and writes nothing.
@@ -48,12 +86,12 @@ def _database(installation: Installation) -> Check:
     return Check("database", ok=True, detail=f"SQLite {version} is writable{note}.")
 
 
-def _migrations(installation: Installation) -> Check:
+def _migrations(installation: ServiceContext) -> Check:
     try:
-        current = schema.current_revision(installation.database)
+        current = migrations.current_revision(installation.database)
     except sa.exc.SQLAlchemyError:
         return Check("migrations", ok=False, detail="The schema's version cannot be read.")
-    head = schema.head_revision()
+    head = migrations.head_revision()
     return Check(
         "migrations",
         ok=current == head,
@@ -63,17 +101,27 @@ def _migrations(installation: Installation) -> Check:
     )
 
 
-def _disk(installation: Installation) -> Check:
-    free, floor = installation.blobs.free_bytes(), installation.settings.disk_floor_bytes
+def _disk(installation: ServiceContext) -> Check:
+    floor = installation.settings.disk_floor_bytes
+    try:
+        free = installation.blobs.free_bytes()
+    except OSError:
+        return Check("disk", ok=False, detail="The disk of the originals cannot be reached.")
     return Check("disk", ok=free >= floor, detail=f"{free} bytes are free; the floor is {floor}.")
 
 
-def _runner(installation: Installation, runner: EmbeddedRunner | None) -> Check:
+def _runner(installation: ServiceContext, runner: JobRunner | None) -> Check:
     if runner is None:
         return Check(
             "runner", ok=True, detail="No runner in this process (GRIDPOSE_WORKERS=0); run `gridpose worker`."
         )
-    workers = installation.settings.worker_count
-    if runner.alive:
-        return Check("runner", ok=True, detail=f"Running with {workers} worker processes.")
-    return Check("runner", ok=False, detail="The embedded runner has stopped.")
+    state = runner.state
+    if not state.running:
+        return Check("runner", ok=False, detail="The embedded runner has stopped.")
+    if not state.able:
+        return Check(
+            "runner", ok=False, detail="No image can be computed at present; the service's log says why."
+        )
+    if not state.ready:
+        return Check("runner", ok=False, detail=f"Starting: 0 of {state.workers} worker processes are ready.")
+    return Check("runner", ok=True, detail=f"Running with {state.ready} of {state.workers} worker processes.")

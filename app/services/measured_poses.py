@@ -13,16 +13,19 @@ import sqlalchemy as sa
 from sqlalchemy import orm
 
 from app.errors import Conflict, InvalidContent
+from app.records.activity import note_objects
 from app.records.ids import new_id
 from app.records.pagination import page
 from app.records.tables import MeasuredPose, Pose, Robot, Session
-from app.services.lookup import find
+from app.services.queries import get_or_raise, require_readable
 
 ORTHONORMAL = 1e-5
 """A rotation written with six decimals passes, a scaled, mirrored or transcribed one does not."""
 SEMIDEFINITE = 1e-4
 """Relative, of correlations: a covariance written with four digits passes."""
-ERRORS_AT_MOST = 100
+MAX_ERRORS = 100
+MAX_IN_SESSION = 20_000
+"""More than any standard's test has by two orders; analyses of so many keep within their time and memory."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -61,9 +64,9 @@ def put_measured_poses(records: orm.Session, session_id: str, readings: Sequence
     """Store checked readings and return their ids in the order given; those stored already keep theirs.
 
     Raises InvalidContent where the number of joints is not the robot's, Conflict where a cycle of a pose is stored
-    with another content.
+    with another content, or where the session would hold more than MAX_IN_SESSION.
     """
-    session = find(records, Session, session_id, lock=True)
+    session = get_or_raise(records, Session, session_id, lock=True)
     _require_joints(records, session, readings)
     stored = records.execute(
         sa.select(
@@ -87,10 +90,19 @@ def put_measured_poses(records: orm.Session, session_id: str, readings: Sequence
     if differing:
         raise Conflict(
             f"{len(differing)} readings differ from what is stored for the same cycle of the same pose.",
-            "A reading stays as it was stored, and nothing of this list was stored: give another visit another "
-            "cycle, or put corrected readings into a new session.",
-            code="measured_pose_differs",
-            errors=differing[:ERRORS_AT_MOST],
+            "Nothing of this list was stored: give another visit another cycle; to correct a reading, delete the "
+            "stored one (DELETE .../measured-poses?pose_id=&cycle=, `gridpose measured-poses delete`) and send this "
+            "again.",
+            code="measured_pose_conflict",
+            errors=differing[:MAX_ERRORS],
+        )
+    if new and len(stored) + len(new) > MAX_IN_SESSION:
+        raise Conflict(
+            f"The session holds {len(stored)} measured poses; with {len(new)} more it would exceed the "
+            f"{MAX_IN_SESSION} that one session may hold.",
+            "Nothing of this list was stored: put these readings into another session, or delete some that are stored "
+            "(DELETE .../measured-poses).",
+            code="too_many_measured_poses",
         )
     _ensure_poses(records, session_id, {row["pose_id"] for row in new})
     if new:
@@ -102,11 +114,28 @@ def list_measured_poses(
     records: orm.Session, session_id: str, *, pose_id: str | None, limit: int, cursor: str | None
 ) -> tuple[Sequence[MeasuredPose], str | None]:
     """Return one page of a session's readings."""
-    find(records, Session, session_id)
+    get_or_raise(records, Session, session_id)
     statement = sa.select(MeasuredPose).where(MeasuredPose.session_id == session_id)
     if pose_id is not None:
         statement = statement.where(MeasuredPose.pose_id == pose_id)
     return page(records, statement, MeasuredPose.id, limit=limit, cursor=cursor)
+
+
+def delete_measured_poses(
+    records: orm.Session, session_id: str, *, pose_id: str | None, cycle: int | None
+) -> int:
+    """Delete a session's readings, all or those of a pose, of a cycle or of both; return how many there were."""
+    get_or_raise(records, Session, session_id, lock=True)
+    statement = sa.delete(MeasuredPose).where(MeasuredPose.session_id == session_id)
+    if pose_id is not None:
+        statement = statement.where(MeasuredPose.pose_id == pose_id)
+        note_objects([pose_id])
+    if cycle is not None:
+        statement = statement.where(MeasuredPose.cycle == cycle)
+    deleted = records.scalars(
+        statement.returning(MeasuredPose.id), execution_options={"synchronize_session": False}
+    )
+    return len(deleted.all())
 
 
 def _refuse_invalid(readings: Sequence[Reading]) -> None:
@@ -123,10 +152,10 @@ def _refuse_invalid(readings: Sequence[Reading]) -> None:
     if errors:
         raise InvalidContent(
             f"{len(errors)} matrices are not what they should be; the first: {errors[0][0]} {errors[0][1]}.",
-            "Write matrices row by row, rotations with six decimals or more; `gridpose import` makes them from Euler "
-            "angles and quaternions.",
+            "Write matrices row by row, rotations with six decimals or more; `gridpose measured-poses import` makes "
+            "them from Euler angles and quaternions.",
             code="invalid_matrix",
-            errors=errors[:ERRORS_AT_MOST],
+            errors=errors[:MAX_ERRORS],
         )
 
 
@@ -177,18 +206,18 @@ def _refuse_repeated(readings: Sequence[Reading]) -> None:
     seen: set[tuple[str, int | None, str]] = set()
     repeated = []
     for place, reading in enumerate(readings):
-        # Readings without a cycle are different readings, unless nothing tells them apart.
+        # Readings without a cycle are different readings, unless their content is identical.
         content = reading.content_sha256() if reading.cycle is None else ""
         key = (reading.pose_id, reading.cycle, content)
         if key in seen:
-            repeated.append((f"{place}.pose_id", "stands in the list more than once with this cycle"))
+            repeated.append((f"{place}.pose_id", "occurs in the list more than once with this cycle"))
         seen.add(key)
     if repeated:
         raise InvalidContent(
-            "A reading stands in the list more than once.",
+            "A measured pose occurs in the list more than once.",
             "Send every cycle of a pose once; nothing of this list was stored.",
             code="duplicate_measured_pose",
-            errors=repeated[:ERRORS_AT_MOST],
+            errors=repeated[:MAX_ERRORS],
         )
 
 
@@ -199,6 +228,7 @@ def _require_joints(records: orm.Session, session: Session, readings: Sequence[R
     whose = "The session's robot has"
     robot = records.get(Robot, session.robot_id) if session.robot_id is not None else None
     if robot is not None:
+        require_readable(robot)
         expected = len(robot.joints)
     else:
         whose = "The readings stored in this session have"
@@ -207,7 +237,7 @@ def _require_joints(records: orm.Session, session: Session, readings: Sequence[R
             .where(MeasuredPose.session_id == session.id, MeasuredPose.joint_angles_deg.is_not(None))
             .limit(1)
         )
-        expected = len(stored) if stored is not None else given
+        expected = len(stored) if isinstance(stored, list) else given
     if expected != given:
         raise InvalidContent(
             f"{whose} {expected} joints, the readings carry {given} joint angles.",
@@ -222,7 +252,7 @@ def _wrong_joints(readings: Sequence[Reading], expected: int) -> list[tuple[str,
         (f"{place}.joint_angles_deg", f"must have {expected} numbers, as the others have")
         for place, reading in enumerate(readings)
         if reading.joint_angles_deg is not None and len(reading.joint_angles_deg) != expected
-    ][:ERRORS_AT_MOST]
+    ][:MAX_ERRORS]
 
 
 def _ensure_poses(records: orm.Session, session_id: str, pose_ids: set[str]) -> None:

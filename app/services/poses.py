@@ -1,4 +1,4 @@
-"""Poses: what the robot was told, under the user's own tags."""
+"""Commanded poses, under the user's own tags."""
 
 from __future__ import annotations
 
@@ -9,11 +9,11 @@ from typing import Any
 import sqlalchemy as sa
 from sqlalchemy import orm
 
-from app.errors import InvalidContent, NotFound
+from app.errors import Conflict, InvalidContent, NotFound
 from app.records.ids import new_id
 from app.records.pagination import page
 from app.records.tables import Pose, Session
-from app.services.lookup import find
+from app.services.queries import get_or_raise
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -29,12 +29,17 @@ class CommandedPose:
 
 
 def put_pose(
-    records: orm.Session, session_id: str, pose_id: str, commanded: CommandedPose
+    records: orm.Session, session_id: str, pose_id: str, commanded: CommandedPose, *, overwrite: bool = True
 ) -> tuple[Pose, bool]:
-    """Store a pose and tell whether it is new; an existing one is replaced whole."""
-    find(records, Session, session_id, lock=True)
+    """Store a pose and return it and whether it is new; an existing one is replaced whole.
+
+    Without `overwrite`, Conflict is raised where a stored value would become another one or null.
+    """
+    get_or_raise(records, Session, session_id, lock=True)
     pose = _find_pose(records, session_id, pose_id)
     if pose is not None:
+        if not overwrite:
+            _refuse_changes([(pose, commanded, "")])
         _assign(pose, commanded)
         return pose, False
     pose = _new_pose(session_id, pose_id, commanded)
@@ -42,21 +47,39 @@ def put_pose(
     return pose, True
 
 
-def put_poses(records: orm.Session, session_id: str, items: Sequence[tuple[str, CommandedPose]]) -> None:
-    """Store many poses, new or replaced, in the order given; all of them or none."""
-    find(records, Session, session_id, lock=True)
+def put_poses(
+    records: orm.Session,
+    session_id: str,
+    items: Sequence[tuple[str, CommandedPose]],
+    *,
+    overwrite: bool = True,
+) -> None:
+    """Store many poses, new or replaced, in the order given; all of them or none. `overwrite` as in `put_pose`."""
+    get_or_raise(records, Session, session_id, lock=True)
     seen: set[str] = set()
     repeated = []
     for position, (pose_id, _) in enumerate(items):
         if pose_id in seen:
-            repeated.append((f"{position}.pose_id", "stands in the list more than once"))
+            repeated.append((f"{position}.pose_id", "occurs in the list more than once"))
         seen.add(pose_id)
     if repeated:
         raise InvalidContent(
-            "A pose stands in the list more than once.",
+            "A pose occurs in the list more than once.",
             "Send every pose once; nothing of this list was stored.",
             code="duplicate_pose",
             errors=repeated[:100],
+        )
+    if not overwrite:
+        stored = {
+            pose.pose_id: pose
+            for pose in records.scalars(sa.select(Pose).where(Pose.session_id == session_id))
+        }
+        _refuse_changes(
+            [
+                (stored[pose_id], commanded, f"{position}.")
+                for position, (pose_id, commanded) in enumerate(items)
+                if pose_id in stored
+            ]
         )
     known = records.execute(sa.select(Pose.pose_id, Pose.id).where(Pose.session_id == session_id))
     row_ids = {row.pose_id: row.id for row in known}
@@ -78,7 +101,7 @@ def put_poses(records: orm.Session, session_id: str, items: Sequence[tuple[str, 
 
 def get_pose(records: orm.Session, session_id: str, pose_id: str) -> Pose:
     """Return one pose."""
-    find(records, Session, session_id)
+    get_or_raise(records, Session, session_id)
     pose = _find_pose(records, session_id, pose_id)
     if pose is None:
         raise NotFound.of("pose")
@@ -89,13 +112,13 @@ def list_poses(
     records: orm.Session, session_id: str, *, limit: int, cursor: str | None
 ) -> tuple[Sequence[Pose], str | None]:
     """Return one page of a session's poses."""
-    find(records, Session, session_id)
+    get_or_raise(records, Session, session_id)
     return page(
         records, sa.select(Pose).where(Pose.session_id == session_id), Pose.id, limit=limit, cursor=cursor
     )
 
 
-def ensure_pose(records: orm.Session, session_id: str, pose_id: str) -> None:
+def get_or_create_pose(records: orm.Session, session_id: str, pose_id: str) -> None:
     """Make a pose that an image names for the first time, with everything about it unknown."""
     if _find_pose(records, session_id, pose_id) is None:
         records.add(_new_pose(session_id, pose_id, CommandedPose()))
@@ -113,3 +136,20 @@ def _new_pose(session_id: str, pose_id: str, commanded: CommandedPose) -> Pose:
 def _assign(pose: Pose, commanded: CommandedPose) -> None:
     for field, value in asdict(commanded).items():
         setattr(pose, field, value)
+
+
+def _refuse_changes(pairs: Sequence[tuple[Pose, CommandedPose, str]]) -> None:
+    """Raise Conflict where a commanded pose differs from a value that is stored; the text begins a field's place."""
+    differing = [
+        (f"{place}{field}", "is stored with another value")
+        for pose, commanded, place in pairs
+        for field, value in asdict(commanded).items()
+        if getattr(pose, field) is not None and getattr(pose, field) != value
+    ]
+    if differing:
+        raise Conflict(
+            "A commanded pose is stored with other values, which a key of scope ingest may not change.",
+            "Send the values as they are stored, or use a key of scope upload to correct them.",
+            code="commanded_pose_conflict",
+            errors=differing[:100],
+        )

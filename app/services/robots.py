@@ -1,4 +1,4 @@
-"""Robots: their nominal Denavit-Hartenberg parameters."""
+"""Robots: their nominal Denavit-Hartenberg parameters, and the input of a plan of poses."""
 
 from __future__ import annotations
 
@@ -9,25 +9,26 @@ from typing import Any
 import sqlalchemy as sa
 from sqlalchemy import orm
 
-from app.errors import InvalidContent
+from app.errors import Conflict, InvalidContent
 from app.records.ids import new_id
 from app.records.pagination import page
-from app.records.tables import Robot
+from app.records.tables import Robot, Session, Target, target_fields
+from app.services.queries import exists, get_or_raise, lock_for_deletion, require_readable, visible
 
 
 def create_robot(
-    session: orm.Session, *, name: str, joints: list[dict[str, Any]], repeatability_mm: float | None
+    session: orm.Session, *, name: str, joints: list[dict[str, Any]], datasheet_repeatability_mm: float | None
 ) -> Robot:
     """Store a robot; of its joints what is known of them.
 
-    Raises InvalidContent where names are not unique, or limits are none.
+    Raises InvalidContent if names are not unique, or a lower limit is not below its upper limit.
     """
     _check(joints)
     robot = Robot(
         id=new_id("rob"),
         name=name,
         joints=[{key: value for key, value in joint.items() if value is not None} for joint in joints],
-        repeatability_mm=repeatability_mm,
+        datasheet_repeatability_mm=datasheet_repeatability_mm,
         created_at=datetime.now(UTC),
     )
     session.add(robot)
@@ -38,20 +39,20 @@ def _check(joints: Sequence[Mapping[str, Any]]) -> None:
     errors: list[tuple[str, str]] = []
     names: set[str] = set()
     for place, joint in enumerate(joints):
-        name, lower, upper = (joint.get(key) for key in ("name", "lower_deg", "upper_deg"))
+        name, lower, upper = (joint.get(key) for key in ("name", "minimum_deg", "maximum_deg"))
         if name is not None and name in names:
             errors.append((f"joints.{place}.name", "is the name of another joint"))
         if name is not None:
             names.add(name)
         if (lower is None) != (upper is None):
-            missing = "lower_deg" if lower is None else "upper_deg"
+            missing = "minimum_deg" if lower is None else "maximum_deg"
             errors.append((f"joints.{place}.{missing}", "is missing: limits come together"))
         elif lower is not None and upper is not None and not lower < upper:
-            errors.append((f"joints.{place}.upper_deg", "must be above lower_deg"))
+            errors.append((f"joints.{place}.maximum_deg", "must be above minimum_deg"))
     if errors:
         raise InvalidContent(
             "The joints' names or limits are not valid.",
-            "Give every joint a name of its own, or none; lower_deg below upper_deg, or neither.",
+            "Give every joint a name of its own, or none; minimum_deg below maximum_deg, or neither.",
             code="invalid_joints",
             errors=errors,
         )
@@ -60,5 +61,47 @@ def _check(joints: Sequence[Mapping[str, Any]]) -> None:
 def list_robots(
     session: orm.Session, *, limit: int, cursor: str | None
 ) -> tuple[Sequence[Robot], str | None]:
-    """Return one page of all robots."""
-    return page(session, sa.select(Robot), Robot.id, limit=limit, cursor=cursor)
+    """Return one page of all robots the caller's key may see."""
+    return page(session, sa.select(Robot).where(*visible(Robot)), Robot.id, limit=limit, cursor=cursor)
+
+
+MAX_NAMED = 5
+"""Sessions listed in a refusal; a robot may have many more."""
+
+
+def delete_robot(records: orm.Session, robot_id: str) -> None:
+    """Delete a robot that no session names. Raises NotFound, Conflict."""
+    robot = lock_for_deletion(records, Robot, robot_id)
+    sessions = records.scalars(
+        sa.select(Session.id).where(Session.robot_id == robot_id).order_by(Session.id).limit(MAX_NAMED)
+    ).all()
+    if sessions:
+        raise Conflict(
+            f"Sessions name the robot: {', '.join(sessions)}.",
+            "Change the sessions' robot_id (PATCH /v1/sessions/{session_id}, `gridpose sessions change`), or delete "
+            "the sessions.",
+            code="robot_in_use",
+            errors=[("session_id", session_id) for session_id in sessions],
+        )
+    records.delete(robot)
+
+
+def read_plan(
+    records: orm.Session, robot_id: str, target_id: str
+) -> tuple[list[dict[str, Any]], dict[str, Any]]:
+    """Return the robot's joints and the target's fields.
+
+    Raises NotFound for the robot, InvalidContent for the target, RowUnreadable for either.
+    """
+    robot = get_or_raise(records, Robot, robot_id)
+    if not exists(records, Target, target_id):
+        raise InvalidContent(
+            "There is no such target.",
+            "Make the target first.",
+            code="referenced_target_not_found",
+            errors=[("target_id", "names no target")],
+        )
+    target = get_or_raise(records, Target, target_id)
+    require_readable(robot)
+    require_readable(target)
+    return robot.joints, target_fields(target)

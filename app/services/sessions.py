@@ -1,9 +1,9 @@
-"""Sessions: one camera on one robot, looking at one or more targets."""
+"""Sessions: one camera on one robot, looking at one or more targets; their counts and progress."""
 
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from typing import Any
@@ -13,18 +13,18 @@ from sqlalchemy import orm
 
 from app.blobs.local import LocalBlobs
 from app.errors import InvalidContent
-from app.jobs.row_queue import ALREADY_MEASURED
+from app.jobs.queue import ALREADY_MEASURED, search_again
 from app.records.database import Database
 from app.records.ids import is_id, new_id
 from app.records.pagination import page
 from app.records.tables import STATUSES, Measurement, Robot, Session, SessionTarget, Target
-from app.services.lookup import find
-from app.services.originals import remove_unreferenced
+from app.services.originals import finish_soon, record_removals
+from app.services.queries import exists, get_or_raise, visible
 
 Counts = dict[str, int]
-COUNTED = (*STATUSES, "already_measured")
+COUNTED = (*STATUSES, "duplicates")
 """What a session's measurements are counted as: `failed` those that lack a result which another upload could give,
-`already_measured` those of status `failed` that only say where their image was measured."""
+`duplicates` those of status `failed` that only say where their image was measured."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -36,17 +36,18 @@ class NewSession:
     robot_id: str | None
     lens: dict[str, Any] | None
     intrinsics: dict[str, Any] | None
+    conditions: dict[str, Any] | None
 
 
 @dataclass(frozen=True, slots=True)
-class SessionView:
+class SessionDetail:
     """A session and how far its measurements are."""
 
     session: Session
     counts: Counts
 
 
-def create_session(records: orm.Session, new: NewSession) -> SessionView:
+def create_session(records: orm.Session, new: NewSession) -> SessionDetail:
     """Store a session whose targets and robot exist."""
     session = Session(
         id=new_id("ses"),
@@ -54,32 +55,37 @@ def create_session(records: orm.Session, new: NewSession) -> SessionView:
         robot_id=_existing_robot(records, new.robot_id),
         lens=new.lens,
         intrinsics=new.intrinsics,
+        conditions=new.conditions,
         created_at=datetime.now(UTC),
         targets=_session_targets(records, new.target_ids),
     )
     records.add(session)
-    return SessionView(session, dict.fromkeys(COUNTED, 0))
+    return SessionDetail(session, dict.fromkeys(COUNTED, 0))
 
 
-def get_session(records: orm.Session, session_id: str) -> SessionView:
+def get_session(records: orm.Session, session_id: str) -> SessionDetail:
     """Return a session with its counts."""
-    session = find(records, Session, session_id)
-    return SessionView(session, count_measurements(records, [session_id])[session_id])
+    session = get_or_raise(records, Session, session_id)
+    return SessionDetail(session, count_measurements(records, [session_id])[session_id])
 
 
 def list_sessions(
     records: orm.Session, *, limit: int, cursor: str | None
-) -> tuple[list[SessionView], str | None]:
-    """Return one page of all sessions."""
-    rows, next_cursor = page(records, sa.select(Session), Session.id, limit=limit, cursor=cursor)
+) -> tuple[list[SessionDetail], str | None]:
+    """Return one page of all sessions the caller's key may see."""
+    statement = sa.select(Session).where(*visible(Session))
+    rows, next_cursor = page(records, statement, Session.id, limit=limit, cursor=cursor)
     counts = count_measurements(records, [row.id for row in rows])
-    return [SessionView(row, counts[row.id]) for row in rows], next_cursor
+    return [SessionDetail(row, counts[row.id]) for row in rows], next_cursor
 
 
-def change_session(records: orm.Session, session_id: str, changes: Mapping[str, Any]) -> SessionView:
-    """Change the fields named in `changes`; results already there stay as they are until they are retried."""
-    session = find(records, Session, session_id, lock=True)
-    for field in ("name", "lens", "intrinsics"):
+def update_session(records: orm.Session, session_id: str, changes: Mapping[str, Any]) -> SessionDetail:
+    """Change the fields named in `changes`.
+
+    Results stay as they are until they are computed again: at once where `target_ids` change, else on request.
+    """
+    session = get_or_raise(records, Session, session_id, lock=True)
+    for field in ("name", "lens", "intrinsics", "conditions"):
         if field in changes:
             setattr(session, field, changes[field])
     if "robot_id" in changes:
@@ -87,22 +93,31 @@ def change_session(records: orm.Session, session_id: str, changes: Mapping[str, 
     if "target_ids" in changes:
         _change_targets(records, session, changes["target_ids"])
     records.flush()
-    return SessionView(session, count_measurements(records, [session_id])[session_id])
+    return SessionDetail(session, count_measurements(records, [session_id])[session_id])
 
 
-def delete_session(database: Database, blobs: LocalBlobs, session_id: str) -> None:
+def delete_session(
+    database: Database,
+    blobs: LocalBlobs,
+    session_id: str,
+    *,
+    unless: Callable[[orm.Session], bool] | None = None,
+) -> bool:
     """Remove a session, its poses, measurements and results, and the originals nobody else holds.
 
-    Queued work goes with its rows; a job that runs just now finds its row gone and its result is dropped.
+    Queued work goes with its rows; a job that runs just now finds its row gone and its result is dropped. Files that
+    cannot be removed now are removed later. `unless` is asked once no other writer can add to the session; where it
+    says so, nothing is removed. Return whether the session was.
     """
     with database.write() as records:
-        session = find(records, Session, session_id)
-        originals = records.scalars(
-            sa.select(Measurement.sha256).where(Measurement.session_id == session_id).distinct()
-        ).all()
+        # No upload adds a row between record and deletion.
+        session = get_or_raise(records, Session, session_id, lock=True)
+        if unless is not None and unless(records):
+            return False
+        originals = record_removals(records, Measurement.session_id == session_id)
         records.delete(session)
-    for sha256 in originals:
-        remove_unreferenced(database, blobs, sha256)
+    finish_soon(database, blobs, originals)
+    return True
 
 
 def count_measurements(records: orm.Session, session_ids: Sequence[str]) -> dict[str, Counts]:
@@ -135,16 +150,16 @@ def _count(records: orm.Session, *which: sa.ColumnElement[bool]) -> dict[str, Co
         .group_by(Measurement.session_id)
     ):
         counts[session_id]["failed"] -= count
-        counts[session_id]["already_measured"] = count
+        counts[session_id]["duplicates"] = count
     return counts
 
 
 def _existing_robot(records: orm.Session, robot_id: str | None) -> str | None:
-    if robot_id is not None and (not is_id(robot_id) or records.get(Robot, robot_id) is None):
+    if robot_id is not None and not exists(records, Robot, robot_id, keep=True):
         raise InvalidContent(
             "There is no such robot.",
             "Make the robot first, or leave robot_id away.",
-            code="robot_unknown",
+            code="referenced_robot_not_found",
             errors=[("robot_id", "names no robot")],
         )
     return robot_id
@@ -156,13 +171,17 @@ def _session_targets(records: orm.Session, target_ids: Sequence[str]) -> list[Se
             "A target is named twice.", errors=[("target_ids", "names a target more than once")]
         )
     known = set(
-        records.scalars(sa.select(Target.id).where(Target.id.in_([i for i in target_ids if is_id(i)])))
+        records.scalars(
+            sa.select(Target.id)
+            .where(Target.id.in_([i for i in target_ids if is_id(i)]), *visible(Target))
+            .with_for_update(read=True, key_share=True)  # none is deleted before this is committed
+        )
     )
     if not known.issuperset(target_ids):
         raise InvalidContent(
             "There is no such target.",
             "Make the target first; every id in target_ids must exist.",
-            code="target_unknown",
+            code="referenced_target_not_found",
             errors=[
                 (f"target_ids.{position}", "names no target")
                 for position, target_id in enumerate(target_ids)
@@ -175,21 +194,33 @@ def _session_targets(records: orm.Session, target_ids: Sequence[str]) -> list[Se
 
 
 def _change_targets(records: orm.Session, session: Session, target_ids: Sequence[str]) -> None:
+    """Replace a session's targets; images of which a measurement lost its target are searched again."""
     targets = _session_targets(records, target_ids)
-    used = set(
-        records.scalars(
-            sa.select(Measurement.target_id)
-            .where(Measurement.session_id == session.id, Measurement.target_id.is_not(None))
-            .distinct()
-        )
-    )
-    if not used.issubset(target_ids):
-        raise InvalidContent(
-            "Measurements of this session refer to a target that would be taken away.",
-            "Keep every target that has measurements.",
-            code="target_in_use",
-            errors=[("target_ids", "leaves out a target that has measurements")],
-        )
+    before = {target.target_id for target in session.targets}
     session.targets.clear()
     records.flush()
     session.targets.extend(targets)
+    records.flush()
+    if before != set(target_ids):
+        search_again(records, session.id, target_ids, with_new=not before.issuperset(target_ids))
+
+
+@dataclass(frozen=True, slots=True)
+class Progress:
+    """How many of a session's measurements stand where."""
+
+    session_id: str
+    counts: Counts
+
+    @property
+    def pending(self) -> int:
+        """How many are not finished."""
+        return self.counts["queued"] + self.counts["running"]
+
+
+def read_progress(database: Database, session_id: str) -> Progress | None:
+    """Return a session's progress, None once it is deleted."""
+    with database.read() as records:
+        if records.scalar(sa.select(Session.id).where(Session.id == session_id)) is None:
+            return None
+        return Progress(session_id, count_measurements(records, [session_id])[session_id])

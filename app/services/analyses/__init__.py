@@ -1,1 +1,0 @@
-"""Analyses: what the stored measurements of a session amount to, computed from their points; no image is opened."""

@@ -1,0 +1,14 @@
+"""Backups: one moment of an installation as a folder of plain files, and an installation again from it.
+
+backup-of.json        which installation this folder is for; there from the first moment
+manifest.json         what a complete backup consists of, with hashes; replaced last, at once
+database-*.sqlite3    all rows, whichever database they came from, of the schema named in the manifest
+originals/ab/abcd...  every original the rows name, by its SHA-256
+key-pepper-*          what the keys are hashed with: a backup is as confidential as the data folder
+"""
+
+from app.services.backup.making import Report, make_backup
+from app.services.backup.manifest import Manifest, read_manifest
+from app.services.backup.restoring import restore_backup
+
+__all__ = ["Manifest", "Report", "make_backup", "read_manifest", "restore_backup"]

@@ -1,0 +1,185 @@
+"""A backup of a running installation: the database's rows at one moment, then the originals they name.
+
+An original is written before its row and never changes, so that every original of that moment is there afterwards,
+unless it was deleted meanwhile; then another moment is taken. What an earlier backup in the folder holds is not copied
+again. The earlier backup stays whole until the manifest of the new one takes its place.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import shutil
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+
+import sqlalchemy as sa
+
+from app.blobs.durable import sync_folder, write_durably
+from app.blobs.local import original_path
+from app.build import core_version
+from app.errors import BackupRefused
+from app.records import migrations
+from app.records.database import Database
+from app.records.file_lock import AlreadyLocked, FileLock
+from app.records.rows import count_rows
+from app.records.tables import Installation as InstallationRow
+from app.records.tables import Measurement
+from app.services.backup.manifest import (
+    FORMAT,
+    Manifest,
+    claim_folder,
+    copy_verified,
+    file_sha256,
+    pepper_name,
+    write_manifest,
+)
+from app.services.context import ServiceContext
+
+_MOMENTS = 3
+"""Moments tried before originals that were deleted during the backup are given up."""
+
+
+@dataclass(frozen=True, slots=True)
+class Report:
+    """A backup just completed, and how much of it was copied this time."""
+
+    manifest: Manifest
+    copied: int
+    copied_bytes: int
+
+
+def make_backup(installation: ServiceContext, folder: Path) -> Report:
+    """Bring `folder` up to the present moment of the installation, while it is used.
+
+    Raises BackupRefused where the folder is not for this, in use, or has too little room.
+    """
+    with installation.database.read() as records:
+        row = records.get_one(InstallationRow, 1)
+    claim_folder(folder, row.id)
+    lock = FileLock(folder / "backup.lock")
+    try:
+        lock.acquire()
+    except AlreadyLocked as error:
+        raise BackupRefused(
+            "backup_folder_in_use", f"Another backup to {folder} is being made.", "Wait for its end."
+        ) from error
+    try:
+        return _Making(installation, row.id, folder).run()
+    finally:
+        lock.release()
+
+
+class _Making:
+    def __init__(self, installation: ServiceContext, installation_id: str, folder: Path) -> None:
+        self._installation = installation
+        self._id = installation_id
+        self._folder = folder
+        self._originals = folder / "originals"
+        self._originals.mkdir(exist_ok=True, mode=0o700)
+        self._copied = self._copied_bytes = 0
+
+    def run(self) -> Report:
+        with self._installation.database.read() as records:
+            self._require_room(_named_originals(records.connection()))
+        for moment in range(1, _MOMENTS + 1):
+            created_at = datetime.now(UTC)
+            path = self._folder / f"database-{created_at:%Y%m%dT%H%M%S.%fZ}.sqlite3"
+            migrations.copy_to_file(self._installation.database, path)
+            copy = Database(sa.URL.create("sqlite", database=str(path)))
+            try:
+                with copy.read() as records:
+                    named = _named_originals(records.connection())
+                    rows = count_rows(records.connection())
+                revision = migrations.current_revision(copy)
+            finally:
+                copy.dispose()
+            missing, corrupt = self._copy_originals(named)
+            if moment == _MOMENTS or not self._deleted_meanwhile(missing):
+                break
+            path.unlink()
+        assert revision is not None, "the installation's schema is this program's"
+        pepper = self._installation.pepper
+        pepper_sha256 = hashlib.sha256(pepper).hexdigest()
+        write_durably(self._folder / pepper_name(pepper_sha256), pepper)
+        manifest = Manifest(
+            format=FORMAT,
+            installation_id=self._id,
+            created_at=created_at.isoformat(),
+            core_version=core_version(),
+            revision=revision,
+            source=self._installation.database.url.get_backend_name(),
+            database=path.name,
+            database_sha256=file_sha256(path),
+            database_bytes=path.stat().st_size,
+            pepper=pepper_name(pepper_sha256),
+            pepper_sha256=pepper_sha256,
+            rows=rows,
+            originals=len(named) - len(missing) - len(corrupt),
+            original_bytes=sum(size for sha256, size in named.items() if sha256 not in {*missing, *corrupt}),
+            missing=missing,
+            corrupt=corrupt,
+        )
+        write_manifest(self._folder, manifest)
+        self._remove_all_but(manifest, set(named))
+        return Report(manifest, self._copied, self._copied_bytes)
+
+    def _copy_originals(self, named: dict[str, int]) -> tuple[list[str], list[str]]:
+        """Copy what the backup lacks; return which originals are missing and which have other bytes."""
+        missing, corrupt, touched = [], [], set()
+        for sha256, size in named.items():
+            target = original_path(self._originals, sha256)
+            if target.exists() and target.stat().st_size == size:
+                continue
+            target.parent.mkdir(exist_ok=True, mode=0o700)
+            try:
+                whole = copy_verified(self._installation.blobs.path(sha256), target, sha256)
+            except FileNotFoundError:
+                missing.append(sha256)
+                continue
+            if not whole:
+                corrupt.append(sha256)
+                continue
+            touched.add(target.parent)
+            self._copied += 1
+            self._copied_bytes += size
+        for folder in touched:
+            sync_folder(folder)
+        sync_folder(self._originals)
+        return missing, corrupt
+
+    def _deleted_meanwhile(self, missing: list[str]) -> bool:
+        """Return whether an original is missing because its rows have gone since the moment of the copy."""
+        with self._installation.database.read() as records:
+            return any(
+                records.scalar(sa.select(Measurement.id).where(Measurement.sha256 == sha256).limit(1)) is None
+                for sha256 in missing
+            )
+
+    def _require_room(self, named: dict[str, int]) -> None:
+        lacking = sum(
+            size for sha256, size in named.items() if not original_path(self._originals, sha256).exists()
+        )
+        needed = lacking + self._installation.database.size_bytes()
+        free = shutil.disk_usage(self._folder).free
+        if free < needed:
+            raise BackupRefused(
+                "no_room",
+                f"The backup takes {needed} bytes more, and {free} are free in {self._folder}.",
+                "Free space there, or name a folder on a larger disk.",
+            )
+
+    def _remove_all_but(self, manifest: Manifest, named: set[str]) -> None:
+        """Remove what only an earlier backup, or an interrupted one, consisted of."""
+        for path in (*self._folder.glob("database-*"), *self._folder.glob("key-pepper-*")):
+            if path.name not in (manifest.database, manifest.pepper):
+                path.unlink(missing_ok=True)
+        for path in self._originals.glob("*/*"):
+            if path.name not in named:
+                path.unlink(missing_ok=True)
+
+
+def _named_originals(connection: sa.Connection) -> dict[str, int]:
+    """Return the size of every original that a row names, by its hash."""
+    statement = sa.select(Measurement.sha256, Measurement.bytes).distinct().order_by(Measurement.sha256)
+    return {row.sha256: row.bytes for row in connection.execute(statement)}

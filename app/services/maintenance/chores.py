@@ -1,0 +1,94 @@
+"""Periodic chores while the service runs: one thread, a list of chores.
+
+A chore is a name and a function that takes the round: whether the service is stopping, and what time it is. It does
+what there is to do and returns; one that fails is logged, and the others have their turn.
+"""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable, Sequence
+from datetime import UTC, datetime
+
+import structlog
+
+from app.errors import ServiceError
+from app.services.context import ServiceContext
+from app.services.maintenance.orphans import OrphanSweep
+from app.services.maintenance.retention import Retention, elapsed_s
+from app.services.originals import finish_removals
+
+INTERVAL_S = 600.0
+
+log = structlog.get_logger(__name__)
+
+
+class Round:
+    """One turn of all chores: `stopped()` is asked by chores that may take long, `now_s` is the time to judge by.
+
+    `now_s` is the wall clock as it was at the start, advanced by the monotonic one: a clock that is set forward while
+    the service runs makes nothing old.
+    """
+
+    def __init__(self, now_s: float, stopped: Callable[[], bool]) -> None:
+        self.now_s = now_s
+        self.stopped = stopped
+
+
+Chore = tuple[str, Callable[[Round], object]]
+
+
+def chores(installation: ServiceContext) -> list[Chore]:
+    """Return what an installation needs done."""
+    database, blobs = installation.database, installation.blobs
+    sweep = OrphanSweep(database, blobs, installation.settings.data_dir)
+    retention = Retention(installation)
+    return [
+        ("finish_removals", lambda turn: finish_removals(database, blobs, stopped=turn.stopped)),
+        ("sweep_orphans", lambda turn: sweep.run(turn.now_s, stopped=turn.stopped)),
+        # The clock as it is: retention itself judges whether to believe it.
+        ("retention", lambda turn: retention.run(datetime.now(UTC), elapsed_s(), stopped=turn.stopped)),
+    ]
+
+
+class Maintenance:
+    """Runs chores at the start and every `interval_s` seconds until stopped."""
+
+    def __init__(self, chores: Sequence[Chore], *, interval_s: float = INTERVAL_S) -> None:
+        self._chores = tuple(chores)
+        self._interval_s = interval_s
+        self._stopping = threading.Event()
+        self._offset_s = time.time() - time.monotonic()
+        self._thread = threading.Thread(target=self._run, name="maintenance", daemon=True)
+
+    def start(self) -> None:
+        """Begin; the first round at once, in the thread."""
+        self._thread.start()
+
+    def begin_stop(self) -> None:
+        """Begin no further chore, and ask a running one to stop."""
+        self._stopping.set()
+
+    def stop(self) -> None:
+        """End; returns when no chore runs any more."""
+        self.begin_stop()
+        if self._thread.is_alive():
+            self._thread.join()
+
+    def run_once(self) -> None:
+        """Run every chore once."""
+        for name, function in self._chores:
+            if self._stopping.is_set():
+                return
+            try:
+                function(Round(time.monotonic() + self._offset_s, self._stopping.is_set))
+            except ServiceError as error:  # a full disk or a busy database passes
+                log.warning("chore_put_off", chore=name, code=error.code)
+            except Exception:
+                log.exception("chore_failed", chore=name)
+
+    def _run(self) -> None:
+        while not self._stopping.is_set():
+            self.run_once()
+            self._stopping.wait(self._interval_s)

@@ -1,0 +1,67 @@
+"""Daily upload quota of a key: counted in the transaction that stores an image, refused beyond the quota."""
+
+from __future__ import annotations
+
+from datetime import UTC, datetime, timedelta
+
+import sqlalchemy as sa
+from sqlalchemy import orm
+
+from app.errors import QuotaExceeded
+from app.records.activity import current_activity
+from app.records.tables import ApiKey
+
+# Compiled once and run below the ORM: an upload waits for it.
+_COUNT = (
+    sa.update(ApiKey)
+    .where(ApiKey.id == sa.bindparam("key"), ApiKey.bytes_per_day.is_not(None))
+    .values(
+        quota_bytes=sa.case((ApiKey.quota_day == sa.bindparam("day"), ApiKey.quota_bytes), else_=0)
+        + sa.bindparam("size", type_=sa.BigInteger()),
+        quota_day=sa.bindparam("day"),
+    )
+    .returning(ApiKey.bytes_per_day, ApiKey.quota_bytes)
+)
+
+
+def count_upload(records: orm.Session, size: int) -> None:
+    """Count `size` bytes for the caller's key; raises QuotaExceeded where its day has no room for them.
+
+    The row is locked until the commit, so that uploads at the same time count one after the other; where the
+    transaction is rolled back, nothing is counted. Deleting an image gives nothing back.
+    """
+    activity = current_activity()
+    if activity is None or not activity.has_quota:
+        return
+    row = (
+        records.connection()
+        .execute(_COUNT, {"key": activity.key_id, "day": day_of(datetime.now(UTC)), "size": size})
+        .first()
+    )
+    if row is not None:
+        check_quota(row.bytes_per_day, row.quota_bytes - size, size)
+
+
+def check_quota(bytes_per_day: int | None, used: int, size: int) -> None:
+    """Raise QuotaExceeded where `size` bytes more would be beyond the quota."""
+    if bytes_per_day is None or used + size <= bytes_per_day:
+        return
+    now = datetime.now(UTC)
+    midnight = now.replace(hour=0, minute=0, second=0, microsecond=0) + timedelta(days=1)
+    raise QuotaExceeded(
+        f"The key may send {bytes_per_day} bytes a day; {used} are used, and {size} more do not fit.",
+        "Send it again after midnight UTC, or let an administrator raise bytes_per_day of the key.",
+        retry_after_s=int((midnight - now).total_seconds()) + 1,
+    )
+
+
+def bytes_today(key: ApiKey) -> int | None:
+    """Return what a key with a quota has sent since midnight UTC, None for one without."""
+    if key.bytes_per_day is None:
+        return None
+    return key.quota_bytes if key.quota_day == day_of(datetime.now(UTC)) else 0
+
+
+def day_of(moment: datetime) -> str:
+    """Return a moment's day in UTC, YYYY-MM-DD."""
+    return moment.astimezone(UTC).date().isoformat()
