@@ -1,8 +1,8 @@
-"""The ink of a target as outlines, in the target frame, mm.
+"""Outlines of the printed pattern of a target, in the target frame, mm.
 
-An outline is a closed path of lines (L) and cubic curves (C), with the ink on its right as seen with y down, so that
-holes run the other way round and all outlines of a sheet may be filled together by the non-zero rule. Squares that
-share an edge share one outline: what has no edge inside shows no seam, however it is rasterised.
+An outline is a closed path of lines (L) and cubic curves (C), with black on its right as seen with y down: holes run
+the other way round, and all outlines of a sheet can be filled together by the non-zero rule. Squares that share an edge
+share one outline, so that no seam is visible, however it is rasterised.
 """
 
 from __future__ import annotations
@@ -15,8 +15,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from core import TargetSpec
-from core.simulation.patterns import DotPattern, RectilinearPattern, pattern_of
-from core.targets.marked_squares import mark_diameter_mm, marked_squares
+from core.targets import DotPattern, RectilinearPattern, mark_diameter_mm, marked_squares, pattern_of
 
 Step = tuple[str, tuple[float, ...]]
 Path = tuple[Step, ...]
@@ -27,32 +26,32 @@ _ARM = 4.0 / 3.0 * math.tan(math.pi / (2 * _ARCS))  # of the radius; off the cir
 
 
 @dataclass(frozen=True, slots=True)
-class Ink:
-    """Outlines, and the box around them (least x and y, most x and y)."""
+class Outlines:
+    """Outlines, and their bounding box (minimum and maximum of x and y)."""
 
-    outlines: tuple[Path, ...]
+    paths: tuple[Path, ...]
     low: tuple[float, float]
     high: tuple[float, float]
 
 
-def ink_of(target: TargetSpec, *, origin_dot: float = 1.0, marks: bool = False) -> Ink:
-    """Return what is printed of a target: with a dot `origin_dot` times as wide as the others at the origin of a board
-    of dots, with marked squares on a chessboard.
+def pattern_outlines(target: TargetSpec, *, origin_dot: float = 1.0, marks: bool = False) -> Outlines:
+    """Return the outlines of a target: of a dot grid with an origin dot `origin_dot` times as wide as the others, of a
+    chessboard with its fiducial dots (`marks`).
 
     Raises InvalidTarget for targets that cannot be printed.
     """
     pattern = pattern_of(target, 0.0, origin_dot)
     if isinstance(pattern, DotPattern):
         return _dots(pattern)
-    ink = _rectilinear(pattern)
+    outlines = _rectilinear(pattern)
     if not marks:
-        return ink
+        return outlines
     radius = 0.5 * mark_diameter_mm(target)
     dots = [
         circle((i + 0.5) * target.pitch_mm, (j + 0.5) * target.pitch_mm, radius, hole=(i + j) % 2 == 0)
         for i, j in marked_squares(target)
     ]
-    return Ink((*ink.outlines, *dots), ink.low, ink.high)
+    return Outlines((*outlines.paths, *dots), outlines.low, outlines.high)
 
 
 def circle(x: float, y: float, radius: float, *, hole: bool = False) -> Path:
@@ -74,26 +73,26 @@ def box(left: float, top: float, right: float, bottom: float) -> Path:
     return (("M", (left, top)), *(("L", corner) for corner in corners), ("Z", ()))
 
 
-def moved(path: Path, dx: float, dy: float) -> Path:
-    """Return the same outline elsewhere."""
+def translated(path: Path, dx: float, dy: float) -> Path:
+    """Return the outline moved by (dx, dy)."""
     return tuple((op, tuple(v + (dx, dy)[k % 2] for k, v in enumerate(values))) for op, values in path)
 
 
-def _dots(pattern: DotPattern) -> Ink:
+def _dots(pattern: DotPattern) -> Outlines:
     q, p = np.nonzero(pattern.radius_mm)
     radius = pattern.radius_mm[q, p]
     index = np.stack([p + pattern.first[0], q + pattern.first[1]], axis=1)
     centres = index @ np.linalg.inv(pattern.to_index).T
     low, high = (centres - radius[:, None]).min(axis=0), (centres + radius[:, None]).max(axis=0)
     paths = tuple(circle(x, y, r) for (x, y), r in zip(centres.tolist(), radius.tolist(), strict=True))
-    return Ink(paths, (float(low[0]), float(low[1])), (float(high[0]), float(high[1])))
+    return Outlines(paths, (float(low[0]), float(low[1])), (float(high[0]), float(high[1])))
 
 
-def _rectilinear(pattern: RectilinearPattern) -> Ink:
+def _rectilinear(pattern: RectilinearPattern) -> Outlines:
     black = (pattern.white < 0.5) & (pattern.sheet > 0.5)
     x, y = pattern.x_edges, pattern.y_edges
     columns, rows = np.flatnonzero(black.any(axis=0)), np.flatnonzero(black.any(axis=1))
-    return Ink(
+    return Outlines(
         tuple(_loops(black, x, y)),
         (float(x[columns[0] - 1]), float(y[rows[0] - 1])),
         (float(x[columns[-1]]), float(y[rows[-1]])),

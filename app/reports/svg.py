@@ -1,7 +1,7 @@
 """One look for all plots, and the same bytes for the same figures.
 
 Text is drawn as outlines, so that a plot looks the same wherever it is shown and asks no one for a font; what it says
-stands in the document's title and description too, for readers that speak it. The background is white paper, whatever
+is in the document's title and description too, for screen readers. The background is white paper, whatever
 is around it.
 """
 
@@ -13,15 +13,16 @@ import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any
-from xml.sax.saxutils import escape
 
 import matplotlib as mpl
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from app.markup import element_text, legal_text
+
 INK, FAINT = "#222222", "#8a8a8a"
 BLUE, ORANGE, GREEN, RED, SKY = "#0072b2", "#d55e00", "#009e73", "#c1272d", "#9ec9e2"
-"""Told apart by those who see no red or no green as well (Okabe and Ito, 2008)."""
+"""Distinguishable with red-green colour blindness too (Okabe and Ito, 2008)."""
 
 _STYLE: Any = {
     "svg.fonttype": "path",
@@ -29,7 +30,7 @@ _STYLE: Any = {
     "figure.facecolor": "white",
     "savefig.facecolor": "white",
     "figure.dpi": 72,
-    "savefig.dpi": 144,  # of what is drawn as a picture; the rest has none
+    "savefig.dpi": 144,  # of rasterised parts; the rest is vector graphics
     "font.family": ["DejaVu Sans"],
     "font.size": 9.0,
     "text.parse_math": False,  # a dollar in a name is a dollar
@@ -72,11 +73,11 @@ def draw_svg(draw: Callable[[], Figure], title: str, description: str) -> bytes:
         draw().savefig(
             stream, format="svg", metadata={"Creator": None, "Date": None, "Format": None, "Type": None}
         )
-    drawn = stream.getvalue()
+    drawn = legal_text(stream.getvalue())  # the text of every outline is in a comment
     # The document type names a file of another host; no reader needs it.
     head, rest = drawn[drawn.index("<svg") :].split(">", 1)
-    told = f"<title>{escape(title)}</title>\n <desc>{escape(description)}</desc>"
-    return f'<?xml version="1.0" encoding="utf-8"?>\n{head} role="img">\n {told}{rest}'.encode()
+    accessible = f"<title>{element_text(title)}</title>\n <desc>{element_text(description)}</desc>"
+    return f'<?xml version="1.0" encoding="utf-8"?>\n{head} role="img">\n {accessible}{rest}'.encode()
 
 
 def axes_at(figure: Figure, left: float, top: float, width: float, height: float) -> Axes:
@@ -88,11 +89,12 @@ def axes_at(figure: Figure, left: float, top: float, width: float, height: float
 def text_at(figure: Figure, left: float, top: float, text: str, **style: Any) -> None:
     """Write a line, its place given in inches from the figure's upper left corner."""
     across, down = figure.get_size_inches()
-    figure.text(left / across, 1.0 - top / down, text, va="baseline", **style)
+    figure.text(left / across, 1.0 - top / down, legal_text(text), va="baseline", **style)
 
 
 def short(name: str) -> str:
-    """Return a name as it fits a line."""
+    """Return a name as it fits a line and can be drawn."""
+    name = legal_text(name)
     return name if len(name) <= 40 else name[:39] + "…"
 
 

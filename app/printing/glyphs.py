@@ -1,4 +1,4 @@
-"""Letters as outlines, so that a sheet asks no one for a font; DejaVu Sans, which comes with matplotlib."""
+"""Text as outlines, so that a sheet needs no font; DejaVu Sans, which is part of matplotlib."""
 
 from __future__ import annotations
 
@@ -17,13 +17,13 @@ from app.printing.outlines import Path, Step
 
 
 def text_width(text: str, height_mm: float) -> float:
-    """Return how far a line of this height of its capitals reaches, mm."""
+    """Return the width in mm of a line whose capitals have this height."""
     places, _ = _glyphs(text)
     return float(places[:, 0].max()) * height_mm if len(places) else 0.0
 
 
 def text_outlines(text: str, x: float, y: float, height_mm: float, *, upward: bool = False) -> Path:
-    """Return a line of text whose base line begins at (x, y), y down; `upward`: that runs up the sheet."""
+    """Return a line of text whose base line begins at (x, y), y down; `upward`: running up the sheet."""
     places, codes = _glyphs(text)
     across, up = places[:, 0] * height_mm, places[:, 1] * height_mm
     drawn = np.column_stack([x - up, y - across] if upward else [x + across, y - up])
@@ -50,9 +50,9 @@ def text_outlines(text: str, x: float, y: float, height_mm: float, *, upward: bo
 
 @lru_cache(maxsize=256)
 def _glyphs(text: str) -> tuple[Float[np.ndarray, "n 2"], list[int]]:
-    """Return outlines with capitals of height 1, y up, and what each place of them is."""
+    """Return the vertices of outlines with capitals of height 1, y up, and their path codes."""
     with warnings.catch_warnings():
-        # A name may hold letters that the font has not; a box in their place is no reason to draw nothing.
+        # A name may hold characters that are missing from the font: a box is drawn in their place.
         warnings.filterwarnings("ignore", message="Glyph .* missing from font")
         places, codes = _raw(text)
         capital, _ = _raw("H")

@@ -1,7 +1,7 @@
 """A sheet as PDF and as SVG: vectors in millimetres, the same bytes for the same sheet.
 
-In both, everything is one outline filled black. The PDF holds its text a second time, invisible, so that it can be
-searched and copied; viewers that heed it print without scaling.
+In both, everything is one outline filled black. The PDF also holds its text invisibly, so that it can be searched and
+copied, and asks viewers to print without scaling.
 
 References: ISO 32000-1:2008, 8.5 (paths), 9.3.6 (invisible text), 12.2 (PrintScaling).
 """
@@ -9,10 +9,10 @@ References: ISO 32000-1:2008, 8.5 (paths), 9.3.6 (invisible text), 12.2 (PrintSc
 from __future__ import annotations
 
 import math
-from xml.sax.saxutils import escape
 
+from app.markup import element_text, legal_text
+from app.printing.layout import Sheet, Text
 from app.printing.outlines import Path
-from app.printing.sheet import Sheet, Words
 
 _POINTS_PER_MM = 72.0 / 25.4
 _PDF_OPERATORS = {"M": "m", "L": "l", "C": "c", "Z": "h"}
@@ -24,12 +24,12 @@ def to_svg(sheet: Sheet) -> bytes:
     paths = "\n".join(
         "".join(f"{op}{' '.join(map(_number, values))}" for op, values in path) for path in sheet.outlines
     )
-    told = " ".join(words.text for words in sheet.words)
+    text = " ".join(line.text for line in sheet.texts)
     return (
         '<?xml version="1.0" encoding="utf-8"?>\n'
         f'<svg xmlns="http://www.w3.org/2000/svg" width="{width}mm" height="{height}mm" '
         f'viewBox="0 0 {width} {height}" role="img">\n'
-        f"<title>{escape(_legal(sheet.title))}</title>\n<desc>{escape(_legal(told))}</desc>\n"
+        f"<title>{element_text(sheet.title)}</title>\n<desc>{element_text(text)}</desc>\n"
         f'<rect width="{width}" height="{height}" fill="#fff"/>\n'
         f'<path fill="#000" fill-rule="nonzero" d="{paths}"/>\n</svg>\n'
     ).encode()
@@ -43,7 +43,7 @@ def to_pdf(sheet: Sheet) -> bytes:
     content = [f"{scale} 0 0 -{scale} 0 {height} cm", "0 g"]
     content += [_pdf_path(path) for path in sheet.outlines]
     content += ["f", "BT", "3 Tr"]
-    content += [_pdf_words(words) for words in sheet.words]
+    content += [_pdf_text(line) for line in sheet.texts]
     content.append("ET")
     stream = "\n".join(content).encode("cp1252")
     page_width = _number(sheet.paper.width_mm * _POINTS_PER_MM, 6)
@@ -64,22 +64,22 @@ def _pdf_path(path: Path) -> str:
     return "\n".join(" ".join([*map(_number, values), _PDF_OPERATORS[op]]) for op, values in path)
 
 
-def _pdf_words(words: Words) -> str:
-    place = f"{_number(words.x)} {_number(words.y)}"
-    matrix = f"0 -1 -1 0 {place} Tm" if words.upward else f"1 0 0 -1 {place} Tm"
-    size = _number(words.height / 0.718)  # Helvetica's capitals, of its size
-    text = words.text.encode("cp1252", "replace").decode("cp1252")
+def _pdf_text(line: Text) -> str:
+    place = f"{_number(line.x)} {_number(line.y)}"
+    matrix = f"0 -1 -1 0 {place} Tm" if line.upward else f"1 0 0 -1 {place} Tm"
+    size = _number(line.height / 0.718)  # Helvetica's capitals, of its size
+    text = legal_text(line.text).encode("cp1252", "replace").decode("cp1252")
     for special in "\\()":
         text = text.replace(special, "\\" + special)
     return f"/F {size} Tf {matrix} ({text}) Tj"
 
 
 def _pdf_title(title: str) -> bytes:
-    return b"<" + ("\ufeff" + title).encode("utf-16-be", "replace").hex().encode() + b">"
+    return b"<" + ("\ufeff" + legal_text(title)).encode("utf-16-be", "replace").hex().encode() + b">"
 
 
 def _pdf_file(objects: list[bytes]) -> bytes:
-    """Return the file with its table of where each object begins; the first is its root, the last its information."""
+    """Return the file with its cross-reference table; the first object is its root, the last its information."""
     out = bytearray(b"%PDF-1.4\n%\xe2\xe3\xcf\xd3\n")
     begins = []
     for number, body in enumerate(objects, start=1):
@@ -93,11 +93,6 @@ def _pdf_file(objects: list[bytes]) -> bytes:
 
 
 def _number(value: float, digits: int = 4) -> str:
-    """Return a number to .1 µm, as short as it can be."""
+    """Return a number to 0.1 µm, in as few characters as possible."""
     text = f"{value:.{digits}f}".rstrip("0").rstrip(".")
     return "0" if text in ("-0", "") or not math.isfinite(value) else text
-
-
-def _legal(text: str) -> str:
-    """Return the text without what XML cannot hold."""
-    return "".join(c for c in text if c.isprintable())

@@ -15,12 +15,12 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from matplotlib.ticker import MaxNLocator
 
-from app.reports.plots.svg import BLUE, GREEN, INK, ORANGE, axes_at, draw_svg, millimetres, short, text_at
+from app.reports.svg import BLUE, GREEN, INK, ORANGE, axes_at, draw_svg, millimetres, short, text_at
 
 _AXES = (("x", BLUE, "o"), ("y", ORANGE, "s"), ("z", GREEN, "^"))
 _LEFT, _PANEL_WIDTH, _PANEL_HEIGHT, _GAP = 0.8, 4.1, 1.75, 0.85
-_VECTORS_AT_MOST = 3000
-"""Points that are drawn one by one; more of them become a picture within the drawing, or it would have megabytes."""
+_MAX_VECTORS = 3000
+"""Points that are drawn one by one; more of them are rasterised, or the file would have megabytes."""
 _HEADER, _CAPTION, _BELOW, _FOOTER = 0.62, 0.64, 0.62, 0.7
 
 
@@ -32,7 +32,7 @@ class Block:
     last_cycle: int
     mean_mm: Float[np.ndarray, "3"]
     standard_error_mm: Float[np.ndarray, "3"]
-    reading_mm: float
+    rp_mm: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,7 +62,7 @@ def drift_figure(poses: Sequence[PoseDrift], title: str, block: int) -> Figure:
     width = _LEFT + columns * _PANEL_WIDTH + (columns - 1) * _GAP + 0.25
     figure = Figure((max(width, 6.6), _HEADER + row * rows + _FOOTER))
     text_at(figure, 0.15, 0.32, title, fontsize=12 if columns == 2 else 9.5, weight="bold")
-    as_picture = sum(pose.positions_mm.size for pose in poses) > _VECTORS_AT_MOST
+    rasterized = sum(pose.positions_mm.size for pose in poses) > _MAX_VECTORS
     for place, pose in enumerate(poses):
         left = _LEFT + (place % columns) * (_PANEL_WIDTH + _GAP)
         top = _HEADER + (place // columns) * row
@@ -70,7 +70,7 @@ def drift_figure(poses: Sequence[PoseDrift], title: str, block: int) -> Figure:
         text_at(figure, left, top + 0.1, short(pose.pose_id), fontsize=10, weight="bold")
         text_at(figure, left, top + 0.31, first)
         text_at(figure, left, top + 0.51, second, color="#555555", fontsize=8)
-        _draw(axes_at(figure, left, top + _CAPTION, _PANEL_WIDTH, _PANEL_HEIGHT), pose, as_picture)
+        _draw(axes_at(figure, left, top + _CAPTION, _PANEL_WIDTH, _PANEL_HEIGHT), pose, rasterized)
     figure.legend(
         handles=_legend(block), loc="lower center", ncols=2 * columns, columnspacing=1.6, handletextpad=0.6
     )
@@ -83,20 +83,20 @@ def _caption(pose: PoseDrift, block: int) -> tuple[str, str]:
         return f"n = {n}", f"no blocks: drift needs two of {block} cycles"
     first, last = pose.blocks[0], pose.blocks[-1]
     shift = last.mean_mm - first.mean_mm
-    doubt = np.hypot(first.standard_error_mm, last.standard_error_mm)
-    unit, factor = _unit(float(np.abs(shift).max() + doubt.max()))
-    digits = _digits(float(doubt.max()) * factor)
+    uncertainty = np.hypot(first.standard_error_mm, last.standard_error_mm)
+    unit, factor = _unit(float(np.abs(shift).max() + uncertainty.max()))
+    digits = _digits(float(uncertainty.max()) * factor)
     along = ", ".join(f"{value * factor:+.{digits}f}" for value in shift).replace("-", "−")
-    errors = ", ".join(f"{value * factor:.{digits}f}" for value in doubt)
+    errors = ", ".join(f"{value * factor:.{digits}f}" for value in uncertainty)
     length = float(np.linalg.norm(shift)) * factor
     return (
         f"n = {n}   ·   moved {length:.{digits}f} {unit}   ·   "
-        f"RP_l {millimetres(first.reading_mm)} → {millimetres(last.reading_mm)} mm",
+        f"RP_l {millimetres(first.rp_mm)} → {millimetres(last.rp_mm)} mm",
         f"x, y, z: {along} {unit} (standard errors {errors})",
     )
 
 
-def _draw(axes: Axes, pose: PoseDrift, as_picture: bool) -> None:
+def _draw(axes: Axes, pose: PoseDrift, rasterized: bool) -> None:
     origin = pose.blocks[0].mean_mm if pose.blocks else pose.positions_mm.mean(axis=0)
     offsets = pose.positions_mm - origin
     unit, factor = _unit(float(np.abs(offsets).max()))
@@ -112,13 +112,13 @@ def _draw(axes: Axes, pose: PoseDrift, as_picture: bool) -> None:
             alpha=0.55,
             ls="none",
             zorder=2,
-            rasterized=as_picture,
+            rasterized=rasterized,
         )
         x, middle, spread = _steps(pose.blocks, axis, origin[axis], factor)
         axes.fill_between(
-            x, middle - spread, middle + spread, color=colour, alpha=0.16, lw=0, rasterized=as_picture
+            x, middle - spread, middle + spread, color=colour, alpha=0.16, lw=0, rasterized=rasterized
         )
-        axes.plot(x, middle, color=colour, lw=1.7, zorder=3, rasterized=as_picture)
+        axes.plot(x, middle, color=colour, lw=1.7, zorder=3, rasterized=rasterized)
     axes.set_xlim(float(pose.cycles.min()) - 1.0, float(pose.cycles.max()) + 1.0)
     if not offsets.any():
         axes.set_ylim(-1.0, 1.0)
@@ -144,9 +144,9 @@ def _unit(reach_mm: float) -> tuple[str, float]:
     return ("mm", 1.0) if reach_mm >= 0.1 else ("µm", 1e3)
 
 
-def _digits(doubt: float) -> int:
-    """Return the decimals that show two digits of the doubt."""
-    return 1 if doubt <= 0.0 else min(4, max(0, 1 - math.floor(math.log10(doubt))))
+def _digits(uncertainty: float) -> int:
+    """Return the decimals that show two digits of the uncertainty."""
+    return 1 if uncertainty <= 0.0 else min(4, max(0, 1 - math.floor(math.log10(uncertainty))))
 
 
 def _legend(block: int) -> list[Any]:

@@ -1,4 +1,4 @@
-"""Where the cycles of each pose lay about their mean, and how much of that the instrument alone would scatter."""
+"""Scatter of each pose's cycles about their mean, with the scatter of the instrument alone."""
 
 from __future__ import annotations
 
@@ -16,18 +16,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Circle, Ellipse, Patch
 from matplotlib.ticker import MaxNLocator
 
-from app.reports.plots.svg import (
-    BLUE,
-    FAINT,
-    INK,
-    ORANGE,
-    RED,
-    axes_at,
-    draw_svg,
-    millimetres,
-    short,
-    text_at,
-)
+from app.reports.svg import BLUE, FAINT, INK, ORANGE, RED, axes_at, draw_svg, millimetres, short, text_at
 
 _PLANES = ((0, 1), (0, 2), (1, 2))
 _LEFT, _PANEL, _GAP = 0.75, 2.45, 0.75
@@ -37,24 +26,24 @@ _LEAST_HALF_MM = 1e-6  # the half width shown of a pose without any scatter
 
 @dataclass(frozen=True, slots=True)
 class PoseScatter:
-    """One pose: positions of the cycles that count and of those left out, and what was found of them.
+    """One pose: positions of its cycles, outliers apart, and the results.
 
     `observed_mm2` is the cycles' covariance, `noise_mm2` the mean of what each measurement states of its own noise;
     None where there are fewer than two cycles, or nothing is known of the instrument. The figures are those of the
-    repeatability analysis. `remark` says why nothing counts, where nothing does.
+    repeatability analysis. `note` says why nothing counts, where nothing does.
     """
 
     pose_id: str
     positions_mm: Float[np.ndarray, "n 3"]
-    left_out_mm: Float[np.ndarray, "m 3"]
+    outliers_mm: Float[np.ndarray, "m 3"]
     observed_mm2: Float[np.ndarray, "3 3"] | None
     noise_mm2: Float[np.ndarray, "3 3"] | None
-    reading_mm: float | None
+    rp_mm: float | None
     interval_mm: tuple[float, float] | None
     floor_mm: float | None
     corrected_mm: float | None
     verdict: str
-    remark: str = ""
+    note: str = ""
 
 
 def scatter_svg(poses: Sequence[PoseScatter], title: str) -> bytes:
@@ -89,11 +78,12 @@ def scatter_figure(poses: Sequence[PoseScatter], title: str) -> Figure:
 
 
 def _caption(pose: PoseScatter) -> str:
-    n = len(pose.positions_mm)
-    parts = [f"n = {n}" + (f" (+ {len(pose.left_out_mm)} left out)" if len(pose.left_out_mm) else "")]
-    if pose.remark:
-        parts.append(pose.remark)
-    elif pose.reading_mm is None:
+    n, outliers = len(pose.positions_mm) + len(pose.outliers_mm), len(pose.outliers_mm)
+    named = "1 outlier" if outliers == 1 else f"{outliers} outliers"
+    parts = [f"n = {n}" + (f" (with {named})" if outliers else "")]
+    if pose.note:
+        parts.append(pose.note)
+    elif pose.rp_mm is None:
         parts.append("repeatability needs two cycles")
     else:
         within = (
@@ -101,7 +91,7 @@ def _caption(pose: PoseScatter) -> str:
             if pose.interval_mm
             else ""
         )
-        parts.append(f"RP_l = {millimetres(pose.reading_mm)}{within} mm")
+        parts.append(f"RP_l = {millimetres(pose.rp_mm)}{within} mm")
         if pose.floor_mm is not None:
             parts.append(f"noise floor {millimetres(pose.floor_mm)} mm")
         if pose.corrected_mm is not None:
@@ -111,9 +101,13 @@ def _caption(pose: PoseScatter) -> str:
 
 
 def _half_width(pose: PoseScatter, mean: Float[np.ndarray, "3"]) -> float:
-    """Return the half width (mm) that shows all that counts; what is left out is pointed at."""
-    reaches = [float(np.abs(pose.positions_mm - mean).max()), pose.reading_mm or 0.0]
-    for covariance in (pose.observed_mm2, pose.noise_mm2):
+    """Return the half width (mm) that shows all cycles but outliers, at which arrows point."""
+    reaches = [float(np.abs(pose.positions_mm - mean).max())]
+    shown = [pose.noise_mm2]
+    if not len(pose.outliers_mm):  # otherwise these are the outliers' size
+        reaches.append(pose.rp_mm or 0.0)
+        shown.append(pose.observed_mm2)
+    for covariance in shown:
         if covariance is not None:
             reaches.append(3.0 * math.sqrt(max(float(np.diag(covariance).max()), 0.0)))
     return max(1.08 * max(reaches), _LEAST_HALF_MM)
@@ -132,17 +126,17 @@ def _project(
     for axis in (axes.xaxis, axes.yaxis):
         axis.set_major_locator(MaxNLocator(5, symmetric=True, min_n_ticks=3))
     where = list(plane)
-    if pose.reading_mm is not None and pose.reading_mm > 0.0:
-        axes.add_patch(Circle((0, 0), pose.reading_mm * factor, **_SPHERE))
+    if pose.rp_mm is not None and pose.rp_mm > 0.0:
+        axes.add_patch(Circle((0, 0), pose.rp_mm * factor, **_SPHERE))
     for covariance, style in ((pose.observed_mm2, _OBSERVED), (pose.noise_mm2, _NOISE)):
         if covariance is not None:
             axes.add_patch(_ellipse(covariance[np.ix_(where, where)] * factor**2, style))
     counted = (pose.positions_mm - mean)[:, where] * factor
     axes.plot(counted[:, 0], counted[:, 1], **_CYCLE)
-    for place in (pose.left_out_mm - mean)[:, where] * factor:
+    for place in (pose.outliers_mm - mean)[:, where] * factor:
         far = float(np.abs(place).max()) / reach
         if far <= 1.0:
-            axes.plot(*place, **_LEFT_OUT)
+            axes.plot(*place, **_OUTLIER)
             continue
         # Beyond the frame: an arrow at its edge shows the way.
         tip = 0.97 * place / far
@@ -164,13 +158,13 @@ _OBSERVED: dict[str, Any] = {"fc": (*(0.0, 0.447, 0.698), 0.13), "ec": BLUE, "lw
 _NOISE: dict[str, Any] = {"fc": (0.835, 0.369, 0.0, 0.28), "ec": ORANGE, "lw": 1.2, "zorder": 3}
 _SPHERE: dict[str, Any] = {"fill": False, "ec": FAINT, "lw": 1.0, "ls": (0, (4, 3)), "zorder": 1.5}
 _CYCLE: dict[str, Any] = {"marker": "o", "color": INK, "ms": 3.2, "mew": 0, "ls": "none", "zorder": 4}
-_LEFT_OUT: dict[str, Any] = {"marker": "x", "color": RED, "ms": 5.5, "mew": 1.4, "ls": "none", "zorder": 5}
+_OUTLIER: dict[str, Any] = {"marker": "x", "color": RED, "ms": 5.5, "mew": 1.4, "ls": "none", "zorder": 5}
 
 
 def _legend() -> list[Any]:
     return [
         Line2D([], [], **_CYCLE, label="one cycle"),
-        Line2D([], [], **_LEFT_OUT, label="left out (arrow: beyond the frame)"),
+        Line2D([], [], **_OUTLIER, label="outlier (arrow: beyond the frame)"),
         Patch(fc=_OBSERVED["fc"], ec=BLUE, label="observed, 3 S"),
         Patch(fc=_NOISE["fc"], ec=ORANGE, label="instrument's noise, 3 σ"),
         Line2D([], [], color=FAINT, lw=1.0, ls=(0, (4, 3)), label="RP_l"),

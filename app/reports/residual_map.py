@@ -1,84 +1,27 @@
-"""What the lens model leaves over, by place in the image: where a mean residual remains, the model does not fit."""
+"""Mean residuals of the lens model over the image: where one remains, the model does not fit."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float, Int
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator
 
-from app.reports.plots.svg import BLUE, FAINT, axes_at, draw_svg, short, text_at
+from app.reports.residual_cells import (
+    MIN_POINTS_IN_CELL,
+    Cells,
+    ResidualField,
+    cells_of,
+    residual_figures,
+)
+from app.reports.svg import BLUE, FAINT, axes_at, draw_svg, short, text_at
 
-FEWEST_IN_CELL = 3
-_PER_CELL = 25
-_CHANCE = 0.01
-_CHI2 = -2.0 * math.log(_CHANCE)  # the quantile of χ² with two degrees of freedom
 _LEFT, _PANEL_WIDTH, _GAP = 0.8, 4.6, 0.85
 _HEADER, _CAPTION, _BELOW, _FOOTER = 0.62, 0.78, 0.62, 0.6
-
-
-@dataclass(frozen=True, slots=True)
-class ResidualField:
-    """The residuals (observed - predicted, px) of one focus group's points, at the places where they were observed."""
-
-    focus_group: str
-    images: int
-    width_px: int
-    height_px: int
-    points_px: Float[np.ndarray, "n 2"]
-    residuals_px: Float[np.ndarray, "n 2"]
-    left_out: int
-
-
-@dataclass(frozen=True, slots=True)
-class Cells:
-    """Residuals by square cells of the image: of each that has points enough its middle, mean, rms and count.
-
-    `stands_out`: the mean is longer than chance lets it be in one cell of a hundred, n |m|² / σ² > χ²₂.
-    """
-
-    size_px: float
-    middle_px: Float[np.ndarray, "c 2"]
-    mean_px: Float[np.ndarray, "c 2"]
-    rms_px: Float[np.ndarray, " c"]
-    count: Int[np.ndarray, " c"]
-
-    @property
-    def stands_out(self) -> Float[np.ndarray, " c"]:
-        # Of what scatters within the cells; a cell's own would be too uncertain.
-        within = self.count * (self.rms_px**2 - np.sum(self.mean_px**2, axis=1))
-        freedom = 2.0 * float(np.sum(self.count - 1))
-        variance = max(float(within.sum()) / max(freedom, 1.0), 1e-30)
-        return np.asarray(self.count * np.sum(self.mean_px**2, axis=1) / variance > _CHI2)
-
-
-def cells_of(field: ResidualField) -> Cells:
-    """Sort the residuals into cells, so large that each has some 25 points where the image is full."""
-    wanted = math.sqrt(field.width_px * field.height_px * _PER_CELL / max(len(field.points_px), 1))
-    longest = max(field.width_px, field.height_px)
-    size = longest / round(min(max(longest / wanted, 6.0), 26.0))
-    columns = math.ceil(field.width_px / size)
-    place = np.floor((field.points_px + 0.5) / size).astype(np.intp)
-    place = np.clip(place, 0, [columns - 1, math.ceil(field.height_px / size) - 1])
-    index = place[:, 1] * columns + place[:, 0]
-    found, inverse, count = np.unique(index, return_inverse=True, return_counts=True)
-    sums = [np.bincount(inverse, weights=field.residuals_px[:, axis]) for axis in (0, 1)]
-    squares = np.bincount(inverse, weights=np.sum(field.residuals_px**2, axis=1))
-    full = count >= FEWEST_IN_CELL
-    middle = np.stack([found % columns + 0.5, found // columns + 0.5], axis=1) * size - 0.5
-    return Cells(
-        size,
-        middle[full],
-        (np.stack(sums, axis=1) / count[:, None])[full],
-        np.sqrt(squares / count)[full],
-        count[full],
-    )
 
 
 def residuals_svg(fields: Sequence[ResidualField], title: str) -> bytes:
@@ -126,20 +69,18 @@ def residuals_figure(fields: Sequence[ResidualField], cells: Sequence[Cells], ti
 
 
 def _caption(field: ResidualField, cells: Cells) -> tuple[str, str]:
-    rms = math.sqrt(float(np.mean(np.sum(field.residuals_px**2, axis=1)))) if len(field.points_px) else 0.0
-    gone = f", {field.left_out:,} left out as outliers" if field.left_out else ""
+    figures = residual_figures(field, cells)
+    gone = f", {figures.outlier_count:,} excluded as outliers" if figures.outlier_count else ""
     noun = "image" if field.images == 1 else "images"
     first = (
         f"Focus group {short(field.focus_group)}   ·   {field.images:,} {noun}   ·   "
-        f"{len(field.points_px):,} points{gone}   ·   rms {rms:.3g} px"
+        f"{figures.point_count:,} points{gone}   ·   rms {figures.rms_px:.3g} px"
     )
-    if not len(cells.count):
-        return first, f"no cell has {FEWEST_IN_CELL} points"
-    out = int(np.count_nonzero(cells.stands_out))
-    mean = math.sqrt(float(np.mean(np.sum(cells.mean_px**2, axis=1))))
+    if not figures.cells:
+        return first, f"no cell has {MIN_POINTS_IN_CELL} points"
     return first, (
-        f"{out} of {len(cells.count)} cells have a mean residual beyond chance (chance alone: "
-        f"{_CHANCE * len(cells.count):.1f}); mean residuals have an rms of {mean:.2g} px"
+        f"{figures.cells_beyond_chance} of {figures.cells} cells have a mean residual beyond chance (chance alone: "
+        f"{figures.cells_by_chance:.1f}); mean residuals have an rms of {figures.mean_rms_px:.2g} px"
     )
 
 

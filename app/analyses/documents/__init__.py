@@ -1,0 +1,1 @@
+"""What an analysis returns: JSON documents and plots of a session's estimates."""

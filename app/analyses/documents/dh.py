@@ -1,0 +1,168 @@
+"""A robot's Denavit-Hartenberg parameters as the API shows them: degrees, named fields, null where not determined."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping
+from dataclasses import astuple
+from typing import Any
+
+import numpy as np
+
+from app.analyses.documents.encoding import pose_fields, target_transform_document
+from app.analyses.documents.findings import Findings
+from app.analyses.documents.sweep_names import parsed, sweeps_named
+from core.geometry import invert
+from core.kinematics import HoldOutError, JointEstimate, JointParameters, Unidentifiable, Validation
+from core.session import (
+    NamedSweep,
+    RobotIdentification,
+    SessionData,
+    estimate_session,
+    identify_robot,
+    with_nominal_orientations,
+)
+
+API_NAMES = {
+    "a_mm": "a_mm",
+    "alpha_rad": "alpha_deg",
+    "d_mm": "d_mm",
+    "theta_offset_rad": "theta_offset_deg",
+    "beta_rad": "beta_deg",
+}
+
+
+def dh_findings(data: SessionData, settings: Mapping[str, str]) -> Findings:
+    """Return what `GET .../dh` answers."""
+    estimate = None
+    if settings["source"] == "images":
+        data = with_nominal_orientations(data)
+        estimate = estimate_session(data, settings["estimator"])
+    names = sweeps_named(settings.get("sweeps", "[]"))
+    found = identify_robot(
+        data,
+        estimate,
+        method=settings["method"],
+        tolerance=math.radians(float(settings["joint_tolerance_deg"])),
+        sweeps=[NamedSweep(joint, tuple(pose_ids)) for joint, pose_ids in map(parsed, names)],
+    )
+    fields = {
+        "estimator": settings["estimator"],
+        "method": settings["method"],
+        "source": settings["source"],
+        "convention": "classic_dh",
+        "joint_tolerance_deg": float(settings["joint_tolerance_deg"]),
+        "named_sweeps": list(names),
+        **_robot(found, data),
+    }
+    return Findings(fields, found.excluded, found.warnings)
+
+
+def _robot(found: RobotIdentification, data: SessionData) -> dict[str, Any]:
+    condition = found.conditioning.condition_number
+    return {
+        "joints": [
+            {
+                **joint_document(joint.estimate, joint.poses),
+                "residual": _held_out(joint.residual) if joint.residual is not None else None,
+            }
+            for joint in found.joints
+        ],
+        "residual": _held_out(found.residual),
+        "validation": _validation(found.validation),
+        "condition_number": condition if math.isfinite(condition) else None,
+        "observability_o1": found.conditioning.observability_o1,
+        "null_space": null_space_document(found.null_space),
+        "parameters": [_key(key) for key in found.parameters],
+        "correlation": np.clip(found.correlation, -1.0, 1.0).tolist(),
+        "robot_scatter": {
+            "position_sigma_mm": found.scatter_mm,
+            "rotation_sigma_deg": None if found.scatter_rad is None else math.degrees(found.scatter_rad),
+        },
+        "flange_camera": {
+            "T_flange_camera": found.T_flange_camera.tolist(),
+            **pose_fields(found.T_flange_camera, found.flange_camera_covariance),
+        },
+        "base_targets": [
+            {
+                "target_id": target_id,
+                "T_base_target": invert(T).tolist(),
+                **pose_fields(invert(T), covariance),
+            }
+            for target_id, T, covariance in zip(
+                _target_ids(found, data), found.T_target_base, found.base_target_covariances, strict=True
+            )
+        ],
+        "target_transforms": [
+            target_transform_document(transform, data, found.targets) for transform in found.target_transforms
+        ],
+    }
+
+
+def null_space_document(groups: Iterable[Unidentifiable]) -> list[dict[str, Any]]:
+    """Return groups of parameters that are not identifiable, by their keys and with a sentence each."""
+    return [
+        {"parameters": [_key(key) for key in group.parameters], "sentence": group.sentence}
+        for group in groups
+    ]
+
+
+def _key(key: str) -> str:
+    """Return a parameter's key with the API's unit."""
+    return f"{key.removesuffix('_rad')}_deg" if key.endswith("_rad") else key
+
+
+def _target_ids(found: RobotIdentification, data: SessionData) -> list[str | None]:
+    """Return the id of each target; that of another instrument's frame is None."""
+    return [data.target_ids[place] for place in found.targets] or [None] * len(found.T_target_base)
+
+
+def joint_document(joint: JointEstimate, poses: int) -> dict[str, Any]:
+    """Return one joint's parameters and standard uncertainties, in mm and degrees; null where undetermined."""
+    values = _parameters(joint.parameters)
+    if not joint.parallel_to_next:
+        values["beta_deg"] = None
+    nominal = None
+    if joint.nominal is not None:
+        nominal = {name: value for name, value in _parameters(joint.nominal).items() if name != "beta_deg"}
+    return {
+        "joint": joint.joint,
+        **values,
+        "parallel_to_next": joint.parallel_to_next,
+        "standard_uncertainty": {
+            API_NAMES[name]: None if value is None else _in_degrees(name, value)
+            for name, value in joint.standard_uncertainty.items()
+        },
+        "nominal": nominal,
+        "identifiable": {API_NAMES[name]: determined for name, determined in joint.identifiable.items()},
+        "arc_deg": math.degrees(joint.arc_rad),
+        "poses": poses,
+        "residual": None,
+    }
+
+
+def _parameters(joint: JointParameters) -> dict[str, float | None]:
+    values = dict(zip(API_NAMES, astuple(joint), strict=True))
+    return {API_NAMES[name]: _in_degrees(name, value) for name, value in values.items()}
+
+
+def _in_degrees(name: str, value: float) -> float:
+    return math.degrees(value) if name.endswith("_rad") else value
+
+
+def _validation(found: Validation | None) -> dict[str, Any] | None:
+    if found is None:
+        return None
+    return {
+        **_held_out(found.identified),
+        "held_out_poses": found.held_out,
+        "outlier_poses": found.excluded,
+        "nominal": _held_out(found.nominal) if found.nominal is not None else None,
+    }
+
+
+def _held_out(errors: HoldOutError) -> dict[str, Any]:
+    return {
+        "position_rms_mm": errors.position_rms_mm,
+        "rotation_rms_deg": None if errors.rotation_rms is None else math.degrees(errors.rotation_rms),
+    }

@@ -1,0 +1,171 @@
+"""Plots of a session: what the analyses found, gathered as plain values and drawn by `app.reports`.
+
+This module loads matplotlib. Only the analysis process imports it, when a plot is requested.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+from app.analyses.documents.residual_field import residual_field
+from app.analyses.outcome import AnalysisError
+from app.errors import NotFound
+from app.reports.drift import Block, PoseDrift, drift_svg
+from app.reports.residual_map import residuals_svg
+from app.reports.scatter import PoseScatter, scatter_svg
+from core.errors import NothingUsable, TooFewCycles, TooFewMeasurements
+from core.session import (
+    DRIFT_BLOCK,
+    MeasuredPose,
+    PoseRow,
+    SessionData,
+    drift_of,
+    estimate_session,
+    image_rows,
+    measured_rows,
+)
+
+MAX_ROWS = 40
+"""Poses or focus groups of one plot."""
+
+
+def scatter_plot(data: SessionData, settings: Mapping[str, str]) -> bytes:
+    """Return what `GET .../repeatability/scatter.svg` answers."""
+    source = _source(data, settings)
+    rows = _chosen(source.rows, settings.get("pose_id"))
+    title = f"Position scatter in the {source.frame}, about each pose's mean ({source.how})"
+    return scatter_svg([_scatter(row, source) for row in rows], title)
+
+
+def drift_plot(data: SessionData, settings: Mapping[str, str]) -> bytes:
+    """Return what `GET .../repeatability/drift.svg` answers."""
+    source = _source(data, settings)
+    rows = _chosen(source.rows, settings.get("pose_id"))
+    poses = [drifting for row in rows if (drifting := _drift(row)) is not None]
+    if not poses:
+        raise TooFewCycles(
+            "No pose has two measurements with a cycle number, so that there is no course over the cycles to draw.",
+            "Tag them with their cycle; for drift by the standard, 20 cycles or more of each pose.",
+        )
+    return drift_svg(poses, f"Drift over the cycles, in the {source.frame} ({source.how})", DRIFT_BLOCK)
+
+
+def residual_map(data: SessionData, settings: Mapping[str, str]) -> bytes:
+    """Return what `GET .../intrinsics/residuals.svg` answers."""
+    wanted = settings.get("focus_group")
+    if wanted is not None and wanted not in {image.focus_group for image in data.images}:
+        raise NotFound(
+            "None of the session's measured images is of that focus group.",
+            "GET the session's intrinsics for the focus groups there are.",
+            code="focus_group_not_found",
+        )
+    session = estimate_session(data, settings["estimator"])
+    groups = [group for group in session.groups if wanted in (None, group.name)]
+    if not groups:
+        reasons = Counter(e.code for e in session.excluded.values())
+        raise NothingUsable(
+            f"No image of focus group {wanted!r} serves: {_listed(reasons)}.",
+            "GET the session's intrinsics for the reasons.",
+        )
+    if len(groups) > MAX_ROWS:
+        raise _too_many(len(groups), "focus groups", "focus_group")
+    title = f"Residuals over the image (estimator {settings['estimator']})"
+    return residuals_svg([residual_field(group) for group in groups], title)
+
+
+@dataclass(frozen=True, slots=True)
+class _Source:
+    """Whoever measured: its rows, and every measurement, those that do not count too."""
+
+    rows: Sequence[PoseRow]
+    measured: Mapping[str, MeasuredPose]
+    frame: str
+    how: str
+
+
+def _source(data: SessionData, settings: Mapping[str, str]) -> _Source:
+    if settings["source"] == "measured_poses":
+        measured = {pose.measurement_id: pose for pose in data.measured}
+        return _Source(
+            measured_rows(data), measured, "instrument's frame", "poses measured by another instrument"
+        )
+    estimate = estimate_session(data, settings["estimator"])
+    poses = {pose.measurement_id: pose for pose in estimate.poses}
+    return _Source(image_rows(data, estimate), poses, "target frame", f"estimator {settings['estimator']}")
+
+
+def _chosen(rows: Sequence[PoseRow], pose_id: str | None) -> Sequence[PoseRow]:
+    """Return the rows to draw: all, or one pose's; raises AnalysisError for none, too many, or nothing in them."""
+    if pose_id is not None:
+        rows = [row for row in rows if row.pose_id == pose_id]
+        if not rows:
+            raise TooFewMeasurements(
+                f"Nothing is measured yet of pose {pose_id}.",
+                "Upload images of it, or wait until they are measured.",
+            )
+    if len(rows) > MAX_ROWS:
+        raise _too_many(len(rows), "poses", "pose_id")
+    if not any(row.visits for row in rows):
+        reasons = Counter(e.code for row in rows for e in row.excluded)
+        raise NothingUsable(
+            f"No image of {'this pose' if len(rows) == 1 else 'these poses'} counts: {_listed(reasons)}.",
+            "Look at the measurements' failures and overlays; show the whole grid, sharp, evenly lit, and tilted.",
+        )
+    return rows
+
+
+def _too_many(count: int, what: str, parameter: str) -> AnalysisError:
+    return AnalysisError(
+        "too_many_for_plot",
+        f"The session has {count} {what}; one plot shows {MAX_ROWS}.",
+        f"Name one of them with {parameter}=.",
+    )
+
+
+def _listed(reasons: Mapping[str, int]) -> str:
+    return ", ".join(f"{code} ({count})" for code, count in sorted(reasons.items()))
+
+
+def _scatter(row: PoseRow, source: _Source) -> PoseScatter:
+    counted = row.visits
+    positions = _stacked([visit.position_mm for visit in counted])
+    figures = row.figures
+    outlying = np.isin(np.arange(len(counted)), [o.index for o in figures.outliers] if figures else [])
+    noise = [visit.scatter[:3, :3] for visit in counted if visit.scatter is not None]
+    return PoseScatter(
+        pose_id=row.pose_id,
+        positions_mm=positions[~outlying],
+        outliers_mm=positions[outlying],
+        observed_mm2=np.cov(positions, rowvar=False) if len(positions) > 1 else None,
+        noise_mm2=np.mean(noise, axis=0) if counted and len(noise) == len(counted) else None,
+        rp_mm=figures.repeatability.position_mm if figures else None,
+        interval_mm=figures.interval.position_mm if figures else None,
+        floor_mm=figures.noise_floor.position_mm if figures else None,
+        corrected_mm=figures.corrected.position_mm if figures else None,
+        verdict=figures.verdict if figures else "too_few_cycles",
+        note="" if counted else f"no image counts: {_listed(Counter(e.code for e in row.excluded))}",
+    )
+
+
+def _stacked(positions: Sequence[Float[np.ndarray, "3"]]) -> Float[np.ndarray, "n 3"]:
+    return np.array(positions, dtype=np.float64).reshape(-1, 3)
+
+
+def _drift(row: PoseRow) -> PoseDrift | None:
+    visits = [visit for visit in row.visits if visit.cycle is not None]
+    if len(visits) < 2:
+        return None
+    positions = _stacked([visit.position_mm for visit in visits])
+    cycles = np.array([visit.cycle for visit in visits])
+    blocks = []
+    drifting = drift_of(row)
+    for block in drifting[1].blocks if drifting is not None else ():
+        first, last = cycles[[block.first_cycle - 1, block.last_cycle - 1]].tolist()
+        spread = block.standard_error_mm
+        blocks.append(Block(first, last, block.mean_position_mm, spread, block.repeatability_mm))
+    return PoseDrift(row.pose_id, cycles, positions, tuple(blocks))

@@ -1,0 +1,153 @@
+"""The repeatability of a session as the API shows it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from app.analyses.documents.encoding import (
+    AP,
+    VAP,
+    camera_fields,
+    figures_document,
+    intervals_document,
+)
+from app.analyses.documents.findings import ExcludedList, Findings
+from core.metrology import CONFIDENCE, PerComponent, PoseRepeatability
+from core.session import (
+    Approaches,
+    PoseDistance,
+    PoseRow,
+    SessionData,
+    SessionRepeatability,
+    assess_repeatability,
+    drift_of,
+    estimate_session,
+)
+
+_NOTHING: PerComponent[Any] = PerComponent(None, None, None, None, None, None, None)
+
+
+def repeatability_findings(data: SessionData, settings: Mapping[str, str]) -> Findings:
+    """Return what `GET .../repeatability` answers."""
+    of_images = settings["source"] == "images"
+    estimate = estimate_session(data, settings["estimator"]) if of_images else None
+    found = assess_repeatability(data, estimate)
+    performance, listed = found.performance, ExcludedList(data)
+    fields = {
+        "estimator": settings["estimator"],
+        "source": settings["source"],
+        "confidence_level": CONFIDENCE,
+        "poses": [_row(row, found, listed) for row in found.poses],
+        "groups": [camera_fields(group) for group in estimate.groups] if estimate is not None else [],
+        "drift": _drift(found.poses),
+        "distances": [_distance(one) for one in performance.distances] or None,
+        "approach_variation": [_approaches(one) for one in performance.approaches] or None,
+    }
+    return Findings(fields, (one for row in found.poses for one in row.excluded), found.warnings)
+
+
+def _row(row: PoseRow, found: SessionRepeatability, listed: ExcludedList) -> dict[str, Any]:
+    figures, accuracy = row.figures, found.accuracy.poses.get(row.pose_id)
+    without = figures.without_outliers if figures else None
+    return {
+        "pose_id": row.pose_id,
+        "cycles": len(row.visits),
+        "mean": _mean(figures),
+        "repeatability": figures_document(figures.repeatability if figures else _NOTHING),
+        "interval": intervals_document(figures.interval if figures else _NOTHING),
+        "noise_floor": figures_document(figures.noise_floor if figures else _NOTHING),
+        "corrected": figures_document(figures.corrected if figures else _NOTHING),
+        "corrected_interval": intervals_document(figures.corrected_interval if figures else _NOTHING),
+        "without_outliers": figures_document(without) if without else None,
+        "outliers": _outliers(row),
+        "accuracy": figures_document(accuracy, AP) if accuracy is not None else None,
+        "verdict": figures.verdict if figures else "too_few_cycles",
+        "measurement_ids": [visit.measurement_id for visit in row.visits],
+        "excluded": listed.documents(row.excluded),
+    }
+
+
+def _outliers(row: PoseRow) -> list[dict[str, Any]]:
+    """Return the cycles that no scatter explains, which count all the same."""
+    return [
+        {
+            "measurement_id": row.visits[outlier.index].measurement_id,
+            "cycle": row.visits[outlier.index].cycle,
+            "code": outlier.code,
+            "distance_mm": outlier.distance_mm,
+            "detail": outlier.detail,
+        }
+        for outlier in (row.figures.outliers if row.figures else ())
+    ]
+
+
+def _mean(figures: PoseRepeatability | None) -> dict[str, Any]:
+    angles = figures.mean_roll_pitch_yaw if figures else None
+    degrees = np.degrees(angles).tolist() if angles is not None else [None] * 3
+    return {
+        "position_mm": figures.mean_position_mm.tolist() if figures else None,
+        **dict(zip(("roll_deg", "pitch_deg", "yaw_deg"), degrees, strict=True)),
+    }
+
+
+def _drift(rows: Sequence[PoseRow]) -> dict[str, Any] | None:
+    """Return how each pose moved from its first cycles to its last, where there are two blocks of cycles."""
+    documents = []
+    for row in rows:
+        drifting = drift_of(row)
+        if drifting is None:
+            continue
+        cycles, found = drifting[0].tolist(), drifting[1]
+        documents.append(
+            {
+                "pose_id": row.pose_id,
+                "shift_mm": found.shift_mm.tolist(),
+                "shift_standard_uncertainty_mm": np.hypot(
+                    found.blocks[0].standard_error_mm, found.blocks[-1].standard_error_mm
+                ).tolist(),
+                "shift_distance_mm": float(np.linalg.norm(found.shift_mm)),
+                "shift_deg": np.degrees(found.shift_rad).tolist() if found.shift_rad is not None else None,
+                "drp_mm": found.repeatability_drift_mm,
+                "blocks": [
+                    {
+                        "first_cycle": cycles[block.first_cycle - 1],
+                        "last_cycle": cycles[block.last_cycle - 1],
+                        "mean_position_mm": block.mean_position_mm.tolist(),
+                        "mean_standard_uncertainty_mm": block.standard_error_mm.tolist(),
+                        "rp_l_mm": block.repeatability_mm,
+                    }
+                    for block in found.blocks
+                ],
+            }
+        )
+    return {"poses": documents} if documents else None
+
+
+def _distance(one: PoseDistance) -> dict[str, Any]:
+    found = one.found
+    return {
+        "from_pose_id": one.from_pose_id,
+        "to_pose_id": one.to_pose_id,
+        "cycles": found.performance.cycles,
+        "mean_mm": found.performance.mean_distance_mm,
+        "standard_uncertainty_mm": found.standard_uncertainty_mm,
+        "commanded_mm": one.commanded_mm,
+        "ad_mm": found.performance.accuracy_mm,
+        "rd_mm": found.performance.repeatability_mm,
+        "interval_mm": None if found.interval_mm is None else list(found.interval_mm),
+        "noise_floor_mm": found.noise_floor_mm,
+    }
+
+
+def _approaches(one: Approaches) -> dict[str, Any]:
+    return {
+        "directions": [
+            {"approach": approach, "pose_ids": list(pose_ids), "cycles": one.visits[approach]}
+            for approach, pose_ids in one.pose_ids.items()
+        ],
+        "variation": figures_document(one.variation.figures, VAP),
+        "expected_variation": figures_document(one.variation.noise_floor, VAP),
+    }

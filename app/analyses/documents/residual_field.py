@@ -1,0 +1,35 @@
+"""The residuals of a focus group's points, for the plot of them and for its figures."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from app.reports.residual_cells import ResidualField
+from core.geometry import camera_from_array, project_any
+from core.session import FocusGroup
+
+OUTLIER = 6.0
+"""Residuals beyond so many times their median distance are no matter of the lens."""
+
+
+def residual_field(group: FocusGroup) -> ResidualField:
+    """Return observed - predicted of every point, by the estimate as it stands."""
+    views, estimate = group.views, group.estimate
+    residuals = np.empty_like(views.points_px)
+    for k in range(len(views)):
+        at = views.part(k)
+        points_camera = (views.points_target[at] - estimate.positions_mm[k]) @ estimate.rotations[k]
+        residuals[at] = views.points_px[at] - project_any(
+            points_camera, camera_from_array(estimate.cameras[k])
+        )
+    distance = np.linalg.norm(residuals, axis=1)
+    counts = distance <= OUTLIER * np.median(distance)
+    return ResidualField(
+        group.name,
+        len(views),
+        views.image_width_px,
+        views.image_height_px,
+        views.points_px[counts],
+        residuals[counts],
+        int(np.count_nonzero(~counts)),
+    )

@@ -1,0 +1,32 @@
+"""What an answer is about: the session, its robot and targets by id and name, and when its images were taken."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from datetime import UTC, datetime
+from typing import Any
+
+from app.records.tables import Robot, Session, Target
+
+
+def session_subject(
+    session: Session, robot: Robot | None, targets: Sequence[Target], captured: Iterable[datetime | None]
+) -> dict[str, Any]:
+    """Return the subject of a session's analyses; `captured` are the times of its images, None where not stated."""
+    times = [moment for moment in captured if moment is not None]
+    return {
+        "session": _named(session),
+        "robot": _named(robot) if robot is not None else None,
+        "targets": [_named(target) for target in targets],
+        "first_captured_at": _rfc3339(min(times)) if times else None,
+        "last_captured_at": _rfc3339(max(times)) if times else None,
+        "conditions": session.conditions,
+    }
+
+
+def _named(row: Session | Robot | Target) -> dict[str, str]:
+    return {"id": row.id, "name": row.name}
+
+
+def _rfc3339(moment: datetime) -> str:
+    return moment.astimezone(UTC).isoformat().replace("+00:00", "Z")

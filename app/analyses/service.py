@@ -1,0 +1,271 @@
+"""Service of analyses: an answer comes from the cache, or is computed in a process of its own.
+
+Equal requests for the same state of a session share one computation, which stops when the last client disconnects.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import hashlib
+from collections.abc import Callable, Hashable, Mapping
+from dataclasses import dataclass
+from typing import Any, TypeVar
+
+from starlette.concurrency import run_in_threadpool
+
+from app.analyses.answer_cache import FAILURE_KEPT_S, AnswerCache, Question
+from app.analyses.inputs.change_token import read_change_token
+from app.analyses.inputs.snapshot import read_snapshot
+from app.analyses.outcome import AnalysisRefused, AnalysisResult
+from app.build import analyses_build
+from app.errors import Conflict, NotFound, ServiceError, Unavailable
+from app.jobs.call_queue import Call, CallQueue, QueueFull, ShareTaken
+from app.jobs.subprocess_executor import Limits, OutOfMemory, ProcessDied, TimedOut
+from app.services.context import ServiceContext
+from app.settings import Settings
+
+PROCESSES = 2
+"""At once; of them no key has more than one."""
+PLACES = 16
+"""Analyses that wait or are computed; of them no key has more than half."""
+
+Answer = TypeVar("Answer")
+
+
+@dataclass(frozen=True, slots=True)
+class Analysis:
+    """A document and its entity tag; `body` is None where the client has it already."""
+
+    etag: str
+    body: bytes | None
+
+
+@dataclass(slots=True)
+class _Asked:
+    """A computation under way, and how many clients wait for it."""
+
+    call: Call[Any]
+    clients: int = 0
+
+
+class AnalysisService:
+    """Answers analyses, for one event loop."""
+
+    def __init__(self, settings: Settings) -> None:
+        self._limits = Limits(settings.analysis_timeout_s, settings.analysis_memory_bytes)
+        self._calls = CallQueue(
+            settings.max_image_pixels, processes=PROCESSES, places=PLACES, limits=self._limits
+        )
+        self._kept = AnswerCache()
+        self._under_way: dict[Hashable, _Asked] = {}
+
+    async def answer(
+        self,
+        installation: ServiceContext,
+        analysis: str,
+        session_id: str,
+        settings: Mapping[str, str],
+        known_etags: frozenset[str],
+        requester: str | None = None,
+    ) -> Analysis:
+        """Return an analysis of the session as it is now; `requester` is the id of the key that asks.
+
+        Raises NotFound, Conflict where it cannot be made, Unavailable where too many wait or its process died.
+        Cancelled, it stops the computation unless others wait for it.
+        """
+        question = (session_id, analysis, tuple(sorted(settings.items())))
+        change_token, etag = await run_in_threadpool(self._read, installation, question, bool(known_etags))
+        if etag is not None and etag in known_etags:
+            return Analysis(etag, None)
+        failure = self._kept.failure(question, change_token)
+        if failure is not None:
+            raise failure
+        found = self._kept.answer(session_id, etag) if etag is not None else None
+        if etag is None or found is None:
+            analysed = await self._compute(installation, question, change_token, requester)
+            etag, found = entity_tag(analysed.answer_sha256), analysed.outcome
+            self._kept.keep(session_id, etag, found)
+            self._kept.keep_tag(question, analysed.change_token, etag)
+        if isinstance(found, AnalysisRefused):
+            raise _conflict(found)
+        return Analysis(etag, None if known_etags & {etag, "*"} else found)
+
+    async def plan(
+        self,
+        robot: list[dict[str, float]],
+        target: Mapping[str, Any],
+        request: Mapping[str, Any],
+        requester: str | None = None,
+    ) -> bytes:
+        """Return what poses would make observable of a robot; raises as `answer` does."""
+        asked = repr((robot, dict(target), dict(request)))
+        try:
+            outcome: bytes | AnalysisRefused = await self._call(
+                ("plan", asked), requester, compute_plan, robot, dict(target), dict(request)
+            )
+        except (OutOfMemory, TimedOut) as error:
+            raise self._failure(error)(5) from error
+        if isinstance(outcome, AnalysisRefused):
+            raise _conflict(outcome)
+        return outcome
+
+    def counts(self) -> tuple[int, int]:
+        """Return how many computations wait and how many run."""
+        return self._calls.counts()
+
+    def begin_shutdown(self) -> None:
+        """Interrupt requests that wait for an analysis: each is answered with 503 and may be repeated."""
+        self._calls.interrupt()
+
+    def close(self) -> None:
+        """End the processes."""
+        self._calls.close()
+
+    def _read(
+        self, installation: ServiceContext, question: Question, has_tags: bool
+    ) -> tuple[str, str | None]:
+        """Return the session's change token, and the answer's tag if it is known or the client has one to compare."""
+        session_id, analysis, settings = question
+        with installation.database.read() as records:
+            change_token = read_change_token(records, session_id)
+            etag = self._kept.tag(question, change_token)
+            if etag is None and has_tags:
+                # The client asked before, this process did not: the hash is known sooner than the answer.
+                snapshot = read_snapshot(records, session_id, dict(settings).get("source", "images"))
+                etag = entity_tag(snapshot.answer_sha256(analysis, dict(settings)))
+                self._kept.keep_tag(question, change_token, etag)
+        return change_token, etag
+
+    async def _compute(
+        self, installation: ServiceContext, question: Question, change_token: str, requester: str | None
+    ) -> AnalysisResult:
+        session_id, analysis, settings = question
+        url = installation.database.url.render_as_string(hide_password=False)
+        try:
+            return await self._call(
+                (question, change_token), requester, compute, url, analysis, session_id, dict(settings)
+            )
+        except (OutOfMemory, TimedOut) as error:
+            # The same inputs would take as much again.
+            failure = self._failure(error)
+            self._kept.keep_failure(question, change_token, failure)
+            raise failure(round(FAILURE_KEPT_S)) from error
+
+    async def _call(
+        self,
+        question: Hashable,
+        requester: str | None,
+        function: Callable[..., Answer | ServiceFailure],
+        *arguments: Any,
+    ) -> Answer:
+        """Return what the function returns, computed once for all who ask the same meanwhile."""
+        asked = self._under_way.get(question)
+        if asked is None or asked.call.cancelled.is_set():
+            try:
+                asked = _Asked(self._calls.submit(requester, function, *arguments))
+            except ShareTaken:
+                raise Unavailable(
+                    "This key has as many analyses under way as one key may.",
+                    "Wait for their answers, then ask again.",
+                    code="busy",
+                ) from None
+            except QueueFull:
+                raise Unavailable(
+                    "Too many analyses are being computed.", "Ask again shortly.", code="busy"
+                ) from None
+            except ProcessDied:
+                raise _interrupted() from None
+            self._under_way[question] = asked
+        asked.clients += 1
+        try:
+            outcome = await asyncio.wrap_future(asked.call.future)
+        except (OutOfMemory, TimedOut):
+            raise
+        except ProcessDied as error:
+            raise _interrupted() from error
+        finally:
+            asked.clients -= 1
+            if asked.clients == 0:
+                if self._under_way.get(question) is asked:
+                    del self._under_way[question]
+                self._calls.cancel(asked.call)
+        if isinstance(outcome, ServiceFailure):
+            raise outcome.kind(outcome.detail, outcome.advice, code=outcome.code)
+        answer: Answer = outcome
+        return answer
+
+    def _failure(self, error: ProcessDied) -> Callable[[int], ServiceError]:
+        """Return what makes the refusal of a computation that took too much, given the seconds until it may be asked
+        again.
+        """
+        if isinstance(error, OutOfMemory):
+            return lambda _: Conflict(
+                f"The analysis takes more memory than the {self._limits.memory_bytes} bytes it may have.",
+                "Divide the images among sessions, or raise GRIDPOSE_ANALYSIS_MEMORY_BYTES.",
+                code="analysis_too_large",
+            )
+        return lambda retry_after_s: Unavailable(
+            f"The analysis took longer than {self._limits.time_s:g} s and was stopped.",
+            "Divide the images among sessions, raise GRIDPOSE_ANALYSIS_TIMEOUT_S, or ask again when the server is "
+            "less busy.",
+            code="analysis_interrupted",
+            retry_after_s=retry_after_s,
+        )
+
+
+def _interrupted() -> Unavailable:
+    return Unavailable(
+        "The process that computed the analysis ended unexpectedly.",
+        "Ask again; if it happens again, the server may be short of memory: divide the images among sessions.",
+        code="analysis_interrupted",
+    )
+
+
+def _conflict(refused: AnalysisRefused) -> Conflict:
+    return Conflict(refused.detail, refused.advice, code=refused.code)
+
+
+def entity_tag(answer_sha256: str) -> str:
+    """Return the tag of a session's document: the same contents and program, the same bytes."""
+    text = f"{answer_sha256} {analyses_build()}"
+    return f'"{hashlib.sha256(text.encode()).hexdigest()[:32]}"'
+
+
+@dataclass(frozen=True, slots=True)
+class ServiceFailure:
+    """A refusal of the service's own, which travels between processes as plain values."""
+
+    kind: type[ServiceError]
+    code: str
+    detail: str
+    advice: str | None
+
+
+def compute(
+    url: str, analysis: str, session_id: str, settings: Mapping[str, str]
+) -> AnalysisResult | ServiceFailure:
+    """Run in a process alongside the head, which alone loads the numerics for it."""
+    from app.analyses.worker import analyse, open_database
+
+    try:
+        return analyse(open_database(url), analysis, session_id, settings)
+    except ServiceError as error:
+        kind = next((kind for kind in (NotFound, Conflict) if isinstance(error, kind)), Unavailable)
+        return ServiceFailure(kind, error.code, error.detail, error.advice)
+
+
+def compute_plan(
+    robot: list[dict[str, float]], target: Mapping[str, Any], request: Mapping[str, Any]
+) -> bytes | AnalysisRefused:
+    """Run in a process alongside the head."""
+    from app.analyses.documents.dh_plan import plan_document
+    from app.analyses.json_text import encode
+    from app.analyses.outcome import AnalysisError
+    from core import GridposeError
+
+    try:
+        return encode(plan_document(robot, target, request))
+    except AnalysisError as reason:
+        return reason.refused
+    except GridposeError as error:
+        return AnalysisRefused(error.code, error.detail, error.advice)
