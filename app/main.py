@@ -1,4 +1,4 @@
-"""The application, put together."""
+"""The application: settings, middleware, routes, start and end."""
 
 from __future__ import annotations
 
@@ -11,30 +11,38 @@ from fastapi import FastAPI
 from fastapi.routing import APIRoute
 from starlette.concurrency import run_in_threadpool
 
-from app.api.contract import Service
-from app.api.edge import Edge
+from app.analyses.service import AnalysisService
+from app.api.dependencies import AppContext
 from app.api.metrics import Metrics
+from app.api.middleware.authentication import ApiKeyAuth
+from app.api.middleware.compression import Compression
+from app.api.middleware.loopback import LoopbackOnly
+from app.api.middleware.requests import RequestMiddleware
 from app.api.openapi import openapi_document
 from app.api.problems import install_problem_handlers
 from app.api.routes import (
     analyses,
+    audit,
+    images,
     keys,
-    kinematics,
     measured_poses,
     measurements,
     plots,
     poses,
     robots,
     sessions,
+    system,
     targets,
 )
-from app.api.routes import service as service_routes
-from app.api.security import KeyCheck
-from app.jobs.overlay import OverlayPainter
-from app.records.lock import AlreadyLocked, FileLock
-from app.services.analyses.desk import AnalysisDesk
-from app.services.installation import Installation
-from app.settings import Settings, program_version
+from app.build import program_version
+from app.jobs.painting import ImagePainter
+from app.records.file_lock import AlreadyLocked, FileLock
+from app.services.binding import refuse_foreign_folder
+from app.services.context import ServiceContext
+from app.services.health import HealthWatch
+from app.services.keys import KeyUse
+from app.services.maintenance.chores import Maintenance, chores
+from app.settings import Settings
 
 log = structlog.get_logger(__name__)
 
@@ -47,7 +55,7 @@ def create_app(settings: Settings) -> FastAPI:
     """Return the application for `settings`.
 
     Nothing is opened, made or started before the application's lifespan begins, so that its OpenAPI document can be
-    had without a data folder. `app.state.begin_shutdown()` may be called when the process is told to end, before the
+    had without a data folder. `app.state.begin_shutdown()` may be called when the process is asked to end, before the
     server waits for open connections.
     """
     metrics = Metrics()
@@ -79,19 +87,23 @@ def create_app(settings: Settings) -> FastAPI:
         sessions.router,
         poses.router,
         measured_poses.router,
+        images.router,
         measurements.router,
         analyses.router,
-        kinematics.router,
-        kinematics.plans,
+        robots.plans,
         plots.router,
         keys.router,
-        service_routes.router,
-        service_routes.documentation,
+        audit.router,
+        system.router,
+        system.documentation,
     ):
         app.include_router(router)
     install_problem_handlers(app)
-    app.add_middleware(KeyCheck)
-    app.add_middleware(Edge, metrics=metrics)
+    app.add_middleware(ApiKeyAuth)
+    app.add_middleware(Compression)
+    if settings.auth == "off":
+        app.add_middleware(LoopbackOnly)
+    app.add_middleware(RequestMiddleware, metrics=metrics, trusted_proxies=settings.trusted_networks)
 
     def openapi() -> dict[str, Any]:
         if app.openapi_schema is None:
@@ -102,15 +114,16 @@ def create_app(settings: Settings) -> FastAPI:
     return app
 
 
-def _start(settings: Settings, metrics: Metrics) -> Service:
+def _start(settings: Settings, metrics: Metrics) -> AppContext:
     """Open the data folder, clear what a crash left, and start the embedded runner."""
+    refuse_foreign_folder(settings)
     settings.data_dir.mkdir(parents=True, exist_ok=True, mode=0o700)
     head_lock = FileLock(settings.data_dir / "head.lock")
     try:
         head_lock.acquire()
     except AlreadyLocked as error:
         raise AlreadyServed("Another `gridpose serve` uses this data folder.") from error
-    installation = Installation.open(settings)
+    installation = ServiceContext.open(settings, holds_head_lock=True)
     leftovers = installation.blobs.prepare()
     if leftovers:
         log.info("interrupted_uploads_removed", files=leftovers)
@@ -125,19 +138,38 @@ def _start(settings: Settings, metrics: Metrics) -> Service:
             raise AlreadyServed(
                 "Another process runs the jobs of this data folder; stop it or set GRIDPOSE_WORKERS=0."
             ) from error
-    metrics.watch(installation, runner)
-    painter = OverlayPainter(settings.max_image_pixels)
-    analyses = AnalysisDesk(settings.max_image_pixels)
-    return Service(installation, runner, painter, analyses, metrics, head_lock)
+    painter = ImagePainter(settings.max_image_pixels)
+    analyses = AnalysisService(settings)
+    metrics.watch(installation, runner, analyses)
+    maintenance = Maintenance(chores(installation))
+    maintenance.start()
+    key_use = KeyUse(installation.database)
+    key_use.start()
+    health = HealthWatch(installation, runner)
+    return AppContext(
+        installation, runner, painter, analyses, metrics, head_lock, maintenance, key_use, health
+    )
 
 
-def _stop(service: Service) -> None:
-    if service.runner is not None:
-        service.runner.stop()
-    service.painter.close()
-    service.analyses.close()
-    service.installation.close()
-    service.head_lock.release()
+def _stop(service: AppContext) -> None:
+    """End every part; one that cannot be ended in order keeps none of the others.
+
+    The runner first: it gives its jobs back while a long chore still hears that it is to stop.
+    """
+    ends = [
+        *([service.runner.stop] if service.runner is not None else []),
+        service.maintenance.stop,
+        service.painter.close,
+        service.analyses.close,
+        service.key_use.stop,
+        service.installation.close,
+        service.head_lock.release,
+    ]
+    for end in ends:
+        try:
+            end()
+        except Exception:
+            log.exception("part_not_stopped", part=end.__qualname__)
 
 
 def _operation_id(route: APIRoute) -> str:

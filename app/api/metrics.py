@@ -1,4 +1,4 @@
-"""What Prometheus is told."""
+"""Metrics for Prometheus."""
 
 from __future__ import annotations
 
@@ -8,11 +8,12 @@ from prometheus_client import CollectorRegistry, Counter, Histogram, generate_la
 from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily, Metric
 from prometheus_client.registry import Collector
 
+from app.analyses.service import AnalysisService
+from app.build import core_version
 from app.errors import ServiceError
-from app.jobs.embedded import EmbeddedRunner
-from app.services.installation import Installation
+from app.jobs.runner import JobRunner
+from app.services.context import ServiceContext
 from app.services.sessions import Counts, count_all_measurements
-from app.settings import program_version
 
 _METHODS = {"GET", "HEAD", "POST", "PUT", "PATCH", "DELETE", "OPTIONS"}
 
@@ -40,9 +41,11 @@ class Metrics:
         self._requests.labels(method, route, str(status)).inc()
         self._durations.labels(method, route).observe(duration_s)
 
-    def watch(self, installation: Installation, runner: EmbeddedRunner | None) -> None:
-        """Report the queue, the runner and the disk as well, looked up when asked."""
-        self.registry.register(_Gauges(installation, runner))
+    def watch(
+        self, installation: ServiceContext, runner: JobRunner | None, analyses: AnalysisService
+    ) -> None:
+        """Report the queue, the runner, the analyses and the disk as well, looked up when asked."""
+        self.registry.register(_Gauges(installation, runner, analyses))
 
     def render(self) -> bytes:
         """Return everything in Prometheus' text format."""
@@ -50,16 +53,19 @@ class Metrics:
 
 
 class _Gauges(Collector):
-    def __init__(self, installation: Installation, runner: EmbeddedRunner | None) -> None:
+    def __init__(
+        self, installation: ServiceContext, runner: JobRunner | None, analyses: AnalysisService
+    ) -> None:
         self._installation = installation
         self._runner = runner
+        self._analyses = analyses
 
     def describe(self) -> Iterable[Metric]:
         return ()
 
     def collect(self) -> Iterable[Metric]:
         info = GaugeMetricFamily("gridpose_build_info", "The running version.", labels=["version"])
-        info.add_metric([program_version()], 1)
+        info.add_metric([core_version()], 1)
         yield info
         try:
             with self._installation.database.read() as records:
@@ -80,16 +86,28 @@ class _Gauges(Collector):
             "Free space where originals lie.",
             value=self._installation.blobs.free_bytes(),
         )
+        waiting, running = self._analyses.counts()
+        analyses = GaugeMetricFamily(
+            "gridpose_analyses", "Analyses that wait for a process or are computed.", labels=["state"]
+        )
+        analyses.add_metric(["waiting"], waiting)
+        analyses.add_metric(["running"], running)
+        yield analyses
         if self._runner is not None:
             yield GaugeMetricFamily(
-                "gridpose_runner_up", "1 while jobs are run.", value=int(self._runner.alive)
+                "gridpose_runner_up", "1 while jobs can be run.", value=int(self._runner.state.able)
+            )
+            yield GaugeMetricFamily(
+                "gridpose_workers_ready",
+                "Worker processes that would compute an image at once.",
+                value=self._runner.state.ready,
             )
             yield CounterMetricFamily(
-                "gridpose_jobs_finished", "Jobs run to their end.", value=self._runner.finished
+                "gridpose_jobs_finished", "Jobs run to their end.", value=self._runner.settlement.finished
             )
             yield CounterMetricFamily(
-                "gridpose_worker_crashes", "Worker processes lost.", value=self._runner.crashes
+                "gridpose_worker_crashes", "Worker processes lost.", value=self._runner.settlement.crashes
             )
             yield CounterMetricFamily(
-                "gridpose_job_timeouts", "Jobs ended by time-out.", value=self._runner.timeouts
+                "gridpose_job_timeouts", "Jobs ended by time-out.", value=self._runner.settlement.timeouts
             )

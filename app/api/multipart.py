@@ -61,7 +61,7 @@ async def read_form(
 def _invalid(message: str, name: str = "body") -> InvalidContent:
     return InvalidContent(
         "The form cannot be read.",
-        "Send multipart/form-data with the file in `image` and text fields beside it.",
+        "Send multipart/form-data with the file in `image` and text fields next to it.",
         code="invalid_form",
         errors=[(name, message)],
     )

@@ -10,14 +10,16 @@ from typing import Any
 from fastapi import FastAPI, Request
 from fastapi.exceptions import RequestValidationError
 from starlette.exceptions import HTTPException
-from starlette.responses import JSONResponse
+from starlette.responses import JSONResponse, Response
 
+from app.api.requester import ClientDisconnected
 from app.errors import (
     Conflict,
     InvalidContent,
     NotAllowed,
     NotAuthenticated,
     NotFound,
+    QuotaExceeded,
     ServiceError,
     StorageFull,
     TooLarge,
@@ -27,6 +29,9 @@ from app.errors import (
 
 MEDIA_TYPE = "application/problem+json"
 
+CLIENT_LEFT = 499
+"""What proxies write into their logs for a client that did not wait for its answer."""
+
 STATUSES: tuple[tuple[type[ServiceError], HTTPStatus], ...] = (
     (NotAuthenticated, HTTPStatus.UNAUTHORIZED),
     (NotAllowed, HTTPStatus.FORBIDDEN),
@@ -35,6 +40,7 @@ STATUSES: tuple[tuple[type[ServiceError], HTTPStatus], ...] = (
     (TooLarge, HTTPStatus(413)),
     (UnsupportedContent, HTTPStatus.UNSUPPORTED_MEDIA_TYPE),
     (InvalidContent, HTTPStatus(422)),
+    (QuotaExceeded, HTTPStatus.TOO_MANY_REQUESTS),
     (StorageFull, HTTPStatus.INSUFFICIENT_STORAGE),
     (Unavailable, HTTPStatus.SERVICE_UNAVAILABLE),
 )
@@ -48,6 +54,7 @@ _TITLES = {
     413: "Too large",
     415: "Unsupported media type",
     422: "Invalid content",
+    429: "Too much",
     500: "Internal error",
     503: "Unavailable",
     507: "Storage full",
@@ -120,8 +127,8 @@ def service_problem(error: ServiceError) -> JSONResponse:
     headers = {}
     if status == HTTPStatus.UNAUTHORIZED:
         headers["WWW-Authenticate"] = 'Bearer realm="gridpose"'
-    if status in (HTTPStatus.SERVICE_UNAVAILABLE, HTTPStatus.INSUFFICIENT_STORAGE):
-        headers["Retry-After"] = "5"
+    if error.retry_after_s is not None:
+        headers["Retry-After"] = str(error.retry_after_s)
     return problem_response(status, error.code, error.detail, error.advice, error.errors, headers)
 
 
@@ -156,6 +163,10 @@ def install_problem_handlers(app: FastAPI) -> None:
         assert isinstance(error, RequestValidationError)
         return service_problem(invalid_request(error.errors()))
 
+    async def on_client_left(_request: Request, _error: Exception) -> Response:
+        return Response(status_code=CLIENT_LEFT)  # for the log and the metrics: nobody reads it
+
+    app.add_exception_handler(ClientDisconnected, on_client_left)
     app.add_exception_handler(ServiceError, on_service_error)
     app.add_exception_handler(HTTPException, on_http_error)
     app.add_exception_handler(RequestValidationError, on_invalid)

@@ -11,10 +11,10 @@ from starlette.requests import ClientDisconnect, Request
 from app.api.multipart import Form, boundary_of, read_form
 from app.blobs.local import StagedBlob
 from app.errors import InvalidContent, TooLarge, UnsupportedContent
-from app.services.installation import Installation
+from app.services.context import ServiceContext
 
 _PIECE = 1024 * 1024  # bytes gathered before a thread is asked to write them
-_FORM_ROOM = 2 * 1024 * 1024  # what a form may have beside its file
+FORM_ROOM = 2 * 1024 * 1024  # what a form may have in addition to its file
 
 
 def require_image_type(request: Request) -> None:
@@ -30,7 +30,7 @@ def require_image_type(request: Request) -> None:
 
 
 @asynccontextmanager
-async def receive_raw(request: Request, installation: Installation) -> AsyncIterator[StagedBlob]:
+async def receive_raw(request: Request, installation: ServiceContext) -> AsyncIterator[StagedBlob]:
     """Receive the whole body as a file; it is gone afterwards unless it was published."""
     limit = installation.settings.max_upload_bytes
     _check_length(request, limit, limit)
@@ -43,7 +43,7 @@ async def receive_raw(request: Request, installation: Installation) -> AsyncIter
 
 @asynccontextmanager
 async def receive_form(
-    request: Request, installation: Installation
+    request: Request, installation: ServiceContext
 ) -> AsyncIterator[tuple[StagedBlob, Form]]:
     """Receive a multipart form with the file in `image`."""
     boundary = boundary_of(request.headers.get("content-type", ""))
@@ -52,10 +52,10 @@ async def receive_form(
             "The body must be a multipart form.", "Send multipart/form-data with the file in `image`."
         )
     limit = installation.settings.max_upload_bytes
-    _check_length(request, limit + _FORM_ROOM, limit)
+    _check_length(request, limit + FORM_ROOM, limit)
     async with _staged(request, installation) as receiver:
         form = await read_form(
-            _at_most(request.stream(), limit + _FORM_ROOM, limit),
+            _at_most(request.stream(), limit + FORM_ROOM, limit),
             boundary,
             file_field="image",
             write=receiver.write,
@@ -95,7 +95,7 @@ class _Receiver:
 
 
 @asynccontextmanager
-async def _staged(request: Request, installation: Installation) -> AsyncIterator[_Receiver]:
+async def _staged(request: Request, installation: ServiceContext) -> AsyncIterator[_Receiver]:
     """Open a file to receive into, where there is room, and see to it that nothing is left of a failure."""
     stated = request.headers.get("content-length", "")
     wanted = int(stated) if stated.isdecimal() else 0

@@ -1,26 +1,48 @@
-"""/v1/sessions/{session_id}: what the stored measurements amount to"""
+"""/v1/sessions/{session_id}: analyses of the stored measurements"""
 
 from __future__ import annotations
 
 from typing import Annotated, Any
 
-from fastapi import Header, Query, Response
+from fastapi import Query, Request, Response
+from pydantic import Field
 
-from app.api.contract import Service, ServiceDep, contract_router, problems
-from app.api.schemas.analyses import Estimator, IntrinsicsAnalysis, RepeatabilityAnalysis, Source
-from app.api.schemas.comparison import ComparisonAnalysis
+from app.analyses.documents.sweep_names import PATTERN, sweeps_setting
+from app.api.dependencies import SessionPath
+from app.api.representations import CSV, FormDep, answer_in_form
+from app.api.routing import api_router, problem_responses
+from app.api.schemas.analyses import (
+    CameraPosesAnalysis,
+    ComparisonAnalysis,
+    DhAnalysis,
+    DhMethod,
+    Estimator,
+    HandEyeAnalysis,
+    IntrinsicsAnalysis,
+    LensModel,
+    RepeatabilityAnalysis,
+    Source,
+)
 
-CONFIDENCE_LEVEL = "0.95"
-
-router = contract_router(prefix="/v1/sessions/{session_id}", tags=["analyses"])
-
+router = api_router(prefix="/v1/sessions/{session_id}", tags=["analyses"])
 ETAG_HEADER = {
     "ETag": {"description": "Changes with what the answer is computed from.", "schema": {"type": "string"}}
 }
 _RESPONSES: dict[int | str, dict[str, Any]] = {
-    200: {"headers": ETAG_HEADER},
+    200: {
+        "headers": ETAG_HEADER,
+        "content": {
+            CSV: {
+                "schema": {
+                    "type": "string",
+                    "description": "With `Accept: text/csv`: the table that `table` names (RFC 4180, UTF-8), its "
+                    "numbers those of the JSON. docs/results.md lists the tables.",
+                }
+            }
+        },
+    },
     304: {"description": "The client has this answer already.", "headers": ETAG_HEADER},
-    **problems(404, 409, 422, 503),
+    **problem_responses(404, 409, 422, 503),
 }
 EstimatorQuery = Annotated[
     Estimator,
@@ -43,64 +65,133 @@ RefineQuery = Annotated[
         "is; takes images that show it from eight directions or more."
     ),
 ]
-KnownTags = Annotated[
-    str | None,
-    Header(alias="If-None-Match", max_length=4096, description="Entity tags of answers the client has."),
+LensModelQuery = Annotated[
+    LensModel | None,
+    Query(
+        description="The lens model of the pooled estimators, whatever the images ask for; without it, Brown's unless "
+        "the images contradict it."
+    ),
 ]
 
 
 @router.get("/intrinsics", response_model=IntrinsicsAnalysis, responses=_RESPONSES)
-def get_intrinsics(
-    session_id: str,
-    service: ServiceDep,
+async def get_intrinsics(
+    session_id: SessionPath,
+    request: Request,
+    form: FormDep,
     estimator: EstimatorQuery = "pooled",
     refine_target: RefineQuery = False,
-    known: KnownTags = None,
+    lens_model: LensModelQuery = None,
 ) -> Response:
     """Calibrate the session's camera from all its images, repeated poses or not."""
     settings = {"estimator": estimator} | ({"refine_target": "true"} if refine_target else {})
-    return answer_analysis(service, "intrinsics", session_id, settings, known)
+    settings |= {"lens_model": lens_model} if lens_model is not None else {}
+    return await answer_in_form(request, "intrinsics", IntrinsicsAnalysis, session_id, settings, form)
 
 
 @router.get("/repeatability", response_model=RepeatabilityAnalysis, responses=_RESPONSES)
-def get_repeatability(
-    session_id: str,
-    service: ServiceDep,
+async def get_repeatability(
+    session_id: SessionPath,
+    request: Request,
+    form: FormDep,
     estimator: EstimatorQuery = "pooled",
     source: SourceQuery = "images",
-    known: KnownTags = None,
 ) -> Response:
     """Give every pose's repeatability by ISO 9283, with intervals, noise floor, verdict and accuracy."""
-    settings = {"estimator": estimator, "source": source, "confidence_level": CONFIDENCE_LEVEL}
-    return answer_analysis(service, "repeatability", session_id, settings, known)
+    settings: dict[str, str] = {"estimator": estimator, "source": source}
+    return await answer_in_form(request, "repeatability", RepeatabilityAnalysis, session_id, settings, form)
+
+
+@router.get("/camera-poses", response_model=CameraPosesAnalysis, responses=_RESPONSES)
+async def get_camera_poses(
+    session_id: SessionPath,
+    request: Request,
+    form: FormDep,
+    estimator: EstimatorQuery = "pooled",
+    refine_target: RefineQuery = False,
+) -> Response:
+    """Give the camera's pose of every image in which the target was found, with its covariance.
+
+    Images that were refused alone have one too: the session's camera is known from all of them.
+    """
+    settings = {"estimator": estimator} | ({"refine_target": "true"} if refine_target else {})
+    return await answer_in_form(request, "camera_poses", CameraPosesAnalysis, session_id, settings, form)
+
+
+@router.get("/hand-eye", response_model=HandEyeAnalysis, responses=_RESPONSES)
+async def get_hand_eye(
+    session_id: SessionPath,
+    request: Request,
+    form: FormDep,
+    estimator: EstimatorQuery = "pooled",
+    refine_target: RefineQuery = False,
+) -> Response:
+    """Estimate where the camera sits on the flange and the targets lie in the base, from commanded poses.
+
+    Commanded poses must state position and orientation. Without any, the robot's model at the commanded joint angles
+    takes their place.
+    """
+    settings = {"estimator": estimator} | ({"refine_target": "true"} if refine_target else {})
+    return await answer_in_form(request, "hand_eye", HandEyeAnalysis, session_id, settings, form)
 
 
 @router.get("/comparison", response_model=ComparisonAnalysis, responses=_RESPONSES)
-def get_comparison(session_id: str, service: ServiceDep, known: KnownTags = None) -> Response:
+async def get_comparison(session_id: SessionPath, request: Request, form: FormDep) -> Response:
     """Compare every method on the same images: calibration (the paper's Table II) and repeatability (Table III)."""
-    return answer_analysis(service, "comparison", session_id, {}, known)
+    return await answer_in_form(request, "comparison", ComparisonAnalysis, session_id, {}, form)
 
 
-def answer_analysis(
-    service: Service,
-    analysis: str,
-    session_id: str,
-    settings: dict[str, str],
-    known: str | None,
-    media_type: str = "application/json",
+MethodQuery = Annotated[
+    DhMethod,
+    Query(
+        description="`cpa`: circles through the positions of each joint's sweeps. `screw`: axes from their rotations. "
+        "`combined`: both, with the encoders' angles, weighted by covariance. `global`: everything at once, from all "
+        "poses; with images and the pooled estimator on the grid points themselves, the lens included."
+    ),
+]
+ToleranceQuery = Annotated[
+    float,
+    Query(
+        gt=0.0,
+        le=5.0,
+        allow_inf_nan=False,
+        description="A sweep of a joint is a largest set of poses whose other joints agree within this, degrees.",
+    ),
+]
+SweepName = Annotated[str, Field(max_length=8192, pattern=PATTERN)]
+SweepQuery = Annotated[
+    list[SweepName] | None,
+    Query(
+        max_length=200,
+        description="A sweep by its poses, `JOINT:POSE,POSE,...`, as often as there are such, a joint's number from 1; "
+        "`*` in a pose's name is any text, `?` one character: `1:j1-*`. A joint that is named has these sweeps alone; "
+        "those of the others are recognised. All poses of a sweep must have the other joints at rest.",
+    ),
+]
+
+
+@router.get(
+    "/dh",
+    response_model=DhAnalysis,
+    responses=_RESPONSES,
+)
+async def get_dh(
+    session_id: SessionPath,
+    request: Request,
+    form: FormDep,
+    method: MethodQuery = "global",
+    estimator: EstimatorQuery = "pooled",
+    source: SourceQuery = "images",
+    joint_tolerance_deg: ToleranceQuery = 0.02,
+    sweep: SweepQuery = None,
 ) -> Response:
-    """Answer with a document of the analysis desk, or that the client has it."""
-    answer = service.analyses.answer(
-        service.installation, analysis, session_id, settings, _entity_tags(known)
-    )
-    headers = {"ETag": answer.etag, "Cache-Control": "private, no-cache"}
-    if answer.body is None:
-        return Response(status_code=304, headers=headers)
-    return Response(answer.body, media_type=media_type, headers=headers)
-
-
-def _entity_tags(known: str | None) -> frozenset[str]:
-    """Return the tags of an If-None-Match header; weak ones compare as strong ones do (RFC 9110, 13.1.2)."""
-    if known is None:
-        return frozenset()
-    return frozenset(tag.strip().removeprefix("W/") for tag in known.split(","))
+    """Identify the robot's Denavit-Hartenberg parameters from poses at known joint angles."""
+    settings = {
+        "method": method,
+        "estimator": estimator,
+        "source": source,
+        "joint_tolerance_deg": repr(joint_tolerance_deg),
+    }
+    if sweep:
+        settings["sweeps"] = sweeps_setting(sweep)
+    return await answer_in_form(request, "dh", DhAnalysis, session_id, settings, form)

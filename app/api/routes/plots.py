@@ -1,21 +1,25 @@
-"""/v1/sessions/{session_id}: analyses as pictures"""
+"""/v1/sessions/{session_id}: analyses as plots"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import Annotated, Any
 
-from fastapi import Query, Response
+from fastapi import Depends, Query, Request, Response
+from starlette.concurrency import run_in_threadpool
 
-from app.api.contract import Service, ServiceDep, contract_router, problems
-from app.api.routes.analyses import ETAG_HEADER, EstimatorQuery, KnownTags, SourceQuery, answer_analysis
+from app.api.dependencies import AppContext, SessionPath, get_app_context
+from app.api.representations import KnownTags, answer_analysis, binary_content, stated_media_type
+from app.api.routes.analyses import ETAG_HEADER, EstimatorQuery, SourceQuery
+from app.api.routing import api_router, problem_responses
 from app.api.schemas.common import Text
 from app.services import poses
-from app.services.lookup import POSE_ID
+from app.services.queries import POSE_ID
 
 SVG = "image/svg+xml"
+_CONTENT = {SVG: {"schema": {"type": "string"}}, **binary_content()}
 
-router = contract_router(prefix="/v1/sessions/{session_id}", tags=["analyses"])
+router = api_router(prefix="/v1/sessions/{session_id}", tags=["analyses"])
 
 PoseQuery = Annotated[
     str | None, Query(pattern=POSE_ID, description="This pose alone; all of them by default, 40 at most.")
@@ -25,11 +29,23 @@ FocusGroupQuery = Annotated[
 ]
 
 
+@dataclass
+class PosePlot:
+    """What a plot of poses shows, by the query."""
+
+    pose_id: PoseQuery = None
+    estimator: EstimatorQuery = "pooled"
+    source: SourceQuery = "images"
+
+
+PosePlotDep = Annotated[PosePlot, Depends()]
+
+
 def _responses(shown: str) -> dict[int | str, dict[str, Any]]:
     return {
-        200: {"description": shown, "content": {SVG: {"schema": {"type": "string"}}}, "headers": ETAG_HEADER},
-        304: {"description": "The client has this picture already.", "headers": ETAG_HEADER},
-        **problems(404, 409, 422, 503),
+        200: {"description": shown, "content": _CONTENT, "headers": ETAG_HEADER},
+        304: {"description": "The client has this plot already.", "headers": ETAG_HEADER},
+        **problem_responses(404, 409, 422, 503),
     }
 
 
@@ -41,17 +57,11 @@ def _responses(shown: str) -> dict[int | str, dict[str, Any]]:
         "instrument's noise."
     ),
 )
-def get_scatter_plot(
-    session_id: str,
-    service: ServiceDep,
-    pose_id: PoseQuery = None,
-    estimator: EstimatorQuery = "pooled",
-    source: SourceQuery = "images",
-    known: KnownTags = None,
+async def get_scatter_plot(
+    session_id: SessionPath, request: Request, chosen: PosePlotDep, known: KnownTags = None
 ) -> Response:
     """Draw how the positions of each pose scatter, and how much of that is the instrument's."""
-    settings = {"estimator": estimator, "source": source}
-    return _answer(service, "scatter_plot", session_id, settings, {"pose_id": pose_id}, known)
+    return await _answer_for_poses(request, "scatter_plot", session_id, chosen, known)
 
 
 @router.get(
@@ -61,17 +71,11 @@ def get_scatter_plot(
         "For every pose x, y and z over the cycles, with the means of blocks of ten cycles."
     ),
 )
-def get_drift_plot(
-    session_id: str,
-    service: ServiceDep,
-    pose_id: PoseQuery = None,
-    estimator: EstimatorQuery = "pooled",
-    source: SourceQuery = "images",
-    known: KnownTags = None,
+async def get_drift_plot(
+    session_id: SessionPath, request: Request, chosen: PosePlotDep, known: KnownTags = None
 ) -> Response:
     """Draw how the poses move over the cycles."""
-    settings = {"estimator": estimator, "source": source}
-    return _answer(service, "drift_plot", session_id, settings, {"pose_id": pose_id}, known)
+    return await _answer_for_poses(request, "drift_plot", session_id, chosen, known)
 
 
 @router.get(
@@ -79,29 +83,37 @@ def get_drift_plot(
     response_class=Response,
     responses=_responses("For every focus group the mean residuals over the image, and the residuals' size."),
 )
-def get_residual_map(
-    session_id: str,
-    service: ServiceDep,
+async def get_residual_map(
+    session_id: SessionPath,
+    request: Request,
     estimator: EstimatorQuery = "pooled",
     focus_group: FocusGroupQuery = None,
     known: KnownTags = None,
 ) -> Response:
     """Draw what the camera model leaves over, by place in the image."""
-    settings = {"estimator": estimator}
-    return _answer(service, "residual_map", session_id, settings, {"focus_group": focus_group}, known)
+    settings: dict[str, str] = {"estimator": estimator}
+    if focus_group is not None:
+        settings["focus_group"] = focus_group
+    return await _answer(request, "residual_map", session_id, settings, known)
 
 
-def _answer(
-    service: Service,
-    analysis: str,
-    session_id: str,
-    settings: Mapping[str, str],
-    chosen: Mapping[str, str | None],
-    known: str | None,
+async def _answer_for_poses(
+    request: Request, analysis: str, session_id: str, chosen: PosePlot, known: str | None
 ) -> Response:
-    pose_id = chosen.get("pose_id")
-    if pose_id is not None:
-        with service.installation.database.read() as records:
-            poses.get_pose(records, session_id, pose_id)
-    settings = {**settings, **{name: value for name, value in chosen.items() if value is not None}}
-    return answer_analysis(service, analysis, session_id, settings, known, media_type=SVG)
+    settings: dict[str, str] = {"estimator": chosen.estimator, "source": chosen.source}
+    if chosen.pose_id is not None:
+        settings["pose_id"] = chosen.pose_id
+        await run_in_threadpool(_check_pose, await get_app_context(request), session_id, chosen.pose_id)
+    return await _answer(request, analysis, session_id, settings, known)
+
+
+async def _answer(
+    request: Request, analysis: str, session_id: str, settings: dict[str, str], known: str | None
+) -> Response:
+    media_type = stated_media_type(request.headers.get("accept"), SVG)
+    return await answer_analysis(request, analysis, session_id, settings, known, media_type=media_type)
+
+
+def _check_pose(service: AppContext, session_id: str, pose_id: str) -> None:
+    with service.installation.database.read() as records:
+        poses.get_pose(records, session_id, pose_id)

@@ -2,58 +2,82 @@
 
 from __future__ import annotations
 
-from typing import Annotated
+from fastapi import Request, Response
 
-from fastapi import Path, Response
-
-from app.api.contract import Cursor, Limit, ServiceDep, contract_router, problems
-from app.api.schemas.common import PoseTag
-from app.api.schemas.measurements import PoseList, PosePage, PoseRead, PoseWrite
-from app.api.views import pose_document
+from app.api.dependencies import AppContextDep, Cursor, Limit, PosePath, SessionPath
+from app.api.json_body import json_answer
+from app.api.middleware.authentication import holds
+from app.api.responses import pose_document, stored_documents
+from app.api.routing import CSV_BODY, api_router, problem_responses
+from app.api.schemas.poses import PoseList, PosePage, PoseRead, PoseWrite
 from app.services import poses
 
-router = contract_router(prefix="/v1/sessions/{session_id}/poses", tags=["poses"])
-PosePath = Annotated[PoseTag, Path(description="The user's own tag of the pose.")]
+router = api_router(prefix="/v1/sessions/{session_id}/poses", tags=["poses"])
 
 
 @router.put(
     "/{pose_id}",
     responses={
-        **problems(404, 413, 415, 422, 507),
+        **problem_responses(404, 409, 413, 415, 422, 507),
         201: {"model": PoseRead, "description": "The pose is new."},
     },
 )
 def put_pose(
-    session_id: str, pose_id: PosePath, body: PoseWrite, service: ServiceDep, response: Response
+    session_id: SessionPath,
+    pose_id: PosePath,
+    body: PoseWrite,
+    service: AppContextDep,
+    request: Request,
+    response: Response,
 ) -> PoseRead:
-    """Say what the robot was told at a pose: 201 for a new pose, 200 for one replaced."""
+    """Set the commanded values of a pose: 201 for a new pose, 200 for one replaced.
+
+    A key of scope `ingest` may not change or remove a value that is stored: 409.
+    """
+    commanded = poses.CommandedPose(**body.model_dump())
+    overwrite = holds(request, "upload")
     with service.installation.database.write() as records:
-        pose, is_new = poses.put_pose(records, session_id, pose_id, poses.CommandedPose(**body.model_dump()))
+        pose, is_new = poses.put_pose(records, session_id, pose_id, commanded, overwrite=overwrite)
     if is_new:
         response.status_code = 201
         response.headers["Location"] = f"/v1/sessions/{session_id}/poses/{pose_id}"
     return pose_document(pose)
 
 
-@router.post("", tags=["bulk"], responses=problems(404, 413, 415, 422, 507))
-def put_poses(session_id: str, body: PoseList, service: ServiceDep) -> PosePage:
-    """Store many poses at once, new or replaced: all or nothing."""
+@router.post(
+    "",
+    tags=["bulk"],
+    response_model=PosePage,
+    responses=problem_responses(404, 409, 413, 415, 422, 507),
+    openapi_extra=CSV_BODY,
+)
+def put_poses(session_id: SessionPath, body: PoseList, service: AppContextDep, request: Request) -> Response:
+    """Store many poses at once, new or replaced, up to 20,000: all or nothing.
+
+    A JSON list, or a CSV table with the same names in its header: an empty cell is null, `position_mm` may be the
+    columns `position_x_mm`, `position_y_mm` and `position_z_mm`, and `joint_angles_deg` is one cell of numbers.
+
+    A key of scope `ingest` may not change or remove a value that is stored: 409.
+    """
     items = [(item.pose_id, poses.CommandedPose(**item.model_dump(exclude={"pose_id"}))) for item in body]
     with service.installation.database.write() as records:
-        poses.put_poses(records, session_id, items)
-    return PosePage(items=[PoseRead.model_validate(item) for item in body], next_cursor=None)
+        poses.put_poses(records, session_id, items, overwrite=holds(request, "upload"))
+    return json_answer(PosePage(items=[PoseRead.model_validate(item) for item in body], next_cursor=None))
 
 
-@router.get("", responses=problems(404, 422))
-def list_poses(session_id: str, service: ServiceDep, limit: Limit = 50, cursor: Cursor = None) -> PosePage:
+@router.get("", responses=problem_responses(404, 422))
+def list_poses(
+    session_id: SessionPath, service: AppContextDep, limit: Limit = 50, cursor: Cursor = None
+) -> PosePage:
     """List a session's poses, oldest first."""
     with service.installation.database.read() as records:
         rows, next_cursor = poses.list_poses(records, session_id, limit=limit, cursor=cursor)
-    return PosePage(items=[pose_document(row) for row in rows], next_cursor=next_cursor)
+    items, warnings = stored_documents(pose_document, rows, lambda row: row.pose_id)
+    return PosePage(items=items, next_cursor=next_cursor, warnings=warnings)
 
 
-@router.get("/{pose_id}", responses=problems(404, 422))
-def get_pose(session_id: str, pose_id: PosePath, service: ServiceDep) -> PoseRead:
+@router.get("/{pose_id}", responses=problem_responses(404, 409, 422))
+def get_pose(session_id: SessionPath, pose_id: PosePath, service: AppContextDep) -> PoseRead:
     """Return one pose."""
     with service.installation.database.read() as records:
         return pose_document(poses.get_pose(records, session_id, pose_id))

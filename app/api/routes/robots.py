@@ -2,36 +2,94 @@
 
 from __future__ import annotations
 
-from fastapi import Response
+import json
+from typing import Any
 
-from app.api.contract import Cursor, Limit, ServiceDep, contract_router, problems
-from app.api.schemas.resources import RobotCreate, RobotPage, RobotRead
+from fastapi import Request, Response
+from starlette.concurrency import run_in_threadpool
+
+from app.api.dependencies import AcceptImplausible, AppContext, AppContextDep, Cursor, Limit, RobotPath
+from app.api.requester import RequesterDep, run_while_connected
+from app.api.responses import stored_document, stored_documents
+from app.api.routing import api_router, problem_responses
+from app.api.schemas.analyses import DhPlan, DhPlanCreate
+from app.api.schemas.robots import RobotCreate, RobotPage, RobotRead
 from app.records.tables import Robot
 from app.services import robots
-from app.services.lookup import find
+from app.services.plausibility import check_joints
+from app.services.queries import get_or_raise
+from app.services.robots import read_plan
 
-router = contract_router(prefix="/v1/robots", tags=["robots"])
+router = api_router(prefix="/v1/robots", tags=["robots"])
 
 
-@router.post("", status_code=201, responses=problems(413, 415, 422, 507))
-def create_robot(body: RobotCreate, service: ServiceDep, response: Response) -> RobotRead:
-    """Make a robot with its nominal Denavit-Hartenberg parameters."""
+@router.post("", status_code=201, responses=problem_responses(413, 415, 422, 507))
+def create_robot(
+    body: RobotCreate,
+    service: AppContextDep,
+    response: Response,
+    accept_implausible: AcceptImplausible = False,
+) -> RobotRead:
+    """Make a robot with its nominal Denavit-Hartenberg parameters.
+
+    Twists or limits in radians, and links in metres, are 422 `implausible_unit`: all of them small, as no arm's are.
+    """
+    fields = body.model_dump()
+    if not accept_implausible:
+        check_joints(fields["joints"])
     with service.installation.database.write() as records:
-        robot = robots.create_robot(records, **body.model_dump())
+        robot = robots.create_robot(records, **fields)
     response.headers["Location"] = f"/v1/robots/{robot.id}"
-    return RobotRead.model_validate(robot)
+    return _document(robot)
 
 
-@router.get("", responses=problems(422))
-def list_robots(service: ServiceDep, limit: Limit = 50, cursor: Cursor = None) -> RobotPage:
+@router.get("", responses=problem_responses(422))
+def list_robots(service: AppContextDep, limit: Limit = 50, cursor: Cursor = None) -> RobotPage:
     """List robots, oldest first."""
     with service.installation.database.read() as records:
         rows, next_cursor = robots.list_robots(records, limit=limit, cursor=cursor)
-    return RobotPage(items=[RobotRead.model_validate(row) for row in rows], next_cursor=next_cursor)
+    items, warnings = stored_documents(_document, rows, lambda row: row.id)
+    return RobotPage(items=items, next_cursor=next_cursor, warnings=warnings)
 
 
-@router.get("/{robot_id}", responses=problems(404))
-def get_robot(robot_id: str, service: ServiceDep) -> RobotRead:
+@router.get("/{robot_id}", responses=problem_responses(404, 409))
+def get_robot(robot_id: RobotPath, service: AppContextDep) -> RobotRead:
     """Return one robot."""
     with service.installation.database.read() as records:
-        return RobotRead.model_validate(find(records, Robot, robot_id))
+        return _document(get_or_raise(records, Robot, robot_id))
+
+
+@router.delete("/{robot_id}", status_code=204, responses=problem_responses(404, 409, 507))
+def delete_robot(robot_id: RobotPath, service: AppContextDep) -> None:
+    """Delete a robot that no session names; else 409 `robot_in_use`."""
+    with service.installation.database.write() as records:
+        robots.delete_robot(records, robot_id)
+
+
+def _document(row: Robot) -> RobotRead:
+    return stored_document(RobotRead, row, "robot")
+
+
+plans = api_router(prefix="/v1/robots/{robot_id}", tags=["analyses"])
+
+
+@plans.post("/dh-plan", response_model=DhPlan, responses=problem_responses(404, 409, 413, 415, 422, 503))
+async def create_dh_plan(
+    robot_id: RobotPath, body: DhPlanCreate, request: Request, service: AppContextDep, requester: RequesterDep
+) -> Response:
+    """Predict which parameters of a robot given poses would determine, and suggest the most informative further poses.
+
+    Nothing is stored. The robot's nominal parameters are used, and a grid straight before the camera at home.
+    """
+    joints, target = await run_in_threadpool(_read_plan, service, robot_id, body.target_id)
+    asked = body.model_dump(exclude={"target_id"})
+    document = await run_while_connected(request, service.analyses.plan(joints, target, asked, requester))
+    ids = json.dumps({"robot_id": robot_id, "target_id": body.target_id})
+    return Response(ids[:-1].encode() + b"," + document[1:], media_type="application/json")
+
+
+def _read_plan(
+    service: AppContext, robot_id: str, target_id: str
+) -> tuple[list[dict[str, float]], dict[str, Any]]:
+    with service.installation.database.read() as records:
+        return read_plan(records, robot_id, target_id)

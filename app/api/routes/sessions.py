@@ -4,16 +4,24 @@ from __future__ import annotations
 
 from fastapi import Response
 
-from app.api.contract import Cursor, Limit, ServiceDep, contract_router, problems
-from app.api.schemas.resources import SessionChange, SessionCreate, SessionPage, SessionRead
-from app.api.views import session_document
-from app.services import sessions
+from app.api.dependencies import AppContextDep, Cursor, Limit, SessionPath
+from app.api.responses import session_document, stored_documents
+from app.api.routing import api_router, problem_responses
+from app.api.schemas.sessions import (
+    ReprocessCreate,
+    ReprocessRead,
+    SessionChange,
+    SessionCreate,
+    SessionPage,
+    SessionRead,
+)
+from app.services import measurements, sessions
 
-router = contract_router(prefix="/v1/sessions", tags=["sessions"])
+router = api_router(prefix="/v1/sessions", tags=["sessions"])
 
 
-@router.post("", status_code=201, responses=problems(413, 415, 422, 507))
-def create_session(body: SessionCreate, service: ServiceDep, response: Response) -> SessionRead:
+@router.post("", status_code=201, responses=problem_responses(413, 415, 422, 507))
+def create_session(body: SessionCreate, service: AppContextDep, response: Response) -> SessionRead:
     """Begin a session: one camera looking at one or more targets."""
     with service.installation.database.write() as records:
         view = sessions.create_session(records, sessions.NewSession(**body.model_dump()))
@@ -21,31 +29,51 @@ def create_session(body: SessionCreate, service: ServiceDep, response: Response)
     return session_document(view)
 
 
-@router.get("", responses=problems(422))
-def list_sessions(service: ServiceDep, limit: Limit = 50, cursor: Cursor = None) -> SessionPage:
+@router.get("", responses=problem_responses(422))
+def list_sessions(service: AppContextDep, limit: Limit = 50, cursor: Cursor = None) -> SessionPage:
     """List sessions, oldest first."""
     with service.installation.database.read() as records:
         views, next_cursor = sessions.list_sessions(records, limit=limit, cursor=cursor)
-    return SessionPage(items=[session_document(view) for view in views], next_cursor=next_cursor)
+    items, warnings = stored_documents(session_document, views, lambda view: view.session.id)
+    return SessionPage(items=items, next_cursor=next_cursor, warnings=warnings)
 
 
-@router.get("/{session_id}", responses=problems(404))
-def get_session(session_id: str, service: ServiceDep) -> SessionRead:
+@router.get("/{session_id}", responses=problem_responses(404, 409))
+def get_session(session_id: SessionPath, service: AppContextDep) -> SessionRead:
     """Return one session with the counts of its measurements."""
     with service.installation.database.read() as records:
         view = sessions.get_session(records, session_id)
     return session_document(view)
 
 
-@router.patch("/{session_id}", responses=problems(404, 413, 415, 422, 507))
-def update_session(session_id: str, body: SessionChange, service: ServiceDep) -> SessionRead:
-    """Change a session; measurements already computed stay as they are until they are retried."""
+@router.patch("/{session_id}", responses=problem_responses(404, 409, 413, 415, 422, 507))
+def update_session(session_id: SessionPath, body: SessionChange, service: AppContextDep) -> SessionRead:
+    """Change a session; results stay until they are computed again.
+
+    With other `target_ids`, images with a measurement whose target went are searched again, and images sent without a
+    target are searched for new targets. After a change of `lens` or `intrinsics`, ask for `reprocess`.
+    """
     with service.installation.database.write() as records:
-        view = sessions.change_session(records, session_id, body.model_dump(exclude_unset=True))
+        # Whole values of the fields sent: within them, what is left away is null.
+        changes = body.model_dump(include=body.model_fields_set)
+        view = sessions.update_session(records, session_id, changes)
+    service.installation.queue.notify()
     return session_document(view)
 
 
-@router.delete("/{session_id}", status_code=204, responses=problems(404))
-def delete_session(session_id: str, service: ServiceDep) -> None:
+@router.post("/{session_id}/reprocess", status_code=202, responses=problem_responses(404, 413, 415, 422, 507))
+def reprocess_session(
+    session_id: SessionPath, body: ReprocessCreate, service: AppContextDep, response: Response
+) -> ReprocessRead:
+    """Compute a session's measurements again, all or those that failed; results stay until others replace them."""
+    requeued = measurements.reprocess_session(service.installation, session_id, only=body.only)
+    response.headers["Location"] = f"/v1/sessions/{session_id}"
+    with service.installation.database.read() as records:
+        counts = sessions.get_session(records, session_id).counts
+    return ReprocessRead.model_validate({"requeued": requeued, "counts": counts})
+
+
+@router.delete("/{session_id}", status_code=204, responses=problem_responses(404))
+def delete_session(session_id: SessionPath, service: AppContextDep) -> None:
     """Delete a session with everything in it; originals that another session also holds stay."""
     sessions.delete_session(service.installation.database, service.installation.blobs, session_id)

@@ -4,34 +4,59 @@ from __future__ import annotations
 
 from fastapi import Response
 
-from app.api.contract import Cursor, Limit, ServiceDep, contract_router, problems
-from app.api.schemas.resources import TargetCreate, TargetPage, TargetRead
+from app.api.dependencies import AcceptImplausible, AppContextDep, Cursor, Limit, TargetPath
+from app.api.responses import stored_document, stored_documents
+from app.api.routing import api_router, problem_responses
+from app.api.schemas.targets import TargetCreate, TargetPage, TargetRead
 from app.records.tables import Target
 from app.services import targets
-from app.services.lookup import find
+from app.services.plausibility import check_pitch
+from app.services.queries import get_or_raise
 
-router = contract_router(prefix="/v1/targets", tags=["targets"])
+router = api_router(prefix="/v1/targets", tags=["targets"])
 
 
-@router.post("", status_code=201, responses=problems(413, 415, 422, 507))
-def create_target(body: TargetCreate, service: ServiceDep, response: Response) -> TargetRead:
-    """Make a printed target."""
+@router.post("", status_code=201, responses=problem_responses(413, 415, 422, 507))
+def create_target(
+    body: TargetCreate,
+    service: AppContextDep,
+    response: Response,
+    accept_implausible: AcceptImplausible = False,
+) -> TargetRead:
+    """Make a printed target.
+
+    A pitch below 0.2 mm is 422 `implausible_unit`: it is almost surely in metres.
+    """
+    if not accept_implausible:
+        check_pitch(body.pitch_mm)
     with service.installation.database.write() as records:
         target = targets.create_target(records, targets.NewTarget(**body.model_dump()))
     response.headers["Location"] = f"/v1/targets/{target.id}"
-    return TargetRead.model_validate(target)
+    return _document(target)
 
 
-@router.get("", responses=problems(422))
-def list_targets(service: ServiceDep, limit: Limit = 50, cursor: Cursor = None) -> TargetPage:
+@router.get("", responses=problem_responses(422))
+def list_targets(service: AppContextDep, limit: Limit = 50, cursor: Cursor = None) -> TargetPage:
     """List targets, oldest first."""
     with service.installation.database.read() as records:
         rows, next_cursor = targets.list_targets(records, limit=limit, cursor=cursor)
-    return TargetPage(items=[TargetRead.model_validate(row) for row in rows], next_cursor=next_cursor)
+    items, warnings = stored_documents(_document, rows, lambda row: row.id)
+    return TargetPage(items=items, next_cursor=next_cursor, warnings=warnings)
 
 
-@router.get("/{target_id}", responses=problems(404))
-def get_target(target_id: str, service: ServiceDep) -> TargetRead:
+@router.get("/{target_id}", responses=problem_responses(404, 409))
+def get_target(target_id: TargetPath, service: AppContextDep) -> TargetRead:
     """Return one target."""
     with service.installation.database.read() as records:
-        return TargetRead.model_validate(find(records, Target, target_id))
+        return _document(get_or_raise(records, Target, target_id))
+
+
+@router.delete("/{target_id}", status_code=204, responses=problem_responses(404, 409, 507))
+def delete_target(target_id: TargetPath, service: AppContextDep) -> None:
+    """Delete a target that no session and no measurement refers to; else 409 `target_in_use`."""
+    with service.installation.database.write() as records:
+        targets.delete_target(records, target_id)
+
+
+def _document(row: Target) -> TargetRead:
+    return stored_document(TargetRead, row, "target")

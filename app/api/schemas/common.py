@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 import unicodedata
-from datetime import UTC, datetime
+from datetime import UTC, datetime, timedelta
 from typing import Annotated, Any
 
 from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field
@@ -33,6 +33,35 @@ class ResponseModel(BaseModel):
     model_config = ConfigDict(from_attributes=True)
 
 
+Code = Annotated[
+    str, Field(description="Stable name in snake_case, for programs; docs/errors.md lists failures.")
+]
+Detail = Annotated[str, Field(description="What was found, in a sentence with its figures, for people.")]
+Advice = Annotated[str | None, Field(description="What to do about it; null where nothing is to be done.")]
+NextCursor = Annotated[
+    str | None, Field(description="Pass it as `cursor` to get the next page; null on the last page.")
+]
+
+
+class AdvisoryRead(ResponseModel):
+    """A warning or a piece of advice that accompanies a result."""
+
+    code: Code
+    detail: Detail
+    advice: Advice
+
+
+class StoredPage(ResponseModel):
+    """A page of stored rows."""
+
+    next_cursor: NextCursor
+    warnings: list[AdvisoryRead] = Field(
+        default_factory=list,
+        description="One for each row of this page that is missing in `items` since it cannot be read "
+        "(`row_unreadable`); empty in a sound database.",
+    )
+
+
 def _digits(value: Any) -> Any:
     if isinstance(value, str) and not _DIGITS.fullmatch(value):
         raise ValueError("must be a whole number in plain digits")
@@ -45,10 +74,15 @@ def _utc(value: Any) -> Any:
     if not _RFC3339.fullmatch(value):
         raise ValueError("must be a time as RFC 3339 has it, with its offset, such as 2026-01-31T12:00:00Z")
     try:
-        moment = datetime.fromisoformat(value.upper().replace(" ", "T"))
-        return moment.astimezone(UTC)
+        moment = datetime.fromisoformat(value.upper().replace(" ", "T")).astimezone(UTC)
     except (ValueError, OverflowError):
         raise ValueError("is no date and time that exists") from None
+    latest = datetime.now(UTC) + MAX_MOMENT_AHEAD
+    if not MIN_MOMENT <= moment <= latest:
+        raise ValueError(
+            f"must lie between {MIN_MOMENT:%Y-%m-%d} and one day ahead of the server's clock, {latest:%Y-%m-%dT%H:%MZ}"
+        )
+    return moment
 
 
 def _visible(value: str) -> str:
@@ -78,6 +112,10 @@ MAX_JOINTS = 12
 MAX_ANGLE_DEG = 1e6
 MAX_LENGTH_MM = 1e9
 MAX_CYCLE = 2**31 - 1
+MIN_MOMENT = datetime(1990, 1, 1, tzinfo=UTC)
+MAX_MOMENT_AHEAD = timedelta(days=1)
+"""A camera's clock may run ahead of the server's, or be set to another zone; beyond that it is simply wrong."""
+CAPTURED = "When the image was taken: between 1990 and one day ahead of the server's clock."
 
 Text = Annotated[str, Field(min_length=1, max_length=200, pattern=PRINTABLE), AfterValidator(_visible)]
 Identifier = Annotated[str, Field(min_length=1, max_length=64, pattern=PRINTABLE)]
@@ -91,6 +129,7 @@ PositiveLength = Annotated[float, Field(gt=0, le=MAX_LENGTH_MM)]
 Coordinate = Annotated[float, Field(ge=-MAX_LENGTH_MM, le=MAX_LENGTH_MM)]
 Angle = Annotated[float, Field(ge=-MAX_ANGLE_DEG, le=MAX_ANGLE_DEG)]
 JointAngles = Annotated[list[Angle], Field(min_length=1, max_length=MAX_JOINTS)]
-PlainInt = Annotated[int, BeforeValidator(_digits)]
-Cycle = Annotated[int, BeforeValidator(_digits), Field(ge=1, le=MAX_CYCLE)]
-Moment = Annotated[datetime, BeforeValidator(_utc)]
+PlainDigits = BeforeValidator(_digits)
+"""After a number's bounds, which then stay in the contract as `minimum` and `maximum`."""
+Cycle = Annotated[int, Field(ge=1, le=MAX_CYCLE), PlainDigits]
+Moment = Annotated[datetime, BeforeValidator(_utc), Field(description=CAPTURED)]

@@ -1,0 +1,26 @@
+"""Forms of an answer: JSON, tables as CSV, drawings; which of them a client prefers; and lists sent as CSV."""
+
+from app.api.representations.analysis_answers import FormDep, KnownTags, answer_analysis, answer_in_form
+from app.api.representations.csv_lists import read_csv_list
+from app.api.representations.drawings import (
+    AcceptHeader,
+    binary_content,
+    draw_overlay,
+    preferred_media_type,
+    stated_media_type,
+)
+from app.api.representations.preferences import CSV
+
+__all__ = [
+    "CSV",
+    "AcceptHeader",
+    "FormDep",
+    "KnownTags",
+    "answer_analysis",
+    "answer_in_form",
+    "binary_content",
+    "draw_overlay",
+    "preferred_media_type",
+    "read_csv_list",
+    "stated_media_type",
+]

@@ -1,0 +1,143 @@
+"""Analyses as answers: JSON, or one of their tables as CSV, and whether the client has the answer already."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from typing import Annotated
+
+from fastapi import Depends, Header, Query, Request, Response
+from pydantic import BaseModel
+from starlette.concurrency import run_in_threadpool
+
+from app.api.dependencies import get_app_context
+from app.api.representations.analysis_tables import tables_of, write_table
+from app.api.representations.preferences import CSV, prefers_csv
+from app.api.requester import get_requester, run_while_connected
+from app.errors import InvalidContent
+
+KnownTags = Annotated[
+    str | None,
+    Header(
+        alias="If-None-Match",
+        max_length=4096,
+        description="Entity tags (`ETag`) of answers that the client has, separated by commas; 304 if one is "
+        "still valid.",
+    ),
+]
+
+
+@dataclass
+class AnswerForm:
+    """In what form a client wants an analysis, and which answers it has."""
+
+    known: KnownTags = None
+    accept: Annotated[
+        str | None,
+        Header(
+            alias="Accept",
+            max_length=1000,
+            description="`text/csv` for one table of the analysis; otherwise the answer is JSON.",
+        ),
+    ] = None
+    table: Annotated[
+        str | None,
+        Query(
+            max_length=64,
+            pattern=r"^[a-z_.]+$",
+            description="With `Accept: text/csv`: which table, by the lists' names in the JSON, such as "
+            "`poses.outliers`; `summary` is one row of all that is in no list.",
+        ),
+    ] = None
+
+
+FormDep = Annotated[AnswerForm, Depends()]
+
+
+DEFAULT_TABLES = {
+    "intrinsics": "groups",
+    "repeatability": "poses",
+    "camera_poses": "camera_poses",
+    "hand_eye": "summary",
+    "dh": "joints",
+    "comparison": "calibrations",
+}
+
+
+async def answer_in_form(
+    request: Request,
+    analysis: str,
+    model: type[BaseModel],
+    session_id: str,
+    settings: dict[str, str],
+    form: AnswerForm,
+) -> Response:
+    """Answer with an analysis as JSON, or with one of its tables as CSV."""
+    tables = tables_of(model)
+    name = form.table or DEFAULT_TABLES[analysis]
+    if name not in tables:
+        raise InvalidContent(
+            "The analysis has no such table.",
+            f"Ask for one of {', '.join(tables)}.",
+            code="unknown_table",
+            errors=[("table", "names no table of this analysis")],
+        )
+    if not prefers_csv(form.accept):
+        found = await answer_analysis(request, analysis, session_id, settings, form.known)
+        found.headers["Vary"] = "Accept"
+        return found
+    found = await answer_analysis(
+        request, analysis, session_id, settings, _tags_of_document(form.known, name)
+    )
+    headers = {
+        "ETag": f'{found.headers["ETag"][:-1]}-{name}"',
+        "Cache-Control": found.headers["Cache-Control"],
+        "Vary": "Accept",
+    }
+    if found.status_code == 304:
+        return Response(status_code=304, headers=headers)
+    headers["Content-Disposition"] = f'inline; filename="{analysis}-{name}.csv"'
+    text = await run_in_threadpool(lambda: write_table(tables[name], json.loads(bytes(found.body))))
+    return Response(text, media_type=f"{CSV}; header=present", headers=headers)
+
+
+def _tags_of_document(known: str | None, table: str) -> str | None:
+    """Return the tags of documents whose table the client has: a table's tag is the document's with its name."""
+    suffix = f'-{table}"'
+    tags = _entity_tags(known)
+    found = [f'{tag.removesuffix(suffix)}"' for tag in sorted(tags) if tag.endswith(suffix)]
+    return ",".join([*found, *({"*"} & tags)]) or None
+
+
+async def answer_analysis(
+    request: Request,
+    analysis: str,
+    session_id: str,
+    settings: dict[str, str],
+    known: str | None,
+    media_type: str = "application/json",
+) -> Response:
+    """Answer with a document of the analysis service, or that the client has it; a client that leaves ends its own."""
+    service = await get_app_context(request)
+    answer = await run_while_connected(
+        request,
+        service.analyses.answer(
+            service.installation,
+            analysis,
+            session_id,
+            settings,
+            _entity_tags(known),
+            await get_requester(request),
+        ),
+    )
+    headers = {"ETag": answer.etag, "Cache-Control": "private, no-cache"}
+    if answer.body is None:
+        return Response(status_code=304, headers=headers)
+    return Response(answer.body, media_type=media_type, headers=headers)
+
+
+def _entity_tags(known: str | None) -> frozenset[str]:
+    """Return the tags of an If-None-Match header; weak ones compare as strong ones do (RFC 9110, 13.1.2)."""
+    if known is None:
+        return frozenset()
+    return frozenset(tag.strip().removeprefix("W/") for tag in known.split(","))

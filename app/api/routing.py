@@ -1,0 +1,205 @@
+"""Routes that keep the contract: the order of errors, strict bodies, documented problems."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection, Coroutine, Mapping
+from typing import Any, get_args, get_origin
+
+import structlog
+from fastapi import APIRouter, Request
+from fastapi.dependencies.models import Dependant
+from fastapi.routing import APIRoute
+from starlette.concurrency import run_in_threadpool
+from starlette.responses import Response
+
+from app.api.dependencies import get_app_context
+from app.api.json_body import (
+    INLINE_LIMIT,
+    MIB,
+    BodyReader,
+    arriving,
+    collector_off,
+    parse,
+    read_body,
+    require_json,
+    stated_length,
+    stated_media_type,
+)
+from app.api.middleware.authentication import authorize
+from app.api.problems import MEDIA_TYPE
+from app.api.representations import CSV, read_csv_list
+from app.api.requester import get_requester
+from app.errors import InvalidContent, NotFound
+from app.records.activity import acting
+from app.records.tables import Measurement, Robot, Session, Table, Target
+from app.services.context import ServiceContext
+from app.services.queries import NOUNS, exists
+
+log = structlog.get_logger(__name__)
+BODY_LIMIT = MIB
+BULK_LIMIT = 16 * MIB
+TAKE_CSV = frozenset({"put_poses", "put_measured_poses"})
+"""Operations whose list may be sent as a CSV table."""
+_PROBLEM_REFERENCE = {"content": {MEDIA_TYPE: {"schema": {"$ref": "#/components/schemas/Problem"}}}}
+_DESCRIPTIONS = {
+    401: "No valid key was sent.",
+    403: "The key's scope does not allow this.",
+    404: "There is no such resource.",
+    409: "The state of the resource does not allow this now.",
+    413: "The body is too large.",
+    415: "The body's media type or image format is not taken here.",
+    422: "The content is not valid.",
+    429: "The key has sent what its quota allows in a day.",
+    503: "The service cannot do this just now.",
+    507: "There is no room to store this.",
+}
+CSV_BODY = {
+    "requestBody": {
+        "content": {
+            CSV: {
+                "schema": {
+                    "type": "string",
+                    "description": "A table whose header has the names of the JSON list's fields (RFC 4180, UTF-8).",
+                }
+            }
+        }
+    }
+}
+"""That an operation takes its list as CSV, too."""
+_PARENTS: dict[str, type[Table]] = {
+    "target_id": Target,
+    "robot_id": Robot,
+    "session_id": Session,
+    "measurement_id": Measurement,
+}
+
+
+class StrictRoute(APIRoute):
+    """A route that looks at the key's scope first (403), then at the address (404), then at the body.
+
+    Of the body at the media type, the size, the JSON and the fields, in this order.
+    """
+
+    def get_route_handler(self) -> Callable[[Request], Coroutine[Any, Any, Response]]:
+        answer = super().get_route_handler()
+        limit = BULK_LIMIT if "bulk" in self.tags else BODY_LIMIT
+        # An analysis whose settings were misspelt would be another one than was asked for.
+        parameters = query_parameters(self.dependant)
+        strict = "analyses" in self.tags
+        operation = self.name
+        reader = BodyReader(self.body_field.field_info) if self.body_field is not None else None
+
+        async def handle(request: Request) -> Response:
+            with acting(authorize(request, operation)):
+                return await handle_allowed(request)
+
+        async def handle_allowed(request: Request) -> Response:
+            await _find_parents(request)
+            if strict:
+                _check_parameters(request, parameters)
+            if reader is None:
+                return await answer(request)
+            if operation in TAKE_CSV and stated_media_type(request) == CSV:
+                return await answer(await _from_csv(request, reader, limit))
+            require_json(request)
+            stated = stated_length(request, limit)
+            # Starlette keeps the body under these names; FastAPI then takes it as read.
+            if stated is not None and stated <= INLINE_LIMIT:
+                request._body = await read_body(request, limit)
+                request._json = parse(request._body)
+                return await answer(request)
+            service = await get_app_context(request)
+            async with service.body_places.taken(await get_requester(request)):
+                async with arriving():
+                    request._body = await read_body(request, limit)
+                if len(request._body) <= INLINE_LIMIT:
+                    request._json = parse(request._body)
+                    return await answer(request)
+                async with service.large_bodies, collector_off():
+                    request._json = await run_in_threadpool(reader.read, request._body)
+                    return await answer(request)
+
+        return handle
+
+
+async def _from_csv(request: Request, reader: BodyReader, limit: int) -> Request:
+    """Return a request whose body, a CSV table, is read as the JSON list that it stands for."""
+    service = await get_app_context(request)
+    async with service.body_places.taken(await get_requester(request)):
+        async with arriving():
+            body = await read_body(request, limit)
+        async with service.large_bodies, collector_off():
+            items = await run_in_threadpool(lambda: reader.validated(read_csv_list(body)))
+    headers = [(name, value) for name, value in request.scope["headers"] if name != b"content-type"]
+    headers.append((b"content-type", b"application/json"))  # by which the framework looks for `_json`
+    found = Request({**request.scope, "headers": headers}, request.receive)
+    found._body, found._json = body, items
+    return found
+
+
+def query_parameters(dependant: Dependant) -> dict[str, bool]:
+    """Return the names of a route's query parameters, those of what it depends on too, and which may be repeated."""
+    found = {field.alias: _is_list(field.field_info.annotation) for field in dependant.query_params}
+    for each in dependant.dependencies:
+        found |= query_parameters(each)
+    return found
+
+
+def _is_list(annotation: Any) -> bool:
+    return get_origin(annotation) is list or any(map(_is_list, get_args(annotation)))
+
+
+def _check_parameters(request: Request, parameters: Mapping[str, bool]) -> None:
+    """Raise InvalidContent for query parameters that the route does not have, and for single ones given twice."""
+    names = [name for name, _ in request.query_params.multi_items()]
+    twice = sorted({name for name in names if names.count(name) > 1 and not parameters.get(name, True)})
+    if twice:
+        raise InvalidContent(
+            "The address gives a query parameter more than once.",
+            "Give each parameter once.",
+            errors=[(name, "is given more than once") for name in twice],
+        )
+    refuse_unknown_parameters(request, parameters)
+
+
+def refuse_unknown_parameters(request: Request, known: Collection[str]) -> None:
+    """Raise InvalidContent for query parameters that the route does not have: a misspelt one would be lost."""
+    unknown = sorted(set(request.query_params) - set(known))
+    if unknown:
+        raise InvalidContent(
+            "The address holds query parameters that are not known.",
+            f"Check their spelling; known are {', '.join(sorted(known))}."
+            if known
+            else "This address takes none.",
+            errors=[(name[:200], "is not known") for name in unknown[:20]],
+        )
+
+
+async def _find_parents(request: Request) -> None:
+    """Raise NotFound for an id in the address that names nothing."""
+    named = [
+        (table, request.path_params[name]) for name, table in _PARENTS.items() if name in request.path_params
+    ]
+    if named:
+        service = await get_app_context(request)
+        await run_in_threadpool(_check_existence, service.installation, named)
+
+
+def _check_existence(installation: ServiceContext, named: list[tuple[type[Table], str]]) -> None:
+    with installation.database.read() as records:
+        for table, row_id in named:
+            if not exists(records, table, row_id):
+                raise NotFound.of(NOUNS[table])
+
+
+def api_router(**settings: Any) -> APIRouter:
+    """Return a router whose routes keep the contract."""
+    return APIRouter(route_class=StrictRoute, **settings)
+
+
+def problem_responses(*statuses: int) -> dict[int | str, dict[str, Any]]:
+    """Return the documentation of the problems a route may answer with; 401 and 403 go without saying."""
+    return {
+        status: {"description": _DESCRIPTIONS[status], **_PROBLEM_REFERENCE}
+        for status in sorted({401, 403, *statuses})
+    }

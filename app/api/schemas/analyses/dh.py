@@ -1,0 +1,259 @@
+"""A robot's identified kinematics as JSON."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from pydantic import Field
+from typing_extensions import TypeAliasType
+
+from app.api.schemas.analyses.common import (
+    EstimatedAnalysis,
+    Matrix,
+    SourceField,
+    TargetTransform,
+)
+from app.api.schemas.analyses.frames import FlangeCameraRead, FrameRead
+from app.api.schemas.common import ResponseModel
+
+DhMethod = TypeAliasType(
+    "DhMethod",
+    Annotated[
+        Literal["cpa", "screw", "combined", "global"],
+        Field(description="How Denavit-Hartenberg parameters are identified."),
+    ],
+)
+DhConvention = Literal["classic_dh"]
+_A = "Link length: from this joint's axis to the next along their common normal, mm."
+_ALPHA = "Link twist: from this joint's axis to the next about the common normal, degrees."
+_D = "Joint offset along this joint's axis, mm."
+_THETA = "What is added to the stated joint angle about this joint's axis, degrees."
+JointNumber = Annotated[int, Field(description="The joint's number, from 1 at the base.")]
+ParallelToNext = Annotated[
+    bool,
+    Field(
+        description="Whether this axis is so near to parallel to the next one that d is not determined: `beta_deg` is "
+        "used, and d kept."
+    ),
+]
+ConditionNumber = Annotated[
+    float | None,
+    Field(
+        description="Of the Jacobian with respect to the fitted parameters; an angle is scaled so that one unit "
+        "moves the "
+        "end by 1 mm. Above 100 some parameters are determined far less accurately than others. Null: not finite."
+    ),
+]
+
+
+class UnidentifiableRead(ResponseModel):
+    """Parameters that the poses do not determine separately."""
+
+    parameters: Annotated[
+        list[str],
+        Field(
+            description="Their keys, as `DhAnalysis.parameters` has them: `joint_2.d_mm`, `flange_camera.x_mm`. "
+            "`flange_camera` or `target_base` alone: the whole transform."
+        ),
+    ]
+    sentence: Annotated[str, Field(description="The same in words, with the reason where it is known.")]
+
+
+NullSpace = Annotated[
+    list[UnidentifiableRead],
+    Field(description="Combinations of parameters that the poses do not determine."),
+]
+
+
+class DhUncertainty(ResponseModel):
+    """Standard uncertainties; null where a parameter is not identifiable."""
+
+    a_mm: Annotated[float | None, Field(description="Standard uncertainty of `a_mm`, mm.")]
+    alpha_deg: Annotated[float | None, Field(description="Standard uncertainty of `alpha_deg`, degrees.")]
+    d_mm: Annotated[float | None, Field(description="Standard uncertainty of `d_mm`, mm.")]
+    theta_offset_deg: Annotated[
+        float | None, Field(description="Standard uncertainty of `theta_offset_deg`, degrees.")
+    ]
+    beta_deg: Annotated[
+        float | None,
+        Field(description="Standard uncertainty of `beta_deg`, degrees; null where β is not used."),
+    ]
+
+
+class DhNominal(ResponseModel):
+    """What the session's robot says of itself."""
+
+    a_mm: Annotated[float, Field(description=_A)]
+    alpha_deg: Annotated[float, Field(description=_ALPHA)]
+    d_mm: Annotated[float, Field(description=_D)]
+    theta_offset_deg: Annotated[float, Field(description=_THETA)]
+
+
+class DhIdentifiable(ResponseModel):
+    """Whether the poses determine a parameter."""
+
+    a_mm: Annotated[bool, Field(description="Whether the poses determine `a_mm`.")]
+    alpha_deg: Annotated[bool, Field(description="Whether the poses determine `alpha_deg`.")]
+    d_mm: Annotated[bool, Field(description="Whether the poses determine `d_mm`; false where β is used.")]
+    theta_offset_deg: Annotated[bool, Field(description="Whether the poses determine `theta_offset_deg`.")]
+    beta_deg: Annotated[
+        bool, Field(description="Whether the poses determine `beta_deg`; false where it is not used.")
+    ]
+
+
+class PoseErrors(ResponseModel):
+    """Root mean squares of distances and of rotation angles; the latter null for positions alone."""
+
+    position_rms_mm: Annotated[
+        float, Field(description="Root mean square of the distances, predicted to measured position, mm.")
+    ]
+    rotation_rms_deg: Annotated[
+        float | None,
+        Field(
+            description="Root mean square of the angles, predicted to measured rotation, degrees; null for positions "
+            "alone."
+        ),
+    ]
+
+
+class DhJoint(ResponseModel):
+    """One joint and the link after it: T = Rz(θ + theta_offset) Tz(d) Tx(a) Rx(α), and Ry(β) where β stands for d."""
+
+    joint: JointNumber
+    a_mm: Annotated[float, Field(description=_A)]
+    alpha_deg: Annotated[float, Field(description=_ALPHA)]
+    d_mm: Annotated[float, Field(description=_D)]
+    theta_offset_deg: Annotated[float, Field(description=_THETA)]
+    beta_deg: Annotated[
+        float | None,
+        Field(
+            description="Hayati's second turn about y, degrees, where this axis is near parallel to the next; d then "
+            "stays at the nominal's value, or 0. Null where it is not used."
+        ),
+    ]
+    parallel_to_next: ParallelToNext
+    standard_uncertainty: Annotated[DhUncertainty, Field(description="Of each parameter, in its unit.")]
+    nominal: Annotated[
+        DhNominal | None,
+        Field(description="The same joint of the session's robot; null for a session without `robot_id`."),
+    ]
+    identifiable: Annotated[
+        DhIdentifiable,
+        Field(
+            description="What is not identifiable has the nominal's value, or 0, and no uncertainty; `null_space` "
+            "says in words with what it is confounded."
+        ),
+    ]
+    arc_deg: Annotated[
+        float, Field(description="The range of the joint's angle over the poses that observe it, degrees.")
+    ]
+    poses: Annotated[
+        int,
+        Field(description="Poses that observe it: those of its sweeps, or all of them with method `global`."),
+    ]
+    residual: Annotated[
+        PoseErrors | None,
+        Field(description="At the poses where this joint alone moved; null without such poses."),
+    ]
+
+
+class DhValidation(PoseErrors):
+    """Errors at poses that had no part in the fit: all are dealt into five folds, each predicted by the rest, with base
+    and tool fitted to these.
+    """
+
+    held_out_poses: Annotated[int, Field(description="How many poses were held out, over all folds.")]
+    outlier_poses: Annotated[
+        int,
+        Field(description="Poses that the fit of all poses rejects as gross errors; they are not predicted."),
+    ]
+    nominal: Annotated[
+        PoseErrors | None,
+        Field(description="The nominal robot at the same poses, its tool and base fitted to the rest."),
+    ]
+
+
+class RobotScatter(ResponseModel):
+    """What the robot adds to the instrument's own noise, per coordinate; all of the noise where none was stated."""
+
+    position_sigma_mm: Annotated[float, Field(description="Standard deviation of each coordinate, mm.")]
+    rotation_sigma_deg: Annotated[
+        float | None,
+        Field(description="Standard deviation about each axis, degrees; null for positions alone."),
+    ]
+
+
+class TargetInBase(FrameRead):
+    """Where a target lies in the robot's base frame."""
+
+    target_id: Annotated[str | None, Field(description="The target; null for another instrument's frame.")]
+    T_base_target: Annotated[
+        Matrix,
+        Field(
+            description="4 x 4, mm: maps points of the target frame into the base frame; T_base_target "
+            "T_target_camera = T_base_flange(q) T_flange_camera."
+        ),
+    ]
+
+
+class DhAnalysis(EstimatedAnalysis):
+    """A robot's Denavit-Hartenberg parameters, joint by joint, with what is and what is not known of them."""
+
+    method: Annotated[
+        DhMethod, Field(description="The method asked for; the query parameter describes each.")
+    ]
+    source: SourceField
+    convention: Annotated[
+        DhConvention, Field(description="Classic (distal) Denavit-Hartenberg: Rz(θ) Tz(d) Tx(a) Rx(α).")
+    ]
+    joint_tolerance_deg: Annotated[
+        float,
+        Field(
+            description="Within a sweep of a joint the other joints' stated angles agree to this, degrees."
+        ),
+    ]
+    named_sweeps: Annotated[
+        list[str],
+        Field(description="The sweeps that the request named; those of all other joints were recognised."),
+    ]
+    joints: Annotated[list[DhJoint], Field(description="The robot's joints, from the base.")]
+    residual: Annotated[PoseErrors, Field(description="Of the poses that the fit used.")]
+    validation: Annotated[
+        DhValidation | None,
+        Field(description="Five-fold cross-validation; null where the folds leave too few poses of an arc."),
+    ]
+    condition_number: ConditionNumber
+    observability_o1: Annotated[
+        float | None,
+        Field(
+            description="Borm and Menq's: geometric mean of the singular values over the root of the number of poses; "
+            "compares sets of poses of one robot, and larger is better."
+        ),
+    ]
+    null_space: NullSpace
+    parameters: Annotated[
+        list[str],
+        Field(
+            description="What was fitted, in the order of `correlation`: `joint_2.a_mm`, `flange_camera.x_mm`, "
+            "`target_base.rotation_z_deg` (T_target_base, its rotation from the left; `target_base_2` of the second "
+            "target)."
+        ),
+    ]
+    correlation: Annotated[
+        Matrix,
+        Field(description="Correlations of the fitted parameters, -1 to 1, in the order of `parameters`."),
+    ]
+    robot_scatter: Annotated[
+        RobotScatter, Field(description="The robot's own deviations, estimated from the residuals.")
+    ]
+    flange_camera: Annotated[
+        FlangeCameraRead, Field(description="The camera, or the probe, on the last frame of the chain.")
+    ]
+    base_targets: Annotated[
+        list[TargetInBase],
+        Field(description="Each target seen, in the session's order; for another instrument, its frame."),
+    ]
+    target_transforms: Annotated[
+        list[TargetTransform],
+        Field(description="How the targets lie to one another; empty with one target or another instrument."),
+    ]

@@ -1,0 +1,67 @@
+"""Frames with their uncertainty as JSON: what hand-eye calibration and identification state of them."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+from pydantic import Field
+
+from app.api.schemas.analyses.common import Matrix, Vector
+from app.api.schemas.camera import PoseUncertainty
+from app.api.schemas.common import ResponseModel
+
+_ROTATION_EXAMPLE = [[0.07, -0.99, 0.12], [0.99, 0.05, -0.1], [0.1, 0.13, 0.98]]
+MATRIX_EXAMPLE = [
+    [0.07, -0.99, 0.12, 60.0],
+    [0.99, 0.05, -0.1, -25.0],
+    [0.1, 0.13, 0.98, 90.0],
+    [0, 0, 0, 1],
+]
+_COVARIANCE_EXAMPLE = [[0.01 if i == j < 3 else 1e-07 if i == j else 0.0 for j in range(6)] for i in range(6)]
+
+
+class FrameRead(ResponseModel):
+    """A frame with its uncertainty."""
+
+    position_mm: Annotated[
+        Vector, Field(description="The frame's origin x, y, z, mm.", examples=[[60.0, -25.0, 90.0]])
+    ]
+    rotation: Annotated[
+        Matrix, Field(description="3 x 3 rotation matrix, rows first.", examples=[_ROTATION_EXAMPLE])
+    ]
+    roll_deg: Annotated[
+        float, Field(description="Angle about x, degrees: R = Rz(yaw) Ry(pitch) Rx(roll).", examples=[7.55])
+    ]
+    pitch_deg: Annotated[
+        float, Field(description="Angle about y, degrees, from -90 to 90.", examples=[-5.74])
+    ]
+    yaw_deg: Annotated[
+        float, Field(description="Angle about z, degrees, from -180 to 180.", examples=[85.96])
+    ]
+    standard_uncertainty: Annotated[
+        PoseUncertainty | None,
+        Field(
+            description="Standard uncertainties of origin (mm) and angles (degrees); null where the poses do not "
+            "determine the frame, and with methods that state none."
+        ),
+    ]
+    covariance: Annotated[
+        Matrix | None,
+        Field(
+            description="6 x 6: x, y, z (mm), then a small rotation w (rad) with R_true = exp(w) R, in the frame that "
+            "the transform leads to. Null as `standard_uncertainty` is.",
+            examples=[_COVARIANCE_EXAMPLE],
+        ),
+    ]
+
+
+class FlangeCameraRead(FrameRead):
+    """The camera on the flange."""
+
+    T_flange_camera: Annotated[
+        Matrix,
+        Field(
+            description="4 x 4, mm: maps points of the camera frame into that of the flange.",
+            examples=[MATRIX_EXAMPLE],
+        ),
+    ]

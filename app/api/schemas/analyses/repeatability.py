@@ -1,0 +1,153 @@
+"""A session's repeatability by ISO 9283 as JSON."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from pydantic import Field
+from typing_extensions import TypeAliasType
+
+from app.api.schemas.analyses.common import EstimatedAnalysis, ExcludedRead, SourceField, Vector
+from app.api.schemas.analyses.figures import AccuracyFigures, RepeatabilityFigures, RepeatabilityIntervals
+from app.api.schemas.analyses.intrinsics import GroupIntrinsics
+from app.api.schemas.analyses.performance import ApproachVariation, Drift, PoseDistance
+from app.api.schemas.common import ResponseModel
+from app.api.schemas.fields import PITCH, ROLL, YAW, PoseId
+
+Verdict = TypeAliasType(
+    "Verdict",
+    Annotated[
+        Literal["robot", "instrument_limited", "below_detection", "too_few_cycles"],
+        Field(description="What a pose's figures are of: the robot, or the instrument."),
+    ],
+)
+
+
+class PoseMean(ResponseModel):
+    """The mean of the images that count: the camera in the target frame, R = Rz(yaw) Ry(pitch) Rx(roll)."""
+
+    position_mm: Annotated[
+        Vector | None,
+        Field(
+            description="Mean position x, y, z, mm: of the camera in the target frame, or of another "
+            "instrument's probe "
+            "in that instrument's frame. Null where no cycle counts."
+        ),
+    ]
+    roll_deg: Annotated[float | None, Field(description=f"{ROLL} Null where it is not known.")]
+    pitch_deg: Annotated[float | None, Field(description=f"{PITCH} Null where it is not known.")]
+    yaw_deg: Annotated[float | None, Field(description=f"{YAW} Null where it is not known.")]
+
+
+class OutlierRead(ResponseModel):
+    """A cycle that the pose's scatter does not explain; it counts all the same."""
+
+    measurement_id: Annotated[
+        str, Field(description="Id of the image's measurement, or of the measured pose.")
+    ]
+    cycle: Annotated[int | None, Field(description="The cycle's number as stated with it; null: not stated.")]
+    code: Annotated[str, Field(description="`position_outlier` or `orientation_outlier`.")]
+    distance_mm: Annotated[
+        float, Field(description="Distance of its position from the pose's median position, mm.")
+    ]
+    detail: Annotated[str, Field(description="How far it lies, and how far most of the others.")]
+
+
+class PoseRepeatability(ResponseModel):
+    """One pose by ISO 9283:1998."""
+
+    pose_id: PoseId
+    cycles: Annotated[int, Field(description="Images that count: the cycles of the standard.")]
+    mean: Annotated[PoseMean, Field(description="The mean of the cycles that count.")]
+    repeatability: Annotated[
+        RepeatabilityFigures,
+        Field(
+            description="Over all cycles that the instrument measured, outliers included. In the target frame. Null "
+            "below two cycles."
+        ),
+    ]
+    interval: Annotated[
+        RepeatabilityIntervals, Field(description="Of `repeatability`, at the confidence level.")
+    ]
+    noise_floor: Annotated[
+        RepeatabilityFigures,
+        Field(
+            description="The reading that the noise of these images alone would give on a motionless robot."
+        ),
+    ]
+    corrected: Annotated[
+        RepeatabilityFigures,
+        Field(description="The reading with the noise's covariance taken off: the robot's own part."),
+    ]
+    corrected_interval: Annotated[
+        RepeatabilityIntervals,
+        Field(
+            description="Of `corrected`; null for the position where the noise floor exceeds half of the reading, "
+            "since no known interval keeps its level there."
+        ),
+    ]
+    without_outliers: Annotated[
+        RepeatabilityFigures | None,
+        Field(description="`repeatability` of the cycles that are not in `outliers`; null without outliers."),
+    ]
+    outliers: Annotated[
+        list[OutlierRead],
+        Field(description="Cycles that the scatter of the others does not explain; they count."),
+    ]
+    accuracy: Annotated[
+        AccuracyFigures | None,
+        Field(
+            description="Attained less commanded (7.2.1), in the robot's base frame, with the frames tied by the other "
+            "poses; null where they cannot be tied, for the reason in warnings."
+        ),
+    ]
+    verdict: Annotated[
+        Verdict,
+        Field(
+            description="What the reading of the position speaks of: the robot, or the instrument too; "
+            "`below_detection` where it is less than the noise alone would give."
+        ),
+    ]
+    measurement_ids: Annotated[
+        list[str],
+        Field(description="Measurements, or measured poses, that count, in the order of the cycles."),
+    ]
+    excluded: Annotated[
+        list[ExcludedRead], Field(description="Images, or measured poses, that do not count, and why.")
+    ]
+
+
+class RepeatabilityAnalysis(EstimatedAnalysis):
+    """Pose repeatability of a session, pose by pose in natural order."""
+
+    source: SourceField
+    confidence_level: Annotated[
+        float, Field(description="Probability that an interval contains its figure, such as 0.95.")
+    ]
+    poses: Annotated[
+        list[PoseRepeatability], Field(description="Pose by pose in natural order, P2 before P10.")
+    ]
+    groups: Annotated[
+        list[GroupIntrinsics],
+        Field(description="The camera of each focus group; empty for another instrument."),
+    ]
+    drift: Annotated[
+        Drift | None,
+        Field(
+            description="How poses moved over the cycles (7.6); null where no pose has two blocks of ten cycles."
+        ),
+    ]
+    distances: Annotated[
+        list[PoseDistance] | None,
+        Field(
+            description="Between all pairs of up to ten poses, of more between each and the next; null where no two "
+            "have two numbered cycles in common."
+        ),
+    ]
+    approach_variation: Annotated[
+        list[ApproachVariation] | None,
+        Field(
+            description="For every commanded pose that has several pose ids with different `approach`; null "
+            "without such poses."
+        ),
+    ]

@@ -1,0 +1,103 @@
+"""Targets as JSON."""
+
+from __future__ import annotations
+
+from datetime import datetime
+from typing import Annotated, Literal
+
+from pydantic import Field
+from typing_extensions import TypeAliasType
+
+from app.api.schemas.common import (
+    MAX_LENGTH_MM,
+    PositiveLength,
+    RequestModel,
+    ResponseModel,
+    StoredPage,
+    Text,
+)
+from app.api.schemas.fields import TargetId
+
+Span = Annotated[int, Field(ge=2, le=500)]
+Pitch = Annotated[
+    float, Field(ge=1e-6, le=MAX_LENGTH_MM)
+]  # a nanometre: a smaller one is a slip, and squares to nothing
+
+
+_KIND = (
+    "`chessboard`, `charuco` (a chessboard with markers), `circles` (dots in rows and columns), `asymmetric_circles` "
+    "(every other row of dots shifted by a pitch), `aprilgrid` (Kalibr's tags)."
+)
+_COLUMNS = "Grid points along x: inner corners of a chessboard or ChArUco board, dots of circles; tags of an AprilGrid."
+_ROWS = "Grid points along y, counted as `columns` are."
+_PITCH = (
+    "Nominal distance of neighbouring grid points, mm: a square's side, dot to dot, tag to tag. Asymmetric circles lie "
+    "at x = (2 column + row mod 2) pitch, y = row times pitch."
+)
+_MARKER = (
+    "Side of a ChArUco marker or of an AprilGrid tag, or diameter of a dot, mm; less than the pitch. Null: the "
+    "kind has "
+    "none, or half the distance of dots."
+)
+_DICTIONARY = (
+    "OpenCV's name of the markers' dictionary, such as `DICT_5X5_100`. Null: none; an AprilGrid is 36h11."
+)
+_LEGACY = "ChArUco boards of OpenCV before 4.6 with an even number of rows of squares, which begin with a white square."
+_PITCH_UNCERTAINTY = (
+    "Standard uncertainty of the pitch, mm, common to the whole print: it scales every absolute length. Null: the "
+    "pitch is taken as exact."
+)
+
+TargetKind = TypeAliasType(
+    "TargetKind",
+    Annotated[
+        Literal["chessboard", "charuco", "circles", "asymmetric_circles", "aprilgrid"],
+        Field(description="What a printed target shows."),
+    ],
+)
+
+
+class TargetCreate(RequestModel):
+    """A printed target."""
+
+    name: Annotated[
+        Text,
+        Field(
+            description="What people call the target; need not be unique.", examples=["Glass board 14 x 10"]
+        ),
+    ]
+    kind: Annotated[TargetKind, Field(description=_KIND)]
+    columns: Annotated[Span, Field(description=_COLUMNS)]
+    rows: Annotated[Span, Field(description=_ROWS)]
+    pitch_mm: Annotated[Pitch, Field(description=_PITCH)]
+    marker_mm: Annotated[PositiveLength | None, Field(description=_MARKER)] = None
+    dictionary: Annotated[
+        Annotated[str, Field(max_length=64, pattern=r"^[A-Za-z0-9_]+$")] | None,
+        Field(description=_DICTIONARY),
+    ] = None
+    legacy_layout: Annotated[bool, Field(description=_LEGACY)] = False
+    pitch_standard_uncertainty_mm: Annotated[
+        Annotated[float, Field(ge=0, le=1e6)] | None, Field(description=_PITCH_UNCERTAINTY)
+    ] = None
+
+
+class TargetRead(ResponseModel):
+    """A printed target as stored."""
+
+    id: TargetId
+    name: Annotated[str, Field(description="What people call the target.")]
+    kind: Annotated[TargetKind, Field(description=_KIND)]
+    columns: Annotated[int, Field(description=_COLUMNS)]
+    rows: Annotated[int, Field(description=_ROWS)]
+    pitch_mm: Annotated[float, Field(description=_PITCH)]
+    marker_mm: Annotated[float | None, Field(description=_MARKER)]
+    dictionary: Annotated[str | None, Field(description=_DICTIONARY)]
+    legacy_layout: Annotated[bool, Field(description=_LEGACY)]
+    pitch_standard_uncertainty_mm: Annotated[float | None, Field(description=_PITCH_UNCERTAINTY)]
+    created_at: Annotated[datetime, Field(description="When the target was made, RFC 3339 in UTC.")]
+
+
+class TargetPage(StoredPage):
+    """One page of targets."""
+
+    items: Annotated[list[TargetRead], Field(description="Targets, oldest first.")]
