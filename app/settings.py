@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
-import importlib.metadata
 import ipaddress
 import os
-from functools import cache
 from pathlib import Path
 from typing import Annotated, Literal, Self
 
 import platformdirs
-from pydantic import Field, SecretStr, model_validator
+from pydantic import Field, SecretStr, field_validator, model_validator
 from pydantic_settings import BaseSettings, SettingsConfigDict
 
 MIB = 1024 * 1024
+Network = ipaddress.IPv4Network | ipaddress.IPv6Network
 
 
 class Settings(BaseSettings):
@@ -34,6 +33,12 @@ class Settings(BaseSettings):
         Literal["on", "off"],
         Field(description="`off` lets everyone do everything; only with a loopback address."),
     ] = "on"
+    trusted_proxies: Annotated[
+        str | None,
+        Field(
+            description="Addresses or networks of reverse proxies, by commas, whose `X-Forwarded-For` is believed."
+        ),
+    ] = None
     database_url: Annotated[
         str | None,
         Field(description="`postgresql+psycopg://user@host/name`; default: SQLite in the data folder."),
@@ -45,6 +50,12 @@ class Settings(BaseSettings):
     job_timeout_s: Annotated[
         float, Field(gt=0, le=86400, description="Longest computation of one image, seconds.")
     ] = 60.0
+    analysis_timeout_s: Annotated[
+        float, Field(gt=0, le=86400, description="Longest computation of one analysis, seconds.")
+    ] = 180.0
+    analysis_memory_bytes: Annotated[
+        int, Field(ge=512 * MIB, description="Largest memory of one analysis, bytes; watched on Linux.")
+    ] = 2048 * MIB
     max_upload_bytes: Annotated[int, Field(ge=1, description="Largest image file taken, bytes.")] = 128 * MIB
     max_image_pixels: Annotated[int, Field(ge=1, description="Largest image taken, width times height.")] = (
         100_000_000
@@ -52,9 +63,23 @@ class Settings(BaseSettings):
     disk_floor_bytes: Annotated[
         int, Field(ge=0, description="Free disk space below which uploads are refused, bytes.")
     ] = 256 * MIB
+    retention_days: Annotated[
+        int | None,
+        Field(
+            ge=1,
+            le=36500,
+            description="Days after its last upload that a session is removed with its originals; default: never.",
+        ),
+    ] = None
     log_level: Annotated[
         Literal["debug", "info", "warning", "error"], Field(description="Least severe message logged.")
     ] = "info"
+
+    @field_validator("trusted_proxies")
+    @classmethod
+    def _require_networks(cls, value: str | None) -> str | None:
+        _networks(value or "")
+        return value
 
     @model_validator(mode="after")
     def _refuse_open_service(self) -> Self:
@@ -74,22 +99,25 @@ class Settings(BaseSettings):
         return os.cpu_count() or 1
 
     @property
+    def trusted_networks(self) -> tuple[Network, ...]:
+        """The networks of `trusted_proxies`."""
+        return _networks(self.trusted_proxies or "")
+
+    @property
     def effective_database_url(self) -> str:
         """The database's address, SQLite in the data folder unless one was given."""
         return self.database_url or f"sqlite:///{self.data_dir / 'gridpose.sqlite3'}"
 
 
+def _networks(text: str) -> tuple[Network, ...]:
+    return tuple(ipaddress.ip_network(part.strip()) for part in text.split(",") if part.strip())
+
+
 def is_loopback(host: str) -> bool:
-    """Tell whether only this machine can reach `host`."""
+    """Return whether only this machine can reach `host`."""
     if host == "localhost":
         return True
     try:
         return ipaddress.ip_address(host).is_loopback
     except ValueError:
         return False
-
-
-@cache
-def program_version() -> str:
-    """Return this program's version, as installed."""
-    return importlib.metadata.version("gridpose")

@@ -1,8 +1,5 @@
-"""The `gridpose` command: one module per subcommand, imported only when it runs.
+"""The command line: one folder a noun, `main` lists every command."""
 
-`gridpose upload` therefore starts on a shop-floor PC without loading the service's database or job runner.
-"""
-
-from app.cli.commands import main
+from app.cli.main import main
 
 __all__ = ["main"]

@@ -1,94 +1,108 @@
-"""`gridpose upload`: options to a session and a list of files, and a report a person can act on."""
+"""`gridpose upload`: the images of a folder to a session, and a list of those that failed."""
 
 from __future__ import annotations
 
-import re
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
+from typing import Annotated
 
-import stamina
+import typer
 from rich.console import Console
 from rich.markup import escape
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Table
 
-from app.agent import (
+from app.cli.client_options import UploadAccess
+from app.cli.console import print_error
+from app.client import (
     ClientError,
     FilePlan,
     ImageFile,
     Json,
-    Outcome,
     PatternError,
     ServiceClient,
     SessionResult,
+    UploadResult,
     collect_results,
+    describe_measured,
+    find_or_make_session,
+    is_measured,
     plan_files,
+    session_cameras,
     upload_files,
 )
 
-_TARGET = re.compile(r"(?P<kind>[a-z_]+):(?P<columns>[0-9]+)x(?P<rows>[0-9]+):(?P<pitch>[0-9]+(\.[0-9]+)?)")
 
+def upload(
+    folder: Annotated[
+        Path, typer.Argument(help="Folder of images; sub-folders are poses.", exists=True, file_okay=False)
+    ],
+    session: Annotated[
+        str, typer.Option(help="Id or name of the session; a new name creates one, given --target.")
+    ],
+    service: UploadAccess,
+    target: Annotated[
+        str | None,
+        typer.Option(help="Target's id, or a new one as KIND:COLUMNSxROWS:PITCH_MM, e.g. chessboard:9x6:25."),
+    ] = None,
+    accept_implausible: Annotated[
+        bool,
+        typer.Option("--accept-implausible", help="Create --target even if its pitch looks like metres."),
+    ] = False,
+    pattern: Annotated[
+        str | None,
+        typer.Option(
+            help="Position of pose and cycle in the path, e.g. '{pose}_{cycle}' or '{any}/{pose}-{cycle}'."
+        ),
+    ] = None,
+    pose: Annotated[str | None, typer.Option(help="Pose ID of all files.")] = None,
+    focus_group: Annotated[str | None, typer.Option(help="Tag of images taken at one focus setting.")] = None,
+    parallel: Annotated[int, typer.Option("--jobs", help="Number of parallel uploads.", min=1, max=16)] = 2,
+    wait: Annotated[
+        bool, typer.Option("--wait", help="Wait for the results and list the images that failed.")
+    ] = False,
+) -> int:
+    """Send a folder's images to a session, once each; repeat it to continue after an interruption.
 
-@dataclass(frozen=True, slots=True)
-class Request:
-    """The options of `gridpose upload`."""
-
-    folder: Path
-    session: str
-    url: str
-    key: str | None
-    target: str | None
-    pattern: str | None
-    pose: str | None
-    focus_group: str | None
-    parallel: int
-    retry_for_s: float
-    wait: bool
-
-
-def upload(request: Request) -> int:
-    """Upload a folder; return the exit code."""
+    Prints the session's id as the last line. Ends with 0 when every image is stored (and, with --wait, measured), else
+    with 1 and a list.
+    """
     console = Console(stderr=True, highlight=False)
-    stamina.instrumentation.set_on_retry_hooks([])  # the progress bar says it, in one line
     try:
-        plan = plan_files(request.folder, request.pattern, request.pose)
+        plan = plan_files(folder, pattern, pose)
     except PatternError as error:
-        console.print(f"[red]{escape(str(error))}[/]")
+        print_error(console, str(error))
         return 2
     if not plan.images and not plan.skipped:
-        console.print(f"[red]No PNG, JPEG, TIFF or BMP files in {escape(str(request.folder))}.[/]")
+        print_error(console, f"No PNG, JPEG, TIFF or BMP files in {folder}.")
         return 2
     try:
-        with transfer_progress(console) as progress:
-            client = ServiceClient(
-                request.url,
-                request.key,
-                retry_for_s=request.retry_for_s,
-                on_retry=lambda reason: progress.console.print(f"[yellow]trying again: {escape(reason)}[/]"),
+        with (
+            transfer_progress(console) as progress,
+            service.client(progress.console) as client,
+        ):
+            session_id, target_id = find_or_make_session(
+                client, session, target, accept_implausible=accept_implausible
             )
-            with client:
-                session_id, target_id = find_or_make_session(client, request.session, request.target)
-                outcomes, result = transfer(
-                    client,
-                    session_id,
-                    plan.images,
-                    progress,
-                    target_id=target_id,
-                    focus_group=request.focus_group,
-                    parallel=request.parallel,
-                    wait=request.wait,
-                )
+            results, measured = transfer(
+                client,
+                session_id,
+                plan.images,
+                progress,
+                target_id=target_id,
+                focus_group=focus_group,
+                parallel=parallel,
+                wait=wait,
+            )
+            cameras = session_cameras(client, session_id) if measured is not None else None
     except ClientError as error:
-        console.print(f"[red]{escape(str(error))}[/]")
-        if error.advice:
-            console.print(escape(error.advice))
+        print_error(console, str(error), error.advice)
         return 1
-    return _report(console, plan, outcomes, result, session_id)
+    return _report(console, plan, results, measured, cameras, session_id)
 
 
 def transfer_progress(console: Console) -> Progress:
-    """Return the bars of an upload: hashing, sending, computing."""
+    """Return the progress bars of an upload: hashing, sending, computing."""
     return Progress(
         TextColumn("{task.description:<20}"),
         BarColumn(),
@@ -108,11 +122,11 @@ def transfer(
     focus_group: str | None = None,
     parallel: int = 2,
     wait: bool,
-) -> tuple[list[Outcome], SessionResult | None]:
-    """Hash, send and, where asked, wait for the results, each with its bar."""
+) -> tuple[list[UploadResult], SessionResult | None]:
+    """Hash and send images and, with `wait`, collect the results, each with its progress bar."""
     hashing = progress.add_task("reading files", total=len(images))
     sending = progress.add_task("uploading", total=len(images))
-    outcomes = upload_files(
+    results = upload_files(
         client,
         session_id,
         images,
@@ -120,139 +134,58 @@ def transfer(
         focus_group=focus_group,
         parallel=parallel,
         on_hashed=lambda file: progress.advance(hashing),
-        on_done=lambda outcome: progress.advance(sending),
+        on_done=lambda result: progress.advance(sending),
     )
     if not wait:
-        return outcomes, None
+        return results, None
     computing = progress.add_task("computing", total=None)
 
     def advance(done: int, of: int) -> None:
         progress.update(computing, completed=done, total=of)
 
-    return outcomes, collect_results(client, session_id, outcomes, on_progress=advance)
-
-
-def find_or_make_session(client: ServiceClient, session: str, target: str | None) -> tuple[str, str | None]:
-    """Return the session's id, and the target's id where one was named.
-
-    `session` is an id, or the name of exactly one session; a name that none has is made, for which a target
-    is needed. `target` is an id, or a description (`chessboard:9x6:25`) of one that may have to be made.
-    """
-    found = _session_named(client, session)
-    if found is not None:
-        return found["id"], _target_of(client, found, target)
-    if target is None:
-        raise ClientError(
-            "session_not_found",
-            f"No session has the id or the name {session!r}.",
-            "To make it, say what is in view, e.g. --target chessboard:9x6:25 (inner corners, mm).",
-        )
-    target_id = _find_or_make_target(client, target)
-    created = client.create("/v1/sessions", {"name": session, "target_ids": [target_id]})
-    return created["id"], target_id
-
-
-def find_session(client: ServiceClient, session: str) -> Json:
-    """Return the session with this id, or the only one with this name; ClientError where there is none."""
-    found = _session_named(client, session)
-    if found is None:
-        raise ClientError(
-            "session_not_found",
-            f"No session has the id or the name {session!r}.",
-            "Check the name, or give the id; GET /v1/sessions lists them.",
-        )
-    return found
-
-
-def _session_named(client: ServiceClient, session: str) -> Json | None:
-    named = []
-    for entry in client.items("/v1/sessions"):
-        if entry["id"] == session:
-            return entry
-        if entry["name"] == session:
-            named.append(entry)
-    if len(named) > 1:
-        ids = ", ".join(entry["id"] for entry in named)
-        raise ClientError(
-            "session_ambiguous", f"Several sessions are named {session!r}: {ids}.", "Give the id."
-        )
-    return named[0] if named else None
-
-
-def _target_of(client: ServiceClient, session: Json, target: str | None) -> str | None:
-    """Return which of the session's targets was named; None where none was."""
-    if target is None:
-        return None
-    if target in session["target_ids"]:
-        return target
-    wanted = _described_target(target)
-    if wanted is not None:
-        for target_id in session["target_ids"]:
-            if _is_described(client.get(f"/v1/targets/{target_id}"), wanted):
-                return str(target_id)
-    raise ClientError(
-        "target_not_in_session",
-        f"The session does not look for the target {target}.",
-        "Leave --target away to use the session's own, or name a new session.",
-    )
-
-
-def _find_or_make_target(client: ServiceClient, target: str) -> str:
-    wanted = _described_target(target)
-    if wanted is None:
-        return target
-    for entry in client.items("/v1/targets"):
-        if _is_described(entry, wanted):
-            return str(entry["id"])
-    return str(client.create("/v1/targets", {"name": target, **wanted})["id"])
-
-
-def _described_target(text: str) -> Json | None:
-    """Return the target that `KIND:COLUMNSxROWS:PITCH_MM` describes, or None for any other text."""
-    match = _TARGET.fullmatch(text)
-    if match is None:
-        return None
-    return {
-        "kind": match["kind"],
-        "columns": int(match["columns"]),
-        "rows": int(match["rows"]),
-        "pitch_mm": float(match["pitch"]),
-    }
-
-
-def _is_described(target: Json, wanted: Json) -> bool:
-    return all(target[field] == value for field, value in wanted.items())
+    return results, collect_results(client, session_id, results, on_progress=advance)
 
 
 def _report(
-    console: Console, plan: FilePlan, outcomes: list[Outcome], result: SessionResult | None, session_id: str
+    console: Console,
+    plan: FilePlan,
+    results: list[UploadResult],
+    measured: SessionResult | None,
+    cameras: list[Json] | None,
+    session_id: str,
 ) -> int:
-    sent = sum(o.status == "sent" for o in outcomes)
-    present = sum(o.status == "present" for o in outcomes)
-    failed = [(o.name, o.reason or "", o.advice) for o in outcomes if o.status == "failed"]
-    failed += [(s.name, s.reason, "Rename it, or give --pattern or --pose.") for s in plan.skipped]
+    sent = sum(o.status == "sent" for o in results)
+    present = sum(o.status == "present" for o in results)
+    failed = [(o.name, o.reason or "", o.advice) for o in results if o.status == "failed"]
+    failed += [
+        (s.name, s.reason, "Rename it, give --pattern or --pose, or make it readable.") for s in plan.skipped
+    ]
     console.print(f"session {session_id}: {sent} sent, {present} already there, {len(failed)} failed")
+    for folder in plan.repeated:
+        console.print(f"[yellow]not searched again: {escape(folder.name)}: {escape(folder.reason)}[/]")
     if plan.others:
-        console.print(f"other files, which are no images by their names and were left: {plan.others}")
+        console.print(f"other files, not images by their names: {plan.others}")
     refused = []
-    if result is not None:
-        names = {(o.file.pose_id, o.sha256): o.name for o in outcomes}
+    if measured is not None:
+        names = {(o.file.pose_id, o.sha256): o.name for o in results}
         refused = [
             (
                 names[m["pose_id"], m["sha256"]],
                 f"{m['failure']['detail']} ({m['failure']['code']})",
                 m["failure"]["advice"],
             )
-            for m in result.failed
+            for m in measured.failed
+            if not (cameras and is_measured(m))  # those serve: nothing is to be done about them
         ]
-        console.print(f"{len(result.succeeded)} calibrated, {len(refused)} refused")
-        if result.already_measured:
-            console.print(
-                f"{len(result.already_measured)} measured before, under the names of their targets: nothing to do"
-            )
-    for title, rows in (("Not uploaded", failed), ("Refused by the calibration", refused)):
+        console.print(describe_measured(measured.measurements, cameras))
+        if refused:
+            console.print(f"{len(refused)} refused")
+        if measured.duplicates:
+            console.print(f"{len(measured.duplicates)} already measured for every target: nothing to do")
+    for title, rows in (("Not uploaded", failed), ("Refused", refused)):
         if rows:
             console.print(_list(title, rows))
+    print(session_id)
     return 1 if failed or refused else 0
 
 

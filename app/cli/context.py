@@ -1,0 +1,88 @@
+"""Settings and installation of a command, from its options and the environment; failures end the command."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from pydantic import ValidationError
+from rich.markup import escape
+from sqlalchemy import make_url
+from sqlalchemy.exc import DBAPIError
+
+from app.cli.console import error_console, fail
+from app.errors import OperationRefused, ServiceError
+from app.records.migrations import NoRoomForCopy, SchemaTooNew
+from app.services.context import ServiceContext
+from app.settings import Settings
+
+REFUSED = 2
+"""Exit code where folder, database and pepper do not belong together, or hold no installation: wrong settings."""
+
+
+def load_settings(**options: Any) -> Settings:
+    """Return the environment's settings, overridden by the options that are not None; invalid ones end the command."""
+    try:
+        return Settings(**{name: value for name, value in options.items() if value is not None})
+    except ValidationError as error:
+        lines = []
+        for entry in error.errors():
+            field = ".".join(str(part) for part in entry["loc"])
+            name = f"GRIDPOSE_{field.upper()}: " if field else ""
+            lines.append(name + entry["msg"].removeprefix("Value error, "))
+        fail("\n".join(lines), "Settings come from the environment; README.md lists them.", code=2)
+
+
+def open_context(
+    settings: Settings, *, init: bool = False, adopt: bool = False, migrate: bool = False
+) -> ServiceContext:
+    """Open data folder and database; a failure ends the command.
+
+    `init` permits to create an installation, `migrate` to upgrade an existing one to this version's schema; `adopt` is
+    that of `services.binding.bind`. From here on, files of this process are private to its user.
+    """
+    os.umask(0o077)
+    with data_failures(settings):
+        return ServiceContext.open(settings, init=init, adopt=adopt, migrate=migrate)
+
+
+def print_location(settings: Settings) -> None:
+    """Print on stderr the data folder, and the database outside of it, that a command works on."""
+    console = error_console()
+    console.print(f"data folder {escape(str(settings.data_dir))}")
+    if settings.database_url:
+        url = make_url(settings.database_url).render_as_string(hide_password=True)
+        console.print(f"database {escape(url)}")
+
+
+@contextmanager
+def data_failures(settings: Settings) -> Iterator[None]:
+    """End the command with a message where data folder or database cannot be used."""
+    try:
+        yield
+    except OperationRefused as error:
+        fail(error.detail, error.advice, code=REFUSED)
+    except (SchemaTooNew, NoRoomForCopy) as error:
+        fail(f"The data in {settings.data_dir} cannot be used: {error}.")
+    except ServiceError as error:
+        fail(error.detail, error.advice)
+    except DBAPIError as error:
+        reason = (
+            str(error.orig).strip().splitlines()[0] if str(error.orig).strip() else type(error.orig).__name__
+        )
+        fail(
+            f"The database cannot be opened: {reason}",
+            f"Check that {_where(settings)} can be written, or run `gridpose doctor`.",
+        )
+    except OSError as error:
+        fail(
+            f"The data folder {settings.data_dir} cannot be used: {error.strerror or error}.",
+            "Choose another with --data-dir or GRIDPOSE_DATA_DIR, or allow this user to write there.",
+        )
+
+
+def _where(settings: Settings) -> str | Path:
+    return "the database of GRIDPOSE_DATABASE_URL" if settings.database_url else settings.data_dir

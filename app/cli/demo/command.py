@@ -1,0 +1,155 @@
+"""`gridpose demo`: a small rendered session through the real service, from images to a table of repeatability."""
+
+from __future__ import annotations
+
+import json
+import sys
+import tempfile
+import time
+from collections.abc import Mapping
+from pathlib import Path
+
+from rich.console import Console
+from rich.markup import escape
+
+from app.cli.demo.evaluation import failed_checks, figures_with_truth, image_error
+from app.cli.demo.service_process import ServiceProcess, ServiceStartError
+from app.cli.demo.session import (
+    BOARD,
+    Answers,
+    DemoSession,
+    describe_robot,
+    image_files,
+    render_images,
+    small_session,
+    upload_session,
+)
+from app.cli.demo.tables import POSE_LEGEND, pose_table
+from app.cli.upload import transfer_progress
+from app.client import ClientError, Json, ServiceClient, describe_measured
+
+MAX_COLUMNS = 80
+
+
+def run_demo(data_dir: Path | None, seed: int) -> int:
+    """Run the small demo; return 0 where every answer agrees with the truth."""
+    console, folder = make_console(), new_folder(data_dir)
+    if folder is None:
+        return refuse_folder(console, data_dir)
+    session = small_session(seed)
+    width, height = session.size_px
+    console.print(
+        f"[bold]A simulated robot visits {len(session.poses)} poses, {session.cycles} times each.[/] The camera on "
+        f"its flange sees a {BOARD.columns} × {BOARD.rows} ChArUco board. Gridpose calibrates every image "
+        f"({width} × {height} pixels) by itself and determines how well the robot comes back to each pose."
+    )
+    started = time.monotonic()
+    try:
+        with transfer_progress(console) as progress, ServiceProcess(folder) as service:
+            console.print(f"The service runs at {service.url}\nIts pages: {service.url}/docs")
+            files = image_files(session.images, folder / "images")
+            render_images(files, progress)
+            with ServiceClient(service.url, service.admin_key) as client:
+                robot_id = describe_robot(client)
+                session_id, measurements = upload_session(client, session, robot_id, folder, progress)
+                repeatability = client.get(f"/v1/sessions/{session_id}/repeatability")
+                plot = client.get_bytes(f"/v1/sessions/{session_id}/repeatability/scatter.svg")
+    except (ServiceStartError, ClientError) as error:
+        return report_failure(console, error, folder)
+    (folder / "scatter.svg").write_bytes(plot)
+    keep(folder, {"measurements.json": measurements, "repeatability.json": repeatability})
+    is_sound = _show(console, session, Answers(session_id, measurements, repeatability))
+    console.print(f"\nPlot of each pose's positions: {folder / 'scatter.svg'}", soft_wrap=True, markup=False)
+    console.print(f"It took {time.monotonic() - started:.0f} s, most of it for rendering.")
+    _say_what_next(console, folder, service.admin_key or "", session_id)
+    return 0 if is_sound else 1
+
+
+def _show(console: Console, session: DemoSession, answers: Answers) -> bool:
+    """Print the table of poses and the refused image; return whether all of it agrees with the truth."""
+    truths = {(image.pose_id, image.cycle): image for image in session.images}
+    accepted = [m for m in answers.measurements if m["status"] == "succeeded"]
+    rejected = [m for m in answers.measurements if m["status"] == "failed"]
+    figures = figures_with_truth(session, answers.repeatability)
+    images = {row["pose_id"]: row["cycles"] for row in answers.repeatability["poses"]}
+    console.print()
+    console.print(pose_table(figures, images))
+    console.print(POSE_LEGEND, style="dim")
+    cameras = answers.repeatability["groups"]
+    console.print(f"\n[bold]{describe_measured(answers.measurements, cameras)}.[/]")
+    for m in rejected:
+        failure = m["failure"]
+        console.print(f"  {m['pose_id']}: {escape(failure['detail'])} ({failure['code']})")
+        console.print(f"  What to do: {escape(failure['advice'] or '')}")
+    errors = [image_error(truths[m["pose_id"], m["cycle"]], m) for m in accepted]
+    return not report_failed_checks(console, failed_checks(session, answers, errors, figures))
+
+
+def _say_what_next(console: Console, folder: Path, key: str, session_id: str) -> None:
+    """Print where the data are, the command that opens them, and what to try."""
+    gridpose = command_name()
+    console.print(
+        f"\nKept are images, answers and the service's database in\n  {folder}\n"
+        f"Open them:  {gridpose} serve --data-dir {folder}\n"
+        "  then http://127.0.0.1:8000/docs in a browser, or\n"
+        "  export GRIDPOSE_URL=http://127.0.0.1:8000\n"
+        f"  export GRIDPOSE_KEY={key}\n"
+        f'  curl -H "Authorization: Bearer $GRIDPOSE_KEY" \\\n'
+        f"    $GRIDPOSE_URL/v1/sessions/{session_id}/repeatability\n"
+        "Try next:\n"
+        f"  {gridpose} targets print --help   print a board of your own\n"
+        f"  {gridpose} upload --help          send a folder of images\n"
+        f"  {gridpose} demo --paper           the paper's Tables II to IV, some four minutes",
+        soft_wrap=True,
+        markup=False,
+    )
+
+
+def make_console() -> Console:
+    """Return a console of at most 80 columns."""
+    console = Console(highlight=False)
+    console.width = min(console.width, MAX_COLUMNS)
+    return console
+
+
+def new_folder(data_dir: Path | None) -> Path | None:
+    """Return the empty folder to keep the session in, a temporary one where none is given; None if it is not empty."""
+    folder = data_dir or Path(tempfile.mkdtemp(prefix="gridpose-demo-"))
+    folder.mkdir(parents=True, exist_ok=True)
+    return None if any(folder.iterdir()) else folder
+
+
+def refuse_folder(console: Console, folder: Path | None) -> int:
+    """Say that the folder is not empty; return the exit code."""
+    console.print(
+        f"[red]{escape(str(folder))} is not empty;[/] give --data-dir a new folder.", soft_wrap=True
+    )
+    return 2
+
+
+def report_failure(console: Console, error: Exception, folder: Path) -> int:
+    """Say why the demo ended early; return the exit code."""
+    console.print(f"[red]{escape(str(error))}[/]\nWhat was made is in {escape(str(folder))}.", soft_wrap=True)
+    return 1
+
+
+def report_failed_checks(console: Console, found: list[str]) -> list[str]:
+    """Print what disagrees with the truth, and return it."""
+    for failed_check in found:
+        console.print(f"[red]This is not as it must be: {escape(failed_check)}.[/]")
+    return found
+
+
+def keep(folder: Path, documents: Mapping[str, Json | list[Json]]) -> None:
+    """Write documents as JSON files."""
+    for name, document in documents.items():
+        (folder / name).write_text(json.dumps(document, indent=2) + "\n", encoding="utf-8")
+
+
+def command_name() -> str:
+    """Return what to type for `gridpose` here, where its folder need not be on the PATH."""
+    script = Path(sys.executable).with_name("gridpose")
+    if not script.exists():
+        return f"{sys.executable} -m app.cli"
+    here = Path.cwd()
+    return str(script.relative_to(here)) if script.is_relative_to(here) else str(script)

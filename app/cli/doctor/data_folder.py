@@ -1,0 +1,184 @@
+"""Checks of the data folder: it exists, is writable, private, has free space, and is on a local disk."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import tempfile
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+from sqlalchemy.exc import DBAPIError
+
+from app.cli.doctor.check_result import CheckResult, failed, ok, warn
+from app.cli.server.first_key import FILE_NAME
+from app.errors import InstallationRefused, ServiceError
+from app.records.database import Database
+from app.records.privacy import exposed
+from app.records.tables import Installation
+from app.services.binding import (
+    read_identity,
+    require_installation,
+    require_pepper,
+    require_same,
+    sqlite_path,
+)
+from app.settings import MIB, Settings, is_loopback
+
+_NETWORK_FILE_SYSTEMS = frozenset(
+    {"nfs", "nfs4", "cifs", "smb3", "smbfs", "9p", "afs", "fuse.sshfs", "ncpfs"}
+)
+_MAX_SYNC_S = 0.1
+
+
+def check(settings: Settings) -> Iterator[CheckResult]:
+    """Check the data folder, and whether it belongs to its database."""
+    folder = settings.data_dir
+    if not folder.exists():
+        yield _can_be_made(folder)
+        yield _without_installation()
+        return
+    if not folder.is_dir():
+        yield failed("is not a folder", "Choose another with --data-dir or GRIDPOSE_DATA_DIR.")
+        return
+    yield _writable(folder)
+    if os.name == "posix":
+        yield from _private(folder)
+    yield _room(folder, settings.disk_floor_bytes)
+    yield _local(folder)
+    yield _transport(settings.host)
+    yield _bound(settings)
+
+
+def _bound(settings: Settings) -> CheckResult:
+    """Check that folder, database and pepper belong together, as far as they can be read."""
+    try:
+        require_installation(settings)
+    except InstallationRefused as error:
+        return failed(error.detail, error.advice)
+    identity = read_identity(settings.data_dir)
+    if identity is None:
+        return warn("has no installation id yet", "The next start creates one; nothing to do.")
+    file = sqlite_path(settings)
+    if file is not None and not file.exists():
+        return failed(
+            f"belongs to installation {identity.id}, whose database does not exist", "Restore a backup."
+        )
+    database = Database(settings.effective_database_url)
+    try:
+        with database.read() as records:
+            row = records.get(Installation, 1)
+            if row is None:
+                return warn(
+                    "the database has no installation id", "The next start adds it, or reports why not."
+                )
+            require_same(settings, identity, row)
+            require_pepper(settings, records, row)
+    except InstallationRefused as error:
+        return failed(error.detail, error.advice)
+    except (ServiceError, DBAPIError):
+        return warn("cannot be compared with its database", "See the checks of the database.")
+    finally:
+        database.dispose()
+    return ok(f"and database belong to installation {identity.id}")
+
+
+def _without_installation() -> CheckResult:
+    return failed(
+        "holds no installation", "Check --data-dir and GRIDPOSE_DATA_DIR; `gridpose serve` creates one."
+    )
+
+
+def _can_be_made(folder: Path) -> CheckResult:
+    parent = next(p for p in folder.absolute().parents if p.exists())
+    if os.access(parent, os.W_OK | os.X_OK):
+        return ok("does not exist yet; the first start creates it")
+    return failed(
+        f"does not exist, and this user may not create it in {parent}",
+        "Create it as an administrator and give it to this user, or choose another with --data-dir.",
+    )
+
+
+def _writable(folder: Path) -> CheckResult:
+    """Write, sync and remove a small file, as every upload does."""
+    started = time.perf_counter()
+    try:
+        with tempfile.NamedTemporaryFile(dir=folder, prefix="doctor-") as file:
+            file.write(b"x" * 4096)
+            file.flush()
+            os.fsync(file.fileno())
+    except OSError as error:
+        return failed(
+            f"cannot be written: {error.strerror or error}",
+            "Give it to the user the service runs as (chown), or free space.",
+        )
+    seconds = time.perf_counter() - started
+    if seconds > _MAX_SYNC_S:
+        return warn(
+            f"can be written, but a write takes {1000 * seconds:.0f} ms to reach the disk",
+            "Every upload waits for this; a local SSD takes a few ms.",
+        )
+    return ok(f"can be written; a write reaches the disk in {1000 * seconds:.1f} ms")
+
+
+def _private(folder: Path) -> Iterator[CheckResult]:
+    found = exposed(folder)
+    for path in found:
+        what = "can" if path == folder else f"{path.name} can"
+        yield warn(
+            f"{what} be read by other users of this machine", f"chmod {700 if path == folder else 600} {path}"
+        )
+    if not found:
+        yield ok("is private to this user")
+    key_file = folder / FILE_NAME
+    if os.access(key_file, os.F_OK):
+        yield warn(
+            f"{FILE_NAME} still holds the first admin key", f"Store the key elsewhere, then remove {key_file}"
+        )
+
+
+def _transport(host: str) -> CheckResult:
+    if is_loopback(host):
+        return ok(f"is served on {host} only")
+    return warn(
+        f"is served on {host} by plain HTTP: others on the network can read keys and images",
+        "Put a reverse proxy with TLS in front of it and bind the service to 127.0.0.1.",
+    )
+
+
+def _room(folder: Path, floor: int) -> CheckResult:
+    free = shutil.disk_usage(folder).free
+    if free < floor:
+        return failed(
+            f"{_size(free)} free, below the minimum of {_size(floor)}: uploads are refused",
+            "Free space on that disk, or lower GRIDPOSE_DISK_FLOOR_BYTES.",
+        )
+    if free < 4 * floor:
+        return warn(
+            f"{_size(free)} free; uploads are refused below {_size(floor)}",
+            "Free space on that disk before it is full.",
+        )
+    return ok(f"{_size(free)} free")
+
+
+def _local(folder: Path) -> CheckResult:
+    """Identify a network file system, on which SQLite's shared memory does not work, by the mount table."""
+    mounts = Path("/proc/self/mounts")
+    if not mounts.exists():
+        return ok("kind of file system not checked on this operating system")
+    best = ("", "")
+    for line in mounts.read_text(encoding="utf-8", errors="replace").splitlines():
+        _, point, kind, *_ = line.split(" ")
+        if folder.absolute().is_relative_to(point) and len(point) >= len(best[0]):
+            best = (point, kind)
+    if best[1] in _NETWORK_FILE_SYSTEMS:
+        return failed(
+            f"is on a network file system ({best[1]}), on which SQLite loses data",
+            "Use a folder on a disk of this machine, or PostgreSQL (GRIDPOSE_DATABASE_URL).",
+        )
+    return ok(f"is on a file system of this machine ({best[1] or 'unknown'})")
+
+
+def _size(count: int) -> str:
+    return f"{count / (1024 * MIB):.1f} GiB" if count >= 1024 * MIB else f"{count / MIB:.0f} MiB"

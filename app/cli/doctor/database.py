@@ -1,0 +1,180 @@
+"""Checks of the database: it opens, is intact, has this version's schema, and its times are not in the future.
+
+The deep checks read every page and row.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from datetime import UTC, datetime, timedelta
+
+import sqlalchemy as sa
+from alembic.script import ScriptDirectory
+from sqlalchemy import orm
+from sqlalchemy.exc import DBAPIError
+
+from app.cli.doctor.check_result import CheckResult, failed, ok, warn
+from app.errors import ServiceError
+from app.records.database import Database
+from app.records.migrations import current_revision, head_revision, migration_config
+from app.records.readable import Unreadable
+from app.records.tables import ApiKey, Measurement, Table
+from app.settings import Settings
+
+_MAX_CLOCK_LAG = timedelta(minutes=5)
+_RESTORE = "Stop the service and restore a backup; keep the damaged files for analysis."
+_MAX_LISTED = 20
+
+
+def check(settings: Settings, *, deep: bool = False) -> Iterator[CheckResult]:
+    """Check the database; `deep`: read every page and row of it."""
+    url = sa.make_url(settings.effective_database_url)
+    if url.get_backend_name() == "sqlite" and not (settings.data_dir / "gridpose.sqlite3").exists():
+        yield ok("does not exist yet; the first start creates it")
+        return
+    database = Database(settings.effective_database_url)
+    try:
+        yield from _check(database, deep=deep)
+    except DBAPIError as error:
+        reason = str(error.orig).strip().splitlines()
+        yield failed(
+            f"cannot be used: {reason[0] if reason else type(error.orig).__name__}",
+            "Check that the server runs and GRIDPOSE_DATABASE_URL is right; restore a damaged SQLite file from "
+            "backups/ in the data folder.",
+        )
+    except ServiceError as error:
+        yield failed(
+            error.detail, "Check that nothing else locks the database, and that its disk has free space."
+        )
+    finally:
+        database.dispose()
+
+
+def _check(database: Database, *, deep: bool) -> Iterator[CheckResult]:
+    current, head = current_revision(database), head_revision()
+    with database.read() as session:  # a reader: it does not block the service's writers
+        if database.is_sqlite:
+            yield ok(f"SQLite, {session.scalar(sa.text('PRAGMA journal_mode'))} mode")
+            answer = session.scalar(sa.text("PRAGMA quick_check(1)"))
+            if answer != "ok":
+                yield failed(
+                    f"is damaged: {answer}", "Stop the service; restore the newest file of backups/."
+                )
+                return
+            yield ok("is intact (quick_check)")
+        else:
+            yield ok(f"PostgreSQL {session.scalar(sa.text('SHOW server_version'))}")
+        if current != head:
+            yield _schema(current, head)
+            return
+        yield ok(f"schema {current} is current")
+        if deep:
+            yield from check_deep(database, session)
+        keys = session.scalar(sa.select(sa.func.count()).where(ApiKey.revoked_at.is_(None)))
+        if keys:
+            yield ok(f"API keys in use: {keys}")
+        else:
+            yield warn("there is no API key", "Create one: gridpose keys create NAME --scope admin")
+        yield _clock(session.scalar(sa.select(sa.func.max(Measurement.received_at))))
+
+
+def _clock(newest: datetime | Unreadable | None) -> CheckResult:
+    now = datetime.now(UTC)
+    if isinstance(newest, Unreadable):
+        return failed(
+            "a measurement's time of arrival cannot be read",
+            "Look for measurements with the failure row_unreadable; restore a backup.",
+        )
+    if newest is not None and newest > now + _MAX_CLOCK_LAG:
+        return warn(
+            f"the clock, {now:%Y-%m-%d %H:%M} UTC, is behind the newest image, {newest:%Y-%m-%d %H:%M}",
+            "Set the clock, best by NTP; lists are ordered by time of arrival.",
+        )
+    return ok(f"the clock, {now:%Y-%m-%d %H:%M} UTC, is not behind the newest image")
+
+
+def _schema(current: str | None, head: str) -> CheckResult:
+    if current is not None and current not in _known_revisions():
+        return failed(
+            f"schema {current} was made by a later version", "Install that version, or restore a backup."
+        )
+    return warn(
+        f"schema {current or 'none'} is older than {head}, which this version needs",
+        "The next start migrates it and keeps a copy in backups/; nothing to do.",
+    )
+
+
+def _known_revisions() -> set[str]:
+    return {script.revision for script in ScriptDirectory.from_config(migration_config()).walk_revisions()}
+
+
+def check_deep(database: Database, session: orm.Session) -> Iterator[CheckResult]:
+    """Read every page and row within `session`, a reader: the service keeps running."""
+    if database.is_sqlite:
+        yield from _sqlite(session)
+    else:
+        yield from _postgresql(session)
+    yield from _references(session)
+
+
+def _sqlite(session: orm.Session) -> Iterator[CheckResult]:
+    answers = session.scalars(sa.text(f"PRAGMA integrity_check({_MAX_LISTED})")).all()
+    if answers == ["ok"]:
+        yield ok("is intact in every page and index (integrity_check)")
+    for answer in answers if answers != ["ok"] else ():
+        yield failed(f"is damaged: {answer}", _RESTORE)
+    dangling = session.execute(sa.text("PRAGMA foreign_key_check")).fetchmany(_MAX_LISTED)
+    for table, row, parent, _ in dangling:
+        yield failed(f"row {row} of {table} refers to nothing in {parent} (foreign_key_check)", _RESTORE)
+    if not dangling:
+        yield ok("no row refers to nothing (foreign_key_check)")
+
+
+def _postgresql(session: orm.Session) -> Iterator[CheckResult]:
+    """Read every value of every row, which reveals damaged pages and lost large values; query the page checksums."""
+    for table in Table.metadata.sorted_tables:
+        try:
+            with session.begin_nested():
+                whole_row = sa.cast(sa.literal_column(table.name), sa.Text)
+                session.execute(sa.select(sa.func.count(sa.func.md5(whole_row))).select_from(table)).one()
+        except DBAPIError as error:
+            reason = str(error.orig).strip().splitlines()[0]
+            yield failed(f"table {table.name} cannot be read completely: {reason}", _RESTORE)
+    if session.scalar(sa.text("SHOW data_checksums")) != "on":
+        yield warn(
+            "the server keeps no checksums of its pages, so that damage on its disk is detected late",
+            "Have its administrator run `pg_checksums --enable` while it is stopped.",
+        )
+        return
+    damaged = session.scalar(
+        sa.text("SELECT checksum_failures FROM pg_stat_database WHERE datname = current_database()")
+    )
+    if damaged:
+        yield failed(f"the server counted {damaged} pages with wrong checksums", _RESTORE)
+    else:
+        yield ok("the server found no page with a wrong checksum")
+
+
+def _references(session: orm.Session) -> Iterator[CheckResult]:
+    """Count rows whose reference has no target row, by the foreign keys of this version's tables."""
+    dangling = 0
+    for table in Table.metadata.sorted_tables:
+        for constraint in table.foreign_key_constraints:
+            parent = constraint.referred_table.alias()
+            pairs = [(element.parent, parent.c[element.column.name]) for element in constraint.elements]
+            count = session.scalar(
+                sa.select(sa.func.count())
+                .select_from(table)
+                .where(
+                    *(own.is_not(None) for own, _ in pairs),
+                    ~sa.exists().select_from(parent).where(*(theirs == own for own, theirs in pairs)),
+                )
+            )
+            if count:
+                dangling += count
+                yield failed(
+                    f"{count} rows of {table.name} refer to nothing in {constraint.referred_table.name}",
+                    _RESTORE,
+                )
+    if not dangling:
+        yield ok("every row was read, and what it refers to is there")

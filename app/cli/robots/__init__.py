@@ -1,0 +1,1 @@
+"""Robot identification: `gridpose robots export` and `gridpose robots plan`."""

@@ -1,0 +1,176 @@
+"""`gridpose robots export`: a session's identified robot as a file."""
+
+from __future__ import annotations
+
+import enum
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.markup import escape
+
+from app.cli.client_options import ReadAccess
+from app.cli.console import OptionRefused, error_console, print_error
+from app.cli.robots.model_files import WRITERS, Model
+from app.client import ClientError, Json, ServiceClient, find_session
+
+
+class ModelFormat(enum.StrEnum):
+    """Formats a robot is written in."""
+
+    urdf = "urdf"
+    roboticstoolbox = "roboticstoolbox"
+    yaml = "yaml"
+    csv = "csv"
+
+
+class DhMethod(enum.StrEnum):
+    """Methods of identification."""
+
+    cpa = "cpa"
+    screw = "screw"
+    combined = "combined"
+    global_ = "global"
+
+
+class DhSource(enum.StrEnum):
+    """Sources of a session's poses."""
+
+    images = "images"
+    measured_poses = "measured_poses"
+
+
+def export_dh(
+    session: Annotated[str, typer.Option(help="Id or name of the session.")],
+    model_format: Annotated[
+        ModelFormat,
+        typer.Option(
+            "--format",
+            help="roboticstoolbox: Python for Peter Corke's Robotics Toolbox. csv: one row per joint.",
+        ),
+    ],
+    service: ReadAccess,
+    output: Annotated[Path | None, typer.Option("--output", "-o", help="File.  [default: stdout]")] = None,
+    method: Annotated[DhMethod, typer.Option(help="As of the analysis.")] = DhMethod.global_,
+    source: Annotated[
+        DhSource, typer.Option(help="Poses from images, or of another instrument.")
+    ] = DhSource.images,
+    estimator: Annotated[str, typer.Option(help="As of the analysis.")] = "pooled",
+    joint_tolerance_deg: Annotated[
+        float | None, typer.Option(help="How far resting joints may differ within a sweep.")
+    ] = None,
+    sweep: Annotated[
+        list[str] | None,
+        typer.Option(
+            help="JOINT:POSE,POSE,... lists the poses of a sweep, with * and ? as patterns; once per sweep."
+        ),
+    ] = None,
+    joint_names: Annotated[
+        str | None,
+        typer.Option(
+            help="Names of the joints, separated by commas.  [default: the robot's own, or joint_1, ...]"
+        ),
+    ] = None,
+    joint_limits: Annotated[
+        str | None,
+        typer.Option(
+            help="LOW:HIGH in degrees for each joint, separated by commas.  [default: the robot's own; else continuous]"
+        ),
+    ] = None,
+    camera: Annotated[
+        bool,
+        typer.Option(help="Include the camera (or probe) as a link of the URDF, where it was identified."),
+    ] = True,
+) -> int:
+    """Write a session's identified robot as URDF, Robotics Toolbox model, YAML or CSV."""
+    console = error_console()
+    try:
+        with service.client(console) as client:
+            session_id = find_session(client, session)["id"]
+            document = client.get(
+                f"/v1/sessions/{session_id}/dh",
+                method=method.value,
+                source=source.value,
+                estimator=estimator,
+                joint_tolerance_deg=joint_tolerance_deg,
+                sweep=sweep or None,
+            )
+            robot = _robot(client, session_id, len(document["joints"]))
+        joints: list[Json] = robot["joints"]
+        model = Model(
+            document,
+            robot["name"],
+            _names(joint_names, [joint.get("name") for joint in joints]),
+            _limits(joint_limits, [(joint.get("minimum_deg"), joint.get("maximum_deg")) for joint in joints]),
+            camera,
+        )
+    except OptionRefused as refused:
+        print_error(console, str(refused))
+        return 2
+    except ClientError as error:
+        print_error(console, str(error), error.advice)
+        return 1
+    text = WRITERS[model_format](model)
+    if output is None:
+        sys.stdout.write(text)
+    else:
+        try:
+            output.write_text(text, encoding="utf-8", newline="\n")
+        except OSError as error:
+            print_error(console, f"{output} cannot be written: {error.strerror}.")
+            return 1
+        console.print(f"{escape(str(output))}: {len(model.joints)} joints")
+    for warning in document["warnings"]:
+        console.print(f"[yellow]{escape(warning['detail'])}[/]")
+    return 0
+
+
+def _robot(client: ServiceClient, session_id: str, joints: int) -> Json:
+    """Return the session's robot, or one without names and limits."""
+    session = client.get(f"/v1/sessions/{session_id}")
+    if session["robot_id"] is None:
+        return {"name": session["name"], "joints": [{} for _ in range(joints)]}
+    return client.get(f"/v1/robots/{session['robot_id']}")
+
+
+def _names(text: str | None, stored: Sequence[str | None]) -> tuple[str, ...]:
+    """Return the given names, else the robot's own; a joint without a name gets its number."""
+    count = len(stored)
+    if text is None:
+        return tuple(
+            name if name is not None else _unused_name(f"joint_{i}", stored)
+            for i, name in enumerate(stored, 1)
+        )
+    given = tuple(part.strip() for part in text.split(","))
+    if len(given) != count or len(set(given)) != count or not all(given):
+        raise OptionRefused(f"--joint-names needs {count} different names, separated by commas.")
+    return given
+
+
+def _unused_name(name: str, others: Sequence[str | None]) -> str:
+    while name in others:
+        name += "_"
+    return name
+
+
+def _limits(
+    text: str | None, stored: Sequence[tuple[float | None, float | None]]
+) -> tuple[tuple[float, float] | None, ...]:
+    """Return the given limits (low, high) in degrees, else the robot's own; None for continuous joints."""
+    if text is None:
+        return tuple(None if low is None or high is None else (low, high) for low, high in stored)
+    limits = []
+    for part in text.split(","):
+        low, colon, high = part.partition(":")
+        try:
+            pair = (float(low), float(high)) if colon else (-abs(float(low)), abs(float(low)))
+        except ValueError:
+            raise OptionRefused(f"--joint-limits has no degrees in {part!r}.") from None
+        if not pair[0] < pair[1] or not all(abs(value) < 1e6 for value in pair):
+            raise OptionRefused(f"--joint-limits has no range in {part!r}.")
+        limits.append(pair)
+    if len(limits) != len(stored):
+        raise OptionRefused(f"--joint-limits needs {len(stored)} ranges, such as -155:155,-180:65,170.")
+    return tuple(limits)

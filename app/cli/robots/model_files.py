@@ -1,0 +1,235 @@
+"""An identified robot as URDF, Robotics Toolbox model, YAML and CSV.
+
+All have the same forward kinematics, T_{i-1,i} = Rz(θ_i + offset_i) Tz(d_i) Tx(a_i) Rx(α_i) Ry(β_i), in full double
+precision. URDF and the toolbox use metres and radians.
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+from app.client import Json
+from app.markup import comment_text, quoted_attribute
+from core.geometry import rotation_to_rpy, so3_exp, transform
+from core.kinematics import link_transform
+
+PARAMETERS = ("a_mm", "alpha_deg", "d_mm", "theta_offset_deg", "beta_deg")
+CSV_COLUMNS = (
+    "joint",
+    "name",
+    *PARAMETERS,
+    *(f"u_{name}" for name in PARAMETERS),
+    *(f"nominal_{name}" for name in PARAMETERS[:4]),
+    *(f"identifiable_{name}" for name in PARAMETERS),
+    "parallel_to_next",
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Model:
+    """The answer of `GET .../dh`, and the robot's names and limits (deg) of joints, None for continuous joints."""
+
+    document: Json
+    name: str
+    joint_names: tuple[str, ...]
+    limits_deg: tuple[tuple[float, float] | None, ...]
+    with_camera: bool
+
+    @property
+    def joints(self) -> Sequence[Json]:
+        joints: Sequence[Json] = self.document["joints"]
+        return joints
+
+
+def write_urdf(model: Model) -> str:
+    """Return a URDF with the links base_link, link_1 ..., flange, and camera if requested and identified.
+
+    A URDF's joint is a fixed transform followed by the rotation about its axis: the fixed transform of each joint holds
+    the link of the joint before it.
+    """
+    lines = ['<?xml version="1.0" encoding="utf-8"?>', f"<robot name={quoted_attribute(model.name)}>"]
+    lines += [f"  <!-- {comment_text(line)} -->" for line in _provenance(model)]
+    count = len(model.joints)
+    names = ["base_link", *(f"link_{i}" for i in range(1, count + 1)), "flange"]
+    fixed = np.eye(4)
+    for i, joint in enumerate(model.joints):
+        offset = so3_exp(np.array([0.0, 0.0, _radians(joint["theta_offset_deg"])]))
+        origin = fixed @ transform(offset, np.zeros(3))
+        kind, limit, limits = "continuous", "", model.limits_deg[i]
+        if limits is not None:
+            low, high = map(math.radians, limits)
+            kind = "revolute"
+            limit = f'<limit lower="{low!r}" upper="{high!r}" effort="0" velocity="0"/>'
+        lines += _joint(model.joint_names[i], kind, names[i], names[i + 1], origin, limit)
+        fixed = _link(joint)
+    lines += _joint("flange_joint", "fixed", names[count], "flange", fixed, "", axis=False)
+    camera = model.document["flange_camera"]["T_flange_camera"] if model.with_camera else None
+    if camera is not None:
+        names.append("camera")
+        lines += _joint("camera_joint", "fixed", "flange", "camera", _metres(camera), "", axis=False)
+    lines += [f'  <link name="{name}"/>' for name in names]
+    return "\n".join([*lines, "</robot>", ""])
+
+
+def write_roboticstoolbox(model: Model) -> str:
+    """Return Python for Peter Corke's Robotics Toolbox; `robot` is the model.
+
+    DHRobot has no β, which nearly parallel axes have: the model is then an elementary transform sequence.
+    """
+    head = [f"# {line}" for line in (model.name, *_provenance(model))]
+    if any(joint["beta_deg"] is not None for joint in model.joints):
+        body = ["from roboticstoolbox import ET, ERobot", "", "steps = ("]
+        for i, joint in enumerate(model.joints):
+            a, alpha, d, offset, beta = _si(joint)
+            steps = [f"ET.Rz({offset!r})", f"ET.Rz({_limits(model, i)})", f"ET.tz({d!r})", f"ET.tx({a!r})"]
+            steps += [f"ET.Rx({alpha!r})", f"ET.Ry({beta!r})"]
+            body.append(f"    {'* ' if i else ''}{' * '.join(steps)}")
+        body += [")", f"robot = ERobot(steps, name={model.name!r})"]
+    else:
+        body = ["from roboticstoolbox import DHRobot, RevoluteDH", "", "robot = DHRobot(", "    ["]
+        for i, joint in enumerate(model.joints):
+            a, alpha, d, offset, _ = _si(joint)
+            limits = _limits(model, i)
+            body.append(
+                f"        RevoluteDH(d={d!r}, a={a!r}, alpha={alpha!r}, offset={offset!r}"
+                f"{', ' + limits if limits else ''}),"
+            )
+        body += ["    ],", f"    name={model.name!r},", ")"]
+    return "\n".join([*head, *body, ""])
+
+
+def write_yaml(model: Model) -> str:
+    """Return the parameters with uncertainties, nominal values, validation and the hashes of their inputs."""
+    import yaml
+
+    document = {
+        "robot": model.name,
+        **{
+            name: model.document[name]
+            for name in (
+                *(
+                    "convention",
+                    "method",
+                    "source",
+                    "estimator",
+                    "named_sweeps",
+                    "session_id",
+                    "inputs_sha256",
+                ),
+                *("core_version", "residual", "validation", "condition_number", "null_space"),
+            )
+        },
+        "joints": [
+            {
+                "name": model.joint_names[i],
+                **joint,
+                "limits_deg": list(limits) if limits is not None else None,
+            }
+            for i, (joint, limits) in enumerate(zip(model.joints, model.limits_deg, strict=True))
+        ],
+        **{name: model.document[name] for name in ("flange_camera", "base_targets")},
+    }
+    text: str = yaml.safe_dump(document, sort_keys=False, allow_unicode=True, width=120)
+    return text
+
+
+def write_csv(model: Model) -> str:
+    """Return one row per joint; unknown values are empty."""
+    text = io.StringIO()
+    rows = csv.DictWriter(text, CSV_COLUMNS, lineterminator="\n")
+    rows.writeheader()
+    for name, joint in zip(model.joint_names, model.joints, strict=True):
+        nominal = joint["nominal"] or {}
+        rows.writerow(
+            {
+                "joint": joint["joint"],
+                "name": name,
+                **{p: joint[p] for p in PARAMETERS},
+                **{f"u_{p}": joint["standard_uncertainty"][p] for p in PARAMETERS},
+                **{f"nominal_{p}": nominal.get(p) for p in PARAMETERS[:4]},
+                **{f"identifiable_{p}": joint["identifiable"][p] for p in PARAMETERS},
+                "parallel_to_next": joint["parallel_to_next"],
+            }
+        )
+    return text.getvalue()
+
+
+WRITERS: dict[str, Callable[[Model], str]] = {
+    "urdf": write_urdf,
+    "roboticstoolbox": write_roboticstoolbox,
+    "yaml": write_yaml,
+    "csv": write_csv,
+}
+
+
+def _provenance(model: Model) -> list[str]:
+    document = model.document
+    residual = document["residual"]["position_rms_mm"]
+    return [
+        f"Identified by Gridpose {document['core_version']}, method {document['method']}, from "
+        f"{document['source'].replace('_', ' ')} of session {document['session_id']}",
+        f"inputs_sha256 {document['inputs_sha256']}; rms residual {residual:.4g} mm",
+        "Unidentifiable parameters have their nominal value or zero: theta and d of the first joint, all of the last.",
+    ]
+
+
+def _radians(degrees: float | None) -> float:
+    return math.radians(degrees or 0.0)
+
+
+def _si(joint: Json) -> tuple[float, float, float, float, float]:
+    """Return a, α, d, offset, β in m and rad."""
+    alpha, offset, beta = (_radians(joint[name]) for name in ("alpha_deg", "theta_offset_deg", "beta_deg"))
+    return joint["a_mm"] / 1000.0, alpha, joint["d_mm"] / 1000.0, offset, beta
+
+
+def _limits(model: Model, i: int) -> str:
+    limits = model.limits_deg[i]
+    if limits is None:
+        return ""
+    low, high = map(math.radians, limits)
+    return f"qlim=[{low!r}, {high!r}]"
+
+
+def _joint(
+    name: str,
+    kind: str,
+    parent: str,
+    child: str,
+    T: Float[np.ndarray, "4 4"],
+    limit: str,
+    *,
+    axis: bool = True,
+) -> list[str]:
+    roll, pitch, yaw = rotation_to_rpy(T[:3, :3]).tolist()
+    x, y, z = T[:3, 3].tolist()
+    lines = [
+        f'  <joint name={quoted_attribute(name)} type="{kind}">',
+        f'    <origin xyz="{x!r} {y!r} {z!r}" rpy="{roll!r} {pitch!r} {yaw!r}"/>',
+        f'    <parent link="{parent}"/>',
+        f'    <child link="{child}"/>',
+    ]
+    if axis:
+        lines.append('    <axis xyz="0 0 1"/>')
+    if limit:
+        lines.append(f"    {limit}")
+    return [*lines, "  </joint>"]
+
+
+def _link(joint: Json) -> Float[np.ndarray, "4 4"]:
+    """Return Tz(d) Tx(a) Rx(α) Ry(β), translation in metres."""
+    a, alpha, d, _, beta = _si(joint)
+    return link_transform(a, alpha, d, beta)
+
+
+def _metres(T_mm: Sequence[Sequence[float]]) -> Float[np.ndarray, "4 4"]:
+    T = np.array(T_mm)
+    T[:3, 3] /= 1000.0
+    return T

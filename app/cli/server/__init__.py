@@ -1,0 +1,1 @@
+"""Commands of an installation: serve, worker, keys, backup, restore and schema."""

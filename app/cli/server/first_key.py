@@ -1,0 +1,81 @@
+"""The first admin key: written to a private file before it becomes valid, so that no crash loses it.
+
+On a terminal the key is shown and the file removed. Elsewhere stdout may end in a log, so only the path is printed.
+"""
+
+from __future__ import annotations
+
+import os
+import secrets
+import sys
+from pathlib import Path
+
+import sqlalchemy as sa
+import structlog
+
+from app.records.activity import Activity, acting
+from app.records.tables import ApiKey
+from app.services.context import ServiceContext
+from app.services.keys import draft_key, find_key, store_key
+
+FILE_NAME = "first-admin-key"
+
+log = structlog.get_logger(__name__)
+
+
+def ensure_admin_key(installation: ServiceContext) -> Path | None:
+    """Create an admin key where there never was one.
+
+    Returns the key's file, also that of an earlier start as long as it was not removed, else None.
+    """
+    if installation.settings.auth == "off":
+        return None
+    path = installation.settings.data_dir / FILE_NAME
+    if not _has_admin(installation):
+        new = draft_key(installation, "first admin key", "admin")
+        _write(path, new.secret_key)
+        with acting(Activity(actor="cli", action="create_key")):
+            store_key(installation, new)
+        return path
+    if not path.exists():
+        return None
+    if find_key(installation, path.read_text(encoding="ascii", errors="replace").strip()) is None:
+        log.info("first_admin_key_file_removed", reason="the key in it is not valid")
+        path.unlink(missing_ok=True)
+        return None
+    return path
+
+
+def announce_admin_key(path: Path) -> None:
+    """Print the key on a terminal and remove its file; elsewhere print the path of the file."""
+    if sys.stdout.isatty():
+        print(f"  admin key  {path.read_text(encoding='ascii').strip()}")
+        print("             shown only this once; `gridpose keys` creates and revokes others")
+        path.unlink(missing_ok=True)
+    else:
+        print(f"  admin key  is in {path}")
+        print(
+            "             store it elsewhere and remove the file; `gridpose keys` creates and revokes others"
+        )
+
+
+def _has_admin(installation: ServiceContext) -> bool:
+    with installation.database.read() as records:
+        return records.scalar(sa.select(ApiKey.id).where(ApiKey.scope == "admin").limit(1)) is not None
+
+
+def _write(path: Path, secret_key: str) -> None:
+    """Write the file atomically and durably, readable by its owner only."""
+    temporary = path.with_name(f"{path.name}.{secrets.token_hex(8)}")
+    descriptor = os.open(temporary, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)
+    with os.fdopen(descriptor, "w", encoding="ascii") as file:
+        file.write(secret_key + "\n")
+        file.flush()
+        os.fsync(file.fileno())
+    temporary.replace(path)
+    if os.name == "posix":
+        folder = os.open(path.parent, os.O_RDONLY)
+        try:
+            os.fsync(folder)
+        finally:
+            os.close(folder)

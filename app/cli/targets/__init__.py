@@ -1,0 +1,1 @@
+"""`gridpose targets`: print a target, and check a printed one."""
