@@ -29,8 +29,10 @@ within one run, accuracy is against rendered or drawn truth. Goals not met say N
 
 
 def main() -> int:
-    names = [m.name for m in pkgutil.iter_modules(benchmarks.__path__) if m.name not in ("__main__", "table")]
-    modules = {n: m for n in names if hasattr(m := importlib.import_module(f"benchmarks.{n}"), "rows")}
+    names = [m.name for m in pkgutil.walk_packages(benchmarks.__path__, "benchmarks.")]
+    names.remove("benchmarks.__main__")
+    found = [m for m in map(importlib.import_module, names) if hasattr(m, "rows")]
+    modules = {m.__name__.rpartition(".")[2]: m for m in found}
     parser = argparse.ArgumentParser(prog="python -m benchmarks", description=__doc__)
     parser.add_argument(
         "--only", action="append", choices=sorted(modules), help="run this module (repeatable)"
@@ -74,7 +76,7 @@ def _table(name: str, rows: list[Row]) -> Table:
 
 
 def _load() -> str:
-    """Return how busy the machine is already: beside other work, ratios of whole machines mean little."""
+    """Return the load of the machine: under other load, ratios that use all cores mean little."""
     return f"load average {os.getloadavg()[0]:.1f}" if hasattr(os, "getloadavg") else "load unknown"
 
 

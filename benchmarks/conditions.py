@@ -1,4 +1,4 @@
-"""What the measurements share: one pinned core, a stopwatch, the standard pictures."""
+"""Conditions that the benchmarks share: one pinned core, a stopwatch, the standard scenes."""
 
 from __future__ import annotations
 
@@ -10,8 +10,7 @@ from contextlib import contextmanager
 import cv2
 import numpy as np
 
-from core.simulation import Scene, standard_scene, standard_target
-from core.simulation.surroundings import background, illumination
+from core.simulation import Scene, background, illumination, standard_scene, standard_target
 
 BOARDS = ((9, 6), (14, 10), (25, 18))
 
@@ -42,7 +41,7 @@ def seconds(call: Callable[[], object]) -> float:
 def standard_scenes(
     seeds: Sequence[int], boards: Sequence[tuple[int, int]], per_seed: int
 ) -> Iterator[Scene]:
-    """Yield `per_seed` standard scenes of each board and seed, no two alike."""
+    """Yield `per_seed` standard scenes of each board and seed, all different."""
     for seed in seeds:
         for index in range(per_seed):
             for columns, rows in boards:
@@ -51,7 +50,7 @@ def standard_scenes(
 
 
 def without_board(scene: Scene) -> np.ndarray:
-    """Return the picture of a scene's surroundings alone: light, clutter and noise, and no sheet."""
+    """Return an image of a scene's surroundings alone: light, clutter and noise, without the board."""
     levels = background(scene) * illumination(scene)
     levels += np.random.default_rng([scene.seed, 2]).normal(0.0, scene.noise_levels, levels.shape)
     return np.asarray(np.clip(np.rint(levels), 0, 255).astype(np.uint8))

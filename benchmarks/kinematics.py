@@ -1,8 +1,8 @@
 """Identification of DH parameters: accuracy against known arms, coverage of what is stated, and speed.
 
 A robot repeatability of .1 mm is ISO 9283's RP_l: of isotropic scatter with standard deviation σ along each axis,
-RP_l = l̄ + 3 S_l = 3.616 σ, so σ is .0277 mm; the rotation about each axis scatters by .005°. What cannot be told (base
-and tool terms, d of parallel joints) is a convention and is compared under one.
+RP_l = l̄ + 3 S_l = 3.616 σ, so σ is .0277 mm; the rotation about each axis scatters by .005°. What is not
+identifiable (base and tool terms, d of parallel joints) is compared under one convention.
 """
 
 from __future__ import annotations
@@ -17,29 +17,32 @@ import numpy as np
 
 from benchmarks.conditions import seconds
 from benchmarks.table import Row
-from core.camera import Camera
+from core.calibration import estimate_group
 from core.errors import DetectionError
-from core.kinematics.cpa import identify_from_axes
-from core.kinematics.dh import JOINT_PARAMETERS
-from core.kinematics.identification import Identification, identify
-from core.kinematics.on_points import identify_on_points
-from core.kinematics.poses import PoseData
-from core.simulation.arm import (
+from core.geometry import Camera, invert
+from core.kinematics import (
+    JOINT_PARAMETERS,
+    Identification,
+    PoseData,
+    identify,
+    identify_from_axes,
+    identify_from_images,
+)
+from core.simulation import (
     KR5_ARC,
     KR5_ARC_HOME,
     KR5_ARC_LIMITS,
     Arm,
+    Light,
+    Scene,
     free_angles,
     kr5_arc,
+    render,
+    sample_viewing_configurations,
     sweep_angles,
 )
-from core.simulation.looking import looking_angles
-from core.simulation.renderer import render
-from core.simulation.scenes import Light, Scene
-from core.simulation.sweeps import Repeatability, measure_poses
-from core.targets.detect import detect
-from core.targets.specification import GridPoints, TargetSpec
-from core.transforms import invert
+from core.targets import GridPoints, TargetSpec, detect
+from tests.support.simulation.simulated_poses import Repeatability, measure_poses
 
 RP_L = 0.1
 ROBOT = Repeatability(RP_L / 3.616, math.radians(0.005))
@@ -74,12 +77,13 @@ def _drawn(rng: np.random.Generator, free: int, robot: Repeatability) -> tuple[n
 
 
 def _errors(arm: Arm, q: np.ndarray, found: Identification) -> tuple[np.ndarray, np.ndarray]:
-    """Return errors and their stated uncertainties, a row per joint; NaN where nothing is told."""
+    """Return errors and their stated uncertainties, a row per joint; NaN where not identifiable."""
     exact = measure_poses(arm, q, np.random.default_rng(0), estimator="exact")
     truth = identify(exact, KR5_ARC, folds=0).chain.as_array()
-    stated = [[j.standard_uncertainty[name] or math.nan for name in JOINT_PARAMETERS] for j in found.joints]
-    doubt = np.array(stated)
-    return np.where(np.isfinite(doubt), found.chain.as_array() - truth, np.nan), doubt
+    stated = np.array(
+        [[j.standard_uncertainty[name] or math.nan for name in JOINT_PARAMETERS] for j in found.joints]
+    )
+    return np.where(np.isfinite(stated), found.chain.as_array() - truth, np.nan), stated
 
 
 def _accuracy(
@@ -110,11 +114,15 @@ def _rendered(seeds: list[int], count: int) -> Iterator[Row]:
     for seed in seeds:
         rng = np.random.default_rng(seed)
         arm = kr5_arc(rng)
-        q = looking_angles(arm, GRID, CAMERA, SIZE, rng, count, home=KR5_ARC_HOME, limits=KR5_ARC_LIMITS)
+        q = sample_viewing_configurations(
+            arm, GRID, CAMERA, SIZE, rng, count, home=KR5_ARC_HOME, limits=KR5_ARC_LIMITS
+        )
         views = [_seen(T, seed, i) for i, T in enumerate(arm.camera_poses(q))]
         kept = np.array([i for i, v in enumerate(views) if v is not None])
         begun = time.perf_counter()
-        result = identify_on_points([views[i] for i in kept], q[kept], KR5_ARC, folds=0)  # type: ignore[misc]
+        estimate = estimate_group([views[i] for i in kept], "pooled")  # type: ignore[misc]
+        kept = kept[estimate.images]
+        result = identify_from_images(estimate.fit, q[kept], KR5_ARC, folds=0)  # type: ignore[arg-type]
         took.append(time.perf_counter() - begun)
         figures.append(_errors(arm, q[kept], result.robot))
         found.append(len(kept))

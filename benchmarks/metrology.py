@@ -13,11 +13,20 @@ from scipy.spatial.transform import Rotation
 from benchmarks import rendered_sessions
 from benchmarks.rendered_sessions import side_by_side
 from benchmarks.table import Row
-from core.metrology import FIGURE_NAMES, PoseCycles, assess_repeatability
-from core.metrology.orientation import angles_from_vectors
-from core.metrology.radial import eigenvalues, long_run_reading, reading_law
-from core.metrology.uncertainty import Assessed, assess_radial, assess_three_sigma, still_lengths
-from core.transforms import rpy_to_rotation
+from core.geometry import rpy_to_rotation
+from core.metrology import (
+    COMPONENTS,
+    IntervalEstimate,
+    PoseCycles,
+    angles_from_vectors,
+    assess_radial,
+    assess_repeatability,
+    assess_three_sigma,
+    eigenvalues,
+    long_run_rp,
+    noise_only_lengths,
+    rp_sampling_distribution,
+)
 
 SHAPES = {
     "sphere": (1.0, 1.0, 1.0),
@@ -71,7 +80,7 @@ def _coverage_of_poses(seeds: list[int], trials: int) -> Iterator[Row]:
     for n in (10, 30):
         for share in (0.0, 0.5):
             found = np.mean([inside[case] for case in cases if (case.n, case.share) == (n, share)], axis=0)
-            listed = ", ".join(f"{name} {100 * v:.1f}" for name, v in zip(FIGURE_NAMES, found, strict=True))
+            listed = ", ".join(f"{name} {100 * v:.1f}" for name, v in zip(COMPONENTS, found, strict=True))
             floor = "no noise" if share == 0.0 else f"floor {share:g} of the reading"
             for end in (min, max):
                 what = f"coverage of 95 % intervals, n {n}, {floor}, {end.__name__} of seven figures"
@@ -94,14 +103,14 @@ def _covered(case: _Case) -> np.ndarray:
     mean = rpy_to_rotation(np.array([0.3, math.radians(40.0), -2.0]))
     J = np.eye(6)
     J[3:, 3:] = angles_from_vectors(mean)
-    inside = np.zeros((0, len(FIGURE_NAMES)))
+    inside = np.zeros((0, len(COMPONENTS)))
     for _ in range(case.trials // 100):
         unit = np.array([0.03] * 3 + [2e-4] * 3)[:, None]
         robot, noise = (root @ root.T for root in unit * rng.normal(size=(2, 6, 6)))
         total = robot
         if case.share:
             # The reading's square is the sum of robot's and noise's, as near as it takes to set the floor.
-            size = [float(long_run_reading(eigenvalues(C[:3, :3]))) for C in (robot, noise)]
+            size = [float(long_run_rp(eigenvalues(C[:3, :3]))) for C in (robot, noise)]
             noise = noise * (size[0] / size[1]) ** 2 * case.share**2 / (1.0 - case.share**2)
             total = robot + noise
         stated = np.repeat(noise[None], case.n, axis=0) if case.share else np.zeros((case.n, 6, 6))
@@ -113,7 +122,7 @@ def _covered(case: _Case) -> np.ndarray:
             [PoseCycles(p, R, stated) for p, R in zip(draws[..., :3], turns, strict=True)]
         )
         seen = J @ total @ J.T
-        truth = [float(long_run_reading(eigenvalues(total[:3, :3]))), *(3.0 * np.sqrt(np.diag(seen)))]
+        truth = [float(long_run_rp(eigenvalues(total[:3, :3]))), *(3.0 * np.sqrt(np.diag(seen)))]
         bounds = np.array([[interval for _, interval in r.interval.items()] for r in results], dtype=float)
         inside = np.vstack([inside, (bounds[..., 0] <= truth) & (truth <= bounds[..., 1])])
     return np.asarray(inside.mean(axis=0))
@@ -126,9 +135,9 @@ def _read(positions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return lengths.mean(axis=1) + 3.0 * lengths.std(axis=1, ddof=1), d.transpose(0, 2, 1) @ d / (n - 1)
 
 
-def _assess(reading: np.ndarray, covariance: np.ndarray, noise: np.ndarray, n: int) -> Assessed:
+def _assess(reading: np.ndarray, covariance: np.ndarray, noise: np.ndarray, n: int) -> IntervalEstimate:
     matrices = np.repeat(np.diag(noise)[None], len(reading), axis=0)
-    still = np.tile(still_lengths(matrices[:1].repeat(n, axis=0)), (len(reading), 1))
+    still = np.tile(noise_only_lengths(matrices[:1].repeat(n, axis=0)), (len(reading), 1))
     return assess_radial(
         reading, covariance, matrices, np.zeros(len(reading)), still, np.full(len(reading), float(n))
     )
@@ -138,12 +147,14 @@ def _coverage(
     n: int, shape: tuple[float, float, float], trials: int, seeds: list[int]
 ) -> tuple[float, float, float]:
     spectrum = np.array(shape)
-    truth = float(long_run_reading(spectrum))
+    truth = float(long_run_rp(spectrum))
     inside = []
     for seed in seeds:
         rng = np.random.default_rng([seed, n])
         reading, covariance = _read(rng.standard_normal((trials, n, 3)) * np.sqrt(spectrum))
-        law = reading_law(np.maximum(np.linalg.eigvalsh(covariance)[:, ::-1], 0.0), np.full(trials, float(n)))
+        law = rp_sampling_distribution(
+            np.maximum(np.linalg.eigvalsh(covariance)[:, ::-1], 0.0), np.full(trials, float(n))
+        )
         low, high = law.interval(reading)
         variance = np.einsum("tii->ti", covariance)
         nothing = np.zeros_like(variance)
@@ -173,17 +184,17 @@ class _Pair:
 
 def _biases(seeds: list[int], quick: bool) -> Iterator[Row]:
     """Compare raw and corrected RP_l with what a perfect instrument would have read in the same cycles."""
-    # At the floor a corrected value scatters by a sixth: so many poses tell its bias to .2 %.
+    # At the floor a corrected value scatters by a sixth: so many poses determine its bias to .2 %.
     few, many = (200, 200) if quick else (500, 2000)
     for n, ratio in ((30, 1.0), (30, 2.0), (10, 1.0), (10, 2.0)):
         trials = many if (n, ratio) == (30, 1.0) else few
         pairs = [_Pair(n, ratio, r, s, trials, tuple(seeds)) for r in SHAPES for s in NOISE_SHAPES]
         with side_by_side() as pool:
-            raw, corrected, doubt = np.array(list(pool.map(_bias, pairs))).T
+            raw, corrected, u = np.array(list(pool.map(_bias, pairs))).T
         at = int(np.argmax(np.abs(corrected)))
         case = f"true RP {ratio:g} × floor, n {n}"
         note = (
-            f"{pairs[at].robot} robot, noise {pairs[at].noise}, known to {doubt[at]:.2f} %; {len(pairs)} pairs of "
+            f"{pairs[at].robot} robot, noise {pairs[at].noise}, known to {u[at]:.2f} %; {len(pairs)} pairs of "
             f"shapes × {trials * len(seeds):,} poses; raw reads {raw.max():+.1f} % at worst"
         )
         what = f"bias of corrected RP_l, {case}, worst pair"
@@ -217,7 +228,7 @@ def _bias(pair: _Pair) -> tuple[float, float, float]:
 
 
 def _of_reading(spectrum: np.ndarray, reading: float) -> np.ndarray:
-    return spectrum * (reading / float(long_run_reading(np.sort(spectrum)[::-1]))) ** 2
+    return spectrum * (reading / float(long_run_rp(np.sort(spectrum)[::-1]))) ** 2
 
 
 def _speed(poses: int, cycles: int) -> Row:

@@ -1,7 +1,7 @@
-"""Sessions of a motionless robot from rendered images: what the instrument alone reads as repeatability.
+"""Sessions of a motionless robot from rendered images: the repeatability that camera noise alone produces.
 
-A pose is rendered once without noise; each of its images is that picture with noise of its own, rounded to 8 bit: the
-same as rendering it anew, since the robot stands still. Poses are drawn side by side in processes of their own.
+A pose is rendered once without noise. Each of its images adds noise of its own to that rendering and is rounded to
+8 bit: the same as rendering it anew, since the robot stands still. Poses are rendered in parallel processes.
 """
 
 from __future__ import annotations
@@ -17,19 +17,20 @@ import cv2
 import numpy as np
 
 from benchmarks.table import Row
-from core.calibration.baselines import aruco_marker, central_marker, compare_methods, detect_markers
-from core.calibration.estimators import estimate_group
+from core.calibration import estimate_group
+from core.comparison import (
+    aruco_marker,
+    central_marker,
+    compare_methods,
+    compare_repeatability,
+    detect_markers,
+)
 from core.errors import GridposeError
-from core.metrology import PoseCycles, assess_repeatability
-from core.metrology.iso9283 import position_repeatability
-from core.metrology.methods import compare_repeatability
-from core.simulation.renderer import render_levels
-from core.simulation.scenes import Scene, standard_scene, standard_target
-from core.simulation.views import draw_pose
-from core.targets.charuco_layout import charuco_layout
-from core.targets.detect import detect
-from core.targets.specification import GridPoints, TargetSpec
-from core.transforms import compose, invert, transform
+from core.geometry import compose, invert, transform
+from core.metrology import PoseCycles, assess_repeatability, position_repeatability
+from core.simulation import Scene, render_levels, standard_scene, standard_target
+from core.targets import GridPoints, TargetSpec, charuco_layout, detect
+from tests.support.simulation.simulated_views import draw_pose
 
 POSES, CYCLES = 5, 30
 TILT = math.radians(30.0)
@@ -39,9 +40,9 @@ LARGE = TargetSpec("charuco", 4, 3, 60.0, 45.0, "DICT_5X5_100")
 """A board as large with few squares, of which one marker is a fifth of the width."""
 PLACES = {
     "session": "board 40-75 % of the width",
-    "standard": "board 45-90 % of what fits, aside",
+    "standard": "board 45-90 % of what fits, off centre",
 }
-"""Where the board stands: as in a session of METHOD's own study, and as in the standard scenes of the corners."""
+"""Where the board lies: as in a session of METHOD's own study, and as in the standard scenes of the corners."""
 
 
 @dataclass(frozen=True)
@@ -95,7 +96,7 @@ def take(place: str, target: TargetSpec, seed: int, pose: int, cycles: int) -> S
 
 
 def noisy(levels: np.ndarray, noise_levels: float, *seed: int) -> np.ndarray:
-    """Return an 8-bit picture with white noise of its own."""
+    """Return an 8-bit image with white noise of its own."""
     drawn = np.random.default_rng([*seed, 2]).standard_normal(levels.shape, dtype=np.float32)
     return np.clip(np.rint(levels + np.float32(noise_levels) * drawn), 0, 255).astype(np.uint8)
 

@@ -1,4 +1,4 @@
-"""The service against what it cannot beat: a bare loop over the same files, and a bare write of the same bytes."""
+"""Throughput and latency of the service, compared with a bare loop over the same files and a bare write."""
 
 from __future__ import annotations
 
@@ -18,8 +18,8 @@ from statistics import median
 import cv2
 import numpy as np
 
-from app.agent import ServiceClient
-from app.cli.process import ServiceProcess
+from app.cli.demo.service_process import ServiceProcess
+from app.client import ServiceClient
 from benchmarks.table import Row
 from core import TargetSpec, calibrate_image
 from core.simulation import render, standard_scene, standard_target
@@ -29,14 +29,14 @@ POLL_S = 0.25  # a question costs the head some milliseconds; asked often it wou
 
 
 def rows(seeds: list[int], quick: bool) -> Iterable[Row]:
-    pictures = _pictures(seeds, 3 if quick else 12)
+    encoded = _encoded_images(seeds, 3 if quick else 12)
     images, repeats = (24, 2) if quick else (72, 5)
     cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-    yield from _throughput(pictures, images, repeats, cores)
+    yield from _throughput(encoded, images, repeats, cores)
     yield from _acknowledgement(40 if quick else 400)
 
 
-def _throughput(pictures: Sequence[bytes], images: int, repeats: int, cores: int) -> Iterable[Row]:
+def _throughput(encoded: Sequence[bytes], images: int, repeats: int, cores: int) -> Iterable[Row]:
     """Time, in turns: the bare loop, the service with as many workers, and the service with one."""
     bare: list[float] = []
     service: dict[int, list[float]] = {cores: [], 1: []}
@@ -45,7 +45,7 @@ def _throughput(pictures: Sequence[bytes], images: int, repeats: int, cores: int
         with ProcessPoolExecutor(cores, multiprocessing.get_context("spawn"), _prepare) as pool:
             list(pool.map(_wait_a_little, range(cores)))  # all of them started and loaded
             for repeat in range(repeats):
-                files = _files(folder / f"files-{repeat}", pictures, images)
+                files = _files(folder / f"files-{repeat}", encoded, images)
                 started = time.perf_counter()
                 done = list(pool.map(_calibrate, files))
                 bare.append(images / (time.perf_counter() - started))
@@ -69,9 +69,7 @@ def _throughput(pictures: Sequence[bytes], images: int, repeats: int, cores: int
 def _acknowledgement(uploads: int) -> Iterable[Row]:
     """Time, in turns: a write with fsync of a 3 MB file, and the answer to its upload; nothing else runs."""
     size = (1730, 1730)
-    picture = cv2.imencode(".png", np.random.default_rng(3).integers(0, 256, size, dtype=np.uint8))[
-        1
-    ].tobytes()
+    png = cv2.imencode(".png", np.random.default_rng(3).integers(0, 256, size, dtype=np.uint8))[1].tobytes()
     writes, answers = [], []
     with tempfile.TemporaryDirectory(prefix="gridpose-bench-") as name:
         folder = Path(name)
@@ -81,7 +79,7 @@ def _acknowledgement(uploads: int) -> Iterable[Row]:
         ):
             session_id = _new_session(client)
             for number in range(uploads + 10):
-                data = _variant(picture, number)
+                data = _variant(png, number)
                 sha256 = hashlib.sha256(data).hexdigest()
                 started = time.perf_counter()
                 with (folder / "bare").open("wb") as file:
@@ -94,7 +92,7 @@ def _acknowledgement(uploads: int) -> Iterable[Row]:
                 answers.append(time.perf_counter() - written)
     writes, answers = writes[10:], answers[10:]  # the first ones warm connections and caches
     p99, write_p99 = np.quantile(answers, 0.99), np.quantile(writes, 0.99)
-    note = f"{uploads} uploads of {len(picture) / 1e6:.1f} MB, in turns"
+    note = f"{uploads} uploads of {len(png) / 1e6:.1f} MB, in turns"
     yield Row.context(
         "write + fsync of 3 MB, median; p99", 1000 * median(writes), "ms", f"p99 {1000 * write_p99:.1f} ms"
     )
@@ -159,7 +157,7 @@ def _new_session(client: ServiceClient) -> str:
     return session_id
 
 
-def _pictures(seeds: list[int], count: int) -> list[bytes]:
+def _encoded_images(seeds: list[int], count: int) -> list[bytes]:
     encoded = []
     for number in range(count):
         scene = standard_scene(TARGET, seeds[number % len(seeds)] * 1000 + number)
@@ -167,18 +165,18 @@ def _pictures(seeds: list[int], count: int) -> list[bytes]:
     return encoded
 
 
-def _files(folder: Path, pictures: Sequence[bytes], count: int) -> list[Path]:
+def _files(folder: Path, encoded: Sequence[bytes], count: int) -> list[Path]:
     folder.mkdir(parents=True)
     paths = []
     for number in range(count):
         path = folder / f"{number:04d}.png"
-        path.write_bytes(_variant(pictures[number % len(pictures)], number))
+        path.write_bytes(_variant(encoded[number % len(encoded)], number))
         paths.append(path)
     return paths
 
 
 def _variant(png: bytes, number: int) -> bytes:
-    """Return the same picture as a file of another hash: with a comment after its header chunk."""
+    """Return the same image as a file of another hash: with a comment after its header chunk."""
     body = b"tEXtComment\x00" + str(number).encode()
     chunk = struct.pack(">I", len(body) - 4) + body + struct.pack(">I", zlib.crc32(body))
     return png[:33] + chunk + png[33:]

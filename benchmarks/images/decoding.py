@@ -1,4 +1,4 @@
-"""Decoding by kind of file, beside OpenCV's, with identical pixels; and the memory one worker takes."""
+"""Decoding by kind of file, compared with OpenCV's for identical pixels; and the memory one worker takes."""
 
 from __future__ import annotations
 
@@ -35,24 +35,24 @@ print(next(line.split()[1] for line in open("/proc/self/status") if line.startsw
 
 
 def rows(seeds: list[int], quick: bool) -> Iterable[Row]:
-    pictures = [render(scene) for scene in standard_scenes(seeds, [(14, 10)], 1 if quick else 3)]
+    images = [render(scene) for scene in standard_scenes(seeds, [(14, 10)], 1 if quick else 3)]
     repeats = 3 if quick else 15
     goals = {"PNG": 0.5, "PNG, Paeth filter": 0.5, "BMP": 1.0, "TIFF": 1.0}
-    encoded = {kind: [_encode(kind, picture) for picture in pictures] for kind in (*goals, "JPEG q95")}
+    encoded = {kind: [_encode(kind, image) for image in images] for kind in (*goals, "JPEG q95")}
     ours: dict[str, list[float]] = {kind: [] for kind in encoded}
     theirs: dict[str, list[float]] = {kind: [] for kind in encoded}
     with one_core():
         for kind, files in encoded.items():
-            for data, picture in zip(files, pictures, strict=True):
+            for data, image in zip(files, images, strict=True):
                 assert np.array_equal(decode(data), cv2.imdecode(np.frombuffer(data, np.uint8), FLAGS))
-                assert kind.startswith("JPEG") or np.array_equal(decode(data), picture)
+                assert kind.startswith("JPEG") or np.array_equal(decode(data), image)
         for _ in range(repeats):
             for kind, files in encoded.items():
                 for data in files:
                     ours[kind].append(seconds(lambda d=data: decode(d)))
                     array = np.frombuffer(data, np.uint8)
                     theirs[kind].append(seconds(lambda a=array: cv2.imdecode(a, FLAGS)))
-    note = f"2448x2050 grey, {len(pictures)} pictures × {repeats}, in turns, one core, medians; pixels alike"
+    note = f"2448x2050 grey, {len(images)} images × {repeats}, in turns, one core, medians; equal pixels"
     for kind in encoded:
         yield Row.context(f"{kind}", 1e3 * median(ours[kind]), "ms", note)
         ratio = median(ours[kind]) / median(theirs[kind])
@@ -64,41 +64,41 @@ def rows(seeds: list[int], quick: bool) -> Iterable[Row]:
 
 
 def _memory(seed: int) -> Iterable[Row]:
-    """Peak memory of a process that calibrates one picture of 20 Mpx."""
+    """Peak memory of a process that calibrates one image of 20 Mpx."""
     if sys.platform != "linux":
         return
     scene = next(standard_scenes([seed], [(14, 10)], 1))
-    picture = cv2.resize(render(scene), (5472, 3648), interpolation=cv2.INTER_LINEAR)
+    image = cv2.resize(render(scene), (5472, 3648), interpolation=cv2.INTER_LINEAR)
     for kind in ("PNG", "JPEG q95"):
         with tempfile.TemporaryDirectory() as folder:
-            file = Path(folder) / "picture"
-            file.write_bytes(_encode(kind, picture))
+            file = Path(folder) / "image"
+            file.write_bytes(_encode(kind, image))
             done = subprocess.run(
                 [sys.executable, "-c", PEAK, str(file)], check=True, capture_output=True, text=True
             )
-        note = "a fresh process, whole: interpreter, libraries, one picture from bytes to pose"
+        note = "a fresh process, whole: interpreter, libraries, one image from bytes to pose"
         yield Row.at_most(
             f"memory of one worker at 20 Mpx, {kind}", int(done.stdout) / 1024, 400.0, "MiB", note
         )
 
 
-def _encode(kind: str, picture: np.ndarray) -> bytes:
+def _encode(kind: str, image: np.ndarray) -> bytes:
     """Return a file of that kind; the raw ones and the filtered PNG made here, since OpenCV leaves no choice."""
     if kind == "PNG":
-        return cv2.imencode(".png", picture)[1].tobytes()
+        return cv2.imencode(".png", image)[1].tobytes()
     if kind.startswith("JPEG"):
-        return cv2.imencode(".jpg", picture, [cv2.IMWRITE_JPEG_QUALITY, int(kind[6:])])[1].tobytes()
+        return cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, int(kind[6:])])[1].tobytes()
     if kind == "BMP":
-        return cv2.imencode(".bmp", picture)[1].tobytes()
+        return cv2.imencode(".bmp", image)[1].tobytes()
     if kind == "TIFF":
-        return cv2.imencode(".tiff", picture, [cv2.IMWRITE_TIFF_COMPRESSION, 1])[1].tobytes()
-    return _paeth_png(picture)
+        return cv2.imencode(".tiff", image, [cv2.IMWRITE_TIFF_COMPRESSION, 1])[1].tobytes()
+    return _paeth_png(image)
 
 
-def _paeth_png(picture: np.ndarray) -> bytes:
+def _paeth_png(image: np.ndarray) -> bytes:
     """Return a PNG whose rows are all filtered by Paeth's predictor, as many cameras' software writes them."""
-    height, width = picture.shape
-    padded = np.pad(picture.astype(np.int16), ((1, 0), (1, 0)))
+    height, width = image.shape
+    padded = np.pad(image.astype(np.int16), ((1, 0), (1, 0)))
     left, above, corner = padded[1:, :-1], padded[:-1, 1:], padded[:-1, :-1]
     estimate = left + above - corner
     to_left, to_above, to_corner = (np.abs(estimate - x) for x in (left, above, corner))
@@ -107,7 +107,7 @@ def _paeth_png(picture: np.ndarray) -> bytes:
     )
     filtered = np.empty((height, width + 1), dtype=np.uint8)
     filtered[:, 0] = 4
-    filtered[:, 1:] = (picture - nearest).astype(np.uint8)
+    filtered[:, 1:] = (image - nearest).astype(np.uint8)
     chunks = (
         (b"IHDR", struct.pack(">IIBBBBB", width, height, 8, 0, 0, 0, 0)),
         (b"IDAT", zlib.compress(filtered.tobytes(), 6)),

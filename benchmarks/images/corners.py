@@ -1,7 +1,7 @@
-"""Corners: boards found, and how far each corner is from the truth, beside the Cramér-Rao bound and OpenCV.
+"""Corners: boards found, and errors of their corners compared with the Cramér-Rao bound and with OpenCV.
 
-A corner's rms is that of one coordinate, u and v alike, as the noise in the fits is; so are the bounds and the
-uncertainties stated. The worst corner and an image's mean error are distances.
+A corner's rms is that of one coordinate, over u and v, as the noise in the fits is; so are the bounds and the stated
+uncertainties. The worst corner and an image's mean error are distances.
 """
 
 from __future__ import annotations
@@ -19,8 +19,8 @@ from benchmarks.conditions import BOARDS, standard_scenes
 from benchmarks.table import Row
 from core.errors import DetectionError
 from core.simulation import Scene, render
-from core.simulation.cramer_rao import corner_bounds
-from core.targets.detect import detect
+from core.targets import detect
+from tests.support.cramer_rao import corner_bounds
 
 RMS_GOALS_PX = {(9, 6): 0.008, (14, 10): 0.0095, (25, 18): 0.0125}
 SUBPIX_GOALS = {(9, 6): 0.19, (14, 10): 0.22, (25, 18): 0.30}
@@ -33,7 +33,7 @@ WITH_BOUND = 8 * len(BOARDS)  # of so many scenes those of one round of boards
 def rows(seeds: list[int], quick: bool) -> Iterable[Row]:
     per_seed = 1 if quick else -(-300 // (len(seeds) * len(BOARDS)))
     scenes = list(standard_scenes(seeds, BOARDS, per_seed))
-    # five more pictures make a bound; for some scenes of each board it is enough
+    # a bound takes five more renderings; some scenes of each board are enough
     bounded = [index % WITH_BOUND < len(BOARDS) for index in range(len(scenes))]
     with ProcessPoolExecutor(os.cpu_count() or 1, multiprocessing.get_context("spawn")) as pool:
         seen = list(pool.map(_look, scenes, bounded, chunksize=1))
@@ -54,8 +54,8 @@ def rows(seeds: list[int], quick: bool) -> Iterable[Row]:
     yield Row.at_most("bias common to all images", float(np.linalg.norm(common)), 0.001, "px", note)
     yield Row.at_most("mean error of an image, median", float(np.median(bias)), 0.001, "px", note)
     yield Row.context("the same, expected of noise alone", float(np.median(chance)), "px", note)
-    left_out = sum(s.left_out for s in found)
-    yield Row.context("corners left out as not trusted", float(left_out), note=note)
+    rejected = sum(s.rejected for s in found)
+    yield Row.context("corners rejected as unreliable", float(rejected), note=note)
 
 
 def _accuracy(board: tuple[int, int], seen: list[_Seen]) -> Iterable[Row]:
@@ -80,22 +80,24 @@ def _accuracy(board: tuple[int, int], seen: list[_Seen]) -> Iterable[Row]:
         f"the bound of each corner's own half cells, {len(some)} images; 2-D rms {here * np.sqrt(2.0):.4f} px"
     )
     yield Row.at_most(f"corner rms ÷ Cramér-Rao bound, {name}", here / bound, 1.2, note=on)
-    beside = f"the same corners; the bound itself ÷ cornerSubPix: {bound / there:.3f}"
-    yield Row.at_most(f"corner rms ÷ cornerSubPix 11, {name}", rms / theirs, SUBPIX_GOALS[board], note=beside)
+    compared = f"the same corners; the bound itself ÷ cornerSubPix: {bound / there:.3f}"
+    yield Row.at_most(
+        f"corner rms ÷ cornerSubPix 11, {name}", rms / theirs, SUBPIX_GOALS[board], note=compared
+    )
     z = _rms(distances / stated) / np.sqrt(2.0)
     yield Row.within(f"error ÷ stated uncertainty, rms, {name}", z, 0.95, 1.05, note=note)
 
 
 @dataclass(frozen=True)
 class _Seen:
-    """One picture's corners against the truth."""
+    """One image's corners against the truth."""
 
     board: tuple[int, int]
     errors_px: np.ndarray
     bounds_px: np.ndarray | None
     subpix_distance_px: np.ndarray
     stated_px: np.ndarray
-    left_out: int
+    rejected: int
 
     @property
     def distance_px(self) -> np.ndarray:
@@ -127,7 +129,7 @@ def _look(scene: Scene, with_bound: bool) -> _Seen | None:
         bounds_px=corner_bounds(scene).standard_deviation_px[index] if with_bound else None,
         subpix_distance_px=np.linalg.norm(theirs - truth[index], axis=1),
         stated_px=found.standard_uncertainty_px,
-        left_out=scene.target.size - len(found),
+        rejected=scene.target.size - len(found),
     )
 
 

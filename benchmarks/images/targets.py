@@ -1,4 +1,4 @@
-"""Every kind of target: corners and centres against rendered truth, wrong names, and time beside the chessboard's."""
+"""Every kind of target: corners and centres against rendered truth, wrong labels, and time over the chessboard's."""
 
 from __future__ import annotations
 
@@ -19,12 +19,11 @@ import numpy as np
 from benchmarks.conditions import one_core, seconds
 from benchmarks.table import Row
 from core import TargetSpec, calibrate_image
-from core.camera import Camera
 from core.errors import DetectionError, FocalNotObservable
-from core.simulation import Scene, render, standard_camera, standard_scene, standard_target
-from core.simulation.mutations import mutated_views
-from core.simulation.scenes import random_pose
-from core.targets.detect import detect
+from core.geometry import Camera
+from core.simulation import Scene, random_pose, render, standard_camera, standard_scene, standard_target
+from core.targets import charuco_layout, detect, find_by_lattice, marker_codes
+from tests.support.image.mutated_views import mutated_views
 
 CHARUCO = (
     TargetSpec("charuco", 9, 6, 33.0, 24.0, "DICT_5X5_100"),
@@ -36,8 +35,7 @@ CHESSBOARD = standard_target(14, 10)
 DOT_TILT, DOT_K1 = math.radians(45.0), -0.2
 SUBPIX_WINDOW = (5, 5)  # half the gap between tags, where they are smallest
 SUBPIX_STOP = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_MAX_ITER, 60, 1e-4)
-WRONG_PX = 1.0
-MUTATED_VIEWS = 10_000
+WRONG_PX, MUTATED_VIEWS = 1.0, 10_000
 MUTATED_KINDS = ("charuco", "aprilgrid", "circles", "asymmetric_circles")  # share the views equally
 _CHUNK = 50  # views of one seed
 
@@ -64,8 +62,10 @@ def rows(seeds: list[int], quick: bool) -> Iterable[Row]:
 
 @dataclass(frozen=True)
 class _Corners:
-    """One picture's corners against the truth, u and v; `theirs` are those of OpenCV's way, at the corners that both
-    found. None where it was not found."""
+    """Errors (px) of one image's corners, u and v; None if the board was not found.
+
+    `both_px` and `theirs_px` are ours and OpenCV's at the corners that both found.
+    """
 
     target: TargetSpec
     ours_px: np.ndarray | None
@@ -76,12 +76,12 @@ class _Corners:
 
 
 def _corners(target: TargetSpec, seed: int) -> _Corners:
-    """Detect a rendered board and compare; OpenCV's way is its ChArUco detector, or cornerSubPix from our corners."""
+    """Detect a rendered board and compare with OpenCV: its ChArUco detector, or cornerSubPix from our corners."""
     cv2.setNumThreads(1)
     scene = standard_scene(target, seed)
-    picture = render(scene)
+    image = render(scene)
     try:
-        found = detect(picture, target)
+        found = detect(image, target)
     except DetectionError:
         none = np.zeros((0, 2))
         return _Corners(target, None, None, none, none, 0)
@@ -90,11 +90,11 @@ def _corners(target: TargetSpec, seed: int) -> _Corners:
     ours[index] = found.points_px - scene.points_px[index]
     theirs = np.full((target.size, 2), np.nan)
     if target.kind == "charuco":
-        seen, numbers = _opencv_charuco(picture, target)
+        seen, numbers = _opencv_charuco(image, target)
         theirs[numbers] = seen - scene.points_px[numbers]
     else:
         start = found.points_px.astype(np.float32).reshape(-1, 1, 2)
-        seen = cv2.cornerSubPix(picture, start, SUBPIX_WINDOW, (-1, -1), SUBPIX_STOP).reshape(-1, 2)
+        seen = cv2.cornerSubPix(image, start, SUBPIX_WINDOW, (-1, -1), SUBPIX_STOP).reshape(-1, 2)
         theirs[index] = seen - scene.points_px[index]
     with np.errstate(invalid="ignore"):
         both = np.isfinite(ours[:, 0]) & (np.abs(theirs).max(axis=1) < WRONG_PX)
@@ -102,11 +102,11 @@ def _corners(target: TargetSpec, seed: int) -> _Corners:
     return _Corners(target, ours[index], found.standard_uncertainty_px, ours[both], theirs[both], missing)
 
 
-def _opencv_charuco(picture: np.ndarray, target: TargetSpec) -> tuple[np.ndarray, np.ndarray]:
+def _opencv_charuco(image: np.ndarray, target: TargetSpec) -> tuple[np.ndarray, np.ndarray]:
     dictionary = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, str(target.dictionary)))
     size = (target.columns + 1, target.rows + 1)
     board = cv2.aruco.CharucoBoard(size, target.pitch_mm, float(target.marker_mm or 0.0), dictionary)
-    corners, numbers, _, _ = cv2.aruco.CharucoDetector(board).detectBoard(picture)
+    corners, numbers, _, _ = cv2.aruco.CharucoDetector(board).detectBoard(image)
     if numbers is None:
         return np.zeros((0, 2)), np.zeros(0, np.intp)
     return corners.reshape(-1, 2).astype(np.float64), numbers.ravel().astype(np.intp)
@@ -120,18 +120,16 @@ def _charuco(seen: list[_Corners]) -> Iterable[Row]:
             _rms(np.concatenate([getattr(c, f) for c in of_target])) for f in ("both_px", "theirs_px")
         )
         missing = sum(c.theirs_missing for c in of_target)
-        beside = (
-            f"{note}; OpenCV {theirs:.4f} px on the same corners; {missing} more it misses or has 1 px off"
-        )
-        yield Row.at_most(f"{name} corner rms ÷ OpenCV's CharucoDetector", ours / theirs, 0.2, note=beside)
+        on = f"{note}; OpenCV {theirs:.4f} px on the same corners; {missing} more it misses or has 1 px off"
+        yield Row.at_most(f"{name} corner rms ÷ OpenCV's CharucoDetector", ours / theirs, 0.2, note=on)
         yield from _accuracy(name, of_target)
 
 
 def _aprilgrid(seen: list[_Corners]) -> Iterable[Row]:
     name = f"AprilGrid {APRILGRID.columns}x{APRILGRID.rows}"
     ours, theirs = (_rms(np.concatenate([getattr(c, f) for c in seen])) for f in ("both_px", "theirs_px"))
-    beside = f"{_found_note(seen)}; cornerSubPix 5 from our corners: {theirs:.4f} px"
-    yield Row.context(f"{name} corner rms ÷ cornerSubPix", ours / theirs, note=beside)
+    on = f"{_found_note(seen)}; cornerSubPix 5 from our corners: {theirs:.4f} px"
+    yield Row.context(f"{name} corner rms ÷ cornerSubPix", ours / theirs, note=on)
     yield from _accuracy(name, seen)
 
 
@@ -155,7 +153,7 @@ def _found_note(seen: list[_Corners]) -> str:
 
 
 def _dot_errors(target: TargetSpec, seed: int) -> np.ndarray | None:
-    """Return the errors (px) of the dots of a picture without noise; None where the board was not found."""
+    """Return the errors (px) of the dots of an image without noise; None if the board was not found."""
     cv2.setNumThreads(1)
     camera: Camera = replace(standard_camera(), k1=DOT_K1, k2=0.0)
     T = random_pose(target, camera, (2448, 2050), DOT_TILT, math.pi, np.random.default_rng([seed, 45]))
@@ -182,19 +180,21 @@ def _dots(target: TargetSpec, errors: list[np.ndarray | None]) -> Iterable[Row]:
 
 
 @dataclass(frozen=True)
-class _Named:
-    """What became of some mutated views: points with a wrong name, and views as stated and those of them measured."""
+class _LabelCounts:
+    """What became of some mutated views: points with a wrong name, and views as stated and those of them measured;
+    `by_markers` those of any that only OpenCV's marker detector finds."""
 
     views: int
     wrong: int
     corners: int
     as_stated: int
     measured: int
+    by_markers: int
 
 
-def _name(kind: str, seed: int, count: int) -> _Named:
+def _count_labels(kind: str, seed: int, count: int) -> _LabelCounts:
     cv2.setNumThreads(1)
-    wrong = corners = as_stated = measured = 0
+    wrong = corners = as_stated = measured = by_markers = 0
     for view in islice(mutated_views(seed, kind=kind), count):
         as_stated += view.is_as_stated
         try:
@@ -204,7 +204,10 @@ def _name(kind: str, seed: int, count: int) -> _Named:
         wrong += view.wrong(found)
         corners += len(found)
         measured += view.is_as_stated
-    return _Named(count, wrong, corners, as_stated, measured)
+        if kind == "charuco":
+            codes = marker_codes(str(view.target.dictionary))
+            by_markers += find_by_lattice(view.image, charuco_layout(view.target), codes).part is None
+    return _LabelCounts(count, wrong, corners, as_stated, measured, by_markers)
 
 
 def _names(pool: ProcessPoolExecutor, seeds: list[int], views: int) -> Iterable[Row]:
@@ -215,25 +218,30 @@ def _names(pool: ProcessPoolExecutor, seeds: list[int], views: int) -> Iterable[
     for kind in MUTATED_KINDS:
         drawn = np.random.SeedSequence([*seeds, len(kind)]).generate_state(-(-each // _CHUNK))
         counts = [min(_CHUNK, each - _CHUNK * k) for k in range(len(drawn))]
-        seen = list(pool.map(_name, [kind] * len(drawn), [int(s) for s in drawn], counts))
+        seen = list(pool.map(_count_labels, [kind] * len(drawn), [int(s) for s in drawn], counts))
         every += seen
         total = _together(seen)
-        yield from _wrong_names(kind, total)
+        yield from _wrong_labels(kind, total)
         share = 100.0 * total.measured / max(total.as_stated, 1)
         yield Row.context(f"{kind}: mutated views measured", share, "%", _views_note(total))
-    yield from _wrong_names("every kind with markers or dots", _together(every))
+        if kind == "charuco":
+            alone = 100.0 * total.by_markers / max(total.views, 1)
+            yield Row.context(
+                "charuco: found by OpenCV's markers alone", alone, "%", f"{total.views:,} views"
+            )
+    yield from _wrong_labels("every kind with markers or dots", _together(every))
 
 
-def _together(seen: list[_Named]) -> _Named:
-    return _Named(*(sum(getattr(n, f) for n in seen) for f in _Named.__dataclass_fields__))
+def _together(seen: list[_LabelCounts]) -> _LabelCounts:
+    return _LabelCounts(*(sum(getattr(n, f) for n in seen) for f in _LabelCounts.__dataclass_fields__))
 
 
-def _wrong_names(name: str, seen: _Named) -> Iterable[Row]:
+def _wrong_labels(name: str, seen: _LabelCounts) -> Iterable[Row]:
     what = f"{name}: points accepted under a wrong name"
     yield Row.at_most(what, float(seen.wrong), 0.0, note=_views_note(seen))
 
 
-def _views_note(seen: _Named) -> str:
+def _views_note(seen: _LabelCounts) -> str:
     return (
         f"{seen.views:,} rendered and mutated views, {seen.corners:,} points accepted; of {seen.as_stated:,} views "
         f"that show the board asked for {seen.measured:,} were measured"
@@ -241,15 +249,15 @@ def _views_note(seen: _Named) -> str:
 
 
 def _time(seeds: list[int], per_seed: int, repeats: int) -> Iterable[Row]:
-    """Bytes to pose, and detection alone, beside a chessboard's: pictures of equal size, as many points."""
+    """Time from bytes to pose, and of detection alone, over a chessboard's: images of equal size, as many points."""
     targets = {"chessboard": CHESSBOARD, "charuco": CHARUCO[1], "aprilgrid": APRILGRID}
     targets |= {target.kind: target for target in CIRCLES}
     paths: dict[str, list[float]] = {kind: [] for kind in targets}
     alone: dict[str, list[float]] = {kind: [] for kind in targets}
     with one_core():
         for index, seed in enumerate(s * per_seed + k for s in seeds for k in range(per_seed)):
-            pictures = {kind: render(standard_scene(target, seed)) for kind, target in targets.items()}
-            data = {kind: cv2.imencode(".png", picture)[1].tobytes() for kind, picture in pictures.items()}
+            images = {kind: render(standard_scene(target, seed)) for kind, target in targets.items()}
+            data = {kind: cv2.imencode(".png", image)[1].tobytes() for kind, image in images.items()}
             if index == 0:
                 for kind, target in targets.items():
                     _calibrate(data[kind], target)  # code and caches warm
@@ -259,10 +267,10 @@ def _time(seeds: list[int], per_seed: int, repeats: int) -> Iterable[Row]:
             for _ in range(repeats):
                 for kind, target in targets.items():
                     whole = seconds(partial(_calibrate, data[kind], target))
-                    part = seconds(partial(_detect, pictures[kind], target))
+                    part = seconds(partial(_detect, images[kind], target))
                     paths[kind][-1] = min(paths[kind][-1], whole)
                     alone[kind][-1] = min(alone[kind][-1], part)
-    note = f"{len(paths['chessboard'])} pictures of 5 Mpx each, 140-144 points, best of {repeats}, in turns, one core"
+    note = f"{len(paths['chessboard'])} images of 5 Mpx each, 140-144 points, best of {repeats}, in turns, one core"
     for kind in targets:
         ms, path = 1e3 * median(alone[kind]), 1e3 * median(paths[kind])
         if kind == "chessboard":
@@ -283,9 +291,9 @@ def _calibrate(data: bytes, target: TargetSpec) -> None:
         calibrate_image(data, target)
 
 
-def _detect(picture: np.ndarray, target: TargetSpec) -> None:
+def _detect(image: np.ndarray, target: TargetSpec) -> None:
     with suppress(DetectionError):
-        detect(picture, target)
+        detect(image, target)
 
 
 def _rms(values: np.ndarray) -> float:

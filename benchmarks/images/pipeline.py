@@ -1,4 +1,4 @@
-"""From bytes to calibrated pose, beside decoding alone and beside what people write with OpenCV."""
+"""Time from bytes to calibrated pose, compared with decoding alone and with the usual OpenCV recipes."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from core import GridPoints, TargetSpec, calibrate_image, calibrate_points
 from core.errors import FocalNotObservable
 from core.image import decode
 from core.simulation import render
-from core.targets.detect import detect
+from core.targets import detect
 
 NAIVE_STOP = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_MAX_ITER, 30, 1e-3)
 SB = cv2.CALIB_CB_EXHAUSTIVE | cv2.CALIB_CB_ACCURACY
@@ -24,7 +24,7 @@ SB = cv2.CALIB_CB_EXHAUSTIVE | cv2.CALIB_CB_ACCURACY
 
 @dataclass
 class _Times:
-    """Seconds of one picture by recipe, best of the repeats for each."""
+    """Seconds of one image by recipe, best of the repeats for each."""
 
     board: tuple[int, int]
     of: dict[str, list[float]] = field(default_factory=dict)
@@ -39,9 +39,9 @@ def rows(seeds: list[int], quick: bool) -> Iterable[Row]:
     refused = 0
     with one_core():
         for index, scene in enumerate(standard_scenes(seeds, BOARDS, per_seed)):
-            picture = render(scene)
-            png = cv2.imencode(".png", picture)[1]
-            jpeg = cv2.imencode(".jpg", picture, [cv2.IMWRITE_JPEG_QUALITY, 95])[1]
+            image = render(scene)
+            png = cv2.imencode(".png", image)[1]
+            jpeg = cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, 95])[1]
             target = scene.target
             recipes = {
                 "PNG decoding": lambda d=png: cv2.imdecode(d, cv2.IMREAD_GRAYSCALE),
@@ -49,7 +49,7 @@ def rows(seeds: list[int], quick: bool) -> Iterable[Row]:
                 "JPEG decoding": lambda d=jpeg: cv2.imdecode(d, cv2.IMREAD_GRAYSCALE),
                 "JPEG": lambda d=jpeg.tobytes(), t=target: _calibrate(d, t),
                 "decode": lambda d=png.tobytes(): decode(d),
-                "detect": lambda p=picture, t=target: detect(p, t),
+                "detect": lambda p=image, t=target: detect(p, t),
             }
             if index == 0:
                 for recipe in recipes.values():
@@ -61,7 +61,7 @@ def rows(seeds: list[int], quick: bool) -> Iterable[Row]:
             _measure(taken, {"naive": lambda d=png, t=target: _naive(d, t)})
             if index < sb_images * len(BOARDS):
                 _measure(taken, {"SB": lambda d=png, t=target: _sector_based(d, t)})
-            points = detect(picture, target)
+            points = detect(image, target)
             for _ in range(repeats):
                 _measure(taken, {"fit": lambda p=points: _fit(p)})
             times.append(taken)
@@ -69,7 +69,9 @@ def rows(seeds: list[int], quick: bool) -> Iterable[Row]:
 
 
 def _report(times: list[_Times], repeats: int, refused: int) -> Iterable[Row]:
-    note = f"{len(times)} pictures of 5 Mpx, best of {repeats} each, in turns, one core; {refused} refused as flat"
+    note = (
+        f"{len(times)} images of 5 Mpx, best of {repeats} each, in turns, one core; {refused} refused as flat"
+    )
     for board in BOARDS:
         mine = [t for t in times if t.board == board]
         name = f"{board[0]}x{board[1]}"
@@ -89,10 +91,10 @@ def _report(times: list[_Times], repeats: int, refused: int) -> Iterable[Row]:
     ratios = [t.best("naive") / t.best("PNG") for t in times]
     recipe = "findChessboardCorners, cornerSubPix 11, calibrateCamera"
     yield Row.at_least("naive recipe ÷ ours, mean", float(np.mean(ratios)), 4.0, note=recipe)
-    yield Row.at_least("naive recipe ÷ ours, worst picture", max(ratios), 15.0, note=recipe)
+    yield Row.at_least("naive recipe ÷ ours, worst image", max(ratios), 15.0, note=recipe)
     both = [t for t in times if "SB" in t.of]
     ratio = float(np.mean([t.best("SB") / t.best("PNG") for t in both]))
-    recipe = f"findChessboardCornersSB EXHAUSTIVE ACCURACY, calibrateCamera; {len(both)} pictures"
+    recipe = f"findChessboardCornersSB EXHAUSTIVE ACCURACY, calibrateCamera; {len(both)} images"
     yield Row.at_least("SB recipe ÷ ours", ratio, 100.0, note=recipe)
 
 
@@ -115,20 +117,20 @@ def _fit(points: GridPoints) -> None:
 
 
 def _naive(data: np.ndarray, target: TargetSpec) -> None:
-    picture = cv2.imdecode(data, cv2.IMREAD_GRAYSCALE)
-    found, corners = cv2.findChessboardCorners(picture, (target.columns, target.rows))
+    image = cv2.imdecode(data, cv2.IMREAD_GRAYSCALE)
+    found, corners = cv2.findChessboardCorners(image, (target.columns, target.rows))
     if found:
         refined = cv2.cornerSubPix(
-            picture, corners.reshape(-1, 1, 2).astype(np.float32), (11, 11), (-1, -1), NAIVE_STOP
+            image, corners.reshape(-1, 1, 2).astype(np.float32), (11, 11), (-1, -1), NAIVE_STOP
         )
-        _opencv_fit(refined, target, picture.shape)
+        _opencv_fit(refined, target, image.shape)
 
 
 def _sector_based(data: np.ndarray, target: TargetSpec) -> None:
-    picture = cv2.imdecode(data, cv2.IMREAD_GRAYSCALE)
-    found, corners = cv2.findChessboardCornersSB(picture, (target.columns, target.rows), flags=SB)
+    image = cv2.imdecode(data, cv2.IMREAD_GRAYSCALE)
+    found, corners = cv2.findChessboardCornersSB(image, (target.columns, target.rows), flags=SB)
     if found:
-        _opencv_fit(corners, target, picture.shape)
+        _opencv_fit(corners, target, image.shape)
 
 
 def _opencv_fit(corners: np.ndarray, target: TargetSpec, shape: tuple[int, ...]) -> None:
