@@ -1,9 +1,8 @@
-"""Shared by all tests: shapes in core's signatures are checked while tests run, and where the real data lies."""
+"""Shared by all tests: the check of shapes where it is asked for, and where the real data lies."""
 
 from __future__ import annotations
 
 import os
-import uuid
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -11,9 +10,52 @@ import pytest
 from hypothesis import HealthCheck, settings
 from jaxtyping import install_import_hook
 
-# Before any import of core: annotations such as Float[np.ndarray, "n 3"] become run-time checks.
-# The numeric tower: an int is a fine float, as everywhere in Python.
-install_import_hook("core", "beartype.beartype(conf=beartype.BeartypeConf(is_pep484_tower=True))")
+from tests.support.service.postgres import new_database
+
+if os.environ.get("GRIDPOSE_TEST_SHAPES"):
+    # Before any import of core: annotations such as Float[np.ndarray, "n 3"] become run-time checks, which make calls
+    # of core 2 to 12 times slower. The numeric tower: an int is a fine float, as everywhere in Python.
+    install_import_hook("core", "beartype.beartype(conf=beartype.BeartypeConf(is_pep484_tower=True))")
+
+
+_SHAPE_TESTS_PER_FILE = 2
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    _mark_shape_tests(items)
+    _put_long_files_first(items)
+
+
+def _put_long_files_first(items: list[pytest.Item]) -> None:
+    """Order: services in processes of their own, files with slow tests, the rest; so no process waits for the last.
+
+    Files stay whole, since tests of a file share fixtures.
+    """
+    system = Path(__file__).parent / "system"
+    slow = {item.path for item in items if item.get_closest_marker("slow")}
+    items.sort(key=lambda item: (system not in item.path.parents, item.path not in slow))
+
+
+def _mark_shape_tests(items: list[pytest.Item]) -> None:
+    """Mark the tests of `make test-shapes`: of each file of core's tests the first few that are quick, once each.
+
+    A file tests a module or a path through several, so each path runs with its shapes checked. The page on Python goes
+    through whole sessions. Fuzzing runs in processes of its own, without the check.
+    """
+    core, page = Path(__file__).parent / "core", Path(__file__).parent / "docs" / "test_python.py"
+    chosen: dict[Path, set[str]] = {}
+    for item in items:
+        if item.path != page and (core not in item.path.parents or core / "fuzz" in item.path.parents):
+            continue
+        names = chosen.setdefault(item.path, set())
+        name = getattr(item, "originalname", item.name)
+        if name in names or len(names) == _SHAPE_TESTS_PER_FILE:
+            continue
+        if item.get_closest_marker("slow") or item.get_closest_marker("soak"):
+            continue
+        names.add(name)
+        item.add_marker("shapes")
+
 
 # Deadlines would make the suite depend on the machine's speed; the seed is fixed so that a failure repeats.
 settings.register_profile(
@@ -34,22 +76,6 @@ def data_folder() -> Path:
 
 @pytest.fixture
 def postgres_url() -> Iterator[str]:
-    """The address of an empty PostgreSQL database of this test's own, dropped afterwards.
-
-    Skips where no server answers, unless one is required (`CI` or `GRIDPOSE_TEST_REQUIRE_POSTGRES`).
-    """
-    import psycopg
-
-    server = os.environ.get("GRIDPOSE_TEST_POSTGRES_URL", "postgresql://postgres@127.0.0.1:5432/test")
-    server = server.replace("postgresql+psycopg://", "postgresql://")
-    try:
-        connection = psycopg.connect(server, autocommit=True, connect_timeout=5)
-    except psycopg.OperationalError as error:
-        if os.environ.get("CI") or os.environ.get("GRIDPOSE_TEST_REQUIRE_POSTGRES"):
-            pytest.fail(f"PostgreSQL is required here and does not answer: {error}")
-        pytest.skip("no PostgreSQL server answers: set GRIDPOSE_TEST_POSTGRES_URL")
-    name = f"gridpose_{uuid.uuid4().hex}"
-    with connection:
-        connection.execute(f"CREATE DATABASE {name}")
-        yield server.rpartition("/")[0].replace("postgresql://", "postgresql+psycopg://") + f"/{name}"
-        connection.execute(f"DROP DATABASE {name} WITH (FORCE)")
+    """The address of an empty PostgreSQL database of this test's own, dropped afterwards."""
+    with new_database() as url:
+        yield url

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import shutil
 import sqlite3
 from collections.abc import Iterator
@@ -15,14 +16,18 @@ import sqlalchemy as sa
 from alembic import command
 from alembic.script import ScriptDirectory
 
-from app.records import schema
+from app.records import migrations
+from app.records.codec import content_hash
 from app.records.database import Database, sqlite_driver
 from app.records.ids import new_id
 from app.records.tables import (
     ApiKey,
+    AuditEntry,
+    Installation,
     MeasuredPose,
     Measurement,
     Pose,
+    Removal,
     Result,
     Robot,
     Session,
@@ -31,12 +36,15 @@ from app.records.tables import (
     Target,
     target_fields,
 )
+from tests.support.service.postgres import EITHER_DATABASE
 
-SINCE_THE_FIRST = ("measured_poses",)
+SINCE_0004 = ("removals",)
+SINCE_THE_FIRST = ("measured_poses", "installation", *SINCE_0004)
+WRITTEN_BY_ACTIVITIES = ("audit_entries",)
 NOW = datetime(2026, 1, 31, 12, 0, 0, 123456, tzinfo=UTC)
 
 
-@pytest.fixture(params=["sqlite", pytest.param("postgresql", marks=pytest.mark.postgres)])
+@pytest.fixture(params=EITHER_DATABASE)
 def database(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[Database]:
     """An empty database of either kind."""
     url = f"sqlite:///{tmp_path / 'x.sqlite3'}"
@@ -48,7 +56,7 @@ def database(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[Databas
 
 
 def fill(database: Database) -> dict[str, list[dict[str, Any]]]:
-    """Put a row into every table and return what each then holds."""
+    """Put a row into every table but the audit trail and the installation, and return what each then holds."""
     session_id, target_id, robot_id, measurement_id = (new_id(p) for p in ("ses", "tgt", "rob", "mea"))
     with database.write() as records:
         records.add(ApiKey(id=new_id("key"), name="k", scope="read", secret_hmac="0" * 64, created_at=NOW))
@@ -64,6 +72,7 @@ def fill(database: Database) -> dict[str, list[dict[str, Any]]]:
                 created_at=NOW,
             )
         )
+        records.add(Removal(sha256="1" * 64, recorded_at=NOW))
         records.add(Robot(id=robot_id, name="r", joints=[{"a_mm": 1.5}], created_at=NOW))
         records.flush()
         records.add(
@@ -106,8 +115,8 @@ def fill(database: Database) -> dict[str, list[dict[str, Any]]]:
                 measurement_id=measurement_id,
                 estimator="per_image",
                 calibration={"f": 0.1 + 0.2},
-                state=bytes(range(256)),
                 points=b"\0\1",
+                content_sha256=content_hash(b"\0\1", None),
                 core_version="1",
                 settings={},
                 input_sha256="0" * 64,
@@ -126,46 +135,53 @@ def content(database: Database) -> dict[str, list[dict[str, Any]]]:
         }
 
 
+def lacking(content: dict[str, list[dict[str, Any]]], *tables: str) -> dict[str, list[dict[str, Any]]]:
+    """Return the content without the rows of tables that the revision gone back to does not have."""
+    return {**content, **{table: [] for table in tables}}
+
+
 def revisions() -> list[str]:
     """Every revision, first to last."""
-    scripts = ScriptDirectory.from_config(schema.migration_config())
+    scripts = ScriptDirectory.from_config(migrations.migration_config())
     return [script.revision for script in reversed(list(scripts.walk_revisions()))]
 
 
 def test_the_way_up_ends_at_the_tables_the_program_uses(database: Database, tmp_path: Path) -> None:
-    schema.upgrade(database, tmp_path)
-    assert schema.current_revision(database) == schema.head_revision()
+    migrations.upgrade(database, tmp_path)
+    assert migrations.current_revision(database) == migrations.head_revision()
     with database.engine.connect() as connection, connection.begin():
-        command.check(schema.migration_config(connection))
+        command.check(migrations.migration_config(connection))
 
 
 def test_every_step_up_and_down_keeps_the_data_it_can(database: Database, tmp_path: Path) -> None:
-    schema.upgrade(database, tmp_path)
-    before = fill(database)
-    assert all(len(rows) == 1 for rows in before.values())
+    migrations.upgrade(database, tmp_path)
+    fill(database)
+    with database.write() as records:
+        records.add(Installation(id=new_id("ins"), created_at=NOW, pepper_check="0" * 64))
+    before = content(database)
+    assert all(len(rows) == 1 for table, rows in before.items() if table not in WRITTEN_BY_ACTIVITIES)
     known = revisions()
     # Down to the first revision and up again: what the first tables hold survives every later change.
-    schema.downgrade(database, known[0])
-    schema.upgrade(database, tmp_path)
-    lost: dict[str, list[dict[str, Any]]] = {table: [] for table in SINCE_THE_FIRST}
-    assert content(database) == {**before, **lost}
+    migrations.downgrade(database, known[0])
+    migrations.upgrade(database, tmp_path)
+    assert content(database) == lacking(before, *SINCE_THE_FIRST)
 
 
 def test_markers_come_and_go_and_leave_the_result_as_it_was(database: Database, tmp_path: Path) -> None:
-    schema.upgrade(database, tmp_path)
+    migrations.upgrade(database, tmp_path)
     before = fill(database)
     with database.write() as records:
         records.execute(sa.update(Result).values(markers=bytes(range(68))))
     assert content(database)["results"][0]["markers"] == bytes(range(68))
-    schema.downgrade(database, "0002")
+    migrations.downgrade(database, "0002")
     assert "markers" not in {column["name"] for column in sa.inspect(database.engine).get_columns("results")}
-    schema.upgrade(database, tmp_path)
-    assert content(database) == before
+    migrations.upgrade(database, tmp_path)
+    assert content(database) == lacking(before, *SINCE_0004)
 
 
 def test_images_of_sessions_with_one_target_named_none(database: Database, tmp_path: Path) -> None:
     """To send such an image again without naming the target must find it, however many targets the session has now."""
-    schema.upgrade(database, tmp_path)
+    migrations.upgrade(database, tmp_path)
     before = fill(database)
     second = new_id("tgt")
     with database.write() as records:
@@ -184,15 +200,15 @@ def test_images_of_sessions_with_one_target_named_none(database: Database, tmp_p
         records.add(Measurement(**{**fields, "id": new_id("mea")}))
         records.add(Measurement(**{**fields, "id": new_id("mea"), "target_id": second}))
     before = content(database)
-    schema.downgrade(database, "0003")
-    schema.upgrade(database, tmp_path)
-    assert content(database) == before
+    migrations.downgrade(database, "0003")
+    migrations.upgrade(database, tmp_path)
+    assert content(database) == lacking(before, *SINCE_0004)
     seeking = {row["session_id"]: row["seeks_target"] for row in content(database)["measurements"]}
     assert seeking == {one.id: True, both.id: False}
 
 
 def test_only_what_shows_no_target_is_lost_on_the_way_down(database: Database, tmp_path: Path) -> None:
-    schema.upgrade(database, tmp_path)
+    migrations.upgrade(database, tmp_path)
     before = fill(database)
     with database.write() as records:
         row = {
@@ -206,13 +222,13 @@ def test_only_what_shows_no_target_is_lost_on_the_way_down(database: Database, t
         records.flush()
         records.add(Result(**{**before["results"][0], "measurement_id": row["id"]}))
     assert len(content(database)["results"]) == 2
-    schema.downgrade(database, "0003")
-    schema.upgrade(database, tmp_path)
-    assert content(database) == before
+    migrations.downgrade(database, "0003")
+    migrations.upgrade(database, tmp_path)
+    assert content(database) == lacking(before, *SINCE_0004)
 
 
 def test_one_image_is_searched_for_targets_once(database: Database, tmp_path: Path) -> None:
-    schema.upgrade(database, tmp_path)
+    migrations.upgrade(database, tmp_path)
     row = {**fill(database)["measurements"][0], "target_id": None}
     with pytest.raises(sa.exc.IntegrityError), database.write() as records:
         records.add(Measurement(**{**row, "id": new_id("mea")}))
@@ -221,49 +237,239 @@ def test_one_image_is_searched_for_targets_once(database: Database, tmp_path: Pa
             records.add(Measurement(**{**row, "id": new_id("mea"), "seeks_target": False}))
 
 
-def test_origin_and_capture_quality_come_and_go(database: Database, tmp_path: Path) -> None:
-    schema.upgrade(database, tmp_path)
+def test_labelling_and_capture_quality_come_and_go(database: Database, tmp_path: Path) -> None:
+    migrations.upgrade(database, tmp_path)
     before = fill(database)
     quality = {"tilt": 0.1 + 0.2, "advice": []}
     with database.write() as records:
-        records.execute(sa.update(Result).values(origin="turned", capture_quality=quality))
+        records.execute(sa.update(Result).values(labelling="up_to_symmetry", capture_quality=quality))
     assert content(database)["results"][0]["capture_quality"] == quality
-    schema.downgrade(database, "0003")
+    migrations.downgrade(database, "0003")
     names = {column["name"] for column in sa.inspect(database.engine).get_columns("results")}
     assert not names & {"origin", "capture_quality"}
-    schema.upgrade(database, tmp_path)
+    migrations.upgrade(database, tmp_path)
+    assert content(database) == lacking(before, *SINCE_0004)
+
+
+def test_why_a_retry_changed_nothing_comes_and_goes(database: Database, tmp_path: Path) -> None:
+    migrations.upgrade(database, tmp_path)
+    before = fill(database)
+    failure = {"code": "worker_crashed", "detail": "It died.", "advice": None}
+    with database.write() as records:
+        records.execute(sa.update(Measurement).values(retry_failure=failure))
+    assert content(database)["measurements"][0]["retry_failure"] == failure
+    migrations.downgrade(database, "0004")
+    names = {column["name"] for column in sa.inspect(database.engine).get_columns("measurements")}
+    assert "retry_failure" not in names
+    with pytest.raises(sa.exc.IntegrityError), database.write() as records:
+        records.execute(sa.text("UPDATE measurements SET status = 'lost'"))
+    migrations.upgrade(database, tmp_path)
+    assert content(database) == lacking(before, *SINCE_0004)
+
+
+def test_the_state_that_nothing_reads_goes_and_comes_back_empty(database: Database, tmp_path: Path) -> None:
+    migrations.upgrade(database, tmp_path)
+    before = fill(database)
+    migrations.downgrade(database, "0008")
+    with database.engine.begin() as connection:
+        assert connection.scalar(sa.text("SELECT count(*) FROM results WHERE state IS NULL")) == 1
+        state = sa.table("results", sa.column("state", sa.LargeBinary()))
+        connection.execute(sa.update(state).values(state=bytes(range(256))))
+    migrations.upgrade(database, tmp_path)
+    assert "state" not in {column["name"] for column in sa.inspect(database.engine).get_columns("results")}
     assert content(database) == before
 
 
-def test_the_way_down_ends_at_nothing(database: Database, tmp_path: Path) -> None:
-    schema.upgrade(database, tmp_path)
+def test_exclusions_come_and_go(database: Database, tmp_path: Path) -> None:
+    migrations.upgrade(database, tmp_path)
+    before = fill(database)
+    exclusion = {"reason": "x", "by": None, "at": NOW.isoformat()}
+    with database.write() as records:
+        records.execute(sa.update(Measurement).values(excluded=exclusion))
+    assert content(database)["measurements"][0]["excluded"] == exclusion
+    migrations.downgrade(database, "0010")
+    names = {column["name"] for column in sa.inspect(database.engine).get_columns("measurements")}
+    assert "excluded" not in names
+    migrations.upgrade(database, tmp_path)
+    assert content(database) == before
+
+
+def test_conditions_come_and_go(database: Database, tmp_path: Path) -> None:
+    migrations.upgrade(database, tmp_path)
+    before = fill(database)
+    with database.write() as records:
+        records.execute(sa.update(Session).values(conditions={"load_kg": 3.0}))
+    assert content(database)["sessions"][0]["conditions"] == {"load_kg": 3.0}
+    migrations.downgrade(database, "0012")
+    migrations.upgrade(database, tmp_path)
+    assert content(database) == before
+
+
+def test_stored_documents_take_the_names_of_the_contract(database: Database, tmp_path: Path) -> None:
+    migrations.upgrade(database, tmp_path)
     fill(database)
-    schema.downgrade(database, "base")
-    assert schema.current_revision(database) is None
+    joint = {"a_mm": 1.5, "minimum_deg": -90.0, "maximum_deg": 90.0}
+    calibration = {
+        "initialisation": "nullspace",
+        "pose": {"covariance_given_camera": [[1.0]]},
+        "observability": {"ambiguity_log_likelihood_ratio": None, "tilt_deg": 3.0},
+    }
+    with database.write() as records:
+        records.execute(sa.update(Robot).values(joints=[joint], datasheet_repeatability_mm=0.04))
+        records.execute(sa.update(Result).values(calibration=calibration, labelling="up_to_symmetry"))
+    before = content(database)
+    migrations.downgrade(database, "0009")
+    with database.engine.begin() as connection:
+        older = connection.execute(sa.text("SELECT origin, calibration FROM results")).one()
+        assert older[0] == "turned"
+        stored = older[1] if isinstance(older[1], dict) else json.loads(older[1])
+        assert stored["start"] == "nullspace"
+        assert stored["pose"] == {"conditional_covariance": [[1.0]]}
+        assert stored["observability"] == {"pose_ambiguity_ratio": None, "tilt_deg": 3.0}
+        joints, repeatability_mm = connection.execute(
+            sa.text("SELECT joints, repeatability_mm FROM robots")
+        ).one()
+        joints = joints if isinstance(joints, list) else json.loads(joints)
+        assert (joints[0]["lower_deg"], joints[0]["upper_deg"], repeatability_mm) == (-90.0, 90.0, 0.04)
+        # The older version's statistic cannot be converted: a retry computes the new one.
+        stored["observability"]["pose_ambiguity_ratio"] = 0.5
+        connection.execute(sa.text("UPDATE results SET calibration = :new"), {"new": json.dumps(stored)})
+    migrations.upgrade(database, tmp_path)
+    assert content(database) == before
+
+
+def test_stored_calibrations_get_their_grade_and_interval(database: Database, tmp_path: Path) -> None:
+    migrations.upgrade(database, tmp_path)
+    fill(database)
+    calibration = {
+        "grade": "weak",
+        "intrinsics": {"fx_px": 1000.0, "fy_px": 900.0},
+        "standard_uncertainty": {"fx_px": 50.0, "fy_px": 45.0},
+        "interval_95": {"fx_px": [906.650, 1102.961], "fy_px": [815.985, 992.665]},
+        "observability": {"focal_relative_uncertainty": 0.05},
+    }
+    with database.write() as records:
+        records.execute(sa.update(Result).values(calibration=calibration))
+    migrations.downgrade(database, "0011")
+    with database.engine.begin() as connection:
+        stored = connection.scalar(sa.text("SELECT calibration FROM results"))
+        older = stored if isinstance(stored, dict) else json.loads(stored)
+        assert not {"grade", "interval_95"} & set(older)
+    migrations.upgrade(database, tmp_path)
+    (row,) = content(database)["results"]
+    found = row["calibration"]
+    assert found["grade"] == "weak"
+    for name, interval in calibration["interval_95"].items():  # type: ignore[attr-defined]
+        assert found["interval_95"][name] == pytest.approx(interval, abs=1e-3)
+    assert {**found, "interval_95": None} == {**calibration, "interval_95": None}
+
+
+def test_audit_entries_cannot_be_changed_or_deleted(database: Database, tmp_path: Path) -> None:
+    migrations.upgrade(database, tmp_path)
+    with database.write() as records:
+        records.add(AuditEntry(id=new_id("aud"), at=NOW, actor="cli", action="create_key", object_ids=["x"]))
+    before = content(database)["audit_entries"]
+    assert len(before) == 1
+    statements = ["UPDATE audit_entries SET actor = 'key'", "DELETE FROM audit_entries"]
+    if not database.is_sqlite:
+        statements.append("TRUNCATE audit_entries")
+    for statement in statements:
+        with (
+            pytest.raises(sa.exc.DatabaseError, match="never changed or deleted"),
+            database.write() as records,
+        ):
+            records.execute(sa.text(statement))
+    assert content(database)["audit_entries"] == before
+
+
+def test_a_limited_key_opens_nothing_in_the_older_version(database: Database, tmp_path: Path) -> None:
+    """The older version knows neither limits nor `ingest`: it would open everything to such a key."""
+    migrations.upgrade(database, tmp_path)
+    fill(database)
+    limited = {"scope": "read", "session_ids": ["ses_x"]}
+    names = {"limited": limited, "machine": {"scope": "ingest"}, "plain": {"scope": "upload"}}
+    with database.write() as records:
+        for name, fields in names.items():
+            key = ApiKey(id=new_id("key"), name=name, secret_hmac="1" * 64, created_at=NOW, **fields)
+            records.add(key)
+    migrations.downgrade(database, "0004")
+    with database.engine.connect() as connection:
+        rows = connection.execute(sa.text("SELECT name, scope, revoked_at FROM api_keys"))
+        found = {row.name: (row.scope, row.revoked_at is not None) for row in rows}
+    assert found == {
+        "k": ("read", False),
+        "limited": ("read", True),
+        "machine": ("read", True),
+        "plain": ("upload", False),
+    }
+    migrations.upgrade(database, tmp_path)
+
+
+def test_results_of_before_get_the_hash_of_their_arrays(database: Database, tmp_path: Path) -> None:
+    migrations.upgrade(database, tmp_path)
+    before = fill(database)
+    rows = [
+        {**before["measurements"][0], "id": new_id("mea"), "sha256": f"{k:064}", "seeks_target": False}
+        for k in range(1, 1204)
+    ]
+    kinds = [(None, None), (b"", None), (b"\1\2", b"\3"), (b"\1", b"\2\3")]
+    with database.write() as records:
+        records.execute(sa.insert(Measurement), rows)
+        results = []
+        for k, row in enumerate(rows):
+            points, markers = kinds[k % len(kinds)]
+            arrays = {
+                "points": points,
+                "markers": markers,
+                "content_sha256": content_hash(points, markers),
+            }
+            results.append({**before["results"][0], **arrays, "measurement_id": row["id"]})
+        records.execute(sa.insert(Result), results)
+    before = content(database)
+    assert len({row["content_sha256"] for row in before["results"]}) == 1 + len(kinds)
+    migrations.downgrade(database, "0004")
+    migrations.upgrade(database, tmp_path)
+    assert content(database) == lacking(before, *SINCE_0004)
+
+
+def test_an_installation_is_one(database: Database, tmp_path: Path) -> None:
+    migrations.upgrade(database, tmp_path)
+    with database.write() as records:
+        records.add(Installation(id=new_id("ins"), created_at=NOW))
+    for number in (1, 2):
+        with pytest.raises(sa.exc.IntegrityError), database.write() as records:
+            records.execute(sa.insert(Installation).values(number=number, id=new_id("ins"), created_at=NOW))
+
+
+def test_the_way_down_ends_at_nothing(database: Database, tmp_path: Path) -> None:
+    migrations.upgrade(database, tmp_path)
+    fill(database)
+    migrations.downgrade(database, "base")
+    assert migrations.current_revision(database) is None
     assert set(sa.inspect(database.engine).get_table_names()) <= {"alembic_version"}
-    schema.upgrade(database, tmp_path)
+    migrations.upgrade(database, tmp_path)
     assert all(rows == [] for rows in content(database).values())
 
 
 def test_several_processes_may_upgrade_at_once(database: Database, tmp_path: Path) -> None:
     others = [Database(database.url.render_as_string(hide_password=False)) for _ in range(4)]
     with ThreadPoolExecutor(4) as pool:
-        list(pool.map(lambda other: schema.upgrade(other, tmp_path), others))
+        list(pool.map(lambda other: migrations.upgrade(other, tmp_path), others))
     for other in others:
         other.dispose()
-    assert schema.current_revision(database) == schema.head_revision()
+    assert migrations.current_revision(database) == migrations.head_revision()
 
 
 def test_a_schema_from_the_future_is_left_alone(database: Database, tmp_path: Path) -> None:
-    schema.upgrade(database, tmp_path)
+    migrations.upgrade(database, tmp_path)
     with database.write() as records:
         records.execute(sa.text("UPDATE alembic_version SET version_num = '9999'"))
-    with pytest.raises(schema.SchemaTooNew):
-        schema.upgrade(database, tmp_path)
+    with pytest.raises(migrations.SchemaTooNew):
+        migrations.upgrade(database, tmp_path)
 
 
 def test_the_database_enforces_what_the_tables_say(database: Database, tmp_path: Path) -> None:
-    schema.upgrade(database, tmp_path)
+    migrations.upgrade(database, tmp_path)
     rows = fill(database)
     session_id, pose_id = rows["measurements"][0]["session_id"], new_id("pos")
     for statement in (
@@ -285,12 +491,47 @@ def test_the_database_enforces_what_the_tables_say(database: Database, tmp_path:
     assert len(left["targets"]) == len(left["robots"]) == len(left["api_keys"]) == 1
 
 
-def test_an_existing_sqlite_database_is_copied_before_it_is_changed(tmp_path: Path) -> None:
+def test_every_step_down_says_what_it_loses() -> None:
+    known = revisions()
+    steps = migrations.what_is_lost(known[-1], known[0])
+    assert [revision for revision, _ in steps] == known[:0:-1]
+    assert all(loss.endswith(".") for _, loss in steps)
+    assert [revision for revision, _ in migrations.earlier_revisions(known[-1])] == known[-2::-1]
+    for current, revision in ((known[0], known[0]), (known[0], known[1]), (known[1], "none")):
+        with pytest.raises(migrations.NotOnTheWayDown):
+            migrations.what_is_lost(current, revision)
+
+
+def test_the_newest_copies_are_kept(tmp_path: Path) -> None:
     database = Database(f"sqlite:///{tmp_path / 'x.sqlite3'}")
-    schema.upgrade(database, tmp_path)
-    before = fill(database)
-    backup = schema.back_up(database, tmp_path / "backups", "0001")
+    migrations.upgrade(database, tmp_path)
+    (tmp_path / "backups").mkdir()
+    (tmp_path / "backups" / "mine.sqlite3").touch()
+    # By their time, whatever revision they are of.
+    made = [migrations.back_up(database, tmp_path / "backups", revision) for revision in "98765"]
     database.dispose()
+    left = {path.name for path in (tmp_path / "backups").iterdir()}
+    assert left == {"mine.sqlite3", *(path.name for path in made[-migrations.KEPT_COPIES :])}
+
+
+def test_an_existing_database_is_copied_before_it_is_changed(database: Database, tmp_path: Path) -> None:
+    migrations.upgrade(database, tmp_path)
+    before = fill(database)
+    migrations.downgrade(database, revisions()[-2])
+    migrations.upgrade(database, tmp_path)
+    (backup,) = (tmp_path / "backups").iterdir()
+    assert backup.stat().st_mode & 0o077 == 0
+    copied = Database(f"sqlite:///{backup}")
+    assert migrations.current_revision(copied) == revisions()[-2]
+    migrations.upgrade(copied, tmp_path, copy_first=False)
+    assert content(copied) == before
+    copied.dispose()
+
+
+def test_a_copy_is_of_one_schema_and_content(database: Database, tmp_path: Path) -> None:
+    migrations.upgrade(database, tmp_path)
+    before = fill(database)
+    backup = migrations.back_up(database, tmp_path / "backups", "0001")
     copied = Database(f"sqlite:///{backup}")
     assert content(copied) == before
     copied.dispose()
@@ -299,8 +540,8 @@ def test_an_existing_sqlite_database_is_copied_before_it_is_changed(tmp_path: Pa
 def test_an_upgrade_backs_up_first(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A later revision, made here, is applied to a database with data in it."""
     package = tmp_path / "later" / "migrations"
-    shutil.copytree(Path(schema.migration_config().get_main_option("script_location") or ""), package)
-    head = schema.head_revision()
+    shutil.copytree(Path(migrations.migration_config().get_main_option("script_location") or ""), package)
+    head = migrations.head_revision()
     (package / "versions" / "later.py").write_text(
         f"""
 import sqlalchemy as sa
@@ -315,9 +556,9 @@ def downgrade():
 """
     )
     database = Database(f"sqlite:///{tmp_path / 'x.sqlite3'}")
-    schema.upgrade(database, tmp_path)
+    migrations.upgrade(database, tmp_path)
     before = fill(database)
-    original = schema.migration_config
+    original = migrations.migration_config
 
     def later_config(connection: sa.Connection | None = None) -> Any:
         config = original(connection)
@@ -325,17 +566,17 @@ def downgrade():
         return config
 
     with monkeypatch.context() as patched:
-        patched.setattr(schema, "migration_config", later_config)
-        schema.upgrade(database, tmp_path)
-        assert schema.current_revision(database) == "later"
+        patched.setattr(migrations, "migration_config", later_config)
+        migrations.upgrade(database, tmp_path)
+        assert migrations.current_revision(database) == "later"
         # Recreating the parent table with foreign keys on would have deleted everything that refers to it.
         assert content(database) == before
-        schema.downgrade(database, head)
+        migrations.downgrade(database, head)
     assert content(database) == before
     (backup,) = (tmp_path / "backups").iterdir()
     copied = Database(f"sqlite:///{backup}")
     assert content(copied) == before
-    assert schema.current_revision(copied) == head
+    assert migrations.current_revision(copied) == head
     copied.dispose()
     with database.engine.connect() as connection:
         assert connection.exec_driver_sql("PRAGMA foreign_keys").scalar() == 1
@@ -358,7 +599,7 @@ def test_sqlite_is_set_up_to_lose_nothing(tmp_path: Path) -> None:
 
 def test_concurrent_increments_are_all_kept(database: Database, tmp_path: Path) -> None:
     """The loss that BEGIN IMMEDIATE prevents: read, then write, from several threads and engines at once."""
-    schema.upgrade(database, tmp_path)
+    migrations.upgrade(database, tmp_path)
     fill(database)
     others = [Database(database.url.render_as_string(hide_password=False)) for _ in range(4)]
 

@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 import yaml
 
-from app.cli.process import STOP_WITHIN_S
+from app.cli.demo.service_process import STOP_WITHIN_S
 from app.settings import Settings
 
 PROJECT = Path(__file__).parents[2]
@@ -37,11 +37,6 @@ def test_the_image_is_set_up_by_make_setup_and_nothing_else(dockerfile: list[tup
     assert not any(
         re.search(r"\b(pip|uv|conda|poetry)\b(?!,)", re.sub(r"--mount=\S+", "", run)) for run in runs
     )
-    makefile = (PROJECT / "Makefile").read_text(encoding="utf-8")
-    installs = re.findall(r"pip install (.*)", makefile.split("$(BIN)/.setup-dev:")[0])
-    assert len(installs) == 2
-    assert "--require-hashes -r requirements.txt" in installs[0]
-    assert "--no-deps --no-build-isolation" in installs[1]
 
 
 def test_what_make_setup_needs_reaches_the_image() -> None:

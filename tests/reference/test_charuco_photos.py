@@ -13,12 +13,12 @@ import numpy as np
 import pytest
 
 from core import calibrate_points
-from core.calibration.baselines import compare_methods
+from core.comparison import compare_methods
 from core.errors import FocalNotObservable
 from core.targets import TargetSpec, detect
-from core.targets.charuco import look_for_lattices, look_for_markers
-from core.targets.charuco_layout import charuco_layout
-from core.targets.marker_codes import marker_codes
+from core.targets.charuco.detector import find_by_lattice, find_by_markers
+from core.targets.charuco.layout import charuco_layout
+from core.targets.markers.dictionary import marker_codes
 
 BOARD = TargetSpec("charuco", 4, 6, 36.195, 18.256, "DICT_6X6_250")
 OPENCVS = TargetSpec("charuco", 4, 6, 40.0, 20.0, "DICT_6X6_250")
@@ -62,8 +62,8 @@ def test_both_ways_of_finding_agree(data_folder: Path, name: str, target: Target
     """The lattice shows all 24 corners in every photograph; OpenCV's markers place as many as have one beside them."""
     picture = np.require(photo(data_folder, name), requirements=["C", "W", "A"])
     layout, codes = charuco_layout(target), marker_codes("DICT_6X6_250")
-    by_lattice = look_for_lattices(picture, layout, codes).part
-    by_markers = look_for_markers(picture, layout, codes)
+    by_lattice = find_by_lattice(picture, layout, codes).part
+    by_markers = find_by_markers(picture, layout, codes)
     assert by_lattice is not None
     assert by_markers is not None
     assert len(by_lattice) == 24

@@ -78,9 +78,11 @@ def test_every_board_is_found(data_folder: Path, name: str) -> None:
         upright = np.column_stack([found.column, found.row, np.ones(len(found))])
         across, down, _ = np.linalg.lstsq(upright, found.points_px, rcond=None)[0]
         assert across[0] * down[1] - across[1] * down[0] > 0.0
-        assert ("orientation_ambiguous" in [w.code for w in found.warnings]) == ((columns + rows) % 2 == 0)
+        assert ("board_symmetry_unresolved" in [w.code for w in found.warnings]) == (
+            (columns + rows) % 2 == 0
+        )
         left_out = columns * rows - len(found)
-        assert ("corners_left_out" in [w.code for w in found.warnings]) == (left_out > 0)
+        assert ("points_missing" in [w.code for w in found.warnings]) == (left_out > 0)
         assert left_out <= 0.25 * columns * rows, file.name
 
 

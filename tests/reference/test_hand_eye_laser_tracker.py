@@ -14,16 +14,21 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from core.calibration.hand_eye import PositionStation, Station, tie_frames, tie_positions
+from core.calibration.hand_eye import (
+    HandEyeObservation,
+    PositionObservation,
+    calibrate_from_positions,
+    calibrate_hand_eye,
+)
 from core.errors import NotConverged
-from core.transforms import invert, so3_exp, transform
+from core.geometry.se3 import invert, so3_exp, transform
 
 
 def turn(axis: int, degrees: float) -> np.ndarray:
     return so3_exp(math.radians(degrees) * np.eye(3)[axis])
 
 
-def stations(data_folder: Path, order: Sequence[int]) -> list[Station]:
+def stations(data_folder: Path, order: Sequence[int]) -> list[HandEyeObservation]:
     """T_base_flange and T_tracker_tmac; Euler rotations multiplied in the order of the axes given."""
     file = data_folder / "ur10_lasertracker" / "Series_B" / "calibration_handeye.csv"
     found = []
@@ -33,14 +38,16 @@ def stations(data_folder: Path, order: Sequence[int]) -> list[Station]:
         angle = 2.0 * math.atan2(float(np.linalg.norm(axis)), w)
         flange = transform(so3_exp(axis / np.linalg.norm(axis) * angle), 1000.0 * values[:3])
         turns = [turn(k, values[10 + k]) for k in order]
-        found.append(Station(f"{index}", flange, transform(turns[0] @ turns[1] @ turns[2], values[7:10])))
+        found.append(
+            HandEyeObservation(f"{index}", flange, transform(turns[0] @ turns[1] @ turns[2], values[7:10]))
+        )
     return found
 
 
 def test_the_robot_is_off_by_half_a_millimetre(data_folder: Path) -> None:
     given = stations(data_folder, (0, 1, 2))
     assert len(given) == 25
-    tie = tie_frames(given)
+    tie = calibrate_hand_eye(given)
     assert all(d.used for d in tie.deviations)
     assert tie.warnings == ()
     assert 0.2 < tie.robot_position_mm < 1.0
@@ -52,7 +59,7 @@ def test_the_robot_is_off_by_half_a_millimetre(data_folder: Path) -> None:
     assert abs(y) < 3.0 * u[1]
     assert abs(z) < 3.0 * u[2]
     # Tied by one half, the other half is as far off as the tie says the robot is.
-    half = tie_frames(given[::2])
+    half = calibrate_hand_eye(given[::2])
     off = [
         half.frames.attained(s.T_target_camera[None])[0, :3, 3] - s.T_base_flange[:3, 3] for s in given[1::2]
     ]
@@ -61,9 +68,9 @@ def test_the_robot_is_off_by_half_a_millimetre(data_folder: Path) -> None:
 
 def test_positions_alone_find_the_same_point(data_folder: Path) -> None:
     given = stations(data_folder, (0, 1, 2))
-    tie = tie_frames(given)
-    alone = tie_positions(
-        [PositionStation(s.pose_id, s.T_base_flange[:3, 3], s.T_target_camera) for s in given]
+    tie = calibrate_hand_eye(given)
+    alone = calibrate_from_positions(
+        [PositionObservation(s.pose_id, s.T_base_flange[:3, 3], s.T_target_camera) for s in given]
     )
     assert alone.undetermined == ()
     u = np.sqrt(np.diag(alone.covariance))[:3]
@@ -72,5 +79,5 @@ def test_positions_alone_find_the_same_point(data_folder: Path) -> None:
 
 def test_the_wrong_order_of_angles_is_refused_with_that_advice(data_folder: Path) -> None:
     with pytest.raises(NotConverged) as failure:
-        tie_frames(stations(data_folder, (2, 1, 0)))
+        calibrate_hand_eye(stations(data_folder, (2, 1, 0)))
     assert "Rz Ry Rx" in str(failure.value.advice)

@@ -13,24 +13,21 @@ from typing import Any
 
 import cv2
 import numpy as np
-import yaml
 from scipy.optimize import least_squares
 
-from core.calibration.hand_eye import FrameTie, PositionStation, Station, tie_frames, tie_positions
-from core.calibration.pooled import calibrate_views
+from core.calibration.hand_eye import (
+    HandEyeCalibration,
+    HandEyeObservation,
+    PositionObservation,
+    calibrate_from_positions,
+    calibrate_hand_eye,
+)
+from core.calibration.multi_view.pooled import calibrate_views
 from core.calibration.single_image import calibrate_points
-from core.camera import Camera, project
+from core.geometry.camera import Camera, project
+from core.geometry.se3 import invert, se3_exp, transform, transform_points
 from core.targets.specification import GridPoints, TargetSpec
-from core.transforms import invert, se3_exp, so3_exp, transform, transform_points
-
-
-def tool_pose(file: Path) -> np.ndarray:
-    """T_base_flange, mm, from a position in metres and a quaternion."""
-    given = yaml.safe_load(file.read_text())
-    axis, w = np.array([given["qx"], given["qy"], given["qz"]]), given["qw"]
-    angle = 2.0 * math.atan2(float(np.linalg.norm(axis)), w)
-    rotation = so3_exp(axis / np.linalg.norm(axis) * angle)
-    return transform(rotation, 1000.0 * np.array([given["x"], given["y"], given["z"]]))
+from tests.support.simulation.tool_poses import tool_pose
 
 
 def views_and_poses(folder: Path, find: Any) -> tuple[list[GridPoints], list[np.ndarray]]:
@@ -85,7 +82,11 @@ def find_circles(image: np.ndarray) -> GridPoints | None:
 
 
 def by_pixels(
-    views: list[GridPoints], poses: list[np.ndarray], tie: FrameTie, camera: Camera, camera_moves: bool
+    views: list[GridPoints],
+    poses: list[np.ndarray],
+    tie: HandEyeCalibration,
+    camera: Camera,
+    camera_moves: bool,
 ) -> tuple[np.ndarray, np.ndarray, float]:
     """Both frames from all pixels at once, from the tie's on; and the rms residual, px."""
 
@@ -120,8 +121,8 @@ def test_a_grid_on_the_flange_before_a_still_camera(data_folder: Path) -> None:
     for index, (points, T_base_flange) in enumerate(zip(views, poses, strict=True)):
         found = calibrate_points(points, intrinsics=camera)
         C = found.covariance[9:, 9:][np.ix_([3, 4, 5, 0, 1, 2], [3, 4, 5, 0, 1, 2])]
-        stations.append(Station(f"{index}", T_base_flange, found.T_camera_target, C))
-    tie = tie_frames(stations)
+        stations.append(HandEyeObservation(f"{index}", T_base_flange, found.T_camera_target, C))
+    tie = calibrate_hand_eye(stations)
     # .5 px at f 1,370 px and 1.3 m is half a millimetre across, and several times that in depth.
     assert tie.robot_position_mm < 2.5
     assert tie.robot_rotation < math.radians(0.4)
@@ -147,19 +148,19 @@ def test_a_camera_on_the_flange_before_circles(data_folder: Path) -> None:
     for index, (points, T_base_flange) in enumerate(zip(views, poses, strict=True)):
         pose = calibrate_points(points, intrinsics=camera).pose
         T = transform(pose.rotation, pose.position_mm)
-        stations.append(Station(f"{index}", T_base_flange, T, pose.covariance))
-        positions.append(PositionStation(f"{index}", T_base_flange[:3, 3], T, pose.covariance))
-    tie = tie_frames(stations)
+        stations.append(HandEyeObservation(f"{index}", T_base_flange, T, pose.covariance))
+        positions.append(PositionObservation(f"{index}", T_base_flange[:3, 3], T, pose.covariance))
+    tie = calibrate_hand_eye(stations)
     assert tie.robot_position_mm < 15.0
     assert tie.robot_rotation < math.radians(1.0)
-    assert [w.code for w in tie.warnings] == ["deviations_large"]
+    assert [w.code for w in tie.warnings] == ["hand_eye_residuals_large"]
     X, Z, rms = by_pixels(views, poses, tie, camera, camera_moves=True)
     assert 1.0 < rms < 3.0
     u = np.sqrt(np.diag(tie.covariance))
     assert np.all(np.abs(X[:3, 3] - tie.T_flange_camera[:3, 3]) < 3.0 * u[:3])
     assert np.all(np.abs(Z[:3, 3] - tie.T_base_target[:3, 3]) < 3.0 * u[6:9])
     # By positions alone: the flange's middle in the camera frame, the same within what either is sure of.
-    alone = tie_positions(positions)
+    alone = calibrate_from_positions(positions)
     flange_in_camera = invert(tie.T_flange_camera)[:3, 3]
     v = np.sqrt(np.diag(alone.covariance))[:3]
     assert np.all(np.abs(alone.point_camera_mm - flange_in_camera) < 3.0 * np.hypot(v, np.max(u[:3])))

@@ -10,7 +10,7 @@ import pytest
 
 from core.metrology import PoseCycles, Verdict, assess_repeatability
 from core.metrology.iso9283 import position_repeatability, three_sigma
-from core.metrology.radial import long_run_reading
+from core.metrology.rp_distribution import long_run_rp
 
 # A. A. Michelson's hundred determinations of the speed of light (1879), km/s over 299,000, as NIST's statistical
 # reference dataset "Michelso" has them: certified mean 299.852400000000 and standard deviation 0.0790105478190518
@@ -91,13 +91,13 @@ def test_a_ur10_returns_within_its_data_sheet(ur10: tuple[np.ndarray, np.ndarray
     reading, floor = result.repeatability.position_mm, result.noise_floor.position_mm
     assert reading is not None
     assert floor is not None
-    assert result.excluded == ()
+    assert result.outliers == ()
     assert 0.03 < reading < 0.1
     # The file's deviations are those of the tracker's single samples, of which a reading is the mean. Taken for the
     # reading's own noise they exceed all that was observed, and the verdict tells so.
     assert floor > reading
     assert result.verdict is Verdict.BELOW_DETECTION
     scatter = differences.T @ differences / (2.0 * 39)
-    pooled = float(long_run_reading(np.linalg.eigvalsh(scatter)[::-1]))
+    pooled = float(long_run_rp(np.linalg.eigvalsh(scatter)[::-1]))
     assert result.interval.position_mm is not None
     assert result.interval.position_mm[0] < pooled < result.interval.position_mm[1]

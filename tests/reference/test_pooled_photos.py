@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 from core import GridposeError, TargetSpec, calibrate_image
-from core.calibration.estimators import GroupEstimate, estimate_group
+from core.calibration.multi_view.estimators import GroupEstimate, estimate_group
 from core.targets.specification import GridPoints
 
 SPLITS = 8

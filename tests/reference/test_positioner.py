@@ -15,8 +15,8 @@ import pytest
 import yaml
 from scipy.spatial.transform import Rotation
 
-from core.kinematics.cpa import AxesIdentification, identify_from_axes
-from core.kinematics.poses import PoseData
+from core.kinematics.circle_point_analysis.identification import AxesIdentification, identify_from_axes
+from core.kinematics.pose_observations import PoseData
 
 TOLERANCE = math.radians(0.2)  # the drives stop within that
 

@@ -16,26 +16,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from scipy.spatial.transform import Rotation
 
 from core.kinematics.dh import forward
 from core.kinematics.identification import Identification, identify
-from core.kinematics.poses import PoseData
-from tests.core.kinematics.arms import UR10
-
-
-def tracked(data_folder: Path) -> PoseData:
-    file = data_folder / "ur10_lasertracker" / "Series_B" / "measurements_joint_configurations.csv"
-    lines = file.read_text().splitlines()
-    rows = np.array([[float(text.replace(",", ".")) for text in line.split(";")] for line in lines[1:]])
-    column = {name: i for i, name in enumerate(lines[0].split(";"))}
-    angles = rows[:, [column[f"measurement_r{axis}"] for axis in "xyz"]]
-    joints = ("shoulder_pan", "shoulder_lift", "elbow", "wrist_1", "wrist_2", "wrist_3")
-    return PoseData(
-        rows[:, [column[f"{joint}_joint"] for joint in joints]],
-        rows[:, [column[f"measurement_{axis}"] for axis in "xyz"]],
-        Rotation.from_euler("XYZ", angles, degrees=True).as_matrix(),
-    )
+from core.kinematics.pose_observations import PoseData
+from tests.support.simulation.arms import UR10
+from tests.support.simulation.ur10_tracker import tracked
 
 
 def position_rms(found: Identification, poses: PoseData) -> float:
@@ -64,10 +50,10 @@ def test_the_parameters_stay_near_the_nominal(data_folder: Path) -> None:
     assert np.max(np.abs(off[:, [0, 2]])) < 2.0
     assert np.max(np.abs(off[:, [1, 3, 4]])) < math.radians(0.15)
     assert len(found.names) == 30
-    assert found.null_space == (
-        "theta1 offset and d1 cannot be told from the base transform.",
-        "theta6 offset, d6, a6 and alpha6 cannot be told from the tool transform.",
-        "d2, d3 and d4 cannot be told apart: joints 2, 3 and 4 are parallel.",
+    assert tuple(group.sentence for group in found.null_space) == (
+        "theta1 offset and d1 cannot be separated from the base transform.",
+        "theta6 offset, d6, a6 and alpha6 cannot be separated from the tool transform.",
+        "d2, d3 and d4 cannot be determined separately: joints 2, 3 and 4 are parallel.",
     )
     assert found.conditioning.condition_number < 100.0
     assert 0.1 < found.scatter_position_mm < 0.5
@@ -97,8 +83,8 @@ def test_positions_alone_do_nearly_as_well(data_folder: Path) -> None:
 SPEED = """
 import sys, time
 from pathlib import Path
-from tests.core.kinematics.arms import UR10
-from tests.reference.test_ur10_identification import tracked
+from tests.support.simulation.arms import UR10
+from tests.support.simulation.ur10_tracker import tracked
 from core.kinematics.identification import identify
 
 poses = tracked(Path(sys.argv[1]))
@@ -112,6 +98,7 @@ print(min(took))
 """
 
 
+@pytest.mark.slow
 def test_all_1495_poses_take_no_longer_than_anyone_waits(data_folder: Path) -> None:
     """Validation included; in a process of its own with one thread, as the service runs its analyses."""
     threads = dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"), "1")

@@ -1,17 +1,23 @@
-"""Real services in processes of their own, and images to send them."""
+"""Real services in processes of their own: the larger tier, but for what stands in `test_smoke.py`."""
 
 from __future__ import annotations
 
-import contextlib
-import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
-import cv2
-import numpy as np
 import pytest
 
-from app.cli.process import ServiceProcess
+from app.cli.demo.service_process import ServiceProcess
+
+_HERE = Path(__file__).parent
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Mark what starts services of its own as slow, before items are selected by their marks."""
+    for item in items:
+        if item.path.is_relative_to(_HERE) and item.path.name != "test_smoke.py":
+            item.add_marker(pytest.mark.slow)
 
 
 @pytest.fixture
@@ -36,54 +42,7 @@ def make_service(tmp_path: Path) -> Iterator[Callable[..., ServiceProcess]]:
         process.kill()
 
 
-@pytest.fixture
-def small_image() -> Callable[[int], bytes]:
-    """Make distinct PNG files of a few hundred bytes that show no grid, so that thousands are quickly refused."""
-
-    def make(number: int) -> bytes:
-        picture = np.random.default_rng(number).integers(0, 256, (8, 24), dtype=np.uint8)
-        written, data = cv2.imencode(".png", picture)
-        assert written
-        return data.tobytes()
-
-    return make
-
-
-@pytest.fixture
+@pytest.fixture(scope="session")
 def photo(data_folder: Path) -> Path:
     """A real photograph of the 9 × 6 chessboard of 25 mm."""
     return data_folder / "opencv_samples" / "left01.jpg"
-
-
-@pytest.fixture
-def until() -> Callable[..., None]:
-    """Wait until a condition holds; fail with its name when it does not in time."""
-
-    def wait(condition: Callable[[], bool], within_s: float, what: str) -> None:
-        deadline = time.monotonic() + within_s
-        while not condition():
-            assert time.monotonic() < deadline, f"not within {within_s:g} s: {what}"
-            time.sleep(0.02)
-
-    return wait
-
-
-@pytest.fixture
-def descendants() -> Callable[[int], set[int]]:
-    """Find the running children, and theirs, of a process."""
-    if not Path("/proc/self/stat").exists():
-        pytest.skip("needs /proc to see processes")
-
-    def find(pid: int) -> set[int]:
-        parents = {}
-        for stat in Path("/proc").glob("[0-9]*/stat"):
-            with contextlib.suppress(OSError):  # it ended while we looked
-                state, parent = stat.read_text().rpartition(")")[2].split()[:2]
-                if state != "Z":
-                    parents[int(stat.parent.name)] = int(parent)
-        found: set[int] = set()
-        while more := {child for child, parent in parents.items() if parent in found | {pid}} - found:
-            found |= more
-        return found
-
-    return find

@@ -10,8 +10,8 @@ from pathlib import Path
 import httpx2
 import pytest
 
-from app.agent import ServiceClient
-from app.cli.process import ServiceProcess
+from app.cli.demo.service_process import ServiceProcess
+from app.client import ServiceClient
 
 PROJECT = Path(__file__).parents[2]
 
@@ -23,7 +23,6 @@ PROJECT = Path(__file__).parents[2]
         pytest.param(400, "examples,coverage,fuzzing,stateful", id="long", marks=pytest.mark.soak),
     ],
 )
-@pytest.mark.slow
 def test_no_request_gets_an_answer_outside_the_contract(
     service: ServiceProcess, tmp_path: Path, examples: int, phases: str
 ) -> None:
@@ -33,6 +32,8 @@ def test_no_request_gets_an_answer_outside_the_contract(
         *("--header", f"Authorization: Bearer {service.admin_key}"),
         *("--phases", phases, "--max-examples", str(examples), "--seed", "9283"),
         *("--exclude-path-regex", "/events$"),  # a stream has no end to check
+        # Ids are those of earlier answers: with these two it would lock itself out.
+        *("--exclude-operation-id", "revoke_key", "--exclude-operation-id", "update_key"),
         *("--checks", "all", "--exclude-checks", "positive_data_acceptance"),
         *("--continue-on-failure", "--no-shrink", "--request-timeout", "30", "--warnings", "off"),
         *("--suppress-health-check", "all"),

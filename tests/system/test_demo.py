@@ -1,4 +1,4 @@
-"""`gridpose demo` from start to end, on a narrow terminal."""
+"""`gridpose demo`, small and with `--paper`, from start to end, on a narrow terminal."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ from xml.etree import ElementTree
 import pytest
 
 
-def demo(folder: Path, columns: int) -> subprocess.CompletedProcess[str]:
+def demo(folder: Path, columns: int, *options: str) -> subprocess.CompletedProcess[str]:
     return subprocess.run(
-        [sys.executable, "-m", "app.cli", "demo", "--quick", "--data-dir", str(folder), "--seed", "2"],
+        [sys.executable, "-m", "app.cli", "demo", *options, "--data-dir", str(folder), "--seed", "2"],
         env={**os.environ, "COLUMNS": str(columns), "NO_COLOR": "1"},
         capture_output=True,
         text=True,
@@ -53,16 +53,47 @@ def assert_table_iv(said: str, folder: Path) -> None:
     assert sum(squares[True]) / len(squares[True]) < 0.06**2
     assert sum(squares[False]) / len(squares[False]) < 0.006**2
     assert re.search(r"^cpa: circles.* +\d\.\d{4} +\d\.\d{5} ", said, re.MULTILINE)
-    assert answer["null_space"][0] in " ".join(said.split())
+    assert answer["null_space"][0]["sentence"] in " ".join(said.split())
+
+
+def test_the_small_demo_shows_a_table_of_poses_and_keeps_what_it_made(tmp_path: Path) -> None:
+    folder = tmp_path / "kept"
+    ended = demo(folder, 100)
+    said = ended.stdout
+    assert ended.returncode == 0, said + ended.stderr
+    assert ended.stderr == ""
+    paths = (str(folder), "bin/gridpose", "GRIDPOSE_")  # as long as they are, for copying
+    lines = [line for line in said.splitlines() if not any(path in line for path in paths)]
+    assert max(map(len, lines)) <= 80
+    assert re.search(r"The service runs at http://127\.0\.0\.1:\d+", said)
+    assert "31 photographs measured; 30 determine the camera by themselves" in " ".join(said.split())
+    assert "focal_not_observable" in said
+    repeatability = {
+        row["pose_id"]: row for row in json.loads((folder / "repeatability.json").read_text())["poses"]
+    }
+    rows = re.findall(
+        r"^(P\d) +(\d+) +([\d.]+) +([\d.]+) - ([\d.]+) +([\d.]+) +([\d.]+)  (\w+)", said, re.MULTILINE
+    )
+    assert [row[0] for row in rows] == ["P1", "P2", "P3"]
+    for pose_id, images, reading, low, high, floor, true, verdict in rows:
+        answer = repeatability[pose_id]
+        values = [answer["repeatability"], answer["noise_floor"]]
+        assert [reading, floor] == [f"{value['rp_l_mm']:.4f}" for value in values]
+        assert [low, high] == [f"{value:.4f}" for value in answer["interval"]["rp_l_mm"]]
+        assert (int(images), verdict) == (answer["cycles"], answer["verdict"])
+        assert 0.05 < float(true) < 0.2
+    assert ElementTree.parse(folder / "scatter.svg").getroot().tag.endswith("svg")
+    assert f"serve --data-dir {folder}" in said
+    assert (folder / "gridpose.sqlite3").exists()
 
 
 @pytest.mark.slow
 def test_it_calibrates_refuses_and_tells_the_truth(tmp_path: Path) -> None:
     folder = tmp_path / "kept"
-    ended = demo(folder, 80)
+    ended = demo(folder, 80, "--paper", "--quick")
     said = ended.stdout
     assert ended.returncode == 0, said + ended.stderr
-    assert "50 images calibrated, 1 refused" in " ".join(said.split())
+    assert "51 photographs measured; 50 determine the camera by themselves" in " ".join(said.split())
     assert "focal_not_observable" in said
     tables, where = said.split("All of it is kept in")
     assert max(len(line.rstrip()) for line in tables.splitlines()) <= 80
@@ -76,28 +107,28 @@ def test_it_calibrates_refuses_and_tells_the_truth(tmp_path: Path) -> None:
     )
     assert [row[0] for row in rows] == ["P1", "P2", "P3", "P4", "P5"]
     for (pose_id, first, low, high, last, verdict), answer in zip(rows, repeatability["poses"], strict=False):
-        figure = truth[pose_id, "position_mm"]
-        reading, floor = answer["repeatability"]["position_mm"], answer["noise_floor"]["position_mm"]
-        corrected = answer["corrected"]["position_mm"]
+        figure = truth[pose_id, "rp_l_mm"]
+        reading, floor = answer["repeatability"]["rp_l_mm"], answer["noise_floor"]["rp_l_mm"]
+        corrected = answer["corrected"]["rp_l_mm"]
         shown = [figure["true"], figure["of_these_cycles"], reading]
         assert first.split() == [f"{value:.4f}" for value in shown]
         assert last.split() == [f"{value:.4f}" for value in (corrected, floor)]
-        assert [low, high] == [f"{value:.4f}" for value in answer["interval"]["position_mm"]]
+        assert [low, high] == [f"{value:.4f}" for value in answer["interval"]["rp_l_mm"]]
         assert verdict == answer["verdict"] == "robot"
 
     assert_table_iv(tables, folder)
 
     comparison = json.loads((folder / "comparison.json").read_text())
     marker, board = (
-        {row["method"]: row for row in comparison["repeatability"]}[m] for m in ("aruco_marker", "pooled")
+        {row["method"]: row for row in comparison["repeatabilities"]}[m] for m in ("aruco_marker", "pooled")
     )
     for one, all_of_it in zip(marker["poses"][:5], board["poses"][:5], strict=True):
-        assert one["repeatability"]["position_mm"] > 3.0 * all_of_it["repeatability"]["position_mm"]
+        assert one["repeatability"]["rp_l_mm"] > 3.0 * all_of_it["repeatability"]["rp_l_mm"]
     for name in ("scatter.svg", "drift.svg", "residuals.svg"):
         assert ElementTree.parse(folder / name).getroot().tag.endswith("svg")
     for kept in re.findall(r"^  ([\w.-]+\.(?:json|svg|png|sqlite3)) ", where, re.MULTILINE):
         assert (folder / kept).exists(), kept
 
-    again = demo(folder, 80)
+    again = demo(folder, 80, "--paper")
     assert again.returncode == 2
     assert "is not empty" in again.stdout

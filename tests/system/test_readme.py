@@ -1,4 +1,4 @@
-"""What README.md shows is what happens: its commands are run and their answers compared with the printed ones."""
+"""What README.md and docs/quickstart.md show is what happens: commands are run, answers compared."""
 
 from __future__ import annotations
 
@@ -17,14 +17,22 @@ import pytest
 from typer.core import TyperGroup as Group
 from typer.main import get_command
 
-from app.agent import ServiceClient
 from app.api.schemas.measurements import MeasurementRead
-from app.cli.commands import app
-from app.cli.process import ServiceProcess
+from app.cli.demo.service_process import ServiceProcess
+from app.cli.main import app
+from app.client import ServiceClient
 from app.settings import Settings
 
 PROJECT = Path(__file__).parents[2]
-README = (PROJECT / "README.md").read_text(encoding="utf-8")
+README, QUICKSTART, CONFIGURATION = (
+    (PROJECT / path).read_text(encoding="utf-8")
+    for path in ("README.md", "docs/quickstart.md", "docs/configuration.md")
+)
+LINKED = [
+    "README.md",
+    "CONTRIBUTING.md",
+    *sorted(str(p.relative_to(PROJECT)) for p in (PROJECT / "docs").rglob("*.md")),
+]
 
 # Quoted text, numbers, words, punctuation; white space is of no account.
 _TOKEN = re.compile(r'\.\.\.|"[^"]*"|-?\d+(?:\.\d+)?(?:e[-+]?\d+)?|[^\W\d]\w*|[^\s\w]')
@@ -34,9 +42,9 @@ _RELATIVE, _ABSOLUTE = 1e-2, 1e-4
 
 
 def block(marker: str) -> str:
-    """Return the fenced block after `<!-- marker -->`."""
-    match = re.search(rf"<!-- {marker} -->\n```\w+\n(.*?)```", README, re.DOTALL)
-    assert match is not None, f"README.md has no block {marker}"
+    """Return the fenced block after `<!-- marker -->` of README.md or docs/quickstart.md."""
+    match = re.search(rf"<!-- {marker} -->\n```\w+\n(.*?)```", README + QUICKSTART, re.DOTALL)
+    assert match is not None, f"there is no block {marker}"
     return match[1]
 
 
@@ -59,7 +67,7 @@ def assert_shows(shown: str, actual: str) -> None:
             not all(agree(*pair) for pair in zip(tokens, answer[position:], strict=False)) or position > last
         ):
             position += 1
-            assert position <= last, f"README.md shows {piece!r}, the answer was {actual}"
+            assert position <= last, f"the document shows {piece!r}, the answer was {actual}"
         position += len(tokens)
 
 
@@ -118,7 +126,7 @@ def test_the_target_is_printed(tmp_path: Path) -> None:
 
 
 def test_the_table_of_settings_is_complete() -> None:
-    table = README.split("## Settings")[1].split("## ")[0]
+    table = CONFIGURATION.split("## Settings")[1].split("## ")[0]
     rows = dict(re.findall(r"^\| `(GRIDPOSE_\w+)` \| (.*?) \|", table, re.MULTILINE))
     assert set(rows) == {f"GRIDPOSE_{name.upper()}" for name in Settings.model_fields}
     for name, field in Settings.model_fields.items():
@@ -132,21 +140,26 @@ def test_the_table_of_settings_is_complete() -> None:
 
 def test_the_commands_and_fields_that_are_named_exist() -> None:
     commands = get_command(app)
-    named = set(re.findall(r"`?\bgridpose ([a-z]+)(?: ([a-z]+))?", README))
+    named = set(re.findall(r"`?\bgridpose ([a-z]+)(?: ([a-z]+))?", README + QUICKSTART))
     for first, second in named:
         assert isinstance(commands, Group)
         assert first in commands.commands, first
         inner = commands.commands[first]
         if isinstance(inner, Group):
             assert second in inner.commands, (first, second)
-    assert {("target", "pdf"), ("target", "check")} <= named
-    told = set(re.findall(r"`(\w+)`", README))
-    assert {"capture_quality", "siblings", "target_id"} <= told & set(MeasurementRead.model_fields)
+    assert {("targets", "print"), ("targets", "check")} <= named
+    shown = set(re.findall(r"`(\w+)`", QUICKSTART))
+    assert {"capture_quality", "siblings", "target_id"} <= shown & set(MeasurementRead.model_fields)
 
 
-def test_what_readme_names_is_there() -> None:
-    for link in re.findall(r"\]\(([^)#:]+)\)", README):
-        assert (PROJECT / link).exists(), link
-    makefile = (PROJECT / "Makefile").read_text(encoding="utf-8")
-    for target in set(re.findall(r"`?make (\w+)", README)):
-        assert re.search(rf"^{target}:", makefile, re.MULTILINE), target
+@pytest.mark.parametrize("document", LINKED)
+def test_what_a_document_links_to_is_there(document: str) -> None:
+    path = PROJECT / document
+    links = re.findall(r"\]\(([^)#:]+)(?:#[^)]*)?\)", path.read_text(encoding="utf-8"))
+    assert [link for link in links if not (path.parent / link).exists()] == []
+
+
+def test_make_has_the_targets_that_readme_names() -> None:
+    targets = sorted(set(re.findall(r"\bmake (\w+)", README)))
+    assert targets
+    subprocess.run(["make", "--dry-run", *targets], cwd=PROJECT, stdout=subprocess.DEVNULL, check=True)

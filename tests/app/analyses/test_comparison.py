@@ -10,17 +10,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from app.api.schemas.comparison import ComparisonAnalysis
-from app.services.analyses.comparison_images import (
-    IMAGES_AT_MOST,
-    POINTS_AT_MOST,
-    POSES_AT_MOST,
-    choose_images,
-)
-from app.services.analyses.snapshot import Image, Snapshot
-from core.calibration.baselines import METHODS
+from app.api.schemas.analyses.comparison import ComparisonAnalysis
+from core.comparison import METHODS
 from core.targets.specification import TargetSpec
-from tests.app.analyses.conftest import (
+from tests.support.sessions.repeatability import KEYS
+from tests.support.sessions.stored_sessions import (
     BOARD,
     Shot,
     Store,
@@ -32,7 +26,6 @@ from tests.app.analyses.conftest import (
     with_fields,
 )
 
-KEYS = ["position_mm", "x_mm", "y_mm", "z_mm", "roll_deg", "pitch_deg", "yaw_deg"]
 CALIBRATING = METHODS[:6]
 
 
@@ -44,46 +37,48 @@ def tables(api: Any, session: str) -> tuple[dict[str, Any], dict[str, Any], dict
     """The document, its rows of Table II and of Table III by method, checked for what every one of them keeps."""
     document = body(get(api, session))
     ComparisonAnalysis.model_validate(document, extra="forbid")
-    for part in ("calibration", "repeatability"):
+    for part in ("calibrations", "repeatabilities"):
         assert [row["method"] for row in document[part]] == list(METHODS)
-    for row in document["calibration"]:
-        assert row["calibrated"] + row["failed"] == document["images"]
+    for row in document["calibrations"]:
+        assert row["calibrated"] + row["failed"] == document["image_count"]
         assert (row["failure"] is not None) == (row["calibrated"] == 0)
         for figures in ("reprojection", "intrinsics", "distortion"):
             assert (row[figures] is None) == (row["calibrated"] == 0)
         if row["calibrated"] and row["failed"]:
-            assert sum(failure["images"] for failure in row["failures"]) == row["failed"]
-    for row in document["repeatability"]:
+            assert sum(failure["image_count"] for failure in row["failures"]) == row["failed"]
+    for row in document["repeatabilities"]:
         for pose in row["poses"]:
             assert list(pose["repeatability"]) == KEYS
             assert (
-                (None in pose["repeatability"].values()) == (pose["n"] < 2) == (pose["failure"] is not None)
+                (None in pose["repeatability"].values())
+                == (pose["cycles"] < 2)
+                == (pose["failure"] is not None)
             )
-    second, third = ({row["method"]: row for row in document[p]} for p in ("calibration", "repeatability"))
+    second, third = ({row["method"]: row for row in document[p]} for p in ("calibrations", "repeatabilities"))
     return document, second, third
 
 
 def rp(row: dict[str, Any]) -> float:
-    return float(np.mean([pose["repeatability"]["position_mm"] for pose in row["poses"]]))
+    return float(np.mean([pose["repeatability"]["rp_l_mm"] for pose in row["poses"]]))
 
 
 def test_all_methods_on_the_same_images(api: Any, store: Store) -> None:
     session = new_session(api)
     store(api, session, shoot(repeatability_mm=0.02))
     document, second, third = tables(api, session)
-    assert (document["images"], document["focus_group"], document["pending"]) == (60, "default", 0)
+    assert (document["image_count"], document["focus_group"], document["pending"]) == (60, "default", 0)
     for method in CALIBRATING:
         row = second[method]
         assert row["calibrated"] + row["failed"] == 60
-        assert row["camera"] == ("all_images" if method == "zhang" else "each_image")
-        assert (row["spread"] is None) == (method == "zhang")
+        assert row["camera_of"] == ("all_images" if method == "zhang" else "each_image")
+        assert (row["standard_deviation"] is None) == (method == "zhang")
     # nothing but corner noise of .02 px is left where the model has all that the lens does
     for method in ("proposed_vanishing_point", "zhang", "opencv_single_image", "pooled"):
         assert second[method]["calibrated"] == 60
         assert second[method]["reprojection"]["mean_px"] == pytest.approx(0.02 * np.sqrt(np.pi / 2), rel=0.1)
     assert second["zhang"]["intrinsics"]["fx_px"] == pytest.approx(1160.0, rel=2e-3)
     assert second["pooled"]["intrinsics"]["fx_px"] == pytest.approx(1160.0, rel=2e-3)
-    assert second["opencv_single_image"]["spread"]["fx_px"] > 1.0
+    assert second["opencv_single_image"]["standard_deviation"]["fx_px"] > 1.0
     for method in ("aruco_marker", "aruco_board"):
         for table in (second, third):
             assert table[method]["failure"]["code"] == "target_without_markers"
@@ -106,7 +101,7 @@ def test_the_pooled_row_is_the_repeatability_document(api: Any, store: Store) ->
     _, _, third = tables(api, session)
     known = body(api.client.get(f"/v1/sessions/{session}/repeatability"))
     for pose, other in zip(third["pooled"]["poses"], known["poses"], strict=True):
-        assert (pose["pose_id"], pose["n"]) == (other["pose_id"], other["n"])
+        assert (pose["pose_id"], pose["cycles"]) == (other["pose_id"], other["cycles"])
         for part in ("repeatability", "noise_floor"):
             assert pose[part] == pytest.approx(other[part], rel=1e-9)
 
@@ -151,15 +146,15 @@ def test_failures_are_said_per_method_and_image(api: Any, store: Store) -> None:
         )
         assert all(failure["advice"] for failure in row["failures"])
         seen, blind = third[method]["poses"]
-        assert (seen["n"], seen["failures"]) == (3, [])
-        assert (blind["n"], blind["failure"]["code"]) == (0, "too_few_images")
+        assert (seen["cycles"], seen["failures"]) == (3, [])
+        assert (blind["cycles"], blind["failure"]["code"]) == (0, "too_few_images")
         assert blind["failures"] == row["failures"]
     assert "perpendicular" in second["tsai"]["failures"][0]["detail"]
     for method in ("zhang", "pooled"):  # the tilted images tell the camera, the others their pose
         assert second[method]["calibrated"] == 6
         assert all(pose["failure"] is None for pose in third[method]["poses"])
-    warned = {remark["code"]: remark for remark in second["opencv_single_image"]["remarks"]}
-    assert warned["focal_not_observable"]["images"] == 3
+    warned = {remark["code"]: remark for remark in second["opencv_single_image"]["warnings"]}
+    assert warned["focal_not_observable"]["image_count"] == 3
     assert set(ids).isdisjoint(flat_ids)
 
 
@@ -170,10 +165,10 @@ def test_one_image(api: Any, store: Store) -> None:
     assert second["zhang"]["failure"]["code"] == "degenerate_geometry"
     assert "two views" in second["zhang"]["failure"]["detail"]
     assert second["proposed_vanishing_point"]["calibrated"] == 1
-    assert second["proposed_vanishing_point"]["spread"] is None
+    assert second["proposed_vanishing_point"]["standard_deviation"] is None
     for method in ("proposed_vanishing_point", "pooled"):
         assert [pose["failure"]["code"] for pose in third[method]["poses"]] == ["too_few_images"]
-    assert "one_image" in [w["code"] for w in document["warnings"]]
+    assert "single_image" in [w["code"] for w in document["warnings"]]
 
 
 def test_where_even_pooling_fails_the_others_answer(api: Any, store: Store) -> None:
@@ -190,7 +185,7 @@ def test_images_without_points_are_counted(api: Any, store: Store) -> None:
     lost = Shot("P1", 5, None, None)
     store(api, session, [*shots, lost])
     document, _, _ = tables(api, session)
-    assert document["images"] == 4
+    assert document["image_count"] == 4
     (warning,) = [w for w in document["warnings"] if w["code"] == "images_without_points"]
     assert "target_not_found (1)" in warning["detail"]
 
@@ -203,7 +198,7 @@ def test_boards_that_look_alike_turned_are_read_one_way(api: Any, store: Store) 
     for i, shot in enumerate(shoot(seed=9, poses=2, cycles=5, board=board, repeatability_mm=0.02)):
         points = shot.points
         assert points is not None
-        points = dataclasses.replace(points, origin="turned")
+        points = dataclasses.replace(points, labelling="up_to_symmetry")
         if i % 3 == 1:
             order = slice(None, None, -1)
             points = dataclasses.replace(
@@ -217,7 +212,7 @@ def test_boards_that_look_alike_turned_are_read_one_way(api: Any, store: Store) 
     _, second, third = tables(api, session)
     for method in ("zhang", "opencv_single_image", "proposed_vanishing_point", "pooled"):
         assert second[method]["calibrated"] == 10
-        assert max(pose["repeatability"]["position_mm"] for pose in third[method]["poses"]) < 20.0
+        assert max(pose["repeatability"]["rp_l_mm"] for pose in third[method]["poses"]) < 20.0
     assert rp(third["pooled"]) < 0.2
 
 
@@ -229,8 +224,8 @@ def test_one_camera_setting_is_compared_and_the_others_named(api: Any, store: St
         api, session, with_fields([dataclasses.replace(s, pose_id="P9") for s in others], focus_group="near")
     )
     document, _, third = tables(api, session)
-    assert (document["focus_group"], document["images"]) == ("default", 8)
-    (warning,) = [w for w in document["warnings"] if w["code"] == "other_camera_settings"]
+    assert (document["focus_group"], document["image_count"]) == ("default", 8)
+    (warning,) = [w for w in document["warnings"] if w["code"] == "images_of_other_focus_group"]
     assert "'near' of 1224 x 1024 px (3)" in warning["detail"]
     assert [pose["pose_id"] for pose in third["pooled"]["poses"]] == ["P1", "P2"]
 
@@ -240,70 +235,8 @@ def test_nothing_to_compare_is_a_conflict(api: Any, store: Store) -> None:
     refusal = problem(get(api, session), 409, "too_few_measurements")
     assert refusal["advice"]
     store(api, session, [Shot("P1", 1, None, None)])
-    problem(get(api, session), 409, "nothing_usable")
+    problem(get(api, session), 409, "no_usable_images")
     problem(get(api, "ses_nobody"), 404, "session_not_found")
-
-
-def taken(pose: str, cycle: int, points: int = 140, **fields: Any) -> Image:
-    values: dict[str, Any] = {
-        "measurement_id": f"mea_{pose}_{cycle}",
-        "pose_id": pose,
-        "cycle": cycle,
-        "sha256": "0" * 64,
-        "target": 0,
-        "focus_group": "default",
-        "joint_angles_deg": None,
-        "width_px": 640,
-        "height_px": 480,
-        "failure_code": None,
-        "failure_detail": None,
-        "point_bytes": 45 * points,
-        "computed_by": "0.1.0",
-    }
-    return Image(**{**values, **fields})
-
-
-def choose(images: list[Image]) -> Any:
-    snapshot = Snapshot("ses_1", ("tgt_1",), ({"kind": "chessboard"},), None, None, {}, tuple(images), 0)
-    return choose_images(snapshot, {i.measurement_id: b"" for i in images if i.point_bytes})
-
-
-def test_of_thousands_of_images_every_pose_keeps_as_many() -> None:
-    everything = [taken(f"P{p}", c) for p in range(5) for c in range(1, 1001)]
-    chosen = choose(everything)
-    assert len(chosen.images) == IMAGES_AT_MOST
-    assert [w.code for w in chosen.warnings] == ["images_sampled"]
-    assert f"{IMAGES_AT_MOST} of 5000" in chosen.warnings[0].detail
-    for pose in range(5):
-        cycles = [i.cycle for i in chosen.images if i.pose_id == f"P{pose}"]
-        assert len(cycles) == IMAGES_AT_MOST // 5
-        assert (cycles[0], cycles[-1]) == (1, 1000)
-    assert choose(everything).images == chosen.images
-    assert choose(everything[:IMAGES_AT_MOST]).warnings == ()
-    # a pose of few keeps them all, and the others share what is left
-    few = [taken("P0", c) for c in range(1, 4)]
-    chosen = choose(few + everything[1000:])
-    assert [i for i in chosen.images if i.pose_id == "P0"] == few
-    assert IMAGES_AT_MOST - 4 < len(chosen.images) <= IMAGES_AT_MOST
-
-
-def test_large_grids_and_many_poses_are_bounded_too() -> None:
-    chosen = choose([taken("P1", c, points=5000) for c in range(1, 201)])
-    assert len(chosen.images) == POINTS_AT_MOST // 5000
-    sweep = [taken(f"P{p}", 1) for p in range(1500)]
-    chosen = choose(sweep)
-    assert len(chosen.images) == POSES_AT_MOST
-    assert (chosen.images[0], chosen.images[-1]) == (sweep[0], sweep[-1])
-    visited = [taken(f"Q{p}", c) for p in range(3) for c in (1, 2)]
-    chosen = choose(sweep + visited)
-    assert set(visited) < set(chosen.images)
-    assert len(chosen.images) == POSES_AT_MOST + 3
-
-
-def test_a_pose_that_shows_two_targets_counts_for_one() -> None:
-    chosen = choose([taken("P1", 1), taken("P1", 2), taken("P1", 3, target=1)])
-    assert chosen.poses == ("P1", "P1", None)
-    assert [w.code for w in chosen.warnings] == ["other_target"]
 
 
 def test_the_document_holds_no_nan(api: Any, store: Store) -> None:

@@ -10,14 +10,18 @@ import numpy as np
 import pytest
 import sqlalchemy as sa
 
-from app.records.codec import decode_markers
+from app.records.codec import content_hash, decode_markers
 from app.records.tables import Measurement, Result
-from core.camera import Camera
+from core.geometry.camera import Camera
+from core.geometry.se3 import so3_exp, transform
 from core.simulation import Scene, render
 from core.targets.specification import TargetSpec
-from core.transforms import so3_exp, transform
-from tests.app.analyses.conftest import body
-from tests.app.conftest import encode
+from tests.support.image.images import encode
+from tests.support.sessions.stored_sessions import body
+
+pytestmark = (
+    pytest.mark.slow
+)  # rendered scenes through a worker; test_comparison.py has the claims on stored points
 
 FIELDS = {"kind": "charuco", "columns": 7, "rows": 5, "pitch_mm": 24.0, "marker_mm": 16.8}
 BOARD = TargetSpec(**FIELDS, dictionary="DICT_5X5_100")  # type: ignore[arg-type]
@@ -78,23 +82,23 @@ def test_one_marker_repeats_many_times_worse_than_all_points_together(
     computing_api: Any, measured: tuple[str, list[dict[str, Any]]]
 ) -> None:
     session, _ = measured
-    table = rows(computing_api, session, "repeatability")
+    table = rows(computing_api, session, "repeatabilities")
 
     def rp(method: str) -> float:
         assert table[method]["failure"] is None
-        assert [pose["n"] for pose in table[method]["poses"]] == [CYCLES] * POSES
-        return float(np.mean([pose["repeatability"]["position_mm"] for pose in table[method]["poses"]]))
+        assert [pose["cycles"] for pose in table[method]["poses"]] == [CYCLES] * POSES
+        return float(np.mean([pose["repeatability"]["rp_l_mm"] for pose in table[method]["poses"]]))
 
     # at equal corner noise METHOD has 20; RP_l of five cycles knows its value to a third, the mean of three poses to .2
     assert rp("aruco_marker") > 10.0 * rp("pooled")
     assert rp("aruco_board") > rp("pooled")  # cornerSubPix on four corners a marker
     assert rp("zhang") == pytest.approx(rp("pooled"), rel=0.2)
-    calibrated = rows(computing_api, session, "calibration")
+    calibrated = rows(computing_api, session, "calibrations")
     for method in ("aruco_marker", "aruco_board"):
         row = calibrated[method]
-        assert (row["camera"], row["calibrated"], row["failed"]) == ("pooled", POSES * CYCLES, 0)
+        assert (row["camera_of"], row["calibrated"], row["failed"]) == ("pooled", POSES * CYCLES, 0)
         assert row["intrinsics"] == calibrated["pooled"]["intrinsics"]
-        assert row["spread"] is None
+        assert row["standard_deviation"] is None
     assert calibrated["pooled"]["intrinsics"]["fx_px"] == pytest.approx(CAMERA.fx_px, rel=5e-3)
 
 
@@ -108,8 +112,8 @@ def test_given_intrinsics_are_the_markers_camera(
     assert patched.status_code == 200, patched.text
     try:
         assert computing_api.client.get(f"/v1/sessions/{session}/comparison").headers["etag"] != before
-        row = rows(computing_api, session, "calibration")["aruco_board"]
-        assert row["camera"] == "session"
+        row = rows(computing_api, session, "calibrations")["aruco_board"]
+        assert row["camera_of"] == "session"
         assert row["intrinsics"]["fx_px"] == 860.0
     finally:
         computing_api.client.patch(f"/v1/sessions/{session}", json={"intrinsics": None})
@@ -123,10 +127,12 @@ def test_what_was_measured_before_markers_were_kept_says_so_until_it_is_retried(
     kept = stored(computing_api, old)
     before = computing_api.client.get(f"/v1/sessions/{session}/comparison").headers["etag"]
     with computing_api.installation.database.write() as records:
-        records.execute(sa.update(Result).where(Result.measurement_id == old).values(markers=None))
+        points = records.scalar(sa.select(Result.points).where(Result.measurement_id == old))
+        without = {"markers": None, "content_sha256": content_hash(points, None)}
+        records.execute(sa.update(Result).where(Result.measurement_id == old).values(**without))
         records.execute(sa.update(Measurement).where(Measurement.id == old).values(finished_at=LONG_AGO))
     for method in ("aruco_marker", "aruco_board"):
-        row = rows(computing_api, session, "calibration")[method]
+        row = rows(computing_api, session, "calibrations")[method]
         assert (row["calibrated"], row["failed"], row["failure"]) == (POSES * CYCLES - 1, 1, None)
         (failure,) = row["failures"]
         assert (failure["code"], failure["measurement_ids"]) == ("markers_not_stored", [old])

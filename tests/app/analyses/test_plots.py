@@ -11,7 +11,7 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 
-from tests.app.analyses.conftest import Shot, Store, body, new_session, problem, shoot, with_fields
+from tests.support.sessions.stored_sessions import Shot, Store, body, new_session, problem, shoot, with_fields
 
 SPACE = "{http://www.w3.org/2000/svg}"
 PLOTS = ("repeatability/scatter.svg", "repeatability/drift.svg", "intrinsics/residuals.svg")
@@ -45,16 +45,34 @@ def test_pictures_say_what_the_tables_say(api: Any, store: Store, ordinary: list
     lines = told(get(api, session, PLOTS[0]))
     assert len(lines) == len(rows) == 3
     for row, line in zip(rows, lines, strict=True):
-        assert line.startswith(f"{row['pose_id']}: n = {row['n']} ")
+        assert line.startswith(f"{row['pose_id']}: n = {row['cycles']} ")
         assert f"verdict: {row['verdict'].replace('_', ' ')}" in line
-        reading, floor = row["repeatability"]["position_mm"], row["noise_floor"]["position_mm"]
+        reading, floor = row["repeatability"]["rp_l_mm"], row["noise_floor"]["rp_l_mm"]
         assert float(line.split("RP_l = ")[1].split(" ")[0]) == pytest.approx(reading, rel=5e-3)
         assert float(line.split("noise floor ")[1].split(" ")[0]) == pytest.approx(floor, rel=5e-2)
     assert told(get(api, session, PLOTS[0], pose_id="P2")) == lines[1:2]
     moved = told(get(api, session, PLOTS[1]))
     assert [line.split(":")[0] for line in moved] == ["P1", "P2", "P3"]
     assert all("n = 20" in line and "standard errors" in line for line in moved)
+    drifts = body(api.client.get(f"/v1/sessions/{session}/repeatability"))["drift"]["poses"]
+    for drift, line in zip(drifts, moved, strict=True):
+        unit = 1e3 if " µm (" in line else 1.0
+        shift, errors = line.split("x, y, z: ")[1].split(" (standard errors ")
+        shown = [float(text) / unit for text in shift.replace("−", "-").rsplit(" ", 1)[0].split(", ")]
+        doubt = [float(text) / unit for text in errors.rstrip(")").split(", ")]
+        distance = float(line.split("moved ")[1].split(" ")[0]) / unit
+        rounding = 0.6 * 10.0 ** -len(errors.split(",")[0].partition(".")[2]) / unit
+        assert shown == pytest.approx(drift["shift_mm"], abs=rounding)
+        assert doubt == pytest.approx(drift["shift_standard_uncertainty_mm"], abs=rounding)
+        assert distance == pytest.approx(drift["shift_distance_mm"], abs=rounding)
     (residuals,) = told(get(api, session, PLOTS[2]))
+    (group,) = body(api.client.get(f"/v1/sessions/{session}/intrinsics"))["groups"]
+    figures = group["residual_map"]
+    assert f"{figures['point_count']:,} points" in residuals
+    assert f"rms {figures['rms_px']:.3g} px" in residuals
+    assert f"{figures['cells_beyond_chance']} of {figures['cells']} cells" in residuals
+    assert f"(chance alone: {figures['cells_by_chance']:.1f})" in residuals
+    assert f"have an rms of {figures['mean_rms_px']:.2g} px" in residuals
     assert residuals.startswith("Focus group default   ·   60 images   ·   ")
     # Noise of .02 px in u and in v.
     assert float(residuals.split("rms ")[1].split(" ")[0]) == pytest.approx(0.02 * 2**0.5, rel=0.05)
@@ -99,7 +117,7 @@ def test_what_cannot_be_drawn_is_said(api: Any, store: Store, ordinary: list[Sho
     problem(get(api, session, plot, estimator="best"), 422, "invalid_request")
     problem(get(api, session, plot, estimator="given"), 409, "too_few_measurements")
     store(api, session, [Shot("P1", cycle, None, ordinary[0].T_target_camera) for cycle in (1, 2)])
-    assert problem(get(api, session, plot), 409, "nothing_usable")["advice"]
+    assert problem(get(api, session, plot), 409, "no_usable_images")["advice"]
 
 
 def test_poses_that_have_nothing_to_show(api: Any, store: Store, ordinary: list[Shot]) -> None:
@@ -113,7 +131,7 @@ def test_poses_that_have_nothing_to_show(api: Any, store: Store, ordinary: list[
     assert lines[3] == "P9: n = 0   ·   no image counts: target_not_found (1)"
     assert problem(get(api, session, PLOTS[1]), 409, "too_few_cycles")["advice"]
     for plot in PLOTS[:2]:
-        problem(get(api, session, plot, pose_id="P9"), 409, "nothing_usable")
+        problem(get(api, session, plot, pose_id="P9"), 409, "no_usable_images")
         problem(get(api, session, plot, pose_id="P10"), 409, "too_few_measurements")
         problem(get(api, session, plot, pose_id="P11"), 404, "pose_not_found")
         problem(get(api, session, plot, pose_id="../P1"), 422, "invalid_request")
@@ -151,7 +169,7 @@ def test_too_many_poses_for_one_picture(api: Any, store: Store) -> None:
     session = new_session(api)
     store(api, session, shoot(5, poses=41, cycles=2))
     for plot in PLOTS[:2]:
-        refused = problem(get(api, session, plot), 409, "too_many_to_draw")
+        refused = problem(get(api, session, plot), 409, "too_many_for_plot")
         assert "pose_id" in refused["advice"]
         assert told(get(api, session, plot, pose_id="P41"))[0].startswith("P41: n = 2")
 
@@ -159,11 +177,11 @@ def test_too_many_poses_for_one_picture(api: Any, store: Store) -> None:
 def test_the_head_never_loads_what_draws() -> None:
     """Pictures are drawn in the process beside it; the head stays small."""
     program = (
-        "import sys, app.main, app.services.analyses.desk\n"
+        "import sys, app.main, app.analyses.service\n"
         "from app.settings import Settings\n"
         "from pathlib import Path\n"
         "app.main.create_app(Settings(data_dir=Path('/nonexistent/gridpose'))).openapi()\n"
-        "print([m for m in ('matplotlib', 'PIL', 'app.services.analyses.plots') if m in sys.modules])"
+        "print([m for m in ('matplotlib', 'PIL', 'app.analyses.documents.plots') if m in sys.modules])"
     )
     done = subprocess.run(
         [sys.executable, "-c", program],

@@ -10,12 +10,11 @@ import numpy as np
 import pytest
 
 from app.api.schemas.analyses import IntrinsicsAnalysis
-from core.calibration.readings import turns_alike
-from core.camera import CAMERA_PARAMETERS, project
-from core.simulation.views import draw_pose
+from core.calibration.multi_view.board_symmetry import symmetry_rotations
+from core.geometry.camera import CAMERA_PARAMETERS, project
+from core.geometry.se3 import compose, invert, transform_points
 from core.targets.specification import GridPoints, TargetSpec
-from core.transforms import compose, invert, transform_points
-from tests.app.analyses.conftest import (
+from tests.support.sessions.stored_sessions import (
     BOARD,
     CAMERA,
     HEIGHT,
@@ -27,6 +26,7 @@ from tests.app.analyses.conftest import (
     problem,
     shoot,
 )
+from tests.support.simulation.simulated_views import draw_pose
 
 SIGMA_PX = 0.02
 
@@ -52,7 +52,7 @@ def session_of(
         seen = exact + rng.normal(0.0, SIGMA_PX, exact.shape)
         if turned and rng.random() < 0.5:
             seen = seen[::-1]  # half a turn of the grid
-            T = compose(T, turns_alike(board)[1])
+            T = compose(T, symmetry_rotations(board)[1])
         points = GridPoints(
             board,
             WIDTH,
@@ -61,7 +61,7 @@ def session_of(
             row,
             seen.copy(),
             np.full(len(seen), SIGMA_PX),
-            origin="turned" if turned else "known",
+            labelling="up_to_symmetry" if turned else "absolute",
         )
         shots.append(Shot(f"P{i}", 1, points, invert(T)))
     return shots
@@ -79,11 +79,11 @@ def test_a_bent_board_is_found_and_the_camera_with_it(api: Any, store: Store) ->
     document = body(get(api, session, refine_target="true"))
     IntrinsicsAnalysis.model_validate(document, extra="forbid")
     shape = document["target_shape"]
-    assert (shape["images"], shape["directions"], shape["applied"]) == (14, 14, True)
-    bow = shape["bow_x_mm"]
-    assert bow["value"] == pytest.approx(0.25, abs=4.0 * bow["standard_uncertainty"])
-    assert bow["standard_uncertainty"] < 0.02
-    assert abs(shape["bow_y_mm"]["value"]) < 4.0 * shape["bow_y_mm"]["standard_uncertainty"]
+    assert (shape["image_count"], shape["view_directions"], shape["used_for_calibration"]) == (14, 14, True)
+    sigma = shape["standard_uncertainty"]
+    assert shape["bow_x_mm"] == pytest.approx(0.25, abs=4.0 * sigma["bow_x_mm"])
+    assert sigma["bow_x_mm"] < 0.02
+    assert abs(shape["bow_y_mm"]) < 4.0 * sigma["bow_y_mm"]
     assert shape["out_of_plane"]["significant"]
     assert not shape["in_plane"]["significant"]
     assert shape["rms_px"] < 0.5 * shape["rms_before_px"]
@@ -111,18 +111,20 @@ def test_a_board_that_looks_the_same_turned_is_refined_under_one_reading(api: An
         upright = np.allclose(
             shot.points.points_px, project(transform_points(T, places), CAMERA), atol=8 * SIGMA_PX
         )
-        told = shot.T_target_camera if upright else compose(turns_alike(board)[1], shot.T_target_camera)
+        told = (
+            shot.T_target_camera if upright else compose(symmetry_rotations(board)[1], shot.T_target_camera)
+        )
         command(api, session, shot.pose_id, told)
     shape = body(get(api, session, refine_target="true"))["target_shape"]
-    assert shape["bow_x_mm"]["value"] == pytest.approx(0.25, abs=0.05)
+    assert shape["bow_x_mm"] == pytest.approx(0.25, abs=0.05)
     assert shape["reduced_chi2"] < 1.3
-    largest = max(shape["points"], key=lambda p: math.hypot(*p["departure_mm"][:2]))
+    largest = max(shape["points"], key=lambda p: math.hypot(*p["deviation_mm"][:2]))
     assert (largest["column"], largest["row"]) in {(0, 0), (9, 5)}
-    assert math.hypot(*largest["departure_mm"][:2]) == pytest.approx(0.2, abs=0.06)
+    assert math.hypot(*largest["deviation_mm"][:2]) == pytest.approx(0.2, abs=0.06)
 
 
 def command(api: Any, session: str, pose_id: str, T: Any) -> None:
-    from core.transforms import rotation_to_rpy
+    from core.geometry.roll_pitch_yaw import rotation_to_rpy
 
     roll, pitch, yaw = np.degrees(rotation_to_rpy(T[:3, :3])).tolist()
     response = api.client.put(
@@ -141,7 +143,7 @@ def test_a_perfect_board_stays_as_it_is(api: Any, store: Store) -> None:
     session = new_session(api)
     store(api, session, session_of(3, BOARD.points_target()))
     flat, refined = body(get(api, session)), body(get(api, session, refine_target="true"))
-    assert refined["target_shape"]["applied"] is False
+    assert refined["target_shape"]["used_for_calibration"] is False
     assert refined["groups"] == flat["groups"]
 
 
@@ -172,4 +174,4 @@ def test_two_targets_and_two_focus_groups(api: Any, store: Store) -> None:
     assert [g["focus_group"] for g in document["groups"]] == ["default", "near", "other"]
     assert all(g["reduced_chi2"] < 1.4 for g in document["groups"])
     codes = {w["code"] for w in document["warnings"]}
-    assert {"one_target_refined", "shape_doubt_left_out"} <= codes
+    assert {"only_one_target_refined", "target_shape_uncertainty_ignored"} <= codes

@@ -9,15 +9,17 @@ from typing import Any
 import pytest
 import sqlalchemy as sa
 
+from app.analyses.answer_cache import AnswerCache
+from app.analyses.inputs.change_token import read_change_token
+from app.records.codec import content_hash
 from app.records.ids import new_id
-from app.records.tables import MeasuredPose, Measurement, Pose, Session
-from app.services.analyses.revision import read_mark
-from tests.app.analyses.conftest import Store, new_session, shoot, with_fields
+from app.records.tables import MeasuredPose, Measurement, Pose, Result, Session, SessionTarget, Target
+from tests.support.sessions.stored_sessions import Store, new_session, shoot, with_fields
 
 
 def mark(api: Any, session: str) -> str:
     with api.installation.database.read() as records:
-        return read_mark(records, session)
+        return read_change_token(records, session)
 
 
 def _status(status: str, **fields: Any) -> Callable[[Any, str, str], None]:
@@ -36,9 +38,9 @@ def _finished_again(records: Any, _session: str, first: str) -> None:
 def _pose(records: Any, session: str, _first: str) -> None:
     # The least change of a number counts.
     records.execute(sa.update(Pose).where(Pose.session_id == session).values(roll_deg=0.1))
-    before = read_mark(records, session)
+    before = read_change_token(records, session)
     records.execute(sa.update(Pose).where(Pose.session_id == session).values(roll_deg=0.1 + 2.0**-56))
-    assert read_mark(records, session) != before
+    assert read_change_token(records, session) != before
 
 
 def _lens(records: Any, session: str, _first: str) -> None:
@@ -59,9 +61,42 @@ def _reading(records: Any, session: str, _first: str) -> None:
     )
 
 
+def _content(records: Any, _session: str, first: str) -> None:
+    """One bit of one stored point, and the same number of bytes."""
+    points, markers = records.execute(
+        sa.select(Result.points, Result.markers).where(Result.measurement_id == first)
+    ).one()
+    changed = bytes([*points[:-9], points[-9] ^ 1, *points[-8:]])
+    assert len(changed) == len(points)
+    records.execute(
+        sa.update(Result)
+        .where(Result.measurement_id == first)
+        .values(points=changed, content_sha256=content_hash(changed, markers))
+    )
+
+
+def _field(**fields: Any) -> Callable[[Any, str, str], None]:
+    def change(records: Any, _session: str, first: str) -> None:
+        records.execute(sa.update(Measurement).where(Measurement.id == first).values(**fields))
+
+    return change
+
+
+def _target(records: Any, session: str, _first: str) -> None:
+    used = sa.select(SessionTarget.target_id).where(SessionTarget.session_id == session)
+    records.execute(sa.update(Target).where(Target.id.in_(used)).values(pitch_mm=25.1))
+
+
 @pytest.mark.parametrize(
     "change",
     [
+        _content,
+        _field(cycle=7),
+        _field(focus_group="x"),
+        _field(joint_angles_deg=[1.0]),
+        _field(pose_id="P2"),
+        _field(excluded={"reason": "x", "by": None, "at": "2026-01-31T12:00:00+00:00"}),
+        _target,
         _status("queued", finished_at=None),
         _status("failed", failure_code="not_converged"),
         _status("succeeded", attempts=2),
@@ -82,6 +117,29 @@ def test_every_change_changes_it(api: Any, store: Store, change: Callable[[Any, 
     assert mark(api, other) == elsewhere != before
 
 
+def test_the_hash_of_the_inputs_is_over_the_bytes_of_the_points(api: Any, store: Store) -> None:
+    """As many points of the same image, measured elsewhere by a bit, are another input."""
+    shots = shoot(cycles=2)
+    session, same = new_session(api), new_session(api)
+    first, *_ = store(api, session, shots)
+    store(api, same, list(reversed(shots)))
+
+    def asked(of: str) -> tuple[str, str]:
+        answer = api.client.get(f"/v1/sessions/{of}/repeatability")
+        assert answer.status_code == 200, answer.text
+        return answer.json()["inputs_sha256"], answer.headers["ETag"]
+
+    before = asked(session)
+    assert asked(same)[0] == before[0]
+    with api.installation.database.write() as records:
+        _content(records, session, first)
+    changed, tag = asked(session)
+    assert changed != before[0]
+    assert tag != before[1]
+    stale = api.client.get(f"/v1/sessions/{session}/repeatability", headers={"If-None-Match": before[1]})
+    assert stale.status_code == 200
+
+
 def test_new_images_and_waiting_ones_change_it(api: Any, store: Store) -> None:
     session = new_session(api)
     marks = [mark(api, session)]
@@ -99,14 +157,14 @@ def test_an_unchanged_session_is_neither_read_nor_computed_again(
     url = f"/v1/sessions/{session}/repeatability"
     first = api.client.get(url)
     with monkeypatch.context() as broken:
-        broken.delattr("app.services.analyses.desk.compute")
-        broken.delattr("app.services.analyses.desk.read_snapshot")
+        broken.delattr("app.analyses.service.compute")
+        broken.delattr("app.analyses.service.read_snapshot")
         assert api.client.get(url).content == first.content
         again = api.client.get(url, headers={"If-None-Match": first.headers["ETag"]})
     assert (again.status_code, again.headers["ETag"]) == (304, first.headers["ETag"])
     # A process that was never asked knows the tag from the inputs alone, and computes nothing.
     with monkeypatch.context() as broken:
-        broken.delattr("app.services.analyses.desk.compute")
-        broken.setattr(api.service.analyses, "_tags", type(api.service.analyses._tags)())
+        broken.delattr("app.analyses.service.compute")
+        broken.setattr(api.service.analyses, "_kept", AnswerCache())
         again = api.client.get(url, headers={"If-None-Match": first.headers["ETag"]})
     assert again.status_code == 304

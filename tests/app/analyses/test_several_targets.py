@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 
 from core import TargetSpec
-from core.transforms import so3_log
-from tests.app.analyses.conftest import body
-from tests.room_corner import CAMERA, Corner
+from core.geometry.se3 import so3_log
+from tests.support.sessions.stored_sessions import body
+from tests.support.simulation.room_corner import CAMERA, Corner
 
 AHEAD = TargetSpec("chessboard", 8, 5, 18.0)
 RIGHT = TargetSpec("charuco", 6, 5, 22.0, 16.0, "DICT_5X5_100")
@@ -52,9 +52,9 @@ def test_the_grids_are_tied_by_the_images_that_show_both(computing: Any, session
     session_id, targets = session
     found = body(computing.client.get(f"/v1/sessions/{session_id}/intrinsics"))
     (group,) = found["groups"]
-    assert group["images"] == 2 * 2 * len(VIEWS)
+    assert group["image_count"] == 2 * 2 * len(VIEWS)
     (between,) = found["target_transforms"]
-    assert (between["from_target_id"], between["to_target_id"], between["images"]) == (*targets, 6)
+    assert (between["from_target_id"], between["to_target_id"], between["image_count"]) == (*targets, 6)
     T, said = Corner(AHEAD, RIGHT).T_ahead_right, np.array(between["T_from_to"])
     # Five standard uncertainties: one session of one seed, which must not fail by mere chance.
     stated = 5.0 * np.sqrt(np.diag(np.array(between["covariance"])))
@@ -68,13 +68,13 @@ def test_the_grids_are_tied_by_the_images_that_show_both(computing: Any, session
 def test_every_pose_is_one_of_one_target_and_nothing_is_dropped(computing: Any, session: Any) -> None:
     session_id, _ = session
     table = body(computing.client.get(f"/v1/sessions/{session_id}/repeatability"))
-    assert [(pose["pose_id"], pose["n"]) for pose in table["poses"]] == [(pose, 2) for pose in VIEWS]
+    assert [(pose["pose_id"], pose["cycles"]) for pose in table["poses"]] == [(pose, 2) for pose in VIEWS]
     for pose in table["poses"]:
-        assert len(pose["used"]) == 2
-        assert [left["code"] for left in pose["excluded"]] == ["other_target"] * 2
-        assert pose["repeatability"]["position_mm"] < 0.2
+        assert len(pose["measurement_ids"]) == 2
+        assert [left["code"] for left in pose["excluded"]] == ["images_of_other_target"] * 2
+        assert pose["repeatability"]["rp_l_mm"] < 0.2
     compared = body(computing.client.get(f"/v1/sessions/{session_id}/comparison"))
-    assert compared["images"] == 2 * 2 * len(VIEWS)
+    assert compared["image_count"] == 2 * 2 * len(VIEWS)
 
 
 def test_an_image_of_neither_is_named_in_every_table(computing: Any, session: Any, grey_png: bytes) -> None:
@@ -83,7 +83,7 @@ def test_an_image_of_neither_is_named_in_every_table(computing: Any, session: An
     assert computing.wait_for(nothing)["failure"]["code"] == "target_not_found"
     table = body(computing.client.get(f"/v1/sessions/{session_id}/repeatability"))
     (row,) = (pose for pose in table["poses"] if pose["pose_id"] == "P4")
-    assert (row["n"], [left["measurement_id"] for left in row["excluded"]]) == (0, [nothing])
+    assert (row["cycles"], [left["measurement_id"] for left in row["excluded"]]) == (0, [nothing])
     for analysis in ("intrinsics", "comparison"):
         body(computing.client.get(f"/v1/sessions/{session_id}/{analysis}"))
     for plot in ("repeatability/scatter.svg", "intrinsics/residuals.svg"):
@@ -111,7 +111,7 @@ def test_the_order_of_named_and_unnamed_uploads_changes_nothing(computing: Any, 
         found = [body(computing.client.get(f"/v1/sessions/{session_id}/{name}")) for name in ANALYSES]
         told.append(
             [
-                (f["inputs_sha256"], [w["code"] for w in f["warnings"]], f.get("images"), f["pending"])
+                (f["inputs_sha256"], [w["code"] for w in f["warnings"]], f.get("image_count"), f["pending"])
                 for f in found
             ]
         )

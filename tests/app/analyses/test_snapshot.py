@@ -1,40 +1,22 @@
-"""The fixed order of inputs, and what is too much."""
+"""The hash of an analysis' inputs, and stored grid points."""
 
 from __future__ import annotations
 
 import dataclasses
 import math
-import random
 
 import numpy as np
-import pytest
 
+from app.analyses.inputs.snapshot import Snapshot, StoredImage
 from app.records.codec import Provenance, decode_points, decode_stack, encode_refused
-from app.services.analyses.estimation import POINTS_AT_MOST, estimate_session
-from app.services.analyses.outcome import CannotAnalyse
-from app.services.analyses.snapshot import Image, Snapshot, natural
-from core.simulation.views import draw_pose
+from core.session import ImageObservation
 from core.targets.specification import TargetSpec
-from tests.app.analyses.conftest import BOARD, CAMERA, HEIGHT, WIDTH, look
+from tests.support.sessions.stored_sessions import BOARD, CAMERA, HEIGHT, WIDTH, look
+from tests.support.simulation.simulated_views import draw_pose
 
-IMAGE = Image("mea_1", "P1", 1, "0" * 64, 0, "default", None, 640, 480, None, None, 45 * 54, "0.1.0")
+SEEN = ImageObservation("mea_1", "P1", 1, "0" * 64, 0, "default", None, 640, 480)
+IMAGE = StoredImage(SEEN, 45 * 54, "0.1.0")
 SNAPSHOT = Snapshot("ses_1", ("tgt_1",), ({"kind": "chessboard"},), None, None, {}, (IMAGE,), 0)
-
-
-def test_poses_are_sorted_as_people_count() -> None:
-    names = ["1", "2", "10", "10.1", "A", "P1", "P1.2", "P1.10", "P01", "P2", "P2b", "P10", "a"]
-    order = sorted(names, key=natural)
-    assert sorted(random.Random(1).sample(names, len(names)), key=natural) == order
-    assert len({natural(name) for name in names}) == len(names)  # P1 and P01 are one number and two poses
-    for before, after in (
-        ("1", "2"),
-        ("2", "10"),
-        ("P2", "P10"),
-        ("P1.2", "P1.10"),
-        ("P1", "P2b"),
-        ("P01", "P2"),
-    ):
-        assert order.index(before) < order.index(after)
 
 
 def test_the_hash_holds_no_ids() -> None:
@@ -43,7 +25,7 @@ def test_the_hash_holds_no_ids() -> None:
         SNAPSHOT,
         session_id="ses_2",
         target_ids=("tgt_2",),
-        images=(dataclasses.replace(IMAGE, measurement_id="mea_2"),),
+        images=(dataclasses.replace(IMAGE, observation=dataclasses.replace(SEEN, measurement_id="mea_2")),),
         pending=3,
     )
     assert renamed.inputs_sha256("intrinsics", settings) == SNAPSHOT.inputs_sha256("intrinsics", settings)
@@ -51,12 +33,18 @@ def test_the_hash_holds_no_ids() -> None:
         assert SNAPSHOT.inputs_sha256(analysis, other) != SNAPSHOT.inputs_sha256("intrinsics", settings)
 
 
-def test_more_than_memory_holds_is_refused() -> None:
-    large = dataclasses.replace(IMAGE, point_bytes=45 * (POINTS_AT_MOST + 1))
-    with pytest.raises(CannotAnalyse) as refusal:
-        estimate_session(dataclasses.replace(SNAPSHOT, images=(large,)), {}, "pooled")
-    assert refusal.value.refused.code == "too_many_measurements"
-    assert refusal.value.refused.advice
+def test_the_hash_is_over_what_analyses_say_of_a_refused_image() -> None:
+    """The reason stands in their documents; in another session its targets have other ids."""
+    settings = {"estimator": "pooled"}
+
+    def refused(detail: str, target_id: str = "tgt_1") -> str:
+        seen = dataclasses.replace(SEEN, failure_code="target_not_found", failure_detail=detail)
+        image = dataclasses.replace(IMAGE, observation=seen)
+        snapshot = dataclasses.replace(SNAPSHOT, target_ids=(target_id,), images=(image,))
+        return snapshot.inputs_sha256("intrinsics", settings)
+
+    assert refused("Looked for: tgt_1.") == refused("Looked for: tgt_2.", "tgt_2")
+    assert refused("Looked for: tgt_1.") != refused("Looked for it for 60 s.")
 
 
 def test_stored_points_of_many_images_are_decoded_at_once() -> None:

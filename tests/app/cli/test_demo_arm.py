@@ -11,30 +11,29 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from app.cli.demo_arm import ArmAnswers, demo_arm_session
-from app.cli.demo_arm_tables import accuracy_table, parameter_table, printed_from_sheet, printed_value
-from app.cli.demo_arm_truth import (
+from app.cli.demo.arm_evaluation import (
     FIELDS,
-    TOLD,
+    IDENTIFIABLE,
     accuracy,
-    arm_faults,
     error_over_uncertainty,
+    failed_arm_checks,
     nominal_accuracy,
-    parameters_beside_truth,
+    parameters_with_truth,
     true_scatter_mm,
 )
-from app.cli.demo_paper import PRINTED_LINKS
-from app.cli.demo_session import demo_session
-from core.kinematics.common_normals import restate
+from app.cli.demo.arm_session import ArmAnswers, demo_arm_session
+from app.cli.demo.arm_tables import accuracy_table, parameter_table, printed_from_sheet, printed_value
+from app.cli.demo.paper_figures import PRINTED_LINKS
+from app.cli.demo.session import demo_session
+from core.kinematics.circle_point_analysis.common_normals import reparametrise
 from core.kinematics.dh import Chain
 from core.kinematics.identification import identify
 from core.simulation.arm import KR5_ARC, KR5_ARC_HOME, Arm, sweep_angles
 from core.simulation.arm_session import ArmSession
-from core.simulation.sweeps import measure_poses
+from tests.support.simulation.simulated_poses import measure_poses
 
 PARALLEL = [False, True, False, False, False, False]
 U = {"a": 0.01, "alpha": 0.001, "d": 0.01, "theta": 0.001, "beta": 0.001}
-WORDS = {"theta": "theta{} offset"}
 POSES = 96
 
 
@@ -55,7 +54,7 @@ def answer_of(chain: Chain) -> dict[str, Any]:
     for i, row in enumerate(chain.as_array()):
         values = dict(zip(FIELDS, row, strict=True))
         told = {name: tells(i + 1, name) for name in FIELDS}
-        names += [WORDS.get(name, name + "{}").format(i + 1) for name in FIELDS if told[name]]
+        names += [f"joint_{i + 1}.{field}" for name, field in FIELDS.items() if told[name]]
         joint = {"joint": i + 1, "parallel_to_next": PARALLEL[i], "poses": POSES}
         for name, field in FIELDS.items():
             joint[field] = math.degrees(values[name]) if field.endswith("_deg") else values[name]
@@ -71,7 +70,7 @@ def answer_of(chain: Chain) -> dict[str, Any]:
         "correlation": np.eye(len(names)).tolist(),
         "validation": {
             **errors,
-            "held_out": 9,
+            "held_out_poses": 9,
             "nominal": {"position_rms_mm": 0.6, "rotation_rms_deg": 0.05},
         },
     }
@@ -82,7 +81,7 @@ def answers_of(answer: dict[str, Any]) -> ArmAnswers:
 
 
 def perfect(arm: Arm) -> dict[str, Any]:
-    return answer_of(restate(arm.chain, PARALLEL, KR5_ARC))
+    return answer_of(reparametrise(arm.chain, PARALLEL, KR5_ARC))
 
 
 def test_the_gauge_is_that_of_an_identification_from_exact_poses(session: ArmSession) -> None:
@@ -90,9 +89,9 @@ def test_the_gauge_is_that_of_an_identification_from_exact_poses(session: ArmSes
     q = sweep_angles(KR5_ARC_HOME)
     exact = measure_poses(session.arm, q, np.random.default_rng(0), estimator="exact")
     found = identify(exact, KR5_ARC, folds=0).chain
-    parameters = parameters_beside_truth(session.arm, answer_of(found))
+    parameters = parameters_with_truth(session.arm, answer_of(found))
     assert len(parameters) == 25  # four a joint, and β of the parallel one
-    assert sum(p.uncertainty is not None for p in parameters) == TOLD
+    assert sum(p.uncertainty is not None for p in parameters) == IDENTIFIABLE
     for p in parameters:
         assert p.identified == pytest.approx(p.true, abs=1e-6), (p.joint, p.name)
         if p.uncertainty is None:
@@ -103,8 +102,8 @@ def test_the_gauge_is_that_of_an_identification_from_exact_poses(session: ArmSes
 
 def test_what_is_sound_has_no_fault(session: ArmSession) -> None:
     answer = perfect(session.arm)
-    parameters = parameters_beside_truth(session.arm, answer)
-    assert arm_faults(session, answers_of(answer), parameters) == []
+    parameters = parameters_with_truth(session.arm, answer)
+    assert failed_arm_checks(session, answers_of(answer), parameters) == []
     sheet = nominal_accuracy(parameters)
     assert 0.1 < sheet.lengths_mm < 1.0
     assert 0.01 < sheet.angles_deg < 0.1
@@ -112,10 +111,10 @@ def test_what_is_sound_has_no_fault(session: ArmSession) -> None:
     assert 0.01 < true_scatter_mm(session) < 0.05
 
 
-def test_every_fault_is_told(session: ArmSession) -> None:
+def test_every_fault_is_reported(session: ArmSession) -> None:
     def said(answer: dict[str, Any]) -> str:
-        parameters = parameters_beside_truth(session.arm, answer)
-        return "; ".join(arm_faults(session, answers_of(answer), parameters))
+        parameters = parameters_with_truth(session.arm, answer)
+        return "; ".join(failed_arm_checks(session, answers_of(answer), parameters))
 
     good = perfect(session.arm)
     count = len(session.images)
@@ -133,7 +132,7 @@ def test_every_fault_is_told(session: ArmSession) -> None:
 
     less = perfect(session.arm)
     less["joints"][3]["identifiable"]["d_mm"] = False
-    assert "17 DH parameters were told" in said(less)
+    assert "17 DH parameters were identified" in said(less)
 
     sheet = answer_of(KR5_ARC)
     sheet["joints"][1]["beta_deg"] = 0.0
@@ -149,19 +148,19 @@ def test_correlations_are_respected(session: ArmSession) -> None:
     answer = perfect(session.arm)
     for column, name in enumerate(("a_mm", "d_mm")):
         answer["joints"][3][name] += (1.0, -1.0)[column] * U["a"]
-    told = [p for p in parameters_beside_truth(session.arm, answer) if p.uncertainty is not None]
-    assert error_over_uncertainty(told, answer) == pytest.approx(math.sqrt(2.0 / TOLD))
-    i, j = (answer["parameters"].index(name) for name in ("a4", "d4"))
+    told = [p for p in parameters_with_truth(session.arm, answer) if p.uncertainty is not None]
+    assert error_over_uncertainty(told, answer) == pytest.approx(math.sqrt(2.0 / IDENTIFIABLE))
+    i, j = (answer["parameters"].index(name) for name in ("joint_4.a_mm", "joint_4.d_mm"))
     answer["correlation"][i][j] = answer["correlation"][j][i] = -0.8
     # (1, -1) [[1, -.8], [-.8, 1]]⁻¹ (1, -1)ᵀ = 2 / 1.8
-    assert error_over_uncertainty(told, answer) == pytest.approx(math.sqrt(2.0 / 1.8 / TOLD))
+    assert error_over_uncertainty(told, answer) == pytest.approx(math.sqrt(2.0 / 1.8 / IDENTIFIABLE))
     assert accuracy(told, answer).lengths_mm == pytest.approx(U["a"] * math.sqrt(2.0 / 8.0))
 
 
 def test_angles_are_compared_around_the_circle(session: ArmSession) -> None:
     answer = perfect(session.arm)
     answer["joints"][4]["theta_offset_deg"] += 360.0
-    parameters = parameters_beside_truth(session.arm, answer)
+    parameters = parameters_with_truth(session.arm, answer)
     assert max(abs(p.error) for p in parameters if p.is_angle) < 1e-9
 
 
@@ -178,7 +177,7 @@ def test_what_the_paper_printed_is_complete_and_far_off() -> None:
 
 def test_tables_fit_and_stand_without_an_answer(session: ArmSession) -> None:
     answer = {**perfect(session.arm), "validation": None}
-    parameters = parameters_beside_truth(session.arm, answer)
+    parameters = parameters_with_truth(session.arm, answer)
     console = Console(width=80, record=True, file=None, quiet=False, no_color=True)
     with console.capture() as captured:
         console.print(parameter_table(parameters))
@@ -194,13 +193,13 @@ def test_tables_fit_and_stand_without_an_answer(session: ArmSession) -> None:
     assert cpa.split()[-5:] == ["-"] * 5
 
 
-def test_the_readme_shows_this_very_arm() -> None:
+def test_the_document_shows_this_very_arm() -> None:
     """How the arm is built, and how far its data sheet is off, follow from the seed alone."""
-    readme = (Path(__file__).parents[3] / "README.md").read_text(encoding="utf-8")
+    readme = (Path(__file__).parents[3] / "docs" / "demo.md").read_text(encoding="utf-8")
     block = re.search(r"<!-- demo-dh -->\n```\w+\n(.*?)```", readme, re.DOTALL)
     assert block is not None
     arm = demo_session(1).arm
-    parameters = parameters_beside_truth(arm, perfect(arm))
+    parameters = parameters_with_truth(arm, perfect(arm))
     shown = re.findall(
         r"^(\d| )  +(a|alpha|d|theta|beta) +(-?[\d.]+) +(-?[\d.]+|-) .*", block[1], re.MULTILINE
     )

@@ -1,11 +1,19 @@
-"""The socket the service listens on."""
+"""The socket the service listens on, what it prints, and how it is told to end."""
 
 from __future__ import annotations
 
 import asyncio
+import os
+import signal
 import socket
+import subprocess
+import sys
+from pathlib import Path
 
-from app.cli.serve import listen
+import pytest
+
+from app.cli.server.serve import listen
+from app.cli.server.worker import StopRequested
 from app.settings import Settings
 
 
@@ -29,3 +37,35 @@ def test_answers_do_not_wait_for_delayed_acknowledgements() -> None:
             return value != 0
 
     assert asyncio.run(accepted_without_delay())
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs a file on which nothing has room")
+def test_a_full_disk_under_stdout_does_not_end_the_start() -> None:
+    script = (
+        "import sys\n"
+        "from app.cli.server.serve import stdout_may_fail\n"
+        "from app.logs import configure_logging\n"
+        "configure_logging()\n"
+        "with stdout_may_fail():\n"
+        "    print('x' * 100_000)\n"
+        "print('more', flush=True)\n"
+        "print('served', file=sys.stderr)\n"
+    )
+    with Path("/dev/full").open("w") as full:
+        ended = subprocess.run(
+            [sys.executable, "-c", script], stdout=full, stderr=subprocess.PIPE, text=True, check=False
+        )
+    assert ended.returncode == 0, ended.stderr
+    assert "stdout_lost" in ended.stderr
+    assert "served" in ended.stderr
+
+
+def test_a_worker_is_told_to_end_by_a_signal_that_takes_no_lock() -> None:
+    stop = StopRequested()
+    assert not stop
+    former = signal.signal(signal.SIGTERM, stop)
+    try:
+        os.kill(os.getpid(), signal.SIGTERM)
+        assert stop
+    finally:
+        signal.signal(signal.SIGTERM, former)

@@ -9,8 +9,7 @@ import numpy as np
 import pypdfium2
 import resvg_py
 
-from app.printing.documents import to_pdf, to_svg
-from app.printing.sheet import Sheet
+from app.printing import Sheet, to_pdf, to_svg
 from core import TargetSpec
 
 MM_PER_INCH = 25.4
@@ -25,7 +24,7 @@ class Case:
     origin_dot: float = 1.0
     marks: bool = False
     paper: str = "A4"
-    origin: str = "known"
+    labelling: str = "absolute"
 
     def __str__(self) -> str:
         extra = (
@@ -37,7 +36,7 @@ class Case:
 CASES = [
     Case(TargetSpec("chessboard", 9, 6, 25.0)),
     Case(TargetSpec("chessboard", 8, 6, 20.0), marks=True),
-    Case(TargetSpec("chessboard", 10, 8, 10.0), origin="turned"),
+    Case(TargetSpec("chessboard", 10, 8, 10.0), labelling="up_to_symmetry"),
     Case(TargetSpec("charuco", 5, 8, 28.0, 20.0, "DICT_6X6_250")),
     Case(TargetSpec("charuco", 4, 7, 30.0, 15.0, "DICT_4X4_50", legacy_layout=True)),
     Case(TargetSpec("circles", 10, 7, 20.0), origin_dot=1.5),

@@ -11,14 +11,12 @@ import numpy as np
 import pypdfium2
 import pytest
 
-from app.printing.documents import to_pdf, to_svg
-from app.printing.identity import sheet_id_of
-from app.printing.outlines import ink_of
-from app.printing.papers import SIZES_MM, Paper
-from app.printing.sheet import WIDEST_ORIGIN, Sheet, draw_sheet
+from app.printing import PAPER_SIZES_MM, Paper, Sheet, draw_sheet, sheet_id_of, to_pdf, to_svg
+from app.printing.outlines import pattern_outlines
+from app.printing.sheet import MAX_ORIGIN_DOT_RATIO
 from core import TargetSpec
 from core.errors import InvalidArgument, InvalidTarget
-from core.targets.detect import detect
+from core.targets.detection import detect
 from tests.app.printing.sheets import CASES, Case, Picture, pdf_picture, svg_picture
 
 CHESSBOARD = TargetSpec("chessboard", 9, 6, 25.0)
@@ -38,7 +36,7 @@ def test_every_kind_is_found_on_its_sheet_at_its_true_scale(
     picture = picture_of(sheet, 30.3 if case.paper == "A0" else 80.7)
     found = detect(picture.as_scanned, case.target)
     assert len(found) == case.target.size
-    assert found.origin == case.origin
+    assert found.labelling == case.labelling
     expected = found.points_target[:, :2] + sheet.origin
     places = picture.on_paper(found.points_px)
     assert np.abs(places - expected).max() < max(0.01, picture.rounding_px * picture.mm_per_px.max())
@@ -113,7 +111,7 @@ def test_the_sheet_says_what_it_is() -> None:
     assert "never fitted to the page" in desc
     # Letters are drawn: there is ink where the first line stands.
     picture = svg_picture(sheet, 100.0)
-    first = sheet.words[0]
+    first = sheet.texts[0]
     u, v = (round(place / size) for place, size in zip((first.x, first.y), picture.mm_per_px, strict=True))
     assert np.count_nonzero(picture.levels[v - 8 : v, u : u + 300] < 128) > 100
 
@@ -165,7 +163,7 @@ def test_the_id_is_one_of_what_is_printed() -> None:
     targets = [*charuco, *dots, *grids, CHESSBOARD, TargetSpec("chessboard", 9, 6, 25)]
     by_ink: dict[object, set[str]] = {}
     for target in targets:
-        by_ink.setdefault(ink_of(target), set()).add(sheet_id_of(target))
+        by_ink.setdefault(pattern_outlines(target), set()).add(sheet_id_of(target))
     boards = 3 * 3 + 3  # three sizes of three families; the old layout differs where squares have eight rows
     assert len(by_ink) == boards + 4 + 2 + 1
     assert all(len(ids) == 1 for ids in by_ink.values())
@@ -174,7 +172,7 @@ def test_the_id_is_one_of_what_is_printed() -> None:
 
 def test_the_page_is_the_paper() -> None:
     small = TargetSpec("chessboard", 4, 3, 10.0)
-    for name, (short, long) in SIZES_MM.items():
+    for name, (short, long) in PAPER_SIZES_MM.items():
         page = pypdfium2.PdfDocument(to_pdf(draw_sheet(small, name)))[0]
         assert sorted(v * 25.4 / 72.0 for v in page.get_size()) == pytest.approx([short, long], abs=1e-3)
     assert draw_sheet(TargetSpec("chessboard", 9, 4, 20.0)).paper == Paper("A4", upright=False)
@@ -197,11 +195,11 @@ def test_a_target_too_large_is_told_its_paper_and_its_pitch() -> None:
 
 
 @pytest.mark.parametrize("diameter_mm", [4.0, 10.0])
-@pytest.mark.parametrize("origin_dot", [1.3, WIDEST_ORIGIN])
+@pytest.mark.parametrize("origin_dot", [1.3, MAX_ORIGIN_DOT_RATIO])
 def test_every_dot_allowed_at_the_origin_tells_it(diameter_mm: float, origin_dot: float) -> None:
     target = TargetSpec("circles", 8, 6, 20.0, diameter_mm)
     found = detect(pdf_picture(draw_sheet(target, origin_dot=origin_dot), 50.3).as_scanned, target)
-    assert (len(found), found.origin) == (target.size, "known")
+    assert (len(found), found.labelling) == (target.size, "absolute")
 
 
 def test_what_cannot_be_printed_is_refused_with_advice() -> None:

@@ -19,85 +19,21 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Circle, Ellipse
 from matplotlib.text import Annotation, Text
 
-from app.reports.plots.drift import Block, PoseDrift, drift_figure, drift_svg
-from app.reports.plots.residual_map import ResidualField, cells_of, residuals_figure, residuals_svg
-from app.reports.plots.scatter import PoseScatter, scatter_figure, scatter_svg
-from app.reports.plots.svg import drawing_style, millimetres
-
-NOTHING = np.zeros((0, 3))
-
-
-def scatter(pose_id: str = "P1", n: int = 12, sigma: float = 0.03, **changes: Any) -> PoseScatter:
-    rng = np.random.default_rng(n)
-    positions = np.array([120.0, 80.0, -400.0]) + sigma * rng.standard_normal((n, 3))
-    several = n > 1
-    values: dict[str, Any] = {
-        "left_out_mm": NOTHING,
-        "observed_mm2": np.cov(positions, rowvar=False) if several else None,
-        "noise_mm2": np.diag([0.004, 0.005, 0.002]) ** 2,
-        "reading_mm": 3.4 * sigma if several else None,
-        "interval_mm": (2.7 * sigma, 4.6 * sigma) if several else None,
-        "floor_mm": 0.0131 if several else None,
-        "corrected_mm": 3.3 * sigma if several else None,
-        "verdict": "robot" if n >= 10 else "too_few_cycles",
-    }
-    return PoseScatter(pose_id, positions, **{**values, **changes})
-
-
-def motionless(n: int = 10) -> PoseScatter:
-    nil = np.zeros((3, 3))
-    figures = {"reading_mm": 0.0, "interval_mm": (0.0, 0.0), "floor_mm": 0.0, "corrected_mm": 0.0}
-    return scatter("still", n, 0.0, observed_mm2=nil, noise_mm2=nil, verdict="below_detection", **figures)
-
-
-ODD_SCATTERS = [
-    scatter("one-cycle", 1),
-    motionless(),
-    scatter("nothing-counts", 0, remark="no image counts: target_not_found (3)"),
-    scatter("outliers", left_out_mm=np.array([[5e4, -2e4, 1.0], [120.01, 80.01, -400.01]])),
-    scatter("x" * 128, 8, 40.0),
-    scatter("no-covariances", noise_mm2=None, floor_mm=None, corrected_mm=None),
-]
-
-
-def drifting(pose_id: str = "P1", n: int = 30, slope: float = 0.004, sigma: float = 0.02) -> PoseDrift:
-    rng = np.random.default_rng(n)
-    cycles = np.arange(1, n + 1)
-    positions = np.array([120.0, 80.0, -400.0]) + sigma * rng.standard_normal((n, 3))
-    positions[:, 0] += slope * cycles
-    blocks = []
-    for start in range(0, n - 9 if n >= 20 else 0, 10):
-        part = positions[start : start + 10]
-        error = part.std(axis=0, ddof=1) / np.sqrt(10)
-        blocks.append(Block(start + 1, start + 10, part.mean(axis=0), error, 3.4 * sigma))
-    return PoseDrift(pose_id, cycles, positions, tuple(blocks))
-
-
-ODD_DRIFTS = [
-    drifting("still", slope=0.0, sigma=0.0),
-    drifting("two-cycles", n=2),
-    drifting("far", slope=50.0),
-    drifting("y" * 128, n=120),
-]
-
-
-def field(name: str = "default", n: int = 4000, bend: float = 0.0, **changes: Any) -> ResidualField:
-    """Points all over the image, with noise of .02 px and a distortion left over that grows to the corners."""
-    rng = np.random.default_rng(n)
-    width, height = changes.get("width_px", 2448), changes.get("height_px", 2050)
-    points = rng.uniform(0.0, 1.0, (n, 2)) * (width, height)
-    off = 2.0 * points / (width, height) - 1.0
-    residuals = 0.02 * rng.standard_normal((n, 2)) + bend * off * np.sum(off * off, axis=1)[:, None]
-    values = {"width_px": width, "height_px": height, "left_out": 0, **changes}
-    return ResidualField(name, 30, points_px=points, residuals_px=residuals, **values)
-
-
-ODD_FIELDS = [
-    field("cost $5$ and $6$ 焦点", bend=0.02, left_out=12),
-    field("tall", 900, width_px=600, height_px=2400),
-    field("five points", 5),
-    ResidualField("perfect", 1, 640, 480, np.array([[3.0, 4.0]] * 9), np.zeros((9, 2)), 0),
-]
+from app.reports.drift import drift_figure, drift_svg
+from app.reports.residual_cells import ResidualField, cells_of
+from app.reports.residual_map import residuals_figure, residuals_svg
+from app.reports.scatter import PoseScatter, scatter_figure, scatter_svg
+from app.reports.svg import drawing_style, millimetres
+from tests.support.image.plotted import (
+    NOTHING,
+    ODD_DRIFTS,
+    ODD_FIELDS,
+    ODD_SCATTERS,
+    drifting,
+    field,
+    motionless,
+    scatter,
+)
 
 
 def drawings() -> dict[str, Callable[[], Figure]]:
@@ -183,7 +119,10 @@ def test_a_document_stands_for_itself(svg: bytes) -> None:
 def test_the_same_figures_are_the_same_bytes_in_any_process() -> None:
     program = (
         "import hashlib\n"
-        "from tests.app.reports.test_plots import *\n"
+        "from app.reports.drift import drift_svg\n"
+        "from app.reports.residual_map import residuals_svg\n"
+        "from app.reports.scatter import scatter_svg\n"
+        "from tests.support.image.plotted import ODD_DRIFTS, ODD_FIELDS, ODD_SCATTERS\n"
         "drawn = [scatter_svg(ODD_SCATTERS, 'pooled'), drift_svg(ODD_DRIFTS, 'pooled', 10),"
         " residuals_svg(ODD_FIELDS, 'pooled')]\n"
         "print(*[hashlib.sha256(svg).hexdigest() for svg in drawn])\n"
@@ -216,7 +155,7 @@ def test_the_look_is_the_projects_own(tmp_path: Path, monkeypatch: pytest.Monkey
 def test_a_folder_that_may_not_be_written_is_no_matter(tmp_path: Path) -> None:
     (tmp_path / "file").touch()
     done = subprocess.run(
-        [sys.executable, "-c", "import app.reports.plots.svg"],
+        [sys.executable, "-c", "import app.reports.svg"],
         cwd=Path(__file__).parents[3],
         env={**os.environ, "MPLCONFIGDIR": str(tmp_path / "file" / "folder")},
         capture_output=True,
@@ -247,7 +186,7 @@ def test_ellipses_are_three_standard_deviations_seen_along_each_axis() -> None:
     assert along % 180.0 == pytest.approx(np.degrees(np.arctan2(0.6, 0.8)))
     for ellipse, axes in zip(noise, ((0.01, 0.02), (0.01, 0.03), (0.02, 0.03)), strict=True):
         assert sorted([ellipse.width, ellipse.height]) == pytest.approx([6.0 * s for s in axes])
-    assert [circle.radius for circle in patches(figure, Circle)] == pytest.approx([pose.reading_mm] * 3)
+    assert [circle.radius for circle in patches(figure, Circle)] == pytest.approx([pose.rp_mm] * 3)
 
 
 def points_in(figure: Figure, marker: str) -> list[list[int]]:
@@ -280,7 +219,7 @@ def test_units_follow_the_scatter() -> None:
     poses = [scatter("a", sigma=1.0), scatter("b", sigma=1e-3), motionless()]
     quiet = [
         PoseScatter(
-            p.pose_id, p.positions_mm, NOTHING, p.observed_mm2, None, p.reading_mm, None, None, None, "robot"
+            p.pose_id, p.positions_mm, NOTHING, p.observed_mm2, None, p.rp_mm, None, None, None, "robot"
         )
         for p in poses
     ]
@@ -290,13 +229,13 @@ def test_units_follow_the_scatter() -> None:
 
 
 def test_captions_say_n_reading_interval_floor_and_verdict() -> None:
-    pose = scatter(verdict="instrument_limited", left_out_mm=np.zeros((2, 3)))
+    pose = scatter(verdict="instrument_limited", outliers_mm=np.zeros((2, 3)))
     description = ElementTree.fromstring(scatter_svg([pose], "pooled")).findtext(
         "{http://www.w3.org/2000/svg}desc"
     )
     assert description is not None
     for part in (
-        "P1: n = 12 (+ 2 left out)",
+        "P1: n = 14 (with 2 outliers)",
         "RP_l = 0.102 [0.0810, 0.138] mm",
         "noise floor 0.0131 mm",
         "corrected 0.0990 mm",

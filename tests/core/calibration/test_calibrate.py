@@ -9,8 +9,8 @@ import pytest
 
 from core import GridposeError, TargetSpec, calibrate_image, calibrate_targets
 from core.errors import TargetAmbiguous, TargetMismatch, TargetNotFound, UndecodableImage
-from core.simulation import render
-from tests.room_corner import Corner, png
+from tests.support.simulation.renders import render
+from tests.support.simulation.room_corner import Corner, png
 
 CHESSBOARD = TargetSpec("chessboard", 8, 5, 18.0)
 OTHER_CHESSBOARD = TargetSpec("chessboard", 7, 4, 20.0)

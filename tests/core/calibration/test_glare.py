@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from core import TargetSpec, calibrate_points
+from core.geometry.se3 import invert
 from core.simulation import standard_scene
-from core.simulation.renderer import render_levels
 from core.targets import detect
-from core.transforms import invert
+from tests.support.simulation.renders import render_levels
 
 TARGETS = {
     "chessboard": TargetSpec("chessboard", 14, 10, 21.4),

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from core.calibration.estimators import estimate_group
-from core.calibration.model import Lens
-from tests.core.calibration.test_estimators import session
+from core.calibration.multi_view.estimators import estimate_group
+from core.calibration.state import Lens
+from tests.support.simulation.resting_robot import session
 
 PITCH_UM = 3.45
 SESSION = session(21, poses=5, cycles=2)
@@ -24,7 +24,7 @@ def test_one_that_the_images_contradict_is_left_out(estimator: str, factor: floa
     """Binning by two, the usual mistake."""
     without = estimate_group(SESSION.views, estimator, repeats=SESSION.labels)
     found = estimate_group(SESSION.views, estimator, repeats=SESSION.labels, lens=lens(factor))
-    (warning,) = [w for w in found.warnings if w.code == "lens_prior_contradicted"]
+    (warning,) = [w for w in found.warnings if w.code == "focal_prior_inconsistent"]
     assert f"stated lens {lens(factor).focal_px:.0f} px" in warning.detail
     assert ("10 of 10 images" in warning.detail) == estimator.startswith("per_image")
     assert warning.advice
@@ -39,5 +39,5 @@ def test_one_that_the_images_contradict_is_left_out(estimator: str, factor: floa
 def test_one_that_is_good_to_five_per_cent_is_taken_without_a_word(estimator: str) -> None:
     for factor in (0.95, 1.0, 1.07):
         found = estimate_group(SESSION.views, estimator, repeats=SESSION.labels, lens=lens(factor))
-        assert "lens_prior_contradicted" not in {w.code for w in found.warnings}
+        assert "focal_prior_inconsistent" not in {w.code for w in found.warnings}
         assert len(found.images) == 10

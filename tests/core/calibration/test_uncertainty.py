@@ -8,14 +8,15 @@ import numpy as np
 import pytest
 
 from core.calibration.closed_form import ClosedForm
-from core.calibration.conclusion import judge
-from core.calibration.model import POSE, Lens, view_of, view_residuals
 from core.calibration.single_image import calibrate_points
+from core.calibration.state import POSE, Lens, view_of, view_residuals
+from core.calibration.summary import summarise_fit
 from core.calibration.uncertainty import camera_pose, correlation_inflation, reprojection
 from core.errors import FocalNotObservable
-from core.least_squares import Fit
-from core.simulation.views import View, draw_view
-from core.transforms import invert, rotation_to_rpy, so3_exp, so3_log, transform
+from core.geometry.roll_pitch_yaw import rotation_to_rpy
+from core.geometry.se3 import invert, so3_exp, so3_log, transform
+from core.numerics.least_squares import Fit
+from tests.support.simulation.simulated_views import View, draw_view
 
 
 def random_covariance(rng: np.random.Generator) -> np.ndarray:
@@ -42,7 +43,7 @@ def test_the_cameras_pose_and_covariance_match_differences() -> None:
         J[3:, k] = so3_log(moved[:3, :3] @ exact[:3, :3].T) / h
         angles[:, k] = (rotation_to_rpy(moved[:3, :3]) - rotation_to_rpy(exact[:3, :3])) / h
     np.testing.assert_allclose(pose.covariance, J @ covariance @ J.T, rtol=1e-3, atol=1e-9)
-    np.testing.assert_allclose(pose.conditional_covariance, J @ conditional @ J.T, rtol=1e-3, atol=1e-9)
+    np.testing.assert_allclose(pose.covariance_given_camera, J @ conditional @ J.T, rtol=1e-3, atol=1e-9)
     expected = np.sqrt(np.diag(angles @ covariance @ angles.T))
     np.testing.assert_allclose(pose.roll_pitch_yaw_standard_uncertainty, expected, rtol=1e-3)
 
@@ -99,8 +100,8 @@ def test_white_residuals_do_not_inflate_and_smooth_ones_do() -> None:
 def test_too_few_residuals_tell_nothing() -> None:
     view = draw_view(np.random.default_rng(2))
     fit = residual_fit(view, np.full((2, 140), 0.5))
-    assert judge(view.points, "nominal", fit, POSE, smallest_scale=1.0).inflation == 1.0
-    assert judge(view.points, "nominal", fit, POSE, smallest_scale=0.1).inflation > 3.0
+    assert summarise_fit(view.points, "nominal", fit, POSE, smallest_scale=1.0).inflation == 1.0
+    assert summarise_fit(view.points, "nominal", fit, POSE, smallest_scale=0.1).inflation > 3.0
 
 
 def poses_in_sigmas(views: list[View], **options: object) -> tuple[np.ndarray, np.ndarray]:
@@ -171,26 +172,11 @@ def test_small_grids_keep_their_coverage(columns: int, rows: int) -> None:
     assert np.max(np.abs(z)) < 6.0
 
 
-def test_the_focal_gate_is_two_percent() -> None:
-    """Just beyond the gate views are refused, just within accepted: views of 6-14° lie on either side."""
-    rng = np.random.default_rng(6)
-    refused, accepted = [], []
-    for _ in range(120):
-        view = draw_view(rng, tilt_deg=rng.uniform(6, 14))
-        try:
-            accepted.append(calibrate_points(view.points).observability.focal_relative_uncertainty)
-        except FocalNotObservable as failure:
-            words = str(failure).split()
-            refused.append(float(words[words.index("is", words.index("uncertainty")) + 1]))
-    assert 0.017 < max(accepted) <= 0.02
-    assert 2.0 <= min(refused) < 2.3
-
-
 def test_prior_dominated_is_about_the_priors() -> None:
     rng = np.random.default_rng(7)
     steep = calibrate_points(draw_view(rng, columns=25, rows=18, tilt_deg=60.0, sigma_px=0.01).points)
     assert not {"k1", "k2", "fx_px"} & set(steep.observability.prior_dominated)
-    flat = draw_view(rng, columns=9, rows=6, tilt_deg=25.0, sigma_px=0.2)
+    flat = draw_view(rng, columns=9, rows=6, tilt_deg=25.0, sigma_px=0.6)
     with_lens = calibrate_points(flat.points, lens=Lens(flat.camera.fx_px * 3.45e-3, 3.45))
     assert {"p1", "p2"} <= set(with_lens.observability.prior_dominated)
 

@@ -11,7 +11,7 @@ from collections.abc import Callable
 import cv2
 import numpy as np
 
-from tests.core.image.encoders import (
+from tests.support.image.image_encoders import (
     GREY_PALETTE,
     SIGNATURE,
     bmp,

@@ -11,7 +11,11 @@ from tests.core.fuzz.campaign import run_items
 
 @pytest.mark.parametrize(
     ("items", "processes"),
-    [(3000, 1), pytest.param(50_000, os.cpu_count() or 1, id="soak", marks=pytest.mark.soak)],
+    [
+        (100, 1),
+        pytest.param(3000, 1, marks=pytest.mark.slow),
+        pytest.param(50_000, os.cpu_count() or 1, id="soak", marks=pytest.mark.soak),
+    ],
 )
 def test_damaged_files(items: int, processes: int) -> None:
     campaign = run_items("file", 0, items, processes=processes)
@@ -23,7 +27,29 @@ def test_damaged_files(items: int, processes: int) -> None:
 
 @pytest.mark.parametrize(
     ("items", "processes"),
-    [(300, 1), pytest.param(50_000, os.cpu_count() or 1, id="soak", marks=pytest.mark.soak)],
+    [
+        (200, 1),
+        pytest.param(2000, 1, marks=pytest.mark.slow),
+        pytest.param(50_000, os.cpu_count() or 1, id="soak", marks=pytest.mark.soak),
+    ],
+)
+def test_hostile_headers(items: int, processes: int) -> None:
+    """Admission takes less than 8 MiB and .2 s of processor time for every one of them."""
+    campaign = run_items("header", 0, items, processes=processes)
+    assert not campaign.findings, "\n".join(campaign.findings)
+    assert campaign.items == items
+    admitted = sum(count for outcome, count in campaign.outcomes.items() if outcome.startswith("admitted"))
+    assert admitted > 0.2 * items  # many get past the header, and some as far as the pixels
+    assert campaign.outcomes["admitted, decoded"] > 0.02 * items
+
+
+@pytest.mark.parametrize(
+    ("items", "processes"),
+    [
+        (30, 1),
+        pytest.param(300, 1, marks=pytest.mark.slow),
+        pytest.param(50_000, os.cpu_count() or 1, id="soak", marks=pytest.mark.soak),
+    ],
 )
 def test_mutated_lattices(items: int, processes: int) -> None:
     campaign = run_items("lattice", 0, items, processes=processes)
@@ -33,6 +59,7 @@ def test_mutated_lattices(items: int, processes: int) -> None:
     assert campaign.outcomes["target_not_found"] > 0.1 * items
 
 
+@pytest.mark.slow
 def test_the_watch_sees_what_it_is_for() -> None:
     campaign = run_items("planted", 0, 5, processes=2)
     seen = {int(finding.split()[1].rstrip(":")): finding for finding in campaign.findings}

@@ -14,6 +14,8 @@ import os
 import resource
 import signal
 import sys
+import tempfile
+import time
 import traceback
 from collections import Counter
 from collections.abc import Callable
@@ -23,15 +25,21 @@ from typing import TextIO
 import cv2
 import numpy as np
 
+from app.errors import InvalidContent, UnsupportedContent
+from app.jobs.validation import validate_image
 from core.errors import DetectionError, GridposeError, ImageError
 from core.image import decode, read_header, tiff
 from core.targets import GridPoints, TargetSpec, detect
 from tests.core.fuzz.mutated_files import mutated_file, whole_files
 from tests.core.fuzz.mutated_lattices import mutated_lattice
+from tests.support.image.hostile_headers import hostile_header
 
 LIMIT_S = 2.0
 GROWTH_BYTES = 256 << 20
 MAX_PIXELS = 1 << 20
+HEADER_LIMIT_S = 0.2
+HEADER_GROWTH_BYTES = 8 << 20
+"""Reading a header happens in the process that serves everybody, decoding in one that may be busy and large."""
 _FLAGS = cv2.IMREAD_GRAYSCALE | cv2.IMREAD_ANYDEPTH | cv2.IMREAD_IGNORE_ORIENTATION
 _BOARD = TargetSpec("chessboard", 9, 6, pitch_mm=20.0)
 
@@ -61,6 +69,36 @@ def file_item(number: int) -> Item:
         else:
             assert np.array_equal(image, reference), "OpenCV decodes other pixels"
         return "decoded, " + _outcome(image, _BOARD)
+
+    return run
+
+
+def header_item(number: int) -> Item:
+    """Admit a file with a hostile header as the HTTP process does, and decode it as a worker does."""
+    data = hostile_header(number)
+
+    def run() -> str:
+        with tempfile.TemporaryDirectory() as folder:
+            path = Path(folder, "upload")
+            path.write_bytes(data)
+            _forget_peak()
+            began_s, began_bytes = time.process_time(), _peak_bytes()
+            try:
+                validate_image(path, MAX_PIXELS)
+                outcome = "admitted, "
+            except (InvalidContent, UnsupportedContent):
+                outcome = "refused, "
+            took_s, took_bytes = time.process_time() - began_s, _peak_bytes() - began_bytes
+        assert took_s < HEADER_LIMIT_S, f"the header took {took_s:.2f} s of processor time"
+        assert took_bytes < HEADER_GROWTH_BYTES, f"the header took {took_bytes >> 20} MiB"
+        try:
+            image = decode(data, max_pixels=MAX_PIXELS)
+        except ImageError as error:
+            return outcome + error.code
+        assert outcome == "admitted, "
+        header = read_header(data)
+        assert image.shape == (header.height_px, header.width_px)
+        return outcome + "decoded"
 
     return run
 
@@ -125,22 +163,30 @@ def _check(points: GridPoints, image: np.ndarray, target: TargetSpec) -> None:
 
 _KINDS: dict[str, Callable[[int], Item]] = {
     "file": file_item,
+    "header": header_item,
     "lattice": lattice_item,
     "planted": planted_item,
 }
 
 
-def _warm_up() -> None:
+def _warm_up(kind: str) -> None:
     """Load and compile what the items use, so that none of them pays for it."""
     for data in whole_files().values():
         picture = decode(data)
+        if kind == "header":
+            continue
         for image in (picture, cv2.resize(picture, (480, 360), interpolation=cv2.INTER_NEAREST)):
             try:
                 detect(image, _BOARD)
             except GridposeError:
                 continue
     for number in range(30):
-        lattice_item(number)()
+        _KINDS[kind if kind == "header" else "lattice"](number)()
+
+
+def _forget_peak() -> None:
+    """Make what this process has now the most it had."""
+    Path("/proc/self/clear_refs").write_text("5", encoding="ascii")
 
 
 def _peak_bytes() -> int:
@@ -153,7 +199,7 @@ def main(kind: str, begin: int, end: int, report: TextIO) -> None:
     """Go through the items from `begin` to before `end`."""
     cv2.setNumThreads(1)
     if kind != "planted":
-        _warm_up()
+        _warm_up(kind)
     address_space = (
         int(Path("/proc/self/statm").read_text(encoding="ascii").split()[0]) * resource.getpagesize()
     )

@@ -20,7 +20,7 @@ from core.errors import (
 )
 from core.image import check_pixels, check_whole, decode, read_header
 from core.image.jpeg import next_marker
-from tests.core.image.encoders import GREY_PALETTE, bmp, png, tiff
+from tests.support.image.image_encoders import GREY_PALETTE, bmp, png, tiff
 
 WIDTH, HEIGHT = 23, 17
 RNG = np.random.default_rng(7)

@@ -18,8 +18,8 @@ from hypothesis import strategies as st
 from core.errors import UndecodableImage
 from core.image import bmp, decode, png_pixels, read_header, tiff
 from core.image.png_pixels import unfilter
-from tests.core.image import encoders
-from tests.core.image.encoders import GREY_PALETTE, SIGNATURE, bmp_rows, chunk, filtered, idats, png
+from tests.support.image import image_encoders as encoders
+from tests.support.image.image_encoders import GREY_PALETTE, SIGNATURE, bmp_rows, chunk, filtered, idats, png
 
 FLAGS = cv2.IMREAD_GRAYSCALE | cv2.IMREAD_ANYDEPTH | cv2.IMREAD_IGNORE_ORIENTATION
 SIZES = [(1, 1), (1, 37), (37, 1), (2, 2), (3, 5), (17, 23), (64, 255), (40, 1021)]

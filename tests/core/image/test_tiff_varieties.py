@@ -11,7 +11,7 @@ import pytest
 
 from core.errors import UndecodableImage, UnsupportedImage
 from core.image import decode, read_header, tiff
-from tests.core.image import encoders
+from tests.support.image import image_encoders as encoders
 
 RNG = np.random.default_rng(11)
 SIZE = HEIGHT, WIDTH = 17, 23

@@ -8,14 +8,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from core.errors import JointAnglesUnit, KinematicsError, PrismaticJoint
-from core.kinematics.angle_units import check_against_nominal, check_angles
+from core.errors import JointAnglesUnitMismatch, KinematicsError, PrismaticJoint
 from core.kinematics.dh import Chain, forward
 from core.kinematics.identification import identify
-from core.kinematics.poses import PoseData
+from core.kinematics.joint_angle_checks import check_against_nominal, check_angles
+from core.kinematics.pose_observations import PoseData
 from core.kinematics.sweeps import find_sweeps
 from core.simulation.arm import KR5_ARC, KR5_ARC_HOME, free_angles, kr5_arc
-from core.simulation.sweeps import Repeatability, measure_poses
+from tests.support.simulation.simulated_poses import Repeatability, measure_poses
 
 
 def free_poses(seed: int = 1, half_range: float = math.radians(40.0)) -> PoseData:
@@ -32,12 +32,12 @@ def test_another_unit_is_recognised_without_sweeps(with_rotations: bool, factor:
     poses = replace(poses, joint_angles=factor * poses.joint_angles)
     if not with_rotations:
         poses = replace(poses, rotations=None)
-    with pytest.raises(JointAnglesUnit, match=words):
+    with pytest.raises(JointAnglesUnitMismatch, match=words):
         check_against_nominal(poses, KR5_ARC)
-    with pytest.raises(JointAnglesUnit):
+    with pytest.raises(JointAnglesUnitMismatch):
         identify(poses, KR5_ARC, folds=0)
     near = free_poses(2, math.radians(15.0))  # as degrees these hardly move
-    with pytest.raises(JointAnglesUnit):
+    with pytest.raises(JointAnglesUnitMismatch):
         identify(
             replace(
                 near,
@@ -91,5 +91,5 @@ def test_what_is_said_has_a_code_and_advice() -> None:
     poses = free_poses()
     with pytest.raises(KinematicsError) as caught:
         identify(replace(poses, joint_angles=np.radians(poses.joint_angles)), KR5_ARC)
-    assert caught.value.code == "joint_angles_unit"
+    assert caught.value.code == "joint_angles_unit_mismatch"
     assert caught.value.advice

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from core.errors import InvalidArgument
+from core.geometry.se3 import so3_exp, so3_log
 from core.kinematics.dh import (
     Chain,
     JointParameters,
@@ -15,18 +16,7 @@ from core.kinematics.dh import (
     frames,
     nearly_parallel,
 )
-from core.transforms import so3_exp, so3_log
-
-UR10 = Chain.from_rows(
-    [
-        (0.0, 90.0, 127.3, 0.0),
-        (-612.0, 0.0, 0.0, 0.0),
-        (-572.3, 0.0, 0.0, 0.0),
-        (0.0, 90.0, 163.941, 0.0),
-        (0.0, -90.0, 115.7, 0.0),
-        (0.0, 0.0, 92.2, 0.0),
-    ]
-)
+from tests.support.simulation.arms import UR10
 
 
 def test_planar_arm_by_hand() -> None:
@@ -74,7 +64,7 @@ def test_arrays_and_chains_are_the_same_thing() -> None:
 
 
 def test_a_wrong_number_of_joint_angles_is_refused() -> None:
-    with pytest.raises(InvalidArgument, match="5 joint angles for a chain of 6"):
+    with pytest.raises(InvalidArgument, match=r"5 .* 6"):
         forward(UR10, np.zeros((2, 5)))
 
 

@@ -8,10 +8,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from core.kinematics.global_fit.validation import SAME_CONFIGURATION, assign_folds, configurations
 from core.kinematics.identification import identify
-from core.kinematics.validation import SAME_CONFIGURATION, configurations, deal
 from core.simulation.arm import KR5_ARC, KR5_ARC_HOME, free_angles, kr5_arc
-from core.simulation.sweeps import Repeatability, measure_poses
+from tests.support.simulation.simulated_poses import Repeatability, measure_poses
 
 VISITS = 30
 
@@ -23,12 +23,12 @@ def test_visits_at_encoder_readings_share_a_fold(jitter_deg: float) -> None:
     names = np.repeat([f"P{i}" for i in range(40)], VISITS)
     q = np.repeat(commanded, VISITS, axis=0)
     q = q + math.radians(jitter_deg) * rng.normal(0.0, 1.0, q.shape)
-    folds = deal(q, 5, names.tolist()).reshape(40, VISITS)
+    folds = assign_folds(q, 5, names.tolist()).reshape(40, VISITS)
     assert np.all(folds == folds[:, :1])
     assert np.bincount(folds[:, 0]).tolist() == [8] * 5
     # Readings alone tell it where they differ by less than the tolerance.
     if jitter_deg <= 0.01:
-        assert np.array_equal(deal(q, 5).reshape(40, VISITS), folds)
+        assert np.array_equal(assign_folds(q, 5).reshape(40, VISITS), folds)
 
 
 def test_linkage_is_by_chains_of_readings_and_by_names() -> None:

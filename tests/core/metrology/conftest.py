@@ -7,8 +7,9 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
+from core.geometry.roll_pitch_yaw import rpy_to_rotation
+from core.geometry.se3 import so3_exp
 from core.metrology import PoseCycles
-from core.transforms import rpy_to_rotation, so3_exp
 
 MakeCycles = Callable[..., PoseCycles]
 

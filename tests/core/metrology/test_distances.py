@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 
 from core.errors import InvalidArgument
+from core.geometry.roll_pitch_yaw import rpy_to_rotation
+from core.geometry.se3 import so3_exp
 from core.metrology import PoseCycles, assess_approaches, assess_distance
-from core.transforms import rpy_to_rotation, so3_exp
 
 FAR = np.array([300.0, 400.0, 0.0])
 

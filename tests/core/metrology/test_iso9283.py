@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from core.errors import InvalidArgument
+from core.geometry.roll_pitch_yaw import rpy_to_rotation
 from core.metrology import direction_variation, distance_performance, drift, pose_accuracy
 from core.metrology.iso9283 import position_repeatability, three_sigma
-from core.transforms import rpy_to_rotation
 
 CENTRE = np.array([1000.0, -500.0, 250.0])
 DEVIATIONS = 0.01 * np.array(

@@ -7,13 +7,14 @@ import math
 import numpy as np
 import pytest
 
-from core.metrology.orientation import (
+from core.geometry.roll_pitch_yaw import rpy_to_rotation
+from core.geometry.se3 import rotation_mean, so3_exp, so3_log
+from core.metrology.pose_cycles import (
     angles_about_mean,
     angles_from_vectors,
     mean_and_vectors,
     rotation_vectors,
 )
-from core.transforms import rotation_mean, rpy_to_rotation, so3_exp, so3_log
 
 
 @pytest.mark.parametrize("angle", [0.0, 1e-10, 1e-5, 0.1, 1.5, 3.0, 3.1, math.pi - 1e-7])

@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from core.metrology.radial import eigenvalues, long_run_reading, mean_length, reading_law
+from core.metrology.rp_distribution import eigenvalues, long_run_rp, mean_length, rp_sampling_distribution
 
 
 def test_eigenvalues_are_lapacks() -> None:
@@ -49,26 +49,26 @@ def test_mean_length_of_any_shape_is_the_simulated_one() -> None:
 
 def test_long_run_reading_of_a_sphere_and_a_needle() -> None:
     # m + 3 √(tr - m²): 1.595769 + 3 √(3 - 2.546479), .797885 + 3 √(1 - .636620)
-    assert long_run_reading(np.array([1.0, 1.0, 1.0])) == pytest.approx(3.616088, abs=1e-6)
-    assert long_run_reading(np.array([1.0, 0.0, 0.0])) == pytest.approx(2.606315, abs=1e-6)
+    assert long_run_rp(np.array([1.0, 1.0, 1.0])) == pytest.approx(3.616088, abs=1e-6)
+    assert long_run_rp(np.array([1.0, 0.0, 0.0])) == pytest.approx(2.606315, abs=1e-6)
 
 
 @pytest.mark.parametrize("cycles", [3.0, 5.0, 30.0, 1000.0])
 def test_the_interval_holds_the_reading_and_narrows_with_cycles(cycles: float) -> None:
     shapes = np.array([[1.0, 1.0, 1.0], [1.0, 0.3, 0.1], [1.0, 0.0, 0.0]])
-    low, high = reading_law(shapes, np.full(3, cycles)).interval(np.ones(3))
+    low, high = rp_sampling_distribution(shapes, np.full(3, cycles)).interval(np.ones(3))
     assert np.all((low > 0.0) & (low < 1.0) & (high > 1.0))
-    wider = reading_law(shapes, np.full(3, cycles + 1.0)).interval(np.ones(3))
+    wider = rp_sampling_distribution(shapes, np.full(3, cycles + 1.0)).interval(np.ones(3))
     assert np.all(wider[1] - wider[0] < high - low)
 
 
 def test_a_needle_is_less_certain_than_a_sphere() -> None:
     shapes = np.array([[1.0, 1.0, 1.0], [1.0, 1.0, 0.0], [1.0, 0.0, 0.0]])
-    assert np.all(np.diff(reading_law(shapes, np.full(3, 30.0)).spread) > 0.0)
+    assert np.all(np.diff(rp_sampling_distribution(shapes, np.full(3, 30.0)).spread) > 0.0)
 
 
 def test_no_scatter_has_an_interval_of_nothing() -> None:
-    low, high = reading_law(np.zeros((1, 3)), np.array([30.0])).interval(np.zeros(1))
+    low, high = rp_sampling_distribution(np.zeros((1, 3)), np.array([30.0])).interval(np.zeros(1))
     assert (low[0], high[0]) == (0.0, 0.0)
 
 
@@ -80,8 +80,8 @@ def test_between_and_beyond_the_simulated_numbers_of_cycles() -> None:
             z = rng.standard_normal((trials, n, 3)) * np.sqrt(spectrum)
             lengths = np.linalg.norm(z - z.mean(axis=1, keepdims=True), axis=2)
             reading = lengths.mean(axis=1) + 3.0 * lengths.std(axis=1, ddof=1)
-            logs = np.log(reading / long_run_reading(np.array(spectrum)))
-            law = reading_law(np.array([spectrum]), np.array([float(n)]))
+            logs = np.log(reading / long_run_rp(np.array(spectrum)))
+            law = rp_sampling_distribution(np.array([spectrum]), np.array([float(n)]))
             assert law.centre[0] == pytest.approx(logs.mean(), abs=5.0 * logs.std() / math.sqrt(trials))
             # 3 % for the spread is four standard errors of it, and the shapes between nodes.
             assert law.spread[0] == pytest.approx(logs.std(), rel=0.04)

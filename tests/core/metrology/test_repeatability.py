@@ -10,8 +10,10 @@ import numpy as np
 import pytest
 
 from core.errors import InvalidArgument
-from core.metrology import FIGURE_NAMES, PoseCycles, PoseRepeatability, Verdict, assess_repeatability
-from core.transforms import rpy_to_rotation, so3_exp
+from core.geometry.roll_pitch_yaw import rpy_to_rotation
+from core.geometry.se3 import so3_exp
+from core.metrology import COMPONENTS, PoseCycles, PoseRepeatability, Verdict, assess_repeatability
+from core.metrology.iso9283 import position_repeatability
 
 
 def assess(cycles: PoseCycles, **options: Any) -> PoseRepeatability:
@@ -33,7 +35,7 @@ def test_a_good_session_measures_the_robot(make_cycles: Any) -> None:
     assert result.verdict == "robot"
     assert [verdict for _, verdict in result.verdicts.items()] == ["robot"] * 7
     assert result.warnings == ()
-    assert result.used == tuple(range(30))
+    assert (result.n, result.outliers) == (30, ())
     for (name, reading), (_, floor), (_, corrected), (_, interval) in zip(
         result.repeatability.items(),
         result.noise_floor.items(),
@@ -51,12 +53,12 @@ def test_a_good_session_measures_the_robot(make_cycles: Any) -> None:
 
 
 def test_names_are_the_contracts() -> None:
-    assert FIGURE_NAMES == ("position_mm", "x_mm", "y_mm", "z_mm", "roll", "pitch", "yaw")
+    assert COMPONENTS == ("position_mm", "x_mm", "y_mm", "z_mm", "roll", "pitch", "yaw")
 
 
 def test_a_motionless_robot_reads_its_floor(make_cycles: Any) -> None:
     results = assess_repeatability([make_cycles(robot_mm=0.0, robot_rad=0.0, seed=s) for s in range(200)])
-    for name in FIGURE_NAMES:
+    for name in COMPONENTS:
         readings = np.array([getattr(r.repeatability, name) for r in results])
         floor = getattr(results[0].noise_floor, name)
         assert floor == pytest.approx(readings.mean(), abs=4.0 * readings.std() / math.sqrt(len(readings)))
@@ -172,25 +174,27 @@ def move(cycles: PoseCycles, index: int, by_mm: float = 0.0, turn_rad: float = 0
         (0.0, math.pi, "orientation_outlier"),
     ],
 )
-def test_a_gross_outlier_is_named_and_the_table_says_what_it_would_be_with_it(
+def test_a_gross_outlier_counts_and_is_named_and_the_table_says_what_it_would_be_without(
     make_cycles: Any, by_mm: float, turn_rad: float, code: str
 ) -> None:
     clean = make_cycles()
     spoilt = move(clean, 7, by_mm, turn_rad)
     result = assess(spoilt)
-    assert [(e.index, e.code) for e in result.excluded] == [(7, code)]
-    assert 7 not in result.used
-    assert result.n == 29
+    (outlier,) = result.outliers
+    assert (outlier.index, outlier.code, result.n) == (7, code, 30)
+    assert (outlier.distance_mm > 4.5) == (by_mm > 0.0)
     rest = assess(clean.take(np.delete(np.arange(30), 7)))
-    assert result.repeatability == rest.repeatability
-    assert result.with_excluded == assess(spoilt, exclude_outliers=False).repeatability
-    assert result.with_excluded != result.repeatability
+    assert result.without_outliers == rest.repeatability
+    assert result.repeatability != rest.repeatability
+    if by_mm:
+        expected = position_repeatability(spoilt.positions_mm)
+        assert result.repeatability.position_mm == pytest.approx(expected, rel=1e-9)
 
 
 def test_a_moderate_outlier_is_the_robots_own(make_cycles: Any) -> None:
     result = assess(move(make_cycles(), 3, by_mm=0.15))  # five of the robot's standard deviations
-    assert result.excluded == ()
-    assert result.with_excluded is None
+    assert result.outliers == ()
+    assert result.without_outliers is None
 
 
 def test_a_second_cluster_stays_and_is_remarked(make_cycles: Any) -> None:
@@ -198,12 +202,12 @@ def test_a_second_cluster_stays_and_is_remarked(make_cycles: Any) -> None:
     for index in range(0, 30, 6):
         cycles = move(cycles, index, by_mm=5.0)
     result = assess(cycles)
-    assert result.excluded == ()
+    assert result.outliers == ()
     assert [remark.code for remark in result.warnings] == ["position_clusters"]
 
 
 def test_nothing_is_excluded_below_ten_cycles(make_cycles: Any) -> None:
-    assert assess(move(make_cycles(n=9), 3, by_mm=5.0)).excluded == ()
+    assert assess(move(make_cycles(n=9), 3, by_mm=5.0)).outliers == ()
 
 
 def test_a_pose_reads_the_same_alone_and_in_company(make_cycles: Any) -> None:

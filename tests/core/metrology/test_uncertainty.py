@@ -7,27 +7,25 @@ import math
 import numpy as np
 import pytest
 
-from core.metrology.radial import long_run_reading
-from core.metrology.uncertainty import (
-    Assessed,
-    Limits,
-    Verdict,
+from core.metrology.intervals import (
+    IntervalEstimate,
     assess_radial,
     assess_three_sigma,
-    judge,
-    still_lengths,
+    noise_only_lengths,
 )
+from core.metrology.rp_distribution import long_run_rp
+from core.metrology.verdict import Verdict, VerdictLimits, classify
 
 
-def three_sigma(variance: float, noise: float, n: int, noise_square: float | None = None) -> Assessed:
+def three_sigma(variance: float, noise: float, n: int, noise_square: float | None = None) -> IntervalEstimate:
     square = noise * noise if noise_square is None else noise_square
     return assess_three_sigma(
         np.array([[variance]]), np.array([[noise]]), np.array([[square]]), np.array([float(n)])
     )
 
 
-def radial(covariance: np.ndarray, noise: np.ndarray, reading: float, n: int) -> Assessed:
-    still = still_lengths(np.repeat(noise[None], n, axis=0))
+def radial(covariance: np.ndarray, noise: np.ndarray, reading: float, n: int) -> IntervalEstimate:
+    still = noise_only_lengths(np.repeat(noise[None], n, axis=0))
     return assess_radial(
         np.array([reading]),
         covariance[None],
@@ -62,7 +60,7 @@ def test_cycles_of_unequal_noise_count_for_fewer() -> None:
 
 def test_floor_of_two_measurements_is_half_their_mean_distance() -> None:
     # p_1 - p_2 ~ N(0, 2σ²): l = |p_1 - p_2| / 2, E l = ½ √2 σ 1.595769, S_l = 0
-    length, within = still_lengths(np.repeat(0.04 * np.eye(3)[None], 2, axis=0))
+    length, within = noise_only_lengths(np.repeat(0.04 * np.eye(3)[None], 2, axis=0))
     assert length == pytest.approx(0.5 * math.sqrt(2.0) * 0.2 * 2.0 * math.sqrt(2.0 / math.pi), rel=1e-9)
     assert within == 0.0
 
@@ -86,7 +84,7 @@ def test_noise_above_all_that_was_observed_leaves_nothing() -> None:
 def test_subtraction_is_by_squares_when_there_are_many_cycles() -> None:
     # 3 √(25 - 9) = 12; and 5² - 3² in every direction leaves 4/5 of the reading.
     assert three_sigma(25.0, 9.0, 100_000).corrected[0, 0] == pytest.approx(12.0, rel=1e-4)
-    reading = float(long_run_reading(np.full(3, 25.0)))
+    reading = float(long_run_rp(np.full(3, 25.0)))
     corrected = radial(25.0 * np.eye(3), 9.0 * np.eye(3), reading, 100_000).corrected[0]
     assert corrected == pytest.approx(0.8 * reading, rel=1e-3)
 
@@ -94,8 +92,8 @@ def test_subtraction_is_by_squares_when_there_are_many_cycles() -> None:
 def test_noise_in_one_direction_leaves_the_others() -> None:
     covariance = np.diag([25.0, 4.0, 1.0])
     noise = np.diag([0.0, 0.0, 1.0])
-    reading = float(long_run_reading(np.array([25.0, 4.0, 1.0])))
-    expected = float(long_run_reading(np.array([25.0, 4.0, 0.0])))
+    reading = float(long_run_rp(np.array([25.0, 4.0, 1.0])))
+    expected = float(long_run_rp(np.array([25.0, 4.0, 0.0])))
     assert radial(covariance, noise, reading, 100_000).corrected[0] == pytest.approx(expected, rel=1e-3)
 
 
@@ -115,9 +113,9 @@ def test_noise_in_one_direction_leaves_the_others() -> None:
     ],
 )
 def test_verdicts(reading: float, floor: float | None, cycles: int, verdict: Verdict) -> None:
-    assert judge(reading, floor, cycles, Limits()) is verdict
+    assert classify(reading, floor, cycles, VerdictLimits()) is verdict
 
 
 def test_limits_are_the_users() -> None:
-    assert judge(1.0, 0.2, 30, Limits(instrument_share=0.1)) is Verdict.INSTRUMENT_LIMITED
-    assert judge(0.6, 1.0, 30, Limits(detection_share=0.5)) is Verdict.INSTRUMENT_LIMITED
+    assert classify(1.0, 0.2, 30, VerdictLimits(instrument_share=0.1)) is Verdict.INSTRUMENT_LIMITED
+    assert classify(0.6, 1.0, 30, VerdictLimits(detection_share=0.5)) is Verdict.INSTRUMENT_LIMITED

@@ -7,19 +7,11 @@ import math
 import numpy as np
 import pytest
 
+from core.geometry.se3 import so3_log, transform
 from core.kinematics.dh import forward
-from core.simulation import (
-    KR5_ARC,
-    KR5_ARC_HOME,
-    KR5_ARC_LIMITS,
-    Repeatability,
-    free_angles,
-    kr5_arc,
-    sweep_angles,
-)
+from core.simulation import KR5_ARC, KR5_ARC_HOME, KR5_ARC_LIMITS, free_angles, kr5_arc, sweep_angles
 from core.simulation.arm import joint_motions, reach
-from core.simulation.sweeps import camera_noise, measure_poses
-from core.transforms import so3_log, transform
+from tests.support.simulation.simulated_poses import Repeatability, camera_noise, measure_poses
 
 ARM = kr5_arc(np.random.default_rng(0))
 ANGLES = np.tile(sweep_angles(KR5_ARC_HOME, steps=3), (40, 1))

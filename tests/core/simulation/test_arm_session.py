@@ -7,12 +7,12 @@ import math
 import numpy as np
 import pytest
 
-from core.camera import Camera
-from core.kinematics.poses import PoseData
+from core.geometry.camera import Camera
+from core.kinematics.pose_observations import PoseData
 from core.kinematics.sweeps import find_sweeps
 from core.simulation.arm import KR5_ARC_LIMITS, kr5_arc
-from core.simulation.arm_session import ArmSession, arm_session
-from core.simulation.experiment import JOINT_REPEATABILITY_RAD
+from core.simulation.arm_session import ArmSession, simulate_arm_session
+from core.simulation.paper_experiment import JOINT_REPEATABILITY_RAD
 from core.targets.specification import TargetSpec
 
 GRID = TargetSpec("chessboard", 9, 6, 30.0)
@@ -23,7 +23,7 @@ STEPS, FREE = 5, 6
 
 def made(seed: int) -> ArmSession:
     arm = kr5_arc(np.random.default_rng(seed))
-    return arm_session(arm, GRID, CAMERA, SIZE, steps=STEPS, free=FREE, seed=seed)
+    return simulate_arm_session(arm, GRID, CAMERA, SIZE, steps=STEPS, free=FREE, seed=seed)
 
 
 @pytest.fixture(scope="module")

@@ -7,14 +7,14 @@ import math
 import numpy as np
 import pytest
 
-from core.camera import Camera
 from core.errors import InvalidArgument
+from core.geometry.camera import Camera
+from core.geometry.se3 import compose, so3_log
 from core.kinematics.dh import forward
 from core.metrology import PoseCycles, assess_repeatability
 from core.simulation.arm import KR5_ARC, KR5_ARC_LIMITS, T_FLANGE_CAMERA
-from core.simulation.experiment import Experiment, cube_experiment, cube_points
+from core.simulation.paper_experiment import Experiment, cube_experiment, cube_points
 from core.targets.specification import TargetSpec
-from core.transforms import compose, so3_log
 
 BOARD = TargetSpec("chessboard", 14, 10, 21.0)
 CAMERA = Camera(1160.0, 1160.0, 620.0, 505.0, k1=-0.1, k2=0.05)
@@ -68,9 +68,7 @@ def test_the_robot_scatters_as_stated() -> None:
         white = np.linalg.solve(np.linalg.cholesky(pose.covariance), np.hstack([d, w]).T)
         # Six variances and fifteen covariances of 400 draws, each known to √(2/400) and 1/20; four of those.
         assert np.abs(white @ white.T / 400.0 - np.eye(6)).max() < 0.28
-        (figures,) = assess_repeatability(
-            [PoseCycles(true[:, :3, 3], true[:, :3, :3])], exclude_outliers=False
-        )
+        (figures,) = assess_repeatability([PoseCycles(true[:, :3, 3], true[:, :3, :3])])
         found = [value for _, value in figures.repeatability.items()]
         told = [value for _, value in pose.true_repeatability.items()]
         np.testing.assert_allclose(found, told, rtol=0.15)  # 3 S to 1/√800, RP_l to less; four of those

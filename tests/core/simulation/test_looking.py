@@ -7,12 +7,12 @@ import math
 import numpy as np
 import pytest
 
-from core.camera import Camera
+from core.geometry.camera import Camera
+from core.geometry.se3 import invert, transform
 from core.simulation.arm import KR5_ARC_HOME, KR5_ARC_LIMITS, kr5_arc
-from core.simulation.looking import in_view, looking_angles, telling_sweep
+from core.simulation.looking import in_view, largest_visible_sweep, sample_viewing_configurations
 from core.simulation.scenes import Scene
 from core.targets.specification import TargetSpec
-from core.transforms import invert, transform
 
 GRID = TargetSpec("chessboard", 14, 9, 25.0)
 CAMERA = Camera(2350.0, 2348.0, 1230.0, 1018.0, -0.1, 0.05)
@@ -21,7 +21,9 @@ CAMERA = Camera(2350.0, 2348.0, 1230.0, 1018.0, -0.1, 0.05)
 def test_the_grid_is_in_view_and_the_joints_within_limits() -> None:
     rng = np.random.default_rng(1)
     arm = kr5_arc(rng)
-    q = looking_angles(arm, GRID, CAMERA, (2448, 2050), rng, 12, home=KR5_ARC_HOME, limits=KR5_ARC_LIMITS)
+    q = sample_viewing_configurations(
+        arm, GRID, CAMERA, (2448, 2050), rng, 12, home=KR5_ARC_HOME, limits=KR5_ARC_LIMITS
+    )
     assert q.shape == (12, 6)
     assert np.all((q > KR5_ARC_LIMITS[:, 0]) & (q < KR5_ARC_LIMITS[:, 1]))
     for T in arm.camera_poses(q):
@@ -37,7 +39,7 @@ def test_a_target_out_of_reach_is_refused() -> None:
     far = arm.T_target_base.copy()
     far[0, :3, 3] += 5000.0
     with pytest.raises(ValueError, match="hardly look"):
-        looking_angles(
+        sample_viewing_configurations(
             type(arm)(arm.chain, far, arm.T_flange_camera),
             GRID,
             CAMERA,
@@ -64,10 +66,10 @@ def test_a_sweep_goes_as_far_as_the_grid_is_seen(joint: int) -> None:
     rng = np.random.default_rng(3)
     arm = kr5_arc(rng)
     size, lens = (1224, 1025), Camera(650.0, 650.0, 618.0, 509.0, -0.1, 0.05)
-    through = looking_angles(
+    through = sample_viewing_configurations(
         arm, GRID, lens, size, rng, 20, home=KR5_ARC_HOME, limits=KR5_ARC_LIMITS, fill=(0.2, 0.4)
     )
-    q = telling_sweep(arm, GRID, lens, size, through, joint, limits=KR5_ARC_LIMITS, steps=31)
+    q = largest_visible_sweep(arm, GRID, lens, size, through, joint, limits=KR5_ARC_LIMITS, steps=31)
     assert q.shape == (31, 6)
     assert np.all(np.ptp(np.delete(q, joint, axis=1), axis=0) == 0.0)  # one joint moves
 
@@ -87,8 +89,10 @@ def test_a_sweep_goes_as_far_as_the_grid_is_seen(joint: int) -> None:
 def test_a_joint_that_loses_the_grid_at_once_is_told() -> None:
     rng = np.random.default_rng(4)
     arm = kr5_arc(rng)
-    q = looking_angles(arm, GRID, CAMERA, (2448, 2050), rng, 3, home=KR5_ARC_HOME, limits=KR5_ARC_LIMITS)
-    with pytest.raises(ValueError, match="Joint 1 can hardly move"):
-        telling_sweep(
+    q = sample_viewing_configurations(
+        arm, GRID, CAMERA, (2448, 2050), rng, 3, home=KR5_ARC_HOME, limits=KR5_ARC_LIMITS
+    )
+    with pytest.raises(ValueError, match="Joint 1"):
+        largest_visible_sweep(
             arm, GRID, CAMERA, (2448, 2050), q, 0, limits=KR5_ARC_LIMITS, steps=3, smallest=math.radians(90.0)
         )

@@ -8,15 +8,15 @@ import cv2
 import numpy as np
 import pytest
 
-from core.camera import Camera, undistort_points
 from core.errors import InvalidTarget
+from core.geometry.camera import Camera, undistort_points
+from core.geometry.se3 import invert
 from core.simulation import Light, Scene, render
-from core.simulation.patterns import pattern_of
 from core.simulation.renderer import render_levels
 from core.simulation.scenes import random_pose
-from core.targets.charuco_layout import charuco_layout
+from core.targets.charuco.layout import charuco_layout
+from core.targets.printed_pattern import pattern_of
 from core.targets.specification import TargetSpec
-from core.transforms import invert
 
 CAMERA = Camera(1800.0, 1820.0, 802.0, 595.0, k1=-0.2, k2=0.06, p1=5e-4)
 SIZE = (1600, 1200)
@@ -55,19 +55,19 @@ def test_every_cell_is_as_opencv_prints_it(columns: int, rows: int, legacy: bool
 
 
 @pytest.mark.parametrize("legacy", [False, True])
-def test_opencv_reads_the_rendered_board(legacy: bool) -> None:
+@pytest.mark.parametrize("tilt", [pytest.param(0.0, marks=pytest.mark.slow), 40.0])
+def test_opencv_reads_the_rendered_board(legacy: bool, tilt: float) -> None:
     target = charuco(6, 5, legacy=legacy)
     rng = np.random.default_rng(5)
-    for tilt in (0.0, 40.0):
-        T = random_pose(target, CAMERA, SIZE, math.radians(tilt), 0.6, rng)
-        scene = Scene(target, CAMERA, T, *SIZE, noise_levels=2.0, clutter=0.5, seed=3)
-        detector = cv2.aruco.CharucoDetector(opencv_board(target))
-        corners, ids, marker_corners, marker_ids = detector.detectBoard(render(scene))
-        assert len(ids) == target.size
-        assert len(marker_ids) == len(charuco_layout(target).marker_squares)
-        # OpenCV's corners stand .03 to .1 px off; a board off by a cell's width would be 5 px off.
-        assert np.abs(corners.reshape(-1, 2) - scene.points_px[ids.ravel()]).max() < 0.3
-        assert len(marker_corners) == len(marker_ids)
+    T = random_pose(target, CAMERA, SIZE, math.radians(tilt), 0.6, rng)
+    scene = Scene(target, CAMERA, T, *SIZE, noise_levels=2.0, clutter=0.5, seed=3)
+    detector = cv2.aruco.CharucoDetector(opencv_board(target))
+    corners, ids, marker_corners, marker_ids = detector.detectBoard(render(scene))
+    assert len(ids) == target.size
+    assert len(marker_ids) == len(charuco_layout(target).marker_squares)
+    # OpenCV's corners stand .03 to .1 px off; a board off by a cell's width would be 5 px off.
+    assert np.abs(corners.reshape(-1, 2) - scene.points_px[ids.ravel()]).max() < 0.3
+    assert len(marker_corners) == len(marker_ids)
 
 
 def test_levels_of_markers_equal_supersampling() -> None:

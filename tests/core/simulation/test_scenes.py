@@ -7,8 +7,8 @@ import math
 import numpy as np
 import pytest
 
+from core.geometry.se3 import invert
 from core.simulation import standard_scene, standard_target
-from core.transforms import invert
 
 
 @pytest.mark.parametrize("size", [(9, 6), (14, 10), (25, 18)])

@@ -10,10 +10,11 @@ from functools import lru_cache
 import numpy as np
 import pytest
 
-from core.camera import Camera
-from core.simulation import Light, Scene, render
+from core.geometry.camera import Camera
+from core.simulation import Light, Scene
 from core.simulation.scenes import random_pose
 from core.targets.specification import TargetSpec
+from tests.support.simulation.renders import render
 
 SIZE_PX = (1000, 800)
 CAMERA = Camera(1000.0, 1000.0, 503.0, 396.0, k1=-0.1, k2=0.05)

@@ -5,14 +5,16 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from core.targets import corner_kernel as kernel
-from core.targets.graded_fit import orthonormal
-from core.targets.grid_map import _derived, _evaluated, _homography
-from core.targets.lattice import kinks, lonely
-from core.targets.linking import into_cells, spread
-from core.targets.quantiles import median, quantiles
-from core.targets.saddles import mixed_derivatives
-from core.targets.squares import box, known_around, look_at_sides, square_heights
+from core.geometry.homography import normalised_homography
+from core.numerics.order_statistics import median, quantiles
+from core.targets.lattice.board_boundary import bounding_box, known_around, look_at_sides, square_heights
+from core.targets.lattice.corner_graph import into_cells, spread
+from core.targets.lattice.lattice import bent_points, poorly_connected
+from core.targets.lattice.saddle_points import mixed_derivatives
+from core.targets.subpixel import corner_model as model
+from core.targets.subpixel.corner_motion import follow_edges
+from core.targets.subpixel.degree_selection import orthonormal
+from core.targets.subpixel.smooth_map import _derived, _evaluated
 
 
 def lattice_with_holes(
@@ -54,12 +56,12 @@ def test_kinks_and_lonely_ones(seed: int) -> None:
         length, bend = np.linalg.norm(steps, axis=2), np.linalg.norm(np.diff(steps, axis=0), axis=2)
         marks[1:-1] |= bend > 0.35 * np.maximum(length[1:], length[:-1])
     assert expected.any()
-    np.testing.assert_array_equal(kinks(grid), expected)
+    np.testing.assert_array_equal(bent_points(grid), expected)
     known = np.isfinite(gap)
     around = np.pad(known.astype(int), 1)
     beside = around[:-2, 1:-1] + around[2:, 1:-1] + around[1:-1, :-2] + around[1:-1, 2:]
     assert (known & (beside < 2)).any()
-    np.testing.assert_array_equal(lonely(known), known & (beside < 2))
+    np.testing.assert_array_equal(poorly_connected(known), known & (beside < 2))
 
 
 def test_cells_hold_their_points_in_order() -> None:
@@ -189,7 +191,7 @@ def test_a_lattices_box_and_what_is_around(seed: int) -> None:
             left + (side == 2),
             right - (side == 3),
         )
-    assert box(known) == (top, bottom, left, right)
+    assert bounding_box(known) == (top, bottom, left, right)
     padded = np.pad(known, 1)
     around = known_around(known, top, bottom, left, right)
     rows, columns = slice(top + 1, bottom + 1), slice(left + 1, right + 1)
@@ -210,7 +212,7 @@ def test_the_height_of_squares() -> None:
 
 
 def test_a_lattice_without_corners_has_no_box() -> None:
-    top, bottom, left, right = box(np.zeros((4, 5), dtype=bool))
+    top, bottom, left, right = bounding_box(np.zeros((4, 5), dtype=bool))
     assert bottom <= top or right <= left
 
 
@@ -249,7 +251,7 @@ def test_a_homography_and_its_polynomials_against_differences() -> None:
             np.testing.assert_allclose(
                 derived[3 + axis], (after - 2 * here + before) / h**2, rtol=1e-4, atol=1e-3
             )
-    found = _homography(x, picture[0], np.ones(40))
+    found = normalised_homography(x, picture[0], np.ones(40))
     np.testing.assert_allclose(found / found[2, 2], H, atol=1e-9)
     c, scales, middle = rng.normal(size=(10, 2)), np.array([3.0, 2.0, 2.0, 1.5, 1.5]), np.array([7.0, -4.0])
     expected = (picture + polynomials[:, :, :10] @ c) * scales[:, None, None]
@@ -262,26 +264,26 @@ def test_a_homography_and_its_polynomials_against_differences() -> None:
 def test_corners_follow_their_edges() -> None:
     rng = np.random.default_rng(8)
     count = 30
-    states, steps = np.zeros((count, kernel.STATE)), np.zeros((count, kernel.STEP))
+    states, steps = np.zeros((count, model.STATE)), np.zeros((count, model.STEP))
     states[:, :10] = rng.normal(size=(count, 10))
     angle = rng.uniform(0.0, 0.6, (2, count)) + np.array([[0.0], [1.3]])
     normals = np.stack([np.cos(angle), np.sin(angle)], axis=2)  # of the two edges
-    states[:, [kernel.N1_U, kernel.N1_V]], states[:, [kernel.N2_U, kernel.N2_V]] = normals
-    states[:, [kernel.REACH_1, kernel.REACH_2]] = rng.uniform(3.0, 30.0, (count, 2))
+    states[:, [model.N1_U, model.N1_V]], states[:, [model.N2_U, model.N2_V]] = normals
+    states[:, [model.REACH_1, model.REACH_2]] = rng.uniform(3.0, 30.0, (count, 2))
     along_x, along_y, bend_x, bend_y = (
         rng.normal(size=(4, count, 2)) * np.array([40, 40, 0.5, 0.5])[:, None, None]
     )
     before = states.copy()
-    kernel.follow_edges(states, steps, along_x, along_y, bend_x, bend_y)
+    follow_edges(states, steps, along_x, along_y, bend_x, bend_y)
     shifts, turns = [], []
     for k, (along, bend) in enumerate(((along_y, bend_y), (along_x, bend_x))):
-        at_bend, at_reach = ((kernel.BEND_1, kernel.REACH_1), (kernel.BEND_2, kernel.REACH_2))[k]
+        at_bend, at_reach = ((model.BEND_1, model.REACH_1), (model.BEND_2, model.REACH_2))[k]
         length = np.linalg.norm(along, axis=1)
         now = np.sum(normals[k] * bend, axis=1) / length**2
         np.testing.assert_allclose(states[:, at_bend], now, rtol=1e-12)
         shifts.append((before[:, at_bend] - now) * before[:, at_reach] ** 2 / 6.0)
         turns.append(np.sum(normals[k] * along, axis=1) / length * before[:, at_reach])
     moved = np.linalg.solve(normals.transpose(1, 0, 2), np.stack(shifts, axis=1)[..., None])[..., 0]
-    at = [kernel.Q_U, kernel.Q_V]
+    at = [model.Q_U, model.Q_V]
     np.testing.assert_allclose(states[:, at] - before[:, at], moved, rtol=1e-9, atol=1e-12)
-    np.testing.assert_allclose(steps[:, kernel.UNEVEN], turns[1] - turns[0], rtol=1e-9, atol=1e-12)
+    np.testing.assert_allclose(steps[:, model.UNEVEN], turns[1] - turns[0], rtol=1e-9, atol=1e-12)

@@ -6,13 +6,13 @@ import cv2
 import numpy as np
 import pytest
 
-from core.targets.growth import whole_lattice
-from core.targets.lattice import Lattice, kinks, spacing
-from core.targets.linking import link
-from core.targets.orientation import orient
-from core.targets.pyramid import Level, levels
-from core.targets.saddles import find_saddles, rings, saddle_points
-from core.targets.squares import bounded
+from core.targets.chessboard.orientation import orient
+from core.targets.lattice.board_boundary import bounded
+from core.targets.lattice.corner_graph import link
+from core.targets.lattice.growing import grow_lattice
+from core.targets.lattice.lattice import Lattice, bent_points, spacing
+from core.targets.lattice.pyramid import Level, levels
+from core.targets.lattice.saddle_points import find_saddles, rings, saddle_points
 
 PITCH = 24
 
@@ -54,14 +54,14 @@ def test_a_lens_makes_no_kinks_and_a_mistake_does() -> None:
     y, x = np.mgrid[-1:1:6j, -1:1:9j]
     lens = grid + np.stack([x, y], axis=2) * (x * x + y * y)[..., None] * 10.0
     for smooth in (grid, lens, grid / (1.0 + 2e-3 * grid[..., :1])):
-        assert not kinks(smooth).any()
+        assert not bent_points(smooth).any()
     wrong = grid.copy()
     wrong[2, 3] += (PITCH / 2, 0.0)
-    assert kinks(wrong)[2, 3]
-    assert not kinks(wrong)[:, 6:].any()
+    assert bent_points(wrong)[2, 3]
+    assert not bent_points(wrong)[:, 6:].any()
     gappy = grid.copy()
     gappy[1, 4] = np.nan
-    assert not kinks(gappy).any()
+    assert not bent_points(gappy).any()
 
 
 @pytest.mark.parametrize("dtype", [np.uint8, np.uint16])
@@ -235,7 +235,7 @@ def test_growing_finds_the_whole_board_and_stops(dtype: type, corner: tuple[int,
     )
     if (i + j) % 2 == 0:  # the square there is black: places begin at a bright one
         place = place + np.array([1, 0])
-    lattice = whole_lattice(image, points, place)
+    lattice = grow_lattice(image, points, place)
     np.testing.assert_allclose(lattice.grid, grid, atol=0.05)
     assert not lattice.origin_is_bright
     assert not lattice.outside.any()
@@ -251,7 +251,7 @@ def test_a_part_hidden_is_grown_around_and_left_out() -> None:
     saddles = find_saddles(Level(image, 0))
     patches = link(saddles)
     first = np.flatnonzero(patches.patch == 0)
-    lattice = whole_lattice(image, saddles.points[first].astype(np.float64), patches.place[first])
+    lattice = grow_lattice(image, saddles.points[first].astype(np.float64), patches.place[first])
     if lattice.gap.shape != (9, 12):
         lattice = lattice.quarter_turn()
     lattice = orient(lattice)[0]
@@ -266,7 +266,7 @@ def test_ends_are_told_from_parts() -> None:
     whole = lattice_of(grid, origin_is_bright=False)
     found = bounded(image, whole)
     assert found is not None
-    assert [side.is_an_end for side in found.sides] == [True] * 4
+    assert [side.is_boundary for side in found.sides] == [True] * 4
     # a line of corners beyond that was not grown: its squares still alternate, but corners there are told by growing
     gappy = lattice_of(grid.copy(), origin_is_bright=False)
     gappy.grid[0, 1:7], gappy.gap[0, 1:7] = (
@@ -276,7 +276,7 @@ def test_ends_are_told_from_parts() -> None:
     found = bounded(image, gappy)
     assert found is not None
     assert found.size == (8, 5)
-    assert found.sides[0].goes_on
+    assert found.sides[0].continues
     assert not found.is_whole
 
 
@@ -287,10 +287,10 @@ def test_a_picture_that_ends_with_the_corners_does_not_show_a_whole_board(side: 
     saddles = find_saddles(Level(part, 0))
     patches = link(saddles)
     first = np.flatnonzero(patches.patch == 0)
-    found = bounded(part, whole_lattice(part, saddles.points[first].astype(np.float64), patches.place[first]))
+    found = bounded(part, grow_lattice(part, saddles.points[first].astype(np.float64), patches.place[first]))
     assert found is not None
     assert found.size == (8, 6)
-    assert found.goes_on
+    assert found.continues
     assert not found.is_whole
 
 
@@ -315,7 +315,7 @@ def test_outermost_squares_that_end_unevenly_are_hidden_ones() -> None:
     cv2.fillConvexPoly(image, np.rint(outline).astype(np.int32), 200)
     found = bounded(image, lattice_of(grid, origin_is_bright=False))
     assert found is not None
-    assert [side.is_an_end for side in found.sides] == [True, True, True, False]
+    assert [side.is_boundary for side in found.sides] == [True, True, True, False]
 
 
 @pytest.mark.parametrize(("columns", "rows"), [(5, 4), (4, 5), (6, 4), (7, 5), (4, 4), (5, 5)])
@@ -333,7 +333,7 @@ def test_orientation_undoes_every_turn_it_can(columns: int, rows: int, turns: in
         oriented.grid, grid
     )  # upright and black at the origin is right by every rule
     assert not oriented.origin_is_bright
-    assert [w.code for w in warnings] == ([] if (columns + rows) % 2 else ["orientation_ambiguous"])
+    assert [w.code for w in warnings] == ([] if (columns + rows) % 2 else ["board_symmetry_unresolved"])
 
 
 def test_a_quarter_turn_knows_the_colour_of_its_origin() -> None:

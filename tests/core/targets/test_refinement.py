@@ -10,19 +10,21 @@ import numpy as np
 import pytest
 from scipy.special import ndtr
 
-from core.camera import Camera
-from core.errors import InvalidArgument
-from core.simulation import Light, Scene, render, standard_scene, standard_target
-from core.simulation.cramer_rao import corner_bounds
-from core.simulation.renderer import render_levels
-from core.targets import corner_kernel as kernel
-from core.targets.grid_map import grid_basis, grid_shape
-from core.targets.refinement import Refined, refine_corners
+from core.errors import DegenerateGeometry
+from core.geometry.camera import Camera
+from core.simulation import Light, Scene, standard_scene, standard_target
+from core.targets.subpixel import corner_model as model
+from core.targets.subpixel.corner_acceptance import RefinedCorners
+from core.targets.subpixel.corner_step import step_corners
+from core.targets.subpixel.refinement import refine_corners
+from core.targets.subpixel.smooth_map import grid_basis, grid_shape
+from tests.support.cramer_rao import corner_bounds
+from tests.support.simulation.renders import render, render_levels
 
 Take = Callable[..., tuple[Scene, np.ndarray]]
 
 
-def refine_scene(scene: Scene, picture: np.ndarray, off_px: float = 0.7, **options: float) -> Refined:
+def refine_scene(scene: Scene, picture: np.ndarray, off_px: float = 0.7, **options: float) -> RefinedCorners:
     grid = scene.grid_points
     start = grid.points_px + np.random.default_rng(1).uniform(-off_px, off_px, grid.points_px.shape)
     return refine_corners(picture, grid.column, grid.row, start, origin_is_black=True, **options)
@@ -32,7 +34,7 @@ def rms(error: np.ndarray) -> float:
     return float(np.sqrt(np.mean(error**2)))
 
 
-def normalised(refined: Refined, scene: Scene) -> np.ndarray:
+def normalised(refined: RefinedCorners, scene: Scene) -> np.ndarray:
     error = (refined.points_px - scene.points_px) / refined.standard_uncertainty_px[:, None]
     return error[refined.trusted]
 
@@ -42,8 +44,11 @@ def to_8_bit(levels: np.ndarray, noise: float = 0.0, seed: int = 0) -> np.ndarra
     return np.clip(np.rint(levels), 0, 255).astype(np.uint8)
 
 
-@pytest.mark.parametrize("size", [(9, 6), (14, 10), (25, 18)])
-@pytest.mark.parametrize("tilt_deg", [0.0, 30.0, 60.0])
+@pytest.mark.parametrize(
+    "size",
+    [(9, 6), pytest.param((14, 10), marks=pytest.mark.slow), pytest.param((25, 18), marks=pytest.mark.slow)],
+)
+@pytest.mark.parametrize("tilt_deg", [pytest.param(0.0, marks=pytest.mark.slow), 30.0, 60.0])
 def test_errors_are_as_stated(take: Take, size: tuple[int, int], tilt_deg: float) -> None:
     scene, picture = take(*size, seed=2, tilt_deg=tilt_deg)
     refined = refine_scene(scene, picture)
@@ -55,8 +60,13 @@ def test_errors_are_as_stated(take: Take, size: tuple[int, int], tilt_deg: float
     assert np.median(refined.blur_px) == pytest.approx(1.0, abs=0.03)
 
 
-@pytest.mark.parametrize("blur_px", [0.3, 0.5, 1.0, 2.0])
-@pytest.mark.parametrize("tilt_deg", [0.0, 30.0, 50.0])
+@pytest.mark.parametrize(
+    "blur_px",
+    [0.3, pytest.param(0.5, marks=pytest.mark.slow), pytest.param(1.0, marks=pytest.mark.slow), 2.0],
+)
+@pytest.mark.parametrize(
+    "tilt_deg", [pytest.param(0.0, marks=pytest.mark.slow), 30.0, pytest.param(50.0, marks=pytest.mark.slow)]
+)
 def test_without_noise_next_to_nothing_is_left(take: Take, blur_px: float, tilt_deg: float) -> None:
     """What is left is the rounding to whole levels, and stated."""
     scene, picture = take(9, 6, seed=4, tilt_deg=tilt_deg, blur_px=blur_px, noise_levels=0.0)
@@ -178,11 +188,17 @@ def test_covered_corners_are_not_believed_and_spoil_no_other(take: Take) -> None
     assert refined.trusted[away].mean() > 0.9
 
 
-@pytest.mark.parametrize("peak_levels", [80.0, 200.0, 500.0])
-def test_lamps_mirrored_in_the_board_are_in_the_doubt(take: Take, peak_levels: float) -> None:
+@pytest.mark.parametrize(
+    ("peak_levels", "seeds"),
+    [
+        (200.0, range(2)),
+        *(pytest.param(peak, range(6), marks=pytest.mark.slow) for peak in (80.0, 200.0, 500.0)),
+    ],
+)
+def test_lamps_mirrored_in_the_board_are_in_the_doubt(take: Take, peak_levels: float, seeds: range) -> None:
     """Broad light added, cut off at 255 where it is strong: its slopes are known by the corners alone, and badly."""
     errors, trusted, size = [], 0, 0
-    for seed in range(6):
+    for seed in seeds:
         scene, _ = take(14, 10, seed, 20.0 + 5.0 * seed, 180.0, light=Light())
         points, rng = scene.points_px, np.random.default_rng(seed)
         at, spread = (
@@ -201,7 +217,9 @@ def test_lamps_mirrored_in_the_board_are_in_the_doubt(take: Take, peak_levels: f
     assert np.mean(np.abs(error) > 6.0) < 0.04
 
 
-@pytest.mark.parametrize("seed", [2, 3, 5])
+@pytest.mark.parametrize(
+    "seed", [2, pytest.param(3, marks=pytest.mark.slow), pytest.param(5, marks=pytest.mark.slow)]
+)
 def test_bends_of_an_outline_are_no_crossings(take: Take, seed: int) -> None:
     """Where one of the four squares is missing, the one opposite still has its corner there."""
     scene, picture = take(9, 6, seed=seed, tilt_deg=25.0, noise_levels=1.0)
@@ -215,10 +233,17 @@ def test_bends_of_an_outline_are_no_crossings(take: Take, seed: int) -> None:
     assert trusted.sum() == 50
 
 
-def test_thresholded_pictures_are_measured_with_their_doubt(take: Take) -> None:
+@pytest.mark.parametrize(
+    "views",
+    [((1, 25.0),), pytest.param(((0, 10.0), (1, 25.0), (2, 40.0), (3, 50.0)), marks=pytest.mark.slow)],
+    ids=["one", "all"],
+)
+def test_thresholded_pictures_are_measured_with_their_doubt(
+    take: Take, views: tuple[tuple[int, float], ...]
+) -> None:
     """Steps of whole pixels all along the edges: no blur to tell a place by, and errors of neighbours in unison."""
     errors, trusted = [], []
-    for seed, tilt_deg in enumerate((10.0, 25.0, 40.0, 50.0)):
+    for seed, tilt_deg in views:
         scene, picture = take(14, 10, seed, tilt_deg, 180.0, blur_px=0.1, noise_levels=0.0, light=Light())
         refined = refine_scene(scene, np.where(picture > 117, 210, 30).astype(np.uint8))
         errors.append(normalised(refined, scene))
@@ -293,7 +318,7 @@ def test_too_few_points_are_refused(take: Take) -> None:
     scene, picture = take(9, 6, seed=2)
     grid = scene.grid_points
     for chosen in (np.arange(3), np.arange(9)):  # three; a line
-        with pytest.raises(InvalidArgument):
+        with pytest.raises(DegenerateGeometry):
             refine_corners(
                 picture,
                 grid.column[chosen],
@@ -326,18 +351,18 @@ def test_kernel_against_its_twin(
     P of the other edge is ±1 to 3e-3 where the kernel takes it for that, and Mehler's series is cut off: of sharp edges
     the few pixels near the crossing, where this matters, are a tenth of all.
     """
-    state = np.zeros(kernel.STATE)
-    state[[kernel.Q_U, kernel.Q_V]] = 33.3, 28.8
-    for at, angle in ((kernel.N1_U, angle_deg), (kernel.N2_U, angle_deg + between_deg)):
+    state = np.zeros(model.STATE)
+    state[[model.Q_U, model.Q_V]] = 33.3, 28.8
+    for at, angle in ((model.N1_U, angle_deg), (model.N2_U, angle_deg + between_deg)):
         state[at : at + 2] = math.cos(math.radians(angle)), math.sin(math.radians(angle))
-    state[[kernel.REACH_1, kernel.REACH_2]] = 14.0, 12.0
-    state[[kernel.SIGMA_1, kernel.SIGMA_2]] = sigmas_px
-    state[[kernel.SPACING_1, kernel.SPACING_2]] = 40.0
-    state[[kernel.LEVEL_U, kernel.LEVEL_V, kernel.CONTRAST_U, kernel.CONTRAST_V]] = 0.1, -0.2, 0.05, 0.1
-    state[kernel.SIGN], state[kernel.PER_CONTRAST] = -1.0, 0.01
+    state[[model.REACH_1, model.REACH_2]] = 14.0, 12.0
+    state[[model.SIGMA_1, model.SIGMA_2]] = sigmas_px
+    state[[model.SPACING_1, model.SPACING_2]] = 40.0
+    state[[model.LEVEL_U, model.LEVEL_V, model.CONTRAST_U, model.CONTRAST_V]] = 0.1, -0.2, 0.05, 0.1
+    state[model.SIGN], state[model.PER_CONTRAST] = -1.0, 0.01
     v, u = np.mgrid[0:60, 0:70]
     d = np.stack([u - 33.2, v - 29.0], axis=2) @ state[
-        [kernel.N1_U, kernel.N2_U, kernel.N1_V, kernel.N2_V]
+        [model.N1_U, model.N2_U, model.N1_V, model.N2_V]
     ].reshape(2, 2)
     noise = 5.0 * np.random.default_rng(int(angle_deg)).standard_normal(u.shape)
     profiles = np.tanh(1.2 * d / sigmas_px)
@@ -346,19 +371,19 @@ def test_kernel_against_its_twin(
     root = np.sqrt(weight)[:, None]
     solution = np.linalg.lstsq(columns * root, grey * root[:, 0], rcond=None)[0]
     residual = (grey - columns @ solution) * root[:, 0]
-    N = state[[kernel.N1_U, kernel.N1_V, kernel.N2_U, kernel.N2_V]].reshape(2, 2)
+    N = state[[model.N1_U, model.N1_V, model.N2_U, model.N2_V]].reshape(2, 2)
     delta = np.linalg.solve(N, solution[:2] / solution[3])
     covariance = np.linalg.inv((columns * root).T @ (columns * root))[:2, :2] / solution[3] ** 2
     covariance = np.linalg.inv(N) @ covariance @ np.linalg.inv(N).T
-    steps = np.full((1, kernel.STEP), np.nan)
-    kernel.step_corners(image, state[None], np.array([0]), 1, True, steps)
+    steps = np.full((1, model.STEP), np.nan)
+    step_corners(image, state[None], np.array([0]), 1, True, steps)
     step = steps[0]
-    np.testing.assert_allclose(step[[kernel.STEP_U, kernel.STEP_V]], delta, rtol=rtol, atol=1e-4)
-    np.testing.assert_allclose(step[[kernel.LEVEL, kernel.CONTRAST]], solution[2:4], rtol=rtol)
-    assert step[kernel.SAMPLES] == pytest.approx(weight.sum(), rel=1e-9)
-    assert step[kernel.SQUARES] == pytest.approx(np.sum(residual**2), rel=max(0.01, rtol))
+    np.testing.assert_allclose(step[[model.STEP_U, model.STEP_V]], delta, rtol=rtol, atol=1e-4)
+    np.testing.assert_allclose(step[[model.LEVEL, model.CONTRAST]], solution[2:4], rtol=rtol)
+    assert step[model.SAMPLES] == pytest.approx(weight.sum(), rel=1e-9)
+    assert step[model.SQUARES] == pytest.approx(np.sum(residual**2), rel=max(0.01, rtol))
     expected = covariance[[0, 0, 1], [0, 1, 1]]
-    stated = step[[kernel.COV_UU, kernel.COV_UV, kernel.COV_VV]]
+    stated = step[[model.COV_UU, model.COV_UV, model.COV_VV]]
     np.testing.assert_allclose(stated, expected, atol=5e-3 * np.abs(expected).max())
 
 
@@ -384,11 +409,11 @@ def test_the_maps_polynomial_is_that_of_least_squares() -> None:
 def twin_rows(image: np.ndarray, s: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """The kernel's rows for straight edges far from others, each pixel on its own, by the formulas of its docstring."""
     v, u = (a.ravel() for a in np.mgrid[0 : image.shape[0], 0 : image.shape[1]])
-    d = np.stack([u - s[kernel.Q_U], v - s[kernel.Q_V]], axis=1)
-    n = s[[kernel.N1_U, kernel.N1_V, kernel.N2_U, kernel.N2_V]].reshape(2, 2)
-    sigma, reach = s[[kernel.SIGMA_1, kernel.SIGMA_2]], s[[kernel.REACH_1, kernel.REACH_2]]
+    d = np.stack([u - s[model.Q_U], v - s[model.Q_V]], axis=1)
+    n = s[[model.N1_U, model.N1_V, model.N2_U, model.N2_V]].reshape(2, 2)
+    sigma, reach = s[[model.SIGMA_1, model.SIGMA_2]], s[[model.REACH_1, model.REACH_2]]
     x = d @ n.T / sigma
-    half = np.maximum(kernel.BAND * sigma, kernel.LEAST_BAND_PX - kernel.BAND * sigma / 1.5) / sigma
+    half = np.maximum(model.BAND * sigma, model.MIN_BAND_PX - model.BAND * sigma / 1.5) / sigma
     weights = []
     for k in range(2):
         axis = 1 if abs(n[k, 0]) >= abs(n[k, 1]) else 0  # lines run along the other one
@@ -413,10 +438,10 @@ def twin_rows(image: np.ndarray, s: np.ndarray) -> tuple[np.ndarray, np.ndarray,
             axis=1,
         )
         excess = 4.0 * bivariate_excess(x[used, 0], x[used, 1], rho)
-        T = s[kernel.SIGN] * (P[:, 0] * P[:, 1] + excess)
-        T_x = s[kernel.SIGN] * slope * given
-        contrast = d[used] @ s[[kernel.CONTRAST_U, kernel.CONTRAST_V]]
-        strong = (1.0 + contrast * s[kernel.PER_CONTRAST])[:, None]
+        T = s[model.SIGN] * (P[:, 0] * P[:, 1] + excess)
+        T_x = s[model.SIGN] * slope * given
+        contrast = d[used] @ s[[model.CONTRAST_U, model.CONTRAST_V]]
+        strong = (1.0 + contrast * s[model.PER_CONTRAST])[:, None]
         rows.append(
             np.column_stack(
                 [
@@ -428,7 +453,7 @@ def twin_rows(image: np.ndarray, s: np.ndarray) -> tuple[np.ndarray, np.ndarray,
                 ]
             )
         )
-        level = d[used] @ s[[kernel.LEVEL_U, kernel.LEVEL_V]]
+        level = d[used] @ s[[model.LEVEL_U, model.LEVEL_V]]
         greys.append(image[v[used], u[used]] - level - T * contrast)
         kept.append(weights[k][used])
     return np.concatenate(rows), np.concatenate(greys), np.concatenate(kept)

@@ -9,12 +9,13 @@ import numpy as np
 import pytest
 
 from core import calibrate_image
-from core.camera import Camera
-from core.errors import DetectionError, TargetMismatch, TargetNotFound
-from core.simulation import Scene, render
+from core.errors import DetectionError, OriginUnknown, TargetMismatch, TargetNotFound
+from core.geometry.camera import Camera
+from core.simulation import Scene
 from core.simulation.scenes import random_pose
-from core.targets.shown_instead import look_for
+from core.targets.failure_diagnosis import look_for
 from core.targets.specification import TargetSpec
+from tests.support.simulation.renders import render
 
 CAMERA = Camera(1000.0, 1000.0, 503.0, 396.0, k1=-0.1, k2=0.05)
 CHESSBOARD = TargetSpec("chessboard", 9, 6, 20.0)
@@ -92,5 +93,5 @@ def test_of_other_dictionaries_the_markers_tell(seed: int) -> None:
 def test_of_the_board_asked_for_but_hidden_nothing_else_is_said() -> None:
     shown = picture(CHESSBOARD, 6)
     shown[:, 350:650] = 90
-    with pytest.raises(TargetNotFound):
+    with pytest.raises(OriginUnknown):
         look_for(shown, CHESSBOARD)

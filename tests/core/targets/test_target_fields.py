@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from core.errors import InvalidTarget
-from core.simulation.patterns import DotPattern, pattern_of
-from core.targets.detect import check_detectable
+from core.targets.detection import check_detectable
+from core.targets.printed_pattern import DotPattern, pattern_of
 from core.targets.specification import KINDS, TargetSpec
 from core.targets.target_fields import check_fields, spacing_mm
 

@@ -16,13 +16,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from core.kinematics.axes import fit_axes
-from core.kinematics.common_normals import axes_of, restate
-from core.kinematics.cpa import AxesIdentification, identify_from_axes
+from core.geometry.se3 import invert, so3_exp, so3_log
+from core.kinematics.circle_point_analysis.common_normals import axes_of, reparametrise
+from core.kinematics.circle_point_analysis.covariance import ArcTree
+from core.kinematics.circle_point_analysis.identification import AxesIdentification, identify_from_axes
+from core.kinematics.joint_axes.axis_fit import fit_axes
 from core.kinematics.sweeps import JOINT_TOLERANCE, find_sweeps
-from core.kinematics.uncertain_axes import ArcTree
-from core.simulation import KR5_ARC, KR5_ARC_HOME, Arm, Repeatability, kr5_arc, measure_poses, sweep_angles
-from core.transforms import invert, so3_exp, so3_log
+from core.simulation import KR5_ARC, KR5_ARC_HOME, Arm, kr5_arc, sweep_angles
+from tests.support.simulation.simulated_poses import Repeatability, measure_poses
 
 ROBOT = Repeatability(0.1 / 3.616, math.radians(0.005))
 SPREAD_OF_ARMS = 0.07
@@ -51,7 +52,7 @@ def run(
 
 
 def off(arm: Arm, found: AxesIdentification) -> np.ndarray:
-    true = restate(arm.chain, [j.parallel_to_next for j in found.joints], KR5_ARC).as_array()
+    true = reparametrise(arm.chain, [j.parallel_to_next for j in found.joints], KR5_ARC).as_array()
     return np.where(found.identifiable, found.chain.as_array() - true, np.nan)
 
 

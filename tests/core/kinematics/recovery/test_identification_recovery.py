@@ -12,11 +12,11 @@ import numpy as np
 import pytest
 
 from core.kinematics.identification import Identification, identify
-from core.kinematics.on_points import identify_on_points
+from core.kinematics.identification_from_images import identify_from_images
 from core.simulation.arm import KR5_ARC, Arm, kr5_arc
-from core.simulation.sweeps import Repeatability, measure_poses
-from tests.core.kinematics.arms import angles, stated, told_truth
-from tests.core.kinematics.test_on_points import session
+from tests.support.simulation.arm_grid_points import common_fit, session
+from tests.support.simulation.arms import angles, stated, told_truth
+from tests.support.simulation.simulated_poses import Repeatability, measure_poses
 
 ROBOT = Repeatability(0.1 / 3.616, math.radians(0.005))  # RP_l .1 mm by ISO 9283
 SPREAD_OF_ARMS = 0.06
@@ -64,5 +64,6 @@ def test_grid_points_of_a_robot_that_scatters() -> None:
         arm, q, views, _ = session(
             100 + trial, count=40, position_mm=ROBOT.position_mm, rotation_rad=ROBOT.rotation_rad
         )
-        pairs.append(compared(arm, q, identify_on_points(views, q, KR5_ARC, folds=0).robot))
+        found = identify_from_images(common_fit(views), q, KR5_ARC, folds=0)
+        pairs.append(compared(arm, q, found.robot))
     assert_covered(pairs)

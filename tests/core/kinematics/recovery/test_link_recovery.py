@@ -8,14 +8,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from core.kinematics.axes import fit_axes
-from core.kinematics.link_targets import TargetLink
-from core.kinematics.poses import PoseData
+from core.geometry.se3 import invert, so3_exp, so3_log
+from core.kinematics.circle_point_analysis.covariance import ArcTree
+from core.kinematics.circle_point_analysis.target_registration import TargetLink
+from core.kinematics.joint_axes.axis_fit import fit_axes
+from core.kinematics.pose_observations import PoseData
 from core.kinematics.sweeps import JOINT_TOLERANCE, find_sweeps
-from core.kinematics.uncertain_axes import ArcTree
 from core.simulation.arm import KR5_ARC_HOME, Arm, free_angles, kr5_arc, sweep_angles
-from core.simulation.sweeps import Repeatability, camera_noise, measure_poses
-from core.transforms import invert, so3_exp, so3_log
+from tests.support.simulation.simulated_poses import Repeatability, camera_noise, measure_poses
 
 pytestmark = pytest.mark.slow
 

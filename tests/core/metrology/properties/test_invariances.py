@@ -7,8 +7,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from core.geometry.roll_pitch_yaw import rpy_to_rotation
+from core.geometry.se3 import so3_exp
 from core.metrology import PoseCycles, PoseRepeatability, assess_repeatability
-from core.transforms import rpy_to_rotation, so3_exp
 
 numbers_of_cycles = st.integers(2, 40)
 seeds = st.integers(0, 10_000)

@@ -12,10 +12,17 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
+from core.geometry.roll_pitch_yaw import rotation_to_rpy, rpy_to_rotation
+from core.geometry.se3 import so3_exp
 from core.metrology import PoseCycles, assess_repeatability
-from core.metrology.radial import eigenvalues, long_run_reading, reading_law
-from core.metrology.uncertainty import SOUND_FLOOR, Assessed, assess_radial, assess_three_sigma, still_lengths
-from core.transforms import rotation_to_rpy, rpy_to_rotation, so3_exp
+from core.metrology.intervals import (
+    MAX_FLOOR_SHARE,
+    IntervalEstimate,
+    assess_radial,
+    assess_three_sigma,
+    noise_only_lengths,
+)
+from core.metrology.rp_distribution import eigenvalues, long_run_rp, rp_sampling_distribution
 
 SHAPES = {
     "sphere": (1.0, 1.0, 1.0),
@@ -31,7 +38,7 @@ SHAPES = {
 def of_reading(shape: str, reading: float, turned: bool = False) -> np.ndarray:
     """Return the variances along x, y, z of a scatter with this long-run RP_l."""
     spectrum = np.array(SHAPES[shape])
-    variances = spectrum * (reading / float(long_run_reading(spectrum))) ** 2
+    variances = spectrum * (reading / float(long_run_rp(spectrum))) ** 2
     return variances[::-1] if turned else variances
 
 
@@ -43,8 +50,8 @@ class Trials:
     true_sigma: np.ndarray
     reading: np.ndarray
     sigma: np.ndarray
-    radial: Assessed
-    three_sigma: Assessed
+    radial: IntervalEstimate
+    three_sigma: IntervalEstimate
 
 
 def run(
@@ -72,7 +79,7 @@ def run(
         covariance,
         np.repeat(matrices.mean(axis=0)[None], trials, axis=0),
         np.full(trials, each.sum(axis=1).var()),
-        np.tile(still_lengths(matrices), (trials, 1)),
+        np.tile(noise_only_lengths(matrices), (trials, 1)),
         cycles,
     )
     variance = np.einsum("tii->ti", covariance)
@@ -103,8 +110,8 @@ def test_intervals_of_position_repeatability_cover_95_percent_within_2(n: int, s
     lengths = np.linalg.norm(d, axis=2)
     reading = lengths.mean(axis=1) + 3.0 * lengths.std(axis=1, ddof=1)
     spectra = eigenvalues(d.transpose(0, 2, 1) @ d / (n - 1))
-    low, high = reading_law(spectra, np.full(trials, float(n))).interval(reading)
-    truth = float(long_run_reading(spectrum))
+    low, high = rp_sampling_distribution(spectra, np.full(trials, float(n))).interval(reading)
+    truth = float(long_run_rp(spectrum))
     assert covered(low, high, truth) == pytest.approx(0.95, abs=0.02)
     # Neither end does the other's work: 2.5 % each, within 1.5.
     assert np.mean(truth < low) < 0.04
@@ -257,7 +264,7 @@ def test_corrected_intervals_of_position_cover_where_the_floor_is_low(
     # 4,000 trials know it to .35 %.
     assert inside == pytest.approx(0.95, abs=0.02)
     # What is withheld because the floor looks high would have missed more often than what is given.
-    given = result.radial.floor <= SOUND_FLOOR * result.reading
+    given = result.radial.floor <= MAX_FLOOR_SHARE * result.reading
     assert given.mean() > 0.7
     stated = covered(result.radial.corrected_low[given], result.radial.corrected_high[given], ratio)
     assert stated > 0.93
@@ -284,7 +291,7 @@ def test_six_dimensional_poses_through_the_door() -> None:
     J = np.eye(6)
     J[3:, 3:] = np.array(columns).T
     total = J @ (robot + noise) @ J.T
-    truth = {"position_mm": float(long_run_reading(eigenvalues(total[:3, :3])))} | {
+    truth = {"position_mm": float(long_run_rp(eigenvalues(total[:3, :3])))} | {
         name: 3.0 * math.sqrt(total[k, k])
         for k, name in enumerate(("x_mm", "y_mm", "z_mm", "roll", "pitch", "yaw"))
     }

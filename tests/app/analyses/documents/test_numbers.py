@@ -1,0 +1,133 @@
+"""Numbers have the digits that their use supports, in every analysis."""
+
+from __future__ import annotations
+
+import json
+import math
+import re
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+import numpy as np
+import pytest
+
+from app.analyses.documents.findings import Findings, findings_document
+from app.analyses.inputs.session_loader import load_session, read_markers
+from app.analyses.inputs.snapshot import read_snapshot
+from app.analyses.json_text import SIGNIFICANT_DIGITS, encode, rounded
+from app.analyses.worker import ANALYSES as FUNCTIONS
+from app.analyses.worker import comparison_findings
+from tests.support.sessions.robot_session import ANALYSES, RobotSession
+
+_TEXTS = re.compile(rb'"(?:[^"\\]|\\.)*"')
+SETTINGS = {
+    "estimator": "pooled",
+    "source": "images",
+    "method": "global",
+    "joint_tolerance_deg": "0.02",
+}
+
+
+def documents(robot_session: RobotSession) -> Iterator[tuple[str, dict[str, Any]]]:
+    """Yield each analysis with its document before rounding."""
+    with robot_session.api.installation.database.read() as records:
+        data = load_session(records, read_snapshot(records, robot_session.id))
+        markers = read_markers(records, robot_session.id)
+    for analysis in ANALYSES:
+        name = analysis.replace("-", "_")
+        found = (
+            comparison_findings(data, markers) if name == "comparison" else FUNCTIONS[name](data, SETTINGS)
+        )
+        assert isinstance(found, Findings)
+        yield analysis, findings_document({}, found, data)
+
+
+def pairs(exact: Any, shown: Any) -> Iterator[tuple[float, float]]:
+    """Yield every number of a document with that of the rounded one."""
+    if isinstance(exact, Mapping):
+        assert exact.keys() == shown.keys()
+        for name in exact:
+            yield from pairs(exact[name], shown[name])
+    elif isinstance(exact, list | tuple):
+        for one, other in zip(exact, shown, strict=True):
+            yield from pairs(one, other)
+    elif isinstance(exact, float):
+        yield exact, shown
+    else:
+        assert exact == shown
+
+
+def uncertain(exact: Any, shown: Any) -> Iterator[tuple[float, float, float]]:
+    """Yield values that have a standard uncertainty: exact, shown, and the uncertainty."""
+    if isinstance(exact, list | tuple):
+        for one, other in zip(exact, shown, strict=True):
+            yield from uncertain(one, other)
+    if not isinstance(exact, Mapping):
+        return
+    for name in exact:
+        yield from uncertain(exact[name], shown[name])
+    stated = exact.get("standard_uncertainty")
+    for name, u in (stated or {}).items():
+        for one, other in (
+            (exact, shown),
+            *((exact.get(p), shown.get(p)) for p in ("intrinsics", "distortion")),
+        ):
+            if one and isinstance(one.get(name), float) and u:
+                yield one[name], other[name], u
+    if stated and "position_mm" in exact and "x_mm" in stated:
+        for axis, one, other in zip("xyz", exact["position_mm"], shown["position_mm"], strict=True):
+            yield one, other, stated[f"{axis}_mm"]
+
+
+def digits(text: bytes) -> int:
+    return len(text.lstrip(b"-").partition(b"e")[0].replace(b".", b"").strip(b"0"))
+
+
+def test_no_number_is_longer_than_its_use_supports_and_none_too_short(robot_session: RobotSession) -> None:
+    for analysis, exact in documents(robot_session):
+        text = encode(exact)
+        shown = json.loads(text)
+        assert max(map(digits, re.findall(rb"-?[0-9][0-9.]*(?:e[-+]?[0-9]+)?", _TEXTS.sub(b"", text)))) <= (
+            SIGNIFICANT_DIGITS
+        ), analysis
+        assert encode(shown) == text, "a rounded document is rounded"
+        checked = list(uncertain(exact, shown))
+        assert bool(checked) == (
+            analysis in ("intrinsics", "camera-poses", "hand-eye", "repeatability", "dh")
+        )
+        assert all(abs(one - other) <= u / 200.0 for one, other, u in checked), analysis
+        bound = max((u for *_, u in checked), default=0.0)
+        for one, other in pairs(exact, shown):
+            assert abs(one - other) <= max(1e-9 * abs(one), bound / 200.0)
+
+
+def test_matrices_are_still_rotations_and_covariances(robot_session: RobotSession) -> None:
+    rows = robot_session.get("camera-poses").json()["camera_poses"]
+    poses = [row["pose"] for row in rows if row["pose"] is not None]
+    assert len(poses) > 20
+    for pose in poses:
+        R = np.array(pose["rotation"])
+        assert np.max(np.abs(R @ R.T - np.eye(3))) < 1e-9
+        for name in ("covariance", "covariance_given_camera"):
+            C = np.array(pose[name])
+            unit = 1.0 / np.sqrt(np.diag(C))
+            assert np.linalg.eigvalsh(C * np.outer(unit, unit))[0] > -1e-9
+
+
+@pytest.mark.parametrize("u", [0.3, 9.9e-7, 12.0, 1.0])
+def test_a_value_has_four_places_after_the_first_digit_of_its_uncertainty(u: float) -> None:
+    value = 1234.567891234567
+    shown = rounded({"a_mm": value, "standard_uncertainty": {"a_mm": u}})["a_mm"]
+    step = 10.0 ** (math.floor(math.log10(u)) - 4)
+    assert abs(shown - value) <= max(0.5 * step, 5e-10 * value) * 1.001
+    assert shown == rounded({"a_mm": shown, "standard_uncertainty": {"a_mm": u}})["a_mm"]
+
+
+@pytest.mark.parametrize("u", [0.0, None])
+def test_without_an_uncertainty_a_value_has_ten_digits(u: float | None) -> None:
+    found = rounded({"a_mm": -1234.567891234567, "standard_uncertainty": {"a_mm": u}, "n": 3, "zero": -0.0})
+    assert json.dumps(found) == json.dumps(
+        {"a_mm": -1234.567891, "standard_uncertainty": {"a_mm": u}, "n": 3, "zero": 0.0}
+    )
+    with pytest.raises(ValueError, match="JSON"):
+        encode({"a": math.nan})

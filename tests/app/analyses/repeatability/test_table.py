@@ -1,0 +1,206 @@
+"""The table of repeatability over HTTP: it holds the truth, whichever estimator and target it is of."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+
+from core.geometry.roll_pitch_yaw import rpy_to_rotation
+from core.geometry.se3 import compose, invert, transform
+from core.targets.specification import TargetSpec
+from tests.support.sessions.repeatability import KEYS, table
+from tests.support.sessions.stored_sessions import (
+    BOARD,
+    CAMERA,
+    Store,
+    look,
+    new_session,
+    shoot,
+)
+
+# RP_l of isotropic scatter σ: the mean of |d| and three times its standard deviation, Maxwell's law.
+RP_OF_SIGMA = math.sqrt(8.0 / math.pi) + 3.0 * math.sqrt(3.0 - 8.0 / math.pi)
+
+
+def test_the_table_holds_the_truth(api: Any, store: Store) -> None:
+    session = new_session(api)
+    ids = store(api, session, shoot(seed=3, cycles=30))
+    document = table(api, session)
+    assert (document["estimator"], document["source"], document["confidence_level"]) == (
+        "pooled",
+        "images",
+        0.95,
+    )
+    assert [row["pose_id"] for row in document["poses"]] == ["P1", "P2", "P3", "P4", "P5"]
+    assert sorted(one for row in document["poses"] for one in row["measurement_ids"]) == sorted(ids)
+    sigma, degrees = 0.05, math.degrees(0.05e-3)
+    true = {"rp_l_mm": RP_OF_SIGMA * sigma} | dict.fromkeys(KEYS[1:4], 3.0 * sigma)
+    inside = []
+    for row in document["poses"]:
+        assert (row["cycles"], row["verdict"], row["excluded"], row["without_outliers"]) == (
+            30,
+            "robot",
+            [],
+            None,
+        )
+        assert row["noise_floor"]["rp_l_mm"] < 0.25 * row["repeatability"]["rp_l_mm"]
+        for name, value in true.items():
+            low, high = row["interval"][name]
+            inside.append(low < value < high)
+        assert row["corrected"]["rp_l_mm"] == pytest.approx(true["rp_l_mm"], rel=0.35)
+        rotation = rpy_to_rotation(
+            np.radians([row["mean"][f"{name}_deg"] for name in ("roll", "pitch", "yaw")])
+        )
+        assert rotation[2, 2] > 0.7  # the camera looks at the board
+        # Angles scatter by the robot's 3 σ, as the mapping to roll, pitch and yaw magnifies it, and the noise.
+        assert 2.0 * degrees < row["repeatability"]["rp_yaw_deg"] < 6.0 * degrees
+    # 20 intervals of 95 %: fewer than 15 inside has a probability of 3e-4, were they independent.
+    assert sum(inside) >= 15
+    (group,) = document["groups"]
+    assert (group["focus_group"], group["image_count"]) == ("default", 150)
+    assert [warning["code"] for warning in document["warnings"]] == ["accuracy_unavailable"]
+    assert document["poses"][0]["accuracy"] is None
+
+
+def test_a_motionless_robot_is_not_measured_by_its_camera(api: Any, store: Store) -> None:
+    session = new_session(api)
+    store(api, session, shoot(seed=4, poses=4, cycles=12, repeatability_mm=0.0))
+    for row in table(api, session)["poses"]:
+        assert row["verdict"] == "instrument_limited"
+        assert row["noise_floor"]["rp_l_mm"] == pytest.approx(row["repeatability"]["rp_l_mm"], rel=0.5)
+        assert row["corrected"]["rp_l_mm"] < row["repeatability"]["rp_l_mm"]
+
+
+def test_no_row_is_the_robots_whose_camera_was_not_steady(api: Any, store: Store) -> None:
+    """A focus that changes from cycle to cycle at one pose scatters there; one that differs from pose to pose, or a
+    print that is not as stated, does not."""
+    zoomed = dataclasses.replace(CAMERA, fx_px=1.004 * CAMERA.fx_px, fy_px=1.004 * CAMERA.fy_px)
+    rng = np.random.default_rng(2)
+    shots = [
+        dataclasses.replace(shot, points=look(rng, invert(shot.T_target_camera), camera=zoomed))
+        if shot.pose_id == "P3" and (shot.cycle or 0) % 2 == 0
+        else shot
+        for shot in shoot(seed=3, cycles=12)
+    ]
+    session = new_session(api)
+    store(api, session, shots)
+    mixed = table(api, session)
+    codes = [warning["code"] for warning in mixed["warnings"]]
+    assert {"intrinsics_vary_between_images", "intrinsics_drift"} <= set(codes)
+    verdicts = {row["pose_id"]: row["verdict"] for row in mixed["poses"]}
+    assert verdicts.pop("P3") == "instrument_limited"
+    assert set(verdicts.values()) == {"robot"}
+    for row in mixed["poses"]:  # how much of P3's scatter the camera made is not known: nothing is taken off
+        assert (row["corrected"] == row["repeatability"]) == (row["pose_id"] == "P3")
+    # Another lens at P3, in all of its cycles: one camera does not explain that, and yet nothing scatters by it.
+    rng = np.random.default_rng(2)
+    between = [
+        dataclasses.replace(shot, points=look(rng, invert(shot.T_target_camera), camera=zoomed))
+        if shot.pose_id == "P3"
+        else shot
+        for shot in shoot(seed=3, cycles=12)
+    ]
+    session = new_session(api)
+    store(api, session, between)
+    steady = table(api, session)
+    assert "intrinsics_vary_between_images" in [warning["code"] for warning in steady["warnings"]]
+    assert "intrinsics_drift" not in [warning["code"] for warning in steady["warnings"]]
+    assert {row["verdict"] for row in steady["poses"]} == {"robot"}
+
+
+@pytest.mark.parametrize("estimator", ["pooled_free_focal", "per_image", "per_image_fixed_pp", "given"])
+def test_every_estimator_gives_a_table(api: Any, store: Store, estimator: str) -> None:
+    session = new_session(api, intrinsics=dataclasses.asdict(CAMERA))
+    store(api, session, shoot(seed=5, cycles=10))
+    document = table(api, session, estimator=estimator)
+    assert document["estimator"] == estimator
+    floors = [row["noise_floor"]["rp_l_mm"] for row in document["poses"]]
+    pooled = [row["noise_floor"]["rp_l_mm"] for row in table(api, session)["poses"]]
+    if estimator == "given":
+        assert floors == pytest.approx(pooled, rel=0.01)
+    else:
+        assert np.mean(floors) > 1.5 * np.mean(pooled)
+
+
+def test_poses_of_one_cycle_are_rows_of_nulls(api: Any, store: Store) -> None:
+    session = new_session(api)
+    store(api, session, shoot(cycles=1))
+    document = table(api, session)
+    assert [row["cycles"] for row in document["poses"]] == [1] * 5
+    assert "too_few_cycles" in {warning["code"] for warning in document["warnings"]}
+
+
+def test_an_outlier_counts_and_is_named(api: Any, store: Store) -> None:
+    shots = shoot(seed=10, poses=4, cycles=12)
+    rng = np.random.default_rng(1)
+    knocked = compose(transform(np.eye(3), np.array([0.0, 9.0, 0.0])), shots[8].T_target_camera)
+    shots[8] = dataclasses.replace(shots[8], points=look(rng, invert(knocked)))
+    session = new_session(api)
+    ids = store(api, session, shots)
+    row = table(api, session)["poses"][0]
+    (outlier,) = row["outliers"]
+    assert (outlier["measurement_id"], outlier["code"], outlier["cycle"]) == (
+        ids[8],
+        "position_outlier",
+        shots[8].cycle,
+    )
+    assert outlier["distance_mm"] == pytest.approx(9.0, abs=0.5)
+    assert (row["cycles"], row["excluded"]) == (12, [])
+    assert row["repeatability"]["rp_l_mm"] > 5.0 > row["without_outliers"]["rp_l_mm"]
+
+
+def test_views_that_one_image_is_refused_for_are_measured_by_the_pool(api: Any, store: Store) -> None:
+    session = new_session(api)
+    shots = shoot(seed=11, poses=3, cycles=10)
+    flat = [
+        dataclasses.replace(shot, pose_id="F" + shot.pose_id)
+        for shot in shoot(seed=12, poses=2, cycles=10, tilt_deg=1.0)
+    ]
+    store(api, session, [*shots, *flat])
+    rows = {row["pose_id"]: row for row in table(api, session)["poses"]}
+    assert [rows[name]["cycles"] for name in ("FP1", "FP2", "P1")] == [10, 10, 10]
+    alone = {row["pose_id"]: row for row in table(api, session, estimator="per_image")["poses"]}
+    assert {e["code"] for e in alone["FP1"]["excluded"]} == {"focal_not_observable"}
+    assert alone["FP1"]["cycles"] + len(alone["FP1"]["excluded"]) == 10
+
+
+def test_a_pose_is_given_in_one_target_s_frame(api: Any, store: Store) -> None:
+    second = TargetSpec("chessboard", 8, 5, 10.0)
+    session = new_session(api, BOARD, second)
+    first_id, second_id = api.client.get(f"/v1/sessions/{session}").json()["target_ids"]
+    shots = shoot(seed=13, poses=3, cycles=3)
+    store(api, session, shots, first_id)
+    rng = np.random.default_rng(5)
+    also = [
+        dataclasses.replace(s, cycle=9, points=look(rng, invert(s.T_target_camera), board=second))
+        for s in shots[:2]
+    ]
+    others = store(api, session, also, second_id)
+    rows = table(api, session)["poses"]
+    assert [(row["cycles"], [e["code"] for e in row["excluded"]]) for row in rows] == [
+        (3, ["images_of_other_target"]),
+        (3, ["images_of_other_target"]),
+        (3, []),
+    ]
+    assert rows[0]["excluded"][0]["measurement_id"] == others[0]
+
+
+def test_drift_is_told_over_blocks_of_cycles(api: Any, store: Store) -> None:
+    shots = []
+    rng = np.random.default_rng(2)
+    for shot in shoot(seed=17, poses=2, cycles=24):
+        assert shot.cycle is not None
+        moved = transform(np.eye(3), np.array([0.02 * shot.cycle, 0.0, 0.0]))
+        true = compose(moved, shot.T_target_camera)
+        shots.append(dataclasses.replace(shot, points=look(rng, invert(true)), T_target_camera=true))
+    session = new_session(api)
+    store(api, session, shots)
+    drift = table(api, session)["drift"]
+    for pose in drift["poses"]:
+        # The second block has 14 cycles: from the mean of 1-10 to that of 11-24.
+        assert pose["shift_mm"][0] == pytest.approx(0.02 * 12.0, abs=0.08)
+        assert [(b["first_cycle"], b["last_cycle"]) for b in pose["blocks"]] == [(1, 10), (11, 24)]

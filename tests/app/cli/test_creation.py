@@ -1,0 +1,194 @@
+"""The commands that create, against a real server: from options, from a file, and what is refused."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from typer.testing import CliRunner, Result
+
+from app.cli.main import app
+from tests.support.service.service import ApiMaker
+
+BOARD = ("--kind", "chessboard", "--columns", "9", "--rows", "6", "--pitch-mm", "25")
+JOINTS = [
+    {"name": "A1", "a_mm": 180.0, "alpha_deg": -90.0, "d_mm": 400.0},
+    {"name": "A2", "a_mm": 600.0, "alpha_deg": 0.0, "d_mm": 0.0, "theta_offset_deg": -90.0},
+]
+
+
+@pytest.fixture(scope="module")
+def served(serve_api: ApiMaker) -> Iterator[Any]:
+    with serve_api() as api:
+        yield api
+
+
+def gridpose(api: Any, *arguments: str, code: int = 0) -> Result:
+    """Run a command in this process."""
+    key = api.client.headers["authorization"].removeprefix("Bearer ")
+    settings = {"GRIDPOSE_URL": str(api.client.base_url), "GRIDPOSE_KEY": key}
+    done = CliRunner().invoke(app, [*arguments, "--retry-timeout", "0"], env=settings)
+    assert done.exit_code == code, done.output
+    return done
+
+
+def made(api: Any, noun: str, *arguments: str) -> dict[str, Any]:
+    """Create something and return it as the service has it."""
+    done = gridpose(api, noun, "create", *arguments)
+    (found_id,) = [line for line in done.stdout.splitlines() if line.startswith(("tgt_", "rob_", "ses_"))]
+    document: dict[str, Any] = api.client.get(f"/v1/{noun}/{found_id}").json()
+    return document
+
+
+def test_a_target_is_made_from_options_and_from_a_file(served: Any, tmp_path: Path) -> None:
+    target = made(served, "targets", "A4 [board]", *BOARD, "--pitch-sigma-mm", "0.01")
+    assert (target["name"], target["kind"], target["columns"]) == ("A4 [board]", "chessboard", 9)
+    assert target["pitch_standard_uncertainty_mm"] == 0.01
+    file = tmp_path / "board.yaml"
+    file.write_text(
+        "name: from file\nkind: charuco\ncolumns: 8\nrows: 5\npitch_mm: 30\nmarker_mm: 22\ndictionary: DICT_5X5_100\n",
+        encoding="utf-8",
+    )
+    target = made(served, "targets", "--file", str(file), "--columns", "9")
+    assert (target["name"], target["columns"], target["dictionary"]) == ("from file", 9, "DICT_5X5_100")
+
+
+def test_a_robot_is_made_from_options_and_from_a_file(served: Any, tmp_path: Path) -> None:
+    joints = ("--joint", "180:-90:400", "--joint", "600:0:0:-90:-170:170")
+    robot = made(served, "robots", "arm", *joints, "--datasheet-repeatability-mm", "0.05")
+    first, second = robot["joints"]
+    assert (first["a_mm"], first["alpha_deg"], first["d_mm"]) == (180.0, -90.0, 400.0)
+    assert (second["theta_offset_deg"], second["minimum_deg"], second["maximum_deg"]) == (
+        -90.0,
+        -170.0,
+        170.0,
+    )
+    assert robot["datasheet_repeatability_mm"] == 0.05
+    file = tmp_path / "arm.json"
+    file.write_text(json.dumps({"name": "stored", "joints": JOINTS}), encoding="utf-8")
+    robot = made(served, "robots", "other", "--file", str(file))
+    assert robot["name"] == "other"
+    assert [joint["name"] for joint in robot["joints"]] == ["A1", "A2"]
+
+
+def test_a_session_is_made_with_its_targets_robot_and_lens(served: Any) -> None:
+    target, robot = served.make_target(), made(served, "robots", "cell 7", "--joint", "180:-90:400")
+    lens = ("--focal-length-mm", "8", "--pixel-pitch-um", "3.45")
+    session = made(
+        served, "sessions", "S", "--target", target, "--target", "circles:7x5:10", "--robot", "cell 7", *lens
+    )
+    assert session["target_ids"][0] == target
+    assert len(session["target_ids"]) == 2
+    assert session["robot_id"] == robot["id"]
+    assert session["lens"] == {"focal_length_mm": 8.0, "pixel_pitch_um": 3.45}
+
+
+@pytest.mark.parametrize(
+    ("arguments", "code"),
+    [
+        (("targets", "create", "board", "--kind", "chessboard"), 2),
+        (("targets", "create", *BOARD), 2),
+        (("targets", "create", "board", *BOARD[:-1], "-25"), 1),
+        (("robots", "create", "arm"), 2),
+        (("robots", "create", "arm", "--joint", "180:-90"), 2),
+        (("robots", "create", "arm", "--joint", "180:-90:nan"), 2),
+        (("sessions", "create", "S"), 2),
+        (("sessions", "create", "S", "--target", "tgt_none"), 1),
+        (("sessions", "create", "S", "--target", "chessboard:9x6:25", "--focal-length-mm", "8"), 2),
+        (("sessions", "create", "S", "--target", "chessboard:9x6:25", "--robot", "none"), 1),
+    ],
+)
+def test_what_cannot_be_made_ends_with_a_code_and_advice(
+    served: Any, arguments: tuple[str, ...], code: int
+) -> None:
+    assert gridpose(served, *arguments, code=code).stderr.strip()
+
+
+@pytest.mark.parametrize(
+    ("name", "text"), [("a.json", "[1]"), ("a.json", "{"), ("a.yaml", "a: &a 1\nb: *a\n"), ("a.yaml", "a: [")]
+)
+def test_a_file_that_does_not_describe_anything_is_refused(
+    served: Any, tmp_path: Path, name: str, text: str
+) -> None:
+    (tmp_path / name).write_text(text, encoding="utf-8")
+    gridpose(served, "robots", "create", "arm", "--file", str(tmp_path / name), code=2)
+
+
+def poses_of(api: Any, session: str) -> dict[str, dict[str, Any]]:
+    items = api.client.get(f"/v1/sessions/{session}/poses").json()["items"]
+    return {item.pop("pose_id"): item for item in items}
+
+
+def test_poses_are_loaded_from_a_table_with_gaps(served: Any, tmp_path: Path) -> None:
+    session = served.make_session()
+    file = tmp_path / "poses.csv"
+    file.write_text(
+        "pose_id;x_mm;y_mm;z_mm;yaw_deg;j1_deg;j2_deg;approach\nP1;1,5;2;-3;90;10;-20,25;left\nP2;;;;;;;\n",
+        encoding="cp1252",
+    )
+    gridpose(served, "poses", "load", str(file), "--session", session)
+    stored = poses_of(served, session)
+    assert stored["P1"] == {
+        "position_mm": [1.5, 2.0, -3.0],
+        "roll_deg": None,
+        "pitch_deg": None,
+        "yaw_deg": 90.0,
+        "joint_angles_deg": [10.0, -20.25],
+        "approach": "left",
+    }
+    assert not any(value is not None for value in stored["P2"].values())
+
+
+def test_poses_are_loaded_from_json_and_replaced_whole(served: Any, tmp_path: Path) -> None:
+    session = served.make_session()
+    file = tmp_path / "poses.json"
+    file.write_text(json.dumps({"P1": {"joint_angles_deg": [1, 2]}, "P2": {"roll_deg": 3}}), encoding="utf-8")
+    gridpose(served, "poses", "load", str(file), "--session", session)
+    file.write_text(json.dumps([{"pose_id": "P1", "pitch_deg": 4}]), encoding="utf-8")
+    gridpose(served, "poses", "load", str(file), "--session", session)
+    stored = poses_of(served, session)
+    assert (stored["P1"]["joint_angles_deg"], stored["P1"]["pitch_deg"]) == (None, 4.0)
+    assert stored["P2"]["roll_deg"] == 3.0
+
+
+@pytest.mark.parametrize(
+    ("table", "code", "named"),
+    [
+        ("pose_id,x_mm\nP1,1\n", 2, "line 2"),
+        ("pose_id,j2_deg\nP1,1\n", 2, "line 2"),
+        ("pose_id,yaw_deg\nP1,north\n", 2, "yaw_deg"),
+        ("pose_id,speed\nP1,5\n", 2, "speed"),
+        ("yaw_deg\n5\n", 2, "pose_id"),
+        ("pose_id,yaw_deg\n", 2, "pose_id"),
+        ("pose_id,yaw_deg\nP1,5\n.P2,5\n", 1, "line 3"),
+        ("pose_id,yaw_deg\nP1,5\nP1,6\n", 1, "line 3"),
+    ],
+)
+def test_a_wrong_table_names_the_line_and_stores_nothing(
+    served: Any, tmp_path: Path, table: str, code: int, named: str
+) -> None:
+    session = served.make_session()
+    file = tmp_path / "poses.csv"
+    file.write_text(table, encoding="utf-8")
+    refused = gridpose(served, "poses", "load", str(file), "--session", session, code=code)
+    assert named in refused.stderr
+    assert poses_of(served, session) == {}
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ("targets", "board", *BOARD[:-1], "0.025"),
+        ("robots", "arm", "--joint", "0.18:-90:400", "--joint", "0.6:0:0"),
+    ],
+)
+def test_values_in_another_unit_are_made_only_if_the_user_insists(
+    served: Any, arguments: tuple[str, ...]
+) -> None:
+    noun, name, *options = arguments
+    refused = gridpose(served, noun, "create", name, *options, code=1)
+    assert "--accept-implausible" in " ".join(refused.output.split())
+    assert made(served, noun, name, *options, "--accept-implausible")["name"] == name

@@ -1,0 +1,76 @@
+"""The table of commands: places exist, summaries are those of the commands, nothing is imported before it runs."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from collections.abc import Iterator
+
+import pytest
+from typer.core import TyperGroup
+from typer.main import get_command
+from typer.testing import CliRunner
+
+from app.cli.lazy import LazyCommand
+from app.cli.main import app
+
+
+def lazy_commands() -> Iterator[tuple[str, LazyCommand]]:
+    root = get_command(app)
+    assert isinstance(root, TyperGroup)
+    for name, command in root.commands.items():
+        if isinstance(command, LazyCommand):
+            yield name, command
+        else:
+            assert isinstance(command, TyperGroup)
+            for second, inner in command.commands.items():
+                assert isinstance(inner, LazyCommand)
+                yield f"{name} {second}", inner
+
+
+COMMANDS = dict(lazy_commands())
+
+
+def test_the_table_holds_every_command() -> None:
+    assert sorted(COMMANDS) == sorted(
+        [
+            *("serve", "worker", "doctor", "backup", "restore", "upload", "demo", "version"),
+            *("keys create", "keys list", "keys revoke", "schema show", "schema downgrade"),
+            *("robots export", "robots plan", "measured-poses import", "targets print", "targets check"),
+            *(f"measurements {verb}" for verb in ("list", "show", "correct", "exclude", "include")),
+            *("measurements delete", "measurements retry", "measured-poses delete"),
+            *(f"sessions {verb}" for verb in ("list", "show", "change", "reprocess", "delete")),
+            *("targets list", "targets delete", "robots list", "robots delete"),
+            *("targets create", "robots create", "sessions create", "poses load"),
+        ]
+    )
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_a_summary_is_the_first_sentence_of_the_command(name: str) -> None:
+    command = COMMANDS[name]
+    first, *_ = command.load().help.split("\n\n")
+    assert " ".join(first.split()) == command.help
+
+
+def test_the_code_a_command_returns_is_the_exit_code() -> None:
+    runner = CliRunner()
+    assert runner.invoke(app, ["version"]).exit_code == 0
+    assert runner.invoke(app, ["targets", "print", "--kind", "circles"]).exit_code == 2
+    assert runner.invoke(app, ["targets", "print", "--nothing"]).exit_code == 2
+
+
+def test_help_imports_no_command() -> None:
+    script = (
+        "import sys\n"
+        "from typer.testing import CliRunner\n"
+        "from app.cli.main import app\n"
+        "for arguments in ([], ['keys'], ['targets']):\n"
+        "    assert CliRunner().invoke(app, [*arguments, '--help']).exit_code == 0\n"
+        "loaded = [m for m in sys.modules if m.startswith(('app.', 'core')) and not m.startswith('app.cli')]\n"
+        "loaded += [m for m in sys.modules if m.count('.') > 2 and m.startswith('app.cli.')]\n"
+        "loaded += [m for m in ('sqlalchemy', 'fastapi', 'cv2', 'numpy', 'httpx2') if m in sys.modules]\n"
+        "sys.exit(', '.join(loaded) or 0)\n"
+    )
+    ended = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=False)
+    assert ended.returncode == 0, ended.stderr

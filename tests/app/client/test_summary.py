@@ -1,0 +1,50 @@
+"""The sentence about a session's images."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+
+from app.client import describe_measured, is_measured
+
+CAMERA = {"intrinsics": {"fx_px": 1000.0}, "standard_uncertainty": {"fx_px": 4.0}}
+
+
+def measurement(grade: str | None = None, code: str | None = None) -> dict[str, Any]:
+    return {
+        "status": "succeeded" if code is None else "failed",
+        "calibration": None if grade is None else {"grade": grade},
+        "failure": None if code is None else {"code": code},
+    }
+
+
+WEAK, DETERMINED = measurement("weak"), measurement("determined")
+FLAT, LOST = measurement(code="focal_not_observable"), measurement(code="target_not_found")
+
+
+def test_images_whose_points_serve_are_measured() -> None:
+    assert [is_measured(m) for m in (WEAK, DETERMINED, FLAT, LOST)] == [True, True, True, False]
+
+
+@pytest.mark.parametrize(
+    ("measurements", "cameras", "numbers"),
+    [
+        ([WEAK] * 5 + [FLAT] * 3, [CAMERA], "8 photographs measured; 0 determine the camera by themselves, "),
+        ([DETERMINED, WEAK, LOST], [CAMERA], "2 photographs measured; 1 determines the camera by itself, "),
+    ],
+)
+def test_the_session_camera_is_named_with_its_uncertainty(
+    measurements: list[dict[str, Any]], cameras: list[dict[str, Any]], numbers: str
+) -> None:
+    assert describe_measured(measurements, cameras) == numbers + "the session's camera does (± 0.4 %)"
+
+
+def test_the_least_certain_of_several_cameras_counts() -> None:
+    other = {"intrinsics": {"fx_px": 1000.0}, "standard_uncertainty": {"fx_px": 10.0}}
+    assert describe_measured([WEAK] * 2, [CAMERA, other]).endswith("the session's 2 cameras do (± 1 %)")
+
+
+def test_no_camera_is_claimed_where_there_is_none() -> None:
+    assert "±" not in describe_measured([FLAT], None)
+    assert describe_measured([LOST], None).startswith("0 photographs measured")

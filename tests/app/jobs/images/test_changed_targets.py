@@ -1,0 +1,117 @@
+"""The targets of a session change: which images are searched again, and what becomes of their rows."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from app.jobs.queue import JobResult
+from tests.support.service.searches import shown
+
+
+def change(api: Any, session_id: str, *target_ids: str) -> None:
+    response = api.client.patch(f"/v1/sessions/{session_id}", json={"target_ids": target_ids})
+    assert response.status_code == 200, response.text
+    assert response.json()["target_ids"] == list(target_ids)
+
+
+def search(api: Any, *places: int) -> list[str]:
+    """Let the one job that waits find the targets at these places of its list; return what it searched for."""
+    (job,) = api.installation.queue.claim(9)
+    assert api.installation.queue.finish([JobResult(job, shown(job, *places), 100.0)]) == 1
+    return [sought.target_id for sought in job.targets]
+
+
+def rows(api: Any, session_id: str) -> list[tuple[Any, ...]]:
+    return [(m["id"], m["target_id"], m["status"]) for m in api.measurements(session_id)]
+
+
+def test_a_wrong_target_is_replaced_and_its_images_are_searched_again(any_api: Any, grey_png: bytes) -> None:
+    api = any_api
+    wrong, right = api.make_target(), api.make_target(columns=7)
+    session_id = api.make_session(wrong)
+    measurement_id = api.put_image(session_id, grey_png).json()["id"]
+    search(api, 0)
+    before = api.measurement(measurement_id)
+    change(api, session_id, right)
+    waiting = api.measurement(measurement_id)
+    assert waiting == {**before, "status": "queued", "attempts": 0}, "the result stays until it is replaced"
+    assert search(api, 0) == [right]
+    assert rows(api, session_id) == [(measurement_id, right, "succeeded")]
+    assert api.client.delete(f"/v1/targets/{wrong}").status_code == 204, "nothing refers to it any more"
+    change(api, session_id, right)
+    assert api.installation.queue.claim(9) == (), "the same targets change nothing"
+
+
+def test_an_image_sent_with_a_target_that_went_is_searched_for_those_there_are(
+    any_api: Any, grey_png: bytes
+) -> None:
+    api = any_api
+    wrong, one, two = (api.make_target(columns=5 + k) for k in range(3))
+    session_id = api.make_session(wrong, one)
+    named = api.put_image(session_id, grey_png, target_id=wrong).json()["id"]
+    search(api, 0)
+    change(api, session_id, one, two)
+    assert search(api, 0, 1) == [one, two]
+    assert [row[1:] for row in rows(api, session_id)] == [(one, "succeeded"), (two, "succeeded")]
+    assert api.put_image(session_id, grey_png).json()["id"] == named, (
+        "it was searched as if sent without a target"
+    )
+
+
+def test_where_nothing_is_found_the_measurement_has_no_target(any_api: Any, grey_png: bytes) -> None:
+    api = any_api
+    first, second = api.make_target(), api.make_target(columns=7)
+    session_id = api.make_session(first)
+    measurement_id = api.put_image(session_id, grey_png).json()["id"]
+    search(api, 0)
+    change(api, session_id, second)
+    search(api)
+    assert rows(api, session_id) == [(measurement_id, None, "failed")]
+    change(api, session_id, first)
+    assert search(api, 0) == [first]
+    assert rows(api, session_id) == [(measurement_id, first, "succeeded")]
+
+
+def test_rows_of_targets_that_went_are_used_before_new_ones(any_api: Any, grey_png: bytes) -> None:
+    api = any_api
+    targets = [api.make_target(columns=5 + k) for k in range(5)]
+    session_id = api.make_session(*targets[:2])
+    api.put_image(session_id, grey_png)
+    search(api, 0, 1)
+    before = rows(api, session_id)
+    change(api, session_id, *targets[2:])
+    assert search(api, 0, 1, 2) == targets[2:]
+    after = rows(api, session_id)
+    assert [row[0] for row in after[:2]] == [row[0] for row in before]
+    assert [row[1] for row in after] == targets[2:]
+    assert api.measurement(after[1][0])["attempts"] == 2
+
+
+def test_new_targets_are_searched_in_images_sent_without_one(any_api: Any, grey_png: bytes) -> None:
+    api = any_api
+    first, second = api.make_target(), api.make_target(columns=7)
+    session_id = api.make_session(first)
+    unnamed = api.put_image(session_id, grey_png, "P1").json()["id"]
+    search(api, 0)
+    named = api.put_image(session_id, grey_png, "P2", target_id=first).json()["id"]
+    search(api, 0)
+    change(api, session_id, second, first)
+    assert api.measurement(named)["status"] != "queued", "it was said which target the image is of"
+    assert search(api, 0, 1) == [second, first]
+    at_p1 = [row[:2] for row in rows(api, session_id) if row[0] != named]
+    assert at_p1 == [(unnamed, first), (at_p1[1][0], second)]
+    # Without the second again, every image has a measurement of what is left.
+    change(api, session_id, first)
+    assert api.installation.queue.claim(9) == ()
+
+
+def test_a_target_that_cannot_be_is_refused_and_nothing_changes(any_api: Any, grey_png: bytes) -> None:
+    target_id = any_api.make_target()
+    session_id = any_api.make_session(target_id)
+    any_api.put_image(session_id, grey_png)
+    search(any_api, 0)
+    before = any_api.measurements(session_id)
+    for wrong in ([f"tgt_{'0' * 26}"], [target_id, target_id], []):
+        refused = any_api.client.patch(f"/v1/sessions/{session_id}", json={"target_ids": wrong})
+        assert refused.status_code == 422
+    assert any_api.measurements(session_id) == before

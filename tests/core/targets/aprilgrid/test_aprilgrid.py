@@ -1,0 +1,244 @@
+"""AprilGrids: named by their tags, refined by their corners, whatever is misread, hidden or out of view."""
+
+from __future__ import annotations
+
+import math
+
+import cv2
+import numpy as np
+import pytest
+
+from core import calibrate_image
+from core.errors import TargetMirrored, TargetMismatch, TargetNotFound
+from core.simulation import Light
+from core.targets import detect
+from core.targets.aprilgrid.layout import DICTIONARY, aprilgrid_layout
+from core.targets.aprilgrid.tag_lattice import read_lattice
+from core.targets.markers.dictionary import marker_bits
+from core.targets.printed_pattern import RectilinearPattern, pattern_of
+from core.targets.specification import TargetSpec
+from tests.support.image.tilted_sheets import CAMERA, Shot, errors, take, tilted_scene, truth_px
+from tests.support.simulation.renders import render
+
+GRID = TargetSpec("aprilgrid", 5, 4, 32.5, 25.0)
+
+
+@pytest.fixture(scope="module")
+def shot() -> Shot:
+    return take(GRID)
+
+
+@pytest.mark.parametrize(
+    ("columns", "rows", "gap", "turn", "tilt_deg"),
+    [
+        (5, 4, 0.3, 0.3, 0.0),
+        (4, 4, 0.3, -1.4, 20.0),
+        (3, 5, 0.25, 2.0, 40.0),
+        (5, 4, 0.3, 3.1, 60.0),
+        (4, 3, 0.6, 0.8, 30.0),
+    ],
+)
+def test_every_corner_is_found_and_named_whichever_way_the_grid_lies(
+    columns: int, rows: int, gap: float, turn: float, tilt_deg: float
+) -> None:
+    target = TargetSpec("aprilgrid", columns, rows, 25.0 * (1.0 + gap), 25.0)
+    count, rms, stated = errors(*take(target, turn=turn, tilt_deg=tilt_deg))
+    assert count == target.size
+    assert rms < 0.03
+    # rms of 2 n values that should be standard normal: three of its standard deviations, and a tenth
+    assert abs(stated - 1.0) < 0.1 + 3.0 / math.sqrt(4.0 * count)
+
+
+def test_the_picture_of_another_program_is_read_the_same_way(shot: Shot) -> None:
+    """Bits from the family's published code words, cell by cell with ids from the lower left: no code of ours."""
+    cell = 12  # px; a gap is three cells
+    sheet = np.full((20 * cell + 26 * cell, 20 * cell + 39 * cell), 255, np.uint8)
+    codes = [0xD5D628584, 0xD97F18B49, 0xDD280910E, 0xE479E9C98, 0xEBCBCA822, 0xF31DAB3AC]
+    for k, code in enumerate(codes):
+        i, up = k % 3, k // 3
+        left, top = (10 + 13 * i) * cell, (10 + 13 * (1 - up)) * cell
+        sheet[top : top + 10 * cell, left : left + 10 * cell] = 0
+        for bit in range(36):
+            y, x = divmod(bit, 6)
+            if code >> (35 - bit) & 1:
+                v, u = top + (2 + y) * cell, left + (2 + x) * cell
+                sheet[v : v + cell, u : u + cell] = 255
+        for u, v in ((-3, -3), (10, -3), (-3, 10), (10, 10)):
+            sheet[top + v * cell : top + (v + 3) * cell, left + u * cell : left + (u + 3) * cell] = 0
+    found = detect(cv2.GaussianBlur(sheet, (0, 0), 1.2), TargetSpec("aprilgrid", 3, 2, 13.0, 10.0))
+    assert len(found) == 24
+    x, y = found.points_target[:, :2].T  # Kalibr's x is W - x, its y counts upward from the lower left
+    kalibr = np.stack([36.0 - x, 23.0 - y], axis=1)
+    expected = (10.0 + kalibr) * cell - 0.5
+    assert np.abs(found.points_px - expected).max() < 0.02
+
+
+def test_depth_makes_no_difference(shot: Shot) -> None:
+    _, picture = shot
+    found = detect(picture, GRID)
+    deep = detect(picture.astype(np.uint16) * 257, GRID)
+    np.testing.assert_array_equal(found.column, deep.column)
+    np.testing.assert_allclose(found.points_px, deep.points_px, atol=2e-3)
+
+
+def test_an_image_gives_camera_and_pose(shot: Shot) -> None:
+    """The frame is the usual one: the camera before the board, at negative z, and where the scene has it."""
+    taken, picture = shot
+    result = calibrate_image(cv2.imencode(".png", picture)[1].tobytes(), GRID)
+    expected = -taken.T_camera_target[:3, :3].T @ taken.T_camera_target[:3, 3]
+    assert expected[2] < 0.0
+    off = result.pose.position_mm - expected
+    assert np.linalg.norm(off) < 0.02 * np.linalg.norm(expected)
+    assert (
+        abs(result.camera.fx_px / CAMERA.fx_px - 1.0)
+        < 4.0 * result.camera_standard_uncertainty[0] / CAMERA.fx_px
+    )
+
+
+@pytest.mark.parametrize(
+    ("part", "least"),
+    [(np.s_[:, 820:], 40), (np.s_[:, 560:], 16), (np.s_[430:, :], 20), (np.s_[380:560, :], 28)],
+)
+def test_what_is_hidden_costs_points_and_is_said(shot: Shot, part: tuple[slice, slice], least: int) -> None:
+    taken, picture = shot
+    hidden = picture.copy()
+    hidden[part] = 120
+    found = detect(hidden, GRID)
+    assert least <= len(found) < GRID.size
+    off = found.points_px - truth_px(taken, found)
+    assert np.abs(off).max() < 0.15
+    assert [w.code for w in found.warnings] == ["points_missing"]
+
+
+def test_cables_and_highlights_move_nothing(shot: Shot) -> None:
+    taken, picture = shot
+    spoiled = picture.copy()
+    cv2.line(spoiled, (250, 100), (1000, 800), 20, 25, cv2.LINE_AA)
+    cv2.line(spoiled, (300, 800), (1100, 300), 230, 12, cv2.LINE_AA)
+    cv2.circle(spoiled, (700, 400), 90, 255, -1, cv2.LINE_AA)
+    found = detect(spoiled, GRID)
+    assert len(found) >= 24
+    off = found.points_px - truth_px(taken, found)
+    assert np.abs(off).max() < 0.2
+
+
+@pytest.mark.parametrize("aside_mm", [95.0, -120.0])
+def test_a_grid_partly_out_of_the_picture_keeps_its_names(aside_mm: float) -> None:
+    taken, picture = take(GRID, aside_mm=aside_mm)
+    found = detect(picture, GRID)
+    assert 20 <= len(found) < GRID.size
+    off = found.points_px - truth_px(taken, found)
+    assert np.abs(off).max() < 0.15
+
+
+def test_poor_light(shot: Shot) -> None:
+    light = Light(6.0, 30.0, gradient=(0.3, 0.2), vignetting=0.4)
+    count, rms, stated = errors(*take(GRID, light=light, clutter=0.0))
+    assert count >= 0.9 * GRID.size
+    assert rms < 0.2
+    assert 0.7 < stated < 1.4
+
+
+def test_no_grid_and_the_mirrored_one(shot: Shot) -> None:
+    _, picture = shot
+    with pytest.raises(TargetNotFound, match="No tag"):
+        detect(np.full((400, 300), 128, np.uint8), GRID)
+    for mirrored in (picture[:, ::-1], picture[::-1], picture.T):
+        with pytest.raises(TargetMirrored):
+            detect(np.ascontiguousarray(mirrored), GRID)
+
+
+def test_another_board_is_not_taken_for_it(shot: Shot) -> None:
+    _, picture = shot
+    for columns, rows in ((4, 5), (4, 4), (6, 4), (5, 3)):
+        with pytest.raises(TargetMismatch, match=f"{columns} x {rows}"):
+            detect(picture, TargetSpec("aprilgrid", columns, rows, 32.5, 25.0))
+    board = TargetSpec("chessboard", 9, 6, 20.0)
+    with pytest.raises(TargetNotFound, match="No tag"):
+        detect(render(tilted_scene(board)), GRID)
+    with pytest.raises(TargetNotFound):
+        detect(picture, board)
+
+
+def test_two_sheets_with_the_same_tags_are_a_mismatch(shot: Shot) -> None:
+    _, picture = shot
+    with pytest.raises(TargetMismatch, match="do not fit the grid found"):
+        detect(np.hstack([picture, picture]), GRID)
+
+
+def test_tags_too_small_to_measure_are_refused_with_their_least_size() -> None:
+    _, picture = take(GRID, depth_mm=2400.0, tilt_deg=0.0, clutter=0.0)
+    with pytest.raises(TargetNotFound) as refusal:
+        detect(picture, GRID)
+    assert "25 px" in str(refusal.value.advice)
+
+
+def lattice(target: TargetSpec, step: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """The sheet seen straight on, `step` px a mm, and all of its corners as a lattice."""
+    pattern = pattern_of(target, 0.5)
+    assert isinstance(pattern, RectilinearPattern)
+    x0, y0 = pattern.x_edges[0], pattern.y_edges[0]
+    x = x0 + (np.arange(round((pattern.x_edges[-1] - x0) * step)) + 0.5) / step
+    y = y0 + (np.arange(round((pattern.y_edges[-1] - y0) * step)) + 0.5) / step
+    ink = pattern.white[np.ix_(np.searchsorted(pattern.y_edges, y), np.searchsorted(pattern.x_edges, x))]
+    j, i = (a.ravel() for a in np.mgrid[0 : target.grid_rows, 0 : target.grid_columns])
+    points = (target.points_target()[:, :2] - [x0, y0]) * step - 0.5
+    # the square between the lattice's (0, 0) and (1, 1) is bright: the grid's (0, 0), at a tag, is (1, 0)
+    return (200 * ink + 20).astype(np.uint8), np.stack([i + 1, j], axis=1), points
+
+
+def test_some_wrong_bits_are_put_right_and_more_are_no_tag() -> None:
+    picture, place, points = lattice(GRID, 4)
+    layout = aprilgrid_layout(GRID)
+    part = read_lattice(picture, layout, place, points)
+    assert part is not None
+    assert sorted(part.tags) == list(range(20))
+    for wrong, read in ((3, True), (4, False)):
+        spoiled = picture.copy()
+        corner = part.tags[7][0]
+        for k in range(wrong):
+            u, v = np.rint(corner + (2.0 + k, 2.0 + k) * np.array([10.0, 10.0])).astype(int)
+            spoiled[v : v + 10, u : u + 10] = 240 - spoiled[v + 5, u + 5]
+        again = read_lattice(spoiled, layout, place, points)
+        assert again is not None
+        assert (7 in again.tags) == read
+        assert again.conflicting == 0
+
+
+def test_one_foreign_tag_is_no_tag_of_the_grid_but_many_are_another_grid() -> None:
+    picture, place, points = lattice(GRID, 4)
+    layout = aprilgrid_layout(GRID)
+    part = read_lattice(picture, layout, place, points)
+    assert part is not None
+    spoiled = picture.copy()
+    for count, tag in enumerate((7, 12, 3), start=1):
+        u, v = np.rint(part.tags[tag][0] + 20.5).astype(int)
+        spoiled[v : v + 60, u : u + 60] = 20 + 200 * np.kron(
+            marker_bits(DICTIONARY)[100 + tag], np.ones((10, 10))
+        )
+        again = read_lattice(spoiled, layout, place, points)
+        assert again is not None
+        assert again.conflicting == count
+        assert tag not in again.tags
+    with pytest.raises(TargetMismatch, match="3 of 20"):
+        detect(cv2.GaussianBlur(spoiled, (0, 0), 1.0), GRID)
+
+
+def test_a_sheet_of_fewer_rows_keeps_its_names(shot: Shot) -> None:
+    """Where a tag is does not depend on the rows the target is said to have; nor are any taken for seen."""
+    taken, picture = shot
+    found = detect(picture, TargetSpec("aprilgrid", 5, 6, 32.5, 25.0))
+    assert found.row.max() < GRID.grid_rows
+    assert len(found) > 0.95 * GRID.size
+    assert np.abs(found.points_px - truth_px(taken, found)).max() < 0.1
+
+
+def test_one_row_of_tags_does_not_prove_how_many_columns_there_are(shot: Shot) -> None:
+    taken, picture = shot
+    mask = np.zeros_like(picture)
+    outline = np.rint(taken.points_px.reshape(8, 10, 2)[[0, 0, 1, 1], [0, 9, 9, 0]]).astype(np.int32)
+    cv2.fillConvexPoly(mask, outline, 255)
+    row = np.where(cv2.dilate(mask, np.ones((25, 25))) > 0, picture, 90)
+    for columns in (5, 6):
+        with pytest.raises(TargetNotFound, match="one row"):
+            detect(row, TargetSpec("aprilgrid", columns, 4, 32.5, 25.0))

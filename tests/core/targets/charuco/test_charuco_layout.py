@@ -1,0 +1,61 @@
+"""Boards are OpenCV's, whatever size, layout and dictionary; impossible ones are refused."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+import pytest
+
+from core.errors import InvalidTarget
+from core.targets.charuco.layout import charuco_layout
+from core.targets.specification import TargetSpec
+
+BOARDS = [
+    (columns, rows, legacy, dictionary)
+    for columns, rows in ((4, 6), (5, 3), (6, 5), (7, 7))
+    for legacy in (False, True)
+    for dictionary in ("DICT_4X4_50", "DICT_6X6_250", "DICT_APRILTAG_36h11")
+]
+
+
+def opencv_board(target: TargetSpec) -> cv2.aruco.CharucoBoard:
+    dictionary = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, str(target.dictionary)))
+    size = (target.columns + 1, target.rows + 1)
+    board = cv2.aruco.CharucoBoard(size, target.pitch_mm, float(target.marker_mm or 0.0), dictionary)
+    board.setLegacyPattern(target.legacy_layout)
+    return board
+
+
+@pytest.mark.parametrize(("columns", "rows", "legacy", "dictionary"), BOARDS)
+def test_markers_stand_where_opencv_puts_them(columns: int, rows: int, legacy: bool, dictionary: str) -> None:
+    target = TargetSpec("charuco", columns, rows, 20.0, 12.0, dictionary, legacy)
+    layout, board = charuco_layout(target), opencv_board(target)
+    assert len(layout.marker_squares) == len(board.getIds())
+    # OpenCV counts from the board's corner, we from grid point (0, 0), one square further in both ways.
+    for marker, corners in zip(board.getIds().ravel(), board.getObjPoints(), strict=True):
+        np.testing.assert_allclose(layout.marker_corners(int(marker)), corners - [20.0, 20.0, 0.0], atol=1e-5)
+
+
+def test_a_marker_that_is_not_there() -> None:
+    layout = charuco_layout(TargetSpec("charuco", 4, 6, 20.0, 12.0, "DICT_4X4_50"))
+    for marker in (-1, 17):
+        with pytest.raises(InvalidTarget, match="markers 0 to 16"):
+            layout.marker_corners(marker)
+
+
+@pytest.mark.parametrize(
+    ("target", "words"),
+    [
+        (TargetSpec("chessboard", 4, 6, 20.0, 12.0, "DICT_4X4_50"), "no ChArUco"),
+        (TargetSpec("charuco", 4, 6, 20.0, 12.0), "dictionary is required for ChArUco boards"),
+        (TargetSpec("charuco", 4, 6, 20.0, 12.0, "4X4_50"), "Unknown marker dictionary"),
+        (TargetSpec("charuco", 4, 6, 20.0, 12.0, "DICT_9X9_50"), "Unknown marker dictionary"),
+        (TargetSpec("charuco", 4, 6, 20.0, None, "DICT_4X4_50"), "marker_mm"),
+        (TargetSpec("charuco", 4, 6, 20.0, 20.0, "DICT_4X4_50"), "marker_mm"),
+        (TargetSpec("charuco", 4, 6, 20.0, float("nan"), "DICT_4X4_50"), "marker_mm"),
+        (TargetSpec("charuco", 14, 10, 20.0, 12.0, "DICT_4X4_50"), "82 markers"),
+    ],
+)
+def test_impossible_boards_are_refused(target: TargetSpec, words: str) -> None:
+    with pytest.raises(InvalidTarget, match=words):
+        charuco_layout(target)

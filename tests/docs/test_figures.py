@@ -1,0 +1,80 @@
+"""The documents' figures can be drawn from the code as it is."""
+
+from __future__ import annotations
+
+import runpy
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+
+DOCS = Path(__file__).parents[2] / "docs"
+FIGURES = DOCS / "figures"
+
+
+def maker(script: str, name: str) -> Callable[..., Any]:
+    """The function of that name in one of the scripts that `make figures` runs."""
+    function: Callable[..., Any] = runpy.run_path(str(FIGURES / script))[name]
+    return function
+
+
+def assert_shown(drawn: list[Path], document: str) -> None:
+    """A document shows each of these, and they are kept beside it."""
+    text = (DOCS / document).read_text(encoding="utf-8")
+    for path in drawn:
+        assert f"(figures/{path.name})" in text
+        assert (FIGURES / path.name).exists()
+
+
+def colours(path: Path) -> np.ndarray:
+    return cv2.imread(str(path)).astype(int)
+
+
+@pytest.mark.slow
+def test_the_pictures_of_detection_are_drawn(tmp_path: Path) -> None:
+    """Each shows marks in colour on a grey picture."""
+    drawn = maker("draw_detection.py", "draw_all")(3, tmp_path)
+    assert sorted(tmp_path.iterdir()) == sorted(drawn)
+    assert len(drawn) == 3
+    assert_shown(drawn, "detection.md")
+    for path in drawn:
+        assert np.count_nonzero(np.ptp(colours(path), axis=2) > 40) > 500, path.name
+
+
+def test_the_picture_of_frames_is_drawn(tmp_path: Path) -> None:
+    path = maker("draw_frames.py", "draw")(tmp_path)
+    assert list(tmp_path.iterdir()) == [path]
+    assert_shown([path], "kinematics.md")
+    drawn = colours(path)
+    assert drawn.shape == colours(FIGURES / path.name).shape
+    for k in range(3):  # arrows in blue, green and red
+        others = np.delete(drawn, k, axis=2).max(axis=2)
+        assert np.count_nonzero(drawn[:, :, k] - others > 60) > 100
+
+
+@pytest.mark.slow
+def test_the_pictures_of_targets_are_drawn(tmp_path: Path) -> None:
+    """One of each kind, as the command line prints it, and the kept ones are these."""
+    drawn = maker("draw_targets.py", "draw_all")(tmp_path)
+    assert sorted(tmp_path.iterdir()) == sorted(drawn)
+    assert len(drawn) == 6
+    assert_shown(drawn, "targets.md")
+    for path in drawn:
+        fresh, kept = colours(path), colours(FIGURES / path.name)
+        assert fresh.shape == kept.shape
+        assert np.mean(np.abs(fresh - kept) > 60) < 0.002, path.name
+
+
+def test_the_figure_of_the_architecture_shows_every_layer(tmp_path: Path) -> None:
+    """The committed figure is drawn from the layers and imports as they are."""
+    path = maker("draw_architecture.py", "draw")(tmp_path)
+    assert_shown([path], "architecture.md")
+    fresh, kept = colours(path), colours(FIGURES / path.name)
+    assert fresh.shape == kept.shape
+    layers = maker("draw_architecture.py", "layers")
+    names = {name for root in ("app", "core") for row in layers(root) for name in row}
+    text = (DOCS / "architecture.md").read_text(encoding="utf-8")
+    assert {name for name in names if f"`{name}`" not in text} == set()

@@ -1,0 +1,1 @@
+"""The contract as tests use it: operations by address, bodies against their schemas, examples from a real run."""

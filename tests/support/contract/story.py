@@ -1,0 +1,240 @@
+"""One small robot cell from its first target to its last key, through the real application: each operation once.
+
+A KUKA KR5 with a camera on its flange returns ten times to two poses and once to six others before a chessboard; a
+laser tracker follows it through sweeps of its joints. Images are rendered and measured by a worker process.
+"""
+
+from __future__ import annotations
+
+import time
+from concurrent.futures import ThreadPoolExecutor
+from typing import Any
+
+import numpy as np
+
+from core.simulation import KR5_ARC, KR5_ARC_HOME, T_FLANGE_CAMERA
+from tests.support.contract.cell import CAMERA, SIZE_PX, TARGET, take_images
+from tests.support.service.service import OCTETS, Api, image_address
+from tests.support.sessions.kinematics import measured, readings, rows_of
+
+POSES, REPEATED, CYCLES = 8, 2, 10
+_TIMEOUT_S = 300.0
+_CSV = {"Accept": "text/csv"}
+_COMMANDED_CSV = """\
+pose_id,position_x_mm,position_y_mm,position_z_mm,roll_deg,pitch_deg,yaw_deg
+P1,907.414705,88.985509,838.684919,158.296313,28.925181,73.836431
+P9,850.0,0.0,700.0,180.0,0.0,0.0
+"""
+_MEASURED_CSV = """\
+pose_id,cycle,position_x_mm,position_y_mm,position_z_mm
+F1,1,-520.112,107.704,-368.427
+F1,2,-520.094,107.711,-368.440
+"""
+
+
+def tell(api: Api) -> None:
+    """Go through every operation that succeeds; the last answer of each is the one that reads best."""
+    client = api.client
+    robot_id = _create(
+        client,
+        "/v1/robots",
+        {"name": "KR 5 arc, cell 4", "joints": rows_of(KR5_ARC), "datasheet_repeatability_mm": 0.1},
+    )
+    target_id = _create(client, "/v1/targets", TARGET)
+    session_id = _create(
+        client,
+        "/v1/sessions",
+        {
+            "name": "Cell 4",
+            "target_ids": [target_id],
+            "robot_id": robot_id,
+            "lens": {"focal_length_mm": 4.5, "pixel_pitch_um": 6.9},
+        },
+    )
+    for kind, row_id in (("targets", target_id), ("robots", robot_id)):
+        _done(client.get(f"/v1/{kind}/{row_id}"), client.get(f"/v1/{kind}"))
+    _images(client, session_id)
+    _analyses(client, session_id)
+    _tracker(client, robot_id, target_id)
+    plan = {
+        "target_id": target_id,
+        "camera": {
+            **{"fx_px": CAMERA.fx_px, "fy_px": CAMERA.fy_px, "cx_px": CAMERA.cx_px, "cy_px": CAMERA.cy_px},
+            **{"k1": CAMERA.k1, "k2": CAMERA.k2, "image_width_px": SIZE_PX[0], "image_height_px": SIZE_PX[1]},
+        },
+        "home_deg": np.degrees(KR5_ARC_HOME).tolist(),
+        "T_flange_camera": T_FLANGE_CAMERA.tolist(),
+        "sweeps": {"sweep_half_angle_deg": 15.0, "steps": 5},
+        "random_poses": 10,
+        "random_half_range_deg": 8.0,
+        "image_coverage": 0.4,
+        "suggest_count": 2,
+        "candidates": 20,
+    }
+    _done(client.post(f"/v1/robots/{robot_id}/dh-plan", json=plan))
+    _removals(client, session_id)
+    _keys(client, session_id)
+    _done(*(client.get(path) for path in ("/v1/audit", "/livez", "/readyz", "/metrics")))
+
+
+def refusals(api: Api) -> None:
+    """Make one refusal of each status that the document has, but 429, 503 and 507."""
+    client, target_id = api.client, api.make_target()
+    api.make_session(target_id)
+    read = api.key("read")
+    sent = {"name": "board", "kind": "chessboard", "columns": 9, "rows": 6, "pitch_mm": -25.0}
+    for response, status in (
+        (client.get("/v1/targets", headers={"Authorization": "Bearer gp_unknown"}), 401),
+        (client.post("/v1/targets", json=sent, headers=read), 403),
+        (client.get("/v1/targets/tgt_unknown"), 404),
+        (client.delete(f"/v1/targets/{target_id}"), 409),
+        (
+            client.post(
+                "/v1/targets", content=b" " * (2 << 20), headers={"Content-Type": "application/json"}
+            ),
+            413,
+        ),
+        (client.post("/v1/targets", content=b"name: board", headers={"Content-Type": "text/yaml"}), 415),
+        (client.post("/v1/targets", json=sent), 422),
+    ):
+        assert response.status_code == status, response.text
+
+
+def over_quota(api: Api, image: bytes) -> None:
+    """Send more than a key may (429)."""
+    session_id = api.make_session()
+    headers = {**OCTETS, **api.key("upload", bytes_per_day=10)}
+    response = api.client.put(image_address(session_id, image), content=image, headers=headers)
+    assert response.status_code == 429, response.text
+
+
+def _images(client: Any, session_id: str) -> None:
+    session, taken = f"/v1/sessions/{session_id}", take_images(POSES, repeated=REPEATED, cycles=CYCLES)
+    commanded = {image.pose_id: image.commanded for image in taken}
+    first, *_, last = taken
+    _done(client.put(f"{session}/poses/P1", json=commanded["P1"]))  # 201
+    _done(client.put(f"{session}/poses/P1", json=commanded["P1"]))  # 200
+    _done(
+        client.post(
+            f"{session}/poses", json=[{"pose_id": pose_id, **pose} for pose_id, pose in commanded.items()]
+        ),
+        client.post(f"{session}/poses", content=_COMMANDED_CSV, headers={"Content-Type": "text/csv"}),
+        client.put(f"{session}/poses/P1", json=commanded["P1"]),
+        client.get(f"{session}/poses/P1"),
+        client.get(f"{session}/poses"),
+    )
+    names = [{"pose_id": image.pose_id, "sha256": image.sha256} for image in taken]
+    _done(client.post(f"{session}/images/missing", json={"images": names}))
+    for image in taken[:-1]:
+        address = image_address(session_id, image.data, image.pose_id)
+        query = {"cycle": image.cycle, "filename": image.filename}
+        _done(client.put(address, content=image.data, params=query, headers=OCTETS))
+    form = {"pose_id": last.pose_id, "cycle": str(last.cycle), "captured_at": "2026-01-31T12:00:00Z"}
+    file = {"image": (last.filename, last.data, "image/png")}
+    for _ in range(2):  # 202, then 200
+        _done(client.post(f"{session}/images", data=form, files=file))
+    _wait(client, session_id)
+    again = image_address(session_id, first.data, first.pose_id)
+    _done(client.put(again, content=first.data, headers=OCTETS))  # 200
+    items = _done(client.get(f"{session}/measurements")).json()["items"]
+    measurement = f"/v1/measurements/{items[0]['id']}"
+    _done(client.post(f"{session}/reprocess", json={"only": "all"}))
+    _wait(client, session_id)
+    _done(client.post(f"{measurement}/retry"))
+    _wait(client, session_id)
+    _done(
+        client.get(measurement, params={"include": "points"}),
+        client.patch(
+            f"/v1/measurements/{items[CYCLES - 1]['id']}",
+            json={"excluded": {"reason": "A hand in front of the board."}},
+        ),
+        client.patch(session, json={"name": "Cell 4, week 12"}),
+        client.get(session),
+        client.get("/v1/sessions"),
+        client.get(f"{session}/measurements"),
+        client.get(f"{measurement}/image"),
+        client.get(f"{measurement}/overlay"),
+        client.get(f"{measurement}/thumbnail"),
+    )
+
+
+def _analyses(client: Any, session_id: str) -> None:
+    for analysis in ("intrinsics", "repeatability", "camera-poses", "hand-eye", "comparison"):
+        _done(client.get(f"/v1/sessions/{session_id}/{analysis}", headers=_CSV))
+    for analysis in (
+        *("intrinsics", "repeatability", "camera-poses", "hand-eye", "comparison"),
+        *("repeatability/scatter.svg", "repeatability/drift.svg", "intrinsics/residuals.svg"),
+    ):
+        _done(client.get(f"/v1/sessions/{session_id}/{analysis}"))
+
+
+def _tracker(client: Any, robot_id: str, target_id: str) -> None:
+    """Identify the robot from what a laser tracker measured."""
+    body = {"name": "Laser tracker", "target_ids": [target_id], "robot_id": robot_id}
+    session_id = client.post("/v1/sessions", json=body).json()["id"]
+    _, poses = measured()
+    read = f"/v1/sessions/{session_id}/measured-poses"
+    _done(
+        client.post(read, json=readings(poses)),
+        client.get(read),
+        client.get(f"/v1/sessions/{session_id}/dh", params={"source": "measured_poses"}),
+        client.get(f"/v1/sessions/{session_id}/dh", params={"source": "measured_poses"}, headers=_CSV),
+        client.post(read, content=_MEASURED_CSV, headers={"Content-Type": "text/csv"}),
+        client.delete(read, params={"pose_id": poses.label(0)}),
+    )
+
+
+def _removals(client: Any, session_id: str) -> None:
+    """Follow a session until it is deleted, and delete all that can be."""
+    robot = {"name": "spare", "joints": rows_of(KR5_ARC)}
+    target = {"name": "spare", "kind": "circles", "columns": 7, "rows": 5, "pitch_mm": 20.0}
+    robot_id, target_id = (
+        client.post(path, json=body).json()["id"]
+        for path, body in (("/v1/robots", robot), ("/v1/targets", target))
+    )
+    spare = client.post("/v1/sessions", json={"name": "spare", "target_ids": [target_id]}).json()["id"]
+    with ThreadPoolExecutor(1) as pool:
+        followed = pool.submit(client.get, f"/v1/sessions/{spare}/events")
+        time.sleep(1.0)  # a stream of the deleted session would be 404
+        _done(client.delete(f"/v1/sessions/{spare}"))
+        _done(followed.result(_TIMEOUT_S))
+    _done(client.delete(f"/v1/robots/{robot_id}"), client.delete(f"/v1/targets/{target_id}"))
+
+
+def _keys(client: Any, session_id: str) -> None:
+    key = {
+        "name": "Cell 4",
+        "scope": "ingest",
+        "expires_in_days": 365,
+        "session_ids": [session_id],
+        "bytes_per_day": 10**9,
+    }
+    key_id = client.post("/v1/keys", json=key).json()["id"]
+    _done(
+        client.patch(f"/v1/keys/{key_id}", json={"name": "Cell 4, camera 1"}),
+        client.get(f"/v1/keys/{key_id}"),
+        client.get("/v1/keys"),
+        client.delete(f"/v1/keys/{key_id}"),
+    )
+
+
+def _create(client: Any, path: str, body: dict[str, Any]) -> str:
+    return str(_done(client.post(path, json=body)).json()["id"])
+
+
+def _wait(client: Any, session_id: str) -> None:
+    deadline = time.monotonic() + _TIMEOUT_S
+    while True:
+        counts = _done(client.get(f"/v1/sessions/{session_id}")).json()["counts"]
+        if counts["queued"] + counts["running"] == 0:
+            assert counts["succeeded"] > 0, counts
+            return
+        assert time.monotonic() < deadline, counts
+        time.sleep(0.1)
+
+
+def _done(*responses: Any) -> Any:
+    """Return the last response; each must be a success."""
+    for response in responses:
+        assert response.is_success, f"{response.request.url}: {response.text[:500]}"
+    return responses[-1]

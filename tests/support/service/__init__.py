@@ -1,0 +1,1 @@
+"""Applications, runners and processes under test, and databases for them."""

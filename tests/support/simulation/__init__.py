@@ -1,0 +1,1 @@
+"""Arms, poses and scenes of known truth, and renders kept on disk."""

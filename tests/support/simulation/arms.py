@@ -1,0 +1,52 @@
+"""What tests of identification share: arms, and the truth in the coordinates that poses can tell."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from core.kinematics.dh import JOINT_PARAMETERS, Chain
+from core.kinematics.identification import Identification, identify
+from core.simulation.arm import KR5_ARC, KR5_ARC_HOME, Arm, free_angles, sweep_angles
+from tests.support.simulation.simulated_poses import measure_poses
+
+UR10 = Chain.from_rows(
+    [
+        (0.0, 90.0, 127.3, 0.0),
+        (-612.0, 0.0, 0.0, 0.0),
+        (-572.3, 0.0, 0.0, 0.0),
+        (0.0, 90.0, 163.941, 0.0),
+        (0.0, -90.0, 115.7, 0.0),
+        (0.0, 0.0, 92.2, 0.0),
+    ]
+)
+SEVEN_JOINTS = Chain.from_rows(
+    [
+        (0.0, -90.0, 360.0, 0.0),
+        (0.0, 90.0, 0.0, 0.0),
+        (0.0, 90.0, 420.0, 0.0),
+        (0.0, -90.0, 0.0, 0.0),
+        (0.0, -90.0, 400.0, 0.0),
+        (0.0, 90.0, 0.0, 0.0),
+        (0.0, 0.0, 126.0, 0.0),
+    ]
+)
+
+
+def angles(rng: np.random.Generator, *, free: int = 30) -> np.ndarray:
+    """Sweeps of every joint of a KR5 Arc, ±40° in 11 steps, and free poses about the same home."""
+    return np.vstack([sweep_angles(KR5_ARC_HOME), free_angles(rng, KR5_ARC_HOME, free)])
+
+
+def told_truth(arm: Arm, joint_angles: np.ndarray, nominal: Chain = KR5_ARC) -> np.ndarray:
+    """The arm's parameters with what cannot be told at the nominal's values: those that exact poses give."""
+    exact = measure_poses(arm, joint_angles, np.random.default_rng(0), estimator="exact")
+    return identify(exact, nominal, folds=0).chain.as_array()
+
+
+def stated(found: Identification) -> np.ndarray:
+    """Standard uncertainties, a row per joint; NaN where a parameter is not identifiable."""
+    rows = [
+        [j.standard_uncertainty[name] if j.identifiable[name] else np.nan for name in JOINT_PARAMETERS]
+        for j in found.joints
+    ]
+    return np.array(rows, dtype=np.float64)

@@ -1,0 +1,73 @@
+"""`gridpose targets` against a real service: what is stored there is printed, what was measured there is checked."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from app.cli.demo.service_process import ServiceProcess
+from app.client import ServiceClient
+
+
+def test_a_stored_target_is_printed_and_its_session_checked(tmp_path: Path, data_folder: Path) -> None:
+    photos = tmp_path / "photos"
+    photos.mkdir()
+    for photo in (data_folder / "opencv_samples").glob("left[01]*.jpg"):
+        shutil.copy(photo, photos)
+    with ServiceProcess(tmp_path / "data", {"GRIDPOSE_WORKERS": "1"}) as service:
+
+        def gridpose(*arguments: str) -> subprocess.CompletedProcess[str]:
+            ended = subprocess.run(
+                [sys.executable, "-m", "app.cli", *arguments],
+                cwd=tmp_path,
+                env={**os.environ, "GRIDPOSE_URL": service.url, "GRIDPOSE_KEY": service.admin_key or ""},
+                capture_output=True,
+                text=True,
+                timeout=300,
+                check=False,
+            )
+            assert "Traceback" not in ended.stderr, ended.stderr
+            return ended
+
+        gridpose(
+            "upload",
+            "photos",
+            "--session",
+            "cell",
+            "--target",
+            "chessboard:9x6:25",
+            "--pattern",
+            "{pose}",
+            "--wait",
+        )
+        checked = gridpose("targets", "check", "--session", "cell", "--ruler", "x:200:200.1", "--json")
+        told = json.loads(checked.stdout)
+        assert told["photos"] == 13
+        assert (told["target"]["kind"], told["target"]["pitch_mm"]) == ("chessboard", 25.0)
+        aspect = next(finding for finding in told["findings"] if finding["code"] == "aspect")
+        # The same photographs, looked at by the command itself, say the same.
+        described = ("--kind", "chessboard", "--columns", "9", "--rows", "6", "--pitch-mm", "25")
+        names = sorted(str(path) for path in photos.iterdir())
+        here = json.loads(gridpose("targets", "check", *names, *described, "--json").stdout)
+        again = next(finding for finding in here["findings"] if finding["code"] == "aspect")
+        assert again["value"] == pytest.approx(aspect["value"], abs=0.1 * aspect["standard_uncertainty"])
+        with ServiceClient(service.url, service.admin_key) as client:
+            (target,) = client.items("/v1/targets")
+        printed = gridpose("targets", "print", "--target-id", target["id"], "-o", "board.pdf")
+        assert printed.returncode == 0
+        assert target["name"] in printed.stderr
+        assert (tmp_path / "board.pdf").read_bytes().startswith(b"%PDF-")
+        for refused in (
+            gridpose("targets", "check", "--session", "nosuch"),
+            gridpose("robots", "export", "--session", "nosuch", "--format", "urdf"),
+            gridpose("targets", "print", "--target-id", "tgt_nosuch"),
+        ):
+            assert (refused.returncode, refused.stdout) == (1, "")
+            assert refused.stderr
+            assert "--target " not in refused.stderr  # an option of `upload`, not of these

@@ -1,0 +1,165 @@
+"""`gridpose upload` against a real service: layouts, resumption, refusals, and what it says of them."""
+
+from __future__ import annotations
+
+import hashlib
+import re
+import shutil
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from app.cli.demo.service_process import ServiceProcess
+from app.client import ServiceClient
+from tests.support.image.images import small_image
+from tests.support.service.service import gridpose
+
+
+def upload(service: ServiceProcess, folder: Path, *options: str, key: str | None = None) -> tuple[int, str]:
+    ended = gridpose(
+        "upload", str(folder), "--url", service.url, *options, GRIDPOSE_KEY=key or service.admin_key or ""
+    )
+    return ended.returncode, ended.stdout + ended.stderr
+
+
+def tally(said: str, *words: str) -> tuple[int, ...]:
+    """Return the numbers that stand before these words."""
+    found = {word: int(number) for number, word in re.findall(r"(\d+) (\w+)", said)}
+    return tuple(found[word] for word in words)
+
+
+@pytest.fixture(scope="module")
+def service(tmp_path_factory: pytest.TempPathFactory) -> Iterator[ServiceProcess]:
+    """One service for all tests here, each with a session of its own."""
+    with ServiceProcess(tmp_path_factory.mktemp("upload") / "data", {"GRIDPOSE_WORKERS": "1"}) as process:
+        yield process
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    root = tmp_path / "images"
+    for number, name in enumerate(("P1/1.png", "P1/2.png", "P2/1.png", "P10/front-c4.png")):
+        path = root / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_bytes(small_image(number))
+    (root / "notes.txt").write_text("no image")
+    return root
+
+
+def test_a_new_session_is_made_and_a_second_run_sends_nothing(service: ServiceProcess, folder: Path) -> None:
+    options = ("--session", "Cell 7", "--target", "chessboard:9x6:25")
+    code, said = upload(service, folder, *options)
+    assert code == 0, said
+    assert tally(said, "sent", "already", "failed") == (4, 0, 0)
+
+    code, said = upload(service, folder, *options)
+    assert code == 0, said
+    assert tally(said, "sent", "already", "failed") == (0, 4, 0)
+    with ServiceClient(service.url, service.admin_key) as client:
+        (session,) = (one for one in client.items("/v1/sessions") if one["name"] == "Cell 7")
+        assert len(session["target_ids"]) == 1
+        measurements = list(client.items(f"/v1/sessions/{session['id']}/measurements"))
+    assert said.splitlines()[0] == session["id"], "the last line of stdout, here before stderr"
+    assert {(m["pose_id"], m["cycle"], m["filename"]) for m in measurements} == {
+        ("P1", 1, "1.png"),
+        ("P1", 2, "2.png"),
+        ("P2", 1, "1.png"),
+        ("P10", 4, "front-c4.png"),
+    }
+
+    code, said = upload(service, folder, "--session", "Cell 7", "--target", "chessboard:10x7:25")
+    assert code == 1
+    assert "target_not_in_session" in said
+
+
+def test_it_goes_on_where_it_was_interrupted(service: ServiceProcess, folder: Path, tmp_path: Path) -> None:
+    part = tmp_path / "part"
+    shutil.copytree(folder / "P1", part / "P1")
+    assert upload(service, part, "--session", "interrupted", "--target", "chessboard:9x6:25")[0] == 0
+    (folder / "P2" / "copy.png").write_bytes(small_image(2))  # P2/1.png once more
+    code, said = upload(service, folder, "--session", "interrupted")
+    assert code == 0, said
+    assert tally(said, "sent", "already", "failed") == (2, 3, 0)
+
+
+def test_what_fails_is_listed_and_the_rest_is_sent(service: ServiceProcess, folder: Path) -> None:
+    (folder / "P1" / "3.png").write_bytes(b"")
+    (folder / "P1" / "4.png").write_bytes(b"GIF89a...")
+    (folder / "pose one").mkdir()
+    (folder / "pose one" / "5.png").write_bytes(b"x")
+    code, said = upload(service, folder, "--session", "failing", "--target", "chessboard:9x6:25")
+    assert code == 1
+    assert tally(said, "sent", "already", "failed") == (4, 0, 3)
+    for expected in (
+        "P1/3.png",
+        "empty_upload",
+        "P1/4.png",
+        "unsupported_image",
+        "pose one/5.png",
+    ):
+        assert expected in said
+
+
+def test_refusals_are_listed_when_it_waits(service: ServiceProcess, folder: Path, photo: Path) -> None:
+    shutil.copy(photo, folder / "P1" / "9.jpg")
+    code, said = upload(service, folder, "--session", "refused", "--target", "chessboard:9x6:25", "--wait")
+    assert code == 1
+    assert tally(said, "photograph", "refused") == (1, 4)
+    assert "target_not_found" in said
+
+    good = folder.parent / "good"
+    good.mkdir()
+    shutil.copy(photo, good / "left01.jpg")
+    code, said = upload(service, good, "--session", "refused", "--pose", "P9", "--wait")
+    assert code == 0, said
+    assert tally(said, "photograph") == (1,)
+    assert "refused" not in said
+
+
+def test_what_was_measured_by_name_is_no_refusal(
+    service: ServiceProcess, photo: Path, tmp_path: Path
+) -> None:
+    data = photo.read_bytes()
+    sha256 = hashlib.sha256(data).hexdigest()
+    with ServiceClient(service.url, service.admin_key) as client:
+        shown, absent = (
+            client.create("/v1/targets", {"name": "t", "kind": "chessboard", "pitch_mm": 25.0, **size})["id"]
+            for size in ({"columns": 9, "rows": 6}, {"columns": 5, "rows": 4})
+        )
+        session_id = client.create("/v1/sessions", {"name": "by name", "target_ids": [shown, absent]})["id"]
+        for target_id in (shown, None):
+            client.put_image(session_id, "P1", sha256, data, target_id=target_id)
+    folder = tmp_path / "P1"
+    folder.mkdir()
+    shutil.copy(photo, folder)
+    code, said = upload(service, tmp_path, "--session", "by name", "--wait")
+    assert code == 0, said
+    assert tally(said, "sent", "already", "failed") == (0, 1, 0)
+    assert tally(said, "photograph") == (1,)
+    assert "refused" not in said
+    assert "1 already measured" in said
+
+
+def test_a_wrong_key_and_a_missing_service_are_identified(tmp_path: Path, folder: Path) -> None:
+    with ServiceProcess(tmp_path / "data", {"GRIDPOSE_WORKERS": "0"}) as ending:
+        code, said = upload(ending, folder, "--session", "nobody", key="gp_nobody")
+        assert code == 1
+        assert "not_authenticated" in said
+        code, said = upload(ending, folder, "--session", "nobody")
+        assert code == 1
+        assert "--target" in said
+    code, said = upload(ending, folder, "--session", "nobody", "--retry-timeout", "0.5")
+    assert code == 1
+    assert ending.url in said
+
+
+def test_a_folder_without_images_and_a_bad_pattern_are_refused(
+    service: ServiceProcess, tmp_path: Path
+) -> None:
+    empty = tmp_path / "empty"
+    empty.mkdir()
+    assert upload(service, empty, "--session", "empty")[0] == 2
+    code, said = upload(service, empty, "--session", "empty", "--pattern", "{cycle}")
+    assert code == 2
+    assert "{pose}" in said
