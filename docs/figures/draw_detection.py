@@ -1,4 +1,4 @@
-"""Draw the pictures of docs/detection.md: `python docs/pictures/draw_detection.py [--seed 7] [--into docs/pictures]`.
+"""Draw the figures of docs/detection.md: `python docs/figures/draw_detection.py [--seed 7] [--into docs/figures]`.
 
 What is drawn is what the detector did with a rendered scene: its own trace, and its result against the truth.
 """
@@ -14,10 +14,9 @@ import cv2
 import numpy as np
 
 from core.simulation import Scene, render, standard_scene, standard_target
-from core.targets.chessboard import Step, trace_detection
-from core.targets.detect import detect
+from core.targets import Step, detect, trace_detection
 
-SHOWN_PX = 1000  # width of the pictures
+SHOWN_PX = 1000  # width of the figures
 MAGNIFIED = 2500.0  # how much longer than they are errors are drawn
 SUBPIX_WINDOW = (11, 11)
 SUBPIX_STOP = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_MAX_ITER, 60, 1e-4)
@@ -26,12 +25,12 @@ GREEN, RED, BLUE, ORANGE, GREY = (0, 150, 0), (40, 40, 220), (200, 90, 0), (0, 1
 
 
 class Sheet:
-    """A picture to draw on: the full one made smaller and paler, places given in the full one's pixels."""
+    """A canvas with the image reduced and paler; drawing functions take full-resolution pixels."""
 
-    def __init__(self, picture: np.ndarray, pale: float) -> None:
-        self.scale = SHOWN_PX / picture.shape[1]
-        size = (SHOWN_PX, round(picture.shape[0] * self.scale))
-        small = cv2.resize(picture, size, interpolation=cv2.INTER_AREA).astype(np.float64)
+    def __init__(self, image: np.ndarray, pale: float) -> None:
+        self.scale = SHOWN_PX / image.shape[1]
+        size = (SHOWN_PX, round(image.shape[0] * self.scale))
+        small = cv2.resize(image, size, interpolation=cv2.INTER_AREA).astype(np.float64)
         self.canvas = cv2.cvtColor((small * (1.0 - pale) + 255.0 * pale).astype(np.uint8), cv2.COLOR_GRAY2BGR)
 
     def line(
@@ -59,9 +58,9 @@ class Sheet:
         return round(float(u)), round(float(v))
 
 
-def draw_candidates(picture: np.ndarray, step: Step) -> np.ndarray:
+def draw_candidates(image: np.ndarray, step: Step) -> np.ndarray:
     """Every corner found on the level that had the board, with the four edges that leave it."""
-    sheet = Sheet(picture, pale=0.45)
+    sheet = Sheet(image, pale=0.45)
     reach = 7.0 / sheet.scale
     for place, rays in zip(step.level.to_full(step.saddles.points), step.saddles.rays, strict=True):
         for number, ray in enumerate(rays):
@@ -72,9 +71,9 @@ def draw_candidates(picture: np.ndarray, step: Step) -> np.ndarray:
     return sheet.canvas
 
 
-def draw_lattice(picture: np.ndarray, step: Step, grid: np.ndarray) -> np.ndarray:
+def draw_lattice(image: np.ndarray, step: Step, grid: np.ndarray) -> np.ndarray:
     """The links that two corners agree on, and the lattice grown from them."""
-    sheet = Sheet(picture, pale=0.45)
+    sheet = Sheet(image, pale=0.45)
     places = step.level.to_full(step.saddles.points)
     for lines in (grid, np.swapaxes(grid, 0, 1)):
         for line in lines:
@@ -93,19 +92,19 @@ def draw_lattice(picture: np.ndarray, step: Step, grid: np.ndarray) -> np.ndarra
         [
             ("corner that no other one links back to", GREY),
             ("linked corners", ORANGE),
-            ("the lattice, grown on the full picture", GREEN),
+            ("the lattice, grown on the full image", GREEN),
         ]
     )
     return sheet.canvas
 
 
-def draw_residuals(picture: np.ndarray, scene: Scene) -> np.ndarray:
-    """Errors of the refined corners against the truth, beside those of cv2.cornerSubPix from the same start."""
-    found = detect(picture, scene.target)
+def draw_residuals(image: np.ndarray, scene: Scene) -> np.ndarray:
+    """Errors of the refined corners against the truth, and those of cv2.cornerSubPix from the same start."""
+    found = detect(image, scene.target)
     truth = scene.points_px[found.row * scene.target.columns + found.column]
     start = found.points_px.astype(np.float32).reshape(-1, 1, 2)
-    theirs = cv2.cornerSubPix(picture, start, SUBPIX_WINDOW, (-1, -1), SUBPIX_STOP).reshape(-1, 2)
-    sheet = Sheet(picture, pale=0.6)
+    theirs = cv2.cornerSubPix(image, start, SUBPIX_WINDOW, (-1, -1), SUBPIX_STOP).reshape(-1, 2)
+    sheet = Sheet(image, pale=0.6)
     for place, mine, other, u in zip(
         truth, found.points_px, theirs, found.standard_uncertainty_px, strict=True
     ):
@@ -123,16 +122,16 @@ def draw_residuals(picture: np.ndarray, scene: Scene) -> np.ndarray:
 
 
 def draw_all(seed: int, into: Path) -> list[Path]:
-    """Write the three pictures and return their paths."""
+    """Write the three figures and return their paths."""
     scene = standard_scene(standard_target(9, 6), seed, tilt=math.radians(40.0))
-    picture = render(scene)
-    trace = trace_detection(picture, scene.target)
+    image = render(scene)
+    trace = trace_detection(image, scene.target)
     if trace.lattice is None:
         raise SystemExit(f"The board of seed {seed} was not found; take another seed.")
     drawn = {
-        "detection-candidates.png": draw_candidates(picture, trace.steps[-1]),
-        "detection-lattice.png": draw_lattice(picture, trace.steps[-1], trace.lattice.grid),
-        "detection-residuals.png": draw_residuals(picture, scene),
+        "detection-candidates.png": draw_candidates(image, trace.steps[-1]),
+        "detection-lattice.png": draw_lattice(image, trace.steps[-1], trace.lattice.grid),
+        "detection-residuals.png": draw_residuals(image, scene),
     }
     into.mkdir(parents=True, exist_ok=True)
     paths = []

@@ -1,4 +1,4 @@
-"""Draw the picture of docs/kinematics.md: `python docs/pictures/draw_frames.py [--into docs/pictures]`.
+"""Draw the figure of docs/kinematics.md: `python docs/figures/draw_frames.py [--into docs/figures]`.
 
 The frames are those of the code: a nominal KUKA KR5 Arc at its home, by `core.kinematics.dh.frames`, with a camera on
 its flange and a target in front of it; and one link by itself, with the four numbers that describe it.
@@ -18,9 +18,9 @@ from jaxtyping import Float
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from core.kinematics.dh import Chain, frames
-from core.simulation.arm import KR5_ARC, KR5_ARC_HOME, T_FLANGE_CAMERA
-from core.transforms import so3_exp, transform
+from core.geometry import so3_exp, transform
+from core.kinematics import Chain, frames
+from core.simulation import KR5_ARC, KR5_ARC_HOME, T_FLANGE_CAMERA
 
 AXIS_COLOURS = ("#c03020", "#2a8f3c", "#1f5fbf")
 LINK, GREY, PURPLE = "#3c3c3c", "#a8a8a8", "#7a3fa0"
@@ -57,7 +57,7 @@ class Sheet:
         which: str = "xyz",
         off: tuple[float, float] = (5, -12),
     ) -> None:
-        """Draw a frame's axes, x red, y green, z blue, and its name beside the origin."""
+        """Draw a frame's axes, x red, y green, z blue, and its name next to the origin."""
         origin = self.flat(T[:3, 3])
         for k, colour in enumerate(AXIS_COLOURS):
             if "xyz"[k] not in which:
@@ -137,7 +137,7 @@ def draw_link(axes: Axes) -> None:
 
 
 def draw(into: Path) -> Path:
-    """Write the picture and return its path."""
+    """Write the figure and return its path."""
     figure = Figure(figsize=(11.0, 5.6), layout="constrained")
     left, right = figure.subplots(1, 2, width_ratios=(1.35, 1.0))
     draw_robot(left)

@@ -1,6 +1,6 @@
-"""Draw the pictures of docs/targets.md: `python docs/pictures/draw_targets.py [--into docs/pictures]`.
+"""Draw the figures of docs/targets.md: `python docs/figures/draw_targets.py [--into docs/figures]`.
 
-Each is the very SVG that `gridpose target pdf --format svg` writes, rasterised; what is shown is what is printed.
+Each is the very SVG that `gridpose targets print --format svg` writes, rasterised; what is shown is what is printed.
 """
 
 from __future__ import annotations
@@ -12,8 +12,7 @@ import cv2
 import numpy as np
 import resvg_py
 
-from app.printing.documents import to_svg
-from app.printing.sheet import Sheet, draw_sheet
+from app.printing import Sheet, draw_sheet, to_svg
 from core import TargetSpec
 
 DPI = 254.0
@@ -21,7 +20,7 @@ SHOWN_PX = 640
 
 
 def sheets() -> dict[str, Sheet]:
-    """Return one sheet of each kind, by the name of its picture."""
+    """Return one sheet of each kind, by the name of its figure."""
     return {
         "target-chessboard": draw_sheet(TargetSpec("chessboard", 9, 6, 25.0)),
         "target-chessboard-marks": draw_sheet(TargetSpec("chessboard", 10, 6, 22.0), marks=True),
@@ -43,7 +42,7 @@ def rasterised(sheet: Sheet) -> np.ndarray:
 
 
 def draw_all(into: Path) -> list[Path]:
-    """Write the pictures and return their paths."""
+    """Write the figures and return their paths."""
     into.mkdir(parents=True, exist_ok=True)
     paths = []
     for name, sheet in sheets().items():
