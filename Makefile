@@ -2,65 +2,85 @@
 PYTHON ?= python3
 VENV   := .venv
 BIN    := $(VENV)/bin
+# Errors alone: warnings are about the package index and this machine, not about Gridpose. No byte code, which Python
+# writes itself for the modules that are imported.
+PIP    := $(BIN)/python -m pip install -qq --no-compile --disable-pip-version-check
 export OMP_NUM_THREADS ?= 1
 export OPENBLAS_NUM_THREADS ?= 1
+# Every start of a process would compile all sources anew: seconds each, and the tests start hundreds.
+unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: help setup setup-dev demo serve test check bench soak pictures lock openapi clean
+.PHONY: help setup setup-dev demo serve test test-all test-shapes check check-clients bench soak figures lock openapi examples clean
 
 help:  ## list the targets
-	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 12
+	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 15
 
 $(BIN)/.setup: requirements.txt pyproject.toml
 	$(PYTHON) -m venv $(VENV)
-	$(BIN)/python -m pip install --quiet --require-hashes -r requirements.txt
-	$(BIN)/python -m pip install --quiet --no-deps --no-build-isolation -e .
+	@echo "installing packages into $(VENV)"
+	$(PIP) --require-hashes -r requirements.txt
+	$(PIP) --no-deps --no-build-isolation -e .
 	$(BIN)/python -m app.jobs.warm_up  # compiles the kernels, so that nobody waits for them later
 	@touch $@
 
 $(BIN)/.setup-dev: $(BIN)/.setup requirements-dev.txt
-	$(BIN)/python -m pip install --quiet --require-hashes -r requirements-dev.txt
+	$(PIP) --require-hashes -r requirements-dev.txt
 	@touch $@
 
 setup: $(BIN)/.setup  ## make .venv from the hashed requirements.txt
 
 setup-dev: $(BIN)/.setup-dev  ## the same, with what tests and checks need
 
-demo: setup  ## a rendered robot session through the real service, compared with its truth
+demo: setup  ## a small rendered robot session through the real service, compared with its truth
 	$(BIN)/gridpose demo
 
 serve: setup  ## run the service on this machine (data in ./gridpose-data)
 	$(BIN)/gridpose serve --data-dir gridpose-data
 
-test: setup-dev  ## every test but the soak runs
+test: setup-dev  ## every behaviour on small samples, in minutes
+	$(BIN)/python -m pytest -n auto -m "not slow and not soak"
+
+test-all: setup-dev test-shapes  ## the same, statistics at full size, long system tests, and shapes checked
 	$(BIN)/python -m pytest -n auto -m "not soak"
 
-check: setup-dev  ## format, lint, types, layers, and the committed openapi.json
+test-shapes: setup-dev  ## each path of core with the shapes and types of its arrays checked at run time
+	GRIDPOSE_TEST_SHAPES=1 $(BIN)/python -m pytest -n auto -m shapes tests/core tests/docs
+
+check: setup-dev  ## format, lint, types, layers, vocabulary, and the committed openapi.json
 	$(BIN)/ruff format --check .
 	$(BIN)/ruff check .
 	$(BIN)/mypy
 	$(BIN)/lint-imports
+	$(BIN)/python .ci/vocabulary.py
 	$(BIN)/python -m app.cli.openapi --check
 
 openapi: setup-dev  ## write openapi.json from the code
 	$(BIN)/python -m app.cli.openapi
 
+examples: setup-dev  ## record the examples of openapi.json in a real run; then `make openapi`
+	$(BIN)/python -m tests.support.contract
+
+check-clients: setup-dev  ## lint the contract, generate Python, TypeScript and Java clients, and measure with each
+	$(BIN)/python -m tests.clients
+
 bench: setup-dev  ## measure; prints the table and writes benchmarks/RESULTS.md
 	$(BIN)/python -m benchmarks
 
-soak: setup-dev  ## long crash and fuzz runs
+soak: setup-dev  ## long crash and fuzz runs, and the fault programme with its table
 	$(BIN)/python -m pytest -m soak -p no:cacheprovider tests
 
-pictures: setup-dev  ## draw the pictures of docs/ anew
-	$(BIN)/python docs/pictures/draw_detection.py
-	$(BIN)/python docs/pictures/draw_frames.py
-	$(BIN)/python docs/pictures/draw_targets.py
+figures: setup-dev  ## draw the figures of docs/ anew
+	$(BIN)/python docs/figures/draw_architecture.py
+	$(BIN)/python docs/figures/draw_detection.py
+	$(BIN)/python docs/figures/draw_frames.py
+	$(BIN)/python docs/figures/draw_targets.py
 
 lock: setup-dev  ## renew the hashed requirements
-	$(BIN)/python -m pip install --quiet uv
+	$(PIP) uv
 	$(BIN)/uv pip compile --quiet --universal --generate-hashes --no-emit-index-url --no-header --python-version 3.11 \
 	  --extra build --extra postgres pyproject.toml -o requirements.txt
 	$(BIN)/uv pip compile --quiet --universal --generate-hashes --no-emit-index-url --no-header --python-version 3.11 \
 	  --extra build --extra postgres --extra dev -c requirements.txt pyproject.toml -o requirements-dev.txt
 
 clean:  ## remove .venv and caches
-	rm -rf $(VENV) .mypy_cache .ruff_cache .pytest_cache .hypothesis .import_linter_cache
+	rm -rf $(VENV) build/clients .mypy_cache .ruff_cache .pytest_cache .hypothesis .import_linter_cache
