@@ -16,8 +16,10 @@ from functools import partial
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
+from scipy.cluster.hierarchy import DisjointSet
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
+from scipy.spatial import KDTree
 
 from core.kinematics.arm_model import ArmState
 from core.kinematics.global_fit.fit import fit_unweighted
@@ -157,20 +159,31 @@ def configurations(
 def _linked(points: Float[np.ndarray, "n j"], tolerance: float) -> Int[np.ndarray, " n"]:
     """Return the cluster of every point, counted by the first point of each.
 
-    Each is grown by what is left, so that no list of pairs is made: many repeats have very many.
+    Points of one cell of a grid as wide as the tolerance agree, so that repeats, which would make very many pairs of
+    points, make few pairs of cells. Two neighbouring cells are linked by their nearest points.
     """
-    cluster = np.empty(len(points), dtype=np.intp)
-    left, count = np.arange(len(points)), 0
-    while len(left):
-        growing, left = [int(left[0])], left[1:]
-        while growing:
-            one = growing.pop()
-            cluster[one] = count
-            near = np.abs(points[left] - points[one]).max(axis=1, initial=0.0) <= tolerance
-            growing += left[near].tolist()
-            left = left[~near]
-        count += 1
-    return cluster
+    grid = np.floor((points - points.min(axis=0, initial=0.0)) / tolerance)
+    cells, cell = np.unique(grid, axis=0, return_inverse=True)
+    cell = cell.ravel()
+    members = np.split(np.argsort(cell, kind="stable"), np.cumsum(np.bincount(cell))[:-1])
+    pairs = KDTree(cells).query_pairs(1.5, p=np.inf, output_type="ndarray")
+    first = np.array([of_cell[0] for of_cell in members])
+    near = (
+        np.abs(points[first[pairs[:, 0]]] - points[first[pairs[:, 1]]]).max(axis=1, initial=0.0) <= tolerance
+    )
+    edges = coo_array((np.ones(np.count_nonzero(near)), pairs[near].T), shape=(len(cells), len(cells)))
+    _, component = connected_components(edges, directed=False)
+    clusters = DisjointSet(range(int(component.max()) + 1))
+    several = np.array([len(of_cell) > 1 for of_cell in members])
+    for pair in pairs[~near & several[pairs].any(axis=1)]:
+        one, other = component[pair].tolist()
+        if not clusters.connected(one, other):
+            few, many = sorted((points[members[of_pair]] for of_pair in pair), key=len)
+            if KDTree(many).query(few, p=np.inf)[0].min() <= tolerance:
+                clusters.merge(one, other)
+    component = np.array([clusters[one] for one in range(int(component.max()) + 1)])[component]
+    _, at_first, of_component = np.unique(component[cell], return_index=True, return_inverse=True)
+    return np.asarray(np.argsort(np.argsort(at_first))[of_component.ravel()])
 
 
 def rms(residuals: Float[np.ndarray, "m n"]) -> HoldOutError:

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import math
+import time
 from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.cluster.hierarchy import fclusterdata
 
 from core.kinematics.global_fit.validation import SAME_CONFIGURATION, assign_folds, configurations
 from core.kinematics.identification import identify
@@ -43,6 +45,30 @@ def test_linkage_is_by_chains_of_readings_and_by_names() -> None:
     # In another order the same poses are together, and have the same numbers.
     order = np.array([4, 2, 0, 5, 3, 1])
     assert configurations(q[order]).tolist() == np.array([0, 0, 0, 1, 2, 3])[order].tolist()
+
+
+@pytest.mark.parametrize("spread", [0.02, 0.5, 1.0, 3.0])
+def test_clusters_are_those_of_single_linkage(spread: float) -> None:
+    """Repeats on both sides of a cell's border, chains through several cells, and joints in any number."""
+    rng = np.random.default_rng(34)
+    for joints in (1, 2, 6):
+        centres = rng.uniform(-3.0, 3.0, (9, joints))
+        q = centres[rng.integers(0, 9, 200)] + spread * SAME_CONFIGURATION * rng.normal(size=(200, joints))
+        linked = fclusterdata(q, SAME_CONFIGURATION, "distance", metric="chebyshev", method="single")
+        found = configurations(q)
+        pairs = set(zip(linked.tolist(), found.tolist(), strict=True))
+        assert len(pairs) == len(set(linked.tolist())) == len(set(found.tolist()))
+
+
+def test_time_grows_with_the_number_of_poses_not_with_its_square() -> None:
+    """Free poses make many clusters, repeats many pairs: the square of 40,000 takes most of a minute in both."""
+    rng = np.random.default_rng(35)
+    free = rng.uniform(-3.0, 3.0, (40_000, 6))
+    repeats = free[rng.integers(0, 5, 40_000)] + 1e-5 * rng.normal(size=(40_000, 6))
+    started = time.process_time()
+    assert len(np.unique(configurations(free))) == 40_000
+    assert len(np.unique(configurations(repeats))) == 5
+    assert time.process_time() - started < 10.0  # .3 s on a machine with nothing else to do
 
 
 def test_repeats_at_jittering_readings_say_no_more_than_at_steady_ones() -> None:
