@@ -40,6 +40,7 @@ from core.kinematics.global_fit import (
     Unidentifiable,
     Validation,
     conditioning,
+    fit_frames,
     fix_gauge,
     observations_of,
     placed,
@@ -192,8 +193,7 @@ def report(
     compared = None
     if nominal is not None:
         kept = seen.take(used)
-        compared = placed(nominal.as_array(), forward(nominal, kept.joint_angles), kept)
-        compared = replace(compared, shared=arm.shared)
+        compared = fit_frames(nominal.as_array(), arm, kept, gauge.free, refined.scatter)
     validation = None
     if folds > 1:
         validation = validate(

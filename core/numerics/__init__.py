@@ -16,7 +16,7 @@ from core.numerics.least_squares import (
     Prior,
     fit,
 )
-from core.numerics.normal_equations import block_products, covariance_of, root_of_inverse
+from core.numerics.normal_equations import block_products, covariance_of, damped_step, root_of_inverse
 from core.numerics.order_statistics import median, quantiles
 from core.numerics.schur import (
     FREE_FOCAL,
@@ -61,6 +61,7 @@ __all__ = [
     "best_subset",
     "block_products",
     "covariance_of",
+    "damped_step",
     "estimate_variances",
     "fit",
     "free_focal",

@@ -26,7 +26,7 @@ from core.kinematics.global_fit import (
     Validation,
     assign_folds,
     cross_validate,
-    fit_unweighted,
+    fit_frames,
     fix_gauge,
     observations_of,
     placed,
@@ -81,8 +81,7 @@ def validate_axes(
 
     def framed(of: Chain, rest: Observations) -> ArmState:
         """Return a chain with tool and bases by the poses that are left."""
-        arm = placed(of.as_array(), forward(of, rest.joint_angles), rest)
-        return fit_unweighted(arm, rest, frames, at_best.scatter)
+        return fit_frames(of.as_array(), at_best.arm, rest, frames, at_best.scatter)
 
     def identified(rest: Observations, fold: int) -> ArmState | None:
         lines = _lines_without(fits, rested, method, of_fold, fold)

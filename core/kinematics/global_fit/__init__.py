@@ -1,5 +1,6 @@
 """The fit of an arm to all poses at once: residuals, identifiability, robust fit, cross-validation, images."""
 
+from core.kinematics.global_fit.blocks import Blocking, blocks_of
 from core.kinematics.global_fit.fit import DEFAULT_SCATTER, FitResult, fit_unweighted, information_of, refine
 from core.kinematics.global_fit.identifiability import (
     Conditioning,
@@ -10,11 +11,20 @@ from core.kinematics.global_fit.identifiability import (
     scaled,
 )
 from core.kinematics.global_fit.image_linearisation import ImageObservations, linearise_images
+from core.kinematics.global_fit.joint_configurations import SAME_CONFIGURATION, configurations
+from core.kinematics.global_fit.nominal_frames import fit_frames
 from core.kinematics.global_fit.null_space import Unidentifiable, held_by_axes, unidentifiable
-from core.kinematics.global_fit.residuals import Observations, linearised, observations_of, placed
+from core.kinematics.global_fit.residuals import (
+    Observations,
+    linearised,
+    observations_of,
+    placed,
+    whitened,
+    whitener,
+)
 from core.kinematics.global_fit.validation import (
     FOLDS,
-    SAME_CONFIGURATION,
+    BlockErrors,
     HoldOutError,
     Validation,
     assign_folds,
@@ -27,6 +37,8 @@ __all__ = [
     "DEFAULT_SCATTER",
     "FOLDS",
     "SAME_CONFIGURATION",
+    "BlockErrors",
+    "Blocking",
     "Conditioning",
     "FitResult",
     "Gauge",
@@ -36,9 +48,12 @@ __all__ = [
     "Unidentifiable",
     "Validation",
     "assign_folds",
+    "blocks_of",
     "conditioning",
     "conditioning_of_chain",
+    "configurations",
     "cross_validate",
+    "fit_frames",
     "fit_unweighted",
     "fix_gauge",
     "held_by_axes",
@@ -52,4 +67,6 @@ __all__ = [
     "scaled",
     "unidentifiable",
     "validate",
+    "whitened",
+    "whitener",
 ]

@@ -161,16 +161,26 @@ def placed(
 
     References: M. Shah, J. Mechanisms Robotics 5 (2013) 031007, 10.1115/1.4024473.
     """
+    if seen.rotations is None:
+        return placed_with_tool(parameters, T_base_flange, seen, np.eye(3))
+    some = np.flatnonzero(seen.target == int(np.argmax(np.bincount(seen.target))))
+    R_Z, _ = frame_rotations(T_base_flange[some, :3, :3], seen.rotations[some])
+    return placed_with_tool(parameters, T_base_flange, seen, R_Z)
+
+
+def placed_with_tool(
+    parameters: Float[np.ndarray, "j 5"],
+    T_base_flange: Float[np.ndarray, "n 4 4"],
+    seen: Observations,
+    R_Z: Float[np.ndarray, "3 3"],
+) -> ArmState:
+    """Return the arm of a chain with a known rotation of the tool, the rest in closed form as in `placed`."""
     layout = seen.layout
     R_B, p_B = T_base_flange[:, :3, :3], T_base_flange[:, :3, 3]
-    main = int(np.argmax(np.bincount(seen.target)))
     members = [np.flatnonzero(seen.target == t) for t in range(layout.targets)]
     if seen.rotations is None:
-        R_Z = np.eye(3)
         turns = [_turn_by_positions(R_B[i], p_B[i], seen.positions_mm[i]) for i in members]
     else:
-        some = members[main]
-        R_Z, _ = frame_rotations(R_B[some], seen.rotations[some])
         turns = [
             nearest_rotation(np.einsum("nij,nkj->ik", seen.rotations[i], R_B[i] @ R_Z))
             if len(i)
@@ -181,8 +191,8 @@ def placed(
     # p_obs = X (p_B + R_B t_Z) + t_X
     A = np.zeros((len(seen), 3, 3 + 3 * layout.targets))
     A[:, :, :3] = X[seen.target] @ R_B
-    for t, some in enumerate(members):
-        A[some, :, 3 + 3 * t : 6 + 3 * t] = np.eye(3)
+    for t, of_target in enumerate(members):
+        A[of_target, :, 3 + 3 * t : 6 + 3 * t] = np.eye(3)
     b = seen.positions_mm - np.einsum("nij,nj->ni", X[seen.target], p_B)
     found = np.linalg.lstsq(A.reshape(-1, A.shape[2]), b.ravel(), rcond=None)[0]
     return ArmState(

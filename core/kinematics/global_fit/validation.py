@@ -5,30 +5,28 @@ is fitted. Joint angles may be encoder values, which differ a little at every vi
 the other poses, starting at the fit of all poses, and compared with the fold; so is the nominal chain, of which only
 tool and bases are fitted. Errors common to all poses (the lens) are fitted with the other poses and subtracted on both
 sides. Poses that the fit of all poses rejects as gross errors are not predicted; `excluded` is their number.
+
+Folds at random leave neighbours of every held-out pose. `BlockErrors` are the same figures for blocks of joint space.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
-from scipy.cluster.hierarchy import DisjointSet
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
-from scipy.spatial import KDTree
 
 from core.kinematics.arm_model import ArmState
+from core.kinematics.global_fit.blocks import Blocking, blocks_of
 from core.kinematics.global_fit.fit import fit_unweighted
+from core.kinematics.global_fit.joint_configurations import SAME_CONFIGURATION, configurations
 from core.kinematics.global_fit.residuals import Observations, linearised
 from core.numerics import Variances
 
 FOLDS = 5
-SAME_CONFIGURATION = math.radians(0.05)
-"""Joint angles no further apart are visits to one configuration."""
 _SEED = 9283  # which poses share a fold is a matter of chance, the same at every run
 
 
@@ -41,9 +39,20 @@ class HoldOutError:
 
 
 @dataclass(frozen=True, slots=True)
+class BlockErrors:
+    """Errors at blocks of joint space, each predicted by the poses of all others."""
+
+    blocking: Blocking
+    blocks: int
+    identified: HoldOutError
+    nominal: HoldOutError | None
+
+
+@dataclass(frozen=True, slots=True)
 class Validation:
     """Errors of the identified and the nominal chain at poses that neither was fitted to: `held_out` poses in `folds`
-    folds. The fit of all poses rejected `excluded` poses as gross errors; they are not held out.
+    folds. The fit of all poses rejected `excluded` poses as gross errors; they are not held out. `blocks` are the
+    errors at held-out blocks of joint space, empty where poses are too few for them.
     """
 
     identified: HoldOutError
@@ -51,6 +60,7 @@ class Validation:
     held_out: int
     folds: int
     excluded: int
+    blocks: tuple[BlockErrors, ...] = ()
 
 
 Fitted = Callable[[Observations, int], ArmState | None]
@@ -68,7 +78,7 @@ def validate(
     labels: Sequence[str] = (),
 ) -> Validation | None:
     """Return the held-out errors of a fit of all poses at once; None where there are too few configurations to hold any
-    out. `labels` are the poses' names, if they have any.
+    out. `labels` are the poses' names, if they have any; poses are in the order of measuring.
     """
     of_fold = assign_folds(seen.joint_angles, folds, labels)
     least = int(free[: arm.layout.kinematic].sum())
@@ -80,7 +90,16 @@ def validate(
     compared: Fitted | None = None
     if nominal is not None:
         compared = partial(_refined, nominal, of_frames, scatter)
-    return cross_validate(seen, of_fold, partial(_refined, arm, free, scatter), compared, excluded)
+    identified = partial(_refined, arm, free, scatter)
+    found = cross_validate(seen, of_fold, identified, compared, excluded)
+    if found is None:
+        return None
+    blocks = []
+    for blocking, of_block in blocks_of(arm, seen.joint_angles, labels).items():
+        held = cross_validate(seen, of_block, identified, compared, excluded)
+        if held is not None:
+            blocks.append(BlockErrors(blocking, held.folds, held.identified, held.nominal))
+    return replace(found, blocks=tuple(blocks))
 
 
 def cross_validate(
@@ -129,61 +148,6 @@ def assign_folds(
     configuration = configurations(joint_angles, labels, tolerance)
     dealt = np.arange(int(configuration.max()) + 1) % folds
     return np.asarray(np.random.default_rng(_SEED).permutation(dealt)[configuration])
-
-
-def configurations(
-    joint_angles: Float[np.ndarray, "n j"],
-    labels: Sequence[str] = (),
-    tolerance: float = SAME_CONFIGURATION,
-) -> Int[np.ndarray, " n"]:
-    """Return the configuration of every pose, counted from 0 in the order of joint angles.
-
-    Poses are of one configuration where none of their joints differs by more than `tolerance` (rad), where they have
-    the same label, and where a chain of such poses leads from one to the other: single linkage, which has no borders
-    for repeats to fall on either side of.
-    """
-    distinct, at = np.unique(joint_angles, axis=0, return_inverse=True)
-    near = _linked(distinct, tolerance)[at.ravel()]
-    if labels:
-        _, named = np.unique(np.asarray(labels), return_inverse=True)
-        count = int(near.max()) + 1
-        size = count + int(named.max()) + 1
-        edges = coo_array((np.ones(len(near)), (near, count + named.ravel())), shape=(size, size))
-        _, component = connected_components(edges, directed=False)
-        # Counted by the first of their joint angles, whatever the names are.
-        _, first, of_component = np.unique(component[:count], return_index=True, return_inverse=True)
-        near = np.argsort(np.argsort(first))[of_component.ravel()][near]
-    return np.asarray(near)
-
-
-def _linked(points: Float[np.ndarray, "n j"], tolerance: float) -> Int[np.ndarray, " n"]:
-    """Return the cluster of every point, counted by the first point of each.
-
-    Points of one cell of a grid as wide as the tolerance agree, so that repeats, which would make very many pairs of
-    points, make few pairs of cells. Two neighbouring cells are linked by their nearest points.
-    """
-    grid = np.floor((points - points.min(axis=0, initial=0.0)) / tolerance)
-    cells, cell = np.unique(grid, axis=0, return_inverse=True)
-    cell = cell.ravel()
-    members = np.split(np.argsort(cell, kind="stable"), np.cumsum(np.bincount(cell))[:-1])
-    pairs = KDTree(cells).query_pairs(1.5, p=np.inf, output_type="ndarray")
-    first = np.array([of_cell[0] for of_cell in members])
-    near = (
-        np.abs(points[first[pairs[:, 0]]] - points[first[pairs[:, 1]]]).max(axis=1, initial=0.0) <= tolerance
-    )
-    edges = coo_array((np.ones(np.count_nonzero(near)), pairs[near].T), shape=(len(cells), len(cells)))
-    _, component = connected_components(edges, directed=False)
-    clusters = DisjointSet(range(int(component.max()) + 1))
-    several = np.array([len(of_cell) > 1 for of_cell in members])
-    for pair in pairs[~near & several[pairs].any(axis=1)]:
-        one, other = component[pair].tolist()
-        if not clusters.connected(one, other):
-            few, many = sorted((points[members[of_pair]] for of_pair in pair), key=len)
-            if KDTree(many).query(few, p=np.inf)[0].min() <= tolerance:
-                clusters.merge(one, other)
-    component = np.array([clusters[one] for one in range(int(component.max()) + 1)])[component]
-    _, at_first, of_component = np.unique(component[cell], return_index=True, return_inverse=True)
-    return np.asarray(np.argsort(np.argsort(at_first))[of_component.ravel()])
 
 
 def rms(residuals: Float[np.ndarray, "m n"]) -> HoldOutError:

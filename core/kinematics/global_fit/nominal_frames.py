@@ -1,0 +1,92 @@
+"""Base and tool of a given chain, fitted to poses until they converge.
+
+The closed form of `placed` has no unique answer where all rotations share an axis, and what it then gives may be
+hundreds of millimetres from the best. Damped Gauss-Newton steps from several starts lead to the least sum of squares.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from core.kinematics.arm_model import ArmState
+from core.kinematics.dh import chain_frames
+from core.kinematics.global_fit.residuals import (
+    Observations,
+    linearised,
+    placed,
+    placed_with_tool,
+    whitened,
+    whitener,
+)
+from core.numerics import Variances, damped_step
+
+_MAX_ITERATIONS = 60
+_SETTLED = 1e-3  # of a step, in its own standard uncertainty
+_FIRST_DAMPING, _LEAST_DAMPING, _MOST_DAMPING = 1e-4, 1e-9, 1e6
+
+
+def fit_frames(
+    parameters: Float[np.ndarray, "j 5"],
+    identified: ArmState,
+    seen: Observations,
+    free: Bool[np.ndarray, " p"],
+    scatter: Variances,
+) -> ArmState:
+    """Return the arm with this chain and the base and tool that suit the poses best.
+
+    Starts are the base and tool of the `identified` arm, the closed form, and the closed form with that arm's rotation
+    of the tool. Columns of base and tool that are not `free` keep what the start has.
+    """
+    of_frames = free.copy()
+    of_frames[: identified.layout.tool.start] = False
+    of_frames[identified.layout.kinematic :] = False
+    T_base_flange = np.ascontiguousarray(chain_frames(parameters, seen.joint_angles)[:, -1])
+    R_tool = identified.T_flange_camera[:3, :3]
+    closed = (
+        placed(parameters, T_base_flange, seen),
+        placed_with_tool(parameters, T_base_flange, seen, R_tool),
+    )
+    starts = [replace(identified, parameters=parameters)]
+    starts += [replace(start, shared=identified.shared) for start in closed]
+    return _best([_converged(start, seen, of_frames, scatter) for start in starts], seen, scatter)
+
+
+def _best(arms: Sequence[ArmState], seen: Observations, scatter: Variances) -> ArmState:
+    W = whitener(seen, scatter)
+    sums = [float(np.sum(whitened(W, linearised(arm, seen)[0]) ** 2)) for arm in arms]
+    return arms[int(np.argmin(sums))]
+
+
+def _converged(
+    arm: ArmState,
+    seen: Observations,
+    free: Bool[np.ndarray, " p"],
+    scatter: Variances,
+) -> ArmState:
+    """Return the arm after damped Gauss-Newton steps of the free columns, until they no longer move it."""
+    W = whitener(seen, scatter)
+    damping = _FIRST_DAMPING
+    r, J = linearised(arm, seen)
+    left = whitened(W, r)
+    for _ in range(_MAX_ITERATIONS):
+        rows = whitened(W, J[free]).reshape(int(free.sum()), -1)
+        moved, length = damped_step(np.ascontiguousarray(rows @ rows.T), rows @ left.ravel(), damping)
+        step = np.zeros(arm.layout.size)
+        step[free] = moved
+        candidate = arm.moved(step)
+        r, derivatives = linearised(candidate, seen)
+        now = whitened(W, r)
+        if np.isfinite(length) and np.sum(now**2) <= np.sum(left**2):
+            arm, left, J = candidate, now, derivatives
+            damping = max(damping / 10.0, _LEAST_DAMPING)
+            if length < _SETTLED:
+                break
+        else:
+            damping *= 10.0
+            if damping > _MOST_DAMPING:
+                break
+    return arm
