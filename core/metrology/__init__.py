@@ -1,5 +1,13 @@
 """Robot performance by ISO 9283:1998, from poses alone, each figure with its interval and its noise floor."""
 
+from core.metrology.accuracy import (
+    EstimatedDeviation,
+    HeldOutDeviation,
+    PoseAccuracy,
+    TiedDeviations,
+    estimate_deviations,
+    tied_accuracy,
+)
 from core.metrology.distances import ApproachVariation, DistanceAssessment, assess_approaches, assess_distance
 from core.metrology.intervals import IntervalEstimate, assess_radial, assess_three_sigma, noise_only_lengths
 from core.metrology.iso9283 import (
@@ -24,11 +32,15 @@ __all__ = [
     "DistanceAssessment",
     "DistancePerformance",
     "Drift",
+    "EstimatedDeviation",
+    "HeldOutDeviation",
     "IntervalEstimate",
     "Outlier",
     "PerComponent",
+    "PoseAccuracy",
     "PoseCycles",
     "PoseRepeatability",
+    "TiedDeviations",
     "Verdict",
     "VerdictLimits",
     "angles_from_vectors",
@@ -41,9 +53,11 @@ __all__ = [
     "distance_performance",
     "drift",
     "eigenvalues",
+    "estimate_deviations",
     "long_run_rp",
     "noise_only_lengths",
     "pose_accuracy",
     "position_repeatability",
     "rp_sampling_distribution",
+    "tied_accuracy",
 ]

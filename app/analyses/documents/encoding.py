@@ -58,11 +58,13 @@ def figures_document(
     }
 
 
-def intervals_document(intervals: PerComponent[tuple[float, float] | None]) -> dict[str, list[float] | None]:
-    """Return intervals of repeatability under the API's keys, angles in degrees."""
+def intervals_document(
+    intervals: PerComponent[tuple[float, float] | None], keys: tuple[str, ...] = RP
+) -> dict[str, list[float] | None]:
+    """Return intervals of figures under the API's keys, angles in degrees."""
     return {
         name: None if value is None else [factor(name) * value[0], factor(name) * value[1]]
-        for name, (_, value) in zip(RP, intervals.items(), strict=True)
+        for name, (_, value) in zip(keys, intervals.items(), strict=True)
     }
 
 

@@ -15,7 +15,7 @@ from app.analyses.documents.encoding import (
     intervals_document,
 )
 from app.analyses.documents.findings import ExcludedList, Findings
-from core.metrology import CONFIDENCE, PerComponent, PoseRepeatability
+from core.metrology import CONFIDENCE, PerComponent, PoseAccuracy, PoseRepeatability
 from core.session import (
     Approaches,
     PoseDistance,
@@ -63,10 +63,21 @@ def _row(row: PoseRow, found: SessionRepeatability, listed: ExcludedList) -> dic
         "corrected_interval": intervals_document(figures.corrected_interval if figures else _NOTHING),
         "without_outliers": figures_document(without) if without else None,
         "outliers": _outliers(row),
-        "accuracy": figures_document(accuracy, AP) if accuracy is not None else None,
+        "accuracy": _accuracy(accuracy) if accuracy is not None else None,
         "verdict": figures.verdict if figures else "too_few_cycles",
         "measurement_ids": [visit.measurement_id for visit in row.visits],
         "excluded": listed.documents(row.excluded),
+    }
+
+
+def _accuracy(found: PoseAccuracy) -> dict[str, Any]:
+    return {
+        **figures_document(found.figures, AP),
+        "ap_rotation_vector_deg": None if found.rotation is None else np.degrees(found.rotation).tolist(),
+        "interval": intervals_document(found.interval, AP),
+        "held_out": figures_document(found.held_out, AP),
+        "degrees_of_freedom": found.degrees_of_freedom,
+        "tie": "best_fit",
     }
 
 

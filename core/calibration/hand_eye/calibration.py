@@ -118,6 +118,7 @@ def calibrate_hand_eye(
         degrees_of_freedom=max(surplus, 1.0),
         deviations=deviations_of(found, shared, stations, poses, used),
         warnings=tuple(warnings),
+        common=shared.frames,
     )
 
 

@@ -99,6 +99,7 @@ def deviations_of(
     results = []
     lefts = held_out_factors(J, found.covariance, V, used)
     for i, (station, left) in enumerate(zip(stations, lefts, strict=True)):
+        leverage = J[i] @ found.covariance @ J[i].T @ np.linalg.inv(V[i])
         position = rotation = covariance = None
         if left is not None:
             held_out = np.linalg.solve(left, e[i])
@@ -108,6 +109,16 @@ def deviations_of(
             together = np.linalg.solve(left, shared.attained[i])
             covariance = measured[i] + np.linalg.solve(left, common) + together @ together.T
         results.append(
-            PoseResidual(station.pose_id, -e[i, :3], -e[i, 3:], position, rotation, covariance, bool(used[i]))
+            PoseResidual(
+                station.pose_id,
+                -e[i, :3],
+                -e[i, 3:],
+                position,
+                rotation,
+                covariance,
+                bool(used[i]),
+                leverage,
+                shared.attained[i],
+            )
         )
     return tuple(results)

@@ -51,7 +51,7 @@ class PositionOnlyCalibration:
     `covariance` (9, 9): the point, then d (mm) and w (rad) of T_base_target, R_true = exp(w) R. `deviations_mm` (n, 3)
     are attained - commanded in the base frame, `held_out_mm` the same with the frames tied by the other stations (None
     where those would not suffice), `used` the stations that tied the frames; `undetermined` names in words what was
-    held.
+    held. `leverage` and `common` are as in `PoseResidual`, of positions alone.
     """
 
     T_base_target: Float[np.ndarray, "4 4"]
@@ -65,6 +65,8 @@ class PositionOnlyCalibration:
     used: Bool[np.ndarray, " n"]
     undetermined: tuple[str, ...]
     warnings: tuple[Advisory, ...]
+    leverage: Float[np.ndarray, "n 3 3"]
+    common: Float[np.ndarray, "n 3 k"]
 
     @property
     def coverage_factor(self) -> float:
@@ -126,6 +128,7 @@ def calibrate_from_positions(stations: Sequence[PositionObservation]) -> Positio
         )
     if not result.converged:
         raise NotConverged("No target in the base explains the commanded positions.")
+    leverage, common = _follows(result, problem, deviation, used, stations)
     return PositionOnlyCalibration(
         T_base_target=result.state.T_base_target,
         point_camera_mm=result.state.point,
@@ -138,6 +141,8 @@ def calibrate_from_positions(stations: Sequence[PositionObservation]) -> Positio
         used=used,
         undetermined=_words(free),
         warnings=_warnings(stations, used),
+        leverage=leverage,
+        common=common,
     )
 
 
@@ -179,11 +184,16 @@ def _jacobian(state: _State, problem: _Problem) -> Float[np.ndarray, "n 3 p"]:
     return np.concatenate([by_point, by_place, -hats(from_target)], axis=2)
 
 
-def _measurement(state: _State, problem: _Problem) -> Float[np.ndarray, "n 3 3"]:
-    """Return the predictions' covariance due to measurement."""
+def _effect(state: _State, problem: _Problem) -> Float[np.ndarray, "n 3 6"]:
+    """Return what an error of the measured pose does to the prediction."""
     R = state.T_base_target[:3, :3]
     turned = -R @ hats(problem.measured[:, :3, :3] @ state.point)
-    G = np.concatenate([np.broadcast_to(R, turned.shape), turned], axis=2)
+    return np.concatenate([np.broadcast_to(R, turned.shape), turned], axis=2)
+
+
+def _measurement(state: _State, problem: _Problem) -> Float[np.ndarray, "n 3 3"]:
+    """Return the predictions' covariance due to measurement."""
+    G = _effect(state, problem)
     return np.asarray(G @ problem.covariance @ G.swapaxes(1, 2))
 
 
@@ -255,6 +265,27 @@ def _placed(R: Float[np.ndarray, "3 3"], problem: _Problem) -> _State:
     b = problem.commanded - problem.measured[:, :3, 3] @ R.T
     found = np.linalg.lstsq(A.reshape(-1, size + 3), b.ravel(), rcond=None)[0]
     return _State(transform(R, found[size:]), problem.free @ found[:size])
+
+
+def _follows(
+    result: Fit[_State],
+    problem: _Problem,
+    deviation: float,
+    used: Bool[np.ndarray, " n"],
+    stations: Sequence[PositionObservation],
+) -> tuple[Float[np.ndarray, "n 3 3"], Float[np.ndarray, "n 3 k"]]:
+    """Return what the frames follow of each station's deviation, and what errors common to all leave in it."""
+    J = _jacobian(result.state, problem)
+    weights = np.linalg.inv(_measurement(result.state, problem) + deviation**2 * np.eye(3))
+    leverage = J @ result.covariance @ J.swapaxes(1, 2) @ weights
+    given = [s.common for s in stations if s.common is not None]
+    if len(given) < len(stations):
+        return leverage, np.zeros((len(stations), 3, 0))
+    if len({c.shape[1] for c in given}) > 1:
+        raise InvalidArgument("All stations must share the same errors, or none.")
+    moved = _effect(result.state, problem) @ np.array(given)
+    frames = -result.covariance @ np.einsum("nij,nik->jk", J[used], (weights @ moved)[used])
+    return leverage, moved + J @ frames
 
 
 def _held_out(

@@ -51,6 +51,7 @@ class PositionObservation:
     position_base_mm: Float[np.ndarray, "3"]
     T_target_camera: Float[np.ndarray, "4 4"]
     covariance: Float[np.ndarray, "6 6"] | None = None
+    common: Float[np.ndarray, "6 k"] | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,6 +76,10 @@ class PoseResidual:
     from the other poses, `held_out_covariance` (position, rotation) their covariance as a measurement of what the
     robot did; None where the other poses would not suffice. Of a pose that was not `used` all poses used are the
     others.
+
+    `leverage` (6, 6) is the pose's block J C JᵀV⁻¹ of the fit's hat matrix: the share of the pose's own deviation that
+    the frames follow. `common` (6, k) is what one standard uncertainty of each error that all stations share leaves in
+    the deviation, the frames having followed it.
     """
 
     pose_id: str
@@ -84,13 +89,16 @@ class PoseResidual:
     held_out_rotation: Float[np.ndarray, "3"] | None
     held_out_covariance: Float[np.ndarray, "6 6"] | None
     used: bool
+    leverage: Float[np.ndarray, "6 6"]
+    common: Float[np.ndarray, "6 k"]
 
 
 @dataclass(frozen=True, slots=True)
 class HandEyeCalibration:
     """The frames with their covariance, in the order of `FRAMES_STATE`; `T_base_targets` is one for each target.
 
-    `covariance_given_camera` is `covariance` without the errors that all stations have in common.
+    `covariance_given_camera` is `covariance` without the errors that all stations have in common; `common` (p, k) is
+    what one standard uncertainty of each of these does to the frames.
     `robot_position_mm` and `robot_rotation` (rad) are the robot's standard deviations from the commanded poses along
     each axis, beyond what the measurements explain.
     """
@@ -104,6 +112,7 @@ class HandEyeCalibration:
     degrees_of_freedom: float
     deviations: tuple[PoseResidual, ...]
     warnings: tuple[Advisory, ...]
+    common: Float[np.ndarray, "p k"]
 
     @property
     def coverage_factor(self) -> float:
@@ -113,6 +122,18 @@ class HandEyeCalibration:
     @property
     def frames(self) -> Frames:
         return Frames(self.T_flange_camera, self.T_base_targets)
+
+    def effect_of(
+        self, T_target_camera: Float[np.ndarray, "4 4"], common: Float[np.ndarray, "6 k"] | None
+    ) -> tuple[Float[np.ndarray, "6 6"], Float[np.ndarray, "6 k"]]:
+        """Return how a pose before the first target that tied no frames is compared: the covariance that the frames
+        leave in its attained pose, and what the errors that it shares with the stations (`common`) leave.
+        """
+        J = jacobian(self.frames, T_target_camera[None])[0]
+        left = J @ self.common
+        if common is not None and common.shape == left.shape:
+            left = left + measurement_effect(self.frames, T_target_camera[None])[0] @ common
+        return J @ self.covariance_given_camera @ J.T, left
 
     @property
     def T_base_target(self) -> Float[np.ndarray, "4 4"]:

@@ -4,8 +4,9 @@ two ways, and which cannot.
 Frames are tied by the poses that were commanded whole, where these are at least half of all or enough to detect a wrong
 one among them: that of the measuring device on the flange and that of what it measures against in the base. A pose
 whose position alone was commanded is compared in the frames that they tie, and poses measured without orientation are
-tied by themselves. Where too few were commanded whole, or these do not tie the frames, positions alone do, and the
-poses that lose the accuracy of their orientation by that are named.
+tied by themselves. Where too few were commanded whole, or these do not tie the frames (the standard's cube has one
+orientation), positions alone do; orientations then compare with the mean one where one was commanded for all, and else
+the poses that lose the accuracy of their orientation are named.
 """
 
 from __future__ import annotations
@@ -15,16 +16,19 @@ from dataclasses import dataclass
 
 from core.calibration import MIN_POSES_TO_REJECT
 from core.errors import Advisory, GridposeError, listed
-from core.metrology import PerComponent
+from core.metrology import PoseAccuracy
 from core.session.commanded_poses.frame_ties import Commands, Visits, by_positions, by_whole_poses, oriented
 from core.session.model import CommandedPose, MeasuredPose, SessionData, natural
+
+FEW_DEGREES_OF_FREEDOM = 5.0
+"""Below so many, an interval of AP is wider than its figure."""
 
 
 @dataclass(frozen=True, slots=True)
 class Accuracy:
-    """AP by pose, mm and rad, for those that could be compared; what to know of it."""
+    """AP by pose for those that could be compared, and what to know of it."""
 
-    poses: Mapping[str, PerComponent[float | None]]
+    poses: Mapping[str, PoseAccuracy]
     warnings: tuple[Advisory, ...]
 
 
@@ -41,7 +45,7 @@ def assess_accuracy(data: SessionData, visits: Mapping[str, Sequence[MeasuredPos
             "PUT the session's poses with what was commanded.",
         )
     frames = {pose_id: of_pose[0].frame for pose_id, of_pose in visits.items()}
-    found: dict[str, PerComponent[float | None]] = {}
+    found: dict[str, PoseAccuracy] = {}
     warnings: list[Advisory] = []
     failures: dict[int, GridposeError] = {}
     without = {pose_id: "no measurement of it counts" for pose_id in commands if pose_id not in frames}
@@ -61,7 +65,7 @@ def assess_accuracy(data: SessionData, visits: Mapping[str, Sequence[MeasuredPos
     if not found:
         most = max(failures, key=lambda frame: (list(frames.values()).count(frame), -frame))
         return _unavailable(failures[most].detail, failures[most].advice)
-    return Accuracy(found, (*warnings, *_incomplete(without)))
+    return Accuracy(found, (*warnings, *_limits(found), *_incomplete(without)))
 
 
 def _compare(visits: Visits, commands: Commands) -> Accuracy:
@@ -73,15 +77,13 @@ def _compare(visits: Visits, commands: Commands) -> Accuracy:
         try:
             return _by_poses(visits, commands)
         except GridposeError as failure:
-            if len(whole) == len(commands):
-                raise
             try:
-                return _without_orientation(_by_positions(visits, commands), whole, failure.detail)
+                return _by_positions_instead(visits, commands, whole, failure.detail)
             except GridposeError:
                 raise failure from None
     try:
         few = f"they are fewer than half of the poses, and than {MIN_POSES_TO_REJECT}"
-        return _without_orientation(_by_positions(visits, commands), whole, few)
+        return _by_positions_instead(visits, commands, whole, few)
     except GridposeError as failure:
         try:
             return _by_poses(visits, commands)
@@ -106,16 +108,52 @@ def _by_positions(visits: Visits, commands: Commands) -> Accuracy:
     return Accuracy(*by_positions(visits, commands))
 
 
-def _without_orientation(accuracy: Accuracy, whole: Sequence[str], reason: str) -> Accuracy:
-    """Return an accuracy of positions with a warning whose orientation was commanded and measured all the same."""
-    warning = Advisory(
-        "orientation_accuracy_unavailable",
-        f"The frames are tied by positions alone, so {listed(sorted(whole, key=natural))} "
-        f"{'has' if len(whole) == 1 else 'have'} no accuracy of orientation, though it was commanded and measured: "
-        f"{reason.rstrip('.')}.",
-        f"State the commanded orientations of {MIN_POSES_TO_REJECT} poses or more that turn about two axes.",
-    )
+def _by_positions_instead(visits: Visits, commands: Commands, whole: Sequence[str], reason: str) -> Accuracy:
+    """Compare by positions poses whose orientation was commanded and measured all the same, and say what that costs."""
+    accuracy = _by_positions(visits, commands)
+    lost = [p for p in whole if p in accuracy.poses and accuracy.poses[p].rotation is None]
+    if lost:
+        warning = Advisory(
+            "orientation_accuracy_unavailable",
+            f"The frames are tied by positions alone, so {listed(sorted(lost, key=natural))} "
+            f"{'has' if len(lost) == 1 else 'have'} no accuracy of orientation, though it was commanded and measured: "
+            f"{reason.rstrip('.')}.",
+            f"State the commanded orientations of {MIN_POSES_TO_REJECT} poses or more that turn about two axes.",
+        )
+    else:
+        warning = Advisory(
+            "orientation_accuracy_about_mean",
+            "All poses have one commanded orientation, so the frames are tied by positions. Accuracy of orientation "
+            "is against the poses' mean orientation: a turn that all poses share is not observable.",
+            f"Add {MIN_POSES_TO_REJECT} poses or more that turn about two axes to tie the orientation as well.",
+        )
     return Accuracy(accuracy.poses, (warning, *accuracy.warnings))
+
+
+def _limits(found: Mapping[str, PoseAccuracy]) -> list[Advisory]:
+    """Say where few poses tie the frames, and where angles mean nothing."""
+    warnings = []
+    least = min(one.degrees_of_freedom for one in found.values())
+    if least < FEW_DEGREES_OF_FREEDOM:
+        warnings.append(
+            Advisory(
+                "accuracy_weakly_determined",
+                f"The {len(found)} poses tie the frames with {least:.1f} degrees of freedom to spare: accuracy is "
+                "known only as far as its interval says.",
+                "Add poses: five of one commanded orientation leave nine degrees of freedom, ten of any 24.",
+            )
+        )
+    singular = sorted((p for p, one in found.items() if one.near_singularity), key=natural)
+    if singular:
+        warnings.append(
+            Advisory(
+                "accuracy_near_gimbal_lock",
+                f"Commanded pitch is within 5° of ±90° at {listed(singular)}: roll, pitch and yaw do not describe "
+                "small turns there, and accuracy of orientation is given as a rotation vector alone.",
+                None,
+            )
+        )
+    return warnings
 
 
 def _why_not(visits: Sequence[MeasuredPose], commanded: CommandedPose) -> str:

@@ -1,11 +1,11 @@
 """Pose accuracy in frames that the session's own commanded poses tie: by whole poses, or by positions.
 
 The target's place in the robot's base and the camera's on the flange are estimated from the commanded poses
-themselves (`core.calibration.hand_eye`), so that each pose is compared in frames tied by all the
-others. Another instrument is tied in the same way, with the probe in the camera's place. Positions alone (a
-reflector) are tied with the roles exchanged: the commanded poses give the orientation of the flange, the
-readings the position of one point on it, and the nine unknowns of `core.calibration.hand_eye.position_only`
-are the instrument in the robot's base and that point on the flange.
+themselves (`core.calibration.hand_eye`); what that leaves of each pose's deviation is `core.metrology.accuracy`.
+Another instrument is tied in the same way, with the probe in the camera's place. Positions alone (a reflector) are
+tied with the roles exchanged: the commanded poses give the orientation of the flange, the readings the position of one
+point on it, and the nine unknowns of `core.calibration.hand_eye.position_only` are the instrument in the robot's base
+and that point on the flange.
 """
 
 from __future__ import annotations
@@ -17,21 +17,31 @@ from jaxtyping import Float
 
 from core.calibration import (
     MIN_POSES_TO_REJECT,
-    PoseResidual,
     PositionObservation,
     average_station,
     calibrate_from_positions,
     calibrate_hand_eye,
 )
 from core.errors import Advisory, GridposeError
-from core.geometry import so3_exp, transform, transform_mean
-from core.metrology import PerComponent, pose_accuracy
+from core.geometry import so3_log, transform, transform_mean
+from core.metrology import (
+    EstimatedDeviation,
+    HeldOutDeviation,
+    PoseAccuracy,
+    TiedDeviations,
+    estimate_deviations,
+    tied_accuracy,
+)
+from core.session.commanded_poses.mean_noise import mean_position_variance, mean_rotation_variance
 from core.session.model import CommandedPose, MeasuredPose
+
+SAME_ORIENTATION = 1e-5
+"""Commanded orientations nearer to one another than this, rad, are one."""
 
 Visits = Mapping[str, Sequence[MeasuredPose]]
 Commands = Mapping[str, CommandedPose]
-Compared = tuple[dict[str, PerComponent[float | None]], tuple[Advisory, ...]]
-"""AP by pose (mm, rad), and what to know of it."""
+Compared = tuple[dict[str, PoseAccuracy], tuple[Advisory, ...]]
+"""AP by pose, and what to know of it."""
 
 
 def oriented(visits: Sequence[MeasuredPose]) -> bool:
@@ -58,12 +68,44 @@ def by_whole_poses(visits: Visits, commands: Commands) -> Compared:
             for pose_id, c in whole.items()
         ]
     )
-    found = {d.pose_id: _accuracy_of(d, _commanded_pose(commands[d.pose_id])) for d in tie.deviations}
-    for pose_id, c in compared.items():
-        if pose_id not in whole:
-            attained = tie.frames.attained(transform_mean(_transforms(visits[pose_id]))[None])[0]
-            found[pose_id] = pose_accuracy(attained[:3, 3], np.array(c.position_mm, dtype=np.float64))
-    return found, tie.warnings
+    rest = [pose_id for pose_id in compared if pose_id not in whole]
+    means = {p: transform_mean(_transforms(visits[p])) for p in rest}
+    effects = [tie.effect_of(means[p], _mean_common(visits[p])) for p in rest]
+    spread = tie.robot_position_mm**2
+    used = np.array([d.used for d in tie.deviations] + [False] * len(rest))
+    positions = TiedDeviations(
+        np.array(
+            [d.position_mm for d in tie.deviations]
+            + [tie.frames.attained(means[p][None])[0][:3, 3] - _position(commands[p]) for p in rest]
+        ),
+        np.array(
+            [d.leverage[:3, :3] for d in tie.deviations]
+            + [C[:3, :3] / max(spread, 1e-12) for C, _ in effects]
+        ),
+        np.array([d.common[:3] for d in tie.deviations] + [left[:3] for _, left in effects]),
+        used,
+        mean_position_variance([visits[p] for p in compared]),
+    )
+    turns = TiedDeviations(
+        np.array([d.rotation for d in tie.deviations]),
+        np.array([d.leverage[3:, 3:] for d in tie.deviations]),
+        np.array([d.common[3:] for d in tie.deviations]),
+        used[: len(whole)],
+        mean_rotation_variance([visits[p] for p in whole]),
+    )
+    places = estimate_deviations(positions)
+    found = {}
+    for d, place, turn in zip(tie.deviations, places, estimate_deviations(turns), strict=False):
+        held_out = None
+        if d.held_out_position_mm is not None:
+            held_out = HeldOutDeviation(d.held_out_position_mm, d.held_out_rotation)
+        found[d.pose_id] = tied_accuracy(
+            place, turn, whole[d.pose_id].rotation(), held_out, positions.degrees_of_freedom
+        )
+    for pose_id, place in zip(rest, places[len(whole) :], strict=True):
+        alone = HeldOutDeviation(place.residual)  # the frames are the others' already
+        found[pose_id] = tied_accuracy(place, None, None, alone, positions.degrees_of_freedom)
+    return {p: one for p, one in found.items() if one is not None}, tie.warnings
 
 
 def by_positions(visits: Visits, commands: Commands) -> Compared:
@@ -84,24 +126,75 @@ def by_positions(visits: Visits, commands: Commands) -> Compared:
 
 
 def _by_measured_orientation(visits: Visits, commands: Commands) -> Compared:
+    poses = np.array([transform_mean(_transforms(visits[p])) for p in commands])
+    turns: list[Float[np.ndarray, "3"]] | None = None
+    if _one_orientation(commands):
+        # The robot's own turns about the one orientation say nothing of where the commanded point is on the flange.
+        mean = transform_mean(poses)[:3, :3]
+        turns = [so3_log(R @ mean.T) for R in poses[:, :3, :3]]
+        poses[:, :3, :3] = mean
     stations = []
-    for pose_id, c in commands.items():
+    for T, (pose_id, c) in zip(poses, commands.items(), strict=True):
         # Of another instrument only the scatter of the positions themselves is taken.
-        covariances = _own_covariances(visits[pose_id]) if _mean_common(visits[pose_id]) is not None else None
+        common = _mean_common(visits[pose_id])
+        covariances = _own_covariances(visits[pose_id]) if common is not None else None
         stations.append(
             PositionObservation(
                 pose_id,
-                np.array(c.position_mm, dtype=np.float64),
-                transform_mean(_transforms(visits[pose_id])),
+                _position(c),
+                T,
                 None if covariances is None else covariances.mean(axis=0),
+                common,
             )
         )
     tie = calibrate_from_positions(stations)
+    tied = TiedDeviations(
+        tie.deviations_mm,
+        tie.leverage,
+        tie.common,
+        tie.used,
+        mean_position_variance([visits[p] for p in commands]),
+    )
+    rotations: list[EstimatedDeviation] | list[None] = [None] * len(stations)
+    if turns is not None:
+        rotations = estimate_deviations(_about_the_mean(turns, tie.T_base_target[:3, :3], visits, commands))
     found = {}
-    for station, fitted, held_out in zip(stations, tie.deviations_mm, tie.held_out_mm, strict=True):
-        attained = station.position_base_mm + (fitted if held_out is None else held_out)
-        found[station.pose_id] = pose_accuracy(attained, station.position_base_mm)
-    return found, tie.warnings
+    for station, place, turn, held_out in zip(
+        stations, estimate_deviations(tied), rotations, tie.held_out_mm, strict=True
+    ):
+        found[station.pose_id] = tied_accuracy(
+            place,
+            turn,
+            commands[station.pose_id].rotation(),
+            None if held_out is None else HeldOutDeviation(held_out),
+            tied.degrees_of_freedom,
+        )
+    return {p: one for p, one in found.items() if one is not None}, tie.warnings
+
+
+def _about_the_mean(
+    turns: Sequence[Float[np.ndarray, "3"]],
+    R_base_target: Float[np.ndarray, "3 3"],
+    visits: Visits,
+    commands: Commands,
+) -> TiedDeviations:
+    """Return deviations of orientation from the poses' mean one, which stands for the camera's on the flange."""
+    count = len(turns)
+    return TiedDeviations(
+        np.array(turns) @ R_base_target.T,
+        np.broadcast_to(np.eye(3) / count, (count, 3, 3)),
+        np.zeros((count, 3, 0)),
+        np.ones(count, dtype=np.bool_),
+        mean_rotation_variance([visits[p] for p in commands]),
+    )
+
+
+def _one_orientation(commands: Commands) -> bool:
+    """Return whether all poses were commanded with one and the same orientation."""
+    rotations = [R for c in commands.values() if (R := c.rotation()) is not None]
+    if len(rotations) < len(commands):
+        return False
+    return all(float(np.linalg.norm(so3_log(R @ rotations[0].T))) <= SAME_ORIENTATION for R in rotations)
 
 
 def _of_a_point(visits: Visits, commands: Commands) -> Compared:
@@ -121,27 +214,40 @@ def _of_a_point(visits: Visits, commands: Commands) -> Compared:
         PositionObservation(
             pose_id,
             np.mean([visit.position_mm for visit in visits[pose_id]], axis=0),
-            _commanded_pose(c) if known else transform(np.eye(3), np.array(c.position_mm, dtype=np.float64)),
+            _commanded_pose(c) if known else transform(np.eye(3), _position(c)),
         )
         for pose_id, c in commands.items()
     ]
     tie = calibrate_from_positions(stations)
     R_base_instrument = tie.T_base_target[:3, :3].T
+    # What the tie calls attained is here what was commanded, seen by the instrument.
+    tied = TiedDeviations(
+        -tie.deviations_mm @ R_base_instrument.T,
+        R_base_instrument @ tie.leverage @ R_base_instrument.T,
+        np.zeros((len(stations), 3, 0)),
+        tie.used,
+        mean_position_variance([visits[p] for p in commands]),
+    )
     found = {}
-    for station, fitted, held_out in zip(stations, tie.deviations_mm, tie.held_out_mm, strict=True):
-        # What the tie calls attained is here what was commanded, seen by the instrument.
-        deviation = -R_base_instrument @ (fitted if held_out is None else held_out)
-        commanded = station.T_target_camera[:3, 3]
-        found[station.pose_id] = pose_accuracy(commanded + deviation, commanded)
-    return found, (*warnings, *tie.warnings)
+    for station, place, held_out in zip(stations, estimate_deviations(tied), tie.held_out_mm, strict=True):
+        found[station.pose_id] = tied_accuracy(
+            place,
+            None,
+            None,
+            None if held_out is None else HeldOutDeviation(-R_base_instrument @ held_out),
+            tied.degrees_of_freedom,
+        )
+    return {p: one for p, one in found.items() if one is not None}, (*warnings, *tie.warnings)
 
 
 def _commanded_pose(commanded: CommandedPose) -> Float[np.ndarray, "4 4"]:
     """Return T_base_flange as commanded; unturned where the orientation is not known."""
     rotation = commanded.rotation()
-    return transform(
-        np.eye(3) if rotation is None else rotation, np.array(commanded.position_mm, dtype=np.float64)
-    )
+    return transform(np.eye(3) if rotation is None else rotation, _position(commanded))
+
+
+def _position(commanded: CommandedPose) -> Float[np.ndarray, "3"]:
+    return np.array(commanded.position_mm, dtype=np.float64)
 
 
 def _transforms(visits: Sequence[MeasuredPose]) -> Float[np.ndarray, "n 4 4"]:
@@ -156,13 +262,3 @@ def _own_covariances(visits: Sequence[MeasuredPose]) -> Float[np.ndarray, "n 6 6
 def _mean_common(visits: Sequence[MeasuredPose]) -> Float[np.ndarray, "6 e"] | None:
     common = [visit.common for visit in visits if visit.common is not None]
     return np.mean(common, axis=0) if len(common) == len(visits) else None
-
-
-def _accuracy_of(deviation: PoseResidual, commanded: Float[np.ndarray, "4 4"]) -> PerComponent[float | None]:
-    """Return AP by the frames that the other poses tie, where they suffice for that."""
-    position, turn = deviation.held_out_position_mm, deviation.held_out_rotation
-    if position is None or turn is None:
-        position, turn = deviation.position_mm, deviation.rotation
-    return pose_accuracy(
-        commanded[:3, 3] + position, commanded[:3, 3], so3_exp(turn) @ commanded[:3, :3], commanded[:3, :3]
-    )

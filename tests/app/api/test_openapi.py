@@ -70,7 +70,7 @@ SHAPES_OF_CONTRACT = {
     # A measurement is excluded by its user, with a reason; analyses list what does not count.
     "excluded": {"MeasurementRead", "MeasurementChange"},
 }
-QUALIFYING = {"RepeatabilityIntervals", "FocalInterval", "DhIdentifiable"}
+QUALIFYING = {"AccuracyIntervals", "RepeatabilityIntervals", "FocalInterval", "DhIdentifiable"}
 """Blocks with the same keys as the block whose values they qualify, by an interval or by yes and no."""
 
 

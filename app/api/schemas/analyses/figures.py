@@ -2,12 +2,23 @@
 
 from __future__ import annotations
 
-from typing import Annotated
+from typing import Annotated, Literal
 
 from pydantic import Field
+from typing_extensions import TypeAliasType
 
-from app.api.schemas.analyses.common import Interval
+from app.api.schemas.analyses.common import Interval, Vector
 from app.api.schemas.common import ResponseModel
+
+Tie = TypeAliasType(
+    "Tie",
+    Annotated[
+        Literal["best_fit", "stated"],
+        Field(
+            description="`best_fit`: by least squares over the commanded poses; `stated`: by a given transform."
+        ),
+    ],
+)
 
 
 class RepeatabilityFigures(ResponseModel):
@@ -71,6 +82,55 @@ class AccuracyFigures(ResponseModel):
     ap_roll_deg: Annotated[float | None, Field(description="Attained less commanded roll angle, degrees.")]
     ap_pitch_deg: Annotated[float | None, Field(description="Attained less commanded pitch angle, degrees.")]
     ap_yaw_deg: Annotated[float | None, Field(description="Attained less commanded yaw angle, degrees.")]
+
+
+class AccuracyIntervals(ResponseModel):
+    """For each figure of accuracy [low, high], between which the robot's own deviation lies at the confidence level."""
+
+    ap_p_mm: Annotated[Interval | None, Field(description="[low, high] of the distance AP, mm.")]
+    ap_x_mm: Annotated[Interval | None, Field(description="[low, high] along the base frame's x, mm.")]
+    ap_y_mm: Annotated[Interval | None, Field(description="[low, high] along the base frame's y, mm.")]
+    ap_z_mm: Annotated[Interval | None, Field(description="[low, high] along the base frame's z, mm.")]
+    ap_roll_deg: Annotated[Interval | None, Field(description="[low, high] of the roll angle, degrees.")]
+    ap_pitch_deg: Annotated[Interval | None, Field(description="[low, high] of the pitch angle, degrees.")]
+    ap_yaw_deg: Annotated[Interval | None, Field(description="[low, high] of the yaw angle, degrees.")]
+
+
+class PoseAccuracy(AccuracyFigures):
+    """AP of one pose in frames that the commanded poses tie.
+
+    What moves all poses as one rigid body is not observable by such a tie.
+    """
+
+    ap_rotation_vector_deg: Annotated[
+        Vector | None,
+        Field(
+            description="Attained less commanded orientation as a rotation vector in the base frame, degrees; it holds "
+            "where pitch is near ±90° and the angles are null, too. Null where orientation is not compared.",
+            examples=[[0.012, -0.007, 0.031]],
+        ),
+    ]
+    interval: Annotated[
+        AccuracyIntervals,
+        Field(
+            description="Of the figures, at the confidence level: what the tie, the scatter of the visits, the lens, "
+            "and scale and shape of the print leave open."
+        ),
+    ]
+    held_out: Annotated[
+        AccuracyFigures,
+        Field(
+            description="The same with the frames tied by all other poses; larger by what these leave open. Null "
+            "where they do not suffice."
+        ),
+    ]
+    degrees_of_freedom: Annotated[
+        float, Field(description="Of the positions, beyond what the tie takes.", examples=[9.0])
+    ]
+    tie: Annotated[
+        Tie,
+        Field(description="How the robot's base and the measuring frame were tied.", examples=["best_fit"]),
+    ]
 
 
 class VariationFigures(ResponseModel):

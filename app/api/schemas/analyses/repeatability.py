@@ -8,7 +8,7 @@ from pydantic import Field
 from typing_extensions import TypeAliasType
 
 from app.api.schemas.analyses.common import EstimatedAnalysis, ExcludedRead, SourceField, Vector
-from app.api.schemas.analyses.figures import AccuracyFigures, RepeatabilityFigures, RepeatabilityIntervals
+from app.api.schemas.analyses.figures import PoseAccuracy, RepeatabilityFigures, RepeatabilityIntervals
 from app.api.schemas.analyses.intrinsics import GroupIntrinsics
 from app.api.schemas.analyses.performance import ApproachVariation, Drift, PoseDistance
 from app.api.schemas.common import ResponseModel
@@ -95,10 +95,11 @@ class PoseRepeatability(ResponseModel):
         Field(description="Cycles that the scatter of the others does not explain; they count."),
     ]
     accuracy: Annotated[
-        AccuracyFigures | None,
+        PoseAccuracy | None,
         Field(
-            description="Attained less commanded (7.2.1), in the robot's base frame, with the frames tied by the other "
-            "poses; null where they cannot be tied, for the reason in warnings."
+            description="Attained less commanded (7.2.1), in the robot's base frame, with the frames tied by the "
+            "commanded poses (best fit, studentised by its leverage); null where they cannot be tied, for the reason "
+            "in warnings."
         ),
     ]
     verdict: Annotated[
