@@ -2,32 +2,24 @@
 
 from __future__ import annotations
 
-import hashlib
 import math
 import tempfile
 import time
 from collections.abc import Iterable, Iterator
-from datetime import UTC, datetime
 from pathlib import Path
 from statistics import median
-from typing import Any
 
 import httpx2
 import numpy as np
-import sqlalchemy as sa
 
 from app.analyses.worker import analyse
 from app.cli.demo.service_process import ServiceProcess
 from app.client import ServiceClient
-from app.records.codec import Provenance, encode_calibration, encode_refused
 from app.records.database import Database
-from app.records.ids import new_id
-from app.records.tables import Measurement, Result
-from app.services.poses import get_or_create_pose
 from app.settings import Settings
 from benchmarks.conditions import one_core, seconds
+from benchmarks.stored_sessions import Visit, store
 from benchmarks.table import Row
-from core import calibrate_points
 from core.calibration import calibrate_views
 from core.geometry import invert, project, so3_exp, transform, transform_points
 from core.targets import GridPoints, TargetSpec
@@ -79,7 +71,7 @@ def _stored(board: tuple[int, int], poses: int, seed: int, repeats: int) -> Iter
             assert service.admin_key is not None
             with ServiceClient(service.url, service.admin_key) as client:
                 session_id, target_id = _new_session(client, board)
-            _fill(folder, session_id, target_id, board, poses, seed)
+            store(folder, session_id, target_id, _visits(board, poses, seed))
             headers = {"Authorization": f"Bearer {service.admin_key}"}
             with httpx2.Client(base_url=service.url, headers=headers, timeout=200.0) as client:
                 yield from _asked(client, session_id, case, repeats)
@@ -142,57 +134,7 @@ def _new_session(client: ServiceClient, board: tuple[int, int]) -> tuple[str, st
     return session_id, target_id
 
 
-def _fill(
-    folder: Path, session_id: str, target_id: str, board: tuple[int, int], poses: int, seed: int
-) -> None:
-    """Store finished measurements, as workers would have left them, in the service's database."""
-    database = Database(Settings(data_dir=folder).effective_database_url)
-    measurements, results = [], []
-    documents: dict[str, dict[str, Any]] = {}
-    for pose_id, cycle, points in _visits(board, poses, seed):
-        sha256 = hashlib.sha256(points.points_px.tobytes()).hexdigest()
-        provenance = Provenance("0.1.0", sha256, {})
-        if (
-            pose_id not in documents
-        ):  # one calibration's document stands for its pose's: analyses read points alone
-            documents[pose_id] = encode_calibration(calibrate_points(points), provenance)
-        measurement = {
-            "id": new_id("mea"),
-            "session_id": session_id,
-            "pose_id": pose_id,
-            "target_id": target_id,
-            "cycle": cycle,
-            "focus_group": "default",
-            "received_at": datetime.now(UTC),
-            "finished_at": datetime.now(UTC),
-            "sha256": sha256,
-            "bytes": 1,
-            "image_format": "png",
-            "image_width_px": WIDTH,
-            "image_height_px": HEIGHT,
-            "status": "succeeded",
-            "attempts": 1,
-        }
-        measurements.append(measurement)
-        stored = encode_refused(points, provenance)
-        results.append(
-            {
-                **documents[pose_id],
-                "points": stored["points"],
-                "content_sha256": stored["content_sha256"],
-                "measurement_id": measurement["id"],
-            }
-        )
-    with database.write() as records:
-        for pose_id in documents:
-            get_or_create_pose(records, session_id, pose_id)
-        records.flush()
-        records.execute(sa.insert(Measurement), measurements)
-        records.execute(sa.insert(Result), results)
-    database.dispose()
-
-
-def _visits(board: tuple[int, int], poses: int, seed: int) -> Iterator[tuple[str, int, GridPoints]]:
+def _visits(board: tuple[int, int], poses: int, seed: int) -> Iterator[Visit]:
     """Yield what a detector reports of a robot whose positions scatter; its uncertainties scatter by 3 %, too."""
     rng = np.random.default_rng(seed)
     target = TargetSpec("chessboard", board[0], board[1], 10.0)
@@ -209,4 +151,5 @@ def _visits(board: tuple[int, int], poses: int, seed: int) -> Iterator[tuple[str
             exact = project(transform_points(attained, target.points_target()), camera)
             noisy = exact + rng.normal(0.0, SIGMA_PX, exact.shape)
             u = SIGMA_PX * np.exp(rng.normal(0.0, 0.03, len(exact)))
-            yield f"P{index + 1}", cycle, GridPoints(target, WIDTH, HEIGHT, column, row, noisy, u)
+            points = GridPoints(target, WIDTH, HEIGHT, column, row, noisy, u)
+            yield Visit(f"P{index + 1}", cycle, points)

@@ -110,6 +110,7 @@ robots = typer.Typer(
                 "app.cli.robots.creation:create",
                 "Make a robot with its nominal Denavit-Hartenberg parameters.",
             ),
+            "change": ("app.cli.robots.creation:change", "Change what is stated of a robot."),
             "list": ("app.cli.robots.stored:show_list", "List the robots of a service."),
             "delete": ("app.cli.robots.stored:delete", "Delete robots that no session names."),
         }

@@ -16,23 +16,36 @@ from app.records.tables import Robot, Session, Target, target_fields
 from app.services.queries import exists, get_or_raise, lock_for_deletion, require_readable, visible
 
 
-def create_robot(
-    session: orm.Session, *, name: str, joints: list[dict[str, Any]], datasheet_repeatability_mm: float | None
-) -> Robot:
+def create_robot(records: orm.Session, fields: Mapping[str, Any]) -> Robot:
     """Store a robot; of its joints what is known of them.
 
     Raises InvalidContent if names are not unique, or a lower limit is not below its upper limit.
     """
-    _check(joints)
-    robot = Robot(
-        id=new_id("rob"),
-        name=name,
-        joints=[{key: value for key, value in joint.items() if value is not None} for joint in joints],
-        datasheet_repeatability_mm=datasheet_repeatability_mm,
-        created_at=datetime.now(UTC),
-    )
-    session.add(robot)
+    robot = Robot(id=new_id("rob"), created_at=datetime.now(UTC), **_columns(fields))
+    records.add(robot)
     return robot
+
+
+def update_robot(records: orm.Session, robot_id: str, changes: Mapping[str, Any]) -> Robot:
+    """Change the fields named in `changes`; analyses of the robot's sessions are computed anew from them.
+
+    Raises NotFound, and InvalidContent as `create_robot` does.
+    """
+    robot = get_or_raise(records, Robot, robot_id, lock=True)
+    for field, value in _columns(changes).items():
+        setattr(robot, field, value)
+    records.flush()
+    return robot
+
+
+def _columns(fields: Mapping[str, Any]) -> dict[str, Any]:
+    columns = dict(fields)
+    if "joints" in columns:
+        _check(columns["joints"])
+        columns["joints"] = [
+            {key: value for key, value in joint.items() if value is not None} for joint in columns["joints"]
+        ]
+    return columns
 
 
 def _check(joints: Sequence[Mapping[str, Any]]) -> None:

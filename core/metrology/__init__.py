@@ -1,5 +1,6 @@
 """Robot performance by ISO 9283:1998, from poses alone, each figure with its interval and its noise floor."""
 
+from core.metrology.acceptance import RULE, Acceptance, Decision, Reading, decide
 from core.metrology.accuracy import (
     EstimatedDeviation,
     HeldOutDeviation,
@@ -28,7 +29,10 @@ from core.metrology.verdict import Verdict, VerdictLimits
 __all__ = [
     "COMPONENTS",
     "CONFIDENCE",
+    "RULE",
+    "Acceptance",
     "ApproachVariation",
+    "Decision",
     "DistanceAssessment",
     "DistancePerformance",
     "Drift",
@@ -40,6 +44,7 @@ __all__ = [
     "PoseAccuracy",
     "PoseCycles",
     "PoseRepeatability",
+    "Reading",
     "TiedDeviations",
     "Verdict",
     "VerdictLimits",
@@ -49,6 +54,7 @@ __all__ = [
     "assess_radial",
     "assess_repeatability",
     "assess_three_sigma",
+    "decide",
     "direction_variation",
     "distance_performance",
     "drift",

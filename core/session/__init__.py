@@ -12,6 +12,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from core.session.acceptance import RepeatabilityAcceptance, assess_acceptance
     from core.session.calibration import CalibratedSession, TaggedImage, calibrate_session
     from core.session.commanded_poses import (
         HandEyeStation,
@@ -26,6 +27,7 @@ if TYPE_CHECKING:
         NO_TARGET,
         CameraViews,
         CommandedPose,
+        Datasheet,
         ExcludedMeasurement,
         ExcludedPose,
         FocusGroup,
@@ -57,6 +59,7 @@ if TYPE_CHECKING:
     from core.session.targets import RefinedTarget, refine_target, target_transforms
 
 _NAMES = {
+    "acceptance": ("RepeatabilityAcceptance", "assess_acceptance"),
     "calibration": (
         "CalibratedSession",
         "TaggedImage",
@@ -85,6 +88,7 @@ _NAMES = {
         "NO_TARGET",
         "CameraViews",
         "CommandedPose",
+        "Datasheet",
         "ExcludedMeasurement",
         "ExcludedPose",
         "FocusGroup",
@@ -130,6 +134,7 @@ __all__ = [
     "CalibratedSession",
     "CameraViews",
     "CommandedPose",
+    "Datasheet",
     "ExcludedMeasurement",
     "ExcludedPose",
     "FocusGroup",
@@ -142,6 +147,7 @@ __all__ = [
     "PoseDistance",
     "PoseRow",
     "RefinedTarget",
+    "RepeatabilityAcceptance",
     "RobotIdentification",
     "SelectedImages",
     "SessionData",
@@ -149,6 +155,7 @@ __all__ = [
     "SessionHandEye",
     "SessionRepeatability",
     "TaggedImage",
+    "assess_acceptance",
     "assess_repeatability",
     "calibrate_session",
     "calibrate_session_hand_eye",

@@ -87,6 +87,14 @@ class CommandedPose:
 
 
 @dataclass(frozen=True, slots=True)
+class Datasheet:
+    """What the robot's maker states of it, mm; None where nothing is stated."""
+
+    repeatability_mm: float | None = None
+    accuracy_mm: float | None = None
+
+
+@dataclass(frozen=True, slots=True)
 class MeasuredPose:
     """One visit to a pose as it was measured: by the camera in an image, or by another instrument.
 
@@ -161,6 +169,8 @@ class SessionData:
         The camera of the estimator `given`.
     nominal
         The robot as its maker describes it.
+    datasheet
+        What its maker promises.
     pending
         Images that are not computed yet, for messages.
     """
@@ -174,6 +184,7 @@ class SessionData:
     lens: Lens | None = None
     intrinsics: Camera | None = None
     nominal: Chain | None = None
+    datasheet: Datasheet = Datasheet()
     pending: int = 0
 
     def observed(self) -> set[int]:

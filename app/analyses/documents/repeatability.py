@@ -15,13 +15,15 @@ from app.analyses.documents.encoding import (
     intervals_document,
 )
 from app.analyses.documents.findings import ExcludedList, Findings
-from core.metrology import CONFIDENCE, PerComponent, PoseAccuracy, PoseRepeatability
+from core.metrology import CONFIDENCE, RULE, PerComponent, PoseAccuracy, PoseRepeatability
 from core.session import (
     Approaches,
     PoseDistance,
     PoseRow,
+    RepeatabilityAcceptance,
     SessionData,
     SessionRepeatability,
+    assess_acceptance,
     assess_repeatability,
     drift_of,
     estimate_session,
@@ -43,6 +45,7 @@ def repeatability_findings(data: SessionData, settings: Mapping[str, str]) -> Fi
         "poses": [_row(row, found, listed) for row in found.poses],
         "groups": [camera_fields(group) for group in estimate.groups] if estimate is not None else [],
         "drift": _drift(found.poses),
+        "acceptance": _acceptance(assess_acceptance(found.poses, data.datasheet)),
         "distances": [_distance(one) for one in performance.distances] or None,
         "approach_variation": [_approaches(one) for one in performance.approaches] or None,
     }
@@ -135,6 +138,21 @@ def _drift(rows: Sequence[PoseRow]) -> dict[str, Any] | None:
             }
         )
     return {"poses": documents} if documents else None
+
+
+def _acceptance(found: RepeatabilityAcceptance | None) -> dict[str, Any] | None:
+    """Return whether the robot keeps its data sheet, where one is stated."""
+    if found is None:
+        return None
+    return {
+        "datasheet_repeatability_mm": found.limit_mm,
+        "worst_rp_l_mm": found.worst_mm,
+        "pose_id": found.pose_id,
+        "decision": found.found.decision,
+        "rule": RULE,
+        "reason": found.found.reason,
+        "cycles_needed": found.found.cycles_needed,
+    }
 
 
 def _distance(one: PoseDistance) -> dict[str, Any]:

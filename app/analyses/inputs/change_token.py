@@ -61,7 +61,15 @@ def read_change_token(records: orm.Session, session_id: str) -> str:
         session.lens,
         session.intrinsics,
         session.conditions,
-        [robot.id, robot.name, robot.joints] if robot is not None else None,
+        [
+            robot.id,
+            robot.name,
+            robot.joints,
+            robot.datasheet_repeatability_mm,
+            robot.datasheet_accuracy_mm,
+        ]
+        if robot is not None
+        else None,
         # Numbers as numbers: as text SQLite rounds them.
         [list(row) for row in records.execute(sa.select(*POSE_COLUMNS).where(Pose.session_id == session_id))],
     ]

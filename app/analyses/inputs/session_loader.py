@@ -22,6 +22,7 @@ from core.geometry import nearest_rotation
 from core.kinematics import Chain, JointParameters
 from core.session import (
     CameraViews,
+    Datasheet,
     ImageObservation,
     MeasuredPose,
     SessionData,
@@ -61,6 +62,7 @@ def load_session(records: orm.Session, snapshot: Snapshot, source: str = "images
         lens=Lens(**snapshot.lens) if snapshot.lens is not None else None,
         intrinsics=Camera(**snapshot.intrinsics) if snapshot.intrinsics is not None else None,
         nominal=nominal_chain(snapshot.robot),
+        datasheet=Datasheet(**snapshot.datasheet),
         pending=snapshot.pending,
     )
 

@@ -78,7 +78,8 @@ class Snapshot:
     them, but for those that are computed again, whose earlier results stand.
 
     Where an analysis is of another instrument's poses, `measured` are those in the same order, and there are no images.
-    `robot` are the nominal parameters of the session's joints. `subject` is what answers say they are about.
+    `robot` are the nominal parameters of the session's joints, `datasheet` what its maker states. `subject` is what
+    answers say they are about.
     """
 
     session_id: str
@@ -91,6 +92,7 @@ class Snapshot:
     pending: int
     measured: tuple[StoredPose, ...] = ()
     robot: list[dict[str, float]] | None = None
+    datasheet: Mapping[str, float | None] = field(default_factory=dict)
     subject: Mapping[str, Any] = field(default_factory=dict)
 
     def answer_sha256(self, analysis: str, settings: Mapping[str, Any]) -> str:
@@ -134,6 +136,7 @@ class Snapshot:
             ],
             "measured": [[m.pose_id, m.cycle, m.content_sha256] for m in self.measured],
             "robot": self.robot if analysis in ROBOT_ANALYSES else None,
+            "datasheet": dict(self.datasheet) if analysis == "repeatability" else None,
         }
         text = json.dumps(inputs, sort_keys=True, separators=(",", ":"), allow_nan=False)
         return hashlib.sha256(text.encode()).hexdigest()
@@ -187,6 +190,12 @@ def read_snapshot(records: orm.Session, session_id: str, source: str = "images")
         robot=[{name: joint[name] for name in _OF_JOINT} for joint in robot.joints]
         if robot is not None
         else None,
+        datasheet={
+            "repeatability_mm": robot.datasheet_repeatability_mm,
+            "accuracy_mm": robot.datasheet_accuracy_mm,
+        }
+        if robot is not None
+        else {},
         pending=0
         if source == "measured_poses"
         else records.scalar(

@@ -13,7 +13,7 @@ from app.api.requester import RequesterDep, run_while_connected
 from app.api.responses import stored_document, stored_documents
 from app.api.routing import api_router, problem_responses
 from app.api.schemas.analyses import DhPlan, DhPlanCreate
-from app.api.schemas.robots import RobotCreate, RobotPage, RobotRead
+from app.api.schemas.robots import RobotChange, RobotCreate, RobotPage, RobotRead
 from app.records.tables import Robot
 from app.services import robots
 from app.services.plausibility import check_joints
@@ -38,7 +38,7 @@ def create_robot(
     if not accept_implausible:
         check_joints(fields["joints"])
     with service.installation.database.write() as records:
-        robot = robots.create_robot(records, **fields)
+        robot = robots.create_robot(records, fields)
     response.headers["Location"] = f"/v1/robots/{robot.id}"
     return _document(robot)
 
@@ -57,6 +57,24 @@ def get_robot(robot_id: RobotPath, service: AppContextDep) -> RobotRead:
     """Return one robot."""
     with service.installation.database.read() as records:
         return _document(get_or_raise(records, Robot, robot_id))
+
+
+@router.patch("/{robot_id}", responses=problem_responses(404, 409, 413, 415, 422, 507))
+def update_robot(
+    robot_id: RobotPath,
+    body: RobotChange,
+    service: AppContextDep,
+    accept_implausible: AcceptImplausible = False,
+) -> RobotRead:
+    """Change a robot; analyses of its sessions use the change from now on.
+
+    `joints` are sent whole, and are 422 `implausible_unit` as in a new robot.
+    """
+    changes = body.model_dump(include=body.model_fields_set)
+    if "joints" in changes and not accept_implausible:
+        check_joints(changes["joints"])
+    with service.installation.database.write() as records:
+        return _document(robots.update_robot(records, robot_id, changes))
 
 
 @router.delete("/{robot_id}", status_code=204, responses=problem_responses(404, 409, 507))

@@ -51,21 +51,52 @@ class Joint(RequestModel):
     ] = None
 
 
-class RobotCreate(RequestModel):
-    """A robot's nominal kinematics."""
+Name = Annotated[
+    Text,
+    Field(description="What people call the robot; need not be unique.", examples=["KR 5 arc, cell 4"]),
+]
+Joints = Annotated[
+    list[Joint],
+    Field(min_length=1, max_length=12, description="The robot's joints in order, the first at the base."),
+]
+Manufacturer = Annotated[Text | None, Field(description="Who made the robot; null: not known.")]
+Model = Annotated[Text | None, Field(description="What its maker calls it; null: not known.")]
+SerialNumber = Annotated[
+    Text | None, Field(description="The number on its plate, by which reports name this one robot.")
+]
+DatasheetRepeatability = Annotated[
+    Annotated[float, Field(ge=0, le=1e6)] | None,
+    Field(description="Position repeatability (RP_l) that the maker states, mm; null: not known."),
+]
+DatasheetAccuracy = Annotated[
+    Annotated[float, Field(ge=0, le=1e6)] | None,
+    Field(description="Position accuracy (AP_p) that the maker states, mm; null: not known."),
+]
 
-    name: Annotated[
-        Text,
-        Field(description="What people call the robot; need not be unique.", examples=["KR 5 arc, cell 4"]),
-    ]
-    joints: Annotated[
-        list[Joint],
-        Field(min_length=1, max_length=12, description="The robot's joints in order, the first at the base."),
-    ]
-    datasheet_repeatability_mm: Annotated[
-        Annotated[float, Field(ge=0, le=1e6)] | None,
-        Field(description="Position repeatability (RP_l) that the maker states, mm; null: not known."),
-    ] = None
+
+class RobotCreate(RequestModel):
+    """A robot: its nominal kinematics, who made it, and what its data sheet states."""
+
+    name: Name
+    joints: Joints
+    manufacturer: Manufacturer = None
+    model: Model = None
+    serial_number: SerialNumber = None
+    datasheet_repeatability_mm: DatasheetRepeatability = None
+    datasheet_accuracy_mm: DatasheetAccuracy = None
+
+
+class RobotChange(RequestModel):
+    """What to change of a robot; fields left away stay as they are."""
+
+    # The factories make the fields optional without allowing null; what was not sent is never looked at.
+    name: Name = Field(default_factory=str)
+    joints: Joints = Field(default_factory=list)
+    manufacturer: Manufacturer = None
+    model: Model = None
+    serial_number: SerialNumber = None
+    datasheet_repeatability_mm: DatasheetRepeatability = None
+    datasheet_accuracy_mm: DatasheetAccuracy = None
 
 
 class RobotRead(ResponseModel):
@@ -74,9 +105,16 @@ class RobotRead(ResponseModel):
     id: RobotId
     name: Annotated[str, Field(description="What people call the robot.")]
     joints: Annotated[list[Joint], Field(description="The robot's joints in order, the first at the base.")]
+    manufacturer: Annotated[str | None, Field(description="Who made the robot; null: not known.")]
+    model: Annotated[str | None, Field(description="What its maker calls it; null: not known.")]
+    serial_number: Annotated[str | None, Field(description="The number on its plate; null: not known.")]
     datasheet_repeatability_mm: Annotated[
         float | None,
         Field(description="Position repeatability (RP_l) that the maker states, mm; null: not known."),
+    ]
+    datasheet_accuracy_mm: Annotated[
+        float | None,
+        Field(description="Position accuracy (AP_p) that the maker states, mm; null: not known."),
     ]
 
 

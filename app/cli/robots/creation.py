@@ -1,34 +1,47 @@
-"""`gridpose robots create`."""
+"""`gridpose robots create` and `change`."""
 
 from __future__ import annotations
 
 import math
-from typing import Annotated, Any
+from typing import Annotated
 
 import typer
 
 from app.cli.client_options import UploadAccess
 from app.cli.console import OptionRefused
 from app.cli.creation import AcceptImplausible, BodyFile, Name, create_named
-from app.client import Json, ServiceClient
+from app.client import Json, ServiceClient, find_robot
 
 _PARAMETERS = ("a_mm", "alpha_deg", "d_mm", "theta_offset_deg", "minimum_deg", "maximum_deg")
 _FORMS = (3, 4, 6)
 
 
+_Joints = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--joint",
+        help="A joint's classic (distal) Denavit-Hartenberg parameters, A_MM:ALPHA_DEG:D_MM, then "
+        ":THETA_OFFSET_DEG and :MINIMUM_DEG:MAXIMUM_DEG if known; once per joint, the first at the base.",
+    ),
+]
+_Manufacturer = Annotated[str | None, typer.Option(help="Who made the robot.")]
+_Model = Annotated[str | None, typer.Option(help="What its maker calls it.")]
+_SerialNumber = Annotated[str | None, typer.Option(help="The number on its plate.")]
+_Repeatability = Annotated[
+    float | None, typer.Option(help="Position repeatability that the maker states.", min=0.0)
+]
+_Accuracy = Annotated[float | None, typer.Option(help="Position accuracy that the maker states.", min=0.0)]
+
+
 def create(
     service: UploadAccess,
     name: Name = None,
-    joint: Annotated[
-        list[str] | None,
-        typer.Option(
-            help="A joint's classic (distal) Denavit-Hartenberg parameters, A_MM:ALPHA_DEG:D_MM, then "
-            ":THETA_OFFSET_DEG and :MINIMUM_DEG:MAXIMUM_DEG if known; once per joint, the first at the base."
-        ),
-    ] = None,
-    datasheet_repeatability_mm: Annotated[
-        float | None, typer.Option(help="Position repeatability that the maker states.", min=0.0)
-    ] = None,
+    joint: _Joints = None,
+    manufacturer: _Manufacturer = None,
+    model: _Model = None,
+    serial_number: _SerialNumber = None,
+    datasheet_repeatability_mm: _Repeatability = None,
+    datasheet_accuracy_mm: _Accuracy = None,
     file: BodyFile = None,
     accept_implausible: AcceptImplausible = False,
 ) -> int:
@@ -38,27 +51,60 @@ def create(
 
     Prints the robot's id as the last line.
     """
-
-    def fields(_: ServiceClient) -> Json:
-        given: dict[str, Any] = {}
-        if joint:
-            given["joints"] = [_joint(text) for text in joint]
-        if datasheet_repeatability_mm is not None:
-            given["datasheet_repeatability_mm"] = datasheet_repeatability_mm
-        return given
-
+    texts = {"manufacturer": manufacturer, "model": model, "serial_number": serial_number}
+    promised = {
+        "datasheet_repeatability_mm": datasheet_repeatability_mm,
+        "datasheet_accuracy_mm": datasheet_accuracy_mm,
+    }
     return service.run(
         lambda client: create_named(
             client,
             "robot",
             name,
             file,
-            fields,
+            lambda _: _given(joint, texts, promised),
             {"joints": "--joint"},
             "gridpose sessions create NAME --robot {id}",
             accept_implausible=accept_implausible,
         )
     )
+
+
+def change(
+    robot: Annotated[str, typer.Argument(help="Id or name of the robot.")],
+    service: UploadAccess,
+    name: Annotated[str | None, typer.Option(help="The robot's new name.")] = None,
+    joint: _Joints = None,
+    manufacturer: _Manufacturer = None,
+    model: _Model = None,
+    serial_number: _SerialNumber = None,
+    datasheet_repeatability_mm: _Repeatability = None,
+    datasheet_accuracy_mm: _Accuracy = None,
+) -> int:
+    """Change what is stated of a robot; joints are given whole. Analyses of its sessions use the change."""
+    texts = {"name": name, "manufacturer": manufacturer, "model": model, "serial_number": serial_number}
+    promised = {
+        "datasheet_repeatability_mm": datasheet_repeatability_mm,
+        "datasheet_accuracy_mm": datasheet_accuracy_mm,
+    }
+
+    def act(client: ServiceClient) -> None:
+        changes = _given(joint, texts, promised)
+        if not changes:
+            raise OptionRefused(
+                "Nothing is to be changed.", "Give what is new, e.g. --datasheet-accuracy-mm .5."
+            )
+        robot_id = find_robot(client, robot)["id"]
+        client.change(f"/v1/robots/{robot_id}", changes)
+        print(f"{robot_id} changed")
+
+    return service.run(act)
+
+
+def _given(joint: list[str] | None, texts: Json, promised: Json) -> Json:
+    """Return the fields of a robot that the options name."""
+    fields = {name: value for name, value in {**texts, **promised}.items() if value is not None}
+    return {**fields, "joints": [_joint(text) for text in joint]} if joint else fields
 
 
 def _joint(text: str) -> dict[str, float]:

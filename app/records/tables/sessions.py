@@ -50,7 +50,11 @@ class Robot(Table):
     id: Mapped[str] = mapped_column(sa.String(40), primary_key=True)
     name: Mapped[str] = mapped_column(sa.String(200))
     joints: Mapped[JsonList]
+    manufacturer: Mapped[str | None] = mapped_column(sa.String(200))
+    model: Mapped[str | None] = mapped_column(sa.String(200))
+    serial_number: Mapped[str | None] = mapped_column(sa.String(200))
     datasheet_repeatability_mm: Mapped[float | None] = mapped_column(sa.Double())
+    datasheet_accuracy_mm: Mapped[float | None] = mapped_column(sa.Double())
     created_at: Mapped[datetime]
     made_by: Mapped[str | None] = made_by_column()
 

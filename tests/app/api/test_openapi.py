@@ -269,6 +269,7 @@ def test_the_contract_is_all_there(document: dict[str, Any]) -> None:
         "GET /v1/targets/{target_id}",
         "PATCH /v1/keys/{key_id}",
         "PATCH /v1/measurements/{measurement_id}",
+        "PATCH /v1/robots/{robot_id}",
         "PATCH /v1/sessions/{session_id}",
         "POST /v1/keys",
         "POST /v1/measurements/{measurement_id}/retry",

@@ -74,3 +74,41 @@ def test_names_and_limits_that_cannot_be_are_refused(
 )
 def test_wrong_fields_are_refused(api: Any, joint: dict[str, Any]) -> None:
     assert_problem(make(api, joint), 422, "invalid_request")
+
+
+def test_a_robot_is_changed_field_by_field(api: Any) -> None:
+    robot = make(api, {"name": "A1"}).json()
+    address = f"/v1/robots/{robot['id']}"
+    told = {"manufacturer": "KUKA", "model": "KR 5 arc", "serial_number": "412", "datasheet_accuracy_mm": 0.4}
+    changed = api.client.patch(address, json=told)
+    assert changed.status_code == 200
+    assert changed.json() == {**robot, **told}
+    joints = [{**PLAIN, "d_mm": 410.0, "name": "J1"}]
+    changed = api.client.patch(address, json={"joints": joints, "model": None})
+    assert (changed.json()["joints"][0]["d_mm"], changed.json()["model"]) == (410.0, None)
+    assert api.client.get(address).json() == changed.json()
+    assert api.client.patch(address, json={}).json() == changed.json()
+
+
+@pytest.mark.parametrize(
+    ("change", "code"),
+    [
+        ({"name": None}, "invalid_request"),
+        ({"joints": None}, "invalid_request"),
+        ({"joints": []}, "invalid_request"),
+        ({"datasheet_accuracy_mm": -1.0}, "invalid_request"),
+        ({"serial": "1"}, "invalid_request"),
+        ({"joints": [{**PLAIN, "name": "A"}, {**PLAIN, "name": "A"}]}, "invalid_joints"),
+        ({"joints": [{"a_mm": 0.18, "alpha_deg": -90.0, "d_mm": 0.4}]}, "implausible_unit"),
+    ],
+)
+def test_a_change_that_cannot_be_is_refused_and_changes_nothing(
+    api: Any, change: dict[str, Any], code: str
+) -> None:
+    robot = make(api, {}).json()
+    assert_problem(api.client.patch(f"/v1/robots/{robot['id']}", json=change), 422, code)
+    assert api.client.get(f"/v1/robots/{robot['id']}").json() == robot
+
+
+def test_a_robot_that_is_not_there_cannot_be_changed(api: Any) -> None:
+    assert_problem(api.client.patch(f"/v1/robots/rob_{'0' * 26}", json={"name": "R"}), 404, "robot_not_found")

@@ -74,6 +74,17 @@ def test_a_robot_is_made_from_options_and_from_a_file(served: Any, tmp_path: Pat
     assert [joint["name"] for joint in robot["joints"]] == ["A1", "A2"]
 
 
+def test_what_is_stated_of_a_robot_is_changed(served: Any) -> None:
+    robot = made(served, "robots", "cell 9", "--joint", "180:-90:400", "--serial-number", "411")
+    options = ("--serial-number", "412", "--datasheet-accuracy-mm", ".4", "--joint", "180:-90:410")
+    assert robot["id"] in gridpose(served, "robots", "change", "cell 9", *options).stdout
+    changed = served.client.get(f"/v1/robots/{robot['id']}").json()
+    assert (changed["serial_number"], changed["datasheet_accuracy_mm"]) == ("412", 0.4)
+    assert (changed["joints"][0]["d_mm"], changed["name"]) == (410.0, "cell 9")
+    gridpose(served, "robots", "change", "cell 9", code=2)
+    gridpose(served, "robots", "change", "none", "--model", "M", code=1)
+
+
 def test_a_session_is_made_with_its_targets_robot_and_lens(served: Any) -> None:
     target, robot = served.make_target(), made(served, "robots", "cell 7", "--joint", "180:-90:400")
     lens = ("--focal-length-mm", "8", "--pixel-pitch-um", "3.45")

@@ -38,8 +38,15 @@ def tell(api: Api) -> None:
     robot_id = _create(
         client,
         "/v1/robots",
-        {"name": "KR 5 arc, cell 4", "joints": rows_of(KR5_ARC), "datasheet_repeatability_mm": 0.1},
+        {
+            "name": "KR 5 arc, cell 4",
+            "joints": rows_of(KR5_ARC),
+            "manufacturer": "KUKA",
+            "model": "KR 5 arc",
+            "datasheet_repeatability_mm": 0.1,
+        },
     )
+    _done(client.patch(f"/v1/robots/{robot_id}", json={"serial_number": "412", "datasheet_accuracy_mm": 0.6}))
     target_id = _create(client, "/v1/targets", TARGET)
     session_id = _create(
         client,

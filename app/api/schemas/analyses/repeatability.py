@@ -22,6 +22,14 @@ Verdict = TypeAliasType(
     ],
 )
 
+AcceptanceDecision = TypeAliasType(
+    "AcceptanceDecision",
+    Annotated[
+        Literal["pass", "fail", "inconclusive"],
+        Field(description="Whether a limit is kept; between the two lies what the intervals leave open."),
+    ],
+)
+
 
 class PoseMean(ResponseModel):
     """The mean of the images that count: the camera in the target frame, R = Rz(yaw) Ry(pitch) Rx(roll)."""
@@ -118,6 +126,34 @@ class PoseRepeatability(ResponseModel):
     ]
 
 
+class Acceptance(ResponseModel):
+    """Whether the robot keeps the repeatability that its data sheet states."""
+
+    datasheet_repeatability_mm: Annotated[float, Field(description="RP_l that the maker states, mm.")]
+    worst_rp_l_mm: Annotated[
+        float | None, Field(description="Largest RP_l of all poses as measured, mm; null: no pose has one.")
+    ]
+    pose_id: Annotated[
+        str | None, Field(description="The pose that the decision rests on; null: none can decide.")
+    ]
+    decision: Annotated[
+        AcceptanceDecision,
+        Field(
+            description="`pass`: the interval of every pose's corrected RP_l lies within the limit; `fail`: that of "
+            "one lies beyond it; `inconclusive` otherwise."
+        ),
+    ]
+    rule: Annotated[str, Field(description="By which rule it is decided.")]
+    reason: Annotated[str, Field(description="Why it is so decided.")]
+    cycles_needed: Annotated[
+        int | None,
+        Field(
+            description="How many cycles would decide if the reading stayed; null: decided, or no number up to 1,000 "
+            "would."
+        ),
+    ]
+
+
 class RepeatabilityAnalysis(EstimatedAnalysis):
     """Pose repeatability of a session, pose by pose in natural order."""
 
@@ -137,6 +173,10 @@ class RepeatabilityAnalysis(EstimatedAnalysis):
         Field(
             description="How poses moved over the cycles (7.6); null where no pose has two blocks of ten cycles."
         ),
+    ]
+    acceptance: Annotated[
+        Acceptance | None,
+        Field(description="Compared with the robot's data sheet; null where it states no repeatability."),
     ]
     distances: Annotated[
         list[PoseDistance] | None,

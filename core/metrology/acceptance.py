@@ -1,0 +1,119 @@
+"""Decision whether a robot keeps what its data sheet states, by the rule of ISO 14253-1: doubt decides nothing.
+
+Conformity is stated where the whole interval of the figure lies within the limit, nonconformity where the whole
+interval lies beyond it; between them the result is inconclusive, and the interval is the guard band on both sides.
+
+The figure is the worst of several poses. All of them must conform, so that no pose needs more than its own level to
+pass. One pose that does not conform is enough to fail, so that each of m is judged at the m-th part of the risk;
+the interval is widened for that on the logarithmic scale, on which the intervals of scatter are nearly symmetric.
+
+References: ISO 14253-1:2017, 5.2-5.4; JCGM 106:2012, 8.3.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from enum import StrEnum
+
+from scipy.special import ndtri
+
+from core.metrology.rp_distribution import CONFIDENCE
+from core.metrology.verdict import FEW_CYCLES
+
+RULE = "ISO 14253-1 guard band"
+MOST_CYCLES = 1000
+"""More are not proposed: the robot is too near to its limit to be told from it."""
+
+
+class Decision(StrEnum):
+    """What is decided of a limit."""
+
+    PASS = "pass"  # noqa: S105 - not a password
+    FAIL = "fail"
+    INCONCLUSIVE = "inconclusive"
+
+
+@dataclass(frozen=True, slots=True)
+class Reading:
+    """A figure of one pose that stands for the robot, in the limit's unit, from so many cycles.
+
+    `value` and `interval` are the robot's own, without the instrument's share; None where that share is too large or
+    not known. `at_most` is an upper limit that holds with the instrument's share in it. `valid` says whether the cycles
+    are what intervals presume, independent and of one distribution.
+    """
+
+    cycles: int
+    value: float | None
+    interval: tuple[float, float] | None
+    at_most: float | None
+    valid: bool = True
+
+
+@dataclass(frozen=True, slots=True)
+class Acceptance:
+    """The decision on one limit, the index of the reading that it rests on, why, and the cycles that would decide.
+
+    `cycles_needed` is for the reading that is nearest to the limit, if its value stays: None where a decision was made,
+    or where no number up to `MOST_CYCLES` would.
+    """
+
+    decision: Decision
+    reading: int | None
+    reason: str
+    cycles_needed: int | None = None
+
+
+def decide(limit: float, readings: Sequence[Reading]) -> Acceptance:
+    """Decide on a limit that every reading must keep.
+
+    Readings of fewer than ten cycles, or of cycles that are not valid, decide nothing, neither alone nor for the rest:
+    what was not measured may be the worst.
+    """
+    usable = [i for i, one in enumerate(readings) if one.valid and one.cycles >= FEW_CYCLES]
+    failed = [i for i in usable if _low(readings[i], len(usable)) > limit]
+    if failed:
+        worst = max(failed, key=lambda i: _low(readings[i], len(usable)))
+        return Acceptance(Decision.FAIL, worst, "the whole interval lies beyond the limit")
+    if not usable:
+        reason = "no pose has ten cycles that are independent of one another"
+        return Acceptance(Decision.INCONCLUSIVE, None, reason)
+    worst = max(usable, key=lambda i: _high(readings[i]))
+    if _high(readings[worst]) > limit:
+        return Acceptance(Decision.INCONCLUSIVE, worst, *_doubt(limit, readings[worst]))
+    if len(usable) < len(readings):
+        reason = f"{len(readings) - len(usable)} of {len(readings)} poses have fewer than ten cycles, or unsteady ones"
+        return Acceptance(Decision.INCONCLUSIVE, worst, reason)
+    return Acceptance(Decision.PASS, worst, "the intervals of all poses lie within the limit")
+
+
+def _low(reading: Reading, count: int) -> float:
+    """Return the lower limit at the level that makes the risk of `count` readings together that of one."""
+    if reading.interval is None or not reading.value:
+        return 0.0
+    low = reading.interval[0]
+    if not 0.0 < low < reading.value:
+        return min(low, reading.value)
+    tail = (1.0 - CONFIDENCE) / 2.0
+    wider = float(ndtri(tail / count) / ndtri(tail))
+    return float(reading.value * (low / reading.value) ** wider)
+
+
+def _high(reading: Reading) -> float:
+    if reading.interval is not None:
+        return reading.interval[1]
+    return math.inf if reading.at_most is None else reading.at_most
+
+
+def _doubt(limit: float, reading: Reading) -> tuple[str, int | None]:
+    if reading.interval is None or not reading.value:
+        return "the instrument's share of the reading is too large, or not known", None
+    distance = abs(math.log(limit / reading.value)) if limit > 0.0 else math.inf
+    end = reading.interval[1] if reading.value < limit else reading.interval[0]
+    width = abs(math.log(end / reading.value)) if end > 0.0 else math.inf
+    reason = "the interval spans the limit"
+    if distance == 0.0 or not math.isfinite(width):
+        return reason, None
+    needed = 1 + math.ceil((reading.cycles - 1) * (width / distance) ** 2)
+    return reason, needed if reading.cycles < needed <= MOST_CYCLES else None
