@@ -12,7 +12,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from core.session.acceptance import RepeatabilityAcceptance, assess_acceptance
+    from core.session.acceptance import LimitAcceptance, SessionAcceptance, assess_acceptance
     from core.session.calibration import CalibratedSession, TaggedImage, calibrate_session
     from core.session.commanded_poses import (
         HandEyeStation,
@@ -59,7 +59,7 @@ if TYPE_CHECKING:
     from core.session.targets import RefinedTarget, refine_target, target_transforms
 
 _NAMES = {
-    "acceptance": ("RepeatabilityAcceptance", "assess_acceptance"),
+    "acceptance": ("LimitAcceptance", "SessionAcceptance", "assess_acceptance"),
     "calibration": (
         "CalibratedSession",
         "TaggedImage",
@@ -142,14 +142,15 @@ __all__ = [
     "HeldOut",
     "ImageObservation",
     "ImagePose",
+    "LimitAcceptance",
     "MeasuredPose",
     "NamedSweep",
     "PoseDistance",
     "PoseRow",
     "RefinedTarget",
-    "RepeatabilityAcceptance",
     "RobotIdentification",
     "SelectedImages",
+    "SessionAcceptance",
     "SessionData",
     "SessionEstimate",
     "SessionHandEye",

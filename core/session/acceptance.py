@@ -2,19 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from core.metrology import Acceptance, Reading, decide
+from core.metrology import Acceptance, PoseAccuracy, Reading, decide
 from core.session.model import Datasheet
-from core.session.repeatability import PoseRow
+from core.session.repeatability import PoseRow, SessionRepeatability
 
 
 @dataclass(frozen=True, slots=True)
-class RepeatabilityAcceptance:
-    """The decision on the RP_l of a data sheet, mm.
+class LimitAcceptance:
+    """The decision on one limit of a data sheet, mm.
 
-    `pose_id` is the pose that decides, and None where none can; `worst_mm` is the largest RP_l of all poses as
+    `pose_id` is the pose that decides, and None where none can; `worst_mm` is the largest figure of all poses as
     measured, None without a figure.
     """
 
@@ -24,28 +24,50 @@ class RepeatabilityAcceptance:
     found: Acceptance
 
 
-def assess_acceptance(rows: Sequence[PoseRow], datasheet: Datasheet) -> RepeatabilityAcceptance | None:
-    """Decide whether every pose keeps the data sheet's RP_l; None where the data sheet states none, or no pose counts.
+@dataclass(frozen=True, slots=True)
+class SessionAcceptance:
+    """The decisions on RP_l and on AP_p; None where the data sheet states no limit, or no pose counts."""
 
-    The corrected figure is compared, with its interval: the limit is the robot's, and the instrument adds to what is
-    measured. Where no interval of the corrected figure is known, the upper limit of the figure as measured can still
-    show that the robot keeps the limit, but nothing that it does not.
+    repeatability: LimitAcceptance | None
+    accuracy: LimitAcceptance | None
+
+
+def assess_acceptance(found: SessionRepeatability, datasheet: Datasheet) -> SessionAcceptance:
+    """Decide whether every pose keeps what the robot's data sheet states.
+
+    Of RP_l the corrected figure is compared, with its interval: the limit is the robot's, and the instrument adds to
+    what is measured. Where no interval of the corrected figure is known, the upper limit of the figure as measured can
+    still show that the robot keeps the limit, but nothing that it does not. The interval of AP_p is the robot's own.
     """
-    limit = datasheet.repeatability_mm
-    counting = [row for row in rows if row.visits]
-    if limit is None or not counting:
+    rows = [row for row in found.poses if row.visits]
+    spread = [row.figures.repeatability.position_mm if row.figures is not None else None for row in rows]
+    accuracy = found.accuracy.poses
+    off = [accuracy[row.pose_id].figures.position_mm for row in rows if row.pose_id in accuracy]
+    compared = [row for row in rows if row.pose_id in accuracy]
+    return SessionAcceptance(
+        _decided(datasheet.repeatability_mm, rows, [_scatter(row) for row in rows], spread),
+        _decided(datasheet.accuracy_mm, compared, [_deviation(row, accuracy) for row in compared], off),
+    )
+
+
+def _decided(
+    limit_mm: float | None,
+    rows: Sequence[PoseRow],
+    readings: Sequence[Reading],
+    figures: Sequence[float | None],
+) -> LimitAcceptance | None:
+    if limit_mm is None or not rows:
         return None
-    found = decide(limit, [_reading(row) for row in counting])
-    measured = [row.figures.repeatability.position_mm for row in counting if row.figures is not None]
-    return RepeatabilityAcceptance(
-        limit,
-        max((value for value in measured if value is not None), default=None),
-        None if found.reading is None else counting[found.reading].pose_id,
+    found = decide(limit_mm, readings)
+    return LimitAcceptance(
+        limit_mm,
+        max((value for value in figures if value is not None), default=None),
+        None if found.reading is None else rows[found.reading].pose_id,
         found,
     )
 
 
-def _reading(row: PoseRow) -> Reading:
+def _scatter(row: PoseRow) -> Reading:
     figures = row.figures
     if figures is None or figures.interval.position_mm is None:
         return Reading(len(row.visits), None, None, None)
@@ -57,3 +79,11 @@ def _reading(row: PoseRow) -> Reading:
         figures.interval.position_mm[1],
         figures.verdict != "not_steady",
     )
+
+
+def _deviation(row: PoseRow, accuracy: Mapping[str, PoseAccuracy]) -> Reading:
+    one = accuracy[row.pose_id]
+    interval = one.interval.position_mm
+    steady = row.figures is None or row.figures.verdict != "not_steady"
+    value = None if interval is None else one.figures.position_mm
+    return Reading(len(row.visits), value, interval, None, steady)

@@ -20,7 +20,7 @@ from core.session import (
     Approaches,
     PoseDistance,
     PoseRow,
-    RepeatabilityAcceptance,
+    SessionAcceptance,
     SessionData,
     SessionRepeatability,
     assess_acceptance,
@@ -45,7 +45,7 @@ def repeatability_findings(data: SessionData, settings: Mapping[str, str]) -> Fi
         "poses": [_row(row, found, listed) for row in found.poses],
         "groups": [camera_fields(group) for group in estimate.groups] if estimate is not None else [],
         "drift": _drift(found.poses),
-        "acceptance": _acceptance(assess_acceptance(found.poses, data.datasheet)),
+        **_acceptance(assess_acceptance(found, data.datasheet)),
         "distances": [_distance(one) for one in performance.distances] or None,
         "approach_variation": [_approaches(one) for one in performance.approaches] or None,
     }
@@ -140,18 +140,23 @@ def _drift(rows: Sequence[PoseRow]) -> dict[str, Any] | None:
     return {"poses": documents} if documents else None
 
 
-def _acceptance(found: RepeatabilityAcceptance | None) -> dict[str, Any] | None:
-    """Return whether the robot keeps its data sheet, where one is stated."""
-    if found is None:
-        return None
+def _acceptance(found: SessionAcceptance) -> dict[str, Any]:
+    """Return whether the robot keeps its data sheet, as far as one is stated."""
     return {
-        "datasheet_repeatability_mm": found.limit_mm,
-        "worst_rp_l_mm": found.worst_mm,
-        "pose_id": found.pose_id,
-        "decision": found.found.decision,
-        "rule": RULE,
-        "reason": found.found.reason,
-        "cycles_needed": found.found.cycles_needed,
+        name: one
+        and {
+            limit: one.limit_mm,
+            worst: one.worst_mm,
+            "pose_id": one.pose_id,
+            "decision": one.found.decision,
+            "rule": RULE,
+            "reason": one.found.reason,
+            "cycles_needed": one.found.cycles_needed,
+        }
+        for name, one, limit, worst in (
+            ("acceptance", found.repeatability, "datasheet_repeatability_mm", "worst_rp_l_mm"),
+            ("accuracy_acceptance", found.accuracy, "datasheet_accuracy_mm", "worst_ap_p_mm"),
+        )
     }
 
 

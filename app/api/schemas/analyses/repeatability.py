@@ -127,20 +127,16 @@ class PoseRepeatability(ResponseModel):
 
 
 class Acceptance(ResponseModel):
-    """Whether the robot keeps the repeatability that its data sheet states."""
+    """Whether the robot keeps a limit that its data sheet states: fields that both limits have."""
 
-    datasheet_repeatability_mm: Annotated[float, Field(description="RP_l that the maker states, mm.")]
-    worst_rp_l_mm: Annotated[
-        float | None, Field(description="Largest RP_l of all poses as measured, mm; null: no pose has one.")
-    ]
     pose_id: Annotated[
         str | None, Field(description="The pose that the decision rests on; null: none can decide.")
     ]
     decision: Annotated[
         AcceptanceDecision,
         Field(
-            description="`pass`: the interval of every pose's corrected RP_l lies within the limit; `fail`: that of "
-            "one lies beyond it; `inconclusive` otherwise."
+            description="`pass`: the interval of every pose's figure lies within the limit, of RP_l of the corrected "
+            "one; `fail`: that of one lies beyond it; `inconclusive` otherwise."
         ),
     ]
     rule: Annotated[str, Field(description="By which rule it is decided.")]
@@ -151,6 +147,24 @@ class Acceptance(ResponseModel):
             description="How many cycles would decide if the reading stayed; null: decided, or no number up to 1,000 "
             "would."
         ),
+    ]
+
+
+class RepeatabilityAcceptance(Acceptance):
+    """Whether the robot keeps the repeatability that its data sheet states."""
+
+    datasheet_repeatability_mm: Annotated[float, Field(description="RP_l that the maker states, mm.")]
+    worst_rp_l_mm: Annotated[
+        float | None, Field(description="Largest RP_l of all poses as measured, mm; null: no pose has one.")
+    ]
+
+
+class AccuracyAcceptance(Acceptance):
+    """Whether the robot keeps the accuracy that its data sheet states."""
+
+    datasheet_accuracy_mm: Annotated[float, Field(description="AP_p that the maker states, mm.")]
+    worst_ap_p_mm: Annotated[
+        float | None, Field(description="Largest AP_p of all poses, mm; null: no pose has one.")
     ]
 
 
@@ -175,8 +189,16 @@ class RepeatabilityAnalysis(EstimatedAnalysis):
         ),
     ]
     acceptance: Annotated[
-        Acceptance | None,
-        Field(description="Compared with the robot's data sheet; null where it states no repeatability."),
+        RepeatabilityAcceptance | None,
+        Field(
+            description="RP_l compared with the robot's data sheet; null where it states no repeatability."
+        ),
+    ]
+    accuracy_acceptance: Annotated[
+        AccuracyAcceptance | None,
+        Field(
+            description="AP_p compared with the robot's data sheet; null where it states none, or no pose has it."
+        ),
     ]
     distances: Annotated[
         list[PoseDistance] | None,

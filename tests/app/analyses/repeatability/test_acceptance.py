@@ -8,7 +8,7 @@ import pytest
 
 from tests.support.sessions.kinematics import make_robot
 from tests.support.sessions.stored_sessions import body, new_session
-from tests.support.sessions.tracked_robot import drawn_poses, readings, send
+from tests.support.sessions.tracked_robot import drawn_poses, readings, send, tell
 
 
 def table(api: Any, session: str) -> dict[str, Any]:
@@ -28,10 +28,12 @@ def measured(api: Any) -> tuple[str, str]:
 
 def test_a_robot_without_a_promise_is_not_judged(api: Any, measured: tuple[str, str]) -> None:
     robot, session = measured
-    assert table(api, session)["acceptance"] is None
+    assert table(api, session)["acceptance"] is table(api, session)["accuracy_acceptance"] is None
     told = {"datasheet_accuracy_mm": 0.5, "serial_number": "K-1"}
     assert api.client.patch(f"/v1/robots/{robot}", json=told).status_code == 200
-    assert table(api, session)["acceptance"] is None
+    found = table(api, session)
+    assert found["acceptance"] is None
+    assert found["accuracy_acceptance"] is None  # no pose was commanded
 
 
 @pytest.mark.parametrize(("limit", "decision"), [(0.5, "pass"), (0.02, "fail")])
@@ -65,3 +67,21 @@ def test_a_limit_within_the_interval_is_left_open_and_says_what_would_decide(
     assert judged["cycles_needed"] == pytest.approx(
         1 + 29 * 4, abs=1
     )  # half of the width on the logarithmic scale
+
+
+@pytest.mark.parametrize(("limit", "decision"), [(5.0, "pass"), (0.05, "fail")])
+def test_the_accuracy_of_commanded_poses_is_judged(api: Any, limit: float, decision: str) -> None:
+    robot = make_robot(api)
+    session = new_session(api, robot_id=robot)
+    poses = drawn_poses(9, 8)
+    commanded = [pose.copy() for pose in poses]
+    commanded[2][0, 3] += 1.0
+    tell(api, session, commanded)
+    send(api, session, readings(poses, cycles=30))
+    api.client.patch(f"/v1/robots/{robot}", json={"datasheet_accuracy_mm": limit})
+    found = table(api, session)
+    judged = found["accuracy_acceptance"]
+    assert (judged["decision"], judged["datasheet_accuracy_mm"]) == (decision, limit)
+    assert judged["pose_id"] == "P3"
+    assert judged["worst_ap_p_mm"] == max(pose["accuracy"]["ap_p_mm"] for pose in found["poses"])
+    assert found["acceptance"] is None
