@@ -1,5 +1,11 @@
 """Estimation in general: least squares, normal equations with shared unknowns, variance components, quantiles."""
 
+from core.numerics.covariance_mixture import (
+    SampleCovariance,
+    estimate_components,
+    first_component_alone,
+    log_likelihood,
+)
 from core.numerics.least_median import best_subset
 from core.numerics.least_squares import (
     CAUCHY_C,
@@ -55,6 +61,7 @@ __all__ = [
     "Fit",
     "LinearResiduals",
     "Prior",
+    "SampleCovariance",
     "Sharing",
     "Variances",
     "arrow",
@@ -62,9 +69,12 @@ __all__ = [
     "block_products",
     "covariance_of",
     "damped_step",
+    "estimate_components",
     "estimate_variances",
+    "first_component_alone",
     "fit",
     "free_focal",
+    "log_likelihood",
     "median",
     "quantiles",
     "root_of_inverse",

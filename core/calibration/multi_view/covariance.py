@@ -10,6 +10,7 @@ from jaxtyping import Bool, Float
 from core.calibration.fixed_principal_point import STEP_EMBEDDING
 from core.calibration.multi_view.correlated_residuals import VarianceInflation, variance_inflation
 from core.calibration.multi_view.initialisation import Fitted
+from core.calibration.multi_view.repeat_noise import OwnFit, correlated_scatter
 from core.calibration.multi_view.schur_blocks import (
     disagreement,
     drifting_cameras,
@@ -81,6 +82,9 @@ def multi_view_covariance(fitted: Fitted) -> MultiViewCovariance:
     if shared is not None:
         contradiction = disagreement(parts, at.square_sums, 2.0 * points, in_common)
         unsteady = drifting_cameras(views, fitted.labels, parts, at.placements, noise)
+    scatter = correlated_scatter(
+        views, at, used, fitted.labels, OwnFit(own, C, scale), transformed(J, scatter), ~unsteady
+    )
     positions = views.centroids - np.einsum("kji,kj->ki", rotations, centroids)
     common = np.zeros((len(views), 6, free + 1))
     if camera is not None:
@@ -98,7 +102,7 @@ def multi_view_covariance(fitted: Fitted) -> MultiViewCovariance:
         camera_covariance,
         positions,
         growth.own * transformed(J, C[:, -6:, -6:]) + common @ np.swapaxes(common, 1, 2),
-        transformed(J, scatter),
+        scatter,
         common,
         np.sqrt(squared_px / points),
         float(np.mean(scale**2)),

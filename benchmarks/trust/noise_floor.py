@@ -1,0 +1,72 @@
+"""Noise floor and verdict where noise is not white: against what a robot at rest reads, and one that moves."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+
+from benchmarks.table import Row
+from core.metrology import Verdict, eigenvalues, long_run_rp
+from tests.support.simulation.correlated_noise import (
+    DISTURBANCES,
+    Noise,
+    estimated,
+    figures,
+    gaussian_field,
+    noisy_session,
+    row_wave,
+    white,
+)
+
+SESSIONS = 4
+"""Sessions of 5 poses × 30 cycles for each seed and disturbance."""
+MOVING = {"white": white(), "field of 2 squares": gaussian_field(2.0), "wave of .5 H": row_wave(0.5)}
+READING_OVER_FLOOR = (3.5, 4.0, 5.0)
+"""Where the verdict `robot`, which asks for 4, is won or lost."""
+TWIN_CYCLES = 150
+
+
+def trust_rows(seeds: Sequence[int], quick: bool) -> Iterator[Row]:
+    """Yield what the floor is over what was read, false verdicts, and the power of the verdict `robot`."""
+    sessions = 1 if quick else SESSIONS
+    claims = still = 0
+    for name, noise in DISTURBANCES.items():
+        floors, readings = [], []
+        for seed in seeds:
+            for k in range(sessions):
+                session = noisy_session(np.random.default_rng([seed, k, 1]), noise)
+                found = figures(session, estimated(session))
+                floors += [row.noise_floor.position_mm or math.nan for row in found]
+                readings += [row.repeatability.position_mm or math.nan for row in found]
+                claims += sum(row.verdict == Verdict.ROBOT for row in found)
+                still += len(found)
+        note = f"robot at rest, {len(readings)} poses × 30 images of 14 × 10 points, pooled"
+        value = float(np.sum(floors) / np.sum(readings))
+        yield Row.within(f"floor stated ÷ read, {name}", value, 0.9, 1.15, "", note)
+    yield Row.at_most("verdict robot where nothing moved", claims, 0, "", f"of {still} poses")
+    for name, noise in MOVING.items():
+        stated, known = _power(noise, seeds, sessions)
+        note = f"share of poses called robot: {stated:.2f}; with the floor exactly known {known:.2f}"
+        what = f"power of robot less that with the floor known, {name}"
+        yield Row.within(what, stated - known, -0.1, 0.1, "", note)
+
+
+def _power(noise: Noise, seeds: Sequence[int], sessions: int) -> tuple[float, float]:
+    """Return the share of poses with the verdict `robot`, by the stated floor and by that of a twin at rest."""
+    by_stated, by_known = [], []
+    for seed in seeds:
+        for k, ratio in enumerate(READING_OVER_FLOOR[:sessions]):
+            twin = noisy_session(np.random.default_rng([seed, k, 2]), noise, cycles=TWIN_CYCLES)
+            found = estimated(twin, "given")
+            label = np.array(twin.labels)[found.images]
+            scatter = [np.cov(found.positions_mm[label == one].T) for one in np.unique(label)]
+            known = np.array([float(long_run_rp(eigenvalues(one))) for one in scatter])
+            # RP of a sphere is 3.6 of its deviations along an axis.
+            robot_mm = float(np.median(known)) * math.sqrt(ratio**2 - 1.0) / float(long_run_rp(np.ones(3)))
+            session = noisy_session(np.random.default_rng([seed, k, 2]), noise, robot_mm=robot_mm)
+            for row, floor in zip(figures(session, estimated(session)), known, strict=True):
+                by_stated.append(row.verdict == Verdict.ROBOT)
+                by_known.append((row.repeatability.position_mm or 0.0) >= 4.0 * floor)
+    return float(np.mean(by_stated)), float(np.mean(by_known))

@@ -1,0 +1,159 @@
+"""Contrasts of residuals that no pose can take up, and how they scatter over the images of one pose.
+
+The residuals of an image are (1 - J G) e, of which the pose has taken its part. A combination Qᵀ of residuals with
+QᵀJ = 0 is free of the pose: Qᵀ r = Qᵀ e, whichever points the fit used. What all images of a pose share (the print, the
+lens) leaves with their mean. Q are the low modes of the discrete cosine transform over the grid, in u and in v, less
+the directions of J: correlated noise that moves a pose is of low frequency, and so are they.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from core.calibration.lens_residuals import residuals_with_jacobian
+from core.calibration.multi_view.view_stack import Placements, ViewStack
+from core.calibration.state import SMALLEST_NOISE_PX
+
+MODES = (7, 5)
+"""Modes along the longer and the shorter side of the grid."""
+MIN_CONTRASTS = 20
+MIN_SINGULAR_VALUE = 0.1
+"""Of the modes less J: below it a mode is the pose's."""
+
+
+@dataclass(frozen=True, slots=True)
+class PoseContrasts:
+    """Contrasts of the images of one pose, at the points that all of them use.
+
+    Parameters
+    ----------
+    images
+        Those compared: places in the stack. Images with so few points of the others' that they would cost more of the
+        points than they add are not among them.
+    basis
+        Q, orthonormal over (u, v) and the p points.
+    points_px
+        Mean over the images.
+    relative_variance
+        The points' stated variances over their mean.
+    values
+        Qᵀ (r_j - r̄), px, a row for each image.
+    fine
+        Squared residuals about the mean that Q does not hold, px², of each image.
+    fine_contrasts
+        Of how many contrasts `fine` is the sum.
+    """
+
+    images: Int[np.ndarray, " n"]
+    basis: Float[np.ndarray, "2 p d"]
+    points_px: Float[np.ndarray, "p 2"]
+    relative_variance: Float[np.ndarray, " p"]
+    values: Float[np.ndarray, "n d"]
+    fine: Float[np.ndarray, " n"]
+    fine_contrasts: int
+
+    @property
+    def freedom(self) -> int:
+        return len(self.images) - 1
+
+    @property
+    def is_exact(self) -> bool:
+        """Whether all that differs are rounding errors, as of one image stored many times."""
+        return float(np.sum(self.values**2)) <= self.freedom * self.values.shape[1] * SMALLEST_NOISE_PX**2
+
+
+def own_jacobian(
+    views: ViewStack,
+    placements: Placements,
+    own: Float[np.ndarray, "k q l"] | None,
+    i: int,
+    points: Int[np.ndarray, " p"],
+) -> Float[np.ndarray, "l 2 p"]:
+    """Return the derivatives of an image's points by what it has of its own, the pose last."""
+    placement = placements.view(i)
+    _, J = residuals_with_jacobian(
+        np.ascontiguousarray((views.points_target[points] - views.centroids[i]).T),
+        np.ascontiguousarray(views.points_px[points].T),
+        placement.parameters,
+        np.ascontiguousarray(placement.rotation),
+        placement.translation_mm,
+        0 if own is None else placements.free,
+    )
+    return J if own is None else np.tensordot(own[i].T, J, axes=1)
+
+
+def pose_contrasts(
+    views: ViewStack,
+    placements: Placements,
+    residuals: Float[np.ndarray, "2 n"],
+    used: Bool[np.ndarray, " n"],
+    own: Float[np.ndarray, "k q l"] | None,
+    group: Int[np.ndarray, " g"],
+) -> PoseContrasts | None:
+    """Return the contrasts of the images `group` of one pose and target; None where too few points are common."""
+    if len(group) < 2:
+        return None
+    images, points = common_points(views, used, group)
+    if len(images) < 2 or points.shape[1] < MIN_CONTRASTS:
+        return None
+    first = points[0]
+    J = own_jacobian(views, placements, own, int(images[0]), first)
+    modes = _cosine_modes(views.column[first], views.row[first])
+    # Q ⊥ J, after J's columns are made orthonormal.
+    span = np.linalg.qr((J / np.linalg.norm(J, axis=(1, 2))[:, None, None]).reshape(len(J), -1).T)[0]
+    left, singular, _ = np.linalg.svd(modes - span @ (span.T @ modes), full_matrices=False)
+    Q = left[:, singular > MIN_SINGULAR_VALUE]
+    if Q.shape[1] < MIN_CONTRASTS:
+        return None
+    deviations = residuals[:, points].transpose(1, 0, 2).reshape(len(images), -1)
+    deviations = deviations - deviations.mean(axis=0)
+    deviations = deviations - (deviations @ span) @ span.T
+    values = deviations @ Q
+    fine = np.sum(deviations**2, axis=1) - np.sum(values**2, axis=1)
+    variance = np.mean(views.standard_uncertainty_px[points] ** 2, axis=0)
+    return PoseContrasts(
+        images,
+        Q.reshape(2, len(first), -1),
+        views.points_px[points].mean(axis=0),
+        variance / variance.mean(),
+        values,
+        np.maximum(fine, 0.0),
+        2 * len(first) - len(J) - Q.shape[1],
+    )
+
+
+def common_points(
+    views: ViewStack, used: Bool[np.ndarray, " n"], group: Int[np.ndarray, " g"]
+) -> tuple[Int[np.ndarray, " m"], Int[np.ndarray, "m p"]]:
+    """Return images of one pose and the points that all of them use, by images and cells.
+
+    Images that miss most points are dropped one after another, as long as contrasts times degrees of freedom grow.
+    """
+    size = views.targets[int(views.target[group[0]])].size
+    place = np.full((len(group), size), -1)
+    for j, i in enumerate(group.tolist()):
+        part = views.part(i)
+        places = np.arange(part.start, part.stop)[used[part]]
+        place[j, views.cell[places]] = places
+    order = np.argsort(-np.sum(place >= 0, axis=1), kind="stable")
+    place = place[order]
+    common = np.logical_and.accumulate(place >= 0, axis=0)
+    worth = np.arange(len(group)) * common.sum(axis=1)
+    count = int(np.argmax(worth)) + 1
+    chosen = np.sort(order[:count])
+    return group[chosen], place[np.argsort(order[:count])][:, common[count - 1]]
+
+
+def _cosine_modes(column: Int[np.ndarray, " p"], row: Int[np.ndarray, " p"]) -> Float[np.ndarray, "2p q"]:
+    """Return the low modes over the grid's extent, first of u, then of v, each of unit length."""
+    columns, rows = int(np.ptp(column)) + 1, int(np.ptp(row)) + 1
+    most = MODES if columns >= rows else MODES[::-1]
+    x, y = (column - column.min() + 0.5) / columns, (row - row.min() + 0.5) / rows
+    along = np.cos(np.pi * x[:, None] * np.arange(min(most[0], columns)))
+    across = np.cos(np.pi * y[:, None] * np.arange(min(most[1], rows)))
+    modes = (along[:, :, None] * across[:, None, :]).reshape(len(column), -1)
+    modes /= np.maximum(np.linalg.norm(modes, axis=0), 1e-12)
+    return np.kron(np.eye(2), modes)

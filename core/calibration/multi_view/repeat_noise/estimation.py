@@ -1,0 +1,236 @@
+"""Scatter of poses by the noise that the repeats of a pose show, white or not.
+
+With white noise of variance s² a pose scatters by s² G Gᵀ, G = (JᵀWJ)⁻¹JᵀW, and the residuals say how large s is.
+Noise that neighbouring points share moves the pose more and the residuals less. Its model is
+
+    cov(e) = s² D + Σ θ_k K_k,      θ_k ≥ 0,      scatter = G cov(e) Gᵀ,
+
+D the stated variances over their mean, K_k the fields of `noise_fields`, and the sizes those of the greatest likelihood
+of the contrasts of all poses (`contrasts`, `core.numerics.covariance_mixture`). Each image is then scaled to its own
+noise, zᵀV⁻¹z over the number of its contrasts z, as far as images differ by more than chance.
+
+A displacement of the whole image, or any other that a motion of the camera would cause, leaves no residual: nothing in
+the images of one stop distinguishes it from motion. What is inferred of it is what fields of the dictionary that also
+show in the contrasts imply.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from core.calibration.multi_view.repeat_noise.contrasts import (
+    PoseContrasts,
+    own_jacobian,
+    pose_contrasts,
+)
+from core.calibration.multi_view.repeat_noise.noise_fields import propagated_fields
+from core.calibration.multi_view.schur_blocks import in_target_frame, transformed
+from core.calibration.multi_view.view_stack import Linearised, ViewStack, evenly, groups_of
+from core.calibration.state import SMALLEST_NOISE_PX
+from core.numerics import SampleCovariance, estimate_components, first_component_alone, log_likelihood
+
+MIN_FREEDOM = 3
+"""Images beyond one of each pose, over all poses: with fewer the noise is taken for white."""
+MAX_POSES = 24
+"""Poses, evenly chosen, from which the noise model is estimated."""
+CHANCE = 10.0
+"""Evidence that white noise seldom reaches: with less the noise is white, and the model's share grows beyond it."""
+
+
+@dataclass(frozen=True, slots=True)
+class OwnFit:
+    """How an image's own coordinates follow its points: what `multi_view_covariance` computed of them.
+
+    `own` are the derivatives of camera and pose by these coordinates (None: the pose alone), `covariance` is that of
+    the coordinates, priors included, at noise of `scale` per unit of stated uncertainty.
+    """
+
+    own: Float[np.ndarray, "k q l"] | None
+    covariance: Float[np.ndarray, "k l l"]
+    scale: Float[np.ndarray, " k"]
+
+
+@dataclass(frozen=True, slots=True)
+class NoiseModel:
+    """Sizes of the components, px²: white noise, then the fields.
+
+    `evidence` is twice the logarithm of the likelihood ratio against white noise.
+    """
+
+    white: float
+    fields: Float[np.ndarray, " k"]
+    evidence: float
+
+
+def correlated_scatter(
+    views: ViewStack,
+    at: Linearised,
+    used: Bool[np.ndarray, " n"],
+    labels: Int[np.ndarray, " k"],
+    fit: OwnFit,
+    white: Float[np.ndarray, "k 6 6"],
+    steady: Bool[np.ndarray, " k"],
+) -> Float[np.ndarray, "k 6 6"]:
+    """Return the scatter of every image's pose, (x, y, z, w) in the target frame.
+
+    Parameters
+    ----------
+    labels
+        Of the robot's pose that each image shows.
+    white
+        The scatter under white noise, which is returned where too few repeats show anything else.
+    steady
+        Of each image, whether the camera was the same in all images of its pose: what a changing camera leaves in the
+        residuals is nothing that other poses share.
+    """
+    groups = groups_of(labels * len(views.targets) + views.target)
+    found = [pose_contrasts(views, at.placements, at.residuals, used, fit.own, group) for group in groups]
+    repeated = [one for one in found if one is not None and not one.is_exact]
+    model = fit_noise_model(views, [one for one in repeated if steady[one.images].all()])
+    if model is None:
+        return white
+    levels = {int(one.images[0]): _levels(views, model, one) for one in repeated}
+    spread = _share_beyond_chance(list(levels.values()), repeated)
+    # A pose whose images are not compared is as noisy, in its stated uncertainties, as those that are.
+    stated = [_stated(views, one.images) for one in repeated]
+    per_stated = float(
+        np.mean([level.mean() / one for level, one in zip(levels.values(), stated, strict=True)])
+    )
+    result = np.empty_like(white)
+    for group, one in zip(groups, found, strict=True):
+        if one is not None and one.is_exact:
+            result[group] = white[group]
+            continue
+        level = np.full(len(group), per_stated * _stated(views, group))
+        if one is not None:
+            own = levels[int(one.images[0])]
+            level[:] = own.mean()
+            level[np.isin(group, one.images)] = own.mean() + spread * (own - own.mean())
+        level = np.maximum(level, SMALLEST_NOISE_PX**2 / (model.white + float(model.fields.sum())))
+        result[group] = level[:, None, None] * _model_scatter(views, at, used, fit, white, group, model)
+    return result
+
+
+def fit_noise_model(views: ViewStack, poses: list[PoseContrasts]) -> NoiseModel | None:
+    """Return the model of the poses' common noise; None where there are too few repeats."""
+    freedom = sum(pose.freedom for pose in poses)
+    if freedom < MIN_FREEDOM:
+        return None
+    # Where images differ in noise, fewer equal ones scatter as much (Welch-Satterthwaite).
+    excess = 1.0 + _excess([np.sum(pose.values**2, axis=1) for pose in poses], poses)
+    samples = [
+        SampleCovariance(
+            pose.values.T @ pose.values / pose.freedom,
+            pose.freedom / excess,
+            _components(pose, views.image_height_px),
+        )
+        for pose in evenly(poses, MAX_POSES)
+    ]
+    correlated, white = estimate_components(samples), first_component_alone(samples)
+    evidence = 2.0 * (log_likelihood(samples, correlated) - log_likelihood(samples, white))
+    share = 1.0 - (CHANCE / max(evidence, CHANCE)) ** 2
+    sizes = share * correlated + (1.0 - share) * white
+    return NoiseModel(float(sizes[0]), sizes[1:], evidence)
+
+
+def _components(pose: PoseContrasts, height_px: int) -> Float[np.ndarray, "k d d"]:
+    weighted = pose.basis * pose.relative_variance[:, None]
+    white = np.einsum("cpd,cpe->de", weighted, pose.basis)
+    return np.concatenate([white[None], propagated_fields(pose.basis, pose.points_px, float(height_px))])
+
+
+def _covariance(model: NoiseModel, pose: PoseContrasts, height_px: int) -> Float[np.ndarray, "d d"]:
+    sizes = np.concatenate([[model.white], model.fields])
+    return np.asarray(np.tensordot(sizes, _components(pose, height_px), axes=1))
+
+
+def _levels(views: ViewStack, model: NoiseModel, pose: PoseContrasts) -> Float[np.ndarray, " n"]:
+    """Return the variance of each image over the model's, by its stated uncertainty over its pose's.
+
+    The deviation of image j from the mean of n has the variance (1 - 2/n) a_j² + ā²/n, ā² the mean over the images.
+    """
+    n = len(pose.images)
+    solved = np.linalg.solve(_covariance(model, pose, views.image_height_px), pose.values.T)
+    squares = np.sum(pose.values.T * solved, axis=0) / pose.values.shape[1]
+    mean = float(squares.sum()) / (n - 1)
+    if n < 3:
+        return np.full(n, mean)
+    stated = views.uncertainty[pose.images] ** 2 / _stated(views, pose.images)
+    return np.maximum((squares - mean / n) / (1.0 - 2.0 / n), 0.0) / stated
+
+
+def _stated(views: ViewStack, images: Int[np.ndarray, " n"]) -> float:
+    """Return the mean stated variance of images, px²."""
+    return float(np.mean(views.uncertainty[images] ** 2))
+
+
+def _excess(sizes: Sequence[Float[np.ndarray, " n"]], poses: Sequence[PoseContrasts]) -> float:
+    """Return the relative variance of the images' noise variances beyond what chance explains."""
+    seen, count = _relative_variance(sizes, poses)
+    return max(seen[0] - seen[1], 0.0) / count if count else 0.0
+
+
+def _share_beyond_chance(sizes: Sequence[Float[np.ndarray, " n"]], poses: Sequence[PoseContrasts]) -> float:
+    """Return the share of the images' differences in noise that chance does not explain (Wiener's factor)."""
+    seen, _ = _relative_variance(sizes, poses)
+    return max(1.0 - seen[1] / seen[0], 0.0) if seen[0] > 0.0 else 0.0
+
+
+def _relative_variance(
+    sizes: Sequence[Float[np.ndarray, " n"]], poses: Sequence[PoseContrasts]
+) -> tuple[tuple[float, float], int]:
+    """Return the sum of squared relative differences of images of one pose, what chance makes of it, and the count."""
+    seen = chance = 0.0
+    count = 0
+    for pose, size in zip(poses, sizes, strict=True):
+        n, mean = len(size), float(size.mean())
+        if n < 3 or mean <= 0.0:
+            continue
+        seen += float(np.sum((size / mean - 1.0) ** 2))
+        chance += n * 2.0 / pose.values.shape[1] * ((n - 1.0) / (n - 2.0)) ** 2
+        count += n
+    return (seen, chance), count
+
+
+def _model_scatter(
+    views: ViewStack,
+    at: Linearised,
+    used: Bool[np.ndarray, " n"],
+    fit: OwnFit,
+    white: Float[np.ndarray, "k 6 6"],
+    group: Int[np.ndarray, " g"],
+    model: NoiseModel,
+) -> Float[np.ndarray, "g 6 6"]:
+    """Return G cov(e) Gᵀ of the images of a pose at the model's own noise.
+
+    It is computed of the image with most points, and taken to the others, whose points and stated uncertainties differ
+    little, by the congruence that takes their scatter under white noise to one another.
+    """
+    counts = views.sums(used.astype(np.float64))[group]
+    i = int(group[np.argmax(counts)])
+    part = views.part(i)
+    points = np.arange(part.start, part.stop)[used[part]]
+    J = own_jacobian(views, at.placements, fit.own, i, points)
+    variance = views.standard_uncertainty_px[points] ** 2
+    G = np.tensordot(fit.covariance[i, -6:], J, axes=1) / (variance * fit.scale[i] ** 2)
+    along = np.ascontiguousarray(G.transpose(1, 2, 0))
+    relative = variance / variance.mean()
+    scatter = model.white * np.einsum("cpd,p,cpe->de", along, relative, along)
+    fields = propagated_fields(along, views.points_px[points], float(views.image_height_px))
+    scatter = scatter + np.tensordot(model.fields, fields, axes=1)
+    to_target = in_target_frame(at.placements.rotations[[i]], at.placements.translations_mm[[i]])
+    scatter = transformed(to_target, scatter[None])[0]
+    own = white[i] * (_stated(views, group) / float(views.uncertainty[i]) ** 2)
+    change = _roots(white[group]) @ np.linalg.inv(_roots(own[None]))
+    return transformed(change, np.broadcast_to(scatter, (len(group), 6, 6)))
+
+
+def _roots(covariances: Float[np.ndarray, "k 6 6"]) -> Float[np.ndarray, "k 6 6"]:
+    """Return lower triangular B with B Bᵀ = C; mm² and rad² differ by orders of magnitude."""
+    unit = np.sqrt(np.diagonal(covariances, axis1=1, axis2=2))
+    correlations = covariances / (unit[:, :, None] * unit[:, None, :])
+    return np.asarray(unit[:, :, None] * np.linalg.cholesky(correlations))
