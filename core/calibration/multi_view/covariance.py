@@ -10,8 +10,9 @@ from jaxtyping import Bool, Float
 from core.calibration.fixed_principal_point import STEP_EMBEDDING
 from core.calibration.multi_view.correlated_residuals import VarianceInflation, variance_inflation
 from core.calibration.multi_view.initialisation import Fitted
-from core.calibration.multi_view.repeat_noise import OwnFit, correlated_scatter
+from core.calibration.multi_view.repeat_noise import OwnFit, RepeatScatter, correlated_scatter
 from core.calibration.multi_view.schur_blocks import (
+    change_variances,
     disagreement,
     drifting_cameras,
     in_target_frame,
@@ -79,12 +80,14 @@ def multi_view_covariance(fitted: Fitted) -> MultiViewCovariance:
     rotations, centroids = at.placements.rotations, at.placements.translations_mm
     J = in_target_frame(rotations, centroids)
     contradiction, unsteady = None, np.zeros(len(views), dtype=np.bool_)
+    white = RepeatScatter(transformed(J, scatter), change_variances(parts, at.placements, noise))
     if shared is not None:
         contradiction = disagreement(parts, at.square_sums, 2.0 * points, in_common)
-        unsteady = drifting_cameras(views, fitted.labels, parts, at.placements, noise)
-    scatter = correlated_scatter(
-        views, at, used, fitted.labels, OwnFit(own, C, scale), transformed(J, scatter), ~unsteady
-    )
+        unsteady = drifting_cameras(views, fitted.labels, parts, at.placements, white.changes)
+    fit = OwnFit(parts, own, C, scale)
+    repeated, by_camera = correlated_scatter(views, at, used, fitted.labels, fit, white, unsteady)
+    if unsteady.any():
+        unsteady = by_camera | drifting_cameras(views, fitted.labels, parts, at.placements, repeated.changes)
     positions = views.centroids - np.einsum("kji,kj->ki", rotations, centroids)
     common = np.zeros((len(views), 6, free + 1))
     if camera is not None:
@@ -102,7 +105,7 @@ def multi_view_covariance(fitted: Fitted) -> MultiViewCovariance:
         camera_covariance,
         positions,
         growth.own * transformed(J, C[:, -6:, -6:]) + common @ np.swapaxes(common, 1, 2),
-        scatter,
+        repeated.poses,
         common,
         np.sqrt(squared_px / points),
         float(np.mean(scale**2)),

@@ -182,13 +182,13 @@ def drifting_cameras(
     labels: Int[np.ndarray, " k"],
     parts: SchurBlocks,
     placements: Placements,
-    noise: Float[np.ndarray, " k"],
+    variance: Float[np.ndarray, "k 3"],
 ) -> Bool[np.ndarray, " k"]:
     """Return for every view whether the camera changed among the views of its label so much that this adds visibly
     to the scatter of their poses.
 
     One step from the common answer gives each view k the change c_k = vᵀ g_k / vᵀ S_k v of its own along a direction
-    v of the camera's parameters, with the variance noise² / vᵀ S_k v: focal length, and the principal point's two.
+    v of the camera's parameters: focal length, and the principal point's two. `variance` is that of c_k by noise alone.
     What print and lens model lack moves all c_k equally but for the robot's motion. So two things are asked of them:
     that they scatter by more than chance, and that the poses' scatter this makes is a share of the scatter there is.
     """
@@ -203,11 +203,11 @@ def drifting_cameras(
         turns = rotation_vectors(np.swapaxes(rotations[group], 1, 2), rotations[group[0]].T)
         seen = (np.trace(np.cov(positions[group].T)), np.trace(np.cov(turns.T)))
         beyond = max(MAX_DISAGREEMENT, float(chdtri(freedom, SIGNIFICANCE)) / freedom)
-        for v in _changes(placements.parameters[group[0]]):
-            information = np.einsum("i,kij,j->k", v, parts.S[group], v) / noise[group] ** 2
-            if not np.all(information > 0.0):
+        for d, v in enumerate(camera_changes(placements.parameters[group[0]])):
+            observed = np.einsum("i,kij,j->k", v, parts.S[group], v)
+            if not np.all(observed > 0.0):
                 continue
-            change = parts.g[group] @ v / noise[group] ** 2 / information
+            change, information = parts.g[group] @ v / observed, 1.0 / variance[group, d]
             off = change - np.sum(change * information) / np.sum(information)
             if np.sum(information * off**2) / freedom <= beyond:
                 continue
@@ -219,12 +219,23 @@ def drifting_cameras(
     return unsteady
 
 
-def _changes(parameters: Float[np.ndarray, " s"]) -> Float[np.ndarray, "3 c"]:
+def camera_changes(parameters: Float[np.ndarray, " s"]) -> Float[np.ndarray, "3 c"]:
     """Return the directions in which cameras change: the focal length by its share, the principal point by pixels."""
     v = np.zeros((3, free_parameters(len(parameters))))
     v[0, :2] = parameters[:2]
     v[1, 2] = v[2, 3] = 1.0
     return v
+
+
+def change_variances(
+    parts: SchurBlocks, placements: Placements, noise: Float[np.ndarray, " k"]
+) -> Float[np.ndarray, "k 3"]:
+    """Return the variances of `camera_changes` seen by single views under white noise, noise² / vᵀ S v; infinite for
+    what a view does not show.
+    """
+    v = np.stack([camera_changes(parameters) for parameters in placements.parameters])
+    observed = np.einsum("kdi,kij,kdj->kd", v, parts.S, v)
+    return np.where(observed > 0.0, noise[:, None] ** 2 / np.where(observed > 0.0, observed, 1.0), np.inf)
 
 
 def score_test(

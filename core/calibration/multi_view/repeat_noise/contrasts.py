@@ -14,6 +14,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from core.calibration.lens_residuals import residuals_with_jacobian
+from core.calibration.multi_view.schur_blocks import camera_changes
 from core.calibration.multi_view.view_stack import Placements, ViewStack
 from core.calibration.state import SMALLEST_NOISE_PX
 
@@ -22,6 +23,9 @@ MODES = (7, 5)
 MIN_CONTRASTS = 20
 MIN_SINGULAR_VALUE = 0.1
 """Of the modes less J: below it a mode is the pose's."""
+
+MIN_CAMERA_VALUE = 1e-4
+"""Of what a change of the camera does to the points: below it the pose takes all of it up."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,6 +49,8 @@ class PoseContrasts:
         Squared residuals about the mean that Q does not hold, px², of each image.
     fine_contrasts
         Of how many contrasts `fine` is the sum.
+    camera
+        Orthonormal directions of contrasts in which `schur_blocks.camera_changes` show.
     """
 
     images: Int[np.ndarray, " n"]
@@ -54,6 +60,7 @@ class PoseContrasts:
     values: Float[np.ndarray, "n d"]
     fine: Float[np.ndarray, " n"]
     fine_contrasts: int
+    camera: Float[np.ndarray, "d c"]
 
     @property
     def freedom(self) -> int:
@@ -65,14 +72,23 @@ class PoseContrasts:
         return float(np.sum(self.values**2)) <= self.freedom * self.values.shape[1] * SMALLEST_NOISE_PX**2
 
 
-def own_jacobian(
-    views: ViewStack,
-    placements: Placements,
-    own: Float[np.ndarray, "k q l"] | None,
-    i: int,
-    points: Int[np.ndarray, " p"],
-) -> Float[np.ndarray, "l 2 p"]:
-    """Return the derivatives of an image's points by what it has of its own, the pose last."""
+def camera_share(pose: PoseContrasts) -> float:
+    """Return the share that changes of the camera have in the contrasts' variance beyond white noise.
+
+    White noise is what the fine residuals hold: no smooth field and no camera shows in them.
+    """
+    if pose.fine_contrasts < MIN_CONTRASTS:
+        return 1.0  # nothing distinguishes noise from a change of the camera
+    white = float(pose.fine.sum()) / pose.fine_contrasts
+    whole = float(np.sum(pose.values**2)) - white * pose.values.shape[1]
+    of_camera = float(np.sum((pose.values @ pose.camera) ** 2)) - white * pose.camera.shape[1]
+    return of_camera / whole if whole > 0.0 else 1.0
+
+
+def jacobian_of(
+    views: ViewStack, placements: Placements, i: int, points: Int[np.ndarray, " p"]
+) -> Float[np.ndarray, "q 2 p"]:
+    """Return the derivatives of an image's points by the camera's free parameters and the pose."""
     placement = placements.view(i)
     _, J = residuals_with_jacobian(
         np.ascontiguousarray((views.points_target[points] - views.centroids[i]).T),
@@ -80,9 +96,16 @@ def own_jacobian(
         placement.parameters,
         np.ascontiguousarray(placement.rotation),
         placement.translation_mm,
-        0 if own is None else placements.free,
+        placements.free,
     )
-    return J if own is None else np.tensordot(own[i].T, J, axes=1)
+    return J
+
+
+def own_part(
+    J: Float[np.ndarray, "q 2 p"], own: Float[np.ndarray, "k q l"] | None, i: int
+) -> Float[np.ndarray, "l 2 p"]:
+    """Return the derivatives by what an image has of its own, the pose last."""
+    return np.asarray(J[-6:] if own is None else np.tensordot(own[i].T, J, axes=1))
 
 
 def pose_contrasts(
@@ -100,7 +123,9 @@ def pose_contrasts(
     if len(images) < 2 or points.shape[1] < MIN_CONTRASTS:
         return None
     first = points[0]
-    J = own_jacobian(views, placements, own, int(images[0]), first)
+    i = int(images[0])
+    whole = jacobian_of(views, placements, i, first)
+    J = own_part(whole, own, i)
     modes = _cosine_modes(views.column[first], views.row[first])
     # Q ⊥ J, after J's columns are made orthonormal.
     span = np.linalg.qr((J / np.linalg.norm(J, axis=(1, 2))[:, None, None]).reshape(len(J), -1).T)[0]
@@ -108,6 +133,11 @@ def pose_contrasts(
     Q = left[:, singular > MIN_SINGULAR_VALUE]
     if Q.shape[1] < MIN_CONTRASTS:
         return None
+    changes = np.tensordot(camera_changes(placements.parameters[i]), whole[: placements.free], axes=1)
+    changes = changes.reshape(len(changes), -1)
+    shown, size, _ = np.linalg.svd(
+        Q.T @ (changes / np.linalg.norm(changes, axis=1)[:, None]).T, full_matrices=False
+    )
     deviations = residuals[:, points].transpose(1, 0, 2).reshape(len(images), -1)
     deviations = deviations - deviations.mean(axis=0)
     deviations = deviations - (deviations @ span) @ span.T
@@ -122,6 +152,7 @@ def pose_contrasts(
         values,
         np.maximum(fine, 0.0),
         2 * len(first) - len(J) - Q.shape[1],
+        shown[:, size > MIN_CAMERA_VALUE],
     )
 
 

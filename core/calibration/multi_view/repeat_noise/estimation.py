@@ -24,11 +24,13 @@ from jaxtyping import Bool, Float, Int
 
 from core.calibration.multi_view.repeat_noise.contrasts import (
     PoseContrasts,
-    own_jacobian,
+    camera_share,
+    jacobian_of,
+    own_part,
     pose_contrasts,
 )
 from core.calibration.multi_view.repeat_noise.noise_fields import propagated_fields
-from core.calibration.multi_view.schur_blocks import in_target_frame, transformed
+from core.calibration.multi_view.schur_blocks import SchurBlocks, camera_changes, in_target_frame, transformed
 from core.calibration.multi_view.view_stack import Linearised, ViewStack, evenly, groups_of
 from core.calibration.state import SMALLEST_NOISE_PX
 from core.numerics import SampleCovariance, estimate_components, first_component_alone, log_likelihood
@@ -37,6 +39,8 @@ MIN_FREEDOM = 3
 """Images beyond one of each pose, over all poses: with fewer the noise is taken for white."""
 MAX_POSES = 24
 """Poses, evenly chosen, from which the noise model is estimated."""
+MAX_CAMERA_SHARE = 0.5
+"""Of the variance beyond white noise: with more of it in the camera's directions the camera changed."""
 CHANCE = 10.0
 """Evidence that white noise seldom reaches: with less the noise is white, and the model's share grows beyond it."""
 
@@ -46,9 +50,11 @@ class OwnFit:
     """How an image's own coordinates follow its points: what `multi_view_covariance` computed of them.
 
     `own` are the derivatives of camera and pose by these coordinates (None: the pose alone), `covariance` is that of
-    the coordinates, priors included, at noise of `scale` per unit of stated uncertainty.
+    the coordinates, priors included, at noise of `scale` per unit of stated uncertainty. `parts` are the same
+    coordinates' normal equations.
     """
 
+    parts: SchurBlocks
     own: Float[np.ndarray, "k q l"] | None
     covariance: Float[np.ndarray, "k l l"]
     scale: Float[np.ndarray, " k"]
@@ -66,16 +72,26 @@ class NoiseModel:
     evidence: float
 
 
+@dataclass(frozen=True, slots=True)
+class RepeatScatter:
+    """What the noise makes of each image: `poses`, the scatter of (x, y, z, w) in the target frame, and `changes`, the
+    variances of `schur_blocks.camera_changes` as the image shows them.
+    """
+
+    poses: Float[np.ndarray, "k 6 6"]
+    changes: Float[np.ndarray, "k 3"]
+
+
 def correlated_scatter(
     views: ViewStack,
     at: Linearised,
     used: Bool[np.ndarray, " n"],
     labels: Int[np.ndarray, " k"],
     fit: OwnFit,
-    white: Float[np.ndarray, "k 6 6"],
-    steady: Bool[np.ndarray, " k"],
-) -> Float[np.ndarray, "k 6 6"]:
-    """Return the scatter of every image's pose, (x, y, z, w) in the target frame.
+    white: RepeatScatter,
+    changed: Bool[np.ndarray, " k"],
+) -> tuple[RepeatScatter, Bool[np.ndarray, " k"]]:
+    """Return the scatter by the noise that the repeats show, and in which images it is the camera that changes.
 
     Parameters
     ----------
@@ -83,16 +99,41 @@ def correlated_scatter(
         Of the robot's pose that each image shows.
     white
         The scatter under white noise, which is returned where too few repeats show anything else.
-    steady
-        Of each image, whether the camera was the same in all images of its pose: what a changing camera leaves in the
-        residuals is nothing that other poses share.
+    changed
+        Of each image, whether under white noise the camera seems to change among the images of its pose. It is taken
+        to do so where most of what white noise does not explain is of the form that a change of the camera has; what
+        these poses show is no noise of the others.
     """
     groups = groups_of(labels * len(views.targets) + views.target)
     found = [pose_contrasts(views, at.placements, at.residuals, used, fit.own, group) for group in groups]
-    repeated = [one for one in found if one is not None and not one.is_exact]
-    model = fit_noise_model(views, [one for one in repeated if steady[one.images].all()])
+    by_camera = np.zeros(len(views), dtype=np.bool_)
+    for group, one in zip(groups, found, strict=True):
+        by_camera[group] = changed[group].any() and (one is None or camera_share(one) > MAX_CAMERA_SHARE)
+    poses, changes = white.poses.copy(), white.changes.copy()
+    for kind in (False, True):
+        some = [k for k, group in enumerate(groups) if by_camera[group[0]] == kind]
+        _write_scatter(
+            views, at, used, fit, white, [groups[k] for k in some], [found[k] for k in some], poses, changes
+        )
+    return RepeatScatter(poses, changes), by_camera
+
+
+def _write_scatter(
+    views: ViewStack,
+    at: Linearised,
+    used: Bool[np.ndarray, " n"],
+    fit: OwnFit,
+    white: RepeatScatter,
+    groups: Sequence[Int[np.ndarray, " _"]],
+    contrasts: Sequence[PoseContrasts | None],
+    poses: Float[np.ndarray, "k 6 6"],
+    changes: Float[np.ndarray, "k 3"],
+) -> None:
+    """Write the scatter of the images of some poses, which share one model of noise, if their repeats show any."""
+    repeated = [one for one in contrasts if one is not None and not one.is_exact]
+    model = fit_noise_model(views, repeated)
     if model is None:
-        return white
+        return
     levels = {int(one.images[0]): _levels(views, model, one) for one in repeated}
     spread = _share_beyond_chance(list(levels.values()), repeated)
     # A pose whose images are not compared is as noisy, in its stated uncertainties, as those that are.
@@ -100,10 +141,8 @@ def correlated_scatter(
     per_stated = float(
         np.mean([level.mean() / one for level, one in zip(levels.values(), stated, strict=True)])
     )
-    result = np.empty_like(white)
-    for group, one in zip(groups, found, strict=True):
+    for group, one in zip(groups, contrasts, strict=True):
         if one is not None and one.is_exact:
-            result[group] = white[group]
             continue
         level = np.full(len(group), per_stated * _stated(views, group))
         if one is not None:
@@ -111,8 +150,9 @@ def correlated_scatter(
             level[:] = own.mean()
             level[np.isin(group, one.images)] = own.mean() + spread * (own - own.mean())
         level = np.maximum(level, SMALLEST_NOISE_PX**2 / (model.white + float(model.fields.sum())))
-        result[group] = level[:, None, None] * _model_scatter(views, at, used, fit, white, group, model)
-    return result
+        of_poses, of_changes = _model_scatter(views, at, used, fit, white, group, model)
+        poses[group] = level[:, None, None] * of_poses
+        changes[group] = level[:, None] * of_changes
 
 
 def fit_noise_model(views: ViewStack, poses: list[PoseContrasts]) -> NoiseModel | None:
@@ -201,32 +241,42 @@ def _model_scatter(
     at: Linearised,
     used: Bool[np.ndarray, " n"],
     fit: OwnFit,
-    white: Float[np.ndarray, "k 6 6"],
+    white: RepeatScatter,
     group: Int[np.ndarray, " g"],
     model: NoiseModel,
-) -> Float[np.ndarray, "g 6 6"]:
-    """Return G cov(e) Gᵀ of the images of a pose at the model's own noise.
+) -> tuple[Float[np.ndarray, "g 6 6"], Float[np.ndarray, "g 3"]]:
+    """Return G cov(e) Gᵀ of the images of a pose at the model's own noise, and the variances of the camera's changes.
 
-    It is computed of the image with most points, and taken to the others, whose points and stated uncertainties differ
-    little, by the congruence that takes their scatter under white noise to one another.
+    They are computed of the image with most points, and taken to the others, whose points and stated uncertainties
+    differ little, by what takes their scatter under white noise to one another.
     """
     counts = views.sums(used.astype(np.float64))[group]
     i = int(group[np.argmax(counts)])
     part = views.part(i)
     points = np.arange(part.start, part.stop)[used[part]]
-    J = own_jacobian(views, at.placements, fit.own, i, points)
+    J = jacobian_of(views, at.placements, i, points)
+    own = own_part(J, fit.own, i)
     variance = views.standard_uncertainty_px[points] ** 2
-    G = np.tensordot(fit.covariance[i, -6:], J, axes=1) / (variance * fit.scale[i] ** 2)
-    along = np.ascontiguousarray(G.transpose(1, 2, 0))
+    G = np.tensordot(fit.covariance[i, -6:], own, axes=1) / (variance * fit.scale[i] ** 2)
+    v = camera_changes(at.placements.parameters[i])
+    observed = np.einsum("di,ij,dj->d", v, fit.parts.S[i], v)
+    seen = observed > 0.0
+    of_camera = J[: at.placements.free] - np.tensordot(fit.parts.by_camera[i].T, own, axes=1)
+    changes = np.tensordot(v[seen] / observed[seen, None], of_camera, axes=1) / variance
+    along = np.ascontiguousarray(np.concatenate([G, changes]).transpose(1, 2, 0))
     relative = variance / variance.mean()
-    scatter = model.white * np.einsum("cpd,p,cpe->de", along, relative, along)
     fields = propagated_fields(along, views.points_px[points], float(views.image_height_px))
-    scatter = scatter + np.tensordot(model.fields, fields, axes=1)
+    whole = model.white * np.einsum("cpd,p,cpe->de", along, relative, along)
+    whole = whole + np.tensordot(model.fields, fields, axes=1)
     to_target = in_target_frame(at.placements.rotations[[i]], at.placements.translations_mm[[i]])
-    scatter = transformed(to_target, scatter[None])[0]
-    own = white[i] * (_stated(views, group) / float(views.uncertainty[i]) ** 2)
-    change = _roots(white[group]) @ np.linalg.inv(_roots(own[None]))
-    return transformed(change, np.broadcast_to(scatter, (len(group), 6, 6)))
+    scatter = transformed(to_target, whole[None, :6, :6])[0]
+    level = _stated(views, group) / float(views.uncertainty[i]) ** 2
+    change = _roots(white.poses[group]) @ np.linalg.inv(_roots(white.poses[[i]] * level))
+    of_changes = np.full((len(group), 3), np.inf)
+    of_changes[:, seen] = white.changes[group][:, seen] * (
+        np.diagonal(whole)[6:] / (white.changes[i, seen] * level)
+    )
+    return transformed(change, np.broadcast_to(scatter, (len(group), 6, 6))), of_changes
 
 
 def _roots(covariances: Float[np.ndarray, "k 6 6"]) -> Float[np.ndarray, "k 6 6"]:
