@@ -11,8 +11,21 @@ from core.kinematics.dh import (
     link_transform,
     pose_with_jacobian,
 )
+from core.kinematics.error_model import (
+    ErrorModel,
+    JointCompliance,
+    JointCurve,
+    JointRegion,
+    Level,
+    joint_compliance,
+    joint_curves,
+    joint_regions,
+)
+from core.kinematics.extension import ModelChoice
 from core.kinematics.global_fit import (
     FOLDS,
+    BlockErrors,
+    Blocking,
     Conditioning,
     HoldOutError,
     Unidentifiable,
@@ -20,8 +33,9 @@ from core.kinematics.global_fit import (
     conditioning_of_chain,
     rms,
 )
-from core.kinematics.identification import Identification, identify
+from core.kinematics.identification import identify
 from core.kinematics.identification_from_images import ImageIdentification, identify_from_images
+from core.kinematics.identification_result import Identification
 from core.kinematics.joint_angle_checks import check_angles
 from core.kinematics.planning import CameraSetup, Prediction, default_setup, predict, suggest_poses
 from core.kinematics.pose_observations import PoseData, stack_joint_angles
@@ -33,14 +47,22 @@ __all__ = [
     "FOLDS",
     "JOINT_PARAMETERS",
     "AxesIdentification",
+    "BlockErrors",
+    "Blocking",
     "CameraSetup",
     "Chain",
     "Conditioning",
+    "ErrorModel",
     "HoldOutError",
     "Identification",
     "ImageIdentification",
+    "JointCompliance",
+    "JointCurve",
     "JointEstimate",
     "JointParameters",
+    "JointRegion",
+    "Level",
+    "ModelChoice",
     "ParameterLayout",
     "PoseData",
     "Prediction",
@@ -57,6 +79,9 @@ __all__ = [
     "identify",
     "identify_from_axes",
     "identify_from_images",
+    "joint_compliance",
+    "joint_curves",
+    "joint_regions",
     "link_transform",
     "named_sweeps",
     "pose_with_jacobian",

@@ -15,10 +15,8 @@ import math
 from dataclasses import dataclass, replace
 
 import numpy as np
-from jaxtyping import Bool, Float
 
 from core.errors import (
-    Advisory,
     DegenerateGeometry,
     JointAnglesInconsistent,
     JointNotExcited,
@@ -28,17 +26,15 @@ from core.errors import (
 from core.kinematics.arm_model import SHORTEST_REACH_MM, THETA, ArmState, D
 from core.kinematics.circle_point_analysis import identify_from_axes
 from core.kinematics.dh import Chain, forward
+from core.kinematics.error_model import joint_regions
+from core.kinematics.extension import ModelChoice, extend
 from core.kinematics.frame_covariances import base_target_covariances, flange_camera_covariance
 from core.kinematics.global_fit import (
     DEFAULT_SCATTER,
     FOLDS,
-    Conditioning,
     FitResult,
     Gauge,
-    HoldOutError,
     Observations,
-    Unidentifiable,
-    Validation,
     conditioning,
     fit_frames,
     fix_gauge,
@@ -48,64 +44,18 @@ from core.kinematics.global_fit import (
     rms,
     validate,
 )
+from core.kinematics.identification_result import Identification
 from core.kinematics.joint_angle_checks import check_against_nominal, check_angles
 from core.kinematics.pose_observations import PoseData
-from core.kinematics.results import JointEstimate, joint_estimates, warnings_for, with_residuals
+from core.kinematics.results import joint_estimates, warnings_for, with_residuals
 from core.kinematics.sweeps import find_sweeps
-from core.kinematics.target_transforms import TargetTransform, target_transforms
+from core.kinematics.target_transforms import target_transforms
 from core.numerics import SMALLEST, Variances
 
 MIN_JOINT_RANGE = math.radians(1.0)
 MAX_RELATIVE_SCATTER = 0.005
 """Of the start's length: poses that scatter by more about the best arm are not this arm's."""
 MAX_ROUNDS = 3
-
-
-@dataclass(frozen=True, slots=True)
-class Identification:
-    """A robot identified from poses.
-
-    Parameters
-    ----------
-    chain, T_flange_camera, T_target_base
-        The arm: T_target_camera = T_target_base · forward(chain, q) · T_flange_camera; a base for each target.
-    names, covariance
-        Of the parameters that were fitted (mm, rad): keys of `ParameterLayout.keys`, joints', then the tool's and the
-        bases', whose rotations are turned from the left.
-    scatter
-        The robot's own: standard deviation of each coordinate of position (mm) and of rotation (rad), beyond the
-        instrument's stated noise; all of the noise where none was stated.
-    residual
-        Rms over the poses used; `residuals` (m, n) of all poses, observed - predicted; `used` which count.
-    null_space
-        The parameters that the poses do not determine.
-    flange_camera_covariance, base_target_covariances
-        Of T_flange_camera and of each T_base_target (`frame_covariances`); None where it is not identifiable.
-    """
-
-    chain: Chain
-    T_flange_camera: Float[np.ndarray, "4 4"]
-    T_target_base: Float[np.ndarray, "t 4 4"]
-    joints: tuple[JointEstimate, ...]
-    names: tuple[str, ...]
-    covariance: Float[np.ndarray, "f f"]
-    target_transforms: tuple[TargetTransform, ...]
-    scatter_position_mm: float
-    scatter_rotation: float | None
-    residual: HoldOutError
-    residuals: Float[np.ndarray, "m n"]
-    used: Bool[np.ndarray, " n"]
-    conditioning: Conditioning
-    null_space: tuple[Unidentifiable, ...]
-    flange_camera_covariance: Float[np.ndarray, "6 6"] | None
-    base_target_covariances: tuple[Float[np.ndarray, "6 6"] | None, ...]
-    validation: Validation | None
-    warnings: tuple[Advisory, ...]
-
-    @property
-    def correlation(self) -> Float[np.ndarray, "f f"]:
-        unit = 1.0 / np.sqrt(np.diag(self.covariance))
-        return np.asarray(self.covariance * np.outer(unit, unit))
 
 
 @dataclass(frozen=True, slots=True)
@@ -117,7 +67,12 @@ class Solution:
 
 
 def identify(
-    poses: PoseData, nominal: Chain | None = None, *, start: Chain | None = None, folds: int = FOLDS
+    poses: PoseData,
+    nominal: Chain | None = None,
+    *,
+    start: Chain | None = None,
+    folds: int = FOLDS,
+    model: ModelChoice = ModelChoice.DH,
 ) -> Identification:
     """Identify the robot from poses at known joint angles.
 
@@ -130,6 +85,8 @@ def identify(
         Where to begin; the nominal if not given, and without one the chain that sweeps give by the combined method.
     folds
         Parts that poses are dealt into for validation; 0 for none.
+    model
+        Whether terms beyond the chain count: in the uncertainties of its parameters, and in predictions.
 
     Raises JointAnglesInconsistent for a chain of another number of joints or poses that no such arm explains,
     JointAnglesUnitMismatch where radians and degrees were confused, JointNotExcited, TooFewPoses, NotConverged; without
@@ -139,7 +96,7 @@ def identify(
     begin = initial_chain(poses, nominal, start)
     arm = placed(begin.as_array(), forward(begin, poses.joint_angles), seen)
     solution = solve(arm, seen, poses)
-    return report(solution, seen, poses, nominal, folds)
+    return report(solution, seen, poses, nominal, folds, model)
 
 
 def _require_anything(gauge: Gauge) -> None:
@@ -181,31 +138,40 @@ def solve(
 
 
 def report(
-    solution: Solution, seen: Observations, poses: PoseData, nominal: Chain | None, folds: int
+    solution: Solution,
+    seen: Observations,
+    poses: PoseData,
+    nominal: Chain | None,
+    folds: int,
+    model: ModelChoice = ModelChoice.DH,
 ) -> Identification:
     """Return the identification that a fit gives, with its joints, validation and warnings."""
     refined, gauge = solution.refined, solution.gauge
-    arm, layout = refined.arm, refined.arm.layout
-    kinematic = int(gauge.free.sum())
-    covariance = refined.covariance[:kinematic, :kinematic]
     used = np.flatnonzero(refined.used)
-    how = conditioning(arm, refined.jacobian, gauge.free, refined.used)
     compared = None
     if nominal is not None:
-        kept = seen.take(used)
-        compared = fit_frames(nominal.as_array(), arm, kept, gauge.free, refined.scatter)
-    validation = None
-    if folds > 1:
+        compared = fit_frames(nominal.as_array(), refined.arm, seen.take(used), gauge.free, refined.scatter)
+    labels = [poses.labels[i] for i in used] if poses.labels else []
+    extension, validation = None, None
+    if model is not ModelChoice.DH:
+        extension = extend(refined, gauge, seen, nominal, compared, folds, labels, model)
+        refined, gauge, validation = extension.refined, extension.gauge, extension.validation
+        used = np.flatnonzero(refined.used)
+    elif folds > 1:
         validation = validate(
-            arm,
+            refined.arm,
             compared,
             seen.take(used),
             gauge.free,
             refined.scatter,
             folds,
             len(seen) - len(used),
-            [poses.labels[i] for i in used] if poses.labels else (),
+            labels,
         )
+    arm, layout = refined.arm, refined.arm.layout
+    kinematic = int(gauge.free.sum())
+    covariance = refined.covariance[:kinematic, :kinematic]
+    how = conditioning(arm, refined.jacobian, gauge.free, refined.used)
     keys = layout.keys()
     return Identification(
         chain=arm.chain,
@@ -227,6 +193,8 @@ def report(
         flange_camera_covariance=flange_camera_covariance(arm, gauge.free, covariance),
         base_target_covariances=base_target_covariances(arm, gauge.free, covariance),
         validation=validation,
+        region=joint_regions(poses.joint_angles[used]),
+        error_model=None if extension is None else extension.model,
         warnings=tuple(warnings_for(refined, gauge, how, validation, poses, nominal)),
     )
 

@@ -50,6 +50,7 @@ if TYPE_CHECKING:
         measured_rows,
     )
     from core.session.robot import (
+        MethodDifference,
         NamedSweep,
         RobotIdentification,
         identify_robot,
@@ -113,6 +114,7 @@ _NAMES = {
         "measured_rows",
     ),
     "robot": (
+        "MethodDifference",
         "NamedSweep",
         "RobotIdentification",
         "identify_robot",
@@ -144,6 +146,7 @@ __all__ = [
     "ImagePose",
     "LimitAcceptance",
     "MeasuredPose",
+    "MethodDifference",
     "NamedSweep",
     "PoseDistance",
     "PoseRow",

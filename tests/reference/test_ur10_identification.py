@@ -18,7 +18,8 @@ import numpy as np
 import pytest
 
 from core.kinematics.dh import forward
-from core.kinematics.identification import Identification, identify
+from core.kinematics.identification import identify
+from core.kinematics.identification_result import Identification
 from core.kinematics.pose_observations import PoseData
 from tests.support.simulation.arms import UR10
 from tests.support.simulation.ur10_tracker import tracked

@@ -9,11 +9,21 @@ from typing import Any
 
 import numpy as np
 
+from app.analyses.documents.dh_model import error_model_document, method_agreement_document
 from app.analyses.documents.encoding import pose_fields, target_transform_document
 from app.analyses.documents.findings import Findings
 from app.analyses.documents.sweep_names import parsed, sweeps_named
 from core.geometry import invert
-from core.kinematics import HoldOutError, JointEstimate, JointParameters, Unidentifiable, Validation
+from core.kinematics import (
+    Blocking,
+    HoldOutError,
+    JointEstimate,
+    JointParameters,
+    JointRegion,
+    ModelChoice,
+    Unidentifiable,
+    Validation,
+)
 from core.session import (
     NamedSweep,
     RobotIdentification,
@@ -43,12 +53,14 @@ def dh_findings(data: SessionData, settings: Mapping[str, str]) -> Findings:
         data,
         estimate,
         method=settings["method"],
+        model=ModelChoice(settings["model"]),
         tolerance=math.radians(float(settings["joint_tolerance_deg"])),
         sweeps=[NamedSweep(joint, tuple(pose_ids)) for joint, pose_ids in map(parsed, names)],
     )
     fields = {
         "estimator": settings["estimator"],
         "method": settings["method"],
+        "model": settings["model"],
         "source": settings["source"],
         "convention": "classic_dh",
         "joint_tolerance_deg": float(settings["joint_tolerance_deg"]),
@@ -70,6 +82,9 @@ def _robot(found: RobotIdentification, data: SessionData) -> dict[str, Any]:
         ],
         "residual": _held_out(found.residual),
         "validation": _validation(found.validation),
+        "error_model": error_model_document(found.error_model),
+        "region": {"joints": [_region(joint) for joint in found.region]},
+        "method_agreement": method_agreement_document(found.method_agreement),
         "condition_number": condition if math.isfinite(condition) else None,
         "observability_o1": found.conditioning.observability_o1,
         "null_space": null_space_document(found.null_space),
@@ -150,15 +165,42 @@ def _in_degrees(name: str, value: float) -> float:
     return math.degrees(value) if name.endswith("_rad") else value
 
 
+def _region(joint: JointRegion) -> dict[str, Any]:
+    return {
+        "joint": joint.joint,
+        "minimum_deg": math.degrees(joint.minimum),
+        "maximum_deg": math.degrees(joint.maximum),
+        "gaps": [
+            {"minimum_deg": math.degrees(low), "maximum_deg": math.degrees(high)} for low, high in joint.gaps
+        ],
+    }
+
+
 def _validation(found: Validation | None) -> dict[str, Any] | None:
     if found is None:
         return None
+    by_clusters = [block for block in found.blocks if block.blocking is Blocking.CLUSTERS]
     return {
         **_held_out(found.identified),
         "held_out_poses": found.held_out,
         "outlier_poses": found.excluded,
-        "nominal": _held_out(found.nominal) if found.nominal is not None else None,
+        "random": _held_out(found.identified),
+        "blocked": _held_out(by_clusters[0].identified) if by_clusters else None,
+        "nominal": _nominal(found.nominal),
+        "blocks": [
+            {
+                "blocking": str(block.blocking),
+                "block_count": block.blocks,
+                **_held_out(block.identified),
+                "nominal": _nominal(block.nominal),
+            }
+            for block in found.blocks
+        ],
     }
+
+
+def _nominal(errors: HoldOutError | None) -> dict[str, Any] | None:
+    return None if errors is None else _held_out(errors)
 
 
 def _held_out(errors: HoldOutError) -> dict[str, Any]:

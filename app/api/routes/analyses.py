@@ -16,6 +16,7 @@ from app.api.schemas.analyses import (
     ComparisonAnalysis,
     DhAnalysis,
     DhMethod,
+    DhModel,
     Estimator,
     HandEyeAnalysis,
     IntrinsicsAnalysis,
@@ -149,6 +150,14 @@ MethodQuery = Annotated[
         "poses; with images and the pooled estimator on the grid points themselves, the lens included."
     ),
 ]
+ModelQuery = Annotated[
+    DhModel,
+    Query(
+        description="Terms beyond the chain with method `global`: gears, compliance, wobble. `auto`: uncertainties "
+        "allow for them, and they are part of the model where marginal likelihood and held-out poses speak for them. "
+        "`dh`: the chain alone. `extended`: all terms, whatever the evidence."
+    ),
+]
 ToleranceQuery = Annotated[
     float,
     Query(
@@ -180,6 +189,7 @@ async def get_dh(
     request: Request,
     form: FormDep,
     method: MethodQuery = "global",
+    model: ModelQuery = "auto",
     estimator: EstimatorQuery = "pooled",
     source: SourceQuery = "images",
     joint_tolerance_deg: ToleranceQuery = 0.02,
@@ -188,6 +198,7 @@ async def get_dh(
     """Identify the robot's Denavit-Hartenberg parameters from poses at known joint angles."""
     settings = {
         "method": method,
+        "model": model,
         "estimator": estimator,
         "source": source,
         "joint_tolerance_deg": repr(joint_tolerance_deg),

@@ -35,6 +35,14 @@ class DhMethod(enum.StrEnum):
     global_ = "global"
 
 
+class DhModel(enum.StrEnum):
+    """Terms beyond the chain."""
+
+    auto = "auto"
+    dh = "dh"
+    extended = "extended"
+
+
 class DhSource(enum.StrEnum):
     """Sources of a session's poses."""
 
@@ -54,6 +62,12 @@ def export_dh(
     service: ReadAccess,
     output: Annotated[Path | None, typer.Option("--output", "-o", help="File.  [default: stdout]")] = None,
     method: Annotated[DhMethod, typer.Option(help="As of the analysis.")] = DhMethod.global_,
+    model: Annotated[
+        DhModel,
+        typer.Option(
+            help="As of the analysis: terms beyond the chain. They are in yaml alone; other formats hold the chain."
+        ),
+    ] = DhModel.auto,
     source: Annotated[
         DhSource, typer.Option(help="Poses from images, or of another instrument.")
     ] = DhSource.images,
@@ -92,6 +106,7 @@ def export_dh(
             document = client.get(
                 f"/v1/sessions/{session_id}/dh",
                 method=method.value,
+                model=model.value,
                 source=source.value,
                 estimator=estimator,
                 joint_tolerance_deg=joint_tolerance_deg,
@@ -99,7 +114,7 @@ def export_dh(
             )
             robot = _robot(client, session_id, len(document["joints"]))
         joints: list[Json] = robot["joints"]
-        model = Model(
+        written = Model(
             document,
             robot["name"],
             _names(joint_names, [joint.get("name") for joint in joints]),
@@ -112,7 +127,7 @@ def export_dh(
     except ClientError as error:
         print_error(console, str(error), error.advice)
         return 1
-    text = WRITERS[model_format](model)
+    text = WRITERS[model_format](written)
     if output is None:
         sys.stdout.write(text)
     else:
@@ -121,7 +136,7 @@ def export_dh(
         except OSError as error:
             print_error(console, f"{output} cannot be written: {error.strerror}.")
             return 1
-        console.print(f"{escape(str(output))}: {len(model.joints)} joints")
+        console.print(f"{escape(str(output))}: {len(written.joints)} joints")
     for warning in document["warnings"]:
         console.print(f"[yellow]{escape(warning['detail'])}[/]")
     return 0

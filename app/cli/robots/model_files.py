@@ -124,6 +124,7 @@ def write_yaml(model: Model) -> str:
                     "inputs_sha256",
                 ),
                 *("core_version", "residual", "validation", "condition_number", "null_space"),
+                *("model", "error_model", "region", "method_agreement"),
             )
         },
         "joints": [

@@ -29,6 +29,7 @@ from core.kinematics.global_fit.validation import (
     Validation,
     assign_folds,
     cross_validate,
+    frame_errors,
     rms,
     validate,
 )
@@ -56,6 +57,7 @@ __all__ = [
     "fit_frames",
     "fit_unweighted",
     "fix_gauge",
+    "frame_errors",
     "held_by_axes",
     "information_of",
     "linearise_images",

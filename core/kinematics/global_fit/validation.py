@@ -132,6 +132,23 @@ def cross_validate(
     return Validation(_rms(found), _rms(compared) if compared else None, taken, count, excluded)
 
 
+def frame_errors(
+    nominal: ArmState,
+    seen: Observations,
+    counted: Bool[np.ndarray, " n"],
+    of_fold: Int[np.ndarray, " n"],
+    free: Bool[np.ndarray, " p"],
+    scatter: Variances,
+) -> HoldOutError | None:
+    """Return the held-out errors, at the poses that count, of a chain of which only base and tool are fitted."""
+    of_frames = free.copy()
+    of_frames[: nominal.layout.tool.start] = False
+    some = np.flatnonzero(counted)
+    fitted = partial(_refined, nominal, of_frames, scatter)
+    found = cross_validate(seen.take(some), of_fold[some], fitted, None, 0)
+    return None if found is None else found.identified
+
+
 def _refined(
     arm: ArmState, free: Bool[np.ndarray, " p"], scatter: Variances, others: Observations, _: int
 ) -> ArmState:

@@ -1,6 +1,8 @@
 """A robot's parameters from a session: its poses with joint angles, their sweeps, and the identification."""
 
-from core.session.robot.identification import RobotIdentification, identify_robot
+from core.session.robot.identification import identify_robot
+from core.session.robot.method_agreement import MethodDifference
+from core.session.robot.result import RobotIdentification
 from core.session.robot.robot_poses import (
     MAX_POSES,
     poses_of_readings,
@@ -12,6 +14,7 @@ from core.session.robot.sweeps import NamedSweep
 
 __all__ = [
     "MAX_POSES",
+    "MethodDifference",
     "NamedSweep",
     "RobotIdentification",
     "identify_robot",

@@ -4,10 +4,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float
 
 from core.errors import (
     Advisory,
@@ -18,25 +16,26 @@ from core.kinematics import (
     FOLDS,
     AxesIdentification,
     Chain,
-    Conditioning,
     HoldOutError,
     Identification,
     ImageIdentification,
     JointEstimate,
+    ModelChoice,
     ParameterLayout,
     Sweep,
     TargetTransform,
-    Unidentifiable,
-    Validation,
     check_angles,
     conditioning_of_chain,
     identify,
     identify_from_axes,
     identify_from_images,
+    joint_regions,
     rms,
 )
 from core.session.estimation import estimate_session
-from core.session.model import ExcludedMeasurement, SessionData, SessionEstimate
+from core.session.model import SessionData, SessionEstimate
+from core.session.robot.method_agreement import MethodDifference, compare_methods, disagreements
+from core.session.robot.result import JointFigures, RobotIdentification
 from core.session.robot.robot_poses import (
     RobotPoses,
     poses_of_estimate,
@@ -48,69 +47,12 @@ from core.session.robot.sweeps import NamedSweep, select_sweeps, solve_with_star
 DEFAULT_TOLERANCE = math.radians(0.02)
 
 
-@dataclass(frozen=True, slots=True)
-class JointFigures:
-    """One joint with the number of poses that it was identified from, and the residual where it alone moved."""
-
-    estimate: JointEstimate
-    poses: int
-    residual: HoldOutError | None
-
-
-@dataclass(frozen=True)
-class RobotIdentification:
-    """What a session's poses determine of a robot, in mm and rad.
-
-    Parameters
-    ----------
-    chain, T_flange_camera, T_target_base
-        T_target_camera = T_target_base · forward(chain, q) · T_flange_camera; a base for each of `targets`.
-    joints
-        From the base on, each with standard uncertainties.
-    parameters, correlation
-        Of the parameters that were fitted.
-    residual, validation
-        Rms of the poses about the arm, and of poses held out of the fit.
-    scatter_mm, scatter_rad
-        The robot's own: standard deviation of each coordinate of position and of rotation.
-    null_space
-        The parameters that the poses do not determine.
-    flange_camera_covariance, base_target_covariances
-        Of T_flange_camera (flange frame) and of each T_base_target (base frame): x, y, z (mm), then a rotation from
-        the left (rad). None where it is not identifiable, and with the methods that begin at axes.
-    target_transforms
-        How targets lie to one another, by their places in `targets`.
-    targets
-        The places of the targets in the session's list; empty for another instrument.
-    excluded
-        The measurements that are not among the poses that were fitted.
-    """
-
-    chain: Chain
-    T_flange_camera: Float[np.ndarray, "4 4"]
-    T_target_base: Float[np.ndarray, "t 4 4"]
-    joints: tuple[JointFigures, ...]
-    parameters: tuple[str, ...]
-    correlation: Float[np.ndarray, "f f"]
-    residual: HoldOutError
-    validation: Validation | None
-    conditioning: Conditioning
-    scatter_mm: float
-    scatter_rad: float | None
-    null_space: tuple[Unidentifiable, ...]
-    target_transforms: tuple[TargetTransform, ...]
-    targets: tuple[int, ...]
-    flange_camera_covariance: Float[np.ndarray, "6 6"] | None
-    base_target_covariances: tuple[Float[np.ndarray, "6 6"] | None, ...]
-    excluded: tuple[ExcludedMeasurement, ...]
-    warnings: tuple[Advisory, ...]
-
-
 def identify_robot(
     data: SessionData,
     estimate: SessionEstimate | None = None,
     *,
     method: str = "global",
+    model: ModelChoice = ModelChoice.AUTO,
     tolerance: float = DEFAULT_TOLERANCE,
     sweeps: Sequence[NamedSweep] = (),
 ) -> RobotIdentification:
@@ -128,6 +70,8 @@ def identify_robot(
     method
         `global` (all poses at once; on the grid points themselves where one lens took all images), `cpa`, `screw` or
         `combined` (from the axes of sweeps).
+    model
+        Whether terms beyond the chain count with method `global`; the other methods have the chain alone.
     tolerance
         A sweep of a joint is a largest set of poses whose other joints agree within it, rad.
     sweeps
@@ -148,8 +92,10 @@ def identify_robot(
     warnings = (*gathered.warnings, *known.warnings)
     try:
         if method == "global":
-            robot, more = _identify_globally(data, estimate, gathered, known.sweeps)
-            return _of_poses(robot, known.sweeps, gathered, (*warnings, *more))
+            robot, more = _identify_globally(data, estimate, gathered, known.sweeps, model)
+            agreement = compare_methods(robot.joints, gathered.poses, data.nominal, known.sweeps, tolerance)
+            more = (*more, *robot.warnings, *disagreements(agreement))
+            return _of_poses(robot, known.sweeps, gathered, agreement, (*warnings, *more))
         axes = identify_from_axes(
             gathered.poses, data.nominal, method, sweeps=known.sweeps, tolerance=tolerance, folds=FOLDS
         )
@@ -165,6 +111,7 @@ def _of_poses(
     found: Identification,
     sweeps: Sequence[Sweep],
     gathered: RobotPoses,
+    agreement: tuple[MethodDifference, ...],
     warnings: tuple[Advisory, ...],
 ) -> RobotIdentification:
     count = int(found.used.sum())
@@ -191,8 +138,11 @@ def _of_poses(
         gathered.targets,
         found.flange_camera_covariance,
         found.base_target_covariances,
+        found.region,
+        found.error_model,
+        agreement,
         gathered.excluded,
-        (*warnings, *found.warnings),
+        warnings,
     )
 
 
@@ -238,13 +188,20 @@ def _of_axes(
         gathered.targets,
         None,
         (None,) * len(found.T_target_base),
+        joint_regions(gathered.poses.joint_angles[members]),
+        None,
+        (),
         gathered.excluded,
         (*warnings, *found.warnings),
     )
 
 
 def _identify_globally(
-    data: SessionData, estimate: SessionEstimate | None, gathered: RobotPoses, sweeps: Sequence[Sweep]
+    data: SessionData,
+    estimate: SessionEstimate | None,
+    gathered: RobotPoses,
+    sweeps: Sequence[Sweep],
+    model: ModelChoice,
 ) -> tuple[Identification, tuple[Advisory, ...]]:
     """Identify from all poses at once: on the grid points where one lens took them all, else on the poses."""
     warnings: tuple[Advisory, ...] = ()
@@ -255,7 +212,13 @@ def _identify_globally(
 
         def solve(start: Chain | None) -> ImageIdentification:
             return identify_from_images(
-                fit, poses.joint_angles, data.nominal, target=poses.targets, start=start, labels=poses.labels
+                fit,
+                poses.joint_angles,
+                data.nominal,
+                target=poses.targets,
+                start=start,
+                labels=poses.labels,
+                model=model,
             )
 
         try:
@@ -272,6 +235,6 @@ def _identify_globally(
         else:
             return answer.robot, ()
     found = solve_with_start(
-        lambda start: identify(poses, data.nominal, start=start), poses, data.nominal, sweeps
+        lambda start: identify(poses, data.nominal, start=start, model=model), poses, data.nominal, sweeps
     )
     return found, warnings

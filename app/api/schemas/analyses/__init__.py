@@ -3,7 +3,8 @@
 from app.api.schemas.analyses.camera_poses import CameraPosesAnalysis
 from app.api.schemas.analyses.common import Estimator, Source
 from app.api.schemas.analyses.comparison import ComparisonAnalysis
-from app.api.schemas.analyses.dh import DhAnalysis, DhMethod
+from app.api.schemas.analyses.dh import DhAnalysis
+from app.api.schemas.analyses.dh_model import DhMethod, DhModel
 from app.api.schemas.analyses.dh_plan import DhPlan, DhPlanCreate
 from app.api.schemas.analyses.hand_eye import HandEyeAnalysis
 from app.api.schemas.analyses.intrinsics import IntrinsicsAnalysis
@@ -15,6 +16,7 @@ __all__ = [
     "ComparisonAnalysis",
     "DhAnalysis",
     "DhMethod",
+    "DhModel",
     "DhPlan",
     "DhPlanCreate",
     "Estimator",

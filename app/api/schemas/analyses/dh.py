@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import Annotated, Literal
 
 from pydantic import Field
-from typing_extensions import TypeAliasType
 
 from app.api.schemas.analyses.common import (
     EstimatedAnalysis,
@@ -13,16 +12,17 @@ from app.api.schemas.analyses.common import (
     SourceField,
     TargetTransform,
 )
+from app.api.schemas.analyses.dh_model import (
+    DhMethod,
+    DhModel,
+    ErrorModelRead,
+    MethodAgreementRead,
+    RegionRead,
+)
+from app.api.schemas.analyses.dh_validation import DhValidation, PoseErrors
 from app.api.schemas.analyses.frames import FlangeCameraRead, FrameRead
 from app.api.schemas.common import ResponseModel
 
-DhMethod = TypeAliasType(
-    "DhMethod",
-    Annotated[
-        Literal["cpa", "screw", "combined", "global"],
-        Field(description="How Denavit-Hartenberg parameters are identified."),
-    ],
-)
 DhConvention = Literal["classic_dh"]
 _A = "Link length: from this joint's axis to the next along their common normal, mm."
 _ALPHA = "Link twist: from this joint's axis to the next about the common normal, degrees."
@@ -101,21 +101,6 @@ class DhIdentifiable(ResponseModel):
     ]
 
 
-class PoseErrors(ResponseModel):
-    """Root mean squares of distances and of rotation angles; the latter null for positions alone."""
-
-    position_rms_mm: Annotated[
-        float, Field(description="Root mean square of the distances, predicted to measured position, mm.")
-    ]
-    rotation_rms_deg: Annotated[
-        float | None,
-        Field(
-            description="Root mean square of the angles, predicted to measured rotation, degrees; null for positions "
-            "alone."
-        ),
-    ]
-
-
 class DhJoint(ResponseModel):
     """One joint and the link after it: T = Rz(θ + theta_offset) Tz(d) Tx(a) Rx(α), and Ry(β) where β stands for d."""
 
@@ -157,22 +142,6 @@ class DhJoint(ResponseModel):
     ]
 
 
-class DhValidation(PoseErrors):
-    """Errors at poses that had no part in the fit: all are dealt into five folds, each predicted by the rest, with base
-    and tool fitted to these.
-    """
-
-    held_out_poses: Annotated[int, Field(description="How many poses were held out, over all folds.")]
-    outlier_poses: Annotated[
-        int,
-        Field(description="Poses that the fit of all poses rejects as gross errors; they are not predicted."),
-    ]
-    nominal: Annotated[
-        PoseErrors | None,
-        Field(description="The nominal robot at the same poses, its tool and base fitted to the rest."),
-    ]
-
-
 class RobotScatter(ResponseModel):
     """What the robot adds to the instrument's own noise, per coordinate; all of the noise where none was stated."""
 
@@ -202,6 +171,9 @@ class DhAnalysis(EstimatedAnalysis):
     method: Annotated[
         DhMethod, Field(description="The method asked for; the query parameter describes each.")
     ]
+    model: Annotated[
+        DhModel, Field(description="The model asked for; `error_model` says which terms were taken.")
+    ]
     source: SourceField
     convention: Annotated[
         DhConvention, Field(description="Classic (distal) Denavit-Hartenberg: Rz(θ) Tz(d) Tx(a) Rx(α).")
@@ -221,6 +193,22 @@ class DhAnalysis(EstimatedAnalysis):
     validation: Annotated[
         DhValidation | None,
         Field(description="Five-fold cross-validation; null where the folds leave too few poses of an arc."),
+    ]
+    error_model: Annotated[
+        ErrorModelRead | None,
+        Field(
+            description="What the robot has beyond its chain. Null where the poses do not speak for such terms, with "
+            "`model=dh`, and with the methods that begin at axes."
+        ),
+    ]
+    region: Annotated[
+        RegionRead, Field(description="Where the poses were: what is stated holds there, and not beyond.")
+    ]
+    method_agreement: Annotated[
+        MethodAgreementRead | None,
+        Field(
+            description="The other methods compared with `global`; null with these, and where a joint has no sweep."
+        ),
     ]
     condition_number: ConditionNumber
     observability_o1: Annotated[

@@ -24,6 +24,7 @@ SETTINGS = {
     "estimator": "pooled",
     "source": "images",
     "method": "global",
+    "model": "auto",
     "joint_tolerance_deg": "0.02",
 }
 

@@ -137,10 +137,19 @@ def test_a_real_robot_before_a_laser_tracker(api: Any, data_folder: Path) -> Non
     send(api, session, sent)
     found = document(of_readings(api, session))
     validation = found["validation"]
-    assert (len(sent), validation["held_out_poses"]) == (1495, 1495)
+    # Of its residuals with gears and compliance in the model, .1 mm, some poses stand out that .4 mm had hidden.
+    assert len(sent) == validation["held_out_poses"] + validation["outlier_poses"] == 1495
+    assert validation["outlier_poses"] < 30
     # Every pose is predicted by an identification that it had no part in.
-    assert validation["position_rms_mm"] < 0.6 * validation["nominal"]["position_rms_mm"]
-    assert validation["rotation_rms_deg"] < 0.75 * validation["nominal"]["rotation_rms_deg"]
+    assert validation["position_rms_mm"] < 0.13 * validation["nominal"]["position_rms_mm"]
+    assert validation["blocked"]["position_rms_mm"] < 0.2 * validation["nominal"]["position_rms_mm"]
+    assert validation["rotation_rms_deg"] < 0.3 * validation["nominal"]["rotation_rms_deg"]
+    assert found["error_model"]["terms"] == ["joint_curves", "compliance", "wobble"]
+    assert found["error_model"]["held_out_ratio"] < 0.35
+    chain = document(of_readings(api, session, model="dh"))
+    assert (chain["model"], chain["error_model"]) == ("dh", None)
+    assert chain["validation"]["held_out_poses"] == 1495
+    assert chain["validation"]["position_rms_mm"] < 0.6 * chain["validation"]["nominal"]["position_rms_mm"]
     for joint in found["joints"]:
         for name, nearness in (("a_mm", 3.0), ("d_mm", 3.0), ("alpha_deg", 0.2), ("theta_offset_deg", 0.2)):
             assert abs(joint[name] - joint["nominal"][name]) < nearness
@@ -164,4 +173,7 @@ def test_a_real_positioner_before_a_camera(api: Any, data_folder: Path) -> None:
     # angles is what the makers of positioners aim at.
     assert abs(first["a_mm"]) < 1.0
     assert abs(abs(first["alpha_deg"]) - 90.0) < 0.1
-    assert first["standard_uncertainty"]["a_mm"] < 0.2
+    alone = document(of_readings(api, session, joint_tolerance_deg=0.2, model="dh"))["joints"][0]
+    assert alone["standard_uncertainty"]["a_mm"] < 0.2
+    # What the axes do beyond their chain makes it less certain.
+    assert alone["standard_uncertainty"]["a_mm"] < first["standard_uncertainty"]["a_mm"] < 0.5

@@ -11,8 +11,9 @@ import math
 import numpy as np
 import pytest
 
-from core.kinematics.identification import Identification, identify
+from core.kinematics.identification import identify
 from core.kinematics.identification_from_images import identify_from_images
+from core.kinematics.identification_result import Identification
 from core.simulation.arm import KR5_ARC, Arm, kr5_arc
 from tests.support.simulation.arm_grid_points import common_fit, session
 from tests.support.simulation.arms import angles, stated, told_truth

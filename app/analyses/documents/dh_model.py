@@ -1,0 +1,77 @@
+"""What a robot has beyond its chain, and how the methods agree, as the API shows them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any
+
+from core.kinematics import ErrorModel, Level, joint_compliance, joint_curves
+from core.session import MethodDifference
+
+TERMS = {
+    Level.DH: (),
+    Level.COMPLIANCE: ("compliance",),
+    Level.ALL: ("joint_curves", "compliance", "wobble"),
+}
+
+
+def error_model_document(model: ErrorModel | None) -> dict[str, Any] | None:
+    """Return the terms with their uncertainties, in degrees; None where the chain alone is taken."""
+    if model is None or model.level is Level.DH:
+        return None
+    position, rotation = model.scatter.deviations
+    turned = len(model.growth) == 2
+    return {
+        "terms": list(TERMS[model.level]),
+        "joint_curves": [
+            {
+                "joint": curve.joint,
+                "angles_deg": [math.degrees(angle) for angle in curve.angles.tolist()],
+                "correction_deg": [math.degrees(value) for value in curve.correction.tolist()],
+                "standard_uncertainty_deg": [
+                    math.degrees(value) for value in curve.standard_uncertainty.tolist()
+                ],
+            }
+            for curve in joint_curves(model)
+        ],
+        "compliance": [
+            {
+                "joint": one.joint,
+                "axis": one.axis,
+                "rad_per_m": one.rad_per_m,
+                "standard_uncertainty_rad_per_m": one.standard_uncertainty,
+            }
+            for one in joint_compliance(model)
+        ],
+        "noise_mm": position,
+        "noise_deg": math.degrees(rotation) if turned else None,
+        "held_out_ratio": model.held_out_ratio,
+        "blocked_ratio": model.blocked_ratio,
+        "position_uncertainty_factor": float(model.growth[0]),
+        "rotation_uncertainty_factor": float(model.growth[1]) if turned else None,
+    }
+
+
+def method_agreement_document(found: Sequence[MethodDifference]) -> dict[str, Any] | None:
+    """Return each method's largest difference from the global fit; None where there is nothing to compare."""
+    if not found:
+        return None
+    known = [one.largest for one in found if one.largest is not None]
+    return {
+        "largest_difference": max(known, default=None),
+        "methods": [
+            {
+                "method": one.method,
+                "largest_difference": one.largest,
+                "joint": one.joint,
+                "parameter": None if one.parameter is None else _in_api(one.parameter),
+                "failure_code": one.failure,
+            }
+            for one in found
+        ],
+    }
+
+
+def _in_api(name: str) -> str:
+    return f"{name.removesuffix('_rad')}_deg" if name.endswith("_rad") else name

@@ -1,0 +1,111 @@
+"""What the terms are, joint by joint: curves over the joint's angle, compliance, and where joints have been."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+from core.kinematics.error_model.evidence import Fitted
+from core.kinematics.error_model.model import ErrorModel
+from core.kinematics.error_model.terms import Kind, harmonic_basis
+
+CURVE_STEP = math.radians(2.0)
+MAX_GAP = math.radians(10.0)
+"""Between neighbouring angles of a joint: predictions inside a wider gap are off by what its curve does there."""
+
+MAX_PRIOR_SHARE = 0.8
+"""Of a coefficient's prior variance: what is left of more is not determined by the poses."""
+
+
+@dataclass(frozen=True, slots=True)
+class JointCurve:
+    """What joint `joint` (from 1) turns by beyond its stated angle, over the angles it has been at; all rad."""
+
+    joint: int
+    angles: Float[np.ndarray, " a"]
+    correction: Float[np.ndarray, " a"]
+    standard_uncertainty: Float[np.ndarray, " a"]
+
+
+@dataclass(frozen=True, slots=True)
+class JointCompliance:
+    """How far a joint (from 1) gives way to weight: about its own axis z, or across it about x or y of its frame.
+
+    Radians per metre of lever: the moment, about that axis, of a unit weight at the centroid of the arm beyond.
+    """
+
+    joint: int
+    axis: str
+    rad_per_m: float
+    standard_uncertainty: float
+
+
+@dataclass(frozen=True, slots=True)
+class JointRegion:
+    """Where a joint (from 1) has been, rad: from `minimum` to `maximum` but for the gaps wider than 10°."""
+
+    joint: int
+    minimum: float
+    maximum: float
+    gaps: tuple[tuple[float, float], ...]
+
+
+def joint_curves(model: ErrorModel) -> tuple[JointCurve, ...]:
+    """Return the curve of every joint in steps of 2°; none where the model has no curves."""
+    problem, fitted = model.fit.design, model.fitted
+    if not model.level.chosen(problem.terms)[problem.terms.of(Kind.CURVE)].any():
+        return ()
+    found = []
+    for joint in range(problem.arm.layout.joints):
+        q = problem.seen.joint_angles[model.fit.used, joint]
+        angles = np.linspace(q.min(), q.max(), 1 + math.ceil(float(np.ptp(q)) / CURVE_STEP))
+        basis = harmonic_basis(angles)
+        b, C = _of(model, fitted, problem.terms.curve(joint))
+        found.append(
+            JointCurve(joint + 1, angles, b @ basis, np.sqrt(np.einsum("ha,hg,ga->a", basis, C, basis)))
+        )
+    return tuple(found)
+
+
+def joint_compliance(model: ErrorModel) -> tuple[JointCompliance, ...]:
+    """Return the compliances that the poses determine, of every joint about its axes z, x and y.
+
+    One whose uncertainty is nearly that of its prior is not among them: the first joint's about a vertical axis, which
+    weight does not turn, is an example.
+    """
+    terms = model.fit.design.terms
+    prior = model.fitted.hyperparameters.variances(terms)[0]
+    chosen = model.level.chosen(terms)
+    found = []
+    for joint in range(model.fit.design.arm.layout.joints):
+        of_joint = terms.joint == joint
+        columns = np.concatenate(
+            [np.flatnonzero(of_joint & terms.of(kind) & chosen) for kind in (Kind.COMPLIANCE, Kind.RADIAL)]
+        )
+        b, C = _of(model, model.fitted, columns)
+        found += [
+            JointCompliance(joint + 1, axis, float(value), math.sqrt(float(variance)))
+            for axis, value, variance, before in zip("zxy", b, np.diag(C), prior[columns], strict=False)
+            if variance < MAX_PRIOR_SHARE * before
+        ]
+    return tuple(found)
+
+
+def joint_regions(joint_angles: Float[np.ndarray, "n j"]) -> tuple[JointRegion, ...]:
+    """Return where each joint has been."""
+    found = []
+    for joint, q in enumerate(np.sort(joint_angles, axis=0).T):
+        wide = np.flatnonzero(np.diff(q) > MAX_GAP)
+        gaps = tuple((float(q[i]), float(q[i + 1])) for i in wide)
+        found.append(JointRegion(joint + 1, float(q[0]), float(q[-1]), gaps))
+    return tuple(found)
+
+
+def _of(
+    model: ErrorModel, fitted: Fitted, columns: np.ndarray
+) -> tuple[Float[np.ndarray, " c"], Float[np.ndarray, "c c"]]:
+    places = int(model.fit.design.free.sum()) + columns
+    return fitted.coefficients[places], fitted.covariance[np.ix_(places, places)]

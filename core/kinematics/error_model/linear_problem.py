@@ -1,0 +1,147 @@
+"""The linearised problem of the error model: distinct configurations, their whitened rows, sums over blocks of them.
+
+Visits to one joint configuration share whatever the model lacks there. Their rows and residuals are averaged, so that
+what is left of noise is the noise of a configuration, and none counts twice.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+from scipy.sparse import csr_array
+
+from core.kinematics.arm_model import ArmState
+from core.kinematics.error_model.evidence import Prior, Sums
+from core.kinematics.error_model.priors import PRIOR_ANGLE_RAD, PRIOR_LENGTH_MM
+from core.kinematics.error_model.terms import Terms, term_columns, terms_of
+from core.kinematics.global_fit import Observations, configurations, linearised, whitened, whitener
+from core.numerics import Variances
+
+_BLOCK = 128  # configurations whose rows are in memory at a time: some 5 MB for six joints
+_CONTRADICTION = 1.5
+"""Rms deviation from the nominal, in prior standard deviations, beyond which the prior is widened to it."""
+
+
+@dataclass(frozen=True, slots=True)
+class Design:
+    """An arm, its distinct configurations, and the columns that are fitted.
+
+    `seen` are the configurations (means of their visits), `residuals` observed - predicted there; `of_poses` are those
+    of the poses themselves and `visit` their configurations; `free` are the columns of the layout, shared errors
+    included.
+    """
+
+    arm: ArmState
+    seen: Observations
+    residuals: Float[np.ndarray, "m n"]
+    of_poses: Float[np.ndarray, "m v"]
+    visit: Int[np.ndarray, " v"]
+    free: Bool[np.ndarray, " p"]
+    prior: Prior
+    terms: Terms
+
+    def __len__(self) -> int:
+        return len(self.seen)
+
+    @property
+    def kinds(self) -> int:
+        """Positions and rotations, or positions alone."""
+        return self.seen.components // 3
+
+    def rows(self, members: Int[np.ndarray, " q"]) -> Float[np.ndarray, "p m q"]:
+        """Return the derivatives of predictions by all coefficients, not whitened."""
+        some = self.seen.take(members)
+        _, J = linearised(self.arm, some)
+        beyond = term_columns(self.arm, some.joint_angles, some.target)
+        return np.concatenate([J[self.free], beyond[:, : some.components]])
+
+    def blocks(self, members: Int[np.ndarray, " n"]) -> Iterator[Int[np.ndarray, " q"]]:
+        """Yield the members in blocks that fit in memory."""
+        for first in range(0, len(members), _BLOCK):
+            yield members[first : first + _BLOCK]
+
+    def sums(self, members: Int[np.ndarray, " q"], scatter: Variances) -> Sums:
+        """Return the sums over these configurations, whitened by their covariances and this scatter."""
+        k, p = self.kinds, int(self.free.sum()) + len(self.terms)
+        normal, gradient, squares = np.zeros((k, p, p)), np.zeros((k, p)), np.zeros(k)
+        W = whitener(self.seen, scatter)
+        for some in self.blocks(members):
+            X = whitened(W[:, :, some], self.rows(some))
+            y = whitened(W[:, :, some], self.residuals[:, some])
+            for kind in range(k):
+                part = slice(3 * kind, 3 * kind + 3)
+                rows = X[:, part].reshape(p, -1)
+                left = y[part].ravel()
+                normal[kind] += rows @ rows.T
+                gradient[kind] += rows @ left
+                squares[kind] += left @ left
+        return Sums(normal, gradient, squares, np.full(k, 3.0 * len(members)))
+
+    def left(self, coefficients: Float[np.ndarray, " p"]) -> Float[np.ndarray, "m n"]:
+        """Return the residuals of all configurations after a step of all coefficients."""
+        found = self.residuals.copy()
+        for some in self.blocks(np.arange(len(self))):
+            found[:, some] -= np.einsum("pmn,p->mn", self.rows(some), coefficients)
+        return found
+
+
+def design(
+    arm: ArmState,
+    seen: Observations,
+    free: Bool[np.ndarray, " p"],
+    nominal: Float[np.ndarray, "j 5"] | None,
+    labels: Sequence[str] = (),
+) -> Design:
+    """Linearise at an arm; its DH parameters are normal about the `nominal`, or flat without one."""
+    layout = arm.layout
+    taken = free.copy()
+    taken[layout.kinematic :] = True
+    residuals, _ = linearised(arm, seen)
+    averaged, means, visit = _averaged(seen, residuals, labels)
+    prior = _prior(arm, taken, nominal)
+    return Design(arm, averaged, means, residuals, visit, taken, prior, terms_of(layout.joints))
+
+
+def _prior(arm: ArmState, free: Bool[np.ndarray, " p"], nominal: Float[np.ndarray, "j 5"] | None) -> Prior:
+    layout = arm.layout
+    variances, means = np.full(layout.size, np.inf), np.zeros(layout.size)
+    variances[layout.kinematic :] = 1.0
+    means[layout.kinematic :] = -arm.shared
+    if nominal is not None:
+        off = nominal - arm.parameters
+        fitted = free[: off.size].reshape(off.shape)
+        v = np.empty_like(off)
+        for parameters, spread in (([0, 2], PRIOR_LENGTH_MM), ([1, 3, 4], PRIOR_ANGLE_RAD)):
+            deviations = off[:, parameters][fitted[:, parameters]] / spread
+            size = float(np.sqrt(np.mean(deviations**2))) if len(deviations) else 0.0
+            v[:, parameters] = (spread * (size if size > _CONTRADICTION else 1.0)) ** 2
+        variances[: off.size], means[: off.size] = v.ravel(), off.ravel()
+    return Prior(variances[free], means[free])
+
+
+def _averaged(
+    seen: Observations, residuals: Float[np.ndarray, "m n"], labels: Sequence[str]
+) -> tuple[Observations, Float[np.ndarray, "m a"], Int[np.ndarray, " n"]]:
+    """Return distinct configurations before each target, their residuals, and the configuration of each pose.
+
+    Means of residuals: a position averaged over visits, whose angles differ by a little, would not belong to the mean
+    of the angles, its residual does.
+    """
+    group = configurations(seen.joint_angles, labels) * seen.layout.targets + seen.target
+    _, first, visit, visits = np.unique(group, return_index=True, return_inverse=True, return_counts=True)
+    n = len(seen)
+    mean = csr_array((1.0 / visits[visit], (visit, np.arange(n))), shape=(len(first), n))
+    m = seen.components
+    return (
+        replace(
+            seen.take(first),
+            joint_angles=mean @ seen.joint_angles,
+            own=(mean @ seen.own.reshape(n, m * m)).reshape(-1, m, m) / visits[:, None, None],
+            common=(mean @ seen.common.reshape(n, -1)).reshape(len(first), m, -1),
+        ),
+        np.ascontiguousarray((mean @ residuals.T).T),
+        visit,
+    )

@@ -1,0 +1,217 @@
+"""The model of an arm beyond its chain: which terms it has, what they are, and what it predicts.
+
+Which level is taken: the one of the greatest marginal likelihood; from 60 configurations on only where it also predicts
+held-out poses no worse than the chain alone, with fewer only on strong evidence of both kinds. The covariance of the
+chain's parameters is another question. They scatter by whatever the robot has beyond its chain, whether or not these
+terms are good for prediction: cov = C + C B V Bᵀ C, where C is the level's posterior covariance, B the products of its
+columns with those of the terms that it lacks, and V the variances of these.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from core.geometry import rotations_from_vectors
+from core.kinematics.dh import chain_frames
+from core.kinematics.error_model.evidence import Fitted, solve
+from core.kinematics.error_model.fit import ErrorFit, Level, fit_levels
+from core.kinematics.error_model.held_out import growth, held_out_residuals, variances
+from core.kinematics.error_model.linear_problem import Design
+from core.kinematics.error_model.priors import FEW_POSES
+from core.kinematics.global_fit import Blocking, HoldOutError, rms
+from core.numerics import Variances
+
+STRONG_EVIDENCE = 10.0
+"""In twice the logarithm of the likelihood: what few configurations have to say for terms beyond the chain."""
+STRONG_GAIN = 0.95
+"""Held-out error of a level by that of the chain alone: what few configurations have to gain."""
+_RANDOM = "random"
+
+
+@dataclass(frozen=True, slots=True)
+class Prediction:
+    """Poses that the model predicts, with standard deviations (mm, then rad about the axes of the measuring frame).
+
+    `deviations` include one more measurement's noise, and hold for configurations like those that were held out.
+    """
+
+    poses: Float[np.ndarray, "n 4 4"]
+    deviations: Float[np.ndarray, "m n"]
+
+
+@dataclass(frozen=True, slots=True)
+class ErrorModel:
+    """An arm with the terms of a level.
+
+    Parameters
+    ----------
+    fit, level
+        All levels, and the one that is taken.
+    growth
+        Of stated deviations of predictions: positions, rotations.
+    held_out, chain_alone
+        Rms errors of the level, and of the chain alone, at folds dealt at random and at blocks of joint space.
+    """
+
+    fit: ErrorFit
+    level: Level
+    growth: Float[np.ndarray, " k"]
+    held_out: Mapping[str, HoldOutError]
+    chain_alone: Mapping[str, HoldOutError]
+
+    @property
+    def fitted(self) -> Fitted:
+        return self.fit.levels[self.level]
+
+    @property
+    def scatter(self) -> Variances:
+        """What poses scatter by about the model, beyond their stated covariances."""
+        return self.fit.scatter_of(self.level)
+
+    @property
+    def held_out_ratio(self) -> float | None:
+        """The level's error at folds dealt at random, by that of the chain alone."""
+        return self._ratio(_RANDOM)
+
+    @property
+    def blocked_ratio(self) -> float | None:
+        """The same at clusters of joint space."""
+        return self._ratio(Blocking.CLUSTERS)
+
+    def _ratio(self, folds: str) -> float | None:
+        if folds not in self.held_out:
+            return None
+        return self.held_out[folds].position_rms_mm / self.chain_alone[folds].position_rms_mm
+
+    def predict(
+        self, joint_angles: Float[np.ndarray, "n j"], target: Int[np.ndarray, " n"] | None = None
+    ) -> Prediction:
+        """Predict T_target_camera at joint angles (rad), before the targets of these indices (0 for all)."""
+        problem = self.fit.design
+        n, m = len(joint_angles), problem.seen.components
+        which = np.zeros(n, dtype=np.intp) if target is None else target
+        asked = replace(
+            problem,
+            seen=replace(
+                problem.seen,
+                joint_angles=np.ascontiguousarray(joint_angles, dtype=np.float64),
+                positions_mm=np.zeros((n, 3)),
+                rotations=None if m == 3 else np.broadcast_to(np.eye(3), (n, 3, 3)),
+                own=np.zeros((n, m, m)),
+                common=np.zeros((n, m, problem.seen.common.shape[2])),
+                target=which,
+            ),
+        )
+        arm = problem.arm
+        flange = chain_frames(arm.parameters, asked.seen.joint_angles)[:, -1]
+        poses = arm.T_target_base[which] @ flange @ arm.T_flange_camera
+        step, stated = np.zeros((m, n)), np.empty((m, n))
+        for some in asked.blocks(np.arange(n)):
+            rows = asked.rows(some)
+            step[:, some] = np.einsum("pmn,p->mn", rows, self.fitted.coefficients)
+            stated[:, some] = variances(rows, self.fitted)
+        poses[:, :3, 3] += step[:3].T
+        if m == 6:
+            poses[:, :3, :3] = rotations_from_vectors(step[3:].T) @ poses[:, :3, :3]
+        noise = self.scatter.diagonal(m)[:, None]
+        factor = np.repeat(self.growth, 3)[:, None]
+        return Prediction(poses, factor * np.sqrt(stated + noise))
+
+    def chain_posterior(self) -> tuple[Float[np.ndarray, " f"], Float[np.ndarray, "f f"]]:
+        """Return the step of the free columns from the arm of the design, and its covariance.
+
+        The terms that the level lacks count in the covariance, unless the likelihood speaks for their absence.
+        """
+        fit, problem = self.fit, self.fit.design
+        everything, own = fit.levels[Level.ALL], self.fitted
+        chain = int(problem.free.sum())
+        if self.level is not Level.ALL and everything.minus_2_log < own.minus_2_log:
+            chosen = self.level.chosen(problem.terms)
+            own = solve(
+                fit.sums,
+                problem.prior,
+                problem.terms,
+                chosen,
+                everything.hyperparameters,
+                everything.noise,
+            )
+            lacking = chain + np.flatnonzero(~chosen)
+            v = everything.hyperparameters.variances(problem.terms)[0][~chosen]
+            products = np.tensordot(1.0 / everything.noise, fit.sums.normal[:, :, lacking], axes=1)
+            moved = own.covariance[:chain] @ products
+            covariance = own.covariance[:chain, :chain] + (moved * v) @ moved.T
+            return own.coefficients[:chain], covariance
+        return own.coefficients[:chain], own.covariance[:chain, :chain]
+
+    def residuals(self) -> Float[np.ndarray, "m v"]:
+        """Return observed - predicted of all poses that the model was fitted to, by the level's own fit."""
+        return of_poses(self.fit.design, self.fit.design.left(self.fitted.coefficients))
+
+
+def of_poses(problem: Design, residuals: Float[np.ndarray, "m n"]) -> Float[np.ndarray, "m v"]:
+    """Return the residuals of the poses themselves where those of their configurations are these."""
+    return np.asarray(problem.of_poses - (problem.residuals - residuals)[:, problem.visit])
+
+
+def choose_model(
+    problem: Design,
+    scatter: Variances,
+    folds: Int[np.ndarray, " v"] | None,
+    blocks: Mapping[Blocking, Int[np.ndarray, " v"]],
+    *,
+    always: bool = False,
+) -> ErrorModel:
+    """Fit all levels and take one.
+
+    Parameters
+    ----------
+    scatter
+        That of a fit of the chain alone, where the estimation begins.
+    folds, blocks
+        Of the poses: dealt at random (None where they are too few), and blocks of joint space by what they share.
+    always
+        Take all terms, whatever the evidence.
+
+    Raises LinAlgError where the poses leave the columns dependent.
+    """
+    fit = fit_levels(problem, scatter)
+    first = np.unique(problem.visit, return_index=True)[1]
+    counted = fit.used[problem.visit]
+
+    def errors(residuals: Float[np.ndarray, "m n"]) -> HoldOutError:
+        return rms(of_poses(problem, residuals)[:, counted])
+
+    found: dict[Level, HoldOutError] = {}
+    if folds is not None:
+        left = held_out_residuals(fit, folds[first], list(Level))
+        found = {level: errors(residuals) for level, residuals in left.items()}
+    level = Level.ALL if always else chosen_level(fit, found)
+    held_out, chain_alone = {}, {}
+    if found:
+        held_out[_RANDOM], chain_alone[_RANDOM] = found[level], found[Level.DH]
+    factor = np.ones(problem.kinds)
+    if folds is not None and Blocking.CLUSTERS not in blocks:
+        factor = growth(fit, folds[first], level)
+    for blocking, block in blocks.items():
+        left = held_out_residuals(fit, block[first], list({level, Level.DH}))
+        held_out[blocking], chain_alone[blocking] = errors(left[level]), errors(left[Level.DH])
+        if blocking is Blocking.CLUSTERS:
+            factor = growth(fit, block[first], level)
+    return ErrorModel(fit, level, factor, held_out, chain_alone)
+
+
+def chosen_level(fit: ErrorFit, held_out: Mapping[Level, HoldOutError]) -> Level:
+    """Return the level by marginal likelihood and held-out errors; the chain alone where none could be held out."""
+    if not held_out:
+        return Level.DH
+    chain, few = fit.levels[Level.DH].minus_2_log, int(fit.used.sum()) < FEW_POSES
+    least_gain, most_error = (STRONG_EVIDENCE, STRONG_GAIN) if few else (0.0, 1.0)
+    for level in sorted(fit.levels, key=lambda one: fit.levels[one].minus_2_log):
+        ratio = held_out[level].position_rms_mm / held_out[Level.DH].position_rms_mm
+        if level is Level.DH or (chain - fit.levels[level].minus_2_log > least_gain and ratio <= most_error):
+            return level
+    return Level.DH

@@ -1,0 +1,124 @@
+"""Terms beyond Denavit-Hartenberg parameters, as columns of the linearised global fit.
+
+With o_j the origin and x_j, y_j, z_j the axes of the frame that joint j turns in, p the end and
+t_a = [a × (p - o_j); a] the twist of a small turn about an axis a of that frame:
+
+    curve       t_z Σ_k (c_k cos k q_j + s_k sin k q_j), k = 1..60: gears and encoders
+    compliance  t_z (z_j · M_j), with M_j the moment, about o_j, of the weight of the arm beyond the joint
+    radial      t_x (x_j · M_j) and t_y (y_j · M_j): bearings and links bend across the axis
+    wobble      t_x, t_y and shifts along x_j, y_j, z_j, times cos q_j and sin q_j: the axis moves as the joint turns
+
+Masses of links are not known. M_j is that of a unit weight at the centroid of the polyline from o_j to the end (links
+of equal density), so that a coefficient is in rad per metre of lever. Gravity is taken along the base's z axis; a robot
+that hangs has the same columns with another sign, which the prior does not mind. On a robot that is mounted on a wall
+these columns find no support in the poses, and their coefficients stay near zero.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import IntEnum
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from core.kinematics.arm_model import ArmState
+from core.kinematics.dh import chain_frames
+
+HARMONICS = 60
+_MM_PER_M = 1000.0
+
+
+class Kind(IntEnum):
+    """What a column describes."""
+
+    CURVE = 0
+    COMPLIANCE = 1
+    RADIAL = 2
+    WOBBLE_TURN = 3
+    WOBBLE_SHIFT = 4
+
+
+@dataclass(frozen=True, slots=True)
+class Terms:
+    """What each column is: its kind, its joint (from 0), and of curves the harmonic k (0 otherwise)."""
+
+    kind: Int[np.ndarray, " c"]
+    joint: Int[np.ndarray, " c"]
+    harmonic: Int[np.ndarray, " c"]
+
+    def __len__(self) -> int:
+        return len(self.kind)
+
+    def of(self, *kinds: Kind) -> Bool[np.ndarray, " c"]:
+        """Mark the columns of these kinds."""
+        return np.isin(self.kind, kinds)
+
+    def curve(self, joint: int) -> Int[np.ndarray, " h"]:
+        """Return the columns of a joint's curve: cosines of k = 1..60, then sines."""
+        return np.flatnonzero((self.kind == Kind.CURVE) & (self.joint == joint))
+
+
+def terms_of(joints: int) -> Terms:
+    """Return what the columns of `term_columns` are, in their order."""
+    one = [Kind.CURVE] * (2 * HARMONICS) + [Kind.COMPLIANCE] + [Kind.RADIAL] * 2
+    one += [Kind.WOBBLE_TURN] * 4 + [Kind.WOBBLE_SHIFT] * 6
+    k = np.arange(1, HARMONICS + 1)
+    harmonics = np.concatenate([k, k, np.zeros(len(one) - 2 * HARMONICS, dtype=np.intp)])
+    return Terms(
+        np.tile(np.array(one, dtype=np.intp), joints),
+        np.repeat(np.arange(joints), len(one)),
+        np.tile(harmonics, joints),
+    )
+
+
+def harmonic_basis(angles: Float[np.ndarray, " n"]) -> Float[np.ndarray, "h n"]:
+    """Return cos k q, then sin k q, k = 1..60, of a joint's angles (rad)."""
+    phase = np.arange(1, HARMONICS + 1)[:, None] * angles
+    return np.concatenate([np.cos(phase), np.sin(phase)])
+
+
+def term_columns(
+    arm: ArmState, joint_angles: Float[np.ndarray, "n j"], target: Int[np.ndarray, " n"]
+) -> Float[np.ndarray, "c 6 n"]:
+    """Return what each term does to poses (mm, rad, target frame), by its coefficient in rad, rad/m or mm.
+
+    Memory grows with n times 133 columns a joint: give poses in blocks.
+    """
+    T = arm.T_target_base[target][:, None] @ chain_frames(arm.parameters, joint_angles)
+    R, o = T[:, :, :3, :3], T[:, :, :3, 3]
+    end = (T[:, -1] @ arm.T_flange_camera)[:, :3, 3]
+    up = arm.T_target_base[target][:, :3, 2]
+    points = np.concatenate([o, end[:, None]], axis=1)
+    columns = []
+    for joint in range(joint_angles.shape[1]):
+        q = joint_angles[:, joint]
+        axes = np.moveaxis(R[:, joint], 2, 0)  # x, y, z
+        turns = np.stack([_twist(axis, end - o[:, joint]) for axis in axes])
+        moment = np.cross(up, _centroid(points[:, joint:]) - o[:, joint]) / _MM_PER_M
+        moments = np.einsum("ank,nk->an", axes, moment)
+        wave = np.stack([np.cos(q), np.sin(q)])
+        shifts = np.zeros_like(turns)
+        shifts[:, :3] = axes.transpose(0, 2, 1)
+        columns += [
+            turns[2] * harmonic_basis(q)[:, None],
+            (turns[2] * moments[2])[None],
+            turns[:2] * moments[:2, None],
+            (turns[:2, None] * wave[None, :, None]).reshape(4, 6, -1),
+            (shifts[:, None] * wave[None, :, None]).reshape(6, 6, -1),
+        ]
+    return np.concatenate(columns)
+
+
+def _twist(axis: Float[np.ndarray, "n 3"], arm: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "6 n"]:
+    return np.concatenate([np.cross(axis, arm).T, axis.T])
+
+
+def _centroid(points: Float[np.ndarray, "n k 3"]) -> Float[np.ndarray, "n 3"]:
+    """Return the centroid of the polyline through the points, or the first where it has no length."""
+    middles = 0.5 * (points[:, 1:] + points[:, :-1])
+    lengths = np.linalg.norm(np.diff(points, axis=1), axis=2)
+    total = lengths.sum(axis=1)
+    weighted = np.einsum("nk,nkc->nc", lengths, middles)
+    safe = np.where(total > 0.0, total, 1.0)
+    return np.where(total[:, None] > 0.0, weighted / safe[:, None], points[:, 0])
