@@ -241,7 +241,7 @@ def rotation_mean(
     w = w / np.sum(w)
     mean = nearest_rotation(np.tensordot(w, rotations, axes=1))
     for _ in range(50):
-        step = w @ np.array([so3_log(R @ mean.T) for R in rotations])
+        step = w @ rotation_vectors(rotations, mean)
         mean = so3_exp(step) @ mean
         if step @ step < 1e-28:
             break
