@@ -59,7 +59,7 @@ def _calibrated(views: Iterable[GridPoints]) -> dict[str, Any]:
     for points in views:
         with suppress(FocalNotObservable):
             return encode_calibration(calibrate_points(points), Provenance("0.1.0", "0" * 64, {}))
-    raise ValueError("None of the first views tells the focal length.")
+    raise ValueError("The focal length is not observable in any of the first views.")
 
 
 def _rows(

@@ -101,21 +101,39 @@ robots = typer.Typer(
                 "app.cli.robots.export:export_dh",
                 "Write a session's identified robot as URDF, Robotics Toolbox model, YAML or CSV.",
             ),
-            "plan": (
-                "app.cli.robots.plan:plan_dh",
-                "Predict the uncertainty of every DH parameter for a set of poses, and suggest the poses that help "
-                "most.",
-            ),
             "create": (
                 "app.cli.robots.creation:create",
                 "Make a robot with its nominal Denavit-Hartenberg parameters.",
             ),
-            "change": ("app.cli.robots.creation:change", "Change what is stated of a robot."),
+            "change": (
+                "app.cli.robots.creation:change",
+                "Change what is stated of a robot; joints are given whole.",
+            ),
             "list": ("app.cli.robots.stored:show_list", "List the robots of a service."),
             "delete": ("app.cli.robots.stored:delete", "Delete robots that no session names."),
         }
     ),
     no_args_is_help=True,
+)
+robots.add_typer(
+    typer.Typer(
+        help="Plan a measurement before the robot moves: an identification, or a test of repeatability.",
+        cls=lazy_group(
+            {
+                "dh": (
+                    "app.cli.robots.plan:plan_dh",
+                    "Predict the uncertainty of every DH parameter for a set of poses, and suggest the poses that "
+                    "help most.",
+                ),
+                "iso9283": (
+                    "app.cli.robots.iso9283:plan_test",
+                    "Write the standard's test poses, and predict floor, intervals and verdicts of the session.",
+                ),
+            }
+        ),
+        no_args_is_help=True,
+    ),
+    name="plan",
 )
 measured_poses = typer.Typer(
     help="Poses that a laser tracker or another instrument measured.",

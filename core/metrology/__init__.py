@@ -1,6 +1,6 @@
 """Robot performance by ISO 9283:1998, from poses alone, each figure with its interval and its noise floor."""
 
-from core.metrology.acceptance import RULE, Acceptance, Decision, Reading, decide
+from core.metrology.acceptance import RULE, Acceptance, Decision, Reading, decide, repeatability_reading
 from core.metrology.accuracy import (
     EstimatedDeviation,
     HeldOutDeviation,
@@ -24,12 +24,16 @@ from core.metrology.outliers import Outlier
 from core.metrology.pose_cycles import COMPONENTS, PerComponent, PoseCycles, angles_from_vectors
 from core.metrology.repeatability import PoseRepeatability, assess_repeatability
 from core.metrology.rp_distribution import CONFIDENCE, eigenvalues, long_run_rp, rp_sampling_distribution
+from core.metrology.test_cube import CYCLES, TEST_PLANES, VISITS, TestCube
 from core.metrology.verdict import Verdict, VerdictLimits
 
 __all__ = [
     "COMPONENTS",
     "CONFIDENCE",
+    "CYCLES",
     "RULE",
+    "TEST_PLANES",
+    "VISITS",
     "Acceptance",
     "ApproachVariation",
     "Decision",
@@ -45,6 +49,7 @@ __all__ = [
     "PoseCycles",
     "PoseRepeatability",
     "Reading",
+    "TestCube",
     "TiedDeviations",
     "Verdict",
     "VerdictLimits",
@@ -64,6 +69,7 @@ __all__ = [
     "noise_only_lengths",
     "pose_accuracy",
     "position_repeatability",
+    "repeatability_reading",
     "rp_sampling_distribution",
     "tied_accuracy",
 ]

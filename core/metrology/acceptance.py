@@ -1,4 +1,4 @@
-"""Decision whether a robot keeps what its data sheet states, by the rule of ISO 14253-1: doubt decides nothing.
+"""Decision whether a robot keeps what its data sheet states, by the guard bands of ISO 14253-1.
 
 Conformity is stated where the whole interval of the figure lies within the limit, nonconformity where the whole
 interval lies beyond it; between them the result is inconclusive, and the interval is the guard band on both sides.
@@ -19,12 +19,13 @@ from enum import StrEnum
 
 from scipy.special import ndtri
 
+from core.metrology.repeatability import PoseRepeatability
 from core.metrology.rp_distribution import CONFIDENCE
 from core.metrology.verdict import FEW_CYCLES
 
 RULE = "ISO 14253-1 guard band"
 MOST_CYCLES = 1000
-"""More are not proposed: the robot is too near to its limit to be told from it."""
+"""More are not proposed: the robot is too near to its limit for a decision."""
 
 
 class Decision(StrEnum):
@@ -81,11 +82,25 @@ def decide(limit: float, readings: Sequence[Reading]) -> Acceptance:
         return Acceptance(Decision.INCONCLUSIVE, None, reason)
     worst = max(usable, key=lambda i: _high(readings[i]))
     if _high(readings[worst]) > limit:
-        return Acceptance(Decision.INCONCLUSIVE, worst, *_doubt(limit, readings[worst]))
+        return Acceptance(Decision.INCONCLUSIVE, worst, *_open(limit, readings[worst]))
     if len(usable) < len(readings):
         reason = f"{len(readings) - len(usable)} of {len(readings)} poses have fewer than ten cycles, or unsteady ones"
         return Acceptance(Decision.INCONCLUSIVE, worst, reason)
     return Acceptance(Decision.PASS, worst, "the intervals of all poses lie within the limit")
+
+
+def repeatability_reading(figures: PoseRepeatability) -> Reading:
+    """Return what RP_l of a pose decides with: the corrected figure, where its interval is known."""
+    if figures.interval.position_mm is None:
+        return Reading(figures.n, None, None, None)
+    corrected = figures.corrected_interval.position_mm
+    return Reading(
+        figures.n,
+        None if corrected is None else figures.corrected.position_mm,
+        corrected,
+        figures.interval.position_mm[1],
+        figures.verdict != "not_steady",
+    )
 
 
 def _low(reading: Reading, count: int) -> float:
@@ -106,7 +121,7 @@ def _high(reading: Reading) -> float:
     return math.inf if reading.at_most is None else reading.at_most
 
 
-def _doubt(limit: float, reading: Reading) -> tuple[str, int | None]:
+def _open(limit: float, reading: Reading) -> tuple[str, int | None]:
     if reading.interval is None or not reading.value:
         return "the instrument's share of the reading is too large, or not known", None
     distance = abs(math.log(limit / reading.value)) if limit > 0.0 else math.inf

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from core.metrology import Acceptance, PoseAccuracy, Reading, decide
+from core.metrology import Acceptance, PoseAccuracy, Reading, decide, repeatability_reading
 from core.session.model import Datasheet
 from core.session.repeatability import PoseRow, SessionRepeatability
 
@@ -68,17 +68,7 @@ def _decided(
 
 
 def _scatter(row: PoseRow) -> Reading:
-    figures = row.figures
-    if figures is None or figures.interval.position_mm is None:
-        return Reading(len(row.visits), None, None, None)
-    corrected = figures.corrected_interval.position_mm
-    return Reading(
-        figures.n,
-        None if corrected is None else figures.corrected.position_mm,
-        corrected,
-        figures.interval.position_mm[1],
-        figures.verdict != "not_steady",
-    )
+    return Reading(0, None, None, None) if row.figures is None else repeatability_reading(row.figures)
 
 
 def _deviation(row: PoseRow, accuracy: Mapping[str, PoseAccuracy]) -> Reading:

@@ -13,6 +13,7 @@ from core.simulation.arm import (
 )
 from core.simulation.arm_session import ArmSession, simulate_arm_session
 from core.simulation.background import background, illumination
+from core.simulation.forecast import Forecast, PlannedSession, PoseForecast, forecast_repeatability
 from core.simulation.looking import sample_viewing_configurations
 from core.simulation.paper_experiment import JOINT_REPEATABILITY_RAD, CubePose, SessionImage, cube_experiment
 from core.simulation.renderer import render, render_levels
@@ -27,11 +28,15 @@ __all__ = [
     "Arm",
     "ArmSession",
     "CubePose",
+    "Forecast",
     "Light",
+    "PlannedSession",
+    "PoseForecast",
     "Scene",
     "SessionImage",
     "background",
     "cube_experiment",
+    "forecast_repeatability",
     "free_angles",
     "illumination",
     "joint_motions",

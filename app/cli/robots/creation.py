@@ -81,7 +81,10 @@ def change(
     datasheet_repeatability_mm: _Repeatability = None,
     datasheet_accuracy_mm: _Accuracy = None,
 ) -> int:
-    """Change what is stated of a robot; joints are given whole. Analyses of its sessions use the change."""
+    """Change what is stated of a robot; joints are given whole.
+
+    Analyses of its sessions use the change.
+    """
     texts = {"name": name, "manufacturer": manufacturer, "model": model, "serial_number": serial_number}
     promised = {
         "datasheet_repeatability_mm": datasheet_repeatability_mm,

@@ -1,4 +1,4 @@
-"""`gridpose robots plan`: predicted uncertainty of a robot's DH parameters for a set of poses."""
+"""`gridpose robots plan dh`: predicted uncertainty of a robot's DH parameters for a set of poses."""
 
 from __future__ import annotations
 

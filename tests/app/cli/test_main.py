@@ -24,8 +24,9 @@ def lazy_commands() -> Iterator[tuple[str, LazyCommand]]:
         else:
             assert isinstance(command, TyperGroup)
             for second, inner in command.commands.items():
-                assert isinstance(inner, LazyCommand)
-                yield f"{name} {second}", inner
+                for third, last in (inner.commands if isinstance(inner, TyperGroup) else {"": inner}).items():
+                    assert isinstance(last, LazyCommand)
+                    yield f"{name} {second} {third}".rstrip(), last
 
 
 COMMANDS = dict(lazy_commands())
@@ -36,7 +37,15 @@ def test_the_table_holds_every_command() -> None:
         [
             *("serve", "worker", "doctor", "backup", "restore", "upload", "demo", "version"),
             *("keys create", "keys list", "keys revoke", "schema show", "schema downgrade"),
-            *("robots export", "robots plan", "measured-poses import", "targets print", "targets check"),
+            *(
+                "robots export",
+                "robots plan dh",
+                "robots plan iso9283",
+                "robots change",
+                "measured-poses import",
+                "targets print",
+                "targets check",
+            ),
             *(f"measurements {verb}" for verb in ("list", "show", "correct", "exclude", "include")),
             *("measurements delete", "measurements retry", "measured-poses delete"),
             *(f"sessions {verb}" for verb in ("list", "show", "change", "reprocess", "delete")),

@@ -10,12 +10,12 @@ import pytest
 from core.metrology import (
     Decision,
     PoseCycles,
-    PoseRepeatability,
     Reading,
     assess_repeatability,
     decide,
     eigenvalues,
     long_run_rp,
+    repeatability_reading,
 )
 
 LIMIT = 0.1
@@ -97,7 +97,9 @@ def test_errors_of_either_kind_are_as_rare_as_stated() -> None:
                 scatter = rng.multivariate_normal(np.zeros(3), scale**2 * covariance, 30)
                 scatter += rng.normal(0.0, 0.004, (30, 3))
                 poses.append(PoseCycles(scatter, None, np.repeat(noise[None], 30, axis=0)))
-            decided.append(decide(LIMIT, [_of(one) for one in assess_repeatability(poses)]).decision)
+            decided.append(
+                decide(LIMIT, [repeatability_reading(one) for one in assess_repeatability(poses)]).decision
+            )
         counts[size] = {one: decided.count(one) / len(decided) for one in Decision}
     bound = 0.025 + 4.0 * math.sqrt(0.025 * 0.975 / robots)
     assert counts[1.0][Decision.PASS] <= bound
@@ -106,9 +108,3 @@ def test_errors_of_either_kind_are_as_rare_as_stated() -> None:
     assert counts[0.6][Decision.FAIL] == 0.0
     assert counts[1.6][Decision.FAIL] >= 0.7
     assert counts[1.6][Decision.PASS] == 0.0
-
-
-def _of(figures: PoseRepeatability) -> Reading:
-    interval = figures.corrected_interval.position_mm
-    value = figures.corrected.position_mm if interval else None
-    return Reading(30, value, interval, figures.interval.position_mm[1])
