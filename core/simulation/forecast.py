@@ -86,7 +86,7 @@ def forecast_repeatability(
     The robot scatters equally in all directions. `limit_mm` is a data sheet's RP_l to be decided on.
 
     Raises InvalidArgument for figures that cannot be, and where no view shows the target whole; FocalNotObservable
-    where the views do not tell the focal length: tilted ones do.
+    where the focal length is not observable in the views: tilt them.
     """
     if not MIN_CYCLES <= planned.cycles <= MAX_CYCLES:
         raise InvalidArgument(f"Plan {MIN_CYCLES} to {MAX_CYCLES} cycles.")

@@ -1,4 +1,4 @@
-"""`gridpose robots plan iso9283`: the standard's test poses as files, and what a session at them will tell."""
+"""`gridpose robots plan iso9283`: the standard's test poses as files, and a forecast of the session."""
 
 from __future__ import annotations
 
@@ -235,5 +235,5 @@ def _show(plan: Json) -> None:
     if plan["acceptance"]:
         shares = dict(plan["acceptance"])
         limit = shares.pop("datasheet_repeatability_mm")
-        told = ", ".join(f"{name} {share:.0%}" for name, share in shares.items())
-        console.print(f"Decision on {limit:g} mm: {told}")
+        decided = ", ".join(f"{name} {share:.0%}" for name, share in shares.items())
+        console.print(f"Decision on {limit:g} mm: {decided}")
