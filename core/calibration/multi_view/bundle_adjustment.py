@@ -4,8 +4,8 @@ One step for all views is solved from normal equations of arrow shape (`core.num
 
 The fit is robust in stages, as the solver of one image is: plain least squares, which is the answer where its
 residuals are the noise that was stated and nothing stands out; else Cauchy weights by each view's own scale, then
-rejection of points beyond 4 MAD (`repeat_consistency`) and of whole views whose residuals are far above the others',
-then plain least squares again. Rejected views are placed anew before the camera of the others, and are used again if
+rejection of points beyond 4 MAD (`repeat_consistency`) and of views whose residuals are far above the others', then
+plain least squares again. Rejected views are placed anew before the camera of the others, and are used again if
 their residuals then are similar.
 """
 
@@ -42,10 +42,31 @@ from core.numerics import (
     arrow,
 )
 
-ITERATIONS = 40
+ITERATIONS = 100
 MAX_MEDIAN_RATIO = 5.0
 """A view whose residuals are this many times the median view's is not one of the others' kind."""
-MAX_DAMPING = 1e6
+MIN_DAMPING, MAX_DAMPING = 1e-9, 1e6
+
+
+@dataclass(frozen=True, slots=True)
+class Damping:
+    """Damping of the steps, relative to the diagonal (H. B. Nielsen, "Damping parameter in Marquardt's method", 1999).
+
+    Images of one orientation leave focal length and depths along a long narrow valley, which bends: the whole step
+    leaves it, and one that is damped by a thousandth hardly moves. So damping begins small, and grows the faster the
+    more steps in a row were rejected.
+    """
+
+    value: float = 0.0
+    growth: float = 2.0
+
+    def relaxed(self) -> Damping:
+        """Return the damping after a step that was accepted."""
+        return Damping(self.value / 3.0 if self.value > 3.0 * MIN_DAMPING else 0.0)
+
+    def tightened(self) -> Damping:
+        """Return the damping after a step that was rejected."""
+        return Damping(max(self.growth * self.value, MIN_DAMPING), 2.0 * self.growth)
 
 
 @dataclass(frozen=True, slots=True)
@@ -183,15 +204,15 @@ class _Problem:
         """Iterate with Cauchy weights, σ from each view's own median, while residuals become smaller."""
         everything = np.ones(len(self.views.column), dtype=np.bool_)
         at = linearise(self.views, start, everything, robust=True)
-        damping = 0.0
+        damping = Damping()
         for _ in range(ITERATIONS):
-            common, own, length = self.step(at, 1.0, damping)
+            common, own, length = self.step(at, 1.0, damping.value)
             candidate = linearise(self.views, self.moved(at.placements, common, own), everything, robust=True)
             if candidate.cost <= at.cost:
-                at, damping = candidate, 0.1 * damping if damping > 1e-4 else 0.0
+                at, damping = candidate, damping.relaxed()
             else:
-                damping = max(10.0 * damping, 1e-3)
-            if length < ROBUST_STEP_TOLERANCE or damping > MAX_DAMPING:
+                damping = damping.tightened()
+            if length < ROBUST_STEP_TOLERANCE or damping.value > MAX_DAMPING:
                 break
         return at
 
@@ -211,23 +232,23 @@ class _Problem:
         parameters = int(kept.sum()) * len(self.sharing.local) + len(self.sharing.common)
         freedom = max(2 * int(used.sum()) - parameters, 1)
         smallest = SMALLEST_NOISE_PX * math.sqrt(float(np.median(self.views.median_weight)))
-        damping = 0.0
+        damping = Damping()
         for _ in range(limit):
             found = max(math.sqrt(at.cost / freedom), smallest)
             scale = min(found, largest)
-            common, own, length = self.step(at, scale, damping)
-            if length < NEGLIGIBLE_STEP and not damping:
+            common, own, length = self.step(at, scale, damping.value)
+            if length < NEGLIGIBLE_STEP and not damping.value:
                 return at, found, True
             candidate = linearise(self.views, self.moved(at.placements, common, own), used)
             if self.total(candidate, scale) <= self.total(at, scale):
-                at, damping = candidate, 0.1 * damping if damping > 1e-4 else 0.0
-                if length < STEP_TOLERANCE and not damping:
+                at, damping = candidate, damping.relaxed()
+                if length < STEP_TOLERANCE and not damping.value:
                     return at, max(math.sqrt(at.cost / freedom), smallest), True
             elif length < STEP_TOLERANCE:  # the end, but for rounding errors
                 return at, found, True
             else:
-                damping = max(10.0 * damping, 1e-3)
-                if damping > MAX_DAMPING:
+                damping = damping.tightened()
+                if damping.value > MAX_DAMPING:
                     break
         return at, max(math.sqrt(at.cost / freedom), smallest), False
 
