@@ -17,7 +17,7 @@ from core.errors import (
     UnsupportedImage,
 )
 from core.image import ImageHeader, check_pixels, read_header
-from core.targets import TargetSpec, check_detectable, check_fields
+from core.targets import check_detectable, check_fields, target_of
 
 _BLOCK_BYTES = 4096
 """Read at a time: segments of a JPEG stand up to 64 KiB apart, and what is between them is not looked at."""
@@ -60,10 +60,10 @@ def validate_target(fields: dict[str, Any]) -> None:
     """Refuse a target that no image can ever be measured with, such as one with too few grid points or markers that do
     not fit, and one with fields that its kind has not: whoever sent them means another.
 
-    `fields` are those of `core.TargetSpec`. Raises InvalidContent.
+    `fields` are those of `core.targets.target_of`. Raises InvalidContent.
     """
     try:
-        target = TargetSpec(**fields)
+        target = target_of(fields)
         check_fields(target)
         check_detectable(target)
     except InvalidTarget as error:

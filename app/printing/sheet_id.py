@@ -19,7 +19,13 @@ def sheet_id_of(target: TargetSpec, origin_dot: float = 1.0, marks: bool = False
     Raises InvalidTarget for a ChArUco board that cannot be printed.
     """
     fields = dataclasses.asdict(_as_printed(target))
-    fields.pop("pitch_standard_uncertainty_mm")
+    for measured in (
+        "pitch_standard_uncertainty_mm",
+        "print_kind",
+        "shape_standard_uncertainty",
+        "certificate",
+    ):
+        fields.pop(measured)
     fields |= {"origin_dot": float(origin_dot) if origin_dot != 1.0 else None, "marks": marks}
     # Fields at their defaults are omitted, so that a new field does not change the ids of earlier sheets.
     described = {key: value for key, value in sorted(fields.items()) if value}

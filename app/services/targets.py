@@ -1,10 +1,13 @@
-"""Printed targets: made once, never changed, so that results always refer to what was measured; deleted unused."""
+"""Printed targets: their grid is made once and never changed, so that results always refer to what was measured; what
+is known of the print may be. Deleted unused.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
+from typing import Any
 
 import sqlalchemy as sa
 from sqlalchemy import orm
@@ -13,8 +16,8 @@ from app.errors import Conflict
 from app.jobs.validation import validate_target
 from app.records.ids import new_id
 from app.records.pagination import page
-from app.records.tables import Measurement, SessionTarget, Target, target_fields
-from app.services.queries import lock_for_deletion, visible
+from app.records.tables import Measurement, SessionTarget, Target, measured_target_fields
+from app.services.queries import get_or_raise, lock_for_deletion, visible
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -30,6 +33,9 @@ class NewTarget:
     dictionary: str | None
     legacy_layout: bool
     pitch_standard_uncertainty_mm: float | None
+    print_kind: str | None = None
+    shape_standard_uncertainty: dict[str, Any] | None = None
+    certificate: dict[str, Any] | None = None
 
 
 def create_target(session: orm.Session, new: NewTarget) -> Target:
@@ -45,10 +51,27 @@ def create_target(session: orm.Session, new: NewTarget) -> Target:
         dictionary=new.dictionary,
         legacy_layout=new.legacy_layout,
         pitch_standard_uncertainty_mm=new.pitch_standard_uncertainty_mm,
+        print_kind=new.print_kind,
+        shape_standard_uncertainty=new.shape_standard_uncertainty,
+        certificate=new.certificate,
         created_at=datetime.now(UTC),
     )
-    validate_target(target_fields(target))
+    validate_target(measured_target_fields(target, None))
     session.add(target)
+    return target
+
+
+def update_target(records: orm.Session, target_id: str, changes: Mapping[str, Any]) -> Target:
+    """Change the fields named in `changes`: the name, and what is known of the print.
+
+    Analyses use the change from now on; what images showed stays. Raises NotFound, and InvalidContent as
+    `create_target` does.
+    """
+    target = get_or_raise(records, Target, target_id, lock=True)
+    for field, value in changes.items():
+        setattr(target, field, value)
+    validate_target(measured_target_fields(target, None))
+    records.flush()
     return target
 
 

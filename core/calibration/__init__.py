@@ -59,15 +59,18 @@ from core.calibration.summary import calibration_of, summarise_fit
 from core.calibration.target_shape import (
     MIN_DIRECTIONS,
     Deformation,
+    MarginalPoses,
     Measure,
     PrintCheck,
     PrintedShape,
     PrintFinding,
     RuleReading,
+    ShapePrior,
     TargetShape,
     check_asked,
     check_print,
     estimate_target_shape,
+    marginalise_shape,
 )
 from core.calibration.uncertainty import reprojection
 from core.calibration.validity import check_camera, check_points
@@ -88,6 +91,7 @@ __all__ = [
     "Lens",
     "LensChoice",
     "LensEvidence",
+    "MarginalPoses",
     "Measure",
     "Placements",
     "PoseResidual",
@@ -97,6 +101,7 @@ __all__ = [
     "PrintedShape",
     "Reprojection",
     "RuleReading",
+    "ShapePrior",
     "TargetShape",
     "VarianceInflation",
     "ViewStack",
@@ -123,6 +128,7 @@ __all__ = [
     "image_centre",
     "in_target_frame",
     "linearise",
+    "marginalise_shape",
     "moved",
     "nearest_turn",
     "nullspace",

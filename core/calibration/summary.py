@@ -126,10 +126,10 @@ def calibration_of(
     covariance[indices[:, None], indices] = result.covariance * summary.inflation**2
     covariance = to_origin @ covariance @ to_origin.T
     translation = view.translation_mm + origin
-    if points.target.pitch_standard_uncertainty_mm:
+    if points.target.scale_standard_uncertainty:
         # A print 1 % too large is taken for one 1 % nearer: the same relative error in every length. It is
         # common to all images of the target, so it belongs to the absolute pose, not the conditional one.
-        relative = points.target.pitch_standard_uncertainty_mm / points.target.pitch_mm
+        relative = points.target.scale_standard_uncertainty
         covariance[12:, 12:] += relative**2 * np.outer(translation, translation)
     conditional = np.linalg.inv(result.information[-6:, -6:]) * summary.inflation**2
     conditional = to_origin[9:, 9:] @ conditional @ to_origin[9:, 9:].T

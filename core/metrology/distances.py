@@ -15,6 +15,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float
+from scipy.special import ndtri, stdtrit
 
 from core.errors import InvalidArgument
 from core.metrology.cycle_statistics import cycle_statistics
@@ -33,6 +34,7 @@ from core.metrology.pose_cycles import (
     angles_from_vectors,
     mean_and_vectors,
 )
+from core.metrology.rp_distribution import CONFIDENCE
 
 FAR_ENOUGH = 20.0
 """A distance shorter than this many of its own standard deviations does not scatter along its direction alone."""
@@ -43,7 +45,8 @@ _SEED = 9283
 @dataclass(frozen=True, slots=True)
 class DistanceAssessment:
     """AD and RD of one way, mm. `standard_uncertainty_mm` is the mean distance's, of the readings; `interval_mm` and
-    `noise_floor_mm` are RD's, as those of any 3 S. None below two cycles, the floor also where nothing is known of the
+    `noise_floor_mm` are RD's, as those of any 3 S; `accuracy_interval_mm` is AD's: t of its scatter and the normal
+    quantile of what all readings have in common. None below two cycles, the floor also where nothing is known of the
     instrument.
     """
 
@@ -51,6 +54,7 @@ class DistanceAssessment:
     standard_uncertainty_mm: float | None
     interval_mm: tuple[float, float] | None
     noise_floor_mm: float | None
+    accuracy_interval_mm: tuple[float, float] | None = None
 
 
 def assess_distance(
@@ -99,11 +103,17 @@ def assess_distance(
     common = 0.0
     if common_first is not None and common_second is not None:
         common = float(np.linalg.norm(e.mean(axis=0) @ (common_first - common_second)[:3]))
+    accuracy = performance.accuracy_mm
+    confident = 0.5 + 0.5 * CONFIDENCE
+    half = math.hypot(
+        float(stdtrit(n - 1.0, confident)) * math.sqrt(variance / n), float(ndtri(confident)) * common
+    )
     return DistanceAssessment(
         performance,
         math.hypot(math.sqrt(variance / n), common),
         (float(assessed.low[0, 0]), float(assessed.high[0, 0])),
         float(assessed.floor[0, 0]) if known else None,
+        None if accuracy is None else (accuracy - half, accuracy + half),
     )
 
 

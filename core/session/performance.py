@@ -64,11 +64,16 @@ class Performance:
 
 
 def assess_performance(
-    visits: Mapping[str, Sequence[MeasuredPose]], commanded: Mapping[str, CommandedPose]
+    visits: Mapping[str, Sequence[MeasuredPose]],
+    absolute: Mapping[str, Sequence[MeasuredPose]],
+    commanded: Mapping[str, CommandedPose],
 ) -> Performance:
-    """Return distances between poses and variation over approaches, from the visits that count, by pose."""
+    """Return distances between poses and variation over approaches, from the visits that count, by pose.
+
+    `absolute` are the same visits as absolute figures take them (`core.session.absolute_poses`): distances do.
+    """
     warnings: list[Advisory] = []
-    distances = _distances(visits, commanded, warnings)
+    distances = _distances(absolute, commanded, warnings)
     approaches = _approaches(visits, commanded, warnings)
     return Performance(tuple(distances), tuple(approaches), tuple(warnings))
 

@@ -10,9 +10,11 @@ from typing import Any
 import numpy as np
 from jaxtyping import Int
 
+from core.calibration import ShapePrior
 from core.errors import Advisory, listed
 from core.metrology import Drift, PerComponent, PoseCycles, PoseRepeatability, Verdict, drift
 from core.metrology import assess_repeatability as assess_cycles
+from core.session.absolute_poses import absolute_poses
 from core.session.commanded_poses import Accuracy, assess_accuracy
 from core.session.model import (
     ExcludedMeasurement,
@@ -51,7 +53,11 @@ class SessionRepeatability:
     warnings: tuple[Advisory, ...]
 
 
-def assess_repeatability(data: SessionData, estimate: SessionEstimate | None = None) -> SessionRepeatability:
+def assess_repeatability(
+    data: SessionData,
+    estimate: SessionEstimate | None = None,
+    shapes: Mapping[int, ShapePrior] | None = None,
+) -> SessionRepeatability:
     """Assess the repeatability and accuracy of every pose of a session by ISO 9283.
 
     Parameters
@@ -61,6 +67,9 @@ def assess_repeatability(data: SessionData, estimate: SessionEstimate | None = N
     estimate
         Its cameras and poses (`core.session.estimation.estimate_session`), each pose in its target's frame; None: the
         poses that another instrument measured, in that instrument's frame.
+    shapes
+        What is known of the prints, by the target's place in the session's list, in place of what the targets state:
+        of a target whose shape was estimated (`core.session.targets.RefinedTarget.shapes`).
 
     Returns figures in mm and rad with 95 % intervals and the part of the instrument.
 
@@ -72,14 +81,25 @@ def assess_repeatability(data: SessionData, estimate: SessionEstimate | None = N
     """
     rows = measured_rows(data) if estimate is None else image_rows(data, estimate)
     visits = {row.pose_id: row.visits for row in rows if row.visits}
-    accuracy = assess_accuracy(data, visits)
-    performance = assess_performance(visits, data.commanded)
+    absolute: Mapping[str, tuple[MeasuredPose, ...]] = visits
     before = _measured_warnings(data) if estimate is None else estimate.warnings
+    of_prints: tuple[Advisory, ...] = ()
+    if estimate is not None:
+        found = absolute_poses(data, estimate, shapes)
+        absolute = {
+            pose_id: tuple(found.poses[visit.measurement_id] for visit in of_pose)
+            for pose_id, of_pose in visits.items()
+        }
+        of_prints = found.warnings
+    accuracy = assess_accuracy(data, absolute)
+    performance = assess_performance(visits, absolute, data.commanded)
+    if not accuracy.poses and not performance.distances:
+        of_prints = ()
     return SessionRepeatability(
         tuple(rows),
         accuracy,
         performance,
-        (*before, *_row_warnings(rows), *accuracy.warnings, *performance.warnings),
+        (*before, *of_prints, *_row_warnings(rows), *accuracy.warnings, *performance.warnings),
     )
 
 

@@ -7,6 +7,7 @@ group's.
 
 from __future__ import annotations
 
+import math
 from collections import Counter
 from dataclasses import dataclass, replace
 from itertools import combinations
@@ -15,6 +16,7 @@ import numpy as np
 from jaxtyping import Float
 
 from core.calibration import (
+    ShapePrior,
     TargetShape,
     ViewStack,
     estimate_group,
@@ -28,6 +30,7 @@ from core.kinematics import TargetTransform
 from core.session.estimation import measured_poses
 from core.session.lens_model import is_brown, of_one_width
 from core.session.model import FocusGroup, MeasuredPose, SessionData, SessionEstimate, in_order
+from core.targets import ShapeUncertainty
 
 MAX_IMAGES = 120
 """Of which a shape is estimated; more are thinned evenly, since images of one pose carry the same information."""
@@ -46,6 +49,26 @@ class RefinedTarget:
     shape: TargetShape
     applied: bool
     estimate: SessionEstimate
+
+    @property
+    def shapes(self) -> dict[int, ShapePrior]:
+        """What is left open of the target's shape, for absolute figures; nothing where it was not applied."""
+        if not self.applied:
+            return {}
+        found, target = self.shape, self.shape.target
+        sigma = found.standard_uncertainty_mm
+        in_plane = math.sqrt(float(np.mean(sigma[:, :2] ** 2)))
+        left = ShapeUncertainty(
+            found.aspect.standard_uncertainty,
+            found.shear.standard_uncertainty,
+            max(found.bow_x_mm.standard_uncertainty, found.bow_y_mm.standard_uncertainty),
+            found.twist_mm.standard_uncertainty,
+            in_plane,
+            in_plane,
+        )
+        return {
+            self.target: ShapePrior(left, target.scale_standard_uncertainty, target.certificate is not None)
+        }
 
 
 def refine_target(data: SessionData, estimate: SessionEstimate) -> RefinedTarget:

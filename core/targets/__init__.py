@@ -1,5 +1,6 @@
 """Printed targets: what they are, and finding them in an image."""
 
+from core.targets.certificate import Certificate, CertificateUncertainty
 from core.targets.charuco import (
     CharucoLayout,
     Markers,
@@ -17,18 +18,23 @@ from core.targets.markers import marker_codes
 from core.targets.point_candidates import candidate_points
 from core.targets.printed_pattern import DotPattern, RectilinearPattern, pattern_of
 from core.targets.quality_result import CaptureQuality
-from core.targets.specification import GridPoints, Labelling, TargetSpec
+from core.targets.shape_uncertainty import PRINT_KINDS, ShapeUncertainty
+from core.targets.specification import GridPoints, Labelling, TargetSpec, target_of
 from core.targets.target_fields import check_fields, spacing_mm
 
 __all__ = [
     "ODD",
+    "PRINT_KINDS",
     "CaptureQuality",
+    "Certificate",
+    "CertificateUncertainty",
     "CharucoLayout",
     "DotPattern",
     "GridPoints",
     "Labelling",
     "Markers",
     "RectilinearPattern",
+    "ShapeUncertainty",
     "Step",
     "TargetSpec",
     "assess_capture",
@@ -46,6 +52,7 @@ __all__ = [
     "marker_dictionary",
     "pattern_of",
     "spacing_mm",
+    "target_of",
     "trace_detection",
     "with_tilt",
 ]

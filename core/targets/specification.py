@@ -11,13 +11,36 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from core.errors import Advisory, InvalidTarget
+from core.targets.certificate import Certificate
 from core.targets.quality_result import CaptureQuality
+from core.targets.shape_uncertainty import PRINT_KINDS, ShapeUncertainty
 
 KINDS = ("chessboard", "charuco", "circles", "asymmetric_circles", "aprilgrid")
 
 Labelling = Literal["absolute", "up_to_symmetry"]
 """How far an image determines which grid point is (0, 0): uniquely, or but for turns of the whole grid that look the
 same, one of which was chosen."""
+
+MAX_CERTIFIED_DEPARTURE = 0.1
+"""Of the pitch, by which certified points may lie off the nominal grid: what is further is another frame or unit."""
+
+
+def target_of(fields: Mapping[str, Any]) -> TargetSpec:
+    """Return the target with these fields, as JSON has them; `temperature_c`, if there is one, is that at which it is
+    measured, to which its certificate is taken.
+
+    Raises InvalidTarget.
+    """
+    values = dict(fields)
+    temperature_c = values.pop("temperature_c", None)
+    if values.get("shape_standard_uncertainty") is not None:
+        values["shape_standard_uncertainty"] = ShapeUncertainty(**values["shape_standard_uncertainty"])
+    if values.get("certificate") is not None:
+        certificate = Certificate.of(values["certificate"])
+        values["certificate"] = (
+            certificate if temperature_c is None else certificate.at_temperature(temperature_c)
+        )
+    return TargetSpec(**values)
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,6 +53,9 @@ class TargetSpec:
 
     An AprilGrid's grid points are its tags' corners: columns 2i and 2i + 1 are the two sides of its i-th tags along x,
     rows 2j and 2j + 1 those of its j-th ones along y (where that begins: `core.targets.aprilgrid.layout`).
+
+    `print_kind`, one of `PRINT_KINDS`, says how far the print may depart from that grid, unless
+    `shape_standard_uncertainty` does. A `certificate` takes the place of the nominal grid.
     """
 
     kind: str
@@ -40,6 +66,9 @@ class TargetSpec:
     dictionary: str | None = None
     legacy_layout: bool = False
     pitch_standard_uncertainty_mm: float | None = None
+    print_kind: str | None = None
+    shape_standard_uncertainty: ShapeUncertainty | None = None
+    certificate: Certificate | None = None
 
     def __post_init__(self) -> None:
         if self.kind not in KINDS:
@@ -62,6 +91,46 @@ class TargetSpec:
                 f"pitch_standard_uncertainty_mm must lie between 0 and the pitch, got {uncertainty!r}.",
                 field="pitch_standard_uncertainty_mm",
             )
+        if self.print_kind is not None and self.print_kind not in PRINT_KINDS:
+            raise InvalidTarget(
+                f"Unknown kind of print {self.print_kind!r}.",
+                f"Use one of {', '.join(PRINT_KINDS)}.",
+                field="print_kind",
+            )
+        self._check_certificate()
+
+    def _check_certificate(self) -> None:
+        certificate = self.certificate
+        if certificate is None:
+            return
+        wrong = None
+        if certificate.points_mm is not None and len(certificate.points_mm) != self.size:
+            wrong = f"points_mm has {len(certificate.points_mm)} points, the target {self.size}."
+        elif (
+            float(np.max(np.abs(self.points_target() - self._ideal())))
+            > MAX_CERTIFIED_DEPARTURE * self.pitch_mm
+        ):
+            wrong = "The certified points lie further than a tenth of a pitch from the nominal grid."
+        if wrong is not None:
+            raise InvalidTarget(
+                wrong,
+                "Give the points row by row in the target frame, origin at grid point (0, 0), x along columns, in mm.",
+                field="certificate",
+            )
+
+    @property
+    def scale_standard_uncertainty(self) -> float | None:
+        """Relative standard uncertainty of the print's scale; None where neither certificate nor pitch states one."""
+        stated = self.certificate
+        if stated is None:
+            uncertainty = self.pitch_standard_uncertainty_mm
+            return None if uncertainty is None else uncertainty / self.pitch_mm
+        if stated.points_mm is not None:
+            extent = float(np.max(np.ptp(np.array(stated.points_mm), axis=0)))
+            return (stated.points_standard_uncertainty_mm or 0.0) / extent
+        assert stated.standard_uncertainty is not None  # of pitches there is one
+        u = stated.standard_uncertainty
+        return 0.5 * math.hypot(u.pitch_x_mm, u.pitch_y_mm) / self.pitch_mm
 
     @property
     def grid_columns(self) -> int:
@@ -81,7 +150,20 @@ class TargetSpec:
     def points_target(
         self, column: Int[np.ndarray, " n"] | None = None, row: Int[np.ndarray, " n"] | None = None
     ) -> Float[np.ndarray, "n 3"]:
-        """Return ideal grid points in the target frame, mm; row-major over the whole target by default."""
+        """Return grid points in the target frame, mm; row-major over the whole target by default.
+
+        The ideal ones, or those of the certificate.
+        """
+        if self.certificate is None:
+            return self._ideal(column, row)
+        everywhere = self.certificate.places(self._ideal(), self.pitch_mm)
+        if column is None or row is None:
+            return everywhere
+        return np.ascontiguousarray(everywhere[row * self.grid_columns + column])
+
+    def _ideal(
+        self, column: Int[np.ndarray, " n"] | None = None, row: Int[np.ndarray, " n"] | None = None
+    ) -> Float[np.ndarray, "n 3"]:
         if column is None or row is None:
             row, column = (a.ravel() for a in np.mgrid[0 : self.grid_rows, 0 : self.grid_columns])
         if self.kind == "aprilgrid":

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from app.analyses.documents.dh_model import error_model_document, method_agreement_document
-from app.analyses.documents.encoding import pose_fields, target_transform_document
+from app.analyses.documents.encoding import pose_fields, refined_estimate, target_transform_document
 from app.analyses.documents.findings import Findings
 from app.analyses.documents.sweep_names import parsed, sweeps_named
 from core.geometry import invert
@@ -28,7 +28,6 @@ from core.session import (
     NamedSweep,
     RobotIdentification,
     SessionData,
-    estimate_session,
     identify_robot,
     with_nominal_orientations,
 )
@@ -47,7 +46,7 @@ def dh_findings(data: SessionData, settings: Mapping[str, str]) -> Findings:
     estimate = None
     if settings["source"] == "images":
         data = with_nominal_orientations(data)
-        estimate = estimate_session(data, settings["estimator"])
+        estimate = refined_estimate(data, settings)
     names = sweeps_named(settings.get("sweeps", "[]"))
     found = identify_robot(
         data,

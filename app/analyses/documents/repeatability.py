@@ -15,6 +15,7 @@ from app.analyses.documents.encoding import (
     intervals_document,
 )
 from app.analyses.documents.findings import ExcludedList, Findings
+from core.calibration import ShapePrior
 from core.metrology import CONFIDENCE, RULE, PerComponent, PoseAccuracy, PoseRepeatability
 from core.session import (
     Approaches,
@@ -27,6 +28,7 @@ from core.session import (
     assess_repeatability,
     drift_of,
     estimate_session,
+    refine_target,
 )
 
 _NOTHING: PerComponent[Any] = PerComponent(None, None, None, None, None, None, None)
@@ -36,7 +38,11 @@ def repeatability_findings(data: SessionData, settings: Mapping[str, str]) -> Fi
     """Return what `GET .../repeatability` answers."""
     of_images = settings["source"] == "images"
     estimate = estimate_session(data, settings["estimator"]) if of_images else None
-    found = assess_repeatability(data, estimate)
+    shapes: Mapping[int, ShapePrior] = {}
+    if estimate is not None and settings.get("refine_target") == "true":
+        refined = refine_target(data, estimate)
+        estimate, shapes = refined.estimate, refined.shapes
+    found = assess_repeatability(data, estimate, shapes)
     performance, listed = found.performance, ExcludedList(data)
     fields = {
         "estimator": settings["estimator"],
@@ -170,6 +176,7 @@ def _distance(one: PoseDistance) -> dict[str, Any]:
         "standard_uncertainty_mm": found.standard_uncertainty_mm,
         "commanded_mm": one.commanded_mm,
         "ad_mm": found.performance.accuracy_mm,
+        "ad_interval_mm": None if found.accuracy_interval_mm is None else list(found.accuracy_interval_mm),
         "rd_mm": found.performance.repeatability_mm,
         "interval_mm": None if found.interval_mm is None else list(found.interval_mm),
         "noise_floor_mm": found.noise_floor_mm,

@@ -25,7 +25,7 @@ from app.records.tables import (
     Session,
     Table,
     Target,
-    target_fields,
+    measured_target_fields,
 )
 from app.services.queries import get_or_raise
 
@@ -57,7 +57,10 @@ def read_change_token(records: orm.Session, session_id: str) -> str:
     parts = [
         session_id,
         session.name,
-        [[target_id, targets[target_id].name, target_fields(targets[target_id])] for target_id in target_ids],
+        [
+            [one, targets[one].name, measured_target_fields(targets[one], session.conditions)]
+            for one in target_ids
+        ],
         session.lens,
         session.intrinsics,
         session.conditions,

@@ -28,6 +28,7 @@ from core.session import (
     SessionData,
     semidefinite,
 )
+from core.targets import target_of
 
 Markers = Mapping[str, Mapping[int, Float[np.ndarray, "4 2"]]]
 """Corners (px) of the markers seen, by their ids, by measurement."""
@@ -40,7 +41,7 @@ def load_session(records: orm.Session, snapshot: Snapshot, source: str = "images
 
     Raises RowUnreadable.
     """
-    targets = tuple(TargetSpec(**fields) for fields in snapshot.targets)
+    targets = tuple(target_of(fields) for fields in snapshot.targets)
     images = tuple(_observation(image, targets) for image in snapshot.images)
     measured: tuple[MeasuredPose, ...] = ()
     views: tuple[CameraViews, ...] = ()

@@ -29,6 +29,7 @@ from app.records.tables import (
     Robot,
     Session,
     Target,
+    measured_target_fields,
     target_fields,
 )
 from app.services.queries import get_or_raise, require_readable
@@ -176,7 +177,7 @@ def read_snapshot(records: orm.Session, session_id: str, source: str = "images")
     return Snapshot(
         session_id=session_id,
         target_ids=target_ids,
-        targets=tuple(target_fields(rows[i]) for i in target_ids),
+        targets=tuple(measured_target_fields(rows[i], session.conditions) for i in target_ids),
         lens=session.lens,
         intrinsics=session.intrinsics,
         commanded={

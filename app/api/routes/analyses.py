@@ -63,7 +63,7 @@ RefineQuery = Annotated[
     bool,
     Query(
         description="Estimate the target's own shape, too (print errors, bow), and the camera before the target as it "
-        "is; takes images that show it from eight directions or more."
+        "is; takes images that show it from eight directions or more. Of no effect on poses of another instrument."
     ),
 ]
 LensModelQuery = Annotated[
@@ -97,9 +97,11 @@ async def get_repeatability(
     form: FormDep,
     estimator: EstimatorQuery = "pooled",
     source: SourceQuery = "images",
+    refine_target: RefineQuery = False,
 ) -> Response:
     """Give every pose's repeatability by ISO 9283, with intervals, noise floor, verdict and accuracy."""
     settings: dict[str, str] = {"estimator": estimator, "source": source}
+    settings |= {"refine_target": "true"} if refine_target else {}
     return await answer_in_form(request, "repeatability", RepeatabilityAnalysis, session_id, settings, form)
 
 
@@ -194,6 +196,7 @@ async def get_dh(
     source: SourceQuery = "images",
     joint_tolerance_deg: ToleranceQuery = 0.02,
     sweep: SweepQuery = None,
+    refine_target: RefineQuery = False,
 ) -> Response:
     """Identify the robot's Denavit-Hartenberg parameters from poses at known joint angles."""
     settings = {
@@ -203,6 +206,8 @@ async def get_dh(
         "source": source,
         "joint_tolerance_deg": repr(joint_tolerance_deg),
     }
+    if refine_target:
+        settings["refine_target"] = "true"
     if sweep:
         settings["sweeps"] = sweeps_setting(sweep)
     return await answer_in_form(request, "dh", DhAnalysis, session_id, settings, form)

@@ -7,7 +7,7 @@ from fastapi import Response
 from app.api.dependencies import AcceptImplausible, AppContextDep, Cursor, Limit, TargetPath
 from app.api.responses import stored_document, stored_documents
 from app.api.routing import api_router, problem_responses
-from app.api.schemas.targets import TargetCreate, TargetPage, TargetRead
+from app.api.schemas.targets import TargetChange, TargetCreate, TargetPage, TargetRead
 from app.records.tables import Target
 from app.services import targets
 from app.services.plausibility import check_pitch
@@ -30,7 +30,7 @@ def create_target(
     if not accept_implausible:
         check_pitch(body.pitch_mm)
     with service.installation.database.write() as records:
-        target = targets.create_target(records, targets.NewTarget(**body.model_dump()))
+        target = targets.create_target(records, targets.NewTarget(**body.model_dump(mode="json")))
     response.headers["Location"] = f"/v1/targets/{target.id}"
     return _document(target)
 
@@ -49,6 +49,17 @@ def get_target(target_id: TargetPath, service: AppContextDep) -> TargetRead:
     """Return one target."""
     with service.installation.database.read() as records:
         return _document(get_or_raise(records, Target, target_id))
+
+
+@router.patch("/{target_id}", responses=problem_responses(404, 409, 413, 415, 422, 507))
+def update_target(target_id: TargetPath, body: TargetChange, service: AppContextDep) -> TargetRead:
+    """Change a target's name, or what is known of its print; analyses use the change from now on.
+
+    What one image alone gave stays as it was computed, with the nominal grid.
+    """
+    changes = body.model_dump(mode="json", include=body.model_fields_set)
+    with service.installation.database.write() as records:
+        return _document(targets.update_target(records, target_id, changes))
 
 
 @router.delete("/{target_id}", status_code=204, responses=problem_responses(404, 409, 507))

@@ -8,6 +8,7 @@ from typing import Annotated, Literal
 from pydantic import Field
 from typing_extensions import TypeAliasType
 
+from app.api.schemas.certificates import Certificate, PrintKind, ShapeUncertainty
 from app.api.schemas.common import (
     MAX_LENGTH_MM,
     PositiveLength,
@@ -48,6 +49,15 @@ _PITCH_UNCERTAINTY = (
     "pitch is taken as exact."
 )
 
+_PRINT_KIND = "How the target was made. Null: as `paper`."
+_SHAPE = (
+    "How far the print may depart from its grid, for the uncertainty of absolute figures. Null: as its kind of print "
+    "lets expect (docs/uncertainty.md)."
+)
+_CERTIFICATE = (
+    "Where the grid points were measured to lie, in place of the nominal grid. Null: no certificate."
+)
+
 TargetKind = TypeAliasType(
     "TargetKind",
     Annotated[
@@ -79,6 +89,19 @@ class TargetCreate(RequestModel):
     pitch_standard_uncertainty_mm: Annotated[
         Annotated[float, Field(ge=0, le=1e6)] | None, Field(description=_PITCH_UNCERTAINTY)
     ] = None
+    print_kind: Annotated[PrintKind | None, Field(description=_PRINT_KIND)] = None
+    shape_standard_uncertainty: Annotated[ShapeUncertainty | None, Field(description=_SHAPE)] = None
+    certificate: Annotated[Certificate | None, Field(description=_CERTIFICATE)] = None
+
+
+class TargetChange(RequestModel):
+    """What to change of a target; fields left away stay as they are."""
+
+    # The factory makes the field optional without allowing null; what was not sent is never looked at.
+    name: Annotated[Text, Field(description="What people call the target.", default_factory=str)]
+    print_kind: Annotated[PrintKind | None, Field(description=_PRINT_KIND)] = None
+    shape_standard_uncertainty: Annotated[ShapeUncertainty | None, Field(description=_SHAPE)] = None
+    certificate: Annotated[Certificate | None, Field(description=_CERTIFICATE)] = None
 
 
 class TargetRead(ResponseModel):
@@ -94,6 +117,9 @@ class TargetRead(ResponseModel):
     dictionary: Annotated[str | None, Field(description=_DICTIONARY)]
     legacy_layout: Annotated[bool, Field(description=_LEGACY)]
     pitch_standard_uncertainty_mm: Annotated[float | None, Field(description=_PITCH_UNCERTAINTY)]
+    print_kind: Annotated[PrintKind | None, Field(description=_PRINT_KIND)]
+    shape_standard_uncertainty: Annotated[ShapeUncertainty | None, Field(description=_SHAPE)]
+    certificate: Annotated[Certificate | None, Field(description=_CERTIFICATE)]
     created_at: Annotated[datetime, Field(description="When the target was made, RFC 3339 in UTC.")]
 
 

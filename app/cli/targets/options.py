@@ -14,7 +14,7 @@ from app.cli.targets.description import TargetDescription
 from app.client import ClientError, Json
 from core import TargetSpec
 from core.errors import InvalidArgument
-from core.targets import check_fields
+from core.targets import check_fields, target_of
 
 _ID = re.compile(r"[0-9A-Za-z_-]+")
 
@@ -94,4 +94,4 @@ def stored_target(answer: Json) -> TargetChoice:
             f"The service's target has fields that this program does not know: {', '.join(sorted(unknown))}.",
             "Update gridpose on this machine.",
         )
-    return TargetChoice(TargetSpec(**{name: answer[name] for name in known & set(answer)}), answer["name"])
+    return TargetChoice(target_of({name: answer[name] for name in known & set(answer)}), answer["name"])

@@ -12,7 +12,15 @@ from app.records.tables.base import (
     latest_ids,
 )
 from app.records.tables.measurements import MeasuredPose, Measurement, Removal, Result
-from app.records.tables.sessions import Pose, Robot, Session, SessionTarget, Target, target_fields
+from app.records.tables.sessions import (
+    Pose,
+    Robot,
+    Session,
+    SessionTarget,
+    Target,
+    measured_target_fields,
+    target_fields,
+)
 
 __all__ = [
     "SCOPES",
@@ -35,5 +43,6 @@ __all__ = [
     "Target",
     "UtcDateTime",
     "latest_ids",
+    "measured_target_fields",
     "target_fields",
 ]

@@ -23,12 +23,15 @@ class Target(Table):
     dictionary: Mapped[str | None] = mapped_column(sa.String(64))
     legacy_layout: Mapped[bool]
     pitch_standard_uncertainty_mm: Mapped[float | None] = mapped_column(sa.Double())
+    print_kind: Mapped[str | None] = mapped_column(sa.String(32))
+    shape_standard_uncertainty: Mapped[JsonObject | None]
+    certificate: Mapped[JsonObject | None]
     created_at: Mapped[datetime]
     made_by: Mapped[str | None] = made_by_column()
 
 
 def target_fields(target: Target) -> JsonObject:
-    """Return what the numerics take of a target: the fields of `core.TargetSpec`."""
+    """Return what finding a target in an image takes of it: fields of `core.TargetSpec`."""
     return {
         name: getattr(target, name)
         for name in (
@@ -42,6 +45,19 @@ def target_fields(target: Target) -> JsonObject:
             "pitch_standard_uncertainty_mm",
         )
     }
+
+
+def measured_target_fields(target: Target, conditions: JsonObject | None) -> JsonObject:
+    """Return what analyses take of a target (`core.targets.target_of`): what was measured of it as well, and with a
+    certificate the temperature of the session.
+    """
+    fields = target_fields(target)
+    fields["print_kind"] = target.print_kind
+    fields["shape_standard_uncertainty"] = target.shape_standard_uncertainty
+    fields["certificate"] = target.certificate
+    if target.certificate is not None:
+        fields["temperature_c"] = (conditions or {}).get("temperature_c")
+    return fields
 
 
 class Robot(Table):

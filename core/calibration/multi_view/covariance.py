@@ -155,5 +155,5 @@ def _root(covariance: Float[np.ndarray, "p p"]) -> Float[np.ndarray, "p p"]:
 
 def _print_scale(views: ViewStack) -> Float[np.ndarray, " k"]:
     """Return the relative standard uncertainty of the prints' scale: the same in every length."""
-    relative = [(t.pitch_standard_uncertainty_mm or 0.0) / t.pitch_mm for t in views.targets]
+    relative = [t.scale_standard_uncertainty or 0.0 for t in views.targets]
     return np.array(relative)[views.target]

@@ -1,7 +1,9 @@
 """Shape of a printed target: estimation from many views, deformation measures, inspection of the print."""
 
 from core.calibration.target_shape.deformation import Deformation, Measure, TargetShape
+from core.calibration.target_shape.departures import ShapePrior
 from core.calibration.target_shape.estimation import estimate_target_shape
+from core.calibration.target_shape.marginal_poses import MarginalPoses, marginalise_shape
 from core.calibration.target_shape.print_inspection import (
     MIN_DIRECTIONS,
     PrintCheck,
@@ -14,13 +16,16 @@ from core.calibration.target_shape.rule_readings import RuleReading, check_asked
 __all__ = [
     "MIN_DIRECTIONS",
     "Deformation",
+    "MarginalPoses",
     "Measure",
     "PrintCheck",
     "PrintFinding",
     "PrintedShape",
     "RuleReading",
+    "ShapePrior",
     "TargetShape",
     "check_asked",
     "check_print",
     "estimate_target_shape",
+    "marginalise_shape",
 ]

@@ -140,8 +140,8 @@ def _prints(seen: ImageObservations, positions: Float[np.ndarray, "k 3"]) -> Flo
     for target in np.unique(seen.target):
         members = seen.target == target
         spec = seen.views.targets[int(seen.views.target[int(np.argmax(members))])]
-        if spec.pitch_standard_uncertainty_mm:
+        if spec.scale_standard_uncertainty:
             column = np.zeros((len(positions), 6))
-            column[members, :3] = positions[members] * spec.pitch_standard_uncertainty_mm / spec.pitch_mm
+            column[members, :3] = positions[members] * spec.scale_standard_uncertainty
             columns.append(column)
     return np.stack(columns, axis=2) if columns else np.zeros((len(positions), 6, 0))

@@ -271,6 +271,7 @@ def test_the_contract_is_all_there(document: dict[str, Any]) -> None:
         "PATCH /v1/measurements/{measurement_id}",
         "PATCH /v1/robots/{robot_id}",
         "PATCH /v1/sessions/{session_id}",
+        "PATCH /v1/targets/{target_id}",
         "POST /v1/keys",
         "POST /v1/measurements/{measurement_id}/retry",
         "POST /v1/robots",

@@ -48,6 +48,17 @@ def tell(api: Api) -> None:
     )
     _done(client.patch(f"/v1/robots/{robot_id}", json={"serial_number": "412", "datasheet_accuracy_mm": 0.6}))
     target_id = _create(client, "/v1/targets", TARGET)
+    known = {
+        "certificate": {
+            "number": "D-K-4711",
+            "issued_on": "2026-03-14",
+            "pitch_x_mm": TARGET["pitch_mm"],
+            "pitch_y_mm": TARGET["pitch_mm"],
+            "standard_uncertainty": {"pitch_x_mm": 0.002, "pitch_y_mm": 0.002, "squareness_mrad": 0.05},
+        },
+        "print_kind": "plate",
+    }
+    _done(client.patch(f"/v1/targets/{target_id}", json=known))
     session_id = _create(
         client,
         "/v1/sessions",

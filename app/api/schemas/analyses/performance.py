@@ -73,8 +73,8 @@ class PoseDistance(ResponseModel):
     standard_uncertainty_mm: Annotated[
         float | None,
         Field(
-            description="Of the mean, mm: its scatter over the cycles and, for images, what the shared lens and the "
-            "print's scale leave open; another instrument's common errors are not known."
+            description="Of the mean, mm: its scatter over the cycles and, for images, what the shared lens and "
+            "scale and shape of the print leave open; another instrument's common errors are not known."
         ),
     ]
     commanded_mm: Annotated[
@@ -88,6 +88,14 @@ class PoseDistance(ResponseModel):
     ad_mm: Annotated[
         float | None,
         Field(description="AD: attained less commanded, mm (7.3.2); null without `commanded_mm`."),
+    ]
+    ad_interval_mm: Annotated[
+        Interval | None,
+        Field(
+            description="[low, high] of AD at the confidence level, mm: with what lens, scale and shape of the print "
+            "leave open; of another instrument, of its scatter alone.",
+            examples=[[-0.11, 0.14]],
+        ),
     ]
     rd_mm: Annotated[float | None, Field(description="RD = 3 S of the distance, mm (7.3.3).")]
     interval_mm: Annotated[

@@ -1,0 +1,322 @@
+"""Poses of one camera before prints that may depart from their nominal grid, the departures marginalised.
+
+A print's scale, aspect, shear, bow, twist, quadratic distortion and each point's own departure, and the sensor's skew,
+are parameters of the bundle with priors of known width (`departures`). With z = (camera, skew, departures) and a
+pose's six l,
+
+    S = N_zz + P - Σ N_zl N_ll⁻¹ N_lz,      l = N_ll⁻¹ (b_l - N_lz z),      cov(l) ∋ N_ll⁻¹ N_lz S⁻¹ N_zl N_ll⁻¹,
+
+so that poses move to where the departures found put them, and share what these leave open. All images of a pose show
+the same departures: their residuals enter as one mean, and all of them move alike, so that scatter stays as it is.
+
+The noise is that of residuals about their mean over the images of a pose, or of the fit where there are no repeats.
+What residuals of means hold beyond it inflates the covariance.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from core.calibration.lens_residuals import residuals_with_jacobian
+from core.calibration.multi_view import CommonFit, in_target_frame, linearise
+from core.calibration.state import camera_prior
+from core.calibration.target_shape.deformation import Measure
+from core.calibration.target_shape.departures import SENSOR_SKEW, Departures, ShapePrior
+from core.calibration.target_shape.mean_views import MeanView, images_by_pose, mean_view, noise_of
+from core.geometry import so3_exp, so3_log
+
+STEPS = 3
+"""From the fit before perfect prints; a bow of a thousandth of the extent is at its end after two."""
+MAX_ELEMENTS = 20_000_000
+"""Of the matrix of all poses by all parameters; with more, points have no departure of their own."""
+
+
+@dataclass(frozen=True)
+class MarginalPoses:
+    """How the m poses of k images move when their prints may depart from the nominal grid, in the target frame.
+
+    `place` (k,) says which pose each image shows. `moved_mm` and `turned` (m, 3) lead from the fit's poses to these:
+    p + moved, exp(turned) R. `common` (m, 6, e) is what one standard uncertainty of each error that all poses share
+    does to them, of the print and of the camera; `of_camera` the same of the camera alone, were the prints perfect.
+    `departures` are those found, by target and name, in standard uncertainties of their prior. `inflation` is that of
+    the standard uncertainties of the data.
+    """
+
+    place: Int[np.ndarray, " k"]
+    moved_mm: Float[np.ndarray, "m 3"]
+    turned: Float[np.ndarray, "m 3"]
+    common: Float[np.ndarray, "m 6 e"]
+    of_camera: Float[np.ndarray, "m 6 c"]
+    departures: tuple[dict[str, Measure], ...]
+    inflation: float
+
+
+def marginalise_shape(fit: CommonFit, priors: Sequence[ShapePrior]) -> MarginalPoses:
+    """Estimate camera, poses and the departures of the prints together, from the fit of a camera before perfect ones.
+
+    `priors` is one for each of the targets of `fit.views`.
+    """
+    problem = _Problem.of(fit, priors)
+    state, system = problem.solved(problem.start())
+    growth = problem.growth(system)
+    # The data's noise grows; the priors stay as stated.
+    problem = problem.withnoise_of(math.sqrt(growth))
+    state, system = problem.solved(state)
+    return problem.result(state, system, math.sqrt(growth))
+
+
+@dataclass(frozen=True)
+class _State:
+    parameters: Float[np.ndarray, " s"]
+    rotations: Float[np.ndarray, "m 3 3"]
+    translations_mm: Float[np.ndarray, "m 3"]
+    shared: Float[np.ndarray, " q"]
+    """Skew and departures in units of their priors, behind zeros for the camera."""
+
+
+@dataclass(frozen=True)
+class _System:
+    """Normal equations of z with the poses eliminated, priors included; and what gives the poses back."""
+
+    information: Float[np.ndarray, "q q"]
+    gradient: Float[np.ndarray, " q"]
+    follows: Float[np.ndarray, "m 6 q"]
+    pose_steps: Float[np.ndarray, "m 6"]
+    squares: float
+    observations: int
+    prior: Float[np.ndarray, "q q"]
+
+    def covariance(self) -> Float[np.ndarray, "q q"]:
+        return _inverse(self.information)
+
+
+@dataclass(frozen=True)
+class _Problem:
+    fit: CommonFit
+    views: tuple[MeanView, ...]
+    departures: tuple[Departures, ...]
+    first: tuple[int, ...]
+    """Of each target, where its fields and points begin among the parameters."""
+    size: int
+    free: int
+    repeats: bool
+    """Whether the noise is that of repeated images."""
+
+    @classmethod
+    def of(cls, fit: CommonFit, priors: Sequence[ShapePrior]) -> _Problem:
+        stack, free = fit.views, fit.placements.free
+        at = linearise(stack, fit.placements, fit.used)
+        groups = images_by_pose(fit)
+        noise, repeats = noise_of(fit, at.residuals, groups)
+        views = tuple(mean_view(fit, at.residuals, images, noise) for images in groups)
+        found = [Departures.of(t, p) for t, p in zip(stack.targets, priors, strict=True)]
+        count = free + 1 + sum(len(d.names) + 2 * d.fields.shape[2] for d in found)
+        if 6 * len(views) * count > MAX_ELEMENTS:
+            found = [replace(d, point_mm=0.0) for d in found]
+        first, size = [], free + 1
+        for d in found:
+            first.append(size)
+            size += len(d.names) + (2 * d.fields.shape[2] if d.point_mm > 0.0 else 0)
+        return cls(fit, views, tuple(found), tuple(first), size, free, repeats)
+
+    def start(self) -> _State:
+        rows = [int(view.images[0]) for view in self.views]
+        placements = self.fit.placements
+        return _State(
+            placements.parameters[rows[0]].copy(),
+            placements.rotations[rows].copy(),
+            placements.translations_mm[rows].copy(),
+            np.zeros(self.size),
+        )
+
+    def withnoise_of(self, factor: float) -> _Problem:
+        """Return the problem with the noise multiplied by a factor."""
+        return replace(self, views=tuple(replace(view, root=view.root / factor) for view in self.views))
+
+    def solved(self, state: _State) -> tuple[_State, _System]:
+        for _ in range(STEPS):
+            state = self.moved(state, self.linearised(state))
+        return state, self.linearised(state)
+
+    def linearised(self, state: _State) -> _System:
+        q, free = self.size, self.free
+        N, b = np.zeros((q, q)), np.zeros(q)
+        follows, steps, roots = (
+            np.empty((len(self.views), 6, q)),
+            np.empty((len(self.views), 6)),
+            np.empty((len(self.views), 6, q)),
+        )
+        squares, observations = 0.0, 0
+        for g, view in enumerate(self.views):
+            departures, begin = self.departures[view.target], self.first[view.target]
+            low = len(departures.names)
+            fields = departures.fields[:, :, view.cells]
+            points = view.points_target + np.tensordot(state.shared[begin : begin + low], fields, axes=1)
+            columns = None
+            if departures.point_mm > 0.0:
+                columns = begin + low + 2 * view.cells[:, None] + np.arange(2)
+                points[:2] += departures.point_mm * state.shared[columns].T
+            R = state.rotations[g]
+            left, J = residuals_with_jacobian(
+                np.ascontiguousarray(points - view.centroid[:, None]),
+                view.points_px,
+                state.parameters,
+                np.ascontiguousarray(R),
+                state.translations_mm[g],
+                free,
+            )
+            below = (view.points_px[1] - left[1]) - state.parameters[3]
+            left = left.copy()
+            left[0] -= SENSOR_SKEW * state.shared[free] * below
+            by_place = np.einsum("kcn,kj->jcn", J[-3:], R)  # by the point in the target frame
+            A = np.empty((free + 1 + low, 2, len(view.root)))
+            A[:free] = J[:free]
+            A[free, 0], A[free, 1] = SENSOR_SKEW * below, 0.0
+            A[free + 1 :] = np.einsum("jcn,kjn->kcn", by_place, fields)
+            A, pose, r = (values * view.root for values in (A, J[-6:], left))
+            squares += float(np.sum(r * r))
+            observations += 2 * int(np.count_nonzero(view.root))
+            dense = np.concatenate([np.arange(free + 1), np.arange(begin, begin + low)])
+            flat, of_pose = A.reshape(len(A), -1), pose.reshape(6, -1)
+            N[np.ix_(dense, dense)] += flat @ flat.T
+            b[dense] += flat @ r.ravel()
+            across = np.zeros((6, q))
+            across[:, dense] = of_pose @ flat.T
+            if columns is not None:
+                P = departures.point_mm * by_place[:2] * view.root
+                N[columns[:, :, None], columns[:, None, :]] += np.einsum("icn,jcn->nij", P, P)
+                both = np.einsum("acn,icn->nia", A, P)
+                N[columns[:, :, None], dense] += both
+                b[columns] += np.einsum("icn,cn->ni", P, r)
+                across[:, columns] = np.einsum("acn,icn->ani", pose, P)
+            lower = np.linalg.cholesky(of_pose @ of_pose.T)
+            roots[g] = np.linalg.solve(lower, across)
+            half = np.linalg.solve(lower, of_pose @ r.ravel())
+            b -= roots[g].T @ half
+            follows[g] = np.linalg.solve(lower.T, roots[g])
+            steps[g] = np.linalg.solve(lower.T, half)
+        N = _mirrored(N, self.free + 1, self.first, self.departures)
+        tall = roots.reshape(-1, q)
+        N -= tall.T @ tall
+        prior, pull = self._prior(state)
+        return _System(N + prior, b + pull, follows, steps, squares, observations, prior)
+
+    def _prior(self, state: _State) -> tuple[Float[np.ndarray, "q q"], Float[np.ndarray, " q"]]:
+        prior = np.eye(self.size)
+        pull = -state.shared.copy()
+        of_camera = camera_prior(
+            self.fit.views.image_width_px,
+            self.fit.views.image_height_px,
+            self.fit.lens,
+            model_size=len(state.parameters),
+        )
+        residual, Q = of_camera(state.parameters)
+        prior[: self.free, : self.free] = Q.T @ Q
+        pull[: self.free] = Q.T @ residual
+        return prior, pull
+
+    def moved(self, state: _State, system: _System) -> _State:
+        z = _inverse(system.information) @ system.gradient
+        poses = system.pose_steps - system.follows @ z
+        parameters = state.parameters.copy()
+        parameters[: self.free] += z[: self.free]
+        shared = state.shared + np.concatenate([np.zeros(self.free), z[self.free :]])
+        rotations = np.array([so3_exp(w) @ R for w, R in zip(poses[:, :3], state.rotations, strict=True)])
+        return _State(parameters, rotations, state.translations_mm + poses[:, 3:], shared)
+
+    def growth(self, system: _System) -> float:
+        """Return by how much the residuals of mean views exceed their noise, chance shrunk away; at least 1."""
+        fitted = self.size - float(np.sum(system.covariance() * system.prior))
+        freedom = max(system.observations - 6 * len(self.views) - fitted, 1.0)
+        ratio = system.squares / freedom
+        if not self.repeats:
+            return ratio
+        excess = max(ratio - 1.0, 0.0)
+        z_squared = excess**2 * freedom / 2.0
+        return 1.0 + excess * z_squared / (1.0 + z_squared)
+
+    def result(self, state: _State, system: _System, inflation: float) -> MarginalPoses:
+        C = system.covariance()
+        start = self.start()
+        J = in_target_frame(state.rotations, state.translations_mm)
+        by_shared = -J @ system.follows
+        common = by_shared @ _root(C)
+        alone = _inverse(system.information[: self.free, : self.free])
+        of_camera = by_shared[:, :, : self.free] @ _root(alone)
+        found = []
+        scales = np.zeros((len(self.views), 6, len(self.departures)))
+        centroids = np.array([view.centroid for view in self.views])
+        places = centroids - np.einsum("mji,mj->mi", state.rotations, state.translations_mm)
+        for k, (departures, begin) in enumerate(zip(self.departures, self.first, strict=True)):
+            here = slice(begin, begin + len(departures.names))
+            sigma = np.sqrt(np.maximum(np.diag(C[here, here]), 0.0))
+            found.append(
+                {
+                    name: Measure(float(v), float(u))
+                    for name, v, u in zip(departures.names, state.shared[here], sigma, strict=True)
+                }
+            )
+            if "aspect" in found[k] and not departures.certified:
+                aspect = found[k]["aspect"]
+                left = departures.scale_left(
+                    departures.aspect * aspect.value, departures.aspect * aspect.standard_uncertainty
+                )
+                of_target = np.array([view.target == k for view in self.views])
+                scales[of_target, :3, k] = left * places[of_target]
+        common = _compressed(np.concatenate([common, scales], axis=2))
+        before = centroids - np.einsum("mji,mj->mi", start.rotations, start.translations_mm)
+        turned = np.array(
+            [so3_log(new.T @ old) for new, old in zip(state.rotations, start.rotations, strict=True)]
+        )
+        place = np.empty(len(self.fit.views), dtype=np.intp)
+        for g, view in enumerate(self.views):
+            place[view.images] = g
+        return MarginalPoses(
+            place,
+            places - before,
+            turned,
+            common,
+            of_camera,
+            tuple(found),
+            inflation,
+        )
+
+
+def _mirrored(
+    N: Float[np.ndarray, "q q"], head: int, first: Sequence[int], departures: Sequence[Departures]
+) -> Float[np.ndarray, "q q"]:
+    """Write the points' rows, which were summed, into their columns as well."""
+    for begin, found in zip(first, departures, strict=True):
+        low = len(found.names)
+        if found.point_mm > 0.0:
+            rows = slice(begin + low, begin + low + 2 * found.fields.shape[2])
+            N[:head, rows] = N[rows, :head].T
+            N[begin : begin + low, rows] = N[rows, begin : begin + low].T
+    return N
+
+
+def _inverse(information: Float[np.ndarray, "q q"]) -> Float[np.ndarray, "q q"]:
+    unit = 1.0 / np.sqrt(np.diag(information))
+    inverse = np.linalg.inv(information * np.outer(unit, unit))
+    return np.asarray(0.5 * (inverse + inverse.T) * np.outer(unit, unit))
+
+
+def _root(covariance: Float[np.ndarray, "q q"]) -> Float[np.ndarray, "q q"]:
+    """Return B with B Bᵀ = Σ, by eigenvectors of the correlations."""
+    unit = np.sqrt(np.maximum(np.diag(covariance), 1e-300))
+    values, vectors = np.linalg.eigh(covariance / np.outer(unit, unit))
+    return np.asarray(unit[:, None] * vectors * np.sqrt(np.maximum(values, 0.0)))
+
+
+def _compressed(common: Float[np.ndarray, "m 6 e"]) -> Float[np.ndarray, "m 6 d"]:
+    """Return as many columns as there are rows, where there are more, with the same covariances."""
+    m, _, count = common.shape
+    if count <= 6 * m:
+        return common
+    R = np.linalg.qr(common.reshape(6 * m, count).T, mode="r")
+    return np.ascontiguousarray(np.asarray(R).T.reshape(m, 6, -1))

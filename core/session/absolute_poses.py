@@ -1,0 +1,129 @@
+"""Poses for absolute figures (AP, AD): before prints that may depart from their nominal grid.
+
+Repeatability compares visits to one pose, from which the print's scale and shape cancel; it takes the poses as they
+are estimated. Positions between poses do not: for them the poses move to where the departures that the images show
+put them, all visits of a pose alike, and share what the departures leave open
+(`core.calibration.target_shape.marginal_poses`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from jaxtyping import Float
+
+from core.calibration import MarginalPoses, ShapePrior, marginalise_shape
+from core.errors import Advisory, listed
+from core.geometry import so3_exp
+from core.session.model import FocusGroup, MeasuredPose, SessionData, SessionEstimate
+
+MAX_SHAPE_SHARE = 2.0
+"""Of the uncertainty of positions between poses, to that of the camera alone, beyond which the print dominates."""
+
+
+@dataclass(frozen=True, slots=True)
+class AbsolutePoses:
+    """The session's poses by measurement, and what to know of the print."""
+
+    poses: Mapping[str, MeasuredPose]
+    warnings: tuple[Advisory, ...]
+
+
+def absolute_poses(
+    data: SessionData, estimate: SessionEstimate, priors: Mapping[int, ShapePrior] | None = None
+) -> AbsolutePoses:
+    """Return the poses of all images with the departures of their prints marginalised.
+
+    `priors` by the target's place in the session's list; those that are not given follow from the targets. Only the
+    pooled estimator has one camera to which all images say what a print departs by; poses of others stay as they are.
+    """
+    known = dict(priors or {})
+    each = [_marginal(data, group, known) for group in estimate.groups]
+    widths = [_width(group, marginal) for group, marginal in zip(estimate.groups, each, strict=True)]
+    found: dict[str, MeasuredPose] = {}
+    dominated = []
+    for g, (group, marginal) in enumerate(zip(estimate.groups, each, strict=True)):
+        columns = ((0, 0), (sum(widths[:g]), sum(widths[g + 1 :])))
+        if marginal is None:
+            for pose in group.poses:
+                common = None if pose.common is None else np.pad(pose.common, columns)
+                found[pose.measurement_id] = replace(pose, common=common)
+            continue
+        if _shape_share(marginal) > MAX_SHAPE_SHARE:
+            dominated.append(group.name)
+        turns = [so3_exp(w) for w in marginal.turned]
+        shared = [np.pad(common, columns) for common in marginal.common]
+        covariances = [common @ common.T for common in shared]
+        before = group.estimate.common
+        own = group.estimate.covariance - before @ np.swapaxes(before, 1, 2)
+        for k, (pose, place) in enumerate(zip(group.poses, marginal.place.tolist(), strict=True)):
+            assert pose.rotation is not None  # poses of images have one
+            found[pose.measurement_id] = replace(
+                pose,
+                position_mm=pose.position_mm + marginal.moved_mm[place],
+                rotation=turns[place] @ pose.rotation,
+                covariance=own[k] + covariances[place],
+                common=shared[place],
+            )
+    return AbsolutePoses(found, (*_scale_warnings(data, estimate), *_shape_warnings(dominated)))
+
+
+def _marginal(data: SessionData, group: FocusGroup, priors: Mapping[int, ShapePrior]) -> MarginalPoses | None:
+    fit = group.estimate.fit
+    if fit is None:
+        return None
+    places = [data.targets.index(target) for target in fit.views.targets]
+    return marginalise_shape(
+        fit,
+        [priors.get(p, ShapePrior.of(t)) for p, t in zip(places, fit.views.targets, strict=True)],
+    )
+
+
+def _width(group: FocusGroup, marginal: MarginalPoses | None) -> int:
+    if marginal is not None:
+        return int(marginal.common.shape[2])
+    return int(group.estimate.common.shape[2])
+
+
+def _shape_share(marginal: MarginalPoses) -> float:
+    """Return the uncertainty of positions between poses over that which the camera alone leaves, by root mean square;
+    1 where there is one pose.
+    """
+
+    def between(common: Float[np.ndarray, "m 6 e"]) -> float:
+        positions = common[:, :3]
+        return float(np.sum((positions - positions.mean(axis=0)) ** 2))
+
+    alone = between(marginal.of_camera)
+    return float(np.sqrt(between(marginal.common) / alone)) if alone > 0.0 else 1.0
+
+
+def _scale_warnings(data: SessionData, estimate: SessionEstimate) -> list[Advisory]:
+    """Name the targets whose pitch is taken as exact."""
+    shown = sorted({pose.frame for pose in estimate.poses})
+    exact = [data.target_ids[k] for k in shown if data.targets[k].scale_standard_uncertainty is None]
+    if not exact:
+        return []
+    return [
+        Advisory(
+            "scale_taken_as_exact",
+            f"Neither a certificate nor the pitch's standard uncertainty is stated of {listed(exact)}: absolute "
+            "figures (AP, AD) take the pitch as exact, and a pitch 1e-4 too long makes every length 1e-4 too long.",
+            "State the target's certificate or pitch_standard_uncertainty_mm.",
+        )
+    ]
+
+
+def _shape_warnings(dominated: Sequence[str]) -> list[Advisory]:
+    if not dominated:
+        return []
+    return [
+        Advisory(
+            "target_shape_dominates",
+            "What the shape of the print leaves open is the larger part of the uncertainty of absolute figures (AP, "
+            f"AD) of focus group {', '.join(map(repr, dominated))}.",
+            "Add four images of the target tilted by 15-40° to different sides, as poses of their own beside the cube.",
+        )
+    ]
