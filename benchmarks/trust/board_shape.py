@@ -47,7 +47,7 @@ DEPARTURES = (
 
 @dataclass(frozen=True)
 class Setup:
-    """A board, the half edge of the cube, the tilt of its views, cycles, and the number of tilted views beside it."""
+    """A board, the half edge of the cube, the tilt of its views, cycles, and the number of further tilted views."""
 
     columns: int = 14
     rows: int = 10
@@ -55,7 +55,7 @@ class Setup:
     half_edge_mm: float = 110.0
     tilt_deg: float = 30.0
     cycles: int = 10
-    beside: int = 0
+    tilted_views: int = 0
     noise_px: float = 0.05
     scatter_mm: float = 0.03
 
@@ -118,7 +118,7 @@ def simulate(
         poses[f"P{i + 1}"] = transform(
             R.T, middle - R.T @ ([0.0, 0.0, depth] + setup.half_edge_mm * (axes @ d))
         )
-    for i in range(setup.beside):
+    for i in range(setup.tilted_views):
         tilted = _looking(
             turn + math.pi * (0.25 + 0.5 * i), math.radians(15.0 + 25.0 * (i % 4) / 3.0), 0.5 * math.pi * i
         )

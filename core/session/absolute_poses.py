@@ -2,7 +2,7 @@
 
 Repeatability compares visits to one pose, from which the print's scale and shape cancel; it takes the poses as they
 are estimated. Positions between poses do not: for them the poses move to where the departures that the images show
-put them, all visits of a pose alike, and share what the departures leave open
+put them, all visits of a pose by the same motion, and share what the departures leave open
 (`core.calibration.target_shape.marginal_poses`).
 """
 
@@ -124,6 +124,6 @@ def _shape_warnings(dominated: Sequence[str]) -> list[Advisory]:
             "target_shape_dominates",
             "What the shape of the print leaves open is the larger part of the uncertainty of absolute figures (AP, "
             f"AD) of focus group {', '.join(map(repr, dominated))}.",
-            "Add four images of the target tilted by 15-40° to different sides, as poses of their own beside the cube.",
+            "Add four images of the target tilted by 15-40° to different sides, as poses of their own near the cube.",
         )
     ]

@@ -1,7 +1,7 @@
 """Departures of a print as nuisance parameters: fields over its grid points, with prior standard uncertainties.
 
 Fields are about the middle of the grid, with ξ = x / half width and η = y / half height. What moves the grid as a
-whole needs no care: it shifts all poses alike.
+whole needs no care: all poses shift by the same motion.
 """
 
 from __future__ import annotations

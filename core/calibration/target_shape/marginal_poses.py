@@ -7,7 +7,7 @@ pose's six l,
     S = N_zz + P - Σ N_zl N_ll⁻¹ N_lz,      l = N_ll⁻¹ (b_l - N_lz z),      cov(l) ∋ N_ll⁻¹ N_lz S⁻¹ N_zl N_ll⁻¹,
 
 so that poses move to where the departures found put them, and share what these leave open. All images of a pose show
-the same departures: their residuals enter as one mean, and all of them move alike, so that scatter stays as it is.
+the same departures: their residuals enter as one mean, and all of them move equally, so that scatter stays as it is.
 
 The noise is that of residuals about their mean over the images of a pose, or of the fit where there are no repeats.
 What residuals of means hold beyond it inflates the covariance.

@@ -35,7 +35,7 @@ def images_by_pose(fit: CommonFit) -> list[Int[np.ndarray, " j"]]:
     return [np.flatnonzero(numbers == n) for n in np.unique(numbers)]
 
 
-def _alike(fit: CommonFit, images: Int[np.ndarray, " j"]) -> Int[np.ndarray, "j n"]:
+def _same_points(fit: CommonFit, images: Int[np.ndarray, " j"]) -> Int[np.ndarray, "j n"]:
     """Return where the points stand of those images that show what the first one shows."""
     views, first = fit.views, int(images[0])
     equal = images[views.counts[images] == views.counts[first]]
@@ -49,7 +49,7 @@ def noise_of(
     """Return σ per unit of stated uncertainty, and whether repeated images give it."""
     squares, freedom = 0.0, 0
     for images in groups:
-        points = _alike(fit, images)
+        points = _same_points(fit, images)
         if len(points) < 2:
             continue
         points = points[:, fit.used[points].all(axis=0)]
@@ -67,7 +67,7 @@ def mean_view(
 ) -> MeanView:
     """Return the images of a pose as one, observed where their mean residual puts it from the first one's place."""
     views, first = fit.views, int(images[0])
-    points, part = _alike(fit, images), views.part(first)
+    points, part = _same_points(fit, images), views.part(first)
     counts: Bool[np.ndarray, " n"] = fit.used[points].all(axis=0)
     mean = residuals[:, points].mean(axis=1)
     weight = views.weight[points].mean(axis=0) * len(points)

@@ -33,7 +33,9 @@ def test_a_bow_moves_absolute_positions_to_where_they_are_and_leaves_scatter_alo
     rng = np.random.default_rng(4)
     before, after = [], []
     for _ in range(3):
-        data, true = simulate(rng, dataclasses.replace(QUICK, beside=4), dataclasses.replace(BOW, bow_mm=0.1))
+        data, true = simulate(
+            rng, dataclasses.replace(QUICK, tilted_views=4), dataclasses.replace(BOW, bow_mm=0.1)
+        )
         estimate = estimate_session(data)
         absolute = absolute_poses(data, estimate).poses
         both: list[dict[str, np.ndarray]] = [{}, {}]
@@ -87,13 +89,13 @@ def test_a_certain_print_leaves_the_cameras_uncertainty_alone() -> None:
     assert total[0] < total[1] < total[2]
 
 
-def test_tilted_views_beside_the_cube_narrow_what_a_print_leaves_open() -> None:
+def test_further_tilted_views_the_cube_narrow_what_a_print_leaves_open() -> None:
     widths = {}
-    for beside in (0, 4):
-        data, _ = simulate(np.random.default_rng(7), dataclasses.replace(QUICK, beside=beside), PERFECT)
+    for count in (0, 4):
+        data, _ = simulate(np.random.default_rng(7), dataclasses.replace(QUICK, tilted_views=count), PERFECT)
         estimate = estimate_session(data)
         found = absolute_poses(data, estimate)
-        widths[beside] = np.mean(
+        widths[count] = np.mean(
             [np.trace(p.common[:3] @ p.common[:3].T) for p in found.poses.values() if p.common is not None]
         )
     assert widths[4] < 0.3 * widths[0]
