@@ -7,10 +7,12 @@ its nominal grid. Truth is where the camera was, mean over the cycles; of the pa
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 
+from benchmarks.table import Row
 from core.errors import GridposeError
 from core.geometry import Camera, project, so3_exp, transform, transform_points
 from core.session import ImageObservation, SessionData, estimate_session, group_views
@@ -196,3 +198,31 @@ def measure(setup: Setup, departure: Departure, sessions: int, seed: int) -> Tal
                 tally.distances.append(error / u)
                 tally.widths.append(u / u_bare)
     return tally
+
+
+SETUPS = (
+    ("five poses", Setup(), 54),
+    ("and four tilted views", Setup(tilted_views=4), 36),
+)
+
+
+def trust_rows(seeds: Sequence[int], quick: bool) -> Iterator[Row]:
+    """Yield for every departure the coverage of distances and positions, and how wide the intervals are."""
+    for name, setup, whole in SETUPS:
+        sessions = 4 if quick else max(whole // len(seeds), 1)
+        for departure in DEPARTURES:
+            found = [measure(setup, departure, sessions, seed) for seed in seeds]
+            distances, positions, widths = (
+                np.concatenate([getattr(tally, part) for tally in found])
+                for part in ("distances", "positions", "widths")
+            )
+            refused = sum(tally.refused for tally in found)
+            note = f"{sessions * len(seeds)} sessions, {refused} refused; rms of error ÷ u"
+            title = f"shape: {departure.name}, {name}"
+            for what, errors in (("AD", distances), ("positions", positions)):
+                covered = 100.0 * float(np.mean(np.abs(errors) < 1.96))
+                rms = float(np.sqrt(np.mean(errors**2)))
+                yield Row.at_least(f"{title}: coverage of {what}", covered, 90.0, "%", f"{note} {rms:.2f}")
+            if departure is DEPARTURES[0]:
+                width = float(np.median(widths))
+                yield Row.at_most(f"{title}: u ÷ u of a perfect print, median", width, 1.3)
