@@ -30,6 +30,7 @@ from core.kinematics.global_fit import (
     blocks_of,
     frame_errors,
 )
+from core.numerics import covariance_of
 
 MAX_LENGTH_UNCERTAINTY_MM, MAX_ANGLE_UNCERTAINTY = 3.0, math.radians(0.25)
 MIN_FOLD_SHARE = 1.2
@@ -91,6 +92,7 @@ def extend(
         scatter=model.scatter,
         residuals=residuals,
         used=used,
+        information=covariance_of(covariance),
         covariance=covariance,
     )
     fitted, gauge = _with_held(fitted, gauge, refined.arm.parameters if held_at is None else held_at)
@@ -179,6 +181,7 @@ def _with_held(fitted: FitResult, gauge: Gauge, values: Float[np.ndarray, "j 5"]
             fitted,
             arm=fitted.arm.moved(move),
             free=everywhere,
+            information=covariance_of(covariance[np.ix_(left, left)]),
             covariance=covariance[np.ix_(left, left)],
         ),
         replace(gauge, free=free, unidentifiable=(*gauge.unidentifiable, *said)),

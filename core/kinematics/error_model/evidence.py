@@ -31,6 +31,7 @@ _ENOUGH = 0.05
 _MAX_EVALUATIONS = 60
 _FLAT = 0.05
 _NOISE_RANGE = 60.0
+_NOWHERE = 1e6  # times the objective at the start
 _RANGE = 25.0
 """Logarithms of variances stay so near to where they begin: e⁻²⁵ is nothing."""
 
@@ -166,7 +167,10 @@ def maximise(
     scale = max(abs(objective(begin)[0]), 1.0)
 
     def scaled(x: Float[np.ndarray, " x"]) -> tuple[float, Float[np.ndarray, " x"]]:
-        value, gradient = objective(np.clip(begin + unit * x, lowest, highest))
+        try:
+            value, gradient = objective(np.clip(begin + unit * x, lowest, highest))
+        except np.linalg.LinAlgError:  # a line search went where rounding decides: it comes back from there
+            return _NOWHERE, np.zeros(len(x))
         return value / scale, gradient * unit / scale
 
     answer = minimize(

@@ -1,10 +1,10 @@
 """The model of an arm beyond its chain: which terms it has, what they are, and what it predicts.
 
-Which level is taken: the one of the greatest marginal likelihood; from 60 configurations on only where it also predicts
-held-out poses no worse than the chain alone, with fewer only on strong evidence of both kinds. The covariance of the
-chain's parameters is another question. They scatter by whatever the robot has beyond its chain, whether or not these
-terms are good for prediction: cov = C + C B V Bᵀ C, where C is the level's posterior covariance, B the products of its
-columns with those of the terms that it lacks, and V the variances of these.
+Which level is taken: the one of the greatest marginal likelihood, where the evidence is strong and it predicts held-out
+poses no worse than the chain alone; with fewer than 60 configurations it has to predict them better. The covariance of
+the chain's parameters is another question. They scatter by whatever the robot has beyond its chain, whether or not
+these terms are good for prediction: cov = C + C B V Bᵀ C, where C is the level's posterior covariance, B the products
+of its columns with those of the terms that it lacks, and V the variances of these.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from core.kinematics.global_fit import Blocking, HoldOutError, rms
 from core.numerics import Variances
 
 STRONG_EVIDENCE = 10.0
-"""In twice the logarithm of the likelihood: what few configurations have to say for terms beyond the chain."""
+"""In twice the logarithm of the likelihood: what poses have to say for terms beyond the chain."""
 STRONG_GAIN = 0.95
 """Held-out error of a level by that of the chain alone: what few configurations have to gain."""
 _RANDOM = "random"
@@ -209,9 +209,11 @@ def chosen_level(fit: ErrorFit, held_out: Mapping[Level, HoldOutError]) -> Level
     if not held_out:
         return Level.DH
     chain, few = fit.levels[Level.DH].minus_2_log, int(fit.used.sum()) < FEW_POSES
-    least_gain, most_error = (STRONG_EVIDENCE, STRONG_GAIN) if few else (0.0, 1.0)
+    most_error = STRONG_GAIN if few else 1.0
     for level in sorted(fit.levels, key=lambda one: fit.levels[one].minus_2_log):
         ratio = held_out[level].position_rms_mm / held_out[Level.DH].position_rms_mm
-        if level is Level.DH or (chain - fit.levels[level].minus_2_log > least_gain and ratio <= most_error):
+        if level is Level.DH or (
+            chain - fit.levels[level].minus_2_log > STRONG_EVIDENCE and ratio <= most_error
+        ):
             return level
     return Level.DH

@@ -10,8 +10,8 @@ from scipy.spatial.transform import Rotation
 from core.kinematics.pose_observations import PoseData
 
 
-def tracked(data_folder: Path) -> PoseData:
-    file = data_folder / "ur10_lasertracker" / "Series_B" / "measurements_joint_configurations.csv"
+def tracked(data_folder: Path, series: str = "Series_B") -> PoseData:
+    file = data_folder / "ur10_lasertracker" / series / "measurements_joint_configurations.csv"
     lines = file.read_text().splitlines()
     rows = np.array([[float(text.replace(",", ".")) for text in line.split(";")] for line in lines[1:]])
     column = {name: i for i, name in enumerate(lines[0].split(";"))}
