@@ -34,7 +34,13 @@ JITTER = math.radians(0.2)
 """Of every joint at every visit, so that no two visits have the same configuration."""
 CYCLES = 20
 ANALYSES = ("repeatability", "intrinsics", "camera_poses", "hand_eye", "dh")
-SETTINGS = {"estimator": "pooled", "source": "images", "method": "global", "joint_tolerance_deg": "0.02"}
+SETTINGS = {
+    "estimator": "pooled",
+    "source": "images",
+    "method": "global",
+    "model": "auto",
+    "joint_tolerance_deg": "0.02",
+}
 MOST_GROWTH = 1.3
 """Of the time per image, from 10,000 to 100,000: n log n makes 1.25 of it."""
 
