@@ -16,6 +16,7 @@ from app.analyses.documents.dh import dh_findings
 from app.analyses.documents.findings import Findings, findings_document
 from app.analyses.documents.hand_eye import hand_eye_findings
 from app.analyses.documents.intrinsics import intrinsics_findings
+from app.analyses.documents.qualification import qualification_findings
 from app.analyses.documents.repeatability import repeatability_findings
 from app.analyses.inputs.change_token import read_change_token
 from app.analyses.inputs.session_loader import Markers, load_session, read_markers
@@ -48,6 +49,7 @@ ANALYSES: dict[str, Document] = {
     "camera_poses": camera_poses_findings,
     "hand_eye": hand_eye_findings,
     "dh": dh_findings,
+    "qualification": qualification_findings,
     "scatter_plot": _plot("scatter_plot"),
     "drift_plot": _plot("drift_plot"),
     "residual_map": _plot("residual_map"),

@@ -26,6 +26,10 @@ app = typer.Typer(
                 "app.cli.server.worker:work",
                 "Compute queued images without serving HTTP.",
             ),
+            "qualify": (
+                "app.cli.qualify:qualify",
+                "Compare known lengths between poses of a session with what it measured of them.",
+            ),
             "doctor": (
                 "app.cli.doctor.command:doctor",
                 "Check this installation and its data folder, with advice for each problem found.",

@@ -22,6 +22,7 @@ from core.metrology.iso9283 import (
 )
 from core.metrology.outliers import Outlier
 from core.metrology.pose_cycles import COMPONENTS, PerComponent, PoseCycles, angles_from_vectors
+from core.metrology.qualification import KnownLength, LengthError, Qualification, qualify
 from core.metrology.repeatability import PoseRepeatability, assess_repeatability
 from core.metrology.rp_distribution import CONFIDENCE, eigenvalues, long_run_rp, rp_sampling_distribution
 from core.metrology.test_cube import CYCLES, TEST_PLANES, VISITS, TestCube
@@ -43,11 +44,14 @@ __all__ = [
     "EstimatedDeviation",
     "HeldOutDeviation",
     "IntervalEstimate",
+    "KnownLength",
+    "LengthError",
     "Outlier",
     "PerComponent",
     "PoseAccuracy",
     "PoseCycles",
     "PoseRepeatability",
+    "Qualification",
     "Reading",
     "TestCube",
     "TiedDeviations",
@@ -69,6 +73,7 @@ __all__ = [
     "noise_only_lengths",
     "pose_accuracy",
     "position_repeatability",
+    "qualify",
     "repeatability_reading",
     "rp_sampling_distribution",
     "tied_accuracy",

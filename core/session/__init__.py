@@ -40,6 +40,7 @@ if TYPE_CHECKING:
     )
     from core.session.performance import Approaches, PoseDistance
     from core.session.poses_by_image import ImagePose, image_poses
+    from core.session.qualification import qualify_session
     from core.session.repeatability import (
         DRIFT_BLOCK,
         PoseRow,
@@ -60,6 +61,7 @@ if TYPE_CHECKING:
     from core.session.targets import RefinedTarget, refine_target, target_transforms
 
 _NAMES = {
+    "qualification": ("qualify_session",),
     "acceptance": ("LimitAcceptance", "SessionAcceptance", "assess_acceptance"),
     "calibration": (
         "CalibratedSession",
@@ -172,6 +174,7 @@ __all__ = [
     "measured_rows",
     "natural",
     "observed_radius",
+    "qualify_session",
     "refine_target",
     "select_images",
     "semidefinite",

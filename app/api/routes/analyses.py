@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from typing import Annotated, Any
 
 from fastapi import Query, Request, Response
@@ -9,7 +10,7 @@ from pydantic import Field
 
 from app.analyses.documents.sweep_names import PATTERN, sweeps_setting
 from app.api.dependencies import SessionPath
-from app.api.representations import CSV, FormDep, answer_in_form
+from app.api.representations import CSV, FormDep, answer_analysis, answer_in_form
 from app.api.routing import api_router, problem_responses
 from app.api.schemas.analyses import (
     CameraPosesAnalysis,
@@ -21,6 +22,8 @@ from app.api.schemas.analyses import (
     HandEyeAnalysis,
     IntrinsicsAnalysis,
     LensModel,
+    QualificationAnalysis,
+    QualificationCreate,
     RepeatabilityAnalysis,
     Source,
 )
@@ -142,6 +145,28 @@ async def get_hand_eye(
 async def get_comparison(session_id: SessionPath, request: Request, form: FormDep) -> Response:
     """Compare every method on the same images: calibration (the paper's Table II) and repeatability (Table III)."""
     return await answer_in_form(request, "comparison", ComparisonAnalysis, session_id, {}, form)
+
+
+@router.post(
+    "/qualification",
+    response_model=QualificationAnalysis,
+    responses=problem_responses(404, 409, 413, 415, 422, 503),
+)
+async def create_qualification(
+    session_id: SessionPath, body: QualificationCreate, request: Request
+) -> Response:
+    """Compare known lengths between poses with what the session measured of them.
+
+    It qualifies camera, lens and target together, in the spirit of VDI/VDE 2634 and ASTM E2919. Nothing is stored.
+    """
+    fields = body.model_dump()
+    settings = {
+        "estimator": body.estimator,
+        "source": body.source,
+        "lengths": json.dumps(fields["lengths"]),
+        "maximum_permissible_error_mm": json.dumps(body.maximum_permissible_error_mm),
+    }
+    return await answer_analysis(request, "qualification", session_id, settings, None)
 
 
 MethodQuery = Annotated[

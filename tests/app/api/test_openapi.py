@@ -281,6 +281,7 @@ def test_the_contract_is_all_there(document: dict[str, Any]) -> None:
         "POST /v1/sessions/{session_id}/images/missing",
         "POST /v1/sessions/{session_id}/measured-poses",
         "POST /v1/sessions/{session_id}/poses",
+        "POST /v1/sessions/{session_id}/qualification",
         "POST /v1/sessions/{session_id}/reprocess",
         "POST /v1/targets",
         "PUT /v1/sessions/{session_id}/poses/{pose_id}",

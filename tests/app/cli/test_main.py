@@ -35,7 +35,7 @@ COMMANDS = dict(lazy_commands())
 def test_the_table_holds_every_command() -> None:
     assert sorted(COMMANDS) == sorted(
         [
-            *("serve", "worker", "doctor", "backup", "restore", "upload", "demo", "version"),
+            *("serve", "worker", "doctor", "qualify", "backup", "restore", "upload", "demo", "version"),
             *("keys create", "keys list", "keys revoke", "schema show", "schema downgrade"),
             *(
                 "robots export",

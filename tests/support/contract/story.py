@@ -177,6 +177,9 @@ def _images(client: Any, session_id: str) -> None:
 
 
 def _analyses(client: Any, session_id: str) -> None:
+    length = {"from_pose_id": "P1", "to_pose_id": "P2", "length_mm": 100.0, "standard_uncertainty_mm": 0.01}
+    asked = {"lengths": [length], "maximum_permissible_error_mm": 500.0}
+    _done(client.post(f"/v1/sessions/{session_id}/qualification", json=asked))
     for analysis in ("intrinsics", "repeatability", "camera-poses", "hand-eye", "comparison"):
         _done(client.get(f"/v1/sessions/{session_id}/{analysis}", headers=_CSV))
     for analysis in (

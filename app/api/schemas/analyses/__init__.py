@@ -8,6 +8,7 @@ from app.api.schemas.analyses.dh_model import DhMethod, DhModel
 from app.api.schemas.analyses.dh_plan import DhPlan, DhPlanCreate
 from app.api.schemas.analyses.hand_eye import HandEyeAnalysis
 from app.api.schemas.analyses.intrinsics import IntrinsicsAnalysis
+from app.api.schemas.analyses.qualification import QualificationAnalysis, QualificationCreate
 from app.api.schemas.analyses.repeatability import RepeatabilityAnalysis
 from app.api.schemas.camera import LensModel
 
@@ -23,6 +24,8 @@ __all__ = [
     "HandEyeAnalysis",
     "IntrinsicsAnalysis",
     "LensModel",
+    "QualificationAnalysis",
+    "QualificationCreate",
     "RepeatabilityAnalysis",
     "Source",
 ]

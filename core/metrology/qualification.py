@@ -1,0 +1,154 @@
+"""Qualification of a measuring set-up by known lengths: errors of length, scatter of probing, and the scale they show.
+
+A length is the distance of two mean positions; its error is what is measured less the calibrated length. The
+uncertainty of the test value is the calibrated length's and that of the means, and nothing of the instrument's own:
+print, lens and temperature are what the test is about. A limit (maximum permissible error) is kept where every error
+and its 95 % uncertainty lie within it, exceeded where one lies beyond it.
+
+The scale is the slope of the errors over the lengths, by least squares weighted with their uncertainties.
+
+References: VDI/VDE 2634 part 1 (length measurement error); ASTM E2919 (pose measurement systems); ISO/TS 23165:2006
+(test value uncertainty); ISO 14253-1:2017.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.special import stdtrit
+
+from core.errors import InvalidArgument
+from core.metrology.acceptance import Decision
+from core.metrology.pose_cycles import PoseCycles
+from core.metrology.rp_distribution import CONFIDENCE
+
+_MANY = 1e6
+"""Degrees of freedom of a stated uncertainty."""
+
+
+@dataclass(frozen=True, slots=True)
+class KnownLength:
+    """A calibrated length between two poses, mm, with its standard uncertainty."""
+
+    from_pose_id: str
+    to_pose_id: str
+    length_mm: float
+    standard_uncertainty_mm: float
+
+    def __post_init__(self) -> None:
+        if not (0.0 < self.length_mm < math.inf and 0.0 <= self.standard_uncertainty_mm < math.inf):
+            raise InvalidArgument(
+                f"The length from {self.from_pose_id} to {self.to_pose_id} must be longer than 0 mm, its uncertainty "
+                "not below 0."
+            )
+        if self.from_pose_id == self.to_pose_id:
+            raise InvalidArgument(f"A length leads from {self.from_pose_id} to itself.", "Name two poses.")
+
+
+@dataclass(frozen=True, slots=True)
+class LengthError:
+    """Error of one length, mm: measured less calibrated, with the test value's uncertainty and its 95 % interval."""
+
+    known: KnownLength
+    measured_mm: float
+    error_mm: float
+    standard_uncertainty_mm: float
+    interval_mm: tuple[float, float]
+
+
+@dataclass(frozen=True, slots=True)
+class Qualification:
+    """What known lengths show.
+
+    `probing_scatter_mm` is the largest distance of a visit from the mean of its pose, None where no pose has two.
+    `scale_ppm` is by how much lengths are measured too long, with its standard uncertainty. `decision` is on the
+    maximum permissible error, None where none is stated.
+    """
+
+    errors: tuple[LengthError, ...]
+    probing_scatter_mm: float | None
+    scale_ppm: float
+    scale_standard_uncertainty_ppm: float
+    decision: Decision | None
+
+    @property
+    def worst(self) -> LengthError:
+        return max(self.errors, key=lambda one: abs(one.error_mm))
+
+
+def qualify(
+    lengths: Sequence[tuple[KnownLength, PoseCycles, PoseCycles]],
+    maximum_permissible_error_mm: float | None = None,
+) -> Qualification:
+    """Compare calibrated lengths with the distances of the poses' mean positions.
+
+    Each length comes with the visits to the pose where it begins and to that where it ends. Raises InvalidArgument
+    without lengths, and for a pose of one visit whose covariance is not stated.
+    """
+    if not lengths:
+        raise InvalidArgument("A qualification needs a known length.", "State one between two of the poses.")
+    errors = tuple(_compared(*one) for one in lengths)
+    poses = {id(cycles): cycles for _, *both in lengths for cycles in both}
+    scatter = [
+        float(np.linalg.norm(cycles.positions_mm - cycles.positions_mm.mean(axis=0), axis=1).max())
+        for cycles in poses.values()
+        if len(cycles) > 1
+    ]
+    length = np.array([one.known.length_mm for one in errors])
+    weight = 1.0 / np.array([one.standard_uncertainty_mm for one in errors]) ** 2
+    information = float(weight @ length**2)
+    scale = float(weight @ (length * [one.error_mm for one in errors])) / information
+    return Qualification(
+        errors,
+        max(scatter, default=None),
+        1e6 * scale,
+        1e6 / math.sqrt(information),
+        None if maximum_permissible_error_mm is None else _decided(errors, maximum_permissible_error_mm),
+    )
+
+
+def _compared(known: KnownLength, first: PoseCycles, second: PoseCycles) -> LengthError:
+    way = second.positions_mm.mean(axis=0) - first.positions_mm.mean(axis=0)
+    measured = float(np.linalg.norm(way))
+    if measured == 0.0:
+        raise InvalidArgument(
+            f"Poses {known.from_pose_id} and {known.to_pose_id} were measured at the same place."
+        )
+    variances = [(known.standard_uncertainty_mm**2, _MANY)]
+    variances += [_variance_of_mean(cycles, way / measured) for cycles in (first, second)]
+    variance = sum(v for v, _ in variances)
+    if variance == 0.0:
+        raise InvalidArgument(
+            f"Nothing is known of the uncertainty from {known.from_pose_id} to {known.to_pose_id}.",
+            "State the length's standard uncertainty, or visit the poses again.",
+        )
+    # Welch-Satterthwaite (GUM, G.4.1).
+    freedom = variance**2 / sum(v * v / nu for v, nu in variances)
+    error, half = (
+        measured - known.length_mm,
+        math.sqrt(variance) * float(stdtrit(freedom, 0.5 + CONFIDENCE / 2.0)),
+    )
+    return LengthError(known, measured, error, math.sqrt(variance), (error - half, error + half))
+
+
+def _variance_of_mean(cycles: PoseCycles, direction: np.ndarray) -> tuple[float, float]:
+    """Return the variance of the mean position along a direction, mm², and its degrees of freedom."""
+    n = len(cycles)
+    if n > 1:
+        return float(np.var(cycles.positions_mm @ direction, ddof=1)) / n, n - 1.0
+    if cycles.covariances is None:
+        raise InvalidArgument(
+            "A pose has one visit, and the instrument's covariance is not stated.",
+            "Visit each pose at least twice.",
+        )
+    return float(direction @ cycles.covariances[0, :3, :3] @ direction), _MANY
+
+
+def _decided(errors: Sequence[LengthError], limit_mm: float) -> Decision:
+    if any(low > limit_mm or high < -limit_mm for low, high in (one.interval_mm for one in errors)):
+        return Decision.FAIL
+    within = all(-limit_mm <= low and high <= limit_mm for low, high in (one.interval_mm for one in errors))
+    return Decision.PASS if within else Decision.INCONCLUSIVE

@@ -1,0 +1,121 @@
+"""Known lengths against what a session measured, over HTTP and with `gridpose qualify`."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner, Result
+
+from app.api.schemas.analyses import QualificationAnalysis
+from app.cli.main import app
+from tests.support.service.service import ApiMaker, assert_problem
+from tests.support.sessions.tracked_robot import drawn_poses, readings, send
+
+CYCLES = 12
+
+
+@pytest.fixture(scope="module")
+def served(serve_api: ApiMaker) -> Iterator[Any]:
+    with serve_api() as api:
+        yield api
+
+
+@pytest.fixture(scope="module")
+def measured(served: Any) -> tuple[str, list[dict[str, Any]]]:
+    """Return a session of four poses that an instrument measured, and the lengths that it measured from P1 on."""
+    session = served.make_session()
+    sent = readings(drawn_poses(4, 4), cycles=CYCLES)
+    send(served, session, sent)
+    places = np.array([one["position_mm"] for one in sent]).reshape(CYCLES, 4, 3).mean(axis=0)
+    lengths = [
+        {
+            "from_pose_id": "P1",
+            "to_pose_id": f"P{k + 1}",
+            "length_mm": float(np.linalg.norm(places[k] - places[0])),
+            "standard_uncertainty_mm": 0.002,
+        }
+        for k in (1, 2, 3)
+    ]
+    return session, lengths
+
+
+def ask(api: Any, session: str, lengths: list[dict[str, Any]], **fields: Any) -> Any:
+    body = {"lengths": lengths, "source": "measured_poses", **fields}
+    return api.client.post(f"/v1/sessions/{session}/qualification", json=body)
+
+
+def test_true_lengths_are_kept_and_wrong_ones_are_not(served: Any, measured: Any) -> None:
+    session, lengths = measured
+    found = ask(served, session, lengths, maximum_permissible_error_mm=0.5).json()
+    QualificationAnalysis.model_validate(found, extra="forbid")
+    assert found["decision"] == "pass"
+    assert [one["to_pose_id"] for one in found["lengths"]] == ["P2", "P3", "P4"]
+    for one in found["lengths"]:
+        assert one["error_mm"] == pytest.approx(0.0, abs=1e-6)
+        low, high = one["interval_mm"]
+        assert low < 0.0 < high
+        assert one["standard_uncertainty_mm"] > one["length_standard_uncertainty_mm"]
+    longer = [{**one, "length_mm": one["length_mm"] * 1.01} for one in lengths]
+    found = ask(served, session, longer, maximum_permissible_error_mm=0.5).json()
+    assert found["decision"] == "fail"
+    assert found["scale_ppm"] == pytest.approx(-9900.0, rel=0.05)
+    assert ask(served, session, longer).json()["decision"] is None
+
+
+def test_what_was_not_measured_is_named(served: Any, measured: Any) -> None:
+    session, lengths = measured
+    problem = assert_problem(
+        ask(served, session, [{**lengths[0], "to_pose_id": "P9"}]), 409, "invalid_argument"
+    )
+    assert "P9" in problem["detail"]
+    assert problem["advice"]
+    assert_problem(ask(served, session, []), 422, "invalid_request")
+    assert_problem(ask(served, session, [{**lengths[0], "length_mm": 0.0}]), 422, "invalid_request")
+    assert_problem(ask(served, served.make_session(), lengths), 409, "measured_poses_missing")
+
+
+def qualify(api: Any, *arguments: str, code: int = 0) -> Result:
+    key = api.client.headers["authorization"].removeprefix("Bearer ")
+    settings = {"GRIDPOSE_URL": str(api.client.base_url), "GRIDPOSE_KEY": key}
+    done = CliRunner().invoke(app, ["qualify", *arguments, "--source", "measured_poses"], env=settings)
+    assert done.exit_code == code, done.output
+    return done
+
+
+def test_a_record_is_written_once(served: Any, measured: Any, tmp_path: Path) -> None:
+    session, lengths = measured
+    table = tmp_path / "lengths.csv"
+    names = list(lengths[0])
+    rows = [",".join(names), *(",".join(str(one[name]) for name in names) for one in lengths)]
+    table.write_text("\n".join(rows), encoding="utf-8")
+    record = tmp_path / "record.json"
+    options = ("--maximum-error-mm", "0.5", "--valid-days", "30", "-o", str(record))
+    assert "pass" in qualify(served, session, str(table), *options).stdout
+    written = json.loads(record.read_text(encoding="utf-8"))
+    assert written["due_at"] > written["made_at"]
+    assert written["decision"] == "pass"
+    qualify(served, session, str(table), *options, code=2)
+    assert json.loads(record.read_text(encoding="utf-8")) == written
+    assert (
+        "inconclusive" in qualify(served, session, str(table), "--maximum-error-mm", "0.001", code=3).stdout
+    )
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "from_pose_id,to_pose_id,length_mm\nP1,P2,3",
+        "from_pose_id,to_pose_id,length_mm,standard_uncertainty_mm\nP1,P2,a,1",
+    ],
+)
+def test_a_table_that_does_not_hold_lengths_is_refused(
+    served: Any, measured: Any, tmp_path: Path, text: str
+) -> None:
+    file = tmp_path / "lengths.csv"
+    file.write_text(text, encoding="utf-8")
+    assert "line 2" in qualify(served, measured[0], str(file), code=2).stderr

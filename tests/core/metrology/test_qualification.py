@@ -1,0 +1,92 @@
+"""Known lengths: errors, the scale they show, the uncertainty of the test value, and decisions on a limit."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from core.errors import InvalidArgument
+from core.metrology import Decision, KnownLength, PoseCycles, qualify
+
+PLACES = {"A": 0.0, "B": 100.0, "C": 250.0, "D": 400.0}
+
+
+def at(
+    place_mm: float, visits: int = 5, *, noise_mm: float = 0.0, rng: np.random.Generator | None = None
+) -> PoseCycles:
+    positions = np.tile([place_mm, 0.0, 0.0], (visits, 1))
+    if rng is not None:
+        positions = positions + rng.normal(0.0, noise_mm, positions.shape)
+    return PoseCycles(positions)
+
+
+def test_a_scale_error_is_seen_in_every_length_and_named() -> None:
+    lengths = [
+        (KnownLength("A", name, PLACES[name], 0.001), at(0.0), at(PLACES[name] * 1.0004)) for name in "BCD"
+    ]
+    found = qualify(lengths, 0.05)
+    assert [one.error_mm for one in found.errors] == pytest.approx([0.04, 0.1, 0.16])
+    assert found.scale_ppm == pytest.approx(400.0)
+    assert found.worst.known.to_pose_id == "D"
+    assert found.decision is Decision.FAIL
+    assert found.probing_scatter_mm == 0.0
+
+
+@pytest.mark.parametrize(
+    ("error", "decision"),
+    [
+        (0.02, Decision.PASS),
+        (0.045, Decision.INCONCLUSIVE),
+        (-0.055, Decision.INCONCLUSIVE),
+        (-0.08, Decision.FAIL),
+    ],
+)
+def test_a_limit_is_decided_on_with_the_uncertainty_of_the_test_value(
+    error: float, decision: Decision
+) -> None:
+    known = KnownLength("A", "B", 100.0, 0.005)
+    found = qualify([(known, at(0.0), at(100.0 + error))], 0.05)
+    assert found.decision is decision
+    low, high = found.errors[0].interval_mm
+    assert (low, high) == pytest.approx((error - 1.96 * 0.005, error + 1.96 * 0.005), abs=1e-5)
+    assert qualify([(known, at(0.0), at(100.0))]).decision is None
+
+
+def test_intervals_of_errors_hold_with_few_visits() -> None:
+    """600 lengths of a perfect instrument, three visits an end: four standard deviations about 95 %."""
+    rng = np.random.default_rng(12)
+    inside = []
+    for _ in range(600):
+        true = 200.0
+        stated = true + rng.normal(0.0, 0.004)
+        ends = at(0.0, 3, noise_mm=0.01, rng=rng), at(true, 3, noise_mm=0.01, rng=rng)
+        low, high = qualify([(KnownLength("A", "B", stated, 0.004), *ends)]).errors[0].interval_mm
+        inside.append(low <= 0.0 <= high)
+    assert abs(np.mean(inside) - 0.95) < 4.0 * math.sqrt(0.95 * 0.05 / 600)
+
+
+def test_one_visit_counts_where_the_instrument_says_how_sure_it_is() -> None:
+    alone = PoseCycles(np.array([[100.0, 0.0, 0.0]]), None, 0.03**2 * np.eye(6)[None])
+    found = qualify([(KnownLength("A", "B", 100.0, 0.04), at(0.0), alone)])
+    assert found.errors[0].standard_uncertainty_mm == pytest.approx(0.05)
+    with pytest.raises(InvalidArgument, match="one visit"):
+        qualify([(KnownLength("A", "B", 100.0, 0.01), at(0.0, 1), at(100.0))])
+
+
+def test_what_cannot_be_a_length_is_refused() -> None:
+    for wrong in (
+        ("A", "A", 1.0, 0.1),
+        ("A", "B", 0.0, 0.1),
+        ("A", "B", math.nan, 0.1),
+        ("A", "B", 1.0, -0.1),
+    ):
+        with pytest.raises(InvalidArgument):
+            KnownLength(*wrong)
+    with pytest.raises(InvalidArgument):
+        qualify([])
+    with pytest.raises(InvalidArgument, match="same place"):
+        qualify([(KnownLength("A", "B", 1.0, 0.1), at(0.0), at(0.0))])
+    with pytest.raises(InvalidArgument, match="uncertainty"):
+        qualify([(KnownLength("A", "B", 1.0, 0.0), at(0.0), at(1.0))])
