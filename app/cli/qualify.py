@@ -11,7 +11,7 @@ import typer
 from rich.markup import escape
 from rich.table import Table
 
-from app.cli.client_options import ReadAccess
+from app.cli.client_options import UploadAccess
 from app.cli.console import OptionRefused, output_console
 from app.cli.record_files import read_records
 from app.client import Json, ServiceClient, find_session
@@ -30,7 +30,7 @@ def qualify(
             dir_okay=False,
         ),
     ],
-    service: ReadAccess,
+    service: UploadAccess,
     maximum_error_mm: Annotated[
         float | None, typer.Option(help="Limit on every length's error, to be decided on.", min=0.0)
     ] = None,

@@ -41,7 +41,6 @@ OTHERWISE = {
         ("put_image", "create_image", "find_missing_images", "put_pose", "put_poses", "stream_events"),
         "ingest",
     ),
-    "create_qualification": "read",
     **dict.fromkeys(
         ("create_key", "list_keys", "get_key", "update_key", "revoke_key", "list_audit"), "admin"
     ),
