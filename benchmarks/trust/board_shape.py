@@ -49,7 +49,9 @@ DEPARTURES = (
 
 @dataclass(frozen=True)
 class Setup:
-    """A board, the half edge of the cube, the tilt of its views, cycles, and the number of further tilted views."""
+    """A board, the half edge of the cube, the tilt of its views, cycles, and the number of tilted views near the cube,
+    which are visited in every cycle as well.
+    """
 
     columns: int = 14
     rows: int = 10
@@ -129,7 +131,7 @@ def simulate(
     images, points, true = [], {}, {}
     for name, T in poses.items():
         visits = []
-        for cycle in range(1, (setup.cycles if name[0] == "P" else 1) + 1):
+        for cycle in range(1, setup.cycles + 1):
             at = T.copy()
             at[:3, 3] += rng.normal(0.0, setup.scatter_mm, 3)
             at[:3, :3] = so3_exp(rng.normal(0.0, 5e-5, 3)) @ at[:3, :3]
