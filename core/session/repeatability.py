@@ -16,6 +16,8 @@ from core.metrology import Drift, PerComponent, PoseCycles, PoseRepeatability, V
 from core.metrology import assess_repeatability as assess_cycles
 from core.session.absolute_poses import absolute_poses
 from core.session.commanded_poses import Accuracy, assess_accuracy
+from core.session.confirmation import unconfirmed
+from core.session.degraded_images import DEGRADED, degraded_images, degraded_warning, exclude_degraded
 from core.session.model import (
     ExcludedMeasurement,
     MeasuredPose,
@@ -31,12 +33,17 @@ DRIFT_BLOCK = 10
 
 @dataclass(frozen=True, slots=True)
 class PoseRow:
-    """One pose: the visits that count for it, in order, those that do not, its figures, and the outliers' visits."""
+    """One pose: the visits that count for it, in order, those that do not, and its figures.
+
+    `including_degraded` is the repeatability with the cycles that do not count because their images are degraded
+    (`core.session.degraded_images`); None without such cycles.
+    """
 
     pose_id: str
     visits: tuple[MeasuredPose, ...]
     excluded: tuple[ExcludedMeasurement, ...]
     figures: PoseRepeatability | None
+    including_degraded: PerComponent[float | None] | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,7 +86,7 @@ def assess_repeatability(
     ----------
     ISO 9283:1998, 7.2 (AP, RP), 7.2.3 (vAP), 7.3 (AD, RD), 7.6 (drift).
     """
-    rows = measured_rows(data) if estimate is None else image_rows(data, estimate)
+    rows, withheld = (measured_rows(data), ()) if estimate is None else _confirmed_rows(data, estimate)
     visits = {row.pose_id: row.visits for row in rows if row.visits}
     absolute: Mapping[str, tuple[MeasuredPose, ...]] = visits
     before = _measured_warnings(data) if estimate is None else estimate.warnings
@@ -99,8 +106,25 @@ def assess_repeatability(
         tuple(rows),
         accuracy,
         performance,
-        (*before, *of_prints, *_row_warnings(rows), *accuracy.warnings, *performance.warnings),
+        (*before, *of_prints, *_row_warnings(rows), *withheld, *accuracy.warnings, *performance.warnings),
     )
+
+
+def _confirmed_rows(
+    data: SessionData, estimate: SessionEstimate
+) -> tuple[list[PoseRow], tuple[Advisory, ...]]:
+    """Return the rows, those without the verdict `robot` that the session's common camera does not confirm."""
+
+    def figures_of(one: SessionEstimate) -> dict[str, PoseRepeatability]:
+        return {row.pose_id: row.figures for row in image_rows(data, one) if row.figures is not None}
+
+    held, warnings = unconfirmed(data, estimate, figures_of)
+    return [
+        replace(row, figures=_without_robot_verdict(row.figures))
+        if row.figures is not None and row.pose_id in held
+        else row
+        for row in image_rows(data, estimate)
+    ], warnings
 
 
 def image_rows(data: SessionData, estimate: SessionEstimate) -> list[PoseRow]:
@@ -120,8 +144,18 @@ def image_rows(data: SessionData, estimate: SessionEstimate) -> list[PoseRow]:
     for pose_id in visits:
         visits[pose_id], others = _of_one_target(visits[pose_id])
         excluded[pose_id] += others
-    unreliable = estimate.unsteady | estimate.differing
-    return _rows(visits, excluded, unreliable)
+    degraded = degraded_images(estimate)
+    whole: dict[str, list[MeasuredPose]] = {}
+    for pose_id in visits:
+        counted, others = exclude_degraded(visits[pose_id], degraded)
+        if others:
+            whole[pose_id] = visits[pose_id]
+            visits[pose_id] = counted
+            excluded[pose_id] += others
+    rows = _rows(visits, excluded, estimate.unsteady | estimate.differing)
+    with_all = assess_cycles([_cycles(of_pose) for of_pose in whole.values()])
+    figures = {pose_id: one.repeatability for pose_id, one in zip(whole, with_all, strict=True)}
+    return [replace(row, including_degraded=figures.get(row.pose_id)) for row in rows]
 
 
 def measured_rows(data: SessionData) -> list[PoseRow]:
@@ -232,7 +266,13 @@ def _row_warnings(rows: Sequence[PoseRow]) -> list[Advisory]:
     for row in rows:
         for warning in row.figures.warnings if row.figures else ():
             kinds.setdefault(warning.code, []).append((row.pose_id, warning))
-    warnings = []
+    warnings = degraded_warning(
+        {
+            row.pose_id: [one.measurement_id for one in row.excluded if one.code == DEGRADED]
+            for row in rows
+            if row.including_degraded is not None
+        }
+    )
     for code, found in kinds.items():
         first = found[0][1]
         noun, also = ("Pose", "") if len(found) == 1 else ("Poses", " (of the first)")

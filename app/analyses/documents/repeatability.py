@@ -72,6 +72,7 @@ def _row(row: PoseRow, found: SessionRepeatability, listed: ExcludedList) -> dic
         "corrected_interval": intervals_document(figures.corrected_interval if figures else _NOTHING),
         "without_outliers": figures_document(without) if without else None,
         "outliers": _outliers(row),
+        "including_degraded": figures_document(row.including_degraded) if row.including_degraded else None,
         "accuracy": _accuracy(accuracy) if accuracy is not None else None,
         "verdict": figures.verdict if figures else "too_few_cycles",
         "measurement_ids": [visit.measurement_id for visit in row.visits],

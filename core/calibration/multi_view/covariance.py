@@ -10,7 +10,13 @@ from jaxtyping import Bool, Float
 from core.calibration.fixed_principal_point import STEP_EMBEDDING
 from core.calibration.multi_view.correlated_residuals import VarianceInflation, variance_inflation
 from core.calibration.multi_view.initialisation import Fitted
-from core.calibration.multi_view.repeat_noise import OwnFit, RepeatScatter, correlated_scatter
+from core.calibration.multi_view.repeat_noise import (
+    OwnFit,
+    RepeatScatter,
+    correlated_scatter,
+    image_p_values,
+    pose_contrasts,
+)
 from core.calibration.multi_view.schur_blocks import (
     change_variances,
     disagreement,
@@ -21,7 +27,7 @@ from core.calibration.multi_view.schur_blocks import (
     repeated_scales,
     transformed,
 )
-from core.calibration.multi_view.view_stack import Placements, ViewStack, coordinates
+from core.calibration.multi_view.view_stack import Placements, ViewStack, coordinates, groups_of
 from core.calibration.state import RADIAL_PRIORS, SMALLEST_NOISE_PX, camera_prior
 from core.geometry import free_parameters
 
@@ -40,6 +46,8 @@ class MultiViewCovariance:
     disagreement: float | None
     unsteady: Bool[np.ndarray, " k"]
     growth: VarianceInflation
+    misfit: float
+    image_p_values: Float[np.ndarray, "k 2"]
 
 
 def multi_view_covariance(fitted: Fitted) -> MultiViewCovariance:
@@ -85,7 +93,9 @@ def multi_view_covariance(fitted: Fitted) -> MultiViewCovariance:
         contradiction = disagreement(parts, at.square_sums, 2.0 * points, in_common)
         unsteady = drifting_cameras(views, fitted.labels, parts, at.placements, white.changes)
     fit = OwnFit(parts, own, C, scale)
-    repeated, by_camera = correlated_scatter(views, at, used, fitted.labels, fit, white, unsteady)
+    groups = groups_of(fitted.labels * len(views.targets) + views.target)
+    contrasts = [pose_contrasts(views, at.placements, at.residuals, used, own, group) for group in groups]
+    repeated, by_camera = correlated_scatter(views, at, used, groups, contrasts, fit, white, unsteady)
     if unsteady.any():
         unsteady = by_camera | drifting_cameras(views, fitted.labels, parts, at.placements, repeated.changes)
     positions = views.centroids - np.einsum("kji,kj->ki", rotations, centroids)
@@ -112,6 +122,8 @@ def multi_view_covariance(fitted: Fitted) -> MultiViewCovariance:
         contradiction,
         unsteady,
         growth,
+        float(np.mean((scale / noise) ** 2)),
+        image_p_values(views, [one for one in contrasts if one is not None]),
     )
 
 

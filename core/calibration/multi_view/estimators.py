@@ -101,6 +101,8 @@ class GroupEstimate:
     differing
         Of each image, whether the images of its pose show so different points that they had to be estimated from other
         points each (`repeat_consistency`): then systematic errors add to their scatter.
+    image_p_values
+        Chance of each image's fine residuals and of their pattern, if it were as the others of its pose.
     warnings
         What to know of the whole group.
     inflation
@@ -108,6 +110,8 @@ class GroupEstimate:
         poses grow with them, `scatter` does not (`systematic`).
     fit
         What `pooled` fitted; None with other estimators.
+    misfit
+        Variance of the residuals over that of the noise which repeats show: 1 where the model fits.
     """
 
     estimator: str
@@ -126,9 +130,11 @@ class GroupEstimate:
     disagreement: float | None
     unsteady: Bool[np.ndarray, " k"]
     differing: Bool[np.ndarray, " k"]
+    image_p_values: Float[np.ndarray, "k 2"]
     warnings: tuple[Advisory, ...] = ()
     inflation: float = 1.0
     fit: CommonFit | None = None
+    misfit: float = 1.0
 
 
 def estimate_group(
@@ -229,6 +235,7 @@ def _without_ambiguous(
         rms_px=estimate.rms_px[rest],
         unsteady=estimate.unsteady[rest],
         differing=estimate.differing[rest],
+        image_p_values=estimate.image_p_values[rest],
         fit=None if estimate.fit is None else estimate.fit.take(np.flatnonzero(rest)),
     )
 
@@ -263,9 +270,11 @@ def _with_covariance(
         disagreement=uncertainty.disagreement,
         unsteady=uncertainty.unsteady,
         differing=differing[fitted.images],
+        image_p_values=uncertainty.image_p_values,
         warnings=fitted.warnings + _warnings(inflation),
         inflation=inflation,
         fit=_common_fit(fitted, uncertainty.growth),
+        misfit=uncertainty.misfit,
     )
 
 

@@ -14,6 +14,7 @@ from core.calibration.multi_view.view_stack import ViewStack
 from core.geometry.camera import Camera, project
 from core.geometry.se3 import so3_exp, transform_points
 from core.metrology import PoseCycles, PoseRepeatability, assess_repeatability
+from core.session.model import CameraViews, ImageObservation, SessionData
 from core.targets.specification import TargetSpec
 from tests.support.simulation.simulated_views import draw_camera, draw_pose
 
@@ -112,13 +113,16 @@ def noisy_session(
     target: TargetSpec = BOARD,
     tilt_deg: float = 30.0,
     camera: Camera | None = None,
+    slip: tuple[int, float] | None = None,
 ) -> NoisySession:
-    """Simulate a session; the robot's positions scatter by `robot_mm` along each axis, 0 for one at rest."""
+    """Simulate a session; the robot's positions scatter by `robot_mm` along each axis, 0 for one at rest. In image
+    `slip[0]` it stands `slip[1]` mm aside as well.
+    """
     camera = camera or draw_camera(rng)
     ideal = target.points_target()
     # Poses are drawn first: sessions of one seed see the same, whatever the noise and however many cycles.
     placements = [draw_pose(rng, target, camera, WIDTH, math.radians(tilt_deg)) for _ in range(poses)]
-    points = []
+    points: list[Float[np.ndarray, "p 2"]] = []
     for T in placements:
         exact = project(transform_points(T, ideal), camera)
         grid = exact.reshape(target.grid_rows, target.grid_columns, 2)
@@ -129,6 +133,8 @@ def noisy_session(
             if robot_mm:
                 moved[:3, 3] += rng.normal(0.0, robot_mm, 3)
                 moved[:3, :3] = so3_exp(rng.normal(0.0, 1e-6, 3)) @ moved[:3, :3]
+            if slip is not None and len(points) == slip[0]:
+                moved[0, 3] += slip[1]
             points.append(project(transform_points(moved, ideal), camera) + drawn[j])
     row, column = (a.ravel() for a in np.mgrid[0 : target.grid_rows, 0 : target.grid_columns])
     count = poses * cycles
@@ -158,3 +164,17 @@ def figures(session: NoisySession, found: GroupEstimate) -> list[PoseRepeatabili
     return assess_repeatability(
         [PoseCycles(found.positions_mm[p], found.rotations[p], found.scatter[p]) for p in poses]
     )
+
+
+def session_data(session: NoisySession, intrinsics: Camera | None = None) -> SessionData:
+    """Return what the service would know of a session: poses P0, P1, ... with cycles from 1 on."""
+    images, cycles = [], dict.fromkeys(session.labels, 0)
+    for k, label in enumerate(session.labels):
+        cycles[label] += 1
+        images.append(
+            ImageObservation(
+                f"m{k}", f"P{label}", cycles[label], f"{k:064x}", 0, "default", None, WIDTH, HEIGHT
+            )
+        )
+    group = CameraViews("default", np.arange(len(images)), session.views)
+    return SessionData(session.views.targets, ("board",), tuple(images), (group,), intrinsics=intrinsics)

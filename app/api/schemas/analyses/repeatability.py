@@ -102,6 +102,13 @@ class PoseRepeatability(ResponseModel):
         list[OutlierRead],
         Field(description="Cycles that the scatter of the others does not explain; they count."),
     ]
+    including_degraded: Annotated[
+        RepeatabilityFigures | None,
+        Field(
+            description="`repeatability` with the cycles that do not count because their images are degraded "
+            "(`image_degraded` in `excluded`); null without such cycles."
+        ),
+    ]
     accuracy: Annotated[
         PoseAccuracy | None,
         Field(

@@ -7,5 +7,14 @@ from core.calibration.multi_view.repeat_noise.estimation import (
     RepeatScatter,
     correlated_scatter,
 )
+from core.calibration.multi_view.repeat_noise.image_evidence import image_p_values
 
-__all__ = ["NoiseModel", "OwnFit", "PoseContrasts", "RepeatScatter", "correlated_scatter", "pose_contrasts"]
+__all__ = [
+    "NoiseModel",
+    "OwnFit",
+    "PoseContrasts",
+    "RepeatScatter",
+    "correlated_scatter",
+    "image_p_values",
+    "pose_contrasts",
+]

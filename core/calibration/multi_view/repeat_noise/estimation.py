@@ -27,11 +27,10 @@ from core.calibration.multi_view.repeat_noise.contrasts import (
     camera_share,
     jacobian_of,
     own_part,
-    pose_contrasts,
 )
 from core.calibration.multi_view.repeat_noise.noise_fields import propagated_fields
 from core.calibration.multi_view.schur_blocks import SchurBlocks, camera_changes, in_target_frame, transformed
-from core.calibration.multi_view.view_stack import Linearised, ViewStack, evenly, groups_of
+from core.calibration.multi_view.view_stack import Linearised, ViewStack, evenly
 from core.calibration.state import SMALLEST_NOISE_PX
 from core.numerics import SampleCovariance, estimate_components, first_component_alone, log_likelihood
 
@@ -86,7 +85,8 @@ def correlated_scatter(
     views: ViewStack,
     at: Linearised,
     used: Bool[np.ndarray, " n"],
-    labels: Int[np.ndarray, " k"],
+    groups: Sequence[Int[np.ndarray, " _"]],
+    found: Sequence[PoseContrasts | None],
     fit: OwnFit,
     white: RepeatScatter,
     changed: Bool[np.ndarray, " k"],
@@ -95,8 +95,8 @@ def correlated_scatter(
 
     Parameters
     ----------
-    labels
-        Of the robot's pose that each image shows.
+    groups, found
+        The images of each pose before each target, and their contrasts.
     white
         The scatter under white noise, which is returned where too few repeats show anything else.
     changed
@@ -104,8 +104,6 @@ def correlated_scatter(
         to do so where most of what white noise does not explain is of the form that a change of the camera has; what
         these poses show is no noise of the others.
     """
-    groups = groups_of(labels * len(views.targets) + views.target)
-    found = [pose_contrasts(views, at.placements, at.residuals, used, fit.own, group) for group in groups]
     by_camera = np.zeros(len(views), dtype=np.bool_)
     for group, one in zip(groups, found, strict=True):
         by_camera[group] = changed[group].any() and (one is None or camera_share(one) > MAX_CAMERA_SHARE)
@@ -183,7 +181,8 @@ def _components(pose: PoseContrasts, height_px: int) -> Float[np.ndarray, "k d d
     return np.concatenate([white[None], propagated_fields(pose.basis, pose.points_px, float(height_px))])
 
 
-def _covariance(model: NoiseModel, pose: PoseContrasts, height_px: int) -> Float[np.ndarray, "d d"]:
+def model_covariance(model: NoiseModel, pose: PoseContrasts, height_px: int) -> Float[np.ndarray, "d d"]:
+    """Return V of a pose's contrasts, px²."""
     sizes = np.concatenate([[model.white], model.fields])
     return np.asarray(np.tensordot(sizes, _components(pose, height_px), axes=1))
 
@@ -194,7 +193,7 @@ def _levels(views: ViewStack, model: NoiseModel, pose: PoseContrasts) -> Float[n
     The deviation of image j from the mean of n has the variance (1 - 2/n) a_j² + ā²/n, ā² the mean over the images.
     """
     n = len(pose.images)
-    solved = np.linalg.solve(_covariance(model, pose, views.image_height_px), pose.values.T)
+    solved = np.linalg.solve(model_covariance(model, pose, views.image_height_px), pose.values.T)
     squares = np.sum(pose.values.T * solved, axis=0) / pose.values.shape[1]
     mean = float(squares.sum()) / (n - 1)
     if n < 3:
