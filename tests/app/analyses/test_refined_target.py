@@ -147,6 +147,29 @@ def test_a_perfect_board_stays_as_it_is(api: Any, store: Store) -> None:
     assert refined["groups"] == flat["groups"]
 
 
+def test_the_shape_reaches_accuracy(api: Any, store: Store) -> None:
+    """The commands are where the cameras were: what accuracy reads is the board's."""
+    session = new_session(api)
+    shots = session_of(7, bent(BOARD, 0.25))
+    store(api, session, shots)
+    for shot in {shot.pose_id: shot for shot in shots}.values():
+        command(api, session, shot.pose_id, shot.T_target_camera)
+    read = {}
+    for refine in ("false", "true"):
+        response = api.client.get(f"/v1/sessions/{session}/repeatability", params={"refine_target": refine})
+        poses = body(response)["poses"]
+        read[refine] = [row["accuracy"]["ap_p_mm"] for row in poses]
+        assert all(row["accuracy"]["tie"] == "best_fit" for row in poses)
+        assert all(row["accuracy"]["interval"]["ap_p_mm"] is not None for row in poses)
+    assert read["true"] != read["false"]
+    # Fourteen views show the bow: absolute figures allow for it without the shape, too.
+    for ap in read.values():
+        assert np.sqrt(np.mean(np.square(ap))) < 0.05
+    assert (
+        api.client.get(f"/v1/sessions/{session}/dh", params={"refine_target": "perhaps"}).status_code == 422
+    )
+
+
 def test_what_images_do_not_tell_is_refused_with_advice(api: Any, store: Store) -> None:
     session = new_session(api)
     store(api, session, shoot(poses=5, cycles=6))
