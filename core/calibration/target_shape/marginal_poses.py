@@ -25,6 +25,7 @@ from jaxtyping import Float, Int
 from core.calibration.lens_residuals import residuals_with_jacobian
 from core.calibration.multi_view import CommonFit, in_target_frame, linearise
 from core.calibration.state import camera_prior
+from core.calibration.target_shape.covariance_factors import compressed, inverse, root
 from core.calibration.target_shape.deformation import Measure
 from core.calibration.target_shape.departures import SENSOR_SKEW, Departures, ShapePrior
 from core.calibration.target_shape.mean_views import MeanView, images_by_pose, mean_view, noise_of
@@ -92,7 +93,7 @@ class _System:
     prior: Float[np.ndarray, "q q"]
 
     def covariance(self) -> Float[np.ndarray, "q q"]:
-        return _inverse(self.information)
+        return inverse(self.information)
 
 
 @dataclass(frozen=True)
@@ -221,7 +222,7 @@ class _Problem:
         return prior, pull
 
     def moved(self, state: _State, system: _System) -> _State:
-        z = _inverse(system.information) @ system.gradient
+        z = inverse(system.information) @ system.gradient
         poses = system.pose_steps - system.follows @ z
         parameters = state.parameters.copy()
         parameters[: self.free] += z[: self.free]
@@ -245,9 +246,9 @@ class _Problem:
         start = self.start()
         J = in_target_frame(state.rotations, state.translations_mm)
         by_shared = -J @ system.follows
-        common = by_shared @ _root(C)
-        alone = _inverse(system.information[: self.free, : self.free])
-        of_camera = by_shared[:, :, : self.free] @ _root(alone)
+        common = by_shared @ root(C)
+        alone = inverse(system.information[: self.free, : self.free])
+        of_camera = by_shared[:, :, : self.free] @ root(alone)
         found = []
         scales = np.zeros((len(self.views), 6, len(self.departures)))
         centroids = np.array([view.centroid for view in self.views])
@@ -268,7 +269,7 @@ class _Problem:
                 )
                 of_target = np.array([view.target == k for view in self.views])
                 scales[of_target, :3, k] = left * places[of_target]
-        common = _compressed(np.concatenate([common, scales], axis=2))
+        common = compressed(np.concatenate([common, scales], axis=2))
         before = centroids - np.einsum("mji,mj->mi", start.rotations, start.translations_mm)
         turned = np.array(
             [so3_log(new.T @ old) for new, old in zip(state.rotations, start.rotations, strict=True)]
@@ -298,25 +299,3 @@ def _mirrored(
             N[:head, rows] = N[rows, :head].T
             N[begin : begin + low, rows] = N[rows, begin : begin + low].T
     return N
-
-
-def _inverse(information: Float[np.ndarray, "q q"]) -> Float[np.ndarray, "q q"]:
-    unit = 1.0 / np.sqrt(np.diag(information))
-    inverse = np.linalg.inv(information * np.outer(unit, unit))
-    return np.asarray(0.5 * (inverse + inverse.T) * np.outer(unit, unit))
-
-
-def _root(covariance: Float[np.ndarray, "q q"]) -> Float[np.ndarray, "q q"]:
-    """Return B with B Bᵀ = Σ, by eigenvectors of the correlations."""
-    unit = np.sqrt(np.maximum(np.diag(covariance), 1e-300))
-    values, vectors = np.linalg.eigh(covariance / np.outer(unit, unit))
-    return np.asarray(unit[:, None] * vectors * np.sqrt(np.maximum(values, 0.0)))
-
-
-def _compressed(common: Float[np.ndarray, "m 6 e"]) -> Float[np.ndarray, "m 6 d"]:
-    """Return as many columns as there are rows, where there are more, with the same covariances."""
-    m, _, count = common.shape
-    if count <= 6 * m:
-        return common
-    R = np.linalg.qr(common.reshape(6 * m, count).T, mode="r")
-    return np.ascontiguousarray(np.asarray(R).T.reshape(m, 6, -1))
