@@ -177,7 +177,9 @@ def test_a_robot_is_read_as_it_was_made(any_api: Any) -> None:
     made = any_api.client.post("/v1/robots", json=ROBOT)
     assert made.status_code == 201
     document = made.json()
-    assert set(document) == {"id", "name", "joints", "datasheet_repeatability_mm"}
+    stated = {"manufacturer", "model", "serial_number", "datasheet_repeatability_mm", "datasheet_accuracy_mm"}
+    assert set(document) == {"id", "name", "joints"} | stated
+    assert document["serial_number"] is None
     unknown = {"name": None, "minimum_deg": None, "maximum_deg": None}
     assert document["joints"] == [{**joint, **unknown} for joint in ROBOT["joints"]]
     assert any_api.client.get(made.headers["location"]).json() == document
