@@ -52,6 +52,7 @@ ANALYSES: dict[str, Document] = {
     "qualification": qualification_findings,
     "scatter_plot": _plot("scatter_plot"),
     "drift_plot": _plot("drift_plot"),
+    "steadiness_plot": _plot("steadiness_plot"),
     "residual_map": _plot("residual_map"),
 }
 

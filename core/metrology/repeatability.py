@@ -12,6 +12,7 @@ from jaxtyping import Float
 
 from core.errors import Advisory
 from core.geometry import GIMBAL_MARGIN, rotation_to_rpy
+from core.metrology.cycle_process import CycleProcess, shift_of_rp, shift_of_three_sigma
 from core.metrology.cycle_statistics import CycleStatistics, cycle_statistics
 from core.metrology.intervals import (
     MAX_FLOOR_SHARE,
@@ -27,6 +28,7 @@ from core.metrology.pose_cycles import (
     PoseCycles,
     angles_about_mean,
 )
+from core.metrology.steadiness import equal_scale
 from core.metrology.verdict import Verdict, VerdictLimits, classify
 
 Interval = tuple[float, float]
@@ -75,16 +77,17 @@ class PoseRepeatability:
 
 
 def assess_repeatability(
-    poses: Sequence[PoseCycles], limits: VerdictLimits | None = None
+    poses: Sequence[PoseCycles], limits: VerdictLimits | None = None, process: CycleProcess | None = None
 ) -> list[PoseRepeatability]:
     """Return the figures of each pose, in the order given.
 
-    The same cycles give the same result whatever else is in the list; nothing is random.
+    `process` is what the cycles follow, None for independent Gaussian ones: intervals depend on it. The same cycles and
+    process give the same result whatever else is in the list; nothing is random.
     """
     limits = limits or VerdictLimits()
     choices = [_choose(cycles) for cycles in poses]
     several = [choice.sample for choice in choices if len(choice.cycles) > 1]
-    rows = iter(_assess(several) if several else [])
+    rows = iter(_assess(several, process) if several else [])
     return [_conclude(choice, next(rows) if len(choice.cycles) > 1 else {}, limits) for choice in choices]
 
 
@@ -111,7 +114,7 @@ def _choose(cycles: PoseCycles) -> _Choice:
 _COLUMNS = ("raw", "low", "high", "floor", "corrected", "corrected_low", "corrected_high")
 
 
-def _assess(samples: list[CycleStatistics]) -> list[dict[str, list[float]]]:
+def _assess(samples: list[CycleStatistics], process: CycleProcess | None) -> list[dict[str, list[float]]]:
     """Return for each pose the seven figures of the readings and of all that surrounds them."""
     cycles = np.array([float(len(s.cycles)) for s in samples])
     reading = np.array([s.reading for s in samples])
@@ -130,6 +133,8 @@ def _assess(samples: list[CycleStatistics]) -> list[dict[str, list[float]]]:
     columns = {"raw": np.column_stack([reading, 3.0 * np.sqrt(variance)])}
     for name in _COLUMNS[1:]:
         columns[name] = np.column_stack([getattr(radial, name), getattr(sigma, name)])
+    if process is not None:
+        _shift_intervals(columns, process, samples)
     # A perfect instrument would not have measured more: an excess over the raw figure comes from rounding or from the
     # division by the bias, not from the robot.
     columns["corrected"] = np.minimum(columns["corrected"], columns["raw"])
@@ -137,6 +142,48 @@ def _assess(samples: list[CycleStatistics]) -> list[dict[str, list[float]]]:
         np.minimum(values[:, 4:], 3.0 * UNKNOWN_ANGLE, out=values[:, 4:])
     rows = zip(*(columns[name].tolist() for name in _COLUMNS), strict=True)
     return [dict(zip(_COLUMNS, row, strict=True)) for row in rows]
+
+
+def _shift_intervals(
+    columns: dict[str, Float[np.ndarray, "k 7"]], process: CycleProcess, samples: list[CycleStatistics]
+) -> None:
+    """Move the bounds to where cycles of this process have them.
+
+    The raw figure is the robot's with its instrument, and so is the process. What is subtracted is the instrument's
+    expected variance, which does not depend on the order or the tails of few cycles: the corrected 3 S has the raw
+    bounds less that variance. The logarithm of the corrected RP_l scatters more than that of the raw one, and its
+    bounds move by as much more.
+    """
+    cycles = np.array([len(s.cycles) for s in samples])
+    deviations = [equal_scale(s.cycles.positions_mm - s.mean_position, _position_noise(s)) for s in samples]
+    noise = 9.0 * np.column_stack([np.zeros(len(samples)), np.stack([s.noise for s in samples])])
+    low, high = columns["low"], columns["high"]
+    corrected_low, corrected_high = columns["corrected_low"], columns["corrected_high"]
+    wider = _log_width(corrected_low[:, 0], corrected_high[:, 0]) / _log_width(low[:, 0], high[:, 0])
+    for n in np.unique(cycles):
+        rows = np.flatnonzero(cycles == n)
+        radial = shift_of_rp(process, [deviations[i] for i in rows])
+        sigma = shift_of_three_sigma(process, int(n))
+        low[rows] *= np.exp(np.column_stack([radial.low, np.tile(sigma.low, (len(rows), 6))]))
+        high[rows] *= np.exp(np.column_stack([radial.high, np.tile(sigma.high, (len(rows), 6))]))
+        corrected_low[rows, 0] *= np.exp(wider[rows] * radial.low)
+        corrected_high[rows, 0] *= np.exp(wider[rows] * radial.high)
+    # A pose that reads more than the tails of all poses explain: its interval still contains what it read.
+    np.minimum(low, columns["raw"], out=low)
+    np.maximum(high, columns["raw"], out=high)
+    for corrected, raw in ((corrected_low, low), (corrected_high, high)):
+        corrected[:, 1:] = np.sqrt(np.maximum(raw[:, 1:] ** 2 - noise[:, 1:], 0.0))
+
+
+def _position_noise(sample: CycleStatistics) -> Float[np.ndarray, "n 3 3"] | None:
+    covariances = sample.cycles.covariances
+    return None if covariances is None else covariances[:, :3, :3]
+
+
+def _log_width(low: Float[np.ndarray, " k"], high: Float[np.ndarray, " k"]) -> Float[np.ndarray, " k"]:
+    """Return log(high / low); one where there is no scatter or no lower bound."""
+    known = (low > 0.0) & (high > low)
+    return np.asarray(np.where(known, np.log(np.where(known, high / np.where(known, low, 1.0), 1.0)), 1.0))
 
 
 def _raw(sample: CycleStatistics) -> PerComponent[float | None]:

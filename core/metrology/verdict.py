@@ -9,11 +9,14 @@ FEW_CYCLES = 10
 
 
 class Verdict(StrEnum):
-    """What a figure measures: the robot, mostly the instrument, nothing yet, or too little to say."""
+    """What a figure measures: the robot, mostly the instrument, nothing yet, a motion over the session, or too little
+    to say.
+    """
 
     ROBOT = "robot"
     INSTRUMENT_LIMITED = "instrument_limited"
     BELOW_DETECTION = "below_detection"
+    NOT_STEADY = "not_steady"
     TOO_FEW_CYCLES = "too_few_cycles"
 
 

@@ -58,6 +58,7 @@ if TYPE_CHECKING:
         semidefinite,
         with_nominal_orientations,
     )
+    from core.session.steadiness import SessionSteadiness
     from core.session.targets import RefinedTarget, refine_target, target_transforms
 
 _NAMES = {
@@ -123,6 +124,7 @@ _NAMES = {
         "semidefinite",
         "with_nominal_orientations",
     ),
+    "steadiness": ("SessionSteadiness",),
     "targets": (
         "RefinedTarget",
         "refine_target",
@@ -160,6 +162,7 @@ __all__ = [
     "SessionEstimate",
     "SessionHandEye",
     "SessionRepeatability",
+    "SessionSteadiness",
     "TaggedImage",
     "assess_acceptance",
     "assess_repeatability",

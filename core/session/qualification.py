@@ -23,7 +23,7 @@ def qualify_session(
     `estimate` None: the poses that another instrument measured. Raises InvalidArgument for a pose that was not
     measured, or that shows another target than the pose at the other end.
     """
-    rows = measured_rows(data) if estimate is None else image_rows(data, estimate)
+    rows = (measured_rows(data) if estimate is None else image_rows(data, estimate)).rows
     visits = {row.pose_id: row.visits for row in rows if row.visits}
     named = {pose_id for one in lengths for pose_id in (one.from_pose_id, one.to_pose_id)}
     if missing := sorted(named - visits.keys()):

@@ -18,6 +18,7 @@ from core.session.absolute_poses import absolute_poses
 from core.session.commanded_poses import Accuracy, assess_accuracy
 from core.session.confirmation import unconfirmed
 from core.session.degraded_images import DEGRADED, degraded_images, degraded_warning, exclude_degraded
+from core.session.measured_pose_warnings import measured_pose_warnings
 from core.session.model import (
     ExcludedMeasurement,
     MeasuredPose,
@@ -26,6 +27,7 @@ from core.session.model import (
     readings,
 )
 from core.session.performance import Performance, assess_performance
+from core.session.steadiness import SessionSteadiness, not_steady, session_steadiness, steadiness_warnings
 
 DRIFT_BLOCK = 10
 """Cycles of one block of drift."""
@@ -50,11 +52,13 @@ class PoseRow:
 class SessionRepeatability:
     """All poses of a session in their natural order, in mm and rad.
 
-    `poses` hold each pose's figures (None without a visit), `accuracy` those of the poses that compare with what was
-    commanded, `performance` distances between poses and variation over approaches.
+    `poses` hold each pose's figures (None without a visit), `steadiness` whether their cycles are independent and
+    identically distributed, `accuracy` those of the poses that compare with what was commanded, `performance` distances
+    between poses and variation over approaches.
     """
 
     poses: tuple[PoseRow, ...]
+    steadiness: SessionSteadiness
     accuracy: Accuracy
     performance: Performance
     warnings: tuple[Advisory, ...]
@@ -86,10 +90,11 @@ def assess_repeatability(
     ----------
     ISO 9283:1998, 7.2 (AP, RP), 7.2.3 (vAP), 7.3 (AD, RD), 7.6 (drift).
     """
-    rows, withheld = (measured_rows(data), ()) if estimate is None else _confirmed_rows(data, estimate)
+    assessed, withheld = (measured_rows(data), ()) if estimate is None else _confirmed_rows(data, estimate)
+    rows = assessed.rows
     visits = {row.pose_id: row.visits for row in rows if row.visits}
     absolute: Mapping[str, tuple[MeasuredPose, ...]] = visits
-    before = _measured_warnings(data) if estimate is None else estimate.warnings
+    before = measured_pose_warnings(data) if estimate is None else estimate.warnings
     of_prints: tuple[Advisory, ...] = ()
     if estimate is not None:
         found = absolute_poses(data, estimate, shapes)
@@ -103,31 +108,49 @@ def assess_repeatability(
     if not accuracy.poses and not performance.distances:
         of_prints = ()
     return SessionRepeatability(
-        tuple(rows),
+        rows,
+        assessed.steadiness,
         accuracy,
         performance,
-        (*before, *of_prints, *_row_warnings(rows), *withheld, *accuracy.warnings, *performance.warnings),
+        (
+            *before,
+            *of_prints,
+            *_row_warnings(rows),
+            *withheld,
+            *_outlier_warnings(rows),
+            *steadiness_warnings(assessed.steadiness),
+            *accuracy.warnings,
+            *performance.warnings,
+        ),
     )
 
 
-def _confirmed_rows(
-    data: SessionData, estimate: SessionEstimate
-) -> tuple[list[PoseRow], tuple[Advisory, ...]]:
+@dataclass(frozen=True, slots=True)
+class PoseRows:
+    """All poses of a session in their natural order, and whether their cycles are steady."""
+
+    rows: tuple[PoseRow, ...]
+    steadiness: SessionSteadiness
+
+
+def _confirmed_rows(data: SessionData, estimate: SessionEstimate) -> tuple[PoseRows, tuple[Advisory, ...]]:
     """Return the rows, those without the verdict `robot` that the session's common camera does not confirm."""
 
     def figures_of(one: SessionEstimate) -> dict[str, PoseRepeatability]:
-        return {row.pose_id: row.figures for row in image_rows(data, one) if row.figures is not None}
+        return {row.pose_id: row.figures for row in image_rows(data, one).rows if row.figures is not None}
 
     held, warnings = unconfirmed(data, estimate, figures_of)
-    return [
+    assessed = image_rows(data, estimate)
+    rows = (
         replace(row, figures=_without_robot_verdict(row.figures))
         if row.figures is not None and row.pose_id in held
         else row
-        for row in image_rows(data, estimate)
-    ], warnings
+        for row in assessed.rows
+    )
+    return PoseRows(tuple(rows), assessed.steadiness), warnings
 
 
-def image_rows(data: SessionData, estimate: SessionEstimate) -> list[PoseRow]:
+def image_rows(data: SessionData, estimate: SessionEstimate) -> PoseRows:
     """Sort the images by pose, one target a pose, and compute every pose's figures."""
     found = {pose.measurement_id: pose for pose in estimate.poses}
     visits: dict[str, list[MeasuredPose]] = {}
@@ -152,13 +175,14 @@ def image_rows(data: SessionData, estimate: SessionEstimate) -> list[PoseRow]:
             whole[pose_id] = visits[pose_id]
             visits[pose_id] = counted
             excluded[pose_id] += others
-    rows = _rows(visits, excluded, estimate.unsteady | estimate.differing)
+    assessed = _rows(visits, excluded, estimate.unsteady | estimate.differing)
     with_all = assess_cycles([_cycles(of_pose) for of_pose in whole.values()])
     figures = {pose_id: one.repeatability for pose_id, one in zip(whole, with_all, strict=True)}
-    return [replace(row, including_degraded=figures.get(row.pose_id)) for row in rows]
+    rows = (replace(row, including_degraded=figures.get(row.pose_id)) for row in assessed.rows)
+    return PoseRows(tuple(rows), assessed.steadiness)
 
 
-def measured_rows(data: SessionData) -> list[PoseRow]:
+def measured_rows(data: SessionData) -> PoseRows:
     """Sort what another instrument measured by pose, and compute every pose's figures.
 
     Raises MeasuredPosesMissing.
@@ -187,20 +211,25 @@ def _rows(
     visits: Mapping[str, Sequence[MeasuredPose]],
     excluded: Mapping[str, Sequence[ExcludedMeasurement]],
     unreliable: frozenset[str],
-) -> list[PoseRow]:
+) -> PoseRows:
     several = [pose_id for pose_id in visits if visits[pose_id]]
     cycles = {pose_id: _cycles(visits[pose_id]) for pose_id in several}
-    figures = {
-        pose_id: _without_instrument(cycles[pose_id], one)
-        for pose_id, one in zip(several, assess_cycles(list(cycles.values())), strict=True)
-    }
+    steadiness = session_steadiness(visits)
+    assessed = assess_cycles(list(cycles.values()), process=steadiness.process)
+    assessed_poses = zip(several, assessed, strict=True)
+    figures = {pose_id: _without_instrument(cycles[pose_id], one) for pose_id, one in assessed_poses}
     figures |= {
         pose_id: _without_robot_verdict(figures[pose_id]) for pose_id in several if pose_id in unreliable
     }
-    return [
+    # Where the instrument is known to be the cause, its verdict says more.
+    figures |= {
+        pose_id: not_steady(figures[pose_id]) for pose_id in steadiness.moved if pose_id not in unreliable
+    }
+    rows = (
         PoseRow(pose_id, tuple(visits[pose_id]), tuple(excluded.get(pose_id, ())), figures.get(pose_id))
         for pose_id in visits
-    ]
+    )
+    return PoseRows(tuple(rows), steadiness)
 
 
 def _cycles(visits: Sequence[MeasuredPose]) -> PoseCycles:
@@ -289,34 +318,23 @@ def _row_warnings(rows: Sequence[PoseRow]) -> list[Advisory]:
     return warnings
 
 
-def _measured_warnings(data: SessionData) -> list[Advisory]:
-    """Say which figures are null, and why."""
-    poses = list(dict.fromkeys(pose.pose_id for pose in data.measured))
-    positions = {pose.pose_id for pose in data.measured if pose.rotation is None}
-    unknown = {pose.pose_id for pose in data.measured if pose.covariance is None}
-    warnings = []
-    if positions:
-        warnings.append(
-            Advisory(
-                "rotations_missing",
-                f"{_named(positions, poses)}: not every reading has a rotation, so that the figures of orientation are "
-                "null.",
-                "Use a probe that measures all six degrees of freedom where orientation matters.",
+def _outlier_warnings(rows: Sequence[PoseRow]) -> list[Advisory]:
+    """Name the poses and cycles of outliers, which count."""
+    named = []
+    for row in rows:
+        for outlier in row.figures.outliers if row.figures else ():
+            cycle = row.visits[outlier.index].cycle
+            named.append(
+                f"{row.pose_id} {f'cycle {cycle}' if cycle is not None else 'without a cycle number'}"
             )
+    if not named:
+        return []
+    return [
+        Advisory(
+            "outliers",
+            f"Cycles that the scatter of the others does not explain: {listed(named)}. They count, as ISO 9283 "
+            "demands; without_outliers has the figures of the others.",
+            "Look at the images of these cycles. A slip of the robot belongs to its repeatability; a bad image can be "
+            "excluded with its reason, and the cycle repeated.",
         )
-    if unknown:
-        warnings.append(
-            Advisory(
-                "noise_unknown",
-                f"{_named(unknown, poses)}: not every reading has a covariance, so that noise_floor and corrected are "
-                "null, and whether the figures describe the robot or the instrument cannot be determined.",
-                "State the instrument's covariance with each reading.",
-            )
-        )
-    return warnings
-
-
-def _named(pose_ids: set[str], of: Sequence[str]) -> str:
-    if len(pose_ids) == len(of) > 1:
-        return f"All {len(of)} poses"
-    return f"{'Pose' if len(pose_ids) == 1 else 'Poses'} {listed(p for p in of if p in pose_ids)}"
+    ]

@@ -13,17 +13,20 @@ import numpy as np
 from jaxtyping import Float
 
 from app.analyses.documents.residual_field import residual_field
+from app.analyses.documents.steadiness_plot import steadiness_panels, steadiness_summary
 from app.analyses.outcome import AnalysisError
 from app.errors import NotFound
 from app.reports.drift import Block, PoseDrift, drift_svg
 from app.reports.residual_map import residuals_svg
 from app.reports.scatter import PoseScatter, scatter_svg
+from app.reports.steadiness import steadiness_svg
 from core.errors import NothingUsable, TooFewCycles, TooFewMeasurements
 from core.session import (
     DRIFT_BLOCK,
     MeasuredPose,
     PoseRow,
     SessionData,
+    SessionSteadiness,
     drift_of,
     estimate_session,
     image_rows,
@@ -55,6 +58,17 @@ def drift_plot(data: SessionData, settings: Mapping[str, str]) -> bytes:
     return drift_svg(poses, f"Drift over the cycles, in the {source.frame} ({source.how})", DRIFT_BLOCK)
 
 
+def steadiness_plot(data: SessionData, settings: Mapping[str, str]) -> bytes:
+    """Return what `GET .../repeatability/steadiness.svg` answers; poses are chosen after all of them are tested."""
+    source = _source(data, settings)
+    rows = _chosen(source.rows, settings.get("pose_id"))
+    panels = steadiness_panels(source.steadiness, [row.pose_id for row in rows])
+    grid = source.steadiness.found.grid
+    counted_in = "visit" if grid is not None and grid.by_visit else "cycle"
+    title = f"Steadiness of the cycles, in the {source.frame} ({source.how})"
+    return steadiness_svg(panels, title, steadiness_summary(source.steadiness), counted_in)
+
+
 def residual_map(data: SessionData, settings: Mapping[str, str]) -> bytes:
     """Return what `GET .../intrinsics/residuals.svg` answers."""
     wanted = settings.get("focus_group")
@@ -83,6 +97,7 @@ class _Source:
     """Whoever measured: its rows, and every measurement, those that do not count too."""
 
     rows: Sequence[PoseRow]
+    steadiness: SessionSteadiness
     measured: Mapping[str, MeasuredPose]
     frame: str
     how: str
@@ -90,13 +105,19 @@ class _Source:
 
 def _source(data: SessionData, settings: Mapping[str, str]) -> _Source:
     if settings["source"] == "measured_poses":
+        read = measured_rows(data)
         measured = {pose.measurement_id: pose for pose in data.measured}
         return _Source(
-            measured_rows(data), measured, "instrument's frame", "poses measured by another instrument"
+            read.rows,
+            read.steadiness,
+            measured,
+            "instrument's frame",
+            "poses measured by another instrument",
         )
     estimate = estimate_session(data, settings["estimator"])
+    seen = image_rows(data, estimate)
     poses = {pose.measurement_id: pose for pose in estimate.poses}
-    return _Source(image_rows(data, estimate), poses, "target frame", f"estimator {settings['estimator']}")
+    return _Source(seen.rows, seen.steadiness, poses, "target frame", f"estimator {settings['estimator']}")
 
 
 def _chosen(rows: Sequence[PoseRow], pose_id: str | None) -> Sequence[PoseRow]:

@@ -15,6 +15,7 @@ from app.analyses.documents.encoding import (
     intervals_document,
 )
 from app.analyses.documents.findings import ExcludedList, Findings
+from app.analyses.documents.steadiness import steadiness_document
 from core.calibration import ShapePrior
 from core.metrology import CONFIDENCE, RULE, PerComponent, PoseAccuracy, PoseRepeatability
 from core.session import (
@@ -50,6 +51,7 @@ def repeatability_findings(data: SessionData, settings: Mapping[str, str]) -> Fi
         "confidence_level": CONFIDENCE,
         "poses": [_row(row, found, listed) for row in found.poses],
         "groups": [camera_fields(group) for group in estimate.groups] if estimate is not None else [],
+        "steadiness": steadiness_document(found.steadiness, found.poses),
         "drift": _drift(found.poses),
         **_acceptance(assess_acceptance(found, data.datasheet)),
         "distances": [_distance(one) for one in performance.distances] or None,

@@ -79,6 +79,21 @@ async def get_drift_plot(
 
 
 @router.get(
+    "/repeatability/steadiness.svg",
+    response_class=Response,
+    responses=_responses(
+        "The motion that all poses share over the cycles, and each pose's own, with trend and largest step where they "
+        "are significant, and second stopping points."
+    ),
+)
+async def get_steadiness_plot(
+    session_id: SessionPath, request: Request, chosen: PosePlotDep, known: KnownTags = None
+) -> Response:
+    """Draw whether the cycles are steady, and what moved; all poses are tested whichever is drawn."""
+    return await _answer_for_poses(request, "steadiness_plot", session_id, chosen, known)
+
+
+@router.get(
     "/intrinsics/residuals.svg",
     response_class=Response,
     responses=_responses("For every focus group the mean residuals over the image, and the residuals' size."),

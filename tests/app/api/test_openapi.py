@@ -265,6 +265,7 @@ def test_the_contract_is_all_there(document: dict[str, Any]) -> None:
         "GET /v1/sessions/{session_id}/repeatability",
         "GET /v1/sessions/{session_id}/repeatability/drift.svg",
         "GET /v1/sessions/{session_id}/repeatability/scatter.svg",
+        "GET /v1/sessions/{session_id}/repeatability/steadiness.svg",
         "GET /v1/targets",
         "GET /v1/targets/{target_id}",
         "PATCH /v1/keys/{key_id}",

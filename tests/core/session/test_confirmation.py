@@ -67,7 +67,7 @@ def test_what_the_common_camera_explains_is_not_the_robots() -> None:
     estimate = estimate_session(data, "given")
 
     def figures_of(other: SessionEstimate) -> Mapping[str, PoseRepeatability]:
-        rows = {row.pose_id: row.figures for row in image_rows(data, other) if row.figures is not None}
+        rows = {row.pose_id: row.figures for row in image_rows(data, other).rows if row.figures is not None}
         if other is not estimate:
             return rows
         return {

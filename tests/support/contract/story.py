@@ -184,7 +184,8 @@ def _analyses(client: Any, session_id: str) -> None:
         _done(client.get(f"/v1/sessions/{session_id}/{analysis}", headers=_CSV))
     for analysis in (
         *("intrinsics", "repeatability", "camera-poses", "hand-eye", "comparison"),
-        *("repeatability/scatter.svg", "repeatability/drift.svg", "intrinsics/residuals.svg"),
+        *("repeatability/scatter.svg", "repeatability/drift.svg", "repeatability/steadiness.svg"),
+        "intrinsics/residuals.svg",
     ):
         _done(client.get(f"/v1/sessions/{session_id}/{analysis}"))
 

@@ -11,13 +11,14 @@ from app.api.schemas.analyses.common import EstimatedAnalysis, ExcludedRead, Sou
 from app.api.schemas.analyses.figures import PoseAccuracy, RepeatabilityFigures, RepeatabilityIntervals
 from app.api.schemas.analyses.intrinsics import GroupIntrinsics
 from app.api.schemas.analyses.performance import ApproachVariation, Drift, PoseDistance
+from app.api.schemas.analyses.steadiness import Steadiness
 from app.api.schemas.common import ResponseModel
 from app.api.schemas.fields import PITCH, ROLL, YAW, PoseId
 
 Verdict = TypeAliasType(
     "Verdict",
     Annotated[
-        Literal["robot", "instrument_limited", "below_detection", "too_few_cycles"],
+        Literal["robot", "instrument_limited", "below_detection", "not_steady", "too_few_cycles"],
         Field(description="What a pose's figures are of: the robot, or the instrument."),
     ],
 )
@@ -121,7 +122,8 @@ class PoseRepeatability(ResponseModel):
         Verdict,
         Field(
             description="What the reading of the position speaks of: the robot, or the instrument too; "
-            "`below_detection` where it is less than the noise alone would give."
+            "`below_detection` where it is less than the noise alone would give, `not_steady` where the cycles are not "
+            "independent and identically distributed (`steadiness`)."
         ),
     ]
     measurement_ids: Annotated[
@@ -188,6 +190,10 @@ class RepeatabilityAnalysis(EstimatedAnalysis):
     groups: Annotated[
         list[GroupIntrinsics],
         Field(description="The camera of each focus group; empty for another instrument."),
+    ]
+    steadiness: Annotated[
+        Steadiness,
+        Field(description="Whether the cycles are steady, by all poses jointly."),
     ]
     drift: Annotated[
         Drift | None,

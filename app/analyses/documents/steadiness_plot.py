@@ -1,0 +1,107 @@
+"""The plot of a session's steadiness: what the test found, as plain values for `app.reports.steadiness`."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from app.reports.steadiness import SteadinessPanel
+from core.errors import TooFewCycles
+from core.metrology import NOT_STEADY, Attribution, CycleGrid, Steadiness
+from core.session import SessionSteadiness
+
+_ATTRIBUTED = {
+    Attribution.COMMON: "the poses move together",
+    Attribution.POSE_BY_POSE: "poses move by themselves",
+    Attribution.UNDETERMINED: "what moves is not determined",
+}
+
+
+def steadiness_panels(steadiness: SessionSteadiness, chosen: Sequence[str]) -> list[SteadinessPanel]:
+    """Return the panel of the common motion, where there are several poses, and those of the poses chosen.
+
+    Raises TooFewCycles where nothing was tested.
+    """
+    found, grid = steadiness.found, steadiness.found.grid
+    if grid is None or found.p_values is None:
+        raise TooFewCycles(
+            "No pose has six visits with a cycle number each, so that the order of the cycles was not tested.",
+            "Tag every image with its cycle; 30 cycles of each pose are the standard.",
+        )
+    moves = found.p_values.overall <= NOT_STEADY
+    panels = [_common(found, grid, moves)] if len(found.poses) > 1 else []
+    split = {one.pose: one for one in found.two_points}
+    for column, pose in enumerate(found.poses):
+        pose_id = steadiness.pose_ids[pose.pose]
+        if pose_id not in chosen:
+            continue
+        seen = grid.present[:, column]
+        offsets, cycles = grid.deviations_mm[seen, column], grid.numbers[seen]
+        moved = moves and pose.pose in found.moved
+        # Visits that share a cycle are averaged in the grid, and then are not marked.
+        second = np.zeros(len(cycles), dtype=bool)
+        if pose.pose in split and len(split[pose.pose].second) == len(cycles):
+            second = split[pose.pose].second
+        note = f"p {pose.p_value:.2g}"
+        note += f"   ·   moved {_length(float(np.linalg.norm(pose.change_mm)))} by its trend"
+        if pose.pose in split:
+            note += f"   ·   two points, {_length(split[pose.pose].distance_mm)}"
+        panels.append(
+            SteadinessPanel(
+                pose_id,
+                note,
+                pose.pose not in found.moved,
+                cycles,
+                offsets,
+                _line(cycles, offsets) if moved else None,
+                pose.change_cycle if moved else None,
+                second,
+            )
+        )
+    return panels
+
+
+def steadiness_summary(steadiness: SessionSteadiness) -> str:
+    """Return one line on what the test found."""
+    found = steadiness.found
+    if found.p_values is None:
+        return "not tested"
+    p = found.p_values
+    verdict = "not steady" if found.steady is False else "nothing speaks against steady cycles"
+    why = f": {_ATTRIBUTED[found.attribution]}" if found.attribution is not None else ""
+    return (
+        f"{verdict}{why}   ·   p {p.overall:.2g} (trend {p.trend:.2g}, change point {p.change_point:.2g}, "
+        f"autocorrelation {p.autocorrelation:.2g})"
+    )
+
+
+def _common(found: Steadiness, grid: CycleGrid, moves: bool) -> SteadinessPanel:
+    steady = not (moves and found.attribution is not Attribution.POSE_BY_POSE)
+    parts = []
+    if found.trend is not None:
+        parts.append(f"moved {_length(float(np.linalg.norm(found.trend.change_mm)))} by its trend")
+    if found.change_point is not None:
+        length = _length(float(np.linalg.norm(found.change_point.step_mm)))
+        parts.append(f"largest step {length} at {found.change_point.cycle}")
+    return SteadinessPanel(
+        "common to all poses",
+        "   ·   ".join(parts),
+        steady,
+        grid.numbers,
+        grid.common_mm,
+        None if steady else _line(grid.numbers, grid.common_mm),
+        None if steady or found.change_point is None else found.change_point.cycle,
+        np.zeros(len(grid.numbers), dtype=bool),
+    )
+
+
+def _line(cycles: np.ndarray, offsets: np.ndarray) -> np.ndarray:
+    """Return the straight line through the offsets at the first and the last cycle."""
+    t = cycles - cycles.mean()
+    slope = t @ offsets / max(float(t @ t), 1e-12)
+    return np.asarray(offsets.mean(axis=0) + np.outer(t[[0, -1]], slope))
+
+
+def _length(value: float) -> str:
+    return f"{value:.3g} mm" if value >= 0.1 else f"{1e3 * value:.2g} µm"

@@ -1,0 +1,120 @@
+"""The cycles in their order: the motion that all poses share, and each pose's own."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.ticker import MaxNLocator
+
+from app.reports.svg import BLUE, FAINT, GREEN, INK, ORANGE, RED, axes_at, draw_svg, short, text_at
+
+_AXES = (("x", BLUE, "o"), ("y", ORANGE, "s"), ("z", GREEN, "^"))
+_LEFT, _PANEL_WIDTH, _PANEL_HEIGHT, _GAP = 0.8, 4.1, 1.75, 0.85
+_HEADER, _CAPTION, _BELOW, _FOOTER = 0.85, 0.44, 0.62, 0.7
+_MAX_VECTORS = 3000
+"""Points that are drawn one by one; more of them are rasterised."""
+
+
+@dataclass(frozen=True, slots=True)
+class SteadinessPanel:
+    """One series over the cycles: offsets along x, y, z from its mean, mm.
+
+    `line_mm` is its trend at the first and the last cycle, `change_cycle` the first cycle after a step; None where
+    nothing is to be shown. `second` marks visits at a second stopping point.
+    """
+
+    name: str
+    caption: str
+    steady: bool
+    cycles: Int[np.ndarray, " n"]
+    offsets_mm: Float[np.ndarray, "n 3"]
+    line_mm: Float[np.ndarray, "2 3"] | None
+    change_cycle: int | None
+    second: Bool[np.ndarray, " n"]
+
+
+def steadiness_svg(panels: Sequence[SteadinessPanel], title: str, summary: str, counted_in: str) -> bytes:
+    """Return a panel for each series, x, y and z over the cycles; `summary` says what was found."""
+    described = [summary, *(f"{panel.name}: {panel.caption}" for panel in panels)]
+    return draw_svg(
+        lambda: steadiness_figure(panels, title, summary, counted_in), title, "\n".join(described)
+    )
+
+
+def steadiness_figure(panels: Sequence[SteadinessPanel], title: str, summary: str, counted_in: str) -> Figure:
+    """Draw it; within `drawing_style`."""
+    columns = 1 if len(panels) == 1 else 2
+    rows = math.ceil(len(panels) / columns)
+    row = _CAPTION + _PANEL_HEIGHT + _BELOW
+    width = _LEFT + columns * _PANEL_WIDTH + (columns - 1) * _GAP + 0.25
+    figure = Figure((max(width, 6.6), _HEADER + row * rows + _FOOTER))
+    text_at(figure, 0.15, 0.32, title, fontsize=12 if columns == 2 else 9.5, weight="bold")
+    text_at(figure, 0.15, 0.56, summary, fontsize=9)
+    rasterized = sum(panel.offsets_mm.size for panel in panels) > _MAX_VECTORS
+    for place, panel in enumerate(panels):
+        left = _LEFT + (place % columns) * (_PANEL_WIDTH + _GAP)
+        top = _HEADER + (place // columns) * row
+        colour = INK if panel.steady else RED
+        text_at(figure, left, top + 0.1, short(panel.name), fontsize=10, weight="bold", color=colour)
+        text_at(figure, left, top + 0.31, panel.caption)
+        _draw(
+            axes_at(figure, left, top + _CAPTION, _PANEL_WIDTH, _PANEL_HEIGHT), panel, rasterized, counted_in
+        )
+    figure.legend(
+        handles=_legend(panels), loc="lower center", ncols=3 * columns, columnspacing=1.6, handletextpad=0.6
+    )
+    return figure
+
+
+def _draw(axes: Axes, panel: SteadinessPanel, rasterized: bool, counted_in: str) -> None:
+    reach = float(np.abs(panel.offsets_mm).max(initial=0.0))
+    unit, factor = ("mm", 1.0) if reach >= 0.1 else ("µm", 1e3)
+    axes.axhline(0.0, color=INK, lw=0.7, zorder=1)
+    if panel.change_cycle is not None:
+        axes.axvline(panel.change_cycle - 0.5, color=RED, lw=1.2, ls=(0, (4, 3)), zorder=1)
+    ends = [float(panel.cycles.min()), float(panel.cycles.max())]
+    for axis, (_, colour, marker) in enumerate(_AXES):
+        for chosen, face in ((~panel.second, colour), (panel.second, "white")):
+            axes.plot(
+                panel.cycles[chosen] + 0.16 * (axis - 1),
+                panel.offsets_mm[chosen, axis] * factor,
+                marker=marker,
+                ms=3.4,
+                mec=colour,
+                mfc=face,
+                mew=0.9,
+                alpha=0.75,
+                ls="none",
+                zorder=2,
+                rasterized=rasterized,
+            )
+        if panel.line_mm is not None:
+            axes.plot(ends, panel.line_mm[:, axis] * factor, color=colour, lw=1.7, zorder=3)
+    axes.set_xlim(ends[0] - 1.0, ends[1] + 1.0)
+    if reach == 0.0:
+        axes.set_ylim(-1.0, 1.0)
+    axes.xaxis.set_major_locator(MaxNLocator(8, integer=True))
+    axes.yaxis.set_major_locator(MaxNLocator(5))
+    axes.set_xlabel(counted_in)
+    axes.set_ylabel(f"off the mean, {unit}", labelpad=2)
+
+
+def _legend(panels: Sequence[SteadinessPanel]) -> list[Any]:
+    handles = [
+        Line2D([], [], marker=marker, color=colour, ms=4, mew=0, lw=1.7, label=f"{name}: cycle, trend")
+        for name, colour, marker in _AXES
+    ]
+    if any(panel.change_cycle is not None for panel in panels):
+        handles.append(Line2D([], [], color=RED, lw=1.2, ls=(0, (4, 3)), label="largest step"))
+    if any(panel.second.any() for panel in panels):
+        label = "second stopping point"
+        handles.append(Line2D([], [], marker="o", mfc="white", mec=FAINT, ms=4, ls="none", label=label))
+    return handles

@@ -1,0 +1,13 @@
+"""How cycles scatter over time and in their tails, and what that does to the interval of a figure."""
+
+from core.metrology.cycle_process.interval_shift import IntervalShift, shift_of_rp, shift_of_three_sigma
+from core.metrology.cycle_process.process import CORRELATED, CycleProcess, estimate_process
+
+__all__ = [
+    "CORRELATED",
+    "CycleProcess",
+    "IntervalShift",
+    "estimate_process",
+    "shift_of_rp",
+    "shift_of_three_sigma",
+]

@@ -1,0 +1,30 @@
+"""Steadiness of cycles: whether they are independent and identically distributed, and what moved where they are not."""
+
+from core.metrology.steadiness.assessment import (
+    MIN_CYCLES,
+    NOT_STEADY,
+    Attribution,
+    PoseMotion,
+    Steadiness,
+    SteadinessPValues,
+    assess_steadiness,
+)
+from core.metrology.steadiness.cycle_grid import CycleGrid, PoseSeries, equal_scale
+from core.metrology.steadiness.motion import ChangePoint, Trend
+from core.metrology.steadiness.two_points import TwoPoints
+
+__all__ = [
+    "MIN_CYCLES",
+    "NOT_STEADY",
+    "Attribution",
+    "ChangePoint",
+    "CycleGrid",
+    "PoseMotion",
+    "PoseSeries",
+    "Steadiness",
+    "SteadinessPValues",
+    "Trend",
+    "TwoPoints",
+    "assess_steadiness",
+    "equal_scale",
+]

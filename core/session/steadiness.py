@@ -1,0 +1,181 @@
+"""Steadiness of a session: the visits of all poses in the order of their cycles, and what it means for each pose."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from core.errors import Advisory, listed
+from core.metrology import (
+    CORRELATED,
+    MIN_CYCLES,
+    NOT_STEADY,
+    Attribution,
+    CycleProcess,
+    PerComponent,
+    PoseRepeatability,
+    PoseSeries,
+    Steadiness,
+    Verdict,
+    assess_steadiness,
+    equal_scale,
+    estimate_process,
+)
+from core.session.model import MeasuredPose
+
+MIN_STATED_CORRELATION = 0.1
+"""Below it, a correlation of successive cycles does not visibly widen an interval."""
+MIN_INTERVAL_CYCLES = 5
+"""Poses of fewer cycles say nothing about the process that cycles follow."""
+
+
+@dataclass(frozen=True, slots=True)
+class SessionSteadiness:
+    """Steadiness of the poses of a session; places in `found` count `pose_ids`.
+
+    `process` is what the cycles follow, for the intervals of all figures. `longest` is the number of cycles of the pose
+    that has most.
+    """
+
+    pose_ids: tuple[str, ...]
+    found: Steadiness
+    process: CycleProcess
+    longest: int
+
+    @property
+    def moved(self) -> tuple[str, ...]:
+        """The poses that are not steady."""
+        return tuple(pose_id for i, pose_id in enumerate(self.pose_ids) if i in self.found.moved)
+
+    @property
+    def effective_cycles(self) -> float:
+        """How many independent cycles determine the scatter of the pose with most cycles as well as its own do."""
+        return self.process.effective_cycles(self.longest)
+
+
+def session_steadiness(visits: Mapping[str, Sequence[MeasuredPose]]) -> SessionSteadiness:
+    """Test the visits of all poses, each in the order of its cycles; poses without a visit are not tested."""
+    chosen = {pose_id: found for pose_id, found in visits.items() if found}
+    series = [_series(found) for found in chosen.values()]
+    found = assess_steadiness(series)
+    usable = [one for one in series if len(one.positions_mm) >= MIN_INTERVAL_CYCLES]
+    process = estimate_process(
+        [equal_scale(one.positions_mm - one.positions_mm.mean(axis=0), one.noise) for one in usable],
+        [one.cycles for one in usable],
+        found.p_values is not None and found.p_values.autocorrelation <= CORRELATED,
+    )
+    longest = max((len(one.positions_mm) for one in series), default=0)
+    return SessionSteadiness(tuple(chosen), found, process, longest)
+
+
+def _series(visits: Sequence[MeasuredPose]) -> PoseSeries:
+    cycles = [visit.cycle for visit in visits if visit.cycle is not None]
+    noise = [visit.scatter[:3, :3] for visit in visits if visit.scatter is not None]
+    return PoseSeries(
+        np.array([visit.position_mm for visit in visits]),
+        np.array(cycles, dtype=np.intp) if len(cycles) == len(visits) else None,
+        visits[0].frame,
+        np.array(noise) if len(noise) == len(visits) else None,
+    )
+
+
+def not_steady(figures: PoseRepeatability) -> PoseRepeatability:
+    """Return the figures of a pose whose cycles are not steady: no verdict says what they measure."""
+
+    def judged(verdict: Verdict | None) -> Verdict | None:
+        return verdict if verdict in (None, Verdict.TOO_FEW_CYCLES) else Verdict.NOT_STEADY
+
+    return replace(
+        figures,
+        verdict=judged(figures.verdict) or figures.verdict,
+        verdicts=PerComponent(*(judged(verdict) for _, verdict in figures.verdicts.items())),
+    )
+
+
+def steadiness_warnings(steadiness: SessionSteadiness) -> list[Advisory]:
+    """Say what moved, by how much and from which cycle on, which poses have two stopping points, or why nothing was
+    tested.
+    """
+    found = steadiness.found
+    warnings = []
+    if found.p_values is None and steadiness.longest > 1:
+        warnings.append(
+            Advisory(
+                "steadiness_not_tested",
+                f"Whether the cycles are steady was not tested: no pose has {MIN_CYCLES} visits with a cycle number "
+                "each.",
+                "Tag every image with its cycle, and run 30 cycles.",
+            )
+        )
+    if found.p_values is not None and found.p_values.overall <= NOT_STEADY:
+        warnings.append(_motion_warning(steadiness))
+    if found.two_points:
+        named = listed(steadiness.pose_ids[one.pose] for one in found.two_points)
+        first = found.two_points[0]
+        noun = "Pose" if len(found.two_points) == 1 else "Poses"
+        warnings.append(
+            Advisory(
+                "two_stopping_points",
+                f"{noun} {named}: the cycles form two clusters, {_length(first.distance_mm)} apart with "
+                f"{int(first.second.sum())} of {len(first.second)} cycles in the smaller one (of the first).",
+                "Look for play, for a pose reached from two directions or in two configurations, and for two poses "
+                "under one tag.",
+            )
+        )
+    return warnings
+
+
+_CAUSES = {
+    Attribution.COMMON: (
+        "All poses move together: the camera's mount, the target, or the temperature of either, not one joint.",
+        "Fix the camera and the target, let robot and camera warm up, and measure again; a witness pose, or a second "
+        "target next to the robot, separates the two.",
+    ),
+    Attribution.POSE_BY_POSE: (
+        "The poses move each by itself: this is the robot.",
+        "Let the robot warm up, look for slipping or stick-slip in the joints that these poses load, and measure "
+        "again.",
+    ),
+    Attribution.UNDETERMINED: (
+        "Whether the motion is common to all poses is not determined.",
+        "Measure at least two poses in 30 cycles each, after the robot and the camera have warmed up.",
+    ),
+}
+
+
+def _motion_warning(steadiness: SessionSteadiness) -> Advisory:
+    found = steadiness.found
+    assert found.p_values is not None
+    cause, advice = _CAUSES[found.attribution or Attribution.UNDETERMINED]
+    moved = [one for one in found.poses if one.pose in found.moved]
+    named = listed(steadiness.pose_ids[one.pose] for one in moved)
+    parts = [
+        f"The cycles are not independent and identically distributed (p = {found.p_values.overall:.2g}; poses "
+        f"{named}). {cause}"
+    ]
+    unit = "visit" if found.grid is not None and found.grid.by_visit else "cycle"
+    if found.attribution is Attribution.POSE_BY_POSE:
+        furthest = max(moved, key=lambda one: float(np.linalg.norm(one.change_mm)))
+        parts.append(
+            f"Pose {steadiness.pose_ids[furthest.pose]} moved {_length(float(np.linalg.norm(furthest.change_mm)))} "
+            f"over the session by its trend, its largest step at {unit} {furthest.change_cycle}."
+        )
+    elif found.trend is not None and found.change_point is not None:
+        parts.append(
+            f"The motion that the poses share is {_length(float(np.linalg.norm(found.trend.change_mm)))} over the "
+            f"session by its trend, or a step of {_length(float(np.linalg.norm(found.change_point.step_mm)))} at "
+            f"{unit} {found.change_point.cycle}."
+        )
+    if steadiness.process.lag_correlation >= MIN_STATED_CORRELATION:
+        parts.append(
+            f"Successive cycles correlate by {steadiness.process.lag_correlation:.2f}; the intervals hold for that."
+        )
+    else:
+        parts.append("Repeatability and its interval describe this session, not a longer one.")
+    return Advisory("not_steady", " ".join(parts), advice)
+
+
+def _length(value: float) -> str:
+    return f"{value:.3g} mm" if value >= 0.1 else f"{1e3 * value:.2g} µm"
