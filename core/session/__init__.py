@@ -39,17 +39,10 @@ if TYPE_CHECKING:
         natural,
     )
     from core.session.performance import Approaches, PoseDistance
+    from core.session.pose_rows import DRIFT_BLOCK, PoseRow, drift_of, image_rows, measured_rows
     from core.session.poses_by_image import ImagePose, image_poses
     from core.session.qualification import qualify_session
-    from core.session.repeatability import (
-        DRIFT_BLOCK,
-        PoseRow,
-        SessionRepeatability,
-        assess_repeatability,
-        drift_of,
-        image_rows,
-        measured_rows,
-    )
+    from core.session.repeatability import SessionRepeatability, assess_repeatability
     from core.session.robot import (
         MethodDifference,
         NamedSweep,
@@ -107,15 +100,8 @@ _NAMES = {
         "Approaches",
         "PoseDistance",
     ),
-    "repeatability": (
-        "DRIFT_BLOCK",
-        "PoseRow",
-        "SessionRepeatability",
-        "assess_repeatability",
-        "drift_of",
-        "image_rows",
-        "measured_rows",
-    ),
+    "pose_rows": ("DRIFT_BLOCK", "PoseRow", "drift_of", "image_rows", "measured_rows"),
+    "repeatability": ("SessionRepeatability", "assess_repeatability"),
     "robot": (
         "MethodDifference",
         "NamedSweep",

@@ -7,7 +7,8 @@ from dataclasses import dataclass
 
 from core.metrology import Acceptance, PoseAccuracy, Reading, decide, repeatability_reading
 from core.session.model import Datasheet
-from core.session.repeatability import PoseRow, SessionRepeatability
+from core.session.pose_rows import PoseRow
+from core.session.repeatability import SessionRepeatability
 
 
 @dataclass(frozen=True, slots=True)

@@ -130,8 +130,8 @@ def steadiness_warnings(steadiness: SessionSteadiness) -> list[Advisory]:
 _CAUSES = {
     Attribution.COMMON: (
         "All poses move together: the camera's mount, the target, or the temperature of either, not one joint.",
-        "Fix the camera and the target, let robot and camera warm up, and measure again; a witness pose, or a second "
-        "target next to the robot, separates the two.",
+        "Fix the camera and the target, let robot and camera warm up, and measure again. A second target that no "
+        "robot moves, measured in each cycle, separates the camera from the robot.",
     ),
     Attribution.POSE_BY_POSE: (
         "The poses move each by itself: this is the robot.",

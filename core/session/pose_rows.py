@@ -1,0 +1,188 @@
+"""The poses of a session with the visits that count, those that do not and why, and the figures of each pose."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from jaxtyping import Int
+
+from core.metrology import Drift, PerComponent, PoseCycles, PoseRepeatability, Verdict, drift
+from core.metrology import assess_repeatability as assess_cycles
+from core.session.degraded_images import degraded_images, exclude_degraded
+from core.session.model import (
+    ExcludedMeasurement,
+    MeasuredPose,
+    SessionData,
+    SessionEstimate,
+    readings,
+)
+from core.session.steadiness import SessionSteadiness, not_steady, session_steadiness
+
+DRIFT_BLOCK = 10
+"""Cycles of one block of drift."""
+
+
+@dataclass(frozen=True, slots=True)
+class PoseRow:
+    """One pose: the visits that count for it, in order, those that do not, and its figures.
+
+    `including_degraded` is the repeatability with the cycles that do not count because their images are degraded
+    (`core.session.degraded_images`); None without such cycles.
+    """
+
+    pose_id: str
+    visits: tuple[MeasuredPose, ...]
+    excluded: tuple[ExcludedMeasurement, ...]
+    figures: PoseRepeatability | None
+    including_degraded: PerComponent[float | None] | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class PoseRows:
+    """All poses of a session in their natural order, and whether their cycles are steady."""
+
+    rows: tuple[PoseRow, ...]
+    steadiness: SessionSteadiness
+
+
+def image_rows(data: SessionData, estimate: SessionEstimate) -> PoseRows:
+    """Sort the images by pose, one target a pose, and compute every pose's figures."""
+    found = {pose.measurement_id: pose for pose in estimate.poses}
+    visits: dict[str, list[MeasuredPose]] = {}
+    excluded: dict[str, list[ExcludedMeasurement]] = {}
+    for image in data.images:
+        visits.setdefault(image.pose_id, [])
+        excluded.setdefault(image.pose_id, [])
+        if image.measurement_id in estimate.unclear:
+            excluded[image.pose_id].append(estimate.unclear[image.measurement_id])
+        elif image.measurement_id in found:
+            visits[image.pose_id].append(found[image.measurement_id])
+        else:
+            excluded[image.pose_id].append(estimate.excluded[image.measurement_id])
+    for pose_id in visits:
+        visits[pose_id], others = _of_one_target(visits[pose_id])
+        excluded[pose_id] += others
+    degraded = degraded_images(estimate)
+    whole: dict[str, list[MeasuredPose]] = {}
+    for pose_id in visits:
+        counted, others = exclude_degraded(visits[pose_id], degraded)
+        if others:
+            whole[pose_id] = visits[pose_id]
+            visits[pose_id] = counted
+            excluded[pose_id] += others
+    assessed = _rows(visits, excluded, estimate.unsteady | estimate.differing)
+    with_all = assess_cycles([_cycles(of_pose) for of_pose in whole.values()])
+    figures = {pose_id: one.repeatability for pose_id, one in zip(whole, with_all, strict=True)}
+    rows = (replace(row, including_degraded=figures.get(row.pose_id)) for row in assessed.rows)
+    return PoseRows(tuple(rows), assessed.steadiness)
+
+
+def measured_rows(data: SessionData) -> PoseRows:
+    """Sort what another instrument measured by pose, and compute every pose's figures.
+
+    Raises MeasuredPosesMissing.
+    """
+    visits: dict[str, list[MeasuredPose]] = {}
+    for pose in readings(data):
+        visits.setdefault(pose.pose_id, []).append(pose)
+    return _rows(visits, {}, frozenset())
+
+
+def drift_of(row: PoseRow) -> tuple[Int[np.ndarray, " n"], Drift] | None:
+    """Return the cycles that are numbered, and the drift over them; None where there are not two blocks of cycles."""
+    visits = [visit for visit in row.visits if visit.cycle is not None]
+    if len(visits) < 2 * DRIFT_BLOCK:
+        return None
+    rotations = [visit.rotation for visit in visits if visit.rotation is not None]
+    found = drift(
+        np.array([visit.position_mm for visit in visits]),
+        np.array(rotations) if len(rotations) == len(visits) else None,
+        block=DRIFT_BLOCK,
+    )
+    return np.array([visit.cycle for visit in visits], dtype=np.intp), found
+
+
+def _rows(
+    visits: Mapping[str, Sequence[MeasuredPose]],
+    excluded: Mapping[str, Sequence[ExcludedMeasurement]],
+    unreliable: frozenset[str],
+) -> PoseRows:
+    several = [pose_id for pose_id in visits if visits[pose_id]]
+    cycles = {pose_id: _cycles(visits[pose_id]) for pose_id in several}
+    steadiness = session_steadiness(visits)
+    assessed = assess_cycles(list(cycles.values()), process=steadiness.process)
+    assessed_poses = zip(several, assessed, strict=True)
+    figures = {pose_id: _without_instrument(cycles[pose_id], one) for pose_id, one in assessed_poses}
+    figures |= {
+        pose_id: without_robot_verdict(figures[pose_id]) for pose_id in several if pose_id in unreliable
+    }
+    # Where the instrument is known to be the cause, its verdict says more.
+    figures |= {
+        pose_id: not_steady(figures[pose_id]) for pose_id in steadiness.moved if pose_id not in unreliable
+    }
+    rows = (
+        PoseRow(pose_id, tuple(visits[pose_id]), tuple(excluded.get(pose_id, ())), figures.get(pose_id))
+        for pose_id in visits
+    )
+    return PoseRows(tuple(rows), steadiness)
+
+
+def _cycles(visits: Sequence[MeasuredPose]) -> PoseCycles:
+    """Return a pose's cycles; orientations and covariances where every one of them has them."""
+    rotations = [visit.rotation for visit in visits if visit.rotation is not None]
+    scatter = [visit.scatter for visit in visits if visit.scatter is not None]
+    return PoseCycles(
+        np.array([visit.position_mm for visit in visits]),
+        np.array(rotations) if len(rotations) == len(visits) else None,
+        np.array(scatter) if len(scatter) == len(visits) else None,
+    )
+
+
+def _without_instrument(cycles: PoseCycles, figures: PoseRepeatability) -> PoseRepeatability:
+    """Return the figures without those of the instrument where it states no covariance."""
+    if cycles.covariances is not None:
+        return figures
+    unknown: PerComponent[Any] = PerComponent(None, None, None, None, None, None, None)
+    warnings = tuple(w for w in figures.warnings if w.code != "noise_unknown")
+    return replace(figures, noise_floor=unknown, corrected=unknown, warnings=warnings)
+
+
+def without_robot_verdict(figures: PoseRepeatability) -> PoseRepeatability:
+    """Return the figures of a pose that scatters by its camera's change, or by what its images do not all show.
+
+    No verdict is `robot`, and nothing is subtracted from the figures: the instrument's share is not known.
+    """
+
+    def judged(verdict: Verdict | None) -> Verdict | None:
+        return Verdict.INSTRUMENT_LIMITED if verdict == Verdict.ROBOT else verdict
+
+    return replace(
+        figures,
+        verdict=judged(figures.verdict) or figures.verdict,
+        verdicts=PerComponent(*(judged(verdict) for _, verdict in figures.verdicts.items())),
+        corrected=figures.repeatability,
+        corrected_interval=PerComponent(None, None, None, None, None, None, None),
+    )
+
+
+def _of_one_target(
+    visits: list[MeasuredPose],
+) -> tuple[list[MeasuredPose], list[ExcludedMeasurement]]:
+    """Return the visits before the target that most show; frames of different targets do not compare."""
+    counts = Counter(visit.frame for visit in visits)
+    if len(counts) < 2:
+        return visits, []
+    frame = min(counts, key=lambda frame: (-counts[frame], frame))
+    detail = (
+        "Most images of this pose show another of the session's targets, whose frame this pose is given in."
+    )
+    others = [
+        ExcludedMeasurement(visit.measurement_id, "images_of_other_target", detail)
+        for visit in visits
+        if visit.frame != frame
+    ]
+    return [visit for visit in visits if visit.frame == frame], others
