@@ -9,6 +9,7 @@ import numpy as np
 
 from app.analyses.documents.encoding import (
     AP,
+    RP,
     VAP,
     camera_fields,
     figures_document,
@@ -77,6 +78,8 @@ def _row(row: PoseRow, found: SessionRepeatability, listed: ExcludedList) -> dic
         "including_degraded": figures_document(row.including_degraded) if row.including_degraded else None,
         "accuracy": _accuracy(accuracy) if accuracy is not None else None,
         "verdict": figures.verdict if figures else "too_few_cycles",
+        "verdicts": _verdicts(figures),
+        "orientation_scatter": _orientation(figures),
         "measurement_ids": [visit.measurement_id for visit in row.visits],
         "excluded": listed.documents(row.excluded),
     }
@@ -105,6 +108,25 @@ def _outliers(row: PoseRow) -> list[dict[str, Any]]:
         }
         for outlier in (row.figures.outliers if row.figures else ())
     ]
+
+
+def _verdicts(figures: PoseRepeatability | None) -> list[dict[str, Any]]:
+    found = figures.verdicts if figures else _NOTHING
+    return [
+        {"figure": name, "verdict": verdict}
+        for name, (_, verdict) in zip(RP, found.items(), strict=True)
+        if verdict is not None
+    ]
+
+
+def _orientation(figures: PoseRepeatability | None) -> dict[str, Any] | None:
+    """Return the scatter of orientation by rotation vectors, and by angles as such."""
+    if figures is None or figures.orientation is None:
+        return None
+    return {
+        "rotation_vector_deg": np.degrees(figures.orientation.vector_xyz).tolist(),
+        "roll_pitch_yaw_deg": np.degrees(figures.orientation.roll_pitch_yaw).tolist(),
+    }
 
 
 def _mean(figures: PoseRepeatability | None) -> dict[str, Any]:

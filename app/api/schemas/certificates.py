@@ -87,7 +87,7 @@ class Certificate(RequestModel):
     ] = None
 
 
-class ShapeUncertainty(RequestModel):
+class StatedShapeUncertainty(RequestModel):
     """Standard uncertainties of a print's departures from its grid, in place of those of its kind."""
 
     aspect: Annotated[

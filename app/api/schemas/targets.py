@@ -8,7 +8,7 @@ from typing import Annotated, Literal
 from pydantic import Field
 from typing_extensions import TypeAliasType
 
-from app.api.schemas.certificates import Certificate, PrintKind, ShapeUncertainty
+from app.api.schemas.certificates import Certificate, PrintKind, StatedShapeUncertainty
 from app.api.schemas.common import (
     MAX_LENGTH_MM,
     PositiveLength,
@@ -90,7 +90,7 @@ class TargetCreate(RequestModel):
         Annotated[float, Field(ge=0, le=1e6)] | None, Field(description=_PITCH_UNCERTAINTY)
     ] = None
     print_kind: Annotated[PrintKind | None, Field(description=_PRINT_KIND)] = None
-    shape_standard_uncertainty: Annotated[ShapeUncertainty | None, Field(description=_SHAPE)] = None
+    shape_standard_uncertainty: Annotated[StatedShapeUncertainty | None, Field(description=_SHAPE)] = None
     certificate: Annotated[Certificate | None, Field(description=_CERTIFICATE)] = None
 
 
@@ -100,7 +100,7 @@ class TargetChange(RequestModel):
     # The factory makes the field optional without allowing null; what was not sent is never looked at.
     name: Annotated[Text, Field(description="What people call the target.", default_factory=str)]
     print_kind: Annotated[PrintKind | None, Field(description=_PRINT_KIND)] = None
-    shape_standard_uncertainty: Annotated[ShapeUncertainty | None, Field(description=_SHAPE)] = None
+    shape_standard_uncertainty: Annotated[StatedShapeUncertainty | None, Field(description=_SHAPE)] = None
     certificate: Annotated[Certificate | None, Field(description=_CERTIFICATE)] = None
 
 
@@ -118,7 +118,7 @@ class TargetRead(ResponseModel):
     legacy_layout: Annotated[bool, Field(description=_LEGACY)]
     pitch_standard_uncertainty_mm: Annotated[float | None, Field(description=_PITCH_UNCERTAINTY)]
     print_kind: Annotated[PrintKind | None, Field(description=_PRINT_KIND)]
-    shape_standard_uncertainty: Annotated[ShapeUncertainty | None, Field(description=_SHAPE)]
+    shape_standard_uncertainty: Annotated[StatedShapeUncertainty | None, Field(description=_SHAPE)]
     certificate: Annotated[Certificate | None, Field(description=_CERTIFICATE)]
     created_at: Annotated[datetime, Field(description="When the target was made, RFC 3339 in UTC.")]
 

@@ -62,6 +62,29 @@ class OutlierRead(ResponseModel):
     detail: Annotated[str, Field(description="How far it lies, and how far most of the others.")]
 
 
+class FigureVerdict(ResponseModel):
+    """What one figure is of."""
+
+    figure: Annotated[str, Field(description="Its key in `repeatability`, such as `rp_x_mm`.")]
+    verdict: Annotated[Verdict, Field(description="What the figure is of: the robot, or the instrument too.")]
+
+
+class OrientationScatter(ResponseModel):
+    """Scatter of orientation in two other forms, as 3 S."""
+
+    rotation_vector_deg: Annotated[
+        Vector,
+        Field(
+            description="Of the rotation vectors about the mean orientation, along the target frame's x, y, z, "
+            "degrees: without any singularity."
+        ),
+    ]
+    roll_pitch_yaw_deg: Annotated[
+        Vector,
+        Field(description="Of each cycle's roll, pitch, yaw as such, the standard's own wording, degrees."),
+    ]
+
+
 class PoseRepeatability(ResponseModel):
     """One pose by ISO 9283:1998."""
 
@@ -124,6 +147,16 @@ class PoseRepeatability(ResponseModel):
             description="What the reading of the position speaks of: the robot, or the instrument too; "
             "`below_detection` where it is less than the noise alone would give, `not_steady` where the cycles are not "
             "independent and identically distributed (`steadiness`)."
+        ),
+    ]
+    verdicts: Annotated[
+        list[FigureVerdict],
+        Field(description="The same for each figure that is known; `verdict` is that of the position."),
+    ]
+    orientation_scatter: Annotated[
+        OrientationScatter | None,
+        Field(
+            description="Scatter of orientation in other forms; null without orientations or below two cycles."
         ),
     ]
     measurement_ids: Annotated[

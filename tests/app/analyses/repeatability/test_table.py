@@ -47,6 +47,12 @@ def test_the_table_holds_the_truth(api: Any, store: Store) -> None:
             [],
             None,
         )
+        verdicts = {one["figure"]: one["verdict"] for one in row["verdicts"]}
+        assert list(verdicts) == KEYS
+        assert verdicts["rp_l_mm"] == row["verdict"]
+        assert set(verdicts.values()) <= {"robot", "instrument_limited"}
+        # The robot turns by .05 mrad about each axis; the noise adds to it.
+        assert 2.0 * degrees < min(row["orientation_scatter"]["rotation_vector_deg"])
         assert row["noise_floor"]["rp_l_mm"] < 0.25 * row["repeatability"]["rp_l_mm"]
         for name, value in true.items():
             low, high = row["interval"][name]
@@ -134,6 +140,7 @@ def test_poses_of_one_cycle_are_rows_of_nulls(api: Any, store: Store) -> None:
     store(api, session, shoot(cycles=1))
     document = table(api, session)
     assert [row["cycles"] for row in document["poses"]] == [1] * 5
+    assert {row["orientation_scatter"] for row in document["poses"]} == {None}
     assert "too_few_cycles" in {warning["code"] for warning in document["warnings"]}
 
 
