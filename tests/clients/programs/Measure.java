@@ -51,7 +51,7 @@ public final class Measure {
             Thread.sleep(100);
         }
         PoseRepeatability row = new AnalysesApi(client)
-            .getRepeatability(session.getId(), null, null, null, null, null)
+            .getRepeatability(session.getId(), null, null, null, null, null, null)
             .getPoses().stream().filter(each -> each.getPoseId().equals("P1")).findFirst().orElseThrow();
         double measured = row.getRepeatability().getRpLMm().doubleValue();
         double expected = manifest.get("rp_l_mm").asDouble();
