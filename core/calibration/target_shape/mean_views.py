@@ -29,7 +29,7 @@ class MeanView:
     points_target: Float[np.ndarray, "3 n"]
 
 
-def images_by_pose(fit: CommonFit) -> list[Int[np.ndarray, " j"]]:
+def images_by_pose(fit: CommonFit) -> list[Int[np.ndarray, " _"]]:
     """Return the rows of the images of each pose before each target."""
     numbers = fit.pose * len(fit.views.targets) + fit.views.target
     return [np.flatnonzero(numbers == n) for n in np.unique(numbers)]
@@ -44,7 +44,7 @@ def _same_points(fit: CommonFit, images: Int[np.ndarray, " j"]) -> Int[np.ndarra
 
 
 def noise_of(
-    fit: CommonFit, residuals: Float[np.ndarray, "2 n"], groups: Sequence[Int[np.ndarray, " j"]]
+    fit: CommonFit, residuals: Float[np.ndarray, "2 n"], groups: Sequence[Int[np.ndarray, " _"]]
 ) -> tuple[float, bool]:
     """Return σ per unit of stated uncertainty, and whether repeated images give it."""
     squares, freedom = 0.0, 0

@@ -37,7 +37,7 @@ _WIDER = 0.8
 """The proposal has this share of the information at the maximum, so that it covers the tails."""
 
 
-def tail_weights(poses: Sequence[Float[np.ndarray, "n d"]]) -> Float[np.ndarray, " t"]:
+def tail_weights(poses: Sequence[Float[np.ndarray, "_ _"]]) -> Float[np.ndarray, " t"]:
     """Return the posterior probabilities of ν in `TAIL_DEGREES`; what they lack to one is that of Gaussian cycles."""
     usable = [x for x in poses if x.shape[1] > 0 and len(x) >= x.shape[1] + 2]
     if len(usable) > _MAX_POSES:

@@ -41,7 +41,7 @@ class IntervalShift:
     high: Float[np.ndarray, " k"]
 
 
-def shift_of_rp(process: CycleProcess, deviations: Sequence[Float[np.ndarray, "n 3"]]) -> IntervalShift:
+def shift_of_rp(process: CycleProcess, deviations: Sequence[Float[np.ndarray, "_ 3"]]) -> IntervalShift:
     """Return the shift of RP_l's interval for poses of these deviations, all of n ≥ 2 cycles.
 
     Parameters

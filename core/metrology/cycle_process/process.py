@@ -55,8 +55,8 @@ class CycleProcess:
 
 
 def estimate_process(
-    deviations: Sequence[Float[np.ndarray, "n 3"]],
-    cycles: Sequence[Int[np.ndarray, " n"] | None],
+    deviations: Sequence[Float[np.ndarray, "_ 3"]],
+    cycles: Sequence[Int[np.ndarray, " _"] | None],
     correlated: bool,
 ) -> CycleProcess:
     """Return the process of a session's cycles.

@@ -133,8 +133,8 @@ def cycle_grid(series: Sequence[PoseSeries]) -> CycleGrid | None:
 
 
 def _aligned(
-    cycles: Sequence[Int[np.ndarray, " n"]],
-) -> tuple[list[Int[np.ndarray, " n"]], Int[np.ndarray, " m"], bool]:
+    cycles: Sequence[Int[np.ndarray, " _"]],
+) -> tuple[list[Int[np.ndarray, " _"]], Int[np.ndarray, " m"], bool]:
     """Return each visit's row, the rows' numbers, and whether these count visits instead of cycles."""
     numbers = np.unique(np.concatenate(cycles))
     rows = [np.searchsorted(numbers, one) for one in cycles]

@@ -178,7 +178,7 @@ def common_points(
     return group[chosen], place[np.argsort(order[:count])][:, common[count - 1]]
 
 
-def _cosine_modes(column: Int[np.ndarray, " p"], row: Int[np.ndarray, " p"]) -> Float[np.ndarray, "2p q"]:
+def _cosine_modes(column: Int[np.ndarray, " p"], row: Int[np.ndarray, " p"]) -> Float[np.ndarray, "2*p q"]:
     """Return the low modes over the grid's extent, first of u, then of v, each of unit length."""
     columns, rows = int(np.ptp(column)) + 1, int(np.ptp(row)) + 1
     most = MODES if columns >= rows else MODES[::-1]

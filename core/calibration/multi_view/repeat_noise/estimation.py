@@ -207,20 +207,20 @@ def _stated(views: ViewStack, images: Int[np.ndarray, " n"]) -> float:
     return float(np.mean(views.uncertainty[images] ** 2))
 
 
-def _excess(sizes: Sequence[Float[np.ndarray, " n"]], poses: Sequence[PoseContrasts]) -> float:
+def _excess(sizes: Sequence[Float[np.ndarray, " _"]], poses: Sequence[PoseContrasts]) -> float:
     """Return the relative variance of the images' noise variances beyond what chance explains."""
     seen, count = _relative_variance(sizes, poses)
     return max(seen[0] - seen[1], 0.0) / count if count else 0.0
 
 
-def _share_beyond_chance(sizes: Sequence[Float[np.ndarray, " n"]], poses: Sequence[PoseContrasts]) -> float:
+def _share_beyond_chance(sizes: Sequence[Float[np.ndarray, " _"]], poses: Sequence[PoseContrasts]) -> float:
     """Return the share of the images' differences in noise that chance does not explain (Wiener's factor)."""
     seen, _ = _relative_variance(sizes, poses)
     return max(1.0 - seen[1] / seen[0], 0.0) if seen[0] > 0.0 else 0.0
 
 
 def _relative_variance(
-    sizes: Sequence[Float[np.ndarray, " n"]], poses: Sequence[PoseContrasts]
+    sizes: Sequence[Float[np.ndarray, " _"]], poses: Sequence[PoseContrasts]
 ) -> tuple[tuple[float, float], int]:
     """Return the sum of squared relative differences of images of one pose, what chance makes of it, and the count."""
     seen = chance = 0.0
