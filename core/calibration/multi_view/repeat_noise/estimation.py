@@ -37,7 +37,9 @@ from core.numerics import SampleCovariance, estimate_components, first_component
 MIN_FREEDOM = 3
 """Images beyond one of each pose, over all poses: with fewer the noise is taken for white."""
 MAX_POSES = 24
-"""Poses, evenly chosen, from which the noise model is estimated."""
+MIN_POSES = 6
+MAX_FREEDOM = 1000
+"""Poses, evenly chosen, from which the noise model is estimated: as many as hold so many images beyond one of each."""
 MAX_CAMERA_SHARE = 0.5
 """Of the variance beyond white noise: with more of it in the camera's directions the camera changed."""
 CHANCE = 10.0
@@ -166,7 +168,7 @@ def fit_noise_model(views: ViewStack, poses: list[PoseContrasts]) -> NoiseModel 
             pose.freedom / excess,
             _components(pose, views.image_height_px),
         )
-        for pose in evenly(poses, MAX_POSES)
+        for pose in evenly(poses, min(MAX_POSES, max(MIN_POSES, MAX_FREEDOM * len(poses) // freedom)))
     ]
     correlated, white = estimate_components(samples), first_component_alone(samples)
     evidence = 2.0 * (log_likelihood(samples, correlated) - log_likelihood(samples, white))
