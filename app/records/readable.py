@@ -167,6 +167,7 @@ _BY_NAME: dict[str, Callable[[Any], bool]] = {
     "rotation": _are_rows,
     "covariance": _are_rows,
     "joints": _are_joints,
+    "joint_coupling": _are_rows,
     "calibration": lambda value: isinstance(value, Mapping),
     "capture_quality": lambda value: isinstance(value, Mapping),
     "excluded": _is_exclusion,

@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from datetime import UTC, datetime
 from typing import Any
 
+import numpy as np
 import sqlalchemy as sa
 from sqlalchemy import orm
 
@@ -19,9 +20,11 @@ from app.services.queries import exists, get_or_raise, lock_for_deletion, requir
 def create_robot(records: orm.Session, fields: Mapping[str, Any]) -> Robot:
     """Store a robot; of its joints what is known of them.
 
-    Raises InvalidContent if names are not unique, or a lower limit is not below its upper limit.
+    Raises InvalidContent if names are not unique, a lower limit is not below its upper limit, or the coupling does not
+    fit the joints.
     """
     robot = Robot(id=new_id("rob"), created_at=datetime.now(UTC), **_columns(fields))
+    robot.joint_coupling = _coupling(robot.joint_coupling, len(robot.joints))
     records.add(robot)
     return robot
 
@@ -34,6 +37,7 @@ def update_robot(records: orm.Session, robot_id: str, changes: Mapping[str, Any]
     robot = get_or_raise(records, Robot, robot_id, lock=True)
     for field, value in _columns(changes).items():
         setattr(robot, field, value)
+    robot.joint_coupling = _coupling(robot.joint_coupling, len(robot.joints))
     records.flush()
     return robot
 
@@ -46,6 +50,22 @@ def _columns(fields: Mapping[str, Any]) -> dict[str, Any]:
             {key: value for key, value in joint.items() if value is not None} for joint in columns["joints"]
         ]
     return columns
+
+
+def _coupling(coupling: list[list[float]] | None, joints: int) -> list[list[float]] | None:
+    """Return the coupling; None for ones alone, which couple nothing."""
+    if coupling is None:
+        return None
+    fits = len(coupling) == joints and all(len(row) == joints for row in coupling)
+    if not fits or abs(np.linalg.det(np.array(coupling))) < MIN_DETERMINANT:
+        raise InvalidContent(
+            f"joint_coupling is not an invertible matrix of {joints} rows and columns.",
+            "Send ones on the diagonal, and in the row of a joint that follows another the share of its angle; null "
+            "where no joint does.",
+            code="invalid_joint_coupling",
+            errors=[("joint_coupling", "must be n x n for n joints, and invertible")],
+        )
+    return None if coupling == np.eye(joints).tolist() else coupling
 
 
 def _check(joints: Sequence[Mapping[str, Any]]) -> None:
@@ -78,6 +98,7 @@ def list_robots(
     return page(session, sa.select(Robot).where(*visible(Robot)), Robot.id, limit=limit, cursor=cursor)
 
 
+MIN_DETERMINANT = 1e-6
 MAX_NAMED = 5
 """Sessions listed in a refusal; a robot may have many more."""
 
@@ -104,7 +125,8 @@ def read_plan(
 ) -> tuple[list[dict[str, Any]], dict[str, Any]]:
     """Return the robot's joints and the target's fields.
 
-    Raises NotFound for the robot, InvalidContent for the target, RowUnreadable for either.
+    Raises NotFound for the robot, InvalidContent for the target, RowUnreadable for either, Conflict for a robot whose
+    joints are coupled.
     """
     robot = get_or_raise(records, Robot, robot_id)
     if not exists(records, Target, target_id):
@@ -117,4 +139,11 @@ def read_plan(
     target = get_or_raise(records, Target, target_id)
     require_readable(robot)
     require_readable(target)
+    if robot.joint_coupling is not None:
+        raise Conflict(
+            "The robot's joints are coupled, and poses are planned for uncoupled ones.",
+            "Make a robot with the same joints and without joint_coupling, plan for it, and command the inverse of the "
+            "coupling times the planned angles.",
+            code="coupled_joints_not_planned",
+        )
     return robot.joints, target_fields(target)

@@ -20,7 +20,6 @@ from scipy.special import chdtri
 from core.errors import Advisory, listed
 from core.session.model import ExcludedMeasurement, MeasuredPose, SessionEstimate
 
-DEGRADED = "image_degraded"
 FALSE_ALARMS = 1e-3
 """Chance that a session without degraded images has one named."""
 MIN_SHARE = 0.25
@@ -72,7 +71,7 @@ def exclude_degraded(
                     f"{degraded[visit.measurement_id]}; its own standard deviation is {np.sqrt(share):.1f} times the "
                     f"scatter of the pose, and explains its distance of {np.linalg.norm(off):.3g} mm from the median."
                 )
-                excluded.append(ExcludedMeasurement(visit.measurement_id, DEGRADED, detail))
+                excluded.append(ExcludedMeasurement(visit.measurement_id, "image_degraded", detail))
                 continue
         counted.append(visit)
     return counted, excluded

@@ -169,6 +169,8 @@ class SessionData:
         The camera of the estimator `given`.
     nominal
         The robot as its maker describes it.
+    joint_coupling
+        C: the joint angles of the robot's model are C times those stated of its poses; None: they are those stated.
     datasheet
         What its maker promises.
     pending
@@ -184,12 +186,18 @@ class SessionData:
     lens: Lens | None = None
     intrinsics: Camera | None = None
     nominal: Chain | None = None
+    joint_coupling: Float[np.ndarray, "j j"] | None = None
     datasheet: Datasheet = Datasheet()
     pending: int = 0
 
     def observed(self) -> set[int]:
         """Return the places of the images whose grid points were found."""
         return {i for group in self.views for i in group.images.tolist()}
+
+    def model_angles(self, stated_deg: Float[np.ndarray, "n j"]) -> Float[np.ndarray, "n j"]:
+        """Return the joint angles of the robot's model, rad, from those stated, degrees."""
+        stated = np.radians(stated_deg)
+        return stated if self.joint_coupling is None else stated @ self.joint_coupling.T
 
     def points_count(self) -> int:
         """Return the number of grid points of all images."""

@@ -11,7 +11,7 @@ from core.metrology import PoseRepeatability
 from core.session.absolute_poses import absolute_poses
 from core.session.commanded_poses import Accuracy, assess_accuracy
 from core.session.confirmation import unconfirmed
-from core.session.degraded_images import DEGRADED, degraded_warning
+from core.session.degraded_images import degraded_warning
 from core.session.measured_pose_warnings import measured_pose_warnings
 from core.session.model import MeasuredPose, SessionData, SessionEstimate
 from core.session.performance import Performance, assess_performance
@@ -122,7 +122,7 @@ def _row_warnings(rows: Sequence[PoseRow]) -> list[Advisory]:
             kinds.setdefault(warning.code, []).append((row.pose_id, warning))
     warnings = degraded_warning(
         {
-            row.pose_id: [one.measurement_id for one in row.excluded if one.code == DEGRADED]
+            row.pose_id: [one.measurement_id for one in row.excluded if one.code == "image_degraded"]
             for row in rows
             if row.including_degraded is not None
         }

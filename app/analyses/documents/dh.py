@@ -62,6 +62,7 @@ def dh_findings(data: SessionData, settings: Mapping[str, str]) -> Findings:
         "model": settings["model"],
         "source": settings["source"],
         "convention": "classic_dh",
+        "joint_coupling": None if data.joint_coupling is None else data.joint_coupling.tolist(),
         "joint_tolerance_deg": float(settings["joint_tolerance_deg"]),
         "named_sweeps": list(names),
         **_robot(found, data),

@@ -68,6 +68,7 @@ def read_change_token(records: orm.Session, session_id: str) -> str:
             robot.id,
             robot.name,
             robot.joints,
+            robot.joint_coupling,
             robot.datasheet_repeatability_mm,
             robot.datasheet_accuracy_mm,
         ]

@@ -63,6 +63,7 @@ def load_session(records: orm.Session, snapshot: Snapshot, source: str = "images
         lens=Lens(**snapshot.lens) if snapshot.lens is not None else None,
         intrinsics=Camera(**snapshot.intrinsics) if snapshot.intrinsics is not None else None,
         nominal=nominal_chain(snapshot.robot),
+        joint_coupling=None if snapshot.joint_coupling is None else np.array(snapshot.joint_coupling),
         datasheet=Datasheet(**snapshot.datasheet),
         pending=snapshot.pending,
     )

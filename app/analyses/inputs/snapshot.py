@@ -79,8 +79,8 @@ class Snapshot:
     them, but for those that are computed again, whose earlier results stand.
 
     Where an analysis is of another instrument's poses, `measured` are those in the same order, and there are no images.
-    `robot` are the nominal parameters of the session's joints, `datasheet` what its maker states. `subject` is what
-    answers say they are about.
+    `robot` are the nominal parameters of the session's joints, `joint_coupling` how these are coupled, `datasheet` what
+    its maker states. `subject` is what answers say they are about.
     """
 
     session_id: str
@@ -93,6 +93,7 @@ class Snapshot:
     pending: int
     measured: tuple[StoredPose, ...] = ()
     robot: list[dict[str, float]] | None = None
+    joint_coupling: list[list[float]] | None = None
     datasheet: Mapping[str, float | None] = field(default_factory=dict)
     subject: Mapping[str, Any] = field(default_factory=dict)
 
@@ -137,6 +138,7 @@ class Snapshot:
             ],
             "measured": [[m.pose_id, m.cycle, m.content_sha256] for m in self.measured],
             "robot": self.robot if analysis in ROBOT_ANALYSES else None,
+            "joint_coupling": self.joint_coupling if analysis in ROBOT_ANALYSES else None,
             "datasheet": dict(self.datasheet) if analysis == "repeatability" else None,
         }
         text = json.dumps(inputs, sort_keys=True, separators=(",", ":"), allow_nan=False)
@@ -174,6 +176,9 @@ def read_snapshot(records: orm.Session, session_id: str, source: str = "images")
     robot = records.get(Robot, session.robot_id) if session.robot_id is not None else None
     if robot is not None:
         require_readable(robot)
+        coupling = robot.joint_coupling
+        if coupling is not None and {len(robot.joints)} != {len(coupling), *map(len, coupling)}:
+            raise RowUnreadable(f"robot ({robot.id})", ["joint_coupling"])
     return Snapshot(
         session_id=session_id,
         target_ids=target_ids,
@@ -191,6 +196,7 @@ def read_snapshot(records: orm.Session, session_id: str, source: str = "images")
         robot=[{name: joint[name] for name in _OF_JOINT} for joint in robot.joints]
         if robot is not None
         else None,
+        joint_coupling=robot.joint_coupling if robot is not None else None,
         datasheet={
             "repeatability_mm": robot.datasheet_repeatability_mm,
             "accuracy_mm": robot.datasheet_accuracy_mm,

@@ -59,6 +59,16 @@ Joints = Annotated[
     list[Joint],
     Field(min_length=1, max_length=12, description="The robot's joints in order, the first at the base."),
 ]
+JointCoupling = Annotated[
+    list[Annotated[list[Annotated[float, Field(ge=-100, le=100)]], Field(min_length=1, max_length=12)]]
+    | None,
+    Field(
+        min_length=1,
+        max_length=12,
+        description="n x n for n joints: the model's joint angles are this matrix times the stated ones. Null: they "
+        "are the stated ones.",
+    ),
+]
 Manufacturer = Annotated[Text | None, Field(description="Who made the robot; null: not known.")]
 Model = Annotated[Text | None, Field(description="What its maker calls it; null: not known.")]
 SerialNumber = Annotated[
@@ -79,6 +89,7 @@ class RobotCreate(RequestModel):
 
     name: Name
     joints: Joints
+    joint_coupling: JointCoupling = None
     manufacturer: Manufacturer = None
     model: Model = None
     serial_number: SerialNumber = None
@@ -92,6 +103,7 @@ class RobotChange(RequestModel):
     # The factories make the fields optional without allowing null; what was not sent is never looked at.
     name: Name = Field(default_factory=str)
     joints: Joints = Field(default_factory=list)
+    joint_coupling: JointCoupling = None
     manufacturer: Manufacturer = None
     model: Model = None
     serial_number: SerialNumber = None
@@ -105,6 +117,13 @@ class RobotRead(ResponseModel):
     id: RobotId
     name: Annotated[str, Field(description="What people call the robot.")]
     joints: Annotated[list[Joint], Field(description="The robot's joints in order, the first at the base.")]
+    joint_coupling: Annotated[
+        list[list[float]] | None,
+        Field(
+            description="n x n: the model's joint angles are this matrix times the stated ones; null: they are the "
+            "stated ones."
+        ),
+    ]
     manufacturer: Annotated[str | None, Field(description="Who made the robot; null: not known.")]
     model: Annotated[str | None, Field(description="What its maker calls it; null: not known.")]
     serial_number: Annotated[str | None, Field(description="The number on its plate; null: not known.")]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from typing import Annotated
 
 import typer
@@ -14,6 +15,7 @@ from app.client import Json, ServiceClient, find_robot
 
 _PARAMETERS = ("a_mm", "alpha_deg", "d_mm", "theta_offset_deg", "minimum_deg", "maximum_deg")
 _FORMS = (3, 4, 6)
+_PAIR = re.compile(r"(\d{1,2}):(\d{1,2}):([-+]?(?:\d+\.?\d*|\.\d+))")
 
 
 _Joints = Annotated[
@@ -22,6 +24,14 @@ _Joints = Annotated[
         "--joint",
         help="A joint's classic (distal) Denavit-Hartenberg parameters, A_MM:ALPHA_DEG:D_MM, then "
         ":THETA_OFFSET_DEG and :MINIMUM_DEG:MAXIMUM_DEG if known; once per joint, the first at the base.",
+    ),
+]
+_Coupling = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--joint-coupling",
+        help="A joint whose angle follows another's, JOINT:OTHER:SHARE, e.g. 3:2:1 where joint 3 of the model turns by "
+        "its stated angle and that of joint 2; once per pair, with all joints.",
     ),
 ]
 _Manufacturer = Annotated[str | None, typer.Option(help="Who made the robot.")]
@@ -37,6 +47,7 @@ def create(
     service: UploadAccess,
     name: Name = None,
     joint: _Joints = None,
+    joint_coupling: _Coupling = None,
     manufacturer: _Manufacturer = None,
     model: _Model = None,
     serial_number: _SerialNumber = None,
@@ -62,7 +73,7 @@ def create(
             "robot",
             name,
             file,
-            lambda _: _given(joint, texts, promised),
+            lambda _: _given(joint, joint_coupling, texts, promised),
             {"joints": "--joint"},
             "gridpose sessions create NAME --robot {id}",
             accept_implausible=accept_implausible,
@@ -75,6 +86,7 @@ def change(
     service: UploadAccess,
     name: Annotated[str | None, typer.Option(help="The robot's new name.")] = None,
     joint: _Joints = None,
+    joint_coupling: _Coupling = None,
     manufacturer: _Manufacturer = None,
     model: _Model = None,
     serial_number: _SerialNumber = None,
@@ -92,7 +104,7 @@ def change(
     }
 
     def act(client: ServiceClient) -> None:
-        changes = _given(joint, texts, promised)
+        changes = _given(joint, joint_coupling, texts, promised)
         if not changes:
             raise OptionRefused(
                 "Nothing is to be changed.", "Give what is new, e.g. --datasheet-accuracy-mm .5."
@@ -104,10 +116,31 @@ def change(
     return service.run(act)
 
 
-def _given(joint: list[str] | None, texts: Json, promised: Json) -> Json:
+def _given(joint: list[str] | None, coupling: list[str] | None, texts: Json, promised: Json) -> Json:
     """Return the fields of a robot that the options name."""
     fields = {name: value for name, value in {**texts, **promised}.items() if value is not None}
-    return {**fields, "joints": [_joint(text) for text in joint]} if joint else fields
+    if coupling and not joint:
+        raise OptionRefused("--joint-coupling needs the joints.", "Give every --joint, too.")
+    if joint:
+        fields["joints"] = [_joint(text) for text in joint]
+    if coupling:
+        fields["joint_coupling"] = _matrix(coupling, len(fields["joints"]))
+    return fields
+
+
+def _matrix(coupling: list[str], joints: int) -> list[list[float]]:
+    """Return the coupling of joints: ones on the diagonal, and the shares that are given."""
+    matrix = [[float(row == column) for column in range(joints)] for row in range(joints)]
+    for text in coupling:
+        match = _PAIR.fullmatch(text)
+        row, column = (int(match[1]), int(match[2])) if match else (0, 0)
+        if match is None or row == column or not (1 <= row <= joints and 1 <= column <= joints):
+            raise OptionRefused(
+                f"--joint-coupling {text} does not name two of the {joints} joints and a share.",
+                "Write JOINT:OTHER:SHARE, joints counted from 1, e.g. 3:2:1.",
+            )
+        matrix[row - 1][column - 1] = float(match[3])
+    return matrix
 
 
 def _joint(text: str) -> dict[str, float]:

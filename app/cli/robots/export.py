@@ -113,6 +113,12 @@ def export_dh(
                 sweep=sweep or None,
             )
             robot = _robot(client, session_id, len(document["joints"]))
+        if document["joint_coupling"] is not None and model_format.value != "yaml":
+            raise OptionRefused(
+                "The robot's joints are coupled, which this format cannot express: its joints turn each by itself.",
+                "Use --format yaml, which has joint_coupling; or drive the model with joint_coupling times the stated "
+                "angles.",
+            )
         joints: list[Json] = robot["joints"]
         written = Model(
             document,
@@ -122,7 +128,7 @@ def export_dh(
             camera,
         )
     except OptionRefused as refused:
-        print_error(console, str(refused))
+        print_error(console, str(refused), refused.advice)
         return 2
     except ClientError as error:
         print_error(console, str(error), error.advice)

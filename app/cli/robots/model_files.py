@@ -116,6 +116,7 @@ def write_yaml(model: Model) -> str:
             for name in (
                 *(
                     "convention",
+                    "joint_coupling",
                     "method",
                     "source",
                     "estimator",

@@ -66,6 +66,7 @@ class Robot(Table):
     id: Mapped[str] = mapped_column(sa.String(40), primary_key=True)
     name: Mapped[str] = mapped_column(sa.String(200))
     joints: Mapped[JsonList]
+    joint_coupling: Mapped[JsonList | None]
     manufacturer: Mapped[str | None] = mapped_column(sa.String(200))
     model: Mapped[str | None] = mapped_column(sa.String(200))
     serial_number: Mapped[str | None] = mapped_column(sa.String(200))

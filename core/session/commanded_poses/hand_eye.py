@@ -174,7 +174,7 @@ def _commanded(data: SessionData) -> tuple[dict[str, Float[np.ndarray, "4 4"]], 
     }
     if not by_joints:
         return {}, ()
-    q = np.radians(np.array([c.joint_angles_deg for c in by_joints.values()], dtype=np.float64))
+    q = data.model_angles(np.array([c.joint_angles_deg for c in by_joints.values()], dtype=np.float64))
     warning = Advisory(
         "commanded_by_nominal_robot",
         "No pose states position and orientation: the flange is where the nominal robot has it at the commanded joint "

@@ -123,7 +123,7 @@ def with_nominal_orientations(data: SessionData) -> SessionData:
     }
     if not by_joints:
         return data
-    q = np.radians(np.array([c.joint_angles_deg for c in by_joints.values()], dtype=np.float64))
+    q = data.model_angles(np.array([c.joint_angles_deg for c in by_joints.values()], dtype=np.float64))
     commanded = dict(data.commanded)
     for (pose_id, c), T in zip(by_joints.items(), forward(data.nominal, q), strict=True):
         roll, pitch, yaw = np.degrees(rotation_to_rpy(T[:3, :3])).tolist()
@@ -214,7 +214,7 @@ def _angles(data: SessionData, pose: MeasuredPose) -> Sequence[float] | None:
 def _joint_angles(data: SessionData, poses: Sequence[MeasuredPose]) -> Float[np.ndarray, "n j"]:
     joints = len(data.nominal) if data.nominal is not None else None
     labels = [pose.pose_id for pose in poses]
-    return np.radians(stack_joint_angles([_angles(data, pose) for pose in poses], joints, labels))
+    return data.model_angles(stack_joint_angles([_angles(data, pose) for pose in poses], joints, labels))
 
 
 def shared_errors(poses: Sequence[MeasuredPose]) -> Float[np.ndarray, "n 6 k"] | None:

@@ -99,6 +99,14 @@ def test_more_poses_tell_more_and_suggested_ones_most(api: Any) -> None:
     assert planned(api, robot, **query)["joints"] == still["joints"]
 
 
+def test_a_robot_whose_joints_are_coupled_is_refused(api: Any) -> None:
+    robot = make_robot(api)
+    coupling = np.eye(6)
+    coupling[2, 1] = 1.0
+    api.client.patch(f"/v1/robots/{robot}", json={"joint_coupling": coupling.tolist()})
+    assert_problem(ask(api, robot), 409, "coupled_joints_not_planned")
+
+
 def test_poses_that_tell_nothing_are_said_to(api: Any) -> None:
     robot = make_robot(api)
     still = planned(api, robot, poses=[{"joint_angles_deg": np.degrees(KR5_ARC_HOME).tolist()}] * 20)

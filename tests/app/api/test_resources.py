@@ -178,7 +178,7 @@ def test_a_robot_is_read_as_it_was_made(any_api: Any) -> None:
     assert made.status_code == 201
     document = made.json()
     stated = {"manufacturer", "model", "serial_number", "datasheet_repeatability_mm", "datasheet_accuracy_mm"}
-    assert set(document) == {"id", "name", "joints"} | stated
+    assert set(document) == {"id", "name", "joints", "joint_coupling"} | stated
     assert document["serial_number"] is None
     unknown = {"name": None, "minimum_deg": None, "maximum_deg": None}
     assert document["joints"] == [{**joint, **unknown} for joint in ROBOT["joints"]]

@@ -112,3 +112,29 @@ def test_a_change_that_cannot_be_is_refused_and_changes_nothing(
 
 def test_a_robot_that_is_not_there_cannot_be_changed(api: Any) -> None:
     assert_problem(api.client.patch(f"/v1/robots/rob_{'0' * 26}", json={"name": "R"}), 404, "robot_not_found")
+
+
+COUPLED = [[1.0, 0.0], [-1.0, 1.0]]
+
+
+def test_a_coupling_fits_the_joints_and_can_be_changed(api: Any) -> None:
+    robot = make(api, {}, {}).json()
+    address = f"/v1/robots/{robot['id']}"
+    assert robot["joint_coupling"] is None
+    assert api.client.patch(address, json={"joint_coupling": COUPLED}).json()["joint_coupling"] == COUPLED
+    # Joints that no longer fit are refused, both together are taken.
+    three = [{**PLAIN}, {**PLAIN}, {**PLAIN}]
+    assert_problem(api.client.patch(address, json={"joints": three}), 422, "invalid_joint_coupling")
+    changed = api.client.patch(address, json={"joints": three, "joint_coupling": None})
+    assert (len(changed.json()["joints"]), changed.json()["joint_coupling"]) == (3, None)
+
+
+@pytest.mark.parametrize(
+    "coupling", [[[1.0]], [[1.0, 0.0], [1.0]], [[1.0, 1.0], [1.0, 1.0]], [[0.0, 0.0], [0.0, 0.0]]]
+)
+def test_a_coupling_that_cannot_be_is_refused(api: Any, coupling: list[list[float]]) -> None:
+    robot = make(api, {}, {}).json()
+    change = {"joint_coupling": coupling}
+    assert_problem(api.client.patch(f"/v1/robots/{robot['id']}", json=change), 422, "invalid_joint_coupling")
+    body = {"name": "R", "joints": [PLAIN, PLAIN], **change}
+    assert_problem(api.client.post("/v1/robots", json=body), 422, "invalid_joint_coupling")

@@ -82,6 +82,13 @@ def test_what_is_stated_of_a_robot_is_changed(served: Any) -> None:
     assert (changed["serial_number"], changed["datasheet_accuracy_mm"]) == ("412", 0.4)
     assert (changed["joints"][0]["d_mm"], changed["name"]) == (410.0, "cell 9")
     gridpose(served, "robots", "change", "cell 9", code=2)
+    coupled = ("--joint", "180:-90:400", "--joint", "600:0:0", "--joint-coupling", "2:1:-1")
+    gridpose(served, "robots", "change", "cell 9", *coupled)
+    changed = served.client.get(f"/v1/robots/{robot['id']}").json()
+    assert changed["joint_coupling"] == [[1.0, 0.0], [-1.0, 1.0]]
+    for wrong in ("2:3:1", "2:2:1", "2:1:x", "0:1:1"):
+        gridpose(served, "robots", "change", "cell 9", *coupled[:-1], wrong, code=2)
+    gridpose(served, "robots", "change", "cell 9", "--joint-coupling", "2:1:1", code=2)
     gridpose(served, "robots", "change", "none", "--model", "M", code=1)
 
 

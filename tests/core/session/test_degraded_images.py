@@ -9,7 +9,7 @@ import pytest
 
 from core.metrology import PoseRepeatability
 from core.session import PoseRow, SessionData, assess_repeatability, estimate_session
-from core.session.degraded_images import DEGRADED, degraded_images
+from core.session.degraded_images import degraded_images
 from tests.support.simulation.correlated_noise import (
     DISTURBANCES,
     NoisySession,
@@ -46,7 +46,7 @@ def test_a_degraded_image_does_not_count_and_is_printed_with() -> None:
     found = assess_repeatability(data, estimate_session(data))
     rows = {row.pose_id: row for row in found.poses}
     (excluded,) = rows["P1"].excluded
-    assert (excluded.measurement_id, excluded.code) == ("m37", DEGRADED)
+    assert (excluded.measurement_id, excluded.code) == ("m37", "image_degraded")
     assert "residuals of this image" in excluded.detail
     figures = figures_of(rows["P1"])
     assert (figures.n, len(rows["P1"].visits)) == (29, 29)

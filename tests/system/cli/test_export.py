@@ -146,6 +146,24 @@ def test_refusals_say_what_to_do(service: ServiceProcess) -> None:
         assert options[0] in said, "the option is named"
 
 
+def test_coupled_joints_are_written_as_yaml_alone(service: ServiceProcess) -> None:
+    export = ("robots", "export", "--session", "cell", "--source", "measured_poses", "--format")
+    with ServiceClient(service.url, service.admin_key) as client:
+        (robot,) = client.items("/v1/robots")
+        address = f"/v1/robots/{robot['id']}"
+        client.change(address, {"joint_coupling": [[1.0, 0.0], [0.001, 1.0]]})
+        for name in ("urdf", "roboticstoolbox", "csv"):
+            code, text, said = run(service, *export, name)
+            assert (code, text) == (2, "")
+            assert "--format yaml" in said
+        code, text, errors = run(service, *export, "yaml")
+        assert code == 0, errors
+        assert yaml.safe_load(text)["joint_coupling"] == [[1.0, 0.0], [0.001, 1.0]]
+        # Ones alone couple nothing.
+        assert client.change(address, {"joint_coupling": [[1.0, 0.0], [0.0, 1.0]]})["joint_coupling"] is None
+    assert run(service, *export, "csv")[0] == 0
+
+
 def test_a_plan_is_shown(service: ServiceProcess, tmp_path: Path) -> None:
     with ServiceClient(service.url, service.admin_key) as client:
         (target,) = client.items("/v1/targets")
@@ -162,12 +180,12 @@ def test_a_plan_is_shown(service: ServiceProcess, tmp_path: Path) -> None:
     }
     path = tmp_path / "plan.yaml"
     path.write_text(yaml.safe_dump(plan), encoding="utf-8")
-    code, shown, errors = run(service, "robots", "plan", str(path), "--robot", "Positioner")
+    code, shown, errors = run(service, "robots", "plan", "dh", str(path), "--robot", "Positioner")
     assert code == 0, errors
     assert "10 of 10 poses" in shown
     assert "2 further poses" in shown
-    code, _, said = run(service, "robots", "plan", str(path), "--robot", "nobody")
+    code, _, said = run(service, "robots", "plan", "dh", str(path), "--robot", "nobody")
     assert (code, "robot_not_found" in said) == (1, True)
     path.write_text("- 1\n", encoding="utf-8")
-    code, _, said = run(service, "robots", "plan", str(path), "--robot", "Positioner")
+    code, _, said = run(service, "robots", "plan", "dh", str(path), "--robot", "Positioner")
     assert (code, path.name in said) == (2, True)

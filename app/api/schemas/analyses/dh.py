@@ -178,6 +178,13 @@ class DhAnalysis(EstimatedAnalysis):
     convention: Annotated[
         DhConvention, Field(description="Classic (distal) Denavit-Hartenberg: Rz(θ) Tz(d) Tx(a) Rx(α).")
     ]
+    joint_coupling: Annotated[
+        list[list[float]] | None,
+        Field(
+            description="The robot's: the chain's joint angles are this matrix times the stated ones; null: they are "
+            "the stated ones."
+        ),
+    ]
     joint_tolerance_deg: Annotated[
         float,
         Field(
