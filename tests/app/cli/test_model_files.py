@@ -56,6 +56,7 @@ def model(rows: Any = None, beta: float | None = None, **changes: Any) -> Model:
         **{"method": "global", "source": "measured_poses", "estimator": "pooled", "named_sweeps": []},
         **{
             "convention": "classic_dh",
+            "joint_coupling": None,
             "condition_number": 50.0,
             "null_space": [{"parameters": ["joint_1.d_mm"], "sentence": "d1 -- and more."}],
             "model": "auto",

@@ -20,6 +20,8 @@ from core.calibration.state import SMALLEST_NOISE_PX
 
 MODES = (7, 5)
 """Modes along the longer and the shorter side of the grid."""
+MODES_OF_SQUARE = (6, 6)
+"""A square grid looks the same when it is turned by a quarter, and so must its modes."""
 MIN_CONTRASTS = 20
 MIN_SINGULAR_VALUE = 0.1
 """Of the modes less J: below it a mode is the pose's."""
@@ -181,7 +183,7 @@ def common_points(
 def _cosine_modes(column: Int[np.ndarray, " p"], row: Int[np.ndarray, " p"]) -> Float[np.ndarray, "2*p q"]:
     """Return the low modes over the grid's extent, first of u, then of v, each of unit length."""
     columns, rows = int(np.ptp(column)) + 1, int(np.ptp(row)) + 1
-    most = MODES if columns >= rows else MODES[::-1]
+    most = MODES_OF_SQUARE if columns == rows else MODES if columns > rows else MODES[::-1]
     x, y = (column - column.min() + 0.5) / columns, (row - row.min() + 0.5) / rows
     along = np.cos(np.pi * x[:, None] * np.arange(min(most[0], columns)))
     across = np.cos(np.pi * y[:, None] * np.arange(min(most[1], rows)))

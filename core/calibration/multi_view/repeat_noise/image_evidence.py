@@ -44,8 +44,11 @@ def image_p_values(views: ViewStack, poses: list[PoseContrasts]) -> Float[np.nda
         return result
     for pose, quiet in zip(tested, quieter, strict=True):
         V = model_covariance(model, quiet, views.image_height_px)
-        off_mean = pose.values - pose.values[np.isin(pose.images, quiet.images)].mean(axis=0)
-        squares = np.sum(off_mean.T * np.linalg.solve(V, off_mean.T), axis=0)
+        kept = np.isin(pose.images, quiet.images)
+        off_mean = pose.values - pose.values[kept].mean(axis=0)
+        # An image varies less about a mean that it is part of than about one of others.
+        variance = 1.0 + np.where(kept, -1.0, 1.0) / len(quiet.images)
+        squares = np.sum(off_mean.T * np.linalg.solve(V, off_mean.T), axis=0) / variance
         d = float(pose.values.shape[1])
         result[pose.images, 1] = chdtrc(d, squares / np.median(squares) * chdtri(d, 0.5))
     return result

@@ -113,7 +113,7 @@ def test_bad_input_is_refused_with_advice(api: Any, store: Store) -> None:
     assert misspelt["errors"] == [{"field": "estimater", "message": "is not known"}]
     twice = api.client.get(f"/v1/sessions/{session}/repeatability?estimator=pooled&estimator=given").json()
     assert twice["errors"] == [{"field": "estimator", "message": "is given more than once"}]
-    assert "estimator, source" in misspelt["advice"]
+    assert "estimator, refine_target, source" in misspelt["advice"]
     problem(get(api, "ses_" + "0" * 26), 404, "session_not_found")
     problem(get(api, "nonsense"), 404, "session_not_found")
 
