@@ -97,3 +97,15 @@ def test_clean_images_are_not_named(name: str) -> None:
     for seed in range(6):
         session = noisy_session(np.random.default_rng([seed, 4]), DISTURBANCES[name], robot_mm=0.02)
         assert degraded_images(estimate_session(session_data(session))) == {}
+
+
+@pytest.mark.parametrize("cycles", [10, 30])
+def test_sound_images_are_as_unlikely_as_stated(cycles: int) -> None:
+    """Of the images below 1 % there are one in a hundred, and four standard deviations more at most."""
+    found = []
+    for seed in range(4):
+        session = noisy_session(np.random.default_rng(100 + seed), white(), cycles=cycles)
+        for group in estimate_session(session_data(session)).groups:
+            found.append(group.estimate.image_p_values)
+    p = np.concatenate(found)
+    assert np.all(np.mean(p < 0.01, axis=0) <= 0.01 + 4.0 * np.sqrt(0.01 / len(p)))
