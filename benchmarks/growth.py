@@ -41,6 +41,8 @@ SETTINGS = {
     "model": "auto",
     "joint_tolerance_deg": "0.02",
 }
+LARGEST = {"dh": 20_000}
+"""Images that an analysis takes at most."""
 MOST_GROWTH = 1.3
 """Of the time per image, from 10,000 to 100,000: n log n makes 1.25 of it."""
 
@@ -53,13 +55,16 @@ def rows(seeds: list[int], quick: bool) -> Iterable[Row]:
         for analysis in ANALYSES:
             taken = {}
             for count, session_id in zip(counts, sessions, strict=True):
+                if count > LARGEST.get(analysis, count):
+                    continue
                 with ProcessPoolExecutor(1, multiprocessing.get_context("spawn")) as process:
                     seconds, mib = process.submit(_analysed, folder, analysis, session_id).result()
                 taken[count] = seconds
                 note = f"processor time of a process that is started; {mib:.0f} MiB at most"
                 yield Row.context(f"{analysis}, {count:,} images", seconds, "s", note)
-            growth = taken[counts[-1]] / taken[counts[-2]] * counts[-2] / counts[-1]
-            what = f"{analysis}, time per image, {counts[-1]:,} ÷ {counts[-2]:,} images"
+            (few, before), (many, after) = list(taken.items())[-2:]
+            growth = after / before * few / many
+            what = f"{analysis}, time per image, {many:,} ÷ {few:,} images"
             yield Row.at_most(what, growth, MOST_GROWTH)
 
 
