@@ -130,6 +130,29 @@ def _are_joints(value: Any) -> bool:
     )
 
 
+_CERTIFICATE_TEXTS = ("number", "laboratory", "issued_on")
+_CERTIFICATE_NUMBERS = (
+    *("temperature_c", "expansion_per_k", "pitch_x_mm", "pitch_y_mm", "squareness_mrad"),
+    "points_standard_uncertainty_mm",
+)
+
+
+def _is_certificate(value: Any) -> bool:
+    known = {*_CERTIFICATE_TEXTS, *_CERTIFICATE_NUMBERS, "standard_uncertainty", "points_mm"}
+    if not isinstance(value, Mapping) or not set(value) <= known:
+        return False
+    stated, points = value.get("standard_uncertainty"), value.get("points_mm")
+    return (
+        all(isinstance(value.get(name), str | None) for name in _CERTIFICATE_TEXTS)
+        and all(value.get(name) is None or _is_number(value[name]) for name in _CERTIFICATE_NUMBERS)
+        and (
+            stated is None
+            or _are_numbers_of("pitch_x_mm", "pitch_y_mm", optional=("squareness_mrad",))(stated)
+        )
+        and (points is None or (_are_rows(points) and all(len(point) == 3 for point in points)))
+    )
+
+
 def _are_conditions(value: Any) -> bool:
     numbers, texts = ("temperature_c", "load_kg", "speed_percent", "warm_up_min"), ("operator", "notes")
     return (
@@ -162,6 +185,11 @@ _BY_NAME: dict[str, Callable[[Any], bool]] = {
         "fx_px", "fy_px", "cx_px", "cy_px", optional=("k1", "k2", "p1", "p2", "k3")
     ),
     "conditions": _are_conditions,
+    "certificate": _is_certificate,
+    "print_kind": lambda value: value in ("paper", "plate", "glass"),
+    "shape_standard_uncertainty": _are_numbers_of(
+        "aspect", "shear", "bow_mm", "twist_mm", "quadratic_mm", "point_mm"
+    ),
     "joint_angles_deg": _are_numbers,
     "position_mm": _are_numbers,
     "rotation": _are_rows,

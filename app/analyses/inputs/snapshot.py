@@ -33,7 +33,9 @@ from app.records.tables import (
     target_fields,
 )
 from app.services.queries import get_or_raise, require_readable
+from core import GridposeError
 from core.session import NO_TARGET, CommandedPose, ImageObservation, natural
+from core.targets import target_of
 
 _FOREIGN = (
     "target_not_in_session",
@@ -165,6 +167,10 @@ def read_snapshot(records: orm.Session, session_id: str, source: str = "images")
         require_readable(row)
         if not is_target(tuple(target_fields(row).items())):
             raise RowUnreadable(f"target ({row.id})", ["kind, columns, rows or lengths"])
+        try:
+            target_of(measured_target_fields(row, session.conditions))
+        except GridposeError as error:
+            raise RowUnreadable(f"target ({row.id})", ["certificate"]) from error
     images: tuple[StoredImage, ...] = ()
     measured: tuple[StoredPose, ...] = ()
     if source == "measured_poses":
