@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from alembic import context
 
+from app.records.rows import is_of_queue
 from app.records.tables import Table
 
 connection = context.config.attributes.get("connection")
@@ -12,7 +13,14 @@ if connection is None:
         "migrations run through `gridpose` (app.records.migrations), which opens the right database"
     )
 
+
+def _is_ours(_object: object, name: str | None, kind: str, reflected: bool, _compared: object) -> bool:
+    """Ignore what exists on PostgreSQL alone, which is no table of records."""
+    return not (kind == "table" and reflected and name is not None and is_of_queue(name))
+
+
 context.configure(
+    include_object=_is_ours,
     connection=connection,
     target_metadata=Table.metadata,
     render_as_batch=True,

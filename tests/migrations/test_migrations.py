@@ -27,19 +27,22 @@ from app.records.tables import (
     MeasuredPose,
     Measurement,
     Pose,
+    Qualification,
     Removal,
+    Report,
+    ReportForm,
     Result,
     Robot,
     Session,
     SessionTarget,
-    Table,
     Target,
     target_fields,
 )
-from tests.support.service.postgres import EITHER_DATABASE
+from tests.support.environment.postgres import EITHER_DATABASE
+from tests.support.service.backups import content
 
 SINCE_0004 = ("removals",)
-SINCE_THE_FIRST = ("measured_poses", "installation", *SINCE_0004)
+SINCE_THE_FIRST = ("measured_poses", "installation", "reports", "report_forms", "qualifications", *SINCE_0004)
 WRITTEN_BY_ACTIVITIES = ("audit_entries",)
 NOW = datetime(2026, 1, 31, 12, 0, 0, 123456, tzinfo=UTC)
 
@@ -125,16 +128,6 @@ def fill(database: Database) -> dict[str, list[dict[str, Any]]]:
     return content(database)
 
 
-def content(database: Database) -> dict[str, list[dict[str, Any]]]:
-    with database.read() as records:
-        return {
-            table.name: [
-                dict(row._mapping) for row in records.execute(sa.select(table).order_by(*table.primary_key))
-            ]
-            for table in Table.metadata.sorted_tables
-        }
-
-
 def lacking(content: dict[str, list[dict[str, Any]]], *tables: str) -> dict[str, list[dict[str, Any]]]:
     """Return the content without the rows of tables that the revision gone back to does not have."""
     return {**content, **{table: [] for table in tables}}
@@ -158,6 +151,35 @@ def test_every_step_up_and_down_keeps_the_data_it_can(database: Database, tmp_pa
     fill(database)
     with database.write() as records:
         records.add(Installation(id=new_id("ins"), created_at=NOW, pepper_check="0" * 64))
+        report_id = new_id("rep")
+        records.add(
+            Report(
+                id=report_id,
+                session_id=new_id("ses"),
+                kind="camera",
+                title="ø",
+                signatories=[{"name": "ø", "role": None}],
+                paper="a4",
+                status="succeeded",
+                attempts=1,
+                created_at=NOW,
+                finished_at=NOW,
+            )
+        )
+        records.add(
+            Qualification(
+                id=new_id("qua"),
+                session_id=new_id("ses"),
+                session_name="ø",
+                made_at=NOW,
+                due_at=NOW,
+                worst_error_mm=0.1 + 0.2,
+                scale_ppm=-3.5,
+                analysis={"ø": 1},
+            )
+        )
+        records.flush()
+        records.add(ReportForm(report_id=report_id, form="csv", sha256="0" * 64, bytes=2, content=b"\0\1"))
     before = content(database)
     assert all(len(rows) == 1 for table, rows in before.items() if table not in WRITTEN_BY_ACTIVITIES)
     known = revisions()
@@ -405,6 +427,7 @@ def test_a_limited_key_opens_nothing_in_the_older_version(database: Database, tm
     migrations.upgrade(database, tmp_path)
 
 
+@pytest.mark.slow
 def test_results_of_before_get_the_hash_of_their_arrays(database: Database, tmp_path: Path) -> None:
     migrations.upgrade(database, tmp_path)
     before = fill(database)
