@@ -57,7 +57,10 @@ from core.calibration.state import (
 )
 from core.calibration.summary import calibration_of, summarise_fit
 from core.calibration.target_shape import (
+    LENS,
     MIN_DIRECTIONS,
+    PRINT_SCALE,
+    PRINT_SHAPE,
     Deformation,
     MarginalPoses,
     Measure,
@@ -77,11 +80,14 @@ from core.calibration.validity import check_camera, check_points
 
 __all__ = [
     "FREE",
+    "LENS",
     "MAX_DETERMINED_UNCERTAINTY",
     "MAX_FOCAL_UNCERTAINTY",
     "MIN_DIRECTIONS",
     "MIN_POSES_TO_REJECT",
     "PLAUSIBLE_START",
+    "PRINT_SCALE",
+    "PRINT_SHAPE",
     "SMALLEST_NOISE_PX",
     "Calibration",
     "CommonFit",

@@ -13,13 +13,13 @@ import numpy as np
 from jaxtyping import Float
 
 from core.calibration import closed_form
+from core.calibration.lens_residuals import View
 from core.calibration.result import MAX_DETERMINED_UNCERTAINTY
 from core.calibration.single_image import candidate_focals, closed_form_start
 from core.calibration.state import (
     RADIAL_PRIORS,
     SMALLEST_NOISE_PX,
     Lens,
-    View,
     retract,
     view_of,
     view_residuals,

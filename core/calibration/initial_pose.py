@@ -6,7 +6,8 @@ import numpy as np
 from jaxtyping import Float
 
 from core.calibration import closed_form
-from core.calibration.state import View, centred
+from core.calibration.lens_residuals import View
+from core.calibration.state import centred
 from core.errors import DegenerateGeometry
 from core.geometry import AnyCamera, Camera, estimate_homography, project, undistort_any, undistort_points
 from core.targets import GridPoints

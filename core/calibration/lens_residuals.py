@@ -7,38 +7,49 @@ installation compiles for a lens it may never see, and a view costs a tenth of a
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Bool, Float
 
 from core.calibration import reprojection_kernel as brown
-from core.geometry import (
-    CAMERA_PARAMETERS,
-    camera_from_array,
-    free_parameters,
-    project_any_with_jacobian,
-    so3_exp,
-)
+from core.geometry import CAMERA_PARAMETERS, Camera, camera_from_array, project_any_with_jacobian, so3_exp
+from core.numerics import CAUCHY_C, MEDIAN_LENGTH
 
 BROWN_SIZE = len(CAMERA_PARAMETERS)
 MIN_DAMPING, MAX_DAMPING = 1e-4, 1e8
 
 
+@dataclass(frozen=True, slots=True)
+class View:
+    """The state of a fit: camera parameters in the order of the model's `LENS_PARAMETERS`, rotation, and the
+    position of the grid points' centroid in the camera frame (mm): turning about it decouples rotation from
+    translation.
+    """
+
+    parameters: Float[np.ndarray, " s"]
+    rotation: Float[np.ndarray, "3 3"]
+    translation_mm: Float[np.ndarray, "3"]
+
+    @property
+    def camera(self) -> Camera:
+        return Camera.from_array(self.parameters)
+
+
 def residuals_with_jacobian(
-    target: Float[np.ndarray, "3 n"],
-    observed: Float[np.ndarray, "2 n"],
-    parameters: Float[np.ndarray, " s"],
-    rotation: Float[np.ndarray, "3 3"],
-    translation_mm: Float[np.ndarray, "3"],
-    cameras: int,
+    target: Float[np.ndarray, "3 n"], observed: Float[np.ndarray, "2 n"], view: View, cameras: int
 ) -> tuple[Float[np.ndarray, "2 n"], Float[np.ndarray, "p 2 n"]]:
     """Return observed - predicted (px) and the derivatives of the prediction, by the first `cameras` of the camera's
     parameters (those that are free, or 0), a rotation about the centroid and a translation; see `reprojection_kernel`.
     """
-    if len(parameters) == BROWN_SIZE:
-        return brown.residuals_with_jacobian(target, observed, parameters, rotation, translation_mm, cameras)
+    rotation, translation_mm = np.ascontiguousarray(view.rotation), view.translation_mm
+    if len(view.parameters) == BROWN_SIZE:
+        return brown.residuals_with_jacobian(
+            target, observed, view.parameters, rotation, translation_mm, cameras
+        )
     turned = rotation @ target
     pixels, by_camera, by_point = project_any_with_jacobian(
-        (turned + translation_mm[:, None]).T, camera_from_array(parameters)
+        (turned + translation_mm[:, None]).T, camera_from_array(view.parameters)
     )
     jacobian = np.empty((cameras + 6, 2, target.shape[1]))
     jacobian[:cameras] = by_camera[:cameras]
@@ -50,106 +61,58 @@ def residuals_with_jacobian(
     return observed - pixels, jacobian
 
 
-def normal_equations(
-    first: Int[np.ndarray, " bounds"],
-    points_target: Float[np.ndarray, "n 3"],
-    centroids: Float[np.ndarray, "m 3"],
-    points_px: Float[np.ndarray, "n 2"],
+def products_of_view(
+    residuals: Float[np.ndarray, "2 n"],
+    jacobian: Float[np.ndarray, "p 2 n"],
     weight: Float[np.ndarray, " n"],
     used: Bool[np.ndarray, " n"],
-    parameters: Float[np.ndarray, "m s"],
-    rotations: Float[np.ndarray, "m 3 3"],
-    translations_mm: Float[np.ndarray, "m 3"],
+    *,
     robust: bool,
-    cauchy: float,
-    median_length: float,
-    products: Float[np.ndarray, "m q q"],
-    residuals: Float[np.ndarray, "2 n"],
-    squared: Float[np.ndarray, " n"],
-    cost: Float[np.ndarray, " m"],
-) -> None:
-    """Write what `reprojection_kernel.normal_equations` writes; the residuals' row and column are the last."""
-    if parameters.shape[1] == BROWN_SIZE:
-        brown.normal_equations(
-            first,
-            points_target,
-            centroids,
-            points_px,
-            weight,
-            used,
-            parameters,
-            rotations,
-            translations_mm,
-            robust,
-            cauchy,
-            median_length,
-            products,
-            residuals,
-            squared,
-            cost,
-        )
-        return
-    cameras = free_parameters(parameters.shape[1])
-    for i in range(len(parameters)):
-        part = slice(int(first[i]), int(first[i + 1]))
-        count = part.stop - part.start
-        if count == 0:
-            continue
-        left, jacobian = residuals_with_jacobian(
-            (points_target[part] - centroids[i]).T,
-            points_px[part].T,
-            parameters[i],
-            rotations[i],
-            translations_mm[i],
-            cameras,
-        )
-        residuals[:, part] = left
-        squared[part] = np.sum(left * left, axis=0) * weight[part]
-        if robust:
-            scale = max(float(np.sqrt(np.median(squared[part]))) / median_length, 1e-9)
-            cost[i] = 2.0 * count * np.log(scale)
-            root = np.sqrt(weight[part] / (1.0 + squared[part] / (cauchy * scale) ** 2)) / scale
-        else:
-            cost[i] = float(np.sum(squared[part][used[part]]))
-            root = np.where(used[part], np.sqrt(weight[part]), 0.0)
-        rows = np.concatenate([jacobian, left[None]]) * root
-        flat = rows.reshape(len(rows), 2 * count)
-        products[i] = flat @ flat.T
+) -> tuple[Float[np.ndarray, "q q"], Float[np.ndarray, " n"], float]:
+    """Return what `reprojection_kernel.normal_equations` writes for a view: the products of derivatives and residuals,
+    whose row and column are the last, squared distances in stated uncertainties, and the cost.
+    """
+    squared = np.sum(residuals * residuals, axis=0) * weight
+    if robust:
+        scale = max(float(np.sqrt(np.median(squared))) / MEDIAN_LENGTH[2], 1e-9)
+        cost = 2.0 * len(squared) * float(np.log(scale))
+        root = np.sqrt(weight / (1.0 + squared / (CAUCHY_C * scale) ** 2)) / scale
+    else:
+        cost = float(np.sum(squared[used]))
+        root = np.where(used, np.sqrt(weight), 0.0)
+    rows = np.concatenate([jacobian, residuals[None]]) * root
+    flat = rows.reshape(len(rows), -1)
+    return flat @ flat.T, squared, cost
 
 
 def descend(
     target: Float[np.ndarray, "3 n"],
     observed: Float[np.ndarray, "2 n"],
     root_weight: Float[np.ndarray, " n"],
-    parameters: Float[np.ndarray, " s"],
-    rotation: Float[np.ndarray, "3 3"],
-    translation_mm: Float[np.ndarray, "3"],
+    start: View,
     steps: int,
+    *,
     known_cost: float,
     share: float,
     least: float,
-) -> tuple[Float[np.ndarray, "3 3"], Float[np.ndarray, "3"], float]:
-    """Walk from a pose down to the minimum in whose valley it lies, as `reprojection_kernel.descend`."""
-    if len(parameters) == BROWN_SIZE:
-        return brown.descend(
-            target,
-            observed,
-            root_weight,
-            parameters,
-            rotation,
-            translation_mm,
-            steps,
-            known_cost,
-            share,
-            least,
+) -> tuple[View, float]:
+    """Walk from a pose down to the minimum in whose valley it lies, as `reprojection_kernel.descend`; return the state
+    there and its cost.
+    """
+    rotation, translation_mm = np.ascontiguousarray(start.rotation), start.translation_mm
+    if len(start.parameters) == BROWN_SIZE:
+        rotation, translation_mm, cost = brown.descend(
+            *(target, observed, root_weight, start.parameters, rotation, translation_mm),
+            *(steps, known_cost, share, least),
         )
+        return View(start.parameters, rotation, translation_mm), float(cost)
     best_R, best_t, cost, damping = rotation, translation_mm, np.inf, 0.0
     R, t = rotation, translation_mm
     H, g = np.eye(6), np.zeros(6)
     for _ in range(steps):
         found = np.inf
         if np.all(R[2] @ target + t[2] > 0.0):
-            r, J = residuals_with_jacobian(target, observed, parameters, R, t, 0)
+            r, J = residuals_with_jacobian(target, observed, View(start.parameters, R, t), 0)
             r, J = (r * root_weight).ravel(), (J * root_weight).reshape(6, -1)
             found = float(r @ r)
         if found < cost:
@@ -171,4 +134,4 @@ def descend(
         if float(x @ g) < max(least, share * (cost - known_cost)):
             break
         R, t = so3_exp(x[:3]) @ best_R, best_t + x[3:]
-    return np.ascontiguousarray(best_R), best_t, cost
+    return View(start.parameters, np.ascontiguousarray(best_R), best_t), float(cost)

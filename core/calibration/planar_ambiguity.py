@@ -32,8 +32,8 @@ import numpy as np
 from jaxtyping import Bool, Float
 from scipy.special import stdtrit
 
-from core.calibration.lens_residuals import descend, residuals_with_jacobian
-from core.calibration.state import Lens, View, centred, view_prior
+from core.calibration.lens_residuals import View, descend, residuals_with_jacobian
+from core.calibration.state import Lens, centred, view_prior
 from core.errors import Advisory
 from core.geometry import so3_exp, so3_log
 from core.numerics import Fit
@@ -147,9 +147,7 @@ def _at_its_tilt(points: GridPoints, start: View, used: Bool[np.ndarray, " n"]) 
         residuals, jacobian = residuals_with_jacobian(
             np.ascontiguousarray(centred(points)[0].T),
             np.ascontiguousarray(points.points_px.T),
-            start.parameters,
-            np.ascontiguousarray(R),
-            t,
+            View(start.parameters, R, t),
             0,
         )
         return (residuals * root_weight).ravel(), (jacobian * root_weight).reshape(6, -1)
@@ -181,19 +179,16 @@ def _descended(
     points: GridPoints, start: View, used: Bool[np.ndarray, " n"], steps: int, known_cost: float, least: float
 ) -> tuple[View, float]:
     """Return the state and the cost at the end of a descent with the camera held."""
-    rotation, translation, cost = descend(
+    return descend(
         np.ascontiguousarray(centred(points)[0].T),
         np.ascontiguousarray(points.points_px.T),
         used / points.standard_uncertainty_px,
-        start.parameters,
-        np.ascontiguousarray(start.rotation),
-        start.translation_mm,
+        start,
         steps,
-        known_cost,
-        MIN_RELATIVE_GAIN,
-        least,
+        known_cost=known_cost,
+        share=MIN_RELATIVE_GAIN,
+        least=least,
     )
-    return View(start.parameters, rotation, translation), float(cost)
 
 
 def _tilt_between(one: Float[np.ndarray, "3 3"], other: Float[np.ndarray, "3 3"]) -> float:

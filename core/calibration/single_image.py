@@ -19,6 +19,7 @@ from jaxtyping import Float
 
 from core.calibration import closed_form
 from core.calibration.initial_pose import pose_from_undistorted_points
+from core.calibration.lens_residuals import View
 from core.calibration.planar_ambiguity import (
     SecondPose,
     better_start,
@@ -34,7 +35,6 @@ from core.calibration.state import (
     POSE,
     SMALLEST_NOISE_PX,
     Lens,
-    View,
     centred,
     image_centre,
     retract,
@@ -153,7 +153,7 @@ def _fit_free(points: GridPoints, lens: Lens | None) -> FitSummary:
 def _fit_twice(points: GridPoints, lens: Lens | None, starts: list[tuple[str, View]]) -> FitSummary:
     """Fit, take the inflation that the residuals call for, and fit again with it in the priors' weight."""
     name, first = _best_fit(points, lens, starts)
-    scale = _smallest_scale(points, len(FREE))
+    scale = smallest_scale(points, len(FREE))
     summary = summarise_fit(points, name, first, FREE, scale)
     if not first.converged or summary.inflation < MIN_REFIT_INFLATION:
         return summary
@@ -173,7 +173,7 @@ def _fit_twice(points: GridPoints, lens: Lens | None, starts: list[tuple[str, Vi
 def _best_fit(points: GridPoints, lens: Lens | None, starts: list[tuple[str, View]]) -> tuple[str, Fit[View]]:
     """Refine every start a little, and the one of least cost to the end."""
     evaluate, prior = view_residuals(points, free=True), view_prior(points, lens)
-    scale, uncertainty = _smallest_scale(points, len(FREE)), points.standard_uncertainty_px
+    scale, uncertainty = smallest_scale(points, len(FREE)), points.standard_uncertainty_px
 
     def refined(start: View, iterations: int) -> Fit[View]:
         return fit(
@@ -200,7 +200,7 @@ def _rank(result: Fit[View], points: GridPoints, prior: Prior[View]) -> tuple[bo
     return result.status == "singular", not result.converged, round(_total(result, points, prior), 3)
 
 
-def _smallest_scale(points: GridPoints, parameters: int) -> float:
+def smallest_scale(points: GridPoints, parameters: int) -> float:
     """The least noise assumed, px: the detector's own figure where residuals are too few to estimate it."""
     if 2 * len(points) - parameters < MIN_REDUNDANCY:
         return max(SMALLEST_NOISE_PX, float(np.mean(points.standard_uncertainty_px)))
@@ -248,15 +248,15 @@ def _fit_with_known_camera(points: GridPoints, camera: Camera) -> FitSummary:
     summary = _fit_pose(points, start)
     if not summary.fit.converged:
         summary = _fit_pose(points, better_start(points, summary.fit.state))
-    other = _other_minimum(points, summary)
+    other = other_minimum(points, summary)
     if other is not None and other.cost < other.first_cost:
         summary = _fit_pose(points, other.view)
-        other = _other_minimum(points, summary)
+        other = other_minimum(points, summary)
     return dataclasses.replace(summary, other=other)
 
 
 def _fit_pose(points: GridPoints, start: View) -> FitSummary:
-    scale = _smallest_scale(points, len(POSE))
+    scale = smallest_scale(points, len(POSE))
     result = fit(
         view_residuals(points, free=False),
         retract_pose,
@@ -267,7 +267,7 @@ def _fit_pose(points: GridPoints, start: View) -> FitSummary:
     return summarise_fit(points, "nominal", result, POSE, scale)
 
 
-def _other_minimum(points: GridPoints, summary: FitSummary) -> SecondPose | None:
+def other_minimum(points: GridPoints, summary: FitSummary) -> SecondPose | None:
     """Return the pose of the opposite tilt before the same camera, if it is a minimum of its own."""
     result, uncertainty = summary.fit, points.standard_uncertainty_px
     if not result.converged:
@@ -284,7 +284,7 @@ def _with_other(points: GridPoints, summary: FitSummary, lens: Lens | None) -> F
     determines it, camera and pose together may follow the wrong tilt: then the fit is repeated from the other tilt, and
     the two are compared with all priors.
     """
-    other = _other_minimum(points, summary)
+    other = other_minimum(points, summary)
     if other is None:
         return summary
     needed = needed_evidence(summary.fit.degrees_of_freedom)

@@ -15,11 +15,10 @@ import numpy as np
 from jaxtyping import Float
 
 from core.calibration.closed_form import ClosedForm
-from core.calibration.reprojection_kernel import residuals_with_jacobian
+from core.calibration.lens_residuals import View, residuals_with_jacobian
 from core.errors import InvalidArgument
 from core.geometry import (
     CAMERA_PARAMETERS,
-    Camera,
     KannalaBrandtCamera,
     RationalCamera,
     camera_from_array,
@@ -33,7 +32,11 @@ LENS_PRIOR = 0.05
 FOCAL_PRIOR = math.log(0.8), 0.6
 """Mean and standard deviation of log(f / the image's longer side): what lenses are, where none is stated."""
 PRINCIPAL_POINT_PRIOR = 0.012  # of the image's longer side, about the centre
-ASPECT_PRIOR = 1e-3
+ASPECT_PRIOR = 2.5e-3
+"""Of fx/fy about 1. What images show of it is the sensor's pixels and the print's length against its width together: of
+409 published calibrations with Brown's model, each repository counted once, log fx/fy has a Student's t with this
+scale and heavier tails than the normal distribution. A prior of 1e-3 left 54 % of them outside its 95 %.
+"""
 TANGENTIAL_PRIOR = 8e-4
 SMALLEST_NOISE_PX = (
     1e-4  # no camera locates corners better; exact points still need the priors to separate f from depth
@@ -72,22 +75,6 @@ class Lens:
         return 1000.0 * self.focal_length_mm / self.pixel_pitch_um
 
 
-@dataclass(frozen=True, slots=True)
-class View:
-    """The state of a fit: camera parameters in the order of the model's `LENS_PARAMETERS`, rotation, and the
-    position of the grid points' centroid in the camera frame (mm): turning about it decouples rotation from
-    translation.
-    """
-
-    parameters: Float[np.ndarray, " s"]
-    rotation: Float[np.ndarray, "3 3"]
-    translation_mm: Float[np.ndarray, "3"]
-
-    @property
-    def camera(self) -> Camera:
-        return Camera.from_array(self.parameters)
-
-
 def centred(points: GridPoints) -> tuple[Float[np.ndarray, "n 3"], Float[np.ndarray, "3"]]:
     """Return the grid points about their centroid, and the centroid (target frame, mm)."""
     target = points.points_target
@@ -97,18 +84,15 @@ def centred(points: GridPoints) -> tuple[Float[np.ndarray, "n 3"], Float[np.ndar
 
 def view_residuals(points: GridPoints, *, free: bool) -> Evaluate[View]:
     """Return the residual function over `FREE` step coordinates, or over those of the `POSE` alone."""
-    cameras = len(FREE) - len(POSE) if free else 0
+    return residuals_over(points, len(FREE) - len(POSE) if free else 0)
+
+
+def residuals_over(points: GridPoints, cameras: int) -> Evaluate[View]:
+    """Return the residual function over the first `cameras` parameters of a camera of any lens model, and the pose."""
     target, observed = np.ascontiguousarray(centred(points)[0].T), np.ascontiguousarray(points.points_px.T)
 
     def evaluate(view: View) -> tuple[Float[np.ndarray, "2 n"], Float[np.ndarray, "p 2 n"]]:
-        return residuals_with_jacobian(
-            target,
-            observed,
-            view.parameters,
-            np.ascontiguousarray(view.rotation),
-            view.translation_mm,
-            cameras,
-        )
+        return residuals_with_jacobian(target, observed, view, cameras)
 
     return evaluate
 
@@ -128,10 +112,10 @@ def retract(view: View, step: Float[np.ndarray, "14"]) -> View:
     fx, fy, cx, cy, k1, k2, p1, p2, k3 = view.parameters.tolist()
     dfx, dfy, dcx, dcy, dk1, dk2, dp1, dp2, wx, wy, wz, dx, dy, dz = step.tolist()
     X, Y, Z = view.translation_mm.tolist()
-    ratio = _bounded(0.5 * (dfx / fx + dfy / fy))
+    ratio = bounded_logarithm(0.5 * (dfx / fx + dfy / fy))
     growth = math.expm1(ratio) / ratio if abs(ratio) > 1e-8 else 1.0
     new_fx, new_fy, new_Z = (
-        value * math.exp(_bounded(d / value)) for value, d in ((fx, dfx), (fy, dfy), (Z, dz))
+        value * math.exp(bounded_logarithm(d / value)) for value, d in ((fx, dfx), (fy, dfy), (Z, dz))
     )
     k1 += dk1 + k1 * (math.expm1(2.0 * ratio) - 2.0 * ratio)
     k2 += dk2 + k2 * (math.expm1(4.0 * ratio) - 4.0 * ratio)
@@ -145,7 +129,7 @@ def retract(view: View, step: Float[np.ndarray, "14"]) -> View:
     return View(parameters, rotation, translation)
 
 
-def _bounded(logarithm: float) -> float:
+def bounded_logarithm(logarithm: float) -> float:
     """A change of a length by a factor of two at most in one step."""
     return min(max(logarithm, -0.7), 0.7)
 

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float, Int
 
+from core.calibration.lens_residuals import View
 from core.calibration.planar_ambiguity import SecondPose, is_covered, needed_evidence, pose_ambiguous
 from core.calibration.result import MAX_DETERMINED_UNCERTAINTY, Calibration, Observability, grade
 from core.calibration.state import (
@@ -19,7 +20,6 @@ from core.calibration.state import (
     RADIAL_PRIORS,
     TANGENTIAL_PRIOR,
     Lens,
-    View,
     camera_prior,
     centred,
 )

@@ -76,7 +76,10 @@ def correlation_inflation(points: GridPoints, result: Fit[Any]) -> tuple[float, 
     The fit itself makes residuals of white noise correlate: their covariance is σ² (I - J C Jᵀ/σ²). That known part
     is taken off, and what is left is shrunk by what chance alone would make of it; a negative ρ counts as none.
     """
-    used, residuals, jacobian = result.used, result.residuals, result.jacobian
+    # As the fit weighed them: of these the covariance is that of the estimate, and white noise has one variance.
+    uncertainty = points.standard_uncertainty_px
+    root_weight = np.mean(uncertainty) / uncertainty
+    used, residuals, jacobian = result.used, result.residuals * root_weight, result.jacobian * root_weight
     index = np.full((points.target.grid_rows, points.target.grid_columns), -1)
     index[points.row[used], points.column[used]] = np.flatnonzero(used)
     first, second = neighbours(index)

@@ -29,14 +29,22 @@ from scipy.special import stdtrit
 from core.calibration.hand_eye.deviations import held_out_factors
 from core.calibration.hand_eye.initialisation import check_rigid
 from core.calibration.hand_eye.model import MIN_ROBOT_SIGMAS, whitening
+from core.calibration.hand_eye.position_model import (
+    PositionProblem,
+    PositionState,
+    effect,
+    jacobian,
+    measurement,
+    observable_directions,
+    predicted,
+    residuals,
+)
 from core.calibration.hand_eye.result import PositionObservation, rejected_poses
 from core.errors import Advisory, InvalidArgument, MotionInsufficient, NotConverged
-from core.geometry import hats, nearest_rotation, perturbed, transform
+from core.geometry import nearest_rotation, perturbed, transform
 from core.numerics import Fit, LinearResiduals, Variances, estimate_variances, fit
 
 MIN_POSES_TO_REJECT = 6
-MIN_ROTATION = math.radians(0.1)
-"""Along an axis about which the camera turned by less, the point is not asked for."""
 MAX_UNCERTAINTY = 0.05
 """Largest standard uncertainty (rad) of the target's rotation in the base that is an answer."""
 _SIGNS = [np.diag(signs) for signs in product((1.0, -1.0), repeat=3)]
@@ -75,13 +83,7 @@ class PositionOnlyCalibration:
 
     def attained(self, T_target_camera: Float[np.ndarray, "n 4 4"]) -> Float[np.ndarray, "n 3"]:
         """Return where the commanded point was, base frame, mm."""
-        return _predicted(_State(self.T_base_target, self.point_camera_mm), T_target_camera)
-
-
-@dataclass(frozen=True, slots=True)
-class _State:
-    T_base_target: Float[np.ndarray, "4 4"]
-    point: Float[np.ndarray, "3"]
+        return predicted(PositionState(self.T_base_target, self.point_camera_mm), T_target_camera)
 
 
 def calibrate_from_positions(stations: Sequence[PositionObservation]) -> PositionOnlyCalibration:
@@ -96,18 +98,18 @@ def calibrate_from_positions(stations: Sequence[PositionObservation]) -> Positio
     if not all(np.all(np.isfinite(values)) for values in (commanded, measured, covariance)):
         raise InvalidArgument("Commanded and measured poses must be finite numbers.")
     check_rigid("measured", measured)
-    free = _observable_directions(measured[:, :3, :3]) if len(stations) else np.zeros((3, 0))
+    free = observable_directions(measured[:, :3, :3]) if len(stations) else np.zeros((3, 0))
     needed = 3 + (free.shape[1] + 2) // 3
     if len(stations) < needed:
         raise MotionInsufficient(
             f"Tying the frames by positions needs at least {needed} of them here, got {len(stations)}.",
             "Add poses; ten or more that are not on one line are a good number.",
         )
-    problem = _Problem(commanded, measured, covariance.reshape(-1, 6, 6), free)
+    problem = PositionProblem(commanded, measured, covariance.reshape(-1, 6, 6), free)
     start = _start(problem)
     everything = np.ones(len(stations), dtype=np.bool_)
     if len(stations) >= MIN_POSES_TO_REJECT:
-        typical = float(np.median(np.linalg.norm(_residuals(start, problem), axis=1)))
+        typical = float(np.median(np.linalg.norm(residuals(start, problem), axis=1)))
         robust = _fit(start, problem, max(typical, MIN_ROBOT_SIGMAS.deviations[0]), expected=0.2)
         start, used = robust.state, robust.used
     else:
@@ -136,7 +138,7 @@ def calibrate_from_positions(stations: Sequence[PositionObservation]) -> Positio
         robot_position_mm=deviation,
         degrees_of_freedom=max(3.0 * float(used.sum()) - 6.0 - free.shape[1], 1.0),
         pose_ids=tuple(s.pose_id for s in stations),
-        deviations_mm=-_residuals(result.state, problem),
+        deviations_mm=-residuals(result.state, problem),
         held_out_mm=_held_out(result, problem, deviation, used),
         used=used,
         undetermined=_words(free),
@@ -146,80 +148,33 @@ def calibrate_from_positions(stations: Sequence[PositionObservation]) -> Positio
     )
 
 
-@dataclass(frozen=True, slots=True)
-class _Problem:
-    """`free` (3, k) spans the observable directions of the point, in the camera frame."""
-
-    commanded: Float[np.ndarray, "n 3"]
-    measured: Float[np.ndarray, "n 4 4"]
-    covariance: Float[np.ndarray, "n 6 6"]
-    free: Float[np.ndarray, "3 k"]
-
-    def part(self, used: Bool[np.ndarray, " n"]) -> _Problem:
-        return _Problem(self.commanded[used], self.measured[used], self.covariance[used], self.free)
-
-
-def _observable_directions(rotations: Float[np.ndarray, "n 3 3"]) -> Float[np.ndarray, "3 k"]:
-    """Return the directions v of the camera frame for which R_i v differs between poses."""
-    spread = (rotations - rotations.mean(axis=0)).reshape(-1, 3)
-    _, singular, Vt = np.linalg.svd(spread, full_matrices=False)
-    return np.ascontiguousarray(Vt[singular > MIN_ROTATION * math.sqrt(len(rotations))].T)
-
-
-def _predicted(state: _State, measured: Float[np.ndarray, "n 4 4"]) -> Float[np.ndarray, "n 3"]:
-    inside = measured[:, :3, 3] + measured[:, :3, :3] @ state.point
-    return inside @ state.T_base_target[:3, :3].T + state.T_base_target[:3, 3]
-
-
-def _residuals(state: _State, problem: _Problem) -> Float[np.ndarray, "n 3"]:
-    return problem.commanded - _predicted(state, problem.measured)
-
-
-def _jacobian(state: _State, problem: _Problem) -> Float[np.ndarray, "n 3 p"]:
-    """Return the predictions' derivatives by the point along `free`, then by d and w of T_base_target."""
-    R = state.T_base_target[:3, :3]
-    from_target = _predicted(state, problem.measured) - state.T_base_target[:3, 3]
-    by_point = R @ problem.measured[:, :3, :3] @ problem.free
-    by_place = np.broadcast_to(np.eye(3), (len(by_point), 3, 3))
-    return np.concatenate([by_point, by_place, -hats(from_target)], axis=2)
-
-
-def _effect(state: _State, problem: _Problem) -> Float[np.ndarray, "n 3 6"]:
-    """Return what an error of the measured pose does to the prediction."""
-    R = state.T_base_target[:3, :3]
-    turned = -R @ hats(problem.measured[:, :3, :3] @ state.point)
-    return np.concatenate([np.broadcast_to(R, turned.shape), turned], axis=2)
-
-
-def _measurement(state: _State, problem: _Problem) -> Float[np.ndarray, "n 3 3"]:
-    """Return the predictions' covariance due to measurement."""
-    G = _effect(state, problem)
-    return np.asarray(G @ problem.covariance @ G.swapaxes(1, 2))
-
-
-def _fit(start: _State, problem: _Problem, deviation: float, *, expected: float) -> Fit[_State]:
-    W = whitening(_measurement(start, problem) + deviation**2 * np.eye(3))
+def _fit(
+    start: PositionState, problem: PositionProblem, deviation: float, *, expected: float
+) -> Fit[PositionState]:
+    W = whitening(measurement(start, problem) + deviation**2 * np.eye(3))
     size = problem.free.shape[1]
 
-    def evaluate(state: _State) -> tuple[Float[np.ndarray, "3 n"], Float[np.ndarray, "p 3 n"]]:
-        whitened = np.einsum("nij,nj->ni", W, _residuals(state, problem))
-        return whitened.T.copy(), np.ascontiguousarray((W @ _jacobian(state, problem)).transpose(2, 1, 0))
+    def evaluate(state: PositionState) -> tuple[Float[np.ndarray, "3 n"], Float[np.ndarray, "p 3 n"]]:
+        whitened = np.einsum("nij,nj->ni", W, residuals(state, problem))
+        return whitened.T.copy(), np.ascontiguousarray((W @ jacobian(state, problem)).transpose(2, 1, 0))
 
-    def retract(state: _State, step: Float[np.ndarray, " p"]) -> _State:
-        return _State(perturbed(state.T_base_target, step[size:]), state.point + problem.free @ step[:size])
+    def retract(state: PositionState, step: Float[np.ndarray, " p"]) -> PositionState:
+        return PositionState(
+            perturbed(state.T_base_target, step[size:]), state.point + problem.free @ step[:size]
+        )
 
     return fit(evaluate, retract, start, np.full(len(W), expected), smallest_scale=expected)
 
 
-def _estimate(start: _State, problem: _Problem) -> tuple[Fit[_State], float]:
+def _estimate(start: PositionState, problem: PositionProblem) -> tuple[Fit[PositionState], float]:
     """Fit, with the robot's deviation estimated from the residuals."""
-    rms = math.sqrt(float(np.mean(_residuals(start, problem) ** 2)))
+    rms = math.sqrt(float(np.mean(residuals(start, problem) ** 2)))
     deviation = max(rms, MIN_ROBOT_SIGMAS.deviations[0])
     result = _fit(start, problem, deviation, expected=1.0)
     for _ in range(5):
         former, state = deviation, result.state
         left = LinearResiduals(
-            _measurement(state, problem), _residuals(state, problem), _jacobian(state, problem)
+            measurement(state, problem), residuals(state, problem), jacobian(state, problem)
         )
         start_at = Variances.of_deviations(deviation, MIN_ROBOT_SIGMAS.deviations[1])
         deviation = estimate_variances([left], start_at, MIN_ROBOT_SIGMAS).deviations[0]
@@ -229,78 +184,78 @@ def _estimate(start: _State, problem: _Problem) -> tuple[Fit[_State], float]:
     return result, deviation
 
 
-def _start(problem: _Problem) -> _State:
+def _start(problem: PositionProblem) -> PositionState:
     """Return the best of some rotations, each with the point and place that suit it by linear least squares.
 
     The rotations are that of the rigid alignment with the point in the camera's centre, which is near where the point
     is near, and the 24 of a cube; each is improved by the same alignment, with the point known, a few times.
     """
     best, least = None, math.inf
-    origin = _State(np.eye(4), np.zeros(3))
+    origin = PositionState(np.eye(4), np.zeros(3))
     for R in [_aligned(origin, problem), *_CUBE]:
-        state = _State(transform(R, np.zeros(3)), np.zeros(3))
+        state = PositionState(transform(R, np.zeros(3)), np.zeros(3))
         for _ in range(10):
             state = _placed(state.T_base_target[:3, :3], problem)
-            state = _State(transform(_aligned(state, problem), np.zeros(3)), state.point)
+            state = PositionState(transform(_aligned(state, problem), np.zeros(3)), state.point)
         state = _placed(state.T_base_target[:3, :3], problem)
-        cost = float(np.median(np.linalg.norm(_residuals(state, problem), axis=1)))
+        cost = float(np.median(np.linalg.norm(residuals(state, problem), axis=1)))
         if best is None or cost < least:
             best, least = state, cost
     assert best is not None
     return best
 
 
-def _aligned(state: _State, problem: _Problem) -> Float[np.ndarray, "3 3"]:
+def _aligned(state: PositionState, problem: PositionProblem) -> Float[np.ndarray, "3 3"]:
     """Return the rotation that best turns the points in the target frame to the commanded ones."""
     inside = problem.measured[:, :3, 3] + problem.measured[:, :3, :3] @ state.point
     commanded = problem.commanded
     return nearest_rotation((commanded - commanded.mean(axis=0)).T @ (inside - inside.mean(axis=0)))
 
 
-def _placed(R: Float[np.ndarray, "3 3"], problem: _Problem) -> _State:
+def _placed(R: Float[np.ndarray, "3 3"], problem: PositionProblem) -> PositionState:
     """Return the state of this rotation with the point and the place of least squares."""
     size = problem.free.shape[1]
     by_point = R @ problem.measured[:, :3, :3] @ problem.free
     A = np.concatenate([by_point, np.broadcast_to(np.eye(3), (len(by_point), 3, 3))], axis=2)
     b = problem.commanded - problem.measured[:, :3, 3] @ R.T
     found = np.linalg.lstsq(A.reshape(-1, size + 3), b.ravel(), rcond=None)[0]
-    return _State(transform(R, found[size:]), problem.free @ found[:size])
+    return PositionState(transform(R, found[size:]), problem.free @ found[:size])
 
 
 def _follows(
-    result: Fit[_State],
-    problem: _Problem,
+    result: Fit[PositionState],
+    problem: PositionProblem,
     deviation: float,
     used: Bool[np.ndarray, " n"],
     stations: Sequence[PositionObservation],
 ) -> tuple[Float[np.ndarray, "n 3 3"], Float[np.ndarray, "n 3 k"]]:
     """Return what the frames follow of each station's deviation, and what errors common to all leave in it."""
-    J = _jacobian(result.state, problem)
-    weights = np.linalg.inv(_measurement(result.state, problem) + deviation**2 * np.eye(3))
+    J = jacobian(result.state, problem)
+    weights = np.linalg.inv(measurement(result.state, problem) + deviation**2 * np.eye(3))
     leverage = J @ result.covariance @ J.swapaxes(1, 2) @ weights
     given = [s.common for s in stations if s.common is not None]
     if len(given) < len(stations):
         return leverage, np.zeros((len(stations), 3, 0))
     if len({c.shape[1] for c in given}) > 1:
         raise InvalidArgument("All stations must share the same errors, or none.")
-    moved = _effect(result.state, problem) @ np.array(given)
+    moved = effect(result.state, problem) @ np.array(given)
     frames = -result.covariance @ np.einsum("nij,nik->jk", J[used], (weights @ moved)[used])
     return leverage, moved + J @ frames
 
 
 def _held_out(
-    result: Fit[_State], problem: _Problem, deviation: float, used: Bool[np.ndarray, " n"]
+    result: Fit[PositionState], problem: PositionProblem, deviation: float, used: Bool[np.ndarray, " n"]
 ) -> tuple[Float[np.ndarray, "3"] | None, ...]:
     """Return attained - commanded with the frames estimated from the other stations."""
-    fitted = -_residuals(result.state, problem)
-    V = _measurement(result.state, problem) + deviation**2 * np.eye(3)
-    lefts = held_out_factors(_jacobian(result.state, problem), result.covariance, V, used)
+    fitted = -residuals(result.state, problem)
+    V = measurement(result.state, problem) + deviation**2 * np.eye(3)
+    lefts = held_out_factors(jacobian(result.state, problem), result.covariance, V, used)
     return tuple(
         None if left is None else np.linalg.solve(left, e) for left, e in zip(lefts, fitted, strict=True)
     )
 
 
-def _covariance(result: Fit[_State], free: Float[np.ndarray, "3 k"]) -> Float[np.ndarray, "9 9"]:
+def _covariance(result: Fit[PositionState], free: Float[np.ndarray, "3 k"]) -> Float[np.ndarray, "9 9"]:
     size = free.shape[1]
     spread = np.zeros((9, size + 6))
     spread[:3, :size] = free

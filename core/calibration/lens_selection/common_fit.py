@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float
 
-from core.calibration.lens_residuals import descend, residuals_with_jacobian
+from core.calibration.lens_residuals import View, descend, residuals_with_jacobian
 from core.calibration.multi_view import Placements, ViewStack, coordinates, moved
 from core.calibration.state import Lens, camera_prior
 from core.geometry import AnyCamera, camera_from_array, free_parameters, project_any_with_jacobian
@@ -211,14 +211,7 @@ def squared_distances(views: ViewStack, at: Placements) -> Float[np.ndarray, " n
     found = np.empty(len(views.column))
     for i in range(len(views)):
         part = views.part(i)
-        left, _ = residuals_with_jacobian(
-            np.ascontiguousarray((views.points_target[part] - views.centroids[i]).T),
-            np.ascontiguousarray(views.points_px[part].T),
-            at.parameters[i],
-            at.rotations[i],
-            at.translations_mm[i],
-            0,
-        )
+        left, _ = residuals_with_jacobian(*views.centred(i, part), at.view(i), 0)
         found[part] = np.sum(left**2, axis=0) * views.weight[part]
     return found
 
@@ -239,17 +232,14 @@ def held_out_rms(
         parameters = fitted.placements.parameters[0]
         for i in out.tolist():
             part = views.part(i)
-            _, _, cost = descend(
-                np.ascontiguousarray((views.points_target[part] - views.centroids[i]).T),
-                np.ascontiguousarray(views.points_px[part].T),
+            _, cost = descend(
+                *views.centred(i, part),
                 used[part] * np.sqrt(views.weight[part]),
-                parameters,
-                np.ascontiguousarray(at.rotations[i]),
-                at.translations_mm[i],
+                View(parameters, at.rotations[i], at.translations_mm[i]),
                 30,
-                0.0,
-                0.0,
-                1e-6,
+                known_cost=0.0,
+                share=0.0,
+                least=1e-6,
             )
             found[i] = math.sqrt(max(cost, 1e-300) / max(int(used[part].sum()), 1))
     return found

@@ -57,9 +57,10 @@ def nearest_camera(brown: Camera, model: LensModel, radius: float) -> AnyCamera:
 
 
 def seen_radius(views: ViewStack, camera: Camera) -> float:
-    """Return tan θ of the outermost point before Brown's camera."""
+    """Return tan θ of the outermost point that has a direction before Brown's camera."""
     normalised = undistort_any(views.points_px, camera)
-    radius = float(np.max(np.hypot(*normalised.T)))
+    tangents = np.hypot(*normalised.T)
+    radius = float(np.max(tangents[np.isfinite(tangents)], initial=0.0))
     return min(max(radius, 0.05), 5.0)
 
 

@@ -7,10 +7,12 @@ from core.calibration.multi_view.board_symmetry import (
     symmetry_rotations,
     turned_cells,
 )
-from core.calibration.multi_view.bundle_adjustment import BundleAdjustment, bundle_adjust, linearise
+from core.calibration.multi_view.bundle_adjustment import BundleAdjustment, bundle_adjust
 from core.calibration.multi_view.correlated_residuals import VarianceInflation
-from core.calibration.multi_view.estimators import CommonFit, GroupEstimate, estimate_group
-from core.calibration.multi_view.pooled import calibrate_views
+from core.calibration.multi_view.estimators import estimate_group
+from core.calibration.multi_view.fitting import calibrate_views
+from core.calibration.multi_view.group_estimate import CommonFit, GroupEstimate
+from core.calibration.multi_view.linearisation import linearise
 from core.calibration.multi_view.schur_blocks import in_target_frame, transformed
 from core.calibration.multi_view.view_stack import (
     Placements,

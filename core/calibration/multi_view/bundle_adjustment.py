@@ -17,21 +17,12 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from core.calibration.lens_residuals import normal_equations
+from core.calibration.multi_view.linearisation import Linearised, linearise
 from core.calibration.multi_view.repeat_consistency import find_repeats, inliers_of
-from core.calibration.multi_view.view_stack import (
-    Linearised,
-    Placements,
-    ViewStack,
-    coordinates,
-    medians,
-    moved,
-)
+from core.calibration.multi_view.view_stack import Placements, ViewStack, coordinates, medians, moved
 from core.calibration.state import SMALLEST_NOISE_PX, CameraPrior, Lens, camera_prior
 from core.numerics import (
-    CAUCHY_C,
     EXPECTED_SCALE,
-    MEDIAN_LENGTH,
     NEGLIGIBLE_STEP,
     OBSERVATIONS_PER_PARAMETER,
     PLAIN_ITERATIONS,
@@ -129,37 +120,6 @@ def bundle_adjust(
         else:
             break
     return problem.summary(at, used, kept, scale, converged)
-
-
-def linearise(
-    views: ViewStack, placements: Placements, used: Bool[np.ndarray, " n"], *, robust: bool = False
-) -> Linearised:
-    """Evaluate every view over the points used, or robustly over all points: then each view by its own scale, of which
-    the cost is made.
-    """
-    views_count, points = len(views), len(views.column)
-    size = placements.free + 7
-    products, cost = np.zeros((views_count, size, size)), np.zeros(views_count)
-    residuals, squared = np.empty((2, points)), np.empty(points)
-    normal_equations(
-        views.first,
-        views.points_target,
-        views.centroids,
-        views.points_px,
-        views.weight,
-        used,
-        placements.parameters,
-        placements.rotations,
-        placements.translations_mm,
-        robust,
-        CAUCHY_C,
-        MEDIAN_LENGTH[2],
-        products,
-        residuals,
-        squared,
-        cost,
-    )
-    return Linearised(placements, products, residuals, squared, float(cost.sum()))
 
 
 @dataclass(frozen=True, slots=True)

@@ -28,8 +28,9 @@ from jaxtyping import Bool, Float, Int
 
 from core.calibration.lens_residuals import residuals_with_jacobian
 from core.calibration.multi_view.bundle_adjustment import BundleAdjustment
+from core.calibration.multi_view.linearisation import Linearised
 from core.calibration.multi_view.schur_blocks import SchurBlocks, reduced, score_test
-from core.calibration.multi_view.view_stack import Linearised, ViewStack, evenly, groups_of, segment_sums
+from core.calibration.multi_view.view_stack import ViewStack, evenly, groups_of, segment_sums
 from core.calibration.state import SMALLEST_NOISE_PX
 from core.calibration.uncertainty import MAX_CORRELATION, neighbours
 
@@ -179,21 +180,15 @@ def _field(context: _Context, poses: Sequence[_Pose]) -> _Field:
     pairs = 0
     for pose in poses:
         i = int(pose.images[0])
-        part, placement = views.part(i), at.placements.view(i)
+        part = views.part(i)
         target = views.targets[int(views.target[i])]
         index = np.full((target.grid_rows, target.grid_columns), -1)
         index[views.row[part][pose.used], views.column[part][pose.used]] = np.arange(int(pose.used.sum()))
         first, second = neighbours(index)
         root = np.sqrt(views.weight[part])[pose.used] / context.scale[i]
         r = pose.residuals[:, pose.used] * root
-        _, J = residuals_with_jacobian(
-            np.ascontiguousarray((views.points_target[part][pose.used] - views.centroids[i]).T),
-            np.ascontiguousarray(views.points_px[part][pose.used].T),
-            placement.parameters,
-            np.ascontiguousarray(placement.rotation),
-            placement.translation_mm,
-            len(context.unit),
-        )
+        points = part.start + np.flatnonzero(pose.used)
+        _, J = residuals_with_jacobian(*views.centred(i, points), at.placements.view(i), len(context.unit))
         J *= root * context.scale[i]
         spread = np.tensordot(_covariance(context, i, len(pose.images)), J, axes=1)
         count = len(pose.images)

@@ -5,12 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Float
 
 from core.calibration.fixed_principal_point import STEP_EMBEDDING
 from core.calibration.multi_view.correlated_residuals import VarianceInflation, variance_inflation
-from core.calibration.multi_view.initialisation import Fitted
-from core.calibration.multi_view.repeat_noise import (
+from core.calibration.multi_view.fitting import Fitted
+from core.calibration.multi_view.group_estimate import PoseUncertainties
+from core.calibration.multi_view.repeats import (
     OwnFit,
     RepeatScatter,
     correlated_scatter,
@@ -32,22 +33,11 @@ from core.calibration.state import RADIAL_PRIORS, SMALLEST_NOISE_PX, camera_prio
 from core.geometry import free_parameters
 
 
-@dataclass(frozen=True, slots=True)
-class MultiViewCovariance:
-    """The uncertainties of `estimators.GroupEstimate`, and the positions they belong to."""
+@dataclass(frozen=True, slots=True, kw_only=True)
+class MultiViewCovariance(PoseUncertainties):
+    """The uncertainties of `estimators.GroupEstimate`, and how much larger they are than independent residuals'."""
 
-    camera_covariance: Float[np.ndarray, "s s"]
-    positions_mm: Float[np.ndarray, "k 3"]
-    covariance: Float[np.ndarray, "k 6 6"]
-    scatter: Float[np.ndarray, "k 6 6"]
-    common: Float[np.ndarray, "k 6 e"]
-    rms_px: Float[np.ndarray, " k"]
-    reduced_chi2: float
-    disagreement: float | None
-    unsteady: Bool[np.ndarray, " k"]
     growth: VarianceInflation
-    misfit: float
-    image_p_values: Float[np.ndarray, "k 2"]
 
 
 def multi_view_covariance(fitted: Fitted) -> MultiViewCovariance:
@@ -105,33 +95,39 @@ def multi_view_covariance(fitted: Fitted) -> MultiViewCovariance:
         D = -parts.by_camera[:, -6:]
         common[:, :, :free] = J @ (D @ _root(camera[:free, :free]))
     common[:, :3, free] = _print_scale(views)[:, None] * positions
-    camera_covariance = np.zeros((size, size))
+    camera_covariance, focal_uncertainty = np.zeros((size, size)), None
     if own is not None:
-        camera_covariance[:free, :free] = growth.own * transformed(own[:, :free], C).mean(axis=0)
+        of_each = growth.own * transformed(own[:, :free], C)
+        camera_covariance[:free, :free] = of_each.mean(axis=0)
+        if camera is None:
+            variance = of_each[:, 0, 0] + 2.0 * of_each[:, 0, 1] + of_each[:, 1, 1]
+            focal_uncertainty = np.sqrt(variance) / at.placements.parameters[:, :2].sum(axis=1)
     if camera is not None:
         camera_covariance += camera
     squared_px = views.sums(np.where(used, np.sum(at.residuals**2, axis=0), 0.0))
     return MultiViewCovariance(
-        camera_covariance,
-        positions,
-        growth.own * transformed(J, C[:, -6:, -6:]) + common @ np.swapaxes(common, 1, 2),
-        repeated.poses,
-        common,
-        np.sqrt(squared_px / points),
-        float(np.mean(scale**2)),
-        contradiction,
-        unsteady,
-        growth,
-        float(np.mean((scale / noise) ** 2)),
-        image_p_values(views, [one for one in contrasts if one is not None]),
+        camera_covariance=camera_covariance,
+        positions_mm=positions,
+        covariance=growth.own * transformed(J, C[:, -6:, -6:]) + common @ np.swapaxes(common, 1, 2),
+        scatter=repeated.poses,
+        common=common,
+        rms_px=np.sqrt(squared_px / points),
+        reduced_chi2=float(np.mean(scale**2)),
+        disagreement=contradiction,
+        unsteady=unsteady,
+        image_p_values=image_p_values(views, [one for one in contrasts if one is not None]),
+        misfit=float(np.mean((scale / noise) ** 2)),
+        focal_uncertainty=focal_uncertainty,
+        growth=growth,
     )
 
 
 def _own_coordinates(estimator: str, placements: Placements) -> Float[np.ndarray, "k p l"] | None:
     """Return derivatives by what each view has of its own, the pose last; None for the pose alone."""
     count = len(placements)
-    if estimator == "per_image":
-        return np.broadcast_to(np.eye(14), (count, 14, 14))
+    if estimator in ("per_image", "per_image_session_prior"):
+        everything = np.eye(placements.free + 6)
+        return np.broadcast_to(everything, (count, *everything.shape))
     if estimator == "per_image_fixed_pp":
         return np.broadcast_to(STEP_EMBEDDING, (count, 14, 9))
     if estimator == "pooled_free_focal":
@@ -146,6 +142,8 @@ def _own_coordinates(estimator: str, placements: Placements) -> Float[np.ndarray
 
 def _own_priors(fitted: Fitted, placements: Placements) -> Float[np.ndarray, "k l l"] | None:
     """Return the priors' information on what each view has of its own."""
+    if fitted.own_priors is not None:
+        return fitted.own_priors
     if fitted.estimator == "per_image":
         views = fitted.views
         of_camera = camera_prior(views.image_width_px, views.image_height_px, fitted.lens, 14)

@@ -1,8 +1,9 @@
-"""Camera poses of every image of a focus group, by one of five estimators on the same grid points.
+"""Camera poses of every image of a focus group, by one of six estimators on the same grid points.
 
 - `pooled`: all images share one camera; the default, since repeatability needs constant intrinsics, not correct ones.
 - `pooled_free_focal`: all but the focal length is shared, for a lens that refocuses between images.
 - `per_image`: every image by itself, with weak priors (`single_image`).
+- `per_image_session_prior`: every image by itself, with the lens of the other images as its prior.
 - `per_image_fixed_pp`: every image by itself with the principal point held (`fixed_principal_point`).
 - `given`: the camera is known.
 
@@ -18,19 +19,19 @@ from __future__ import annotations
 
 import math
 from collections.abc import Hashable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Bool, Float
 
 from core.calibration.multi_view.correlated_residuals import VarianceInflation
 from core.calibration.multi_view.covariance import MultiViewCovariance, multi_view_covariance
-from core.calibration.multi_view.initialisation import Fitted, fit_with_known_camera
-from core.calibration.multi_view.per_image import fit_each
+from core.calibration.multi_view.fitting import Fitted, fit_pooled, fit_with_known_camera
+from core.calibration.multi_view.group_estimate import CommonFit, GroupEstimate
 from core.calibration.multi_view.planar_ambiguity import compare_solutions, pose_ambiguity_failure
-from core.calibration.multi_view.pooled import fit_pooled
 from core.calibration.multi_view.repeat_consistency import with_common_points, with_pooled_variances
-from core.calibration.multi_view.view_stack import Placements, ViewStack, number_labels, stack_views
+from core.calibration.multi_view.separate_cameras import fit_each
+from core.calibration.multi_view.view_stack import ViewStack, number_labels, stack_views
 from core.calibration.state import SMALLEST_NOISE_PX, Lens
 from core.errors import Advisory, GridposeError, InvalidArgument
 from core.geometry import AnyCamera, Camera, camera_from_array
@@ -39,102 +40,8 @@ from core.targets import GridPoints
 NOTABLE_INFLATION = 1.5
 CERTAIN_EVIDENCE = 20.0
 """Standard deviations between a tilt and its opposite beyond which no single image's noise makes it ambiguous."""
-ESTIMATORS = ("pooled", "pooled_free_focal", "per_image", "per_image_fixed_pp", "given")
-
-
-@dataclass(frozen=True, slots=True)
-class CommonFit:
-    """The fit of one camera to k images, from which another model of their poses can continue.
-
-    `views` are the grid points as they were fitted, `used` those that were not rejected, `placements` the camera and
-    the poses, `pose` numbers the robot's poses that the images show. `scale` is the noise per unit of stated
-    uncertainty, `growth` that of `GroupEstimate.inflation`; `lens` is the prior, None where the images contradict it.
-    """
-
-    views: ViewStack
-    used: Bool[np.ndarray, " n"]
-    placements: Placements
-    pose: Int[np.ndarray, " k"]
-    scale: float
-    growth: VarianceInflation
-    lens: Lens | None
-
-    def take(self, images: Int[np.ndarray, " j"]) -> CommonFit:
-        """Return some of the images, in ascending order."""
-        points = self.views.spread(np.isin(np.arange(len(self.views)), images))
-        return replace(
-            self,
-            views=self.views.take(images),
-            used=self.used[points],
-            placements=self.placements.take(images),
-            pose=self.pose[images],
-        )
-
-
-@dataclass(frozen=True, slots=True)
-class GroupEstimate:
-    """Cameras and poses of one focus group; arrays run over the k images that were estimated.
-
-    Parameters
-    ----------
-    images
-        Which of the views given they are, ascending; the others are in `failures`, with the reason.
-    camera, camera_covariance
-        The common camera, or with estimators that have none the mean over the images with the mean covariance (what
-        priors leave of an image's uncertainty does not average out); order of its model's `LENS_PARAMETERS`.
-    positions_mm, rotations
-        The camera in the target frame.
-    covariance, scatter
-        x, y, z (mm), then a small rotation w with R_true = exp(w) R, in the target frame; see the module.
-    common
-        What one standard uncertainty of each error that all images share does to their poses: as many of the shared
-        camera as it has free parameters (eight with Brown's lens model), one of the print's scale. `covariance` is
-        the image's own and common commonᵀ.
-    reduced_chi2
-        Squared residuals over the points' stated uncertainties, per degree of freedom.
-    disagreement
-        How much better the images would be explained if each had a camera of its own, over what chance would make of
-        it: 1 where one camera explains all. None where nothing is shared or there is one image only.
-    unsteady
-        Of each image, whether the camera changed among the images of its pose, by so much that it shows in their
-        scatter. What print and lens model lack is the same in all of them and is no such change.
-    differing
-        Of each image, whether the images of its pose show so different points that they had to be estimated from other
-        points each (`repeat_consistency`): then systematic errors add to their scatter.
-    image_p_values
-        Chance of each image's fine residuals and of their pattern, if it were as the others of its pose.
-    warnings
-        What to know of the whole group.
-    inflation
-        By how much the uncertainties of the camera are larger than independent residuals would leave them; those of
-        poses grow with them, `scatter` does not (`systematic`).
-    fit
-        What `pooled` fitted; None with other estimators.
-    misfit
-        Variance of the residuals over that of the noise which repeats show: 1 where the model fits.
-    """
-
-    estimator: str
-    images: Int[np.ndarray, " k"]
-    failures: tuple[tuple[int, GridposeError], ...]
-    camera: AnyCamera
-    camera_covariance: Float[np.ndarray, "s s"]
-    cameras: Float[np.ndarray, "k s"]
-    positions_mm: Float[np.ndarray, "k 3"]
-    rotations: Float[np.ndarray, "k 3 3"]
-    covariance: Float[np.ndarray, "k 6 6"]
-    scatter: Float[np.ndarray, "k 6 6"]
-    common: Float[np.ndarray, "k 6 e"]
-    rms_px: Float[np.ndarray, " k"]
-    reduced_chi2: float
-    disagreement: float | None
-    unsteady: Bool[np.ndarray, " k"]
-    differing: Bool[np.ndarray, " k"]
-    image_p_values: Float[np.ndarray, "k 2"]
-    warnings: tuple[Advisory, ...] = ()
-    inflation: float = 1.0
-    fit: CommonFit | None = None
-    misfit: float = 1.0
+SEPARATE_CAMERAS = ("per_image", "per_image_session_prior", "per_image_fixed_pp")
+ESTIMATORS = ("pooled", "pooled_free_focal", *SEPARATE_CAMERAS, "given")
 
 
 def estimate_group(
@@ -159,7 +66,8 @@ def estimate_group(
     repeats
         A label for each view: views with the same one show the same pose of the robot.
     lens_start
-        A camera near the one sought, whose lens model pooled estimators then take; None is Brown's, from any start.
+        A camera near the one sought, whose lens model `pooled`, `pooled_free_focal` and `per_image_session_prior`
+        take; None is Brown's, from any start.
 
     Raises InvalidArgument for no views, mixed image sizes, an unknown estimator or `given` without intrinsics;
     EstimationError where no view can be estimated or, with a shared camera, the focal length is not determined.
@@ -175,8 +83,8 @@ def estimate_group(
         if intrinsics is None:
             raise InvalidArgument("The estimator `given` needs intrinsics.")
         fitted = fit_with_known_camera(stack, labels, intrinsics, failures)
-    elif estimator in ("per_image", "per_image_fixed_pp"):
-        fitted = fit_each(stack, labels, estimator, lens, intrinsics, failures)
+    elif estimator in SEPARATE_CAMERAS:
+        fitted = fit_each(stack, labels, estimator, lens, intrinsics, failures, lens_start)
     else:
         raise InvalidArgument(f"Unknown estimator {estimator!r}.", f"Use one of {', '.join(ESTIMATORS)}.")
     uncertainty = multi_view_covariance(fitted)
@@ -236,6 +144,7 @@ def _without_ambiguous(
         unsteady=estimate.unsteady[rest],
         differing=estimate.differing[rest],
         image_p_values=estimate.image_p_values[rest],
+        focal_uncertainty=None if estimate.focal_uncertainty is None else estimate.focal_uncertainty[rest],
         fit=None if estimate.fit is None else estimate.fit.take(np.flatnonzero(rest)),
     )
 
@@ -275,6 +184,7 @@ def _with_covariance(
         inflation=inflation,
         fit=_common_fit(fitted, uncertainty.growth),
         misfit=uncertainty.misfit,
+        focal_uncertainty=uncertainty.focal_uncertainty,
     )
 
 

@@ -15,11 +15,11 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from core.calibration.lens_residuals import residuals_with_jacobian
+from core.calibration.lens_residuals import View
 from core.calibration.multi_view.bundle_adjustment import BundleAdjustment, bundle_adjust
 from core.calibration.multi_view.view_stack import Placements, ViewStack, groups_of
 from core.calibration.planar_ambiguity import SecondPose, is_covered, needed_evidence, second_pose
-from core.calibration.state import Lens, View, centred
+from core.calibration.state import Lens, view_residuals
 from core.errors import PoseAmbiguous
 from core.numerics import Sharing
 
@@ -151,14 +151,7 @@ def _both(
 ]:
     """Return the cells of a view's points, the residuals (px) in its tilt and in the other, and the points' weights."""
     part, points = fitted.views.part(i), fitted.views.view(i)
-    there, _ = residuals_with_jacobian(
-        np.ascontiguousarray(centred(points)[0].T),
-        np.ascontiguousarray(points.points_px.T),
-        other.view.parameters,
-        np.ascontiguousarray(other.view.rotation),
-        other.view.translation_mm,
-        0,
-    )
+    there, _ = view_residuals(points, free=False)(other.view)
     used = fitted.counted(i)
     return (
         fitted.views.cell[part][used],

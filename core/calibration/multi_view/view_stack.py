@@ -13,7 +13,7 @@ from typing import TypeVar
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from core.calibration.state import View
+from core.calibration.lens_residuals import View
 from core.errors import InvalidArgument
 from core.geometry import free_parameters, rotations_from_vectors
 from core.jit import jit
@@ -86,6 +86,15 @@ class ViewStack:
     def part(self, i: int) -> slice:
         """Return where the points of image i stand."""
         return slice(int(self.first[i]), int(self.first[i + 1]))
+
+    def centred(
+        self, i: int, points: slice | Int[np.ndarray, " p"]
+    ) -> tuple[Float[np.ndarray, "3 p"], Float[np.ndarray, "2 p"]]:
+        """Return points of image i about its centroid (target frame, mm), and where they were observed (px)."""
+        return (
+            np.ascontiguousarray((self.points_target[points] - self.centroids[i]).T),
+            np.ascontiguousarray(self.points_px[points].T),
+        )
 
     def view(self, i: int) -> GridPoints:
         """Return the grid points of one image."""
@@ -230,38 +239,6 @@ class Placements:
     def take(self, images: Sequence[int] | Int[np.ndarray, " k"] | Bool[np.ndarray, " m"]) -> Placements:
         """Return the states of some of the views."""
         return Placements(self.parameters[images], self.rotations[images], self.translations_mm[images])
-
-
-@dataclass(frozen=True, slots=True)
-class Linearised:
-    """Views at their placements: products of `lens_residuals.normal_equations` at unit scale; `residuals` in px,
-    `squared` distances in stated uncertainties.
-    """
-
-    placements: Placements
-    products: Float[np.ndarray, "m q q"]
-    residuals: Float[np.ndarray, "2 n"]
-    squared: Float[np.ndarray, " n"]
-    cost: float
-
-    @property
-    def normal(self) -> Float[np.ndarray, "m p p"]:
-        """Over the camera's free parameters, a rotation about the centroid and a translation."""
-        return self.products[:, :-1, :-1]
-
-    @property
-    def of_poses(self) -> Float[np.ndarray, "m 6 6"]:
-        """Over the pose alone."""
-        return self.products[:, -7:-1, -7:-1]
-
-    @property
-    def gradient(self) -> Float[np.ndarray, "m p"]:
-        return self.products[:, :-1, -1]
-
-    @property
-    def square_sums(self) -> Float[np.ndarray, " m"]:
-        """Of the distances of the points that count."""
-        return self.products[:, -1, -1]
 
 
 def stack_states(views: Sequence[View]) -> Placements:

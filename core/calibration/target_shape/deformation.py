@@ -13,7 +13,7 @@ from jaxtyping import Float, Int
 from scipy.special import chdtrc
 
 from core.errors import InvalidArgument
-from core.geometry import Camera
+from core.geometry import AnyCamera
 from core.targets import GridPoints, TargetSpec
 
 POINT_PRIOR = 0.02  # of the pitch, each coordinate
@@ -75,9 +75,9 @@ class TargetShape:
     twist_mm: Measure
     aspect: Measure
     shear: Measure
-    camera: Camera
-    camera_covariance: Float[np.ndarray, "9 9"]
-    shape_covariance: Float[np.ndarray, "9 9"]
+    camera: AnyCamera
+    camera_covariance: Float[np.ndarray, "s s"]
+    shape_covariance: Float[np.ndarray, "s s"]
     used_views: Int[np.ndarray, " k"]
     single_direction_uncertainty: Float[np.ndarray, "5"]
     directions: int

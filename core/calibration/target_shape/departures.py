@@ -7,6 +7,7 @@ whole needs no care: all poses shift by the same motion.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -19,6 +20,8 @@ SENSOR_SKEW = 1e-5
 MAX_POINTS = 700
 """Grid points up to which each has a departure of its own. Of more points, their mean effect on a pose is small."""
 SCALE = "scale"
+LENS, PRINT_SCALE, PRINT_SHAPE = "lens", "print_scale", "print_shape"
+"""Sources of the errors that all poses share."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -100,8 +103,26 @@ class Departures:
             prior.certified,
         )
 
+    def sources(self) -> list[str]:
+        """Return what each parameter is of: the fields', then two for each point where points have any."""
+        of_fields = [PRINT_SCALE if name == SCALE else PRINT_SHAPE for name in self.names]
+        return of_fields + [PRINT_SHAPE] * (2 * self.fields.shape[2] if self.point_mm > 0.0 else 0)
+
     def scale_left(self, aspect: float, aspect_uncertainty: float) -> float:
         """Return the relative uncertainty of scale that goes with the aspect found: a print that is off along one axis
         is off in its mean by half as much, u² = max(a² - u_a², 0)/4 + u_a²/4.
         """
         return 0.5 * math.sqrt(max(aspect**2 - aspect_uncertainty**2, 0.0) + aspect_uncertainty**2)
+
+
+def mirrored(
+    N: Float[np.ndarray, "q q"], head: int, first: Sequence[int], departures: Sequence[Departures]
+) -> Float[np.ndarray, "q q"]:
+    """Return N with the points' rows, which were summed, written into their columns as well."""
+    for begin, found in zip(first, departures, strict=True):
+        low = len(found.names)
+        if found.point_mm > 0.0:
+            rows = slice(begin + low, begin + low + 2 * found.fields.shape[2])
+            N[:head, rows] = N[rows, :head].T
+            N[begin : begin + low, rows] = N[rows, begin : begin + low].T
+    return N

@@ -21,7 +21,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from core.calibration.multi_view import calibrate_views
 from core.calibration.state import SMALLEST_NOISE_PX, Lens, camera_prior
 from core.calibration.target_shape.deformation import (
     TargetShape,
@@ -32,7 +31,6 @@ from core.calibration.target_shape.deformation import (
     summarise_deviations,
 )
 from core.calibration.target_shape.normal_equations import (
-    CAMERA,
     Normals,
     SeenPoints,
     ShapeState,
@@ -42,29 +40,41 @@ from core.calibration.target_shape.normal_equations import (
     rms_px_of,
     sum_of_squares,
 )
+from core.calibration.target_shape.planar_views import count_directions, planar_views
 from core.errors import InvalidArgument, NotConverged, TargetShapeNotObservable
-from core.geometry import Camera
+from core.geometry import (
+    CAMERA_PARAMETERS,
+    AnyCamera,
+    camera_from_array,
+    free_parameters,
+)
 from core.numerics import CAUCHY_C
 from core.targets import GridPoints, TargetSpec
 
 MIN_DIRECTIONS = 8
-"""Fewest views from directions that differ by `MIN_VIEW_ANGLE`, tilted by `MIN_TILT` or more."""
-MIN_VIEW_ANGLE = math.radians(5.0)
-MIN_TILT = math.radians(10.0)
+"""Fewest views from directions that differ as `count_directions` counts them."""
 MAX_BOW_UNCERTAINTY = 1e-3
 """Of the target's extent: a bow that is less certain than this is not observed."""
 MAX_POINTS = 1200
 THIRD_RADIAL_PRIOR = 0.5
 """σ of k3 about 0, as of k2: the estimators of cameras hold it at 0."""
 _ROBUST_STEPS, _STEPS = 8, 20
-_K3 = CAMERA - 1
+_K3 = 8
+"""Place of k3 among the parameters of Brown's model."""
 _SETTLED = 1e-3  # of the step's own uncertainty
 
 
 def estimate_target_shape(
-    views: Sequence[GridPoints], *, lens: Lens | None = None, least_directions: int = MIN_DIRECTIONS
+    views: Sequence[GridPoints],
+    *,
+    lens: Lens | None = None,
+    least_directions: int = MIN_DIRECTIONS,
+    start: AnyCamera | None = None,
 ) -> TargetShape:
     """Estimate the shape of the target that all views show, from `least_directions` at least.
+
+    `start` is a camera of another lens model than Brown's, where the images ask for one (`select_lens`): what a lens
+    lacks is taken for the print's.
 
     Raises InvalidArgument for no views, several targets or sizes of image, and targets of more than `MAX_POINTS`
     points; TargetShapeNotObservable where the views do not determine the shape; and what `calibrate_views` raises.
@@ -80,9 +90,8 @@ def estimate_target_shape(
             "Use a coarser target where its shape matters.",
         )
     ideal = [replace(v, measured_points_target=None) for v in views]
-    planar = calibrate_views(ideal, lens=lens)
-    kept = np.array([i for i, used in enumerate(planar.used) if used.any()])
-    rotations = np.array([planar.T_camera_target[i][:3, :3] for i in kept])
+    planar = planar_views(ideal, lens, start)
+    kept, rotations = planar.kept, planar.T_camera_target[:, :3, :3]
     directions = count_directions(rotations)
     if directions < least_directions:
         raise TargetShapeNotObservable(
@@ -90,25 +99,15 @@ def estimate_target_shape(
             f"its shape takes {least_directions}."
         )
     fit = _Fit.of([views[i] for i in kept], lens)
-    start = np.array([planar.T_camera_target[i][:3, 3] for i in kept]) + rotations @ fit.middle
-    state = ShapeState(planar.camera.as_array(), rotations, start, fit.nominal.copy())
+    middles = planar.T_camera_target[:, :3, 3] + rotations @ fit.middle
+    state = ShapeState(planar.camera.as_array(), rotations, middles, fit.nominal.copy())
     weights = tuple(np.ones(len(v.place)) for v in fit.views)
-    before = rms_px_of(fit.views, residuals_at(state, fit.views), tuple(planar.used[i] for i in kept))
+    residuals = residuals_at(state, fit.views)
+    before = rms_px_of(fit.views, residuals, planar.used or inliers_of(residuals))
     state = fit.robust(state, weights)
     used = inliers_of(residuals_at(state, fit.views))
     state, normals, scale = fit.plain(state, used)
     return _shape_of(fit, state, normals, scale, used, kept, directions, before)
-
-
-def count_directions(rotations: Float[np.ndarray, "m 3 3"]) -> int:
-    """Return how many of the tilted views R_camera_target differ from one another by more than `MIN_VIEW_ANGLE`."""
-    leaders: list[Float[np.ndarray, "3 3"]] = []
-    for R in rotations:
-        if math.acos(min(abs(float(R[2, 2])), 1.0)) < MIN_TILT:
-            continue
-        if all(0.5 * (float(np.sum(R * other)) - 1.0) < math.cos(MIN_VIEW_ANGLE) for other in leaders):
-            leaders.append(R)
-    return len(leaders)
 
 
 @dataclass(frozen=True, slots=True)
@@ -151,13 +150,16 @@ class _Fit:
     ) -> tuple[Float[np.ndarray, "z z"], Float[np.ndarray, " z"]]:
         """Return information and gradient of camera and deviations, σ per unit of stated uncertainty being `scale`."""
         H, b = normals.information / scale**2, normals.gradient / scale**2
-        q, Q = camera_prior(*self.size_px, self.lens, CAMERA)(state.parameters)
-        H[:CAMERA, :CAMERA] += Q.T @ Q
-        b[:CAMERA] += Q.T @ q
-        H[_K3, _K3] += THIRD_RADIAL_PRIOR**-2
-        b[_K3] -= state.parameters[_K3] * THIRD_RADIAL_PRIOR**-2
-        H[CAMERA:, CAMERA:] += self.prior
-        b[CAMERA:] -= self.prior @ (state.points_mm - self.nominal).ravel()
+        size = len(state.parameters)
+        of_brown = size == len(CAMERA_PARAMETERS)
+        q, Q = camera_prior(*self.size_px, self.lens, size if of_brown else None, size)(state.parameters)
+        H[:size, :size] += Q.T @ Q
+        b[:size] += Q.T @ q
+        if of_brown:
+            H[_K3, _K3] += THIRD_RADIAL_PRIOR**-2
+            b[_K3] -= state.parameters[_K3] * THIRD_RADIAL_PRIOR**-2
+        H[size:, size:] += self.prior
+        b[size:] -= self.prior @ (state.points_mm - self.nominal).ravel()
         return H, b
 
     def step(
@@ -191,7 +193,7 @@ class _Fit:
         not show it.
         """
         weights = tuple(u.astype(np.float64) for u in used)
-        parameters = CAMERA + 6 * len(self.views) + 3 * len(self.place) - 7
+        parameters = len(state.parameters) + 6 * len(self.views) + 3 * len(self.place) - 7
         freedom = max(2 * sum(int(u.sum()) for u in used) - parameters, 1)
         for _ in range(_STEPS):
             squares = sum_of_squares(residuals_at(state, self.views), used)
@@ -224,13 +226,14 @@ def _shape_of(
     unit = 1.0 / np.sqrt(np.diag(H))
     C = np.linalg.inv(H * np.outer(unit, unit)) * np.outer(unit, unit)
     # H⁻¹ = A⁻¹ + (what the deviations' covariance adds), A the camera's information were the target known, and k3 held.
-    of_shape = np.zeros((CAMERA, CAMERA))
-    by_shape = np.linalg.solve(H[:_K3, :_K3], H[:_K3, CAMERA:])
-    of_shape[:_K3, :_K3] = by_shape @ C[CAMERA:, CAMERA:] @ by_shape.T
+    size = len(state.parameters)
+    of_shape, free = np.zeros((size, size)), free_parameters(size)
+    by_shape = np.linalg.solve(H[:free, :free], H[:free, size:])
+    of_shape[:free, :free] = by_shape @ C[size:, size:] @ by_shape.T
     gauge = gauge_of(fit.nominal)
     deviations = (state.points_mm - fit.nominal).ravel()
     deviations = deviations - gauge @ (gauge.T @ deviations)
-    about = C[CAMERA:, CAMERA:]
+    about = C[size:, size:]
     covariance = projected(about, gauge)
     # Of a perfect target: what priors hold back does not scatter.
     noise = projected(about - about @ fit.prior @ about, gauge)
@@ -242,7 +245,7 @@ def _shape_of(
             f"The images leave the target's bow uncertain by {uncertainty:.2g} mm; the limit is "
             f"{MAX_BOW_UNCERTAINTY * extent:.2g} mm."
         )
-    freedom = max(2 * sum(int(u.sum()) for u in used) - CAMERA - 6 * len(kept) - len(deviations) + 7, 1)
+    freedom = max(2 * sum(int(u.sum()) for u in used) - size - 6 * len(kept) - len(deviations) + 7, 1)
     return TargetShape(
         target=fit.target,
         column=fit.place % fit.target.grid_columns,
@@ -256,8 +259,8 @@ def _shape_of(
         twist_mm=measures[2],
         aspect=measures[3],
         shear=measures[4],
-        camera=Camera.from_array(state.parameters),
-        camera_covariance=C[:CAMERA, :CAMERA],
+        camera=camera_from_array(state.parameters),
+        camera_covariance=C[:size, :size],
         shape_covariance=0.5 * (of_shape + of_shape.T),
         used_views=kept,
         single_direction_uncertainty=_single_direction_uncertainty(fit, state, H, scale, used),
@@ -284,6 +287,7 @@ def _single_direction_uncertainty(
     both = information + more
     unit = 1.0 / np.sqrt(np.diag(both))
     C = np.linalg.inv(both * np.outer(unit, unit)) * np.outer(unit, unit)
-    covariance = projected(C[CAMERA:, CAMERA:], gauge_of(fit.nominal))
+    size = len(state.parameters)
+    covariance = projected(C[size:, size:], gauge_of(fit.nominal))
     measures = low_order_shapes(fit.nominal, np.zeros(len(covariance)), covariance)
     return np.array([m.standard_uncertainty for m in measures])

@@ -9,8 +9,8 @@ pose's six l,
 so that poses move to where the departures found put them, and share what these leave open. All images of a pose show
 the same departures: their residuals enter as one mean, and all of them move equally, so that scatter stays as it is.
 
-The noise is that of residuals about their mean over the images of a pose, or of the fit where there are no repeats.
-What residuals of means hold beyond it inflates the covariance.
+The noise is that of residuals about their mean over the images of a pose, or of the fit without repeats. What
+residuals of means hold beyond it inflates the covariance.
 """
 
 from __future__ import annotations
@@ -22,12 +22,19 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Float, Int
 
-from core.calibration.lens_residuals import residuals_with_jacobian
+from core.calibration.lens_residuals import View, residuals_with_jacobian
 from core.calibration.multi_view import CommonFit, in_target_frame, linearise
 from core.calibration.state import camera_prior
-from core.calibration.target_shape.covariance_factors import compressed, inverse, root
+from core.calibration.target_shape.covariance_factors import compressed_by_source, inverse, triangular_root
 from core.calibration.target_shape.deformation import Measure
-from core.calibration.target_shape.departures import SENSOR_SKEW, Departures, ShapePrior
+from core.calibration.target_shape.departures import (
+    LENS,
+    PRINT_SCALE,
+    SENSOR_SKEW,
+    Departures,
+    ShapePrior,
+    mirrored,
+)
 from core.calibration.target_shape.mean_views import MeanView, images_by_pose, mean_view, noise_of
 from core.geometry import so3_exp, so3_log
 
@@ -43,15 +50,16 @@ class MarginalPoses:
 
     `place` (k,) says which pose each image shows. `moved_mm` and `turned` (m, 3) lead from the fit's poses to these:
     p + moved, exp(turned) R. `common` (m, 6, e) is what one standard uncertainty of each error that all poses share
-    does to them, of the print and of the camera; `of_camera` the same of the camera alone, were the prints perfect.
-    `departures` are those found, by target and name, in standard uncertainties of their prior. `inflation` is that of
-    the standard uncertainties of the data.
+    does to them; `sources` (e,) says of which: `lens` (and sensor), `print_scale` or `print_shape`. `of_camera` is that
+    of the camera alone, were the prints perfect. `departures` are those found by target and name, in their prior's
+    standard uncertainties; `inflation` is the data's.
     """
 
     place: Int[np.ndarray, " k"]
     moved_mm: Float[np.ndarray, "m 3"]
     turned: Float[np.ndarray, "m 3"]
     common: Float[np.ndarray, "m 6 e"]
+    sources: tuple[str, ...]
     of_camera: Float[np.ndarray, "m 6 c"]
     departures: tuple[dict[str, Measure], ...]
     inflation: float
@@ -166,9 +174,7 @@ class _Problem:
             left, J = residuals_with_jacobian(
                 np.ascontiguousarray(points - view.centroid[:, None]),
                 view.points_px,
-                state.parameters,
-                np.ascontiguousarray(R),
-                state.translations_mm[g],
+                View(state.parameters, R, state.translations_mm[g]),
                 free,
             )
             below = (view.points_px[1] - left[1]) - state.parameters[3]
@@ -201,7 +207,7 @@ class _Problem:
             b -= roots[g].T @ half
             follows[g] = np.linalg.solve(lower.T, roots[g])
             steps[g] = np.linalg.solve(lower.T, half)
-        N = _mirrored(N, self.free + 1, self.first, self.departures)
+        N = mirrored(N, self.free + 1, self.first, self.departures)
         tall = roots.reshape(-1, q)
         N -= tall.T @ tall
         prior, pull = self._prior(state)
@@ -245,10 +251,10 @@ class _Problem:
         C = system.covariance()
         start = self.start()
         J = in_target_frame(state.rotations, state.translations_mm)
-        by_shared = -J @ system.follows
-        common = by_shared @ root(C)
-        alone = inverse(system.information[: self.free, : self.free])
-        of_camera = by_shared[:, :, : self.free] @ root(alone)
+        # Columns of a triangular root: of the camera, were the print known, and of each departure, were those behind
+        # it known, with what the camera makes of it.
+        common = -J @ system.follows @ triangular_root(system.information)
+        of_camera = common[:, :, : self.free]
         found = []
         scales = np.zeros((len(self.views), 6, len(self.departures)))
         centroids = np.array([view.centroid for view in self.views])
@@ -269,7 +275,10 @@ class _Problem:
                 )
                 of_target = np.array([view.target == k for view in self.views])
                 scales[of_target, :3, k] = left * places[of_target]
-        common = compressed(np.concatenate([common, scales], axis=2))
+        sources = [LENS] * (self.free + 1)  # the sensor's skew, too
+        sources += [source for departures in self.departures for source in departures.sources()]
+        sources += [PRINT_SCALE] * len(self.departures)
+        common, kept = compressed_by_source(np.concatenate([common, scales], axis=2), sources)
         before = centroids - np.einsum("mji,mj->mi", start.rotations, start.translations_mm)
         turned = np.array(
             [so3_log(new.T @ old) for new, old in zip(state.rotations, start.rotations, strict=True)]
@@ -282,20 +291,8 @@ class _Problem:
             places - before,
             turned,
             common,
+            kept,
             of_camera,
             tuple(found),
             inflation,
         )
-
-
-def _mirrored(
-    N: Float[np.ndarray, "q q"], head: int, first: Sequence[int], departures: Sequence[Departures]
-) -> Float[np.ndarray, "q q"]:
-    """Write the points' rows, which were summed, into their columns as well."""
-    for begin, found in zip(first, departures, strict=True):
-        low = len(found.names)
-        if found.point_mm > 0.0:
-            rows = slice(begin + low, begin + low + 2 * found.fields.shape[2])
-            N[:head, rows] = N[rows, :head].T
-            N[begin : begin + low, rows] = N[rows, begin : begin + low].T
-    return N

@@ -1,7 +1,9 @@
 """Normal equations of bundle adjustment over camera, poses and the target's points, poses eliminated.
 
-Unknowns are the camera's nine parameters c, the deviations s of the grid points from where they were meant to be
-(3 a point, target frame, mm) and a pose for each view. With z = (c, s) and a view's pose l,
+Unknowns are the camera's parameters c (nine with Brown's lens model, k3 too: its effect on a wide lens's images
+otherwise looks like a bow; ten with Kannala's and Brandt's, twelve with the rational one), the deviations s of the grid
+points from where they were meant to be (3 a point, target frame, mm) and a pose for each view. With z = (c, s) and a
+view's pose l,
 
     [N_zz N_zl] [z]   [b_z]
     [N_lz N_ll] [l] = [b_l],      S = N_zz - Σ N_zl N_ll⁻¹ N_lz,      l = N_ll⁻¹ (b_l - N_lz z),
@@ -20,11 +22,8 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from core.geometry import Camera, project_with_jacobian, so3_exp
+from core.geometry import camera_from_array, project_any_with_jacobian, so3_exp
 from core.numerics import REJECTION
-
-CAMERA = 9
-"""Camera parameters that are estimated. k3 is: its effect on a wide lens's images otherwise looks like a bow."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,17 +41,17 @@ class ShapeState:
     points' places about that middle (target frame, mm).
     """
 
-    parameters: Float[np.ndarray, "9"]
+    parameters: Float[np.ndarray, " c"]
     rotations: Float[np.ndarray, "m 3 3"]
     translations_mm: Float[np.ndarray, "m 3"]
     points_mm: Float[np.ndarray, "n 3"]
 
     def moved(self, z: Float[np.ndarray, " z"], poses: Float[np.ndarray, "m 6"]) -> ShapeState:
         """Take a step: R ← exp(w) R, t ← t + d."""
-        parameters = self.parameters.copy()
-        parameters += z[:CAMERA]
+        of_camera = len(self.parameters)
+        parameters = self.parameters + z[:of_camera]
         rotations = np.array([so3_exp(w) @ R for w, R in zip(poses[:, :3], self.rotations, strict=True)])
-        points = self.points_mm + z[CAMERA:].reshape(-1, 3)
+        points = self.points_mm + z[of_camera:].reshape(-1, 3)
         return ShapeState(parameters, rotations, self.translations_mm + poses[:, 3:], points)
 
 
@@ -74,10 +73,10 @@ class Normals:
 
 def residuals_at(state: ShapeState, views: Sequence[SeenPoints]) -> tuple[Float[np.ndarray, "2 _"], ...]:
     """Return observed - predicted of every view, in stated uncertainties."""
-    camera = Camera.from_array(state.parameters)
+    camera = camera_from_array(state.parameters)
     found = []
     for view, R, t in zip(views, state.rotations, state.translations_mm, strict=True):
-        pixels, _, _ = project_with_jacobian(state.points_mm[view.place] @ R.T + t, camera)
+        pixels, _, _ = project_any_with_jacobian(state.points_mm[view.place] @ R.T + t, camera)
         found.append((view.points_px.T - pixels) / view.standard_uncertainty_px)
     return tuple(found)
 
@@ -86,9 +85,9 @@ def normals_at(
     state: ShapeState, views: Sequence[SeenPoints], weights: Sequence[Float[np.ndarray, " _"]]
 ) -> Normals:
     """Linearise; `weights` from 0 to 1 for every point of every view."""
-    camera = Camera.from_array(state.parameters)
-    count = len(state.points_mm)
-    size = CAMERA + 3 * count
+    camera = camera_from_array(state.parameters)
+    count, of_camera = len(state.points_mm), len(state.parameters)
+    size = of_camera + 3 * count
     S, b = np.zeros((size, size)), np.zeros(size)
     blocks = np.zeros((count, 3, 3))
     of_poses, pose_steps = np.empty((len(views), 6, size)), np.empty((len(views), 6))
@@ -96,27 +95,27 @@ def normals_at(
     for k, (view, weight) in enumerate(zip(views, weights, strict=True)):
         R = state.rotations[k]
         turned = state.points_mm[view.place] @ R.T
-        pixels, by_camera, by_point = project_with_jacobian(turned + state.translations_mm[k], camera)
+        pixels, by_camera, by_point = project_any_with_jacobian(turned + state.translations_mm[k], camera)
         root = np.sqrt(weight) / view.standard_uncertainty_px
         r = (view.points_px.T - pixels) / view.standard_uncertainty_px
         residuals.append(r)
         weighted = (r * np.sqrt(weight)).ravel()
-        c = (by_camera * root).reshape(CAMERA, -1)
+        c = (by_camera * root).reshape(of_camera, -1)
         by_translation = by_point * root
         by_rotation = np.cross(turned.T[:, None, :], by_translation, axis=0)  # d(exp(w) R x)/dw = w × (R x)
         pose = np.concatenate([by_rotation, by_translation]).reshape(6, -1)
         by_place = np.einsum("ji,jmn->imn", R, by_translation)
-        S[:CAMERA, :CAMERA] += c @ c.T
-        b[:CAMERA] += c @ weighted
-        columns = CAMERA + 3 * view.place[:, None] + np.arange(3)
-        both = np.concatenate([c, pose]).reshape(CAMERA + 6, 2, -1)
+        S[:of_camera, :of_camera] += c @ c.T
+        b[:of_camera] += c @ weighted
+        columns = of_camera + 3 * view.place[:, None] + np.arange(3)
+        both = np.concatenate([c, pose]).reshape(of_camera + 6, 2, -1)
         across = np.einsum("amn,imn->nai", both, by_place)
-        S[:CAMERA, columns.ravel()] += np.swapaxes(across[:, :CAMERA], 0, 1).reshape(CAMERA, -1)
+        S[:of_camera, columns.ravel()] += np.swapaxes(across[:, :of_camera], 0, 1).reshape(of_camera, -1)
         b[columns] += np.einsum("imn,mn->ni", by_place, r * np.sqrt(weight))
         blocks[view.place] += np.einsum("imn,jmn->nij", by_place, by_place)
         of_pose = np.zeros((6, size))
-        of_pose[:, :CAMERA] = pose @ c.T
-        of_pose[:, columns.ravel()] = np.swapaxes(across[:, CAMERA:], 0, 1).reshape(6, -1)
+        of_pose[:, :of_camera] = pose @ c.T
+        of_pose[:, columns.ravel()] = np.swapaxes(across[:, of_camera:], 0, 1).reshape(6, -1)
         lower = np.linalg.cholesky(pose @ pose.T)
         of_poses[k] = np.linalg.solve(lower, of_pose)
         pose_steps[k] = np.linalg.solve(lower, pose @ weighted)
@@ -124,8 +123,8 @@ def normals_at(
         pose_steps[k] = np.linalg.solve(lower.T, pose_steps[k])
         S -= of_poses[k].T @ of_poses[k]
         of_poses[k] = np.linalg.solve(lower.T, of_poses[k])
-    S[CAMERA:, :CAMERA] = S[:CAMERA, CAMERA:].T
-    diagonal = CAMERA + 3 * np.arange(count)[:, None] + np.arange(3)
+    S[of_camera:, :of_camera] = S[:of_camera, of_camera:].T
+    diagonal = of_camera + 3 * np.arange(count)[:, None] + np.arange(3)
     S[diagonal[:, :, None], diagonal[:, None, :]] += blocks
     return Normals(S, b, of_poses, pose_steps, tuple(residuals))
 

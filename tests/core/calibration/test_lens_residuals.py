@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from core.calibration import lens_residuals, reprojection_kernel
+from core.calibration.lens_residuals import View, descend, residuals_with_jacobian
 from core.calibration.multi_view import Placements, ViewStack, linearise, stack_views
 from core.calibration.state import wide_lens_prior
 from core.geometry import AnyCamera, Camera, KannalaBrandtCamera, RationalCamera, so3_exp
@@ -62,13 +62,13 @@ def test_derivatives_of_residuals_are_those_of_differences(
     target, observed = (views.points_target[:30] - views.centroids[0]).T, views.points_px[:30].T
     parameters, R, t = camera.as_array(), at.rotations[0], at.translations_mm[0]
     free = len(parameters)
-    _, J = lens_residuals.residuals_with_jacobian(target, observed, parameters, R, t, free)
+    _, J = residuals_with_jacobian(target, observed, View(parameters, R, t), free)
     for i in range(6):
         w, d = np.zeros(3), np.zeros(3)
         (w if i < 3 else d)[i % 3] = h = 1e-5 if i < 3 else 1e-3
         ahead, behind = (
-            lens_residuals.residuals_with_jacobian(
-                target, observed, parameters, so3_exp(sign * w) @ R, t + sign * d, 0
+            residuals_with_jacobian(
+                target, observed, View(parameters, so3_exp(sign * w) @ R, t + sign * d), 0
             )[0]
             for sign in (1.0, -1.0)
         )
@@ -78,18 +78,15 @@ def test_derivatives_of_residuals_are_those_of_differences(
 def test_the_descent_ends_where_the_compiled_one_does(seen: tuple[ViewStack, Placements]) -> None:
     views, at = seen
     part = views.part(1)
-    arguments = (
-        np.ascontiguousarray((views.points_target[part] - views.centroids[1]).T),
-        np.ascontiguousarray(views.points_px[part].T),
-        np.sqrt(views.weight[part]),
-    )
+    arguments = *views.centred(1, part), np.sqrt(views.weight[part])
     start = so3_exp(np.array([0.05, -0.03, 0.02])) @ at.rotations[1], at.translations_mm[1] + [3.0, -2.0, 9.0]
-    limits = (40, 0.0, 0.0, 1e-12)
-    ours = lens_residuals.descend(*arguments, RATIONAL.as_array(), *start, *limits)
-    theirs = reprojection_kernel.descend(*arguments, BROWN.as_array(), *start, *limits)
-    assert ours[2] == pytest.approx(theirs[2], rel=1e-9)
-    np.testing.assert_allclose(ours[0], theirs[0], atol=1e-8)
-    np.testing.assert_allclose(ours[1], theirs[1], atol=1e-4)
+    (ours, cost), (theirs, least) = (
+        descend(*arguments, View(camera.as_array(), *start), 40, known_cost=0.0, share=0.0, least=1e-12)
+        for camera in (RATIONAL, BROWN)
+    )
+    assert cost == pytest.approx(least, rel=1e-9)
+    np.testing.assert_allclose(ours.rotation, theirs.rotation, atol=1e-8)
+    np.testing.assert_allclose(ours.translation_mm, theirs.translation_mm, atol=1e-4)
 
 
 @pytest.mark.parametrize("camera", [ANGULAR, RATIONAL])

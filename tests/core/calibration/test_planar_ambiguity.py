@@ -8,11 +8,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from core.calibration.planar_ambiguity import FALSE_CHOICE, mirrored, needed_evidence, second_pose
-from core.calibration.reprojection_kernel import descend
+from core.calibration.lens_residuals import View, descend
+from core.calibration.planar_ambiguity import FALSE_CHOICE, SecondPose, mirrored, needed_evidence, second_pose
 from core.calibration.result import Calibration
 from core.calibration.single_image import calibrate_points
-from core.calibration.state import Lens, View, centred, view_residuals
+from core.calibration.state import Lens, centred, view_residuals
 from core.errors import FocalNotObservable
 from core.geometry.camera import Camera, project
 from core.geometry.se3 import so3_exp, so3_log, transform, transform_points
@@ -28,6 +28,16 @@ def pose_in_view(found: Calibration) -> View:
     """The pose found before the camera that was given, of the board's middle."""
     R, middle = found.T_camera_target[:3, :3], BOARD.points_target().mean(axis=0)
     return View(CAMERA.as_array(), R, R @ middle + found.T_camera_target[:3, 3])
+
+
+def cost_of(found: Calibration) -> float:
+    return float(np.sum((found.residuals_px / SIGMA) ** 2))
+
+
+def second_of(points: GridPoints, found: Calibration) -> SecondPose | None:
+    """The second pose of a calibration with `CAMERA`, all points used."""
+    used = np.ones(len(points), dtype=np.bool_)
+    return second_pose(points, pose_in_view(found), used, cost_of(found), 1.0)
 
 
 def tilted(
@@ -82,21 +92,19 @@ def test_the_descent_ends_where_the_gradient_vanishes_and_counts_what_it_says() 
     view = View(CAMERA.as_array(), R, R @ centroid + found.T_camera_target[:3, 3])
     cost = float(np.sum((found.residuals_px / SIGMA) ** 2))
     away = View(view.parameters, so3_exp(np.array([0.05, -0.03, 0.02])) @ R, view.translation_mm * 1.05)
-    rotation, translation, reached = descend(
+    end, reached = descend(
         np.ascontiguousarray(target.T),
         np.ascontiguousarray(points.points_px.T),
         np.full(len(points), 1.0 / SIGMA),
-        view.parameters,
-        away.rotation,
-        away.translation_mm,
+        away,
         30,
-        0.0,
-        0.0,
-        1e-12,
+        known_cost=0.0,
+        share=0.0,
+        least=1e-12,
     )
-    assert np.linalg.norm(so3_log(rotation @ R.T)) < 1e-6
+    assert np.linalg.norm(so3_log(end.rotation @ R.T)) < 1e-6
     assert reached == pytest.approx(cost, rel=1e-8)
-    residuals, _ = view_residuals(points, free=False)(View(view.parameters, rotation, translation))
+    residuals, _ = view_residuals(points, free=False)(end)
     assert reached == pytest.approx(float(np.sum((residuals / SIGMA) ** 2)), rel=1e-12)
 
 
@@ -190,10 +198,7 @@ def test_a_descent_that_leads_back_leaves_the_mirrored_tilt_to_be_ruled_out() ->
     middle = squarely @ BOARD.points_target().mean(axis=0)
     points = look(rng, transform(squarely, np.array([0.0, 0.0, 900.0]) - middle), SIGMA)
     found = calibrate_points(points, intrinsics=CAMERA)
-    view = pose_in_view(found)
-    cost = float(np.sum((found.residuals_px / SIGMA) ** 2))
-    used = np.ones(len(points), dtype=np.bool_)
-    other = second_pose(points, view, used, cost, 1.0)
+    view, other = pose_in_view(found), second_of(points, found)
     assert other is not None
     assert not other.is_minimum
     np.testing.assert_allclose(
@@ -201,7 +206,7 @@ def test_a_descent_that_leads_back_leaves_the_mirrored_tilt_to_be_ruled_out() ->
     )
     residuals, jacobian = view_residuals(points, free=False)(other.view)
     assert other.cost == pytest.approx(float(np.sum((residuals / SIGMA) ** 2)), rel=1e-12)
-    assert other.cost > cost
+    assert other.cost > cost_of(found)
     # All but the tilt is at its best: turned about its normal, or moved, the board fits no better.
     normal = other.view.rotation[:, 2]
     along = np.vstack([np.tensordot(normal, jacobian[:3], axes=1)[None], jacobian[3:]])
@@ -212,9 +217,7 @@ def test_a_descent_that_leads_back_leaves_the_mirrored_tilt_to_be_ruled_out() ->
     assert found.observability.ambiguity_log_likelihood_ratio is None
     # Nor is it anything at all where the perspective is plain.
     near = look(rng, tilted(rng, 10.0, 350.0), SIGMA)
-    sure = calibrate_points(near, intrinsics=CAMERA)
-    view = pose_in_view(sure)
-    assert second_pose(near, view, used, float(np.sum((sure.residuals_px / SIGMA) ** 2)), 1.0) is None
+    assert second_of(near, calibrate_points(near, intrinsics=CAMERA)) is None
 
 
 def test_a_start_at_the_wrong_pose_is_corrected(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -276,14 +279,10 @@ def test_evidence_needs_more_where_the_noise_is_known_from_few_points() -> None:
 def test_the_sign_of_the_evidence_says_which_pose_is_better() -> None:
     rng = np.random.default_rng(8)
     points = look(rng, tilted(rng, 30.0, 2500.0))
-    found = calibrate_points(points, intrinsics=CAMERA)
-    view = pose_in_view(found)
-    cost = float(np.sum((found.residuals_px / SIGMA) ** 2))
-    used = np.ones(len(points), dtype=np.bool_)
-    other = second_pose(points, view, used, cost, 1.0)
+    other = second_of(points, calibrate_points(points, intrinsics=CAMERA))
     assert other is not None
     assert other.evidence > needed_evidence(200.0)
-    back = second_pose(points, other.view, used, other.cost, 1.0)
+    back = second_pose(points, other.view, np.ones(len(points), dtype=np.bool_), other.cost, 1.0)
     assert back is not None
     assert back.evidence == pytest.approx(-other.evidence, rel=0.01)
     assert back.ratio == pytest.approx(other.ratio, rel=0.02)

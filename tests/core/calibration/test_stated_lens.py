@@ -7,7 +7,7 @@ import pytest
 
 from core.calibration.multi_view.estimators import estimate_group
 from core.calibration.state import Lens
-from tests.support.simulation.resting_robot import session
+from tests.support.simulation.robots.resting_robot import session
 
 PITCH_UM = 3.45
 SESSION = session(21, poses=5, cycles=2)
@@ -18,6 +18,7 @@ def lens(factor: float) -> Lens:
     return Lens(factor * SESSION.camera.fx_px * PITCH_UM / 1000.0, PITCH_UM)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("estimator", ["pooled", "pooled_free_focal", "per_image", "per_image_fixed_pp"])
 @pytest.mark.parametrize("factor", [0.5, 2.0])
 def test_one_that_the_images_contradict_is_left_out(estimator: str, factor: float) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 
 import numpy as np
@@ -95,6 +96,22 @@ def test_white_residuals_do_not_inflate_and_smooth_ones_do() -> None:
             field[:, r] = 0.5 * field[:, r - 1] + math.sqrt(0.75) * field[:, r]
         found.append(correlation_inflation(view.points, residual_fit(view, field.reshape(2, -1)))[0])
     assert np.mean(found) == pytest.approx(3.0, abs=0.25)
+
+
+def test_points_of_unequal_uncertainty_count_by_their_weight() -> None:
+    """The least certain twentieth of the points has a smooth error: nearly no weight, and next to no inflation."""
+    view = draw_view(np.random.default_rng(2), columns=25, rows=18)
+    rng, poor = np.random.default_rng(3), view.points.column == 24
+    u = np.where(poor, 1.0, 0.05)
+    points = dataclasses.replace(view.points, standard_uncertainty_px=u)
+    found = []
+    for _ in range(50):
+        residuals = 0.05 * rng.normal(size=(2, 450))
+        residuals[:, poor] = rng.choice([-1.0, 1.0])
+        weighted = residuals * u.mean() / u
+        fit = dataclasses.replace(residual_fit(view, residuals), scale=float(np.sqrt(np.mean(weighted**2))))
+        found.append(correlation_inflation(points, fit)[0])
+    assert np.mean(found) < 1.15
 
 
 def test_too_few_residuals_tell_nothing() -> None:

@@ -8,10 +8,9 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from core.calibration.multi_view.bundle_adjustment import linearise
+from core.calibration.multi_view.linearisation import Linearised, linearise
 from core.calibration.multi_view.repeat_consistency import MIN_VIEWS_FOR_MEDIAN, find_repeats, inliers_of
 from core.calibration.multi_view.view_stack import (
-    Linearised,
     Placements,
     ViewStack,
     coordinates,

@@ -7,9 +7,10 @@ import math
 import numpy as np
 import pytest
 
-from core.calibration.multi_view.estimators import GroupEstimate, estimate_group
-from core.calibration.multi_view.pooled import calibrate_views
-from tests.support.simulation.resting_robot import Session, errors, estimate, session
+from core.calibration.multi_view.estimators import estimate_group
+from core.calibration.multi_view.fitting import calibrate_views
+from core.calibration.multi_view.group_estimate import GroupEstimate
+from tests.support.simulation.robots.resting_robot import Session, errors, estimate, session
 
 
 def camera_errors(s: Session, found: GroupEstimate) -> np.ndarray:
@@ -18,6 +19,7 @@ def camera_errors(s: Session, found: GroupEstimate) -> np.ndarray:
     return (found.camera.as_array() - s.camera.as_array())[:8] / u
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("poses", "cycles"), [(5, 4), (12, 1)])
 def test_independent_residuals_leave_uncertainties_alone(poses: int, cycles: int) -> None:
     found = [estimate(session(300 + k, poses=poses, cycles=cycles), "pooled") for k in range(12)]
@@ -30,6 +32,7 @@ def test_independent_residuals_leave_uncertainties_alone(poses: int, cycles: int
     assert all(not f.warnings for f in found)
 
 
+@pytest.mark.slow
 def test_a_bowed_print_is_in_the_uncertainty_and_not_in_the_scatter() -> None:
     """More images of the same poses say no more of the camera than fewer."""
     z, ratios, positions = [], [], []

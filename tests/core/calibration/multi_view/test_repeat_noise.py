@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from scipy.spatial import KDTree
 
-from core.calibration.multi_view.bundle_adjustment import linearise
 from core.calibration.multi_view.estimators import estimate_group
-from core.calibration.multi_view.repeat_noise.contrasts import common_points, pose_contrasts
-from core.calibration.multi_view.repeat_noise.noise_fields import FIELDS, WAVELENGTHS, propagated_fields
+from core.calibration.multi_view.linearisation import linearise
+from core.calibration.multi_view.repeats.contrasts import common_points, pose_contrasts
+from core.calibration.multi_view.repeats.noise_fields import FIELDS, WAVELENGTHS, propagated_fields
 from core.calibration.multi_view.view_stack import Placements, ViewStack
 from core.metrology import Verdict
 from core.targets.specification import TargetSpec

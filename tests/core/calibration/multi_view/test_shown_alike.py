@@ -8,7 +8,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from core.calibration.multi_view.estimators import GroupEstimate, estimate_group
+from core.calibration.multi_view.estimators import estimate_group
+from core.calibration.multi_view.group_estimate import GroupEstimate
 from core.calibration.multi_view.repeat_consistency import (
     is_same_scene,
     sums_of_squared_deviations,

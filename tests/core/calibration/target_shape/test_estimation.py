@@ -8,19 +8,23 @@ import math
 import numpy as np
 import pytest
 
+from core.calibration.lens_selection import select_lens
+from core.calibration.multi_view import estimate_group, stack_views
 from core.calibration.target_shape.deformation import TargetShape, gauge_of
 from core.calibration.target_shape.estimation import (
     MIN_DIRECTIONS,
-    count_directions,
     estimate_target_shape,
 )
 from core.calibration.target_shape.normal_equations import SeenPoints, ShapeState, normals_at, residuals_at
+from core.calibration.target_shape.planar_views import count_directions
 from core.errors import InvalidArgument, TargetShapeNotObservable
 from core.geometry.camera import Camera, project
+from core.geometry.lens_models import lens_model_of
 from core.geometry.se3 import so3_exp, transform_points
 from core.simulation.scenes import standard_camera
 from core.targets.specification import GridPoints, TargetSpec
 from tests.support.simulation.simulated_views import draw_pose
+from tests.support.simulation.wide_lenses import draw_session
 
 BOARD = TargetSpec("chessboard", 9, 6, 30.0)
 CAMERA = standard_camera()
@@ -257,3 +261,22 @@ def test_the_eliminated_system_is_that_of_the_whole_jacobian() -> None:
     z = np.linalg.solve(found.information + np.diag(1.0 / scales**2), found.gradient)
     np.testing.assert_allclose(z, whole[:size], rtol=2e-4, atol=1e-6 * np.abs(whole[:size]).max())
     np.testing.assert_allclose(found.poses(z).ravel(), whole[size:], rtol=2e-4, atol=1e-5)
+
+
+@pytest.mark.parametrize("seed", [3, 4])
+def test_a_bow_is_found_before_a_lens_beyond_brown(seed: int) -> None:
+    """Brown's model takes what such a lens has beyond it for the print's shape."""
+    session = draw_session(np.random.default_rng(seed), "kannala_brandt", images=20, bow_mm=0.3)
+    stack = stack_views(session.views)
+    choice = select_lens(stack, np.arange(len(stack)), None, estimate_group(stack, "pooled"))
+    found = estimate_target_shape(session.views, start=choice.start)
+    assert lens_model_of(found.camera) == "kannala_brandt"
+    assert found.out_of_plane.significant
+    assert found.reduced_chi2 == pytest.approx(1.0, abs=0.15)
+    assert found.rms_px < 0.75 * found.rms_before_px
+    # The bow is a paraboloid about the board's middle: over its longer side .3 mm, over the shorter (5/8)² of it.
+    for measure, true in ((found.bow_x_mm, 0.3), (found.bow_y_mm, 0.3 * (5.0 / 8.0) ** 2)):
+        assert abs(abs(measure.value) - true) < 4.0 * measure.standard_uncertainty
+        assert measure.standard_uncertainty < 0.05
+    f, true_f = (0.5 * (camera.fx_px + camera.fy_px) for camera in (found.camera, session.camera))
+    assert abs(f - true_f) < 4.0 * math.sqrt(0.25 * float(found.camera_covariance[:2, :2].sum()))

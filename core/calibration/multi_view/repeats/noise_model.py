@@ -22,15 +22,16 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from core.calibration.multi_view.repeat_noise.contrasts import (
+from core.calibration.multi_view.linearisation import Linearised
+from core.calibration.multi_view.repeats.contrasts import (
     PoseContrasts,
     camera_share,
     jacobian_of,
     own_part,
 )
-from core.calibration.multi_view.repeat_noise.noise_fields import propagated_fields
+from core.calibration.multi_view.repeats.noise_fields import propagated_fields
 from core.calibration.multi_view.schur_blocks import SchurBlocks, camera_changes, in_target_frame, transformed
-from core.calibration.multi_view.view_stack import Linearised, ViewStack, evenly
+from core.calibration.multi_view.view_stack import ViewStack, evenly
 from core.calibration.state import SMALLEST_NOISE_PX
 from core.numerics import SampleCovariance, estimate_components, first_component_alone, log_likelihood
 

@@ -17,8 +17,8 @@ import numpy as np
 from jaxtyping import Float
 from scipy.special import chdtrc, chdtri, ndtri
 
-from core.calibration.multi_view.repeat_noise.contrasts import PoseContrasts
-from core.calibration.multi_view.repeat_noise.estimation import fit_noise_model, model_covariance
+from core.calibration.multi_view.repeats.contrasts import PoseContrasts
+from core.calibration.multi_view.repeats.noise_model import fit_noise_model, model_covariance
 from core.calibration.multi_view.view_stack import ViewStack
 
 QUIETER = 0.85

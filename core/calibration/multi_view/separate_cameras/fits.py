@@ -9,24 +9,29 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from core.calibration.fixed_principal_point import STEP_EMBEDDING, fit_fixed_centre, radial_prior
-from core.calibration.multi_view.bundle_adjustment import linearise
-from core.calibration.multi_view.initialisation import Fitted, first_failure
-from core.calibration.multi_view.pooled import CONTRADICTION, lens_warning
+from core.calibration.lens_residuals import View
+from core.calibration.multi_view.fitting import CONTRADICTION, Fitted, first_failure, lens_warning
+from core.calibration.multi_view.linearisation import Linearised, linearise
 from core.calibration.multi_view.repeat_consistency import find_repeats, inliers_of
-from core.calibration.multi_view.view_stack import Linearised, ViewStack, stack_states
+from core.calibration.multi_view.separate_cameras.image_fit import ImageFit
+from core.calibration.multi_view.separate_cameras.session_prior import (
+    SessionPrior,
+    fit_with_prior,
+    refit_with_prior,
+    session_priors,
+)
+from core.calibration.multi_view.view_stack import ViewStack, stack_states
 from core.calibration.result import MAX_DETERMINED_UNCERTAINTY
-from core.calibration.single_image import MIN_REFIT_INFLATION, calibrate_points
+from core.calibration.single_image import calibrate_points
 from core.calibration.state import (
     LENS_PRIOR,
     SMALLEST_NOISE_PX,
     Lens,
-    View,
     centred,
     image_centre,
     retract,
@@ -34,28 +39,12 @@ from core.calibration.state import (
     view_residuals,
 )
 from core.errors import Advisory, FocalNotObservable, FocalWeaklyObservable, GridposeError, NotConverged
-from core.geometry import Camera
-from core.numerics import Prior, fit
+from core.geometry import AnyCamera, Camera
+from core.numerics import Fit, Prior, fit
 from core.targets import GridPoints
 
 MAX_WITH_LENS = 2.0 * LENS_PRIOR
 """Largest median u(f)/f of a pose's images where a lens is stated; its prior alone leaves 5 %."""
-
-
-@dataclass(frozen=True, slots=True)
-class _Alone:
-    """One image by itself: its state, the points used, u(f)/f, its inflation, and whether it contradicts the lens."""
-
-    state: View
-    used: Bool[np.ndarray, " n"]
-    focal_uncertainty: float
-    inflation: float
-    contradicts_lens: bool
-
-    @property
-    def prior_factor(self) -> float:
-        """Return the weight of the priors in the fit."""
-        return self.inflation if self.inflation >= MIN_REFIT_INFLATION else 1.0
 
 
 def fit_each(
@@ -65,16 +54,27 @@ def fit_each(
     lens: Lens | None,
     intrinsics: Camera | None,
     failures: dict[int, GridposeError],
+    lens_start: AnyCamera | None = None,
 ) -> Fitted:
     """Fit every view by itself, then again with what its pose's views have in common.
+
+    With `per_image_session_prior` the lens of the other images is each view's prior (`session_prior`), of the model of
+    `lens_start`, or Brown's.
 
     Common are the points used and, over all views, the weight of the priors: with a weight of its own each, images of a
     pose would be pulled to the priors by different amounts, and that would be scatter.
     """
-    alone: dict[int, _Alone] = {}
+    alone: dict[int, ImageFit] = {}
+    priors: dict[int, SessionPrior] = {}
+    if estimator == "per_image_session_prior":
+        priors = session_priors(views, labels, lens, lens_start, failures)
     for i in range(len(views)):
         try:
-            if estimator == "per_image":
+            if i in failures:
+                continue
+            if i in priors:
+                alone[i] = fit_with_prior(views.view(i), priors[i])
+            elif estimator == "per_image":
                 alone[i] = _free(views.view(i), lens)
             else:
                 alone[i] = _fixed_centre(views.view(i), lens, intrinsics)
@@ -100,14 +100,18 @@ def fit_each(
             if i in failures or (before is not None and np.array_equal(before, counted)):
                 continue
             try:
-                states[k] = refit(
-                    chosen.view(k),
-                    states[k],
-                    counted,
-                    centre_held=estimator == "per_image_fixed_pp",
-                    lens=None if one.contradicts_lens else lens,
-                    prior_factor=factor,
-                )
+                if i in priors:
+                    again = refit_with_prior(chosen.view(k), states[k], counted, priors[i], factor)
+                    states[k] = _converged(again)
+                else:
+                    states[k] = refit(
+                        chosen.view(k),
+                        states[k],
+                        counted,
+                        centre_held=estimator == "per_image_fixed_pp",
+                        lens=None if one.contradicts_lens else lens,
+                        prior_factor=factor,
+                    )
                 current[k] = counted
             except NotConverged as failure:
                 failures[i] = failure
@@ -127,11 +131,25 @@ def fit_each(
         warnings,
         lens=None if np.mean([one.contradicts_lens for one in each]) > 0.5 else lens,
         prior_factor=factor,
+        own_priors=_information([priors[images[k]] for k in left], [states[k] for k in left], factor)
+        if priors
+        else None,
     )
 
 
+def _information(
+    priors: Sequence[SessionPrior], states: Sequence[View], factor: float
+) -> Float[np.ndarray, "k l l"]:
+    """Return the priors' information on each view's camera and pose."""
+    found = []
+    for prior, state in zip(priors, states, strict=True):
+        _, Q = prior.of_view(factor)(state)
+        found.append(Q.T @ Q)
+    return np.array(found)
+
+
 def _exclude_weak_poses(
-    alone: dict[int, _Alone],
+    alone: dict[int, ImageFit],
     labels: Int[np.ndarray, " m"],
     lens: Lens | None,
     failures: dict[int, GridposeError],
@@ -170,11 +188,11 @@ def _contradictions(
     return (lens_warning(lens, float(np.median(focals)), share),)
 
 
-def _free(points: GridPoints, lens: Lens | None) -> _Alone:
+def _free(points: GridPoints, lens: Lens | None) -> ImageFit:
     found = calibrate_points(points, lens=lens)
     rotation = found.T_camera_target[:3, :3]
     centroid = rotation @ centred(points)[1] + found.T_camera_target[:3, 3]
-    return _Alone(
+    return ImageFit(
         View(found.camera.as_array(), rotation, centroid),
         found.used,
         found.observability.focal_relative_uncertainty,
@@ -183,7 +201,7 @@ def _free(points: GridPoints, lens: Lens | None) -> _Alone:
     )
 
 
-def _fixed_centre(points: GridPoints, lens: Lens | None, intrinsics: Camera | None) -> _Alone:
+def _fixed_centre(points: GridPoints, lens: Lens | None, intrinsics: Camera | None) -> ImageFit:
     centre = image_centre(points) if intrinsics is None else (intrinsics.cx_px, intrinsics.cy_px)
     result = fit_fixed_centre(points, centre, lens)
     focal = float(result.state.parameters[0])
@@ -196,7 +214,7 @@ def _fixed_centre(points: GridPoints, lens: Lens | None, intrinsics: Camera | No
     against = lens is not None and abs(math.log(lens.focal_px / focal)) > CONTRADICTION * math.hypot(
         LENS_PRIOR, u
     )
-    return _Alone(result.state, result.used, u, 1.0, against)
+    return ImageFit(result.state, result.used, u, 1.0, against)
 
 
 def shared_points(views: ViewStack, at: Linearised, labels: Int[np.ndarray, " m"]) -> Bool[np.ndarray, " n"]:
@@ -249,6 +267,10 @@ def refit(
         smallest_scale=SMALLEST_NOISE_PX,
         used=used,
     )
+    return _converged(found)
+
+
+def _converged(found: Fit[View]) -> View:
     if not found.converged:
         raise NotConverged(
             "The grid points that this image shares with the others of its pose do not determine it.",

@@ -13,11 +13,13 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from core.calibration.initial_pose import pose_from_undistorted_points
+from core.calibration.lens_residuals import View
 from core.calibration.multi_view.bundle_adjustment import BundleAdjustment, bundle_adjust
+from core.calibration.multi_view.linearisation import Linearised
 from core.calibration.multi_view.planar_ambiguity import select_solutions
-from core.calibration.multi_view.view_stack import Linearised, Placements, ViewStack, evenly, stack_states
+from core.calibration.multi_view.view_stack import Placements, ViewStack, evenly, stack_states
 from core.calibration.single_image import candidate_focals, closed_form_start
-from core.calibration.state import Lens, View
+from core.calibration.state import Lens
 from core.calibration.validity import MAX_UNCERTAINTY_RATIO, check_camera, check_points
 from core.errors import Advisory, DegenerateGeometry, EstimationError, GridposeError, NotConverged
 from core.geometry import AnyCamera, Camera, estimate_homography
@@ -162,7 +164,8 @@ class Fitted:
     `images` are their indices among all views given, `labels` their labels. `shared` is the fit of those that share a
     camera, rejected views included. `tilt_evidence` is the evidence for each pose's tilt
     (`planar_ambiguity.select_solutions`), None where it was not computed; `lens` is the prior of the fit, and
-    `prior_factor` its weight where views have cameras of their own (`view_prior`).
+    `prior_factor` its weight where views have cameras of their own (`view_prior`). `own_priors` is the information of
+    priors that are not those of any lens, on each view's camera and pose.
     """
 
     estimator: str
@@ -176,6 +179,7 @@ class Fitted:
     tilt_evidence: Float[np.ndarray, " m"] | None = None
     lens: Lens | None = None
     prior_factor: float = 1.0
+    own_priors: Float[np.ndarray, "k l l"] | None = None
 
 
 def fit_with_known_camera(

@@ -91,15 +91,7 @@ def jacobian_of(
     views: ViewStack, placements: Placements, i: int, points: Int[np.ndarray, " p"]
 ) -> Float[np.ndarray, "q 2 p"]:
     """Return the derivatives of an image's points by the camera's free parameters and the pose."""
-    placement = placements.view(i)
-    _, J = residuals_with_jacobian(
-        np.ascontiguousarray((views.points_target[points] - views.centroids[i]).T),
-        np.ascontiguousarray(views.points_px[points].T),
-        placement.parameters,
-        np.ascontiguousarray(placement.rotation),
-        placement.translation_mm,
-        placements.free,
-    )
+    _, J = residuals_with_jacobian(*views.centred(i, points), placements.view(i), placements.free)
     return J
 
 
