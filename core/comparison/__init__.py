@@ -1,4 +1,5 @@
-"""Methods for comparison: Zhang, OpenCV on one image, Tsai, DLT, ArUco's marker and board, the paper's two variants.
+"""Methods for comparison: Zhang, OpenCV on one image, Tsai, DLT, five points, lines, ArUco's marker and board, and the
+paper's two variants.
 
 Each takes grid points and returns a `MethodResult`, or raises an error of `core.errors`, which is its row's failure.
 `compare_methods` returns the rows of all methods, ours among them; `compare_repeatability` their repeatability.
@@ -7,6 +8,9 @@ Each takes grid points and returns a `MethodResult`, or raises an error of `core
 from core.comparison.aruco import aruco_board, aruco_marker, central_marker, pose_of_points
 from core.comparison.boby_saha import proposed
 from core.comparison.dlt import dlt
+from core.comparison.five_points import five_points
+from core.comparison.lines import lines
+from core.comparison.literal_variant import LiteralSolution, eight_solutions, literal_variant
 from core.comparison.opencv import opencv_single_image, zhang
 from core.comparison.repeatability import MethodPose, MethodRepeatability, compare_repeatability
 from core.comparison.results import CameraFigures, Failure, MethodResult, MethodRow
@@ -18,6 +22,7 @@ __all__ = [
     "METHODS",
     "CameraFigures",
     "Failure",
+    "LiteralSolution",
     "MethodPose",
     "MethodRepeatability",
     "MethodResult",
@@ -29,6 +34,10 @@ __all__ = [
     "compare_repeatability",
     "detect_markers",
     "dlt",
+    "eight_solutions",
+    "five_points",
+    "lines",
+    "literal_variant",
     "opencv_single_image",
     "pose_of_points",
     "proposed",

@@ -13,6 +13,8 @@ from core.calibration import GroupEstimate, Lens, check_camera, check_points, es
 from core.comparison.aruco import aruco_board, aruco_marker, central_marker, pose_of_points
 from core.comparison.boby_saha import VARIANTS, proposed
 from core.comparison.dlt import dlt
+from core.comparison.five_points import five_points
+from core.comparison.lines import lines
 from core.comparison.opencv import opencv_single_image, zhang
 from core.comparison.results import Answer, CameraOf, Failure, MethodResult, MethodRow, attempt, baseline
 from core.comparison.tsai import tsai
@@ -25,6 +27,8 @@ SINGLE_VIEW: dict[str, Callable[[GridPoints], MethodResult]] = {
     "opencv_single_image": opencv_single_image,
     "tsai": tsai,
     "dlt": dlt,
+    "five_points": five_points,
+    "lines": lines,
 }
 METHODS = (
     *VARIANTS,
@@ -32,6 +36,8 @@ METHODS = (
     "opencv_single_image",
     "tsai",
     "dlt",
+    "five_points",
+    "lines",
     "aruco_marker",
     "aruco_board",
     "pooled",
