@@ -10,6 +10,7 @@ from core.geometry.homography import (
     normalising_transform,
     unit_square_homography,
 )
+from core.geometry.lens_conversion import Conversion, convert_camera
 from core.geometry.lens_inverse import fold_radius_px, undistort_any
 from core.geometry.lens_models import (
     LENS_MODELS,
@@ -24,6 +25,7 @@ from core.geometry.lens_models import (
     project_any,
     project_any_with_jacobian,
 )
+from core.geometry.projection_uncertainty import projection_covariance, worst_direction
 from core.geometry.roll_pitch_yaw import GIMBAL_MARGIN, rotation_to_rpy, rpy_jacobian, rpy_to_rotation
 from core.geometry.se3 import (
     are_rotations,
@@ -52,12 +54,14 @@ __all__ = [
     "LENS_PARAMETERS",
     "AnyCamera",
     "Camera",
+    "Conversion",
     "KannalaBrandtCamera",
     "LensModel",
     "RationalCamera",
     "are_rotations",
     "camera_from_array",
     "compose",
+    "convert_camera",
     "estimate_homography",
     "find_homography",
     "fold_radius_px",
@@ -76,6 +80,7 @@ __all__ = [
     "project_any",
     "project_any_with_jacobian",
     "project_with_jacobian",
+    "projection_covariance",
     "quaternion_to_rotation",
     "rotation_mean",
     "rotation_to_rpy",
@@ -92,4 +97,5 @@ __all__ = [
     "undistort_any",
     "undistort_points",
     "unit_square_homography",
+    "worst_direction",
 ]

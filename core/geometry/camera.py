@@ -25,32 +25,38 @@ CAMERA_PARAMETERS = ("fx_px", "fy_px", "cx_px", "cy_px", "k1", "k2", "p1", "p2",
 
 
 @dataclass(frozen=True, slots=True)
-class Camera:
-    """Intrinsics (px) and distortion (dimensionless) of one camera."""
+class PinholeIntrinsics:
+    """The intrinsics (px) that cameras of every lens model begin with."""
 
     fx_px: float
     fy_px: float
     cx_px: float
     cy_px: float
+
+    def as_array(self) -> Float[np.ndarray, " p"]:
+        """Return the parameters in the order of the fields, which is that of `LENS_PARAMETERS`."""
+        return np.array([getattr(self, f.name) for f in fields(self)], dtype=np.float64)
+
+    @property
+    def matrix(self) -> Float[np.ndarray, "3 3"]:
+        """The paper's C: [[fx, 0, cx], [0, fy, cy], [0, 0, 1]]."""
+        return np.array([[self.fx_px, 0.0, self.cx_px], [0.0, self.fy_px, self.cy_px], [0.0, 0.0, 1.0]])
+
+
+@dataclass(frozen=True, slots=True)
+class Camera(PinholeIntrinsics):
+    """Intrinsics (px) and distortion (dimensionless) of one camera."""
+
     k1: float = 0.0
     k2: float = 0.0
     p1: float = 0.0
     p2: float = 0.0
     k3: float = 0.0
 
-    def as_array(self) -> Float[np.ndarray, "9"]:
-        """Return the parameters in the order of `CAMERA_PARAMETERS`."""
-        return np.array([getattr(self, f.name) for f in fields(self)], dtype=np.float64)
-
     @classmethod
     def from_array(cls, parameters: Float[np.ndarray, "9"]) -> Camera:
         """Make a camera from parameters in the order of `CAMERA_PARAMETERS`."""
         return cls(*(float(value) for value in parameters))
-
-    @property
-    def matrix(self) -> Float[np.ndarray, "3 3"]:
-        """The paper's C: [[fx, 0, cx], [0, fy, cy], [0, 0, 1]]."""
-        return np.array([[self.fx_px, 0.0, self.cx_px], [0.0, self.fy_px, self.cy_px], [0.0, 0.0, 1.0]])
 
 
 def project(points_camera: Float[np.ndarray, "n 3"], camera: Camera) -> Float[np.ndarray, "n 2"]:

@@ -17,34 +17,43 @@ from core.geometry.lens_models import (
 
 MAX_ANGLE = 1.5
 """Angle from the axis (rad) beyond which a pixel's direction has no place in the plane z = 1."""
+MAX_FOLD_SHARE = 0.98
+"""Of the radius at which a model turns back: a pixel nearer to it, or beyond it, has no direction."""
+MAX_INVERSE_ERROR_PX = 1e-3
 
 
 def undistort_any(
     points_px: Float[np.ndarray, "n 2"], camera: AnyCamera, iterations: int = 30
 ) -> Float[np.ndarray, "n 2"]:
-    """Return (x, y) at z = 1 whose projection is `points_px`; NaN where no such direction lies within `MAX_ANGLE`.
-
-    Of the model of `camera.Camera` as `undistort_points` has it.
+    """Return (x, y) at z = 1 whose projection is `points_px`; NaN where no such direction lies within `MAX_ANGLE`, and
+    from `MAX_FOLD_SHARE` of the radius on at which the model turns back.
     """
-    if isinstance(camera, Camera):
-        return undistort_points(points_px, camera, iterations)
-    target = ((points_px - [camera.cx_px, camera.cy_px]) / [camera.fx_px, camera.fy_px]).T
-    if isinstance(camera, KannalaBrandtCamera):
-        found = _angular_inverse(target, camera, iterations)
-    else:
-        found = target.copy()
-        for _ in range(iterations):
-            distorted, J, _ = distorted_rationally(found[0], found[1], camera)
-            error = target - distorted
-            determinant = np.maximum(J[0, 0] * J[1, 1] - J[0, 1] * J[1, 0], 0.05)
-            step = np.array(
-                [J[1, 1] * error[0] - J[0, 1] * error[1], J[0, 0] * error[1] - J[1, 0] * error[0]]
-            )
-            found += np.clip(step / determinant, -0.5, 0.5)
-    found = found.T.copy()
+    found = _inverse(points_px, camera, iterations).T.copy()
     sound = np.all(np.isfinite(found), axis=1)
     again = project_any(np.column_stack([np.where(sound[:, None], found, 0.0), np.ones(len(found))]), camera)
-    found[~(sound & (np.linalg.norm(again - points_px, axis=1) < 1e-3))] = np.nan
+    sound &= np.linalg.norm(again - points_px, axis=1) < MAX_INVERSE_ERROR_PX
+    fold = fold_radius_px(camera)
+    if fold is not None:
+        sound &= np.hypot(*(points_px - [camera.cx_px, camera.cy_px]).T) < MAX_FOLD_SHARE * fold
+    found[~sound] = np.nan
+    return found
+
+
+def _inverse(
+    points_px: Float[np.ndarray, "n 2"], camera: AnyCamera, iterations: int
+) -> Float[np.ndarray, "2 n"]:
+    if isinstance(camera, Camera):
+        return undistort_points(points_px, camera, iterations).T
+    target = ((points_px - [camera.cx_px, camera.cy_px]) / [camera.fx_px, camera.fy_px]).T
+    if isinstance(camera, KannalaBrandtCamera):
+        return _angular_inverse(target, camera, iterations)
+    found = target.copy()
+    for _ in range(iterations):
+        distorted, J, _ = distorted_rationally(found[0], found[1], camera)
+        error = target - distorted
+        determinant = np.maximum(J[0, 0] * J[1, 1] - J[0, 1] * J[1, 0], 0.05)
+        step = np.array([J[1, 1] * error[0] - J[0, 1] * error[1], J[0, 0] * error[1] - J[1, 0] * error[0]])
+        found += np.clip(step / determinant, -0.5, 0.5)
     return found
 
 

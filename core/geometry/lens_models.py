@@ -28,41 +28,17 @@ from typing import Literal
 import numpy as np
 from jaxtyping import Float
 
-from core.geometry.camera import Camera, project_with_jacobian
+from core.geometry.camera import Camera, PinholeIntrinsics, project_with_jacobian
 
 LensModel = Literal["brown", "kannala_brandt", "rational"]
 SMALL_TANGENT = 1e-3
 """r below which the angular model is taken from its series: its derivatives are differences of large numbers there."""
 
 
-class _Parameters:
-    """What the cameras of this module share."""
-
-    __slots__ = ()
-
-    fx_px: float
-    fy_px: float
-    cx_px: float
-    cy_px: float
-
-    def as_array(self) -> Float[np.ndarray, " p"]:
-        """Return the parameters in the order of the fields."""
-        return np.array([getattr(self, f.name) for f in fields(self)], dtype=np.float64)  # type: ignore[arg-type]
-
-    @property
-    def matrix(self) -> Float[np.ndarray, "3 3"]:
-        """[[fx, 0, cx], [0, fy, cy], [0, 0, 1]]."""
-        return np.array([[self.fx_px, 0.0, self.cx_px], [0.0, self.fy_px, self.cy_px], [0.0, 0.0, 1.0]])
-
-
 @dataclass(frozen=True, slots=True)
-class KannalaBrandtCamera(_Parameters):
+class KannalaBrandtCamera(PinholeIntrinsics):
     """Intrinsics (px) and the angular model's coefficients (dimensionless)."""
 
-    fx_px: float
-    fy_px: float
-    cx_px: float
-    cy_px: float
     k1: float = 0.0
     k2: float = 0.0
     k3: float = 0.0
@@ -72,13 +48,9 @@ class KannalaBrandtCamera(_Parameters):
 
 
 @dataclass(frozen=True, slots=True)
-class RationalCamera(_Parameters):
+class RationalCamera(PinholeIntrinsics):
     """Intrinsics (px) and the rational model's coefficients (dimensionless), in OpenCV's order."""
 
-    fx_px: float
-    fy_px: float
-    cx_px: float
-    cy_px: float
     k1: float = 0.0
     k2: float = 0.0
     p1: float = 0.0

@@ -21,7 +21,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
+from scipy.linalg.lapack import dpotrf, dpotri
 
 MAX_STEPS = 100
 SETTLED = 1e-5
@@ -58,22 +59,64 @@ def estimate_components(groups: Sequence[SampleCovariance]) -> Float[np.ndarray,
     if share <= 0.0:
         raise ValueError("A covariance mixture needs samples that scatter.")
     sizes = share / np.maximum(freedom @ traces, 1e-300)
-    flat = [group.components.reshape(len(sizes), -1) for group in groups]
+    # Matrices are symmetric: their upper triangles say all, and are read twice a step instead of whole four times.
+    packed = [_Packed.of(group) for group in groups]
+    V = [one.covariance(sizes) for one in packed]
     for _ in range(MAX_STEPS):
-        found, expected, moved = np.zeros(len(sizes)), np.zeros(len(sizes)), 0.0
-        inverses = [np.linalg.inv(group.covariance(sizes)) for group in groups]
-        for group, inverse, components in zip(groups, inverses, flat, strict=True):
-            explained = inverse @ group.sample @ inverse
-            found += group.freedom * (components @ explained.ravel())
-            expected += group.freedom * (components @ inverse.ravel())
-        former = sizes
+        sums, moved = np.zeros((len(sizes), 2)), 0.0
+        inverses = [_inverse(one) for one in V]
+        for group, one, inverse in zip(groups, packed, inverses, strict=True):
+            sums += group.freedom * one.traces(inverse @ group.sample @ inverse, inverse)
+        found, expected = sums.T
         sizes = sizes * np.sqrt(np.maximum(found, 0.0) / np.maximum(expected, 1e-300))
-        for inverse, components in zip(inverses, flat, strict=True):
-            change = (sizes - former) @ components
-            moved = max(moved, float(np.abs(change @ inverse.ravel())) / len(inverse))
+        for i, (one, inverse) in enumerate(zip(packed, inverses, strict=True)):
+            former, V[i] = V[i], one.covariance(sizes)
+            moved = max(moved, abs(float(np.vdot(V[i] - former, inverse))) / len(inverse))
         if moved < SETTLED:
             break
     return sizes
+
+
+@dataclass(frozen=True, slots=True)
+class _Packed:
+    """The upper triangles of a group's components, row by row, and how often each element is in the matrix."""
+
+    rows: Int[np.ndarray, " u"]
+    columns: Int[np.ndarray, " u"]
+    counts: Float[np.ndarray, " u"]
+    components: Float[np.ndarray, "k u"]
+
+    @classmethod
+    def of(cls, group: SampleCovariance) -> _Packed:
+        rows, columns = np.triu_indices(len(group.sample))
+        counts = np.where(rows == columns, 1.0, 2.0)
+        return cls(rows, columns, counts, group.components[:, rows, columns])
+
+    def covariance(self, sizes: Float[np.ndarray, " k"]) -> Float[np.ndarray, "d d"]:
+        upper = sizes @ self.components
+        V = np.empty((int(self.rows[-1]) + 1,) * 2)
+        V[self.rows, self.columns] = upper
+        V[self.columns, self.rows] = upper
+        return V
+
+    def traces(
+        self, one: Float[np.ndarray, "d d"], other: Float[np.ndarray, "d d"]
+    ) -> Float[np.ndarray, "k 2"]:
+        """Return tr(M_k X) of two symmetric matrices, to rounding errors of their halves."""
+        both = np.stack([matrix[self.rows, self.columns] * self.counts for matrix in (one, other)], axis=1)
+        return np.asarray(self.components @ both)
+
+
+def _inverse(V: Float[np.ndarray, "d d"]) -> Float[np.ndarray, "d d"]:
+    """Return V⁻¹ by Cholesky's factor, in less than half of the time of a general inverse; which serves where rounding
+    leaves V not positive definite.
+    """
+    factor, failed = dpotrf(V, lower=1, clean=0)
+    inverse, also = dpotri(factor, lower=1, overwrite_c=1)
+    if failed or also:
+        return np.linalg.inv(V)
+    lower = np.tril(inverse)
+    return np.asarray(lower + np.tril(inverse, -1).T)
 
 
 def log_likelihood(groups: Sequence[SampleCovariance], sizes: Float[np.ndarray, " k"]) -> float:

@@ -376,6 +376,7 @@ def test_tiff_one_strip_of_all_rows() -> None:
     np.testing.assert_array_equal(decode(data), truth)
 
 
+@pytest.mark.slow
 def test_photographs(data_folder: Path) -> None:
     """Every photograph as it is, and as the plain kinds."""
     paths = [
@@ -408,6 +409,7 @@ print(peak_bytes() - before, image.nbytes)
 """
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["png", "png16", "bmp", "tif", "bomb"])
 def test_memory(kind: str, tmp_path: Path) -> None:
     """Twenty megapixels, and a small picture whose stream goes on for 400 MB, take no more than the picture."""
