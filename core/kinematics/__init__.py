@@ -1,7 +1,18 @@
 """A robot's geometry: Denavit-Hartenberg chains, joint axes from sweeps, and their identification with uncertainty."""
 
-from core.kinematics.arm_model import ParameterLayout
+from core.kinematics.arm_model import ArmState, ParameterLayout
 from core.kinematics.circle_point_analysis import AxesIdentification, identify_from_axes, reparametrise
+from core.kinematics.correction import (
+    MAX_CONFIRMING_RATIO,
+    Corrected,
+    CorrectionErrors,
+    CorrectionModel,
+    Outcome,
+    correct,
+    correction_model,
+    curves_ratio,
+    solve_inverse,
+)
 from core.kinematics.dh import (
     JOINT_PARAMETERS,
     Chain,
@@ -12,6 +23,8 @@ from core.kinematics.dh import (
     pose_with_jacobian,
 )
 from core.kinematics.error_model import (
+    FEW_POSES,
+    STRONG_EVIDENCE,
     ErrorModel,
     JointCompliance,
     JointCurve,
@@ -20,23 +33,40 @@ from core.kinematics.error_model import (
     joint_compliance,
     joint_curves,
     joint_regions,
+    visited_angles,
 )
-from core.kinematics.extension import ModelChoice
 from core.kinematics.global_fit import (
     FOLDS,
     BlockErrors,
     Blocking,
     Conditioning,
     HoldOutError,
+    ObservabilityIndices,
     Unidentifiable,
     Validation,
     conditioning_of_chain,
     rms,
 )
-from core.kinematics.identification import identify
-from core.kinematics.identification_from_images import ImageIdentification, identify_from_images
-from core.kinematics.identification_result import Identification
+from core.kinematics.identification import (
+    Identification,
+    ImageIdentification,
+    ModelChoice,
+    ParameterSampling,
+    identify,
+    identify_from_images,
+)
 from core.kinematics.joint_angle_checks import check_angles
+from core.kinematics.joint_coupling import ProposedCoupling, propose_coupling
+from core.kinematics.joint_noise import (
+    JointNoise,
+    PoseScatters,
+    chi_ratio,
+    fit_joint_noise,
+    gather_scatters,
+    joint_jacobian,
+    log_likelihood,
+    scatter_covariance,
+)
 from core.kinematics.planning import CameraSetup, Prediction, default_setup, predict, suggest_poses
 from core.kinematics.pose_observations import PoseData, stack_joint_angles
 from core.kinematics.results import JointEstimate
@@ -44,14 +74,21 @@ from core.kinematics.sweeps import Sweep, find_sweeps, named_sweeps
 from core.kinematics.target_transforms import TargetTransform
 
 __all__ = [
+    "FEW_POSES",
     "FOLDS",
     "JOINT_PARAMETERS",
+    "MAX_CONFIRMING_RATIO",
+    "STRONG_EVIDENCE",
+    "ArmState",
     "AxesIdentification",
     "BlockErrors",
     "Blocking",
     "CameraSetup",
     "Chain",
     "Conditioning",
+    "Corrected",
+    "CorrectionErrors",
+    "CorrectionModel",
     "ErrorModel",
     "HoldOutError",
     "Identification",
@@ -59,35 +96,53 @@ __all__ = [
     "JointCompliance",
     "JointCurve",
     "JointEstimate",
+    "JointNoise",
     "JointParameters",
     "JointRegion",
     "Level",
     "ModelChoice",
+    "ObservabilityIndices",
+    "Outcome",
     "ParameterLayout",
+    "ParameterSampling",
     "PoseData",
+    "PoseScatters",
     "Prediction",
+    "ProposedCoupling",
     "Sweep",
     "TargetTransform",
     "Unidentifiable",
     "Validation",
     "check_angles",
+    "chi_ratio",
     "conditioning_of_chain",
+    "correct",
+    "correction_model",
+    "curves_ratio",
     "default_setup",
     "find_sweeps",
+    "fit_joint_noise",
     "forward",
     "frames",
+    "gather_scatters",
     "identify",
     "identify_from_axes",
     "identify_from_images",
     "joint_compliance",
     "joint_curves",
+    "joint_jacobian",
     "joint_regions",
     "link_transform",
+    "log_likelihood",
     "named_sweeps",
     "pose_with_jacobian",
     "predict",
+    "propose_coupling",
     "reparametrise",
     "rms",
+    "scatter_covariance",
+    "solve_inverse",
     "stack_joint_angles",
     "suggest_poses",
+    "visited_angles",
 ]

@@ -27,7 +27,7 @@ _STILL = 0.1  # of the joint's angle: a smaller turn counts as no turn
 _RADIANS = 180.0 / math.pi
 _LARGEST_RADIAN = 2.0 * math.pi * math.pi / 180.0  # 2 π taken for degrees, in rad
 _PAIRS = 500
-_NEAR = 0.02
+NEAR = 0.02
 """Of the positions' extent, and rad: a nominal robot whose misfit is smaller is taken to be this robot."""
 _FAR_BETTER = 0.2
 _MOVED_MM = 1.0  # positions that move less may be on the axis
@@ -72,33 +72,33 @@ def check_angles(poses: PoseData, sweeps: Sequence[Sweep]) -> None:
 def check_against_nominal(poses: PoseData, nominal: Chain) -> None:
     """Compare what the nominal robot makes of the poses with what it makes of them otherwise.
 
-    Nothing is asked of poses that it explains to `_NEAR`, or that it explains no better otherwise.
+    Nothing is asked of poses that it explains to `NEAR`, or that it explains no better otherwise.
 
     Raises JointAnglesUnitMismatch and PrismaticJoint as `check_angles` does.
     """
     seen, q = observations_of(poses), poses.joint_angles
-    as_given = _misfit(nominal, q, seen)
+    as_given = misfit(nominal, q, seen)
     extent = float(np.linalg.norm(np.ptp(poses.positions_mm, axis=0)))
-    if as_given.position_mm < _NEAR * extent and as_given.rotation < _NEAR:
+    if as_given.position_mm < NEAR * extent and as_given.rotation < NEAR:
         return
     largest = float(np.abs(q).max())
     for factor, possible, words in (
         (_RADIANS, largest < _LARGEST_RADIAN, "the joint angles look like radians, taken for degrees"),
         (1.0 / _RADIANS, largest > math.pi, "the joint angles look like degrees, taken for radians"),
     ):
-        other = _misfit(nominal, factor * q, seen) if possible else as_given
+        other = misfit(nominal, factor * q, seen) if possible else as_given
         if other.position_mm < _FAR_BETTER * as_given.position_mm:
             raise JointAnglesUnitMismatch(
                 f"The nominal robot is off the poses by {as_given.position_mm:.3g} mm, and by {other.position_mm:.3g} "
                 f"mm if the angles are in the other unit: {words}.",
                 "Give the joint angles in the unit that is asked for: degrees over HTTP.",
             )
-    if seen.rotations is None or as_given.rotation < _NEAR:
+    if seen.rotations is None or as_given.rotation < NEAR:
         return
     for joint in range(poses.joints):
         at_rest = q.copy()
         at_rest[:, joint] = 0.0
-        other = _misfit(nominal, at_rest, seen)
+        other = misfit(nominal, at_rest, seen)
         if other.rotation < _FAR_BETTER * as_given.rotation:
             raise PrismaticJoint(
                 f"The nominal robot turns {math.degrees(as_given.rotation):.3g}° away from the poses, and "
@@ -108,17 +108,19 @@ def check_against_nominal(poses: PoseData, nominal: Chain) -> None:
 
 
 @dataclass(frozen=True, slots=True)
-class _Misfit:
+class Misfit:
+    """Root mean square distances of poses from a robot, mm and rad."""
+
     position_mm: float
     rotation: float
 
 
-def _misfit(chain: Chain, q: Float[np.ndarray, "n j"], seen: Observations) -> _Misfit:
+def misfit(chain: Chain, q: Float[np.ndarray, "n j"], seen: Observations) -> Misfit:
     """Return the rms distances of poses from a chain, base and tool in closed form; rotation 0 where none is known."""
     at = replace(seen, joint_angles=q)
     residuals = linearised(placed(chain.as_array(), forward(chain, q), at), at)[0]
     position, rotation = residuals[:3], residuals[3:]
-    return _Misfit(
+    return Misfit(
         math.sqrt(float(np.mean(np.sum(position**2, axis=0)))),
         math.sqrt(float(np.mean(np.sum(rotation**2, axis=0)))) if len(rotation) else 0.0,
     )

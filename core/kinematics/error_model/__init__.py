@@ -7,12 +7,24 @@ from core.kinematics.error_model.curves import (
     joint_compliance,
     joint_curves,
     joint_regions,
+    visited_angles,
 )
 from core.kinematics.error_model.fit import ErrorFit, Level, fit_levels
+from core.kinematics.error_model.held_out import growth, held_out_residuals, variances
 from core.kinematics.error_model.linear_problem import Design, design
-from core.kinematics.error_model.model import ErrorModel, Prediction, choose_model
+from core.kinematics.error_model.model import (
+    STRONG_EVIDENCE,
+    ErrorModel,
+    Prediction,
+    choose_model,
+    chosen_level,
+    of_poses,
+)
+from core.kinematics.error_model.priors import FEW_POSES
 
 __all__ = [
+    "FEW_POSES",
+    "STRONG_EVIDENCE",
     "Design",
     "ErrorFit",
     "ErrorModel",
@@ -22,9 +34,15 @@ __all__ = [
     "Level",
     "Prediction",
     "choose_model",
+    "chosen_level",
     "design",
     "fit_levels",
+    "growth",
+    "held_out_residuals",
     "joint_compliance",
     "joint_curves",
     "joint_regions",
+    "of_poses",
+    "variances",
+    "visited_angles",
 ]

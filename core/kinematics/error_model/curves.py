@@ -70,6 +70,11 @@ def joint_curves(model: ErrorModel) -> tuple[JointCurve, ...]:
     return tuple(found)
 
 
+def visited_angles(model: ErrorModel) -> Float[np.ndarray, "n j"]:
+    """Return the joint angles, rad, of the configurations that the model was fitted to."""
+    return np.asarray(model.fit.design.seen.joint_angles[model.fit.used])
+
+
 def joint_compliance(model: ErrorModel) -> tuple[JointCompliance, ...]:
     """Return the compliances that the poses determine, of every joint about its axes z, x and y.
 

@@ -10,7 +10,7 @@ of its columns with those of the terms that it lacks, and V the variances of the
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -94,18 +94,7 @@ class ErrorModel:
         problem = self.fit.design
         n, m = len(joint_angles), problem.seen.components
         which = np.zeros(n, dtype=np.intp) if target is None else target
-        asked = replace(
-            problem,
-            seen=replace(
-                problem.seen,
-                joint_angles=np.ascontiguousarray(joint_angles, dtype=np.float64),
-                positions_mm=np.zeros((n, 3)),
-                rotations=None if m == 3 else np.broadcast_to(np.eye(3), (n, 3, 3)),
-                own=np.zeros((n, m, m)),
-                common=np.zeros((n, m, problem.seen.common.shape[2])),
-                target=which,
-            ),
-        )
+        asked = problem.at(joint_angles, which)
         arm = problem.arm
         flange = chain_frames(arm.parameters, asked.seen.joint_angles)[:, -1]
         poses = arm.T_target_base[which] @ flange @ arm.T_flange_camera

@@ -2,18 +2,19 @@
 
 from core.kinematics.global_fit.blocks import Blocking, blocks_of
 from core.kinematics.global_fit.fit import DEFAULT_SCATTER, FitResult, fit_unweighted, information_of, refine
-from core.kinematics.global_fit.identifiability import (
-    Conditioning,
-    Gauge,
-    conditioning,
-    conditioning_of_chain,
-    fix_gauge,
-    scaled,
-)
+from core.kinematics.global_fit.identifiability import Gauge, fix_gauge
 from core.kinematics.global_fit.image_linearisation import ImageObservations, linearise_images
 from core.kinematics.global_fit.joint_configurations import SAME_CONFIGURATION, configurations
 from core.kinematics.global_fit.nominal_frames import fit_frames
 from core.kinematics.global_fit.null_space import Unidentifiable, held_by_axes, unidentifiable
+from core.kinematics.global_fit.observability import (
+    Conditioning,
+    ObservabilityIndices,
+    conditioning,
+    conditioning_of_chain,
+    observability_indices,
+    scaled,
+)
 from core.kinematics.global_fit.residuals import (
     Observations,
     linearised,
@@ -45,6 +46,7 @@ __all__ = [
     "Gauge",
     "HoldOutError",
     "ImageObservations",
+    "ObservabilityIndices",
     "Observations",
     "Unidentifiable",
     "Validation",
@@ -62,6 +64,7 @@ __all__ = [
     "information_of",
     "linearise_images",
     "linearised",
+    "observability_indices",
     "observations_of",
     "placed",
     "refine",

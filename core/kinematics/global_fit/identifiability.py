@@ -9,8 +9,7 @@ remaining thousandth of a degree counts as not determined.
 In addition to the exact null space, directions that the data hardly determine are held by the same rules: those
 uncertain by more than `MAX_RELATIVE_UNCERTAINTY` of the arm's reach.
 
-References: J. M. Hollerbach, C. W. Wampler, Int. J. Robotics Research 15 (1996) 573-591; J.-H. Borm, C.-H. Menq,
-Int. J. Robotics Research 10 (1991) 584-597 (the observability index).
+References: J. M. Hollerbach, C. W. Wampler, Int. J. Robotics Research 15 (1996) 573-591.
 """
 
 from __future__ import annotations
@@ -30,8 +29,8 @@ from core.kinematics.global_fit.null_space import (
     unidentifiable,
     weakly_identifiable,
 )
-from core.kinematics.global_fit.residuals import Observations, linearised, observations_of, whitened, whitener
-from core.kinematics.pose_observations import PoseData
+from core.kinematics.global_fit.observability import scaled
+from core.kinematics.global_fit.residuals import Observations, linearised, whitened, whitener
 from core.numerics import Variances
 
 RANK = 1e-8  # of the largest singular value
@@ -99,57 +98,6 @@ def null_space(rows: Float[np.ndarray, "p q"]) -> Float[np.ndarray, "p k"]:
     full = np.zeros(len(rows))
     full[: len(values)] = values
     return np.ascontiguousarray(Vt[full <= RANK * values[0]].T)
-
-
-@dataclass(frozen=True, slots=True)
-class Conditioning:
-    """How well poses determine the fitted parameters: the singular values of the Jacobian, in units where 1 mm and an
-    angle that moves the arm's end by 1 mm weigh the same; their ratio; and Borm and Menq's O1, their geometric mean
-    over the root of the number of poses.
-    """
-
-    singular_values: Float[np.ndarray, " f"]
-    condition_number: float
-    observability_o1: float
-
-
-def conditioning(
-    arm: ArmState, J: Float[np.ndarray, "p m n"], free: Bool[np.ndarray, " p"], used: Bool[np.ndarray, " n"]
-) -> Conditioning:
-    """Return the conditioning of the kinematic columns that are free, over the poses used."""
-    chosen = free.copy()
-    chosen[arm.layout.kinematic :] = False
-    rows = scaled(arm, J[:, :, used])[chosen].reshape(int(chosen.sum()), -1)
-    values = np.linalg.svd(np.linalg.qr(rows.T, mode="r"), compute_uv=False)
-    smallest = float(values[-1])
-    return Conditioning(
-        values,
-        float(values[0]) / smallest if smallest > 0.0 else math.inf,
-        float(np.exp(np.mean(np.log(np.maximum(values, 1e-300))))) / math.sqrt(int(used.sum())),
-    )
-
-
-def conditioning_of_chain(
-    poses: PoseData,
-    chain: Float[np.ndarray, "j 5"],
-    T_flange_camera: Float[np.ndarray, "4 4"],
-    T_target_base: Float[np.ndarray, "t 4 4"],
-    identifiable: Bool[np.ndarray, "j 5"],
-) -> Conditioning:
-    """Return how well poses determine the identifiable parameters of a chain with its tool and bases."""
-    seen = observations_of(poses)
-    arm = ArmState(chain, T_flange_camera, T_target_base[: seen.layout.targets], np.zeros(seen.layout.shared))
-    free = np.ones(arm.layout.size, dtype=np.bool_)
-    free[: arm.layout.tool.start] = identifiable.ravel()
-    _, J = linearised(arm, seen)
-    return conditioning(arm, J, free, np.ones(len(seen), dtype=np.bool_))
-
-
-def scaled(arm: ArmState, J: Float[np.ndarray, "p m n"]) -> Float[np.ndarray, "p m n"]:
-    """Return the Jacobian with all rows in mm at the arm's end and all columns by steps of like weight."""
-    scaled = J * arm.layout.units(arm.reach_mm)[:, None, None]
-    scaled[:, 3:] *= arm.reach_mm
-    return np.asarray(scaled)
 
 
 def _scaled_information(

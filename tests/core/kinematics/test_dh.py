@@ -16,7 +16,7 @@ from core.kinematics.dh import (
     frames,
     nearly_parallel,
 )
-from tests.support.simulation.arms import UR10
+from tests.support.simulation.robots.arms import UR10
 
 
 def test_planar_arm_by_hand() -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from dataclasses import replace
 
@@ -11,11 +12,18 @@ import pytest
 from core.errors import TooFewPoses
 from core.geometry.se3 import invert
 from core.kinematics.dh import forward
-from core.kinematics.identification_from_images import identify_from_images
-from core.kinematics.planning import CameraSetup, count_visible_points, default_setup, predict, suggest_poses
+from core.kinematics.identification import identify_from_images
+from core.kinematics.planning import (
+    CameraSetup,
+    choose_informative,
+    count_visible_points,
+    default_setup,
+    predict,
+    suggest_poses,
+)
 from core.simulation.arm import KR5_ARC, KR5_ARC_HOME, T_FLANGE_CAMERA, Arm, free_angles
-from tests.support.simulation.arm_grid_points import CAMERA, GRID, SIZE, common_fit, session
-from tests.support.simulation.arms import stated
+from tests.support.simulation.robots.arm_grid_points import CAMERA, GRID, SIZE, common_fit, session
+from tests.support.simulation.robots.arms import stated
 
 
 def rig_of(arm: Arm, **how: float) -> CameraSetup:
@@ -96,3 +104,33 @@ def test_suggestions_are_only_of_poses_that_see_the_grid() -> None:
     away[:, 0] += math.radians(120.0)
     chosen = suggest_poses(KR5_ARC, q[:12], np.concatenate([away, q[12:15]]), rig_of(arm), 8)
     assert sorted(chosen.tolist()) == [6, 7, 8]
+
+
+def greedy(M: np.ndarray, pool: np.ndarray, count: int) -> list[int]:
+    chosen: list[int] = []
+    for _ in range(count):
+        left = [i for i in range(len(pool)) if i not in chosen]
+        chosen.append(max(left, key=lambda i: value(M, pool, [*chosen, i])))
+    return chosen
+
+
+def value(M: np.ndarray, pool: np.ndarray, chosen: object) -> float:
+    return float(np.linalg.slogdet(M + sum(pool[i].T @ pool[i] for i in chosen))[1])  # type: ignore[attr-defined]
+
+
+def test_exchange_improves_on_the_greedy_choice_and_mostly_finds_the_best() -> None:
+    rng = np.random.default_rng(8)
+    better = found_best = 0
+    for _ in range(20):
+        pool = rng.normal(size=(9, 2, 6)) * rng.uniform(0.3, 2.0, (9, 1, 6))
+        M = 1e-6 * np.eye(6)
+        chosen = choose_informative(M, pool, 4).tolist()
+        assert len(set(chosen)) == 4
+        reached, begun = value(M, pool, chosen), value(M, pool, greedy(M, pool, 4))
+        best = max(value(M, pool, some) for some in itertools.combinations(range(9), 4))
+        assert begun - 1e-6 <= reached <= best + 1e-6
+        better += reached > begun + 1e-3
+        found_best += reached > best - 1e-6
+    assert better >= 3
+    assert found_best >= 14
+    assert sorted(choose_informative(M, pool, 30).tolist()) == list(range(9))

@@ -19,7 +19,7 @@ from core.kinematics.circle_point_analysis.common_normals import (
 )
 from core.kinematics.dh import Chain, forward
 from core.simulation.arm import KR5_ARC, deviated
-from tests.support.simulation.arms import SEVEN_JOINTS, UR10
+from tests.support.simulation.robots.arms import SEVEN_JOINTS, UR10
 
 T_FRAME_BASE = transform(so3_exp(np.array([0.3, 0.2, -0.5])), np.array([100.0, 200.0, 300.0]))
 PARALLEL = {"kr5": (1,), "ur10": (1, 2), "seven": ()}

@@ -17,7 +17,7 @@ from core.kinematics.pose_observations import PoseData
 from core.kinematics.sweeps import named_sweeps
 from core.simulation import KR5_ARC, KR5_ARC_HOME, Arm, kr5_arc, sweep_angles
 from core.simulation.arm import deviated
-from tests.support.simulation.arms import SEVEN_JOINTS, UR10
+from tests.support.simulation.robots.arms import SEVEN_JOINTS, UR10
 from tests.support.simulation.simulated_poses import measure_poses
 
 ARM = kr5_arc(np.random.default_rng(0))

@@ -12,12 +12,11 @@ from core.kinematics import Blocking, Level, ModelChoice, joint_compliance, join
 from core.kinematics.arm_model import ArmState
 from core.kinematics.dh import pose_with_jacobian
 from core.kinematics.error_model.terms import Kind, term_columns, terms_of
-from core.kinematics.extension import MAX_ANGLE_UNCERTAINTY, MAX_LENGTH_UNCERTAINTY_MM
-from core.kinematics.identification import identify
-from core.kinematics.identification_result import Identification
+from core.kinematics.identification import Identification, identify
+from core.kinematics.identification.extension import MAX_ANGLE_UNCERTAINTY, MAX_LENGTH_UNCERTAINTY_MM
 from core.simulation.arm import KR5_ARC
-from tests.support.simulation.arms import stated, told_truth
-from tests.support.simulation.real_arms import RealArm, angles_within_limits, measured, real_arm
+from tests.support.simulation.robots.arms import stated, told_truth
+from tests.support.simulation.robots.real_arms import RealArm, angles_within_limits, measured, real_arm
 
 
 def drawn(seed: int, count: int, *, perfect: bool = False) -> tuple[RealArm, np.ndarray, np.random.Generator]:
@@ -84,6 +83,7 @@ def test_gears_and_compliance_are_found_and_predicted() -> None:
     assert [region.joint for region in found.region] == [1, 2, 3, 4, 5, 6]
 
 
+@pytest.mark.slow
 def test_the_chain_s_uncertainties_hold_with_gears_and_compliance() -> None:
     ratio = []
     for seed in range(3):
@@ -109,6 +109,7 @@ def test_a_perfect_robot_keeps_its_chain() -> None:
         assert np.abs(found.chain.as_array() - alone.chain.as_array())[known] == pytest.approx(0.0, abs=0.02)
 
 
+@pytest.mark.slow
 def test_visits_to_one_configuration_count_once() -> None:
     """A gear's error is the same at each of ten visits, which say nothing more of it."""
     real, q, rng = drawn(5, 40)
@@ -124,6 +125,7 @@ def test_visits_to_one_configuration_count_once() -> None:
     assert float(np.sqrt(np.mean(ratio**2))) < 2.0
 
 
+@pytest.mark.slow
 def test_outliers_that_only_the_model_shows_are_rejected() -> None:
     real, q, rng = drawn(6, 120)
     poses = measured(real, q, rng)

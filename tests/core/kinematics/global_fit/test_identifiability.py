@@ -8,12 +8,13 @@ import pytest
 from core.kinematics.arm_model import ALPHA, BETA, THETA, ArmState, D, ParameterLayout
 from core.kinematics.dh import Chain, forward
 from core.kinematics.global_fit.fit import DEFAULT_SCATTER
-from core.kinematics.global_fit.identifiability import conditioning, fix_gauge, null_space
+from core.kinematics.global_fit.identifiability import fix_gauge, null_space
 from core.kinematics.global_fit.null_space import held_by_axes, unidentifiable
+from core.kinematics.global_fit.observability import conditioning
 from core.kinematics.global_fit.residuals import linearised, observations_of, placed
 from core.kinematics.pose_observations import PoseData
 from core.simulation.arm import KR5_ARC
-from tests.support.simulation.arms import SEVEN_JOINTS, UR10
+from tests.support.simulation.robots.arms import SEVEN_JOINTS, UR10
 
 BASE = "theta1 offset and d1 cannot be separated from the base transform."
 TOOL = "theta{0} offset, d{0}, a{0} and alpha{0} cannot be separated from the tool transform."

@@ -20,7 +20,7 @@ from core.kinematics.dh import Chain, forward
 from core.kinematics.identification import identify
 from core.kinematics.pose_observations import PoseData
 from core.simulation.arm import KR5_ARC, KR5_ARC_HOME, Arm, deviated, kr5_arc
-from tests.support.simulation.arms import SEVEN_JOINTS, angles, stated, told_truth
+from tests.support.simulation.robots.arms import SEVEN_JOINTS, angles, stated, told_truth
 from tests.support.simulation.simulated_poses import Repeatability, measure_poses
 
 ROBOT = Repeatability(0.03, math.radians(0.005))

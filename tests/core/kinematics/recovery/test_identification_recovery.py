@@ -11,12 +11,10 @@ import math
 import numpy as np
 import pytest
 
-from core.kinematics.identification import identify
-from core.kinematics.identification_from_images import identify_from_images
-from core.kinematics.identification_result import Identification
+from core.kinematics.identification import Identification, identify, identify_from_images
 from core.simulation.arm import KR5_ARC, Arm, kr5_arc
-from tests.support.simulation.arm_grid_points import common_fit, session
-from tests.support.simulation.arms import angles, stated, told_truth
+from tests.support.simulation.robots.arm_grid_points import common_fit, session
+from tests.support.simulation.robots.arms import angles, stated, told_truth
 from tests.support.simulation.simulated_poses import Repeatability, measure_poses
 
 ROBOT = Repeatability(0.1 / 3.616, math.radians(0.005))  # RP_l .1 mm by ISO 9283

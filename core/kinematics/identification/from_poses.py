@@ -18,6 +18,7 @@ import numpy as np
 
 from core.errors import (
     DegenerateGeometry,
+    InvalidArgument,
     JointAnglesInconsistent,
     JointNotExcited,
     NotConverged,
@@ -27,7 +28,6 @@ from core.kinematics.arm_model import SHORTEST_REACH_MM, THETA, ArmState, D
 from core.kinematics.circle_point_analysis import identify_from_axes
 from core.kinematics.dh import Chain, forward
 from core.kinematics.error_model import joint_regions
-from core.kinematics.extension import ModelChoice, extend
 from core.kinematics.frame_covariances import base_target_covariances, flange_camera_covariance
 from core.kinematics.global_fit import (
     DEFAULT_SCATTER,
@@ -44,7 +44,9 @@ from core.kinematics.global_fit import (
     rms,
     validate,
 )
-from core.kinematics.identification_result import Identification
+from core.kinematics.identification.extension import ModelChoice, extend
+from core.kinematics.identification.result import Identification
+from core.kinematics.identification.sampling import sample_parameters
 from core.kinematics.joint_angle_checks import check_against_nominal, check_angles
 from core.kinematics.pose_observations import PoseData
 from core.kinematics.results import joint_estimates, warnings_for, with_residuals
@@ -73,6 +75,7 @@ def identify(
     start: Chain | None = None,
     folds: int = FOLDS,
     model: ModelChoice = ModelChoice.DH,
+    trials: int = 0,
 ) -> Identification:
     """Identify the robot from poses at known joint angles.
 
@@ -87,8 +90,11 @@ def identify(
         Parts that poses are dealt into for validation; 0 for none.
     model
         Whether terms beyond the chain count: in the uncertainties of its parameters, and in predictions.
+    trials
+        Of the sampling that the stated covariance is compared with (`sampling`); 0 for none. It is of the chain alone.
 
-    Raises JointAnglesInconsistent for a chain of another number of joints or poses that no such arm explains,
+    Raises InvalidArgument for trials with terms beyond the chain,
+    JointAnglesInconsistent for a chain of another number of joints or poses that no such arm explains,
     JointAnglesUnitMismatch where radians and degrees were confused, JointNotExcited, TooFewPoses, NotConverged; without
     nominal and start what `identify_from_axes` raises.
     """
@@ -96,7 +102,7 @@ def identify(
     begin = initial_chain(poses, nominal, start)
     arm = placed(begin.as_array(), forward(begin, poses.joint_angles), seen)
     solution = solve(arm, seen, poses)
-    return report(solution, seen, poses, nominal, folds, model)
+    return report(solution, seen, poses, nominal, folds, model, trials)
 
 
 def _require_anything(gauge: Gauge) -> None:
@@ -144,8 +150,14 @@ def report(
     nominal: Chain | None,
     folds: int,
     model: ModelChoice = ModelChoice.DH,
+    trials: int = 0,
 ) -> Identification:
     """Return the identification that a fit gives, with its joints, validation and warnings."""
+    if trials and model is not ModelChoice.DH:
+        raise InvalidArgument(
+            "Sampling draws from the chain alone; with terms beyond it the uncertainties are not of that model.",
+            "Ask for model=dh.",
+        )
     refined, gauge = solution.refined, solution.gauge
     used = np.flatnonzero(refined.used)
     compared = None
@@ -195,7 +207,9 @@ def report(
         validation=validation,
         region=joint_regions(poses.joint_angles[used]),
         error_model=None if extension is None else extension.model,
+        nominal_arm=compared,
         warnings=tuple(warnings_for(refined, gauge, how, validation, poses, nominal)),
+        sampling=sample_parameters(refined, seen, gauge.free, trials) if trials else None,
     )
 
 

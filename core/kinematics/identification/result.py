@@ -8,9 +8,11 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from core.errors import Advisory
+from core.kinematics.arm_model import ArmState
 from core.kinematics.dh import Chain
 from core.kinematics.error_model import ErrorModel, JointRegion
 from core.kinematics.global_fit import Conditioning, HoldOutError, Unidentifiable, Validation
+from core.kinematics.identification.sampling import ParameterSampling
 from core.kinematics.results import JointEstimate
 from core.kinematics.target_transforms import TargetTransform
 
@@ -39,6 +41,10 @@ class Identification:
         Where the joints have been at the poses used.
     error_model
         What the robot has beyond its chain; None where the chain alone was asked for.
+    nominal_arm
+        The nominal chain with the base and tool that suit the poses best; None without a nominal.
+    sampling
+        The parameters by sampling; None unless asked for.
     """
 
     chain: Chain
@@ -60,7 +66,9 @@ class Identification:
     validation: Validation | None
     region: tuple[JointRegion, ...]
     error_model: ErrorModel | None
+    nominal_arm: ArmState | None
     warnings: tuple[Advisory, ...]
+    sampling: ParameterSampling | None = None
 
     @property
     def correlation(self) -> Float[np.ndarray, "f f"]:

@@ -21,7 +21,6 @@ from core.errors import InvalidArgument, NotConverged
 from core.geometry import AnyCamera, camera_from_array, rotations_from_vectors
 from core.kinematics.arm_model import ArmState
 from core.kinematics.dh import Chain, forward
-from core.kinematics.extension import ModelChoice
 from core.kinematics.global_fit import (
     FOLDS,
     FitResult,
@@ -31,8 +30,9 @@ from core.kinematics.global_fit import (
     observations_of,
     placed,
 )
-from core.kinematics.identification import initial_chain, report, solve
-from core.kinematics.identification_result import Identification
+from core.kinematics.identification.extension import ModelChoice
+from core.kinematics.identification.from_poses import initial_chain, report, solve
+from core.kinematics.identification.result import Identification
 
 MAX_OUTER_ITERATIONS = 12
 CONVERGENCE_TOLERANCE = (
@@ -65,6 +65,7 @@ def identify_from_images(
     labels: tuple[str, ...] = (),
     folds: int = FOLDS,
     model: ModelChoice = ModelChoice.DH,
+    trials: int = 0,
 ) -> ImageIdentification:
     """Identify robot and lens from the grid points of images taken with one lens at known joint angles (rad).
 
@@ -87,7 +88,7 @@ def identify_from_images(
         labels,
         _with_common_deformation(fit.growth, len(np.unique(fit.pose))),
     )
-    return _identified(seen, fit.placements, nominal, start, folds, model)
+    return _identified(seen, fit.placements, nominal, start, folds, model, trials)
 
 
 def _with_common_deformation(growth: VarianceInflation, poses: int) -> VarianceInflation:
@@ -109,6 +110,7 @@ def _identified(
     start: Chain | None,
     folds: int,
     model: ModelChoice,
+    trials: int,
 ) -> ImageIdentification:
     arm, scatter, gauge = None, None, None
     for _ in range(MAX_OUTER_ITERATIONS):
@@ -136,7 +138,7 @@ def _identified(
     by_step[:lens] = coordinates(placements.parameters[0])
     left = linearise(seen.views, placements, seen.used).residuals[:, seen.used]
     return ImageIdentification(
-        robot=report(solution, ready, at.poses, nominal, folds, model),
+        robot=report(solution, ready, at.poses, nominal, folds, model, trials),
         camera=camera_from_array(placements.parameters[0]),
         camera_covariance=by_step @ covariance @ by_step.T,
         T_target_camera=T_target_camera,

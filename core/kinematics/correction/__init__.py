@@ -1,0 +1,19 @@
+"""Correction of commands: joint angles at which the identified arm is where the nominal one would be."""
+
+from core.kinematics.correction.confirmation import MAX_CONFIRMING_RATIO, curves_ratio
+from core.kinematics.correction.inverse_kinematics import InverseSolution, solve_inverse
+from core.kinematics.correction.model import CorrectionErrors, CorrectionModel, correction_model
+from core.kinematics.correction.solution import Corrected, Outcome, correct
+
+__all__ = [
+    "MAX_CONFIRMING_RATIO",
+    "Corrected",
+    "CorrectionErrors",
+    "CorrectionModel",
+    "InverseSolution",
+    "Outcome",
+    "correct",
+    "correction_model",
+    "curves_ratio",
+    "solve_inverse",
+]

@@ -1,0 +1,90 @@
+"""Joint angles of a chain from the pose of its flange, by damped Newton steps from known configurations.
+
+A commanded pose alone leaves open how the arm reaches it. The solution nearest a configuration at which the arm was
+measured is the likeliest: there the identification holds.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+from scipy.spatial.transform import Rotation
+
+from core.kinematics.arm_model import THETA
+from core.kinematics.dh import Chain, forward, pose_with_jacobian
+
+STARTS = 4
+"""Configurations, nearest first, that are tried for each pose."""
+_ITERATIONS = 60
+_LEVER_MM = 300.0
+_MAX_STEP = 0.3  # rad
+_ATTAINED_MM = 1e-6
+_DAMPING = 1e-8
+
+
+@dataclass(frozen=True, slots=True)
+class InverseSolution:
+    """Joint angles (rad) for each pose, and which poses they attain."""
+
+    joint_angles: Float[np.ndarray, "n j"]
+    attained: Bool[np.ndarray, " n"]
+
+
+def solve_inverse(
+    chain: Chain, T_base_flange: Float[np.ndarray, "n 4 4"], known: Float[np.ndarray, "k j"]
+) -> InverseSolution:
+    """Return joint angles at which the flange has these poses.
+
+    Parameters
+    ----------
+    T_base_flange
+        In the chain's base, mm.
+    known
+        Configurations to begin at, rad; for each pose the nearest ones are tried.
+    """
+    n = len(T_base_flange)
+    at = forward(chain, known)
+    q, attained = np.zeros((n, len(chain))), np.zeros(n, dtype=np.bool_)
+    order = np.array([_nearest(T, at) for T in T_base_flange]).reshape(n, -1)
+    for rank in range(min(STARTS, len(known))):
+        open_ones = np.flatnonzero(~attained)
+        if not len(open_ones):
+            break
+        found, reached = _descended(chain, T_base_flange[open_ones], known[order[open_ones, rank]])
+        q[open_ones], attained[open_ones] = found, reached
+    return InverseSolution(q, attained)
+
+
+def _nearest(T: Float[np.ndarray, "4 4"], at: Float[np.ndarray, "k 4 4"]) -> Int[np.ndarray, " s"]:
+    off = np.linalg.norm(at[:, :3, 3] - T[:3, 3], axis=1)
+    turn = np.linalg.norm(
+        Rotation.from_matrix(at[:, :3, :3].transpose(0, 2, 1) @ T[:3, :3]).as_rotvec(), axis=1
+    )
+    return np.argsort(off + _LEVER_MM * turn, kind="stable")[:STARTS]
+
+
+def _descended(
+    chain: Chain, T: Float[np.ndarray, "n 4 4"], q: Float[np.ndarray, "n j"]
+) -> tuple[Float[np.ndarray, "n j"], Bool[np.ndarray, " n"]]:
+    parameters, n = chain.as_array(), len(T)
+    base = np.ascontiguousarray(np.broadcast_to(np.eye(4), (n, 4, 4)))
+    columns = 5 * np.arange(len(chain)) + THETA
+    scale = np.array([1.0] * 3 + [_LEVER_MM] * 3)
+    off = np.zeros((6, n))
+    for _ in range(_ITERATIONS):
+        end, J = pose_with_jacobian(parameters, np.ascontiguousarray(q), base, np.eye(4))
+        turn = T[:, :3, :3] @ end[:, :3, :3].transpose(0, 2, 1)
+        off = (
+            np.concatenate([(T[:, :3, 3] - end[:, :3, 3]).T, Rotation.from_matrix(turn).as_rotvec().T])
+            * scale[:, None]
+        )
+        if float(np.abs(off).max()) < _ATTAINED_MM:
+            break
+        rows = (J[columns] * scale[:, None]).transpose(2, 1, 0)
+        normal = rows.transpose(0, 2, 1) @ rows
+        normal += _DAMPING * np.trace(normal, axis1=1, axis2=2)[:, None, None] * np.eye(len(chain))
+        step = np.linalg.solve(normal, rows.transpose(0, 2, 1) @ off.T[:, :, None])[..., 0]
+        q = q + step * np.minimum(1.0, _MAX_STEP / np.maximum(np.abs(step).max(axis=1), 1e-12))[:, None]
+    return q, np.asarray(np.abs(off).max(axis=0) < 1e3 * _ATTAINED_MM)

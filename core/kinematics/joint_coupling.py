@@ -1,0 +1,129 @@
+"""Coupled joints that the poses show: which joint's stated angle another joint of the chain follows.
+
+In many arms joint 3 keeps its direction while joint 2 turns, and the wrist's joints turn one another. The chain's
+angles are then C times the stated ones. Couplings of neighbouring joints are searched for one by one, each with the
+usual ratios as starts, by how well the nominal robot with the best base and tool explains the poses; then all of them
+are fitted together. One is proposed only where the nominal explains little without it, and the poses nearly with it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+from scipy.optimize import minimize
+
+from core.kinematics.dh import Chain
+from core.kinematics.global_fit import Observations, observations_of
+from core.kinematics.joint_angle_checks import NEAR, misfit
+from core.kinematics.pose_observations import PoseData
+
+MAX_COUPLINGS = 3
+_STARTS = (1.0, -1.0, 0.5, -0.5, 0.2, -0.2)
+_MAX_POSES = 60
+"""Of all poses, evenly chosen: the couplings meant here move the camera by far more than any noise."""
+_BETTER = 0.25
+"""Of the misfit's square, which each coupling must bring."""
+_FAR_BETTER = 0.04
+"""Of the misfit's square without any coupling, to which all together must bring it."""
+_FEW_POSES = 12
+_EVALUATIONS = 40
+"""Of the misfit, for each share that is fitted."""
+_ROUND = 200.0
+"""A ratio is proposed to a two-hundredth: it is a gear's, and the nominal is not exact."""
+
+
+@dataclass(frozen=True, slots=True)
+class ProposedCoupling:
+    """C with the couplings found, `terms` as (joint that follows, joint that it follows, share), joints from 1.
+
+    The nominal robot's misfit is `without` and `with_it`, rms of position, mm.
+    """
+
+    matrix: Float[np.ndarray, "j j"]
+    terms: tuple[tuple[int, int, float], ...]
+    without_mm: float
+    with_it_mm: float
+
+
+def propose_coupling(poses: PoseData, nominal: Chain) -> ProposedCoupling | None:
+    """Return the coupling with which the nominal robot explains the poses; None where it does so without one, or with
+    none.
+    """
+    joints = len(nominal)
+    if poses.joints != joints or len(poses) < _FEW_POSES:
+        return None
+    chosen = np.unique(np.linspace(0, len(poses) - 1, min(len(poses), _MAX_POSES)).astype(np.intp))
+    seen = observations_of(poses).take(chosen)
+    extent = float(np.linalg.norm(np.ptp(seen.positions_mm, axis=0)))
+    if extent == 0.0:
+        return None
+
+    def off(C: Float[np.ndarray, "j j"]) -> float:
+        found = misfit(nominal, seen.joint_angles @ C.T, seen)
+        return (found.position_mm / extent) ** 2 + found.rotation**2
+
+    none = np.eye(joints)
+    first = least = off(none)
+    if least < 2.0 * NEAR**2:
+        return None
+    places = [(k, j) for k in range(joints) for j in (k - 1, k + 1) if 0 <= j < joints]
+    C, taken = none, list[tuple[int, int]]()
+    while len(taken) < MAX_COUPLINGS:
+        tried = {
+            (place, share): off(_with(C, place, share))
+            for place in places
+            if place not in taken
+            for share in _STARTS
+        }
+        place, share = min(tried, key=lambda one: tried[one])
+        C, now = _fitted(_with(C, place, share), [*taken, place], off)
+        if now > _BETTER * least:
+            break
+        taken, least = [*taken, place], now
+    found = none.copy()
+    for place in taken:
+        found[place] = round(float(C[place]) * _ROUND) / _ROUND
+    if not taken or off(found) > _FAR_BETTER * first:
+        return None
+    return ProposedCoupling(
+        found,
+        tuple((k + 1, j + 1, float(found[k, j])) for k, j in taken),
+        _position(nominal, none, seen),
+        _position(nominal, found, seen),
+    )
+
+
+def _fitted(
+    C: Float[np.ndarray, "j j"],
+    places: Sequence[tuple[int, int]],
+    off: Callable[[Float[np.ndarray, "j j"]], float],
+) -> tuple[Float[np.ndarray, "j j"], float]:
+    """Return C with the shares at these places that suit the poses best, and how far off they are."""
+
+    def at(shares: Float[np.ndarray, " k"]) -> Float[np.ndarray, "j j"]:
+        changed = C.copy()
+        for place, share in zip(places, shares, strict=True):
+            changed[place] = share
+        return changed
+
+    start = np.array([C[place] for place in places])
+    found = minimize(
+        lambda shares: off(at(shares)),
+        start,
+        method="Nelder-Mead",
+        options={"xatol": 1e-3, "fatol": 0.0, "maxfev": _EVALUATIONS * len(places)},
+    )
+    return at(found.x), float(found.fun)
+
+
+def _with(C: Float[np.ndarray, "j j"], place: tuple[int, int], share: float) -> Float[np.ndarray, "j j"]:
+    changed = C.copy()
+    changed[place] = share
+    return changed
+
+
+def _position(nominal: Chain, C: Float[np.ndarray, "j j"], seen: Observations) -> float:
+    return misfit(nominal, seen.joint_angles @ C.T, seen).position_mm
