@@ -9,22 +9,58 @@ from core.metrology.accuracy import (
     estimate_deviations,
     tied_accuracy,
 )
-from core.metrology.cycle_process import CORRELATED, CycleProcess, estimate_process
+from core.metrology.budget import (
+    Agreement,
+    Budget,
+    Contribution,
+    accuracy_budget,
+    corrected_budget,
+    distance_budget,
+    floor_budget,
+    repeatability_budget,
+)
+from core.metrology.control_chart import (
+    MIN_POINTS,
+    Alarm,
+    ControlChart,
+    IndividualsLimits,
+    chart_figure,
+    ewma_limit,
+    ewma_run_length,
+    self_starting_scores,
+)
+from core.metrology.cycle_process import CORRELATED, CycleProcess, estimate_process, long_run_draws
+from core.metrology.difference import Difference, estimate_difference
 from core.metrology.distances import ApproachVariation, DistanceAssessment, assess_approaches, assess_distance
-from core.metrology.intervals import IntervalEstimate, assess_radial, assess_three_sigma, noise_only_lengths
 from core.metrology.iso9283 import (
     DistancePerformance,
     Drift,
+    DriftRate,
     direction_variation,
     distance_performance,
     drift,
+    drift_rate,
     pose_accuracy,
     position_repeatability,
 )
-from core.metrology.outliers import Outlier
 from core.metrology.pose_cycles import COMPONENTS, PerComponent, PoseCycles, angles_from_vectors
-from core.metrology.qualification import KnownLength, LengthError, Qualification, qualify
-from core.metrology.repeatability import PoseRepeatability, assess_repeatability
+from core.metrology.qualification import (
+    KnownLength,
+    LengthError,
+    Qualification,
+    qualify,
+)
+from core.metrology.repeatability import (
+    IntervalEstimate,
+    Outlier,
+    PoseRepeatability,
+    Verdict,
+    VerdictLimits,
+    assess_radial,
+    assess_repeatability,
+    assess_three_sigma,
+    noise_only_lengths,
+)
 from core.metrology.rp_distribution import (
     CONFIDENCE,
     eigenvalues,
@@ -40,14 +76,15 @@ from core.metrology.steadiness import (
     CycleGrid,
     PoseMotion,
     PoseSeries,
+    SlowMotion,
     Steadiness,
     Trend,
     TwoPoints,
     assess_steadiness,
     equal_scale,
+    slow_motion,
 )
 from core.metrology.test_cube import CYCLES, TEST_PLANES, VISITS, TestCube
-from core.metrology.verdict import Verdict, VerdictLimits
 
 __all__ = [
     "COMPONENTS",
@@ -55,22 +92,31 @@ __all__ = [
     "CORRELATED",
     "CYCLES",
     "MIN_CYCLES",
+    "MIN_POINTS",
     "NOT_STEADY",
     "RULE",
     "TEST_PLANES",
     "VISITS",
     "Acceptance",
+    "Agreement",
+    "Alarm",
     "ApproachVariation",
     "Attribution",
+    "Budget",
     "ChangePoint",
+    "Contribution",
+    "ControlChart",
     "CycleGrid",
     "CycleProcess",
     "Decision",
+    "Difference",
     "DistanceAssessment",
     "DistancePerformance",
     "Drift",
+    "DriftRate",
     "EstimatedDeviation",
     "HeldOutDeviation",
+    "IndividualsLimits",
     "IntervalEstimate",
     "KnownLength",
     "LengthError",
@@ -83,6 +129,7 @@ __all__ = [
     "PoseSeries",
     "Qualification",
     "Reading",
+    "SlowMotion",
     "Steadiness",
     "TestCube",
     "TiedDeviations",
@@ -90,6 +137,7 @@ __all__ = [
     "TwoPoints",
     "Verdict",
     "VerdictLimits",
+    "accuracy_budget",
     "angles_from_vectors",
     "assess_approaches",
     "assess_distance",
@@ -97,21 +145,33 @@ __all__ = [
     "assess_repeatability",
     "assess_steadiness",
     "assess_three_sigma",
+    "chart_figure",
+    "corrected_budget",
     "decide",
     "direction_variation",
+    "distance_budget",
     "distance_performance",
     "drift",
+    "drift_rate",
     "eigenvalues",
     "equal_scale",
     "estimate_deviations",
+    "estimate_difference",
     "estimate_process",
+    "ewma_limit",
+    "ewma_run_length",
+    "floor_budget",
+    "long_run_draws",
     "long_run_rp",
     "mean_length",
     "noise_only_lengths",
     "pose_accuracy",
     "position_repeatability",
     "qualify",
+    "repeatability_budget",
     "repeatability_reading",
     "rp_sampling_distribution",
+    "self_starting_scores",
+    "slow_motion",
     "tied_accuracy",
 ]

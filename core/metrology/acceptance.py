@@ -19,9 +19,8 @@ from enum import StrEnum
 
 from scipy.special import ndtri
 
-from core.metrology.repeatability import PoseRepeatability
+from core.metrology.repeatability import FEW_CYCLES, PoseRepeatability
 from core.metrology.rp_distribution import CONFIDENCE
-from core.metrology.verdict import FEW_CYCLES
 
 RULE = "ISO 14253-1 guard band"
 MOST_CYCLES = 1000

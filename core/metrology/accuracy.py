@@ -22,17 +22,16 @@ from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Bool, Float
-from scipy.special import ndtri, stdtrit
+from scipy.special import stdtrit
 
 from core.geometry import GIMBAL_MARGIN, rotation_to_rpy, rpy_jacobian, so3_exp
 from core.metrology.iso9283 import pose_accuracy
 from core.metrology.pose_cycles import PerComponent
-from core.metrology.rp_distribution import CONFIDENCE
+from core.metrology.rp_distribution import CONFIDENCE, NORMAL_FACTOR
 
 MIN_FREE_SHARE = 1e-3
 """Of a pose's deviation: where the frames leave less of it, the pose's accuracy is not determined."""
 MIN_DEGREES_OF_FREEDOM = 0.5
-NORMAL_FACTOR = float(ndtri(0.5 + 0.5 * CONFIDENCE))
 _DRAWS = 10_000
 _SEED = 9283
 
@@ -41,7 +40,8 @@ _SEED = 9283
 class TiedDeviations:
     """Deviations attained - commanded of n poses after a tie, of positions (mm) or of rotation vectors (rad).
 
-    `leverage` are the blocks H_ii, `common` A_i, `used` the poses that tied the frames; `mean_variance` is u².
+    `leverage` are the blocks H_ii, `common` A_i, `used` the poses that tied the frames; `mean_variance` is u², of
+    `mean_degrees_of_freedom`; None where it is stated.
     """
 
     residuals: Float[np.ndarray, "n 3"]
@@ -49,6 +49,7 @@ class TiedDeviations:
     common: Float[np.ndarray, "n 3 k"]
     used: Bool[np.ndarray, " n"]
     mean_variance: float
+    mean_degrees_of_freedom: float | None = None
 
     @property
     def degrees_of_freedom(self) -> float:
@@ -57,26 +58,59 @@ class TiedDeviations:
 
 
 @dataclass(frozen=True, slots=True)
+class DeviationParts:
+    """What leaves the deviation of one pose open, mm or rad: `residual` is the centre of what is known of it.
+
+    `of_tie` and `of_visits` are covariances, together times t of `degrees_of_freedom`; the columns of `shared` are what
+    one standard uncertainty of each error does that all poses share. `visits_degrees_of_freedom` are those of the
+    scatter of the visits; None where it is stated.
+    """
+
+    residual: Float[np.ndarray, "3"]
+    of_tie: Float[np.ndarray, "3 3"]
+    of_visits: Float[np.ndarray, "3 3"]
+    shared: Float[np.ndarray, "3 k"]
+    degrees_of_freedom: float
+    visits_degrees_of_freedom: float | None
+
+    @property
+    def own(self) -> Float[np.ndarray, "3 3"]:
+        """The covariance that is times t."""
+        return self.of_tie + self.of_visits
+
+    def lengths(self, trials: int) -> Float[np.ndarray, " t"]:
+        """Return lengths of draws of the deviation, with random numbers of their own."""
+        rng = np.random.default_rng([_SEED, trials])
+        normal, others = rng.standard_normal((2, trials, 3))
+        student = (
+            normal
+            / np.sqrt(rng.chisquare(self.degrees_of_freedom, trials) / self.degrees_of_freedom)[:, None]
+        )
+        shared = others @ _root(self.shared @ self.shared.T).T
+        return np.asarray(np.linalg.norm(self.residual + student @ _root(self.own).T + shared, axis=1))
+
+
+@dataclass(frozen=True, slots=True)
 class EstimatedDeviation:
     """What the robot was off at one pose: `vector`, studentised; None where the frames follow the pose wholly.
 
-    `residual` is the centre of what is known of it, `own` (times t) and `shared` (normal) its covariance; `own` and
-    `length_interval` are None where the tie leaves no degree of freedom. `factor` is half a 95 % interval of t.
+    `residual` is the centre of what is known of it, `parts` what leaves it open; `parts` and `length_interval` are None
+    where the tie leaves no degree of freedom. `factor` is half a 95 % interval of t.
     """
 
     vector: Float[np.ndarray, "3"] | None
     residual: Float[np.ndarray, "3"]
-    own: Float[np.ndarray, "3 3"] | None
-    shared: Float[np.ndarray, "3 3"]
+    parts: DeviationParts | None
     factor: float
     length_interval: tuple[float, float] | None
 
     def half_widths(self, J: Float[np.ndarray, "3 3"]) -> Float[np.ndarray, "3"] | None:
         """Return half the 95 % intervals of J e; None where they are not known."""
-        if self.own is None:
+        if self.parts is None:
             return None
-        own, shared = (np.sqrt(np.maximum(np.diag(J @ C @ J.T), 0.0)) for C in (self.own, self.shared))
-        return np.hypot(self.factor * own, NORMAL_FACTOR * shared)
+        A = J @ self.parts.shared
+        own = np.sqrt(np.maximum(np.diag(J @ self.parts.own @ J.T), 0.0))
+        return np.hypot(self.factor * own, NORMAL_FACTOR * np.linalg.norm(A, axis=1))
 
 
 def estimate_deviations(tied: TiedDeviations) -> list[EstimatedDeviation]:
@@ -95,14 +129,14 @@ def estimate_deviations(tied: TiedDeviations) -> list[EstimatedDeviation]:
     for r, Hi, A, used in zip(tied.residuals, H, tied.common, tied.used.tolist(), strict=True):
         sign = -1.0 if used else 1.0
         free = 1.0 + sign * float(np.trace(Hi)) / 3.0
-        shared = A @ A.T
         vector = r / math.sqrt(free) if free >= MIN_FREE_SHARE else None
         if variance is None or vector is None:
-            found.append(EstimatedDeviation(vector, r, None, shared, factor, None))
+            found.append(EstimatedDeviation(vector, r, None, factor, None))
             continue
-        own = variance * Hi + tied.mean_variance * (np.eye(3) - (Hi if used else 0.0))
-        lengths = np.linalg.norm(r + student @ _root(own).T + others @ _root(shared).T, axis=1)
-        found.append(EstimatedDeviation(vector, r, own, shared, factor, _quantiles(lengths)))
+        of_visits = tied.mean_variance * (np.eye(3) - (Hi if used else 0.0))
+        parts = DeviationParts(r, variance * Hi, of_visits, A, dof, tied.mean_degrees_of_freedom)
+        lengths = np.linalg.norm(r + student @ _root(parts.own).T + others @ _root(A @ A.T).T, axis=1)
+        found.append(EstimatedDeviation(vector, r, parts, factor, _quantiles(lengths)))
     return found
 
 
@@ -113,7 +147,7 @@ class PoseAccuracy:
     `figures` are the studentised best-fit ones, `interval` theirs, `held_out` those with the frames tied by all other
     poses. `rotation` is the deviation of orientation as a rotation vector in the base frame; where `near_singularity`,
     within 5° of pitch = ±90°, it alone is given and the angles, which mean nothing there, are None.
-    `degrees_of_freedom` are those of the positions' tie.
+    `degrees_of_freedom` are those of the positions' tie, `parts` what leaves the position's deviation open.
     """
 
     figures: PerComponent[float | None]
@@ -122,6 +156,7 @@ class PoseAccuracy:
     rotation: Float[np.ndarray, "3"] | None
     near_singularity: bool
     degrees_of_freedom: float
+    parts: DeviationParts | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -163,6 +198,7 @@ def tied_accuracy(
         turned,
         singular and turned is not None,
         degrees_of_freedom,
+        position.parts,
     )
 
 

@@ -18,8 +18,6 @@ from jaxtyping import Float
 from scipy.special import ndtri, stdtrit
 
 from core.errors import InvalidArgument
-from core.metrology.cycle_statistics import cycle_statistics
-from core.metrology.intervals import assess_three_sigma
 from core.metrology.iso9283 import (
     DistancePerformance,
     direction_variation,
@@ -34,6 +32,7 @@ from core.metrology.pose_cycles import (
     angles_from_vectors,
     mean_and_vectors,
 )
+from core.metrology.repeatability import assess_three_sigma, cycle_statistics
 from core.metrology.rp_distribution import CONFIDENCE
 
 FAR_ENOUGH = 20.0
@@ -46,8 +45,9 @@ _SEED = 9283
 class DistanceAssessment:
     """AD and RD of one way, mm. `standard_uncertainty_mm` is the mean distance's, of the readings; `interval_mm` and
     `noise_floor_mm` are RD's, as those of any 3 S; `accuracy_interval_mm` is AD's: t of its scatter and the normal
-    quantile of what all readings have in common. None below two cycles, the floor also where nothing is known of the
-    instrument.
+    quantile of what all readings have in common. `scatter_mm` is S_D, `common_mm` what one standard uncertainty of each
+    error that all readings share does to the mean. None below two cycles, the floor also where nothing is known of the
+    instrument, `common_mm` where that is not known.
     """
 
     performance: DistancePerformance
@@ -55,6 +55,8 @@ class DistanceAssessment:
     interval_mm: tuple[float, float] | None
     noise_floor_mm: float | None
     accuracy_interval_mm: tuple[float, float] | None = None
+    scatter_mm: float | None = None
+    common_mm: Float[np.ndarray, " k"] | None = None
 
 
 def assess_distance(
@@ -100,9 +102,10 @@ def assess_distance(
         np.array([[np.mean(noise * noise)]]),
         np.array([float(n)]),
     )
-    common = 0.0
+    columns = None
     if common_first is not None and common_second is not None:
-        common = float(np.linalg.norm(e.mean(axis=0) @ (common_first - common_second)[:3]))
+        columns = e.mean(axis=0) @ (common_second - common_first)[:3]
+    common = 0.0 if columns is None else float(np.linalg.norm(columns))
     accuracy = performance.accuracy_mm
     confident = 0.5 + 0.5 * CONFIDENCE
     half = math.hypot(
@@ -114,6 +117,8 @@ def assess_distance(
         (float(assessed.low[0, 0]), float(assessed.high[0, 0])),
         float(assessed.floor[0, 0]) if known else None,
         None if accuracy is None else (accuracy - half, accuracy + half),
+        math.sqrt(variance),
+        columns,
     )
 
 

@@ -153,7 +153,7 @@ class Drift:
     """dAP and dRP between the first and the last block, with what is known even where nothing was commanded.
 
     `shift_mm` and `shift_rad` are how far the mean pose moved, p̄_T - p̄_1 and log(R̄_T R̄_1ᵀ): they need no commanded
-    pose, and dAP never exceeds the length of the shift.
+    pose, and dAP never exceeds the length of the shift. `shift_rad_standard_error` is of the cycles' scatter.
     """
 
     blocks: tuple[DriftBlock, ...]
@@ -161,6 +161,31 @@ class Drift:
     repeatability_drift_mm: float
     shift_mm: Float[np.ndarray, "3"]
     shift_rad: Float[np.ndarray, "3"] | None
+    shift_rad_standard_error: Float[np.ndarray, "3"] | None
+
+
+@dataclass(frozen=True, slots=True)
+class DriftRate:
+    """Slope of the position over time by least squares along each axis, mm/h, with its standard error."""
+
+    mm_per_h: Float[np.ndarray, "3"]
+    standard_error_mm_per_h: Float[np.ndarray, "3"]
+
+
+def drift_rate(hours: Float[np.ndarray, " n"], positions_mm: Float[np.ndarray, "n 3"]) -> DriftRate | None:
+    """Return how fast the position moved; None below three visits, or where all were at one time.
+
+    The standard error is of visits that scatter independently about a straight line.
+    """
+    about = hours - hours.mean()
+    spread = float(about @ about)
+    if len(hours) < 3 or spread == 0.0:
+        return None
+    off = positions_mm - positions_mm.mean(axis=0)
+    rate = about @ off / spread
+    left = off - np.outer(about, rate)
+    variance = np.einsum("nk,nk->k", left, left) / (len(hours) - 2)
+    return DriftRate(np.asarray(rate), np.sqrt(variance / spread))
 
 
 def drift(
@@ -193,11 +218,14 @@ def drift(
         error = part.std(axis=0, ddof=1) / math.sqrt(len(part))
         blocks.append(DriftBlock(start + 1, end, mean, error, accuracy, position_repeatability(part)))
     first, last = blocks[0], blocks[-1]
-    turned = None
+    turned = turned_error = None
     if rotations is not None:
-        first_rotation, _ = mean_and_vectors(rotations[: ends[0]])
-        last_rotation, _ = mean_and_vectors(rotations[starts[-1] :])
+        first_rotation, first_vectors = mean_and_vectors(rotations[: ends[0]])
+        last_rotation, last_vectors = mean_and_vectors(rotations[starts[-1] :])
         turned = rotation_vectors(last_rotation[None], first_rotation)[0]
+        turned_error = np.hypot(
+            *(v.std(axis=0, ddof=1) / math.sqrt(len(v)) for v in (first_vectors, last_vectors))
+        )
     moved = None
     if first.accuracy_mm is not None and last.accuracy_mm is not None:
         moved = abs(first.accuracy_mm - last.accuracy_mm)
@@ -207,6 +235,7 @@ def drift(
         abs(first.repeatability_mm - last.repeatability_mm),
         last.mean_position_mm - first.mean_position_mm,
         turned,
+        turned_error,
     )
 
 

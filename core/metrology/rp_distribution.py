@@ -31,6 +31,7 @@ from jaxtyping import Float
 from scipy.special import elliprg, ndtri
 
 CONFIDENCE = 0.95
+NORMAL_FACTOR = float(ndtri(0.5 + 0.5 * CONFIDENCE))
 _TAILS = ((1.0 - CONFIDENCE) / 2.0, (1.0 + CONFIDENCE) / 2.0)
 _SEED = 9283
 _KNOTS = (2, 3, 4, 5, 6, 8, 10, 14, 20, 30, 50, 100)

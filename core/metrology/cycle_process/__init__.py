@@ -1,6 +1,7 @@
 """How cycles scatter over time and in their tails, and what that does to the interval of a figure."""
 
 from core.metrology.cycle_process.interval_shift import IntervalShift, shift_of_rp, shift_of_three_sigma
+from core.metrology.cycle_process.long_run import long_run_draws
 from core.metrology.cycle_process.process import CORRELATED, CycleProcess, estimate_process
 
 __all__ = [
@@ -8,6 +9,7 @@ __all__ = [
     "CycleProcess",
     "IntervalShift",
     "estimate_process",
+    "long_run_draws",
     "shift_of_rp",
     "shift_of_three_sigma",
 ]

@@ -9,7 +9,7 @@ Gaussian cycles it is known in closed form,
 For ν it is an average over draws of (μ, Σ) from an inverse Wishart about the likelihood's maximum, found by expectation
 maximisation, with weights that make it exact in the limit (importance sampling). The draws are fixed.
 
-The prior is even odds for Gaussian cycles, the rest equal for all ν of the grid.
+The prior is .6 for Gaussian cycles, the rest equal for all ν of the grid.
 
 References: K. L. Lange, R. J. A. Little, J. M. G. Taylor, J. Am. Stat. Assoc. 84 (1989) 881-896, doi:10.2307/2290063
 (t by expectation maximisation); J. Geweke, Econometrica 57 (1989) 1317-1339, doi:10.2307/1913710.
@@ -26,7 +26,7 @@ from scipy.special import gammaincinv, gammaln, logsumexp, multigammaln
 
 TAIL_DEGREES = np.array([3.0, 4.0, 5.0, 6.0, 8.0, 12.0, 20.0])
 """From two down the scatter is not finite."""
-_PRIOR_GAUSSIAN = 0.5
+_PRIOR_GAUSSIAN = 0.6
 _MAX_POSES = 16
 """More poses add little to what is known of ν, which one interval of few per cent changes by less than its width."""
 _STEPS = 12

@@ -24,7 +24,7 @@ from core.metrology.cycle_process.heavy_tails import TAIL_DEGREES
 from core.metrology.cycle_process.lag_correlation import CORRELATIONS
 from core.metrology.cycle_process.process import CycleProcess, main_axes
 from core.metrology.cycle_process.tail_shift import tail_shift
-from core.metrology.rp_distribution import CONFIDENCE
+from core.metrology.rp_distribution import CONFIDENCE, long_run_rp
 
 _SEED = 92831
 _MIN_DRAWS, _MAX_DRAWS = 400, 4000
@@ -85,6 +85,19 @@ def shift_of_three_sigma(process: CycleProcess, cycles: int) -> IntervalShift:
     found = 0.5 * np.log(other[..., 0].var(axis=1, ddof=1) / variance)
     low, high = _moved(gaussian, found)
     return IntervalShift(np.array([low]), np.array([high]))
+
+
+def ratio_draws(process: CycleProcess, x: Float[np.ndarray, "n d"], trials: int) -> Float[np.ndarray, " b"]:
+    """Return draws of RP_l of n cycles over its long-run value, by the process and a pose's own shape of scatter.
+
+    They are `trials`, fewer of very many cycles, whose ratio scatters little.
+    """
+    n, d = x.shape
+    _, other, variance = _series(process, n, min(trials, max(_CELLS // n, _MIN_DRAWS)))
+    spectrum = np.zeros(3)
+    spectrum[:d] = np.linalg.eigvalsh(x.T @ x)[::-1]
+    logs = _rp(other[..., :d], spectrum[:d]) - 0.5 * np.log(variance)
+    return np.asarray(np.exp(logs) / long_run_rp(spectrum))
 
 
 def _matters(process: CycleProcess) -> bool:

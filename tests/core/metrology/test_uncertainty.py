@@ -7,14 +7,14 @@ import math
 import numpy as np
 import pytest
 
-from core.metrology.intervals import (
+from core.metrology.repeatability import (
     IntervalEstimate,
     assess_radial,
     assess_three_sigma,
     noise_only_lengths,
 )
+from core.metrology.repeatability.verdict import Verdict, VerdictLimits, classify
 from core.metrology.rp_distribution import long_run_rp
-from core.metrology.verdict import Verdict, VerdictLimits, classify
 
 
 def three_sigma(variance: float, noise: float, n: int, noise_square: float | None = None) -> IntervalEstimate:

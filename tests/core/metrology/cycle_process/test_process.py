@@ -131,7 +131,7 @@ def test_flat_and_still_scatter_is_no_obstacle() -> None:
 def test_independent_gaussian_cycles_are_not_shifted() -> None:
     none = estimate_process([], [], False)
     x = made.gaussian(np.random.default_rng(0), 30)
-    assert none.independent_gaussian == pytest.approx(0.5, abs=1e-12)
+    assert none.independent_gaussian == pytest.approx(0.6, abs=1e-12)
     process = type(none)(np.zeros_like(none.tails), np.zeros_like(none.correlations))
     assert not np.any(shift_of_rp(process, _deviations(x)).low)
     assert not np.any(shift_of_three_sigma(process, 30).high)
@@ -154,6 +154,23 @@ def test_correlated_cycles_have_wider_intervals() -> None:
                 narrow, found = getattr(getattr(plain, name), part), getattr(getattr(wide, name), part)
                 assert found[1] / found[0] > 1.3 * narrow[1] / narrow[0]
                 assert found[1] > narrow[1]
+
+
+def test_an_outlier_does_not_lift_the_interval_of_heavy_tails() -> None:
+    """An outlier lifts the reading more than the covariance, about which intervals lie where tails are heavy."""
+    x = made.student(np.random.default_rng(8), 30)
+    process = _process(x, False)
+    assert process.tails.sum() > 0.9
+    x[7, 0] = x[:, 0].mean(axis=0) + 8.0 * made.SIGMA_MM * np.array([1.0, 0.0, 0.0])
+    one = assess_repeatability([PoseCycles(x[:, 0])], process=process)[0]
+    S = np.cov(x[:, 0].T)
+    expected = float(long_run_rp(np.linalg.eigvalsh(S)[::-1]))
+    reading, interval = one.repeatability.position_mm, one.interval.position_mm
+    assert reading is not None
+    assert interval is not None
+    assert reading > 1.15 * expected
+    assert interval[0] < 0.85 * expected
+    assert interval[1] >= reading
 
 
 def _truth(nu: float | None) -> float:

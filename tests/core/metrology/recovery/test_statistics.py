@@ -15,7 +15,7 @@ import pytest
 from core.geometry.roll_pitch_yaw import rotation_to_rpy, rpy_to_rotation
 from core.geometry.se3 import so3_exp
 from core.metrology import PoseCycles, assess_repeatability
-from core.metrology.intervals import (
+from core.metrology.repeatability.intervals import (
     MAX_FLOOR_SHARE,
     IntervalEstimate,
     assess_radial,

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from core.metrology.intervals import noise_only_lengths
 from core.metrology.iso9283 import deviations, position_repeatability
 from core.metrology.pose_cycles import PoseCycles, angles_from_vectors, mean_and_vectors
+from core.metrology.repeatability.intervals import noise_only_lengths
 
 
 @dataclass(frozen=True, slots=True)

@@ -13,14 +13,7 @@ from jaxtyping import Float
 from core.errors import Advisory
 from core.geometry import GIMBAL_MARGIN, rotation_to_rpy
 from core.metrology.cycle_process import CycleProcess, shift_of_rp, shift_of_three_sigma
-from core.metrology.cycle_statistics import CycleStatistics, cycle_statistics
-from core.metrology.intervals import (
-    MAX_FLOOR_SHARE,
-    assess_radial,
-    assess_three_sigma,
-)
 from core.metrology.iso9283 import three_sigma
-from core.metrology.outliers import Outlier, find_outliers
 from core.metrology.pose_cycles import (
     COMPONENTS,
     UNKNOWN_ANGLE,
@@ -28,8 +21,15 @@ from core.metrology.pose_cycles import (
     PoseCycles,
     angles_about_mean,
 )
+from core.metrology.repeatability.intervals import (
+    MAX_FLOOR_SHARE,
+    assess_radial,
+    assess_three_sigma,
+)
+from core.metrology.repeatability.outliers import Outlier, find_outliers
+from core.metrology.repeatability.statistics import CycleStatistics, cycle_statistics
+from core.metrology.repeatability.verdict import Verdict, VerdictLimits, classify
 from core.metrology.steadiness import equal_scale
-from core.metrology.verdict import Verdict, VerdictLimits, classify
 
 Interval = tuple[float, float]
 T = TypeVar("T")
@@ -53,10 +53,10 @@ class PoseRepeatability:
 
     Values are None below two cycles, and for angles where no rotations were measured. `repeatability` is RP_l of the
     position and 3 S of the others (ISO 9283:1998, 7.2.2), angles by rotation vectors mapped to roll, pitch, yaw.
-    `interval`, `noise_floor`, `corrected` and `verdicts` are those of `core.metrology.intervals`; `verdict` is the
-    position's. `corrected_interval` of the position is None where the floor exceeds half of RP_l, since no known
-    interval keeps its level there. ISO 9283 has no rejection: all cycles count. `outliers` names the cycles that no
-    scatter explains by their index, and `without_outliers` is `repeatability` of the others; None without outliers.
+    `interval`, `noise_floor`, `corrected` and `verdicts` are those of `.intervals`; `verdict` is the position's.
+    `corrected_interval` of the position is None where the floor exceeds half of RP_l, since no known interval keeps
+    its level there. ISO 9283 has no rejection: all cycles count. `outliers` names the cycles that no scatter explains
+    by their index, and `without_outliers` is `repeatability` of the others; None without outliers.
     """
 
     n: int
@@ -134,7 +134,7 @@ def _assess(samples: list[CycleStatistics], process: CycleProcess | None) -> lis
     for name in _COLUMNS[1:]:
         columns[name] = np.column_stack([getattr(radial, name), getattr(sigma, name)])
     if process is not None:
-        _shift_intervals(columns, process, samples)
+        _shift_intervals(columns, process, samples, radial.excess)
     # A perfect instrument would not have measured more: an excess over the raw figure comes from rounding or from the
     # division by the bias, not from the robot.
     columns["corrected"] = np.minimum(columns["corrected"], columns["raw"])
@@ -145,9 +145,15 @@ def _assess(samples: list[CycleStatistics], process: CycleProcess | None) -> lis
 
 
 def _shift_intervals(
-    columns: dict[str, Float[np.ndarray, "k 7"]], process: CycleProcess, samples: list[CycleStatistics]
+    columns: dict[str, Float[np.ndarray, "k 7"]],
+    process: CycleProcess,
+    samples: list[CycleStatistics],
+    excess: Float[np.ndarray, " k"],
 ) -> None:
     """Move the bounds to where cycles of this process have them.
+
+    The bounds of RP_l are about the reading. As far as tails are probably heavy they are about what the covariance lets
+    expect instead: an outlier weighs less in it than in the reading, from which intervals would lie too high.
 
     The raw figure is the robot's with its instrument, and so is the process. What is subtracted is the instrument's
     expected variance, which does not depend on the order or the tails of few cycles: the corrected 3 S has the raw
@@ -160,14 +166,16 @@ def _shift_intervals(
     low, high = columns["low"], columns["high"]
     corrected_low, corrected_high = columns["corrected_low"], columns["corrected_high"]
     wider = _log_width(corrected_low[:, 0], corrected_high[:, 0]) / _log_width(low[:, 0], high[:, 0])
+    centre = float(process.tails.sum()) * excess
     for n in np.unique(cycles):
         rows = np.flatnonzero(cycles == n)
         radial = shift_of_rp(process, [deviations[i] for i in rows])
         sigma = shift_of_three_sigma(process, int(n))
-        low[rows] *= np.exp(np.column_stack([radial.low, np.tile(sigma.low, (len(rows), 6))]))
-        high[rows] *= np.exp(np.column_stack([radial.high, np.tile(sigma.high, (len(rows), 6))]))
-        corrected_low[rows, 0] *= np.exp(wider[rows] * radial.low)
-        corrected_high[rows, 0] *= np.exp(wider[rows] * radial.high)
+        off = centre[rows]
+        low[rows] *= np.exp(np.column_stack([radial.low - off, np.tile(sigma.low, (len(rows), 6))]))
+        high[rows] *= np.exp(np.column_stack([radial.high - off, np.tile(sigma.high, (len(rows), 6))]))
+        corrected_low[rows, 0] *= np.exp(wider[rows] * radial.low - off)
+        corrected_high[rows, 0] *= np.exp(wider[rows] * radial.high - off)
     # A pose that reads more than the tails of all poses explain: its interval still contains what it read.
     np.minimum(low, columns["raw"], out=low)
     np.maximum(high, columns["raw"], out=high)

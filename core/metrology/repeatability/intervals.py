@@ -49,7 +49,11 @@ _CHI_GRID = 128
 
 @dataclass(frozen=True, slots=True)
 class IntervalEstimate:
-    """A batch of readings with what surrounds them, one row a pose; in the readings' unit."""
+    """A batch of readings with what surrounds them, one row a pose; in the readings' unit.
+
+    `excess` is the logarithm of a reading RP_l over what the cycles' covariance lets expect, which is large where tails
+    are heavy: S_l is the scatter of lengths and holds fourth moments. 0 for 3 S.
+    """
 
     low: Float[np.ndarray, "*k"]
     high: Float[np.ndarray, "*k"]
@@ -57,6 +61,7 @@ class IntervalEstimate:
     corrected: Float[np.ndarray, "*k"]
     corrected_low: Float[np.ndarray, "*k"]
     corrected_high: Float[np.ndarray, "*k"]
+    excess: Float[np.ndarray, "*k"]
 
 
 def assess_three_sigma(
@@ -96,6 +101,7 @@ def assess_three_sigma(
         corrected,
         np.sqrt(np.maximum(low * low - 9.0 * noise, 0.0)),
         np.sqrt(np.maximum(high * high - 9.0 * noise, 0.0)),
+        np.zeros(variance.shape),
     )
 
 
@@ -162,7 +168,10 @@ def assess_radial(
         np.maximum(law.spread**2 + subtracted.log_variance - plain.log_variance, 0.04 * law.spread**2)
     )
     corrected_low, corrected_high = replace(law, spread=spread).interval(corrected)
-    return IntervalEstimate(low, high, floor, corrected, corrected_low, corrected_high)
+    scattered = (reading > 0.0) & (plain.found > 0.0)
+    ratio = np.where(scattered, reading, 1.0) / np.where(scattered, plain.found, 1.0)
+    excess = np.where(scattered, np.log(ratio) - law.centre + np.log(plain.gain), 0.0)
+    return IntervalEstimate(low, high, floor, corrected, corrected_low, corrected_high, excess)
 
 
 def _heavy_tail(

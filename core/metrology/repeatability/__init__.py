@@ -1,0 +1,26 @@
+"""Repeatability at one pose: RP, its interval and noise floor, outliers, and the verdict about what the scatter is."""
+
+from core.metrology.repeatability.assessment import PoseRepeatability, assess_repeatability
+from core.metrology.repeatability.intervals import (
+    IntervalEstimate,
+    assess_radial,
+    assess_three_sigma,
+    noise_only_lengths,
+)
+from core.metrology.repeatability.outliers import Outlier
+from core.metrology.repeatability.statistics import cycle_statistics
+from core.metrology.repeatability.verdict import FEW_CYCLES, Verdict, VerdictLimits
+
+__all__ = [
+    "FEW_CYCLES",
+    "IntervalEstimate",
+    "Outlier",
+    "PoseRepeatability",
+    "Verdict",
+    "VerdictLimits",
+    "assess_radial",
+    "assess_repeatability",
+    "assess_three_sigma",
+    "cycle_statistics",
+    "noise_only_lengths",
+]
