@@ -11,16 +11,9 @@ from core.geometry import Camera
 from core.image import DEFAULT_MAX_PIXELS
 from core.kinematics import Chain
 from core.pipeline import TargetOutcome, calibrate_targets
+from core.session.estimate import SessionEstimate
 from core.session.estimation import estimate_session
-from core.session.model import (
-    NO_TARGET,
-    CommandedPose,
-    ImageObservation,
-    SessionData,
-    SessionEstimate,
-    group_views,
-    natural,
-)
+from core.session.model import NO_TARGET, CommandedPose, ImageObservation, SessionData, group_views, natural
 from core.session.robot import with_nominal_orientations
 from core.targets import GridPoints, TargetSpec
 

@@ -1,4 +1,4 @@
-"""The values of a session: what was observed and stated, and what is estimated of it.
+"""The values of a session: what was observed and stated.
 
 A session is some images of one or more targets, each taken at a pose of the robot that has a name (`pose_id`), or poses
 that another instrument measured. Stated values (joint angles, commanded poses) keep the unit they are stated in, which
@@ -14,8 +14,8 @@ from dataclasses import dataclass, field
 import numpy as np
 from jaxtyping import Float, Int
 
-from core.calibration import GroupEstimate, Lens, LensEvidence, ViewStack, stack_views
-from core.errors import Advisory, MeasuredPosesMissing, listed
+from core.calibration import Lens, ViewStack, stack_views
+from core.errors import MeasuredPosesMissing
 from core.geometry import Camera, rpy_to_rotation
 from core.kinematics import Chain
 from core.targets import GridPoints, Labelling, TargetSpec
@@ -51,6 +51,8 @@ class ImageObservation:
         How far the image shows which grid point is (0, 0).
     filename
         What the user calls the file, for messages; None where it is not known.
+    burst
+        The number of the image within the stop that it was taken at; None: it is the only one of its stop.
     """
 
     measurement_id: str
@@ -66,6 +68,7 @@ class ImageObservation:
     failure_detail: str | None = None
     labelling: Labelling = "absolute"
     filename: str | None = None
+    burst: int | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -114,6 +117,8 @@ class MeasuredPose:
         Distinguishes frames in which positions do not compare: the target's place in the session's list.
     image
         The observation that the pose was estimated from; None for another instrument.
+    burst
+        The images of one stop that this is the mean of; empty where it is a single one.
     """
 
     measurement_id: str
@@ -128,6 +133,7 @@ class MeasuredPose:
     frame: int = 0
     image: ImageObservation | None = None
     rms_px: float | None = None
+    burst: tuple[MeasuredPose, ...] = ()
 
     def own_covariance(self) -> Float[np.ndarray, "6 6"] | None:
         """Return the covariance without what all images share."""
@@ -175,6 +181,10 @@ class SessionData:
         What its maker promises.
     pending
         Images that are not computed yet, for messages.
+    taken_h
+        When images were taken, by measurement, in hours after the first one; empty where that is not known.
+    time_source
+        From what: `captured_at` as it was stated with the images, or `received_at`, when they came.
     """
 
     targets: tuple[TargetSpec, ...]
@@ -189,6 +199,8 @@ class SessionData:
     joint_coupling: Float[np.ndarray, "j j"] | None = None
     datasheet: Datasheet = Datasheet()
     pending: int = 0
+    taken_h: Mapping[str, float] = field(default_factory=dict)
+    time_source: str | None = None
 
     def observed(self) -> set[int]:
         """Return the places of the images whose grid points were found."""
@@ -204,61 +216,6 @@ class SessionData:
         return sum(len(group.views.column) for group in self.views)
 
 
-@dataclass(frozen=True, slots=True)
-class ExcludedMeasurement:
-    """A measurement that is not in the figures, and why."""
-
-    measurement_id: str
-    code: str
-    detail: str
-
-
-@dataclass(frozen=True, slots=True)
-class ExcludedPose:
-    """A commanded pose that is not in the figures, and why."""
-
-    pose_id: str
-    code: str
-    detail: str
-
-
-@dataclass(frozen=True)
-class FocusGroup:
-    """One focus group's camera and poses; rows run over its `poses`, which are in the session's order.
-
-    `views` has the points of each image under one labelling of each target, `quarters` by how many quarter turns of
-    the target frame that differs from the image's own
-    (`core.calibration.multi_view.board_symmetry.symmetry_rotations`): T_image_labelled. `evidence` is that against
-    Brown's lens model; None where it was not looked for.
-    """
-
-    name: str
-    estimate: GroupEstimate
-    poses: tuple[MeasuredPose, ...]
-    views: ViewStack
-    quarters: Int[np.ndarray, " k"]
-    evidence: LensEvidence | None = None
-
-
-@dataclass(frozen=True)
-class SessionEstimate:
-    """Cameras and poses of a session by one estimator; every image is estimated or excluded.
-
-    `unclear` are images that show another orientation than the first of their pose, however a board that looks the same
-    when turned is labelled: estimated, but no visit to their pose. `unsteady` are the poses among whose images the
-    camera changed, `differing` those whose images show too different points.
-    """
-
-    estimator: str
-    groups: tuple[FocusGroup, ...]
-    poses: tuple[MeasuredPose, ...]
-    excluded: Mapping[str, ExcludedMeasurement]
-    warnings: tuple[Advisory, ...]
-    unclear: Mapping[str, ExcludedMeasurement]
-    unsteady: frozenset[str]
-    differing: frozenset[str]
-
-
 def group_views(
     images: Sequence[ImageObservation], points: Mapping[int, GridPoints]
 ) -> tuple[CameraViews, ...]:
@@ -270,13 +227,6 @@ def group_views(
         CameraViews(name, np.array(members), stack_views([points[i] for i in members]))
         for (name, _, _), members in places.items()
     )
-
-
-def in_order(data: SessionData, groups: Sequence[FocusGroup]) -> tuple[MeasuredPose, ...]:
-    """Return the poses of all groups in the session's order."""
-    place = {image.measurement_id: i for i, image in enumerate(data.images)}
-    poses = (pose for group in groups for pose in group.poses)
-    return tuple(sorted(poses, key=lambda pose: place[pose.measurement_id]))
 
 
 def readings(data: SessionData) -> tuple[MeasuredPose, ...]:
@@ -292,21 +242,3 @@ def natural(text: str) -> tuple[tuple[tuple[int, int, str], ...], str]:
         (0, int(part), "") if part.isdecimal() else (1, 0, part) for part in _NUMBER.split(text) if part
     )
     return parts, text
-
-
-def exclusion_warnings(data: SessionData, excluded: Mapping[str, ExcludedMeasurement]) -> list[Advisory]:
-    """Say which images of an analysis are excluded, by the codes of the reasons."""
-    if not excluded:
-        return []
-    reasons: dict[str, list[str]] = {}
-    for image in data.images:
-        if image.measurement_id in excluded:
-            reasons.setdefault(excluded[image.measurement_id].code, []).append(image.measurement_id)
-    found = "; ".join(f"{code} ({len(ids)}): {listed(ids)}" for code, ids in sorted(reasons.items()))
-    return [
-        Advisory(
-            "images_excluded",
-            f"{len(excluded)} of {len(data.images)} measured images are not in the figures: {found}.",
-            "Look at their failures and overlays, and upload better ones of these poses if need be.",
-        )
-    ]

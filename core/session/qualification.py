@@ -8,8 +8,9 @@ import numpy as np
 
 from core.errors import InvalidArgument, listed
 from core.metrology import KnownLength, PoseCycles, Qualification, qualify
-from core.session.model import MeasuredPose, SessionData, SessionEstimate
-from core.session.pose_rows import image_rows, measured_rows
+from core.session.estimate import SessionEstimate
+from core.session.model import MeasuredPose, SessionData
+from core.session.repeatability import image_rows, measured_rows
 
 
 def qualify_session(

@@ -32,7 +32,11 @@ from core.metrology import (
     estimate_deviations,
     tied_accuracy,
 )
-from core.session.commanded_poses.mean_noise import mean_position_variance, mean_rotation_variance
+from core.session.commanded_poses.mean_noise import (
+    mean_degrees_of_freedom,
+    mean_position_variance,
+    mean_rotation_variance,
+)
 from core.session.model import CommandedPose, MeasuredPose
 
 SAME_ORIENTATION = 1e-5
@@ -85,6 +89,7 @@ def by_whole_poses(visits: Visits, commands: Commands) -> Compared:
         np.array([d.common[:3] for d in tie.deviations] + [left[:3] for _, left in effects]),
         used,
         mean_position_variance([visits[p] for p in compared]),
+        mean_degrees_of_freedom([visits[p] for p in compared]),
     )
     turns = TiedDeviations(
         np.array([d.rotation for d in tie.deviations]),
@@ -154,6 +159,7 @@ def _by_measured_orientation(visits: Visits, commands: Commands) -> Compared:
         tie.common,
         tie.used,
         mean_position_variance([visits[p] for p in commands]),
+        mean_degrees_of_freedom([visits[p] for p in commands]),
     )
     rotations: list[EstimatedDeviation] | list[None] = [None] * len(stations)
     if turns is not None:
@@ -227,6 +233,7 @@ def _of_a_point(visits: Visits, commands: Commands) -> Compared:
         np.zeros((len(stations), 3, 0)),
         tie.used,
         mean_position_variance([visits[p] for p in commands]),
+        mean_degrees_of_freedom([visits[p] for p in commands]),
     )
     found = {}
     for station, place, held_out in zip(stations, estimate_deviations(tied), tie.held_out_mm, strict=True):

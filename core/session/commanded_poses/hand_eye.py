@@ -26,15 +26,8 @@ from core.calibration import (
 from core.errors import Advisory, CommandedPosesMissing
 from core.geometry import transform
 from core.kinematics import forward
-from core.session.model import (
-    CommandedPose,
-    ExcludedMeasurement,
-    ExcludedPose,
-    MeasuredPose,
-    SessionData,
-    SessionEstimate,
-    natural,
-)
+from core.session.estimate import ExcludedMeasurement, ExcludedPose, SessionEstimate
+from core.session.model import CommandedPose, MeasuredPose, SessionData, natural
 from core.session.robot import shared_errors
 
 WEAK_SHARE = 0.005

@@ -43,3 +43,8 @@ def _mean_variance(
         np.trace(v.scatter[part, part]) / 3.0 for visits in poses for v in visits if v.scatter is not None
     ]
     return float(np.mean(scatter)) if scatter else 0.0
+
+
+def mean_degrees_of_freedom(poses: Sequence[Sequence[MeasuredPose]]) -> float | None:
+    """Return those of `mean_position_variance`; None where the scatter is not that of visits."""
+    return 3.0 * sum(len(visits) - 1 for visits in poses) or None

@@ -1,10 +1,12 @@
 """A robot's parameters from a session: its poses with joint angles, their sweeps, and the identification."""
 
+from core.session.robot.correction import SessionCorrection, session_correction
 from core.session.robot.identification import identify_robot
 from core.session.robot.method_agreement import MethodDifference
 from core.session.robot.result import RobotIdentification
 from core.session.robot.robot_poses import (
     MAX_POSES,
+    gather_robot_poses,
     poses_of_readings,
     semidefinite,
     shared_errors,
@@ -17,9 +19,12 @@ __all__ = [
     "MethodDifference",
     "NamedSweep",
     "RobotIdentification",
+    "SessionCorrection",
+    "gather_robot_poses",
     "identify_robot",
     "poses_of_readings",
     "semidefinite",
+    "session_correction",
     "shared_errors",
     "with_nominal_orientations",
 ]

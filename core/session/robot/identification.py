@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from core.errors import (
     Advisory,
     DegenerateGeometry,
+    EstimationError,
+    InvalidArgument,
     NotConverged,
 )
 from core.kinematics import (
@@ -32,14 +35,15 @@ from core.kinematics import (
     joint_regions,
     rms,
 )
+from core.session.estimate import SessionEstimate
 from core.session.estimation import estimate_session
-from core.session.model import SessionData, SessionEstimate
+from core.session.model import SessionData
+from core.session.robot.coupling_proposal import coupling_proposal
 from core.session.robot.method_agreement import MethodDifference, compare_methods, disagreements
 from core.session.robot.result import JointFigures, RobotIdentification
 from core.session.robot.robot_poses import (
     RobotPoses,
-    poses_of_estimate,
-    poses_of_readings,
+    gather_robot_poses,
     with_nominal_orientations,
 )
 from core.session.robot.sweeps import NamedSweep, select_sweeps, solve_with_start
@@ -55,6 +59,7 @@ def identify_robot(
     model: ModelChoice = ModelChoice.AUTO,
     tolerance: float = DEFAULT_TOLERANCE,
     sweeps: Sequence[NamedSweep] = (),
+    trials: int = 0,
 ) -> RobotIdentification:
     """Identify a robot's Denavit-Hartenberg parameters, tool and base from a session's poses.
 
@@ -76,23 +81,45 @@ def identify_robot(
         A sweep of a joint is a largest set of poses whose other joints agree within it, rad.
     sweeps
         Sweeps by their poses; a joint that is named has these alone, those of the others are recognised.
+    trials
+        Of the sampling that stated uncertainties are compared with, of method `global` and the chain alone; 0: none.
 
-    Raises MeasuredPosesMissing where there are no images either, JointAnglesMissing, TooManyMeasurements,
+    Raises InvalidArgument for trials with another method or model,
+    MeasuredPosesMissing where there are no images either, JointAnglesMissing, TooManyMeasurements,
     SweepJointUnknown, SweepPoseUnknown, DegenerateGeometry, and what `core.kinematics` raises where poses or sweeps do
-    not determine the robot.
+    not determine the robot. Where the poses show a coupling that the robot does not state, warning or refusal names it.
     """
-    if data.measured or not data.images:
-        gathered = poses_of_readings(data)
-    else:
-        if estimate is None:
-            estimate = estimate_session(with_nominal_orientations(data))
-        gathered = poses_of_estimate(data, estimate)
+    if trials and method != "global":
+        raise InvalidArgument("Only the global method is sampled.", "Ask for method=global.")
+    if estimate is None and data.images and not data.measured:
+        estimate = estimate_session(with_nominal_orientations(data))
+    gathered = gather_robot_poses(data, estimate)
+    coupling = coupling_proposal(data, gathered.poses)
+    try:
+        found = _identified(data, estimate, gathered, method, model, tolerance, sweeps, trials)
+    except EstimationError as failure:
+        if coupling is None:
+            raise
+        raise type(failure)(f"{failure.detail} {coupling.detail}", coupling.advice) from failure
+    return found if coupling is None else replace(found, warnings=(*found.warnings, coupling))
+
+
+def _identified(
+    data: SessionData,
+    estimate: SessionEstimate | None,
+    gathered: RobotPoses,
+    method: str,
+    model: ModelChoice,
+    tolerance: float,
+    sweeps: Sequence[NamedSweep],
+    trials: int,
+) -> RobotIdentification:
     known = select_sweeps(data, gathered.poses, sweeps, tolerance)
     check_angles(gathered.poses, known.sweeps)
     warnings = (*gathered.warnings, *known.warnings)
     try:
         if method == "global":
-            robot, more = _identify_globally(data, estimate, gathered, known.sweeps, model)
+            robot, more = _identify_globally(data, estimate, gathered, known.sweeps, model, trials)
             agreement = compare_methods(robot.joints, gathered.poses, data.nominal, known.sweeps, tolerance)
             more = (*more, *robot.warnings, *disagreements(agreement))
             return _of_poses(robot, known.sweeps, gathered, agreement, (*warnings, *more))
@@ -140,9 +167,11 @@ def _of_poses(
         found.base_target_covariances,
         found.region,
         found.error_model,
+        found.nominal_arm,
         agreement,
         gathered.excluded,
         warnings,
+        found.sampling,
     )
 
 
@@ -190,6 +219,7 @@ def _of_axes(
         (None,) * len(found.T_target_base),
         joint_regions(gathered.poses.joint_angles[members]),
         None,
+        None,
         (),
         gathered.excluded,
         (*warnings, *found.warnings),
@@ -202,6 +232,7 @@ def _identify_globally(
     gathered: RobotPoses,
     sweeps: Sequence[Sweep],
     model: ModelChoice,
+    trials: int,
 ) -> tuple[Identification, tuple[Advisory, ...]]:
     """Identify from all poses at once: on the grid points where one lens took them all, else on the poses."""
     warnings: tuple[Advisory, ...] = ()
@@ -219,6 +250,7 @@ def _identify_globally(
                 start=start,
                 labels=poses.labels,
                 model=model,
+                trials=trials,
             )
 
         try:
@@ -235,6 +267,9 @@ def _identify_globally(
         else:
             return answer.robot, ()
     found = solve_with_start(
-        lambda start: identify(poses, data.nominal, start=start, model=model), poses, data.nominal, sweeps
+        lambda start: identify(poses, data.nominal, start=start, model=model, trials=trials),
+        poses,
+        data.nominal,
+        sweeps,
     )
     return found, warnings

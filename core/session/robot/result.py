@@ -9,17 +9,19 @@ from jaxtyping import Float
 
 from core.errors import Advisory
 from core.kinematics import (
+    ArmState,
     Chain,
     Conditioning,
     ErrorModel,
     HoldOutError,
     JointEstimate,
     JointRegion,
+    ParameterSampling,
     TargetTransform,
     Unidentifiable,
     Validation,
 )
-from core.session.model import ExcludedMeasurement
+from core.session.estimate import ExcludedMeasurement
 from core.session.robot.method_agreement import MethodDifference
 
 
@@ -62,8 +64,13 @@ class RobotIdentification:
     error_model
         What the robot has beyond its chain, and what it predicts with it; None where the chain alone was asked for,
         and with the methods that begin at axes.
+    nominal_arm
+        The nominal chain with the base and tool that suit the poses best; None without a nominal, and with the methods
+        that begin at axes.
     method_agreement
         The other methods compared with the global fit; empty with those, and where a joint has no sweep.
+    sampling
+        The parameters by sampling, in the order of `parameters`; None unless asked for.
     excluded
         The measurements that are not among the poses that were fitted.
     """
@@ -86,6 +93,8 @@ class RobotIdentification:
     base_target_covariances: tuple[Float[np.ndarray, "6 6"] | None, ...]
     region: tuple[JointRegion, ...]
     error_model: ErrorModel | None
+    nominal_arm: ArmState | None
     method_agreement: tuple[MethodDifference, ...]
     excluded: tuple[ExcludedMeasurement, ...]
     warnings: tuple[Advisory, ...]
+    sampling: ParameterSampling | None = None

@@ -17,13 +17,8 @@ from core.errors import (
 )
 from core.geometry import rotation_to_rpy
 from core.kinematics import PoseData, forward, stack_joint_angles
-from core.session.model import (
-    ExcludedMeasurement,
-    MeasuredPose,
-    SessionData,
-    SessionEstimate,
-    readings,
-)
+from core.session.estimate import ExcludedMeasurement, SessionEstimate
+from core.session.model import MeasuredPose, SessionData, readings
 
 MAX_POSES = 20_000
 """Of one identification, which takes some 20 kB for each."""
@@ -45,6 +40,16 @@ class RobotPoses:
     rows: Int[np.ndarray, " n"]
     excluded: tuple[ExcludedMeasurement, ...]
     warnings: tuple[Advisory, ...]
+
+
+def gather_robot_poses(data: SessionData, estimate: SessionEstimate | None) -> RobotPoses:
+    """Return another instrument's poses, or those of the estimate where images were taken and no such poses are there.
+
+    Raises as `poses_of_readings` and `poses_of_estimate` do.
+    """
+    if estimate is None or data.measured:
+        return poses_of_readings(data)
+    return poses_of_estimate(data, estimate)
 
 
 def poses_of_estimate(data: SessionData, estimate: SessionEstimate) -> RobotPoses:

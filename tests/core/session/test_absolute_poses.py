@@ -10,7 +10,7 @@ import pytest
 from benchmarks.trust.board_shape import DEPARTURES, Departure, Setup, measure, simulate
 from core.calibration import ShapePrior
 from core.session import assess_repeatability, estimate_session
-from core.session.absolute_poses import absolute_poses
+from core.session.repeatability.absolute_poses import absolute_poses
 from core.targets import PRINT_KINDS, ShapeUncertainty
 
 PERFECT, BOW = DEPARTURES[0], DEPARTURES[1]

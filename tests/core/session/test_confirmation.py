@@ -10,8 +10,8 @@ import pytest
 
 from core.metrology import PoseRepeatability, Verdict
 from core.session import SessionData, assess_repeatability, estimate_session, image_rows
-from core.session.confirmation import unconfirmed
-from core.session.model import SessionEstimate
+from core.session.estimate import SessionEstimate
+from core.session.repeatability.confirmation import unconfirmed
 from tests.support.simulation.correlated_noise import NoisySession, noisy_session, session_data, white
 
 

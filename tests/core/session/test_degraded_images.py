@@ -9,7 +9,7 @@ import pytest
 
 from core.metrology import PoseRepeatability
 from core.session import PoseRow, SessionData, assess_repeatability, estimate_session
-from core.session.degraded_images import degraded_images
+from core.session.repeatability.degraded_images import degraded_images
 from tests.support.simulation.correlated_noise import (
     DISTURBANCES,
     NoisySession,

@@ -148,6 +148,6 @@ def test_what_cannot_be_estimated_is_refused(monkeypatch: pytest.MonkeyPatch) ->
         estimate_session(dataclasses.replace(data, images=(), views=()))
     with pytest.raises(IntrinsicsMissing):
         estimate_session(data, "given")
-    monkeypatch.setattr("core.session.estimation.MAX_POINTS", BOARD.size - 1)
+    monkeypatch.setattr("core.session.estimation.session_estimate.MAX_POINTS", BOARD.size - 1)
     with pytest.raises(TooManyMeasurements):
         estimate_session(data)

@@ -10,7 +10,7 @@ import numpy as np
 
 from core.calibration.multi_view.view_stack import ViewStack
 from core.session import CameraViews, ImageObservation, SessionData, select_images
-from core.session.image_selection import MAX_IMAGES, MAX_POINTS, MAX_POSES
+from core.session.estimation.image_selection import MAX_IMAGES, MAX_POINTS, MAX_POSES
 from core.targets.specification import TargetSpec
 
 BOARD = TargetSpec("chessboard", 9, 6, 12.0)

@@ -19,11 +19,15 @@ from core.calibration import (
 )
 from core.errors import Advisory, EstimationError, GridposeError, InvalidArgument, NotConverged
 from core.geometry import LensModel, fold_radius_px, lens_model_of
-from core.session.model import FocusGroup, SessionData
+from core.session.estimate import FocusGroup
+from core.session.model import SessionData
 
 POOLED = ("pooled", "pooled_free_focal")
+SESSION_PRIOR = "per_image_session_prior"
+OF_ANY_LENS = (*POOLED, SESSION_PRIOR)
 MIN_FOLD_RATIO = 1.05
 """Of the observed radius: a model that turns back within it gives some pixels two directions."""
+_OF_LENS = ("lens_beyond_brown", "lens_model_not_fitted")
 _NAMES: dict[LensModel, str] = {
     "brown": "Brown's",
     "kannala_brandt": "Kannala's and Brandt's",
@@ -33,10 +37,10 @@ _NAMES: dict[LensModel, str] = {
 
 def check_asked(estimator: str, lens_model: LensModel | None) -> None:
     """Raise InvalidArgument where a lens model is asked of an estimator that takes Brown's alone."""
-    if lens_model not in (None, "brown") and estimator not in POOLED:
+    if lens_model not in (None, "brown") and estimator not in OF_ANY_LENS:
         raise InvalidArgument(
             f"The estimator {estimator} takes Brown's lens model alone, not {lens_model}.",
-            f"Use estimator={' or '.join(POOLED)} with lens_model.",
+            f"Use estimator={', '.join(POOLED)} or {SESSION_PRIOR} with lens_model.",
         )
 
 
@@ -53,6 +57,13 @@ def estimate_with_lens(
 
     Raises what `estimate_group` raises, and NotConverged where the model asked for cannot be fitted.
     """
+    if estimator == SESSION_PRIOR:
+        # The model is the session's, by all its images together; the lens that is an image's prior is not.
+        common, evidence = estimate_with_lens(name, views, data, "pooled", repeats, lens_model)
+        start = None if lens_model_of(common.camera) == "brown" else common.camera
+        found = estimate_group(views, estimator, lens=data.lens, repeats=repeats, lens_start=start)
+        of_lens = tuple(one for one in common.warnings if one.code in _OF_LENS)
+        return replace(found, warnings=(*found.warnings, *of_lens)), evidence
     brown: GroupEstimate | None = None
     failure: GridposeError | None = None
     try:

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 from core.metrology import Acceptance, PoseAccuracy, Reading, decide, repeatability_reading
 from core.session.model import Datasheet
-from core.session.pose_rows import PoseRow
-from core.session.repeatability import SessionRepeatability
+from core.session.repeatability.assessment import SessionRepeatability
+from core.session.repeatability.pose_rows import PoseRow
 
 
 @dataclass(frozen=True, slots=True)

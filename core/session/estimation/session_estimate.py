@@ -21,20 +21,16 @@ from core.errors import (
     listed,
 )
 from core.geometry import LensModel
-from core.session.board_symmetry import LabelledGroup, label_poses, label_repeats
-from core.session.lens_model import check_asked, estimate_with_lens, lens_warnings, of_one_width
-from core.session.model import (
-    CameraViews,
+from core.session.estimate import (
     ExcludedMeasurement,
     FocusGroup,
-    ImageObservation,
-    MeasuredPose,
-    SessionData,
     SessionEstimate,
     exclusion_warnings,
     in_order,
-    natural,
 )
+from core.session.estimation.board_symmetry import LabelledGroup, label_poses, label_repeats
+from core.session.estimation.lens_model import check_asked, estimate_with_lens, lens_warnings, of_one_width
+from core.session.model import CameraViews, ImageObservation, MeasuredPose, SessionData, natural
 
 MAX_POINTS = 4_000_000
 """Grid points of one analysis, which takes some 450 bytes for each."""

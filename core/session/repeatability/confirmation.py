@@ -1,8 +1,8 @@
 """Whether the common camera of a session confirms what other estimators say of its poses.
 
-`per_image`, `per_image_fixed_pp` and `given` have noise floors that hold if their camera model does. A principal point
-held off its place, or given intrinsics of another focus, move the pose by what differs between images, and the floor
-does not contain it. So their verdict `robot` is withheld from a pose
+`per_image`, `per_image_session_prior`, `per_image_fixed_pp` and `given` have noise floors that hold if their camera
+model does. A principal point held off its place, or given intrinsics of another focus, move the pose by what differs
+between images, and the floor does not contain it. So their verdict `robot` is withheld from a pose
 
 - whose images the model does not fit: residuals larger than the noise of repeats explains, by far;
 - whose reading the common camera of the same images (`pooled`) explains by the instrument, or does not explain at all.
@@ -14,10 +14,11 @@ from collections.abc import Callable, Mapping
 
 from core.errors import Advisory, FocalNotObservable, GridposeError, listed
 from core.metrology import PoseRepeatability, Verdict
+from core.session.estimate import SessionEstimate
 from core.session.estimation import estimate_session
-from core.session.model import SessionData, SessionEstimate, natural
+from core.session.model import SessionData, natural
 
-UNCONFIRMED_ESTIMATORS = ("per_image", "per_image_fixed_pp", "given")
+UNCONFIRMED_ESTIMATORS = ("per_image", "per_image_session_prior", "per_image_fixed_pp", "given")
 MAX_MISFIT = 4.0
 """Variance of the residuals over that of the noise that repeats show: beyond it the camera model is rejected."""
 

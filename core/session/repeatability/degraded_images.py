@@ -18,7 +18,8 @@ from jaxtyping import Bool, Float
 from scipy.special import chdtri
 
 from core.errors import Advisory, listed
-from core.session.model import ExcludedMeasurement, MeasuredPose, SessionEstimate
+from core.session.estimate import ExcludedMeasurement, SessionEstimate
+from core.session.model import MeasuredPose
 
 FALSE_ALARMS = 1e-3
 """Chance that a session without degraded images has one named."""

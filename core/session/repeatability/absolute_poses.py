@@ -14,10 +14,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Float
 
-from core.calibration import MarginalPoses, ShapePrior, marginalise_shape
+from core.calibration import LENS, PRINT_SCALE, MarginalPoses, ShapePrior, marginalise_shape
 from core.errors import Advisory, listed
 from core.geometry import so3_exp
-from core.session.model import FocusGroup, MeasuredPose, SessionData, SessionEstimate
+from core.session.estimate import FocusGroup, SessionEstimate
+from core.session.model import MeasuredPose, SessionData
 
 MAX_SHAPE_SHARE = 2.0
 """Of the uncertainty of positions between poses, to that of the camera alone, beyond which the print dominates."""
@@ -25,9 +26,13 @@ MAX_SHAPE_SHARE = 2.0
 
 @dataclass(frozen=True, slots=True)
 class AbsolutePoses:
-    """The session's poses by measurement, and what to know of the print."""
+    """The session's poses by measurement, and what to know of the print.
+
+    `sources` says of which error each column of their `common` is: `lens`, `print_scale` or `print_shape`.
+    """
 
     poses: Mapping[str, MeasuredPose]
+    sources: tuple[str, ...]
     warnings: tuple[Advisory, ...]
 
 
@@ -41,7 +46,8 @@ def absolute_poses(
     """
     known = dict(priors or {})
     each = [_marginal(data, group, known) for group in estimate.groups]
-    widths = [_width(group, marginal) for group, marginal in zip(estimate.groups, each, strict=True)]
+    sources = [_sources(group, marginal) for group, marginal in zip(estimate.groups, each, strict=True)]
+    widths = [len(of_group) for of_group in sources]
     found: dict[str, MeasuredPose] = {}
     dominated = []
     for g, (group, marginal) in enumerate(zip(estimate.groups, each, strict=True)):
@@ -67,7 +73,8 @@ def absolute_poses(
                 covariance=own[k] + covariances[place],
                 common=shared[place],
             )
-    return AbsolutePoses(found, (*_scale_warnings(data, estimate), *_shape_warnings(dominated)))
+    warnings = (*_scale_warnings(data, estimate), *_shape_warnings(dominated))
+    return AbsolutePoses(found, tuple(one for of_group in sources for one in of_group), warnings)
 
 
 def _marginal(data: SessionData, group: FocusGroup, priors: Mapping[int, ShapePrior]) -> MarginalPoses | None:
@@ -81,10 +88,10 @@ def _marginal(data: SessionData, group: FocusGroup, priors: Mapping[int, ShapePr
     )
 
 
-def _width(group: FocusGroup, marginal: MarginalPoses | None) -> int:
+def _sources(group: FocusGroup, marginal: MarginalPoses | None) -> tuple[str, ...]:
     if marginal is not None:
-        return int(marginal.common.shape[2])
-    return int(group.estimate.common.shape[2])
+        return marginal.sources
+    return (*[LENS] * (group.estimate.common.shape[2] - 1), PRINT_SCALE)
 
 
 def _shape_share(marginal: MarginalPoses) -> float:

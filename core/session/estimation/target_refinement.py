@@ -24,12 +24,13 @@ from core.calibration import (
     evenly,
     stack_views,
 )
-from core.errors import Advisory, TargetShapeNotObservable
+from core.errors import Advisory
 from core.geometry import hat, transform, transform_mean
 from core.kinematics import TargetTransform
-from core.session.estimation import measured_poses
-from core.session.lens_model import is_brown, of_one_width
-from core.session.model import FocusGroup, MeasuredPose, SessionData, SessionEstimate, in_order
+from core.session.estimate import FocusGroup, SessionEstimate, in_order
+from core.session.estimation.lens_model import is_brown, of_one_width
+from core.session.estimation.session_estimate import measured_poses
+from core.session.model import MeasuredPose, SessionData
 from core.targets import ShapeUncertainty
 
 MAX_IMAGES = 120
@@ -79,15 +80,10 @@ def refine_target(data: SessionData, estimate: SessionEstimate) -> RefinedTarget
     counts = Counter((pose.frame, group.name) for group in estimate.groups for pose in group.poses)
     target, name = min(counts, key=lambda key: (-counts[key], key))
     group = next(g for g in estimate.groups if g.name == name)
-    if not is_brown(group):
-        raise TargetShapeNotObservable(
-            "The lens is beyond Brown's model, before which alone a target's shape is estimated: what the lens lacks "
-            "would be taken for the print's.",
-            "Leave refine_target out, or take the images with a lens of less distortion.",
-        )
     # Images are in the order of their poses.
     chosen = evenly([k for k, pose in enumerate(group.poses) if pose.frame == target], MAX_IMAGES)
-    shape = estimate_target_shape([group.views.view(k) for k in chosen], lens=data.lens)
+    start = None if is_brown(group) else group.estimate.camera
+    shape = estimate_target_shape([group.views.view(k) for k in chosen], lens=data.lens, start=start)
     applied = shape.in_plane.significant or shape.out_of_plane.significant
     warnings: list[Advisory] = []
     if len(data.targets) > 1:

@@ -70,7 +70,7 @@ def assess_performance(
 ) -> Performance:
     """Return distances between poses and variation over approaches, from the visits that count, by pose.
 
-    `absolute` are the same visits as absolute figures take them (`core.session.absolute_poses`): distances do.
+    `absolute` are the same visits as absolute figures take them (`.absolute_poses`): distances do.
     """
     warnings: list[Advisory] = []
     distances = _distances(absolute, commanded, warnings)
@@ -252,4 +252,8 @@ def _cycles(readings: Sequence[MeasuredPose]) -> PoseCycles:
 
 def _common(readings: Sequence[MeasuredPose]) -> Float[np.ndarray, "6 k"] | None:
     common = [r.common for r in readings if r.common is not None]
-    return np.mean(common, axis=0) if len(common) == len(readings) else None
+    if len(common) < len(readings):
+        return None
+    if all(one is common[0] for one in common):  # of absolute poses: all visits of a pose share it
+        return common[0]
+    return np.mean(common, axis=0)

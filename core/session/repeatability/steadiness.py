@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from jaxtyping import Float
 
 from core.errors import Advisory, listed
 from core.metrology import (
@@ -62,12 +63,21 @@ def session_steadiness(visits: Mapping[str, Sequence[MeasuredPose]]) -> SessionS
     found = assess_steadiness(series)
     usable = [one for one in series if len(one.positions_mm) >= MIN_INTERVAL_CYCLES]
     process = estimate_process(
-        [equal_scale(one.positions_mm - one.positions_mm.mean(axis=0), one.noise) for one in usable],
+        [_equal_deviations(one) for one in usable],
         [one.cycles for one in usable],
         found.p_values is not None and found.p_values.autocorrelation <= CORRELATED,
     )
     longest = max((len(one.positions_mm) for one in series), default=0)
     return SessionSteadiness(tuple(chosen), found, process, longest)
+
+
+def equal_deviations(visits: Sequence[MeasuredPose]) -> Float[np.ndarray, "n 3"]:
+    """Return deviations of positions from their mean, mm, scaled to equal variance where the noise differs."""
+    return _equal_deviations(_series(visits))
+
+
+def _equal_deviations(series: PoseSeries) -> Float[np.ndarray, "n 3"]:
+    return equal_scale(series.positions_mm - series.positions_mm.mean(axis=0), series.noise)
 
 
 def _series(visits: Sequence[MeasuredPose]) -> PoseSeries:

@@ -8,15 +8,24 @@ from dataclasses import dataclass, replace
 from core.calibration import ShapePrior
 from core.errors import Advisory, listed
 from core.metrology import PoseRepeatability
-from core.session.absolute_poses import absolute_poses
 from core.session.commanded_poses import Accuracy, assess_accuracy
-from core.session.confirmation import unconfirmed
-from core.session.degraded_images import degraded_warning
-from core.session.measured_pose_warnings import measured_pose_warnings
-from core.session.model import MeasuredPose, SessionData, SessionEstimate
-from core.session.performance import Performance, assess_performance
-from core.session.pose_rows import PoseRow, PoseRows, image_rows, measured_rows, without_robot_verdict
-from core.session.steadiness import SessionSteadiness, steadiness_warnings
+from core.session.estimate import SessionEstimate
+from core.session.model import MeasuredPose, SessionData
+from core.session.repeatability.absolute_poses import absolute_poses
+from core.session.repeatability.confirmation import unconfirmed
+from core.session.repeatability.degraded_images import degraded_warning
+from core.session.repeatability.measured_pose_warnings import measured_pose_warnings
+from core.session.repeatability.performance import Performance, assess_performance
+from core.session.repeatability.pose_rows import (
+    PoseRow,
+    PoseRows,
+    image_rows,
+    measured_rows,
+    without_robot_verdict,
+)
+from core.session.repeatability.steadiness import SessionSteadiness, steadiness_warnings
+from core.session.repeatability.stops import BurstNoise, burst_warnings, images_of, stop_mean
+from core.session.repeatability.witness import Witness, WitnessMotion, witness_warnings
 
 
 @dataclass(frozen=True, slots=True)
@@ -25,13 +34,17 @@ class SessionRepeatability:
 
     `poses` hold each pose's figures (None without a visit), `steadiness` whether their cycles are independent and
     identically distributed, `accuracy` those of the poses that compare with what was commanded, `performance` distances
-    between poses and variation over approaches.
+    between poses and variation over approaches. `error_sources` says of what each error is that absolute figures share,
+    `witness` how a witness moved, where one is named, `bursts` what images scatter within stops, where there are any.
     """
 
     poses: tuple[PoseRow, ...]
     steadiness: SessionSteadiness
     accuracy: Accuracy
     performance: Performance
+    error_sources: tuple[str, ...]
+    witness: WitnessMotion | None
+    bursts: BurstNoise | None
     warnings: tuple[Advisory, ...]
 
 
@@ -39,6 +52,7 @@ def assess_repeatability(
     data: SessionData,
     estimate: SessionEstimate | None = None,
     shapes: Mapping[int, ShapePrior] | None = None,
+    witness: Witness | None = None,
 ) -> SessionRepeatability:
     """Assess the repeatability and accuracy of every pose of a session by ISO 9283.
 
@@ -47,33 +61,42 @@ def assess_repeatability(
     data
         The session.
     estimate
-        Its cameras and poses (`core.session.estimation.estimate_session`), each pose in its target's frame; None: the
+        Its cameras and poses (`core.session.estimate_session`), each pose in its target's frame; None: the
         poses that another instrument measured, in that instrument's frame.
     shapes
         What is known of the prints, by the target's place in the session's list, in place of what the targets state:
-        of a target whose shape was estimated (`core.session.targets.RefinedTarget.shapes`).
+        of a target whose shape was estimated (`core.session.RefinedTarget.shapes`).
+
+    witness
+        A pose revisited in every cycle, whose slow motion is reported, and subtracted from repeatability if it says so.
 
     Returns figures in mm and rad with 95 % intervals and the part of the instrument.
 
-    Raises MeasuredPosesMissing where there is neither.
+    Raises MeasuredPosesMissing where there is neither, InvalidArgument for a witness without five numbered cycles.
 
     References
     ----------
     ISO 9283:1998, 7.2 (AP, RP), 7.2.3 (vAP), 7.3 (AD, RD), 7.6 (drift).
     """
-    assessed, withheld = (measured_rows(data), ()) if estimate is None else _confirmed_rows(data, estimate)
+    assessed, withheld = (
+        (measured_rows(data, witness), ()) if estimate is None else _confirmed_rows(data, estimate, witness)
+    )
     rows = assessed.rows
     visits = {row.pose_id: row.visits for row in rows if row.visits}
     absolute: Mapping[str, tuple[MeasuredPose, ...]] = visits
     before = measured_pose_warnings(data) if estimate is None else estimate.warnings
     of_prints: tuple[Advisory, ...] = ()
+    sources: tuple[str, ...] = ()
     if estimate is not None:
         found = absolute_poses(data, estimate, shapes)
         absolute = {
-            pose_id: tuple(found.poses[visit.measurement_id] for visit in of_pose)
+            pose_id: tuple(
+                stop_mean([found.poses[image.measurement_id] for image in images_of(visit)])
+                for visit in of_pose
+            )
             for pose_id, of_pose in visits.items()
         }
-        of_prints = found.warnings
+        of_prints, sources = found.warnings, found.sources
     accuracy = assess_accuracy(data, absolute)
     performance = assess_performance(visits, absolute, data.commanded)
     if not accuracy.poses and not performance.distances:
@@ -83,25 +106,32 @@ def assess_repeatability(
         assessed.steadiness,
         accuracy,
         performance,
+        sources,
+        assessed.witness,
+        assessed.bursts,
         (
             *before,
             *of_prints,
             *_row_warnings(rows),
             *withheld,
+            *burst_warnings(assessed.bursts),
             *_outlier_warnings(rows),
             *steadiness_warnings(assessed.steadiness),
+            *witness_warnings(assessed.witness, visits),
             *accuracy.warnings,
             *performance.warnings,
         ),
     )
 
 
-def _confirmed_rows(data: SessionData, estimate: SessionEstimate) -> tuple[PoseRows, tuple[Advisory, ...]]:
+def _confirmed_rows(
+    data: SessionData, estimate: SessionEstimate, witness: Witness | None
+) -> tuple[PoseRows, tuple[Advisory, ...]]:
     """Return the rows, those without the verdict `robot` that the session's common camera does not confirm."""
-    assessed = image_rows(data, estimate)
+    assessed = image_rows(data, estimate, witness)
 
     def figures_of(one: SessionEstimate) -> dict[str, PoseRepeatability]:
-        found = assessed if one is estimate else image_rows(data, one)
+        found = assessed if one is estimate else image_rows(data, one, witness)
         return {row.pose_id: row.figures for row in found.rows if row.figures is not None}
 
     held, warnings = unconfirmed(data, estimate, figures_of)
@@ -111,7 +141,7 @@ def _confirmed_rows(data: SessionData, estimate: SessionEstimate) -> tuple[PoseR
         else row
         for row in assessed.rows
     )
-    return PoseRows(tuple(rows), assessed.steadiness), warnings
+    return replace(assessed, rows=tuple(rows)), warnings
 
 
 def _row_warnings(rows: Sequence[PoseRow]) -> list[Advisory]:

@@ -17,7 +17,8 @@ from jaxtyping import Int
 
 from core.calibration import ViewStack, evenly
 from core.errors import Advisory
-from core.session.model import CameraViews, ExcludedMeasurement, ImageObservation, SessionData
+from core.session.estimate import ExcludedMeasurement
+from core.session.model import CameraViews, ImageObservation, SessionData
 
 MAX_IMAGES = 600
 MAX_POINTS = 120_000

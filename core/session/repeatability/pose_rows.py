@@ -12,15 +12,12 @@ from jaxtyping import Int
 
 from core.metrology import Drift, PerComponent, PoseCycles, PoseRepeatability, Verdict, drift
 from core.metrology import assess_repeatability as assess_cycles
-from core.session.degraded_images import degraded_images, exclude_degraded
-from core.session.model import (
-    ExcludedMeasurement,
-    MeasuredPose,
-    SessionData,
-    SessionEstimate,
-    readings,
-)
-from core.session.steadiness import SessionSteadiness, not_steady, session_steadiness
+from core.session.estimate import ExcludedMeasurement, SessionEstimate
+from core.session.model import MeasuredPose, SessionData, readings
+from core.session.repeatability.degraded_images import degraded_images, exclude_degraded
+from core.session.repeatability.steadiness import SessionSteadiness, not_steady, session_steadiness
+from core.session.repeatability.stops import BurstNoise, burst_noise, merge_bursts, with_burst_noise
+from core.session.repeatability.witness import Witness, WitnessMotion, without_motion, witness_motion
 
 DRIFT_BLOCK = 10
 """Cycles of one block of drift."""
@@ -30,8 +27,10 @@ DRIFT_BLOCK = 10
 class PoseRow:
     """One pose: the visits that count for it, in order, those that do not, and its figures.
 
+    Images of one burst are one visit (`core.session.repeatability.stops`).
+
     `including_degraded` is the repeatability with the cycles that do not count because their images are degraded
-    (`core.session.degraded_images`); None without such cycles.
+    (`core.session.repeatability.degraded_images`); None without such cycles.
     """
 
     pose_id: str
@@ -43,14 +42,21 @@ class PoseRow:
 
 @dataclass(frozen=True, slots=True)
 class PoseRows:
-    """All poses of a session in their natural order, and whether their cycles are steady."""
+    """All poses of a session in their natural order, whether their cycles are steady, how a witness moved, and how the
+    images of bursts scatter; None without a burst.
+    """
 
     rows: tuple[PoseRow, ...]
     steadiness: SessionSteadiness
+    witness: WitnessMotion | None = None
+    bursts: BurstNoise | None = None
 
 
-def image_rows(data: SessionData, estimate: SessionEstimate) -> PoseRows:
-    """Sort the images by pose, one target a pose, and compute every pose's figures."""
+def image_rows(data: SessionData, estimate: SessionEstimate, witness: Witness | None = None) -> PoseRows:
+    """Sort the images by pose, one target a pose, and compute every pose's figures.
+
+    Raises InvalidArgument for a witness that was not visited often enough.
+    """
     found = {pose.measurement_id: pose for pose in estimate.poses}
     visits: dict[str, list[MeasuredPose]] = {}
     excluded: dict[str, list[ExcludedMeasurement]] = {}
@@ -74,22 +80,26 @@ def image_rows(data: SessionData, estimate: SessionEstimate) -> PoseRows:
             whole[pose_id] = visits[pose_id]
             visits[pose_id] = counted
             excluded[pose_id] += others
-    assessed = _rows(visits, excluded, estimate.unsteady | estimate.differing)
-    with_all = assess_cycles([_cycles(of_pose) for of_pose in whole.values()])
+    stops = {pose_id: merge_bursts(of_pose) for pose_id, of_pose in visits.items()}
+    bursts = burst_noise(stops)
+    assessed = _rows(
+        with_burst_noise(stops, bursts), excluded, estimate.unsteady | estimate.differing, witness
+    )
+    with_all = assess_cycles([_cycles(merge_bursts(of_pose)) for of_pose in whole.values()])
     figures = {pose_id: one.repeatability for pose_id, one in zip(whole, with_all, strict=True)}
     rows = (replace(row, including_degraded=figures.get(row.pose_id)) for row in assessed.rows)
-    return PoseRows(tuple(rows), assessed.steadiness)
+    return replace(assessed, rows=tuple(rows), bursts=bursts)
 
 
-def measured_rows(data: SessionData) -> PoseRows:
+def measured_rows(data: SessionData, witness: Witness | None = None) -> PoseRows:
     """Sort what another instrument measured by pose, and compute every pose's figures.
 
-    Raises MeasuredPosesMissing.
+    Raises MeasuredPosesMissing, and as `image_rows`.
     """
     visits: dict[str, list[MeasuredPose]] = {}
     for pose in readings(data):
         visits.setdefault(pose.pose_id, []).append(pose)
-    return _rows(visits, {}, frozenset())
+    return _rows(visits, {}, frozenset(), witness)
 
 
 def drift_of(row: PoseRow) -> tuple[Int[np.ndarray, " n"], Drift] | None:
@@ -110,7 +120,11 @@ def _rows(
     visits: Mapping[str, Sequence[MeasuredPose]],
     excluded: Mapping[str, Sequence[ExcludedMeasurement]],
     unreliable: frozenset[str],
+    witness: Witness | None,
 ) -> PoseRows:
+    motion = None if witness is None else witness_motion(visits, witness)
+    if motion is not None and motion.witness.subtract:
+        visits = without_motion(visits, motion)
     several = [pose_id for pose_id in visits if visits[pose_id]]
     cycles = {pose_id: _cycles(visits[pose_id]) for pose_id in several}
     steadiness = session_steadiness(visits)
@@ -128,7 +142,7 @@ def _rows(
         PoseRow(pose_id, tuple(visits[pose_id]), tuple(excluded.get(pose_id, ())), figures.get(pose_id))
         for pose_id in visits
     )
-    return PoseRows(tuple(rows), steadiness)
+    return PoseRows(tuple(rows), steadiness, motion)
 
 
 def _cycles(visits: Sequence[MeasuredPose]) -> PoseCycles:

@@ -1,0 +1,166 @@
+"""Joint noise of a session: gathered from its repeated poses, fitted, validated, and predicted over the workspace."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+from core.errors import Advisory, InvalidArgument, JointAnglesInconsistent
+from core.kinematics import JointNoise, PoseScatters, fit_joint_noise, gather_scatters
+from core.session.estimate import ExcludedMeasurement, SessionEstimate
+from core.session.estimation import estimate_session
+from core.session.joint_noise.held_out import HeldOutScatter, validate_joint_noise
+from core.session.joint_noise.prediction import PredictedScatter, predict_scatter
+from core.session.joint_noise.workspace import RepeatabilityMap, map_repeatability
+from core.session.model import SessionData
+from core.session.robot import gather_robot_poses, with_nominal_orientations
+
+MIN_HELD_OUT_CHI, MAX_HELD_OUT_CHI = 0.8, 1.25
+"""Between them, predicted covariances have the size of the scatter at held-out poses."""
+
+
+@dataclass(frozen=True, slots=True)
+class PosePrediction:
+    """A measured pose: its visits that count, and RP_l held out of the fit, measured over predicted."""
+
+    pose_id: str
+    visits: int
+    rp_ratio: float
+
+
+@dataclass(frozen=True, slots=True)
+class SessionJointNoise:
+    """Joint noise of a session's robot.
+
+    `poses` are those that were repeated, `at_poses` what is predicted there and `at_angles` at the joint angles asked
+    for, in their order. `outliers` are visits that the fit excluded. `limits_stated` says of every joint whether the
+    workspace ends at its stated limits, or at where the poses were.
+    """
+
+    noise: JointNoise
+    scatters: PoseScatters
+    held_out: HeldOutScatter
+    poses: tuple[PosePrediction, ...]
+    at_poses: PredictedScatter
+    at_angles: PredictedScatter | None
+    map: RepeatabilityMap
+    limits_stated: tuple[bool, ...]
+    excluded: tuple[ExcludedMeasurement, ...]
+    warnings: tuple[Advisory, ...]
+
+
+def assess_joint_noise(
+    data: SessionData,
+    estimate: SessionEstimate | None = None,
+    *,
+    limits: Float[np.ndarray, "2 j"],
+    at: Sequence[Sequence[float]] = (),
+) -> SessionJointNoise:
+    """Fit the noise of the joints to the scatter of the session's repeated poses, and predict RP_l by it.
+
+    Parameters
+    ----------
+    limits
+        The robot's, degrees, of its stated joint angles; infinite where it has none: there the workspace ends where the
+        poses were.
+    at
+        Joint angles to predict at, degrees, as the robot states them.
+
+    Raises InvalidArgument without a nominal robot, JointAnglesInconsistent for angles of another number of joints,
+    TooFewPoses, and as `poses_of_readings` and `poses_of_estimate` do.
+    """
+    if data.nominal is None:
+        raise InvalidArgument(
+            "The joints' noise needs the robot's geometry, and the session names no robot.",
+            "Make a robot with its Denavit-Hartenberg parameters, and give the session its robot_id.",
+        )
+    if estimate is None and data.images and not data.measured:
+        estimate = estimate_session(with_nominal_orientations(data))
+    gathered = gather_robot_poses(data, estimate)
+    seen = gather_scatters(gathered.poses, data.nominal)
+    noise = fit_joint_noise(seen)
+    held_out = validate_joint_noise(seen, noise)
+    angles = _stated(data, at)
+    model_limits, stated = _limits(data, limits, seen)
+    visits = seen.without(noise.outliers).visits.tolist()
+    return SessionJointNoise(
+        noise,
+        seen,
+        held_out,
+        tuple(
+            PosePrediction(label, count, ratio)
+            for label, count, ratio in zip(seen.labels, visits, held_out.rp_ratio.tolist(), strict=True)
+        ),
+        predict_scatter(noise, seen.arm, seen.joint_angles),
+        predict_scatter(noise, seen.arm, angles) if len(angles) else None,
+        map_repeatability(noise, seen.arm, model_limits),
+        stated,
+        gathered.excluded,
+        (*gathered.warnings, *_warnings(noise, seen, held_out)),
+    )
+
+
+def _stated(data: SessionData, at: Sequence[Sequence[float]]) -> Float[np.ndarray, "n j"]:
+    assert data.nominal is not None
+    joints = len(data.nominal)
+    if any(len(angles) != joints for angles in at):
+        raise JointAnglesInconsistent(
+            f"Angles to predict at have another number than the robot's {joints} joints.",
+            "Give one angle for each joint, degrees, from the base.",
+        )
+    return data.model_angles(np.array(at, dtype=np.float64).reshape(-1, joints))
+
+
+def _limits(
+    data: SessionData, limits: Float[np.ndarray, "2 j"], seen: PoseScatters
+) -> tuple[Float[np.ndarray, "2 j"], tuple[bool, ...]]:
+    """Return the workspace's limits of the chain's angles (rad), and which are the robot's own."""
+    measured = np.stack([seen.joint_angles.min(axis=0), seen.joint_angles.max(axis=0)])
+    if data.joint_coupling is not None:  # limits of stated angles bound no single angle of the chain
+        return measured, (False,) * measured.shape[1]
+    stated = np.isfinite(limits).all(axis=0)
+    return np.where(stated, np.radians(limits), measured), tuple(stated.tolist())
+
+
+def _warnings(noise: JointNoise, seen: PoseScatters, held_out: HeldOutScatter) -> list[Advisory]:
+    found = []
+    if not held_out.supported:
+        found.append(
+            Advisory(
+                "joint_noise_not_supported",
+                "At held-out poses one covariance for all poses predicts the scatter better than the joints' noise.",
+                "Measure ten poses or more, far apart in joint space, ten times each or more.",
+            )
+        )
+    if not MIN_HELD_OUT_CHI <= held_out.chi_ratio <= MAX_HELD_OUT_CHI:
+        found.append(
+            Advisory(
+                "joint_noise_size_off",
+                f"At held-out poses the scatter is {held_out.chi_ratio:.2f} times what is predicted.",
+                "Look at the poses' own rp_ratio: drift, play or a loose mount is no noise of joints.",
+            )
+        )
+    unseen = [str(joint + 1) for joint in np.flatnonzero(~noise.identifiable)]
+    if unseen:
+        found.append(
+            Advisory(
+                "joint_noise_not_observable",
+                f"Joint{'s' if len(unseen) > 1 else ''} {', '.join(unseen)} move the measured point by nothing at "
+                "these poses: nothing is said of their noise, and none is predicted.",
+                "Measure orientation too, or a point further from the axis.",
+            )
+        )
+    dropped = int(noise.outliers.sum())
+    if dropped:
+        found.append(
+            Advisory(
+                "joint_noise_outliers",
+                f"{dropped} of {len(seen.deviations)} visits are further from their mean than the joints' noise "
+                "explains, and were excluded.",
+                "Look at them in repeatability.",
+            )
+        )
+    return found

@@ -1,0 +1,99 @@
+"""Joint noise judged at poses that had no part in it: is the scatter there what was predicted?
+
+Poses are dealt into folds; the noise of the others predicts each one's covariance. Two questions are asked. Is the
+scatter as large as predicted: the root mean square of the whitened deviations, and of the logarithm of RP_l measured
+over RP_l predicted. And is a model of the joints needed: the gain in log-likelihood over one covariance for all poses,
+the mean of the same others.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+from core.kinematics import (
+    JointNoise,
+    PoseScatters,
+    chi_ratio,
+    fit_joint_noise,
+    log_likelihood,
+    scatter_covariance,
+)
+from core.metrology import eigenvalues, long_run_rp, position_repeatability, rp_sampling_distribution
+
+MAX_FOLDS = 10
+
+
+@dataclass(frozen=True, slots=True)
+class HeldOutScatter:
+    """Prediction and measurement at held-out poses.
+
+    Parameters
+    ----------
+    chi_ratio
+        Root mean square whitened deviation; 1 where the predicted covariances are right.
+    rp_ratio
+        RP_l measured over RP_l predicted, of every pose, both with the instrument's noise; the measured one without the
+        bias of few cycles.
+    rp_log_rms
+        Root mean square of its logarithm; `rp_log_expected` is what the number of cycles alone makes of it.
+    constant_rp_log_rms
+        The same for one covariance for all poses.
+    log_likelihood_gain
+        Over one covariance for all poses, summed over the poses.
+    """
+
+    chi_ratio: float
+    rp_ratio: Float[np.ndarray, " k"]
+    rp_log_rms: float
+    rp_log_expected: float
+    constant_rp_log_rms: float
+    log_likelihood_gain: float
+
+    @property
+    def supported(self) -> bool:
+        """Whether the joints predict held-out poses better than one covariance for all."""
+        return self.log_likelihood_gain > 0.0
+
+
+def validate_joint_noise(seen: PoseScatters, noise: JointNoise) -> HeldOutScatter:
+    """Predict every pose's scatter from the others; the visits that the fit excluded stay excluded."""
+    kept = seen.without(noise.outliers)
+    k = len(kept.jacobian)
+    folds = min(MAX_FOLDS, k)
+    fold = np.arange(k) % folds
+    freedom = np.maximum(kept.visits - 1, 0).astype(np.float64)
+    scatter = kept.scatter
+    predicted, constant = np.empty_like(scatter), np.empty_like(scatter)
+    for part in range(folds):
+        held, others = np.flatnonzero(fold == part), np.flatnonzero(fold != part)
+        theta = fit_joint_noise(kept.take(others)).variances
+        predicted[held] = kept.own[held] + scatter_covariance(kept.jacobian[held], theta)
+        mean = scatter[others].sum(axis=0) / freedom[others].sum()
+        constant[held] = mean + 1e-9 * np.trace(mean) / len(mean) * np.eye(len(mean))
+    spectrum = eigenvalues(predicted[:, :3, :3])
+    law = rp_sampling_distribution(spectrum, kept.visits.astype(np.float64))
+    readings = np.array([_reading(kept, pose) for pose in range(k)])
+    unbiased = np.maximum(readings, 1e-12) * np.exp(-law.centre)
+    ratio = unbiased / long_run_rp(spectrum)
+    of_constant = unbiased / long_run_rp(eigenvalues(constant[:, :3, :3]))
+    gain = log_likelihood(predicted, scatter, freedom) - log_likelihood(constant, scatter, freedom)
+    return HeldOutScatter(
+        chi_ratio(predicted, scatter, freedom),
+        ratio,
+        _rms_log(ratio),
+        math.sqrt(float(np.mean(law.spread**2))),
+        _rms_log(of_constant),
+        float(gain.sum()),
+    )
+
+
+def _reading(seen: PoseScatters, pose: int) -> float:
+    return float(position_repeatability(seen.deviations[seen.pose == pose, :3]))
+
+
+def _rms_log(ratio: Float[np.ndarray, " k"]) -> float:
+    return math.sqrt(float(np.mean(np.log(ratio) ** 2)))

@@ -1,0 +1,104 @@
+"""The next views that would make a camera most certain, as AprilCal chooses them, after the images taken so far.
+
+Of many candidates the one is taken, again and again, that leaves the smallest mean variance of pixels over the image,
+tr(G (M + Λ)⁻¹), with M the information so far, Λ the candidate's, and G the mean square of the pixels' derivatives by
+the camera's parameters.
+
+References: A. Richardson, J. Strom, E. Olson, "AprilCal: assisted and repeatable camera calibration", IROS 2013,
+10.1109/IROS.2013.6696595.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+from core.calibration import CommonFit
+from core.errors import InvalidArgument
+from core.geometry import AnyCamera, camera_from_array
+from core.numerics import covariance_of
+from core.session.next_view.candidates import candidate_views
+from core.session.next_view.information import (
+    camera_information,
+    placed_views,
+    projection_jacobian,
+    simulated_views,
+)
+from core.targets import TargetSpec
+
+CANDIDATES = 300
+
+
+@dataclass(frozen=True, slots=True)
+class NextViews:
+    """Views to take, the most informative first, as T_camera_target (mm), and what each leaves uncertain.
+
+    `projection_px` and `focal_relative` begin with what is uncertain now and have an entry more for each view: the root
+    mean square uncertainty of a pixel over the image, and u(f)/f.
+    """
+
+    T_camera_target: Float[np.ndarray, "n 4 4"]
+    projection_px: Float[np.ndarray, " m"]
+    focal_relative: Float[np.ndarray, " m"]
+
+
+def suggest_views(
+    fit: CommonFit, covariance: Float[np.ndarray, "s s"], spec: TargetSpec, count: int
+) -> NextViews:
+    """Suggest `count` views of a target after those of a fit, of which `covariance` is the camera's.
+
+    Candidates have the fit's noise and the growth of its uncertainties, so that what is predicted is what the fit of
+    all of them will state.
+
+    Raises InvalidArgument for no views, and where no candidate shows the whole target.
+    """
+    if count < 1:
+        raise InvalidArgument("Ask for one view or more.")
+    camera = camera_from_array(fit.placements.parameters[0])
+    size = fit.views.image_width_px, fit.views.image_height_px
+    candidates = candidate_views(spec, camera, size, CANDIDATES)
+    if not len(candidates):
+        raise InvalidArgument(
+            "No view shows the whole target.", "Use a smaller target, or a lens of a wider angle."
+        )
+    noise = fit.scale * math.sqrt(fit.growth.camera) * float(np.median(fit.views.uncertainty))
+    views = simulated_views(spec, camera, size, candidates, noise)
+    information = camera_information(*placed_views(views, camera, candidates))
+    free = information.shape[1]
+    G = _weights(camera, size, free)
+    chosen, left = greedy(covariance_of(covariance[:free, :free]), information, G, count)
+    focal = [math.sqrt(float(C[:2, :2].mean())) / float(camera.as_array()[:2].mean()) for C in left]
+    return NextViews(
+        candidates[chosen],
+        np.array([math.sqrt(float(np.sum(G * C))) for C in left]),
+        np.array(focal),
+    )
+
+
+def greedy(
+    M: Float[np.ndarray, "c c"],
+    information: Float[np.ndarray, "n c c"],
+    G: Float[np.ndarray, "c c"],
+    count: int,
+) -> tuple[list[int], list[Float[np.ndarray, "c c"]]]:
+    """Return the candidates to take in their order, and the covariance before and after each; one may be repeated."""
+    chosen: list[int] = []
+    left = [covariance_of(M)]
+    for _ in range(count):
+        # mm, px and pure numbers: the inverse is of a scaled matrix.
+        unit = 1.0 / np.sqrt(np.diag(M))
+        scaled = (M + information) * np.outer(unit, unit)
+        after = np.linalg.inv(scaled) * np.outer(unit, unit)
+        best = int(np.argmin(np.einsum("ncd,cd->n", after, G)))
+        chosen.append(best)
+        M = M + information[best]
+        left.append(after[best])
+    return chosen, left
+
+
+def _weights(camera: AnyCamera, size_px: tuple[int, int], free: int) -> Float[np.ndarray, "c c"]:
+    J = projection_jacobian(camera, size_px, free)
+    return np.asarray(J.T @ J / len(J))

@@ -1,0 +1,35 @@
+"""Repeatability and accuracy of a session's poses: its rows, steadiness, absolute figures, acceptance and warnings."""
+
+from core.session.repeatability.acceptance import LimitAcceptance, SessionAcceptance, assess_acceptance
+from core.session.repeatability.assessment import SessionRepeatability, assess_repeatability
+from core.session.repeatability.budget import Figure, FigureBudget, SessionBudgets, session_budgets
+from core.session.repeatability.performance import Approaches, PoseDistance
+from core.session.repeatability.pose_rows import DRIFT_BLOCK, PoseRow, drift_of, image_rows, measured_rows
+from core.session.repeatability.steadiness import SessionSteadiness
+from core.session.repeatability.stops import BurstFloor, BurstNoise, images_of
+from core.session.repeatability.witness import Witness, WitnessMotion
+
+__all__ = [
+    "DRIFT_BLOCK",
+    "Approaches",
+    "BurstFloor",
+    "BurstNoise",
+    "Figure",
+    "FigureBudget",
+    "LimitAcceptance",
+    "PoseDistance",
+    "PoseRow",
+    "SessionAcceptance",
+    "SessionBudgets",
+    "SessionRepeatability",
+    "SessionSteadiness",
+    "Witness",
+    "WitnessMotion",
+    "assess_acceptance",
+    "assess_repeatability",
+    "drift_of",
+    "image_rows",
+    "images_of",
+    "measured_rows",
+    "session_budgets",
+]
