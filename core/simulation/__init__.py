@@ -13,7 +13,13 @@ from core.simulation.arm import (
 )
 from core.simulation.arm_session import ArmSession, simulate_arm_session
 from core.simulation.background import background, illumination
-from core.simulation.forecast import Forecast, PlannedSession, PoseForecast, forecast_repeatability
+from core.simulation.forecast import (
+    MAX_IMAGES_PER_STOP,
+    Forecast,
+    PlannedSession,
+    PoseForecast,
+    forecast_repeatability,
+)
 from core.simulation.looking import sample_viewing_configurations
 from core.simulation.paper_experiment import JOINT_REPEATABILITY_RAD, CubePose, SessionImage, cube_experiment
 from core.simulation.renderer import render, render_levels
@@ -24,6 +30,7 @@ __all__ = [
     "KR5_ARC",
     "KR5_ARC_HOME",
     "KR5_ARC_LIMITS",
+    "MAX_IMAGES_PER_STOP",
     "T_FLANGE_CAMERA",
     "Arm",
     "ArmSession",

@@ -30,6 +30,7 @@ from core.simulation.looking import in_view
 from core.targets import GridPoints, TargetSpec
 
 MIN_CYCLES, MAX_CYCLES = 2, 200
+MAX_IMAGES_PER_STOP = 20
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,7 +38,8 @@ class PlannedSession:
     """What is planned: target, camera (px), image size (px), and views as T_camera_target (mm), one a pose.
 
     `cycles` is how often each pose is visited. `additional_views` are taken once: tilted ones, which determine
-    the lens. `corner_sigma_px` is the standard deviation of a grid point's coordinates.
+    the lens. `corner_sigma_px` is the standard deviation of a grid point's coordinates. A stop of `images_per_stop`
+    images, a burst, counts once, as their mean.
     """
 
     target: TargetSpec
@@ -47,6 +49,7 @@ class PlannedSession:
     additional_views: Float[np.ndarray, "m 4 4"]
     cycles: int
     corner_sigma_px: float
+    images_per_stop: int = 1
 
 
 @dataclass(frozen=True, slots=True)
@@ -90,6 +93,8 @@ def forecast_repeatability(
     """
     if not MIN_CYCLES <= planned.cycles <= MAX_CYCLES:
         raise InvalidArgument(f"Plan {MIN_CYCLES} to {MAX_CYCLES} cycles.")
+    if not 1 <= planned.images_per_stop <= MAX_IMAGES_PER_STOP:
+        raise InvalidArgument(f"Plan 1 to {MAX_IMAGES_PER_STOP} images at each stop.")
     if not (rp_mm > 0.0 and planned.corner_sigma_px > 0.0 and (limit_mm is None or limit_mm > 0.0)):
         raise InvalidArgument("Repeatability, limit and corner noise must be larger than 0.")
     shown = in_view(planned.views, planned.target, planned.camera, planned.size_px)
@@ -130,7 +135,9 @@ def _measured(
     estimate = estimate_group(views, "pooled")
     pose = estimate.images // planned.cycles
     return [
-        PoseCycles(estimate.positions_mm[of], estimate.rotations[of], estimate.scatter[of])
+        PoseCycles(
+            estimate.positions_mm[of], estimate.rotations[of], estimate.scatter[of] / planned.images_per_stop
+        )
         for of in (pose == k for k in range(int(shown.sum())))
     ]
 

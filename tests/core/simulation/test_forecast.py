@@ -56,6 +56,14 @@ def test_the_floor_is_what_a_motionless_robot_reads() -> None:
     assert [one.floor_mm for one in found.poses] == pytest.approx(expected, rel=0.2)
 
 
+def test_the_images_of_a_stop_share_the_noise() -> None:
+    alone = forecast_repeatability(PLANNED, 0.05, draws=2)
+    four = forecast_repeatability(replace(PLANNED, images_per_stop=4), 0.05, draws=2)
+    assert [one.floor_mm for one in four.poses] == pytest.approx([one.floor_mm / 2.0 for one in alone.poses])
+    with pytest.raises(InvalidArgument):
+        forecast_repeatability(replace(PLANNED, images_per_stop=0), 0.05)
+
+
 def test_a_robot_well_above_the_floor_is_seen_and_decided_on() -> None:
     floor = max(one.floor_mm for one in forecast_repeatability(PLANNED, 0.05, draws=2).poses)
     found = forecast_repeatability(PLANNED, 8.0 * floor, limit_mm=32.0 * floor, draws=40)

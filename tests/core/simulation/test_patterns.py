@@ -17,6 +17,7 @@ from core.simulation.scenes import random_pose
 from core.targets.charuco.layout import charuco_layout
 from core.targets.printed_pattern import pattern_of
 from core.targets.specification import TargetSpec
+from tests.support.image.opencv_boards import opencv_board
 
 CAMERA = Camera(1800.0, 1820.0, 802.0, 595.0, k1=-0.2, k2=0.06, p1=5e-4)
 SIZE = (1600, 1200)
@@ -24,14 +25,6 @@ SIZE = (1600, 1200)
 
 def charuco(columns: int, rows: int, *, legacy: bool = False, dictionary: str = "DICT_6X6_250") -> TargetSpec:
     return TargetSpec("charuco", columns, rows, 20.0, 10.0, dictionary, legacy)
-
-
-def opencv_board(target: TargetSpec) -> cv2.aruco.CharucoBoard:
-    dictionary = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, str(target.dictionary)))
-    size = (target.columns + 1, target.rows + 1)
-    board = cv2.aruco.CharucoBoard(size, target.pitch_mm, float(target.marker_mm or 0.0), dictionary)
-    board.setLegacyPattern(target.legacy_layout)
-    return board
 
 
 def white_at(target: TargetSpec, x: np.ndarray, y: np.ndarray) -> np.ndarray:

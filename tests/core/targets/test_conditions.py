@@ -336,6 +336,7 @@ def test_rubbish_is_refused_in_time(kind: str, shape: tuple[int, int]) -> None:
         assert time.process_time() - began < 2.0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["spiral", "polar", "wavy"])
 def test_checks_without_an_end_are_given_up_in_time(kind: str) -> None:
     """Lattices that wind and close on themselves: they are followed a bounded way, and never whole."""
@@ -381,6 +382,7 @@ def fewer_links(saddles: Saddles) -> Patches:
     return dataclasses.replace(patches, patch=patch, sizes=np.array([np.count_nonzero(patch == 0)]))
 
 
+@pytest.mark.slow
 def test_time_grows_with_the_number_of_corners_not_with_its_square() -> None:
     taken = []
     for lines in (20, 100, 200):  # the first compiles

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import cv2
 import numpy as np
 import pytest
 
 from core.errors import InvalidTarget
 from core.targets.charuco.layout import charuco_layout
 from core.targets.specification import TargetSpec
+from tests.support.image.opencv_boards import opencv_board
 
 BOARDS = [
     (columns, rows, legacy, dictionary)
@@ -16,14 +16,6 @@ BOARDS = [
     for legacy in (False, True)
     for dictionary in ("DICT_4X4_50", "DICT_6X6_250", "DICT_APRILTAG_36h11")
 ]
-
-
-def opencv_board(target: TargetSpec) -> cv2.aruco.CharucoBoard:
-    dictionary = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, str(target.dictionary)))
-    size = (target.columns + 1, target.rows + 1)
-    board = cv2.aruco.CharucoBoard(size, target.pitch_mm, float(target.marker_mm or 0.0), dictionary)
-    board.setLegacyPattern(target.legacy_layout)
-    return board
 
 
 @pytest.mark.parametrize(("columns", "rows", "legacy", "dictionary"), BOARDS)
