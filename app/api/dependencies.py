@@ -9,6 +9,7 @@ from typing import Annotated
 from fastapi import Depends, Path, Query, Request
 from pydantic import Field
 
+from app.analyses.reporting import ReportMaker
 from app.analyses.service import AnalysisService
 from app.api.event_streams import EventStreams
 from app.api.json_body import BodyPlaces
@@ -18,8 +19,9 @@ from app.api.schemas.fields import POSE_ID
 from app.jobs.painting import ImagePainter
 from app.jobs.runner import JobRunner
 from app.records.file_lock import FileLock
-from app.services.context import ServiceContext
+from app.records.session_news import SessionNews
 from app.services.health import HealthWatch
+from app.services.installation.context import ServiceContext
 from app.services.keys import KeyUse
 from app.services.maintenance.chores import Maintenance
 
@@ -37,6 +39,8 @@ class AppContext:
     maintenance: Maintenance
     key_use: KeyUse
     health: HealthWatch
+    news: SessionNews
+    report_maker: ReportMaker
     streams: EventStreams = field(default_factory=EventStreams)
     body_places: BodyPlaces = field(default_factory=BodyPlaces)
     stopping: bool = field(default=False)
@@ -46,6 +50,8 @@ class AppContext:
     def begin_shutdown(self) -> None:
         """Begin to stop: streams end, no job is taken, and lost workers count no attempt."""
         self.stopping = True
+        self.news.wake_all()
+        self.report_maker.begin_stop()
         self.analyses.begin_shutdown()
         self.maintenance.begin_stop()
         if self.runner is not None:
@@ -80,6 +86,7 @@ AcceptImplausible = Annotated[
 TargetPath = Annotated[str, Path(description="Id of a target, as lists and answers show it.")]
 RobotPath = Annotated[str, Path(description="Id of a robot, as lists and answers show it.")]
 SessionPath = Annotated[str, Path(description="Id of a session, as lists and answers show it.")]
+ReportPath = Annotated[str, Path(description="Id of a report, as lists and answers show it.")]
 MeasurementPath = Annotated[str, Path(description="Id of a measurement, as lists and answers show it.")]
 KeyPath = Annotated[str, Path(description="Id of an API key, as the list of keys shows it; not the secret.")]
 PosePath = Annotated[PoseTag, Path(description=POSE_ID)]

@@ -12,7 +12,7 @@ from app.analyses.service import AnalysisService
 from app.build import core_version
 from app.errors import ServiceError
 from app.jobs.runner import JobRunner
-from app.services.context import ServiceContext
+from app.services.installation.context import ServiceContext
 from app.services.sessions import Counts, count_all_measurements
 
 _METHODS = {"GET", "HEAD", "POST", "PUT", "PATCH", "DELETE", "OPTIONS"}

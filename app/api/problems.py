@@ -12,53 +12,14 @@ from fastapi.exceptions import RequestValidationError
 from starlette.exceptions import HTTPException
 from starlette.responses import JSONResponse, Response
 
-from app.api.requester import ClientDisconnected
-from app.errors import (
-    Conflict,
-    InvalidContent,
-    NotAllowed,
-    NotAuthenticated,
-    NotFound,
-    QuotaExceeded,
-    ServiceError,
-    StorageFull,
-    TooLarge,
-    Unavailable,
-    UnsupportedContent,
-)
+from app.errors import InvalidContent, ServiceError
+from app.http import TITLES, ClientDisconnected, status_of
 
 MEDIA_TYPE = "application/problem+json"
 
 CLIENT_LEFT = 499
 """What proxies write into their logs for a client that did not wait for its answer."""
 
-STATUSES: tuple[tuple[type[ServiceError], HTTPStatus], ...] = (
-    (NotAuthenticated, HTTPStatus.UNAUTHORIZED),
-    (NotAllowed, HTTPStatus.FORBIDDEN),
-    (NotFound, HTTPStatus.NOT_FOUND),
-    (Conflict, HTTPStatus.CONFLICT),
-    (TooLarge, HTTPStatus(413)),
-    (UnsupportedContent, HTTPStatus.UNSUPPORTED_MEDIA_TYPE),
-    (InvalidContent, HTTPStatus(422)),
-    (QuotaExceeded, HTTPStatus.TOO_MANY_REQUESTS),
-    (StorageFull, HTTPStatus.INSUFFICIENT_STORAGE),
-    (Unavailable, HTTPStatus.SERVICE_UNAVAILABLE),
-)
-
-_TITLES = {
-    401: "Not authenticated",
-    403: "Not allowed",
-    404: "Not found",
-    405: "Method not allowed",
-    409: "Conflict",
-    413: "Too large",
-    415: "Unsupported media type",
-    422: "Invalid content",
-    429: "Too much",
-    500: "Internal error",
-    503: "Unavailable",
-    507: "Storage full",
-}
 _HTTP_CODES = {
     400: ("invalid_request", "The request cannot be read."),
     404: ("not_found", "There is nothing at this address."),
@@ -106,7 +67,7 @@ def problem_response(
     return JSONResponse(
         {
             "type": f"urn:gridpose:problem:{code}",
-            "title": _TITLES.get(status, "Request refused"),
+            "title": TITLES.get(status, "Request refused"),
             "status": status,
             "detail": detail,
             "code": code,
@@ -121,9 +82,7 @@ def problem_response(
 
 def service_problem(error: ServiceError) -> JSONResponse:
     """Return the problem of a refusal of ours."""
-    status = next(
-        (status for kind, status in STATUSES if isinstance(error, kind)), HTTPStatus.INTERNAL_SERVER_ERROR
-    )
+    status = status_of(error)
     headers = {}
     if status == HTTPStatus.UNAUTHORIZED:
         headers["WWW-Authenticate"] = 'Bearer realm="gridpose"'

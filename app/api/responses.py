@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 import os
 from collections.abc import Callable, Iterable
@@ -21,7 +22,7 @@ from app.errors import RowUnreadable
 from app.records.ids import moment_of
 from app.records.readable import unreadable_columns
 from app.records.tables import Measurement, Pose
-from app.services.measurements import MeasurementDetail
+from app.services.measurements import MeasurementDetail, NewMeasurement
 from app.services.sessions import SessionDetail
 
 _PLAIN_FIGURES = (
@@ -114,6 +115,20 @@ def measurement_document(
     return _unreadable_document(view, RowUnreadable("measurement", damaged, _RETRY))
 
 
+def new_measurement_json(new: NewMeasurement) -> bytes:
+    """Return the document of a measurement that was just made: what `measurement_document` returns of its row, as JSON.
+
+    Nothing is computed of it yet, and its values were checked when they came.
+    """
+    row = new.row
+    values = {name: row.get(name) for name in MeasurementRead.model_fields}
+    values["siblings"] = new.siblings
+    for name in ("captured_at", "received_at"):
+        moment = row[name]
+        values[name] = moment.isoformat().replace("+00:00", "Z") if moment is not None else None
+    return json.dumps(values, ensure_ascii=False, separators=(",", ":")).encode()
+
+
 def _readable_document(view: MeasurementDetail, points: list[dict[str, Any]] | None) -> MeasurementRead:
     measurement, result = view.measurement, view.measurement.result
     failure = None
@@ -130,6 +145,7 @@ def _readable_document(view: MeasurementDetail, points: list[dict[str, Any]] | N
             "session_id": measurement.session_id,
             "pose_id": measurement.pose_id,
             "cycle": measurement.cycle,
+            "burst": measurement.burst,
             "target_id": measurement.target_id,
             "siblings": view.siblings,
             "focus_group": measurement.focus_group,
@@ -139,6 +155,7 @@ def _readable_document(view: MeasurementDetail, points: list[dict[str, Any]] | N
             "finished_at": measurement.finished_at,
             "sha256": measurement.sha256,
             "filename": measurement.filename,
+            "pose_label": measurement.pose_label,
             "bytes": measurement.bytes,
             "status": measurement.status,
             "attempts": measurement.attempts,

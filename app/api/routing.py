@@ -25,14 +25,14 @@ from app.api.json_body import (
     stated_length,
     stated_media_type,
 )
-from app.api.middleware.authentication import authorize
 from app.api.problems import MEDIA_TYPE
 from app.api.representations import CSV, read_csv_list
-from app.api.requester import get_requester
 from app.errors import InvalidContent, NotFound
+from app.http import authorize, get_requester
 from app.records.activity import acting
-from app.records.tables import Measurement, Robot, Session, Table, Target
-from app.services.context import ServiceContext
+from app.records.tables import Measurement, Report, Robot, Session, Table, Target
+from app.services.installation.context import ServiceContext
+from app.services.measurements import recall_targets, session_targets
 from app.services.queries import NOUNS, exists
 
 log = structlog.get_logger(__name__)
@@ -71,6 +71,7 @@ _PARENTS: dict[str, type[Table]] = {
     "robot_id": Robot,
     "session_id": Session,
     "measurement_id": Measurement,
+    "report_id": Report,
 }
 
 
@@ -94,7 +95,7 @@ class StrictRoute(APIRoute):
                 return await handle_allowed(request)
 
         async def handle_allowed(request: Request) -> Response:
-            await _find_parents(request)
+            await find_parents(request)
             if strict:
                 _check_parameters(request, parameters)
             if reader is None:
@@ -175,14 +176,25 @@ def refuse_unknown_parameters(request: Request, known: Collection[str]) -> None:
         )
 
 
-async def _find_parents(request: Request) -> None:
+async def find_parents(request: Request) -> None:
     """Raise NotFound for an id in the address that names nothing."""
     named = [
         (table, request.path_params[name]) for name, table in _PARENTS.items() if name in request.path_params
     ]
     if named:
         service = await get_app_context(request)
+        if [table for table, _ in named] == [Session]:
+            await get_targets(service.installation, named[0][1])
+            return
         await run_in_threadpool(_check_existence, service.installation, named)
+
+
+async def get_targets(installation: ServiceContext, session_id: str) -> tuple[str, ...]:
+    """Return the ids of a session's targets; a thread asks the database where they are not known. Raises NotFound."""
+    targets = recall_targets(installation, session_id)
+    if targets is None:
+        targets = await run_in_threadpool(session_targets, installation, session_id)
+    return targets
 
 
 def _check_existence(installation: ServiceContext, named: list[tuple[type[Table], str]]) -> None:

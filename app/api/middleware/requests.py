@@ -9,7 +9,6 @@ import time
 from collections.abc import Sequence
 
 import structlog
-from starlette.datastructures import Headers, MutableHeaders
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from app.api.metrics import Metrics
@@ -29,6 +28,12 @@ _QUIET = ("/livez", "/readyz", "/metrics")
 _CONTENT_SECURITY_POLICY = (
     "default-src 'none'; script-src 'self'; style-src 'self' 'unsafe-inline'; img-src 'self' data:; "
     "connect-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
+)
+_HEADERS = (
+    (b"x-content-type-options", b"nosniff"),
+    (b"referrer-policy", b"no-referrer"),
+    (b"content-security-policy", _CONTENT_SECURITY_POLICY.encode()),
+    (b"cache-control", b"no-store"),
 )
 
 
@@ -78,16 +83,16 @@ class _Exchange:
         self._is_head = self._method == "HEAD" and not scope["path"].endswith("/events")
         self._scope = _with_one_line_of_tags({**scope, "method": "GET"} if self._is_head else scope)
         self._receive, self._send = receive, send
-        headers = Headers(scope=scope)
-        offered = headers.get("x-request-id", "")
+        headers = dict(scope["headers"])
+        offered = headers.get(b"x-request-id", b"").decode("latin-1")
         self.request_id = offered if _REQUEST_ID.fullmatch(offered) else secrets.token_hex(8)
         # What the layers below read, and what they add: `key`, `activity`.
         self._state = self._scope.setdefault("state", {})
         self._state.update(client=client, request_id=self.request_id)
         # A client that waits for `100 Continue` has sent nothing that needs draining.
-        self._may_drain = headers.get("expect", "").lower() != "100-continue"
-        self._body_complete = "content-length" not in headers and "transfer-encoding" not in headers
-        announced = headers.get("content-length", "")
+        self._may_drain = headers.get(b"expect", b"").lower() != b"100-continue"
+        self._body_complete = b"content-length" not in headers and b"transfer-encoding" not in headers
+        announced = headers.get(b"content-length", b"").decode("latin-1")
         self._announced = int(announced) if announced.isdecimal() and len(announced) <= _MAX_DIGITS else 0
         self._received = 0
         self._status = 0
@@ -130,14 +135,13 @@ class _Exchange:
     async def _write(self, message: Message) -> None:
         if message["type"] == "http.response.start":
             self._status = int(message["status"])
-            headers = MutableHeaders(scope=message)
-            headers["X-Request-ID"] = self.request_id
-            headers["X-Content-Type-Options"] = "nosniff"
-            headers["Referrer-Policy"] = "no-referrer"
-            headers["Content-Security-Policy"] = _CONTENT_SECURITY_POLICY
-            headers.setdefault("Cache-Control", "no-store")
+            own = list(message.get("headers", ()))
+            given = {name.lower() for name, _ in own}  # pages of the dashboard have policies of their own
+            headers = [*own, (b"x-request-id", self.request_id.encode())]
+            headers += [header for header in _HEADERS if header[0] not in given]
             if not self._body_complete and not self._will_drain():
-                headers["Connection"] = "close"
+                headers.append((b"connection", b"close"))
+            message = {**message, "headers": headers}
         elif message["type"] == "http.response.body":
             if self._is_head:
                 message = {**message, "body": b""}

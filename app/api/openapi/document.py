@@ -45,6 +45,8 @@ _TAGS = {
     "measured poses": "Poses that a laser tracker or another instrument measured, in place of images.",
     "measurements": "Images in; for each its grid points, camera and pose out, as figures and as drawings.",
     "analyses": "Results over all images of a session, as JSON and as plots, and the planning of poses.",
+    "qualifications": "Records of what known lengths showed of a set-up, and until when that holds.",
+    "reports": "Stored reports to file and sign: made once, in several forms, and verified at any time.",
     "keys": "API keys: scopes, sessions they are limited to, quotas. Needs scope `admin`.",
     "audit": "Who changed what, when and from where. Needs scope `admin`.",
     "service": "Health, metrics and the progress of a session.",

@@ -1,6 +1,12 @@
 """Forms of an answer: JSON, tables as CSV, drawings; which of them a client prefers; and lists sent as CSV."""
 
-from app.api.representations.analysis_answers import FormDep, KnownTags, answer_analysis, answer_in_form
+from app.api.representations.analysis_answers import (
+    CSV_CONTENT,
+    FormDep,
+    KnownTags,
+    answer_analysis,
+    answer_in_form,
+)
 from app.api.representations.csv_lists import read_csv_list
 from app.api.representations.drawings import (
     AcceptHeader,
@@ -13,6 +19,7 @@ from app.api.representations.preferences import CSV
 
 __all__ = [
     "CSV",
+    "CSV_CONTENT",
     "AcceptHeader",
     "FormDep",
     "KnownTags",

@@ -13,8 +13,8 @@ from starlette.concurrency import run_in_threadpool
 from app.api.dependencies import get_app_context
 from app.api.representations.analysis_tables import tables_of, write_table
 from app.api.representations.preferences import CSV, prefers_csv
-from app.api.requester import get_requester, run_while_connected
 from app.errors import InvalidContent
+from app.http import get_requester, run_while_connected
 
 KnownTags = Annotated[
     str | None,
@@ -54,13 +54,24 @@ class AnswerForm:
 FormDep = Annotated[AnswerForm, Depends()]
 
 
+CSV_CONTENT = {
+    CSV: {
+        "schema": {
+            "type": "string",
+            "description": "With `Accept: text/csv`: the table that `table` names (RFC 4180, UTF-8), its "
+            "numbers those of the JSON. docs/results.md lists the tables.",
+        }
+    }
+}
 DEFAULT_TABLES = {
     "intrinsics": "groups",
     "repeatability": "poses",
     "camera_poses": "camera_poses",
     "hand_eye": "summary",
+    "joint_noise": "joint_noise",
     "dh": "joints",
     "comparison": "calibrations",
+    "compensation": "poses",
 }
 
 

@@ -42,7 +42,7 @@ def stated_media_type(accept: str | None, media_type: str) -> str:
 
 
 def binary_content(*media_types: str) -> dict[str, Any]:
-    """Return the documentation of a binary body: its image types, and plain bytes."""
+    """Return the documentation of a binary body: its own types, and plain bytes."""
     return {name: {"schema": {"type": "string", "format": "binary"}} for name in (*media_types, OCTETS)}
 
 

@@ -2,31 +2,37 @@
 
 from __future__ import annotations
 
-import json
 from typing import Annotated, Any
 
-from fastapi import Query, Request, Response
+from fastapi import Depends, Query, Request, Response
 from pydantic import Field
 
 from app.analyses.documents.sweep_names import PATTERN, sweeps_setting
 from app.api.dependencies import SessionPath
-from app.api.representations import CSV, FormDep, answer_analysis, answer_in_form
+from app.api.representations import CSV_CONTENT, FormDep, answer_analysis, answer_in_form
+from app.api.routes.documents.qualifications import qualification_settings
 from app.api.routing import api_router, problem_responses
 from app.api.schemas.analyses import (
+    BudgetMethod,
     CameraPosesAnalysis,
     ComparisonAnalysis,
     DhAnalysis,
     DhMethod,
     DhModel,
+    DhUncertaintyMethod,
     Estimator,
     HandEyeAnalysis,
     IntrinsicsAnalysis,
     LensModel,
+    NextViewAnalysis,
+    NextViewCreate,
     QualificationAnalysis,
     QualificationCreate,
     RepeatabilityAnalysis,
     Source,
 )
+from app.api.schemas.common import PoseTag
+from app.errors import InvalidContent
 
 router = api_router(prefix="/v1/sessions/{session_id}", tags=["analyses"])
 ETAG_HEADER = {
@@ -35,15 +41,7 @@ ETAG_HEADER = {
 _RESPONSES: dict[int | str, dict[str, Any]] = {
     200: {
         "headers": ETAG_HEADER,
-        "content": {
-            CSV: {
-                "schema": {
-                    "type": "string",
-                    "description": "With `Accept: text/csv`: the table that `table` names (RFC 4180, UTF-8), its "
-                    "numbers those of the JSON. docs/results.md lists the tables.",
-                }
-            }
-        },
+        "content": CSV_CONTENT,
     },
     304: {"description": "The client has this answer already.", "headers": ETAG_HEADER},
     **problem_responses(404, 409, 422, 503),
@@ -52,8 +50,9 @@ EstimatorQuery = Annotated[
     Estimator,
     Query(
         description="`pooled`: one camera for all images of a focus group. `pooled_free_focal`: the same with a focal "
-        "length for each image. `per_image`: every image by itself. `per_image_fixed_pp`: the same with the principal "
-        "point held. `given`: the session's intrinsics."
+        "length for each image. `per_image`: every image by itself. `per_image_session_prior`: the same with the lens "
+        "of the session's other images as its prior. `per_image_fixed_pp`: the same with the principal point held. "
+        "`given`: the session's intrinsics."
     ),
 ]
 SourceQuery = Annotated[
@@ -69,6 +68,26 @@ RefineQuery = Annotated[
         "is; takes images that show it from eight directions or more. Of no effect on poses of another instrument."
     ),
 ]
+BudgetQuery = Annotated[
+    BudgetMethod,
+    Query(
+        description="How the budget combines uncertainties. `gum`: by the law of propagation. `monte_carlo`: also "
+        "by sampling the inputs (GUM Supplement 1), with whether both agree."
+    ),
+]
+WitnessQuery = Annotated[
+    PoseTag | None,
+    Query(
+        description="A pose that was revisited in every cycle: its slow motion is that of mount, target or room. It is "
+        "reported in `witness`."
+    ),
+]
+SubtractQuery = Annotated[
+    bool,
+    Query(
+        description="Subtract the witness's slow motion from all positions before repeatability is computed."
+    ),
+]
 LensModelQuery = Annotated[
     LensModel | None,
     Query(
@@ -78,17 +97,25 @@ LensModelQuery = Annotated[
 ]
 
 
+def image_settings(
+    estimator: EstimatorQuery = "pooled", refine_target: RefineQuery = False
+) -> dict[str, str]:
+    """Return the settings of every analysis of images."""
+    return {"estimator": estimator} | ({"refine_target": "true"} if refine_target else {})
+
+
+SettingsDep = Annotated[dict[str, str], Depends(image_settings)]
+
+
 @router.get("/intrinsics", response_model=IntrinsicsAnalysis, responses=_RESPONSES)
 async def get_intrinsics(
     session_id: SessionPath,
     request: Request,
     form: FormDep,
-    estimator: EstimatorQuery = "pooled",
-    refine_target: RefineQuery = False,
+    settings: SettingsDep,
     lens_model: LensModelQuery = None,
 ) -> Response:
     """Calibrate the session's camera from all its images, repeated poses or not."""
-    settings = {"estimator": estimator} | ({"refine_target": "true"} if refine_target else {})
     settings |= {"lens_model": lens_model} if lens_model is not None else {}
     return await answer_in_form(request, "intrinsics", IntrinsicsAnalysis, session_id, settings, form)
 
@@ -98,46 +125,45 @@ async def get_repeatability(
     session_id: SessionPath,
     request: Request,
     form: FormDep,
-    estimator: EstimatorQuery = "pooled",
+    settings: SettingsDep,
     source: SourceQuery = "images",
-    refine_target: RefineQuery = False,
+    method: BudgetQuery = "gum",
+    witness: WitnessQuery = None,
+    subtract_witness: SubtractQuery = False,
 ) -> Response:
     """Give every pose's repeatability by ISO 9283, with intervals, noise floor, verdict and accuracy."""
-    settings: dict[str, str] = {"estimator": estimator, "source": source}
-    settings |= {"refine_target": "true"} if refine_target else {}
+    settings |= {"source": source} | ({"method": method} if method != "gum" else {})
+    if witness is not None:
+        settings |= {"witness": witness} | ({"subtract_witness": "true"} if subtract_witness else {})
+    elif subtract_witness:
+        raise InvalidContent(
+            "subtract_witness says nothing without a witness.",
+            "Name the pose that was revisited in every cycle: witness=POSE.",
+            errors=[("witness", "is missing")],
+        )
     return await answer_in_form(request, "repeatability", RepeatabilityAnalysis, session_id, settings, form)
 
 
 @router.get("/camera-poses", response_model=CameraPosesAnalysis, responses=_RESPONSES)
 async def get_camera_poses(
-    session_id: SessionPath,
-    request: Request,
-    form: FormDep,
-    estimator: EstimatorQuery = "pooled",
-    refine_target: RefineQuery = False,
+    session_id: SessionPath, request: Request, form: FormDep, settings: SettingsDep
 ) -> Response:
     """Give the camera's pose of every image in which the target was found, with its covariance.
 
     Images that were refused alone have one too: the session's camera is known from all of them.
     """
-    settings = {"estimator": estimator} | ({"refine_target": "true"} if refine_target else {})
     return await answer_in_form(request, "camera_poses", CameraPosesAnalysis, session_id, settings, form)
 
 
 @router.get("/hand-eye", response_model=HandEyeAnalysis, responses=_RESPONSES)
 async def get_hand_eye(
-    session_id: SessionPath,
-    request: Request,
-    form: FormDep,
-    estimator: EstimatorQuery = "pooled",
-    refine_target: RefineQuery = False,
+    session_id: SessionPath, request: Request, form: FormDep, settings: SettingsDep
 ) -> Response:
     """Estimate where the camera sits on the flange and the targets lie in the base, from commanded poses.
 
     Commanded poses must state position and orientation. Without any, the robot's model at the commanded joint angles
     takes their place.
     """
-    settings = {"estimator": estimator} | ({"refine_target": "true"} if refine_target else {})
     return await answer_in_form(request, "hand_eye", HandEyeAnalysis, session_id, settings, form)
 
 
@@ -157,16 +183,26 @@ async def create_qualification(
 ) -> Response:
     """Compare known lengths between poses with what the session measured of them.
 
-    It qualifies camera, lens and target together, in the spirit of VDI/VDE 2634 and ASTM E2919. Nothing is stored.
+    It qualifies camera, lens and target together, in the spirit of VDI/VDE 2634 and ASTM E2919. Nothing is stored:
+    `POST .../qualifications` keeps the result.
     """
-    fields = body.model_dump()
-    settings = {
-        "estimator": body.estimator,
-        "source": body.source,
-        "lengths": json.dumps(fields["lengths"]),
-        "maximum_permissible_error_mm": json.dumps(body.maximum_permissible_error_mm),
-    }
-    return await answer_analysis(request, "qualification", session_id, settings, None)
+    return await answer_analysis(request, "qualification", session_id, qualification_settings(body), None)
+
+
+@router.post(
+    "/next-view",
+    response_model=NextViewAnalysis,
+    responses=problem_responses(404, 409, 413, 415, 422, 503),
+)
+async def create_next_view(session_id: SessionPath, body: NextViewCreate, request: Request) -> Response:
+    """Suggest the views that would make the session's camera most certain, the most informative first.
+
+    Nothing is stored. Ask again after each image: what it showed counts then.
+    """
+    settings = {"purpose": body.purpose, "count": str(body.count)}
+    settings |= {"focus_group": body.focus_group} if body.focus_group is not None else {}
+    settings |= {"target_id": body.target_id} if body.target_id is not None else {}
+    return await answer_analysis(request, "next_view", session_id, settings, None)
 
 
 MethodQuery = Annotated[
@@ -183,6 +219,13 @@ ModelQuery = Annotated[
         description="Terms beyond the chain with method `global`: gears, compliance, wobble. `auto`: uncertainties "
         "allow for them, and they are part of the model where marginal likelihood and held-out poses speak for them. "
         "`dh`: the chain alone. `extended`: all terms, whatever the evidence."
+    ),
+]
+UncertaintyQuery = Annotated[
+    DhUncertaintyMethod,
+    Query(
+        description="`analytic`: the covariance of the fit. `monte_carlo`: also by sampling, with whether both agree "
+        "(`parameter_sampling`); with `method=global` and `model=dh`."
     ),
 ]
 ToleranceQuery = Annotated[
@@ -215,24 +258,29 @@ async def get_dh(
     session_id: SessionPath,
     request: Request,
     form: FormDep,
+    settings: SettingsDep,
     method: MethodQuery = "global",
     model: ModelQuery = "auto",
-    estimator: EstimatorQuery = "pooled",
     source: SourceQuery = "images",
     joint_tolerance_deg: ToleranceQuery = 0.02,
     sweep: SweepQuery = None,
-    refine_target: RefineQuery = False,
+    uncertainty: UncertaintyQuery = "analytic",
 ) -> Response:
     """Identify the robot's Denavit-Hartenberg parameters from poses at known joint angles."""
-    settings = {
+    settings |= {
         "method": method,
         "model": model,
-        "estimator": estimator,
         "source": source,
         "joint_tolerance_deg": repr(joint_tolerance_deg),
     }
-    if refine_target:
-        settings["refine_target"] = "true"
+    if uncertainty != "analytic":
+        if method != "global" or model != "dh":
+            raise InvalidContent(
+                "Sampling is of the global fit of the chain alone.",
+                "Add method=global and model=dh, or leave uncertainty out.",
+                errors=[("uncertainty", "needs method=global and model=dh")],
+            )
+        settings["uncertainty"] = uncertainty
     if sweep:
         settings["sweeps"] = sweeps_setting(sweep)
     return await answer_in_form(request, "dh", DhAnalysis, session_id, settings, form)

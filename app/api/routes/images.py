@@ -8,14 +8,24 @@ from fastapi import Path, Query, Request, Response
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from starlette.concurrency import run_in_threadpool
 
-from app.api.dependencies import AppContext, AppContextDep, PosePath, SessionPath
+from app.api.dependencies import AppContextDep, PosePath, SessionPath
+from app.api.direct import DirectRoute
 from app.api.json_body import json_answer
 from app.api.problems import invalid_request
-from app.api.responses import measurement_document
-from app.api.routing import api_router, problem_responses, query_parameters, refuse_unknown_parameters
+from app.api.responses import measurement_document, new_measurement_json
+from app.api.routing import (
+    api_router,
+    get_targets,
+    problem_responses,
+    query_parameters,
+    refuse_unknown_parameters,
+)
 from app.api.schemas.common import (
     CAPTURED,
+    MAX_BURST,
     MAX_CYCLE,
+    POSE_LABEL,
+    Burst,
     Cycle,
     Identifier,
     Moment,
@@ -24,18 +34,24 @@ from app.api.schemas.common import (
     Text,
     parse_joint_angles,
 )
-from app.api.schemas.fields import CYCLE, FOCUS_GROUP, POSE_ID
+from app.api.schemas.fields import BURST, CYCLE, FOCUS_GROUP, POSE_ID
 from app.api.schemas.measurements import (
     ImageList,
     MeasurementRead,
     MissingImages,
 )
-from app.api.uploads import FORM_ROOM, receive_form, receive_raw, require_image_type
-from app.errors import InvalidContent, QuotaExceeded
-from app.records.tables import ApiKey, Session
+from app.api.uploads import (
+    has_quota,
+    receive_form,
+    receive_raw,
+    require_form_quota,
+    require_image_type,
+    require_quota,
+)
+from app.blobs.local import StagedBlob
+from app.errors import InvalidContent
 from app.services import measurements
-from app.services.measurements import bytes_today, check_quota
-from app.services.queries import get_or_raise
+from app.services.installation.context import ServiceContext
 
 router = api_router(prefix="/v1", tags=["measurements"])
 
@@ -57,8 +73,6 @@ _TARGET = (
 )
 _FILE = "The image file: PNG, JPEG, TIFF (its first page) or BMP, 8 or 16 bit, grey or colour."
 _ANGLES = "Comma-separated joint angles, degrees; they override the pose's."
-_FORM_FIELDS = 64 * 1024
-"""More than the fields of a form and what stands between them take."""
 JointList = Annotated[str, Field(min_length=1, max_length=400)]
 
 
@@ -69,10 +83,12 @@ class ImageForm(BaseModel):
 
     pose_id: PoseTag
     cycle: Cycle | None = None
+    burst: Burst | None = None
     target_id: Identifier | None = None
     focus_group: Text = "default"
     joint_angles_deg: JointList | None = None
     captured_at: Moment | None = None
+    pose_label: Text | None = None
 
 
 def _form_field(kind: str, description: str, **bounds: Any) -> dict[str, Any]:
@@ -98,10 +114,12 @@ _FORM_BODY = {
                             pattern="^[A-Za-z0-9_-][A-Za-z0-9._-]*$",
                         ),
                         "cycle": _form_field("integer", CYCLE, minimum=1, maximum=MAX_CYCLE),
+                        "burst": _form_field("integer", BURST, minimum=1, maximum=MAX_BURST),
                         "target_id": _form_field("string", _TARGET, minLength=1, maxLength=64),
                         "focus_group": _form_field("string", FOCUS_GROUP, minLength=1, maxLength=200),
                         "joint_angles_deg": _form_field("string", _ANGLES, minLength=1, maxLength=400),
                         "captured_at": _form_field("string", CAPTURED, format="date-time"),
+                        "pose_label": _form_field("string", POSE_LABEL, minLength=1, maxLength=200),
                     },
                 }
             }
@@ -110,20 +128,14 @@ _FORM_BODY = {
 }
 
 
-@router.put(
-    "/sessions/{session_id}/poses/{pose_id}/images/{sha256}",
-    status_code=202,
-    responses=_ACCEPTED,
-    openapi_extra=_RAW_BODY,
-)
 async def put_image(
     request: Request,
     session_id: SessionPath,
     pose_id: PosePath,
     sha256: Annotated[Sha256, Path(description="SHA-256 of the body, 64 hex digits.")],
     service: AppContextDep,
-    response: Response,
     cycle: Annotated[Cycle | None, Query(description=CYCLE)] = None,
+    burst: Annotated[Burst | None, Query(description=BURST)] = None,
     target_id: Annotated[Identifier | None, Query(description=_TARGET)] = None,
     focus_group: Annotated[Text, Query(description=FOCUS_GROUP)] = "default",
     joint_angles_deg: Annotated[JointList | None, Query(description=_ANGLES)] = None,
@@ -131,63 +143,82 @@ async def put_image(
     filename: Annotated[
         str | None, Query(max_length=1000, description="The file's name at the client; folders are dropped.")
     ] = None,
-) -> MeasurementRead:
+    pose_label: Annotated[Text | None, Query(description=POSE_LABEL)] = None,
+) -> Response:
     """Upload one image of a pose as the raw body, under its SHA-256. Idempotent: safe to repeat."""
     metadata = measurements.Metadata(
         cycle=cycle,
+        burst=burst,
         target_id=target_id,
         focus_group=focus_group,
         joint_angles_deg=_joint_angles(joint_angles_deg),
         captured_at=captured_at,
         filename=filename,
+        pose_label=pose_label,
     )
+    measurements.require_cycle(cycle, burst)
     require_image_type(request)
-    intended = await run_in_threadpool(_check_target, service, session_id, target_id)
-    refuse_unknown_parameters(request, query_parameters(request.scope["route"].dependant))
-    await run_in_threadpool(_check_quota, service, request, (session_id, pose_id, sha256, target_id))
-    async with receive_raw(request, service.installation) as staged:
-        upload = await run_in_threadpool(
-            measurements.store_image,
-            service.installation,
-            session_id,
-            pose_id,
-            staged,
-            metadata,
-            expected_sha256=sha256,
-            intended=intended,
+    installation = service.installation
+    measurements.choose_target(await get_targets(installation, session_id), target_id)
+    if request.scope["query_string"]:
+        refuse_unknown_parameters(request, query_parameters(request.scope["route"].dependant))
+    if has_quota(request):
+        image = (session_id, pose_id, sha256, target_id)
+        await run_in_threadpool(require_quota, installation, request, image)
+    async with receive_raw(request, installation) as receiver:
+        return await receiver.store(
+            lambda staged: _stored(installation, session_id, pose_id, staged, metadata, sha256)
         )
-    return _respond(response, upload)
 
 
-@router.post("/sessions/{session_id}/images", status_code=202, responses=_ACCEPTED, openapi_extra=_FORM_BODY)
-async def create_image(
-    request: Request, session_id: SessionPath, service: AppContextDep, response: Response
-) -> MeasurementRead:
+router.add_api_route(
+    "/sessions/{session_id}/poses/{pose_id}/images/{sha256}",
+    put_image,
+    methods=["PUT"],
+    status_code=202,
+    response_model=MeasurementRead,
+    responses=_ACCEPTED,
+    openapi_extra=_RAW_BODY,
+    route_class_override=DirectRoute,
+)
+
+
+async def create_image(request: Request, session_id: SessionPath, service: AppContextDep) -> Response:
     """Send one image as a multipart form."""
-    await run_in_threadpool(_check_form_quota, service, request, session_id)
-    async with receive_form(request, service.installation) as (staged, form):
+    installation = service.installation
+    if has_quota(request):
+        await run_in_threadpool(require_form_quota, installation, request, session_id)
+    async with receive_form(request, installation) as (receiver, form):
         try:
             fields = ImageForm.model_validate(form.fields)
         except ValidationError as error:
             raise invalid_request(error.errors()) from None
         metadata = measurements.Metadata(
             cycle=fields.cycle,
+            burst=fields.burst,
             target_id=fields.target_id,
             focus_group=fields.focus_group,
             joint_angles_deg=_joint_angles(fields.joint_angles_deg),
             captured_at=fields.captured_at,
             filename=form.filename,
+            pose_label=fields.pose_label,
         )
-        upload = await run_in_threadpool(
-            measurements.store_image,
-            service.installation,
-            session_id,
-            fields.pose_id,
-            staged,
-            metadata,
-            expected_sha256=None,
+        measurements.require_cycle(metadata.cycle, metadata.burst)
+        return await receiver.store(
+            lambda staged: _stored(installation, session_id, fields.pose_id, staged, metadata, None)
         )
-    return _respond(response, upload)
+
+
+router.add_api_route(
+    "/sessions/{session_id}/images",
+    create_image,
+    methods=["POST"],
+    status_code=202,
+    response_model=MeasurementRead,
+    responses=_ACCEPTED,
+    openapi_extra=_FORM_BODY,
+    route_class_override=DirectRoute,
+)
 
 
 @router.post(
@@ -222,51 +253,26 @@ def find_missing_images(session_id: SessionPath, body: ImageList, service: AppCo
     )
 
 
-def _respond(response: Response, upload: measurements.UploadResult) -> MeasurementRead:
-    response.status_code = 202 if upload.is_new else 200
-    response.headers["Location"] = f"/v1/measurements/{upload.view.measurement.id}"
-    return measurement_document(upload.view)
-
-
-def _check_target(service: AppContext, session_id: str, target_id: str | None) -> measurements.TargetChoice:
-    """Return which target the image is of; refuse a wrong one before the image is received."""
-    with service.installation.database.read() as records:
-        return measurements.check_target(get_or_raise(records, Session, session_id), target_id)
-
-
-def _check_quota(service: AppContext, request: Request, image: tuple[str, str, str, str | None]) -> None:
-    """Refuse what is beyond the key's quota before it is received, unless it is here already and will not count."""
-    key: ApiKey | None = request.state.key
-    if key is None or key.bytes_per_day is None:
-        return
-    stated = request.headers.get("content-length", "")
-    try:
-        check_quota(key.bytes_per_day, bytes_today(key) or 0, int(stated) if stated.isdecimal() else 1)
-    except QuotaExceeded:
-        with service.installation.database.read() as records:
-            if not measurements.is_stored(records, *image):
-                raise
-
-
-def _check_form_quota(service: AppContext, request: Request, session_id: str) -> None:
-    """Refuse a form whose image is beyond the key's quota whatever else the form holds, before it is received.
-
-    An image that is stored already does not count. The form, not yet received, says which image it is: a stored one of
-    about this size may be it.
-    """
-    key: ApiKey | None = request.state.key
-    if key is None or key.bytes_per_day is None:
-        return
-    stated = request.headers.get("content-length", "")
-    size = int(stated) if stated.isdecimal() else None
-    try:
-        check_quota(key.bytes_per_day, bytes_today(key) or 0, max(1, (size or 0) - FORM_ROOM))
-    except QuotaExceeded:
-        if size is None:
-            return
-        with service.installation.database.read() as records:
-            if not measurements.has_image_of_size(records, session_id, size - _FORM_FIELDS, size):
-                raise
+def _stored(
+    installation: ServiceContext,
+    session_id: str,
+    pose_id: str,
+    staged: StagedBlob,
+    metadata: measurements.Metadata,
+    sha256: str | None,
+) -> Response:
+    """Store a received image and return the response, made in the same thread."""
+    stored = measurements.store_image(
+        installation, session_id, pose_id, staged, metadata, expected_sha256=sha256
+    )
+    if isinstance(stored, measurements.NewMeasurement):
+        body, status, measurement_id = new_measurement_json(stored), 202, stored.id
+    else:
+        document = measurement_document(stored)
+        body, status, measurement_id = document.model_dump_json().encode(), 200, document.id
+    return Response(
+        body, status, {"Location": f"/v1/measurements/{measurement_id}"}, media_type="application/json"
+    )
 
 
 def _joint_angles(text: str | None) -> list[float] | None:

@@ -16,7 +16,6 @@ from app.api.representations import (
     preferred_media_type,
     stated_media_type,
 )
-from app.api.requester import RequesterDep
 from app.api.responses import OpenFileResponse, measurement_document
 from app.api.routing import api_router, problem_responses
 from app.api.schemas.common import PlainDigits, PoseTag
@@ -26,6 +25,7 @@ from app.api.schemas.measurements import (
     MeasurementRead,
     MeasurementStatus,
 )
+from app.http import RequesterDep
 from app.services import measurements
 
 router = api_router(prefix="/v1", tags=["measurements"])
@@ -84,8 +84,9 @@ def update_measurement(
 ) -> MeasurementRead:
     """Correct what was said about an image, or exclude a measurement from analyses.
 
-    Pose, cycle, focus group and joint angles change in all measurements of the image; `excluded` in this one. Where the
-    image is at the new pose already with one of its targets, 409 `image_already_at_pose`.
+    Pose, cycle, burst index, focus group and joint angles change in all measurements of the image; `excluded` in this
+    one. Where the image is at the new pose already with one of its targets, 409 `image_already_at_pose`; a burst index
+    that would be left without a cycle, 422 `burst_without_cycle`.
     """
     changes = body.model_dump(exclude_unset=True)
     if body.excluded is not None:
@@ -94,7 +95,12 @@ def update_measurement(
         return measurement_document(measurements.correct_measurement(records, measurement_id, changes))
 
 
-@router.delete("/measurements/{measurement_id}", status_code=204, responses=problem_responses(404, 507))
+@router.delete(
+    "/measurements/{measurement_id}",
+    status_code=204,
+    response_class=Response,
+    responses=problem_responses(404, 507),
+)
 def delete_measurement(measurement_id: MeasurementPath, service: AppContextDep) -> None:
     """Delete a measurement with its result, and its original unless another measurement holds it.
 

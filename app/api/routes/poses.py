@@ -6,10 +6,10 @@ from fastapi import Request, Response
 
 from app.api.dependencies import AppContextDep, Cursor, Limit, PosePath, SessionPath
 from app.api.json_body import json_answer
-from app.api.middleware.authentication import holds
 from app.api.responses import pose_document, stored_documents
 from app.api.routing import CSV_BODY, api_router, problem_responses
 from app.api.schemas.poses import PoseList, PosePage, PoseRead, PoseWrite
+from app.http import holds
 from app.services import poses
 
 router = api_router(prefix="/v1/sessions/{session_id}/poses", tags=["poses"])

@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 import json
-from typing import Any
+from typing import Annotated, Any
 
-from fastapi import Request, Response
+from fastapi import Query, Request, Response
 from starlette.concurrency import run_in_threadpool
 
+from app.analyses.inputs.change_token import read_change_token
 from app.api.dependencies import AcceptImplausible, AppContext, AppContextDep, Cursor, Limit, RobotPath
-from app.api.requester import RequesterDep, run_while_connected
+from app.api.representations import CSV_CONTENT, FormDep, answer_in_form
 from app.api.responses import stored_document, stored_documents
 from app.api.routing import api_router, problem_responses
-from app.api.schemas.analyses import DhPlan, DhPlanCreate
+from app.api.schemas.analyses import Compensation, CompensationCreate, DhPlan, DhPlanCreate
 from app.api.schemas.robots import RobotChange, RobotCreate, RobotPage, RobotRead
+from app.http import RequesterDep, run_while_connected
 from app.records.tables import Robot
 from app.services import robots
 from app.services.plausibility import check_joints
@@ -77,7 +79,9 @@ def update_robot(
         return _document(robots.update_robot(records, robot_id, changes))
 
 
-@router.delete("/{robot_id}", status_code=204, responses=problem_responses(404, 409, 507))
+@router.delete(
+    "/{robot_id}", status_code=204, response_class=Response, responses=problem_responses(404, 409, 507)
+)
 def delete_robot(robot_id: RobotPath, service: AppContextDep) -> None:
     """Delete a robot that no session names; else 409 `robot_in_use`."""
     with service.installation.database.write() as records:
@@ -87,6 +91,14 @@ def delete_robot(robot_id: RobotPath, service: AppContextDep) -> None:
 def _document(row: Robot) -> RobotRead:
     return stored_document(RobotRead, row, "robot")
 
+
+CurvesQuery = Annotated[
+    bool,
+    Query(
+        description="Take joint curves (gears, encoders) as part of the correction without a second session that "
+        "confirms them. On arms with harmonic drives they last for months; on others they may change by the next day."
+    ),
+]
 
 plans = api_router(prefix="/v1/robots/{robot_id}", tags=["analyses"])
 
@@ -111,3 +123,55 @@ def _read_plan(
 ) -> tuple[list[dict[str, float]], dict[str, Any]]:
     with service.installation.database.read() as records:
         return read_plan(records, robot_id, target_id)
+
+
+@plans.post(
+    "/compensate",
+    response_model=Compensation,
+    responses={
+        200: {"content": CSV_CONTENT},
+        **problem_responses(404, 409, 413, 415, 422, 503),
+    },
+)
+async def create_compensation(
+    robot_id: RobotPath,
+    body: CompensationCreate,
+    request: Request,
+    service: AppContextDep,
+    form: FormDep,
+    curves: CurvesQuery = False,
+) -> Response:
+    """Correct commands by what a session identified of the robot: what to send, and what error is left. Nothing is
+    stored.
+
+    The chain corrects, with compliance where this predicts held-out poses better. Joint curves count where a second
+    session confirms them, or `curves=true` asks for them. Commands outside the angles that were measured are left as
+    they are, with the reason.
+    """
+    sessions = [body.session_id]
+    if body.confirming_session_id is not None:
+        sessions.append(body.confirming_session_id)
+    limits, seconds_state = await run_in_threadpool(_read_correction, service, robot_id, sessions)
+    settings = {
+        "robot_id": robot_id,
+        "estimator": body.estimator,
+        "source": body.source,
+        "curves": "true" if curves else "false",
+        "limits": json.dumps(limits),
+        "poses": json.dumps([pose.model_dump() for pose in body.poses]),
+    }
+    if body.confirming_session_id is not None:
+        settings |= {
+            "confirming_session_id": body.confirming_session_id,
+            "confirming_session_state": seconds_state,
+        }
+    return await answer_in_form(request, "compensation", Compensation, body.session_id, settings, form)
+
+
+def _read_correction(
+    service: AppContext, robot_id: str, session_ids: list[str]
+) -> tuple[list[tuple[float, float]], str]:
+    """Return the limits of the joints, and what changes when the last of the sessions does."""
+    with service.installation.database.read() as records:
+        limits = robots.read_correction(records, robot_id, session_ids)
+        return limits, read_change_token(records, session_ids[-1])

@@ -73,7 +73,7 @@ def reprocess_session(
     return ReprocessRead.model_validate({"requeued": requeued, "counts": counts})
 
 
-@router.delete("/{session_id}", status_code=204, responses=problem_responses(404))
+@router.delete("/{session_id}", status_code=204, response_class=Response, responses=problem_responses(404))
 def delete_session(session_id: SessionPath, service: AppContextDep) -> None:
     """Delete a session with everything in it; originals that another session also holds stay."""
     sessions.delete_session(service.installation.database, service.installation.blobs, session_id)

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import asyncio
 import json
+import time
 from collections.abc import AsyncIterator
 from pathlib import Path
 from typing import Any
@@ -15,20 +15,20 @@ from starlette.concurrency import run_in_threadpool
 from app.api.dependencies import AppContext, AppContextDep, SessionPath
 from app.api.event_streams import EventStream
 from app.api.problems import problem_response
-from app.api.requester import RequesterDep, key_of
 from app.api.responses import WholeFileResponse
 from app.api.routing import api_router, problem_responses
 from app.api.schemas.system import HealthCheck, Liveness, Readiness
 from app.build import core_version
 from app.errors import NotFound, ServiceError
+from app.http import RequesterDep, key_of
 from app.services.keys import is_in_force
 from app.services.sessions import Progress, read_progress
 
 router = api_router(tags=["service"])
 documentation = APIRouter(include_in_schema=False)
 
-EVENT_INTERVAL_S = 0.5
-_KEEP_ALIVE_EVERY = 30  # intervals without news
+_KEEP_ALIVE_S = 15.0
+"""How long a stream is silent where nothing happens."""
 _KEEP_ALIVE = ": still here\n\n"
 _WITHOUT_KEYS: dict[int | str, dict[str, Any]] = {
     403: {**problem_responses()[403], "description": "With GRIDPOSE_AUTH=off: not asked by this machine."}
@@ -57,7 +57,7 @@ async def get_liveness() -> Liveness:
 async def get_readiness(request: Request, service: AppContextDep) -> Readiness | JSONResponse:
     """Return whether the service can do its work; with a valid key, each part by name.
 
-    The database and the disk are looked at every two seconds at most.
+    Database, disk and bucket are looked at every two seconds at most.
     """
     if service.stopping:
         return problem_response(503, "not_ready", "The service is stopping.", "Wait for its restart.")
@@ -123,25 +123,26 @@ async def stream_events(session_id: SessionPath, service: AppContextDep, key_id:
 
 async def _follow(service: AppContext, key_id: str | None, progress: Progress) -> AsyncIterator[str]:
     yield _event("progress", progress)
-    quiet = 0
-    while not service.stopping:
-        await asyncio.sleep(EVENT_INTERVAL_S)
-        try:
-            is_allowed, latest = await run_in_threadpool(_look, service, key_id, progress.session_id)
-        except ServiceError:  # it is logged where it arose; a busy database passes
-            yield _KEEP_ALIVE
-            continue
-        if not is_allowed:
-            return
-        if latest is None:
-            yield f"event: deleted\ndata: {json.dumps({'session_id': progress.session_id})}\n\n"
-            return
-        quiet = quiet + 1 if latest == progress else 0
-        if latest != progress:
-            progress = latest
-            yield _event("progress", progress)
-        elif quiet % _KEEP_ALIVE_EVERY == 0:
-            yield _KEEP_ALIVE
+    sent_s = time.monotonic()
+    with service.news.following(progress.session_id) as news:
+        while not service.stopping:
+            await news.wait()
+            try:
+                is_allowed, latest = await run_in_threadpool(_look, service, key_id, progress.session_id)
+            except ServiceError:  # it is logged where it arose; a busy database passes
+                yield _KEEP_ALIVE
+                continue
+            if not is_allowed:
+                return
+            if latest is None:
+                yield f"event: deleted\ndata: {json.dumps({'session_id': progress.session_id})}\n\n"
+                return
+            if latest != progress:
+                progress, sent_s = latest, time.monotonic()
+                yield _event("progress", progress)
+            elif time.monotonic() - sent_s >= _KEEP_ALIVE_S:
+                sent_s = time.monotonic()
+                yield _KEEP_ALIVE
 
 
 def _look(service: AppContext, key_id: str | None, session_id: str) -> tuple[bool, Progress | None]:
@@ -158,8 +159,8 @@ def _event(name: str, progress: Progress) -> str:
 
 @documentation.get("/")
 def get_start_page() -> RedirectResponse:
-    """Lead people who open the service's address to its documentation page."""
-    return RedirectResponse("/docs")
+    """Lead people who open the service's address to the dashboard."""
+    return RedirectResponse("/ui/")
 
 
 @documentation.get("/docs")

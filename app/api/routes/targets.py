@@ -62,7 +62,9 @@ def update_target(target_id: TargetPath, body: TargetChange, service: AppContext
         return _document(targets.update_target(records, target_id, changes))
 
 
-@router.delete("/{target_id}", status_code=204, responses=problem_responses(404, 409, 507))
+@router.delete(
+    "/{target_id}", status_code=204, response_class=Response, responses=problem_responses(404, 409, 507)
+)
 def delete_target(target_id: TargetPath, service: AppContextDep) -> None:
     """Delete a target that no session and no measurement refers to; else 409 `target_in_use`."""
     with service.installation.database.write() as records:

@@ -115,6 +115,9 @@ MAX_CYCLE = 2**31 - 1
 MIN_MOMENT = datetime(1990, 1, 1, tzinfo=UTC)
 MAX_MOMENT_AHEAD = timedelta(days=1)
 """A camera's clock may run ahead of the server's, or be set to another zone; beyond that it is simply wrong."""
+POSE_LABEL = (
+    "What people call the pose, where that is no pose ID, such as the folder's name `Größe 1` of `Groesse-1`."
+)
 CAPTURED = "When the image was taken: between 1990 and one day ahead of the server's clock."
 
 Text = Annotated[str, Field(min_length=1, max_length=200, pattern=PRINTABLE), AfterValidator(_visible)]
@@ -131,5 +134,7 @@ Angle = Annotated[float, Field(ge=-MAX_ANGLE_DEG, le=MAX_ANGLE_DEG)]
 JointAngles = Annotated[list[Angle], Field(min_length=1, max_length=MAX_JOINTS)]
 PlainDigits = BeforeValidator(_digits)
 """After a number's bounds, which then stay in the contract as `minimum` and `maximum`."""
+MAX_BURST = 1000
+Burst = Annotated[int, Field(ge=1, le=MAX_BURST), PlainDigits]
 Cycle = Annotated[int, Field(ge=1, le=MAX_CYCLE), PlainDigits]
 Moment = Annotated[datetime, BeforeValidator(_utc), Field(description=CAPTURED)]

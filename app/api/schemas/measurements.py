@@ -10,8 +10,10 @@ from typing_extensions import TypeAliasType
 
 from app.api.schemas.camera import CalibrationRead
 from app.api.schemas.common import (
+    POSE_LABEL,
     Advice,
     AdvisoryRead,
+    Burst,
     Code,
     Cycle,
     Detail,
@@ -24,7 +26,7 @@ from app.api.schemas.common import (
     Sha256,
     Text,
 )
-from app.api.schemas.fields import CYCLE, JOINT_ANGLES, FocusGroup, PoseId, SessionId
+from app.api.schemas.fields import BURST, CYCLE, JOINT_ANGLES, FocusGroup, PoseId, SessionId
 
 MeasurementStatus = TypeAliasType(
     "MeasurementStatus",
@@ -150,8 +152,8 @@ class Exclusion(RequestModel):
 class MeasurementChange(RequestModel):
     """What to correct of an image; fields left away stay as they are.
 
-    `pose_id`, `cycle`, `focus_group` and `joint_angles_deg` belong to the image and change in all of its measurements
-    (`siblings`); `excluded` changes in this one alone. Results stay.
+    `pose_id`, `cycle`, `burst`, `focus_group` and `joint_angles_deg` belong to the image and change in all of its
+    measurements (`siblings`); `excluded` changes in this one alone. Results stay.
     """
 
     model_config = ConfigDict(
@@ -169,6 +171,7 @@ class MeasurementChange(RequestModel):
         description="Which of the repeated visits to the pose, from 1; null: not known.",
         examples=[3],
     )
+    burst: Burst | None = Field(default=None, description=BURST, examples=[2])
     focus_group: Text = Field(
         default_factory=str,
         description="Tag that the images of one camera setting share.",
@@ -201,6 +204,7 @@ class MeasurementRead(ResponseModel):
     session_id: SessionId
     pose_id: PoseId
     cycle: int | None = Field(description=CYCLE)
+    burst: int | None = Field(description=BURST)
     target_id: str | None = Field(
         description="The target that was measured in the image; null until it is found, and where none is."
     )
@@ -224,6 +228,7 @@ class MeasurementRead(ResponseModel):
     filename: str | None = Field(
         description="The file's bare name at the client, without folders; null: not stated."
     )
+    pose_label: str | None = Field(description=f"{POSE_LABEL} Null: not stated.")
     bytes: int = Field(description="Size of the original file, bytes.")
     status: MeasurementStatus = Field(
         description="`queued`: waits to be computed. `running`: is computed. `succeeded`: has a calibration. `failed`: "

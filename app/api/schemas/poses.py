@@ -25,29 +25,24 @@ from app.api.schemas.fields import (
 )
 
 
-class PoseWrite(RequestModel):
-    """The commanded values of a pose; each of them may be unknown."""
+class PoseReference(RequestModel):
+    """What names a pose."""
+
+    pose_id: PoseIdField
+
+
+class CommandWrite(RequestModel):
+    """What a robot was commanded; each of the values may be unknown."""
 
     position_mm: CommandedPosition = None
     roll_deg: CommandedRoll = None
     pitch_deg: CommandedPitch = None
     yaw_deg: CommandedYaw = None
     joint_angles_deg: StatedAngles = None
-    approach: CommandedApproach = None
 
 
-class PoseItem(PoseWrite):
-    """One pose of a bulk list."""
-
-    pose_id: PoseIdField
-
-
-MAX_POSES = 20_000
-PoseList = Annotated[list[PoseItem], Field(max_length=MAX_POSES)]
-
-
-class PoseRead(ResponseModel):
-    """A pose as stored; a pose first named by an image has nulls."""
+class CommandRead(ResponseModel):
+    """What a robot was commanded at a pose, or is to be."""
 
     pose_id: PoseId
     position_mm: StoredPosition
@@ -55,6 +50,25 @@ class PoseRead(ResponseModel):
     pitch_deg: StoredPitch
     yaw_deg: StoredYaw
     joint_angles_deg: StoredAngles
+
+
+class PoseWrite(CommandWrite):
+    """The commanded values of a pose; each of them may be unknown."""
+
+    approach: CommandedApproach = None
+
+
+class PoseItem(PoseWrite, PoseReference):
+    """One pose of a bulk list."""
+
+
+MAX_POSES = 20_000
+PoseList = Annotated[list[PoseItem], Field(max_length=MAX_POSES)]
+
+
+class PoseRead(CommandRead):
+    """A pose as stored; a pose first named by an image has nulls."""
+
     approach: StoredApproach
 
 

@@ -97,18 +97,12 @@ class RobotCreate(RequestModel):
     datasheet_accuracy_mm: DatasheetAccuracy = None
 
 
-class RobotChange(RequestModel):
+class RobotChange(RobotCreate):
     """What to change of a robot; fields left away stay as they are."""
 
     # The factories make the fields optional without allowing null; what was not sent is never looked at.
     name: Name = Field(default_factory=str)
     joints: Joints = Field(default_factory=list)
-    joint_coupling: JointCoupling = None
-    manufacturer: Manufacturer = None
-    model: Model = None
-    serial_number: SerialNumber = None
-    datasheet_repeatability_mm: DatasheetRepeatability = None
-    datasheet_accuracy_mm: DatasheetAccuracy = None
 
 
 class RobotRead(ResponseModel):

@@ -107,16 +107,12 @@ class SessionCreate(RequestModel):
     conditions: Conditions = None
 
 
-class SessionChange(RequestModel):
+class SessionChange(SessionCreate):
     """What to change of a session; fields left away stay as they are."""
 
     # The factories make the fields optional without allowing null; what was not sent is never looked at.
     name: SessionName = Field(default_factory=str)
     target_ids: TargetIds = Field(default_factory=list)
-    robot_id: SessionRobot = None
-    lens: Lens = None
-    intrinsics: Intrinsics = None
-    conditions: Conditions = None
 
 
 class Counts(ResponseModel):

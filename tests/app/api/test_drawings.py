@@ -124,6 +124,7 @@ def test_a_thumbnail_is_made_once_and_removed_with_its_original(computing_api: A
     assert not blobs.path(accepted["sha256"]).exists()
 
 
+@pytest.mark.slow
 def test_a_page_of_sixty_thumbnails_is_drawn_at_once(serve_api: ApiMaker) -> None:
     with serve_api() as api:
         session_id = api.make_session()

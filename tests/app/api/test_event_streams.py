@@ -98,6 +98,7 @@ def test_a_stream_of_a_deleted_session_says_so_and_is_free(served: Any) -> None:
     until_open(served, 0)
 
 
+@pytest.mark.slow
 def test_a_stream_outlasts_a_database_that_is_busy(served: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     looks, look = [], system._look
 

@@ -43,6 +43,7 @@ def test_every_body_but_images_has_an_example(contract: Contract) -> None:
     assert missing == [], RENEW
 
 
+@pytest.mark.slow
 def test_every_example_is_what_its_schema_says(contract: Contract) -> None:
     violations = [
         f"{operation.operation_id} {place}: {violation}"

@@ -92,6 +92,7 @@ BODIES: dict[str, tuple[str, Callable[[], str], int]] = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", BODIES)
 def test_the_event_loop_goes_on_while_a_large_body_is_read(api: Any, kind: str) -> None:
     path, make, expected = BODIES[kind]
@@ -176,6 +177,7 @@ def test_few_large_bodies_are_received_at_a_time(api: Any, monkeypatch: pytest.M
     asyncio.run(run())
 
 
+@pytest.mark.slow
 def test_a_large_body_that_does_not_arrive_gives_its_place_to_others(
     serve_api: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -153,6 +153,11 @@ def test_enumerations_are_named_once_and_referred_to(document: dict[str, Any]) -
     assert {"MeasurementStatus", "TargetKind", "Estimator", "CalibrationGrade", "Verdict"} <= set(named)
 
 
+def test_no_two_schemas_have_one_name(document: dict[str, Any]) -> None:
+    """Two of one name get their modules' as well, which no client can use."""
+    assert not [name for name in document["components"]["schemas"] if "__" in name]
+
+
 def test_bounds_are_those_of_json_schema(document: dict[str, Any]) -> None:
     for node in walk(document["components"]["schemas"]):
         if "type" in node and not isinstance(node["type"], dict):  # a schema, not the properties of one
@@ -167,7 +172,8 @@ def test_bounds_are_those_of_json_schema(document: dict[str, Any]) -> None:
 
 def test_operations_are_called_as_their_functions(document: dict[str, Any]) -> None:
     modules = [
-        importlib.import_module(f"{routes.__name__}.{m.name}") for m in pkgutil.iter_modules(routes.__path__)
+        importlib.import_module(module.name)
+        for module in pkgutil.walk_packages(routes.__path__, f"{routes.__name__}.")
     ]
     functions = {name for module in modules for name in vars(module)}
     assert {operation["operationId"] for _, _, operation in operations(document)} <= functions
@@ -247,6 +253,16 @@ def test_the_contract_is_all_there(document: dict[str, Any]) -> None:
         "GET /v1/measurements/{measurement_id}/image",
         "GET /v1/measurements/{measurement_id}/overlay",
         "GET /v1/measurements/{measurement_id}/thumbnail",
+        "GET /v1/qualifications",
+        "GET /v1/qualifications/{qualification_id}",
+        "GET /v1/reports",
+        "GET /v1/reports/{report_id}",
+        "GET /v1/reports/{report_id}.csv",
+        "GET /v1/reports/{report_id}.html",
+        "GET /v1/reports/{report_id}.json",
+        "GET /v1/reports/{report_id}.pdf",
+        "GET /v1/reports/{report_id}.sig",
+        "GET /v1/reports/{report_id}/verify",
         "GET /v1/robots",
         "GET /v1/robots/{robot_id}",
         "GET /v1/sessions",
@@ -254,10 +270,16 @@ def test_the_contract_is_all_there(document: dict[str, Any]) -> None:
         "GET /v1/sessions/{session_id}/camera-poses",
         "GET /v1/sessions/{session_id}/comparison",
         "GET /v1/sessions/{session_id}/dh",
+        "GET /v1/sessions/{session_id}/dh/joint-curves.svg",
         "GET /v1/sessions/{session_id}/events",
         "GET /v1/sessions/{session_id}/hand-eye",
         "GET /v1/sessions/{session_id}/intrinsics",
+        "GET /v1/sessions/{session_id}/intrinsics/export",
+        "GET /v1/sessions/{session_id}/intrinsics/lens.svg",
+        "GET /v1/sessions/{session_id}/intrinsics/projection-uncertainty.svg",
         "GET /v1/sessions/{session_id}/intrinsics/residuals.svg",
+        "GET /v1/sessions/{session_id}/joint-noise",
+        "GET /v1/sessions/{session_id}/joint-noise/map.svg",
         "GET /v1/sessions/{session_id}/measured-poses",
         "GET /v1/sessions/{session_id}/measurements",
         "GET /v1/sessions/{session_id}/poses",
@@ -266,6 +288,7 @@ def test_the_contract_is_all_there(document: dict[str, Any]) -> None:
         "GET /v1/sessions/{session_id}/repeatability/drift.svg",
         "GET /v1/sessions/{session_id}/repeatability/scatter.svg",
         "GET /v1/sessions/{session_id}/repeatability/steadiness.svg",
+        "GET /v1/sessions/{session_id}/reports",
         "GET /v1/targets",
         "GET /v1/targets/{target_id}",
         "PATCH /v1/keys/{key_id}",
@@ -276,13 +299,17 @@ def test_the_contract_is_all_there(document: dict[str, Any]) -> None:
         "POST /v1/keys",
         "POST /v1/measurements/{measurement_id}/retry",
         "POST /v1/robots",
+        "POST /v1/robots/{robot_id}/compensate",
         "POST /v1/robots/{robot_id}/dh-plan",
         "POST /v1/sessions",
         "POST /v1/sessions/{session_id}/images",
         "POST /v1/sessions/{session_id}/images/missing",
         "POST /v1/sessions/{session_id}/measured-poses",
+        "POST /v1/sessions/{session_id}/next-view",
         "POST /v1/sessions/{session_id}/poses",
         "POST /v1/sessions/{session_id}/qualification",
+        "POST /v1/sessions/{session_id}/qualifications",
+        "POST /v1/sessions/{session_id}/reports",
         "POST /v1/sessions/{session_id}/reprocess",
         "POST /v1/targets",
         "PUT /v1/sessions/{session_id}/poses/{pose_id}",

@@ -73,6 +73,7 @@ def doubt(joints: list[dict[str, Any]]) -> float:
     return float(np.exp(np.mean(np.log(values))))
 
 
+@pytest.mark.slow
 def test_more_poses_tell_more_and_suggested_ones_most(api: Any) -> None:
     robot = make_robot(api)
     few = planned(
@@ -84,10 +85,15 @@ def test_more_poses_tell_more_and_suggested_ones_most(api: Any) -> None:
     assert few["null_space"]
     assert few["joints"][5]["identifiable"]["a_mm"] is False
     assert doubt(few["predicted_joints_with_suggestions"]) < 0.8 * doubt(few["joints"])
+    before, after = few["observability_indices"], few["observability_indices_with_suggestions"]
+    assert before["o1"] == few["observability_o1"]
+    assert before["o2"] == pytest.approx(1.0 / few["condition_number"])
+    assert all(after[name] > before[name] for name in ("o1", "o2", "o3", "o4", "o5"))
     # As many at random help less.
     random = planned(api, robot, sweeps={"sweep_half_angle_deg": 8.0, "steps": 7}, random_poses=30)
     assert random["suggested_poses"] == []
     assert random["predicted_joints_with_suggestions"] is None
+    assert random["observability_indices_with_suggestions"] is None
     assert doubt(few["predicted_joints_with_suggestions"]) < doubt(random["joints"])
     # A robot that scatters tells less by the same poses, and a question gets the same answer again.
     query = {

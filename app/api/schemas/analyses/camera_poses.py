@@ -31,6 +31,15 @@ class ReasonRead(ResponseModel):
     ]
 
 
+class OwnFocalRead(ResponseModel):
+    """The focal length of an image's own camera."""
+
+    focal_px: Annotated[float, Field(description="Mean of fx and fy, px.", examples=[1480.3])]
+    standard_uncertainty_px: Annotated[
+        float, Field(description="Its standard uncertainty (one standard deviation), px.", examples=[6.2])
+    ]
+
+
 class ImagePoseRead(ResponseModel):
     """One image of one target and the camera's pose in it."""
 
@@ -80,6 +89,14 @@ class ImagePoseRead(ResponseModel):
         Field(
             description="The camera in the target frame with its covariance; `covariance_given_camera` is without what "
             "all images of the focus group share."
+        ),
+    ]
+    focal: Annotated[
+        OwnFocalRead | None,
+        Field(
+            description="The focal length that the image has to itself, with the estimators `per_image`, "
+            "`per_image_session_prior` and `per_image_fixed_pp`; null where images share one, it was given, or the "
+            "image is not in the estimate."
         ),
     ]
     rms_px: Annotated[

@@ -15,7 +15,14 @@ from app.api.schemas.sessions import Conditions
 Estimator = TypeAliasType(
     "Estimator",
     Annotated[
-        Literal["pooled", "pooled_free_focal", "per_image", "per_image_fixed_pp", "given"],
+        Literal[
+            "pooled",
+            "pooled_free_focal",
+            "per_image",
+            "per_image_session_prior",
+            "per_image_fixed_pp",
+            "given",
+        ],
         Field(description="How the images of a session are combined."),
     ],
 )
@@ -36,12 +43,28 @@ SourceField = Annotated[
     ),
 ]
 
+EstimatorField = Annotated[
+    Estimator,
+    Field(description="How images are combined; the query parameter of other analyses lists the ways."),
+]
+
 
 class NamedObject(ResponseModel):
     """A session, robot or target by its id and the name that people gave it."""
 
     id: Annotated[str, Field(description="Its id; opaque, made by the server.")]
     name: Annotated[str, Field(description="What people call it; need not be unique.")]
+
+
+class QualificationCite(ResponseModel):
+    """The qualification that holds for a set-up; whether it is due depends on when that is asked."""
+
+    id: Annotated[str, Field(description="Id of the qualification.")]
+    made_at: Annotated[datetime, Field(description="When it was made, RFC 3339 in UTC.")]
+    due_at: Annotated[datetime, Field(description="When the next one is due, RFC 3339 in UTC.")]
+    decision: Annotated[
+        str | None, Field(description="`pass`, `fail` or `inconclusive`; null: no limit was stated.")
+    ]
 
 
 class AnalysisSubject(ResponseModel):
@@ -65,6 +88,13 @@ class AnalysisSubject(ResponseModel):
         ),
     ]
     conditions: Conditions
+    qualification: Annotated[
+        QualificationCite | None,
+        Field(
+            description="The latest qualification of the robot, or else of the installation (`/v1/qualifications`); "
+            "null for none."
+        ),
+    ]
 
 
 class ExcludedRead(ResponseModel):

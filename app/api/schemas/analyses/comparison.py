@@ -24,6 +24,8 @@ ComparisonMethod = TypeAliasType(
             "opencv_single_image",
             "tsai",
             "dlt",
+            "five_points",
+            "lines",
             "aruco_marker",
             "aruco_board",
             "pooled",

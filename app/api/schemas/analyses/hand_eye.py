@@ -7,7 +7,7 @@ from typing import Annotated
 from pydantic import Field
 
 from app.api.schemas.analyses.common import EstimatedAnalysis, Matrix, Vector
-from app.api.schemas.analyses.dh_validation import PoseErrors
+from app.api.schemas.analyses.dh import PoseErrors
 from app.api.schemas.analyses.frames import MATRIX_EXAMPLE, FlangeCameraRead, FrameRead
 from app.api.schemas.common import ResponseModel
 from app.api.schemas.fields import POSE_ID

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from typing import Annotated
+from typing import Annotated, Literal
 
 from pydantic import Field
+from typing_extensions import TypeAliasType
 
 from app.api.schemas.analyses.common import (
     EstimatedAnalysis,
@@ -15,7 +16,14 @@ from app.api.schemas.analyses.common import (
 from app.api.schemas.camera import IntrinsicsRead, LensDistortionRead, LensModel, LensUncertainty
 from app.api.schemas.common import ResponseModel
 from app.api.schemas.fields import FocusGroup, MeasurementId, TargetId
+from app.api.schemas.image_maps import ProjectionUncertaintyRead, ResidualMapRead
 
+CameraFileFormat = TypeAliasType(
+    "CameraFileFormat",
+    Annotated[
+        Literal["opencv", "ros", "kalibr", "mrcal"], Field(description="Whose camera file is written.")
+    ],
+)
 _CHI = Field(
     description="Squared residuals over the grid points' stated uncertainties, per degree of freedom: about 1 where "
     "camera and print are as the model has them."
@@ -88,37 +96,6 @@ class LensEvidenceRead(ResponseModel):
     ]
 
 
-class ResidualMapRead(ResponseModel):
-    """The figures of `intrinsics/residuals.svg`: residuals by square cells of the image."""
-
-    point_count: Annotated[int, Field(description="Grid points that count.", examples=[702])]
-    outlier_count: Annotated[
-        int,
-        Field(
-            description="Points beyond six times the median residual distance, which do not count.",
-            examples=[0],
-        ),
-    ]
-    rms_px: Annotated[
-        float,
-        Field(description="Root mean square of the residual distances of these points, px.", examples=[0.18]),
-    ]
-    cells: Annotated[int, Field(description="Cells with three points or more.", examples=[28])]
-    cells_beyond_chance: Annotated[
-        int,
-        Field(
-            description="Those whose mean residual chance explains in one cell of a hundred at most.",
-            examples=[3],
-        ),
-    ]
-    cells_by_chance: Annotated[
-        float, Field(description="How many such cells chance alone would give.", examples=[0.28])
-    ]
-    mean_rms_px: Annotated[
-        float, Field(description="Root mean square of the cells' mean residuals, px.", examples=[0.04])
-    ]
-
-
 class GroupCalibration(GroupIntrinsics):
     """The camera of one focus group, with its covariance and the images it explains worst."""
 
@@ -157,6 +134,12 @@ class GroupCalibration(GroupIntrinsics):
         ResidualMapRead,
         Field(
             description="Where mean residuals remain in more cells than chance gives, the lens model does not fit."
+        ),
+    ]
+    projection_uncertainty: Annotated[
+        ProjectionUncertaintyRead,
+        Field(
+            description="How certain the camera is by place in the image, and which parts of it no grid point covers."
         ),
     ]
 

@@ -2,14 +2,22 @@
 
 from __future__ import annotations
 
-from typing import Annotated
+from typing import Annotated, Literal
 
 from pydantic import Field
+from typing_extensions import TypeAliasType
 
 from app.api.schemas.analyses.common import Interval, Vector
-from app.api.schemas.analyses.figures import VariationFigures
+from app.api.schemas.analyses.figures import RepeatabilityFigures, VariationFigures
 from app.api.schemas.common import ResponseModel
 from app.api.schemas.fields import PoseId
+
+TimeSource = TypeAliasType(
+    "TimeSource",
+    Annotated[
+        Literal["captured_at", "received_at"], Field(description="Which of an image's times drift is over.")
+    ],
+)
 
 
 class DriftBlock(ResponseModel):
@@ -28,6 +36,12 @@ class DriftBlock(ResponseModel):
         ),
     ]
     rp_l_mm: Annotated[float, Field(description="RP_l of this block's cycles, mm.")]
+    mean_time_h: Annotated[
+        float | None,
+        Field(
+            description="Mean time of its images after the session's first image, h; null where not known."
+        ),
+    ]
 
 
 class PoseDrift(ResponseModel):
@@ -50,16 +64,39 @@ class PoseDrift(ResponseModel):
             description="By which the mean orientation turned, as a rotation vector, degrees; null for positions alone."
         ),
     ]
+    shift_standard_uncertainty_deg: Annotated[
+        Vector | None, Field(description="Of `shift_deg`, from the scatter of both blocks, degrees.")
+    ]
     drp_mm: Annotated[
         float,
         Field(description="dRP_l: absolute difference of RP_l between the first block and the last, mm."),
+    ]
+    duration_h: Annotated[
+        float | None,
+        Field(description="From the mean time of the first block to that of the last, h; null: not known."),
+    ]
+    rate_mm_per_h: Annotated[
+        Vector | None,
+        Field(
+            description="Slope of the position over time along x, y, z by least squares, mm/h; null: not known."
+        ),
+    ]
+    rate_standard_uncertainty_mm_per_h: Annotated[
+        Vector | None, Field(description="Of `rate_mm_per_h`, from the scatter about the line, mm/h.")
     ]
     blocks: Annotated[list[DriftBlock], Field(description="Consecutive cycles, the first block first.")]
 
 
 class Drift(ResponseModel):
-    """Drift over the cycles, for poses with at least two blocks of ten numbered cycles."""
+    """Drift over the cycles and over time, for poses with at least two blocks of ten numbered cycles."""
 
+    time_source: Annotated[
+        TimeSource | None,
+        Field(
+            description="`captured_at`: times as stated with all images; `received_at`: when the images came, where "
+            "some state no time; null for another instrument."
+        ),
+    ]
     poses: Annotated[list[PoseDrift], Field(description="Poses with two blocks or more, in natural order.")]
 
 
@@ -131,5 +168,68 @@ class ApproachVariation(ResponseModel):
         Field(
             description="The expected reading if the direction made no difference, from the cycles' own scatter; null "
             "where no direction has two cycles."
+        ),
+    ]
+
+
+class WitnessStep(ResponseModel):
+    """Where a witness was in one cycle."""
+
+    cycle: Annotated[int, Field(description="The cycle's number.")]
+    motion_mm: Annotated[
+        Vector, Field(description="Slow motion about its mean along x, y, z, in the frame of `mean`, mm.")
+    ]
+    motion_standard_uncertainty_mm: Annotated[
+        float, Field(description="Standard uncertainty of `motion_mm` along an axis, mm.")
+    ]
+
+
+class WitnessRead(ResponseModel):
+    """The slow motion of a pose that was revisited in every cycle: that of mount, target or room."""
+
+    pose_id: PoseId
+    moved: Annotated[bool, Field(description="Whether its visits show a motion beyond their scatter.")]
+    subtracted: Annotated[
+        bool, Field(description="Whether the motion is subtracted from the positions of all poses.")
+    ]
+    shift_mm: Annotated[Vector, Field(description="From its first cycle to its last along x, y, z, mm.")]
+    shift_distance_mm: Annotated[float, Field(description="Length of `shift_mm`, mm.")]
+    motion: Annotated[list[WitnessStep], Field(description="Cycle by cycle; zero where nothing moved.")]
+
+
+class BurstRatio(ResponseModel):
+    """Scatter of images within their stops against what the model of the noise says."""
+
+    ratio_to_model: Annotated[float, Field(description="Standard deviation over the model's.")]
+    p_value: Annotated[float, Field(description="Chance of so large a scatter if the model were right.")]
+    added: Annotated[
+        bool,
+        Field(
+            description="Whether p is at most .01, and what images scatter beyond the model is added to it in floors, "
+            "corrected figures and verdicts."
+        ),
+    ]
+
+
+class BurstsRead(ResponseModel):
+    """Several images of one stop, over all poses: what they scatter is the instrument's."""
+
+    stop_count: Annotated[int, Field(description="Stops with two images or more.")]
+    image_count: Annotated[int, Field(description="Their images.")]
+    of_position: Annotated[BurstRatio, Field(description="Of positions.")]
+    of_orientation: Annotated[BurstRatio, Field(description="Of orientations.")]
+
+
+class PoseBurst(ResponseModel):
+    """What the images within the stops of one pose scatter."""
+
+    stop_count: Annotated[int, Field(description="Stops with two images or more; each counts as one cycle.")]
+    image_count: Annotated[int, Field(description="Their images.")]
+    degrees_of_freedom: Annotated[float, Field(description="Images less stops.")]
+    noise_floor: Annotated[
+        RepeatabilityFigures | None,
+        Field(
+            description="The reading that this scatter alone would give on a motionless robot, without any model of "
+            "the noise; null below 5 degrees of freedom."
         ),
     ]

@@ -6,7 +6,7 @@ from typing import Annotated
 
 from pydantic import Field
 
-from app.api.schemas.analyses.common import EstimatedAnalysis, Estimator, Interval, SourceField
+from app.api.schemas.analyses.common import EstimatedAnalysis, EstimatorField, Interval, SourceField
 from app.api.schemas.analyses.repeatability import AcceptanceDecision
 from app.api.schemas.common import RequestModel, ResponseModel
 from app.api.schemas.fields import PoseId
@@ -37,10 +37,7 @@ class QualificationCreate(RequestModel):
         Annotated[float, Field(gt=0, le=1e6)] | None,
         Field(description="Limit on every length's error, mm; null: nothing is decided."),
     ] = None
-    estimator: Annotated[
-        Estimator,
-        Field(description="How images are combined; the query parameter of other analyses lists the ways."),
-    ] = "pooled"
+    estimator: EstimatorField = "pooled"
     source: SourceField = "images"
 
 

@@ -7,10 +7,18 @@ from typing import Annotated, Literal
 from pydantic import Field
 from typing_extensions import TypeAliasType
 
+from app.api.schemas.analyses.budget import BudgetInput, BudgetTotal
 from app.api.schemas.analyses.common import EstimatedAnalysis, ExcludedRead, SourceField, Vector
 from app.api.schemas.analyses.figures import PoseAccuracy, RepeatabilityFigures, RepeatabilityIntervals
 from app.api.schemas.analyses.intrinsics import GroupIntrinsics
-from app.api.schemas.analyses.performance import ApproachVariation, Drift, PoseDistance
+from app.api.schemas.analyses.performance import (
+    ApproachVariation,
+    BurstsRead,
+    Drift,
+    PoseBurst,
+    PoseDistance,
+    WitnessRead,
+)
 from app.api.schemas.analyses.steadiness import Steadiness
 from app.api.schemas.common import ResponseModel
 from app.api.schemas.fields import PITCH, ROLL, YAW, PoseId
@@ -89,7 +97,12 @@ class PoseRepeatability(ResponseModel):
     """One pose by ISO 9283:1998."""
 
     pose_id: PoseId
-    cycles: Annotated[int, Field(description="Images that count: the cycles of the standard.")]
+    cycles: Annotated[
+        int,
+        Field(
+            description="Stops that count, the cycles of the standard; the images of a burst are one, their mean."
+        ),
+    ]
     mean: Annotated[PoseMean, Field(description="The mean of the cycles that count.")]
     repeatability: Annotated[
         RepeatabilityFigures,
@@ -159,9 +172,14 @@ class PoseRepeatability(ResponseModel):
             description="Scatter of orientation in other forms; null without orientations or below two cycles."
         ),
     ]
+    within_stops: Annotated[
+        PoseBurst | None, Field(description="What images within stops scatter; null without bursts.")
+    ]
     measurement_ids: Annotated[
         list[str],
-        Field(description="Measurements, or measured poses, that count, in the order of the cycles."),
+        Field(
+            description="Measurements, or measured poses, that count, in the order of the cycles; of a burst all."
+        ),
     ]
     excluded: Annotated[
         list[ExcludedRead], Field(description="Images, or measured poses, that do not count, and why.")
@@ -228,11 +246,19 @@ class RepeatabilityAnalysis(EstimatedAnalysis):
         Steadiness,
         Field(description="Whether the cycles are steady, by all poses jointly."),
     ]
+    witness: Annotated[
+        WitnessRead | None,
+        Field(description="How the pose named by `witness` moved; null: none is named."),
+    ]
     drift: Annotated[
         Drift | None,
         Field(
             description="How poses moved over the cycles (7.6); null where no pose has two blocks of ten cycles."
         ),
+    ]
+    bursts: Annotated[
+        BurstsRead | None,
+        Field(description="What images scatter within their stops, of all poses; null without bursts."),
     ]
     acceptance: Annotated[
         RepeatabilityAcceptance | None,
@@ -259,4 +285,14 @@ class RepeatabilityAnalysis(EstimatedAnalysis):
             description="For every commanded pose that has several pose ids with different `approach`; null "
             "without such poses."
         ),
+    ]
+    budget: Annotated[
+        list[BudgetInput],
+        Field(
+            description="What the uncertainty of each headline figure is made of (GUM), a row for each input: of up to "
+            "forty poses, those of the largest RP_l, and of the distances."
+        ),
+    ]
+    budget_totals: Annotated[
+        list[BudgetTotal], Field(description="The combined uncertainty of each of these figures.")
     ]

@@ -49,6 +49,7 @@ def open_service(open_api: Any) -> Any:
         yield running
 
 
+@pytest.mark.slow
 def test_every_route_refuses_a_foreign_host_and_a_foreign_origin(open_service: Any) -> None:
     for method, path in addresses(open_service):
         for headers, code in (

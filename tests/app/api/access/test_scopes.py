@@ -9,11 +9,15 @@ from typing import Any
 
 import pytest
 
-from app.api.middleware.authentication import GRANTS, PUBLIC, PUBLIC_FOLDER
+from app.api.middleware.authentication import PUBLIC, PUBLIC_FOLDER
 from app.api.routing import StrictRoute
 from app.errors import InvalidContent
+from app.http import GRANTS
 from app.services.keys import create_key
+from app.web import routers
+from app.web.pages import PageRoute
 
+SIGN_IN = ("/ui/sign-in", "/ui/sign-out", "/ui/signed-in", "/ui/static/{version}/{name:path}")
 SCOPES = ("read", "ingest", "upload", "admin")
 SENDS_POSES_OR_IMAGES = re.compile(r"/v1/sessions/\{session_id\}/(images(/missing)?|poses(/\{pose_id\}.*)?)")
 SHARED = {("PATCH", "/v1/robots/{robot_id}"), ("PATCH", "/v1/targets/{target_id}")}
@@ -68,7 +72,20 @@ def test_no_route_passes_the_check_by(api: Any) -> None:
     paths = [route.path for route in routes]
     assert len(paths) >= 43
     for route, path in zip(routes, paths, strict=True):
-        assert isinstance(route, StrictRoute) or path in PUBLIC or path.startswith(PUBLIC_FOLDER), path
+        is_open = path in (*PUBLIC, *SIGN_IN) or path.startswith(PUBLIC_FOLDER)
+        assert isinstance(route, StrictRoute | PageRoute) or is_open, path
+
+
+def test_every_page_asks_for_an_operation_of_the_contract(api: Any) -> None:
+    """What a key may see as a page is what it may read by the API."""
+    known = {
+        each["operationId"] for item in api.client.app.openapi()["paths"].values() for each in item.values()
+    }
+    pages = [route for router in routers for route in router.routes if isinstance(route, PageRoute)]
+    assert len(pages) >= 20
+    for page in pages:
+        assert page.methods == {"GET"}, page.path  # what changes something goes through the API
+        assert page.operation_id in known, page.path
 
 
 def test_scopes_hold_what_the_contract_says() -> None:
@@ -139,6 +156,7 @@ def two_sessions(api: Any, grey_png: bytes) -> tuple[dict[str, str], dict[str, s
     return made[0], made[1]
 
 
+@pytest.mark.slow
 def test_a_limited_key_finds_nothing_of_other_sessions_on_any_route(
     api: Any, two_sessions: tuple[dict[str, str], dict[str, str]]
 ) -> None:

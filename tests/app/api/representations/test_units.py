@@ -60,4 +60,4 @@ def test_the_services_address_leads_to_a_page_for_people(api: Any) -> None:
     response = api.client.get("/", headers={"Authorization": ""})
     assert response.status_code == 200
     assert response.headers["content-type"].startswith("text/html")
-    assert response.url.path == "/docs"
+    assert response.url.path == "/ui/sign-in"

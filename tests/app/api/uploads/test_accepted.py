@@ -98,18 +98,23 @@ def test_the_same_upload_again_gives_the_first_measurement(any_api: Any, grey_pn
     assert len(files_of(any_api)) == 1
 
 
-def test_simultaneous_uploads_of_one_image_make_one_measurement(any_api: Any, grey_png: bytes) -> None:
-    session_id = any_api.make_session()
+def check_one_of_simultaneous(api: Any, session_id: str, image: bytes) -> None:
+    """Six uploads of one image at the same moment make one measurement, and all are answered with it."""
     start = threading.Barrier(6)
 
     def send(_number: int) -> Any:
         start.wait()
-        return any_api.put_image(session_id, grey_png)
+        return api.put_image(session_id, image)
 
     with ThreadPoolExecutor(6) as pool:
         responses = list(pool.map(send, range(6)))
     assert sorted(r.status_code for r in responses) == [200] * 5 + [202]
     assert len({r.json()["id"] for r in responses}) == 1
+
+
+def test_simultaneous_uploads_of_one_image_make_one_measurement(any_api: Any, grey_png: bytes) -> None:
+    session_id = any_api.make_session()
+    check_one_of_simultaneous(any_api, session_id, grey_png)
 
 
 def test_a_form_upload_is_kept_with_its_metadata(api: Any, grey_png: bytes) -> None:
@@ -170,16 +175,7 @@ def test_an_image_that_names_no_target_is_one_measurement_until_it_is_searched(
 
 def test_simultaneous_uploads_without_target_make_one_measurement(any_api: Any, grey_png: bytes) -> None:
     session_id = any_api.make_session(any_api.make_target(), any_api.make_target(columns=7))
-    start = threading.Barrier(6)
-
-    def send(_number: int) -> Any:
-        start.wait()
-        return any_api.put_image(session_id, grey_png)
-
-    with ThreadPoolExecutor(6) as pool:
-        responses = list(pool.map(send, range(6)))
-    assert sorted(r.status_code for r in responses) == [200] * 5 + [202]
-    assert len({r.json()["id"] for r in responses}) == 1
+    check_one_of_simultaneous(any_api, session_id, grey_png)
 
 
 def test_targets_that_come_and_go_leave_an_upload_the_same(any_api: Any, grey_png: bytes) -> None:

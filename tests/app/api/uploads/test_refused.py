@@ -113,6 +113,7 @@ def test_wrong_metadata_is_refused(any_api: Any, grey_png: bytes, query: dict[st
     assert files_of(any_api) == []
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("sha256", ["abc", "g" * 64, "0" * 63, "0" * 65, "0" * 64 + "%0A"])
 def test_a_hash_that_is_none_is_refused(api: Any, sha256: str) -> None:
     address = f"/v1/sessions/{api.make_session()}/poses/P1/images/{sha256}"

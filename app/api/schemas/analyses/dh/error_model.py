@@ -43,6 +43,38 @@ JointAxis = TypeAliasType(
 _JOINT = "The joint's number, from 1 at the base."
 
 
+ErrorLevel = TypeAliasType(
+    "ErrorLevel",
+    Annotated[
+        Literal["dh", "dh_and_compliance", "all"],
+        Field(description="The chain alone; with compliance; with joint curves, compliance and wobble."),
+    ],
+)
+_EVIDENCE = "in twice the logarithm of the marginal likelihood, over the chain alone."
+
+
+class LevelRead(ResponseModel):
+    """Which terms were taken, and why."""
+
+    chosen: Annotated[ErrorLevel, Field(description="The level that was taken.")]
+    configurations: Annotated[int, Field(description="Different joint configurations that it is fitted to.")]
+    compliance_evidence: Annotated[float, Field(description=f"Of `dh_and_compliance`, {_EVIDENCE}")]
+    all_evidence: Annotated[float, Field(description=f"Of `all`, {_EVIDENCE}")]
+    held_out_ratio: Annotated[
+        float | None,
+        Field(
+            description="The level's position error at poses held out at random, divided by that of the chain alone; "
+            "null where poses are too few to hold any out."
+        ),
+    ]
+    blocked_ratio: Annotated[
+        float | None,
+        Field(description="The same at clusters of joint space; null with fewer than 80 configurations."),
+    ]
+    reason: Annotated[str, Field(description="Why this level was taken, in words.")]
+    gain: Annotated[str, Field(description="What it gains at held-out poses, in words.")]
+
+
 class JointCurveRead(ResponseModel):
     """What a joint turns by beyond its stated angle, over the angles at which it was measured."""
 

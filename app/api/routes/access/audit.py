@@ -9,7 +9,7 @@ from pydantic import Field
 
 from app.api.dependencies import AppContextDep, Cursor, Limit
 from app.api.routing import api_router, problem_responses
-from app.api.schemas.audit import AuditEntryRead, AuditPage
+from app.api.schemas.access.audit import AuditEntryRead, AuditPage
 from app.api.schemas.common import PRINTABLE, Identifier, Moment
 from app.records.audit import list_entries
 

@@ -217,6 +217,7 @@ def test_scopes_addresses_and_sizes(api: Any) -> None:
     assert post(api, session).json() == {"items": [], "next_cursor": None, "warnings": []}
 
 
+@pytest.mark.slow
 def test_thousands_are_stored_in_one_list(api: Any) -> None:
     session = api.make_session()
     many = [reading(f"P{i}", 1, position_mm=[float(i), 0.0, 0.0], covariance=None) for i in range(5000)]

@@ -9,7 +9,7 @@ from fastapi import Response
 from app.api.dependencies import AppContextDep, Cursor, KeyPath, Limit
 from app.api.responses import stored_document, stored_documents
 from app.api.routing import api_router, problem_responses
-from app.api.schemas.keys import KeyChange, KeyCreate, KeyCreated, KeyPage, KeyRead
+from app.api.schemas.access.keys import KeyChange, KeyCreate, KeyCreated, KeyPage, KeyRead
 from app.records.tables import ApiKey
 from app.services import keys
 from app.services.measurements import bytes_today
@@ -54,7 +54,7 @@ def update_key(key_id: KeyPath, body: KeyChange, service: AppContextDep) -> KeyR
     return _document(keys.change_key(service.installation, key_id, changes))
 
 
-@router.delete("/{key_id}", status_code=204, responses=problem_responses(404))
+@router.delete("/{key_id}", status_code=204, response_class=Response, responses=problem_responses(404))
 def revoke_key(key_id: KeyPath, service: AppContextDep) -> None:
     """Make a key useless from now on."""
     keys.revoke_key(service.installation, key_id)

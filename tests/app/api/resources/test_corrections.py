@@ -43,7 +43,7 @@ def test_what_belongs_to_the_image_changes_in_all_its_measurements(
     any_api: Any, pair: tuple[str, list[str]]
 ) -> None:
     api, (session_id, ids) = any_api, pair
-    changes = {"pose_id": "P7", "cycle": 3, "focus_group": "near", "joint_angles_deg": [1.0, 2.0]}
+    changes = {"pose_id": "P7", "cycle": 3, "burst": 2, "focus_group": "near", "joint_angles_deg": [1.0, 2.0]}
     changed = patch(api, ids[0], **changes)
     assert changed.status_code == 200, changed.text
     assert changed.json()["siblings"] == [ids[1]]
@@ -53,7 +53,7 @@ def test_what_belongs_to_the_image_changes_in_all_its_measurements(
         assert document["status"] == "queued"
     pose = api.client.get(f"/v1/sessions/{session_id}/poses/P7")
     assert (pose.status_code, pose.json()["joint_angles_deg"]) == (200, None), "made as images make it"
-    assert patch(api, ids[1], cycle=None, joint_angles_deg=None).json()["pose_id"] == "P7"
+    assert patch(api, ids[1], cycle=None, burst=None, joint_angles_deg=None).json()["pose_id"] == "P7"
     assert api.measurement(ids[0])["cycle"] is None
     assert api.measurement(ids[0])["joint_angles_deg"] is None
     assert patch(api, ids[0]).json() == api.measurement(ids[0]), "nothing named, nothing changed"
@@ -110,6 +110,8 @@ def test_a_correction_while_the_image_is_computed_is_kept(any_api: Any, grey_png
         ({"pose_id": ""}, "pose_id"),
         ({"cycle": 0}, "cycle"),
         ({"cycle": "x"}, "cycle"),
+        ({"burst": 0}, "burst"),
+        ({"burst": 1001}, "burst"),
         ({"focus_group": None}, "focus_group"),
         ({"focus_group": "\0"}, "focus_group"),
         ({"joint_angles_deg": []}, "joint_angles_deg"),
@@ -132,6 +134,24 @@ def test_bad_corrections_are_refused_by_their_field(
     problem = assert_problem(patch(api, measurement_id, **change), 422, "invalid_request")
     assert field in [error["field"] for error in problem["errors"]]
     assert api.measurement(measurement_id) == before
+
+
+def test_a_burst_index_without_a_cycle_names_no_stop(api: Any, grey_png: bytes) -> None:
+    session_id = api.make_session()
+    problem = assert_problem(api.put_image(session_id, grey_png, burst=1), 422, "burst_without_cycle")
+    assert [error["field"] for error in problem["errors"]] == ["burst"]
+    form = api.client.post(
+        f"/v1/sessions/{session_id}/images",
+        data={"pose_id": "P1", "burst": "1"},
+        files={"image": ("a.png", grey_png)},
+    )
+    assert_problem(form, 422, "burst_without_cycle")
+    stored = api.put_image(session_id, grey_png, cycle=4, burst=2).json()
+    assert (stored["cycle"], stored["burst"]) == (4, 2)
+    assert api.measurement(stored["id"])["burst"] == 2
+    assert_problem(patch(api, stored["id"], cycle=None), 422, "burst_without_cycle")
+    assert api.measurement(stored["id"])["cycle"] == 4
+    assert patch(api, stored["id"], cycle=None, burst=None).json()["burst"] is None
 
 
 def test_only_what_exists_is_corrected(api: Any) -> None:

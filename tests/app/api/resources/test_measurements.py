@@ -110,6 +110,7 @@ def test_a_picture_without_a_board_fails_with_advice(computing_api: Any, grey_pn
     assert measurement["calibration"] is None
 
 
+@pytest.mark.slow
 def test_a_refused_view_keeps_its_points(computing_api: Any) -> None:
     target = TargetSpec("chessboard", 9, 6, 25.0)
     image = render(standard_scene(target, seed=3, tilt=0.0, clutter=0.0))

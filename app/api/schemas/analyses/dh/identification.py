@@ -12,14 +12,16 @@ from app.api.schemas.analyses.common import (
     SourceField,
     TargetTransform,
 )
-from app.api.schemas.analyses.dh_model import (
+from app.api.schemas.analyses.dh.error_model import (
     DhMethod,
     DhModel,
     ErrorModelRead,
+    LevelRead,
     MethodAgreementRead,
     RegionRead,
 )
-from app.api.schemas.analyses.dh_validation import DhValidation, PoseErrors
+from app.api.schemas.analyses.dh.observability import ObservabilityIndicesRead, ParameterSamplingRead
+from app.api.schemas.analyses.dh.validation import DhValidation, PoseErrors
 from app.api.schemas.analyses.frames import FlangeCameraRead, FrameRead
 from app.api.schemas.common import ResponseModel
 
@@ -201,6 +203,13 @@ class DhAnalysis(EstimatedAnalysis):
         DhValidation | None,
         Field(description="Five-fold cross-validation; null where the folds leave too few poses of an arc."),
     ]
+    level: Annotated[
+        LevelRead | None,
+        Field(
+            description="The level of `error_model`, and the evidence for it. Null with the methods that begin at "
+            "axes, and where the levels were not compared."
+        ),
+    ]
     error_model: Annotated[
         ErrorModelRead | None,
         Field(
@@ -225,6 +234,9 @@ class DhAnalysis(EstimatedAnalysis):
             "compares sets of poses of one robot, and larger is better."
         ),
     ]
+    observability_indices: Annotated[
+        ObservabilityIndicesRead, Field(description="Five indices of the poses used.")
+    ]
     null_space: NullSpace
     parameters: Annotated[
         list[str],
@@ -237,6 +249,10 @@ class DhAnalysis(EstimatedAnalysis):
     correlation: Annotated[
         Matrix,
         Field(description="Correlations of the fitted parameters, -1 to 1, in the order of `parameters`."),
+    ]
+    parameter_sampling: Annotated[
+        ParameterSamplingRead | None,
+        Field(description="The parameters by sampling; null unless `uncertainty=monte_carlo`."),
     ]
     robot_scatter: Annotated[
         RobotScatter, Field(description="The robot's own deviations, estimated from the residuals.")

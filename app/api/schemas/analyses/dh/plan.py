@@ -6,7 +6,7 @@ from typing import Annotated
 
 from pydantic import Field
 
-from app.api.schemas.analyses.dh import (
+from app.api.schemas.analyses.dh.identification import (
     ConditionNumber,
     DhIdentifiable,
     DhUncertainty,
@@ -14,6 +14,7 @@ from app.api.schemas.analyses.dh import (
     NullSpace,
     ParallelToNext,
 )
+from app.api.schemas.analyses.dh.observability import ObservabilityIndicesRead
 from app.api.schemas.camera import StatedCamera
 from app.api.schemas.common import (
     MAX_JOINTS,
@@ -132,7 +133,7 @@ class PlannedJoint(ResponseModel):
 
 
 class DhPlan(ResponseModel):
-    """What the poses would determine, and the most informative further ones (greedy on the observability index O1)."""
+    """What the poses would determine, and the most informative further ones (by exchange on index O1)."""
 
     robot_id: RobotId
     target_id: TargetId
@@ -148,9 +149,16 @@ class DhPlan(ResponseModel):
             "poses; larger is better."
         ),
     ]
+    observability_indices: Annotated[
+        ObservabilityIndicesRead, Field(description="Five indices of the poses that count.")
+    ]
     null_space: NullSpace
     suggested_poses: Annotated[list[list[float]], Field(description="Joint angles, degrees; best first.")]
     predicted_joints_with_suggestions: Annotated[
         list[PlannedJoint] | None,
         Field(description="As `joints`, with the suggested poses added; null without suggestions."),
+    ]
+    observability_indices_with_suggestions: Annotated[
+        ObservabilityIndicesRead | None,
+        Field(description="The indices with the suggested poses added; null without suggestions."),
     ]

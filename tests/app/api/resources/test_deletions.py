@@ -28,7 +28,9 @@ def test_a_target_goes_when_no_session_looks_at_it(any_api: Any, grey_png: bytes
     assert_problem(any_api.client.delete(address), 409, "target_in_use")  # its image waits for the new search
     assert any_api.client.get(address).status_code == 200
     assert any_api.client.delete(f"/v1/sessions/{session_id}").status_code == 204
-    assert any_api.client.delete(address).status_code == 204
+    deleted = any_api.client.delete(address)
+    assert (deleted.status_code, deleted.content) == (204, b"")
+    assert "content-type" not in deleted.headers
     assert any_api.client.get(address).status_code == 404
     assert_problem(any_api.client.delete(address), 404, "target_not_found")
 

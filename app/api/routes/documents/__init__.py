@@ -1,0 +1,1 @@
+"""Routes of documents that are kept for good: reports and qualifications."""

@@ -1,0 +1,118 @@
+"""/v1/sessions/{session_id}/joint-noise"""
+
+from __future__ import annotations
+
+import json
+import math
+from typing import Annotated, Any
+
+from fastapi import Query, Request, Response
+from pydantic import Field
+from starlette.concurrency import run_in_threadpool
+
+from app.api.dependencies import AppContext, AppContextDep, SessionPath
+from app.api.representations import (
+    CSV_CONTENT,
+    FormDep,
+    KnownTags,
+    answer_analysis,
+    answer_in_form,
+    binary_content,
+    stated_media_type,
+)
+from app.api.routes.analyses import ETAG_HEADER, SettingsDep, SourceQuery
+from app.api.routes.plots import SVG
+from app.api.routing import api_router, problem_responses
+from app.api.schemas.analyses import JointNoiseAnalysis
+from app.errors import InvalidContent
+from app.services.robots import read_limits
+
+MAX_PREDICTIONS = 200
+MAX_ANGLE_DEG = 36000.0
+
+router = api_router(prefix="/v1/sessions/{session_id}/joint-noise", tags=["analyses"])
+_Angles = Annotated[str, Field(max_length=400)]
+AtQuery = Annotated[
+    list[_Angles] | None,
+    Query(
+        max_length=MAX_PREDICTIONS,
+        description="Joint angles to predict at, degrees, from the base: `at=0,-65,75,10,55,0`, as often as there are "
+        "such.",
+    ),
+]
+_CONTENT: dict[int | str, dict[str, Any]] = {
+    304: {"description": "The client has this answer already.", "headers": ETAG_HEADER},
+    **problem_responses(404, 409, 422, 503),
+}
+
+
+@router.get(
+    "",
+    response_model=JointNoiseAnalysis,
+    responses={200: {"headers": ETAG_HEADER, "content": CSV_CONTENT}, **_CONTENT},
+)
+async def get_joint_noise(
+    session_id: SessionPath,
+    request: Request,
+    form: FormDep,
+    settings: SettingsDep,
+    service: AppContextDep,
+    source: SourceQuery = "images",
+    at: AtQuery = None,
+) -> Response:
+    """Estimate the noise of the robot's joints from the scatter of repeated poses, and predict RP_l anywhere by it.
+
+    The instrument's own noise is taken off where it is stated. Poses held out of the fit say how well it predicts.
+    """
+    settings |= {"source": source, "limits": await run_in_threadpool(_limits, service, session_id)}
+    if at:
+        settings["at"] = json.dumps([_angles(text) for text in at])
+    return await answer_in_form(request, "joint_noise", JointNoiseAnalysis, session_id, settings, form)
+
+
+@router.get(
+    "/map.svg",
+    response_class=Response,
+    responses={
+        200: {
+            "description": "Median and largest RP_l over distance from the first axis and height, and the worst place.",
+            "headers": ETAG_HEADER,
+            "content": {SVG: {"schema": {"type": "string"}}, **binary_content()},
+        },
+        **_CONTENT,
+    },
+)
+async def get_joint_noise_map(
+    session_id: SessionPath,
+    request: Request,
+    settings: SettingsDep,
+    service: AppContextDep,
+    source: SourceQuery = "images",
+    known: KnownTags = None,
+) -> Response:
+    """Draw the repeatability that the joints' noise predicts over the robot's workspace."""
+    settings |= {"source": source, "limits": await run_in_threadpool(_limits, service, session_id)}
+    media_type = stated_media_type(request.headers.get("accept"), SVG)
+    return await answer_analysis(
+        request, "joint_noise_map", session_id, settings, known, media_type=media_type
+    )
+
+
+def _angles(text: str) -> list[float]:
+    """Return joint angles that are separated by commas."""
+    try:
+        angles = [float(part) for part in text.split(",")]
+    except ValueError:
+        angles = [math.nan]
+    if not all(abs(angle) <= MAX_ANGLE_DEG for angle in angles):
+        raise InvalidContent(
+            "Joint angles to predict at are numbers, degrees, separated by commas.",
+            "Write one angle for each joint: at=0,-65,75,10,55,0.",
+            errors=[("at", f"{text[:80]!r} is no list of angles")],
+        )
+    return angles
+
+
+def _limits(service: AppContext, session_id: str) -> str:
+    with service.installation.database.read() as records:
+        return json.dumps(read_limits(records, session_id))

@@ -1,0 +1,1 @@
+"""Schemas of documents that are kept for good: reports and qualifications."""
