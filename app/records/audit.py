@@ -4,17 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from datetime import UTC, datetime
+from typing import Any
 
 import sqlalchemy as sa
 from sqlalchemy import orm
 
-from app.records.activity import current_activity
+from app.records.activity import Activity, current_activity
 from app.records.ids import new_id
 from app.records.pagination import page
+from app.records.statements import Rows, Statement
 from app.records.tables import AuditEntry
 
 _CREATED = "created"
-_APPEND = sa.insert(AuditEntry)
+_COLUMNS = tuple(AuditEntry.__table__.c.keys())
+_APPEND = Statement(sa.insert(AuditEntry), _COLUMNS)
 
 
 def note_created(session: orm.Session, _context: orm.UOWTransaction) -> None:
@@ -32,20 +35,28 @@ def append_entry(session: orm.Session) -> None:
     session.flush()
     created = session.info.get(_CREATED, ())
     activity.object_ids.extend(row_id for row_id in created if row_id not in activity.object_ids)
-    session.connection().execute(
-        _APPEND,
-        {
-            "id": new_id("aud"),
-            "at": datetime.now(UTC),
-            "actor": activity.actor,
-            "key_id": activity.key_id,
-            "key_name": activity.key_name,
-            "client": activity.client,
-            "action": activity.action,
-            "object_ids": activity.object_ids,
-            "request_id": activity.request_id,
-        },
-    )
+    session.connection().execute(_APPEND.core, _entry(activity))
+
+
+def append_entry_below_orm(rows: Rows) -> None:
+    """The same in a transaction below the ORM, where `note_objects` has named what was made."""
+    activity = current_activity()
+    if activity is not None and activity.audited:
+        rows.all(_APPEND, **_entry(activity))
+
+
+def _entry(activity: Activity) -> dict[str, Any]:
+    return {
+        "id": new_id("aud"),
+        "at": datetime.now(UTC),
+        "actor": activity.actor,
+        "key_id": activity.key_id,
+        "key_name": activity.key_name,
+        "client": activity.client,
+        "action": activity.action,
+        "object_ids": activity.object_ids,
+        "request_id": activity.request_id,
+    }
 
 
 def list_entries(

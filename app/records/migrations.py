@@ -50,6 +50,7 @@ def migration_config(connection: sa.Connection | None = None) -> Config:
     config.set_main_option(
         "script_location", next(iter(specification.submodule_search_locations)).replace("%", "%%")
     )
+    config.set_main_option("recursive_version_locations", "true")  # ten revisions a folder
     config.attributes["connection"] = connection
     return config
 
@@ -221,6 +222,9 @@ def _migrate_sqlite(database: Database, direction: str, revision: str) -> None:
 
 def _migrate_postgresql(database: Database, direction: str, revision: str) -> None:
     with database.engine.begin() as connection:
+        connection.execute(
+            sa.text("SET LOCAL lock_timeout = 0")
+        )  # another may migrate for as long as it takes
         connection.execute(sa.select(sa.func.pg_advisory_xact_lock(_ADVISORY_LOCK)))
         _run(connection, direction, revision)
 

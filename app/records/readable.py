@@ -65,11 +65,13 @@ def read_time(text: bytes) -> datetime | Unreadable:
 
 def unreadable_columns(row: Any) -> tuple[str, ...]:
     """Return the columns of a loaded row whose values its table does not allow; columns not loaded are not read."""
-    loaded = vars(row)
+    return unreadable_values(row.__class__, vars(row))
+
+
+def unreadable_values(table: Any, values: Mapping[str, Any]) -> tuple[str, ...]:
+    """Return the same of a row's values by the columns' names."""
     return tuple(
-        name
-        for name, column in _columns(row.__class__)
-        if name in loaded and not is_readable(column, loaded[name])
+        name for name, column in _columns(table) if name in values and not is_readable(column, values[name])
     )
 
 
@@ -173,6 +175,35 @@ def _is_exclusion(value: Any) -> bool:
     )
 
 
+def _are_signatories(value: Any) -> bool:
+    return isinstance(value, list) and all(
+        isinstance(one, Mapping)
+        and set(one) == {"name", "role"}
+        and isinstance(one["name"], str)
+        and isinstance(one["role"], str | None)
+        for one in value
+    )
+
+
+def _is_report_failure(value: Any) -> bool:
+    return (
+        isinstance(value, Mapping)
+        and set(value) == {"code", "detail", "advice"}
+        and all(isinstance(value[name], str) for name in ("code", "detail"))
+        and isinstance(value["advice"], str | None)
+    )
+
+
+def _is_signature(value: Any) -> bool:
+    return (
+        isinstance(value, Mapping)
+        and set(value) == {"manifest", "algorithm", "public_key", "signature"}
+        and isinstance(value["manifest"], Mapping)
+        and isinstance(value["manifest"].get("forms"), Mapping)
+        and all(isinstance(value[name], str) for name in ("algorithm", "public_key", "signature"))
+    )
+
+
 def _is_sha256(value: Any) -> bool:
     return isinstance(value, str) and len(value) == 64 and set(value) <= set("0123456789abcdef")
 
@@ -199,6 +230,9 @@ _BY_NAME: dict[str, Callable[[Any], bool]] = {
     "calibration": lambda value: isinstance(value, Mapping),
     "capture_quality": lambda value: isinstance(value, Mapping),
     "excluded": _is_exclusion,
+    "signatories": _are_signatories,
+    "failure": _is_report_failure,
+    "signature": _is_signature,
 }
 _BY_TYPE: tuple[tuple[type[Any], Callable[[Any], bool]], ...] = (
     (sa.Text, lambda value: isinstance(value, str)),

@@ -15,6 +15,7 @@ from app.records.codec.points import (
     decode_markers,
     decode_points,
     decode_stack,
+    point_places,
     points_documents,
     relabel_points,
 )
@@ -36,6 +37,7 @@ __all__ = [
     "decode_stack",
     "encode_calibration",
     "encode_refused",
+    "point_places",
     "points_documents",
     "relabel_points",
 ]

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
+
+from app.records.statements import EncodedJson
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,6 +42,11 @@ class Outcome:
     failure: Failure | None
     shown: tuple[DetectedTarget, ...] = ()
 
+    def encoded(self) -> Outcome:
+        """Return the same with every document of a result as JSON text."""
+        shown = tuple(replace(target, result=_encoded(target.result)) for target in self.shown)
+        return Outcome(_encoded(self.result) if self.result is not None else None, self.failure, shown)
+
 
 @dataclass(frozen=True, slots=True)
 class Provenance:
@@ -56,3 +63,10 @@ class Provenance:
             "input_sha256": self.input_sha256,
             "settings": self.settings,
         }
+
+
+def _encoded(columns: dict[str, Any]) -> dict[str, Any]:
+    return {
+        name: EncodedJson.of(value) if isinstance(value, (dict, list)) else value
+        for name, value in columns.items()
+    }

@@ -143,6 +143,13 @@ def relabel_points(points: bytes, column: Int[np.ndarray, " n"], row: Int[np.nda
     return records[np.lexsort((column, row))].tobytes()
 
 
+def point_places(points: bytes) -> tuple[Int[np.ndarray, "n 2"], Float[np.ndarray, "n 2"]]:
+    """Return column and row of each stored point, and its place in the image (px)."""
+    records = np.frombuffer(points, dtype=_POINT)
+    labels = np.stack([records["column"], records["row"]], axis=1).astype(np.intp)
+    return labels, np.stack([records["u_px"], records["v_px"]], axis=1)
+
+
 def decode_markers(markers: bytes) -> dict[int, Float[np.ndarray, "4 2"]]:
     """Return the corners (px) of the markers of a stored result, by their ids."""
     records = np.frombuffer(markers, dtype=_MARKER)

@@ -1,6 +1,6 @@
 """The tables: one schema for SQLite and PostgreSQL."""
 
-from app.records.tables.access import ApiKey, AuditEntry, Installation
+from app.records.tables.access import AccessVersion, ApiKey, AuditEntry, Installation
 from app.records.tables.base import (
     SCOPES,
     STATUSES,
@@ -12,6 +12,8 @@ from app.records.tables.base import (
     latest_ids,
 )
 from app.records.tables.measurements import MeasuredPose, Measurement, Removal, Result
+from app.records.tables.qualifications import Qualification
+from app.records.tables.reports import PAPERS, REPORT_FORMS, REPORT_KINDS, Report, ReportForm
 from app.records.tables.sessions import (
     Pose,
     Robot,
@@ -23,8 +25,12 @@ from app.records.tables.sessions import (
 )
 
 __all__ = [
+    "PAPERS",
+    "REPORT_FORMS",
+    "REPORT_KINDS",
     "SCOPES",
     "STATUSES",
+    "AccessVersion",
     "ApiKey",
     "AuditEntry",
     "Bytes",
@@ -34,7 +40,10 @@ __all__ = [
     "MeasuredPose",
     "Measurement",
     "Pose",
+    "Qualification",
     "Removal",
+    "Report",
+    "ReportForm",
     "Result",
     "Robot",
     "Session",

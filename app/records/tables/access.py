@@ -49,6 +49,20 @@ class Installation(Table):
     pepper_check: Mapped[str | None] = mapped_column(sa.String(64))
 
 
+class AccessVersion(Table):
+    """The one row that counts changes of keys, of sessions' targets and deletions of sessions, whoever makes them.
+
+    Triggers of the database raise it in the transaction that changes them, so that what is kept in memory of both can
+    be compared with it (`services.access`). No row: nothing was ever changed.
+    """
+
+    __tablename__ = "access_version"
+    __table_args__ = (sa.CheckConstraint("number = 1", name="one_row"),)
+
+    number: Mapped[int] = mapped_column(primary_key=True, autoincrement=False, default=1)
+    version: Mapped[int] = mapped_column(sa.BigInteger())
+
+
 class AuditEntry(Table):
     """Who changed what, and when; triggers of the database refuse to change or delete entries.
 

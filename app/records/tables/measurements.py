@@ -52,6 +52,7 @@ class Measurement(Table):
     target_id: Mapped[str | None] = mapped_column(sa.ForeignKey("targets.id"))
     seeks_target: Mapped[bool] = mapped_column(default=False, server_default=sa.false())
     cycle: Mapped[int | None]
+    burst: Mapped[int | None]
     focus_group: Mapped[str] = mapped_column(sa.String(200))
     joint_angles_deg: Mapped[JsonList | None]
     captured_at: Mapped[datetime | None]
@@ -59,6 +60,7 @@ class Measurement(Table):
     finished_at: Mapped[datetime | None]
     sha256: Mapped[str] = mapped_column(sa.String(64))
     filename: Mapped[str | None] = mapped_column(sa.String(255))
+    pose_label: Mapped[str | None] = mapped_column(sa.String(200))
     bytes: Mapped[int] = mapped_column(sa.BigInteger())
     image_format: Mapped[str] = mapped_column(sa.String(16))
     image_width_px: Mapped[int]

@@ -19,9 +19,9 @@ from app.main import create_app
 from app.records import migrations
 from app.records.database import Database
 from app.records.file_lock import FileLock
-from app.services.context import ServiceContext
+from app.services.installation.context import ServiceContext
 from app.settings import Settings
-from tests.support.service.postgres import EITHER_DATABASE
+from tests.support.environment.postgres import EITHER_DATABASE
 
 FORMER = "0007"
 

@@ -87,6 +87,7 @@ DAMAGE = {
 }
 
 
+@pytest.mark.slow
 def test_a_damaged_measurement_fails_by_itself_and_is_shown_so_everywhere(
     any_api: Any, grey_png: bytes
 ) -> None:
@@ -188,6 +189,7 @@ def test_a_damaged_session_or_target_fails_its_own_images_alone(
     assert any_api.client.delete(f"/v1/sessions/{session_id}").status_code == 204
 
 
+@pytest.mark.slow
 def test_lists_exclude_what_cannot_be_read_and_say_so(any_api: Any) -> None:
     robot = any_api.client.post("/v1/robots", json={"name": "arm", "joints": KUKA}).json()["id"]
     other = any_api.client.post("/v1/robots", json={"name": "other", "joints": KUKA}).json()["id"]
@@ -235,6 +237,7 @@ def test_a_key_that_cannot_be_read_lets_nobody_in(any_api: Any) -> None:
     assert any(row.revoked_at for row in list_keys(installation)[0] if row.id == key.key.id)
 
 
+@pytest.mark.slow
 def test_a_damaged_result_is_shown_as_unreadable_and_retried(any_api: Any, grey_png: bytes) -> None:
     session_id, (bad, good) = upload(any_api, grey_png, "ab")
     database = any_api.installation.database
@@ -347,6 +350,7 @@ def test_doctor_survives_a_time_of_arrival_that_cannot_be_read(any_api: Any, gre
     assert State.failed in [result.state for result in results]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("column", "text"),
     [
@@ -369,6 +373,7 @@ def test_what_was_measured_of_a_target_and_cannot_be_read_stops_nothing(
     assert get(any_api, f"/v1/sessions/{session_id}/repeatability", 409)["code"] == CODE
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("coupling", ["[1]", "[[1]]", '[["a"]]', "{}", "[[1, 2], [3]]"])
 def test_a_coupling_that_cannot_be_read_stops_nothing(any_api: Any, coupling: str) -> None:
     robot = any_api.client.post("/v1/robots", json={"name": "arm", "joints": KUKA}).json()["id"]

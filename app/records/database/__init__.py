@@ -1,0 +1,6 @@
+"""The database: engines, transactions, what it refuses; transactions that come together share a commit."""
+
+from app.records.database.database import Database
+from app.records.database.engines import BUSY_TIMEOUT_S, sqlite_driver, sqlite_version
+
+__all__ = ["BUSY_TIMEOUT_S", "Database", "sqlite_driver", "sqlite_version"]

@@ -1,0 +1,111 @@
+"""The engines: how a connection to SQLite or PostgreSQL is made, and what its driver reads."""
+
+from __future__ import annotations
+
+import sqlite3
+from functools import partial
+from types import ModuleType
+from typing import Any
+
+import sqlalchemy as sa
+from sqlalchemy.pool import QueuePool
+
+from app.records.readable import read_json, read_time
+from app.records.statements import write_json
+
+BUSY_TIMEOUT_S = 20.0
+CONNECTIONS = 30
+"""Connections to PostgreSQL that one process has at most for its transactions."""
+NOTICE_LOSS = {
+    "connect_timeout": 10,  # s
+    "tcp_user_timeout": 20_000,  # ms
+    "keepalives": 1,
+    "keepalives_idle": 10,  # s
+    "keepalives_interval": 5,  # s
+    "keepalives_count": 3,
+}
+"""libpq's options that detect a vanished server within half a minute. Without them the system goes on sending for a
+quarter of an hour, and waits for an answer without limit. Options in the database's address take precedence.
+"""
+_SQLITE_TEXT = partial(str, encoding="utf-8", errors="replace")
+
+
+def sqlite_driver() -> tuple[ModuleType, bool]:
+    """Return the SQLite module and whether it is the bundled one (pysqlite3) rather than the standard library's."""
+    try:
+        from pysqlite3 import dbapi2
+    except ImportError:
+        return sqlite3, False
+    return dbapi2, True
+
+
+def sqlite_version() -> tuple[str, bool]:
+    """Return SQLite's version and whether it has the fix of the WAL-reset bug (3.51.3 and later)."""
+    module, _ = sqlite_driver()
+    return module.sqlite_version, module.sqlite_version_info >= (3, 51, 3)
+
+
+def postgresql_engine(url: sa.URL, *, connections: int = CONNECTIONS) -> sa.Engine:
+    # psycopg is an extra: it is imported where PostgreSQL is used, and only there.
+    from psycopg.adapt import Loader
+
+    class TimeLoader(Loader):
+        def load(self, data: Any) -> Any:
+            return read_time(bytes(data))
+
+    engine = sa.create_engine(
+        url,
+        pool_size=min(10, connections),
+        max_overflow=max(0, connections - 10),
+        pool_pre_ping=True,
+        json_deserializer=read_json,
+        json_serializer=write_json,
+        connect_args={name: value for name, value in NOTICE_LOSS.items() if name not in url.query},
+    )
+
+    @sa.event.listens_for(engine, "connect")
+    def configure(connection: Any, _record: Any) -> None:
+        # By SET, not by `options` in the address: pgbouncer refuses options it does not know, and follows these two.
+        autocommit, connection.autocommit = connection.autocommit, True
+        connection.execute("SET TimeZone = 'UTC'")
+        connection.execute("SET DateStyle = 'ISO, YMD'")
+        connection.execute(f"SET lock_timeout = '{BUSY_TIMEOUT_S:.0f}s'")
+        connection.autocommit = autocommit
+        connection.adapters.register_loader("timestamptz", TimeLoader)
+
+    return engine
+
+
+def sqlite_engine(url: sa.URL, *, begin: str, connections: int) -> sa.Engine:
+    module, _ = sqlite_driver()
+    engine = sa.create_engine(
+        url,
+        module=module,
+        json_deserializer=read_json,
+        json_serializer=write_json,
+        poolclass=QueuePool,
+        # One connection for writers: threads of this process queue here, which is fairer and quicker than SQLite's
+        # own sleeping and retrying, which remains for other processes.
+        pool_size=connections,
+        max_overflow=0,
+        pool_timeout=BUSY_TIMEOUT_S,
+        connect_args={"timeout": BUSY_TIMEOUT_S, "check_same_thread": False},
+    )
+
+    @sa.event.listens_for(engine, "connect")
+    def configure(connection: Any, _record: Any) -> None:
+        connection.isolation_level = None  # we say BEGIN ourselves
+        # A text that is no UTF-8 would end the whole query as if the database were out of order.
+        connection.text_factory = _SQLITE_TEXT
+        cursor = connection.cursor()
+        cursor.execute("PRAGMA journal_mode=WAL")
+        cursor.execute("PRAGMA synchronous=FULL")
+        cursor.execute("PRAGMA foreign_keys=ON")
+        cursor.execute("PRAGMA cache_size=-16384")
+        cursor.close()
+
+    @sa.event.listens_for(engine, "begin")
+    def start(connection: sa.Connection) -> None:
+        connection.exec_driver_sql(begin)
+
+    return engine

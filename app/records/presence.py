@@ -1,0 +1,70 @@
+"""Who uses a PostgreSQL database: services and workers share a lock in it, and who changes its schema holds it alone.
+
+The server frees the lock when its holder's connection ends. On SQLite the data folder's lock files say the same.
+"""
+
+from __future__ import annotations
+
+import contextlib
+
+import sqlalchemy as sa
+import structlog
+
+from app.records.database import Database
+from app.records.file_lock import AlreadyLocked
+
+log = structlog.get_logger(__name__)
+
+ADVISORY_LOCK = 0x706F_7365  # "pose"
+
+
+class Presence:
+    """The right to use one database together with others or, `alone`, without any; nothing on SQLite."""
+
+    def __init__(self, database: Database, *, alone: bool = False) -> None:
+        self._database = database
+        self._alone = alone
+        self._connection: sa.Connection | None = None
+
+    def acquire(self) -> None:
+        """Take the lock, or raise AlreadyLocked at once."""
+        if not self._database.is_sqlite:
+            self._connection = self._locked_connection()
+
+    def keep(self) -> None:
+        """Take the lock again where its connection was lost, as soon as that is possible."""
+        if self._database.is_sqlite:
+            return
+        try:
+            if self._connection is not None:
+                self._connection.execute(sa.select(1))
+                return
+        except sa.exc.DBAPIError:
+            self._drop_connection()
+        try:
+            self._connection = self._locked_connection()
+        except (AlreadyLocked, sa.exc.DBAPIError) as error:
+            log.warning("presence_lost", error=type(error).__name__)
+
+    def release(self) -> None:
+        """Free the lock; harmless when it is not held."""
+        self._drop_connection()
+
+    def _drop_connection(self) -> None:
+        """Free the lock and close the connection, lost or not."""
+        if self._connection is not None:
+            if not self._connection.invalidated:
+                # Closing alone frees it as well, but only when the server notices.
+                with contextlib.suppress(sa.exc.DBAPIError):
+                    self._connection.execute(sa.select(sa.func.pg_advisory_unlock_all()))
+            self._connection.invalidate()
+            self._connection.close()
+            self._connection = None
+
+    def _locked_connection(self) -> sa.Connection:
+        connection = self._database.engine.connect().execution_options(isolation_level="AUTOCOMMIT")
+        take = sa.func.pg_try_advisory_lock if self._alone else sa.func.pg_try_advisory_lock_shared
+        if not connection.scalar(sa.select(take(ADVISORY_LOCK))):
+            connection.close()
+            raise AlreadyLocked("database")
+        return connection
