@@ -39,6 +39,11 @@ class AnswerCache:
         self._failures: OrderedDict[Question, _Failure] = OrderedDict()
         self._lock = threading.Lock()
 
+    def was_asked(self, question: Question) -> bool:
+        """Return whether the question was answered lately, at whatever change token."""
+        with self._lock:
+            return question in self._tags
+
     def tag(self, question: Question, change_token: str) -> str | None:
         """Return the tag of the answer to the question, if it was given at this change token."""
         with self._lock:

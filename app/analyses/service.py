@@ -14,14 +14,16 @@ from typing import Any, TypeVar
 from starlette.concurrency import run_in_threadpool
 
 from app.analyses.answer_cache import FAILURE_KEPT_S, AnswerCache, Question
+from app.analyses.answer_store import find_answer, keep_answer
+from app.analyses.computations import ServiceFailure, compute, compute_plan, compute_sheet
 from app.analyses.inputs.change_token import read_change_token
 from app.analyses.inputs.snapshot import read_snapshot
 from app.analyses.outcome import AnalysisRefused, AnalysisResult
 from app.build import analyses_build
-from app.errors import Conflict, NotFound, ServiceError, Unavailable
+from app.errors import Conflict, ServiceError, Unavailable
 from app.jobs.call_queue import Call, CallQueue, QueueFull, ShareTaken
 from app.jobs.subprocess_executor import Limits, OutOfMemory, ProcessDied, TimedOut
-from app.services.context import ServiceContext
+from app.services.installation.context import ServiceContext
 from app.settings import Settings
 
 PROCESSES = 2
@@ -82,13 +84,48 @@ class AnalysisService:
             raise failure
         found = self._kept.answer(session_id, etag) if etag is not None else None
         if etag is None or found is None:
-            analysed = await self._compute(installation, question, change_token, requester)
-            etag, found = entity_tag(analysed.answer_sha256), analysed.outcome
+            database = installation.database
+            shared = await run_in_threadpool(find_answer, database, question, change_token)
+            if shared is not None:
+                etag, found = shared
+            else:
+                analysed = await self._compute(installation, question, change_token, requester)
+                etag, found, change_token = (
+                    entity_tag(analysed.answer_sha256),
+                    analysed.outcome,
+                    analysed.change_token,
+                )
+                await run_in_threadpool(keep_answer, database, question, change_token, etag, found)
             self._kept.keep(session_id, etag, found)
-            self._kept.keep_tag(question, analysed.change_token, etag)
+            self._kept.keep_tag(question, change_token, etag)
         if isinstance(found, AnalysisRefused):
             raise _conflict(found)
         return Analysis(etag, None if known_etags & {etag, "*"} else found)
+
+    def kept(
+        self, installation: ServiceContext, analysis: str, session_id: str, settings: Mapping[str, str]
+    ) -> bytes | AnalysisRefused | None:
+        """Return an analysis of the session as it is now where it is in the cache, from any thread; compute nothing."""
+        question = (session_id, analysis, tuple(sorted(settings.items())))
+        if not self._kept.was_asked(question):
+            return None
+        _, etag = self._read(installation, question, False)
+        return self._kept.answer(session_id, etag) if etag is not None else None
+
+    async def sheet(
+        self, target: Mapping[str, Any], options: Mapping[str, Any], requester: str | None = None
+    ) -> bytes:
+        """Return a target's sheet, on the first of `options["papers"]` that it fits; raises as `plan` does.
+
+        `options` has also the `form` (`pdf`, `svg`) and the `name` that the sheet bears.
+        """
+        return await self._worked_out(
+            ("sheet", repr((dict(target), dict(options)))),
+            requester,
+            compute_sheet,
+            dict(target),
+            dict(options),
+        )
 
     async def plan(
         self,
@@ -99,15 +136,39 @@ class AnalysisService:
     ) -> bytes:
         """Return what poses would make observable of a robot; raises as `answer` does."""
         asked = repr((robot, dict(target), dict(request)))
-        try:
-            outcome: bytes | AnalysisRefused = await self._call(
-                ("plan", asked), requester, compute_plan, robot, dict(target), dict(request)
-            )
-        except (OutOfMemory, TimedOut) as error:
-            raise self._failure(error)(5) from error
+        return await self._worked_out(
+            ("plan", asked), requester, compute_plan, robot, dict(target), dict(request)
+        )
+
+    async def _worked_out(
+        self, question: Hashable, requester: str | None, function: Callable[..., Any], *arguments: Any
+    ) -> bytes:
+        """Return what a function of no session returns; its refusal is Conflict."""
+        outcome: bytes | AnalysisRefused = await self.run(question, requester, function, *arguments)
         if isinstance(outcome, AnalysisRefused):
             raise _conflict(outcome)
         return outcome
+
+    async def run(
+        self,
+        question: Hashable,
+        requester: str | None,
+        function: Callable[..., Answer | ServiceFailure],
+        *arguments: Any,
+    ) -> Answer:
+        """Return what `function` returns in a process of the analyses; equal questions share one call.
+
+        Raises as `answer` does.
+        """
+        try:
+            return await self._call(question, requester, function, *arguments)
+        except (OutOfMemory, TimedOut) as error:
+            raise self._failure(error)(5) from error
+
+    @property
+    def calls(self) -> CallQueue:
+        """The bounded processes, for work that no request waits for."""
+        return self._calls
 
     def counts(self) -> tuple[int, int]:
         """Return how many computations wait and how many run."""
@@ -229,43 +290,3 @@ def entity_tag(answer_sha256: str) -> str:
     """Return the tag of a session's document: the same contents and program, the same bytes."""
     text = f"{answer_sha256} {analyses_build()}"
     return f'"{hashlib.sha256(text.encode()).hexdigest()[:32]}"'
-
-
-@dataclass(frozen=True, slots=True)
-class ServiceFailure:
-    """A refusal of the service's own, which travels between processes as plain values."""
-
-    kind: type[ServiceError]
-    code: str
-    detail: str
-    advice: str | None
-
-
-def compute(
-    url: str, analysis: str, session_id: str, settings: Mapping[str, str]
-) -> AnalysisResult | ServiceFailure:
-    """Run in a process alongside the head, which alone loads the numerics for it."""
-    from app.analyses.worker import analyse, open_database
-
-    try:
-        return analyse(open_database(url), analysis, session_id, settings)
-    except ServiceError as error:
-        kind = next((kind for kind in (NotFound, Conflict) if isinstance(error, kind)), Unavailable)
-        return ServiceFailure(kind, error.code, error.detail, error.advice)
-
-
-def compute_plan(
-    robot: list[dict[str, float]], target: Mapping[str, Any], request: Mapping[str, Any]
-) -> bytes | AnalysisRefused:
-    """Run in a process alongside the head."""
-    from app.analyses.documents.dh_plan import plan_document
-    from app.analyses.json_text import encode
-    from app.analyses.outcome import AnalysisError
-    from core import GridposeError
-
-    try:
-        return encode(plan_document(robot, target, request))
-    except AnalysisError as reason:
-        return reason.refused
-    except GridposeError as error:
-        return AnalysisRefused(error.code, error.detail, error.advice)

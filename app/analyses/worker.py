@@ -5,22 +5,26 @@ estimates pass through the process that takes uploads.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from functools import cache
 from typing import Any
 
 import numpy as np
 
+from app.analyses.documents.camera.camera_files import camera_file
+from app.analyses.documents.camera.intrinsics import intrinsics_findings
 from app.analyses.documents.camera_poses import camera_poses_findings
 from app.analyses.documents.comparison import comparison_findings
-from app.analyses.documents.dh import dh_findings
+from app.analyses.documents.dh import compensation_findings, dh_findings
 from app.analyses.documents.findings import Findings, findings_document
 from app.analyses.documents.hand_eye import hand_eye_findings
-from app.analyses.documents.intrinsics import intrinsics_findings
+from app.analyses.documents.joint_noise import joint_noise_findings
+from app.analyses.documents.next_view import next_view_findings
 from app.analyses.documents.qualification import qualification_findings
 from app.analyses.documents.repeatability import repeatability_findings
 from app.analyses.inputs.change_token import read_change_token
 from app.analyses.inputs.session_loader import Markers, load_session, read_markers
-from app.analyses.inputs.snapshot import read_snapshot
+from app.analyses.inputs.snapshot import Snapshot, read_snapshot
 from app.analyses.json_text import encode
 from app.analyses.outcome import AnalysisError, AnalysisRefused, AnalysisResult
 from app.build import core_version
@@ -45,16 +49,35 @@ def _plot(name: str) -> Document:
 
 ANALYSES: dict[str, Document] = {
     "intrinsics": intrinsics_findings,
+    "camera_file": camera_file,
     "repeatability": repeatability_findings,
     "camera_poses": camera_poses_findings,
     "hand_eye": hand_eye_findings,
     "dh": dh_findings,
+    "joint_noise": joint_noise_findings,
+    "next_view": next_view_findings,
     "qualification": qualification_findings,
     "scatter_plot": _plot("scatter_plot"),
+    "cycle_points": _plot("cycle_points"),
     "drift_plot": _plot("drift_plot"),
     "steadiness_plot": _plot("steadiness_plot"),
     "residual_map": _plot("residual_map"),
+    "projection_map": _plot("projection_map"),
+    "joint_curves_plot": _plot("joint_curves_plot"),
+    "lens_profile_plot": _plot("lens_profile_plot"),
+    "joint_noise_map": _plot("joint_noise_map"),
 }
+
+
+@dataclass(frozen=True, slots=True)
+class LoadedSession:
+    """One session at one moment: what every analysis of it is computed from."""
+
+    snapshot: Snapshot
+    data: SessionData
+    markers: Markers
+    second: SessionData | None
+    change_token: str
 
 
 def analyse(
@@ -62,40 +85,69 @@ def analyse(
 ) -> AnalysisResult:
     """Compute one document from what the session holds now, or determine why it cannot be computed."""
     source = settings.get("source", "images")
-    markers: Markers = {}
+    loaded = load(
+        database,
+        session_id,
+        source,
+        with_markers=analysis == "comparison",
+        second_id=settings.get("confirming_session_id"),
+    )
+    return AnalysisResult(
+        loaded.snapshot.answer_sha256(analysis, settings),
+        document_of(loaded, analysis, settings),
+        loaded.change_token,
+    )
+
+
+def load(
+    database: Database,
+    session_id: str,
+    source: str,
+    *,
+    with_markers: bool = False,
+    second_id: str | None = None,
+) -> LoadedSession:
+    """Read a session, and a second one to confirm it, in one transaction. Raises NotFound, RowUnreadable."""
+    second: SessionData | None = None
     with database.read() as records:
         change_token = read_change_token(records, session_id)
         snapshot = read_snapshot(records, session_id, source)
         data = load_session(records, snapshot, source)
-        if analysis == "comparison":
-            markers = read_markers(records, session_id)
-    inputs_sha256 = snapshot.inputs_sha256(analysis, settings)
+        markers = read_markers(records, session_id) if with_markers else {}
+        if second_id:
+            second = load_session(records, read_snapshot(records, second_id, source), source)
+    return LoadedSession(snapshot, data, markers, second, change_token)
+
+
+def document_of(loaded: LoadedSession, analysis: str, settings: Mapping[str, str]) -> bytes | AnalysisRefused:
+    """Compute one document of a loaded session, or determine why it cannot be computed."""
+    snapshot, data = loaded.snapshot, loaded.data
     head: dict[str, Any] = {  # of documents; a drawing holds neither ids nor hashes
-        "session_id": session_id,
+        "session_id": snapshot.session_id,
         "subject": snapshot.subject,
-        "inputs_sha256": inputs_sha256,
+        "inputs_sha256": snapshot.inputs_sha256(analysis, settings),
         "core_version": core_version(),
         "pending": snapshot.pending,
     }
     try:
         found: Findings | bytes
         if analysis == "comparison":
-            found = comparison_findings(data, markers)
+            found = comparison_findings(data, loaded.markers)
+        elif analysis == "compensation":
+            found = compensation_findings(data, loaded.second, settings)
         else:
             found = ANALYSES[analysis](data, settings)
     except AnalysisError as reason:
-        outcome: bytes | AnalysisRefused = reason.refused
+        return reason.refused
     except GridposeError as error:
-        outcome = AnalysisRefused(error.code, error.detail, error.advice)
+        return AnalysisRefused(error.code, error.detail, error.advice)
     except np.linalg.LinAlgError:
-        outcome = AnalysisRefused(
+        return AnalysisRefused(
             "degenerate_geometry",
             "The measurements are so nearly equal, or so uncertain, that the equations have no solution.",
             "Add measurements that differ more, and check the units of what was stated.",
         )
-    else:
-        outcome = found if isinstance(found, bytes) else encode(findings_document(head, found, data))
-    return AnalysisResult(snapshot.answer_sha256(analysis, settings), outcome, change_token)
+    return found if isinstance(found, bytes) else encode(findings_document(head, found, data))
 
 
 @cache

@@ -33,6 +33,9 @@ def _image(one: ImagePose, data: SessionData) -> dict[str, Any]:
         "focus_group": image.focus_group,
         "used": one.used,
         "rejection": None if reason is None else {"code": reason.code, "detail": reason.detail},
+        "focal": None
+        if one.focal_px is None
+        else {"focal_px": one.focal_px[0], "standard_uncertainty_px": one.focal_px[1]},
         **(
             _pose(one.pose)
             if one.pose is not None

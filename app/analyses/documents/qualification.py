@@ -3,12 +3,17 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+import math
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from app.analyses.documents.findings import Findings
-from core.metrology import CONFIDENCE, RULE, KnownLength, LengthError
+from core.metrology import CONFIDENCE, MIN_POINTS, RULE, KnownLength, LengthError, chart_figure
 from core.session import SessionData, estimate_session, qualify_session
+
+_LENGTHS = frozenset({"probing_scatter_mm"})
+"""Figures that are above zero by their nature, and charted by their logarithms."""
+_ROUNDING = 1e-9
 
 
 def qualification_findings(data: SessionData, settings: Mapping[str, str]) -> Findings:
@@ -34,6 +39,28 @@ def qualification_findings(data: SessionData, settings: Mapping[str, str]) -> Fi
     if estimate is None:
         return Findings(fields, (), ())
     return Findings(fields, estimate.excluded.values(), estimate.warnings)
+
+
+def control_document(name: str, earlier: Sequence[float], value: float | None) -> dict[str, Any] | None:
+    """Return the control limits of a record's figure from the earlier records, oldest first, and whether it keeps them.
+
+    None where fewer than `MIN_POINTS` are known, or the figure itself is not.
+    """
+    logarithms = name in _LENGTHS
+    usable = [one for one in earlier if math.isfinite(one) and (not logarithms or one > 0.0)]
+    if value is None or len(usable) < MIN_POINTS:
+        return None
+    limits = chart_figure(usable, logarithms=logarithms).limits
+    inside = limits.lower <= value <= limits.upper
+    return {
+        "centre": limits.centre,
+        "low": limits.lower,
+        "high": limits.upper,
+        "records": len(usable),
+        # Equal figures have limits of no width, but for rounding.
+        "in_control": inside
+        or any(math.isclose(value, e, rel_tol=_ROUNDING) for e in (limits.lower, limits.upper)),
+    }
 
 
 def _length(one: LengthError) -> dict[str, Any]:

@@ -27,12 +27,14 @@ from app.records.tables import (
     Target,
     measured_target_fields,
 )
+from app.services.qualifications import latest_qualification
 from app.services.queries import get_or_raise
 
 _MEASUREMENT = (
     Measurement.id,
     Measurement.pose_id,
     Measurement.cycle,
+    Measurement.burst,
     Measurement.target_id,
     Measurement.focus_group,
     Measurement.joint_angles_deg,
@@ -74,6 +76,7 @@ def read_change_token(records: orm.Session, session_id: str) -> str:
         ]
         if robot is not None
         else None,
+        (latest_qualification(records, session.robot_id) or {}).get("id"),
         # Numbers as numbers: as text SQLite rounds them.
         [list(row) for row in records.execute(sa.select(*POSE_COLUMNS).where(Pose.session_id == session_id))],
     ]

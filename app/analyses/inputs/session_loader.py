@@ -53,6 +53,7 @@ def load_session(records: orm.Session, snapshot: Snapshot, source: str = "images
             if image.labelling == "partial":  # a part of a board, whose points have no labels
                 points.pop(image.observation.measurement_id, None)
         views = _views(images, points, targets)
+    taken_h, time_source = _times(snapshot.images)
     return SessionData(
         targets=targets,
         target_ids=snapshot.target_ids,
@@ -66,7 +67,19 @@ def load_session(records: orm.Session, snapshot: Snapshot, source: str = "images
         joint_coupling=None if snapshot.joint_coupling is None else np.array(snapshot.joint_coupling),
         datasheet=Datasheet(**snapshot.datasheet),
         pending=snapshot.pending,
+        taken_h=taken_h,
+        time_source=time_source,
     )
+
+
+def _times(images: Sequence[StoredImage]) -> tuple[dict[str, float], str | None]:
+    """Return when images were taken, h after the first one: as stated where all say so, else when they came."""
+    for source in ("captured_at", "received_at"):
+        times = {one.observation.measurement_id: getattr(one, source) for one in images}
+        if times and None not in times.values():
+            first = min(times.values())
+            return {name: (time - first).total_seconds() / 3600.0 for name, time in times.items()}, source
+    return {}, None
 
 
 def nominal_chain(robot: Sequence[Mapping[str, float]] | None) -> Chain | None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from datetime import UTC, datetime
 from typing import Any
 
@@ -10,9 +10,17 @@ from app.records.tables import Robot, Session, Target
 
 
 def session_subject(
-    session: Session, robot: Robot | None, targets: Sequence[Target], captured: Iterable[datetime | None]
+    session: Session,
+    robot: Robot | None,
+    targets: Sequence[Target],
+    captured: Iterable[datetime | None],
+    qualification: Mapping[str, Any] | None,
 ) -> dict[str, Any]:
-    """Return the subject of a session's analyses; `captured` are the times of its images, None where not stated."""
+    """Return the subject of a session's analyses.
+
+    `captured` are the times of its images, None where not stated; `qualification` is the latest of its set-up
+    (`app.services.qualifications`), None for none.
+    """
     times = [moment for moment in captured if moment is not None]
     return {
         "session": _named(session),
@@ -21,6 +29,14 @@ def session_subject(
         "first_captured_at": _rfc3339(min(times)) if times else None,
         "last_captured_at": _rfc3339(max(times)) if times else None,
         "conditions": session.conditions,
+        "qualification": None
+        if qualification is None
+        else {
+            "id": qualification["id"],
+            "made_at": _rfc3339(qualification["made_at"]),
+            "due_at": _rfc3339(qualification["due_at"]),
+            "decision": qualification["decision"],
+        },
     }
 
 

@@ -32,6 +32,7 @@ from app.records.tables import (
     measured_target_fields,
     target_fields,
 )
+from app.services.qualifications import latest_qualification
 from app.services.queries import get_or_raise, require_readable
 from core import GridposeError
 from core.session import NO_TARGET, CommandedPose, ImageObservation, natural
@@ -42,7 +43,7 @@ _FOREIGN = (
     "It is of a target that the session does not look at; add it to the session's target_ids to have it count.",
 )
 EXCLUDED = "excluded_by_user"
-ROBOT_ANALYSES = frozenset({"dh", "hand_eye"})
+ROBOT_ANALYSES = frozenset({"dh", "hand_eye", "compensation", "joint_noise", "joint_noise_map"})
 """Those that are computed from the robot's nominal joints, too."""
 _OF_JOINT = ("a_mm", "alpha_deg", "d_mm", "theta_offset_deg")
 """What is computed from; names and limits are for other programs."""
@@ -62,6 +63,7 @@ class StoredImage:
     content_sha256: str | None = None
     labelling: str | None = None
     captured_at: datetime | None = None
+    received_at: datetime | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -105,7 +107,13 @@ class Snapshot:
             self.inputs_sha256(analysis, settings),
             self.pending,
             self.subject,
-            [[image.observation.measurement_id, image.observation.filename] for image in self.images],
+            [
+                [
+                    *(image.observation.measurement_id, image.observation.filename),
+                    *(str(image.captured_at), str(image.received_at)),
+                ]
+                for image in self.images
+            ],
             [pose.measurement_id for pose in self.measured],
         ]
         return hashlib.sha256(json.dumps(parts, sort_keys=True).encode()).hexdigest()
@@ -135,6 +143,8 @@ class Snapshot:
                     image.computed_by,
                     image.content_sha256,
                     image.labelling,
+                    # Without one, the hash is that of versions before it.
+                    *([["burst", image.observation.burst]] if image.observation.burst is not None else []),
                 ]
                 for image in self.images
             ],
@@ -197,7 +207,11 @@ def read_snapshot(records: orm.Session, session_id: str, source: str = "images")
         images=images,
         measured=measured,
         subject=session_subject(
-            session, robot, [rows[i] for i in target_ids], [image.captured_at for image in images]
+            session,
+            robot,
+            [rows[i] for i in target_ids],
+            [image.captured_at for image in images],
+            latest_qualification(records, session.robot_id),
         ),
         robot=[{name: joint[name] for name in _OF_JOINT} for joint in robot.joints]
         if robot is not None
@@ -260,15 +274,17 @@ def _read_images(records: orm.Session, session_id: str, places: Mapping[str, int
 
 def _stored_image(row: tuple[Any, ...], places: Mapping[str, int]) -> StoredImage:
     """Return the image of an `IMAGE_ROWS` row; one excluded, or of a target not the session's, is a failed one."""
-    *fields, exclusion, filename, captured_at = row
+    *fields, exclusion, filename, burst, captured_at, received_at = row
     if fields[4] is not None and fields[4] not in places:
         fields = [*fields[:4], None, *fields[5:9], *_FOREIGN, None, fields[12], None, None]
     if exclusion is not None:
         fields = [*fields[:9], EXCLUDED, exclusion["reason"], None, fields[12], None, None]
     seen, (point_bytes, computed_by, content_sha256, labelling) = fields[:11], fields[11:]
     target = NO_TARGET if seen[4] is None else places[seen[4]]
-    observation = ImageObservation(*[*seen[:4], target, *seen[5:], labelling or "absolute", filename])
-    return StoredImage(observation, point_bytes, computed_by, content_sha256, labelling, captured_at)
+    observation = ImageObservation(*[*seen[:4], target, *seen[5:], labelling or "absolute", filename, burst])
+    return StoredImage(
+        observation, point_bytes, computed_by, content_sha256, labelling, captured_at, received_at
+    )
 
 
 def _read_poses(records: orm.Session, session_id: str) -> list[tuple[str, CommandedPose]]:

@@ -26,7 +26,7 @@ from tests.support.sessions.stored_sessions import (
     with_fields,
 )
 
-CALIBRATING = METHODS[:6]
+CALIBRATING = METHODS[:8]
 
 
 def get(api: Any, session: str, **headers: str) -> Any:
@@ -62,6 +62,7 @@ def rp(row: dict[str, Any]) -> float:
     return float(np.mean([pose["repeatability"]["rp_l_mm"] for pose in row["poses"]]))
 
 
+@pytest.mark.slow
 def test_all_methods_on_the_same_images(api: Any, store: Store) -> None:
     session = new_session(api)
     store(api, session, shoot(repeatability_mm=0.02))

@@ -102,6 +102,7 @@ def slow(served: Any, store: Any, monkeypatch: pytest.MonkeyPatch) -> Desk:
     return Desk(served, store)
 
 
+@pytest.mark.slow
 def test_one_key_cannot_take_all_places_nor_all_processes(slow: Desk) -> None:
     flooding, other = slow.api.key("read"), slow.api.key("read")
     sessions = [slow.session() for _ in range(PLACES // len(ESTIMATORS) + 1)]
@@ -169,6 +170,7 @@ def test_a_refusal_is_computed_once_until_the_session_changes(
     assert served.client.get(url).status_code == 200
 
 
+@pytest.mark.slow
 def test_what_takes_too_long_is_stopped_and_not_tried_again_at_once(
     serve_api: Any, store: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -187,6 +189,7 @@ def test_what_takes_too_long_is_stopped_and_not_tried_again_at_once(
         assert slow.started(session) == 2, "other inputs are another question"
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not Path("/proc/self/statm").exists(), reason="needs /proc to see memory")
 def test_what_takes_too_much_memory_is_refused_by_name_and_not_tried_again_at_once(
     serve_api: Any, store: Any, monkeypatch: pytest.MonkeyPatch

@@ -4,9 +4,12 @@ from __future__ import annotations
 
 from typing import Any
 
+import pytest
+
 from tests.support.sessions.stored_sessions import Store, body, new_session, shoot
 
 
+@pytest.mark.slow
 def test_an_excluded_measurement_is_listed_and_counts_nowhere(api: Any, store: Store) -> None:
     shots = shoot(cycles=5)
     session, without = new_session(api), new_session(api)
@@ -27,6 +30,7 @@ def test_an_excluded_measurement_is_listed_and_counts_nowhere(api: Any, store: S
     assert body(api.client.get(address)) == before, "as if nothing had been"
 
 
+@pytest.mark.slow
 def test_every_correction_gives_other_inputs(api: Any, store: Store) -> None:
     session = new_session(api)
     first, *_ = store(api, session, shoot(cycles=3))
@@ -34,6 +38,7 @@ def test_every_correction_gives_other_inputs(api: Any, store: Store) -> None:
     for change in (
         {},
         {"cycle": 9},
+        {"burst": 2},
         {"pose_id": "P2"},
         {"joint_angles_deg": [1.0]},
         {"excluded": {"reason": "one"}},
@@ -42,7 +47,7 @@ def test_every_correction_gives_other_inputs(api: Any, store: Store) -> None:
         assert api.client.patch(f"/v1/measurements/{first}", json=change).status_code == 200
         answer = api.client.get(f"/v1/sessions/{session}/repeatability")
         seen.add((answer.json()["inputs_sha256"], answer.headers["etag"]))
-    assert len({inputs for inputs, _ in seen}) == len({etag for _, etag in seen}) == 6
+    assert len({inputs for inputs, _ in seen}) == len({etag for _, etag in seen}) == 7
 
 
 def _figures(poses: list[dict[str, Any]]) -> list[Any]:

@@ -14,7 +14,12 @@ import pytest
 from tests.support.sessions.stored_sessions import Shot, Store, body, new_session, problem, shoot, with_fields
 
 SPACE = "{http://www.w3.org/2000/svg}"
-PLOTS = ("repeatability/scatter.svg", "repeatability/drift.svg", "intrinsics/residuals.svg")
+PLOTS = (
+    "repeatability/scatter.svg",
+    "repeatability/drift.svg",
+    "intrinsics/residuals.svg",
+    "intrinsics/projection-uncertainty.svg",
+)
 
 
 def get(api: Any, session: str, plot: str, **query: Any) -> Any:
@@ -37,6 +42,7 @@ def ordinary() -> list[Shot]:
     return shoot(3, poses=3, cycles=20)
 
 
+@pytest.mark.slow
 def test_pictures_say_what_the_tables_say(api: Any, store: Store, ordinary: list[Shot]) -> None:
     session = new_session(api)
     blind = Shot("P2", 21, None, ordinary[0].T_target_camera)
@@ -78,6 +84,33 @@ def test_pictures_say_what_the_tables_say(api: Any, store: Store, ordinary: list
     assert float(residuals.split("rms ")[1].split(" ")[0]) == pytest.approx(0.02 * 2**0.5, rel=0.05)
 
 
+def test_the_projection_map_says_where_the_camera_is_certain(
+    api: Any, store: Store, ordinary: list[Shot]
+) -> None:
+    session = new_session(api)
+    store(api, session, ordinary[:12])
+    (line,) = told(get(api, session, PLOTS[3]))
+    (group,) = body(api.client.get(f"/v1/sessions/{session}/intrinsics"))["groups"]
+    found = group["projection_uncertainty"]
+    counts = np.array(found["cell_point_counts"])
+    values = np.array(found["cell_standard_uncertainties_px"], dtype=float)  # null is NaN
+    assert counts.shape == values.shape
+    assert counts.sum() == sum(area["point_count"] for area in found["areas"]) == 12 * 54
+    assert found["covered_share"] == pytest.approx(np.mean(counts > 0))
+    assert f"points in {100 * found['covered_share']:.0f} % of the image" in line
+    blank = ", ".join(found["blank_areas"]) or "no part of the image"
+    assert f"blank: {blank if len(found['blank_areas']) < 9 else 'every part of the image'}   ·" in line
+    assert found["blank_areas"] == [a["name"] for a in found["areas"] if a["blank_share"] >= 0.5]
+    assert found["largest_covered_px"] == np.nanmax(values[counts > 0])
+    assert found["largest_blank_px"] == np.nanmax(values[counts == 0])
+    assert f"{found['largest_covered_px']:.2g} px where there are points" in line
+    assert 0.0 < np.nanmin(values) < found["largest_covered_px"] < found["largest_blank_px"]
+    centre = next(area for area in found["areas"] if area["name"] == "centre")
+    # A turned camera and a principal point that is off project alike: far less than u(cx) remains.
+    assert centre["standard_uncertainty_px"] < 0.5 * group["standard_uncertainty"]["cx_px"]
+
+
+@pytest.mark.slow
 @pytest.mark.parametrize("plot", PLOTS)
 def test_a_picture_is_known_by_its_tag(api: Any, store: Store, ordinary: list[Shot], plot: str) -> None:
     first, other = new_session(api), new_session(api)
@@ -165,6 +198,7 @@ def test_what_another_instrument_measured_is_drawn_too(api: Any, store: Store) -
     problem(get(api, new_session(api), PLOTS[1], source="measured_poses"), 409, "measured_poses_missing")
 
 
+@pytest.mark.slow
 def test_too_many_poses_for_one_picture(api: Any, store: Store) -> None:
     session = new_session(api)
     store(api, session, shoot(5, poses=41, cycles=2))
@@ -174,6 +208,7 @@ def test_too_many_poses_for_one_picture(api: Any, store: Store) -> None:
         assert told(get(api, session, plot, pose_id="P41"))[0].startswith("P41: n = 2")
 
 
+@pytest.mark.slow
 def test_the_head_never_loads_what_draws() -> None:
     """Pictures are drawn in the process beside it; the head stays small."""
     program = (
@@ -181,7 +216,7 @@ def test_the_head_never_loads_what_draws() -> None:
         "from app.settings import Settings\n"
         "from pathlib import Path\n"
         "app.main.create_app(Settings(data_dir=Path('/nonexistent/gridpose'))).openapi()\n"
-        "print([m for m in ('matplotlib', 'PIL', 'app.analyses.documents.plots') if m in sys.modules])"
+        "print([m for m in ('matplotlib', 'PIL', 'app.analyses.documents.plots.drawing') if m in sys.modules])"
     )
     done = subprocess.run(
         [sys.executable, "-c", program],

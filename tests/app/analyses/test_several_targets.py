@@ -48,6 +48,7 @@ def session(computing: Any) -> tuple[str, list[str]]:
     return session_id, targets
 
 
+@pytest.mark.slow
 def test_the_grids_are_tied_by_the_images_that_show_both(computing: Any, session: Any) -> None:
     session_id, targets = session
     found = body(computing.client.get(f"/v1/sessions/{session_id}/intrinsics"))
@@ -77,6 +78,7 @@ def test_every_pose_is_one_of_one_target_and_nothing_is_dropped(computing: Any, 
     assert compared["image_count"] == 2 * 2 * len(VIEWS)
 
 
+@pytest.mark.slow
 def test_an_image_of_neither_is_named_in_every_table(computing: Any, session: Any, grey_png: bytes) -> None:
     session_id, _ = session
     nothing = computing.put_image(session_id, grey_png, "P4").json()["id"]
@@ -93,6 +95,7 @@ def test_an_image_of_neither_is_named_in_every_table(computing: Any, session: An
 ANALYSES = ("intrinsics", "repeatability", "comparison")
 
 
+@pytest.mark.slow
 def test_the_order_of_named_and_unnamed_uploads_changes_nothing(computing: Any, session: Any) -> None:
     _, targets = session
     corner = Corner(AHEAD, RIGHT)

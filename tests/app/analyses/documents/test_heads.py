@@ -27,6 +27,7 @@ from tests.support.simulation.simulated_views import draw_pose
 HEAD = {"session_id", "subject", "inputs_sha256", "core_version", "pending", "excluded", "warnings"}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("analysis", ANALYSES)
 def test_every_analysis_names_its_subject_and_what_does_not_count(
     robot_session: RobotSession, analysis: str
@@ -48,6 +49,7 @@ def test_every_analysis_names_its_subject_and_what_does_not_count(
     assert all(set(w) == {"code", "detail", "advice"} for w in document["warnings"])
 
 
+@pytest.mark.slow
 def test_images_that_one_image_estimators_refuse_are_excluded(api: Any, store: Store) -> None:
     rng = np.random.default_rng(5)
     flat = []

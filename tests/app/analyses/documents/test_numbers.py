@@ -17,16 +17,9 @@ from app.analyses.inputs.snapshot import read_snapshot
 from app.analyses.json_text import SIGNIFICANT_DIGITS, encode, rounded
 from app.analyses.worker import ANALYSES as FUNCTIONS
 from app.analyses.worker import comparison_findings
-from tests.support.sessions.robot_session import ANALYSES, RobotSession
+from tests.support.sessions.robot_session import ANALYSES, SETTINGS, RobotSession
 
 _TEXTS = re.compile(rb'"(?:[^"\\]|\\.)*"')
-SETTINGS = {
-    "estimator": "pooled",
-    "source": "images",
-    "method": "global",
-    "model": "auto",
-    "joint_tolerance_deg": "0.02",
-}
 
 
 def documents(robot_session: RobotSession) -> Iterator[tuple[str, dict[str, Any]]]:
@@ -84,6 +77,7 @@ def digits(text: bytes) -> int:
     return len(text.lstrip(b"-").partition(b"e")[0].replace(b".", b"").strip(b"0"))
 
 
+@pytest.mark.slow
 def test_no_number_is_longer_than_its_use_supports_and_none_too_short(robot_session: RobotSession) -> None:
     for analysis, exact in documents(robot_session):
         text = encode(exact)

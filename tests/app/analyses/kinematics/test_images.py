@@ -69,6 +69,7 @@ def tell_angles(api: Any, session: str, q: Any) -> None:
     assert api.client.post(f"/v1/sessions/{session}/poses", json=told).status_code == 200
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("board", "estimator"), [(BOARD, "pooled"), (EVEN, "pooled"), (BOARD, "given"), (BOARD, "per_image")]
 )
@@ -109,6 +110,7 @@ def test_images_without_angles_are_left_out_and_named(api: Any, store: Store) ->
     assert error_mm(found, arm, q) < 0.1
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", ["global", "combined"])
 def test_two_targets_in_one_session(api: Any, store: Store, method: str) -> None:
     """Sweeps of some joints seen on one board, of the others on the other, and some images of both."""
@@ -131,6 +133,7 @@ def test_two_targets_in_one_session(api: Any, store: Store, method: str) -> None
             assert error_mm(found, arm, q, target) < 0.1
 
 
+@pytest.mark.slow
 def test_roll_pitch_yaw_of_the_commands_are_not_needed(api: Any, store: Store) -> None:
     """A board that looks the same when turned is read by the nominal robot's orientations."""
     _, (shots,), q = photographed(15, [EVEN], free=6)

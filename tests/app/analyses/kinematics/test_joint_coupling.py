@@ -41,6 +41,7 @@ def sessions(api: Any) -> tuple[str, str, str]:
     return found[0], found[1], found[2]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", ["global", "cpa", "screw", "combined"])
 def test_the_same_robot_is_found(api: Any, sessions: tuple[str, str, str], method: str) -> None:
     plain, coupled, _ = sessions
@@ -56,13 +57,18 @@ def test_the_same_robot_is_found(api: Any, sessions: tuple[str, str, str], metho
 
 def test_without_the_coupling_nothing_fits(api: Any, sessions: tuple[str, str, str]) -> None:
     answer = get(api, sessions[2], source="measured_poses")
+    said = answer.json()
     if answer.status_code == 200:
-        assert answer.json()["residual"]["position_mm"] > 10.0
+        assert said["residual"]["position_mm"] > 10.0
+        (said,) = [w for w in said["warnings"] if w["code"] == "joint_coupling_proposed"]
     else:
         assert answer.status_code == 409
-        assert answer.json()["advice"]
+    assert "--joint-coupling 3:2:1 " in said["advice"]
+    assert "--joint-coupling 6:5:-0.25" in said["advice"]
+    assert "joint 3 follows joint 2 by 1" in said["detail"]
 
 
+@pytest.mark.slow
 def test_a_changed_coupling_is_another_input(api: Any, sessions: tuple[str, str, str]) -> None:
     coupled = sessions[1]
     before = document(of_readings(api, coupled))

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from app.cli.measured_poses.parser import ColumnLayout, parse_poses
-from app.cli.record_files import read_records
+from app.client.commands.measured_poses.parser import ColumnLayout, parse_poses
+from app.client.commands.record_files import read_records
 from core.geometry.se3 import invert
 from core.kinematics.dh import forward
 from core.simulation.arm import KR5_ARC, KR5_ARC_HOME, Arm, free_angles
@@ -28,7 +28,7 @@ from tests.support.sessions.stored_sessions import (
     new_session,
     problem,
 )
-from tests.support.simulation.arms import UR10
+from tests.support.simulation.robots.arms import UR10
 
 
 def nominal_error_mm(found: dict[str, Any], arm: Arm, q: Any) -> float:
@@ -41,6 +41,7 @@ def nominal_error_mm(found: dict[str, Any], arm: Arm, q: Any) -> float:
     return float(np.sqrt(np.mean(np.sum((T[:, :3, 3] - arm.camera_poses(q)[:, :3, 3]) ** 2, axis=1))))
 
 
+@pytest.mark.slow
 def test_all_poses_at_once_find_the_robot(api: Any) -> None:
     arm, poses = measured(1)
     session = new_session(api, robot_id=make_robot(api))
@@ -92,6 +93,7 @@ def test_axes_of_sweeps_find_the_robot(api: Any, method: str, within_mm: float) 
     assert all(j["residual"]["position_rms_mm"] < 0.3 for j in found["joints"])
 
 
+@pytest.mark.slow
 def test_without_a_nominal_the_sweeps_are_the_start(api: Any) -> None:
     arm, poses = measured(3, free=6)
     session = new_session(api)
@@ -102,6 +104,7 @@ def test_without_a_nominal_the_sweeps_are_the_start(api: Any) -> None:
     assert error_mm(found, arm, free_angles(np.random.default_rng(99), KR5_ARC_HOME, 50)) < 0.3
 
 
+@pytest.mark.slow
 def test_positions_alone_tell_what_they_can(api: Any) -> None:
     _, poses = measured(4)
     session = new_session(api, robot_id=make_robot(api))
@@ -122,6 +125,7 @@ def imported(path: Path, joints: str, **layout: Any) -> list[dict[str, Any]]:
     return [reading for _, reading in found]
 
 
+@pytest.mark.slow
 def test_a_real_robot_before_a_laser_tracker(api: Any, data_folder: Path) -> None:
     """ipa-robot-accuracy (MIT): 1,495 poses of a UR10 that its maker's data sheet misses by a millimetre."""
     axes = ("x", "y", "z", "rx", "ry", "rz")
@@ -157,6 +161,7 @@ def test_a_real_robot_before_a_laser_tracker(api: Any, data_folder: Path) -> Non
     problem(of_readings(api, session, method="combined"), 409, "joint_not_excited")
 
 
+@pytest.mark.slow
 def test_a_real_positioner_before_a_camera(api: Any, data_folder: Path) -> None:
     """robot_cal_tools (Apache-2.0): two axes that cross at right angles, by 205 poses of a target on the turntable."""
     columns = {name: f"pose.{name}" for name in ("x", "y", "z", "qx", "qy", "qz", "qw")}

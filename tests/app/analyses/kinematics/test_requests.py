@@ -7,6 +7,7 @@ import random
 from typing import Any
 
 import numpy as np
+import pytest
 
 from core.kinematics.dh import Chain
 from core.simulation.arm import KR5_ARC, KR5_ARC_HOME, free_angles
@@ -28,6 +29,7 @@ from tests.support.sessions.stored_sessions import (
 )
 
 
+@pytest.mark.slow
 def test_the_order_of_sending_and_ids_never_matter(api: Any) -> None:
     _, poses = measured(5, free=4)
     sent = readings(poses)
@@ -55,6 +57,30 @@ def test_the_order_of_sending_and_ids_never_matter(api: Any) -> None:
     assert api.client.get(url, params=query, headers=known).status_code == 200
 
 
+@pytest.mark.slow
+def test_sampled_uncertainties_stand_beside_the_stated_ones(api: Any) -> None:
+    _, poses = measured(5, free=4)
+    session = new_session(api, robot_id=make_robot(api))
+    send(api, session, readings(poses))
+    found = body(of_readings(api, session, model="dh", uncertainty="monte_carlo"))
+    sampling = found["parameter_sampling"]
+    assert [one["parameter"] for one in sampling["sampled_parameters"]] == found["parameters"]
+    assert sampling["agrees"] is all(one["agrees"] for one in sampling["sampled_parameters"])
+    assert sampling["trials"] == 200
+    assert 0.95 < sampling["joint_ratio"] < 1.05
+    plain = body(of_readings(api, session, model="dh"))
+    assert plain["parameter_sampling"] is None
+    assert plain["joints"] == found["joints"]
+
+
+def test_what_cannot_be_sampled_is_refused(api: Any) -> None:
+    session = new_session(api)
+    for query in ({"model": "auto"}, {"model": "dh", "method": "screw"}):
+        found = problem(of_readings(api, session, uncertainty="monte_carlo", **query), 422, "invalid_request")
+        assert found["errors"][0]["field"] == "uncertainty"
+
+
+@pytest.mark.slow
 def test_refusals_say_what_to_do(api: Any) -> None:
     robot = make_robot(api)
     _, poses = measured(6, free=4)
@@ -107,6 +133,7 @@ def test_refusals_say_what_to_do(api: Any) -> None:
     refused(sent[:5], "joint_not_excited")
 
 
+@pytest.mark.slow
 def test_sweeps_named_by_their_poses(api: Any) -> None:
     """Free poses that happen to rest do not disturb, a pose serves several sweeps, patterns stand for many."""
     arm, poses = measured(7, free=6)

@@ -42,6 +42,7 @@ def errors(found: dict[str, Any], off: dict[str, Any], names: list[str]) -> floa
     return float(np.sqrt(np.mean((told - np.array([off[name] for name in names])) ** 2)))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("without", [6, 16])
 def test_poses_whose_position_alone_was_commanded_are_compared_too(
     api: Any, store: Store, without: int
@@ -63,6 +64,7 @@ def test_poses_whose_position_alone_was_commanded_are_compared_too(
     assert [name for name in names if found[name]["ap_yaw_deg"] is not None] == names[without:]
 
 
+@pytest.mark.slow
 def test_two_commanded_orientations_do_not_keep_the_others_from_being_compared(
     api: Any, store: Store
 ) -> None:
@@ -81,6 +83,7 @@ def test_two_commanded_orientations_do_not_keep_the_others_from_being_compared(
     assert "fewer than half of the poses, and than 6" in detail
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("whole", "positions"), [(6, 8), (10, 12)])
 def test_many_commanded_positions_do_not_keep_few_whole_poses_from_being_compared(
     api: Any, store: Store, whole: int, positions: int
@@ -147,6 +150,7 @@ def test_reflectors_that_were_told_a_position_alone_do_not_spoil_the_others(api:
     assert "its orientation was not commanded" in remark(document, "accuracy_incomplete")
 
 
+@pytest.mark.slow
 def test_poses_before_a_second_target_are_tied_by_themselves_or_named(api: Any, store: Store) -> None:
     second = TargetSpec("chessboard", 8, 5, 12.0)
     shots, told, off = deviating_robot(19, 20, 0.3)

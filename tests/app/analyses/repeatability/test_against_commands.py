@@ -48,6 +48,7 @@ def turned(rng: np.random.Generator, shots: list[Shot], board: TargetSpec) -> li
     return seen
 
 
+@pytest.mark.slow
 def test_a_board_that_looks_the_same_turned_is_read_alike(api: Any, store: Store) -> None:
     board = TargetSpec("chessboard", 10, 6, 12.0)
     rng = np.random.default_rng(14)
@@ -74,6 +75,7 @@ def test_a_board_that_looks_the_same_turned_is_read_alike(api: Any, store: Store
             )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("angles", [True, False])
 def test_accuracy_against_the_commanded_poses(api: Any, store: Store, angles: bool) -> None:
     shots, told, off = deviating_robot(15, 24, 0.5)

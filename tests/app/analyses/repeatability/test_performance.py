@@ -12,7 +12,7 @@ import pytest
 from app.api.schemas.analyses import RepeatabilityAnalysis
 from core.geometry.roll_pitch_yaw import rotation_to_rpy
 from core.geometry.se3 import compose, invert, so3_exp, transform
-from core.session.performance import MAX_PAIRS
+from core.session.repeatability.performance import MAX_PAIRS
 from tests.support.sessions.stored_sessions import (
     BOARD,
     CAMERA,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-import random
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -16,12 +16,12 @@ from tests.support.sessions.stored_sessions import (
     WIDTH,
     Shot,
     Store,
+    assert_order_is_irrelevant,
     body,
     die,
     look,
     new_session,
     problem,
-    same_but_for_ids,
     shoot,
     with_fields,
 )
@@ -33,19 +33,11 @@ def test_the_order_of_uploads_never_matters(api: Any, store: Store) -> None:
     for i in (1, 12, 13):
         shots[i] = dataclasses.replace(shots[i], cycle=None)
     shots[5] = dataclasses.replace(shots[5], points=None)
-    shuffled = list(enumerate(shots))
-    random.Random(3).shuffle(shuffled)
-    session, other = new_session(api), new_session(api)
-    ids = store(api, session, shots)
-    others = store(api, other, [shot for _, shot in shuffled])
-    matched = [others[[place for place, _ in shuffled].index(i)] for i in range(len(shots))]
-    first, second = get(api, session), get(api, other)
-    assert body(first)["inputs_sha256"] == body(second)["inputs_sha256"]
-    assert same_but_for_ids(first.text, [session, *ids], second.text, [other, *matched])
-    assert [row["pose_id"] for row in body(first)["poses"]] == [f"P{i}" for i in range(1, 12)]
+    document, ids = assert_order_is_irrelevant(api, store, shots, partial(get, api))
+    assert [row["pose_id"] for row in document["poses"]] == [f"P{i}" for i in range(1, 12)]
     of_p2 = [ids[i] for i in (1, 12)]
     by_hash = sorted(of_p2, key=lambda one: shots[ids.index(one)].sha256)
-    assert body(first)["poses"][1]["measurement_ids"] == by_hash
+    assert document["poses"][1]["measurement_ids"] == by_hash
 
 
 def test_an_answer_the_client_has_is_not_sent_again(api: Any, store: Store) -> None:
@@ -113,7 +105,7 @@ def test_bad_input_is_refused_with_advice(api: Any, store: Store) -> None:
     assert misspelt["errors"] == [{"field": "estimater", "message": "is not known"}]
     twice = api.client.get(f"/v1/sessions/{session}/repeatability?estimator=pooled&estimator=given").json()
     assert twice["errors"] == [{"field": "estimator", "message": "is given more than once"}]
-    assert "estimator, refine_target, source" in misspelt["advice"]
+    assert "estimator, method, refine_target, source" in misspelt["advice"]
     problem(get(api, "ses_" + "0" * 26), 404, "session_not_found")
     problem(get(api, "nonsense"), 404, "session_not_found")
 
@@ -129,6 +121,7 @@ def test_images_that_wait_are_counted_not_awaited(api: Any, store: Store) -> Non
     assert sum(row["cycles"] for row in document["poses"]) == 7
 
 
+@pytest.mark.slow
 def test_a_computation_that_dies_is_a_503_and_the_next_one_works(
     api: Any, store: Store, monkeypatch: pytest.MonkeyPatch
 ) -> None:

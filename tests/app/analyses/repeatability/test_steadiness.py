@@ -26,6 +26,7 @@ def _with_step(shots: list[Any], step_mm: float) -> list[Any]:
     ]
 
 
+@pytest.mark.slow
 def test_a_moving_mount_is_reported_and_drawn(api: Any, store: Store) -> None:
     session = new_session(api)
     store(api, session, _with_step(shoot(seed=3, cycles=24), 0.4))
@@ -61,6 +62,7 @@ def test_a_moving_mount_is_reported_and_drawn(api: Any, store: Store) -> None:
     assert len(tables.text.splitlines()) == 6
 
 
+@pytest.mark.slow
 def test_a_session_at_rest_is_steady_and_few_cycles_are_not_tested(api: Any, store: Store) -> None:
     session = new_session(api)
     store(api, session, shoot(seed=3, cycles=12))

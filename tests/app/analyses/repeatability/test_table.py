@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from datetime import UTC, datetime, timedelta
 from typing import Any
 
 import numpy as np
 import pytest
+import sqlalchemy as sa
 
+from app.records.tables import Measurement
 from core.geometry.roll_pitch_yaw import rpy_to_rotation
 from core.geometry.se3 import compose, invert, transform
 from core.targets.specification import TargetSpec
@@ -84,6 +87,7 @@ def test_a_motionless_robot_is_not_measured_by_its_camera(api: Any, store: Store
         assert row["corrected"]["rp_l_mm"] < row["repeatability"]["rp_l_mm"]
 
 
+@pytest.mark.slow
 def test_no_row_is_the_robots_whose_camera_was_not_steady(api: Any, store: Store) -> None:
     """A focus that changes from cycle to cycle at one pose scatters there; one that differs from pose to pose, or a
     print that is not as stated, does not."""
@@ -121,6 +125,7 @@ def test_no_row_is_the_robots_whose_camera_was_not_steady(api: Any, store: Store
     assert {row["verdict"] for row in steady["poses"]} == {"robot"}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("estimator", ["pooled_free_focal", "per_image", "per_image_fixed_pp", "given"])
 def test_every_estimator_gives_a_table(api: Any, store: Store, estimator: str) -> None:
     session = new_session(api, intrinsics=dataclasses.asdict(CAMERA))
@@ -163,6 +168,7 @@ def test_an_outlier_counts_and_is_named(api: Any, store: Store) -> None:
     assert row["repeatability"]["rp_l_mm"] > 5.0 > row["without_outliers"]["rp_l_mm"]
 
 
+@pytest.mark.slow
 def test_views_that_one_image_is_refused_for_are_measured_by_the_pool(api: Any, store: Store) -> None:
     session = new_session(api)
     shots = shoot(seed=11, poses=3, cycles=10)
@@ -199,6 +205,7 @@ def test_a_pose_is_given_in_one_target_s_frame(api: Any, store: Store) -> None:
     assert rows[0]["excluded"][0]["measurement_id"] == others[0]
 
 
+@pytest.mark.slow
 def test_drift_is_told_over_blocks_of_cycles(api: Any, store: Store) -> None:
     shots = []
     rng = np.random.default_rng(2)
@@ -206,11 +213,93 @@ def test_drift_is_told_over_blocks_of_cycles(api: Any, store: Store) -> None:
         assert shot.cycle is not None
         moved = transform(np.eye(3), np.array([0.02 * shot.cycle, 0.0, 0.0]))
         true = compose(moved, shot.T_target_camera)
-        shots.append(dataclasses.replace(shot, points=look(rng, invert(true)), T_target_camera=true))
+        taken = {"captured_at": datetime(2026, 1, 31, 8, tzinfo=UTC) + timedelta(minutes=6 * shot.cycle)}
+        shots.append(
+            dataclasses.replace(shot, points=look(rng, invert(true)), T_target_camera=true, fields=taken)
+        )
     session = new_session(api)
-    store(api, session, shots)
+    ids = store(api, session, shots)
     drift = table(api, session)["drift"]
+    assert drift["time_source"] == "captured_at"
     for pose in drift["poses"]:
+        assert pose["duration_h"] == pytest.approx(1.2)
+        assert [block["mean_time_h"] for block in pose["blocks"]] == pytest.approx([0.45, 1.65])
+        off = abs(pose["rate_mm_per_h"][0] - 0.2)  # .02 mm in six minutes
+        assert off < 4.0 * pose["rate_standard_uncertainty_mm_per_h"][0] < 0.1
+        assert max(pose["shift_standard_uncertainty_deg"]) > 0.0
         # The second block has 14 cycles: from the mean of 1-10 to that of 11-24.
         assert pose["shift_mm"][0] == pytest.approx(0.02 * 12.0, abs=0.08)
         assert [(b["first_cycle"], b["last_cycle"]) for b in pose["blocks"]] == [(1, 10), (11, 24)]
+    with api.installation.database.write() as records:
+        records.execute(sa.update(Measurement).where(Measurement.id == ids[0]).values(captured_at=None))
+        records.execute(sa.update(Measurement).where(Measurement.id == ids[0]).values(attempts=7))
+    assert table(api, session)["drift"]["time_source"] == "received_at"
+
+
+@pytest.mark.slow
+def test_the_budget_explains_each_figure(api: Any, store: Store) -> None:
+    session = new_session(api)
+    store(api, session, shoot(seed=3, cycles=12))
+    document = table(api, session, method="monte_carlo")
+    rows = {row["pose_id"]: row for row in document["poses"]}
+    totals = document["budget_totals"]
+    assert {one["figure"] for one in totals} == {
+        "repeatability.rp_l_mm",
+        "noise_floor.rp_l_mm",
+        "corrected.rp_l_mm",
+    }
+    for total in totals:
+        part, name = total["figure"].split(".")
+        assert total["value_mm"] == rows[total["pose_id"]][part][name]
+        inputs = [
+            one
+            for one in document["budget"]
+            if (one["figure"], one["pose_id"]) == (total["figure"], total["pose_id"])
+        ]
+        assert sum(one["share"] for one in inputs) == pytest.approx(1.0)
+        added = math.sqrt(sum((one["sensitivity"] * one["input_uncertainty"]) ** 2 for one in inputs))
+        assert added == pytest.approx(total["standard_uncertainty_mm"])
+        assert total["expanded_uncertainty_mm"] == pytest.approx(
+            total["coverage_factor"] * total["standard_uncertainty_mm"]
+        )
+        sampled = total["monte_carlo"]
+        assert sampled["standard_uncertainty_mm"] == pytest.approx(total["standard_uncertainty_mm"], rel=0.25)
+        assert sampled["agrees"] is (sampled["difference_mm"] <= sampled["tolerance_mm"])
+    plain = table(api, session)
+    assert {one["monte_carlo"] for one in plain["budget_totals"]} == {None}
+    assert plain["budget"] == document["budget"]
+    text = api.client.get(
+        f"/v1/sessions/{session}/repeatability", params={"table": "budget"}, headers={"Accept": "text/csv"}
+    ).text
+    assert text.splitlines()[0] == (
+        "figure,pose_id,to_pose_id,source,type,distribution,input_uncertainty,input_unit,sensitivity,"
+        "standard_uncertainty_mm,degrees_of_freedom,share"
+    )
+    assert len(text.splitlines()) == len(document["budget"]) + 1
+
+
+@pytest.mark.slow
+def test_a_witness_shows_what_moved_and_takes_it_off(api: Any, store: Store) -> None:
+    session = new_session(api)
+    rng, shots = np.random.default_rng(5), []
+    for shot in shoot(seed=5, cycles=12):
+        moved = shot.T_target_camera.copy()
+        moved[0, 3] += 0.03 * shot.cycle
+        shots.append(dataclasses.replace(shot, T_target_camera=moved, points=look(rng, invert(moved))))
+    store(api, session, shots)
+    plain = table(api, session, witness="P1")
+    assert plain["witness"]["moved"]
+    assert not plain["witness"]["subtracted"]
+    # The camera in the target frame moves against the target.
+    assert plain["witness"]["shift_distance_mm"] == pytest.approx(0.33, abs=0.15)
+    assert "witness_moved" in {one["code"] for one in plain["warnings"]}
+    found = table(api, session, witness="P1", subtract_witness="true")
+    rows = {row["pose_id"]: row for row in plain["poses"]}
+    for row in found["poses"]:
+        assert row["repeatability"]["rp_l_mm"] < 0.8 * rows[row["pose_id"]]["repeatability"]["rp_l_mm"]
+    assert table(api, session)["witness"] is None
+    answer = api.client.get(f"/v1/sessions/{session}/repeatability", params={"subtract_witness": "true"})
+    assert answer.status_code == 422
+    answer = api.client.get(f"/v1/sessions/{session}/repeatability", params={"witness": "P9"})
+    assert answer.status_code == 409
+    assert answer.json()["advice"]

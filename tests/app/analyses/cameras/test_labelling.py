@@ -94,6 +94,7 @@ AMBIGUOUS = [
 ]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("kind", "columns", "rows", "estimator"),
     [*((*board, "pooled") for board in AMBIGUOUS), ("chessboard", 8, 8, "per_image_fixed_pp")],
@@ -116,6 +117,7 @@ def test_images_that_flip_within_a_pose_are_read_alike(
     assert "orientation_inconsistent" not in codes(flipped)
 
 
+@pytest.mark.slow
 def test_boards_that_show_their_origin_are_never_turned_nor_doubted(api: Any, store: Store) -> None:
     """A larger dot at the origin or marked squares: by its kind alone such a board would be ambiguous."""
     for board in (TargetSpec("circles", 9, 6, 12.0), TargetSpec("chessboard", 10, 6, 12.0)):
@@ -203,6 +205,7 @@ def told(shots: list[Shot], scramble: str | None = None) -> dict[str, dict[str, 
     return fields
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("kind", "columns", "rows"), [("chessboard", 9, 6), ("chessboard", 10, 6)])
 def test_a_pose_that_contradicts_its_command_is_named(
     api: Any, store: Store, kind: str, columns: int, rows: int

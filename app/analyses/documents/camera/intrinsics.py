@@ -7,10 +7,11 @@ from collections.abc import Mapping
 from dataclasses import asdict
 from typing import Any, cast
 
+from app.analyses.documents.camera.projection_field import projection_document, projection_field
+from app.analyses.documents.camera.residual_field import residual_field
 from app.analyses.documents.encoding import camera_fields, target_transform_document
 from app.analyses.documents.findings import Findings
-from app.analyses.documents.residual_field import residual_field
-from app.reports.residual_cells import cells_of, residual_figures
+from app.reports.camera_plots.residual_cells import cells_of, residual_figures
 from core.calibration import Deformation, LensEvidence, Measure
 from core.geometry import LensModel, fold_radius_px
 from core.session import (
@@ -44,6 +45,7 @@ def intrinsics_findings(data: SessionData, settings: Mapping[str, str]) -> Findi
                     for pose in worst_poses(group)
                 ],
                 "residual_map": _residual_map(group),
+                "projection_uncertainty": projection_document(projection_field(group)),
             }
             for group in estimate.groups
         ],

@@ -3,10 +3,17 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
-from core.kinematics import ErrorModel, Level, joint_compliance, joint_curves
+from core.kinematics import (
+    FEW_POSES,
+    STRONG_EVIDENCE,
+    ErrorModel,
+    Level,
+    joint_compliance,
+    joint_curves,
+)
 from core.session import MethodDifference
 
 TERMS = {
@@ -14,6 +21,8 @@ TERMS = {
     Level.COMPLIANCE: ("compliance",),
     Level.ALL: ("joint_curves", "compliance", "wobble"),
 }
+
+_LEVELS = {Level.DH: "dh", Level.COMPLIANCE: "dh_and_compliance", Level.ALL: "all"}
 
 
 def error_model_document(model: ErrorModel | None) -> dict[str, Any] | None:
@@ -51,6 +60,48 @@ def error_model_document(model: ErrorModel | None) -> dict[str, Any] | None:
         "position_uncertainty_factor": float(model.growth[0]),
         "rotation_uncertainty_factor": float(model.growth[1]) if turned else None,
     }
+
+
+def level_document(model: ErrorModel | None) -> dict[str, Any] | None:
+    """Return which level was taken, with the evidence, and why in words; None where levels were not compared."""
+    if model is None:
+        return None
+    levels, chain = model.fit.levels, model.fit.levels[Level.DH].minus_2_log
+    count = int(model.fit.used.sum())
+    gains = {_LEVELS[level]: chain - fitted.minus_2_log for level, fitted in levels.items()}
+    return {
+        "chosen": _LEVELS[model.level],
+        "configurations": count,
+        "compliance_evidence": gains["dh_and_compliance"],
+        "all_evidence": gains["all"],
+        "held_out_ratio": model.held_out_ratio,
+        "blocked_ratio": model.blocked_ratio,
+        "reason": _reason(_LEVELS[model.level], gains, count),
+        "gain": _gain(model),
+    }
+
+
+def _reason(level: str, gains: Mapping[str, float], count: int) -> str:
+    name = level.replace("_", " ").replace("dh", "DH")
+    compared = f"{gains['dh_and_compliance']:.0f} for compliance, {gains['all']:.0f} for all terms"
+    rule = f"over {STRONG_EVIDENCE:g} is needed, and no loss at held-out poses"
+    if count < FEW_POSES:
+        rule = f"below {FEW_POSES} configurations over {STRONG_EVIDENCE:g} and 5 % less error held out are needed"
+    return (
+        f"Level: {name}, of {count} configurations; evidence beyond the chain, in twice the log likelihood: {compared} "
+        f"({rule})."
+    )
+
+
+def _gain(model: ErrorModel) -> str:
+    if model.held_out_ratio is None:
+        return "Gain: not known; the poses are too few to hold any out."
+    if model.level is Level.DH:
+        return "Gain: none; the chain alone predicts held-out poses as well."
+    parts = [f"{model.held_out_ratio:.2f} of the chain's error at poses held out at random"]
+    if model.blocked_ratio is not None:
+        parts.append(f"{model.blocked_ratio:.2f} at held-out blocks of joint space")
+    return f"Gain: {', '.join(parts)}."
 
 
 def method_agreement_document(found: Sequence[MethodDifference]) -> dict[str, Any] | None:

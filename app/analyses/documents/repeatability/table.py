@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -16,21 +16,28 @@ from app.analyses.documents.encoding import (
     intervals_document,
 )
 from app.analyses.documents.findings import ExcludedList, Findings
-from app.analyses.documents.steadiness import steadiness_document
+from app.analyses.documents.repeatability.budget import budget_fields
+from app.analyses.documents.repeatability.drift import drift_document
+from app.analyses.documents.repeatability.steadiness import steadiness_document
 from core.calibration import ShapePrior
 from core.metrology import CONFIDENCE, RULE, PerComponent, PoseAccuracy, PoseRepeatability
 from core.session import (
     Approaches,
+    BurstFloor,
+    BurstNoise,
     PoseDistance,
     PoseRow,
     SessionAcceptance,
     SessionData,
     SessionRepeatability,
+    Witness,
+    WitnessMotion,
     assess_acceptance,
     assess_repeatability,
-    drift_of,
     estimate_session,
+    images_of,
     refine_target,
+    session_budgets,
 )
 
 _NOTHING: PerComponent[Any] = PerComponent(None, None, None, None, None, None, None)
@@ -44,7 +51,11 @@ def repeatability_findings(data: SessionData, settings: Mapping[str, str]) -> Fi
     if estimate is not None and settings.get("refine_target") == "true":
         refined = refine_target(data, estimate)
         estimate, shapes = refined.estimate, refined.shapes
-    found = assess_repeatability(data, estimate, shapes)
+    witness = None
+    if "witness" in settings:
+        witness = Witness(settings["witness"], settings.get("subtract_witness") == "true")
+    found = assess_repeatability(data, estimate, shapes, witness)
+    budgets = session_budgets(data, found, sampled=settings.get("method") == "monte_carlo", shapes=shapes)
     performance, listed = found.performance, ExcludedList(data)
     fields = {
         "estimator": settings["estimator"],
@@ -53,12 +64,16 @@ def repeatability_findings(data: SessionData, settings: Mapping[str, str]) -> Fi
         "poses": [_row(row, found, listed) for row in found.poses],
         "groups": [camera_fields(group) for group in estimate.groups] if estimate is not None else [],
         "steadiness": steadiness_document(found.steadiness, found.poses),
-        "drift": _drift(found.poses),
+        "witness": None if found.witness is None else _witness(found.witness),
+        "drift": drift_document(found.poses, data),
+        "bursts": _bursts(found.bursts),
         **_acceptance(assess_acceptance(found, data.datasheet)),
         "distances": [_distance(one) for one in performance.distances] or None,
         "approach_variation": [_approaches(one) for one in performance.approaches] or None,
+        **budget_fields(budgets),
     }
-    return Findings(fields, (one for row in found.poses for one in row.excluded), found.warnings)
+    warnings = (*found.warnings, *budgets.warnings)
+    return Findings(fields, (one for row in found.poses for one in row.excluded), warnings)
 
 
 def _row(row: PoseRow, found: SessionRepeatability, listed: ExcludedList) -> dict[str, Any]:
@@ -80,7 +95,8 @@ def _row(row: PoseRow, found: SessionRepeatability, listed: ExcludedList) -> dic
         "verdict": figures.verdict if figures else "too_few_cycles",
         "verdicts": _verdicts(figures),
         "orientation_scatter": _orientation(figures),
-        "measurement_ids": [visit.measurement_id for visit in row.visits],
+        "within_stops": _within_stops(None if found.bursts is None else found.bursts.poses.get(row.pose_id)),
+        "measurement_ids": [image.measurement_id for visit in row.visits for image in images_of(visit)],
         "excluded": listed.documents(row.excluded),
     }
 
@@ -93,6 +109,33 @@ def _accuracy(found: PoseAccuracy) -> dict[str, Any]:
         "held_out": figures_document(found.held_out, AP),
         "degrees_of_freedom": found.degrees_of_freedom,
         "tie": "best_fit",
+    }
+
+
+def _bursts(found: BurstNoise | None) -> dict[str, Any] | None:
+    """Return what images scatter within their stops, over what the model of the noise says."""
+    if found is None:
+        return None
+    return {
+        "stop_count": found.stops,
+        "image_count": found.images,
+        **{
+            f"of_{name}": {"ratio_to_model": ratio, "p_value": p, "added": added}
+            for name, ratio, p, added in zip(
+                ("position", "orientation"), found.ratios, found.p_values, found.above_model, strict=True
+            )
+        },
+    }
+
+
+def _within_stops(found: BurstFloor | None) -> dict[str, Any] | None:
+    if found is None:
+        return None
+    return {
+        "stop_count": found.stops,
+        "image_count": found.images,
+        "degrees_of_freedom": float(found.degrees_of_freedom),
+        "noise_floor": figures_document(found.noise_floor) if found.noise_floor else None,
     }
 
 
@@ -138,37 +181,21 @@ def _mean(figures: PoseRepeatability | None) -> dict[str, Any]:
     }
 
 
-def _drift(rows: Sequence[PoseRow]) -> dict[str, Any] | None:
-    """Return how each pose moved from its first cycles to its last, where there are two blocks of cycles."""
-    documents = []
-    for row in rows:
-        drifting = drift_of(row)
-        if drifting is None:
-            continue
-        cycles, found = drifting[0].tolist(), drifting[1]
-        documents.append(
-            {
-                "pose_id": row.pose_id,
-                "shift_mm": found.shift_mm.tolist(),
-                "shift_standard_uncertainty_mm": np.hypot(
-                    found.blocks[0].standard_error_mm, found.blocks[-1].standard_error_mm
-                ).tolist(),
-                "shift_distance_mm": float(np.linalg.norm(found.shift_mm)),
-                "shift_deg": np.degrees(found.shift_rad).tolist() if found.shift_rad is not None else None,
-                "drp_mm": found.repeatability_drift_mm,
-                "blocks": [
-                    {
-                        "first_cycle": cycles[block.first_cycle - 1],
-                        "last_cycle": cycles[block.last_cycle - 1],
-                        "mean_position_mm": block.mean_position_mm.tolist(),
-                        "mean_standard_uncertainty_mm": block.standard_error_mm.tolist(),
-                        "rp_l_mm": block.repeatability_mm,
-                    }
-                    for block in found.blocks
-                ],
-            }
-        )
-    return {"poses": documents} if documents else None
+def _witness(motion: WitnessMotion) -> dict[str, Any]:
+    u = motion.found.standard_uncertainty_mm
+    return {
+        "pose_id": motion.witness.pose_id,
+        "moved": motion.moved,
+        "subtracted": motion.witness.subtract,
+        "shift_mm": motion.shift_mm.tolist(),
+        "shift_distance_mm": float(np.linalg.norm(motion.shift_mm)),
+        "motion": [
+            {"cycle": cycle, "motion_mm": by, "motion_standard_uncertainty_mm": uncertainty}
+            for cycle, by, uncertainty in zip(
+                motion.cycles.tolist(), motion.found.motion_mm.tolist(), u.tolist(), strict=True
+            )
+        ],
+    }
 
 
 def _acceptance(found: SessionAcceptance) -> dict[str, Any]:

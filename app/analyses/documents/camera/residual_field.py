@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from app.reports.residual_cells import ResidualField
+from app.reports.camera_plots.residual_cells import ResidualField
 from core.geometry import camera_from_array, project_any
 from core.session import FocusGroup
 
@@ -12,8 +12,8 @@ OUTLIER = 6.0
 """Residuals beyond so many times their median distance are no matter of the lens."""
 
 
-def residual_field(group: FocusGroup) -> ResidualField:
-    """Return observed - predicted of every point, by the estimate as it stands."""
+def residual_field(group: FocusGroup, outlier: float = OUTLIER) -> ResidualField:
+    """Return observed - predicted of every point, by the estimate as it stands; without points further off."""
     views, estimate = group.views, group.estimate
     residuals = np.empty_like(views.points_px)
     for k in range(len(views)):
@@ -23,7 +23,7 @@ def residual_field(group: FocusGroup) -> ResidualField:
             points_camera, camera_from_array(estimate.cameras[k])
         )
     distance = np.linalg.norm(residuals, axis=1)
-    counts = distance <= OUTLIER * np.median(distance)
+    counts = distance <= outlier * np.median(distance)
     return ResidualField(
         group.name,
         len(views),

@@ -5,6 +5,7 @@ This module loads matplotlib. Only the analysis process imports it, when a plot 
 
 from __future__ import annotations
 
+import math
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -12,17 +13,22 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from app.analyses.documents.residual_field import residual_field
-from app.analyses.documents.steadiness_plot import steadiness_panels, steadiness_summary
+from app.analyses.documents.camera.projection_field import projection_field
+from app.analyses.documents.camera.residual_field import residual_field
+from app.analyses.documents.joint_noise import joint_noise_of
+from app.analyses.documents.plots.steadiness_panels import steadiness_panels, steadiness_summary
 from app.analyses.outcome import AnalysisError
 from app.errors import NotFound
+from app.reports.camera_plots.projection_map import projection_svg
+from app.reports.camera_plots.residual_map import residuals_svg
 from app.reports.drift import Block, PoseDrift, drift_svg
-from app.reports.residual_map import residuals_svg
+from app.reports.repeatability_map import RepeatabilityCell, WorstPoint, repeatability_map_svg
 from app.reports.scatter import PoseScatter, scatter_svg
 from app.reports.steadiness import steadiness_svg
 from core.errors import NothingUsable, TooFewCycles, TooFewMeasurements
 from core.session import (
     DRIFT_BLOCK,
+    FocusGroup,
     MeasuredPose,
     PoseRow,
     SessionData,
@@ -71,6 +77,20 @@ def steadiness_plot(data: SessionData, settings: Mapping[str, str]) -> bytes:
 
 def residual_map(data: SessionData, settings: Mapping[str, str]) -> bytes:
     """Return what `GET .../intrinsics/residuals.svg` answers."""
+    groups = _chosen_groups(data, settings)
+    title = f"Residuals over the image (estimator {settings['estimator']})"
+    return residuals_svg([residual_field(group) for group in groups], title)
+
+
+def projection_map(data: SessionData, settings: Mapping[str, str]) -> bytes:
+    """Return what `GET .../intrinsics/projection-uncertainty.svg` answers."""
+    groups = _chosen_groups(data, settings)
+    title = f"Projection uncertainty over the image (estimator {settings['estimator']})"
+    return projection_svg([projection_field(group) for group in groups], title)
+
+
+def _chosen_groups(data: SessionData, settings: Mapping[str, str]) -> Sequence[FocusGroup]:
+    """Return the focus groups to draw; raises NotFound, NothingUsable, or AnalysisError for too many of them."""
     wanted = settings.get("focus_group")
     if wanted is not None and wanted not in {image.focus_group for image in data.images}:
         raise NotFound(
@@ -88,8 +108,22 @@ def residual_map(data: SessionData, settings: Mapping[str, str]) -> bytes:
         )
     if len(groups) > MAX_ROWS:
         raise _too_many(len(groups), "focus groups", "focus_group")
-    title = f"Residuals over the image (estimator {settings['estimator']})"
-    return residuals_svg([residual_field(group) for group in groups], title)
+    return groups
+
+
+def joint_noise_map(data: SessionData, settings: Mapping[str, str]) -> bytes:
+    """Return what `GET .../joint-noise/map.svg` answers."""
+    found = joint_noise_of(data, settings).map
+    x, y, z = found.worst_position_mm.tolist()
+    low, high = found.worst.interval()
+    worst = WorstPoint(math.hypot(x, y), z, float(found.worst.rp_l_mm[0]), (float(low[0]), float(high[0])))
+    cells = [
+        RepeatabilityCell(cell.radius_mm, cell.height_mm, cell.median_rp_l_mm, cell.largest_rp_l_mm)
+        for cell in found.cells
+    ]
+    return repeatability_map_svg(
+        cells, found.cell_mm, worst, "Repeatability over the workspace, predicted from the joints' noise"
+    )
 
 
 @dataclass(frozen=True, slots=True)

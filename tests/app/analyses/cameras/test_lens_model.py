@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from typing import Any
+from xml.etree import ElementTree
 
 import numpy as np
 import pytest
 
 from app.api.schemas.analyses import IntrinsicsAnalysis
-from core.geometry import LENS_PARAMETERS, LensModel, invert
+from core.geometry import LENS_PARAMETERS, LensModel, compose, invert
+from tests.support.sessions.repeatability import T_BASE_TARGET, T_FLANGE_CAMERA, command
 from tests.support.sessions.stored_sessions import Shot, Store, body, new_session, problem, shoot
 from tests.support.simulation.wide_lenses import BOARD, WideSession, draw_session
 
@@ -85,6 +87,7 @@ def test_a_model_can_be_asked_for(api: Any, store: Store, model: LensModel) -> N
     assert ("lens_beyond_brown" in codes(document)) == (model == "brown")
 
 
+@pytest.mark.slow
 def test_every_pooled_analysis_takes_the_model(api: Any, wide: tuple[str, WideSession]) -> None:
     """The camera's poses are those of the true lens, within what is stated."""
     session, drawn = wide
@@ -101,8 +104,64 @@ def test_every_pooled_analysis_takes_the_model(api: Any, wide: tuple[str, WideSe
         assert "lens_beyond_brown" in codes(body(get(api, session, analysis))), analysis
 
 
+def test_hand_eye_takes_the_model(api: Any, wide: tuple[str, WideSession]) -> None:
+    """Camera on the flange and target in the base are the true ones within five of their stated uncertainties."""
+    session, drawn = wide
+    told = {
+        f"P{k + 1}": compose(T_BASE_TARGET, invert(T), invert(T_FLANGE_CAMERA))
+        for k, T in enumerate(drawn.T_camera_target)
+    }
+    command(api, session, told)
+    document = body(get(api, session, "hand-eye"))
+    assert "lens_beyond_brown" in codes(document)
+    (target,) = document["base_targets"]
+    for frame, true in ((document["flange_camera"], T_FLANGE_CAMERA), (target, T_BASE_TARGET)):
+        u = np.array([frame["standard_uncertainty"][axis] for axis in ("x_mm", "y_mm", "z_mm")])
+        assert np.all(np.abs(np.array(frame["position_mm"]) - true[:3, 3]) < 5.0 * u)
+        assert np.all(u < 1.0)
+
+
+@pytest.mark.slow
+def test_each_image_has_its_own_focal_length_before_the_sessions_lens(
+    api: Any, wide: tuple[str, WideSession]
+) -> None:
+    session, drawn = wide
+    document = body(get(api, session, "camera-poses", estimator="per_image_session_prior"))
+    assert "lens_beyond_brown" in codes(document)
+    f = 0.5 * (drawn.camera.fx_px + drawn.camera.fy_px)
+    for one in document["camera_poses"]:
+        assert one["used"]
+        assert abs(one["focal"]["focal_px"] - f) < 4.5 * one["focal"]["standard_uncertainty_px"]
+    pooled = body(get(api, session, "camera-poses"))
+    assert all(one["focal"] is None for one in pooled["camera_poses"])
+    (group,) = body(get(api, session, estimator="per_image_session_prior"))["groups"]
+    assert group["lens_model"] == "kannala_brandt"
+
+
+def test_the_targets_shape_is_refined_before_the_model(api: Any, wide: tuple[str, WideSession]) -> None:
+    session, drawn = wide
+    (group,) = body(get(api, session, refine_target="true"))["groups"]
+    assert group["lens_model"] == "kannala_brandt"
+    found, u = group["intrinsics"]["fx_px"], group["standard_uncertainty"]["fx_px"]
+    assert abs(found - drawn.camera.fx_px) < 5.0 * u
+
+
 def test_what_takes_browns_model_alone_refuses_another(api: Any, wide: tuple[str, WideSession]) -> None:
     session, _ = wide
-    problem(get(api, session, refine_target="true"), 409, "target_shape_not_observable")
     problem(get(api, session, estimator="per_image", lens_model="rational"), 409, "invalid_argument")
     assert get(api, session, lens_model="fisheye").status_code == 422
+
+
+@pytest.mark.slow
+def test_the_plot_shows_what_each_model_leaves_over(api: Any, wide: tuple[str, WideSession]) -> None:
+    session, _ = wide
+    (group,) = body(get(api, session))["groups"]
+    response = get(api, session, "intrinsics/lens.svg")
+    assert response.status_code == 200, response.text
+    described = ElementTree.fromstring(response.content).findtext("{http://www.w3.org/2000/svg}desc")
+    assert described is not None
+    assert "default: Kannala-Brandt lens model, 10 images" in described
+    assert f"points reach {group['observed_radius_px']:.0f} px" in described
+    assert f"w {group['lens_evidence']['statistic']:.0f}," in described
+    rms = {name: float(described.split(f"{name}: ")[1].split(" ")[0]) for name in ("Brown", "Kannala-Brandt")}
+    assert rms["Brown"] > 1.5 * rms["Kannala-Brandt"]

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from dataclasses import asdict
 from typing import Any
 
 import numpy as np
 from jaxtyping import Float
 
-from app.analyses.documents.dh import joint_document, null_space_document
+from app.analyses.documents.dh.identification import joint_document, null_space_document
 from app.analyses.inputs.session_loader import nominal_chain
 from app.analyses.outcome import AnalysisError
 from core import Camera, TargetSpec
@@ -68,14 +69,14 @@ def _document(
 ) -> dict[str, Any]:
     planned = predict(chain, q, rig)
     suggested = np.zeros((0, len(chain)))
-    with_suggested = None
+    with_suggested: Prediction | None = None
     if request["suggest_count"]:
         candidates = _drawn(rng, request, request["candidates"], limits)
         suggested = candidates[
             suggest_poses(chain, q[planned.visible], candidates, rig, request["suggest_count"])
         ]
         if len(suggested):
-            with_suggested = _joints(predict(chain, np.concatenate([q, suggested]), rig))
+            with_suggested = predict(chain, np.concatenate([q, suggested]), rig)
     condition = planned.conditioning.condition_number
     return {
         "poses": [
@@ -85,9 +86,13 @@ def _document(
         "joints": _joints(planned),
         "condition_number": condition if math.isfinite(condition) else None,
         "observability_o1": planned.conditioning.observability_o1,
+        "observability_indices": asdict(planned.conditioning.indices),
         "null_space": null_space_document(planned.null_space),
         "suggested_poses": np.degrees(suggested).tolist(),
-        "predicted_joints_with_suggestions": with_suggested,
+        "predicted_joints_with_suggestions": None if with_suggested is None else _joints(with_suggested),
+        "observability_indices_with_suggestions": None
+        if with_suggested is None
+        else asdict(with_suggested.conditioning.indices),
     }
 
 

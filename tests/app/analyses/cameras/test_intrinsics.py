@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-import random
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -23,11 +23,11 @@ from tests.support.sessions.stored_sessions import (
     WIDTH,
     Shot,
     Store,
+    assert_order_is_irrelevant,
     body,
     look,
     new_session,
     problem,
-    same_but_for_ids,
     shoot,
     with_fields,
 )
@@ -95,15 +95,7 @@ def test_the_order_of_uploads_never_matters(api: Any, store: Store) -> None:
     shots = [*shoot(cycles=3), *with_fields(shoot(seed=7, cycles=1), focus_group="other")]
     for i in (1, 5):
         shots[i] = dataclasses.replace(shots[i], cycle=None)
-    shuffled = list(enumerate(shots))
-    random.Random(3).shuffle(shuffled)
-    session, other = new_session(api), new_session(api)
-    ids = store(api, session, shots)
-    others = store(api, other, [shot for _, shot in shuffled])
-    matched = [others[[place for place, _ in shuffled].index(i)] for i in range(len(shots))]
-    first, second = get(api, session), get(api, other)
-    assert body(first)["inputs_sha256"] == body(second)["inputs_sha256"]
-    assert same_but_for_ids(first.text, [session, *ids], second.text, [other, *matched])
+    assert_order_is_irrelevant(api, store, shots, partial(get, api))
 
 
 def test_an_answer_the_client_has_is_not_sent_again(api: Any, store: Store) -> None:

@@ -1,0 +1,66 @@
+"""What analyses are computed by, each function in a process alongside the head, which alone loads the numerics."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from app.analyses.outcome import AnalysisRefused, AnalysisResult
+from app.errors import Conflict, NotFound, ServiceError, Unavailable
+
+
+@dataclass(frozen=True, slots=True)
+class ServiceFailure:
+    """A refusal of the service's own, which travels between processes as plain values."""
+
+    kind: type[ServiceError]
+    code: str
+    detail: str
+    advice: str | None
+
+
+def compute(
+    url: str, analysis: str, session_id: str, settings: Mapping[str, str]
+) -> AnalysisResult | ServiceFailure:
+    """Run in a process alongside the head, which alone loads the numerics for it."""
+    from app.analyses.worker import analyse, open_database
+
+    try:
+        return analyse(open_database(url), analysis, session_id, settings)
+    except ServiceError as error:
+        kind = next((kind for kind in (NotFound, Conflict) if isinstance(error, kind)), Unavailable)
+        return ServiceFailure(kind, error.code, error.detail, error.advice)
+
+
+def compute_plan(
+    robot: list[dict[str, float]], target: Mapping[str, Any], request: Mapping[str, Any]
+) -> bytes | AnalysisRefused:
+    """Run in a process alongside the head."""
+    from app.analyses.documents.dh import plan_document
+    from app.analyses.json_text import encode
+    from app.analyses.outcome import AnalysisError
+    from core import GridposeError
+
+    try:
+        return encode(plan_document(robot, target, request))
+    except AnalysisError as reason:
+        return reason.refused
+    except GridposeError as error:
+        return AnalysisRefused(error.code, error.detail, error.advice)
+
+
+def compute_sheet(target: dict[str, Any], options: dict[str, Any]) -> bytes | AnalysisRefused:
+    """Run in a process alongside the head."""
+    from app.printing import draw_sheet, to_pdf, to_svg
+    from core import GridposeError, TargetSpec
+
+    refused: AnalysisRefused | None = None
+    for paper in options["papers"]:
+        try:
+            sheet = draw_sheet(TargetSpec(**target), paper, name=options["name"])
+            return to_pdf(sheet) if options["form"] == "pdf" else to_svg(sheet)
+        except GridposeError as error:
+            refused = refused or AnalysisRefused(error.code, error.detail, error.advice)
+    assert refused is not None, "no paper was named"
+    return refused

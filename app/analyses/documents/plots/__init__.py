@@ -1,0 +1,25 @@
+"""Plots of a session. This package loads matplotlib: only the analysis process imports it, when a plot is requested."""
+
+from app.analyses.documents.plots.cycle_points import cycle_points
+from app.analyses.documents.plots.drawing import (
+    drift_plot,
+    joint_noise_map,
+    projection_map,
+    residual_map,
+    scatter_plot,
+    steadiness_plot,
+)
+from app.analyses.documents.plots.joint_curves import joint_curves_plot
+from app.analyses.documents.plots.lens_profile import lens_profile_plot
+
+__all__ = [
+    "cycle_points",
+    "drift_plot",
+    "joint_curves_plot",
+    "joint_noise_map",
+    "lens_profile_plot",
+    "projection_map",
+    "residual_map",
+    "scatter_plot",
+    "steadiness_plot",
+]

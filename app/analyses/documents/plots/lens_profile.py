@@ -1,0 +1,76 @@
+"""The plot of a session's lens choice: each model's residuals along the radius, for `camera_plots.lens_profile`."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from app.analyses.documents.camera.residual_field import residual_field
+from app.analyses.outcome import AnalysisError
+from app.reports.camera_plots.lens_profile import LensProfile, RadialResiduals, lens_profile_svg
+from core import GridposeError
+from core.geometry import LensModel, fold_radius_px, lens_model_of
+from core.session import FocusGroup, SessionData, estimate_session, observed_radius
+
+COMPARED: tuple[LensModel, ...] = ("brown", "kannala_brandt")
+GROSS = 30.0
+"""Times the median distance: points further off are nothing of the lens."""
+MAX_GROUPS = 10
+
+
+def lens_profile_plot(data: SessionData, settings: Mapping[str, str]) -> bytes:
+    """Return what `GET .../intrinsics/lens.svg` answers: the chosen model, and those it was compared with."""
+    estimate = estimate_session(data, settings["estimator"])
+    if len(estimate.groups) > MAX_GROUPS:
+        raise AnalysisError(
+            "too_many_for_plot",
+            f"The session has {len(estimate.groups)} focus groups; one plot shows {MAX_GROUPS}.",
+            "GET the session's intrinsics, which has each group's lens_evidence.",
+        )
+    others = {model: _with_model(data, settings["estimator"], model) for model in COMPARED}
+    profiles = []
+    for group in estimate.groups:
+        chosen = lens_model_of(group.estimate.camera)
+        fitted = {chosen: group}
+        fitted |= {
+            model: groups[group.name]
+            for model, groups in others.items()
+            if model != chosen and group.name in groups
+        }
+        profiles.append(
+            LensProfile(
+                group.name,
+                len(group.views),
+                chosen,
+                _evidence(group),
+                observed_radius(group),
+                [_along_radius(model, fitted[model]) for model in sorted(fitted)],
+            )
+        )
+    return lens_profile_svg(profiles, f"Lens models along the radius (estimator {settings['estimator']})")
+
+
+def _with_model(data: SessionData, estimator: str, model: LensModel) -> dict[str, FocusGroup]:
+    """Return the groups estimated with a model; none where it cannot be fitted, and then it is not drawn."""
+    try:
+        return {group.name: group for group in estimate_session(data, estimator, model).groups}
+    except GridposeError:
+        return {}
+
+
+def _evidence(group: FocusGroup) -> str:
+    if group.evidence is None:
+        return "Too few images to compare models."
+    found = group.evidence
+    held = "" if found.held_out is None else f", held-out residuals {found.held_out:.3f} of Brown's"
+    return f"w {found.statistic:.0f}, share {100.0 * found.share:.1f} %{held}."
+
+
+def _along_radius(model: str, group: FocusGroup) -> RadialResiduals:
+    field, camera = residual_field(group, GROSS), group.estimate.camera
+    off = field.points_px - np.array([camera.cx_px, camera.cy_px])
+    radius = np.linalg.norm(off, axis=1)
+    outwards = np.sum(field.residuals_px * off, axis=1) / np.maximum(radius, 1e-9)
+    rms = float(np.sqrt(np.mean(np.sum(field.residuals_px**2, axis=1))))
+    return RadialResiduals(model, radius, outwards, rms, fold_radius_px(camera))

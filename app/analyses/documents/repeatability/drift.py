@@ -1,0 +1,66 @@
+"""Drift of the poses over their cycles and over time as the API shows it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from core.metrology import drift_rate
+from core.session import MeasuredPose, PoseRow, SessionData, drift_of, images_of
+
+
+def drift_document(rows: Sequence[PoseRow], data: SessionData) -> dict[str, Any] | None:
+    """Return how each pose moved from its first cycles to its last, where there are two blocks of cycles."""
+    documents = [found for row in rows if (found := _of_pose(row, data)) is not None]
+    return {"time_source": data.time_source, "poses": documents} if documents else None
+
+
+def _of_pose(row: PoseRow, data: SessionData) -> dict[str, Any] | None:
+    drifting = drift_of(row)
+    if drifting is None:
+        return None
+    cycles, found = drifting[0].tolist(), drifting[1]
+    visits = [visit for visit in row.visits if visit.cycle is not None]
+    hours = _hours(visits, data)
+    rate = None
+    if hours is not None:
+        rate = drift_rate(hours, np.array([visit.position_mm for visit in visits]))
+    shift_error = np.hypot(found.blocks[0].standard_error_mm, found.blocks[-1].standard_error_mm)
+    turn, turn_error = found.shift_rad, found.shift_rad_standard_error
+    blocks = [
+        {
+            "first_cycle": cycles[block.first_cycle - 1],
+            "last_cycle": cycles[block.last_cycle - 1],
+            "mean_position_mm": block.mean_position_mm.tolist(),
+            "mean_standard_uncertainty_mm": block.standard_error_mm.tolist(),
+            "rp_l_mm": block.repeatability_mm,
+            "mean_time_h": None
+            if hours is None
+            else float(hours[block.first_cycle - 1 : block.last_cycle].mean()),
+        }
+        for block in found.blocks
+    ]
+    return {
+        "pose_id": row.pose_id,
+        "shift_mm": found.shift_mm.tolist(),
+        "shift_standard_uncertainty_mm": shift_error.tolist(),
+        "shift_distance_mm": float(np.linalg.norm(found.shift_mm)),
+        "shift_deg": None if turn is None else np.degrees(turn).tolist(),
+        "shift_standard_uncertainty_deg": None if turn_error is None else np.degrees(turn_error).tolist(),
+        "drp_mm": found.repeatability_drift_mm,
+        "duration_h": None if hours is None else blocks[-1]["mean_time_h"] - blocks[0]["mean_time_h"],
+        "rate_mm_per_h": None if rate is None else rate.mm_per_h.tolist(),
+        "rate_standard_uncertainty_mm_per_h": None if rate is None else rate.standard_error_mm_per_h.tolist(),
+        "blocks": blocks,
+    }
+
+
+def _hours(visits: Sequence[MeasuredPose], data: SessionData) -> np.ndarray | None:
+    """Return when the visits were, h after the session's first image; None where that is not known."""
+    if not all(image.measurement_id in data.taken_h for visit in visits for image in images_of(visit)):
+        return None
+    return np.array(
+        [np.mean([data.taken_h[image.measurement_id] for image in images_of(visit)]) for visit in visits]
+    )

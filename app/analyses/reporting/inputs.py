@@ -1,0 +1,110 @@
+"""What a report is made from, so that years later each input can be named, compared and found again."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Mapping
+from typing import Any
+
+import sqlalchemy as sa
+from sqlalchemy import orm
+
+from app.analyses.inputs.snapshot import Snapshot
+from app.records.tables import Measurement, Result, Robot, Session, Target
+
+Json = dict[str, Any]
+_TARGET = (
+    *("id", "name", "kind", "columns", "rows", "pitch_mm", "marker_mm", "dictionary", "legacy_layout"),
+    *("pitch_standard_uncertainty_mm", "print_kind", "shape_standard_uncertainty", "certificate"),
+)
+_ROBOT = (
+    *("id", "name", "manufacturer", "model", "serial_number", "joints", "joint_coupling"),
+    *("datasheet_repeatability_mm", "datasheet_accuracy_mm"),
+)
+_POSE = ("position_mm", "roll_deg", "pitch_deg", "yaw_deg", "joint_angles_deg", "approach")
+
+
+def read_inputs(records: orm.Session, snapshot: Snapshot, *, with_rms: bool) -> Json:
+    """Return every input of a snapshot as a report states it; `with_rms` adds each image's own residual (px)."""
+    session = records.get_one(Session, snapshot.session_id)
+    robot = records.get(Robot, session.robot_id) if session.robot_id is not None else None
+    targets = {
+        row.id: row for row in records.scalars(sa.select(Target).where(Target.id.in_(snapshot.target_ids)))
+    }
+    return {
+        "session": {
+            "id": session.id,
+            "name": session.name,
+            "lens": session.lens,
+            "intrinsics": session.intrinsics,
+            "conditions": session.conditions,
+        },
+        "robot": None if robot is None else {name: getattr(robot, name) for name in _ROBOT},
+        "targets": [
+            {name: getattr(targets[target_id], name) for name in _TARGET} for target_id in snapshot.target_ids
+        ],
+        "poses": [
+            {"pose_id": pose_id, **{name: _listed(getattr(commanded, name)) for name in _POSE}}
+            for pose_id, commanded in snapshot.commanded.items()
+        ],
+        "images": _images(records, snapshot, with_rms=with_rms),
+        "measured_poses": [
+            {
+                "measurement_id": one.measurement_id,
+                "pose_id": one.pose_id,
+                "cycle": one.cycle,
+                "content_sha256": one.content_sha256,
+            }
+            for one in snapshot.measured
+        ],
+    }
+
+
+def inputs_hash(inputs: Mapping[str, Any]) -> str:
+    """Return the SHA-256 of all inputs, 64 hex digits."""
+    text = json.dumps(inputs, sort_keys=True, separators=(",", ":"), allow_nan=False)
+    return hashlib.sha256(text.encode()).hexdigest()
+
+
+def _images(records: orm.Session, snapshot: Snapshot, *, with_rms: bool) -> list[Json]:
+    rms: dict[str, float | None] = {}
+    if with_rms:
+        rows = records.execute(
+            sa.select(Result.measurement_id, Result.calibration)
+            .join(Measurement, Measurement.id == Result.measurement_id)
+            .where(Measurement.session_id == snapshot.session_id)
+        )
+        rms = {measurement_id: _rms(calibration) for measurement_id, calibration in rows}
+    found = []
+    for image in snapshot.images:
+        seen = image.observation
+        found.append(
+            {
+                "measurement_id": seen.measurement_id,
+                "pose_id": seen.pose_id,
+                "cycle": seen.cycle,
+                **({} if seen.burst is None else {"burst": seen.burst}),
+                "sha256": seen.image,
+                "filename": seen.filename,
+                "target_id": snapshot.target_ids[seen.target] if seen.target >= 0 else None,
+                "focus_group": seen.focus_group,
+                "joint_angles_deg": _listed(seen.joint_angles_deg),
+                "failure_code": seen.failure_code,
+                "content_sha256": image.content_sha256,
+                "computed_by": image.computed_by,
+                "rms_px": rms.get(seen.measurement_id),
+            }
+        )
+    return found
+
+
+def _rms(calibration: Any) -> float | None:
+    try:
+        return round(float(calibration["reprojection"]["rms_px"]), 6)
+    except (KeyError, TypeError, ValueError):  # no calibration, or a damaged one: a refused view has none
+        return None
+
+
+def _listed(value: Any) -> Any:
+    return list(value) if isinstance(value, tuple) else value

@@ -1,0 +1,122 @@
+"""A report from what a session holds at one moment: its analyses, their drawings, its inputs, and every form."""
+
+from __future__ import annotations
+
+import json
+from typing import Any
+
+import sqlalchemy as sa
+
+from app.analyses.inputs.change_token import read_change_token
+from app.analyses.outcome import AnalysisRefused
+from app.analyses.reporting.inputs import inputs_hash, read_inputs
+from app.analyses.reporting.orders import DRAWINGS, KINDS, MadeReport, ReportOrder, settings_of
+from app.analyses.worker import LoadedSession, document_of, load
+from app.build import core_version
+from app.errors import Conflict
+from app.records.database import Database
+from app.records.tables import MeasuredPose, Measurement
+from app.reports.forms import FORMAT, FORMAT_VERSION, RenderingFailed, render_forms
+
+_MOMENTS = 3
+"""How often a session is read anew that changed while it was read."""
+
+
+def make_report(database: Database, order: ReportOrder) -> MadeReport:
+    """Return a report with all of its forms.
+
+    Raises NotFound, and Conflict where its analysis cannot be made or a form cannot be drawn.
+    """
+    source = source_of(database, order.session_id)
+    loaded, inputs = read_moment(database, order.session_id, source, with_rms=order.kind == "session")
+    analyses, refusals = compute_analyses(loaded, order.kind, source)
+    if order.kind != "session" and refusals:
+        (refused,) = refusals.values()
+        raise Conflict(refused["detail"], refused["advice"], code=refused["code"])
+    if not inputs["images"] and not inputs["measured_poses"]:
+        raise Conflict(
+            "The session holds no finished measurement to report on.",
+            "Upload images or import measured poses first, and wait until they are measured.",
+            code="too_few_measurements",
+        )
+    inputs_sha256 = inputs_hash(inputs)
+    document = {
+        "format": FORMAT,
+        "format_version": FORMAT_VERSION,
+        "report_id": order.report_id,
+        "kind": order.kind,
+        "title": order.title,
+        "signatories": order.signatories,
+        "paper": order.paper,
+        "made_at": order.made_at.isoformat(timespec="seconds"),
+        "made_by": order.made_by,
+        "signing_key": order.signing_key,
+        "core_version": core_version(),
+        "inputs_sha256": inputs_sha256,
+        "source": source,
+        "subject": loaded.snapshot.subject,
+        "template": order.template.document(),
+        "analyses": analyses,
+        "refusals": refusals,
+        "inputs": inputs,
+    }
+    try:
+        forms = render_forms(document, _drawings(loaded, order.kind, source), order.template)
+    except RenderingFailed as error:
+        raise Conflict(
+            f"The PDF of the report cannot be drawn: {error}",
+            "Check the logo in DATA/templates; texts may hold letters that the report's fonts lack.",
+            code="report_not_drawable",
+        ) from error
+    return MadeReport(forms, core_version(), inputs_sha256)
+
+
+def source_of(database: Database, session_id: str) -> str:
+    """Return where a session's poses are from: another instrument only where there are no images at all."""
+    with database.read() as records:
+        for table, source in ((Measurement, "images"), (MeasuredPose, "measured_poses")):
+            columns = table.__table__.c
+            if records.scalar(sa.select(columns.id).where(columns.session_id == session_id).limit(1)):
+                return source
+    return "images"
+
+
+def read_moment(
+    database: Database, session_id: str, source: str, *, with_rms: bool
+) -> tuple[LoadedSession, dict[str, Any]]:
+    """Return a session and its inputs, both of one moment. Raises NotFound, Conflict where it keeps changing."""
+    for _ in range(_MOMENTS):
+        loaded = load(database, session_id, source)
+        with database.read() as records:
+            if read_change_token(records, session_id) == loaded.change_token:
+                return loaded, read_inputs(records, loaded.snapshot, with_rms=with_rms)
+    raise Conflict(
+        "The session changed whenever it was read.",
+        "Wait until its images are uploaded and measured, then order the report again.",
+        code="session_changing",
+    )
+
+
+def compute_analyses(
+    loaded: LoadedSession, kind: str, source: str
+) -> tuple[dict[str, Any], dict[str, dict[str, Any]]]:
+    """Return the documents of a kind's analyses, and for those that cannot be made code, detail and advice."""
+    documents: dict[str, Any] = {}
+    refusals: dict[str, dict[str, Any]] = {}
+    for analysis in KINDS[kind]:
+        found = document_of(loaded, analysis, settings_of(analysis, source))
+        if isinstance(found, AnalysisRefused):
+            refusals[analysis] = {"code": found.code, "detail": found.detail, "advice": found.advice}
+        else:
+            documents[analysis] = json.loads(found)
+    return documents, refusals
+
+
+def _drawings(loaded: LoadedSession, kind: str, source: str) -> dict[str, str]:
+    """Return the drawings of a kind that can be drawn; the tables say what the others would lack."""
+    found = {}
+    for name, plot in DRAWINGS[kind]:
+        drawn = document_of(loaded, plot, settings_of(plot, source))
+        if not isinstance(drawn, AnalysisRefused):
+            found[name] = drawn.decode()
+    return found

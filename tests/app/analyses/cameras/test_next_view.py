@@ -1,0 +1,50 @@
+"""Next views over HTTP: what each leaves uncertain, and refusals with their codes."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Any
+
+import numpy as np
+
+from app.api.schemas.analyses import NextViewAnalysis
+from tests.support.sessions.stored_sessions import Store, body, new_session, problem, shoot
+
+
+def ask(api: Any, session: str, **fields: Any) -> Any:
+    return api.client.post(f"/v1/sessions/{session}/next-view", json=fields)
+
+
+def test_each_suggested_view_makes_the_camera_more_certain(api: Any, store: Store) -> None:
+    session = new_session(api)
+    store(api, session, shoot(poses=4, cycles=1))
+    found = body(ask(api, session, purpose="intrinsics", count=4))
+    NextViewAnalysis.model_validate(found, extra="forbid")
+    assert found["target_id"] == api.client.get(f"/v1/sessions/{session}").json()["target_ids"][0]
+    assert len(found["suggestions"]) == 4
+    before = None
+    for view in found["suggestions"]:
+        now, after = view["expected_uncertainty_now"], view["expected_uncertainty_after"]
+        assert before in (None, now)
+        assert after["projection_rms_px"] < now["projection_rms_px"]
+        assert after["focal_relative_uncertainty"] <= now["focal_relative_uncertainty"]
+        T = np.array(view["T_target_camera"])
+        np.testing.assert_allclose(T[:3, :3] @ T[:3, :3].T, np.eye(3), atol=1e-6)
+        assert view["view_distance_mm"] > 0.0
+        assert 0.0 <= view["view_tilt_deg"] <= 51.0
+        assert view["joint_angles_deg"] is None
+        before = after
+
+
+def test_what_cannot_be_planned_is_refused(api: Any, store: Store) -> None:
+    session = new_session(api)
+    problem(ask(api, session), 409, "too_few_measurements")
+    problem(ask(api, session, count=0), 422, "invalid_request")
+    problem(ask(api, session, purpose="dh"), 422, "invalid_request")
+    shots = shoot(poses=4, cycles=1)
+    far = [dataclasses.replace(s, cycle=2, fields={"focus_group": "far"}) for s in shots]
+    store(api, session, [*shots, *far])
+    problem(ask(api, session), 409, "focus_group_required")
+    problem(ask(api, session, focus_group="near"), 404, "focus_group_not_found")
+    problem(ask(api, session, focus_group="far", target_id="tgt_other"), 409, "target_not_in_session")
+    assert ask(api, session, focus_group="far", count=1).status_code == 200
