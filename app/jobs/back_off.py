@@ -28,6 +28,10 @@ class BackOff:
         if counted > 0:
             self._not_before = time.monotonic() + min(_FIRST_S * 2.0**counted, _LONGEST_S)
 
+    def pause(self, seconds: float) -> None:
+        """Be due after so long; no failure is counted."""
+        self._not_before = time.monotonic() + seconds
+
     def succeeded(self) -> None:
         """Forget the failures."""
         self.failures = 0

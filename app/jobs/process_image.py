@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import time
-from pathlib import Path
 from typing import Any
 
 from app.blobs.integrity import read_original
@@ -35,7 +34,7 @@ def process_image(job: Job, path: str, max_pixels: int) -> tuple[Outcome, float]
     """
     started = time.perf_counter()
     try:
-        data = read_original(Path(path), job.sha256)
+        data = read_original(path, job.sha256)
     except (OriginalMissing, OriginalCorrupt) as error:
         failure = Failure(error.code, error.detail, error.advice)
         return Outcome(None, failure), (time.perf_counter() - started) * 1000.0
@@ -44,6 +43,12 @@ def process_image(job: Job, path: str, max_pixels: int) -> tuple[Outcome, float]
     else:
         outcome = measure_all_targets(data, job, max_pixels)
     return outcome, (time.perf_counter() - started) * 1000.0
+
+
+def process_for_storage(job: Job, path: str, max_pixels: int) -> tuple[Outcome, float]:
+    """Return what `process_image` does, its documents as JSON text: whoever saves them has that to do no more."""
+    outcome, duration_ms = process_image(job, path, max_pixels)
+    return outcome.encoded(), duration_ms
 
 
 def measure_target(data: bytes, job: Job, max_pixels: int) -> Outcome:

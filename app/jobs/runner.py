@@ -1,13 +1,14 @@
 """The runner: one thread that hands queued rows to worker processes and saves their results.
 
-One runner works on a data folder at a time (`runner.lock`; on PostgreSQL one on a database, by an advisory lock). Under
-that lock, `running` rows can only be what a runner that is gone left behind, so they go back to `queued` at start.
+One runner works on a data folder at a time (`runner.lock`). With SQLite, `running` rows can then only be what a runner
+that is gone left behind, so they go back to `queued` at start; on PostgreSQL any number of runners share a database,
+and the queue gives back what one that is gone was handed.
 
-The thread goes through rounds: look after the processes, save, fetch, hand out. An error of one step is logged and
-the step tried again after a pause; it ends neither the round nor the runner. A full disk or an unreachable database
-passes without anybody's help. Where nothing can be computed for another reason, no process can be started or the
-database gives errors that nobody foresaw, the runner gives up after `MAX_UNABLE_S`: its process should end, and be
-started anew.
+The thread goes through rounds, none soon after another (`pace`): look after the processes, save, fetch, hand out. An
+error of one step is logged and the step tried again after a pause; it ends neither the round nor the runner. A full
+disk or an unreachable database passes without anybody's help. Where nothing can be computed for another reason, no
+process can be started or the database gives errors that nobody foresaw, the runner gives up after `MAX_UNABLE_S`: its
+process should end, and be started anew.
 """
 
 from __future__ import annotations
@@ -21,22 +22,21 @@ from dataclasses import dataclass
 
 import structlog
 
-from app.blobs.local import LocalBlobs
+from app.blobs.interface import Blobs
 from app.errors import ServiceError
 from app.jobs.back_off import BackOff
-from app.jobs.process_image import process_image
+from app.jobs.pace import GATHER_S, IDLE_POLL_S, Pace
+from app.jobs.process_image import process_for_storage
 from app.jobs.queue import Job, Queue
 from app.jobs.runner_lock import RunnerLock
 from app.jobs.settlement import Settlement, is_death
 from app.jobs.worker_init import keep_compiled_code, prepare_environment, start_worker
-from app.jobs.worker_pool import Compute, Initialise, Task, WorkerLost, WorkerSlot
+from app.jobs.worker_pool import Compute, Initialise, Task, WorkerLost, WorkerSlot, close_all
 from app.records.database import Database
 from app.settings import Settings
 
 log = structlog.get_logger(__name__)
 
-IDLE_POLL_S = 0.5
-"""How often an idle runner looks by itself; jobs of the same process wake it at once."""
 BATCH = 4
 """Jobs taken at a time for each worker, so that the next one is at hand while results are being saved."""
 MAX_UNSAVED = 16
@@ -47,7 +47,6 @@ MAX_UNABLE_S = 40.0
 """How long nothing can be computed until the runner gives up; its process then has ended within 60 s."""
 MAX_ROUND_S = 60.0
 """How long a round may take until the runner counts as unable: the database has not answered for so long."""
-_LOCK_CHECK_S = 5.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,13 +65,13 @@ class JobRunner:
     def __init__(
         self,
         queue: Queue,
-        blobs: LocalBlobs,
+        blobs: Blobs,
         lock: RunnerLock,
         *,
         workers: int,
         timeout_s: float,
         max_pixels: int,
-        compute: Compute = process_image,
+        compute: Compute = process_for_storage,
         initialise: Initialise = start_worker,
         max_unable_s: float = MAX_UNABLE_S,
         max_round_s: float = MAX_ROUND_S,
@@ -92,15 +91,14 @@ class JobRunner:
         self._stopping = threading.Event()
         self._thread = threading.Thread(target=self._run, name="runner", daemon=True)
         self._fetching = BackOff()
+        self._pace = Pace()
+        self._has_more = False
         self._unable_since_s: float | None = None
         self._round_since_s = time.monotonic()
-        self._lock_checked_s = time.monotonic()
         self.settlement = Settlement(queue, timeout_s=timeout_s, stopping=self._stopping)
 
     @classmethod
-    def for_data_dir(
-        cls, settings: Settings, database: Database, queue: Queue, blobs: LocalBlobs
-    ) -> JobRunner:
+    def for_data_dir(cls, settings: Settings, database: Database, queue: Queue, blobs: Blobs) -> JobRunner:
         """Return the runner that `settings` describe; at least one worker."""
         keep_compiled_code(settings.data_dir)
         return cls(
@@ -119,6 +117,7 @@ class JobRunner:
         if recovered:
             log.info("jobs_recovered", jobs=recovered)
         prepare_environment(self._max_pixels)
+        self._queue.start_fetching(len(self._slots))
         self._round_since_s = time.monotonic()
         self._thread.start()
 
@@ -148,6 +147,7 @@ class JobRunner:
     def begin_stop(self) -> None:
         """Take no more jobs; what dies from now on does not count as an attempt."""
         self._stopping.set()
+        self._pace.hurry()
         self._queue.notify()
 
     def stop(self) -> None:
@@ -155,37 +155,31 @@ class JobRunner:
         self.begin_stop()
         if self._thread.is_alive():
             self._thread.join()
+        self._queue.stop_fetching()
         self._lock.release()
 
     def _run(self) -> None:
         try:
             while not self._stopping.is_set():
                 self._work_once()
+                if not self._is_hungry():
+                    self._pace.rest()
             self._wind_down()
         finally:
-            closers = []
-            for slot in self._slots:
-                closer = threading.Thread(target=slot.close, name="pool-end")
-                try:
-                    closer.start()
-                except RuntimeError:  # no thread can be had: one after the other
-                    slot.close()
-                else:
-                    closers.append(closer)
-            for closer in closers:
-                closer.join()
+            close_all(self._slots)
 
     def _work_once(self) -> None:
         """Go through one round; wait where it brought nothing."""
         self._round_since_s = time.monotonic()
         self._attempt(self._keep_lock)
         tended = self._attempt(self._tend)
-        settled = self._attempt(self.settlement.settle)
+        settled = self._attempt(self._settle)
         fetched = self._attempt(self._fetch)
         started = self._attempt(self._start_jobs)
         self._note_ability(failed=None in (tended, fetched, started))
         if not (settled or fetched or started):
-            self._queue.wait(IDLE_POLL_S if tended is not None else 1.0)
+            unsaved = len(self.settlement) > 0
+            self._queue.wait(1.0 if tended is None else GATHER_S if unsaved else IDLE_POLL_S)
 
     def _attempt(self, step: Callable[[], bool]) -> bool | None:
         """Return whether a step brought anything; None where it failed for a reason that nobody foresaw."""
@@ -210,18 +204,25 @@ class JobRunner:
                 slot.tend()
         return False
 
+    def _settle(self) -> bool:
+        """Save results: of busy workers together, the last ones at once."""
+        busy = any(slot.task for slot in self._slots)
+        settled = self.settlement.settle(gather_s=self._pace.gather_s(busy=busy))
+        if settled:
+            self._pace.saved()
+        return settled
+
     def _keep_lock(self) -> bool:
-        if time.monotonic() - self._lock_checked_s >= _LOCK_CHECK_S:
-            self._lock_checked_s = time.monotonic()
-            self._lock.keep()
+        self._lock.keep()
         return False
 
     def _fetch(self) -> bool:
+        limit = BATCH * len(self._slots)
         crowded = len(self.settlement) > MAX_UNSAVED * len(self._slots)
         if crowded or len(self._ready) > len(self._slots) or not self._fetching.due:
             return False
         try:
-            jobs = self._queue.claim(BATCH * len(self._slots))
+            jobs = self._queue.claim(limit)
         except ServiceError:
             raise
         except Exception:
@@ -229,7 +230,12 @@ class JobRunner:
             raise
         self._fetching.succeeded()
         self._ready.extend(jobs)
+        self._has_more = len(jobs) == limit
         return bool(jobs)
+
+    def _is_hungry(self) -> bool:
+        """Whether the workers run out of jobs while more are queued."""
+        return self._has_more and len(self._ready) <= len(self._slots)
 
     def _start_jobs(self) -> bool:
         started = False
@@ -244,7 +250,7 @@ class JobRunner:
             return False
         job = self._ready.popleft()
         try:
-            task = slot.submit(job, self._blobs.path(job.sha256))
+            task = slot.submit(job, self._blobs.address(job.sha256))
         except WorkerLost:  # no fault of this job; the slot's process is replaced
             self._ready.appendleft(job)
             return False
@@ -260,6 +266,8 @@ class JobRunner:
             cancelled = task.future.cancelled()
             self._end(slot, task, CancelledError() if cancelled else task.future.exception())
             self._hand_next(slot)
+        if self._is_hungry():
+            self._pace.hurry()
         self._queue.notify()
 
     def _end(self, slot: WorkerSlot, task: Task, error: BaseException | None) -> None:

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import signal
 import threading
+import time
 from collections import deque
 from collections.abc import Sequence
 from concurrent.futures import CancelledError
@@ -18,7 +19,7 @@ from dataclasses import dataclass, field
 import structlog
 from pebble import ProcessExpired
 
-from app.errors import ServiceError
+from app.errors import ServiceError, Unavailable
 from app.jobs.back_off import BackOff
 from app.jobs.queue import Job, JobResult, Queue
 from app.jobs.worker_pool import OverTime
@@ -30,6 +31,8 @@ MAX_ATTEMPTS = 3
 MAX_OVERTIMES = 2
 MAX_SAVES = 10
 """Attempts at saving a result, over half a minute, until its job is repeated."""
+STORAGE_PAUSE_S = 3.0
+"""After it was found that originals cannot be read just now; the image then waits for its turn again."""
 MAX_SAVES_AMONG_OTHERS = 3
 """The same where other results can be saved meanwhile."""
 
@@ -65,6 +68,9 @@ class _Ended:
     attempts: int
     exit_code: int | None = None
     saves: BackOff = field(default_factory=BackOff)
+    is_released: bool = False
+    """Whether the job goes back to the queue as it was: what failed had nothing to do with it."""
+    since_s: float = field(default_factory=time.monotonic)
     saved_before: int | None = None
     """How many results had been saved at all when this one could not be for the first time."""
 
@@ -92,13 +98,14 @@ class Settlement:
         """Note what a job returned or raised; from any thread."""
         self._ended.append(self._judged(job, returned, error))
 
-    def settle(self) -> bool:
+    def settle(self, *, gather_s: float = 0.0) -> bool:
         """Save what is due and return whether anything was; raise ServiceError where the database cannot now.
 
-        Any other error counts against the result that it concerns, which is saved again after a pause.
+        With `gather_s`, nothing is saved until the oldest result has waited so long, that one transaction may save
+        several. Any other error counts against the result that it concerns, which is saved again after a pause.
         """
         due = [ended for ended in tuple(self._ended) if ended.saves.due]
-        if not due:
+        if not due or time.monotonic() - min(ended.since_s for ended in due) < gather_s:
             return False
         together = [ended for ended in due if ended.finished is not None and not ended.saves.failures]
         if len(together) > 1 and self._try_saving(together):
@@ -138,7 +145,7 @@ class Settlement:
     def _repeat(self, ended: _Ended) -> None:
         was_terminated = ended.exit_code in (signal.SIGTERM, -signal.SIGTERM)
         # Whoever stops the whole service may signal its worker processes an instant before this one.
-        if self._stopping.wait(0.5 if was_terminated else 0.0):
+        if self._stopping.wait(0.5 if was_terminated else 0.0) or ended.is_released:
             self._queue.release([ended.job])
             return
         self._queue.attempt_failed(ended.job, ended.failure, max_attempts=ended.attempts)
@@ -158,6 +165,11 @@ class Settlement:
             return _Ended(job, JobResult(job, *returned), INTERNAL_ERROR, MAX_ATTEMPTS)
         if isinstance(error, OverTime):
             return _Ended(job, None, self._timed_out(), MAX_OVERTIMES)
+        if isinstance(error, Unavailable):  # of the store of originals: worker processes use no database
+            log.warning("original_not_read", measurement_id=job.measurement_id, code=error.code)
+            ended = _Ended(job, None, INTERNAL_ERROR, MAX_ATTEMPTS, is_released=True)
+            ended.saves.pause(STORAGE_PAUSE_S)
+            return ended
         if is_death(error):
             exit_code = getattr(error, "exitcode", None)
             return _Ended(job, None, WORKER_CRASHED, MAX_ATTEMPTS, exit_code)

@@ -39,14 +39,14 @@ class ImageInfo:
     height_px: int
 
 
-def validate_image(path: Path, max_pixels: int) -> ImageInfo:
-    """Return what the file's header says, or raise the refusal it deserves.
+def validate_image(source: bytes | Path, max_pixels: int) -> ImageInfo:
+    """Return what a file's header says, given its bytes or its path, or raise the refusal it deserves.
 
     Only the header is read, wherever it lies in the file, and its length is bounded: this runs in the process that
     answers all requests.
     """
     try:
-        header = _read_header(path)
+        header = _read_header(source)
         check_pixels(header, max_pixels)
     except GridposeError as error:
         for kind, refusal in _REFUSALS:
@@ -71,8 +71,10 @@ def validate_target(fields: dict[str, Any]) -> None:
         raise InvalidContent(error.detail, error.advice, code=error.code, errors=wrong) from error
 
 
-def _read_header(path: Path) -> ImageHeader:
-    with path.open("rb", buffering=_BLOCK_BYTES) as file:
+def _read_header(source: bytes | Path) -> ImageHeader:
+    if isinstance(source, bytes):
+        return read_header(source)
+    with source.open("rb", buffering=_BLOCK_BYTES) as file:
         return read_header(_FileBytes(file))
 
 

@@ -12,10 +12,9 @@ import multiprocessing
 import os
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from concurrent.futures import Future
 from dataclasses import dataclass
-from pathlib import Path
 
 import structlog
 from pebble import ProcessExpired, ProcessPool
@@ -108,7 +107,7 @@ class WorkerSlot:
             log.warning("worker_lost_while_idle")
             self._discard()
 
-    def submit(self, job: Job, path: Path) -> Task:
+    def submit(self, job: Job, address: str) -> Task:
         """Begin a job; the task's future is done when it is over, unless `verdict` says so first.
 
         Raises WorkerLost where the process ended while it had nothing to do; `tend` replaces it.
@@ -116,7 +115,7 @@ class WorkerSlot:
         assert self._pool is not None
         try:
             future: Future[tuple[Outcome, float]] = self._pool.schedule(
-                self._compute, args=(job, str(path), self._max_pixels)
+                self._compute, args=(job, address, self._max_pixels)
             )
         except RuntimeError as error:
             log.warning("worker_lost_while_idle")
@@ -198,6 +197,21 @@ class WorkerSlot:
         self._starts.failed()
         log.warning("worker_not_started", failures=self._starts.failures, error=repr(error))
         self._discard()
+
+
+def close_all(slots: Sequence[WorkerSlot]) -> None:
+    """End the processes of all slots at the same time."""
+    closers = []
+    for slot in slots:
+        closer = threading.Thread(target=slot.close, name="pool-end")
+        try:
+            closer.start()
+        except RuntimeError:  # no thread can be had: one after the other
+            slot.close()
+        else:
+            closers.append(closer)
+    for closer in closers:
+        closer.join()
 
 
 def _end(pool: ProcessPool) -> None:

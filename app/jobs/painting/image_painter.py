@@ -5,7 +5,6 @@ from __future__ import annotations
 import asyncio
 from collections.abc import Iterator
 from contextlib import contextmanager
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 from app.errors import ServiceError, Unavailable
@@ -42,7 +41,7 @@ class ImagePainter:
 
     def overlay(
         self,
-        path: Path,
+        path: str,
         sha256: str,
         subject: OverlaySubject,
         width_px: int,
@@ -55,14 +54,14 @@ class ImagePainter:
                 self._overlays.call(
                     requester,
                     paint_overlay,
-                    *(str(path), sha256, subject, width_px, media_type, self._max_pixels),
+                    *(path, sha256, subject, width_px, media_type, self._max_pixels),
                 )
             )
 
-    async def thumbnail(self, path: Path, sha256: str, requester: str | None = None) -> bytes:
+    async def thumbnail(self, path: str, sha256: str, requester: str | None = None) -> bytes:
         """Return a small WebP of the image at `path`; no thread waits for it."""
         with _failures():
-            call = self._thumbnails.submit(requester, paint_thumbnail, str(path), sha256, self._max_pixels)
+            call = self._thumbnails.submit(requester, paint_thumbnail, path, sha256, self._max_pixels)
             return _drawn(await asyncio.wrap_future(call.future))
 
     def close(self) -> None:

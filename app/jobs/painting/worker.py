@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 from app.blobs.integrity import read_original
-from app.errors import Conflict, OriginalCorrupt, OriginalMissing, ServiceError
+from app.errors import Conflict, OriginalCorrupt, OriginalMissing, ServiceError, Unavailable
 from app.jobs.painting.subject import OverlaySubject
 
 if TYPE_CHECKING:  # the head process names these functions and does without OpenCV
@@ -26,11 +25,11 @@ def paint_overlay(
     from core.image import decode_preview
 
     try:
-        data = read_original(Path(path), sha256)
+        data = read_original(path, sha256)
         preview = decode_preview(
             data, longest_side_px=max(_CANDIDATES_SIDE_PX, 3 * width_px // 2), max_pixels=max_pixels
         )
-    except (OriginalMissing, OriginalCorrupt) as error:
+    except (OriginalMissing, OriginalCorrupt, Unavailable) as error:
         return error
     except ImageError:
         return _undecodable()
@@ -44,9 +43,9 @@ def paint_thumbnail(path: str, sha256: str, max_pixels: int) -> bytes | ServiceE
     from core.image import decode_preview
 
     try:
-        data = read_original(Path(path), sha256)
+        data = read_original(path, sha256)
         preview = decode_preview(data, longest_side_px=THUMBNAIL_PX, max_pixels=max_pixels)
-    except (OriginalMissing, OriginalCorrupt) as error:
+    except (OriginalMissing, OriginalCorrupt, Unavailable) as error:
         return error
     except ImageError:
         return _undecodable()

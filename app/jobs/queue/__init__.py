@@ -1,10 +1,21 @@
-"""The queue of images to measure: its interface, and the one on the measurement rows (`sql_queue`)."""
+"""The queue of images to measure: its interface, that on the measurement rows, and that of several machines."""
 
-from app.jobs.queue.claimed_rows import is_target
+from app.jobs.queue.claimed_rows import is_target, read_jobs
 from app.jobs.queue.interface import Job, JobResult, Queue, TargetQuery
 from app.jobs.queue.requeueing import TOGETHER, queue_rows, search_again
 from app.jobs.queue.saving import ALREADY_MEASURED
 from app.jobs.queue.sql_queue import SqlQueue
+from app.records.database import Database
+
+
+def queue_of(database: Database) -> Queue:
+    """Return the queue of a database: one reader of the rows on SQLite, any number of them on PostgreSQL."""
+    if database.is_sqlite:
+        return SqlQueue(database)
+    from app.jobs.queue.procrastinate_queue import ProcrastinateQueue  # an extra
+
+    return ProcrastinateQueue(database)
+
 
 __all__ = [
     "ALREADY_MEASURED",
@@ -15,6 +26,8 @@ __all__ = [
     "SqlQueue",
     "TargetQuery",
     "is_target",
+    "queue_of",
     "queue_rows",
+    "read_jobs",
     "search_again",
 ]

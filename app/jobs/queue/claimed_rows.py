@@ -7,11 +7,11 @@ from functools import lru_cache
 from typing import Any
 
 import sqlalchemy as sa
-from sqlalchemy import orm
 
 from app.jobs.queue.interface import Job, TargetQuery
 from app.records.codec import Failure
-from app.records.readable import CODE, unreadable_columns
+from app.records.readable import CODE, unreadable_values
+from app.records.statements import Rows, Statement
 from app.records.tables import Measurement, Session, SessionTarget, Target, target_fields
 from core.errors import InvalidTarget
 from core.targets import TargetSpec
@@ -22,43 +22,52 @@ ADVICE = (
 )
 
 
+_OF_MEASUREMENT = tuple(Measurement.__table__.c.keys())
+_OF_SESSION = tuple(Session.__table__.c.keys())
+_OF_TARGET = tuple(Target.__table__.c.keys())
+_ROW = Statement(
+    sa.select(*Measurement.__table__.c, *Session.__table__.c)
+    .outerjoin_from(Measurement, Session, Session.id == Measurement.session_id)
+    .where(Measurement.id == sa.bindparam("measurement_id"))
+)
+_SOUGHT = Statement(
+    sa.select(SessionTarget.target_id)
+    .where(SessionTarget.session_id == sa.bindparam("session_id"))
+    .order_by(SessionTarget.position)
+)
+_TARGET = Statement(sa.select(*Target.__table__.c).where(Target.id == sa.bindparam("target_id")))
+Values = dict[str, Any]
+
+
 def read_jobs(
-    session: orm.Session, measurement_ids: Sequence[str], claim: str
+    rows: Rows, measurement_ids: Sequence[str], claim: str
 ) -> tuple[tuple[Job, ...], dict[str, tuple[str, ...]]]:
     """Return the jobs of claimed rows in the order given, and the unreadable columns of the rows that are not jobs."""
-    rows = {
-        row.id: (row, of_session)
-        for row, of_session in session.execute(
-            sa.select(Measurement, Session)
-            .outerjoin(Session, Session.id == Measurement.session_id)
-            .options(orm.raiseload(Session.targets))
-            .where(Measurement.id.in_(measurement_ids))
-            .execution_options(populate_existing=True)
-        )
-    }
-    sessions = {row.session_id: of_session for row, of_session in rows.values()}
-    damaged_sessions = {i: _unreadable_session(of_session) for i, of_session in sessions.items()}
-    sought = _targets_of(session, [row for row, _ in rows.values()])
-    targets = _read_targets(session, {target_id for ids in sought.values() for target_id in ids})
+    targets: dict[str, Values | None] = {}
     jobs: list[Job] = []
     unreadable: dict[str, tuple[str, ...]] = {}
     for measurement_id in measurement_ids:
-        row, of_session = rows[measurement_id]
-        damaged = _damaged(row, damaged_sessions[row.session_id], sought[measurement_id], targets)
+        found = rows.first(_ROW, measurement_id=measurement_id)
+        assert found is not None, "a row that was just claimed"
+        of_row = dict(zip(_OF_MEASUREMENT, found, strict=False))
+        of_session = dict(zip(_OF_SESSION, found[len(_OF_MEASUREMENT) :], strict=True))
+        sought = _sought(rows, of_row)
+        for target_id in sought:
+            if target_id not in targets:
+                targets[target_id] = _read_target(rows, target_id)
+        damaged = _damaged(of_row, of_session, sought, targets)
         if damaged:
             unreadable[measurement_id] = damaged
             continue
         jobs.append(
             Job(
-                measurement_id=row.id,
+                measurement_id=measurement_id,
                 claim=claim,
-                sha256=row.sha256,
-                target_id=row.target_id,
-                targets=tuple(
-                    TargetQuery(i, fields) for i in sought[row.id] if (fields := targets[i]) is not None
-                ),
-                lens=of_session.lens,
-                intrinsics=of_session.intrinsics,
+                sha256=of_row["sha256"],
+                target_id=of_row["target_id"],
+                targets=tuple(TargetQuery(i, fields) for i in sought if (fields := targets[i]) is not None),
+                lens=of_session["lens"],
+                intrinsics=of_session["intrinsics"],
             )
         )
     return tuple(jobs), unreadable
@@ -71,51 +80,36 @@ def unreadable(columns: Sequence[str]) -> Failure:
 
 
 def _damaged(
-    row: Measurement,
-    of_session: tuple[str, ...],
-    target_ids: Sequence[str],
-    targets: Mapping[str, dict[str, Any] | None],
+    row: Values, of_session: Values, target_ids: Sequence[str], targets: Mapping[str, Values | None]
 ) -> tuple[str, ...]:
     """Return what cannot be read of a row, its session and its targets."""
+    in_session = [f"session.{column}" for column in unreadable_values(Session, of_session)]
+    if of_session["id"] is None:
+        in_session = ["session"]
     of_targets = [f"target {target_id}" for target_id in target_ids if targets.get(target_id) is None]
-    return (*unreadable_columns(row), *of_session, *(of_targets if target_ids else ["target_id"]))
+    return (
+        *unreadable_values(Measurement, row),
+        *in_session,
+        *(of_targets if target_ids else ["target_id"]),
+    )
 
 
-def _unreadable_session(session: Session | None) -> tuple[str, ...]:
-    if session is None:
-        return ("session",)
-    return tuple(f"session.{column}" for column in unreadable_columns(session))
+def _sought(rows: Rows, row: Values) -> list[str]:
+    """Return what a measurement's image is to be searched for: its own target, or all of its session's."""
+    if row["seeks_target"]:
+        return [target_id for (target_id,) in rows.all(_SOUGHT, session_id=row["session_id"])]
+    return [row["target_id"]] if row["target_id"] is not None else []
 
 
-def _targets_of(session: orm.Session, rows: Sequence[Measurement]) -> dict[str, list[str]]:
-    """Return what each measurement's image is to be searched for: its own target, or all of its session's."""
-    seeking = {row.session_id for row in rows if row.seeks_target}
-    of_session: dict[str, list[str]] = {}
-    if seeking:
-        for session_id, target_id in session.execute(
-            sa.select(SessionTarget.session_id, SessionTarget.target_id)
-            .where(SessionTarget.session_id.in_(seeking))
-            .order_by(SessionTarget.session_id, SessionTarget.position)
-        ):
-            of_session.setdefault(session_id, []).append(target_id)
-    return {
-        row.id: of_session.get(row.session_id, [])
-        if row.seeks_target
-        else [row.target_id]
-        if row.target_id is not None
-        else []
-        for row in rows
-    }
-
-
-def _read_targets(session: orm.Session, target_ids: set[str]) -> dict[str, dict[str, Any] | None]:
-    """Return each target's fields; None of one that cannot be read, or describes no target."""
-    targets: dict[str, dict[str, Any] | None] = {}
-    for target in session.scalars(sa.select(Target).where(Target.id.in_(target_ids))):
-        fields = target_fields(target)
-        sound = not unreadable_columns(target) and is_target(tuple(fields.items()))
-        targets[target.id] = fields if sound else None
-    return targets
+def _read_target(rows: Rows, target_id: str) -> Values | None:
+    """Return a target's fields; None of one that cannot be read, or describes no target."""
+    found = rows.first(_TARGET, target_id=target_id)
+    if found is None:
+        return None
+    values = dict(zip(_OF_TARGET, found, strict=True))
+    fields = target_fields(Target(**values))
+    sound = not unreadable_values(Target, values) and is_target(tuple(fields.items()))
+    return fields if sound else None
 
 
 @lru_cache(maxsize=256)

@@ -1,6 +1,7 @@
 """The interface between the code that accepts images and the code that measures them.
 
-A job of `SqlQueue` (`sql_queue`) is a measurement row whose status is `queued`, on SQLite and PostgreSQL.
+A job is a measurement row whose status is `queued`: whoever writes such a row has queued it. `SqlQueue` (`sql_queue`)
+reads these rows; on PostgreSQL `ProcrastinateQueue` (`procrastinate_queue`) shares them among any number of workers.
 """
 
 from __future__ import annotations
@@ -65,6 +66,14 @@ class Queue(Protocol):
 
     def recover(self) -> int:
         """Give back the jobs a runner that is gone left running; attempts do not count. Needs the runner's lock."""
+        ...
+
+    def start_fetching(self, processes: int) -> None:
+        """Begin to take jobs for so many worker processes; a queue that others share takes them beforehand."""
+        ...
+
+    def stop_fetching(self) -> None:
+        """Take no more jobs, and leave to others what was taken and neither finished nor released."""
         ...
 
     def claim(self, limit: int) -> Sequence[Job]:

@@ -15,6 +15,7 @@ from app.jobs.queue.interface import Job, JobResult
 from app.records.codec import Failure
 from app.records.ids import new_id
 from app.records.readable import unreadable_columns
+from app.records.statements import Rows, Statement
 from app.records.tables import Measurement, Result, SessionTarget
 
 ALREADY_MEASURED = Failure(
@@ -27,12 +28,14 @@ _OF_THE_IMAGE = (
     "session_id",
     "pose_id",
     "cycle",
+    "burst",
     "focus_group",
     "joint_angles_deg",
     "captured_at",
     "received_at",
     "sha256",
     "filename",
+    "pose_label",
     "bytes",
     "image_format",
     "image_width_px",
@@ -40,6 +43,40 @@ _OF_THE_IMAGE = (
     "made_by",
 )
 """Columns that all measurements of one upload have in common."""
+
+
+_OF_RESULT = tuple(Result.__table__.c.keys())
+_FAILURE = ("failure_code", "failure_detail", "failure_advice")
+_OF_CLAIM = sa.update(Measurement).where(
+    Measurement.id == sa.bindparam("of_id"),
+    Measurement.status == "running",
+    Measurement.claim == sa.bindparam("of_claim"),
+)
+_SAVE = Statement(
+    _OF_CLAIM.values(
+        status=sa.bindparam("new_status"),
+        attempts=Measurement.attempts + 1,
+        claim=sa.null(),
+        finished_at=sa.bindparam("now"),
+        duration_ms=sa.bindparam("took_ms"),
+        retry_failure=sa.null(),
+        **{name: sa.bindparam(f"new_{name}") for name in _FAILURE},
+    ).returning(Measurement.id)
+)
+_STATUS_OF_EARLIER = sa.case((Measurement.failure_code.is_(None), "succeeded"), else_="failed")
+_KEEP = Statement(
+    _OF_CLAIM.values(
+        status=_STATUS_OF_EARLIER,
+        attempts=Measurement.attempts + 1,
+        claim=sa.null(),
+        retry_failure=sa.bindparam("new_retry_failure"),
+    ).returning(Measurement.id)
+)
+_EARLIER = Statement(
+    sa.select(Result.points.is_not(None)).where(Result.measurement_id == sa.bindparam("of_id"))
+)
+_DROP_RESULT = Statement(sa.delete(Result).where(Result.measurement_id == sa.bindparam("of_id")))
+_ADD_RESULT = Statement(sa.insert(Result), _OF_RESULT)
 
 
 def earlier_results(session: orm.Session, measurement_ids: Sequence[str]) -> dict[str, bool]:
@@ -55,10 +92,10 @@ def earlier_results(session: orm.Session, measurement_ids: Sequence[str]) -> dic
     return {measurement_id: bool(has_points) for measurement_id, has_points in rows}
 
 
-def keep_earlier(session: orm.Session, job: Job, failure: Failure) -> bool:
+def keep_earlier(rows: Rows, job: Job, failure: Failure) -> bool:
     """End a retry that computed nothing: the earlier result stands, and the row says why it was not replaced."""
-    values = {"attempts": Measurement.attempts + 1, "claim": None, **_kept_columns(failure)}
-    return bool(session.execute(current_claim(job).values(**values).returning(Measurement.id)).all())
+    kept = rows.first(_KEEP, of_id=job.measurement_id, of_claim=job.claim, new_retry_failure=asdict(failure))
+    return kept is not None
 
 
 def give_up(session: orm.Session, measurement_id: str, failure: Failure) -> None:
@@ -78,32 +115,37 @@ def give_up(session: orm.Session, measurement_id: str, failure: Failure) -> None
 def _kept_columns(failure: Failure) -> dict[str, Any]:
     """Return the columns of a row whose result is an earlier one; its `failure_code` is that result's."""
     return {
-        "status": sa.case((Measurement.failure_code.is_(None), "succeeded"), else_="failed"),
+        "status": _STATUS_OF_EARLIER,
         "retry_failure": asdict(failure),
     }
 
 
-def save_result(session: orm.Session, item: JobResult, now: datetime, *, replaces: bool) -> bool:
-    """Write what came of a job to its row; False where its claim is no longer current."""
-    failure = item.outcome.failure
-    taken = session.execute(
-        current_claim(item.job)
-        .values(
-            status="succeeded" if failure is None else "failed",
-            attempts=Measurement.attempts + 1,
-            claim=None,
-            finished_at=now,
-            duration_ms=item.duration_ms,
-            retry_failure=None,
-            **_failure_columns(failure),
-        )
-        .returning(Measurement.id)
-    ).all()
-    if taken and replaces:
-        session.execute(sa.delete(Result).where(Result.measurement_id == item.job.measurement_id))
-    if taken and item.outcome.result is not None:
-        session.add(Result(measurement_id=item.job.measurement_id, **item.outcome.result))
-    return bool(taken)
+def save_result(rows: Rows, item: JobResult, now: datetime) -> bool:
+    """Write what came of a job to its row, in place of any earlier result; False where its claim is no longer current.
+
+    A failure that computed nothing leaves an earlier result with grid points as it is.
+    """
+    job, outcome = item.job, item.outcome
+    if outcome.result is None and outcome.failure is not None:
+        earlier = rows.first(_EARLIER, of_id=job.measurement_id)
+        if earlier is not None and earlier[0]:
+            return keep_earlier(rows, job, outcome.failure)
+    taken = rows.first(
+        _SAVE,
+        of_id=job.measurement_id,
+        of_claim=job.claim,
+        new_status="succeeded" if outcome.failure is None else "failed",
+        now=now,
+        took_ms=item.duration_ms,
+        **{f"new_{name}": value for name, value in _failure_columns(outcome.failure).items()},
+    )
+    if taken is None:
+        return False
+    rows.all(_DROP_RESULT, of_id=job.measurement_id)
+    if outcome.result is not None:
+        columns = dict.fromkeys(_OF_RESULT)
+        rows.all(_ADD_RESULT, **{**columns, "measurement_id": job.measurement_id, **outcome.result})
+    return True
 
 
 def save_detected(session: orm.Session, item: JobResult, now: datetime, *, replaces: bool) -> bool:

@@ -7,7 +7,6 @@ from collections.abc import Sequence
 from datetime import UTC, datetime
 
 import sqlalchemy as sa
-from sqlalchemy import orm
 
 from app.jobs.queue.claimed_rows import read_jobs, unreadable
 from app.jobs.queue.interface import Job, JobResult
@@ -23,7 +22,23 @@ from app.jobs.queue.turns import next_in_turn
 from app.records.codec import Failure
 from app.records.database import Database
 from app.records.ids import new_id
+from app.records.statements import EngineRows, Statement, rows_of
 from app.records.tables import Measurement, Session
+
+_ANY = Statement(sa.select(Measurement.id).where(Measurement.status == "queued").limit(1))
+_CLAIM = Statement(
+    sa.update(Measurement)
+    .where(
+        # Another runner may be claiming the same row; on SQLite this is the only writer.
+        Measurement.id
+        == sa.select(Measurement.id)
+        .where(Measurement.id == sa.bindparam("measurement_id"), Measurement.status == "queued")
+        .with_for_update(skip_locked=True)
+        .scalar_subquery()
+    )
+    .values(status="running", claim=sa.bindparam("new_claim"))
+    .returning(Measurement.id)
+)
 
 
 class SqlQueue:
@@ -53,10 +68,16 @@ class SqlQueue:
             )
             return len(result.all())
 
+    def start_fetching(self, processes: int) -> None:
+        """Do nothing: rows are claimed one at a time."""
+
+    def stop_fetching(self) -> None:
+        """Do nothing: what is claimed is released by the runner."""
+
     def claim(self, limit: int) -> Sequence[Job]:
-        with self._database.read() as session:
+        with self._database.read_rows() as rows:
             # Looking costs no write lock; an idle runner does little else.
-            if not session.scalar(sa.select(sa.exists().where(Measurement.status == "queued"))):
+            if rows.first(_ANY) is None:
                 return ()
         while True:
             jobs, unreadable_rows = self._claim(limit)
@@ -66,56 +87,51 @@ class SqlQueue:
     def _claim(self, limit: int) -> tuple[Sequence[Job], int]:
         """Return jobs of the sessions in turn, and how many rows failed since they cannot be read."""
         claim = new_id("clm")
-        with self._database.write() as session:
-            turns = next_in_turn(session, self._last_served, limit)
-            if not turns:
-                return (), 0
-            order = [measurement_id for _, measurement_id in turns]
-            wanted = Measurement.id.in_(order)
-            if not self._database.is_sqlite:
-                # Another runner may be claiming the same; on SQLite this is the only writer, and asking for the status
-                # again would make it read every queued row.
-                wanted = Measurement.id.in_(
-                    sa.select(Measurement.id)
-                    .where(wanted, Measurement.status == "queued")
-                    .with_for_update(skip_locked=True)
-                )
-            claimed = set(
-                session.scalars(
-                    sa.update(Measurement)
-                    .where(wanted)
-                    .values(status="running", claim=claim)
-                    .returning(Measurement.id),
-                    execution_options={"synchronize_session": False},
-                )
-            )
-            jobs, damaged = read_jobs(session, [i for i in order if i in claimed], claim)
-            for measurement_id, columns in damaged.items():
-                give_up(session, measurement_id, unreadable(columns))
-        self._last_served = turns[-1][0]
+        # A power cut may undo the claim; so does the next start, which queues what was running.
+        with self._database.write_rows(durable=False) as rows:
+            turns = next_in_turn(rows, self._last_served, limit)
+            claimed = [
+                measurement_id
+                for _, measurement_id in turns
+                if rows.first(_CLAIM, measurement_id=measurement_id, new_claim=claim) is not None
+            ]
+            jobs, damaged = read_jobs(rows, claimed, claim)
+        if damaged:
+            with self._database.write() as session:
+                for measurement_id, columns in damaged.items():
+                    give_up(session, measurement_id, unreadable(columns))
+        if turns:
+            self._last_served = turns[-1][0]
         return jobs, len(damaged)
 
     def finish(self, finished: Sequence[JobResult]) -> int:
         """Save results; one that was computed replaces the row's earlier one, none leaves it as it is."""
-        saved = 0
         now = datetime.now(UTC)
-        with self._database.write() as session:
-            _lock_sessions(session, [item.job.measurement_id for item in finished])
-            earlier = earlier_results(session, [item.job.measurement_id for item in finished])
-            for item in finished:
-                job, outcome = item.job, item.outcome
-                if outcome.result is None and outcome.failure is not None and earlier.get(job.measurement_id):
-                    saved += keep_earlier(session, job, outcome.failure)
-                    continue
-                save = save_result if job.has_explicit_target else save_detected
-                saved += save(session, item, now, replaces=job.measurement_id in earlier)
+        named = [item for item in finished if item.job.has_explicit_target]
+        searched = [item for item in finished if not item.job.has_explicit_target]
+        saved = 0
+        if named:
+            with self._database.write_rows() as rows:
+                if isinstance(rows, EngineRows):
+                    _lock_sessions(rows.connection, _rows_of(named))
+                saved += sum(save_result(rows, item, now) for item in named)
+        if searched:
+            with self._database.write() as session:
+                _lock_sessions(session.connection(), _rows_of(searched))
+                earlier = earlier_results(session, _rows_of(searched))
+                for item in searched:
+                    job, outcome = item.job, item.outcome
+                    if outcome.result is None and outcome.failure and earlier.get(job.measurement_id):
+                        saved += keep_earlier(rows_of(session), job, outcome.failure)
+                        continue
+                    saved += save_detected(session, item, now, replaces=job.measurement_id in earlier)
         return saved
 
     def release(self, jobs: Sequence[Job]) -> None:
         if not jobs:
             return
         with self._database.write() as session:
-            _lock_sessions(session, [job.measurement_id for job in jobs])
+            _lock_sessions(session.connection(), [job.measurement_id for job in jobs])
             for job in jobs:
                 session.execute(current_claim(job).values(status="queued", claim=None))
 
@@ -130,15 +146,19 @@ class SqlQueue:
                 give_up(session, job.measurement_id, failure)
 
 
-def _lock_sessions(session: orm.Session, measurement_ids: Sequence[str]) -> None:
+def _rows_of(finished: Sequence[JobResult]) -> list[str]:
+    return [item.job.measurement_id for item in finished]
+
+
+def _lock_sessions(connection: sa.Connection, measurement_ids: Sequence[str]) -> None:
     """Let uploads to the sessions of these measurements, and deletions of them, wait until this is saved.
 
     Between asking which targets of an image have rows and adding the others, none may be added; and a deletion locks
     its session before its measurements. All at once, in one order and before any row, or two could wait in a ring.
     """
-    if session.get_bind().dialect.name == "sqlite":
+    if connection.dialect.name == "sqlite":
         return  # this is the only writer
-    session.scalars(
+    connection.execute(
         sa.select(Session.id)
         .where(
             Session.id.in_(

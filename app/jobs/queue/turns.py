@@ -11,20 +11,20 @@ from functools import lru_cache
 from itertools import zip_longest
 
 import sqlalchemy as sa
-from sqlalchemy import orm
 
+from app.records.statements import Rows, Statement
 from app.records.tables import Measurement
 
 _AT_ONCE = 100
 """Sessions looked at by one statement; SQLite takes 500 terms of a compound one."""
 
 
-def next_in_turn(records: orm.Session, after: str, limit: int) -> list[tuple[str, str]]:
+def next_in_turn(rows: Rows, after: str, limit: int) -> list[tuple[str, str]]:
     """Return up to `limit` (session_id, measurement_id) of queued images, the session that follows `after` first."""
-    sessions = list(records.scalars(_waiting(following=True), {"after": after, "limit": limit}))
+    sessions = [session_id for (session_id,) in rows.all(_waiting(following=True), after=after, limit=limit)]
     if len(sessions) < limit:
-        rest = {"after": after, "limit": limit - len(sessions)}
-        sessions += records.scalars(_waiting(following=False), rest)
+        rest = rows.all(_waiting(following=False), after=after, limit=limit - len(sessions))
+        sessions += [session_id for (session_id,) in rest]
     if not sessions:
         return []
     queues: dict[str, list[str]] = {session_id: [] for session_id in sessions}
@@ -32,14 +32,14 @@ def next_in_turn(records: orm.Session, after: str, limit: int) -> list[tuple[str
         some = sessions[start : start + _AT_ONCE]
         values: dict[str, str | int] = {f"session_{n}": session_id for n, session_id in enumerate(some)}
         values["of_each"] = -(-limit // len(sessions))
-        for session_id, measurement_id in records.execute(_oldest(len(some)), values):
+        for session_id, measurement_id in rows.all(_oldest(len(some)), **values):
             queues[session_id].append(measurement_id)
     rounds = zip_longest(*([(s, m) for m in sorted(queue)] for s, queue in queues.items()))
     return [turn for each in rounds for turn in each if turn is not None][:limit]
 
 
 @lru_cache
-def _waiting(*, following: bool) -> sa.Select[str]:
+def _waiting(*, following: bool) -> Statement:
     """Select up to `limit` sessions that have queued images, in the order of their ids: after `after`, or up to it."""
     session_id = Measurement.__table__.c.session_id
     after = sa.bindparam("after", type_=sa.String())
@@ -57,11 +57,11 @@ def _waiting(*, following: bool) -> sa.Select[str]:
             turn.c.session_id.is_not(None), turn.c.place < sa.bindparam("limit", type_=sa.Integer())
         )
     )
-    return sa.select(turn.c.session_id).where(turn.c.session_id.is_not(None))
+    return Statement(sa.select(turn.c.session_id).where(turn.c.session_id.is_not(None)))
 
 
 @lru_cache
-def _oldest(sessions: int) -> sa.CompoundSelect[str, str]:
+def _oldest(sessions: int) -> Statement:
     """Select the `of_each` oldest queued images of each of so many sessions."""
     table = Measurement.__table__.c
     queues = (
@@ -72,4 +72,4 @@ def _oldest(sessions: int) -> sa.CompoundSelect[str, str]:
         .subquery()
         for number in range(sessions)
     )
-    return sa.union_all(*(sa.select(queue.c.session_id, queue.c.id) for queue in queues))
+    return Statement(sa.union_all(*(sa.select(queue.c.session_id, queue.c.id) for queue in queues)))

@@ -6,7 +6,7 @@ import os
 
 import pytest
 
-from tests.support.service.processes import OwnWorkers, worker_processes
+from tests.support.environment.processes import OwnWorkers, worker_processes
 
 
 @pytest.fixture

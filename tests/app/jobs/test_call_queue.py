@@ -50,6 +50,7 @@ def await_running(gate: Path, *names: str) -> None:
         time.sleep(0.01)
 
 
+@pytest.mark.slow
 def test_who_floods_the_queue_waits_for_itself_and_others_run_at_once(queue: CallQueue, gate: Path) -> None:
     flood: list[Call[Any]] = [queue.submit("a", await_file, str(gate), f"a{i}") for i in range(3)]
     with pytest.raises(ShareTaken):
@@ -111,6 +112,7 @@ def test_a_process_that_was_used_is_used_again(queue: CallQueue) -> None:
     assert len({queue.call("a", os.getpid) for _ in range(4)}) == 1
 
 
+@pytest.mark.slow
 def test_closing_lets_go_of_those_who_wait(gate: Path) -> None:
     before = set(threading.enumerate())
     queue = CallQueue(1_000_000, processes=1, places=8, limits=Limits(300.0))
@@ -140,6 +142,7 @@ def no_threads() -> Iterator[None]:
         yield
 
 
+@pytest.mark.slow
 def test_a_call_that_finds_no_thread_is_refused_and_later_ones_run() -> None:
     queue = CallQueue(1_000_000, processes=2, places=8, limits=Limits(300.0))
     with no_threads(), pytest.raises(QueueFull):
@@ -149,6 +152,7 @@ def test_a_call_that_finds_no_thread_is_refused_and_later_ones_run() -> None:
     queue.close()
 
 
+@pytest.mark.slow
 def test_threads_that_could_not_be_had_are_started_with_a_later_call(gate: Path) -> None:
     queue = CallQueue(1_000_000, processes=2, places=8, limits=Limits(300.0))
     first = queue.submit("a", await_file, str(gate), "first")

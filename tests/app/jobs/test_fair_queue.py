@@ -5,11 +5,9 @@ from __future__ import annotations
 import shutil
 from collections import defaultdict
 from collections.abc import Iterator
-from datetime import UTC, datetime
 from pathlib import Path
 
 import pytest
-import sqlalchemy as sa
 from hypothesis import given
 from hypothesis import settings as given_settings
 from hypothesis import strategies as st
@@ -17,9 +15,8 @@ from hypothesis import strategies as st
 from app.jobs.queue.sql_queue import SqlQueue
 from app.records import migrations
 from app.records.database import Database
-from app.records.ids import new_id
-from app.records.tables import Measurement, Pose, Session, SessionTarget, Target
-from tests.support.service.postgres import EITHER_DATABASE
+from tests.support.environment.postgres import EITHER_DATABASE
+from tests.support.service.queued_rows import enqueue, make_session
 
 MANY = 1_000
 """Images of the large session in the smaller tier; ten times as many in the larger."""
@@ -36,46 +33,6 @@ def database(request: pytest.FixtureRequest, empty_data_dir: Path, tmp_path: Pat
         migrations.upgrade(database, tmp_path)
     yield database
     database.dispose()
-
-
-def make_session(database: Database) -> str:
-    session_id, target_id, now = new_id("ses"), new_id("tgt"), datetime.now(UTC)
-    with database.write() as records:
-        target = {"id": target_id, "name": "board", "kind": "chessboard", "columns": 9, "rows": 6}
-        rest = {"pitch_mm": 25.0, "legacy_layout": False, "created_at": now}
-        records.execute(sa.insert(Target), [{**target, **rest}])
-        records.execute(sa.insert(Session), [{"id": session_id, "name": "s", "created_at": now}])
-        position = {"session_id": session_id, "position": 0, "target_id": target_id}
-        records.execute(sa.insert(SessionTarget), [position])
-        records.execute(sa.insert(Pose), [{"id": new_id("pos"), "session_id": session_id, "pose_id": "P1"}])
-    return session_id
-
-
-def enqueue(database: Database, session_id: str, images: int) -> list[str]:
-    """Queue so many images of a session as uploads do, and return their measurements in that order."""
-    now, ids = datetime.now(UTC), [new_id("mea") for _ in range(images)]
-    with database.write() as records:
-        target_id = records.scalar(
-            sa.select(SessionTarget.target_id).where(SessionTarget.session_id == session_id)
-        )
-        of_all = {
-            "session_id": session_id,
-            "pose_id": "P1",
-            "target_id": target_id,
-            "focus_group": "default",
-            "received_at": now,
-            "bytes": 1,
-            "image_format": "png",
-            "image_width_px": 1,
-            "image_height_px": 1,
-            "status": "queued",
-            "attempts": 0,
-        }
-        records.execute(
-            sa.insert(Measurement),
-            [{**of_all, "id": i, "sha256": i.removeprefix("mea_").encode().hex().zfill(64)} for i in ids],
-        )
-    return ids
 
 
 def claim(queue: SqlQueue, limit: int) -> list[str]:

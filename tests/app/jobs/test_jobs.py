@@ -13,11 +13,13 @@ from typing import Any
 import pytest
 
 from app.jobs.queue import JobResult
+from app.jobs.queue.sql_queue import SqlQueue
+from app.jobs.runner_lock import RunnerLock
 from app.jobs.settlement import WORKER_CRASHED
 from app.records.file_lock import AlreadyLocked
+from tests.support.environment.processes import OwnWorkers, descendants, is_alive, worker_processes
 from tests.support.service.computations import DONE
 from tests.support.service.jobs import queue_images, runner_of
-from tests.support.service.processes import OwnWorkers, descendants, is_alive, worker_processes
 from tests.support.service.service import wait_until
 
 
@@ -35,7 +37,7 @@ def test_claims_are_oldest_first_and_exclusive(any_api: Any, grey_png: bytes) ->
 
 
 def test_a_result_is_written_once_and_only_by_the_current_claim(any_api: Any, grey_png: bytes) -> None:
-    queue = any_api.installation.queue
+    queue = SqlQueue(any_api.installation.database)
     (measurement_id,) = queue_images(any_api, grey_png, "a")
     (stale,) = queue.claim(1)
     assert queue.recover() == 1
@@ -57,7 +59,7 @@ def test_a_result_of_a_deleted_session_is_dropped(any_api: Any, grey_png: bytes)
 
 
 def test_three_crashes_are_the_end_and_a_restart_counts_none(any_api: Any, grey_png: bytes) -> None:
-    queue = any_api.installation.queue
+    queue = SqlQueue(any_api.installation.database)
     (measurement_id,) = queue_images(any_api, grey_png, "a")
 
     def document() -> dict[str, Any]:
@@ -82,6 +84,7 @@ def test_three_crashes_are_the_end_and_a_restart_counts_none(any_api: Any, grey_
     assert (retried["status"], retried["attempts"], retried["failure"]) == ("queued", 0, None)
 
 
+@pytest.mark.slow
 def test_a_poison_image_fails_after_three_attempts_and_harms_nobody(api: Any, grey_png: bytes) -> None:
     ids = queue_images(api, grey_png, "aKbcR")
     with runner_of(api, workers=2) as runner:
@@ -100,6 +103,7 @@ def test_a_poison_image_fails_after_three_attempts_and_harms_nobody(api: Any, gr
     assert "defect" not in documents[4]["failure"]["detail"]
 
 
+@pytest.mark.slow
 def test_a_job_that_hangs_is_ended_and_the_next_one_runs(api: Any, grey_png: bytes) -> None:
     ids = queue_images(api, grey_png, "Ha")
     with runner_of(api, timeout_s=2.0) as runner:
@@ -121,6 +125,7 @@ def test_stopping_gives_running_jobs_back_without_counting(api: Any, grey_png: b
         assert runner.alive
 
 
+@pytest.mark.slow
 def test_a_worker_killed_while_idle_costs_nothing(api: Any, grey_png: bytes, own_workers: OwnWorkers) -> None:
     with runner_of(api) as runner:
         first = queue_images(api, grey_png, "a")[0]
@@ -140,7 +145,8 @@ def test_only_one_runner_works_on_a_data_folder(any_api: Any) -> None:
         assert runner.alive
 
 
-def test_one_database_has_one_runner_even_from_two_folders(
+@pytest.mark.slow
+def test_a_database_in_use_by_several_runners_is_nobodys_alone(
     open_api: Any, postgres_url: str, tmp_path: Path
 ) -> None:
     """Both folders hold the installation's id and pepper, as copies of one do."""
@@ -148,19 +154,17 @@ def test_one_database_has_one_runner_even_from_two_folders(
         (tmp_path / "two").mkdir()
         for name in ("installation.json", "key-pepper"):
             shutil.copy(tmp_path / "one" / name, tmp_path / "two")
-        with (
-            open_api(tmp_path / "two", database_url=postgres_url) as two,
-            runner_of(one),
-            pytest.raises(AlreadyLocked),
-            runner_of(two),
-        ):
-            pass
+        with open_api(tmp_path / "two", database_url=postgres_url) as two, runner_of(one), runner_of(two):
+            alone = RunnerLock(tmp_path / "three", two.installation.database, alone=True)
+            (tmp_path / "three").mkdir()
+            with pytest.raises(AlreadyLocked):
+                alone.acquire()
 
 
 HEAD = """
 import pathlib, sys
 sys.path[:0] = {path!r}
-from app.services.context import ServiceContext
+from app.services.installation.context import ServiceContext
 from app.settings import Settings
 if __name__ == "__main__":
     installation = ServiceContext.open(Settings(data_dir=pathlib.Path({data_dir!r}), workers=2))
@@ -171,6 +175,7 @@ if __name__ == "__main__":
 """
 
 
+@pytest.mark.slow
 def test_workers_die_with_a_head_that_was_killed_and_free_the_lock(api: Any, tmp_path: Path) -> None:
     data_dir = api.installation.settings.data_dir
     script = tmp_path / "head.py"

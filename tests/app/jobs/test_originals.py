@@ -159,6 +159,7 @@ def test_a_retry_of_a_damaged_original_keeps_the_good_result(any_api: Any, board
     assert again["finished_at"] > good["finished_at"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("damage", [flip_bit, cut])
 def test_a_damaged_original_is_not_delivered(
     api: Any, board_png: bytes, damage: Callable[[Path], None]

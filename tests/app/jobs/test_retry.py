@@ -96,6 +96,7 @@ def test_a_failure_without_points_gives_way_to_a_later_one(any_api: Any, grey_pn
         retry(api, measurement_id)
 
 
+@pytest.mark.slow
 def test_analyses_use_the_earlier_result_and_count_it_as_pending(api: Any) -> None:
     session_id = new_session(api)
     ids = store_shots(api, session_id, shoot(cycles=3))

@@ -33,11 +33,13 @@ def process() -> Iterator[SubprocessExecutor]:
     process.close()
 
 
+@pytest.mark.slow
 def test_a_call_runs_elsewhere(process: SubprocessExecutor) -> None:
     assert process.call(max, 2, 3) == 3
     assert process.call(os.getpid) != os.getpid()
 
 
+@pytest.mark.slow
 def test_the_next_call_survives_the_death_of_the_process(process: SubprocessExecutor) -> None:
     with pytest.raises(ProcessDied) as caught:
         process.call(os._exit, 3)
@@ -45,6 +47,7 @@ def test_the_next_call_survives_the_death_of_the_process(process: SubprocessExec
     assert process.call(max, 2, 3) == 3
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(sys.platform == "win32", reason="needs POSIX signals")
 def test_a_process_killed_while_idle_is_replaced_and_no_call_fails(process: SubprocessExecutor) -> None:
     first = process.call(os.getpid)
@@ -65,6 +68,7 @@ def test_what_cannot_be_sent_back_is_an_error_and_not_a_death(process: Subproces
     assert process.call(os.getpid) == before
 
 
+@pytest.mark.slow
 def test_a_call_that_hangs_is_given_up() -> None:
     process = SubprocessExecutor(1_000_000, Limits(0.5))
     try:
@@ -84,6 +88,7 @@ def test_a_step_of_the_wall_clock_ends_no_call(
         assert process.call(time.sleep, 0.3) is None
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not Path("/proc/self/statm").exists(), reason="needs /proc to see memory")
 def test_a_call_that_grows_beyond_its_memory_is_ended_and_the_next_one_works() -> None:
     process = SubprocessExecutor(1_000_000, Limits(60.0, memory_bytes=600 * MIB))
@@ -99,6 +104,7 @@ def test_a_call_that_grows_beyond_its_memory_is_ended_and_the_next_one_works() -
         process.close()
 
 
+@pytest.mark.slow
 def test_a_cancelled_call_ends_its_process(process: SubprocessExecutor) -> None:
     before = process.call(os.getpid)
     cancelled = threading.Event()

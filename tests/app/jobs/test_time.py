@@ -12,7 +12,7 @@ import pytest
 
 from app.jobs.subprocess_executor import Limits, SubprocessExecutor, TimedOut
 from app.records import ids
-from app.services.context import ServiceContext
+from app.services.installation.context import ServiceContext
 from tests.support.service.jobs import queue_images, runner_of
 from tests.support.service.service import wait_until
 
@@ -28,6 +28,7 @@ def marker_of(api: Any, measurement_id: str) -> Path:
     return path.with_name(path.name + ".mark")
 
 
+@pytest.mark.slow
 def test_a_wall_clock_set_forward_ends_no_job(
     api: Any, grey_png: bytes, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -43,6 +44,7 @@ def test_a_wall_clock_set_forward_ends_no_job(
     assert (ended["failure"]["code"], ended["attempts"]) == ("target_not_found", 1)
 
 
+@pytest.mark.slow
 def test_a_wall_clock_set_back_lets_no_job_run_on(
     api: Any, grey_png: bytes, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -55,6 +57,7 @@ def test_a_wall_clock_set_back_lets_no_job_run_on(
     assert (ended["failure"]["code"], ended["attempts"]) == ("processing_timeout", 2)
 
 
+@pytest.mark.slow
 def test_a_job_over_its_time_is_repeated_once(api: Any, grey_png: bytes) -> None:
     (queued,) = queue_images(api, grey_png, "O")
     with runner_of(api, timeout_s=2.0) as runner:
@@ -70,6 +73,7 @@ def wait_for(path: str) -> str:
     return path
 
 
+@pytest.mark.slow
 def test_a_side_process_measures_its_time_by_no_wall_clock(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

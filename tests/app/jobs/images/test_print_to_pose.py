@@ -21,7 +21,7 @@ from core import Camera, TargetSpec
 from core.geometry.se3 import invert, so3_exp, so3_log, transform
 from core.targets.specification import KINDS
 from tests.support.image.images import encode
-from tests.support.simulation.tool_poses import tool_pose
+from tests.support.simulation.robots.tool_poses import tool_pose
 
 CAMERA = Camera(1450.0, 1450.0, 646.0, 472.0)
 SIZE_PX = (1280, 960)
@@ -171,6 +171,7 @@ def test_a_photographed_chessboard_gives_its_pose(computing_api: Any, data_folde
         assert 300.0 < np.linalg.norm(measurement["calibration"]["pose"]["position_mm"]) < 500.0
 
 
+@pytest.mark.slow
 def test_a_photographed_charuco_board_seen_from_ahead_keeps_its_points(
     computing_api: Any, data_folder: Path
 ) -> None:

@@ -143,6 +143,7 @@ def test_what_was_measured_by_name_joins_as_a_sibling(computing_api: Any, pictur
     assert unchanged == {**by_name, "siblings": [searched["id"]]}
 
 
+@pytest.mark.slow
 def test_nothing_left_to_measure_is_said_and_nothing_is_lost(computing_api: Any, corner: Corner) -> None:
     api, targets = computing_api, make_targets(computing_api, CHESSBOARD, CHARUCO)
     ahead, _ = corner.scenes(corner.view(turn=0.1))

@@ -9,6 +9,7 @@ from typing import Any
 import sqlalchemy as sa
 
 from app.jobs.queue import JobResult
+from app.jobs.queue.sql_queue import SqlQueue
 from app.jobs.settlement import WORKER_CRASHED
 from app.records.codec import Failure
 from tests.support.service.searches import NOTHING, seek, shown
@@ -44,7 +45,7 @@ def test_what_was_measured_already_is_not_counted_as_failed(any_api: Any, grey_p
 
 
 def test_what_is_shown_is_written_once(any_api: Any, grey_png: bytes) -> None:
-    queue = any_api.installation.queue
+    queue = SqlQueue(any_api.installation.database)
     session_id, targets, measurement_id = seek(any_api, grey_png)
     (stale,) = queue.claim(1)
     assert [sought.target_id for sought in stale.targets] == targets

@@ -51,6 +51,7 @@ def measure(api: Any, target: TargetSpec, image: Any) -> dict[str, Any]:
     return document
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "shown", ["charuco", *(pytest.param(k, marks=SLOW) for k in KINDS if k != "charuco")]
 )

@@ -1,0 +1,43 @@
+"""When the runner goes through its next round: at once after a pause, and seldom enough that one round serves several.
+
+A round costs a claim's and a save's transaction. Images that come one by one would each pay for both alone; of those
+that come within `PACE_S`, one round takes all.
+"""
+
+from __future__ import annotations
+
+import threading
+import time
+
+IDLE_POLL_S = 0.5
+"""How often an idle runner looks by itself; jobs of the same process wake it at once."""
+PACE_S = 0.02
+"""How far rounds are apart, unless the workers run out of jobs while more are queued."""
+GATHER_S = 0.04
+"""How long a result may wait for others to be saved with it, while workers are busy or results come closely."""
+
+
+class Pace:
+    """Lets one thread rest between its rounds; others may call it back."""
+
+    def __init__(self) -> None:
+        self._hurry = threading.Event()
+        self._saved_s = -GATHER_S
+
+    def hurry(self) -> None:
+        """Let the next round begin at once; from any thread."""
+        self._hurry.set()
+
+    def rest(self) -> None:
+        """Return when the next round may begin."""
+        self._hurry.wait(PACE_S)
+        self._hurry.clear()
+
+    def saved(self) -> None:
+        """Note that results were saved just now."""
+        self._saved_s = time.monotonic()
+
+    def gather_s(self, *, busy: bool) -> float:
+        """Return how long a result may wait for others: not at all where the last ones were saved long ago."""
+        recently = time.monotonic() - self._saved_s < GATHER_S
+        return GATHER_S if busy or recently else 0.0
