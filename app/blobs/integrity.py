@@ -10,19 +10,22 @@ from contextlib import contextmanager
 from io import FileIO
 from pathlib import Path
 
+from app.blobs.objects import is_object_address, read_object
 from app.errors import OriginalCorrupt, OriginalMissing, refusal_of
 
 PIECE = 1024 * 1024
 """Bytes read at a time, so that no original is in memory whole for being checked."""
 
 
-def read_original(path: Path, sha256: str) -> bytes:
-    """Return the bytes of the original at `path`, whose hash is `sha256`.
+def read_original(address: str | Path, sha256: str) -> bytes:
+    """Return the bytes of the original at `address`, a path or one of S3, whose hash is `sha256`.
 
-    Raises OriginalMissing, and OriginalCorrupt where the bytes have another hash or the disk cannot read them.
+    Raises OriginalMissing, OriginalCorrupt where the bytes have another hash or the disk cannot read them, and
+    Unavailable where S3 cannot be reached.
     """
     with _reading():
-        data = path.read_bytes()
+        where = str(address)
+        data = read_object(where) if is_object_address(where) else Path(where).read_bytes()
     if hashlib.sha256(data).hexdigest() != sha256:
         raise OriginalCorrupt
     return data

@@ -14,15 +14,16 @@ import re
 import secrets
 import shutil
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Collection, Iterator
 from contextlib import contextmanager, suppress
+from io import FileIO
 from pathlib import Path
 from typing import BinaryIO
 
 import structlog
 
-from app.blobs.durable import sync_folder
-from app.blobs.integrity import is_whole
+from app.blobs.durable import begin_writing, remove_file, sync_folder
+from app.blobs.integrity import is_whole, open_original
 from app.blobs.thumbnails import Thumbnails
 from app.errors import StorageFull, refusal_of
 
@@ -33,7 +34,7 @@ log = structlog.get_logger(__name__)
 
 
 class StagedBlob:
-    """A file being received: hashed while it is written, not yet under its name.
+    """A file being received: hashed while it is written, not yet under its name; made when the first bytes come.
 
     `ended` is called once with the path when nothing will be written to it any more.
     """
@@ -43,20 +44,21 @@ class StagedBlob:
         self.size = 0
         self._hash = hashlib.sha256()
         self._ended = ended
-        try:
-            with map_storage_errors():
-                self._file: BinaryIO = path.open("xb", buffering=0)
-        except BaseException:
-            ended(path)
-            raise
+        self._file: BinaryIO | None = None
+        self._content: bytes | None = None
+        self._published = False
 
     def write(self, chunk: bytes) -> None:
         """Append `chunk`."""
         with map_storage_errors():
+            if self._file is None:
+                self._file = self.path.open("xb", buffering=0)
             rest = memoryview(chunk)
             while rest:
                 rest = rest[self._file.write(rest) :]
+            begin_writing(self._file.fileno(), self.size, len(chunk))
         self._hash.update(chunk)
+        self._content = chunk if self.size == 0 else None
         self.size += len(chunk)
 
     @property
@@ -64,21 +66,39 @@ class StagedBlob:
         """The hash of all bytes so far, 64 lower-case hex digits."""
         return self._hash.hexdigest()
 
+    @property
+    def source(self) -> bytes | Path:
+        """What to read the bytes from: themselves where they came in one piece, else the file."""
+        return self.path if self._content is None else self._content
+
+    def close(self) -> None:
+        """Write nothing more; the bytes need not have reached the disk."""
+        if self._file is not None:
+            self._file.close()
+
     def flush(self) -> None:
         """Bring the bytes to the disk itself."""
+        assert self._file is not None, "nothing was written"
         with map_storage_errors():
             os.fsync(self._file.fileno())
         self._file.close()
 
+    def move(self, target: Path) -> None:
+        """Give the file its name, in place of any that has it."""
+        self.path.replace(target)
+        self._published = True
+
     def discard(self) -> None:
         """Forget the file; harmless once it has been published. What cannot be removed now, the sweep removes later."""
-        try:
-            self._file.close()
-        except OSError as error:
-            log.warning(
-                "upload_not_closed", reason=errno.errorcode.get(error.errno or 0), path=str(self.path)
-            )
-        _unlink(self.path)
+        if self._file is not None:
+            try:
+                self._file.close()
+            except OSError as error:
+                log.warning(
+                    "upload_not_closed", reason=errno.errorcode.get(error.errno or 0), path=str(self.path)
+                )
+            if not self._published:
+                remove_file(self.path)
         self._ended(self.path)
 
 
@@ -92,6 +112,7 @@ class LocalBlobs:
 
     def __init__(self, root: Path) -> None:
         self.root = root
+        self._root = str(root)
         self.thumbnails = Thumbnails(root.parent / "thumbnails")
         self._incoming = root / "incoming"
         self._incoming.mkdir(parents=True, exist_ok=True)
@@ -102,11 +123,23 @@ class LocalBlobs:
         """Return where the original with this hash lies, or would lie."""
         return original_path(self.root, sha256)
 
+    def address(self, sha256: str) -> str:
+        """Return the path of the original, as another process takes it."""
+        return str(self.path(sha256))
+
+    def open(self, sha256: str, size: int) -> FileIO:
+        """Return the original opened, once all of its bytes were found right; OriginalMissing, OriginalCorrupt."""
+        return open_original(self.path(sha256), sha256, size)
+
     def stage(self) -> StagedBlob:
         """Begin to receive a file."""
         path = self._incoming / secrets.token_hex(16)
         self._receiving.add(path)  # before there is a file, or the sweep could take it for one left over
         return StagedBlob(path, self._receiving.discard)
+
+    def is_there(self, sha256: str) -> bool:
+        """Return whether there is a file of this name, whatever it holds."""
+        return os.path.exists(f"{self._root}/{sha256[:2]}/{sha256}")  # noqa: PTH110 - each upload asks
 
     def exists(self, sha256: str, size: int) -> bool:
         """Return whether the original is there, as long as it was when it came; its bytes are not read."""
@@ -114,6 +147,10 @@ class LocalBlobs:
             return self.path(sha256).stat().st_size == size
         except (FileNotFoundError, NotADirectoryError):
             return False
+
+    def existing(self, originals: Collection[tuple[str, int]]) -> set[tuple[str, int]]:
+        """Return those of (sha256, size) for which `exists` holds."""
+        return {original for original in originals if self.exists(*original)}
 
     def is_whole(self, sha256: str, size: int) -> bool:
         """Return whether the original is there with the bytes it came with; all of them are read."""
@@ -124,17 +161,22 @@ class LocalBlobs:
         target = self.path(staged.sha256)
         staged.flush()
         with map_storage_errors():
-            if not target.parent.exists():
+            try:
+                self._move(staged, target)
+            except FileNotFoundError:  # a folder that was there at the start is gone
                 target.parent.mkdir(exist_ok=True)
                 sync_folder(self.root)
-            try:
-                # An identical file may be there already; replacing it is as good as keeping it, and surely whole.
-                staged.path.replace(target)
-            except PermissionError:
-                # Windows replaces no file that is open, as one that is being measured is.
-                if not self.is_whole(staged.sha256, staged.size):
-                    raise
+                self._move(staged, target)
             sync_folder(target.parent)
+
+    def _move(self, staged: StagedBlob, target: Path) -> None:
+        try:
+            # An identical file may be there already; replacing it is as good as keeping it, and surely whole.
+            staged.move(target)
+        except PermissionError:
+            # Windows replaces no file that is open, as one that is being measured is.
+            if not self.is_whole(staged.sha256, staged.size):
+                raise
 
     @contextmanager
     def lock(self, sha256: str) -> Iterator[None]:
@@ -154,7 +196,7 @@ class LocalBlobs:
 
         Return False where the system refuses, as Windows does while the file is open; the log says why.
         """
-        return self.thumbnails.remove(sha256) and _unlink(self.path(sha256))
+        return self.thumbnails.remove(sha256) and remove_file(self.path(sha256))
 
     def names(self) -> Iterator[list[tuple[str, float]]]:
         """Yield the originals there are, folder by folder, each with the time it was last written (s, wall clock)."""
@@ -191,12 +233,12 @@ class LocalBlobs:
             for entry in entries:
                 path = self._incoming / entry.name
                 if path not in self._receiving and entry.is_file(follow_symlinks=False):
-                    removed += _unlink(path)
+                    removed += remove_file(path)
         return removed
 
     def free_bytes(self) -> int:
         """Return the free space of the disk the originals lie on."""
-        return shutil.disk_usage(self.root).free
+        return shutil.disk_usage(self._root).free
 
     def check_room(self, floor_bytes: int, wanted_bytes: int = 0) -> None:
         """Raise StorageFull where storing `wanted_bytes` would leave less than `floor_bytes` free."""
@@ -212,15 +254,3 @@ def map_storage_errors() -> Iterator[None]:
     except OSError as error:
         log.error("original_not_written", reason=errno.errorcode.get(error.errno or 0), path=error.filename)
         raise (refusal_of(error) or StorageFull()) from error
-
-
-def _unlink(path: Path) -> bool:
-    """Remove a file, whether it is there or not; return False, and log why, where the system refuses."""
-    try:
-        path.unlink(missing_ok=True)
-    except NotADirectoryError:
-        return True
-    except OSError as error:
-        log.warning("file_not_removed", path=str(path), reason=errno.errorcode.get(error.errno or 0))
-        return False
-    return True

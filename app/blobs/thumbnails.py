@@ -11,6 +11,8 @@ from pathlib import Path
 
 import structlog
 
+from app.blobs.durable import remove_file
+
 log = structlog.get_logger(__name__)
 
 
@@ -46,12 +48,4 @@ class Thumbnails:
 
     def remove(self, sha256: str) -> bool:
         """Remove the thumbnail of an original, if there is one; return False where the system refuses."""
-        path = thumbnail_path(self.root, sha256)
-        try:
-            path.unlink(missing_ok=True)
-        except NotADirectoryError:
-            return True
-        except OSError as error:
-            log.warning("file_not_removed", path=str(path), reason=errno.errorcode.get(error.errno or 0))
-            return False
-        return True
+        return remove_file(thumbnail_path(self.root, sha256))
