@@ -10,12 +10,14 @@ from dataclasses import dataclass
 import sqlalchemy as sa
 from starlette.concurrency import run_in_threadpool
 
+from app.blobs import S3Blobs
 from app.errors import ServiceError
 from app.jobs.runner import JobRunner
 from app.records import migrations
 from app.records.database import BUSY_TIMEOUT_S, sqlite_version
 from app.records.tables import Session
-from app.services.context import ServiceContext
+from app.services.installation.backends import stored_id
+from app.services.installation.context import ServiceContext
 
 CACHED_S = 2.0
 ANSWER_WITHIN_S = 2.0
@@ -34,7 +36,7 @@ class Check:
 
 
 class HealthWatch:
-    """What readiness is answered from. However many ask, the database and the disk are looked at by one of them, and
+    """What readiness is answered from. However many ask, database, disk and bucket are looked at by one of them, and
     not again for CACHED_S; the runner's state costs nothing and is always the present one. While a look takes longer
     than ANSWER_WITHIN_S, what was found before holds, for SILENT_S at most. For one event loop.
     """
@@ -67,8 +69,13 @@ class HealthWatch:
 
 
 def check_storage(installation: ServiceContext) -> list[Check]:
-    """Look at the database and the disk, which takes the write lock for a moment; never raises."""
-    return [_database(installation), _migrations(installation), _disk(installation)]
+    """Look at database, disk and bucket, which takes the write lock for a moment; never raises."""
+    return [
+        _database(installation),
+        _migrations(installation),
+        _disk(installation),
+        *_bucket(installation),
+    ]
 
 
 def _database(installation: ServiceContext) -> Check:
@@ -108,6 +115,17 @@ def _disk(installation: ServiceContext) -> Check:
     except OSError:
         return Check("disk", ok=False, detail="The disk of the originals cannot be reached.")
     return Check("disk", ok=free >= floor, detail=f"{free} bytes are free; the floor is {floor}.")
+
+
+def _bucket(installation: ServiceContext) -> list[Check]:
+    """Read the object that names the installation; nothing to look at where originals are files."""
+    if not isinstance(installation.blobs, S3Blobs):
+        return []
+    try:
+        stored_id(installation.blobs)
+    except ServiceError as error:
+        return [Check("bucket", ok=False, detail=error.detail)]
+    return [Check("bucket", ok=True, detail="The bucket of the originals answers.")]
 
 
 def _runner(installation: ServiceContext, runner: JobRunner | None) -> Check:

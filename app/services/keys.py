@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import hmac
 import re
 import secrets
@@ -21,7 +20,7 @@ from app.records.ids import is_id, new_id
 from app.records.pagination import page
 from app.records.readable import unreadable_columns
 from app.records.tables import SCOPES, ApiKey, Session
-from app.services.context import ServiceContext
+from app.services.installation.context import ServiceContext
 
 _SHAPE = re.compile(r"gp_([0-9a-z]{26})_([0-9a-f]{64})", re.ASCII)
 _PREFIX = "key_"
@@ -128,21 +127,42 @@ def find_key(installation: ServiceContext, secret_key: str) -> ApiKey | None:
     match = _SHAPE.fullmatch(secret_key)
     if match is None:
         return None
-    key_id, secret = match.groups()
+    key_id, secret = _PREFIX + match[1], match[2]
+    facts = installation.access.current()
     with installation.database.read() as session:
-        key = session.get(ApiKey, _PREFIX + key_id)
+        key = session.get(ApiKey, key_id)
     if key is None or unreadable_columns(key):
         return None  # one that cannot be read may be revoked or expired
-    if not hmac.compare_digest(key.secret_hmac.encode(), _hash(installation.pepper, secret).encode()):
+    if not _opens(installation, key, secret):
         return None
-    return key if _is_in_force(key) else None
+    if facts is not None:
+        facts.keys[key_id] = key
+    return key
+
+
+def recall_key(installation: ServiceContext, secret_key: str) -> ApiKey | None:
+    """Return the valid key that `secret_key` is, as far as that is known without the database's row; waits for nothing.
+
+    None says nothing: `find_key` decides. What its use changes (quota, time of use) may be older than the row's.
+    """
+    match = _SHAPE.fullmatch(secret_key)
+    facts = installation.access.current() if match is not None else None
+    if match is None or facts is None:
+        return None
+    key = facts.keys.get(_PREFIX + match[1])
+    return key if key is not None and _opens(installation, key, match[2]) else None
+
+
+def find_key_by_id(installation: ServiceContext, key_id: str) -> ApiKey | None:
+    """Return a key that is in force, whose secret was checked before, or None."""
+    with installation.database.read() as session:
+        key = session.get(ApiKey, key_id) if is_id(key_id) else None
+    return key if key is not None and not unreadable_columns(key) and _is_in_force(key) else None
 
 
 def is_in_force(installation: ServiceContext, key_id: str) -> bool:
     """Return whether a key that was valid still is: neither revoked nor expired nor gone."""
-    with installation.database.read() as session:
-        key = session.get(ApiKey, key_id)
-        return key is not None and not unreadable_columns(key) and _is_in_force(key)
+    return find_key_by_id(installation, key_id) is not None
 
 
 def list_keys(
@@ -202,8 +222,15 @@ def _is_in_force(key: ApiKey) -> bool:
     return key.revoked_at is None and (key.expires_at is None or key.expires_at > datetime.now(UTC))
 
 
+def _opens(installation: ServiceContext, key: ApiKey, secret: str) -> bool:
+    """Return whether `secret` is the key's and the key is in force."""
+    return hmac.compare_digest(
+        key.secret_hmac.encode(), _hash(installation.pepper, secret).encode()
+    ) and _is_in_force(key)
+
+
 def _hash(pepper: bytes, secret: str) -> str:
-    return hmac.new(pepper, secret.encode(), hashlib.sha256).hexdigest()
+    return hmac.digest(pepper, secret.encode(), "sha256").hex()
 
 
 WRITE_EVERY_S = 60.0

@@ -19,7 +19,8 @@ import structlog
 from sqlalchemy import orm
 from sqlalchemy.dialects import postgresql, sqlite
 
-from app.blobs.local import LocalBlobs, StagedBlob
+from app.blobs.interface import Blobs
+from app.blobs.local import StagedBlob
 from app.errors import ServiceError
 from app.records.database import Database
 from app.records.tables import Measurement, Removal
@@ -34,7 +35,7 @@ Item = TypeVar("Item")
 log = structlog.get_logger(__name__)
 
 
-def remove_unreferenced(database: Database, blobs: LocalBlobs, hashes: Sequence[str]) -> set[str]:
+def remove_unreferenced(database: Database, blobs: Blobs, hashes: Sequence[str]) -> set[str]:
     """Delete those originals that no measurement of any session names, and return the hashes that are settled.
 
     Not settled are those of files that the system does not remove. What is no hash, from a damaged row, names no file.
@@ -71,7 +72,7 @@ def record_removals(records: orm.Session, which: sa.ColumnElement[bool]) -> list
 
 def finish_removals(
     database: Database,
-    blobs: LocalBlobs,
+    blobs: Blobs,
     hashes: Sequence[str] | None = None,
     *,
     stopped: Callable[[], bool] = lambda: False,
@@ -103,7 +104,7 @@ def finish_removals(
     return settled
 
 
-def finish_soon(database: Database, blobs: LocalBlobs, hashes: Sequence[str]) -> None:
+def finish_soon(database: Database, blobs: Blobs, hashes: Sequence[str]) -> None:
     """Finish removals for a request whose rows are gone: what fails now is logged and done by the next round."""
     try:
         finish_removals(database, blobs, hashes)
@@ -111,7 +112,7 @@ def finish_soon(database: Database, blobs: LocalBlobs, hashes: Sequence[str]) ->
         log.warning("removals_wait", code=error.code)
 
 
-def restore_original(database: Database, blobs: LocalBlobs, staged: StagedBlob) -> bool:
+def restore_original(database: Database, blobs: Blobs, staged: StagedBlob) -> bool:
     """Put an original back that was lost or damaged on the disk, now that somebody sent it again; say whether it was.
 
     The stored file is read and hashed for that (0.5 ms per MB); one that is whole is not written anew.
@@ -127,7 +128,7 @@ def restore_original(database: Database, blobs: LocalBlobs, staged: StagedBlob) 
         return True
 
 
-def cleanup_after_failure(database: Database, blobs: LocalBlobs, sha256: str) -> None:
+def cleanup_after_failure(database: Database, blobs: Blobs, sha256: str) -> None:
     """Delete an original whose row could not be written; where even that fails, the sweep finds it.
 
     The next upload of the same bytes takes its place.

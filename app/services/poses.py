@@ -12,8 +12,17 @@ from sqlalchemy import orm
 from app.errors import Conflict, InvalidContent, NotFound
 from app.records.ids import new_id
 from app.records.pagination import page
+from app.records.statements import Rows, Statement, rows_of
 from app.records.tables import Pose, Session
 from app.services.queries import get_or_raise
+
+_COLUMNS = tuple(Pose.__table__.c.keys())
+_FIND = Statement(
+    sa.select(Pose.id).where(
+        Pose.session_id == sa.bindparam("session_id"), Pose.pose_id == sa.bindparam("pose_id")
+    )
+)
+_ADD = Statement(sa.insert(Pose), _COLUMNS)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -120,9 +129,14 @@ def list_poses(
 
 def get_or_create_pose(records: orm.Session, session_id: str, pose_id: str) -> None:
     """Make a pose that an image names for the first time, with everything about it unknown."""
-    if _find_pose(records, session_id, pose_id) is None:
-        records.add(_new_pose(session_id, pose_id, CommandedPose()))
-        records.flush()
+    ensure_pose(rows_of(records), session_id, pose_id)
+
+
+def ensure_pose(rows: Rows, session_id: str, pose_id: str) -> None:
+    """The same below the ORM."""
+    if rows.first(_FIND, session_id=session_id, pose_id=pose_id) is None:
+        unknown = dict.fromkeys(_COLUMNS)
+        rows.all(_ADD, **{**unknown, "id": new_id("pos"), "session_id": session_id, "pose_id": pose_id})
 
 
 def _find_pose(records: orm.Session, session_id: str, pose_id: str) -> Pose | None:

@@ -11,7 +11,16 @@ from app.errors import NotFound, RowUnreadable
 from app.records.activity import current_activity
 from app.records.ids import is_id
 from app.records.readable import unreadable_columns
-from app.records.tables import Measurement, Robot, Session, SessionTarget, Table, Target
+from app.records.tables import (
+    Measurement,
+    Qualification,
+    Report,
+    Robot,
+    Session,
+    SessionTarget,
+    Table,
+    Target,
+)
 
 Row = TypeVar("Row", bound=Table)
 
@@ -20,6 +29,8 @@ NOUNS: dict[type[Table], str] = {
     Robot: "robot",
     Session: "session",
     Measurement: "measurement",
+    Report: "report",
+    Qualification: "qualification",
 }
 POSE_ID = r"^[A-Za-z0-9_-][A-Za-z0-9._-]{0,127}$"
 SHA256 = r"^[0-9A-Fa-f]{64}$"
@@ -39,6 +50,10 @@ def visible(table: type[Table]) -> list[sa.ColumnElement[bool]]:
         return [Session.id.in_(sessions)]
     if table is Measurement:
         return [Measurement.session_id.in_(sessions)]
+    if table is Report:
+        return [Report.session_id.in_(sessions)]
+    if table is Qualification:
+        return [Qualification.session_id.in_(sessions)]
     if table is Target:
         return [
             Target.id.in_(sa.select(SessionTarget.target_id).where(SessionTarget.session_id.in_(sessions)))
@@ -46,6 +61,12 @@ def visible(table: type[Table]) -> list[sa.ColumnElement[bool]]:
     if table is Robot:
         return [Robot.id.in_(sa.select(Session.robot_id).where(Session.id.in_(sessions)))]
     return [sa.false()]
+
+
+def may_see_session(session_id: str) -> bool:
+    """Return whether the caller's key may see a session, if there is one."""
+    activity = current_activity()
+    return activity is None or activity.session_ids is None or session_id in activity.session_ids
 
 
 def get_or_raise(records: orm.Session, table: type[Row], row_id: str, *, lock: bool = False) -> Row:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from datetime import UTC, datetime
 from typing import Any
@@ -147,3 +148,49 @@ def read_plan(
             code="coupled_joints_not_planned",
         )
     return robot.joints, target_fields(target)
+
+
+def read_limits(records: orm.Session, session_id: str) -> list[tuple[float | None, float | None]]:
+    """Return the joint limits (degrees) of a session's robot, None where it states none; empty without a robot.
+
+    Raises NotFound for the session, RowUnreadable for its robot.
+    """
+    session = get_or_raise(records, Session, session_id)
+    if session.robot_id is None:
+        return []
+    robot = get_or_raise(records, Robot, session.robot_id)
+    require_readable(robot)
+    return [(joint.get("minimum_deg"), joint.get("maximum_deg")) for joint in robot.joints]
+
+
+def read_correction(
+    records: orm.Session, robot_id: str, session_ids: Sequence[str]
+) -> list[tuple[float, float]]:
+    """Return the limits of the robot's joints, degrees, infinite where none are stated, for commands of its sessions.
+
+    Raises NotFound for the robot, InvalidContent for a session that is not there or is of another robot.
+    """
+    robot = get_or_raise(records, Robot, robot_id)
+    require_readable(robot)
+    for session_id in session_ids:
+        if not exists(records, Session, session_id):
+            raise InvalidContent(
+                "There is no such session.",
+                "Name a session of this robot.",
+                code="session_unknown",
+                errors=[("session_id", f"{session_id} names no session")],
+            )
+        if get_or_raise(records, Session, session_id).robot_id != robot_id:
+            raise Conflict(
+                "The session is not of this robot.",
+                "Name a session of this robot, or give the session its robot (PATCH /v1/sessions/{session_id}).",
+                code="session_of_another_robot",
+                errors=[("session_id", f"{session_id} is of another robot, or of none")],
+            )
+    return [
+        (
+            -math.inf if joint.get("minimum_deg") is None else joint["minimum_deg"],
+            math.inf if joint.get("maximum_deg") is None else joint["maximum_deg"],
+        )
+        for joint in robot.joints
+    ]

@@ -11,7 +11,7 @@ from typing import Any
 import sqlalchemy as sa
 from sqlalchemy import orm
 
-from app.blobs.local import LocalBlobs
+from app.blobs.interface import Blobs
 from app.errors import InvalidContent
 from app.jobs.queue import ALREADY_MEASURED, search_again
 from app.records.database import Database
@@ -79,6 +79,24 @@ def list_sessions(
     return [SessionDetail(row, counts[row.id]) for row in rows], next_cursor
 
 
+def search_sessions(
+    records: orm.Session, *, text: str, robot_id: str | None, page_number: int, size: int
+) -> tuple[list[SessionDetail], int]:
+    """Return a page of the sessions whose name holds `text`, newest first, and how many there are in all."""
+    which = list(visible(Session))
+    if text:
+        which.append(Session.name.icontains(text, autoescape=True))
+    if robot_id:
+        which.append(Session.robot_id == robot_id)
+    total = records.scalar(sa.select(sa.func.count()).select_from(Session).where(*which)) or 0
+    start = (max(page_number, 1) - 1) * size
+    rows = records.scalars(
+        sa.select(Session).where(*which).order_by(Session.id.desc()).limit(size).offset(start)
+    ).all()
+    counts = count_measurements(records, [row.id for row in rows])
+    return [SessionDetail(row, counts[row.id]) for row in rows], total
+
+
 def update_session(records: orm.Session, session_id: str, changes: Mapping[str, Any]) -> SessionDetail:
     """Change the fields named in `changes`.
 
@@ -98,7 +116,7 @@ def update_session(records: orm.Session, session_id: str, changes: Mapping[str, 
 
 def delete_session(
     database: Database,
-    blobs: LocalBlobs,
+    blobs: Blobs,
     session_id: str,
     *,
     unless: Callable[[orm.Session], bool] | None = None,

@@ -9,6 +9,7 @@ key-pepper-*          what the keys are hashed with: a backup is as confidential
 
 from app.services.backup.making import Report, make_backup
 from app.services.backup.manifest import Manifest, read_manifest
+from app.services.backup.moving import move_installation
 from app.services.backup.restoring import restore_backup
 
-__all__ = ["Manifest", "Report", "make_backup", "read_manifest", "restore_backup"]
+__all__ = ["Manifest", "Report", "make_backup", "move_installation", "read_manifest", "restore_backup"]

@@ -15,10 +15,11 @@ from pathlib import Path
 
 import sqlalchemy as sa
 
+from app.blobs import LocalBlobs
 from app.blobs.durable import sync_folder, write_durably
 from app.blobs.local import original_path
 from app.build import core_version
-from app.errors import BackupRefused
+from app.errors import BackupRefused, OriginalCorrupt, OriginalMissing
 from app.records import migrations
 from app.records.database import Database
 from app.records.file_lock import AlreadyLocked, FileLock
@@ -34,7 +35,7 @@ from app.services.backup.manifest import (
     pepper_name,
     write_manifest,
 )
-from app.services.context import ServiceContext
+from app.services.installation.context import ServiceContext
 
 _MOMENTS = 3
 """Moments tried before originals that were deleted during the backup are given up."""
@@ -133,7 +134,7 @@ class _Making:
                 continue
             target.parent.mkdir(exist_ok=True, mode=0o700)
             try:
-                whole = copy_verified(self._installation.blobs.path(sha256), target, sha256)
+                whole = self._copy(sha256, size, target)
             except FileNotFoundError:
                 missing.append(sha256)
                 continue
@@ -147,6 +148,20 @@ class _Making:
             sync_folder(folder)
         sync_folder(self._originals)
         return missing, corrupt
+
+    def _copy(self, sha256: str, size: int, target: Path) -> bool:
+        """Copy an original durably; return whether its bytes were right. Raises FileNotFoundError."""
+        blobs = self._installation.blobs
+        if isinstance(blobs, LocalBlobs):
+            return copy_verified(blobs.path(sha256), target, sha256)
+        try:
+            with blobs.open(sha256, size) as original:
+                write_durably(target, original.read())
+        except OriginalMissing as error:
+            raise FileNotFoundError from error
+        except OriginalCorrupt:
+            return False
+        return True
 
     def _deleted_meanwhile(self, missing: list[str]) -> bool:
         """Return whether an original is missing because its rows have gone since the moment of the copy."""

@@ -28,15 +28,14 @@ from app.records.privacy import OF_THE_FILE_SYSTEM
 from app.records.rows import copy_rows, count_rows
 from app.records.tables import Installation, Measurement
 from app.services.backup.manifest import Manifest, copy_verified, file_sha256, read_manifest
-from app.services.binding import (
+from app.services.installation.binding import (
     RESTORING,
-    Identity,
     pepper_check,
     pepper_path,
     revoke_all_keys,
     sqlite_path,
-    write_identity,
 )
+from app.services.installation.identity import Identity, write_identity
 from app.settings import Settings
 
 _NO_CONTENT = OF_THE_FILE_SYSTEM | {"head.lock", "runner.lock", "migrate.lock"}
@@ -262,7 +261,7 @@ def _alone(settings: Settings, database: Database | None) -> Iterator[None]:
         head.acquire()
         lock: FileLock | RunnerLock = FileLock(settings.data_dir / "runner.lock")
         if database is not None:
-            lock = RunnerLock(settings.data_dir, database)
+            lock = RunnerLock(settings.data_dir, database, alone=True)
         lock.acquire()
     except AlreadyLocked as error:
         head.release()

@@ -9,12 +9,14 @@ from __future__ import annotations
 import threading
 import time
 from collections.abc import Callable, Sequence
+from contextlib import AbstractContextManager, nullcontext
 from datetime import UTC, datetime
 
+import sqlalchemy as sa
 import structlog
 
 from app.errors import ServiceError
-from app.services.context import ServiceContext
+from app.services.installation.context import ServiceContext
 from app.services.maintenance.orphans import OrphanSweep
 from app.services.maintenance.retention import Retention, elapsed_s
 from app.services.originals import finish_removals
@@ -55,7 +57,15 @@ def chores(installation: ServiceContext) -> list[Chore]:
 class Maintenance:
     """Runs chores at the start and every `interval_s` seconds until stopped."""
 
-    def __init__(self, chores: Sequence[Chore], *, interval_s: float = INTERVAL_S) -> None:
+    def __init__(
+        self,
+        chores: Sequence[Chore],
+        *,
+        interval_s: float = INTERVAL_S,
+        turn: Callable[[], AbstractContextManager[bool]] = lambda: nullcontext(True),
+    ) -> None:
+        """`turn` says whether this service does a round: of several with one database, one does at a time."""
+        self._turn = turn
         self._chores = tuple(chores)
         self._interval_s = interval_s
         self._stopping = threading.Event()
@@ -77,7 +87,15 @@ class Maintenance:
             self._thread.join()
 
     def run_once(self) -> None:
-        """Run every chore once."""
+        """Run every chore once, unless another service is doing so."""
+        try:
+            with self._turn() as is_ours:
+                if is_ours:
+                    self._run_chores()
+        except (ServiceError, sa.exc.SQLAlchemyError) as error:
+            log.warning("chores_put_off", error=type(error).__name__)
+
+    def _run_chores(self) -> None:
         for name, function in self._chores:
             if self._stopping.is_set():
                 return

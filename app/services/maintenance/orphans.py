@@ -19,7 +19,7 @@ import sqlalchemy as sa
 import structlog
 
 from app.blobs.durable import write_durably
-from app.blobs.local import LocalBlobs
+from app.blobs.interface import Blobs
 from app.records.database import Database
 from app.records.tables import Measurement, Removal
 from app.services.originals import in_pages, remove_unreferenced
@@ -48,7 +48,7 @@ class _Seen:
 class OrphanSweep:
     """Removes the orphans of one installation; made once in a process, run every so often."""
 
-    def __init__(self, database: Database, blobs: LocalBlobs, data_dir: Path) -> None:
+    def __init__(self, database: Database, blobs: Blobs, data_dir: Path) -> None:
         self._database = database
         self._blobs = blobs
         self._path = data_dir / STATE
@@ -88,7 +88,7 @@ class OrphanSweep:
             named = set(records.scalars(sa.select(Measurement.sha256).where(Measurement.sha256.in_(hashes))))
             named |= set(records.scalars(sa.select(Removal.sha256).where(Removal.sha256.in_(hashes))))
         # A removal may have been finished since the names were read.
-        return [sha256 for sha256 in hashes if sha256 not in named and self._blobs.path(sha256).exists()]
+        return [sha256 for sha256 in hashes if sha256 not in named and self._blobs.is_there(sha256)]
 
     def _credible(self, orphans: int, originals: int) -> bool:
         """Return whether so many orphans can be what interrupted uploads left; log it once where not."""

@@ -32,7 +32,7 @@ from app.errors import NotFound
 from app.records.activity import Activity, acting
 from app.records.ids import is_id, moment_of
 from app.records.tables import MeasuredPose, Measurement, Pose, Session
-from app.services.context import ServiceContext
+from app.services.installation.context import ServiceContext
 from app.services.sessions import delete_session
 
 MIN_AGREEMENT = timedelta(days=1)

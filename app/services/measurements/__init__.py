@@ -1,7 +1,26 @@
 """Measurements: an image is received, stored permanently, and computed by the runner that claims its job."""
 
+from app.services.measurements.acceptance import (
+    Metadata,
+    NewMeasurement,
+    choose_target,
+    recall_targets,
+    require_cycle,
+    session_targets,
+)
 from app.services.measurements.corrections import correct_measurement, delete_measurement
-from app.services.measurements.quota import bytes_today, check_quota
+from app.services.measurements.gallery import (
+    IMAGE_STATES,
+    GalleryCounts,
+    GalleryFilter,
+    GalleryPage,
+    ImageState,
+    count_gallery,
+    list_gallery,
+    neighbours,
+)
+from app.services.measurements.missing import find_missing
+from app.services.measurements.quota import bytes_today, check_quota, read_use
 from app.services.measurements.reading import (
     MeasurementDetail,
     find_original,
@@ -14,39 +33,41 @@ from app.services.measurements.reading import (
 )
 from app.services.measurements.retries import reprocess_session, retry_measurement
 from app.services.measurements.thumbnails import get_thumbnail
-from app.services.measurements.upload import (
-    Metadata,
-    TargetChoice,
-    UploadResult,
-    check_target,
-    find_missing,
-    is_stored,
-    sanitise_filename,
-    store_image,
-)
+from app.services.measurements.upload import find_upload, sanitise_filename, store_image
 
 __all__ = [
+    "IMAGE_STATES",
+    "GalleryCounts",
+    "GalleryFilter",
+    "GalleryPage",
+    "ImageState",
     "MeasurementDetail",
     "Metadata",
-    "TargetChoice",
-    "UploadResult",
+    "NewMeasurement",
     "bytes_today",
     "check_quota",
-    "check_target",
+    "choose_target",
     "correct_measurement",
+    "count_gallery",
     "delete_measurement",
     "find_missing",
     "find_original",
+    "find_upload",
     "get_measurement",
     "get_points",
     "get_thumbnail",
     "has_image_of_size",
-    "is_stored",
+    "list_gallery",
     "list_measurements",
+    "neighbours",
     "open_image",
+    "read_use",
+    "recall_targets",
     "reprocess_session",
+    "require_cycle",
     "retry_measurement",
     "sanitise_filename",
+    "session_targets",
     "sought_target",
     "store_image",
 ]

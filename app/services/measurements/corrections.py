@@ -1,6 +1,7 @@
 """Corrections of what a client said about an image; exclusion of measurements from analyses; their deletion.
 
-Pose, cycle, focus group and joint angles belong to the image: a correction changes them in all of its measurements.
+Pose, cycle, burst index, focus group and joint angles belong to the image: a correction changes them in all of its
+measurements.
 An exclusion belongs to one measurement, since one target of an image may be covered while another is not.
 """
 
@@ -17,13 +18,14 @@ from app.errors import Conflict
 from app.jobs.queue import ALREADY_MEASURED
 from app.records.activity import current_activity, note_objects
 from app.records.tables import Measurement, Session
-from app.services.context import ServiceContext
+from app.services.installation.context import ServiceContext
+from app.services.measurements.acceptance import require_cycle
 from app.services.measurements.reading import MeasurementDetail, get_measurement
 from app.services.originals import finish_soon, record_removals
 from app.services.poses import get_or_create_pose
 from app.services.queries import get_or_raise
 
-OF_IMAGE = ("pose_id", "cycle", "focus_group", "joint_angles_deg")
+OF_IMAGE = ("pose_id", "cycle", "burst", "focus_group", "joint_angles_deg")
 """What a correction changes in all measurements of an image."""
 
 
@@ -32,15 +34,18 @@ def correct_measurement(
 ) -> MeasurementDetail:
     """Change the fields named in `changes`: those of `OF_IMAGE`, and `excluded` (a reason, or None).
 
-    Raises NotFound; Conflict where the image has measurements of the same targets at the new pose already.
+    Raises NotFound; Conflict where the image has measurements of the same targets at the new pose already;
+    InvalidContent where a burst index would be left without a cycle.
     """
     measurement = lock_measurement(records, measurement_id)
     image = measurements_of_image(records, measurement)
     of_image = {name: changes[name] for name in OF_IMAGE if name in changes}
+    require_cycle(of_image.get("cycle", measurement.cycle), of_image.get("burst", measurement.burst))
     pose_id = of_image.get("pose_id", measurement.pose_id)
     if pose_id != measurement.pose_id:
         _require_free(records, image, pose_id)
         get_or_create_pose(records, measurement.session_id, pose_id)
+        of_image["pose_label"] = None  # it was the other pose's
     if of_image:
         for each in image:
             for name, value in of_image.items():

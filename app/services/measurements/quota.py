@@ -5,14 +5,14 @@ from __future__ import annotations
 from datetime import UTC, datetime, timedelta
 
 import sqlalchemy as sa
-from sqlalchemy import orm
 
 from app.errors import QuotaExceeded
 from app.records.activity import current_activity
+from app.records.database import Database
+from app.records.statements import Rows, Statement
 from app.records.tables import ApiKey
 
-# Compiled once and run below the ORM: an upload waits for it.
-_COUNT = (
+_COUNT = Statement(
     sa.update(ApiKey)
     .where(ApiKey.id == sa.bindparam("key"), ApiKey.bytes_per_day.is_not(None))
     .values(
@@ -24,7 +24,14 @@ _COUNT = (
 )
 
 
-def count_upload(records: orm.Session, size: int) -> None:
+_USE = Statement(
+    sa.select(ApiKey.bytes_per_day, ApiKey.quota_day, ApiKey.quota_bytes).where(
+        ApiKey.id == sa.bindparam("key")
+    )
+)
+
+
+def count_upload(rows: Rows, size: int) -> None:
     """Count `size` bytes for the caller's key; raises QuotaExceeded where its day has no room for them.
 
     The row is locked until the commit, so that uploads at the same time count one after the other; where the
@@ -33,13 +40,20 @@ def count_upload(records: orm.Session, size: int) -> None:
     activity = current_activity()
     if activity is None or not activity.has_quota:
         return
-    row = (
-        records.connection()
-        .execute(_COUNT, {"key": activity.key_id, "day": day_of(datetime.now(UTC)), "size": size})
-        .first()
-    )
+    row = rows.first(_COUNT, key=activity.key_id, day=day_of(datetime.now(UTC)), size=size)
     if row is not None:
-        check_quota(row.bytes_per_day, row.quota_bytes - size, size)
+        bytes_per_day, quota_bytes = row
+        check_quota(bytes_per_day, quota_bytes - size, size)
+
+
+def read_use(database: Database, key_id: str) -> tuple[int | None, int]:
+    """Return what a key may send in a day, None without a quota, and what it has sent since midnight UTC."""
+    with database.read_rows() as rows:
+        row = rows.first(_USE, key=key_id)
+    if row is None or row[0] is None:
+        return None, 0
+    bytes_per_day, quota_day, quota_bytes = row
+    return bytes_per_day, quota_bytes if quota_day == day_of(datetime.now(UTC)) else 0
 
 
 def check_quota(bytes_per_day: int | None, used: int, size: int) -> None:

@@ -5,18 +5,16 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from io import FileIO
-from pathlib import Path
 from typing import Any
 
 import sqlalchemy as sa
 from sqlalchemy import orm
 
-from app.blobs.integrity import open_original
 from app.errors import RowUnreadable
 from app.records.codec import are_points, points_documents
 from app.records.pagination import page
 from app.records.tables import Measurement, Result, Session, Target
-from app.services.context import ServiceContext
+from app.services.installation.context import ServiceContext
 from app.services.queries import get_or_raise
 
 
@@ -94,11 +92,11 @@ def list_measurements(
     return with_siblings(records, rows), next_cursor
 
 
-def find_original(installation: ServiceContext, measurement_id: str) -> tuple[Measurement, Path]:
+def find_original(installation: ServiceContext, measurement_id: str) -> tuple[Measurement, str]:
     """Return a measurement and where its original lies; its bytes have not been looked at."""
     with installation.database.read() as records:
         measurement = get_or_raise(records, Measurement, measurement_id)
-    return measurement, installation.blobs.path(measurement.sha256)
+    return measurement, installation.blobs.address(measurement.sha256)
 
 
 def open_image(installation: ServiceContext, measurement_id: str) -> tuple[Measurement, FileIO]:
@@ -106,8 +104,9 @@ def open_image(installation: ServiceContext, measurement_id: str) -> tuple[Measu
 
     Raises OriginalMissing, OriginalCorrupt.
     """
-    measurement, path = find_original(installation, measurement_id)
-    return measurement, open_original(path, measurement.sha256, measurement.bytes)
+    with installation.database.read() as records:
+        measurement = get_or_raise(records, Measurement, measurement_id)
+    return measurement, installation.blobs.open(measurement.sha256, measurement.bytes)
 
 
 def with_siblings(records: orm.Session, measurements: Sequence[Measurement]) -> list[MeasurementDetail]:

@@ -12,7 +12,7 @@ from app.jobs.queue import ALREADY_MEASURED, TOGETHER, queue_rows
 from app.records.codec import are_markers, are_points
 from app.records.readable import unreadable_columns
 from app.records.tables import Measurement, Result, Session
-from app.services.context import ServiceContext
+from app.services.installation.context import ServiceContext
 from app.services.measurements.reading import MeasurementDetail, get_measurement
 from app.services.queries import get_or_raise
 

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 from starlette.concurrency import run_in_threadpool
 
-from app.blobs.local import LocalBlobs
+from app.blobs.interface import Blobs
 from app.jobs.painting import ImagePainter
 from app.records.tables import Measurement
-from app.services.context import ServiceContext
+from app.services.installation.context import ServiceContext
 from app.services.measurements.reading import find_original
 
 
@@ -28,13 +26,13 @@ async def get_thumbnail(
     return drawn
 
 
-def _read(installation: ServiceContext, measurement_id: str) -> tuple[Measurement, Path, bytes | None]:
+def _read(installation: ServiceContext, measurement_id: str) -> tuple[Measurement, str, bytes | None]:
     """Return the measurement, the place of its original, and the thumbnail if one is kept."""
     measurement, path = find_original(installation, measurement_id)
     return measurement, path, installation.blobs.thumbnails.read(measurement.sha256)
 
 
-def _keep(blobs: LocalBlobs, measurement: Measurement, drawn: bytes) -> None:
+def _keep(blobs: Blobs, measurement: Measurement, drawn: bytes) -> None:
     with blobs.lock(measurement.sha256):
         if blobs.exists(measurement.sha256, measurement.bytes):  # one deleted meanwhile leaves no thumbnail
             blobs.thumbnails.write(measurement.sha256, drawn)

@@ -14,7 +14,7 @@ from app.records.database import Database
 from app.records.file_lock import FileLock
 from app.services.backup import make_backup, read_manifest, restore_backup
 from app.services.backup import making as making_module
-from app.services.context import ServiceContext
+from app.services.installation.context import ServiceContext
 from app.services.keys import create_key, find_key
 from app.settings import Settings
 from tests.support.service.backups import content, image, refused, upload

@@ -19,11 +19,11 @@ from app.records.ids import new_id
 from app.records.tables import ApiKey, Pose, Session, Target
 from app.records.tables import Installation as InstallationRow
 from app.records.tables import Measurement as MeasurementRow
-from app.services.binding import read_identity, write_identity
-from app.services.context import ServiceContext
+from app.services.installation.context import ServiceContext
+from app.services.installation.identity import read_identity, write_identity
 from app.services.keys import create_key, find_key
 from app.settings import Settings
-from tests.support.service.postgres import EITHER_DATABASE
+from tests.support.environment.postgres import EITHER_DATABASE
 
 NOW = datetime(2026, 1, 31, tzinfo=UTC)
 Make = Callable[..., Settings]

@@ -75,6 +75,7 @@ def test_however_many_ask_the_database_is_looked_at_once_in_two_seconds(api: Any
     assert 1 <= len([one for one in seen if one.startswith("DELETE FROM api_keys")]) <= most
 
 
+@pytest.mark.slow
 def test_readiness_does_not_wait_for_a_long_write(serve_api: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     with serve_api() as api:
         assert api.client.get("/readyz").status_code == 200
@@ -111,6 +112,7 @@ def test_a_disk_that_cannot_be_reached_is_said_to_be_that(api: Any, monkeypatch:
     assert [error["field"] for error in answer.json()["errors"]] == ["disk"]
 
 
+@pytest.mark.slow
 def test_a_runner_is_ready_after_its_workers_start_and_not_after_its_stop(open_api: Any) -> None:
     with open_api(workers=1) as running:
         deadline = time.monotonic() + 120.0
@@ -265,6 +267,7 @@ def test_a_postgresql_server_gone_without_a_word_is_noticed(postgres_url: str) -
     assert expected.items() <= options(f"{postgres_url}?connect_timeout=4&keepalives_idle=60").items()
 
 
+@pytest.mark.slow
 def test_a_postgresql_server_that_never_answers_is_not_waited_for() -> None:
     with socket.create_server(("127.0.0.1", 0)) as silent:
         database = Database(f"postgresql+psycopg://u@127.0.0.1:{silent.getsockname()[1]}/d?connect_timeout=2")

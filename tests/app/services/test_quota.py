@@ -113,8 +113,8 @@ def test_uploads_at_the_same_time_do_not_exceed_it_together(any_api: Any) -> Non
     def send(_: int) -> bool:
         activity = Activity(actor="key", action="put_image", key_id=made["id"], has_quota=True)
         try:
-            with acting(activity), database.write() as records:
-                count_upload(records, 1)
+            with acting(activity), database.write_rows() as rows:
+                count_upload(rows, 1)
         except QuotaExceeded:
             return False
         return True

@@ -117,6 +117,7 @@ def test_a_file_recorded_again_while_it_is_removed_stays_recorded(any_api: Any, 
     assert recorded(any_api) == originals(any_api) == set()
 
 
+@pytest.mark.slow
 def test_uploads_win_against_deletions_and_sweeps_of_the_same_bytes(any_api: Any, grey_png: bytes) -> None:
     """Threads that upload, delete and tidy the same few images: no row without its file, no file for ever."""
     installation = any_api.installation
@@ -171,6 +172,7 @@ def test_an_upload_that_cannot_be_tidied_away_now_is_later(
     assert list(incoming.iterdir()) == []
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("reverse", [False, True])
 def test_results_that_are_saved_while_their_session_is_deleted(
     any_api: Any, grey_png: bytes, monkeypatch: pytest.MonkeyPatch, reverse: bool

@@ -17,7 +17,7 @@ from app.records.database import Database
 from app.records.rows import copy_rows
 from app.services.backup import make_backup, read_manifest, restore_backup
 from app.services.backup import restoring as restoring_module
-from app.services.context import ServiceContext
+from app.services.installation.context import ServiceContext
 from app.services.keys import create_key, find_key, keys_in_force, revoke_key
 from app.settings import Settings
 from tests.support.service.backups import content, refused, upload

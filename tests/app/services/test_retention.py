@@ -251,6 +251,7 @@ def test_a_damaged_file_begins_the_agreement_anew(keeping_api: Any, grey_png: by
     assert len(retention.run(start + timedelta(days=1), 86400.0)) == 1
 
 
+@pytest.mark.slow
 @pytest.mark.postgres
 def test_retention_on_postgresql(open_api: Any, postgres_url: str, tmp_path: Any, grey_png: bytes) -> None:
     with open_api(tmp_path / "data", database_url=postgres_url, retention_days=DAYS) as api:

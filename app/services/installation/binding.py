@@ -10,25 +10,23 @@ from __future__ import annotations
 
 import hashlib
 import hmac
-import json
 import secrets
-from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Literal
 
 import sqlalchemy as sa
 import structlog
 from sqlalchemy import orm
 
-from app.blobs.durable import write_durably, write_once
+from app.blobs.durable import write_once
 from app.blobs.local import original_path
 from app.errors import InstallationRefused
 from app.records.activity import Activity, acting
 from app.records.database import Database
-from app.records.ids import is_id, new_id
+from app.records.ids import new_id
 from app.records.privacy import is_foreign
 from app.records.tables import ApiKey, Installation, Measurement
+from app.services.installation.identity import Identity, read_identity, write_identity
 from app.settings import Settings
 
 _ADVISORY_LOCK = 0x696E_7374  # "inst": first starts on one PostgreSQL database exclude one another
@@ -38,51 +36,6 @@ RESTORING = "restoring.json"
 """Lies in a data folder as long as a restore has not ended."""
 
 log = structlog.get_logger(__name__)
-
-
-@dataclass(frozen=True, slots=True)
-class Identity:
-    """What `installation.json` says; `state` is `making` until the database has the same id."""
-
-    id: str
-    created_at: datetime
-    state: Literal["making", "made"] = "made"
-
-
-def identity_path(data_dir: Path) -> Path:
-    """Return where a data folder says which installation it is."""
-    return data_dir / "installation.json"
-
-
-def read_identity(data_dir: Path) -> Identity | None:
-    """Return which installation a data folder is; None where it does not say."""
-    path = identity_path(data_dir)
-    try:
-        document = json.loads(path.read_text(encoding="utf-8"))
-        identity = Identity(document["id"], datetime.fromisoformat(document["created_at"]), document["state"])
-    except FileNotFoundError:
-        return None
-    except (ValueError, KeyError, TypeError) as error:
-        raise InstallationRefused(
-            "installation_mismatch",
-            f"{path} cannot be read as an installation's identity.",
-            "Restore a backup, or put back the file as it was.",
-        ) from error
-    if not is_id(identity.id) or identity.state not in ("making", "made"):
-        raise InstallationRefused(
-            "installation_mismatch", f"{path} holds no installation id.", "Put back the file as it was."
-        )
-    return identity
-
-
-def write_identity(data_dir: Path, identity: Identity) -> None:
-    """Write which installation a data folder is."""
-    document = {
-        "id": identity.id,
-        "created_at": identity.created_at.astimezone(UTC).isoformat(),
-        "state": identity.state,
-    }
-    write_durably(identity_path(data_dir), (json.dumps(document, indent=1) + "\n").encode())
 
 
 def sqlite_path(settings: Settings) -> Path | None:
@@ -96,6 +49,8 @@ def require_installation(settings: Settings) -> None:
     data_dir = settings.data_dir
     refuse_half_restored(settings)
     identity = read_identity(data_dir)
+    if settings.is_shared and _is_blank(identity):
+        return  # one more machine: the database names the installation
     if identity is not None and identity.state == "made":
         return
     database = sqlite_path(settings)
@@ -145,8 +100,10 @@ def refuse_lost_database(settings: Settings, *, is_new: bool, adopt: bool) -> No
         )
 
 
-def bind(settings: Settings, database: Database, *, adopt: bool) -> bytes:
+def bind(settings: Settings, database: Database, *, adopt: bool, serves: bool = True) -> bytes:
     """Bring the ids of folder and database together where they are not yet, and return the pepper.
+
+    Whoever does not serve needs none: a machine that only computes has no pepper, and this returns no bytes for it.
 
     With `adopt` a folder without an id takes the database's, and a new pepper is accepted: keys made with the former
     one are then revoked, and the audit trail says so. Raises InstallationRefused.
@@ -158,18 +115,20 @@ def bind(settings: Settings, database: Database, *, adopt: bool) -> bytes:
         folder = read_identity(settings.data_dir)
         row = records.get(Installation, 1)
         if row is None:
-            if not adopt:
+            if not adopt and settings.blob_url is None:
                 refuse_foreign_originals(settings, records)
             if folder is None:
                 folder = Identity(new_id("ins"), datetime.now(UTC), "making")
                 write_identity(settings.data_dir, folder)
             row = Installation(id=folder.id, created_at=folder.created_at)
             records.add(row)
-        elif adopt and _is_blank(folder):
-            activity.audited = folder is None or folder.id != row.id
+        elif (adopt or settings.is_shared) and _is_blank(folder):  # one more machine of the installation
+            activity.audited = adopt and (folder is None or folder.id != row.id)
         else:
             require_same(settings, folder, row)
-        pepper, revoked = _settle_pepper(settings, records, row, adopt=adopt)
+        pepper, revoked = b"", list[str]()
+        if serves or not settings.is_shared:
+            pepper, revoked = _settle_pepper(settings, records, row, adopt=adopt)
         activity.audited |= bool(revoked)
         activity.object_ids += [row.id, *revoked]
         identity = Identity(row.id, row.created_at)
@@ -236,7 +195,8 @@ def pepper_check(pepper: bytes) -> str:
 def require_pepper(settings: Settings, records: orm.Session, row: Installation | None) -> None:
     """Raise InstallationRefused where keys are in force that the pepper at hand, or a new one, would make useless."""
     pepper = read_pepper(settings)
-    if not _keys_in_force(records):
+    others_have_one = settings.is_shared and row is not None and row.pepper_check is not None
+    if not others_have_one and not _keys_in_force(records):
         return
     if pepper is None:
         raise InstallationRefused(
@@ -245,7 +205,10 @@ def require_pepper(settings: Settings, records: orm.Session, row: Installation |
             "Put the file key-pepper back from a backup, or set GRIDPOSE_KEY_PEPPER as it was; "
             f"{_BY_ADOPTION} to make a new one, which revokes all keys.",
         )
-    if row is not None and row.pepper_check not in (None, pepper_check(pepper)):
+    if row is not None and row.pepper_check not in (
+        None,
+        pepper_check(pepper),
+    ):  # of another machine, or lost
         raise InstallationRefused(
             "pepper_changed",
             "The pepper is not the one that the API keys in the database are hashed with.",

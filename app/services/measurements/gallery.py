@@ -1,0 +1,121 @@
+"""Pages of a session's images by number, newest or oldest first, by state, pose and code; their counts."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import sqlalchemy as sa
+from sqlalchemy import orm
+from sqlalchemy.sql.elements import ColumnElement
+
+from app.jobs.queue import ALREADY_MEASURED
+from app.records.tables import Measurement, Result, Session
+from app.services.queries import get_or_raise
+
+ImageState = Literal["waiting", "measured", "failed", "excluded", "duplicate"]
+IMAGE_STATES: tuple[ImageState, ...] = ("waiting", "measured", "failed", "excluded", "duplicate")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class GalleryFilter:
+    """Which images are shown; None: all."""
+
+    state: ImageState | None = None
+    pose_id: str | None = None
+    code: str | None = None
+    oldest_first: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class GalleryPage:
+    """One page of `pages`, its number from 1, and how many images the filter leaves."""
+
+    items: Sequence[Measurement]
+    page: int
+    pages: int
+    total: int
+
+
+@dataclass(frozen=True, slots=True)
+class GalleryCounts:
+    """How many measurements of a session have each pose and each failure code, and how many are excluded."""
+
+    poses: list[tuple[str, int]]
+    codes: list[tuple[str, int]]
+    excluded: int
+
+
+def list_gallery(
+    records: orm.Session, session_id: str, chosen: GalleryFilter, *, page: int, size: int
+) -> GalleryPage:
+    """Return a page of a session's images with their results; a number beyond the last page gives the last.
+
+    Raises NotFound.
+    """
+    get_or_raise(records, Session, session_id)
+    which = [Measurement.session_id == session_id, *_conditions(chosen)]
+    total = records.scalar(sa.select(sa.func.count()).select_from(Measurement).where(*which)) or 0
+    pages = max(1, -(-total // size))
+    page = min(max(page, 1), pages)
+    order = Measurement.id.asc() if chosen.oldest_first else Measurement.id.desc()
+    ids = sa.select(Measurement.id).where(*which).order_by(order).limit(size).offset((page - 1) * size)
+    found = records.scalars(
+        sa.select(Measurement)
+        .where(Measurement.id.in_(records.scalars(ids).all()))
+        .order_by(order)
+        .options(orm.joinedload(Measurement.result).load_only(Result.calibration, Result.labelling))
+    ).all()
+    return GalleryPage(found, page, pages, total)
+
+
+def count_gallery(records: orm.Session, session_id: str) -> GalleryCounts:
+    """Return what a session's images can be filtered by."""
+    of_session = Measurement.session_id == session_id
+    number = sa.func.count()
+    poses = records.execute(
+        sa.select(Measurement.pose_id, number).where(of_session).group_by(Measurement.pose_id)
+    )
+    codes = records.execute(
+        sa.select(Measurement.failure_code, number)
+        .where(of_session, Measurement.status == "failed", Measurement.failure_code.is_not(None))
+        .group_by(Measurement.failure_code)
+        .order_by(number.desc(), Measurement.failure_code)
+    )
+    excluded = records.scalar(
+        sa.select(number).select_from(Measurement).where(of_session, Measurement.excluded.is_not(None))
+    )
+    return GalleryCounts(
+        [(pose_id, count) for pose_id, count in poses],
+        [(str(code), count) for code, count in codes],
+        excluded or 0,
+    )
+
+
+def neighbours(records: orm.Session, measurement: Measurement) -> tuple[str | None, str | None]:
+    """Return the ids of the images that were received just before and just after this one, in its session."""
+    of_session = Measurement.session_id == measurement.session_id
+    before = sa.select(sa.func.max(Measurement.id)).where(of_session, Measurement.id < measurement.id)
+    after = sa.select(sa.func.min(Measurement.id)).where(of_session, Measurement.id > measurement.id)
+    return records.scalar(before), records.scalar(after)
+
+
+def _conditions(chosen: GalleryFilter) -> list[ColumnElement[bool]]:
+    conditions: list[ColumnElement[bool]] = []
+    is_duplicate = sa.func.coalesce(Measurement.failure_code, "") == ALREADY_MEASURED.code
+    if chosen.state == "waiting":
+        conditions.append(Measurement.status.in_(("queued", "running")))
+    elif chosen.state == "measured":
+        conditions.append(Measurement.status == "succeeded")
+    elif chosen.state == "failed":
+        conditions += [Measurement.status == "failed", ~is_duplicate]
+    elif chosen.state == "duplicate":
+        conditions += [Measurement.status == "failed", is_duplicate]
+    elif chosen.state == "excluded":
+        conditions.append(Measurement.excluded.is_not(None))
+    if chosen.pose_id is not None:
+        conditions.append(Measurement.pose_id == chosen.pose_id)
+    if chosen.code is not None:
+        conditions += [Measurement.status == "failed", Measurement.failure_code == chosen.code]
+    return conditions

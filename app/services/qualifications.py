@@ -1,0 +1,115 @@
+"""Qualifications: stored once, listed, cited by what is measured after them, and compared with the earlier ones."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from datetime import UTC, datetime, timedelta
+from typing import Any
+
+import sqlalchemy as sa
+from sqlalchemy import orm
+
+from app.records.activity import current_activity, note_objects
+from app.records.ids import new_id
+from app.records.pagination import page
+from app.records.tables import Qualification, Session
+from app.services.queries import get_or_raise, require_readable, visible
+
+MAX_EARLIER = 100
+"""Of the earlier qualifications the last ones, from which control limits are."""
+CHARTED = ("worst_error_mm", "scale_ppm", "probing_scatter_mm")
+"""Figures that have a control chart."""
+
+
+@dataclass(frozen=True, slots=True)
+class QualificationDetail:
+    """A qualification, and the figures of the earlier ones of the same robot and camera, oldest first, by name."""
+
+    row: Qualification
+    earlier: Mapping[str, list[float]]
+
+
+def store_qualification(
+    records: orm.Session,
+    session_id: str,
+    analysis: Mapping[str, Any],
+    *,
+    valid_days: int,
+    camera_name: str | None,
+) -> QualificationDetail:
+    """Store what an analysis by known lengths found of a session's set-up. Raises NotFound, RowUnreadable."""
+    session = get_or_raise(records, Session, session_id)
+    require_readable(session)
+    activity = current_activity()
+    made = datetime.now(UTC)
+    row = Qualification(
+        id=new_id("qua"),
+        session_id=session_id,
+        session_name=session.name,
+        robot_id=session.robot_id,
+        camera_name=camera_name,
+        made_at=made,
+        due_at=made + timedelta(days=valid_days),
+        analysis=dict(analysis),
+        made_by_name=activity.key_name if activity is not None else None,
+        **{name: analysis[name] for name in (*CHARTED, "decision", "maximum_permissible_error_mm")},
+    )
+    records.add(row)
+    note_objects([row.id])
+    records.flush()
+    return _detail(records, row)
+
+
+def get_qualification(records: orm.Session, qualification_id: str) -> QualificationDetail:
+    """Return a qualification with the figures of the earlier ones. Raises NotFound, RowUnreadable."""
+    row = get_or_raise(records, Qualification, qualification_id)
+    require_readable(row)
+    return _detail(records, row)
+
+
+def list_qualifications(
+    records: orm.Session, *, robot_id: str | None, limit: int, cursor: str | None
+) -> tuple[Sequence[Qualification], str | None]:
+    """Return one page of qualifications, oldest first: of one robot, or all."""
+    statement = sa.select(Qualification).where(*visible(Qualification))
+    if robot_id is not None:
+        statement = statement.where(Qualification.robot_id == robot_id)
+    return page(records, statement, Qualification.id, limit=limit, cursor=cursor)
+
+
+def latest_qualification(records: orm.Session, robot_id: str | None) -> Mapping[str, Any] | None:
+    """Return what analyses and reports cite: the latest of the robot, or else of the installation; None for none."""
+    columns = (Qualification.id, Qualification.made_at, Qualification.due_at, Qualification.decision)
+    for of_robot in dict.fromkeys((robot_id, None)):
+        same = Qualification.robot_id.is_(None) if of_robot is None else Qualification.robot_id == of_robot
+        row = records.execute(
+            sa.select(*columns).where(same).order_by(Qualification.id.desc()).limit(1)
+        ).first()
+        if row is not None:
+            return row._asdict()
+    return None
+
+
+def _detail(records: orm.Session, row: Qualification) -> QualificationDetail:
+    columns = [getattr(Qualification, name) for name in CHARTED]
+    same = [
+        column.is_(None) if value is None else column == value
+        for column, value in (
+            (Qualification.robot_id, row.robot_id),
+            (Qualification.camera_name, row.camera_name),
+        )
+    ]
+    earlier = records.execute(
+        sa.select(*columns)
+        .where(*same, Qualification.id < row.id)
+        .order_by(Qualification.id.desc())
+        .limit(MAX_EARLIER)
+    ).all()
+    return QualificationDetail(
+        row,
+        {
+            name: [one[place] for one in reversed(earlier) if isinstance(one[place], float)]
+            for place, name in enumerate(CHARTED)
+        },
+    )

@@ -1,0 +1,39 @@
+"""Archives of earlier versions are restored by this one, and their reports verify."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from app.reports.signature import check_file
+from app.services.archive import restore_session
+from tests.reference.archives.make import FOLDER, KINDS
+from tests.support.service.service import ApiMaker
+
+pytestmark = pytest.mark.slow  # a process of the analyses loads the numerics
+ARCHIVES = sorted(FOLDER.glob("*.tar.gz"))
+
+
+def test_there_is_an_archive() -> None:
+    assert ARCHIVES
+
+
+@pytest.mark.parametrize("path", ARCHIVES, ids=lambda path: path.name.removesuffix(".tar.gz"))
+def test_reports_of_an_earlier_version_are_read_and_verify(open_api: ApiMaker, path: Path) -> None:
+    with open_api() as api:
+        restored = restore_session(api.installation, path)
+        session = restored.manifest.session_id
+        for measurement in api.measurements(session):
+            assert api.measurement(measurement["id"], include="points")["points"]
+        found = api.client.get(f"/v1/sessions/{session}/reports").json()["items"]
+        assert sorted(report["kind"] for report in found) == sorted(KINDS)
+        for report in found:
+            address = f"/v1/reports/{report['id']}"
+            signature = api.client.get(f"{address}.sig").content
+            for form in report["forms"]:
+                content = api.client.get(f"{address}.{form['form']}").content
+                assert check_file(content, signature).is_valid
+            # The points of this session were simulated: it never had originals.
+            verified = api.client.get(f"{address}/verify", params={"originals": "false"}).json()
+            assert verified["agrees"], verified
