@@ -10,11 +10,12 @@ from __future__ import annotations
 import json
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from datetime import timedelta
-from types import TracebackType
 from typing import Any
 
 import httpx2
 import stamina
+
+from .closing import Closing
 
 Json = dict[str, Any]
 
@@ -45,6 +46,8 @@ class ClientError(Exception):
         self.code = code
         self.advice = advice
         self.status = status
+        self.retry_after_s: float | None = None
+        """The pause that the service asks for, in seconds."""
 
 
 class _BusyError(Exception):
@@ -68,7 +71,7 @@ def _encoded(body: Any) -> bytes:
         ) from error
 
 
-class ServiceClient:
+class ServiceClient(Closing):
     """A connection to one service with one key; safe to use from several threads.
 
     Parameters
@@ -122,22 +125,14 @@ class ServiceClient:
                 "Copy it again: gp_, the key's id, and the secret, as `gridpose keys create` printed them.",
             ) from error
 
-    def __enter__(self) -> ServiceClient:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self.close()
-
     def close(self) -> None:
         self._http.close()
 
     def get(self, path: str, **query: Any) -> Json:
         return self._json("GET", path, repeatable=True, params=_without_nulls(query))
 
-    def get_bytes(self, path: str) -> bytes:
-        return self._request("GET", path, repeatable=True).content
+    def get_bytes(self, path: str, **query: Any) -> bytes:
+        return self._request("GET", path, repeatable=True, params=_without_nulls(query)).content
 
     def create(self, path: str, body: Json) -> Json:
         """POST a new resource."""
@@ -278,11 +273,15 @@ def _refusal(response: httpx2.Response) -> ClientError:
         problem = response.json()
     except ValueError:
         problem = None
-    if not isinstance(problem, dict) or "code" not in problem:
-        return ClientError("unexpected_answer", f"HTTP {response.status_code}.", status=response.status_code)
-    detail = str(problem.get("detail") or problem.get("title") or f"HTTP {response.status_code}")
-    fields = [(str(e.get("field")), str(e.get("message"))) for e in problem.get("errors") or []]
-    return ClientError(str(problem["code"]), detail, problem.get("advice"), response.status_code, fields)
+    status = response.status_code
+    if isinstance(problem, dict) and "code" in problem:
+        detail = str(problem.get("detail") or problem.get("title") or f"HTTP {status}")
+        fields = [(str(e.get("field")), str(e.get("message"))) for e in problem.get("errors") or []]
+        refusal = ClientError(str(problem["code"]), detail, problem.get("advice"), status, fields)
+    else:
+        refusal = ClientError("unexpected_answer", f"HTTP {status}.", status=status)
+    refusal.retry_after_s = _pause_s(response)
+    return refusal
 
 
 def _reason(error: Exception) -> str:

@@ -3,10 +3,30 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Callable
+from typing import Any
 
 from .http import ClientError, Json, ServiceClient
 
-_TARGET = re.compile(r"(?P<kind>[a-z_]+):(?P<columns>[0-9]+)x(?P<rows>[0-9]+):(?P<pitch>[0-9]+(\.[0-9]+)?)")
+_TARGET = re.compile(r"[a-z_]+:(?P<columns>[0-9]{1,4})x(?P<rows>[0-9]{1,4}):(?P<pitch>[0-9]+(\.[0-9]+)?)")
+_EXAMPLES = {
+    "chessboard": "chessboard:9x6:25",
+    "charuco": "charuco:9x6:25,marker=18,dictionary=DICT_5X5_100",
+    "circles": "circles:9x6:25",
+    "asymmetric_circles": "asymmetric_circles:4x11:20",
+    "aprilgrid": "aprilgrid:6x6:88,marker=80",
+}
+_KINDS = frozenset(_EXAMPLES)
+_COUNTED = {"circles": "dots", "asymmetric_circles": "dots", "aprilgrid": "tags"}
+_FORM_FIELDS = {
+    "marker": "marker_mm",
+    "marker_mm": "marker_mm",
+    "dictionary": "dictionary",
+    "legacy_layout": "legacy_layout",
+    "u": "pitch_standard_uncertainty_mm",
+    "pitch_standard_uncertainty_mm": "pitch_standard_uncertainty_mm",
+}
+_TRUTHS = {"true": True, "yes": True, "false": False, "no": False}
 
 
 def find_session(client: ServiceClient, session: str) -> Json:
@@ -17,7 +37,7 @@ def find_session(client: ServiceClient, session: str) -> Json:
     ClientError
         `session_not_found`, or `session_ambiguous` where several sessions have this name.
     """
-    found = _find_session(client, session)
+    found = existing_session(client, session)
     if found is None:
         raise ClientError(
             "session_not_found",
@@ -55,8 +75,7 @@ def find_or_make_session(
     session
         An id, or the name of exactly one session. A new name creates a session, which needs a target.
     target
-        An id, or a description `KIND:COLUMNSxROWS:PITCH_MM`, e.g. `chessboard:9x6:25`. A described target is created
-        where the service has none like it.
+        As `find_or_make_target` takes it.
     accept_implausible
         Whether a target is created whose lengths look like another unit (`implausible_unit`).
 
@@ -65,7 +84,7 @@ def find_or_make_session(
     ClientError
         `session_not_found` (a new name without a target), `session_ambiguous`, or `target_not_in_session`.
     """
-    found = _find_session(client, session)
+    found = existing_session(client, session)
     if found is not None:
         return found["id"], _target_of(client, found, target)
     if target is None:
@@ -79,7 +98,8 @@ def find_or_make_session(
     return created["id"], target_id
 
 
-def _find_session(client: ServiceClient, session: str) -> Json | None:
+def existing_session(client: ServiceClient, session: str) -> Json | None:
+    """Return the session with this id or name, or None. Raises ClientError `session_ambiguous`."""
     matches = _matching(client, "/v1/sessions", session)
     if len(matches) > 1:
         ids = ", ".join(entry["id"] for entry in matches)
@@ -106,8 +126,12 @@ def _target_of(client: ServiceClient, session: Json, target: str | None) -> str 
         return None
     if target in session["target_ids"]:
         return target
-    fields = _described_target(target)
-    if fields is not None:
+    fields = described_target(target)
+    if fields is None:
+        named = [t for t in session["target_ids"] if client.get(f"/v1/targets/{t}")["name"] == target]
+        if len(named) == 1:
+            return str(named[0])
+    else:
         for target_id in session["target_ids"]:
             if _matches(client.get(f"/v1/targets/{target_id}"), fields):
                 return str(target_id)
@@ -120,28 +144,89 @@ def _target_of(client: ServiceClient, session: Json, target: str | None) -> str 
 
 
 def find_or_make_target(client: ServiceClient, target: str, *, accept_implausible: bool = False) -> str:
-    """Return the id of a target given by id or description; a described one is made where it does not exist."""
-    fields = _described_target(target)
+    """Return the id of a target given by id, by name, or by its form; one given by form is made where it is new.
+
+    The form is `KIND:COLUMNSxROWS:PITCH_MM`, then fields after commas, such as `,marker=18,dictionary=DICT_5X5_100`.
+
+    Raises
+    ------
+    ClientError
+        `target_not_described` for a form that cannot be read, `target_not_found`, or `target_ambiguous`.
+    """
+    fields = described_target(target)
     if fields is None:
-        return target
+        return _named_target(client, target)["id"] if not target.startswith("tgt_") else target
     for entry in client.items("/v1/targets"):
         if _matches(entry, fields):
             return str(entry["id"])
     path = "/v1/targets?accept_implausible=true" if accept_implausible else "/v1/targets"
-    return str(client.create(path, {"name": target, **fields})["id"])
+    return str(client.create(path, {"name": target[:200], **fields})["id"])
 
 
-def _described_target(text: str) -> Json | None:
-    """Return the target that `KIND:COLUMNSxROWS:PITCH_MM` describes, or None for any other text."""
-    match = _TARGET.fullmatch(text)
-    if match is None:
+def check_target(client: ServiceClient, target: str) -> None:
+    """Raise ClientError for a target that neither is there nor has a form it could be made by; make nothing."""
+    if described_target(target) is None and not target.startswith("tgt_"):
+        _named_target(client, target)
+
+
+def described_target(text: str) -> Json | None:
+    """Return the fields of the target that a form describes, or None for an id or a name.
+
+    Raises ClientError `target_not_described` for a text that begins like a form and cannot be read as one.
+    """
+    kind = text.partition(":")[0]
+    if kind not in _KINDS or ":" not in text:
         return None
-    return {
-        "kind": match["kind"],
+    head, *rest = text.split(",")
+    match = _TARGET.fullmatch(head)
+    if match is None:
+        raise _not_described(text, f"{head} is not {kind}:COLUMNSxROWS:PITCH_MM")
+    fields: Json = {
+        "kind": kind,
         "columns": int(match["columns"]),
         "rows": int(match["rows"]),
         "pitch_mm": float(match["pitch"]),
     }
+    for part in rest:
+        name, equals, value = part.strip().partition("=")
+        field = _FORM_FIELDS.get(name)
+        if field is None:
+            raise _not_described(text, f"{name} is no field of a target")
+        try:
+            fields[field] = _CONVERTERS.get(field, float)(value if equals else "true")
+        except ValueError:
+            raise _not_described(text, f"{part} has no value that fits") from None
+    return fields
+
+
+def _truth(text: str) -> bool:
+    if text not in _TRUTHS:
+        raise ValueError(text)
+    return _TRUTHS[text]
+
+
+_CONVERTERS: dict[str, Callable[[str], Any]] = {"legacy_layout": _truth, "dictionary": str}
+
+
+def _not_described(text: str, reason: str) -> ClientError:
+    kind = text.partition(":")[0]
+    return ClientError(
+        "target_not_described",
+        f"--target {text} cannot be read: {reason}.",
+        f"Write it as {_EXAMPLES[kind]}; columns and rows count {_COUNTED.get(kind, 'inner corners')}, lengths are mm.",
+    )
+
+
+def _named_target(client: ServiceClient, target: str) -> Json:
+    matches = _matching(client, "/v1/targets", target)
+    if len(matches) == 1:
+        return matches[0]
+    raise ClientError(
+        "target_ambiguous" if matches else "target_not_found",
+        f"{'Several targets have' if matches else 'No target has'} the id or the name {target!r}.",
+        "Give the id (`gridpose targets list` shows them), or a form, e.g. --target chessboard:9x6:25 or "
+        f"--target {_EXAMPLES['charuco']}.",
+    )
 
 
 def _matches(target: Json, fields: Json) -> bool:

@@ -89,7 +89,7 @@ def upload_files(
 
     for file in images:
         try:
-            hashes[file] = _sha256_of(file)
+            hashes[file] = sha256_of(file)
         except OSError as error:
             finish(UploadResult(file, "failed", None, f"cannot be read: {error.strerror or error}"))
         on_hashed(file)
@@ -124,9 +124,11 @@ def upload_files(
                 sha256,
                 data,
                 cycle=file.cycle,
+                burst=file.burst,
                 target_id=target_id,
                 focus_group=focus_group,
                 filename=_printable(file.path.name),
+                pose_label=file.label and _printable(file.label[:200]),
             )
         except OSError as error:
             finish(UploadResult(file, "failed", sha256, f"cannot be read: {error.strerror or error}"))
@@ -208,7 +210,8 @@ def _printable(name: str) -> str | None:
     return "".join(c for c in name if c.isprintable()) or None
 
 
-def _sha256_of(file: ImageFile) -> str:
+def sha256_of(file: ImageFile) -> str:
+    """Return the SHA-256 of a file as hex digits. Raises OSError."""
     digest = hashlib.sha256()
     with file.path.open("rb") as stream:
         while chunk := stream.read(_READ_BYTES):

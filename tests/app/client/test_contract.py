@@ -14,6 +14,7 @@ import pytest
 from app.client import (
     ClientError,
     ServiceClient,
+    Session,
     collect_results,
     describe_measured,
     find_or_make_session,
@@ -140,7 +141,16 @@ def test_all_that_the_client_sends_and_reads_is_in_the_contract(
             assert client.get_bytes(f"/v1/measurements/{result.succeeded[0]['id']}/thumbnail")
             with pytest.raises(ClientError, match="target_in_use"):
                 client.delete(f"/v1/targets/{client.get(path)['target_ids'][0]}")
-    of_client = {(call.method, call.path) for call in calls(PROJECT / "app" / "client")}
+            session = Session(client, session_id)
+            assert session.document()["name"] == "night shift"
+            assert sorted(m.measured for m in session.measurements()) == [False, True]
+            assert session.intrinsics().rows
+            session.delete()
+    of_client = {
+        (call.method, call.path)
+        for call in calls(PROJECT / "app" / "client")
+        if not call.place.startswith(("app/client/commands", "app/client/watch"))
+    }
     used = [operation for operation in contract.operations if operation.operation_id in transport.used]
     for method, written_path in of_client:
         assert any(o.method == method and fits(written_path, o.path) for o in used), (

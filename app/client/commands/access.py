@@ -1,0 +1,133 @@
+"""Options that the commands of a client share: the service's address, the API key, and how long to retry.
+
+A command takes them as one of `ReadAccess`, `UploadAccess` and `AdminAccess`, by the scope that its key needs.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated
+
+import stamina
+import typer
+from rich.console import Console
+from rich.markup import escape
+
+from .. import ClientError, ServiceClient
+from ..credentials import saved_key
+from .console import OptionRefused, error_console, print_error
+
+DEFAULT_URL = "http://127.0.0.1:8000"
+RETRY_FOR_S = 300.0
+_FROM_FILE = "key"
+
+
+def _read(context: typer.Context, path: Path | None) -> Path | None:
+    if path is None:
+        return None
+    try:
+        lines = path.read_text(encoding="utf-8").split()
+    except (OSError, UnicodeDecodeError) as error:
+        raise typer.BadParameter(f"{path} cannot be read: {error}", context) from None
+    if len(lines) != 1:
+        raise typer.BadParameter(f"{path} must hold one API key and nothing else", context)
+    context.meta[_FROM_FILE] = lines[0]
+    return path
+
+
+def _choose(context: typer.Context, key: str | None) -> str | None:
+    return context.meta.get(_FROM_FILE, key)
+
+
+def _key_option(scope: str) -> typer.models.OptionInfo:
+    """Return the option `--api-key` of a command that needs a key of `scope`."""
+    return typer.Option(
+        "--api-key",
+        envvar="GRIDPOSE_KEY",
+        help=f"API key of scope {scope}. Prefer GRIDPOSE_KEY or --api-key-file: other users of this machine can read "
+        "a command line.",
+        callback=_choose,
+    )
+
+
+Url = Annotated[str, typer.Option(envvar="GRIDPOSE_URL", help="Address of the service.")]
+ReadKey = Annotated[str | None, _key_option("read")]
+UploadKey = Annotated[str | None, _key_option("upload")]
+AdminKey = Annotated[str | None, _key_option("admin")]
+KeyFile = Annotated[
+    Path | None,
+    typer.Option(
+        "--api-key-file",
+        envvar="GRIDPOSE_KEY_FILE",
+        help="File that holds the API key; it takes precedence over --api-key.",
+        is_eager=True,  # read before the callback of `--api-key`
+        callback=_read,
+        dir_okay=False,
+    ),
+]
+"""Its key reaches a command as `key`."""
+RetryFor = Annotated[
+    float, typer.Option("--retry-timeout", help="Seconds to retry while the service is down.", min=0)
+]
+
+
+def open_client(console: Console, url: str, key: str | None, retry_for_s: float) -> ServiceClient:
+    """Return a client of the service that prints one line on `console` before each retry.
+
+    Without a `key` it has the one that `gridpose login` kept.
+    Raises ClientError for an impossible address or key.
+    """
+    stamina.instrumentation.set_on_retry_hooks([])  # they would log each retry a second time
+    return ServiceClient(
+        url,
+        key or saved_key(url),
+        retry_for_s=retry_for_s,
+        on_retry=lambda reason: console.print(f"[yellow]trying again: {escape(reason)}[/]"),
+    )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ReadAccess:
+    """How a command that reads reaches the service."""
+
+    url: Url = DEFAULT_URL
+    key: ReadKey = None
+    key_file: KeyFile = None
+    retry_for: RetryFor = RETRY_FOR_S
+
+    def client(self, console: Console) -> ServiceClient:
+        """Return a client of the service, as `open_client` does."""
+        return open_client(console, self.url, self.key, self.retry_for)
+
+    def run(self, act: Callable[[ServiceClient], None]) -> int:
+        """Let `act` use a client and return the exit code.
+
+        2 where `act` raises OptionRefused, 1 for a refusal of the service; both are printed with their advice.
+        """
+        errors = error_console()
+        try:
+            with self.client(errors) as client:
+                act(client)
+        except OptionRefused as refused:
+            print_error(errors, str(refused), refused.advice)
+            return 2
+        except ClientError as error:
+            print_error(errors, str(error), error.advice)
+            return 1
+        return 0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class UploadAccess(ReadAccess):
+    """How a command that creates or corrects reaches the service."""
+
+    key: UploadKey = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class AdminAccess(ReadAccess):
+    """How a command that deletes reaches the service."""
+
+    key: AdminKey = None

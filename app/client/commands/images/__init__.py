@@ -1,0 +1,1 @@
+"""`gridpose upload` and `watch`: images to a session."""

@@ -1,0 +1,69 @@
+"""What an upload will do, said before it is done."""
+
+from __future__ import annotations
+
+import sys
+from collections import Counter
+from collections.abc import Sequence
+from typing import Annotated
+
+import typer
+from rich.console import Console
+from rich.markup import escape
+
+from ...files import FilePlan, ImageFile
+from ..console import OptionRefused
+
+FirstCycle = Annotated[
+    int, typer.Option(help="Number of the first cycle in names: 0 where they count from 0.", min=0, max=1)
+]
+_UNITS = ("B", "kB", "MB", "GB", "TB")
+_THOUSAND = 1000.0
+_SHOWN = 5
+
+
+def show_intention(
+    console: Console,
+    images: Sequence[ImageFile],
+    plan: FilePlan,
+    session: str,
+    target: str | None,
+    numbered: int,
+) -> None:
+    """Print how many images of which poses go where, and what was derived of their names."""
+    poses = Counter(image.pose_id for image in images)
+    cycles = sorted(set(poses.values()))
+    each = f"{cycles[0]}" if len(cycles) == 1 else f"{cycles[0]} to {cycles[-1]}"
+    total_bytes = sum(image.path.stat().st_size for image in images)
+    what = f"{len(poses)} poses × {each} cycles = {len(images)} images, {_size(total_bytes)}"
+    seen = f", target {target}" if target is not None else ""
+    console.print(escape(f"{what}; session {session}{seen}"))
+    labels = {image.label: image.pose_id for image in images if image.label is not None}
+    for label, pose_id in list(labels.items())[:_SHOWN]:
+        console.print(escape(f"pose {label!r} becomes {pose_id}"))
+    if len(labels) > _SHOWN:
+        console.print(f"and {len(labels) - _SHOWN} more names of poses become pose IDs")
+    if numbered:
+        console.print(
+            f"{numbered} images have no cycle in their names and are numbered for each pose (--cycles)"
+        )
+    if plan.skipped:
+        console.print(f"[yellow]{len(plan.skipped)} images cannot be sent; they are listed at the end[/]")
+
+
+def confirm(*, yes: bool) -> None:
+    """Ask on a terminal whether to go on. Raises OptionRefused where the answer is no."""
+    if yes or not (sys.stdin.isatty() and sys.stderr.isatty()):
+        return
+    if not typer.confirm("Send them?", default=True, err=True):
+        raise OptionRefused(
+            "Nothing was sent.", "Correct the options, or give --dry-run to see what they do."
+        )
+
+
+def _size(count: float) -> str:
+    for unit in _UNITS:
+        if count < _THOUSAND or unit == _UNITS[-1]:
+            return f"{count:.3g} {unit}"
+        count /= _THOUSAND
+    return ""

@@ -1,0 +1,60 @@
+"""Commands that are imported only when they run, so that `gridpose --help` and small commands start fast."""
+
+from __future__ import annotations
+
+import functools
+import importlib
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import typer
+from typer.core import TyperCommand, TyperGroup
+from typer.main import get_command
+
+from .option_groups import expand_groups
+
+
+class LazyCommand(TyperCommand):
+    """Stands for a command in its group; the command itself is imported to parse arguments, show help or run.
+
+    `place` is "module:function". The function declares its own options, takes groups of shared ones, and returns the
+    exit code.
+    """
+
+    def __init__(self, name: str, place: str, summary: str) -> None:
+        super().__init__(name, help=summary)
+        self.place = place
+
+    def load(self) -> Any:
+        """Import the command."""
+        module, _, name = self.place.partition(":")
+        holder = typer.Typer(add_completion=False, pretty_exceptions_show_locals=False)
+        function = getattr(importlib.import_module(module), name)
+        settings = getattr(function, "context_settings", None)
+        holder.command(self.name, context_settings=settings)(_exiting(expand_groups(function)))
+        return get_command(holder)
+
+    def make_context(self, *arguments: Any, **options: Any) -> Any:
+        """Parse arguments by the imported command: whatever runs in this context is that command."""
+        return self.load().make_context(*arguments, **options)
+
+
+def lazy_group(commands: Mapping[str, tuple[str, str]]) -> type[TyperGroup]:
+    """Return the class of a group of commands, each given by its name, place and summary."""
+    lazy = {name: LazyCommand(name, place, summary) for name, (place, summary) in commands.items()}
+
+    class LazyGroup(TyperGroup):
+        def __init__(self, *, commands: Any = None, **attributes: Any) -> None:
+            super().__init__(commands={**lazy, **(commands or {})}, **attributes)
+
+    return LazyGroup
+
+
+def _exiting(command: Callable[..., int]) -> Callable[..., None]:
+    """Return a function with the same options that ends the process with the code `command` returns."""
+
+    @functools.wraps(command)
+    def run(*arguments: Any, **options: Any) -> None:
+        raise typer.Exit(command(*arguments, **options))
+
+    return run

@@ -1,0 +1,1 @@
+"""`gridpose measured-poses import`: poses measured by another instrument."""

@@ -1,0 +1,110 @@
+"""`gridpose measurements correct`, `exclude`, `include`, `delete` and `retry`."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any
+
+import typer
+
+from ... import ServiceClient
+from ..access import AdminAccess, UploadAccess
+from ..console import fail
+
+One = Annotated[str, typer.Argument(help="Id of the measurement; `gridpose measurements list` shows it.")]
+Several = Annotated[
+    list[str], typer.Argument(help="Ids of measurements; `gridpose measurements list` shows them.")
+]
+
+
+def correct(
+    measurement: One,
+    service: UploadAccess,
+    pose: Annotated[str | None, typer.Option(help="The pose the image was taken at.")] = None,
+    cycle: Annotated[int | None, typer.Option(help="The visit to the pose; 0: not known.", min=0)] = None,
+    burst: Annotated[
+        int | None, typer.Option(help="Which image of its stop it is; 0: the only one.", min=0)
+    ] = None,
+    focus_group: Annotated[str | None, typer.Option(help="Tag of images of one camera setting.")] = None,
+    joint_angles: Annotated[
+        str | None, typer.Option(help="Joint angles in degrees, comma-separated; an empty text: the pose's.")
+    ] = None,
+) -> int:
+    """Correct the pose, cycle, burst index, focus group or joint angles of an image, in all of its measurements."""
+    changes: dict[str, Any] = {}
+    if pose is not None:
+        changes["pose_id"] = pose
+    if cycle is not None:
+        changes["cycle"] = cycle or None
+    if burst is not None:
+        changes["burst"] = burst or None
+    if focus_group is not None:
+        changes["focus_group"] = focus_group
+    if joint_angles is not None:
+        try:
+            angles = [float(part) for part in joint_angles.split(",")] if joint_angles.strip() else None
+        except ValueError:
+            fail("--joint-angles takes numbers separated by commas.", code=2)
+        changes["joint_angles_deg"] = angles
+    if not changes:
+        fail(
+            "Nothing is to be changed.",
+            "Give --pose, --cycle, --burst, --focus-group or --joint-angles.",
+            code=2,
+        )
+    return _change([measurement], changes, "corrected", service)
+
+
+def exclude(
+    measurements: Several,
+    reason: Annotated[str, typer.Option(help="Why; analyses repeat it.")],
+    service: UploadAccess,
+) -> int:
+    """Exclude measurements from analyses, which list them with the reason."""
+    return _change(measurements, {"excluded": {"reason": reason}}, "excluded", service)
+
+
+def include(
+    measurements: Several,
+    service: UploadAccess,
+) -> int:
+    """Let measurements count again that were excluded from analyses."""
+    return _change(measurements, {"excluded": None}, "included", service)
+
+
+def delete(
+    measurements: Several,
+    service: AdminAccess,
+) -> int:
+    """Delete measurements with their results, and originals that no other measurement holds."""
+
+    def act(client: ServiceClient) -> None:
+        for measurement in measurements:
+            client.delete(f"/v1/measurements/{measurement}")
+            print(f"{measurement} deleted")
+
+    return service.run(act)
+
+
+def retry(
+    measurements: Several,
+    service: UploadAccess,
+) -> int:
+    """Compute measurements again; their results stay until others replace them."""
+
+    def act(client: ServiceClient) -> None:
+        for measurement in measurements:
+            client.create(f"/v1/measurements/{measurement}/retry", {})
+            print(f"{measurement} queued")
+
+    return service.run(act)
+
+
+def _change(measurements: list[str], changes: dict[str, Any], done: str, service: UploadAccess) -> int:
+    def act(client: ServiceClient) -> None:
+        for measurement in measurements:
+            changed = client.change(f"/v1/measurements/{measurement}", changes)
+            siblings = ", ".join(changed["siblings"])
+            of_image = f" (other measurements of the image: {siblings})" if siblings else ""
+            print(f"{measurement} {done}{of_image}")
+
+    return service.run(act)

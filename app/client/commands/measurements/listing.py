@@ -1,0 +1,65 @@
+"""`gridpose measurements list` and `show`."""
+
+from __future__ import annotations
+
+import json
+from typing import Annotated, Literal
+
+import typer
+
+from ... import Json, ServiceClient, find_session
+from ..access import ReadAccess
+from ..console import print_list
+
+_COLUMNS = ("id", "pose", "cycle", "status", "reason", "file", "target")
+
+
+def show_list(
+    session: Annotated[str, typer.Argument(help="Id or name of the session.")],
+    service: ReadAccess,
+    status: Annotated[
+        Literal["queued", "running", "succeeded", "failed"] | None,
+        typer.Option(help="Those of one status alone."),
+    ] = None,
+    pose: Annotated[str | None, typer.Option(help="Those of one pose alone.")] = None,
+) -> int:
+    """List a session's measurements with their ids, why they failed, and why they are excluded."""
+
+    def act(client: ServiceClient) -> None:
+        path = f"/v1/sessions/{find_session(client, session)['id']}/measurements"
+        found = client.items(path, status=status, pose_id=pose)
+        print_list(_COLUMNS, map(_cells, found), "No measurement matches; `gridpose upload` sends images.")
+
+    return service.run(act)
+
+
+def show(
+    measurement: Annotated[str, typer.Argument(help="Id of the measurement.")],
+    service: ReadAccess,
+) -> int:
+    """Print a measurement as the service answers it."""
+
+    def act(client: ServiceClient) -> None:
+        print(json.dumps(client.get(f"/v1/measurements/{measurement}"), indent=2, allow_nan=False))
+
+    return service.run(act)
+
+
+def _cells(measurement: Json) -> tuple[str, ...]:
+    reason = measurement["failure"]["code"] if measurement["failure"] is not None else ""
+    if measurement["excluded"] is not None:
+        reason = f"excluded: {measurement['excluded']['reason']}"
+    cycle = measurement["cycle"]
+    return (
+        measurement["id"],
+        measurement["pose_id"],
+        ""
+        if cycle is None
+        else f"{cycle}"
+        if measurement["burst"] is None
+        else f"{cycle}, {measurement['burst']}",
+        measurement["status"],
+        reason,
+        measurement["filename"] or "",
+        measurement["target_id"] or "",
+    )

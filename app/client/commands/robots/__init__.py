@@ -1,0 +1,1 @@
+"""`gridpose robots`: those of a service."""

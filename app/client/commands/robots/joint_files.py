@@ -1,0 +1,77 @@
+"""The joints of a robot from a CSV or from a URDF."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from ... import Json
+from ..record_files import FileRefused, Record, Records, read_records
+from .urdf import read_urdf
+
+NEEDED = ("a_mm", "alpha_deg", "d_mm")
+OPTIONAL = ("theta_offset_deg", "minimum_deg", "maximum_deg", "name")
+_IGNORED = ("joint", "parallel_to_next")
+_IGNORED_PREFIXES = ("u_", "nominal_", "identifiable_")
+_MAX_UNSTATED_MM = 0.001
+
+
+def read_joints(path: Path, say: Callable[[str], None]) -> list[Json]:
+    """Return the joints that a file describes, from the base on; what else is worth knowing of it is said.
+
+    A CSV has a row per joint with the columns of `NEEDED` and, where known, of `OPTIONAL`; the CSV of
+    `gridpose robots export` is one. Any other file is taken as URDF. Raises FileRefused.
+    """
+    if path.suffix.lower() in (".csv", ".tsv", ".txt"):
+        return _of_table(read_records(path, "csv", None))
+    robot = read_urdf(path)
+    say(f"{len(robot.joints)} joints to link {robot.end} of {robot.name}")
+    if robot.deviation_mm > _MAX_UNSTATED_MM:
+        say(
+            f"Nominal parameters differ from the URDF by up to {robot.deviation_mm:.2g} mm: its axes are not exactly "
+            "parallel, or it holds a calibration."
+        )
+    return robot.joints
+
+
+def _of_table(records: Records) -> list[Json]:
+    if not records.entries:
+        raise FileRefused(
+            "The file holds no joints.", f"Write a row per joint under {', '.join(NEEDED)}, ..."
+        )
+    return [_joint(record, records.delimiter) for record in records.entries]
+
+
+def _joint(record: Record, delimiter: str | None) -> Json:
+    joint: Json = {}
+    for name, cell in record.fields.items():
+        if name in _IGNORED or name.startswith(_IGNORED_PREFIXES) or not cell:
+            continue
+        if name == "beta_deg" and _number(record, name, cell, delimiter) != 0.0:
+            raise FileRefused(
+                f"In {record.place} beta_deg is {cell}; a nominal model has none.",
+                "Give the maker's parameters; Hayati's second turn comes from an identification.",
+            )
+        if name == "beta_deg":
+            continue
+        if name not in (*NEEDED, *OPTIONAL):
+            raise FileRefused(
+                f"The file has a column {name}, which no joint has.",
+                f"Columns are {', '.join((*NEEDED, *OPTIONAL))}.",
+            )
+        joint[name] = cell if name == "name" else _number(record, name, cell, delimiter)
+    absent = [name for name in NEEDED if name not in joint]
+    if absent:
+        raise FileRefused(
+            f"In {record.place} the joint has no {', '.join(absent)}.", "Fill it; 0 is a value."
+        )
+    return joint
+
+
+def _number(record: Record, name: str, cell: Any, delimiter: str | None) -> float:
+    text = str(cell)
+    try:
+        return float(text if delimiter == "," else text.replace(",", "."))
+    except ValueError:
+        raise FileRefused(f"In {record.place} {name} is not a number: {text[:40]}.") from None

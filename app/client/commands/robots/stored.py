@@ -1,0 +1,48 @@
+"""`gridpose robots list` and `delete`: the robots of a service."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+import typer
+
+from ... import ServiceClient, find_robot
+from ..access import AdminAccess, ReadAccess
+from ..console import print_list
+from .known import KNOWN
+
+
+def show_list(
+    service: ReadAccess,
+    known: Annotated[
+        bool,
+        typer.Option("--known", help="List the models whose parameters `--known` of `robots create` knows."),
+    ] = False,
+) -> int:
+    """List the robots of a service."""
+    if known:
+        models = [(robot.model, robot.maker, robot.source) for robot in KNOWN]
+        print_list(("model", "maker", "source"), models, "")
+        return 0
+
+    def act(client: ServiceClient) -> None:
+        rows = [(r["id"], r["name"], str(len(r["joints"]))) for r in client.items("/v1/robots")]
+        none = "There are no robots yet; `gridpose robots create --help` says how."
+        print_list(("id", "name", "joints"), rows, none)
+
+    return service.run(act)
+
+
+def delete(
+    robots: Annotated[list[str], typer.Argument(help="Ids or names of robots.")],
+    service: AdminAccess,
+) -> int:
+    """Delete robots that no session names."""
+
+    def act(client: ServiceClient) -> None:
+        for robot in robots:
+            robot_id = find_robot(client, robot)["id"]
+            client.delete(f"/v1/robots/{robot_id}")
+            print(f"{robot_id} deleted")
+
+    return service.run(act)

@@ -1,0 +1,245 @@
+"""A URDF's chain of revolute joints as nominal Denavit-Hartenberg parameters.
+
+The chain leads from the root to the link `tool0`, to `flange`, or to the only end with the most joints. Lengths of a
+URDF are metres, angles rad; those here are mm and rad.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+import xml.etree.ElementTree as ElementTree
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from ... import Json
+from ..record_files import FileRefused
+from ..rotations import applied, from_roll_pitch_yaw, from_vector, identity, product, transposed
+from .screw_axes import Axis, DhRow, Frame, dh_of_axes, plus, unit
+
+_MM_PER_M = 1000.0
+_MAX_JOINTS = 12
+_ENDS = ("tool0", "flange")
+_NOMINAL_STEP = math.radians(15.0)
+_ROUNDED_RAD = 5e-5  # files have 1.5708 for π/2
+_TURNING = ("revolute", "continuous")
+
+
+@dataclass(frozen=True, slots=True)
+class UrdfJoint:
+    """A joint of the file: its fixed transform, its axis in its own frame, and limits in rad."""
+
+    name: str
+    kind: str
+    parent: str
+    child: str
+    origin: Frame
+    axis: list[float]
+    limits: tuple[float, float] | None
+    mimics: bool
+
+
+@dataclass(frozen=True, slots=True)
+class UrdfRobot:
+    """What a URDF says of an arm: fields of a robot's joints, and how far they are from the file at most, mm.
+
+    `T_base_dh` is frame 0 in the root's frame.
+    """
+
+    name: str
+    joints: list[Json]
+    end: str
+    T_base_dh: Frame
+    deviation_mm: float
+
+
+def read_urdf(path: Path) -> UrdfRobot:
+    """Return the arm of a URDF. Raises FileRefused where the file is no URDF, or holds no chain of revolute joints."""
+    try:
+        text = path.read_text(encoding="utf-8-sig")
+    except (OSError, UnicodeDecodeError) as error:
+        raise FileRefused(f"{path} cannot be read: {error}.") from error
+    return parse_urdf(text)
+
+
+def parse_urdf(text: str) -> UrdfRobot:
+    """`read_urdf` of a file's content."""
+    robot = _parsed(text)
+    chain = _chain([_joint(element) for element in robot.findall("joint")])
+    frame, axes = Frame([0.0, 0.0, 0.0], identity()), list[Axis]()
+    for joint in chain:
+        frame = frame.then(joint.origin)
+        if joint.kind in _TURNING:
+            axes.append(Axis(frame.origin, applied(frame.rotation, joint.axis)))
+    rows, base = dh_of_axes(axes, frame)
+    turning = [joint for joint in chain if joint.kind in _TURNING]
+    joints = [_fields(row, joint) for row, joint in zip(rows, turning, strict=True)]
+    deviation_mm = _deviation(chain, rows, base)
+    return UrdfRobot(robot.get("name") or "robot", joints, chain[-1].child, base, deviation_mm)
+
+
+def _parsed(text: str) -> ElementTree.Element:
+    if "<!DOCTYPE" in text or "<!ENTITY" in text:
+        raise FileRefused("The file declares entities, which no URDF needs.", "Remove its <!DOCTYPE ...>.")
+    try:
+        robot = ElementTree.fromstring(text)  # noqa: S314 - entities are refused above
+    except ElementTree.ParseError as error:
+        raise FileRefused(f"The file is not XML: {error}.", "Give a URDF.") from error
+    if robot.tag != "robot":
+        raise FileRefused(
+            f"The file is no URDF: it begins with <{robot.tag}>.", "Give a file with <robot ...>."
+        )
+    if any("xacro" in element.tag for element in robot.iter()) or "${" in text:
+        raise FileRefused("The file is a xacro, not yet a URDF.", "Expand it: xacro FILE.xacro > FILE.urdf.")
+    return robot
+
+
+def _joint(element: ElementTree.Element) -> UrdfJoint:
+    name = element.get("name") or "?"
+    origin, limit, axis = element.find("origin"), element.find("limit"), element.find("axis")
+    links = [
+        found.get("link") if found is not None else None for found in map(element.find, ("parent", "child"))
+    ]
+    if None in links:
+        raise FileRefused(f"Joint {name} has no parent or no child link.")
+    xyz, rpy = (_vector(name, origin, of) if origin is not None else [0.0] * 3 for of in ("xyz", "rpy"))
+    direction = _vector(name, axis, "xyz") if axis is not None else [1.0, 0.0, 0.0]
+    if not any(direction):
+        raise FileRefused(f"The axis of joint {name} has no direction.")
+    limits = None
+    if limit is not None and limit.get("lower") and limit.get("upper"):
+        low, high = (_number(name, limit.get(end) or "") for end in ("lower", "upper"))
+        limits = (low, high) if low < high else None
+    turned = from_roll_pitch_yaw(*(_unrounded(angle) for angle in rpy))
+    return UrdfJoint(
+        name,
+        element.get("type") or "",
+        str(links[0]),
+        str(links[1]),
+        Frame([_MM_PER_M * value for value in xyz], turned),
+        unit(direction),
+        limits if element.get("type") == "revolute" else None,
+        element.find("mimic") is not None,
+    )
+
+
+def _vector(joint: str, element: ElementTree.Element, attribute: str) -> list[float]:
+    text = element.get(attribute)
+    values = [0.0] * 3 if text is None else [_number(joint, part) for part in text.split()]
+    if len(values) != 3:
+        raise FileRefused(f"Joint {joint} has no three numbers in {attribute}: {text}.")
+    return values
+
+
+def _number(joint: str, text: str) -> float:
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not math.isfinite(value):
+        raise FileRefused(f"Joint {joint} has no number in {text[:40]!r}.")
+    return value
+
+
+def _unrounded(angle: float) -> float:
+    """Return an angle, the exact one where it is a multiple of 15° that was rounded."""
+    nominal = _NOMINAL_STEP * round(angle / _NOMINAL_STEP)
+    return nominal if abs(angle - nominal) < _ROUNDED_RAD else angle
+
+
+def _chain(joints: Sequence[UrdfJoint]) -> list[UrdfJoint]:
+    """Return the joints from the root to the end, fixed ones too."""
+    above = {joint.child: joint for joint in joints}
+    parents = {joint.parent for joint in joints}
+    chains = {joint.child: _upwards(joint, above) for joint in joints}
+    counts = {end: sum(joint.kind != "fixed" for joint in chain) for end, chain in chains.items()}
+    most = max(counts.values(), default=0)
+    if not most:
+        raise FileRefused("The file has no joint that turns.", "Give the URDF of an arm.")
+    ends = [end for end in chains if counts[end] == most and (end not in parents or _is_end(end))]
+    chosen = next((end for name in _ENDS for end in ends if _is_end(end, name)), None)
+    if chosen is None:
+        if len({chains[end][-1].child if not end else _last_turning(chains[end]) for end in ends}) > 1:
+            raise FileRefused(
+                f"The file has several chains of {most} joints, to {', '.join(sorted(ends))}.",
+                "Name the link at the flange of the arm `tool0`, or give a file of the arm alone.",
+            )
+        chosen = min(ends, key=lambda end: len(chains[end]))
+    chain = chains[chosen]
+    for joint in chain:
+        if joint.mimics or joint.kind not in (*_TURNING, "fixed"):
+            kind = "follows another joint" if joint.mimics else f"is {joint.kind or 'of no type'}"
+            raise FileRefused(
+                f"Joint {joint.name} {kind}; only revolute joints have the parameters of a robot here.",
+                "Give the URDF of an arm with revolute joints alone.",
+            )
+    if most > _MAX_JOINTS:
+        raise FileRefused(f"The chain has {most} joints; a robot has at most {_MAX_JOINTS}.")
+    return chain
+
+
+def _upwards(joint: UrdfJoint, above: dict[str, UrdfJoint]) -> list[UrdfJoint]:
+    found = [joint]
+    while (parent := above.get(found[0].parent)) is not None:
+        if len(found) > len(above):
+            raise FileRefused("The links of the file form a ring, not a tree.")
+        found.insert(0, parent)
+    return found
+
+
+def _last_turning(chain: Sequence[UrdfJoint]) -> str:
+    return next(joint.name for joint in reversed(chain) if joint.kind != "fixed")
+
+
+def _is_end(link: str, name: str | None = None) -> bool:
+    """Return whether a link is the arm's end by its name, whatever prefix it has."""
+    return any(re.search(rf"(^|[_/]){one}$", link) for one in ((name,) if name else _ENDS))
+
+
+def _fields(row: DhRow, joint: UrdfJoint) -> Json:
+    fields: Json = {
+        "name": joint.name,
+        "a_mm": row.a,
+        "alpha_deg": round(math.degrees(row.alpha), 7),
+        "d_mm": row.d,
+        "theta_offset_deg": round(math.degrees(row.offset), 7),
+    }
+    if joint.limits is not None:
+        low, high = (round(math.degrees(limit), 4) for limit in joint.limits)
+        fields |= {"minimum_deg": low, "maximum_deg": high}
+    return fields
+
+
+def _deviation(chain: Sequence[UrdfJoint], rows: Sequence[DhRow], base: Frame) -> float:
+    """Return by how much the flange of the parameters moves otherwise than the file's, over several postures, mm.
+
+    A constant tool between both, which a hand-eye calibration determines in any case, is no deviation.
+    """
+    postures = [[0.9 * math.sin(1.7 * k * (j + 1) + k) for j in range(len(rows))] for k in range(8)]
+    tool: Frame | None = None
+    largest = 0.0
+    for angles in postures:
+        file = _file_flange(chain, angles)
+        found = base
+        for row, angle in zip(rows, angles, strict=True):
+            found = found.then(row.frame(angle))
+        if tool is None:
+            inverse = transposed(found.rotation)
+            tool = Frame(
+                applied(inverse, plus(file.origin, found.origin, -1.0)), product(inverse, file.rotation)
+            )
+        expected = found.then(tool)
+        largest = max(largest, math.dist(expected.origin, file.origin))
+    return largest
+
+
+def _file_flange(chain: Sequence[UrdfJoint], angles: Sequence[float]) -> Frame:
+    frame, left = Frame([0.0, 0.0, 0.0], identity()), list(angles)
+    for joint in chain:
+        frame = frame.then(joint.origin)
+        if joint.kind in _TURNING:
+            angle = left.pop(0)
+            turned = from_vector([angle * value for value in joint.axis])
+            frame = frame.then(Frame([0.0, 0.0, 0.0], turned))
+    return frame

@@ -1,0 +1,98 @@
+"""Rotations in plain Python: 3x3 matrices as lists of rows, angles in radians, quaternions as x y z w."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+Vector = list[float]
+Matrix = list[list[float]]
+
+_AXES = {"x": 0, "y": 1, "z": 2}
+_SMALL = 1e-8
+
+
+def identity() -> Matrix:
+    """Return the rotation by nothing."""
+    return [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]
+
+
+def product(a: Sequence[Sequence[float]], b: Sequence[Sequence[float]]) -> Matrix:
+    """Return the matrix product a b."""
+    columns = list(zip(*b, strict=True))
+    return [[math.fsum(x * y for x, y in zip(row, c, strict=True)) for c in columns] for row in a]
+
+
+def transposed(a: Sequence[Sequence[float]]) -> Matrix:
+    """Return the transposed matrix."""
+    return [list(row) for row in zip(*a, strict=True)]
+
+
+def applied(a: Sequence[Sequence[float]], v: Sequence[float]) -> Vector:
+    """Return the product of a matrix and a vector."""
+    return [math.fsum(x * y for x, y in zip(row, v, strict=True)) for row in a]
+
+
+def from_vector(w: Sequence[float]) -> Matrix:
+    """Return the rotation about w by its length (Rodrigues' formula)."""
+    x, y, z = w
+    angle = math.sqrt(x * x + y * y + z * z)
+    if angle < _SMALL:
+        a, b = 1.0, 0.5
+    else:
+        a, b = math.sin(angle) / angle, (1.0 - math.cos(angle)) / angle**2
+    K = [[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]]
+    KK = product(K, K)
+    unit = identity()
+    return [[unit[i][j] + a * K[i][j] + b * KK[i][j] for j in range(3)] for i in range(3)]
+
+
+def about(axis: str, angle: float) -> Matrix:
+    """Return the rotation about the axis `x`, `y` or `z`."""
+    return from_vector([angle if place == _AXES[axis] else 0.0 for place in range(3)])
+
+
+def from_quaternion(x: float, y: float, z: float, w: float) -> Matrix:
+    """Return the rotation of a quaternion, which need not have the norm 1."""
+    n = math.sqrt(x * x + y * y + z * z + w * w)
+    x, y, z, w = x / n, y / n, z / n, w / n
+    return [
+        [1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - z * w), 2.0 * (x * z + y * w)],
+        [2.0 * (x * y + z * w), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - x * w)],
+        [2.0 * (x * z - y * w), 2.0 * (y * z + x * w), 1.0 - 2.0 * (x * x + y * y)],
+    ]
+
+
+def to_quaternion(r: Sequence[Sequence[float]]) -> tuple[float, float, float, float]:
+    """Return the quaternion x, y, z, w of a rotation, w not negative (Shepperd 1978: by the largest component)."""
+    trace = r[0][0] + r[1][1] + r[2][2]
+    squares = [
+        1.0 + 2.0 * r[0][0] - trace,
+        1.0 + 2.0 * r[1][1] - trace,
+        1.0 + 2.0 * r[2][2] - trace,
+        1.0 + trace,
+    ]
+    largest = max(range(4), key=squares.__getitem__)
+    s = 2.0 * math.sqrt(squares[largest])
+    if largest == 3:
+        q = [(r[2][1] - r[1][2]) / s, (r[0][2] - r[2][0]) / s, (r[1][0] - r[0][1]) / s, s / 4.0]
+    else:
+        i, j, k = largest, (largest + 1) % 3, (largest + 2) % 3
+        q = [0.0, 0.0, 0.0, (r[k][j] - r[j][k]) / s]
+        q[i], q[j], q[k] = s / 4.0, (r[j][i] + r[i][j]) / s, (r[k][i] + r[i][k]) / s
+    x, y, z, w = q if q[3] >= 0.0 else [-v for v in q]
+    return x, y, z, w
+
+
+def to_roll_pitch_yaw(r: Sequence[Sequence[float]]) -> tuple[float, float, float]:
+    """Return roll, pitch, yaw with R = Rz(yaw) Ry(pitch) Rx(roll); at a pitch of 90° the roll is 0."""
+    across = math.hypot(r[0][0], r[1][0])
+    pitch = math.atan2(-r[2][0], across)
+    if across < _SMALL:
+        return 0.0, pitch, math.atan2(-r[0][1], r[1][1])
+    return math.atan2(r[2][1], r[2][2]), pitch, math.atan2(r[1][0], r[0][0])
+
+
+def from_roll_pitch_yaw(roll: float, pitch: float, yaw: float) -> Matrix:
+    """Return R = Rz(yaw) Ry(pitch) Rx(roll)."""
+    return product(product(about("z", yaw), about("y", pitch)), about("x", roll))

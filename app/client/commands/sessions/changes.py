@@ -1,0 +1,84 @@
+"""`gridpose sessions change`, `reprocess` and `delete`."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any
+
+import typer
+
+from ... import ServiceClient, find_or_make_target, find_robot, find_session
+from ..access import AdminAccess, UploadAccess
+from ..console import OptionRefused
+
+Session = Annotated[str, typer.Argument(help="Id or name of the session.")]
+
+
+def change(
+    session: Session,
+    service: UploadAccess,
+    target: Annotated[
+        list[str] | None,
+        typer.Option(
+            help="The session's target: an id, or KIND:COLUMNSxROWS:PITCH_MM, e.g. chessboard:9x6:25, which is made "
+            "where the service has no such target. Repeat it for several; they replace those the session has."
+        ),
+    ] = None,
+    robot: Annotated[
+        str | None, typer.Option(help="Id or name of the session's robot; an empty text: none.")
+    ] = None,
+    name: Annotated[str | None, typer.Option(help="The session's new name.")] = None,
+) -> int:
+    """Change a session's targets, robot or name; images whose target went are searched again."""
+
+    def act(client: ServiceClient) -> None:
+        if target is None and robot is None and name is None:
+            raise OptionRefused("Nothing is to be changed.", "Give --target, --robot or --name.")
+        session_id = find_session(client, session)["id"]
+        changes: dict[str, Any] = {}
+        if target is not None:
+            changes["target_ids"] = [find_or_make_target(client, each) for each in target]
+        if robot is not None:
+            changes["robot_id"] = find_robot(client, robot)["id"] if robot else None
+        if name is not None:
+            changes["name"] = name
+        changed = client.change(f"/v1/sessions/{session_id}", changes)
+        print(f"{session_id} changed; {changed['counts']['queued']} images wait to be computed")
+
+    return service.run(act)
+
+
+def reprocess(
+    session: Session,
+    service: UploadAccess,
+    everything: Annotated[
+        bool, typer.Option("--all", help="All measurements, not only those that failed.")
+    ] = False,
+) -> int:
+    """Compute a session's failed measurements again, or all; results stay until others replace them."""
+
+    def act(client: ServiceClient) -> None:
+        session_id = find_session(client, session)["id"]
+        only = "all" if everything else "failed"
+        queued = client.create(f"/v1/sessions/{session_id}/reprocess", {"only": only})["requeued"]
+        print(f"{session_id}: {queued} measurements queued again")
+
+    return service.run(act)
+
+
+def delete(
+    session: Session,
+    service: AdminAccess,
+    yes: Annotated[bool, typer.Option("--yes", help="Do not ask.")] = False,
+) -> int:
+    """Delete a session with everything in it."""
+
+    def act(client: ServiceClient) -> None:
+        found = find_session(client, session)
+        if not yes:
+            images = sum(found["counts"].values())
+            question = f"Delete {found['name']} ({found['id']}) with {images} measurements?"
+            typer.confirm(question, abort=True, err=True)
+        client.delete(f"/v1/sessions/{found['id']}")
+        print(f"{found['id']} deleted")
+
+    return service.run(act)

@@ -1,0 +1,65 @@
+"""`gridpose sessions create`."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any
+
+import typer
+
+from ... import Json, ServiceClient, find_or_make_target, find_robot
+from ..access import UploadAccess
+from ..console import OptionRefused
+from ..creation import BodyFile, Name, create_named
+
+
+def create(
+    service: UploadAccess,
+    name: Name = None,
+    target: Annotated[
+        list[str] | None,
+        typer.Option(
+            help="What the camera looks at: a target's id, or KIND:COLUMNSxROWS:PITCH_MM, e.g. chessboard:9x6:25, "
+            "which is made where the service has no such target. Repeat it for several."
+        ),
+    ] = None,
+    robot: Annotated[str | None, typer.Option(help="Id or name of the robot.")] = None,
+    focal_length_mm: Annotated[
+        float | None, typer.Option(help="Focal length of the lens, with --pixel-pitch-um.")
+    ] = None,
+    pixel_pitch_um: Annotated[
+        float | None, typer.Option(help="Distance of neighbouring pixels on the sensor.")
+    ] = None,
+    file: BodyFile = None,
+) -> int:
+    """Begin a session: one camera looking at one or more targets.
+
+    For example: gridpose sessions create "Cell 7" --target chessboard:9x6:25
+
+    Prints the session's id as the last line.
+    """
+
+    def fields(client: ServiceClient) -> Json:
+        given: dict[str, Any] = {}
+        if target:
+            given["target_ids"] = [find_or_make_target(client, each) for each in target]
+        if robot is not None:
+            given["robot_id"] = find_robot(client, robot)["id"]
+        if (focal_length_mm is None) != (pixel_pitch_um is None):
+            raise OptionRefused(
+                "A lens is described by --focal-length-mm and --pixel-pitch-um.", "Give both."
+            )
+        if focal_length_mm is not None:
+            given["lens"] = {"focal_length_mm": focal_length_mm, "pixel_pitch_um": pixel_pitch_um}
+        return given
+
+    return service.run(
+        lambda client: create_named(
+            client,
+            "session",
+            name,
+            file,
+            fields,
+            {"target_ids": "--target"},
+            "gridpose upload FOLDER --session {id}",
+        )
+    )

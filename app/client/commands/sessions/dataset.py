@@ -1,0 +1,97 @@
+"""`gridpose sessions import`: images and robot poses of a dataset to a session."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.console import Console
+from rich.markup import escape
+
+from ... import ClientError, FilePlan, find_or_make_session, session_cameras
+from ...resources import check_target, existing_session
+from ..access import UploadAccess
+from ..console import OptionRefused, error_console, print_error
+from ..images.intention import confirm
+from ..images.outcome import report
+from ..images.upload import remove_empty, transfer, transfer_progress
+from .layouts import Dataset, Layout, read_dataset
+
+
+def import_dataset(
+    folder: Annotated[Path, typer.Argument(help="Folder of the dataset.", exists=True, file_okay=False)],
+    layout: Annotated[Layout, typer.Option(help="The program whose layout it has.")],
+    service: UploadAccess,
+    session: Annotated[
+        str | None, typer.Option(help="Id or name of the session; a new name creates one, given --target.")
+    ] = None,
+    target: Annotated[
+        str | None,
+        typer.Option(help="Target of a new session: its id, its name, or e.g. chessboard:9x6:25."),
+    ] = None,
+    fixed_camera: Annotated[
+        bool,
+        typer.Option(
+            "--fixed-camera",
+            help="The camera stands still and the target moves with the robot: poses are inverted, and hand-eye "
+            "calibration gives the camera in the robot's base.",
+        ),
+    ] = False,
+    wait: Annotated[
+        bool, typer.Option("--wait", help="Wait for the results and list the images that failed.")
+    ] = False,
+    yes: Annotated[bool, typer.Option("--yes", "-y", help="Do not ask.")] = False,
+    dry_run: Annotated[
+        bool, typer.Option("--dry-run", help="Say what would be sent, and send nothing.")
+    ] = False,
+) -> int:
+    """Send a dataset of hand-eye calibration in another program's layout: its images, and the robot's pose at each.
+
+    Prints the session's id as the last line; repeating sends what is missing.
+    """
+    console, errors = Console(stderr=True, highlight=False), error_console()
+    made: str | None = None
+    try:
+        dataset = read_dataset(folder, layout, fixed_camera=fixed_camera)
+        _say(errors, dataset)
+        if dry_run:
+            return 0
+        if session is None:
+            raise OptionRefused("No session was given.", "Give --session, its id or its name, or --dry-run.")
+        confirm(yes=yes)
+        with service.client(errors) as client:
+            found = existing_session(client, session)
+            if target is not None:
+                check_target(client, target)
+            session_id, target_id = find_or_make_session(client, session, target)
+            made = session_id if found is None else None
+            client.put_poses(session_id, list(dataset.poses))
+            with transfer_progress(console) as progress:
+                results, measured = transfer(
+                    client, session_id, dataset.images, progress, target_id=target_id, wait=wait
+                )
+            cameras = session_cameras(client, session_id) if measured is not None else None
+    except OptionRefused as refused:
+        print_error(console, str(refused), refused.advice)
+        return 2
+    except ClientError as error:
+        print_error(console, str(error), error.advice)
+        if made:
+            with service.client(errors) as client:
+                remove_empty(client, errors, made)
+        return 1
+    return report(console, FilePlan(dataset.images, (), 0), results, measured, cameras, session_id)
+
+
+def _say(console: Console, dataset: Dataset) -> None:
+    console.print(f"{len(dataset.images)} images, each with the robot's pose")
+    for names, what in (
+        (dataset.without_pose, "images have no pose"),
+        (dataset.without_image, "poses have no image"),
+    ):
+        if names:
+            shown = ", ".join(names[:5]) + (", ..." if len(names) > 5 else "")
+            console.print(escape(f"{len(names)} {what} and are not sent: {shown}"))
+    if dataset.inverted:
+        console.print("The camera stands still: poses are of the robot's base in its flange.")

@@ -1,0 +1,69 @@
+"""`gridpose poses load`: commanded poses of a file to a session."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from ... import ClientError, Json, ServiceClient, find_session
+from ...pose_rows import POSE_COLUMNS, POSE_FIELDS, RowError, pose_of_cells
+from ..access import UploadAccess
+from ..record_files import Delimiter, FileFormat, FileRefused, Record, Records, as_delimiter, read_records
+
+
+def load(
+    file: Annotated[
+        Path, typer.Argument(help="CSV, JSON or YAML file of poses.", exists=True, dir_okay=False)
+    ],
+    session: Annotated[str, typer.Option(help="Id or name of the session.")],
+    service: UploadAccess,
+    file_format: FileFormat = None,
+    delimiter: Delimiter = None,
+) -> int:
+    """Store the commanded poses of a file in a session, all or none; a pose that is there is replaced whole.
+
+    Columns of a CSV: pose_id, x_mm, y_mm, z_mm, roll_deg, pitch_deg, yaw_deg, j1_deg, j2_deg, ..., approach. Only
+    pose_id is needed, and an empty cell is a value that is not known. JSON and YAML have the fields of the API.
+    """
+
+    def act(client: ServiceClient) -> None:
+        records = read_records(file, file_format, as_delimiter(delimiter))
+        poses = [_pose(record, records) for record in records.entries]
+        if not poses:
+            raise FileRefused("The file holds no poses.", f"Write one pose per line under {POSE_COLUMNS}.")
+        session_id = find_session(client, session)["id"]
+        try:
+            client.put_poses(session_id, poses)
+        except ClientError as error:
+            fields = [(_place(name, records), message) for name, message in error.fields]
+            raise ClientError(error.code, error.summary, error.advice, error.status, fields) from error
+        print(f"{session_id}: {len(poses)} commanded poses are stored")
+
+    return service.run(act)
+
+
+def _place(field: str, records: Records) -> str:
+    """Return the place in the file of a field that the service refuses."""
+    index, _, name = field.partition(".")
+    if not index.isdecimal() or int(index) >= len(records.entries):
+        return field
+    return f"{records.entries[int(index)].place} {name}".rstrip()
+
+
+def _pose(record: Record, records: Records) -> Json:
+    try:
+        given = record.fields if records.kind != "csv" else pose_of_cells(record.fields, records.delimiter)
+    except RowError as error:
+        raise FileRefused(f"In {record.place}: {error}.") from None
+    unknown = sorted(set(given) - set(POSE_FIELDS))
+    if unknown:
+        raise FileRefused(
+            f"In {record.place} there is no such field of a pose: {', '.join(unknown)}.",
+            f"Columns of a CSV are {POSE_COLUMNS}; fields of JSON and YAML are {', '.join(POSE_FIELDS)}.",
+        )
+    pose = {**given} if record.name is None else {"pose_id": record.name, **given}
+    if not pose.get("pose_id"):
+        raise FileRefused(f"In {record.place} the pose has no pose_id.", "Give each pose an id of its own.")
+    return pose

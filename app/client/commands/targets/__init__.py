@@ -1,0 +1,1 @@
+"""`gridpose targets`: those of a service."""

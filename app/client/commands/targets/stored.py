@@ -1,0 +1,40 @@
+"""`gridpose targets list` and `delete`: the targets of a service."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+import typer
+
+from ... import ServiceClient
+from ..access import AdminAccess, ReadAccess
+from ..console import print_list
+
+_COLUMNS = ("id", "name", "kind", "columns x rows", "pitch, mm")
+
+
+def show_list(service: ReadAccess) -> int:
+    """List the targets of a service."""
+
+    def act(client: ServiceClient) -> None:
+        rows = [
+            (t["id"], t["name"], t["kind"], f"{t['columns']} x {t['rows']}", f"{t['pitch_mm']:g}")
+            for t in client.items("/v1/targets")
+        ]
+        print_list(_COLUMNS, rows, "There are no targets yet; `gridpose targets create --help` says how.")
+
+    return service.run(act)
+
+
+def delete(
+    targets: Annotated[list[str], typer.Argument(help="Ids of targets; `gridpose targets list` shows them.")],
+    service: AdminAccess,
+) -> int:
+    """Delete targets that no session and no measurement refers to."""
+
+    def act(client: ServiceClient) -> None:
+        for target in targets:
+            client.delete(f"/v1/targets/{target}")
+            print(f"{target} deleted")
+
+    return service.run(act)

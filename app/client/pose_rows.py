@@ -1,0 +1,77 @@
+"""Rows of a table of poses as fields of the API: x_mm, y_mm, z_mm become position_mm, j1_deg, ... joint_angles_deg."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Mapping
+from typing import Any
+
+POSE_FIELDS = ("pose_id", "position_mm", "roll_deg", "pitch_deg", "yaw_deg", "joint_angles_deg", "approach")
+POSE_COLUMNS = "pose_id, x_mm, y_mm, z_mm, roll_deg, pitch_deg, yaw_deg, j1_deg, j2_deg, ..., approach"
+_AXES = ("x_mm", "y_mm", "z_mm")
+_JOINT = re.compile(r"j([1-9][0-9]?)_deg")
+_DELIMITERS = ";\t,"
+
+
+class RowError(ValueError):
+    """A row cannot be used; the message gives the reason."""
+
+
+def delimiter_of(line: str) -> str:
+    """Return the delimiter that a CSV's first line has most of: a semicolon, a tab or a comma."""
+    return max(_DELIMITERS, key=line.count)
+
+
+def decoded(data: bytes) -> str:
+    """Return a text file's content: UTF-8, else the encoding of spreadsheets on Windows."""
+    try:
+        return data.decode("utf-8-sig")
+    except UnicodeDecodeError:
+        return data.decode("cp1252", errors="replace")
+
+
+def pose_of_cells(cells: Mapping[str, str], delimiter: str | None) -> dict[str, Any]:
+    """Return the fields of a row's cells by the names of the API; an empty cell is a value that is not known.
+
+    Parameters
+    ----------
+    cells
+        Column to text. Columns that belong to no pose are kept as they are.
+    delimiter
+        Of the table; where it is no comma, numbers may have decimal commas.
+
+    Raises
+    ------
+    RowError
+        A cell is no number, or a joint angle or coordinate is missing among others.
+    """
+    filled = {name: cell for name, cell in cells.items() if cell}
+    joints = sorted((int(match[1]), name) for name in filled if (match := _JOINT.fullmatch(name)))
+    lists = {
+        "position_mm": [name for name in _AXES if name in filled],
+        "joint_angles_deg": [name for _, name in joints],
+    }
+    if [number for number, _ in joints] != list(range(1, len(joints) + 1)):
+        raise RowError("a joint angle is missing; fill j1_deg to the last, or none")
+    if len(lists["position_mm"]) not in (0, len(_AXES)):
+        raise RowError("a coordinate is missing; fill x_mm, y_mm and z_mm, or none")
+    pose: dict[str, Any] = {}
+    for name, cell in filled.items():
+        if name not in _AXES and _JOINT.fullmatch(name) is None:
+            is_number = name in POSE_FIELDS and name.endswith("_deg")
+            pose[name] = _number(cell, name, delimiter) if is_number else cell
+    for field, names in lists.items():
+        if names:
+            pose[field] = [_number(filled[name], name, delimiter) for name in names]
+    return pose
+
+
+def _number(cell: str, name: str, delimiter: str | None) -> float:
+    try:
+        value = float(cell if delimiter == "," else cell.replace(",", "."))
+    except ValueError:
+        value = math.nan
+    if not math.isfinite(value):
+        raise RowError(f"{name} is not a number: {cell}")
+    return value

@@ -1,0 +1,22 @@
+"""Watch a folder for months and send each image once.
+
+`scan` lists the folder, `intact` and `delivery` make one complete file an upload, `metadata` reads sidecars and tables,
+`journal` keeps what became of each file, `gate` holds requests back while the service is away, `results` follows what
+was sent, `report` says what happens, and `watcher` does it in order.
+"""
+
+from .journal import Journal, JournalInUse, JournalUnusable
+from .report import Report
+from .settings import WatchSettings
+from .watcher import CannotBegin, Watcher, WatchSummary
+
+__all__ = [
+    "CannotBegin",
+    "Journal",
+    "JournalInUse",
+    "JournalUnusable",
+    "Report",
+    "WatchSettings",
+    "WatchSummary",
+    "Watcher",
+]

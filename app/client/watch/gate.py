@@ -1,0 +1,107 @@
+"""Whether the service may be asked now: after a failure nobody asks for a while, then one does."""
+
+from __future__ import annotations
+
+import threading
+import time
+
+from ..http import ClientError
+from .report import Report
+
+_FIRST_PAUSE_S = 1.0
+_AWAY = "service away"
+_KEY = "key or session refused"
+
+
+class Gate:
+    """Holds requests back while the service is away, busy, or refuses the key; safe to use from several threads."""
+
+    def __init__(self, report: Report, longest_pause_s: float) -> None:
+        self._report = report
+        self._longest_s = longest_pause_s
+        self._lock = threading.Condition()
+        self._pause_s = 0.0
+        self._until = 0.0
+        self._failing_since: float | None = None
+        self._probing = False
+        self._failures = 0
+
+    def enter(self, stop: threading.Event) -> bool:
+        """Wait until a request may be sent; return False where `stop` was set instead.
+
+        While the service fails, one request at a time is let through, after the pause.
+        """
+        with self._lock:
+            while not stop.is_set():
+                wait_s = self._until - time.monotonic()
+                if wait_s <= 0.0 and not (self._failing_since is not None and self._probing):
+                    self._probing = self._failing_since is not None
+                    return True
+                self._lock.wait(min(0.2, wait_s) if wait_s > 0.0 else 0.2)
+        return False
+
+    def leave(self) -> None:
+        """Let the next request through, where the service was not reached for another reason than its own."""
+        with self._lock:
+            self._probing = False
+            self._lock.notify_all()
+
+    def passed(self) -> None:
+        """Note that the service has answered."""
+        with self._lock:
+            self._probing = False
+            self._pause_s = self._until = 0.0
+            self._failing_since = None
+            self._failures = 0
+            self._lock.notify_all()
+        self._report.over(_AWAY, "", "the service answers again")
+        self._report.over(_KEY, "", "the service accepts key and session again")
+
+    def failed(self, error: ClientError) -> None:
+        """Note that the service, or the way to it, failed; requests are held back for a growing pause.
+
+        One request that is lost on a poor line is no outage: it is reported from the second failure in a row.
+        """
+        with self._lock:
+            self._probing = False
+            self._failures += 1
+            lasting = self._failures > 1
+            if self._failing_since is None:
+                self._failing_since = time.monotonic()
+            self._pause_s = min(self._longest_s, max(_FIRST_PAUSE_S, 2.0 * self._pause_s))
+            asked_s = min(error.retry_after_s or 0.0, 15 * self._longest_s)
+            self._until = time.monotonic() + max(min(self._pause_s, self._longest_s), asked_s)
+            self._lock.notify_all()
+        if is_outage(error) and lasting:
+            self._report.trouble(
+                _AWAY, "", f"the service is away or busy, tried again until it answers: {error}"
+            )
+        elif not is_outage(error):
+            advice = f" {error.advice}" if error.advice else ""
+            self._report.trouble(
+                _KEY, "", f"the service refuses key or session, tried again: {error}{advice}"
+            )
+
+    @property
+    def failing_for_s(self) -> float:
+        """For how long nothing has come through, 0 where the service answers."""
+        with self._lock:
+            return 0.0 if self._failing_since is None else time.monotonic() - self._failing_since
+
+
+_REQUEST_TIMEOUT, _TOO_EARLY, _TOO_MANY, _SERVER_ERROR = 408, 425, 429, 500
+_NOT_THIS_IMAGE = frozenset({401, 403, 404, 405})
+
+
+def is_outage(error: ClientError) -> bool:
+    """Return whether an error says nothing of the request: no answer, a busy service, or a proxy's own page."""
+    status = error.status
+    if status is None:
+        return error.code == "unreachable"
+    foreign = error.code == "unexpected_answer" and status not in _NOT_THIS_IMAGE
+    return foreign or status >= _SERVER_ERROR or status in (_REQUEST_TIMEOUT, _TOO_EARLY, _TOO_MANY)
+
+
+def concerns_all(error: ClientError) -> bool:
+    """Return whether an error would meet every other image, too: an outage, or a refusal of key or session."""
+    return is_outage(error) or error.status in _NOT_THIS_IMAGE

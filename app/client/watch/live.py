@@ -1,0 +1,57 @@
+"""One line on one image: whether the target was found, how sharp and tilted it is, and what to change."""
+
+from __future__ import annotations
+
+from ..http import Json
+from ..summary import is_measured
+
+
+def describe_result(name: str, measurement: Json) -> str:
+    """Return the line for a finished measurement; `name` is the file's."""
+    quality = measurement["capture_quality"]
+    failure = measurement["failure"]
+    place = f"{measurement['pose_id']}"
+    if measurement["cycle"] is not None:
+        place += f" cycle {measurement['cycle']}"
+    if measurement["burst"] is not None:
+        place += f" image {measurement['burst']}"
+    parts = [f"{name} ({place})"]
+    if failure is None:
+        parts.append("found")
+    elif is_measured(measurement):
+        parts.append("found; its pose comes from the session's camera")
+    else:
+        parts.append(f"NOT MEASURED, {failure['code']}: {failure['detail']}")
+    calibration = measurement["calibration"]
+    if calibration is not None:
+        points = calibration["reprojection"]
+        parts.append(f"{points['points']} points, rms {points['rms_px']:.2f} px")
+    if quality is not None:
+        if quality["edge_width_px"] is not None:
+            parts.append(f"edges {quality['edge_width_px']:.1f} px")
+        if quality["tilt_deg"] is not None:
+            parts.append(f"tilt {quality['tilt_deg']:.0f}°")
+        parts.append(f"fills {100.0 * quality['coverage_fraction']:.0f} %")
+    if to_do := _advice(measurement):
+        parts.append(f"-> {to_do}")
+    return ", ".join(parts).replace(", ->", " ->")
+
+
+BURST_ADVICE = (
+    "No image states a burst index. Take two images at each stop (P1/c1-b1.png, P1/c1-b2.png; {burst} in a pattern): "
+    "they count as one cycle, and their scatter is the instrument's noise without a model of it."
+)
+
+
+def wants_bursts(measurement: Json) -> bool:
+    """Return whether an image is of a second cycle without a burst: the session's stops have one image each."""
+    return measurement["burst"] is None and (measurement["cycle"] or 0) > 1
+
+
+def _advice(measurement: Json) -> str:
+    """Return what to change: of an image that gave nothing the failure's advice first, else that of its quality."""
+    quality, failure = measurement["capture_quality"], measurement["failure"]
+    warnings = [w["advice"] for w in (quality["warnings"] if quality is not None else []) if w["advice"]]
+    refused = [failure["advice"]] if failure is not None and not is_measured(measurement) else []
+    said = [text for text in (*refused, *warnings) if text]
+    return " ".join(dict.fromkeys(said))

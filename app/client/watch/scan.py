@@ -1,0 +1,119 @@
+"""Files of a watched folder, by polling: network shares report no changes."""
+
+from __future__ import annotations
+
+import os
+import time
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from ..files import SUFFIXES, natural_key
+
+
+@dataclass(frozen=True, slots=True)
+class Found:
+    """An image file as it lies there. `name` is the path below the folder, with `/`."""
+
+    path: Path
+    name: str
+    signature: str
+
+
+@dataclass(slots=True)
+class Listing:
+    """What one look at a folder found: images in no order, marker files, and what could not be read."""
+
+    images: list[Found] = field(default_factory=list)
+    markers: set[str] = field(default_factory=set)
+    unreadable: dict[str, str] = field(default_factory=dict)
+
+
+def signature_of(status: os.stat_result) -> str:
+    """Return size, time of change and identity of a file: what differs when it is written to or replaced."""
+    return f"{status.st_size}:{status.st_mtime_ns}:{status.st_ino}"
+
+
+def list_folder(folder: Path, *, excluded: Path | None = None, marker: str | None = None) -> Listing:
+    """List the images below a folder, hidden files and links to folders left unread.
+
+    Parameters
+    ----------
+    folder
+        The watched folder. Where it cannot be read at all, the listing is empty and `unreadable` has it as `.`.
+    excluded
+        A folder that is passed over, such as the one that files are moved to.
+    marker
+        Suffix of marker files, which are listed by the names they mark.
+    """
+    listing = Listing()
+    folders = [(str(folder), "")]
+    barred = None if excluded is None else excluded.resolve()
+    while folders:
+        place, prefix = folders.pop()
+        try:
+            with os.scandir(place) as entries:
+                for entry in entries:
+                    _sort_in(entry, prefix, barred, marker, listing, folders)
+        except OSError as error:
+            listing.unreadable[prefix.rstrip("/") or "."] = error.strerror or str(error)
+    return listing
+
+
+def in_natural_order(images: Iterable[Found]) -> list[Found]:
+    """Return images in the order people give their names: `P2` before `P10`."""
+    return sorted(images, key=lambda found: [natural_key(part) for part in found.name.split("/")])
+
+
+def _sort_in(
+    entry: os.DirEntry[str],
+    prefix: str,
+    barred: Path | None,
+    marker: str | None,
+    listing: Listing,
+    folders: list[tuple[str, str]],
+) -> None:
+    name = prefix + entry.name
+    if entry.name.startswith("."):
+        return
+    try:
+        if entry.is_dir(follow_symlinks=False):
+            if barred is None or Path(entry.path).resolve() != barred:
+                folders.append((entry.path, f"{name}/"))
+            return
+        if marker is not None and entry.name.endswith(marker):
+            listing.markers.add(name.removesuffix(marker))
+            return
+        path = Path(entry.path)
+        if path.suffix.lower() in SUFFIXES:
+            name.encode("utf-8")
+            listing.images.append(Found(path, name, signature_of(path.stat())))
+    except FileNotFoundError:
+        return  # it was moved or deleted meanwhile
+    except UnicodeEncodeError:
+        shown = name.encode("utf-8", "replace").decode("utf-8")
+        listing.unreadable[shown] = "its name is not text; rename it"
+    except OSError as error:
+        listing.unreadable[name] = error.strerror or str(error)
+
+
+class Settling:
+    """Determines when files stand still: seen with the same signature for long enough, at two looks or more."""
+
+    def __init__(self, settle_s: float, clock: Callable[[], float] = time.monotonic) -> None:
+        self._settle_s = settle_s
+        self._clock = clock
+        self._first_seen: dict[str, tuple[str, float]] = {}
+
+    def still(self, images: Iterable[Found]) -> Iterator[Found]:
+        """Yield those of the images that stand still; what is not among them any more is forgotten."""
+        now = self._clock()
+        seen: dict[str, tuple[str, float]] = {}
+        for found in images:
+            signature, since = self._first_seen.get(found.name, ("", now))
+            if signature != found.signature:
+                since = now
+            seen[found.name] = (found.signature, since)
+            if now - since >= self._settle_s:
+                yield found
+        self._first_seen = seen

@@ -1,0 +1,235 @@
+"""URDF chains as Denavit-Hartenberg parameters: published arms, drawn arms, and files that hold no such chain."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from xml.etree import ElementTree
+
+import numpy as np
+import pytest
+from jaxtyping import Float
+
+from app.client.commands.record_files import FileRefused
+from app.client.commands.robots.known import KNOWN, known_robot
+from app.client.commands.robots.urdf import UrdfRobot, parse_urdf
+from core.geometry import invert, so3_exp, transform
+from core.kinematics import Chain
+from core.kinematics.dh import forward
+
+Joint = tuple[str, str, str]
+"""Origin in m, roll pitch yaw in rad, axis."""
+ZERO = "0 0 0"
+QUARTER = "1.570796327"
+UP, AHEAD, BACK, LEFT, RIGHT = "0 0 1", "1 0 0", "-1 0 0", "0 1 0", "0 -1 0"
+
+PUBLISHED: dict[str, tuple[Sequence[Joint], Joint]] = {
+    # UniversalRobots/Universal_Robots_ROS2_Description config/ur30/default_kinematics.yaml
+    "UR30": (
+        [
+            ("0 0 0.2363", ZERO, UP),
+            (ZERO, f"{QUARTER} 0 0", UP),
+            ("-0.637 0 0", ZERO, UP),
+            ("-0.5037 0 0.201", ZERO, UP),
+            ("0 -0.1593 0", f"{QUARTER} 0 0", UP),
+            ("0 0.1543 -3.16e-11", f"{QUARTER} 3.1415926535897931 3.1415926535897931", UP),
+        ],
+        (ZERO, ZERO, ""),
+    ),
+    # ros-industrial/kuka_experimental kuka_kr5_support/urdf/kr5_arc_macro.xacro
+    "KR 5 arc": (
+        [
+            ("0 0 0.4", "3.14159 0 0", UP),
+            ("0.18 0 0", "1.5708 0 0", UP),
+            ("0.6 0 0", ZERO, UP),
+            ("0.62 -0.12 0", "0 -1.5708 0", UP),
+            (ZERO, "0 1.5708 0", UP),
+            (ZERO, "0 -1.5708 0", UP),
+        ],
+        ("0 0 -0.115", "0 -3.14159 0", ""),
+    ),
+    # the same, kuka_kr10_support/urdf/kr10r1100sixx_macro.xacro
+    "KR 10 R1100 sixx": (
+        [
+            ("0 0 0.400", ZERO, "0 0 -1"),
+            ("0.025 0 0", ZERO, LEFT),
+            ("0.560 0 0", ZERO, LEFT),
+            ("0 0 0.035", ZERO, BACK),
+            ("0.515 0 0", ZERO, LEFT),
+            ("0.080 0 0", ZERO, BACK),
+        ],
+        (ZERO, "0 1.5708 0", ""),
+    ),
+    # ros-industrial/abb abb_irb120_support/urdf/irb120_3_58_macro.xacro
+    "IRB 120-3/0.58": (
+        [
+            (ZERO, ZERO, UP),
+            ("0 0 0.29", ZERO, LEFT),
+            ("0 0 0.27", ZERO, LEFT),
+            ("0 0 0.07", ZERO, AHEAD),
+            ("0.302 0 0", ZERO, LEFT),
+            ("0.072 0 0", ZERO, AHEAD),
+        ],
+        (ZERO, "0 1.5708 0", ""),
+    ),
+    # ros-industrial/fanuc fanuc_lrmate200id_support/urdf/lrmate200id_macro.xacro
+    "LR Mate 200iD": (
+        [
+            ("0 0 0.330", ZERO, UP),
+            ("0.050 0 0", ZERO, LEFT),
+            ("0 0 0.330", ZERO, RIGHT),
+            ("0 0 0.035", ZERO, BACK),
+            ("0.335 0 0", ZERO, RIGHT),
+            ("0.080 0 0", ZERO, BACK),
+        ],
+        (ZERO, "3.1416 -1.5708 0", ""),
+    ),
+    # the same, fanuc_m10ia_support/urdf/m10ia_macro.xacro
+    "M-10iA": (
+        [
+            (ZERO, ZERO, UP),
+            ("0.15 -0.04 0.45", ZERO, LEFT),
+            ("0 -0.0225 0.6", ZERO, RIGHT),
+            ("0.1805 0.0625 0.2", ZERO, BACK),
+            ("0.4595 -0.0565 0", ZERO, RIGHT),
+            ("0.1 0.0565 0", ZERO, BACK),
+        ],
+        (ZERO, ZERO, ""),
+    ),
+}
+
+
+def urdf(joints: Sequence[Joint], tool: Joint = (ZERO, ZERO, ""), kind: str = "revolute") -> str:
+    """Return a URDF of the joints, with a link `tool0` at the end."""
+    lines = [
+        f'<joint name="j{i}" type="{kind}"><origin xyz="{xyz}" rpy="{rpy}"/><parent link="l{i - 1}"/>'
+        f'<child link="l{i}"/><axis xyz="{axis}"/><limit lower="-3.0" upper="2.0"/></joint>'
+        for i, (xyz, rpy, axis) in enumerate(joints, 1)
+    ]
+    end = f'<origin xyz="{tool[0]}" rpy="{tool[1]}"/><parent link="l{len(joints)}"/><child link="tool0"/>'
+    return f'<robot name="arm">{"".join(lines)}<joint name="end" type="fixed">{end}</joint></robot>'
+
+
+def numbers(text: str) -> Float[np.ndarray, "3"]:
+    return np.array([float(part) for part in text.split()])
+
+
+def by_file(text: str, joint_angles: Float[np.ndarray, " j"]) -> Float[np.ndarray, "4 4"]:
+    """Return the flange's pose (mm) as the URDF has it: an implementation of its own."""
+    T, left = np.eye(4), list(joint_angles)
+    for joint in ElementTree.fromstring(text).findall("joint"):
+        origin, axis = joint.find("origin"), joint.find("axis")
+        assert origin is not None
+        roll, pitch, yaw = numbers(origin.get("rpy", ""))
+        R = (
+            so3_exp(np.array([0, 0, yaw]))
+            @ so3_exp(np.array([0, pitch, 0]))
+            @ so3_exp(np.array([roll, 0, 0]))
+        )
+        T = T @ transform(R, 1000.0 * numbers(origin.get("xyz", "")))
+        if axis is not None:
+            direction = numbers(axis.get("xyz", ""))
+            T = T @ transform(so3_exp(left.pop(0) * direction / np.linalg.norm(direction)), np.zeros(3))
+    return T
+
+
+def chain_of(robot: UrdfRobot) -> Chain:
+    return Chain.from_rows(
+        [(j["a_mm"], j["alpha_deg"], j["d_mm"], j["theta_offset_deg"]) for j in robot.joints]
+    )
+
+
+def assert_same_motion(text: str, robot: UrdfRobot, rng: np.random.Generator, within_mm: float) -> None:
+    """Check that parameters and file move the flange alike, but for a constant base and tool."""
+    base = transform(np.array(robot.T_base_dh.rotation), np.array(robot.T_base_dh.origin))
+    poses = []
+    for _ in range(6):
+        q = rng.uniform(-2.5, 2.5, len(robot.joints))
+        poses.append((by_file(text, q), base @ forward(chain_of(robot), q[None])[0]))
+    tool = invert(poses[0][1]) @ poses[0][0]
+    for expected, found in poses:
+        np.testing.assert_allclose((found @ tool)[:3, 3], expected[:3, 3], atol=within_mm)
+        np.testing.assert_allclose((found @ tool)[:3, :3], expected[:3, :3], atol=within_mm / 100.0)
+
+
+@pytest.mark.parametrize("model", PUBLISHED)
+def test_known_arms_are_what_their_makers_files_say(model: str) -> None:
+    text = urdf(*PUBLISHED[model])
+    robot, known = parse_urdf(text), known_robot(model)
+    assert known is not None
+    for joint, row in zip(robot.joints, known.rows, strict=True):
+        values = [joint[name] for name in ("a_mm", "alpha_deg", "d_mm", "theta_offset_deg")]
+        assert values == pytest.approx(row, abs=1e-6)
+        assert (joint["minimum_deg"], joint["maximum_deg"]) == (-171.8873, 114.5916)
+    assert robot.deviation_mm < 1e-6
+    # Rounded to 1.5708 in the file, angles are taken as what they stand for: 4 µrad over some 2 m.
+    assert_same_motion(text, robot, np.random.default_rng(3), 0.05)
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_any_axes_are_described_exactly(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+
+    def words(values: Float[np.ndarray, "3"]) -> str:
+        return " ".join(repr(float(v)) for v in values)
+
+    joints = [
+        (words(rng.uniform(-0.6, 0.6, 3)), words(rng.uniform(-3, 3, 3)), words(rng.normal(0, 1, 3)))
+        for _ in range(rng.integers(2, 8))
+    ]
+    tool = (words(rng.uniform(-0.2, 0.2, 3)), words(rng.uniform(-3, 3, 3)), "")
+    robot = parse_urdf(urdf(joints, tool))
+    assert robot.deviation_mm < 1e-4
+    assert_same_motion(urdf(joints, tool), robot, rng, 1e-3)
+
+
+def test_axes_that_are_not_quite_parallel_are_described_as_parallel_and_the_deviation_is_stated() -> None:
+    joints = [(ZERO, ZERO, UP), ("0.5 0 0", "0.0003 0 0", UP), ("0.5 0 0.1", ZERO, AHEAD)]
+    robot = parse_urdf(urdf(joints))
+    assert [joint["alpha_deg"] for joint in robot.joints[:2]] == [0.0, 90.0]
+    assert 0.01 < robot.deviation_mm < 0.6
+
+
+def test_the_end_is_the_tool_frame_of_the_longest_chain() -> None:
+    text = urdf([(ZERO, ZERO, UP), ("0.1 0 0", ZERO, LEFT)])
+    branch = '<joint name="cam" type="fixed"><parent link="l1"/><child link="camera"/></joint>'
+    finger = '<joint name="f{0}" type="revolute"><parent link="l2"/><child link="finger{0}"/></joint>'
+    assert parse_urdf(text.replace("</robot>", branch + "</robot>")).end == "tool0"
+    prefixed = text.replace("tool0", "left_tool0")
+    assert parse_urdf(prefixed).end == "left_tool0"
+    with pytest.raises(FileRefused, match="several chains of 3"):
+        parse_urdf(text.replace("</robot>", finger.format(1) + finger.format(2) + "</robot>"))
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("{}", "not XML"),
+        ("<sdf/>", "no URDF"),
+        ("<robot/>", "no joint that turns"),
+        ("<!DOCTYPE a [<!ENTITY b 'c'>]><robot/>", "entities"),
+        (urdf([(ZERO, ZERO, UP)]).replace('"-3.0"', '"${pi}"'), "xacro"),
+        (urdf([(ZERO, ZERO, UP)], kind="prismatic"), "is prismatic"),
+        (urdf([(ZERO, ZERO, ZERO)]), "no direction"),
+        (urdf([("0 0", ZERO, UP)]), "three numbers"),
+        (urdf([("0 0 x", ZERO, UP)]), "no number"),
+        (urdf([("0 0 nan", ZERO, UP)]), "no number"),
+        (urdf([(ZERO, ZERO, UP)]).replace('<parent link="l0"/>', ""), "no parent"),
+        (urdf([(ZERO, ZERO, UP)]).replace('"l0"', '"tool0"'), "ring"),
+        (urdf([(ZERO, ZERO, UP)]).replace("<limit", '<mimic joint="a"/><limit'), "follows another"),
+        (urdf([(ZERO, ZERO, UP)] * 13), "at most 12"),
+    ],
+)
+def test_what_is_no_arm_is_refused(text: str, words: str) -> None:
+    with pytest.raises(FileRefused, match=words):
+        parse_urdf(text)
+
+
+def test_every_known_arm_has_a_source_and_a_reach_of_an_arm() -> None:
+    for robot in KNOWN:
+        assert re.search(r"https://|manual", robot.source), robot
+        q = np.zeros((1, len(robot.rows)))
+        reach_mm = float(np.linalg.norm(forward(Chain.from_rows(robot.rows), q)[0, :3, 3]))
+        assert 300.0 < reach_mm < 3000.0
+        assert known_robot(f"{robot.maker} {robot.model}".upper().replace(" ", "-")) is robot
+    assert known_robot("arm") is None
