@@ -44,6 +44,7 @@ def draw_check_list(plan: Mapping[str, Any]) -> bytes:
     y = _title(axes, plan)
     y = _lines(axes, y, "Stated before the test", _STATED)
     y = _boxes(axes, y, "Before the first cycle", _BEFORE)
+    y = _conditions(axes, y, plan)
     y = _poses(axes, y, plan)
     y = _boxes(
         axes,
@@ -65,6 +66,7 @@ def _title(axes: Axes, plan: Mapping[str, Any]) -> float:
         _LEFT,
         _TOP - 1.4 * _LINE,
         f"Test cube of {cube['side_mm']:g} mm at ({centre}) mm, plane {cube['plane']}; {plan['cycles']} cycles, "
+        f"{plan['images_per_stop']} {'image' if plan['images_per_stop'] == 1 else 'images'} a stop, "
         f"{plan['images']} images",
         size=9,
     )
@@ -106,6 +108,31 @@ def _poses(axes: Axes, y: float, plan: Mapping[str, Any]) -> float:
         axes.text(_LEFT, y, f"{pose['pose_id']}   {_place(pose)}", size=8.5)
         y -= 1.1 * _LINE
     return y - 0.5 * _LINE
+
+
+def _conditions(axes: Axes, y: float, plan: Mapping[str, Any]) -> float:
+    """Write loads, speeds, warm-up and directions of approach, where they are planned."""
+    lines = []
+    if plan["warm_up_min"] is not None:
+        lines.append(f"Warm-up: {plan['warm_up_min']:g} min")
+    stated = []
+    for run in plan["runs"]:
+        load = "" if run["load_kg"] is None else f"load {run['load_kg']:g} kg"
+        speed = "" if run["speed_percent"] is None else f"speed {run['speed_percent']:g} %"
+        if load or speed:
+            stated.append(f"run {run['run']}: {', '.join(filter(None, (load, speed)))}")
+    lines += [f"A session each: {'; '.join(part)}" for part in _chunks(stated)]
+    ways = [
+        f"{pose['pose_id']} ({', '.join(f'{value:g}' for value in pose['approach_from_mm'])})"
+        for pose in plan["approach_poses"]
+    ]
+    lines += [f"Approached from: {'; '.join(part)}" for part in _chunks(ways)]
+    return _boxes(axes, y, "Runs and approaches", lines) if lines else y
+
+
+def _chunks(texts: Sequence[str]) -> list[Sequence[str]]:
+    """Return three texts a line."""
+    return [texts[i : i + 3] for i in range(0, len(texts), 3)]
 
 
 def _place(pose: Mapping[str, Any]) -> str:

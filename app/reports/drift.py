@@ -86,7 +86,7 @@ def _caption(pose: PoseDrift, block: int) -> tuple[str, str]:
     uncertainty = np.hypot(first.standard_error_mm, last.standard_error_mm)
     unit, factor = _unit(float(np.abs(shift).max() + uncertainty.max()))
     digits = _digits(float(uncertainty.max()) * factor)
-    along = ", ".join(f"{value * factor:+.{digits}f}" for value in shift).replace("-", "−")
+    along = ", ".join(_signed(value * factor, digits) for value in shift)
     errors = ", ".join(f"{value * factor:.{digits}f}" for value in uncertainty)
     length = float(np.linalg.norm(shift)) * factor
     return (
@@ -94,6 +94,12 @@ def _caption(pose: PoseDrift, block: int) -> tuple[str, str]:
         f"RP_l {millimetres(first.rp_mm)} → {millimetres(last.rp_mm)} mm",
         f"x, y, z: {along} {unit} (standard errors {errors})",
     )
+
+
+def _signed(value: float, digits: int) -> str:
+    """Return a number with its sign; what rounds to zero has none."""
+    text = f"{value:+.{digits}f}"
+    return text[1:] if not text.strip("+-0.") else text.replace("-", "−")
 
 
 def _draw(axes: Axes, pose: PoseDrift, rasterized: bool) -> None:

@@ -47,7 +47,7 @@ class PoseScatter:
 
 
 def scatter_svg(poses: Sequence[PoseScatter], title: str) -> bytes:
-    """Return three projections of every pose, one pose a row."""
+    """Return three projections of every pose, one pose a row, all on one scale."""
     return draw_svg(
         lambda: scatter_figure(poses, title), title, "\n".join(f"{p.pose_id}: {_caption(p)}" for p in poses)
     )
@@ -60,13 +60,13 @@ def scatter_figure(poses: Sequence[PoseScatter], title: str) -> Figure:
     figure = Figure((width, _HEADER + sum(rows) + _FOOTER))
     text_at(figure, 0.15, 0.32, title, fontsize=12, weight="bold")
     tops = accumulate(rows, initial=_HEADER)
+    half = _common_half_width(poses)
     for top, pose in zip(tops, poses, strict=False):
         text_at(figure, 0.15, top + 0.1, short(pose.pose_id), fontsize=11, weight="bold")
         text_at(figure, 0.15, top + 0.33, _caption(pose))
         if not len(pose.positions_mm):
             continue
         mean = pose.positions_mm.mean(axis=0)
-        half = _half_width(pose, mean)
         unit, factor = ("mm", 1.0) if half >= 0.1 else ("µm", 1e3) if half >= 1e-4 else ("nm", 1e6)
         for column, plane in enumerate(_PLANES):
             axes = axes_at(figure, _LEFT + column * (_PANEL + _GAP), top + _CAPTION, _PANEL, _PANEL)
@@ -98,6 +98,13 @@ def _caption(pose: PoseScatter) -> str:
             parts.append(f"corrected {millimetres(pose.corrected_mm)} mm")
         parts.append(f"verdict: {pose.verdict.replace('_', ' ')}")
     return "   ·   ".join(parts)
+
+
+def _common_half_width(poses: Sequence[PoseScatter]) -> float:
+    """Return the one scale of all poses, half the width in mm; a pose of one cycle has no scatter to give it."""
+    reaches = [(len(one.positions_mm) > 1, one) for one in poses if len(one.positions_mm)]
+    several = [one for is_scattered, one in reaches if is_scattered] or [one for _, one in reaches]
+    return max((_half_width(one, one.positions_mm.mean(axis=0)) for one in several), default=_LEAST_HALF_MM)
 
 
 def _half_width(pose: PoseScatter, mean: Float[np.ndarray, "3"]) -> float:

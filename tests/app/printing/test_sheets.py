@@ -26,6 +26,7 @@ def sheet_of(case: Case) -> Sheet:
     return draw_sheet(case.target, case.paper, origin_dot=case.origin_dot, marks=case.marks)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("picture_of", [pdf_picture, svg_picture])
 @pytest.mark.parametrize("case", CASES, ids=str)
 def test_every_kind_is_found_on_its_sheet_at_its_true_scale(
@@ -62,6 +63,7 @@ def test_nothing_is_printed_near_the_edge_and_the_target_has_white_around_it(cas
     assert y[inside].max() < bottom - quiet
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("picture_of", [pdf_picture, svg_picture])
 def test_rulers_stand_where_they_say(picture_of: Callable[[Sheet, float], Picture]) -> None:
     sheet = draw_sheet(CHESSBOARD)

@@ -19,15 +19,18 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Circle, Ellipse
 from matplotlib.text import Annotation, Text
 
-from app.reports.drift import drift_figure, drift_svg
-from app.reports.residual_cells import ResidualField, cells_of
-from app.reports.residual_map import residuals_figure, residuals_svg
+from app.reports.camera_plots.coverage_cells import ProjectionField, coverage_cells
+from app.reports.camera_plots.projection_map import projection_figure, projection_svg
+from app.reports.camera_plots.residual_cells import ResidualField, cells_of
+from app.reports.camera_plots.residual_map import residuals_figure, residuals_svg
+from app.reports.drift import _signed, drift_figure, drift_svg
 from app.reports.scatter import PoseScatter, scatter_figure, scatter_svg
 from app.reports.svg import drawing_style, millimetres
 from tests.support.image.plotted import (
     NOTHING,
     ODD_DRIFTS,
     ODD_FIELDS,
+    ODD_PROJECTIONS,
     ODD_SCATTERS,
     drifting,
     field,
@@ -44,6 +47,7 @@ def drawings() -> dict[str, Callable[[], Figure]]:
         "odd drifts": lambda: drift_figure(ODD_DRIFTS, "title", 10),
         "residuals": lambda: residuals_figure([field()], [cells_of(field())], "title"),
         "odd residuals": lambda: residuals_figure(ODD_FIELDS, [cells_of(f) for f in ODD_FIELDS], "title"),
+        "odd projections": lambda: projection_figure(ODD_PROJECTIONS, "title"),
     }
 
 
@@ -89,8 +93,9 @@ def test_nothing_written_hides_another_or_leaves_the_sheet(name: str) -> None:
         scatter_svg(ODD_SCATTERS, "pooled"),
         drift_svg(ODD_DRIFTS, "Drift", 10),
         residuals_svg(ODD_FIELDS, "Residuals"),
+        projection_svg(ODD_PROJECTIONS, "Projection uncertainty"),
     ],
-    ids=["scatter", "drift", "residuals"],
+    ids=["scatter", "drift", "residuals", "projection"],
 )
 def test_a_document_stands_for_itself(svg: bytes) -> None:
     """White paper, a title and words for those who cannot see it, and nothing from another host."""
@@ -116,11 +121,12 @@ def test_a_document_stands_for_itself(svg: bytes) -> None:
         assert element.tag not in (f"{space}script", f"{space}foreignObject", f"{space}a")
 
 
+@pytest.mark.slow
 def test_the_same_figures_are_the_same_bytes_in_any_process() -> None:
     program = (
         "import hashlib\n"
         "from app.reports.drift import drift_svg\n"
-        "from app.reports.residual_map import residuals_svg\n"
+        "from app.reports.camera_plots.residual_map import residuals_svg\n"
         "from app.reports.scatter import scatter_svg\n"
         "from tests.support.image.plotted import ODD_DRIFTS, ODD_FIELDS, ODD_SCATTERS\n"
         "drawn = [scatter_svg(ODD_SCATTERS, 'pooled'), drift_svg(ODD_DRIFTS, 'pooled', 10),"
@@ -211,8 +217,11 @@ def test_every_cycle_is_in_the_frame_and_what_is_beyond_is_pointed_at() -> None:
     panels = figure.axes[3 * place : 3 * place + 3]
     assert points_in(figure, "x")[place] == [1, 1, 1]
     assert [len([t for t in axes.texts if isinstance(t, Annotation)]) for axes in panels] == [1, 1, 1]
+    assert {axes.get_xlim() for axes in figure.axes} == {panels[0].get_xlim()}, "one scale for all poses"
     # The outlier 50 m away does not shrink what counts to a dot.
-    assert panels[0].get_xlim()[1] < 0.2 or "µm" in panels[0].get_xlabel()
+    with drawing_style():
+        alone = scatter_figure([poses[place]], "title").axes[0]
+    assert alone.get_xlim()[1] < 0.2 or "µm" in alone.get_xlabel()
 
 
 def test_units_follow_the_scatter() -> None:
@@ -224,8 +233,16 @@ def test_units_follow_the_scatter() -> None:
         for p in poses
     ]
     with drawing_style():
-        figure = scatter_figure(quiet, "title")
-    assert [axes.get_xlabel()[-2:] for axes in figure.axes[::3]] == ["mm", "µm", "nm"]
+        figures = [scatter_figure([one], "title") for one in quiet]
+        together = scatter_figure(quiet, "title")
+    assert [figure.axes[0].get_xlabel()[-2:] for figure in figures] == ["mm", "µm", "nm"]
+    # Poses of one plot are compared: they have one scale.
+    assert {axes.get_xlabel()[-2:] for axes in together.axes[::3]} == {"mm"}
+    assert len({axes.get_xlim() for axes in together.axes}) == 1
+
+
+def test_no_shift_has_a_minus_before_zero() -> None:
+    assert [_signed(value, 1) for value in (-0.04, 0.04, -0.06, 1.25)] == ["0.0", "0.0", "−0.1", "+1.2"]
 
 
 def test_captions_say_n_reading_interval_floor_and_verdict() -> None:
@@ -292,3 +309,21 @@ def test_cells_recover_the_mean_residual_and_tell_chance_from_lens() -> None:
     pull = (cells.mean_px - expected) / (0.02 / np.sqrt(cells.count))[:, None]
     assert 0.8 < float(np.sqrt(np.mean(pull**2))) < 1.25
     assert int(cells.count.sum()) == 20000
+
+
+def test_cells_without_points_are_hatched_and_named() -> None:
+    u, v = np.meshgrid(np.linspace(250.0, 599.0, 40), np.linspace(0.0, 479.0, 40))
+    cells = coverage_cells(np.column_stack([u.ravel(), v.ravel()]), 600, 480)
+    blank = int(np.count_nonzero(cells.count == 0))
+    found = ProjectionField("default", 5, cells, np.where(cells.count == 0, 0.5, 0.1))
+    with drawing_style():
+        figure = projection_figure([found], "title")
+    hatched = [[p for p in axes.patches if p.get_hatch()] for axes in figure.axes]
+    assert [len(panel) for panel in hatched if panel] == [blank, blank]
+    assert [area.name for area in found.areas if area.is_blank] == [
+        "upper left corner",
+        "left edge",
+        "lower left corner",
+    ]
+    assert (found.largest_covered_px, found.largest_blank_px) == (0.1, 0.5)
+    assert cells.count.sum() == 1600

@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator
 
-from app.reports.residual_cells import (
+from app.reports.camera_plots.residual_cells import (
     MIN_POINTS_IN_CELL,
     Cells,
     ResidualField,

@@ -1,0 +1,156 @@
+"""What lens models leave over along the radius: a pattern there is a lens beyond its model, not noise."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.ticker import MaxNLocator
+
+from app.reports.svg import BLUE, FAINT, GREEN, INK, ORANGE, RED, axes_at, draw_svg, short, text_at
+
+_LEFT, _PANEL_WIDTH, _PANEL_HEIGHT = 0.8, 6.6, 2.6
+_HEADER, _CAPTION, _BELOW, _FOOTER = 0.62, 0.72, 0.62, 0.6
+BINS, MIN_POINTS_IN_BIN = 24, 8
+_NORMAL_95 = 1.959964
+_STYLES = {
+    "brown": ("Brown", ORANGE, "o"),
+    "kannala_brandt": ("Kannala-Brandt", BLUE, "s"),
+    "rational": ("rational", GREEN, "^"),
+}
+
+
+@dataclass(frozen=True, slots=True)
+class RadialResiduals:
+    """Residuals of one model's fit along the radius (observed - predicted, outwards positive), and where it turns back.
+
+    `fold_px` is None for a model that does not turn back.
+    """
+
+    model: str
+    radius_px: Float[np.ndarray, " n"]
+    outwards_px: Float[np.ndarray, " n"]
+    rms_px: float
+    fold_px: float | None
+
+
+@dataclass(frozen=True, slots=True)
+class LensProfile:
+    """One focus group: the models that were fitted, the one that was chosen, and how far the grid points reach."""
+
+    focus_group: str
+    images: int
+    chosen: str
+    evidence: str
+    observed_px: float
+    models: Sequence[RadialResiduals]
+
+
+@dataclass(frozen=True, slots=True)
+class RadialBins:
+    """Mean of the residuals along the radius in bins of equal width, with their standard errors."""
+
+    middle_px: Float[np.ndarray, " b"]
+    mean_px: Float[np.ndarray, " b"]
+    error_px: Float[np.ndarray, " b"]
+
+
+def radial_bins(model: RadialResiduals, reach_px: float) -> RadialBins:
+    """Return the bins up to a radius that have points enough."""
+    edges = np.linspace(0.0, reach_px * (1.0 + 1e-9), BINS + 1)
+    place = np.digitize(model.radius_px, edges) - 1
+    rows = []
+    for k in range(BINS):
+        values = model.outwards_px[place == k]
+        if len(values) >= MIN_POINTS_IN_BIN:
+            error = float(np.std(values, ddof=1)) / math.sqrt(len(values))
+            rows.append((0.5 * float(edges[k] + edges[k + 1]), float(np.mean(values)), error))
+    return RadialBins(*np.array(rows, dtype=np.float64).reshape(-1, 3).T)
+
+
+def lens_profile_svg(profiles: Sequence[LensProfile], title: str) -> bytes:
+    """Return a panel for each focus group."""
+    described = [" ".join(_captions(profile)) for profile in profiles]
+    return draw_svg(lambda: lens_profile_figure(profiles, title), title, "\n".join(described))
+
+
+def lens_profile_figure(profiles: Sequence[LensProfile], title: str) -> Figure:
+    """Draw it; within `drawing_style`."""
+    row = _CAPTION + _PANEL_HEIGHT + _BELOW
+    figure = Figure((_LEFT + _PANEL_WIDTH + 0.3, _HEADER + row * len(profiles) + _FOOTER))
+    text_at(figure, 0.15, 0.32, title, fontsize=12, weight="bold")
+    for place, profile in enumerate(profiles):
+        top = _HEADER + place * row
+        first, second = _captions(profile)
+        text_at(figure, 0.15, top + 0.12, first)
+        text_at(figure, 0.15, top + 0.34, second, color="#555555", fontsize=8)
+        _draw(axes_at(figure, _LEFT, top + _CAPTION, _PANEL_WIDTH, _PANEL_HEIGHT), profile)
+    handles = _legend(profiles)
+    figure.legend(handles=handles, loc="lower center", ncols=len(handles), columnspacing=1.6)
+    return figure
+
+
+def _captions(profile: LensProfile) -> tuple[str, str]:
+    each = "   ·   ".join(
+        f"{_STYLES[model.model][0]}: {model.rms_px:.3g} px rms"
+        + (f", turns back at {model.fold_px:.0f} px" if model.fold_px is not None else "")
+        for model in profile.models
+    )
+    chosen = _STYLES[profile.chosen][0]
+    return (
+        f"{short(profile.focus_group)}: {chosen} lens model, {profile.images} images; points reach "
+        f"{profile.observed_px:.0f} px from the principal point.",
+        f"{profile.evidence} {each}",
+    )
+
+
+def _draw(axes: Axes, profile: LensProfile) -> None:
+    axes.axhline(0.0, color=INK, lw=0.7, zorder=1)
+    axes.axvline(profile.observed_px, color=FAINT, lw=1.2, ls=(0, (4, 3)), zorder=1)
+    reach = 1.15 * profile.observed_px
+    for model in profile.models:
+        _, colour, marker = _STYLES[model.model]
+        bins = radial_bins(model, profile.observed_px)
+        axes.errorbar(
+            bins.middle_px,
+            bins.mean_px,
+            _NORMAL_95 * bins.error_px,
+            marker=marker,
+            ms=4,
+            color=colour,
+            elinewidth=0.8,
+            mfc=colour if model.model == profile.chosen else "white",
+            lw=1.2,
+        )
+        if model.fold_px is not None and model.fold_px <= reach:
+            axes.axvline(model.fold_px, color=RED, lw=1.4, zorder=1)
+    axes.set_xlim(0.0, reach)
+    axes.xaxis.set_major_locator(MaxNLocator(8))
+    axes.yaxis.set_major_locator(MaxNLocator(5))
+    axes.set_xlabel("distance from the principal point, px")
+    axes.set_ylabel("mean residual outwards, px", labelpad=2)
+
+
+def _legend(profiles: Sequence[LensProfile]) -> list[Any]:
+    seen = {model.model for profile in profiles for model in profile.models}
+    handles: list[Any] = [
+        Line2D([], [], color=colour, marker=marker, ms=4, label=f"{name}, mean ± 95 %")
+        for model, (name, colour, marker) in _STYLES.items()
+        if model in seen
+    ]
+    handles.append(Line2D([], [], color=FAINT, lw=1.2, ls=(0, (4, 3)), label="observed radius"))
+    reaches = [
+        model.fold_px is not None and model.fold_px <= 1.15 * profile.observed_px
+        for profile in profiles
+        for model in profile.models
+    ]
+    if any(reaches):
+        handles.append(Line2D([], [], color=RED, lw=1.4, label="fold radius"))
+    return handles

@@ -1,0 +1,103 @@
+"""Control charts of a robot's figures: single sessions with their limits, and the EWMA that shows lasting changes."""
+
+from __future__ import annotations
+
+import textwrap
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
+
+from app.reports.svg import BLUE, FAINT, INK, ORANGE, RED, axes_at, draw_svg, short, text_at
+
+_LEFT, _WIDTH, _HEIGHT, _EWMA_HEIGHT = 0.95, 6.6, 1.7, 0.95
+_HEADER, _CAPTION, _BETWEEN, _BELOW = 0.62, 0.62, 0.12, 0.6
+_LETTERS = 108
+"""Letters of small type in a line; a sentence has two lines at most, and stands whole in the description."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ChartedFigure:
+    """One figure over n sessions in time order, with the limits of its chart.
+
+    `ewma` is NaN for points without a score. `since` and `at` are the points from which on the level is another, and
+    where that was shown; None without an alarm. `events` are points before which something was done to the robot.
+    """
+
+    name: str
+    unit: str
+    values: Float[np.ndarray, " n"]
+    centre: float
+    lower: float
+    upper: float
+    outside: tuple[int, ...]
+    ewma: Float[np.ndarray, " n"]
+    ewma_limit: float
+    since: int | None
+    at: int | None
+    sentence: str
+    events: tuple[int, ...] = ()
+
+
+def control_chart_svg(charts: Sequence[ChartedFigure], title: str) -> bytes:
+    """Return two panels for every figure, one above the other."""
+    described = "\n".join(f"{chart.name}: {chart.sentence}" for chart in charts)
+    return draw_svg(lambda: control_chart_figure(charts, title), title, described)
+
+
+def control_chart_figure(charts: Sequence[ChartedFigure], title: str) -> Figure:
+    """Draw it; within `drawing_style`."""
+    row = _CAPTION + _HEIGHT + _BETWEEN + _EWMA_HEIGHT + _BELOW
+    figure = Figure((_LEFT + _WIDTH + 0.25, _HEADER + row * len(charts)))
+    text_at(figure, 0.15, 0.32, short(title), fontsize=12, weight="bold")
+    for place, chart in enumerate(charts):
+        top = _HEADER + place * row
+        text_at(figure, _LEFT, top + 0.1, short(chart.name), fontsize=10, weight="bold")
+        for line, text in enumerate(textwrap.wrap(chart.sentence, _LETTERS)[:2]):
+            text_at(figure, _LEFT, top + 0.31 + 0.16 * line, text, color="#555555", fontsize=8)
+        above = axes_at(figure, _LEFT, top + _CAPTION, _WIDTH, _HEIGHT)
+        below = axes_at(figure, _LEFT, top + _CAPTION + _HEIGHT + _BETWEEN, _WIDTH, _EWMA_HEIGHT)
+        _draw_individuals(above, chart)
+        _draw_ewma(below, chart)
+    return figure
+
+
+def _draw_individuals(axes: Axes, chart: ChartedFigure) -> None:
+    sessions = np.arange(1, len(chart.values) + 1)
+    for level, style in ((chart.lower, "--"), (chart.centre, "-"), (chart.upper, "--")):
+        axes.axhline(level, color=FAINT, linestyle=style, linewidth=0.9)
+    axes.plot(sessions, chart.values, color=BLUE, marker="o", markersize=3.5)
+    outside = list(chart.outside)
+    axes.plot(sessions[outside], chart.values[outside], "o", color=RED, markersize=7, fillstyle="none")
+    axes.set_ylabel(chart.unit)
+    axes.tick_params(labelbottom=False)
+    _mark(axes, chart)
+
+
+def _draw_ewma(axes: Axes, chart: ChartedFigure) -> None:
+    sessions = np.arange(1, len(chart.values) + 1)
+    for level in (-chart.ewma_limit, chart.ewma_limit):
+        axes.axhline(level, color=FAINT, linestyle="--", linewidth=0.9)
+    axes.axhline(0.0, color=FAINT, linewidth=0.9)
+    axes.plot(sessions, chart.ewma, color=ORANGE, marker="s", markersize=3.0)
+    if chart.at is not None:
+        axes.plot(chart.at + 1, chart.ewma[chart.at], "o", color=RED, markersize=7, fillstyle="none")
+    reach = 1.3 * max(chart.ewma_limit, float(np.nanmax(np.abs(chart.ewma), initial=0.0)))
+    axes.set_ylim(-reach, reach)
+    axes.set_ylabel("EWMA")
+    axes.set_xlabel("session")
+    _mark(axes, chart)
+
+
+def _mark(axes: Axes, chart: ChartedFigure) -> None:
+    """Mark since when the level is another, and what was done to the robot, between the sessions."""
+    for place in chart.events:
+        axes.axvline(place + 0.5, color=INK, linestyle=":", linewidth=0.9)
+    if chart.since is not None:
+        axes.axvline(chart.since + 0.5, color=RED, linewidth=1.0)
+    axes.set_xlim(0.4, len(chart.values) + 0.6)
+    axes.xaxis.set_major_locator(MaxNLocator(integer=True))

@@ -1,0 +1,20 @@
+"""Forms of a stored report: its document as JSON, HTML, PDF and CSV.
+
+`render_forms` takes the document, which is plain values, and the drawings that belong to it. Every form is drawn from
+these alone. `figures` names each number of a document, for the CSV form and for whoever compares two documents.
+"""
+
+from app.reports.forms.figures import figures_of
+from app.reports.forms.rendering import FORMAT, FORMAT_VERSION, RenderingFailed, render_forms
+from app.reports.forms.template import CompanyTemplate, TemplateInvalid, read_template
+
+__all__ = [
+    "FORMAT",
+    "FORMAT_VERSION",
+    "CompanyTemplate",
+    "RenderingFailed",
+    "TemplateInvalid",
+    "figures_of",
+    "read_template",
+    "render_forms",
+]

@@ -1,0 +1,139 @@
+"""Blocks of a report, which every form draws in its own way, and how numbers are written in them.
+
+A number with an interval or a standard uncertainty is written to the second significant digit of the uncertainty
+(GUM 7.2.6); half of the interval's width stands for it. What is not known is a dash.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+Block = dict[str, Any]
+UNKNOWN = "–"
+MAX_PLACES = 7
+
+
+def heading(text: str) -> Block:
+    """Return a section's heading."""
+    return {"block": "heading", "text": text}
+
+
+def paragraph(text: str) -> Block:
+    """Return a paragraph."""
+    return {"block": "paragraph", "text": text}
+
+
+def notes(texts: Sequence[str]) -> list[Block]:
+    """Return a list of notes; no block without any."""
+    return [{"block": "notes", "items": list(texts)}] if texts else []
+
+
+def facts(rows: Sequence[tuple[str, Any]]) -> Block:
+    """Return labels with their values; a value that is None is written as not stated."""
+    return {"block": "facts", "rows": [[label, _stated(value)] for label, value in rows]}
+
+
+def table(
+    caption: str,
+    columns: Sequence[str],
+    rows: Sequence[Sequence[str]],
+    *,
+    text_columns: int = 1,
+    wide: int | None = None,
+) -> list[Block]:
+    """Return a table whose first `text_columns` columns are aligned left, the others right; no block without rows.
+
+    The column `wide`, from 0, takes the width that the others leave: that of sentences.
+    """
+    if not rows:
+        return []
+    aligned = ["left" if place < text_columns else "right" for place in range(len(columns))]
+    return [
+        {
+            "block": "table",
+            "caption": caption,
+            "columns": list(columns),
+            "align": aligned,
+            "wide": wide,
+            "rows": [[str(cell) for cell in row] for row in rows],
+        }
+    ]
+
+
+def drawing(svg: str, caption: str, alternative: str) -> Block:
+    """Return a drawing; `alternative` says in words what it shows."""
+    return {"block": "drawing", "svg": svg, "caption": caption, "alternative": alternative}
+
+
+def number(value: float | None, uncertainty: float | None = None, *, places: int = 4) -> str:
+    """Return a number to the second digit of its uncertainty; with `places` decimal places without one."""
+    if value is None:
+        return UNKNOWN
+    if uncertainty is not None and uncertainty > 0.0 and math.isfinite(uncertainty):
+        places = min(max(1 - math.floor(math.log10(uncertainty)), 0), MAX_PLACES)
+    text = f"{value:.{places}f}"
+    if text.startswith("-") and not text.strip("-0."):
+        text = text[1:]  # no minus zero
+    return text.replace("-", "−")
+
+
+def with_interval(
+    value: float | None, interval: Sequence[float] | None, *, places: int = 4
+) -> tuple[str, str]:
+    """Return a number and its interval, both to the second digit of half of the interval's width."""
+    if interval is None:
+        return number(value, places=places), UNKNOWN
+    half = 0.5 * (interval[1] - interval[0])
+    low, high = (number(end, half, places=places) for end in interval)
+    return number(value, half, places=places), f"{low} … {high}"
+
+
+def vector(values: Sequence[float] | None, *, places: int = 3) -> list[str]:
+    """Return three numbers as cells."""
+    return [UNKNOWN] * 3 if values is None else [number(value, places=places) for value in values]
+
+
+def words(name: str) -> str:
+    """Return a code as words: `below_detection` as "below detection"."""
+    return name.replace("_", " ")
+
+
+def warnings_of(document: Mapping[str, Any]) -> list[Block]:
+    """Return an analysis's warnings as notes, with their advice."""
+    texts = [
+        f"{one['detail']} {one['advice']}" if one["advice"] else one["detail"] for one in document["warnings"]
+    ]
+    return [heading("Warnings"), *notes(texts)] if texts else []
+
+
+def excluded_of(document: Mapping[str, Any], inputs: Mapping[str, Any]) -> list[Block]:
+    """Return what does not count in an analysis, each with pose, cycle and reason."""
+    known = {one["measurement_id"]: one for one in (*inputs["images"], *inputs["measured_poses"])}
+    rows = []
+    for one in document["excluded"]:
+        source = known.get(one["measurement_id"], {})
+        cycle = source.get("cycle")
+        rows.append(
+            [
+                str(source.get("pose_id", UNKNOWN)),
+                UNKNOWN if cycle is None else str(cycle),
+                one["filename"] or one["measurement_id"],
+                words(one["code"]),
+                one["detail"],
+            ]
+        )
+    if not rows:
+        return [heading("Excluded measurements"), paragraph("None: every measurement counts.")]
+    columns = ("pose", "cycle", "image", "reason", "detail")
+    return [
+        heading("Excluded measurements"),
+        *table("Measurements that do not count, each with its reason", columns, rows, text_columns=5, wide=4),
+    ]
+
+
+def _stated(value: Any) -> str:
+    if value is None or value == "":
+        return "not stated"
+    return str(value)

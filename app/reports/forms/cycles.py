@@ -1,0 +1,93 @@
+"""Sections of a repeatability report about its cycles: drift, steadiness, outliers."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from app.reports.forms.blocks import UNKNOWN, Block, facts, heading, number, paragraph, table, words
+
+Json = Mapping[str, Any]
+
+
+def drift_blocks(found: Json) -> list[Block]:
+    """Return the section on drift."""
+    if found["drift"] is None:
+        return [
+            heading("Drift (7.6)"),
+            paragraph("Not determined: no pose has two blocks of ten cycles."),
+        ]
+    rows = [
+        [
+            one["pose_id"],
+            *(
+                number(value, u)
+                for value, u in zip(one["shift_mm"], one["shift_standard_uncertainty_mm"], strict=True)
+            ),
+            number(one["shift_distance_mm"], max(one["shift_standard_uncertainty_mm"])),
+            number(one["drp_mm"]),
+            number(one["duration_h"]),
+        ]
+        for one in found["drift"]["poses"]
+    ]
+    columns = ("pose", "x, mm", "y, mm", "z, mm", "length, mm", "dRP_l, mm", "over, h")
+    return [
+        heading("Drift (7.6)"),
+        *table("Shift of the mean pose from the first block of cycles to the last", columns, rows),
+    ]
+
+
+def steadiness_blocks(found: Json) -> list[Block]:
+    """Return the section on steadiness."""
+    one = found["steadiness"]
+    if one["steady"] is None:
+        return [heading("Steadiness"), paragraph("Not tested: no pose has six visits with a cycle number.")]
+    rows: list[tuple[str, Any]] = [
+        ("steady", "yes" if one["steady"] else "no"),
+        ("tested", f"{one['cycles']} {one['counted_in']}"),
+    ]
+    p = one["p_values"]
+    if p is not None:
+        rows += [
+            ("overall p", f"{number(p['overall_p_value'])} of {p['permutations']} permutations"),
+            ("trend p", number(p["trend_p_value"])),
+            ("change point p", number(p["change_point_p_value"])),
+            ("autocorrelation p", number(p["autocorrelation_p_value"])),
+        ]
+    if one["effective_cycles"] is not None:
+        rows.append(("effective cycles", number(one["effective_cycles"], places=1)))
+    if one["common_motion"] is not None:
+        rows.append(("what moved", words(one["common_motion"]["attribution"])))
+    unsteady = [pose["pose_id"] for pose in one["poses"] if not pose["steady"]]
+    if unsteady:
+        rows.append(("poses not steady", ", ".join(unsteady)))
+    for pose in one["two_points"]:
+        rows.append(
+            (
+                f"two stopping points at {pose['pose_id']}",
+                f"{number(pose['distance_mm'])} mm from one another",
+            )
+        )
+    return [heading("Steadiness"), facts(rows)]
+
+
+def outlier_blocks(found: Json) -> list[Block]:
+    """Return the section on outliers."""
+    rows = [
+        [
+            pose["pose_id"],
+            UNKNOWN if one["cycle"] is None else str(one["cycle"]),
+            words(one["code"]),
+            one["detail"],
+            number(one["distance_mm"]),
+        ]
+        for pose in found["poses"]
+        for one in pose["outliers"]
+    ]
+    if not rows:
+        return [heading("Outliers"), paragraph("None. Outliers, where there are any, count in every figure.")]
+    columns = ("pose", "cycle", "test", "detail", "distance, mm")
+    return [
+        heading("Outliers"),
+        *table("Outliers; they count in every figure", columns, rows, text_columns=4, wide=3),
+    ]

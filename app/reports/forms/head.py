@@ -1,0 +1,127 @@
+"""Sections that every report begins and ends with: what it is about, under which conditions, made from what."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from datetime import datetime
+from typing import Any
+
+from app.reports.forms.blocks import Block, facts, heading, paragraph
+
+Json = Mapping[str, Any]
+
+
+def opening_blocks(document: Json) -> list[Block]:
+    """Return what was measured, with what, and under which conditions."""
+    inputs, subject = document["inputs"], document["subject"]
+    robot, conditions = inputs["robot"], subject["conditions"] or {}
+    rows: list[tuple[str, Any]] = [("session", subject["session"]["name"])]
+    if robot is not None:
+        rows += [
+            ("robot", robot["name"]),
+            ("manufacturer, model", _joined(robot["manufacturer"], robot["model"])),
+            ("serial number", robot["serial_number"]),
+        ]
+    rows += [
+        ("measured", _period(subject["first_captured_at"], subject["last_captured_at"])),
+        ("poses from", "images" if document["source"] == "images" else "another instrument"),
+        ("qualification", _qualified(subject.get("qualification"), document["made_at"])),
+    ]
+    stated = [
+        ("load", _with_unit(conditions.get("load_kg"), "kg")),
+        ("speed", _with_unit(conditions.get("speed_percent"), "%")),
+        ("temperature", _with_unit(conditions.get("temperature_c"), "°C")),
+        ("warm-up", _with_unit(conditions.get("warm_up_min"), "min")),
+        ("operator", conditions.get("operator")),
+        ("notes", conditions.get("notes")),
+    ]
+    return [
+        heading("Subject"),
+        facts(rows),
+        heading("Conditions"),
+        facts(stated),
+        *_targets(inputs["targets"] if document["source"] == "images" else ()),
+    ]
+
+
+def closing_blocks(document: Json) -> list[Block]:
+    """Return what the report was made from, by whom and how it is verified, and the lines to sign."""
+    inputs, maker = document["inputs"], document["made_by"]
+    sources = [
+        f"{len(inputs['images'])} images" if inputs["images"] else "",
+        f"{len(inputs['measured_poses'])} poses of another instrument" if inputs["measured_poses"] else "",
+    ]
+    rows = [
+        ("report", document["report_id"]),
+        ("made", _moment(document["made_at"])),
+        ("made by", maker["name"] if maker is not None else "the service, without a key"),
+        ("software", f"Gridpose {document['core_version']}"),
+        ("made from", ", ".join(filter(None, sources)) or "nothing"),
+        ("hash of all inputs", document["inputs_sha256"]),
+        ("signing key", document["signing_key"]),
+    ]
+    return [
+        heading("Provenance"),
+        facts(rows),
+        paragraph(
+            "Every figure is from stored values. The attached report.json (the form JSON of this report) has all "
+            "figures in full and names every image by its SHA-256. The detached signature covers the hash of each "
+            "form: `gridpose report verify FILE` checks a file, and GET /v1/reports/{id}/verify computes all figures "
+            "again from the originals."
+        ),
+        {"block": "signatures", "rows": [dict(one) for one in document["signatories"]]},
+    ]
+
+
+def _targets(targets: Any) -> list[Block]:
+    blocks: list[Block] = []
+    for target in targets:
+        certificate, u = target["certificate"], target["pitch_standard_uncertainty_mm"]
+        rows: list[tuple[str, Any]] = [
+            ("name", target["name"]),
+            ("kind", f"{target['kind']}, {target['columns']} × {target['rows']} grid points"),
+            ("pitch", f"{target['pitch_mm']:g} mm" + (f", u = {u:g} mm" if u is not None else "")),
+            ("print", target["print_kind"]),
+        ]
+        if certificate is not None:
+            rows += [
+                ("certificate", _joined(certificate.get("number"), certificate.get("laboratory"))),
+                ("certificate of", certificate.get("issued_on")),
+            ]
+        elif u is None:
+            rows.append(("traceability", "none stated: absolute lengths take the pitch as exact"))
+        blocks += [heading(f"Target {target['name']}"), facts(rows)]
+    return blocks
+
+
+def _qualified(cited: Json | None, made_at: str) -> str:
+    """Return what the latest qualification by known lengths says at the time of the report."""
+    if cited is None:
+        return "none"
+    made, due = cited["made_at"][:10], cited["due_at"][:10]
+    if cited["decision"] == "fail":
+        return f"failed on {made} ({cited['id']})"
+    if datetime.fromisoformat(cited["due_at"]) <= datetime.fromisoformat(made_at):
+        return f"due since {due}: the last one was on {made} ({cited['id']})"
+    decided = {"pass": "qualified", "inconclusive": "not decided, holds"}.get(
+        cited["decision"] or "", "measured without a limit, holds"
+    )
+    return f"{decided} until {due} ({cited['id']})"
+
+
+def _joined(*parts: str | None) -> str | None:
+    return ", ".join(part for part in parts if part) or None
+
+
+def _with_unit(value: float | None, unit: str) -> str | None:
+    return None if value is None else f"{value:g} {unit}"
+
+
+def _period(first: str | None, last: str | None) -> str | None:
+    if first is None or last is None:
+        return None
+    return _moment(first) if first == last else f"{_moment(first)} to {_moment(last)}"
+
+
+def _moment(text: str) -> str:
+    return f"{text[:10]} {text[11:16]} UTC"

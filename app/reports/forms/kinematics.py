@@ -1,0 +1,168 @@
+"""Sections of a kinematics report: parameters with uncertainties, identifiability, validation, frames."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from app.reports.forms.blocks import (
+    UNKNOWN,
+    Block,
+    excluded_of,
+    facts,
+    heading,
+    notes,
+    number,
+    paragraph,
+    table,
+    warnings_of,
+    words,
+)
+
+Json = Mapping[str, Any]
+_PARAMETERS = ("a_mm", "alpha_deg", "d_mm", "theta_offset_deg", "beta_deg")
+_NORMAL_95 = 1.959964
+
+
+def kinematics_blocks(found: Json, inputs: Json) -> list[Block]:
+    """Return the sections; `found` is the analysis `dh`."""
+    return [
+        *_result(found),
+        *_parameters(found),
+        *_identifiability(found),
+        *_validation(found),
+        *_frames(found),
+        *excluded_of(found, inputs),
+        *warnings_of(found),
+    ]
+
+
+def _result(found: Json) -> list[Block]:
+    validation, residual = found["validation"], found["residual"]
+    rows: list[tuple[str, Any]] = [
+        ("method", words(found["method"])),
+        ("model", words(found["model"])),
+        ("convention", found["convention"]),
+        ("residual", _errors(residual)),
+    ]
+    if validation is not None:
+        rows.append(("held-out poses", f"{_errors(validation)}, {validation['held_out_poses']} poses"))
+        if validation["nominal"] is not None:
+            rows.append(("the nominal model on the same poses", _errors(validation["nominal"])))
+    level = found.get("level")
+    return [heading("Result"), facts(rows), *notes([level["reason"], level["gain"]] if level else [])]
+
+
+def _errors(one: Json) -> str:
+    parts = [f"{number(one['position_rms_mm'])} mm rms"]
+    if one.get("rotation_rms_deg") is not None:
+        parts.append(f"{number(one['rotation_rms_deg'])}° rms")
+    return ", ".join(parts)
+
+
+def _parameters(found: Json) -> list[Block]:
+    blocks: list[Block] = [heading("Denavit-Hartenberg parameters")]
+    rows = []
+    for joint in found["joints"]:
+        for name in _PARAMETERS:
+            value, u = joint[name], joint["standard_uncertainty"][name]
+            if value is None:
+                continue
+            nominal = (joint["nominal"] or {}).get(name)
+            rows.append(
+                [
+                    str(joint["joint"]),
+                    _symbol(name),
+                    "yes" if joint["identifiable"].get(name) else "no",
+                    number(value, u),
+                    number(u, u) if u is not None else UNKNOWN,
+                    f"{number(value - _NORMAL_95 * u, u)} … {number(value + _NORMAL_95 * u, u)}"
+                    if u
+                    else UNKNOWN,
+                    number(nominal),
+                    number(value - nominal, u) if nominal is not None else UNKNOWN,
+                ]
+            )
+    columns = ("joint", "parameter", "identifiable", "value", "u", "95 % interval", "nominal", "deviation")
+    blocks += table("Parameters joint by joint; u: standard uncertainty", columns, rows, text_columns=3)
+    rows = [
+        [
+            str(joint["joint"]),
+            number(joint["arc_deg"], places=1),
+            str(joint["poses"]) if joint["poses"] is not None else UNKNOWN,
+        ]
+        for joint in found["joints"]
+    ]
+    blocks += table("Motion of each joint", ("joint", "arc, °", "poses"), rows)
+    return blocks
+
+
+def _symbol(name: str) -> str:
+    letters = {"a_mm": "a, mm", "alpha_deg": "α, °", "d_mm": "d, mm", "theta_offset_deg": "θ₀, °"}
+    return letters.get(name, "β, °")
+
+
+def _identifiability(found: Json) -> list[Block]:
+    sentences = [one["sentence"] for one in found.get("unidentifiable") or found.get("null_space") or ()]
+    if not sentences:
+        return [heading("Identifiability"), paragraph("The poses determine every parameter of the model.")]
+    return [
+        heading("Identifiability"),
+        paragraph("The poses do not determine these; each stands at its nominal value:"),
+        *notes(sentences),
+    ]
+
+
+def _validation(found: Json) -> list[Block]:
+    one = found["validation"]
+    if one is None:
+        return [heading("Validation"), paragraph("Too few poses to hold any out.")]
+    rows = []
+    for name, errors in (
+        ("random folds", one["random"]),
+        ("blocks", one["blocked"]),
+        ("nominal model", one["nominal"]),
+    ):
+        if errors is not None:
+            rows.append([name, number(errors["position_rms_mm"]), number(errors.get("rotation_rms_deg"))])
+    blocks = [
+        heading("Validation"),
+        *table("Errors of poses that were held out", ("folds", "position, mm rms", "rotation, ° rms"), rows),
+    ]
+    agreement = found["method_agreement"]
+    if agreement is not None and agreement.get("largest_difference") is not None:
+        blocks.append(
+            facts(
+                [
+                    (
+                        "largest difference between methods",
+                        f"{number(agreement['largest_difference'], places=2)} u",
+                    )
+                ]
+            )
+        )
+    model = found["error_model"]
+    if model is not None and model.get("terms"):
+        blocks.append(facts([("terms beyond the chain", ", ".join(map(words, model["terms"])))]))
+    return blocks
+
+
+def _frames(found: Json) -> list[Block]:
+    blocks: list[Block] = []
+    camera = found["flange_camera"]
+    instrument = "Camera" if found["source"] == "images" else "Probe"
+    if camera is not None:
+        blocks += _transform(f"{instrument} in the flange's frame", camera, "T_flange_camera")
+    for one in found["base_targets"] or ():
+        name = f"Target {one['target_id']}" if one["target_id"] else "The instrument's frame"
+        blocks += _transform(f"{name} in the base frame", one, "T_base_target")
+    return [heading("Frames"), *blocks] if blocks else []
+
+
+def _transform(caption: str, one: Json, name: str) -> list[Block]:
+    matrix = one[name]
+    rows = [
+        [axis, *(number(value, places=6) for value in row[:3]), number(row[3], places=3)]
+        for axis, row in zip("xyz", matrix, strict=False)
+    ]
+    return table(f"{caption}: rotation, and position in mm", ("row", "x", "y", "z", "position"), rows)

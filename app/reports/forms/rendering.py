@@ -1,0 +1,189 @@
+"""A report's document to its forms, the same bytes for the same document and drawings."""
+
+from __future__ import annotations
+
+import base64
+import hashlib
+import json
+import re
+from collections.abc import Mapping
+from datetime import datetime
+from functools import cache
+from importlib import resources
+from typing import Any, Literal
+
+import jinja2
+
+from app.markup import legal_text
+from app.reports.forms.blocks import Block, drawing, facts, heading
+from app.reports.forms.camera import camera_blocks
+from app.reports.forms.figures import figures_csv
+from app.reports.forms.head import closing_blocks, opening_blocks
+from app.reports.forms.kinematics import kinematics_blocks
+from app.reports.forms.repeatability import repeatability_blocks
+from app.reports.forms.session import session_blocks
+from app.reports.forms.template import CompanyTemplate
+
+FORMAT = "gridpose-report"
+FORMAT_VERSION = 1
+_PDF_STANDARDS: list[Literal["a-3a", "ua-1"]] = ["a-3a", "ua-1"]
+_PAPERS = {"a4": ("a4", 680.0), "letter": ("us-letter", 630.0)}
+"""typst's name, and how high a drawing may be on a page, pt."""
+_KINDS = {
+    "repeatability": (
+        "Pose repeatability and accuracy by ISO 9283:1998",
+        "repeatability",
+        repeatability_blocks,
+    ),
+    "kinematics": ("Identified kinematics", "dh", kinematics_blocks),
+    "camera": ("Camera calibration", "intrinsics", camera_blocks),
+}
+_CAPTIONS = {
+    "scatter": "Cycles of each pose about their mean, in three projections.",
+    "drift": "Position of each pose over the cycles, with the means of blocks of ten cycles.",
+    "steadiness": "Motion that all poses share over the cycles, and each pose's own.",
+    "joint_curves": "What each joint turns by beyond its stated angle, with the 95 % band, and the angles visited.",
+    "residuals": "Residuals over the image: what the camera model leaves over, by place.",
+    "projection": "Projection uncertainty of points at infinity over the image, and how many points each part has.",
+}
+_WIDTH_PT = {"a4": 493.0, "letter": 510.0}
+
+
+class RenderingFailed(Exception):
+    """The PDF could not be drawn from these data; the text is the compiler's."""
+
+
+def render_forms(
+    document: Mapping[str, Any], drawings: Mapping[str, str], template: CompanyTemplate
+) -> dict[str, bytes]:
+    """Return the forms json, html, pdf and csv of a report.
+
+    `drawings` are SVG documents by name. Raises RenderingFailed.
+    """
+    text = (json.dumps(document, ensure_ascii=False, indent=1, allow_nan=False) + "\n").encode()
+    head = _head(document, template, hashlib.sha256(text).hexdigest())
+    blocks = report_blocks(document, drawings)
+    return {
+        "json": text,
+        "html": _html(head, blocks, template),
+        "pdf": _pdf(head, blocks, template, text, document),
+        "csv": figures_csv(document),
+    }
+
+
+def report_blocks(document: Mapping[str, Any], drawings: Mapping[str, str]) -> list[Block]:
+    """Return all sections of a report, in their order."""
+    stated = document["template"]["fields"]
+    if document["kind"] == "session":
+        body = session_blocks(document["analyses"], document["refusals"], document["inputs"])
+    else:
+        _, analysis, blocks_of = _KINDS[document["kind"]]
+        body = blocks_of(document["analyses"][analysis], document["inputs"])
+    return [
+        *([heading("Order"), facts(list(stated.items()))] if stated else []),
+        *opening_blocks(document),
+        *body,
+        *closing_blocks(document),
+        *_drawings(drawings),
+    ]
+
+
+def _drawings(drawings: Mapping[str, str]) -> list[Block]:
+    found = [
+        drawing(drawings[name], caption, f"{caption} The tables of this report hold its figures.")
+        for name, caption in _CAPTIONS.items()
+        if name in drawings
+    ]
+    return [heading("Annex: drawings"), *found] if found else []
+
+
+def _head(document: Mapping[str, Any], template: CompanyTemplate, json_sha256: str) -> dict[str, Any]:
+    subtitle = _KINDS[document["kind"]][0] if document["kind"] in _KINDS else "Measurement session"
+    return {
+        "id": document["report_id"],
+        "title": document["title"],
+        "subtitle": f"{subtitle} · {document['subject']['session']['name']} · {document['made_at'][:10]}",
+        "organisation": template.organisation or "",
+        "address": list(template.address),
+        "footer": template.footer,
+        "accent": template.accent,
+        "json_sha256": json_sha256,
+    }
+
+
+def _html(head: Mapping[str, Any], blocks: list[Block], template: CompanyTemplate) -> bytes:
+    drawn = [
+        {**one, "uri": _uri("image/svg+xml", one["svg"].encode())} if one["block"] == "drawing" else one
+        for one in blocks
+    ]
+    logo = None
+    if template.logo is not None:
+        logo = _uri("image/svg+xml" if template.logo_is_svg else "image/png", template.logo)
+    return _page().render(report=head, blocks=drawn, logo_uri=logo).encode()
+
+
+def _uri(media_type: str, content: bytes) -> str:
+    return f"data:{media_type};base64,{base64.b64encode(content).decode()}"
+
+
+@cache
+def _page() -> jinja2.Template:
+    source = resources.files(__package__).joinpath("report.html.j2").read_text(encoding="utf-8")
+    environment = jinja2.Environment(autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True)
+    return environment.from_string(source)
+
+
+@cache
+def _typst_source() -> bytes:
+    return resources.files(__package__).joinpath("report.typ").read_bytes()
+
+
+def _pdf(
+    head: Mapping[str, Any],
+    blocks: list[Block],
+    template: CompanyTemplate,
+    attached: bytes,
+    document: Mapping[str, Any],
+) -> bytes:
+    import typst  # 47 MB that only the process that draws loads
+
+    paper, height_pt = _PAPERS[document["paper"]]
+    width_pt = _WIDTH_PT[document["paper"]]
+    drawn = [
+        {**one, "height_pt": _drawn_height(one["svg"], width_pt, height_pt)}
+        if one["block"] == "drawing"
+        else one
+        for one in blocks
+    ]
+    values = {
+        **head,
+        "paper": paper,
+        "logo": None if template.logo is None else list(template.logo),
+        "logo_is_svg": template.logo_is_svg,
+        "blocks": drawn,
+    }
+    inputs = {"report": legal_text(json.dumps(values, ensure_ascii=False)), "attached": attached.decode()}
+    try:
+        return bytes(
+            typst.compile(
+                _typst_source(),
+                format="pdf",
+                sys_inputs=inputs,
+                ignore_system_fonts=True,
+                pdf_standards=[*_PDF_STANDARDS],
+                timestamp=datetime.fromisoformat(document["made_at"]),
+            )
+        )
+    except typst.TypstError as error:
+        raise RenderingFailed(str(error)) from error
+
+
+_SIZE = re.compile(r'<svg[^>]*\bviewBox="0 0 ([\d.]+) ([\d.]+)"')
+
+
+def _drawn_height(svg: str, width_pt: float, most_pt: float) -> float:
+    """Return how high a drawing is at the page's width, pt, and at most so high that it fits a page."""
+    found = _SIZE.search(svg)
+    if found is None:
+        return most_pt / 2
+    return min(float(found[2]) * min(width_pt / float(found[1]), 1.0), most_pt)

@@ -1,0 +1,115 @@
+"""What each joint turns by beyond its stated angle: the curve, its 95 % band, and the angles at which it was."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patches import Patch
+from matplotlib.ticker import MaxNLocator
+
+from app.reports.svg import BLUE, FAINT, INK, SKY, axes_at, draw_svg, short, text_at
+
+_LEFT, _PANEL_WIDTH, _PANEL_HEIGHT, _GAP = 0.8, 4.1, 1.75, 0.85
+_HEADER, _CAPTION, _BELOW, _FOOTER = 0.85, 0.44, 0.62, 0.7
+_NORMAL_95 = 1.959964
+_MARGIN = 0.06
+"""Of the range of angles: what is drawn on both sides of it, hatched."""
+_RUG = 0.07
+"""Of the height: the marks of visited angles."""
+_MAX_VECTORS, _MAX_NAMED = 3000, 2
+
+
+@dataclass(frozen=True, slots=True)
+class JointCurvePanel:
+    """One joint: its curve over the stated angle, the angles visited, and gaps that were never visited; degrees."""
+
+    name: str
+    angles_deg: Float[np.ndarray, " a"]
+    correction_deg: Float[np.ndarray, " a"]
+    standard_uncertainty_deg: Float[np.ndarray, " a"]
+    visited_deg: Float[np.ndarray, " n"]
+    gaps_deg: Sequence[tuple[float, float]]
+
+    @property
+    def caption(self) -> str:
+        largest = int(np.argmax(np.abs(self.correction_deg)))
+        text = (
+            f"largest correction {1e3 * self.correction_deg[largest]:.3g} ± "
+            f"{1e3 * _NORMAL_95 * self.standard_uncertainty_deg[largest]:.2g} mdeg at {self.angles_deg[largest]:.0f}°"
+        )
+        gaps = ", ".join(f"{low:.0f}° to {high:.0f}°" for low, high in self.gaps_deg[:_MAX_NAMED])
+        if len(self.gaps_deg) > _MAX_NAMED:
+            gaps += f" and {len(self.gaps_deg) - _MAX_NAMED} more"
+        return f"{text}   ·   not visited: {gaps}" if gaps else text
+
+
+def joint_curves_svg(panels: Sequence[JointCurvePanel], title: str, summary: str) -> bytes:
+    """Return a panel for each joint; `summary` says what was chosen and why."""
+    described = [summary, *(f"{panel.name}: {panel.caption}" for panel in panels)]
+    return draw_svg(lambda: joint_curves_figure(panels, title, summary), title, "\n".join(described))
+
+
+def joint_curves_figure(panels: Sequence[JointCurvePanel], title: str, summary: str) -> Figure:
+    """Draw it; within `drawing_style`."""
+    columns = 1 if len(panels) == 1 else 2
+    rows = math.ceil(len(panels) / columns)
+    row = _CAPTION + _PANEL_HEIGHT + _BELOW
+    width = _LEFT + columns * _PANEL_WIDTH + (columns - 1) * _GAP + 0.25
+    figure = Figure((max(width, 6.6), _HEADER + row * rows + _FOOTER))
+    text_at(figure, 0.15, 0.32, title, fontsize=12 if columns == 2 else 9.5, weight="bold")
+    text_at(figure, 0.15, 0.56, summary, fontsize=9)
+    rasterized = sum(len(panel.visited_deg) for panel in panels) > _MAX_VECTORS
+    for place, panel in enumerate(panels):
+        left = _LEFT + (place % columns) * (_PANEL_WIDTH + _GAP)
+        top = _HEADER + (place // columns) * row
+        text_at(figure, left, top + 0.1, short(panel.name), fontsize=10, weight="bold", color=INK)
+        text_at(figure, left, top + 0.31, panel.caption)
+        _draw(axes_at(figure, left, top + _CAPTION, _PANEL_WIDTH, _PANEL_HEIGHT), panel, rasterized)
+    figure.legend(handles=_legend(), loc="lower center", ncols=4, columnspacing=1.6, handletextpad=0.6)
+    return figure
+
+
+def _draw(axes: Axes, panel: JointCurvePanel, rasterized: bool) -> None:
+    correction, band = 1e3 * panel.correction_deg, 1e3 * _NORMAL_95 * panel.standard_uncertainty_deg
+    low, high = float(panel.angles_deg[0]), float(panel.angles_deg[-1])
+    margin = max(_MARGIN * (high - low), 1.0)
+    axes.axhline(0.0, color=INK, lw=0.7, zorder=1)
+    for first, last in ((low - margin, low), *panel.gaps_deg, (high, high + margin)):
+        axes.axvspan(first, last, facecolor="none", edgecolor=FAINT, hatch="////", lw=0.0, zorder=0)
+    axes.fill_between(panel.angles_deg, correction - band, correction + band, color=SKY, alpha=0.7, lw=0.0)
+    axes.plot(panel.angles_deg, correction, color=BLUE, lw=1.5, zorder=3)
+    axes.vlines(
+        panel.visited_deg,
+        0.0,
+        _RUG,
+        transform=axes.get_xaxis_transform(),
+        color=INK,
+        lw=0.5,
+        alpha=0.6,
+        zorder=2,
+        rasterized=rasterized,
+    )
+    axes.set_xlim(low - margin, high + margin)
+    reach = max(float(np.max(np.abs(correction) + band)), 1.0)
+    axes.set_ylim(-1.3 * reach, 1.15 * reach)
+    axes.xaxis.set_major_locator(MaxNLocator(8))
+    axes.yaxis.set_major_locator(MaxNLocator(5))
+    axes.set_xlabel("stated angle, °")
+    axes.set_ylabel("correction, mdeg", labelpad=2)
+
+
+def _legend() -> list[Any]:
+    return [
+        Line2D([], [], color=BLUE, lw=1.5, label="correction"),
+        Patch(color=SKY, alpha=0.7, lw=0.0, label="its 95 % band"),
+        Line2D([], [], color=INK, marker="|", ls="none", ms=7, label="angles visited"),
+        Patch(facecolor="none", edgecolor=FAINT, hatch="////", lw=0.0, label="never visited"),
+    ]
