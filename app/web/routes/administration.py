@@ -1,0 +1,98 @@
+"""Keys, the audit trail, and the state of the system."""
+
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+from typing import Annotated, Any
+
+import sqlalchemy as sa
+from fastapi import Query, Request
+from starlette.concurrency import run_in_threadpool
+from starlette.responses import Response
+
+from app.build import core_version
+from app.records.database import sqlite_version
+from app.records.tables import AuditEntry
+from app.services.keys import list_keys
+from app.services.sessions import count_all_measurements
+from app.web.pages import page_router, render
+from app.web.service import Service, service_of
+
+router = page_router()
+AUDIT_PAGE = 100
+
+
+@router.get("/keys", operation_id="list_keys")
+def show_keys(request: Request, cursor: Annotated[str | None, Query(max_length=200)] = None) -> Response:
+    """Show the keys, and the form to make one."""
+    keys, next_cursor = list_keys(service_of(request).installation, limit=200, cursor=cursor)
+    return render(request, "keys.html", keys=keys, next_cursor=next_cursor)
+
+
+@router.get("/audit", operation_id="list_audit")
+def show_audit(
+    request: Request,
+    key: Annotated[str, Query(max_length=64)] = "",
+    about: Annotated[str, Query(max_length=128)] = "",
+    page: Annotated[int, Query(ge=1, le=1_000_000)] = 1,
+) -> Response:
+    """Show who changed what, newest first."""
+    statement = sa.select(AuditEntry)
+    if key:
+        statement = statement.where(AuditEntry.key_id == key)
+    if about:
+        listed = sa.cast(AuditEntry.object_ids, sa.Text())
+        statement = statement.where(listed.contains(f'"{about}"', autoescape=True))
+    with service_of(request).installation.database.read() as records:
+        entries = records.scalars(
+            statement.order_by(AuditEntry.id.desc()).limit(AUDIT_PAGE + 1).offset((page - 1) * AUDIT_PAGE)
+        ).all()
+    return render(
+        request,
+        "audit.html",
+        entries=entries[:AUDIT_PAGE],
+        more=len(entries) > AUDIT_PAGE,
+        page=page,
+        filters={"key": key, "about": about},
+    )
+
+
+@router.get("/system", operation_id="get_metrics")
+async def show_system(request: Request) -> Response:
+    """Show whether the service is well, part by part: in words, and what to do where it is not."""
+    service = service_of(request)
+    checks = await service.health.look()
+    facts = await run_in_threadpool(_facts, service)
+    waiting, running = service.analyses.counts()
+    runner = service.runner.state if service.runner is not None else None
+    return render(
+        request,
+        "system.html",
+        checks=checks,
+        runner=runner,
+        analyses_waiting=waiting,
+        analyses_running=running,
+        core_version=core_version(),
+        **facts,
+    )
+
+
+def _facts(service: Service) -> dict[str, Any]:
+    installation = service.installation
+    with installation.database.read() as records:
+        counts = count_all_measurements(records)
+    folder = installation.settings.data_dir
+    disk = shutil.disk_usage(folder)
+    backups = sorted((folder / "backups").glob("*")) if (folder / "backups").is_dir() else []
+    version, sound = sqlite_version()
+    return {
+        "counts": counts,
+        "disk": disk,
+        "floor": installation.settings.disk_floor_bytes,
+        "database_bytes": installation.database.size_bytes(),
+        "database": f"SQLite {version}" if installation.database.is_sqlite else "PostgreSQL",
+        "database_sound": sound or not installation.database.is_sqlite,
+        "copies": [Path(one).name for one in backups],
+        "retention_days": installation.settings.retention_days,
+    }

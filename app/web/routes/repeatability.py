@@ -1,0 +1,90 @@
+"""A session's repeatability: the ISO table, scatter, drift, steadiness, acceptance, downloads."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any
+
+from fastapi import Query, Request
+from starlette.concurrency import run_in_threadpool
+from starlette.responses import JSONResponse, Response
+
+from app.analyses.outcome import AnalysisRefused
+from app.services.sessions import get_session
+from app.web.analyses import analysis_document
+from app.web.bars import bars_of
+from app.web.pages import page_router, render
+from app.web.routes.sessions import session_context
+from app.web.service import Service, service_of
+from app.web.words import ESTIMATORS
+
+router = page_router()
+MAX_DRAWN = 40
+"""Poses of one plot, as the API draws them."""
+EstimatorText = Annotated[str, Query(max_length=40)]
+SourceText = Annotated[str, Query(max_length=40)]
+ANGLES = ("rp_roll_deg", "rp_pitch_deg", "rp_yaw_deg")
+
+
+@router.get("/sessions/{session_id}/repeatability", operation_id="get_repeatability")
+async def show_repeatability(
+    request: Request, session_id: str, estimator: EstimatorText = "pooled", source: SourceText = "images"
+) -> Response:
+    """Show every pose's repeatability with its interval, the instrument's floor and a verdict with its reason."""
+    settings = settings_of(estimator, source)
+    context = await run_in_threadpool(head_of, service_of(request), session_id, "repeatability")
+    found = await analysis_document(request, "repeatability", session_id, settings)
+    shown: dict[str, Any] = {"refused": found, "document": None, "rows": [], "bar_end": 0.0, "drawn": False}
+    if not isinstance(found, AnalysisRefused):
+        bars, end = bars_of(
+            [
+                (
+                    pose["repeatability"]["rp_l_mm"],
+                    pose["interval"]["rp_l_mm"],
+                    pose["noise_floor"]["rp_l_mm"],
+                    pose["corrected"]["rp_l_mm"],
+                )
+                for pose in found["poses"]
+            ],
+            limit_of(found),
+        )
+        shown = {
+            "refused": None,
+            "document": found,
+            "rows": list(zip(found["poses"], bars, strict=True)),
+            "bar_end": end,
+            "drawn": len(found["poses"]) <= MAX_DRAWN,
+        }
+    return render(request, "repeatability.html", **context, **shown, settings=settings, limit=limit_of(found))
+
+
+@router.get("/sessions/{session_id}/cycles.json", operation_id="get_repeatability")
+async def get_cycle_points(
+    request: Request, session_id: str, estimator: EstimatorText = "pooled", source: SourceText = "images"
+) -> Response:
+    """Give the cycles' positions about each pose's mean, for the scatter that can be turned."""
+    found = await analysis_document(request, "cycle_points", session_id, settings_of(estimator, source))
+    if isinstance(found, AnalysisRefused):
+        return JSONResponse({"poses": [], "detail": found.detail, "advice": found.advice})
+    return JSONResponse(found, headers={"Cache-Control": "private, no-cache"})
+
+
+def settings_of(estimator: str, source: str) -> dict[str, str]:
+    """Return the settings of an analysis; what the API does not know is its default."""
+    return {
+        "estimator": estimator if estimator in ESTIMATORS else "pooled",
+        "source": source if source in ("images", "measured_poses") else "images",
+    }
+
+
+def head_of(service: Service, session_id: str, tab: str) -> dict[str, Any]:
+    """Return what the head of a session's page shows."""
+    with service.installation.database.read() as records:
+        return session_context(records, get_session(records, session_id), tab)
+
+
+def limit_of(found: dict[str, Any] | AnalysisRefused) -> float | None:
+    """Return the data sheet's repeatability, mm, where the robot has one."""
+    if isinstance(found, AnalysisRefused) or found["acceptance"] is None:
+        return None
+    value: float = found["acceptance"]["datasheet_repeatability_mm"]
+    return value

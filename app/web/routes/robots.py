@@ -1,0 +1,112 @@
+"""Robots, and what a session identifies of one: its parameters against the data sheet."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any
+
+import sqlalchemy as sa
+from fastapi import Query, Request
+from starlette.concurrency import run_in_threadpool
+from starlette.responses import Response
+
+from app.analyses.outcome import AnalysisRefused
+from app.records.tables import Robot, Session
+from app.services.queries import get_or_raise, visible
+from app.services.robots import list_robots
+from app.web.analyses import analysis_document
+from app.web.pages import is_fragment, page_router, render
+from app.web.routes.repeatability import SourceText, head_of, settings_of
+from app.web.service import service_of
+from app.web.words import NONE, fixed, plain, with_uncertainty
+
+router = page_router()
+PARAMETERS = ("a_mm", "alpha_deg", "d_mm", "theta_offset_deg", "beta_deg")
+PARAMETER_NAMES = {"a_mm": "a", "alpha_deg": "α", "d_mm": "d", "theta_offset_deg": "θ", "beta_deg": "β"}
+
+
+@router.get("/robots", operation_id="list_robots")
+def show_robots(request: Request, cursor: Annotated[str | None, Query(max_length=200)] = None) -> Response:
+    """Show the robots, and the form to add one."""
+    with service_of(request).installation.database.read() as records:
+        robots, next_cursor = list_robots(records, limit=200, cursor=cursor)
+        return render(request, "robots.html", robots=robots, next_cursor=next_cursor)
+
+
+@router.get("/robots/{robot_id}", operation_id="get_robot")
+def show_robot(request: Request, robot_id: str) -> Response:
+    """Show a robot's data sheet and its sessions, newest first."""
+    with service_of(request).installation.database.read() as records:
+        robot = get_or_raise(records, Robot, robot_id)
+        sessions = records.scalars(
+            sa.select(Session)
+            .where(Session.robot_id == robot_id, *visible(Session))
+            .order_by(Session.id.desc())
+            .limit(200)
+        ).all()
+        return render(request, "robot.html", robot=robot, sessions=sessions)
+
+
+@router.get("/sessions/{session_id}/robot", operation_id="get_dh")
+async def show_identification(
+    request: Request,
+    session_id: str,
+    source: SourceText = "images",
+    compute: Annotated[str, Query(max_length=4)] = "",
+) -> Response:
+    """Show the robot's parameters as the session identifies them; they take seconds, so that the page comes first."""
+    context = await run_in_threadpool(head_of, service_of(request), session_id, "robot")
+    settings = {
+        "method": "global",
+        "model": "auto",
+        "estimator": "pooled",
+        "source": settings_of("", source)["source"],
+        "joint_tolerance_deg": repr(0.02),
+    }
+    shown: dict[str, Any] = {**context, "source": settings["source"]}
+    if not compute and not is_fragment(request):
+        return render(
+            request, "identification.html", **shown, computed=False, refused=None, document=None, joints=[]
+        )
+    found = await analysis_document(request, "dh", session_id, settings)
+    refused = found if isinstance(found, AnalysisRefused) else None
+    document = None if isinstance(found, AnalysisRefused) else found
+    return render(
+        request,
+        "_identification.html" if is_fragment(request) else "identification.html",
+        **shown,
+        computed=True,
+        refused=refused,
+        document=document,
+        joints=joint_rows(document) if document else [],
+    )
+
+
+def joint_rows(document: dict[str, Any]) -> list[dict[str, Any]]:
+    """Return each joint's parameters in words: nominal, identified with uncertainty, and their difference."""
+    rows = []
+    for joint in document["joints"]:
+        for name in PARAMETERS:
+            value = joint[name]
+            if value is None:
+                continue
+            nominal = (joint["nominal"] or {}).get(name)
+            identifiable = joint["identifiable"][name]
+            uncertainty = joint["standard_uncertainty"][name]
+            difference = None if nominal is None or not identifiable else value - nominal
+            ratio = abs(difference) / uncertainty if difference is not None and uncertainty else None
+            rows.append(
+                {
+                    "joint": joint["joint"],
+                    "name": PARAMETER_NAMES[name],
+                    "unit": "mm" if name.endswith("_mm") else "°",
+                    "nominal": plain(nominal),
+                    "identified": with_uncertainty(value, uncertainty)
+                    if identifiable
+                    else "as the data sheet",
+                    "difference": NONE if difference is None else with_uncertainty(difference, uncertainty),
+                    "ratio": NONE if ratio is None else fixed(ratio, 1),
+                    "stands_out": ratio is not None and ratio > 3.0,
+                    "identifiable": identifiable,
+                }
+            )
+    return rows

@@ -1,0 +1,106 @@
+"""A session's page: its images as they come, by state, pose and code."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, get_args
+
+import sqlalchemy as sa
+from fastapi import Query, Request
+from sqlalchemy import orm
+from starlette.responses import Response
+
+from app.records.tables import Robot, Session, Target
+from app.services.measurements import (
+    GalleryCounts,
+    GalleryFilter,
+    ImageState,
+    count_gallery,
+    list_gallery,
+)
+from app.services.sessions import SessionDetail, get_session
+from app.web.pages import is_fragment, page_router, query_of, render
+from app.web.service import service_of
+
+router = page_router()
+PAGE_SIZE = 60
+ISO_CYCLES = 30
+"""Cycles of a test by ISO 9283:1998, 7.2."""
+_STATES = get_args(ImageState)
+
+
+@router.get("/sessions/{session_id}", operation_id="get_session")
+def show_session(
+    request: Request,
+    session_id: str,
+    state: Annotated[str, Query(max_length=16)] = "",
+    pose: Annotated[str, Query(max_length=128)] = "",
+    code: Annotated[str, Query(max_length=64)] = "",
+    order: Annotated[str, Query(max_length=16)] = "newest",
+    page: Annotated[int, Query(ge=1, le=1_000_000)] = 1,
+) -> Response:
+    """Show a session's images, newest first unless asked otherwise."""
+    chosen = GalleryFilter(
+        state=state if state in _STATES else None,  # type: ignore[arg-type]
+        pose_id=pose or None,
+        code=code or None,
+        oldest_first=order == "oldest",
+    )
+    asked = {"state": state, "pose": pose, "code": code, "order": order}
+    with service_of(request).installation.database.read() as records:
+        detail = get_session(records, session_id)
+        shown = list_gallery(records, session_id, chosen, page=page, size=PAGE_SIZE)
+        counted = count_gallery(records, session_id)
+        context = {
+            **session_context(records, detail, "images"),
+            "gallery": shown,
+            "counted": counted,
+            "chosen": asked,
+            "page_address": lambda number: f"/ui/sessions/{session_id}{query_of(asked, page=number)}",
+            "advice": next_step(detail, counted),
+            "url": str(request.base_url).rstrip("/"),
+        }
+        return render(request, "_gallery.html" if is_fragment(request) else "session.html", **context)
+
+
+def session_context(records: orm.Session, detail: SessionDetail, tab: str) -> dict[str, Any]:
+    """Return what every page of a session shows in its head: name, robot, targets, counts."""
+    session: Session = detail.session
+    robot = records.get(Robot, session.robot_id) if session.robot_id is not None else None
+    ids = [target.target_id for target in session.targets]
+    targets = records.scalars(sa.select(Target).where(Target.id.in_(ids))).all()
+    return {
+        "session": session,
+        "session_id": session.id,
+        "counts": detail.counts,
+        "robot": robot,
+        "targets": sorted(targets, key=lambda target: ids.index(target.id)),
+        "tab": tab,
+    }
+
+
+def next_step(detail: SessionDetail, counted: GalleryCounts) -> tuple[str, str | None] | None:
+    """Return what to do next with a session, as a sentence and the page to go to; None where all is done."""
+    counts, session_id = detail.counts, detail.session.id
+    done = counts["succeeded"] + counts["failed"]
+    if not done and not counts["queued"] and not counts["running"]:
+        return (
+            "No image is here yet. Add images, or let the robot's PC send them.",
+            f"/ui/sessions/{session_id}/upload",
+        )
+    if counts["queued"] or counts["running"]:
+        return None
+    if counts["failed"] > 0.2 * done:
+        code = counted.codes[0][0] if counted.codes else ""
+        return (
+            f"{counts['failed']} of {done} images were refused, most often {code.replace('_', ' ')}. Open one: it says "
+            "why and what to change.",
+            f"/ui/sessions/{session_id}?state=failed",
+        )
+    few = [count for _, count in counted.poses if count < ISO_CYCLES]
+    if few and len(counted.poses) > 0:
+        return (
+            f"{len(few)} of {len(counted.poses)} poses have fewer than {ISO_CYCLES} images, which ISO 9283 asks for; "
+            f"the fewest are {min(few)}. Intervals narrow with more cycles.",
+            f"/ui/sessions/{session_id}/repeatability",
+        )
+    return "All images are measured.", f"/ui/sessions/{session_id}/repeatability"

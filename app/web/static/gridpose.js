@@ -1,0 +1,215 @@
+// What all pages share: requests with the CSRF token, forms that send JSON, copying, local times, light and dark.
+(function () {
+  "use strict";
+  const gridpose = (window.gridpose = {});
+  const csrf = () => document.querySelector('meta[name="csrf-token"]').content;
+
+  // Send a request to the API; a refusal is thrown with its detail, advice and fields.
+  gridpose.send = async function (method, address, body, headers = {}) {
+    const options = { method, headers: { "X-CSRF-Token": csrf(), Accept: "application/json", ...headers }, credentials: "same-origin" };
+    if (body !== undefined) {
+      options.body = body instanceof Blob ? body : JSON.stringify(body);
+      if (!(body instanceof Blob)) options.headers["Content-Type"] = "application/json";
+    }
+    let response;
+    try {
+      response = await fetch(address, options);
+    } catch (error) {
+      throw Object.assign(new Error("The service cannot be reached."), { advice: "Check the network, then try again.", status: 0, errors: [] });
+    }
+    const isJson = (response.headers.get("content-type") || "").includes("json");
+    const text = await response.text();
+    const found = isJson && text ? JSON.parse(text) : null;
+    if (!response.ok) {
+      if (response.status === 401) gridpose.notice("You are signed out: the key expired or was revoked. ", "Sign in", "/ui/sign-in?next=" + encodeURIComponent(location.pathname + location.search));
+      const retry = Number(response.headers.get("retry-after")) || 0;
+      throw Object.assign(new Error((found && found.detail) || "The service answered " + response.status + "."), { advice: (found && found.advice) || "", status: response.status, errors: (found && found.errors) || [], code: found && found.code, retry });
+    }
+    return { status: response.status, document: found };
+  };
+
+  gridpose.notice = function (text, link, address) {
+    const notice = document.getElementById("notice");
+    notice.textContent = text || "";
+    if (link) {
+      const anchor = document.createElement("a");
+      anchor.href = address;
+      anchor.textContent = link;
+      notice.append(" ", anchor);
+    }
+    notice.hidden = !text;
+  };
+
+  // Numbers as people type them: a comma is a point.
+  function typed(field) {
+    const text = field.value.trim();
+    const type = field.dataset.type;
+    if (type === "json") return JSON.parse(field.value);
+    if (!text) return field.hasAttribute("data-null") ? null : undefined;
+    if (type === "number" || type === "integer") {
+      const value = Number(text.replace(",", "."));
+      if (!Number.isFinite(value)) throw Object.assign(new Error("“" + text + "” is not a number."), { advice: "", errors: [] });
+      return value;
+    }
+    if (type === "joints") {
+      return text.split(/\r?\n/).filter((line) => line.trim()).map((line, at) => {
+        const numbers = line.split(/[;\s]+|,\s*/).filter(Boolean).map(Number);
+        if (numbers.length < 3 || numbers.length > 4 || numbers.some((one) => !Number.isFinite(one))) throw Object.assign(new Error("Line " + (at + 1) + " is not: a, α, d, θ offset."), { advice: "Use points as decimal signs and commas between numbers.", errors: [] });
+        return { a_mm: numbers[0], alpha_deg: numbers[1], d_mm: numbers[2], theta_offset_deg: numbers[3] || 0 };
+      });
+    }
+    if (type === "signatories") {
+      return text.split(/\r?\n/).filter((line) => line.trim()).map((line) => {
+        const [name, ...role] = line.split(",").map((one) => one.trim());
+        return { name, role: role.join(", ") || null };
+      });
+    }
+    return text;
+  }
+
+  gridpose.body = function (form) {
+    const found = {};
+    for (const field of form.elements) {
+      if (!field.name || field.name === "csrf_token" || field.disabled || "skip" in field.dataset || field.closest("[hidden]")) continue;
+      if (field.dataset.type === "list") {
+        found[field.name] = found[field.name] || [];
+        if (field.checked) found[field.name].push(field.value);
+        continue;
+      }
+      const value = typed(field);
+      if (value === undefined) continue;
+      const names = field.name.split(".");
+      let place = found;
+      for (const name of names.slice(0, -1)) place = place[name] = place[name] || {};
+      place[names[names.length - 1]] = value;
+    }
+    return found;
+  };
+
+  gridpose.show = function (form, error) {
+    const problem = form.querySelector(".problem");
+    if (!problem) return;
+    const fields = (error.errors || []).map((one) => one.field + " " + one.message).join("; ");
+    problem.textContent = [error.message, fields, error.advice].filter(Boolean).join(" ");
+    problem.hidden = false;
+    const first = (error.errors || [])[0];
+    const field = first && form.elements[first.field];
+    if (field && field.focus) field.focus();
+  };
+
+  document.addEventListener("submit", async function (event) {
+    const form = event.target;
+    if (!form.dataset || !form.dataset.action) return;
+    event.preventDefault();
+    if (form.dataset.confirm && !window.confirm(form.dataset.confirm)) return;
+    const button = form.querySelector("button");
+    const problem = form.querySelector(".problem");
+    if (problem) problem.hidden = true;
+    if (button) button.disabled = true;
+    try {
+      const method = form.dataset.method;
+      const body = method === "DELETE" || form.dataset.action.endsWith("/retry") ? undefined : gridpose.body(form);
+      const answer = await gridpose.send(method, form.dataset.action, body);
+      const after = form.dataset.after;
+      if (after === "reload") location.reload();
+      else if (after === "show-key") {
+        document.getElementById("secret").textContent = answer.document.key;
+        document.getElementById("new-key").hidden = false;
+        form.reset();
+      } else location.assign(after.replace("{id}", encodeURIComponent(answer.document.id)));
+    } catch (error) {
+      gridpose.show(form, error);
+    } finally {
+      if (button) button.disabled = false;
+    }
+  });
+
+  document.addEventListener("click", async function (event) {
+    const button = event.target.closest("[data-copy]");
+    if (button) {
+      const text = document.getElementById(button.dataset.copy).textContent;
+      try {
+        await navigator.clipboard.writeText(text);
+        button.textContent = "Copied";
+      } catch (error) {
+        // Without TLS browsers give no clipboard: select the text instead.
+        getSelection().selectAllChildren(document.getElementById(button.dataset.copy));
+        button.textContent = "Press Ctrl + C";
+      }
+    }
+    const table = event.target.closest("[data-csv]");
+    if (table) {
+      event.preventDefault();
+      const answer = await fetch(table.href, { headers: { Accept: "text/csv" }, credentials: "same-origin" });
+      const link = document.createElement("a");
+      link.href = URL.createObjectURL(await answer.blob());
+      link.download = table.dataset.csv;
+      link.click();
+      URL.revokeObjectURL(link.href);
+    }
+    if (event.target.closest("[data-close]")) event.target.closest("dialog").close();
+  });
+
+  // Times in the reader's own zone; UTC stays as the title.
+  gridpose.localise = function (root) {
+    const format = new Intl.DateTimeFormat(undefined, { dateStyle: "medium", timeStyle: "short" });
+    for (const time of root.querySelectorAll("time[datetime]:not([title])")) {
+      const moment = new Date(time.dateTime);
+      if (Number.isNaN(moment.getTime())) continue;
+      time.title = time.textContent;
+      time.textContent = format.format(moment);
+    }
+    for (const one of root.querySelectorAll("[data-copy][hidden], [data-csv][hidden], .corrections[hidden]")) one.hidden = false;
+  };
+
+  // Headlines that are not computed yet, one after the other: an analysis is work for the server.
+  let filling = false;
+  async function fillHeadlines() {
+    if (filling) return;
+    filling = true;
+    try {
+      for (let place; (place = document.querySelector("[data-headline]")); ) {
+        const address = place.dataset.headline;
+        place.removeAttribute("data-headline");
+        const answer = await fetch(address, { headers: { "HX-Request": "true" }, credentials: "same-origin" });
+        if (answer.status === 503) break;
+        if (answer.ok && place.isConnected) place.innerHTML = await answer.text();
+      }
+    } catch (error) {
+      // The service went away; the link in the place still leads to the figures.
+    } finally {
+      filling = false;
+    }
+  }
+
+  function setUpTheme() {
+    const button = document.getElementById("theme");
+    const root = document.documentElement;
+    const isDark = () => root.dataset.theme ? root.dataset.theme === "dark" : matchMedia("(prefers-color-scheme: dark)").matches;
+    button.hidden = false;
+    button.addEventListener("click", function () {
+      root.dataset.theme = isDark() ? "light" : "dark";
+      try {
+        localStorage.setItem("gridpose-theme", root.dataset.theme);
+      } catch (error) {
+        // Storage is off: the choice holds for this page.
+      }
+      document.dispatchEvent(new Event("gridpose:theme"));
+    });
+  }
+
+  document.addEventListener("htmx:afterSwap", function (event) {
+    gridpose.localise(document);
+    fillHeadlines();
+  });
+  document.addEventListener("htmx:sendError", () => gridpose.notice("The service cannot be reached. What you see may be old."));
+  document.addEventListener("htmx:responseError", function (event) {
+    if (event.detail.xhr.status !== 401) gridpose.notice("The service could not answer. Try again shortly.");
+  });
+  document.addEventListener("DOMContentLoaded", function () {
+    setUpTheme();
+    gridpose.localise(document);
+    fillHeadlines();
+    for (const form of document.querySelectorAll("#estimator-form")) for (const field of form.querySelectorAll("select")) field.addEventListener("change", () => form.requestSubmit());
+  });
+})();

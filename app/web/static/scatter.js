@@ -1,0 +1,119 @@
+// The cycles of a pose about their mean: in 3-D, turned by dragging or keys, or along an axis; one scale for all poses.
+(function () {
+  "use strict";
+  document.addEventListener("DOMContentLoaded", async function () {
+    const place = document.getElementById("scatter");
+    if (!place) return;
+    let poses;
+    try {
+      const answer = await fetch(place.dataset.points, { credentials: "same-origin" });
+      poses = (await answer.json()).poses.filter((pose) => pose.offsets_mm.length);
+    } catch (error) {
+      return; // the drawings of the server are below
+    }
+    if (!poses || !poses.length) return;
+    place.hidden = false;
+    const form = place.querySelector("form"), canvas = place.querySelector("canvas"), context = canvas.getContext("2d");
+    const chooser = form.elements.pose, output = place.querySelector("output"), body = place.querySelector("tbody");
+    for (const pose of poses) chooser.add(new Option(pose.pose_id + " (n = " + pose.cycles.length + ")", pose.pose_id));
+    let yaw = 0.6, pitch = 0.5, zoom = 1;
+    const reach = (pose) => {
+      const inside = pose.offsets_mm.filter((_, at) => !pose.outlier[at]).map((one) => Math.max(...one.map(Math.abs)));
+      const noise = pose.noise_mm2 ? [0, 1, 2].map((k) => 3 * Math.sqrt(Math.max(0, pose.noise_mm2[k][k]))) : [];
+      return Math.max(1e-6, ...inside, ...noise);
+    };
+    const common = Math.max(...poses.map(reach));
+    const colour = (name) => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
+    const digits = (value, count = 3) => Number(value.toPrecision(count)).toString().replace("-", "−");
+
+    function basis() {
+      const view = form.elements.view.value;
+      if (view === "xy") return [[1, 0, 0], [0, 1, 0]];
+      if (view === "xz") return [[1, 0, 0], [0, 0, 1]];
+      if (view === "yz") return [[0, 1, 0], [0, 0, 1]];
+      const [c, s, cp, sp] = [Math.cos(yaw), Math.sin(yaw), Math.cos(pitch), Math.sin(pitch)];
+      return [[c, s, 0], [-s * sp, c * sp, cp]];
+    }
+    function draw() {
+      const pose = poses.find((one) => one.pose_id === chooser.value) || poses[0];
+      const half = (form.elements.common.checked ? common : reach(pose)) * 1.12;
+      const [right, up] = basis();
+      const width = canvas.width, height = canvas.height, pixels = zoom * (Math.min(width, height) / 2 - 46) / half;
+      const at = (p) => [width / 2 + pixels * dot(right, p), height / 2 - 8 - pixels * dot(up, p)];
+      const [ink, quiet, line] = [colour("--cycle"), colour("--quiet"), colour("--line")];
+      context.clearRect(0, 0, width, height);
+      context.font = "15px system-ui, sans-serif";
+      const step = nice(half / zoom / 2.5), unit = step < 0.1 ? ["µm", 1000] : ["mm", 1];
+      // A scale bar, and the axes with their names.
+      [[1, 0, 0], [0, 1, 0], [0, 0, 1]].forEach(function (axis, k) {
+        const long = 0.92 * half, a = at(axis.map((v) => -v * long)), b = at(axis.map((v) => v * long));
+        if (Math.hypot(a[0] - b[0], a[1] - b[1]) < 12) return;
+        path(line, 1.5, () => { context.moveTo(...a); context.lineTo(...b); });
+        context.fillStyle = quiet;
+        for (let mark = -Math.floor(long / step); mark <= long / step; mark++) {
+          if (!mark) continue;
+          const p = at(axis.map((v) => v * mark * step));
+          context.fillRect(p[0] - 1.5, p[1] - 1.5, 3, 3);
+        }
+        context.fillText("xyz"[k], b[0] + 6, b[1] - 4);
+      });
+      const bar = step * pixels;
+      path(quiet, 2, () => { context.moveTo(24, height - 24); context.lineTo(24 + bar, height - 24); context.moveTo(24, height - 29); context.lineTo(24, height - 19); context.moveTo(24 + bar, height - 29); context.lineTo(24 + bar, height - 19); });
+      context.fillStyle = quiet;
+      context.fillText(digits(step * unit[1], 2) + " " + unit[0] + " between marks", 24, height - 34);
+      ellipse(pose.observed_mm2, colour("--observed"), right, up, pixels, width / 2, height / 2 - 8, []);
+      ellipse(pose.noise_mm2, colour("--noise"), right, up, pixels, width / 2, height / 2 - 8, [7, 5]);
+      pose.offsets_mm.forEach(function (offset, k) {
+        const [x, y] = at(offset);
+        if (pose.outlier[k]) path(colour("--outlier"), 2.5, () => { context.moveTo(x - 6, y - 6); context.lineTo(x + 6, y + 6); context.moveTo(x + 6, y - 6); context.lineTo(x - 6, y + 6); });
+        else { context.beginPath(); context.arc(x, y, 4, 0, 7); context.fillStyle = ink; context.fill(); }
+        if (form.elements.numbers.checked && pose.cycles[k] !== null) { context.fillStyle = ink; context.fillText(pose.cycles[k], x + 7, y - 5); }
+      });
+      output.textContent = "frame ± " + digits(half / zoom * unit[1], 2) + " " + unit[0];
+      body.replaceChildren(...pose.offsets_mm.map(function (offset, k) {
+        const row = document.createElement("tr");
+        const cells = [pose.cycles[k] === null ? "–" : String(pose.cycles[k]), ...offset.map((v) => fixed(v)), fixed(Math.hypot(...offset)) + (pose.outlier[k] ? " outlier" : "")];
+        cells.forEach(function (text, column) {
+          const cell = document.createElement(column ? "td" : "th");
+          if (!column) cell.scope = "row"; else cell.className = "num";
+          cell.textContent = text;
+          row.append(cell);
+        });
+        return row;
+      }));
+    }
+    const fixed = (value) => { const text = value.toFixed(4); return Number(text) === 0 ? text.replace("-", "") : text.replace("-", "−"); };
+    const dot = (a, b) => a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
+    const nice = (value) => { const power = Math.pow(10, Math.floor(Math.log10(value))), share = value / power; return power * (share >= 5 ? 5 : share >= 2 ? 2 : 1); };
+    function path(ink, thickness, trace, dash = []) { context.beginPath(); context.setLineDash(dash); trace(); context.strokeStyle = ink; context.lineWidth = thickness; context.stroke(); context.setLineDash([]); }
+    // The outline of an ellipsoid of 3 standard deviations, seen along the view: the ellipse of the projected covariance.
+    function ellipse(covariance, ink, right, up, pixels, x, y, dash) {
+      if (!covariance) return;
+      const along = (a, b) => dot(a, covariance.map((row) => dot(row, b)));
+      const [p, q, r] = [along(right, right), along(right, up), along(up, up)];
+      const mean = (p + r) / 2, part = Math.hypot((p - r) / 2, q);
+      const radii = [mean + part, Math.max(0, mean - part)].map((value) => 3 * Math.sqrt(Math.max(0, value)) * pixels);
+      path(ink, 2, () => context.ellipse(x, y, radii[0], radii[1], -Math.atan2(2 * q, p - r) / 2, 0, 7), dash);
+    }
+    const turn = (a, b) => { form.elements.view.value = "turn"; yaw += a; pitch = Math.min(1.57, Math.max(-1.57, pitch + b)); draw(); };
+    canvas.addEventListener("pointerdown", (event) => canvas.setPointerCapture(event.pointerId));
+    canvas.addEventListener("pointermove", (event) => { if (event.buttons) turn(-event.movementX * 0.01, event.movementY * 0.01); });
+    canvas.addEventListener("keydown", function (event) {
+      const turns = { ArrowLeft: [-0.1, 0], ArrowRight: [0.1, 0], ArrowUp: [0, 0.1], ArrowDown: [0, -0.1] };
+      if (turns[event.key]) turn(...turns[event.key]);
+      else if (event.key === "+" || event.key === "=") { zoom *= 1.25; draw(); }
+      else if (event.key === "-") { zoom /= 1.25; draw(); }
+      else return;
+      event.preventDefault();
+    });
+    form.addEventListener("change", () => { zoom = 1; draw(); });
+    form.addEventListener("submit", (event) => event.preventDefault());
+    document.addEventListener("gridpose:theme", draw);
+    matchMedia("(prefers-color-scheme: dark)").addEventListener("change", draw);
+    // As many pixels as the screen shows.
+    const shown = canvas.getBoundingClientRect().width || 720;
+    if (shown >= 700) { canvas.width = Math.max(720, Math.round(shown)); canvas.height = Math.round(canvas.width * 0.62); }
+    draw();
+    place.dataset.ready = "yes";
+  });
+})();

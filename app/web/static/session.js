@@ -1,0 +1,158 @@
+// A session's page, live: counts by server-sent events, the images shortly after, and corrections of those selected.
+(function () {
+  "use strict";
+  const REFRESH_MS = 700;
+  const live = document.getElementById("live");
+  const connection = document.getElementById("connection");
+  const number = new Intl.NumberFormat("en").format;
+  const grouped = (value) => number(value).replaceAll(",", "\u202f");
+  let source = null, lost = false, due = null, ended = false, selection = new Set();
+
+  function show(counts) {
+    const done = counts.succeeded + counts.failed, all = done + counts.queued + counts.running;
+    const set = (name, value) => { for (const one of document.querySelectorAll(".count-" + name)) one.textContent = grouped(value); };
+    set("done", done); set("all", all); set("succeeded", counts.succeeded); set("failed", counts.failed); set("waiting", counts.queued + counts.running);
+    const bar = document.querySelector("#progress progress");
+    bar.max = all || 1;
+    bar.value = done;
+  }
+
+  // The images, at most every REFRESH_MS, and not under the hands of someone who selects.
+  function refresh() {
+    if (due) return;
+    due = setTimeout(function () {
+      due = null;
+      if (selection.size || document.querySelector("dialog[open]")) return;
+      const gallery = document.getElementById("gallery");
+      if (gallery.contains(document.activeElement) && document.activeElement.matches("select, input")) return void refresh();
+      const focused = document.activeElement && document.activeElement.closest(".tile");
+      const id = focused && focused.dataset.id;
+      htmx.ajax("GET", gallery.dataset.address, { target: "#gallery", swap: "outerHTML" }).then(function () {
+        const again = id && document.querySelector('.tile[data-id="' + id + '"] a');
+        if (again) again.focus({ preventScroll: true });
+      });
+    }, REFRESH_MS);
+  }
+
+  function follow() {
+    source = new EventSource(live.dataset.events);
+    source.addEventListener("open", function () {
+      connection.textContent = lost ? "Connected again; the images are up to date." : "";
+      if (lost) { gridpose.notice(""); refresh(); }
+      lost = false;
+    });
+    let last = null;
+    source.addEventListener("progress", function (event) {
+      const text = JSON.stringify(JSON.parse(event.data).counts);
+      if (last !== null && last !== text) refresh();
+      else if (last === null && text !== initial()) refresh();
+      last = text;
+      show(JSON.parse(event.data).counts);
+    });
+    source.addEventListener("deleted", function () {
+      ended = true;
+      source.close();
+      gridpose.notice("This session was deleted.", "All sessions", "/ui/");
+    });
+    source.addEventListener("error", function () {
+      if (ended) return;
+      lost = true;
+      connection.textContent = "The connection is lost; trying again.";
+      if (source.readyState === EventSource.CLOSED) setTimeout(reopen, 2000);
+    });
+  }
+
+  const initial = () => {
+    const seen = document.getElementById("progress").dataset;
+    return JSON.stringify({ queued: +seen.queued, running: +seen.running, succeeded: +seen.succeeded, failed: +seen.failed, duplicates: NaN }).replace("null", "0");
+  };
+
+  // The browser gives up where the answer is no event stream: find out why.
+  async function reopen() {
+    try {
+      const answer = await fetch("/v1/sessions/" + live.dataset.session, { credentials: "same-origin" });
+      if (answer.status === 401) {
+        ended = true;
+        connection.textContent = "";
+        return gridpose.notice("You are signed out: the key expired or was revoked.", "Sign in", "/ui/sign-in?next=" + encodeURIComponent(location.pathname));
+      }
+      if (answer.status === 404) return gridpose.notice("This session was deleted.", "All sessions", "/ui/");
+    } catch (error) {
+      return void setTimeout(reopen, 2000);
+    }
+    follow();
+  }
+
+  // Selection and corrections.
+  const picks = () => [...document.querySelectorAll(".pick")];
+  function prepare() {
+    const bar = document.getElementById("selection");
+    for (const one of picks()) one.hidden = false;
+    if (bar) bar.hidden = false;
+    selection = new Set();
+    showSelection();
+  }
+  function showSelection() {
+    selection = new Set(picks().filter((one) => one.checked).map((one) => one.closest(".tile").dataset.id));
+    const text = document.getElementById("selected");
+    if (!text) return;
+    text.textContent = selection.size ? selection.size + " selected" : "none selected";
+    for (const button of document.querySelectorAll("[data-act]")) button.disabled = !selection.size;
+    const all = document.getElementById("select-all");
+    all.checked = selection.size > 0 && selection.size === picks().length;
+    all.indeterminate = selection.size > 0 && !all.checked;
+  }
+  document.addEventListener("change", function (event) {
+    if (event.target.id === "select-all") for (const one of picks()) one.checked = event.target.checked;
+    if (event.target.matches(".pick, #select-all")) showSelection();
+  });
+
+  // Each of the selected images; the first refusal stops, and what was done stays done.
+  async function correct(method, tail, body, problem) {
+    let done = 0;
+    const ids = [...selection];
+    for (const id of ids) {
+      try {
+        await gridpose.send(method, "/v1/measurements/" + id + tail, body);
+        done += 1;
+      } catch (error) {
+        const text = error.message + " " + (error.errors.map((one) => one.field + " " + one.message).join("; ") + " " + error.advice).trim() + " " + done + " of " + ids.length + " were changed.";
+        if (problem) { problem.textContent = text; problem.hidden = false; } else gridpose.notice(text);
+        return false;
+      }
+    }
+    for (const one of picks()) one.checked = false;
+    selection = new Set();
+    refresh();
+    return true;
+  }
+  function ask(id, then) {
+    const dialog = document.getElementById(id), form = dialog.querySelector("form"), problem = dialog.querySelector(".problem");
+    form.reset();
+    problem.hidden = true;
+    form.onsubmit = async function (event) {
+      event.preventDefault();
+      if (await then(form, problem)) { dialog.close(); refresh(); }
+    };
+    dialog.showModal();
+  }
+  document.addEventListener("click", function (event) {
+    const act = event.target.closest("[data-act]");
+    if (!act || act.disabled) return;
+    if (act.dataset.act === "exclude") ask("exclude-dialog", (form, problem) => correct("PATCH", "", { excluded: { reason: form.elements.reason.value.trim() } }, problem));
+    if (act.dataset.act === "include") correct("PATCH", "", { excluded: null });
+    if (act.dataset.act === "retry") correct("POST", "/retry");
+    if (act.dataset.act === "correct") ask("correct-dialog", function (form, problem) {
+      const body = {};
+      if (form.elements.pose_id.value.trim()) body.pose_id = form.elements.pose_id.value.trim();
+      if (form.elements.cycle.value) body.cycle = Number(form.elements.cycle.value);
+      if (!Object.keys(body).length) { problem.textContent = "Enter a pose or a cycle."; problem.hidden = false; return false; }
+      return correct("PATCH", "", body, problem);
+    });
+  });
+
+  document.addEventListener("htmx:afterSwap", prepare);
+  document.addEventListener("DOMContentLoaded", function () { prepare(); follow(); });
+  window.addEventListener("pagehide", () => source && source.close());
+  window.addEventListener("pageshow", (event) => event.persisted && follow());
+})();

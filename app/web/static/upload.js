@@ -1,0 +1,200 @@
+// Adding images: folders and files dropped or chosen, their poses shown first, hashed here, and only what is missing sent.
+(function () {
+  "use strict";
+  const TOGETHER = 3, SHOWN = 300, ASKED = 500, TRIES = 6;
+  const IMAGE = /\.(png|jpe?g|tiff?|bmp)$/i, POSE = /^[A-Za-z0-9_-][A-Za-z0-9._-]{0,127}$/;
+  document.addEventListener("DOMContentLoaded", function () {
+    const place = document.getElementById("upload");
+    place.hidden = false;
+    const session = place.dataset.session, limit = Number(place.dataset.maxBytes);
+    const drop = document.getElementById("drop"), plan = document.getElementById("plan"), rule = document.getElementById("rule");
+    const rows = document.getElementById("rows"), report = document.getElementById("report"), sent = document.getElementById("sent");
+    const send = document.getElementById("send"), pause = document.getElementById("pause");
+    let files = [], isSending = false, isPaused = false;
+
+    // Natural order, so that image 10 comes after image 9: cycles follow it.
+    const order = new Intl.Collator("en", { numeric: true });
+    const clean = (text) => text.replace(/[^A-Za-z0-9._-]+/g, "_").replace(/^\.+/, "").slice(0, 128);
+    function assign() {
+      const pattern = rule.elements.pattern.value, counted = new Map();
+      document.getElementById("one-pose").hidden = pattern !== "one";
+      files.sort((a, b) => order.compare(a.path, b.path));
+      for (const one of files) {
+        const parts = one.path.split("/"), stem = parts[parts.length - 1].replace(IMAGE, ""), folder = parts.length > 1 ? parts[parts.length - 2] : "";
+        let pose = "", cycle = null;
+        if (pattern === "one") pose = rule.elements.pose.value.trim();
+        else if (pattern === "name") pose = clean(stem);
+        else if (pattern === "folder") pose = clean(folder || stem);
+        else {
+          const named = stem.match(/^(.+?)[_-](?:c(?:ycle)?[_-]?)?(\d+)$/i);
+          if (/^(?:c(?:ycle)?[_-]?)?\d+$/i.test(stem) && folder) { pose = clean(folder); cycle = Number(stem.match(/\d+/)[0]); }
+          else if (named) { pose = clean(named[1]); cycle = Number(named[2]); }
+          else pose = clean(parts.length > 2 ? folder : stem);
+        }
+        if (cycle === 0) cycle = null;
+        if (cycle === null && (pattern === "folder" || pattern === "one")) { cycle = (counted.get(pose) || 0) + 1; counted.set(pose, cycle); }
+        one.pose = pose; one.cycle = cycle;
+        if (!one.done) one.state = POSE.test(pose) ? (one.file.size > limit ? "too large" : one.file.size ? "to send" : "empty") : "no pose";
+      }
+      show();
+    }
+    function show() {
+      const ready = files.filter((one) => one.state === "to send"), poses = new Set(files.map((one) => one.pose));
+      plan.hidden = !files.length;
+      document.getElementById("plan-title").textContent = files.length + (files.length === 1 ? " image" : " images") + " at " + poses.size + (poses.size === 1 ? " pose" : " poses");
+      // What needs a look first, then the rest in order.
+      const isOdd = (one) => !["to send", "sent", "was here"].includes(one.state);
+      const shown = [...files.filter(isOdd), ...files.filter((one) => !isOdd(one))].slice(0, SHOWN);
+      rows.replaceChildren(...shown.map(function (one) {
+        const row = document.createElement("tr");
+        for (const [at, text] of [one.path, one.pose || "–", one.cycle === null ? "–" : String(one.cycle), (one.file.size / 1e6).toFixed(2) + " MB", one.state].entries()) {
+          const cell = document.createElement(at ? "td" : "th");
+          if (!at) cell.scope = "row";
+          const text_ = document.createElement("bdi");
+          text_.textContent = text;
+          cell.append(text_);
+          row.append(cell);
+        }
+        return row;
+      }));
+      document.getElementById("more").textContent = files.length > SHOWN ? "and " + (files.length - SHOWN) + " more" : "";
+      send.disabled = isSending || !ready.length;
+      send.textContent = ready.length ? "Send " + ready.length + (ready.length === 1 ? " image" : " images") : "Send";
+    }
+    function add(found) {
+      const known = new Set(files.map((one) => one.path + "\0" + one.file.size));
+      let others = 0;
+      for (const { file, path } of found) {
+        if (!IMAGE.test(file.name)) { others += 1; continue; }
+        if (!known.has(path + "\0" + file.size)) files.push({ file, path, state: "to send", done: false });
+      }
+      report.textContent = others ? others + (others === 1 ? " file is" : " files are") + " no image and will not be sent." : "";
+      assign();
+    }
+    for (const id of ["files", "folder"]) document.getElementById(id).addEventListener("change", function (event) {
+      add([...event.target.files].map((file) => ({ file, path: file.webkitRelativePath || file.name })));
+      event.target.value = "";
+    });
+    for (const name of ["dragenter", "dragover"]) drop.addEventListener(name, (event) => { event.preventDefault(); drop.classList.add("over"); });
+    for (const name of ["dragleave", "drop"]) drop.addEventListener(name, () => drop.classList.remove("over"));
+    drop.addEventListener("drop", async function (event) {
+      event.preventDefault();
+      const entries = [...event.dataTransfer.items].map((item) => item.webkitGetAsEntry && item.webkitGetAsEntry()).filter(Boolean);
+      const loose = [...event.dataTransfer.files];
+      const found = [];
+      for (const entry of entries) await walk(entry, found);
+      add(entries.length ? found : loose.map((file) => ({ file, path: file.name })));
+    });
+    async function walk(entry, found) {
+      if (entry.isFile) {
+        const file = await new Promise((resolve, reject) => entry.file(resolve, reject));
+        found.push({ file, path: entry.fullPath.replace(/^\//, "") });
+      } else {
+        const reader = entry.createReader();
+        for (let batch; (batch = await new Promise((resolve, reject) => reader.readEntries(resolve, reject))).length; ) for (const one of batch) await walk(one, found);
+      }
+    }
+    for (const name of ["change", "input"]) rule.addEventListener(name, () => { if (!isSending) assign(); });
+    rule.addEventListener("submit", (event) => event.preventDefault());
+    document.getElementById("clear").addEventListener("click", () => { if (!isSending) { files = []; report.textContent = ""; sent.hidden = true; show(); } });
+    pause.addEventListener("click", () => { isPaused = true; pause.disabled = true; });
+
+    async function sha256(file) {
+      const bytes = new Uint8Array(await file.arrayBuffer());
+      if (!(window.crypto && crypto.subtle)) return plainSha256(bytes);
+      return [...new Uint8Array(await crypto.subtle.digest("SHA-256", bytes))].map((one) => one.toString(16).padStart(2, "0")).join("");
+    }
+    const wait = (seconds) => new Promise((resolve) => setTimeout(resolve, 1000 * seconds));
+    // What the network or the service refuses for the moment is tried again; sending twice stores once.
+    async function insist(work) {
+      for (let attempt = 1; ; attempt++) {
+        try { return await work(); } catch (error) {
+          if (isPaused || attempt === TRIES || !(error.status === 0 || error.status === 503)) throw error;
+          await wait(error.retry || Math.min(20, 2 ** (attempt - 1)));
+        }
+      }
+    }
+    send.addEventListener("click", async function () {
+      isSending = true; isPaused = false;
+      pause.hidden = false; pause.disabled = false; sent.hidden = false;
+      for (const field of rule.elements) field.disabled = true;
+      const due = files.filter((one) => one.state === "to send");
+      sent.max = due.length; sent.value = 0;
+      let added = 0, here = 0, failed = 0;
+      const tally = () => { sent.value = added + here + failed; report.textContent = added + " sent, " + here + " were here already, " + failed + " refused, " + (due.length - added - here - failed) + " to go."; };
+      try {
+        for (let start = 0; start < due.length && !isPaused; start += ASKED) {
+          const batch = due.slice(start, start + ASKED);
+          for (const one of batch) { if (!one.sha256) one.sha256 = await sha256(one.file); if (isPaused) break; }
+          const ready = batch.filter((one) => one.sha256);
+          const asked = await insist(() => gridpose.send("POST", "/v1/sessions/" + session + "/images/missing", { images: ready.map((one) => ({ pose_id: one.pose, sha256: one.sha256 })) }));
+          const missing = new Set(asked.document.missing.map((one) => one.pose_id + "/" + one.sha256));
+          for (const one of ready) if (!missing.has(one.pose + "/" + one.sha256)) { one.state = "was here"; one.done = true; here += 1; }
+          const queue = ready.filter((one) => !one.done);
+          tally(); show();
+          await Promise.all(Array.from({ length: TOGETHER }, async function () {
+            for (let one; !isPaused && (one = queue.shift()); ) {
+              const query = new URLSearchParams({ filename: one.file.name, focus_group: rule.elements.focus_group.value.trim() || "default" });
+              if (one.cycle !== null) query.set("cycle", one.cycle);
+              try {
+                const answer = await insist(() => gridpose.send("PUT", "/v1/sessions/" + session + "/poses/" + encodeURIComponent(one.pose) + "/images/" + one.sha256 + "?" + query, one.file, { "Content-Type": "application/octet-stream" }));
+                one.done = true;
+                if (answer.status === 202) { one.state = "sent"; added += 1; } else { one.state = "was here"; here += 1; }
+              } catch (error) {
+                one.state = "refused: " + error.message + " " + error.advice;
+                failed += 1;
+                if ([401, 403, 507].includes(error.status)) isPaused = true;
+              }
+              tally();
+            }
+          }));
+          show();
+        }
+      } catch (error) {
+        report.textContent = error.message + " " + error.advice;
+        isPaused = true;
+      }
+      isSending = false;
+      pause.hidden = true;
+      for (const field of rule.elements) field.disabled = false;
+      show();
+      if (added + here) {
+        const link = document.createElement("a");
+        link.href = "/ui/sessions/" + session;
+        link.textContent = "See the images";
+        report.append(" ", link);
+      }
+    });
+    window.addEventListener("beforeunload", (event) => { if (isSending) event.preventDefault(); });
+
+    // SHA-256 (FIPS 180-4) for pages without TLS, where browsers offer none.
+    function plainSha256(bytes) {
+      const primes = [], isPrime = (n) => { for (let k = 2; k * k <= n; k++) if (n % k === 0) return false; return true; };
+      for (let n = 2; primes.length < 64; n++) if (isPrime(n)) primes.push(n);
+      const part = (x) => ((x - Math.floor(x)) * 4294967296) | 0;
+      const K = primes.map((p) => part(Math.cbrt(p))), H = primes.slice(0, 8).map((p) => part(Math.sqrt(p)));
+      const length = bytes.length, padded = new Uint8Array(((length + 72) >> 6) << 6), view = new DataView(padded.buffer);
+      padded.set(bytes);
+      padded[length] = 0x80;
+      view.setUint32(padded.length - 8, Math.floor(length / 536870912));
+      view.setUint32(padded.length - 4, (length << 3) >>> 0);
+      const w = new Int32Array(64), turn = (x, n) => (x >>> n) | (x << (32 - n));
+      for (let at = 0; at < padded.length; at += 64) {
+        for (let t = 0; t < 16; t++) w[t] = view.getInt32(at + 4 * t);
+        for (let t = 16; t < 64; t++) {
+          const a = w[t - 15], b = w[t - 2];
+          w[t] = (w[t - 16] + w[t - 7] + (turn(a, 7) ^ turn(a, 18) ^ (a >>> 3)) + (turn(b, 17) ^ turn(b, 19) ^ (b >>> 10))) | 0;
+        }
+        let [a, b, c, d, e, f, g, h] = H;
+        for (let t = 0; t < 64; t++) {
+          const t1 = (h + (turn(e, 6) ^ turn(e, 11) ^ turn(e, 25)) + ((e & f) ^ (~e & g)) + K[t] + w[t]) | 0;
+          const t2 = ((turn(a, 2) ^ turn(a, 13) ^ turn(a, 22)) + ((a & b) ^ (a & c) ^ (b & c))) | 0;
+          h = g; g = f; f = e; e = (d + t1) | 0; d = c; c = b; b = a; a = (t1 + t2) | 0;
+        }
+        [a, b, c, d, e, f, g, h].forEach((value, k) => { H[k] = (H[k] + value) | 0; });
+      }
+      return H.map((value) => (value >>> 0).toString(16).padStart(8, "0")).join("");
+    }
+    gridpose.plainSha256 = plainSha256;
+  });
+})();

@@ -1,0 +1,155 @@
+"""What pages show: the images of a session by filters and pages, and figures in words."""
+
+from __future__ import annotations
+
+import re
+from typing import Any
+
+import pytest
+
+from app.records.tables import Measurement
+from app.services.reports import NewReport, order_report
+from app.web.words import interval, number, signless_zero, size, with_uncertainty
+
+
+@pytest.mark.parametrize(
+    ("value", "shown"),
+    [
+        *((None, "–"), (0.0, "0"), (-0.0, "0"), (0.0123456, "0.0123"), (9.9999, "10.0"), (-1.5, "−1.50")),
+        *((123456.0, "123000"), (1e-12, "1.00e−12"), (float("nan"), "–"), (0.1, "0.100")),
+    ],
+)
+def test_numbers_have_three_digits_and_no_minus_zero(value: float | None, shown: str) -> None:
+    assert number(value) == shown
+
+
+def test_values_have_the_digits_that_their_uncertainty_supports() -> None:
+    assert with_uncertainty(649.9996, 0.0213) == "650.000 ± 0.021"
+    assert with_uncertainty(-0.0001, 0.012) == "0.000 ± 0.012"
+    assert with_uncertainty(5.0, None) == "5.00000"
+    assert interval([-0.0004, 0.1951]) == "[0.000, 0.195]"
+    assert interval(None) == "–"
+    assert (signless_zero("-0.00"), signless_zero("-0.01")) == ("0.00", "−0.01")
+    assert (size(999), size(1500), size(2_340_000_000)) == ("999 bytes", "1.50 kB", "2.34 GB")
+
+
+@pytest.fixture
+def session_id(api: Any, grey_png: bytes) -> str:
+    """A session of 70 images: 60 wait, 6 failed for one reason, 4 for another; two are excluded."""
+    made: str = api.make_session()
+    ids = [
+        api.put_image(made, grey_png + b"%d" % k, f"P{k % 7}", cycle=k + 1).json()["id"] for k in range(70)
+    ]
+    with api.installation.database.write() as records:
+        for place, one in enumerate(ids):
+            row = records.get_one(Measurement, one)
+            if place < 10:
+                row.status, row.failure_detail = "failed", "Nothing there."
+                row.failure_code = "target_not_found" if place < 6 else "undecodable_image"
+            if place in (20, 21):
+                row.excluded = {"reason": "a hand", "by": None, "at": "2026-01-01T00:00:00Z"}
+    return made
+
+
+def tiles(page: str) -> list[str]:
+    return re.findall(r'data-id="(mea_\w+)"', page)
+
+
+def test_a_sessions_images_come_in_pages_and_by_filters(api: Any, session_id: str) -> None:
+    def shown(query: str = "") -> list[str]:
+        response = api.client.get(f"/ui/sessions/{session_id}{query}", headers=signed_in(api))
+        assert response.status_code == 200, response.text
+        return tiles(response.text)
+
+    newest, rest = shown(), shown("?page=2")
+    assert (len(newest), len(rest), len({*newest, *rest})) == (60, 10, 70)
+    assert newest + rest == sorted(newest + rest, reverse=True)
+    assert shown("?order=oldest")[0] == rest[-1]
+    assert shown("?page=99") == rest  # beyond the last page is the last page
+    for query, count in (
+        *(("?state=failed", 10), ("?state=waiting", 60), ("?state=excluded", 2), ("?state=measured", 0)),
+        *(("?code=target_not_found", 6), ("?pose=P3", 10), ("?pose=P0&state=failed", 2), ("?pose=%27%22", 0)),
+        *(("?state=nonsense", 60),),
+    ):
+        assert len(shown(query)) == count, query
+
+
+def test_an_image_has_neighbours_and_says_why_it_was_refused(api: Any, session_id: str) -> None:
+    ids = sorted(one["id"] for one in api.measurements(session_id))
+    page = api.client.get(f"/ui/measurements/{ids[1]}", headers=signed_in(api)).text
+    assert f'id="before" href="/ui/measurements/{ids[0]}"' in page
+    assert f'id="after" href="/ui/measurements/{ids[2]}"' in page
+    assert "Nothing there." in page
+    assert 'id="before"' not in api.client.get(f"/ui/measurements/{ids[0]}", headers=signed_in(api)).text
+
+
+@pytest.mark.slow
+def test_pages_of_a_session_without_figures_say_why(api: Any, session_id: str) -> None:
+    for tail in ("repeatability", "camera", "comparison", "robot?compute=1"):
+        page = api.client.get(f"/ui/sessions/{session_id}/{tail}", headers=signed_in(api))
+        assert page.status_code == 200, page.text
+        assert 'class="refusal"' in page.text, tail
+
+
+def test_sessions_are_found_by_name_and_robot(api: Any) -> None:
+    ids = {name: api.make_session(name=name) for name in ("Cell 4 of 100 %", "cell_5", "Halle ÄÖ")}
+
+    def found(query: str) -> set[str]:
+        page = api.client.get(f"/ui/{query}", headers=signed_in(api)).text
+        return {name for name, one in ids.items() if one in page}
+
+    assert found("") == set(ids)
+    assert found("?q=CELL") == {"Cell 4 of 100 %", "cell_5"}
+    assert found("?q=100+%25") == {"Cell 4 of 100 %"}  # no wildcard
+    assert found("?q=l_5") == {"cell_5"}
+    assert found("?q=nothing") == found("?robot=rob_none") == set()
+
+
+def test_an_address_that_makes_no_sense_is_a_page_in_words(api: Any, session_id: str) -> None:
+    for address in (f"/ui/sessions/{session_id}?page=0", "/ui/targets/sheet.svg?columns=x"):
+        response = api.client.get(address, headers=signed_in(api))
+        assert (response.status_code, "not valid" in response.text) == (422, True)
+
+
+def signed_in(api: Any) -> dict[str, str]:
+    """The cookie of a browser that is signed in with a key of scope admin."""
+    from app.http import COOKIE, begin_sign_in
+    from app.services.keys import create_key
+
+    key = create_key(api.installation, "browser", "admin").key
+    return {"Authorization": "", "Cookie": f"{COOKIE}={begin_sign_in(api.installation, key)}"}
+
+
+@pytest.mark.slow
+def test_reports_are_listed_newest_first_and_say_why_one_could_not_be_made(api: Any, grey_png: bytes) -> None:
+    """No process makes reports here: the rows are written as it would."""
+    session_id, other = api.make_session(name="Halle <4>"), api.make_session(name="Halle 5")
+    with api.installation.database.write() as records:
+        new = NewReport(
+            kind="camera", title=None, signatories=[{"name": "R. Meier", "role": None}], paper="a4"
+        )
+        first, second, third = (
+            order_report(records, one, new).report for one in (session_id, session_id, other)
+        )
+        first.status = "failed"
+        first.failure = {"code": "no_usable_images", "detail": "No image <counts>.", "advice": "Upload some."}
+
+    def page(address: str) -> str:
+        response = api.client.get(f"/ui/{address}", headers=signed_in(api))
+        assert response.status_code == 200, response.text
+        return str(response.text)
+
+    listed = page("reports")
+    assert re.findall(r"/ui/reports/(rep_\w+)", listed) == [third.id, second.id, first.id]
+    assert "Halle &lt;4&gt;" in listed
+    of_one = page(f"sessions/{session_id}/reports")
+    assert re.findall(r"/ui/reports/(rep_\w+)", of_one) == [second.id, first.id]
+    assert 'hx-trigger="every 2s"' in of_one, "a list with one that waits renews itself"
+    failed = page(f"reports/{first.id}")
+    assert "No image &lt;counts&gt;." in failed
+    assert "Upload some." in failed
+    assert "Does it still agree?" not in failed
+    verified = page(f"reports/{second.id}/verification")
+    assert "waits to be made" in verified, "what is not made cannot be verified, and its page says so"
+    missing = api.client.get("/ui/reports/rep_none", headers=signed_in(api))
+    assert missing.status_code == 404
