@@ -16,7 +16,7 @@ from sqlalchemy.exc import DBAPIError
 from app.cli.console import error_console, fail
 from app.errors import OperationRefused, ServiceError
 from app.records.migrations import NoRoomForCopy, SchemaTooNew
-from app.services.context import ServiceContext
+from app.services.installation.context import ServiceContext
 from app.settings import Settings
 
 REFUSED = 2
@@ -37,16 +37,17 @@ def load_settings(**options: Any) -> Settings:
 
 
 def open_context(
-    settings: Settings, *, init: bool = False, adopt: bool = False, migrate: bool = False
+    settings: Settings, *, init: bool = False, adopt: bool = False, migrate: bool = False, serves: bool = True
 ) -> ServiceContext:
     """Open data folder and database; a failure ends the command.
 
     `init` permits to create an installation, `migrate` to upgrade an existing one to this version's schema; `adopt` is
-    that of `services.binding.bind`. From here on, files of this process are private to its user.
+    that of `services.binding.bind`; without `serves` no pepper is needed. From here on, files of this process are
+    private to its user.
     """
     os.umask(0o077)
     with data_failures(settings):
-        return ServiceContext.open(settings, init=init, adopt=adopt, migrate=migrate)
+        return ServiceContext.open(settings, init=init, adopt=adopt, migrate=migrate, serves=serves)
 
 
 def print_location(settings: Settings) -> None:

@@ -19,14 +19,17 @@ from app.cli.demo.session import (
     Answers,
     DemoSession,
     describe_robot,
+    describe_session,
     image_files,
+    measure_image,
     render_images,
     small_session,
     upload_session,
 )
 from app.cli.demo.tables import POSE_LEGEND, pose_table
-from app.cli.upload import transfer_progress
 from app.client import ClientError, Json, ServiceClient, describe_measured
+from app.client.commands import transfer_progress
+from core.simulation import SessionImage
 
 MAX_COLUMNS = 80
 
@@ -47,11 +50,14 @@ def run_demo(data_dir: Path | None, seed: int) -> int:
     try:
         with transfer_progress(console) as progress, ServiceProcess(folder) as service:
             console.print(f"The service runs at {service.url}\nIts pages: {service.url}/docs")
-            files = image_files(session.images, folder / "images")
-            render_images(files, progress)
             with ServiceClient(service.url, service.admin_key) as client:
-                robot_id = describe_robot(client)
-                session_id, measurements = upload_session(client, session, robot_id, folder, progress)
+                session_id = describe_session(client, session, describe_robot(client))
+
+                def show_first(path: Path) -> None:
+                    _show_image(console, session, measure_image(client, session_id, path, folder))
+
+                render_images(image_files(session.images, folder / "images"), progress, show_first)
+                measurements = upload_session(client, session_id, folder, progress)
                 repeatability = client.get(f"/v1/sessions/{session_id}/repeatability")
                 plot = client.get_bytes(f"/v1/sessions/{session_id}/repeatability/scatter.svg")
     except (ServiceStartError, ClientError) as error:
@@ -65,9 +71,26 @@ def run_demo(data_dir: Path | None, seed: int) -> int:
     return 0 if is_sound else 1
 
 
+def _show_image(console: Console, session: DemoSession, measurement: Json) -> None:
+    """Print one image's result next to its truth, while the others are rendered."""
+    if measurement["status"] != "succeeded":
+        return
+    calibration, truth = measurement["calibration"], session.images[0].scene.camera
+    error = image_error(_image_of(session, measurement), measurement)
+    console.print(
+        f"First image: focal length {calibration['intrinsics']['fx_px']:.1f} ± "
+        f"{1.96 * calibration['standard_uncertainty']['fx_px']:.1f} px (true {truth.fx_px:.1f}); the camera's position "
+        f"is {error.position_error_mm:.2f} mm off the truth, its uncertainty {error.position_uncertainty_mm:.2f} mm."
+    )
+
+
+def _image_of(session: DemoSession, measurement: Json) -> SessionImage:
+    tag = (measurement["pose_id"], measurement["cycle"])
+    return next(image for image in session.images if (image.pose_id, image.cycle) == tag)
+
+
 def _show(console: Console, session: DemoSession, answers: Answers) -> bool:
     """Print the table of poses and the refused image; return whether all of it agrees with the truth."""
-    truths = {(image.pose_id, image.cycle): image for image in session.images}
     accepted = [m for m in answers.measurements if m["status"] == "succeeded"]
     rejected = [m for m in answers.measurements if m["status"] == "failed"]
     figures = figures_with_truth(session, answers.repeatability)
@@ -81,7 +104,7 @@ def _show(console: Console, session: DemoSession, answers: Answers) -> bool:
         failure = m["failure"]
         console.print(f"  {m['pose_id']}: {escape(failure['detail'])} ({failure['code']})")
         console.print(f"  What to do: {escape(failure['advice'] or '')}")
-    errors = [image_error(truths[m["pose_id"], m["cycle"]], m) for m in accepted]
+    errors = [image_error(_image_of(session, m), m) for m in accepted]
     return not report_failed_checks(console, failed_checks(session, answers, errors, figures))
 
 

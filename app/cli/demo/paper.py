@@ -46,8 +46,8 @@ from app.cli.demo.tables import (
     position_table,
     refusal_table,
 )
-from app.cli.upload import transfer_progress
 from app.client import ClientError, ServiceClient, describe_measured
+from app.client.commands import transfer_progress
 
 PRINTED_ELSEWHERE = (
     "The paper's own Table II is an image in the copy at hand, so its figures are not repeated here."

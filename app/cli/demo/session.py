@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import multiprocessing
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -15,8 +15,8 @@ import numpy as np
 from jaxtyping import Float
 from rich.progress import Progress
 
-from app.cli.upload import transfer
-from app.client import ClientError, Json, ServiceClient, plan_files
+from app.client import ClientError, Json, ServiceClient, collect_results, plan_files, upload_files
+from app.client.commands import transfer
 from app.jobs.worker_init import THREAD_VARIABLES
 from app.settings import Settings
 from core import TargetSpec
@@ -111,8 +111,10 @@ def image_files(images: Sequence[SessionImage], folder: Path) -> dict[Path, Scen
     return {folder / image.pose_id / f"c{image.cycle}.png": image.scene for image in images}
 
 
-def render_images(files: Mapping[Path, Scene], progress: Progress) -> None:
-    """Render into files, in as many processes as there are cores to use."""
+def render_images(
+    files: Mapping[Path, Scene], progress: Progress, on_first: Callable[[Path], None] = lambda path: None
+) -> None:
+    """Render into files, in as many processes as there are cores to use; `on_first` gets the first that is there."""
     task = progress.add_task("rendering", total=len(files))
     for variable in THREAD_VARIABLES:  # inherited: each process is to keep to one core
         os.environ.setdefault(variable, "1")
@@ -126,38 +128,46 @@ def render_images(files: Mapping[Path, Scene], progress: Progress) -> None:
         for path, scene in files.items():
             path.parent.mkdir(parents=True, exist_ok=True)
             jobs.append(processes.submit(_render, scene, path))
-        for job in as_completed(jobs):
-            job.result()
+        for done, job in enumerate(as_completed(jobs)):
+            path = job.result()
             progress.advance(task)
+            if done == 0:
+                on_first(path)
 
 
-def _render(scene: Scene, path: Path) -> None:
+def _render(scene: Scene, path: Path) -> Path:
     written, data = cv2.imencode(".png", render(scene))
     assert written
-    path.write_bytes(data.tobytes())
+    part = path.with_suffix(".part")  # no image before it is whole
+    part.write_bytes(data.tobytes())
+    return part.replace(path)
 
 
-def upload_session(
-    client: ServiceClient, session: DemoSession, robot_id: str, folder: Path, progress: Progress
-) -> tuple[str, list[Json]]:
-    """Do what a shop-floor PC does: describe board, session and poses, upload the images, wait for the results.
+def measure_image(client: ServiceClient, session_id: str, path: Path, folder: Path) -> Json:
+    """Upload one image of the folder and return its measurement."""
+    file = next(file for file in plan_files(folder / "images").images if file.path == path)
+    return collect_results(client, session_id, upload_files(client, session_id, [file])).measurements[0]
 
-    Returns the session's id and its measurements. Raises ClientError where the service does not accept an image.
+
+def upload_session(client: ServiceClient, session_id: str, folder: Path, progress: Progress) -> list[Json]:
+    """Do what a shop-floor PC does: upload the images, and wait for the results.
+
+    Returns the measurements. Raises ClientError where the service does not accept an image.
     """
-    session_id = _describe(client, session, robot_id)
     outcomes, result = transfer(client, session_id, plan_files(folder / "images").images, progress, wait=True)
     assert result is not None
     failed = [outcome for outcome in outcomes if outcome.status == "failed"]
     if failed:
         raise ClientError("upload_failed", f"{failed[0].name}: {failed[0].reason}", failed[0].advice)
-    return session_id, list(result.measurements)
+    return list(result.measurements)
 
 
 def run_session(
     client: ServiceClient, session: DemoSession, robot_id: str, folder: Path, progress: Progress
 ) -> PaperAnswers:
     """Upload the session and read all analyses of the paper; keep plots and overlays in the folder."""
-    session_id, measurements = upload_session(client, session, robot_id, folder, progress)
+    session_id = describe_session(client, session, robot_id)
+    measurements = upload_session(client, session_id, folder, progress)
     analysing = progress.add_task("analysing", total=len(_ANALYSES) + len(_PLOTS))
     answers = []
     for analysis, query in _ANALYSES:
@@ -178,7 +188,8 @@ def describe_robot(client: ServiceClient) -> str:
     return str(client.create("/v1/robots", {"name": "KUKA KR5 Arc", "joints": _joints(KR5_ARC)})["id"])
 
 
-def _describe(client: ServiceClient, session: DemoSession, robot_id: str) -> str:
+def describe_session(client: ServiceClient, session: DemoSession, robot_id: str) -> str:
+    """Create board, session and poses; return the session's id."""
     target_id = client.create(
         "/v1/targets",
         {

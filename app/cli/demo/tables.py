@@ -20,6 +20,8 @@ METHODS = {
     "opencv_single_image": "OpenCV, single image",
     "tsai": "Tsai",
     "dlt": "DLT",
+    "five_points": "Five points (Miyagawa)",
+    "lines": "Lines (Zhou)",
     "aruco_marker": "ArUco, one marker",
     "aruco_board": "ArUco, whole board",
     "pooled": "pooled (Gridpose)",

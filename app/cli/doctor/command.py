@@ -11,10 +11,10 @@ from rich.progress import BarColumn, DownloadColumn, Progress, TextColumn, Trans
 from sqlalchemy import make_url
 
 from app.cli.context import load_settings
-from app.cli.doctor import data_folder, database, originals
+from app.cli.doctor import bucket, data_folder, database, originals
 from app.cli.doctor.check_result import CheckResult, State
 from app.cli.doctor.environment import check_installation, check_workers
-from app.cli.options import DataDir
+from app.cli.options.data_folder import DataDir
 from app.settings import Settings
 
 _SIGNS = {State.ok: "[green]ok  [/]", State.warning: "[yellow]warn[/]", State.failed: "[red]FAIL[/]"}
@@ -38,6 +38,7 @@ def doctor(
         "Installation": list(check_installation()),
         f"Data folder {settings.data_dir}": list(data_folder.check(settings)),
         f"Database {_address(settings)}".rstrip(): list(database.check(settings, deep=deep)),
+        **({f"Bucket {settings.blob_url}": list(bucket.check(settings))} if settings.blob_url else {}),
         **({"Originals": _check_originals(settings)} if deep else {}),
         "Workers": list(check_workers(settings)),
     }
@@ -64,7 +65,8 @@ def _check_originals(settings: Settings) -> list[CheckResult]:
         def show(done: int, total: int) -> None:
             progress.update(task, completed=done, total=total)
 
-        return list(originals.check(settings, show))
+        check_all = bucket.check_images if settings.blob_url else originals.check
+        return list(check_all(settings, show))
 
 
 def _address(settings: Settings) -> str:

@@ -17,13 +17,8 @@ from app.errors import InstallationRefused, ServiceError
 from app.records.database import Database
 from app.records.privacy import exposed
 from app.records.tables import Installation
-from app.services.binding import (
-    read_identity,
-    require_installation,
-    require_pepper,
-    require_same,
-    sqlite_path,
-)
+from app.services.installation.binding import require_installation, require_pepper, require_same, sqlite_path
+from app.services.installation.identity import read_identity
 from app.settings import MIB, Settings, is_loopback
 
 _NETWORK_FILE_SYSTEMS = frozenset(

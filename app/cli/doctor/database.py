@@ -14,16 +14,19 @@ from sqlalchemy import orm
 from sqlalchemy.exc import DBAPIError
 
 from app.cli.doctor.check_result import CheckResult, failed, ok, warn
-from app.errors import ServiceError
+from app.errors import InstallationRefused, ServiceError
 from app.records.database import Database
 from app.records.migrations import current_revision, head_revision, migration_config
 from app.records.readable import Unreadable
 from app.records.tables import ApiKey, Measurement, Table
+from app.services.installation.backends import clock_skew, require_clock, require_direct
 from app.settings import Settings
 
 _MAX_CLOCK_LAG = timedelta(minutes=5)
 _RESTORE = "Stop the service and restore a backup; keep the damaged files for analysis."
 _MAX_LISTED = 20
+_FREE_CONNECTIONS = 42
+"""What one more service takes."""
 
 
 def check(settings: Settings, *, deep: bool = False) -> Iterator[CheckResult]:
@@ -63,7 +66,7 @@ def _check(database: Database, *, deep: bool) -> Iterator[CheckResult]:
                 return
             yield ok("is intact (quick_check)")
         else:
-            yield ok(f"PostgreSQL {session.scalar(sa.text('SHOW server_version'))}")
+            yield from _server(database, session)
         if current != head:
             yield _schema(current, head)
             return
@@ -76,6 +79,28 @@ def _check(database: Database, *, deep: bool) -> Iterator[CheckResult]:
         else:
             yield warn("there is no API key", "Create one: gridpose keys create NAME --scope admin")
         yield _clock(session.scalar(sa.select(sa.func.max(Measurement.received_at))))
+
+
+def _server(database: Database, session: orm.Session) -> Iterator[CheckResult]:
+    """Check what services and workers need of a PostgreSQL server."""
+    yield ok(f"PostgreSQL {session.scalar(sa.text('SHOW server_version'))}")
+    try:
+        require_direct(database)
+        yield ok("is reached without a pooler, or through one that keeps sessions")
+        require_clock(database)
+        yield ok(f"and this machine's clock agree within {abs(clock_skew(database).total_seconds()):.1f} s")
+    except InstallationRefused as error:
+        yield failed(error.detail, error.advice)
+    used, most = session.execute(
+        sa.text("SELECT (SELECT count(*) FROM pg_stat_activity), current_setting('max_connections')::int")
+    ).one()
+    if most - used < _FREE_CONNECTIONS:
+        yield warn(
+            f"{used} of {most} connections are in use",
+            "Raise max_connections: docs/scale.md says how many a service and a worker take.",
+        )
+    else:
+        yield ok(f"{used} of {most} connections are in use")
 
 
 def _clock(newest: datetime | Unreadable | None) -> CheckResult:

@@ -4,15 +4,16 @@ from __future__ import annotations
 
 import enum
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Annotated
 
 import typer
 from rich.markup import escape
 
-from app.cli.client_options import ReadAccess
 from app.cli.console import OptionRefused, error_console, print_error
+from app.cli.options.access import ReadAccess
+from app.cli.robots.error_terms import NoTerms, write_angle_table, write_terms_csv, write_terms_json
 from app.cli.robots.model_files import WRITERS, Model
 from app.client import ClientError, Json, ServiceClient, find_session
 
@@ -24,6 +25,24 @@ class ModelFormat(enum.StrEnum):
     roboticstoolbox = "roboticstoolbox"
     yaml = "yaml"
     csv = "csv"
+    terms_json = "terms-json"
+    terms_csv = "terms-csv"
+    angle_table = "angle-table"
+
+
+_ANY_COUPLING = (ModelFormat.yaml, ModelFormat.terms_json)
+_WRITERS: dict[ModelFormat, Callable[[Model], str]] = {
+    **{ModelFormat(name): writer for name, writer in WRITERS.items()},
+    ModelFormat.terms_json: write_terms_json,
+    ModelFormat.terms_csv: write_terms_csv,
+    ModelFormat.angle_table: write_angle_table,
+}
+
+
+_UNCONFIRMED = (
+    "Curves of one session may be of that session alone. Correct commands by them only where a second session confirms "
+    "them: gridpose robots compensate --help."
+)
 
 
 class DhMethod(enum.StrEnum):
@@ -56,7 +75,9 @@ def export_dh(
         ModelFormat,
         typer.Option(
             "--format",
-            help="roboticstoolbox: Python for Peter Corke's Robotics Toolbox. csv: one row per joint.",
+            help="roboticstoolbox: Python for Peter Corke's Robotics Toolbox. csv: one row per joint. terms-json, "
+            "terms-csv: joint curves and compliance. angle-table: CSV of the joint angle to command for each that is "
+            "wanted.",
         ),
     ],
     service: ReadAccess,
@@ -113,11 +134,11 @@ def export_dh(
                 sweep=sweep or None,
             )
             robot = _robot(client, session_id, len(document["joints"]))
-        if document["joint_coupling"] is not None and model_format.value != "yaml":
+        if document["joint_coupling"] is not None and model_format not in _ANY_COUPLING:
             raise OptionRefused(
                 "The robot's joints are coupled, which this format cannot express: its joints turn each by itself.",
-                "Use --format yaml, which has joint_coupling; or drive the model with joint_coupling times the stated "
-                "angles.",
+                "Use --format yaml or terms-json, which have joint_coupling; or drive the model with joint_coupling "
+                "times the stated angles.",
             )
         joints: list[Json] = robot["joints"]
         written = Model(
@@ -133,7 +154,11 @@ def export_dh(
     except ClientError as error:
         print_error(console, str(error), error.advice)
         return 1
-    text = WRITERS[model_format](written)
+    try:
+        text = _WRITERS[model_format](written)
+    except NoTerms as reason:
+        print_error(console, str(reason), "--model extended takes all terms, whatever the evidence.")
+        return 1
     if output is None:
         sys.stdout.write(text)
     else:
@@ -143,9 +168,25 @@ def export_dh(
             print_error(console, f"{output} cannot be written: {error.strerror}.")
             return 1
         console.print(f"{escape(str(output))}: {len(written.joints)} joints")
+    for line in statements(document):
+        console.print(escape(line), soft_wrap=True)
+    if model_format is ModelFormat.angle_table:
+        console.print(f"[yellow]{_UNCONFIRMED}[/]", soft_wrap=True)
     for warning in document["warnings"]:
         console.print(f"[yellow]{escape(warning['detail'])}[/]")
     return 0
+
+
+def statements(document: Json) -> list[str]:
+    """Return one line each: which level was taken and why, what it gains, and where it holds."""
+    if document["level"] is None:
+        return []
+    ranges = [
+        f"joint {one['joint']} {one['minimum_deg']:.0f}° to {one['maximum_deg']:.0f}°"
+        + (f" (without gaps over 10°: {len(one['gaps'])})" if one["gaps"] else "")
+        for one in document["region"]["joints"]
+    ]
+    return [document["level"]["reason"], document["level"]["gain"], f"Holds within: {', '.join(ranges)}."]
 
 
 def _robot(client: ServiceClient, session_id: str, joints: int) -> Json:

@@ -14,14 +14,15 @@ import typer
 from jaxtyping import Float
 from rich.table import Table
 
-from app.cli.client_options import ReadAccess
 from app.cli.console import OptionRefused, error_console, output_console, print_error
+from app.cli.options.access import ReadAccess
+from app.cli.robots.iso9283_runs import approach_poses, runs, sentences
 from app.cli.targets.options import TargetOptions, choose_target
 from app.client import ClientError, Json
 from core import GridposeError, Lens
 from core.geometry import Camera, invert, rotation_to_rpy, rpy_to_rotation, so3_exp, transform
 from core.metrology import CYCLES, TEST_PLANES, VISITS, TestCube, VerdictLimits
-from core.simulation import Forecast, PlannedSession, forecast_repeatability
+from core.simulation import MAX_IMAGES_PER_STOP, Forecast, PlannedSession, forecast_repeatability
 
 _ADDITIONAL_TILT = math.radians(25.0)
 _ADDITIONAL = {"T1": (1.0, 0.0), "T2": (-1.0, 0.0), "T3": (0.0, 1.0), "T4": (0.0, -1.0)}
@@ -46,11 +47,33 @@ def plan_test(
     distance_mm: Annotated[float, typer.Option(help="From the camera at P1 to the target.")] = 700.0,
     tilt_deg: Annotated[float, typer.Option(help="Of the target against the image plane.")] = 20.0,
     cycles: Annotated[int, typer.Option(help="Visits to each pose.", min=2, max=200)] = CYCLES,
+    images_per_stop: Annotated[
+        int,
+        typer.Option(
+            help="Images at each stop, a burst: their scatter is the instrument's noise without a model.",
+            min=1,
+            max=MAX_IMAGES_PER_STOP,
+        ),
+    ] = 1,
     corner_sigma_px: Annotated[
         float, typer.Option(help="Noise of a grid point; .02 px in a sharp image, .05 in a poor one.")
     ] = 0.02,
     rp_mm: Annotated[float, typer.Option(help="RP_l that the robot is expected to have.")] = 0.05,
     limit_mm: Annotated[float | None, typer.Option(help="RP_l of the data sheet, to be decided on.")] = None,
+    load_kg: Annotated[
+        list[float] | None, typer.Option(help="Load of a run; the rated one is the standard's. Repeatable.")
+    ] = None,
+    speed_percent: Annotated[
+        list[float] | None,
+        typer.Option(help="Speed of a run; the standard has 100, 50 and 10. Repeatable."),
+    ] = None,
+    approaches: Annotated[
+        int, typer.Option(help="Directions from which P1, P2 and P4 are approached.", min=1, max=6)
+    ] = 1,
+    approach_mm: Annotated[float, typer.Option(help="Length of the last straight way to a pose.")] = 50.0,
+    warm_up_min: Annotated[
+        float | None, typer.Option(help="How long the robot moves before the first cycle.", min=0.0)
+    ] = None,
     output: Annotated[
         list[Path] | None,
         typer.Option(
@@ -90,9 +113,15 @@ def plan_test(
             np.array([invert(T) @ T_base_target for T in additional]),
             cycles,
             corner_sigma_px,
+            images_per_stop,
         )
         forecast = forecast_repeatability(planned, rp_mm, limit_mm=limit_mm)
         plan = _document(cube, flange, additional, planned, forecast, rp_mm, limit_mm)
+        of_approach = approach_poses(plan["poses"], approaches, approach_mm)
+        conditions = runs(load_kg or (), speed_percent or ())
+        plan |= {"warm_up_min": warm_up_min, "runs": conditions, "approach_poses": of_approach}
+        of_cycles = cycles * images_per_stop * (len(flange) + len(of_approach))
+        plan["images"] = len(conditions) * (of_cycles + len(additional))
         for path in output or ():
             path.write_bytes(_WRITERS[path.suffix](plan))
     except OptionRefused as refused:
@@ -160,7 +189,7 @@ def _document(
         "additional_poses": [_pose(name, T) for name, T in zip(_ADDITIONAL, additional, strict=True)],
         "cycles": planned.cycles,
         "order_of_a_cycle": list(VISITS),
-        "images": planned.cycles * len(flange) + len(additional),
+        "images_per_stop": planned.images_per_stop,
         "assumed": {
             "rp_l_mm": rp_mm,
             "corner_sigma_px": planned.corner_sigma_px,
@@ -196,9 +225,10 @@ def _json(plan: Json) -> bytes:
 def _csv(plan: Json) -> bytes:
     file = io.StringIO(newline="")
     table = csv.writer(file)
-    table.writerow(["pose_id", "x_mm", "y_mm", "z_mm", "roll_deg", "pitch_deg", "yaw_deg"])
-    for pose in (*plan["poses"], *plan["additional_poses"]):
-        table.writerow([pose["pose_id"], *pose["position_mm"], *(pose[name] for name in _FIELDS[2:])])
+    table.writerow(["pose_id", "x_mm", "y_mm", "z_mm", "roll_deg", "pitch_deg", "yaw_deg", "approach"])
+    for pose in (*plan["poses"], *plan["approach_poses"], *plan["additional_poses"]):
+        angles = (pose[name] for name in _FIELDS[2:])
+        table.writerow([pose["pose_id"], *pose["position_mm"], *angles, pose.get("approach", "")])
     return file.getvalue().encode()
 
 
@@ -225,12 +255,19 @@ def _show(plan: Json) -> None:
         row = (f"{one['noise_floor_mm']:.3g}", f"{one['rp_l_mm']:.3g}", f"{low:.3g} to {high:.3g}", verdicts)
         table.add_row(one["pose_id"], *row)
     console.print(table)
+    for sentence in sentences(plan):
+        console.print(sentence)
     floors = [one["noise_floor_mm"] for one in plan["forecast"] if one["in_view"]]
     needed = max(floors) / VerdictLimits().instrument_share
     if plan["assumed"]["rp_l_mm"] < needed:
         console.print(
             f"At all poses the verdict is `robot` from an RP_l of about {needed:.2g} mm on. A larger target in the "
             "image, a shorter distance or more tilt lowers the floor."
+        )
+    if plan["images_per_stop"] == 1:
+        console.print(
+            "With two images at each stop (--images-per-stop 2) the session measures its own noise floor, without a "
+            "model of the noise; the two count as one cycle."
         )
     if plan["acceptance"]:
         shares = dict(plan["acceptance"])

@@ -11,9 +11,9 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from app.cli.client_options import UploadAccess
-from app.cli.record_files import read_mapping
+from app.cli.options.access import UploadAccess
 from app.client import Json, ServiceClient, find_robot
+from app.client.commands import read_mapping
 
 _COLUMNS = (
     ("a_mm", "u(a) mm"),
@@ -56,7 +56,7 @@ def _show(console: Console, plan: Json) -> None:
     console.print(_table("Predicted standard uncertainties for these poses", plan["joints"]))
     condition = plan["condition_number"]
     shown = "none" if condition is None else f"{condition:.0f}"
-    console.print(f"condition number {shown}, observability index O1 {plan['observability_o1']:.3g}")
+    console.print(f"condition number {shown}, observability {_indices(plan['observability_indices'])}")
     for group in plan["null_space"]:
         console.print(escape(group["sentence"]))
     if plan["suggested_poses"]:
@@ -69,6 +69,11 @@ def _show(console: Console, plan: Json) -> None:
             console.print(
                 _table("Predicted with the suggested poses", plan["predicted_joints_with_suggestions"])
             )
+            console.print(f"observability {_indices(plan['observability_indices_with_suggestions'])}")
+
+
+def _indices(indices: Json) -> str:
+    return ", ".join(f"{name.upper()} {value:.3g}" for name, value in indices.items())
 
 
 def _table(title: str, joints: list[Json]) -> Table:

@@ -12,10 +12,10 @@ from rich.markup import escape
 
 from app.cli.console import error_console
 from app.cli.context import data_failures, load_settings, print_location
-from app.cli.options import DataDir
+from app.cli.options.data_folder import DataDir
 from app.records.tables import ApiKey
 from app.services.backup import make_backup, restore_backup
-from app.services.context import ServiceContext
+from app.services.installation.context import ServiceContext
 from app.services.keys import keys_in_force
 
 _MAX_LISTED = 20

@@ -15,7 +15,7 @@ import structlog
 
 from app.records.activity import Activity, acting
 from app.records.tables import ApiKey
-from app.services.context import ServiceContext
+from app.services.installation.context import ServiceContext
 from app.services.keys import draft_key, find_key, store_key
 
 FILE_NAME = "first-admin-key"

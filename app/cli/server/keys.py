@@ -10,12 +10,12 @@ import typer
 
 from app.cli.console import error_console, fail, print_list
 from app.cli.context import load_settings, open_context, print_location
-from app.cli.options import DataDir
+from app.cli.options.data_folder import DataDir
 from app.errors import ServiceError
 from app.records.activity import Activity, acting
 from app.records.readable import unreadable_columns
 from app.records.tables import ApiKey
-from app.services.context import ServiceContext
+from app.services.installation.context import ServiceContext
 from app.services.keys import create_key, list_keys, revoke_key
 
 

@@ -11,14 +11,15 @@ import typer
 
 from app.cli.console import fail
 from app.cli.context import data_failures, load_settings, print_location
-from app.cli.options import DataDir
+from app.cli.options.data_folder import DataDir
 from app.errors import InstallationRefused
 from app.jobs.runner_lock import RunnerLock
 from app.records import migrations
 from app.records.database import Database
 from app.records.file_lock import AlreadyLocked, FileLock
 from app.records.tables import Installation
-from app.services.binding import read_identity, require_installation, require_same, sqlite_path
+from app.services.installation.binding import require_installation, require_same, sqlite_path
+from app.services.installation.identity import read_identity
 from app.settings import Settings
 
 
@@ -89,7 +90,10 @@ def _opened(settings: Settings) -> Iterator[Database]:
 @contextmanager
 def _exclusive(settings: Settings, database: Database) -> Iterator[None]:
     """Lock out services and workers; a running one ends the command."""
-    head, runner = FileLock(settings.data_dir / "head.lock"), RunnerLock(settings.data_dir, database)
+    head, runner = (
+        FileLock(settings.data_dir / "head.lock"),
+        RunnerLock(settings.data_dir, database, alone=True),
+    )
     try:
         head.acquire()
         runner.acquire()

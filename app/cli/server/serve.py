@@ -21,7 +21,7 @@ from fastapi import FastAPI
 from app.build import core_version
 from app.cli.console import fail
 from app.cli.context import data_failures, load_settings, open_context
-from app.cli.options import DataDir
+from app.cli.options.data_folder import DataDir
 from app.cli.server.connections import Connection, allow_many_connections
 from app.cli.server.first_key import announce_admin_key, ensure_admin_key
 from app.cli.server.supervision import Supervisor
@@ -210,5 +210,6 @@ def _announce(settings: Settings, listener: socket.socket, key_file: Path | None
             "  transport  plain HTTP: others on the network can read keys; put a reverse proxy with TLS before it"
         )
     print(f"  workers    {settings.worker_count}")
+    print(f"  dashboard  {url}/ui/")
     print(f"  API        {url}/docs")
     print(f"  service    {url}", flush=True)

@@ -11,7 +11,7 @@ from types import FrameType
 
 from app.cli.console import fail
 from app.cli.context import load_settings, open_context, print_location
-from app.cli.options import DataDir
+from app.cli.options.data_folder import DataDir
 from app.cli.server.serve import end_after_giving_up, require_no_runner
 from app.cli.server.supervision import Supervisor
 from app.logs import configure_logging
@@ -48,7 +48,7 @@ def work(data_dir: DataDir = None) -> int:
     configure_logging(settings.log_level)
     print_location(settings)
     require_no_runner(settings)
-    installation = open_context(settings, migrate=True)
+    installation = open_context(settings, migrate=True, serves=False)
     stop_requested = StopRequested()
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, stop_requested)

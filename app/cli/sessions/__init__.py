@@ -1,1 +1,1 @@
-"""`gridpose sessions`: what a service holds, its targets, and computing it again."""
+"""`gridpose sessions`: the commands on a data folder."""

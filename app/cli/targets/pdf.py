@@ -10,8 +10,8 @@ import typer
 from rich.console import Console
 from rich.markup import escape
 
-from app.cli.client_options import ReadAccess
 from app.cli.console import error_console, print_error
+from app.cli.options.access import ReadAccess
 from app.cli.targets.options import TargetOptions, choose_target
 from app.client import ClientError
 from app.printing import Sheet, draw_sheet, to_pdf, to_svg

@@ -11,6 +11,7 @@ import pytest
 from typer.testing import CliRunner, Result
 
 from app.cli.main import app
+from app.client.commands.robots.known import KNOWN
 from tests.support.service.service import ApiMaker
 
 BOARD = ("--kind", "chessboard", "--columns", "9", "--rows", "6", "--pitch-mm", "25")
@@ -72,6 +73,43 @@ def test_a_robot_is_made_from_options_and_from_a_file(served: Any, tmp_path: Pat
     robot = made(served, "robots", "other", "--file", str(file))
     assert robot["name"] == "other"
     assert [joint["name"] for joint in robot["joints"]] == ["A1", "A2"]
+
+
+def test_a_robot_is_made_from_a_table_from_a_urdf_and_by_its_model(served: Any, tmp_path: Path) -> None:
+    table, urdf = tmp_path / "joints.csv", tmp_path / "arm.urdf"
+    table.write_text(
+        "joint;name;a_mm;alpha_deg;d_mm;beta_deg;u_a_mm\n1;A1;180;-90;400,5;;\n2;A2;600;0;0;0;1\n"
+    )
+    first, second = made(served, "robots", "by table", "--joints-from", str(table))["joints"]
+    assert (first["name"], first["a_mm"], first["d_mm"], second["a_mm"]) == ("A1", 180.0, 400.5, 600.0)
+    urdf.write_text(
+        '<robot name="a"><joint name="A1" type="continuous"><origin xyz="0 0 0.4"/><parent link="b"/><child link="l"/>'
+        '<axis xyz="0 0 1"/></joint><joint name="A2" type="revolute"><origin xyz="0.18 0 0" rpy="-1.5708 0 0"/>'
+        '<parent link="l"/><child link="tool0"/><axis xyz="0 0 1"/><limit lower="-1" upper="1"/></joint></robot>'
+    )
+    first, second = made(served, "robots", "by file", "--joints-from", str(urdf))["joints"]
+    assert (first["name"], first["a_mm"], first["alpha_deg"], first["d_mm"]) == ("A1", 180.0, -90.0, 400.0)
+    assert (first["minimum_deg"], second["maximum_deg"]) == (None, 57.2958)
+    robot = made(served, "robots", "by model", "--known", "lr mate 200id")
+    assert (robot["manufacturer"], robot["model"]) == ("FANUC", "LR Mate 200iD")
+    assert robot["joint_coupling"][2] == [0.0, 1.0, 1.0, 0.0, 0.0, 0.0]
+    assert robot["joints"][4]["name"] == "J5"
+    for noun_options in (("--known", "none"), ("--known", "UR5e", "--joint", "1:2:3")):
+        gridpose(served, "robots", "create", "x", *noun_options, code=2)
+    for text in (
+        "a_mm,alpha_deg\n1,2\n",
+        "a_mm,alpha_deg,d_mm,beta_deg\n1,2,3,4\n",
+        "a_mm,r\n1,2\n",
+        "a_mm\nx\n",
+    ):
+        table.write_text(text)
+        gridpose(served, "robots", "create", "x", "--joints-from", str(table), code=2)
+
+
+def test_known_robots_are_listed_without_a_service() -> None:
+    done = CliRunner().invoke(app, ["robots", "list", "--known"], env={"GRIDPOSE_URL": "http://127.0.0.1:9"})
+    assert done.exit_code == 0
+    assert all(robot.source in done.stdout for robot in KNOWN)
 
 
 def test_what_is_stated_of_a_robot_is_changed(served: Any) -> None:

@@ -11,10 +11,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from app.cli.client_options import UploadAccess
-from app.cli.measured_poses.command import AngleUnit, import_poses
-from app.cli.measured_poses.parser import ColumnLayout, parse_poses
-from app.cli.record_files import FileRefused, read_records
+from app.client.commands import UploadAccess
+from app.client.commands.measured_poses.command import AngleUnit, import_poses
+from app.client.commands.measured_poses.parser import ColumnLayout, parse_poses
+from app.client.commands.record_files import FileRefused, read_records
 from core.geometry.roll_pitch_yaw import rpy_to_rotation
 from core.geometry.se3 import so3_exp, so3_log
 

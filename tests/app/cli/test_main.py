@@ -11,8 +11,8 @@ from typer.core import TyperGroup
 from typer.main import get_command
 from typer.testing import CliRunner
 
-from app.cli.lazy import LazyCommand
 from app.cli.main import app
+from app.client.commands.lazy import LazyCommand
 
 
 def lazy_commands() -> Iterator[tuple[str, LazyCommand]]:
@@ -35,9 +35,25 @@ COMMANDS = dict(lazy_commands())
 def test_the_table_holds_every_command() -> None:
     assert sorted(COMMANDS) == sorted(
         [
-            *("serve", "worker", "doctor", "qualify", "backup", "restore", "upload", "demo", "version"),
+            *(
+                "serve",
+                "worker",
+                "doctor",
+                "qualify",
+                "backup",
+                "restore",
+                "migrate-to",
+                "upload",
+                "watch",
+                "login",
+                "logout",
+                "demo",
+                "version",
+            ),
+            *("hand-eye export", "camera-poses export", "qualifications list"),
             *("keys create", "keys list", "keys revoke", "schema show", "schema downgrade"),
             *(
+                "robots compensate",
                 "robots export",
                 "robots plan dh",
                 "robots plan iso9283",
@@ -48,7 +64,23 @@ def test_the_table_holds_every_command() -> None:
             ),
             *(f"measurements {verb}" for verb in ("list", "show", "correct", "exclude", "include")),
             *("measurements delete", "measurements retry", "measured-poses delete"),
-            *(f"sessions {verb}" for verb in ("list", "show", "change", "reprocess", "delete")),
+            *(
+                f"sessions {verb}"
+                for verb in (
+                    "list",
+                    "show",
+                    "budget",
+                    "joint-noise",
+                    "next-view",
+                    "change",
+                    "reprocess",
+                    "export-camera",
+                    "import",
+                    "delete",
+                )
+            ),
+            *("sessions archive", "sessions restore", "report compare", "robots history"),
+            *(f"report {verb}" for verb in ("create", "list", "show", "fetch", "verify")),
             *("targets list", "targets delete", "robots list", "robots delete"),
             *("targets create", "robots create", "sessions create", "poses load"),
         ]
@@ -76,8 +108,10 @@ def test_help_imports_no_command() -> None:
         "from app.cli.main import app\n"
         "for arguments in ([], ['keys'], ['targets']):\n"
         "    assert CliRunner().invoke(app, [*arguments, '--help']).exit_code == 0\n"
-        "loaded = [m for m in sys.modules if m.startswith(('app.', 'core')) and not m.startswith('app.cli')]\n"
-        "loaded += [m for m in sys.modules if m.count('.') > 2 and m.startswith('app.cli.')]\n"
+        "loaded = [m for m in sys.modules if m.startswith(('app.', 'core'))]\n"
+        "loaded = [m for m in loaded if m != 'app.client' and not m.startswith(('app.cli.', 'app.client.commands'))]\n"
+        "loaded = [m for m in loaded if m not in ('app.cli', 'app.client.lazy_face')]\n"
+        "loaded += [m for m in sys.modules if m.count('.') > 3 or m.startswith('app.cli.') and m.count('.') > 2]\n"
         "loaded += [m for m in ('sqlalchemy', 'fastapi', 'cv2', 'numpy', 'httpx2') if m in sys.modules]\n"
         "sys.exit(', '.join(loaded) or 0)\n"
     )

@@ -61,6 +61,7 @@ def model(rows: Any = None, beta: float | None = None, **changes: Any) -> Model:
             "null_space": [{"parameters": ["joint_1.d_mm"], "sentence": "d1 -- and more."}],
             "model": "auto",
             "error_model": None,
+            "level": None,
             "region": {"joints": []},
             "method_agreement": None,
         },

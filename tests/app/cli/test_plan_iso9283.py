@@ -42,6 +42,7 @@ def run(*arguments: str, code: int = 0) -> Result:
     return done
 
 
+@pytest.mark.slow
 def test_a_plan_is_written_in_three_forms_and_its_poses_can_be_loaded(served: Any, tmp_path: Path) -> None:
     files = [tmp_path / f"plan.{suffix}" for suffix in ("json", "csv", "pdf")]
     outputs = [part for file in files for part in ("-o", str(file))]
@@ -95,3 +96,27 @@ def test_options_that_cannot_be_are_refused_with_advice(arguments: tuple[str, ..
 )
 def test_a_plan_that_tells_nothing_ends_with_one(arguments: tuple[str, ...]) -> None:
     assert run(*arguments, code=1).stderr.strip()
+
+
+@pytest.mark.slow
+def test_loads_speeds_and_approaches_are_planned(tmp_path: Path) -> None:
+    files = [tmp_path / f"plan.{suffix}" for suffix in ("json", "csv", "pdf")]
+    outputs = [part for file in files for part in ("-o", str(file))]
+    conditions = ("--load-kg", "5", "--speed-percent", "100", "--speed-percent", "50", "--warm-up-min", "60")
+    done = run(*conditions, "--approaches", "3", "--approach-mm", "40", *outputs)
+    plan = json.loads(files[0].read_text(encoding="utf-8"))
+    assert [(one["load_kg"], one["speed_percent"]) for one in plan["runs"]] == [(5.0, 100.0), (5.0, 50.0)]
+    assert len(plan["approach_poses"]) == 9
+    assert plan["images"] == 2 * (10 * (5 + 9) + 4)
+    first = plan["approach_poses"][0]
+    assert (first["pose_id"], first["approach"]) == ("P1_from_x", "x")
+    assert first["approach_from_mm"][0] == first["position_mm"][0] + 40.0
+    rows = files[1].read_text(encoding="utf-8").splitlines()
+    assert rows[0].endswith(",approach")
+    assert sum(row.endswith(",z") for row in rows) == 3
+    text = pypdfium2.PdfDocument(files[2])[0].get_textpage().get_text_range()
+    assert "speed 50 %" in text
+    assert "P4_from_z" in text
+    assert "Warm-up of 60 min" in done.stdout
+    assert "more than 0" in run("--speed-percent", "0", code=2).stderr
+    assert "longer than 0" in run("--approaches", "2", "--approach-mm", "0", code=2).stderr

@@ -85,6 +85,7 @@ def gridpose(*arguments: str) -> tuple[int, str, str]:
     return ended.exit_code, ended.stdout, ended.stderr
 
 
+@pytest.mark.slow
 def test_from_print_to_photographs_to_a_verdict(tmp_path: Path) -> None:
     stretched = take_photos(tmp_path, np.diag([1.002, 0.998]), seed=1, count=10)
     code, out, _ = gridpose("check", *stretched, *DESCRIBED, "--json", "--ruler", "x:250:250.5")
@@ -102,6 +103,7 @@ def test_from_print_to_photographs_to_a_verdict(tmp_path: Path) -> None:
     )
 
 
+@pytest.mark.slow
 def test_a_true_print_is_fine_and_what_is_no_photo_of_it_is_named(tmp_path: Path) -> None:
     photos = take_photos(tmp_path, np.eye(2), seed=2, count=10)
     stray = tmp_path / "stray.png"

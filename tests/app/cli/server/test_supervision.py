@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from app.cli.server.supervision import Supervisor
-from tests.support.service.systemd import listening, message
+from tests.support.environment.systemd import listening, message
 
 if sys.platform != "linux":
     pytest.skip("systemd is Linux's", allow_module_level=True)

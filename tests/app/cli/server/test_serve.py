@@ -39,6 +39,7 @@ def test_answers_do_not_wait_for_delayed_acknowledgements() -> None:
     assert asyncio.run(accepted_without_delay())
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs a file on which nothing has room")
 def test_a_full_disk_under_stdout_does_not_end_the_start() -> None:
     script = (

@@ -195,7 +195,7 @@ def test_tables_fit_and_stand_without_an_answer(session: ArmSession) -> None:
 
 def test_the_document_shows_this_very_arm() -> None:
     """How the arm is built, and how far its data sheet is off, follow from the seed alone."""
-    readme = (Path(__file__).parents[3] / "docs" / "demo.md").read_text(encoding="utf-8")
+    readme = (Path(__file__).parents[4] / "docs" / "demo.md").read_text(encoding="utf-8")
     block = re.search(r"<!-- demo-dh -->\n```\w+\n(.*?)```", readme, re.DOTALL)
     assert block is not None
     arm = demo_session(1).arm

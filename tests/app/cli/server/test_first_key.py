@@ -10,15 +10,15 @@ import pytest
 import typer
 from typer.testing import CliRunner
 
-from app.cli.client_options import KeyFile, UploadKey
 from app.cli.doctor import data_folder
 from app.cli.doctor.check_result import State
 from app.cli.server.first_key import FILE_NAME, announce_admin_key, ensure_admin_key
+from app.client.commands import KeyFile, UploadKey
 from app.errors import Unavailable
 from app.records.audit import list_entries
 from app.records.privacy import close_to_others, exposed
 from app.services import keys
-from app.services.context import ServiceContext
+from app.services.installation.context import ServiceContext
 from app.services.keys import find_key, list_keys, revoke_key
 from app.settings import Settings
 

@@ -162,7 +162,7 @@ def test_methods_without_an_answer_say_why(session: DemoSession) -> None:
 
 def test_the_document_shows_this_very_experiment() -> None:
     """What the robot truly does follows from the seed alone, and is cheap to compute again."""
-    readme = (Path(__file__).parents[3] / "docs" / "demo.md").read_text(encoding="utf-8")
+    readme = (Path(__file__).parents[4] / "docs" / "demo.md").read_text(encoding="utf-8")
     block = re.search(r"<!-- demo -->\n```\w+\n(.*?)```", readme, re.DOTALL)
     assert block is not None
     shown = [line.split()[:3] for line in block[1].splitlines() if re.match(r"P\d +\d", line)]

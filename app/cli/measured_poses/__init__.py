@@ -1,1 +1,0 @@
-"""`gridpose measured-poses import`: poses measured by another instrument."""

@@ -1,1 +1,0 @@
-"""`gridpose measurements`: what came of images, and corrections of what was said about them."""

@@ -1,0 +1,1 @@
+"""Options that several commands share: access to a service, and the data folder."""

@@ -1,0 +1,1 @@
+"""Commands on reports that need the service's packages."""

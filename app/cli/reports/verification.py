@@ -1,0 +1,105 @@
+"""`gridpose report verify`: a file by its signature, or a stored report by computing it anew."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.markup import escape
+
+from app.cli.console import error_console, fail
+from app.cli.options.access import ReadAccess
+from app.client import ServiceClient
+
+_SHOWN = 20
+
+
+def verify(
+    subject: Annotated[
+        str,
+        typer.Argument(metavar="FILE|REPORT", help="A form that was saved, or the id of a stored report."),
+    ],
+    service: ReadAccess,
+    signature: Annotated[
+        Path | None,
+        typer.Option(help="The detached signature.  [default: the file's name with .sig]", dir_okay=False),
+    ] = None,
+    fingerprint: Annotated[
+        str | None,
+        typer.Option(
+            help="The signing key that is trusted: `signing_key` of a report, had from the installation itself."
+        ),
+    ] = None,
+    originals: Annotated[
+        bool, typer.Option(help="Of a stored report: measure its originals anew, too.")
+    ] = True,
+) -> int:
+    """Check a saved report by its signature, or compute a stored one anew and compare every figure.
+
+    A file needs no service. Ends with 1 where the file, or a figure, is not what was signed.
+    """
+    path = Path(subject)
+    if path.is_file():
+        return _verify_file(path, signature or path.with_name(path.name + ".sig"), fingerprint)
+    agrees: list[bool] = []
+    ended = service.run(lambda client: agrees.append(_verify_stored(client, subject, originals)))
+    return ended or int(not all(agrees))
+
+
+def _verify_file(path: Path, signature: Path, trusted: str | None) -> int:
+    from app.reports.signature import SignatureUnreadable, check_file
+
+    try:
+        content, signed = path.read_bytes(), signature.read_bytes()
+    except OSError as error:
+        fail(
+            f"{error.filename} cannot be read: {error.strerror}.",
+            "Save the signature as well: `gridpose report fetch` does, or GET /v1/reports/{id}.sig.",
+        )
+    try:
+        found = check_file(content, signed)
+    except SignatureUnreadable as error:
+        fail(f"{signature} is no signature of a report: {error}.", "Save it again.")
+    if not found.is_signature_valid:
+        fail(f"{signature} was changed: its manifest is not the one that was signed.", "Save it again.")
+    if found.form is None:
+        fail(
+            f"{path} is not a form of the report {found.manifest.get('report_id')}, or was changed.",
+            "Save it again from the service, and compare.",
+        )
+    if trusted is not None and trusted.strip().lower() != found.fingerprint:
+        fail(
+            f"{path} was signed by another key, {found.fingerprint}.",
+            "Ask the installation for its key: `signing_key` of one of its reports.",
+        )
+    print(f"{path}: form {found.form} of report {found.manifest['report_id']}, unchanged")
+    print(f"  made         {found.manifest['made_at']} by Gridpose {found.manifest['core_version']}")
+    print(f"  signing key  {found.fingerprint}")
+    if trusted is None:
+        error_console().print(
+            "[yellow]Whose key that is was not checked: compare it with the installation's, or give --fingerprint.[/]"
+        )
+    return 0
+
+
+def _verify_stored(client: ServiceClient, report_id: str, originals: bool) -> bool:
+    found = client.get(f"/v1/reports/{report_id}/verify", originals=str(originals).lower())
+    agrees = bool(found["agrees"])
+    digits = "all digits" if found["digits"] is None else f"at least {found['digits']} digits"
+    print(f"{report_id}: {'agrees' if agrees else 'DOES NOT AGREE'}")
+    print(f"  figures    {found['figures_equal']} of {found['figures']} equal; numbers share {digits}")
+    print(
+        f"  originals  {found['originals']['identical']} of {found['originals']['measured']} identical anew"
+    )
+    print(f"  build      {found['core_version_then']}, now {found['core_version_now']}")
+    console = error_console()
+    for one in found["changed_inputs"][:_SHOWN]:
+        console.print(f"[yellow]{one['noun']} {escape(one['name'])}: {escape(one['change'])}[/]")
+    if found["changed_input_count"] > _SHOWN:
+        console.print(f"and {found['changed_input_count'] - _SHOWN} more")
+    for form in found["damaged_forms"]:
+        console.print(f"[red]the stored form {form} is damaged[/]")
+    for one in found["differences"][:_SHOWN]:
+        console.print(f"  {escape(one['figure'])}: {one['then']}, now {one['now']}", highlight=False)
+    return agrees
