@@ -21,8 +21,13 @@ _LIBRARIES = ("matplotlib", "numba", "numpy", "scipy")
 
 @cache
 def program_version() -> str:
-    """Return this program's version, as installed."""
-    return importlib.metadata.version("gridpose")
+    """Return this program's version, as installed: that of the service, or of the client, which is the same."""
+    try:
+        return importlib.metadata.version("gridpose-server")
+    except (
+        importlib.metadata.PackageNotFoundError
+    ):  # an environment set up before the client was a project of its own
+        return importlib.metadata.version("gridpose")
 
 
 @cache

@@ -16,16 +16,21 @@ ServiceError                       code, detail, advice, errors [(field, message
 ├── QuotaExceeded                  quota_exceeded
 ├── StorageFull                    storage_full
 └── Unavailable                    unavailable, busy, analysis_interrupted, too_many_streams, database_unavailable,
-                                   database_damaged
+                                   database_damaged, storage_unavailable, storage_refused
 
 What a command refuses its operator is another tree, which never reaches HTTP:
 
 OperationRefused                   code, detail, advice
 ├── InstallationRefused            installation_missing, installation_mismatch, installation_not_in_folder,
 │                                  installation_not_in_database, originals_elsewhere, pepper_missing, pepper_changed,
-│                                  restore_incomplete, schema_not_current
-└── BackupRefused                  backup_folder_in_use, backup_foreign, backup_incomplete, backup_damaged,
-                                   backup_too_new, restore_not_empty, service_running, no_room
+│                                  restore_incomplete, schema_not_current, installation_moved, clock_skewed,
+│                                  database_pooled, bucket_missing, bucket_refused, bucket_unreachable,
+│                                  bucket_not_conditional
+├── BackupRefused                  backup_folder_in_use, backup_foreign, backup_incomplete, backup_damaged,
+│                                  backup_too_new, restore_not_empty, service_running, no_room,
+│                                  nothing_to_move, copy_differs
+└── ArchiveRefused                 archive_damaged, archive_too_new, archive_conflict, archive_foreign,
+                                   archive_exists, session_unfinished, session_present, no_room
 
 docs/errors.md lists every code with its cause and remedy.
 """
@@ -180,3 +185,7 @@ class InstallationRefused(OperationRefused):
 
 class BackupRefused(OperationRefused):
     """A backup cannot be made, or not be restored."""
+
+
+class ArchiveRefused(OperationRefused):
+    """A session cannot be archived, or not be restored from an archive."""

@@ -11,8 +11,10 @@ from fastapi import FastAPI
 from fastapi.routing import APIRoute
 from starlette.concurrency import run_in_threadpool
 
+from app.analyses.reporting import ReportMaker
 from app.analyses.service import AnalysisService
 from app.api.dependencies import AppContext
+from app.api.direct import DirectRoutes
 from app.api.metrics import Metrics
 from app.api.middleware.authentication import ApiKeyAuth
 from app.api.middleware.compression import Compression
@@ -22,9 +24,8 @@ from app.api.openapi import openapi_document
 from app.api.problems import install_problem_handlers
 from app.api.routes import (
     analyses,
-    audit,
     images,
-    keys,
+    joint_noise,
     measured_poses,
     measurements,
     plots,
@@ -34,15 +35,19 @@ from app.api.routes import (
     system,
     targets,
 )
+from app.api.routes.access import audit, keys
+from app.api.routes.documents import qualifications, reports
 from app.build import program_version
 from app.jobs.painting import ImagePainter
 from app.records.file_lock import AlreadyLocked, FileLock
-from app.services.binding import refuse_foreign_folder
-from app.services.context import ServiceContext
+from app.records.session_news import SessionNews
 from app.services.health import HealthWatch
+from app.services.installation.binding import refuse_foreign_folder
+from app.services.installation.context import ServiceContext
 from app.services.keys import KeyUse
 from app.services.maintenance.chores import Maintenance, chores
 from app.settings import Settings
+from app.web import routers as dashboard
 
 log = structlog.get_logger(__name__)
 
@@ -91,14 +96,19 @@ def create_app(settings: Settings) -> FastAPI:
         measurements.router,
         analyses.router,
         robots.plans,
+        joint_noise.router,
         plots.router,
+        qualifications.router,
+        reports.router,
         keys.router,
         audit.router,
         system.router,
         system.documentation,
+        *dashboard,
     ):
         app.include_router(router)
     install_problem_handlers(app)
+    app.add_middleware(DirectRoutes, routes=images.router.routes)
     app.add_middleware(ApiKeyAuth)
     app.add_middleware(Compression)
     if settings.auth == "off":
@@ -140,14 +150,28 @@ def _start(settings: Settings, metrics: Metrics) -> AppContext:
             ) from error
     painter = ImagePainter(settings.max_image_pixels)
     analyses = AnalysisService(settings)
+    news = SessionNews(installation.database)
+    news.start()
     metrics.watch(installation, runner, analyses)
-    maintenance = Maintenance(chores(installation))
+    maintenance = Maintenance(chores(installation), turn=installation.database.turn)
     maintenance.start()
     key_use = KeyUse(installation.database)
     key_use.start()
     health = HealthWatch(installation, runner)
+    report_maker = ReportMaker(installation, analyses)
+    report_maker.start()
     return AppContext(
-        installation, runner, painter, analyses, metrics, head_lock, maintenance, key_use, health
+        installation,
+        runner,
+        painter,
+        analyses,
+        metrics,
+        head_lock,
+        maintenance,
+        key_use,
+        health,
+        news,
+        report_maker,
     )
 
 
@@ -159,6 +183,8 @@ def _stop(service: AppContext) -> None:
     ends = [
         *([service.runner.stop] if service.runner is not None else []),
         service.maintenance.stop,
+        service.news.stop,
+        service.report_maker.stop,
         service.painter.close,
         service.analyses.close,
         service.key_use.stop,

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ipaddress
 import os
+import re
 from pathlib import Path
 from typing import Annotated, Literal, Self
 
@@ -43,6 +44,13 @@ class Settings(BaseSettings):
         str | None,
         Field(description="`postgresql+psycopg://user@host/name`; default: SQLite in the data folder."),
     ] = None
+    blob_url: Annotated[
+        str | None,
+        Field(
+            description="`s3://bucket/prefix` for the images, with the usual `AWS_*` variables; "
+            "default: files in the data folder.",
+        ),
+    ] = None
     key_pepper: Annotated[
         SecretStr | None,
         Field(description="Secret the API keys are hashed with; default: made once in the data folder."),
@@ -75,6 +83,22 @@ class Settings(BaseSettings):
         Literal["debug", "info", "warning", "error"], Field(description="Least severe message logged.")
     ] = "info"
 
+    @field_validator("database_url")
+    @classmethod
+    def _require_database(cls, value: str | None) -> str | None:
+        if value is not None and not re.match(r"postgresql\+psycopg://[^/]*/[^/]+|sqlite:////?[^/]", value):
+            raise ValueError("write postgresql+psycopg://user@host/name")
+        return value
+
+    @field_validator("blob_url")
+    @classmethod
+    def _require_bucket(cls, value: str | None) -> str | None:
+        if value is not None and not re.fullmatch(
+            r"s3://[a-z0-9][a-z0-9.-]{1,61}[a-z0-9](/[A-Za-z0-9._/-]*)?", value
+        ):
+            raise ValueError("write s3://bucket/prefix, the prefix of letters, digits, '.', '_', '-' and '/'")
+        return value
+
     @field_validator("trusted_proxies")
     @classmethod
     def _require_networks(cls, value: str | None) -> str | None:
@@ -102,6 +126,11 @@ class Settings(BaseSettings):
     def trusted_networks(self) -> tuple[Network, ...]:
         """The networks of `trusted_proxies`."""
         return _networks(self.trusted_proxies or "")
+
+    @property
+    def is_shared(self) -> bool:
+        """Whether several machines may serve and compute: database and images lie on none of them."""
+        return self.blob_url is not None and self.database_url is not None
 
     @property
     def effective_database_url(self) -> str:

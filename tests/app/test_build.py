@@ -94,6 +94,7 @@ def test_a_tag_does_not_outlive_the_service_that_wrote_the_document(monkeypatch:
     assert entity_tag("0" * 64) != before
 
 
+@pytest.mark.slow
 def test_the_build_is_shown_wherever_a_result_or_the_service_is(computing_api: Any, board_png: bytes) -> None:
     session = computing_api.make_session()
     measured = computing_api.wait_for(computing_api.put_image(session, board_png).json()["id"])

@@ -13,8 +13,8 @@ from hypothesis import strategies as st
 from app.cli.robots.model_files import Model, write_urdf
 from app.markup import comment_text, element_text, legal_text, quoted_attribute
 from app.printing import draw_sheet, to_pdf, to_svg
+from app.reports.camera_plots.residual_map import residuals_svg
 from app.reports.drift import drift_svg
-from app.reports.residual_map import residuals_svg
 from app.reports.scatter import scatter_svg
 from core.targets import TargetSpec
 from tests.support.image.plotted import ODD_DRIFTS, ODD_FIELDS, ODD_SCATTERS
