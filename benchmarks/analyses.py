@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 import tempfile
 import time
 from collections.abc import Iterable, Iterator
@@ -75,6 +76,7 @@ def _stored(board: tuple[int, int], poses: int, seed: int, repeats: int) -> Iter
             headers = {"Authorization": f"Bearer {service.admin_key}"}
             with httpx2.Client(base_url=service.url, headers=headers, timeout=200.0) as client:
                 yield from _asked(client, session_id, case, repeats)
+            yield from _shown(service.url, service.admin_key, session_id, case, repeats)
         yield _alone(folder, session_id, case, repeats)
 
 
@@ -111,6 +113,31 @@ def _asked(client: httpx2.Client, session_id: str, case: str, repeats: int) -> I
     yield Row.context("the same again, kept", 1e3 * median(kept), "ms", how)
     yield Row.context("the same again, 304", 1e3 * median(unchanged), "ms", how)
     yield Row.at_most("a page of 50 of 10,000 measurements", 1e3 * median(pages), 20.0, "ms", how)
+
+
+def _shown(url: str, key: str, session_id: str, case: str, repeats: int) -> Iterable[Row]:
+    """Load the dashboard's first page, and that of the session, as a browser that is signed in."""
+    with httpx2.Client(base_url=url, timeout=60.0, follow_redirects=True) as browser:
+        token = re.search(r'name="csrf_token" value="(\w+)"', browser.get("/ui/sign-in").text)
+        assert token is not None
+        browser.post("/ui/sign-in", data={"csrf_token": token[1], "key": key})
+
+        def load(path: str) -> float:
+            started = time.perf_counter()
+            response = browser.get(path)
+            taken = time.perf_counter() - started
+            assert response.status_code == 200, response.text
+            return taken
+
+        how = f"by HTTP, {case}; median of {5 * repeats}"
+        for name, path, goal_ms in (
+            ("first page", "/ui/", 150.0),
+            ("page of a session of 10,000", f"/ui/sessions/{session_id}", 300.0),
+            ("the last page of its images", f"/ui/sessions/{session_id}?page=167", 300.0),
+        ):
+            load(path)
+            times = [load(path) for _ in range(5 * repeats)]
+            yield Row.at_most(f"dashboard: {name}", 1e3 * median(times), goal_ms, "ms", how)
 
 
 def _alone(folder: Path, session_id: str, case: str, repeats: int) -> Row:

@@ -25,6 +25,7 @@ from core.kinematics import forward
 from core.simulation import KR5_ARC, KR5_ARC_HOME, KR5_ARC_LIMITS, Arm, kr5_arc, sample_viewing_configurations
 from core.targets import GridPoints, TargetSpec
 from tests.support.sessions.kinematics import rows_of
+from tests.support.sessions.robot_session import SETTINGS
 
 GRID = TargetSpec("chessboard", 6, 5, 40.0)
 CAMERA = Camera(2350.0, 2348.0, 1230.0, 1018.0, -0.1, 0.05, 1e-4, -2e-4)
@@ -34,13 +35,6 @@ JITTER = math.radians(0.2)
 """Of every joint at every visit, so that no two visits have the same configuration."""
 CYCLES = 20
 ANALYSES = ("repeatability", "intrinsics", "camera_poses", "hand_eye", "dh")
-SETTINGS = {
-    "estimator": "pooled",
-    "source": "images",
-    "method": "global",
-    "model": "auto",
-    "joint_tolerance_deg": "0.02",
-}
 LARGEST = {"dh": 20_000}
 """Images that an analysis takes at most."""
 MOST_GROWTH = 1.3

@@ -11,10 +11,9 @@ import os
 from collections.abc import Iterable
 from pathlib import Path
 
-import cv2
 import numpy as np
 
-from benchmarks.images.photographs import SETS, detected
+from benchmarks.images.photographs import SETS, detected, fisheye_by_opencv
 from benchmarks.table import Row
 from core.calibration import (
     GroupEstimate,
@@ -101,7 +100,7 @@ def _of_photographs(name: str, views: list[GridPoints]) -> Iterable[Row]:
     browns, ours = (float(np.sqrt(np.mean(one.rms_px**2))) for one in (brown, chosen))
     yield Row.at_most(f"{name}: rms of pooled residuals", ours, browns, "px", "limit: with Brown's model")
     f = 0.5 * (chosen.camera.fx_px + chosen.camera.fy_px)
-    theirs, rms = _fisheye_by_opencv(views)
+    theirs, rms = fisheye_by_opencv(views)
     u = 0.5 * math.sqrt(float(chosen.camera_covariance[:2, :2].sum()))
     what = f"{name}: f less OpenCV's fisheye, of u"
     yield Row.at_most(
@@ -129,16 +128,3 @@ def _position_errors(session: WideSession, found: GroupEstimate) -> list[float]:
         off = found.positions_mm[k] - invert(session.T_camera_target[i])[:3, 3]
         errors.append(float(off @ np.linalg.solve(found.covariance[k, :3, :3], off)))
     return errors
-
-
-def _fisheye_by_opencv(views: list[GridPoints]) -> tuple[float, float]:
-    """Return the mean of fx and fy by cv2.fisheye.calibrate, and its residuals' rms in u and v, px."""
-    rms, matrix, *_ = cv2.fisheye.calibrate(
-        [view.points_target.reshape(1, -1, 3) for view in views],
-        [view.points_px.reshape(1, -1, 2) for view in views],
-        (views[0].image_width_px, views[0].image_height_px),
-        np.eye(3),
-        np.zeros(4),
-        flags=cv2.CALIB_RECOMPUTE_EXTRINSIC | cv2.CALIB_FIX_SKEW,
-    )
-    return 0.5 * float(matrix[0, 0] + matrix[1, 1]), float(rms)

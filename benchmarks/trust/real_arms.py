@@ -26,10 +26,10 @@ from core.kinematics import (
 )
 from core.kinematics.global_fit import blocks_of, observations_of, placed
 from core.simulation import KR5_ARC
-from tests.support.simulation.arms import UR10
-from tests.support.simulation.real_arms import RealArm, angles_within_limits, measured, real_arm
+from tests.support.simulation.robots.arms import UR10
+from tests.support.simulation.robots.real_arms import RealArm, angles_within_limits, measured, real_arm
+from tests.support.simulation.robots.ur10_tracker import tracked
 from tests.support.simulation.simulated_poses import measure_poses
-from tests.support.simulation.ur10_tracker import tracked
 
 MAX_LENGTH_MM, MAX_ANGLE = 3.0, math.radians(0.25)
 """A parameter that is more uncertain is not identifiable (METHOD: real arms), whichever model states it."""

@@ -22,6 +22,7 @@ from app.records.database import Database
 from app.records.ids import new_id
 from app.records.tables import Measurement, Pose, Session, SessionTarget, Target
 from benchmarks.table import Row
+from tests.support.service.queued_rows import QUEUED
 
 AT_ONCE = 8
 """Jobs of one claim: those of two workers."""
@@ -84,15 +85,9 @@ def fill(database: Database, of_each: Sequence[int]) -> list[str]:
             "session_id": session_id,
             "pose_id": "P1",
             "target_id": target_id,
-            "focus_group": "default",
             "received_at": now,
             "sha256": f"{number:064x}",
-            "bytes": 1,
-            "image_format": "png",
-            "image_width_px": 1,
-            "image_height_px": 1,
-            "status": "queued",
-            "attempts": 0,
+            **QUEUED,
         }
         for session_id, images in zip(session_ids, of_each, strict=True)
         for number in range(images)
