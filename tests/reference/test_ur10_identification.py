@@ -20,11 +20,10 @@ import pytest
 from core.kinematics import Blocking, Level, ModelChoice, joint_compliance
 from core.kinematics.dh import forward
 from core.kinematics.global_fit.blocks import clusters
-from core.kinematics.identification import identify
-from core.kinematics.identification_result import Identification
+from core.kinematics.identification import Identification, identify
 from core.kinematics.pose_observations import PoseData
-from tests.support.simulation.arms import UR10, stated
-from tests.support.simulation.ur10_tracker import tracked
+from tests.support.simulation.robots.arms import UR10, stated
+from tests.support.simulation.robots.ur10_tracker import tracked
 
 
 def position_rms(found: Identification, poses: PoseData) -> float:
@@ -86,8 +85,8 @@ def test_positions_alone_do_nearly_as_well(data_folder: Path) -> None:
 SPEED = """
 import sys, time
 from pathlib import Path
-from tests.support.simulation.arms import UR10, stated
-from tests.support.simulation.ur10_tracker import tracked
+from tests.support.simulation.robots.arms import UR10, stated
+from tests.support.simulation.robots.ur10_tracker import tracked
 from core.kinematics.identification import identify
 
 poses = tracked(Path(sys.argv[1]))
@@ -124,6 +123,7 @@ def thinned(data_folder: Path) -> PoseData:
     return poses.take(np.arange(0, len(poses), 3))
 
 
+@pytest.mark.slow
 def test_gears_and_compliance_predict_what_the_chain_cannot(thinned: PoseData) -> None:
     found = identify(thinned, UR10, model=ModelChoice.AUTO)
     model, validation = found.error_model, found.validation
@@ -147,6 +147,7 @@ def test_gears_and_compliance_predict_what_the_chain_cannot(thinned: PoseData) -
     assert 10.0 < math.exp(corner) < 40.0
 
 
+@pytest.mark.slow
 def test_halves_by_the_elbow_agree_within_what_the_model_states(data_folder: Path) -> None:
     """Where the chain alone contradicts itself by six stated uncertainties."""
     poses = tracked(data_folder)

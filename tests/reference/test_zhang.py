@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from core.calibration.multi_view.pooled import calibrate_views
+from core.calibration.multi_view.fitting import calibrate_views
 from core.calibration.single_image import calibrate_points
 from core.geometry.se3 import so3_log
 from core.targets.specification import GridPoints, TargetSpec

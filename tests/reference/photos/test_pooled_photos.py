@@ -14,7 +14,8 @@ import numpy as np
 import pytest
 
 from core import GridposeError, TargetSpec, calibrate_image
-from core.calibration.multi_view.estimators import GroupEstimate, estimate_group
+from core.calibration.multi_view.estimators import estimate_group
+from core.calibration.multi_view.group_estimate import GroupEstimate
 from core.targets.specification import GridPoints
 
 SPLITS = 8

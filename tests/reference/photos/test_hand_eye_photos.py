@@ -13,6 +13,7 @@ from typing import Any
 
 import cv2
 import numpy as np
+import pytest
 from scipy.optimize import least_squares
 
 from core.calibration.hand_eye import (
@@ -22,12 +23,12 @@ from core.calibration.hand_eye import (
     calibrate_from_positions,
     calibrate_hand_eye,
 )
-from core.calibration.multi_view.pooled import calibrate_views
+from core.calibration.multi_view.fitting import calibrate_views
 from core.calibration.single_image import calibrate_points
 from core.geometry.camera import Camera, project
 from core.geometry.se3 import invert, se3_exp, transform, transform_points
 from core.targets.specification import GridPoints, TargetSpec
-from tests.support.simulation.tool_poses import tool_pose
+from tests.support.simulation.robots.tool_poses import tool_pose
 
 
 def views_and_poses(folder: Path, find: Any) -> tuple[list[GridPoints], list[np.ndarray]]:
@@ -108,6 +109,7 @@ def by_pixels(
     return X, Z, float(np.sqrt(2.0 * np.mean(found.fun**2)))
 
 
+@pytest.mark.slow
 def test_a_grid_on_the_flange_before_a_still_camera(data_folder: Path) -> None:
     """Seven of eight images (one has no markers that OpenCV finds); corners of .5 px rms on a board of 250 mm.
 

@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 import pytest
 
-from core.calibration.multi_view.pooled import calibrate_views
+from core.calibration.multi_view.fitting import calibrate_views
 from core.calibration.target_shape.deformation import TargetShape
 from core.calibration.target_shape.estimation import estimate_target_shape
 from core.targets.detection import detect

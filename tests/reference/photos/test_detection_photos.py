@@ -86,6 +86,7 @@ def test_every_board_is_found(data_folder: Path, name: str) -> None:
         assert left_out <= 0.25 * columns * rows, file.name
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", SETS)
 def test_no_board_is_missed_that_opencv_finds(data_folder: Path, name: str) -> None:
     """And the corners are the same ones as each of its detectors found, whatever their order."""

@@ -1,0 +1,1 @@
+"""Session archives as earlier versions wrote them."""
