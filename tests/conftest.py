@@ -10,7 +10,7 @@ import pytest
 from hypothesis import HealthCheck, settings
 from jaxtyping import install_import_hook
 
-from tests.support.service.postgres import new_database
+from tests.support.environment.postgres import new_database
 
 if os.environ.get("GRIDPOSE_TEST_SHAPES"):
     # Before any import of core: annotations such as Float[np.ndarray, "n 3"] become run-time checks, which make calls

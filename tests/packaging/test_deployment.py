@@ -15,7 +15,7 @@ import yaml
 from app.analyses.service import AnalysisService
 from app.api.metrics import Metrics
 from app.cli.demo.service_process import STOP_WITHIN_S
-from app.services.context import ServiceContext
+from app.services.installation.context import ServiceContext
 from app.settings import Settings
 
 PROJECT = Path(__file__).parents[2]
@@ -139,3 +139,48 @@ def test_logrotate_accepts_the_rules(tmp_path: Path) -> None:
     assert rotated.returncode == 0, rotated.stderr
     assert log.stat().st_size == 0, "emptied in place"
     assert (tmp_path / "service.log.1").stat().st_size == 500
+
+
+@pytest.mark.parametrize("name", ["gridpose-watch.service", "gridpose-watch.ps1"])
+def test_the_watching_files_give_options_that_exist(name: str) -> None:
+    text = (PROJECT / "docker" / name).read_text(encoding="utf-8")
+    declared = (PROJECT / "app" / "client" / "commands" / "images" / "watch.py").read_text(encoding="utf-8")
+    (command,) = re.findall(r"watch (?:%h|`\")\S* (--.*)", text)
+    options = re.findall(r"--([a-z-]+)", command)
+    assert {"session", "state-file"} <= set(options)
+    assert all(
+        option == "url" or re.search(rf"\b{option.replace('-', '_')}:", declared) for option in options
+    )
+
+
+def test_the_scheduled_task_may_run_for_months_and_reach_the_network() -> None:
+    """The limits are those of the Task Scheduler's schema; there is no PowerShell to register it with."""
+    text = (PROJECT / "docker" / "gridpose-watch.ps1").read_text(encoding="utf-8")
+    commands = "\n".join(line.partition("#")[0] for line in text.splitlines())
+    assert "-ExecutionTimeLimit ([TimeSpan]::Zero)" in commands, "three days, otherwise"
+    assert "-RepetitionInterval" in commands
+    assert "-MultipleInstances IgnoreNew" in commands
+    assert "S4U" not in commands
+    assert "-RestartCount" not in commands
+    assert {name for name in re.findall(r"\$(\w+)", commands) if name not in ("env", "HOME")} <= {
+        *re.findall(r"^\$(\w+) = ", commands, re.MULTILINE)
+    }
+    assert all(not line.endswith("` ") for line in text.splitlines()), (
+        "a continued line ends with the backtick"
+    )
+
+
+def test_systemd_accepts_the_watching_unit(tmp_path: Path) -> None:
+    if shutil.which("systemd-analyze") is None:
+        pytest.skip("systemd is not installed")
+    copy = tmp_path / "gridpose-watch.service"
+    text = (PROJECT / "docker" / copy.name).read_text(encoding="utf-8")
+    copy.write_text(text.replace("%h/gridpose/bin/gridpose", "/bin/true"), encoding="utf-8")
+    ended = subprocess.run(
+        ["systemd-analyze", "verify", "--user", "--man=no", str(copy)],
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    ours = [line for line in (ended.stdout + ended.stderr).splitlines() if copy.name in line]
+    assert ours == []

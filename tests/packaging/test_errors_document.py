@@ -14,6 +14,7 @@ from app.services.queries import NOUNS
 
 PROJECT = Path(__file__).parents[2]
 _CODE_OF = {
+    "ArchiveRefused": 0,
     "BackupRefused": 0,
     "AnalysisError": 0,
     "ClientError": 0,
@@ -24,6 +25,7 @@ _CODE_OF = {
     "InstallationRefused": 0,
     "AnalysisRefused": 0,
     "_exclude": 2,
+    "_fail": 1,
     "problem_response": 1,
 }
 """Which argument of these calls is a code."""

@@ -37,7 +37,7 @@ public final class Measure {
                 new File(image.get("path").asText()),
                 image.get("pose_id").asText(),
                 image.get("cycle").asInt(),
-                null, null, null, null);
+                null, null, null, null, null, null);
         }
         Instant deadline = Instant.now().plus(Duration.ofMinutes(1));
         while (true) {
@@ -51,7 +51,7 @@ public final class Measure {
             Thread.sleep(100);
         }
         PoseRepeatability row = new AnalysesApi(client)
-            .getRepeatability(session.getId(), null, null, null, null, null, null)
+            .getRepeatability(session.getId(), null, null, null, null, null, null, null, null, null)
             .getPoses().stream().filter(each -> each.getPoseId().equals("P1")).findFirst().orElseThrow();
         double measured = row.getRepeatability().getRpLMm().doubleValue();
         double expected = manifest.get("rp_l_mm").asDouble();

@@ -34,7 +34,7 @@ class CheckedTransport(httpx2.HTTPTransport):
         response = super().handle_request(request)
         response.read()
         media_type = response.headers.get("content-type", "").partition(";")[0]
-        if not media_type.endswith("json"):
+        if not response.content or not media_type.endswith("json"):
             return response
         schema = operation.schema(str(response.status_code), media_type)
         violations = self._contract.violations(response.json(), schema)

@@ -100,5 +100,5 @@ class Contract:
                     yield from self._undeclared(item, properties[name], f"{path}/{name}")
                 elif isinstance(others, dict):
                     yield from self._undeclared(item, others, f"{path}/{name}")
-                else:
+                elif others is not True:
                     yield f"{path}/{name}"

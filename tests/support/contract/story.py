@@ -16,6 +16,7 @@ from core.simulation import KR5_ARC, KR5_ARC_HOME, T_FLANGE_CAMERA
 from tests.support.contract.cell import CAMERA, SIZE_PX, TARGET, take_images
 from tests.support.service.service import OCTETS, Api, image_address
 from tests.support.sessions.kinematics import measured, readings, rows_of
+from tests.support.simulation.robots.repeated_poses import repeated_poses
 
 POSES, REPEATED, CYCLES = 8, 2, 10
 _TIMEOUT_S = 300.0
@@ -74,6 +75,7 @@ def tell(api: Api) -> None:
     _images(client, session_id)
     _analyses(client, session_id)
     _tracker(client, robot_id, target_id)
+    _joint_noise(client, robot_id, target_id)
     plan = {
         "target_id": target_id,
         "camera": {
@@ -90,6 +92,7 @@ def tell(api: Api) -> None:
         "candidates": 20,
     }
     _done(client.post(f"/v1/robots/{robot_id}/dh-plan", json=plan))
+    _reports(client, session_id)
     _removals(client, session_id)
     _keys(client, session_id)
     _done(*(client.get(path) for path in ("/v1/audit", "/livez", "/readyz", "/metrics")))
@@ -180,14 +183,19 @@ def _analyses(client: Any, session_id: str) -> None:
     length = {"from_pose_id": "P1", "to_pose_id": "P2", "length_mm": 100.0, "standard_uncertainty_mm": 0.01}
     asked = {"lengths": [length], "maximum_permissible_error_mm": 500.0}
     _done(client.post(f"/v1/sessions/{session_id}/qualification", json=asked))
+    recorded = _create(client, f"/v1/sessions/{session_id}/qualifications", {**asked, "camera_name": "B-204"})
+    _done(client.get(f"/v1/qualifications/{recorded}"), client.get("/v1/qualifications"))
+    _done(client.post(f"/v1/sessions/{session_id}/next-view", json={"purpose": "intrinsics", "count": 2}))
     for analysis in ("intrinsics", "repeatability", "camera-poses", "hand-eye", "comparison"):
         _done(client.get(f"/v1/sessions/{session_id}/{analysis}", headers=_CSV))
     for analysis in (
         *("intrinsics", "repeatability", "camera-poses", "hand-eye", "comparison"),
         *("repeatability/scatter.svg", "repeatability/drift.svg", "repeatability/steadiness.svg"),
-        "intrinsics/residuals.svg",
+        *("intrinsics/residuals.svg", "intrinsics/projection-uncertainty.svg"),
     ):
         _done(client.get(f"/v1/sessions/{session_id}/{analysis}"))
+    for kind in ("ros", "mrcal"):
+        _done(client.get(f"/v1/sessions/{session_id}/intrinsics/export", params={"format": kind}))
 
 
 def _tracker(client: Any, robot_id: str, target_id: str) -> None:
@@ -201,9 +209,59 @@ def _tracker(client: Any, robot_id: str, target_id: str) -> None:
         client.get(read),
         client.get(f"/v1/sessions/{session_id}/dh", params={"source": "measured_poses"}),
         client.get(f"/v1/sessions/{session_id}/dh", params={"source": "measured_poses"}, headers=_CSV),
+        *_compensation(client, robot_id, session_id),
         client.post(read, content=_MEASURED_CSV, headers={"Content-Type": "text/csv"}),
         client.delete(read, params={"pose_id": poses.label(0)}),
     )
+
+
+def _joint_noise(client: Any, robot_id: str, target_id: str) -> None:
+    """Predict repeatability from what a laser tracker measured of repeated poses."""
+    body = {"name": "Ten poses, eight visits", "target_ids": [target_id], "robot_id": robot_id}
+    path = f"/v1/sessions/{client.post('/v1/sessions', json=body).json()['id']}"
+    visits = 8
+    _, poses, _ = repeated_poses(21, poses=10, visits=visits)
+    rows = [{**row, "cycle": i % visits + 1} for i, row in enumerate(readings(poses))]
+    asked = {"source": "measured_poses", "at": ",".join(map(str, np.degrees(KR5_ARC_HOME).round(3).tolist()))}
+    noise = f"{path}/joint-noise"
+    _done(
+        client.post(f"{path}/measured-poses", json=rows),
+        client.get(noise, params=asked),
+        client.get(noise, params=asked, headers=_CSV),
+        client.get(f"{noise}/map.svg", params={"source": "measured_poses"}),
+    )
+
+
+def _compensation(client: Any, robot_id: str, session_id: str) -> list[Any]:
+    """Correct two commands by what the tracker's session identified: one within its region, one outside."""
+    home = np.degrees(KR5_ARC_HOME)
+    commands = {
+        "session_id": session_id,
+        "source": "measured_poses",
+        "poses": [
+            {"pose_id": "P1", "joint_angles_deg": (home + 5.0).tolist()},
+            {"pose_id": "P2", "joint_angles_deg": [home[0] + 170.0, *home[1:].tolist()]},
+        ],
+    }
+    path = f"/v1/robots/{robot_id}/compensate"
+    return [client.post(path, json=commands), client.post(path, json=commands, headers=_CSV)]
+
+
+def _reports(client: Any, session_id: str) -> None:
+    """Order a report, wait until it is made, fetch each form, and verify it."""
+    body = {
+        "kind": "repeatability",
+        "title": "Acceptance of KR 5 arc, cell 4",
+        "signatories": [{"name": "R. Meier", "role": "operator"}],
+    }
+    path = f"/v1/sessions/{session_id}/reports"
+    report = f"/v1/reports/{_done(client.post(path, json=body)).json()['id']}"
+    deadline = time.monotonic() + _TIMEOUT_S
+    while client.get(report).json()["status"] in ("queued", "running"):
+        assert time.monotonic() < deadline, "the report is not made"
+        time.sleep(0.1)
+    _done(client.get(path), client.get("/v1/reports"), client.get(f"{report}/verify"))
+    _done(*(client.get(f"{report}.{form}") for form in ("json", "html", "pdf", "csv", "sig")))
 
 
 def _removals(client: Any, session_id: str) -> None:

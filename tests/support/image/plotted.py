@@ -6,8 +6,9 @@ from typing import Any
 
 import numpy as np
 
+from app.reports.camera_plots.coverage_cells import ProjectionField, coverage_cells
+from app.reports.camera_plots.residual_cells import ResidualField
 from app.reports.drift import Block, PoseDrift
-from app.reports.residual_cells import ResidualField
 from app.reports.scatter import PoseScatter
 
 NOTHING = np.zeros((0, 3))
@@ -83,4 +84,22 @@ ODD_FIELDS = [
     field("tall", 900, width_px=600, height_px=2400),
     field("five points", 5),
     ResidualField("perfect", 1, 640, 480, np.array([[3.0, 4.0]] * 9), np.zeros((9, 2)), 0),
+]
+
+
+def projected(source: ResidualField, sigma: float = 0.05) -> ProjectionField:
+    """The cells of a field's points, with an uncertainty that grows from the image's centre."""
+    cells = coverage_cells(source.points_px, source.width_px, source.height_px)
+    off = 2.0 * cells.middle_px / (source.width_px, source.height_px) - 1.0
+    return ProjectionField(
+        source.focus_group, source.images, cells, sigma * (0.1 + np.sum(off * off, axis=-1))
+    )
+
+
+ODD_PROJECTIONS = [
+    *map(projected, ODD_FIELDS[:3]),
+    projected(field("y" * 128), 0.0),
+    ProjectionField(
+        "fold", 1, (folded := projected(field())).cells, np.full(folded.cells.count.shape, np.nan)
+    ),
 ]

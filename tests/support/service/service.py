@@ -13,9 +13,13 @@ from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from typing import Any
 
+import sqlalchemy as sa
+
 from app.api.dependencies import AppContext
 from app.client import ServiceClient
-from app.services.context import ServiceContext
+from app.records.database import Database
+from app.records.tables import AccessVersion
+from app.services.installation.context import ServiceContext
 from app.services.keys import create_key
 
 TARGET = {"name": "board", "kind": "chessboard", "columns": 9, "rows": 6, "pitch_mm": 25.0}
@@ -82,6 +86,12 @@ class Api:
                 return document
             assert time.monotonic() < deadline, f"still {document['status']} after {within_s} s"
             time.sleep(_REQUEST_EVERY_S)
+
+
+def access_version(database: Database) -> int:
+    """Return the version of keys and sessions as the database has it now."""
+    with database.read() as records:
+        return records.scalar(sa.select(AccessVersion.version)) or 0
 
 
 ApiMaker = Callable[..., AbstractContextManager[Api]]

@@ -16,6 +16,14 @@ from tests.support.sessions.kinematics import make_robot
 from tests.support.sessions.stored_sessions import BOARD, CAMERA, WIDTH, Shot, look, new_session, store_shots
 from tests.support.simulation.simulated_views import draw_pose
 
+SETTINGS = {
+    "estimator": "pooled",
+    "source": "images",
+    "method": "global",
+    "model": "auto",
+    "joint_tolerance_deg": "0.02",
+}
+"""Of all analyses together: each takes its own."""
 ANALYSES = ("intrinsics", "camera-poses", "hand-eye", "repeatability", "dh", "comparison")
 FORMULA = '=HYPERLINK("http://x")'
 

@@ -7,6 +7,7 @@ import hashlib
 import json
 import math
 import os
+import random
 import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
@@ -155,6 +156,25 @@ def same_but_for_ids(first: str, ids: Sequence[str], second: str, others: Sequen
     for place, (one, other) in enumerate(zip(ids, others, strict=True)):
         first, second = first.replace(one, f"<{place}>"), second.replace(other, f"<{place}>")
     return first == second
+
+
+def assert_order_is_irrelevant(
+    api: Any, store: Store, shots: Sequence[Shot], get: Callable[[str], Any]
+) -> tuple[dict[str, Any], list[str]]:
+    """Store shots in two sessions, once shuffled, and compare what `get` answers of each; return the first session's
+    document and its measurements.
+    """
+    order = list(range(len(shots)))
+    random.Random(3).shuffle(order)
+    session, other = new_session(api), new_session(api)
+    ids = store(api, session, shots)
+    others = store(api, other, [shots[place] for place in order])
+    matched = [others[order.index(i)] for i in range(len(shots))]
+    first, second = get(session), get(other)
+    document = body(first)
+    assert document["inputs_sha256"] == body(second)["inputs_sha256"]
+    assert same_but_for_ids(first.text, [session, *ids], second.text, [other, *matched])
+    return document, ids
 
 
 def body(response: Any) -> dict[str, Any]:

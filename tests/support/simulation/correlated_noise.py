@@ -9,10 +9,11 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from core.calibration.multi_view.estimators import GroupEstimate, estimate_group
+from core.calibration.multi_view.estimators import estimate_group
+from core.calibration.multi_view.group_estimate import GroupEstimate
 from core.calibration.multi_view.view_stack import ViewStack
 from core.geometry.camera import Camera, project
-from core.geometry.se3 import so3_exp, transform_points
+from core.geometry.se3 import so3_exp, transform, transform_points
 from core.metrology import PoseCycles, PoseRepeatability, assess_repeatability
 from core.session.model import CameraViews, ImageObservation, SessionData
 from core.targets.specification import TargetSpec
@@ -101,6 +102,7 @@ class NoisySession:
     views: ViewStack
     labels: list[int]
     camera: Camera
+    burst: int = 1
 
 
 def noisy_session(
@@ -114,9 +116,12 @@ def noisy_session(
     tilt_deg: float = 30.0,
     camera: Camera | None = None,
     slip: tuple[int, float] | None = None,
+    burst: int = 1,
+    shake_rad: float = 0.0,
 ) -> NoisySession:
     """Simulate a session; the robot's positions scatter by `robot_mm` along each axis, 0 for one at rest. In image
-    `slip[0]` it stands `slip[1]` mm aside as well.
+    `slip[0]` it stands `slip[1]` mm aside as well. Of each stop there are `burst` images. In every image
+    the camera is turned about its centre by `shake_rad` about each axis, which no residual shows.
     """
     camera = camera or draw_camera(rng)
     ideal = target.points_target()
@@ -127,17 +132,21 @@ def noisy_session(
         exact = project(transform_points(T, ideal), camera)
         grid = exact.reshape(target.grid_rows, target.grid_columns, 2)
         spacing = float(np.median(np.linalg.norm(np.diff(grid, axis=1), axis=2)))
-        drawn = noise(rng, exact, spacing, cycles)
-        for j in range(cycles):
-            moved = T.copy()
-            if robot_mm:
+        drawn = noise(rng, exact, spacing, cycles * burst)
+        for j in range(cycles * burst):
+            if j % burst == 0:
+                moved = T.copy()
+            if robot_mm and j % burst == 0:
                 moved[:3, 3] += rng.normal(0.0, robot_mm, 3)
                 moved[:3, :3] = so3_exp(rng.normal(0.0, 1e-6, 3)) @ moved[:3, :3]
             if slip is not None and len(points) == slip[0]:
                 moved[0, 3] += slip[1]
-            points.append(project(transform_points(moved, ideal), camera) + drawn[j])
+            seen = moved
+            if shake_rad:
+                seen = transform(so3_exp(rng.normal(0.0, shake_rad, 3)), np.zeros(3)) @ moved
+            points.append(project(transform_points(seen, ideal), camera) + drawn[j])
     row, column = (a.ravel() for a in np.mgrid[0 : target.grid_rows, 0 : target.grid_columns])
-    count = poses * cycles
+    count = poses * cycles * burst
     views = ViewStack(
         WIDTH,
         HEIGHT,
@@ -150,7 +159,7 @@ def noisy_session(
         np.full(count * len(ideal), WHITE_PX),
         np.tile(ideal, (count, 1)),
     )
-    return NoisySession(views, [p for p in range(poses) for _ in range(cycles)], camera)
+    return NoisySession(views, [p for p in range(poses) for _ in range(cycles * burst)], camera, burst)
 
 
 def estimated(session: NoisySession, estimator: str = "pooled") -> GroupEstimate:
@@ -167,13 +176,17 @@ def figures(session: NoisySession, found: GroupEstimate) -> list[PoseRepeatabili
 
 
 def session_data(session: NoisySession, intrinsics: Camera | None = None) -> SessionData:
-    """Return what the service would know of a session: poses P0, P1, ... with cycles from 1 on."""
-    images, cycles = [], dict.fromkeys(session.labels, 0)
+    """Return what the service would know of a session: poses P0, P1, ... with cycles from 1 on, and the place of each
+    image in its burst where stops have several.
+    """
+    images, seen = [], dict.fromkeys(session.labels, 0)
     for k, label in enumerate(session.labels):
-        cycles[label] += 1
+        cycle, place = divmod(seen[label], session.burst)
+        seen[label] += 1
         images.append(
             ImageObservation(
-                f"m{k}", f"P{label}", cycles[label], f"{k:064x}", 0, "default", None, WIDTH, HEIGHT
+                *(f"m{k}", f"P{label}", cycle + 1, f"{k:064x}", 0, "default", None, WIDTH, HEIGHT),
+                burst=place + 1 if session.burst > 1 else None,
             )
         )
     group = CameraViews("default", np.arange(len(images)), session.views)

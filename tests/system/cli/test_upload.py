@@ -103,7 +103,7 @@ def test_what_fails_is_listed_and_the_rest_is_sent(service: ServiceProcess, fold
 
 def test_refusals_are_listed_when_it_waits(service: ServiceProcess, folder: Path, photo: Path) -> None:
     shutil.copy(photo, folder / "P1" / "9.jpg")
-    code, said = upload(service, folder, "--session", "refused", "--target", "chessboard:9x6:25", "--wait")
+    code, said = upload(service, folder, "--session", "unclear", "--target", "chessboard:9x6:25", "--wait")
     assert code == 1
     assert tally(said, "photograph", "refused") == (1, 4)
     assert "target_not_found" in said
@@ -111,7 +111,7 @@ def test_refusals_are_listed_when_it_waits(service: ServiceProcess, folder: Path
     good = folder.parent / "good"
     good.mkdir()
     shutil.copy(photo, good / "left01.jpg")
-    code, said = upload(service, good, "--session", "refused", "--pose", "P9", "--wait")
+    code, said = upload(service, good, "--session", "unclear", "--pose", "P9", "--wait")
     assert code == 0, said
     assert tally(said, "photograph") == (1,)
     assert "refused" not in said
@@ -163,3 +163,56 @@ def test_a_folder_without_images_and_a_bad_pattern_are_refused(
     code, said = upload(service, empty, "--session", "empty", "--pattern", "{cycle}")
     assert code == 2
     assert "{pose}" in said
+
+
+def test_it_says_first_what_it_will_do_and_leaves_nothing_behind(
+    service: ServiceProcess, tmp_path: Path
+) -> None:
+    root = tmp_path / "images"
+    for number, name in enumerate(("Größe 1/b.png", "Größe 1/a.png", "Größe 1/c.png", "P2/1.png")):
+        path = root / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_bytes(small_image(100 + number))
+    target = "charuco:9x6:25,marker=18,dictionary=DICT_5X5_100"
+    options = ("--session", "Cell 9", "--target", target)
+    code, said = upload(service, root, *options, "--dry-run")
+    assert code == 0
+    assert "2 poses × 1 to 3 cycles = 4 images" in said
+    assert "pose 'Größe 1' becomes Groesse-1" in said
+    assert "3 images have no cycle" in said
+    with ServiceClient(service.url, service.admin_key) as client:
+        assert not [one for one in client.items("/v1/sessions") if one["name"] == "Cell 9"]
+        code, said = upload(service, root, *options)
+        assert code == 0, said
+        (session,) = (one for one in client.items("/v1/sessions") if one["name"] == "Cell 9")
+        (board,) = (client.get(f"/v1/targets/{one}") for one in session["target_ids"])
+        assert (board["marker_mm"], board["dictionary"]) == (18.0, "DICT_5X5_100")
+        path = f"/v1/sessions/{session['id']}/measurements"
+        cycles = {m["filename"]: (m["pose_id"], m["cycle"]) for m in client.items(path)}
+        assert cycles["b.png"] == ("Groesse-1", 2)
+        (root / "Größe 1" / "aa.png").write_bytes(small_image(110))
+        assert upload(service, root, "--session", "Cell 9", "--target", target)[0] == 0
+        cycles = {m["filename"]: (m["pose_id"], m["cycle"]) for m in client.items(path)}
+        assert cycles["aa.png"] == ("Groesse-1", 4), "after those that are there"
+
+        bad = tmp_path / "bad"
+        bad.mkdir()
+        for number in range(12):
+            (bad / f"P{number}.png").write_bytes(b"text %d" % number)
+        code, said = upload(service, bad, "--session", "nothing", "--target", "chessboard:9x6:25")
+        assert code == 1
+        assert "12 failed" in said
+        assert "and 4 more" in " ".join(said.split()), "one reason is listed once"
+        assert not [one for one in client.items("/v1/sessions") if one["name"] == "nothing"]
+
+
+@pytest.mark.parametrize(
+    ("target", "advice"),
+    [("charuco:9x6,edge=3", "charuco:9x6:25,marker=18"), ("board of the day", "gridpose targets list")],
+)
+def test_a_target_that_cannot_be_read_shows_the_right_form(
+    service: ServiceProcess, folder: Path, target: str, advice: str
+) -> None:
+    code, said = upload(service, folder, "--session", "Cell 10", "--target", target)
+    assert code == 1
+    assert advice in " ".join(said.split())

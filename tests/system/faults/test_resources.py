@@ -13,8 +13,8 @@ from pathlib import Path
 
 import pytest
 
+from tests.support.environment.processes import cpu_seconds, worker_processes
 from tests.support.image.images import slow_image
-from tests.support.service.processes import cpu_seconds, worker_processes
 from tests.support.service.service import new_session, wait_until
 from tests.system.faults.images import BOARD
 from tests.system.faults.injections import (

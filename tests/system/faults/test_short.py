@@ -12,7 +12,7 @@ from pathlib import Path
 import httpx2
 import pytest
 
-from tests.support.service.processes import cpu_seconds, worker_processes
+from tests.support.environment.processes import cpu_seconds, worker_processes
 from tests.support.service.service import new_session
 from tests.system.faults.images import image
 from tests.system.faults.injections import (

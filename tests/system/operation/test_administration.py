@@ -205,7 +205,7 @@ def test_worker_computes_what_a_head_without_workers_took_in(make_service: MakeS
 def test_version_and_help_load_nothing_of_the_service() -> None:
     assert re.fullmatch(r"\d+\.\d+\.\d+\S*\+[0-9a-f]{12}\n", gridpose("version").stdout)
     script = (
-        "import sys, app.cli.upload, app.cli.main\n"
+        "import sys, app.client.commands.images.upload, app.cli.main\n"
         "loaded = {'sqlalchemy', 'fastapi', 'cv2'} & set(sys.modules)\n"
         "sys.exit(', '.join(loaded) or 0)"
     )

@@ -14,8 +14,8 @@ import sqlalchemy as sa
 
 from app.cli.demo.service_process import ServiceProcess
 from app.client import ServiceClient
+from tests.support.environment.postgres import EITHER_DATABASE
 from tests.support.image.images import small_image
-from tests.support.service.postgres import EITHER_DATABASE
 from tests.support.service.service import gridpose, new_session, put, wait_until
 
 MakeService = Callable[..., ServiceProcess]

@@ -13,8 +13,8 @@ import pytest
 
 from app.cli.demo.service_process import ServiceProcess, ServiceStartError
 from app.client import ServiceClient
+from tests.support.environment.processes import cpu_seconds, descendants, is_alive, worker_processes
 from tests.support.image.images import slow_image, small_image
-from tests.support.service.processes import cpu_seconds, descendants, is_alive, worker_processes
 from tests.support.service.service import gridpose, new_session, put, wait_until
 
 MakeService = Callable[..., ServiceProcess]

@@ -17,17 +17,17 @@ import pytest
 
 from app.cli.demo.service_process import ServiceProcess
 from app.client import ServiceClient
-from app.services.context import ServiceContext
+from app.services.installation.context import ServiceContext
 from app.settings import Settings
 
 if sys.platform != "linux":
     pytest.skip("systemd and limits of running processes", allow_module_level=True)
 import resource
 
+from tests.support.environment.processes import worker_processes
+from tests.support.environment.systemd import listening, message
 from tests.support.image.images import small_image
-from tests.support.service.processes import worker_processes
 from tests.support.service.service import new_session, put, wait_until
-from tests.support.service.systemd import listening, message
 
 MakeService = Callable[..., ServiceProcess]
 

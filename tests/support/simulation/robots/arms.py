@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from core.kinematics.dh import JOINT_PARAMETERS, Chain
-from core.kinematics.identification import identify
-from core.kinematics.identification_result import Identification
+from core.kinematics.identification import Identification, identify
 from core.simulation.arm import KR5_ARC, KR5_ARC_HOME, Arm, free_angles, sweep_angles
 from tests.support.simulation.simulated_poses import measure_poses
 

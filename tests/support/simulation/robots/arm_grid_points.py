@@ -7,7 +7,8 @@ from dataclasses import replace
 import numpy as np
 
 from core.calibration import CommonFit, estimate_group
-from core.geometry.camera import Camera, project
+from core.geometry.camera import Camera
+from core.geometry.lens_models import AnyCamera, project_any
 from core.geometry.se3 import invert, so3_exp, transform, transform_points
 from core.simulation.arm import KR5_ARC_HOME, KR5_ARC_LIMITS, Arm, kr5_arc
 from core.simulation.looking import sample_viewing_configurations
@@ -29,6 +30,7 @@ def session(
     targets: int = 1,
     grid: TargetSpec = GRID,
     bow_mm: float = 0.0,
+    camera: AnyCamera = CAMERA,
 ) -> tuple[Arm, np.ndarray, list[GridPoints], np.ndarray]:
     """An arm, joint angles, the grid points seen there, and which target it was."""
     rng = np.random.default_rng(seed)
@@ -52,7 +54,7 @@ def session(
         printed = points.points_target
         q_xy = printed[:, :2] / np.ptp(printed[:, :2], axis=0) - 0.5
         printed = printed + np.column_stack([np.zeros((len(printed), 2)), bow_mm * np.sum(q_xy**2, axis=1)])
-        pixels = project(transform_points(invert(camera_pose), printed), CAMERA)
+        pixels = project_any(transform_points(invert(camera_pose), printed), camera)
         noisy = pixels + rng.normal(0.0, sigma_px, points.points_px.shape)
         views.append(
             replace(points, points_px=noisy, standard_uncertainty_px=np.full(len(noisy), max(sigma_px, 1e-3)))
@@ -60,8 +62,8 @@ def session(
     return arm, q, views, target
 
 
-def common_fit(views: list[GridPoints]) -> CommonFit:
-    """The fit of one camera to images that each show a pose of their own."""
-    fit = estimate_group(views, "pooled").fit
+def common_fit(views: list[GridPoints], lens_start: AnyCamera | None = None) -> CommonFit:
+    """The fit of one camera to images that each show a pose of their own, by the lens model of `lens_start`."""
+    fit = estimate_group(views, "pooled", lens_start=lens_start).fit
     assert fit is not None
     return fit

@@ -7,7 +7,8 @@ import math
 
 import numpy as np
 
-from core.calibration.multi_view.estimators import GroupEstimate, estimate_group
+from core.calibration.multi_view.estimators import estimate_group
+from core.calibration.multi_view.group_estimate import GroupEstimate
 from core.geometry.camera import Camera, project
 from core.geometry.se3 import invert, so3_log, transform_points
 from core.targets.specification import GridPoints, TargetSpec

@@ -1,0 +1,1 @@
+"""What surrounds a service in tests: processes, proxies, PostgreSQL, S3, systemd."""

@@ -1,0 +1,76 @@
+"""Fixtures that run the real application on a data folder of its own, for the tests of `app` and of its pages."""
+
+from __future__ import annotations
+
+import shutil
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import httpx2
+import pytest
+import uvicorn
+from starlette.testclient import TestClient
+
+from app.main import create_app
+from app.services.installation.context import ServiceContext
+from app.settings import Settings
+from tests.support.service.service import Api, ApiMaker, wait_until
+
+
+@pytest.fixture(scope="session")
+def empty_data_dir(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A data folder as the first start leaves it, to be copied: migrating anew for every test costs more."""
+    folder = tmp_path_factory.mktemp("template") / "data"
+    ServiceContext.open(Settings(data_dir=folder, workers=0)).close()
+    return folder
+
+
+@pytest.fixture(scope="session")
+def open_api(empty_data_dir: Path, tmp_path_factory: pytest.TempPathFactory) -> ApiMaker:
+    """Return a function that runs an application with given settings, as a context manager."""
+
+    @contextmanager
+    def run(data_dir: Path | None = None, **settings: Any) -> Iterator[Api]:
+        if data_dir is None:
+            data_dir = tmp_path_factory.mktemp("api") / "data"
+            shutil.copytree(empty_data_dir, data_dir)
+        values: dict[str, Any] = {"workers": 0, "disk_floor_bytes": 0, **settings}
+        app = create_app(Settings(data_dir=data_dir, **values))
+        # A loopback name: without keys, the service answers to no other.
+        with TestClient(app, base_url="http://localhost") as client:
+            api = Api(client, app.state.service)
+            client.headers.update(api.key("admin"))
+            yield api
+
+    return run
+
+
+@pytest.fixture(scope="session")
+def serve_api(empty_data_dir: Path, tmp_path_factory: pytest.TempPathFactory) -> ApiMaker:
+    """Return what opens an application behind a real server, whose clients can leave before the answer."""
+
+    @contextmanager
+    def run(**settings: Any) -> Iterator[Api]:
+        data_dir = tmp_path_factory.mktemp("served") / "data"
+        shutil.copytree(empty_data_dir, data_dir)
+        app = create_app(Settings(data_dir=data_dir, **{"workers": 0, "disk_floor_bytes": 0, **settings}))
+        server = uvicorn.Server(uvicorn.Config(app, host="127.0.0.1", port=0, log_config=None))
+        thread = threading.Thread(target=server.run)
+        thread.start()
+        wait_until(lambda: server.started or not thread.is_alive(), 60.0, "the server listens")
+        assert thread.is_alive(), "the server ended"
+        port = server.servers[0].sockets[0].getsockname()[1]
+        try:
+            with httpx2.Client(base_url=f"http://127.0.0.1:{port}", timeout=120.0) as client:
+                api = Api(client, app.state.service)
+                client.headers.update(api.key("admin"))
+                yield api
+        finally:
+            app.state.begin_shutdown()
+            server.should_exit = True
+            thread.join()
+
+    return run

@@ -1,0 +1,112 @@
+"""`gridpose watch` as a process: killed anywhere, stopped in order, and over many files."""
+
+from __future__ import annotations
+
+import json
+import os
+import random
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import pytest
+
+from app.cli.demo.service_process import ServiceProcess
+from app.client import ServiceClient
+from tests.support.environment.fault_proxy import FaultProxy, at_random
+from tests.support.image.images import small_image
+from tests.support.service.service import TARGET, new_session, wait_until
+from tests.support.service.watched import WatchedCell
+
+
+@pytest.fixture
+def cell(tmp_path: Path) -> Iterator[WatchedCell]:
+    """A folder for a session of a service that computes nothing."""
+    with ServiceProcess(tmp_path / "data", {"GRIDPOSE_WORKERS": "0"}) as service:
+        key = service.admin_key or ""
+        with ServiceClient(service.url, key) as client, FaultProxy(service.url) as proxy:
+            made = WatchedCell(tmp_path, new_session(client, TARGET), proxy, key, client)
+            made.folder.mkdir()
+            yield made
+
+
+@contextmanager
+def watching(cell: WatchedCell, *options: str) -> Iterator[subprocess.Popen[str]]:
+    """Run the command; what still runs at the end is killed."""
+    state = ("--journal", str(cell.journal), "--state-file", str(cell.root / "state.json"))
+    process = subprocess.Popen(
+        [
+            *(sys.executable, "-m", "app.cli", "watch", str(cell.folder), "--session", cell.session_id),
+            *("--url", cell.proxy.url, "--settle-s", "0.1", "--poll-s", "0.05", *state, *options),
+        ],
+        env={**os.environ, "GRIDPOSE_KEY": cell.key},
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+    )
+    try:
+        yield process
+    finally:
+        process.kill()
+        process.communicate()
+
+
+def run_to_the_end(cell: WatchedCell) -> str:
+    with watching(cell, "--once") as process:
+        said, _ = process.communicate(timeout=7200)
+    assert process.returncode == 0, said
+    return said
+
+
+def test_nothing_is_lost_or_stored_twice_whenever_it_is_killed(cell: WatchedCell) -> None:
+    cell.proxy.plan = at_random(seed=5, share=0.2)
+    rng = random.Random(9)
+    for life in range(5):
+        for number in range(30 * life, 30 * life + 30):
+            cell.write(f"P{number % 3}/c{number + 1}.png", small_image(number))
+        with watching(cell) as process:
+            stored = len(cell.proxy.stored)
+            wait_until(lambda before=stored: len(cell.proxy.stored) > before, 60, "an image is sent")
+            time.sleep(rng.uniform(0.0, 0.3))  # the moment of the kill: a test of any
+            process.send_signal(signal.SIGKILL)
+            process.wait()
+    assert "trying again" not in run_to_the_end(cell), "a line that fails often fills no log"
+    files = {path.stat().st_ino for path in cell.folder.rglob("*.png")}
+    assert cell.has(len(files))
+    cell.proxy.answered.clear()  # an answer to a process that was killed was never read
+    cell.assert_each_image_is_stored_once()
+
+
+def test_it_ends_in_order_and_says_so(cell: WatchedCell) -> None:
+    with watching(cell) as process:
+        cell.write("P1/1.png", small_image(1))
+        wait_until(lambda: cell.has(1), 60)
+        with watching(cell) as second:
+            said, _ = second.communicate(timeout=60)
+            assert second.returncode == 2
+            assert "Another process watches" in said
+        process.send_signal(signal.SIGTERM)
+        said, _ = process.communicate(timeout=30)
+    assert process.returncode == 0
+    assert "1 stored" in said
+    state = json.loads((cell.root / "state.json").read_text())
+    assert (state["running"], state["stored"], state["troubles"]) == (False, 1, [])
+
+
+@pytest.mark.soak
+def test_twenty_thousand_files_through_a_faulty_line(cell: WatchedCell) -> None:
+    cell.proxy.plan = at_random(seed=1, share=0.02)
+    for number in range(20_000):
+        cell.write(f"P{number % 30}/c{number // 30 + 1}.png", small_image(number))
+    began = time.monotonic()
+    with watching(cell, "--once") as process:
+        wait_until(lambda: len(cell.proxy.stored) > 5_000, 7200, "a quarter is sent")
+        process.send_signal(signal.SIGKILL)
+    run_to_the_end(cell)
+    print(f"20,000 files in {time.monotonic() - began:.0f} s")
+    cell.proxy.answered.clear()
+    cell.assert_each_image_is_stored_once()
