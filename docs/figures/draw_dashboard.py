@@ -1,0 +1,159 @@
+"""Take the screenshots of docs/dashboard.md.
+
+A rendered session goes through the real service; Debian's Chromium shows its pages. All pages, in light, dark and at
+a phone's width, go to build/screenshots, to be looked at; those that the document shows into docs/figures/dashboard.
+"""
+
+from __future__ import annotations
+
+import os
+import shutil
+import tempfile
+import time
+from pathlib import Path
+from typing import Any
+
+from PIL import Image
+from playwright.sync_api import sync_playwright
+
+from app.cli.demo.service_process import ServiceProcess
+from app.client import ServiceClient
+from tests.support.contract.cell import TARGET, CellImage, take_images
+
+PROJECT = Path(__file__).parents[2]
+ALL = PROJECT / "build" / "screenshots"
+SHOWN = Path(__file__).parent / "dashboard"
+IN_THE_DOCUMENT = ("session", "repeatability", "image")
+LOOKS = {"light": (1280, "light"), "dark": (1280, "dark"), "phone": (390, "light")}
+POSES, CYCLES = 4, 12
+WITHIN_MS = 120_000
+"""The first drawing of each kind starts a process that loads the numerics."""
+SHOWN_WHOLE = """[...document.images].every((one) => {
+  const box = one.getBoundingClientRect();
+  const seen = box.top < innerHeight && box.bottom > 0;
+  return one.complete && one.naturalWidth > 0 || one.loading === "lazy" && !seen;
+})"""
+"""Every image that is seen has come; one below the window's edge may wait for the reader."""
+
+
+def fill(client: ServiceClient) -> dict[str, str]:
+    """Store a robot, a target and a session with rendered images; return the pages to show, by name."""
+    target = client.create("/v1/targets", TARGET)["id"]
+    joints = [
+        {"a_mm": a, "alpha_deg": alpha, "d_mm": d, "theta_offset_deg": theta}
+        for a, alpha, d, theta in (
+            *((180, -90, 400, 0), (600, 0, 0, -90), (120, -90, 0, 0)),
+            *((0, 90, 620, 0), (0, -90, 0, 0), (0, 180, -115, 0)),
+        )
+    ]
+    robot = client.create(
+        "/v1/robots",
+        {
+            **{"name": "KR 5 arc, cell 4", "manufacturer": "KUKA", "model": "KR 5 arc", "joints": joints},
+            **{"datasheet_repeatability_mm": 0.1, "datasheet_accuracy_mm": 0.6},
+        },
+    )["id"]
+    conditions = {"temperature_c": 21.5, "load_kg": 2.0, "speed_percent": 100.0, "operator": "M. Ito"}
+    session = client.create(
+        "/v1/sessions",
+        {"name": "Cell 4, week 12", "target_ids": [target], "robot_id": robot, "conditions": conditions},
+    )["id"]
+    images = take_images(POSES, repeated=POSES, cycles=CYCLES)
+    for image in images:
+        client.put(f"/v1/sessions/{session}/poses/{image.pose_id}", image.commanded)
+        send(client, session, image)
+    while client.get(f"/v1/sessions/{session}")["counts"]["queued"]:
+        pass
+    report = client.create(f"/v1/sessions/{session}/reports", {"kind": "repeatability"})["id"]
+    measured = client.get(f"/v1/sessions/{session}/measurements")["items"][0]["id"]
+    here = f"/ui/sessions/{session}"
+    return {
+        **{"start": "/ui/", "session": here, "image": f"/ui/measurements/{measured}"},
+        **{
+            name: f"{here}/{name}"
+            for name in ("repeatability", "camera", "robot", "comparison", "reports", "upload")
+        },
+        **{"all-reports": "/ui/reports", "report": f"/ui/reports/{report}"},
+        **{"new-session": "/ui/sessions/new", "robots": "/ui/robots", "robot-sheet": f"/ui/robots/{robot}"},
+        **{"targets": "/ui/targets", "target": f"/ui/targets/{target}", "design": "/ui/targets/new"},
+        **{name: f"/ui/{name}" for name in ("keys", "audit", "system")},
+    }
+
+
+def send(client: ServiceClient, session: str, image: CellImage) -> None:
+    """Upload one image."""
+    client.put_image(
+        session, image.pose_id, image.sha256, image.data, cycle=image.cycle, filename=image.filename
+    )
+
+
+def sign_in(page: Any, key: str) -> None:
+    page.goto("/ui/sign-in")
+    page.fill("#key", key)
+    page.press("#key", "Enter")
+    page.wait_for_url("**/ui/")
+
+
+def shoot(page: Any, path: str, file: Path, *, whole: bool) -> None:
+    """Show a page until nothing more comes, opened wide, and take its screenshot."""
+    page.goto(path, wait_until="domcontentloaded")
+    page.wait_for_selector("#theme:not([hidden])")
+    page.wait_for_timeout(500)
+    ends = time.monotonic() + WITHIN_MS / 1e3
+    while not page.evaluate(SHOWN_WHOLE):  # the policy of the pages lets no waiting function in
+        if time.monotonic() > ends:
+            raise SystemExit(f"{path}: images do not come")
+        page.wait_for_timeout(250)
+    if "/repeatability" in path:
+        page.wait_for_selector("#scatter[data-ready=yes]", timeout=WITHIN_MS)
+    if "/measurements/" in path:
+        page.wait_for_selector("#viewer[data-ready=yes]", timeout=WITHIN_MS)
+    if path.endswith("/robot"):
+        page.wait_for_selector("#main .refusal, #dh-title", timeout=WITHIN_MS)
+    if "/ui/sessions/ses_" in path:
+        page.wait_for_timeout(1500)
+    page.screenshot(path=file, full_page=whole)
+
+
+def shrink(file: Path) -> None:
+    """Keep 128 colours of a screenshot, which nobody sees and which take a third of the room."""
+    with Image.open(file) as screenshot:
+        found = screenshot.convert("RGB").quantize(128)
+    found.save(file, optimize=True)
+
+
+def main() -> None:
+    """Take all screenshots."""
+    chromium = os.environ.get("GRIDPOSE_TEST_CHROMIUM") or shutil.which("chromium")
+    if chromium is None:
+        raise SystemExit("Chromium is needed: apt-get install chromium")
+    ALL.mkdir(parents=True, exist_ok=True)
+    SHOWN.mkdir(exist_ok=True)
+    with (
+        tempfile.TemporaryDirectory() as folder,
+        sync_playwright() as playwright,
+        ServiceProcess(Path(folder) / "data", {"GRIDPOSE_WORKERS": "2"}) as service,
+    ):
+        assert service.admin_key is not None
+        with ServiceClient(service.url, service.admin_key) as client:
+            pages = fill(client)
+        flags = ["--no-sandbox"] if hasattr(os, "geteuid") and os.geteuid() == 0 else []
+        browser = playwright.chromium.launch(executable_path=chromium, args=flags)
+        for look, (width, scheme) in LOOKS.items():
+            context = browser.new_context(
+                base_url=service.url, viewport={"width": width, "height": 860}, color_scheme=scheme
+            )
+            page = context.new_page()
+            page.set_default_timeout(WITHIN_MS)
+            sign_in(page, service.admin_key)
+            for name, path in pages.items():
+                shoot(page, path, ALL / f"{name}-{look}.png", whole=True)
+                if look == "light" and name in IN_THE_DOCUMENT:
+                    page.screenshot(path=SHOWN / f"{name}.png")
+                    shrink(SHOWN / f"{name}.png")
+            context.close()
+        browser.close()
+
+
+if __name__ == "__main__":
+    main()
