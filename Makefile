@@ -10,16 +10,16 @@ export OPENBLAS_NUM_THREADS ?= 1
 # Every start of a process would compile all sources anew: seconds each, and the tests start hundreds.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: help setup setup-dev demo serve test test-all test-shapes check check-clients bench soak figures lock openapi examples clean
+.PHONY: help setup setup-dev demo serve test test-all test-shapes check check-clients bench soak figures pictures lock openapi examples clean
 
 help:  ## list the targets
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 15
 
-$(BIN)/.setup: requirements.txt pyproject.toml
+$(BIN)/.setup: requirements.txt pyproject.toml app/client/pyproject.toml
 	$(PYTHON) -m venv $(VENV)
 	@echo "installing packages into $(VENV)"
 	$(PIP) --require-hashes -r requirements.txt
-	$(PIP) --no-deps --no-build-isolation -e .
+	$(PIP) --no-deps --no-build-isolation -e . ./app/client  # the latter has the command, which finds the former
 	$(BIN)/python -m app.jobs.warm_up  # compiles the kernels, so that nobody waits for them later
 	@touch $@
 
@@ -73,14 +73,19 @@ figures: setup-dev  ## draw the figures of docs/ anew
 	$(BIN)/python docs/figures/draw_architecture.py
 	$(BIN)/python docs/figures/draw_detection.py
 	$(BIN)/python docs/figures/draw_frames.py
+	$(BIN)/python docs/figures/draw_reports.py
 	$(BIN)/python docs/figures/draw_targets.py
+	$(BIN)/python docs/figures/draw_uncertainty.py
+
+pictures: setup-dev  ## take the screenshots of docs/dashboard.md, and of every page in build/screenshots
+	$(BIN)/python docs/figures/draw_dashboard.py
 
 lock: setup-dev  ## renew the hashed requirements
 	$(PIP) uv
 	$(BIN)/uv pip compile --quiet --universal --generate-hashes --no-emit-index-url --no-header --python-version 3.11 \
-	  --extra build --extra postgres pyproject.toml -o requirements.txt
+	  --extra build --extra postgres --extra s3 pyproject.toml -o requirements.txt
 	$(BIN)/uv pip compile --quiet --universal --generate-hashes --no-emit-index-url --no-header --python-version 3.11 \
-	  --extra build --extra postgres --extra dev -c requirements.txt pyproject.toml -o requirements-dev.txt
+	  --extra build --extra postgres --extra s3 --extra dev -c requirements.txt pyproject.toml -o requirements-dev.txt
 
 clean:  ## remove .venv and caches
 	rm -rf $(VENV) build/clients .mypy_cache .ruff_cache .pytest_cache .hypothesis .import_linter_cache
