@@ -8,6 +8,7 @@ import shutil
 from collections.abc import Callable
 from contextlib import AbstractContextManager, nullcontext
 from datetime import UTC, datetime
+from functools import cache
 from pathlib import Path
 
 import sqlalchemy as sa
@@ -55,11 +56,28 @@ def migration_config(connection: sa.Connection | None = None) -> Config:
     return config
 
 
+def _scripts() -> ScriptDirectory:
+    location = migration_config().get_main_option("script_location")
+    assert location is not None, "`migration_config` sets it"
+    return _scripts_of(location)
+
+
+@cache
+def _scripts_of(location: str) -> ScriptDirectory:
+    """Return the migrations in a folder. They are compiled when they are first looked at, which takes 20 ms."""
+    return ScriptDirectory.from_config(migration_config())
+
+
 def head_revision() -> str:
     """Return the schema version this program needs."""
-    head = ScriptDirectory.from_config(migration_config()).get_current_head()
+    head = _scripts().get_current_head()
     assert head is not None, "there is always a first migration"
     return head
+
+
+def known_revisions() -> set[str]:
+    """Return every schema version this program has a migration to."""
+    return {script.revision for script in _scripts().walk_revisions()}
 
 
 def current_revision(database: Database) -> str | None:
@@ -83,9 +101,8 @@ def upgrade(
     """
     with FileLock(data_dir / "migrate.lock"):
         current = current_revision(database)
-        scripts = ScriptDirectory.from_config(migration_config())
         require_known(current)
-        if current == (scripts.get_current_head() if revision == "head" else revision):
+        if current == (head_revision() if revision == "head" else revision):
             return
         with nullcontext() if current is None else alone():
             if current is not None and copy_first:
@@ -95,8 +112,7 @@ def upgrade(
 
 def require_known(revision: str | None) -> None:
     """Raise SchemaTooNew where this program does not know a database's revision."""
-    scripts = ScriptDirectory.from_config(migration_config())
-    if revision is not None and revision not in {script.revision for script in scripts.walk_revisions()}:
+    if revision is not None and revision not in known_revisions():
         raise SchemaTooNew(
             f"the database's schema {revision} is unknown to this version; install a newer one"
         )
@@ -112,8 +128,7 @@ def what_is_lost(current: str, revision: str) -> list[tuple[str, str]]:
 
     Raises NotOnTheWayDown where `revision` is not an earlier one.
     """
-    scripts = ScriptDirectory.from_config(migration_config())
-    way = [script for script in scripts.walk_revisions() if script.revision is not None]
+    way = [script for script in _scripts().walk_revisions() if script.revision is not None]
     names = [script.revision for script in way]
     if current not in names or revision not in names[names.index(current) + 1 :]:
         raise NotOnTheWayDown(f"schema {revision} is not an earlier one than {current}")
@@ -123,8 +138,7 @@ def what_is_lost(current: str, revision: str) -> list[tuple[str, str]]:
 
 def earlier_revisions(current: str | None) -> list[tuple[str, str]]:
     """Return the revisions a database at `current` can be taken back to, newest first, each with its subject."""
-    scripts = ScriptDirectory.from_config(migration_config())
-    way = [(script.revision, script.doc) for script in scripts.walk_revisions()]
+    way = [(script.revision, script.doc) for script in _scripts().walk_revisions()]
     names = [name for name, _ in way]
     return way[names.index(current) + 1 :] if current in names else []
 

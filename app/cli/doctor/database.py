@@ -9,14 +9,13 @@ from collections.abc import Iterator
 from datetime import UTC, datetime, timedelta
 
 import sqlalchemy as sa
-from alembic.script import ScriptDirectory
 from sqlalchemy import orm
 from sqlalchemy.exc import DBAPIError
 
 from app.cli.doctor.check_result import CheckResult, failed, ok, warn
 from app.errors import InstallationRefused, ServiceError
 from app.records.database import Database
-from app.records.migrations import current_revision, head_revision, migration_config
+from app.records.migrations import current_revision, head_revision, known_revisions
 from app.records.readable import Unreadable
 from app.records.tables import ApiKey, Measurement, Table
 from app.services.installation.backends import clock_skew, require_clock, require_direct
@@ -119,7 +118,7 @@ def _clock(newest: datetime | Unreadable | None) -> CheckResult:
 
 
 def _schema(current: str | None, head: str) -> CheckResult:
-    if current is not None and current not in _known_revisions():
+    if current is not None and current not in known_revisions():
         return failed(
             f"schema {current} was made by a later version", "Install that version, or restore a backup."
         )
@@ -127,10 +126,6 @@ def _schema(current: str | None, head: str) -> CheckResult:
         f"schema {current or 'none'} is older than {head}, which this version needs",
         "The next start migrates it and keeps a copy in backups/; nothing to do.",
     )
-
-
-def _known_revisions() -> set[str]:
-    return {script.revision for script in ScriptDirectory.from_config(migration_config()).walk_revisions()}
 
 
 def check_deep(database: Database, session: orm.Session) -> Iterator[CheckResult]:
