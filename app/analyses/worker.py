@@ -24,6 +24,7 @@ from app.analyses.documents.qualification import qualification_findings
 from app.analyses.documents.repeatability import repeatability_findings
 from app.analyses.inputs.change_token import read_change_token
 from app.analyses.inputs.session_loader import Markers, load_session, read_markers
+from app.analyses.inputs.session_subject import subject_in_words
 from app.analyses.inputs.snapshot import Snapshot, read_snapshot
 from app.analyses.json_text import encode
 from app.analyses.outcome import AnalysisError, AnalysisRefused, AnalysisResult
@@ -33,15 +34,23 @@ from core import GridposeError
 from core.session import SessionData
 
 Document = Callable[[SessionData, Mapping[str, str]], Findings | bytes]
+Plot = Callable[[SessionData, Mapping[str, str], str], bytes]
+"""Draws with what is drawn in words: session, robot and date."""
 
 
-def _plot(name: str) -> Document:
+def _cycle_points(data: SessionData, settings: Mapping[str, str]) -> bytes:
+    from app.analyses.documents import plots
+
+    return plots.cycle_points(data, settings)
+
+
+def _plot(name: str) -> Plot:
     """Return what draws a plot; matplotlib is loaded when the first is asked for, not for every analysis."""
 
-    def draw(data: SessionData, settings: Mapping[str, str]) -> bytes:
+    def draw(data: SessionData, settings: Mapping[str, str], about: str) -> bytes:
         from app.analyses.documents import plots
 
-        svg: bytes = getattr(plots, name)(data, settings)
+        svg: bytes = getattr(plots, name)(data, settings, about)
         return svg
 
     return draw
@@ -57,15 +66,14 @@ ANALYSES: dict[str, Document] = {
     "joint_noise": joint_noise_findings,
     "next_view": next_view_findings,
     "qualification": qualification_findings,
-    "scatter_plot": _plot("scatter_plot"),
-    "cycle_points": _plot("cycle_points"),
-    "drift_plot": _plot("drift_plot"),
-    "steadiness_plot": _plot("steadiness_plot"),
-    "residual_map": _plot("residual_map"),
-    "projection_map": _plot("projection_map"),
-    "joint_curves_plot": _plot("joint_curves_plot"),
-    "lens_profile_plot": _plot("lens_profile_plot"),
-    "joint_noise_map": _plot("joint_noise_map"),
+    "cycle_points": _cycle_points,
+}
+PLOTS: dict[str, Plot] = {
+    name: _plot(name)
+    for name in (
+        *("scatter_plot", "drift_plot", "steadiness_plot", "residual_map", "projection_map"),
+        *("joint_curves_plot", "lens_profile_plot", "joint_noise_map"),
+    )
 }
 
 
@@ -122,7 +130,7 @@ def load(
 def document_of(loaded: LoadedSession, analysis: str, settings: Mapping[str, str]) -> bytes | AnalysisRefused:
     """Compute one document of a loaded session, or determine why it cannot be computed."""
     snapshot, data = loaded.snapshot, loaded.data
-    head: dict[str, Any] = {  # of documents; a drawing holds neither ids nor hashes
+    head: dict[str, Any] = {  # of documents; a drawing has names and dates, but neither ids nor hashes
         "session_id": snapshot.session_id,
         "subject": snapshot.subject,
         "inputs_sha256": snapshot.inputs_sha256(analysis, settings),
@@ -135,6 +143,8 @@ def document_of(loaded: LoadedSession, analysis: str, settings: Mapping[str, str
             found = comparison_findings(data, loaded.markers)
         elif analysis == "compensation":
             found = compensation_findings(data, loaded.second, settings)
+        elif analysis in PLOTS:
+            found = PLOTS[analysis](data, settings, subject_in_words(snapshot.subject))
         else:
             found = ANALYSES[analysis](data, settings)
     except AnalysisError as reason:

@@ -15,10 +15,10 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from matplotlib.ticker import MaxNLocator
 
-from app.reports.svg import BLUE, FAINT, INK, SKY, axes_at, draw_svg, short, text_at
+from app.reports.svg import BLUE, FAINT, INK, SKY, axes_at, draw_svg, short, text_at, unsigned_zero
 
 _LEFT, _PANEL_WIDTH, _PANEL_HEIGHT, _GAP = 0.8, 4.1, 1.75, 0.85
-_HEADER, _CAPTION, _BELOW, _FOOTER = 0.85, 0.44, 0.62, 0.7
+_HEADER, _CAPTION, _BELOW, _FOOTER = 0.85, 0.63, 0.62, 0.7
 _NORMAL_95 = 1.959964
 _MARGIN = 0.06
 """Of the range of angles: what is drawn on both sides of it, hatched."""
@@ -41,20 +41,33 @@ class JointCurvePanel:
     @property
     def caption(self) -> str:
         largest = int(np.argmax(np.abs(self.correction_deg)))
-        text = (
-            f"largest correction {1e3 * self.correction_deg[largest]:.3g} ± "
-            f"{1e3 * _NORMAL_95 * self.standard_uncertainty_deg[largest]:.2g} mdeg at {self.angles_deg[largest]:.0f}°"
+        return (
+            f"largest correction {unsigned_zero(f'{1e3 * self.correction_deg[largest]:.3g}')} ± "
+            f"{1e3 * _NORMAL_95 * self.standard_uncertainty_deg[largest]:.2g} mdeg at "
+            f"{_whole(self.angles_deg[largest])}°"
         )
-        gaps = ", ".join(f"{low:.0f}° to {high:.0f}°" for low, high in self.gaps_deg[:_MAX_NAMED])
+
+    @property
+    def unvisited(self) -> str:
+        """Return which angles between those visited never were; empty without any."""
+        gaps = ", ".join(f"{_whole(low)}° to {_whole(high)}°" for low, high in self.gaps_deg[:_MAX_NAMED])
         if len(self.gaps_deg) > _MAX_NAMED:
             gaps += f" and {len(self.gaps_deg) - _MAX_NAMED} more"
-        return f"{text}   ·   not visited: {gaps}" if gaps else text
+        return f"not visited: {gaps}" if gaps else ""
 
 
-def joint_curves_svg(panels: Sequence[JointCurvePanel], title: str, summary: str) -> bytes:
+def _whole(angle_deg: float) -> str:
+    return unsigned_zero(f"{angle_deg:.0f}")
+
+
+def _described(panel: JointCurvePanel) -> str:
+    return f"{panel.name}: " + "   ·   ".join(filter(None, (panel.caption, panel.unvisited)))
+
+
+def joint_curves_svg(panels: Sequence[JointCurvePanel], title: str, summary: str, about: str = "") -> bytes:
     """Return a panel for each joint; `summary` says what was chosen and why."""
-    described = [summary, *(f"{panel.name}: {panel.caption}" for panel in panels)]
-    return draw_svg(lambda: joint_curves_figure(panels, title, summary), title, "\n".join(described))
+    described = [summary, *map(_described, panels)]
+    return draw_svg(lambda: joint_curves_figure(panels, title, summary), title, "\n".join(described), about)
 
 
 def joint_curves_figure(panels: Sequence[JointCurvePanel], title: str, summary: str) -> Figure:
@@ -72,6 +85,7 @@ def joint_curves_figure(panels: Sequence[JointCurvePanel], title: str, summary: 
         top = _HEADER + (place // columns) * row
         text_at(figure, left, top + 0.1, short(panel.name), fontsize=10, weight="bold", color=INK)
         text_at(figure, left, top + 0.31, panel.caption)
+        text_at(figure, left, top + 0.5, panel.unvisited, color="#555555", fontsize=8)
         _draw(axes_at(figure, left, top + _CAPTION, _PANEL_WIDTH, _PANEL_HEIGHT), panel, rasterized)
     figure.legend(handles=_legend(), loc="lower center", ncols=4, columnspacing=1.6, handletextpad=0.6)
     return figure

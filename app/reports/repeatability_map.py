@@ -11,7 +11,7 @@ from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
-from app.reports.svg import INK, axes_at, draw_svg, millimetres, text_at
+from app.reports.svg import INK, axes_at, draw_svg, millimetres, text_at, unsigned_zero
 
 _LEFT, _PANEL, _GAP = 0.8, 3.6, 0.75
 _HEADER, _CAPTION, _FOOTER = 0.95, 0.3, 0.7
@@ -39,10 +39,12 @@ class WorstPoint:
 
 
 def repeatability_map_svg(
-    cells: Sequence[RepeatabilityCell], cell_mm: float, worst: WorstPoint, title: str
+    cells: Sequence[RepeatabilityCell], cell_mm: float, worst: WorstPoint, title: str, about: str = ""
 ) -> bytes:
     """Return the median and the largest RP_l of every cell side by side, on one scale."""
-    return draw_svg(lambda: repeatability_map_figure(cells, cell_mm, worst, title), title, _caption(worst))
+    return draw_svg(
+        lambda: repeatability_map_figure(cells, cell_mm, worst, title), title, _caption(worst), about
+    )
 
 
 def repeatability_map_figure(
@@ -103,5 +105,5 @@ def _caption(worst: WorstPoint) -> str:
     low, high = (millimetres(value) for value in worst.interval_mm)
     return (
         f"Worst place (×): RP_l {millimetres(worst.rp_l_mm)} mm [{low}, {high}] at radius {worst.radius_mm:.0f} mm, "
-        f"height {worst.height_mm:.0f} mm"
+        f"height {unsigned_zero(f'{worst.height_mm:.0f}')} mm"
     )

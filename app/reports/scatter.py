@@ -46,10 +46,13 @@ class PoseScatter:
     note: str = ""
 
 
-def scatter_svg(poses: Sequence[PoseScatter], title: str) -> bytes:
+def scatter_svg(poses: Sequence[PoseScatter], title: str, about: str = "") -> bytes:
     """Return three projections of every pose, one pose a row, all on one scale."""
     return draw_svg(
-        lambda: scatter_figure(poses, title), title, "\n".join(f"{p.pose_id}: {_caption(p)}" for p in poses)
+        lambda: scatter_figure(poses, title),
+        title,
+        "\n".join(f"{p.pose_id}: {_caption(p)}" for p in poses),
+        about,
     )
 
 
@@ -162,7 +165,13 @@ def _ellipse(covariance: Float[np.ndarray, "2 2"], style: dict[str, Any]) -> Ell
 
 
 _OBSERVED: dict[str, Any] = {"fc": (*(0.0, 0.447, 0.698), 0.13), "ec": BLUE, "lw": 1.4, "zorder": 2}
-_NOISE: dict[str, Any] = {"fc": (0.835, 0.369, 0.0, 0.28), "ec": ORANGE, "lw": 1.2, "zorder": 3}
+_NOISE: dict[str, Any] = {
+    "fc": (0.835, 0.369, 0.0, 0.28),
+    "ec": ORANGE,
+    "lw": 1.4,
+    "ls": (0, (1, 1)),
+    "zorder": 3,
+}
 _SPHERE: dict[str, Any] = {"fill": False, "ec": FAINT, "lw": 1.0, "ls": (0, (4, 3)), "zorder": 1.5}
 _CYCLE: dict[str, Any] = {"marker": "o", "color": INK, "ms": 3.2, "mew": 0, "ls": "none", "zorder": 4}
 _OUTLIER: dict[str, Any] = {"marker": "x", "color": RED, "ms": 5.5, "mew": 1.4, "ls": "none", "zorder": 5}
@@ -173,6 +182,6 @@ def _legend() -> list[Any]:
         Line2D([], [], **_CYCLE, label="one cycle"),
         Line2D([], [], **_OUTLIER, label="outlier (arrow: beyond the frame)"),
         Patch(fc=_OBSERVED["fc"], ec=BLUE, label="observed, 3 S"),
-        Patch(fc=_NOISE["fc"], ec=ORANGE, label="instrument's noise, 3 σ"),
+        Patch(fc=_NOISE["fc"], ec=ORANGE, ls=_NOISE["ls"], label="instrument's noise, 3 σ"),
         Line2D([], [], color=FAINT, lw=1.0, ls=(0, (4, 3)), label="RP_l"),
     ]

@@ -18,34 +18,43 @@ from app.reports.svg import BLUE, FAINT, GREEN, INK, ORANGE, RED, axes_at, draw_
 
 _AXES = (("x", BLUE, "o"), ("y", ORANGE, "s"), ("z", GREEN, "^"))
 _LEFT, _PANEL_WIDTH, _PANEL_HEIGHT, _GAP = 0.8, 4.1, 1.75, 0.85
-_HEADER, _CAPTION, _BELOW, _FOOTER = 0.85, 0.44, 0.62, 0.7
+_HEADER, _CAPTION, _BELOW, _FOOTER = 0.85, 0.63, 0.62, 0.78
 _MAX_VECTORS = 3000
 """Points that are drawn one by one; more of them are rasterised."""
+
+
+_CHANCE: dict[str, Any] = {"color": INK, "lw": 0.9, "ls": (0, (1, 2))}
 
 
 @dataclass(frozen=True, slots=True)
 class SteadinessPanel:
     """One series over the cycles: offsets along x, y, z from its mean, mm.
 
-    `line_mm` is its trend at the first and the last cycle, `change_cycle` the first cycle after a step; None where
-    nothing is to be shown. `second` marks visits at a second stopping point.
+    `moved` says by how much its trend moved it. `line_mm` is its trend at the first and the last cycle, `change_cycle`
+    the first cycle after a step; None where nothing is to be shown. `second` marks visits at a second stopping point.
+    `by_chance_mm` is the change from first to last below which 95 % of the trends of steady cycles stay, along the axis
+    that scatters most.
     """
 
     name: str
     caption: str
+    moved: str
     steady: bool
     cycles: Int[np.ndarray, " n"]
     offsets_mm: Float[np.ndarray, "n 3"]
     line_mm: Float[np.ndarray, "2 3"] | None
     change_cycle: int | None
     second: Bool[np.ndarray, " n"]
+    by_chance_mm: float = 0.0
 
 
-def steadiness_svg(panels: Sequence[SteadinessPanel], title: str, summary: str, counted_in: str) -> bytes:
+def steadiness_svg(
+    panels: Sequence[SteadinessPanel], title: str, summary: str, counted_in: str, about: str = ""
+) -> bytes:
     """Return a panel for each series, x, y and z over the cycles; `summary` says what was found."""
-    described = [summary, *(f"{panel.name}: {panel.caption}" for panel in panels)]
+    described = [summary, *(f"{_name(panel)}: {panel.caption}   ·   {panel.moved}" for panel in panels)]
     return draw_svg(
-        lambda: steadiness_figure(panels, title, summary, counted_in), title, "\n".join(described)
+        lambda: steadiness_figure(panels, title, summary, counted_in), title, "\n".join(described), about
     )
 
 
@@ -63,15 +72,20 @@ def steadiness_figure(panels: Sequence[SteadinessPanel], title: str, summary: st
         left = _LEFT + (place % columns) * (_PANEL_WIDTH + _GAP)
         top = _HEADER + (place // columns) * row
         colour = INK if panel.steady else RED
-        text_at(figure, left, top + 0.1, short(panel.name), fontsize=10, weight="bold", color=colour)
+        text_at(figure, left, top + 0.1, _name(panel), fontsize=10, weight="bold", color=colour)
         text_at(figure, left, top + 0.31, panel.caption)
+        text_at(figure, left, top + 0.5, panel.moved, color="#555555", fontsize=8)
         _draw(
             axes_at(figure, left, top + _CAPTION, _PANEL_WIDTH, _PANEL_HEIGHT), panel, rasterized, counted_in
         )
     figure.legend(
-        handles=_legend(panels), loc="lower center", ncols=3 * columns, columnspacing=1.6, handletextpad=0.6
+        handles=_legend(panels), loc="lower center", ncols=1 + columns, columnspacing=1.6, handletextpad=0.6
     )
     return figure
+
+
+def _name(panel: SteadinessPanel) -> str:
+    return short(panel.name) if panel.steady else f"{short(panel.name)}: not steady"
 
 
 def _draw(axes: Axes, panel: SteadinessPanel, rasterized: bool, counted_in: str) -> None:
@@ -97,7 +111,13 @@ def _draw(axes: Axes, panel: SteadinessPanel, rasterized: bool, counted_in: str)
                 rasterized=rasterized,
             )
         if panel.line_mm is not None:
-            axes.plot(ends, panel.line_mm[:, axis] * factor, color=colour, lw=1.7, zorder=3)
+            axes.plot(
+                ends, panel.line_mm[:, axis] * factor, color=colour, lw=1.7, marker=marker, ms=5, zorder=3
+            )
+    if panel.by_chance_mm > 0.0:
+        for side in (-0.5, 0.5):
+            limit = side * panel.by_chance_mm * factor
+            axes.plot(ends, (-limit, limit), **_CHANCE, zorder=1.5)
     axes.set_xlim(ends[0] - 1.0, ends[1] + 1.0)
     if reach == 0.0:
         axes.set_ylim(-1.0, 1.0)
@@ -112,6 +132,8 @@ def _legend(panels: Sequence[SteadinessPanel]) -> list[Any]:
         Line2D([], [], marker=marker, color=colour, ms=4, mew=0, lw=1.7, label=f"{name}: cycle, trend")
         for name, colour, marker in _AXES
     ]
+    if any(panel.by_chance_mm > 0.0 for panel in panels):
+        handles.append(Line2D([], [], **_CHANCE, label="chance alone: 95 % of trends, widest axis"))
     if any(panel.change_cycle is not None for panel in panels):
         handles.append(Line2D([], [], color=RED, lw=1.2, ls=(0, (4, 3)), label="largest step"))
     if any(panel.second.any() for panel in panels):

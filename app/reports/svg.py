@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import io
 import math
+import textwrap
 import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -22,7 +23,9 @@ from app.markup import element_text, legal_text
 
 INK, FAINT = "#222222", "#8a8a8a"
 BLUE, ORANGE, GREEN, RED, SKY = "#0072b2", "#d55e00", "#009e73", "#c1272d", "#9ec9e2"
-"""Distinguishable with red-green colour blindness too (Okabe and Ito, 2008)."""
+"""Distinguishable with red-green colour blindness too (Okabe and Ito, 2008), in grey by their marks."""
+NAVY = "#00365a"
+"""Apart from `FAINT` in grey, too, where no mark differs."""
 
 _STYLE: Any = {
     "svg.fonttype": "path",
@@ -55,6 +58,10 @@ _STYLE: Any = {
 }
 
 
+_LETTER, _LINE = 0.085, 0.17
+"""Room for a letter of small type, wide ones included, and from line to line; inches."""
+
+
 @contextmanager
 def drawing_style() -> Iterator[None]:
     """Draw by this look alone, whatever a matplotlibrc on this machine says."""
@@ -66,18 +73,42 @@ def drawing_style() -> Iterator[None]:
         yield
 
 
-def draw_svg(draw: Callable[[], Figure], title: str, description: str) -> bytes:
-    """Return what `draw` makes as an SVG document; the same drawing gives the same bytes."""
+def draw_svg(draw: Callable[[], Figure], title: str, description: str, about: str = "") -> bytes:
+    """Return what `draw` makes as an SVG document; the same drawing gives the same bytes.
+
+    `about` says what is drawn of which session, robot and date; it stands above the drawing and in the title.
+    """
     stream = io.StringIO()
     with drawing_style():
-        draw().savefig(
+        figure = draw()
+        if about:
+            head_with(figure, about)
+        figure.savefig(
             stream, format="svg", metadata={"Creator": None, "Date": None, "Format": None, "Type": None}
         )
+    if about:
+        title = f"{title}: {about}"
     drawn = legal_text(stream.getvalue())  # the text of every outline is in a comment
     # The document type names a file of another host; no reader needs it.
     head, rest = drawn[drawn.index("<svg") :].split(">", 1)
     accessible = f"<title>{element_text(title)}</title>\n <desc>{element_text(description)}</desc>"
     return f'<?xml version="1.0" encoding="utf-8"?>\n{head} role="img">\n {accessible}{rest}'.encode()
+
+
+def head_with(figure: Figure, about: str) -> None:
+    """Write lines above a drawing, which becomes as much higher; nothing in it is moved or scaled."""
+    width, height = figure.get_size_inches()
+    lines = textwrap.wrap(legal_text(about), int((width - 0.3) / _LETTER))
+    added = _LINE * len(lines) + 0.06
+    share = height / (height + added)
+    for axes in figure.axes:
+        box = axes.get_position(original=True)
+        axes.set_position((box.x0, box.y0 * share, box.width, box.height * share))
+    for text in figure.texts:
+        text.set_y(text.get_position()[1] * share)
+    figure.set_size_inches(width, height + added)
+    for number, line in enumerate(lines):
+        text_at(figure, 0.15, 0.2 + _LINE * number, line, fontsize=8.5, color="#555555")
 
 
 def axes_at(figure: Figure, left: float, top: float, width: float, height: float) -> Axes:
@@ -96,6 +127,11 @@ def short(name: str) -> str:
     """Return a name as it fits a line and can be drawn."""
     name = legal_text(name)
     return name if len(name) <= 40 else name[:39] + "…"
+
+
+def unsigned_zero(text: str) -> str:
+    """Return the text of a number with a true minus sign, and none before a zero."""
+    return text.lstrip("-") if not text.strip("-0.") else text.replace("-", "−")
 
 
 def millimetres(value: float) -> str:

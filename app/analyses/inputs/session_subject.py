@@ -6,6 +6,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from datetime import UTC, datetime
 from typing import Any
 
+from app.records.ids import moment_of
 from app.records.tables import Robot, Session, Target
 
 
@@ -38,6 +39,23 @@ def session_subject(
             "decision": qualification["decision"],
         },
     }
+
+
+def subject_in_words(subject: Mapping[str, Any]) -> str:
+    """Return session, robot and date in a line, names in full.
+
+    The date is that of the images where any states when it was taken, else that on which the session began. All of it
+    is in the tags of answers (`Snapshot.answer_sha256`), so that what is kept never bears another name.
+    """
+    parts = [subject["session"]["name"]]
+    if subject["robot"] is not None:
+        parts.append(f"robot {subject['robot']['name']}")
+    if subject["first_captured_at"] is None:
+        parts.append(f"session of {moment_of(subject['session']['id']).date().isoformat()}")
+    else:
+        days = [subject[name][:10] for name in ("first_captured_at", "last_captured_at")]
+        parts.append(f"images of {' to '.join(dict.fromkeys(days))}")
+    return " · ".join(parts)
 
 
 def _named(row: Session | Robot | Target) -> dict[str, str]:

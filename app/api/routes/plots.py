@@ -86,7 +86,8 @@ async def get_scatter_plot(
     "/repeatability/drift.svg",
     response_class=Response,
     responses=_responses(
-        "For every pose x, y and z over the cycles, with the means of blocks of ten cycles."
+        "For every pose x, y, z and the orientation over time, or over the cycles where not every image states when it "
+        "was taken, with the means of blocks of ten cycles and what chance alone would give."
     ),
 )
 async def get_drift_plot(

@@ -17,7 +17,7 @@ from matplotlib.ticker import MaxNLocator
 from app.reports.svg import BLUE, FAINT, GREEN, INK, ORANGE, RED, axes_at, draw_svg, short, text_at
 
 _LEFT, _PANEL_WIDTH, _PANEL_HEIGHT = 0.8, 6.6, 2.6
-_HEADER, _CAPTION, _BELOW, _FOOTER = 0.62, 0.72, 0.62, 0.6
+_HEADER, _CAPTION, _BELOW, _FOOTER = 0.62, 0.9, 0.62, 0.72
 BINS, MIN_POINTS_IN_BIN = 24, 8
 _NORMAL_95 = 1.959964
 _STYLES = {
@@ -25,6 +25,9 @@ _STYLES = {
     "kannala_brandt": ("Kannala-Brandt", BLUE, "s"),
     "rational": ("rational", GREEN, "^"),
 }
+
+
+_FOLD: dict[str, Any] = {"color": RED, "lw": 1.4, "ls": (0, (6, 2, 1, 2))}
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,10 +78,10 @@ def radial_bins(model: RadialResiduals, reach_px: float) -> RadialBins:
     return RadialBins(*np.array(rows, dtype=np.float64).reshape(-1, 3).T)
 
 
-def lens_profile_svg(profiles: Sequence[LensProfile], title: str) -> bytes:
+def lens_profile_svg(profiles: Sequence[LensProfile], title: str, about: str = "") -> bytes:
     """Return a panel for each focus group."""
     described = [" ".join(_captions(profile)) for profile in profiles]
-    return draw_svg(lambda: lens_profile_figure(profiles, title), title, "\n".join(described))
+    return draw_svg(lambda: lens_profile_figure(profiles, title), title, "\n".join(described), about)
 
 
 def lens_profile_figure(profiles: Sequence[LensProfile], title: str) -> Figure:
@@ -93,7 +96,7 @@ def lens_profile_figure(profiles: Sequence[LensProfile], title: str) -> Figure:
         text_at(figure, 0.15, top + 0.34, second, color="#555555", fontsize=8)
         _draw(axes_at(figure, _LEFT, top + _CAPTION, _PANEL_WIDTH, _PANEL_HEIGHT), profile)
     handles = _legend(profiles)
-    figure.legend(handles=handles, loc="lower center", ncols=len(handles), columnspacing=1.6)
+    figure.legend(handles=handles, loc="lower center", ncols=min(len(handles), 3), columnspacing=1.6)
     return figure
 
 
@@ -130,7 +133,7 @@ def _draw(axes: Axes, profile: LensProfile) -> None:
             lw=1.2,
         )
         if model.fold_px is not None and model.fold_px <= reach:
-            axes.axvline(model.fold_px, color=RED, lw=1.4, zorder=1)
+            axes.axvline(model.fold_px, **_FOLD, zorder=1)
     axes.set_xlim(0.0, reach)
     axes.xaxis.set_major_locator(MaxNLocator(8))
     axes.yaxis.set_major_locator(MaxNLocator(5))
@@ -152,5 +155,5 @@ def _legend(profiles: Sequence[LensProfile]) -> list[Any]:
         for model in profile.models
     ]
     if any(reaches):
-        handles.append(Line2D([], [], color=RED, lw=1.4, label="fold radius"))
+        handles.append(Line2D([], [], **_FOLD, label="fold radius"))
     return handles

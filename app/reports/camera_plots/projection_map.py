@@ -22,12 +22,13 @@ _BLANK: dict[str, Any] = {"facecolor": (1.0, 1.0, 1.0, 0.45), "edgecolor": INK, 
 """Cells without points: paler, and hatched, so that the colours below remain legible."""
 
 
-def projection_svg(fields: Sequence[ProjectionField], title: str) -> bytes:
+def projection_svg(fields: Sequence[ProjectionField], title: str, about: str = "") -> bytes:
     """Return for every focus group the projection uncertainty and the points over the image."""
     return draw_svg(
         lambda: projection_figure(fields, title),
         title,
         "\n".join("   ·   ".join(_caption(field)) for field in fields),
+        about,
     )
 
 

@@ -18,19 +18,20 @@ from app.reports.camera_plots.residual_cells import (
     cells_of,
     residual_figures,
 )
-from app.reports.svg import BLUE, FAINT, axes_at, draw_svg, short, text_at
+from app.reports.svg import FAINT, NAVY, axes_at, draw_svg, short, text_at
 
 _LEFT, _PANEL_WIDTH, _GAP = 0.8, 4.6, 0.85
 _HEADER, _CAPTION, _BELOW, _FOOTER = 0.62, 0.78, 0.62, 0.6
 
 
-def residuals_svg(fields: Sequence[ResidualField], title: str) -> bytes:
+def residuals_svg(fields: Sequence[ResidualField], title: str, about: str = "") -> bytes:
     """Return for every focus group the mean residuals and their size over the image."""
     cells = [cells_of(field) for field in fields]
     return draw_svg(
         lambda: residuals_figure(fields, cells, title),
         title,
         "\n".join(" ".join(_caption(f, c)) for f, c in zip(fields, cells, strict=True)),
+        about,
     )
 
 
@@ -56,7 +57,7 @@ def residuals_figure(fields: Sequence[ResidualField], cells: Sequence[Cells], ti
             Line2D(
                 [],
                 [],
-                color=BLUE,
+                color=NAVY,
                 lw=1.6,
                 label="mean residual that chance explains in 1 cell of 100 at most",
             ),
@@ -93,7 +94,7 @@ def _draw_means(figure: Figure, axes: Axes, field: ResidualField, cells: Cells) 
     # The longest arrows fill their cell; one stray cell does not make all others invisible.
     unit = _round_down(float(np.quantile(lengths, 0.95)))
     scale = 0.95 * cells.size_px / max(float(np.quantile(lengths, 0.95)), 1e-12)
-    colours = np.where(cells.stands_out, BLUE, FAINT)
+    colours = np.where(cells.stands_out, NAVY, FAINT)
     start = cells.middle_px - 0.5 * scale * cells.mean_px
     arrows = axes.quiver(
         start[:, 0],
@@ -111,7 +112,7 @@ def _draw_means(figure: Figure, axes: Axes, field: ResidualField, cells: Cells) 
     )
     above = 1.0 + 0.12 / (axes.get_position().height * figure.get_size_inches()[1])
     axes.quiverkey(
-        arrows, 0.82, above, unit, f"{unit:g} px", labelpos="E", coordinates="axes", labelsep=0.06, color=BLUE
+        arrows, 0.82, above, unit, f"{unit:g} px", labelpos="E", coordinates="axes", labelsep=0.06, color=NAVY
     )
 
 

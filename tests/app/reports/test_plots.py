@@ -20,20 +20,26 @@ from matplotlib.patches import Circle, Ellipse
 from matplotlib.text import Annotation, Text
 
 from app.reports.camera_plots.coverage_cells import ProjectionField, coverage_cells
+from app.reports.camera_plots.lens_profile import lens_profile_figure
 from app.reports.camera_plots.projection_map import projection_figure, projection_svg
 from app.reports.camera_plots.residual_cells import ResidualField, cells_of
 from app.reports.camera_plots.residual_map import residuals_figure, residuals_svg
 from app.reports.drift import _signed, drift_figure, drift_svg
+from app.reports.joint_curves import joint_curves_figure
 from app.reports.scatter import PoseScatter, scatter_figure, scatter_svg
-from app.reports.svg import drawing_style, millimetres
+from app.reports.steadiness import steadiness_figure
+from app.reports.svg import drawing_style, head_with, millimetres, unsigned_zero
 from tests.support.image.plotted import (
     NOTHING,
     ODD_DRIFTS,
     ODD_FIELDS,
     ODD_PROJECTIONS,
     ODD_SCATTERS,
+    STEADINESS,
     drifting,
     field,
+    joint_panels,
+    lens_profiles,
     motionless,
     scatter,
 )
@@ -48,7 +54,19 @@ def drawings() -> dict[str, Callable[[], Figure]]:
         "residuals": lambda: residuals_figure([field()], [cells_of(field())], "title"),
         "odd residuals": lambda: residuals_figure(ODD_FIELDS, [cells_of(f) for f in ODD_FIELDS], "title"),
         "odd projections": lambda: projection_figure(ODD_PROJECTIONS, "title"),
+        "one drift in time": lambda: drift_figure([drifting(turns=True, minutes=4.0)], "title", 10),
+        "steadiness": lambda: steadiness_figure(STEADINESS, "title", "not steady", "cycle"),
+        "one steadiness": lambda: steadiness_figure(STEADINESS[1:2], "title", "not steady", "cycle"),
+        "joint curves": lambda: joint_curves_figure(joint_panels(), "title", "chosen"),
+        "lens models": lambda: lens_profile_figure(lens_profiles(), "title"),
+        "headed": lambda: headed(drift_figure([drifting()], "title", 10)),
     }
+
+
+def headed(figure: Figure) -> Figure:
+    """The same with what it is about above it, in letters as wide as they come."""
+    head_with(figure, f"{'W' * 40} · robot {'M' * 40} · images of 2026-11-20 to 2026-11-23")
+    return figure
 
 
 def boxes(figure: Figure) -> list[tuple[str, Any]]:
@@ -243,6 +261,45 @@ def test_units_follow_the_scatter() -> None:
 
 def test_no_shift_has_a_minus_before_zero() -> None:
     assert [_signed(value, 1) for value in (-0.04, 0.04, -0.06, 1.25)] == ["0.0", "0.0", "−0.1", "+1.2"]
+    assert [unsigned_zero(text) for text in ("-0", "-0.00", "-0.01", "12")] == ["0", "0.00", "−0.01", "12"]
+    assert joint_panels()[1].unvisited == "not visited: 0° to 40°"
+
+
+def test_a_pose_has_a_panel_for_each_axis_and_one_for_its_orientation() -> None:
+    with drawing_style():
+        plain = drift_figure([drifting()], "title", 10)
+        turned = drift_figure([drifting(turns=True, minutes=2.0)], "title", 10)
+    assert [axes.get_ylabel().split(",")[0] for axes in turned.axes] == ["x", "y", "z", "turn"]
+    assert len(plain.axes) == 3
+    assert len({axes.get_ylim() for axes in plain.axes}) == 1, "one scale along x, y and z"
+    assert (plain.axes[-1].get_xlabel(), turned.axes[-1].get_xlabel()) == (
+        "cycle",
+        "time after the session's first image, min (cycles 1 to 30)",
+    )
+    assert turned.axes[0].lines[0].get_xdata()[-1] == pytest.approx(60.0)
+    # Two limits of what chance alone gives, about zero, from the second block on.
+    dashed = [line for line in plain.axes[0].lines if line.get_linestyle() == "--"]
+    limits = [np.asarray(line.get_ydata(), dtype=float) for line in dashed]
+    assert len(limits) == 2
+    assert np.isnan(limits[0][:3]).all()
+    assert np.nansum(limits[0] + limits[1]) == 0.0
+    assert np.nanmax(limits[1]) > 0.0
+
+
+def test_what_a_drawing_is_about_stands_above_it_and_moves_nothing() -> None:
+    with drawing_style():
+        before = drift_figure([drifting()], "title", 10)
+        after = headed(drift_figure([drifting()], "title", 10))
+        sizes = [figure.get_size_inches()[1] for figure in (before, after)]
+        for one, other in zip(before.axes, after.axes, strict=True):
+            for edge in ("y0", "y1"):
+                places = [
+                    getattr(axes.get_position(), edge) * h
+                    for axes, h in zip((one, other), sizes, strict=True)
+                ]
+                assert places[0] == pytest.approx(places[1])
+    title = ElementTree.fromstring(scatter_svg([scatter()], "Scatter", "Cell <4> · 2026-11-20"))[0].text
+    assert title == "Scatter: Cell <4> · 2026-11-20"
 
 
 def test_captions_say_n_reading_interval_floor_and_verdict() -> None:
@@ -284,7 +341,9 @@ def test_drift_is_told_with_its_doubt() -> None:
         "{http://www.w3.org/2000/svg}desc"
     )
     assert description is not None
-    said = re.search(r"moved ([\d.]+) mm.*x, y, z: \+([\d.]+), .*standard errors ([\d.]+)", description)
+    said = re.search(
+        r"moved ([\d.]+) ± [\d.]+ mm.*x, y, z: \+([\d.]+), .*standard errors ([\d.]+)", description
+    )
     assert said is not None
     moved, x, error = map(float, said.groups())
     assert x == pytest.approx(0.2, abs=4.0 * error)

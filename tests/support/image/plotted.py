@@ -7,9 +7,12 @@ from typing import Any
 import numpy as np
 
 from app.reports.camera_plots.coverage_cells import ProjectionField, coverage_cells
+from app.reports.camera_plots.lens_profile import LensProfile, RadialResiduals
 from app.reports.camera_plots.residual_cells import ResidualField
-from app.reports.drift import Block, PoseDrift
+from app.reports.drift import Block, BlockMean, PoseDrift
+from app.reports.joint_curves import JointCurvePanel
 from app.reports.scatter import PoseScatter
+from app.reports.steadiness import SteadinessPanel
 
 NOTHING = np.zeros((0, 3))
 
@@ -47,17 +50,33 @@ ODD_SCATTERS = [
 ]
 
 
-def drifting(pose_id: str = "P1", n: int = 30, slope: float = 0.004, sigma: float = 0.02) -> PoseDrift:
+def drifting(
+    pose_id: str = "P1",
+    n: int = 30,
+    slope: float = 0.004,
+    sigma: float = 0.02,
+    *,
+    turns: bool = False,
+    minutes: float = 0.0,
+) -> PoseDrift:
+    """Cycles along a straight line; with orientations that scatter, and a time for each cycle, where asked."""
     rng = np.random.default_rng(n)
     cycles = np.arange(1, n + 1)
     positions = np.array([120.0, 80.0, -400.0]) + sigma * rng.standard_normal((n, 3))
     positions[:, 0] += slope * cycles
+    angles = 0.002 * rng.standard_normal((n, 3)) if turns else None
     blocks = []
     for start in range(0, n - 9 if n >= 20 else 0, 10):
-        part = positions[start : start + 10]
-        error = part.std(axis=0, ddof=1) / np.sqrt(10)
-        blocks.append(Block(start + 1, start + 10, part.mean(axis=0), error, 3.4 * sigma))
-    return PoseDrift(pose_id, cycles, positions, tuple(blocks))
+        part = slice(start, start + 10)
+        turn = None if angles is None else block_mean(angles[part], start)
+        blocks.append(Block(start + 1, start + 10, block_mean(positions[part], start), 3.4 * sigma, turn))
+    hours = cycles * minutes / 60.0 if minutes else None
+    return PoseDrift(pose_id, cycles, positions, tuple(blocks), angles, hours, 0.8 * sigma, 0.0011)
+
+
+def block_mean(part: np.ndarray, start: int) -> BlockMean:
+    error = part.std(axis=0, ddof=1) / np.sqrt(len(part))
+    return BlockMean(part.mean(axis=0), error, 2.9 * error * bool(start))
 
 
 ODD_DRIFTS = [
@@ -65,6 +84,7 @@ ODD_DRIFTS = [
     drifting("two-cycles", n=2),
     drifting("far", slope=50.0),
     drifting("y" * 128, n=120),
+    drifting("turned over an hour", turns=True, minutes=2.5),
 ]
 
 
@@ -103,3 +123,51 @@ ODD_PROJECTIONS = [
         "fold", 1, (folded := projected(field())).cells, np.full(folded.cells.count.shape, np.nan)
     ),
 ]
+
+
+def steady_or_not(name: str = "P1", *, steady: bool = False) -> SteadinessPanel:
+    """A series of 30 cycles: steady, or with a trend, a step, and visits at a second stopping point."""
+    offsets = 0.02 * np.random.default_rng(5).standard_normal((30, 3))
+    line = None if steady else np.array([[-0.05, 0.01, 0.0], [0.05, -0.01, 0.0]])
+    return SteadinessPanel(
+        name,
+        "p 0.0012",
+        "moved 103.2 ± 10.1 µm by its trend (chance alone: up to 31 µm)",
+        steady,
+        np.arange(1, 31),
+        offsets,
+        line,
+        None if steady else 12,
+        np.zeros(30, dtype=bool) if steady else np.arange(30) % 5 == 0,
+        0.03,
+    )
+
+
+STEADINESS = [
+    steady_or_not("common to all poses", steady=True),
+    steady_or_not("z" * 128),
+    steady_or_not("P2", steady=True),
+]
+
+
+def joint_panels() -> list[JointCurvePanel]:
+    """Two joints, one with angles that were never visited."""
+    angles = np.linspace(-170.0, 170.0, 69)
+    curve = 0.004 * np.sin(np.radians(angles))
+    return [
+        JointCurvePanel("joint 1", angles, curve, np.full(69, 0.001), angles[::3], []),
+        JointCurvePanel("joint 2", angles, -curve, np.full(69, 0.002), angles[::5], [(-0.3, 40.0)]),
+    ]
+
+
+def lens_profiles() -> list[LensProfile]:
+    """Three lens models of a focus group, one of which turns back within the observed radius."""
+    radius = np.linspace(1.0, 900.0, 900)
+    models = [
+        RadialResiduals(name, radius, slope * radius + 0.02 * np.cos(radius), 0.1, fold)
+        for name, slope, fold in (
+            *(("brown", 1e-4, 950.0), ("kannala_brandt", 0.0, None)),
+            ("rational", -5e-5, None),
+        )
+    ]
+    return [LensProfile("default", 30, "kannala_brandt", "w 41, share 2.0 %.", 900.0, models)]

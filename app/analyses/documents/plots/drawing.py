@@ -16,12 +16,13 @@ from jaxtyping import Float
 from app.analyses.documents.camera.projection_field import projection_field
 from app.analyses.documents.camera.residual_field import residual_field
 from app.analyses.documents.joint_noise import joint_noise_of
+from app.analyses.documents.plots.pose_drift import pose_drift
 from app.analyses.documents.plots.steadiness_panels import steadiness_panels, steadiness_summary
 from app.analyses.outcome import AnalysisError
 from app.errors import NotFound
 from app.reports.camera_plots.projection_map import projection_svg
 from app.reports.camera_plots.residual_map import residuals_svg
-from app.reports.drift import Block, PoseDrift, drift_svg
+from app.reports.drift import drift_svg
 from app.reports.repeatability_map import RepeatabilityCell, WorstPoint, repeatability_map_svg
 from app.reports.scatter import PoseScatter, scatter_svg
 from app.reports.steadiness import steadiness_svg
@@ -33,7 +34,6 @@ from core.session import (
     PoseRow,
     SessionData,
     SessionSteadiness,
-    drift_of,
     estimate_session,
     image_rows,
     measured_rows,
@@ -43,28 +43,30 @@ MAX_ROWS = 40
 """Poses or focus groups of one plot."""
 
 
-def scatter_plot(data: SessionData, settings: Mapping[str, str]) -> bytes:
+def scatter_plot(data: SessionData, settings: Mapping[str, str], about: str) -> bytes:
     """Return what `GET .../repeatability/scatter.svg` answers."""
     source = _source(data, settings)
     rows = _chosen(source.rows, settings.get("pose_id"))
     title = f"Position scatter in the {source.frame}, about each pose's mean ({source.how})"
-    return scatter_svg([_scatter(row, source) for row in rows], title)
+    return scatter_svg([_scatter(row, source) for row in rows], title, about)
 
 
-def drift_plot(data: SessionData, settings: Mapping[str, str]) -> bytes:
+def drift_plot(data: SessionData, settings: Mapping[str, str], about: str) -> bytes:
     """Return what `GET .../repeatability/drift.svg` answers."""
     source = _source(data, settings)
     rows = _chosen(source.rows, settings.get("pose_id"))
-    poses = [drifting for row in rows if (drifting := _drift(row)) is not None]
+    poses = [drifting for row in rows if (drifting := pose_drift(row, data)) is not None]
     if not poses:
         raise TooFewCycles(
             "No pose has two measurements with a cycle number, so that there is no course over the cycles to draw.",
             "Tag them with their cycle; for drift by the standard, 20 cycles or more of each pose.",
         )
-    return drift_svg(poses, f"Drift over the cycles, in the {source.frame} ({source.how})", DRIFT_BLOCK)
+    return drift_svg(
+        poses, f"Drift over the cycles, in the {source.frame} ({source.how})", DRIFT_BLOCK, about
+    )
 
 
-def steadiness_plot(data: SessionData, settings: Mapping[str, str]) -> bytes:
+def steadiness_plot(data: SessionData, settings: Mapping[str, str], about: str) -> bytes:
     """Return what `GET .../repeatability/steadiness.svg` answers; poses are chosen after all of them are tested."""
     source = _source(data, settings)
     rows = _chosen(source.rows, settings.get("pose_id"))
@@ -72,21 +74,21 @@ def steadiness_plot(data: SessionData, settings: Mapping[str, str]) -> bytes:
     grid = source.steadiness.found.grid
     counted_in = "visit" if grid is not None and grid.by_visit else "cycle"
     title = f"Steadiness of the cycles, in the {source.frame} ({source.how})"
-    return steadiness_svg(panels, title, steadiness_summary(source.steadiness), counted_in)
+    return steadiness_svg(panels, title, steadiness_summary(source.steadiness), counted_in, about)
 
 
-def residual_map(data: SessionData, settings: Mapping[str, str]) -> bytes:
+def residual_map(data: SessionData, settings: Mapping[str, str], about: str) -> bytes:
     """Return what `GET .../intrinsics/residuals.svg` answers."""
     groups = _chosen_groups(data, settings)
     title = f"Residuals over the image (estimator {settings['estimator']})"
-    return residuals_svg([residual_field(group) for group in groups], title)
+    return residuals_svg([residual_field(group) for group in groups], title, about)
 
 
-def projection_map(data: SessionData, settings: Mapping[str, str]) -> bytes:
+def projection_map(data: SessionData, settings: Mapping[str, str], about: str) -> bytes:
     """Return what `GET .../intrinsics/projection-uncertainty.svg` answers."""
     groups = _chosen_groups(data, settings)
     title = f"Projection uncertainty over the image (estimator {settings['estimator']})"
-    return projection_svg([projection_field(group) for group in groups], title)
+    return projection_svg([projection_field(group) for group in groups], title, about)
 
 
 def _chosen_groups(data: SessionData, settings: Mapping[str, str]) -> Sequence[FocusGroup]:
@@ -111,7 +113,7 @@ def _chosen_groups(data: SessionData, settings: Mapping[str, str]) -> Sequence[F
     return groups
 
 
-def joint_noise_map(data: SessionData, settings: Mapping[str, str]) -> bytes:
+def joint_noise_map(data: SessionData, settings: Mapping[str, str], about: str) -> bytes:
     """Return what `GET .../joint-noise/map.svg` answers."""
     found = joint_noise_of(data, settings).map
     x, y, z = found.worst_position_mm.tolist()
@@ -122,7 +124,11 @@ def joint_noise_map(data: SessionData, settings: Mapping[str, str]) -> bytes:
         for cell in found.cells
     ]
     return repeatability_map_svg(
-        cells, found.cell_mm, worst, "Repeatability over the workspace, predicted from the joints' noise"
+        cells,
+        found.cell_mm,
+        worst,
+        "Repeatability over the workspace, predicted from the joints' noise",
+        about,
     )
 
 
@@ -209,18 +215,3 @@ def _scatter(row: PoseRow, source: _Source) -> PoseScatter:
 
 def _stacked(positions: Sequence[Float[np.ndarray, "3"]]) -> Float[np.ndarray, "n 3"]:
     return np.array(positions, dtype=np.float64).reshape(-1, 3)
-
-
-def _drift(row: PoseRow) -> PoseDrift | None:
-    visits = [visit for visit in row.visits if visit.cycle is not None]
-    if len(visits) < 2:
-        return None
-    positions = _stacked([visit.position_mm for visit in visits])
-    cycles = np.array([visit.cycle for visit in visits])
-    blocks = []
-    drifting = drift_of(row)
-    for block in drifting[1].blocks if drifting is not None else ():
-        first, last = cycles[[block.first_cycle - 1, block.last_cycle - 1]].tolist()
-        spread = block.standard_error_mm
-        blocks.append(Block(first, last, block.mean_position_mm, spread, block.repeatability_mm))
-    return PoseDrift(row.pose_id, cycles, positions, tuple(blocks))

@@ -13,7 +13,7 @@ from core.kinematics import joint_curves, visited_angles
 from core.session import SessionData
 
 
-def joint_curves_plot(data: SessionData, settings: Mapping[str, str]) -> bytes:
+def joint_curves_plot(data: SessionData, settings: Mapping[str, str], about: str) -> bytes:
     """Return what `GET .../dh/joint-curves.svg` answers. Raises AnalysisError where the model has no curves."""
     _, found = identified(data, {**settings, "method": "global"})
     model, level = found.error_model, level_document(found.error_model)
@@ -39,4 +39,4 @@ def joint_curves_plot(data: SessionData, settings: Mapping[str, str]) -> bytes:
         )
         for curve in curves
     ]
-    return joint_curves_svg(panels, "What each joint turns by beyond its stated angle", level["gain"])
+    return joint_curves_svg(panels, "What each joint turns by beyond its stated angle", level["gain"], about)

@@ -19,7 +19,7 @@ GROSS = 30.0
 MAX_GROUPS = 10
 
 
-def lens_profile_plot(data: SessionData, settings: Mapping[str, str]) -> bytes:
+def lens_profile_plot(data: SessionData, settings: Mapping[str, str], about: str) -> bytes:
     """Return what `GET .../intrinsics/lens.svg` answers: the chosen model, and those it was compared with."""
     estimate = estimate_session(data, settings["estimator"])
     if len(estimate.groups) > MAX_GROUPS:
@@ -48,7 +48,9 @@ def lens_profile_plot(data: SessionData, settings: Mapping[str, str]) -> bytes:
                 [_along_radius(model, fitted[model]) for model in sorted(fitted)],
             )
         )
-    return lens_profile_svg(profiles, f"Lens models along the radius (estimator {settings['estimator']})")
+    return lens_profile_svg(
+        profiles, f"Lens models along the radius (estimator {settings['estimator']})", about
+    )
 
 
 def _with_model(data: SessionData, estimator: str, model: LensModel) -> dict[str, FocusGroup]:

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
+from jaxtyping import Float
 
+from app.analyses.documents.plots.chance import length_limit, trend_limits
 from app.reports.steadiness import SteadinessPanel
 from core.errors import TooFewCycles
 from core.metrology import NOT_STEADY, Attribution, CycleGrid, Steadiness
@@ -44,19 +47,22 @@ def steadiness_panels(steadiness: SessionSteadiness, chosen: Sequence[str]) -> l
         if pose.pose in split and len(split[pose.pose].second) == len(cycles):
             second = split[pose.pose].second
         note = f"p {pose.p_value:.2g}"
-        note += f"   ·   moved {_length(float(np.linalg.norm(pose.change_mm)))} by its trend"
+        rows = np.flatnonzero(seen).astype(np.float64)
+        limits = trend_limits(offsets, rows)
         if pose.pose in split:
             note += f"   ·   two points, {_length(split[pose.pose].distance_mm)}"
         panels.append(
             SteadinessPanel(
                 pose_id,
                 note,
+                _moved(pose.change_mm, _trend_uncertainty(offsets, rows), limits),
                 pose.pose not in found.moved,
                 cycles,
                 offsets,
                 _line(cycles, offsets) if moved else None,
                 pose.change_cycle if moved else None,
                 second,
+                float(limits.max()),
             )
         )
     return panels
@@ -78,22 +84,48 @@ def steadiness_summary(steadiness: SessionSteadiness) -> str:
 
 def _common(found: Steadiness, grid: CycleGrid, moves: bool) -> SteadinessPanel:
     steady = not (moves and found.attribution is not Attribution.POSE_BY_POSE)
-    parts = []
+    limits = trend_limits(grid.common_mm, np.arange(len(grid.common_mm), dtype=np.float64))
+    step = moved = ""
     if found.trend is not None:
-        parts.append(f"moved {_length(float(np.linalg.norm(found.trend.change_mm)))} by its trend")
+        moved = _moved(found.trend.change_mm, found.trend.standard_uncertainty_mm, limits)
     if found.change_point is not None:
-        length = _length(float(np.linalg.norm(found.change_point.step_mm)))
-        parts.append(f"largest step {length} at {found.change_point.cycle}")
+        length = _uncertain_length(found.change_point.step_mm, found.change_point.standard_uncertainty_mm)
+        step = f"largest step {length} at {found.change_point.cycle}"
     return SteadinessPanel(
         "common to all poses",
-        "   ·   ".join(parts),
+        step,
+        moved,
         steady,
         grid.numbers,
         grid.common_mm,
         None if steady else _line(grid.numbers, grid.common_mm),
         None if steady or found.change_point is None else found.change_point.cycle,
         np.zeros(len(grid.numbers), dtype=bool),
+        float(limits.max()),
     )
+
+
+def _moved(
+    change_mm: Float[np.ndarray, "3"],
+    uncertainty_mm: Float[np.ndarray, "3"],
+    limits_mm: Float[np.ndarray, "3"],
+) -> str:
+    return (
+        f"moved {_uncertain_length(change_mm, uncertainty_mm)} by its trend "
+        f"(chance alone: up to {_length(length_limit(limits_mm))})"
+    )
+
+
+def _trend_uncertainty(
+    offsets_mm: Float[np.ndarray, "n 3"], at: Float[np.ndarray, " n"]
+) -> Float[np.ndarray, "3"]:
+    """Return the standard uncertainty of a straight line's change, by what scatters about the line; three or more."""
+    about = at - at.mean()
+    square, freedom = float(about @ about), len(at) - 2
+    if square == 0.0 or freedom < 1:
+        return np.zeros(3)
+    left = offsets_mm - offsets_mm.mean(axis=0) - np.outer(about, about @ offsets_mm / square)
+    return np.asarray(np.sqrt(np.sum(left**2, axis=0) / freedom / square) * float(np.ptp(at)))
 
 
 def _line(cycles: np.ndarray, offsets: np.ndarray) -> np.ndarray:
@@ -105,3 +137,12 @@ def _line(cycles: np.ndarray, offsets: np.ndarray) -> np.ndarray:
 
 def _length(value: float) -> str:
     return f"{value:.3g} mm" if value >= 0.1 else f"{1e3 * value:.2g} µm"
+
+
+def _uncertain_length(vector_mm: Float[np.ndarray, "3"], uncertainty_mm: Float[np.ndarray, "3"]) -> str:
+    """Return a length with its standard uncertainty, that along the vector."""
+    length = float(np.linalg.norm(vector_mm))
+    along = float(np.linalg.norm(vector_mm * uncertainty_mm)) / length if length > 0.0 else 0.0
+    unit, factor = ("mm", 1.0) if length >= 0.1 else ("µm", 1e3)
+    decimals = 1 if along <= 0.0 else min(6, max(0, 1 - math.floor(math.log10(along * factor))))
+    return f"{length * factor:.{decimals}f} ± {along * factor:.{decimals}f} {unit}"

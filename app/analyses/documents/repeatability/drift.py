@@ -23,7 +23,7 @@ def _of_pose(row: PoseRow, data: SessionData) -> dict[str, Any] | None:
         return None
     cycles, found = drifting[0].tolist(), drifting[1]
     visits = [visit for visit in row.visits if visit.cycle is not None]
-    hours = _hours(visits, data)
+    hours = visit_hours(visits, data)
     rate = None
     if hours is not None:
         rate = drift_rate(hours, np.array([visit.position_mm for visit in visits]))
@@ -57,7 +57,7 @@ def _of_pose(row: PoseRow, data: SessionData) -> dict[str, Any] | None:
     }
 
 
-def _hours(visits: Sequence[MeasuredPose], data: SessionData) -> np.ndarray | None:
+def visit_hours(visits: Sequence[MeasuredPose], data: SessionData) -> np.ndarray | None:
     """Return when the visits were, h after the session's first image; None where that is not known."""
     if not all(image.measurement_id in data.taken_h for visit in visits for image in images_of(visit)):
         return None
