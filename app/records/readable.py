@@ -79,10 +79,15 @@ def is_readable(column: Any, value: Any) -> bool:
     """Return whether its table allows a value read from a column."""
     if value is None:
         return bool(column.nullable)
-    if isinstance(value, Unreadable):
-        return False
-    check = _check(column)
-    return check is None or check(value)
+    return check_of(column)(value)
+
+
+@cache
+def check_of(column: Any) -> Callable[[Any], bool]:
+    """Return what tells whether a column's table allows a value that is not null."""
+    if column.name in _BY_NAME:
+        return _BY_NAME[column.name]
+    return next((check for kind, check in _BY_TYPE if isinstance(column.type, kind)), _is_read)
 
 
 @cache
@@ -90,11 +95,8 @@ def _columns(table: Any) -> tuple[tuple[str, Any], ...]:
     return tuple((attribute.key, attribute.columns[0]) for attribute in sa.inspect(table).column_attrs)
 
 
-@cache
-def _check(column: Any) -> Callable[[Any], bool] | None:
-    if column.name in _BY_NAME:
-        return _BY_NAME[column.name]
-    return next((check for kind, check in _BY_TYPE if isinstance(column.type, kind)), None)
+def _is_read(value: Any) -> bool:
+    return not isinstance(value, Unreadable)
 
 
 def _is_number(value: Any) -> bool:
@@ -204,8 +206,11 @@ def _is_signature(value: Any) -> bool:
     )
 
 
+_HEXADECIMAL = frozenset("0123456789abcdef")
+
+
 def _is_sha256(value: Any) -> bool:
-    return isinstance(value, str) and len(value) == 64 and set(value) <= set("0123456789abcdef")
+    return isinstance(value, str) and len(value) == 64 and _HEXADECIMAL.issuperset(value)
 
 
 _BY_NAME: dict[str, Callable[[Any], bool]] = {

@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import sqlalchemy as sa
 
 from app.errors import RowUnreadable
 from app.records.codec import POINT_BYTES
-from app.records.readable import CODE, is_readable
+from app.records.readable import CODE, check_of, is_readable
 from app.records.tables import Measurement, Pose, Result, Table
 
-_SIZES = {"points": POINT_BYTES}
-"""Of these columns the length alone is read."""
+_LENGTH_ALONE = ("points",)
+"""Of these columns the length is read."""
 _COLUMNS = (  # in the order of the fields of `ImageObservation` and `snapshot.StoredImage`, then what is only shown
     *(
         Measurement.__table__.c[name]
@@ -36,10 +37,19 @@ _COLUMNS = (  # in the order of the fields of `ImageObservation` and `snapshot.S
         for name in ("excluded", "filename", "burst", "captured_at", "received_at")
     ),
 )
-IMAGE_ROWS = sa.select(*(sa.func.length(c) if c.name in _SIZES else c for c in _COLUMNS))
+IMAGE_ROWS = sa.select(*(sa.func.length(c) if c.name in _LENGTH_ALONE else c for c in _COLUMNS))
 """Selects the fields of `snapshot.StoredImage`, the exclusion, the file's name, the burst index and its times; the
 caller joins the results and selects the rows.
 """
+
+_CHECK_BY_NAME: dict[str, Callable[[Any], bool]] = {
+    "points": lambda length: bool(length % POINT_BYTES == 0),
+    "labelling": lambda value: value in ("absolute", "up_to_symmetry", "partial"),
+}
+_CHECKS = [  # looked up once: there may be 100,000 rows; and there may be no result
+    (c.name, bool(c.nullable or c.table is Result.__table__), _CHECK_BY_NAME.get(c.name, check_of(c)))
+    for c in _COLUMNS
+]
 
 POSE_COLUMNS = (  # of `CommandedPose`, after the pose's name
     Pose.pose_id,
@@ -54,7 +64,11 @@ POSE_COLUMNS = (  # of `CommandedPose`, after the pose's name
 
 def readable_image(row: sa.Row[Any]) -> tuple[Any, ...]:
     """Return the columns of an `IMAGE_ROWS` row; those of a failed image without points where some cannot be read."""
-    damaged = [c.name for c, value in zip(_COLUMNS, row, strict=True) if not _is_sound(c, value)]
+    damaged = [
+        name
+        for (name, may_be_null, check), value in zip(_CHECKS, row, strict=True)
+        if not (may_be_null if value is None else check(value))
+    ]
     if not damaged:
         return tuple(row)
     detail = f"What is stored of this measurement cannot be read: {', '.join(damaged)}."
@@ -67,13 +81,3 @@ def require_values(noun: str, name: str, table: type[Table], values: Any) -> Non
     damaged = [f for f in values.__slots__ if not is_readable(columns[f], getattr(values, f))]
     if damaged:
         raise RowUnreadable(f"{noun} ({name})", damaged)
-
-
-def _is_sound(column: Any, value: Any) -> bool:
-    if value is None:
-        return bool(column.nullable or column.table is Result.__table__)  # there may be no result
-    if column.name in _SIZES:
-        return bool(value % _SIZES[column.name] == 0)
-    if column.name == "labelling":
-        return value in ("absolute", "up_to_symmetry", "partial")
-    return is_readable(column, value)
