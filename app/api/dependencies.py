@@ -85,6 +85,7 @@ AcceptImplausible = Annotated[
 ]
 TargetPath = Annotated[str, Path(description="Id of a target, as lists and answers show it.")]
 RobotPath = Annotated[str, Path(description="Id of a robot, as lists and answers show it.")]
+EventPath = Annotated[str, Path(description="Id of a robot's event, as the list of its events shows it.")]
 SessionPath = Annotated[str, Path(description="Id of a session, as lists and answers show it.")]
 ReportPath = Annotated[str, Path(description="Id of a report, as lists and answers show it.")]
 MeasurementPath = Annotated[str, Path(description="Id of a measurement, as lists and answers show it.")]

@@ -44,6 +44,7 @@ FOR_LIMITED_KEYS = frozenset(
         "get_robot",
         "create_compensation",
         "create_dh_plan",
+        "list_robot_events",
         "list_reports",
         "list_qualifications",
         "get_qualification",

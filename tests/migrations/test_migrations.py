@@ -33,6 +33,7 @@ from app.records.tables import (
     ReportForm,
     Result,
     Robot,
+    RobotEvent,
     Session,
     SessionTarget,
     Target,
@@ -42,7 +43,15 @@ from tests.support.environment.postgres import EITHER_DATABASE
 from tests.support.service.backups import content
 
 SINCE_0004 = ("removals",)
-SINCE_THE_FIRST = ("measured_poses", "installation", "reports", "report_forms", "qualifications", *SINCE_0004)
+SINCE_THE_FIRST = (
+    "measured_poses",
+    "installation",
+    "reports",
+    "report_forms",
+    "qualifications",
+    "robot_events",
+    *SINCE_0004,
+)
 WRITTEN_BY_ACTIVITIES = ("audit_entries",)
 NOW = datetime(2026, 1, 31, 12, 0, 0, 123456, tzinfo=UTC)
 
@@ -176,6 +185,12 @@ def test_every_step_up_and_down_keeps_the_data_it_can(database: Database, tmp_pa
                 worst_error_mm=0.1 + 0.2,
                 scale_ppm=-3.5,
                 analysis={"ø": 1},
+            )
+        )
+        robot_id = records.scalar(sa.select(Robot.id))
+        records.add(
+            RobotEvent(
+                id=new_id("eve"), robot_id=robot_id, at=NOW, note="ø", restarts_charts=True, created_at=NOW
             )
         )
         records.flush()

@@ -85,7 +85,8 @@ def _utc(value: Any) -> Any:
     return moment
 
 
-def _visible(value: str) -> str:
+def visible_text(value: str) -> str:
+    """Return a text that is seen as it is. Raises ValueError for one with invisible characters."""
     if any(unicodedata.category(character) in _INVISIBLE for character in value):
         raise ValueError(
             "has invisible characters that steer how text is shown, such as U+202E; leave them out"
@@ -120,7 +121,7 @@ POSE_LABEL = (
 )
 CAPTURED = "When the image was taken: between 1990 and one day ahead of the server's clock."
 
-Text = Annotated[str, Field(min_length=1, max_length=200, pattern=PRINTABLE), AfterValidator(_visible)]
+Text = Annotated[str, Field(min_length=1, max_length=200, pattern=PRINTABLE), AfterValidator(visible_text)]
 Identifier = Annotated[str, Field(min_length=1, max_length=64, pattern=PRINTABLE)]
 PoseTag = Annotated[str, Field(min_length=1, max_length=128, pattern=r"^[A-Za-z0-9_-][A-Za-z0-9._-]*$")]
 Sha256 = Annotated[

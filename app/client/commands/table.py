@@ -12,6 +12,7 @@ GROUPS = {
     "robots": "Make, show and delete the robots of a service; write an identified one as a file; plan an "
     "identification.",
     "robots plan": "Plan a measurement before the robot moves: an identification, or a test of repeatability.",
+    "robots events": "What was done to a robot, such as maintenance.",
     "poses": "The commanded poses of a session.",
     "hand-eye": "Where the camera sits on the robot's flange, and the target in its base.",
     "camera-poses": "The camera's pose in every image of a session.",
@@ -69,6 +70,12 @@ CLIENT = {
         "Correct commanded poses by what a session identified of the robot, from file to file.",
     ),
     "robots list": (".robots.stored:show_list", "List the robots of a service."),
+    "robots events add": (
+        ".robots.events:add",
+        "Note something done to a robot: its history shows it, charts mark it, and alarms name what came before them.",
+    ),
+    "robots events list": (".robots.events:show_list", "List what was done to a robot, oldest first."),
+    "robots events delete": (".robots.events:delete", "Delete events that were noted in error."),
     "robots delete": (".robots.stored:delete", "Delete robots that no session names."),
     "hand-eye export": (
         ".exports.hand_eye:export",

@@ -17,6 +17,7 @@ from app.records.tables.reports import PAPERS, REPORT_FORMS, REPORT_KINDS, Repor
 from app.records.tables.sessions import (
     Pose,
     Robot,
+    RobotEvent,
     Session,
     SessionTarget,
     Target,
@@ -46,6 +47,7 @@ __all__ = [
     "ReportForm",
     "Result",
     "Robot",
+    "RobotEvent",
     "Session",
     "SessionTarget",
     "Table",

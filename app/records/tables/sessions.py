@@ -1,4 +1,4 @@
-"""Tables of targets, robots, sessions and commanded poses."""
+"""Tables of targets, robots and their events, sessions and commanded poses."""
 
 from __future__ import annotations
 
@@ -74,6 +74,23 @@ class Robot(Table):
     datasheet_accuracy_mm: Mapped[float | None] = mapped_column(sa.Double())
     created_at: Mapped[datetime]
     made_by: Mapped[str | None] = made_by_column()
+
+
+class RobotEvent(Table):
+    """Something done to a robot, such as maintenance; `restarts_charts` where figures before and after it are not to be
+    compared. It goes with its robot."""
+
+    __tablename__ = "robot_events"
+    __table_args__ = (sa.Index("ix_robot_events_robot_id_id", "robot_id", "id"),)
+
+    id: Mapped[str] = mapped_column(sa.String(40), primary_key=True)
+    robot_id: Mapped[str] = mapped_column(sa.ForeignKey("robots.id", ondelete="CASCADE"))
+    at: Mapped[datetime]
+    note: Mapped[str] = mapped_column(sa.String(500))
+    restarts_charts: Mapped[bool]
+    created_at: Mapped[datetime]
+    made_by: Mapped[str | None] = made_by_column()
+    made_by_name: Mapped[str | None] = mapped_column(sa.String(200))
 
 
 class Session(Table):

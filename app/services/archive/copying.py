@@ -10,7 +10,7 @@ from sqlalchemy import orm
 
 from app.errors import ArchiveRefused
 from app.records.database import Database
-from app.records.tables import Qualification, Report, ReportForm, Robot, Session, Table, Target
+from app.records.tables import Qualification, Report, ReportForm, Robot, RobotEvent, Session, Table, Target
 from app.services.archive.rows import OF_SESSION
 
 Json = dict[str, Any]
@@ -21,6 +21,7 @@ _SHARED: dict[type[Table], frozenset[str]] = {
     Report: frozenset(),
     ReportForm: frozenset({"content"}),  # deflated; the hash of what it inflates to is compared
     Qualification: frozenset(),  # outlives its session, as reports do
+    RobotEvent: frozenset({"made_by"}),  # the robot's: every session of it brings them
 }
 """Tables whose rows may be there already, and the columns in which those may differ without another result."""
 

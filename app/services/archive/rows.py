@@ -22,6 +22,7 @@ from app.records.tables import (
     ReportForm,
     Result,
     Robot,
+    RobotEvent,
     Session,
     SessionTarget,
     Table,
@@ -35,7 +36,7 @@ MAX_LINE_BYTES = 64 * 1024 * 1024
 """Most bytes of one row: a result of 100,000 grid points has less."""
 OF_SESSION: tuple[type[Table], ...] = (
     *(Robot, Target, Session, SessionTarget, Pose, Measurement, Result, MeasuredPose, Report, ReportForm),
-    Qualification,
+    *(Qualification, RobotEvent),
 )
 """Tables of a session's rows, parents before children."""
 _OWN_FILES = {ReportForm.__tablename__: "content"}
@@ -79,8 +80,10 @@ def decode_row(table: sa.TableClause, line: bytes) -> Json:
 def _belongs(table: type[Table], session_id: str) -> sa.ColumnElement[bool]:
     """Return which rows of a table a session's archive holds; of its reports, those that are made."""
     made = sa.and_(Report.session_id == session_id, Report.status == "succeeded")
+    robot = sa.select(Session.robot_id).where(Session.id == session_id)
     of_session = {
-        Robot: Robot.id.in_(sa.select(Session.robot_id).where(Session.id == session_id)),
+        Robot: Robot.id.in_(robot),
+        RobotEvent: RobotEvent.robot_id.in_(robot),
         # Those that measurements name are there as well, though the session may look at others now.
         Target: sa.or_(
             Target.id.in_(sa.select(SessionTarget.target_id).where(SessionTarget.session_id == session_id)),

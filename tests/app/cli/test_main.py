@@ -55,6 +55,9 @@ def test_the_table_holds_every_command() -> None:
             *(
                 "robots compensate",
                 "robots export",
+                "robots events add",
+                "robots events delete",
+                "robots events list",
                 "robots plan dh",
                 "robots plan iso9283",
                 "robots change",

@@ -48,6 +48,7 @@ def tell(api: Api) -> None:
         },
     )
     _done(client.patch(f"/v1/robots/{robot_id}", json={"serial_number": "412", "datasheet_accuracy_mm": 0.6}))
+    _events(client, robot_id)
     target_id = _create(client, "/v1/targets", TARGET)
     known = {
         "certificate": {
@@ -96,6 +97,14 @@ def tell(api: Api) -> None:
     _removals(client, session_id)
     _keys(client, session_id)
     _done(*(client.get(path) for path in ("/v1/audit", "/livez", "/readyz", "/metrics")))
+
+
+def _events(client: Any, robot_id: str) -> None:
+    """Note what was done to a robot, and delete what was noted in error."""
+    path = f"/v1/robots/{robot_id}/events"
+    wrong = _create(client, path, {"at": "2026-01-15T09:30:00Z", "note": "Greased"})
+    _create(client, path, {"at": "2026-01-16T09:30:00Z", "note": "Belt of joint 5 replaced"})
+    _done(client.delete(f"{path}/{wrong}"), client.get(path))
 
 
 def refusals(api: Api) -> None:

@@ -32,8 +32,10 @@ OF_INSTALLATION = ("installation", "api_keys", "audit_entries", "removals")
 
 
 def store(api: Api) -> str:
-    """A session with a robot, images whose originals are there, commanded pose, reading, report and qualification."""
+    """A session with a robot, its event, images with originals, commanded pose, reading, report and qualification."""
     robot = api.client.post("/v1/robots", json=ROBOT).json()["id"]
+    event = {"at": "2026-01-02T03:04:05Z", "note": "Fett \u00e4"}
+    assert api.client.post(f"/v1/robots/{robot}/events", json=event).status_code == 201
     target = api.make_target(**board_fields(BOARD))
     session = api.make_session(target, name="Zelle 4 \u00e4", robot_id=robot)
     for number, shot in enumerate(shoot(poses=2, cycles=2), start=1):

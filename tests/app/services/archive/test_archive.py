@@ -78,6 +78,7 @@ def test_a_session_that_was_deleted_comes_back_with_its_reports(
         "reports": 1,
         "report_forms": 2,
         "qualifications": 1,
+        "robot_events": 1,
     }
     assert rows(other) == rows(source.installation)
 

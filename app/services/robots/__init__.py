@@ -1,0 +1,27 @@
+"""Robots: their nominal parameters, what was done to them, and what the reports of their sessions say over time."""
+
+from app.services.robots.events import NewEvent, add_event, delete_event, events_of, list_events
+from app.services.robots.nominal import (
+    create_robot,
+    delete_robot,
+    list_robots,
+    read_correction,
+    read_limits,
+    read_plan,
+    update_robot,
+)
+
+__all__ = [
+    "NewEvent",
+    "add_event",
+    "create_robot",
+    "delete_event",
+    "delete_robot",
+    "events_of",
+    "list_events",
+    "list_robots",
+    "read_correction",
+    "read_limits",
+    "read_plan",
+    "update_robot",
+]
