@@ -64,3 +64,16 @@ def compute_sheet(target: dict[str, Any], options: dict[str, Any]) -> bytes | An
             refused = refused or AnalysisRefused(error.code, error.detail, error.advice)
     assert refused is not None, "no paper was named"
     return refused
+
+
+def compute_test_plan(
+    target: Mapping[str, Any], asked: Mapping[str, Any], suffix: str
+) -> bytes | AnalysisRefused:
+    """Return the plan of a test by ISO 9283 as a file; run in a process alongside the head."""
+    from app.analyses.documents.iso9283 import PLAN_WRITERS, TestRequest, plan_test
+    from core import GridposeError, TargetSpec
+
+    try:
+        return PLAN_WRITERS[suffix](plan_test(TargetSpec(**target), TestRequest(**asked)))
+    except GridposeError as error:
+        return AnalysisRefused(error.code, error.detail, error.advice)

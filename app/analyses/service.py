@@ -119,7 +119,7 @@ class AnalysisService:
 
         `options` has also the `form` (`pdf`, `svg`) and the `name` that the sheet bears.
         """
-        return await self._worked_out(
+        return await self.worked_out(
             ("sheet", repr((dict(target), dict(options)))),
             requester,
             compute_sheet,
@@ -136,14 +136,14 @@ class AnalysisService:
     ) -> bytes:
         """Return what poses would make observable of a robot; raises as `answer` does."""
         asked = repr((robot, dict(target), dict(request)))
-        return await self._worked_out(
+        return await self.worked_out(
             ("plan", asked), requester, compute_plan, robot, dict(target), dict(request)
         )
 
-    async def _worked_out(
+    async def worked_out(
         self, question: Hashable, requester: str | None, function: Callable[..., Any], *arguments: Any
     ) -> bytes:
-        """Return what a function of no session returns; its refusal is Conflict."""
+        """Return what a function of no session returns; its refusal is Conflict. Raises as `answer` does, too."""
         outcome: bytes | AnalysisRefused = await self.run(question, requester, function, *arguments)
         if isinstance(outcome, AnalysisRefused):
             raise _conflict(outcome)

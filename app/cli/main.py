@@ -30,7 +30,7 @@ SERVICE_COMMANDS = {
     "robots history": "app.cli.robots.history:history",
     "robots export": "app.cli.robots.export:export_dh",
     "robots plan dh": "app.cli.robots.plan:plan_dh",
-    "robots plan iso9283": "app.cli.robots.iso9283:plan_test",
+    "robots plan iso9283": "app.cli.robots.iso9283:plan_iso9283",
     "targets print": "app.cli.targets.pdf:print_target",
     "targets check": "app.cli.targets.check:check_target",
 }

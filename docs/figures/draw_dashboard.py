@@ -71,10 +71,12 @@ def fill(client: ServiceClient) -> dict[str, str]:
         **{"start": "/ui/", "session": here, "image": f"/ui/measurements/{measured}"},
         **{
             name: f"{here}/{name}"
-            for name in ("repeatability", "camera", "robot", "comparison", "reports", "upload")
+            for name in ("repeatability", "camera", "robot", "comparison", "reports", "upload", "next-view")
         },
         **{"all-reports": "/ui/reports", "report": f"/ui/reports/{report}"},
         **{"new-session": "/ui/sessions/new", "robots": "/ui/robots", "robot-sheet": f"/ui/robots/{robot}"},
+        "plan-iso9283": f"/ui/plans/iso9283?target={target}&side_mm=100&focal_length_mm=8&limit_mm=0.1",
+        "plan-robot": f"/ui/robots/{robot}/plan?target={target}&home=0,-65,75,10,55,0",
         **{"targets": "/ui/targets", "target": f"/ui/targets/{target}", "design": "/ui/targets/new"},
         **{name: f"/ui/{name}" for name in ("keys", "audit", "system")},
     }

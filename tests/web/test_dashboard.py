@@ -251,13 +251,15 @@ def test_every_page_is_accessible_and_no_wider_than_the_screen(
         *(f"/ui/measurements/{cell.measurement_ids[0]}", f"/ui/measurements/{cell.refused_id}"),
         *(
             f"/ui/sessions/{cell.session_id}/{tail}"
-            for tail in ("repeatability", "camera", "upload", "reports")
+            for tail in ("repeatability", "camera", "upload", "reports", "next-view", "joint-noise")
         ),
         *(
             "/ui/reports",
             f"/ui/reports/{report}",
             "/ui/robots",
             f"/ui/robots/{cell.robot_id}",
+            f"/ui/robots/{cell.robot_id}/plan",
+            f"/ui/plans/iso9283?target={cell.target_id}",
             "/ui/targets",
             f"/ui/targets/{cell.target_id}",
         ),

@@ -2,35 +2,24 @@
 
 from __future__ import annotations
 
-import csv
-import io
-import json
 import math
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
-import numpy as np
 import typer
-from jaxtyping import Float
 from rich.table import Table
 
+from app.analyses.documents.iso9283 import PLAN_WRITERS, PlanRefused, TestRequest, plan_test, sentences
 from app.cli.console import OptionRefused, error_console, output_console, print_error
 from app.cli.options.access import ReadAccess
-from app.cli.robots.iso9283_runs import approach_poses, runs, sentences
 from app.cli.targets.options import TargetOptions, choose_target
 from app.client import ClientError, Json
 from core import GridposeError, Lens
-from core.geometry import Camera, invert, rotation_to_rpy, rpy_to_rotation, so3_exp, transform
-from core.metrology import CYCLES, TEST_PLANES, VISITS, TestCube, VerdictLimits
-from core.simulation import MAX_IMAGES_PER_STOP, Forecast, PlannedSession, forecast_repeatability
-
-_ADDITIONAL_TILT = math.radians(25.0)
-_ADDITIONAL = {"T1": (1.0, 0.0), "T2": (-1.0, 0.0), "T3": (0.0, 1.0), "T4": (0.0, -1.0)}
-"""Four views in addition to the cube's, tilted about the camera's x and y axes: they determine lens and print."""
-_FIELDS = ("pose_id", "position_mm", "roll_deg", "pitch_deg", "yaw_deg")
+from core.metrology import CYCLES, TEST_PLANES, VerdictLimits
+from core.simulation import MAX_IMAGES_PER_STOP
 
 
-def plan_test(
+def plan_iso9283(
     target: TargetOptions,
     service: ReadAccess,
     side_mm: Annotated[float, typer.Option(help="Edge of the test cube.")],
@@ -88,44 +77,38 @@ def plan_test(
     """
     try:
         for path in output or ():
-            if path.suffix not in _WRITERS:
+            if path.suffix not in PLAN_WRITERS:
                 raise OptionRefused(
                     f"{path.name} ends in no format that is written.", "Use .json, .csv or .pdf."
                 )
-        if not (0.0 < distance_mm < 1e6 and abs(tilt_deg) < 80.0):
-            raise OptionRefused("The distance must be larger than 0 mm, the tilt below 80°.")
-        cube = TestCube(_three("--centre-mm", centre_mm), side_mm, plane)
-        R_base_flange = rpy_to_rotation(np.radians(_three("--orientation-deg", orientation_deg)))
-        spec = choose_target(target, service).target
-        focal_px = Lens(focal_length_mm, pixel_pitch_um).focal_px
-        width, height = _size(image)
-        camera = Camera(focal_px, focal_px, 0.5 * (width - 1), 0.5 * (height - 1), 0.0, 0.0, 0.0, 0.0)
-        flange, additional = _flange_poses(cube, R_base_flange, distance_mm)
-        middle = spec.points_target().mean(axis=0)
-        stands = so3_exp(np.array([math.radians(tilt_deg), 0.0, 0.0]))
-        ahead = np.array([0.0, 0.0, distance_mm])
-        T_base_target = flange[0] @ transform(stands, ahead - stands @ middle)
-        planned = PlannedSession(
-            spec,
-            camera,
-            (width, height),
-            np.array([invert(T) @ T_base_target for T in flange]),
-            np.array([invert(T) @ T_base_target for T in additional]),
-            cycles,
-            corner_sigma_px,
-            images_per_stop,
+        asked = TestRequest(
+            centre_mm=_three("--centre-mm", centre_mm),
+            side_mm=side_mm,
+            focal_px=Lens(focal_length_mm, pixel_pitch_um).focal_px,
+            size_px=_size(image),
+            orientation_deg=_three("--orientation-deg", orientation_deg),
+            plane=plane,
+            distance_mm=distance_mm,
+            tilt_deg=tilt_deg,
+            cycles=cycles,
+            images_per_stop=images_per_stop,
+            corner_sigma_px=corner_sigma_px,
+            rp_mm=rp_mm,
+            limit_mm=limit_mm,
+            loads_kg=tuple(load_kg or ()),
+            speeds_percent=tuple(speed_percent or ()),
+            approaches=approaches,
+            approach_mm=approach_mm,
+            warm_up_min=warm_up_min,
         )
-        forecast = forecast_repeatability(planned, rp_mm, limit_mm=limit_mm)
-        plan = _document(cube, flange, additional, planned, forecast, rp_mm, limit_mm)
-        of_approach = approach_poses(plan["poses"], approaches, approach_mm)
-        conditions = runs(load_kg or (), speed_percent or ())
-        plan |= {"warm_up_min": warm_up_min, "runs": conditions, "approach_poses": of_approach}
-        of_cycles = cycles * images_per_stop * (len(flange) + len(of_approach))
-        plan["images"] = len(conditions) * (of_cycles + len(additional))
+        plan = plan_test(choose_target(target, service).target, asked)
         for path in output or ():
-            path.write_bytes(_WRITERS[path.suffix](plan))
+            path.write_bytes(PLAN_WRITERS[path.suffix](plan))
     except OptionRefused as refused:
         print_error(error_console(), str(refused), refused.advice)
+        return 2
+    except PlanRefused as refused:
+        print_error(error_console(), refused.detail, refused.advice)
         return 2
     except (GridposeError, ClientError) as error:
         print_error(error_console(), error.detail, error.advice)
@@ -152,93 +135,6 @@ def _size(text: str) -> tuple[int, int]:
     if not (width.isdecimal() and height.isdecimal() and min(int(width), int(height)) >= 16):
         raise OptionRefused(f"--image {text} is no size.", "Write WIDTHxHEIGHT, e.g. 2448x2050.")
     return int(width), int(height)
-
-
-def _flange_poses(
-    cube: TestCube, R_base_flange: Float[np.ndarray, "3 3"], distance_mm: float
-) -> tuple[Float[np.ndarray, "5 4 4"], Float[np.ndarray, "4 4 4"]]:
-    """Return T_base_flange of P1 to P5, and of the additional views, turned about the point before the camera at P1."""
-    poses = np.array([transform(R_base_flange, p) for p in cube.positions_mm])
-    ahead = np.array([0.0, 0.0, distance_mm])
-    additional = []
-    for about_x, about_y in _ADDITIONAL.values():
-        R = so3_exp(_ADDITIONAL_TILT * np.array([about_x, about_y, 0.0]))
-        additional.append(poses[0] @ transform(R, ahead - R @ ahead))
-    return poses, np.array(additional)
-
-
-def _document(
-    cube: TestCube,
-    flange: Float[np.ndarray, "5 4 4"],
-    additional: Float[np.ndarray, "4 4 4"],
-    planned: PlannedSession,
-    forecast: Forecast,
-    rp_mm: float,
-    limit_mm: float | None,
-) -> Json:
-    names = [f"P{k + 1}" for k in range(len(flange))]
-    return {
-        "standard": "ISO 9283:1998",
-        "cube": {
-            "centre_mm": list(cube.centre_mm),
-            "side_mm": cube.side_mm,
-            "plane": cube.plane,
-            "corners_mm": {f"C{k + 1}": corner for k, corner in enumerate(cube.corners_mm.tolist())},
-        },
-        "poses": [_pose(name, T) for name, T in zip(names, flange, strict=True)],
-        "additional_poses": [_pose(name, T) for name, T in zip(_ADDITIONAL, additional, strict=True)],
-        "cycles": planned.cycles,
-        "order_of_a_cycle": list(VISITS),
-        "images_per_stop": planned.images_per_stop,
-        "assumed": {
-            "rp_l_mm": rp_mm,
-            "corner_sigma_px": planned.corner_sigma_px,
-            "focal_px": planned.camera.fx_px,
-            "image_px": list(planned.size_px),
-        },
-        "forecast": [
-            {
-                "pose_id": name,
-                "in_view": one.in_view,
-                "noise_floor_mm": one.floor_mm if one.in_view else None,
-                "rp_l_mm": one.reading_mm if one.in_view else None,
-                "interval_mm": list(one.interval_mm) if one.in_view else None,
-                "verdicts": dict(one.verdicts),
-            }
-            for name, one in zip(names, forecast.poses, strict=True)
-        ],
-        "acceptance": None
-        if forecast.decisions is None
-        else {"datasheet_repeatability_mm": limit_mm, **forecast.decisions},
-    }
-
-
-def _pose(name: str, T: Float[np.ndarray, "4 4"]) -> dict[str, Any]:
-    angles = np.degrees(rotation_to_rpy(T[:3, :3])).round(6) + 0.0
-    return dict(zip(_FIELDS, (name, (T[:3, 3].round(6) + 0.0).tolist(), *angles.tolist()), strict=True))
-
-
-def _json(plan: Json) -> bytes:
-    return json.dumps(plan, indent=2, allow_nan=False).encode() + b"\n"
-
-
-def _csv(plan: Json) -> bytes:
-    file = io.StringIO(newline="")
-    table = csv.writer(file)
-    table.writerow(["pose_id", "x_mm", "y_mm", "z_mm", "roll_deg", "pitch_deg", "yaw_deg", "approach"])
-    for pose in (*plan["poses"], *plan["approach_poses"], *plan["additional_poses"]):
-        angles = (pose[name] for name in _FIELDS[2:])
-        table.writerow([pose["pose_id"], *pose["position_mm"], *angles, pose.get("approach", "")])
-    return file.getvalue().encode()
-
-
-def _pdf(plan: Json) -> bytes:
-    from app.reports.check_list import draw_check_list  # loads matplotlib
-
-    return draw_check_list(plan)
-
-
-_WRITERS = {".json": _json, ".csv": _csv, ".pdf": _pdf}
 
 
 def _show(plan: Json) -> None:

@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from app.cli.console import OptionRefused
-from app.client import Json
+from core.errors import InvalidArgument
 
+Json = dict[str, Any]
 APPROACHED = ("P1", "P2", "P4")
 """Poses that are approached from several directions (ISO 9283:1998, 7.2.3)."""
 DIRECTIONS = {
@@ -27,15 +27,19 @@ DIRECTIONS = {
 MAX_RUNS = 12
 
 
+class PlanRefused(InvalidArgument):
+    """What is asked for is no test that can be run."""
+
+
 def runs(loads_kg: Sequence[float], speeds_percent: Sequence[float]) -> list[Json]:
     """Return the runs of a test: every load at every speed; one run of neither where none is stated.
 
-    Raises OptionRefused for values that no robot has, and for more runs than a check list holds.
+    Raises PlanRefused for values that no robot has, and for more runs than a check list holds.
     """
     if not all(math.isfinite(load) and load >= 0.0 for load in loads_kg):
-        raise OptionRefused("A load is 0 kg or more.")
+        raise PlanRefused("A load is 0 kg or more.")
     if not all(0.0 < speed <= 100.0 for speed in speeds_percent):
-        raise OptionRefused("A speed is more than 0 and at most 100 per cent of the rated one.")
+        raise PlanRefused("A speed is more than 0 and at most 100 per cent of the rated one.")
     found = [
         {"run": number, "load_kg": load, "speed_percent": speed}
         for number, (load, speed) in enumerate(
@@ -43,19 +47,19 @@ def runs(loads_kg: Sequence[float], speeds_percent: Sequence[float]) -> list[Jso
         )
     ]
     if len(found) > MAX_RUNS:
-        raise OptionRefused(f"{len(found)} runs are planned, more than {MAX_RUNS}.", "Make several plans.")
+        raise PlanRefused(f"{len(found)} runs are planned, more than {MAX_RUNS}.", "Make several plans.")
     return found
 
 
 def approach_poses(poses: Sequence[Json], directions: int, distance_mm: float) -> list[Json]:
     """Return P1, P2 and P4 once for each direction of approach, as poses of their own, with where the last way begins.
 
-    Raises OptionRefused for a distance of 0 mm or less.
+    Raises PlanRefused for a distance of 0 mm or less.
     """
     if directions < 2:
         return []
     if not (math.isfinite(distance_mm) and distance_mm > 0.0):
-        raise OptionRefused("The approach must be longer than 0 mm.")
+        raise PlanRefused("The approach must be longer than 0 mm.")
     found = []
     for pose in poses:
         if pose["pose_id"] not in APPROACHED:
