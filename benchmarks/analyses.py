@@ -72,7 +72,7 @@ def _stored(board: tuple[int, int], poses: int, seed: int, repeats: int) -> Iter
             assert service.admin_key is not None
             with ServiceClient(service.url, service.admin_key) as client:
                 session_id, target_id = _new_session(client, board)
-            store(folder, session_id, target_id, _visits(board, poses, seed))
+            store(folder, session_id, target_id, stored_visits(board, poses, seed))
             headers = {"Authorization": f"Bearer {service.admin_key}"}
             with httpx2.Client(base_url=service.url, headers=headers, timeout=200.0) as client:
                 yield from _asked(client, session_id, case, repeats)
@@ -161,7 +161,7 @@ def _new_session(client: ServiceClient, board: tuple[int, int]) -> tuple[str, st
     return session_id, target_id
 
 
-def _visits(board: tuple[int, int], poses: int, seed: int) -> Iterator[Visit]:
+def stored_visits(board: tuple[int, int], poses: int, seed: int) -> Iterator[Visit]:
     """Yield what a detector reports of a robot whose positions scatter; its uncertainties scatter by 3 %, too."""
     rng = np.random.default_rng(seed)
     target = TargetSpec("chessboard", board[0], board[1], 10.0)

@@ -6,6 +6,7 @@ import re
 from typing import Any
 
 import pytest
+import sqlalchemy as sa
 
 from app.records.tables import Measurement
 from app.services.reports import NewReport, order_report
@@ -153,3 +154,28 @@ def test_reports_are_listed_newest_first_and_say_why_one_could_not_be_made(api: 
     assert "waits to be made" in verified, "what is not made cannot be verified, and its page says so"
     missing = api.client.get("/ui/reports/rep_none", headers=signed_in(api))
     assert missing.status_code == 404
+
+
+def test_a_page_reads_as_often_for_many_images_as_for_few(api: Any, grey_png: bytes) -> None:
+    """What a page costs the server does not grow with the images that it does not show."""
+    few, many = api.make_session(name="few"), api.make_session(name="many")
+    for session_id, count in ((few, 2), (many, 70)):
+        for k in range(count):
+            api.put_image(session_id, grey_png + f"{session_id} {k}".encode(), f"P{k % 7}", cycle=k + 1)
+    headers = signed_in(api)
+
+    def statements(address: str) -> int:
+        asked: list[str] = []
+
+        def note(*arguments: Any) -> None:
+            asked.append(arguments[2])
+
+        sa.event.listen(sa.Engine, "before_cursor_execute", note)
+        try:
+            assert api.client.get(address, headers=headers).status_code == 200
+        finally:
+            sa.event.remove(sa.Engine, "before_cursor_execute", note)
+        return len([one for one in asked if "measurements" in one])
+
+    statements(f"/ui/sessions/{few}")  # reads what is kept for the next ones
+    assert 0 < statements(f"/ui/sessions/{many}") <= statements(f"/ui/sessions/{few}") <= 10
