@@ -86,7 +86,7 @@ def find_or_make_session(
     """
     found = existing_session(client, session)
     if found is not None:
-        return found["id"], _target_of(client, found, target)
+        return found["id"], target_of_session(client, found, target)
     if target is None:
         raise ClientError(
             "session_not_found",
@@ -120,7 +120,7 @@ def _matching(client: ServiceClient, path: str, name: str) -> list[Json]:
     return matches
 
 
-def _target_of(client: ServiceClient, session: Json, target: str | None) -> str | None:
+def target_of_session(client: ServiceClient, session: Json, target: str | None) -> str | None:
     """Return the id of the session's target that is given by id or description; None where none is given."""
     if target is None:
         return None

@@ -10,6 +10,8 @@ from core.calibration.hand_eye import (
     calibrate_from_positions,
     calibrate_hand_eye,
     frame_rotations,
+    information_so_far,
+    station_information,
 )
 from core.calibration.lens_selection import LensChoice, LensEvidence, observed_radius_px, select_lens
 from core.calibration.multi_view import (
@@ -20,6 +22,7 @@ from core.calibration.multi_view import (
     ViewStack,
     calibrate_views,
     coordinates,
+    error_factors,
     estimate_group,
     evenly,
     in_target_frame,
@@ -124,6 +127,7 @@ __all__ = [
     "check_points",
     "check_print",
     "coordinates",
+    "error_factors",
     "estimate_group",
     "estimate_target_shape",
     "evenly",
@@ -133,6 +137,7 @@ __all__ = [
     "grade",
     "image_centre",
     "in_target_frame",
+    "information_so_far",
     "linearise",
     "marginalise_shape",
     "moved",
@@ -146,6 +151,7 @@ __all__ = [
     "retract",
     "select_lens",
     "stack_views",
+    "station_information",
     "summarise_fit",
     "symmetry_rotations",
     "transformed",

@@ -67,7 +67,15 @@ from core.kinematics.joint_noise import (
     log_likelihood,
     scatter_covariance,
 )
-from core.kinematics.planning import CameraSetup, Prediction, default_setup, predict, suggest_poses
+from core.kinematics.planning import (
+    ArmInformation,
+    CameraSetup,
+    Prediction,
+    default_setup,
+    pose_information,
+    predict,
+    suggest_poses,
+)
 from core.kinematics.pose_observations import PoseData, stack_joint_angles
 from core.kinematics.results import JointEstimate
 from core.kinematics.sweeps import Sweep, find_sweeps, named_sweeps
@@ -79,6 +87,7 @@ __all__ = [
     "JOINT_PARAMETERS",
     "MAX_CONFIRMING_RATIO",
     "STRONG_EVIDENCE",
+    "ArmInformation",
     "ArmState",
     "AxesIdentification",
     "BlockErrors",
@@ -135,6 +144,7 @@ __all__ = [
     "link_transform",
     "log_likelihood",
     "named_sweeps",
+    "pose_information",
     "pose_with_jacobian",
     "predict",
     "propose_coupling",

@@ -52,7 +52,14 @@ if TYPE_CHECKING:
         group_views,
         natural,
     )
-    from core.session.next_view import NextViews, suggest_views
+    from core.session.next_view import (
+        NextRobotViews,
+        NextViews,
+        common_fit,
+        suggest_dh_views,
+        suggest_hand_eye_views,
+        suggest_views,
+    )
     from core.session.qualification import qualify_session
     from core.session.repeatability import (
         DRIFT_BLOCK,
@@ -139,7 +146,14 @@ _NAMES = {
         "group_views",
         "natural",
     ),
-    "next_view": ("NextViews", "suggest_views"),
+    "next_view": (
+        "NextRobotViews",
+        "NextViews",
+        "common_fit",
+        "suggest_dh_views",
+        "suggest_hand_eye_views",
+        "suggest_views",
+    ),
     "qualification": ("qualify_session",),
     "repeatability": (
         "DRIFT_BLOCK",
@@ -204,6 +218,7 @@ __all__ = [
     "MeasuredPose",
     "MethodDifference",
     "NamedSweep",
+    "NextRobotViews",
     "NextViews",
     "PoseDistance",
     "PoseRow",
@@ -229,6 +244,7 @@ __all__ = [
     "assess_repeatability",
     "calibrate_session",
     "calibrate_session_hand_eye",
+    "common_fit",
     "drift_of",
     "estimate_session",
     "group_views",
@@ -245,6 +261,8 @@ __all__ = [
     "semidefinite",
     "session_budgets",
     "session_correction",
+    "suggest_dh_views",
+    "suggest_hand_eye_views",
     "suggest_views",
     "target_transforms",
     "with_nominal_orientations",

@@ -195,7 +195,7 @@ async def create_qualification(
     responses=problem_responses(404, 409, 413, 415, 422, 503),
 )
 async def create_next_view(session_id: SessionPath, body: NextViewCreate, request: Request) -> Response:
-    """Suggest the views that would make the session's camera most certain, the most informative first.
+    """Suggest the views that would make camera, hand-eye calibration or robot most certain, most informative first.
 
     Nothing is stored. Ask again after each image: what it showed counts then.
     """

@@ -153,7 +153,7 @@ CLIENT = {
     ),
     "sessions next-view": (
         ".sessions.next_view:next_view",
-        "Suggest the views that would make a session's camera most certain.",
+        "Suggest the views that would make a session's camera, hand-eye calibration or robot most certain.",
     ),
     "sessions change": (
         ".sessions.changes:change",

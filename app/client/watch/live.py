@@ -1,9 +1,13 @@
-"""One line on one image: whether the target was found, how sharp and tilted it is, and what to change."""
+"""One line on one image: whether the target was found, how sharp and tilted it is, and what to change; and one on the
+next view.
+"""
 
 from __future__ import annotations
 
-from ..http import Json
+from ..http import ClientError, Json
 from ..summary import is_measured
+from .delivery import SessionRun
+from .gate import concerns_all
 
 
 def describe_result(name: str, measurement: Json) -> str:
@@ -46,6 +50,43 @@ BURST_ADVICE = (
 def wants_bursts(measurement: Json) -> bool:
     """Return whether an image is of a second cycle without a burst: the session's stops have one image each."""
     return measurement["burst"] is None and (measurement["cycle"] or 0) > 1
+
+
+class NextViewLine:
+    """Asks the service for the most informative next view and prints it, once where it has not changed.
+
+    Parameters
+    ----------
+    run
+        The session that is watched.
+    purpose
+        What is to become certain, as `POST .../next-view` takes it.
+    """
+
+    def __init__(self, run: SessionRun, purpose: str) -> None:
+        self._run, self._purpose = run, purpose
+        self._said = ""
+
+    def ask(self) -> None:
+        """Ask once. A session that cannot be planned from yet gives the service's advice; an outage waits for the next
+        image.
+        """
+        report = self._run.report
+        try:
+            found = self._run.client.create(
+                f"/v1/sessions/{self._run.session_id}/next-view", {"purpose": self._purpose, "count": 1}
+            )
+        except ClientError as error:
+            if concerns_all(error):
+                report.trouble("next view", "", f"the next view cannot be asked for: {error}")
+                return
+            line = error.advice or str(error)
+        else:
+            line = found["suggestions"][0]["instruction"]
+        report.over("next view", "")
+        if line != self._said:
+            self._said = line
+            report.say(f"next: {line}")
 
 
 def _advice(measurement: Json) -> str:

@@ -17,7 +17,7 @@ from ..summary import is_measured
 from .delivery import SessionRun
 from .gate import Gate, concerns_all
 from .journal import Entry, State
-from .live import BURST_ADVICE, describe_result, wants_bursts
+from .live import BURST_ADVICE, NextViewLine, describe_result, wants_bursts
 from .scan import signature_of
 
 _ROUND = 50
@@ -33,6 +33,8 @@ class Results:
         self._run = run
         self._on_failed = on_failed
         self._said_bursts = False
+        purpose = run.settings.next_view
+        self._next_view = None if purpose is None else NextViewLine(run, purpose)
 
     def pending(self) -> int:
         """Return how many stored images have no result, or one that was not acted on."""
@@ -40,7 +42,7 @@ class Results:
 
     def follow(self, gate: Gate, stop: threading.Event) -> None:
         """Ask for results, the oldest first, and act on them. Raises JournalUnusable."""
-        unfinished = 0
+        unfinished, measured = 0, False
         for entry in self._run.journal.in_state(self._run.session_id, "stored")[:_ROUND]:
             if unfinished >= _UNFINISHED_IN_A_ROUND or not gate.enter(stop):
                 break
@@ -70,12 +72,16 @@ class Results:
             if measurement["status"] not in ("succeeded", "failed"):
                 unfinished += 1
                 continue
-            self._take(entry, measurement)
+            measured |= self._take(entry, measurement)
+        if measured and self._next_view is not None:
+            self._next_view.ask()
         for entry in self._run.journal.in_state(self._run.session_id, "measured", "failed"):
             self._settle(entry)
 
-    def _take(self, entry: Entry, measurement: Json) -> None:
-        """Print a result and hand it to the user's command, then enter it in the journal: at least once."""
+    def _take(self, entry: Entry, measurement: Json) -> bool:
+        """Print a result and hand it to the user's command, then enter it in the journal: at least once. Return whether
+        the image was measured.
+        """
         good = is_measured(measurement)
         if self._run.settings.live:
             self._run.report.say(describe_result(entry.name, measurement))
@@ -89,6 +95,7 @@ class Results:
             self._on_failed()
         failure = measurement["failure"] or {}
         self._finish(entry, "measured" if good else "failed", None if good else failure.get("code"))
+        return good
 
     def _run_command(self, command: str, entry: Entry, measurement: Json) -> None:
         path = self._run.settings.folder / entry.name

@@ -41,6 +41,8 @@ class WatchSettings:
         and not measured is moved to `not-measured` there, and never deleted.
     live
         Whether each result is printed in one line.
+    next_view
+        What the next view is to make certain that is printed after each round of results; None for none.
     on_result
         A command that gets each result as JSON on its standard input; it is run without a shell.
     once
@@ -65,6 +67,7 @@ class WatchSettings:
     after: Literal["keep", "move", "delete"] = "keep"
     moved_to: Path | None = None
     live: bool = False
+    next_view: str | None = None
     on_result: str | None = None
     parallel: int = 2
     poll_s: float = 1.0
@@ -76,4 +79,4 @@ class WatchSettings:
     @property
     def needs_results(self) -> bool:
         """Whether results of images are read, which needs a key of scope read in addition to ingest."""
-        return self.live or self.on_result is not None or self.after != "keep"
+        return self.live or self.next_view is not None or self.on_result is not None or self.after != "keep"

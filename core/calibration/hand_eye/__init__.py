@@ -6,6 +6,7 @@ for comparison with the commanded ones.
 """
 
 from core.calibration.hand_eye.calibration import MIN_POSES_TO_REJECT, calibrate_hand_eye
+from core.calibration.hand_eye.further_stations import information_so_far, station_information
 from core.calibration.hand_eye.initialisation import frame_rotations
 from core.calibration.hand_eye.position_only import PositionOnlyCalibration, calibrate_from_positions
 from core.calibration.hand_eye.result import (
@@ -35,4 +36,6 @@ __all__ = [
     "calibrate_from_positions",
     "calibrate_hand_eye",
     "frame_rotations",
+    "information_so_far",
+    "station_information",
 ]

@@ -9,6 +9,7 @@ from core.calibration.multi_view.board_symmetry import (
 )
 from core.calibration.multi_view.bundle_adjustment import BundleAdjustment, bundle_adjust
 from core.calibration.multi_view.correlated_residuals import VarianceInflation
+from core.calibration.multi_view.covariance import error_factors
 from core.calibration.multi_view.estimators import estimate_group
 from core.calibration.multi_view.fitting import calibrate_views
 from core.calibration.multi_view.group_estimate import CommonFit, GroupEstimate
@@ -35,6 +36,7 @@ __all__ = [
     "bundle_adjust",
     "calibrate_views",
     "coordinates",
+    "error_factors",
     "estimate_group",
     "evenly",
     "in_target_frame",

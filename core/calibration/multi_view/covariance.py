@@ -93,7 +93,7 @@ def multi_view_covariance(fitted: Fitted) -> MultiViewCovariance:
     if camera is not None:
         camera = growth.camera * camera
         D = -parts.by_camera[:, -6:]
-        common[:, :, :free] = J @ (D @ _root(camera[:free, :free]))
+        common[:, :, :free] = J @ (D @ error_factors(camera[:free, :free]))
     common[:, :3, free] = _print_scale(views)[:, None] * positions
     camera_covariance, focal_uncertainty = np.zeros((size, size)), None
     if own is not None:
@@ -156,8 +156,10 @@ def _own_priors(fitted: Fitted, placements: Placements) -> Float[np.ndarray, "k 
     return None
 
 
-def _root(covariance: Float[np.ndarray, "p p"]) -> Float[np.ndarray, "p p"]:
-    """Return B with B Bᵀ = Σ, by eigenvectors of the correlations."""
+def error_factors(covariance: Float[np.ndarray, "p p"]) -> Float[np.ndarray, "p p"]:
+    """Return B with B Bᵀ = Σ, by eigenvectors of the correlations: what one standard uncertainty of each of p
+    independent errors does to the parameters.
+    """
     unit = np.sqrt(np.maximum(np.diag(covariance), 1e-300))
     values, vectors = np.linalg.eigh(covariance / np.outer(unit, unit))
     return np.asarray(unit[:, None] * vectors * np.sqrt(np.maximum(values, 0.0)))

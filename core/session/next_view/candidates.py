@@ -13,17 +13,24 @@ from core.targets import TargetSpec
 MAX_TILT = math.radians(50.0)
 FILL = (0.35, 0.95)
 """Of the shorter side: how much of it the target's longer side takes."""
+UPRIGHT = (0.0, math.radians(20.0))
 _SEED = 11
 _DRAWS_PER_VIEW = 40
 
 
 def candidate_views(
-    spec: TargetSpec, camera: AnyCamera, size_px: tuple[int, int], count: int, seed: int = _SEED
+    spec: TargetSpec,
+    camera: AnyCamera,
+    size_px: tuple[int, int],
+    count: int,
+    seed: int = _SEED,
+    *,
+    turns: tuple[float, float] = UPRIGHT,
 ) -> Float[np.ndarray, "n 4 4"]:
     """Return up to `count` poses T_camera_target (mm) that show the whole target with a pitch around it.
 
-    Tilts go to `MAX_TILT` about any axis in the image, more of them steep than not; turns about the optical axis are
-    those of a hand or a robot that keeps the image upright, within 20°.
+    Tilts go to `MAX_TILT` about any axis in the image, more of them steep than not. `turns` about the optical axis are
+    their middle and half their range, rad: those of a hand that keeps the image upright unless stated.
     """
     rng = np.random.default_rng(seed)
     points = spec.points_target()
@@ -36,7 +43,7 @@ def candidate_views(
         if len(found) == count:
             break
         side, lean = rng.uniform(0.0, 2.0 * math.pi), MAX_TILT * math.sqrt(rng.uniform())
-        turn = rng.uniform(-1.0, 1.0) * math.radians(20.0)
+        turn = turns[0] + rng.uniform(-1.0, 1.0) * turns[1]
         R = so3_exp(lean * np.array([math.cos(side), math.sin(side), 0.0])) @ so3_exp(
             np.array([0.0, 0.0, turn])
         )

@@ -7,11 +7,19 @@ With l a step of the camera, δ one of a view's pose, and the view's normal equa
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float
 
-from core.calibration import Placements, ViewStack, coordinates, linearise, stack_views
+from core.calibration import (
+    Placements,
+    ViewStack,
+    in_target_frame,
+    linearise,
+    stack_views,
+    transformed,
+)
 from core.geometry import (
     AnyCamera,
     camera_from_array,
@@ -25,17 +33,39 @@ _ACROSS = 9
 _STEP = 1e-5
 
 
+@dataclass(frozen=True, slots=True)
+class ViewInformation:
+    """What n views say of their camera, c free parameters, and of where it stands.
+
+    `camera` is Λ. `own` is the covariance of the camera's pose in the target frame (mm, rad) at a known camera, and
+    `by_camera` how that pose moves with the camera's parameters.
+    """
+
+    camera: Float[np.ndarray, "n c c"]
+    own: Float[np.ndarray, "n 6 6"]
+    by_camera: Float[np.ndarray, "n 6 c"]
+
+
+def view_information(views: ViewStack, placements: Placements) -> ViewInformation:
+    """Return what views say, for points of the noise that they state."""
+    used = np.ones(len(views.column), dtype=np.bool_)
+    N = linearise(views, placements, used).normal
+    c = N.shape[1] - 6
+    A, B, P = N[:, :c, :c], N[:, :c, c : c + 6], N[:, c : c + 6, c : c + 6]
+    moved = np.linalg.solve(P, B.transpose(0, 2, 1))
+    J = in_target_frame(placements.rotations, placements.translations_mm)
+    return ViewInformation(
+        A - B @ moved,
+        transformed(J, np.linalg.inv(P)),
+        -J @ moved,
+    )
+
+
 def camera_information(views: ViewStack, placements: Placements) -> Float[np.ndarray, "k c c"]:
     """Return Λ of every view, by the free parameters of the camera (its model's `LENS_PARAMETERS`), for points of the
     noise that they state.
     """
-    used = np.ones(len(views.column), dtype=np.bool_)
-    N = linearise(views, placements, used).normal
-    to_parameters = np.linalg.inv(coordinates(placements.parameters[0]))
-    c = len(to_parameters)
-    A, B, P = N[:, :c, :c], N[:, :c, c : c + 6], N[:, c : c + 6, c : c + 6]
-    left = A - B @ np.linalg.solve(P, B.transpose(0, 2, 1))
-    return np.asarray(to_parameters.T @ left @ to_parameters)
+    return view_information(views, placements).camera
 
 
 def simulated_views(

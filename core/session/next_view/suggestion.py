@@ -1,8 +1,7 @@
 """The next views that would make a camera most certain, as AprilCal chooses them, after the images taken so far.
 
-Of many candidates the one is taken, again and again, that leaves the smallest mean variance of pixels over the image,
-tr(G (M + Λ)⁻¹), with M the information so far, Λ the candidate's, and G the mean square of the pixels' derivatives by
-the camera's parameters.
+Of many candidates the one is taken, again and again, that leaves the smallest mean variance of pixels over the image:
+`greedy` with G the mean square of the pixels' derivatives by the camera's parameters.
 
 References: A. Richardson, J. Strom, E. Olson, "AprilCal: assisted and repeatable camera calibration", IROS 2013,
 10.1109/IROS.2013.6696595.
@@ -27,6 +26,7 @@ from core.session.next_view.information import (
     projection_jacobian,
     simulated_views,
 )
+from core.session.next_view.selection import greedy
 from core.targets import TargetSpec
 
 CANDIDATES = 300
@@ -55,8 +55,6 @@ def suggest_views(
 
     Raises InvalidArgument for no views, and where no candidate shows the whole target.
     """
-    if count < 1:
-        raise InvalidArgument("Ask for one view or more.")
     camera = camera_from_array(fit.placements.parameters[0])
     size = fit.views.image_width_px, fit.views.image_height_px
     candidates = candidate_views(spec, camera, size, CANDIDATES)
@@ -76,27 +74,6 @@ def suggest_views(
         np.array([math.sqrt(float(np.sum(G * C))) for C in left]),
         np.array(focal),
     )
-
-
-def greedy(
-    M: Float[np.ndarray, "c c"],
-    information: Float[np.ndarray, "n c c"],
-    G: Float[np.ndarray, "c c"],
-    count: int,
-) -> tuple[list[int], list[Float[np.ndarray, "c c"]]]:
-    """Return the candidates to take in their order, and the covariance before and after each; one may be repeated."""
-    chosen: list[int] = []
-    left = [covariance_of(M)]
-    for _ in range(count):
-        # mm, px and pure numbers: the inverse is of a scaled matrix.
-        unit = 1.0 / np.sqrt(np.diag(M))
-        scaled = (M + information) * np.outer(unit, unit)
-        after = np.linalg.inv(scaled) * np.outer(unit, unit)
-        best = int(np.argmin(np.einsum("ncd,cd->n", after, G)))
-        chosen.append(best)
-        M = M + information[best]
-        left.append(after[best])
-    return chosen, left
 
 
 def _weights(camera: AnyCamera, size_px: tuple[int, int], free: int) -> Float[np.ndarray, "c c"]:

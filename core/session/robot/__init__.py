@@ -9,6 +9,7 @@ from core.session.robot.robot_poses import (
     gather_robot_poses,
     poses_of_readings,
     semidefinite,
+    shared_error_columns,
     shared_errors,
     with_nominal_orientations,
 )
@@ -25,6 +26,7 @@ __all__ = [
     "poses_of_readings",
     "semidefinite",
     "session_correction",
+    "shared_error_columns",
     "shared_errors",
     "with_nominal_orientations",
 ]

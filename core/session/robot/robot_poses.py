@@ -224,6 +224,14 @@ def _joint_angles(data: SessionData, poses: Sequence[MeasuredPose]) -> Float[np.
 
 def shared_errors(poses: Sequence[MeasuredPose]) -> Float[np.ndarray, "n 6 k"] | None:
     """Return the factors of common errors: one lens for each focus group, one scale for each target's print."""
+    common = shared_error_columns(poses)[0]
+    return common if common.shape[2] else None
+
+
+def shared_error_columns(
+    poses: Sequence[MeasuredPose],
+) -> tuple[Float[np.ndarray, "n 6 k"], tuple[str | None, ...]]:
+    """Return what `shared_errors` does, and of each column the focus group whose lens it is, None for a print's."""
     names = [pose.image.focus_group if pose.image else "" for pose in poses]
     groups, targets = sorted(set(names)), sorted({pose.frame for pose in poses})
     # Of each group's lens as many as its model has free parameters; the print's scale is the last column.
@@ -235,8 +243,9 @@ def shared_errors(poses: Sequence[MeasuredPose]) -> Float[np.ndarray, "n 6 k"] |
             first = factors * groups.index(name)
             common[i, :, first : first + of_lens.shape[1]] = of_lens
             common[i, :, factors * len(groups) + targets.index(pose.frame)] = pose.common[:, -1]
-    known = np.any(common != 0.0, axis=(0, 1))
-    return np.ascontiguousarray(common[:, :, known]) if known.any() else None
+    owners = [*np.repeat(groups, factors).tolist(), *[None] * len(targets)]
+    known = np.flatnonzero(np.any(common != 0.0, axis=(0, 1)))
+    return np.ascontiguousarray(common[:, :, known]), tuple(owners[k] for k in known)
 
 
 def _excluded(pose_ids: Sequence[str], code: str, what: str = "have no joint angles") -> list[Advisory]:

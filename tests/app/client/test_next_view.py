@@ -1,21 +1,43 @@
-"""`gridpose sessions next-view` prints each view as a camera's user sees it."""
+"""`gridpose sessions next-view` prints each view in a line, with what it gains."""
 
 from __future__ import annotations
+
+from typing import Any
 
 import pytest
 
 from app.client.commands.sessions.next_view import print_views
 
 
-def test_a_view_a_line(capsys: pytest.CaptureFixture[str]) -> None:
+def uncertainty(**known: float) -> dict[str, Any]:
+    names = ("projection_rms_px", "focal_relative_uncertainty", "length_rms_mm", "angle_rms_deg")
+    return {name: known.get(name) for name in names}
+
+
+def printed(capsys: pytest.CaptureFixture[str], *views: dict[str, Any]) -> str:
+    print_views({"suggestions": list(views)})
+    return " ".join(capsys.readouterr().out.split())
+
+
+def test_a_view_of_a_camera_a_line(capsys: pytest.CaptureFixture[str]) -> None:
     view = {
-        "view_distance_mm": 412.3,
-        "view_tilt_deg": 43.2,
-        "target_middle_px": [640.2, 380.0],
-        "expected_uncertainty_now": {"projection_rms_px": 1.5},
-        "expected_uncertainty_after": {"projection_rms_px": 1.02},
+        "instruction": "tilt 43° about x (upper edge away), target in the middle, 412 mm away",
+        "joint_angles_deg": None,
+        "expected_uncertainty_now": uncertainty(projection_rms_px=1.5, focal_relative_uncertainty=0.01),
+        "expected_uncertainty_after": uncertainty(projection_rms_px=1.02, focal_relative_uncertainty=0.01),
     }
-    print_views({"suggestions": [view, view]})
-    text = " ".join(capsys.readouterr().out.split())
-    assert "1. 412 mm away, tilted 43°, the target's middle at (640, 380) px: 1.50 -> 1.02 px" in text
-    assert "2. 412 mm away" in text
+    text = printed(capsys, view, view)
+    assert "1. tilt 43° about x (upper edge away), target in the middle, 412 mm away: 1.50 -> 1.02 px" in text
+    assert "2. tilt 43°" in text
+    assert "joints" not in text
+
+
+def test_a_view_of_a_robot_has_its_joint_angles(capsys: pytest.CaptureFixture[str]) -> None:
+    view = {
+        "instruction": "face the target squarely",
+        "joint_angles_deg": [1.0, -20.126],
+        "expected_uncertainty_now": uncertainty(length_rms_mm=0.5, angle_rms_deg=0.02),
+        "expected_uncertainty_after": uncertainty(length_rms_mm=0.4, angle_rms_deg=0.01),
+    }
+    text = printed(capsys, view)
+    assert "1. face the target squarely: 0.500 -> 0.400 mm, 0.0200 -> 0.0100 ° joints 1.00, -20.13 °" in text

@@ -31,6 +31,7 @@ from ...watch import (
 )
 from ..access import UploadAccess
 from ..console import error_console, print_error
+from ..sessions.next_view import Purpose
 from .intention import FirstCycle
 
 
@@ -94,8 +95,7 @@ class ResultOptions:
     move_to: Annotated[
         Path | None,
         typer.Option(
-            help="Move files here once measured; those not measured below it, to not-measured.",
-            file_okay=False,
+            help="Move files here once measured; the others to not-measured below it.", file_okay=False
         ),
     ] = None
     delete_measured: Annotated[
@@ -104,14 +104,16 @@ class ResultOptions:
     live: Annotated[
         bool, typer.Option("--live", help="Print each result in one line, with what to change.")
     ] = False
-    bell: Annotated[
-        bool, typer.Option("--bell", help="Ring the terminal's bell for an image without result.")
-    ] = False
+    bell: Annotated[bool, typer.Option("--bell", help="Ring the bell for an image without result.")] = False
+    next_view: Annotated[
+        Purpose | None,
+        typer.Option(
+            help="After results print where the next image helps most; each answer is a computation."
+        ),
+    ] = None
     on_result: Annotated[
         str | None,
-        typer.Option(
-            help="Command that gets each result as JSON on its standard input; run without a shell."
-        ),
+        typer.Option(help="Command that gets each result as JSON on standard input; run without a shell."),
     ] = None
 
 
@@ -225,6 +227,7 @@ def _settings(
         after=after,  # type: ignore[arg-type]
         moved_to=results.move_to,
         live=results.live or results.bell,
+        next_view=None if results.next_view is None else results.next_view.value,
         on_result=results.on_result,
         once=run.once,
         parallel=run.parallel,

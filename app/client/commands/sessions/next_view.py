@@ -2,31 +2,56 @@
 
 from __future__ import annotations
 
+import enum
 import json
 from typing import Annotated
 
 import typer
 
 from ... import Json, ServiceClient, find_session
+from ...resources import target_of_session
 from ..access import UploadAccess
 from ..console import output_console
+
+_SHOWN = (("projection_rms_px", 2, "px"), ("length_rms_mm", 3, "mm"), ("angle_rms_deg", 4, "°"))
+
+
+class Purpose(enum.StrEnum):
+    """What further views are to determine."""
+
+    INTRINSICS = "intrinsics"
+    HAND_EYE = "hand_eye"
+    DH = "dh"
 
 
 def next_view(
     session: Annotated[str, typer.Argument(help="Id or name of the session.")],
     service: UploadAccess,
+    purpose: Annotated[
+        Purpose,
+        typer.Option(
+            "--for", help="What is to become certain: the camera, its mount on the flange, or the robot."
+        ),
+    ] = Purpose.INTRINSICS,
+    target: Annotated[
+        str | None,
+        typer.Option(help="The target to look at, by id or name; the session's first unless stated."),
+    ] = None,
     count: Annotated[int, typer.Option(min=1, max=50, help="Views to suggest.")] = 3,
     as_json: Annotated[bool, typer.Option("--json", help="Print the service's answer unchanged.")] = False,
 ) -> int:
-    """Suggest the views that would make a session's camera most certain."""
+    """Suggest the views that would make a session's camera, hand-eye calibration or robot most certain."""
 
     def act(client: ServiceClient) -> None:
-        address = f"/v1/sessions/{find_session(client, session)['id']}/next-view"
-        found = client.create(address, {"purpose": "intrinsics", "count": count})
+        found = find_session(client, session)
+        asked: Json = {"purpose": purpose.value, "count": count}
+        if target is not None:
+            asked["target_id"] = target_of_session(client, found, target)
+        answer = client.create(f"/v1/sessions/{found['id']}/next-view", asked)
         if as_json:
-            print(json.dumps(found, indent=2, allow_nan=False))
+            print(json.dumps(answer, indent=2, allow_nan=False))
         else:
-            print_views(found)
+            print_views(answer)
 
     return service.run(act)
 
@@ -36,8 +61,11 @@ def print_views(found: Json) -> None:
     console = output_console()
     for number, view in enumerate(found["suggestions"], 1):
         now, after = view["expected_uncertainty_now"], view["expected_uncertainty_after"]
-        u, v = view["target_middle_px"]
-        console.print(
-            f"{number}. {view['view_distance_mm']:.0f} mm away, tilted {view['view_tilt_deg']:.0f}°, the target's "
-            f"middle at ({u:.0f}, {v:.0f}) px: {now['projection_rms_px']:.2f} -> {after['projection_rms_px']:.2f} px"
-        )
+        gains = [
+            f"{now[name]:.{digits}f} -> {after[name]:.{digits}f} {unit}"
+            for name, digits, unit in _SHOWN
+            if now[name] is not None
+        ]
+        console.print(f"{number}. {view['instruction']}: {', '.join(gains)}")
+        if view["joint_angles_deg"] is not None:
+            console.print(f"   joints {', '.join(f'{angle:.2f}' for angle in view['joint_angles_deg'])} °")

@@ -6,9 +6,17 @@ import dataclasses
 from typing import Any
 
 import numpy as np
+import pytest
 
 from app.api.schemas.analyses import NextViewAnalysis
+from tests.support.sessions.robot_session import RobotSession, store_robot_session
 from tests.support.sessions.stored_sessions import Store, body, new_session, problem, shoot
+
+
+@pytest.fixture(scope="module")
+def robot(api: Any) -> RobotSession:
+    """A KR5 before one board, with commanded joint angles."""
+    return store_robot_session(api)
 
 
 def ask(api: Any, session: str, **fields: Any) -> Any:
@@ -33,6 +41,11 @@ def test_each_suggested_view_makes_the_camera_more_certain(api: Any, store: Stor
         assert view["view_distance_mm"] > 0.0
         assert 0.0 <= view["view_tilt_deg"] <= 51.0
         assert view["joint_angles_deg"] is None
+        assert view["T_base_flange"] is None
+        assert now["length_rms_mm"] is None
+        assert view["instruction"].endswith(f"{view['view_distance_mm']:.0f} mm away") or (
+            "mm away (" in view["instruction"]
+        )
         before = after
 
 
@@ -40,7 +53,7 @@ def test_what_cannot_be_planned_is_refused(api: Any, store: Store) -> None:
     session = new_session(api)
     problem(ask(api, session), 409, "too_few_measurements")
     problem(ask(api, session, count=0), 422, "invalid_request")
-    problem(ask(api, session, purpose="dh"), 422, "invalid_request")
+    problem(ask(api, session, purpose="tool"), 422, "invalid_request")
     shots = shoot(poses=4, cycles=1)
     far = [dataclasses.replace(s, cycle=2, fields={"focus_group": "far"}) for s in shots]
     store(api, session, [*shots, *far])
@@ -48,3 +61,26 @@ def test_what_cannot_be_planned_is_refused(api: Any, store: Store) -> None:
     problem(ask(api, session, focus_group="near"), 404, "focus_group_not_found")
     problem(ask(api, session, focus_group="far", target_id="tgt_other"), 409, "target_not_in_session")
     assert ask(api, session, focus_group="far", count=1).status_code == 200
+
+
+@pytest.mark.parametrize("purpose", ["hand_eye", "dh"])
+def test_views_for_a_robot_have_joint_angles_and_make_it_more_certain(
+    robot: RobotSession, purpose: str
+) -> None:
+    found = body(ask(robot.api, robot.id, purpose=purpose, count=2))
+    NextViewAnalysis.model_validate(found, extra="forbid")
+    assert found["purpose"] == purpose
+    for view in found["suggestions"]:
+        now, after = view["expected_uncertainty_now"], view["expected_uncertainty_after"]
+        assert now["projection_rms_px"] is None
+        assert 0.0 < after["length_rms_mm"] <= now["length_rms_mm"]
+        assert 0.0 < after["angle_rms_deg"] <= now["angle_rms_deg"]
+        assert len(view["joint_angles_deg"]) == 6
+        assert np.array(view["T_base_flange"]).shape == (4, 4)
+
+
+def test_what_a_purpose_needs_is_named(api: Any, store: Store) -> None:
+    session = new_session(api)
+    store(api, session, shoot(poses=4, cycles=1))
+    problem(ask(api, session, purpose="hand_eye"), 409, "commanded_poses_missing")
+    problem(ask(api, session, purpose="dh"), 409, "joint_angles_missing")

@@ -210,6 +210,24 @@ def test_results_are_printed_handed_over_and_moved(computing: Api, tmp_path: Pat
             assert client.get(f"/v1/sessions/{cell.session_id}")["counts"]["succeeded"] == 2
 
 
+@pytest.mark.slow
+def test_the_next_view_is_printed_after_each_round_of_results(computing: Api, tmp_path: Path) -> None:
+    with WatchedCell.of(computing, tmp_path, **BOARD) as cell:
+        cell.write("P1/1.png", image(0))
+        assert cell.watch(next_view="hand_eye").measured == 1
+        said = [line for line in cell.lines if line.startswith("next: ")]
+        assert len(said) == 1
+        assert "mm away" not in said[0], "without commanded poses the advice is to send them"
+        for number in range(1, 4):
+            cell.write(f"P{number + 1}/1.png", image(number))
+        assert cell.watch(next_view="intrinsics").measured == 3
+        assert [line for line in cell.lines if line.startswith("next: ")][-1].partition(" mm away")[1]
+        count = len(cell.lines)
+        cell.write("P9/1.png", image(6))
+        assert cell.watch().measured == 0, "results are not followed unless asked for"
+        assert not any(line.startswith("next: ") for line in cell.lines[count:])
+
+
 def test_a_key_of_scope_ingest_suffices_for_a_session_given_by_its_id(cell: WatchedCell) -> None:
     made = cell.direct.create("/v1/keys", {"name": "cell", "scope": "ingest"})
     cell.key = made["key"]

@@ -10,7 +10,12 @@ import pytest
 from core.calibration import GroupEstimate, estimate_group
 from core.errors import InvalidArgument
 from core.geometry import Camera
-from core.session.next_view import candidate_views, projection_jacobian, suggest_views
+from core.session.next_view import (
+    camera_information,
+    candidate_views,
+    projection_jacobian,
+    suggest_views,
+)
 from core.session.next_view.information import simulated_views
 from core.targets import GridPoints, TargetSpec
 
@@ -64,6 +69,16 @@ def test_what_is_predicted_is_what_the_fit_of_all_views_states() -> None:
     assert uncertainty_px(estimate_group(more, "pooled")) == pytest.approx(
         planned.projection_px[-1], rel=0.35
     )
+
+
+def test_the_information_of_the_views_taken_is_the_inverse_of_what_their_fit_leaves_uncertain() -> None:
+    found = estimate_group(taken(5, 12, np.random.default_rng(7)), "pooled")
+    assert found.fit is not None
+    information = camera_information(found.fit.views, found.fit.placements).sum(axis=0)
+    variances = np.diag(np.linalg.inv(information)) * found.fit.scale**2 * found.fit.growth.camera
+    np.testing.assert_allclose(
+        variances, np.diag(found.camera_covariance)[:8], rtol=0.05
+    )  # the fit has priors
 
 
 def test_candidates_show_the_whole_target() -> None:

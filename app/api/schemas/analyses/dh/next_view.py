@@ -13,7 +13,9 @@ from app.api.schemas.fields import TargetId
 
 NextViewPurpose = TypeAliasType(
     "NextViewPurpose",
-    Annotated[Literal["intrinsics"], Field(description="What further views are to determine: the camera.")],
+    Annotated[
+        Literal["intrinsics", "hand_eye", "dh"], Field(description="What further views are to determine.")
+    ],
 )
 _Pixel = Annotated[list[float], Field(min_length=2, max_length=2)]
 
@@ -21,7 +23,13 @@ _Pixel = Annotated[list[float], Field(min_length=2, max_length=2)]
 class NextViewCreate(RequestModel):
     """What to determine, and how many views to suggest."""
 
-    purpose: Annotated[NextViewPurpose, Field(description="`intrinsics`: the camera.")] = "intrinsics"
+    purpose: Annotated[
+        NextViewPurpose,
+        Field(
+            description="`intrinsics`: the camera. `hand_eye`: the camera on the flange; needs commanded poses. `dh`: "
+            "the robot's chain; needs joint angles."
+        ),
+    ] = "intrinsics"
     count: Annotated[int, Field(ge=1, le=50, description="Views to suggest.")] = 3
     focus_group: Annotated[
         Text | None,
@@ -33,13 +41,29 @@ class NextViewCreate(RequestModel):
 
 
 class NextViewUncertainty(ResponseModel):
-    """How uncertain the camera is."""
+    """How uncertain what is asked for is; fields of other purposes are null."""
 
     projection_rms_px: Annotated[
-        float,
-        Field(description="Standard uncertainty of a pixel at a fixed direction, rms over the image, px."),
+        float | None,
+        Field(
+            description="`intrinsics`: standard uncertainty of a pixel at a fixed direction, rms over the image, px."
+        ),
     ]
-    focal_relative_uncertainty: Annotated[float, Field(description="u(f)/f.")]
+    focal_relative_uncertainty: Annotated[float | None, Field(description="`intrinsics`: u(f)/f.")]
+    length_rms_mm: Annotated[
+        float | None,
+        Field(
+            description="`hand_eye`: standard uncertainty of the camera's position on the flange, rms over the axes. "
+            "`dh`: of the chain's lengths that are determined, rms. mm."
+        ),
+    ]
+    angle_rms_deg: Annotated[
+        float | None,
+        Field(
+            description="`hand_eye`: of the camera's rotation on the flange, rms over the axes. `dh`: of the chain's "
+            "angles that are determined, rms. Degrees."
+        ),
+    ]
 
 
 class SuggestedView(ResponseModel):
@@ -48,8 +72,21 @@ class SuggestedView(ResponseModel):
     T_target_camera: Annotated[
         Matrix, Field(description="4 x 4, mm: maps points of the camera frame into the target frame.")
     ]
+    T_base_flange: Annotated[
+        Matrix | None,
+        Field(
+            description="4 x 4, mm: the flange's pose to command, in the robot's base; null with `intrinsics`."
+        ),
+    ]
     joint_angles_deg: Annotated[
-        list[float] | None, Field(description="Joint angles that take the robot there; null: not known.")
+        list[float] | None,
+        Field(
+            description="Joint angles that take the robot there, each within 20 degrees of where its joint has been; "
+            "null: not known."
+        ),
+    ]
+    instruction: Annotated[
+        str, Field(description="The view in one line for whoever stands at the camera; image directions.")
     ]
     view_distance_mm: Annotated[float, Field(description="From the camera to the target's middle, mm.")]
     view_tilt_deg: Annotated[

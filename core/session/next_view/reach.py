@@ -1,0 +1,88 @@
+"""Views that a robot can take: turned about the optical axis as a wrist does, and within where its joints have been."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from core.calibration import CommonFit
+from core.errors import InvalidArgument
+from core.kinematics import Chain, solve_inverse
+from core.session.estimate import FocusGroup
+from core.session.next_view.candidates import candidate_views
+from core.session.next_view.views_expected import camera_of, common_fit, image_size
+from core.targets import TargetSpec
+
+WRIST_TURN = math.radians(90.0)
+"""Largest turn about the optical axis, from the mean one of the images so far, where its joints are not known."""
+JOINT_MARGIN = math.radians(20.0)
+"""How far beyond the angles where a joint has been it may be asked to go: farther on nothing is known of what is in the
+way."""
+CANDIDATES = 200
+"""Views among which those of a robot are chosen."""
+_TRIED = 5 * CANDIDATES // 2
+
+
+@dataclass(frozen=True)
+class RobotReach:
+    """An arm and the joint angles where it has been (rad)."""
+
+    chain: Chain
+    visited: Float[np.ndarray, "k j"]
+
+    def angles(
+        self, T_base_flange: Float[np.ndarray, "n 4 4"]
+    ) -> tuple[Float[np.ndarray, "n j"], Bool[np.ndarray, " n"]]:
+        """Return joint angles that take the flange there, and where there are any within the range allowed."""
+        found = solve_inverse(self.chain, T_base_flange, self.visited)
+        low = self.visited.min(axis=0) - JOINT_MARGIN
+        high = self.visited.max(axis=0) + JOINT_MARGIN
+        inside = np.all((found.joint_angles >= low) & (found.joint_angles <= high), axis=1)
+        return found.joint_angles, np.asarray(found.attained & inside)
+
+
+@dataclass(frozen=True)
+class RobotCandidates:
+    """Views with the flange's pose in the robot's base, and joint angles (rad) where the arm is known."""
+
+    T_camera_target: Float[np.ndarray, "n 4 4"]
+    T_base_flange: Float[np.ndarray, "n 4 4"]
+    joint_angles: Float[np.ndarray, "n j"] | None
+
+
+def robot_candidates(
+    group: FocusGroup,
+    spec: TargetSpec,
+    T_flange_camera: Float[np.ndarray, "4 4"],
+    T_base_target: Float[np.ndarray, "4 4"],
+    reach: RobotReach | None,
+) -> RobotCandidates:
+    """Return views of a target that the robot can take, `CANDIDATES` of them or fewer.
+
+    Raises InvalidArgument where no view is within reach, TooFewMeasurements for a group without a common camera.
+    """
+    fit = common_fit(group)
+    wanted, turn = (CANDIDATES, WRIST_TURN) if reach is None else (_TRIED, math.pi)
+    views = candidate_views(spec, camera_of(fit), image_size(fit), wanted, turns=(_mean_turn(fit), turn))
+    flange = T_base_target @ np.linalg.inv(views) @ np.linalg.inv(T_flange_camera)
+    angles = None
+    if reach is not None and len(views):
+        angles, there = reach.angles(flange)
+        kept = np.flatnonzero(there)[:CANDIDATES]
+        views, flange, angles = views[kept], flange[kept], angles[kept]
+    if not len(views):
+        raise InvalidArgument(
+            "No view within the robot's reach shows the whole target.",
+            "Use a smaller target, put it nearer the middle of the poses, or take images with joints farther apart.",
+        )
+    return RobotCandidates(views, flange, angles)
+
+
+def _mean_turn(fit: CommonFit) -> float:
+    """Return the mean direction of the targets' rows in the images, rad."""
+    R = fit.placements.rotations
+    angle = np.arctan2(R[:, 1, 0], R[:, 0, 0])
+    return math.atan2(float(np.sin(angle).mean()), float(np.cos(angle).mean()))

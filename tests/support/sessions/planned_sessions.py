@@ -1,0 +1,139 @@
+"""How many images reach a given uncertainty: in the order that next views suggest, and in a random one."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from core.calibration import average_station, estimate_group, station_information
+from core.geometry import invert, transform
+from core.kinematics import ModelChoice
+from core.numerics import covariance_of
+from core.session import (
+    NextRobotViews,
+    SessionData,
+    SessionEstimate,
+    calibrate_session_hand_eye,
+    estimate_session,
+    identify_robot,
+    suggest_dh_views,
+    suggest_hand_eye_views,
+    suggest_views,
+)
+from core.session.next_view import candidate_views, projection_jacobian
+from core.session.next_view.information import simulated_views
+from core.session.next_view.reach import JOINT_MARGIN
+from core.session.robot import shared_errors
+from tests.support.sessions.arm_views import (
+    SCATTER_MM,
+    SCATTER_RAD,
+    ArmViews,
+    arm_before_board,
+    viewing_angles,
+)
+from tests.support.sessions.stored_sessions import BOARD, CAMERA, HEIGHT, WIDTH
+
+NOISE_PX = 0.1
+_DEVIATIONS = (0.2, 2e-4)
+"""Of what the arm attains from what it is commanded (mm, rad)."""
+_REACH_MM = 1500.0
+"""Where an angle of the chain counts."""
+
+
+@dataclass(frozen=True)
+class RobotPlan:
+    """A purpose: how many images begin a session, how many the random order has, and what is to become certain.
+
+    `uncertainty` is in mm: lengths, and angles at the distance where they count. `deviations` are of what the arm
+    attains from what it is commanded (mm, rad); `as_built` whether the arm departs from its data sheet.
+    """
+
+    begun: int
+    at_random: int
+    uncertainty: Callable[[SessionData, SessionEstimate], float]
+    suggest: Callable[..., NextRobotViews]
+    deviations: tuple[float, float]
+    as_built: bool
+
+
+def _of_mount(data: SessionData, estimate: SessionEstimate) -> float:
+    """Return it at the deviations that the robot truly has: those estimated from a few poses scatter by a third."""
+    found = calibrate_session_hand_eye(data, estimate)
+    deviations = math.hypot(_DEVIATIONS[0], SCATTER_MM), math.hypot(_DEVIATIONS[1], SCATTER_RAD)
+    tie = replace(found.calibration, robot_position_mm=deviations[0], robot_rotation=deviations[1])
+    common = shared_errors(estimate.poses)
+    assert common is not None
+    stations = []
+    for pose, shared in zip(estimate.poses, common, strict=True):
+        own = pose.own_covariance()
+        assert pose.rotation is not None
+        assert own is not None
+        T = transform(pose.rotation, pose.position_mm)
+        attained = tie.T_base_target @ T @ invert(tie.T_flange_camera)
+        stations.append(average_station(pose.pose_id, attained, T[None], own[None], shared))
+    information = station_information(tie, stations).sum(axis=0)
+    information[12:, 12:] += np.eye(len(information) - 12)  # of the lens, by all images
+    variances = np.diag(covariance_of(information))
+    return math.sqrt(float(variances[:3].sum() + found.working_distance_mm**2 * variances[3:6].sum()))
+
+
+def _of_chain(data: SessionData, estimate: SessionEstimate) -> float:
+    joints = identify_robot(data, estimate, model=ModelChoice.DH).joints
+    known = [item for joint in joints for item in joint.estimate.standard_uncertainty.items()]
+    lengths = [u**2 for name, u in known if u is not None and name.endswith("_mm")]
+    angles = [u**2 for name, u in known if u is not None and name.endswith("_rad")]
+    return math.sqrt(float(np.mean(lengths)) + _REACH_MM**2 * float(np.mean(angles)))
+
+
+HAND_EYE = RobotPlan(4, 24, _of_mount, suggest_hand_eye_views, _DEVIATIONS, as_built=False)
+DH = RobotPlan(12, 40, _of_chain, suggest_dh_views, (0.0, 0.0), as_built=True)
+
+
+def images_needed(plan: RobotPlan, seed: int) -> float:
+    """Return the images that the planned order needs for what `plan.at_random` random ones reach, as their share.
+
+    Images are suggested one at a time, from what is known so far; both orders begin with the same ones, and neither may
+    move a joint farther beyond where it has been than `JOINT_MARGIN`.
+    """
+    rng = np.random.default_rng(seed)
+    views = ArmViews(arm_before_board(rng, as_built=plan.as_built), rng, *plan.deviations)
+    views.take(viewing_angles(views.arm, rng, plan.begun))
+    for _ in range(plan.begun, plan.at_random):
+        q = views.joint_angles
+        limits = np.column_stack([q.min(axis=0) - JOINT_MARGIN, q.max(axis=0) + JOINT_MARGIN])
+        views.take(viewing_angles(views.arm, rng, 1, limits))
+    everything = views.all()
+    aim = plan.uncertainty(everything, estimate_session(everything, "pooled"))
+    views.keep(plan.begun)
+    for count in range(plan.begun, plan.at_random):
+        data = views.all()
+        estimate = estimate_session(data, "pooled")
+        if plan.uncertainty(data, estimate) <= aim:
+            return count / plan.at_random
+        one = plan.suggest(data, estimate, estimate.groups[0], 0, 1)
+        assert one.joint_angles is not None
+        views.take(one.joint_angles)
+    return 1.0
+
+
+def camera_images_needed(seed: int, begun: int = 4, at_random: int = 20) -> float:
+    """Return the same for the camera alone: the uncertainty of a pixel over the image."""
+    size = (WIDTH, HEIGHT)
+    rng = np.random.default_rng(seed)
+    J = projection_jacobian(CAMERA, size, 8)
+    G = J.T @ J / len(J)
+    at = candidate_views(BOARD, CAMERA, size, at_random, seed=1000 + seed)
+    random = simulated_views(BOARD, CAMERA, size, at, NOISE_PX, rng)
+    aim = float(np.sum(G * estimate_group(random, "pooled").camera_covariance[:8, :8]))
+    views = random[:begun]
+    for count in range(begun, at_random):
+        found = estimate_group(views, "pooled")
+        if float(np.sum(G * found.camera_covariance[:8, :8])) <= aim:
+            return count / at_random
+        assert found.fit is not None
+        one = suggest_views(found.fit, found.camera_covariance, BOARD, 1)
+        views = [*views, *simulated_views(BOARD, CAMERA, size, one.T_camera_target, NOISE_PX, rng)]
+    return 1.0
