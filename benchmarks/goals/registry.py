@@ -260,6 +260,11 @@ _ARMS = (
         "halves (≤ 1.7) can be measured",
     ),
     Goal(
+        "next views: images that the suggested order needs ÷ a random order, intrinsics; hand-eye; DH",
+        "≤ .6",
+        (at_most("next_view", "next view, (intrinsics|hand-eye|DH): images ÷ random order, mean", 0.6),),
+    ),
+    Goal(
         "coverage of the predicted position at left-out blocks",
         "≥ 90 %",
         (at_least("trust", "UR10 .*: coverage of the predicted position at held-out blocks .*", 90.0),),
