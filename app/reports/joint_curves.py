@@ -41,9 +41,11 @@ class JointCurvePanel:
     @property
     def caption(self) -> str:
         largest = int(np.argmax(np.abs(self.correction_deg)))
+        value = 1e3 * float(self.correction_deg[largest])
+        half = 1e3 * _NORMAL_95 * float(self.standard_uncertainty_deg[largest])
+        decimals = 2 if half <= 0.0 else min(6, max(0, 1 - math.floor(math.log10(half))))
         return (
-            f"largest correction {unsigned_zero(f'{1e3 * self.correction_deg[largest]:.3g}')} ± "
-            f"{1e3 * _NORMAL_95 * self.standard_uncertainty_deg[largest]:.2g} mdeg at "
+            f"largest correction {unsigned_zero(f'{value:.{decimals}f}')} ± {half:.{decimals}f} mdeg at "
             f"{_whole(self.angles_deg[largest])}°"
         )
 

@@ -52,7 +52,7 @@ def steadiness_svg(
     panels: Sequence[SteadinessPanel], title: str, summary: str, counted_in: str, about: str = ""
 ) -> bytes:
     """Return a panel for each series, x, y and z over the cycles; `summary` says what was found."""
-    described = [summary, *(f"{_name(panel)}: {panel.caption}   ·   {panel.moved}" for panel in panels)]
+    described = [summary, *(f"{panel.name}: {_found(panel)}   ·   {panel.moved}" for panel in panels)]
     return draw_svg(
         lambda: steadiness_figure(panels, title, summary, counted_in), title, "\n".join(described), about
     )
@@ -72,8 +72,8 @@ def steadiness_figure(panels: Sequence[SteadinessPanel], title: str, summary: st
         left = _LEFT + (place % columns) * (_PANEL_WIDTH + _GAP)
         top = _HEADER + (place // columns) * row
         colour = INK if panel.steady else RED
-        text_at(figure, left, top + 0.1, _name(panel), fontsize=10, weight="bold", color=colour)
-        text_at(figure, left, top + 0.31, panel.caption)
+        text_at(figure, left, top + 0.1, short(panel.name), fontsize=10, weight="bold", color=colour)
+        text_at(figure, left, top + 0.31, _found(panel))
         text_at(figure, left, top + 0.5, panel.moved, color="#555555", fontsize=8)
         _draw(
             axes_at(figure, left, top + _CAPTION, _PANEL_WIDTH, _PANEL_HEIGHT), panel, rasterized, counted_in
@@ -84,8 +84,8 @@ def steadiness_figure(panels: Sequence[SteadinessPanel], title: str, summary: st
     return figure
 
 
-def _name(panel: SteadinessPanel) -> str:
-    return short(panel.name) if panel.steady else f"{short(panel.name)}: not steady"
+def _found(panel: SteadinessPanel) -> str:
+    return panel.caption if panel.steady else "   ·   ".join(filter(None, ("not steady", panel.caption)))
 
 
 def _draw(axes: Axes, panel: SteadinessPanel, rasterized: bool, counted_in: str) -> None:

@@ -191,6 +191,7 @@ def environment() -> Environment:
     made.globals.update(
         state_of=words.state_of,
         with_uncertainty=words.with_uncertainty,
+        length_with_uncertainty=words.length_with_uncertainty,
         plural=words.plural,
         verdicts=words.VERDICTS,
         decisions=words.DECISIONS,

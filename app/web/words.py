@@ -189,6 +189,16 @@ def with_uncertainty(value: float | None, uncertainty: float | None) -> str:
     return f"{fixed(value, decimals)} ± {fixed(uncertainty, decimals)}"
 
 
+def length_with_uncertainty(vector: Sequence[float], uncertainty: Sequence[float]) -> str:
+    """Return a vector's length with its standard uncertainty, that along the vector; of none, the largest one's."""
+    length = math.hypot(*vector)
+    if length > 0.0:
+        along = math.hypot(*(v * u for v, u in zip(vector, uncertainty, strict=True))) / length
+    else:
+        along = max(uncertainty)
+    return with_uncertainty(length, along)
+
+
 def interval(bounds: Sequence[float] | None, digits: int = 3) -> str:
     """Return `[low, high]`, both with as many decimals as the higher needs."""
     if bounds is None:

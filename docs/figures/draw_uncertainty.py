@@ -13,6 +13,7 @@ import numpy as np
 from jaxtyping import Float
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 
 from core.metrology import (
     PoseCycles,
@@ -51,8 +52,8 @@ def draw_bursts(into: Path) -> Path:
     centre = 1e3 * means.mean(axis=0)
     for pair in images:
         axes.plot(*(1e3 * pair[:, :2]).T, "-o", color=BLUE, markersize=3, linewidth=1)
-    _circle(axes, centre, 1e3 * reading, GREY, f"RP_l read: {1e3 * reading:.0f} µm")
-    _circle(axes, centre, 1e3 * floor, ORANGE, f"floor by the pairs: {1e3 * floor:.0f} µm")
+    _circle(axes, centre, 1e3 * reading, GREY, "--", f"RP_l read: {1e3 * reading:.0f} µm")
+    _circle(axes, centre, 1e3 * floor, ORANGE, ":", f"floor by the pairs: {1e3 * floor:.0f} µm")
     axes.set_aspect("equal")
     axes.set_xlabel("x, µm")
     axes.set_ylabel("y, µm")
@@ -72,14 +73,16 @@ def draw_steadiness(into: Path) -> Path:
         found = assess_steadiness([PoseSeries(one + 500.0 * k, cycles) for k, one in enumerate(each)])
         assert found.p_values is not None
         for one in each:
-            axes.plot(cycles, 1e3 * (one - one.mean(axis=0))[:, 0], ".", color=GREY, markersize=3)
+            shown = axes.plot(cycles, 1e3 * (one - one.mean(axis=0))[:, 0], ".", color=GREY, markersize=3)
+        shown[0].set_label("a pose")
         common = np.mean([one - one.mean(axis=0) for one in each], axis=0)[:, 0]
-        axes.plot(cycles, 1e3 * common, "-", color=BLUE if found.p_values.overall > 0.01 else RED)
-        verdict = "steady" if found.p_values.overall > 0.01 else "not_steady"
+        axes.plot(cycles, 1e3 * common, "-", color=BLUE, label="mean of the poses")
+        verdict = "steady" if found.p_values.overall > 0.01 else "not steady"
         axes.set_title(
             f"mount moves by {1e3 * length:.0f} µm: p = {found.p_values.overall:.2g}, {verdict}", size=9
         )
         axes.set_xlabel("cycle")
+        axes.legend(loc="upper left", fontsize=8)
         axes.set_ylabel("x about the pose's mean, µm" if axes.get_subplotspec().is_first_col() else "")
     return _saved(figure, into, "uncertainty-steadiness.png")
 
@@ -99,13 +102,28 @@ def draw_intervals(into: Path) -> Path:
         holds = (bounds[:, 0] <= truth) & (truth <= bounds[:, 1])
         for place, k in enumerate(order):
             colour = BLUE if holds[k] else RED
-            axes.plot([place, place], 1e3 * bounds[k], color=colour, linewidth=1)
-            axes.plot(place, 1e3 * readings[k], ".", color=colour, markersize=3)
-        axes.axhline(1e3 * truth, color=ORANGE, linewidth=1)
+            axes.plot([place, place], 1e3 * bounds[k], color=colour, linewidth=1 if holds[k] else 2.2)
+            axes.plot(
+                place,
+                1e3 * readings[k],
+                "." if holds[k] else "x",
+                color=colour,
+                markersize=3 if holds[k] else 5,
+            )
+        axes.axhline(1e3 * truth, color=ORANGE, linewidth=1.4, linestyle="--")
+        axes.legend(handles=_intervals_legend(), loc="upper left", fontsize=8)
         axes.set_title(f"{n} cycles: {int(holds.sum())} of {ROBOTS} intervals hold the truth", size=9)
         axes.set_xlabel("equal robots, by what was read")
         axes.set_ylabel("RP_l, µm" if axes.get_subplotspec().is_first_col() else "")
     return _saved(figure, into, "uncertainty-intervals.png")
+
+
+def _intervals_legend() -> list[Line2D]:
+    return [
+        Line2D([], [], color=ORANGE, linewidth=1.4, linestyle="--", label="figure of endless cycles"),
+        Line2D([], [], color=BLUE, marker=".", label="read, 95 % interval"),
+        Line2D([], [], color=RED, marker="x", linewidth=2.2, label="interval without the truth"),
+    ]
 
 
 def _six(covariance: Float[np.ndarray, "3 3"]) -> Float[np.ndarray, "6 6"]:
@@ -114,11 +132,12 @@ def _six(covariance: Float[np.ndarray, "3 3"]) -> Float[np.ndarray, "6 6"]:
     return found
 
 
-def _circle(axes: Axes, centre: Float[np.ndarray, "3"], radius: float, colour: str, label: str) -> None:
+def _circle(
+    axes: Axes, centre: Float[np.ndarray, "3"], radius: float, colour: str, line: str, label: str
+) -> None:
     turn = np.linspace(0.0, 2.0 * np.pi, 181)
-    axes.plot(
-        centre[0] + radius * np.cos(turn), centre[1] + radius * np.sin(turn), "--", color=colour, label=label
-    )
+    x, y = centre[0] + radius * np.cos(turn), centre[1] + radius * np.sin(turn)
+    axes.plot(x, y, line, color=colour, linewidth=1.8, label=label)
 
 
 def _saved(figure: Figure, into: Path, name: str) -> Path:

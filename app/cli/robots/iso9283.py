@@ -15,7 +15,7 @@ from app.cli.options.access import ReadAccess
 from app.cli.targets.options import TargetOptions, choose_target
 from app.client import ClientError, Json
 from core import GridposeError, Lens
-from core.metrology import CYCLES, TEST_PLANES, VerdictLimits
+from core.metrology import CYCLES, TEST_PLANES
 from core.simulation import MAX_IMAGES_PER_STOP
 
 
@@ -153,9 +153,8 @@ def _show(plan: Json) -> None:
     console.print(table)
     for sentence in sentences(plan):
         console.print(sentence)
-    floors = [one["noise_floor_mm"] for one in plan["forecast"] if one["in_view"]]
-    needed = max(floors) / VerdictLimits().instrument_share
-    if plan["assumed"]["rp_l_mm"] < needed:
+    needed = plan["least_rp_l_mm"]
+    if needed is not None and plan["assumed"]["rp_l_mm"] < needed:
         console.print(
             f"At all poses the verdict is `robot` from an RP_l of about {needed:.2g} mm on. A larger target in the "
             "image, a shorter distance or more tilt lowers the floor."

@@ -17,7 +17,7 @@ from matplotlib.ticker import MaxNLocator
 from app.reports.svg import BLUE, FAINT, GREEN, INK, ORANGE, RED, axes_at, draw_svg, short, text_at
 
 _LEFT, _PANEL_WIDTH, _PANEL_HEIGHT = 0.8, 6.6, 2.6
-_HEADER, _CAPTION, _BELOW, _FOOTER = 0.62, 0.9, 0.62, 0.72
+_HEADER, _CAPTION, _BELOW, _FOOTER = 0.62, 0.72, 0.62, 0.72
 BINS, MIN_POINTS_IN_BIN = 24, 8
 _NORMAL_95 = 1.959964
 _STYLES = {

@@ -109,6 +109,7 @@ def _draw_means(figure: Figure, axes: Axes, field: ResidualField, cells: Cells) 
         headwidth=3.6,
         headlength=4.2,
         headaxislength=3.8,
+        clip_on=False,  # an arrow without its head points nowhere
     )
     above = 1.0 + 0.12 / (axes.get_position().height * figure.get_size_inches()[1])
     axes.quiverkey(

@@ -10,7 +10,7 @@ import sqlalchemy as sa
 
 from app.records.tables import Measurement
 from app.services.reports import NewReport, order_report
-from app.web.words import interval, number, signless_zero, size, with_uncertainty
+from app.web.words import interval, length_with_uncertainty, number, signless_zero, size, with_uncertainty
 
 
 @pytest.mark.parametrize(
@@ -28,6 +28,8 @@ def test_values_have_the_digits_that_their_uncertainty_supports() -> None:
     assert with_uncertainty(649.9996, 0.0213) == "650.000 ± 0.021"
     assert with_uncertainty(-0.0001, 0.012) == "0.000 ± 0.012"
     assert with_uncertainty(5.0, None) == "5.00000"
+    assert length_with_uncertainty([0.3, -0.4, 0.0], [0.01, 0.02, 0.5]) == "0.500 ± 0.017"
+    assert length_with_uncertainty([0.0, 0.0, 0.0], [0.01, 0.02, 0.0]) == "0.000 ± 0.020"
     assert interval([-0.0004, 0.1951]) == "[0.000, 0.195]"
     assert interval(None) == "–"
     assert (signless_zero("-0.00"), signless_zero("-0.01")) == ("0.00", "−0.01")

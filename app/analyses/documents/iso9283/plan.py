@@ -12,7 +12,7 @@ from jaxtyping import Float
 from app.analyses.documents.iso9283.runs import Json, PlanRefused, approach_poses, runs
 from core import TargetSpec
 from core.geometry import Camera, invert, rotation_to_rpy, rpy_to_rotation, so3_exp, transform
-from core.metrology import CYCLES, TEST_PLANES, VISITS, TestCube
+from core.metrology import CYCLES, TEST_PLANES, VISITS, TestCube, VerdictLimits
 from core.simulation import Forecast, PlannedSession, forecast_repeatability
 
 Three = tuple[float, float, float]
@@ -55,6 +55,8 @@ class TestRequest:
 def plan_test(spec: TargetSpec, asked: TestRequest) -> Json:
     """Return the plan as a document: poses, forecast of floor, intervals and verdicts, runs, and the count of images.
 
+    `least_rp_l_mm` is from which RP_l on the verdict is `robot` at all poses.
+
     Raises PlanRefused and other GridposeErrors for what cannot be planned.
     """
     if not (0.0 < asked.distance_mm < 1e6 and abs(asked.tilt_deg) < 80.0):
@@ -84,7 +86,9 @@ def plan_test(spec: TargetSpec, asked: TestRequest) -> Json:
     of_approach = approach_poses(plan["poses"], asked.approaches, asked.approach_mm)
     conditions = runs(asked.loads_kg, asked.speeds_percent)
     of_cycles = asked.cycles * asked.images_per_stop * (len(flange) + len(of_approach))
+    floors = [one.floor_mm for one in forecast.poses if one.in_view]
     return plan | {
+        "least_rp_l_mm": max(floors) / VerdictLimits().instrument_share if floors else None,
         "warm_up_min": asked.warm_up_min,
         "runs": conditions,
         "approach_poses": of_approach,

@@ -58,7 +58,8 @@ def test_the_plot_says_what_the_answer_says(api: Any, session: str) -> None:
     for line, curve in zip(joints, found["error_model"]["joint_curves"], strict=True):
         largest = 1e3 * max(curve["correction_deg"], key=abs)
         shown = line.split("correction ")[1].split(" ")[0].replace("−", "-")
-        assert float(shown) == pytest.approx(largest, rel=5e-3)
+        rounding = 0.51 * 10.0 ** -len(shown.partition(".")[2])
+        assert float(shown) == pytest.approx(largest, abs=rounding)
 
 
 def test_a_model_without_curves_is_refused_in_words(api: Any, session: str) -> None:
