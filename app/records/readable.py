@@ -84,7 +84,7 @@ def is_readable(column: Any, value: Any) -> bool:
 
 @cache
 def check_of(column: Any) -> Callable[[Any], bool]:
-    """Return what tells whether a column's table allows a value that is not null."""
+    """Return the check of a value that is not null: does the table of its column allow it?."""
     if column.name in _BY_NAME:
         return _BY_NAME[column.name]
     return next((check for kind, check in _BY_TYPE if isinstance(column.type, kind)), _is_read)
