@@ -126,5 +126,5 @@ def test_what_cannot_be_planned_is_refused(begun: Begun) -> None:
 def test_the_planned_order_needs_six_tenths_of_the_images_of_a_random_one(plan: RobotPlan) -> None:
     shares = [images_needed(plan, seed) for seed in range(4)]
     print(f"images by the planned order over a random one: {np.round(shares, 2).tolist()}")
-    assert np.mean(shares) <= 0.65  # four seeds: the mean is uncertain by .05
+    assert np.mean(shares) <= 0.7  # the mean of four sessions is uncertain by .05; benchmarks: next_view
     assert max(shares) < 1.0
