@@ -36,7 +36,7 @@ from app.api.routes import (
     targets,
 )
 from app.api.routes.access import audit, keys
-from app.api.routes.documents import qualifications, reports, robot_events
+from app.api.routes.documents import histories, qualifications, reports, robot_events
 from app.build import program_version
 from app.jobs.painting import ImagePainter
 from app.records.file_lock import AlreadyLocked, FileLock
@@ -101,6 +101,8 @@ def create_app(settings: Settings) -> FastAPI:
         qualifications.router,
         reports.router,
         robot_events.router,
+        histories.router,
+        histories.comparisons,
         keys.router,
         audit.router,
         system.router,

@@ -131,8 +131,10 @@ class ServiceClient(Closing):
     def get(self, path: str, **query: Any) -> Json:
         return self._json("GET", path, repeatable=True, params=_without_nulls(query))
 
-    def get_bytes(self, path: str, **query: Any) -> bytes:
-        return self._request("GET", path, repeatable=True, params=_without_nulls(query)).content
+    def get_bytes(self, path: str, *, accept: str | None = None, **query: Any) -> bytes:
+        """GET a file, or with `accept` an answer in another form than JSON."""
+        options = {} if accept is None else {"headers": {"Accept": accept}}
+        return self._request("GET", path, repeatable=True, params=_without_nulls(query), **options).content
 
     def create(self, path: str, body: Json) -> Json:
         """POST a new resource."""

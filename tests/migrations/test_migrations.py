@@ -31,6 +31,7 @@ from app.records.tables import (
     Removal,
     Report,
     ReportForm,
+    ReportSummary,
     Result,
     Robot,
     RobotEvent,
@@ -50,6 +51,7 @@ SINCE_THE_FIRST = (
     "report_forms",
     "qualifications",
     "robot_events",
+    "report_summaries",
     *SINCE_0004,
 )
 WRITTEN_BY_ACTIVITIES = ("audit_entries",)
@@ -194,6 +196,7 @@ def test_every_step_up_and_down_keeps_the_data_it_can(database: Database, tmp_pa
             )
         )
         records.flush()
+        records.add(ReportSummary(report_id=report_id, summary={"ø": 1}))
         records.add(ReportForm(report_id=report_id, form="csv", sha256="0" * 64, bytes=2, content=b"\0\1"))
     before = content(database)
     assert all(len(rows) == 1 for table, rows in before.items() if table not in WRITTEN_BY_ACTIVITIES)

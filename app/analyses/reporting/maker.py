@@ -12,6 +12,7 @@ from datetime import UTC, datetime, timedelta
 import structlog
 
 from app.analyses.computations import ServiceFailure
+from app.analyses.history import summarise_reports, summary_or_none
 from app.analyses.reporting.orders import MadeReport, ReportOrder, compute_report
 from app.analyses.service import AnalysisService
 from app.errors import RowUnreadable, ServiceError
@@ -21,7 +22,7 @@ from app.records.ids import moment_of
 from app.records.readable import unreadable_columns
 from app.records.tables import Report
 from app.reports.forms import CompanyTemplate, TemplateInvalid, read_template
-from app.services import reports
+from app.services import reports, robots
 from app.services.installation.context import ServiceContext
 
 _LOOK_EVERY_S = 30.0
@@ -83,6 +84,8 @@ class ReportMaker:
             try:
                 if self._make_next():
                     continue
+                if summarise_reports(self._installation.database):
+                    self._wake.set()  # reports that were made before summaries were, or restored: some at a time
                 if not self._installation.database.is_sqlite:
                     self._requeue()
             except ServiceError as error:  # a full disk or a busy database passes
@@ -204,6 +207,7 @@ class ReportMaker:
                 inputs_sha256=made.inputs_sha256,
                 finished_at=order.made_at,
             )
+            robots.save_summaries(records, {order.report_id: summary_or_none(made.forms["json"])})
         log.info("report_made", report_id=order.report_id, kind=order.kind, forms=sorted(made.forms))
 
     def _retry_or_fail(self, report_id: str, attempts: int) -> None:

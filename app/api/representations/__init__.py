@@ -5,6 +5,7 @@ from app.api.representations.analysis_answers import (
     FormDep,
     KnownTags,
     answer_analysis,
+    answer_document,
     answer_in_form,
 )
 from app.api.representations.csv_lists import read_csv_list
@@ -24,6 +25,7 @@ __all__ = [
     "FormDep",
     "KnownTags",
     "answer_analysis",
+    "answer_document",
     "answer_in_form",
     "binary_content",
     "draw_overlay",

@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Annotated
+from typing import Annotated, Any
 
 from fastapi import Depends, Header, Query, Request, Response
 from pydantic import BaseModel
 from starlette.concurrency import run_in_threadpool
 
 from app.api.dependencies import get_app_context
-from app.api.representations.analysis_tables import tables_of, write_table
+from app.api.representations.analysis_tables import Table, tables_of, write_table
 from app.api.representations.preferences import CSV, prefers_csv
 from app.errors import InvalidContent
 from app.http import get_requester, run_while_connected
@@ -72,6 +74,8 @@ DEFAULT_TABLES = {
     "dh": "joints",
     "comparison": "calibrations",
     "compensation": "poses",
+    "history": "points",
+    "report_comparison": "differences",
 }
 
 
@@ -84,15 +88,7 @@ async def answer_in_form(
     form: AnswerForm,
 ) -> Response:
     """Answer with an analysis as JSON, or with one of its tables as CSV."""
-    tables = tables_of(model)
-    name = form.table or DEFAULT_TABLES[analysis]
-    if name not in tables:
-        raise InvalidContent(
-            "The analysis has no such table.",
-            f"Ask for one of {', '.join(tables)}.",
-            code="unknown_table",
-            errors=[("table", "names no table of this analysis")],
-        )
+    name, table = _chosen(analysis, model, form)
     if not prefers_csv(form.accept):
         found = await answer_analysis(request, analysis, session_id, settings, form.known)
         found.headers["Vary"] = "Accept"
@@ -108,8 +104,44 @@ async def answer_in_form(
     if found.status_code == 304:
         return Response(status_code=304, headers=headers)
     headers["Content-Disposition"] = f'inline; filename="{analysis}-{name}.csv"'
-    text = await run_in_threadpool(lambda: write_table(tables[name], json.loads(bytes(found.body))))
+    text = await run_in_threadpool(lambda: write_table(table, json.loads(bytes(found.body))))
     return Response(text, media_type=f"{CSV}; header=present", headers=headers)
+
+
+def answer_document(
+    name: str, model: type[BaseModel], document: Mapping[str, Any], form: AnswerForm
+) -> Response:
+    """Answer with a document whose numbers are rounded as JSON, or with one of its tables as CSV."""
+    table_name, table = _chosen(name, model, form)
+    body = json.dumps(document, allow_nan=False, ensure_ascii=False, separators=(",", ":")).encode()
+    as_csv = prefers_csv(form.accept)
+    tag = hashlib.sha256(body).hexdigest()[:32]
+    headers = {
+        "ETag": f'"{tag}-{table_name}"' if as_csv else f'"{tag}"',
+        "Cache-Control": "private, no-cache",
+        "Vary": "Accept",
+    }
+    if {headers["ETag"], "*"} & _entity_tags(form.known):
+        return Response(status_code=304, headers=headers)
+    if not as_csv:
+        return Response(body, media_type="application/json", headers=headers)
+    headers["Content-Disposition"] = f'inline; filename="{name}-{table_name}.csv"'
+    text = write_table(table, json.loads(body))
+    return Response(text, media_type=f"{CSV}; header=present", headers=headers)
+
+
+def _chosen(analysis: str, model: type[BaseModel], form: AnswerForm) -> tuple[str, Table]:
+    """Return the table that is asked for, or the default one, with its name. Raises InvalidContent."""
+    tables = tables_of(model)
+    name = form.table or DEFAULT_TABLES[analysis]
+    if name not in tables:
+        raise InvalidContent(
+            "The analysis has no such table.",
+            f"Ask for one of {', '.join(tables)}.",
+            code="unknown_table",
+            errors=[("table", "names no table of this analysis")],
+        )
+    return name, tables[name]
 
 
 def _tags_of_document(known: str | None, table: str) -> str | None:

@@ -13,7 +13,7 @@ from app.records.tables.base import (
 )
 from app.records.tables.measurements import MeasuredPose, Measurement, Removal, Result
 from app.records.tables.qualifications import Qualification
-from app.records.tables.reports import PAPERS, REPORT_FORMS, REPORT_KINDS, Report, ReportForm
+from app.records.tables.reports import PAPERS, REPORT_FORMS, REPORT_KINDS, Report, ReportForm, ReportSummary
 from app.records.tables.sessions import (
     Pose,
     Robot,
@@ -45,6 +45,7 @@ __all__ = [
     "Removal",
     "Report",
     "ReportForm",
+    "ReportSummary",
     "Result",
     "Robot",
     "RobotEvent",

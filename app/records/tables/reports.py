@@ -58,3 +58,17 @@ class ReportForm(Table):
     content: Mapped[builtins.bytes] = mapped_column(Bytes(), deferred=True)
     sha256: Mapped[str] = mapped_column(sa.String(64))
     bytes: Mapped[int] = mapped_column(sa.BigInteger())
+
+
+class ReportSummary(Table):
+    """What is compared of a report, taken from its JSON form (`app.analyses.history`); it can be made again any time.
+
+    `robot_id` is the robot that the report states; `summary` null where its form cannot be read.
+    """
+
+    __tablename__ = "report_summaries"
+    __table_args__ = (sa.Index("ix_report_summaries_robot_id_report_id", "robot_id", "report_id"),)
+
+    report_id: Mapped[str] = mapped_column(sa.String(40), primary_key=True)
+    robot_id: Mapped[str | None] = mapped_column(sa.String(40))
+    summary: Mapped[JsonObject | None]

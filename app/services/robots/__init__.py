@@ -1,6 +1,12 @@
 """Robots: their nominal parameters, what was done to them, and what the reports of their sessions say over time."""
 
 from app.services.robots.events import NewEvent, add_event, delete_event, events_of, list_events
+from app.services.robots.history import (
+    HistoryRows,
+    read_history_rows,
+    reports_without_summary,
+    save_summaries,
+)
 from app.services.robots.nominal import (
     create_robot,
     delete_robot,
@@ -12,6 +18,7 @@ from app.services.robots.nominal import (
 )
 
 __all__ = [
+    "HistoryRows",
     "NewEvent",
     "add_event",
     "create_robot",
@@ -21,7 +28,10 @@ __all__ = [
     "list_events",
     "list_robots",
     "read_correction",
+    "read_history_rows",
     "read_limits",
     "read_plan",
+    "reports_without_summary",
+    "save_summaries",
     "update_robot",
 ]

@@ -73,6 +73,7 @@ def tell(api: Api) -> None:
     )
     for kind, row_id in (("targets", target_id), ("robots", robot_id)):
         _done(client.get(f"/v1/{kind}/{row_id}"), client.get(f"/v1/{kind}"))
+    _history(client, robot_id, target_id)  # first: later answers of the same operations read better
     _images(client, session_id)
     _analyses(client, session_id)
     _tracker(client, robot_id, target_id)
@@ -264,13 +265,47 @@ def _reports(client: Any, session_id: str) -> None:
         "signatories": [{"name": "R. Meier", "role": "operator"}],
     }
     path = f"/v1/sessions/{session_id}/reports"
-    report = f"/v1/reports/{_done(client.post(path, json=body)).json()['id']}"
-    deadline = time.monotonic() + _TIMEOUT_S
-    while client.get(report).json()["status"] in ("queued", "running"):
-        assert time.monotonic() < deadline, "the report is not made"
-        time.sleep(0.1)
+    report = _made(client, _done(client.post(path, json=body)).json())
     _done(client.get(path), client.get("/v1/reports"), client.get(f"{report}/verify"))
     _done(*(client.get(f"{report}.{form}") for form in ("json", "html", "pdf", "csv", "sig")))
+
+
+def _history(client: Any, robot_id: str, target_id: str) -> None:
+    """Measure two poses each week with a laser tracker, file a report of each session, and look at the history."""
+    rng, made = np.random.default_rng(5), []
+    for week in range(5):
+        body = {"name": f"Week {week + 1}", "target_ids": [target_id], "robot_id": robot_id}
+        path = f"/v1/sessions/{client.post('/v1/sessions', json=body).json()['id']}"
+        rows = [
+            {
+                "pose_id": f"P{pose + 1}",
+                "cycle": cycle + 1,
+                "position_mm": (1000.0 * pose + rng.normal(0.0, 0.02, 3)).round(4).tolist(),
+            }
+            for pose in range(2)
+            for cycle in range(10)
+        ]
+        _done(client.post(f"{path}/measured-poses", json=rows))
+        made.append(
+            _made(client, _done(client.post(f"{path}/reports", json={"kind": "repeatability"})).json())
+        )
+    history, compared = (
+        f"/v1/robots/{robot_id}/history",
+        f"{made[0]}/comparison/{made[-1].rpartition('/')[2]}",
+    )
+    _done(*(client.get(path, headers=headers) for path in (history, compared) for headers in (_CSV, {})))
+    _done(client.get(f"{history}.svg"))
+
+
+def _made(client: Any, report: dict[str, Any]) -> str:
+    """Return a report's path once it is made."""
+    path = f"/v1/reports/{report['id']}"
+    deadline = time.monotonic() + _TIMEOUT_S
+    while (found := client.get(path).json())["status"] in ("queued", "running"):
+        assert time.monotonic() < deadline, "the report is not made"
+        time.sleep(0.1)
+    assert found["status"] == "succeeded", found["failure"]
+    return path
 
 
 def _removals(client: Any, session_id: str) -> None:

@@ -28,7 +28,8 @@ ROBOT = {
 }
 
 
-OF_INSTALLATION = ("installation", "api_keys", "audit_entries", "removals")
+OF_INSTALLATION = ("installation", "api_keys", "audit_entries", "removals", "report_summaries")
+"""What belongs to no session, and what is made again of what does."""
 
 
 def store(api: Api) -> str:

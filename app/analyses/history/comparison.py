@@ -1,0 +1,96 @@
+"""Two reports compared: each figure of the later with the earlier's, with intervals, and a verdict in words."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from scipy.special import bdtrc
+
+from app.analyses.history.likeness import not_stated, unlike
+from app.analyses.history.summaries import Key, Summary
+from app.analyses.json_text import rounded
+from core.metrology import Difference, estimate_difference
+
+_LEVEL = 0.95
+_MAX_CHANCE = 0.05
+
+
+def comparison_document(first: Summary, second: Summary) -> dict[str, Any]:
+    """Return the comparison of two reports, the later by the time of measurement with the earlier.
+
+    Figures without an interval (noise floors) are not compared: they are what the instrument adds.
+    """
+    earlier, later = sorted((first, second), key=lambda one: (one.measured_at, one.report_id))
+    differences: dict[Key, Difference] = {}
+    rows = []
+    for key, before in earlier.figures.items():
+        after = later.figures.get(key)
+        if after is None or before.interval is None or after.interval is None:
+            continue
+        found = estimate_difference(before.value, before.interval, after.value, after.interval)
+        differences[key] = found
+        has_ratio = before.is_length and found.ratio is not None and found.ratio_interval is not None
+        rows.append(
+            {
+                "of": key[0],
+                "figure": key[1],
+                "unit": before.unit,
+                "earlier_value": before.value,
+                "later_value": after.value,
+                "difference": found.difference,
+                "difference_interval": list(found.interval),
+                "ratio": found.ratio if has_ratio else None,
+                "ratio_interval": list(found.ratio_interval) if has_ratio and found.ratio_interval else None,
+                "change": found.change,
+            }
+        )
+    reasons = unlike(earlier, later)
+    return {
+        "earlier": _subject(earlier),
+        "later": _subject(later),
+        "comparable": not reasons,
+        "reasons": reasons,
+        "not_stated": not_stated(earlier, later),
+        "verdict": verdict(differences, reasons),
+        "compared": len(rows),
+        "changed": sum(one["change"] != "no_change_shown" for one in rows),
+        "expected_by_chance": round((1.0 - _LEVEL) * len(rows), 2),
+        "differences": rounded(rows),
+    }
+
+
+def verdict(differences: Mapping[Key, Difference], reasons: Sequence[str]) -> str:
+    """Return what two sessions show, in words; of many figures, some differ by chance."""
+    unlike_words = f"The sessions are not comparable ({'; '.join(reasons)})"
+    if not differences:
+        return f"Nothing can be compared. {unlike_words}." if reasons else "Nothing can be compared."
+    changed = {key: one for key, one in differences.items() if one.change != "no_change_shown"}
+    count, total = len(changed), len(differences)
+    expected = (1.0 - _LEVEL) * total
+    chance = float(bdtrc(count - 1, total, 1.0 - _LEVEL)) if count else 1.0
+    if not changed:
+        found = f"No change is shown: all {total} intervals contain none."
+    elif chance > _MAX_CHANCE:
+        found = (
+            f"{count} of {total} figures differ, as many as chance gives ({expected:.1f} expected): "
+            "no change is shown."
+        )
+    else:
+        ways = {one.change for one in changed.values()}
+        way = "are larger" if ways == {"larger"} else "are smaller" if ways == {"smaller"} else "differ"
+        found = (
+            f"{count} of {total} figures {way}; chance alone would give {expected:.1f}: something changed."
+        )
+    return f"{found} {unlike_words}, so that a change need not be the robot's." if reasons else found
+
+
+def _subject(report: Summary) -> dict[str, Any]:
+    return {
+        "report_id": report.report_id,
+        "kind": report.kind,
+        "session_id": report.session[0],
+        "session_name": report.session[1],
+        "robot_id": report.robot_id,
+        "measured_at": report.measured_at,
+    }

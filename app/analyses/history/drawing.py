@@ -1,0 +1,54 @@
+"""The control charts of a history as one drawing; what draws runs in a process of the analyses."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+from app.analyses.history.charting import HistoryEvent
+from app.analyses.history.over_time import ChartedTest
+
+MAX_CHARTS = 24
+"""Charts of one drawing: those of tests that come first."""
+
+
+def charts_of_tests(tests: Sequence[ChartedTest], events: Sequence[HistoryEvent]) -> list[dict[str, Any]]:
+    """Return what `draw_charts` takes of tests: the fields of `ChartedFigure`, as plain values."""
+    found = []
+    for test in tests:
+        for key, chart in test.charts.items():
+            series = test.series[key]
+            times = [report.measured_at for report, _ in series]
+            places = (sum(time < event.at for time in times) for event in events)
+            alarm = chart.alarm
+            found.append(
+                {
+                    "name": f"{' '.join(reversed(key))}, test {test.number}",
+                    "unit": series[0][1].unit,
+                    "values": chart.values.tolist(),
+                    "centre": chart.limits.centre,
+                    "lower": chart.limits.lower,
+                    "upper": chart.limits.upper,
+                    "outside": chart.outside,
+                    "ewma": chart.ewma.tolist(),
+                    "ewma_limit": chart.ewma_limit,
+                    "since": alarm.since if alarm is not None else None,
+                    "at": alarm.at if alarm is not None else None,
+                    "sentence": test.sentences.get(key, "No lasting change is shown."),
+                    "events": tuple(sorted({place for place in places if 0 < place < len(series)})),
+                }
+            )
+    return found[:MAX_CHARTS]
+
+
+def draw_charts(charts: Sequence[dict[str, Any]], title: str) -> bytes:
+    """Return the charts as SVG, one above the other; runs in a process alongside the head, which loads no plotting."""
+    import numpy as np
+
+    from app.reports.control_chart import ChartedFigure, control_chart_svg
+
+    arrays = ({name: np.asarray(chart[name], float) for name in ("values", "ewma")} for chart in charts)
+    return control_chart_svg(
+        [ChartedFigure(**{**chart, **of_chart}) for chart, of_chart in zip(charts, arrays, strict=True)],
+        title,
+    )

@@ -1,0 +1,213 @@
+"""What is compared of a report: its figures with intervals, and what they were measured under."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from typing import Any
+
+from app.reports.forms import FORMAT, FORMAT_VERSION
+
+Json = Mapping[str, Any]
+Key = tuple[str, str]
+"""What a figure is of (a pose, a joint, a camera), and its name."""
+_NORMAL_95 = 1.959964
+_PARAMETERS = ("a_mm", "alpha_deg", "d_mm", "theta_offset_deg", "beta_deg")
+_POSE = ("position_mm", "roll_deg", "pitch_deg", "yaw_deg", "joint_angles_deg")
+ALL_POSES = "all poses"
+_TEXTS = ("report_id", "kind", "made_at", "measured_at", "source", "poses")
+_CONDITIONS = ("load_kg", "speed_percent", "temperature_c")
+
+
+class NotAReport(Exception):
+    """What was read is not the JSON form of a report that this version knows; `is_later` where another version may."""
+
+    def __init__(self, *, is_later: bool = False) -> None:
+        super().__init__("a report of a later version" if is_later else "not a report's JSON form")
+        self.is_later = is_later
+
+
+@dataclass(frozen=True, slots=True)
+class Figure:
+    """A figure with its 95 % interval (None: not known); `is_length` where it is above zero by its nature.
+
+    `deviation` is the value less the data sheet's, where that is stated.
+    """
+
+    value: float
+    interval: tuple[float, float] | None
+    unit: str
+    is_length: bool
+    deviation: float | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Summary:
+    """What is compared of a report, or of a qualification: figures, and the conditions that make them comparable.
+
+    `session` is its id and name; `poses` is the JSON text of the commanded ones by name, with values in the order of
+    `_POSE`: text, since it is the same in most, and reading a thousand of them takes longer than all else.
+    """
+
+    report_id: str
+    kind: str
+    made_at: str
+    measured_at: str
+    session: tuple[str, str]
+    robot_id: str | None
+    source: str
+    conditions: Mapping[str, float | None]
+    poses: str
+    figures: Mapping[Key, Figure]
+
+
+def summary_of(content: bytes) -> dict[str, Any]:
+    """Return what histories take of a report's JSON form, as plain values to be stored. Raises NotAReport.
+
+    Of poses the geometric mean of a figure: histories compare the same poses alone.
+    """
+    found = _read(content)
+    found["figures"] = [[*key, *_row(figure)] for key, figure in over_poses(dict(found["figures"])).items()]
+    read_summary(found)
+    return found
+
+
+def read_report(content: bytes) -> Summary:
+    """Return what is compared of a report's JSON form, with every pose's figures. Raises NotAReport."""
+    found = _read(content)
+    return read_summary({**found, "figures": [[*key, *_row(figure)] for key, figure in found["figures"]]})
+
+
+def over_poses(figures: Mapping[Key, Figure]) -> dict[Key, Figure]:
+    """Return figures with those of poses replaced by their geometric mean; lengths that are zero have none."""
+    found: dict[Key, Figure] = {}
+    of_poses: dict[str, list[float]] = {}
+    for key, figure in figures.items():
+        if figure.is_length and figure.value <= 0.0:
+            continue
+        if key[0].startswith("pose "):
+            of_poses.setdefault(key[1], []).append(math.log(figure.value))
+        else:
+            found[key] = figure
+    for name, logs in of_poses.items():
+        mean = float(f"{math.exp(math.fsum(logs) / len(logs)):.10g}")
+        found[(ALL_POSES, name)] = Figure(mean, None, "mm", True)
+    return found
+
+
+def _read(content: bytes) -> dict[str, Any]:
+    try:
+        document = json.loads(content)
+        if document["format"] != FORMAT:
+            raise NotAReport
+        if document["format_version"] > FORMAT_VERSION:
+            raise NotAReport(is_later=True)
+        subject, inputs = document["subject"], document["inputs"]
+        robot = inputs["robot"]
+        conditions = inputs["session"]["conditions"] or {}
+        return {
+            "report_id": document["report_id"],
+            "kind": document["kind"],
+            "made_at": _utc(document["made_at"]),
+            "measured_at": _utc(subject["first_captured_at"] or document["made_at"]),
+            "session": [subject["session"]["id"], subject["session"]["name"]],
+            "robot_id": None if robot is None else str(robot["id"]),
+            "source": document["source"],
+            "conditions": {name: _number(conditions.get(name)) for name in _CONDITIONS},
+            "poses": json.dumps(
+                {pose["pose_id"]: [pose[name] for name in _POSE] for pose in inputs["poses"]}
+            ),
+            "figures": list(_figures(document["analyses"])),
+        }
+    except (ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
+        raise NotAReport from error
+
+
+def read_summary(stored: Any) -> Summary:
+    """Return a stored summary as a value. Raises NotAReport for what `summary_of` did not write."""
+    try:
+        return Summary(
+            **{name: _text(stored[name]) for name in _TEXTS},
+            session=(_text(stored["session"][0]), _text(stored["session"][1])),
+            robot_id=stored["robot_id"],
+            conditions={name: _number(stored["conditions"][name]) for name in _CONDITIONS},
+            figures={
+                (of, name): Figure(
+                    float(value),
+                    None if low is None else (float(low), float(high)),
+                    unit,
+                    is_length,
+                    deviation,
+                )
+                for of, name, value, low, high, unit, is_length, deviation in stored["figures"]
+            },
+        )
+    except (ValueError, KeyError, TypeError, IndexError) as error:
+        raise NotAReport from error
+
+
+def _row(figure: Figure) -> list[Any]:
+    low, high = figure.interval if figure.interval is not None else (None, None)
+    return [figure.value, low, high, figure.unit, figure.is_length, figure.deviation]
+
+
+def _utc(text: str) -> str:
+    """Return a time in one form, so that texts are in the order of times."""
+    moment = datetime.fromisoformat(text)
+    moment = moment.replace(tzinfo=UTC) if moment.tzinfo is None else moment.astimezone(UTC)
+    return moment.isoformat().replace("+00:00", "Z")
+
+
+def _text(value: Any) -> str:
+    if not isinstance(value, str):
+        raise TypeError
+    return value
+
+
+def _number(value: Any) -> float | None:
+    return None if value is None else float(value)
+
+
+def _figures(analyses: Json) -> Iterator[tuple[Key, Figure]]:
+    for pose in analyses.get("repeatability", {}).get("poses", ()):
+        yield from _of_pose(pose)
+    for group in analyses.get("intrinsics", {}).get("groups", ()):
+        of = f"camera {group['focus_group']}"
+        for name, value in group["intrinsics"].items():
+            yield from _with_uncertainty((of, name), value, group["standard_uncertainty"][name], None)
+    for joint in analyses.get("dh", {}).get("joints", ()):
+        for name in _PARAMETERS:
+            if joint[name] is not None and joint["identifiable"][name]:
+                yield from _with_uncertainty(
+                    (f"joint {joint['joint']}", name),
+                    joint[name],
+                    joint["standard_uncertainty"][name],
+                    (joint.get("nominal") or {}).get(name),
+                )
+
+
+def _of_pose(pose: Json) -> Iterator[tuple[Key, Figure]]:
+    of = f"pose {pose['pose_id']}"
+    accuracy = pose["accuracy"] or {"interval": {}}
+    for name, value, interval in (
+        ("RP_l", pose["repeatability"]["rp_l_mm"], pose["interval"]["rp_l_mm"]),
+        ("AP_p", accuracy.get("ap_p_mm"), accuracy["interval"].get("ap_p_mm")),
+    ):
+        if value is not None and interval is not None and interval[0] <= value <= interval[1]:
+            yield (of, name), Figure(value, (interval[0], interval[1]), "mm", True)
+    floor = pose["noise_floor"]["rp_l_mm"]
+    if floor is not None:
+        yield (of, "noise floor"), Figure(floor, None, "mm", True)
+
+
+def _with_uncertainty(
+    key: Key, value: float, uncertainty: float | None, nominal: float | None
+) -> Iterator[tuple[Key, Figure]]:
+    if uncertainty is None or not math.isfinite(uncertainty):
+        return
+    reach = _NORMAL_95 * uncertainty
+    deviation = None if nominal is None else value - nominal
+    yield key, Figure(value, (value - reach, value + reach), key[1].rpartition("_")[2], False, deviation)

@@ -1,0 +1,200 @@
+"""Reports compared and charted: like with like, intervals, verdicts in words, lasting changes."""
+
+from __future__ import annotations
+
+import json
+from typing import Any
+
+import numpy as np
+import pytest
+
+from app.analyses.history import (
+    HistoryEvent,
+    NotAReport,
+    Summary,
+    charted_tests,
+    charts_of,
+    comparison_document,
+    entries_of_qualifications,
+    group_comparable,
+    history_document,
+    not_stated,
+    read_report,
+    read_summary,
+    series_of,
+    summary_of,
+    unlike,
+    verdict,
+)
+from core.metrology import estimate_difference
+from tests.support.sessions.filed_reports import FIRST, content, day, filed
+
+
+def test_the_format_is_that_of_reports() -> None:
+    from app.reports.forms import FORMAT, FORMAT_VERSION
+
+    document = json.loads(content())
+    assert (document["format"], document["format_version"]) == (FORMAT, FORMAT_VERSION)
+
+
+@pytest.mark.parametrize(
+    ("changes", "word"),
+    [
+        ({"robot": "rob_2"}, "robots"),
+        ({"source": "measured_poses"}, "instrument"),
+        ({"poses": 4}, "P4"),
+        ({"height_mm": 0.1}, "P1, P2, P3"),
+        ({"conditions": {"load_kg": 2.0}}, "load"),
+        ({"conditions": {"speed_percent": 50.0}}, "speed"),
+        ({"conditions": {"temperature_c": 22.5}}, "temperature"),
+    ],
+)
+def test_what_makes_sessions_unlike_is_named(changes: dict[str, Any], word: str) -> None:
+    (reason,) = unlike(filed(1), filed(2, **changes))
+    assert word in reason
+
+
+def test_sessions_of_one_test_are_alike_and_what_is_not_stated_is_named() -> None:
+    assert unlike(filed(1), filed(2, height_mm=0.005, conditions={"temperature_c": 21.5})) == []
+    unstated = filed(2, conditions={"temperature_c": None})
+    assert unlike(filed(1), unstated) == []
+    assert not_stated(filed(1), unstated) == ["the temperature (°C)"]
+
+
+@pytest.mark.parametrize(
+    "wrong", [b"", b"[]", b"{}", b"null", b'{"format": 1}', content().replace(b"rp_l_mm", b"x")]
+)
+def test_other_files_are_no_reports(wrong: bytes) -> None:
+    with pytest.raises(NotAReport) as refused:
+        read_report(wrong)
+    assert not refused.value.is_later
+
+
+def test_a_report_of_a_later_version_is_named() -> None:
+    with pytest.raises(NotAReport) as refused:
+        read_report(content().replace(b'"format_version": 1', b'"format_version": 99'))
+    assert refused.value.is_later
+
+
+def test_a_summary_is_the_same_after_it_was_stored() -> None:
+    stored = read_summary(json.loads(json.dumps(summary_of(content(3, rp_mm=0.06)))))
+    whole = filed(3, rp_mm=0.06)
+    assert (stored.poses, stored.conditions) == (whole.poses, whole.conditions)
+    assert {key: figure.value for key, figure in stored.figures.items()} == {
+        ("all poses", "RP_l"): pytest.approx(0.06),
+        ("all poses", "noise floor"): pytest.approx(0.004),
+    }
+    assert series_of([stored]).keys() == series_of([whole]).keys()
+
+
+@pytest.mark.parametrize(
+    "wrong", [None, [], {}, {"report_id": 1}, "text", {**summary_of(content()), "figures": [1]}]
+)
+def test_other_stored_values_are_no_summaries(wrong: Any) -> None:
+    with pytest.raises(NotAReport):
+        read_summary(wrong)
+
+
+def test_few_changes_among_many_figures_are_chance() -> None:
+    same = estimate_difference(0.05, (0.04, 0.065), 0.05, (0.04, 0.065))
+    more = estimate_difference(0.05, (0.04, 0.065), 0.2, (0.16, 0.26))
+    many = {(f"pose P{k}", "RP_l"): same for k in range(30)}
+    assert "No change is shown" in verdict(many, [])
+    assert "no change is shown" in verdict({**many, ("pose P0", "RP_l"): more}, [])
+    assert "something changed" in verdict({("pose P1", "RP_l"): more, ("pose P2", "RP_l"): more}, [])
+    assert "not comparable (the load differs)" in verdict({("pose P1", "RP_l"): more}, ["the load differs"])
+    assert verdict({}, []) == "Nothing can be compared."
+    assert "the load differs" in verdict({}, ["the load differs"])
+
+
+def test_the_later_is_compared_with_the_earlier_whichever_is_named_first() -> None:
+    found = comparison_document(filed(2, rp_mm=0.12), filed(1))
+    assert (found["earlier"]["session_name"], found["later"]["session_name"]) == ("week 1", "week 2")
+    assert {one["figure"] for one in found["differences"]} == {"RP_l"}  # floors have no interval
+    first = found["differences"][0]
+    assert first["ratio"] == pytest.approx(2.4)
+    assert first["ratio_interval"][0] < 2.4 < first["ratio_interval"][1]
+    assert (found["compared"], found["changed"], found["comparable"]) == (3, 3, True)
+    assert found["expected_by_chance"] == pytest.approx(0.15)
+
+
+def scattered(count: int, *, change_at: int | None = None) -> list[Summary]:
+    rng = np.random.default_rng(3)
+    return [
+        filed(
+            k,
+            rp_mm=float(
+                0.05
+                * np.exp(rng.normal(0.0, 0.05))
+                * (1.3 if change_at is not None and k >= change_at else 1.0)
+            ),
+        )
+        for k in range(1, count + 1)
+    ]
+
+
+def test_a_lasting_change_is_said_of_the_sessions_that_are_alike() -> None:
+    reports = scattered(30, change_at=20)
+    reports.append(filed(90, rp_mm=0.5, conditions={"load_kg": 1.0}))
+    event = HistoryEvent("eve_1", day(20)[:10], "new belt", False)
+    first, second = charted_tests(reports, [event])
+    assert ([len(test.reports) for test in (first, second)], second.charts) == ([30, 1], {})
+    (sentence,) = first.sentences.values()
+    assert sentence.startswith("RP_l all poses went up, from 0.0")
+    since = int(sentence.split("week ")[1].split()[0])
+    assert abs(since - 20) <= 2
+    assert series_of(reports[:1])["all poses", "noise floor"][0][1].value == pytest.approx(0.004)
+    assert charts_of(series_of(reports[:19]))["all poses", "RP_l"].alarm is None
+    document = history_document({"id": "rob_1", "name": "arm"}, [first, second], [event])
+    (alarmed,) = [one for one in document["series"] if one["alarm"]]
+    assert alarmed["alarm"]["direction"] == "up"
+    assert not alarmed["limits"]["in_control"]
+    points = [one for one in document["points"] if one["figure"] == "RP_l" and one["test"] == 1]
+    assert [one["alarm_mark"] for one in points if one["alarm_mark"]] == ["since", "shown"]
+    assert points[0]["ewma"] is None
+    assert (document["sessions"], len(document["points"])) == (31, 62)
+
+
+def test_the_latest_report_of_a_session_counts() -> None:
+    again = filed(1, report=f"rep_{9:026d}", rp_mm=0.07)
+    (test,) = charted_tests([again, filed(1), filed(2)], [])
+    values = [figure.value for _, figure in test.series["all poses", "RP_l"]]
+    assert values == [pytest.approx(0.07), pytest.approx(0.05)]
+
+
+def test_events_restart_charts_where_they_say_so() -> None:
+    reports = [filed(k) for k in range(1, 10)]
+    assert [len(test) for test in group_comparable(reports, [day(6)])] == [5, 4]
+    assert [len(test) for test in group_comparable(reports)] == [9]
+
+
+def test_qualifications_of_one_camera_make_a_chart() -> None:
+    rows = [
+        {
+            **{
+                "id": f"qua_{k:026d}",
+                "session_id": f"ses_{k:026d}",
+                "session_name": "bar",
+                "robot_id": "rob_1",
+            },
+            **{"camera_name": "A" if k < 6 else None, "made_at": FIRST.replace(day=k + 1)},
+            **{"worst_error_mm": -0.01 + 0.001 * (k % 3), "scale_ppm": 5.0, "probing_scatter_mm": None},
+        }
+        for k in range(8)
+    ]
+    first, second = charted_tests(entries_of_qualifications(rows), [])
+    assert ([first.reports[0].source, len(first.reports)], len(second.reports)) == (["A", 6], 2)
+    assert set(first.charts) == {("qualification", "worst error"), ("qualification", "scale")}
+
+
+def test_a_parameter_has_its_deviation_from_the_data_sheet() -> None:
+    document = json.loads(content())
+    joint = {
+        **dict.fromkeys(("alpha_deg", "d_mm", "theta_offset_deg", "beta_deg")),
+        **{"joint": 2, "a_mm": 600.5, "nominal": {"a_mm": 600.0}},
+        **{"identifiable": {"a_mm": True}, "standard_uncertainty": {"a_mm": 0.1}},
+    }
+    document["analyses"] = {"dh": {"joints": [joint]}}
+    figure = read_report(json.dumps(document).encode()).figures["joint 2", "a_mm"]
+    assert (figure.deviation, figure.unit) == (pytest.approx(0.5), "mm")
+    assert figure.interval == pytest.approx((600.304, 600.696))
