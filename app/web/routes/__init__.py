@@ -4,6 +4,7 @@ from app.web import static_files
 from app.web.routes import (
     administration,
     camera,
+    histories,
     measurements,
     planning,
     repeatability,
@@ -27,6 +28,7 @@ routers = (
     camera.router,
     robots.router,
     *planning.routers,
+    histories.router,  # before reports, which take /reports/{report_id}
     reports.router,
     targets.router,
     administration.router,

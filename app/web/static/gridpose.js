@@ -45,7 +45,9 @@
     const text = field.value.trim();
     const type = field.dataset.type;
     if (type === "json") return JSON.parse(field.value);
+    if (type === "boolean") return field.checked;
     if (!text) return field.hasAttribute("data-null") ? null : undefined;
+    if (type === "moment") return new Date(text).toISOString(); // without a zone: the reader's
     if (type === "number" || type === "integer") {
       const value = Number(text.replace(",", "."));
       if (!Number.isFinite(value)) throw Object.assign(new Error("“" + text + "” is not a number."), { advice: "", errors: [] });

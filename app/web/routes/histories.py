@@ -1,0 +1,79 @@
+"""A robot over its sessions, and two reports compared."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any
+
+from fastapi import Query, Request
+from starlette.responses import Response
+
+from app.analyses.history import KINDS, MAX_CHARTS, comparison_document, read_filed_report, read_history
+from app.errors import Conflict, InvalidContent
+from app.web.pages import page_router, render
+from app.web.service import service_of
+
+router = page_router()
+MAX_POINTS = 200
+"""Sessions of one figure that a page lists, the latest; the CSV has all."""
+TWO = 2
+
+
+@router.get("/robots/{robot_id}/history", operation_id="get_robot_history")
+def show_history(
+    request: Request, robot_id: str, kind: Annotated[str, Query(max_length=40)] = ""
+) -> Response:
+    """Show a robot's figures with their control charts, what changed lastingly, and what was done to the robot."""
+    chosen = kind if kind in KINDS else None
+    found = read_history(service_of(request).installation.database, robot_id, chosen)
+    document = found.document()
+    charted = sum(len(test.charts) for test in found.tests)
+    return render(
+        request,
+        "robot_history.html",
+        history=document,
+        tests=tests_of(document),
+        alarms=[one["alarm"]["sentence"] for one in document["series"] if one["alarm"] is not None],
+        kind=chosen,
+        kinds=KINDS,
+        charted=charted,
+        most=MAX_CHARTS,
+    )
+
+
+@router.get("/reports/comparison", operation_id="get_report_comparison")
+def show_comparison(
+    request: Request, report: Annotated[list[str] | None, Query(max_length=20)] = None
+) -> Response:
+    """Show two reports compared figure by figure, with a verdict in words."""
+    chosen = list(dict.fromkeys(report or []))
+    if len(chosen) != TWO:
+        raise InvalidContent(
+            f"Two reports are compared, and {len(chosen)} are chosen.",
+            "Tick two reports in the list of reports.",
+        )
+    found: dict[str, Any] | None = None
+    refused: Conflict | None = None
+    with service_of(request).installation.database.read() as records:
+        try:
+            first, second = (read_filed_report(records, one) for one in chosen)
+            found = comparison_document(first, second)
+        except Conflict as error:
+            refused = error
+    return render(request, "report_comparison.html", found=found, refused=refused)
+
+
+def tests_of(document: dict[str, Any]) -> list[dict[str, Any]]:
+    """Return each test of a history with its figures, and of its sessions the latest ones with their values."""
+    tests = []
+    for test in document["tests"]:
+        number = test["test"]
+        figures = [one for one in document["series"] if one["test"] == number]
+        names = [(one["of"], one["figure"]) for one in figures]
+        sessions: dict[str, dict[str, Any]] = {}
+        for point in document["points"]:
+            if point["test"] == number:
+                row = sessions.setdefault(point["report_id"], {**point, "values": {}})
+                row["values"][(point["of"], point["figure"])] = point
+        rows = sorted(sessions.values(), key=lambda row: (row["measured_at"], row["report_id"]), reverse=True)
+        tests.append({**test, "figures": figures, "names": names, "rows": rows[:MAX_POINTS]})
+    return tests
