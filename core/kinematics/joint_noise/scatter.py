@@ -8,15 +8,17 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 from scipy.spatial.transform import Rotation
 
-from core.errors import TooFewPoses
+from core.errors import MotionInsufficient, TooFewPoses
 from core.geometry import rotation_mean
-from core.kinematics.arm_model import THETA, ArmState
+from core.kinematics.arm_model import SHORTEST_REACH_MM, THETA, ArmState
 from core.kinematics.dh import Chain, forward
 from core.kinematics.global_fit import Observations, linearised, observations_of, placed
 from core.kinematics.pose_observations import PoseData
 
 MIN_POSES = 4
 """With repeated visits: fewer separate neither joints from one another nor the model from one ellipsoid for all."""
+MAX_TOOL_UNCERTAINTY = 0.1
+"""Of the chain's length, one standard deviation: what the tool adds to a joint's lever is wrong by as much."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,10 +91,13 @@ def gather_scatters(poses: PoseData, nominal: Chain) -> PoseScatters:
     """Return the scatter of poses that were visited twice or more; visits of one pose have one label.
 
     The tool and the base of the nominal chain come from all poses in closed form. Raises TooFewPoses where fewer than
-    `MIN_POSES` were repeated, and as `observations_of` does.
+    `MIN_POSES` were repeated, MotionInsufficient where the poses do not determine the tool, and as `observations_of`
+    does.
     """
     seen = observations_of(poses)
-    arm = placed(nominal.as_array(), forward(nominal, poses.joint_angles), seen)
+    T_base_flange = forward(nominal, poses.joint_angles)
+    arm = placed(nominal.as_array(), T_base_flange, seen)
+    _require_tool(arm, T_base_flange, seen)
     names = [(poses.labels[i], int(seen.target[i])) for i in range(len(seen))]
     counts: dict[tuple[str, int], list[int]] = {}
     for i, name in enumerate(names):
@@ -116,6 +121,28 @@ def gather_scatters(poses: PoseData, nominal: Chain) -> PoseScatters:
         tuple(label for label, _ in groups),
         arm,
     )
+
+
+def _require_tool(arm: ArmState, T_base_flange: Float[np.ndarray, "n 4 4"], seen: Observations) -> None:
+    """Raise MotionInsufficient where the poses leave the tool's position uncertain, by their misfit to the arm.
+
+    Positions are linear in it and in each target's own (`placed`): its information is Σ (R - R̄)ᵀ(R - R̄), R the
+    flange's orientations and R̄ their mean for each target.
+    """
+    found = arm.T_target_base[seen.target] @ T_base_flange @ arm.T_flange_camera
+    variance = float(np.mean((seen.positions_mm - found[:, :3, 3]) ** 2))
+    information = np.zeros((3, 3))
+    for target in np.unique(seen.target):
+        R = T_base_flange[seen.target == target, :3, :3]
+        mean = R.mean(axis=0)
+        information += len(R) * (np.eye(3) - mean.T @ mean)
+    least = float(np.linalg.eigvalsh(information)[0])
+    length = max(arm.links_mm, SHORTEST_REACH_MM)
+    if variance > max(least, 0.0) * (MAX_TOOL_UNCERTAINTY * length) ** 2:
+        raise MotionInsufficient(
+            "The orientations of these poses differ too little to determine the tool, the place of the camera or "
+            "reflector on the flange; each joint's part of the scatter depends on it.",
+        )
 
 
 def joint_jacobian(

@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from core.errors import TooFewPoses
+from core.errors import MotionInsufficient, TooFewPoses
 from core.kinematics import fit_joint_noise, gather_scatters, joint_jacobian
 from core.kinematics.pose_observations import PoseData
 from core.simulation.arm import KR5_ARC
@@ -94,6 +94,13 @@ def test_a_gross_visit_is_left_out_and_the_noise_stays() -> None:
 def test_few_repeated_poses_are_refused() -> None:
     _, data, _ = repeated_poses(7, poses=3)
     with pytest.raises(TooFewPoses, match="3 poses were visited more than once"):
+        gather_scatters(data, KR5_ARC)
+
+
+@pytest.mark.parametrize("rotations", [True, False])
+def test_poses_of_one_orientation_do_not_determine_the_tool(rotations: bool) -> None:
+    _, data, _ = repeated_poses(8, half_range=math.radians(1e-4), rotations=rotations)
+    with pytest.raises(MotionInsufficient, match="differ too little to determine the tool"):
         gather_scatters(data, KR5_ARC)
 
 
