@@ -2,6 +2,7 @@
 
 from core.metrology.acceptance import RULE, Acceptance, Decision, Reading, decide, repeatability_reading
 from core.metrology.accuracy import (
+    CommandedPoint,
     EstimatedDeviation,
     HeldOutDeviation,
     PoseAccuracy,
@@ -9,6 +10,7 @@ from core.metrology.accuracy import (
     estimate_deviations,
     tied_accuracy,
 )
+from core.metrology.accuracy_over_cycles import AccuracyDrift, accuracy_drift
 from core.metrology.budget import (
     Agreement,
     Budget,
@@ -98,12 +100,14 @@ __all__ = [
     "TEST_PLANES",
     "VISITS",
     "Acceptance",
+    "AccuracyDrift",
     "Agreement",
     "Alarm",
     "ApproachVariation",
     "Attribution",
     "Budget",
     "ChangePoint",
+    "CommandedPoint",
     "Contribution",
     "ControlChart",
     "CycleGrid",
@@ -138,6 +142,7 @@ __all__ = [
     "Verdict",
     "VerdictLimits",
     "accuracy_budget",
+    "accuracy_drift",
     "angles_from_vectors",
     "assess_approaches",
     "assess_distance",

@@ -141,13 +141,33 @@ def estimate_deviations(tied: TiedDeviations) -> list[EstimatedDeviation]:
 
 
 @dataclass(frozen=True, slots=True)
+class CommandedPoint:
+    """Where the commanded point is by what is measured: R (p + R_measured offset), up to one shift of all places.
+
+    `R_base_measured` turns from the frame of the measured poses to the base, `offset_mm` is the point in the frame of
+    the camera or probe; zero where it is not known, or the poses' own turns do not count.
+    """
+
+    R_base_measured: Float[np.ndarray, "3 3"]
+    offset_mm: Float[np.ndarray, "3"]
+
+    def attained(
+        self, positions_mm: Float[np.ndarray, "n 3"], rotations: Float[np.ndarray, "n 3 3"] | None
+    ) -> Float[np.ndarray, "n 3"]:
+        """Return the point in the base frame, up to the shift, mm."""
+        inside = positions_mm if rotations is None else positions_mm + rotations @ self.offset_mm
+        return np.asarray(inside @ self.R_base_measured.T)
+
+
+@dataclass(frozen=True, slots=True)
 class PoseAccuracy:
     """AP of one pose, mm and rad.
 
     `figures` are the studentised best-fit ones, `interval` theirs, `held_out` those with the frames tied by all other
     poses. `rotation` is the deviation of orientation as a rotation vector in the base frame; where `near_singularity`,
     within 5° of pitch = ±90°, it alone is given and the angles, which mean nothing there, are None.
-    `degrees_of_freedom` are those of the positions' tie, `parts` what leaves the position's deviation open.
+    `degrees_of_freedom` are those of the positions' tie, `parts` what leaves the position's deviation open, `place` the
+    frames it was compared in.
     """
 
     figures: PerComponent[float | None]
@@ -157,6 +177,7 @@ class PoseAccuracy:
     near_singularity: bool
     degrees_of_freedom: float
     parts: DeviationParts | None = None
+    place: CommandedPoint | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -173,6 +194,7 @@ def tied_accuracy(
     commanded_rotation: Float[np.ndarray, "3 3"] | None,
     held_out: HeldOutDeviation | None,
     degrees_of_freedom: float,
+    place: CommandedPoint | None = None,
 ) -> PoseAccuracy | None:
     """Return AP of one pose from what the robot was off there; None where its position is not determined."""
     if position.vector is None:
@@ -199,6 +221,7 @@ def tied_accuracy(
         singular and turned is not None,
         degrees_of_freedom,
         position.parts,
+        place,
     )
 
 

@@ -26,11 +26,12 @@ def drift_blocks(found: Json) -> list[Block]:
             ),
             number(one["shift_distance_mm"], max(one["shift_standard_uncertainty_mm"])),
             number(one["drp_mm"]),
+            number(one.get("dap_mm"), one.get("dap_standard_uncertainty_mm")),
             number(one["duration_h"]),
         ]
         for one in found["drift"]["poses"]
     ]
-    columns = ("pose", "x, mm", "y, mm", "z, mm", "length, mm", "dRP_l, mm", "over, h")
+    columns = ("pose", "x, mm", "y, mm", "z, mm", "length, mm", "dRP_l, mm", "dAP_p, mm", "over, h")
     return [
         heading("Drift (7.6)"),
         *table("Shift of the mean pose from the first block of cycles to the last", columns, rows),

@@ -23,8 +23,9 @@ from core.calibration import (
     calibrate_hand_eye,
 )
 from core.errors import Advisory, GridposeError
-from core.geometry import so3_log, transform, transform_mean
+from core.geometry import invert, so3_log, transform, transform_mean
 from core.metrology import (
+    CommandedPoint,
     EstimatedDeviation,
     HeldOutDeviation,
     PoseAccuracy,
@@ -99,17 +100,18 @@ def by_whole_poses(visits: Visits, commands: Commands) -> Compared:
         mean_rotation_variance([visits[p] for p in whole]),
     )
     places = estimate_deviations(positions)
+    point = CommandedPoint(tie.frames.T_base_targets[0][:3, :3], invert(tie.frames.T_flange_camera)[:3, 3])
     found = {}
     for d, place, turn in zip(tie.deviations, places, estimate_deviations(turns), strict=False):
         held_out = None
         if d.held_out_position_mm is not None:
             held_out = HeldOutDeviation(d.held_out_position_mm, d.held_out_rotation)
         found[d.pose_id] = tied_accuracy(
-            place, turn, whole[d.pose_id].rotation(), held_out, positions.degrees_of_freedom
+            place, turn, whole[d.pose_id].rotation(), held_out, positions.degrees_of_freedom, point
         )
     for pose_id, place in zip(rest, places[len(whole) :], strict=True):
         alone = HeldOutDeviation(place.residual)  # the frames are the others' already
-        found[pose_id] = tied_accuracy(place, None, None, alone, positions.degrees_of_freedom)
+        found[pose_id] = tied_accuracy(place, None, None, alone, positions.degrees_of_freedom, point)
     return {p: one for p, one in found.items() if one is not None}, tie.warnings
 
 
@@ -161,6 +163,7 @@ def _by_measured_orientation(visits: Visits, commands: Commands) -> Compared:
         mean_position_variance([visits[p] for p in commands]),
         mean_degrees_of_freedom([visits[p] for p in commands]),
     )
+    point = CommandedPoint(tie.T_base_target[:3, :3], tie.point_camera_mm if turns is None else np.zeros(3))
     rotations: list[EstimatedDeviation] | list[None] = [None] * len(stations)
     if turns is not None:
         rotations = estimate_deviations(_about_the_mean(turns, tie.T_base_target[:3, :3], visits, commands))
@@ -174,6 +177,7 @@ def _by_measured_orientation(visits: Visits, commands: Commands) -> Compared:
             commands[station.pose_id].rotation(),
             None if held_out is None else HeldOutDeviation(held_out),
             tied.degrees_of_freedom,
+            point,
         )
     return {p: one for p, one in found.items() if one is not None}, tie.warnings
 
@@ -243,6 +247,7 @@ def _of_a_point(visits: Visits, commands: Commands) -> Compared:
             None,
             None if held_out is None else HeldOutDeviation(-R_base_instrument @ held_out),
             tied.degrees_of_freedom,
+            CommandedPoint(R_base_instrument, np.zeros(3)),
         )
     return {p: one for p, one in found.items() if one is not None}, (*warnings, *tie.warnings)
 

@@ -4,7 +4,14 @@ from core.session.repeatability.acceptance import LimitAcceptance, SessionAccept
 from core.session.repeatability.assessment import SessionRepeatability, assess_repeatability
 from core.session.repeatability.budget import Figure, FigureBudget, SessionBudgets, session_budgets
 from core.session.repeatability.performance import Approaches, PoseDistance
-from core.session.repeatability.pose_rows import DRIFT_BLOCK, PoseRow, drift_of, image_rows, measured_rows
+from core.session.repeatability.pose_rows import (
+    DRIFT_BLOCK,
+    PoseRow,
+    accuracy_drift_of,
+    drift_of,
+    image_rows,
+    measured_rows,
+)
 from core.session.repeatability.steadiness import SessionSteadiness
 from core.session.repeatability.stops import BurstFloor, BurstNoise, images_of
 from core.session.repeatability.witness import Witness, WitnessMotion
@@ -25,6 +32,7 @@ __all__ = [
     "SessionSteadiness",
     "Witness",
     "WitnessMotion",
+    "accuracy_drift_of",
     "assess_acceptance",
     "assess_repeatability",
     "drift_of",

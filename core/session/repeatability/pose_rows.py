@@ -10,7 +10,17 @@ from typing import Any
 import numpy as np
 from jaxtyping import Int
 
-from core.metrology import Drift, PerComponent, PoseCycles, PoseRepeatability, Verdict, drift
+from core.metrology import (
+    AccuracyDrift,
+    Drift,
+    PerComponent,
+    PoseAccuracy,
+    PoseCycles,
+    PoseRepeatability,
+    Verdict,
+    accuracy_drift,
+    drift,
+)
 from core.metrology import assess_repeatability as assess_cycles
 from core.session.estimate import ExcludedMeasurement, SessionEstimate
 from core.session.model import MeasuredPose, SessionData, readings
@@ -114,6 +124,21 @@ def drift_of(row: PoseRow) -> tuple[Int[np.ndarray, " n"], Drift] | None:
         block=DRIFT_BLOCK,
     )
     return np.array([visit.cycle for visit in visits], dtype=np.intp), found
+
+
+def accuracy_drift_of(row: PoseRow, accuracy: PoseAccuracy | None) -> AccuracyDrift | None:
+    """Return AP over the blocks of `drift_of`, and dAP; None without two blocks, or where AP is not determined."""
+    drifting = drift_of(row)
+    if drifting is None or accuracy is None:
+        return None
+    visits = [visit for visit in row.visits if visit.cycle is not None]
+    rotations = [visit.rotation for visit in visits if visit.rotation is not None]
+    return accuracy_drift(
+        accuracy,
+        np.array([visit.position_mm for visit in visits]),
+        np.array(rotations) if len(rotations) == len(visits) else None,
+        [(block.first_cycle - 1, block.last_cycle) for block in drifting[1].blocks],
+    )
 
 
 def _rows(

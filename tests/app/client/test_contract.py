@@ -36,6 +36,8 @@ METHODS = {
     **{"create": "post", "put": "put", "change": "patch", "delete": "delete"},
 }
 """Methods of `ServiceClient` that take a path, with the HTTP method of each."""
+IN_HEADERS = {"accept"}
+"""Arguments of these methods that are no query."""
 FREE = "{}"
 
 
@@ -75,7 +77,7 @@ def calls(folder: Path) -> Iterator[Call]:
                     continue
                 name, path = node.func.attr, written(node.args[0], named)
                 if name in METHODS and path is not None and path.startswith("/v1/"):
-                    query = frozenset(word.arg for word in node.keywords if word.arg)
+                    query = frozenset(word.arg for word in node.keywords if word.arg) - IN_HEADERS
                     place = f"{source.relative_to(PROJECT)}:{node.lineno}"
                     yield Call(place, METHODS[name], path, query)
 

@@ -2,22 +2,26 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
-from core.metrology import drift_rate
-from core.session import MeasuredPose, PoseRow, SessionData, drift_of, images_of
+from core.metrology import PoseAccuracy, drift_rate
+from core.session import MeasuredPose, PoseRow, SessionData, accuracy_drift_of, drift_of, images_of
 
 
-def drift_document(rows: Sequence[PoseRow], data: SessionData) -> dict[str, Any] | None:
+def drift_document(
+    rows: Sequence[PoseRow], data: SessionData, accuracy: Mapping[str, PoseAccuracy]
+) -> dict[str, Any] | None:
     """Return how each pose moved from its first cycles to its last, where there are two blocks of cycles."""
-    documents = [found for row in rows if (found := _of_pose(row, data)) is not None]
+    documents = [
+        found for row in rows if (found := _of_pose(row, data, accuracy.get(row.pose_id))) is not None
+    ]
     return {"time_source": data.time_source, "poses": documents} if documents else None
 
 
-def _of_pose(row: PoseRow, data: SessionData) -> dict[str, Any] | None:
+def _of_pose(row: PoseRow, data: SessionData, accuracy: PoseAccuracy | None) -> dict[str, Any] | None:
     drifting = drift_of(row)
     if drifting is None:
         return None
@@ -28,6 +32,8 @@ def _of_pose(row: PoseRow, data: SessionData) -> dict[str, Any] | None:
     if hours is not None:
         rate = drift_rate(hours, np.array([visit.position_mm for visit in visits]))
     shift_error = np.hypot(found.blocks[0].standard_error_mm, found.blocks[-1].standard_error_mm)
+    against = accuracy_drift_of(row, accuracy)
+    attained = [None] * len(found.blocks) if against is None else against.accuracy_mm
     turn, turn_error = found.shift_rad, found.shift_rad_standard_error
     blocks = [
         {
@@ -36,11 +42,12 @@ def _of_pose(row: PoseRow, data: SessionData) -> dict[str, Any] | None:
             "mean_position_mm": block.mean_position_mm.tolist(),
             "mean_standard_uncertainty_mm": block.standard_error_mm.tolist(),
             "rp_l_mm": block.repeatability_mm,
+            "ap_p_mm": ap_mm,
             "mean_time_h": None
             if hours is None
             else float(hours[block.first_cycle - 1 : block.last_cycle].mean()),
         }
-        for block in found.blocks
+        for block, ap_mm in zip(found.blocks, attained, strict=True)
     ]
     return {
         "pose_id": row.pose_id,
@@ -50,6 +57,8 @@ def _of_pose(row: PoseRow, data: SessionData) -> dict[str, Any] | None:
         "shift_deg": None if turn is None else np.degrees(turn).tolist(),
         "shift_standard_uncertainty_deg": None if turn_error is None else np.degrees(turn_error).tolist(),
         "drp_mm": found.repeatability_drift_mm,
+        "dap_mm": None if against is None else against.dap_mm,
+        "dap_standard_uncertainty_mm": None if against is None else against.standard_uncertainty_mm,
         "duration_h": None if hours is None else blocks[-1]["mean_time_h"] - blocks[0]["mean_time_h"],
         "rate_mm_per_h": None if rate is None else rate.mm_per_h.tolist(),
         "rate_standard_uncertainty_mm_per_h": None if rate is None else rate.standard_error_mm_per_h.tolist(),

@@ -65,7 +65,7 @@ def repeatability_findings(data: SessionData, settings: Mapping[str, str]) -> Fi
         "groups": [camera_fields(group) for group in estimate.groups] if estimate is not None else [],
         "steadiness": steadiness_document(found.steadiness, found.poses),
         "witness": None if found.witness is None else _witness(found.witness),
-        "drift": drift_document(found.poses, data),
+        "drift": drift_document(found.poses, data, found.accuracy.poses),
         "bursts": _bursts(found.bursts),
         **_acceptance(assess_acceptance(found, data.datasheet)),
         "distances": [_distance(one) for one in performance.distances] or None,

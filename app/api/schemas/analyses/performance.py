@@ -36,6 +36,12 @@ class DriftBlock(ResponseModel):
         ),
     ]
     rp_l_mm: Annotated[float, Field(description="RP_l of this block's cycles, mm.")]
+    ap_p_mm: Annotated[
+        float | None,
+        Field(
+            description="AP_p of this block's cycles, in the frames that tie the pose's own AP, mm; null without one."
+        ),
+    ]
     mean_time_h: Annotated[
         float | None,
         Field(
@@ -70,6 +76,22 @@ class PoseDrift(ResponseModel):
     drp_mm: Annotated[
         float,
         Field(description="dRP_l: absolute difference of RP_l between the first block and the last, mm."),
+    ]
+    dap_mm: Annotated[
+        float | None,
+        Field(
+            description="dAP_p: absolute difference of AP_p between the first block and the last, mm; null where the "
+            "pose has no AP.",
+            examples=[0.021],
+        ),
+    ]
+    dap_standard_uncertainty_mm: Annotated[
+        float | None,
+        Field(
+            description="Of `dap_mm`, from the scatter of both blocks and what the tie of the frames leaves open, mm; "
+            "null where that is not known.",
+            examples=[0.014],
+        ),
     ]
     duration_h: Annotated[
         float | None,

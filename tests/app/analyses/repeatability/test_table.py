@@ -11,10 +11,15 @@ import numpy as np
 import pytest
 import sqlalchemy as sa
 
+from app.analyses.documents.repeatability.drift import drift_document
+from app.api.schemas.analyses.performance import PoseDrift
 from app.records.tables import Measurement
 from core.geometry.roll_pitch_yaw import rpy_to_rotation
 from core.geometry.se3 import compose, invert, transform
+from core.session import PoseRow
+from core.session.commanded_poses import assess_accuracy
 from core.targets.specification import TargetSpec
+from tests.support.sessions.drifting_robot import SIX, drifting_session
 from tests.support.sessions.repeatability import KEYS, table
 from tests.support.sessions.stored_sessions import (
     BOARD,
@@ -234,6 +239,26 @@ def test_drift_is_told_over_blocks_of_cycles(api: Any, store: Store) -> None:
         records.execute(sa.update(Measurement).where(Measurement.id == ids[0]).values(captured_at=None))
         records.execute(sa.update(Measurement).where(Measurement.id == ids[0]).values(attempts=7))
     assert table(api, session)["drift"]["time_source"] == "received_at"
+
+
+def test_drift_of_accuracy_stands_by_blocks_where_a_pose_has_accuracy() -> None:
+    rng = np.random.default_rng(3)
+    off, moved, turns = 0.3 * rng.standard_normal((3, 6, 3))
+    noise = rng.normal(0.0, 0.01, (6, 20, 3))
+    data, visits = drifting_session(turns, off, moved, np.zeros((6, 3)), noise)
+    rows = [PoseRow(name, tuple(visits[name]), (), None) for name in SIX]
+    accuracy = dict(assess_accuracy(data, visits).poses)
+    del accuracy["P6"]
+    document = drift_document(rows, data, accuracy)
+    assert document is not None
+    *with_accuracy, without = [PoseDrift.model_validate(one) for one in document["poses"]]
+    for one in with_accuracy:
+        first, last = (block.ap_p_mm for block in one.blocks)
+        assert first is not None
+        assert last is not None
+        assert one.dap_mm == pytest.approx(abs(first - last))
+        assert one.dap_standard_uncertainty_mm is not None
+    assert without.dap_mm is without.dap_standard_uncertainty_mm is without.blocks[0].ap_p_mm is None
 
 
 @pytest.mark.slow
