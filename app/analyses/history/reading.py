@@ -120,22 +120,16 @@ def _event(row: RobotEvent) -> HistoryEvent:
 def _missing(rows: HistoryRows) -> list[dict[str, str | None]]:
     found: list[dict[str, str | None]] = []
     if rows.is_truncated:
-        found.append(
-            {
-                "code": "history_truncated",
-                "detail": "The robot has more reports than one history shows; the earliest are missing.",
-                "advice": "Ask for one kind at a time.",
-            }
-        )
+        detail = "The robot has more reports than one history shows; the earliest are missing."
+        found.append(_warning(code="history_truncated", detail=detail, advice="Ask for one kind at a time."))
     if rows.unread:
-        found.append(
-            {
-                "code": "history_incomplete",
-                "detail": f"Reports of this installation that are not read yet: {rows.unread}.",
-                "advice": "Ask again shortly.",
-            }
-        )
+        detail = f"Reports of this installation that are not read yet: {rows.unread}."
+        found.append(_warning(code="history_incomplete", detail=detail, advice="Ask again shortly."))
     return found + [_unreadable("report", report_id, ["content of json"]) for report_id in rows.unreadable]
+
+
+def _warning(*, code: str, detail: str, advice: str) -> dict[str, str | None]:
+    return {"code": code, "detail": detail, "advice": advice}
 
 
 def _unreadable(noun: str, row_id: str, columns: Sequence[str]) -> dict[str, str | None]:
