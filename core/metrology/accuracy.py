@@ -78,8 +78,8 @@ class DeviationParts:
         """The covariance that is times t."""
         return self.of_tie + self.of_visits
 
-    def lengths(self, trials: int) -> Float[np.ndarray, " t"]:
-        """Return lengths of draws of the deviation, with random numbers of their own."""
+    def draws(self, trials: int, own: Float[np.ndarray, "3 3"]) -> Float[np.ndarray, "t 3"]:
+        """Return draws of the deviation, with random numbers of their own; `own` is the covariance that is times t."""
         rng = np.random.default_rng([_SEED, trials])
         normal, others = rng.standard_normal((2, trials, 3))
         student = (
@@ -87,7 +87,11 @@ class DeviationParts:
             / np.sqrt(rng.chisquare(self.degrees_of_freedom, trials) / self.degrees_of_freedom)[:, None]
         )
         shared = others @ _root(self.shared @ self.shared.T).T
-        return np.asarray(np.linalg.norm(self.residual + student @ _root(self.own).T + shared, axis=1))
+        return np.asarray(self.residual + student @ _root(own).T + shared)
+
+    def lengths(self, trials: int) -> Float[np.ndarray, " t"]:
+        """Return lengths of draws of the deviation."""
+        return np.asarray(np.linalg.norm(self.draws(trials, self.own), axis=1))
 
 
 @dataclass(frozen=True, slots=True)

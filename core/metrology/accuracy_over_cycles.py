@@ -10,13 +10,14 @@ from jaxtyping import Float
 
 from core.metrology.accuracy import PoseAccuracy
 
+_DRAWS = 10_000
+
 
 @dataclass(frozen=True, slots=True)
 class AccuracyDrift:
     """AP_p of every block, mm, and dAP_p, that of the first block less the last one's, without sign.
 
-    `standard_uncertainty_mm` is of dAP; None where the uncertainty of AP is not known, or by two degrees of freedom or
-    fewer.
+    `standard_uncertainty_mm` is of dAP; None where the uncertainty of AP is not known.
     """
 
     accuracy_mm: tuple[float, ...]
@@ -42,9 +43,9 @@ def accuracy_drift(
         First visit of each block and the one after its last, counted from 0; two visits or more in each.
 
     A block's deviation is that of the pose, moved by what the block's mean differs from the mean of all visits: the
-    frames are tied once. To first order u² = Σ aᵀC a + dᵀC_t d, a the directions of both deviations, C the covariances
-    of the means by their visits' scatter, d the difference of the directions, C_t what the tie leaves open: an error
-    that both blocks share counts only as far as their deviations point to different sides.
+    frames are tied once. The uncertainty is the standard deviation of draws of both lengths, with one draw of what the
+    tie leaves open for both, and of each block's mean by its visits' scatter: the lengths are not linear in it where
+    the deviation is not much larger.
     """
     if accuracy.place is None:
         return None
@@ -55,15 +56,12 @@ def accuracy_drift(
     vectors = [vector + part.mean(axis=0) - places.mean(axis=0) for part in parts]
     lengths = [float(np.linalg.norm(one)) for one in vectors]
     uncertainty = None
-    if accuracy.parts is not None and accuracy.parts.degrees_of_freedom > 2.0:
-        first, last = (
-            vectors[k] / lengths[k] if lengths[k] > 0.0 else np.zeros(3) for k in (0, len(blocks) - 1)
-        )
-        freedom = accuracy.parts.degrees_of_freedom
-        of_tie = freedom / (freedom - 2.0) * accuracy.parts.of_tie  # the variance of t
-        of_tie += accuracy.parts.shared @ accuracy.parts.shared.T
-        variance = float((first - last) @ of_tie @ (first - last))
-        for direction, part in ((first, parts[0]), (last, parts[-1])):
-            variance += float(direction @ np.cov(part.T) @ direction) / len(part)
-        uncertainty = float(np.sqrt(max(variance, 0.0)))
+    if accuracy.parts is not None:
+        deviations = accuracy.parts.draws(_DRAWS, accuracy.parts.of_tie)
+        rng = np.random.default_rng(_DRAWS)
+        drawn = []
+        for moved, part in ((vectors[0] - vector, parts[0]), (vectors[-1] - vector, parts[-1])):
+            scatter = rng.multivariate_normal(moved, np.cov(part.T) / len(part), _DRAWS, method="eigh")
+            drawn.append(np.linalg.norm(deviations + scatter, axis=1))
+        uncertainty = float(np.std(drawn[0] - drawn[1]))
     return AccuracyDrift(tuple(lengths), abs(lengths[0] - lengths[-1]), uncertainty)

@@ -144,20 +144,18 @@ class DriftBlock:
     last_cycle: int
     mean_position_mm: Float[np.ndarray, "3"]
     standard_error_mm: Float[np.ndarray, "3"]
-    accuracy_mm: float | None
     repeatability_mm: float
 
 
 @dataclass(frozen=True, slots=True)
 class Drift:
-    """dAP and dRP between the first and the last block, with what is known even where nothing was commanded.
+    """dRP and motion between the first and the last block; they need no commanded pose (dAP: `accuracy_drift`).
 
-    `shift_mm` and `shift_rad` are how far the mean pose moved, p̄_T - p̄_1 and log(R̄_T R̄_1ᵀ): they need no commanded
-    pose, and dAP never exceeds the length of the shift. `shift_rad_standard_error` is of the cycles' scatter.
+    `shift_mm` and `shift_rad` are how far the mean pose moved, p̄_T - p̄_1 and log(R̄_T R̄_1ᵀ).
+    `shift_rad_standard_error` is of the cycles' scatter.
     """
 
     blocks: tuple[DriftBlock, ...]
-    accuracy_drift_mm: float | None
     repeatability_drift_mm: float
     shift_mm: Float[np.ndarray, "3"]
     shift_rad: Float[np.ndarray, "3"] | None
@@ -191,10 +189,9 @@ def drift_rate(hours: Float[np.ndarray, " n"], positions_mm: Float[np.ndarray, "
 def drift(
     positions_mm: Float[np.ndarray, "n 3"],
     rotations: Float[np.ndarray, "n 3 3"] | None = None,
-    commanded_position_mm: Float[np.ndarray, "3"] | None = None,
     block: int = 10,
 ) -> Drift:
-    """Return dAP = |AP_1 - AP_T| and dRP = |RP_1 - RP_T| (7.6) over blocks of consecutive cycles from a cold start.
+    """Return dRP = |RP_1 - RP_T| and the motion (7.6) over blocks of consecutive cycles from a cold start.
 
     Cycles in the order they were made. Those that fill no whole block join the last one.
 
@@ -212,11 +209,8 @@ def drift(
     for start, end in zip(starts, ends, strict=True):
         part = positions_mm[start:end]
         mean = part.mean(axis=0)
-        accuracy = None
-        if commanded_position_mm is not None:
-            accuracy = float(np.linalg.norm(mean - commanded_position_mm))
         error = part.std(axis=0, ddof=1) / math.sqrt(len(part))
-        blocks.append(DriftBlock(start + 1, end, mean, error, accuracy, position_repeatability(part)))
+        blocks.append(DriftBlock(start + 1, end, mean, error, position_repeatability(part)))
     first, last = blocks[0], blocks[-1]
     turned = turned_error = None
     if rotations is not None:
@@ -226,12 +220,8 @@ def drift(
         turned_error = np.hypot(
             *(v.std(axis=0, ddof=1) / math.sqrt(len(v)) for v in (first_vectors, last_vectors))
         )
-    moved = None
-    if first.accuracy_mm is not None and last.accuracy_mm is not None:
-        moved = abs(first.accuracy_mm - last.accuracy_mm)
     return Drift(
         tuple(blocks),
-        moved,
         abs(first.repeatability_mm - last.repeatability_mm),
         last.mean_position_mm - first.mean_position_mm,
         turned,
