@@ -263,6 +263,7 @@ _ARMS = (
         "next views: images that the suggested order needs ÷ a random order, intrinsics; hand-eye; DH",
         "≤ .6",
         (at_most("next_view", "next view, (intrinsics|hand-eye|DH): images ÷ random order, mean", 0.6),),
+        "hand-eye: of the same views no choice needs fewer than .61 (section next_view, least images of any choice)",
     ),
     Goal(
         "coverage of the predicted position at left-out blocks",

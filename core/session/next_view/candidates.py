@@ -5,9 +5,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
-from core.geometry import AnyCamera, project_any, so3_exp, transform, transform_points
+from core.geometry import AnyCamera, project_any, rotations_from_vectors
 from core.targets import TargetSpec
 
 MAX_TILT = math.radians(50.0)
@@ -16,6 +16,7 @@ FILL = (0.35, 0.95)
 UPRIGHT = (0.0, math.radians(20.0))
 _SEED = 11
 _DRAWS_PER_VIEW = 40
+"""At most: a camera that can hardly show the target gives fewer views than asked for."""
 
 
 def candidate_views(
@@ -37,23 +38,37 @@ def candidate_views(
     middle, extent = points.mean(axis=0), float(np.ptp(points, axis=0).max()) + 2.0 * spec.pitch_mm
     low, high = points.min(axis=0) - spec.pitch_mm, points.max(axis=0) + spec.pitch_mm
     outline = np.array([[x, y, 0.0] for x in (low[0], high[0]) for y in (low[1], high[1])])
+    shown = np.concatenate([points, outline])
     focal = float(camera.as_array()[:2].mean())
-    found: list[Float[np.ndarray, "4 4"]] = []
-    for _ in range(_DRAWS_PER_VIEW * count):
-        if len(found) == count:
+    found = np.zeros((0, 4, 4))
+    for _ in range(_DRAWS_PER_VIEW):
+        if len(found) >= count:
             break
-        side, lean = rng.uniform(0.0, 2.0 * math.pi), MAX_TILT * math.sqrt(rng.uniform())
-        turn = turns[0] + rng.uniform(-1.0, 1.0) * turns[1]
-        R = so3_exp(lean * np.array([math.cos(side), math.sin(side), 0.0])) @ so3_exp(
-            np.array([0.0, 0.0, turn])
+        side, lean = rng.uniform(0.0, 2.0 * math.pi, count), MAX_TILT * np.sqrt(rng.uniform(size=count))
+        turn = turns[0] + rng.uniform(-1.0, 1.0, count) * turns[1]
+        across_axis = np.column_stack([np.cos(side), np.sin(side), np.zeros(count)])
+        about_axis = np.column_stack([np.zeros((count, 2)), turn])
+        T = np.tile(np.eye(4), (count, 1, 1))
+        T[:, :3, :3] = rotations_from_vectors(lean[:, None] * across_axis) @ rotations_from_vectors(
+            about_axis
         )
-        depth = focal * extent / (rng.uniform(*FILL) * min(size_px))
-        across = np.array([*(rng.uniform(-0.5, 0.5, 2) * size_px), focal]) * depth / focal
-        T = transform(R, across - R @ middle)
-        seen = transform_points(T, np.concatenate([points, outline]))
-        if seen[:, 2].min() <= 0.0:
-            continue
-        pixels = project_any(seen, camera)
-        if np.all(pixels >= 0.0) and np.all(pixels <= np.array(size_px) - 1.0):
-            found.append(T)
-    return np.array(found).reshape(-1, 4, 4)
+        depth = focal * extent / (rng.uniform(*FILL, count) * min(size_px))
+        at_px = np.column_stack([rng.uniform(-0.5, 0.5, (count, 2)) * size_px, np.full(count, focal)])
+        T[:, :3, 3] = at_px * depth[:, None] / focal - T[:, :3, :3] @ middle
+        found = np.concatenate([found, T[_shows(T, shown, camera, size_px)]])
+    return found[:count]
+
+
+def _shows(
+    T: Float[np.ndarray, "n 4 4"],
+    points: Float[np.ndarray, "m 3"],
+    camera: AnyCamera,
+    size_px: tuple[int, int],
+) -> Bool[np.ndarray, " n"]:
+    """Return in which views all points are before the camera and in the image."""
+    seen = points @ T[:, :3, :3].transpose(0, 2, 1) + T[:, None, :3, 3]
+    ahead = seen[:, :, 2].min(axis=1) > 0.0
+    seen[~ahead] = [0.0, 0.0, 1.0]
+    pixels = project_any(seen.reshape(-1, 3), camera).reshape(*seen.shape[:2], 2)
+    inside = (pixels >= 0.0) & (pixels <= np.array(size_px) - 1.0)
+    return np.asarray(ahead & np.all(inside, axis=(1, 2)))

@@ -72,13 +72,12 @@ def test_what_is_predicted_is_what_the_fit_of_all_views_states() -> None:
 
 
 def test_the_information_of_the_views_taken_is_the_inverse_of_what_their_fit_leaves_uncertain() -> None:
-    found = estimate_group(taken(5, 12, np.random.default_rng(7)), "pooled")
+    # The fit has priors, which forty views outweigh.
+    found = estimate_group(taken(5, 40, np.random.default_rng(7)), "pooled")
     assert found.fit is not None
     information = camera_information(found.fit.views, found.fit.placements).sum(axis=0)
     variances = np.diag(np.linalg.inv(information)) * found.fit.scale**2 * found.fit.growth.camera
-    np.testing.assert_allclose(
-        variances, np.diag(found.camera_covariance)[:8], rtol=0.05
-    )  # the fit has priors
+    np.testing.assert_allclose(variances, np.diag(found.camera_covariance)[:8], rtol=0.02)
 
 
 def test_candidates_show_the_whole_target() -> None:

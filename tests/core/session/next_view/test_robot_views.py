@@ -23,7 +23,13 @@ from core.session import (
 from core.session.next_view.reach import JOINT_MARGIN
 from core.session.next_view.views_expected import expected_views
 from tests.support.sessions.arm_views import ArmViews, arm_before_board, viewing_angles
-from tests.support.sessions.planned_sessions import DH, HAND_EYE, RobotPlan, images_needed
+from tests.support.sessions.planned_sessions import (
+    DH,
+    HAND_EYE,
+    RobotPlan,
+    images_needed,
+    least_mount_images,
+)
 from tests.support.sessions.stored_sessions import BOARD
 
 BEGUN = {"hand_eye": 8, "dh": 16}
@@ -121,10 +127,23 @@ def test_what_cannot_be_planned_is_refused(begun: Begun) -> None:
         begun.suggest(1, target=1, data=of_two)
 
 
+SESSIONS = {"hand_eye": 16, "dh": 8}
+"""With hand-eye the shares of 48 sessions have the mean .63 and scatter by .057, those of DH are lower and scatter by
+.03. The mean of sixteen is uncertain by .014: the bound is 1.7 of these away."""
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("plan", [HAND_EYE, DH], ids=["hand_eye", "dh"])
-def test_the_planned_order_needs_six_tenths_of_the_images_of_a_random_one(plan: RobotPlan) -> None:
-    shares = [images_needed(plan, seed) for seed in range(4)]
+def test_the_planned_order_needs_two_thirds_of_the_images_of_a_random_one(plan: RobotPlan) -> None:
+    sessions = SESSIONS["hand_eye" if plan is HAND_EYE else "dh"]
+    shares = [images_needed(plan, seed) for seed in range(sessions)]
     print(f"images by the planned order over a random one: {np.round(shares, 2).tolist()}")
-    assert np.mean(shares) <= 0.7  # the mean of four sessions is uncertain by .05; benchmarks: next_view
+    assert np.mean(shares) <= 0.65
     assert max(shares) < 1.0
+
+
+@pytest.mark.slow
+def test_the_planned_order_is_an_image_or_two_from_the_best_choice_for_hand_eye() -> None:
+    """The least is a broken number: an image is for rounding up, and one for learning the frames on the way."""
+    for seed in range(4):
+        assert images_needed(HAND_EYE, seed) <= least_mount_images(seed) + 2.0 / HAND_EYE.at_random
