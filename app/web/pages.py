@@ -201,6 +201,7 @@ def environment() -> Environment:
         report_kinds=words.REPORT_KINDS,
         report_forms=words.REPORT_FORMS,
         scopes=words.SCOPES,
+        view_purposes=words.VIEW_PURPOSES,
         query=query_of,
         sqrt=math.sqrt,
         build=sources_hash("app"),

@@ -136,6 +136,11 @@ ESTIMATORS: dict[str, tuple[str, str]] = {
     ),
     "given": ("Given camera", "The session's stated intrinsics, taken as they are."),
 }
+VIEW_PURPOSES: dict[str, tuple[str, str]] = {
+    "intrinsics": ("Camera", "the lens"),
+    "hand_eye": ("Hand-eye", "where the camera sits on the flange"),
+    "dh": ("Robot", "the chain's lengths and angles"),
+}
 SCOPES = {
     "read": "reads everything, changes nothing",
     "ingest": "sends images and commanded poses, reads nothing else",

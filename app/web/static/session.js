@@ -34,6 +34,21 @@
     }, REFRESH_MS);
   }
 
+  // Next views that are open, as soon as all images are computed: one question at a time.
+  let asking = false, askAgain = false;
+  async function renewViews() {
+    const place = document.querySelector("#next-views[data-live][open] [data-next-view]");
+    if (!place) return;
+    if (asking) return void (askAgain = true);
+    asking = true;
+    try {
+      await htmx.ajax("GET", place.dataset.nextView, { target: "#next-view" });
+    } finally {
+      asking = false;
+      if (askAgain) { askAgain = false; renewViews(); }
+    }
+  }
+
   function follow() {
     source = new EventSource(live.dataset.events);
     source.addEventListener("open", function () {
@@ -46,8 +61,10 @@
       const text = JSON.stringify(JSON.parse(event.data).counts);
       if (last !== null && last !== text) refresh();
       else if (last === null && text !== initial()) refresh();
+      const counts = JSON.parse(event.data).counts;
+      if (last !== null && last !== text && !counts.queued && !counts.running) renewViews();
       last = text;
-      show(JSON.parse(event.data).counts);
+      show(counts);
     });
     source.addEventListener("deleted", function () {
       ended = true;

@@ -10,10 +10,12 @@ from typing import Any
 import numpy as np
 import pytest
 
+from app.web.words import fixed, number
 from core.simulation.arm import KR5_ARC
 from tests.app.web.test_pages import signed_in
 from tests.support.service.service import ApiMaker
 from tests.support.sessions.kinematics import make_robot, readings, rows_of, send
+from tests.support.sessions.robot_session import store_robot_session
 from tests.support.sessions.stored_sessions import body, new_session, shoot, store_shots
 from tests.support.simulation.robots.repeated_poses import repeated_poses
 
@@ -124,10 +126,34 @@ def test_the_camera_page_names_what_is_blank_and_which_views_help(api: Any) -> N
     assert f"blank: {', '.join(found['blank_areas'])}" in html.unescape(drawn)
     views = page(api, f"sessions/{session}/next-view")
     after = re.findall(
-        r'<th scope="row">\d</th>(?:<td class="num">[^<]+</td>){3}<td class="num">([^<]+)', views
+        r'<th scope="row">\d</th><td>[^<]+</td>(?:<td class="num">[^<]+</td>){3}<td class="num">([^<]+)',
+        views,
     )
     assert len(after) == 3
     assert np.all(np.diff([float(one) for one in after]) <= 0.0), "each view adds to those before it"
+
+
+@pytest.mark.parametrize("purpose", ["hand_eye", "dh"])
+def test_next_views_of_a_robot_are_shown_with_their_joint_angles(api: Any, purpose: str) -> None:
+    session = store_robot_session(api).id
+    asked = api.client.post(f"/v1/sessions/{session}/next-view", json={"purpose": purpose, "count": 3})
+    first = body(asked)["suggestions"][0]
+    shown = page(api, f"sessions/{session}/next-view", purpose=purpose)
+    assert first["instruction"] in shown
+    assert ", ".join(fixed(angle, 1) for angle in first["joint_angles_deg"]) in shown
+    assert ", ".join(fixed(row[3], 0) for row in first["T_base_flange"][:3]) in shown
+    after = re.findall(r'<td class="num">([^<]+)</td><td class="num">[^<]+</td></tr>', shown)
+    assert after[0] == number(first["expected_uncertainty_after"]["length_rms_mm"], 2)
+    assert np.all(np.diff([float(one) for one in after]) <= 0.0), "each view adds to those before it"
+    chosen = re.search(r'<a href="[^"]*purpose=(\w+)"[^>]*aria-current="page"', shown)
+    assert chosen is not None
+    assert chosen[1] == purpose
+
+
+def test_next_views_of_a_robot_are_offered_where_its_images_are(api: Any) -> None:
+    session = store_robot_session(api).id
+    assert f'hx-get="/ui/sessions/{session}/next-view?purpose=dh"' in page(api, f"sessions/{session}/robot")
+    page(api, f"sessions/{session}/next-view", 422, purpose="tool")
 
 
 @pytest.mark.slow

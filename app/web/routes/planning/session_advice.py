@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 import sqlalchemy as sa
 from fastapi import Query, Request
@@ -24,6 +24,7 @@ from app.web.service import Service, service_of
 
 router = page_router()
 VIEWS = 3
+NextViewPurpose = Literal["intrinsics", "hand_eye", "dh"]
 
 
 def require_computing(request: Request) -> None:
@@ -40,13 +41,17 @@ def known_targets(records: orm.Session) -> list[Target]:
 
 @router.get("/sessions/{session_id}/next-view", operation_id="create_next_view")
 async def show_next_views(
-    request: Request, session_id: str, focus_group: Annotated[str, Query(max_length=200)] = ""
+    request: Request,
+    session_id: str,
+    purpose: NextViewPurpose = "intrinsics",
+    focus_group: Annotated[str, Query(max_length=200)] = "",
 ) -> Response:
-    """Show the views that would make the session's camera most certain, and what each would gain."""
+    """Show the views that would make camera, mount or robot most certain, and what each would gain."""
     require_computing(request)
-    settings = {"purpose": "intrinsics", "count": str(VIEWS)}
+    settings = {"purpose": purpose, "count": str(VIEWS)}
     settings |= {"focus_group": focus_group} if focus_group else {}
-    return await _show(request, session_id, "camera", "next_view", settings, "_next_view.html")
+    tab = "robot" if purpose == "dh" else "camera"
+    return await _show(request, session_id, tab, "next_view", settings, "_next_view.html")
 
 
 @router.get("/sessions/{session_id}/joint-noise", operation_id="get_joint_noise")
