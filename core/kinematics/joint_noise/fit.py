@@ -12,7 +12,8 @@ scores and information, with A_k = ∂V/∂θ_k,
     score_k = ½ Σ [tr(V⁻¹ A_k V⁻¹ S) - (n - 1) tr(V⁻¹ A_k)],      information_kl = ½ Σ (n - 1) tr(V⁻¹ A_k V⁻¹ A_l),
 
 give the steps; no variance is below zero. Visits whose distance from their mean has a chance of less than
-`OUTLIER_CHANCE` in the whole session are excluded, and the fit repeated.
+`OUTLIER_CHANCE` in the whole session are excluded, and the fit repeated. Of two visits that are too far from each other
+nothing says which one is wrong: both are excluded, and the pose with them.
 
 References: J.-F. Brethé, E. Vasselin, D. Lefebvre, B. Dakyo, "Determination of the repeatability of a Kuka robot using
 the stochastic ellipsoid approach", ICRA 2005, 4339-4344; D. A. Harville, J. American Statistical
@@ -28,7 +29,8 @@ import numpy as np
 from jaxtyping import Bool, Float
 from scipy.stats import chi2
 
-from core.kinematics.joint_noise.scatter import PoseScatters
+from core.errors import TooFewPoses
+from core.kinematics.joint_noise.scatter import MIN_POSES, PoseScatters
 from core.numerics import covariance_of
 
 OUTLIER_CHANCE = 0.01
@@ -84,16 +86,26 @@ class JointNoise:
 
 
 def fit_joint_noise(seen: PoseScatters) -> JointNoise:
-    """Fit the variances of the joints, and of what is left, to the scatter of poses."""
+    """Fit the variances of the joints, and of what is left, to the scatter of poses.
+
+    Raises TooFewPoses where the visits of fewer than `MIN_POSES` poses agree.
+    """
     dropped = np.zeros(len(seen.deviations), dtype=np.bool_)
     found = _fitted(seen)
     for _ in range(_MAX_ROUNDS):
-        kept = seen.without(dropped)
-        found = _fitted(kept)
         far = _outlying(seen, dropped, found)
         if np.array_equal(far, dropped):
             break
         dropped = far
+        kept = seen.without(dropped)
+        left = int(np.count_nonzero(kept.visits >= MIN_VISITS_LEFT))
+        if left < MIN_POSES:
+            raise TooFewPoses(
+                f"Only at {left} of {len(seen.labels)} poses do repeated visits agree; {MIN_POSES} are the least that "
+                "show the joints' noise.",
+                "Look at the visits in repeatability, and visit the poses again, ten times each or more.",
+            )
+        found = _fitted(kept)
     variances, covariance, identifiable, value = found
     return JointNoise(variances, covariance, identifiable, seen.arm.reach_mm, dropped, value)
 
@@ -176,22 +188,27 @@ def _score(
 
 
 def _outlying(seen: PoseScatters, dropped: Bool[np.ndarray, " n"], found: _Fitted) -> Bool[np.ndarray, " n"]:
-    """Return the visits that are too far from the mean of those kept; two of every pose stay."""
-    kept = ~dropped
+    """Return the visits that are too far from the mean of those kept; of a pose two that agree stay, or none.
+
+    The visits of a pose of which none was kept are compared with their own mean.
+    """
+    left = np.bincount(seen.pose[~dropped], minlength=len(seen.jacobian))
+    kept = ~dropped | (left < MIN_VISITS_LEFT)[seen.pose]
     counts = np.bincount(seen.pose[kept], minlength=len(seen.jacobian))
     sums = np.zeros((len(seen.jacobian), seen.deviations.shape[1]))
     np.add.at(sums, seen.pose[kept], seen.deviations[kept])
     off = seen.deviations - (sums / counts[:, None])[seen.pose]
-    V = seen.own + scatter_covariance(seen.jacobian, found[0])
+    W = np.linalg.inv(seen.own + scatter_covariance(seen.jacobian, found[0]))
     n = counts[seen.pose].astype(np.float64)
     growth = np.where(kept, n / np.maximum(n - 1.0, 1.0), n / (n + 1.0))
-    distance = growth * np.einsum("na,na->n", off, np.linalg.solve(V[seen.pose], off[:, :, None])[:, :, 0])
+    distance = growth * np.einsum("na,nab,nb->n", off, W[seen.pose], off)
     limit = float(chi2.isf(OUTLIER_CHANCE / len(off), off.shape[1]))
     far = distance > limit
     for pose in np.unique(seen.pose[far]):
         members = np.flatnonzero(seen.pose == pose)
         nearest = members[np.argsort(distance[members], kind="stable")[:MIN_VISITS_LEFT]]
-        far[nearest] = False
+        apart = off[nearest[0]] - off[nearest[1]]
+        far[nearest] = 0.5 * apart @ W[pose] @ apart > limit
     return np.asarray(far)
 
 

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float
 
-from core.errors import Advisory, InvalidArgument, JointAnglesInconsistent
+from core.errors import Advisory, InvalidArgument, JointAnglesInconsistent, listed
 from core.kinematics import JointNoise, PoseScatters, fit_joint_noise, gather_scatters
 from core.session.estimate import ExcludedMeasurement, SessionEstimate
 from core.session.estimation import estimate_session
@@ -24,11 +25,13 @@ MIN_HELD_OUT_CHI, MAX_HELD_OUT_CHI = 0.8, 1.25
 
 @dataclass(frozen=True, slots=True)
 class PosePrediction:
-    """A measured pose: its visits that count, and RP_l held out of the fit, measured over predicted."""
+    """A measured pose: its visits that count, and RP_l held out of the fit, measured over predicted; None where none
+    count.
+    """
 
     pose_id: str
     visits: int
-    rp_ratio: float
+    rp_ratio: float | None
 
 
 @dataclass(frozen=True, slots=True)
@@ -91,7 +94,7 @@ def assess_joint_noise(
         seen,
         held_out,
         tuple(
-            PosePrediction(label, count, ratio)
+            PosePrediction(label, count, ratio if math.isfinite(ratio) else None)
             for label, count, ratio in zip(seen.labels, visits, held_out.rp_ratio.tolist(), strict=True)
         ),
         predict_scatter(noise, seen.arm, seen.joint_angles),
@@ -123,6 +126,12 @@ def _limits(
         return measured, (False,) * measured.shape[1]
     stated = np.isfinite(limits).all(axis=0)
     return np.where(stated, np.radians(limits), measured), tuple(stated.tolist())
+
+
+def _whole_poses(noise: JointNoise, seen: PoseScatters) -> str:
+    """Return words for the poses of which no visit counts: of two that disagree, either may be wrong."""
+    lost = np.flatnonzero(seen.without(noise.outliers).visits == 0)
+    return f", all of {listed([seen.labels[pose] for pose in lost])}" if len(lost) else ""
 
 
 def _warnings(noise: JointNoise, seen: PoseScatters, held_out: HeldOutScatter) -> list[Advisory]:
@@ -159,7 +168,7 @@ def _warnings(noise: JointNoise, seen: PoseScatters, held_out: HeldOutScatter) -
             Advisory(
                 "joint_noise_outliers",
                 f"{dropped} of {len(seen.deviations)} visits are further from their mean than the joints' noise "
-                "explains, and were excluded.",
+                f"explains, and were excluded{_whole_poses(noise, seen)}.",
                 "Look at them in repeatability.",
             )
         )

@@ -37,7 +37,7 @@ class HeldOutScatter:
         Root mean square whitened deviation; 1 where the predicted covariances are right.
     rp_ratio
         RP_l measured over RP_l predicted, of every pose, both with the instrument's noise; the measured one without the
-        bias of few cycles.
+        bias of few cycles; NaN of a pose whose visits the fit excluded.
     rp_log_rms
         Root mean square of its logarithm; `rp_log_expected` is what the number of cycles alone makes of it.
     constant_rp_log_rms
@@ -61,8 +61,10 @@ class HeldOutScatter:
 
 def validate_joint_noise(seen: PoseScatters, noise: JointNoise) -> HeldOutScatter:
     """Predict every pose's scatter from the others; the visits that the fit excluded stay excluded."""
-    kept = seen.without(noise.outliers)
-    k = len(kept.jacobian)
+    everything = seen.without(noise.outliers)
+    counted = np.flatnonzero(everything.visits > 1)
+    kept = everything.take(counted)
+    k = len(counted)
     folds = min(MAX_FOLDS, k)
     fold = np.arange(k) % folds
     freedom = np.maximum(kept.visits - 1, 0).astype(np.float64)
@@ -81,9 +83,11 @@ def validate_joint_noise(seen: PoseScatters, noise: JointNoise) -> HeldOutScatte
     ratio = unbiased / long_run_rp(spectrum)
     of_constant = unbiased / long_run_rp(eigenvalues(constant[:, :3, :3]))
     gain = log_likelihood(predicted, scatter, freedom) - log_likelihood(constant, scatter, freedom)
+    of_all = np.full(len(everything.jacobian), math.nan)
+    of_all[counted] = ratio
     return HeldOutScatter(
         chi_ratio(predicted, scatter, freedom),
-        ratio,
+        of_all,
         _rms_log(ratio),
         math.sqrt(float(np.mean(law.spread**2))),
         _rms_log(of_constant),

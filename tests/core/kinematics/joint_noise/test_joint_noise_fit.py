@@ -91,6 +91,56 @@ def test_a_gross_visit_is_left_out_and_the_noise_stays() -> None:
     np.testing.assert_allclose(noise.deviations[:6], clean.deviations[:6], rtol=0.05)
 
 
+def _spoilt(data: PoseData, *visits: int) -> PoseData:
+    """Return poses of which some visits are 3 mm off."""
+    positions = data.positions_mm.copy()
+    positions[list(visits)] += [2.0, -2.0, 1.0]
+    return PoseData(data.joint_angles, positions, data.rotations, data.covariance, labels=data.labels)
+
+
+def test_of_two_visits_that_disagree_neither_counts() -> None:
+    _, data, _ = repeated_poses(16, poses=40, visits=2)
+    clean = fit_joint_noise(gather_scatters(data, KR5_ARC))
+    assert not clean.outliers.any()
+    noise = fit_joint_noise(gather_scatters(_spoilt(data, 7, 20), KR5_ARC))
+    assert np.flatnonzero(noise.outliers).tolist() == [6, 7, 20, 21]
+    # Without 2 of 40 degrees of freedom, of which each joint has a sixth.
+    np.testing.assert_allclose(noise.deviations[:6], clean.deviations[:6], rtol=0.25)
+
+
+def test_of_three_visits_the_one_that_disagrees_is_excluded() -> None:
+    _, data, _ = repeated_poses(17, poses=20, visits=3)
+    noise = fit_joint_noise(gather_scatters(_spoilt(data, 7), KR5_ARC))
+    assert np.flatnonzero(noise.outliers).tolist() == [7]
+
+
+def test_poses_of_two_visits_lose_one_in_a_hundred_sessions() -> None:
+    runs = 60
+    wrong = sum(
+        fit_joint_noise(
+            gather_scatters(repeated_poses(300 + seed, visits=2, poses=20)[1], KR5_ARC)
+        ).outliers.any()
+        for seed in range(runs)
+    )
+    assert wrong <= 4  # .01 of 60 sessions: five or more have a chance of 3e-4
+
+
+def test_too_few_poses_whose_visits_agree_are_refused() -> None:
+    _, data, _ = repeated_poses(18, poses=4, visits=20)
+    kept = slice(18, None)  # of the first pose two visits
+    assert data.rotations is not None
+    data = PoseData(
+        data.joint_angles[kept],
+        data.positions_mm[kept],
+        data.rotations[kept],
+        None if data.covariance is None else data.covariance[kept],
+        labels=data.labels[kept],
+    )
+    fit_joint_noise(gather_scatters(data, KR5_ARC))
+    with pytest.raises(TooFewPoses, match="Only at 3 of 4 poses do repeated visits agree"):
+        fit_joint_noise(gather_scatters(_spoilt(data, 0), KR5_ARC))
+
+
 def test_few_repeated_poses_are_refused() -> None:
     _, data, _ = repeated_poses(7, poses=3)
     with pytest.raises(TooFewPoses, match="3 poses were visited more than once"):

@@ -76,6 +76,17 @@ def test_held_out_poses_scatter_as_predicted_and_not_as_one_ellipsoid_says() -> 
     assert held_out.rp_log_rms < held_out.constant_rp_log_rms
 
 
+def test_a_pose_of_two_visits_that_disagree_is_not_held_against_the_prediction() -> None:
+    _, data, _ = repeated_poses(19, poses=40, visits=2)
+    positions = data.positions_mm.copy()
+    positions[11] += [2.0, -2.0, 1.0]
+    seen = gather_scatters(replace(data, positions_mm=positions), KR5_ARC)
+    held_out = validate_joint_noise(seen, fit_joint_noise(seen))
+    assert np.flatnonzero(np.isnan(held_out.rp_ratio)).tolist() == [5]
+    assert held_out.chi_ratio == pytest.approx(1.0, abs=0.2)  # 39 pairs of six components: 6.5 %, three times
+    assert held_out.rp_log_rms < 1.5 * held_out.rp_log_expected
+
+
 def test_scatter_that_no_joint_makes_is_not_said_to_come_from_joints() -> None:
     _, data, _ = repeated_poses(13, joint_sigma=np.zeros(6), remaining_mm=0.05)
     seen = gather_scatters(data, KR5_ARC)

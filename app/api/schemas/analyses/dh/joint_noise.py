@@ -89,10 +89,10 @@ class PoseRepeatabilityPrediction(PredictedRepeatability):
     pose_id: Annotated[str, Field(description="The pose, by the user's tag.")]
     visits: Annotated[int, Field(description="Visits that count.")]
     rp_ratio: Annotated[
-        float,
+        float | None,
         Field(
             description="RP_l measured over RP_l that the other poses predict, both with the instrument's noise, the "
-            "bias of few visits taken off."
+            "bias of few visits taken off; null where no visit counts."
         ),
     ]
 
