@@ -36,8 +36,9 @@ from app.api.routes import (
     targets,
 )
 from app.api.routes.access import audit, keys
-from app.api.routes.documents import histories, qualifications, reports, robot_events
+from app.api.routes.documents import histories, qualifications, reports, robot_events, webhooks
 from app.build import program_version
+from app.delivery import Delivery
 from app.jobs.painting import ImagePainter
 from app.records.file_lock import AlreadyLocked, FileLock
 from app.records.session_news import SessionNews
@@ -103,6 +104,7 @@ def create_app(settings: Settings) -> FastAPI:
         robot_events.router,
         histories.router,
         histories.comparisons,
+        webhooks.router,
         keys.router,
         audit.router,
         system.router,
@@ -163,6 +165,8 @@ def _start(settings: Settings, metrics: Metrics) -> AppContext:
     health = HealthWatch(installation, runner)
     report_maker = ReportMaker(installation, analyses)
     report_maker.start()
+    delivery = Delivery(installation)
+    delivery.start()
     return AppContext(
         installation,
         runner,
@@ -175,6 +179,7 @@ def _start(settings: Settings, metrics: Metrics) -> AppContext:
         health,
         news,
         report_maker,
+        delivery,
     )
 
 
@@ -188,6 +193,7 @@ def _stop(service: AppContext) -> None:
         service.maintenance.stop,
         service.news.stop,
         service.report_maker.stop,
+        service.delivery.stop,
         service.painter.close,
         service.analyses.close,
         service.key_use.stop,

@@ -79,6 +79,10 @@ class Settings(BaseSettings):
             description="Days after its last upload that a session is removed with its originals; default: never.",
         ),
     ] = None
+    alert_file: Annotated[
+        Path | None,
+        Field(description="File that gets a line of JSON for each notice; default: none."),
+    ] = None
     log_level: Annotated[
         Literal["debug", "info", "warning", "error"], Field(description="Least severe message logged.")
     ] = "info"

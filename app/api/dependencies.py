@@ -16,6 +16,7 @@ from app.api.json_body import BodyPlaces
 from app.api.metrics import Metrics
 from app.api.schemas.common import PlainDigits, PoseTag
 from app.api.schemas.fields import POSE_ID
+from app.delivery import Delivery
 from app.jobs.painting import ImagePainter
 from app.jobs.runner import JobRunner
 from app.records.file_lock import FileLock
@@ -41,6 +42,7 @@ class AppContext:
     health: HealthWatch
     news: SessionNews
     report_maker: ReportMaker
+    delivery: Delivery
     streams: EventStreams = field(default_factory=EventStreams)
     body_places: BodyPlaces = field(default_factory=BodyPlaces)
     stopping: bool = field(default=False)
@@ -52,6 +54,7 @@ class AppContext:
         self.stopping = True
         self.news.wake_all()
         self.report_maker.begin_stop()
+        self.delivery.begin_stop()
         self.analyses.begin_shutdown()
         self.maintenance.begin_stop()
         if self.runner is not None:
@@ -89,5 +92,7 @@ EventPath = Annotated[str, Path(description="Id of a robot's event, as the list 
 SessionPath = Annotated[str, Path(description="Id of a session, as lists and answers show it.")]
 ReportPath = Annotated[str, Path(description="Id of a report, as lists and answers show it.")]
 MeasurementPath = Annotated[str, Path(description="Id of a measurement, as lists and answers show it.")]
+WebhookPath = Annotated[str, Path(description="Id of a webhook, as the list of webhooks shows it.")]
+DeliveryPath = Annotated[str, Path(description="Id of a delivery, as the webhook's journal shows it.")]
 KeyPath = Annotated[str, Path(description="Id of an API key, as the list of keys shows it; not the secret.")]
 PosePath = Annotated[PoseTag, Path(description=POSE_ID)]

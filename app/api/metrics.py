@@ -8,14 +8,23 @@ from prometheus_client import CollectorRegistry, Counter, Histogram, generate_la
 from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily, Metric
 from prometheus_client.registry import Collector
 
+from app.analyses.history import LatestFigures
 from app.analyses.service import AnalysisService
 from app.build import core_version
 from app.errors import ServiceError
 from app.jobs.runner import JobRunner
+from app.services import notices
 from app.services.installation.context import ServiceContext
 from app.services.sessions import Counts, count_all_measurements
 
 _METHODS = {"GET", "HEAD", "POST", "PUT", "PATCH", "DELETE", "OPTIONS"}
+
+_OF_ROBOTS = {
+    "repeatability_worst_mm": "Largest RP_l of the poses in the robot's latest report on repeatability.",
+    "accuracy_worst_mm": "Largest AP_p of the poses in that report, where there is one.",
+    "noise_floor_worst_mm": "Largest noise floor of the poses in that report.",
+    "measured_timestamp_seconds": "When the session of that report was measured, Unix time.",
+}
 
 
 class Metrics:
@@ -59,6 +68,7 @@ class _Gauges(Collector):
         self._installation = installation
         self._runner = runner
         self._analyses = analyses
+        self._latest = LatestFigures(installation.database)
 
     def describe(self) -> Iterable[Metric]:
         return ()
@@ -93,6 +103,8 @@ class _Gauges(Collector):
         analyses.add_metric(["waiting"], waiting)
         analyses.add_metric(["running"], running)
         yield analyses
+        yield from self._of_webhooks()
+        yield from self._of_robots()
         if self._runner is not None:
             yield GaugeMetricFamily(
                 "gridpose_runner_up", "1 while jobs can be run.", value=int(self._runner.state.able)
@@ -111,3 +123,34 @@ class _Gauges(Collector):
             yield CounterMetricFamily(
                 "gridpose_job_timeouts", "Jobs ended by time-out.", value=self._runner.settlement.timeouts
             )
+
+    def _of_webhooks(self) -> Iterable[Metric]:
+        try:
+            with self._installation.database.read() as records:
+                counts = notices.counts_by_status(records)
+        except ServiceError:
+            return
+        family = GaugeMetricFamily(
+            "gridpose_webhook_deliveries", "Deliveries in the journals of webhooks.", labels=["status"]
+        )
+        for status, count in counts.items():
+            family.add_metric([status], count)
+        yield family
+
+    def _of_robots(self) -> Iterable[Metric]:
+        try:
+            robots, hidden = self._latest.read()
+        except ServiceError:
+            return
+        for name, text in _OF_ROBOTS.items():
+            family = GaugeMetricFamily(f"gridpose_robot_{name}", text, labels=["robot_id", "robot"])
+            for one in robots:
+                value = getattr(one, name)
+                if value is not None:
+                    family.add_metric([one.robot_id, one.name], value)
+            yield family
+        yield GaugeMetricFamily(
+            "gridpose_robots_not_shown",
+            "Robots with a report on repeatability beyond the 100 reported last, which have no figures here.",
+            value=hidden,
+        )

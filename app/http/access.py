@@ -30,7 +30,12 @@ OTHERWISE = {
         "ingest",
     ),
     **dict.fromkeys(
-        ("create_key", "list_keys", "get_key", "update_key", "revoke_key", "list_audit"), "admin"
+        (
+            *("create_key", "list_keys", "get_key", "update_key", "revoke_key", "list_audit"),
+            *("create_webhook", "list_webhooks", "get_webhook", "delete_webhook", "create_webhook_test"),
+            *("list_webhook_deliveries", "create_webhook_redelivery"),
+        ),
+        "admin",
     ),
 }
 """The operations whose scope is not their method's. `stream_events` is open to readers, too."""

@@ -29,6 +29,15 @@ def new_id(prefix: str) -> str:
     with _lock:
         _last = max(_last + 1, (time.time_ns() // 1_000_000) << 80 | secrets.randbits(80))
         value = _last
+    return _id_of(prefix, value)
+
+
+def least_id(prefix: str, moment: datetime) -> str:
+    """Return the least id that can be made at this time."""
+    return _id_of(prefix, int((moment - _EPOCH) / timedelta(milliseconds=1)) << 80)
+
+
+def _id_of(prefix: str, value: int) -> str:
     digits = []
     for _ in range(_LENGTH):
         value, digit = divmod(value, 32)

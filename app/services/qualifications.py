@@ -14,6 +14,7 @@ from app.records.activity import current_activity, note_objects
 from app.records.ids import new_id
 from app.records.pagination import page
 from app.records.tables import Qualification, Session
+from app.services.notices import note
 from app.services.queries import get_or_raise, require_readable, visible
 
 MAX_EARLIER = 100
@@ -58,6 +59,18 @@ def store_qualification(
     records.add(row)
     note_objects([row.id])
     records.flush()
+    note(
+        records,
+        "qualification.made",
+        {
+            "qualification_id": row.id,
+            "session_id": session_id,
+            "session_name": session.name,
+            "robot_id": session.robot_id,
+            "decision": row.decision,
+            "due_at": row.due_at.isoformat(timespec="seconds").replace("+00:00", "Z"),
+        },
+    )
     return _detail(records, row)
 
 

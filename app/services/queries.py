@@ -20,6 +20,7 @@ from app.records.tables import (
     SessionTarget,
     Table,
     Target,
+    Webhook,
 )
 
 Row = TypeVar("Row", bound=Table)
@@ -31,6 +32,7 @@ NOUNS: dict[type[Table], str] = {
     Measurement: "measurement",
     Report: "report",
     Qualification: "qualification",
+    Webhook: "webhook",
 }
 POSE_ID = r"^[A-Za-z0-9_-][A-Za-z0-9._-]{0,127}$"
 SHA256 = r"^[0-9A-Fa-f]{64}$"

@@ -23,6 +23,7 @@ from app.records.activity import current_activity
 from app.records.ids import new_id
 from app.records.pagination import page
 from app.records.tables import Report, ReportForm, Session
+from app.services.notices import note, of_session
 from app.services.queries import get_or_raise, require_readable, visible
 
 MAX_ATTEMPTS = 3
@@ -259,11 +260,14 @@ def save_report(
     row.signature = dict(signature)
     row.core_version, row.inputs_sha256 = core_version, inputs_sha256
     row.finished_at, row.status = finished_at, "succeeded"
+    records.flush()
+    about = {"report_id": report_id, "kind": row.kind, "title": row.title}
+    note(records, "report.ready", {**about, **of_session(records, row.session_id)})
 
 
 def save_failure(records: orm.Session, report_id: str, code: str, detail: str, advice: str | None) -> None:
     """Store why a report cannot be made."""
-    records.execute(
+    failed = records.execute(
         sa.update(Report)
         .where(Report.id == report_id, Report.status == "running")
         .values(
@@ -271,7 +275,11 @@ def save_failure(records: orm.Session, report_id: str, code: str, detail: str, a
             failure={"code": code, "detail": detail, "advice": advice},
             finished_at=datetime.now(UTC),
         )
-    )
+        .returning(Report.session_id, Report.kind)
+    ).one_or_none()
+    if failed is not None:
+        about = {"report_id": report_id, "kind": failed.kind, "code": code, "detail": detail}
+        note(records, "report.failed", {**about, **of_session(records, failed.session_id)})
 
 
 def _forms(records: orm.Session, report_ids: Sequence[str]) -> dict[str, tuple[FormSummary, ...]]:

@@ -26,6 +26,8 @@ from app.records.tables import (
     Installation,
     MeasuredPose,
     Measurement,
+    Notice,
+    NoticeMark,
     Pose,
     Qualification,
     Removal,
@@ -38,6 +40,8 @@ from app.records.tables import (
     Session,
     SessionTarget,
     Target,
+    Webhook,
+    WebhookDelivery,
     target_fields,
 )
 from tests.support.environment.postgres import EITHER_DATABASE
@@ -52,6 +56,10 @@ SINCE_THE_FIRST = (
     "qualifications",
     "robot_events",
     "report_summaries",
+    "notices",
+    "notice_marks",
+    "webhooks",
+    "webhook_deliveries",
     *SINCE_0004,
 )
 WRITTEN_BY_ACTIVITIES = ("audit_entries",)
@@ -196,6 +204,22 @@ def test_every_step_up_and_down_keeps_the_data_it_can(database: Database, tmp_pa
             )
         )
         records.flush()
+        notice_id, webhook_id = new_id("ntc"), new_id("whk")
+        records.add(Notice(id=notice_id, number=1, type="report.ready", at=NOW, data={"ø": 1}))
+        records.add(NoticeMark(name="looked", at=NOW))
+        records.add(Webhook(id=webhook_id, name="ø", url="http://x/", types=["report.ready"], created_at=NOW))
+        records.flush()
+        records.add(
+            WebhookDelivery(
+                id=new_id("dlv"),
+                webhook_id=webhook_id,
+                notice_id=notice_id,
+                status="waiting",
+                attempts=1,
+                created_at=NOW,
+                next_attempt_at=NOW,
+            )
+        )
         records.add(ReportSummary(report_id=report_id, summary={"ø": 1}))
         records.add(ReportForm(report_id=report_id, form="csv", sha256="0" * 64, bytes=2, content=b"\0\1"))
     before = content(database)

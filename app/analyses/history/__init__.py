@@ -7,6 +7,7 @@ thousand sessions reads no form. `history_document` and `comparison_document` ar
 from app.analyses.history.charting import MIN_SESSIONS, HistoryEvent, charts_of, series_of
 from app.analyses.history.comparison import comparison_document, verdict
 from app.analyses.history.drawing import MAX_CHARTS, charts_of_tests, draw_charts
+from app.analyses.history.latest import LatestFigures, RobotFigures
 from app.analyses.history.likeness import group_comparable, not_stated, unlike
 from app.analyses.history.over_time import (
     ChartedTest,
@@ -32,7 +33,9 @@ __all__ = [
     "ChartedTest",
     "History",
     "HistoryEvent",
+    "LatestFigures",
     "NotAReport",
+    "RobotFigures",
     "Summary",
     "as_text",
     "charted_tests",

@@ -47,6 +47,7 @@ _TAGS = {
     "analyses": "Results over all images of a session, as JSON and as plots, and the planning of poses.",
     "qualifications": "Records of what known lengths showed of a set-up, and until when that holds.",
     "reports": "Stored reports to file and sign: made once, in several forms, and verified at any time.",
+    "webhooks": "Addresses that notices of what happened are sent to, and the journal of that. Needs scope `admin`.",
     "keys": "API keys: scopes, sessions they are limited to, quotas. Needs scope `admin`.",
     "audit": "Who changed what, when and from where. Needs scope `admin`.",
     "service": "Health, metrics and the progress of a session.",

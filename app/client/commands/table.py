@@ -21,6 +21,7 @@ GROUPS = {
     "measurements": "Show what came of images, and correct what was said about them.",
     "sessions": "Make, show, change and delete the sessions of a service, compute them again, and archive them.",
     "qualifications": "Records of what known lengths showed of a set-up.",
+    "webhooks": "Addresses that a service notifies of what happens: make, list, test and delete them.",
     "report": "Stored reports of sessions: make, list, save and verify them.",
 }
 """Groups of commands, in the order of `--help`."""
@@ -56,6 +57,24 @@ CLIENT = {
     "report fetch": (
         ".reports.stored:fetch",
         "Save a form of a report, and its detached signature alongside it.",
+    ),
+    "webhooks create": (
+        ".webhooks.stored:create",
+        "Make a webhook: an address that notices are sent to; prints its secret, this once, as the last line.",
+    ),
+    "webhooks list": (".webhooks.stored:show_list", "List the webhooks of a service, without their secrets."),
+    "webhooks delete": (".webhooks.stored:delete", "Delete webhooks with their journals."),
+    "webhooks test": (
+        ".webhooks.journal:test",
+        "Send a notice to a webhook, and wait for what comes of it; ends with 1 where it was not delivered.",
+    ),
+    "webhooks deliveries": (
+        ".webhooks.journal:deliveries",
+        "List what was sent to a webhook, or waits to be, and why it was not delivered.",
+    ),
+    "webhooks redeliver": (
+        ".webhooks.journal:redeliver",
+        "Send deliveries of a webhook again; without ids, all that failed.",
     ),
     "robots create": (
         ".robots.creation:create",

@@ -12,6 +12,7 @@ from app.records.tables.base import (
     latest_ids,
 )
 from app.records.tables.measurements import MeasuredPose, Measurement, Removal, Result
+from app.records.tables.notices import Notice, NoticeMark, Webhook, WebhookDelivery
 from app.records.tables.qualifications import Qualification
 from app.records.tables.reports import PAPERS, REPORT_FORMS, REPORT_KINDS, Report, ReportForm, ReportSummary
 from app.records.tables.sessions import (
@@ -40,6 +41,8 @@ __all__ = [
     "JsonObject",
     "MeasuredPose",
     "Measurement",
+    "Notice",
+    "NoticeMark",
     "Pose",
     "Qualification",
     "Removal",
@@ -54,6 +57,8 @@ __all__ = [
     "Table",
     "Target",
     "UtcDateTime",
+    "Webhook",
+    "WebhookDelivery",
     "latest_ids",
     "measured_target_fields",
     "target_fields",

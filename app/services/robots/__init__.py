@@ -3,6 +3,7 @@
 from app.services.robots.events import NewEvent, add_event, delete_event, events_of, list_events
 from app.services.robots.history import (
     HistoryRows,
+    latest_reports,
     read_history_rows,
     reports_without_summary,
     save_summaries,
@@ -25,6 +26,7 @@ __all__ = [
     "delete_event",
     "delete_robot",
     "events_of",
+    "latest_reports",
     "list_events",
     "list_robots",
     "read_correction",

@@ -82,6 +82,21 @@ def read_history_rows(records: orm.Session, robot_id: str, kinds: Sequence[str])
     )
 
 
+def latest_reports(records: orm.Session, limit: int) -> dict[str, tuple[str, str]]:
+    """Return each robot's latest report on repeatability and the robot's name, by the robot's id; the latest first."""
+    latest = sa.func.max(ReportSummary.report_id)
+    rows = records.execute(
+        sa.select(ReportSummary.robot_id, latest, Robot.name)
+        .join(Report, Report.id == ReportSummary.report_id)
+        .join(Robot, Robot.id == ReportSummary.robot_id)
+        .where(Report.kind == "repeatability", Report.status == "succeeded")
+        .group_by(ReportSummary.robot_id, Robot.name)
+        .order_by(latest.desc())
+        .limit(limit)
+    )
+    return {str(robot_id): (report_id, str(name)) for robot_id, report_id, name in rows}
+
+
 def reports_without_summary(records: orm.Session, limit: int) -> dict[str, Any]:
     """Return made reports that have no summary yet with their JSON forms (content, sha256); None without one."""
     ids = records.scalars(

@@ -50,6 +50,8 @@ def test_the_table_holds_every_command() -> None:
                 "demo",
                 "version",
             ),
+            *("webhooks create", "webhooks list", "webhooks delete", "webhooks test"),
+            *("webhooks deliveries", "webhooks redeliver"),
             *("hand-eye export", "camera-poses export", "qualifications list"),
             *("keys create", "keys list", "keys revoke", "schema show", "schema downgrade"),
             *(

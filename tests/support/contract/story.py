@@ -14,7 +14,7 @@ import numpy as np
 
 from core.simulation import KR5_ARC, KR5_ARC_HOME, T_FLANGE_CAMERA
 from tests.support.contract.cell import CAMERA, SIZE_PX, TARGET, take_images
-from tests.support.service.service import OCTETS, Api, image_address
+from tests.support.service.service import OCTETS, Api, image_address, wait_until
 from tests.support.sessions.kinematics import measured, readings, rows_of
 from tests.support.simulation.robots.repeated_poses import repeated_poses
 
@@ -96,6 +96,7 @@ def tell(api: Api) -> None:
     _done(client.post(f"/v1/robots/{robot_id}/dh-plan", json=plan))
     _reports(client, session_id)
     _removals(client, session_id)
+    _webhooks(client)
     _keys(client, session_id)
     _done(*(client.get(path) for path in ("/v1/audit", "/livez", "/readyz", "/metrics")))
 
@@ -106,6 +107,22 @@ def _events(client: Any, robot_id: str) -> None:
     wrong = _create(client, path, {"at": "2026-01-15T09:30:00Z", "note": "Greased"})
     _create(client, path, {"at": "2026-01-16T09:30:00Z", "note": "Belt of joint 5 replaced"})
     _done(client.delete(f"{path}/{wrong}"), client.get(path))
+
+
+def _webhooks(client: Any) -> None:
+    """Make a webhook, test it, look at its journal, and delete it."""
+    made = {"name": "MES", "url": "http://127.0.0.1:9/hook", "types": ["report.ready", "robot.alarm"]}
+    path = f"/v1/webhooks/{_create(client, '/v1/webhooks', made)}"
+    _done(client.get("/v1/webhooks"), client.get(path))
+    delivery = client.post(f"{path}/test")
+    _done(delivery)
+    address = f"{path}/deliveries"
+    wait_until(
+        lambda: client.get(address).json()["items"][0]["last_failure"] is not None, 30.0, "an attempt is made"
+    )
+    _done(
+        client.get(address), client.post(f"{address}/{delivery.json()['id']}/redeliver"), client.delete(path)
+    )
 
 
 def refusals(api: Api) -> None:
@@ -304,7 +321,7 @@ def _made(client: Any, report: dict[str, Any]) -> str:
     while (found := client.get(path).json())["status"] in ("queued", "running"):
         assert time.monotonic() < deadline, "the report is not made"
         time.sleep(0.1)
-    assert found["status"] == "succeeded", found["failure"]
+    assert found["status"] == "succeeded", found["last_failure"]
     return path
 
 

@@ -28,7 +28,15 @@ ROBOT = {
 }
 
 
-OF_INSTALLATION = ("installation", "api_keys", "audit_entries", "removals", "report_summaries")
+OF_INSTALLATION = (
+    "installation",
+    "api_keys",
+    "audit_entries",
+    "removals",
+    "report_summaries",
+    "notices",
+    "notice_marks",
+)
 """What belongs to no session, and what is made again of what does."""
 
 

@@ -30,7 +30,7 @@ JOINT = {"a_mm": 100.0, "alpha_deg": 0.0, "d_mm": 0.0}
 
 def scopes_of(method: str, path: str) -> set[str]:
     """Which scopes the contract opens an address to, said independently of the program."""
-    if path.startswith(("/v1/keys", "/v1/audit")) or method == "DELETE":
+    if path.startswith(("/v1/keys", "/v1/audit", "/v1/webhooks")) or method == "DELETE":
         return {"admin"}
     if path == "/v1/sessions/{session_id}/events":
         return set(SCOPES)

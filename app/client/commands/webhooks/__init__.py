@@ -1,0 +1,1 @@
+"""`gridpose webhooks`: who is notified by HTTP of what happens."""

@@ -1,0 +1,70 @@
+"""`gridpose webhooks create`, `list` and `delete`."""
+
+from __future__ import annotations
+
+from enum import StrEnum
+from typing import Annotated
+
+import typer
+
+from ... import ServiceClient
+from ..access import AdminAccess
+from ..console import error_console, print_list
+
+
+class Type(StrEnum):
+    """What a webhook may be notified of."""
+
+    session_measured = "session.measured"
+    report_ready = "report.ready"
+    report_failed = "report.failed"
+    verdict_changed = "verdict.changed"
+    robot_alarm = "robot.alarm"
+    qualification_made = "qualification.made"
+
+
+def create(
+    name: Annotated[str, typer.Argument(help="Whom or what it is for.")],
+    address: Annotated[str, typer.Argument(metavar="URL", help="The http or https address to call.")],
+    service: AdminAccess,
+    types: Annotated[
+        list[Type] | None,
+        typer.Option("--type", help="What to notify it of; repeat it for several.  [default: everything]"),
+    ] = None,
+) -> int:
+    """Make a webhook: an address that notices are sent to; prints its secret, this once, as the last line."""
+
+    def act(client: ServiceClient) -> None:
+        chosen = [one.value for one in types or list(Type)]
+        made = client.create("/v1/webhooks", {"name": name, "url": address, "types": chosen})
+        error_console().print(f"{made['id']} is made. Its secret, shown this once:")
+        print(made["secret"])
+
+    return service.run(act)
+
+
+def show_list(service: AdminAccess) -> int:
+    """List the webhooks of a service, without their secrets."""
+
+    def act(client: ServiceClient) -> None:
+        rows = [
+            (one["id"], one["name"], one["url"], ", ".join(one["types"]), str(one["dropped"] or ""))
+            for one in client.items("/v1/webhooks")
+        ]
+        none = "There is no webhook; `gridpose webhooks create --help` says how to make one."
+        print_list(("id", "name", "url", "types", "dropped"), rows, none)
+
+    return service.run(act)
+
+
+def delete(
+    webhooks: Annotated[list[str], typer.Argument(help="Ids of webhooks.")], service: AdminAccess
+) -> int:
+    """Delete webhooks with their journals."""
+
+    def act(client: ServiceClient) -> None:
+        for webhook in webhooks:
+            client.delete(f"/v1/webhooks/{webhook}")
+            print(f"{webhook} deleted")
+
+    return service.run(act)

@@ -1,0 +1,105 @@
+"""The threads that bring notices out of the service."""
+
+from __future__ import annotations
+
+import time
+from datetime import UTC, datetime
+
+import sqlalchemy as sa
+import structlog
+
+from app.delivery.alert_file import AlertFile
+from app.delivery.derived import Derived, derived_of
+from app.delivery.loop import Loop
+from app.delivery.measured import MeasuredSessions
+from app.delivery.sender import Sender
+from app.records.readable import unreadable_columns
+from app.records.tables import Notice
+from app.services.installation.context import ServiceContext
+from app.services.notices import note, prune, take_up, unexamined
+
+_EVERY_S = 2.0
+_LOOK_EVERY_S = 15.0
+"""Between two looks for sessions that are measured."""
+_PRUNE_EVERY_S = 3600.0
+
+log = structlog.get_logger(__name__)
+
+
+class Delivery:
+    """Examines notices, sends them to webhooks, and writes them to the alert file, until stopped."""
+
+    def __init__(self, installation: ServiceContext) -> None:
+        self._database = installation.database
+        self._measured = MeasuredSessions(installation.database)
+        self._sender = Sender(installation)
+        self._looked_s = self._pruned_s = -_PRUNE_EVERY_S
+        path = installation.settings.alert_file
+        file = None
+        if path is not None:
+            file = AlertFile(installation.database, path, installation.settings.data_dir)
+        self._sending = Loop("webhooks", self._sender.send_due, _EVERY_S)
+        self._writing = None if file is None else Loop("alert_file", file.append, _EVERY_S)
+        self._examining = Loop("notices", self.examine, _EVERY_S)
+
+    @property
+    def _loops(self) -> list[Loop]:
+        return [one for one in (self._examining, self._sending, self._writing) if one is not None]
+
+    def start(self) -> None:
+        """Begin."""
+        for loop in self._loops:
+            loop.start()
+
+    def notify(self) -> None:
+        """Say that something is to be sent."""
+        self._sending.wake()
+
+    def begin_stop(self) -> None:
+        """Begin nothing new."""
+        for loop in self._loops:
+            loop.begin_stop()
+
+    def stop(self) -> None:
+        """End; an attempt that is being made is waited for, 15 s at most."""
+        self.begin_stop()
+        for loop in self._loops:
+            loop.join()
+
+    def examine(self) -> bool:
+        """Number and queue the notices that are new, with what follows from them; return whether there were any."""
+        now_s = time.monotonic()
+        if now_s - self._looked_s >= _LOOK_EVERY_S:
+            self._looked_s = now_s
+            self._measured.look()
+        if now_s - self._pruned_s >= _PRUNE_EVERY_S:
+            self._pruned_s = now_s
+            with self._database.write() as records:
+                prune(records, datetime.now(UTC))
+        with self._database.read() as records:
+            rows = unexamined(records)
+        for row in rows:
+            self._take_up(row)
+        if rows:
+            self._sending.wake()
+            if self._writing is not None:
+                self._writing.wake()
+        return bool(rows)
+
+    def _take_up(self, row: Notice) -> None:
+        derived = [] if unreadable_columns(row) else self._derived(row)
+        try:
+            with self._database.write() as records:
+                if take_up(records, row.id):
+                    for one in derived:
+                        note(records, one.type, one.data, about=one.about)
+        except sa.exc.IntegrityError:  # another service was as quick: the next look repeats it
+            log.info("notice_put_off", notice_id=row.id)
+
+    def _derived(self, row: Notice) -> list[Derived]:
+        try:
+            return derived_of(self._database, row)
+        except Exception:
+            # A defect: the notice itself goes on its way.
+            log.exception("notice_not_examined", notice_id=row.id)
+            return []

@@ -1,0 +1,66 @@
+"""Notices of what happened, the webhooks they are sent to, and the journal of their deliveries."""
+
+from app.services.notices.journal import (
+    ATTEMPTS,
+    Claimed,
+    claim_due,
+    counts_by_status,
+    list_deliveries,
+    redeliver,
+    save_attempt,
+    types_of,
+    wait_s,
+)
+from app.services.notices.noting import (
+    TYPES,
+    document_of,
+    latest_number,
+    note,
+    numbered_after,
+    of_session,
+    take_up,
+    unexamined,
+)
+from app.services.notices.pruning import MAX_AGE, prune
+from app.services.notices.webhooks import (
+    NewWebhook,
+    create_webhook,
+    delete_webhook,
+    get_webhook,
+    list_webhooks,
+    refused_address,
+    secret_of,
+    shown_secret,
+    test_webhook,
+)
+
+__all__ = [
+    "ATTEMPTS",
+    "MAX_AGE",
+    "TYPES",
+    "Claimed",
+    "NewWebhook",
+    "claim_due",
+    "counts_by_status",
+    "create_webhook",
+    "delete_webhook",
+    "document_of",
+    "get_webhook",
+    "latest_number",
+    "list_deliveries",
+    "list_webhooks",
+    "note",
+    "numbered_after",
+    "of_session",
+    "prune",
+    "redeliver",
+    "refused_address",
+    "save_attempt",
+    "secret_of",
+    "shown_secret",
+    "take_up",
+    "test_webhook",
+    "types_of",
+    "unexamined",
+    "wait_s",
+]

@@ -1,0 +1,271 @@
+"""What is noted: reports, changed verdicts, alarms, measured sessions; the alert file; figures for monitoring."""
+
+from __future__ import annotations
+
+import errno
+import json
+from datetime import UTC, datetime, timedelta
+from pathlib import Path
+from typing import Any
+
+import pytest
+import sqlalchemy as sa
+
+from app.analyses.history import latest, summarise_reports
+from app.delivery import AlertFile
+from app.delivery.measured import MeasuredSessions
+from app.records.tables import Measurement, Notice, Report
+from app.services import notices, reports
+from app.services.qualifications import store_qualification
+from tests.support.service.service import Api, wait_until
+from tests.support.sessions.filed_reports import content, store_filed
+
+JOINT = {"a_mm": 100.0, "alpha_deg": 0.0, "d_mm": 0.0}
+
+
+def make_robot(api: Api, name: str = "arm") -> str:
+    return str(api.client.post("/v1/robots", json={"name": name, "joints": [JOINT]}).json()["id"])
+
+
+def noted(api: Api, kind: str) -> list[dict[str, Any]]:
+    with api.installation.database.read() as records:
+        rows = records.scalars(sa.select(Notice).where(Notice.type == kind).order_by(Notice.id)).all()
+        return [row.data for row in rows]
+
+
+def file_and_note(api: Api, robot_id: str, number: int, *, verdict: str = "robot", **changes: Any) -> None:
+    """A report as it is saved: its rows, its summary and its notice."""
+    document = json.loads(content(number, robot=robot_id, **changes))
+    for pose in document["analyses"]["repeatability"]["poses"]:
+        pose["verdict"] = verdict
+    document["analyses"]["repeatability"]["acceptance"] = {"decision": "pass"}
+    store_filed(api, [json.dumps(document).encode()])
+    summarise_reports(api.installation.database)
+    with api.installation.database.write() as records:
+        data = {"report_id": document["report_id"], "kind": "repeatability", "robot_id": robot_id}
+        about = {"session_id": document["subject"]["session"]["id"], "session_name": f"week {number}"}
+        notices.note(records, "report.ready", {**data, **about})
+
+
+def test_alarms_are_noted_once_and_changed_verdicts_with_their_report(api: Api) -> None:
+    api.service.delivery.stop()
+    robot_id = make_robot(api)
+    for number in range(1, 9):
+        file_and_note(api, robot_id, number, rp_mm=0.05 + 0.001 * (number % 3))
+        while api.service.delivery.examine():
+            pass
+    assert noted(api, "robot.alarm") == []
+    assert noted(api, "verdict.changed") == []
+    for number in range(9, 17):
+        file_and_note(api, robot_id, number, rp_mm=0.2, verdict="not_steady")
+        while api.service.delivery.examine():
+            pass
+    (alarm,) = noted(api, "robot.alarm")
+    assert (alarm["robot_id"], alarm["robot_name"]) == (robot_id, "arm")
+    assert (alarm["of"], alarm["figure"], alarm["direction"]) == ("all poses", "RP_l", "up")
+    assert "week 9" in alarm["sentence"]
+    (changed,) = noted(api, "verdict.changed")
+    assert (changed["report_id"], changed["earlier_report_id"]) == (f"rep_{9:026d}", f"rep_{8:026d}")
+    assert {one["of"] for one in changed["changes"]} == {"pose P1", "pose P2", "pose P3"}
+    assert {(one["before"], one["after"]) for one in changed["changes"]} == {("robot", "not_steady")}
+
+
+def test_sessions_that_are_not_comparable_change_no_verdict(api: Api) -> None:
+    api.service.delivery.stop()
+    robot_id = make_robot(api)
+    file_and_note(api, robot_id, 1)
+    file_and_note(api, robot_id, 2, verdict="not_steady", conditions={"load_kg": 0.0})
+    while api.service.delivery.examine():
+        pass
+    assert noted(api, "verdict.changed") == []
+    assert len(noted(api, "report.ready")) == 2
+
+
+def test_numbers_follow_one_another_and_nothing_is_numbered_twice(api: Api) -> None:
+    api.service.delivery.stop()
+    with api.installation.database.write() as records:
+        for _ in range(120):
+            notices.note(records, "report.failed", {})
+        assert notices.note(records, "robot.alarm", {}, about=("a", "b")) is not None
+        assert notices.note(records, "robot.alarm", {}, about=("a", "b")) is None
+    while api.service.delivery.examine():
+        pass
+    with api.installation.database.read() as records:
+        numbers = records.scalars(sa.select(Notice.number).order_by(Notice.id)).all()
+    assert list(numbers) == list(range(1, 122))
+
+
+def test_reports_and_qualifications_are_noted_in_their_own_transaction(api: Api) -> None:
+    api.service.delivery.stop()
+    robot_id = make_robot(api)
+    session_id = api.make_session(robot_id=robot_id)
+    analysis = {
+        **dict.fromkeys(("worst_error_mm", "scale_ppm", "probing_scatter_mm"), 0.01),
+        "decision": "fail",
+        "maximum_permissible_error_mm": 0.005,
+    }
+    new = reports.NewReport(kind="camera", title=None, signatories=[], paper="a4")
+    with api.installation.database.write() as records:
+        store_qualification(records, session_id, analysis, valid_days=30, camera_name=None)
+        ordered = reports.order_report(records, session_id, new).report.id
+        records.flush()
+        records.execute(sa.update(Report).values(status="running"))
+        reports.save_failure(records, ordered, "too_few_images", "Too few.", None)
+        reports.save_failure(records, ordered, "too_few_images", "Too few.", None)
+    (qualification,) = noted(api, "qualification.made")
+    assert (qualification["decision"], qualification["robot_id"]) == ("fail", robot_id)
+    (failed,) = noted(api, "report.failed")
+    assert (failed["report_id"], failed["code"]) == (ordered, "too_few_images")
+    assert (failed["session_id"], failed["session_name"]) == (session_id, "session")
+
+
+def finish(api: Api, status: str = "succeeded") -> None:
+    with api.installation.database.write() as records:
+        records.execute(sa.update(Measurement).values(status=status, failure_code=None))
+
+
+def test_a_session_is_measured_when_nothing_waits_and_nothing_comes(api: Api, grey_png: bytes) -> None:
+    api.service.delivery.stop()
+    session_id = api.make_session()
+    looking, now = MeasuredSessions(api.installation.database), datetime.now(UTC)
+    looking.look(now)
+    assert api.put_image(session_id, grey_png).status_code == 202
+    for later in (1, 90, 300):
+        assert looking.look(now + timedelta(seconds=later)) == 0, "an image waits"
+    finish(api, "failed")
+    again = MeasuredSessions(api.installation.database)  # after a restart
+    assert again.look(now + timedelta(seconds=30)) == 0, "another image may come"
+    assert again.look(now + timedelta(seconds=400)) == 1
+    assert again.look(now + timedelta(seconds=500)) == 0
+    (found,) = noted(api, "session.measured")
+    assert (found["session_id"], found["succeeded"], found["failed"]) == (session_id, 0, 1)
+
+
+def test_images_that_came_and_were_measured_between_two_looks_are_not_missed(
+    api: Api, grey_png: bytes
+) -> None:
+    api.service.delivery.stop()
+    looking, now = MeasuredSessions(api.installation.database), datetime.now(UTC)
+    looking.look(now)
+    session_id, deleted = api.make_session(), api.make_session()
+    for one in (session_id, deleted):
+        assert api.put_image(one, grey_png).status_code == 202
+    finish(api)
+    for later in (15, 50):
+        assert looking.look(now + timedelta(seconds=later)) == 0, "another image may come"
+    assert api.client.delete(f"/v1/sessions/{deleted}").status_code == 204
+    assert looking.look(now + timedelta(seconds=120)) == 1
+    assert [one["session_id"] for one in noted(api, "session.measured")] == [session_id]
+
+
+def put_notices(api: Api, count: int) -> None:
+    with api.installation.database.write() as records:
+        for _ in range(count):
+            row = notices.note(records, "report.ready", {"report_id": "ø"})
+            assert row is not None
+            notices.take_up(records, row.id)
+
+
+def numbers_in(path: Path) -> list[int]:
+    return [json.loads(line)["number"] for line in path.read_text("utf-8").splitlines()]
+
+
+def test_the_service_writes_the_alert_file(open_api: Any, tmp_path: Path) -> None:
+    path = tmp_path / "share" / "alerts.jsonl"
+    path.parent.mkdir()
+    with open_api(alert_file=path) as api:
+        place = api.installation.settings.data_dir / "alert-file.place"
+        wait_until(place.exists, 20.0, "the file is begun")
+        put_notices(api, 3)
+        wait_until(lambda: path.exists() and len(numbers_in(path)) == 3, 20.0, "three lines are written")
+    document = json.loads(path.read_text("utf-8").splitlines()[0])
+    assert set(document) == {"number", "id", "type", "timestamp", "data"}
+
+
+def test_a_line_is_there_once_and_whole_whatever_happened(api: Api, tmp_path: Path) -> None:
+    api.service.delivery.stop()
+    database, folder = api.installation.database, api.installation.settings.data_dir
+    path, place = tmp_path / "alerts.jsonl", folder / "alert-file.place"
+    put_notices(api, 2)
+    file = AlertFile(database, path, folder)
+    assert not file.append(), "what was before the file is not written"
+    put_notices(api, 2)
+    assert file.append()
+    assert numbers_in(path) == [3, 4]
+    # Killed after the lines and before their place; then a line that was halved by a power cut.
+    place.write_text("2")
+    with path.open("ab") as halved:
+        halved.write(b'{"number":5,"id":"ntc_')
+    put_notices(api, 2)
+    file = AlertFile(database, path, folder)
+    assert file.append()
+    assert numbers_in(path) == [3, 4, 5, 6]
+    path.unlink()  # taken away by its reader
+    put_notices(api, 1)
+    assert file.append()
+    assert numbers_in(path) == [7]
+    file = AlertFile(database, path, folder, max_bytes=path.stat().st_size + 1)
+    put_notices(api, 1)
+    assert file.append()
+    assert (numbers_in(path), numbers_in(tmp_path / "alerts.jsonl.1")) == ([8], [7])
+
+
+def test_a_full_disk_leaves_no_half_line_and_passes(
+    api: Api, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    api.service.delivery.stop()
+    path = tmp_path / "alerts.jsonl"
+    file = AlertFile(api.installation.database, path, api.installation.settings.data_dir)
+    file.append()
+    put_notices(api, 1)
+    assert file.append()
+    whole = path.read_bytes()
+    put_notices(api, 1)
+
+    def full(_descriptor: int) -> None:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    with monkeypatch.context() as patched:
+        patched.setattr("app.delivery.alert_file.os.fsync", full)
+        assert not file.append()
+        assert not file.append()
+        assert path.read_bytes() == whole
+    assert file.append()
+    assert numbers_in(path) == [1, 2]
+
+
+def test_a_folder_that_is_not_there_stops_nothing(api: Api, tmp_path: Path) -> None:
+    api.service.delivery.stop()
+    path = tmp_path / "away" / "alerts.jsonl"
+    file = AlertFile(api.installation.database, path, api.installation.settings.data_dir)
+    file.append()
+    put_notices(api, 1)
+    assert not file.append()
+    path.parent.mkdir()
+    assert file.append()
+    assert numbers_in(path) == [1]
+
+
+def test_the_latest_figures_of_robots_are_metrics(api: Api, monkeypatch: pytest.MonkeyPatch) -> None:
+    first, second = make_robot(api, "first"), make_robot(api, 'sec"ond')
+    store_filed(api, [content(1, robot=first, rp_mm=0.09), content(2, robot=first, rp_mm=0.07)])
+    store_filed(api, [content(3, robot=second, rp_mm=0.05)])
+    summarise_reports(api.installation.database)
+    lines = api.client.get("/metrics").text.splitlines()
+
+    def value(name: str, robot: str) -> float:
+        (line,) = (one for one in lines if one.startswith(f'gridpose_robot_{name}{{robot="{robot}"'))
+        return float(line.rpartition(" ")[2])
+
+    assert value("repeatability_worst_mm", "first") == 0.07
+    assert value("repeatability_worst_mm", 'sec\\"ond') == 0.05
+    assert value("noise_floor_worst_mm", "first") == 0.004
+    assert value("measured_timestamp_seconds", "first") == datetime(2020, 1, 3, tzinfo=UTC).timestamp()
+    assert not [one for one in lines if one.startswith("gridpose_robot_accuracy_worst_mm{")]
+    assert "gridpose_robots_not_shown 0.0" in lines
+    assert 'gridpose_webhook_deliveries{status="waiting"} 0.0' in lines
+    monkeypatch.setattr(latest, "MAX_ROBOTS", 1)
+    lines = api.client.get("/metrics").text.splitlines()
+    assert "gridpose_robots_not_shown 1.0" in lines
+    assert len([one for one in lines if one.startswith("gridpose_robot_repeatability_worst_mm{")]) == 1
+    assert value("repeatability_worst_mm", 'sec\\"ond') == 0.05
