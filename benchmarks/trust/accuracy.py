@@ -1,4 +1,4 @@
-"""Pose accuracy (AP): reported over true, and coverage of its interval, for simulated robots before an instrument.
+"""Pose accuracy (AP) and its drift (dAP): reported over true, and coverage, for simulated robots before an instrument.
 
 A robot misses each commanded pose by a vector of its own; a tracker or camera with noise measures some cycles of it
 in a frame that only the commanded poses tie. The truth is what the robot was off at each pose, as drawn, rigid part
@@ -15,11 +15,12 @@ import numpy as np
 
 from benchmarks.table import Row
 from core.geometry import rotation_to_rpy, so3_exp, transform
-from core.session import CommandedPose, MeasuredPose, SessionData
+from core.session import CommandedPose, MeasuredPose, PoseRow, SessionData, accuracy_drift_of
 from core.session.commanded_poses import Accuracy, assess_accuracy
 
 DEVIATION_MM, DEVIATION_RAD = 0.3, math.radians(0.03)
 SCATTER_MM, SCATTER_RAD = 0.03, math.radians(0.005)
+DRIFT_MM = 0.1
 ROBOTS = 600
 CUBE = np.array([[0, 0, 0], [1, 1, 1], [-1, -1, 1], [1, -1, -1], [-1, 1, -1]], dtype=np.float64)
 """Centre and diagonals of a cube's planes."""
@@ -38,14 +39,32 @@ class Layout:
 LAYOUTS = (
     Layout("five cube poses, one orientation", 5),
     Layout("five poses, any orientation", 5, "any"),
+    Layout("six poses, any orientation", 6, "any"),
     Layout("ten poses, any orientation", 10, "any"),
     Layout("ten positions, orientation not commanded", 10, "unknown"),
     Layout("four cube poses, one orientation", 4),
+)
+DRIFTING = (
+    Layout("five cube poses, one orientation", 5, cycles=20),
+    Layout("six poses, any orientation", 6, "any", cycles=20),
+    Layout("ten poses, any orientation", 10, "any", cycles=20),
 )
 
 
 def simulate(rng: np.random.Generator, layout: Layout) -> tuple[Accuracy, np.ndarray, np.ndarray]:
     """Return the accuracy assessed, and what the robot was truly off: (n, 3) mm and (n, 3) rad, base frame."""
+    data, visits, off, turned = simulate_visits(rng, layout)
+    return assess_accuracy(data, visits), off, turned
+
+
+def simulate_visits(
+    rng: np.random.Generator, layout: Layout, drift_mm: float = 0.0
+) -> tuple[SessionData, dict[str, list[MeasuredPose]], np.ndarray, np.ndarray]:
+    """Return a session's data and its visits by pose, and what the robot was off as `simulate` does.
+
+    With `drift_mm`, each pose is off by a further vector of this standard deviation along each axis in the later half
+    of its cycles; what it was off is then (2, n, 3), of both halves.
+    """
     n = layout.count
     places = 250.0 * CUBE[:n] if layout.orientations == "one" else rng.uniform(-250.0, 250.0, (n, 3))
     if layout.orientations == "one":
@@ -55,6 +74,7 @@ def simulate(rng: np.random.Generator, layout: Layout) -> tuple[Accuracy, np.nda
     base = transform(so3_exp(rng.normal(0.0, 1.0, 3)), rng.normal(0.0, 500.0, 3))
     mount = transform(so3_exp(rng.normal(0.0, 1.0, 3)), rng.normal(0.0, 80.0, 3))
     off, turned = rng.normal(0.0, DEVIATION_MM, (n, 3)), rng.normal(0.0, DEVIATION_RAD, (n, 3))
+    moved = rng.normal(0.0, drift_mm, (n, 3)) if drift_mm else np.zeros((n, 3))
     if layout.orientations == "one":
         # What is measured is the point in the camera's centre: its own deviation is the truth, lever arm included.
         mount[:3, 3] = 0.0
@@ -67,9 +87,10 @@ def simulate(rng: np.random.Generator, layout: Layout) -> tuple[Accuracy, np.nda
         commanded[name] = CommandedPose(places[i].tolist(), *angles)
         of_pose = []
         for cycle in range(1, layout.cycles + 1):
+            late = float(2 * cycle > layout.cycles)
             attained = transform(
                 so3_exp(turned[i] + rng.normal(0.0, SCATTER_RAD, 3)) @ R,
-                places[i] + off[i] + rng.normal(0.0, SCATTER_MM, 3),
+                places[i] + off[i] + late * moved[i] + rng.normal(0.0, SCATTER_MM, 3),
             )
             T = np.linalg.inv(base) @ attained @ mount
             noise = np.diag([0.01**2] * 3 + [math.radians(0.001) ** 2] * 3)
@@ -78,7 +99,7 @@ def simulate(rng: np.random.Generator, layout: Layout) -> tuple[Accuracy, np.nda
             )
         visits[name] = of_pose
     data = SessionData((), (), commanded=commanded)
-    return assess_accuracy(data, visits), off, turned
+    return data, visits, np.array([off, off + moved]) if drift_mm else off, turned
 
 
 @dataclass(frozen=True)
@@ -150,3 +171,26 @@ def trust_rows(seeds: Sequence[int], quick: bool) -> Iterator[Row]:
         yield Row.within(f"AP: {layout.name}: coverage by axis", 100.0 * axes, 92.0, 98.0, "%")
         if math.isfinite(turn):
             yield Row.within(f"AP: {layout.name}: orientation, reported ÷ true, rms", turn, 0.95, 1.1)
+    for layout in DRIFTING:
+        ratios = np.concatenate([_drift_ratios(layout, robots, seed) for seed in seeds])
+        note = f"{robots * len(seeds)} robots that drift by {DRIFT_MM} mm along each axis, 20 cycles"
+        within = 100.0 * float(np.mean(np.abs(ratios) < 1.96))
+        rms = float(np.sqrt(np.mean(np.square(ratios))))
+        yield Row.at_least(f"dAP: {layout.name}: within 1.96 u", within, 92.0, "%", note)
+        yield Row.within(f"dAP: {layout.name}: rms of error ÷ u", rms, 0.7, 1.1, "", note)
+
+
+def _drift_ratios(layout: Layout, robots: int, seed: int) -> np.ndarray:
+    """Return (dAP reported - true) / u of every pose of so many robots."""
+    rng = np.random.default_rng([seed, 8])
+    ratios = []
+    for _ in range(robots):
+        data, visits, off, _ = simulate_visits(rng, layout, DRIFT_MM)
+        accuracy = assess_accuracy(data, visits).poses
+        early, late = np.linalg.norm(off, axis=2)
+        for i, (name, of_pose) in enumerate(visits.items()):
+            found = accuracy_drift_of(PoseRow(name, tuple(of_pose), (), None), accuracy[name])
+            assert found is not None
+            assert found.standard_uncertainty_mm is not None
+            ratios.append((found.dap_mm - abs(late[i] - early[i])) / found.standard_uncertainty_mm)
+    return np.array(ratios)

@@ -17,7 +17,8 @@ An error that all measured poses share, the lens's, is no noise: it shifts the f
 hardly the deviations. It is carried through to first order where the stations say what it does to them.
 
 A pose that belongs to another image, or a target whose origin was taken for the opposite corner, is beyond 4 MAD of the
-others. It is rejected from the fit and stays in the result, marked. With fewer than six poses none is rejected.
+others, and improbable as one of them (`outlying_poses`). It is rejected from the fit and stays in the result, marked.
+With fewer than six poses none is rejected.
 
 The commanded poses serve twice: to tie the frames, and to be compared with. The fit follows each of them a little, so
 deviations come out too small, by as much as sqrt(1 - 12/6n); each deviation is therefore also given held out, as it is
@@ -54,6 +55,7 @@ from core.calibration.hand_eye.model import (
     residuals,
     whitening,
 )
+from core.calibration.hand_eye.outlying_poses import most_credible
 from core.calibration.hand_eye.result import (
     CameraMountPrior,
     HandEyeCalibration,
@@ -99,15 +101,16 @@ def calibrate_hand_eye(
         if np.array_equal(within, used):
             break
         used = within
+    while (credible := _most_credible(found, poses, used, mount)) is not None:
+        used = used.copy()
+        used[credible] = True
+        found = _plain(found.frames, poses, used, mount)
     distance = float(np.median(np.linalg.norm(poses.T_target_camera[used, :3, 3], axis=1)))
     warnings = _warnings(
         found.robot.deviations, distance, [s.pose_id for s, u in zip(stations, used, strict=True) if not u]
     )
     _check_answer(found, distance, warnings)
     shared = SharedErrors.of(found, stations, poses, used)
-    # Positions and rotations share the surplus, since either has a deviation of its own, and the weight between the two
-    # follows from the same few residuals.
-    surplus = 3.0 * (float(used.sum()) - len(frames.T_base_targets)) - (4.0 if mount is None else 1.0)
     return HandEyeCalibration(
         T_flange_camera=found.frames.T_flange_camera,
         T_base_targets=found.frames.T_base_targets,
@@ -115,7 +118,7 @@ def calibrate_hand_eye(
         covariance_given_camera=found.covariance,
         robot_position_mm=found.robot.deviations[0],
         robot_rotation=found.robot.deviations[1],
-        degrees_of_freedom=max(surplus, 1.0),
+        degrees_of_freedom=_surplus(poses, used, mount),
         deviations=deviations_of(found, shared, stations, poses, used),
         warnings=tuple(warnings),
         common=shared.frames,
@@ -244,6 +247,29 @@ def _within(found: FramesFit, poses: PoseArrays) -> Bool[np.ndarray, " n"]:
     limit = REJECTION * MEDIAN_LENGTH
     within: Bool[np.ndarray, " n"] = np.all(np.linalg.norm(halves, axis=2) <= limit, axis=1)
     return within
+
+
+def _surplus(poses: PoseArrays, used: Bool[np.ndarray, " n"], mount: CameraMountPrior | None) -> float:
+    """Return the degrees of freedom of either variance, 1 or more.
+
+    Positions and rotations share the surplus, since either has a deviation of its own, and the weight between the two
+    follows from the same few residuals.
+    """
+    targets = int(poses.target.max()) + 1
+    return max(3.0 * (float(used.sum()) - targets) - (4.0 if mount is None else 1.0), 1.0)
+
+
+def _most_credible(
+    found: FramesFit, poses: PoseArrays, used: Bool[np.ndarray, " n"], mount: CameraMountPrior | None
+) -> int | None:
+    """Return the pose not used that may be one of the others, or None."""
+    if np.all(used):
+        return None
+    J = jacobian(found.frames, poses.T_target_camera, poses.target)
+    V = pose_variances(found.frames, poses, found.robot) + J @ found.covariance @ J.swapaxes(1, 2)
+    parts = np.stack([V[:, :3, :3], V[:, 3:, 3:]], axis=1)
+    e = residuals(found.frames, poses).reshape(-1, 2, 3)
+    return most_credible(e, parts, used, _surplus(poses, used, mount))
 
 
 def _check_answer(found: FramesFit, distance: float, warnings: Sequence[Advisory]) -> None:

@@ -29,6 +29,7 @@ from scipy.special import stdtrit
 from core.calibration.hand_eye.deviations import held_out_factors
 from core.calibration.hand_eye.initialisation import check_rigid
 from core.calibration.hand_eye.model import MIN_ROBOT_SIGMAS, whitening
+from core.calibration.hand_eye.outlying_poses import most_credible
 from core.calibration.hand_eye.position_model import (
     PositionProblem,
     PositionState,
@@ -119,8 +120,11 @@ def calibrate_from_positions(stations: Sequence[PositionObservation]) -> Positio
             f"Only {int(used.sum())} of {len(used)} positions agree on where the target is.",
             "Check that commanded positions and images belong together.",
         )
-    part = problem.part(used)
-    result, deviation = _estimate(start, part)
+    result, deviation = _estimate(start, problem.part(used))
+    while (credible := _most_credible(result, problem, deviation, used)) is not None:
+        used = used.copy()
+        used[credible] = True
+        result, deviation = _estimate(result.state, problem.part(used))
     C = _covariance(result, free)
     if result.status == "singular" or not np.trace(C[6:, 6:]) < MAX_UNCERTAINTY**2:
         raise MotionInsufficient(
@@ -136,7 +140,7 @@ def calibrate_from_positions(stations: Sequence[PositionObservation]) -> Positio
         point_camera_mm=result.state.point,
         covariance=C,
         robot_position_mm=deviation,
-        degrees_of_freedom=max(3.0 * float(used.sum()) - 6.0 - free.shape[1], 1.0),
+        degrees_of_freedom=_surplus(problem, used),
         pose_ids=tuple(s.pose_id for s in stations),
         deviations_mm=-residuals(result.state, problem),
         held_out_mm=_held_out(result, problem, deviation, used),
@@ -182,6 +186,25 @@ def _estimate(start: PositionState, problem: PositionProblem) -> tuple[Fit[Posit
         if abs(deviation - former) < 1e-2 * former:
             break
     return result, deviation
+
+
+def _surplus(problem: PositionProblem, used: Bool[np.ndarray, " n"]) -> float:
+    return max(3.0 * float(used.sum()) - 6.0 - problem.free.shape[1], 1.0)
+
+
+def _most_credible(
+    result: Fit[PositionState], problem: PositionProblem, deviation: float, used: Bool[np.ndarray, " n"]
+) -> int | None:
+    """Return the station not used that may be one of the others, or None."""
+    if np.all(used):
+        return None
+    J = jacobian(result.state, problem)
+    V = (
+        measurement(result.state, problem)
+        + deviation**2 * np.eye(3)
+        + J @ result.covariance @ J.swapaxes(1, 2)
+    )
+    return most_credible(residuals(result.state, problem)[:, None], V[:, None], used, _surplus(problem, used))
 
 
 def _start(problem: PositionProblem) -> PositionState:
