@@ -94,10 +94,23 @@ def _draw_ewma(axes: Axes, chart: ChartedFigure) -> None:
 
 
 def _mark(axes: Axes, chart: ChartedFigure) -> None:
-    """Mark since when the level is another, and what was done to the robot, between the sessions."""
-    for place in chart.events:
-        axes.axvline(place + 0.5, color=INK, linestyle=":", linewidth=0.9)
+    """Mark since when the level is another, and what was done to the robot, between the sessions.
+
+    Both are often at one place: a change follows what was done. The event is narrow and above, with a mark at the top.
+    """
     if chart.since is not None:
-        axes.axvline(chart.since + 0.5, color=RED, linewidth=1.0)
+        axes.axvline(chart.since + 0.5, color=RED, linewidth=2.4, alpha=0.6)
+    for place in chart.events:
+        axes.axvline(place + 0.5, color=INK, linestyle=":", linewidth=1.1, zorder=3.0)
+        axes.plot(
+            [place + 0.5],
+            [1.0],
+            marker="v",
+            markersize=6.0,
+            color=INK,
+            transform=axes.get_xaxis_transform(),
+            clip_on=False,
+            zorder=3.0,
+        )
     axes.set_xlim(0.4, len(chart.values) + 0.6)
     axes.xaxis.set_major_locator(MaxNLocator(integer=True))

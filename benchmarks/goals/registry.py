@@ -292,6 +292,28 @@ _OPERATION = (
         ),
     ),
     Goal(
+        "dashboard: server time of the first page; of a session of 10,000 images; until they answer to their reader",
+        "≤ 150 ms; ≤ 300 ms; ≤ 1 s",
+        (
+            at_most("browser", "first page: until the first byte", 150.0),
+            at_most("browser", "session of 10,000 images: until the first byte", 300.0),
+            at_most("browser", ".*: until it answers to its reader", 1000.0),
+        ),
+    ),
+    Goal(
+        "dashboard: thumbnail, warm; live update after a result",
+        "≤ 15 ms; ≤ 1 s",
+        (
+            at_most("browser", "thumbnail, warm", 15.0),
+            at_most("browser", "live update after a result", 1.0),
+        ),
+    ),
+    Goal(
+        "dashboard: workers slower by an open live page",
+        "≤ 5 %",
+        (at_most("browser", "workers slower by an open live page", 5.0),),
+    ),
+    Goal(
         "memory of one worker at 20 Mpx",
         "≤ 250 MiB",
         (at_most("decoding", "memory of one worker at 20 Mpx, .*", 250.0),),

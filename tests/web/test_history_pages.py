@@ -75,6 +75,26 @@ def test_a_robots_history_shows_charts_change_and_events(cell: Cell, open_page: 
     assert not page.troubles
 
 
+def test_plots_on_a_phone_keep_their_size_and_move_in_their_box(
+    cell: Cell, open_page: Callable[..., Any]
+) -> None:
+    page = open_page(f"/ui/robots/{cell.robot_id}/history", None, viewport={"width": 360, "height": 740})
+    page.locator("figure img").scroll_into_view_if_needed()
+    page.wait_for_selector("figure.paper[tabindex='0']")
+    drawn, box = (
+        page.evaluate(f"document.querySelector('{one}').getBoundingClientRect().width")
+        for one in ("figure img", "figure.paper")
+    )
+    assert drawn >= 700.0, "small type of 8 points stays readable"
+    assert box <= 360.0
+    page.focus("figure.paper")
+    page.keyboard.press("ArrowRight")
+    page.wait_for_timeout(300)
+    assert page.evaluate("document.querySelector('figure.paper').scrollLeft") > 0
+    assert not is_too_wide(page)
+    assert not page.troubles
+
+
 def test_two_reports_are_compared_from_the_list(cell: Cell, open_page: Callable[..., Any]) -> None:
     page = open_page("/ui/reports")
     page.locator("[name=report]").nth(0).check()
@@ -91,6 +111,28 @@ def test_two_reports_are_compared_from_the_list(cell: Cell, open_page: Callable[
     assert page.locator("tbody tr").count() == 3
     page.goto(f"/ui/reports/comparison?report={ids[0]}&report=rep_{'1' * 26}")
     assert "no such report" in page.inner_text("main")
+
+
+def test_ticks_stay_while_the_list_of_reports_is_renewed(cell: Cell, open_page: Callable[..., Any]) -> None:
+    page = open_page("/ui/reports")
+    page.locator("[name=report]").nth(1).check()
+    page.evaluate(
+        """() => {
+          document.getElementById("reports").dataset.former = "yes";
+          return htmx.ajax("GET", "/ui/reports", { target: "#reports", select: "#reports", swap: "outerHTML" });
+        }"""
+    )
+    page.wait_for_selector("#reports:not([data-former])")
+    assert page.locator("[name=report]").nth(1).is_checked()
+    assert page.locator("[name=report]:checked").count() == 1
+    assert not page.troubles
+
+
+def test_a_kind_of_figures_that_there_is_not_is_said(cell: Cell, open_page: Callable[..., Any]) -> None:
+    page = open_page()
+    assert page.goto(f"/ui/robots/{cell.robot_id}/history?kind=speed").status == 422
+    assert "There is no kind of figures “speed”." in page.inner_text("main")
+    assert "repeatability" in page.inner_text("main")
 
 
 def test_a_reader_sees_no_form_and_a_stranger_no_robot(cell: Cell, open_page: Callable[..., Any]) -> None:

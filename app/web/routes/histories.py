@@ -23,7 +23,11 @@ def show_history(
     request: Request, robot_id: str, kind: Annotated[str, Query(max_length=40)] = ""
 ) -> Response:
     """Show a robot's figures with their control charts, what changed lastingly, and what was done to the robot."""
-    chosen = kind if kind in KINDS else None
+    chosen = next((one for one in KINDS if one == kind), None)
+    if kind and chosen is None:
+        raise InvalidContent(
+            f"There is no kind of figures “{kind}”.", f"Choose one of {', '.join(KINDS)}, or none for all."
+        )
     found = read_history(service_of(request).installation.database, robot_id, chosen)
     document = found.document()
     charted = sum(len(test.charts) for test in found.tests)

@@ -164,6 +164,14 @@
     for (const one of root.querySelectorAll("[data-copy][hidden], [data-csv][hidden], .corrections[hidden]")) one.hidden = false;
   };
 
+  // A plot that is wider than its box can be moved by keys.
+  function reachPlots() {
+    for (const one of document.querySelectorAll(".paper")) {
+      if (one.scrollWidth > one.clientWidth) one.tabIndex = 0;
+      else one.removeAttribute("tabindex");
+    }
+  }
+
   // Headlines that are not computed yet, one after the other: an analysis is work for the server.
   let filling = false;
   async function fillHeadlines() {
@@ -203,7 +211,10 @@
   document.addEventListener("htmx:afterSwap", function (event) {
     gridpose.localise(document);
     fillHeadlines();
+    reachPlots();
   });
+  addEventListener("resize", reachPlots);
+  document.addEventListener("load", (event) => event.target.closest && event.target.closest(".paper") && reachPlots(), true);
   document.addEventListener("htmx:sendError", () => gridpose.notice("The service cannot be reached. What you see may be old."));
   document.addEventListener("htmx:responseError", function (event) {
     if (event.detail.xhr.status !== 401) gridpose.notice("The service could not answer. Try again shortly.");
@@ -212,6 +223,7 @@
     setUpTheme();
     gridpose.localise(document);
     fillHeadlines();
+    reachPlots();
     for (const form of document.querySelectorAll("#estimator-form")) for (const field of form.querySelectorAll("select")) field.addEventListener("change", () => form.requestSubmit());
   });
 })();
