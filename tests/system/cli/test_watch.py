@@ -97,16 +97,30 @@ def test_it_ends_in_order_and_says_so(cell: WatchedCell) -> None:
     assert (state["running"], state["stored"], state["troubles"]) == (False, 1, [])
 
 
-@pytest.mark.soak
-def test_twenty_thousand_files_through_a_faulty_line(cell: WatchedCell) -> None:
+@pytest.mark.parametrize(
+    "files",
+    [
+        pytest.param(1_200, id="long", marks=pytest.mark.slow),
+        pytest.param(3_000, id="longer", marks=pytest.mark.soak),
+        pytest.param(20_000, id="longest", marks=pytest.mark.soak),
+    ],
+)
+def test_thousands_of_files_through_a_faulty_line(cell: WatchedCell, files: int) -> None:
     cell.proxy.plan = at_random(seed=1, share=0.02)
-    for number in range(20_000):
+    for number in range(files):
         cell.write(f"P{number % 30}/c{number // 30 + 1}.png", small_image(number))
     began = time.monotonic()
     with watching(cell, "--once") as process:
-        wait_until(lambda: len(cell.proxy.stored) > 5_000, 7200, "a quarter is sent")
+        # A share of the files: with a number of its own, a watcher that had sent them all was waited for in vain.
+        wait_until(
+            lambda: len(cell.proxy.stored) > files // 4 or process.poll() is not None,
+            7200,
+            "a quarter is sent",
+        )
+        assert process.poll() is None, "it ended before it was killed"
         process.send_signal(signal.SIGKILL)
     run_to_the_end(cell)
-    print(f"20,000 files in {time.monotonic() - began:.0f} s")
+    print(f"{files} files in {time.monotonic() - began:.0f} s")
+    assert cell.has(files)
     cell.proxy.answered.clear()
     cell.assert_each_image_is_stored_once()
