@@ -1,4 +1,4 @@
-"""Evidence that a pose left out of a fit is a wrong one.
+"""Evidence that a pose excluded from a fit is a wrong one.
 
 Distance in robust deviations is no evidence where few poses are left: three of six poses fit their frames nearly
 exactly whatever they are, and the others then seem far away. A pose stays out only if its residual is improbable as
