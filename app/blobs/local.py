@@ -28,6 +28,7 @@ from app.blobs.thumbnails import Thumbnails
 from app.errors import StorageFull, refusal_of
 
 _STRIPES = 64
+_PREFIXES = tuple(f"{number:02x}" for number in range(256))
 _NAME = re.compile(r"[0-9a-f]{64}")
 
 log = structlog.get_logger(__name__)
@@ -200,12 +201,12 @@ class LocalBlobs:
 
     def names(self) -> Iterator[list[tuple[str, float]]]:
         """Yield the originals there are, folder by folder, each with the time it was last written (s, wall clock)."""
-        for number in range(256):
+        for prefix in _PREFIXES:
             found = []
             try:
-                with os.scandir(self.root / f"{number:02x}") as entries:
+                with os.scandir(f"{self._root}/{prefix}") as entries:
                     for entry in entries:
-                        if _NAME.fullmatch(entry.name) and entry.name.startswith(f"{number:02x}"):
+                        if _NAME.fullmatch(entry.name) and entry.name.startswith(prefix):
                             with suppress(FileNotFoundError):
                                 found.append((entry.name, entry.stat(follow_symlinks=False).st_mtime))
             except (FileNotFoundError, NotADirectoryError):
@@ -218,8 +219,10 @@ class LocalBlobs:
 
         With the folders there beforehand, an upload has one folder fewer to bring to the disk.
         """
-        for number in range(256):
-            (self.root / f"{number:02x}").mkdir(exist_ok=True)
+        there = set(os.listdir(self._root))  # noqa: PTH208 - names alone
+        for prefix in _PREFIXES:
+            if prefix not in there:
+                (self.root / prefix).mkdir(exist_ok=True)
         sync_folder(self.root)
         return self.clear_incoming()
 
