@@ -135,18 +135,20 @@ class ServiceProcess:
         answer = "nothing"
         # With a key, what is not ready is named.
         headers = {"Authorization": f"Bearer {self.admin_key}"} if self.admin_key else {}
-        while time.monotonic() < deadline:
-            if self.process.poll() is not None:
-                raise self._failure(f"ended with code {self.process.returncode}")
-            try:
-                response = httpx2.get(f"{self.url}/readyz", headers=headers, timeout=5.0)
-            except httpx2.TransportError as error:
-                answer = str(error)
-            else:
-                if response.status_code == 200:
-                    return
-                answer = response.text
-            time.sleep(0.05)
+        # One client throughout: each new one reads all certificates, some 30 ms of processor time.
+        with httpx2.Client(headers=headers, timeout=5.0) as client:
+            while time.monotonic() < deadline:
+                if self.process.poll() is not None:
+                    raise self._failure(f"ended with code {self.process.returncode}")
+                try:
+                    response = client.get(f"{self.url}/readyz")
+                except httpx2.TransportError as error:
+                    answer = str(error)
+                else:
+                    if response.status_code == 200:
+                        return
+                    answer = response.text
+                time.sleep(0.05)
         raise self._failure(f"was not ready in time: {answer}")
 
     def _failure(self, what: str) -> ServiceStartError:

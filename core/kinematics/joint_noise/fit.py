@@ -27,7 +27,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Bool, Float
-from scipy.stats import chi2
+from scipy.special import chdtri
 
 from core.errors import TooFewPoses
 from core.kinematics.joint_noise.scatter import MIN_POSES, PoseScatters
@@ -202,7 +202,7 @@ def _outlying(seen: PoseScatters, dropped: Bool[np.ndarray, " n"], found: _Fitte
     n = counts[seen.pose].astype(np.float64)
     growth = np.where(kept, n / np.maximum(n - 1.0, 1.0), n / (n + 1.0))
     distance = growth * np.einsum("na,nab,nb->n", off, W[seen.pose], off)
-    limit = float(chi2.isf(OUTLIER_CHANCE / len(off), off.shape[1]))
+    limit = float(chdtri(off.shape[1], OUTLIER_CHANCE / len(off)))
     far = distance > limit
     for pose in np.unique(seen.pose[far]):
         members = np.flatnonzero(seen.pose == pose)

@@ -18,7 +18,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float
-from scipy.signal import lfilter
 
 from core.metrology.cycle_process.heavy_tails import TAIL_DEGREES
 from core.metrology.cycle_process.lag_correlation import CORRELATIONS
@@ -122,6 +121,8 @@ def _series(
 
     Alternatives have their share of the draws, in an order that is the same for all sessions.
     """
+    from scipy.signal import lfilter  # takes half a second to load, which every process of a service would pay
+
     rng = np.random.default_rng([_SEED, cycles])
     normal = rng.standard_normal((draws, cycles, 3))
     values = np.concatenate([[0.0], TAIL_DEGREES, CORRELATIONS])

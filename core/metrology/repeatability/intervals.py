@@ -29,7 +29,6 @@ from functools import lru_cache
 import numpy as np
 from jaxtyping import Float
 from scipy.special import chdtri, gammaln, ndtri
-from scipy.stats import qmc
 
 from core.metrology.rp_distribution import (
     CONFIDENCE,
@@ -257,6 +256,8 @@ def _wishart_factors(nu: int) -> Float[np.ndarray, "b 3 3"]:
     Each point of a Sobol net stands with every choice of signs of the axes, D A D: eigenvectors have no sign, and no
     result may depend on which one they came with.
     """
+    from scipy.stats import qmc  # takes half a second to load, which every process of a service would pay
+
     uniform = qmc.Sobol(6, scramble=False).random(_POINTS) + 0.5 / _POINTS
     factors = np.zeros((_POINTS, 3, 3))
     for i in range(min(nu, 3)):

@@ -11,7 +11,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float
-from scipy.stats import qmc
 
 from core.errors import InvalidArgument
 from core.kinematics import ArmState, JointNoise, forward
@@ -61,6 +60,8 @@ def map_repeatability(
     """
     if np.any(limits[0] > limits[1]):
         raise InvalidArgument("A joint's lower limit is above its upper one.")
+    from scipy.stats import qmc  # takes half a second to load, which every process of a service would pay
+
     unit = qmc.Halton(limits.shape[1], scramble=False).random(samples)
     q = limits[0] + unit * (limits[1] - limits[0])
     found = predict_scatter(noise, arm, q)
