@@ -102,10 +102,17 @@ def test_further_tilted_views_the_cube_narrow_what_a_print_leaves_open() -> None
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("departure", DEPARTURES, ids=lambda d: d.name)
-def test_distances_and_positions_are_covered(departure: Departure) -> None:
-    found = measure(Setup(cycles=6), departure, 40, seed=12)
-    # Distances of a session share its errors: some three independent ones, so that a coverage of .95 has a standard
-    # error of 2 %.
-    for errors in (found.distances, found.positions):
-        assert np.mean(np.abs(errors) < 1.96) > 0.88
+def test_distances_and_positions_are_covered() -> None:
+    """Of every departure; 54 and 36 sessions of each are in `make bench`."""
+    of_all: dict[str, list[float]] = {"distances": [], "positions": []}
+    for departure in DEPARTURES:
+        found = measure(Setup(cycles=6), departure, 10, seed=12)
+        assert found.refused == 0, departure.name
+        # Distances of a session share its errors: some three independent ones, so 30 of ten sessions, of which at most
+        # 23 (77 %) are inside once in 5,000 where the coverage is .95.
+        for what, errors in (("distances", found.distances), ("positions", found.positions)):
+            assert np.mean(np.abs(errors) < 1.96) > 0.77, (departure.name, what)
+            of_all[what] += errors
+    # All seven together count as 210: a standard error of 1.5 %, and four of them.
+    for what, errors in of_all.items():
+        assert np.mean(np.abs(errors) < 1.96) > 0.89, what

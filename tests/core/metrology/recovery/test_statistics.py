@@ -55,9 +55,19 @@ class Trials:
 
 
 def run(
-    n: int, robot: np.ndarray, noise: np.ndarray, trials: int, seed: int, weights: np.ndarray | None = None
+    n: int,
+    robot: np.ndarray,
+    noise: np.ndarray,
+    trials: int,
+    seed: int,
+    weights: np.ndarray | None = None,
+    radial_of: int | None = None,
 ) -> Trials:
-    """Simulate; `weights` scale the noise variance of each cycle."""
+    """Simulate; `weights` scale the noise variance of each cycle.
+
+    Only the first `radial_of` trials have their RP_l assessed, which takes nearly all of the time: the floor is that of
+    the noise stated, one for all trials.
+    """
     rng = np.random.default_rng([seed, n])
     each = noise * (np.ones(n) if weights is None else weights)[:, None]
     true = rng.standard_normal((trials, n, 3)) * np.sqrt(robot)
@@ -74,13 +84,14 @@ def run(
     matrices = np.zeros((n, 3, 3))
     matrices[:, range(3), range(3)] = each
     cycles = np.full(trials, float(n))
+    some = trials if radial_of is None else radial_of
     radial = assess_radial(
-        reading,
-        covariance,
-        np.repeat(matrices.mean(axis=0)[None], trials, axis=0),
-        np.full(trials, each.sum(axis=1).var()),
-        np.tile(noise_only_lengths(matrices), (trials, 1)),
-        cycles,
+        reading[:some],
+        covariance[:some],
+        np.repeat(matrices.mean(axis=0)[None], some, axis=0),
+        np.full(some, each.sum(axis=1).var()),
+        np.tile(noise_only_lengths(matrices), (some, 1)),
+        cycles[:some],
     )
     variance = np.einsum("tii->ti", covariance)
     three = assess_three_sigma(
@@ -124,7 +135,7 @@ def test_intervals_of_position_repeatability_cover_95_percent_within_2(n: int, s
 def test_intervals_of_three_sigma_cover_exactly(n: int, noise_shape: str) -> None:
     trials = 4000
     robot, noise = of_reading("egg", 2.0), of_reading(noise_shape, 1.0)
-    result = run(n, robot, noise, trials, seed=2)
+    result = run(n, robot, noise, trials, seed=2, radial_of=1)
     error = 4.0 * math.sqrt(0.95 * 0.05 / trials)
     for axis in range(3):
         raw = 3.0 * math.sqrt(robot[axis] + noise[axis])
@@ -160,7 +171,7 @@ def test_intervals_cover_where_cycles_differ_in_noise(n: int, shape: str) -> Non
 @pytest.mark.parametrize("shape", ["sphere", "egg", "flat", "needle"])
 def test_noise_floor_is_the_expected_reading_of_a_motionless_robot(n: int, shape: str) -> None:
     trials = 6000
-    result = run(n, np.zeros(3), of_reading(shape, 1.0), trials, seed=4)
+    result = run(n, np.zeros(3), of_reading(shape, 1.0), trials, seed=4, radial_of=1)
     error = 4.0 * result.reading.std() / math.sqrt(trials)
     # Beside chance: correlations between lengths, taken as squares, which matter below ten cycles.
     model = 0.02 if n < 10 else 0.005
@@ -178,7 +189,7 @@ def test_noise_floor_where_cycles_differ_five_to_one(n: int, shape: str, noisy_e
     # Every second or fifth measurement scatters five times as much as the rest.
     trials = 6000
     weights = np.where(np.arange(n) % noisy_every == 0, 25.0, 1.0)
-    result = run(n, np.zeros(3), of_reading(shape, 1.0), trials, seed=8, weights=weights)
+    result = run(n, np.zeros(3), of_reading(shape, 1.0), trials, seed=8, weights=weights, radial_of=1)
     error = 4.0 * result.reading.std() / math.sqrt(trials) / result.reading.mean()
     # Beside chance: effective degrees of freedom stand for the unequal ones, which matters where few cycles count.
     model = 0.03 if n == 10 else 0.012
@@ -208,7 +219,8 @@ def test_corrected_repeatability_where_cycles_differ_five_to_one(
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("n", "ratio"), [(30, 1.0), (30, 1.5), (30, 4.0), (100, 1.0), (100, 2.0)])
+# The smallest ratio that is claimed, where most is subtracted, and a large one; two times the floor is in `make bench`.
+@pytest.mark.parametrize(("n", "ratio"), [(30, 1.0), (30, 4.0), (100, 1.0)])
 @pytest.mark.parametrize(
     ("shape", "noise_shape", "turned"),
     [
@@ -259,9 +271,9 @@ def test_corrected_intervals_of_position_cover_where_the_floor_is_low(
     n: int, ratio: float, shape: str, noise_shape: str, turned: bool
 ) -> None:
     robot, noise = of_reading(shape, ratio), of_reading(noise_shape, 1.0, turned)
-    result = run(n, robot, noise, 4000, seed=6)
+    result = run(n, robot, noise, 2000, seed=6)
     inside = covered(result.radial.corrected_low, result.radial.corrected_high, ratio)
-    # 4,000 trials know it to .35 %.
+    # 2,000 trials know it to √(.95 · .05 / 2000) = .49 %: four standard errors.
     assert inside == pytest.approx(0.95, abs=0.02)
     # What is withheld because the floor looks high would have missed more often than what is given.
     given = result.radial.floor <= MAX_FLOOR_SHARE * result.reading
