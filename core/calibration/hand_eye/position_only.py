@@ -213,36 +213,45 @@ def _start(problem: PositionProblem) -> PositionState:
     The rotations are that of the rigid alignment with the point in the camera's centre, which is near where the point
     is near, and the 24 of a cube; each is improved by the same alignment, with the point known, a few times.
     """
-    best, least = None, math.inf
-    origin = PositionState(np.eye(4), np.zeros(3))
-    for R in [_aligned(origin, problem), *_CUBE]:
-        state = PositionState(transform(R, np.zeros(3)), np.zeros(3))
-        for _ in range(10):
-            state = _placed(state.T_base_target[:3, :3], problem)
-            state = PositionState(transform(_aligned(state, problem), np.zeros(3)), state.point)
-        state = _placed(state.T_base_target[:3, :3], problem)
-        cost = float(np.median(np.linalg.norm(residuals(state, problem), axis=1)))
-        if best is None or cost < least:
-            best, least = state, cost
-    assert best is not None
-    return best
-
-
-def _aligned(state: PositionState, problem: PositionProblem) -> Float[np.ndarray, "3 3"]:
-    """Return the rotation that best turns the points in the target frame to the commanded ones."""
-    inside = problem.measured[:, :3, 3] + problem.measured[:, :3, :3] @ state.point
-    commanded = problem.commanded
-    return nearest_rotation((commanded - commanded.mean(axis=0)).T @ (inside - inside.mean(axis=0)))
-
-
-def _placed(R: Float[np.ndarray, "3 3"], problem: PositionProblem) -> PositionState:
-    """Return the state of this rotation with the point and the place of least squares."""
+    inverse = _placing(problem)
     size = problem.free.shape[1]
-    by_point = R @ problem.measured[:, :3, :3] @ problem.free
+    rotations = np.concatenate([_aligned(np.zeros((1, 3)), problem), _CUBE])
+    for _ in range(10):
+        points = _placed(rotations, problem, inverse)[:, :size] @ problem.free.T
+        rotations = _aligned(points, problem)
+    found = _placed(rotations, problem, inverse)
+    states = [
+        PositionState(transform(R, R @ x[size:]), problem.free @ x[:size])
+        for R, x in zip(rotations, found, strict=True)
+    ]
+    costs = [float(np.median(np.linalg.norm(residuals(state, problem), axis=1))) for state in states]
+    return states[int(np.argmin(costs))]
+
+
+def _aligned(points: Float[np.ndarray, "s 3"], problem: PositionProblem) -> Float[np.ndarray, "s 3 3"]:
+    """Return for each point in the camera the rotation that best turns its places in the target to the commanded."""
+    inside = problem.measured[:, :3, 3] + np.einsum("nij,sj->sni", problem.measured[:, :3, :3], points)
+    commanded = problem.commanded - problem.commanded.mean(axis=0)
+    return nearest_rotation(commanded.T @ (inside - inside.mean(axis=1, keepdims=True)))
+
+
+def _placing(problem: PositionProblem) -> Float[np.ndarray, "u m"]:
+    """Return what takes the commanded positions, turned into the target's frame, to the point and the place there.
+
+    R_n p + Rᵀ t = Rᵀ c_n - m_n: in that frame the equations are the same for every R, so that one inverse serves all.
+    """
+    by_point = problem.measured[:, :3, :3] @ problem.free
     A = np.concatenate([by_point, np.broadcast_to(np.eye(3), (len(by_point), 3, 3))], axis=2)
-    b = problem.commanded - problem.measured[:, :3, 3] @ R.T
-    found = np.linalg.lstsq(A.reshape(-1, size + 3), b.ravel(), rcond=None)[0]
-    return PositionState(transform(R, found[size:]), problem.free @ found[:size])
+    A = A.reshape(-1, A.shape[2])
+    return np.linalg.pinv(A, rcond=max(A.shape) * float(np.finfo(np.float64).eps))
+
+
+def _placed(
+    rotations: Float[np.ndarray, "s 3 3"], problem: PositionProblem, inverse: Float[np.ndarray, "u m"]
+) -> Float[np.ndarray, "s u"]:
+    """Return for each rotation the point's free coordinates and Rᵀ t of least squares."""
+    b = problem.commanded @ rotations - problem.measured[:, :3, 3]
+    return b.reshape(len(rotations), -1) @ inverse.T
 
 
 def _follows(
