@@ -121,7 +121,8 @@ def _series(
 
     Alternatives have their share of the draws, in an order that is the same for all sessions.
     """
-    from scipy.signal import lfilter  # takes half a second to load, which every process of a service would pay
+    # Takes half a second to load, which every process of a service would pay.
+    from scipy.signal import lfilter
 
     rng = np.random.default_rng([_SEED, cycles])
     normal = rng.standard_normal((draws, cycles, 3))

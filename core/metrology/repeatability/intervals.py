@@ -256,7 +256,8 @@ def _wishart_factors(nu: int) -> Float[np.ndarray, "b 3 3"]:
     Each point of a Sobol net stands with every choice of signs of the axes, D A D: eigenvectors have no sign, and no
     result may depend on which one they came with.
     """
-    from scipy.stats import qmc  # takes half a second to load, which every process of a service would pay
+    # Takes half a second to load, which every process of a service would pay.
+    from scipy.stats import qmc
 
     uniform = qmc.Sobol(6, scramble=False).random(_POINTS) + 0.5 / _POINTS
     factors = np.zeros((_POINTS, 3, 3))

@@ -60,7 +60,8 @@ def map_repeatability(
     """
     if np.any(limits[0] > limits[1]):
         raise InvalidArgument("A joint's lower limit is above its upper one.")
-    from scipy.stats import qmc  # takes half a second to load, which every process of a service would pay
+    # Takes half a second to load, which every process of a service would pay.
+    from scipy.stats import qmc
 
     unit = qmc.Halton(limits.shape[1], scramble=False).random(samples)
     q = limits[0] + unit * (limits[1] - limits[0])

@@ -127,11 +127,12 @@ def test_a_session_that_does_not_determine_the_frames_says_why() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("poses", "targets", "seed"), [(8, 1, 100), (15, 2, 300)])
-def test_intervals_cover_95_percent(poses: int, targets: int, seed: int) -> None:
+@pytest.mark.parametrize(("poses", "targets", "seed", "sessions"), [(8, 1, 100, 60), (15, 2, 300, 30)])
+def test_intervals_cover_95_percent(poses: int, targets: int, seed: int, sessions: int) -> None:
     held = []
-    for trial in range(60):
+    for trial in range(sessions):
         data = session(seed + trial, poses, targets=targets)
         held.append(inside(calibrate_session_hand_eye(data, estimate_session(data))))
-    # 60 sessions of 12 or 18 components that share a fit: a standard error of some 1.2 %.
-    assert 0.91 < np.mean(held) < 0.985
+    # 60 sessions of 12 components that share a fit: a standard error of some 1.2 %; 30 of 18 components: 1.6 %.
+    error = 0.012 if sessions == 60 else 0.016
+    assert 0.95 - 3.3 * error < np.mean(held) < min(0.95 + 3.0 * error, 0.985)

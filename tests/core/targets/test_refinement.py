@@ -472,8 +472,9 @@ def bivariate_excess(x: np.ndarray, y: np.ndarray, rho: float) -> np.ndarray:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("blur_px", [0.5, 1.0, 2.0])
-@pytest.mark.parametrize("noise_levels", [1.0, 4.0, 8.0])
+@pytest.mark.parametrize(
+    ("noise_levels", "blur_px"), [(1.0, 0.5), (1.0, 2.0), (4.0, 1.0), (8.0, 0.5), (8.0, 2.0)]
+)
 def test_normalised_errors_have_unit_variance(take: Take, blur_px: float, noise_levels: float) -> None:
     errors = []
     for seed, tilt_deg in enumerate((0.0, 20.0, 40.0, 50.0)):
