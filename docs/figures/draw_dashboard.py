@@ -10,6 +10,7 @@ import os
 import shutil
 import tempfile
 import time
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
@@ -18,61 +19,57 @@ from playwright.sync_api import sync_playwright
 
 from app.cli.demo.service_process import ServiceProcess
 from app.client import ServiceClient
+from core.simulation import KR5_ARC
 from tests.support.contract.cell import TARGET, CellImage, take_images
+from tests.support.sessions.kinematics import rows_of
 
 PROJECT = Path(__file__).parents[2]
 ALL = PROJECT / "build" / "screenshots"
 SHOWN = Path(__file__).parent / "dashboard"
 IN_THE_DOCUMENT = ("session", "repeatability", "image")
 LOOKS = {"light": (1280, "light"), "dark": (1280, "dark"), "phone": (390, "light")}
-POSES, CYCLES = 4, 12
+POSES, REPEATED, CYCLES = 28, 4, 12
+"""As many as identify the robot, a few of them repeated."""
+WEEKS, CYCLES_A_WEEK = 6, 6
+"""Earlier sessions of the robot, as many as a control chart takes."""
 WITHIN_MS = 120_000
 """The first drawing of each kind starts a process that loads the numerics."""
 SHOWN_WHOLE = """[...document.images].every((one) => {
-  const box = one.getBoundingClientRect();
-  const seen = box.top < innerHeight && box.bottom > 0;
-  return one.complete && one.naturalWidth > 0 || one.loading === "lazy" && !seen;
+  one.loading = "eager";
+  return one.complete && one.naturalWidth > 0 || !one.checkVisibility();
 })"""
-"""Every image that is seen has come; one below the window's edge may wait for the reader."""
+"""Every image has come, those below the window's edge, too: the screenshot is of the whole page."""
 
 
 def fill(client: ServiceClient) -> dict[str, str]:
     """Store a robot, a target and a session with rendered images; return the pages to show, by name."""
     target = client.create("/v1/targets", TARGET)["id"]
-    joints = [
-        {"a_mm": a, "alpha_deg": alpha, "d_mm": d, "theta_offset_deg": theta}
-        for a, alpha, d, theta in (
-            *((180, -90, 400, 0), (600, 0, 0, -90), (120, -90, 0, 0)),
-            *((0, 90, 620, 0), (0, -90, 0, 0), (0, 180, -115, 0)),
-        )
-    ]
     robot = client.create(
         "/v1/robots",
         {
-            **{"name": "KR 5 arc, cell 4", "manufacturer": "KUKA", "model": "KR 5 arc", "joints": joints},
+            **{"name": "KR 5 arc, cell 4", "manufacturer": "KUKA", "model": "KR 5 arc"},
+            **{"joints": rows_of(KR5_ARC)},
             **{"datasheet_repeatability_mm": 0.1, "datasheet_accuracy_mm": 0.6},
         },
     )["id"]
     conditions = {"temperature_c": 21.5, "load_kg": 2.0, "speed_percent": 100.0, "operator": "M. Ito"}
-    session = client.create(
-        "/v1/sessions",
-        {"name": "Cell 4, week 12", "target_ids": [target], "robot_id": robot, "conditions": conditions},
-    )["id"]
-    images = take_images(POSES, repeated=POSES, cycles=CYCLES)
-    for image in images:
-        client.put(f"/v1/sessions/{session}/poses/{image.pose_id}", image.commanded)
-        send(client, session, image)
-    while client.get(f"/v1/sessions/{session}")["counts"]["queued"]:
-        pass
-    report = client.create(f"/v1/sessions/{session}/reports", {"kind": "repeatability"})["id"]
+    fields = {"target_ids": [target], "robot_id": robot, "conditions": conditions}
+    earlier = file_weeks(client, robot, fields)
+    session = client.create("/v1/sessions", {"name": f"Cell 4, week {WEEKS + 1}", **fields})["id"]
+    measure(client, session, take_images(POSES, repeated=REPEATED, cycles=CYCLES))
+    report = report_on(client, session)
     measured = client.get(f"/v1/sessions/{session}/measurements")["items"][0]["id"]
     here = f"/ui/sessions/{session}"
     return {
         **{"start": "/ui/", "session": here, "image": f"/ui/measurements/{measured}"},
         **{
             name: f"{here}/{name}"
-            for name in ("repeatability", "camera", "robot", "comparison", "reports", "upload", "next-view")
+            for name in ("repeatability", "camera", "robot", "comparison", "reports", "upload", "joint-noise")
         },
+        "next-view": f"{here}/next-view",
+        **{f"next-view-{name}": f"{here}/next-view?purpose={name}" for name in ("hand_eye", "dh")},
+        "history": f"/ui/robots/{robot}/history",
+        "report-comparison": f"/ui/reports/comparison?report={earlier[0]}&report={earlier[-1]}",
         **{"all-reports": "/ui/reports", "report": f"/ui/reports/{report}"},
         **{"new-session": "/ui/sessions/new", "robots": "/ui/robots", "robot-sheet": f"/ui/robots/{robot}"},
         "plan-iso9283": f"/ui/plans/iso9283?target={target}&side_mm=100&focal_length_mm=8&limit_mm=0.1",
@@ -80,6 +77,38 @@ def fill(client: ServiceClient) -> dict[str, str]:
         **{"targets": "/ui/targets", "target": f"/ui/targets/{target}", "design": "/ui/targets/new"},
         **{name: f"/ui/{name}" for name in ("keys", "audit", "system")},
     }
+
+
+def file_weeks(client: ServiceClient, robot: str, fields: dict[str, Any]) -> list[str]:
+    """Measure the same poses week by week, something done to the robot midway; return the reports."""
+    images = take_images(2, repeated=2, cycles=WEEKS * CYCLES_A_WEEK)
+    reports = []
+    for week in range(WEEKS):
+        if week == WEEKS // 2:
+            event = {"at": datetime.now(UTC).isoformat(), "note": "Belt of joint 5 replaced"}
+            client.create(f"/v1/robots/{robot}/events", {**event, "restarts_charts": False})
+        session = client.create("/v1/sessions", {"name": f"Cell 4, week {week + 1}", **fields})["id"]
+        first = week * CYCLES_A_WEEK
+        measure(client, session, [one for one in images if first < one.cycle <= first + CYCLES_A_WEEK])
+        reports.append(report_on(client, session))
+    return reports
+
+
+def measure(client: ServiceClient, session: str, images: list[CellImage]) -> None:
+    """Send images with their commanded poses and wait until all are computed."""
+    for image in images:
+        client.put(f"/v1/sessions/{session}/poses/{image.pose_id}", image.commanded)
+        send(client, session, image)
+    while any(client.get(f"/v1/sessions/{session}")["counts"][one] for one in ("queued", "running")):
+        time.sleep(0.2)
+
+
+def report_on(client: ServiceClient, session: str) -> str:
+    """Order a session's report on repeatability and wait until it is made."""
+    report: str = client.create(f"/v1/sessions/{session}/reports", {"kind": "repeatability"})["id"]
+    while client.get(f"/v1/reports/{report}")["status"] in ("queued", "running"):
+        time.sleep(0.2)
+    return report
 
 
 def send(client: ServiceClient, session: str, image: CellImage) -> None:

@@ -126,7 +126,7 @@ def test_the_camera_page_names_what_is_blank_and_which_views_help(api: Any) -> N
     assert f"blank: {', '.join(found['blank_areas'])}" in html.unescape(drawn)
     views = page(api, f"sessions/{session}/next-view")
     after = re.findall(
-        r'<th scope="row">\d</th><td>[^<]+</td>(?:<td class="num">[^<]+</td>){3}<td class="num">([^<]+)',
+        r'<th scope="row">\d</th><td class="words">[^<]+</td>(?:<td class="num">[^<]+</td>){3}<td class="num">([^<]+)',
         views,
     )
     assert len(after) == 3
