@@ -109,7 +109,7 @@ def test_distances_and_positions_are_covered() -> None:
         found = measure(Setup(cycles=6), departure, 10, seed=12)
         assert found.refused == 0, departure.name
         # Distances of a session share its errors: some three independent ones, so 30 of ten sessions, of which at most
-        # 23 (77 %) are inside once in 5,000 where the coverage is .95.
+        # 23 (77 %) are inside once in 1,700 where the coverage is .95.
         for what, errors in (("distances", found.distances), ("positions", found.positions)):
             assert np.mean(np.abs(errors) < 1.96) > 0.77, (departure.name, what)
             of_all[what] += errors

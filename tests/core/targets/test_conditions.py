@@ -237,7 +237,7 @@ def shrunk(scene: Scene, factor: float) -> Scene:
     "seeds", [range(1), pytest.param(range(1, 13), marks=pytest.mark.slow)], ids=["sample", "all"]
 )
 def test_boards_of_random_poses_are_found(size: tuple[int, int], factor: float, seeds: range) -> None:
-    """Tilts from 0 to 60°: all of 39, so that fewer than one in 13 is missed (95 %); 306 in `make bench`.
+    """Tilts from 0 to 60°: all of 36, so that fewer than one in 12 is missed (95 %); 306 in `make bench`.
 
     Fewer pixels where squares are large, which render sooner.
     """
@@ -246,7 +246,7 @@ def test_boards_of_random_poses_are_found(size: tuple[int, int], factor: float, 
 
 
 @pytest.mark.parametrize(
-    "seeds", [range(1), pytest.param(range(1, 15), marks=pytest.mark.slow)], ids=["sample", "all"]
+    "seeds", [range(1), pytest.param(range(1, 30), marks=pytest.mark.slow)], ids=["sample", "all"]
 )
 def test_none_is_found_in_clutter(seeds: range) -> None:
     for seed in seeds:
