@@ -15,10 +15,9 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from matplotlib.ticker import MaxNLocator
 
-from app.reports.svg import BLUE, FAINT, INK, SKY, axes_at, draw_svg, short, text_at, unsigned_zero
+from app.reports.svg import BLUE, FAINT, INK, SKY, PanelText, draw_svg, panel_grid, unsigned_zero
 
-_LEFT, _PANEL_WIDTH, _PANEL_HEIGHT, _GAP = 0.8, 4.1, 1.75, 0.85
-_HEADER, _CAPTION, _BELOW, _FOOTER = 0.85, 0.63, 0.62, 0.7
+_FOOTER = 0.7
 _NORMAL_95 = 1.959964
 _MARGIN = 0.06
 """Of the range of angles: what is drawn on both sides of it, hatched."""
@@ -74,21 +73,14 @@ def joint_curves_svg(panels: Sequence[JointCurvePanel], title: str, summary: str
 
 def joint_curves_figure(panels: Sequence[JointCurvePanel], title: str, summary: str) -> Figure:
     """Draw it; within `drawing_style`."""
-    columns = 1 if len(panels) == 1 else 2
-    rows = math.ceil(len(panels) / columns)
-    row = _CAPTION + _PANEL_HEIGHT + _BELOW
-    width = _LEFT + columns * _PANEL_WIDTH + (columns - 1) * _GAP + 0.25
-    figure = Figure((max(width, 6.6), _HEADER + row * rows + _FOOTER))
-    text_at(figure, 0.15, 0.32, title, fontsize=12 if columns == 2 else 9.5, weight="bold")
-    text_at(figure, 0.15, 0.56, summary, fontsize=9)
     rasterized = sum(len(panel.visited_deg) for panel in panels) > _MAX_VECTORS
-    for place, panel in enumerate(panels):
-        left = _LEFT + (place % columns) * (_PANEL_WIDTH + _GAP)
-        top = _HEADER + (place // columns) * row
-        text_at(figure, left, top + 0.1, short(panel.name), fontsize=10, weight="bold", color=INK)
-        text_at(figure, left, top + 0.31, panel.caption)
-        text_at(figure, left, top + 0.5, panel.unvisited, color="#555555", fontsize=8)
-        _draw(axes_at(figure, left, top + _CAPTION, _PANEL_WIDTH, _PANEL_HEIGHT), panel, rasterized)
+    figure = panel_grid(
+        [PanelText(panel.name, panel.caption, panel.unvisited) for panel in panels],
+        title,
+        summary,
+        _FOOTER,
+        lambda axes, number: _draw(axes, panels[number], rasterized),
+    )
     figure.legend(handles=_legend(), loc="lower center", ncols=4, columnspacing=1.6, handletextpad=0.6)
     return figure
 

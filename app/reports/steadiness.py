@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -14,11 +13,10 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator
 
-from app.reports.svg import BLUE, FAINT, GREEN, INK, ORANGE, RED, axes_at, draw_svg, short, text_at
+from app.reports.svg import BLUE, FAINT, GREEN, INK, ORANGE, RED, PanelText, draw_svg, panel_grid
 
 _AXES = (("x", BLUE, "o"), ("y", ORANGE, "s"), ("z", GREEN, "^"))
-_LEFT, _PANEL_WIDTH, _PANEL_HEIGHT, _GAP = 0.8, 4.1, 1.75, 0.85
-_HEADER, _CAPTION, _BELOW, _FOOTER = 0.85, 0.63, 0.62, 0.78
+_FOOTER = 0.78
 _MAX_VECTORS = 3000
 """Points that are drawn one by one; more of them are rasterised."""
 
@@ -60,26 +58,20 @@ def steadiness_svg(
 
 def steadiness_figure(panels: Sequence[SteadinessPanel], title: str, summary: str, counted_in: str) -> Figure:
     """Draw it; within `drawing_style`."""
-    columns = 1 if len(panels) == 1 else 2
-    rows = math.ceil(len(panels) / columns)
-    row = _CAPTION + _PANEL_HEIGHT + _BELOW
-    width = _LEFT + columns * _PANEL_WIDTH + (columns - 1) * _GAP + 0.25
-    figure = Figure((max(width, 6.6), _HEADER + row * rows + _FOOTER))
-    text_at(figure, 0.15, 0.32, title, fontsize=12 if columns == 2 else 9.5, weight="bold")
-    text_at(figure, 0.15, 0.56, summary, fontsize=9)
     rasterized = sum(panel.offsets_mm.size for panel in panels) > _MAX_VECTORS
-    for place, panel in enumerate(panels):
-        left = _LEFT + (place % columns) * (_PANEL_WIDTH + _GAP)
-        top = _HEADER + (place // columns) * row
-        colour = INK if panel.steady else RED
-        text_at(figure, left, top + 0.1, short(panel.name), fontsize=10, weight="bold", color=colour)
-        text_at(figure, left, top + 0.31, _found(panel))
-        text_at(figure, left, top + 0.5, panel.moved, color="#555555", fontsize=8)
-        _draw(
-            axes_at(figure, left, top + _CAPTION, _PANEL_WIDTH, _PANEL_HEIGHT), panel, rasterized, counted_in
-        )
+    figure = panel_grid(
+        [PanelText(panel.name, _found(panel), panel.moved, INK if panel.steady else RED) for panel in panels],
+        title,
+        summary,
+        _FOOTER,
+        lambda axes, number: _draw(axes, panels[number], rasterized, counted_in),
+    )
     figure.legend(
-        handles=_legend(panels), loc="lower center", ncols=1 + columns, columnspacing=1.6, handletextpad=0.6
+        handles=_legend(panels),
+        loc="lower center",
+        ncols=2 if len(panels) == 1 else 3,
+        columnspacing=1.6,
+        handletextpad=0.6,
     )
     return figure
 

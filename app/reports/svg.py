@@ -11,8 +11,9 @@ import io
 import math
 import textwrap
 import warnings
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import dataclass
 from typing import Any
 
 import matplotlib as mpl
@@ -58,6 +59,9 @@ _STYLE: Any = {
 }
 
 
+_PANEL_LEFT, _PANEL_WIDTH, _PANEL_HEIGHT, _PANEL_GAP = 0.8, 4.1, 1.75, 0.85
+_PANEL_HEADER, _PANEL_CAPTION, _PANEL_BELOW = 0.85, 0.63, 0.62
+"""Of a grid of panels with three lines above each; inches."""
 _LETTER, _LINE = 0.085, 0.17
 """Room for a letter of small type, wide ones included, and from line to line; inches."""
 
@@ -121,6 +125,39 @@ def text_at(figure: Figure, left: float, top: float, text: str, **style: Any) ->
     """Write a line, its place given in inches from the figure's upper left corner."""
     across, down = figure.get_size_inches()
     figure.text(left / across, 1.0 - top / down, legal_text(text), va="baseline", **style)
+
+
+@dataclass(frozen=True, slots=True)
+class PanelText:
+    """The three lines above a panel; the name's colour says whether it wants attention."""
+
+    name: str
+    caption: str
+    detail: str
+    colour: str = INK
+
+
+def panel_grid(
+    panels: Sequence[PanelText], title: str, summary: str, footer: float, draw: Callable[[Axes, int], None]
+) -> Figure:
+    """Return a figure of panels in two columns under a title and a summary; within `drawing_style`.
+
+    `draw` fills the axes of the panel of that number; `footer` is the room left for a legend, inches.
+    """
+    columns = 1 if len(panels) == 1 else 2
+    row = _PANEL_CAPTION + _PANEL_HEIGHT + _PANEL_BELOW
+    width = _PANEL_LEFT + columns * _PANEL_WIDTH + (columns - 1) * _PANEL_GAP + 0.25
+    figure = Figure((max(width, 6.6), _PANEL_HEADER + row * math.ceil(len(panels) / columns) + footer))
+    text_at(figure, 0.15, 0.32, title, fontsize=12 if columns == 2 else 9.5, weight="bold")
+    text_at(figure, 0.15, 0.56, summary, fontsize=9)
+    for number, panel in enumerate(panels):
+        left = _PANEL_LEFT + (number % columns) * (_PANEL_WIDTH + _PANEL_GAP)
+        top = _PANEL_HEADER + (number // columns) * row
+        text_at(figure, left, top + 0.1, short(panel.name), fontsize=10, weight="bold", color=panel.colour)
+        text_at(figure, left, top + 0.31, panel.caption)
+        text_at(figure, left, top + 0.5, panel.detail, color="#555555", fontsize=8)
+        draw(axes_at(figure, left, top + _PANEL_CAPTION, _PANEL_WIDTH, _PANEL_HEIGHT), number)
+    return figure
 
 
 def short(name: str) -> str:
