@@ -13,6 +13,7 @@ from app.services.notices.journal import (
 )
 from app.services.notices.noting import (
     TYPES,
+    NoticeType,
     document_of,
     latest_number,
     note,
@@ -40,6 +41,7 @@ __all__ = [
     "TYPES",
     "Claimed",
     "NewWebhook",
+    "NoticeType",
     "claim_due",
     "counts_by_status",
     "create_webhook",

@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Iterable, Mapping, Sequence
 from datetime import UTC, datetime
-from typing import Any
+from typing import Any, Literal, get_args
 
 import sqlalchemy as sa
 from sqlalchemy import orm
@@ -14,14 +14,15 @@ from app.records.ids import new_id
 from app.records.readable import unreadable_columns
 from app.records.tables import Notice, Session, Webhook, WebhookDelivery
 
-TYPES = (
+NoticeType = Literal[
     "session.measured",
     "report.ready",
     "report.failed",
     "verdict.changed",
     "robot.alarm",
     "qualification.made",
-)
+]
+TYPES: tuple[NoticeType, ...] = get_args(NoticeType)
 """What a webhook can be made for; `webhook.test` is sent to the one that is tested."""
 MAX_WAITING = 1000
 """Deliveries that wait for one webhook; more are not queued, and counted."""

@@ -9,20 +9,11 @@ from pydantic import Field
 from typing_extensions import TypeAliasType
 
 from app.api.schemas.common import RequestModel, ResponseModel, StoredPage, Text
+from app.services import notices
 
 NoticeType = TypeAliasType(
     "NoticeType",
-    Annotated[
-        Literal[
-            "session.measured",
-            "report.ready",
-            "report.failed",
-            "verdict.changed",
-            "robot.alarm",
-            "qualification.made",
-        ],
-        Field(description="What happened, as docs/notices.md lists it."),
-    ],
+    Annotated[notices.NoticeType, Field(description="What happened, as docs/notices.md lists it.")],
 )
 DeliveryStatus = TypeAliasType(
     "DeliveryStatus",
