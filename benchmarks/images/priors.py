@@ -19,7 +19,7 @@ from scipy.optimize import minimize
 from scipy.stats import t as student
 
 from benchmarks.table import Row
-from core.calibration.state import (
+from core.calibration.priors import (
     ASPECT_PRIOR,
     FOCAL_PRIOR,
     PRINCIPAL_POINT_PRIOR,

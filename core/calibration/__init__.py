@@ -37,6 +37,7 @@ from core.calibration.multi_view import (
     transformed,
     turned_cells,
 )
+from core.calibration.priors import Lens, camera_prior, view_prior
 from core.calibration.result import (
     MAX_DETERMINED_UNCERTAINTY,
     MAX_FOCAL_UNCERTAINTY,
@@ -49,13 +50,10 @@ from core.calibration.single_image import PLAUSIBLE_START, calibrate_points
 from core.calibration.state import (
     FREE,
     SMALLEST_NOISE_PX,
-    Lens,
-    camera_prior,
     centred,
     image_centre,
     retract,
     view_of,
-    view_prior,
     view_residuals,
 )
 from core.calibration.summary import calibration_of, summarise_fit

@@ -14,16 +14,10 @@ from jaxtyping import Float
 
 from core.calibration import closed_form
 from core.calibration.lens_residuals import View
+from core.calibration.priors import RADIAL_PRIORS, Lens
 from core.calibration.result import MAX_DETERMINED_UNCERTAINTY
 from core.calibration.single_image import candidate_focals, closed_form_start
-from core.calibration.state import (
-    RADIAL_PRIORS,
-    SMALLEST_NOISE_PX,
-    Lens,
-    retract,
-    view_of,
-    view_residuals,
-)
+from core.calibration.state import SMALLEST_NOISE_PX, retract, view_of, view_residuals
 from core.calibration.validity import check_points
 from core.errors import DegenerateGeometry, FocalNotObservable, NotConverged
 from core.geometry import Camera, estimate_homography

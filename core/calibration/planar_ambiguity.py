@@ -33,7 +33,8 @@ from jaxtyping import Bool, Float
 from scipy.special import stdtrit
 
 from core.calibration.lens_residuals import View, descend, residuals_with_jacobian
-from core.calibration.state import Lens, centred, view_prior
+from core.calibration.priors import Lens, view_prior
+from core.calibration.state import centred
 from core.errors import Advisory
 from core.geometry import so3_exp, so3_log
 from core.numerics import Fit

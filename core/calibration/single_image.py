@@ -18,7 +18,6 @@ import numpy as np
 from jaxtyping import Float
 
 from core.calibration import closed_form
-from core.calibration.initial_pose import pose_from_undistorted_points
 from core.calibration.lens_residuals import View
 from core.calibration.planar_ambiguity import (
     SecondPose,
@@ -28,19 +27,18 @@ from core.calibration.planar_ambiguity import (
     second_of_two_fits,
     second_pose,
 )
+from core.calibration.priors import LENS_PRIOR, Lens, view_prior
 from core.calibration.result import MAX_DETERMINED_UNCERTAINTY, MAX_FOCAL_UNCERTAINTY, Calibration
 from core.calibration.state import (
     FREE,
-    LENS_PRIOR,
     POSE,
     SMALLEST_NOISE_PX,
-    Lens,
     centred,
     image_centre,
+    pose_from_undistorted_points,
     retract,
     retract_pose,
     view_of,
-    view_prior,
     view_residuals,
 )
 from core.calibration.summary import FitSummary, calibration_of, relative_focal_uncertainty, summarise_fit

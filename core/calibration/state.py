@@ -1,78 +1,41 @@
-"""The state of a view and what fits share: residuals with derivatives, curved steps, and priors on cameras.
+"""The state of a view and what fits share: where they start, residuals with derivatives, and curved steps.
 
 State: the camera's nine parameters (k3 held at the start's value) and T_camera_target with a left
-perturbation, R ← exp(w) R, t ← t + d. The priors say what lenses and sensors are like; with one planar view
-they are what separates focal length and principal point from depth.
+perturbation, R ← exp(w) R, t ← t + d.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float
 
+from core.calibration import closed_form
 from core.calibration.closed_form import ClosedForm
 from core.calibration.lens_residuals import View, residuals_with_jacobian
-from core.errors import InvalidArgument
+from core.errors import DegenerateGeometry
 from core.geometry import (
-    CAMERA_PARAMETERS,
-    KannalaBrandtCamera,
-    RationalCamera,
-    camera_from_array,
+    AnyCamera,
+    Camera,
+    estimate_homography,
+    project,
     so3_exp,
+    undistort_any,
+    undistort_points,
 )
-from core.numerics import Evaluate, Prior
+from core.numerics import Evaluate
 from core.targets import GridPoints
 
-LENS_PRIOR = 0.05
-"""Relative standard uncertainty of a focal length computed from the lens's engraving and the pixel pitch."""
-FOCAL_PRIOR = math.log(0.8), 0.6
-"""Mean and standard deviation of log(f / the image's longer side): what lenses are, where none is stated."""
-PRINCIPAL_POINT_PRIOR = 0.012  # of the image's longer side, about the centre
-ASPECT_PRIOR = 2.5e-3
-"""Of fx/fy about 1. What images show of it is the sensor's pixels and the print's length against its width together: of
-409 published calibrations with Brown's model, each repository counted once, log fx/fy has a Student's t with this
-scale and heavier tails than the normal distribution. A prior of 1e-3 left 54 % of them outside its 95 %.
-"""
-TANGENTIAL_PRIOR = 8e-4
 SMALLEST_NOISE_PX = (
     1e-4  # no camera locates corners better; exact points still need the priors to separate f from depth
 )
-RADIAL_PRIORS = (0.3, 0.5)
-RATIONAL_PRIORS = {"k1": 0.3, "k2": 0.5, "k3": 0.5, "k4": 1.0, "k5": 0.5, "k6": 0.5}
-CURVATURE_ANGLES = (0.3, 0.55, 0.8, 1.0)
-"""Of the corner's angle: where κ(θ) = (ρ/θ - 1)/θ² has its prior, with Kannala's and Brandt's model. The coefficients
-themselves are no measure of a lens, they cancel one another; κ is 1/3 in perspective and 0 for an equidistant lens.
-"""
-CURVATURE_MEANS = (0.20, 0.207, 0.213, 0.22)
-CURVATURE_PRIORS = (0.15, 0.04, 0.05, 0.08)
-"""Standard deviations of κ at the first angle, and of its increments."""
-MAX_CORNER_ANGLE = 1.5  # rad
-
-CameraPrior = Callable[[Float[np.ndarray, " s"]], tuple[Float[np.ndarray, " q"], Float[np.ndarray, "q p"]]]
+MAX_START_TANGENT = 3.0
+"""Of the angle from the axis: points within it place a view before a wide lens."""
 
 # Step coordinates of the two estimators within the 15 of `result.STATE`.
 FREE = np.array([0, 1, 2, 3, 4, 5, 6, 7, 9, 10, 11, 12, 13, 14])
 POSE = np.arange(9, 15)
-
-
-@dataclass(frozen=True, slots=True)
-class Lens:
-    """What the user knows of the lens: f = focal_length_mm / pixel_pitch_um, good to 5 %."""
-
-    focal_length_mm: float
-    pixel_pitch_um: float
-
-    def __post_init__(self) -> None:
-        if not (0 < self.focal_length_mm < math.inf and 0 < self.pixel_pitch_um < math.inf):
-            raise InvalidArgument("focal_length_mm and pixel_pitch_um must be positive numbers.")
-
-    @property
-    def focal_px(self) -> float:
-        return 1000.0 * self.focal_length_mm / self.pixel_pitch_um
 
 
 def centred(points: GridPoints) -> tuple[Float[np.ndarray, "n 3"], Float[np.ndarray, "3"]]:
@@ -134,129 +97,6 @@ def bounded_logarithm(logarithm: float) -> float:
     return min(max(logarithm, -0.7), 0.7)
 
 
-def camera_prior(
-    width_px: int,
-    height_px: int,
-    lens: Lens | None,
-    coordinates: int | None = None,
-    model_size: int = len(CAMERA_PARAMETERS),
-) -> CameraPrior:
-    """Gaussian priors on a camera's parameters, in their σ; those on log(fx/fy) and log f are scale-free.
-
-    The last is that of the stated `lens`, or a weak one. Derivatives are by `coordinates` of a step, the camera's free
-    ones first; None is these alone. `model_size` is the number of parameters of the lens model
-    (`core.geometry.LENS_PARAMETERS`): models beyond Brown's have priors of their own on the radius (`wide_lens_prior`).
-
-    The widths are those of published multi-view calibrations, their own noise taken off (docs/method.md).
-    """
-    centre = 0.5 * (width_px - 1), 0.5 * (height_px - 1)
-    longer = max(width_px, height_px)
-    sigma_centre = PRINCIPAL_POINT_PRIOR * longer
-    log_focal, sigma_focal = (
-        (math.log(longer) + FOCAL_PRIOR[0], FOCAL_PRIOR[1])
-        if lens is None
-        else (math.log(lens.focal_px), LENS_PRIOR)
-    )
-    if model_size != len(CAMERA_PARAMETERS):
-        return wide_lens_prior((width_px, height_px), (log_focal, sigma_focal), model_size)
-    constant = np.zeros((8, 8 if coordinates is None else coordinates))
-    constant[0, 2] = constant[1, 3] = 1.0 / sigma_centre
-    constant[2, 4], constant[3, 5] = 1.0 / RADIAL_PRIORS[0], 1.0 / RADIAL_PRIORS[1]
-    constant[4, 6] = constant[5, 7] = 1.0 / TANGENTIAL_PRIOR
-
-    def prior(
-        parameters: Float[np.ndarray, " s"],
-    ) -> tuple[Float[np.ndarray, " q"], Float[np.ndarray, "q p"]]:
-        fx, fy, cx, cy, k1, k2, p1, p2 = parameters.tolist()[:8]
-        q, Q = np.empty(8), constant.copy()
-        q[0], q[1] = (centre[0] - cx) / sigma_centre, (centre[1] - cy) / sigma_centre
-        q[2], q[3] = -k1 / RADIAL_PRIORS[0], -k2 / RADIAL_PRIORS[1]
-        q[4], q[5] = -p1 / TANGENTIAL_PRIOR, -p2 / TANGENTIAL_PRIOR
-        q[6] = -math.log(fx / fy) / ASPECT_PRIOR
-        Q[6, 0], Q[6, 1] = 1.0 / (fx * ASPECT_PRIOR), -1.0 / (fy * ASPECT_PRIOR)
-        q[7] = (log_focal - 0.5 * math.log(fx * fy)) / sigma_focal
-        Q[7, 0], Q[7, 1] = 0.5 / (fx * sigma_focal), 0.5 / (fy * sigma_focal)
-        return q, Q
-
-    return prior
-
-
-def wide_lens_prior(size_px: tuple[int, int], log_focal: tuple[float, float], model_size: int) -> CameraPrior:
-    """Return the priors on a camera of a model beyond Brown's, with their derivatives by its parameters, in their σ.
-
-    `size_px` is that of the image, `log_focal` mean and standard deviation of log f, `model_size` the number of the
-    model's parameters.
-    """
-    centre = 0.5 * (size_px[0] - 1), 0.5 * (size_px[1] - 1)
-    sigma_centre = PRINCIPAL_POINT_PRIOR * max(size_px)
-    corner_px = math.hypot(*centre)
-
-    def prior(
-        parameters: Float[np.ndarray, " s"],
-    ) -> tuple[Float[np.ndarray, " q"], Float[np.ndarray, "q p"]]:
-        camera = camera_from_array(parameters)
-        fx, fy = camera.fx_px, camera.fy_px
-        q, Q = np.zeros(6), np.zeros((6, model_size))
-        q[0], q[1] = (centre[0] - camera.cx_px) / sigma_centre, (centre[1] - camera.cy_px) / sigma_centre
-        Q[0, 2] = Q[1, 3] = 1.0 / sigma_centre
-        q[2] = -math.log(fx / fy) / ASPECT_PRIOR
-        Q[2, 0], Q[2, 1] = 1.0 / (fx * ASPECT_PRIOR), -1.0 / (fy * ASPECT_PRIOR)
-        q[3] = (log_focal[0] - 0.5 * math.log(fx * fy)) / log_focal[1]
-        Q[3, 0], Q[3, 1] = 0.5 / (fx * log_focal[1]), 0.5 / (fy * log_focal[1])
-        tangential = 8 if isinstance(camera, KannalaBrandtCamera) else 6
-        q[4], q[5] = -camera.p1 / TANGENTIAL_PRIOR, -camera.p2 / TANGENTIAL_PRIOR
-        Q[4, tangential] = Q[5, tangential + 1] = 1.0 / TANGENTIAL_PRIOR
-        if isinstance(camera, KannalaBrandtCamera):
-            radial, by_parameter = _of_curvature(camera, corner_px)
-        else:
-            assert isinstance(camera, RationalCamera)
-            radial, by_parameter = _of_rational(camera)
-        return np.concatenate([q, radial]), np.vstack([Q, by_parameter])
-
-    return prior
-
-
-def _of_curvature(
-    camera: KannalaBrandtCamera, corner_px: float
-) -> tuple[Float[np.ndarray, "4"], Float[np.ndarray, "4 10"]]:
-    corner = corner_px / math.sqrt(camera.fx_px * camera.fy_px)
-    theta = np.array(CURVATURE_ANGLES) * min(corner, MAX_CORNER_ANGLE)
-    powers = theta[:, None] ** np.array([0, 2, 4, 6])
-    k = np.array([camera.k1, camera.k2, camera.k3, camera.k4])
-    by = np.zeros((4, 10))
-    by[:, 4:8] = powers
-    if corner < MAX_CORNER_ANGLE:  # the angles shrink as f grows
-        along = theta * (2.0 * k[1] * theta + 4.0 * k[2] * theta**3 + 6.0 * k[3] * theta**5)
-        by[:, 0], by[:, 1] = -0.5 * along / camera.fx_px, -0.5 * along / camera.fy_px
-    off = np.array(CURVATURE_MEANS) - powers @ k
-    q = np.concatenate([off[:1], np.diff(off)]) / CURVATURE_PRIORS
-    Q = np.vstack([by[:1], np.diff(by, axis=0)]) / np.array(CURVATURE_PRIORS)[:, None]
-    return q, Q
-
-
-def _of_rational(camera: RationalCamera) -> tuple[Float[np.ndarray, "6"], Float[np.ndarray, "6 12"]]:
-    q, Q = np.empty(6), np.zeros((6, 12))
-    for row, (name, place) in enumerate(zip(RATIONAL_PRIORS, (4, 5, 8, 9, 10, 11), strict=True)):
-        q[row] = -getattr(camera, name) / RATIONAL_PRIORS[name]
-        Q[row, place] = 1.0 / RATIONAL_PRIORS[name]
-    return q, Q
-
-
-def view_prior(points: GridPoints, lens: Lens | None, factor: float = 1.0) -> Prior[View]:
-    """`camera_prior` over the step of one free view, its residuals times `factor`.
-
-    Where the data's uncertainties are larger by a factor than a fit takes them to be, and the whole covariance is
-    multiplied by its square afterwards, priors that count by the same factor more keep their stated width.
-    """
-    of_camera = camera_prior(points.image_width_px, points.image_height_px, lens, len(FREE))
-
-    def prior(view: View) -> tuple[Float[np.ndarray, " q"], Float[np.ndarray, "q p"]]:
-        q, Q = of_camera(view.parameters)
-        return factor * q, factor * Q
-
-    return prior
-
-
 def image_centre(points: GridPoints) -> tuple[float, float]:
     """The image's middle in pixel-centre coordinates."""
     return 0.5 * (points.image_width_px - 1), 0.5 * (points.image_height_px - 1)
@@ -266,3 +106,43 @@ def view_of(start: ClosedForm, points: GridPoints) -> View:
     rotation = start.T_camera_target[:3, :3]
     centroid = rotation @ centred(points)[1] + start.T_camera_target[:3, 3]
     return View(start.camera.as_array(), rotation, centroid)
+
+
+def place_by_homography(
+    H: Float[np.ndarray, "3 3"], points: GridPoints, camera: AnyCamera, centroid: Float[np.ndarray, "3"]
+) -> View:
+    """Place a view before a camera by its homography, without distortion; `centroid` is that of its points."""
+    pinhole = Camera(camera.fx_px, camera.fy_px, camera.cx_px, camera.cy_px)
+    T = closed_form.nominal(H, points, pinhole).T_camera_target
+    return View(camera.as_array(), T[:3, :3], T[:3, :3] @ centroid + T[:3, 3])
+
+
+def pose_from_undistorted_points(camera: AnyCamera, points: GridPoints) -> View:
+    """Place a view before a known camera by the homography of its undistorted points.
+
+    Raises DegenerateGeometry where the camera's distortion has no inverse at the points.
+    """
+    if not isinstance(camera, Camera):
+        return _pose_before_wide_lens(camera, points)
+    normalised = undistort_points(points.points_px, camera)
+    again = project(np.column_stack([normalised, np.ones(len(normalised))]), camera)
+    if float(np.mean(np.abs(again - points.points_px) > 0.5)) > 0.1:
+        raise DegenerateGeometry(
+            "The distortion folds back within the image: these pixels have no direction.",
+            "Check the session's intrinsics: k1, k2, p1, p2, k3 in OpenCV's order, for this image size.",
+        )
+    H = camera.matrix @ estimate_homography(points.points_target[:, :2], normalised)
+    return place_by_homography(H, points, camera, centred(points)[1])
+
+
+def _pose_before_wide_lens(camera: AnyCamera, points: GridPoints) -> View:
+    """Place a view by the points within `MAX_START_TANGENT` of the axis: further out, directions hardly move a
+    homography's point and noise moves it far.
+    """
+    normalised = undistort_any(points.points_px, camera)
+    near = np.isfinite(normalised).all(axis=1)
+    near[near] = np.hypot(*normalised[near].T) < MAX_START_TANGENT
+    if int(near.sum()) < 6:
+        raise DegenerateGeometry("The lens model gives too few of the view's points a direction.")
+    H = camera.matrix @ estimate_homography(points.points_target[near, :2], normalised[near])
+    return place_by_homography(H, points, camera, centred(points)[1])

@@ -10,19 +10,17 @@ from jaxtyping import Float, Int
 
 from core.calibration.lens_residuals import View
 from core.calibration.planar_ambiguity import SecondPose, is_covered, needed_evidence, pose_ambiguous
-from core.calibration.result import MAX_DETERMINED_UNCERTAINTY, Calibration, Observability, grade
-from core.calibration.state import (
+from core.calibration.priors import (
     FOCAL_PRIOR,
-    FREE,
     LENS_PRIOR,
-    POSE,
     PRINCIPAL_POINT_PRIOR,
     RADIAL_PRIORS,
     TANGENTIAL_PRIOR,
     Lens,
     camera_prior,
-    centred,
 )
+from core.calibration.result import MAX_DETERMINED_UNCERTAINTY, Calibration, Observability, grade
+from core.calibration.state import FREE, POSE, centred
 from core.calibration.uncertainty import camera_pose, correlation_inflation, reprojection, warnings_for
 from core.errors import Advisory, DegenerateGeometry, FocalNotObservable, NotConverged
 from core.geometry import CAMERA_PARAMETERS, Camera, hat, transform

@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from core.calibration.state import Lens
+from core.calibration.priors import Lens
 from core.errors import DegenerateGeometry, InvalidArgument
 from core.geometry import Camera
 from core.targets import GridPoints

@@ -16,7 +16,7 @@ from jaxtyping import Bool, Float
 
 from core.calibration.lens_residuals import View, descend, residuals_with_jacobian
 from core.calibration.multi_view import Placements, ViewStack, coordinates, moved
-from core.calibration.state import Lens, camera_prior
+from core.calibration.priors import Lens, camera_prior
 from core.geometry import AnyCamera, camera_from_array, free_parameters, project_any_with_jacobian
 
 ITERATIONS = 25

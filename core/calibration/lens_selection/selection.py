@@ -41,7 +41,8 @@ from core.calibration.lens_selection.starts import (
     with_camera,
 )
 from core.calibration.multi_view import BundleAdjustment, GroupEstimate, Placements, ViewStack, evenly
-from core.calibration.state import SMALLEST_NOISE_PX, Lens
+from core.calibration.priors import Lens
+from core.calibration.state import SMALLEST_NOISE_PX
 from core.geometry import AnyCamera, Camera, LensModel, camera_from_array, fold_radius_px, undistort_any
 
 MIN_STATISTIC, MIN_SHARE = 30.0, 0.03

@@ -12,7 +12,6 @@ import math
 import numpy as np
 from jaxtyping import Float
 
-from core.calibration.initial_pose import pose_from_undistorted_points
 from core.calibration.multi_view import (
     BundleAdjustment,
     Placements,
@@ -20,7 +19,8 @@ from core.calibration.multi_view import (
     bundle_adjust,
     stack_states,
 )
-from core.calibration.state import Lens
+from core.calibration.priors import Lens
+from core.calibration.state import pose_from_undistorted_points
 from core.errors import GridposeError
 from core.geometry import (
     AnyCamera,

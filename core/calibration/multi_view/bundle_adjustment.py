@@ -20,7 +20,8 @@ from jaxtyping import Bool, Float, Int
 from core.calibration.multi_view.linearisation import Linearised, linearise
 from core.calibration.multi_view.repeat_consistency import find_repeats, inliers_of
 from core.calibration.multi_view.view_stack import Placements, ViewStack, coordinates, medians, moved
-from core.calibration.state import SMALLEST_NOISE_PX, CameraPrior, Lens, camera_prior
+from core.calibration.priors import CameraPrior, Lens, camera_prior
+from core.calibration.state import SMALLEST_NOISE_PX
 from core.numerics import (
     EXPECTED_SCALE,
     NEGLIGIBLE_STEP,

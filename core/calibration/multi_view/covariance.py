@@ -29,7 +29,8 @@ from core.calibration.multi_view.schur_blocks import (
     transformed,
 )
 from core.calibration.multi_view.view_stack import Placements, ViewStack, coordinates, groups_of
-from core.calibration.state import RADIAL_PRIORS, SMALLEST_NOISE_PX, camera_prior
+from core.calibration.priors import RADIAL_PRIORS, camera_prior
+from core.calibration.state import SMALLEST_NOISE_PX
 from core.geometry import free_parameters
 
 

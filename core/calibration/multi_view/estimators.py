@@ -32,7 +32,8 @@ from core.calibration.multi_view.planar_ambiguity import compare_solutions, pose
 from core.calibration.multi_view.repeat_consistency import with_common_points, with_pooled_variances
 from core.calibration.multi_view.separate_cameras import fit_each
 from core.calibration.multi_view.view_stack import ViewStack, number_labels, stack_views
-from core.calibration.state import SMALLEST_NOISE_PX, Lens
+from core.calibration.priors import Lens
+from core.calibration.state import SMALLEST_NOISE_PX
 from core.errors import Advisory, GridposeError, InvalidArgument
 from core.geometry import AnyCamera, Camera, camera_from_array
 from core.targets import GridPoints

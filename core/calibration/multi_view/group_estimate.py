@@ -9,7 +9,7 @@ from jaxtyping import Bool, Float, Int
 
 from core.calibration.multi_view.correlated_residuals import VarianceInflation
 from core.calibration.multi_view.view_stack import Placements, ViewStack
-from core.calibration.state import Lens
+from core.calibration.priors import Lens
 from core.errors import Advisory, GridposeError
 from core.geometry import AnyCamera
 

@@ -19,7 +19,8 @@ from core.calibration.lens_residuals import View
 from core.calibration.multi_view.bundle_adjustment import BundleAdjustment, bundle_adjust
 from core.calibration.multi_view.view_stack import Placements, ViewStack, groups_of
 from core.calibration.planar_ambiguity import SecondPose, is_covered, needed_evidence, second_pose
-from core.calibration.state import Lens, view_residuals
+from core.calibration.priors import Lens
+from core.calibration.state import view_residuals
 from core.errors import PoseAmbiguous
 from core.numerics import Sharing
 

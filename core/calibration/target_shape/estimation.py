@@ -21,7 +21,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from core.calibration.state import SMALLEST_NOISE_PX, Lens, camera_prior
+from core.calibration.priors import Lens, camera_prior
+from core.calibration.state import SMALLEST_NOISE_PX
 from core.calibration.target_shape.deformation import (
     TargetShape,
     gauge_of,

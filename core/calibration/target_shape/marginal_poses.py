@@ -24,7 +24,7 @@ from jaxtyping import Float, Int
 
 from core.calibration.lens_residuals import View, residuals_with_jacobian
 from core.calibration.multi_view import CommonFit, in_target_frame, linearise
-from core.calibration.state import camera_prior
+from core.calibration.priors import camera_prior
 from core.calibration.target_shape.covariance_factors import compressed_by_source, inverse, triangular_root
 from core.calibration.target_shape.deformation import Measure
 from core.calibration.target_shape.departures import (

@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from core.calibration.multi_view import calibrate_views, estimate_group, stack_views
-from core.calibration.state import Lens
+from core.calibration.priors import Lens
 from core.geometry import AnyCamera, Camera, invert, transform
 from core.targets import GridPoints
 

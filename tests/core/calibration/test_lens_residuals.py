@@ -7,7 +7,7 @@ import pytest
 
 from core.calibration.lens_residuals import View, descend, residuals_with_jacobian
 from core.calibration.multi_view import Placements, ViewStack, linearise, stack_views
-from core.calibration.state import wide_lens_prior
+from core.calibration.priors import wide_lens_prior
 from core.geometry import AnyCamera, Camera, KannalaBrandtCamera, RationalCamera, so3_exp
 from tests.support.simulation.simulated_views import draw_view
 

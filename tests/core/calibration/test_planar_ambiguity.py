@@ -10,9 +10,10 @@ import pytest
 
 from core.calibration.lens_residuals import View, descend
 from core.calibration.planar_ambiguity import FALSE_CHOICE, SecondPose, mirrored, needed_evidence, second_pose
+from core.calibration.priors import Lens
 from core.calibration.result import Calibration
 from core.calibration.single_image import calibrate_points
-from core.calibration.state import Lens, centred, view_residuals
+from core.calibration.state import centred, view_residuals
 from core.errors import FocalNotObservable
 from core.geometry.camera import Camera, project
 from core.geometry.se3 import so3_exp, so3_log, transform, transform_points

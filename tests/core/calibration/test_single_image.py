@@ -10,19 +10,9 @@ import numpy as np
 import pytest
 
 from core.calibration.closed_form import ClosedForm
+from core.calibration.priors import PRINCIPAL_POINT_PRIOR, RADIAL_PRIORS, TANGENTIAL_PRIOR, Lens, view_prior
 from core.calibration.single_image import calibrate_points
-from core.calibration.state import (
-    FREE,
-    PRINCIPAL_POINT_PRIOR,
-    RADIAL_PRIORS,
-    TANGENTIAL_PRIOR,
-    Lens,
-    centred,
-    retract,
-    view_of,
-    view_prior,
-    view_residuals,
-)
+from core.calibration.state import FREE, centred, retract, view_of, view_residuals
 from core.errors import DegenerateGeometry, FocalNotObservable, GridposeError, InvalidArgument
 from core.geometry.camera import Camera, project
 from core.geometry.se3 import invert, so3_log, transform, transform_points

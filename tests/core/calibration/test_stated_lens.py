@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from core.calibration.multi_view.estimators import estimate_group
-from core.calibration.state import Lens
+from core.calibration.priors import Lens
 from tests.support.simulation.robots.resting_robot import session
 
 PITCH_UM = 3.45

@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 
 from core.calibration.closed_form import ClosedForm
+from core.calibration.priors import Lens
 from core.calibration.single_image import calibrate_points
-from core.calibration.state import POSE, Lens, view_of, view_residuals
+from core.calibration.state import POSE, view_of, view_residuals
 from core.calibration.summary import summarise_fit
 from core.calibration.uncertainty import camera_pose, correlation_inflation, reprojection
 from core.errors import FocalNotObservable

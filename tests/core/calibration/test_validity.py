@@ -8,8 +8,8 @@ import math
 import numpy as np
 import pytest
 
+from core.calibration.priors import Lens
 from core.calibration.single_image import calibrate_points
-from core.calibration.state import Lens
 from core.errors import DegenerateGeometry, GridposeError, InvalidArgument, InvalidTarget
 from core.geometry.camera import Camera
 from core.targets.specification import GridPoints, TargetSpec

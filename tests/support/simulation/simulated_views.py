@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from core.calibration.state import (
+from core.calibration.priors import (
     ASPECT_PRIOR,
     FOCAL_PRIOR,
     PRINCIPAL_POINT_PRIOR,

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from core.calibration.state import (
+from core.calibration.priors import (
     ASPECT_PRIOR,
     CURVATURE_ANGLES,
     CURVATURE_MEANS,

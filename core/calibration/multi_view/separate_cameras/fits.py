@@ -26,18 +26,10 @@ from core.calibration.multi_view.separate_cameras.session_prior import (
     session_priors,
 )
 from core.calibration.multi_view.view_stack import ViewStack, stack_states
+from core.calibration.priors import LENS_PRIOR, Lens, view_prior
 from core.calibration.result import MAX_DETERMINED_UNCERTAINTY
 from core.calibration.single_image import calibrate_points
-from core.calibration.state import (
-    LENS_PRIOR,
-    SMALLEST_NOISE_PX,
-    Lens,
-    centred,
-    image_centre,
-    retract,
-    view_prior,
-    view_residuals,
-)
+from core.calibration.state import SMALLEST_NOISE_PX, centred, image_centre, retract, view_residuals
 from core.errors import Advisory, FocalNotObservable, FocalWeaklyObservable, GridposeError, NotConverged
 from core.geometry import AnyCamera, Camera
 from core.numerics import Fit, Prior, fit

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from core.calibration import initial_pose
+from core.calibration import state
 from core.calibration.lens_residuals import View
 from core.calibration.multi_view.estimators import estimate_group
 from core.calibration.multi_view.group_estimate import GroupEstimate
@@ -93,14 +93,14 @@ def test_images_of_a_pose_decide_together(estimator: str) -> None:
 def test_a_start_in_the_wrong_tilt_is_found_and_turned(monkeypatch: pytest.MonkeyPatch) -> None:
     views, labels, poses = session(2, [1000.0, 1100.0, 1200.0], 6)
     expected = estimate_group(views, "given", intrinsics=CAMERA, repeats=labels)
-    plain = initial_pose.place_by_homography
+    plain = state.place_by_homography
 
     def wrong(*arguments: Any) -> View:
         view = plain(*arguments)
         R = np.ascontiguousarray(mirrored(view.rotation, view.translation_mm))
         return View(view.parameters, R, view.translation_mm)
 
-    monkeypatch.setattr(initial_pose, "place_by_homography", wrong)
+    monkeypatch.setattr(state, "place_by_homography", wrong)
     found = estimate_group(views, "given", intrinsics=CAMERA, repeats=labels)
     assert right(found, labels, poses).all()
     np.testing.assert_array_equal(found.images, expected.images)
