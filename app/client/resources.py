@@ -7,6 +7,7 @@ from collections.abc import Callable
 from typing import Any
 
 from .http import ClientError, Json, ServiceClient
+from .sheets import sheet_matcher
 
 _TARGET = re.compile(r"[a-z_]+:(?P<columns>[0-9]{1,4})x(?P<rows>[0-9]{1,4}):(?P<pitch>[0-9]+(\.[0-9]+)?)")
 _EXAMPLES = {
@@ -121,20 +122,16 @@ def _matching(client: ServiceClient, path: str, name: str) -> list[Json]:
 
 
 def target_of_session(client: ServiceClient, session: Json, target: str | None) -> str | None:
-    """Return the id of the session's target that is given by id or description; None where none is given."""
+    """Return the id of the session's target that is given by id, name, sheet or form; None where none is given."""
     if target is None:
         return None
     if target in session["target_ids"]:
         return target
     fields = described_target(target)
-    if fields is None:
-        named = [t for t in session["target_ids"] if client.get(f"/v1/targets/{t}")["name"] == target]
-        if len(named) == 1:
-            return str(named[0])
-    else:
-        for target_id in session["target_ids"]:
-            if _matches(client.get(f"/v1/targets/{target_id}"), fields):
-                return str(target_id)
+    is_meant = _is_meant(target, fields)
+    found = [str(t) for t in session["target_ids"] if is_meant(client.get(f"/v1/targets/{t}"))]
+    if len(found) == 1 or (found and fields is not None):
+        return found[0]
     raise ClientError(
         "target_not_in_session",
         f"The target {target} does not belong to the session.",
@@ -144,9 +141,10 @@ def target_of_session(client: ServiceClient, session: Json, target: str | None) 
 
 
 def find_or_make_target(client: ServiceClient, target: str, *, accept_implausible: bool = False) -> str:
-    """Return the id of a target given by id, by name, or by its form; one given by form is made where it is new.
+    """Return the id of a target given by id, name, sheet or form; one given by form is made where it is new.
 
-    The form is `KIND:COLUMNSxROWS:PITCH_MM`, then fields after commas, such as `,marker=18,dictionary=DICT_5X5_100`.
+    A sheet is `sheet:` and the id that is printed on it. The form is `KIND:COLUMNSxROWS:PITCH_MM`, then fields after
+    commas, such as `,marker=18,dictionary=DICT_5X5_100`.
 
     Raises
     ------
@@ -156,8 +154,9 @@ def find_or_make_target(client: ServiceClient, target: str, *, accept_implausibl
     fields = described_target(target)
     if fields is None:
         return _named_target(client, target)["id"] if not target.startswith("tgt_") else target
+    is_meant = _is_meant(target, fields)
     for entry in client.items("/v1/targets"):
-        if _matches(entry, fields):
+        if is_meant(entry):
             return str(entry["id"])
     path = "/v1/targets?accept_implausible=true" if accept_implausible else "/v1/targets"
     return str(client.create(path, {"name": target[:200], **fields})["id"])
@@ -218,16 +217,30 @@ def _not_described(text: str, reason: str) -> ClientError:
 
 
 def _named_target(client: ServiceClient, target: str) -> Json:
-    matches = _matching(client, "/v1/targets", target)
+    """Return the one target with this name, or that is printed on this sheet."""
+    is_meant = _is_meant(target, None)
+    matches = [entry for entry in client.items("/v1/targets") if is_meant(entry)]
     if len(matches) == 1:
         return matches[0]
+    forms = f"--target chessboard:9x6:25 or --target {_EXAMPLES['charuco']}"
+    if sheet_matcher(target) is not None:
+        raise ClientError(
+            "target_ambiguous" if matches else "target_not_found",
+            f"{'Several targets' if matches else 'No target'} of the service would be printed as {target}.",
+            "Give the id (`gridpose targets list` shows them)."
+            if matches
+            else f"Give the form of what the sheet states after its id, e.g. {forms}.",
+        )
     raise ClientError(
         "target_ambiguous" if matches else "target_not_found",
         f"{'Several targets have' if matches else 'No target has'} the id or the name {target!r}.",
-        "Give the id (`gridpose targets list` shows them), or a form, e.g. --target chessboard:9x6:25 or "
-        f"--target {_EXAMPLES['charuco']}.",
+        f"Give the id (`gridpose targets list` shows them), or a form, e.g. {forms}, or the id on its print, "
+        "e.g. --target sheet:gp-5d49aa3e.",
     )
 
 
-def _matches(target: Json, fields: Json) -> bool:
-    return all(target[name] == value for name, value in fields.items())
+def _is_meant(target: str, fields: Json | None) -> Callable[[Json], bool]:
+    """Return what determines whether a target of the service is the one given by its form's fields, by sheet, or by name."""
+    if fields is not None:
+        return lambda entry: all(entry[name] == value for name, value in fields.items())
+    return sheet_matcher(target) or (lambda entry: target in (entry["id"], entry["name"]))

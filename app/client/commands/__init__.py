@@ -17,7 +17,7 @@ if TYPE_CHECKING:
         print_error,
         print_list,
     )
-    from .images.upload import transfer, transfer_progress
+    from .images.transfer import transfer, transfer_progress
     from .lazy import LazyCommand
     from .main import make_app, run
     from .record_files import Record, RecordFormat, Records, as_delimiter, read_mapping, read_records
@@ -28,7 +28,7 @@ _PLACES = {
         *("RETRY_FOR_S", "AdminAccess", "KeyFile", "ReadAccess", "UploadAccess", "UploadKey", "open_client"),
     ),
     ".console": ("OptionRefused", "error_console", "fail", "output_console", "print_error", "print_list"),
-    ".images.upload": ("transfer", "transfer_progress"),
+    ".images.transfer": ("transfer", "transfer_progress"),
     ".lazy": ("LazyCommand",),
     ".main": ("make_app", "run"),
     ".record_files": ("Record", "RecordFormat", "Records", "as_delimiter", "read_mapping", "read_records"),

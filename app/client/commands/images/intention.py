@@ -17,6 +17,15 @@ from ..console import OptionRefused
 FirstCycle = Annotated[
     int, typer.Option(help="Number of the first cycle in names: 0 where they count from 0.", min=0, max=1)
 ]
+SESSION = typer.Option("--session", help="Id or name of the session; a new name creates one, given --target.")
+TargetOption = Annotated[
+    str | None,
+    typer.Option(
+        "--target",
+        help="Target's id or name, sheet: and the id on its print (sheet:gp-5d49aa3e), or a new one by its form, e.g. "
+        "chessboard:9x6:25 or charuco:9x6:25,marker=18,dictionary=DICT_5X5_100.",
+    ),
+]
 _UNITS = ("B", "kB", "MB", "GB", "TB")
 _THOUSAND = 1000.0
 _SHOWN = 5

@@ -10,7 +10,8 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from ... import FilePlan, Json, SessionResult, UploadResult, describe_measured, is_measured
+from ... import FilePlan, Json, describe_measured, is_measured
+from .transfer import Transferred
 
 _SHOWN = 8
 _MIN_VISITS = 2
@@ -18,22 +19,18 @@ _FIGURES = re.compile(r"[0-9]+(\.[0-9]+)?|'[^']*'")
 """What differs between messages of one reason."""
 
 
-def report(
-    console: Console,
-    plan: FilePlan,
-    results: list[UploadResult],
-    measured: SessionResult | None,
-    cameras: list[Json] | None,
-    session_id: str,
-) -> int:
+def report(console: Console, plan: FilePlan, transferred: Transferred) -> int:
     """Print what became of an upload, and return the exit code."""
+    results, measured, cameras = transferred.results, transferred.measured, transferred.cameras
     sent = sum(o.status == "sent" for o in results)
     present = sum(o.status == "present" for o in results)
     failed = [(o.name, o.reason or "", o.advice) for o in results if o.status == "failed"]
     failed += [
         (s.name, s.reason, "Rename it, give --pattern or --pose, or make it readable.") for s in plan.skipped
     ]
-    console.print(f"session {session_id}: {sent} sent, {present} already there, {len(failed)} failed")
+    console.print(
+        f"session {transferred.session_id}: {sent} sent, {present} already there, {len(failed)} failed"
+    )
     for folder in plan.repeated:
         console.print(f"[yellow]not searched again: {escape(folder.name)}: {escape(folder.reason)}[/]")
     if plan.others:
@@ -60,7 +57,7 @@ def report(
     for title, rows in (("Not uploaded", failed), ("Refused", refused)):
         if rows:
             console.print(_list(title, rows))
-    print(session_id)
+    print(transferred.session_id)
     return 1 if failed or refused else 0
 
 

@@ -9,8 +9,6 @@ from typing import Annotated
 
 import typer
 from rich.console import Console
-from rich.markup import escape
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
 from ... import (
     ClientError,
@@ -18,21 +16,17 @@ from ... import (
     Json,
     PatternError,
     ServiceClient,
-    SessionResult,
-    UploadResult,
-    collect_results,
     find_or_make_session,
     plan_files,
-    session_cameras,
-    upload_files,
 )
 from ...files import number_cycles
 from ...resources import check_target, existing_session
 from ...upload import sha256_of
 from ..access import UploadAccess
 from ..console import OptionRefused, error_console, print_error
-from .intention import FirstCycle, confirm, show_intention
+from .intention import SESSION, FirstCycle, TargetOption, confirm, show_intention
 from .outcome import report
+from .transfer import send_images
 
 
 class CycleOrder(enum.StrEnum):
@@ -47,17 +41,9 @@ def upload(
     folder: Annotated[
         Path, typer.Argument(help="Folder of images; sub-folders are poses.", exists=True, file_okay=False)
     ],
-    session: Annotated[
-        str, typer.Option(help="Id or name of the session; a new name creates one, given --target.")
-    ],
+    session: Annotated[str, SESSION],
     service: UploadAccess,
-    target: Annotated[
-        str | None,
-        typer.Option(
-            help="Target's id or name, or a new one by its form, e.g. chessboard:9x6:25 or "
-            "charuco:9x6:25,marker=18,dictionary=DICT_5X5_100."
-        ),
-    ] = None,
+    target: TargetOption = None,
     accept_implausible: Annotated[
         bool,
         typer.Option("--accept-implausible", help="Create --target even if its pitch looks like metres."),
@@ -99,7 +85,6 @@ def upload(
     if not plan.images and not plan.skipped:
         print_error(console, f"No PNG, JPEG, TIFF or BMP files in {folder}.")
         return 2
-    made: str | None = None
     errors = error_console()
     try:
         with service.client(errors) as client:
@@ -119,34 +104,24 @@ def upload(
             if dry_run:
                 return 0
             confirm(yes=yes)
-            session_id, target_id = find_or_make_session(
-                client, session, target, accept_implausible=accept_implausible
+            sent = send_images(
+                client,
+                session,
+                target,
+                images,
+                is_new=found is None,
+                accept_implausible=accept_implausible,
+                focus_group=focus_group,
+                parallel=parallel,
+                wait=wait,
             )
-            made = session_id if found is None else None
-            with transfer_progress(console) as progress:
-                results, measured = transfer(
-                    client,
-                    session_id,
-                    images,
-                    progress,
-                    target_id=target_id,
-                    focus_group=focus_group,
-                    parallel=parallel,
-                    wait=wait,
-                )
-            cameras = session_cameras(client, session_id) if measured is not None else None
-            if made and all(result.status == "failed" for result in results):
-                remove_empty(client, errors, made)
     except OptionRefused as refused:
         print_error(console, str(refused), refused.advice)
         return 2
     except ClientError as error:
         print_error(console, str(error), error.advice)
-        if made:
-            with service.client(errors) as client:
-                remove_empty(client, errors, made)
         return 1
-    return report(console, plan, results, measured, cameras, session_id)
+    return report(console, plan, sent)
 
 
 def numbered(
@@ -168,60 +143,3 @@ def numbered(
     fresh = [i for i in images if i.pose_id not in bare or (i.pose_id, sha256_of(i)) not in there]
     cycles = {i.path: i for i in number_cycles(fresh, by_time=by_time, after=last)}
     return [cycles.get(image.path, image) for image in images]
-
-
-def remove_empty(client: ServiceClient, console: Console, session_id: str) -> None:
-    """Delete a session that was made for an upload of which nothing arrived; say so where the key may not."""
-    try:
-        counts = client.get(f"/v1/sessions/{session_id}")["counts"]
-        if sum(counts.values()):
-            return
-        client.delete(f"/v1/sessions/{session_id}")
-        console.print("nothing was stored: the new session is deleted again")
-    except ClientError as error:
-        console.print(f"the new session {session_id} is left empty: {escape(str(error))}")
-
-
-def transfer_progress(console: Console) -> Progress:
-    """Return the progress bars of an upload: hashing, sending, computing."""
-    return Progress(
-        TextColumn("{task.description:<20}"),
-        BarColumn(),
-        MofNCompleteColumn(),
-        TimeRemainingColumn(compact=True),
-        console=console,
-    )
-
-
-def transfer(
-    client: ServiceClient,
-    session_id: str,
-    images: Sequence[ImageFile],
-    progress: Progress,
-    *,
-    target_id: str | None = None,
-    focus_group: str | None = None,
-    parallel: int = 2,
-    wait: bool,
-) -> tuple[list[UploadResult], SessionResult | None]:
-    """Hash and send images and, with `wait`, collect the results, each with its progress bar."""
-    hashing = progress.add_task("reading files", total=len(images))
-    sending = progress.add_task("uploading", total=len(images))
-    results = upload_files(
-        client,
-        session_id,
-        images,
-        target_id=target_id,
-        focus_group=focus_group,
-        parallel=parallel,
-        on_hashed=lambda file: progress.advance(hashing),
-        on_done=lambda result: progress.advance(sending),
-    )
-    if not wait:
-        return results, None
-    computing = progress.add_task("computing", total=None)
-
-    def advance(done: int, of: int) -> None:
-        progress.update(computing, completed=done, total=of)
-
-    return results, collect_results(client, session_id, results, on_progress=advance)

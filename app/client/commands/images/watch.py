@@ -32,7 +32,7 @@ from ...watch import (
 from ..access import UploadAccess
 from ..console import error_console, print_error
 from ..sessions.next_view import Purpose
-from .intention import FirstCycle
+from .intention import SESSION, FirstCycle, TargetOption
 
 
 class Complete(enum.StrEnum):
@@ -143,16 +143,12 @@ class RunOptions:
 
 def watch(
     folder: Annotated[Path, typer.Argument(help="Folder to watch, with its sub-folders.", file_okay=False)],
-    session: Annotated[
-        str, typer.Option(help="Id or name of the session; a new name creates one, given --target.")
-    ],
+    session: Annotated[str, SESSION],
     service: UploadAccess,
     files: FileOptions,
     results: ResultOptions,
     run: RunOptions,
-    target: Annotated[
-        str | None, typer.Option(help="Target of a new session: its id, its name, or e.g. chessboard:9x6:25.")
-    ] = None,
+    target: TargetOption = None,
 ) -> int:
     """Send each image that appears in a folder, once, until stopped; it may run for months.
 

@@ -36,6 +36,7 @@ class Form(StrEnum):
     html = "html"
     json = "json"
     csv = "csv"
+    xml = "xml"
 
 
 class Paper(StrEnum):

@@ -19,8 +19,9 @@ def change(
     target: Annotated[
         list[str] | None,
         typer.Option(
-            help="The session's target: an id, or KIND:COLUMNSxROWS:PITCH_MM, e.g. chessboard:9x6:25, which is made "
-            "where the service has no such target. Repeat it for several; they replace those the session has."
+            help="The session's target: an id, a name, sheet: and the id on its print, or its form, e.g. "
+            "chessboard:9x6:25, which is made where the service has no such target. Repeat it for several; they "
+            "replace those the session has."
         ),
     ] = None,
     robot: Annotated[

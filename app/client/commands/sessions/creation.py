@@ -18,8 +18,8 @@ def create(
     target: Annotated[
         list[str] | None,
         typer.Option(
-            help="What the camera looks at: a target's id, or KIND:COLUMNSxROWS:PITCH_MM, e.g. chessboard:9x6:25, "
-            "which is made where the service has no such target. Repeat it for several."
+            help="What the camera looks at: a target's id or name, sheet: and the id on its print, or its form, e.g. "
+            "chessboard:9x6:25, which is made where the service has no such target. Repeat it for several."
         ),
     ] = None,
     robot: Annotated[str | None, typer.Option(help="Id or name of the robot.")] = None,

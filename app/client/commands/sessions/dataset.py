@@ -9,13 +9,13 @@ import typer
 from rich.console import Console
 from rich.markup import escape
 
-from ... import ClientError, FilePlan, find_or_make_session, session_cameras
+from ... import ClientError, FilePlan
 from ...resources import check_target, existing_session
 from ..access import UploadAccess
 from ..console import OptionRefused, error_console, print_error
-from ..images.intention import confirm
+from ..images.intention import SESSION, TargetOption, confirm
 from ..images.outcome import report
-from ..images.upload import remove_empty, transfer, transfer_progress
+from ..images.transfer import send_images
 from .layouts import Dataset, Layout, read_dataset
 
 
@@ -23,13 +23,8 @@ def import_dataset(
     folder: Annotated[Path, typer.Argument(help="Folder of the dataset.", exists=True, file_okay=False)],
     layout: Annotated[Layout, typer.Option(help="The program whose layout it has.")],
     service: UploadAccess,
-    session: Annotated[
-        str | None, typer.Option(help="Id or name of the session; a new name creates one, given --target.")
-    ] = None,
-    target: Annotated[
-        str | None,
-        typer.Option(help="Target of a new session: its id, its name, or e.g. chessboard:9x6:25."),
-    ] = None,
+    session: Annotated[str | None, SESSION] = None,
+    target: TargetOption = None,
     fixed_camera: Annotated[
         bool,
         typer.Option(
@@ -51,7 +46,6 @@ def import_dataset(
     Prints the session's id as the last line; repeating sends what is missing.
     """
     console, errors = Console(stderr=True, highlight=False), error_console()
-    made: str | None = None
     try:
         dataset = read_dataset(folder, layout, fixed_camera=fixed_camera)
         _say(errors, dataset)
@@ -64,24 +58,22 @@ def import_dataset(
             found = existing_session(client, session)
             if target is not None:
                 check_target(client, target)
-            session_id, target_id = find_or_make_session(client, session, target)
-            made = session_id if found is None else None
-            client.put_poses(session_id, list(dataset.poses))
-            with transfer_progress(console) as progress:
-                results, measured = transfer(
-                    client, session_id, dataset.images, progress, target_id=target_id, wait=wait
-                )
-            cameras = session_cameras(client, session_id) if measured is not None else None
+            sent = send_images(
+                client,
+                session,
+                target,
+                dataset.images,
+                is_new=found is None,
+                before=lambda session_id: client.put_poses(session_id, list(dataset.poses)),
+                wait=wait,
+            )
     except OptionRefused as refused:
         print_error(console, str(refused), refused.advice)
         return 2
     except ClientError as error:
         print_error(console, str(error), error.advice)
-        if made:
-            with service.client(errors) as client:
-                remove_empty(client, errors, made)
         return 1
-    return report(console, FilePlan(dataset.images, (), 0), results, measured, cameras, session_id)
+    return report(console, FilePlan(dataset.images, (), 0), sent)
 
 
 def _say(console: Console, dataset: Dataset) -> None:
