@@ -240,7 +240,7 @@ def _named_target(client: ServiceClient, target: str) -> Json:
 
 
 def _is_meant(target: str, fields: Json | None) -> Callable[[Json], bool]:
-    """Return what determines whether a target of the service is the one given by its form's fields, by sheet, or by name."""
+    """Return what determines whether a target is the one given by its form's fields, else by sheet, id or name."""
     if fields is not None:
         return lambda entry: all(entry[name] == value for name, value in fields.items())
     return sheet_matcher(target) or (lambda entry: target in (entry["id"], entry["name"]))
