@@ -49,7 +49,7 @@ def run_demo(data_dir: Path | None, seed: int) -> int:
     started = time.monotonic()
     try:
         with transfer_progress(console) as progress, ServiceProcess(folder) as service:
-            console.print(f"The service runs at {service.url}\nIts pages: {service.url}/docs")
+            console.print(f"The service runs at {service.url} until the demo ends.")
             with ServiceClient(service.url, service.admin_key) as client:
                 session_id = describe_session(client, session, describe_robot(client))
 
@@ -114,7 +114,9 @@ def _say_what_next(console: Console, folder: Path, key: str, session_id: str) ->
     console.print(
         f"\nKept are images, answers and the service's database in\n  {folder}\n"
         f"Open them:  {gridpose} serve --data-dir {folder}\n"
-        "  then http://127.0.0.1:8000/docs in a browser, or\n"
+        f"  then, in a browser: http://127.0.0.1:8000/ui/sessions/{session_id}/repeatability\n"
+        f"  and sign in with the key {key}\n"
+        "Or on the command line:\n"
         "  export GRIDPOSE_URL=http://127.0.0.1:8000\n"
         f"  export GRIDPOSE_KEY={key}\n"
         f'  curl -H "Authorization: Bearer $GRIDPOSE_KEY" \\\n'

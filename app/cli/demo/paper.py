@@ -153,7 +153,7 @@ def _say_where(console: Console, folder: Path, key: str, session_id: str, arm_se
         f"  export GRIDPOSE_URL=http://127.0.0.1:8000 GRIDPOSE_KEY={key}\n"
         f'  curl -H "Authorization: Bearer $GRIDPOSE_KEY" $GRIDPOSE_URL/v1/sessions/{session_id}/repeatability\n'
         f"  {command_name()} robots export --session {arm_session_id} --format urdf\n"
-        "  and in a browser: http://127.0.0.1:8000/docs",
+        f"  and in a browser: http://127.0.0.1:8000/ui/sessions/{session_id}/repeatability",
         soft_wrap=True,
         markup=False,
     )
