@@ -113,6 +113,7 @@ REPORT_FORMS: dict[str, str] = {
     "html": "one page with its drawings",
     "csv": "a row for each figure",
     "json": "every figure and its inputs",
+    "xml": "a digital calibration certificate (DCC)",
     "sig": "the detached signature",
 }
 ESTIMATORS: dict[str, tuple[str, str]] = {

@@ -1,4 +1,4 @@
-"""Forms of a stored report: its document as JSON, HTML, PDF and CSV.
+"""Forms of a stored report: its document as JSON, HTML, PDF, CSV, and as the XML of a calibration certificate.
 
 `render_forms` takes the document, which is plain values, and the drawings that belong to it. Every form is drawn from
 these alone. `figures` names each number of a document, for the CSV form and for whoever compares two documents.

@@ -13,6 +13,8 @@ from typing import Any
 Block = dict[str, Any]
 UNKNOWN = "–"
 MAX_PLACES = 7
+NORMAL_95 = 1.959964
+"""Coverage factor of a normal figure's 95 % interval."""
 
 
 def heading(text: str) -> Block:

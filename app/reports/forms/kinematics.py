@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from app.reports.forms.blocks import (
+    NORMAL_95,
     UNKNOWN,
     Block,
     excluded_of,
@@ -20,8 +21,7 @@ from app.reports.forms.blocks import (
 )
 
 Json = Mapping[str, Any]
-_PARAMETERS = ("a_mm", "alpha_deg", "d_mm", "theta_offset_deg", "beta_deg")
-_NORMAL_95 = 1.959964
+PARAMETERS = ("a_mm", "alpha_deg", "d_mm", "theta_offset_deg", "beta_deg")
 
 
 def kinematics_blocks(found: Json, inputs: Json) -> list[Block]:
@@ -64,7 +64,7 @@ def _parameters(found: Json) -> list[Block]:
     blocks: list[Block] = [heading("Denavit-Hartenberg parameters")]
     rows = []
     for joint in found["joints"]:
-        for name in _PARAMETERS:
+        for name in PARAMETERS:
             value, u = joint[name], joint["standard_uncertainty"][name]
             if value is None:
                 continue
@@ -76,7 +76,7 @@ def _parameters(found: Json) -> list[Block]:
                     "yes" if joint["identifiable"].get(name) else "no",
                     number(value, u),
                     number(u, u) if u is not None else UNKNOWN,
-                    f"{number(value - _NORMAL_95 * u, u)} … {number(value + _NORMAL_95 * u, u)}"
+                    f"{number(value - NORMAL_95 * u, u)} … {number(value + NORMAL_95 * u, u)}"
                     if u
                     else UNKNOWN,
                     number(nominal),

@@ -17,6 +17,7 @@ import jinja2
 from app.markup import legal_text
 from app.reports.forms.blocks import Block, drawing, facts, heading
 from app.reports.forms.camera import camera_blocks
+from app.reports.forms.certificate import certificate_xml
 from app.reports.forms.figures import figures_csv
 from app.reports.forms.head import closing_blocks, opening_blocks
 from app.reports.forms.kinematics import kinematics_blocks
@@ -56,18 +57,21 @@ class RenderingFailed(Exception):
 def render_forms(
     document: Mapping[str, Any], drawings: Mapping[str, str], template: CompanyTemplate
 ) -> dict[str, bytes]:
-    """Return the forms json, html, pdf and csv of a report.
+    """Return the forms json, html, pdf, csv of a report, and xml of one that can be a calibration certificate.
 
     `drawings` are SVG documents by name. Raises RenderingFailed.
     """
     text = (json.dumps(document, ensure_ascii=False, indent=1, allow_nan=False) + "\n").encode()
-    head = _head(document, template, hashlib.sha256(text).hexdigest())
+    json_sha256 = hashlib.sha256(text).hexdigest()
+    head = _head(document, template, json_sha256)
     blocks = report_blocks(document, drawings)
+    certificate = certificate_xml(document, json_sha256)
     return {
         "json": text,
         "html": _html(head, blocks, template),
         "pdf": _pdf(head, blocks, template, text, document),
         "csv": figures_csv(document),
+        **({} if certificate is None else {"xml": certificate}),
     }
 
 

@@ -25,9 +25,9 @@ from app.reports.forms.uncertainty_budget import budget_blocks
 
 Json = Mapping[str, Any]
 _ANGLES = ("roll_deg", "pitch_deg", "yaw_deg")
-_RP_AXES = ("rp_x_mm", "rp_y_mm", "rp_z_mm", "rp_roll_deg", "rp_pitch_deg", "rp_yaw_deg")
-_AP_AXES = ("ap_x_mm", "ap_y_mm", "ap_z_mm", "ap_roll_deg", "ap_pitch_deg", "ap_yaw_deg")
-_VERDICTS = {
+RP_AXES = ("rp_x_mm", "rp_y_mm", "rp_z_mm", "rp_roll_deg", "rp_pitch_deg", "rp_yaw_deg")
+AP_AXES = ("ap_x_mm", "ap_y_mm", "ap_z_mm", "ap_roll_deg", "ap_pitch_deg", "ap_yaw_deg")
+VERDICTS = {
     "robot": "The reading is the robot's.",
     "instrument_limited": "The instrument's noise contributes to the reading.",
     "below_detection": "The reading is less than the instrument's noise alone would give.",
@@ -69,7 +69,7 @@ def _result(found: Json, level: str) -> list[Block]:
         rows = [
             ("largest RP_l", f"{value} mm at pose {worst['pose_id']}, {level} interval {interval} mm"),
             ("its noise floor", f"{number(worst['noise_floor']['rp_l_mm'])} mm"),
-            ("its verdict", f"{words(worst['verdict'])}. {_VERDICTS[worst['verdict']]}"),
+            ("its verdict", f"{words(worst['verdict'])}. {VERDICTS[worst['verdict']]}"),
         ]
         accurate = [pose for pose in known if pose["accuracy"] and pose["accuracy"]["ap_p_mm"] is not None]
         if accurate:
@@ -172,14 +172,14 @@ def _repeatability(found: Json, level: str) -> list[Block]:
     by_axis = [
         [
             pose["pose_id"],
-            *(with_interval(pose["repeatability"][n], pose["interval"][n])[0] for n in _RP_AXES),
+            *(with_interval(pose["repeatability"][n], pose["interval"][n])[0] for n in RP_AXES),
         ]
         for pose in found["poses"]
     ]
     intervals = [
         [
             pose["pose_id"],
-            *(with_interval(pose["repeatability"][n], pose["interval"][n])[1] for n in _RP_AXES),
+            *(with_interval(pose["repeatability"][n], pose["interval"][n])[1] for n in RP_AXES),
         ]
         for pose in found["poses"]
     ]
@@ -187,7 +187,7 @@ def _repeatability(found: Json, level: str) -> list[Block]:
     return [
         heading("Pose repeatability RP (ISO 9283:1998, 7.2.2)"),
         *_rp_table(found, level),
-        *notes([f"{words(code)}: {text}" for code, text in _VERDICTS.items() if code in _codes(found)]),
+        *notes([f"{words(code)}: {text}" for code, text in VERDICTS.items() if code in _codes(found)]),
         *table("RP along the axes: 3 S", ("pose", *axes), by_axis),
         *table(f"{level} intervals of RP along the axes", ("pose", *axes), intervals),
     ]
@@ -206,7 +206,7 @@ def _accuracy(found: Json, level: str) -> list[Block]:
         value, interval = with_interval(one["ap_p_mm"], one["interval"]["ap_p_mm"])
         rows.append([pose["pose_id"], value, interval, number(one["held_out"]["ap_p_mm"])])
         axes_rows.append(
-            [pose["pose_id"], *(with_interval(one[name], one["interval"][name])[0] for name in _AP_AXES)]
+            [pose["pose_id"], *(with_interval(one[name], one["interval"][name])[0] for name in AP_AXES)]
         )
     if not rows:
         return [

@@ -9,6 +9,9 @@
 
     [fields]
     "Order" = "4711"
+
+    [certificate]             # what a Digital Calibration Certificate asks for, in addition
+    country = "DE"
 """
 
 from __future__ import annotations
@@ -18,7 +21,7 @@ import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 from xml.etree import ElementTree
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
@@ -37,6 +40,16 @@ class TemplateInvalid(Exception):
     """The files in `DATA/templates` cannot be used; the text names file and field."""
 
 
+class _Certificate(BaseModel):
+    model_config = ConfigDict(extra="forbid", strict=True)
+
+    country: Annotated[str, Field(pattern=r"^[A-Z]{2}$")] | None = None
+    laboratory_code: Line | None = None
+    performed_at: Literal["laboratory", "customer", "laboratoryBranch", "customerBranch", "other"] = "other"
+    customer: Line | None = None
+    customer_address: Annotated[list[Line], Field(max_length=6)] = []
+
+
 class _Stated(BaseModel):
     model_config = ConfigDict(extra="forbid", strict=True)
 
@@ -45,6 +58,7 @@ class _Stated(BaseModel):
     footer: Line | None = None
     accent: Annotated[str, Field(pattern=r"^#[0-9a-fA-F]{6}$")] = "#1f4e79"
     fields: Annotated[dict[Line, Line], Field(max_length=20)] = {}
+    certificate: _Certificate | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,6 +71,7 @@ class CompanyTemplate:
     accent: str = "#1f4e79"
     fields: Mapping[str, str] = field(default_factory=dict)
     logo: bytes | None = None
+    certificate: Mapping[str, Any] | None = None
 
     @property
     def logo_is_svg(self) -> bool:
@@ -70,6 +85,7 @@ class CompanyTemplate:
             "address": list(self.address),
             "footer": self.footer,
             "fields": dict(self.fields),
+            "certificate": None if self.certificate is None else dict(self.certificate),
         }
 
 
@@ -89,6 +105,7 @@ def read_template(folder: Path) -> CompanyTemplate:
         stated.accent,
         stated.fields,
         _read_logo(found[0]) if found else None,
+        stated.certificate.model_dump() if stated.certificate is not None else None,
     )
 
 
@@ -107,19 +124,20 @@ def _read_stated(path: Path) -> _Stated:
         raise TemplateInvalid(f"templates/{FILE} is not TOML: {error}") from error
     except ValidationError as error:
         listed = "; ".join(
-            f"{'.'.join(map(str, one['loc']))}: {_message(one['type'], one['msg'])}"
+            f"{'.'.join(map(str, one['loc']))}: {_message(one['type'], one['msg'], one['loc'])}"
             for one in error.errors()[:5]
         )
         raise TemplateInvalid(f"templates/{FILE}: {_CONTROL.sub(' ', listed)}") from error
 
 
-def _message(kind: str, text: str) -> str:
+def _message(kind: str, text: str, place: tuple[str | int, ...]) -> str:
+    fields = (_Certificate if place[0] == "certificate" else _Stated).model_fields
     known = {
-        "extra_forbidden": "is not known; known are organisation, address, footer, accent and fields",
+        "extra_forbidden": f"is not known; known are {', '.join(fields)}",
         "string_type": "must be text in quotes",
         "list_type": "must be a list of lines",
     }
-    return known.get(kind, text.lower())
+    return known.get(kind, text[:1].lower() + text[1:])
 
 
 def _read_logo(path: Path) -> bytes:

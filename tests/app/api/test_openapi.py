@@ -264,6 +264,7 @@ def test_the_contract_is_all_there(document: dict[str, Any]) -> None:
         "GET /v1/reports/{report_id}.json",
         "GET /v1/reports/{report_id}.pdf",
         "GET /v1/reports/{report_id}.sig",
+        "GET /v1/reports/{report_id}.xml",
         "GET /v1/reports/{report_id}/comparison/{other_report_id}",
         "GET /v1/reports/{report_id}/verify",
         "GET /v1/robots",

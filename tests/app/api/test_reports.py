@@ -63,7 +63,7 @@ def form(api: Api, report: dict[str, Any], name: str) -> bytes:
 def test_every_form_is_stored_with_its_hash_and_signed(running: Api, made: dict[str, Any]) -> None:
     assert made["status"] == "succeeded", made["failure"]
     hashes = {one["form"]: one["sha256"] for one in made["forms"]}
-    assert set(hashes) >= {"json", "html", "pdf", "csv"}
+    assert set(hashes) == {"json", "html", "pdf", "csv", "xml"}
     signature = form(running, made, "sig")
     for name, sha256 in hashes.items():
         content = form(running, made, name)
@@ -89,6 +89,9 @@ def test_the_forms_hold_the_same_figures_and_no_markup_of_users(running: Api, ma
     assert "http://" not in page.replace("http://www.w3.org", "")
     assert len(document["inputs"]["images"]) == 12
     assert form(running, made, "pdf").startswith(b"%PDF-")
+    certificate = form(running, made, "xml").decode()
+    assert f"<si:value>{value}</si:value>" in certificate
+    assert "R. Meier &lt;b&gt;#sys" in certificate
 
 
 def test_a_finished_report_cannot_be_changed_by_anyone(running: Api, made: dict[str, Any]) -> None:
@@ -197,3 +200,5 @@ def test_a_template_with_errors_fails_the_report_with_file_and_field(
     report = finished(running, order(running, made["session_id"], kind="session"))
     assert report["status"] == "succeeded", report["failure"]
     assert "4711" in form(running, report, "html").decode()
+    # A whole session is no item that a certificate could be of.
+    assert_problem(running.client.get(f"/v1/reports/{report['id']}.xml"), 404, "report_form_not_found")

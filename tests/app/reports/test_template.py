@@ -31,6 +31,8 @@ def test_what_is_stated_is_taken(tmp_path: Path) -> None:
         ("report.toml", "organisation = 5", "organisation"),
         ("report.toml", 'accent = "red"', "accent"),
         ("report.toml", "organisation = ", "TOML"),
+        ("report.toml", '[certificate]\ncountry = "Germany"', r"certificate\.country.*A-Z"),
+        ("report.toml", '[certificate]\ncity = "Ulm"', r"certificate\.city.*laboratory_code"),
         ("logo.png", "no png", "logo.png"),
         ("logo.svg", "<svg", "no SVG"),
         ("logo.svg", SVG.format("<script/>"), "script"),

@@ -284,7 +284,7 @@ def _reports(client: Any, session_id: str) -> None:
     path = f"/v1/sessions/{session_id}/reports"
     report = _made(client, _done(client.post(path, json=body)).json())
     _done(client.get(path), client.get("/v1/reports"), client.get(f"{report}/verify"))
-    _done(*(client.get(f"{report}.{form}") for form in ("json", "html", "pdf", "csv", "sig")))
+    _done(*(client.get(f"{report}.{form}") for form in ("json", "html", "pdf", "csv", "xml", "sig")))
 
 
 def _history(client: Any, robot_id: str, target_id: str) -> None:

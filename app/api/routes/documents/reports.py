@@ -119,6 +119,18 @@ def get_report_csv(report_id: ReportPath, service: AppContextDep) -> Response:
 
 
 @router.get(
+    "/reports/{report_id}.xml",
+    response_class=Response,
+    responses=_responses(
+        "application/xml", "A Digital Calibration Certificate (DCC 3.2.0) with quantities in D-SI."
+    ),
+)
+def get_report_xml(report_id: ReportPath, service: AppContextDep) -> Response:
+    """Return a report as a Digital Calibration Certificate; reports on a whole session have none."""
+    return _form(service, report_id, "xml")
+
+
+@router.get(
     "/reports/{report_id}.sig",
     response_class=Response,
     responses=_responses(

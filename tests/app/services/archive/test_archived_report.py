@@ -23,7 +23,7 @@ pytestmark = (
 )  # images are measured three times, and processes of the analyses load the numerics
 POSES, CYCLES = 2, 4
 ANALYSES = ("repeatability", "intrinsics", "camera-poses")
-FORMS = ("json", "html", "pdf", "csv", "sig")
+FORMS = ("json", "html", "pdf", "csv", "xml", "sig")
 
 
 def send_images(api: Api) -> str:
