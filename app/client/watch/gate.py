@@ -8,7 +8,8 @@ import time
 from ..http import ClientError
 from .report import Report
 
-_FIRST_PAUSE_S = 1.0
+_FIRST_PAUSE_S = 0.1
+"""A lost request holds all others back for as long; on a poor line with many files that is most of the time."""
 _AWAY = "service away"
 _KEY = "key or session refused"
 

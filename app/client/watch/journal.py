@@ -27,7 +27,9 @@ CREATE TABLE IF NOT EXISTS files (
     PRIMARY KEY (session_id, name)
 ) WITHOUT ROWID;
 CREATE INDEX IF NOT EXISTS files_by_image ON files (session_id, pose_id, sha256);
-CREATE INDEX IF NOT EXISTS files_by_state ON files (session_id, state);
+DROP INDEX IF EXISTS files_by_state;
+CREATE INDEX IF NOT EXISTS files_by_change ON files (session_id, state, changed_s);
+CREATE INDEX IF NOT EXISTS files_by_cycle ON files (session_id, pose_id, cycle);
 CREATE TABLE IF NOT EXISTS poses (
     session_id TEXT NOT NULL, pose_id TEXT NOT NULL, body TEXT NOT NULL,
     PRIMARY KEY (session_id, pose_id)
@@ -97,10 +99,15 @@ class Journal:
         """Return every file's entry by its name."""
         return {entry.name: entry for entry in self._select("session_id = ?", session_id)}
 
-    def in_state(self, session_id: str, *states: State) -> list[Entry]:
-        """Return the entries in these states, in the order in which they got there."""
+    def in_state(self, session_id: str, *states: State, most: int = -1) -> list[Entry]:
+        """Return the entries in these states, in the order in which they got there; `most` of them, all for -1."""
         marks = ", ".join("?" * len(states))
-        return self._select(f"session_id = ? AND state IN ({marks}) ORDER BY changed_s", session_id, *states)
+        where = f"session_id = ? AND state IN ({marks}) ORDER BY changed_s LIMIT {most:d}"
+        return self._select(where, session_id, *states)
+
+    def has_state(self, session_id: str, *states: State) -> bool:
+        """Return whether an entry is in one of these states."""
+        return bool(self.in_state(session_id, *states, most=1))
 
     def find_image(self, session_id: str, pose_id: str, sha256: str) -> Entry | None:
         """Return an entry of this image at this pose that the service has stored, under whatever name."""
@@ -132,9 +139,12 @@ class Journal:
     def last_cycle(self, session_id: str, pose_id: str) -> int:
         """Return the highest cycle of a pose, 0 for none."""
         with self._reading() as connection:
-            query = "SELECT max(cycle) FROM files WHERE session_id = ? AND pose_id = ? AND state != 'refused'"
-            (highest,) = connection.execute(query, (session_id, pose_id)).fetchone()
-        return int(highest or 0)
+            query = (
+                "SELECT cycle FROM files WHERE session_id = ? AND pose_id = ? AND state != 'refused' "
+                "ORDER BY cycle DESC LIMIT 1"
+            )
+            row = connection.execute(query, (session_id, pose_id)).fetchone()
+        return 0 if row is None else int(row[0] or 0)
 
     def forget(self, session_id: str, names: list[str]) -> None:
         """Remove entries, so that their files are sent again."""
@@ -221,9 +231,10 @@ def _connect(path: Path) -> sqlite3.Connection:
     """Open the file for this process alone; raises sqlite3.DatabaseError where it is locked or damaged."""
     connection = sqlite3.connect(path, timeout=0.5, check_same_thread=False)
     try:
-        # A rollback journal and a lock kept for the whole run: the plainest way through a power cut, and no
-        # shared memory. FULL: a row that was committed is on the disk.
+        # A lock kept for the whole run, and so a write-ahead log without shared memory. FULL: a row that was committed
+        # is on the disk, by one sync, where a rollback journal needs four.
         connection.execute("PRAGMA locking_mode = EXCLUSIVE")
+        connection.execute("PRAGMA journal_mode = WAL")
         connection.execute("PRAGMA synchronous = FULL")
         connection.execute("BEGIN EXCLUSIVE")
         connection.execute("COMMIT")  # the lock stays, by the locking mode

@@ -4,6 +4,8 @@ next view.
 
 from __future__ import annotations
 
+import threading
+
 from ..http import ClientError, Json
 from ..summary import is_measured
 from .delivery import SessionRun
@@ -55,6 +57,8 @@ def wants_bursts(measurement: Json) -> bool:
 class NextViewLine:
     """Asks the service for the most informative next view and prints it, once where it has not changed.
 
+    An answer is a computation, which may take longer than many results: it is waited for in a thread of its own.
+
     Parameters
     ----------
     run
@@ -66,8 +70,26 @@ class NextViewLine:
     def __init__(self, run: SessionRun, purpose: str) -> None:
         self._run, self._purpose = run, purpose
         self._said = ""
+        self._wanted = threading.Event()
+        self._asking = threading.Lock()
 
-    def ask(self) -> None:
+    def want(self) -> None:
+        """Have it asked for, once for all results that come before the answer to an earlier question."""
+        self._wanted.set()
+
+    def is_pending(self) -> bool:
+        """Return whether it is wanted or being asked for."""
+        return self._wanted.is_set() or self._asking.locked()
+
+    def work(self, ended: threading.Event) -> None:
+        """Ask whenever it is wanted, until `ended` is set."""
+        while not ended.is_set():
+            if self._wanted.wait(0.2):
+                with self._asking:
+                    self._wanted.clear()
+                    self._ask()
+
+    def _ask(self) -> None:
         """Ask once. A session that cannot be planned from yet gives the service's advice; an outage waits for the next
         image.
         """

@@ -33,17 +33,20 @@ class Results:
         self._run = run
         self._on_failed = on_failed
         self._said_bursts = False
+        self._news = False
         purpose = run.settings.next_view
-        self._next_view = None if purpose is None else NextViewLine(run, purpose)
+        self.next_view = None if purpose is None else NextViewLine(run, purpose)
 
-    def pending(self) -> int:
-        """Return how many stored images have no result, or one that was not acted on."""
-        return len(self._run.journal.in_state(self._run.session_id, "stored", "measured", "failed"))
+    def pending(self) -> bool:
+        """Return whether a stored image has no result, or one that was not acted on, or the next view is not known."""
+        if self.next_view is not None and (self._news or self.next_view.is_pending()):
+            return True
+        return self._run.journal.has_state(self._run.session_id, "stored", "measured", "failed")
 
     def follow(self, gate: Gate, stop: threading.Event) -> None:
         """Ask for results, the oldest first, and act on them. Raises JournalUnusable."""
-        unfinished, measured = 0, False
-        for entry in self._run.journal.in_state(self._run.session_id, "stored")[:_ROUND]:
+        unfinished = 0
+        for entry in self._run.journal.in_state(self._run.session_id, "stored", most=_ROUND):
             if unfinished >= _UNFINISHED_IN_A_ROUND or not gate.enter(stop):
                 break
             try:
@@ -72,16 +75,15 @@ class Results:
             if measurement["status"] not in ("succeeded", "failed"):
                 unfinished += 1
                 continue
-            measured |= self._take(entry, measurement)
-        if measured and self._next_view is not None:
-            self._next_view.ask()
+            self._take(entry, measurement)
+        if self._news and self.next_view is not None:
+            self.next_view.want()
+        self._news = False
         for entry in self._run.journal.in_state(self._run.session_id, "measured", "failed"):
             self._settle(entry)
 
-    def _take(self, entry: Entry, measurement: Json) -> bool:
-        """Print a result and hand it to the user's command, then enter it in the journal: at least once. Return whether
-        the image was measured.
-        """
+    def _take(self, entry: Entry, measurement: Json) -> None:
+        """Print a result and hand it to the user's command, then enter it in the journal: at least once."""
         good = is_measured(measurement)
         if self._run.settings.live:
             self._run.report.say(describe_result(entry.name, measurement))
@@ -93,9 +95,12 @@ class Results:
         self._run.report.count("measured" if good else "failed")
         if not good:
             self._on_failed()
+        self._news |= good
         failure = measurement["failure"] or {}
-        self._finish(entry, "measured" if good else "failed", None if good else failure.get("code"))
-        return good
+        state: State = "measured" if good else "failed"
+        if self._run.settings.after == "keep":
+            state = "done"
+        self._finish(entry, state, None if good else failure.get("code"))
 
     def _run_command(self, command: str, entry: Entry, measurement: Json) -> None:
         path = self._run.settings.folder / entry.name

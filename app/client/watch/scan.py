@@ -10,14 +10,21 @@ from pathlib import Path
 
 from ..files import SUFFIXES, natural_key
 
+_SUFFIXES = tuple(SUFFIXES)
+
 
 @dataclass(frozen=True, slots=True)
 class Found:
-    """An image file as it lies there. `name` is the path below the folder, with `/`."""
+    """An image file as it lies there. `place` is its path, `name` the path below the folder, with `/`."""
 
-    path: Path
+    place: str
     name: str
     signature: str
+
+    @property
+    def path(self) -> Path:
+        """The place as a path, made where it is needed: a folder of many files is listed all the time."""
+        return Path(self.place)
 
 
 @dataclass(slots=True)
@@ -84,10 +91,11 @@ def _sort_in(
         if marker is not None and entry.name.endswith(marker):
             listing.markers.add(name.removesuffix(marker))
             return
-        path = Path(entry.path)
-        if path.suffix.lower() in SUFFIXES:
+        if entry.name.lower().endswith(_SUFFIXES):
             name.encode("utf-8")
-            listing.images.append(Found(path, name, signature_of(path.stat())))
+            # Not `entry.stat()`: on Windows it has no identity, and the size of a file being written is an old one.
+            status = os.stat(entry.path)  # noqa: PTH116 - a path of each of 20,000 files takes longer than the look
+            listing.images.append(Found(entry.path, name, signature_of(status)))
     except FileNotFoundError:
         return  # it was moved or deleted meanwhile
     except UnicodeEncodeError:

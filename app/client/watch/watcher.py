@@ -110,6 +110,8 @@ class Watcher:
         tasks = [work.sending.work] * self._settings.parallel
         if self._settings.needs_results:
             tasks.append(partial(self._follow_results, work))
+        if work.results.next_view is not None:
+            tasks.append(work.results.next_view.work)
         threads = [threading.Thread(target=self._guarded, args=(task, ended), daemon=True) for task in tasks]
         for thread in threads:
             thread.start()

@@ -100,6 +100,7 @@ def test_it_ends_in_order_and_says_so(cell: WatchedCell) -> None:
 @pytest.mark.parametrize(
     "files",
     [
+        pytest.param(300, id="short"),
         pytest.param(1_200, id="long", marks=pytest.mark.slow),
         pytest.param(3_000, id="longer", marks=pytest.mark.soak),
         pytest.param(20_000, id="longest", marks=pytest.mark.soak),

@@ -53,11 +53,11 @@ def test_what_is_of_no_known_format_is_for_the_service_to_judge() -> None:
 def test_a_file_stands_still_after_two_looks_and_its_time() -> None:
     now = [0.0]
     settling = Settling(2.0, lambda: now[0])
-    first = Found(Path("a.png"), "a.png", "10:1:1")
+    first = Found("a.png", "a.png", "10:1:1")
     assert list(settling.still([first])) == []
     now[0] = 1.9
     assert list(settling.still([first])) == []
-    grown = Found(Path("a.png"), "a.png", "20:2:1")
+    grown = Found("a.png", "a.png", "20:2:1")
     now[0] = 2.5
     assert list(settling.still([grown])) == []
     now[0] = 4.6
