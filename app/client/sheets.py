@@ -1,7 +1,7 @@
 """Ids of printed sheets (`gp-5d49aa3e`), by which `--target sheet:ID` finds a target of the service.
 
-A sheet's id is a hash of its pattern. It is computed here of what the service has, without a picture; the program that
-prints has it of the pictures themselves, and a test compares both.
+A sheet's id is a hash of its pattern. It is computed here of what the service has, without drawing; the program that
+prints has it of the drawn pattern itself, and a test compares both.
 """
 
 from __future__ import annotations
