@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from app.cli.robots.model_files import Model, write_urdf
+from app.analyses.documents.robot_files.model_files import Model, write_urdf
 from app.markup import comment_text, element_text, legal_text, quoted_attribute
 from app.printing import draw_sheet, to_pdf, to_svg
 from app.reports.camera_plots.residual_map import residuals_svg

@@ -7,6 +7,7 @@ from typing import Any
 
 import sqlalchemy as sa
 
+from app.analyses.documents.robot_files import exports_of
 from app.analyses.inputs.change_token import read_change_token
 from app.analyses.outcome import AnalysisRefused
 from app.analyses.reporting.inputs import inputs_hash, read_inputs
@@ -61,7 +62,8 @@ def make_report(database: Database, order: ReportOrder) -> MadeReport:
         "inputs": inputs,
     }
     try:
-        forms = render_forms(document, _drawings(loaded, order.kind, source), order.template)
+        drawings = _drawings(loaded, order.kind, source)
+        forms = render_forms(document, drawings, order.template, _exports(document))
     except RenderingFailed as error:
         raise Conflict(
             f"The PDF of the report cannot be drawn: {error}",
@@ -69,6 +71,14 @@ def make_report(database: Database, order: ReportOrder) -> MadeReport:
             code="report_not_drawable",
         ) from error
     return MadeReport(forms, core_version(), inputs_sha256)
+
+
+def _exports(document: dict[str, Any]) -> dict[str, str]:
+    """Return the files for other programs that the PDF of a report on kinematics carries."""
+    if document["kind"] != "kinematics":
+        return {}
+    inputs = document["inputs"]
+    return exports_of(document["analyses"]["dh"], inputs["robot"], inputs["session"]["name"])
 
 
 def source_of(database: Database, session_id: str) -> str:

@@ -11,10 +11,18 @@ from typing import Annotated
 import typer
 from rich.markup import escape
 
+from app.analyses.documents.robot_files import (
+    WRITERS,
+    Model,
+    NoTerms,
+    names_of,
+    ranges_of,
+    write_angle_table,
+    write_terms_csv,
+    write_terms_json,
+)
 from app.cli.console import OptionRefused, error_console, print_error
 from app.cli.options.access import ReadAccess
-from app.cli.robots.error_terms import NoTerms, write_angle_table, write_terms_csv, write_terms_json
-from app.cli.robots.model_files import WRITERS, Model
 from app.client import ClientError, Json, ServiceClient, find_session
 
 
@@ -201,20 +209,11 @@ def _names(text: str | None, stored: Sequence[str | None]) -> tuple[str, ...]:
     """Return the given names, else the robot's own; a joint without a name gets its number."""
     count = len(stored)
     if text is None:
-        return tuple(
-            name if name is not None else _unused_name(f"joint_{i}", stored)
-            for i, name in enumerate(stored, 1)
-        )
+        return names_of(stored)
     given = tuple(part.strip() for part in text.split(","))
     if len(given) != count or len(set(given)) != count or not all(given):
         raise OptionRefused(f"--joint-names needs {count} different names, separated by commas.")
     return given
-
-
-def _unused_name(name: str, others: Sequence[str | None]) -> str:
-    while name in others:
-        name += "_"
-    return name
 
 
 def _limits(
@@ -222,7 +221,7 @@ def _limits(
 ) -> tuple[tuple[float, float] | None, ...]:
     """Return the given limits (low, high) in degrees, else the robot's own; None for continuous joints."""
     if text is None:
-        return tuple(None if low is None or high is None else (low, high) for low, high in stored)
+        return ranges_of(stored)
     limits = []
     for part in text.split(","):
         low, colon, high = part.partition(":")

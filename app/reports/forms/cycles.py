@@ -25,16 +25,21 @@ def drift_blocks(found: Json) -> list[Block]:
                 for value, u in zip(one["shift_mm"], one["shift_standard_uncertainty_mm"], strict=True)
             ),
             number(one["shift_distance_mm"], max(one["shift_standard_uncertainty_mm"])),
+            number(max(one["shift_standard_uncertainty_mm"]), max(one["shift_standard_uncertainty_mm"])),
             number(one["drp_mm"]),
             number(one.get("dap_mm"), one.get("dap_standard_uncertainty_mm")),
             number(one["duration_h"]),
         ]
         for one in found["drift"]["poses"]
     ]
-    columns = ("pose", "x, mm", "y, mm", "z, mm", "length, mm", "dRP_l, mm", "dAP_p, mm", "over, h")
+    columns = ("pose", "x, mm", "y, mm", "z, mm", "length, mm", "u, mm", "dRP_l, mm", "dAP_p, mm", "over, h")
     return [
         heading("Drift (7.6)"),
-        *table("Shift of the mean pose from the first block of cycles to the last", columns, rows),
+        *table(
+            "Shift of the mean pose from the first block of cycles to the last; u: of the least certain axis",
+            columns,
+            rows,
+        ),
     ]
 
 

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from datetime import datetime
+from datetime import date, datetime
 from typing import Any
 
+from app.records.ids import moment_of
 from app.reports.forms.blocks import Block, facts, heading, paragraph
 
 Json = Mapping[str, Any]
@@ -23,7 +24,7 @@ def opening_blocks(document: Json) -> list[Block]:
             ("serial number", robot["serial_number"]),
         ]
     rows += [
-        ("measured", _period(subject["first_captured_at"], subject["last_captured_at"])),
+        ("measured", _measured(document)),
         ("poses from", "images" if document["source"] == "images" else "another instrument"),
         ("qualification", _qualified(subject.get("qualification"), document["made_at"])),
     ]
@@ -64,7 +65,8 @@ def closing_blocks(document: Json) -> list[Block]:
         heading("Provenance"),
         facts(rows),
         paragraph(
-            "Every figure is from stored values. The attached report.json (the form JSON of this report) has all "
+            "The figures hold for what was measured, at these poses and under these conditions. Every figure is from "
+            "stored values. The attached report.json (the form JSON of this report) has all "
             "figures in full and names every image by its SHA-256. The detached signature covers the hash of each "
             "form: `gridpose report verify FILE` checks a file, and GET /v1/reports/{id}/verify computes all figures "
             "again from the originals."
@@ -117,9 +119,22 @@ def _with_unit(value: float | None, unit: str) -> str | None:
     return None if value is None else f"{value:g} {unit}"
 
 
-def _period(first: str | None, last: str | None) -> str | None:
-    if first is None or last is None:
-        return None
+def measuring_days(document: Json) -> tuple[date, date]:
+    """Return the first and the last day of measuring: those stated, else those on which measurements arrived."""
+    subject, inputs = document["subject"], document["inputs"]
+    if subject["first_captured_at"] is not None:
+        days = [datetime.fromisoformat(subject[f"{end}_captured_at"]).date() for end in ("first", "last")]
+    else:
+        ids = [one["measurement_id"] for one in (*inputs["images"], *inputs["measured_poses"])]
+        days = [moment_of(one).date() for one in ids]
+    return min(days), max(days)
+
+
+def _measured(document: Json) -> str:
+    first, last = (document["subject"][f"{end}_captured_at"] for end in ("first", "last"))
+    if first is None:
+        days = dict.fromkeys(day.isoformat() for day in measuring_days(document))
+        return f"not stated; measurements arrived {' to '.join(days)}"
     return _moment(first) if first == last else f"{_moment(first)} to {_moment(last)}"
 
 

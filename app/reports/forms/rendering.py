@@ -10,6 +10,7 @@ from collections.abc import Mapping
 from datetime import datetime
 from functools import cache
 from importlib import resources
+from types import MappingProxyType
 from typing import Any, Literal
 
 import jinja2
@@ -55,11 +56,14 @@ class RenderingFailed(Exception):
 
 
 def render_forms(
-    document: Mapping[str, Any], drawings: Mapping[str, str], template: CompanyTemplate
+    document: Mapping[str, Any],
+    drawings: Mapping[str, str],
+    template: CompanyTemplate,
+    exports: Mapping[str, str] = MappingProxyType({}),
 ) -> dict[str, bytes]:
     """Return the forms json, html, pdf, csv of a report, and xml of one that can be a calibration certificate.
 
-    `drawings` are SVG documents by name. Raises RenderingFailed.
+    `drawings` are SVG documents by name, `exports` text files by name that the PDF carries. Raises RenderingFailed.
     """
     text = (json.dumps(document, ensure_ascii=False, indent=1, allow_nan=False) + "\n").encode()
     json_sha256 = hashlib.sha256(text).hexdigest()
@@ -69,7 +73,9 @@ def render_forms(
     return {
         "json": text,
         "html": _html(head, blocks, template),
-        "pdf": _pdf(head, blocks, template, text, document),
+        "pdf": _pdf(
+            head, blocks, template, {"attached": text.decode(), "exports": json.dumps(dict(exports))}, document
+        ),
         "csv": figures_csv(document),
         **({} if certificate is None else {"xml": certificate}),
     }
@@ -146,7 +152,7 @@ def _pdf(
     head: Mapping[str, Any],
     blocks: list[Block],
     template: CompanyTemplate,
-    attached: bytes,
+    carried: Mapping[str, str],
     document: Mapping[str, Any],
 ) -> bytes:
     import typst  # 47 MB that only the process that draws loads
@@ -166,7 +172,7 @@ def _pdf(
         "logo_is_svg": template.logo_is_svg,
         "blocks": drawn,
     }
-    inputs = {"report": legal_text(json.dumps(values, ensure_ascii=False)), "attached": attached.decode()}
+    inputs = {"report": legal_text(json.dumps(values, ensure_ascii=False)), **carried}
     try:
         return bytes(
             typst.compile(

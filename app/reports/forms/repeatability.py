@@ -41,6 +41,7 @@ def repeatability_blocks(found: Json, inputs: Json) -> list[Block]:
     level = f"{100.0 * found['confidence_level']:g} %"
     return [
         *_result(found, level),
+        *_instrument(found),
         *_poses(found, inputs),
         *_repeatability(found, level),
         *_accuracy(found, level),
@@ -102,6 +103,25 @@ def _result(found: Json, level: str) -> list[Block]:
                 )
             )
     return blocks
+
+
+def _instrument(found: Json) -> list[Block]:
+    """Return what was measured with: the camera that all images of a focus group give, and how."""
+    rows = [
+        [
+            group["focus_group"],
+            words(group["lens_model"]),
+            str(group["image_count"]),
+            number(group["intrinsics"]["fx_px"], group["standard_uncertainty"]["fx_px"]),
+            number(group["standard_uncertainty"]["fx_px"], group["standard_uncertainty"]["fx_px"]),
+            number(group["reduced_chi2"], places=3),
+        ]
+        for group in found["groups"]
+    ]
+    columns = ("focus group", "lens model", "images", "focal length, px", "u, px", "reduced χ²")
+    caption = f"Camera, from the images of the session itself; estimator: {words(found['estimator'])}"
+    found_blocks = table(caption, columns, rows, text_columns=2)
+    return [heading("Measuring instrument"), *found_blocks] if found_blocks else []
 
 
 def _poses(found: Json, inputs: Json) -> list[Block]:

@@ -86,6 +86,8 @@ def test_the_forms_hold_the_same_figures_and_no_markup_of_users(running: Api, ma
     assert f"repeatability,poses[P1].repeatability.rp_l_mm,{value},mm" in shown
     page = form(running, made, "html").decode()
     assert "<b>#sys" not in page
+    assert "Measuring instrument" in page
+    assert "not stated; measurements arrived 2" in page
     assert "http://" not in page.replace("http://www.w3.org", "")
     assert len(document["inputs"]["images"]) == 12
     assert form(running, made, "pdf").startswith(b"%PDF-")

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from app.cli.robots.error_terms import (
+from app.analyses.documents.robot_files.error_terms import (
     CURVE_COLUMNS,
     NoTerms,
     angles_to_command,
@@ -18,8 +18,8 @@ from app.cli.robots.error_terms import (
     write_terms_csv,
     write_terms_json,
 )
+from app.analyses.documents.robot_files.model_files import Model
 from app.cli.robots.export import statements
-from app.cli.robots.model_files import Model
 
 ANGLES = np.arange(-50.0, 51.0, 2.0)
 CURVE = 0.05 * np.sin(np.radians(3.0 * ANGLES))

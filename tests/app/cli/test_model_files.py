@@ -14,7 +14,7 @@ import yaml
 from pytransform3d.urdf import UrdfTransformManager
 from roboticstoolbox import DHRobot, ERobot
 
-from app.cli.robots.model_files import WRITERS, Model
+from app.analyses.documents.robot_files import WRITERS, Model, exports_of
 from core.geometry.se3 import so3_exp, transform
 from core.kinematics.dh import Chain, JointParameters, forward
 
@@ -176,3 +176,16 @@ def test_yaml_and_csv_hold_every_digit(beta: float | None) -> None:
     assert np.array_equal(forward(read, q), forward(chain(of), q))
     assert (rows[2]["nominal_a_mm"], rows[1]["nominal_a_mm"]) == ("", str(of.joints[1]["nominal"]["a_mm"]))
     assert rows[0]["u_beta_deg"] == ""
+
+
+def test_a_report_carries_the_files_that_can_express_the_robot() -> None:
+    document = model().document
+    robot = {"name": "KR5", "joints": [{"name": "joint_2"}, *[{} for _ in range(5)]]}
+    carried = exports_of(document, robot, "Cell 4")
+    assert set(carried) == {"robot.yaml", "robot.csv", "robot.urdf"}
+    names = [row["name"] for row in csv.DictReader(io.StringIO(carried["robot.csv"]))]
+    assert names[:3] == ["joint_2", "joint_2_", "joint_3"]
+    coupled = {**document, "joint_coupling": np.eye(6).tolist()}
+    assert set(exports_of(coupled, None, "Cell 4")) == {"robot.yaml"}
+    terms = {"joint_curves": [], "compliance": []}
+    assert set(exports_of({**coupled, "error_model": terms}, None, "Cell 4")) == {"robot.yaml", "terms.json"}

@@ -6,12 +6,11 @@ What neither the report nor the company's template states is written as not stat
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from datetime import date, datetime
 from typing import Any
 from xml.etree.ElementTree import Element
 
-from app.records.ids import moment_of
 from app.reports.forms.certificate.elements import NOT_STATED, element, named, plain, written
+from app.reports.forms.head import measuring_days
 
 Json = Mapping[str, Any]
 UNKNOWN_COUNTRY = "ZZ"
@@ -80,7 +79,7 @@ def _references() -> Element:
 
 
 def _core_data(document: Json, json_sha256: str, country: str, performed_at: str) -> Element:
-    begin, end = performed(document)
+    begin, end = measuring_days(document)
     return element(
         "dcc:coreData",
         plain("dcc:countryCodeISO3166_1", country),
@@ -105,17 +104,6 @@ def _core_data(document: Json, json_sha256: str, country: str, performed_at: str
         plain("dcc:performanceLocation", performed_at),
         plain("dcc:issueDate", document["made_at"][:10]),
     )
-
-
-def performed(document: Json) -> tuple[date, date]:
-    """Return the first and the last day of measuring: those stated, else those on which measurements arrived."""
-    subject, inputs = document["subject"], document["inputs"]
-    if subject["first_captured_at"] is not None:
-        days = [datetime.fromisoformat(subject[f"{end}_captured_at"]).date() for end in ("first", "last")]
-    else:
-        ids = [one["measurement_id"] for one in (*inputs["images"], *inputs["measured_poses"])]
-        days = [moment_of(one).date() for one in ids]
-    return min(days), max(days)
 
 
 def _of_item(document: Json) -> Sequence[tuple[str, Any]]:

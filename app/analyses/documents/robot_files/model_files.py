@@ -11,15 +11,16 @@ import io
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float
 
-from app.client import Json
 from app.markup import comment_text, quoted_attribute
 from core.geometry import rotation_to_rpy, so3_exp, transform
 from core.kinematics import link_transform
 
+Json = dict[str, Any]
 PARAMETERS = ("a_mm", "alpha_deg", "d_mm", "theta_offset_deg", "beta_deg")
 CSV_COLUMNS = (
     "joint",
@@ -46,6 +47,20 @@ class Model:
     def joints(self) -> Sequence[Json]:
         joints: Sequence[Json] = self.document["joints"]
         return joints
+
+
+def names_of(stored: Sequence[str | None]) -> tuple[str, ...]:
+    """Return the names of a robot's joints; one without a name gets its number."""
+    return tuple(
+        name if name is not None else _unused_name(f"joint_{i}", stored) for i, name in enumerate(stored, 1)
+    )
+
+
+def ranges_of(
+    stored: Sequence[tuple[float | None, float | None]],
+) -> tuple[tuple[float, float] | None, ...]:
+    """Return the ranges of a robot's joints, degrees; None for continuous ones."""
+    return tuple(None if low is None or high is None else (low, high) for low, high in stored)
 
 
 def write_urdf(model: Model) -> str:
@@ -169,6 +184,12 @@ WRITERS: dict[str, Callable[[Model], str]] = {
     "yaml": write_yaml,
     "csv": write_csv,
 }
+
+
+def _unused_name(name: str, others: Sequence[str | None]) -> str:
+    while name in others:
+        name += "_"
+    return name
 
 
 def _provenance(model: Model) -> list[str]:

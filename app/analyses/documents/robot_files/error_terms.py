@@ -15,8 +15,7 @@ from collections.abc import Iterator
 import numpy as np
 from jaxtyping import Float
 
-from app.cli.robots.model_files import Model
-from app.client import Json
+from app.analyses.documents.robot_files.model_files import Json, Model
 
 CURVE_COLUMNS = ("term", "joint", "name", "axis", "angle_deg", "value", "standard_uncertainty", "unit")
 TABLE_COLUMNS = (
