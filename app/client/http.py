@@ -20,6 +20,7 @@ from .closing import Closing
 Json = dict[str, Any]
 
 _BUSY_STATUSES = frozenset({408, 425, 429, 502, 503, 504, 507})
+_UNAUTHORIZED = 401
 _LAST_PORT = 65535
 _PAGE = 500
 _MISSING_CHUNK = 1000
@@ -261,7 +262,11 @@ class ServiceClient(Closing):
         assert response is not None
         if response.is_success:
             return response
-        raise _refusal(response)
+        refusal = _refusal(response)
+        if refusal.status == _UNAUTHORIZED and "authorization" not in self._http.headers:
+            ways = "or give the key by GRIDPOSE_KEY, GRIDPOSE_KEY_FILE or --api-key-file"
+            refusal.advice = f"Sign in once with `gridpose login --url {self.url}`, {ways}."
+        raise refusal
 
 
 def _pause_s(response: httpx2.Response) -> float | None:

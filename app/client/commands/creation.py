@@ -27,7 +27,7 @@ BodyFile = Annotated[
 AcceptImplausible = Annotated[
     bool,
     typer.Option(
-        "--accept-implausible", help="Make it even if lengths look like metres, angles like radians."
+        "--accept-implausible", help="Take values even if lengths look like metres, angles like radians."
     ),
 ]
 

@@ -19,6 +19,7 @@ from pathlib import Path, PurePosixPath
 from typing import Any
 
 from ..pose_rows import RowError, decoded, delimiter_of, pose_of_cells
+from ..pose_units import implausible_unit
 
 SIDECARS = (".json", ".csv")
 TABLE = "poses.csv"
@@ -136,6 +137,13 @@ def read_table(path: Path) -> PoseTable:
                 table.commands[metadata.pose_id] = {**metadata.command, **joints}
         except RowError as error:
             table.errors.append(f"{path.name}, line {line}: {error}")
+    rows_of_images = (
+        {"joint_angles_deg": row.joint_angles_deg, **row.command} for row in table.images.values()
+    )
+    if suspected := implausible_unit([*table.commands.values(), *rows_of_images]):
+        table.errors.append(
+            f"{path.name}: {suspected}; they are taken as they are, correct the table if they are not"
+        )
     return table
 
 

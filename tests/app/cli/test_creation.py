@@ -12,6 +12,7 @@ from typer.testing import CliRunner, Result
 
 from app.cli.main import app
 from app.client.commands.robots.known import KNOWN
+from app.client.watch.metadata import read_table
 from tests.support.service.service import ApiMaker
 
 BOARD = ("--kind", "chessboard", "--columns", "9", "--rows", "6", "--pitch-mm", "25")
@@ -208,6 +209,45 @@ def test_poses_are_loaded_from_json_and_replaced_whole(served: Any, tmp_path: Pa
     stored = poses_of(served, session)
     assert (stored["P1"]["joint_angles_deg"], stored["P1"]["pitch_deg"]) == (None, 4.0)
     assert stored["P2"]["roll_deg"] == 3.0
+
+
+@pytest.mark.parametrize(
+    ("table", "unit"),
+    [
+        ("pose_id,x_mm,y_mm,z_mm\nP1,0.4,0.1,0.5\nP2,0.5,-0.1,0.5\n", "metres"),
+        ("pose_id,j1_deg,j2_deg\nP1,0,-1.5708\nP2,0.2,-1.2\n", "radians"),
+        ("pose_id,roll_deg,pitch_deg,yaw_deg\nP1,3.14159,0,0\nP2,3.14159,0,0.3\n", "radians"),
+    ],
+)
+def test_a_table_in_another_unit_is_refused_unless_insisted_on(
+    served: Any, tmp_path: Path, table: str, unit: str
+) -> None:
+    session = served.make_session()
+    file = tmp_path / "poses.csv"
+    file.write_text(table, encoding="utf-8")
+    load = ("poses", "load", str(file), "--session", session)
+    refused = gridpose(served, *load, code=2)
+    assert unit in refused.stderr
+    assert "--accept-implausible" in refused.stderr
+    assert poses_of(served, session) == {}
+    gridpose(served, *load, "--accept-implausible")
+    assert set(poses_of(served, session)) == {"P1", "P2"}
+    assert unit in read_table(file).errors[0], "the watcher says so, too"
+
+
+@pytest.mark.parametrize(
+    "table",
+    [
+        "pose_id,x_mm,y_mm,z_mm\nP1,0,0,0\nP2,0,0,0\n",
+        "pose_id,x_mm,y_mm,z_mm\nP1,1,2,3\n",
+        "pose_id,x_mm,y_mm,z_mm,yaw_deg\nP1,1,2,3,2\nP2,400,2,3,2.5\n",
+        "pose_id,j1_deg,j2_deg\nP1,0,1.5\nP2,30,-1\n",
+    ],
+)
+def test_plausible_tables_are_taken(tmp_path: Path, table: str) -> None:
+    file = tmp_path / "poses.csv"
+    file.write_text(table, encoding="utf-8")
+    assert read_table(file).errors == []
 
 
 @pytest.mark.parametrize(

@@ -111,6 +111,25 @@ def test_an_address_or_a_key_that_cannot_be_is_said_to_be_that(url: str, key: st
     assert caught.value.advice
 
 
+@pytest.mark.parametrize(
+    ("key", "advice"), [(None, "gridpose login --url http://cell"), ("gp_a_b", "Bearer")]
+)
+def test_who_sends_no_key_is_told_how_to_give_one(key: str | None, advice: str) -> None:
+    problem = {
+        "code": "not_authenticated",
+        "title": "No key",
+        "advice": "Send it as `Authorization: Bearer KEY`.",
+    }
+    line = Line(httpx2.Response(401, json=problem))
+    transport = httpx2.MockTransport(line)
+    with (
+        ServiceClient("http://cell", key, transport=transport) as client,
+        pytest.raises(ClientError) as caught,
+    ):
+        client.get("/v1/sessions")
+    assert advice in (caught.value.advice or "")
+
+
 def test_what_this_side_gets_wrong_is_not_repeated() -> None:
     line = Line(httpx2.LocalProtocolError("Illegal header value"), httpx2.Response(200, json={}))
     with line.client() as client, pytest.raises(ClientError, match="Illegal header value"):

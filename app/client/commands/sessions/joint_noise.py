@@ -52,7 +52,8 @@ def print_joint_noise(found: Json) -> None:
     held_out = found["scatter_validation"]
     console.print(
         f"held-out poses scatter {held_out['scatter_ratio']:.2f} times as predicted; log-likelihood "
-        f"{held_out['log_likelihood_gain']:+.1f} over one covariance for all poses"
+        f"{held_out['log_likelihood_gain']:+.1f} ± {held_out['log_likelihood_gain_standard_error']:.1f} over one "
+        "covariance for all poses"
     )
     for predicted in found["predictions"]:
         console.print(f"at {_angles(predicted)}: {_repeatability(predicted)}")

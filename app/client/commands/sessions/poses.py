@@ -9,7 +9,9 @@ import typer
 
 from ... import ClientError, Json, ServiceClient, find_session
 from ...pose_rows import POSE_COLUMNS, POSE_FIELDS, RowError, pose_of_cells
+from ...pose_units import implausible_unit
 from ..access import UploadAccess
+from ..creation import AcceptImplausible
 from ..record_files import Delimiter, FileFormat, FileRefused, Record, Records, as_delimiter, read_records
 
 
@@ -21,6 +23,7 @@ def load(
     service: UploadAccess,
     file_format: FileFormat = None,
     delimiter: Delimiter = None,
+    accept_implausible: AcceptImplausible = False,
 ) -> int:
     """Store the commanded poses of a file in a session, all or none; a pose that is there is replaced whole.
 
@@ -33,6 +36,12 @@ def load(
         poses = [_pose(record, records) for record in records.entries]
         if not poses:
             raise FileRefused("The file holds no poses.", f"Write one pose per line under {POSE_COLUMNS}.")
+        suspected = None if accept_implausible else implausible_unit(poses)
+        if suspected is not None:
+            raise FileRefused(
+                f"In {file.name} the {suspected}. (implausible_unit)",
+                "Lengths are mm and angles degrees. If they are right, give --accept-implausible.",
+            )
         session_id = find_session(client, session)["id"]
         try:
             client.put_poses(session_id, poses)
