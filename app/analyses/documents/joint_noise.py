@@ -36,6 +36,7 @@ def joint_noise_findings(data: SessionData, settings: Mapping[str, str]) -> Find
             "rp_log_expected": found.held_out.rp_log_expected,
             "constant_rp_log_rms": found.held_out.constant_rp_log_rms,
             "log_likelihood_gain": found.held_out.log_likelihood_gain,
+            "log_likelihood_gain_standard_error": found.held_out.log_likelihood_gain_standard_error,
             "supported": found.held_out.supported,
         },
         "poses": [

@@ -85,14 +85,14 @@ class JointNoise:
         return np.sqrt(np.maximum(self.variances - half, 0.0)), np.sqrt(self.variances + half)
 
 
-def fit_joint_noise(seen: PoseScatters) -> JointNoise:
-    """Fit the variances of the joints, and of what is left, to the scatter of poses.
+def fit_joint_noise(seen: PoseScatters, *, rejecting: bool = True) -> JointNoise:
+    """Fit the variances of the joints, and of what is left, to the scatter of poses; `rejecting` looks for outliers.
 
     Raises TooFewPoses where the visits of fewer than `MIN_POSES` poses agree.
     """
     dropped = np.zeros(len(seen.deviations), dtype=np.bool_)
     found = _fitted(seen)
-    for _ in range(_MAX_ROUNDS):
+    for _ in range(_MAX_ROUNDS if rejecting else 0):
         far = _outlying(seen, dropped, found)
         if np.array_equal(far, dropped):
             break

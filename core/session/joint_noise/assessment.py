@@ -140,7 +140,8 @@ def _warnings(noise: JointNoise, seen: PoseScatters, held_out: HeldOutScatter) -
         found.append(
             Advisory(
                 "joint_noise_not_supported",
-                "At held-out poses one covariance for all poses predicts the scatter better than the joints' noise.",
+                "At held-out poses the joints' noise does not predict the scatter better than one covariance for all "
+                "poses does, by more than chance.",
                 "Measure ten poses or more, far apart in joint space, ten times each or more.",
             )
         )

@@ -96,6 +96,36 @@ def test_scatter_that_no_joint_makes_is_not_said_to_come_from_joints() -> None:
     assert np.all(predict_scatter(noise, seen.arm, seen.joint_angles).joint_share < 0.2)
 
 
+@pytest.mark.parametrize(
+    ("poses", "visits", "seeds"), [(10, 10, 60), pytest.param(6, 5, 400, marks=pytest.mark.slow)]
+)
+def test_joints_are_supported_by_chance_in_at_most_one_session_of_twenty(
+    poses: int, visits: int, seeds: int
+) -> None:
+    """No joint scatters: equal in all directions, and one ellipsoid for all poses."""
+    supported = np.zeros(2)
+    for seed in range(seeds):
+        _, data, _ = repeated_poses(
+            9000 + seed, poses=poses, visits=visits, joint_sigma=np.zeros(6), remaining_mm=0.02
+        )
+        rng = np.random.default_rng(seed)
+        long = rng.normal(size=(len(data.positions_mm), 1)) * rng.normal(size=3) * 0.05
+        for k, positions in enumerate((data.positions_mm, data.positions_mm + long)):
+            seen = gather_scatters(replace(data, positions_mm=positions), KR5_ARC)
+            supported[k] += validate_joint_noise(seen, fit_joint_noise(seen)).supported
+    print(f"{poses} poses x {visits} visits: supported without joint noise {supported / seeds}")
+    assert np.all(supported <= 0.05 * seeds + 2.5 * math.sqrt(0.05 * 0.95 * seeds))
+
+
+def test_joint_noise_is_supported_by_six_poses_of_five_visits() -> None:
+    runs = 20
+    found = 0
+    for seed in range(runs):
+        seen = gather_scatters(repeated_poses(9500 + seed, poses=6, visits=5)[1], KR5_ARC)
+        found += validate_joint_noise(seen, fit_joint_noise(seen)).supported
+    assert found >= 0.8 * runs
+
+
 def test_the_worst_place_is_the_maps_largest_and_within_the_limits() -> None:
     _, data, _ = repeated_poses(14, poses=6, visits=10)
     seen = gather_scatters(data, KR5_ARC)

@@ -51,9 +51,16 @@ class ScatterValidation(ResponseModel):
         float, Field(description="The same, of one covariance for all poses in place of the joints' noise.")
     ]
     log_likelihood_gain: Annotated[
-        float, Field(description="Of the joints' noise over one covariance for all poses.")
+        float,
+        Field(
+            description="Of the joints' noise over one covariance for all poses, free or equal in all directions, "
+            "whichever predicts better."
+        ),
     ]
-    supported: Annotated[bool, Field(description="Whether the gain is positive.")]
+    log_likelihood_gain_standard_error: Annotated[
+        float, Field(description="Standard error of the gain, from the gains of the single poses.")
+    ]
+    supported: Annotated[bool, Field(description="Whether the gain is more than its standard error.")]
 
 
 class Ellipsoid(ResponseModel):
