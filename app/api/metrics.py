@@ -43,12 +43,20 @@ class Metrics:
             registry=self.registry,
             buckets=(0.002, 0.005, 0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1, 2, 5, 10),
         )
+        self._of_kind: dict[tuple[str, str, int], tuple[Counter, Histogram]] = {}
+        """What was looked up once by method, route and status, which are few."""
 
     def request_done(self, method: str, route: str, status: int, duration_s: float) -> None:
         """Count one request; the route's pattern, never the address itself, so that labels stay few."""
         method = method if method in _METHODS else "OTHER"
-        self._requests.labels(method, route, str(status)).inc()
-        self._durations.labels(method, route).observe(duration_s)
+        found = self._of_kind.get((method, route, status))
+        if found is None:
+            found = self._of_kind[method, route, status] = (
+                self._requests.labels(method, route, str(status)),
+                self._durations.labels(method, route),
+            )
+        found[0].inc()
+        found[1].observe(duration_s)
 
     def watch(
         self, installation: ServiceContext, runner: JobRunner | None, analyses: AnalysisService

@@ -25,6 +25,7 @@ from app.records.tables import Measurement, Pose
 from app.services.measurements import MeasurementDetail, NewMeasurement
 from app.services.sessions import SessionDetail
 
+_ENCODER = json.JSONEncoder(ensure_ascii=False, separators=(",", ":"))
 _PLAIN_FIGURES = (
     "edge_width_px",
     "motion_blur_px",
@@ -126,7 +127,7 @@ def new_measurement_json(new: NewMeasurement) -> bytes:
     for name in ("captured_at", "received_at"):
         moment = row[name]
         values[name] = moment.isoformat().replace("+00:00", "Z") if moment is not None else None
-    return json.dumps(values, ensure_ascii=False, separators=(",", ":")).encode()
+    return _ENCODER.encode(values).encode()
 
 
 def _readable_document(view: MeasurementDetail, points: list[dict[str, Any]] | None) -> MeasurementRead:

@@ -177,24 +177,19 @@ def refuse_unknown_parameters(request: Request, known: Collection[str]) -> None:
 
 
 async def find_parents(request: Request) -> None:
-    """Raise NotFound for an id in the address that names nothing."""
+    """Raise NotFound for an id in the address that names nothing; of a session's own, keep `request.state.targets`."""
     named = [
         (table, request.path_params[name]) for name, table in _PARENTS.items() if name in request.path_params
     ]
     if named:
         service = await get_app_context(request)
         if [table for table, _ in named] == [Session]:
-            await get_targets(service.installation, named[0][1])
+            targets = recall_targets(service.installation, named[0][1])
+            if targets is None:  # a thread asks the database
+                targets = await run_in_threadpool(session_targets, service.installation, named[0][1])
+            request.state.targets = targets
             return
         await run_in_threadpool(_check_existence, service.installation, named)
-
-
-async def get_targets(installation: ServiceContext, session_id: str) -> tuple[str, ...]:
-    """Return the ids of a session's targets; a thread asks the database where they are not known. Raises NotFound."""
-    targets = recall_targets(installation, session_id)
-    if targets is None:
-        targets = await run_in_threadpool(session_targets, installation, session_id)
-    return targets
 
 
 def _check_existence(installation: ServiceContext, named: list[tuple[type[Table], str]]) -> None:

@@ -54,7 +54,7 @@ def write_once(path: Path, content: bytes, *, mode: int = 0o600) -> None:
     sync_folder(path.parent)
 
 
-def sync_folder(folder: Path) -> None:
+def sync_folder(folder: Path | str) -> None:
     """Make a rename within `folder` durable; Windows does so by itself and cannot open folders."""
     if os.name == "nt":
         return

@@ -66,7 +66,7 @@ class Blobs(Protocol):
         """Return whether anything stands under the original's name."""
         ...
 
-    def lock(self, sha256: str) -> AbstractContextManager[None]:
+    def lock(self, sha256: str) -> AbstractContextManager[object]:
         """Keep `publish` and its row on one side, `remove` on the other: never a row without its original."""
         ...
 

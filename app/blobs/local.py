@@ -15,10 +15,10 @@ import secrets
 import shutil
 import threading
 from collections.abc import Callable, Collection, Iterator
-from contextlib import contextmanager, suppress
+from contextlib import AbstractContextManager, contextmanager, suppress
+from functools import partial
 from io import FileIO
 from pathlib import Path
-from typing import BinaryIO
 
 import structlog
 
@@ -37,15 +37,15 @@ log = structlog.get_logger(__name__)
 class StagedBlob:
     """A file being received: hashed while it is written, not yet under its name; made when the first bytes come.
 
-    `ended` is called once with the path when nothing will be written to it any more.
+    `ended` is called once when nothing will be written to it any more.
     """
 
-    def __init__(self, path: Path, ended: Callable[[Path], None]) -> None:
-        self.path = path
+    def __init__(self, path: str, ended: Callable[[], None]) -> None:
+        self._path = path
         self.size = 0
         self._hash = hashlib.sha256()
         self._ended = ended
-        self._file: BinaryIO | None = None
+        self._file: FileIO | None = None
         self._content: bytes | None = None
         self._published = False
 
@@ -53,7 +53,7 @@ class StagedBlob:
         """Append `chunk`."""
         with map_storage_errors():
             if self._file is None:
-                self._file = self.path.open("xb", buffering=0)
+                self._file = FileIO(self._path, "x")
             rest = memoryview(chunk)
             while rest:
                 rest = rest[self._file.write(rest) :]
@@ -61,6 +61,11 @@ class StagedBlob:
         self._hash.update(chunk)
         self._content = chunk if self.size == 0 else None
         self.size += len(chunk)
+
+    @property
+    def path(self) -> Path:
+        """Where the file lies."""
+        return Path(self._path)
 
     @property
     def sha256(self) -> str:
@@ -84,9 +89,9 @@ class StagedBlob:
             os.fsync(self._file.fileno())
         self._file.close()
 
-    def move(self, target: Path) -> None:
+    def move(self, target: str) -> None:
         """Give the file its name, in place of any that has it."""
-        self.path.replace(target)
+        os.replace(self._path, target)  # noqa: PTH105 - each upload does
         self._published = True
 
     def discard(self) -> None:
@@ -96,11 +101,11 @@ class StagedBlob:
                 self._file.close()
             except OSError as error:
                 log.warning(
-                    "upload_not_closed", reason=errno.errorcode.get(error.errno or 0), path=str(self.path)
+                    "upload_not_closed", reason=errno.errorcode.get(error.errno or 0), path=self._path
                 )
             if not self._published:
                 remove_file(self.path)
-        self._ended(self.path)
+        self._ended()
 
 
 def original_path(root: Path, sha256: str) -> Path:
@@ -118,7 +123,7 @@ class LocalBlobs:
         self._incoming = root / "incoming"
         self._incoming.mkdir(parents=True, exist_ok=True)
         self._locks = tuple(threading.RLock() for _ in range(_STRIPES))
-        self._receiving: set[Path] = set()
+        self._receiving: set[str] = set()
 
     def path(self, sha256: str) -> Path:
         """Return where the original with this hash lies, or would lie."""
@@ -134,13 +139,13 @@ class LocalBlobs:
 
     def stage(self) -> StagedBlob:
         """Begin to receive a file."""
-        path = self._incoming / secrets.token_hex(16)
-        self._receiving.add(path)  # before there is a file, or the sweep could take it for one left over
-        return StagedBlob(path, self._receiving.discard)
+        name = secrets.token_hex(16)
+        self._receiving.add(name)  # before there is a file, or the sweep could take it for one left over
+        return StagedBlob(f"{self._root}/incoming/{name}", partial(self._receiving.discard, name))
 
     def is_there(self, sha256: str) -> bool:
         """Return whether there is a file of this name, whatever it holds."""
-        return os.path.exists(f"{self._root}/{sha256[:2]}/{sha256}")  # noqa: PTH110 - each upload asks
+        return os.path.exists(self._place(sha256))  # noqa: PTH110 - each upload asks
 
     def exists(self, sha256: str, size: int) -> bool:
         """Return whether the original is there, as long as it was when it came; its bytes are not read."""
@@ -159,34 +164,36 @@ class LocalBlobs:
 
     def publish(self, staged: StagedBlob) -> None:
         """Put a received file under its name; on return it survives a power cut."""
-        target = self.path(staged.sha256)
+        folder = f"{self._root}/{staged.sha256[:2]}"
         staged.flush()
         with map_storage_errors():
             try:
-                self._move(staged, target)
+                self._move(staged)
             except FileNotFoundError:  # a folder that was there at the start is gone
-                target.parent.mkdir(exist_ok=True)
-                sync_folder(self.root)
-                self._move(staged, target)
-            sync_folder(target.parent)
+                Path(folder).mkdir(exist_ok=True)
+                sync_folder(self._root)
+                self._move(staged)
+            sync_folder(folder)
 
-    def _move(self, staged: StagedBlob, target: Path) -> None:
+    def _place(self, sha256: str) -> str:
+        """Return what `path` does, as text: each upload needs it several times."""
+        return f"{self._root}/{sha256[:2]}/{sha256}"
+
+    def _move(self, staged: StagedBlob) -> None:
         try:
             # An identical file may be there already; replacing it is as good as keeping it, and surely whole.
-            staged.move(target)
+            staged.move(self._place(staged.sha256))
         except PermissionError:
             # Windows replaces no file that is open, as one that is being measured is.
             if not self.is_whole(staged.sha256, staged.size):
                 raise
 
-    @contextmanager
-    def lock(self, sha256: str) -> Iterator[None]:
+    def lock(self, sha256: str) -> AbstractContextManager[object]:
         """Keep `publish` and its row on one side, `remove` on the other: never a row without its file.
 
         One process at a time serves uploads from a data folder (`head.lock`), so a lock in memory is enough.
         """
-        with self._locks[self.stripe(sha256)]:
-            yield
+        return self._locks[self.stripe(sha256)]
 
     def stripe(self, sha256: str) -> int:
         """Return which lock is that of `sha256`; hashes of one stripe are locked together."""
@@ -234,9 +241,8 @@ class LocalBlobs:
         removed = 0
         with os.scandir(self._incoming) as entries:
             for entry in entries:
-                path = self._incoming / entry.name
-                if path not in self._receiving and entry.is_file(follow_symlinks=False):
-                    removed += remove_file(path)
+                if entry.name not in self._receiving and entry.is_file(follow_symlinks=False):
+                    removed += remove_file(self._incoming / entry.name)
         return removed
 
     def free_bytes(self) -> int:

@@ -15,7 +15,6 @@ from app.api.problems import invalid_request
 from app.api.responses import measurement_document, new_measurement_json
 from app.api.routing import (
     api_router,
-    get_targets,
     problem_responses,
     query_parameters,
     refuse_unknown_parameters,
@@ -159,7 +158,7 @@ async def put_image(
     measurements.require_cycle(cycle, burst)
     require_image_type(request)
     installation = service.installation
-    measurements.choose_target(await get_targets(installation, session_id), target_id)
+    measurements.choose_target(request.state.targets, target_id)
     if request.scope["query_string"]:
         refuse_unknown_parameters(request, query_parameters(request.scope["route"].dependant))
     if has_quota(request):

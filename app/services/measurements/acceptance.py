@@ -18,7 +18,7 @@ from app.jobs.validation import ImageInfo
 from app.records.activity import maker, note_objects
 from app.records.ids import is_id, new_id
 from app.records.statements import Rows, Statement
-from app.records.tables import Measurement, Session, SessionTarget
+from app.records.tables import Measurement, Pose, Session, SessionTarget
 from app.services.installation.context import ServiceContext
 from app.services.measurements.quota import count_upload
 from app.services.poses import ensure_pose
@@ -48,10 +48,20 @@ _SAME = Statement(
     )
 )
 _SIBLINGS = Statement(sa.select(_MEASUREMENTS.c.id).where(*_OF_IMAGE))
-_OF_HASH = Statement(
-    sa.select(_MEASUREMENTS.c.id).where(_MEASUREMENTS.c.sha256 == sa.bindparam("sha256")).limit(1)
+_KNOWN = Statement(
+    sa.select(
+        sa.exists().where(_MEASUREMENTS.c.sha256 == sa.bindparam("sha256")),
+        sa.exists().where(
+            Pose.session_id == sa.bindparam("session_id"), Pose.pose_id == sa.bindparam("pose_id")
+        ),
+    )
 )
-_COLUMNS = tuple(_MEASUREMENTS.c.keys())
+"""Whether any measurement is of this original, and whether the session knows the pose."""
+_COLUMNS = (
+    *("id", "session_id", "pose_id", "target_id", "seeks_target", "cycle", "burst", "focus_group"),
+    *("joint_angles_deg", "captured_at", "received_at", "sha256", "filename", "pose_label", "bytes"),
+    *("image_format", "image_width_px", "image_height_px", "status", "attempts", "made_by"),
+)
 _ADD = Statement(sa.insert(Measurement), _COLUMNS)
 
 
@@ -191,7 +201,9 @@ def accept(rows: Rows, image: ReceivedImage, metadata: Metadata) -> NewMeasureme
     session_id, pose_id, sha256 = image.session_id, image.pose_id, image.sha256
     intended = choose_target(read_targets(rows, session_id, lock=True), metadata.target_id)
     siblings: list[str] = []
-    elsewhere = rows.first(_OF_HASH, sha256=sha256) is not None
+    known = rows.first(_KNOWN, session_id=session_id, pose_id=pose_id, sha256=sha256)
+    assert known is not None
+    elsewhere, pose_is_known = known
     if elsewhere:
         first = find_same(rows, session_id, pose_id, sha256, intended)
         if first is not None:
@@ -199,16 +211,16 @@ def accept(rows: Rows, image: ReceivedImage, metadata: Metadata) -> NewMeasureme
         found = rows.all(_SIBLINGS, session_id=session_id, pose_id=pose_id, sha256=sha256)
         siblings = sorted(measurement_id for (measurement_id,) in found)
     count_upload(rows, image.size)
-    ensure_pose(rows, session_id, pose_id)
+    if not pose_is_known:
+        ensure_pose(rows, session_id, pose_id)
     row = _row(image, metadata, intended)
     rows.all(_ADD, **row)
     note_objects([row["id"]])
-    return NewMeasurement(row, siblings, elsewhere)
+    return NewMeasurement(row, siblings, bool(elsewhere))
 
 
 def _row(image: ReceivedImage, metadata: Metadata, intended: TargetChoice) -> dict[str, Any]:
     return {
-        **dict.fromkeys(_COLUMNS),
         "id": new_id("mea"),
         "session_id": image.session_id,
         "pose_id": image.pose_id,

@@ -191,21 +191,16 @@ def test_an_upload_that_fails_at_any_step_leaves_no_file(
 
         return refuse
 
-    owner: Any = Path if call == "replace" else os
     name = {"open folder": "open"}.get(call, call)
     with monkeypatch.context() as patched:
         if call == "write":
-            opened = Path.open
 
             class Full(io.FileIO):
                 write = failing(io.FileIO.write)
 
-            def open_full(path: Path, mode: str = "r", *rest: Any, **options: Any) -> Any:
-                return Full(path, "xb") if mode == "xb" else opened(path, mode, *rest, **options)
-
-            patched.setattr(Path, "open", open_full)
+            patched.setattr("app.blobs.local.FileIO", Full)
         else:
-            patched.setattr(owner, name, failing(getattr(owner, name)))
+            patched.setattr(os, name, failing(getattr(os, name)))
         response = api.put_image(session_id, grey_png)
     assert calls >= nth
     expected = (503, "busy") if code == errno.EMFILE else (507, "storage_full")
