@@ -167,9 +167,9 @@ class ServiceClient(Closing):
     def missing_images(
         self, session_id: str, images: Sequence[tuple[str, str]], *, target_id: str | None = None
     ) -> set[tuple[str, str]]:
-        """Return the (pose_id, sha256) of which the session has no measurement of this target yet."""
+        """Return the (pose_id, sha256) of which the session has no measurement of this target yet; always ask."""
         missing: set[tuple[str, str]] = set()
-        for start in range(0, len(images), _MISSING_CHUNK):
+        for start in range(0, max(len(images), 1), _MISSING_CHUNK):
             chunk = images[start : start + _MISSING_CHUNK]
             body = {
                 "images": [

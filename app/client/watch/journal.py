@@ -235,6 +235,7 @@ def _connect(path: Path) -> sqlite3.Connection:
         # is on the disk, by one sync, where a rollback journal needs four.
         connection.execute("PRAGMA locking_mode = EXCLUSIVE")
         connection.execute("PRAGMA journal_mode = WAL")
+        connection.execute("PRAGMA wal_autocheckpoint = 250")  # 1 MB of log
         connection.execute("PRAGMA synchronous = FULL")
         connection.execute("BEGIN EXCLUSIVE")
         connection.execute("COMMIT")  # the lock stays, by the locking mode

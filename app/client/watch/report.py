@@ -120,7 +120,8 @@ class Report:
             if fresh := self.counts["stored"] - self._last["stored"]:
                 parts[0] += f" (+{fresh})"
             self._last = Counter(self.counts)
-            parts += [f"{self.counts[what]} {what}" for what in ("measured", "failed") if self.counts[what]]
+            shown = {"present": "already there", "measured": "measured", "failed": "failed"}
+            parts += [f"{self.counts[what]} {words}" for what, words in shown.items() if self.counts[what]]
             parts.append(f"{waiting} waiting")
             kinds = Counter(kind for kind, _ in self._troubles)
             parts += [f"{kind}: {count}" if count > 1 else kind for kind, count in sorted(kinds.items())]

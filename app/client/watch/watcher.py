@@ -214,7 +214,9 @@ class Watcher:
         ]
         lost: list[str] = []
         try:
-            for start in range(0, len(entries), 1000):
+            for start in range(
+                0, max(len(entries), 1), 1000
+            ):  # of no images, too: are key and session accepted?
                 part = entries[start : start + 1000]
                 missing = work.delivery.missing([(e.pose_id, e.sha256) for e in part])
                 lost += [e.name for e in part if (e.pose_id, e.sha256) in missing]

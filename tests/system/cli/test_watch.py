@@ -97,6 +97,22 @@ def test_it_ends_in_order_and_says_so(cell: WatchedCell) -> None:
     assert (state["running"], state["stored"], state["troubles"]) == (False, 1, [])
 
 
+def test_a_wrong_key_and_a_name_that_breaks_lines_are_said_in_one_line(cell: WatchedCell) -> None:
+    cell.write("P1/a\nb\x1b[31m1.png", small_image(1))
+    os.close(os.open(os.fsencode(cell.folder / "P1") + b"/\xff2.png", os.O_CREAT | os.O_WRONLY))
+    key, cell.key = cell.key, "gp_wrong_key"
+    with watching(cell, "--once", "--retry-timeout", "0.5") as process:
+        said, _ = process.communicate(timeout=60)
+    assert process.returncode == 1
+    assert "refuses key or session" in said
+    cell.key = key
+    with watching(cell, "--once") as process:
+        said, _ = process.communicate(timeout=60)
+    assert process.returncode == 1, "a file whose name is no text was not sent"
+    assert "\x1b" not in said
+    assert all(line[:2] == "20" or line.startswith("ses_") for line in said.splitlines()), said
+
+
 @pytest.mark.parametrize(
     "files",
     [

@@ -257,14 +257,17 @@ def _watch(settings: WatchSettings, service: UploadAccess, bell: bool, run: RunO
 
 def _exit_code(summary: WatchSummary, report: Report, *, once: bool) -> int:
     if summary.gave_up:
-        report.say("gave up: the service was away for longer than --retry-timeout; run it again to continue")
+        report.say(
+            "gave up: for longer than --retry-timeout the service was away or refused; run it again to continue"
+        )
         return 1
     if not once:
         report.say("stopped; what is not sent yet is sent by the next run")
         return 0
     if summary.session_id is not None:
         print(summary.session_id)
-    return 1 if summary.refused or summary.waiting or summary.failed else 0
+    unsent = summary.refused or summary.waiting or report.troubles("folder")
+    return 1 if unsent or summary.failed else 0
 
 
 def default_journal(folder: Path, url: str) -> Path:
@@ -288,7 +291,8 @@ def _end_by_signals(stop: threading.Event) -> None:
 
 
 def _say(line: str) -> None:
-    shown = line.encode("utf-8", "replace").decode("utf-8")
+    # Names may hold line ends and control characters: a line stays one, and does nothing to a terminal.
+    shown = "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in line)
     print(f"{datetime.now().astimezone():%Y-%m-%d %H:%M:%S} {shown}", flush=True)
 
 
