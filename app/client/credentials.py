@@ -16,7 +16,9 @@ import platformdirs
 
 from .http import ClientError
 
+DEFAULT_URL = "http://127.0.0.1:8000"
 _SERVICE = "gridpose"
+_ADDRESS = "address"
 
 
 def credentials_file() -> Path:
@@ -34,6 +36,18 @@ def find_key(url: str) -> str | None:
     if path := os.environ.get("GRIDPOSE_KEY_FILE"):
         return read_key_file(Path(path))
     return saved_key(url)
+
+
+def usual_address(*, key_given: bool) -> str:
+    """Return the service's address where none is given: that of the last `gridpose login`, else this machine.
+
+    A key that is given otherwise is never sent where another one was kept for: its service is this machine's.
+    """
+    with contextlib.suppress(ClientError):  # the key is read of the same file, and the error reported then
+        address = _file_content().get(_ADDRESS)
+        if isinstance(address, str) and not key_given:
+            return address
+    return DEFAULT_URL
 
 
 def read_key_file(path: Path) -> str:
@@ -65,14 +79,17 @@ def saved_key(url: str) -> str | None:
 def save_key(url: str, key: str) -> str:
     """Keep a key for a service and return where: the credential store, else a file that only the user may read.
 
+    The service is then the one that is meant where no address is given.
+
     Raises ClientError `key_unreadable` where neither can be written.
     """
     ring = _ring()
     if ring is not None:
         with contextlib.suppress(ring.errors.KeyringError):
             ring.set_password(_SERVICE, _name(url), key)
+            _write_file({**_file_content(), _ADDRESS: _name(url)})
             return f"the system's credential store ({ring.get_keyring().name})"
-    _write_file({**_file_content(), _name(url): key})
+    _write_file({**_file_content(), _name(url): key, _ADDRESS: _name(url)})
     return str(credentials_file())
 
 
@@ -85,7 +102,11 @@ def forget_key(url: str) -> bool:
             ring.delete_password(_SERVICE, _name(url))
             found = True
     content = _file_content()
-    if content.pop(_name(url), None) is not None:
+    kept = content.pop(_name(url), None)
+    if content.get(_ADDRESS) == _name(url):
+        del content[_ADDRESS]
+        kept = kept or ""
+    if kept is not None:
         _write_file(content)
         found = True
     return found

@@ -17,14 +17,13 @@ from pathlib import Path
 from typing import Any
 
 from .closing import Closing
-from .credentials import find_key
+from .credentials import find_key, usual_address
 from .files import plan_files
 from .http import ClientError, Json, ServiceClient
 from .resources import find_or_make_session, find_or_make_target, find_robot
 from .results import Analysis, Measurement
 from .upload import UploadResult, upload_files
 
-DEFAULT_URL = "http://127.0.0.1:8000"
 _POLL_S = (0.2, 2.0)
 
 
@@ -34,7 +33,7 @@ class Gridpose(Closing):
     Parameters
     ----------
     url
-        Its address; by default GRIDPOSE_URL, else this machine.
+        Its address; by default GRIDPOSE_URL, else that of the last `gridpose login`, else this machine.
     key
         An API key; by default that of GRIDPOSE_KEY, GRIDPOSE_KEY_FILE, or `gridpose login`.
     retry_for_s
@@ -47,7 +46,8 @@ class Gridpose(Closing):
     """
 
     def __init__(self, url: str | None = None, key: str | None = None, *, retry_for_s: float = 300.0) -> None:
-        self.url = url or os.environ.get("GRIDPOSE_URL") or DEFAULT_URL
+        key_given = any((key, os.environ.get("GRIDPOSE_KEY"), os.environ.get("GRIDPOSE_KEY_FILE")))
+        self.url = url or os.environ.get("GRIDPOSE_URL") or usual_address(key_given=key_given)
         self.client = ServiceClient(self.url, key or find_key(self.url), retry_for_s=retry_for_s)
 
     def close(self) -> None:

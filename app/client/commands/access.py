@@ -16,10 +16,9 @@ from rich.console import Console
 from rich.markup import escape
 
 from .. import ClientError, ServiceClient
-from ..credentials import saved_key
+from ..credentials import saved_key, usual_address
 from .console import OptionRefused, error_console, print_error
 
-DEFAULT_URL = "http://127.0.0.1:8000"
 RETRY_FOR_S = 300.0
 _FROM_FILE = "key"
 
@@ -52,7 +51,14 @@ def _key_option(scope: str) -> typer.models.OptionInfo:
     )
 
 
-Url = Annotated[str, typer.Option(envvar="GRIDPOSE_URL", help="Address of the service.")]
+Url = Annotated[
+    str,
+    typer.Option(
+        envvar="GRIDPOSE_URL",
+        help="Address of the service.  [default: that of the last `gridpose login`, else http://127.0.0.1:8000]",
+        show_default=False,
+    ),
+]
 ReadKey = Annotated[str | None, _key_option("read")]
 UploadKey = Annotated[str | None, _key_option("upload")]
 AdminKey = Annotated[str | None, _key_option("admin")]
@@ -92,10 +98,14 @@ def open_client(console: Console, url: str, key: str | None, retry_for_s: float)
 class ReadAccess:
     """How a command that reads reaches the service."""
 
-    url: Url = DEFAULT_URL
+    url: Url = ""
     key: ReadKey = None
     key_file: KeyFile = None
     retry_for: RetryFor = RETRY_FOR_S
+
+    def __post_init__(self) -> None:
+        if not self.url:
+            object.__setattr__(self, "url", usual_address(key_given=self.key is not None))
 
     def client(self, console: Console) -> ServiceClient:
         """Return a client of the service, as `open_client` does."""

@@ -9,15 +9,15 @@ from typing import Annotated
 import typer
 
 from .. import ClientError, ServiceClient
-from ..credentials import forget_key, read_key_file, save_key
-from .access import DEFAULT_URL, Url
+from ..credentials import forget_key, read_key_file, save_key, usual_address
+from .access import Url
 from .console import fail
 
 _NOT_ALLOWED = 403
 
 
 def login(
-    url: Url = DEFAULT_URL,
+    url: Url = "",
     key_file: Annotated[
         str | None,
         typer.Option(
@@ -27,9 +27,10 @@ def login(
 ) -> int:
     """Keep an API key for a service, so that commands and programs of this user need no other.
 
-    The key is tried first. It is kept in the system's credential store where the extra gridpose[keyring] is installed,
-    else in a file that only this user may read.
+    From then on this service is meant where no --url is given. The key is tried first. It is kept in the system's
+    credential store where the extra gridpose[keyring] is installed, else in a file that only this user may read.
     """
+    url = url or usual_address(key_given=False)
     try:
         key = _key(url, key_file)
         with ServiceClient(url, key, retry_for_s=10.0) as client:
@@ -41,8 +42,9 @@ def login(
     return 0
 
 
-def logout(url: Url = DEFAULT_URL) -> int:
+def logout(url: Url = "") -> int:
     """Forget the API key that was kept for a service."""
+    url = url or usual_address(key_given=False)
     try:
         found = forget_key(url)
     except ClientError as error:

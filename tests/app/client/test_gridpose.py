@@ -13,6 +13,7 @@ import pytest
 
 import app.client
 from app.client import AsyncGridpose, ClientError, Gridpose
+from app.client.commands.access import ReadAccess, UploadAccess
 from app.client.credentials import find_key, forget_key, save_key, saved_key
 from tests.support.service.service import Api, ApiMaker
 from tests.system.faults.images import image
@@ -111,3 +112,24 @@ def test_keys_come_from_the_environment_a_file_or_what_login_kept(
     (tmp_path / "gridpose" / "credentials.json").write_text("{")
     with pytest.raises(ClientError, match="key_unreadable"):
         saved_key(url)
+
+
+def test_after_a_login_its_service_is_meant_for_its_own_key_only(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for name in ("GRIDPOSE_KEY", "GRIDPOSE_KEY_FILE", "GRIDPOSE_URL"):
+        monkeypatch.delenv(name, raising=False)
+    monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path))
+    here, other = "http://127.0.0.1:8000", "http://measuring-pc:8000"
+    assert ReadAccess().url == Gridpose().url == here
+    save_key(other + "/", "gp_kept_secret")
+    assert ReadAccess().url == UploadAccess().url == Gridpose().url == other
+    assert ReadAccess(key="gp_a_b").url == Gridpose(key="gp_a_b").url == here
+    assert ReadAccess(url=here).url == Gridpose(here).url == here
+    monkeypatch.setenv("GRIDPOSE_KEY", "gp_a_b")
+    assert Gridpose().url == here
+    monkeypatch.delenv("GRIDPOSE_KEY")
+    assert forget_key(other)
+    assert ReadAccess().url == here
+    (tmp_path / "gridpose" / "credentials.json").write_text("{")
+    assert ReadAccess().url == here
