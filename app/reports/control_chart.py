@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 from matplotlib.axes import Axes
+from matplotlib.dates import AutoDateLocator, ConciseDateFormatter
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
@@ -24,12 +25,15 @@ _LETTERS = 108
 class ChartedFigure:
     """One figure over n sessions in time order, with the limits of its chart.
 
-    `ewma` is NaN for points without a score. `since` and `at` are the points from which on the level is another, and
-    where that was shown; None without an alarm. `events` are points before which something was done to the robot.
+    `places` are where the sessions stand on the axis: their numbers, or `by_date` days since 1970 (UTC). `ewma` is NaN
+    for points without a score. `since` and `at` are the points from which on the level is another, and where that was
+    shown; None without an alarm. `events` are where on the axis something was done to the robot.
     """
 
     name: str
     unit: str
+    by_date: bool
+    places: Float[np.ndarray, " n"]
     values: Float[np.ndarray, " n"]
     centre: float
     lower: float
@@ -40,7 +44,7 @@ class ChartedFigure:
     since: int | None
     at: int | None
     sentence: str
-    events: tuple[int, ...] = ()
+    events: tuple[float, ...] = ()
 
 
 def control_chart_svg(charts: Sequence[ChartedFigure], title: str) -> bytes:
@@ -67,29 +71,30 @@ def control_chart_figure(charts: Sequence[ChartedFigure], title: str) -> Figure:
 
 
 def _draw_individuals(axes: Axes, chart: ChartedFigure) -> None:
-    sessions = np.arange(1, len(chart.values) + 1)
     for level, style in ((chart.lower, "--"), (chart.centre, "-"), (chart.upper, "--")):
         axes.axhline(level, color=FAINT, linestyle=style, linewidth=0.9)
-    axes.plot(sessions, chart.values, color=BLUE, marker="o", markersize=3.5)
+    axes.plot(chart.places, chart.values, color=BLUE, marker="o", markersize=3.5)
     outside = list(chart.outside)
-    axes.plot(sessions[outside], chart.values[outside], "o", color=RED, markersize=7, fillstyle="none")
+    axes.plot(chart.places[outside], chart.values[outside], "o", color=RED, markersize=7, fillstyle="none")
     axes.set_ylabel(chart.unit)
-    axes.tick_params(labelbottom=False)
     _mark(axes, chart)
+    axes.tick_params(labelbottom=False)
+    axes.xaxis.get_offset_text().set_visible(False)
 
 
 def _draw_ewma(axes: Axes, chart: ChartedFigure) -> None:
-    sessions = np.arange(1, len(chart.values) + 1)
     for level in (-chart.ewma_limit, chart.ewma_limit):
         axes.axhline(level, color=FAINT, linestyle="--", linewidth=0.9)
     axes.axhline(0.0, color=FAINT, linewidth=0.9)
-    axes.plot(sessions, chart.ewma, color=ORANGE, marker="s", markersize=3.0)
+    axes.plot(chart.places, chart.ewma, color=ORANGE, marker="s", markersize=3.0)
     if chart.at is not None:
-        axes.plot(chart.at + 1, chart.ewma[chart.at], "o", color=RED, markersize=7, fillstyle="none")
+        axes.plot(
+            chart.places[chart.at], chart.ewma[chart.at], "o", color=RED, markersize=7, fillstyle="none"
+        )
     reach = 1.3 * max(chart.ewma_limit, float(np.nanmax(np.abs(chart.ewma), initial=0.0)))
     axes.set_ylim(-reach, reach)
     axes.set_ylabel("EWMA")
-    axes.set_xlabel("session")
+    axes.set_xlabel("measured, UTC" if chart.by_date else "session")
     _mark(axes, chart)
 
 
@@ -99,11 +104,12 @@ def _mark(axes: Axes, chart: ChartedFigure) -> None:
     Both are often at one place: a change follows what was done. The event is narrow and above, with a mark at the top.
     """
     if chart.since is not None:
-        axes.axvline(chart.since + 0.5, color=RED, linewidth=2.4, alpha=0.6)
+        before = chart.places[max(chart.since - 1, 0)]
+        axes.axvline(0.5 * float(before + chart.places[chart.since]), color=RED, linewidth=2.4, alpha=0.6)
     for place in chart.events:
-        axes.axvline(place + 0.5, color=INK, linestyle=":", linewidth=1.1, zorder=3.0)
+        axes.axvline(place, color=INK, linestyle=":", linewidth=1.1, zorder=3.0)
         axes.plot(
-            [place + 0.5],
+            [place],
             [1.0],
             marker="v",
             markersize=6.0,
@@ -112,5 +118,13 @@ def _mark(axes: Axes, chart: ChartedFigure) -> None:
             clip_on=False,
             zorder=3.0,
         )
-    axes.set_xlim(0.4, len(chart.values) + 0.6)
-    axes.xaxis.set_major_locator(MaxNLocator(integer=True))
+    first, last = float(chart.places[0]), float(chart.places[-1])
+    if chart.by_date:
+        locator = AutoDateLocator(minticks=3, maxticks=8)
+        axes.xaxis.set_major_locator(locator)
+        axes.xaxis.set_major_formatter(ConciseDateFormatter(locator))
+        edge = 0.03 * (last - first)
+    else:
+        axes.xaxis.set_major_locator(MaxNLocator(integer=True))
+        edge = 0.6
+    axes.set_xlim(first - edge, last + edge)

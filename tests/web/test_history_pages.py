@@ -56,6 +56,9 @@ def test_a_robots_history_shows_charts_change_and_events(cell: Cell, open_page: 
     assert page.locator("section h2:has-text('comparable session')").count() == 2
     page.click("summary >> nth=0")
     assert page.locator("details >> nth=0").locator("tbody tr").count() == SESSIONS
+    assert page.get_attribute("figure img", "src").endswith("axis=date")
+    page.click("nav.filters >> text=By session")
+    page.wait_for_selector("figure img[src$='axis=session']")
     page.fill("#at", "2020-02-01T10:00")
     page.fill("#note", "Gearbox of joint 2")
     page.check("[name=restarts_charts]")

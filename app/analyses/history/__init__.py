@@ -6,7 +6,7 @@ thousand sessions reads no form. `history_document` and `comparison_document` ar
 
 from app.analyses.history.charting import MIN_SESSIONS, HistoryEvent, charts_of, series_of
 from app.analyses.history.comparison import comparison_document, verdict
-from app.analyses.history.drawing import MAX_CHARTS, charts_of_tests, draw_charts
+from app.analyses.history.drawing import MAX_CHARTS, ChartAxis, charts_of_tests, draw_charts
 from app.analyses.history.latest import LatestFigures, RobotFigures
 from app.analyses.history.likeness import group_comparable, not_stated, unlike
 from app.analyses.history.over_time import (
@@ -30,6 +30,7 @@ __all__ = [
     "KINDS",
     "MAX_CHARTS",
     "MIN_SESSIONS",
+    "ChartAxis",
     "ChartedTest",
     "History",
     "HistoryEvent",

@@ -7,7 +7,14 @@ from typing import Annotated, Any
 from fastapi import Query, Request
 from starlette.responses import Response
 
-from app.analyses.history import KINDS, MAX_CHARTS, comparison_document, read_filed_report, read_history
+from app.analyses.history import (
+    KINDS,
+    MAX_CHARTS,
+    ChartAxis,
+    comparison_document,
+    read_filed_report,
+    read_history,
+)
 from app.errors import Conflict, InvalidContent
 from app.web.pages import page_router, render
 from app.web.service import service_of
@@ -20,7 +27,10 @@ TWO = 2
 
 @router.get("/robots/{robot_id}/history", operation_id="get_robot_history")
 def show_history(
-    request: Request, robot_id: str, kind: Annotated[str, Query(max_length=40)] = ""
+    request: Request,
+    robot_id: str,
+    kind: Annotated[str, Query(max_length=40)] = "",
+    axis: ChartAxis = "date",
 ) -> Response:
     """Show a robot's figures with their control charts, what changed lastingly, and what was done to the robot."""
     chosen = next((one for one in KINDS if one == kind), None)
@@ -38,6 +48,7 @@ def show_history(
         tests=tests_of(document),
         alarms=[one["alarm"]["sentence"] for one in document["series"] if one["alarm"] is not None],
         kind=chosen,
+        axis=axis,
         kinds=KINDS,
         charted=charted,
         most=MAX_CHARTS,

@@ -8,6 +8,7 @@ from fastapi import Path, Query, Request, Response
 from starlette.concurrency import run_in_threadpool
 
 from app.analyses.history import (
+    ChartAxis,
     charts_of_tests,
     comparison_document,
     draw_charts,
@@ -37,6 +38,10 @@ _RESPONSES: dict[int | str, dict[str, Any]] = {
     **problem_responses(404, 409, 422),
 }
 KindQuery = Annotated[HistoryKind | None, Query(description="Of this kind alone; all of them by default.")]
+AxisQuery = Annotated[
+    ChartAxis,
+    Query(description="Sessions along the axis by the date of their measurement, or by their number."),
+]
 OtherReportPath = Annotated[str, Path(description="Id of the report that it is compared with.")]
 
 
@@ -71,10 +76,11 @@ async def get_robot_history_plot(
     service: AppContextDep,
     requester: RequesterDep,
     kind: KindQuery = None,
+    axis: AxisQuery = "date",
 ) -> Response:
     """Draw a robot's control charts; 409 `no_control_chart` where no five sessions are comparable."""
     found = await run_in_threadpool(read_history, service.installation.database, robot_id, kind)
-    charts = charts_of_tests(found.tests, found.events)
+    charts = charts_of_tests(found.tests, found.events, axis)
     if not charts:
         raise Conflict(
             "There is no control chart to draw: no five sessions of this robot that are comparable have a report.",
