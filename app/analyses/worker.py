@@ -15,7 +15,7 @@ from app.analyses.documents.camera.camera_files import camera_file
 from app.analyses.documents.camera.intrinsics import intrinsics_findings
 from app.analyses.documents.camera_poses import camera_poses_findings
 from app.analyses.documents.comparison import comparison_findings
-from app.analyses.documents.dh import compensation_findings, dh_findings
+from app.analyses.documents.dh import compensation_findings, dh_findings, error_map_findings
 from app.analyses.documents.findings import Findings, findings_document
 from app.analyses.documents.hand_eye import hand_eye_findings
 from app.analyses.documents.joint_noise import joint_noise_findings
@@ -63,6 +63,7 @@ ANALYSES: dict[str, Document] = {
     "camera_poses": camera_poses_findings,
     "hand_eye": hand_eye_findings,
     "dh": dh_findings,
+    "kinematic_error": error_map_findings,
     "joint_noise": joint_noise_findings,
     "next_view": next_view_findings,
     "qualification": qualification_findings,
@@ -72,7 +73,7 @@ PLOTS: dict[str, Plot] = {
     name: _plot(name)
     for name in (
         *("scatter_plot", "drift_plot", "steadiness_plot", "residual_map", "projection_map"),
-        *("joint_curves_plot", "lens_profile_plot", "joint_noise_map"),
+        *("joint_curves_plot", "lens_profile_plot", "joint_noise_map", "error_map", "identifiability_plot"),
     )
 }
 

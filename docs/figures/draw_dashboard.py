@@ -64,7 +64,16 @@ def fill(client: ServiceClient) -> dict[str, str]:
         **{"start": "/ui/", "session": here, "image": f"/ui/measurements/{measured}"},
         **{
             name: f"{here}/{name}"
-            for name in ("repeatability", "camera", "robot", "comparison", "reports", "upload", "joint-noise")
+            for name in (
+                "repeatability",
+                "camera",
+                "robot",
+                "comparison",
+                "reports",
+                "upload",
+                "error-map",
+                "joint-noise",
+            )
         },
         "next-view": f"{here}/next-view",
         **{f"next-view-{name}": f"{here}/next-view?purpose={name}" for name in ("hand_eye", "dh")},

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 from collections.abc import Mapping
 from typing import Any
@@ -46,6 +47,14 @@ def camera_fields(group: FocusGroup) -> dict[str, Any]:
         "standard_uncertainty": uncertainty,
         "reduced_chi2": estimate.reduced_chi2,
     }
+
+
+def limits_of(settings: Mapping[str, str]) -> Float[np.ndarray, "2 j"]:
+    """Return the limits of a robot's stated joint angles by a request's settings, degrees; NaN where it has none."""
+    pairs = [
+        [math.nan if value is None else value for value in one] for one in json.loads(settings["limits"])
+    ]
+    return np.array(pairs, dtype=np.float64).reshape(-1, 2).T
 
 
 def figures_document(

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from app.analyses.documents.encoding import refined_estimate
+from app.analyses.documents.encoding import limits_of, refined_estimate
 from app.analyses.documents.findings import Findings
 from core.session import (
     NORMAL_FACTOR,
@@ -70,11 +70,9 @@ def joint_noise_findings(data: SessionData, settings: Mapping[str, str]) -> Find
 def joint_noise_of(data: SessionData, settings: Mapping[str, str]) -> SessionJointNoise:
     """Return the joint noise by a request's settings."""
     estimate = refined_estimate(data, settings) if settings["source"] == "images" else None
-    limits = np.array(
-        [[math.nan if value is None else value for value in one] for one in json.loads(settings["limits"])],
-        dtype=np.float64,
-    ).reshape(-1, 2)
-    return assess_joint_noise(data, estimate, limits=limits.T, at=json.loads(settings.get("at", "[]")))
+    return assess_joint_noise(
+        data, estimate, limits=limits_of(settings), at=json.loads(settings.get("at", "[]"))
+    )
 
 
 def map_document(found: RepeatabilityMap) -> dict[str, Any]:

@@ -43,7 +43,12 @@ _FOREIGN = (
     "It is of a target that the session does not look at; add it to the session's target_ids to have it count.",
 )
 EXCLUDED = "excluded_by_user"
-ROBOT_ANALYSES = frozenset({"dh", "hand_eye", "compensation", "joint_noise", "joint_noise_map"})
+ROBOT_ANALYSES = frozenset(
+    {
+        *("dh", "hand_eye", "compensation", "joint_noise", "kinematic_error"),
+        *("joint_noise_map", "joint_curves_plot", "error_map", "identifiability_plot"),
+    }
+)
 """Those that are computed from the robot's nominal joints, too."""
 _OF_JOINT = ("a_mm", "alpha_deg", "d_mm", "theta_offset_deg")
 """What is computed from; names and limits are for other programs."""

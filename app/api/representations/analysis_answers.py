@@ -72,6 +72,7 @@ DEFAULT_TABLES = {
     "hand_eye": "summary",
     "joint_noise": "joint_noise",
     "dh": "joints",
+    "kinematic_error": "map.map_cells",
     "comparison": "calibrations",
     "compensation": "poses",
     "history": "points",

@@ -6,11 +6,11 @@ import json
 import math
 from typing import Annotated, Any
 
-from fastapi import Query, Request, Response
+from fastapi import Depends, Query, Request, Response
 from pydantic import Field
 from starlette.concurrency import run_in_threadpool
 
-from app.api.dependencies import AppContext, AppContextDep, SessionPath
+from app.api.dependencies import AppContextDep, SessionPath
 from app.api.representations import (
     CSV_CONTENT,
     FormDep,
@@ -25,7 +25,7 @@ from app.api.routes.plots import SVG
 from app.api.routing import api_router, problem_responses
 from app.api.schemas.analyses import JointNoiseAnalysis
 from app.errors import InvalidContent
-from app.services.robots import read_limits
+from app.services.robots import limits_setting
 
 MAX_PREDICTIONS = 200
 MAX_ANGLE_DEG = 36000.0
@@ -40,31 +40,39 @@ AtQuery = Annotated[
         "such.",
     ),
 ]
-_CONTENT: dict[int | str, dict[str, Any]] = {
+OTHER_RESPONSES: dict[int | str, dict[str, Any]] = {
     304: {"description": "The client has this answer already.", "headers": ETAG_HEADER},
     **problem_responses(404, 409, 422, 503),
 }
 
 
+async def workspace_settings(
+    session_id: SessionPath, settings: SettingsDep, service: AppContextDep, source: SourceQuery = "images"
+) -> dict[str, str]:
+    """Return the settings of a map over the workspace of the session's robot, whose limits count."""
+    limits = await run_in_threadpool(limits_setting, service.installation.database, session_id)
+    return settings | {"source": source, "limits": limits}
+
+
+WorkspaceSettingsDep = Annotated[dict[str, str], Depends(workspace_settings)]
+
+
 @router.get(
     "",
     response_model=JointNoiseAnalysis,
-    responses={200: {"headers": ETAG_HEADER, "content": CSV_CONTENT}, **_CONTENT},
+    responses={200: {"headers": ETAG_HEADER, "content": CSV_CONTENT}, **OTHER_RESPONSES},
 )
 async def get_joint_noise(
     session_id: SessionPath,
     request: Request,
     form: FormDep,
-    settings: SettingsDep,
-    service: AppContextDep,
-    source: SourceQuery = "images",
+    settings: WorkspaceSettingsDep,
     at: AtQuery = None,
 ) -> Response:
     """Estimate the noise of the robot's joints from the scatter of repeated poses, and predict RP_l anywhere by it.
 
     The instrument's own noise is taken off where it is stated. Poses held out of the fit say how well it predicts.
     """
-    settings |= {"source": source, "limits": await run_in_threadpool(_limits, service, session_id)}
     if at:
         settings["at"] = json.dumps([_angles(text) for text in at])
     return await answer_in_form(request, "joint_noise", JointNoiseAnalysis, session_id, settings, form)
@@ -79,19 +87,13 @@ async def get_joint_noise(
             "headers": ETAG_HEADER,
             "content": {SVG: {"schema": {"type": "string"}}, **binary_content()},
         },
-        **_CONTENT,
+        **OTHER_RESPONSES,
     },
 )
 async def get_joint_noise_map(
-    session_id: SessionPath,
-    request: Request,
-    settings: SettingsDep,
-    service: AppContextDep,
-    source: SourceQuery = "images",
-    known: KnownTags = None,
+    session_id: SessionPath, request: Request, settings: WorkspaceSettingsDep, known: KnownTags = None
 ) -> Response:
     """Draw the repeatability that the joints' noise predicts over the robot's workspace."""
-    settings |= {"source": source, "limits": await run_in_threadpool(_limits, service, session_id)}
     media_type = stated_media_type(request.headers.get("accept"), SVG)
     return await answer_analysis(
         request, "joint_noise_map", session_id, settings, known, media_type=media_type
@@ -111,8 +113,3 @@ def _angles(text: str) -> list[float]:
             errors=[("at", f"{text[:80]!r} is no list of angles")],
         )
     return angles
-
-
-def _limits(service: AppContext, session_id: str) -> str:
-    with service.installation.database.read() as records:
-        return json.dumps(read_limits(records, session_id))

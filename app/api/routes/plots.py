@@ -55,6 +55,22 @@ class CameraPlot:
     focus_group: FocusGroupQuery = None
 
 
+def robot_plot_settings(
+    estimator: EstimatorQuery = "pooled",
+    model: ModelQuery = "auto",
+    source: SourceQuery = "images",
+    joint_tolerance_deg: ToleranceQuery = 0.02,
+) -> dict[str, str]:
+    """Return the settings of a plot of the identified robot."""
+    return {
+        "estimator": estimator,
+        "model": model,
+        "source": source,
+        "joint_tolerance_deg": repr(joint_tolerance_deg),
+    }
+
+
+RobotPlotDep = Annotated[dict[str, str], Depends(robot_plot_settings)]
 PosePlotDep = Annotated[PosePlot, Depends()]
 CameraPlotDep = Annotated[CameraPlot, Depends()]
 
@@ -167,22 +183,25 @@ async def get_projection_map(
     ),
 )
 async def get_joint_curves_plot(
-    session_id: SessionPath,
-    request: Request,
-    estimator: EstimatorQuery = "pooled",
-    model: ModelQuery = "auto",
-    source: SourceQuery = "images",
-    joint_tolerance_deg: ToleranceQuery = 0.02,
-    known: KnownTags = None,
+    session_id: SessionPath, request: Request, settings: RobotPlotDep, known: KnownTags = None
 ) -> Response:
     """Draw the joint curves of the identified robot; 409 `no_joint_curves` where the model has none."""
-    settings = {
-        "estimator": estimator,
-        "model": model,
-        "source": source,
-        "joint_tolerance_deg": repr(joint_tolerance_deg),
-    }
     return await _answer(request, "joint_curves_plot", session_id, settings, known)
+
+
+@router.get(
+    "/dh/identifiability.svg",
+    response_class=Response,
+    responses=_responses(
+        "The axes and lengths of the nominal arm at one pose, with the parameters that the session's poses do not "
+        "determine, and the reason of each group in words."
+    ),
+)
+async def get_identifiability_plot(
+    session_id: SessionPath, request: Request, settings: RobotPlotDep, known: KnownTags = None
+) -> Response:
+    """Draw what the poses cannot determine of the robot: `null_space` of `GET .../dh`."""
+    return await _answer(request, "identifiability_plot", session_id, settings, known)
 
 
 FormatQuery = Annotated[

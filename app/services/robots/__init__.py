@@ -11,9 +11,9 @@ from app.services.robots.history import (
 from app.services.robots.nominal import (
     create_robot,
     delete_robot,
+    limits_setting,
     list_robots,
     read_correction,
-    read_limits,
     read_plan,
     update_robot,
 )
@@ -27,11 +27,11 @@ __all__ = [
     "delete_robot",
     "events_of",
     "latest_reports",
+    "limits_setting",
     "list_events",
     "list_robots",
     "read_correction",
     "read_history_rows",
-    "read_limits",
     "read_plan",
     "reports_without_summary",
     "save_summaries",

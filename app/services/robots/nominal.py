@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 from collections.abc import Mapping, Sequence
 from datetime import UTC, datetime
@@ -12,6 +13,7 @@ import sqlalchemy as sa
 from sqlalchemy import orm
 
 from app.errors import Conflict, InvalidContent
+from app.records.database import Database
 from app.records.ids import new_id
 from app.records.pagination import page
 from app.records.tables import Robot, Session, Target, target_fields
@@ -150,17 +152,19 @@ def read_plan(
     return robot.joints, target_fields(target)
 
 
-def read_limits(records: orm.Session, session_id: str) -> list[tuple[float | None, float | None]]:
-    """Return the joint limits (degrees) of a session's robot, None where it states none; empty without a robot.
+def limits_setting(database: Database, session_id: str) -> str:
+    """Return the joint limits of a session's robot as analyses take them: pairs of degrees as JSON.
 
-    Raises NotFound for the session, RowUnreadable for its robot.
+    A pair has null where the robot states no limit; there is none without a robot. Raises NotFound for the session,
+    RowUnreadable for its robot.
     """
-    session = get_or_raise(records, Session, session_id)
-    if session.robot_id is None:
-        return []
-    robot = get_or_raise(records, Robot, session.robot_id)
-    require_readable(robot)
-    return [(joint.get("minimum_deg"), joint.get("maximum_deg")) for joint in robot.joints]
+    with database.read() as records:
+        session = get_or_raise(records, Session, session_id)
+        if session.robot_id is None:
+            return "[]"
+        robot = get_or_raise(records, Robot, session.robot_id)
+        require_readable(robot)
+        return json.dumps([(joint.get("minimum_deg"), joint.get("maximum_deg")) for joint in robot.joints])
 
 
 def read_correction(

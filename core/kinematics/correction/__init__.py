@@ -1,6 +1,13 @@
 """Correction of commands: joint angles at which the identified arm is where the nominal one would be."""
 
 from core.kinematics.correction.confirmation import MAX_CONFIRMING_RATIO, curves_ratio
+from core.kinematics.correction.error_map import (
+    ErrorCell,
+    KinematicError,
+    KinematicErrorMap,
+    kinematic_error,
+    map_kinematic_error,
+)
 from core.kinematics.correction.inverse_kinematics import InverseSolution, solve_inverse
 from core.kinematics.correction.model import CorrectionErrors, CorrectionModel, correction_model
 from core.kinematics.correction.solution import Corrected, Outcome, correct
@@ -10,10 +17,15 @@ __all__ = [
     "Corrected",
     "CorrectionErrors",
     "CorrectionModel",
+    "ErrorCell",
     "InverseSolution",
+    "KinematicError",
+    "KinematicErrorMap",
     "Outcome",
     "correct",
     "correction_model",
     "curves_ratio",
+    "kinematic_error",
+    "map_kinematic_error",
     "solve_inverse",
 ]

@@ -89,20 +89,11 @@ class CorrectionModel:
 
     def meant(self, joint_angles: Float[np.ndarray, "n j"]) -> Float[np.ndarray, "n 4 4"]:
         """Return where the controller means to be at these joint angles (rad)."""
-        return _ends(self.nominal, joint_angles)
+        return poses_of(self.nominal, joint_angles)
 
     def attained(self, joint_angles: Float[np.ndarray, "n j"]) -> Float[np.ndarray, "n 4 4"]:
         """Return where the identified arm is at these joint angles (rad)."""
-        problem = self.model.fit.design
-        poses = _ends(problem.arm, joint_angles)
-        b = self.model.fit.levels[self.level].coefficients
-        step = np.zeros((6, len(poses)))
-        asked = problem.at(joint_angles, components=6)
-        for some in asked.blocks(np.arange(len(poses))):
-            step[:, some] = np.einsum("pmn,p->mn", asked.rows(some), b)
-        poses[:, :3, 3] += step[:3].T
-        poses[:, :3, :3] = rotations_from_vectors(step[3:].T) @ poses[:, :3, :3]
-        return poses
+        return attained_poses(self.model, self.level, joint_angles)
 
     def deviations(self, joint_angles: Float[np.ndarray, "n j"]) -> Float[np.ndarray, "k n"]:
         """Return the expected lengths of the error of position (mm) and, where known, of rotation (rad)."""
@@ -172,6 +163,23 @@ def _rms(model: ErrorModel, residuals: Float[np.ndarray, "m n"]) -> HoldOutError
     return rms(of_poses(problem, residuals)[:, model.fit.used[problem.visit]])
 
 
-def _ends(arm: ArmState, joint_angles: Float[np.ndarray, "n j"]) -> Float[np.ndarray, "n 4 4"]:
+def poses_of(arm: ArmState, joint_angles: Float[np.ndarray, "n j"]) -> Float[np.ndarray, "n 4 4"]:
+    """Return T_target_camera of an arm before its first target, at joint angles in rad."""
     flange = chain_frames(arm.parameters, joint_angles)[:, -1]
     return np.asarray(arm.T_target_base[0] @ flange @ arm.T_flange_camera)
+
+
+def attained_poses(
+    model: ErrorModel, level: Level, joint_angles: Float[np.ndarray, "n j"]
+) -> Float[np.ndarray, "n 4 4"]:
+    """Return where the identified arm is at joint angles (rad), by the terms of a level."""
+    problem = model.fit.design
+    poses = poses_of(problem.arm, joint_angles)
+    b = model.fit.levels[level].coefficients
+    step = np.zeros((6, len(poses)))
+    asked = problem.at(joint_angles, components=6)
+    for some in asked.blocks(np.arange(len(poses))):
+        step[:, some] = np.einsum("pmn,p->mn", asked.rows(some), b)
+    poses[:, :3, 3] += step[:3].T
+    poses[:, :3, :3] = rotations_from_vectors(step[3:].T) @ poses[:, :3, :3]
+    return poses

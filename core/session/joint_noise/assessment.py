@@ -17,7 +17,7 @@ from core.session.joint_noise.held_out import HeldOutScatter, validate_joint_noi
 from core.session.joint_noise.prediction import PredictedScatter, predict_scatter
 from core.session.joint_noise.workspace import RepeatabilityMap, map_repeatability
 from core.session.model import SessionData
-from core.session.robot import gather_robot_poses, with_nominal_orientations
+from core.session.robot import gather_robot_poses, with_nominal_orientations, workspace_limits
 
 MIN_HELD_OUT_CHI, MAX_HELD_OUT_CHI = 0.8, 1.25
 """Between them, predicted covariances have the size of the scatter at held-out poses."""
@@ -87,7 +87,7 @@ def assess_joint_noise(
     noise = fit_joint_noise(seen)
     held_out = validate_joint_noise(seen, noise)
     angles = _stated(data, at)
-    model_limits, stated = _limits(data, limits, seen)
+    model_limits, stated = workspace_limits(data, limits, seen.joint_angles)
     visits = seen.without(noise.outliers).visits.tolist()
     return SessionJointNoise(
         noise,
@@ -115,17 +115,6 @@ def _stated(data: SessionData, at: Sequence[Sequence[float]]) -> Float[np.ndarra
             "Give one angle for each joint, degrees, from the base.",
         )
     return data.model_angles(np.array(at, dtype=np.float64).reshape(-1, joints))
-
-
-def _limits(
-    data: SessionData, limits: Float[np.ndarray, "2 j"], seen: PoseScatters
-) -> tuple[Float[np.ndarray, "2 j"], tuple[bool, ...]]:
-    """Return the workspace's limits of the chain's angles (rad), and which are the robot's own."""
-    measured = np.stack([seen.joint_angles.min(axis=0), seen.joint_angles.max(axis=0)])
-    if data.joint_coupling is not None:  # limits of stated angles bound no single angle of the chain
-        return measured, (False,) * measured.shape[1]
-    stated = np.isfinite(limits).all(axis=0)
-    return np.where(stated, np.radians(limits), measured), tuple(stated.tolist())
 
 
 def _whole_poses(noise: JointNoise, seen: PoseScatters) -> str:

@@ -1,6 +1,7 @@
 """A robot's parameters from a session: its poses with joint angles, their sweeps, and the identification."""
 
 from core.session.robot.correction import SessionCorrection, session_correction
+from core.session.robot.error_map import SessionErrorMap, session_error_map, workspace_limits
 from core.session.robot.identification import identify_robot
 from core.session.robot.method_agreement import MethodDifference
 from core.session.robot.result import RobotIdentification
@@ -21,12 +22,15 @@ __all__ = [
     "NamedSweep",
     "RobotIdentification",
     "SessionCorrection",
+    "SessionErrorMap",
     "gather_robot_poses",
     "identify_robot",
     "poses_of_readings",
     "semidefinite",
     "session_correction",
+    "session_error_map",
     "shared_error_columns",
     "shared_errors",
     "with_nominal_orientations",
+    "workspace_limits",
 ]

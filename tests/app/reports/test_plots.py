@@ -36,12 +36,14 @@ from tests.support.image.plotted import (
     ODD_PROJECTIONS,
     ODD_SCATTERS,
     STEADINESS,
+    arm_schematic,
     drifting,
     field,
     joint_panels,
     lens_profiles,
     motionless,
     scatter,
+    workspace_map,
 )
 
 
@@ -58,6 +60,8 @@ def drawings() -> dict[str, Callable[[], Figure]]:
         "steadiness": lambda: steadiness_figure(STEADINESS, "title", "not steady", "cycle"),
         "one steadiness": lambda: steadiness_figure(STEADINESS[1:2], "title", "not steady", "cycle"),
         "joint curves": lambda: joint_curves_figure(joint_panels(), "title", "chosen"),
+        "workspace map": workspace_map,
+        "arm schematic": arm_schematic,
         "lens models": lambda: lens_profile_figure(lens_profiles(), "title"),
         "headed": lambda: headed(drift_figure([drifting()], "title", 10)),
     }

@@ -5,7 +5,14 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+from matplotlib.figure import Figure
 
+from app.reports.arm_schematic import (
+    JointAxis,
+    LinkPart,
+    UndeterminedGroup,
+    arm_schematic_figure,
+)
 from app.reports.camera_plots.coverage_cells import ProjectionField, coverage_cells
 from app.reports.camera_plots.lens_profile import LensProfile, RadialResiduals
 from app.reports.camera_plots.residual_cells import ResidualField
@@ -13,6 +20,13 @@ from app.reports.drift import Block, BlockMean, PoseDrift
 from app.reports.joint_curves import JointCurvePanel
 from app.reports.scatter import PoseScatter
 from app.reports.steadiness import SteadinessPanel
+from app.reports.workspace_map import (
+    EXTRAPOLATED,
+    MapPanel,
+    MarkedPlace,
+    PlaceCell,
+    workspace_map_figure,
+)
 
 NOTHING = np.zeros((0, 3))
 
@@ -158,6 +172,39 @@ def joint_panels() -> list[JointCurvePanel]:
         JointCurvePanel("joint 1", angles, curve, np.full(69, 0.001), angles[::3], []),
         JointCurvePanel("joint 2", angles, -curve, np.full(69, 0.002), angles[::5], [(-0.3, 40.0)]),
     ]
+
+
+def workspace_map() -> Figure:
+    """A map of two panels, visited in part, with values beyond the scale."""
+    cells = [
+        PlaceCell(50.0 * i + 25.0, 50.0 * j, (0.1 * i + 0.02 * j, 0.05 * i), (i + j) % 5 == 0, i > 6)
+        for i in range(10)
+        for j in range(-6, 8)
+    ]
+    panels = [
+        MapPanel("median of the configurations", "position error, mm", 0.7),
+        MapPanel("u", "u, mm", 0.3),
+    ]
+    marked = MarkedPlace(
+        225.0, 150.0, ("Median 0.300 mm;", "largest (×) 0.640 mm at radius 225 mm.", EXTRAPOLATED)
+    )
+    return workspace_map_figure(cells, 50.0, panels, marked, "title")
+
+
+def arm_schematic() -> Figure:
+    """An arm of three joints, five parameters of which are not determined, some at one place."""
+    places = np.array([[0.0, 0, 0], [0, 0, 400], [180, 0, 400], [180, 0, 1000], [300, 40, 1000]])
+    axes = [JointAxis(i + 1, places[i], np.eye(3)[2 - i]) for i in range(3)]
+    names = ("d1", "a1", "a2", "tool")
+    parts = [LinkPart(name, places[i], places[i + 1]) for i, name in enumerate(names)]
+    groups = [
+        UndeterminedGroup(
+            "A", (("d1", places[1] / 2.0), ("θ1", places[0]), ("base", places[0])), "words " * 40
+        ),
+        UndeterminedGroup("B", (("θ2", places[1]), ("θ3", places[2])), "they coincide."),
+        UndeterminedGroup("C", (("tool", places[4]), ("α3", places[4])), "positions alone."),
+    ]
+    return arm_schematic_figure(axes, parts, groups, "title")
 
 
 def lens_profiles() -> list[LensProfile]:

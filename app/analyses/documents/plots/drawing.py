@@ -5,7 +5,6 @@ This module loads matplotlib. Only the analysis process imports it, when a plot 
 
 from __future__ import annotations
 
-import math
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -15,7 +14,6 @@ from jaxtyping import Float
 
 from app.analyses.documents.camera.projection_field import projection_field
 from app.analyses.documents.camera.residual_field import residual_field
-from app.analyses.documents.joint_noise import joint_noise_of
 from app.analyses.documents.plots.pose_drift import pose_drift
 from app.analyses.documents.plots.steadiness_panels import steadiness_panels, steadiness_summary
 from app.analyses.outcome import AnalysisError
@@ -23,7 +21,6 @@ from app.errors import NotFound
 from app.reports.camera_plots.projection_map import projection_svg
 from app.reports.camera_plots.residual_map import residuals_svg
 from app.reports.drift import drift_svg
-from app.reports.repeatability_map import RepeatabilityCell, WorstPoint, repeatability_map_svg
 from app.reports.scatter import PoseScatter, scatter_svg
 from app.reports.steadiness import steadiness_svg
 from core.errors import NothingUsable, TooFewCycles, TooFewMeasurements
@@ -111,25 +108,6 @@ def _chosen_groups(data: SessionData, settings: Mapping[str, str]) -> Sequence[F
     if len(groups) > MAX_ROWS:
         raise _too_many(len(groups), "focus groups", "focus_group")
     return groups
-
-
-def joint_noise_map(data: SessionData, settings: Mapping[str, str], about: str) -> bytes:
-    """Return what `GET .../joint-noise/map.svg` answers."""
-    found = joint_noise_of(data, settings).map
-    x, y, z = found.worst_position_mm.tolist()
-    low, high = found.worst.interval()
-    worst = WorstPoint(math.hypot(x, y), z, float(found.worst.rp_l_mm[0]), (float(low[0]), float(high[0])))
-    cells = [
-        RepeatabilityCell(cell.radius_mm, cell.height_mm, cell.median_rp_l_mm, cell.largest_rp_l_mm)
-        for cell in found.cells
-    ]
-    return repeatability_map_svg(
-        cells,
-        found.cell_mm,
-        worst,
-        "Repeatability over the workspace, predicted from the joints' noise",
-        about,
-    )
 
 
 @dataclass(frozen=True, slots=True)

@@ -14,6 +14,7 @@ from app.api.schemas.analyses.dh import (
     DhPlanCreate,
     DhUncertaintyMethod,
     JointNoiseAnalysis,
+    KinematicErrorAnalysis,
     NextViewAnalysis,
     NextViewCreate,
 )
@@ -41,6 +42,7 @@ __all__ = [
     "HandEyeAnalysis",
     "IntrinsicsAnalysis",
     "JointNoiseAnalysis",
+    "KinematicErrorAnalysis",
     "LensModel",
     "NextViewAnalysis",
     "NextViewCreate",

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from typing import Annotated, Any, Literal
 
 import sqlalchemy as sa
@@ -16,11 +15,11 @@ from app.errors import NotAllowed
 from app.http import holds
 from app.records.tables import Target
 from app.services.queries import visible
-from app.services.robots import read_limits
+from app.services.robots import limits_setting
 from app.web.analyses import analysis_document
 from app.web.pages import is_fragment, page_router, render
 from app.web.routes.repeatability import SourceText, head_of, settings_of
-from app.web.service import Service, service_of
+from app.web.service import service_of
 
 router = page_router()
 VIEWS = 3
@@ -57,10 +56,20 @@ async def show_next_views(
 @router.get("/sessions/{session_id}/joint-noise", operation_id="get_joint_noise")
 async def show_joint_noise(request: Request, session_id: str, source: SourceText = "images") -> Response:
     """Show the noise of the robot's joints, and RP_l predicted by it over the workspace."""
-    chosen = settings_of("", source)
-    limits = await run_in_threadpool(_limits, service_of(request), session_id)
-    settings = {**chosen, "limits": limits}
-    return await _show(request, session_id, "robot", "joint_noise", settings, "_joint_noise.html")
+    return await _show_map(request, session_id, source, "joint_noise", "_joint_noise.html")
+
+
+@router.get("/sessions/{session_id}/error-map", operation_id="get_error_map")
+async def show_error_map(request: Request, session_id: str, source: SourceText = "images") -> Response:
+    """Show how far the robot is from where its data sheet puts it, over the workspace."""
+    return await _show_map(request, session_id, source, "kinematic_error", "_error_map.html")
+
+
+async def _show_map(request: Request, session_id: str, source: str, analysis: str, part: str) -> Response:
+    database = service_of(request).installation.database
+    limits = await run_in_threadpool(limits_setting, database, session_id)
+    settings = {**settings_of("", source), "limits": limits}
+    return await _show(request, session_id, "robot", analysis, settings, part)
 
 
 async def _show(
@@ -76,8 +85,3 @@ async def _show(
         "document": None if is_refused else found,
     }
     return render(request, part if is_fragment(request) else "advice.html", **context, **shown)
-
-
-def _limits(service: Service, session_id: str) -> str:
-    with service.installation.database.read() as records:
-        return json.dumps(read_limits(records, session_id))

@@ -4,6 +4,7 @@ from app.api.schemas.analyses.dh.compensation import Compensation, CompensationC
 from app.api.schemas.analyses.dh.error_model import DhMethod, DhModel
 from app.api.schemas.analyses.dh.identification import DhAnalysis
 from app.api.schemas.analyses.dh.joint_noise import JointNoiseAnalysis
+from app.api.schemas.analyses.dh.kinematic_error import KinematicErrorAnalysis
 from app.api.schemas.analyses.dh.next_view import NextViewAnalysis, NextViewCreate
 from app.api.schemas.analyses.dh.observability import DhUncertaintyMethod
 from app.api.schemas.analyses.dh.plan import DhPlan, DhPlanCreate
@@ -19,6 +20,7 @@ __all__ = [
     "DhPlanCreate",
     "DhUncertaintyMethod",
     "JointNoiseAnalysis",
+    "KinematicErrorAnalysis",
     "NextViewAnalysis",
     "NextViewCreate",
     "PoseErrors",
