@@ -10,24 +10,23 @@ Merriman, J. Bence, S. Osher, "Diffusion generated motion by mean curvature", UC
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
-from numpy.polynomial import chebyshev
-from scipy.special import ndtr
+from jaxtyping import Float, Int
 
-from core.geometry import Camera, undistort_points
+from core.geometry import Camera
+from core.jit import jit
+from core.simulation.tiled_lens import LensTile, TiledLens
 from core.targets import DotPattern, RectilinearPattern
 
-_DEGREE = 5  # of the polynomial that stands for the lens over one tile
-_NODES = chebyshev.chebpts1(_DEGREE + 1)
 _BINS_PER_CELL = 16
-_LEGENDRE_NODES, _LEGENDRE_WEIGHTS = np.polynomial.legendre.leggauss(20)
-_B_NODES = chebyshev.chebvander(_NODES, _DEGREE)
-_TO_COEFFICIENTS = np.linalg.inv(_B_NODES)
-_I = np.eye(_DEGREE + 1)
-# coefficients -> coefficients of the derivative, as a matrix to multiply from the right: c @ _DIFFERENTIATE
-_DIFFERENTIATE = np.pad(np.stack([chebyshev.chebder(unit) for unit in _I]), ((0, 0), (0, 1)))
+_REACH = 5.0  # standard deviations; Φ(-5) = 3e-7
+_LEGENDRE_POINTS = (6, 12, 20)
+_LEGENDRE_NODES, _LEGENDRE_WEIGHTS = np.stack(
+    [np.pad(np.polynomial.legendre.leggauss(n), ((0, 0), (0, 20 - n))) for n in _LEGENDRE_POINTS], axis=1
+)
+_NO_DOTS = (np.eye(2), np.zeros(2), np.zeros((0, 0)))
 
 
 class Coverage:
@@ -35,239 +34,267 @@ class Coverage:
 
     def __init__(
         self,
-        pattern: RectilinearPattern,
+        pattern: RectilinearPattern | DotPattern,
         camera: Camera,
         T_camera_target: Float[np.ndarray, "4 4"],
         blur_px: float,
-        reach: float,
     ) -> None:
-        self._pattern = pattern
-        self.camera = camera
-        self.H_target_image = np.linalg.inv(T_camera_target[:3, [0, 1, 3]])
+        self._camera = camera
+        self._H_target_image = np.linalg.inv(T_camera_target[:3, [0, 1, 3]])
         if np.linalg.det(T_camera_target[:3, [0, 1, 3]]) < 0.0:  # seen from behind: the sheet is its own back
-            self.H_target_image = -self.H_target_image
+            self._H_target_image = -self._H_target_image
         self._blur_px = blur_px
-        self._reach = reach
-        self._x_lines = _Lines(pattern.x_edges)
-        self._y_lines = _Lines(pattern.y_edges)
+        cells, dots = pattern, _NO_DOTS
+        if isinstance(pattern, DotPattern):
+            cells, dots = pattern.blank, (pattern.to_index, np.array(pattern.first), pattern.radius_mm)
+        assert isinstance(cells, RectilinearPattern)
+        inks = np.stack([cells.white, cells.sheet], axis=2)
+        self._sheet: tuple[Any, ...] = (*_binned(cells.x_edges), *_binned(cells.y_edges), inks, *dots)
 
-    def sample(
-        self, u_px: Float[np.ndarray, " w"], v_px: Float[np.ndarray, " h"]
-    ) -> tuple[Float[np.ndarray, "h w"], Float[np.ndarray, "h w"]]:
-        """Return white and sheet at the places (v_px[j], u_px[i])."""
-        lens = TileLens(u_px, v_px, self.camera)
-        H = self.H_target_image
-        scale = lens.combine(H[2])
-        in_front = scale > 0.0
-        scale = np.where(in_front, scale, 1.0)
-        x = np.where(in_front, lens.combine(H[0]) / scale, np.inf)
-        y = np.where(in_front, lens.combine(H[1]) / scale, np.inf)
-        column, x_near = self._x_lines.nearest(x)
-        row, y_near = self._y_lines.nearest(y)
-        reach = self._reach * self._blur_px * lens.steepest(H)
-        near = (np.abs(x - x_near) < reach) | (np.abs(y - y_near) < reach)
-        cell_row, cell_column = row + (y > y_near), column + (x > x_near)
-        white = self._pattern.white[cell_row, cell_column]
-        sheet = self._pattern.sheet[cell_row, cell_column]
-        if near.any():
-            weights = self._quadrants(lens, near, x_near[near], y_near[near])
-            i, j = column[near], row[near]
-            for values, table in ((white, self._pattern.white), (sheet, self._pattern.sheet)):
-                values[near] = (
-                    weights[0] * table[j, i]
-                    + weights[1] * table[j, i + 1]
-                    + weights[2] * table[j + 1, i]
-                    + weights[3] * table[j + 1, i + 1]
-                )
-        return white, sheet
+    def lens(self, u_px: list[Float[np.ndarray, " w"]], v_px: list[Float[np.ndarray, " h"]]) -> TiledLens:
+        """Return the lens over tiles, given the places of each column of tiles and of each row."""
+        return TiledLens(u_px, v_px, self._camera, self._H_target_image)
 
-    def _quadrants(
-        self,
-        lens: TileLens,
-        near: Bool[np.ndarray, "h w"],
-        x_line: Float[np.ndarray, " n"],
-        y_line: Float[np.ndarray, " n"],
-    ) -> Float[np.ndarray, "4 n"]:
-        """Return the probabilities that a normal about each place falls on either side of two lines.
-
-        A line x = c is L(n) = (h1 - c h3)·(n, 1) = 0 in undistorted n; h3·(n, 1) > 0 makes L's sign
-        that of x - c. Order: left above, right above, left below, right below.
-        """
-        H = self.H_target_image
-        (xn, yn), du, dv = lens.at(near)
-        distances, gradients = [], []
-        for row, line in ((H[0], x_line), (H[1], y_line)):
-            a, b, c = (row[k] - line * H[2, k] for k in range(3))
-            gradient = np.stack([a * du[0] + b * du[1], a * dv[0] + b * dv[1]])
-            steepness = np.hypot(gradient[0], gradient[1])
-            distances.append((a * xn + b * yn + c) / (steepness * self._blur_px))
-            gradients.append(gradient / steepness)
-        right, below = ndtr(distances[0]), ndtr(distances[1])
-        both = right * below
-        crossing = (np.abs(distances[0]) < self._reach) & (np.abs(distances[1]) < self._reach)
-        correlation = np.sum(gradients[0] * gradients[1], axis=0)[crossing]
-        both[crossing] += _bivariate_excess(distances[0][crossing], distances[1][crossing], correlation)
-        return np.stack([1.0 - right - below + both, right - both, below - both, both])
+    def sample(self, tile: LensTile, samples: Float[np.ndarray, "2 h w"]) -> None:
+        """Write white and sheet at the places of a tile."""
+        reach_mm = _REACH * self._blur_px * tile.steepest_mm
+        lens, H = tile[:-1], self._H_target_image
+        arguments: tuple[Any, ...] = (*lens, H, *self._sheet, self._blur_px, reach_mm, samples)
+        sample_tile(*arguments)
 
 
-class _Lines:
-    """Parallel lines, asked for the nearest one by a table of bins."""
+def _binned(
+    edges: Float[np.ndarray, " n"],
+) -> tuple[Float[np.ndarray, " n"], Int[np.ndarray, " m"], float, float]:
+    """Return parallel lines' places, and a table of bins with the nearest line of each: where it begins, bins per mm.
 
-    def __init__(self, edges: Float[np.ndarray, " n"]) -> None:
-        self._edges = edges
-        spacings = np.diff(edges)
-        width = float(spacings[spacings > 0.0].min()) / _BINS_PER_CELL
-        self._first = float(edges[0]) - width
-        self._per_mm = 1.0 / width
-        bins = math.ceil((float(edges[-1]) - self._first) / width) + 2
-        centres = self._first + (np.arange(bins) + 0.5) * width
-        after = np.clip(np.searchsorted(edges, centres), 1, len(edges) - 1)
-        self._table = np.where(centres - edges[after - 1] < edges[after] - centres, after - 1, after)
-
-    def nearest(self, x: Float[np.ndarray, "h w"]) -> tuple[Int[np.ndarray, "h w"], Float[np.ndarray, "h w"]]:
-        """Return index and place of the nearest line; near a cell's middle of either of its two."""
-        bins = np.clip((x - self._first) * self._per_mm, 0.0, len(self._table) - 1.0).astype(np.intp)
-        index = self._table[bins]
-        return index, self._edges[index]
+    Near a cell's middle it is either of its two.
+    """
+    spacings = np.diff(edges)
+    width = float(spacings[spacings > 0.0].min()) / _BINS_PER_CELL
+    first = float(edges[0]) - width
+    centres = first + (np.arange(math.ceil((float(edges[-1]) - first) / width) + 2) + 0.5) * width
+    after = np.clip(np.searchsorted(edges, centres), 1, len(edges) - 1)
+    nearest = np.where(centres - edges[after - 1] < edges[after] - centres, after - 1, after)
+    return np.asarray(edges, dtype=np.float64), nearest, first, 1.0 / width
 
 
-class TileLens:
-    """Undistorted coordinates over one tile, as a polynomial through exact values at Chebyshev nodes."""
-
-    def __init__(self, u_px: Float[np.ndarray, " w"], v_px: Float[np.ndarray, " h"], camera: Camera) -> None:
-        u_unit, u_nodes, u_half = _to_unit(u_px)
-        v_unit, v_nodes, v_half = _to_unit(v_px)
-        places = np.stack([a.ravel() for a in np.meshgrid(u_nodes, v_nodes)], axis=1)
-        values = undistort_points(places, camera).reshape(_DEGREE + 1, _DEGREE + 1, 2)
-        self._coefficients = [_TO_COEFFICIENTS @ values[:, :, k] @ _TO_COEFFICIENTS.T for k in range(2)]
-        self._B_u = chebyshev.chebvander(u_unit, _DEGREE)
-        self._B_v = chebyshev.chebvander(v_unit, _DEGREE)
-        self._D_u = _DIFFERENTIATE / u_half
-        self._D_v = _DIFFERENTIATE / v_half
-
-    def combine(self, row: Float[np.ndarray, "3"]) -> Float[np.ndarray, "h w"]:
-        """Return row · (x, y, 1) at every place."""
-        coefficients = row[0] * self._coefficients[0] + row[1] * self._coefficients[1]
-        return np.asarray(self._B_v @ coefficients @ self._B_u.T + row[2])
-
-    def at(self, where: Bool[np.ndarray, "h w"]) -> Float[np.ndarray, "3 2 n"]:
-        """Return (x, y), and their derivatives by u and by v, 1/px, at some places."""
-        return np.array([[a[where] for a in pair] for pair in self._values(self._B_u, self._B_v)])
-
-    def steepest(self, H: Float[np.ndarray, "3 3"]) -> float:
-        """Return a bound of the length of the target coordinates' gradients over the tile, mm/px.
-
-        Infinite where the tile reaches the target plane's horizon.
-        """
-        n, du, dv = (np.array(pair) for pair in self._values(_B_NODES, _B_NODES))
-        X, Y, scale = (H[k, 0] * n[0] + H[k, 1] * n[1] + H[k, 2] for k in range(3))
-        if np.any(scale <= 1e-3 * np.max(np.abs(scale))):
-            return math.inf
-        steepest = 0.0
-        for k, numerator in ((0, X), (1, Y)):
-            a, b = (H[k, i] - numerator / scale * H[2, i] for i in range(2))
-            length = np.hypot(a * du[0] + b * du[1], a * dv[0] + b * dv[1]) / scale
-            steepest = max(steepest, float(length.max()))
-        return 1.1 * steepest  # the nodes lie within the tile's border
-
-    def _values(
-        self, B_u: Float[np.ndarray, "w k"], B_v: Float[np.ndarray, "h k"]
-    ) -> tuple[list[Float[np.ndarray, "h w"]], ...]:
-        """Return x and y, their derivatives by u, and by v, for polynomials' values along u and v."""
-        return tuple(
-            [B_v @ L @ c @ R @ B_u.T for c in self._coefficients]
-            for L, R in ((_I, _I), (_I, self._D_u), (self._D_v.T, _I))
-        )
+@jit("f8[:, :, ::1], f8[::1], f8[:, ::1]")
+def sum_down(
+    coefficients: Float[np.ndarray, "2 k k"], down: Float[np.ndarray, " k"], sums: Float[np.ndarray, "2 k"]
+) -> None:
+    """Write Σ down[m] coefficients[:, m, k]: the polynomials along one row."""
+    for axis in range(2):
+        for k in range(len(down)):
+            total = 0.0
+            for m in range(len(down)):
+                total += down[m] * coefficients[axis, m, k]
+            sums[axis, k] = total
 
 
-def _to_unit(
-    places: Float[np.ndarray, " n"],
-) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " k"], float]:
-    """Return the places mapped to [-1, 1], the Chebyshev nodes mapped back, and half the length."""
-    middle, half = (places[0] + places[-1]) / 2.0, (places[-1] - places[0]) / 2.0
-    return (places - middle) / half, middle + half * _NODES, float(half)
+@jit("f8[:, ::1], f8[::1], f8[::1]")
+def sum_along(
+    sums: Float[np.ndarray, "2 k"], along: Float[np.ndarray, " k"], place: Float[np.ndarray, "2"]
+) -> None:
+    """Write Σ sums[:, k] along[k]: the polynomials at one place of the row."""
+    for axis in range(2):
+        total = 0.0
+        for k in range(len(along)):
+            total += sums[axis, k] * along[k]
+        place[axis] = total
 
 
-def _bivariate_excess(
-    a: Float[np.ndarray, " n"], b: Float[np.ndarray, " n"], correlation: Float[np.ndarray, " n"]
-) -> Float[np.ndarray, " n"]:
+@jit("f8")
+def normal_share(limit: float) -> float:
+    """Return Φ; 0 or 1 beyond 6 standard deviations, where it differs from them by less than 1e-9."""
+    if abs(limit) > 6.0:
+        return 1.0 if limit > 0.0 else 0.0
+    return 0.5 * math.erfc(-limit * math.sqrt(0.5))
+
+
+@jit("f8, f8, f8")
+def bivariate_excess(a: float, b: float, correlation: float) -> float:
     """Return P(X < a, Y < b) - Φ(a) Φ(b) of standard normals with a correlation.
 
-    = 1/2π ∫ exp(-(a² - 2 a b sin t + b²) / (2 cos² t)) dt from 0 to asin(correlation), by Gauss-Legendre.
+    = 1/2π ∫ exp(-(a² - 2 a b sin t + b²) / (2 cos² t)) dt from 0 to asin(correlation), by Gauss-Legendre with as many
+    points as the correlation needs.
 
     References: A. Genz, "Numerical computation of rectangular bivariate and trivariate normal and t
     probabilities", Statistics and Computing 14 (2004) 251-260, eq. 3, doi:10.1023/B:STCO.0000035304.20635.31.
     """
-    half = 0.5 * np.arcsin(np.clip(correlation, -1.0, 1.0))
-    total = np.zeros_like(a)
-    for node, weight in zip(_LEGENDRE_NODES, _LEGENDRE_WEIGHTS, strict=True):
-        sine = np.sin(half * (1.0 + node))
-        total += weight * np.exp((sine * a * b - 0.5 * (a * a + b * b)) / (1.0 - sine * sine))
-    return np.asarray(total * half / (2.0 * math.pi))
+    half = 0.5 * math.asin(min(max(correlation, -1.0), 1.0))
+    rule = 0 if abs(correlation) < 0.3 else 1 if abs(correlation) < 0.75 else 2
+    total = 0.0
+    for n in range(_LEGENDRE_POINTS[rule]):
+        sine = math.sin(half * (1.0 + _LEGENDRE_NODES[rule, n]))
+        total += _LEGENDRE_WEIGHTS[rule, n] * math.exp(
+            (sine * a * b - 0.5 * (a * a + b * b)) / (1.0 - sine * sine)
+        )
+    return total * half / (2.0 * math.pi)
 
 
-_ROOT_2_PI = float(np.sqrt(2.0 * np.pi))
+@jit("f8[:, ::1], f8, f8, f8[::1], f8[::1], f8[::1], f8, f8")
+def shares(
+    H: Float[np.ndarray, "3 3"],
+    x_line: float,
+    y_line: float,
+    n: Float[np.ndarray, "2"],
+    du: Float[np.ndarray, "2"],
+    dv: Float[np.ndarray, "2"],
+    blur_px: float,
+    reach: float,
+) -> tuple[float, float, float]:
+    """Return the probabilities that a normal about a place falls right of a line, below another, and both.
+
+    Beyond `reach` standard deviations of either line, both are taken as independent. A line x = c is L(n) = (h1 - c
+    h3)·(n, 1) = 0 in undistorted n; h3·(n, 1) > 0 makes L's sign that of x - c.
+    """
+    a, b, c = H[0, 0] - x_line * H[2, 0], H[0, 1] - x_line * H[2, 1], H[0, 2] - x_line * H[2, 2]
+    gu, gv = a * du[0] + b * du[1], a * dv[0] + b * dv[1]
+    steepness = math.sqrt(gu * gu + gv * gv)
+    right_by = (a * n[0] + b * n[1] + c) / (steepness * blur_px)
+    gu, gv = gu / steepness, gv / steepness
+    a, b, c = H[1, 0] - y_line * H[2, 0], H[1, 1] - y_line * H[2, 1], H[1, 2] - y_line * H[2, 2]
+    hu, hv = a * du[0] + b * du[1], a * dv[0] + b * dv[1]
+    steepness = math.sqrt(hu * hu + hv * hv)
+    below_by = (a * n[0] + b * n[1] + c) / (steepness * blur_px)
+    right, below = normal_share(right_by), normal_share(below_by)
+    both = right * below
+    if abs(right_by) < reach and abs(below_by) < reach:
+        both += bivariate_excess(right_by, below_by, (gu * hu + gv * hv) / steepness)
+    return right, below, both
 
 
-class DotCoverage:
-    """Dots on a sheet seen by a camera: how much white and how much sheet a small Gaussian around a place sees."""
+@jit("f8[:, ::1], f8, f8, f8, f8, f8, f8[::1], f8[::1], f8[::1], f8, f8")
+def dot_share(
+    H: Float[np.ndarray, "3 3"],
+    x: float,
+    y: float,
+    dx: float,
+    dy: float,
+    radius: float,
+    n: Float[np.ndarray, "2"],
+    du: Float[np.ndarray, "2"],
+    dv: Float[np.ndarray, "2"],
+    scale: float,
+    blur_px: float,
+) -> float:
+    """Return the share of a dot that a place near its edge sees; (dx, dy) is the place from the dot's centre, mm."""
+    a, b = H[0, 0] - x * H[2, 0], H[0, 1] - x * H[2, 1]
+    xu, xv = (a * du[0] + b * du[1]) / scale, (a * dv[0] + b * dv[1]) / scale  # mm/px
+    a, b = H[1, 0] - y * H[2, 0], H[1, 1] - y * H[2, 1]
+    yu, yv = (a * du[0] + b * du[1]) / scale, (a * dv[0] + b * dv[1]) / scale
+    away = max(math.sqrt(dx * dx + dy * dy), 1e-12)
+    out_u, out_v = (dx * xu + dy * yu) / away, (dx * xv + dy * yv) / away
+    steepness = math.sqrt(out_u * out_u + out_v * out_v)
+    along_u, along_v = -out_v / steepness, out_u / steepness
+    bend = (along_u * xu + along_v * xv) ** 2 + (along_u * yu + along_v * yv) ** 2
+    curvature = bend / (away * steepness)
+    distance = (radius - away) / (steepness * blur_px)
+    density = math.exp(-0.5 * distance * distance) / math.sqrt(2.0 * math.pi)
+    share = normal_share(distance) - 0.5 * curvature * blur_px * density
+    return min(max(share, 0.0), 1.0)
 
-    def __init__(
-        self,
-        pattern: DotPattern,
-        camera: Camera,
-        T_camera_target: Float[np.ndarray, "4 4"],
-        blur_px: float,
-        reach: float,
-    ) -> None:
-        self._pattern = pattern
-        self._sheet = Coverage(pattern.blank, camera, T_camera_target, blur_px, reach)
-        self._blur_px = blur_px
-        self._reach = reach
 
-    def sample(
-        self, u_px: Float[np.ndarray, " w"], v_px: Float[np.ndarray, " h"]
-    ) -> tuple[Float[np.ndarray, "h w"], Float[np.ndarray, "h w"]]:
-        """Return white and sheet at the places (v_px[j], u_px[i])."""
-        white, sheet = self._sheet.sample(u_px, v_px)
-        lens, H = TileLens(u_px, v_px, self._sheet.camera), self._sheet.H_target_image
-        scale = lens.combine(H[2])
-        in_front = scale > 0.0
-        scale = np.where(in_front, scale, 1.0)
-        x, y = (np.where(in_front, lens.combine(H[k]) / scale, np.inf) for k in range(2))
-        centre_x, centre_y, radius = self._pattern.nearest(x, y)
-        dx, dy = x - centre_x, y - centre_y
-        away = np.hypot(dx, dy)
-        reach = self._reach * self._blur_px * lens.steepest(H) * np.sqrt(2.0)
-        near = (np.abs(away - radius) < reach) & (radius > 0.0)
-        inked = np.where(radius > 0.0, away < radius, False).astype(np.float64)
-        if near.any():
-            inked[near] = self._blurred(lens, near, dx[near], dy[near], radius[near], x[near], y[near])
-        return white + inked - 2.0 * white * inked, sheet
+@jit(
+    "f8[:, :, ::1], f8[:, ::1], f8[:, ::1], f8[:, ::1], f8[:, ::1], f8[:, ::1], f8[::1], i8[::1], f8, f8, f8[::1], "
+    "i8[::1], f8, f8, f8[:, :, ::1], f8[:, ::1], f8[::1], f8[:, ::1], f8, f8, f4[:, :, ::1]"
+)
+def sample_tile(
+    coefficients: Float[np.ndarray, "2 k k"],
+    B_u: Float[np.ndarray, "w k"],
+    B_v: Float[np.ndarray, "h k"],
+    D_u: Float[np.ndarray, "w k"],
+    D_v: Float[np.ndarray, "h k"],
+    H: Float[np.ndarray, "3 3"],
+    x_edges: Float[np.ndarray, " nx"],
+    x_bins: Int[np.ndarray, " mx"],
+    x_first: float,
+    x_per_mm: float,
+    y_edges: Float[np.ndarray, " ny"],
+    y_bins: Int[np.ndarray, " my"],
+    y_first: float,
+    y_per_mm: float,
+    inks: Float[np.ndarray, "ny+1 nx+1 2"],
+    to_index: Float[np.ndarray, "2 2"],
+    first: Float[np.ndarray, "2"],
+    radius_mm: Float[np.ndarray, "nq np"],
+    blur_px: float,
+    reach_mm: float,
+    samples: Float[np.ndarray, "2 h w"],
+) -> None:
+    """Write white and sheet at the places of a tile: B are the polynomials' values there, D their derivatives.
 
-    def _blurred(
-        self,
-        lens: TileLens,
-        near: np.ndarray,
-        dx: Float[np.ndarray, " n"],
-        dy: Float[np.ndarray, " n"],
-        radius: Float[np.ndarray, " n"],
-        x: Float[np.ndarray, " n"],
-        y: Float[np.ndarray, " n"],
-    ) -> Float[np.ndarray, " n"]:
-        H = self._sheet.H_target_image
-        (xn, yn), du, dv = lens.at(near)
-        scale = H[2, 0] * xn + H[2, 1] * yn + H[2, 2]
-        gradients = []  # of the target's x and y by (u, v), mm/px
-        for row, value in ((H[0], x), (H[1], y)):
-            a, b = row[0] - value * H[2, 0], row[1] - value * H[2, 1]
-            gradients.append(np.stack([a * du[0] + b * du[1], a * dv[0] + b * dv[1]]) / scale)
-        away = np.maximum(np.hypot(dx, dy), 1e-12)
-        outward = (dx * gradients[0] + dy * gradients[1]) / away
-        steepness = np.hypot(outward[0], outward[1])
-        along = np.stack([-outward[1], outward[0]]) / steepness
-        bend = np.sum(along * gradients[0], axis=0) ** 2 + np.sum(along * gradients[1], axis=0) ** 2
-        curvature = bend / (away * steepness)
-        distance = (radius - away) / (steepness * self._blur_px)
-        density = np.exp(-0.5 * distance**2) / _ROOT_2_PI
-        return np.asarray(np.clip(ndtr(distance) - 0.5 * curvature * self._blur_px * density, 0.0, 1.0))
+    Places within `reach_mm` of a line, in mm on the target, are near it. Where there are no dots, `radius_mm` is empty.
+    """
+    nq, np_ = radius_mm.shape
+    determinant = to_index[0, 0] * to_index[1, 1] - to_index[0, 1] * to_index[1, 0]
+    along, down = np.empty((2, B_u.shape[1])), np.empty((2, B_u.shape[1]))
+    n, du, dv, places = np.empty(2), np.empty(2), np.empty(2), np.empty((3, B_u.shape[0]))
+    B_rows = np.ascontiguousarray(B_u.T)
+    for j in range(B_v.shape[0]):
+        sum_down(coefficients, B_v[j], along)
+        sum_down(coefficients, D_v[j], down)
+        for axis in range(3):
+            for i in range(B_u.shape[0]):
+                places[axis, i] = H[axis, 2]
+            for k in range(B_u.shape[1]):
+                slope = H[axis, 0] * along[0, k] + H[axis, 1] * along[1, k]
+                for i in range(B_u.shape[0]):
+                    places[axis, i] += slope * B_rows[k, i]
+        for i in range(B_u.shape[0]):
+            scale = places[2, i]
+            if not scale > 0.0:  # beyond the horizon
+                samples[0, j, i], samples[1, j, i] = inks[-1, -1, 0], inks[-1, -1, 1]
+                continue
+            x, y = places[0, i] / scale, places[1, i] / scale
+            p = x_bins[int(min(max((x - x_first) * x_per_mm, 0.0), len(x_bins) - 1.0))]
+            q = y_bins[int(min(max((y - y_first) * y_per_mm, 0.0), len(y_bins) - 1.0))]
+            column, row = p + (x > x_edges[p]), q + (y > y_edges[q])
+            white, sheet = inks[row, column, 0], inks[row, column, 1]
+            known = False
+            if abs(x - x_edges[p]) < reach_mm or abs(y - y_edges[q]) < reach_mm:
+                same, crossed = True, False
+                for ink in range(2):
+                    value, to_right = inks[q, p, ink], inks[q, p + 1, ink]
+                    to_below, to_both = inks[q + 1, p, ink], inks[q + 1, p + 1, ink]
+                    same &= to_right == value and to_below == value and to_both == value
+                    crossed |= value + to_both != to_right + to_below
+                if not same:
+                    known = True
+                    sum_along(along, B_u[i], n)
+                    sum_along(along, D_u[i], du)
+                    sum_along(down, B_u[i], dv)
+                    right, below, both = shares(
+                        H, x_edges[p], y_edges[q], n, du, dv, blur_px, _REACH if crossed else 0.0
+                    )
+                    neither = 1.0 - right - below + both
+                    white = (
+                        neither * inks[q, p, 0]
+                        + (right - both) * inks[q, p + 1, 0]
+                        + (below - both) * inks[q + 1, p, 0]
+                        + both * inks[q + 1, p + 1, 0]
+                    )
+                    sheet = (
+                        neither * inks[q, p, 1]
+                        + (right - both) * inks[q, p + 1, 1]
+                        + (below - both) * inks[q + 1, p, 1]
+                        + both * inks[q + 1, p + 1, 1]
+                    )
+            if nq > 0:
+                p_all = np.rint(to_index[0, 0] * x + to_index[0, 1] * y - first[0])
+                q_all = np.rint(to_index[1, 0] * x + to_index[1, 1] * y - first[1])
+                if 0.0 <= p_all < np_ and 0.0 <= q_all < nq and radius_mm[int(q_all), int(p_all)] > 0.0:
+                    radius = radius_mm[int(q_all), int(p_all)]
+                    p_all, q_all = p_all + first[0], q_all + first[1]
+                    dx = x - (to_index[1, 1] * p_all - to_index[0, 1] * q_all) / determinant
+                    dy = y - (to_index[0, 0] * q_all - to_index[1, 0] * p_all) / determinant
+                    away = math.sqrt(dx * dx + dy * dy)
+                    inked = 1.0 if away < radius else 0.0
+                    if abs(away - radius) < reach_mm * math.sqrt(2.0):
+                        if not known:
+                            sum_along(along, D_u[i], du)
+                            sum_along(down, B_u[i], dv)
+                        inked = dot_share(H, x, y, dx, dy, radius, n, du, dv, scale, blur_px)
+                    white = white + inked - 2.0 * white * inked
+            samples[0, j, i], samples[1, j, i] = white, sheet

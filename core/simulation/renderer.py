@@ -21,18 +21,18 @@ from __future__ import annotations
 
 import math
 
-import cv2
 import numpy as np
 from jaxtyping import Float, UInt8, UInt16
 
 from core.errors import InvalidArgument
 from core.geometry import project, transform_points
+from core.jit import jit
 from core.simulation.background import background, illumination
-from core.simulation.pattern_coverage import Coverage, DotCoverage
+from core.simulation.pattern_coverage import Coverage
 from core.simulation.scenes import Scene
 from core.targets import DotPattern, RectilinearPattern, pattern_of
 
-_TILE_PX = 80  # so small that the products of its matrices stay in one thread: many run slower together
+_TILE_PX = 80
 _REACH = 5.0  # standard deviations; Φ(-5) = 3e-7
 
 
@@ -68,28 +68,64 @@ def render_levels(scene: Scene) -> Float[np.ndarray, "h w"]:
 def _render_sheet(scene: Scene) -> tuple[Float[np.ndarray, "h w"], Float[np.ndarray, "h w"]]:
     """Return how much of each pixel's light comes from white ink, and from the sheet at all."""
     pattern = pattern_of(scene.target, scene.quiet_zone, scene.origin_dot, marks=scene.marks)
-    white = np.zeros((scene.height_px, scene.width_px), dtype=np.float32)
-    sheet = np.zeros_like(white)
+    whole = np.zeros((2, scene.height_px, scene.width_px), dtype=np.float32)
     fine = max(2, math.ceil(0.9 / scene.blur_px))
     fine_blur_px = 0.75 / fine
     rest_px = math.sqrt(scene.blur_px**2 - fine_blur_px**2 + 1.0 / (12.0 * fine**2))
     halo = math.ceil(_REACH * rest_px) + 1
-    coverage: Coverage | DotCoverage = (
-        DotCoverage(pattern, scene.camera, scene.T_camera_target, fine_blur_px, _REACH)
-        if isinstance(pattern, DotPattern)
-        else Coverage(pattern, scene.camera, scene.T_camera_target, fine_blur_px, _REACH)
-    )
+    coverage = Coverage(pattern, scene.camera, scene.T_camera_target, fine_blur_px)
     left, top, right, bottom = _bounds(scene, pattern, halo)
+    if left >= right or top >= bottom:
+        return whole[0], whole[1]
     kernel = _pixel_kernel(fine, rest_px, halo)
-    pixels = np.s_[halo * fine : -halo * fine : fine, halo * fine : -halo * fine : fine]
-    for v in range(top, bottom, _TILE_PX):
-        v_samples = _fine_places(v - halo, min(_TILE_PX, bottom - v) + 2 * halo, fine)
-        for u in range(left, right, _TILE_PX):
-            u_samples = _fine_places(u - halo, min(_TILE_PX, right - u) + 2 * halo, fine)
-            part = np.s_[v : min(v + _TILE_PX, bottom), u : min(u + _TILE_PX, right)]
-            for whole, samples in zip((white, sheet), coverage.sample(u_samples, v_samples), strict=True):
-                whole[part] = cv2.sepFilter2D(samples, cv2.CV_64F, kernel, kernel)[pixels]
-    return white, sheet
+    us, vs = (
+        [(k, min(k + _TILE_PX, end)) for k in range(begin, end, _TILE_PX)]
+        for begin, end in ((left, right), (top, bottom))
+    )
+    lens = coverage.lens(
+        *([_fine_places(a - halo, b - a + 2 * halo, fine) for a, b in tiles] for tiles in (us, vs))
+    )
+    for row, (v, v_end) in enumerate(vs):
+        for column, (u, u_end) in enumerate(us):
+            tile = lens.tile(row, column)
+            samples = np.empty((2, len(tile.B_v), len(tile.B_u)), dtype=np.float32)
+            coverage.sample(tile, samples)
+            for ink in range(2):
+                pixel_means(samples[ink], kernel, fine, whole[ink, v:v_end, u:u_end])
+    return whole[0], whole[1]
+
+
+@jit("f4[:, ::1], f4[::1], i8, f4[:, :]", reassociates=True)
+def pixel_means(
+    samples: Float[np.ndarray, "hf wf"],
+    kernel: Float[np.ndarray, " n"],
+    fine: int,
+    means: Float[np.ndarray, "h w"],
+) -> None:
+    """Write the weighted mean of the samples from each pixel's place (v, u) times `fine` on; weights sum to 1."""
+    level, even = samples[0, 0], True
+    for v in range(samples.shape[0]):
+        for u in range(samples.shape[1]):
+            even &= samples[v, u] == level
+        if not even:
+            break
+    if even:
+        means[:] = level
+        return
+    height, width = means.shape
+    along = np.empty((samples.shape[0], width), dtype=np.float32)
+    for v in range(samples.shape[0]):
+        for u in range(width):
+            total = np.float32(0.0)
+            for k in range(len(kernel)):
+                total += kernel[k] * samples[v, u * fine + k]
+            along[v, u] = total
+    for v in range(height):
+        for u in range(width):
+            means[v, u] = np.float32(0.0)
+        for k in range(len(kernel)):
+            for u in range(width):
+                means[v, u] += kernel[k] * along[v * fine + k, u]
 
 
 def _bounds(scene: Scene, pattern: RectilinearPattern | DotPattern, halo: int) -> tuple[int, int, int, int]:
@@ -121,4 +157,4 @@ def _pixel_kernel(fine: int, rest_px: float, halo: int) -> Float[np.ndarray, " n
     reach = halo * fine
     distance = (np.arange(-reach, reach + 1)[:, None] - np.arange(fine)[None, :]) / fine
     kernel: Float[np.ndarray, " n"] = np.exp(-0.5 * (distance / rest_px) ** 2).sum(axis=1)
-    return np.asarray(kernel / kernel.sum())
+    return np.asarray(kernel / kernel.sum(), dtype=np.float32)

@@ -52,23 +52,6 @@ class DotPattern:
         """The same along y."""
         return self.blank.y_edges
 
-    def nearest(
-        self, x: Float[np.ndarray, "h w"], y: Float[np.ndarray, "h w"]
-    ) -> tuple[Float[np.ndarray, "h w"], Float[np.ndarray, "h w"], Float[np.ndarray, "h w"]]:
-        """Return centre (x, y) and radius of the dot at the nearest place of the lattice; radius 0 for none."""
-        M, size = self.to_index, self.radius_mm.shape
-        index = []
-        for k in range(2):
-            with np.errstate(invalid="ignore"):  # at the horizon x and y are infinite, and no dot is there
-                value = np.rint(M[k, 0] * x + M[k, 1] * y - self.first[k])
-            index.append(np.where(np.isfinite(value), value, -1.0))
-        inside = (index[0] >= 0) & (index[0] < size[1]) & (index[1] >= 0) & (index[1] < size[0])
-        p, q = (np.where(inside, i, 0.0).astype(np.intp) for i in index)
-        radius = np.where(inside, self.radius_mm[q, p], 0.0)
-        back = np.linalg.inv(M)
-        p_all, q_all = p + self.first[0], q + self.first[1]
-        return back[0, 0] * p_all + back[0, 1] * q_all, back[1, 0] * p_all + back[1, 1] * q_all, radius
-
 
 def pattern_of(
     target: TargetSpec, quiet_zone: float, origin_dot: float = 1.0, *, marks: bool = False

@@ -8,12 +8,15 @@ import math
 import cv2
 import numpy as np
 import pytest
+import scipy.special
+import scipy.stats
 
 from core.errors import InvalidArgument, InvalidTarget
 from core.geometry.camera import Camera, project, undistort_points
 from core.geometry.se3 import compose, invert, so3_exp, transform, transform_points
 from core.simulation import Light, Scene, render, standard_scene, standard_target
-from core.simulation.renderer import render_levels
+from core.simulation.pattern_coverage import bivariate_excess, normal_share
+from core.simulation.renderer import pixel_means, render_levels
 from core.targets.specification import TargetSpec
 
 CAMERA = Camera(300.0, 310.0, 81.3, 58.4, k1=-0.25, k2=0.08, p1=1e-3, p2=-5e-4)
@@ -83,6 +86,28 @@ def test_levels_equal_supersampling(blur_px: float) -> None:
         # What is left is the fourth moment of a pixel that is sampled at m places; it matters least where the
         # blur is wide. It is even in every direction and moves nothing, as the next test shows.
         assert np.abs(rendered - truth).max() < (6e-3 if blur_px < 0.5 else 1.5e-3)
+
+
+@pytest.mark.parametrize("correlation", [0.0, 0.1, -0.29, 0.31, -0.74, 0.76, 0.95])
+def test_two_lines_share_what_a_normal_with_their_correlation_has_beyond_both(correlation: float) -> None:
+    cdf = scipy.stats.multivariate_normal(cov=np.array([[1.0, correlation], [correlation, 1.0]])).cdf
+    for a, b in ((0.0, 0.0), (0.7, -1.2), (-2.0, -0.3), (4.5, 0.1)):
+        both = bivariate_excess(a, b, correlation) + normal_share(a) * normal_share(b)
+        assert both == pytest.approx(cdf([a, b]), abs=1e-7)
+    assert normal_share(1.3) == pytest.approx(scipy.special.ndtr(1.3), abs=1e-15)
+    assert [normal_share(limit) for limit in (-6.1, 6.1)] == pytest.approx([0.0, 1.0], abs=1e-9)
+
+
+def test_pixels_are_weighted_means_of_their_samples() -> None:
+    rng = np.random.default_rng(3)
+    samples, kernel = rng.random((23, 31), dtype=np.float32), rng.random(7, dtype=np.float32)
+    kernel /= kernel.sum()
+    windows = np.lib.stride_tricks.sliding_window_view(samples, (7, 7))[::2, ::2]
+    means = np.empty(windows.shape[:2], dtype=np.float32)
+    pixel_means(samples, kernel, 2, means)
+    np.testing.assert_allclose(means, np.einsum("hwij,i,j->hw", windows, kernel, kernel), atol=1e-6)
+    pixel_means(np.full_like(samples, 0.25), kernel, 2, means)
+    np.testing.assert_array_equal(means, 0.25)
 
 
 @pytest.mark.parametrize(
