@@ -20,7 +20,7 @@ from multiprocessing.sharedctypes import Synchronized
 
 import cv2
 import numpy as np
-from jaxtyping import UInt8, UInt16
+from jaxtyping import Float, UInt8, UInt16
 
 import core
 from core import Camera, TargetSpec, calibrate_targets
@@ -35,6 +35,8 @@ _CAMERA = Camera(300.0, 300.0, 159.5, 119.5)
 _SIZE_PX = (320, 240)
 _AHEAD_MM = np.array([0.0, 0.0, 120.0])
 _TILT = so3_exp(np.array([math.radians(35.0), 0.0, 0.1]))
+_OTHER_TILT = so3_exp(np.array([0.0, math.radians(35.0), 0.1]))
+"""One tilt alone leaves the principal point to its prior, and with it the focal length."""
 _MAX_PROCESSES = 8
 """More processes than this wait for the kernels of `core.targets.subpixel.corner_step`, which take longest."""
 _LINE_EVERY_S = 5.0
@@ -48,19 +50,27 @@ _compiled: Synchronized[int]
 
 def warm_up() -> None:
     """Calibrate a small rendered board, by the way that every job's image takes, and pool it as analyses do."""
-    points = _calibrated_points(small_image(CHESSBOARD), CHESSBOARD)
-    estimate_group([points, points], "pooled", repeats=["home", "home"])
+    points, others = (
+        _calibrated_points(small_image(CHESSBOARD, tilt=tilt), CHESSBOARD) for tilt in (_TILT, _OTHER_TILT)
+    )
+    estimate_group([points, points, others], "pooled", repeats=["home", "home", "other"])
 
 
 def small_image(
-    board: TargetSpec, *, bit_depth: int = 8, marks: bool = False, origin_dot: float = 1.0, seed: int = 0
+    board: TargetSpec,
+    *,
+    tilt: Float[np.ndarray, "3 3"] = _TILT,
+    bit_depth: int = 8,
+    marks: bool = False,
+    origin_dot: float = 1.0,
+    seed: int = 0,
 ) -> Image:
     """Return a small rendered image of a tilted board."""
     middle_mm = board.points_target().mean(axis=0)
     scene = Scene(
         target=board,
         camera=_CAMERA,
-        T_camera_target=transform(_TILT, _AHEAD_MM - _TILT @ middle_mm),
+        T_camera_target=transform(tilt, _AHEAD_MM - tilt @ middle_mm),
         width_px=_SIZE_PX[0],
         height_px=_SIZE_PX[1],
         noise_levels=2.0,
