@@ -237,7 +237,9 @@ def _tracker(client: Any, robot_id: str, target_id: str) -> None:
         client.get(f"/v1/sessions/{session_id}/dh", params={"source": "measured_poses"}),
         client.get(f"/v1/sessions/{session_id}/dh", params={"source": "measured_poses"}, headers=_CSV),
         client.get(f"/v1/sessions/{session_id}/dh/error-map", params={"source": "measured_poses"}),
-        client.get(f"/v1/sessions/{session_id}/dh/error-map", params={"source": "measured_poses"}, headers=_CSV),
+        client.get(
+            f"/v1/sessions/{session_id}/dh/error-map", params={"source": "measured_poses"}, headers=_CSV
+        ),
         *_compensation(client, robot_id, session_id),
         client.post(read, content=_MEASURED_CSV, headers={"Content-Type": "text/csv"}),
         client.delete(read, params={"pose_id": poses.label(0)}),
