@@ -10,6 +10,7 @@ from contextlib import contextmanager
 from typing import Any
 
 import typer
+from rich.markup import escape
 from typer.core import TyperCommand, TyperGroup
 from typer.main import get_command
 
@@ -35,7 +36,11 @@ class LazyCommand(TyperCommand):
             function = getattr(importlib.import_module(module), name)
         settings = getattr(function, "context_settings", None)
         holder.command(self.name, context_settings=settings)(_exiting(expand_groups(function)))
-        return get_command(holder)
+        command: Any = get_command(holder)
+        for described in (command, *command.params):
+            if getattr(described, "help", None):
+                described.help = escape(described.help)  # `[default: by its name]` is text and no style
+        return command
 
     def make_context(self, *arguments: Any, **options: Any) -> Any:
         """Parse arguments by the imported command: whatever runs in this context is that command."""

@@ -99,6 +99,12 @@ def test_a_summary_is_the_first_sentence_of_the_command(name: str) -> None:
     assert " ".join(first.split()) == command.help
 
 
+@pytest.mark.parametrize(("command", "text"), [("watch", "[default: by folder]"), ("serve", "127.0.0.1]")])
+def test_help_shows_what_stands_in_brackets(command: str, text: str) -> None:
+    shown = CliRunner().invoke(app, [command, "--help"], env={"COLUMNS": "200"}).stdout
+    assert text in " ".join(shown.replace("│", " ").split())
+
+
 def test_the_code_a_command_returns_is_the_exit_code() -> None:
     runner = CliRunner()
     assert runner.invoke(app, ["version"]).exit_code == 0
