@@ -6,13 +6,14 @@ that come within `PACE_S`, one round takes all.
 
 from __future__ import annotations
 
+import math
 import threading
 import time
 
 IDLE_POLL_S = 0.5
 """How often an idle runner looks by itself; jobs of the same process wake it at once."""
-PACE_S = 0.02
-"""How far rounds are apart, unless the workers run out of jobs while more are queued."""
+PACE_S = 0.04
+"""How far the beginnings of rounds are apart, unless the workers run out of jobs while more are queued."""
 GATHER_S = 0.04
 """How long a result may wait for others to be saved with it, while workers are busy or results come closely."""
 
@@ -22,16 +23,20 @@ class Pace:
 
     def __init__(self) -> None:
         self._hurry = threading.Event()
-        self._saved_s = -GATHER_S
+        self._saved_s = -math.inf
+        self._begun_s = -math.inf
 
     def hurry(self) -> None:
         """Let the next round begin at once; from any thread."""
         self._hurry.set()
 
     def rest(self) -> None:
-        """Return when the next round may begin."""
-        self._hurry.wait(PACE_S)
+        """Return when the next round may begin: at once where the one before began long ago."""
+        rest_s = self._begun_s + PACE_S - time.monotonic()
+        if rest_s > 0.0:
+            self._hurry.wait(rest_s)
         self._hurry.clear()
+        self._begun_s = time.monotonic()
 
     def saved(self) -> None:
         """Note that results were saved just now."""

@@ -17,7 +17,6 @@ import threading
 import time
 from collections import deque
 from collections.abc import Callable
-from concurrent.futures import CancelledError
 from dataclasses import dataclass
 
 import structlog
@@ -261,10 +260,9 @@ class JobRunner:
         return True
 
     def _on_end(self, slot: WorkerSlot, task: Task) -> None:
-        """Note the end and keep the worker busy; runs in the pool's own thread, before anything is saved."""
+        """Note the end and keep the worker busy; runs in the thread that had the answer, before anything is saved."""
         with self._hand_out:
-            cancelled = task.future.cancelled()
-            self._end(slot, task, CancelledError() if cancelled else task.future.exception())
+            self._end(slot, task, task.future.exception())
             self._hand_next(slot)
         if self._is_hungry():
             self._pace.hurry()

@@ -12,17 +12,15 @@ import threading
 import time
 from collections import deque
 from collections.abc import Sequence
-from concurrent.futures import CancelledError
-from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass, field
 
 import structlog
-from pebble import ProcessExpired
 
 from app.errors import ServiceError, Unavailable
 from app.jobs.back_off import BackOff
 from app.jobs.queue import Job, JobResult, Queue
 from app.jobs.worker_pool import OverTime
+from app.jobs.worker_process import ProcessExpired
 from app.records.codec import Failure, Outcome
 
 log = structlog.get_logger(__name__)
@@ -55,7 +53,7 @@ ORIGINAL_MISSING = Failure(
 
 def is_death(error: BaseException | None) -> bool:
     """Return whether the worker process did not survive this end of a job, or should not."""
-    return isinstance(error, (ProcessExpired, BrokenProcessPool, CancelledError, OverTime, MemoryError))
+    return isinstance(error, (ProcessExpired, OverTime, MemoryError))
 
 
 @dataclass(slots=True, eq=False)

@@ -1,15 +1,13 @@
-"""A slot for one worker process, in a pool of one: a job's crash or time-out affects no other worker.
+"""A slot for one worker process with a pipe of its own: a job's crash or time-out affects no other worker.
 
-A shared pool would tie its workers together by the pipe and the lock they take turns at; with one process per pool
-it is always certain whose job a process died of, and a replacement starts from a clean slate.
+A shared pool would tie its workers together by the pipe and the lock they take turns at; with a pipe for each it is
+always certain whose job a process died of, and a replacement starts from a clean slate.
 
-Time limits are watched here by the monotonic clock. The pool's own limit reads the wall clock, which steps.
+Time limits are watched here by the monotonic clock: the wall clock steps.
 """
 
 from __future__ import annotations
 
-import multiprocessing
-import os
 import threading
 import time
 from collections.abc import Callable, Sequence
@@ -17,11 +15,11 @@ from concurrent.futures import Future
 from dataclasses import dataclass
 
 import structlog
-from pebble import ProcessExpired, ProcessPool
 
 from app.jobs.back_off import BackOff
 from app.jobs.queue import Job
 from app.jobs.worker_init import start_worker
+from app.jobs.worker_process import WorkerProcess
 from app.records.codec import Outcome
 
 log = structlog.get_logger(__name__)
@@ -34,8 +32,6 @@ MAX_START_S = 900.0
 _CALM_FAILURES = 3
 _HOPELESS_FAILURES = 3
 """Starts in a row. After fewer, one that is under way may still come to an end: it takes long where it compiles."""
-_SILENCE_S = 5.0
-"""How long a pool that has failed may take to report the end of its job."""
 
 
 class WorkerLost(Exception):
@@ -73,11 +69,10 @@ class WorkerSlot:
         self._initialise = initialise
         self._max_pixels = max_pixels
         self._timeout_s = timeout_s
-        self._pool: ProcessPool | None = None
-        self._greeting: Future[int] | None = None
+        self._process: WorkerProcess | None = None
+        self._starting = False
         self._spent = False
         self._started_s = 0.0
-        self._silent_since_s: float | None = None
         self._starts = BackOff()
         self._jobs = BackOff(calm_failures=_CALM_FAILURES)
 
@@ -89,7 +84,7 @@ class WorkerSlot:
     @property
     def hopeful(self) -> bool:
         """Whether it is ready, or at a start that few failed ones came before."""
-        is_starting = self._greeting is not None and self._starts.failures < _HOPELESS_FAILURES
+        is_starting = self._starting and self._starts.failures < _HOPELESS_FAILURES
         return self.ready or is_starting or self._starts.failures == 0
 
     def tend(self) -> None:
@@ -98,12 +93,12 @@ class WorkerSlot:
             return
         if self._spent:
             self._discard()
-        if self._pool is None:
+        if self._process is None:
             if self._starts.due and self._jobs.due:
                 self._start()
-        elif self._greeting is not None:
-            self._await_greeting(self._pool, self._greeting)
-        elif not self._pool.active:
+        elif self._starting:
+            self._await_greeting(self._process)
+        elif not self._process.active:
             log.warning("worker_lost_while_idle")
             self._discard()
 
@@ -112,33 +107,23 @@ class WorkerSlot:
 
         Raises WorkerLost where the process ended while it had nothing to do; `tend` replaces it.
         """
-        assert self._pool is not None
+        assert self._process is not None
         try:
-            future: Future[tuple[Outcome, float]] = self._pool.schedule(
-                self._compute, args=(job, address, self._max_pixels)
+            future: Future[tuple[Outcome, float]] = self._process.schedule(
+                self._compute, job, address, self._max_pixels
             )
-        except RuntimeError as error:
+        except OSError as error:
             log.warning("worker_lost_while_idle")
             self.ready, self._spent = False, True
             raise WorkerLost from error
-        self._silent_since_s = None
         self.task = Task(job, future, time.monotonic())
         return self.task
 
     def verdict(self) -> Exception | None:
-        """Return why the present job has to be given up: OverTime, or ProcessExpired where no end is reported."""
+        """Return why the present job has to be given up: OverTime, else None."""
         if self.task is None or self.task.future.done():
             return None
-        now_s = time.monotonic()
-        if now_s - self.task.since_s > self._timeout_s:
-            return OverTime()
-        if self._pool is None or self._pool.active:
-            self._silent_since_s = None
-        elif self._silent_since_s is None:
-            self._silent_since_s = now_s
-        elif now_s - self._silent_since_s > _SILENCE_S:
-            return ProcessExpired("The pool of the process failed.")  # type: ignore[no-untyped-call]
-        return None
+        return OverTime() if time.monotonic() - self.task.since_s > self._timeout_s else None
 
     def finish(self, *, alive: bool) -> None:
         """Note that the job is over, and whether the process survived it; `tend` replaces one that did not."""
@@ -151,47 +136,36 @@ class WorkerSlot:
 
     def close(self) -> None:
         """End the process, whatever it does."""
-        pool, self._pool, self.ready = self._pool, None, False
-        if pool is not None:
-            _end(pool)
+        process, self._process, self.ready = self._process, None, False
+        if process is not None:
+            process.end()
 
     def _discard(self) -> None:
-        pool, self._pool, self._greeting = self._pool, None, None
-        self.ready = self._spent = False
-        if pool is not None:
-            _run_in_background(lambda: _end(pool))
+        process, self._process = self._process, None
+        self.ready = self._spent = self._starting = False
+        if process is not None:
+            _run_in_background(process.end)
 
     def _start(self) -> None:
-        pool = ProcessPool(
-            max_workers=1,
-            initializer=self._initialise,
-            initargs=(self._max_pixels, True),
-            context=multiprocessing.get_context("spawn"),
-        )
         try:
-            # This starts the pool and its process now, from the runner's own thread, which outlives both. The answer
-            # comes when the process is initialised.
-            self._greeting = pool.schedule(os.getpid)
+            self._process = WorkerProcess(self._initialise, (self._max_pixels, True))
         except Exception as error:  # noqa: BLE001 - no descriptors, processes, threads or memory: it passes
             self._starts.failed()
             log.warning("worker_not_started", failures=self._starts.failures, error=repr(error))
-            _end(pool)
             return
-        self._pool, self._started_s = pool, time.monotonic()
+        self._starting, self._started_s = True, time.monotonic()
 
-    def _await_greeting(self, pool: ProcessPool, greeting: Future[int]) -> None:
+    def _await_greeting(self, process: WorkerProcess) -> None:
         error: BaseException | None
-        if greeting.done():
-            error = greeting.exception()
+        if process.greeting.done():
+            error = process.greeting.exception()
             if error is None:
-                self.ready, self._greeting = True, None
+                self.ready, self._starting = True, False
                 self._starts.succeeded()
                 log.info("worker_ready", after_s=round(time.monotonic() - self._started_s, 1))
                 return
         elif time.monotonic() - self._started_s > MAX_START_S:
             error = OverTime()
-        elif not pool.active:
-            error = WorkerLost()
         else:
             return
         self._starts.failed()
@@ -203,7 +177,7 @@ def close_all(slots: Sequence[WorkerSlot]) -> None:
     """End the processes of all slots at the same time."""
     closers = []
     for slot in slots:
-        closer = threading.Thread(target=slot.close, name="pool-end")
+        closer = threading.Thread(target=slot.close, name="worker-end")
         try:
             closer.start()
         except RuntimeError:  # no thread can be had: one after the other
@@ -214,16 +188,8 @@ def close_all(slots: Sequence[WorkerSlot]) -> None:
         closer.join()
 
 
-def _end(pool: ProcessPool) -> None:
-    try:
-        pool.stop()  # type: ignore[no-untyped-call]
-        pool.join()
-    except Exception:
-        log.exception("worker_not_ended")
-
-
 def _run_in_background(work: Callable[[], None]) -> None:
     try:
-        threading.Thread(target=work, name="pool-end", daemon=True).start()
+        threading.Thread(target=work, name="worker-end", daemon=True).start()
     except RuntimeError:  # no thread can be had: the caller waits
         work()

@@ -37,9 +37,7 @@ _THREADS = {
     "MainThread": "event loop",
     "upload": "upload thread",
     "runner": "runner",
-    "Thread (message_manager_loop)": "results from processes",
-    "Thread (task_scheduler_loop)": "jobs to processes",
-    "Thread (pool_manager_loop)": "watch over processes",
+    "worker-answers": "results from processes",
 }
 
 

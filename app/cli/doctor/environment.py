@@ -16,7 +16,7 @@ from app.records.database import sqlite_driver, sqlite_version
 from app.records.file_lock import AlreadyLocked, FileLock
 from app.settings import Settings
 
-_PACKAGES = ("fastapi", "uvicorn", "sqlalchemy", "pebble", "numpy", "scipy")
+_PACKAGES = ("fastapi", "uvicorn", "sqlalchemy", "numpy", "scipy")
 
 
 def check_installation() -> Iterator[CheckResult]:

@@ -27,12 +27,26 @@ def test_results_wait_for_others_only_where_others_may_come() -> None:
 def test_who_is_called_does_not_rest(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(pace, "PACE_S", 30.0)
     calm = Pace()
-    calm.hurry()
     started = time.monotonic()
+    calm.rest()  # nothing came before
+    calm.hurry()
     calm.rest()
     assert time.monotonic() - started < 15.0
     monkeypatch.setattr(pace, "PACE_S", 0.0)
     calm.rest()  # one call, one round
+
+
+def test_a_round_rests_only_soon_after_another(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(pace, "PACE_S", 0.3)
+    calm = Pace()
+    calm.rest()
+    began = time.monotonic()
+    calm.rest()
+    assert time.monotonic() - began >= 0.25
+    time.sleep(0.3)
+    began = time.monotonic()
+    calm.rest()
+    assert time.monotonic() - began < 0.25
 
 
 def test_a_result_as_text_is_stored_as_the_same_document(any_api: Any, grey_png: bytes) -> None:

@@ -121,7 +121,7 @@ def test_a_runner_that_can_start_no_worker_gives_up(api: Any, own_workers: OwnWo
 def test_a_long_start_after_one_that_failed_is_waited_for(api: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     start, starts = WorkerSlot._start, 0
 
-    class NeverReady(Future[int]):
+    class NeverReady(Future[None]):
         def done(self) -> bool:
             return False
 
@@ -132,7 +132,8 @@ def test_a_long_start_after_one_that_failed_is_waited_for(api: Any, monkeypatch:
             slot._starts.failed()
             return
         start(slot)
-        slot._greeting = NeverReady()
+        assert slot._process is not None
+        slot._process.greeting = NeverReady()
 
     monkeypatch.setattr(WorkerSlot, "_start", fail_then_take_long)
     with runner_of(api, max_unable_s=2.0) as runner:
