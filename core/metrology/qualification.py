@@ -5,7 +5,8 @@ uncertainty of the test value is the calibrated length's and that of the means, 
 print, lens and temperature are what the test is about. A limit (maximum permissible error) is kept where every error
 and its 95 % uncertainty lie within it, exceeded where one lies beyond it.
 
-The scale is the slope of the errors over the lengths, by least squares weighted with their uncertainties.
+The scale is the slope of the errors over the lengths, by generalised least squares: lengths that begin at one pose have
+the error of its mean in common. What the visits scatter is taken as one of all poses, so that few visits weigh rightly.
 
 References: VDI/VDE 2634 part 1 (length measurement error); ASTM E2919 (pose measurement systems); ISO/TS 23165:2006
 (test value uncertainty); ISO 14253-1:2017.
@@ -18,6 +19,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from jaxtyping import Float
 from scipy.special import stdtrit
 
 from core.errors import InvalidArgument
@@ -98,9 +100,9 @@ def qualify(
         if len(cycles) > 1
     ]
     length = np.array([one.known.length_mm for one in errors])
-    weight = 1.0 / np.array([one.standard_uncertainty_mm for one in errors]) ** 2
-    information = float(weight @ length**2)
-    scale = float(weight @ (length * [one.error_mm for one in errors])) / information
+    weighted = np.linalg.pinv(_covariance(lengths), hermitian=True) @ length
+    information = float(weighted @ length)
+    scale = float(weighted @ [one.error_mm for one in errors]) / information
     return Qualification(
         errors,
         max(scatter, default=None),
@@ -108,6 +110,28 @@ def qualify(
         1e6 / math.sqrt(information),
         None if maximum_permissible_error_mm is None else _decided(errors, maximum_permissible_error_mm),
     )
+
+
+def _covariance(
+    lengths: Sequence[tuple[KnownLength, PoseCycles, PoseCycles]],
+) -> Float[np.ndarray, "l l"]:
+    """Return the covariance of the errors, mm²: of the calibrated lengths, and of the means that lengths share."""
+    poses = list({id(cycles): cycles for _, *both in lengths for cycles in both}.values())
+    place = {id(cycles): 3 * i for i, cycles in enumerate(poses)}
+    ways = np.zeros((len(lengths), 3 * len(poses)))
+    for row, (_, first, second) in zip(ways, lengths, strict=True):
+        way = second.positions_mm.mean(axis=0) - first.positions_mm.mean(axis=0)
+        row[place[id(first)] : place[id(first)] + 3] = -way / np.linalg.norm(way)
+        row[place[id(second)] : place[id(second)] + 3] = way / np.linalg.norm(way)
+    freedom = sum(len(cycles) - 1 for cycles in poses)
+    squares = [np.cov(cycles.positions_mm.T) * (len(cycles) - 1) for cycles in poses if len(cycles) > 1]
+    scatter = np.sum(squares, axis=0) / freedom if squares else np.zeros((3, 3))
+    of_means = np.zeros((3 * len(poses),) * 2)
+    for i, cycles in zip(place.values(), poses, strict=True):
+        own = cycles.covariances[0, :3, :3] if cycles.covariances is not None else scatter
+        of_means[i : i + 3, i : i + 3] = scatter / len(cycles) if len(cycles) > 1 else own
+    stated = np.diag([known.standard_uncertainty_mm**2 for known, *_ in lengths])
+    return np.asarray(stated + ways @ of_means @ ways.T)
 
 
 def _compared(known: KnownLength, first: PoseCycles, second: PoseCycles) -> LengthError:

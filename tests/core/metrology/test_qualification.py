@@ -67,6 +67,27 @@ def test_intervals_of_errors_hold_with_few_visits() -> None:
     assert abs(np.mean(inside) - 0.95) < 4.0 * math.sqrt(0.95 * 0.05 / 600)
 
 
+@pytest.mark.parametrize("shared", [True, False])
+def test_the_scale_is_as_uncertain_as_it_says_where_lengths_share_a_pose(shared: bool) -> None:
+    """Six lengths of a stage, from one zero or each from its own: rms of error over uncertainty, 400 times."""
+    rng = np.random.default_rng(21)
+    z = []
+    for _ in range(400):
+        zero = at(0.0, noise_mm=0.02, rng=rng)
+        lengths = [
+            (
+                KnownLength("A", f"B{true:.0f}", true + rng.normal(0.0, 0.002), 0.002),
+                zero if shared else at(0.0, noise_mm=0.02, rng=rng),
+                at(true, noise_mm=0.02, rng=rng),
+            )
+            for true in np.arange(50.0, 301.0, 50.0)
+        ]
+        found = qualify(lengths)
+        z.append(found.scale_ppm / found.scale_standard_uncertainty_ppm)
+    # 28 or 48 degrees of freedom of the scatter add 4 or 2 %; three standard errors of the rms are 11 %.
+    assert math.sqrt(float(np.mean(np.square(z)))) == pytest.approx(1.0, abs=0.15)
+
+
 def test_one_visit_counts_where_the_instrument_says_how_sure_it_is() -> None:
     alone = PoseCycles(np.array([[100.0, 0.0, 0.0]]), None, 0.03**2 * np.eye(6)[None])
     found = qualify([(KnownLength("A", "B", 100.0, 0.04), at(0.0), alone)])
