@@ -41,7 +41,7 @@ class ClientError(Exception):
         """`detail` without `fields`."""
         self.fields = tuple(fields)
         """Field and message of each invalid field of a refused body."""
-        listed = "; ".join(f"{field}: {message}" for field, message in fields)
+        listed = "; ".join(f"{field}: {message}" for field, message in fields if message != detail)
         self.detail = f"{detail} {listed}" if listed else detail
         super().__init__(f"{self.detail} ({code})" if code else self.detail)
         self.code = code

@@ -159,7 +159,12 @@ def find_or_make_target(client: ServiceClient, target: str, *, accept_implausibl
         if is_meant(entry):
             return str(entry["id"])
     path = "/v1/targets?accept_implausible=true" if accept_implausible else "/v1/targets"
-    return str(client.create(path, {"name": target[:200], **fields})["id"])
+    try:
+        return str(client.create(path, {"name": target[:200], **fields})["id"])
+    except ClientError as error:
+        if error.code == "invalid_target":
+            error.advice = f"{error.advice or ''} Write it as --target {_EXAMPLES[fields['kind']]}.".strip()
+        raise
 
 
 def check_target(client: ServiceClient, target: str) -> None:

@@ -1,8 +1,9 @@
-"""The Python client: the block of docs/shop-floor.md, and the same calls in an event loop."""
+"""The Python client: the programs of the docs, and the same calls in an event loop."""
 
 from __future__ import annotations
 
 import asyncio
+import json
 import re
 import sys
 from collections.abc import Iterator
@@ -18,7 +19,7 @@ from app.client.credentials import find_key, forget_key, save_key, saved_key
 from tests.support.service.service import Api, ApiMaker
 from tests.system.faults.images import image
 
-PAGE = Path(__file__).parents[3] / "docs" / "shop-floor.md"
+DOCS = Path(__file__).parents[3] / "docs"
 
 
 @pytest.fixture(scope="module")
@@ -37,19 +38,31 @@ def folder(tmp_path: Path) -> Path:
     return tmp_path
 
 
+def program_of(document: Path) -> str:
+    """Return the code of a page's block, or of a notebook's cells."""
+    text = document.read_text(encoding="utf-8")
+    if document.suffix == ".ipynb":
+        return "\n".join("".join(c["source"]) for c in json.loads(text)["cells"] if c["cell_type"] == "code")
+    (code,) = re.findall(r"^```python\n(.*?)^```$", text, re.MULTILINE | re.DOTALL)
+    return str(code)
+
+
 @pytest.mark.slow
-def test_the_page_s_program_reads_the_table(
-    api: Api, folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+@pytest.mark.parametrize("document", ["shop-floor.md", "repeatability.ipynb"])
+def test_the_documented_program_reads_the_table(
+    document: str,
+    api: Api,
+    folder: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
 ) -> None:
-    (code,) = re.findall(
-        r"^```python\n(.*?)^```$", PAGE.read_text(encoding="utf-8"), re.MULTILINE | re.DOTALL
-    )
+    code = program_of(DOCS / document).replace("Cell 7", document)
     installed = ModuleType("gridpose")
     installed.Gridpose = Gridpose  # type: ignore[attr-defined]
     monkeypatch.setitem(sys.modules, "gridpose", installed)
     monkeypatch.setenv("GRIDPOSE_KEY", api.client.headers["authorization"].removeprefix("Bearer "))
     monkeypatch.chdir(folder)
-    exec(compile(code.replace("http://measuring-pc:8000", str(api.client.base_url)), str(PAGE), "exec"), {})
+    exec(compile(code.replace("http://measuring-pc:8000", str(api.client.base_url)), document, "exec"), {})
     lines = capsys.readouterr().out.splitlines()
     printed = [line.split() for line in lines if re.match(r"(\d+\.png|P\d) ", line)]
     assert sorted(words[1:3] for words in printed[:4]) == [["P1", "True"]] * 2 + [["P2", "True"]] * 2

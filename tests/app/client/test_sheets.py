@@ -99,6 +99,10 @@ def check_sheets(api: Api) -> None:
         with pytest.raises(ClientError, match="target_not_found") as absent:
             find_or_make_target(client, sheet)
         assert "charuco:9x6:25,marker=18,dictionary=DICT_5X5_100" in (absent.value.advice or "")
+        with pytest.raises(ClientError, match="invalid_target") as refused:
+            find_or_make_target(client, "charuco:9x6:25")
+        assert "dictionary=DICT_5X5_100" in (refused.value.advice or "")
+        assert str(refused.value).count("is required") == 1
         form = "charuco:9x6:25,marker=18,dictionary=DICT_5X5_250"  # the same markers
         target_id = find_or_make_target(client, form)
         for written in (sheet, sheet.replace("gp-", ""), f"sheet:{sheet_id_of(board).upper()}"):
