@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import socket
 import sys
+from typing import Any, cast
 
 import h11
 from uvicorn.protocols.http.h11_impl import H11Protocol
@@ -14,7 +15,39 @@ from app.api.problems import problem_response
 MAX_HEAD_S = 10.0
 """From the first byte of a request, or the start of the connection, to the end of the request's head."""
 _MAX_FILES = 65536
+_TOGETHER_BYTES = 16 * 1024
 _PROBE_AFTER_S, _PROBE_EVERY_S, _PROBES = 60, 15, 4
+
+
+class _OneWrite:
+    """A transport that passes on together what is written in one turn of the event loop: an answer's head and body."""
+
+    def __init__(self, transport: asyncio.Transport, loop: asyncio.AbstractEventLoop) -> None:
+        self._transport, self._loop = transport, loop
+        self._pending = b""
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._transport, name)
+
+    def write(self, data: bytes) -> None:
+        """Send the bytes at the end of this turn, or at once where they are many."""
+        if len(self._pending) + len(data) > _TOGETHER_BYTES:
+            self._flush()
+            self._transport.write(data)
+            return
+        if not self._pending:
+            self._loop.call_soon(self._flush)
+        self._pending += data
+
+    def close(self) -> None:
+        """Send what is left, and close."""
+        self._flush()
+        self._transport.close()
+
+    def _flush(self) -> None:
+        data, self._pending = self._pending, b""
+        if data:
+            self._transport.write(data)
 
 
 class Connection(H11Protocol):
@@ -25,6 +58,7 @@ class Connection(H11Protocol):
     def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
         """Start the head's timeout, and let the system probe whether the client's machine still exists."""
         super().connection_made(transport)
+        self.transport = cast("asyncio.Transport", _OneWrite(transport, self.loop))
         peer: socket.socket | None = transport.get_extra_info("socket")
         if peer is not None:
             _probe(peer)
