@@ -50,6 +50,18 @@ def compute_plan(
         return AnalysisRefused(error.code, error.detail, error.advice)
 
 
+def compute_robot_file(
+    document: Mapping[str, Any], robot: Mapping[str, Any] | None, session_name: str, name: str
+) -> bytes:
+    """Return the identified robot of an analysis `dh` as a file, empty where it cannot be one of this name; run in a
+    process alongside the head.
+    """
+    from app.analyses.documents.robot_files import exports_of
+
+    files = exports_of(dict(document), None if robot is None else dict(robot), session_name)
+    return files.get(name, "").encode()
+
+
 def compute_sheet(target: dict[str, Any], options: dict[str, Any]) -> bytes | AnalysisRefused:
     """Run in a process alongside the head."""
     from app.printing import draw_sheet, to_pdf, to_svg

@@ -9,7 +9,10 @@ from fastapi import Query, Request
 from starlette.concurrency import run_in_threadpool
 from starlette.responses import Response
 
+from app.analyses.computations import compute_robot_file
 from app.analyses.outcome import AnalysisRefused
+from app.errors import Conflict, NotFound
+from app.http import get_requester
 from app.records.tables import Robot, Session
 from app.services.queries import get_or_raise, visible
 from app.services.robots import list_robots
@@ -20,6 +23,13 @@ from app.web.service import service_of
 from app.web.words import NONE, fixed, plain, with_uncertainty
 
 router = page_router()
+ROBOT_FILES = {
+    "robot.urdf": "application/xml",
+    "robot.yaml": "application/yaml",
+    "robot.csv": "text/csv; charset=utf-8",
+    "terms.json": "application/json",
+}
+"""The identified robot for other programs: names and media types."""
 PARAMETERS = ("a_mm", "alpha_deg", "d_mm", "theta_offset_deg", "beta_deg")
 PARAMETER_NAMES = {"a_mm": "a", "alpha_deg": "α", "d_mm": "d", "theta_offset_deg": "θ", "beta_deg": "β"}
 
@@ -55,13 +65,7 @@ async def show_identification(
 ) -> Response:
     """Show the robot's parameters as the session identifies them; they take seconds, so that the page comes first."""
     context = await run_in_threadpool(head_of, service_of(request), session_id, "robot")
-    settings = {
-        "method": "global",
-        "model": "auto",
-        "estimator": "pooled",
-        "source": settings_of("", source)["source"],
-        "joint_tolerance_deg": repr(0.02),
-    }
+    settings = _settings(source)
     shown: dict[str, Any] = {**context, "source": settings["source"]}
     if not compute and not is_fragment(request):
         return render(
@@ -79,6 +83,44 @@ async def show_identification(
         document=document,
         joints=joint_rows(document) if document else [],
     )
+
+
+@router.get("/sessions/{session_id}/robot/files/{name}", operation_id="get_dh")
+async def get_robot_file(
+    request: Request, session_id: str, name: str, source: SourceText = "images"
+) -> Response:
+    """Answer with the identified robot as a file of another program."""
+    if name not in ROBOT_FILES:
+        raise NotFound("There is no such file of a robot.", f"Choose one of {', '.join(ROBOT_FILES)}.")
+    service = service_of(request)
+    context = await run_in_threadpool(head_of, service, session_id, "robot")
+    document = await analysis_document(request, "dh", session_id, _settings(source))
+    if isinstance(document, AnalysisRefused):
+        raise Conflict(document.detail, document.advice, code=document.code)
+    robot = context["robot"]
+    sheet = None if robot is None else {"name": robot.name, "joints": robot.joints}
+    asked = (document, sheet, context["session"].name, name)
+    made = await service.analyses.worked_out(
+        ("robot_file", repr(asked)), await get_requester(request), compute_robot_file, *asked
+    )
+    if not made:
+        raise NotFound(
+            f"The identified robot cannot be written as {name}.",
+            "The page of the robot lists the files that it can.",
+        )
+    headers = {"Content-Disposition": f'attachment; filename="{name}"'}
+    return Response(made, media_type=ROBOT_FILES[name], headers=headers)
+
+
+def _settings(source: str) -> dict[str, str]:
+    """Return the settings that `GET .../dh` has by default."""
+    return {
+        "method": "global",
+        "model": "auto",
+        "estimator": "pooled",
+        "source": settings_of("", source)["source"],
+        "joint_tolerance_deg": repr(0.02),
+    }
 
 
 def joint_rows(document: dict[str, Any]) -> list[dict[str, Any]]:

@@ -11,6 +11,7 @@ import sqlalchemy as sa
 from app.records.tables import Measurement
 from app.services.reports import NewReport, order_report
 from app.web.words import interval, length_with_uncertainty, number, signless_zero, size, with_uncertainty
+from tests.support.service.signed_in import signed_in
 
 
 @pytest.mark.parametrize(
@@ -112,15 +113,6 @@ def test_an_address_that_makes_no_sense_is_a_page_in_words(api: Any, session_id:
     for address in (f"/ui/sessions/{session_id}?page=0", "/ui/targets/sheet.svg?columns=x"):
         response = api.client.get(address, headers=signed_in(api))
         assert (response.status_code, "not valid" in response.text) == (422, True)
-
-
-def signed_in(api: Any) -> dict[str, str]:
-    """The cookie of a browser that is signed in with a key of scope admin."""
-    from app.http import COOKIE, begin_sign_in
-    from app.services.keys import create_key
-
-    key = create_key(api.installation, "browser", "admin").key
-    return {"Authorization": "", "Cookie": f"{COOKIE}={begin_sign_in(api.installation, key)}"}
 
 
 @pytest.mark.slow

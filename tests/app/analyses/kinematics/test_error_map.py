@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from typing import Any
 from xml.etree import ElementTree
 
@@ -10,6 +11,7 @@ import pytest
 
 from app.api.schemas.analyses import KinematicErrorAnalysis
 from core.simulation.arm import KR5_ARC, KR5_ARC_LIMITS
+from tests.support.service.signed_in import signed_in
 from tests.support.sessions.kinematics import make_robot, readings, rows_of, send
 from tests.support.sessions.stored_sessions import body, new_session, problem
 from tests.support.simulation.robots.real_arms import angles_within_limits, measured, real_arm
@@ -69,6 +71,23 @@ def test_the_drawings_say_in_words_what_they_show(api: Any, session: str, path: 
 
 def _dh(api: Any, session: str) -> Any:
     return api.client.get(f"/v1/sessions/{session}/dh?source=measured_poses")
+
+
+def test_the_identified_robot_is_downloaded_from_its_page(api: Any, session: str) -> None:
+    here = f"/ui/sessions/{session}/robot"
+    page = api.client.get(f"{here}?source=measured_poses&compute=1", headers=signed_in(api))
+    assert page.status_code == 200, page.text
+    links = dict.fromkeys(re.findall(rf'href="({here}/files/[^"]+)"', page.text))
+    files = {
+        link.rpartition("/")[2].partition("?")[0]: api.client.get(link, headers=signed_in(api))
+        for link in links
+    }
+    assert {"robot.urdf", "robot.csv", "robot.yaml"} <= set(files)
+    assert all(one.status_code == 200 for one in files.values())
+    assert len(ElementTree.fromstring(files["robot.urdf"].content).findall("joint")) >= 6
+    assert len(files["robot.csv"].text.splitlines()) == 7
+    missing = api.client.get(f"{here}/files/robot.exe?source=measured_poses", headers=signed_in(api))
+    assert missing.status_code == 404
 
 
 def test_without_a_robot_there_is_no_data_sheet_to_compare_with(api: Any) -> None:

@@ -1,0 +1,14 @@
+"""A browser that is signed in, as the headers of its requests."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from app.http import COOKIE, begin_sign_in
+from app.services.keys import create_key
+
+
+def signed_in(api: Any) -> dict[str, str]:
+    """Return the cookie of a browser that is signed in with a key of scope admin."""
+    key = create_key(api.installation, "browser", "admin").key
+    return {"Authorization": "", "Cookie": f"{COOKIE}={begin_sign_in(api.installation, key)}"}
