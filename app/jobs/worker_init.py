@@ -6,6 +6,7 @@ This module imports nothing heavy, so that the environment is set before numpy a
 from __future__ import annotations
 
 import ctypes
+import gc
 import multiprocessing
 import os
 import signal
@@ -37,11 +38,14 @@ def keep_compiled_code(data_dir: Path) -> None:
 def start_worker(max_image_pixels: int, tied_to_thread: bool) -> None:
     """Initialise a worker that measures: as `start_drawing`, and load the numerics before the first job."""
     start_drawing(max_image_pixels, tied_to_thread)
+    gc.disable()  # what is loaded stays to the end: nothing of it is garbage
 
     import app.jobs.process_image  # noqa: F401 - loaded here so that the first job need not
     from app.jobs.warm_up import warm_up
 
     warm_up()
+    gc.freeze()
+    gc.enable()
 
 
 def start_drawing(max_image_pixels: int, tied_to_thread: bool) -> None:
