@@ -84,9 +84,8 @@ class StrictRoute(APIRoute):
     def get_route_handler(self) -> Callable[[Request], Coroutine[Any, Any, Response]]:
         answer = super().get_route_handler()
         limit = BULK_LIMIT if "bulk" in self.tags else BODY_LIMIT
-        # An analysis whose settings were misspelt would be another one than was asked for.
+        # A misspelt filter or setting would be lost, and the answer another one than was asked for.
         parameters = query_parameters(self.dependant)
-        strict = "analyses" in self.tags
         operation = self.name
         reader = BodyReader(self.body_field.field_info) if self.body_field is not None else None
 
@@ -96,7 +95,7 @@ class StrictRoute(APIRoute):
 
         async def handle_allowed(request: Request) -> Response:
             await find_parents(request)
-            if strict:
+            if request.scope["query_string"]:
                 _check_parameters(request, parameters)
             if reader is None:
                 return await answer(request)
@@ -205,8 +204,8 @@ def api_router(**settings: Any) -> APIRouter:
 
 
 def problem_responses(*statuses: int) -> dict[int | str, dict[str, Any]]:
-    """Return the documentation of the problems a route may answer with; 401 and 403 go without saying."""
+    """Return the documentation of the problems a route may answer with; 401, 403 and 422 go without saying."""
     return {
         status: {"description": _DESCRIPTIONS[status], **_PROBLEM_REFERENCE}
-        for status in sorted({401, 403, *statuses})
+        for status in sorted({401, 403, 422, *statuses})
     }

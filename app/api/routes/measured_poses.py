@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Annotated
 
-from fastapi import Query, Request, Response
+from fastapi import Query, Response
 
 from app.api.dependencies import AppContextDep, Cursor, Limit, SessionPath
 from app.api.json_body import json_answer
@@ -13,8 +13,6 @@ from app.api.routing import (
     CSV_BODY,
     api_router,
     problem_responses,
-    query_parameters,
-    refuse_unknown_parameters,
 )
 from app.api.schemas.common import Cycle, PoseTag
 from app.api.schemas.measured_poses import (
@@ -79,7 +77,6 @@ def list_measured_poses(
 
 @router.delete("", responses=problem_responses(404, 422, 507))
 def delete_measured_poses(
-    request: Request,
     session_id: SessionPath,
     service: AppContextDep,
     pose_id: Annotated[
@@ -88,8 +85,6 @@ def delete_measured_poses(
     cycle: Annotated[Cycle | None, Query(description="Measured poses of this cycle alone.")] = None,
 ) -> MeasuredPosesDeleted:
     """Delete the poses that other instruments measured: all of them, or those of a pose, of a cycle or of both."""
-    # A misspelt parameter would delete more than was asked for.
-    refuse_unknown_parameters(request, query_parameters(request.scope["route"].dependant))
     with service.installation.database.write() as records:
         deleted = measured_poses.delete_measured_poses(records, session_id, pose_id=pose_id, cycle=cycle)
     return MeasuredPosesDeleted(deleted=deleted)

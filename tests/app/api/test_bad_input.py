@@ -227,6 +227,30 @@ def test_a_wrong_filter_is_refused(api: Any, query: dict[str, str]) -> None:
 
 
 @pytest.mark.parametrize(
+    ("method", "address"),
+    [
+        ("GET", "/v1/targets"),
+        ("POST", "/v1/targets"),
+        ("GET", "/v1/robots"),
+        ("GET", "/v1/sessions"),
+        ("GET", "/v1/sessions/{session_id}"),
+        ("DELETE", "/v1/sessions/{session_id}"),
+        ("GET", "/v1/sessions/{session_id}/measurements"),
+        ("GET", "/v1/sessions/{session_id}/poses"),
+        ("GET", "/v1/keys"),
+        ("GET", "/v1/audit"),
+    ],
+)
+def test_a_query_parameter_that_the_route_lacks_is_refused(api: Any, method: str, address: str) -> None:
+    """A misspelt filter would answer another list than was asked for."""
+    session_id = api.make_session()
+    response = api.client.request(method, address.format(session_id=session_id), params={"stauts": "failed"})
+    assert_problem(response, 422)
+    assert response.json()["errors"] == [{"field": "stauts", "message": "is not known"}]
+    assert api.client.get(f"/v1/sessions/{session_id}").status_code == 200
+
+
+@pytest.mark.parametrize(
     "row_id",
     ["nope", "ses_", "%00", "a" * 10_000, "ses_01m7xzjvh9bd6327yq4f9a70vg", "..%2f..%2fetc", "ä", "%FF"],
 )
