@@ -111,22 +111,21 @@ class ReadAccess:
         """Return a client of the service, as `open_client` does."""
         return open_client(console, self.url, self.key, self.retry_for)
 
-    def run(self, act: Callable[[ServiceClient], None]) -> int:
-        """Let `act` use a client and return the exit code.
+    def run(self, act: Callable[[ServiceClient], int | None]) -> int:
+        """Let `act` use a client and return the exit code, 0 where `act` returns none.
 
         2 where `act` raises OptionRefused, 1 for a refusal of the service; both are printed with their advice.
         """
         errors = error_console()
         try:
             with self.client(errors) as client:
-                act(client)
+                return act(client) or 0
         except OptionRefused as refused:
             print_error(errors, str(refused), refused.advice)
             return 2
         except ClientError as error:
             print_error(errors, str(error), error.advice)
             return 1
-        return 0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -11,7 +11,6 @@ import typer
 from rich.console import Console
 
 from ... import (
-    ClientError,
     ImageFile,
     Json,
     PatternError,
@@ -23,7 +22,7 @@ from ...files import number_cycles
 from ...resources import check_target, existing_session
 from ...upload import sha256_of
 from ..access import UploadAccess
-from ..console import OptionRefused, error_console, print_error
+from ..console import error_console, print_error
 from .intention import SESSION, FirstCycle, TargetOption, confirm, show_intention
 from .outcome import report
 from .transfer import send_images
@@ -85,43 +84,35 @@ def upload(
     if not plan.images and not plan.skipped:
         print_error(console, f"No PNG, JPEG, TIFF or BMP files in {folder}.")
         return 2
-    errors = error_console()
-    try:
-        with service.client(errors) as client:
-            found = existing_session(client, session)
-            if target is not None:
-                check_target(client, target)
-            elif found is None:
-                find_or_make_session(client, session, None)  # says that a new session needs a target
-            images = (
-                plan.images if cycles is CycleOrder.none else numbered(client, found, plan.images, cycles)
-            )
-            count = sum(
-                one.cycle is not None and old.cycle is None
-                for one, old in zip(images, plan.images, strict=True)
-            )
-            show_intention(errors, images, plan, session if found else f"{session} (new)", target, count)
-            if dry_run:
-                return 0
-            confirm(yes=yes)
-            sent = send_images(
-                client,
-                session,
-                target,
-                images,
-                is_new=found is None,
-                accept_implausible=accept_implausible,
-                focus_group=focus_group,
-                parallel=parallel,
-                wait=wait,
-            )
-    except OptionRefused as refused:
-        print_error(console, str(refused), refused.advice)
-        return 2
-    except ClientError as error:
-        print_error(console, str(error), error.advice)
-        return 1
-    return report(console, plan, sent)
+
+    def act(client: ServiceClient) -> int:
+        found = existing_session(client, session)
+        if target is not None:
+            check_target(client, target)
+        elif found is None:
+            find_or_make_session(client, session, None)  # says that a new session needs a target
+        images = plan.images if cycles is CycleOrder.none else numbered(client, found, plan.images, cycles)
+        count = sum(
+            one.cycle is not None and old.cycle is None for one, old in zip(images, plan.images, strict=True)
+        )
+        show_intention(error_console(), images, plan, session if found else f"{session} (new)", target, count)
+        if dry_run:
+            return 0
+        confirm(yes=yes)
+        sent = send_images(
+            client,
+            session,
+            target,
+            images,
+            is_new=found is None,
+            accept_implausible=accept_implausible,
+            focus_group=focus_group,
+            parallel=parallel,
+            wait=wait,
+        )
+        return report(console, plan, sent)
+
+    return service.run(act)
 
 
 def numbered(

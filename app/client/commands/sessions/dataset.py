@@ -9,10 +9,10 @@ import typer
 from rich.console import Console
 from rich.markup import escape
 
-from ... import ClientError, FilePlan
+from ... import FilePlan, ServiceClient
 from ...resources import check_target, existing_session
 from ..access import UploadAccess
-from ..console import OptionRefused, error_console, print_error
+from ..console import OptionRefused, error_console
 from ..images.intention import SESSION, TargetOption, confirm
 from ..images.outcome import report
 from ..images.transfer import send_images
@@ -45,35 +45,30 @@ def import_dataset(
 
     Prints the session's id as the last line; repeating sends what is missing.
     """
-    console, errors = Console(stderr=True, highlight=False), error_console()
-    try:
+
+    def act(client: ServiceClient) -> int:
         dataset = read_dataset(folder, layout, fixed_camera=fixed_camera)
-        _say(errors, dataset)
+        _say(error_console(), dataset)
         if dry_run:
             return 0
         if session is None:
             raise OptionRefused("No session was given.", "Give --session, its id or its name, or --dry-run.")
         confirm(yes=yes)
-        with service.client(errors) as client:
-            found = existing_session(client, session)
-            if target is not None:
-                check_target(client, target)
-            sent = send_images(
-                client,
-                session,
-                target,
-                dataset.images,
-                is_new=found is None,
-                before=lambda session_id: client.put_poses(session_id, list(dataset.poses)),
-                wait=wait,
-            )
-    except OptionRefused as refused:
-        print_error(console, str(refused), refused.advice)
-        return 2
-    except ClientError as error:
-        print_error(console, str(error), error.advice)
-        return 1
-    return report(console, FilePlan(dataset.images, (), 0), sent)
+        found = existing_session(client, session)
+        if target is not None:
+            check_target(client, target)
+        sent = send_images(
+            client,
+            session,
+            target,
+            dataset.images,
+            is_new=found is None,
+            before=lambda session_id: client.put_poses(session_id, list(dataset.poses)),
+            wait=wait,
+        )
+        return report(Console(stderr=True, highlight=False), FilePlan(dataset.images, (), 0), sent)
+
+    return service.run(act)
 
 
 def _say(console: Console, dataset: Dataset) -> None:
