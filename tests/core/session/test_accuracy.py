@@ -156,10 +156,13 @@ def test_a_turn_about_the_commanded_point_is_no_drift_of_its_position() -> None:
         assert drifting.dap_mm < 0.05 * shift
 
 
+@pytest.mark.parametrize("sessions", [8, pytest.param(40, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("one_orientation", [True, False])
-def test_the_uncertainty_of_the_drift_of_accuracy_is_what_it_scatters(one_orientation: bool) -> None:
+def test_the_uncertainty_of_the_drift_of_accuracy_is_what_it_scatters(
+    one_orientation: bool, sessions: int
+) -> None:
     ratios = []
-    for seed in range(40):
+    for seed in range(sessions):
         rng = np.random.default_rng(seed)
         turns = np.tile([0.1, 0.2, 0.3], (6, 1)) if one_orientation else rng.uniform(-0.6, 0.6, (6, 3))
         off, moved = rng.normal(0.0, 0.3, (2, 6, 3))
@@ -173,11 +176,12 @@ def test_the_uncertainty_of_the_drift_of_accuracy_is_what_it_scatters(one_orient
             assert drifting is not None
             assert drifting.standard_uncertainty_mm is not None
             ratios.append((drifting.dap_mm - abs(true[0] - true[1])) / drifting.standard_uncertainty_mm)
-    # Of 40 sessions' 240 ratios, those of one session not independent.
+    # A session's six ratios are not independent; shares scatter by the root of the number of sessions.
+    wider = math.sqrt(40 / sessions)
     print(
         f"within 1.96 u: {np.mean(np.abs(ratios) < 1.96):.3f}, rms {np.sqrt(np.mean(np.square(ratios))):.2f}"
     )
-    assert 0.92 < float(np.mean(np.abs(ratios) < 1.96)) < 0.99
+    assert 0.95 - 0.03 * wider < float(np.mean(np.abs(ratios) < 1.96)) < 0.95 + 0.04 * wider
 
 
 def test_poses_without_accuracy_have_no_drift_of_it() -> None:

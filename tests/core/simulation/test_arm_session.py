@@ -18,7 +18,7 @@ from core.targets.specification import TargetSpec
 GRID = TargetSpec("chessboard", 9, 6, 30.0)
 CAMERA = Camera(650.0, 650.0, 618.0, 509.0, -0.1, 0.05)
 SIZE = (1224, 1025)
-STEPS, FREE = 5, 6
+STEPS, FREE = 5, 3
 
 
 def made(seed: int) -> ArmSession:
