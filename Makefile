@@ -74,6 +74,7 @@ figures: setup-dev  ## draw the figures of docs/ anew
 	$(BIN)/python docs/figures/draw_detection.py
 	$(BIN)/python docs/figures/draw_frames.py
 	$(BIN)/python docs/figures/draw_reports.py
+	$(BIN)/python docs/figures/draw_statements.py
 	$(BIN)/python docs/figures/draw_targets.py
 	$(BIN)/python docs/figures/draw_uncertainty.py
 

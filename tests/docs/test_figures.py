@@ -79,6 +79,18 @@ def test_the_figures_of_uncertainty_are_drawn(tmp_path: Path) -> None:
         assert np.mean(np.abs(fresh - kept) > 60) < 0.002, path.name
 
 
+@pytest.mark.slow
+def test_the_figures_of_estimated_sessions_are_drawn(tmp_path: Path) -> None:
+    drawn = maker("draw_statements.py", "draw_all")(tmp_path)
+    assert sorted(tmp_path.iterdir()) == sorted(drawn)
+    assert len(drawn) == 4
+    assert_shown(drawn, "uncertainty.md")
+    for path in drawn:  # estimates differ a little between processors: dots move by less than their size
+        fresh, kept = colours(path), colours(FIGURES / path.name)
+        assert fresh.shape == kept.shape
+        assert np.mean(np.abs(fresh - kept) > 60) < 0.01, path.name
+
+
 def test_the_figure_of_the_architecture_shows_every_layer(tmp_path: Path) -> None:
     """The committed figure is drawn from the layers and imports as they are."""
     path = maker("draw_architecture.py", "draw")(tmp_path)
