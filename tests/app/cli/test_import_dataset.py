@@ -176,3 +176,21 @@ def test_images_and_poses_arrive_in_a_new_session_once(served: Any, tmp_path: Pa
     np.testing.assert_allclose(matrix(stored), T_BASE_FLANGE, atol=1e-9)
     write(tmp_path, {"poses/0.yaml": "{x: 1}"})
     gridpose(served, *words, "--session", "Hand-eye", code=2)
+
+
+@pytest.mark.parametrize("command", ["upload", "import"])
+def test_a_session_that_got_nothing_is_deleted_again(
+    serve_api: ApiMaker, tmp_path: Path, command: str
+) -> None:
+    bad = b"no image"
+    if command == "upload":
+        arguments = ["upload", str(write(tmp_path / "images", {"P1/1.png": bad}))]
+    else:
+        folder = write(tmp_path / "visp", {"image-1.png": bad, "pose_fPe_1.yaml": VISP})
+        arguments = ["sessions", "import", str(folder), "--layout", "visp"]
+    options = ("--session", "new", "--target", "chessboard:9x6:25", "--wait")
+    with serve_api() as api:
+        done = gridpose(api, *arguments, *options, code=1)
+        assert "the new session is deleted again" in done.stderr
+        assert "\nses_" not in f"\n{done.stdout}", "the id of a session that is gone is of no use"
+        assert api.client.get("/v1/sessions").json()["items"] == []

@@ -57,7 +57,8 @@ def report(console: Console, plan: FilePlan, transferred: Transferred) -> int:
     for title, rows in (("Not uploaded", failed), ("Refused", refused)):
         if rows:
             console.print(_list(title, rows))
-    print(transferred.session_id)
+    if transferred.session_id is not None:
+        print(transferred.session_id)
     return 1 if failed or refused else 0
 
 

@@ -25,9 +25,12 @@ from ... import (
 
 @dataclass(frozen=True, slots=True)
 class Transferred:
-    """What became of images; `measured` and `cameras` only where their results were waited for."""
+    """What became of images; `measured` and `cameras` only where their results were waited for.
 
-    session_id: str
+    `session_id` is None where the session was made for them and is deleted again.
+    """
+
+    session_id: str | None
     results: list[UploadResult]
     measured: SessionResult | None
     cameras: list[Json] | None
@@ -63,7 +66,6 @@ def send_images(
         client, session, target, accept_implausible=accept_implausible
     )
     console = Console(stderr=True, highlight=False)
-    stored = False
     try:
         before(session_id)
         with transfer_progress(console) as progress:
@@ -77,24 +79,28 @@ def send_images(
                 parallel=parallel,
                 wait=wait,
             )
-        stored = any(result.status != "failed" for result in results)
-    finally:
-        if is_new and not stored:
+    except ClientError:
+        if is_new:
             _remove_empty(client, console, session_id)
+        raise
     cameras = session_cameras(client, session_id) if measured is not None else None
-    return Transferred(session_id, results, measured, cameras)
+    nothing = all(result.status == "failed" for result in results)
+    deleted = is_new and nothing and _remove_empty(client, console, session_id)
+    return Transferred(None if deleted else session_id, results, measured, cameras)
 
 
-def _remove_empty(client: ServiceClient, console: Console, session_id: str) -> None:
-    """Delete a session that was made for an upload of which nothing arrived; say so where the key may not."""
+def _remove_empty(client: ServiceClient, console: Console, session_id: str) -> bool:
+    """Delete a session that was made for an upload of which nothing arrived; return whether it is gone, and say so."""
     try:
         counts = client.get(f"/v1/sessions/{session_id}")["counts"]
         if sum(counts.values()):
-            return
+            return False
         client.delete(f"/v1/sessions/{session_id}")
         console.print("nothing was stored: the new session is deleted again")
+        return True
     except ClientError as error:
         console.print(f"the new session {session_id} is left empty: {escape(str(error))}")
+        return False
 
 
 def transfer_progress(console: Console) -> Progress:
