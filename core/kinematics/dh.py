@@ -112,16 +112,34 @@ def chain_frames(
             f"There are {joints} joint angles for a chain of {len(parameters)} joints.",
             "Give one angle per joint, first joint first.",
         )
-    result = np.zeros((count, joints + 1, 4, 4))
-    result[:, 0] = np.eye(4)
-    turn = np.zeros((count, 4, 4))
-    turn[:, 2, 2] = turn[:, 3, 3] = 1.0
-    for i, (a, alpha, d, offset, beta) in enumerate(parameters.tolist()):
-        cosine, sine = np.cos(joint_angles[:, i] + offset), np.sin(joint_angles[:, i] + offset)
-        turn[:, 0, 0] = turn[:, 1, 1] = cosine
-        turn[:, 1, 0], turn[:, 0, 1] = sine, -sine
-        result[:, i + 1] = result[:, i] @ (turn @ link_transform(a, alpha, d, beta))
+    links = np.array([link_transform(a, alpha, d, beta) for a, alpha, d, _, beta in parameters.tolist()])
+    result = np.empty((count, joints + 1, 4, 4))
+    turned = np.ascontiguousarray(joint_angles + parameters[:, 3], dtype=np.float64)
+    multiply_links(links.reshape(joints, 4, 4), turned, result)
     return result
+
+
+@jit("f8[:, :, ::1], f8[:, ::1], f8[:, :, :, ::1]")
+def multiply_links(
+    links: Float[np.ndarray, "j 4 4"], turns: Float[np.ndarray, "n j"], products: Float[np.ndarray, "n k 4 4"]
+) -> None:
+    """Write the unit matrix and, joint by joint, the product so far times Rz(turn) times the joint's link."""
+    for n in range(turns.shape[0]):
+        for row in range(4):
+            for column in range(4):
+                products[n, 0, row, column] = 1.0 if row == column else 0.0
+        for i in range(turns.shape[1]):
+            cosine, sine = np.cos(turns[n, i]), np.sin(turns[n, i])
+            for row in range(4):
+                x, y = products[n, i, row, 0], products[n, i, row, 1]
+                along, across = cosine * x + sine * y, cosine * y - sine * x
+                for column in range(4):
+                    products[n, i + 1, row, column] = (
+                        along * links[i, 0, column]
+                        + across * links[i, 1, column]
+                        + products[n, i, row, 2] * links[i, 2, column]
+                        + products[n, i, row, 3] * links[i, 3, column]
+                    )
 
 
 def link_transform(a: float, alpha: float, d: float, beta: float) -> Float[np.ndarray, "4 4"]:
