@@ -71,7 +71,9 @@ def unreadable_columns(row: Any) -> tuple[str, ...]:
 def unreadable_values(table: Any, values: Mapping[str, Any]) -> tuple[str, ...]:
     """Return the same of a row's values by the columns' names."""
     return tuple(
-        name for name, column in _columns(table) if name in values and not is_readable(column, values[name])
+        name
+        for name, nullable, check in _columns(table)
+        if name in values and not (nullable if (value := values[name]) is None else check(value))
     )
 
 
@@ -91,8 +93,12 @@ def check_of(column: Any) -> Callable[[Any], bool]:
 
 
 @cache
-def _columns(table: Any) -> tuple[tuple[str, Any], ...]:
-    return tuple((attribute.key, attribute.columns[0]) for attribute in sa.inspect(table).column_attrs)
+def _columns(table: Any) -> tuple[tuple[str, bool, Callable[[Any], bool]], ...]:
+    """Return each column's name, whether it may be null, and the check of what is not."""
+    return tuple(
+        (attribute.key, bool(attribute.columns[0].nullable), check_of(attribute.columns[0]))
+        for attribute in sa.inspect(table).column_attrs
+    )
 
 
 def _is_read(value: Any) -> bool:

@@ -9,6 +9,7 @@ from fastapi.responses import FileResponse
 from pydantic import Field
 
 from app.api.dependencies import AppContextDep, Cursor, Limit, MeasurementPath, SessionPath
+from app.api.json_body import json_answer
 from app.api.representations import (
     AcceptHeader,
     binary_content,
@@ -41,7 +42,11 @@ WidthQuery = Annotated[
 MEDIA_TYPES = {"png": "image/png", "jpeg": "image/jpeg", "tiff": "image/tiff", "bmp": "image/bmp"}
 
 
-@router.get("/sessions/{session_id}/measurements", responses=problem_responses(404, 422))
+@router.get(
+    "/sessions/{session_id}/measurements",
+    response_model=MeasurementPage,
+    responses=problem_responses(404, 422),
+)
 def list_measurements(
     session_id: SessionPath,
     service: AppContextDep,
@@ -53,13 +58,14 @@ def list_measurements(
     ] = None,
     limit: Limit = 50,
     cursor: Cursor = None,
-) -> MeasurementPage:
+) -> Response:
     """List a session's measurements, oldest first."""
     with service.installation.database.read() as records:
         views, next_cursor = measurements.list_measurements(
             records, session_id, status=status, pose_id=pose_id, limit=limit, cursor=cursor
         )
-    return MeasurementPage(items=[measurement_document(view) for view in views], next_cursor=next_cursor)
+    items = [measurement_document(view) for view in views]
+    return json_answer(MeasurementPage(items=items, next_cursor=next_cursor))
 
 
 @router.get("/measurements/{measurement_id}", responses=problem_responses(404, 409, 422))
