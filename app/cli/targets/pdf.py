@@ -122,6 +122,7 @@ def _show(console: Console, sheet: Sheet, output: Path) -> None:
         f"(0 to {sheet.along_x.length:g} mm, along x) and the one on its left (0 to {sheet.along_y.length:g} mm, "
         "along y)."
     )
+    console.print(f"Once a service has the target, commands know it as --target sheet:{sheet.sheet_id}.")
     console.print(
         "`gridpose targets check` determines from photographs whether the print is square, true and flat."
     )
