@@ -75,11 +75,14 @@ def _burst_rows(seeds: Sequence[int], sessions: int) -> Iterator[Row]:
     """Yield what the floor by the images within stops is over that of a long twin at rest, whatever the noise."""
     for name, noise in DISTURBANCES.items():
         stated, true = [], []
+        degraded = 0
         for seed in seeds:
             for k in range(max(sessions // 20, 1)):
                 session = noisy_session(np.random.default_rng([seed, k, 4]), noise, burst=2, robot_mm=0.03)
                 data = session_data(session, session.camera)
-                found = assess_repeatability(data, estimate_session(data, "given")).bursts
+                assessed = assess_repeatability(data, estimate_session(data, "given"))
+                found = assessed.bursts
+                degraded += sum(len(row.excluded) for row in assessed.poses)
                 twin = noisy_session(np.random.default_rng([seed, k, 4]), noise, cycles=TWIN_CYCLES)
                 at_rest = estimated(twin, "given")
                 label = np.array(twin.labels)[at_rest.images]
@@ -89,8 +92,14 @@ def _burst_rows(seeds: Sequence[int], sessions: int) -> Iterator[Row]:
                     stated.append((floor and floor.position_mm) or math.nan)
                     true.append(float(long_run_rp(eigenvalues(scatter))))
         note = f"moving robot, {len(true)} poses × 30 stops × 2 images; true: {TWIN_CYCLES} images of one at rest"
-        value = float(np.sum(stated) / np.sum(true))
-        yield Row.within(f"floor by bursts ÷ true, {name}", value, 0.9, 1.15, "", note)
+        what, value = f"floor by bursts ÷ true, {name}", float(np.sum(stated) / np.sum(true))
+        if degraded:
+            # The floor is that of the images that count; the twin at rest has the others, too.
+            yield Row.context(
+                what, value, "", f"{note}; {degraded} images of the first are degraded, and do not count"
+            )
+        else:
+            yield Row.within(what, value, 0.9, 1.15, "", note)
 
 
 def _power(noise: Noise, seeds: Sequence[int], sessions: int) -> tuple[float, float]:
