@@ -173,10 +173,11 @@ def is_flipped(T: np.ndarray, true: np.ndarray) -> bool:
     return math.acos(min(1.0, float(T[:3, 2] @ other[:, 2]))) < 0.5 * math.radians(tilt_error_deg(T, true))
 
 
-def test_where_the_two_tilts_merge_a_certain_pose_is_right() -> None:
+@pytest.mark.parametrize("count", [300, pytest.param(1500, marks=pytest.mark.slow)])
+def test_where_the_two_tilts_merge_a_certain_pose_is_right(count: int) -> None:
     """Boards that are hardly tilted, seen from afar: the valley of the one minimum may reach over to the other tilt."""
     rng = np.random.default_rng(10)
-    count, wrong, told, rightly = 1500, 0, 0, 0
+    wrong, told, rightly = 0, 0, 0
     for _ in range(count):
         T = tilted(rng, rng.uniform(0.0, 15.0), rng.uniform(1000.0, 3300.0), SMALL)
         found = calibrate_points(look(rng, T, float(rng.choice([0.02, 0.1])), SMALL), intrinsics=CAMERA)
@@ -187,9 +188,10 @@ def test_where_the_two_tilts_merge_a_certain_pose_is_right() -> None:
         rightly += flipped and doubtful
         ratio = found.observability.ambiguity_log_likelihood_ratio
         assert not doubtful or ratio is not None
-    # Of Poisson's law with mean 1.5, five are seen once in fifty.
+    print(f"wrong {wrong}, told {told}, rightly {rightly}")
+    # Of Poisson's law with mean 1.5, five are seen once in fifty; with mean 0.3, three once in three hundred.
     assert wrong <= count * FALSE_CHOICE + 2.5
-    assert rightly > 20
+    assert rightly > count / 75
     assert told < 0.36 * count
 
 

@@ -170,18 +170,19 @@ def test_one_wrong_pose_is_left_out_and_named(kind: str, count: int) -> None:
         assert np.all(np.abs(errors(tie)) < 6.0 * np.sqrt(np.diag(tie.covariance)))
 
 
-def test_six_sound_poses_all_tie_the_frames() -> None:
+@pytest.mark.parametrize(("sessions", "most"), [(40, 2), pytest.param(150, 4, marks=pytest.mark.slow)])
+def test_six_sound_poses_all_tie_the_frames(sessions: int, most: int) -> None:
     """Three of six poses fit nearly exactly whatever they are: their small residuals are no evidence against the rest.
 
     By distance in robust deviations alone, one session in ten lost half of its poses.
     """
     rng = np.random.default_rng(21)
     lost = 0
-    for _ in range(150):
+    for _ in range(sessions):
         given = draw_stations(rng, 6, robot_rad=0.0, noise=0.1)
         lost += not all(d.used for d in calibrate_hand_eye(given).deviations)
-    # One session in a hundred at most by construction: five or more of 150 have a probability of 2 %.
-    assert lost < 5
+    # One session in a hundred at most by construction: more have a probability of 1 and of 2 %.
+    assert lost <= most
 
 
 def test_nothing_is_left_out_of_a_sound_session() -> None:

@@ -113,10 +113,11 @@ def test_visits_without_an_order_are_not_tested_but_may_have_two_points() -> Non
     assert found.steady is False
 
 
-def test_missing_cycles_do_not_matter_much() -> None:
+@pytest.mark.parametrize("sessions", [12, pytest.param(40, marks=pytest.mark.slow)])
+def test_missing_cycles_do_not_matter_much(sessions: int) -> None:
     """Steady with a fifth of the visits missing at random or at the end; moving all the same."""
     alarms = found = 0
-    for k in range(40):
+    for k in range(sessions):
         rng = np.random.default_rng([k, 77])
         for x, moving in ((made.gaussian(rng, 30), False), (made.common_drift(rng, 30, length_mm=0.1), True)):
             series = made.series_of(x)
@@ -126,8 +127,8 @@ def test_missing_cycles_do_not_matter_much() -> None:
             steady = assess_steadiness(series).steady
             alarms += not moving and steady is False
             found += moving and steady is False
-    assert alarms <= binom.isf(1e-5, 40, 0.015)
-    assert found >= 39
+    assert alarms <= binom.isf(1e-5, sessions, 0.015)
+    assert found >= sessions - 1
 
 
 def test_poses_visited_in_turn_are_compared_visit_by_visit() -> None:
