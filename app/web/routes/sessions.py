@@ -96,6 +96,12 @@ def next_step(detail: SessionDetail, counted: GalleryCounts) -> tuple[str, str |
             "why and what to change.",
             f"/ui/sessions/{session_id}?state=failed",
         )
+    if counted.poses and all(count == 1 for _, count in counted.poses):
+        return (
+            "No pose has two images: these determine the camera. Repeatability takes images of the same pose again and "
+            "again, tagged with their cycle.",
+            f"/ui/sessions/{session_id}/camera",
+        )
     few = [count for _, count in counted.poses if count < ISO_CYCLES]
     if few and len(counted.poses) > 0:
         return (

@@ -18,9 +18,10 @@
     for (const pose of poses) chooser.add(new Option(pose.pose_id + " (n = " + pose.cycles.length + ")", pose.pose_id));
     let yaw = 0.6, pitch = 0.5, zoom = 1;
     const reach = (pose) => {
-      const inside = pose.offsets_mm.filter((_, at) => !pose.outlier[at]).map((one) => Math.max(...one.map(Math.abs)));
-      const noise = pose.noise_mm2 ? [0, 1, 2].map((k) => 3 * Math.sqrt(Math.max(0, pose.noise_mm2[k][k]))) : [];
-      return Math.max(1e-6, ...inside, ...noise);
+      // However it is turned: points by their distance, ellipsoids by a bound of their longest axis.
+      const inside = pose.offsets_mm.filter((_, at) => !pose.outlier[at]).map((one) => Math.hypot(...one));
+      const longest = (one) => one ? 3 * Math.sqrt(Math.max(...one.map((row) => row.reduce((sum, value) => sum + Math.abs(value), 0)))) : 0;
+      return Math.max(1e-6, ...inside, longest(pose.observed_mm2), longest(pose.noise_mm2));
     };
     const common = Math.max(...poses.map(reach));
     const colour = (name) => getComputedStyle(document.documentElement).getPropertyValue(name).trim();

@@ -109,6 +109,26 @@ def test_sessions_are_found_by_name_and_robot(api: Any) -> None:
     assert found("?q=nothing") == found("?robot=rob_none") == set()
 
 
+def test_a_session_changes_its_target_from_its_page(api: Any, session_id: str) -> None:
+    other = api.make_target(columns=7, rows=5)
+    page = api.client.get(f"/ui/sessions/{session_id}/change", headers=signed_in(api)).text
+    assert f'data-action="/v1/sessions/{session_id}"' in page
+    (mine,) = api.client.get(f"/v1/sessions/{session_id}").json()["target_ids"]
+    ticked = re.findall(r'value="(tgt_\w+)" data-type="list" checked', page)
+    assert (ticked, f'value="{other}" data-type="list">' in page) == ([mine], True)
+
+
+def test_images_that_no_pose_repeats_lead_to_the_camera(api: Any, grey_png: bytes) -> None:
+    made = api.make_session()
+    ids = [api.put_image(made, grey_png + b"%d" % k, f"left{k}").json()["id"] for k in range(3)]
+    with api.installation.database.write() as records:
+        for one in ids:
+            records.get_one(Measurement, one).status = "succeeded"
+    page = api.client.get(f"/ui/sessions/{made}", headers=signed_in(api)).text
+    assert "No pose has two images" in page
+    assert f'<a href="/ui/sessions/{made}/camera">Go there</a>' in page
+
+
 def test_an_address_that_makes_no_sense_is_a_page_in_words(api: Any, session_id: str) -> None:
     for address in (f"/ui/sessions/{session_id}?page=0", "/ui/targets/sheet.svg?columns=x"):
         response = api.client.get(address, headers=signed_in(api))
