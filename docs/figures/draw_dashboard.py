@@ -139,6 +139,8 @@ def shoot(page: Any, path: str, file: Path, *, whole: bool) -> None:
     page.goto(path, wait_until="domcontentloaded")
     page.wait_for_selector("#theme:not([hidden])")
     page.wait_for_timeout(500)
+    if path.endswith("/robot"):
+        page.wait_for_selector("#main .refusal, #dh-title", timeout=WITHIN_MS)
     ends = time.monotonic() + WITHIN_MS / 1e3
     while not page.evaluate(SHOWN_WHOLE):  # the policy of the pages lets no waiting function in
         if time.monotonic() > ends:
@@ -148,8 +150,6 @@ def shoot(page: Any, path: str, file: Path, *, whole: bool) -> None:
         page.wait_for_selector("#scatter[data-ready=yes]", timeout=WITHIN_MS)
     if "/measurements/" in path:
         page.wait_for_selector("#viewer[data-ready=yes]", timeout=WITHIN_MS)
-    if path.endswith("/robot"):
-        page.wait_for_selector("#main .refusal, #dh-title", timeout=WITHIN_MS)
     if "/ui/sessions/ses_" in path:
         page.wait_for_timeout(1500)
     page.screenshot(path=file, full_page=whole)
