@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from datetime import datetime
 from typing import Any, Literal
 
 from app.analyses.history.charting import HistoryEvent
@@ -28,7 +29,7 @@ def charts_of_tests(
             times = [report.measured_at for report, _ in series]
             by_date = axis == "date" and times[-1] > times[0]
             between = {
-                event.at.timestamp() / _DAY_S if by_date else after + 0.5
+                _days(event.at) if by_date else after + 0.5
                 for event in events
                 if 0 < (after := sum(time < event.at for time in times)) < len(times)
             }
@@ -39,8 +40,7 @@ def charts_of_tests(
                     "unit": series[0][1].unit,
                     "by_date": by_date,
                     "places": [
-                        time.timestamp() / _DAY_S if by_date else number
-                        for number, time in enumerate(times, start=1)
+                        _days(time) if by_date else number for number, time in enumerate(times, start=1)
                     ],
                     "values": chart.values.tolist(),
                     "centre": chart.limits.centre,
@@ -56,6 +56,11 @@ def charts_of_tests(
                 }
             )
     return found[:MAX_CHARTS]
+
+
+def _days(moment: str) -> float:
+    """Return the days from 1970 (UTC) to a moment by RFC 3339."""
+    return datetime.fromisoformat(moment).timestamp() / _DAY_S
 
 
 def draw_charts(charts: Sequence[dict[str, Any]], title: str) -> bytes:
