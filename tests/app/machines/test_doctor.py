@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from datetime import datetime, timedelta, tzinfo
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +12,9 @@ import sqlalchemy as sa
 from app.blobs.objects import store_of
 from app.cli.doctor import bucket, database
 from app.cli.doctor.check_result import CheckResult, State
-from app.errors import InstallationRefused
+from app.errors import InstallationRefused, StorageFull
+from app.records.database import Database
+from app.services.installation import backends
 from app.services.installation.context import ServiceContext
 from app.settings import Settings
 from tests.support.environment.pooler import TransactionPooler
@@ -99,3 +102,32 @@ def test_a_pooler_in_transaction_mode_is_named_and_refused(settings: Settings, t
         with pytest.raises(InstallationRefused) as caught:
             ServiceContext.open(pooled)
         assert caught.value.code == "database_pooled"
+
+
+def test_a_clock_that_is_not_the_servers_is_refused(
+    settings: Settings, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    class Ahead(datetime):
+        @classmethod
+        def now(cls, tz: tzinfo | None = None) -> Any:
+            return datetime.now(tz) + timedelta(minutes=5)
+
+    monkeypatch.setattr(backends, "datetime", Ahead)
+    (failure,) = failures(list(database.check(settings)))
+    assert "300 s ahead of the database server's" in failure.detail
+    assert "NTP" in (failure.advice or "")
+    skewed = Settings(data_dir=tmp_path / "skewed", workers=0, database_url=settings.database_url)
+    with pytest.raises(InstallationRefused) as caught:
+        ServiceContext.open(skewed)
+    assert caught.value.code == "clock_skewed"
+
+
+def test_a_server_whose_disk_is_full_is_no_defect(settings: Settings) -> None:
+    from psycopg.errors import DiskFull
+
+    assert settings.database_url is not None
+    opened = Database(settings.database_url)
+    said = DiskFull('could not extend file "base/1/2": No space left on device')
+    with pytest.raises(StorageFull), opened.write():
+        raise sa.exc.OperationalError("INSERT", {}, said)
+    opened.dispose()
