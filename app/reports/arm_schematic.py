@@ -106,8 +106,10 @@ def _draw(
         flat = ends @ view.T
         free = [float(np.linalg.norm(flat_points - end, axis=1).min()) for end in flat]
         drawn.plot(*flat.T, color=FAINT, linewidth=0.9, linestyle=(0, (9, 2.5, 1.5, 2.5)), zorder=1)
+        across, up = flat[int(np.argmax(free))].tolist()
         drawn.text(
-            *flat[int(np.argmax(free))],
+            across,
+            up,
             f"{axis.joint}",
             ha="center",
             va="center",

@@ -120,9 +120,9 @@ def _mark(axes: Axes, chart: ChartedFigure) -> None:
         )
     first, last = float(chart.places[0]), float(chart.places[-1])
     if chart.by_date:
-        locator = AutoDateLocator(minticks=3, maxticks=8)
+        locator = AutoDateLocator(minticks=3, maxticks=8)  # type: ignore[no-untyped-call]
         axes.xaxis.set_major_locator(locator)
-        axes.xaxis.set_major_formatter(ConciseDateFormatter(locator))
+        axes.xaxis.set_major_formatter(ConciseDateFormatter(locator))  # type: ignore[no-untyped-call]
         edge = 0.03 * (last - first)
     else:
         axes.xaxis.set_major_locator(MaxNLocator(integer=True))

@@ -123,9 +123,10 @@ def _draw(
     boxes.set_array([cell.values[number] for cell in cells])
     axes.add_collection(boxes)
     axes.set_axisbelow(True)
-    at = [(cell.radius_mm, cell.height_mm) for cell in cells if cell.measured]
-    if at:
-        axes.scatter(*zip(*at, strict=True), s=13, facecolor="white", edgecolor=INK, linewidth=0.8, zorder=3)
+    measured = [cell for cell in cells if cell.measured]
+    if measured:
+        radii, heights = [cell.radius_mm for cell in measured], [cell.height_mm for cell in measured]
+        axes.scatter(radii, heights, s=13, facecolor="white", edgecolor=INK, linewidth=0.8, zorder=3)
     return boxes
 
 

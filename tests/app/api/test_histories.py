@@ -7,10 +7,11 @@ import time
 from collections.abc import Iterator
 from typing import Any
 
+import numpy as np
 import pytest
 import sqlalchemy as sa
 
-from app.analyses.history import summarise_reports
+from app.analyses.history import charts_of_tests, read_history, summarise_reports
 from app.api.schemas.documents.histories import ReportComparison, RobotHistory
 from app.records.tables import ReportSummary
 from app.services import robots
@@ -91,6 +92,18 @@ def test_each_table_of_a_history_is_csv_too(api: Api, robot: str, table: str | N
 def test_a_history_is_of_one_kind_on_request(api: Api, robot: str) -> None:
     found = api.client.get(f"/v1/robots/{robot}/history", params={"kind": "kinematics"}).json()
     assert (found["tests"], found["series"], len(found["events"])) == ([], [], 1)
+
+
+def test_charts_stand_over_dates_or_numbers(api: Api, robot: str) -> None:
+    found = read_history(api.installation.database, robot, None)
+    for axis, step in (("date", 1.0), ("session", 1.0)):
+        charts = charts_of_tests(found.tests, found.events, axis)
+        assert charts
+        for chart in charts:
+            assert chart["by_date"] == (axis == "date")
+            assert np.diff(chart["places"]) == pytest.approx(step)  # a session a day
+            assert all(chart["places"][0] < event < chart["places"][-1] for event in chart["events"])
+    assert charts[0]["places"][0] == 1
 
 
 def test_what_is_asked_wrongly_is_refused(api: Api, robot: str) -> None:
