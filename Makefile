@@ -38,13 +38,13 @@ serve: setup  ## run the service on this machine (data in ./gridpose-data)
 	$(BIN)/gridpose serve --data-dir gridpose-data
 
 test: setup-dev  ## every behaviour on small samples, in minutes
-	$(BIN)/python -m pytest -n auto -m "not slow and not soak"
+	$(BIN)/python -m pytest -n auto --dist worksteal -m "not slow and not soak"
 
 test-all: setup-dev test-shapes  ## the same, statistics at full size, long system tests, and shapes checked
-	$(BIN)/python -m pytest -n auto -m "not soak"
+	$(BIN)/python -m pytest -n auto --dist worksteal -m "not soak"
 
 test-shapes: setup-dev  ## each path of core with the shapes and types of its arrays checked at run time
-	GRIDPOSE_TEST_SHAPES=1 $(BIN)/python -m pytest -n auto -m shapes tests/core tests/docs
+	GRIDPOSE_TEST_SHAPES=1 $(BIN)/python -m pytest -n auto --dist worksteal -m shapes tests/core tests/docs
 
 check: setup-dev  ## format, lint, types, layers, vocabulary, and the committed openapi.json
 	$(BIN)/ruff format --check .

@@ -21,8 +21,10 @@ def make_orphans(api: Any, count: int) -> set[str]:
     """Put files there that no row names, written long ago."""
     names = {hashlib.sha256(b"%d" % number).hexdigest() for number in range(count)}
     for name in names:
-        api.installation.blobs.path(name).write_bytes(b"nobody's")
-        os.utime(api.installation.blobs.path(name), (0, 0))
+        path = api.installation.blobs.path(name)
+        path.parent.mkdir(exist_ok=True)
+        path.write_bytes(b"nobody's")
+        os.utime(path, (0, 0))
     return names
 
 
@@ -39,6 +41,7 @@ def test_orphans_go_after_a_day_as_orphans_and_not_before(any_api: Any, grey_png
     for name in kept:
         os.utime(blobs.path(name), (0, 0))
     orphans = make_orphans(any_api, 3)
+    (blobs.root / "aa").mkdir(exist_ok=True)
     (blobs.root / "aa" / "notes.txt").write_text("not ours")
     now_s = time.time()
     assert sweep_for(any_api, now_s, GRACE_S) == 0
@@ -51,7 +54,9 @@ def test_orphans_go_after_a_day_as_orphans_and_not_before(any_api: Any, grey_png
 def test_an_orphan_that_a_row_names_again_begins_anew(api: Any, grey_png: bytes) -> None:
     api.put_image(api.make_session(), grey_png + b"another")
     name = hashlib.sha256(grey_png).hexdigest()
-    api.installation.blobs.path(name).write_bytes(grey_png)
+    path = api.installation.blobs.path(name)
+    path.parent.mkdir(exist_ok=True)
+    path.write_bytes(grey_png)
     now_s = time.time()
     assert sweep_for(api, now_s, GRACE_S) == 0
     session_id = api.make_session()

@@ -114,7 +114,6 @@ def test_an_original_lost_from_the_disk_is_missing_and_comes_back_with_the_next_
 def test_a_folder_that_cannot_be_written_is_no_defect(api: Any, grey_png: bytes) -> None:
     session_id = api.make_session()
     folder = api.installation.blobs.path(hashlib.sha256(grey_png).hexdigest()).parent
-    folder.rmdir()
     folder.write_text("in the way")
     refused = api.put_image(session_id, grey_png)
     assert (refused.status_code, refused.json()["code"]) == (507, "storage_full")
