@@ -206,13 +206,13 @@ def _draw_cycles(axes: Axes, session: NoisySession, title: str) -> None:
     assert row.figures is not None
     said = "does not count" if out else "counts"
     reading = 1e3 * (row.figures.repeatability.position_mm or np.nan)
-    axes.set_title(f"{title}: {said}.\nRP_l {reading:.0f} µm{_beside(row.figures.without_outliers)}", size=8)
+    axes.set_title(f"{title}: {said}.\nRP_l {reading:.0f} µm{_without(row.figures.without_outliers)}", size=8)
     axes.set_xlabel("x, µm")
     axes.set_ylabel("y, µm")
     axes.set_aspect("equal", adjustable="datalim")
 
 
-def _beside(without: object) -> str:
+def _without(without: object) -> str:
     alone = getattr(without, "position_mm", None)
     return "" if alone is None else f" over all cycles; {1e3 * alone:.0f} µm without it"
 
