@@ -137,7 +137,7 @@ def _tags(
     groups: Sequence[UndeterminedGroup],
 ) -> None:
     """Write every group's letter and parameters on either side of the arm, with a line to where they are; those of one
-    place stand in one tag.
+    place share one tag.
     """
     extent = float(np.max(flat_ends[1] - flat_ends[0]))
     found: dict[tuple[int, int], tuple[np.ndarray, dict[str, list[str]]]] = {}
@@ -188,8 +188,8 @@ def _view(points: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "2 3"]:
     values, vectors = np.linalg.eigh(level.T @ level + 1e-9 * np.eye(2))
     ahead = vectors[:, int(np.argmax(values))]
     ahead = ahead * (1.0 if float(ahead @ level.sum(axis=0)) >= 0.0 else -1.0)
-    aside = np.array([-ahead[1], ahead[0]])
-    across = np.cos(_TURN) * ahead + np.sin(_TURN) * aside
-    away = -np.sin(_TURN) * ahead + np.cos(_TURN) * aside
+    lateral = np.array([-ahead[1], ahead[0]])
+    across = np.cos(_TURN) * ahead + np.sin(_TURN) * lateral
+    away = -np.sin(_TURN) * ahead + np.cos(_TURN) * lateral
     up = np.array([*(np.sin(_RISE) * away), np.cos(_RISE)])
     return np.stack([[*across, 0.0], up])
