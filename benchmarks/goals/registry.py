@@ -292,6 +292,15 @@ _OPERATION = (
         ),
     ),
     Goal(
+        "history of a robot over 1,000 sessions; PDF of a 5 × 30 session; verification of 150 images ÷ computation",
+        "≤ 200 ms; ≤ 1 s; ≤ 1.3",
+        (
+            at_most("reports", "history of a robot over 1,000 sessions", 200.0),
+            at_most("reports", "forms of a report, PDF among them", 1.0),
+            at_most("reports", "verification of a report ÷ computation of its images", 1.3),
+        ),
+    ),
+    Goal(
         "dashboard: server time of the first page; of a session of 10,000 images; until they answer to their reader",
         "≤ 150 ms; ≤ 300 ms; ≤ 1 s",
         (
