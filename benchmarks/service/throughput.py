@@ -9,6 +9,7 @@ import tempfile
 import time
 from collections.abc import Iterable, Sequence
 from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
+from contextlib import ExitStack
 from datetime import UTC, datetime
 from pathlib import Path
 from statistics import median
@@ -38,30 +39,43 @@ def throughput_rows(seeds: list[int], quick: bool) -> Iterable[Row]:
 
 
 def _throughput(encoded: Sequence[bytes], images: int, repeats: int, cores: int) -> Iterable[Row]:
-    """Time, in turns: the bare loop, the service with as many workers, and the service with one."""
-    bare: list[float] = []
+    """Time, in turns: the bare loop with all processes and with one, and the service with as many workers."""
+    bare: dict[int, list[float]] = {cores: [], 1: []}
     service: dict[int, list[float]] = {cores: [], 1: []}
     with tempfile.TemporaryDirectory(prefix="gridpose-bench-") as name:
         folder = Path(name)
-        with ProcessPoolExecutor(cores, multiprocessing.get_context("spawn"), _prepare) as pool:
-            list(pool.map(_wait_a_little, range(cores)))  # all of them started and loaded
+        with ExitStack() as stack:
+            spawn = multiprocessing.get_context("spawn")
+            pools = {
+                n: stack.enter_context(ProcessPoolExecutor(n, mp_context=spawn, initializer=_prepare))
+                for n in bare
+            }
+            for n, pool in pools.items():
+                list(pool.map(_wait_a_little, range(n)))  # all of them started and loaded
             for repeat in range(repeats):
                 files = _files(folder / f"files-{repeat}", encoded, images)
-                started = time.perf_counter()
-                done = list(pool.map(_calibrate, files))
-                bare.append(images / (time.perf_counter() - started))
-                assert sum(done) > images / 2, "most of these images can be calibrated"
+                for n, pool in pools.items():
+                    started = time.perf_counter()
+                    done = list(pool.map(_calibrate, files))
+                    bare[n].append(images / (time.perf_counter() - started))
+                    assert sum(done) > images / 2, "most of these images can be calibrated"
                 for workers, rates in service.items():
                     rates.append(_service_rate(folder / f"data-{repeat}-{workers}", files, workers))
-    ratio = median(s / b for s, b in zip(service[cores], bare, strict=True))
+    ratio = median(s / b for s, b in zip(service[cores], bare[cores], strict=True))
     note = f"{images} images of 5 Mpx, 14x10, {repeats} times in turns, medians"
-    yield Row.context(f"bare loop, {cores} processes", median(bare), "images/s", note)
+    yield Row.context(f"bare loop, {cores} processes", median(bare[cores]), "images/s", note)
     yield Row.context(f"HTTP, upload to result, {cores} workers", median(service[cores]), "images/s", note)
     yield Row.at_least(
         "HTTP images/s ÷ bare loop with as many processes", ratio, 0.85, note="client on the same cores"
     )
     if cores > 1:
-        gain = median(n / one for n, one in zip(service[cores], service[1], strict=True))
+        gain, machine = (
+            median(n / one for n, one in zip(rates[cores], rates[1], strict=True))
+            for rates in (service, bare)
+        )
+        yield Row.context(
+            f"{cores} processes ÷ 1, bare loop", machine, note="what the machine's cores and memory allow"
+        )
         yield Row.at_least(
             f"{cores} workers ÷ 1, by HTTP", gain, 0.95 * cores, note="client on the same cores"
         )
