@@ -1,10 +1,13 @@
-"""Rows of a table of poses as fields of the API: x_mm, y_mm, z_mm become position_mm, j1_deg, ... joint_angles_deg."""
+"""Rows of a table of poses as fields of the API: x_mm, y_mm, z_mm become position_mm, j1_deg, ... joint_angles_deg.
+
+Values that are almost surely in metres or radians are noticed here, too.
+"""
 
 from __future__ import annotations
 
 import math
 import re
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 POSE_FIELDS = ("pose_id", "position_mm", "roll_deg", "pitch_deg", "yaw_deg", "joint_angles_deg", "approach")
@@ -12,6 +15,12 @@ POSE_COLUMNS = "pose_id, x_mm, y_mm, z_mm, roll_deg, pitch_deg, yaw_deg, j1_deg,
 _AXES = ("x_mm", "y_mm", "z_mm")
 _JOINT = re.compile(r"j([1-9][0-9]?)_deg")
 _DELIMITERS = ";\t,"
+_LEAST_REACH_MM = 5.0
+"""A robot that never leaves a cube of 10 mm about its origin is stated in metres."""
+_FULL_TURN_RAD = 6.5
+_HALF_TURN_RAD = 3.2
+_QUARTER_TURN_TOLERANCE = 0.01
+_LEAST_POSES = 2
 
 
 class RowError(ValueError):
@@ -75,3 +84,36 @@ def _number(cell: str, name: str, delimiter: str | None) -> float:
     if not math.isfinite(value):
         raise RowError(f"{name} is not a number: {cell}")
     return value
+
+
+def implausible_unit(poses: Iterable[Mapping[str, Any]]) -> str | None:
+    """Return what looks like another unit in poses with the fields of the API; None for nothing.
+
+    `position_mm` is in mm, `joint_angles_deg`, `roll_deg`, `pitch_deg` and `yaw_deg` are in degrees. One pose by itself
+    is never suspected: an arm may well begin at its origin.
+    """
+    listed = list(poses)
+    positions = [pose["position_mm"] for pose in listed if pose.get("position_mm")]
+    if _all_within(positions, _LEAST_REACH_MM):
+        return "positions look like metres: all coordinates are below 5"
+    joints = [pose["joint_angles_deg"] for pose in listed if pose.get("joint_angles_deg")]
+    if _all_within(joints, _FULL_TURN_RAD):
+        return "joint angles look like radians: all are below 6.5"
+    names = ("roll_deg", "pitch_deg", "yaw_deg")
+    turns = [[pose[name] for name in names if pose.get(name) is not None] for pose in listed]
+    if _all_within(turns, _HALF_TURN_RAD) and any(
+        _is_quarter_turn(angle) for pose in turns for angle in pose
+    ):
+        return "roll, pitch and yaw look like radians: all are below 3.2, with quarter turns among them"
+    return None
+
+
+def _all_within(poses: list[list[float]], limit: float) -> bool:
+    """Return whether two poses or more have values, not all of them 0, and none is as large as `limit`."""
+    numbers = [value for pose in poses for value in pose if isinstance(value, int | float)]
+    return len(poses) >= _LEAST_POSES and any(numbers) and all(abs(value) < limit for value in numbers)
+
+
+def _is_quarter_turn(angle: float) -> bool:
+    turns = angle / (math.pi / 2.0)
+    return round(turns) != 0 and abs(turns - round(turns)) < _QUARTER_TURN_TOLERANCE

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from app.client import ClientError
-from app.client.resources import _EXAMPLES, described_target
+from app.client.resources.finding import _EXAMPLES, described_target
 
 
 @pytest.mark.parametrize("kind", _EXAMPLES)

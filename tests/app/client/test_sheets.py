@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from app.client import ClientError, ServiceClient, find_or_make_session, find_or_make_target
-from app.client.sheets import sheet_matcher
+from app.client.resources.sheets import sheet_matcher
 from app.printing import sheet_id_of
 from core import TargetSpec
 from core.targets import marker_dictionary

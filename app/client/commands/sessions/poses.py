@@ -8,8 +8,7 @@ from typing import Annotated
 import typer
 
 from ... import ClientError, Json, ServiceClient, find_session
-from ...pose_rows import POSE_COLUMNS, POSE_FIELDS, RowError, pose_of_cells
-from ...pose_units import implausible_unit
+from ...pose_rows import POSE_COLUMNS, POSE_FIELDS, RowError, implausible_unit, pose_of_cells
 from ..access import UploadAccess
 from ..creation import AcceptImplausible
 from ..record_files import Delimiter, FileFormat, FileRefused, Record, Records, as_delimiter, read_records

@@ -6,7 +6,7 @@ import re
 from collections.abc import Callable
 from typing import Any
 
-from .http import ClientError, Json, ServiceClient
+from ..http import ClientError, Json, ServiceClient
 from .sheets import sheet_matcher
 
 _TARGET = re.compile(r"[a-z_]+:(?P<columns>[0-9]{1,4})x(?P<rows>[0-9]{1,4}):(?P<pitch>[0-9]+(\.[0-9]+)?)")

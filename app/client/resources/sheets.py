@@ -13,7 +13,7 @@ import re
 from collections.abc import Callable, Iterator
 from typing import Any
 
-from .http import ClientError
+from ..http import ClientError
 
 _SHEET = re.compile(r"(?:gp-)?(?P<digits>[0-9a-f]{8})", re.IGNORECASE)
 _PREFIX = "sheet:"
