@@ -8,7 +8,6 @@ from fastapi import Path, Query, Request, Response
 from starlette.concurrency import run_in_threadpool
 
 from app.analyses.history import (
-    ChartAxis,
     charts_of_tests,
     comparison_document,
     draw_charts,
@@ -24,7 +23,7 @@ from app.api.representations import (
     stated_media_type,
 )
 from app.api.routing import api_router, problem_responses
-from app.api.schemas.documents.histories import HistoryKind, ReportComparison, RobotHistory
+from app.api.schemas.documents.histories import ChartAxis, HistoryKind, ReportComparison, RobotHistory
 from app.errors import Conflict
 from app.http import RequesterDep, run_while_connected
 

@@ -18,6 +18,13 @@ HistoryKind = TypeAliasType(
         Field(description="Of what a history has figures: reports of a kind, or qualifications."),
     ],
 )
+ChartAxis = TypeAliasType(
+    "ChartAxis",
+    Annotated[
+        Literal["date", "session"],
+        Field(description="What control charts are over: dates of measurement, or sessions by their number."),
+    ],
+)
 AlarmMark = TypeAliasType(
     "AlarmMark",
     Annotated[

@@ -47,7 +47,7 @@ def test_the_map_has_cells_and_the_largest_error_and_is_a_table(api: Any, sessio
     assert {cell["extrapolated"] for cell in cells} == {True, False}
     assert found["limits_stated"] == [True] * 6
     worst = found["worst_place"]
-    assert worst["error_mm"] == pytest.approx(float(np.linalg.norm(worst["difference_mm"])), rel=1e-3)
+    assert worst["error_mm"] == pytest.approx(float(np.linalg.norm(worst["error_vector_mm"])), rel=1e-3)
     assert worst["error_mm"] >= found["median_error_mm"] > found["median_uncertainty_mm"] > 0.0
     table = ask(api, session, headers={"Accept": "text/csv"})
     assert table.status_code == 200, table.text

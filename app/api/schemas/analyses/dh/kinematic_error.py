@@ -20,7 +20,7 @@ class LargestError(ResponseModel):
         float, Field(description="Distance of where it is from where the nominal robot is, mm.")
     ]
     standard_uncertainty_mm: Annotated[float, Field(description="Standard uncertainty of the distance, mm.")]
-    difference_mm: Annotated[
+    error_vector_mm: Annotated[
         Vector,
         Field(
             description="Identified minus nominal position, mm, in the frame of the first target or the instrument."
