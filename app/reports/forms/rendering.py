@@ -74,7 +74,11 @@ def render_forms(
         "json": text,
         "html": _html(head, blocks, template),
         "pdf": _pdf(
-            head, blocks, template, {"attached": text.decode(), "exports": json.dumps(dict(exports))}, document
+            head,
+            blocks,
+            template,
+            {"attached": text.decode(), "exports": json.dumps(dict(exports))},
+            document,
         ),
         "csv": figures_csv(document),
         **({} if certificate is None else {"xml": certificate}),

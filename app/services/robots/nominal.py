@@ -155,8 +155,8 @@ def read_plan(
 def limits_setting(database: Database, session_id: str) -> str:
     """Return the joint limits of a session's robot as analyses take them: pairs of degrees as JSON.
 
-    A pair has null where the robot states no limit; there is none without a robot. Raises NotFound for the session,
-    RowUnreadable for its robot.
+    A pair has null where the robot states no limit; a session without a robot gives no pair. Raises NotFound for the
+    session, RowUnreadable for its robot.
     """
     with database.read() as records:
         session = get_or_raise(records, Session, session_id)
