@@ -125,10 +125,7 @@ def test_the_camera_page_names_what_is_blank_and_which_views_help(api: Any) -> N
     assert "<pattern" in drawn, "blank cells are hatched"
     assert f"blank: {', '.join(found['blank_areas'])}" in html.unescape(drawn)
     views = page(api, f"sessions/{session}/next-view")
-    after = re.findall(
-        r'<th scope="row">\d</th><td class="words">[^<]+</td>(?:<td class="num">[^<]+</td>){3}<td class="num">([^<]+)',
-        views,
-    )
+    after = re.findall(r'<td class="num">([\d.]+)</td><td class="num">[\d.]+</td></tr>', views)
     assert len(after) == 3
     assert np.all(np.diff([float(one) for one in after]) <= 0.0), "each view adds to those before it"
 
@@ -140,9 +137,14 @@ def test_next_views_of_a_robot_are_shown_with_their_joint_angles(api: Any, purpo
     first = body(asked)["suggestions"][0]
     shown = page(api, f"sessions/{session}/next-view", purpose=purpose)
     assert first["instruction"] in shown
-    assert ", ".join(fixed(angle, 1) for angle in first["joint_angles_deg"]) in shown
-    assert ", ".join(fixed(row[3], 0) for row in first["T_base_flange"][:3]) in shown
-    after = re.findall(r'<td class="num">([^<]+)</td><td class="num">[^<]+</td></tr>', shown)
+    figures = re.findall(
+        r'<span class="pair-figure">([^<]+)</span>', shown[: shown.index("</tr>", shown.index("°</span>"))]
+    )
+    assert figures == [
+        *("joints", *(f"{fixed(angle, 1)}°" for angle in first["joint_angles_deg"])),
+        *("flange at x, y, z", *(fixed(row[3], 0) for row in first["T_base_flange"][:3])),
+    ]
+    after = re.findall(r'<td class="num">([^<]+) mm<br>[^<]+°</td></tr>', shown)
     assert after[0] == number(first["expected_uncertainty_after"]["length_rms_mm"], 2)
     assert np.all(np.diff([float(one) for one in after]) <= 0.0), "each view adds to those before it"
     chosen = re.search(r'<a href="[^"]*purpose=(\w+)"[^>]*aria-current="page"', shown)

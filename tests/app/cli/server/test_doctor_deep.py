@@ -82,6 +82,7 @@ def test_orphans_are_the_services_own_affair_for_a_day_or_two(
     any_api: Any, doctor: Callable[[], tuple[int, str]]
 ) -> None:
     path: Path = any_api.installation.blobs.path("a" * 64)
+    path.parent.mkdir(exist_ok=True)
     path.write_bytes(b"nobody's")
     code, said = doctor()
     assert "warn" in said
@@ -91,6 +92,7 @@ def test_orphans_are_the_services_own_affair_for_a_day_or_two(
     data = b"nobody's"
     name = hashlib.sha256(data).hexdigest()
     path = any_api.installation.blobs.path(name)
+    path.parent.mkdir(exist_ok=True)
     path.write_bytes(data)
     code, said = doctor()
     assert (code, "1 files" in said) == (0, True), said
