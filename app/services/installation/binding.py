@@ -112,7 +112,8 @@ def bind(settings: Settings, database: Database, *, adopt: bool, serves: bool = 
     with acting(activity), database.write() as records:
         if not database.is_sqlite:
             records.execute(sa.select(sa.func.pg_advisory_xact_lock(_ADVISORY_LOCK)))
-        row = records.get(Installation, 1)  # the first statement takes SQLite's lock: the folder is read under it
+        # The first statement takes SQLite's lock: the folder is read under it.
+        row = records.get(Installation, 1)
         folder = read_identity(settings.data_dir)
         if row is None:
             if not adopt and settings.blob_url is None:
