@@ -52,7 +52,7 @@ class Coverage:
         inks = np.stack([cells.white, cells.sheet], axis=2)
         self._sheet: tuple[Any, ...] = (*_binned(cells.x_edges), *_binned(cells.y_edges), inks, *dots)
 
-    def lens(self, u_px: list[Float[np.ndarray, " w"]], v_px: list[Float[np.ndarray, " h"]]) -> TiledLens:
+    def lens(self, u_px: list[Float[np.ndarray, " _"]], v_px: list[Float[np.ndarray, " _"]]) -> TiledLens:
         """Return the lens over tiles, given the places of each column of tiles and of each row."""
         return TiledLens(u_px, v_px, self._camera, self._H_target_image)
 

@@ -38,8 +38,8 @@ class TiledLens:
 
     def __init__(
         self,
-        u_px: list[Float[np.ndarray, " w"]],
-        v_px: list[Float[np.ndarray, " h"]],
+        u_px: list[Float[np.ndarray, " _"]],
+        v_px: list[Float[np.ndarray, " _"]],
         camera: Camera,
         H_target_image: Float[np.ndarray, "3 3"],
     ) -> None:
