@@ -12,7 +12,7 @@ from pathlib import Path
 import httpx2
 import pytest
 
-from app.client import ServiceClient
+from app.client import ClientError, ServiceClient
 from tests.support.service.service import new_session, wait_until
 from tests.system.faults.images import image
 from tests.system.faults.injections import build_library, cut_upload, killed_at_fsync, stopped
@@ -38,7 +38,7 @@ def test_kill_9_at_every_fsync(
     service = Supervisor(data_dir, wrapper=wrapper)
     with trial.serving(service):
         service.admin_key = _new_admin_key(data_dir)
-        uploads = trial.upload(400)
+        uploads = trial.upload(400, session_id=_session_between_kills(trial))
         uploads.wait_until(lambda: service.starts > _FSYNCS)
         uploads.stop_early()
         uploads.finish()
@@ -47,6 +47,17 @@ def test_kill_9_at_every_fsync(
         trial.conclude()
         assert service.starts == _FSYNCS + 1, service.exits
         assert trial.account.injected == _FSYNCS, service.exits
+
+
+def _session_between_kills(trial: Trial) -> str:
+    """Make a session in whatever life of the service lets it; what a killed one left of it harms nobody."""
+    while True:
+        try:
+            return trial.new_session()
+        except ClientError as error:
+            if error.code != "unreachable":
+                raise
+            trial.service.until_ready()
 
 
 def _new_admin_key(data_dir: Path) -> str:

@@ -74,12 +74,18 @@ class Trial:
     def client(self) -> ServiceClient:
         return ServiceClient(self.service.url, self.service.admin_key)
 
-    def upload(self, count: int, first: int = 0, form: Form = "png") -> Uploaders:
-        """Begin to upload images `first` to `first + count` to a session of their own."""
+    def new_session(self) -> str:
+        """Make a session for uploads, and return its id."""
+        with self.client() as client:
+            return new_session(client, BOARD)
+
+    def upload(
+        self, count: int, first: int = 0, form: Form = "png", *, session_id: str | None = None
+    ) -> Uploaders:
+        """Begin to upload images `first` to `first + count` to a session: to one of their own unless one is named."""
         service = self.service
         assert service.admin_key is not None
-        with self.client() as client:
-            session_id = new_session(client, BOARD)
+        session_id = session_id or self.new_session()
 
         def make(number: int) -> tuple[str, bytes]:
             data = image(first + number, form)
