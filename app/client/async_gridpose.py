@@ -82,9 +82,11 @@ class AsyncSession:
             self._sync.upload, folder, pattern=pattern, pose_id=pose_id, parallel=parallel, on_done=on_done
         )
 
-    async def put_poses(self, poses: Sequence[Mapping[str, Any]]) -> None:
+    async def put_poses(
+        self, poses: Sequence[Mapping[str, Any]], *, accept_implausible: bool = False
+    ) -> None:
         """Store commanded poses, all or none."""
-        await asyncio.to_thread(self._sync.put_poses, poses)
+        await asyncio.to_thread(self._sync.put_poses, poses, accept_implausible=accept_implausible)
 
     async def wait(self, *, timeout_s: float = 3600.0) -> list[Measurement]:
         """Wait until no image is queued or running, and return all measurements."""

@@ -115,9 +115,12 @@ class Session:
             on_done=on_done,
         )
 
-    def put_poses(self, poses: Sequence[Mapping[str, Any]]) -> None:
-        """Store commanded poses, all or none: `pose_id`, and `position_mm`, `roll_deg`, ..., `joint_angles_deg`."""
-        self._client.put_poses(self.id, [dict(pose) for pose in poses])
+    def put_poses(self, poses: Sequence[Mapping[str, Any]], *, accept_implausible: bool = False) -> None:
+        """Store commanded poses, all or none: `pose_id`, and `position_mm`, `roll_deg`, ..., `joint_angles_deg`.
+
+        Values that look like metres or radians are refused (`implausible_unit`) unless accepted.
+        """
+        self._client.put_poses(self.id, [dict(pose) for pose in poses], accept_implausible=accept_implausible)
 
     def wait(self, *, timeout_s: float = 3600.0) -> list[Measurement]:
         """Wait until no image is queued or running, and return all measurements.

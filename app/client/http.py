@@ -168,17 +168,14 @@ class ServiceClient(Closing):
         self, session_id: str, images: Sequence[tuple[str, str]], *, target_id: str | None = None
     ) -> set[tuple[str, str]]:
         """Return the (pose_id, sha256) of which the session has no measurement of this target yet; always ask."""
+        path = f"/v1/sessions/{session_id}/images/missing"
         missing: set[tuple[str, str]] = set()
         for start in range(0, max(len(images), 1), _MISSING_CHUNK):
-            chunk = images[start : start + _MISSING_CHUNK]
-            body = {
-                "images": [
-                    _without_nulls({"pose_id": pose, "sha256": sha256, "target_id": target_id})
-                    for pose, sha256 in chunk
-                ]
-            }
-            path = f"/v1/sessions/{session_id}/images/missing"
-            answer = self._json("POST", path, repeatable=True, json=body)
+            asked = [
+                _without_nulls({"pose_id": pose, "sha256": sha256, "target_id": target_id})
+                for pose, sha256 in images[start : start + _MISSING_CHUNK]
+            ]
+            answer = self._json("POST", path, repeatable=True, json={"images": asked})
             missing.update((entry["pose_id"], entry["sha256"]) for entry in answer["missing"])
         return missing
 
@@ -187,9 +184,10 @@ class ServiceClient(Closing):
         path = f"/v1/sessions/{session_id}/measured-poses"
         return self._json("POST", path, repeatable=True, json=list(poses))
 
-    def put_poses(self, session_id: str, poses: Sequence[Json]) -> Json:
-        """Store commanded poses, new or replaced: all or none."""
-        return self._json("POST", f"/v1/sessions/{session_id}/poses", repeatable=True, json=list(poses))
+    def put_poses(self, session_id: str, poses: Sequence[Json], *, accept_implausible: bool = False) -> Json:
+        """Store commanded poses, new or replaced: all or none. The service refuses what looks like another unit."""
+        path = f"/v1/sessions/{session_id}/poses{'?accept_implausible=true' if accept_implausible else ''}"
+        return self._json("POST", path, repeatable=True, json=list(poses))
 
     def put_image(self, session_id: str, pose_id: str, sha256: str, data: bytes, **metadata: Any) -> Json:
         """Upload one image and return its measurement; a repeated upload returns the existing one."""

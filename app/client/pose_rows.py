@@ -17,7 +17,7 @@ _JOINT = re.compile(r"j([1-9][0-9]?)_deg")
 _DELIMITERS = ";\t,"
 _LEAST_REACH_MM = 5.0
 """A robot that never leaves a cube of 10 mm about its origin is stated in metres."""
-_FULL_TURN_RAD = 6.5
+_FULL_TURN_RAD = 7.0
 _HALF_TURN_RAD = 3.2
 _QUARTER_TURN_TOLERANCE = 0.01
 _LEAST_POSES = 2
@@ -98,7 +98,7 @@ def implausible_unit(poses: Iterable[Mapping[str, Any]]) -> str | None:
         return "positions look like metres: all coordinates are below 5"
     joints = [pose["joint_angles_deg"] for pose in listed if pose.get("joint_angles_deg")]
     if _all_within(joints, _FULL_TURN_RAD):
-        return "joint angles look like radians: all are below 6.5"
+        return "joint angles look like radians: all are below 7"
     names = ("roll_deg", "pitch_deg", "yaw_deg")
     turns = [[pose[name] for name in names if pose.get(name) is not None] for pose in listed]
     if _all_within(turns, _HALF_TURN_RAD) and any(

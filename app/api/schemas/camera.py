@@ -146,7 +146,9 @@ class CameraPoseRead(ResponseModel):
     position_mm: Annotated[
         list[float],
         Field(
-            description="The camera's centre x, y, z in the target frame, mm: -Rᵀt with R, t of `T_camera_target`."
+            min_length=3,
+            max_length=3,
+            description="The camera's centre x, y, z in the target frame, mm: -Rᵀt with R, t of `T_camera_target`.",
         ),
     ]
     rotation: RotationMatrix

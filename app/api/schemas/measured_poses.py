@@ -61,7 +61,7 @@ class MeasuredPoseRead(ResponseModel):
     pose_id: PoseId
     cycle: Annotated[int | None, Field(description=_CYCLE)]
     joint_angles_deg: StoredAngles
-    position_mm: Annotated[list[float], Field(description=_POSITION)]
+    position_mm: Annotated[list[float], Field(min_length=3, max_length=3, description=_POSITION)]
     rotation: Annotated[list[list[float]] | None, Field(description=_ROTATION)]
     covariance: Annotated[list[list[float]] | None, Field(description=_COVARIANCE)]
 

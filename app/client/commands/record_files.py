@@ -89,11 +89,16 @@ def as_delimiter(text: str | None) -> str | None:
 
 def read_mapping(path: Path) -> dict[str, Any]:
     """Return the mapping that a JSON or YAML file holds. Raises FileRefused."""
-    text = _read_text(path)
-    content = _parsed_json(text) if path.suffix.lower() == ".json" else _parsed_yaml(text)[0]
+    content = read_structure(path)
     if not isinstance(content, dict):
         raise FileRefused(f"{path} does not hold fields with their values.", 'Write {"name": ..., ...}.')
     return {str(name): value for name, value in content.items()}
+
+
+def read_structure(path: Path) -> Any:
+    """Return what a JSON or YAML file holds. Raises FileRefused."""
+    text = _read_text(path)
+    return _parsed_json(text) if path.suffix.lower() == ".json" else _parsed_yaml(text)[0]
 
 
 def _read_text(path: Path) -> str:

@@ -219,7 +219,8 @@ class Delivery:
         """Send commanded poses; return False where the service refuses them, which is reported."""
         poses: list[Json] = [{"pose_id": pose_id, **json.loads(body)} for pose_id, body in bodies.items()]
         try:
-            self._run.client.put_poses(self._run.session_id, poses)
+            # A table that grows begins with few poses; what looks like another unit in it is reported where it is read.
+            self._run.client.put_poses(self._run.session_id, poses, accept_implausible=True)
         except ClientError as error:
             if is_outage(error) or error.status in _OF_KEY_OR_SESSION:
                 raise

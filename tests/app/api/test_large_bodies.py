@@ -43,7 +43,7 @@ def pose(number: int) -> dict[str, Any]:
         "roll_deg": 1.23456789012345,
         "pitch_deg": 1.23456789012345,
         "yaw_deg": 1.23456789012345,
-        "joint_angles_deg": [1.23456789012345] * 12,
+        "joint_angles_deg": [12.3456789012345] * 12,
         "approach": "from above",
     }
 

@@ -99,6 +99,17 @@ def test_industrial_calibration_lists_its_views(tmp_path: Path, static: bool) ->
     assert_poses(dataset, invert(T_BASE_FLANGE) if static else T_BASE_FLANGE)
 
 
+@pytest.mark.parametrize(("folder", "count"), [("charuco", 8), ("circles_10x10", 15)])
+def test_datasets_of_robot_cal_tools_are_read_as_they_are(data_folder: Path, folder: str, count: int) -> None:
+    """Their `cal_data.yaml` is the list alone; half of the ChArUco images are not in the repository's data."""
+    dataset = read_dataset(data_folder / "robot_cal_tools" / folder, Layout.industrial_calibration)
+    first = next(pose for pose in dataset.poses if pose["pose_id"] == "0")
+    assert (len(dataset.images), len(dataset.poses), dataset.inverted) == (count, count, False)
+    assert len(dataset.without_image) == (8 if folder == "charuco" else 0)
+    if folder == "charuco":
+        assert first["position_mm"] == pytest.approx([113.0742, 589.2803, 652.6738], abs=1e-3)
+
+
 @pytest.mark.parametrize("name", ["cell.samples", "samples.json", "samples.yaml"])
 def test_easy_handeye_has_samples_for_images_in_order(tmp_path: Path, name: str) -> None:
     files: dict[str, str | bytes] = {name: samples(), "10.png": small_image(1), "9.png": small_image(2)}

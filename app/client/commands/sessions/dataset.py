@@ -63,7 +63,11 @@ def import_dataset(
             target,
             dataset.images,
             is_new=found is None,
-            before=lambda session_id: client.put_poses(session_id, list(dataset.poses)),
+            before=lambda session_id: client.put_poses(
+                session_id,
+                list(dataset.poses),
+                accept_implausible=True,  # the layout says in which units they are
+            ),
             wait=wait,
         )
         return report(Console(stderr=True, highlight=False), FilePlan(dataset.images, (), 0), sent)

@@ -6,7 +6,8 @@
     https://github.com/lagadic/visp apps/calibration/hand-eye
 `industrial_calibration`
     `cal_data.yaml` with `data`, a list of `image` and `pose`, paths below its folder; each pose file has x, y, z in m
-    and the quaternion qx, qy, qz, qw. `static_camera: true`: the camera does not move with the robot.
+    and the quaternion qx, qy, qz, qw. `static_camera: true`: the camera does not move with the robot. robot_cal_tools,
+    which it comes from, has the list alone.
     https://github.com/ros-industrial/industrial_calibration examples/data
 `easy_handeye`
     A `.samples` file (YAML or JSON) with `samples`, each with `robot`, a ROS Transform in m. easy_handeye keeps no
@@ -30,7 +31,7 @@ from typing import Any
 
 from ... import ImageFile, Json
 from ...files import SUFFIXES, natural_key
-from ..record_files import FileRefused, read_mapping
+from ..record_files import FileRefused, read_mapping, read_structure
 from ..rotations import Matrix, applied, from_quaternion, from_vector, to_roll_pitch_yaw, transposed
 
 _VISP_POSE = re.compile(r"(?P<prefix>.*)pose_[fr]Pe_(?P<number>[0-9]{1,9})", re.IGNORECASE)
@@ -143,23 +144,28 @@ def _visp_pose(path: Path) -> _Pose:
 
 def _industrial_calibration(folder: Path, *, fixed_camera: bool) -> tuple[_Pairs, list[str], list[str], bool]:
     path = folder / "cal_data.yaml"
-    content = read_mapping(path)
-    entries = content.get("data")
+    content = read_structure(path)
+    settings = content if isinstance(content, dict) else {"data": content}
+    entries = settings.get("data")
     if not isinstance(entries, list):
         raise FileRefused(f"{path.name} has no list `data`.", "It lists `image` and `pose` of each view.")
     pairs: _Pairs = []
+    without_image: list[str] = []
     for number, entry in enumerate(entries):
         names = [entry.get(name) for name in ("image", "pose")] if isinstance(entry, dict) else [None]
         if not all(isinstance(name, str) for name in names):
             raise FileRefused(f"View {number} of {path.name} has no `image` and `pose`.")
         image, pose = (folder / str(name) for name in names)
-        if not image.is_file() or not image.resolve().is_relative_to(folder.resolve()):
+        if not image.resolve().is_relative_to(folder.resolve()):
             raise FileRefused(f"{path.name} names the image {names[0]}, which is not below {folder}.")
+        if not image.is_file():
+            without_image.append(str(names[1]))
+            continue
         fields = read_mapping(pose)
         pairs.append((image.stem, image, _transform(pose, fields, fields, ("qx", "qy", "qz", "qw"))))
     if len({pose_id for pose_id, _, _ in pairs}) < len(pairs):
         pairs = [(f"{number}", image, pose) for number, (_, image, pose) in enumerate(pairs)]
-    return pairs, [], [], fixed_camera or content.get("static_camera") is True
+    return pairs, [], without_image, fixed_camera or settings.get("static_camera") is True
 
 
 def _easy_handeye(folder: Path) -> tuple[_Pairs, list[str], list[str]]:

@@ -43,7 +43,7 @@ def load(
             )
         session_id = find_session(client, session)["id"]
         try:
-            client.put_poses(session_id, poses)
+            client.put_poses(session_id, poses, accept_implausible=accept_implausible)
         except ClientError as error:
             fields = [(_place(name, records), message) for name, message in error.fields]
             raise ClientError(error.code, error.summary, error.advice, error.status, fields) from error

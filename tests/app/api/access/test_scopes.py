@@ -118,7 +118,7 @@ def test_an_ingest_key_completes_commanded_poses_and_changes_none(api: Any, grey
     session_id = api.make_session()
     api.put_image(session_id, grey_png, "P1")  # makes the pose with nulls
     address = f"/v1/sessions/{session_id}/poses"
-    first = {"position_mm": [1.0, 2.0, 3.0], "roll_deg": 10.0}
+    first = {"position_mm": [100.0, 200.0, 300.0], "roll_deg": 10.0}
     ingest, upload = {"headers": api.key("ingest")}, {"headers": api.key("upload")}
     assert api.client.put(f"{address}/P1", json=first, **ingest).status_code == 200
     assert api.client.put(f"{address}/P1", json=first, **ingest).status_code == 200
