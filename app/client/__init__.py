@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from .files import FilePlan, ImageFile, PatternError, Skipped, plan_files
     from .gridpose import Gridpose, Session
     from .http import ClientError, Json, ServiceClient
-    from .resources import find_or_make_session, find_or_make_target, find_robot, find_session
+    from .resources import find_or_make_session, find_or_make_target, find_robot, find_session, find_target
     from .results import Analysis, Measurement
     from .summary import describe_measured, is_measured, session_cameras
     from .upload import SessionResult, UploadResult, collect_results, upload_files
@@ -27,7 +27,13 @@ _PLACES = {
     ".files": ("FilePlan", "ImageFile", "PatternError", "Skipped", "plan_files"),
     ".gridpose": ("Gridpose", "Session"),
     ".http": ("ClientError", "Json", "ServiceClient"),
-    ".resources": ("find_or_make_session", "find_or_make_target", "find_robot", "find_session"),
+    ".resources": (
+        "find_or_make_session",
+        "find_or_make_target",
+        "find_robot",
+        "find_session",
+        "find_target",
+    ),
     ".results": ("Analysis", "Measurement"),
     ".summary": ("describe_measured", "is_measured", "session_cameras"),
     ".upload": ("SessionResult", "UploadResult", "collect_results", "upload_files"),
@@ -56,6 +62,7 @@ __all__ = [
     "find_or_make_target",
     "find_robot",
     "find_session",
+    "find_target",
     "is_measured",
     "plan_files",
     "session_cameras",

@@ -24,6 +24,16 @@ BodyFile = Annotated[
     ),
 ]
 
+ChangesFile = Annotated[
+    Path | None,
+    typer.Option(
+        "--file",
+        help="JSON or YAML with what is new, under the names of the API; null removes; options take precedence.",
+        exists=True,
+        dir_okay=False,
+    ),
+]
+
 AcceptImplausible = Annotated[
     bool,
     typer.Option(

@@ -117,6 +117,10 @@ CLIENT = {
         "Make a target: what is printed, how many grid points it has, and their distance.",
     ),
     "targets list": (".targets.stored:show_list", "List the targets of a service."),
+    "targets change": (
+        ".targets.changes:change",
+        "Change a target's name, or what is known of its print: its kind, its certificate.",
+    ),
     "targets delete": (
         ".targets.stored:delete",
         "Delete targets that no session and no measurement refers to.",
@@ -176,7 +180,7 @@ CLIENT = {
     ),
     "sessions change": (
         ".sessions.changes:change",
-        "Change a session's targets, robot or name; images whose target went are searched again.",
+        "Change a session's targets, robot, name, lens or conditions; images whose target went are searched again.",
     ),
     "sessions reprocess": (
         ".sessions.changes:reprocess",

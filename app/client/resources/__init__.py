@@ -8,6 +8,7 @@ from .finding import (
     find_or_make_target,
     find_robot,
     find_session,
+    find_target,
     target_of_session,
 )
 
@@ -19,5 +20,6 @@ __all__ = [
     "find_or_make_target",
     "find_robot",
     "find_session",
+    "find_target",
     "target_of_session",
 ]

@@ -153,7 +153,7 @@ def find_or_make_target(client: ServiceClient, target: str, *, accept_implausibl
     """
     fields = described_target(target)
     if fields is None:
-        return _named_target(client, target)["id"] if not target.startswith("tgt_") else target
+        return str(find_target(client, target)["id"]) if not target.startswith("tgt_") else target
     is_meant = _is_meant(target, fields)
     for entry in client.items("/v1/targets"):
         if is_meant(entry):
@@ -165,6 +165,18 @@ def find_or_make_target(client: ServiceClient, target: str, *, accept_implausibl
         if error.code == "invalid_target":
             error.advice = f"{error.advice or ''} Write it as --target {_EXAMPLES[fields['kind']]}.".strip()
         raise
+
+
+def find_target(client: ServiceClient, target: str) -> Json:
+    """Return the target with this id or name, or that is printed on this sheet; none is made.
+
+    Raises ClientError `target_not_found` or `target_ambiguous`.
+    """
+    return (
+        _named_target(client, target)
+        if not target.startswith("tgt_")
+        else client.get(f"/v1/targets/{target}")
+    )
 
 
 def check_target(client: ServiceClient, target: str) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -118,6 +119,45 @@ def test_sessions_targets_and_robots_are_shown_changed_and_deleted(served: Any) 
     assert served.client.get(f"/v1/sessions/{session}").status_code == 404
     gridpose(served, "sessions", "change", "none", code=2)
     gridpose(served, "sessions", "reprocess", "none", code=1)
+
+
+def test_what_is_known_of_a_print_is_changed(served: Any, tmp_path: Path) -> None:
+    target = served.make_target(name="plate")
+    path = f"/v1/targets/{target}"
+    uncertainty = {"pitch_x_mm": 0.001, "pitch_y_mm": 0.001}
+    certificate = {
+        "number": "4711",
+        "pitch_x_mm": 25.01,
+        "pitch_y_mm": 24.99,
+        "standard_uncertainty": uncertainty,
+    }
+    file = tmp_path / "certificate.json"
+    file.write_text(json.dumps(certificate), encoding="utf-8")
+    change = ("targets", "change")
+    gridpose(served, *change, "plate", "--name", "glass", "--print-kind", "glass", "--certificate", str(file))
+    changed = served.client.get(path).json()
+    assert (changed["name"], changed["print_kind"]) == ("glass", "glass")
+    assert changed["certificate"]["pitch_x_mm"] == 25.01
+    entries = served.client.get("/v1/audit").json()["items"]
+    assert ("update_target", [target]) in [(each["action"], each["object_ids"]) for each in entries]
+
+    file.write_text(json.dumps({"certificate": None, "print_kind": "paper"}), encoding="utf-8")
+    gridpose(served, *change, target, "--file", str(file), "--print-kind", "plate")
+    changed = served.client.get(path).json()
+    assert (changed["certificate"], changed["print_kind"]) == (None, "plate")
+    assert "Nothing" in gridpose(served, *change, target, code=2).stderr
+    assert "target_not_found" in gridpose(served, *change, "none", "--name", "x", code=1).stderr
+    file.write_text(json.dumps({"pitch_mm": 26.0}), encoding="utf-8")
+    assert "pitch_mm" in gridpose(served, *change, target, "--file", str(file), code=1).stderr
+
+
+def test_a_file_changes_lens_and_conditions_of_a_session(served: Any, tmp_path: Path) -> None:
+    session = served.make_session(name="cold")
+    file = tmp_path / "changes.yaml"
+    file.write_text("conditions: {temperature_c: 21.5}\nname: none\n", encoding="utf-8")
+    gridpose(served, "sessions", "change", "cold", "--file", str(file), "--name", "warm")
+    changed = served.client.get(f"/v1/sessions/{session}").json()
+    assert (changed["name"], changed["conditions"]["temperature_c"]) == ("warm", 21.5)
 
 
 def test_readings_are_deleted_by_pose_and_cycle_and_never_all_by_mistake(served: Any) -> None:

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any
+from typing import Annotated
 
 import typer
 
-from ... import ServiceClient, find_or_make_target, find_robot, find_session
+from ... import Json, ServiceClient, find_or_make_target, find_robot, find_session
 from ..access import AdminAccess, UploadAccess
 from ..console import OptionRefused
+from ..creation import ChangesFile
+from ..record_files import read_mapping
 
 Session = Annotated[str, typer.Argument(help="Id or name of the session.")]
 
@@ -28,14 +30,18 @@ def change(
         str | None, typer.Option(help="Id or name of the session's robot; an empty text: none.")
     ] = None,
     name: Annotated[str | None, typer.Option(help="The session's new name.")] = None,
+    file: ChangesFile = None,
 ) -> int:
-    """Change a session's targets, robot or name; images whose target went are searched again."""
+    """Change a session's targets, robot, name, lens or conditions; images whose target went are searched again.
+
+    Lens, intrinsics and conditions are those of a --file.
+    """
 
     def act(client: ServiceClient) -> None:
-        if target is None and robot is None and name is None:
-            raise OptionRefused("Nothing is to be changed.", "Give --target, --robot or --name.")
+        changes: Json = read_mapping(file) if file is not None else {}
+        if target is None and robot is None and name is None and not changes:
+            raise OptionRefused("Nothing is to be changed.", "Give --target, --robot, --name or --file.")
         session_id = find_session(client, session)["id"]
-        changes: dict[str, Any] = {}
         if target is not None:
             changes["target_ids"] = [find_or_make_target(client, each) for each in target]
         if robot is not None:

@@ -9,7 +9,7 @@ import typer
 from ... import Json, ServiceClient
 from ..access import UploadAccess
 from ..creation import AcceptImplausible, BodyFile, Name, create_named
-from .description import TargetDescription
+from .description import PrintKind, TargetDescription
 
 
 def create(
@@ -20,6 +20,7 @@ def create(
         float | None,
         typer.Option(help="Standard uncertainty of the pitch, common to the whole print.", min=0.0),
     ] = None,
+    print_kind: PrintKind = None,
     file: BodyFile = None,
     accept_implausible: AcceptImplausible = False,
 ) -> int:
@@ -34,6 +35,8 @@ def create(
         given = description.fields()
         if pitch_sigma_mm is not None:
             given["pitch_standard_uncertainty_mm"] = pitch_sigma_mm
+        if print_kind is not None:
+            given["print_kind"] = str(print_kind)
         return given
 
     needed = {"kind": "--kind", "columns": "--columns", "rows": "--rows", "pitch_mm": "--pitch-mm"}

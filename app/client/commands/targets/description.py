@@ -21,6 +21,20 @@ class Kind(enum.StrEnum):
     aprilgrid = "aprilgrid"
 
 
+class KindOfPrint(enum.StrEnum):
+    """How a target was made."""
+
+    paper = "paper"
+    plate = "plate"
+    glass = "glass"
+
+
+PrintKind = Annotated[
+    KindOfPrint | None,
+    typer.Option(help="How it was made: paper on a board, ink on a rigid plate, or chrome on glass."),
+]
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TargetDescription:
     """The options that describe a target; None where not given."""

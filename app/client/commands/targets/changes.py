@@ -1,0 +1,57 @@
+"""`gridpose targets change`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from ... import Json, ServiceClient, find_target
+from ..access import UploadAccess
+from ..console import OptionRefused
+from ..creation import ChangesFile
+from ..record_files import read_mapping
+from .description import PrintKind
+
+
+def change(
+    target: Annotated[
+        str, typer.Argument(help="Id or name of the target, or sheet: and the id on its print.")
+    ],
+    service: UploadAccess,
+    name: Annotated[str | None, typer.Option(help="The target's new name.")] = None,
+    print_kind: PrintKind = None,
+    certificate: Annotated[
+        Path | None,
+        typer.Option(
+            help="JSON or YAML with what a laboratory measured, under the names of the API.",
+            exists=True,
+            dir_okay=False,
+        ),
+    ] = None,
+    file: ChangesFile = None,
+) -> int:
+    """Change a target's name, or what is known of its print: its kind, its certificate.
+
+    Its grid never changes. Analyses use the change from now on. To remove a certificate, give a --file with
+    {"certificate": null}.
+    """
+
+    def act(client: ServiceClient) -> None:
+        changes: Json = read_mapping(file) if file is not None else {}
+        if name is not None:
+            changes["name"] = name
+        if print_kind is not None:
+            changes["print_kind"] = str(print_kind)
+        if certificate is not None:
+            changes["certificate"] = read_mapping(certificate)
+        if not changes:
+            raise OptionRefused(
+                "Nothing is to be changed.", "Give --name, --print-kind, --certificate or --file."
+            )
+        target_id = find_target(client, target)["id"]
+        client.change(f"/v1/targets/{target_id}", changes)
+        print(f"{target_id} changed")
+
+    return service.run(act)
