@@ -84,6 +84,14 @@ def to_quaternion(r: Sequence[Sequence[float]]) -> tuple[float, float, float, fl
     return x, y, z, w
 
 
+def to_vector(r: Sequence[Sequence[float]]) -> Vector:
+    """Return the rotation vector of a rotation, its length in [0, π]."""
+    x, y, z, w = to_quaternion(r)
+    half = math.hypot(x, y, z)
+    scale = 2.0 if half < _SMALL else 2.0 * math.atan2(half, w) / half
+    return [scale * x, scale * y, scale * z]
+
+
 def to_roll_pitch_yaw(r: Sequence[Sequence[float]]) -> tuple[float, float, float]:
     """Return roll, pitch, yaw with R = Rz(yaw) Ry(pitch) Rx(roll); at a pitch of 90° the roll is 0."""
     across = math.hypot(r[0][0], r[1][0])

@@ -1,4 +1,4 @@
-"""`gridpose robots compensate`: commanded poses of a file, corrected by what a session identified of the robot."""
+"""`gridpose robots compensate`: commands of a table or a robot program, corrected by what a session identified."""
 
 from __future__ import annotations
 
@@ -17,8 +17,11 @@ from ...pose_rows import POSE_COLUMNS, RowError, pose_of_cells
 from ..access import UploadAccess
 from ..console import OptionRefused, error_console
 from ..record_files import Delimiter, FileFormat, FileRefused, RecordFormat, as_delimiter, read_records
+from .programs import Controller, Frame, Program, controller_of, parse_frame, read_program
 
 _FIELDS = ("pose_id", "position_mm", "roll_deg", "pitch_deg", "yaw_deg", "joint_angles_deg")
+_TABLES = (".csv", ".json")
+_FRAME = "x,y,z,roll,pitch,yaw"
 _RESULTS = (
     "outcome",
     "uncorrected_error_mm",
@@ -30,7 +33,10 @@ _RESULTS = (
 
 def compensate(
     file: Annotated[
-        Path, typer.Argument(help="CSV, JSON or YAML file of commanded poses.", exists=True, dir_okay=False)
+        Path,
+        typer.Argument(
+            help="Commanded poses: CSV, JSON or YAML, or a robot program.", exists=True, dir_okay=False
+        ),
     ],
     robot: Annotated[str, typer.Option(help="Id or name of the robot.")],
     session: Annotated[
@@ -49,12 +55,31 @@ def compensate(
     source: Annotated[str, typer.Option(help="images, or measured_poses of another instrument.")] = "images",
     file_format: FileFormat = None,
     delimiter: Delimiter = None,
+    controller: Annotated[
+        Controller | None,
+        typer.Option(help="Make of the controller whose program the file is.  [default: by its name]"),
+    ] = None,
+    base: Annotated[
+        str | None,
+        typer.Option(help=f"Frame of a program's points in the robot's base: {_FRAME}.  [default: the base]"),
+    ] = None,
+    tool: Annotated[
+        str | None,
+        typer.Option(help=f"Tool of a program's points on the flange: {_FRAME}.  [default: the flange]"),
+    ] = None,
     output: Annotated[
         Path | None,
-        typer.Option("--output", "-o", help="File to write, .json or .csv.  [default: CSV on stdout]"),
+        typer.Option(
+            "--output",
+            "-o",
+            help="File to write: .json, .csv, or of a program the program.  [default: on stdout]",
+        ),
     ] = None,
 ) -> int:
     """Correct commanded poses by what a session identified of the robot, from file to file.
+
+    A program of a controller (KUKA .dat and .src, ABB .mod, UR .script, FANUC .ls) is written back with the numbers of
+    its points corrected, and nothing else changed.
 
     Columns of a CSV are those of `poses load`: pose_id, and joint angles (j1_deg, ...), or a whole pose of the flange
     in the robot's base (x_mm, y_mm, z_mm, roll_deg, pitch_deg, yaw_deg), or both. Commands that cannot be corrected
@@ -62,28 +87,53 @@ def compensate(
     """
 
     def act(client: ServiceClient) -> None:
-        if output is not None and output.suffix.lower() not in (".csv", ".json"):
+        make = controller or (controller_of(file) if file_format is None else None)
+        frames = _frame(base, "--base"), _frame(tool, "--tool")
+        program = None if make is None else read_program(file, make, *frames)
+        form = "" if output is None else output.suffix.lower()
+        if program is None and (base or tool):
+            raise OptionRefused(
+                "--base and --tool belong to a program's points; a table has those of the flange."
+            )
+        if program is None and output is not None and form not in _TABLES:
             raise OptionRefused(f"--output {output} is neither .csv nor .json.")
         body = {
             "session_id": find_session(client, session)["id"],
-            "poses": _read(file, file_format, delimiter),
+            "poses": _read(file, file_format, delimiter) if program is None else program.commands(),
             "source": source,
         }
         if confirming_session is not None:
             body["confirming_session_id"] = find_session(client, confirming_session)["id"]
         path = f"/v1/robots/{find_robot(client, robot)['id']}/compensate"
         found = client.create(f"{path}?curves=true" if curves else path, body)
-        text = _text(found, as_json=output is not None and output.suffix.lower() == ".json")
-        if output is None:
-            sys.stdout.write(text)
+        if program is None or form in _TABLES:
+            _write(output, _text(found, as_json=form == ".json").encode())
         else:
-            try:
-                output.write_text(text, encoding="utf-8", newline="")
-            except OSError as error:
-                raise OptionRefused(f"{output} cannot be written: {error.strerror}.") from error
+            applied = {pose["pose_id"]: pose for pose in found["poses"] if pose["applied"]}
+            _write(output, program.with_commands(applied))
         _show(found)
+        if program is not None:
+            _show_program(program, frames_given=bool(base or tool))
 
     return service.run(act)
+
+
+def _frame(text: str | None, option: str) -> Frame:
+    try:
+        return Frame() if text is None else parse_frame(text)
+    except ValueError as error:
+        raise OptionRefused(f"{option} {text} is no frame.", f"Give {_FRAME}, in mm and degrees.") from error
+
+
+def _write(output: Path | None, data: bytes) -> None:
+    if output is None:
+        sys.stdout.buffer.write(data)
+        sys.stdout.buffer.flush()
+        return
+    try:
+        output.write_bytes(data)
+    except OSError as error:
+        raise OptionRefused(f"{output} cannot be written: {error.strerror}.") from error
 
 
 def _read(file: Path, file_format: RecordFormat | None, delimiter: str | None) -> list[Json]:
@@ -141,3 +191,15 @@ def _show(found: Json) -> None:
         )
     for warning in found["warnings"]:
         console.print(f"[yellow]{escape(warning['detail'])}[/]")
+
+
+def _show_program(program: Program, *, frames_given: bool) -> None:
+    console = error_console()
+    if program.has_cartesian_points and not frames_given:
+        console.print(
+            "Cartesian points are taken as those of the flange in the robot's base. Where the program has a tool or "
+            "another base, give --tool and --base."
+        )
+    if program.incomplete_lines:
+        lines = ", ".join(map(str, program.incomplete_lines))
+        console.print(f"[yellow]Points that are not whole were left as they are: line {lines}.[/]")
