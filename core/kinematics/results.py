@@ -87,6 +87,11 @@ def with_residuals(
 ILL_CONDITIONED = 100.0
 SHORT_ARC = math.radians(20.0)
 FAR_MM, FAR_RAD = 20.0, math.radians(5.0)
+MAX_SHARE_APART = 0.005
+"""Of the variance that independent joints have in a combination: what moves less moves together."""
+MIN_PART_OF_COMBINATION = 0.2
+MIN_SPARE_CONFIGURATIONS = 4
+"""More than joints: fewer configurations lie near a plane by chance."""
 
 
 def warnings_for(
@@ -106,6 +111,7 @@ def warnings_for(
             "Add poses that move all joints over their range; the parameters' uncertainties say which suffer.",
         )
     yield from _short_arcs(poses.joint_angles[refined.used])
+    yield from _moved_together(poses.joint_angles[refined.used])
     if nominal is not None:
         yield from _far_from(nominal, refined, gauge)
     out = np.flatnonzero(~refined.used)
@@ -140,6 +146,23 @@ def _short_arcs(joint_angles: Float[np.ndarray, "n j"]) -> Iterator[Advisory]:
             "short_arc",
             f"Some joints move little over all poses: {which}.",
             "Move every joint over 40° or more; the accuracy of its axis is proportional to the arc.",
+        )
+
+
+def _moved_together(joint_angles: Float[np.ndarray, "n j"]) -> Iterator[Advisory]:
+    """A combination of joints that hardly varies while each of them does: q5 = q1, or a tool that is kept upright."""
+    spread = joint_angles.std(axis=0)
+    moved = np.flatnonzero(spread > 0.0)
+    if len(np.unique(np.round(joint_angles, 3), axis=0)) < len(moved) + MIN_SPARE_CONFIGURATIONS:
+        return
+    values, vectors = np.linalg.eigh(np.corrcoef(joint_angles[:, moved], rowvar=False))
+    for k in np.flatnonzero(values < MAX_SHARE_APART):
+        joints = [str(i + 1) for i in moved[np.abs(vectors[:, k]) > MIN_PART_OF_COMBINATION]]
+        yield Advisory(
+            "joints_move_together",
+            f"Joints {', '.join(joints[:-1])} and {joints[-1]} moved together in all poses, so that these do "
+            "not separate what is wrong with one from what is wrong with another.",
+            "Add poses at which each of these joints turns while the others rest.",
         )
 
 

@@ -15,7 +15,9 @@ from core.calibration import (
     select_lens,
     stack_views,
 )
-from core.geometry import LensModel, lens_model_of, so3_log
+from core.calibration.lens_selection.selection import folds
+from core.calibration.lens_selection.starts import observed_radius_px
+from core.geometry import Camera, LensModel, fold_radius_px, lens_model_of, so3_log
 from tests.support.simulation.wide_lenses import WideSession, draw_session
 
 
@@ -90,6 +92,21 @@ def test_a_lens_is_found_without_an_estimate_to_begin_with() -> None:
     assert choice.start.fx_px == pytest.approx(session.camera.fx_px, rel=0.02)
 
 
+@pytest.mark.parametrize(("ratio", "refused"), [(0.9, True), (1.03, True), (1.1, False)])
+def test_a_model_that_turns_back_within_the_points_or_just_beyond_is_not_taken(
+    ratio: float, refused: bool
+) -> None:
+    session = draw_session(np.random.default_rng(5), "brown", images=4)
+    views = stack_views(session.views)
+    plain = Camera(900.0, 900.0, 639.5, 479.5)
+    farthest = ratio * observed_radius_px(views.points_px, plain)
+    # f r (1 + k1 r²) is greatest at r = 1/√(-3 k1), where it is two thirds of f r.
+    k1 = -1.0 / (3.0 * (1.5 * farthest / plain.fx_px) ** 2)
+    camera = Camera(900.0, 900.0, 639.5, 479.5, k1)
+    assert fold_radius_px(camera) == pytest.approx(farthest, rel=1e-6)
+    assert folds(camera, views, np.ones(len(views.points_px), dtype=np.bool_)) is refused
+
+
 def test_one_image_does_not_decide() -> None:
     session = draw_session(np.random.default_rng(7), "kannala_brandt", images=1)
     views = stack_views(session.views)
@@ -123,14 +140,14 @@ def test_false_alarms_are_rare(bow_mm: float) -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("model", ["kannala_brandt", "rational"])
 def test_intervals_with_the_model_chosen_cover(model: LensModel) -> None:
-    """Of poses and f, with the true model drawn from the priors: 95 % of 60 sessions, within three standard errors."""
+    """Of poses and f, with the true model drawn from the priors: 95 % of 40 sessions, within three standard errors."""
     rng = np.random.default_rng(12)
     focal, position = [], []
-    for _ in range(60):
+    for _ in range(40):
         session = draw_session(rng, model, images=10)
         _, found = estimated(session, model)
         u = math.sqrt(float(found.camera_covariance[0, 0]))
         focal.append(abs(found.camera.fx_px - session.camera.fx_px) < 1.96 * u)
         position.append(float(np.mean(pose_errors(session, found) < 12.592)))  # χ²₆ at 95 %
-    assert np.mean(focal) > 0.86
-    assert np.mean(position) > 0.86
+    assert np.mean(focal) > 0.846
+    assert np.mean(position) > 0.846

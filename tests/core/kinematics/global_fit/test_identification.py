@@ -21,6 +21,7 @@ from core.kinematics.identification import identify
 from core.kinematics.pose_observations import PoseData
 from core.simulation.arm import KR5_ARC, KR5_ARC_HOME, Arm, deviated, kr5_arc
 from tests.support.simulation.robots.arms import SEVEN_JOINTS, angles, stated, told_truth
+from tests.support.simulation.robots.real_arms import angles_within_limits
 from tests.support.simulation.simulated_poses import Repeatability, measure_poses
 
 ROBOT = Repeatability(0.03, math.radians(0.005))
@@ -210,6 +211,28 @@ def test_a_joint_that_hardly_moves_is_remarked_on() -> None:
     found = identify(measure_poses(arm, q, rng, robot=ROBOT), KR5_ARC, folds=0)
     (remark,) = [w for w in found.warnings if w.code == "short_arc"]
     assert "5 by 8.0°" in remark.detail
+
+
+def together(q: np.ndarray, rng: np.random.Generator) -> list[str]:
+    """Return what an identification says of joints that move together."""
+    found = identify(measure_poses(kr5_arc(rng), q, rng, robot=ROBOT), KR5_ARC, folds=0)
+    return [w.detail for w in found.warnings if w.code == "joints_move_together"]
+
+
+def test_joints_that_move_together_are_named() -> None:
+    rng = np.random.default_rng(23)
+    free = angles_within_limits(rng, 40, share=0.4)
+    assert together(free, rng) == []
+    assert together(angles(rng), rng) == []  # sweeps
+    assert together(angles_within_limits(rng, 9, share=0.4), rng) == []
+    like_the_first = free.copy()
+    like_the_first[:, 4] = free[:, 0] + np.radians(0.5) * rng.uniform(-1.0, 1.0, len(free))
+    (detail,) = together(like_the_first, rng)
+    assert detail.startswith("Joints 1 and 5 moved together")
+    upright = free.copy()
+    upright[:, 3] = -free[:, 1] - free[:, 2]
+    (detail,) = together(upright, rng)
+    assert detail.startswith("Joints 2, 3 and 4 moved together")
 
 
 def test_a_target_that_no_pose_shows_is_passed_over() -> None:

@@ -78,7 +78,7 @@ def controller_of(path: PurePath) -> Controller | None:
 
 
 def _named(text: str, start: int, end: int, names: Sequence[str], separator: str) -> tuple[Span, ...] | None:
-    """Return where the numbers of the named fields stand in text[start:end]; None where one is missing."""
+    """Return where text[start:end] has the numbers of the named fields; None where one is missing."""
     spans = []
     for name in names:
         pattern = re.compile(rf"(?<![\w$]){name}{separator}({NUMBER})", _FLAGS)
