@@ -24,6 +24,7 @@ _FORM_FIELDS = {
     "marker_mm": "marker_mm",
     "dictionary": "dictionary",
     "legacy_layout": "legacy_layout",
+    "print_kind": "print_kind",
     "u": "pitch_standard_uncertainty_mm",
     "pitch_standard_uncertainty_mm": "pitch_standard_uncertainty_mm",
 }
@@ -221,7 +222,11 @@ def _truth(text: str) -> bool:
     return _TRUTHS[text]
 
 
-_CONVERTERS: dict[str, Callable[[str], Any]] = {"legacy_layout": _truth, "dictionary": str}
+_CONVERTERS: dict[str, Callable[[str], Any]] = {
+    "legacy_layout": _truth,
+    "dictionary": str,
+    "print_kind": str,
+}
 
 
 def _not_described(text: str, reason: str) -> ClientError:

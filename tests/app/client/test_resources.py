@@ -17,7 +17,9 @@ def test_the_example_of_each_kind_is_read(kind: str) -> None:
 
 
 def test_a_form_has_every_field() -> None:
-    assert described_target("charuco:9x6:25.5,marker=18,dictionary=DICT_5X5_100,legacy_layout,u=0.01") == {
+    assert described_target(
+        "charuco:9x6:25.5,marker=18,dictionary=DICT_5X5_100,legacy_layout,u=0.01,print_kind=glass"
+    ) == {
         "kind": "charuco",
         "columns": 9,
         "rows": 6,
@@ -26,6 +28,7 @@ def test_a_form_has_every_field() -> None:
         "dictionary": "DICT_5X5_100",
         "legacy_layout": True,
         "pitch_standard_uncertainty_mm": 0.01,
+        "print_kind": "glass",
     }
 
 

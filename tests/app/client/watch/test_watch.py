@@ -8,7 +8,9 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from typer.testing import CliRunner
 
+from app.cli.main import app
 from app.client import ServiceClient
 from app.client.watch import CannotBegin
 from tests.support.environment.fault_proxy import at_random
@@ -89,6 +91,20 @@ def test_a_file_that_stays_incomplete_is_reported_and_waits(cell: WatchedCell) -
     assert any("1.png: not whole: it ends within" in line for line in cell.lines)
     cell.write("P1/1.png", small_image(1))
     assert cell.watch().stored == 1
+    cell.assert_each_image_is_stored_once()
+
+
+def test_a_file_that_is_renamed_into_place_is_sent_as_soon_as_it_appears(cell: WatchedCell) -> None:
+    with cell.watching(complete="renamed", settle_s=3600.0):
+        elsewhere = cell.root / "1.png"
+        elsewhere.write_bytes(small_image(1))
+        cell.write("P1/2.png.part", small_image(2)[:40])
+        elsewhere.replace(cell.folder / "P1" / "1.png")
+        wait_until(lambda: cell.has(1), 30)
+        part = cell.write("P1/2.png.part", small_image(2))
+        part.replace(part.with_suffix(""))
+        wait_until(lambda: cell.has(2), 30)
+    assert [m["filename"] for m in cell.measurements()] == ["1.png", "2.png"]
     cell.assert_each_image_is_stored_once()
 
 
@@ -208,6 +224,24 @@ def test_results_are_printed_handed_over_and_moved(computing: Api, tmp_path: Pat
         assert any("deleted" not in line for line in cell.lines)
         with ServiceClient(cell.proxy.url, cell.key) as client:
             assert client.get(f"/v1/sessions/{cell.session_id}")["counts"]["succeeded"] == 2
+
+
+@pytest.mark.slow
+def test_the_bell_rings_for_an_image_without_result_and_the_code_says_so(
+    computing: Api, tmp_path: Path
+) -> None:
+    with WatchedCell.of(computing, tmp_path, **BOARD) as cell:
+        cell.write("P1/1.png", image(0))
+        watch = ("watch", str(cell.folder), "--session", cell.session_id, "--url", cell.proxy.url, "--once")
+        files = ("--journal", str(cell.journal), "--state-file", str(tmp_path / "state.json"))
+        quick = ("--bell", "--poll-s", "0.1", "--settle-s", "0.1")
+        ended = CliRunner().invoke(app, [*watch, *files, *quick], env={"GRIDPOSE_KEY": cell.key})
+        assert (ended.exit_code, ended.output.count("\a")) == (0, 0), ended.output
+        cell.write("P1/2.png", image(5))  # shows no board
+        ended = CliRunner().invoke(app, [*watch, *files, *quick], env={"GRIDPOSE_KEY": cell.key})
+        assert (ended.exit_code, ended.output.count("\a")) == (1, 1), ended.output
+        state = json.loads((tmp_path / "state.json").read_text(encoding="utf-8"))
+        assert (state["running"], state["waiting"], state["trouble_count"]) == (False, 0, 0)
 
 
 @pytest.mark.slow
