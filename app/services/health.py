@@ -114,7 +114,11 @@ def _disk(installation: ServiceContext) -> Check:
         free = installation.blobs.free_bytes()
     except OSError:
         return Check("disk", ok=False, detail="The disk of the originals cannot be reached.")
-    return Check("disk", ok=free >= floor, detail=f"{free} bytes are free; the floor is {floor}.")
+    return Check(
+        "disk",
+        ok=free >= floor,
+        detail=f"{free / 1e9:.1f} GB are free; uploads are refused below {floor / 1e9:.1f} GB.",
+    )
 
 
 def _bucket(installation: ServiceContext) -> list[Check]:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import re
 from collections.abc import Callable, Coroutine
 from functools import cache
 from pathlib import Path
@@ -15,7 +14,6 @@ from fastapi import APIRouter, Request
 from fastapi.exceptions import RequestValidationError
 from fastapi.routing import APIRoute
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
-from markupsafe import Markup, escape
 from starlette.responses import HTMLResponse, RedirectResponse, Response
 
 from app.build import program_version, sources_hash
@@ -32,7 +30,7 @@ from app.http import (
     status_of,
 )
 from app.records.activity import acting
-from app.web import words
+from app.web import page_words, words
 from app.web.service import service_of
 from app.web.static_files import static_version
 
@@ -185,7 +183,8 @@ def environment() -> Environment:
         size=words.size,
         grouped=words.grouped,
         words=words.words,
-        linked=linked,
+        linked=page_words.linked,
+        on_pages=page_words.on_pages,
         quoted=lambda text: quote(str(text), safe=""),
     )
     made.globals.update(
@@ -201,28 +200,15 @@ def environment() -> Environment:
         report_kinds=words.REPORT_KINDS,
         report_forms=words.REPORT_FORMS,
         scopes=words.SCOPES,
+        next_page=page_words.next_page,
         view_purposes=words.VIEW_PURPOSES,
+        methods=words.METHODS,
+        lens_models=words.LENS_MODELS,
         query=query_of,
         sqrt=math.sqrt,
         build=sources_hash("app"),
     )
     return made
-
-
-_MEASUREMENT = re.compile(r"mea_[0-9a-z]{26}")
-
-
-def linked(text: str) -> Markup:
-    """Return a sentence whose measurements are links to their pages."""
-    parts, end = [], 0
-    for number, match in enumerate(_MEASUREMENT.finditer(text), start=1):
-        name = f"image {number}"
-        parts += [
-            escape(text[end : match.start()]),
-            Markup('<a href="/ui/measurements/{}">{}</a>').format(match[0], name),
-        ]
-        end = match.end()
-    return Markup("").join([*parts, escape(text[end:])])
 
 
 def query_of(values: dict[str, Any], **changes: Any) -> str:

@@ -137,6 +137,24 @@ ESTIMATORS: dict[str, tuple[str, str]] = {
     ),
     "given": ("Given camera", "The session's stated intrinsics, taken as they are."),
 }
+METHODS: dict[str, str] = {
+    "proposed_nullspace": "Boby and Saha, null space",
+    "proposed_vanishing_point": "Boby and Saha, vanishing points",
+    "zhang": "Zhang",
+    "opencv_single_image": "OpenCV, single image",
+    "tsai": "Tsai",
+    "dlt": "DLT",
+    "five_points": "Five points",
+    "lines": "Lines",
+    "aruco_marker": "ArUco, one marker",
+    "aruco_board": "ArUco, whole board",
+    "pooled": "Gridpose, pooled",
+}
+LENS_MODELS: dict[str, str] = {
+    "brown": "Brown-Conrady",
+    "rational": "rational",
+    "kannala_brandt": "Kannala-Brandt",
+}
 VIEW_PURPOSES: dict[str, tuple[str, str]] = {
     "intrinsics": ("Camera", "the lens"),
     "hand_eye": ("Hand-eye", "where the camera sits on the flange"),

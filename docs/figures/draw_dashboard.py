@@ -10,7 +10,7 @@ import os
 import shutil
 import tempfile
 import time
-from datetime import UTC, datetime
+from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import Any
 
@@ -37,8 +37,8 @@ WITHIN_MS = 120_000
 SHOWN_WHOLE = """[...document.images].every((one) => {
   one.loading = "eager";
   return one.complete && one.naturalWidth > 0 || !one.checkVisibility();
-})"""
-"""Every image has come, those below the window's edge, too: the screenshot is of the whole page."""
+}) && !document.querySelector("[data-headline], [aria-busy=true]")"""
+"""Every image has come, those below the window's edge, too, and every headline: the screenshot is of the whole page."""
 
 
 def fill(client: ServiceClient) -> dict[str, str]:
@@ -56,7 +56,8 @@ def fill(client: ServiceClient) -> dict[str, str]:
     fields = {"target_ids": [target], "robot_id": robot, "conditions": conditions}
     earlier = file_weeks(client, robot, fields)
     session = client.create("/v1/sessions", {"name": f"Cell 4, week {WEEKS + 1}", **fields})["id"]
-    measure(client, session, take_images(POSES, repeated=REPEATED, cycles=CYCLES))
+    images = take_images(POSES, repeated=REPEATED, cycles=CYCLES)
+    measure(client, session, images, datetime.now(UTC) - timedelta(minutes=30))
     report = report_on(client, session)
     measured = client.get(f"/v1/sessions/{session}/measurements")["items"][0]["id"]
     here = f"/ui/sessions/{session}"
@@ -71,6 +72,7 @@ def fill(client: ServiceClient) -> dict[str, str]:
                 "comparison",
                 "reports",
                 "upload",
+                "poses",
                 "error-map",
                 "joint-noise",
             )
@@ -94,20 +96,22 @@ def file_weeks(client: ServiceClient, robot: str, fields: dict[str, Any]) -> lis
     reports = []
     for week in range(WEEKS):
         if week == WEEKS // 2:
-            event = {"at": datetime.now(UTC).isoformat(), "note": "Belt of joint 5 replaced"}
+            at = datetime.now(UTC) - timedelta(weeks=WEEKS - week, days=3)
+            event = {"at": at.isoformat(), "note": "Belt of joint 5 replaced"}
             client.create(f"/v1/robots/{robot}/events", {**event, "restarts_charts": False})
         session = client.create("/v1/sessions", {"name": f"Cell 4, week {week + 1}", **fields})["id"]
         first = week * CYCLES_A_WEEK
-        measure(client, session, [one for one in images if first < one.cycle <= first + CYCLES_A_WEEK])
+        taken = [one for one in images if first < one.cycle <= first + CYCLES_A_WEEK]
+        measure(client, session, taken, datetime.now(UTC) - timedelta(weeks=WEEKS - week))
         reports.append(report_on(client, session))
     return reports
 
 
-def measure(client: ServiceClient, session: str, images: list[CellImage]) -> None:
-    """Send images with their commanded poses and wait until all are computed."""
-    for image in images:
+def measure(client: ServiceClient, session: str, images: list[CellImage], begun: datetime) -> None:
+    """Send images with their commanded poses, taken every ten seconds, and wait until all are computed."""
+    for number, image in enumerate(images):
         client.put(f"/v1/sessions/{session}/poses/{image.pose_id}", image.commanded)
-        send(client, session, image)
+        send(client, session, image, begun + timedelta(seconds=10 * number))
     while any(client.get(f"/v1/sessions/{session}")["counts"][one] for one in ("queued", "running")):
         time.sleep(0.2)
 
@@ -120,11 +124,10 @@ def report_on(client: ServiceClient, session: str) -> str:
     return report
 
 
-def send(client: ServiceClient, session: str, image: CellImage) -> None:
+def send(client: ServiceClient, session: str, image: CellImage, taken: datetime) -> None:
     """Upload one image."""
-    client.put_image(
-        session, image.pose_id, image.sha256, image.data, cycle=image.cycle, filename=image.filename
-    )
+    named = {"cycle": image.cycle, "filename": image.filename, "captured_at": taken.isoformat()}
+    client.put_image(session, image.pose_id, image.sha256, image.data, **named)
 
 
 def sign_in(page: Any, key: str) -> None:

@@ -14,6 +14,7 @@ from tests.web.conftest import HOSTILE, Cell, is_too_wide, new_key, nothing, vio
 
 pytestmark = pytest.mark.slow
 Open = Callable[..., Any]
+TABS = ("repeatability", "camera", "upload", "poses", "reports", "next-view", "error-map", "joint-noise")
 
 
 def test_a_new_user_gets_from_a_target_to_a_table(cell: Cell, open_page: Open, tmp_path: Path) -> None:
@@ -249,18 +250,7 @@ def test_every_page_is_accessible_and_no_wider_than_the_screen(
     pages = [
         *("/ui/", f"/ui/sessions/{cell.session_id}", f"/ui/sessions/{hostile}", "/ui/sessions/new"),
         *(f"/ui/measurements/{cell.measurement_ids[0]}", f"/ui/measurements/{cell.refused_id}"),
-        *(
-            f"/ui/sessions/{cell.session_id}/{tail}"
-            for tail in (
-                "repeatability",
-                "camera",
-                "upload",
-                "reports",
-                "next-view",
-                "error-map",
-                "joint-noise",
-            )
-        ),
+        *(f"/ui/sessions/{cell.session_id}/{tail}" for tail in TABS),
         *(
             "/ui/reports",
             f"/ui/reports/{report}",

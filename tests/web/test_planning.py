@@ -1,15 +1,16 @@
 """Plans in a real browser: parts that are computed when they are opened, and a form without a script; and forms that
-state what was measured of a target, and change a session.
+state what was measured of a target, change a session, and load its commanded poses.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import pytest
 
-from tests.web.conftest import Cell
+from tests.web.conftest import Cell, is_too_wide, new_key, violations
 
 pytestmark = pytest.mark.slow
 Open = Callable[..., Any]
@@ -61,3 +62,66 @@ def test_a_sheet_that_was_measured_and_a_session_with_another_target_are_stated(
     changed = cell.api.client.get(f"/v1/sessions/{session_id}").json()
     assert (changed["name"], changed["target_ids"]) == ("Right board", [target])
     assert not page.troubles
+
+
+def test_commanded_poses_are_shown_before_they_are_stored_and_refused_by_line(
+    cell: Cell, open_page: Open, tmp_path: Path
+) -> None:
+    session_id = cell.api.make_session(cell.target_id, name="Commanded")
+    page = open_page(f"/ui/sessions/{session_id}/poses", viewport={"width": 360, "height": 800})
+    file = tmp_path / "poses.csv"
+
+    def choose(text: str) -> None:
+        file.write_text(text, encoding="utf-8")
+        page.set_input_files("#table", file)
+
+    choose("pose_id,x\nP1,900\n")
+    page.wait_for_selector(".problem:has-text('no such column: x')")
+    choose("pose_id,x_mm,y_mm,z_mm\nP1,900,0\nP2,1,2,high\n")
+    page.wait_for_selector("#problems")
+    assert page.inner_text("#problems").splitlines() == [
+        "Line 2: a coordinate is missing; fill x_mm, y_mm and z_mm, or none",
+        "Line 3: z_mm is not a number: high",
+    ]
+    assert violations(page) == []
+    assert page.is_disabled("#poses-form button")
+    # A spreadsheet's: semicolons and decimal commas.
+    choose("pose_id;x_mm;y_mm;z_mm;roll_deg;pitch_deg;yaw_deg;j1_deg\nP1;0,9;0;0,45;3,1416;0;0;400\n")
+    page.wait_for_selector("#read-title:has-text('poses.csv: 1 pose was read')")
+    assert page.inner_text("#read-rows tr").split("\t")[:3] == ["P1", "0.9", "0"]
+    assert violations(page) == []
+    assert not is_too_wide(page)
+    choose("pose_id;x_mm;y_mm;z_mm\nP1;0,9;0;0,45\nP2;0,8;0,1;0,4\n")
+    page.wait_for_selector("button:has-text('Store 2 poses')")
+    page.click("#poses-form button")
+    page.wait_for_selector(".problem:has-text('look like metres')")
+    assert "tick the box" in page.inner_text("#poses-form .problem")
+    assert not cell.api.client.get(f"/v1/sessions/{session_id}/poses").json()["items"]
+    page.troubles.clear()  # the browser logs the refusal that was asked for
+    page.check("[name=accept]")
+    page.click("#poses-form button")
+    page.wait_for_selector("td:has-text('0.9, 0, 0.45')")
+    stored = cell.api.client.get(f"/v1/sessions/{session_id}/poses").json()["items"]
+    assert [one["position_mm"] for one in stored] == [[0.9, 0.0, 0.45], [0.8, 0.1, 0.4]]
+    # The table that the page gives is one that it takes.
+    with page.expect_download() as saved:
+        page.click("text=Download this session's poses to fill in")
+    table = saved.value.path().read_text(encoding="utf-8")
+    choose(table.replace("0.9,0.0,0.45,,,", "900,0,450,180,0,0"))
+    page.wait_for_selector("button:has-text('Store 2 poses')")
+    page.click("#poses-form button")
+    page.wait_for_selector("td:has-text('900, 0, 450')")
+    assert page.inner_text("tbody tr:first-child td >> nth=1") == "180, 0, 0"
+    assert violations(page) == []
+    assert not is_too_wide(page)
+    assert not page.troubles
+    # Without the token of the page nothing is stored; a key that only reads sees no form.
+    answer = page.evaluate(
+        "(address) => fetch(address, {method: 'POST', body: '[]', headers: {'Content-Type': 'application/json'}})"
+        ".then((one) => one.status)",
+        f"/v1/sessions/{session_id}/poses",
+    )
+    assert answer == 403
+    page = open_page(f"/ui/sessions/{session_id}/poses", new_key(cell, "read"))
+    assert page.locator("#load-poses").count() == 0
+    assert page.locator("tbody tr").count() == 2

@@ -15,6 +15,8 @@ NEARER, FARTHER = 0.85, 1.15
 """Of the median distance of the images so far."""
 _EDGES = ("right", "lower right", "lower", "lower left", "left", "upper left", "upper", "upper right")
 _COLUMNS, _ROWS = ("left", "", "right"), ("upper", "", "lower")
+_ALONE = {"upper": "top", "lower": "bottom"}
+"""A row's name where no column's follows it."""
 
 
 def instruction(
@@ -65,7 +67,7 @@ def _place(middle_px: Float[np.ndarray, "2"], width_px: int, height_px: int) -> 
         )
     )
     where = " ".join(word for word in (row, column) if word)
-    return f"target at the {where}" if where else "target in the middle"
+    return f"target at the {_ALONE.get(where, where)}" if where else "target in the middle"
 
 
 def _distance(distance_mm: float, fit: CommonFit) -> str:

@@ -2,25 +2,32 @@
 
 from __future__ import annotations
 
+import re
 import shutil
 from pathlib import Path
 from typing import Annotated, Any
 
 import sqlalchemy as sa
 from fastapi import Query, Request
+from sqlalchemy import orm
 from starlette.concurrency import run_in_threadpool
 from starlette.responses import Response
 
 from app.build import core_version
 from app.records.database import sqlite_version
-from app.records.tables import AuditEntry
+from app.records.tables import ApiKey, AuditEntry, Report, Robot, Session, Target
 from app.services.keys import list_keys
 from app.services.sessions import count_all_measurements
 from app.web.pages import page_router, render
 from app.web.service import Service, service_of
 
 router = page_router()
-AUDIT_PAGE = 100
+AUDIT_PAGE, AUDIT_OBJECTS = 100, 3
+_NAMED = {"ses": ("session", Session.name), "tgt": ("target", Target.name), "rob": ("robot", Robot.name)}
+_NAMED |= {"key": ("key", ApiKey.name), "rep": ("report", Report.title)}
+_KINDS = {"mea": "image", "mpo": "measured pose", "eve": "event", "whk": "webhook"}
+_KINDS |= {prefix: kind for prefix, (kind, _) in _NAMED.items()}
+_ID = re.compile(rf"({'|'.join(_KINDS)})_[0-9a-z]{{26}}")
 
 
 @router.get("/keys", operation_id="list_keys")
@@ -48,10 +55,13 @@ def show_audit(
         entries = records.scalars(
             statement.order_by(AuditEntry.id.desc()).limit(AUDIT_PAGE + 1).offset((page - 1) * AUDIT_PAGE)
         ).all()
+        names = _names(records, {one for entry in entries for one in entry.object_ids[:AUDIT_OBJECTS]})
     return render(
         request,
         "audit.html",
         entries=entries[:AUDIT_PAGE],
+        objects=AUDIT_OBJECTS,
+        names=names,
         more=len(entries) > AUDIT_PAGE,
         page=page,
         filters={"key": key, "about": about},
@@ -76,6 +86,17 @@ async def show_system(request: Request) -> Response:
         core_version=core_version(),
         **facts,
     )
+
+
+def _names(records: orm.Session, ids: set[str]) -> dict[str, tuple[str, str]]:
+    """Return of ids what they are and their names; images, and what is gone, have none."""
+    found = {one: (_KINDS[match[1]], "") for one in ids if (match := _ID.fullmatch(one))}
+    for prefix, (kind, name) in _NAMED.items():
+        wanted = [one for one in found if one.startswith(prefix)]
+        row_id = name.class_.id
+        rows = records.execute(sa.select(row_id, name).where(row_id.in_(wanted))) if wanted else ()
+        found |= {row[0]: (kind, row[1]) for row in rows}
+    return found
 
 
 def _facts(service: Service) -> dict[str, Any]:

@@ -11,18 +11,12 @@ from starlette.responses import Response
 from app.analyses.outcome import AnalysisRefused
 from app.web.analyses import analysis_document
 from app.web.pages import page_router, render
-from app.web.routes.measurements import Row
+from app.web.routes.measurements import CAMERA_MEANINGS, Row
 from app.web.routes.repeatability import EstimatorText, head_of, settings_of
 from app.web.service import service_of
 from app.web.words import decimals_of, fixed, number, with_uncertainty
 
 router = page_router()
-_NAMES = {
-    "fx_px": ("fx", "px", "focal length along the image's rows"),
-    "fy_px": ("fy", "px", "focal length along its columns"),
-    "cx_px": ("cx", "px", "principal point, from the left"),
-    "cy_px": ("cy", "px", "principal point, from the top"),
-}
 COVERAGE = 1.96
 """Standard uncertainties of half a 95 % interval."""
 
@@ -69,7 +63,8 @@ def camera_table(group: dict[str, Any]) -> list[Row]:
     """Return a focus group's parameters with standard uncertainty and 95 % interval; those that are held say so."""
     rows = []
     for name, value in {**group["intrinsics"], **group["distortion"]}.items():
-        shown, unit, meaning = _NAMES.get(name, (name, "", "distortion"))
+        shown, unit = name.removesuffix("_px"), "px" if name.endswith("_px") else ""
+        meaning = CAMERA_MEANINGS.get(name, "distortion")
         uncertainty = group["standard_uncertainty"].get(name)
         decimals = decimals_of(uncertainty)
         if value is None or decimals is None or uncertainty is None:

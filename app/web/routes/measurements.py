@@ -95,7 +95,7 @@ def pose_rows(calibration: dict[str, Any] | None) -> list[Row]:
     return rows
 
 
-_CAMERA_MEANINGS = {
+CAMERA_MEANINGS = {
     "fx_px": "focal length along the image's rows",
     "fy_px": "focal length along its columns",
     "cx_px": "principal point, from the left",
@@ -114,7 +114,7 @@ def camera_rows(calibration: dict[str, Any] | None) -> list[Row]:
         return []
     rows = []
     values = {**calibration["intrinsics"], **calibration["distortion"]}
-    for name, meaning in _CAMERA_MEANINGS.items():
+    for name, meaning in CAMERA_MEANINGS.items():
         if name not in values:
             continue
         uncertainty = calibration["standard_uncertainty"].get(name)
@@ -141,7 +141,7 @@ def quality_rows(measurement: Measurement) -> list[Row]:
                 "residuals, rms", number(reprojection["rms_px"]), "px", "observed minus predicted grid points"
             ),
             Row("largest residual", number(reprojection["max_px"]), "px"),
-            Row("grid points", f"{reprojection['points']}, {reprojection['rejected']} rejected", ""),
+            Row("grid points", str(reprojection["points"]), "", f"{reprojection['rejected']} rejected"),
         ]
     if observability:
         rows.append(
@@ -160,10 +160,12 @@ def quality_rows(measurement: Measurement) -> list[Row]:
         rows.append(Row("motion blur", number(quality["motion_blur_px"], 2), "px"))
     if quality.get("saturated_fraction") is not None:
         rows.append(
-            Row("saturated", number(100.0 * quality["saturated_fraction"], 2), "% of the grid's pixels")
+            Row("saturated", number(100.0 * quality["saturated_fraction"], 2), "%", "of the grid's pixels")
         )
     if quality.get("contrast") is not None:
         rows.append(Row("contrast", number(quality["contrast"], 2), "", "1 is full black on full white"))
     if quality.get("coverage_fraction") is not None:
-        rows.append(Row("the grid covers", number(100.0 * quality["coverage_fraction"], 2), "% of the image"))
+        rows.append(
+            Row("covered", number(100.0 * quality["coverage_fraction"], 2), "%", "of the image, by the grid")
+        )
     return rows

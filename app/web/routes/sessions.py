@@ -78,14 +78,15 @@ def session_context(records: orm.Session, detail: SessionDetail, tab: str) -> di
     }
 
 
-def next_step(detail: SessionDetail, counted: GalleryCounts) -> tuple[str, str | None] | None:
-    """Return what to do next with a session, as a sentence and the page to go to; None where all is done."""
+def next_step(detail: SessionDetail, counted: GalleryCounts) -> tuple[str, str, str] | None:
+    """Return what to do next: a sentence, the page to go to, and the link's text; None while images are computed."""
     counts, session_id = detail.counts, detail.session.id
     done = counts["succeeded"] + counts["failed"]
     if not done and not counts["queued"] and not counts["running"]:
         return (
             "No image is here yet. Add images, or let the robot's PC send them.",
             f"/ui/sessions/{session_id}/upload",
+            "Add images",
         )
     if counts["queued"] or counts["running"]:
         return None
@@ -95,12 +96,14 @@ def next_step(detail: SessionDetail, counted: GalleryCounts) -> tuple[str, str |
             f"{counts['failed']} of {done} images were refused, most often {code.replace('_', ' ')}. Open one: it says "
             "why and what to change.",
             f"/ui/sessions/{session_id}?state=failed",
+            "See the refused images",
         )
     if counted.poses and all(count == 1 for _, count in counted.poses):
         return (
             "No pose has two images: these determine the camera. Repeatability takes images of the same pose again and "
             "again, tagged with their cycle.",
             f"/ui/sessions/{session_id}/camera",
+            "See the camera",
         )
     few = [count for _, count in counted.poses if count < ISO_CYCLES]
     if few and len(counted.poses) > 0:
@@ -108,5 +111,6 @@ def next_step(detail: SessionDetail, counted: GalleryCounts) -> tuple[str, str |
             f"{len(few)} of {len(counted.poses)} poses have fewer than {ISO_CYCLES} images, which ISO 9283 asks for; "
             f"the fewest are {min(few)}. Intervals narrow with more cycles.",
             f"/ui/sessions/{session_id}/repeatability",
+            "See repeatability",
         )
-    return "All images are measured.", f"/ui/sessions/{session_id}/repeatability"
+    return "All images are measured.", f"/ui/sessions/{session_id}/repeatability", "See repeatability"

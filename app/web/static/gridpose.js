@@ -181,7 +181,9 @@
       for (let place; (place = document.querySelector("[data-headline]")); ) {
         const address = place.dataset.headline;
         place.removeAttribute("data-headline");
+        place.setAttribute("aria-busy", "true");
         const answer = await fetch(address, { headers: { "HX-Request": "true" }, credentials: "same-origin" });
+        place.removeAttribute("aria-busy");
         if (answer.status === 503) break;
         if (answer.ok && place.isConnected) place.innerHTML = await answer.text();
       }

@@ -7,7 +7,7 @@
     let poses;
     try {
       const answer = await fetch(place.dataset.points, { credentials: "same-origin" });
-      poses = (await answer.json()).poses.filter((pose) => pose.offsets_mm.length);
+      poses = (await answer.json()).poses.filter((pose) => pose.offsets_mm.length > 1);
     } catch (error) {
       return; // the drawings of the server are below
     }
@@ -16,7 +16,7 @@
     const form = place.querySelector("form"), canvas = place.querySelector("canvas"), context = canvas.getContext("2d");
     const chooser = form.elements.pose, output = place.querySelector("output"), body = place.querySelector("tbody");
     for (const pose of poses) chooser.add(new Option(pose.pose_id + " (n = " + pose.cycles.length + ")", pose.pose_id));
-    let yaw = 0.6, pitch = 0.5, zoom = 1;
+    let yaw = 0.6, pitch = 0.5, zoom = 1, size = { width: 720, height: 446 };
     const reach = (pose) => {
       // However it is turned: points by their distance, ellipsoids by a bound of their longest axis.
       const inside = pose.offsets_mm.filter((_, at) => !pose.outlier[at]).map((one) => Math.hypot(...one));
@@ -39,7 +39,7 @@
       const pose = poses.find((one) => one.pose_id === chooser.value) || poses[0];
       const half = (form.elements.common.checked ? common : reach(pose)) * 1.12;
       const [right, up] = basis();
-      const width = canvas.width, height = canvas.height, pixels = zoom * (Math.min(width, height) / 2 - 46) / half;
+      const { width, height } = size, pixels = zoom * (Math.min(width, height) / 2 - 46) / half;
       const at = (p) => [width / 2 + pixels * dot(right, p), height / 2 - 8 - pixels * dot(up, p)];
       const [ink, quiet, line] = [colour("--cycle"), colour("--quiet"), colour("--line")];
       context.clearRect(0, 0, width, height);
@@ -111,10 +111,16 @@
     form.addEventListener("submit", (event) => event.preventDefault());
     document.addEventListener("gridpose:theme", draw);
     matchMedia("(prefers-color-scheme: dark)").addEventListener("change", draw);
-    // As many pixels as the screen shows.
-    const shown = canvas.getBoundingClientRect().width || 720;
-    if (shown >= 700) { canvas.width = Math.max(720, Math.round(shown)); canvas.height = Math.round(canvas.width * 0.62); }
-    draw();
+    // As many pixels as the screen shows, so that letters keep their size.
+    function resize() {
+      const width = Math.round(canvas.getBoundingClientRect().width) || 720, ratio = window.devicePixelRatio || 1;
+      size = { width, height: Math.round(width * (width < 600 ? 0.85 : 0.62)) };
+      canvas.width = width * ratio; canvas.height = size.height * ratio;
+      context.setTransform(ratio, 0, 0, ratio, 0, 0);
+      draw();
+    }
+    addEventListener("resize", resize);
+    resize();
     place.dataset.ready = "yes";
   });
 })();

@@ -163,7 +163,8 @@
       const body = {};
       if (form.elements.pose_id.value.trim()) body.pose_id = form.elements.pose_id.value.trim();
       if (form.elements.cycle.value) body.cycle = Number(form.elements.cycle.value);
-      if (!Object.keys(body).length) { problem.textContent = "Enter a pose or a cycle."; problem.hidden = false; return false; }
+      if (form.elements.focus_group.value.trim()) body.focus_group = form.elements.focus_group.value.trim();
+      if (!Object.keys(body).length) { problem.textContent = "Enter a pose, a cycle or a focus group."; problem.hidden = false; return false; }
       return correct("PATCH", "", body, problem);
     });
   });

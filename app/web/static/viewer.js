@@ -40,7 +40,7 @@
       box.addEventListener("change", () => { layers[box.dataset.layer] = box.checked; draw(); });
     }
     const slider = document.getElementById("scale"), output = document.getElementById("scale-text");
-    const magnification = () => Math.round(Math.pow(10, Number(slider.value)));
+    const magnification = () => [1, 2, 5][slider.value % 3] * 10 ** Math.floor(slider.value / 3);
     slider.addEventListener("input", draw);
 
     let scale = 1, left = 0, top = 0, box = { width: 1, height: 1 };
@@ -69,7 +69,7 @@
       // (0, 0) is the middle of the first pixel.
       const at = (u, v) => [left + (u + 0.5) * scale, top + (v + 0.5) * scale];
       const times = magnification();
-      output.textContent = times;
+      output.textContent = String(times);
       for (const point of points) {
         const [x, y] = at(point.u_px, point.v_px);
         const isUsed = point.used !== false;
@@ -143,7 +143,7 @@
       if (way === "full") zoom(1 / (scale * 1));
     });
     const rms = calibration ? calibration.reprojection.rms_px : 0.05;
-    slider.value = Math.min(5, Math.max(0, Math.round(4 * Math.log10(0.02 * width / Math.max(rms, 1e-4))) / 4));
+    slider.value = Math.min(15, Math.max(0, Math.round(3 * Math.log10(0.02 * width / Math.max(rms, 1e-4)))));
     new ResizeObserver(resize).observe(canvas);
     viewer.dataset.ready = "yes";
   });

@@ -126,7 +126,7 @@ def test_images_that_no_pose_repeats_lead_to_the_camera(api: Any, grey_png: byte
             records.get_one(Measurement, one).status = "succeeded"
     page = api.client.get(f"/ui/sessions/{made}", headers=signed_in(api)).text
     assert "No pose has two images" in page
-    assert f'<a href="/ui/sessions/{made}/camera">Go there</a>' in page
+    assert f'<a href="/ui/sessions/{made}/camera">See the camera</a>' in page
 
 
 def test_an_address_that_makes_no_sense_is_a_page_in_words(api: Any, session_id: str) -> None:

@@ -65,6 +65,7 @@ def test_the_edge_named_is_the_farther_one(
 def test_where_the_target_appears_and_how_far_away(fit: CommonFit) -> None:
     assert "target in the middle" in words(fit, (0.0, 0.0), (0.0, 0.0, 400.0))
     assert "target at the left" in words(fit, (0.0, 0.0), (-120.0, 0.0, 400.0))
+    assert "target at the bottom" in words(fit, (0.0, 0.0), (0.0, 110.0, 400.0))
     assert "target at the lower right" in words(fit, (0.0, 0.0), (120.0, 110.0, 400.0))
     assert words(fit, (0.0, 0.0), (0.0, 0.0, 4000.0)).endswith("4000 mm away (farther)")
     assert words(fit, (0.0, 0.0), (0.0, 0.0, 20.0)).endswith("20 mm away (nearer)")

@@ -1,0 +1,71 @@
+"""What pages say of the API's texts: no request, command or id where a page has a button or a name."""
+
+from __future__ import annotations
+
+import re
+from types import SimpleNamespace
+from typing import Any, cast
+
+import pytest
+
+from app.jobs.process_image import _CORRECTION
+from app.web.page_words import linked, next_page, on_pages
+from app.web.words import ESTIMATORS
+from core.errors import CommandedPosesMissing, GridposeError, IntrinsicsMissing, MixedImageSizes, TooFewCycles
+
+TARGET, SESSION = "tgt_" + "0" * 26, "ses_" + "1" * 26
+TECHNICAL = re.compile(r"`|\bgridpose [a-z]|\b(?:PATCH|POST|DELETE|PUT|GET)\b|/v1/|\w=\w|[a-z]_[a-z]")
+
+
+def descendants(of: type[GridposeError]) -> list[type[GridposeError]]:
+    return [of, *(one for child in of.__subclasses__() for one in descendants(child))]
+
+
+@pytest.mark.parametrize("error", [one for one in descendants(GridposeError) if one.default_advice])
+def test_no_advice_of_the_numerics_speaks_of_requests_or_fields(error: type[GridposeError]) -> None:
+    assert not TECHNICAL.search(on_pages(error.default_advice or "")), on_pages(error.default_advice or "")
+
+
+@pytest.mark.parametrize(
+    ("advice", "shown"),
+    [
+        (IntrinsicsMissing.default_advice, "Choose another estimator."),
+        (
+            MixedImageSizes.default_advice,
+            "Give each camera setting a focus group of its own: on the page of images, select its images and choose "
+            "Correct.",
+        ),
+        (CommandedPosesMissing.default_advice, "State position, roll, pitch and yaw."),
+        (
+            _CORRECTION,
+            "If the session states the wrong target, change its target: its images are searched again.",
+        ),
+        (
+            "Use estimator=pooled, or give intrinsics of this very focus.",
+            f"Use the estimator “{ESTIMATORS['pooled'][0]}”, or give intrinsics of this very focus.",
+        ),
+        (
+            "A measurement can be excluded (PATCH /v1/measurements/{measurement_id}, `gridpose measurements exclude`).",
+            "A measurement can be excluded.",
+        ),
+    ],
+)
+def test_an_advice_is_in_the_words_of_the_pages(advice: str, shown: str) -> None:
+    assert on_pages(advice) == shown
+
+
+def test_ids_are_links_by_the_name_that_the_page_knows() -> None:
+    context = cast("Any", {"targets": [SimpleNamespace(id=TARGET, name="<Board> 9 x 6")]})
+    assert linked(context, f"No {TARGET} & no {SESSION}.") == (
+        f'No <a href="/ui/targets/{TARGET}"><bdi>&lt;Board&gt; 9 x 6</bdi></a> &amp; no '
+        f'<a href="/ui/sessions/{SESSION}"><bdi>this session</bdi></a>.'
+    )
+    first, second = ("mea_" + digit * 26 for digit in "12")
+    shown = linked(context, f"{first}, {second}, {first}")
+    assert re.findall(r"<bdi>(.*?)</bdi>", shown) == ["image 1", "image 2", "image 1"]
+
+
+def test_a_refusal_leads_to_the_page_that_mends_it() -> None:
+    assert next_page(CommandedPosesMissing.code) == ("/poses", "Load commanded poses")
+    assert next_page(TooFewCycles.code) == ("", "To the images")
+    assert next_page("not_converged") is None
