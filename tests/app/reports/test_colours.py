@@ -18,14 +18,17 @@ from app.reports.drift import drift_svg
 from app.reports.joint_curves import joint_curves_svg
 from app.reports.scatter import scatter_svg
 from app.reports.steadiness import steadiness_svg
+from app.reports.svg import draw_svg
 from tests.support.image.plotted import (
     STEADINESS,
+    arm_schematic,
     drifting,
     field,
     joint_panels,
     lens_profiles,
     projected,
     scatter,
+    workspace_map,
 )
 
 SPACE = "{http://www.w3.org/2000/svg}"
@@ -170,3 +173,40 @@ def test_the_scale_of_maps_grows_lighter_for_all_readers(seen_by: str) -> None:
 
     lightness = [lab(to_hex(colormaps["viridis"](k / 8)), seen_by)[0] for k in range(9)]
     assert min(np.diff(lightness)) > 4.0
+
+
+def test_what_an_arm_s_schematic_tells_apart_is_told_apart_by_all_readers() -> None:
+    """Lengths that the poses determine and those they do not: by colour, and in grey by dashes and thickness."""
+    root = ElementTree.fromstring(draw_svg(arm_schematic, "title", "description"))
+    strokes: dict[str, set[tuple[str | None, str | None]]] = {}
+    for element in root.iter(f"{SPACE}path"):
+        style = styles(element)
+        colour = style.get("stroke", "none")
+        if colour.startswith("#") and len({colour[k : k + 2] for k in (1, 3, 5)}) > 1:
+            strokes.setdefault(colour, set()).add((style.get("stroke-dasharray"), style.get("stroke-width")))
+    assert len(strokes) == 2
+    determined, undetermined = strokes
+    for seen_by in ("everybody", "protanopia", "deuteranopia"):
+        assert distance(determined, undetermined, seen_by) >= APART, seen_by
+    assert not strokes[determined] & strokes[undetermined]
+
+
+def test_a_map_of_the_workspace_has_the_colours_of_its_scale_and_marks_without_any() -> None:
+    from matplotlib import colormaps
+    from matplotlib.colors import to_hex
+
+    scale = {to_hex(colormaps["viridis"](k)) for k in range(256)}
+    root = ElementTree.fromstring(draw_svg(workspace_map, "title", "description"))
+    seen = {
+        colour
+        for element in root.iter()
+        for key in ("fill", "stroke")
+        if (colour := styles(element).get(key, "none")).startswith("#")
+    }
+    coloured = {colour for colour in seen if len({colour[k : k + 2] for k in (1, 3, 5)}) > 1}
+    assert coloured
+    assert coloured <= scale
+    # Marks are white with a dark edge, or dark with a white one: one of both is apart from any colour of the scale.
+    for seen_by in SEEN_BY:
+        for colour in scale:
+            assert max(distance(colour, mark, seen_by) for mark in ("#ffffff", "#222222")) >= 2.0 * APART
