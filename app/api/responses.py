@@ -26,6 +26,7 @@ from app.services.measurements import MeasurementDetail, NewMeasurement
 from app.services.sessions import SessionDetail
 
 _ENCODER = json.JSONEncoder(ensure_ascii=False, separators=(",", ":"))
+_FIELDS = tuple(MeasurementRead.model_fields)
 _PLAIN_FIGURES = (
     "edge_width_px",
     "motion_blur_px",
@@ -122,7 +123,7 @@ def new_measurement_json(new: NewMeasurement) -> bytes:
     Nothing is computed of it yet, and its values were checked when they came.
     """
     row = new.row
-    values = {name: row.get(name) for name in MeasurementRead.model_fields}
+    values = {name: row.get(name) for name in _FIELDS}
     values["siblings"] = new.siblings
     for name in ("captured_at", "received_at"):
         moment = row[name]

@@ -44,6 +44,7 @@ class StagedBlob:
         self._path = path
         self.size = 0
         self._hash = hashlib.sha256()
+        self._digest: str | None = None
         self._ended = ended
         self._file: FileIO | None = None
         self._content: bytes | None = None
@@ -59,6 +60,7 @@ class StagedBlob:
                 rest = rest[self._file.write(rest) :]
             begin_writing(self._file.fileno(), self.size, len(chunk))
         self._hash.update(chunk)
+        self._digest = None
         self._content = chunk if self.size == 0 else None
         self.size += len(chunk)
 
@@ -70,7 +72,9 @@ class StagedBlob:
     @property
     def sha256(self) -> str:
         """The hash of all bytes so far, 64 lower-case hex digits."""
-        return self._hash.hexdigest()
+        if self._digest is None:
+            self._digest = self._hash.hexdigest()
+        return self._digest
 
     @property
     def source(self) -> bytes | Path:

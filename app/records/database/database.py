@@ -20,11 +20,13 @@ from typing import Any, TypeVar
 
 import sqlalchemy as sa
 from sqlalchemy import orm
+from sqlalchemy.pool import ConnectionPoolEntry
 
 from app.records.activity import current_activity
 from app.records.audit import append_entry, append_entry_below_orm, note_created
 from app.records.database.engines import NOTICE_LOSS, postgresql_engine, sqlite_driver, sqlite_engine
 from app.records.database.group_commit import GroupCommit
+from app.records.database.lending import LendingPool
 from app.records.database.refusals import refusals
 from app.records.statements import DriverRows, EngineRows, Rows
 
@@ -104,13 +106,14 @@ class Database:
                 with self._reader.connect() as connection:
                     yield EngineRows(connection)
                 return
-            driver = self._reader.raw_connection()
-            try:
+            with _pool(self._reader).lent() as (driver, _):
                 cursor = driver.cursor()
                 cursor.execute("BEGIN")
-                yield DriverRows(cursor, self._reader.dialect)
-            finally:
-                driver.close()  # which ends the transaction
+                try:
+                    yield DriverRows(cursor, self._reader.dialect)
+                finally:
+                    if driver.in_transaction:  # the database may have ended it
+                        cursor.execute("ROLLBACK")
 
     @contextmanager
     def write_rows(self, *, durable: bool = True) -> Iterator[Rows]:
@@ -176,23 +179,22 @@ class Database:
 
     @contextmanager
     def _driver_transaction(self, *, durable: bool = True) -> Iterator[tuple[Any, Rows]]:
-        driver = self._writer.raw_connection()
-        try:
+        with _pool(self._writer).lent() as (driver, entry):
             cursor = driver.cursor()
-            if not durable:
-                cursor.execute("PRAGMA synchronous=NORMAL")
-            cursor.execute("BEGIN IMMEDIATE")
             try:
-                yield cursor, DriverRows(cursor, self._writer.dialect)
-                cursor.execute("COMMIT")
-            except BaseException:
-                with suppress(_SQLITE.Error):  # where it undid the transaction itself
-                    cursor.execute("ROLLBACK")
-                raise
-        finally:
-            if not durable:
-                _make_durable(driver)
-            driver.close()
+                if not durable:
+                    cursor.execute("PRAGMA synchronous=NORMAL")
+                cursor.execute("BEGIN IMMEDIATE")
+                try:
+                    yield cursor, DriverRows(cursor, self._writer.dialect)
+                    cursor.execute("COMMIT")
+                except BaseException:
+                    with suppress(_SQLITE.Error):  # where it undid the transaction itself
+                        cursor.execute("ROLLBACK")
+                    raise
+            finally:
+                if not durable:
+                    _make_durable(cursor, entry)
 
     def size_bytes(self) -> int:
         """Return about how much room the database takes, and a copy of it at most."""
@@ -259,9 +261,15 @@ class Database:
             self._guards.dispose()
 
 
-def _make_durable(driver: Any) -> None:
+def _pool(engine: sa.Engine) -> LendingPool:
+    pool = engine.pool
+    assert isinstance(pool, LendingPool), "SQLite's"
+    return pool
+
+
+def _make_durable(cursor: Any, entry: ConnectionPoolEntry) -> None:
     """Let the next transactions of a connection wait for the disk again; a connection that cannot is given up."""
     try:
-        driver.cursor().execute("PRAGMA synchronous=FULL")
+        cursor.execute("PRAGMA synchronous=FULL")
     except _SQLITE.Error:
-        driver.invalidate()
+        entry.invalidate()

@@ -8,8 +8,8 @@ from types import ModuleType
 from typing import Any
 
 import sqlalchemy as sa
-from sqlalchemy.pool import QueuePool
 
+from app.records.database.lending import LendingPool
 from app.records.readable import read_json, read_time
 from app.records.statements import write_json
 
@@ -83,7 +83,7 @@ def sqlite_engine(url: sa.URL, *, begin: str, connections: int) -> sa.Engine:
         module=module,
         json_deserializer=read_json,
         json_serializer=write_json,
-        poolclass=QueuePool,
+        poolclass=LendingPool,
         # One connection for writers: threads of this process queue here, which is fairer and quicker than SQLite's
         # own sleeping and retrying, which remains for other processes.
         pool_size=connections,
