@@ -14,7 +14,7 @@ from app.analyses.service import AnalysisService
 from app.api.event_streams import EventStreams
 from app.api.json_body import BodyPlaces
 from app.api.metrics import Metrics
-from app.api.schemas.common import PlainDigits, PoseTag
+from app.api.schemas.common import PlainDigits, PoseTag, Text
 from app.api.schemas.fields import POSE_ID
 from app.delivery import Delivery
 from app.jobs.painting import ImagePainter
@@ -83,6 +83,7 @@ Cursor = Annotated[
         description="`next_cursor` of the page before; without it, the first page.",
     ),
 ]
+NameFilter = Annotated[Text | None, Query(description="Those that have exactly this name.")]
 AcceptImplausible = Annotated[
     bool, Query(description="`true`: store values that look like another unit, too (`implausible_unit`).")
 ]

@@ -65,6 +65,11 @@ def visible(table: type[Table]) -> list[sa.ColumnElement[bool]]:
     return [sa.false()]
 
 
+def named(table: type[Table], name: str | None) -> list[sa.ColumnElement[bool]]:
+    """Return the condition that leaves of `table` the rows with exactly this name; none for None."""
+    return [] if name is None else [table.__table__.c.name == name]
+
+
 def may_see_session(session_id: str) -> bool:
     """Return whether the caller's key may see a session, if there is one."""
     activity = current_activity()

@@ -17,7 +17,7 @@ from app.jobs.validation import validate_target
 from app.records.ids import new_id
 from app.records.pagination import page
 from app.records.tables import Measurement, SessionTarget, Target, measured_target_fields
-from app.services.queries import get_or_raise, lock_for_deletion, visible
+from app.services.queries import get_or_raise, lock_for_deletion, named, visible
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -76,10 +76,16 @@ def update_target(records: orm.Session, target_id: str, changes: Mapping[str, An
 
 
 def list_targets(
-    session: orm.Session, *, limit: int, cursor: str | None
+    session: orm.Session, *, name: str | None = None, limit: int, cursor: str | None
 ) -> tuple[Sequence[Target], str | None]:
-    """Return one page of all targets the caller's key may see."""
-    return page(session, sa.select(Target).where(*visible(Target)), Target.id, limit=limit, cursor=cursor)
+    """Return one page of all targets the caller's key may see, or of those with this name."""
+    return page(
+        session,
+        sa.select(Target).where(*visible(Target), *named(Target, name)),
+        Target.id,
+        limit=limit,
+        cursor=cursor,
+    )
 
 
 MAX_NAMED = 5

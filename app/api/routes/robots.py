@@ -9,7 +9,15 @@ from fastapi import Query, Request, Response
 from starlette.concurrency import run_in_threadpool
 
 from app.analyses.inputs.change_token import read_change_token
-from app.api.dependencies import AcceptImplausible, AppContext, AppContextDep, Cursor, Limit, RobotPath
+from app.api.dependencies import (
+    AcceptImplausible,
+    AppContext,
+    AppContextDep,
+    Cursor,
+    Limit,
+    NameFilter,
+    RobotPath,
+)
 from app.api.representations import CSV_CONTENT, FormDep, answer_in_form
 from app.api.responses import stored_document, stored_documents
 from app.api.routing import api_router, problem_responses
@@ -46,10 +54,12 @@ def create_robot(
 
 
 @router.get("", responses=problem_responses(422))
-def list_robots(service: AppContextDep, limit: Limit = 50, cursor: Cursor = None) -> RobotPage:
-    """List robots, oldest first."""
+def list_robots(
+    service: AppContextDep, name: NameFilter = None, limit: Limit = 50, cursor: Cursor = None
+) -> RobotPage:
+    """List robots, oldest first: all, or those of one name."""
     with service.installation.database.read() as records:
-        rows, next_cursor = robots.list_robots(records, limit=limit, cursor=cursor)
+        rows, next_cursor = robots.list_robots(records, name=name, limit=limit, cursor=cursor)
     items, warnings = stored_documents(_document, rows, lambda row: row.id)
     return RobotPage(items=items, next_cursor=next_cursor, warnings=warnings)
 

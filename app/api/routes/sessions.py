@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from fastapi import Response
 
-from app.api.dependencies import AppContextDep, Cursor, Limit, SessionPath
+from app.api.dependencies import AppContextDep, Cursor, Limit, NameFilter, SessionPath
 from app.api.responses import session_document, stored_documents
 from app.api.routing import api_router, problem_responses
 from app.api.schemas.sessions import (
@@ -30,10 +30,12 @@ def create_session(body: SessionCreate, service: AppContextDep, response: Respon
 
 
 @router.get("", responses=problem_responses(422))
-def list_sessions(service: AppContextDep, limit: Limit = 50, cursor: Cursor = None) -> SessionPage:
-    """List sessions, oldest first."""
+def list_sessions(
+    service: AppContextDep, name: NameFilter = None, limit: Limit = 50, cursor: Cursor = None
+) -> SessionPage:
+    """List sessions, oldest first: all, or those of one name."""
     with service.installation.database.read() as records:
-        views, next_cursor = sessions.list_sessions(records, limit=limit, cursor=cursor)
+        views, next_cursor = sessions.list_sessions(records, name=name, limit=limit, cursor=cursor)
     items, warnings = stored_documents(session_document, views, lambda view: view.session.id)
     return SessionPage(items=items, next_cursor=next_cursor, warnings=warnings)
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from fastapi import Response
 
-from app.api.dependencies import AcceptImplausible, AppContextDep, Cursor, Limit, TargetPath
+from app.api.dependencies import AcceptImplausible, AppContextDep, Cursor, Limit, NameFilter, TargetPath
 from app.api.responses import stored_document, stored_documents
 from app.api.routing import api_router, problem_responses
 from app.api.schemas.targets import TargetChange, TargetCreate, TargetPage, TargetRead
@@ -36,10 +36,12 @@ def create_target(
 
 
 @router.get("", responses=problem_responses(422))
-def list_targets(service: AppContextDep, limit: Limit = 50, cursor: Cursor = None) -> TargetPage:
-    """List targets, oldest first."""
+def list_targets(
+    service: AppContextDep, name: NameFilter = None, limit: Limit = 50, cursor: Cursor = None
+) -> TargetPage:
+    """List targets, oldest first: all, or those of one name."""
     with service.installation.database.read() as records:
-        rows, next_cursor = targets.list_targets(records, limit=limit, cursor=cursor)
+        rows, next_cursor = targets.list_targets(records, name=name, limit=limit, cursor=cursor)
     items, warnings = stored_documents(_document, rows, lambda row: row.id)
     return TargetPage(items=items, next_cursor=next_cursor, warnings=warnings)
 

@@ -9,6 +9,9 @@ from typing import Any
 from ..http import ClientError, Json, ServiceClient
 from .sheets import sheet_matcher
 
+_ID = re.compile(r"[a-z]{3}_[0-9a-z]{26}")
+_NOT_FOUND = 404
+_LONGEST_NAME = 200
 _TARGET = re.compile(r"[a-z_]+:(?P<columns>[0-9]{1,4})x(?P<rows>[0-9]{1,4}):(?P<pitch>[0-9]+(\.[0-9]+)?)")
 _EXAMPLES = {
     "chessboard": "chessboard:9x6:25",
@@ -113,13 +116,14 @@ def existing_session(client: ServiceClient, session: str) -> Json | None:
 
 def _matching(client: ServiceClient, path: str, name: str) -> list[Json]:
     """Return the one entry of a list with this id, else all with this name."""
-    matches = []
-    for entry in client.items(path):
-        if entry["id"] == name:
-            return [entry]
-        if entry["name"] == name:
-            matches.append(entry)
-    return matches
+    if _ID.fullmatch(name):
+        try:
+            return [client.get(f"{path}/{name}")]
+        except ClientError as error:
+            if error.status != _NOT_FOUND:
+                raise
+    is_a_name = 0 < len(name) <= _LONGEST_NAME and name.isprintable()
+    return list(client.items(path, name=name)) if is_a_name else []
 
 
 def target_of_session(client: ServiceClient, session: Json, target: str | None) -> str | None:

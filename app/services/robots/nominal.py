@@ -17,7 +17,7 @@ from app.records.database import Database
 from app.records.ids import new_id
 from app.records.pagination import page
 from app.records.tables import Robot, Session, Target, target_fields
-from app.services.queries import exists, get_or_raise, lock_for_deletion, require_readable, visible
+from app.services.queries import exists, get_or_raise, lock_for_deletion, named, require_readable, visible
 
 
 def create_robot(records: orm.Session, fields: Mapping[str, Any]) -> Robot:
@@ -95,10 +95,16 @@ def _check(joints: Sequence[Mapping[str, Any]]) -> None:
 
 
 def list_robots(
-    session: orm.Session, *, limit: int, cursor: str | None
+    session: orm.Session, *, name: str | None = None, limit: int, cursor: str | None
 ) -> tuple[Sequence[Robot], str | None]:
-    """Return one page of all robots the caller's key may see."""
-    return page(session, sa.select(Robot).where(*visible(Robot)), Robot.id, limit=limit, cursor=cursor)
+    """Return one page of all robots the caller's key may see, or of those with this name."""
+    return page(
+        session,
+        sa.select(Robot).where(*visible(Robot), *named(Robot, name)),
+        Robot.id,
+        limit=limit,
+        cursor=cursor,
+    )
 
 
 MIN_DETERMINANT = 1e-6

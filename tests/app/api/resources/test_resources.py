@@ -324,6 +324,22 @@ def test_lists_run_from_oldest_to_newest_by_pages(any_api: Any) -> None:
     assert any_api.client.get("/v1/targets", params={"limit": 7}).json()["next_cursor"] is None
 
 
+def test_lists_are_asked_for_a_name(any_api: Any) -> None:
+    joints = [{"a_mm": 100.0, "alpha_deg": 90.0, "d_mm": 0.0}]
+    for name in ("Zelle 7", "Zelle 7", "zelle 7", "Zelle"):
+        target = any_api.make_target(name=name)
+        any_api.make_session(target, name=name)
+        assert any_api.client.post("/v1/robots", json={"name": name, "joints": joints}).status_code == 201
+    for path in ("/v1/targets", "/v1/sessions", "/v1/robots"):
+        found = any_api.client.get(path, params={"name": "Zelle 7", "limit": 1}).json()
+        following = {"name": "Zelle 7", "cursor": found["next_cursor"]}
+        items = found["items"] + any_api.client.get(path, params=following).json()["items"]
+        assert [item["name"] for item in items] == ["Zelle 7"] * 2
+        assert items[0]["id"] != items[1]["id"]
+        assert any_api.client.get(path, params={"name": "%"}).json()["items"] == []
+        assert any_api.client.get(path, params={"name": "x" * 201}).status_code == 422
+
+
 def test_a_list_gives_fifty_items_unless_asked_otherwise(api: Any) -> None:
     address = f"/v1/sessions/{api.make_session()}/poses"
     api.client.post(address, json=[{"pose_id": f"P{n:03}"} for n in range(60)])
