@@ -15,13 +15,10 @@ from app.api.representations import (
     CSV_CONTENT,
     FormDep,
     KnownTags,
-    answer_analysis,
     answer_in_form,
-    binary_content,
-    stated_media_type,
 )
 from app.api.routes.analyses import ETAG_HEADER, SettingsDep, SourceQuery
-from app.api.routes.plots import SVG
+from app.api.routes.plots import answer_plot, plot_responses
 from app.api.routing import api_router, problem_responses
 from app.api.schemas.analyses import JointNoiseAnalysis
 from app.errors import InvalidContent
@@ -81,23 +78,15 @@ async def get_joint_noise(
 @router.get(
     "/map.svg",
     response_class=Response,
-    responses={
-        200: {
-            "description": "Median and largest RP_l over distance from the first axis and height, and the worst place.",
-            "headers": ETAG_HEADER,
-            "content": {SVG: {"schema": {"type": "string"}}, **binary_content()},
-        },
-        **OTHER_RESPONSES,
-    },
+    responses=plot_responses(
+        "Median and largest RP_l over distance from the first axis and height, and the worst place."
+    ),
 )
 async def get_joint_noise_map(
     session_id: SessionPath, request: Request, settings: WorkspaceSettingsDep, known: KnownTags = None
 ) -> Response:
     """Draw the repeatability that the joints' noise predicts over the robot's workspace."""
-    media_type = stated_media_type(request.headers.get("accept"), SVG)
-    return await answer_analysis(
-        request, "joint_noise_map", session_id, settings, known, media_type=media_type
-    )
+    return await answer_plot(request, "joint_noise_map", session_id, settings, known)
 
 
 def _angles(text: str) -> list[float]:

@@ -9,14 +9,11 @@ from app.api.representations import (
     CSV_CONTENT,
     FormDep,
     KnownTags,
-    answer_analysis,
     answer_in_form,
-    binary_content,
-    stated_media_type,
 )
 from app.api.routes.analyses import ETAG_HEADER
 from app.api.routes.joint_noise import OTHER_RESPONSES, WorkspaceSettingsDep
-from app.api.routes.plots import SVG
+from app.api.routes.plots import answer_plot, plot_responses
 from app.api.routing import api_router
 from app.api.schemas.analyses import KinematicErrorAnalysis
 
@@ -43,19 +40,13 @@ async def get_error_map(
 @router.get(
     "/error-map.svg",
     response_class=Response,
-    responses={
-        200: {
-            "description": "Median position error and its standard uncertainty over distance from the first axis and "
-            "height, where poses were measured, and the place of the largest error.",
-            "headers": ETAG_HEADER,
-            "content": {SVG: {"schema": {"type": "string"}}, **binary_content()},
-        },
-        **OTHER_RESPONSES,
-    },
+    responses=plot_responses(
+        "Median position error and its standard uncertainty over distance from the first axis and "
+        "height, where poses were measured, and the place of the largest error."
+    ),
 )
 async def get_error_map_plot(
     session_id: SessionPath, request: Request, settings: WorkspaceSettingsDep, known: KnownTags = None
 ) -> Response:
     """Draw the position error of the nominal robot over its workspace."""
-    media_type = stated_media_type(request.headers.get("accept"), SVG)
-    return await answer_analysis(request, "error_map", session_id, settings, known, media_type=media_type)
+    return await answer_plot(request, "error_map", session_id, settings, known)

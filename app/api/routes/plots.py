@@ -75,7 +75,8 @@ PosePlotDep = Annotated[PosePlot, Depends()]
 CameraPlotDep = Annotated[CameraPlot, Depends()]
 
 
-def _responses(shown: str) -> dict[int | str, dict[str, Any]]:
+def plot_responses(shown: str) -> dict[int | str, dict[str, Any]]:
+    """Return what the contract states of a plot's answers; `shown` is what the plot shows."""
     return {
         200: {"description": shown, "content": _CONTENT, "headers": ETAG_HEADER},
         304: {"description": "The client has this plot already.", "headers": ETAG_HEADER},
@@ -86,7 +87,7 @@ def _responses(shown: str) -> dict[int | str, dict[str, Any]]:
 @router.get(
     "/repeatability/scatter.svg",
     response_class=Response,
-    responses=_responses(
+    responses=plot_responses(
         "For every pose its cycles about their mean in three projections, with the ellipsoid observed and that of the "
         "instrument's noise."
     ),
@@ -101,7 +102,7 @@ async def get_scatter_plot(
 @router.get(
     "/repeatability/drift.svg",
     response_class=Response,
-    responses=_responses(
+    responses=plot_responses(
         "For every pose x, y, z and the orientation over time, or over the cycles where not every image states when it "
         "was taken, with the means of blocks of ten cycles and what chance alone would give."
     ),
@@ -116,7 +117,7 @@ async def get_drift_plot(
 @router.get(
     "/repeatability/steadiness.svg",
     response_class=Response,
-    responses=_responses(
+    responses=plot_responses(
         "The motion that all poses share over the cycles, and each pose's own, with trend and largest step where they "
         "are significant, and second stopping points."
     ),
@@ -131,7 +132,9 @@ async def get_steadiness_plot(
 @router.get(
     "/intrinsics/residuals.svg",
     response_class=Response,
-    responses=_responses("For every focus group the mean residuals over the image, and the residuals' size."),
+    responses=plot_responses(
+        "For every focus group the mean residuals over the image, and the residuals' size."
+    ),
 )
 async def get_residual_map(
     session_id: SessionPath,
@@ -146,20 +149,20 @@ async def get_residual_map(
 @router.get(
     "/intrinsics/lens.svg",
     response_class=Response,
-    responses=_responses(
+    responses=plot_responses(
         "For every focus group the mean residual along the radius by Brown's lens model, by Kannala's and Brandt's, "
         "and by the one chosen; the radius that the images show, and where a model turns back."
     ),
 )
 async def get_lens_profile(session_id: SessionPath, request: Request, known: KnownTags = None) -> Response:
     """Draw why the lens model was chosen, by the pooled estimates."""
-    return await _answer(request, "lens_profile_plot", session_id, {"estimator": "pooled"}, known)
+    return await answer_plot(request, "lens_profile_plot", session_id, {"estimator": "pooled"}, known)
 
 
 @router.get(
     "/intrinsics/projection-uncertainty.svg",
     response_class=Response,
-    responses=_responses(
+    responses=plot_responses(
         "For every focus group the standard uncertainty of a projected point at infinity, and the number of grid "
         "points, over the image; parts without points are hatched."
     ),
@@ -177,7 +180,7 @@ async def get_projection_map(
 @router.get(
     "/dh/joint-curves.svg",
     response_class=Response,
-    responses=_responses(
+    responses=plot_responses(
         "For every joint what it turns by beyond its stated angle, with the 95 % band, the angles at which it was, and "
         "those at which it never was, hatched."
     ),
@@ -186,13 +189,13 @@ async def get_joint_curves_plot(
     session_id: SessionPath, request: Request, settings: RobotPlotDep, known: KnownTags = None
 ) -> Response:
     """Draw the joint curves of the identified robot; 409 `no_joint_curves` where the model has none."""
-    return await _answer(request, "joint_curves_plot", session_id, settings, known)
+    return await answer_plot(request, "joint_curves_plot", session_id, settings, known)
 
 
 @router.get(
     "/dh/identifiability.svg",
     response_class=Response,
-    responses=_responses(
+    responses=plot_responses(
         "The axes and lengths of the nominal arm at one pose, with the parameters that the session's poses do not "
         "determine, and the reason of each group in words."
     ),
@@ -201,7 +204,7 @@ async def get_identifiability_plot(
     session_id: SessionPath, request: Request, settings: RobotPlotDep, known: KnownTags = None
 ) -> Response:
     """Draw what the poses cannot determine of the robot: `null_space` of `GET .../dh`."""
-    return await _answer(request, "identifiability_plot", session_id, settings, known)
+    return await answer_plot(request, "identifiability_plot", session_id, settings, known)
 
 
 FormatQuery = Annotated[
@@ -268,7 +271,7 @@ async def _answer_for_poses(
     if chosen.pose_id is not None:
         settings["pose_id"] = chosen.pose_id
         await run_in_threadpool(_check_pose, await get_app_context(request), session_id, chosen.pose_id)
-    return await _answer(request, analysis, session_id, settings, known)
+    return await answer_plot(request, analysis, session_id, settings, known)
 
 
 async def _answer_for_cameras(
@@ -277,12 +280,13 @@ async def _answer_for_cameras(
     settings: dict[str, str] = {"estimator": chosen.estimator}
     if chosen.focus_group is not None:
         settings["focus_group"] = chosen.focus_group
-    return await _answer(request, analysis, session_id, settings, known)
+    return await answer_plot(request, analysis, session_id, settings, known)
 
 
-async def _answer(
+async def answer_plot(
     request: Request, analysis: str, session_id: str, settings: dict[str, str], known: str | None
 ) -> Response:
+    """Answer with an analysis that is a drawing."""
     media_type = stated_media_type(request.headers.get("accept"), SVG)
     return await answer_analysis(request, analysis, session_id, settings, known, media_type=media_type)
 
