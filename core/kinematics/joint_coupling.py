@@ -13,7 +13,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float
-from scipy.optimize import minimize
 
 from core.kinematics.dh import Chain
 from core.kinematics.global_fit import Observations, observations_of
@@ -108,6 +107,8 @@ def _fitted(
         for place, share in zip(places, shares, strict=True):
             changed[place] = share
         return changed
+
+    from scipy.optimize import minimize  # takes a tenth of a second to load, and few processes fit robots
 
     start = np.array([C[place] for place in places])
     found = minimize(

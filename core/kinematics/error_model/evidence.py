@@ -21,7 +21,6 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float
 from scipy.linalg import lapack
-from scipy.optimize import minimize
 
 from core.kinematics.error_model.priors import Hyperparameters
 from core.kinematics.error_model.terms import Terms
@@ -172,6 +171,8 @@ def maximise(
         except np.linalg.LinAlgError:  # a line search went where rounding decides: it comes back from there
             return _NOWHERE, np.zeros(len(x))
         return value / scale, gradient * unit / scale
+
+    from scipy.optimize import minimize  # takes a tenth of a second to load, and few processes fit robots
 
     answer = minimize(
         scaled,

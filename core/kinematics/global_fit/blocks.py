@@ -12,7 +12,6 @@ from enum import StrEnum
 
 import numpy as np
 from jaxtyping import Float, Int
-from scipy.cluster.vq import kmeans2
 
 from core.kinematics.arm_model import ArmState
 from core.kinematics.dh import chain_frames
@@ -64,6 +63,8 @@ def clusters(joint_angles: Float[np.ndarray, "n j"]) -> Int[np.ndarray, " n"]:
 
     References: D. Arthur, S. Vassilvitskii, "k-means++: the advantages of careful seeding", SODA 2007.
     """
+    from scipy.cluster.vq import kmeans2  # takes a tenth of a second to load, and few processes validate
+
     count = int(np.clip(len(joint_angles) // _POSES_A_CLUSTER, _FEWEST_CLUSTERS, _MOST_CLUSTERS))
     spread = joint_angles.std(axis=0)
     unit = joint_angles / np.where(spread > 0.0, spread, 1.0)

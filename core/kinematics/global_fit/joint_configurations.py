@@ -7,9 +7,6 @@ from collections.abc import Sequence
 
 import numpy as np
 from jaxtyping import Float, Int
-from scipy.cluster.hierarchy import DisjointSet
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 from scipy.spatial import KDTree
 
 SAME_CONFIGURATION = math.radians(0.05)
@@ -32,13 +29,26 @@ def configurations(
     if labels:
         _, named = np.unique(np.asarray(labels), return_inverse=True)
         count = int(near.max()) + 1
-        size = count + int(named.max()) + 1
-        edges = coo_array((np.ones(len(near)), (near, count + named.ravel())), shape=(size, size))
-        _, component = connected_components(edges, directed=False)
+        component = _components(near, count + named.ravel(), count + int(named.max()) + 1)
         # Counted by the first of their joint angles, whatever the names are.
         _, first, of_component = np.unique(component[:count], return_index=True, return_inverse=True)
         near = np.argsort(np.argsort(first))[of_component.ravel()][near]
     return np.asarray(near)
+
+
+def _components(
+    one: Int[np.ndarray, " e"], other: Int[np.ndarray, " e"], count: int
+) -> Int[np.ndarray, " n"]:
+    """Return the connected component of each of `count` nodes; edge i joins one[i] and other[i]."""
+    from scipy.sparse import (
+        coo_array,
+    )  # takes a while to load, with the next line, and few processes validate
+    from scipy.sparse.csgraph import connected_components
+
+    _, component = connected_components(
+        coo_array((np.ones(len(one)), (one, other)), shape=(count, count)), directed=False
+    )
+    return np.asarray(component)
 
 
 def _linked(points: Float[np.ndarray, "n j"], tolerance: float) -> Int[np.ndarray, " n"]:
@@ -47,6 +57,8 @@ def _linked(points: Float[np.ndarray, "n j"], tolerance: float) -> Int[np.ndarra
     Points of one cell of a grid as wide as the tolerance agree, so that repeats, which would make very many pairs of
     points, make few pairs of cells. Two neighbouring cells are linked by their nearest points.
     """
+    from scipy.cluster.hierarchy import DisjointSet  # takes a while to load
+
     grid = np.floor((points - points.min(axis=0, initial=0.0)) / tolerance)
     cells, cell = np.unique(grid, axis=0, return_inverse=True)
     cell = cell.ravel()
@@ -56,8 +68,7 @@ def _linked(points: Float[np.ndarray, "n j"], tolerance: float) -> Int[np.ndarra
     near = (
         np.abs(points[first[pairs[:, 0]]] - points[first[pairs[:, 1]]]).max(axis=1, initial=0.0) <= tolerance
     )
-    edges = coo_array((np.ones(np.count_nonzero(near)), pairs[near].T), shape=(len(cells), len(cells)))
-    _, component = connected_components(edges, directed=False)
+    component = _components(pairs[near, 0], pairs[near, 1], len(cells))
     clusters = DisjointSet(range(int(component.max()) + 1))
     several = np.array([len(of_cell) > 1 for of_cell in members])
     for pair in pairs[~near & several[pairs].any(axis=1)]:

@@ -19,7 +19,6 @@ import math
 from functools import cache
 
 import numpy as np
-from scipy.optimize import brentq
 from scipy.special import roots_legendre
 
 from core.errors import InvalidArgument
@@ -69,4 +68,6 @@ def ewma_limit(smoothing: float, run_length: float) -> float:
         raise InvalidArgument(
             f"No limit for false alarms that are {run_length} apart.", "Ask for 2 to a million."
         )
+    from scipy.optimize import brentq  # takes a tenth of a second to load, and few processes draw charts
+
     return float(brentq(lambda limit: ewma_run_length(smoothing, limit) - run_length, 0.1, 6.0, xtol=1e-9))
