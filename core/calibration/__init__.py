@@ -4,6 +4,7 @@ from core.calibration.closed_form import from_homography, nullspace, vanishing_p
 from core.calibration.hand_eye import (
     MIN_POSES_TO_REJECT,
     HandEyeCalibration,
+    HandEyeObservation,
     PoseResidual,
     PositionObservation,
     average_station,
@@ -95,6 +96,7 @@ __all__ = [
     "Deformation",
     "GroupEstimate",
     "HandEyeCalibration",
+    "HandEyeObservation",
     "Lens",
     "LensChoice",
     "LensEvidence",

@@ -47,7 +47,7 @@ def solve_inverse(
     n = len(T_base_flange)
     at = forward(chain, known)
     q, attained = np.zeros((n, len(chain))), np.zeros(n, dtype=np.bool_)
-    order = np.array([_nearest(T, at) for T in T_base_flange]).reshape(n, -1)
+    order = _nearest(T_base_flange, at)
     for rank in range(min(STARTS, len(known))):
         open_ones = np.flatnonzero(~attained)
         if not len(open_ones):
@@ -57,12 +57,12 @@ def solve_inverse(
     return InverseSolution(q, attained)
 
 
-def _nearest(T: Float[np.ndarray, "4 4"], at: Float[np.ndarray, "k 4 4"]) -> Int[np.ndarray, " s"]:
-    off = np.linalg.norm(at[:, :3, 3] - T[:3, 3], axis=1)
-    turn = np.linalg.norm(
-        Rotation.from_matrix(at[:, :3, :3].transpose(0, 2, 1) @ T[:3, :3]).as_rotvec(), axis=1
-    )
-    return np.argsort(off + _LEVER_MM * turn, kind="stable")[:STARTS]
+def _nearest(T: Float[np.ndarray, "n 4 4"], at: Float[np.ndarray, "k 4 4"]) -> Int[np.ndarray, "n s"]:
+    """Return, for each of the poses `T`, which of the poses `at` are nearest, the nearest first."""
+    off = np.linalg.norm(at[:, :3, 3] - T[:, None, :3, 3], axis=2)
+    traces = np.einsum("nij,kij->nk", T[:, :3, :3], at[:, :3, :3])
+    turn = np.arccos(np.clip(0.5 * (traces - 1.0), -1.0, 1.0))
+    return np.argsort(off + _LEVER_MM * turn, axis=1, kind="stable")[:, :STARTS]
 
 
 def _descended(

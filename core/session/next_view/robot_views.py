@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from core.calibration import average_station, information_so_far, station_information
+from core.calibration import HandEyeObservation, information_so_far, station_information
 from core.errors import TooFewMeasurements
 from core.kinematics import ModelChoice, PoseData, forward, pose_information
 from core.session.commanded_poses import calibrate_session_hand_eye
@@ -63,7 +63,7 @@ def suggest_hand_eye_views(
     counted = [pose for pose in estimate.poses if pose.measurement_id not in estimate.unclear]
     expected = expected_views(counted, group, target, data.targets[target], candidates.T_camera_target)
     stations = [
-        average_station("", T, np.linalg.inv(view)[None], own[None], common, place)
+        HandEyeObservation("", T, np.linalg.inv(view), own, common, place)
         for T, view, own, common in zip(
             candidates.T_base_flange, candidates.T_camera_target, expected.own, expected.common, strict=True
         )

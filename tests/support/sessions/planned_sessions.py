@@ -5,11 +5,12 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import cache
 
 import numpy as np
 from jaxtyping import Float
 
-from core.calibration import HandEyeCalibration, average_station, estimate_group, station_information
+from core.calibration import HandEyeCalibration, HandEyeObservation, estimate_group, station_information
 from core.geometry import invert, transform
 from core.kinematics import ModelChoice
 from core.numerics import covariance_of
@@ -87,7 +88,7 @@ def mount_information(
         assert own is not None
         T = transform(pose.rotation, pose.position_mm)
         attained = tie.T_base_target @ T @ invert(tie.T_flange_camera)
-        stations.append(average_station(pose.pose_id, attained, T[None], own[None], shared))
+        stations.append(HandEyeObservation(pose.pose_id, attained, T, own, shared))
     information = station_information(tie, stations)
     weight = np.zeros(information.shape[1])
     weight[:6] = [1.0] * 3 + [found.working_distance_mm**2] * 3
@@ -117,6 +118,7 @@ HAND_EYE = RobotPlan(4, 24, _of_mount, suggest_hand_eye_views, _DEVIATIONS, as_b
 DH = RobotPlan(12, 40, _of_chain, suggest_dh_views, (0.0, 0.0), as_built=True)
 
 
+@cache
 def images_needed(plan: RobotPlan, seed: int) -> float:
     """Return the images that the planned order needs for what `plan.at_random` random ones reach, as their share.
 
@@ -171,7 +173,7 @@ def least_mount_images(seed: int) -> float:
     at = robot_candidates(group, BOARD, tie.T_flange_camera, tie.T_base_target, reach)
     expected = expected_views(list(estimate.poses), group, 0, BOARD, at.T_camera_target)
     stations = [
-        average_station("", T, invert(view)[None], own[None], common)
+        HandEyeObservation("", T, invert(view), own, common)
         for T, view, own, common in zip(
             at.T_base_flange, at.T_camera_target, expected.own, expected.common, strict=True
         )
