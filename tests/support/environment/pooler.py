@@ -14,6 +14,8 @@ from typing import Self
 
 import sqlalchemy as sa
 
+from tests.support.environment.connections import accepted
+
 _SSL_REQUEST, _GSS_REQUEST = 80877103, 80877104
 _PARAMETERS = {"server_version": "15.0", "client_encoding": "UTF8", "standard_conforming_strings": "on"}
 
@@ -41,11 +43,7 @@ class TransactionPooler:
             each.close()
 
     def _accept(self) -> None:
-        while True:
-            try:
-                client, _ = self._listener.accept()
-            except OSError:
-                return
+        for client in accepted(self._listener):
             self._clients.append(client)
             threading.Thread(target=self._serve, args=(client, len(self._clients)), daemon=True).start()
 

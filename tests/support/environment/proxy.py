@@ -8,6 +8,8 @@ import threading
 import time
 from typing import Literal
 
+from tests.support.environment.connections import accepted
+
 Mode = Literal["pass", "cut", "slow", "503"]
 _REFUSAL = b"HTTP/1.1 503 Service Unavailable\r\nContent-Length: 0\r\nConnection: close\r\n\r\n"
 
@@ -35,11 +37,7 @@ class Proxy:
         self.set("cut")
 
     def _accept(self) -> None:
-        while True:
-            try:
-                client, _ = self._listener.accept()
-            except OSError:
-                return
+        for client in accepted(self._listener):
             if self.mode == "cut":
                 client.close()
             elif self.mode == "503":

@@ -20,6 +20,11 @@ from tests.support.service.service import Api
 QUICK: dict[str, Any] = {"poll_s": 0.02, "settle_s": 0.05, "longest_pause_s": 0.1, "give_up_s": 60.0}
 
 
+def watch_settings(folder: Path, **changes: Any) -> WatchSettings:
+    """Return the settings of a watch that looks often and waits for little."""
+    return WatchSettings(**{"folder": folder, "session": "ses_1", **QUICK, **changes})
+
+
 @dataclass
 class WatchedCell:
     """The folder, what watches it, and what the service has of it."""
@@ -59,8 +64,7 @@ class WatchedCell:
         return path
 
     def settings(self, **changes: Any) -> WatchSettings:
-        values = {"folder": self.folder, "session": self.session_id, **QUICK, **changes}
-        return WatchSettings(**values)
+        return watch_settings(self.folder, session=self.session_id, **changes)
 
     def watch(self, stop: threading.Event | None = None, **changes: Any) -> WatchSummary:
         """Watch until nothing is left to do, or until `stop` is set where it is given."""

@@ -10,9 +10,10 @@ from typing import cast
 import pytest
 
 from app.client import ServiceClient
-from app.client.watch import Journal, Report, Watcher, WatchSettings
+from app.client.watch import Journal, Report, Watcher
 from tests.support.image.images import small_image
 from tests.support.service.instant_service import InstantService
+from tests.support.service.watched import watch_settings
 
 FILES = 400
 
@@ -26,15 +27,7 @@ def test_each_file_costs_the_journal_the_same_few_statements(tmp_path: Path, liv
         (images / f"{letters}.png").write_bytes(small_image(number))
     service, journal, done = InstantService(), Journal(tmp_path / "journal.sqlite"), Counter[str]()
     journal._connection.set_trace_callback(lambda statement: done.update([statement.split()[0]]))
-    settings = WatchSettings(
-        folder=tmp_path / "images",
-        session="ses_1",
-        once=True,
-        settle_s=0.05,
-        poll_s=0.05,
-        number_cycles=True,
-        live=live,
-    )
+    settings = watch_settings(tmp_path / "images", once=True, number_cycles=True, live=live)
     said: list[str] = []
     try:
         watcher = Watcher(cast(ServiceClient, service), journal, Report(said.append, None, {}), settings)

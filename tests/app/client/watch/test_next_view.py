@@ -7,10 +7,11 @@ from pathlib import Path
 from typing import Any, cast
 
 from app.client import ClientError, ServiceClient
-from app.client.watch import Journal, Report, Watcher, WatchSettings, WatchSummary
+from app.client.watch import Journal, Report, Watcher, WatchSummary
 from tests.support.image.images import small_image
 from tests.support.service.instant_service import InstantService
 from tests.support.service.service import wait_until
+from tests.support.service.watched import watch_settings
 
 
 class SlowAdvice(InstantService):
@@ -32,15 +33,7 @@ class SlowAdvice(InstantService):
 def test_results_do_not_wait_for_the_next_view_and_the_end_does(tmp_path: Path) -> None:
     images = tmp_path / "images" / "P1"
     images.mkdir(parents=True)
-    settings = WatchSettings(
-        folder=tmp_path / "images",
-        session="ses_1",
-        once=True,
-        settle_s=0.05,
-        poll_s=0.05,
-        live=True,
-        next_view="intrinsics",
-    )
+    settings = watch_settings(tmp_path / "images", once=True, live=True, next_view="intrinsics")
     said: list[str] = []
     ended: list[WatchSummary] = []
     service, journal = SlowAdvice(), Journal(tmp_path / "journal.sqlite")
