@@ -13,9 +13,10 @@ from typing import Any
 
 import sqlalchemy as sa
 
-from app.records.codec import Provenance, encode_calibration, encode_refused
+from app.records.codec import encode_calibration, encode_refused
 from app.records.database import Database
 from app.records.ids import new_id
+from app.records.outcome import Provenance
 from app.records.tables import Measurement, Result
 from app.services.poses import get_or_create_pose
 from app.settings import Settings

@@ -9,8 +9,9 @@ from typing import Any
 from app.blobs.integrity import read_original
 from app.build import core_version
 from app.errors import OriginalCorrupt, OriginalMissing
-from app.jobs.queue import Job
-from app.records.codec import DetectedTarget, Failure, Outcome, Provenance, encode_calibration, encode_refused
+from app.jobs.job import Job
+from app.records.codec import encode_calibration, encode_refused
+from app.records.outcome import DetectedTarget, Failure, Outcome, Provenance
 from core import Camera, GridposeError, Lens, TargetOutcome, TargetSpec, calibrate_targets
 from core.errors import NotConverged, TargetAmbiguous, TargetMirrored, TargetMismatch, TargetNotFound
 

@@ -27,11 +27,11 @@ from app.jobs.back_off import BackOff
 from app.jobs.pace import GATHER_S, IDLE_POLL_S, Pace
 from app.jobs.process_image import process_for_storage
 from app.jobs.queue import Job, Queue
-from app.jobs.runner_lock import RunnerLock
 from app.jobs.settlement import Settlement, is_death
 from app.jobs.worker_init import keep_compiled_code, prepare_environment, start_worker
 from app.jobs.worker_pool import Compute, Initialise, Task, WorkerLost, WorkerSlot, close_all
 from app.records.database import Database
+from app.records.presence import RunnerLock
 from app.settings import Settings
 
 log = structlog.get_logger(__name__)

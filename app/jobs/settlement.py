@@ -21,7 +21,7 @@ from app.jobs.back_off import BackOff
 from app.jobs.queue import Job, JobResult, Queue
 from app.jobs.worker_pool import OverTime
 from app.jobs.worker_process import ProcessExpired
-from app.records.codec import Failure, Outcome
+from app.records.outcome import Failure, Outcome
 
 log = structlog.get_logger(__name__)
 

@@ -17,10 +17,10 @@ from dataclasses import dataclass
 import structlog
 
 from app.jobs.back_off import BackOff
-from app.jobs.queue import Job
+from app.jobs.job import Job
 from app.jobs.worker_init import start_worker
 from app.jobs.worker_process import WorkerProcess
-from app.records.codec import Outcome
+from app.records.outcome import Outcome
 
 log = structlog.get_logger(__name__)
 

@@ -1,21 +1,26 @@
-"""Who uses a PostgreSQL database: services and workers share a lock in it, and who changes its schema holds it alone.
+"""Who uses an installation: one runner a data folder, by a file lock, and on PostgreSQL who uses the database.
 
-The server frees the lock when its holder's connection ends. On SQLite the data folder's lock files say the same.
+There services and workers share a lock in it, and who changes its schema holds it alone; on SQLite the data folder's
+lock files say the same. The system frees the file's lock when its holder dies, the server its own when the holder's
+connection ends.
 """
 
 from __future__ import annotations
 
 import contextlib
+import time
+from pathlib import Path
 
 import sqlalchemy as sa
 import structlog
 
 from app.records.database import Database
-from app.records.file_lock import AlreadyLocked
+from app.records.file_lock import AlreadyLocked, FileLock
 
 log = structlog.get_logger(__name__)
 
 ADVISORY_LOCK = 0x706F_7365  # "pose"
+_CHECK_S = 5.0
 
 
 class Presence:
@@ -68,3 +73,35 @@ class Presence:
             connection.close()
             raise AlreadyLocked("database")
         return connection
+
+
+class RunnerLock:
+    """The right to run jobs of one data folder and database; `alone`: the right that nobody else does."""
+
+    def __init__(self, data_dir: Path, database: Database, *, alone: bool = False) -> None:
+        self._file = FileLock(data_dir / "runner.lock")
+        self._presence = Presence(database, alone=alone)
+        self._checked_s = time.monotonic()
+
+    def acquire(self) -> None:
+        """Take the lock, or raise AlreadyLocked at once."""
+        self._file.acquire()
+        try:
+            self._presence.acquire()
+        except BaseException:
+            self._file.release()
+            raise
+
+    def keep(self) -> None:
+        """Take the database's lock again where its connection was lost; it is looked at every few seconds.
+
+        The runner goes on meanwhile: claims keep two runners from writing one result twice.
+        """
+        if time.monotonic() - self._checked_s >= _CHECK_S:
+            self._checked_s = time.monotonic()
+            self._presence.keep()
+
+    def release(self) -> None:
+        """Free the lock; harmless when it is not held."""
+        self._presence.release()
+        self._file.release()

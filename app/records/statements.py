@@ -7,33 +7,14 @@ types' conversions are the same either way.
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
-from typing import Any, Protocol, Self
+from typing import Any, Protocol
 
 import sqlalchemy as sa
 from sqlalchemy import orm
 
 Convert = Callable[[Any], Any]
 Row = tuple[Any, ...]
-
-
-@dataclass(frozen=True, slots=True)
-class EncodedJson:
-    """A JSON document as text, which a JSON column takes in place of the document: another process encoded it."""
-
-    text: str
-
-    @classmethod
-    def of(cls, document: Any) -> Self:
-        """Return a document as text, as a column would write it."""
-        return cls(json.dumps(document))
-
-
-def write_json(document: Any) -> str:
-    """Return what a JSON column stores of a document, or of one that is text already."""
-    return document.text if isinstance(document, EncodedJson) else json.dumps(document)
 
 
 class Statement:

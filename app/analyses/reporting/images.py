@@ -14,8 +14,9 @@ from app.blobs import open_store
 from app.errors import OriginalCorrupt, OriginalMissing
 from app.jobs.process_image import process_image
 from app.jobs.queue import Job, read_jobs
-from app.records.codec import Outcome, point_places
+from app.records.codec import point_places
 from app.records.database import Database
+from app.records.outcome import Outcome
 from app.records.statements import rows_of
 from app.records.tables import Measurement, Result
 

@@ -13,10 +13,10 @@ from app.cli.console import fail
 from app.cli.context import data_failures, load_settings, print_location
 from app.cli.options.data_folder import DataDir
 from app.errors import InstallationRefused
-from app.jobs.runner_lock import RunnerLock
 from app.records import migrations
 from app.records.database import Database
 from app.records.file_lock import AlreadyLocked, FileLock
+from app.records.presence import RunnerLock
 from app.records.tables import Installation
 from app.services.installation.binding import require_installation, require_same, sqlite_path
 from app.services.installation.identity import read_identity

@@ -1,7 +1,8 @@
 """The queue of images to measure: its interface, that on the measurement rows, and that of several machines."""
 
+from app.jobs.job import Job, JobResult, TargetQuery
 from app.jobs.queue.claimed_rows import is_target, read_jobs
-from app.jobs.queue.interface import Job, JobResult, Queue, TargetQuery
+from app.jobs.queue.interface import Queue
 from app.jobs.queue.requeueing import TOGETHER, queue_rows, search_again
 from app.jobs.queue.saving import ALREADY_MEASURED
 from app.jobs.queue.sql_queue import SqlQueue

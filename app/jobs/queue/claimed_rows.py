@@ -8,13 +8,11 @@ from typing import Any
 
 import sqlalchemy as sa
 
-from app.jobs.queue.interface import Job, TargetQuery
-from app.records.codec import Failure
+from app.jobs.job import Job, TargetQuery
+from app.records.outcome import Failure
 from app.records.readable import CODE, unreadable_values
 from app.records.statements import Rows, Statement
 from app.records.tables import Measurement, Session, SessionTarget, Target, target_fields
-from core.errors import InvalidTarget
-from core.targets import TargetSpec
 
 ADVICE = (
     "Restore the database from a backup. Where the session or a target is damaged, PATCH the session or make it anew; "
@@ -115,6 +113,9 @@ def _read_target(rows: Rows, target_id: str) -> Values | None:
 @lru_cache(maxsize=256)
 def is_target(fields: tuple[tuple[str, Any], ...]) -> bool:
     """Say whether fields, as `target_fields` returns them, describe a target that the numerics take."""
+    from core.errors import InvalidTarget  # most commands open an installation and need no numerics
+    from core.targets import TargetSpec
+
     try:
         TargetSpec(**dict(fields))
     except InvalidTarget:

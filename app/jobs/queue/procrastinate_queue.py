@@ -24,14 +24,14 @@ import sqlalchemy as sa
 import structlog
 from sqlalchemy import orm
 
+from app.jobs.job import Job, JobResult
 from app.jobs.queue.claimed_rows import read_jobs, unreadable
-from app.jobs.queue.interface import Job, JobResult
 from app.jobs.queue.lost_jobs import SILENT_S, give_back_stalled, recover_rows
 from app.jobs.queue.saving import give_up
 from app.jobs.queue.sql_queue import SqlQueue
-from app.records.codec import Failure
 from app.records.database import Database
 from app.records.ids import new_id
+from app.records.outcome import Failure
 from app.records.statements import rows_of
 from app.records.tables import Measurement
 

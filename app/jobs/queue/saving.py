@@ -10,10 +10,10 @@ from typing import Any
 import sqlalchemy as sa
 from sqlalchemy import orm
 
+from app.jobs.job import Job, JobResult
 from app.jobs.queue.claimed_rows import unreadable
-from app.jobs.queue.interface import Job, JobResult
-from app.records.codec import Failure
 from app.records.ids import new_id
+from app.records.outcome import Failure
 from app.records.readable import unreadable_columns
 from app.records.statements import Rows, Statement
 from app.records.tables import Measurement, Result, SessionTarget

@@ -8,8 +8,8 @@ from datetime import UTC, datetime
 
 import sqlalchemy as sa
 
+from app.jobs.job import Job, JobResult
 from app.jobs.queue.claimed_rows import read_jobs, unreadable
-from app.jobs.queue.interface import Job, JobResult
 from app.jobs.queue.saving import (
     current_claim,
     earlier_results,
@@ -19,9 +19,9 @@ from app.jobs.queue.saving import (
     save_result,
 )
 from app.jobs.queue.turns import next_in_turn
-from app.records.codec import Failure
 from app.records.database import Database
 from app.records.ids import new_id
+from app.records.outcome import Failure
 from app.records.statements import EngineRows, Statement, rows_of
 from app.records.tables import Measurement, Session
 

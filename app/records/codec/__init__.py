@@ -2,10 +2,9 @@
 
 The row holds the document that the API shows (`results`: degrees, named fields; floats keep every bit as JSON) and,
 alongside it, the grid points and markers as bytes (`points`). Analyses of thousands of rows read these bytes and never
-open an image again. `outcome` is what a job returns.
+open an image again.
 """
 
-from app.records.codec.outcome import DetectedTarget, Failure, Outcome, Provenance
 from app.records.codec.points import (
     MARKER_BYTES,
     POINT_BYTES,
@@ -24,10 +23,6 @@ from app.records.codec.results import calibration_document, encode_calibration, 
 __all__ = [
     "MARKER_BYTES",
     "POINT_BYTES",
-    "DetectedTarget",
-    "Failure",
-    "Outcome",
-    "Provenance",
     "are_markers",
     "are_points",
     "calibration_document",

@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from app.records.codec.outcome import Provenance
 from app.records.codec.points import content_hash, encode_markers, encode_points
+from app.records.outcome import Provenance
 from core.calibration import Calibration
 from core.errors import Advisory
 from core.geometry import CAMERA_PARAMETERS

@@ -10,8 +10,8 @@ from typing import Any
 import sqlalchemy as sa
 
 from app.records.database.lending import LendingPool
+from app.records.outcome import write_json
 from app.records.readable import read_json, read_time
-from app.records.statements import write_json
 
 BUSY_TIMEOUT_S = 20.0
 CONNECTIONS = 30

@@ -19,11 +19,11 @@ import sqlalchemy as sa
 from app.blobs.durable import sync_folder, write_durably
 from app.blobs.local import original_path
 from app.errors import BackupRefused
-from app.jobs.runner_lock import RunnerLock
 from app.records import migrations
 from app.records.activity import Activity, acting
 from app.records.database import Database
 from app.records.file_lock import AlreadyLocked, FileLock
+from app.records.presence import RunnerLock
 from app.records.privacy import OF_THE_FILE_SYSTEM
 from app.records.rows import copy_rows, count_rows
 from app.records.tables import Installation, Measurement

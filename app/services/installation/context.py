@@ -5,21 +5,23 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
-from typing import Self
+from typing import TYPE_CHECKING, Self
 
 from app.blobs import Blobs, S3Blobs, open_store
 from app.errors import InstallationRefused
 from app.jobs.queue import Queue, queue_of
-from app.jobs.runner import JobRunner
-from app.jobs.runner_lock import RunnerLock
 from app.records import ids, migrations
 from app.records.database import Database
 from app.records.file_lock import AlreadyLocked, FileLock
+from app.records.presence import RunnerLock
 from app.records.privacy import close_to_others
 from app.records.tables import latest_ids
 from app.services.installation import backends, binding
 from app.services.installation.access import AccessCache
 from app.settings import Settings
+
+if TYPE_CHECKING:
+    from app.jobs.runner import JobRunner
 
 
 @dataclass(frozen=True, slots=True)
@@ -108,6 +110,8 @@ class ServiceContext:
 
     def runner(self) -> JobRunner:
         """Return a runner for this installation's jobs, not yet started."""
+        from app.jobs.runner import JobRunner  # loads the numerics, which most commands need not
+
         return JobRunner.for_data_dir(self.settings, self.database, self.queue, self.blobs)
 
     def close(self) -> None:

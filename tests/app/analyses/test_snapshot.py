@@ -8,7 +8,8 @@ import math
 import numpy as np
 
 from app.analyses.inputs.snapshot import Snapshot, StoredImage
-from app.records.codec import Provenance, decode_points, decode_stack, encode_refused
+from app.records.codec import decode_points, decode_stack, encode_refused
+from app.records.outcome import Provenance
 from core.session import ImageObservation
 from core.targets.specification import TargetSpec
 from tests.support.sessions.stored_sessions import BOARD, CAMERA, HEIGHT, WIDTH, look

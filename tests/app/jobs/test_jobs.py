@@ -14,9 +14,9 @@ import pytest
 
 from app.jobs.queue import JobResult
 from app.jobs.queue.sql_queue import SqlQueue
-from app.jobs.runner_lock import RunnerLock
 from app.jobs.settlement import WORKER_CRASHED
 from app.records.file_lock import AlreadyLocked
+from app.records.presence import RunnerLock
 from tests.support.environment.processes import OwnWorkers, descendants, is_alive, worker_processes
 from tests.support.service.computations import DONE
 from tests.support.service.jobs import queue_images, runner_of

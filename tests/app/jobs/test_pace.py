@@ -11,7 +11,7 @@ import sqlalchemy as sa
 from app.jobs import pace
 from app.jobs.pace import GATHER_S, Pace
 from app.jobs.queue import JobResult
-from app.records.codec import Outcome
+from app.records.outcome import Outcome
 from app.records.tables import Result
 from tests.support.service.jobs import queue_images
 

@@ -8,7 +8,8 @@ import pytest
 
 from app.jobs.queue import JobResult
 from app.jobs.settlement import WORKER_CRASHED
-from app.records.codec import Failure, Outcome, Provenance, encode_refused
+from app.records.codec import encode_refused
+from app.records.outcome import Failure, Outcome, Provenance
 from tests.support.service.jobs import compute
 from tests.support.sessions.stored_sessions import new_session, shoot, store_shots
 

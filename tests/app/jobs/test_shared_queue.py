@@ -15,8 +15,8 @@ import sqlalchemy as sa
 from app.jobs.queue import Job, JobResult, queue_of
 from app.jobs.queue.procrastinate_queue import MAX_RESCUES, ProcrastinateQueue
 from app.records import migrations
-from app.records.codec import Failure, Outcome
 from app.records.database import Database
+from app.records.outcome import Failure, Outcome
 from app.records.tables import Measurement, Session
 from tests.support.environment.postgres import new_database
 from tests.support.service.queued_rows import enqueue, make_session

@@ -10,13 +10,13 @@ import numpy as np
 import pytest
 
 from app.records.codec import (
-    Provenance,
     decode_markers,
     decode_points,
     encode_calibration,
     encode_refused,
     points_documents,
 )
+from app.records.outcome import Provenance
 from core.calibration.result import Calibration, CameraPose, Observability, Reprojection
 from core.errors import Advisory
 from core.geometry.camera import Camera

@@ -14,11 +14,11 @@ from app.cli.server.keys import Scope, create, show
 from app.cli.server.serve import serve
 from app.cli.server.worker import work
 from app.errors import InstallationRefused
-from app.jobs.runner_lock import RunnerLock
 from app.main import create_app
 from app.records import migrations
 from app.records.database import Database
 from app.records.file_lock import FileLock
+from app.records.presence import RunnerLock
 from app.services.installation.context import ServiceContext
 from app.settings import Settings
 from tests.support.environment.postgres import EITHER_DATABASE

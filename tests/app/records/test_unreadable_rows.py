@@ -13,8 +13,8 @@ import sqlalchemy as sa
 from app.cli.doctor import database as database_checks
 from app.cli.doctor.check_result import State
 from app.jobs.queue import JobResult
-from app.records.codec import Failure, Outcome
 from app.records.database import Database
+from app.records.outcome import Failure, Outcome
 from app.records.tables import Measurement, Result
 from app.services.keys import create_key, list_keys, revoke_key
 

@@ -15,7 +15,7 @@ import sqlalchemy as sa
 
 from app.errors import Unavailable
 from app.jobs.queue import JobResult, sql_queue
-from app.records.codec import Failure, Outcome
+from app.records.outcome import Failure, Outcome
 from app.records.tables import Measurement
 from app.services.maintenance.chores import Maintenance, Round, chores
 from app.services.maintenance.orphans import MAX_STEP_S

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from app.jobs import worker_init
 from app.jobs.queue import Job
-from app.records.codec import Failure, Outcome
+from app.records.outcome import Failure, Outcome
 
 DONE = Outcome(result=None, failure=Failure("target_not_found", "Nothing there.", None))
 

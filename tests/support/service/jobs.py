@@ -9,8 +9,8 @@ from typing import Any
 from app.jobs.process_image import process_image
 from app.jobs.queue import JobResult
 from app.jobs.runner import JobRunner
-from app.jobs.runner_lock import RunnerLock
 from app.records.ids import new_id
+from app.records.presence import RunnerLock
 from tests.support.service.computations import compute_by_name, start_without_warm_up
 from tests.support.service.service import Api
 

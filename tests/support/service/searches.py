@@ -5,7 +5,8 @@ from __future__ import annotations
 from typing import Any
 
 from app.jobs.queue import Job
-from app.records.codec import DetectedTarget, Failure, Outcome, Provenance, encode_refused
+from app.records.codec import encode_refused
+from app.records.outcome import DetectedTarget, Failure, Outcome, Provenance
 
 NOTHING = Failure("target_not_found", "Nothing there.", "Look elsewhere.")
 

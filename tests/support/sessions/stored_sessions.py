@@ -17,8 +17,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from app.records.codec import Provenance, encode_calibration, encode_refused
+from app.records.codec import encode_calibration, encode_refused
 from app.records.ids import new_id
+from app.records.outcome import Provenance
 from app.records.tables import Measurement, Result
 from app.services.poses import get_or_create_pose
 from core import Camera, GridposeError, calibrate_points

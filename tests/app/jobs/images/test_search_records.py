@@ -11,7 +11,7 @@ import sqlalchemy as sa
 from app.jobs.queue import JobResult
 from app.jobs.queue.sql_queue import SqlQueue
 from app.jobs.settlement import WORKER_CRASHED
-from app.records.codec import Failure
+from app.records.outcome import Failure
 from tests.support.service.searches import NOTHING, seek, shown
 
 
