@@ -60,7 +60,7 @@ def correlated(phi: float) -> Process:
     return make
 
 
-def _needles(rng: np.random.Generator, n: int) -> Cycles:
+def needles(rng: np.random.Generator, n: int) -> Cycles:
     return gaussian(rng, n) * np.array([1.0, 0.02, 0.02])
 
 
@@ -80,7 +80,7 @@ def _two_points(rng: np.random.Generator, n: int) -> Cycles:
     return x
 
 
-_STEADY: dict[str, Process] = {"Gauss": gaussian, "Student t4": student, "needles": _needles}
+_STEADY: dict[str, Process] = {"Gauss": gaussian, "Student t4": student, "needles": needles}
 _MOVING: dict[str, tuple[Process, int, Attribution | None]] = {
     "drift of .2 mm of each pose in 40 cycles": (_drift(0.2, common=False), 40, Attribution.POSE_BY_POSE),
     "common drift of .05 mm in 30 cycles": (_drift(0.05, common=True), 30, Attribution.COMMON),

@@ -14,6 +14,7 @@ from core.geometry.roll_pitch_yaw import rpy_to_rotation
 from core.geometry.se3 import so3_exp
 from core.metrology import COMPONENTS, PoseCycles, PoseRepeatability, Verdict, assess_repeatability
 from core.metrology.iso9283 import position_repeatability
+from core.metrology.repeatability.outliers import find_outliers
 
 
 def assess(cycles: PoseCycles, **options: Any) -> PoseRepeatability:
@@ -195,6 +196,39 @@ def test_a_moderate_outlier_is_the_robots_own(make_cycles: Any) -> None:
     result = assess(move(make_cycles(), 3, by_mm=0.15))  # five of the robot's standard deviations
     assert result.outliers == ()
     assert result.without_outliers is None
+
+
+def test_a_slip_of_twelve_deviations_is_named_and_slips_do_not_hide_one_another() -> None:
+    alone = together = 0
+    for seed in range(100):
+        rng = np.random.default_rng(seed)
+        cycles = rng.standard_normal((30, 3))
+        direction = rng.standard_normal(3)
+        slip = 12.0 * direction / np.linalg.norm(direction)
+        one, two = cycles.copy(), cycles.copy()
+        one[4] += slip
+        two[[4, 20]] += slip
+        alone += [found.index for found in assess(PoseCycles(one)).outliers] == [4]
+        together += [found.index for found in assess(PoseCycles(two)).outliers] == [4, 20]
+    assert alone >= 88  # 95 % and 90 % in 1,000: less three standard deviations of 100
+    assert together >= 81
+
+
+@pytest.mark.parametrize("scatter", [(1.0, 1.0, 1.0), (1.0, 0.6, 0.3), (1.0, 0.01, 0.0)])
+@pytest.mark.parametrize("n", [10, 30])
+def test_steady_cycles_are_named_once_in_a_thousand_poses_at_most(
+    n: int, scatter: tuple[float, float, float]
+) -> None:
+    rng = np.random.default_rng(n)
+    poses = [rng.standard_normal((n, 3)) * scatter for _ in range(1000)]
+    named = sum(bool(find_outliers(pose)[0]) for pose in poses)
+    assert named <= 4  # of a mean of one, 5 and more have a chance of .004
+
+
+def test_nothing_is_named_on_a_display_that_shows_most_cycles_on_one_spot() -> None:
+    cycles = np.zeros((30, 3))
+    cycles[:4, 0] = 0.01
+    assert find_outliers(cycles) == ([], [])
 
 
 def test_a_second_cluster_stays_and_is_remarked(make_cycles: Any) -> None:
