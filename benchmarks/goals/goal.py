@@ -5,6 +5,9 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+INDEPENDENT = "measured on this repository's own scenes; the goal's are others"
+"""Note of many goals."""
+
 
 @dataclass(frozen=True, slots=True)
 class Part:

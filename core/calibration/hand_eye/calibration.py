@@ -31,12 +31,12 @@ when block sizes are unequal", Biometrika 58 (1971) 545-554, 10.1093/biomet/58.3
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from core.calibration.hand_eye.answer_checks import check_answer, warnings_of
 from core.calibration.hand_eye.deviations import FramesFit, SharedErrors, deviations_of
 from core.calibration.hand_eye.initialisation import (
     MIN_POSES,
@@ -60,18 +60,13 @@ from core.calibration.hand_eye.result import (
     CameraMountPrior,
     HandEyeCalibration,
     HandEyeObservation,
-    rejected_poses,
 )
-from core.errors import Advisory, InvalidArgument, MotionInsufficient, NotConverged
+from core.errors import InvalidArgument, MotionInsufficient, NotConverged
 from core.geometry import hats, so3_log
 from core.numerics import REJECTION, Fit, LinearResiduals, Prior, Variances, estimate_variances, fit
 
 MIN_POSES_TO_REJECT = 6
 """With fewer poses than this no pose is identified as an outlier."""
-LARGE_DEVIATION = 0.01
-"""Standard deviation, in rad and of the working distance, from which on a robot is not the likely reason."""
-MAX_UNCERTAINTY = 0.05
-"""Largest standard uncertainty of the camera on the flange that is an answer: in rad, and of the working distance."""
 MEDIAN_LENGTH = 1.538172
 """The median length of three independent standard normals."""
 
@@ -106,10 +101,10 @@ def calibrate_hand_eye(
         used[credible] = True
         found = _plain(found.frames, poses, used, mount)
     distance = float(np.median(np.linalg.norm(poses.T_target_camera[used, :3, 3], axis=1)))
-    warnings = _warnings(
+    warnings = warnings_of(
         found.robot.deviations, distance, [s.pose_id for s, u in zip(stations, used, strict=True) if not u]
     )
-    _check_answer(found, distance, warnings)
+    check_answer(found, distance, warnings)
     shared = SharedErrors.of(found, stations, poses, used)
     return HandEyeCalibration(
         T_flange_camera=found.frames.T_flange_camera,
@@ -270,37 +265,3 @@ def _most_credible(
     parts = np.stack([V[:, :3, :3], V[:, 3:, 3:]], axis=1)
     e = residuals(found.frames, poses).reshape(-1, 2, 3)
     return most_credible(e, parts, used, _surplus(poses, used, mount))
-
-
-def _check_answer(found: FramesFit, distance: float, warnings: Sequence[Advisory]) -> None:
-    """Refuse where the camera on the flange is uncertain beyond the first-order model.
-
-    Raises MotionInsufficient, or NotConverged where deviations too large for a robot are the reason.
-    """
-    values, vectors = np.linalg.eigh(found.covariance[:3, :3])
-    worst = math.sqrt(values[-1])
-    turn = math.sqrt(float(np.linalg.eigvalsh(found.covariance[3:6, 3:6])[-1]))
-    if worst > MAX_UNCERTAINTY * distance or turn > MAX_UNCERTAINTY:
-        for warning in warnings:
-            if warning.code == "hand_eye_residuals_large":
-                raise NotConverged(f"The frames cannot be tied. {warning.detail}", warning.advice)
-        axis = ", ".join(f"{value:.2f}" for value in vectors[:, -1])
-        raise MotionInsufficient(
-            "The poses hardly determine where the camera sits on the flange: standard uncertainty "
-            f"{worst:.3g} mm along ({axis}) of the flange, {math.degrees(turn):.2g}° in rotation."
-        )
-
-
-def _warnings(robot: tuple[float, float], distance: float, wrong: Sequence[str]) -> list[Advisory]:
-    found = list(rejected_poses(wrong))
-    if robot[0] > LARGE_DEVIATION * distance or robot[1] > LARGE_DEVIATION:
-        found.append(
-            Advisory(
-                "hand_eye_residuals_large",
-                f"Commanded and measured poses differ by {robot[0]:.3g} mm and {math.degrees(robot[1]):.2g}° (standard "
-                "deviation along each axis), which is more than robots are off.",
-                "Check the commanded values (millimetres, R = Rz Ry Rx, the same tool for all), the images' pose_id "
-                "and the target's pitch.",
-            )
-        )
-    return found

@@ -1,0 +1,55 @@
+"""Which hand-eye calibrations are answers, and what to know of them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+from core.calibration.hand_eye.deviations import FramesFit
+from core.calibration.hand_eye.result import rejected_poses
+from core.errors import Advisory, MotionInsufficient, NotConverged
+
+LARGE_DEVIATION = 0.01
+"""Standard deviation, in rad and of the working distance, from which on a robot is not the likely reason."""
+MAX_UNCERTAINTY = 0.05
+"""Largest standard uncertainty of the camera on the flange that is an answer: in rad, and of the working distance."""
+
+
+def check_answer(found: FramesFit, distance: float, warnings: Sequence[Advisory]) -> None:
+    """Refuse where the camera on the flange is uncertain beyond the first-order model.
+
+    Raises MotionInsufficient, or NotConverged where deviations too large for a robot are the reason.
+    """
+    values, vectors = np.linalg.eigh(found.covariance[:3, :3])
+    worst = math.sqrt(values[-1])
+    turn = math.sqrt(float(np.linalg.eigvalsh(found.covariance[3:6, 3:6])[-1]))
+    if worst > MAX_UNCERTAINTY * distance or turn > MAX_UNCERTAINTY:
+        for warning in warnings:
+            if warning.code == "hand_eye_residuals_large":
+                raise NotConverged(f"The frames cannot be tied. {warning.detail}", warning.advice)
+        axis = ", ".join(f"{value:.2f}" for value in vectors[:, -1])
+        raise MotionInsufficient(
+            "The poses hardly determine where the camera sits on the flange: standard uncertainty "
+            f"{worst:.3g} mm along ({axis}) of the flange, {math.degrees(turn):.2g}° in rotation."
+        )
+
+
+def warnings_of(robot: tuple[float, float], distance: float, wrong: Sequence[str]) -> list[Advisory]:
+    """Return what to know of a calibration: poses that were rejected, deviations too large for a robot.
+
+    `robot` are its deviations along each axis, mm and rad, `distance` the working distance, mm.
+    """
+    found = list(rejected_poses(wrong))
+    if robot[0] > LARGE_DEVIATION * distance or robot[1] > LARGE_DEVIATION:
+        found.append(
+            Advisory(
+                "hand_eye_residuals_large",
+                f"Commanded and measured poses differ by {robot[0]:.3g} mm and {math.degrees(robot[1]):.2g}° (standard "
+                "deviation along each axis), which is more than robots are off.",
+                "Check the commanded values (millimetres, R = Rz Ry Rx, the same tool for all), the images' pose_id "
+                "and the target's pitch.",
+            )
+        )
+    return found
