@@ -46,8 +46,7 @@ class Coverage:
         self._blur_px = blur_px
         cells, dots = pattern, _NO_DOTS
         if isinstance(pattern, DotPattern):
-            first = np.array(pattern.first, dtype=np.float64)
-            cells, dots = pattern.blank, (pattern.to_index, first, pattern.radius_mm)
+            cells, dots = pattern.blank, (pattern.to_index, np.array(pattern.first, float), pattern.radius_mm)
         assert isinstance(cells, RectilinearPattern)
         inks = np.stack([cells.white, cells.sheet], axis=2)
         self._sheet: tuple[Any, ...] = (*_binned(cells.x_edges), *_binned(cells.y_edges), inks, *dots)
