@@ -64,7 +64,7 @@ class WatchedCell:
         return path
 
     def settings(self, **changes: Any) -> WatchSettings:
-        return watch_settings(self.folder, session=self.session_id, **changes)
+        return watch_settings(**{"folder": self.folder, "session": self.session_id, **changes})
 
     def watch(self, stop: threading.Event | None = None, **changes: Any) -> WatchSummary:
         """Watch until nothing is left to do, or until `stop` is set where it is given."""
