@@ -6,7 +6,6 @@ import ast
 import csv
 import json
 import os
-import subprocess
 import sys
 import tomllib
 from collections.abc import Iterator
@@ -22,6 +21,7 @@ from app.cli.demo.service_process import ServiceProcess
 from app.cli.demo.session import BOARD, FLAT, SMALL_POSES, image_files, render_images, small_session
 from app.client import ServiceClient
 from tests.support.environment.fault_proxy import FAULTS, FaultProxy, at_random
+from tests.support.environment.shop_floor import ShopFloor
 from tests.support.service.service import wait_until
 from tests.support.service.watched import WatchedCell
 
@@ -75,19 +75,6 @@ def test_the_client_needs_what_it_declares_and_runs_on_windows() -> None:
             assert not (isinstance(node, ast.Attribute) and node.attr in _POSIX_CALLS), source
 
 
-@pytest.fixture(scope="module")
-def environment(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A fresh virtual environment with the client's wheel and what it needs."""
-    folder = tmp_path_factory.mktemp("client")
-    build = ("wheel", "-q", "--no-deps", "--no-build-isolation", str(CLIENT), "-w", str(folder))
-    subprocess.run([sys.executable, "-m", "pip", *build], check=True)
-    (wheel,) = folder.glob("gridpose-*.whl")
-    subprocess.run([sys.executable, "-m", "venv", str(folder / "venv")], check=True)
-    programs = folder / "venv" / ("Scripts" if os.name == "nt" else "bin")
-    subprocess.run([str(programs / "python"), "-m", "pip", "install", "-q", str(wheel)], check=True)
-    return programs
-
-
 @pytest.mark.slow
 def test_the_client_is_small(environment: Path) -> None:
     sizes = {}
@@ -103,23 +90,6 @@ def test_the_client_is_small(environment: Path) -> None:
     assert sum(sizes.values()) < _MAX_MB * 1e6, sizes
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize(("platform", "version"), [("win_amd64", "3.14"), ("macosx_11_0_arm64", "3.11")])
-def test_every_platform_finds_wheels(platform: str, version: str, tmp_path: Path) -> None:
-    """What `pip download` of docs/shop-floor.md fetches is there; nothing is fetched but what resolving needs."""
-    ended = subprocess.run(
-        [
-            *(sys.executable, "-m", "pip", "install", "-q", "--dry-run", "--target", str(tmp_path)),
-            *("--platform", platform, "--python-version", version, "--only-binary=:all:"),
-            *project(CLIENT)["project"]["dependencies"],
-        ],
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-    assert ended.returncode == 0, ended.stderr
-
-
 READ_TABLE = """
 import json, sys
 from gridpose import Gridpose
@@ -133,49 +103,10 @@ with Gridpose() as gridpose:
 """
 
 
-@pytest.fixture(scope="module")
-def service(tmp_path_factory: pytest.TempPathFactory) -> Iterator[ServiceProcess]:
-    with ServiceProcess(tmp_path_factory.mktemp("service") / "data", {"GRIDPOSE_WORKERS": "1"}) as process:
-        yield process
-
-
 @pytest.fixture
 def proxy(service: ServiceProcess) -> Iterator[FaultProxy]:
     with FaultProxy(service.url) as between:
         yield between
-
-
-class ShopFloor:
-    """A PC with the client alone: its programs, run in a folder with this service's address."""
-
-    def __init__(self, programs: Path, folder: Path, url: str) -> None:
-        self.programs, self.folder = programs, folder
-        self.variables = {
-            name: value for name, value in os.environ.items() if not name.startswith(("PYTHON", "GRIDPOSE"))
-        }
-        self.variables |= {
-            "GRIDPOSE_URL": url,
-            "XDG_CONFIG_HOME": str(folder),
-            "XDG_STATE_HOME": str(folder),
-        }
-
-    def start(self, *words: str) -> subprocess.Popen[str]:
-        return subprocess.Popen(
-            [str(self.programs / words[0]), *words[1:]],
-            cwd=self.folder,
-            env=self.variables,
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.PIPE,
-            text=True,
-        )
-
-    def run(self, *words: str, text: str | None = None, code: int = 0) -> str:
-        """Run a program to its end and return what it said, on stderr where it was to fail."""
-        with self.start(*words) as process:
-            said, errors = process.communicate(text, timeout=300)
-        assert process.returncode == code, said + errors
-        return errors if code else said
 
 
 @pytest.mark.slow
