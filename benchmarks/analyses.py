@@ -71,7 +71,7 @@ def _stored(board: tuple[int, int], poses: int, seed: int, repeats: int) -> Iter
         with ServiceProcess(folder, {"GRIDPOSE_WORKERS": "0"}) as service:
             assert service.admin_key is not None
             with ServiceClient(service.url, service.admin_key) as client:
-                session_id, target_id = _new_session(client, board)
+                session_id, target_id = new_session(client, board)
             store(folder, session_id, target_id, stored_visits(board, poses, seed))
             headers = {"Authorization": f"Bearer {service.admin_key}"}
             with httpx2.Client(base_url=service.url, headers=headers, timeout=200.0) as client:
@@ -154,7 +154,8 @@ def _alone(folder: Path, session_id: str, case: str, repeats: int) -> Row:
     return Row.context("the same, processor time", min(times[1:]), "s", note)
 
 
-def _new_session(client: ServiceClient, board: tuple[int, int]) -> tuple[str, str]:
+def new_session(client: ServiceClient, board: tuple[int, int]) -> tuple[str, str]:
+    """Return the ids of a new session and of its target, a chessboard."""
     target = {"name": "board", "kind": "chessboard", "columns": board[0], "rows": board[1], "pitch_mm": 10.0}
     target_id: str = client.create("/v1/targets", target)["id"]
     session_id: str = client.create("/v1/sessions", {"name": "bench", "target_ids": [target_id]})["id"]

@@ -12,7 +12,8 @@ import numpy as np
 
 from benchmarks.conditions import one_core, seconds
 from benchmarks.table import Row
-from core import Calibration, calibrate_points
+from core import Calibration, Camera, calibrate_points
+from core.calibration.priors import ASPECT_PRIOR
 from core.errors import FocalNotObservable, GridposeError
 from core.geometry import invert, so3_log
 from tests.support.simulation.simulated_views import View, draw_camera, draw_view
@@ -70,7 +71,14 @@ def _mixture(seeds: list[int], count: int) -> Iterable[Row]:
         rng = np.random.default_rng(seed)
         for _ in range(max(1, count // (len(seeds) * len(cells)))):
             for (columns, grid_rows), noise, tilt in cells:
-                view = draw_view(rng, columns=columns, rows=grid_rows, sigma_px=noise, tilt_deg=tilt)
+                view = draw_view(
+                    rng,
+                    columns=columns,
+                    rows=grid_rows,
+                    sigma_px=noise,
+                    tilt_deg=tilt,
+                    camera=_of_the_priors(rng),
+                )
                 total[tilt] += 1
                 try:
                     found = calibrate_points(view.points)
@@ -114,6 +122,12 @@ def _mixture(seeds: list[int], count: int) -> Iterable[Row]:
             "%",
             spread,
         )
+
+
+def _of_the_priors(rng: np.random.Generator) -> Camera:
+    """Draw a camera whose fx/fy is from the prior, too; `draw_camera` has it within .1 %."""
+    usual = draw_camera(rng)
+    return dataclasses.replace(usual, fy_px=usual.fx_px * float(np.exp(rng.normal(0.0, ASPECT_PRIOR))))
 
 
 def _beyond_the_priors(seeds: list[int], count: int) -> Iterable[Row]:

@@ -37,8 +37,8 @@ class View:
 def draw_camera(
     rng: np.random.Generator, width_px: int = 2448, height_px: int = 2050, focal_px: float = 2320.0
 ) -> Camera:
-    """Draw a camera of about one focal length: principal point, fx/fy, p1 and p2 from the priors of a single view, and
-    moderate barrel distortion.
+    """Draw a camera of about one focal length: principal point, p1 and p2 from the priors of a single view, pixels that
+    are square within .1 %, and moderate barrel distortion.
     """
     fx = focal_px * math.exp(rng.normal(0.0, 0.05))
     fy = fx * math.exp(rng.normal(0.0, 1e-3))
