@@ -38,7 +38,7 @@ class ModelFormat(enum.StrEnum):
     angle_table = "angle-table"
 
 
-_ANY_COUPLING = (ModelFormat.yaml, ModelFormat.terms_json)
+_ANY_COUPLING = (ModelFormat.yaml, ModelFormat.urdf, ModelFormat.terms_json)
 _WRITERS: dict[ModelFormat, Callable[[Model], str]] = {
     **{ModelFormat(name): writer for name, writer in WRITERS.items()},
     ModelFormat.terms_json: write_terms_json,
@@ -145,8 +145,8 @@ def export_dh(
         if document["joint_coupling"] is not None and model_format not in _ANY_COUPLING:
             raise OptionRefused(
                 "The robot's joints are coupled, which this format cannot express: its joints turn each by itself.",
-                "Use --format yaml or terms-json, which have joint_coupling; or drive the model with joint_coupling "
-                "times the stated angles.",
+                "Use --format yaml or terms-json, which have joint_coupling, or urdf, whose joints mimic; or drive "
+                "the model with joint_coupling times the stated angles.",
             )
         joints: list[Json] = robot["joints"]
         written = Model(

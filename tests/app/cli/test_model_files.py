@@ -7,6 +7,7 @@ import dataclasses
 import io
 import math
 from typing import Any
+from xml.etree import ElementTree
 
 import numpy as np
 import pytest
@@ -118,6 +119,30 @@ def test_urdf(beta: float | None, rows: Any) -> None:
     assert tree.get_joint_limits(NAMES[2]) == pytest.approx((-math.radians(350.0), math.radians(350.0)))
 
 
+def test_urdf_of_coupled_joints_has_joints_that_mimic() -> None:
+    """The toolbox ignores `mimic`, so that the test turns those joints as it says."""
+    coupling = np.eye(6)
+    coupling[2, 1], coupling[4, 3], coupling[4, 4], coupling[5, 4] = 1.0, -0.01, 0.99, 0.02
+    of = model(joint_names=NAMES)
+    of.document["joint_coupling"] = coupling.tolist()
+    text = WRITERS["urdf"](of)
+    tree = UrdfTransformManager()
+    tree.load_urdf(text)
+    followers = [
+        (joint.attrib["name"], joint.find("mimic"))
+        for joint in ElementTree.fromstring(text).iter("joint")
+        if joint.find("mimic") is not None
+    ]
+    assert len(followers) == 4
+    for stated in configurations():
+        angles = dict(zip(NAMES, stated, strict=True))
+        for name, angle in angles.items():
+            tree.set_joint(name, angle)
+        for name, rule in followers:
+            tree.set_joint(name, float(rule.attrib["multiplier"]) * angles[rule.attrib["joint"]])
+        agree(tree.get_transform("flange", "base_link"), forward(chain(of), (coupling @ stated)[None])[0])
+
+
 def test_urdf_without_limits_turns_freely_and_has_a_camera_only_where_asked() -> None:
     text = WRITERS["urdf"](model(with_camera=False))
     assert text.count('type="continuous"') == 6
@@ -186,6 +211,10 @@ def test_a_report_carries_the_files_that_can_express_the_robot() -> None:
     names = [row["name"] for row in csv.DictReader(io.StringIO(carried["robot.csv"]))]
     assert names[:3] == ["joint_2", "joint_2_", "joint_3"]
     coupled = {**document, "joint_coupling": np.eye(6).tolist()}
-    assert set(exports_of(coupled, None, "Cell 4")) == {"robot.yaml"}
+    assert set(exports_of(coupled, None, "Cell 4")) == {"robot.yaml", "robot.urdf"}
     terms = {"joint_curves": [], "compliance": []}
-    assert set(exports_of({**coupled, "error_model": terms}, None, "Cell 4")) == {"robot.yaml", "terms.json"}
+    assert set(exports_of({**coupled, "error_model": terms}, None, "Cell 4")) == {
+        "robot.yaml",
+        "robot.urdf",
+        "terms.json",
+    }

@@ -146,19 +146,22 @@ def test_refusals_say_what_to_do(service: ServiceProcess) -> None:
         assert options[0] in said, "the option is named"
 
 
-def test_coupled_joints_are_written_as_yaml_alone(service: ServiceProcess) -> None:
+def test_coupled_joints_are_written_as_yaml_and_urdf_alone(service: ServiceProcess) -> None:
     export = ("robots", "export", "--session", "cell", "--source", "measured_poses", "--format")
     with ServiceClient(service.url, service.admin_key) as client:
         (robot,) = client.items("/v1/robots")
         address = f"/v1/robots/{robot['id']}"
         client.change(address, {"joint_coupling": [[1.0, 0.0], [0.001, 1.0]]})
-        for name in ("urdf", "roboticstoolbox", "csv"):
+        for name in ("roboticstoolbox", "csv"):
             code, text, said = run(service, *export, name)
             assert (code, text) == (2, "")
             assert "--format yaml" in said
         code, text, errors = run(service, *export, "yaml")
         assert code == 0, errors
         assert yaml.safe_load(text)["joint_coupling"] == [[1.0, 0.0], [0.001, 1.0]]
+        code, text, errors = run(service, *export, "urdf")
+        assert code == 0, errors
+        assert text.count("<mimic ") == 1
         # Ones alone couple nothing.
         assert client.change(address, {"joint_coupling": [[1.0, 0.0], [0.0, 1.0]]})["joint_coupling"] is None
     assert run(service, *export, "csv")[0] == 0

@@ -16,7 +16,7 @@ from app.analyses.documents.robot_files.model_files import (
 
 
 def exports_of(document: dict[str, Any], robot: dict[str, Any] | None, session_name: str) -> dict[str, str]:
-    """Return the identified robot as YAML, as CSV and URDF where its joints turn each by itself, and its further terms.
+    """Return the identified robot as YAML and URDF, as CSV where its joints turn each by itself, and its further terms.
 
     `document` is the analysis `dh`, `robot` the data sheet that it was identified from.
     """
@@ -28,9 +28,9 @@ def exports_of(document: dict[str, Any], robot: dict[str, Any] | None, session_n
         ranges_of([(joint.get("minimum_deg"), joint.get("maximum_deg")) for joint in joints]),
         with_camera=True,
     )
-    found = {"robot.yaml": write_yaml(model)}
+    found = {"robot.yaml": write_yaml(model), "robot.urdf": write_urdf(model)}
     if document["joint_coupling"] is None:
-        found |= {"robot.csv": write_csv(model), "robot.urdf": write_urdf(model)}
+        found["robot.csv"] = write_csv(model)
     if document["error_model"] is not None:
         found["terms.json"] = write_terms_json(model)
     return found

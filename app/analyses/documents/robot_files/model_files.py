@@ -67,7 +67,8 @@ def write_urdf(model: Model) -> str:
     """Return a URDF with the links base_link, link_1 ..., flange, and camera if requested and identified.
 
     A URDF's joint is a fixed transform followed by the rotation about its axis: the fixed transform of each joint holds
-    the link of the joint before it.
+    the link of the joint before it. Where joints are coupled, each further share of a stated angle in a joint's turn is
+    a joint about the same axis that mimics the one whose angle it is.
     """
     lines = ['<?xml version="1.0" encoding="utf-8"?>', f"<robot name={quoted_attribute(model.name)}>"]
     lines += [f"  <!-- {comment_text(line)} -->" for line in _provenance(model)]
@@ -82,7 +83,19 @@ def write_urdf(model: Model) -> str:
             low, high = map(math.radians, limits)
             kind = "revolute"
             limit = f'<limit lower="{low!r}" upper="{high!r}" effort="0" velocity="0"/>'
-        lines += _joint(model.joint_names[i], kind, names[i], names[i + 1], origin, limit)
+        shares = _mimicked(model, i)
+        between = [f"link_{i + 1}_of_{j + 1}" for j, _ in shares]
+        names += between
+        turned = [names[i], *between, names[i + 1]]
+        # The joint itself comes last, so that the links between have the place of the joint's origin.
+        for (j, share), parent, child in zip(shares, turned, turned[1:], strict=False):
+            name = _unused_name(f"{model.joint_names[i]}_of_{model.joint_names[j]}", model.joint_names)
+            mimic = (
+                f'<mimic joint={quoted_attribute(model.joint_names[j])} multiplier="{share!r}" offset="0"/>'
+            )
+            lines += _joint(name, "continuous", parent, child, origin, mimic)
+            origin = np.eye(4)
+        lines += _joint(model.joint_names[i], kind, turned[-2], names[i + 1], origin, limit)
         fixed = _link(joint)
     lines += _joint("flange_joint", "fixed", names[count], "flange", fixed, "", axis=False)
     camera = model.document["flange_camera"]["T_flange_camera"] if model.with_camera else None
@@ -91,6 +104,15 @@ def write_urdf(model: Model) -> str:
         lines += _joint("camera_joint", "fixed", "flange", "camera", _metres(camera), "", axis=False)
     lines += [f'  <link name="{name}"/>' for name in names]
     return "\n".join([*lines, "</robot>", ""])
+
+
+def _mimicked(model: Model, i: int) -> list[tuple[int, float]]:
+    """Return whose stated angles turn joint i in addition to its own angle, and by which share."""
+    coupling = model.document["joint_coupling"]
+    if coupling is None:
+        return []
+    shares = np.array(coupling[i], dtype=np.float64) - np.eye(len(coupling))[i]
+    return [(j, float(share)) for j, share in enumerate(shares) if share != 0.0]
 
 
 def write_roboticstoolbox(model: Model) -> str:
@@ -227,7 +249,7 @@ def _joint(
     parent: str,
     child: str,
     T: Float[np.ndarray, "4 4"],
-    limit: str,
+    rule: str,
     *,
     axis: bool = True,
 ) -> list[str]:
@@ -241,8 +263,8 @@ def _joint(
     ]
     if axis:
         lines.append('    <axis xyz="0 0 1"/>')
-    if limit:
-        lines.append(f"    {limit}")
+    if rule:
+        lines.append(f"    {rule}")
     return [*lines, "  </joint>"]
 
 
