@@ -28,11 +28,12 @@ def get(api: Any, session: str, plot: str, **query: Any) -> Any:
 
 
 def told(response: Any) -> list[str]:
-    """The lines of a picture's description, once it is seen to be one."""
+    """The lines of a drawing's description, once it is seen to be one whose title names session and date."""
     assert response.status_code == 200, response.text
     assert response.headers["content-type"] == "image/svg+xml"
     root = ElementTree.fromstring(response.content)
     assert root.tag == f"{SPACE}svg"
+    assert re.search(r" · session of \d{4}-\d{2}-\d{2}$", str(root.findtext(f"{SPACE}title")))
     description = root.findtext(f"{SPACE}desc")
     assert description is not None
     return description.splitlines()

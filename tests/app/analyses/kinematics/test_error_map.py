@@ -58,7 +58,10 @@ def test_the_map_has_cells_and_the_largest_error_and_is_a_table(api: Any, sessio
 def test_the_drawings_say_in_words_what_they_show(api: Any, session: str, path: str) -> None:
     response = ask(api, session, path)
     assert response.status_code == 200, response.text
-    said = str(ElementTree.fromstring(response.content).findtext(DESCRIPTION))
+    drawn = ElementTree.fromstring(response.content)
+    title = str(drawn.findtext(DESCRIPTION.replace("desc", "title")))
+    assert re.search(r" · robot .+ · session of \d{4}-\d{2}-\d{2}$", title)
+    said = str(drawn.findtext(DESCRIPTION))
     if path == "error-map.svg":
         assert "largest there" in said
         assert "extrapolated" in said

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from typing import Any
 from xml.etree import ElementTree
 
@@ -45,7 +46,10 @@ def test_the_plot_says_what_the_answer_says(api: Any, session: str) -> None:
     response = curves(api, session)
     assert response.status_code == 200, response.text
     assert response.headers["content-type"] == "image/svg+xml"
-    described = ElementTree.fromstring(response.content).findtext(DESCRIPTION)
+    drawn = ElementTree.fromstring(response.content)
+    title = str(drawn.findtext(DESCRIPTION.replace("desc", "title")))
+    assert re.search(r" · robot .+ · session of \d{4}-\d{2}-\d{2}$", title)
+    described = drawn.findtext(DESCRIPTION)
     assert described is not None
     summary, *joints = described.splitlines()
     assert summary == level["gain"]

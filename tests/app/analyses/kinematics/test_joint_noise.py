@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 import xml.etree.ElementTree as ET
 from typing import Any
 
@@ -83,6 +84,8 @@ def test_the_map_is_drawn(api: Any, session: str) -> None:
     response = ask(api, session, "/map.svg")
     assert response.status_code == 200, response.text
     root = ET.fromstring(response.content)
+    title = str(root.findtext("{http://www.w3.org/2000/svg}title"))
+    assert re.search(r" · robot .+ · session of \d{4}-\d{2}-\d{2}$", title)
     description = root.find("{http://www.w3.org/2000/svg}desc")
     assert description is not None
     assert "Worst place" in str(description.text)
