@@ -114,8 +114,9 @@ def _say_what_next(console: Console, folder: Path, key: str, session_id: str) ->
     console.print(
         f"\nKept are images, answers and the service's database in\n  {folder}\n"
         f"Open them:  {gridpose} serve --data-dir {folder}\n"
-        f"  then, in a browser: http://127.0.0.1:8000/ui/sessions/{session_id}/repeatability\n"
-        f"  and sign in with the key {key}\n"
+        "Then, in a browser, sign in on this page with this key:\n"
+        f"  http://127.0.0.1:8000/ui/sessions/{session_id}/repeatability\n"
+        f"  {key}\n"
         "Or on the command line:\n"
         "  export GRIDPOSE_URL=http://127.0.0.1:8000\n"
         f"  export GRIDPOSE_KEY={key}\n"

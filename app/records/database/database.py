@@ -250,15 +250,17 @@ class Database:
         return {**NOTICE_LOSS, **options}
 
     def dispose(self) -> None:
-        """Close every connection."""
+        """Close every connection: those that threads still use, as soon as they are given back."""
         with self._version_lock:
             if self._version_cursor is not None:
                 self._version_cursor.connection.close()
                 self._version_cursor = None
-        self._writer.dispose()
-        self._reader.dispose()
-        if self._guards is not None:
-            self._guards.dispose()
+        for engine in (self._writer, self._reader, self._guards):
+            if engine is None:
+                continue
+            if not self.is_sqlite:
+                sa.event.listen(engine, "checkin", lambda _connection, record: record.close())
+            engine.dispose()
 
 
 def _pool(engine: sa.Engine) -> LendingPool:
