@@ -13,7 +13,7 @@ from tests.core.fuzz.campaign import run_items
     ("items", "processes"),
     [
         (100, 1),
-        pytest.param(3000, 1, marks=pytest.mark.slow),
+        pytest.param(1000, 1, marks=pytest.mark.slow),
         pytest.param(50_000, os.cpu_count() or 1, id="soak", marks=pytest.mark.soak),
     ],
 )
@@ -29,7 +29,7 @@ def test_damaged_files(items: int, processes: int) -> None:
     ("items", "processes"),
     [
         (200, 1),
-        pytest.param(2000, 1, marks=pytest.mark.slow),
+        pytest.param(700, 1, marks=pytest.mark.slow),
         pytest.param(50_000, os.cpu_count() or 1, id="soak", marks=pytest.mark.soak),
     ],
 )
@@ -47,7 +47,7 @@ def test_hostile_headers(items: int, processes: int) -> None:
     ("items", "processes"),
     [
         (30, 1),
-        pytest.param(300, 1, marks=pytest.mark.slow),
+        pytest.param(100, 1, marks=pytest.mark.slow),
         pytest.param(50_000, os.cpu_count() or 1, id="soak", marks=pytest.mark.soak),
     ],
 )

@@ -500,10 +500,10 @@ def test_compressed_pictures_are_not_overrated(take: Take, quality: int, noise_l
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("size", [(9, 6), (14, 10), (25, 18)])
-def test_standard_scenes_are_at_the_bound(size: tuple[int, int]) -> None:
+@pytest.mark.parametrize(("size", "scenes"), [((9, 6), 3), ((14, 10), 2), ((25, 18), 1)])
+def test_standard_scenes_are_at_the_bound(size: tuple[int, int], scenes: int) -> None:
     squares, bounds = [], []
-    for seed in range(100, 103):
+    for seed in range(100, 100 + scenes):
         scene = standard_scene(standard_target(*size), seed)
         refined = refine_scene(scene, render(scene))
         assert refined.trusted.mean() > 0.99
@@ -513,5 +513,5 @@ def test_standard_scenes_are_at_the_bound(size: tuple[int, int]) -> None:
         # noise alone gives the mean of n corners an error of its own
         mean_noise = math.sqrt(bounds[-1] / len(error))
         assert np.abs(error[refined.trusted].mean(axis=0)).max() < 0.001 + 3.0 * mean_noise
-    corners = 3 * size[0] * size[1]
+    corners = scenes * size[0] * size[1]
     assert math.sqrt(np.mean(squares) / np.mean(bounds)) < 1.05 + 2.0 / math.sqrt(4.0 * corners)

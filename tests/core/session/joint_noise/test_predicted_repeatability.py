@@ -101,7 +101,7 @@ def test_scatter_that_no_joint_makes_is_not_said_to_come_from_joints() -> None:
     [
         (10, 10, 15),
         pytest.param(10, 10, 60, marks=pytest.mark.slow),
-        pytest.param(6, 5, 400, marks=pytest.mark.slow),
+        pytest.param(6, 5, 200, marks=pytest.mark.slow),
     ],
 )
 def test_joints_are_supported_by_chance_in_at_most_one_session_of_twenty(
