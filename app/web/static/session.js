@@ -104,9 +104,11 @@
   const picks = () => [...document.querySelectorAll(".pick")];
   function prepare() {
     const bar = document.getElementById("selection");
-    for (const one of picks()) one.hidden = false;
+    for (const one of picks()) {
+      one.hidden = false;
+      if (selection.has(one.closest(".tile").dataset.id)) one.checked = true; // ticked while the images were on their way
+    }
     if (bar) bar.hidden = false;
-    selection = new Set();
     showSelection();
   }
   function showSelection() {
