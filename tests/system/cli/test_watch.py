@@ -117,8 +117,7 @@ def test_a_wrong_key_and_a_name_that_breaks_lines_are_said_in_one_line(cell: Wat
     "files",
     [
         pytest.param(300, id="short"),
-        pytest.param(1_200, id="long", marks=pytest.mark.slow),
-        pytest.param(3_000, id="longer", marks=pytest.mark.soak),
+        pytest.param(3_000, id="long", marks=pytest.mark.soak),
         pytest.param(20_000, id="longest", marks=pytest.mark.soak),
     ],
 )

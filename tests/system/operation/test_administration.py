@@ -33,7 +33,7 @@ def test_keys_on_an_empty_folder_and_while_the_service_runs(
     make_service: MakeService, tmp_path: Path
 ) -> None:
     reader = new_key(tmp_path / "data", "read")
-    service = make_service().start()
+    service = make_service(GRIDPOSE_WORKERS="0").start()
     uploader = new_key(service.data_dir, "upload")
     with ServiceClient(service.url, reader) as client:
         client.get("/v1/targets")
@@ -94,7 +94,7 @@ def test_what_is_no_key_or_scope_is_refused(tmp_path: Path) -> None:
 
 
 def test_the_first_admin_key_lies_in_a_file_and_not_in_the_journal(make_service: MakeService) -> None:
-    first = make_service().start()
+    first = make_service(GRIDPOSE_WORKERS="0").start()
     key = first.admin_key
     assert key is not None
     file = first.data_dir / "first-admin-key"
@@ -110,7 +110,7 @@ def test_the_first_admin_key_lies_in_a_file_and_not_in_the_journal(make_service:
     assert secret not in (first.data_dir / "service.log").read_text()
 
     file.unlink()
-    second = make_service().start()
+    second = make_service(GRIDPOSE_WORKERS="0").start()
     assert second.admin_key is None, "there is one, wherever it is kept now"
     listed = gridpose("keys", "list", "--data-dir", str(second.data_dir)).stdout
     assert listed.count("first admin key") == 1
@@ -132,7 +132,7 @@ def test_a_forwarded_address_counts_where_the_proxy_is_trusted(
 
 
 def test_a_full_disk_refuses_uploads_and_goes_on_reading(make_service: MakeService) -> None:
-    service = make_service().start()
+    service = make_service(GRIDPOSE_WORKERS="0").start()
     key = service.admin_key
     data, late = small_image(1), small_image(2)
     with ServiceClient(service.url, key) as client:
@@ -166,7 +166,7 @@ def test_doctor_finds_a_sound_installation_sound(service: ServiceProcess, tmp_pa
 
 
 def test_doctor_says_what_to_do_about_what_is_broken(make_service: MakeService) -> None:
-    service = make_service().start()
+    service = make_service(GRIDPOSE_WORKERS="0").start()
     service.stop()
     full = gridpose("doctor", "--data-dir", str(service.data_dir), GRIDPOSE_DISK_FLOOR_BYTES=str(2**62))
     assert full.returncode == 1

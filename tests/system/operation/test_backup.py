@@ -112,7 +112,7 @@ def test_what_is_restored_answers_as_what_was_backed_up(
 def test_a_second_service_on_another_folder_is_refused(
     make_service: MakeService, postgres_url: str, tmp_path: Path
 ) -> None:
-    service = make_service(GRIDPOSE_DATABASE_URL=postgres_url).start()
+    service = make_service(GRIDPOSE_WORKERS="0", GRIDPOSE_DATABASE_URL=postgres_url).start()
     other = gridpose(
         "serve", "--port", "0", "--data-dir", str(tmp_path / "other"), GRIDPOSE_DATABASE_URL=postgres_url
     )
@@ -126,7 +126,7 @@ def test_a_second_service_on_another_folder_is_refused(
 def test_the_schema_is_taken_back_and_comes_up_again(
     make_service: MakeService, database: dict[str, str]
 ) -> None:
-    service = make_service(**database).start()
+    service = make_service(GRIDPOSE_WORKERS="0", **database).start()
     key, folder = service.admin_key, str(service.data_dir)
     running = gridpose("schema", "downgrade", "0004", "--yes", "--data-dir", folder, **database)
     assert running.returncode == 1
@@ -146,7 +146,7 @@ def test_the_schema_is_taken_back_and_comes_up_again(
     later = gridpose("backup", str(service.data_dir.parent / "b"), "--data-dir", folder, **database)
     assert later.returncode == 2
     assert "0004" in later.stderr
-    again = make_service(**database).start()
+    again = make_service(GRIDPOSE_WORKERS="0", **database).start()
     assert again.admin_key == key  # the file of the first key is still there
     with ServiceClient(again.url, key) as client:
         client.get("/v1/sessions")
