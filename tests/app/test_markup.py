@@ -74,6 +74,7 @@ def test_robots_of_hostile_names_are_well_formed(name: str) -> None:
         "source": text,
         "session_id": text,
         "joints": [joint],
+        "joint_coupling": None,
         "method": text,
         "estimator": text,
         "core_version": text,
