@@ -20,20 +20,13 @@ from app.reports.forms.blocks import (
     with_interval,
     words,
 )
-from app.reports.forms.cycles import drift_blocks, outlier_blocks, steadiness_blocks
-from app.reports.forms.uncertainty_budget import budget_blocks
+from app.reports.forms.repeatability.accuracy import accuracy_blocks, approach_blocks, distance_blocks
+from app.reports.forms.repeatability.cycles import drift_blocks, outlier_blocks, steadiness_blocks
+from app.reports.forms.repeatability.figure_names import AXES, RP_AXES, VERDICTS
+from app.reports.forms.repeatability.uncertainty_budget import budget_blocks
 
 Json = Mapping[str, Any]
 _ANGLES = ("roll_deg", "pitch_deg", "yaw_deg")
-RP_AXES = ("rp_x_mm", "rp_y_mm", "rp_z_mm", "rp_roll_deg", "rp_pitch_deg", "rp_yaw_deg")
-AP_AXES = ("ap_x_mm", "ap_y_mm", "ap_z_mm", "ap_roll_deg", "ap_pitch_deg", "ap_yaw_deg")
-VERDICTS = {
-    "robot": "The reading is the robot's.",
-    "instrument_limited": "The instrument's noise contributes to the reading.",
-    "below_detection": "The reading is less than the instrument's noise alone would give.",
-    "not_steady": "The cycles are not independent and identically distributed.",
-    "too_few_cycles": "Too few cycles for a figure.",
-}
 
 
 def repeatability_blocks(found: Json, inputs: Json) -> list[Block]:
@@ -44,9 +37,9 @@ def repeatability_blocks(found: Json, inputs: Json) -> list[Block]:
         *_instrument(found),
         *_poses(found, inputs),
         *_repeatability(found, level),
-        *_accuracy(found, level),
-        *_distances(found, level),
-        *_approaches(found),
+        *accuracy_blocks(found, level),
+        *distance_blocks(found, level),
+        *approach_blocks(found),
         *drift_blocks(found),
         *steadiness_blocks(found),
         *budget_blocks(found),
@@ -150,17 +143,16 @@ def _poses(found: Json, inputs: Json) -> list[Block]:
         ]
         for pose in found["poses"]
     ]
-    axes = ("x, mm", "y, mm", "z, mm", "roll, °", "pitch, °", "yaw, °")
     frame = "camera in the target frame" if found["source"] == "images" else "probe in the instrument's frame"
     return [
         heading("Poses"),
         *table(
             "Commanded poses in the robot's base frame, with the direction of approach",
-            ("pose", *axes, "approach"),
+            ("pose", *AXES, "approach"),
             stated,
         ),
         *table("Commanded joint angles, degrees", ("pose", "joints 1 …"), joints, text_columns=2),
-        *table(f"Mean attained poses: {frame}", ("pose", "cycles", *axes), attained),
+        *table(f"Mean attained poses: {frame}", ("pose", "cycles", *AXES), attained),
     ]
 
 
@@ -203,88 +195,14 @@ def _repeatability(found: Json, level: str) -> list[Block]:
         ]
         for pose in found["poses"]
     ]
-    axes = ("x, mm", "y, mm", "z, mm", "roll, °", "pitch, °", "yaw, °")
     return [
         heading("Pose repeatability RP (ISO 9283:1998, 7.2.2)"),
         *_rp_table(found, level),
         *notes([f"{words(code)}: {text}" for code, text in VERDICTS.items() if code in _codes(found)]),
-        *table("RP along the axes: 3 S", ("pose", *axes), by_axis),
-        *table(f"{level} intervals of RP along the axes", ("pose", *axes), intervals),
+        *table("RP along the axes: 3 S", ("pose", *AXES), by_axis),
+        *table(f"{level} intervals of RP along the axes", ("pose", *AXES), intervals),
     ]
 
 
 def _codes(found: Json) -> set[str]:
     return {pose["verdict"] for pose in found["poses"]}
-
-
-def _accuracy(found: Json, level: str) -> list[Block]:
-    rows, axes_rows = [], []
-    for pose in found["poses"]:
-        one = pose["accuracy"]
-        if one is None:
-            continue
-        value, interval = with_interval(one["ap_p_mm"], one["interval"]["ap_p_mm"])
-        rows.append([pose["pose_id"], value, interval, number(one["held_out"]["ap_p_mm"])])
-        axes_rows.append(
-            [pose["pose_id"], *(with_interval(one[name], one["interval"][name])[0] for name in AP_AXES)]
-        )
-    if not rows:
-        return [
-            heading("Pose accuracy AP (7.2.1)"),
-            paragraph("Not determined: no commanded poses tie the robot's base to the measuring frame."),
-        ]
-    axes = ("x, mm", "y, mm", "z, mm", "roll, °", "pitch, °", "yaw, °")
-    return [
-        heading("Pose accuracy AP (7.2.1)"),
-        paragraph(
-            "Attained less commanded, in the robot's base frame, tied by a best fit of all commanded poses. A motion "
-            "of all poses as one rigid body is not observable by such a tie."
-        ),
-        *table(
-            "AP_p, mm; held out: the frames tied by all other poses",
-            ("pose", "AP_p", f"{level} interval", "held out"),
-            rows,
-        ),
-        *table("AP along the axes", ("pose", *axes), axes_rows),
-    ]
-
-
-def _distances(found: Json, level: str) -> list[Block]:
-    rows = []
-    for one in found["distances"] or ():
-        ad, ad_interval = with_interval(one["ad_mm"], one["ad_interval_mm"])
-        rd, rd_interval = with_interval(one["rd_mm"], one["interval_mm"])
-        rows.append(
-            [
-                f"{one['from_pose_id']} – {one['to_pose_id']}",
-                str(one["cycles"]),
-                number(one["mean_mm"], one["standard_uncertainty_mm"]),
-                ad,
-                ad_interval,
-                rd,
-                rd_interval,
-                number(one["noise_floor_mm"]),
-            ]
-        )
-    columns = ("poses", "n", "mean", "AD", f"{level} interval", "RD", f"{level} interval", "floor")
-    caption = "Distance accuracy AD and repeatability RD, mm"
-    found_blocks = table(caption, columns, rows)
-    return [heading("Distances: AD and RD (7.3)"), *found_blocks] if found_blocks else []
-
-
-def _approaches(found: Json) -> list[Block]:
-    rows = []
-    for one in found["approach_variation"] or ():
-        names = "; ".join(
-            f"{direction['approach']}: {', '.join(direction['pose_ids'])} ({direction['cycles']})"
-            for direction in one["directions"]
-        )
-        expected = (one["expected_variation"] or {}).get("vap_p_mm")
-        rows.append([names, number(one["variation"]["vap_p_mm"]), number(expected)])
-    found_blocks = table(
-        "vAP_p, mm, and what the cycles' own scatter would give",
-        ("directions (visits)", "vAP_p", "expected"),
-        rows,
-        wide=0,
-    )
-    return [heading("Multi-directional accuracy variation vAP (7.2.3)"), *found_blocks] if rows else []
