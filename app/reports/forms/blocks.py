@@ -110,7 +110,9 @@ def warnings_of(document: Mapping[str, Any]) -> list[Block]:
     return [heading("Warnings"), *notes(texts)] if texts else []
 
 
-def excluded_of(document: Mapping[str, Any], inputs: Mapping[str, Any]) -> list[Block]:
+def excluded_of(
+    document: Mapping[str, Any], inputs: Mapping[str, Any], title: str = "Excluded measurements"
+) -> list[Block]:
     """Return what does not count in an analysis, each with pose, cycle and reason."""
     known = {one["measurement_id"]: one for one in (*inputs["images"], *inputs["measured_poses"])}
     rows = []
@@ -127,10 +129,10 @@ def excluded_of(document: Mapping[str, Any], inputs: Mapping[str, Any]) -> list[
             ]
         )
     if not rows:
-        return [heading("Excluded measurements"), paragraph("None: every measurement counts.")]
+        return [heading(title), paragraph("None: every measurement counts.")]
     columns = ("pose", "cycle", "image", "reason", "detail")
     return [
-        heading("Excluded measurements"),
+        heading(title),
         *table("Measurements that do not count, each with its reason", columns, rows, text_columns=5, wide=4),
     ]
 

@@ -6,7 +6,17 @@ from collections import Counter
 from collections.abc import Mapping
 from typing import Any
 
-from app.reports.forms.blocks import UNKNOWN, Block, facts, heading, number, paragraph, table, words
+from app.reports.forms.blocks import (
+    UNKNOWN,
+    Block,
+    excluded_of,
+    facts,
+    heading,
+    number,
+    paragraph,
+    table,
+    words,
+)
 from app.reports.forms.camera import camera_blocks
 from app.reports.forms.repeatability import headline
 
@@ -18,7 +28,9 @@ def session_blocks(analyses: Mapping[str, Json], refusals: Mapping[str, Json], i
     counted, listed = _measurements(inputs)
     blocks = counted
     if "repeatability" in analyses:
-        blocks += [heading("Repeatability"), *headline(analyses["repeatability"])]
+        found = analyses["repeatability"]
+        blocks += [heading("Repeatability"), *headline(found)]
+        blocks += excluded_of(found, inputs, "Excluded from repeatability") if found["excluded"] else []
     if "intrinsics" in analyses:
         blocks += camera_blocks(analyses["intrinsics"], inputs)
     for name, one in refusals.items():

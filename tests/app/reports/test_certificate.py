@@ -108,6 +108,27 @@ def test_figures_are_those_of_the_report(validate: Validate, documents: dict[str
     assert u == pytest.approx(group["standard_uncertainty"]["fx_px"], rel=1e-12)
 
 
+def test_repeatability_without_the_outliers_is_a_quantity_of_its_own(
+    validate: Validate, documents: dict[str, dict[str, Any]]
+) -> None:
+    document = copy.deepcopy(documents["repeatability"])
+    first = document["analyses"]["repeatability"]["poses"][0]
+    first["without_outliers"] = {**first["repeatability"], "rp_l_mm": 0.0512}
+    outlier = {
+        "measurement_id": "mea_9",
+        "cycle": 3,
+        "distance_mm": 9.0,
+        "detail": "It is far from the others.",
+    }
+    first["outliers"] = [{**outlier, "code": "position_outlier"}]
+    root = validate(document)
+    name = f"Pose {first['pose_id']}"
+    for part, value in (("repeatability", first["repeatability"]["rp_l_mm"]), ("without_outliers", 0.0512)):
+        assert number(quantity(root, name, f"gridpose_{part}.rp_l_mm"), "value") == value
+    assert "cycles: without cycle 3; n: 4" in texts(root)
+    assert "Uncertainty budget (GUM)" in texts(root)
+
+
 def test_parameters_that_are_not_determined_have_no_quantity(
     validate: Validate, documents: dict[str, dict[str, Any]]
 ) -> None:

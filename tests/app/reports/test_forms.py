@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import tarfile
+from typing import Any
 
 import pypdfium2
 
@@ -24,3 +25,97 @@ def test_the_pdf_carries_the_document_and_the_files_that_belong_to_it() -> None:
     assert carried == {"report.json": forms["json"], "robot.urdf": "<robot name='\u00e4'/>\n".encode()}
     for page in pdf:
         assert document["report_id"] in page.get_textpage().get_text_range()
+
+
+def test_repeatability_without_the_outliers_stands_second_to_the_headline_in_each_form() -> None:
+    document = _with_an_outlier(_fixture("repeatability"))
+    forms = render_forms(document, {}, CompanyTemplate())
+    page, print_out = forms["html"].decode(), _pdf_text(forms["pdf"])
+    for text in (page, print_out):
+        assert text.index("largest RP_l") < text.index("without its outliers") < text.index("Outliers; they")
+        assert "0.0512 mm without cycle 3, for comparison alone: it counts above" in text
+        assert text.count("RP without the outliers, for comparison alone") >= 1
+    assert '<td>without cycle 3</td><td class="right">4</td><td class="right">0.0512</td>' in page
+    assert "repeatability,poses[P1].without_outliers.rp_l_mm,0.0512,mm" in forms["csv"].decode()
+    assert "repeatability,poses[P1].outliers[mea_9].cycle,3," in forms["csv"].decode()
+    certificate = forms["xml"].decode()
+    assert 'refType="gridpose_without_outliers.rp_l_mm"' in certificate
+    assert "cycles: without cycle 3; n: 4; RP_l, mm: 0.0512" in certificate
+
+
+def test_outliers_are_named_once_each_and_by_their_measurements_without_cycle_numbers() -> None:
+    document = _with_an_outlier(_fixture("repeatability"))
+    first = document["analyses"]["repeatability"]["poses"][0]
+    (outlier,) = first["outliers"]
+    first["outliers"] = [
+        outlier,
+        {**outlier, "code": "orientation_outlier"},
+        {**outlier, "measurement_id": "mea_8", "cycle": None},
+    ]
+    page = render_forms(document, {}, CompanyTemplate())["html"].decode()
+    assert '<td>without cycles 3, mea_8</td><td class="right">3</td>' in page
+    assert "they count above" in page
+
+
+def test_the_report_on_a_session_says_what_verdicts_mean_and_why_cycles_are_excluded() -> None:
+    document = _with_an_outlier(_fixture("repeatability"))
+    image = document["inputs"]["images"][0]
+    document["analyses"]["repeatability"]["excluded"] = [
+        {
+            "measurement_id": image["measurement_id"],
+            "filename": None,
+            "code": "image_degraded",
+            "detail": "Its residuals have noise that the other images do not have.",
+        }
+    ]
+    session = {**document, "kind": "session", "refusals": {}}
+    page = render_forms(session, {}, CompanyTemplate())["html"].decode()
+    for text in (
+        "too few cycles: Too few cycles",
+        "without cycle 3",
+        "Excluded from repeatability",
+        "image degraded",
+    ):
+        assert text in page
+
+
+def test_a_report_without_outliers_says_nothing_of_figures_without_them() -> None:
+    document = _fixture("repeatability")
+    for pose in document["analyses"]["repeatability"]["poses"]:
+        pose.pop("without_outliers")
+    forms = render_forms(document, {}, CompanyTemplate())
+    for name in ("html", "xml"):
+        assert b"without the outliers" not in forms[name]
+        assert "u, mm" in forms[name].decode()  # the budget
+
+
+def _fixture(kind: str) -> dict[str, Any]:
+    with tarfile.open(FOLDER / "schema-0019.tar.gz") as archive:
+        for member in archive:
+            if member.name.endswith("/report.json"):
+                document: dict[str, Any] = json.load(archive.extractfile(member))  # type: ignore[arg-type]
+                if document["kind"] == kind:
+                    return document
+    raise LookupError(kind)
+
+
+def _with_an_outlier(document: dict[str, Any]) -> dict[str, Any]:
+    """The report as of a session whose first pose has an outlier in its third cycle."""
+    first = document["analyses"]["repeatability"]["poses"][0]
+    first["repeatability"]["rp_l_mm"], first["interval"]["rp_l_mm"] = 9.0, [4.0, 20.0]
+    first["without_outliers"] = dict.fromkeys(first["repeatability"], 0.01) | {"rp_l_mm": 0.0512}
+    first["outliers"] = [
+        {
+            "measurement_id": "mea_9",
+            "cycle": 3,
+            "code": "position_outlier",
+            "distance_mm": 9.0,
+            "detail": "It is farther from the mean of the others than they explain.",
+        }
+    ]
+    return document
+
+
+def _pdf_text(content: bytes) -> str:
+    text = " ".join(page.get_textpage().get_text_range() for page in pypdfium2.PdfDocument(content))
+    return " ".join(text.split())

@@ -14,7 +14,7 @@ Json = Mapping[str, Any]
 Totals = Mapping[tuple[str, str, str | None], Json]
 """Rows of the uncertainty budget's totals by figure, pose, and the pose that a distance leads to."""
 _ANGLES = ("roll_deg", "pitch_deg", "yaw_deg")
-_AS_TEXT = ("Multi-directional", "Steadiness", "Outliers", "Excluded", "Warnings")
+_AS_TEXT = ("Multi-directional", "Steadiness", "Uncertainty budget", "Outliers", "Excluded", "Warnings")
 
 
 def repeatability_results(found: Json, inputs: Json) -> list[Element]:
@@ -93,9 +93,15 @@ def _repeatability(pose: Json, totals: Totals, level: float) -> list[Element]:
             interval=pose[intervals]["rp_l_mm"] if intervals else None,
             level=level,
         )
+    rest = pose.get("without_outliers") or {}
     return [
         *found,
         *_axes("RP: 3 S", "repeatability", RP_AXES, pose["repeatability"], pose["interval"], level),
+        *figure(
+            "RP_l without the outliers, for comparison alone",
+            "without_outliers.rp_l_mm",
+            rest.get("rp_l_mm"),
+        ),
     ]
 
 

@@ -1,7 +1,8 @@
 """Sections of a report on repeatability, which every form draws.
 
-`sections` puts them in order, `accuracy` has those on AP, AD, RD and vAP, `cycles` those on drift, steadiness and
-outliers, `uncertainty_budget` what the uncertainties are made of. `figure_names` names figures and verdicts.
+`sections` puts them in order, `accuracy` has those on AP, AD, RD and vAP, `cycles` those on drift and steadiness,
+`outliers` those on cycles that the others do not explain, `uncertainty_budget` what the uncertainties are made of.
+`figure_names` names figures and verdicts.
 """
 
 from app.reports.forms.repeatability.figure_names import AP_AXES, RP_AXES, VERDICTS

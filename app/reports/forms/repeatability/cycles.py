@@ -1,11 +1,11 @@
-"""Sections of a repeatability report about its cycles: drift, steadiness, outliers."""
+"""Sections of a repeatability report about its cycles in their order: drift, steadiness."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from typing import Any
 
-from app.reports.forms.blocks import UNKNOWN, Block, facts, heading, number, paragraph, table, words
+from app.reports.forms.blocks import Block, facts, heading, number, paragraph, table, words
 
 Json = Mapping[str, Any]
 
@@ -75,25 +75,3 @@ def steadiness_blocks(found: Json) -> list[Block]:
             )
         )
     return [heading("Steadiness"), facts(rows)]
-
-
-def outlier_blocks(found: Json) -> list[Block]:
-    """Return the section on outliers."""
-    rows = [
-        [
-            pose["pose_id"],
-            UNKNOWN if one["cycle"] is None else str(one["cycle"]),
-            words(one["code"]),
-            one["detail"],
-            number(one["distance_mm"]),
-        ]
-        for pose in found["poses"]
-        for one in pose["outliers"]
-    ]
-    if not rows:
-        return [heading("Outliers"), paragraph("None. Outliers, where there are any, count in every figure.")]
-    columns = ("pose", "cycle", "test", "detail", "distance, mm")
-    return [
-        heading("Outliers"),
-        *table("Outliers; they count in every figure", columns, rows, text_columns=4, wide=3),
-    ]

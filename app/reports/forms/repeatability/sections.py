@@ -21,8 +21,13 @@ from app.reports.forms.blocks import (
     words,
 )
 from app.reports.forms.repeatability.accuracy import accuracy_blocks, approach_blocks, distance_blocks
-from app.reports.forms.repeatability.cycles import drift_blocks, outlier_blocks, steadiness_blocks
+from app.reports.forms.repeatability.cycles import drift_blocks, steadiness_blocks
 from app.reports.forms.repeatability.figure_names import AXES, RP_AXES, VERDICTS
+from app.reports.forms.repeatability.outliers import (
+    outlier_blocks,
+    without_outliers_fact,
+    without_outliers_table,
+)
 from app.reports.forms.repeatability.uncertainty_budget import budget_blocks
 
 Json = Mapping[str, Any]
@@ -50,8 +55,9 @@ def repeatability_blocks(found: Json, inputs: Json) -> list[Block]:
 
 
 def headline(found: Json) -> list[Block]:
-    """Return the table of RP alone, for a report on the whole session."""
-    return _rp_table(found, f"{100.0 * found['confidence_level']:g} %")
+    """Return RP with its verdicts, and RP without the outliers, for a report on the whole session."""
+    level = f"{100.0 * found['confidence_level']:g} %"
+    return [*_rp_table(found, level), *_verdict_notes(found), *without_outliers_table(found)]
 
 
 def _result(found: Json, level: str) -> list[Block]:
@@ -64,6 +70,7 @@ def _result(found: Json, level: str) -> list[Block]:
             ("largest RP_l", f"{value} mm at pose {worst['pose_id']}, {level} interval {interval} mm"),
             ("its noise floor", f"{number(worst['noise_floor']['rp_l_mm'])} mm"),
             ("its verdict", f"{words(worst['verdict'])}. {VERDICTS[worst['verdict']]}"),
+            *without_outliers_fact(worst),
         ]
         accurate = [pose for pose in known if pose["accuracy"] and pose["accuracy"]["ap_p_mm"] is not None]
         if accurate:
@@ -198,11 +205,12 @@ def _repeatability(found: Json, level: str) -> list[Block]:
     return [
         heading("Pose repeatability RP (ISO 9283:1998, 7.2.2)"),
         *_rp_table(found, level),
-        *notes([f"{words(code)}: {text}" for code, text in VERDICTS.items() if code in _codes(found)]),
+        *_verdict_notes(found),
         *table("RP along the axes: 3 S", ("pose", *AXES), by_axis),
         *table(f"{level} intervals of RP along the axes", ("pose", *AXES), intervals),
     ]
 
 
-def _codes(found: Json) -> set[str]:
-    return {pose["verdict"] for pose in found["poses"]}
+def _verdict_notes(found: Json) -> list[Block]:
+    codes = {pose["verdict"] for pose in found["poses"]}
+    return notes([f"{words(code)}: {text}" for code, text in VERDICTS.items() if code in codes])
