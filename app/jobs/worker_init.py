@@ -16,6 +16,11 @@ from pathlib import Path
 
 THREAD_VARIABLES = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "VECLIB_MAXIMUM_THREADS")
 _PR_SET_PDEATHSIG = 1
+_M_TRIM_THRESHOLD, _M_MMAP_THRESHOLD = -1, -3
+_HEAP_BLOCK_BYTES = 32 << 20
+"""Blocks up to this size come from the heap; the pixels of 20 Mpx and more go back to the system at once."""
+_KEPT_BYTES = 128 << 20
+"""How much freed memory the heap keeps for the next image; one of 5 Mpx takes less."""
 
 
 def prepare_environment(max_image_pixels: int) -> None:
@@ -55,11 +60,24 @@ def start_drawing(max_image_pixels: int, tied_to_thread: bool) -> None:
     needs, since it fires at the end of that thread.
     """
     end_with_parent(use_death_signal=tied_to_thread)
+    keep_freed_memory()
     prepare_environment(max_image_pixels)
 
     import cv2
 
     cv2.setNumThreads(1)
+
+
+def keep_freed_memory() -> None:
+    """Let the allocator keep what an image leaves for the next one, where it is glibc's.
+
+    Given back and asked for again, every page is zeroed at its first touch: 1,400 page faults a JPEG of 5 Mpx, 10 % of
+    its processor time.
+    """
+    mallopt = getattr(ctypes.CDLL(None), "mallopt", None) if sys.platform == "linux" else None
+    if mallopt is not None:
+        mallopt(_M_MMAP_THRESHOLD, _HEAP_BLOCK_BYTES)
+        mallopt(_M_TRIM_THRESHOLD, _KEPT_BYTES)
 
 
 def end_with_parent(*, use_death_signal: bool) -> None:
