@@ -1,7 +1,7 @@
 """Client of the service: `from gridpose import Gridpose` where it is installed alone, `app.client` in a checkout.
 
-`files` assigns images to poses and cycles, `http` sends requests and retries them, `upload` sends images and collects
-results, `summary` puts them in a sentence, `resources` finds sessions, targets and robots by name, `watch` sends what
+`images` assigns files to poses and cycles, sends them and collects results, `http` sends requests and retries them,
+`summary` puts results in a sentence, `resources` finds sessions, targets and robots by name, `watch` sends what
 appears in a folder, `commands` is the command line. This package imports its own modules relatively and nothing else of
 ours, so that it can be installed alone under another name. It runs on Windows, macOS and Linux.
 """
@@ -12,21 +12,22 @@ from .lazy_face import lazy_face
 
 if TYPE_CHECKING:
     from .async_gridpose import AsyncGridpose, AsyncSession
-    from .files import FilePlan, ImageFile, PatternError, Skipped, plan_files
     from .gridpose import Gridpose, Session
     from .http import ClientError, Json, ServiceClient
+    from .images.files import FilePlan, ImageFile, PatternError, Skipped, plan_files
+    from .images.upload import SessionResult, UploadResult, collect_results, upload_files
     from .resources import find_or_make_session, find_or_make_target, find_robot, find_session, find_target
     from .results import Analysis, Measurement
     from .summary import describe_measured, is_measured, session_cameras
-    from .upload import SessionResult, UploadResult, collect_results, upload_files
 
 __version__ = "0.1.0"
 
 _PLACES = {
     ".async_gridpose": ("AsyncGridpose", "AsyncSession"),
-    ".files": ("FilePlan", "ImageFile", "PatternError", "Skipped", "plan_files"),
     ".gridpose": ("Gridpose", "Session"),
     ".http": ("ClientError", "Json", "ServiceClient"),
+    ".images.files": ("FilePlan", "ImageFile", "PatternError", "Skipped", "plan_files"),
+    ".images.upload": ("SessionResult", "UploadResult", "collect_results", "upload_files"),
     ".resources": (
         "find_or_make_session",
         "find_or_make_target",
@@ -36,7 +37,6 @@ _PLACES = {
     ),
     ".results": ("Analysis", "Measurement"),
     ".summary": ("describe_measured", "is_measured", "session_cameras"),
-    ".upload": ("SessionResult", "UploadResult", "collect_results", "upload_files"),
 }
 __getattr__, __dir__ = lazy_face(__name__, _PLACES)
 

@@ -10,8 +10,8 @@ from typing import Any, Self
 
 from .gridpose import Gridpose, Session
 from .http import Json
+from .images.upload import UploadResult
 from .results import Analysis, Measurement
-from .upload import UploadResult
 
 
 class AsyncGridpose:

@@ -18,11 +18,11 @@ from typing import Any
 
 from .closing import Closing
 from .credentials import find_key, usual_address
-from .files import plan_files
 from .http import ClientError, Json, ServiceClient
+from .images.files import plan_files
+from .images.upload import UploadResult, upload_files
 from .resources import find_or_make_session, find_or_make_target, find_robot
 from .results import Analysis, Measurement
-from .upload import UploadResult, upload_files
 
 _POLL_S = (0.2, 2.0)
 

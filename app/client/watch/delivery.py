@@ -10,7 +10,8 @@ from collections import defaultdict
 from dataclasses import dataclass, replace
 from typing import Any
 
-from ..files import (
+from ..http import ClientError, Json, ServiceClient
+from ..images.files import (
     MAX_BURST,
     MAX_CYCLE,
     POSE_ID,
@@ -19,7 +20,6 @@ from ..files import (
     legal_pose_id,
     tag_of,
 )
-from ..http import ClientError, Json, ServiceClient
 from .gate import is_outage
 from .intact import why_incomplete
 from .journal import Entry, Journal

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from app.client import PatternError, plan_files
-from app.client.files import natural_key, number_cycles
+from app.client.images.files import natural_key, number_cycles
 
 
 def folder_of(tmp_path: Path, *names: str) -> Path:

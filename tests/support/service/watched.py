@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from app.client import ServiceClient
-from app.client.files import SUFFIXES
+from app.client.images.files import SUFFIXES
 from app.client.watch import Journal, Report, Watcher, WatchSettings, WatchSummary
 from tests.support.environment.fault_proxy import FaultProxy
 from tests.support.service.service import Api

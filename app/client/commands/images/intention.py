@@ -11,7 +11,7 @@ import typer
 from rich.console import Console
 from rich.markup import escape
 
-from ...files import FilePlan, ImageFile
+from ...images.files import FilePlan, ImageFile
 from ..console import OptionRefused
 
 FirstCycle = Annotated[

@@ -18,9 +18,9 @@ from ... import (
     find_or_make_session,
     plan_files,
 )
-from ...files import number_cycles
+from ...images.files import number_cycles
+from ...images.upload import sha256_of
 from ...resources import check_target, existing_session
-from ...upload import sha256_of
 from ..access import UploadAccess
 from ..console import error_console, print_error
 from .intention import SESSION, FirstCycle, TargetOption, confirm, show_intention

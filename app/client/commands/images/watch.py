@@ -18,7 +18,7 @@ import typer
 
 from ... import ClientError, PatternError, ServiceClient
 from ...credentials import saved_key
-from ...files import compile_pattern
+from ...images.files import compile_pattern
 from ...watch import (
     CannotBegin,
     Journal,

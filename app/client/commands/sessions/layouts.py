@@ -30,7 +30,7 @@ from pathlib import Path
 from typing import Any
 
 from ... import ImageFile, Json
-from ...files import SUFFIXES, natural_key
+from ...images.files import SUFFIXES, natural_key
 from ..record_files import FileRefused, read_mapping, read_structure
 from ..rotations import Matrix, applied, from_quaternion, from_vector, to_roll_pitch_yaw, transposed
 

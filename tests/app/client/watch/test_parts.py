@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 import pytest
 
-from app.client.files import legal_pose_id
+from app.client.images.files import legal_pose_id
 from app.client.watch import Journal, JournalInUse, JournalUnusable
 from app.client.watch.intact import why_incomplete
 from app.client.watch.journal import Entry

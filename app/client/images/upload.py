@@ -14,8 +14,8 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import Literal
 
+from ..http import ClientError, Json, ServiceClient
 from .files import ImageFile
-from .http import ClientError, Json, ServiceClient
 
 _READ_BYTES = 1 << 20
 _POLL_S = (0.2, 2.0)
