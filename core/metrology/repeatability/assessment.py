@@ -138,6 +138,9 @@ def _assess(samples: list[CycleStatistics], process: CycleProcess | None) -> lis
     # A perfect instrument would not have measured more: an excess over the raw figure comes from rounding or from the
     # division by the bias, not from the robot.
     columns["corrected"] = np.minimum(columns["corrected"], columns["raw"])
+    # Where tails are heavy the bounds of RP_l are not about the reading; they contain it all the same, as the raw do.
+    for name, widen in (("corrected_low", np.minimum), ("corrected_high", np.maximum)):
+        columns[name][:, 0] = widen(columns[name][:, 0], columns["corrected"][:, 0])
     for values in columns.values():
         np.minimum(values[:, 4:], 3.0 * UNKNOWN_ANGLE, out=values[:, 4:])
     rows = zip(*(columns[name].tolist() for name in _COLUMNS), strict=True)

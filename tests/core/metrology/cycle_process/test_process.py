@@ -12,12 +12,15 @@ from scipy.stats import binom, multivariate_normal
 
 from core.metrology import (
     CORRELATED,
+    Decision,
     PoseCycles,
     assess_repeatability,
     assess_steadiness,
+    decide,
     estimate_process,
     long_run_rp,
     mean_length,
+    repeatability_reading,
 )
 from core.metrology.cycle_process import shift_of_rp, shift_of_three_sigma
 from core.metrology.cycle_process.heavy_tails import _gaussian, student_draws
@@ -171,6 +174,21 @@ def test_an_outlier_does_not_lift_the_interval_of_heavy_tails() -> None:
     assert reading > 1.15 * expected
     assert interval[0] < 0.85 * expected
     assert interval[1] >= reading
+
+
+def test_the_corrected_interval_contains_a_slip_beyond_all_tails() -> None:
+    """Else a limit far below what was read would be kept."""
+    x = made.student(np.random.default_rng(8), 30)
+    process = _process(x, False)
+    x[7, 0] = x[:, 0].mean(axis=0) + 80.0 * made.SIGMA_MM * np.array([1.0, 0.0, 0.0])
+    noise = np.repeat(1e-8 * np.eye(6)[None], 30, axis=0)
+    one = assess_repeatability([PoseCycles(x[:, 0], None, noise)], process=process)[0]
+    corrected, interval = one.corrected.position_mm, one.corrected_interval.position_mm
+    assert corrected is not None
+    assert interval is not None
+    assert interval[0] <= corrected <= interval[1]
+    limit = 0.5 * corrected
+    assert decide(limit, [repeatability_reading(one)]).decision is not Decision.PASS
 
 
 def _truth(nu: float | None) -> float:
