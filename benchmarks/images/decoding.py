@@ -25,6 +25,8 @@ AVERAGE, PAETH = 3, 4
 PEAK = """
 import sys
 from pathlib import Path
+from app.jobs.worker_init import start_worker
+start_worker(30_000_000, False)
 from core import TargetSpec, calibrate_image
 from core.errors import FocalNotObservable
 try:
@@ -66,7 +68,7 @@ def rows(seeds: list[int], quick: bool) -> Iterable[Row]:
 
 
 def _memory(seed: int) -> Iterable[Row]:
-    """Peak memory of a process that calibrates one image of 20 Mpx."""
+    """Peak memory of a process that starts as a worker does and calibrates one image of 20 Mpx."""
     if sys.platform != "linux":
         return
     scene = next(standard_scenes([seed], [(14, 10)], 1))
@@ -78,7 +80,7 @@ def _memory(seed: int) -> Iterable[Row]:
             done = subprocess.run(
                 [sys.executable, "-c", PEAK, str(file)], check=True, capture_output=True, text=True
             )
-        note = "a fresh process, whole: interpreter, libraries, one image from bytes to pose"
+        note = "a fresh process, started as a worker is, whole: interpreter, libraries, kernels, one image from bytes to pose"
         yield Row.at_most(
             f"memory of one worker at 20 Mpx, {kind}", int(done.stdout) / 1024, 250.0, "MiB", note
         )
