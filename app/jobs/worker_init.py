@@ -18,7 +18,7 @@ THREAD_VARIABLES = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"
 _PR_SET_PDEATHSIG = 1
 _M_TRIM_THRESHOLD, _M_MMAP_THRESHOLD = -1, -3
 _HEAP_BLOCK_BYTES = 32 << 20
-"""Blocks up to this size come from the heap; the pixels of 20 Mpx and more go back to the system at once."""
+"""Blocks up to this size come from the heap; larger ones, as for 20 Mpx in colour, go back to the system at once."""
 _KEPT_BYTES = 128 << 20
 """How much freed memory the heap keeps for the next image; one of 5 Mpx takes less."""
 

@@ -80,7 +80,7 @@ def _memory(seed: int) -> Iterable[Row]:
             done = subprocess.run(
                 [sys.executable, "-c", PEAK, str(file)], check=True, capture_output=True, text=True
             )
-        note = "a fresh process, started as a worker is, whole: interpreter, libraries, kernels, one image from bytes to pose"
+        note = "a fresh process started as a worker: interpreter, libraries, kernels, one image from bytes to pose"
         yield Row.at_most(
             f"memory of one worker at 20 Mpx, {kind}", int(done.stdout) / 1024, 250.0, "MiB", note
         )
