@@ -177,7 +177,9 @@ def test_images_and_poses_arrive_in_a_new_session_once(served: Any, tmp_path: Pa
     )
     assert "2 images, each" in gridpose(served, *words, "--dry-run").stderr
     gridpose(served, *words, code=2)
-    session = gridpose(served, *words, "--session", "Hand-eye").stdout.split()[-1]
+    printed = gridpose(served, *words, "--session", "Hand-eye").stdout
+    # The service runs in this process, and a line of its log may come last.
+    (session,) = {line for line in printed.splitlines() if line.startswith("ses_")}
     again = gridpose(served, *words, "--session", "Hand-eye")
     assert "0 sent, 2 already there" in again.stderr
     items = served.client.get(f"/v1/sessions/{session}/measurements").json()["items"]
