@@ -1,6 +1,15 @@
 """Robot performance by ISO 9283:1998, from poses alone, each figure with its interval and its noise floor."""
 
-from core.metrology.acceptance import RULE, Acceptance, Decision, Reading, decide, repeatability_reading
+from core.metrology.acceptance import (
+    RULE,
+    UNSTEADY,
+    UNTESTED,
+    Acceptance,
+    Decision,
+    Reading,
+    decide,
+    repeatability_reading,
+)
 from core.metrology.accuracy import (
     CommandedPoint,
     EstimatedDeviation,
@@ -31,7 +40,13 @@ from core.metrology.control_chart import (
     ewma_run_length,
     self_starting_scores,
 )
-from core.metrology.cycle_process import CORRELATED, CycleProcess, estimate_process, long_run_draws
+from core.metrology.cycle_process import (
+    CORRELATED,
+    CycleProcess,
+    estimate_process,
+    long_run_draws,
+    mean_of_cycles,
+)
 from core.metrology.difference import Difference, estimate_difference
 from core.metrology.distances import ApproachVariation, DistanceAssessment, assess_approaches, assess_distance
 from core.metrology.iso9283 import (
@@ -98,6 +113,8 @@ __all__ = [
     "NOT_STEADY",
     "RULE",
     "TEST_PLANES",
+    "UNSTEADY",
+    "UNTESTED",
     "VISITS",
     "Acceptance",
     "AccuracyDrift",
@@ -169,6 +186,7 @@ __all__ = [
     "long_run_draws",
     "long_run_rp",
     "mean_length",
+    "mean_of_cycles",
     "noise_only_lengths",
     "pose_accuracy",
     "position_repeatability",

@@ -13,6 +13,7 @@ References: ISO 14253-1:2017, 5.2-5.4; JCGM 106:2012, 8.3.
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import StrEnum
@@ -25,6 +26,13 @@ from core.metrology.rp_distribution import CONFIDENCE
 RULE = "ISO 14253-1 guard band"
 MOST_CYCLES = 1000
 """More are not proposed: the robot is too near to its limit for a decision."""
+
+
+UNMEASURED = "without a cycle that counts"
+TOO_FEW = "of fewer than ten cycles"
+UNSTEADY = "whose cycles are not steady"
+UNTESTED = "whose steadiness was not tested, for want of cycle numbers"
+"""Why a reading decides nothing."""
 
 
 class Decision(StrEnum):
@@ -40,15 +48,16 @@ class Reading:
     """A figure of one pose that stands for the robot, in the limit's unit, from so many cycles.
 
     `value` and `interval` are the robot's own, without the instrument's share; None where that share is too large or
-    not known. `at_most` is an upper limit that holds with the instrument's share in it. `valid` says whether the cycles
-    are what intervals presume, independent and of one distribution.
+    not known. `at_most` is an upper limit that holds with the instrument's share in it. `flaw` says why the figure
+    decides nothing, to follow "poses": its interval presumes what is not so, or was not tested; None where nothing
+    speaks against it.
     """
 
     cycles: int
     value: float | None
     interval: tuple[float, float] | None
     at_most: float | None
-    valid: bool = True
+    flaw: str | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,24 +77,37 @@ class Acceptance:
 def decide(limit: float, readings: Sequence[Reading]) -> Acceptance:
     """Decide on a limit that every reading must keep.
 
-    Readings of fewer than ten cycles, or of cycles that are not valid, decide nothing, neither alone nor for the rest:
-    what was not measured may be the worst.
+    Readings of fewer than ten cycles, or with a flaw, decide nothing, neither alone nor for the rest: what was not
+    measured may be the worst.
     """
-    usable = [i for i, one in enumerate(readings) if one.valid and one.cycles >= FEW_CYCLES]
+    flaws = [_flaw(one) for one in readings]
+    usable = [i for i, flaw in enumerate(flaws) if flaw is None]
     failed = [i for i in usable if _low(readings[i], len(usable)) > limit]
     if failed:
         worst = max(failed, key=lambda i: _low(readings[i], len(usable)))
         return Acceptance(Decision.FAIL, worst, "the whole interval lies beyond the limit")
     if not usable:
-        reason = "no pose has ten cycles that are independent of one another"
-        return Acceptance(Decision.INCONCLUSIVE, None, reason)
+        return Acceptance(Decision.INCONCLUSIVE, None, _undecided(flaws))
     worst = max(usable, key=lambda i: _high(readings[i]))
     if _high(readings[worst]) > limit:
         return Acceptance(Decision.INCONCLUSIVE, worst, *_open(limit, readings[worst]))
     if len(usable) < len(readings):
-        reason = f"{len(readings) - len(usable)} of {len(readings)} poses have fewer than ten cycles, or unsteady ones"
-        return Acceptance(Decision.INCONCLUSIVE, worst, reason)
+        return Acceptance(Decision.INCONCLUSIVE, worst, _undecided(flaws))
     return Acceptance(Decision.PASS, worst, "the intervals of all poses lie within the limit")
+
+
+def _flaw(reading: Reading) -> str | None:
+    """Return why a reading decides nothing; None where it can."""
+    if reading.cycles == 0:
+        return UNMEASURED
+    return TOO_FEW if reading.cycles < FEW_CYCLES else reading.flaw
+
+
+def _undecided(flaws: Sequence[str | None]) -> str:
+    """Say how many poses decide nothing, and why."""
+    counts = Counter(flaw for flaw in flaws if flaw is not None)
+    kinds = ", ".join(f"{count} {flaw}" for flaw, count in counts.items())
+    return f"{counts.total()} of {len(flaws)} poses decide nothing: {kinds}"
 
 
 def repeatability_reading(figures: PoseRepeatability) -> Reading:
@@ -98,7 +120,7 @@ def repeatability_reading(figures: PoseRepeatability) -> Reading:
         None if corrected is None else figures.corrected.position_mm,
         corrected,
         figures.interval.position_mm[1],
-        figures.verdict != "not_steady",
+        UNSTEADY if figures.verdict == "not_steady" else None,
     )
 
 

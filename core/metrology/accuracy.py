@@ -140,7 +140,10 @@ def estimate_deviations(tied: TiedDeviations) -> list[EstimatedDeviation]:
         of_visits = tied.mean_variance * (np.eye(3) - (Hi if used else 0.0))
         parts = DeviationParts(r, variance * Hi, of_visits, A, dof, tied.mean_degrees_of_freedom)
         lengths = np.linalg.norm(r + student @ _root(parts.own).T + others @ _root(A @ A.T).T, axis=1)
-        found.append(EstimatedDeviation(vector, r, parts, factor, _quantiles(lengths)))
+        low, high = _quantiles(lengths)
+        # The studentised figure is seldom outside what is known of the length; a figure is in its own interval.
+        figure = float(np.linalg.norm(vector))
+        found.append(EstimatedDeviation(vector, r, parts, factor, (min(low, figure), max(high, figure))))
     return found
 
 

@@ -2,9 +2,9 @@
 
 Readings p_1j, p_2j of cycle j have covariances M_1j, M_2j, of what differs from cycle to cycle. The distance D_j
 scatters with the robot's part and eᵀ (M_1j + M_2j) e, e its direction; that is one quantity, so that its 3 S has the
-interval and the floor of any (`uncertainty`). The distance's mean is as uncertain as S_D / √n and what all readings
-have in common leave it: c_1, c_2 being what one standard uncertainty of each common error does to the two positions,
-‖eᵀ (c_1 - c_2)‖.
+interval and the floor of any (`uncertainty`), moved as cycles that correlate need it (`cycle_process`). The distance's
+mean is as uncertain as S_D / √n, times what correlation adds, and what all readings have in common leave it: c_1, c_2
+being what one standard uncertainty of each common error does to the two positions, ‖eᵀ (c_1 - c_2)‖.
 """
 
 from __future__ import annotations
@@ -18,6 +18,7 @@ from jaxtyping import Float
 from scipy.special import ndtri, stdtrit
 
 from core.errors import InvalidArgument
+from core.metrology.cycle_process import CycleProcess, mean_of_cycles, shift_of_three_sigma
 from core.metrology.iso9283 import (
     DistancePerformance,
     direction_variation,
@@ -32,7 +33,7 @@ from core.metrology.pose_cycles import (
     angles_from_vectors,
     mean_and_vectors,
 )
-from core.metrology.repeatability import assess_three_sigma, cycle_statistics
+from core.metrology.repeatability import IntervalEstimate, assess_three_sigma, cycle_statistics
 from core.metrology.rp_distribution import CONFIDENCE
 
 FAR_ENOUGH = 20.0
@@ -45,9 +46,10 @@ _SEED = 9283
 class DistanceAssessment:
     """AD and RD of one way, mm. `standard_uncertainty_mm` is the mean distance's, of the readings; `interval_mm` and
     `noise_floor_mm` are RD's, as those of any 3 S; `accuracy_interval_mm` is AD's: t of its scatter and the normal
-    quantile of what all readings have in common. `scatter_mm` is S_D, `common_mm` what one standard uncertainty of each
-    error that all readings share does to the mean. None below two cycles, the floor also where nothing is known of the
-    instrument, `common_mm` where that is not known.
+    quantile of what all readings have in common. `cycles_uncertainty_mm` is the mean's standard uncertainty by the
+    cycles alone, of `degrees_of_freedom`; `common_mm` is what one standard uncertainty of each error that all readings
+    share does to the mean. None below two cycles, the floor also where nothing is known of the instrument, `common_mm`
+    where that is not known.
     """
 
     performance: DistancePerformance
@@ -55,7 +57,8 @@ class DistanceAssessment:
     interval_mm: tuple[float, float] | None
     noise_floor_mm: float | None
     accuracy_interval_mm: tuple[float, float] | None = None
-    scatter_mm: float | None = None
+    cycles_uncertainty_mm: float | None = None
+    degrees_of_freedom: float | None = None
     common_mm: Float[np.ndarray, " k"] | None = None
 
 
@@ -66,11 +69,13 @@ def assess_distance(
     commanded_second_mm: Float[np.ndarray, "3"] | None = None,
     common_first: Float[np.ndarray, "6 k"] | None = None,
     common_second: Float[np.ndarray, "6 k"] | None = None,
+    process: CycleProcess | None = None,
 ) -> DistanceAssessment:
     """Return distance accuracy and repeatability (ISO 9283:1998, 7.3.2, 7.3.3) of cycles that visit both poses.
 
     `first` and `second` hold the same cycles in the same order. `common_...` are what one standard uncertainty of each
-    error that all readings share does to the poses, of which positions come first.
+    error that all readings share does to the poses, of which positions come first. `process` is what cycles follow,
+    None for independent Gaussian ones.
 
     Raises InvalidArgument where the poses were not visited equally often, or lie so near to one another that a distance
     between them means nothing.
@@ -107,19 +112,33 @@ def assess_distance(
         columns = e.mean(axis=0) @ (common_second - common_first)[:3]
     common = 0.0 if columns is None else float(np.linalg.norm(columns))
     accuracy = performance.accuracy_mm
+    mean = mean_of_cycles(process, n)
+    of_cycles = mean.inflation * math.sqrt(variance / n)
     confident = 0.5 + 0.5 * CONFIDENCE
     half = math.hypot(
-        float(stdtrit(n - 1.0, confident)) * math.sqrt(variance / n), float(ndtri(confident)) * common
+        float(stdtrit(mean.degrees_of_freedom, confident)) * of_cycles, float(ndtri(confident)) * common
     )
     return DistanceAssessment(
         performance,
-        math.hypot(math.sqrt(variance / n), common),
-        (float(assessed.low[0, 0]), float(assessed.high[0, 0])),
+        math.hypot(of_cycles, common),
+        _interval(assessed, 3.0 * math.sqrt(variance), process, n),
         float(assessed.floor[0, 0]) if known else None,
         None if accuracy is None else (accuracy - half, accuracy + half),
-        math.sqrt(variance),
+        of_cycles,
+        mean.degrees_of_freedom,
         columns,
     )
+
+
+def _interval(
+    assessed: IntervalEstimate, reading: float, process: CycleProcess | None, cycles: int
+) -> tuple[float, float]:
+    """Return the interval of RD, moved to where cycles of this process have it."""
+    low, high = float(assessed.low[0, 0]), float(assessed.high[0, 0])
+    if process is not None:
+        shift = shift_of_three_sigma(process, cycles)
+        low, high = low * math.exp(float(shift.low[0])), high * math.exp(float(shift.high[0]))
+    return min(low, reading), max(high, reading)
 
 
 @dataclass(frozen=True, slots=True)

@@ -196,8 +196,11 @@ def _of_pose(pose: Json) -> Iterator[tuple[Key, Figure]]:
         ("RP_l", pose["repeatability"]["rp_l_mm"], pose["interval"]["rp_l_mm"]),
         ("AP_p", accuracy.get("ap_p_mm"), accuracy["interval"].get("ap_p_mm")),
     ):
-        if value is not None and interval is not None and interval[0] <= value <= interval[1]:
-            yield (of, name), Figure(value, (interval[0], interval[1]), "mm", True)
+        if value is None:
+            continue
+        # An interval that does not contain its figure, in a report of an earlier version, is not to compare by.
+        known = interval is not None and interval[0] <= value <= interval[1]
+        yield (of, name), Figure(value, (interval[0], interval[1]) if known else None, "mm", True)
     floor = pose["noise_floor"]["rp_l_mm"]
     if floor is not None:
         yield (of, "noise floor"), Figure(floor, None, "mm", True)

@@ -25,13 +25,27 @@ def figures_of(document: Mapping[str, Any], prefix: str = "") -> dict[str, Figur
 
 
 def figures_csv(document: Mapping[str, Any]) -> bytes:
-    """Return the figures of a report's analyses as CSV (RFC 4180, UTF-8): analysis, figure, value, unit."""
+    """Return the figures of a report's analyses as CSV (RFC 4180, UTF-8): analysis, figure, value, unit.
+
+    What does not count is named by its pose and cycle as well.
+    """
+    known = {
+        one["measurement_id"]: one
+        for name in ("images", "measured_poses")
+        for one in document["inputs"][name]
+    }
     text = io.StringIO()
     rows = csv.writer(text)
     rows.writerow(("analysis", "figure", "value", "unit"))
     for analysis, found in document["analyses"].items():
         for name, value in figures_of(found).items():
             rows.writerow((analysis, _guarded(name), _cell(value), unit_of(name)))
+        for one in found.get("excluded", ()):
+            source = known.get(one["measurement_id"], {})
+            for name in ("pose_id", "cycle"):
+                rows.writerow(
+                    (analysis, f"excluded[{one['measurement_id']}].{name}", _cell(source.get(name)), "")
+                )
     return text.getvalue().encode()
 
 

@@ -103,18 +103,16 @@ def accuracy_budget(
 
 def distance_budget(found: DistanceAssessment, sources: tuple[str, ...], trials: int | None) -> Budget | None:
     """Return the budget of AD; None where nothing was commanded, or below two cycles."""
-    value, scatter = found.performance.accuracy_mm, found.scatter_mm
-    if value is None or scatter is None:
+    value, u, freedom = found.performance.accuracy_mm, found.cycles_uncertainty_mm, found.degrees_of_freedom
+    if value is None or u is None or freedom is None:
         return None
-    n = found.performance.cycles
-    u = scatter / math.sqrt(n)
-    inputs = [Contribution("cycles", Evaluation.A, Distribution.STUDENT, u, "mm", 1.0, n - 1.0)]
+    inputs = [Contribution("cycles", Evaluation.A, Distribution.STUDENT, u, "mm", 1.0, freedom)]
     if found.common_mm is not None:
         inputs += _shared(found.common_mm, sources, found.performance.mean_distance_mm)
     if trials is None:
         return combined(value, inputs)
     rng = _rng()
-    draws = value + u * rng.standard_t(n - 1.0, trials)
+    draws = value + u * rng.standard_t(freedom, trials)
     if found.common_mm is not None:
         draws = draws + rng.standard_normal((trials, len(found.common_mm))) @ found.common_mm
     return combined(value, inputs, draws)

@@ -114,10 +114,24 @@ def _moved(gaussian: Float[np.ndarray, " b"], found: Float[np.ndarray, " b"]) ->
     return float(low), float(high)
 
 
+def unit_series(process: CycleProcess, cycles: int, draws: int) -> Float[np.ndarray, "b n 3"]:
+    """Return draws of n cycles in three independent directions, of unit variance where the process is Gaussian."""
+    return _drawn(process, cycles, draws)[1]
+
+
 def _series(
     process: CycleProcess, cycles: int, draws: int
 ) -> tuple[Float[np.ndarray, "b n 3"], Float[np.ndarray, "b n 3"], Float[np.ndarray, " b"]]:
-    """Return unit deviations as Gaussian and by the process, and the variance of each draw's process.
+    """Return unit deviations from the mean as Gaussian and by the process, and the variance of each draw's process."""
+    normal, other, variance = _drawn(process, cycles, draws)
+    return _about_mean(normal), _about_mean(other), variance
+
+
+def _drawn(
+    process: CycleProcess, cycles: int, draws: int
+) -> tuple[Float[np.ndarray, "b n 3"], Float[np.ndarray, "b n 3"], Float[np.ndarray, " b"]]:
+    """Return cycles as Gaussian and by the process with the same random numbers, and the variance of each draw's
+    process.
 
     Alternatives have their share of the draws, in an order that is the same for all sessions.
     """
@@ -144,7 +158,7 @@ def _series(
             driven = normal[chosen] * np.sqrt(1.0 - phi * phi)
             driven[:, 0] = normal[chosen][:, 0]
             other[chosen] = lfilter([1.0], [1.0, -phi], driven, axis=1)
-    return _about_mean(normal), _about_mean(other), variance
+    return normal, other, variance
 
 
 def _about_mean(x: Float[np.ndarray, "b n 3"]) -> Float[np.ndarray, "b n 3"]:

@@ -51,7 +51,8 @@ class OrientationScatter:
 class PoseRepeatability:
     """Repeatability of one pose from n cycles; mm and rad, in the frame of the measurements.
 
-    Values are None below two cycles, and for angles where no rotations were measured. `repeatability` is RP_l of the
+    Values are None below two cycles, for angles where no rotations were measured, and those of the instrument's part
+    (`noise_floor`, `corrected`, `corrected_interval`) where no covariances were stated. `repeatability` is RP_l of the
     position and 3 S of the others (ISO 9283:1998, 7.2.2), angles by rotation vectors mapped to roll, pitch, yaw.
     `interval`, `noise_floor`, `corrected` and `verdicts` are those of `.intervals`; `verdict` is the position's.
     `corrected_interval` of the position is None where the floor exceeds half of RP_l, since no known interval keeps
@@ -210,13 +211,14 @@ def _conclude(choice: _Choice, table: dict[str, list[float]], limits: VerdictLim
     def values(name: str) -> list[float]:
         return table.get(name, [])[:known]
 
+    noise_known = sample.cycles.covariances is not None
     corrected_interval: list[Interval | None] = list(
         zip(values("corrected_low"), values("corrected_high"), strict=True)
     )
     if table and table["floor"][0] > MAX_FLOOR_SHARE * table["raw"][0]:
         corrected_interval[0] = None
     verdicts: list[Verdict] = [
-        classify(reading, floor if sample.cycles.covariances is not None else None, n, limits)
+        classify(reading, floor if noise_known else None, n, limits)
         for reading, floor in zip(values("raw"), values("floor"), strict=True)
     ]
     return PoseRepeatability(
@@ -226,9 +228,9 @@ def _conclude(choice: _Choice, table: dict[str, list[float]], limits: VerdictLim
         None if sample.mean_rotation is None else rotation_to_rpy(sample.mean_rotation),
         _figures(values("raw")),
         _figures(list(zip(values("low"), values("high"), strict=True))),
-        _figures(values("floor")),
-        _figures(values("corrected")),
-        _figures(corrected_interval),
+        _figures(values("floor") if noise_known else []),
+        _figures(values("corrected") if noise_known else []),
+        _figures(corrected_interval if noise_known else []),
         verdicts[0] if verdicts else Verdict.TOO_FEW_CYCLES,
         _figures(verdicts),
         _orientation(sample),
@@ -257,8 +259,8 @@ def _warnings(sample: CycleStatistics) -> tuple[Advisory, ...]:
         warnings.append(
             Advisory(
                 "noise_unknown",
-                "The poses carry no covariances: the noise floor is taken as zero, and whether the figures describe "
-                "the robot or the instrument cannot be determined.",
+                "The poses carry no covariances: noise floor and corrected figures are not given, and whether the "
+                "figures describe the robot or the instrument cannot be determined.",
                 "State the instrument's covariance with each pose.",
             )
         )

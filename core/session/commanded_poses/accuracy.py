@@ -16,7 +16,7 @@ from dataclasses import dataclass
 
 from core.calibration import MIN_POSES_TO_REJECT
 from core.errors import Advisory, GridposeError, listed
-from core.metrology import PoseAccuracy
+from core.metrology import CycleProcess, PoseAccuracy
 from core.session.commanded_poses.frame_ties import Commands, Visits, by_positions, by_whole_poses, oriented
 from core.session.model import CommandedPose, MeasuredPose, SessionData, natural
 
@@ -32,8 +32,10 @@ class Accuracy:
     warnings: tuple[Advisory, ...]
 
 
-def assess_accuracy(data: SessionData, visits: Mapping[str, Sequence[MeasuredPose]]) -> Accuracy:
-    """Compare the mean of every pose's visits with what was commanded.
+def assess_accuracy(
+    data: SessionData, visits: Mapping[str, Sequence[MeasuredPose]], process: CycleProcess | None = None
+) -> Accuracy:
+    """Compare the mean of every pose's visits, which follow `process`, with what was commanded.
 
     Poses that were measured in different frames are tied by themselves; all visits of one pose are in one frame. A
     warning names the commanded positions that cannot be compared.
@@ -54,7 +56,7 @@ def assess_accuracy(data: SessionData, visits: Mapping[str, Sequence[MeasuredPos
         if not of_frame:
             continue
         try:
-            accuracy = _compare(visits, of_frame)
+            accuracy = _compare(visits, of_frame, process)
         except GridposeError as failure:
             failures[frame] = failure
             without |= {pose_id: failure.detail.rstrip(".") for pose_id in of_frame}
@@ -68,49 +70,51 @@ def assess_accuracy(data: SessionData, visits: Mapping[str, Sequence[MeasuredPos
     return Accuracy(found, (*warnings, *_limits(found), *_incomplete(without)))
 
 
-def _compare(visits: Visits, commands: Commands) -> Accuracy:
+def _compare(visits: Visits, commands: Commands, process: CycleProcess | None) -> Accuracy:
     """Compare in the better of the two ways that gives an answer; the first failure counts where neither does."""
     whole = [p for p, c in commands.items() if c.rotation() is not None and oriented(visits[p])]
     if not whole:
-        return _by_positions(visits, commands)
+        return _by_positions(visits, commands, process)
     if len(whole) >= MIN_POSES_TO_REJECT or 2 * len(whole) >= len(commands):
         try:
-            return _by_poses(visits, commands)
+            return _by_poses(visits, commands, process)
         except GridposeError as failure:
             try:
-                return _by_positions_instead(visits, commands, whole, failure.detail)
+                return _by_positions_instead(visits, commands, process, whole, failure.detail)
             except GridposeError:
                 raise failure from None
     try:
         few = f"they are fewer than half of the poses, and than {MIN_POSES_TO_REJECT}"
-        return _by_positions_instead(visits, commands, whole, few)
+        return _by_positions_instead(visits, commands, process, whole, few)
     except GridposeError as failure:
         try:
-            return _by_poses(visits, commands)
+            return _by_poses(visits, commands, process)
         except GridposeError:
             raise failure from None
 
 
-def _by_poses(visits: Visits, commands: Commands) -> Accuracy:
+def _by_poses(visits: Visits, commands: Commands, process: CycleProcess | None) -> Accuracy:
     """Compare by whole poses; those measured without orientation by themselves, where they suffice for that."""
-    accuracy = Accuracy(*by_whole_poses(visits, commands))
+    accuracy = Accuracy(*by_whole_poses(visits, commands, process))
     rest = {pose_id: c for pose_id, c in commands.items() if pose_id not in accuracy.poses}
     if not rest:
         return accuracy
     try:
-        apart = _by_positions(visits, rest)
+        apart = _by_positions(visits, rest, process)
     except GridposeError:
         return accuracy  # `assess_accuracy` names them.
     return Accuracy({**accuracy.poses, **apart.poses}, (*accuracy.warnings, *apart.warnings))
 
 
-def _by_positions(visits: Visits, commands: Commands) -> Accuracy:
-    return Accuracy(*by_positions(visits, commands))
+def _by_positions(visits: Visits, commands: Commands, process: CycleProcess | None) -> Accuracy:
+    return Accuracy(*by_positions(visits, commands, process))
 
 
-def _by_positions_instead(visits: Visits, commands: Commands, whole: Sequence[str], reason: str) -> Accuracy:
+def _by_positions_instead(
+    visits: Visits, commands: Commands, process: CycleProcess | None, whole: Sequence[str], reason: str
+) -> Accuracy:
     """Compare by positions poses whose orientation was commanded and measured all the same, and say what that costs."""
-    accuracy = _by_positions(visits, commands)
+    accuracy = _by_positions(visits, commands, process)
     lost = [p for p in whole if p in accuracy.poses and accuracy.poses[p].rotation is None]
     if lost:
         warning = Advisory(

@@ -26,6 +26,7 @@ from core.errors import Advisory, GridposeError
 from core.geometry import invert, so3_log, transform, transform_mean
 from core.metrology import (
     CommandedPoint,
+    CycleProcess,
     EstimatedDeviation,
     HeldOutDeviation,
     PoseAccuracy,
@@ -54,8 +55,8 @@ def oriented(visits: Sequence[MeasuredPose]) -> bool:
     return all(visit.rotation is not None for visit in visits)
 
 
-def by_whole_poses(visits: Visits, commands: Commands) -> Compared:
-    """Compare oriented poses in frames tied by those that were commanded whole.
+def by_whole_poses(visits: Visits, commands: Commands, process: CycleProcess | None) -> Compared:
+    """Compare oriented poses in frames tied by those that were commanded whole; `process` is what cycles follow.
 
     Raises what `core.calibration.hand_eye.calibrate_hand_eye` raises.
     """
@@ -89,7 +90,7 @@ def by_whole_poses(visits: Visits, commands: Commands) -> Compared:
         ),
         np.array([d.common[:3] for d in tie.deviations] + [left[:3] for _, left in effects]),
         used,
-        mean_position_variance([visits[p] for p in compared]),
+        mean_position_variance([visits[p] for p in compared], process),
         mean_degrees_of_freedom([visits[p] for p in compared]),
     )
     turns = TiedDeviations(
@@ -97,7 +98,7 @@ def by_whole_poses(visits: Visits, commands: Commands) -> Compared:
         np.array([d.leverage[3:, 3:] for d in tie.deviations]),
         np.array([d.common[3:] for d in tie.deviations]),
         used[: len(whole)],
-        mean_rotation_variance([visits[p] for p in whole]),
+        mean_rotation_variance([visits[p] for p in whole], process),
     )
     places = estimate_deviations(positions)
     point = CommandedPoint(tie.frames.T_base_targets[0][:3, :3], invert(tie.frames.T_flange_camera)[:3, 3])
@@ -115,24 +116,26 @@ def by_whole_poses(visits: Visits, commands: Commands) -> Compared:
     return {p: one for p, one in found.items() if one is not None}, tie.warnings
 
 
-def by_positions(visits: Visits, commands: Commands) -> Compared:
+def by_positions(visits: Visits, commands: Commands, process: CycleProcess | None) -> Compared:
     """Compare positions, in frames tied by them and by the measured orientations or, without these, the commanded ones.
+
+    `process` is what cycles follow, None for independent ones.
 
     Raises what `core.calibration.hand_eye.calibrate_from_positions` raises.
     """
     if all(oriented(visits[pose_id]) for pose_id in commands):
-        return _by_measured_orientation(visits, commands)
+        return _by_measured_orientation(visits, commands, process)
     turned = {pose_id: c for pose_id, c in commands.items() if c.rotation() is not None}
     if not MIN_POSES_TO_REJECT <= len(turned) < len(commands):
-        return _of_a_point(visits, commands)
+        return _of_a_point(visits, commands, process)
     try:
         # Where a point on the flange was is not known of the others: they are named.
-        return _of_a_point(visits, turned)
+        return _of_a_point(visits, turned, process)
     except GridposeError:
-        return _of_a_point(visits, commands)
+        return _of_a_point(visits, commands, process)
 
 
-def _by_measured_orientation(visits: Visits, commands: Commands) -> Compared:
+def _by_measured_orientation(visits: Visits, commands: Commands, process: CycleProcess | None) -> Compared:
     poses = np.array([transform_mean(_transforms(visits[p])) for p in commands])
     turns: list[Float[np.ndarray, "3"]] | None = None
     if _one_orientation(commands):
@@ -160,13 +163,15 @@ def _by_measured_orientation(visits: Visits, commands: Commands) -> Compared:
         tie.leverage,
         tie.common,
         tie.used,
-        mean_position_variance([visits[p] for p in commands]),
+        mean_position_variance([visits[p] for p in commands], process),
         mean_degrees_of_freedom([visits[p] for p in commands]),
     )
     point = CommandedPoint(tie.T_base_target[:3, :3], tie.point_camera_mm if turns is None else np.zeros(3))
     rotations: list[EstimatedDeviation] | list[None] = [None] * len(stations)
     if turns is not None:
-        rotations = estimate_deviations(_about_the_mean(turns, tie.T_base_target[:3, :3], visits, commands))
+        rotations = estimate_deviations(
+            _about_the_mean(turns, tie.T_base_target[:3, :3], visits, commands, process)
+        )
     found = {}
     for station, place, turn, held_out in zip(
         stations, estimate_deviations(tied), rotations, tie.held_out_mm, strict=True
@@ -187,6 +192,7 @@ def _about_the_mean(
     R_base_target: Float[np.ndarray, "3 3"],
     visits: Visits,
     commands: Commands,
+    process: CycleProcess | None,
 ) -> TiedDeviations:
     """Return deviations of orientation from the poses' mean one, which stands for the camera's on the flange."""
     count = len(turns)
@@ -195,7 +201,7 @@ def _about_the_mean(
         np.broadcast_to(np.eye(3) / count, (count, 3, 3)),
         np.zeros((count, 3, 0)),
         np.ones(count, dtype=np.bool_),
-        mean_rotation_variance([visits[p] for p in commands]),
+        mean_rotation_variance([visits[p] for p in commands], process),
     )
 
 
@@ -207,7 +213,7 @@ def _one_orientation(commands: Commands) -> bool:
     return all(float(np.linalg.norm(so3_log(R @ rotations[0].T))) <= SAME_ORIENTATION for R in rotations)
 
 
-def _of_a_point(visits: Visits, commands: Commands) -> Compared:
+def _of_a_point(visits: Visits, commands: Commands, process: CycleProcess | None) -> Compared:
     """Tie with the roles exchanged: the readings are the places, the commanded poses turn the point."""
     known = all(c.rotation() is not None for c in commands.values())
     warnings: list[Advisory] = []
@@ -236,7 +242,7 @@ def _of_a_point(visits: Visits, commands: Commands) -> Compared:
         R_base_instrument @ tie.leverage @ R_base_instrument.T,
         np.zeros((len(stations), 3, 0)),
         tie.used,
-        mean_position_variance([visits[p] for p in commands]),
+        mean_position_variance([visits[p] for p in commands], process),
         mean_degrees_of_freedom([visits[p] for p in commands]),
     )
     found = {}

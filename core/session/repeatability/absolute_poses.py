@@ -19,6 +19,7 @@ from core.errors import Advisory, listed
 from core.geometry import so3_exp
 from core.session.estimate import FocusGroup, SessionEstimate
 from core.session.model import MeasuredPose, SessionData
+from core.session.repeatability.unknown_scale import stated_scale
 
 MAX_SHAPE_SHARE = 2.0
 """Of the uncertainty of positions between poses, to that of the camera alone, beyond which the print dominates."""
@@ -73,7 +74,7 @@ def absolute_poses(
                 covariance=own[k] + covariances[place],
                 common=shared[place],
             )
-    warnings = (*_scale_warnings(data, estimate), *_shape_warnings(dominated))
+    warnings = (*_scale_warnings(data, estimate, known), *_shape_warnings(dominated))
     return AbsolutePoses(found, tuple(one for of_group in sources for one in of_group), warnings)
 
 
@@ -107,17 +108,20 @@ def _shape_share(marginal: MarginalPoses) -> float:
     return float(np.sqrt(between(marginal.common) / alone)) if alone > 0.0 else 1.0
 
 
-def _scale_warnings(data: SessionData, estimate: SessionEstimate) -> list[Advisory]:
+def _scale_warnings(
+    data: SessionData, estimate: SessionEstimate, priors: Mapping[int, ShapePrior]
+) -> list[Advisory]:
     """Name the targets whose pitch is taken as exact."""
-    shown = sorted({pose.frame for pose in estimate.poses})
-    exact = [data.target_ids[k] for k in shown if data.targets[k].scale_standard_uncertainty is None]
+    shown = {pose.frame: pose for pose in estimate.poses}
+    exact = [data.target_ids[k] for k in sorted(shown) if stated_scale(data, priors, shown[k]) is None]
     if not exact:
         return []
     return [
         Advisory(
             "scale_taken_as_exact",
             f"Neither a certificate nor the pitch's standard uncertainty is stated of {listed(exact)}: absolute "
-            "figures (AP, AD) take the pitch as exact, and a pitch 1e-4 too long makes every length 1e-4 too long.",
+            "figures (AP, AD) take the pitch as exact, a pitch 1e-4 too long makes every length 1e-4 too long, and "
+            "their uncertainty is not given.",
             "State the target's certificate or pitch_standard_uncertainty_mm.",
         )
     ]

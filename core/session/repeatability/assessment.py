@@ -25,6 +25,7 @@ from core.session.repeatability.pose_rows import (
 )
 from core.session.repeatability.steadiness import SessionSteadiness, steadiness_warnings
 from core.session.repeatability.stops import BurstNoise, burst_warnings, images_of, stop_mean
+from core.session.repeatability.unknown_scale import scale_unknown, unscaled_accuracy
 from core.session.repeatability.witness import Witness, WitnessMotion, witness_warnings
 
 
@@ -34,7 +35,8 @@ class SessionRepeatability:
 
     `poses` hold each pose's figures (None without a visit), `steadiness` whether their cycles are independent and
     identically distributed, `accuracy` those of the poses that compare with what was commanded, `performance` distances
-    between poses and variation over approaches. `error_sources` says of what each error is that absolute figures share,
+    between poses and variation over approaches. `unscaled` are the poses before a target whose scale nobody states:
+    their absolute figures have no uncertainty. `error_sources` says of what each error is that absolute figures share,
     `witness` how a witness moved, where one is named, `bursts` what images scatter within stops, where there are any.
     """
 
@@ -42,6 +44,7 @@ class SessionRepeatability:
     steadiness: SessionSteadiness
     accuracy: Accuracy
     performance: Performance
+    unscaled: frozenset[str]
     error_sources: tuple[str, ...]
     witness: WitnessMotion | None
     bursts: BurstNoise | None
@@ -97,8 +100,20 @@ def assess_repeatability(
             for pose_id, of_pose in visits.items()
         }
         of_prints, sources = found.warnings, found.sources
-    accuracy = assess_accuracy(data, absolute)
-    performance = assess_performance(visits, absolute, data.commanded)
+    unscaled = frozenset(
+        pose_id for pose_id, of_pose in visits.items() if scale_unknown(data, shapes or {}, of_pose[0])
+    )
+    accuracy = assess_accuracy(data, absolute, assessed.steadiness.process)
+    accuracy = replace(
+        accuracy,
+        poses={
+            pose_id: unscaled_accuracy(one) if pose_id in unscaled else one
+            for pose_id, one in accuracy.poses.items()
+        },
+    )
+    performance = assess_performance(
+        visits, absolute, data.commanded, process=assessed.steadiness.process, unscaled=unscaled
+    )
     if not accuracy.poses and not performance.distances:
         of_prints = ()
     return SessionRepeatability(
@@ -106,6 +121,7 @@ def assess_repeatability(
         assessed.steadiness,
         accuracy,
         performance,
+        unscaled,
         sources,
         assessed.witness,
         assessed.bursts,

@@ -18,11 +18,12 @@ from core.metrology import (
     long_run_draws,
     repeatability_budget,
 )
-from core.session.model import MeasuredPose, SessionData
+from core.session.model import SessionData
 from core.session.repeatability.assessment import SessionRepeatability
 from core.session.repeatability.pose_rows import PoseRow
 from core.session.repeatability.steadiness import equal_deviations
 from core.session.repeatability.stops import images_of
+from core.session.repeatability.unknown_scale import stated_scale
 
 MAX_POSES = 40
 """Of more poses those of the largest RP_l have budgets."""
@@ -93,16 +94,17 @@ def session_budgets(
     known = dict(shapes or {})
     budgets: list[FigureBudget] = []
     for row in rows:
-        scale = _scale(data, known, row.visits[0])
+        scale = stated_scale(data, known, row.visits[0])
         budgets += _of_cycles(row, found.steadiness.process, freedom or None, scale, trials)
         accuracy = found.accuracy.poses.get(row.pose_id)
-        if accuracy is not None and accuracy.parts is not None and accuracy.figures.position_mm is not None:
+        interval = None if accuracy is None else accuracy.interval.position_mm
+        if accuracy is None or interval is None:
+            continue
+        if accuracy.parts is not None and accuracy.figures.position_mm is not None:
             budget = accuracy_budget(
                 accuracy.figures.position_mm, accuracy.parts, found.error_sources, trials
             )
-            budgets.append(
-                FigureBudget(Figure.ACCURACY, row.pose_id, None, budget, accuracy.interval.position_mm)
-            )
+            budgets.append(FigureBudget(Figure.ACCURACY, row.pose_id, None, budget, interval))
     for way in found.performance.distances:
         of_way = distance_budget(way.found, found.error_sources, trials)
         if of_way is not None:
@@ -116,13 +118,6 @@ def session_budgets(
 
 def _reading(row: PoseRow) -> float:
     return (row.figures and row.figures.repeatability.position_mm) or 0.0
-
-
-def _scale(data: SessionData, shapes: Mapping[int, ShapePrior], visit: MeasuredPose) -> float | None:
-    """Return the relative standard uncertainty of the print's scale; None for another instrument, or not stated."""
-    if visit.image is None:
-        return None
-    return shapes.get(visit.frame, ShapePrior.of(data.targets[visit.frame])).scale
 
 
 def _of_cycles(

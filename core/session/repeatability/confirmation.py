@@ -39,15 +39,16 @@ def unconfirmed(
     claimed = {pose_id for pose_id, found in figures_of(estimate).items() if _claims_robot(found)}
     if not claimed:
         return frozenset(), ()
-    rejected = {
-        pose.pose_id
+    misfits = {
+        pose.pose_id: group.estimate.misfit
         for group in estimate.groups
         if group.estimate.misfit > MAX_MISFIT
         for pose in group.poses
-    } & claimed
+    }
+    rejected = set(misfits) & claimed
     warnings = []
     if rejected:
-        worst = max(group.estimate.misfit for group in estimate.groups)
+        worst = max(misfits[pose_id] for pose_id in rejected)
         warnings.append(
             Advisory(
                 "verdict_withheld",

@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import combinations, pairwise
 from typing import Any
 
@@ -21,12 +21,14 @@ from core.errors import Advisory, listed
 from core.geometry import so3_log
 from core.metrology import (
     ApproachVariation,
+    CycleProcess,
     DistanceAssessment,
     PoseCycles,
     assess_approaches,
     assess_distance,
 )
 from core.session.model import CommandedPose, MeasuredPose
+from core.session.repeatability.unknown_scale import unscaled_distance
 
 MAX_PAIRS = 45
 """All pairs of ten poses; of more poses, each with the next."""
@@ -67,13 +69,23 @@ def assess_performance(
     visits: Mapping[str, Sequence[MeasuredPose]],
     absolute: Mapping[str, Sequence[MeasuredPose]],
     commanded: Mapping[str, CommandedPose],
+    *,
+    process: CycleProcess | None = None,
+    unscaled: frozenset[str] = frozenset(),
 ) -> Performance:
     """Return distances between poses and variation over approaches, from the visits that count, by pose.
 
-    `absolute` are the same visits as absolute figures take them (`.absolute_poses`): distances do.
+    `absolute` are the same visits as absolute figures take them (`.absolute_poses`): distances do. `process` is what
+    their cycles follow, None for independent Gaussian ones. Distances to poses of unknown scale, `unscaled`, have no
+    uncertainty.
     """
     warnings: list[Advisory] = []
-    distances = _distances(absolute, commanded, warnings)
+    distances = [
+        replace(one, found=unscaled_distance(one.found))
+        if {one.from_pose_id, one.to_pose_id} & unscaled
+        else one
+        for one in _distances(absolute, commanded, process, warnings)
+    ]
     approaches = _approaches(visits, commanded, warnings)
     return Performance(tuple(distances), tuple(approaches), tuple(warnings))
 
@@ -81,6 +93,7 @@ def assess_performance(
 def _distances(
     readings: Mapping[str, Sequence[MeasuredPose]],
     commanded: Mapping[str, CommandedPose],
+    process: CycleProcess | None,
     warnings: list[Advisory],
 ) -> list[PoseDistance]:
     poses = list(readings)
@@ -110,7 +123,8 @@ def _distances(
         if comparable and not same:
             turned.append(f"{one}-{other}")
         comparable = comparable and same
-        found = _assess(at, places[0] if comparable else None, places[1] if comparable else None)
+        ends = (places[0], places[1]) if comparable else (None, None)
+        found = _assess(at, *ends, process)
         if found is not None:
             way = None
             if comparable and places[0] is not None and places[1] is not None:
@@ -141,6 +155,7 @@ def _assess(
     at: tuple[Sequence[MeasuredPose], Sequence[MeasuredPose]],
     first_mm: Float[np.ndarray, "3"] | None,
     second_mm: Float[np.ndarray, "3"] | None,
+    process: CycleProcess | None,
 ) -> DistanceAssessment | None:
     """Return a distance's figures; None where the poses are the same place."""
     cycles = [_cycles(readings) for readings in at]
@@ -149,7 +164,7 @@ def _assess(
     if float(np.linalg.norm(middles[0] - middles[1])) <= MIN_SPREADS_APART * spread:
         return None
     common = [_common(readings) for readings in at]
-    return assess_distance(cycles[0], cycles[1], first_mm, second_mm, common[0], common[1])
+    return assess_distance(cycles[0], cycles[1], first_mm, second_mm, common[0], common[1], process)
 
 
 def _by_cycle(visits: Sequence[MeasuredPose]) -> dict[int, MeasuredPose]:

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 from jaxtyping import Int
@@ -151,11 +150,9 @@ def _rows(
     if motion is not None and motion.witness.subtract:
         visits = without_motion(visits, motion)
     several = [pose_id for pose_id in visits if visits[pose_id]]
-    cycles = {pose_id: _cycles(visits[pose_id]) for pose_id in several}
     steadiness = session_steadiness(visits)
-    assessed = assess_cycles(list(cycles.values()), process=steadiness.process)
-    assessed_poses = zip(several, assessed, strict=True)
-    figures = {pose_id: _without_instrument(cycles[pose_id], one) for pose_id, one in assessed_poses}
+    assessed = assess_cycles([_cycles(visits[pose_id]) for pose_id in several], process=steadiness.process)
+    figures = {pose_id: _noise_unknown_said(one) for pose_id, one in zip(several, assessed, strict=True)}
     figures |= {
         pose_id: without_robot_verdict(figures[pose_id]) for pose_id in several if pose_id in unreliable
     }
@@ -181,13 +178,9 @@ def _cycles(visits: Sequence[MeasuredPose]) -> PoseCycles:
     )
 
 
-def _without_instrument(cycles: PoseCycles, figures: PoseRepeatability) -> PoseRepeatability:
-    """Return the figures without those of the instrument where it states no covariance."""
-    if cycles.covariances is not None:
-        return figures
-    unknown: PerComponent[Any] = PerComponent(None, None, None, None, None, None, None)
-    warnings = tuple(w for w in figures.warnings if w.code != "noise_unknown")
-    return replace(figures, noise_floor=unknown, corrected=unknown, warnings=warnings)
+def _noise_unknown_said(figures: PoseRepeatability) -> PoseRepeatability:
+    """Return the figures without the warning that the session gives for all its poses."""
+    return replace(figures, warnings=tuple(w for w in figures.warnings if w.code != "noise_unknown"))
 
 
 def without_robot_verdict(figures: PoseRepeatability) -> PoseRepeatability:

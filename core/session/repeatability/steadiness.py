@@ -13,6 +13,8 @@ from core.metrology import (
     CORRELATED,
     MIN_CYCLES,
     NOT_STEADY,
+    UNSTEADY,
+    UNTESTED,
     Attribution,
     CycleProcess,
     PerComponent,
@@ -49,6 +51,13 @@ class SessionSteadiness:
     def moved(self) -> tuple[str, ...]:
         """The poses that are not steady."""
         return tuple(pose_id for i, pose_id in enumerate(self.pose_ids) if i in self.found.moved)
+
+    def flaw(self, pose_id: str) -> str | None:
+        """Return why no decision can rest on a pose's cycles: they are not steady, or were not tested; None else."""
+        if pose_id in self.moved:
+            return UNSTEADY
+        tested = {self.pose_ids[one.pose] for one in self.found.poses}
+        return None if pose_id in tested else UNTESTED
 
     @property
     def effective_cycles(self) -> float:

@@ -79,6 +79,53 @@ def test_the_report_on_a_session_says_what_verdicts_mean_and_why_cycles_are_excl
         assert text in page
 
 
+def test_rp_with_degraded_images_stands_second_and_what_does_not_count_is_named() -> None:
+    document = _fixture("repeatability")
+    found = document["analyses"]["repeatability"]
+    image, pose = document["inputs"]["images"][0], found["poses"][0]
+    pose["including_degraded"] = dict.fromkeys(pose["repeatability"], 0.02) | {"rp_l_mm": 0.0777}
+    found["excluded"] = [
+        {
+            "measurement_id": image["measurement_id"],
+            "filename": None,
+            "code": "image_degraded",
+            "detail": "Its residuals have noise that the other images do not have.",
+        }
+    ]
+    forms = render_forms(document, {}, CompanyTemplate())
+    page = forms["html"].decode()
+    caption = "RP with the cycles of degraded images, which do not count; for comparison alone"
+    assert caption in page
+    assert '<td>with degraded images</td><td class="right">0.0777</td>' in page
+    assert caption in _pdf_text(forms["pdf"])
+    assert 'refType="gridpose_including_degraded.rp_l_mm"' in forms["xml"].decode()
+    table = forms["csv"].decode().splitlines()
+    name = f"repeatability,excluded[{image['measurement_id']}]"
+    assert f"{name}.pose_id,{image['pose_id']}," in table
+    assert f"{name}.cycle,{image['cycle']}," in table
+    whole = render_forms({**document, "kind": "session", "refusals": {}}, {}, CompanyTemplate())["html"]
+    assert caption in whole.decode()
+
+
+def test_accuracy_of_unknown_uncertainty_is_given_without_an_interval() -> None:
+    document = _fixture("repeatability")
+    found = document["analyses"]["repeatability"]
+    names = [f"ap_{axis}" for axis in ("p_mm", "x_mm", "y_mm", "z_mm", "roll_deg", "pitch_deg", "yaw_deg")]
+    found["poses"][0]["accuracy"] = dict.fromkeys(names, 0.1234) | {
+        "ap_rotation_vector_deg": None,
+        "interval": dict.fromkeys(names),
+        "held_out": dict.fromkeys(names, 0.15),
+        "degrees_of_freedom": 9.0,
+        "tie": "best_fit",
+    }
+    for way in found["distances"]:
+        way |= {"standard_uncertainty_mm": None, "ad_interval_mm": None}
+    forms = render_forms(document, {}, CompanyTemplate())
+    page = forms["html"].decode()
+    assert "0.1234 mm at pose P1, interval not known" in page
+    assert "None" not in page.replace("None.", "").replace("None:", "")
+
+
 def test_a_report_without_outliers_says_nothing_of_figures_without_them() -> None:
     document = _fixture("repeatability")
     for pose in document["analyses"]["repeatability"]["poses"]:

@@ -12,6 +12,9 @@ from app.records.tables import Measurement
 from app.services.reports import NewReport, order_report
 from app.web.words import interval, length_with_uncertainty, number, signless_zero, size, with_uncertainty
 from tests.support.service.signed_in import signed_in
+from tests.support.sessions.kinematics import make_robot
+from tests.support.sessions.stored_sessions import new_session
+from tests.support.sessions.tracked_robot import drawn_poses, readings, send, tell
 
 
 @pytest.mark.parametrize(
@@ -193,3 +196,19 @@ def test_a_page_reads_as_often_for_many_images_as_for_few(api: Any, grey_png: by
 
     statements(f"/ui/sessions/{few}")  # reads what is kept for the next ones
     assert 0 < statements(f"/ui/sessions/{many}") <= statements(f"/ui/sessions/{few}") <= 10
+
+
+def test_both_decisions_on_a_data_sheet_stand_on_the_page(api: Any) -> None:
+    robot = make_robot(api)
+    session = new_session(api, robot_id=robot)
+    poses = drawn_poses(9, 8)
+    tell(api, session, poses)
+    send(api, session, readings(poses, cycles=12))
+    limits = {"datasheet_repeatability_mm": 1.0, "datasheet_accuracy_mm": 1e-4}
+    assert api.client.patch(f"/v1/robots/{robot}", json=limits).status_code == 200
+    address = f"/ui/sessions/{session}/repeatability?source=measured_poses"
+    page = api.client.get(address, headers=signed_in(api)).text
+    assert "Acceptance of repeatability: pass" in page
+    assert re.search(r"Worst RP<sub>l</sub> <b>0\.\d+ mm</b>; decided at <bdi>P\d</bdi>", page)
+    assert "Acceptance of accuracy: " in page
+    assert re.search(r"Worst AP<sub>p</sub> <b>0\.\d+ mm</b>; (decided|open) at <bdi>P\d</bdi>", page)

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from core.metrology import (
+    UNSTEADY,
     Decision,
     PoseCycles,
     Reading,
@@ -35,7 +36,7 @@ def test_all_poses_must_lie_within_the_limit() -> None:
 def test_one_pose_beyond_it_is_enough_and_doubt_of_others_does_not_help() -> None:
     found = decide(LIMIT, [reading(0.09, 0.07, 0.12), reading(0.2, 0.15, 0.27)])
     assert (found.decision, found.reading) == (Decision.FAIL, 1)
-    unsteady = Reading(30, 0.2, (0.15, 0.27), 0.27, valid=False)
+    unsteady = Reading(30, 0.2, (0.15, 0.27), 0.27, flaw=UNSTEADY)
     assert decide(LIMIT, [unsteady, reading(0.05, 0.04, 0.07)]).decision is Decision.INCONCLUSIVE
 
 

@@ -10,7 +10,17 @@ import pytest
 from core.errors import InvalidArgument
 from core.geometry.roll_pitch_yaw import rpy_to_rotation
 from core.geometry.se3 import so3_exp
-from core.metrology import PoseCycles, assess_approaches, assess_distance
+from core.metrology import (
+    CycleProcess,
+    PoseCycles,
+    assess_approaches,
+    assess_distance,
+    estimate_process,
+    mean_of_cycles,
+)
+from core.metrology.cycle_process import MeanOfCycles
+from core.metrology.cycle_process.lag_correlation import CORRELATIONS
+from tests.support.simulation.session_cycles import SIGMA_MM, correlated
 
 FAR = np.array([300.0, 400.0, 0.0])
 
@@ -130,3 +140,41 @@ def test_single_visits_from_two_sides_have_no_floor() -> None:
     assert found.figures.roll is found.noise_floor.position_mm is None
     with pytest.raises(InvalidArgument, match="two directions"):
         assess_approaches([PoseCycles(np.zeros((1, 3)))])
+
+
+@pytest.mark.slow
+def test_cycles_that_correlate_widen_what_is_stated_of_a_distance() -> None:
+    """300 ways, φ = .8, in a session of six poses; intervals for independent cycles fail."""
+    rng = np.random.default_rng(7)
+    trials, n, phi = 300, 30, 0.8
+    covered = np.zeros((2, 2))
+    for _ in range(trials):
+        x = correlated(rng, n, poses=6, phi=phi)
+        process = estimate_process(
+            [x[:, i] - x[:, i].mean(axis=0) for i in range(6)], [np.arange(n)] * 6, True
+        )
+        ends = PoseCycles(x[:, 0]), PoseCycles(FAR + x[:, 1])
+        for k, known in enumerate((None, process)):
+            found = assess_distance(*ends, np.zeros(3), FAR, process=known)
+            assert found.interval_mm is not None
+            assert found.accuracy_interval_mm is not None
+            truth = 3.0 * math.sqrt(2.0) * SIGMA_MM
+            covered[0, k] += found.interval_mm[0] <= truth <= found.interval_mm[1]
+            covered[1, k] += found.accuracy_interval_mm[0] <= 0.0 <= found.accuracy_interval_mm[1]
+            assert found.standard_uncertainty_mm == found.cycles_uncertainty_mm
+    independent, followed = (covered / trials).T
+    assert np.all(independent < 0.75)
+    # 300 ways know a coverage of .95 to .0126.
+    assert followed == pytest.approx([0.95, 0.95], abs=3.0 * 0.0126)
+
+
+def test_a_mean_of_independent_cycles_is_as_uncertain_as_ever() -> None:
+    assert mean_of_cycles(None, 30) == MeanOfCycles(1.0, 29.0)
+    none = estimate_process([np.random.default_rng(1).normal(size=(30, 3))], [None], False)
+    assert mean_of_cycles(none, 30) == MeanOfCycles(1.0, 29.0)
+    # Long runs of one φ: √((1 + φ) / (1 - φ)).
+    weights = np.zeros(len(CORRELATIONS))
+    weights[25] = 1.0
+    phi = float(CORRELATIONS[25])
+    found = mean_of_cycles(CycleProcess(np.zeros(7), weights), 500)
+    assert found.inflation == pytest.approx(math.sqrt((1 + phi) / (1 - phi)), rel=0.03)

@@ -66,7 +66,13 @@ def test_without_a_statement_the_scale_is_taken_as_exact_and_said_to_be() -> Non
     stated, _ = simulate(np.random.default_rng(5), QUICK, Departure("stated", stated=1e-3))
     of_stated = estimate_session(stated)
     assert "scale_taken_as_exact" not in {w.code for w in absolute_poses(stated, of_stated).warnings}
-    plain = assess_repeatability(data, estimate).performance.distances
+    unstated = assess_repeatability(data, estimate)
+    assert all(one.interval.position_mm is None for one in unstated.accuracy.poses.values())
+    for way in unstated.performance.distances:
+        assert way.found.standard_uncertainty_mm is way.found.accuracy_interval_mm is None
+        assert way.found.interval_mm is not None  # of repeatability, which needs no scale
+    exact, _ = simulate(np.random.default_rng(5), QUICK, Departure("known", stated=1e-9))
+    plain = assess_repeatability(exact, estimate_session(exact)).performance.distances
     scaled = assess_repeatability(stated, of_stated).performance.distances
     for one, other in zip(plain, scaled, strict=True):
         assert one.found.standard_uncertainty_mm is not None

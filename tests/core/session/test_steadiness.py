@@ -9,29 +9,8 @@ import numpy as np
 import pytest
 
 from core.metrology import Verdict
-from core.session import MeasuredPose, SessionData, assess_repeatability
+from core.session import assess_repeatability
 from tests.support.simulation import session_cycles as made
-
-NOISE = 1e-6 * np.eye(6)
-
-
-def _session(x: np.ndarray, *, numbered: bool = True) -> SessionData:
-    n, poses = x.shape[:2]
-    measured = tuple(
-        MeasuredPose(
-            f"m{i}-{c}",
-            f"P{i + 1}",
-            c + 1 if numbered else None,
-            None,
-            x[c, i] + 100.0 * (i + 1),
-            np.eye(3),
-            NOISE,
-            NOISE,
-        )
-        for i in range(poses)
-        for c in range(n)
-    )
-    return SessionData((), (), measured=measured)
 
 
 def _codes(found: Any) -> list[str]:
@@ -43,7 +22,7 @@ def _verdicts(found: Any) -> list[Verdict]:
 
 
 def test_a_steady_session_is_the_robots() -> None:
-    found = assess_repeatability(_session(made.gaussian(np.random.default_rng(1), 30)))
+    found = assess_repeatability(made.measured_session(made.gaussian(np.random.default_rng(1), 30)))
     assert found.steadiness.found.steady is True
     assert set(_verdicts(found)) == {Verdict.ROBOT}
     assert not {"not_steady", "outliers", "two_stopping_points", "steadiness_not_tested"} & set(_codes(found))
@@ -51,7 +30,7 @@ def test_a_steady_session_is_the_robots() -> None:
 
 
 def test_a_moving_mount_is_no_robot() -> None:
-    found = assess_repeatability(_session(made.common_step(np.random.default_rng(1), 30)))
+    found = assess_repeatability(made.measured_session(made.common_step(np.random.default_rng(1), 30)))
     assert set(_verdicts(found)) == {Verdict.NOT_STEADY}
     warning = next(one for one in found.warnings if one.code == "not_steady")
     assert "All poses move together" in warning.detail
@@ -62,7 +41,7 @@ def test_a_moving_mount_is_no_robot() -> None:
 
 def test_one_slipping_pose_is_named_and_the_others_stay() -> None:
     x = made.one_drift(np.random.default_rng(2), 30, length_mm=0.4)
-    found = assess_repeatability(_session(x))
+    found = assess_repeatability(made.measured_session(x))
     assert found.steadiness.moved == ("P2",)
     assert _verdicts(found)[1] is Verdict.NOT_STEADY
     assert _verdicts(found)[0] is Verdict.ROBOT
@@ -71,8 +50,8 @@ def test_one_slipping_pose_is_named_and_the_others_stay() -> None:
 
 
 def test_wandering_cycles_have_fewer_effective_ones_and_wider_intervals() -> None:
-    wandering = assess_repeatability(_session(made.correlated(np.random.default_rng(3), 30)))
-    steady = assess_repeatability(_session(made.gaussian(np.random.default_rng(3), 30)))
+    wandering = assess_repeatability(made.measured_session(made.correlated(np.random.default_rng(3), 30)))
+    steady = assess_repeatability(made.measured_session(made.gaussian(np.random.default_rng(3), 30)))
     assert 3.0 < wandering.steadiness.effective_cycles < 15.0
 
     def width(found: Any) -> float:
@@ -83,7 +62,7 @@ def test_wandering_cycles_have_fewer_effective_ones_and_wider_intervals() -> Non
 
 
 def test_two_stopping_points_are_named() -> None:
-    found = assess_repeatability(_session(made.two_points(np.random.default_rng(4), 30)))
+    found = assess_repeatability(made.measured_session(made.two_points(np.random.default_rng(4), 30)))
     assert _verdicts(found)[2] is Verdict.NOT_STEADY
     warning = next(one for one in found.warnings if one.code == "two_stopping_points")
     assert "Pose P3" in warning.detail
@@ -94,7 +73,7 @@ def test_slips_count_and_are_named() -> None:
     x = 0.4 * made.gaussian(np.random.default_rng(5), 30)
     x[7, 0, 0] += 0.4
     x[19, 0, 0] += 0.4
-    found = assess_repeatability(_session(x))
+    found = assess_repeatability(made.measured_session(x))
     slipped = found.poses[0].figures
     assert slipped is not None
     assert slipped.repeatability.position_mm is not None
@@ -109,21 +88,25 @@ def test_slips_count_and_are_named() -> None:
 @pytest.mark.parametrize("numbered", [True, False])
 def test_what_is_not_tested_is_said(numbered: bool) -> None:
     found = assess_repeatability(
-        _session(made.common_drift(np.random.default_rng(6), 4 if numbered else 30), numbered=numbered)
+        made.measured_session(
+            made.common_drift(np.random.default_rng(6), 4 if numbered else 30), numbered=numbered
+        )
     )
     assert found.steadiness.found.steady is None
     assert "steadiness_not_tested" in _codes(found)
 
 
 def test_poses_of_few_cycles_keep_their_verdict() -> None:
-    found = assess_repeatability(_session(made.common_drift(np.random.default_rng(6), 9, length_mm=2.0)))
+    found = assess_repeatability(
+        made.measured_session(made.common_drift(np.random.default_rng(6), 9, length_mm=2.0))
+    )
     assert set(_verdicts(found)) == {Verdict.TOO_FEW_CYCLES}
     assert "not_steady" in _codes(found)
 
 
 def test_the_order_of_the_list_does_not_matter_but_that_of_the_cycles_does() -> None:
     x = made.common_step(np.random.default_rng(1), 30)
-    data = _session(x)
+    data = made.measured_session(x)
     first = assess_repeatability(data)
     order = np.random.default_rng(0).permutation(30)
     shuffled = replace(

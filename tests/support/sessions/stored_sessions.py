@@ -31,6 +31,8 @@ from tests.support.simulation.simulated_views import draw_pose
 WIDTH, HEIGHT = 1224, 1024
 CAMERA = Camera(1160.0, 1160.3, 605.0, 515.0, -0.1, 0.05, 1e-4, -2e-4)
 BOARD = TargetSpec("chessboard", 9, 6, 12.0)
+MEASURED_BOARD = dataclasses.replace(BOARD, pitch_standard_uncertainty_mm=1e-4)
+"""The same with a stated scale, so that absolute figures have an uncertainty."""
 
 
 @dataclass(frozen=True)
@@ -144,7 +146,10 @@ def with_fields(shots: Sequence[Shot], **fields: Any) -> list[Shot]:
 
 
 def board_fields(board: TargetSpec) -> dict[str, Any]:
-    return {"columns": board.columns, "rows": board.rows, "pitch_mm": board.pitch_mm}
+    fields: dict[str, Any] = {"columns": board.columns, "rows": board.rows, "pitch_mm": board.pitch_mm}
+    if board.pitch_standard_uncertainty_mm is not None:
+        fields["pitch_standard_uncertainty_mm"] = board.pitch_standard_uncertainty_mm
+    return fields
 
 
 _OF_SUBJECT = re.compile(r"(tgt|rob)_[0-9a-z]{26}")

@@ -7,10 +7,12 @@ from collections.abc import Callable
 import numpy as np
 
 from core.metrology import PoseSeries
+from core.session import MeasuredPose, SessionData
 
 SIGMA_MM = 0.1 / 3.616
 """A sphere of this standard deviation has RP_l .1 mm."""
 Cycles = np.ndarray
+NOISE = 1e-6 * np.eye(6)
 
 
 def gaussian(rng: np.random.Generator, n: int, poses: int = 5) -> Cycles:
@@ -63,6 +65,26 @@ def series_of(x: Cycles) -> list[PoseSeries]:
     """Return the series of each pose, its cycles numbered from 1, its mean far from the origin."""
     n, poses = x.shape[:2]
     return [PoseSeries(x[:, i] + 500.0 * (i + 1), np.arange(1, n + 1)) for i in range(poses)]
+
+
+def measured_session(x: Cycles, *, numbered: bool = True, instrument: bool = True) -> SessionData:
+    """Return these cycles as another instrument read them, 100 mm apart; `instrument`: its noise is stated."""
+    n, poses = x.shape[:2]
+    measured = tuple(
+        MeasuredPose(
+            f"m{i}-{c}",
+            f"P{i + 1}",
+            c + 1 if numbered else None,
+            None,
+            x[c, i] + 100.0 * (i + 1),
+            np.eye(3),
+            NOISE if instrument else None,
+            NOISE if instrument else None,
+        )
+        for i in range(poses)
+        for c in range(n)
+    )
+    return SessionData((), (), measured=measured)
 
 
 def _direction(rng: np.random.Generator, count: int) -> np.ndarray:

@@ -67,7 +67,7 @@ def repeatability_findings(data: SessionData, settings: Mapping[str, str]) -> Fi
         "witness": None if found.witness is None else _witness(found.witness),
         "drift": drift_document(found.poses, data, found.accuracy.poses),
         "bursts": _bursts(found.bursts),
-        **_acceptance(assess_acceptance(found, data.datasheet)),
+        **_acceptance(assess_acceptance(data, found)),
         "distances": [_distance(one) for one in performance.distances] or None,
         "approach_variation": [_approaches(one) for one in performance.approaches] or None,
         **budget_fields(budgets),

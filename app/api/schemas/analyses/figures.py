@@ -114,7 +114,8 @@ class PoseAccuracy(AccuracyFigures):
         AccuracyIntervals,
         Field(
             description="Of the figures, at the confidence level: what the tie, the scatter of the visits, the lens, "
-            "and scale and shape of the print leave open."
+            "and scale and shape of the print leave open. Null of positions before a target whose pitch has no "
+            "stated uncertainty."
         ),
     ]
     held_out: Annotated[

@@ -133,7 +133,8 @@ class PoseDistance(ResponseModel):
         float | None,
         Field(
             description="Of the mean, mm: its scatter over the cycles and, for images, what the shared lens and "
-            "scale and shape of the print leave open; another instrument's common errors are not known."
+            "scale and shape of the print leave open; another instrument's common errors are not known. Null before "
+            "a target whose pitch has no stated uncertainty."
         ),
     ]
     commanded_mm: Annotated[
@@ -152,7 +153,8 @@ class PoseDistance(ResponseModel):
         Interval | None,
         Field(
             description="[low, high] of AD at the confidence level, mm: with what lens, scale and shape of the print "
-            "leave open; of another instrument, of its scatter alone.",
+            "leave open; of another instrument, of its scatter alone. Null before a target whose pitch has no stated "
+            "uncertainty.",
             examples=[[-0.11, 0.14]],
         ),
     ]

@@ -128,7 +128,7 @@ class PoseRepeatability(ResponseModel):
         RepeatabilityIntervals,
         Field(
             description="Of `corrected`; null for the position where the noise floor exceeds half of the reading, "
-            "since no known interval keeps its level there."
+            "since no known interval keeps its level there, and without the instrument's covariances."
         ),
     ]
     without_outliers: Annotated[
@@ -196,7 +196,8 @@ class Acceptance(ResponseModel):
         AcceptanceDecision,
         Field(
             description="`pass`: the interval of every pose's figure lies within the limit, of RP_l of the corrected "
-            "one; `fail`: that of one lies beyond it; `inconclusive` otherwise."
+            "one; `fail`: that of one lies beyond it; `inconclusive` otherwise, and where a pose of the session has no "
+            "ten cycles that count, are numbered and steady."
         ),
     ]
     rule: Annotated[str, Field(description="By which rule it is decided.")]

@@ -93,7 +93,7 @@ def _repeatability(pose: Json, totals: Totals, level: float) -> list[Element]:
             interval=pose[intervals]["rp_l_mm"] if intervals else None,
             level=level,
         )
-    rest = pose.get("without_outliers") or {}
+    rest, whole = pose.get("without_outliers") or {}, pose.get("including_degraded") or {}
     return [
         *found,
         *_axes("RP: 3 S", "repeatability", RP_AXES, pose["repeatability"], pose["interval"], level),
@@ -101,6 +101,11 @@ def _repeatability(pose: Json, totals: Totals, level: float) -> list[Element]:
             "RP_l without the outliers, for comparison alone",
             "without_outliers.rp_l_mm",
             rest.get("rp_l_mm"),
+        ),
+        *figure(
+            "RP_l with degraded images, for comparison alone",
+            "including_degraded.rp_l_mm",
+            whole.get("rp_l_mm"),
         ),
     ]
 

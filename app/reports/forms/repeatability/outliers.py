@@ -1,4 +1,6 @@
-"""The section of a repeatability report about its outliers, and RP without them, second to RP over all cycles."""
+"""The section of a repeatability report about its outliers, RP without them, and RP with the cycles of degraded images:
+both second to RP over the cycles that count.
+"""
 
 from __future__ import annotations
 
@@ -19,12 +21,14 @@ def outlier_blocks(found: Json) -> list[Block]:
         for one in pose["outliers"]
     ]
     if not rows:
-        return [heading("Outliers"), paragraph("None. Outliers, where there are any, count in every figure.")]
+        none = paragraph("None. Outliers, where there are any, count in every figure.")
+        return [heading("Outliers"), none, *with_degraded_table(found)]
     columns = ("pose", "cycle", "test", "detail", "distance, mm")
     return [
         heading("Outliers"),
         *table("Outliers; they count in every figure", columns, rows, text_columns=4, wide=3),
         *without_outliers_table(found),
+        *with_degraded_table(found),
     ]
 
 
@@ -47,6 +51,23 @@ def without_outliers_table(found: Json) -> list[Block]:
         "ISO 9283 rejects none"
     )
     return table(caption, ("pose", "cycles", "n", "RP_l, mm", *AXES), rows, text_columns=2, wide=1)
+
+
+def with_degraded_table(found: Json) -> list[Block]:
+    """Return RP over the cycles that count and RP with those of degraded images; no block without any."""
+    names = ("rp_l_mm", *RP_AXES)
+    rows = []
+    for pose in found["poses"]:
+        whole = pose.get("including_degraded")
+        if whole is None:
+            continue
+        counted = [with_interval(pose["repeatability"][one], pose["interval"][one])[0] for one in names]
+        rows += [
+            [pose["pose_id"], "those that count, as reported", *counted],
+            [pose["pose_id"], "with degraded images", *(number(whole[one]) for one in names)],
+        ]
+    caption = "RP with the cycles of degraded images, which do not count; for comparison alone"
+    return table(caption, ("pose", "cycles", "RP_l, mm", *AXES), rows, text_columns=2, wide=1)
 
 
 def without_outliers_fact(pose: Json) -> list[tuple[str, str]]:

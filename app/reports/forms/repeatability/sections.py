@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from app.reports.forms.blocks import (
@@ -25,6 +25,7 @@ from app.reports.forms.repeatability.cycles import drift_blocks, steadiness_bloc
 from app.reports.forms.repeatability.figure_names import AXES, RP_AXES, VERDICTS
 from app.reports.forms.repeatability.outliers import (
     outlier_blocks,
+    with_degraded_table,
     without_outliers_fact,
     without_outliers_table,
 )
@@ -57,7 +58,8 @@ def repeatability_blocks(found: Json, inputs: Json) -> list[Block]:
 def headline(found: Json) -> list[Block]:
     """Return RP with its verdicts, and RP without the outliers, for a report on the whole session."""
     level = f"{100.0 * found['confidence_level']:g} %"
-    return [*_rp_table(found, level), *_verdict_notes(found), *without_outliers_table(found)]
+    others = (*without_outliers_table(found), *with_degraded_table(found))
+    return [*_rp_table(found, level), *_verdict_notes(found), *others]
 
 
 def _result(found: Json, level: str) -> list[Block]:
@@ -65,9 +67,9 @@ def _result(found: Json, level: str) -> list[Block]:
     blocks = [heading("Result")]
     if known:
         worst = max(known, key=lambda pose: pose["repeatability"]["rp_l_mm"])
-        value, interval = with_interval(worst["repeatability"]["rp_l_mm"], worst["interval"]["rp_l_mm"])
+        reading, interval = worst["repeatability"]["rp_l_mm"], worst["interval"]["rp_l_mm"]
         rows = [
-            ("largest RP_l", f"{value} mm at pose {worst['pose_id']}, {level} interval {interval} mm"),
+            ("largest RP_l", _at_pose(reading, interval, worst["pose_id"], level)),
             ("its noise floor", f"{number(worst['noise_floor']['rp_l_mm'])} mm"),
             ("its verdict", f"{words(worst['verdict'])}. {VERDICTS[worst['verdict']]}"),
             *without_outliers_fact(worst),
@@ -75,12 +77,9 @@ def _result(found: Json, level: str) -> list[Block]:
         accurate = [pose for pose in known if pose["accuracy"] and pose["accuracy"]["ap_p_mm"] is not None]
         if accurate:
             worst = max(accurate, key=lambda pose: pose["accuracy"]["ap_p_mm"])
-            value, interval = with_interval(
-                worst["accuracy"]["ap_p_mm"], worst["accuracy"]["interval"]["ap_p_mm"]
-            )
-            rows.append(
-                ("largest AP_p", f"{value} mm at pose {worst['pose_id']}, {level} interval {interval} mm")
-            )
+            one = worst["accuracy"]
+            said = _at_pose(one["ap_p_mm"], one["interval"]["ap_p_mm"], worst["pose_id"], level)
+            rows.append(("largest AP_p", said))
         blocks.append(facts(rows))
     else:
         blocks.append(paragraph("No pose has two cycles that count: no figure is known."))
@@ -103,6 +102,12 @@ def _result(found: Json, level: str) -> list[Block]:
                 )
             )
     return blocks
+
+
+def _at_pose(value_mm: float, interval_mm: Sequence[float] | None, pose_id: str, level: str) -> str:
+    value, interval = with_interval(value_mm, interval_mm)
+    known = f"{level} interval {interval} mm" if interval_mm is not None else "interval not known"
+    return f"{value} mm at pose {pose_id}, {known}"
 
 
 def _instrument(found: Json) -> list[Block]:

@@ -18,6 +18,7 @@ from tests.support.sessions.stored_sessions import (
     BOARD,
     CAMERA,
     HEIGHT,
+    MEASURED_BOARD,
     WIDTH,
     Shot,
     Store,
@@ -149,7 +150,7 @@ def test_a_perfect_board_stays_as_it_is(api: Any, store: Store) -> None:
 
 def test_the_shape_reaches_accuracy(api: Any, store: Store) -> None:
     """The commands are where the cameras were: what accuracy reads is the board's."""
-    session = new_session(api)
+    session = new_session(api, MEASURED_BOARD)
     shots = session_of(7, bent(BOARD, 0.25))
     store(api, session, shots)
     for shot in {shot.pose_id: shot for shot in shots}.values():

@@ -16,6 +16,7 @@ from core.session.repeatability.performance import MAX_PAIRS
 from tests.support.sessions.stored_sessions import (
     BOARD,
     CAMERA,
+    MEASURED_BOARD,
     WIDTH,
     Shot,
     Store,
@@ -90,7 +91,7 @@ def visits(
 def test_distances_by_cycle_against_the_commanded_ones(api: Any, store: Store) -> None:
     rng = np.random.default_rng(1)
     poses = cube(rng)
-    session = new_session(api)
+    session = new_session(api, MEASURED_BOARD)
     # The robot is .4 mm too far out at P2, along the way from P1.
     store(api, session, visits(rng, poses, 12, 0.05, {"P2": 0.4 * np.array([0.6, 0.0, -0.8])}))
     for pose_id, T in poses.items():

@@ -1,0 +1,138 @@
+"""Decisions on a data sheet from a session: no pose is forgotten, and no cycles count whose steadiness is unknown."""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from benchmarks.trust.board_shape import DEPARTURES, Departure, Setup, simulate
+from core.metrology import Decision
+from core.session import (
+    CommandedPose,
+    SessionData,
+    assess_acceptance,
+    assess_repeatability,
+    estimate_session,
+)
+from core.session.model import Datasheet
+from core.session.repeatability import pose_rows
+from core.session.repeatability.acceptance import UNDETERMINED, UNSCALED, LimitAcceptance
+from tests.support.simulation import session_cycles as made
+
+LOOSE = Datasheet(repeatability_mm=1.0, accuracy_mm=5.0)
+
+
+def decided(data: SessionData, limits: Datasheet = LOOSE) -> LimitAcceptance:
+    data = replace(data, datasheet=limits)
+    found = assess_acceptance(data, assess_repeatability(data)).repeatability
+    assert found is not None
+    return found
+
+
+def commands(poses: int = 5) -> dict[str, CommandedPose]:
+    """Commands of one orientation at corners of a cube."""
+    places = 100.0 * np.array([[0, 0, 0], [1, 1, 0], [1, 0, 1], [0, 1, 1], [1, 1, 1], [0, 0, 1]], dtype=float)
+    return {
+        f"P{i + 1}": CommandedPose(place.tolist(), 0.0, 0.0, 0.0) for i, place in enumerate(places[:poses])
+    }
+
+
+def at_commands(x: np.ndarray, told: dict[str, CommandedPose]) -> SessionData:
+    """The cycles at the places that were commanded."""
+    data = made.measured_session(x - 100.0 * np.arange(1, x.shape[1] + 1)[None, :, None])
+    measured = tuple(
+        replace(pose, position_mm=pose.position_mm + np.array(told[pose.pose_id].position_mm))
+        for pose in data.measured
+    )
+    return replace(data, measured=measured)
+
+
+def test_cycles_without_numbers_decide_nothing() -> None:
+    """Correlated cycles read too little of the scatter; without numbers nothing shows that they are correlated."""
+    limits = Datasheet(repeatability_mm=0.085)  # the robot has .1
+    outcomes: dict[bool, Counter[Decision]] = {True: Counter(), False: Counter()}
+    for seed in range(6):
+        x = made.correlated(np.random.default_rng(seed), 30, phi=0.9)
+        for numbered in outcomes:
+            found = decided(made.measured_session(x, numbered=numbered), limits)
+            outcomes[numbered][found.found.decision] += 1
+    assert outcomes[False] == {Decision.INCONCLUSIVE: 6}
+    assert outcomes[True][Decision.PASS] == 0
+    steady = made.gaussian(np.random.default_rng(1), 30)
+    assert decided(made.measured_session(steady)).found.decision is Decision.PASS
+    unnumbered = decided(made.measured_session(steady, numbered=False))
+    assert "want of cycle numbers" in unnumbered.found.reason
+    assert unnumbered.worst_mm is not None
+
+
+def test_a_pose_whose_instrument_changed_is_as_unsteady_as_any(monkeypatch: Any) -> None:
+    """Its verdict names the instrument; that its cycles move is not forgotten for that."""
+    data = made.measured_session(made.own_drifts(np.random.default_rng(3), 30))
+    rows = pose_rows._rows
+    assert decided(data).found.decision is Decision.INCONCLUSIVE
+
+    def changed(visits: Any, excluded: Any, _unreliable: Any, witness: Any) -> Any:
+        return rows(visits, excluded, frozenset(visits), witness)
+
+    monkeypatch.setattr(pose_rows, "_rows", changed)
+    found = assess_repeatability(data)
+    assert {row.figures.verdict for row in found.poses if row.figures is not None} == {"instrument_limited"}
+    assert decided(data).found.decision is Decision.INCONCLUSIVE
+
+
+@pytest.mark.parametrize("limits", [LOOSE, Datasheet(repeatability_mm=0.2)])
+def test_a_pose_that_was_commanded_and_not_measured_may_be_the_worst(limits: Datasheet) -> None:
+    data = made.measured_session(made.gaussian(np.random.default_rng(4), 30))
+    assert decided(data, limits).found.decision is Decision.PASS
+    told = replace(data, commanded=commands(poses=6))
+    found = decided(told, limits)
+    assert found.found.decision is Decision.INCONCLUSIVE
+    assert found.found.reason.startswith("1 of 6 poses")
+    assert "without a cycle that counts" in found.found.reason
+
+
+def test_accuracy_is_decided_of_every_pose_whose_position_was_commanded() -> None:
+    told = commands()
+    data = replace(
+        at_commands(made.gaussian(np.random.default_rng(5), 30), told), commanded=told, datasheet=LOOSE
+    )
+    assert assess_repeatability(data).accuracy.poses.keys() == told.keys()
+    passed = assess_acceptance(data, assess_repeatability(data)).accuracy
+    assert passed is not None
+    assert passed.found.decision is Decision.PASS
+    more = replace(data, commanded=commands(poses=6))
+    left_open = assess_acceptance(more, assess_repeatability(more)).accuracy
+    assert left_open is not None
+    assert left_open.found.decision is Decision.INCONCLUSIVE
+    assert "without a cycle that counts" in left_open.found.reason
+    # One that was measured, of which no accuracy is known.
+    found = assess_repeatability(data)
+    fewer = replace(found.accuracy, poses={p: one for p, one in found.accuracy.poses.items() if p != "P3"})
+    undetermined = assess_acceptance(data, replace(found, accuracy=fewer)).accuracy
+    assert undetermined is not None
+    assert undetermined.found.reason == f"1 of 5 poses decide nothing: 1 {UNDETERMINED}"
+
+
+def test_an_unstated_pitch_decides_nothing_of_accuracy() -> None:
+    for departure, reason in ((DEPARTURES[0], UNSCALED), (Departure("known", stated=1e-9), None)):
+        data, true = simulate(np.random.default_rng(5), Setup(), departure)
+        places = {p: CommandedPose(place.tolist(), 0.0, 0.0, 0.0) for p, place in true.items()}
+        data = replace(data, commanded=places, datasheet=Datasheet(accuracy_mm=1e4))
+        found = assess_acceptance(data, assess_repeatability(data, estimate_session(data))).accuracy
+        assert found is not None
+        assert found.worst_mm is not None
+        assert (found.found.decision is Decision.INCONCLUSIVE) == (reason is not None)
+        if reason is not None:
+            assert reason in found.found.reason
+
+
+def test_an_instrument_of_unknown_noise_passes_a_robot_but_does_not_fail_it() -> None:
+    data = made.measured_session(made.gaussian(np.random.default_rng(6), 30), instrument=False)
+    assert decided(data).found.decision is Decision.PASS
+    assert decided(data, Datasheet(repeatability_mm=0.01)).found.decision is Decision.INCONCLUSIVE
+    known = made.measured_session(made.gaussian(np.random.default_rng(6), 30))
+    assert decided(known, Datasheet(repeatability_mm=0.01)).found.decision is Decision.FAIL
