@@ -24,6 +24,8 @@ from app.services.installation.context import ServiceContext
 
 _SHAPE = re.compile(r"gp_([0-9a-z]{26})_([0-9a-f]{64})", re.ASCII)
 _PREFIX = "key_"
+FIRST_KEY_FILE = "first-admin-key"
+"""In the data folder, until its administrator has stored the key elsewhere."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -95,5 +95,16 @@ def linked(context: Context, text: str) -> Markup:
     return Markup("").join([*parts, escape(text[end:])])
 
 
+def coded(text: str) -> Markup:
+    """Return a sentence whose `commands`, between backticks, are set as code."""
+    parts = text.split("`")
+    if len(parts) % 2 == 0:  # a backtick that nothing closes
+        return escape(text)
+    return Markup("").join(
+        Markup("<code>{}</code>").format(part) if place % 2 else escape(part)
+        for place, part in enumerate(parts)
+    )
+
+
 def _estimator(name: str) -> str:
     return f"the estimator “{ESTIMATORS[name][0]}”" if name in ESTIMATORS else f"the estimator {name}"

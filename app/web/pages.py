@@ -184,6 +184,7 @@ def environment() -> Environment:
         grouped=words.grouped,
         words=words.words,
         linked=page_words.linked,
+        coded=page_words.coded,
         on_pages=page_words.on_pages,
         quoted=lambda text: quote(str(text), safe=""),
     )

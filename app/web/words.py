@@ -96,6 +96,11 @@ DECISIONS: dict[str, State] = {
     "fail": State("bad", "✕", "fail", "The whole interval is beyond the data sheet's value."),
     "inconclusive": State("fair", "?", "inconclusive", "The measurement does not decide."),
 }
+CHECK_STATES: dict[str, State] = {
+    "ok": State("good", "✓", "well", "Nothing to do."),
+    "warning": State("fair", "!", "look", "It works; see what to do."),
+    "failed": State("bad", "✕", "not well", "Part of the work is not done until this is mended."),
+}
 REPORT_STATES: dict[str, State] = {
     "queued": State("wait", "○", "waiting", "The report is ordered and waits to be made."),
     "running": State("wait", "◐", "being made", "The report is being made now."),

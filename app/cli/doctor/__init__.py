@@ -1,1 +1,1 @@
-"""`gridpose doctor`: one module per subject that is checked; no check changes anything."""
+"""`gridpose doctor`: prints the checks of the installation."""

@@ -11,10 +11,9 @@ from rich.progress import BarColumn, DownloadColumn, Progress, TextColumn, Trans
 from sqlalchemy import make_url
 
 from app.cli.context import load_settings
-from app.cli.doctor import bucket, data_folder, database, originals
-from app.cli.doctor.check_result import CheckResult, State
 from app.cli.doctor.environment import check_installation, check_workers
 from app.cli.options.data_folder import DataDir
+from app.services.inspection import CheckResult, State, backups, bucket, data_folder, database, originals
 from app.settings import Settings
 
 _SIGNS = {State.ok: "[green]ok  [/]", State.warning: "[yellow]warn[/]", State.failed: "[red]FAIL[/]"}
@@ -40,6 +39,7 @@ def doctor(
         f"Database {_address(settings)}".rstrip(): list(database.check(settings, deep=deep)),
         **({f"Bucket {settings.blob_url}": list(bucket.check(settings))} if settings.blob_url else {}),
         **({"Originals": _check_originals(settings)} if deep else {}),
+        "Backups": list(backups.check(settings)),
         "Workers": list(check_workers(settings)),
     }
     console = Console(highlight=False)

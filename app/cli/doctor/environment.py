@@ -11,9 +11,9 @@ import cv2
 import numpy as np
 
 from app.build import core_version
-from app.cli.doctor.check_result import CheckResult, failed, ok, warn
 from app.records.database import sqlite_driver, sqlite_version
 from app.records.file_lock import AlreadyLocked, FileLock
+from app.services.inspection.check_result import CheckResult, failed, ok, warn
 from app.settings import Settings
 
 _PACKAGES = ("fastapi", "uvicorn", "sqlalchemy", "numpy", "scipy")

@@ -16,9 +16,7 @@ import structlog
 from app.records.activity import Activity, acting
 from app.records.tables import ApiKey
 from app.services.installation.context import ServiceContext
-from app.services.keys import draft_key, find_key, store_key
-
-FILE_NAME = "first-admin-key"
+from app.services.keys import FIRST_KEY_FILE, draft_key, find_key, store_key
 
 log = structlog.get_logger(__name__)
 
@@ -30,7 +28,7 @@ def ensure_admin_key(installation: ServiceContext) -> Path | None:
     """
     if installation.settings.auth == "off":
         return None
-    path = installation.settings.data_dir / FILE_NAME
+    path = installation.settings.data_dir / FIRST_KEY_FILE
     if not _has_admin(installation):
         new = draft_key(installation, "first admin key", "admin")
         _write(path, new.secret_key)

@@ -7,9 +7,19 @@ originals/ab/abcd...  every original the rows name, by its SHA-256
 key-pepper-*          what the keys are hashed with: a backup is as confidential as the data folder
 """
 
+from app.services.backup.latest import LatestBackup, read_latest_backup
 from app.services.backup.making import Report, make_backup
 from app.services.backup.manifest import Manifest, read_manifest
 from app.services.backup.moving import move_installation
 from app.services.backup.restoring import restore_backup
 
-__all__ = ["Manifest", "Report", "make_backup", "move_installation", "read_manifest", "restore_backup"]
+__all__ = [
+    "LatestBackup",
+    "Manifest",
+    "Report",
+    "make_backup",
+    "move_installation",
+    "read_latest_backup",
+    "read_manifest",
+    "restore_backup",
+]

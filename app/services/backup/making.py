@@ -26,6 +26,7 @@ from app.records.file_lock import AlreadyLocked, FileLock
 from app.records.rows import count_rows
 from app.records.tables import Installation as InstallationRow
 from app.records.tables import Measurement
+from app.services.backup.latest import note_backup
 from app.services.backup.manifest import (
     FORMAT,
     Manifest,
@@ -66,7 +67,9 @@ def make_backup(installation: ServiceContext, folder: Path) -> Report:
             "backup_folder_in_use", f"Another backup to {folder} is being made.", "Wait for its end."
         ) from error
     try:
-        return _Making(installation, row.id, folder).run()
+        report = _Making(installation, row.id, folder).run()
+        note_backup(installation.settings.data_dir, report.manifest, folder)
+        return report
     finally:
         lock.release()
 

@@ -16,10 +16,12 @@ from starlette.responses import Response
 from app.build import core_version
 from app.records.database import sqlite_version
 from app.records.tables import ApiKey, AuditEntry, Report, Robot, Session, Target
+from app.services.inspection import inspect_quickly
 from app.services.keys import list_keys
 from app.services.sessions import count_all_measurements
 from app.web.pages import page_router, render
 from app.web.service import Service, service_of
+from app.web.words import CHECK_STATES
 
 router = page_router()
 AUDIT_PAGE, AUDIT_OBJECTS = 100, 3
@@ -74,12 +76,15 @@ async def show_system(request: Request) -> Response:
     service = service_of(request)
     checks = await service.health.look()
     facts = await run_in_threadpool(_facts, service)
+    inspected = await run_in_threadpool(inspect_quickly, service.installation.settings)
     waiting, running = service.analyses.counts()
     runner = service.runner.state if service.runner is not None else None
     return render(
         request,
         "system.html",
         checks=checks,
+        inspected=inspected,
+        states=CHECK_STATES,
         runner=runner,
         analyses_waiting=waiting,
         analyses_running=running,

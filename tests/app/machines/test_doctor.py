@@ -10,10 +10,10 @@ import pytest
 import sqlalchemy as sa
 
 from app.blobs.objects import store_of
-from app.cli.doctor import bucket, database
-from app.cli.doctor.check_result import CheckResult, State
 from app.errors import InstallationRefused, StorageFull
 from app.records.database import Database
+from app.services.inspection import bucket, database
+from app.services.inspection.check_result import CheckResult, State
 from app.services.installation import backends
 from app.services.installation.context import ServiceContext
 from app.settings import Settings

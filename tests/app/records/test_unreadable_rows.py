@@ -10,12 +10,12 @@ from typing import Any
 import pytest
 import sqlalchemy as sa
 
-from app.cli.doctor import database as database_checks
-from app.cli.doctor.check_result import State
 from app.jobs.queue import JobResult
 from app.records.database import Database
 from app.records.outcome import Failure, Outcome
 from app.records.tables import Measurement, Result
+from app.services.inspection import database as database_checks
+from app.services.inspection.check_result import State
 from app.services.keys import create_key, list_keys, revoke_key
 
 DONE = Outcome(result=None, failure=Failure("target_not_found", "Nothing there.", None))

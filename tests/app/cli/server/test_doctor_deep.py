@@ -13,8 +13,8 @@ import pytest
 import sqlalchemy as sa
 
 from app.cli.doctor.command import doctor as run_doctor
-from app.cli.doctor.database import check_deep
 from app.records.database import Database
+from app.services.inspection.database import check_deep
 from app.services.maintenance.orphans import GRACE_S
 from tests.support.image.images import flip_bit
 

@@ -10,16 +10,16 @@ import pytest
 import typer
 from typer.testing import CliRunner
 
-from app.cli.doctor import data_folder
-from app.cli.doctor.check_result import State
-from app.cli.server.first_key import FILE_NAME, announce_admin_key, ensure_admin_key
+from app.cli.server.first_key import announce_admin_key, ensure_admin_key
 from app.client.commands import KeyFile, UploadKey
 from app.errors import Unavailable
 from app.records.audit import list_entries
 from app.records.privacy import close_to_others, exposed
 from app.services import keys
+from app.services.inspection import data_folder
+from app.services.inspection.check_result import State
 from app.services.installation.context import ServiceContext
-from app.services.keys import find_key, list_keys, revoke_key
+from app.services.keys import FIRST_KEY_FILE, find_key, list_keys, revoke_key
 from app.settings import Settings
 
 posix = pytest.mark.skipif(os.name != "posix", reason="modes of files are POSIX's")
@@ -81,7 +81,7 @@ def test_a_crash_between_file_and_database_locks_nobody_out(
         patched.setattr("app.cli.server.first_key.store_key", crash)
         with pytest.raises(Unavailable):
             ensure_admin_key(installation)
-    stale = (installation.settings.data_dir / FILE_NAME).read_text()
+    stale = (installation.settings.data_dir / FIRST_KEY_FILE).read_text()
     assert admins(installation) == 0
     path = ensure_admin_key(installation)
     assert path is not None
@@ -139,8 +139,8 @@ def test_doctor_finds_what_others_can_read(installation: ServiceContext) -> None
         ]
 
     (still_there,) = warnings()
-    assert FILE_NAME in still_there
-    (folder / FILE_NAME).unlink()
+    assert FIRST_KEY_FILE in still_there
+    (folder / FIRST_KEY_FILE).unlink()
     assert warnings() == []
     assert "plain HTTP" in warnings(host="0.0.0.0")[0]
     for name in ("gridpose.sqlite3", "key-pepper", "."):

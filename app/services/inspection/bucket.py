@@ -13,10 +13,10 @@ import sqlalchemy as sa
 from sqlalchemy.exc import DBAPIError
 
 from app.blobs import S3Blobs
-from app.cli.doctor.check_result import CheckResult, failed, ok, warn
 from app.errors import InstallationRefused, ServiceError
 from app.records.database import Database
 from app.records.tables import Installation, Measurement
+from app.services.inspection.check_result import CheckResult, failed, ok, warn
 from app.services.installation.backends import require_bucket, stored_id
 from app.services.installation.context import open_blobs
 from app.settings import MIB, Settings

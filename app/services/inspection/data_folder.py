@@ -11,14 +11,14 @@ from pathlib import Path
 
 from sqlalchemy.exc import DBAPIError
 
-from app.cli.doctor.check_result import CheckResult, failed, ok, warn
-from app.cli.server.first_key import FILE_NAME
 from app.errors import InstallationRefused, ServiceError
 from app.records.database import Database
 from app.records.privacy import exposed
 from app.records.tables import Installation
+from app.services.inspection.check_result import CheckResult, failed, ok, warn
 from app.services.installation.binding import require_installation, require_pepper, require_same, sqlite_path
 from app.services.installation.identity import read_identity
+from app.services.keys import FIRST_KEY_FILE
 from app.settings import MIB, Settings, is_loopback
 
 _NETWORK_FILE_SYSTEMS = frozenset(
@@ -126,10 +126,11 @@ def _private(folder: Path) -> Iterator[CheckResult]:
         )
     if not found:
         yield ok("is private to this user")
-    key_file = folder / FILE_NAME
+    key_file = folder / FIRST_KEY_FILE
     if os.access(key_file, os.F_OK):
         yield warn(
-            f"{FILE_NAME} still holds the first admin key", f"Store the key elsewhere, then remove {key_file}"
+            f"{FIRST_KEY_FILE} still holds the first admin key",
+            f"Store the key elsewhere, then remove {key_file}",
         )
 
 

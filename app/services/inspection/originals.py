@@ -15,10 +15,10 @@ import sqlalchemy as sa
 
 from app.blobs.integrity import hash_of
 from app.blobs.local import LocalBlobs
-from app.cli.doctor.check_result import CheckResult, failed, ok, warn
 from app.records.database import Database
 from app.records.migrations import current_revision, head_revision
 from app.records.tables import Measurement
+from app.services.inspection.check_result import CheckResult, failed, ok, warn
 from app.services.maintenance.orphans import GRACE_S
 from app.settings import MIB, Settings
 

@@ -1,4 +1,4 @@
-"""Result of one `gridpose doctor` check."""
+"""Result of one check of an installation."""
 
 from __future__ import annotations
 

@@ -1,0 +1,86 @@
+"""What is found of an installation: its backups, and how the System page says it."""
+
+from __future__ import annotations
+
+import json
+from datetime import UTC, datetime, timedelta
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from app.services.backup import make_backup, read_latest_backup
+from app.services.backup.latest import FILE_NAME
+from app.services.inspection import State, backups, inspect_quickly
+from app.services.installation.identity import Identity, read_identity, write_identity
+from tests.support.service.signed_in import signed_in
+
+
+def found(api: Any) -> list[tuple[State, str]]:
+    return [(one.state, one.detail) for one in backups.check(api.installation.settings)]
+
+
+def aged(api: Any, days: float) -> None:
+    folder = api.installation.settings.data_dir
+    identity = read_identity(folder)
+    assert identity is not None
+    write_identity(folder, Identity(identity.id, datetime.now(UTC) - timedelta(days=days)))
+
+
+def test_an_installation_without_a_backup_is_reported_from_its_second_day_on(api: Any) -> None:
+    assert found(api) == [(State.ok, "none yet; `gridpose backup DIR` makes one")]
+    aged(api, 2.0)
+    assert found(api) == [(State.warning, "none was made")]
+
+
+def test_a_backup_is_noted_with_its_moment_and_folder(api: Any, tmp_path: Path) -> None:
+    report = make_backup(api.installation, tmp_path / "copy")
+    latest = read_latest_backup(api.installation.settings.data_dir)
+    assert latest is not None
+    assert latest.created_at.isoformat() == report.manifest.created_at
+    assert (latest.folder, latest.lacking) == (str(tmp_path / "copy"), 0)
+    (made, where) = found(api)
+    assert made[0] is State.ok
+    assert str(tmp_path / "copy") in made[1]
+    # In a test both lie on one disk.
+    assert where == (State.warning, "it is on the disk of the data folder, and is lost with it")
+
+
+@pytest.mark.parametrize(
+    ("change", "state"),
+    [
+        ({"created_at": "2020-01-01T00:00:00+00:00"}, State.warning),
+        ({"lacking": 3}, State.warning),
+        ({"folder": "/nowhere/to/be/seen"}, State.ok),
+    ],
+)
+def test_an_old_or_incomplete_backup_is_reported(
+    api: Any, tmp_path: Path, change: dict[str, Any], state: State
+) -> None:
+    make_backup(api.installation, tmp_path / "copy")
+    note = api.installation.settings.data_dir / FILE_NAME
+    document = {**json.loads(note.read_text()), "folder": "/nowhere", **change}
+    note.write_text(json.dumps(document))
+    assert max(one.value for one, _ in found(api)) == state.value
+
+
+def test_a_note_that_cannot_be_read_is_no_missing_backup(api: Any) -> None:
+    (api.installation.settings.data_dir / FILE_NAME).write_text("{")
+    ((state, detail),) = found(api)
+    assert state is State.warning
+    assert "cannot be read" in detail
+
+
+def test_the_system_page_shows_what_was_found_and_what_to_do(api: Any) -> None:
+    page = api.client.get("/ui/system", headers=signed_in(api)).text
+    assert "belong to installation" in page
+    assert "schema" in page
+    assert "none yet; <code>gridpose backup DIR</code> makes one" in page
+    aged(api, 2.0)
+    page = api.client.get("/ui/system", headers=signed_in(api)).text
+    assert "none was made" in page
+    assert "Run <code>gridpose backup DIR</code> daily" in page
+    assert "below" in page
+    quick = inspect_quickly(api.installation.settings)
+    assert set(quick) == {"Data folder", "Database", "Backups"}
+    assert not any(one.state is State.failed for part in quick.values() for one in part)
