@@ -48,6 +48,8 @@ class PoseData:
     image
         Index of the image that each pose was measured in, the same for the poses of several targets that one image
         shows; None where each has its own.
+    approach
+        Sign of every joint's last move before the pose, 1, -1, or 0 where it is not known; None: of no pose.
     """
 
     joint_angles: Float[np.ndarray, "a j"]
@@ -58,10 +60,19 @@ class PoseData:
     target: Int[np.ndarray, " n"] | None = None
     labels: tuple[str, ...] = field(default=())
     image: Int[np.ndarray, " n"] | None = None
+    approach: Float[np.ndarray, "a j"] | None = None
 
     def __post_init__(self) -> None:
         """Raise JointAnglesMissing or InvalidArgument, naming the pose, where something cannot be used."""
-        parts = (self.joint_angles, self.rotations, self.covariance, self.common, self.target, self.image)
+        parts = (
+            self.joint_angles,
+            self.rotations,
+            self.covariance,
+            self.common,
+            self.target,
+            self.image,
+            self.approach,
+        )
         if any(part is not None and len(part) != len(self.positions_mm) for part in parts):
             raise InvalidArgument("Each pose needs all of what is given: the arrays differ in length.")
         _require_angles(self)
@@ -110,6 +121,7 @@ class PoseData:
             None if self.target is None else self.target[poses],
             tuple(self.labels[i] for i in poses) if self.labels else (),
             None if self.image is None else self.image[poses],
+            None if self.approach is None else self.approach[poses],
         )
 
     def _require(self, passes: Bool[np.ndarray, " n"], what: str) -> None:

@@ -12,6 +12,7 @@ from jaxtyping import Float
 from core.errors import Advisory, listed
 from core.kinematics.arm_model import ArmState
 from core.kinematics.dh import JOINT_PARAMETERS, Chain, JointParameters
+from core.kinematics.error_model import ErrorModel, joint_approach
 from core.kinematics.global_fit import Conditioning, FitResult, Gauge, HoldOutError, Validation, rms
 from core.kinematics.pose_observations import PoseData
 from core.kinematics.sweeps import find_sweeps
@@ -90,6 +91,8 @@ FAR_MM, FAR_RAD = 20.0, math.radians(5.0)
 MAX_SHARE_APART = 0.005
 """Of the variance that independent joints have in a combination: what moves less moves together."""
 MIN_PART_OF_COMBINATION = 0.2
+LARGE_APPROACH, SURE_APPROACH = math.radians(0.005), 3.0
+"""Offset of a joint by the side it comes from that is worth a warning, and how many of its uncertainties it must be."""
 MIN_SPARE_CONFIGURATIONS = 4
 """More than joints: fewer configurations lie near a plane by chance."""
 
@@ -135,6 +138,24 @@ def validation_warnings(validation: Validation | None) -> Iterator[Advisory]:
                 f"On held-out poses the identified chain is off by {ours:.3g} mm, the nominal by {nominals:.3g}.",
                 "Add poses; these do not determine the parameters better than the data sheet states them.",
             )
+
+
+def approach_warnings(model: ErrorModel) -> Iterator[Advisory]:
+    """Yield a warning where joints stop elsewhere when they come from the other side."""
+    large = [
+        one
+        for one in joint_approach(model)
+        if abs(one.offset) > max(LARGE_APPROACH, SURE_APPROACH * one.standard_uncertainty)
+    ]
+    if large:
+        which = ", ".join(f"{one.joint} by {2.0 * abs(math.degrees(one.offset)):.3f}°" for one in large)
+        yield Advisory(
+            "approach_matters",
+            f"Some joints stop elsewhere when they come from the other side: {which} between the sides. Predictions "
+            "lie in the middle, and their uncertainty covers both sides.",
+            "Let the robot's program reach every pose by moves of these joints from one side; the rest of their play "
+            "is a matter of the gears.",
+        )
 
 
 def _short_arcs(joint_angles: Float[np.ndarray, "n j"]) -> Iterator[Advisory]:

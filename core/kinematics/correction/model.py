@@ -96,13 +96,15 @@ class CorrectionModel:
         return attained_poses(self.model, self.level, joint_angles)
 
     def deviations(self, joint_angles: Float[np.ndarray, "n j"]) -> Float[np.ndarray, "k n"]:
-        """Return the expected lengths of the error of position (mm) and, where known, of rotation (rad)."""
+        """Return the expected lengths of the error of position (mm) and, where known, of rotation (rad), whichever side
+        the joints come from.
+        """
         problem, fitted = self.model.fit.design, self.model.fit.levels[self.level]
         m = problem.seen.components
         asked = problem.at(joint_angles, components=m)
         stated = np.empty((m, len(joint_angles)))
         for some in asked.blocks(np.arange(len(joint_angles))):
-            stated[:, some] = variances(asked.rows(some), fitted)
+            stated[:, some] = variances(asked.rows(some), fitted) + asked.by_unknown_moves(some, fitted)
         stated += self.model.fit.scatter_of(self.level).diagonal(m)[:, None]
         lengths = np.sqrt(stated.reshape(problem.kinds, 3, -1).sum(axis=1))
         return np.asarray(self.growth[:, None] * lengths)

@@ -1,9 +1,11 @@
 """What a robot has beyond its Denavit-Hartenberg chain: joint curves, compliance and wobble, as terms with priors."""
 
 from core.kinematics.error_model.curves import (
+    JointApproach,
     JointCompliance,
     JointCurve,
     JointRegion,
+    joint_approach,
     joint_compliance,
     joint_curves,
     joint_regions,
@@ -28,6 +30,7 @@ __all__ = [
     "Design",
     "ErrorFit",
     "ErrorModel",
+    "JointApproach",
     "JointCompliance",
     "JointCurve",
     "JointRegion",
@@ -39,6 +42,7 @@ __all__ = [
     "fit_levels",
     "growth",
     "held_out_residuals",
+    "joint_approach",
     "joint_compliance",
     "joint_curves",
     "joint_regions",

@@ -44,6 +44,17 @@ class JointCompliance:
 
 
 @dataclass(frozen=True, slots=True)
+class JointApproach:
+    """How far a joint (from 1) stops ahead of the mean of both directions, when it last moved to larger angles, rad;
+    behind it after moves to smaller ones. Twice that is its reversal error.
+    """
+
+    joint: int
+    offset: float
+    standard_uncertainty: float
+
+
+@dataclass(frozen=True, slots=True)
 class JointRegion:
     """Where a joint (from 1) has been, rad: from `minimum` to `maximum` but for the gaps wider than 10°."""
 
@@ -97,6 +108,19 @@ def joint_compliance(model: ErrorModel) -> tuple[JointCompliance, ...]:
             if variance < MAX_PRIOR_SHARE * before
         ]
     return tuple(found)
+
+
+def joint_approach(model: ErrorModel) -> tuple[JointApproach, ...]:
+    """Return what the side a joint comes from does, for the joints of which the poses determine it."""
+    problem = model.fit.design
+    columns = np.flatnonzero(problem.terms.of(Kind.APPROACH) & model.level.chosen(problem.terms))
+    prior = model.fitted.hyperparameters.variances(problem.terms)[0][columns]
+    b, C = _of(model, model.fitted, columns)
+    return tuple(
+        JointApproach(int(problem.terms.joint[column]) + 1, float(value), math.sqrt(float(variance)))
+        for column, value, variance, before in zip(columns, b, np.diag(C), prior, strict=True)
+        if variance < MAX_PRIOR_SHARE * before
+    )
 
 
 def joint_regions(joint_angles: Float[np.ndarray, "n j"]) -> tuple[JointRegion, ...]:

@@ -129,7 +129,7 @@ def maximise(
     terms: Terms,
     chosen: Bool[np.ndarray, " c"],
     start: tuple[Hyperparameters, Float[np.ndarray, " k"]],
-    spread: Float[np.ndarray, "6"],
+    spread: Float[np.ndarray, "7"],
     least_noise: Float[np.ndarray, " k"],
 ) -> Fitted:
     """Return the fit at the hyperparameters and noise of the greatest restricted likelihood times their prior.
@@ -196,7 +196,7 @@ def _curvatures(
     terms: Terms,
     chosen: Bool[np.ndarray, " c"],
     moving: Bool[np.ndarray, " h"],
-    spread: Float[np.ndarray, "6"],
+    spread: Float[np.ndarray, "7"],
 ) -> Float[np.ndarray, " x"]:
     """Return about how the objective curves along each logarithm: what determines it, and its prior."""
     variances, by = at[0].variances(terms)

@@ -73,7 +73,7 @@ def fit_levels(problem: Design, scatter: Variances) -> ErrorFit:
     terms = problem.terms
     used = _inliers(problem, problem.residuals, scatter, np.ones(problem.kinds))
     sums = problem.sums(np.flatnonzero(used), scatter)
-    spread = spreads(int(used.sum())) if used.sum() >= LEAST_POSES else np.zeros(6)
+    spread = spreads(int(used.sum())) if used.sum() >= LEAST_POSES else np.zeros(7)
     everything = Level.ALL.chosen(terms)
     begin = (Hyperparameters.defaults(), np.ones(problem.kinds))
     for _ in range(_MAX_ROUNDS):

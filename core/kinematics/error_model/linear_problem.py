@@ -14,9 +14,9 @@ from jaxtyping import Bool, Float, Int
 from scipy.sparse import csr_array
 
 from core.kinematics.arm_model import ArmState
-from core.kinematics.error_model.evidence import Prior, Sums
+from core.kinematics.error_model.evidence import Fitted, Prior, Sums
 from core.kinematics.error_model.priors import PRIOR_ANGLE_RAD, PRIOR_LENGTH_MM
-from core.kinematics.error_model.terms import Terms, term_columns, terms_of
+from core.kinematics.error_model.terms import Kind, Terms, term_columns, terms_of
 from core.kinematics.global_fit import Observations, configurations, linearised, whitened, whitener
 from core.numerics import Variances
 
@@ -72,11 +72,26 @@ class Design:
         )
         return replace(self, seen=seen)
 
+    def by_unknown_moves(self, members: Int[np.ndarray, " q"], fitted: Fitted) -> Float[np.ndarray, "m q"]:
+        """Return the variances of predictions by last moves that are as probable to one side as to the other."""
+        some = self.seen.take(members)
+        of_moves = self.terms.of(Kind.APPROACH)
+        if not of_moves.any():
+            return np.zeros((some.components, len(members)))
+        places = int(self.free.sum()) + np.flatnonzero(of_moves)
+        squares = fitted.coefficients[places] ** 2 + np.diag(fitted.covariance)[places]
+        either = np.ones_like(some.joint_angles)
+        columns = term_columns(self.arm, some.joint_angles, some.target, either)[of_moves, : some.components]
+        return np.asarray(np.einsum("jmn,j->mn", columns**2, squares))
+
     def rows(self, members: Int[np.ndarray, " q"]) -> Float[np.ndarray, "p m q"]:
         """Return the derivatives of predictions by all coefficients, not whitened."""
         some = self.seen.take(members)
         _, J = linearised(self.arm, some)
-        beyond = term_columns(self.arm, some.joint_angles, some.target)
+        moves = None
+        if self.terms.of(Kind.APPROACH).any():
+            moves = np.zeros_like(some.joint_angles) if some.approach is None else some.approach
+        beyond = term_columns(self.arm, some.joint_angles, some.target, moves)
         return np.concatenate([J[self.free], beyond[:, : some.components]])
 
     def blocks(self, members: Int[np.ndarray, " n"]) -> Iterator[Int[np.ndarray, " q"]]:
@@ -123,7 +138,9 @@ def design(
     residuals, _ = linearised(arm, seen)
     averaged, means, visit = _averaged(seen, residuals, labels)
     prior = _prior(arm, taken, nominal)
-    return Design(arm, averaged, means, residuals, visit, taken, prior, terms_of(layout.joints))
+    moves_known = averaged.approach is not None and bool(averaged.approach.any())
+    terms = terms_of(layout.joints, approach=moves_known)
+    return Design(arm, averaged, means, residuals, visit, taken, prior, terms)
 
 
 def _prior(arm: ArmState, free: Bool[np.ndarray, " p"], nominal: Float[np.ndarray, "j 5"] | None) -> Prior:
@@ -162,6 +179,7 @@ def _averaged(
             joint_angles=mean @ seen.joint_angles,
             own=(mean @ seen.own.reshape(n, m * m)).reshape(-1, m, m) / visits[:, None, None],
             common=(mean @ seen.common.reshape(n, -1)).reshape(len(first), m, -1),
+            approach=None if seen.approach is None else mean @ seen.approach,
         ),
         np.ascontiguousarray((mean @ residuals.T).T),
         visit,

@@ -22,6 +22,7 @@ from core.kinematics.error_model.fit import ErrorFit, Level, fit_levels
 from core.kinematics.error_model.held_out import growth, held_out_residuals, variances
 from core.kinematics.error_model.linear_problem import Design
 from core.kinematics.error_model.priors import FEW_POSES
+from core.kinematics.error_model.terms import Kind
 from core.kinematics.global_fit import Blocking, HoldOutError, rms
 from core.numerics import Variances
 
@@ -87,10 +88,18 @@ class ErrorModel:
             return None
         return self.held_out[folds].position_rms_mm / self.chain_alone[folds].position_rms_mm
 
+    @property
+    def knows_approach(self) -> bool:
+        """Whether the side that joints came from is known, so that this is a term."""
+        return bool(self.fit.design.terms.of(Kind.APPROACH).any())
+
     def predict(
         self, joint_angles: Float[np.ndarray, "n j"], target: Int[np.ndarray, " n"] | None = None
     ) -> Prediction:
-        """Predict T_target_camera at joint angles (rad), before the targets of these indices (0 for all)."""
+        """Predict T_target_camera at joint angles (rad), before the targets of these indices (0 for all).
+
+        From which side the joints come is not known: predictions lie between, with the variance of either.
+        """
         problem = self.fit.design
         n, m = len(joint_angles), problem.seen.components
         which = np.zeros(n, dtype=np.intp) if target is None else target
@@ -102,7 +111,7 @@ class ErrorModel:
         for some in asked.blocks(np.arange(n)):
             rows = asked.rows(some)
             step[:, some] = np.einsum("pmn,p->mn", rows, self.fitted.coefficients)
-            stated[:, some] = variances(rows, self.fitted)
+            stated[:, some] = variances(rows, self.fitted) + asked.by_unknown_moves(some, self.fitted)
         poses[:, :3, 3] += step[:3].T
         if m == 6:
             poses[:, :3, :3] = rotations_from_vectors(step[3:].T) @ poses[:, :3, :3]

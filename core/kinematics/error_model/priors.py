@@ -20,7 +20,7 @@ LEAST_POSES = 30
 """With fewer poses the hyperparameters keep their defaults."""
 PRIOR_LENGTH_MM, PRIOR_ANGLE_RAD = 1.0, math.radians(0.1)
 """Standard deviations of DH parameters about the nominal: what workshops and assembly leave."""
-_SMOOTH, _TAIL, _CORNER, _COMPLIANCE, _RADIAL, _WOBBLE = range(6)
+_SMOOTH, _TAIL, _CORNER, _COMPLIANCE, _RADIAL, _WOBBLE, _APPROACH = range(7)
 _DEFAULTS = (
     math.radians(6e-3),  # sa, rad
     math.radians(1e-3),  # sb, rad
@@ -28,6 +28,7 @@ _DEFAULTS = (
     0.6e-3,  # compliance, rad per m of lever
     0.3e-3,  # radial compliance, rad per m of lever
     0.015,  # wobble: .015 mm and .015 mrad
+    math.radians(3e-3),  # approach, rad: gears without play have less, worn ones ten times as much
 )
 _MRAD = 1e-3
 _CORNER_SPREAD = 0.5
@@ -35,9 +36,10 @@ _CORNER_SPREAD = 0.5
 
 @dataclass(frozen=True, slots=True)
 class Hyperparameters:
-    """Logarithms of sa² and sb² (rad²), k0, compliance², radial² ((rad/m)²) and wobble² (mm² and mrad²)."""
+    """Logarithms of sa² and sb² (rad²), k0, compliance², radial² ((rad/m)²), wobble² (mm² and mrad²)
+    and approach² (rad²)."""
 
-    log_values: Float[np.ndarray, "6"]
+    log_values: Float[np.ndarray, "7"]
 
     @classmethod
     def defaults(cls) -> Hyperparameters:
@@ -46,11 +48,11 @@ class Hyperparameters:
         values[_CORNER] *= 0.5
         return cls(values)
 
-    def variances(self, terms: Terms) -> tuple[Float[np.ndarray, " c"], Float[np.ndarray, "6 c"]]:
+    def variances(self, terms: Terms) -> tuple[Float[np.ndarray, " c"], Float[np.ndarray, "7 c"]]:
         """Return the variance of every column's coefficient, and its logarithm's derivatives by the hyperparameters."""
-        sa, sb, corner, compliance, radial, wobble = np.exp(self.log_values)
+        sa, sb, corner, compliance, radial, wobble, approach = np.exp(self.log_values)
         v = np.zeros(len(terms))
-        gradient = np.zeros((6, len(terms)))
+        gradient = np.zeros((len(_DEFAULTS), len(terms)))
         curves = terms.of(Kind.CURVE)
         k = terms.harmonic[curves].astype(np.float64)
         shape = 1.0 / (1.0 + (k / corner) ** 2)
@@ -64,6 +66,7 @@ class Hyperparameters:
             (_RADIAL, Kind.RADIAL, radial),
             (_WOBBLE, Kind.WOBBLE_TURN, wobble * _MRAD**2),
             (_WOBBLE, Kind.WOBBLE_SHIFT, wobble),
+            (_APPROACH, Kind.APPROACH, approach),
         ):
             of_kind = terms.of(kind)
             v[of_kind] = value
@@ -71,8 +74,8 @@ class Hyperparameters:
         return v, gradient
 
 
-def spreads(poses: int) -> Float[np.ndarray, "6"]:
+def spreads(poses: int) -> Float[np.ndarray, "7"]:
     """Return the standard deviations of the hyperparameters' priors for so many distinct poses."""
-    of_logarithms = np.full(6, 0.7 if poses < FEW_POSES else 2.0)
+    of_logarithms = np.full(len(_DEFAULTS), 0.7 if poses < FEW_POSES else 2.0)
     of_logarithms[_CORNER] = _CORNER_SPREAD
     return of_logarithms

@@ -7,6 +7,8 @@ t_a = [a × (p - o_j); a] the twist of a small turn about an axis a of that fram
     compliance  t_z (z_j · M_j), with M_j the moment, about o_j, of the weight of the arm beyond the joint
     radial      t_x (x_j · M_j) and t_y (y_j · M_j): bearings and links bend across the axis
     wobble      t_x, t_y and shifts along x_j, y_j, z_j, times cos q_j and sin q_j: the axis moves as the joint turns
+    approach    t_z s_j, with s_j the sign of the joint's last move: play and friction leave it short of where it goes,
+                where the order of measuring is known
 
 Masses of links are not known. M_j is that of a unit weight at the centroid of the polyline from o_j to the end (links
 of equal density), so that a coefficient is in rad per metre of lever. Gravity is taken along the base's z axis; a robot
@@ -37,6 +39,7 @@ class Kind(IntEnum):
     RADIAL = 2
     WOBBLE_TURN = 3
     WOBBLE_SHIFT = 4
+    APPROACH = 5
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,10 +62,10 @@ class Terms:
         return np.flatnonzero((self.kind == Kind.CURVE) & (self.joint == joint))
 
 
-def terms_of(joints: int) -> Terms:
-    """Return what the columns of `term_columns` are, in their order."""
+def terms_of(joints: int, *, approach: bool = False) -> Terms:
+    """Return what the columns of `term_columns` are, in their order; those of the last move where it is known."""
     one = [Kind.CURVE] * (2 * HARMONICS) + [Kind.COMPLIANCE] + [Kind.RADIAL] * 2
-    one += [Kind.WOBBLE_TURN] * 4 + [Kind.WOBBLE_SHIFT] * 6
+    one += [Kind.WOBBLE_TURN] * 4 + [Kind.WOBBLE_SHIFT] * 6 + [Kind.APPROACH] * approach
     k = np.arange(1, HARMONICS + 1)
     harmonics = np.concatenate([k, k, np.zeros(len(one) - 2 * HARMONICS, dtype=np.intp)])
     return Terms(
@@ -79,11 +82,16 @@ def harmonic_basis(angles: Float[np.ndarray, " n"]) -> Float[np.ndarray, "h n"]:
 
 
 def term_columns(
-    arm: ArmState, joint_angles: Float[np.ndarray, "n j"], target: Int[np.ndarray, " n"]
+    arm: ArmState,
+    joint_angles: Float[np.ndarray, "n j"],
+    target: Int[np.ndarray, " n"],
+    approach: Float[np.ndarray, "n j"] | None = None,
 ) -> Float[np.ndarray, "c 6 n"]:
     """Return what each term does to poses (mm, rad, target frame), by its coefficient in rad, rad/m or mm.
 
-    Memory grows with n times 133 columns a joint: give poses in blocks.
+    `approach` are the signs of the joints' last moves; without them there are no columns for these.
+
+    Memory grows with n times 133 or 134 columns a joint: give poses in blocks.
     """
     T = arm.T_target_base[target][:, None] @ chain_frames(arm.parameters, joint_angles)
     R, o = T[:, :, :3, :3], T[:, :, :3, 3]
@@ -107,6 +115,8 @@ def term_columns(
             (turns[:2, None] * wave[None, :, None]).reshape(4, 6, -1),
             (shifts[:, None] * wave[None, :, None]).reshape(6, 6, -1),
         ]
+        if approach is not None:
+            columns.append((turns[2] * approach[:, joint])[None])
     return np.concatenate(columns)
 
 

@@ -58,6 +58,8 @@ class ImageObservations:
     growth: VarianceInflation = _NO_GROWTH
     """Of the variances of lens and places, where residuals are more than noise: a print that is not flat, a lens beyond
     its model."""
+    approach: Float[np.ndarray, "k j"] | None = None
+    """As of `PoseData`."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -108,6 +110,7 @@ def linearise_images(seen: ImageObservations, placements: Placements) -> ImagePo
         np.concatenate([common, _prints(seen, positions)], axis=2),
         seen.target,
         seen.labels,
+        approach=seen.approach,
     )
     return ImagePoses(poses, step, root)
 

@@ -29,7 +29,7 @@ INDEFINITE = 1e-7
 @dataclass(frozen=True, slots=True)
 class Observations:
     """Poses made ready: `own` is C (zero where unknown), `common` the shared errors' factors, both of m components, 6
-    or 3 for positions alone.
+    or 3 for positions alone; `approach` as of `PoseData`.
     """
 
     joint_angles: Float[np.ndarray, "n j"]
@@ -38,6 +38,7 @@ class Observations:
     own: Float[np.ndarray, "n m m"]
     common: Float[np.ndarray, "n m k"]
     target: Int[np.ndarray, " n"]
+    approach: Float[np.ndarray, "n j"] | None = None
 
     def __len__(self) -> int:
         return len(self.positions_mm)
@@ -61,6 +62,7 @@ class Observations:
             self.own[poses],
             self.common[poses],
             self.target[poses],
+            None if self.approach is None else self.approach[poses],
         )
 
 
@@ -79,6 +81,7 @@ def observations_of(poses: PoseData) -> Observations:
         own,
         common,
         np.asarray(poses.targets),
+        poses.approach,
     )
 
 

@@ -66,11 +66,12 @@ def identify_from_images(
     folds: int = FOLDS,
     model: ModelChoice = ModelChoice.DH,
     trials: int = 0,
+    approach: Float[np.ndarray, "k j"] | None = None,
 ) -> ImageIdentification:
     """Identify robot and lens from the grid points of images taken with one lens at known joint angles (rad).
 
     Parameters: as of `identify`; `fit` is that of one camera to the images (`core.calibration.estimate_group`),
-    `target` the index of the target that each image shows, `labels` the images' names.
+    `target` the index of the target that each image shows, `labels` the images' names, `approach` as of `PoseData`.
 
     Raises InvalidArgument, DegenerateGeometry, NotConverged where lens and robot do not converge together, and what
     `identify` raises.
@@ -87,6 +88,7 @@ def identify_from_images(
         np.zeros(count, dtype=np.intp) if target is None else target,
         labels,
         _with_common_deformation(fit.growth, len(np.unique(fit.pose))),
+        approach,
     )
     return _identified(seen, fit.placements, nominal, start, folds, model, trials)
 

@@ -251,6 +251,7 @@ def _identify_globally(
                 labels=poses.labels,
                 model=model,
                 trials=trials,
+                approach=poses.approach,
             )
 
         try:

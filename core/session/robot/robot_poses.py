@@ -19,6 +19,7 @@ from core.geometry import rotation_to_rpy
 from core.kinematics import PoseData, forward, stack_joint_angles
 from core.session.estimate import ExcludedMeasurement, SessionEstimate
 from core.session.model import MeasuredPose, SessionData, readings
+from core.session.robot.last_moves import last_moves
 
 MAX_POSES = 20_000
 """Of one identification, which takes some 20 kB for each."""
@@ -82,6 +83,7 @@ def poses_of_estimate(data: SessionData, estimate: SessionEstimate) -> RobotPose
         tuple(pose.pose_id for pose in chosen),
         # Several targets in one image are as many poses.
         number_labels((p.pose_id, p.cycle, p.image.image if p.image else "") for p in chosen),
+        last_moves(data, chosen, _joint_angles(data, chosen)),
     )
     without = sorted(
         {pose.pose_id for pose, known in zip(estimate.poses, angles, strict=True) if known is None}
@@ -196,6 +198,7 @@ def poses_of_readings(data: SessionData) -> RobotPoses:
         np.array(rotations) if len(rotations) == len(known) else None,
         np.array(covariances) if len(covariances) == len(known) else None,
         labels=tuple(v.pose_id for v in known),
+        approach=last_moves(data, known, _joint_angles(data, known)),
     )
     return RobotPoses(poses, (), np.zeros(0, dtype=np.intp), tuple(excluded), tuple(warnings))
 

@@ -33,6 +33,7 @@ def model(**changes: Any) -> Model:
         "standard_uncertainty_deg": np.full(len(ANGLES), 0.004).tolist(),
     }
     compliance = {"joint": 1, "axis": "x", "rad_per_m": 2e-4, "standard_uncertainty_rad_per_m": 3e-5}
+    approach = {"joint": 2, "offset_deg": -0.012, "standard_uncertainty_deg": 0.001}
     gaps = [{"minimum_deg": -10.0, "maximum_deg": 6.0}]
     document = {
         **{"session_id": "ses_1", "inputs_sha256": "0" * 64, "core_version": "0.1.0"},
@@ -41,7 +42,7 @@ def model(**changes: Any) -> Model:
         "region": {
             "joints": [{"joint": 2, "minimum_deg": -50.0, "maximum_deg": 50.0, "gaps": gaps}],
         },
-        "error_model": {"joint_curves": [curve], "compliance": [compliance]},
+        "error_model": {"joint_curves": [curve], "compliance": [compliance], "approach": [approach]},
         **changes,
     }
     return Model(document, "arm", ("base", "=lift"), (None, None), True)
@@ -80,6 +81,8 @@ def test_terms_are_kept_with_every_digit() -> None:
     assert [float(row["value"]) for row in curve] == CURVE.tolist()
     (compliance,) = (row for row in table if row["term"] == "compliance")
     assert (compliance["joint"], compliance["axis"], compliance["unit"]) == ("1", "x", "rad/m")
+    (approach,) = (row for row in table if row["term"] == "approach")
+    assert (approach["joint"], approach["value"], approach["unit"]) == ("2", "-0.012", "deg")
 
 
 def test_a_chain_alone_has_no_terms_to_write() -> None:
@@ -87,7 +90,7 @@ def test_a_chain_alone_has_no_terms_to_write() -> None:
         with pytest.raises(NoTerms, match="Level: all"):
             write(model(error_model=None))
     with pytest.raises(NoTerms, match="no joint curves"):
-        write_angle_table(model(error_model={"joint_curves": [], "compliance": []}))
+        write_angle_table(model(error_model={"joint_curves": [], "compliance": [], "approach": []}))
 
 
 def test_export_says_in_a_line_each_what_was_chosen_what_it_gains_and_where_it_holds() -> None:

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from app.analyses.documents.dh.error_model import TERMS
+from app.analyses.documents.dh.error_model import terms_document
 from app.analyses.documents.dh.identification import held_out_document, region_document
 from app.analyses.documents.encoding import refined_estimate
 from app.analyses.documents.findings import Findings
@@ -50,7 +50,7 @@ def compensation_findings(
         "robot_id": settings["robot_id"],
         "estimator": settings["estimator"],
         "source": settings["source"],
-        "terms": list(TERMS[found.by.level]),
+        "terms": terms_document(found.by.model, found.by.level),
         "curves": {
             "applied": found.curves_applied,
             "reason": _reason(found, second, asked=asked),

@@ -11,18 +11,24 @@ from core.kinematics import (
     STRONG_EVIDENCE,
     ErrorModel,
     Level,
+    joint_approach,
     joint_compliance,
     joint_curves,
 )
 from core.session import MethodDifference
 
-TERMS = {
+_TERMS = {
     Level.DH: (),
     Level.COMPLIANCE: ("compliance",),
     Level.ALL: ("joint_curves", "compliance", "wobble"),
 }
 
 _LEVELS = {Level.DH: "dh", Level.COMPLIANCE: "dh_and_compliance", Level.ALL: "all"}
+
+
+def terms_document(model: ErrorModel, level: Level) -> list[str]:
+    """Return the names of a level's terms; `approach` where the side that joints came from is known."""
+    return [*_TERMS[level], *(["approach"] if level is Level.ALL and model.knows_approach else [])]
 
 
 def error_model_document(model: ErrorModel | None) -> dict[str, Any] | None:
@@ -32,7 +38,7 @@ def error_model_document(model: ErrorModel | None) -> dict[str, Any] | None:
     position, rotation = model.scatter.deviations
     turned = len(model.growth) == 2
     return {
-        "terms": list(TERMS[model.level]),
+        "terms": terms_document(model, model.level),
         "joint_curves": [
             {
                 "joint": curve.joint,
@@ -52,6 +58,14 @@ def error_model_document(model: ErrorModel | None) -> dict[str, Any] | None:
                 "standard_uncertainty_rad_per_m": one.standard_uncertainty,
             }
             for one in joint_compliance(model)
+        ],
+        "approach": [
+            {
+                "joint": one.joint,
+                "offset_deg": math.degrees(one.offset),
+                "standard_uncertainty_deg": math.degrees(one.standard_uncertainty),
+            }
+            for one in joint_approach(model)
         ],
         "noise_mm": position,
         "noise_deg": math.degrees(rotation) if turned else None,

@@ -37,7 +37,7 @@ class NoTerms(Exception):
 
 
 def write_terms_json(model: Model) -> str:
-    """Return level, curves, compliance and region as JSON, as the service answers them."""
+    """Return level, curves, compliance, offsets by approach and region as JSON, as the service answers them."""
     document = model.document
     kept = ("session_id", "inputs_sha256", "core_version", "source", "estimator", "level", "region")
     terms = _terms(model)
@@ -48,12 +48,15 @@ def write_terms_json(model: Model) -> str:
         "joint_names": list(model.joint_names),
         "joint_curves": terms["joint_curves"],
         "compliance": terms["compliance"],
+        "approach": terms["approach"],
     }
     return json.dumps(named, indent=2, ensure_ascii=False) + "\n"
 
 
 def write_terms_csv(model: Model) -> str:
-    """Return a row for each angle of each curve (degrees) and for each compliance (rad per metre of lever)."""
+    """Return a row for each angle of each curve (degrees), for each compliance (rad per metre of lever) and for
+    each joint's offset by approach (degrees, after a move to a larger angle).
+    """
     terms = _terms(model)
     text = io.StringIO()
     rows = csv.writer(text, lineterminator="\n")
@@ -66,6 +69,10 @@ def write_terms_csv(model: Model) -> str:
         name = model.joint_names[one["joint"] - 1]
         value, u = one["rad_per_m"], one["standard_uncertainty_rad_per_m"]
         rows.writerow(("compliance", one["joint"], name, one["axis"], None, value, u, "rad/m"))
+    for one in terms["approach"]:
+        name = model.joint_names[one["joint"] - 1]
+        value, u = one["offset_deg"], one["standard_uncertainty_deg"]
+        rows.writerow(("approach", one["joint"], name, "z", None, value, u, "deg"))
     return text.getvalue()
 
 

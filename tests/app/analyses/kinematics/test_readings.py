@@ -148,7 +148,9 @@ def test_a_real_robot_before_a_laser_tracker(api: Any, data_folder: Path) -> Non
     assert validation["position_rms_mm"] < 0.13 * validation["nominal"]["position_rms_mm"]
     assert validation["blocked"]["position_rms_mm"] < 0.2 * validation["nominal"]["position_rms_mm"]
     assert validation["rotation_rms_deg"] < 0.3 * validation["nominal"]["rotation_rms_deg"]
-    assert found["error_model"]["terms"] == ["joint_curves", "compliance", "wobble"]
+    assert found["error_model"]["terms"] == ["joint_curves", "compliance", "wobble", "approach"]
+    # Harmonic drives have little play.
+    assert max(abs(one["offset_deg"]) for one in found["error_model"]["approach"]) < 0.005
     assert found["error_model"]["held_out_ratio"] < 0.35
     chain = document(of_readings(api, session, model="dh"))
     assert (chain["model"], chain["error_model"]) == ("dh", None)

@@ -10,7 +10,7 @@ from core.kinematics.error_model.fit import Level
 from core.kinematics.error_model.priors import Hyperparameters, spreads
 from core.kinematics.error_model.terms import Kind, terms_of
 
-TERMS = terms_of(1)
+TERMS = terms_of(1, approach=True)
 FLAT, KNOWN = 3, 2
 PRIOR = Prior(
     np.array([np.inf] * FLAT + [0.3, 2.0]),
@@ -85,8 +85,8 @@ def test_hyperparameters_have_the_derivatives_they_state() -> None:
     at = Hyperparameters.defaults()
     v, by = at.variances(TERMS)
     step = 1e-5
-    for h in range(6):
-        moved = Hyperparameters(at.log_values + step * np.eye(6)[h])
+    for h in range(7):
+        moved = Hyperparameters(at.log_values + step * np.eye(7)[h])
         numeric = (np.log(moved.variances(TERMS)[0]) - np.log(v)) / step
         assert by[h] == pytest.approx(numeric, abs=1e-4)
 
@@ -126,6 +126,6 @@ def test_hyperparameters_of_rows_without_terms_become_small_and_the_noise_is_fou
         found.minus_2_log <= _evaluated(sums(X, y, 1500), PRIOR, begin[0].variances(TERMS)[0], begin[1]).value
     )
     few = maximise(
-        sums(X, y, 1500), PRIOR, TERMS, Level.ALL.chosen(TERMS), begin, np.zeros(6), np.full(2, 1e-6)
+        sums(X, y, 1500), PRIOR, TERMS, Level.ALL.chosen(TERMS), begin, np.zeros(7), np.full(2, 1e-6)
     )
     assert np.array_equal(few.hyperparameters.log_values, begin[0].log_values)

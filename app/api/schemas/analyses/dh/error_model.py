@@ -26,10 +26,11 @@ DhModel = TypeAliasType(
 ErrorTerm = TypeAliasType(
     "ErrorTerm",
     Annotated[
-        Literal["joint_curves", "compliance", "wobble"],
+        Literal["joint_curves", "compliance", "wobble", "approach"],
         Field(
             description="Curves of each joint over its own angle (gears, encoder); joints and links that give way to "
-            "weight; axes that move as the joint turns."
+            "weight; axes that move as the joint turns; joints that stop elsewhere when they come from the other side "
+            "(play, friction)."
         ),
     ],
 )
@@ -103,6 +104,20 @@ class ComplianceRead(ResponseModel):
     standard_uncertainty_rad_per_m: Annotated[float, Field(description="Its standard uncertainty, rad/m.")]
 
 
+class ApproachRead(ResponseModel):
+    """Where a joint stops by the side it comes from."""
+
+    joint: Annotated[int, Field(description=_JOINT)]
+    offset_deg: Annotated[
+        float,
+        Field(
+            description="What the joint turns by beyond its stated angle when its last move was to a larger one, "
+            "degrees; after a move to a smaller one it is the negative of this. Twice its size is the reversal error."
+        ),
+    ]
+    standard_uncertainty_deg: Annotated[float, Field(description="Its standard uncertainty, degrees.")]
+
+
 class ErrorModelRead(ResponseModel):
     """Terms beyond the chain, fitted together with it under priors; their sizes are determined by the poses."""
 
@@ -112,6 +127,13 @@ class ErrorModelRead(ResponseModel):
     ]
     compliance: Annotated[
         list[ComplianceRead], Field(description="Those that the poses determine, joint by joint.")
+    ]
+    approach: Annotated[
+        list[ApproachRead],
+        Field(
+            description="One for each joint of which the poses determine it; empty where the order in which they were "
+            "measured is not known."
+        ),
     ]
     noise_mm: Annotated[
         float, Field(description="What is left in each coordinate of position, standard deviation, mm.")
