@@ -25,7 +25,7 @@ from core.kinematics.error_model import (
     Level,
     chosen_level,
     growth,
-    held_out_residuals,
+    hold_out,
     joint_regions,
     of_poses,
     variances,
@@ -135,7 +135,7 @@ def correction_model(
     if validation is None:
         return CorrectionModel(model, Level.DH, nominal, np.ones(problem.kinds), unknown, unknown, region)
     folds, clusters = assign_folds(q, FOLDS), blocks_of(problem.arm, q).get(Blocking.CLUSTERS)
-    left = held_out_residuals(fit, folds, list(Level))
+    left = hold_out(fit, folds, list(Level)).residuals
     errors = {level: _rms(model, residuals) for level, residuals in left.items()}
     level = Level.ALL
     if not curves or model.level is not Level.ALL:
@@ -145,15 +145,19 @@ def correction_model(
             {one: errors[one] for one in lasting},
         )
     blocked = unknown
-    if clusters is not None:
+    if clusters is None:
+        grown = growth(fit, folds, level)
+    else:
         nominals = [block.nominal for block in validation.blocks if block.blocking is Blocking.CLUSTERS]
-        left = held_out_residuals(fit, clusters, [level])
-        blocked = CorrectionErrors(_rms(model, left[level]), nominals[0] if nominals else None)
+        apart = hold_out(fit, clusters, [level], growth_of=level)
+        assert apart.growth is not None
+        grown = apart.growth
+        blocked = CorrectionErrors(_rms(model, apart.residuals[level]), nominals[0] if nominals else None)
     return CorrectionModel(
         model,
         level,
         nominal,
-        growth(fit, folds if clusters is None else clusters, level),
+        grown,
         CorrectionErrors(errors[level], validation.nominal),
         blocked,
         region,

@@ -12,7 +12,7 @@ from core.kinematics.error_model.curves import (
     visited_angles,
 )
 from core.kinematics.error_model.fit import ErrorFit, Level, fit_levels
-from core.kinematics.error_model.held_out import growth, held_out_residuals, variances
+from core.kinematics.error_model.held_out import HeldOut, growth, hold_out, variances
 from core.kinematics.error_model.linear_problem import Design, design
 from core.kinematics.error_model.model import (
     STRONG_EVIDENCE,
@@ -30,6 +30,7 @@ __all__ = [
     "Design",
     "ErrorFit",
     "ErrorModel",
+    "HeldOut",
     "JointApproach",
     "JointCompliance",
     "JointCurve",
@@ -41,7 +42,7 @@ __all__ = [
     "design",
     "fit_levels",
     "growth",
-    "held_out_residuals",
+    "hold_out",
     "joint_approach",
     "joint_compliance",
     "joint_curves",

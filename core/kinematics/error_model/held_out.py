@@ -7,66 +7,70 @@ covariance is x C xᵀ + noise: of the coefficients, and of one more measurement
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 
-from core.kinematics.error_model.evidence import Fitted, Sums, coefficients, solve
+from core.kinematics.error_model.evidence import Fitted, Prior, Sums, coefficients, solve
 from core.kinematics.error_model.fit import ErrorFit, Level
+from core.kinematics.error_model.linear_problem import Rows
+from core.kinematics.error_model.priors import Hyperparameters
+from core.kinematics.error_model.terms import Terms
+
+_MOST_KEPT = 1000
+"""Configurations whose rows are kept in memory while a fold is held out: some 40 MB."""
 
 
-def held_out_residuals(
-    fit: ErrorFit, fold: Int[np.ndarray, " n"], levels: Sequence[Level]
-) -> dict[Level, Float[np.ndarray, "m n"]]:
-    """Return observed - predicted of every configuration by those of other folds, at each level.
+@dataclass(frozen=True, slots=True)
+class HeldOut:
+    """Every configuration predicted by those of other folds.
+
+    Parameters
+    ----------
+    residuals
+        Observed - predicted, at each level that was asked for.
+    growth
+        The rms of residual over stated deviation, of positions and of rotations, at the level that was asked for: what
+        deviations have to be multiplied by, so that they hold where nothing was measured. Never less than one.
+    """
+
+    residuals: dict[Level, Float[np.ndarray, "m n"]]
+    growth: Float[np.ndarray, " k"] | None
+
+
+def hold_out(
+    fit: ErrorFit, fold: Int[np.ndarray, " n"], levels: Sequence[Level], *, growth_of: Level | None = None
+) -> HeldOut:
+    """Predict every configuration by those of other folds, at each level, with the growth of one of them.
 
     `fold` is that of every configuration; those that do not count are predicted by their fold's others all the same.
     """
     problem = fit.design
-    residuals = {level: problem.residuals.copy() for level in levels}
-    for out, rest in _folds(fit, fold):
-        found = {
-            level: coefficients(
-                rest,
-                problem.prior,
-                problem.terms,
-                level.chosen(problem.terms),
-                fit.levels[level].hyperparameters,
-                fit.levels[level].noise,
-            )
-            for level in levels
-        }
-        for some in problem.blocks(out):
-            rows = problem.rows(some)
-            for level, b in found.items():
+    asked = list(dict.fromkeys([*levels, *([] if growth_of is None else [growth_of])]))
+    residuals = {level: problem.residuals.copy() for level in asked}
+    squares = np.zeros_like(problem.residuals)
+    for out, rest, blocks in _folds(fit, fold):
+        found = {level: coefficients(*_known(fit, rest, level)) for level in asked if level is not growth_of}
+        grown = None if growth_of is None else solve(*_known(fit, rest, growth_of))
+        for some, rows in problem.with_rows(out) if blocks is None else blocks:
+            for level in asked:
+                b = found[level] if grown is None or level is not growth_of else grown.coefficients
                 residuals[level][:, some] -= np.einsum("pmn,p->mn", rows, b)
-    return residuals
+            if growth_of is not None and grown is not None:
+                stated = variances(rows, grown) + _noise(fit, growth_of, some)
+                squares[:, some] = residuals[growth_of][:, some] ** 2 / stated
+    if growth_of is None:
+        return HeldOut(residuals, None)
+    z = squares[:, fit.used].reshape(problem.kinds, -1)
+    return HeldOut(residuals, np.maximum(np.sqrt(z.mean(axis=1)), 1.0))
 
 
 def growth(fit: ErrorFit, fold: Int[np.ndarray, " n"], level: Level) -> Float[np.ndarray, " k"]:
-    """Return the rms of residual over stated deviation at held-out folds.
-
-    Of positions and of rotations: what deviations have to be multiplied by, so that they hold where nothing was
-    measured. Never less than one.
-    """
-    problem = fit.design
-    whole = fit.levels[level]
-    squares = np.zeros_like(problem.residuals)
-    for out, rest in _folds(fit, fold):
-        found = solve(
-            rest,
-            problem.prior,
-            problem.terms,
-            level.chosen(problem.terms),
-            whole.hyperparameters,
-            whole.noise,
-        )
-        for some in problem.blocks(out):
-            rows = problem.rows(some)
-            left = problem.residuals[:, some] - np.einsum("pmn,p->mn", rows, found.coefficients)
-            squares[:, some] = left**2 / (variances(rows, found) + _noise(fit, level, some))
-    z = squares[:, fit.used].reshape(problem.kinds, -1)
-    return np.asarray(np.maximum(np.sqrt(z.mean(axis=1)), 1.0))
+    """Return `HeldOut.growth` alone."""
+    found = hold_out(fit, fold, [level], growth_of=level).growth
+    assert found is not None
+    return found
 
 
 def variances(rows: Float[np.ndarray, "p m n"], fitted: Fitted) -> Float[np.ndarray, "m n"]:
@@ -76,11 +80,34 @@ def variances(rows: Float[np.ndarray, "p m n"], fitted: Fitted) -> Float[np.ndar
     return np.asarray(np.sum(flat * (fitted.covariance @ flat), axis=0).reshape(m, n))
 
 
-def _folds(fit: ErrorFit, fold: Int[np.ndarray, " n"]) -> Iterator[tuple[Int[np.ndarray, " q"], Sums]]:
-    """Yield each fold's configurations, and the sums over those of all others that count."""
+def _folds(
+    fit: ErrorFit, fold: Int[np.ndarray, " n"]
+) -> Iterator[tuple[Int[np.ndarray, " q"], Sums, list[Rows] | None]]:
+    """Yield each fold's configurations, the sums over those of all others that count, and the fold's rows, of a fold
+    that is not too large.
+    """
     for one in np.unique(fold):
         out = np.flatnonzero(fold == one)
-        yield out, fit.sums - fit.design.sums(out[fit.used[out]], fit.scatter)
+        counted = out[fit.used[out]]
+        if len(out) > _MOST_KEPT:
+            yield out, fit.sums - fit.design.sums(counted, fit.scatter), None
+            continue
+        blocks = list(fit.design.with_rows(out))
+        yield out, fit.sums - fit.design.sums(counted, fit.scatter, _counted(fit, blocks)), blocks
+
+
+def _counted(fit: ErrorFit, blocks: Sequence[Rows]) -> Iterator[Rows]:
+    for some, rows in blocks:
+        used = fit.used[some]
+        yield (some, rows) if used.all() else (some[used], np.ascontiguousarray(rows[..., used]))
+
+
+def _known(
+    fit: ErrorFit, sums: Sums, level: Level
+) -> tuple[Sums, Prior, Terms, Bool[np.ndarray, " c"], Hyperparameters, Float[np.ndarray, " k"]]:
+    """Return what a level's coefficients are solved from, where some configurations are held out."""
+    terms, whole = fit.design.terms, fit.levels[level]
+    return sums, fit.design.prior, terms, level.chosen(terms), whole.hyperparameters, whole.noise
 
 
 def _noise(fit: ErrorFit, level: Level, members: Int[np.ndarray, " q"]) -> Float[np.ndarray, "m q"]:

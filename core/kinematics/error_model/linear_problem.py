@@ -6,7 +6,7 @@ what is left of noise is the noise of a configuration, and none counts twice.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -23,6 +23,10 @@ from core.numerics import Variances
 _BLOCK = 128  # configurations whose rows are in memory at a time: some 5 MB for six joints
 _CONTRADICTION = 1.5
 """Rms deviation from the nominal, in prior standard deviations, beyond which the prior is widened to it."""
+
+
+Rows = tuple[Int[np.ndarray, " q"], Float[np.ndarray, "p m q"]]
+"""Configurations by their indices, and the derivatives of their predictions by all coefficients."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -91,36 +95,49 @@ class Design:
         moves = None
         if self.terms.of(Kind.APPROACH).any():
             moves = np.zeros_like(some.joint_angles) if some.approach is None else some.approach
-        beyond = term_columns(self.arm, some.joint_angles, some.target, moves)
-        return np.concatenate([J[self.free], beyond[:, : some.components]])
+        chain = int(self.free.sum())
+        found = np.empty((chain + len(self.terms), *J.shape[1:]))
+        found[:chain] = J[self.free]
+        term_columns(self.arm, some.joint_angles, some.target, moves, out=found[chain:])
+        return found
 
     def blocks(self, members: Int[np.ndarray, " n"]) -> Iterator[Int[np.ndarray, " q"]]:
         """Yield the members in blocks that fit in memory."""
         for first in range(0, len(members), _BLOCK):
             yield members[first : first + _BLOCK]
 
-    def sums(self, members: Int[np.ndarray, " q"], scatter: Variances) -> Sums:
-        """Return the sums over these configurations, whitened by their covariances and this scatter."""
+    def with_rows(self, members: Int[np.ndarray, " n"]) -> Iterator[Rows]:
+        """Yield the members in blocks that fit in memory, each with its rows."""
+        for some in self.blocks(members):
+            yield some, self.rows(some)
+
+    def sums(
+        self, members: Int[np.ndarray, " q"], scatter: Variances, blocks: Iterable[Rows] | None = None
+    ) -> Sums:
+        """Return the sums over these configurations, whitened by their covariances and this scatter.
+
+        `blocks` are the configurations with their rows, where these are known.
+        """
         k, p = self.kinds, int(self.free.sum()) + len(self.terms)
         normal, gradient, squares = np.zeros((k, p, p)), np.zeros((k, p)), np.zeros(k)
         W = whitener(self.seen, scatter)
-        for some in self.blocks(members):
-            X = whitened(W[:, :, some], self.rows(some))
+        for some, rows in self.with_rows(members) if blocks is None else blocks:
+            X = whitened(W[:, :, some], rows)
             y = whitened(W[:, :, some], self.residuals[:, some])
             for kind in range(k):
                 part = slice(3 * kind, 3 * kind + 3)
-                rows = X[:, part].reshape(p, -1)
+                flat = X[:, part].reshape(p, -1)
                 left = y[part].ravel()
-                normal[kind] += rows @ rows.T
-                gradient[kind] += rows @ left
+                normal[kind] += flat @ flat.T
+                gradient[kind] += flat @ left
                 squares[kind] += left @ left
         return Sums(normal, gradient, squares, np.full(k, 3.0 * len(members)))
 
     def left(self, coefficients: Float[np.ndarray, " p"]) -> Float[np.ndarray, "m n"]:
         """Return the residuals of all configurations after a step of all coefficients."""
         found = self.residuals.copy()
-        for some in self.blocks(np.arange(len(self))):
-            found[:, some] -= np.einsum("pmn,p->mn", self.rows(some), coefficients)
+        for some, rows in self.with_rows(np.arange(len(self))):
+            found[:, some] -= np.einsum("pmn,p->mn", rows, coefficients)
         return found
 
 

@@ -19,7 +19,7 @@ from core.geometry import rotations_from_vectors
 from core.kinematics.dh import chain_frames
 from core.kinematics.error_model.evidence import Fitted, solve
 from core.kinematics.error_model.fit import ErrorFit, Level, fit_levels
-from core.kinematics.error_model.held_out import growth, held_out_residuals, variances
+from core.kinematics.error_model.held_out import growth, hold_out, variances
 from core.kinematics.error_model.linear_problem import Design
 from core.kinematics.error_model.priors import FEW_POSES
 from core.kinematics.error_model.terms import Kind
@@ -185,7 +185,7 @@ def choose_model(
 
     found: dict[Level, HoldOutError] = {}
     if folds is not None:
-        left = held_out_residuals(fit, folds[first], list(Level))
+        left = hold_out(fit, folds[first], list(Level)).residuals
         found = {level: errors(residuals) for level, residuals in left.items()}
     level = Level.ALL if always else chosen_level(fit, found)
     held_out, chain_alone = {}, {}
@@ -195,10 +195,12 @@ def choose_model(
     if folds is not None and Blocking.CLUSTERS not in blocks:
         factor = growth(fit, folds[first], level)
     for blocking, block in blocks.items():
-        left = held_out_residuals(fit, block[first], list({level, Level.DH}))
-        held_out[blocking], chain_alone[blocking] = errors(left[level]), errors(left[Level.DH])
-        if blocking is Blocking.CLUSTERS:
-            factor = growth(fit, block[first], level)
+        of_clusters = blocking is Blocking.CLUSTERS
+        apart = hold_out(fit, block[first], list({level, Level.DH}), growth_of=level if of_clusters else None)
+        held_out[blocking] = errors(apart.residuals[level])
+        chain_alone[blocking] = errors(apart.residuals[Level.DH])
+        if apart.growth is not None:
+            factor = apart.growth
     return ErrorModel(fit, level, factor, held_out, chain_alone)
 
 

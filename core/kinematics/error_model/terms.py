@@ -77,8 +77,14 @@ def terms_of(joints: int, *, approach: bool = False) -> Terms:
 
 def harmonic_basis(angles: Float[np.ndarray, " n"]) -> Float[np.ndarray, "h n"]:
     """Return cos k q, then sin k q, k = 1..60, of a joint's angles (rad)."""
-    phase = np.arange(1, HARMONICS + 1)[:, None] * angles
-    return np.concatenate([np.cos(phase), np.sin(phase)])
+    powers = np.empty((HARMONICS, len(angles)), dtype=np.complex128)
+    powers[0] = np.exp(1j * angles)
+    known = 1
+    while known < HARMONICS:  # eⁱᵃ to the powers known + 1 .. 2 known: six roundings for the sixtieth
+        more = min(known, HARMONICS - known)
+        powers[known : known + more] = powers[:more] * powers[known - 1]
+        known += more
+    return np.concatenate([powers.real, powers.imag])
 
 
 def term_columns(
@@ -86,38 +92,42 @@ def term_columns(
     joint_angles: Float[np.ndarray, "n j"],
     target: Int[np.ndarray, " n"],
     approach: Float[np.ndarray, "n j"] | None = None,
-) -> Float[np.ndarray, "c 6 n"]:
+    out: Float[np.ndarray, "c m n"] | None = None,
+) -> Float[np.ndarray, "c m n"]:
     """Return what each term does to poses (mm, rad, target frame), by its coefficient in rad, rad/m or mm.
 
-    `approach` are the signs of the joints' last moves; without them there are no columns for these.
+    `approach` are the signs of the joints' last moves; without them there are no columns for these. The answer is
+    written to `out` where that is given, of positions alone if its m is 3.
 
     Memory grows with n times 133 or 134 columns a joint: give poses in blocks.
     """
+    n, joints = joint_angles.shape
+    if out is None:
+        out = np.empty((len(terms_of(joints, approach=approach is not None)), 6, n))
+    m = out.shape[1]
     T = arm.T_target_base[target][:, None] @ chain_frames(arm.parameters, joint_angles)
     R, o = T[:, :, :3, :3], T[:, :, :3, 3]
     end = (T[:, -1] @ arm.T_flange_camera)[:, :3, 3]
     up = arm.T_target_base[target][:, :3, 2]
     points = np.concatenate([o, end[:, None]], axis=1)
-    columns = []
-    for joint in range(joint_angles.shape[1]):
+    for joint, columns in enumerate(out.reshape(joints, -1, m, n)):
         q = joint_angles[:, joint]
         axes = np.moveaxis(R[:, joint], 2, 0)  # x, y, z
-        turns = np.stack([_twist(axis, end - o[:, joint]) for axis in axes])
+        turns = np.stack([_twist(axis, end - o[:, joint])[:m] for axis in axes])
         moment = np.cross(up, _centroid(points[:, joint:]) - o[:, joint]) / _MM_PER_M
         moments = np.einsum("ank,nk->an", axes, moment)
         wave = np.stack([np.cos(q), np.sin(q)])
         shifts = np.zeros_like(turns)
         shifts[:, :3] = axes.transpose(0, 2, 1)
-        columns += [
-            turns[2] * harmonic_basis(q)[:, None],
-            (turns[2] * moments[2])[None],
-            turns[:2] * moments[:2, None],
-            (turns[:2, None] * wave[None, :, None]).reshape(4, 6, -1),
-            (shifts[:, None] * wave[None, :, None]).reshape(6, 6, -1),
-        ]
+        curve, rest = columns[: 2 * HARMONICS], columns[2 * HARMONICS :]
+        np.multiply(turns[2], harmonic_basis(q)[:, None], out=curve)
+        rest[0] = turns[2] * moments[2]
+        rest[1:3] = turns[:2] * moments[:2, None]
+        rest[3:7] = (turns[:2, None] * wave[None, :, None]).reshape(4, m, -1)
+        rest[7:13] = (shifts[:, None] * wave[None, :, None]).reshape(6, m, -1)
         if approach is not None:
-            columns.append((turns[2] * approach[:, joint])[None])
-    return np.concatenate(columns)
+            rest[13] = turns[2] * approach[:, joint]
+    return out
 
 
 def _twist(axis: Float[np.ndarray, "n 3"], arm: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "6 n"]:

@@ -8,6 +8,7 @@ which either may be a gross error.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -17,6 +18,7 @@ from scipy.spatial.transform import Rotation
 from core.calibration import frame_rotations
 from core.errors import InvalidArgument
 from core.geometry import nearest_rotation, transform
+from core.jit import jit
 from core.kinematics.arm_model import ArmState, ParameterLayout
 from core.kinematics.dh import pose_with_jacobian
 from core.kinematics.pose_observations import PoseData
@@ -137,11 +139,25 @@ def whitened(
     W: Float[np.ndarray, "m m n"], values: Float[np.ndarray, "*p m n"]
 ) -> Float[np.ndarray, "*p m n"]:
     """Return L⁻¹ x for x along the axis before the last."""
-    result = np.empty_like(values)
-    for a in range(len(W)):
-        result[..., a, :] = W[a, 0] * values[..., 0, :]
-        for b in range(1, a + 1):
-            result[..., a, :] += W[a, b] * values[..., b, :]
+    shape = (math.prod(values.shape[:-2]), *values.shape[-2:])
+    every = np.ascontiguousarray(values, dtype=np.float64).reshape(shape)
+    return np.asarray(multiplied_lower(np.ascontiguousarray(W), every).reshape(values.shape))
+
+
+@jit("f8[:, :, ::1], f8[:, :, ::1]")
+def multiplied_lower(
+    W: Float[np.ndarray, "m m n"], values: Float[np.ndarray, "p m n"]
+) -> Float[np.ndarray, "p m n"]:
+    """Return W x for x along the middle axis, with W lower triangular; poses run along the last axis."""
+    columns, m, n = values.shape
+    result = np.empty((columns, m, n))
+    for p in range(columns):
+        for a in range(m):
+            for i in range(n):
+                result[p, a, i] = W[a, 0, i] * values[p, 0, i]
+            for b in range(1, a + 1):
+                for i in range(n):
+                    result[p, a, i] += W[a, b, i] * values[p, b, i]
     return result
 
 

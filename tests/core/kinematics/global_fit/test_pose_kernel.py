@@ -6,6 +6,7 @@ import numpy as np
 
 from core.geometry.se3 import so3_exp, so3_log, transform
 from core.kinematics.dh import Chain, chain_frames, forward, pose_with_jacobian
+from core.kinematics.global_fit import whitened
 
 
 def drawn(seed: int) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
@@ -82,3 +83,12 @@ def test_the_jacobian_is_the_difference_quotient() -> None:
         p = (plus[:, :3, 3] - minus[:, :3, 3]) / 2e-5
         w = [so3_log(a[:3, :3] @ b[:3, :3].T) / 2e-5 for a, b in zip(plus, minus, strict=True)]
         np.testing.assert_allclose(J[column].T, np.hstack([p, np.array(w)]), rtol=1e-5, atol=2e-5)
+
+
+def test_residuals_and_derivatives_are_weighted_pose_by_pose() -> None:
+    rng = np.random.default_rng(7)
+    for m, columns, poses in ((6, 4, 5), (3, 2, 1), (6, 3, 0)):
+        W = np.tril(rng.normal(0.0, 1.0, (poses, m, m))).transpose(1, 2, 0)
+        rows = rng.normal(0.0, 1.0, (columns, m, poses))
+        np.testing.assert_allclose(whitened(W, rows), np.einsum("abn,pbn->pan", W, rows), atol=1e-12)
+        np.testing.assert_allclose(whitened(W, rows[0]), np.einsum("abn,bn->an", W, rows[0]), atol=1e-12)
