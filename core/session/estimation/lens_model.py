@@ -88,6 +88,8 @@ def estimate_with_lens(
             raise failure
         if choice.evidence is not None and choice.evidence.beyond_brown:
             brown = _with(brown, _beyond_brown(name, choice))
+        if choice.evidence is None and lens_model is None:
+            brown = _with(brown, _not_examined(name))
         return brown, choice.evidence
     try:
         found = estimate_group(views, estimator, lens=lens, repeats=repeats, lens_start=choice.start)
@@ -165,6 +167,15 @@ def _beyond_brown(name: str, choice: LensChoice) -> Advisory:
         f"{what}: pooled figures take {_NAMES[choice.model]} model. Calibrations of single images and estimators "
         "without a common camera still take Brown's, and their focal lengths may be off by more than is stated.",
         "Use the pooled estimators with this lens; lens_model=brown shows the figures with Brown's model.",
+    )
+
+
+def _not_examined(name: str) -> Advisory:
+    return Advisory(
+        "lens_not_examined",
+        f"The images of focus group {name!r} are too few, or of too few places, to show whether its lens is beyond "
+        "Brown's model, which the figures take.",
+        "Take images from several places, the board also at the image's edges.",
     )
 
 

@@ -64,6 +64,16 @@ def test_a_wide_lens_gets_its_model_and_the_answer_says_so(api: Any, wide: tuple
     assert stated.status_code == 422
 
 
+def test_images_of_one_place_take_browns_model_with_a_sentence(api: Any, store: Store) -> None:
+    session = new_session(api)
+    store(api, session, shoot(poses=1, cycles=6))
+    document = body(get(api, session))
+    assert document["groups"][0]["lens_model"] == "brown"
+    assert document["groups"][0]["lens_evidence"] is None
+    assert "lens_not_examined" in codes(document)
+    assert "lens_not_examined" not in codes(body(get(api, session, lens_model="brown")))
+
+
 def test_a_plain_lens_keeps_browns_model(api: Any, store: Store) -> None:
     session = new_session(api)
     store(api, session, shoot(poses=6, cycles=2))
