@@ -9,6 +9,40 @@ from pydantic import Field
 from app.api.schemas.common import ResponseModel
 
 
+class MeanResidualRead(ResponseModel):
+    """What is left in one square cell of the image."""
+
+    u_px: Annotated[float, Field(description="Middle of the cell, to the right, px.", examples=[79.5])]
+    v_px: Annotated[float, Field(description="Middle of the cell, downwards, px.", examples=[79.5])]
+    point_count: Annotated[int, Field(description="Grid points in it that count.", examples=[24])]
+    residual_u_px: Annotated[
+        float, Field(description="Mean residual (observed minus predicted) along u, px.", examples=[0.03])
+    ]
+    residual_v_px: Annotated[float, Field(description="The same along v, px.", examples=[-0.02])]
+    rms_px: Annotated[
+        float, Field(description="Root mean square of the residual distances in it, px.", examples=[0.2])
+    ]
+    beyond_chance: Annotated[
+        bool,
+        Field(
+            description="Whether chance explains the mean in one cell of a hundred at most.", examples=[False]
+        ),
+    ]
+
+
+class RadialResidualRead(ResponseModel):
+    """What is left in a ring about the principal point: away from it positive."""
+
+    radius_px: Annotated[float, Field(description="Middle of the ring, px.", examples=[210.0])]
+    point_count: Annotated[int, Field(description="Grid points in it.", examples=[60])]
+    mean_px: Annotated[
+        float, Field(description="Mean of the residuals' parts along the radius, px.", examples=[0.01])
+    ]
+    standard_uncertainty_px: Annotated[
+        float, Field(description="Its standard uncertainty by their scatter, px.", examples=[0.02])
+    ]
+
+
 class ResidualMapRead(ResponseModel):
     """The figures of `intrinsics/residuals.svg`: residuals by square cells of the image."""
 
@@ -37,6 +71,10 @@ class ResidualMapRead(ResponseModel):
     ]
     mean_rms_px: Annotated[
         float, Field(description="Root mean square of the cells' mean residuals, px.", examples=[0.04])
+    ]
+    mean_residuals: Annotated[
+        list[MeanResidualRead],
+        Field(description="The cells with three points or more, row by row from the top."),
     ]
 
 

@@ -2,23 +2,20 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
-import numpy as np
-from jaxtyping import Float
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator
 
+from app.reports.camera_plots.radial_bins import RadialResiduals, radial_bins
 from app.reports.svg import BLUE, FAINT, GREEN, INK, ORANGE, RED, axes_at, draw_svg, short, text_at
 
 _LEFT, _PANEL_WIDTH, _PANEL_HEIGHT = 0.8, 6.6, 2.6
 _HEADER, _CAPTION, _BELOW, _FOOTER = 0.62, 0.72, 0.62, 0.72
-BINS, MIN_POINTS_IN_BIN = 24, 8
 _NORMAL_95 = 1.959964
 _STYLES = {
     "brown": ("Brown", ORANGE, "o"),
@@ -31,20 +28,6 @@ _FOLD: dict[str, Any] = {"color": RED, "lw": 1.4, "ls": (0, (6, 2, 1, 2))}
 
 
 @dataclass(frozen=True, slots=True)
-class RadialResiduals:
-    """Residuals of one model's fit along the radius (observed - predicted, outwards positive), and where it turns back.
-
-    `fold_px` is None for a model that does not turn back.
-    """
-
-    model: str
-    radius_px: Float[np.ndarray, " n"]
-    outwards_px: Float[np.ndarray, " n"]
-    rms_px: float
-    fold_px: float | None
-
-
-@dataclass(frozen=True, slots=True)
 class LensProfile:
     """One focus group: the models that were fitted, the one that was chosen, and how far the grid points reach."""
 
@@ -54,28 +37,6 @@ class LensProfile:
     evidence: str
     observed_px: float
     models: Sequence[RadialResiduals]
-
-
-@dataclass(frozen=True, slots=True)
-class RadialBins:
-    """Mean of the residuals along the radius in bins of equal width, with their standard errors."""
-
-    middle_px: Float[np.ndarray, " b"]
-    mean_px: Float[np.ndarray, " b"]
-    error_px: Float[np.ndarray, " b"]
-
-
-def radial_bins(model: RadialResiduals, reach_px: float) -> RadialBins:
-    """Return the bins up to a radius that have points enough."""
-    edges = np.linspace(0.0, reach_px * (1.0 + 1e-9), BINS + 1)
-    place = np.digitize(model.radius_px, edges) - 1
-    rows = []
-    for k in range(BINS):
-        values = model.outwards_px[place == k]
-        if len(values) >= MIN_POINTS_IN_BIN:
-            error = float(np.std(values, ddof=1)) / math.sqrt(len(values))
-            rows.append((0.5 * float(edges[k] + edges[k + 1]), float(np.mean(values)), error))
-    return RadialBins(*np.array(rows, dtype=np.float64).reshape(-1, 3).T)
 
 
 def lens_profile_svg(profiles: Sequence[LensProfile], title: str, about: str = "") -> bytes:

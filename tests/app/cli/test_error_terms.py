@@ -33,7 +33,7 @@ def model(**changes: Any) -> Model:
         "standard_uncertainty_deg": np.full(len(ANGLES), 0.004).tolist(),
     }
     compliance = {"joint": 1, "axis": "x", "rad_per_m": 2e-4, "standard_uncertainty_rad_per_m": 3e-5}
-    approach = {"joint": 2, "offset_deg": -0.012, "standard_uncertainty_deg": 0.001}
+    approach = {"joint": 2, "offset_deg": -0.012, "offset_standard_uncertainty_deg": 0.001}
     gaps = [{"minimum_deg": -10.0, "maximum_deg": 6.0}]
     document = {
         **{"session_id": "ses_1", "inputs_sha256": "0" * 64, "core_version": "0.1.0"},
@@ -42,7 +42,7 @@ def model(**changes: Any) -> Model:
         "region": {
             "joints": [{"joint": 2, "minimum_deg": -50.0, "maximum_deg": 50.0, "gaps": gaps}],
         },
-        "error_model": {"joint_curves": [curve], "compliance": [compliance], "approach": [approach]},
+        "error_model": {"joint_curves": [curve], "compliance": [compliance], "approach_offsets": [approach]},
         **changes,
     }
     return Model(document, "arm", ("base", "=lift"), (None, None), True)
@@ -90,7 +90,7 @@ def test_a_chain_alone_has_no_terms_to_write() -> None:
         with pytest.raises(NoTerms, match="Level: all"):
             write(model(error_model=None))
     with pytest.raises(NoTerms, match="no joint curves"):
-        write_angle_table(model(error_model={"joint_curves": [], "compliance": [], "approach": []}))
+        write_angle_table(model(error_model={"joint_curves": [], "compliance": [], "approach_offsets": []}))
 
 
 def test_export_says_in_a_line_each_what_was_chosen_what_it_gains_and_where_it_holds() -> None:

@@ -5,13 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from app.reports.camera_plots.lens_profile import (
-    BINS,
-    LensProfile,
-    RadialResiduals,
-    lens_profile_svg,
-    radial_bins,
-)
+from app.reports.camera_plots.lens_profile import LensProfile, lens_profile_svg
+from app.reports.camera_plots.radial_bins import BINS, RadialResiduals, radial_bins
 
 
 def model(name: str, slope: float, fold_px: float | None = None) -> RadialResiduals:

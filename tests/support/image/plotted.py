@@ -14,7 +14,8 @@ from app.reports.arm_schematic import (
     arm_schematic_figure,
 )
 from app.reports.camera_plots.coverage_cells import ProjectionField, coverage_cells
-from app.reports.camera_plots.lens_profile import LensProfile, RadialResiduals
+from app.reports.camera_plots.lens_profile import LensProfile
+from app.reports.camera_plots.radial_bins import RadialResiduals
 from app.reports.camera_plots.residual_cells import ResidualField
 from app.reports.drift import Block, BlockMean, PoseDrift
 from app.reports.joint_curves import JointCurvePanel

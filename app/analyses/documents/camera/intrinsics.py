@@ -8,9 +8,10 @@ from dataclasses import asdict
 from typing import Any, cast
 
 from app.analyses.documents.camera.projection_field import projection_document, projection_field
-from app.analyses.documents.camera.residual_field import residual_field
+from app.analyses.documents.camera.residual_field import radial_residuals, residual_field
 from app.analyses.documents.encoding import camera_fields, target_transform_document
 from app.analyses.documents.findings import Findings
+from app.reports.camera_plots.radial_bins import radial_bins
 from app.reports.camera_plots.residual_cells import cells_of, residual_figures
 from core.calibration import Deformation, LensEvidence, Measure
 from core.geometry import LensModel, fold_radius_px
@@ -44,7 +45,7 @@ def intrinsics_findings(data: SessionData, settings: Mapping[str, str]) -> Findi
                     {"measurement_id": pose.measurement_id, "rms_px": pose.rms_px}
                     for pose in worst_poses(group)
                 ],
-                "residual_map": _residual_map(group),
+                **_residuals(group),
                 "projection_uncertainty": projection_document(projection_field(group)),
             }
             for group in estimate.groups
@@ -73,9 +74,47 @@ def _held_out(evidence: LensEvidence) -> dict[str, float] | None:
     return None if evidence.held_out is None else {"rms_ratio": evidence.held_out}
 
 
-def _residual_map(group: FocusGroup) -> dict[str, Any]:
+def _residuals(group: FocusGroup) -> dict[str, Any]:
+    """Return what the lens model leaves over, by place in the image and by distance from the principal point."""
     field = residual_field(group)
-    return asdict(residual_figures(field, cells_of(field)))
+    cells = cells_of(field)
+    by_place = zip(
+        cells.middle_px.tolist(),
+        cells.count.tolist(),
+        cells.mean_px.tolist(),
+        cells.rms_px.tolist(),
+        cells.stands_out.tolist() if len(cells.count) else [],
+        strict=True,
+    )
+    rings = radial_bins(radial_residuals(group), observed_radius(group))
+    by_radius = zip(
+        rings.middle_px.tolist(),
+        rings.count.tolist(),
+        rings.mean_px.tolist(),
+        rings.error_px.tolist(),
+        strict=True,
+    )
+    return {
+        "residual_map": {
+            **asdict(residual_figures(field, cells)),
+            "mean_residuals": [
+                {
+                    "u_px": u,
+                    "v_px": v,
+                    "point_count": count,
+                    "residual_u_px": mean_u,
+                    "residual_v_px": mean_v,
+                    "rms_px": rms,
+                    "beyond_chance": beyond,
+                }
+                for (u, v), count, (mean_u, mean_v), rms, beyond in by_place
+            ],
+        },
+        "radial_residuals": [
+            {"radius_px": radius, "point_count": count, "mean_px": mean, "standard_uncertainty_px": error}
+            for radius, count, mean, error in by_radius
+        ],
+    }
 
 
 def _shape(refined: RefinedTarget, data: SessionData) -> dict[str, Any]:

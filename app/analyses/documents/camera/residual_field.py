@@ -4,12 +4,27 @@ from __future__ import annotations
 
 import numpy as np
 
+from app.reports.camera_plots.radial_bins import RadialResiduals
 from app.reports.camera_plots.residual_cells import ResidualField
-from core.geometry import camera_from_array, project_any
+from core.geometry import camera_from_array, fold_radius_px, lens_model_of, project_any
 from core.session import FocusGroup
 
 OUTLIER = 6.0
 """Residuals beyond so many times their median distance are no matter of the lens."""
+
+
+GROSS = 30.0
+"""The same along the radius, where a lens beyond its model leaves much at the image's edge."""
+
+
+def radial_residuals(group: FocusGroup) -> RadialResiduals:
+    """Return the residuals along the radius from the principal point, outwards positive."""
+    field, camera = residual_field(group, GROSS), group.estimate.camera
+    off = field.points_px - np.array([camera.cx_px, camera.cy_px])
+    radius = np.linalg.norm(off, axis=1)
+    outwards = np.sum(field.residuals_px * off, axis=1) / np.maximum(radius, 1e-9)
+    rms = float(np.sqrt(np.mean(np.sum(field.residuals_px**2, axis=1))))
+    return RadialResiduals(lens_model_of(camera), radius, outwards, rms, fold_radius_px(camera))
 
 
 def residual_field(group: FocusGroup, outlier: float = OUTLIER) -> ResidualField:

@@ -59,11 +59,11 @@ def error_model_document(model: ErrorModel | None) -> dict[str, Any] | None:
             }
             for one in joint_compliance(model)
         ],
-        "approach": [
+        "approach_offsets": [
             {
                 "joint": one.joint,
                 "offset_deg": math.degrees(one.offset),
-                "standard_uncertainty_deg": math.degrees(one.standard_uncertainty),
+                "offset_standard_uncertainty_deg": math.degrees(one.standard_uncertainty),
             }
             for one in joint_approach(model)
         ],

@@ -4,18 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-import numpy as np
-
-from app.analyses.documents.camera.residual_field import residual_field
+from app.analyses.documents.camera.residual_field import radial_residuals
 from app.analyses.outcome import AnalysisError
-from app.reports.camera_plots.lens_profile import LensProfile, RadialResiduals, lens_profile_svg
+from app.reports.camera_plots.lens_profile import LensProfile, lens_profile_svg
 from core import GridposeError
-from core.geometry import LensModel, fold_radius_px, lens_model_of
+from core.geometry import LensModel, lens_model_of
 from core.session import FocusGroup, SessionData, estimate_session, observed_radius
 
 COMPARED: tuple[LensModel, ...] = ("brown", "kannala_brandt")
-GROSS = 30.0
-"""Times the median distance: points further off are nothing of the lens."""
 MAX_GROUPS = 10
 
 
@@ -45,7 +41,7 @@ def lens_profile_plot(data: SessionData, settings: Mapping[str, str], about: str
                 chosen,
                 _evidence(group),
                 observed_radius(group),
-                [_along_radius(model, fitted[model]) for model in sorted(fitted)],
+                [radial_residuals(fitted[model]) for model in sorted(fitted)],
             )
         )
     return lens_profile_svg(
@@ -67,12 +63,3 @@ def _evidence(group: FocusGroup) -> str:
     found = group.evidence
     held = "" if found.held_out is None else f", held-out residuals {found.held_out:.3f} of Brown's"
     return f"w {found.statistic:.0f}, share {100.0 * found.share:.1f} %{held}."
-
-
-def _along_radius(model: str, group: FocusGroup) -> RadialResiduals:
-    field, camera = residual_field(group, GROSS), group.estimate.camera
-    off = field.points_px - np.array([camera.cx_px, camera.cy_px])
-    radius = np.linalg.norm(off, axis=1)
-    outwards = np.sum(field.residuals_px * off, axis=1) / np.maximum(radius, 1e-9)
-    rms = float(np.sqrt(np.mean(np.sum(field.residuals_px**2, axis=1))))
-    return RadialResiduals(model, radius, outwards, rms, fold_radius_px(camera))

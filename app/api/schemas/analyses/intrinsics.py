@@ -16,7 +16,7 @@ from app.api.schemas.analyses.common import (
 from app.api.schemas.camera import IntrinsicsRead, LensDistortionRead, LensModel, LensUncertainty
 from app.api.schemas.common import ResponseModel
 from app.api.schemas.fields import FocusGroup, MeasurementId, TargetId
-from app.api.schemas.image_maps import ProjectionUncertaintyRead, ResidualMapRead
+from app.api.schemas.image_maps import ProjectionUncertaintyRead, RadialResidualRead, ResidualMapRead
 
 CameraFileFormat = TypeAliasType(
     "CameraFileFormat",
@@ -134,6 +134,13 @@ class GroupCalibration(GroupIntrinsics):
         ResidualMapRead,
         Field(
             description="Where mean residuals remain in more cells than chance gives, the lens model does not fit."
+        ),
+    ]
+    radial_residuals: Annotated[
+        list[RadialResidualRead],
+        Field(
+            description="By distance from the principal point, in 24 rings up to `observed_radius_px`, those with "
+            "eight points or more: a pattern is a lens beyond its model."
         ),
     ]
     projection_uncertainty: Annotated[

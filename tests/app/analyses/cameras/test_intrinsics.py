@@ -60,6 +60,17 @@ def test_the_camera_is_found_within_its_stated_uncertainty(api: Any, store: Stor
     assert len(group["highest_residuals"]) == 5
     assert {worst["measurement_id"] for worst in group["highest_residuals"]} <= set(ids)
     assert document["warnings"] == document["target_transforms"] == []
+    seen, cells = group["residual_map"], group["residual_map"]["mean_residuals"]
+    assert len(cells) == seen["cells"]
+    assert sum(cell["beyond_chance"] for cell in cells) == seen["cells_beyond_chance"]
+    assert 0.9 * seen["point_count"] < sum(cell["point_count"] for cell in cells) <= seen["point_count"]
+    squares = sum(cell["point_count"] * cell["rms_px"] ** 2 for cell in cells)
+    assert squares / seen["point_count"] == pytest.approx(seen["rms_px"] ** 2, rel=0.1)
+    rings = group["radial_residuals"]
+    assert len(rings) > 12
+    assert all(ring["radius_px"] < group["observed_radius_px"] for ring in rings)
+    # The lens is the model's: 24 means within four of their uncertainties, but for one in 600 sessions.
+    assert all(abs(ring["mean_px"]) < 4.0 * ring["standard_uncertainty_px"] for ring in rings)
 
 
 def test_estimators_that_share_nothing_report_the_mean_camera(api: Any, store: Store) -> None:
@@ -208,7 +219,8 @@ def test_a_focus_that_changed_is_told_and_named(api: Any, store: Store) -> None:
         ("PFalse", 28),
         ("PTrue", 4),
     ]
-    assert document["warnings"] == []
+    (warning,) = document["warnings"]  # four images of one place say nothing of the lens model
+    assert (warning["code"], "'PTrue'" in warning["detail"]) == ("lens_not_examined", True)
     assert document["groups"][0]["intrinsics"]["fx_px"] == pytest.approx(CAMERA.fx_px, rel=5e-4)
 
 

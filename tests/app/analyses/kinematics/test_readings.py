@@ -150,7 +150,7 @@ def test_a_real_robot_before_a_laser_tracker(api: Any, data_folder: Path) -> Non
     assert validation["rotation_rms_deg"] < 0.3 * validation["nominal"]["rotation_rms_deg"]
     assert found["error_model"]["terms"] == ["joint_curves", "compliance", "wobble", "approach"]
     # Harmonic drives have little play.
-    assert max(abs(one["offset_deg"]) for one in found["error_model"]["approach"]) < 0.005
+    assert max(abs(one["offset_deg"]) for one in found["error_model"]["approach_offsets"]) < 0.005
     assert found["error_model"]["held_out_ratio"] < 0.35
     chain = document(of_readings(api, session, model="dh"))
     assert (chain["model"], chain["error_model"]) == ("dh", None)

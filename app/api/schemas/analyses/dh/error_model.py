@@ -115,7 +115,7 @@ class ApproachRead(ResponseModel):
             "degrees; after a move to a smaller one it is the negative of this. Twice its size is the reversal error."
         ),
     ]
-    standard_uncertainty_deg: Annotated[float, Field(description="Its standard uncertainty, degrees.")]
+    offset_standard_uncertainty_deg: Annotated[float, Field(description="Its standard uncertainty, degrees.")]
 
 
 class ErrorModelRead(ResponseModel):
@@ -128,7 +128,7 @@ class ErrorModelRead(ResponseModel):
     compliance: Annotated[
         list[ComplianceRead], Field(description="Those that the poses determine, joint by joint.")
     ]
-    approach: Annotated[
+    approach_offsets: Annotated[
         list[ApproachRead],
         Field(
             description="One for each joint of which the poses determine it; empty where the order in which they were "
