@@ -15,6 +15,8 @@ import threading
 from pathlib import Path
 
 THREAD_VARIABLES = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "VECLIB_MAXIMUM_THREADS")
+THUMBNAIL_NICENESS = 10
+"""A tenth of a processor beside workers that have work, all of it where they have none."""
 _PR_SET_PDEATHSIG = 1
 _M_TRIM_THRESHOLD, _M_MMAP_THRESHOLD = -1, -3
 _HEAP_BLOCK_BYTES = 32 << 20
@@ -66,6 +68,17 @@ def start_drawing(max_image_pixels: int, tied_to_thread: bool) -> None:
     import cv2
 
     cv2.setNumThreads(1)
+
+
+def start_thumbnails(max_image_pixels: int, tied_to_thread: bool) -> None:
+    """Initialise a worker that draws thumbnails: as `start_drawing`, and after all others where processors are short.
+
+    A page that shows images as they come asks for as many thumbnails as are measured, and each takes half of what its
+    measurement takes.
+    """
+    if hasattr(os, "nice"):
+        os.nice(THUMBNAIL_NICENESS)
+    start_drawing(max_image_pixels, tied_to_thread)
 
 
 def keep_freed_memory() -> None:

@@ -12,7 +12,7 @@ from app.jobs.call_queue import CallQueue, QueueFull
 from app.jobs.painting.subject import OverlaySubject
 from app.jobs.painting.worker import paint_overlay, paint_thumbnail
 from app.jobs.subprocess_executor import Limits, ProcessDied, TimedOut
-from app.jobs.worker_init import start_drawing
+from app.jobs.worker_init import start_thumbnails
 
 if TYPE_CHECKING:  # the head process does without OpenCV
     from app.reports.overlay import MediaType
@@ -36,7 +36,7 @@ class ImagePainter:
         limits = Limits(TIMEOUT_S)
         self._overlays = CallQueue(max_pixels, processes=1, places=MAX_OVERLAYS, limits=limits)
         self._thumbnails = CallQueue(
-            max_pixels, processes=1, places=MAX_THUMBNAILS, limits=limits, initialise=start_drawing
+            max_pixels, processes=1, places=MAX_THUMBNAILS, limits=limits, initialise=start_thumbnails
         )
 
     def overlay(

@@ -1,13 +1,14 @@
-"""What the allocator of a worker process keeps between images."""
+"""What a worker process is given at its start: memory that it keeps between images, and its place in the queue."""
 
 from __future__ import annotations
 
 import ctypes
+import os
 import sys
 
 import pytest
 
-from app.jobs.worker_init import start_drawing
+from app.jobs.worker_init import THUMBNAIL_NICENESS, start_drawing, start_thumbnails
 from app.jobs.worker_process import WorkerProcess
 
 WITHIN_S = 60.0
@@ -19,6 +20,17 @@ BLOCKS, BLOCK_BYTES = 4, 5 << 20
 def test_a_worker_asks_the_system_for_an_images_memory_once() -> None:
     assert _faults_after(WorkerProcess(start_drawing, (10_000_000, False))) < 1.0
     assert _faults_after(WorkerProcess(_nothing, ())) > 5.0, "else nothing is counted here"
+
+
+@pytest.mark.skipif(not hasattr(os, "nice"), reason="Windows has no niceness")
+def test_thumbnails_are_drawn_after_all_else() -> None:
+    process = WorkerProcess(start_thumbnails, (10_000_000, False))
+    try:
+        process.greeting.result(WITHIN_S)
+        niceness: int = process.schedule(os.nice, 0).result(WITHIN_S)
+    finally:
+        process.end()
+    assert niceness == min(os.nice(0) + THUMBNAIL_NICENESS, 19)
 
 
 def _nothing() -> None:

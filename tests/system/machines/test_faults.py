@@ -16,6 +16,7 @@ from app.records.tables import Measurement, Result
 from tests.support.environment.machines import Machines, Uploads
 from tests.support.environment.object_store import ObjectStore, object_store
 from tests.support.environment.postgres import new_database
+from tests.support.environment.postgres_cluster import own_cluster
 from tests.support.environment.proxy import Proxy
 from tests.support.image.images import small_image
 from tests.support.service.service import wait_until
@@ -32,27 +33,26 @@ def store(tmp_path_factory: pytest.TempPathFactory) -> Iterator[ObjectStore]:
         yield running
 
 
-@pytest.fixture
-def through(store: ObjectStore) -> Iterator[tuple[dict[str, str], Proxy, Proxy]]:
+@contextmanager
+def installation(store: ObjectStore, url: str) -> Iterator[tuple[dict[str, str], Proxy, Proxy]]:
     """The environment of a new installation, and the proxies through which workers reach S3 and everyone PostgreSQL."""
-    with new_database() as url:
-        address = sa.make_url(url)
-        objects, rows = Proxy(store.port), Proxy(address.port or 5432)
-        yield (
-            {
-                **store.environment(),
-                "GRIDPOSE_DATABASE_URL": address.set(host="127.0.0.1", port=rows.port).render_as_string(
-                    hide_password=False
-                ),
-                "GRIDPOSE_BLOB_URL": f"s3://{store.new_bucket()}/faults",
-                "GRIDPOSE_KEY_PEPPER": "0" * 64,
-                "GRIDPOSE_DISK_FLOOR_BYTES": "0",
-            },
-            objects,
-            rows,
-        )
-        objects.close()
-        rows.close()
+    address = sa.make_url(url)
+    objects, rows = Proxy(store.port), Proxy(address.port or 5432)
+    yield (
+        {
+            **store.environment(),
+            "GRIDPOSE_DATABASE_URL": address.set(host="127.0.0.1", port=rows.port).render_as_string(
+                hide_password=False
+            ),
+            "GRIDPOSE_BLOB_URL": f"s3://{store.new_bucket()}/faults",
+            "GRIDPOSE_KEY_PEPPER": "0" * 64,
+            "GRIDPOSE_DISK_FLOOR_BYTES": "0",
+        },
+        objects,
+        rows,
+    )
+    objects.close()
+    rows.close()
 
 
 @contextmanager
@@ -99,11 +99,12 @@ def conclude(machines: Machines, uploads: Uploads, session_id: str, url: str, wi
             assert client.get(f"/v1/measurements/{row.id}/image").status_code == 200
 
 
-def test_killed_cut_and_refused(
-    through: tuple[dict[str, str], Proxy, Proxy], store: ObjectStore, tmp_path: Path
-) -> None:
-    environment, objects, rows = through
-    with running(tmp_path / "m", environment, objects, workers=2) as machines:
+def test_killed_cut_and_refused(store: ObjectStore, tmp_path: Path) -> None:
+    with (
+        new_database() as url,
+        installation(store, url) as (environment, objects, rows),
+        running(tmp_path / "m", environment, objects, workers=2) as machines,
+    ):
         session_id = machines.make_session()
         uploads = Uploads(machines, session_id, [small_image(n) for n in range(60)])
         wait_until(lambda: len(uploads.acknowledged) > 15, 30.0 + SLACK_S, "uploads arrive")
@@ -123,17 +124,18 @@ def test_killed_cut_and_refused(
 
 
 @pytest.mark.soak
-def test_faults_of_every_kind_for_minutes(
-    through: tuple[dict[str, str], Proxy, Proxy], store: ObjectStore, tmp_path: Path
-) -> None:
-    environment, objects, rows = through
-    with running(tmp_path / "m", environment, objects, workers=3) as machines:
+def test_faults_of_every_kind_for_minutes(store: ObjectStore, tmp_path: Path) -> None:
+    with (
+        own_cluster() as cluster,
+        installation(store, cluster.url) as (environment, objects, rows),
+        running(tmp_path / "m", environment, objects, workers=3) as machines,
+    ):
         chance = random.Random(20261123)
         session_id = machines.make_session()
         uploads = Uploads(machines, session_id, [small_image(n) for n in range(4000)], clients=4)
         for _ in range(30):
             time.sleep(chance.uniform(1.0, 5.0))
-            match chance.choice(("worker", "head", "503", "slow", "cut")):
+            match chance.choice(("worker", "head", "503", "slow", "cut", "database")):
                 case "worker":
                     worker = chance.choice(machines.workers)
                     worker.kill()
@@ -156,4 +158,8 @@ def test_faults_of_every_kind_for_minutes(
                     rows.set("cut")
                     time.sleep(chance.uniform(0.5, 6.0))
                     rows.set("pass")
+                case "database":
+                    cluster.stop(chance.choice(("fast", "immediate")))
+                    time.sleep(chance.uniform(0.0, 4.0))
+                    cluster.start("UTC")
         conclude(machines, uploads, session_id, environment["GRIDPOSE_DATABASE_URL"], 300.0)
