@@ -1,7 +1,8 @@
-"""When the runner goes through its next round: at once after a pause, and seldom enough that one round serves several.
+"""When the runner goes through its next round, and when what failed is tried again.
 
 A round costs a claim's and a save's transaction. Images that come one by one would each pay for both alone; of those
-that come within `PACE_S`, one round takes all.
+that come within `PACE_S`, one round takes all. After failures pauses grow with their number, so that what fails is
+tried again without a storm of attempts.
 """
 
 from __future__ import annotations
@@ -16,6 +17,7 @@ PACE_S = 0.04
 """How far the beginnings of rounds are apart, unless the workers run out of jobs while more are queued."""
 GATHER_S = 0.04
 """How long a result may wait for others to be saved with it, while workers are busy or results come closely."""
+_FIRST_PAUSE_S, _LONGEST_PAUSE_S = 0.1, 5.0
 
 
 class Pace:
@@ -46,3 +48,33 @@ class Pace:
         """Return how long a result may wait for others: not at all where the last ones were saved long ago."""
         recently = time.monotonic() - self._saved_s < GATHER_S
         return GATHER_S if busy or recently else 0.0
+
+
+class BackOff:
+    """Counts failures in a row; `due` again after a pause that doubles with each of them."""
+
+    def __init__(self, *, calm_failures: int = 0) -> None:
+        self.failures = 0
+        self._calm_failures = calm_failures
+        self._not_before = 0.0
+
+    @property
+    def due(self) -> bool:
+        """Whether the pause after the last failure is over."""
+        return time.monotonic() >= self._not_before
+
+    def failed(self) -> None:
+        """Count a failure; the first `calm_failures` of a row cause no pause."""
+        self.failures += 1
+        counted = min(self.failures - self._calm_failures, 10)
+        if counted > 0:
+            self._not_before = time.monotonic() + min(_FIRST_PAUSE_S * 2.0**counted, _LONGEST_PAUSE_S)
+
+    def pause(self, seconds: float) -> None:
+        """Be due after so long; no failure is counted."""
+        self._not_before = time.monotonic() + seconds
+
+    def succeeded(self) -> None:
+        """Forget the failures."""
+        self.failures = 0
+        self._not_before = 0.0

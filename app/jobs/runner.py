@@ -23,8 +23,7 @@ import structlog
 
 from app.blobs.interface import Blobs
 from app.errors import ServiceError
-from app.jobs.back_off import BackOff
-from app.jobs.pace import GATHER_S, IDLE_POLL_S, Pace
+from app.jobs.pace import GATHER_S, IDLE_POLL_S, BackOff, Pace
 from app.jobs.process_image import process_for_storage
 from app.jobs.queue import Job, Queue
 from app.jobs.settlement import Settlement, is_death

@@ -17,7 +17,7 @@ from dataclasses import dataclass, field
 import structlog
 
 from app.errors import ServiceError, Unavailable
-from app.jobs.back_off import BackOff
+from app.jobs.pace import BackOff
 from app.jobs.queue import Job, JobResult, Queue
 from app.jobs.worker_pool import OverTime
 from app.jobs.worker_process import ProcessExpired

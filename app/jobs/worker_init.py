@@ -16,7 +16,7 @@ from pathlib import Path
 
 THREAD_VARIABLES = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "VECLIB_MAXIMUM_THREADS")
 THUMBNAIL_NICENESS = 10
-"""A tenth of a processor beside workers that have work, all of it where they have none."""
+"""A tenth of a processor while workers have work, all of it while they have none."""
 _PR_SET_PDEATHSIG = 1
 _M_TRIM_THRESHOLD, _M_MMAP_THRESHOLD = -1, -3
 _HEAP_BLOCK_BYTES = 32 << 20

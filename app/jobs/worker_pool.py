@@ -16,8 +16,8 @@ from dataclasses import dataclass
 
 import structlog
 
-from app.jobs.back_off import BackOff
 from app.jobs.job import Job
+from app.jobs.pace import BackOff
 from app.jobs.worker_init import start_worker
 from app.jobs.worker_process import WorkerProcess
 from app.records.outcome import Outcome
