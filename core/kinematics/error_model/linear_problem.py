@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
+from scipy.linalg import blas
 from scipy.sparse import csr_array
 
 from core.kinematics.arm_model import ArmState
@@ -128,9 +129,12 @@ class Design:
                 part = slice(3 * kind, 3 * kind + 3)
                 flat = X[:, part].reshape(p, -1)
                 left = y[part].ravel()
-                normal[kind] += flat @ flat.T
+                # In place, and one triangle alone: a product of its own and its sum would take as long again.
+                blas.dsyrk(1.0, flat.T, beta=1.0, c=normal[kind].T, trans=1, overwrite_c=1)
                 gradient[kind] += flat @ left
                 squares[kind] += left @ left
+        for of_kind in normal:
+            of_kind += np.tril(of_kind, -1).T
         return Sums(normal, gradient, squares, np.full(k, 3.0 * len(members)))
 
     def left(self, coefficients: Float[np.ndarray, " p"]) -> Float[np.ndarray, "m n"]:
