@@ -48,7 +48,7 @@ def write_terms_json(model: Model) -> str:
         "joint_names": list(model.joint_names),
         "joint_curves": terms["joint_curves"],
         "compliance": terms["compliance"],
-        "approach_offsets": terms["approach_offsets"],
+        "approach_offsets": terms.get("approach_offsets", []),  # reports of earlier versions have none
     }
     return json.dumps(named, indent=2, ensure_ascii=False) + "\n"
 
@@ -69,7 +69,7 @@ def write_terms_csv(model: Model) -> str:
         name = model.joint_names[one["joint"] - 1]
         value, u = one["rad_per_m"], one["standard_uncertainty_rad_per_m"]
         rows.writerow(("compliance", one["joint"], name, one["axis"], None, value, u, "rad/m"))
-    for one in terms["approach_offsets"]:
+    for one in terms.get("approach_offsets", []):
         name = model.joint_names[one["joint"] - 1]
         value, u = one["offset_deg"], one["offset_standard_uncertainty_deg"]
         rows.writerow(("approach", one["joint"], name, "z", None, value, u, "deg"))
