@@ -51,6 +51,7 @@ from app.services.keys import KeyUse
 from app.services.maintenance.chores import Maintenance, chores
 from app.services.session_news import SessionNews
 from app.settings import Settings
+from app.web import PageRefusals
 from app.web import routers as dashboard
 
 log = structlog.get_logger(__name__)
@@ -93,6 +94,7 @@ def create_app(settings: Settings) -> FastAPI:
     install_problem_handlers(app)
     app.add_middleware(DirectRoutes, routes=images.router.routes)
     app.add_middleware(ApiKeyAuth)
+    app.add_middleware(PageRefusals)
     app.add_middleware(Compression)
     if settings.auth == "off":
         app.add_middleware(LoopbackOnly)

@@ -4,6 +4,7 @@ A page calls the same services and analyses as the API, and asks `app.http` what
 changes to `/v1`, so that validation, scopes and audit have one set of rules.
 """
 
+from app.web.refusals import PageRefusals
 from app.web.routes import routers
 
-__all__ = ["routers"]
+__all__ = ["PageRefusals", "routers"]

@@ -36,14 +36,72 @@ _PHRASES = (
         ": on the page of images, select its images and choose Correct",
     ),
     ("(repeatability?estimator=per_image_fixed_pp)", "(estimator=per_image_fixed_pp)"),
-    ("position_mm, roll_deg, pitch_deg and yaw_deg", "position, roll, pitch and yaw"),
-    ("joint_angles_deg", "joint angles"),
-    ("focus_group", "focus group"),
-    ("target_ids", "target"),
-    ("robot_id", "robot"),
-    ("pose_id", "pose"),
+    ("This address needs an API key.", "You are signed out."),
+    ("Send it as `Authorization: Bearer KEY`.", "Sign in again."),
+    (" Programs send their key as `Authorization: Bearer KEY`.", ""),
+    ("The request does not carry the token of the page that it comes from.", "The page is out of date."),
+    ("Use a key made with the scope", "Sign in with a key of scope"),
+    ("Use a key that is not limited", "Sign in with a key that is not limited"),
+    ("bytes_per_day of the key", "the key's quota"),
+    ("nothing was kept of this request, so send it again.", "nothing was stored: do this again afterwards."),
+    (", as measurement ", ", as "),
+    ("no such measurement", "no such image"),
+    ("Check the id; lists show what exists.", "It was deleted: load the page again."),
+    ("Make the target first; every id in target_ids must exist.", "Choose another: it was deleted."),
+    ("Make the robot first, or leave robot_id away.", "Choose another: it was deleted."),
+    ("Use OpenCV's name, for example DICT_6X6_250.", "Choose one."),
+    (
+        "State pitch_x_mm, pitch_y_mm and standard_uncertainty, or points_mm and points_standard_uncertainty_mm.",
+        "State both pitches and the standard uncertainty of each.",
+    ),
+    (
+        "Give the points row by row in the target frame, origin at grid point (0, 0), x along columns, in mm.",
+        "Check the pitches: they are in mm, from one grid point to the next.",
+    ),
+    (
+        "send them with accept_implausible=true (--accept-implausible).",
+        "tick the box that says so, and store them.",
+    ),
+    ("(PATCH `excluded`, `gridpose measurements exclude`)", "on its page"),
+    (
+        "delete it (DELETE, `gridpose measurements delete`, with a key of scope admin)",
+        "have an administrator delete it",
+    ),
 )
 """Wording of the API, and what the same is called on the pages."""
+_WHOLE = {
+    "The request's content is not valid.": "Some fields are missing or not valid.",
+    "Correct the fields listed in errors.": "Correct the fields that are named, and send the form again.",
+    "is required": "must be filled in",
+    "must have at least 1 characters": "must be filled in",
+    "must have at least 1 items": "needs one at least",
+    "has characters or a form not allowed here": "has characters that are not allowed here",
+    "pose_id has characters or a form not allowed here": "may hold letters, digits, “.”, “_” and “-”, "
+    "and does not begin with “.”",
+}
+"""Texts that are replaced where they stand alone, of one field or of any."""
+_FIELDS = {
+    "a_mm": "a",
+    "alpha_deg": "α",
+    "body": "what was sent",
+    "d_mm": "d",
+    "expires_in_days": "days until it ends",
+    "pose_id": "pose",
+    "position_mm": "position",
+    "robot_id": "robot",
+    "session_id": "session",
+    "signatories": "signers",
+    "target_id": "target",
+    "target_ids": "target",
+    "theta_offset_deg": "θ offset",
+}
+"""Fields of the API whose words on the pages are not those of their names."""
+_UNIT = re.compile(r"_(mm|deg|c|kg|percent|min|um|px|mrad)$")
+_FIELD_NAMES = re.compile(
+    r"\b(position|roll|pitch|yaw|marker|joint_angles|focus_group|standard_uncertainty|pitch_[xy]|"
+    r"(?:pose|robot|session|target)_ids?|points)(_mm|_deg)?\b"
+)
+_GUESS = re.compile(r"^(Values look like \w+): .*")
 _REQUESTS = re.compile(r" \([^()]*(?:`gridpose|\b(?:PATCH|POST|PUT|DELETE|GET)\b)[^()]*\)")
 _ESTIMATOR = re.compile(r"\bestimator=(\w+)")
 _NEXT = {
@@ -59,12 +117,25 @@ _NEXT = {
 """The session's page on which a refusal is mended, by code, and what the link to it says."""
 
 
-def on_pages(text: str) -> str:
-    """Return an advice in the words of the pages: without requests, commands, or names of fields."""
+def on_pages(text: str, field: str = "") -> str:
+    """Return a text in the words of the pages: without requests, commands, or names of fields; one said of `field`."""
+    text = _WHOLE.get(f"{field.rpartition('.')[2]} {text}") or _WHOLE.get(text, text)
     for phrase, words in _PHRASES:
         text = text.replace(phrase, words)
-    text = _REQUESTS.sub("", text)
+    text = _REQUESTS.sub("", _GUESS.sub(r"\1.", text))
+    text = _FIELD_NAMES.sub(lambda match: named(match[0]), text)
     return _ESTIMATOR.sub(lambda match: _estimator(match[1]), text)
+
+
+def named(field: str) -> str:
+    """Return what pages call a field of the API: `joints.0.a_mm` is "joint 1, a"; `3.pose_id` is "pose"."""
+    names: list[str] = []
+    for part in field.split("."):
+        if not part.isdecimal():
+            names.append(_FIELDS.get(part) or _UNIT.sub("", part).replace("_", " "))
+        elif names:
+            names[-1] = f"{names[-1].removesuffix('s')} {int(part) + 1}"
+    return ", ".join(names)
 
 
 def next_page(code: str) -> tuple[str, str] | None:

@@ -14,6 +14,7 @@ from fastapi import APIRouter, Request
 from fastapi.exceptions import RequestValidationError
 from fastapi.routing import APIRoute
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
+from starlette.datastructures import Headers
 from starlette.responses import HTMLResponse, RedirectResponse, Response
 
 from app.build import program_version, sources_hash
@@ -97,7 +98,12 @@ def render(request: Request, template: str, status: int = 200, **context: Any) -
 
 def is_fragment(request: Request) -> bool:
     """Return whether a script asks for a part of a page, to put it in place."""
-    return request.headers.get("hx-request") == "true" and "hx-history-restore-request" not in request.headers
+    return asks_for_fragment(request.headers)
+
+
+def asks_for_fragment(headers: Headers) -> bool:
+    """Return whether headers say that a script of a page asks."""
+    return headers.get("hx-request") == "true" and "hx-history-restore-request" not in headers
 
 
 def to_sign_in(request: Request) -> Response:
@@ -156,10 +162,10 @@ def error_page(request: Request, error: ServiceError) -> Response:
 
 def invalid_address(error: RequestValidationError) -> InvalidContent:
     """Return the refusal of an address whose query cannot be read."""
-    fields = sorted({str(each["loc"][-1]) for each in error.errors()})
     return InvalidContent(
-        f"The page's address holds values that are not valid: {', '.join(fields)[:200]}.",
-        "Begin anew from the list of sessions.",
+        "Some values are not valid.",
+        "Correct them, or begin anew from the list of sessions.",
+        errors=[(str(each["loc"][-1])[:200], each["msg"]) for each in error.errors()],
     )
 
 
@@ -186,6 +192,7 @@ def environment() -> Environment:
         linked=page_words.linked,
         coded=page_words.coded,
         on_pages=page_words.on_pages,
+        named=page_words.named,
         quoted=lambda text: quote(str(text), safe=""),
     )
     made.globals.update(

@@ -1,4 +1,4 @@
-"""What an operator changes of a session in a real browser, and what another estimator changes of its table."""
+"""What an operator changes in a real browser, what pages say where it is refused, what another estimator changes."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import pytest
 
 from app.web.words import ESTIMATORS
 from tests.support.service.service import wait_until
-from tests.web.conftest import Cell
+from tests.web.conftest import Cell, violations
 
 pytestmark = pytest.mark.slow
 Open = Callable[..., Any]
@@ -25,7 +25,7 @@ def test_selected_images_get_a_focus_group_and_are_computed_again(cell: Cell, op
     assert page.inner_text("#selected") == "2 selected"
     page.click("[data-act=correct]")
     page.click("#correct-form .primary")
-    page.wait_for_selector("#correct-form .problem:has-text('Enter a pose, a cycle or a focus group.')")
+    page.wait_for_selector("#correct-form .refusal:has-text('Enter a pose, a cycle or a focus group.')")
     page.fill("#new-group", "left")
     page.evaluate("document.getElementById('gallery').dataset.former = 'yes'")
     page.click("#correct-form .primary")
@@ -44,6 +44,64 @@ def test_selected_images_get_a_focus_group_and_are_computed_again(cell: Cell, op
         "both images are computed again",
     )
     page.wait_for_selector("text=2 measured")
+    assert not page.troubles
+
+
+def problems(page: Any) -> dict[str, str]:
+    """Return what stands beside each wrong field, by the field's id, as its description says it."""
+    described = "one => [one.id, document.getElementById(one.getAttribute('aria-describedby')).innerText]"
+    found = page.evaluate(f"[...document.querySelectorAll('[aria-invalid=true]')].map({described})")
+    return dict(found)
+
+
+def test_a_refused_session_keeps_what_was_typed_and_names_its_fields(cell: Cell, open_page: Open) -> None:
+    page = open_page("/ui/sessions/new")
+    page.fill("#name", "Refused first")
+    page.fill("#temperature", "999")
+    page.fill("#speed", "half")
+    page.uncheck(f"[value={cell.target_id}]")
+    page.click("main .primary")
+    page.wait_for_selector("form > .refusal:has-text('Some fields are missing or not valid.')")
+    assert "needs one at least" in page.inner_text("legend:has-text('Target') + .field-problem")
+    assert page.get_attribute(f"[value={cell.target_id}]", "aria-invalid") == "true"
+    assert page.evaluate("document.activeElement.name") == "target_ids"  # the first that is wrong
+    shown = problems(page)
+    assert shown["temperature"] == "Temperature, °C: must be at most 200"
+    assert shown["speed"] == "Speed, %: must be a number"
+    assert violations(page) == []
+    page.check(f"[value={cell.target_id}]")
+    page.fill("#temperature", "21,5")
+    page.fill("#speed", "50")
+    page.route("**/v1/sessions", lambda route: route.abort())
+    page.click("main .primary")
+    page.wait_for_selector("form > .refusal:has-text('The service cannot be reached.')")
+    assert problems(page) == {}
+    assert page.locator("form .refusal").count() == 1
+    page.unroute("**/v1/sessions")
+    page.troubles.clear()  # the browser logs both refusals
+    page.click("main .primary")
+    page.wait_for_url("**/upload")
+    assert not page.troubles
+
+
+def test_a_robot_in_metres_is_stored_after_a_tick(cell: Cell, open_page: Open) -> None:
+    page = open_page("/ui/robots")
+    page.fill("#name", "Micro arm")
+    page.fill("#joints", "0.18, -90, 0.4, 0\n0.6, 0")
+    page.click("main .primary")
+    page.wait_for_selector(".field-problem:has-text('Line 2 is not: a, α, d, θ offset.')")
+    assert page.locator("form > .refusal").count() == 0
+    page.fill("#joints", "0.18, -90, 0.4, 0\n0.6, 0, 0\n0.12, 90, 0")
+    page.click("main .primary")
+    page.wait_for_selector("form > .refusal:has-text('tick the box')")
+    assert page.locator(".field-problem").all_inner_texts() == [
+        f"joint {number}, a: {a} mm would be {1000 * a:g} mm if it was stated in metres"
+        for number, a in ((1, 0.18), (2, 0.6), (3, 0.12))
+    ]
+    page.troubles.clear()  # the browser logs the refusal that was asked for
+    page.check("[data-accept] input")
+    page.click("main .primary")
+    page.wait_for_url("**/ui/robots/rob_*")
     assert not page.troubles
 
 

@@ -39,6 +39,18 @@ def test_a_cube_is_planned_by_its_form(cell: Cell, open_page: Open) -> None:
     assert not page.troubles
 
 
+def test_a_plan_that_is_refused_keeps_what_was_typed(cell: Cell, open_page: Open) -> None:
+    page = open_page()
+    page.goto(f"/ui/plans/iso9283?target={cell.target_id}&centre_mm=900")
+    described = page.get_attribute("#centre", "aria-describedby")
+    assert page.inner_text(f"#{described}") == "Centre x, y, z, mm: is not three numbers"
+    assert "Write three numbers" in page.inner_text("form > .refusal")
+    assert page.evaluate("document.activeElement.id") == "centre"
+    assert page.input_value("#centre") == "900"
+    assert violations(page) == []
+    assert not page.troubles
+
+
 def test_a_sheet_that_was_measured_and_a_session_with_another_target_are_stated(
     cell: Cell, open_page: Open
 ) -> None:
@@ -94,8 +106,10 @@ def test_commanded_poses_are_shown_before_they_are_stored_and_refused_by_line(
     choose("pose_id;x_mm;y_mm;z_mm\nP1;0,9;0;0,45\nP2;0,8;0,1;0,4\n")
     page.wait_for_selector("button:has-text('Store 2 poses')")
     page.click("#poses-form button")
-    page.wait_for_selector(".problem:has-text('look like metres')")
-    assert "tick the box" in page.inner_text("#poses-form .problem")
+    page.wait_for_selector("#poses-form .refusal:has-text('look like metres')")
+    refusal = page.inner_text("#poses-form .refusal")
+    assert "tick the box" in refusal
+    assert "Line 2, position: 0.9 mm would be 900 mm if it was stated in metres" in refusal
     assert not cell.api.client.get(f"/v1/sessions/{session_id}/poses").json()["items"]
     page.troubles.clear()  # the browser logs the refusal that was asked for
     page.check("[name=accept]")

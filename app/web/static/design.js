@@ -33,8 +33,7 @@
             if (before.startsWith("blob:")) URL.revokeObjectURL(before);
             problem.hidden = true;
           } else {
-            const page = new DOMParser().parseFromString(await answer.text(), "text/html");
-            problem.textContent = [...page.querySelectorAll(".refusal > p:not(.code)")].map((one) => one.textContent).join(" ") || "This target cannot be drawn.";
+            problem.textContent = gridpose.refusal(await answer.text(), "This target cannot be drawn.").message;
             problem.hidden = false;
           }
         } catch (error) {

@@ -4,9 +4,23 @@
   const gridpose = (window.gridpose = {});
   const csrf = () => document.querySelector('meta[name="csrf-token"]').content;
 
-  // Send a request to the API; a refusal is thrown with its detail, advice and fields.
+  // A refusal to throw and to show: the fragment that the service answers, or one with a text of ours, of a field where it is of one.
+  gridpose.refusal = function (html, text, rest = {}) {
+    let box = new DOMParser().parseFromString(html, "text/html").querySelector(".refusal");
+    if (!box) {
+      box = Object.assign(document.createElement("div"), { className: "refusal" });
+      box.setAttribute("role", "alert");
+      const item = box.appendChild(document.createElement(rest.field ? "li" : "p"));
+      if (rest.field) item.dataset.field = rest.field;
+      item.append(...(rest.field ? [document.createElement("b"), ": "] : []), text);
+    }
+    const message = [...box.querySelectorAll("p:not(.code), li")].map((one) => one.textContent.trim()).join(" ");
+    return Object.assign(new Error(message), { box, code: box.dataset.code, ...rest });
+  };
+
+  // Send a request to the API; what it refuses is thrown as it is shown.
   gridpose.send = async function (method, address, body, headers = {}) {
-    const options = { method, headers: { "X-CSRF-Token": csrf(), Accept: "application/json", ...headers }, credentials: "same-origin" };
+    const options = { method, headers: { "X-CSRF-Token": csrf(), "HX-Request": "true", Accept: "application/json", ...headers }, credentials: "same-origin" };
     if (body !== undefined) {
       options.body = body instanceof Blob ? body : JSON.stringify(body);
       if (!(body instanceof Blob)) options.headers["Content-Type"] = "application/json";
@@ -15,17 +29,16 @@
     try {
       response = await fetch(address, options);
     } catch (error) {
-      throw Object.assign(new Error("The service cannot be reached."), { advice: "Check the network, then try again.", status: 0, errors: [] });
+      throw gridpose.refusal("", "The service cannot be reached. Check the network, then try again.", { status: 0 });
     }
     const isJson = (response.headers.get("content-type") || "").includes("json");
     const text = await response.text();
-    const found = isJson && text ? JSON.parse(text) : null;
     if (!response.ok) {
       if (response.status === 401) gridpose.notice("You are signed out: the key expired or was revoked. ", "Sign in", "/ui/sign-in?next=" + encodeURIComponent(location.pathname + location.search));
-      const retry = Number(response.headers.get("retry-after")) || 0;
-      throw Object.assign(new Error((found && found.detail) || "The service answered " + response.status + "."), { advice: (found && found.advice) || "", status: response.status, errors: (found && found.errors) || [], code: found && found.code, retry });
+      const number = response.headers.get("x-request-id");
+      throw gridpose.refusal(text, "The service failed (" + response.status + "). " + (number ? "Its log says why, at request " + number + "." : "Try again shortly."), { status: response.status, retry: Number(response.headers.get("retry-after")) || 0 });
     }
-    return { status: response.status, document: found };
+    return { status: response.status, document: isJson && text ? JSON.parse(text) : null };
   };
 
   gridpose.notice = function (text, link, address) {
@@ -46,17 +59,16 @@
     const type = field.dataset.type;
     if (type === "json") return JSON.parse(field.value);
     if (type === "boolean") return field.checked;
-    if (!text) return field.hasAttribute("data-null") ? null : undefined;
+    if (!text) return field.hasAttribute("data-null") ? null : field.required && !type ? "" : undefined;
     if (type === "moment") return new Date(text).toISOString(); // without a zone: the reader's
     if (type === "number" || type === "integer") {
       const value = Number(text.replace(",", "."));
-      if (!Number.isFinite(value)) throw Object.assign(new Error("“" + text + "” is not a number."), { advice: "", errors: [] });
-      return value;
+      return Number.isFinite(value) ? value : text; // which the service refuses, with all else that is wrong
     }
     if (type === "joints") {
       return text.split(/\r?\n/).filter((line) => line.trim()).map((line, at) => {
         const numbers = line.split(/[;\s]+|,\s*/).filter(Boolean).map(Number);
-        if (numbers.length < 3 || numbers.length > 4 || numbers.some((one) => !Number.isFinite(one))) throw Object.assign(new Error("Line " + (at + 1) + " is not: a, α, d, θ offset."), { advice: "Use points as decimal signs and commas between numbers.", errors: [] });
+        if (numbers.length < 3 || numbers.length > 4 || numbers.some((one) => !Number.isFinite(one))) throw gridpose.refusal("", "Line " + (at + 1) + " is not: a, α, d, θ offset. Use points as decimal signs and commas between numbers.", { field: field.name });
         return { a_mm: numbers[0], alpha_deg: numbers[1], d_mm: numbers[2], theta_offset_deg: numbers[3] || 0 };
       });
     }
@@ -88,30 +100,56 @@
     return found;
   };
 
-  gridpose.show = function (form, error) {
-    const problem = form.querySelector(".problem");
-    if (!problem) return;
-    const fields = (error.errors || []).map((one) => one.field + " " + one.message).join("; ");
-    problem.textContent = [error.message, fields, error.advice].filter(Boolean).join(" ");
-    problem.hidden = false;
-    const first = (error.errors || [])[0];
-    const field = first && form.elements[first.field];
-    if (field && field.focus) field.focus();
+  // A refusal on top of its form, and what is wrong with a field after that field; what was typed stays.
+  gridpose.show = function (form, { box }) {
+    gridpose.clear(form);
+    for (const item of box.querySelectorAll("li[data-field]")) place(form, item);
+    for (const list of box.querySelectorAll("ul")) if (!list.children.length) list.remove();
+    if (box.textContent.trim()) form.prepend(box);
+    box.tabIndex = -1;
+    (form.querySelector("[aria-invalid]") || box).focus();
   };
+  gridpose.clear = function (form) {
+    for (const one of form.querySelectorAll(":scope > .refusal, .field-problem")) one.remove();
+    for (const field of form.querySelectorAll("[aria-invalid]")) {
+      field.removeAttribute("aria-invalid");
+      field.setAttribute("aria-describedby", (field.getAttribute("aria-describedby") || "").split(" ").filter((id) => document.getElementById(id)).join(" "));
+    }
+  };
+  let placed = 0;
+  function place(form, item) {
+    const name = item.dataset.field;
+    let fields = [...form.elements].filter((one) => one.name && !one.closest("[hidden]") && one.type !== "hidden" && (one.name === name || name.startsWith(one.name + ".")));
+    if (!fields.length) return;
+    const isWhole = name === fields[0].name, legend = fields[0].type === "checkbox" && fields[0].closest("fieldset") && fields[0].closest("fieldset").querySelector("legend");
+    if (legend && !isWhole) fields = [fields.filter((one) => one.checked)[Number(name.slice(fields[0].name.length + 1))]];
+    const label = legend && isWhole ? legend : fields[0].labels[0];
+    const note = Object.assign(document.createElement("p"), { className: "field-problem", id: "field-problem-" + ++placed });
+    note.append(...item.childNodes);
+    if (legend || isWhole) note.querySelector("b").textContent = label.textContent.trim();
+    item.remove();
+    let last = legend || label.contains(fields[0]) ? label : fields[0];
+    while (last.nextElementSibling && last.nextElementSibling.matches(".field-problem")) last = last.nextElementSibling;
+    last.after(note);
+    for (const field of fields) {
+      field.setAttribute("aria-invalid", "true");
+      field.setAttribute("aria-describedby", ((field.getAttribute("aria-describedby") || "") + " " + note.id).trim());
+    }
+  }
 
   document.addEventListener("submit", async function (event) {
     const form = event.target;
     if (!form.dataset || !form.dataset.action) return;
     event.preventDefault();
     if (form.dataset.confirm && !window.confirm(form.dataset.confirm)) return;
-    const button = form.querySelector("button");
-    const problem = form.querySelector(".problem");
-    if (problem) problem.hidden = true;
+    const button = form.querySelector("button"), accept = form.querySelector("[data-accept]");
+    gridpose.clear(form);
     if (button) button.disabled = true;
     try {
       const method = form.dataset.method;
       const body = method === "DELETE" || form.dataset.action.endsWith("/retry") ? undefined : gridpose.body(form);
-      const answer = await gridpose.send(method, form.dataset.action, body);
+      const isRight = accept && accept.querySelector("input").checked;
+      const answer = await gridpose.send(method, form.dataset.action + (isRight ? "?accept_implausible=true" : ""), body);
       const after = form.dataset.after;
       if (after === "reload") location.reload();
       else if (after === "show-key") {
@@ -120,6 +158,7 @@
         form.reset();
       } else location.assign(after.replace("{id}", encodeURIComponent(answer.document.id)));
     } catch (error) {
+      if (accept) accept.hidden = error.code !== "implausible_unit";
       gridpose.show(form, error);
     } finally {
       if (button) button.disabled = false;
@@ -226,6 +265,7 @@
     gridpose.localise(document);
     fillHeadlines();
     reachPlots();
+    for (const box of document.querySelectorAll("form + .refusal[data-code]")) gridpose.show(box.previousElementSibling, { box });
     for (const form of document.querySelectorAll("#estimator-form")) for (const field of form.querySelectorAll("select")) field.addEventListener("change", () => form.requestSubmit());
   });
 })();

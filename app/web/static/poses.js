@@ -37,6 +37,7 @@
     function read(text) {
       const { delimiter, rows } = cellsOf(text.replace(/^\uFEFF/, "")), header = rows[0], found = [];
       poses = []; lines = [];
+      gridpose.clear(form);
       const unknown = header.filter((name) => name && !["pose_id", "approach", ...AXES, ...ANGLES].includes(name) && !JOINT.test(name));
       show();
       if (!header.includes("pose_id")) return refuse("The table has no column pose_id. Its first line names the columns.");
@@ -103,16 +104,14 @@
       event.preventDefault();
       button.disabled = true;
       refuse("");
+      gridpose.clear(form);
       try {
         await gridpose.send("POST", "/v1/sessions/" + place.dataset.session + "/poses" + (form.elements.accept.checked ? "?accept_implausible=true" : ""), poses);
         location.reload();
       } catch (error) {
-        const isOdd = error.code === "implausible_unit";
-        accept.hidden = !isOdd;
-        refuse([error.message, isOdd ? "Lengths are in mm and angles in degrees. If they are right, tick the box and store them." : error.advice].filter(Boolean).join(" "), error.errors.map(function (one) {
-          const [at, ...name] = one.field.split(".");
-          return (lines[at] || at) + ": " + [...name, one.message].join(" ");
-        }));
+        accept.hidden = error.code !== "implausible_unit";
+        for (const item of error.box.querySelectorAll("li")) if (lines[parseInt(item.dataset.field)]) item.prepend(lines[parseInt(item.dataset.field)], ", ");
+        gridpose.show(form, error);
         button.disabled = false;
       }
     });

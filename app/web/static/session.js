@@ -127,7 +127,7 @@
   });
 
   // Each of the selected images; the first refusal stops, and what was done stays done.
-  async function correct(method, tail, body, problem) {
+  async function correct(method, tail, body, form) {
     let done = 0;
     const ids = [...selection];
     for (const id of ids) {
@@ -135,8 +135,12 @@
         await gridpose.send(method, "/v1/measurements/" + id + tail, body);
         done += 1;
       } catch (error) {
-        const text = error.message + " " + (error.errors.map((one) => one.field + " " + one.message).join("; ") + " " + error.advice).trim() + " " + done + " of " + ids.length + " were changed.";
-        if (problem) { problem.textContent = text; problem.hidden = false; } else gridpose.notice(text);
+        const tally = done + " of " + ids.length + " were changed.";
+        if (!form) gridpose.notice(error.message + " " + tally);
+        else {
+          error.box.append(Object.assign(document.createElement("p"), { textContent: tally }));
+          gridpose.show(form, error);
+        }
         return false;
       }
     }
@@ -146,28 +150,26 @@
     return true;
   }
   function ask(id, then) {
-    const dialog = document.getElementById(id), form = dialog.querySelector("form"), problem = dialog.querySelector(".problem");
+    const dialog = document.getElementById(id), form = dialog.querySelector("form");
     form.reset();
-    problem.hidden = true;
+    gridpose.clear(form);
     form.onsubmit = async function (event) {
       event.preventDefault();
-      if (await then(form, problem)) { dialog.close(); refresh(); }
+      if (await then(form)) { dialog.close(); refresh(); }
     };
     dialog.showModal();
   }
   document.addEventListener("click", function (event) {
     const act = event.target.closest("[data-act]");
     if (!act || act.disabled) return;
-    if (act.dataset.act === "exclude") ask("exclude-dialog", (form, problem) => correct("PATCH", "", { excluded: { reason: form.elements.reason.value.trim() } }, problem));
+    if (act.dataset.act === "exclude") ask("exclude-dialog", (form) => correct("PATCH", "", gridpose.body(form), form));
     if (act.dataset.act === "include") correct("PATCH", "", { excluded: null });
     if (act.dataset.act === "retry") correct("POST", "/retry");
-    if (act.dataset.act === "correct") ask("correct-dialog", function (form, problem) {
-      const body = {};
-      if (form.elements.pose_id.value.trim()) body.pose_id = form.elements.pose_id.value.trim();
-      if (form.elements.cycle.value) body.cycle = Number(form.elements.cycle.value);
-      if (form.elements.focus_group.value.trim()) body.focus_group = form.elements.focus_group.value.trim();
-      if (!Object.keys(body).length) { problem.textContent = "Enter a pose, a cycle or a focus group."; problem.hidden = false; return false; }
-      return correct("PATCH", "", body, problem);
+    if (act.dataset.act === "correct") ask("correct-dialog", function (form) {
+      const body = gridpose.body(form);
+      if (Object.keys(body).length) return correct("PATCH", "", body, form);
+      gridpose.show(form, gridpose.refusal("", "Enter a pose, a cycle or a focus group."));
+      return false;
     });
   });
 

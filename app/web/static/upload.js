@@ -141,7 +141,7 @@
                 one.done = true;
                 if (answer.status === 202) { one.state = "sent"; added += 1; } else { one.state = "was here"; here += 1; }
               } catch (error) {
-                one.state = "refused: " + error.message + " " + error.advice;
+                one.state = "refused: " + error.message;
                 failed += 1;
                 if ([401, 403, 507].includes(error.status)) isPaused = true;
               }
@@ -151,7 +151,7 @@
           show();
         }
       } catch (error) {
-        report.textContent = error.message + " " + error.advice;
+        report.textContent = error.message;
         isPaused = true;
       }
       isSending = false;

@@ -9,7 +9,7 @@ from typing import Any, cast
 import pytest
 
 from app.jobs.process_image import _CORRECTION
-from app.web.page_words import linked, next_page, on_pages
+from app.web.page_words import linked, named, next_page, on_pages
 from app.web.words import ESTIMATORS
 from core.errors import CommandedPosesMissing, GridposeError, IntrinsicsMissing, MixedImageSizes, TooFewCycles
 
@@ -52,6 +52,24 @@ def test_no_advice_of_the_numerics_speaks_of_requests_or_fields(error: type[Grid
 )
 def test_an_advice_is_in_the_words_of_the_pages(advice: str, shown: str) -> None:
     assert on_pages(advice) == shown
+
+
+@pytest.mark.parametrize(
+    ("field", "words"),
+    [
+        *(("pose_id", "pose"), ("3.pose_id", "pose"), ("joints.0.theta_offset_deg", "joint 1, θ offset")),
+        *(("target_ids.1", "target 2"), ("signatories.0.name", "signer 1, name"), ("0", "")),
+        *(("conditions.temperature_c", "conditions, temperature"), ("joint_angles_deg.2", "joint angle 3")),
+    ],
+)
+def test_a_field_has_the_name_that_pages_give_it(field: str, words: str) -> None:
+    assert named(field) == words
+
+
+def test_what_is_said_of_a_pose_says_what_it_may_hold() -> None:
+    refused = "has characters or a form not allowed here"
+    assert on_pages(refused, "0.pose_id").startswith("may hold letters, digits")
+    assert on_pages(refused, "name") == "has characters that are not allowed here"
 
 
 def test_ids_are_links_by_the_name_that_the_page_knows() -> None:
