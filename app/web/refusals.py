@@ -20,7 +20,11 @@ class PageRefusals:
         self._app = app
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        if scope["type"] != "http" or not asks_for_fragment(Headers(scope=scope)):
+        if (
+            scope["type"] != "http"
+            or scope["method"] == "HEAD"
+            or not asks_for_fragment(Headers(scope=scope))
+        ):
             await self._app(scope, receive, send)
             return
         held: Message | None = None
