@@ -18,8 +18,9 @@ from core.metrology import (
     long_run_rp,
     repeatability_reading,
 )
+from core.session import assess_acceptance, estimate_session
 from core.session import assess_repeatability as assess_session
-from core.session import estimate_session
+from core.session.model import Datasheet
 from core.targets import TargetSpec
 from tests.support.simulation.correlated_noise import (
     NoisySession,
@@ -28,6 +29,7 @@ from tests.support.simulation.correlated_noise import (
     session_data,
     white,
 )
+from tests.support.simulation.session_cycles import correlated, measured_session
 
 BOARD = TargetSpec("chessboard", 9, 6, 30.0)
 ROBOT_MM = 0.005
@@ -43,6 +45,7 @@ def trust_rows(seeds: Sequence[int], quick: bool) -> Iterator[Row]:
     yield from _images(seeds, 4 if quick else 300 // len(seeds))
     yield from _movements(seeds, 100 if quick else 2000 // len(seeds))
     yield from _decisions(seeds, 20 if quick else 600 // len(seeds))
+    yield from _worst_pose(seeds, 10 if quick else 150 // len(seeds))
 
 
 def _outliers(seeds: Sequence[int], sessions: int) -> Iterator[Row]:
@@ -180,3 +183,30 @@ def _decisions(seeds: Sequence[int], sessions: int) -> Iterator[Row]:
                 yield Row.at_least(name, 100.0 * share / count, 95.0, "%", f"{count} robots")
             else:
                 yield Row.context(name, 100.0 * share / count, "%", f"{count} robots")
+
+
+def _worst_pose(seeds: Sequence[int], sessions: int) -> Iterator[Row]:
+    """Yield how often a session passes, or fails, whose worst pose is at the limit and whose others are far below it.
+
+    Sessions are assessed whole, with the process that their cycles follow.
+    """
+    size = np.array([1.0, *[0.2] * (POSES - 1)])[:, None]
+    for name, process in (("Gauss", gaussian), ("Student t4", student), ("AR .8", correlated)):
+        marginal = student if process is student else gaussian
+        lengths = np.linalg.norm(marginal(np.random.default_rng(5), 200_000), axis=2)
+        limits = Datasheet(repeatability_mm=float(lengths.mean() + 3.0 * lengths.std()))
+        for n in (12, 30):
+            found = {"pass": 0, "fail": 0}
+            for seed in seeds:
+                for k in range(sessions):
+                    x = size * process(np.random.default_rng([seed, n, k, 17]), n)
+                    data = dataclasses.replace(measured_session(x), datasheet=limits)
+                    decided = assess_acceptance(data, assess_session(data)).repeatability
+                    if decided is not None and decided.found.decision in found:
+                        found[decided.found.decision] += 1
+            count = len(seeds) * sessions
+            for what, times in found.items():
+                note = f"{count} sessions of one pose at the limit and four at a fifth of it"
+                yield Row.at_most(
+                    f"worst pose at the limit: {what}, {name}, n {n}", 100.0 * times / count, 4.0, "%", note
+                )
