@@ -79,7 +79,7 @@ class Fitted:
 @dataclass(frozen=True, slots=True)
 class _State:
     """The objective and its derivatives; how far the rows determine each coefficient (0 to 1), how many rows of each
-    kind the coefficients take, and the posterior.
+    kind the coefficients take, and the posterior, of its covariance the lower triangle.
     """
 
     value: float
@@ -88,7 +88,7 @@ class _State:
     determined: Float[np.ndarray, " p"]
     taken: Float[np.ndarray, " k"]
     coefficients: Float[np.ndarray, " p"]
-    covariance: Float[np.ndarray, "p p"]
+    half_covariance: Float[np.ndarray, "p p"]
 
 
 def solve(
@@ -233,7 +233,7 @@ def _spread_out(
     b = np.zeros(size)
     b[places] = state.coefficients
     C = np.zeros((size, size))
-    C[np.ix_(places, places)] = state.covariance
+    C[np.ix_(places, places)] = state.half_covariance + np.tril(state.half_covariance, -1).T
     return Fitted(b, C, noise, hyperparameters, value)
 
 
@@ -266,7 +266,7 @@ def _factored(
     A *= root[:, None]
     A *= root
     A[np.diag_indices_from(A)] += known
-    lower, failed = lapack.dpotrf(A, lower=1)
+    lower, failed = lapack.dpotrf(A.T, lower=1, overwrite_a=1)  # symmetric; A.T is as LAPACK has matrices
     if failed:
         raise np.linalg.LinAlgError("The columns of the error model are not independent.")
     return _Factors(lower, root * ((1.0 / noise) @ sums.gradient) + mean, root, mean, known)
@@ -277,23 +277,26 @@ def _evaluated(
 ) -> _State:
     at = _factored(sums, prior, variances, noise)
     scaled, root, known = at.scaled, at.root, at.known
-    inverse = lapack.dpotri(at.lower, lower=1)[0]
-    inverse = np.tril(inverse) + np.tril(inverse, -1).T
-    b, C = root * scaled, inverse * root[:, None] * root
-    fitted = np.einsum("kpq,q->kp", sums.normal, b)
-    left = sums.squares - 2.0 * sums.gradient @ b + fitted @ b
-    traces = np.einsum("kpq,pq->k", sums.normal, C)
     value = float(sums.rows @ np.log(noise)) + 2.0 * float(np.sum(np.log(np.diag(at.lower))))
+    half = lapack.dpotri(at.lower, lower=1, overwrite_c=1)[
+        0
+    ]  # its lower triangle; above it zeros, as the factor has
+    unit = np.diag(half).copy()
+    half *= root[:, None]
+    half *= root
+    b = root * scaled
+    left = sums.squares - 2.0 * sums.gradient @ b + (sums.normal @ b) @ b
+    traces = np.array([2.0 * np.vdot(N, half.T) - np.diag(N) @ np.diag(half) for N in sums.normal])
     # Of flat columns ln |A| is by their own units, whatever they are scaled by here.
     value -= 2.0 * float(np.sum(np.log(root[~known])))
     value += float(np.sum(sums.squares / noise)) + float(at.mean @ at.mean) - float(at.right @ scaled)
     off = (scaled - at.mean) ** 2
     return _State(
         value,
-        np.where(known, 1.0 - np.diag(inverse) - off, 0.0),
+        np.where(known, 1.0 - unit - off, 0.0),
         sums.rows - traces / noise - left / noise,
-        np.where(known, (1.0 - np.diag(inverse)) ** 2, 0.0),
+        np.where(known, (1.0 - unit) ** 2, 0.0),
         traces / noise,
         b,
-        C,
+        half,
     )
