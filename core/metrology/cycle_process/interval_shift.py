@@ -15,6 +15,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from jaxtyping import Float
@@ -79,11 +80,20 @@ def shift_of_three_sigma(process: CycleProcess, cycles: int) -> IntervalShift:
     """Return the shift of the interval of 3 S."""
     if not _matters(process):
         return IntervalShift(np.zeros(1), np.zeros(1))
-    base, other, variance = _series(process, cycles, _draws(cycles))
-    gaussian = 0.5 * np.log(base[..., 0].var(axis=1, ddof=1))
-    found = 0.5 * np.log(other[..., 0].var(axis=1, ddof=1) / variance)
-    low, high = _moved(gaussian, found)
+    low, high = _of_three_sigma(tuple(process.tails.tolist()), tuple(process.correlations.tolist()), cycles)
     return IntervalShift(np.array([low]), np.array([high]))
+
+
+@lru_cache(maxsize=256)
+def _of_three_sigma(
+    tails: tuple[float, ...], correlations: tuple[float, ...], cycles: int
+) -> tuple[float, float]:
+    """Compare the quantiles of S over long-run S; the same for every distance of a session."""
+    base, other, variance = _series(
+        CycleProcess(np.array(tails), np.array(correlations)), cycles, _draws(cycles)
+    )
+    gaussian = 0.5 * np.log(base[..., 0].var(axis=1, ddof=1))
+    return _moved(gaussian, 0.5 * np.log(other[..., 0].var(axis=1, ddof=1) / variance))
 
 
 def ratio_draws(process: CycleProcess, x: Float[np.ndarray, "n d"], trials: int) -> Float[np.ndarray, " b"]:
