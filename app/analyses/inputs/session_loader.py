@@ -153,7 +153,7 @@ def _read_points(records: orm.Session, session_id: str) -> dict[str, bytes]:
             sa.func.coalesce(Result.labelling, "") != PARTIAL,
         )
     )
-    return {measurement_id: points for measurement_id, points in rows if are_points(points)}
+    return {measurement_id: points for measurement_id, points in rows.all() if are_points(points)}
 
 
 def read_markers(records: orm.Session, session_id: str) -> Markers:

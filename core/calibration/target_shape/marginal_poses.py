@@ -155,11 +155,8 @@ class _Problem:
     def linearised(self, state: _State) -> _System:
         q, free = self.size, self.free
         N, b = np.zeros((q, q)), np.zeros(q)
-        follows, steps, roots = (
-            np.empty((len(self.views), 6, q)),
-            np.empty((len(self.views), 6)),
-            np.empty((len(self.views), 6, q)),
-        )
+        of_poses = np.empty((len(self.views), 6, 6))
+        both_sides = np.empty((len(self.views), 6, q + 1))  # of what is shared, and of the residuals
         squares, observations = 0.0, 0
         for g, view in enumerate(self.views):
             departures, begin = self.departures[view.target], self.first[view.target]
@@ -201,17 +198,18 @@ class _Problem:
                 N[columns[:, :, None], dense] += both
                 b[columns] += np.einsum("icn,cn->ni", P, r)
                 across[:, columns] = np.einsum("acn,icn->ani", pose, P)
-            lower = np.linalg.cholesky(of_pose @ of_pose.T)
-            roots[g] = np.linalg.solve(lower, across)
-            half = np.linalg.solve(lower, of_pose @ r.ravel())
-            b -= roots[g].T @ half
-            follows[g] = np.linalg.solve(lower.T, roots[g])
-            steps[g] = np.linalg.solve(lower.T, half)
+            of_poses[g] = of_pose @ of_pose.T
+            both_sides[g, :, :q], both_sides[g, :, q] = across, of_pose @ r.ravel()
+        lower = np.linalg.cholesky(of_poses)
+        halves = np.linalg.solve(lower, both_sides)
+        whole = np.linalg.solve(np.swapaxes(lower, 1, 2), halves)
+        roots = halves[:, :, :q]
+        b -= np.einsum("gaq,ga->q", roots, halves[:, :, q])
         N = mirrored(N, self.free + 1, self.first, self.departures)
         tall = roots.reshape(-1, q)
         N -= tall.T @ tall
         prior, pull = self._prior(state)
-        return _System(N + prior, b + pull, follows, steps, squares, observations, prior)
+        return _System(N + prior, b + pull, whole[:, :, :q], whole[:, :, q], squares, observations, prior)
 
     def _prior(self, state: _State) -> tuple[Float[np.ndarray, "q q"], Float[np.ndarray, " q"]]:
         prior = np.eye(self.size)

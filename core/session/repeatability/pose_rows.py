@@ -125,18 +125,27 @@ def drift_of(row: PoseRow) -> tuple[Int[np.ndarray, " n"], Drift] | None:
     return np.array([visit.cycle for visit in visits], dtype=np.intp), found
 
 
-def accuracy_drift_of(row: PoseRow, accuracy: PoseAccuracy | None) -> AccuracyDrift | None:
-    """Return AP over the blocks of `drift_of`, and dAP; None without two blocks, or where AP is not determined."""
-    drifting = drift_of(row)
-    if drifting is None or accuracy is None:
+def accuracy_drift_of(
+    row: PoseRow, accuracy: PoseAccuracy | None, found: Drift | None = None
+) -> AccuracyDrift | None:
+    """Return AP over the blocks of `drift_of`, and dAP; None without two blocks, or where AP is not determined.
+
+    `found` is the drift of `drift_of`, where it is known already.
+    """
+    if accuracy is None:
         return None
+    if found is None:
+        drifting = drift_of(row)
+        if drifting is None:
+            return None
+        found = drifting[1]
     visits = [visit for visit in row.visits if visit.cycle is not None]
     rotations = [visit.rotation for visit in visits if visit.rotation is not None]
     return accuracy_drift(
         accuracy,
         np.array([visit.position_mm for visit in visits]),
         np.array(rotations) if len(rotations) == len(visits) else None,
-        [(block.first_cycle - 1, block.last_cycle) for block in drifting[1].blocks],
+        [(block.first_cycle - 1, block.last_cycle) for block in found.blocks],
     )
 
 

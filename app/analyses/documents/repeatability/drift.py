@@ -32,7 +32,7 @@ def _of_pose(row: PoseRow, data: SessionData, accuracy: PoseAccuracy | None) -> 
     if hours is not None:
         rate = drift_rate(hours, np.array([visit.position_mm for visit in visits]))
     shift_error = np.hypot(found.blocks[0].standard_error_mm, found.blocks[-1].standard_error_mm)
-    against = accuracy_drift_of(row, accuracy)
+    against = accuracy_drift_of(row, accuracy, found)
     attained = [None] * len(found.blocks) if against is None else against.accuracy_mm
     turn, turn_error = found.shift_rad, found.shift_rad_standard_error
     blocks = [
@@ -70,6 +70,5 @@ def visit_hours(visits: Sequence[MeasuredPose], data: SessionData) -> np.ndarray
     """Return when the visits were, h after the session's first image; None where that is not known."""
     if not all(image.measurement_id in data.taken_h for visit in visits for image in images_of(visit)):
         return None
-    return np.array(
-        [np.mean([data.taken_h[image.measurement_id] for image in images_of(visit)]) for visit in visits]
-    )
+    times = [[data.taken_h[image.measurement_id] for image in images_of(visit)] for visit in visits]
+    return np.array([sum(of_visit) / len(of_visit) for of_visit in times])

@@ -29,7 +29,7 @@ from core.calibration.multi_view.repeats.contrasts import (
     jacobian_of,
     own_part,
 )
-from core.calibration.multi_view.repeats.noise_fields import propagated_fields
+from core.calibration.multi_view.repeats.noise_fields import propagated_fields, propagated_mixture
 from core.calibration.multi_view.schur_blocks import SchurBlocks, camera_changes, in_target_frame, transformed
 from core.calibration.multi_view.view_stack import ViewStack, evenly
 from core.calibration.state import SMALLEST_NOISE_PX
@@ -179,15 +179,22 @@ def fit_noise_model(views: ViewStack, poses: list[PoseContrasts]) -> NoiseModel 
 
 
 def _components(pose: PoseContrasts, height_px: int) -> Float[np.ndarray, "k d d"]:
-    weighted = pose.basis * pose.relative_variance[:, None]
-    white = np.einsum("cpd,cpe->de", weighted, pose.basis)
-    return np.concatenate([white[None], propagated_fields(pose.basis, pose.points_px, float(height_px))])
+    fields = propagated_fields(pose.basis, pose.points_px, float(height_px))
+    return np.concatenate([_white(pose.basis, pose.relative_variance)[None], fields])
+
+
+def _white(
+    along: Float[np.ndarray, "2 p d"], relative_variance: Float[np.ndarray, " p"]
+) -> Float[np.ndarray, "d d"]:
+    """Return Aᵀ D A of combinations A of independent displacements, D their variances."""
+    flat = along.reshape(-1, along.shape[2])
+    return np.asarray((flat * np.tile(relative_variance, 2)[:, None]).T @ flat)
 
 
 def model_covariance(model: NoiseModel, pose: PoseContrasts, height_px: int) -> Float[np.ndarray, "d d"]:
     """Return V of a pose's contrasts, px²."""
-    sizes = np.concatenate([[model.white], model.fields])
-    return np.asarray(np.tensordot(sizes, _components(pose, height_px), axes=1))
+    fields = propagated_mixture(pose.basis, pose.points_px, float(height_px), model.fields)
+    return model.white * _white(pose.basis, pose.relative_variance) + fields
 
 
 def _levels(views: ViewStack, model: NoiseModel, pose: PoseContrasts) -> Float[np.ndarray, " n"]:
@@ -266,10 +273,8 @@ def _model_scatter(
     of_camera = J[: at.placements.free] - np.tensordot(fit.parts.by_camera[i].T, own, axes=1)
     changes = np.tensordot(v[seen] / observed[seen, None], of_camera, axes=1) / variance
     along = np.ascontiguousarray(np.concatenate([G, changes]).transpose(1, 2, 0))
-    relative = variance / variance.mean()
-    fields = propagated_fields(along, views.points_px[points], float(views.image_height_px))
-    whole = model.white * np.einsum("cpd,p,cpe->de", along, relative, along)
-    whole = whole + np.tensordot(model.fields, fields, axes=1)
+    fields = propagated_mixture(along, views.points_px[points], float(views.image_height_px), model.fields)
+    whole = model.white * _white(along, variance / variance.mean()) + fields
     to_target = in_target_frame(at.placements.rotations[[i]], at.placements.translations_mm[[i]])
     scatter = transformed(to_target, whole[None, :6, :6])[0]
     level = _stated(views, group) / float(views.uncertainty[i]) ** 2
