@@ -11,7 +11,12 @@ from scipy.spatial import KDTree
 from core.calibration.multi_view.estimators import estimate_group
 from core.calibration.multi_view.linearisation import linearise
 from core.calibration.multi_view.repeats.contrasts import common_points, pose_contrasts
-from core.calibration.multi_view.repeats.noise_fields import FIELDS, WAVELENGTHS, propagated_fields
+from core.calibration.multi_view.repeats.noise_fields import (
+    FIELDS,
+    WAVELENGTHS,
+    propagated_fields,
+    propagated_mixture,
+)
 from core.calibration.multi_view.view_stack import Placements, ViewStack
 from core.metrology import Verdict
 from core.targets.specification import TargetSpec
@@ -71,6 +76,11 @@ def test_fields_move_combinations_as_their_covariance_says(count: int) -> None:
     ):
         expected = sum(along[c].T @ kernel @ along[c] for c in components)
         assert found[k] == pytest.approx(expected, rel=1e-9, abs=1e-9 * np.abs(expected).max())
+    sizes = rng.uniform(0.0, 1.0, FIELDS)
+    mixture = np.tensordot(sizes, found, axes=1)
+    assert propagated_mixture(along, points, float(HEIGHT), sizes) == pytest.approx(
+        mixture, rel=1e-9, abs=1e-9 * np.abs(mixture).max()
+    )
 
 
 def test_contrasts_are_free_of_the_robot() -> None:
