@@ -21,7 +21,14 @@ from core.calibration.priors import (
 )
 from core.calibration.result import MAX_DETERMINED_UNCERTAINTY, Calibration, Observability, grade
 from core.calibration.state import FREE, POSE, centred
-from core.calibration.uncertainty import camera_pose, correlation_inflation, reprojection, warnings_for
+from core.calibration.uncertainty import (
+    SAG_VARIANCE,
+    camera_pose,
+    correlation_inflation,
+    reprojection,
+    valley_sag,
+    warnings_for,
+)
 from core.errors import Advisory, DegenerateGeometry, FocalNotObservable, NotConverged
 from core.geometry import CAMERA_PARAMETERS, Camera, hat, transform
 from core.numerics import Fit, median
@@ -149,7 +156,12 @@ def calibration_of(
         )
     if not result.converged:
         raise NotConverged(f"The fit did not converge within {result.iterations} iterations.")
-    pose = camera_pose(view.rotation, translation, covariance[9:, 9:], conditional)
+    of_pose = None
+    pose_covariance = covariance[9:, 9:].copy()
+    if len(indices) == len(FREE):
+        of_state, of_pose = valley_sag(view, result.covariance * summary.inflation**2, centroid)
+        covariance += SAG_VARIANCE * np.outer(of_state, of_state)
+    pose = camera_pose(view.rotation, translation, pose_covariance, conditional, of_pose)
     statistics = reprojection(residuals, used)
     step = grid_step_px(points, target)
     if statistics.rms_px > MAX_RESIDUAL * step:

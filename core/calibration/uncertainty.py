@@ -8,9 +8,11 @@ from typing import Any
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from core.calibration.lens_residuals import View
 from core.calibration.result import CameraPose, Reprojection
+from core.calibration.state import retract
 from core.errors import Advisory
-from core.geometry import GIMBAL_MARGIN, hat, rotation_to_rpy, rpy_jacobian
+from core.geometry import GIMBAL_MARGIN, hat, rotation_to_rpy, rpy_jacobian, so3_log
 from core.jit import jit
 from core.numerics import Fit
 from core.targets import GridPoints
@@ -24,8 +26,11 @@ def camera_pose(
     translation_mm: Float[np.ndarray, "3"],
     covariance: Float[np.ndarray, "6 6"],
     conditional: Float[np.ndarray, "6 6"],
+    second_order: Float[np.ndarray, "6"] | None = None,
 ) -> CameraPose:
     """Turn T_camera_target and its covariances (w, d in the camera frame) into the camera's pose in the target frame.
+
+    `second_order` is the pose's part of `valley_sag`, in the target frame; None where there is no valley.
 
     R_ee = Rᵀ, p = -Rᵀt (eqs 36-37). To first order exp(w) R, t + d give exp(w') Rᵀ and p + p' with
 
@@ -37,6 +42,8 @@ def camera_pose(
     J[:3, 3:] = -R_target_camera
     J[3:, :3] = -R_target_camera
     pose_covariance = J @ covariance @ J.T
+    if second_order is not None:
+        pose_covariance = pose_covariance + SAG_VARIANCE * np.outer(second_order, second_order)
     rpy = rotation_to_rpy(R_target_camera)
     E = rpy_jacobian(rpy)
     rpy_variance = np.diag(E @ pose_covariance[3:, 3:] @ E.T)
@@ -48,6 +55,46 @@ def camera_pose(
         covariance=0.5 * (pose_covariance + pose_covariance.T),
         covariance_given_camera=J @ conditional @ J.T,
     )
+
+
+SAG_VARIANCE = 3.0
+"""E z⁴ of a normal z: errors z² off the tangent have this mean square."""
+
+
+def valley_sag(
+    view: View, covariance: Float[np.ndarray, "14 14"], centroid: Float[np.ndarray, "3"]
+) -> tuple[Float[np.ndarray, "15"], Float[np.ndarray, "6"]]:
+    """Return how far a fit one standard uncertainty away in f lies off the tangent: of the state, and of the pose.
+
+    Errors of f take depth, tilt and distortion along a curved valley (`retract`), where the covariance is a straight
+    ellipsoid about its tangent. With z the error of f over u(f), the valley lies z² times this beside the tangent, so
+    that covariances grow by `SAG_VARIANCE` times its square. It is small in every parameter by itself, but regions of
+    several parameters are thinner than it is.
+
+    Parameters
+    ----------
+    view
+        The estimate; its translation is to `centroid` (target frame, mm).
+    covariance
+        Of the fit's steps (`state.FREE`), inflation included.
+
+    Returns the 15 of `result.STATE` (w and t of the target's origin in the camera frame), and x, y, z (mm) and w (rad)
+    of the camera in the target frame.
+    """
+    focal = covariance[:, :2].sum(axis=1)
+    along = focal / math.sqrt(float(focal[:2].sum()))
+    origin = view.translation_mm - view.rotation @ centroid
+    position = -view.rotation.T @ origin
+    state, pose = np.zeros(15), np.zeros(6)
+    for step in (along, -along):
+        there = retract(view, step)
+        turned, moved = there.rotation, there.translation_mm - there.rotation @ centroid
+        state[:9] += 0.5 * (there.parameters - view.parameters)
+        state[9:12] += 0.5 * so3_log(turned @ view.rotation.T)
+        state[12:] += 0.5 * (moved - origin)
+        pose[:3] += 0.5 * (-turned.T @ moved - position)
+        pose[3:] += 0.5 * so3_log(turned.T @ view.rotation)
+    return state, pose
 
 
 def reprojection(residuals_px: Float[np.ndarray, "n 2"], used: Bool[np.ndarray, " n"]) -> Reprojection:
