@@ -67,7 +67,7 @@ def valley_sag(
     """Return how far a fit one standard uncertainty away in f lies off the tangent: of the state, and of the pose.
 
     Errors of f take depth, tilt and distortion along a curved valley (`retract`), where the covariance is a straight
-    ellipsoid about its tangent. With z the error of f over u(f), the valley lies z² times this beside the tangent, so
+    ellipsoid about its tangent. With z the error of f over u(f), the valley lies z² times this off the tangent, so
     that covariances grow by `SAG_VARIANCE` times its square. It is small in every parameter by itself, but regions of
     several parameters are thinner than it is.
 
