@@ -156,12 +156,11 @@ def calibration_of(
         )
     if not result.converged:
         raise NotConverged(f"The fit did not converge within {result.iterations} iterations.")
-    of_pose = None
-    pose_covariance = covariance[9:, 9:].copy()
+    of_state, of_pose = np.zeros(15), np.zeros(6)
     if len(indices) == len(FREE):
         of_state, of_pose = valley_sag(view, result.covariance * summary.inflation**2, centroid)
-        covariance += SAG_VARIANCE * np.outer(of_state, of_state)
-    pose = camera_pose(view.rotation, translation, pose_covariance, conditional, of_pose)
+    pose = camera_pose(view.rotation, translation, covariance[9:, 9:], conditional, of_pose)
+    covariance = covariance + SAG_VARIANCE * np.outer(of_state, of_state)
     statistics = reprojection(residuals, used)
     step = grid_step_px(points, target)
     if statistics.rms_px > MAX_RESIDUAL * step:

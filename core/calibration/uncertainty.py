@@ -19,6 +19,8 @@ from core.targets import GridPoints
 
 NOTABLE_INFLATION = 1.25
 MAX_CORRELATION = 0.8
+SAG_VARIANCE = 3.0
+"""E z⁴ of a normal z: errors z² off the tangent have this mean square."""
 
 
 def camera_pose(
@@ -26,11 +28,11 @@ def camera_pose(
     translation_mm: Float[np.ndarray, "3"],
     covariance: Float[np.ndarray, "6 6"],
     conditional: Float[np.ndarray, "6 6"],
-    second_order: Float[np.ndarray, "6"] | None = None,
+    sag: Float[np.ndarray, "6"],
 ) -> CameraPose:
     """Turn T_camera_target and its covariances (w, d in the camera frame) into the camera's pose in the target frame.
 
-    `second_order` is the pose's part of `valley_sag`, in the target frame; None where there is no valley.
+    `sag` is the pose's part of `valley_sag`, in the target frame; zero where the camera is given.
 
     R_ee = Rᵀ, p = -Rᵀt (eqs 36-37). To first order exp(w) R, t + d give exp(w') Rᵀ and p + p' with
 
@@ -41,9 +43,7 @@ def camera_pose(
     J[:3, :3] = -R_target_camera @ hat(translation_mm)
     J[:3, 3:] = -R_target_camera
     J[3:, :3] = -R_target_camera
-    pose_covariance = J @ covariance @ J.T
-    if second_order is not None:
-        pose_covariance = pose_covariance + SAG_VARIANCE * np.outer(second_order, second_order)
+    pose_covariance = J @ covariance @ J.T + SAG_VARIANCE * np.outer(sag, sag)
     rpy = rotation_to_rpy(R_target_camera)
     E = rpy_jacobian(rpy)
     rpy_variance = np.diag(E @ pose_covariance[3:, 3:] @ E.T)
@@ -55,10 +55,6 @@ def camera_pose(
         covariance=0.5 * (pose_covariance + pose_covariance.T),
         covariance_given_camera=J @ conditional @ J.T,
     )
-
-
-SAG_VARIANCE = 3.0
-"""E z⁴ of a normal z: errors z² off the tangent have this mean square."""
 
 
 def valley_sag(
