@@ -77,10 +77,15 @@ def test_an_image_whose_worker_dies_three_times_is_given_up_and_the_others_finis
             m = client.get(f"/v1/measurements/{poison}")
             return m["attempts"], m["status"]
 
+        def is_ready() -> bool:  # a worker that has started, and waits for a job or computes one
+            return httpx2.get(f"{service.url}/readyz").status_code == 200
+
         # Once per attempt: a service whose worker is also killed at every start can compute nothing, and ends.
+        # A claimed image is `running` while it waits for a worker that starts; a death at the start is no attempt.
         for ended in range(3):
             running = (ended, "running")
             wait_until(lambda now=running: attempts_and_status() == now, 120, f"{ended} attempts ended")
+            wait_until(is_ready, 120, "a worker has started")
             (worker,) = worker_processes(service.process.pid)
             before = cpu_seconds(worker)
             wait_until(lambda pid=worker, s=before: cpu_seconds(pid) > s + 0.1, 60, "it computes")
@@ -100,10 +105,7 @@ def test_an_image_whose_worker_dies_three_times_is_given_up_and_the_others_finis
 
         wait_until(lambda: ends() == {("failed", "target_not_found")}, 60, "the other images are done")
 
-        def is_ready() -> bool:  # when the worker that died last is replaced
-            return httpx2.get(f"{service.url}/readyz").status_code == 200
-
-        wait_until(is_ready, 120, "ready again")
+        wait_until(is_ready, 120, "the worker that died last is replaced")
 
 
 def test_a_second_service_on_the_same_folder_is_refused_in_a_sentence(
