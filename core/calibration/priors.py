@@ -1,7 +1,7 @@
 """Priors on cameras: what lenses and sensors are like, and what a user states of a lens.
 
 With one planar view they are what separates focal length and principal point from depth. The widths are those of
-published multi-view calibrations, their own noise taken off (docs/method.md).
+published multi-view calibrations (docs/method.md, section priors of the benchmarks).
 """
 
 from __future__ import annotations
@@ -24,13 +24,16 @@ LENS_PRIOR = 0.05
 """Relative standard uncertainty of a focal length computed from the lens's engraving and the pixel pitch."""
 FOCAL_PRIOR = math.log(0.8), 0.6
 """Mean and standard deviation of log(f / the image's longer side): what lenses are, where none is stated."""
-PRINCIPAL_POINT_PRIOR = 0.012  # of the image's longer side, about the centre
+PRINCIPAL_POINT_PRIOR = 0.019
+"""Of the image's longer side, about the centre: what two published calibrations of one kind of camera have in common,
+as root mean square, so that their own noise averages out. The same of p1 and p2 is `TANGENTIAL_PRIOR`.
+"""
 ASPECT_PRIOR = 2.5e-3
 """Of fx/fy about 1. What images show of it is the sensor's pixels and the print's length against its width together: of
 409 published calibrations with Brown's model, each repository counted once, log fx/fy has a Student's t with this
 scale and heavier tails than the normal distribution. A prior of 1e-3 left 54 % of them outside its 95 %.
 """
-TANGENTIAL_PRIOR = 8e-4
+TANGENTIAL_PRIOR = 2e-3
 RADIAL_PRIORS = (0.3, 0.5)
 RATIONAL_PRIORS = {"k1": 0.3, "k2": 0.5, "k3": 0.5, "k4": 1.0, "k5": 0.5, "k6": 0.5}
 CURVATURE_ANGLES = (0.3, 0.55, 0.8, 1.0)
@@ -73,8 +76,6 @@ def camera_prior(
     The last is that of the stated `lens`, or a weak one. Derivatives are by `coordinates` of a step, the camera's free
     ones first; None is these alone. `model_size` is the number of parameters of the lens model
     (`core.geometry.LENS_PARAMETERS`): models beyond Brown's have priors of their own on the radius (`wide_lens_prior`).
-
-    The widths are those of published multi-view calibrations, their own noise taken off (docs/method.md).
     """
     centre = 0.5 * (width_px - 1), 0.5 * (height_px - 1)
     longer = max(width_px, height_px)

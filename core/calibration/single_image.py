@@ -50,7 +50,7 @@ from core.targets import GridPoints
 
 START_FACTORS = (0.6, 1.0, 1.8)  # of the image width, where no closed form is plausible
 PLAUSIBLE_START = (0.3, 10.0)
-ITERATIONS, TRIAL_ITERATIONS = 100, 10
+ITERATIONS, TRIAL_ITERATIONS = 300, 10
 MAX_START_UNCERTAINTY = 3.0 * MAX_FOCAL_UNCERTAINTY  # no valley brings more down to what is answered
 MIN_REFIT_INFLATION = 1.05  # below it a second pass moves the estimate by far less than its uncertainty
 SUBSET = 500  # points enough to choose a start by

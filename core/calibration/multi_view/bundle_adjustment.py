@@ -34,7 +34,7 @@ from core.numerics import (
     arrow,
 )
 
-ITERATIONS = 100
+ITERATIONS = 300  # a bowed print seen from one orientation: f, depths and tilts move together, by little
 MAX_MEDIAN_RATIO = 5.0
 """A view whose residuals are this many times the median view's is not one of the others' kind."""
 MIN_DAMPING, MAX_DAMPING = 1e-9, 1e6

@@ -8,6 +8,7 @@ import numpy as np
 from jaxtyping import Float
 
 from core.calibration.fixed_principal_point import STEP_EMBEDDING
+from core.calibration.lens_residuals import View
 from core.calibration.multi_view.correlated_residuals import VarianceInflation, variance_inflation
 from core.calibration.multi_view.fitting import Fitted
 from core.calibration.multi_view.group_estimate import PoseUncertainties
@@ -31,6 +32,7 @@ from core.calibration.multi_view.schur_blocks import (
 from core.calibration.multi_view.view_stack import Placements, ViewStack, coordinates, groups_of
 from core.calibration.priors import RADIAL_PRIORS, camera_prior
 from core.calibration.state import SMALLEST_NOISE_PX
+from core.calibration.uncertainty import SAG_VARIANCE, valley_sag
 from core.geometry import free_parameters
 
 
@@ -75,11 +77,11 @@ def multi_view_covariance(fitted: Fitted) -> MultiViewCovariance:
     )
     # The fit weighed data against priors by all that its residuals hold; of that only the noise scatters.
     C, scatter = pose_covariances(parts.L / scale[:, None, None] ** 2, P)
-    scatter = scatter[:, -6:, -6:] * (noise / scale)[:, None, None] ** 2
+    scatter = scatter * (noise / scale)[:, None, None] ** 2
     rotations, centroids = at.placements.rotations, at.placements.translations_mm
     J = in_target_frame(rotations, centroids)
     contradiction, unsteady = None, np.zeros(len(views), dtype=np.bool_)
-    white = RepeatScatter(transformed(J, scatter), change_variances(parts, at.placements, noise))
+    white = RepeatScatter(transformed(J, scatter[:, -6:, -6:]), change_variances(parts, at.placements, noise))
     if shared is not None:
         contradiction = disagreement(parts, at.square_sums, 2.0 * points, in_common)
         unsteady = drifting_cameras(views, fitted.labels, parts, at.placements, white.changes)
@@ -105,12 +107,16 @@ def multi_view_covariance(fitted: Fitted) -> MultiViewCovariance:
             focal_uncertainty = np.sqrt(variance) / at.placements.parameters[:, :2].sum(axis=1)
     if camera is not None:
         camera_covariance += camera
+    of_poses, scatter_of_poses = growth.own * transformed(J, C[:, -6:, -6:]), repeated.poses
+    if fitted.estimator == "per_image":
+        of_poses += _off_the_tangent(views, at.placements, growth.own * C)
+        scatter_of_poses = scatter_of_poses + _off_the_tangent(views, at.placements, scatter)
     squared_px = views.sums(np.where(used, np.sum(at.residuals**2, axis=0), 0.0))
     return MultiViewCovariance(
         camera_covariance=camera_covariance,
         positions_mm=positions,
-        covariance=growth.own * transformed(J, C[:, -6:, -6:]) + common @ np.swapaxes(common, 1, 2),
-        scatter=repeated.poses,
+        covariance=of_poses + common @ np.swapaxes(common, 1, 2),
+        scatter=scatter_of_poses,
         common=common,
         rms_px=np.sqrt(squared_px / points),
         reduced_chi2=float(np.mean(scale**2)),
@@ -155,6 +161,26 @@ def _own_priors(fitted: Fitted, placements: Placements) -> Float[np.ndarray, "k 
         diagonal[1:3] = 1.0 / np.array(RADIAL_PRIORS) ** 2
         return np.broadcast_to(np.diag(diagonal), (len(placements), 9, 9))
     return None
+
+
+def _off_the_tangent(
+    views: ViewStack, placements: Placements, covariances: Float[np.ndarray, "k 14 14"]
+) -> Float[np.ndarray, "k 6 6"]:
+    """Return the part of each pose's covariance that the valley of its own focal length has off its tangent."""
+    sags = np.array(
+        [
+            valley_sag(View(parameters, rotation, translation), covariance, centroid)[1]
+            for parameters, rotation, translation, covariance, centroid in zip(
+                placements.parameters,
+                placements.rotations,
+                placements.translations_mm,
+                covariances,
+                views.centroids,
+                strict=True,
+            )
+        ]
+    )
+    return SAG_VARIANCE * sags[:, :, None] * sags[:, None, :]
 
 
 def error_factors(covariance: Float[np.ndarray, "p p"]) -> Float[np.ndarray, "p p"]:

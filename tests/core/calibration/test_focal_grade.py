@@ -76,10 +76,10 @@ def held(outcome: Outcome) -> tuple[bool, bool]:
 
 
 @pytest.mark.parametrize(
-    ("count", "tolerance"), [(110, 0.08), pytest.param(1500, 0.02, marks=pytest.mark.slow)]
+    ("count", "tolerance"), [(300, 0.05), pytest.param(1500, 0.02, marks=pytest.mark.slow)]
 )
 def test_intervals_of_weak_images_hold_the_truth(count: int, tolerance: float) -> None:
-    """The tolerance is three binomial standard deviations of some 60 images, or the goal's two per cent."""
+    """The tolerance is three binomial standard deviations of some 170 images, or the goal's two per cent."""
     weak = [o for o in outcomes(11, count, (2.0, 9.0)) if o.found is not None and o.found.grade == "weak"]
     assert len(weak) > 0.4 * count
     share = np.mean([held(outcome) for outcome in weak], axis=0)
@@ -99,7 +99,7 @@ def test_given_intrinsics_have_an_interval_of_no_length() -> None:
 def test_per_image_excludes_weak_poses_as_a_whole() -> None:
     """Images chosen one by one, those of a small u(f)/f, would scatter less than the pose's do."""
     rng = np.random.default_rng(4)
-    steep, weak = (draw_view(rng, tilt_deg=tilt, sigma_px=0.0) for tilt in (30.0, 8.0))
+    steep, weak = (draw_view(rng, tilt_deg=tilt, sigma_px=0.0) for tilt in (30.0, 10.0))
     views, labels = [], []
     for label, view in enumerate((steep, weak)):
         for _ in range(4):
