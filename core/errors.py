@@ -227,7 +227,7 @@ class FocalNotObservable(EstimationError):
 
 class FocalWeaklyObservable(FocalNotObservable):
     code = "focal_weakly_observable"
-    default_advice = "Use the estimator pooled, or tilt the target by 15° or more."
+    default_advice = "Use the estimator pooled, or tilt the target by 30° to 45°."
 
 
 class PoseAmbiguous(EstimationError):

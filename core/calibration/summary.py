@@ -239,7 +239,7 @@ def focal_weakly_observable(relative_uncertainty: float) -> Advisory:
         "focal_weakly_observable",
         f"The image by itself leaves the focal length uncertain by {100.0 * relative_uncertainty:.1f} %, more than "
         f"{100.0 * MAX_DETERMINED_UNCERTAINTY:.0f} %; the camera's distance is uncertain by as much.",
-        "Use the session's camera, which all its images determine together, or tilt the target by 15° or more.",
+        "Use the session's camera, which all its images determine together, or tilt the target by 30° to 45°.",
     )
 
 

@@ -149,7 +149,7 @@ def quality_rows(measurement: Measurement) -> list[Row]:
                 "tilt of the target",
                 fixed(observability["tilt_deg"], 1),
                 "°",
-                "15° or more determine the focal length",
+                "30° to 45° determine the focal length",
             )
         )
     if quality.get("edge_width_px") is not None:
