@@ -34,7 +34,7 @@ def compute(
 
 
 def compute_plan(
-    robot: list[dict[str, float]], target: Mapping[str, Any], request: Mapping[str, Any]
+    robot: Mapping[str, Any], target: Mapping[str, Any], request: Mapping[str, Any]
 ) -> bytes | AnalysisRefused:
     """Run in a process alongside the head."""
     from app.analyses.documents.dh import plan_document

@@ -129,16 +129,17 @@ class AnalysisService:
 
     async def plan(
         self,
-        robot: list[dict[str, float]],
+        robot: Mapping[str, Any],
         target: Mapping[str, Any],
         request: Mapping[str, Any],
         requester: str | None = None,
     ) -> bytes:
-        """Return what poses would make observable of a robot; raises as `answer` does."""
-        asked = repr((robot, dict(target), dict(request)))
-        return await self.worked_out(
-            ("plan", asked), requester, compute_plan, robot, dict(target), dict(request)
-        )
+        """Return what poses would make observable of a robot, given by its `joints` and `joint_coupling`.
+
+        Raises as `answer` does.
+        """
+        asked = dict(robot), dict(target), dict(request)
+        return await self.worked_out(("plan", repr(asked)), requester, compute_plan, *asked)
 
     async def worked_out(
         self, question: Hashable, requester: str | None, function: Callable[..., Any], *arguments: Any

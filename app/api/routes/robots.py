@@ -121,16 +121,14 @@ async def create_dh_plan(
 
     Nothing is stored. The robot's nominal parameters are used, and a grid straight before the camera at home.
     """
-    joints, target = await run_in_threadpool(_read_plan, service, robot_id, body.target_id)
+    robot, target = await run_in_threadpool(_read_plan, service, robot_id, body.target_id)
     asked = body.model_dump(exclude={"target_id"})
-    document = await run_while_connected(request, service.analyses.plan(joints, target, asked, requester))
+    document = await run_while_connected(request, service.analyses.plan(robot, target, asked, requester))
     ids = json.dumps({"robot_id": robot_id, "target_id": body.target_id})
     return Response(ids[:-1].encode() + b"," + document[1:], media_type="application/json")
 
 
-def _read_plan(
-    service: AppContext, robot_id: str, target_id: str
-) -> tuple[list[dict[str, float]], dict[str, Any]]:
+def _read_plan(service: AppContext, robot_id: str, target_id: str) -> tuple[dict[str, Any], dict[str, Any]]:
     with service.installation.database.read() as records:
         return read_plan(records, robot_id, target_id)
 

@@ -129,13 +129,10 @@ def delete_robot(records: orm.Session, robot_id: str) -> None:
     records.delete(robot)
 
 
-def read_plan(
-    records: orm.Session, robot_id: str, target_id: str
-) -> tuple[list[dict[str, Any]], dict[str, Any]]:
-    """Return the robot's joints and the target's fields.
+def read_plan(records: orm.Session, robot_id: str, target_id: str) -> tuple[dict[str, Any], dict[str, Any]]:
+    """Return the robot's `joints` and `joint_coupling`, and the target's fields.
 
-    Raises NotFound for the robot, InvalidContent for the target, RowUnreadable for either, Conflict for a robot whose
-    joints are coupled.
+    Raises NotFound for the robot, InvalidContent for the target, RowUnreadable for either.
     """
     robot = get_or_raise(records, Robot, robot_id)
     if not exists(records, Target, target_id):
@@ -148,14 +145,7 @@ def read_plan(
     target = get_or_raise(records, Target, target_id)
     require_readable(robot)
     require_readable(target)
-    if robot.joint_coupling is not None:
-        raise Conflict(
-            "The robot's joints are coupled, and poses are planned for uncoupled ones.",
-            "Make a robot with the same joints and without joint_coupling, plan for it, and command the inverse of the "
-            "coupling times the planned angles.",
-            code="coupled_joints_not_planned",
-        )
-    return robot.joints, target_fields(target)
+    return {"joints": robot.joints, "joint_coupling": robot.joint_coupling}, target_fields(target)
 
 
 def limits_setting(database: Database, session_id: str) -> str:

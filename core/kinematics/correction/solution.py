@@ -85,15 +85,16 @@ def correct(
     by: CorrectionModel,
     joint_angles: Float[np.ndarray, "n j"],
     limits: Float[np.ndarray, "2 j"] | None = None,
+    coupling: Float[np.ndarray, "j j"] | None = None,
 ) -> Corrected:
     """Return commands at which the identified arm is where the nominal one is meant to be.
 
     Parameters
     ----------
     joint_angles
-        As the controller would command them, rad.
+        Of the chain, rad: `coupling` times those that the controller would command, or these themselves.
     limits
-        Of the joints, least and greatest, rad; infinite where unknown. A corrected command stays within.
+        Of the commanded angles, least and greatest, rad; infinite where unknown. A corrected command stays within.
     """
     meant = by.meant(joint_angles)
     q, left = _solved(by, meant, joint_angles, _JOINT_SCALE)
@@ -102,6 +103,10 @@ def correct(
         if not len(far):
             break
         q[far], left[:, far] = _solved(by, meant[far], joint_angles[far], _JOINT_SCALE / 10.0**stiffer)
+    commanded = q if coupling is None else np.linalg.solve(coupling, q.T).T
+    beyond = np.zeros(len(q), dtype=np.bool_)
+    if limits is not None:
+        beyond = np.any((commanded < limits[0]) | (commanded > limits[1]), axis=1)
     outcomes: list[Outcome] = []
     for i, (asked, found) in enumerate(zip(joint_angles, q, strict=True)):
         place = _place(by, asked)
@@ -109,7 +114,7 @@ def correct(
             outcomes.append(place)
         elif np.max(np.abs(found - asked)) > MAX_CORRECTION:
             outcomes.append(Outcome.TOO_FAR)
-        elif limits is not None and (np.any(found < limits[0]) or np.any(found > limits[1])):
+        elif beyond[i]:
             outcomes.append(Outcome.BEYOND_LIMITS)
         elif np.hypot(left[0, i], LEVER_MM * left[1, i]) > _TOLERANCE_MM:
             outcomes.append(Outcome.NEAR_SINGULARITY)

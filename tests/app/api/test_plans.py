@@ -105,12 +105,36 @@ def test_more_poses_tell_more_and_suggested_ones_most(api: Any) -> None:
     assert planned(api, robot, **query)["joints"] == still["joints"]
 
 
-def test_a_robot_whose_joints_are_coupled_is_refused(api: Any) -> None:
-    robot = make_robot(api)
+def test_coupled_joints_are_planned_by_their_stated_angles(api: Any) -> None:
+    """The same poses of the chain tell the same; what is planned are the angles that the controller takes."""
     coupling = np.eye(6)
     coupling[2, 1] = 1.0
-    api.client.patch(f"/v1/robots/{robot}", json={"joint_coupling": coupling.tolist()})
-    assert_problem(ask(api, robot), 409, "coupled_joints_not_planned")
+    home = np.degrees(KR5_ARC_HOME)
+    stated_home = np.linalg.solve(coupling, home)
+    plain, coupled = make_robot(api), make_robot(api)
+    api.client.patch(f"/v1/robots/{coupled}", json={"joint_coupling": coupling.tolist()})
+    swept = {"sweep_half_angle_deg": 8.0, "steps": 7}
+    listed = home + np.random.default_rng(3).uniform(-6.0, 6.0, (6, 6))
+    ours = [{"joint_angles_deg": q} for q in listed.tolist()]
+    theirs = [{"joint_angles_deg": q} for q in np.linalg.solve(coupling, listed.T).T.tolist()]
+    one = planned(api, plain, sweeps=swept, poses=ours)
+    other = planned(api, coupled, home_deg=stated_home.tolist(), sweeps=swept, poses=theirs, suggest_count=5)
+    of_chain, stated = (np.array([p["joint_angles_deg"] for p in found["poses"]]) for found in (one, other))
+    np.testing.assert_allclose(stated @ coupling.T, of_chain, atol=1e-9)
+    for a, b in zip(one["joints"], other["joints"], strict=True):
+        for name, u in a["standard_uncertainty"].items():
+            v = b["standard_uncertainty"][name]
+            assert v is None if u is None else v == pytest.approx(u, rel=1e-6)
+    # Random and suggested poses lie about the stated home, and limits are those of stated angles.
+    assert np.max(np.abs(np.array(other["suggested_poses"]) - stated_home)) <= 8.0 + 1e-9
+    limits = np.radians(np.column_stack([stated_home - 5.0, stated_home + 90.0]))
+    bounded = make_robot(api, limits)
+    api.client.patch(f"/v1/robots/{bounded}", json={"joint_coupling": coupling.tolist()})
+    within = {"sweep_half_angle_deg": 4.0, "steps": 5, "joint_numbers": [2]}
+    planned(api, bounded, home_deg=stated_home.tolist(), sweeps=within, random_poses=25)
+    beyond = {**within, "sweep_half_angle_deg": 6.0}
+    refused = ask(api, bounded, home_deg=stated_home.tolist(), sweeps=beyond)
+    assert "joint 2" in assert_problem(refused, 409, "joint_limits_exceeded")["detail"]
 
 
 def test_poses_that_tell_nothing_are_said_to(api: Any) -> None:

@@ -106,6 +106,13 @@ def test_commands_outside_the_region_or_beyond_limits_are_left_as_they_are(
     tight = np.stack([inside[0] - 1e-9, inside[0] + 1e-9])
     assert correct(plain, inside, tight).outcomes == (Outcome.BEYOND_LIMITS,)
     assert correct(plain, inside, KR5_ARC_LIMITS.T).outcomes == (Outcome.CORRECTED,)
+    # Limits of coupled joints are those of the angles that the controller takes.
+    coupling = np.eye(6)
+    coupling[2, 1] = 1.0
+    commanded = np.linalg.solve(coupling, inside[0])
+    room = np.stack([commanded - 0.1, commanded + 0.1])
+    assert correct(plain, inside, room, coupling).outcomes == (Outcome.CORRECTED,)
+    assert correct(plain, inside, room).outcomes == (Outcome.BEYOND_LIMITS,)
 
 
 def test_a_singular_wrist_is_not_thrown_about(

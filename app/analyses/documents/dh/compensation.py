@@ -172,8 +172,7 @@ def _documents(
     limits: Float[np.ndarray, "2 j"],
 ) -> list[dict[str, Any]]:
     C = np.eye(q.shape[1]) if data.joint_coupling is None else data.joint_coupling
-    # Limits are of stated angles, which are those of the model where joints are not coupled.
-    corrected = correct(found.by, q, limits if data.joint_coupling is None else None)
+    corrected = correct(found.by, q, limits, data.joint_coupling)
     stated = np.degrees(corrected.joint_angles @ np.linalg.inv(C).T)
     documents = []
     for i, command in enumerate(commands):

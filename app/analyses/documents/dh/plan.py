@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
@@ -26,20 +26,38 @@ _ROUNDING = 1e-9  # rad
 _JOINT_FIELDS = ("joint", "parallel_to_next", "standard_uncertainty", "identifiable")
 
 
+@dataclass(frozen=True, slots=True)
+class _Robot:
+    """A robot as its maker describes it. `limits` are of the stated joint angles, rad; the chain's angles are
+    `coupling` times those.
+    """
+
+    chain: Chain
+    coupling: Float[np.ndarray, "j j"]
+    limits: Float[np.ndarray, "2 j"]
+
+    def of_chain(self, stated: Float[np.ndarray, "n j"]) -> Float[np.ndarray, "n j"]:
+        return stated @ self.coupling.T
+
+    def stated(self, of_chain: Float[np.ndarray, "n j"]) -> Float[np.ndarray, "n j"]:
+        return np.linalg.solve(self.coupling, of_chain.T).T
+
+
 def plan_document(
-    robot: list[dict[str, Any]], target: Mapping[str, Any], request: Mapping[str, Any]
+    robot: Mapping[str, Any], target: Mapping[str, Any], request: Mapping[str, Any]
 ) -> dict[str, Any]:
-    """Return what `POST .../dh-plan` answers, but for the ids; `request` is its body."""
-    chain = nominal_chain(robot)
-    assert chain is not None
+    """Return what `POST .../dh-plan` answers, but for the ids; `request` is its body.
+
+    `robot` has the `joints` and their `joint_coupling`.
+    """
+    described = _described(robot)
     rng = np.random.default_rng(_SEED)
-    limits = _limits(robot)
-    q = _angles(chain, limits, request, rng)
-    _check_limits(q, limits)
-    rig = _rig(chain, target, request)
+    q = _angles(described, request, rng)
+    _check_limits(q, described.limits)
+    rig = _rig(described, target, request)
     _check_size(len(q), target, request)
     try:
-        return _document(chain, limits, q, rig, rng, request)
+        return _document(described, q, rig, rng, request)
     except np.linalg.LinAlgError:
         raise AnalysisError(
             "degenerate_geometry",
@@ -59,24 +77,34 @@ def _check_size(poses: int, target: Mapping[str, Any], request: Mapping[str, Any
         )
 
 
+def _described(robot: Mapping[str, Any]) -> _Robot:
+    chain = nominal_chain(robot["joints"])
+    assert chain is not None
+    coupling = robot["joint_coupling"]
+    C = np.eye(len(chain)) if coupling is None else np.array(coupling, dtype=np.float64)
+    return _Robot(chain, C, _limits(robot["joints"]))
+
+
 def _document(
-    chain: Chain,
-    limits: Float[np.ndarray, "2 j"],
+    robot: _Robot,
     q: Float[np.ndarray, "n j"],
     rig: CameraSetup,
     rng: np.random.Generator,
     request: Mapping[str, Any],
 ) -> dict[str, Any]:
-    planned = predict(chain, q, rig)
+    """Judge poses at the stated angles `q`, rad."""
+    chain, of_chain = robot.chain, robot.of_chain(q)
+    planned = predict(chain, of_chain, rig)
     suggested = np.zeros((0, len(chain)))
     with_suggested: Prediction | None = None
     if request["suggest_count"]:
-        candidates = _drawn(rng, request, request["candidates"], limits)
-        suggested = candidates[
-            suggest_poses(chain, q[planned.visible], candidates, rig, request["suggest_count"])
-        ]
+        candidates = _drawn(rng, request, request["candidates"], robot.limits)
+        best = suggest_poses(
+            chain, of_chain[planned.visible], robot.of_chain(candidates), rig, request["suggest_count"]
+        )
+        suggested = candidates[best]
         if len(suggested):
-            with_suggested = predict(chain, np.concatenate([q, suggested]), rig)
+            with_suggested = predict(chain, robot.of_chain(np.concatenate([q, suggested])), rig)
     condition = planned.conditioning.condition_number
     return {
         "poses": [
@@ -107,10 +135,10 @@ def _home(request: Mapping[str, Any]) -> Float[np.ndarray, " j"]:
     return np.radians(np.array(request["home_deg"], dtype=np.float64))
 
 
-def _limits(robot: list[dict[str, Any]]) -> Float[np.ndarray, "2 j"]:
+def _limits(joints: list[dict[str, Any]]) -> Float[np.ndarray, "2 j"]:
     """Return the least and the largest angle of every joint, rad; infinite where the robot states none."""
     names = (("minimum_deg", -math.inf), ("maximum_deg", math.inf))
-    return np.radians(np.array([[joint.get(name, free) for joint in robot] for name, free in names]))
+    return np.radians(np.array([[joint.get(name, free) for joint in joints] for name, free in names]))
 
 
 def _check_limits(q: Float[np.ndarray, "n j"], limits: Float[np.ndarray, "2 j"]) -> None:
@@ -132,17 +160,18 @@ def _check_limits(q: Float[np.ndarray, "n j"], limits: Float[np.ndarray, "2 j"])
 def _drawn(
     rng: np.random.Generator, request: Mapping[str, Any], count: int, limits: Float[np.ndarray, "2 j"]
 ) -> Float[np.ndarray, "n j"]:
-    """Return angles at random about home, all joints at once, as far as the limits let them."""
+    """Return stated angles at random about home, all joints at once, as far as the limits let them."""
     home, half_range = _home(request), math.radians(request["random_half_range_deg"])
     low, high = np.maximum(home - half_range, limits[0]), np.minimum(home + half_range, limits[1])
     return np.asarray(rng.uniform(low, np.maximum(low, high), (count, len(home))))
 
 
-def _angles(
-    chain: Chain, limits: Float[np.ndarray, "2 j"], request: Mapping[str, Any], rng: np.random.Generator
-) -> Float[np.ndarray, "n j"]:
-    """Return all poses that are thought of, rad: sweeps, free ones, those one by one."""
-    home = _home(request)
+def _angles(robot: _Robot, request: Mapping[str, Any], rng: np.random.Generator) -> Float[np.ndarray, "n j"]:
+    """Return the stated angles of all poses that are thought of, rad: sweeps, free ones, those one by one.
+
+    A sweep turns one joint of the chain; where joints are coupled, it moves several stated angles.
+    """
+    chain, limits, home = robot.chain, robot.limits, _home(request)
     listed = [pose["joint_angles_deg"] for pose in request["poses"]]
     sweeps = request["sweeps"]
     joints = sweeps["joint_numbers"] if sweeps is not None else None
@@ -157,14 +186,13 @@ def _angles(
     _check_limits(home[None], limits)
     parts = [np.zeros((0, len(chain)))]
     if sweeps is not None:
-        parts.append(
-            sweep_angles(
-                home,
-                half_arc=math.radians(sweeps["sweep_half_angle_deg"]),
-                steps=sweeps["steps"],
-                joints=None if joints is None else [joint - 1 for joint in joints],
-            )
+        of_chain = sweep_angles(
+            robot.of_chain(home[None])[0],
+            half_arc=math.radians(sweeps["sweep_half_angle_deg"]),
+            steps=sweeps["steps"],
+            joints=None if joints is None else [joint - 1 for joint in joints],
         )
+        parts.append(robot.stated(of_chain))
     if request["random_poses"]:
         parts.append(_drawn(rng, request, request["random_poses"], limits))
     if listed:
@@ -179,7 +207,7 @@ def _angles(
     return q
 
 
-def _rig(chain: Chain, target: Mapping[str, Any], request: Mapping[str, Any]) -> CameraSetup:
+def _rig(robot: _Robot, target: Mapping[str, Any], request: Mapping[str, Any]) -> CameraSetup:
     camera = request["camera"]
     T_flange_camera = np.eye(4)
     if request["T_flange_camera"] is not None:
@@ -196,8 +224,8 @@ def _rig(chain: Chain, target: Mapping[str, Any], request: Mapping[str, Any]) ->
                 "Write a rotation and a translation (mm) over a last row 0 0 0 1.",
             )
     return default_setup(
-        chain,
-        _home(request),
+        robot.chain,
+        robot.of_chain(_home(request)[None])[0],
         Camera(**{name: camera[name] for name in CAMERA_PARAMETERS}),
         (camera["image_width_px"], camera["image_height_px"]),
         TargetSpec(**target),

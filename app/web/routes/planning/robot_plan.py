@@ -69,8 +69,8 @@ async def show_robot_plan(
         }
         try:
             asked["home_deg"] = angles_of(home, len(robot.joints))
-            joints, grid = await run_in_threadpool(_read_plan, service, robot_id, target)
-            answer = service.analyses.plan(joints, grid, asked, await get_requester(request))
+            described, grid = await run_in_threadpool(_read_plan, service, robot_id, target)
+            answer = service.analyses.plan(described, grid, asked, await get_requester(request))
             plan = json.loads(await run_while_connected(request, answer))
         except (Conflict, InvalidContent) as reason:
             refused = reason
@@ -133,8 +133,6 @@ def _read(service: Service, robot_id: str) -> tuple[Robot, list[Target]]:
         return get_or_raise(records, Robot, robot_id), known_targets(records)
 
 
-def _read_plan(
-    service: Service, robot_id: str, target_id: str
-) -> tuple[list[dict[str, float]], dict[str, Any]]:
+def _read_plan(service: Service, robot_id: str, target_id: str) -> tuple[dict[str, Any], dict[str, Any]]:
     with service.installation.database.read() as records:
         return read_plan(records, robot_id, target_id)

@@ -43,7 +43,8 @@ class PlannedSweeps(RequestModel):
     """One sweep of every joint about home, or of those named."""
 
     sweep_half_angle_deg: Annotated[
-        _Angle, Field(description="How far a sweep turns its joint either way from home, degrees.")
+        _Angle,
+        Field(description="How far a sweep turns its joint of the chain either way from home, degrees."),
     ] = 40.0
     steps: Annotated[int, Field(ge=3, le=100, description="Poses of each sweep, at equal steps.")] = 11
     joint_numbers: Annotated[
@@ -69,7 +70,7 @@ class DhPlanCreate(RequestModel):
     home_deg: Annotated[
         JointAngles,
         Field(
-            description="Joint angles at which the camera looks squarely at the target, degrees, from the base."
+            description="Stated joint angles at which the camera looks squarely at the target, degrees, from the base."
         ),
     ]
     sweeps: Annotated[
