@@ -17,10 +17,10 @@ from starlette.routing import BaseRoute, Match
 from starlette.types import ASGIApp, Receive, Scope, Send
 
 from app.api.dependencies import get_app_context
-from app.api.problems import invalid_request, service_problem
+from app.api.problems import service_problem
 from app.api.routing import StrictRoute, find_parents
 from app.errors import ServiceError
-from app.http import authorize
+from app.http import authorize, invalid_request
 from app.records.activity import acting
 
 Handler = Callable[[Request], Coroutine[Any, Any, Response]]

@@ -20,8 +20,8 @@ from pydantic.fields import FieldInfo
 from starlette.requests import ClientDisconnect, Request
 from starlette.responses import Response
 
-from app.api.problems import invalid_request
 from app.errors import InvalidContent, TooLarge, Unavailable, UnsupportedContent
+from app.http import invalid_request
 
 MIB = 1024 * 1024
 MAX_COMMAS = 700_000

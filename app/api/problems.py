@@ -1,19 +1,18 @@
-"""Every error as an RFC 9457 problem: one table from error to status, one from validation to our own words."""
+"""Every error as an RFC 9457 problem."""
 
 from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Mapping
 from http import HTTPStatus
-from typing import Any
 
 from fastapi import FastAPI, Request
 from fastapi.exceptions import RequestValidationError
 from starlette.exceptions import HTTPException
 from starlette.responses import JSONResponse, Response
 
-from app.errors import InvalidContent, ServiceError
-from app.http import TITLES, ClientDisconnected, status_of
+from app.errors import ServiceError
+from app.http import TITLES, ClientDisconnected, invalid_request, status_of
 
 MEDIA_TYPE = "application/problem+json"
 
@@ -30,28 +29,6 @@ _HTTP_ADVICE = {
     404: "See /docs for the addresses there are.",
     405: "The Allow header lists the methods this address takes.",
     413: "Send less at a time.",
-}
-
-_TYPE_WORDS = {
-    "missing": "is required",
-    "extra_forbidden": "is not a field known here",
-    "finite_number": "must be a finite number",
-    "float_type": "must be a number",
-    "float_parsing": "must be a number",
-    "int_type": "must be a whole number",
-    "int_parsing": "must be a whole number",
-    "int_parsing_size": "is too large",
-    "int_from_float": "must be a whole number",
-    "bool_type": "must be true or false",
-    "bool_parsing": "must be true or false",
-    "string_type": "must be text",
-    "string_unicode": "must be valid Unicode text",
-    "list_type": "must be a list",
-    "dict_type": "must be an object",
-    "model_type": "must be an object",
-    "model_attributes_type": "must be an object",
-    "none_required": "must be null",
-    "json_invalid": "is not valid JSON",
 }
 
 
@@ -138,51 +115,3 @@ def _allowed_methods(app: FastAPI, path: str) -> list[str]:
         if re.fullmatch(re.sub(r"\{[^}]+\}", "[^/]+", template), path):
             methods.update(method.upper() for method in operations)
     return sorted(methods)
-
-
-def invalid_request(errors: Iterable[Any]) -> InvalidContent:
-    """Return the refusal that pydantic's findings amount to, in our own words."""
-    found = [(_field(error["loc"]), _message(error)) for error in errors]
-    return InvalidContent(
-        "The request's content is not valid.",
-        "Correct the fields listed in errors.",
-        errors=found[:100],
-    )
-
-
-def _field(location: Iterable[Any]) -> str:
-    parts = [str(part) for part in location]
-    if parts and parts[0] in ("body", "query", "path", "header"):
-        parts = parts[1:]
-    field = ".".join(parts) or "body"
-    return field[:200].encode("utf-8", "replace").decode()
-
-
-def _message(error: Mapping[str, Any]) -> str:
-    kind, context = error["type"], error.get("ctx") or {}
-    if kind in _TYPE_WORDS:
-        return _TYPE_WORDS[kind]
-    if kind == "string_too_short":
-        return f"must have at least {context['min_length']} characters"
-    if kind == "string_too_long":
-        return f"must have at most {context['max_length']} characters"
-    if kind == "too_short":
-        return f"must have at least {context['min_length']} items"
-    if kind == "too_long":
-        return f"must have at most {context['max_length']} items"
-    for name, words in (
-        ("gt", "greater than"),
-        ("ge", "at least"),
-        ("lt", "less than"),
-        ("le", "at most"),
-    ):
-        if name in context:
-            bound = context[name]
-            return f"must be {words} {bound if isinstance(bound, int) else format(bound, 'g')}"
-    if kind == "literal_error":
-        return f"must be one of {context['expected']}"
-    if kind == "string_pattern_mismatch":
-        return "has characters or a form not allowed here"
-    if kind == "value_error" and isinstance(context.get("error"), ValueError):
-        return str(context["error"])
-    return "is not valid"

@@ -28,6 +28,7 @@ from app.http import (
     begin_sign_in,
     csrf_token,
     holds,
+    invalid_request,
     status_of,
 )
 from app.records.activity import acting
@@ -165,7 +166,7 @@ def invalid_address(error: RequestValidationError) -> InvalidContent:
     return InvalidContent(
         "Some values are not valid.",
         "Correct them, or begin anew from the list of sessions.",
-        errors=[(str(each["loc"][-1])[:200], each["msg"]) for each in error.errors()],
+        errors=invalid_request(error.errors()).errors,
     )
 
 

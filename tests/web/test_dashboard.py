@@ -9,6 +9,7 @@ from typing import Any
 
 import pytest
 
+from app.blobs.local import LocalBlobs
 from tests.support.service.service import wait_until
 from tests.web.conftest import HOSTILE, Cell, is_too_wide, new_key, nothing, violations
 
@@ -62,6 +63,33 @@ def test_a_new_user_gets_from_a_target_to_a_table(cell: Cell, open_page: Open, t
     page.wait_for_selector("table.iso tbody tr")
     assert page.inner_text("table.iso tbody tr:first-child td:nth-child(2)") == "4"
     assert not page.troubles
+
+
+def test_a_full_disk_stops_sending_and_what_is_left_is_sent_later(
+    cell: Cell, open_page: Open, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    session_id = cell.api.make_session(cell.target_id, name="Full disk")
+    for number in range(6):
+        (tmp_path / f"P1_{number + 1}.png").write_bytes(nothing(100 + number))
+    page = open_page(f"/ui/sessions/{session_id}/upload")
+    page.set_input_files("#files", sorted(tmp_path.iterdir()))
+    with monkeypatch.context() as full:
+        full.setattr(LocalBlobs, "free_bytes", lambda _: 0)
+        page.click("#send")
+        page.wait_for_selector("#report:has-text('Stopped')")
+        page.wait_for_selector("#pause", state="hidden")  # what was under way has ended, too
+    report = page.inner_text("#report")
+    assert report.startswith("0 sent, 0 were here already, 0 refused, 6 to go. Stopped: ")
+    assert "space" in report
+    assert page.inner_text("#send") == "Send 6 images"
+    assert re.match("to send again: .*space", page.inner_text("#rows tr:first-child td:last-child"))
+    page.evaluate("scrollTo(0, 0)")  # links that the head covers in part count as small
+    assert violations(page) == []
+    page.click("#send")
+    page.wait_for_selector("#report:has-text('6 sent')")
+    assert page.inner_text("#rows tr:first-child td:last-child") == "sent"
+    # The browser itself writes refused requests to its console.
+    assert [one for one in page.troubles if "507" not in one] == []
 
 
 def test_images_dropped_onto_the_page_are_planned(cell: Cell, open_page: Open) -> None:

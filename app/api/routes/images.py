@@ -11,7 +11,6 @@ from starlette.concurrency import run_in_threadpool
 from app.api.dependencies import AppContextDep, PosePath, SessionPath
 from app.api.direct import DirectRoute
 from app.api.json_body import json_answer
-from app.api.problems import invalid_request
 from app.api.responses import measurement_document, new_measurement_json
 from app.api.routing import (
     api_router,
@@ -49,6 +48,7 @@ from app.api.uploads import (
 )
 from app.blobs.local import StagedBlob
 from app.errors import InvalidContent
+from app.http import invalid_request
 from app.services import measurements
 from app.services.installation.context import ServiceContext
 

@@ -43,11 +43,11 @@
       plan.hidden = !files.length;
       document.getElementById("plan-title").textContent = files.length + (files.length === 1 ? " image" : " images") + " at " + poses.size + (poses.size === 1 ? " pose" : " poses");
       // What needs a look first, then the rest in order.
-      const isOdd = (one) => !["to send", "sent", "was here"].includes(one.state);
+      const isOdd = (one) => one.why || !["to send", "sent", "was here"].includes(one.state);
       const shown = [...files.filter(isOdd), ...files.filter((one) => !isOdd(one))].slice(0, SHOWN);
       rows.replaceChildren(...shown.map(function (one) {
         const row = document.createElement("tr");
-        for (const [at, text] of [one.path, one.pose || "–", one.cycle === null ? "–" : String(one.cycle), (one.file.size / 1e6).toFixed(2) + " MB", one.state].entries()) {
+        for (const [at, text] of [one.path, one.pose || "–", one.cycle === null ? "–" : String(one.cycle), (one.file.size / 1e6).toFixed(2) + " MB", one.why ? (one.state === "to send" ? "to send again" : one.state) + ": " + one.why : one.state].entries()) {
           const cell = document.createElement(at ? "td" : "th");
           if (!at) cell.scope = "row";
           const text_ = document.createElement("bdi");
@@ -120,8 +120,9 @@
       for (const field of rule.elements) field.disabled = true;
       const due = files.filter((one) => one.state === "to send");
       sent.max = due.length; sent.value = 0;
-      let added = 0, here = 0, failed = 0;
-      const tally = () => { sent.value = added + here + failed; report.textContent = added + " sent, " + here + " were here already, " + failed + " refused, " + (due.length - added - here - failed) + " to go."; };
+      let added = 0, here = 0, failed = 0, stopped = "";
+      const tally = () => { sent.value = added + here + failed; report.textContent = added + " sent, " + here + " were here already, " + failed + " refused, " + (due.length - added - here - failed) + " to go." + (stopped ? " Stopped: " + stopped + " Send goes on from here." : ""); };
+      for (const one of due) one.why = "";
       try {
         for (let start = 0; start < due.length && !isPaused; start += ASKED) {
           const batch = due.slice(start, start + ASKED);
@@ -141,9 +142,11 @@
                 one.done = true;
                 if (answer.status === 202) { one.state = "sent"; added += 1; } else { one.state = "was here"; here += 1; }
               } catch (error) {
-                one.state = "refused: " + error.message;
-                failed += 1;
-                if ([401, 403, 507].includes(error.status)) isPaused = true;
+                one.why = error.message;
+                // Not this image's fault: the next would end alike, and all can be sent when that is mended.
+                if ([0, 401, 403, 503, 507].includes(error.status)) { stopped = error.message; isPaused = true; }
+                else { one.state = "refused"; failed += 1; }
+                show();
               }
               tally();
             }

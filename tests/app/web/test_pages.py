@@ -133,9 +133,13 @@ def test_images_that_no_pose_repeats_lead_to_the_camera(api: Any, grey_png: byte
 
 
 def test_an_address_that_makes_no_sense_is_a_page_in_words(api: Any, session_id: str) -> None:
-    for address in (f"/ui/sessions/{session_id}?page=0", "/ui/targets/sheet.svg?columns=x"):
+    for address, said in (
+        (f"/ui/sessions/{session_id}?page=0", "<b>page</b>: must be at least 1"),
+        ("/ui/targets/sheet.svg?columns=x", "<b>columns</b>: must be a whole number"),
+        ("/ui/targets/sheet.svg?columns=9&rows=6&pitch_mm=0", "<b>pitch</b>: must be greater than 0"),
+    ):
         response = api.client.get(address, headers=signed_in(api))
-        assert (response.status_code, "not valid" in response.text) == (422, True)
+        assert (response.status_code, said in response.text) == (422, True), response.text
 
 
 @pytest.mark.slow

@@ -1,0 +1,84 @@
+"""What validation finds, field by field, in our own words."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from decimal import Decimal
+from typing import Any
+
+from app.errors import InvalidContent
+
+_TYPE_WORDS = {
+    "missing": "is required",
+    "extra_forbidden": "is not a field known here",
+    "finite_number": "must be a finite number",
+    "float_type": "must be a number",
+    "float_parsing": "must be a number",
+    "int_type": "must be a whole number",
+    "int_parsing": "must be a whole number",
+    "int_parsing_size": "is too large",
+    "int_from_float": "must be a whole number",
+    "bool_type": "must be true or false",
+    "bool_parsing": "must be true or false",
+    "string_type": "must be text",
+    "string_unicode": "must be valid Unicode text",
+    "list_type": "must be a list",
+    "dict_type": "must be an object",
+    "model_type": "must be an object",
+    "model_attributes_type": "must be an object",
+    "none_required": "must be null",
+    "json_invalid": "is not valid JSON",
+}
+
+
+def invalid_request(errors: Iterable[Any]) -> InvalidContent:
+    """Return the refusal that pydantic's findings amount to, in our own words."""
+    found = [(_field(error["loc"]), _message(error)) for error in errors]
+    return InvalidContent(
+        "The request's content is not valid.",
+        "Correct the fields listed in errors.",
+        errors=found[:100],
+    )
+
+
+def _field(location: Iterable[Any]) -> str:
+    parts = [str(part) for part in location]
+    if parts and parts[0] in ("body", "query", "path", "header"):
+        parts = parts[1:]
+    field = ".".join(parts) or "body"
+    return field[:200].encode("utf-8", "replace").decode()
+
+
+def _message(error: Mapping[str, Any]) -> str:
+    kind, context = error["type"], error.get("ctx") or {}
+    if kind in _TYPE_WORDS:
+        return _TYPE_WORDS[kind]
+    if kind == "string_too_short":
+        return f"must have at least {context['min_length']} characters"
+    if kind == "string_too_long":
+        return f"must have at most {context['max_length']} characters"
+    if kind == "too_short":
+        return f"must have at least {context['min_length']} items"
+    if kind == "too_long":
+        return f"must have at most {context['max_length']} items"
+    for name, words in (
+        ("gt", "greater than"),
+        ("ge", "at least"),
+        ("lt", "less than"),
+        ("le", "at most"),
+    ):
+        if name in context:
+            bound = context[name]
+            return f"must be {words} {_plain(bound)}"
+    if kind == "literal_error":
+        return f"must be one of {context['expected']}"
+    if kind == "string_pattern_mismatch":
+        return "has characters or a form not allowed here"
+    if kind == "value_error" and isinstance(context.get("error"), ValueError):
+        return str(context["error"])
+    return "is not valid"
+
+
+def _plain(bound: float) -> str:
+    """Return a bound without an exponent: 0.000001 and not 1e-06."""
+    return str(bound) if isinstance(bound, int) else f"{Decimal(format(bound, 'g')):f}"
