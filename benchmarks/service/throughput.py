@@ -6,6 +6,7 @@ import hashlib
 import multiprocessing
 import os
 import tempfile
+import threading
 import time
 from collections.abc import Iterable, Sequence
 from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
@@ -16,6 +17,7 @@ from statistics import median
 
 import cv2
 import numpy as np
+from jaxtyping import UInt8
 
 from app.cli.demo.service_process import ServiceProcess
 from app.client import ServiceClient
@@ -31,17 +33,26 @@ POLL_S = 0.25  # a question costs the head some milliseconds; asked often it wou
 
 def throughput_rows(seeds: list[int], quick: bool) -> Iterable[Row]:
     """Measure images per second with and without HTTP, and how long the acknowledgement of a large file takes."""
-    encoded = _encoded_images(seeds, 3 if quick else 12)
     images, repeats = (24, 2) if quick else (72, 5)
     cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-    yield from _throughput(encoded, images, repeats, cores)
+    rendered = _rendered(seeds, 3 if quick else 12)
+    for kind, options in ((".png", ()), (".jpg", (cv2.IMWRITE_JPEG_QUALITY, 95))):
+        encoded = [cv2.imencode(kind, image, options)[1].tobytes() for image in rendered]
+        yield from _throughput("" if kind == ".png" else "JPEG: ", encoded, images, repeats, cores)
     yield from _acknowledgement(40 if quick else 400)
 
 
-def _throughput(encoded: Sequence[bytes], images: int, repeats: int, cores: int) -> Iterable[Row]:
-    """Time, in turns: the bare loop with all processes and with one, and the service with as many workers."""
+def _throughput(
+    prefix: str, encoded: Sequence[bytes], images: int, repeats: int, cores: int
+) -> Iterable[Row]:
+    """Time, in turns: the bare loop with all processes and with one, and the service with as many workers.
+
+    The client is on the same cores. What is left of them for the bare loop while the bare reference takes the same
+    uploads by the same client is what a service without any cost of its own would reach.
+    """
     bare: dict[int, list[float]] = {cores: [], 1: []}
     service: dict[int, list[float]] = {cores: [], 1: []}
+    alongside: list[float] = []
     with tempfile.TemporaryDirectory(prefix="gridpose-bench-") as name:
         folder = Path(name)
         with ExitStack() as stack:
@@ -50,6 +61,7 @@ def _throughput(encoded: Sequence[bytes], images: int, repeats: int, cores: int)
                 n: stack.enter_context(ProcessPoolExecutor(n, mp_context=spawn, initializer=_prepare))
                 for n in bare
             }
+            reference = stack.enter_context(ReferenceProcess(folder / "reference"))
             for n, pool in pools.items():
                 list(pool.map(_wait_a_little, range(n)))  # all of them started and loaded
             for repeat in range(repeats):
@@ -59,25 +71,41 @@ def _throughput(encoded: Sequence[bytes], images: int, repeats: int, cores: int)
                     done = list(pool.map(_calibrate, files))
                     bare[n].append(images / (time.perf_counter() - started))
                     assert sum(done) > images / 2, "most of these images can be calibrated"
+                started = time.perf_counter()
+                sender = threading.Thread(
+                    target=_send, args=(Route(reference.port, "/images/P1/{sha256}"), files)
+                )
+                sender.start()
+                list(pools[cores].map(_calibrate, files))
+                sender.join()
+                alongside.append(images / (time.perf_counter() - started))
                 for workers, rates in service.items():
                     rates.append(_service_rate(folder / f"data-{repeat}-{workers}", files, workers))
-    ratio = median(s / b for s, b in zip(service[cores], bare[cores], strict=True))
-    note = f"{images} images of 5 Mpx, 14x10, {repeats} times in turns, medians"
-    yield Row.context(f"bare loop, {cores} processes", median(bare[cores]), "images/s", note)
-    yield Row.context(f"HTTP, upload to result, {cores} workers", median(service[cores]), "images/s", note)
-    yield Row.at_least(
-        "HTTP images/s ÷ bare loop with as many processes", ratio, 0.85, note="client on the same cores"
+    size = sum(map(len, encoded)) / len(encoded) / 1e6
+    note = f"{images} images of 5 Mpx, 14x10, {size:.1f} MB, {repeats} times in turns, medians"
+    yield Row.context(f"{prefix}bare loop, {cores} processes", median(bare[cores]), "images/s", note)
+    yield Row.context(f"{prefix}bare loop alongside the bare reference", median(alongside), "images/s", note)
+    yield Row.context(
+        f"{prefix}HTTP, upload to result, {cores} workers", median(service[cores]), "images/s", note
     )
+    for what, others in (
+        ("bare loop with as many processes", bare[cores]),
+        ("bare loop alongside the bare reference", alongside),
+    ):
+        ratio = median(s / b for s, b in zip(service[cores], others, strict=True))
+        yield Row.at_least(f"{prefix}HTTP images/s ÷ {what}", ratio, 0.85, note="client on the same cores")
     if cores > 1:
         gain, machine = (
             median(n / one for n, one in zip(rates[cores], rates[1], strict=True))
             for rates in (service, bare)
         )
         yield Row.context(
-            f"{cores} processes ÷ 1, bare loop", machine, note="what the machine's cores and memory allow"
+            f"{prefix}{cores} processes ÷ 1, bare loop",
+            machine,
+            note="what the machine's cores and memory allow",
         )
         yield Row.at_least(
-            f"{cores} workers ÷ 1, by HTTP", gain, 0.95 * cores, note="client on the same cores"
+            f"{prefix}{cores} workers ÷ 1, by HTTP", gain, 0.95 * cores, note="client on the same cores"
         )
 
 
@@ -129,23 +157,32 @@ def _service_rate(data_dir: Path, files: Sequence[Path], workers: int) -> float:
         ServiceProcess(data_dir, {"GRIDPOSE_WORKERS": str(workers)}) as service,
         ServiceClient(service.url, service.admin_key) as client,
     ):
+        assert service.admin_key is not None
         session_id = new_session(client)
         _warm_up(client, files[0], workers)
-
-        def send(file: Path) -> None:
-            data = file.read_bytes()
-            client.put_image(session_id, "P1", hashlib.sha256(data).hexdigest(), data)
-
         started = datetime.now(UTC)
-        with ThreadPoolExecutor(2) as pool:
-            for future in [pool.submit(send, file) for file in files]:
-                future.result()
+        _send(measurement_route(service.url, session_id, service.admin_key), files)
         await_all(client, session_id, len(files))
         # The service says when the last result was stored, more exactly than asking now and then could.
         listed = list(client.items(f"/v1/sessions/{session_id}/measurements"))
         last = max(datetime.fromisoformat(item["finished_at"]) for item in listed)
         assert len(listed) == len(files)
         return len(files) / (last - started).total_seconds()
+
+
+def _send(route: Route, files: Sequence[Path]) -> None:
+    """Send files by two clients."""
+
+    def client(number: int) -> None:
+        connection = route.connect()
+        try:
+            for file in files[number::2]:
+                route.send(connection, file.read_bytes())
+        finally:
+            connection.close()
+
+    with ThreadPoolExecutor(2) as pool:
+        list(pool.map(client, range(2)))
 
 
 def _warm_up(client: ServiceClient, file: Path, workers: int) -> None:
@@ -178,19 +215,17 @@ def new_session(client: ServiceClient, target: TargetSpec = TARGET) -> str:
     return session_id
 
 
-def _encoded_images(seeds: list[int], count: int) -> list[bytes]:
-    encoded = []
-    for number in range(count):
-        scene = standard_scene(TARGET, seeds[number % len(seeds)] * 1000 + number)
-        encoded.append(cv2.imencode(".png", render(scene))[1].tobytes())
-    return encoded
+def _rendered(seeds: list[int], count: int) -> list[UInt8[np.ndarray, "h w"]]:
+    return [
+        render(standard_scene(TARGET, seeds[number % len(seeds)] * 1000 + number)) for number in range(count)
+    ]
 
 
 def _files(folder: Path, encoded: Sequence[bytes], count: int) -> list[Path]:
     folder.mkdir(parents=True)
     paths = []
     for number in range(count):
-        path = folder / f"{number:04d}.png"
+        path = folder / f"{number:04d}"
         path.write_bytes(variant(encoded[number % len(encoded)], number))
         paths.append(path)
     return paths

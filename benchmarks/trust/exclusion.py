@@ -6,6 +6,7 @@ import dataclasses
 from collections.abc import Iterator, Sequence
 
 import numpy as np
+from jaxtyping import Float
 
 from benchmarks.table import Row
 from benchmarks.trust.steadiness import POSES, SIGMA_MM, Process, gaussian, needles, student
@@ -186,27 +187,61 @@ def _decisions(seeds: Sequence[int], sessions: int) -> Iterator[Row]:
 
 
 def _worst_pose(seeds: Sequence[int], sessions: int) -> Iterator[Row]:
-    """Yield how often a session passes, or fails, whose worst pose is at the limit and whose others are far below it.
+    """Yield how often a session passes, or fails, whose worst pose is at the limit and whose others are far below it,
+    of the same kind or Gaussian; and how often one of equal Gaussian poses passes.
 
     Sessions are assessed whole, with the process that their cycles follow.
     """
     size = np.array([1.0, *[0.2] * (POSES - 1)])[:, None]
-    for name, process in (("Gauss", gaussian), ("Student t4", student), ("AR .8", correlated)):
-        marginal = student if process is student else gaussian
-        lengths = np.linalg.norm(marginal(np.random.default_rng(5), 200_000), axis=2)
-        limits = Datasheet(repeatability_mm=float(lengths.mean() + 3.0 * lengths.std()))
+    for name, process, alone in (
+        ("Gauss", gaussian, False),
+        ("Student t4", student, False),
+        ("AR .8", correlated, False),
+        ("Student t4, the others Gauss", student, True),
+        ("AR .8, the others Gauss", correlated, True),
+    ):
+        limit = _single_pose_rp(student if process is student else gaussian)
         for n in (12, 30):
             found = {"pass": 0, "fail": 0}
             for seed in seeds:
                 for k in range(sessions):
-                    x = size * process(np.random.default_rng([seed, n, k, 17]), n)
-                    data = dataclasses.replace(measured_session(x), datasheet=limits)
-                    decided = assess_acceptance(data, assess_session(data)).repeatability
-                    if decided is not None and decided.found.decision in found:
-                        found[decided.found.decision] += 1
+                    rng = np.random.default_rng([seed, n, k, 17])
+                    x = size * process(rng, n)
+                    if alone:
+                        x[:, 1:] = size[1:] * gaussian(rng, n)[:, 1:]
+                    decision = _decision(x, limit)
+                    if decision in found:
+                        found[decision] += 1
             count = len(seeds) * sessions
             for what, times in found.items():
                 note = f"{count} sessions of one pose at the limit and four at a fifth of it"
                 yield Row.at_most(
                     f"worst pose at the limit: {what}, {name}, n {n}", 100.0 * times / count, 4.0, "%", note
                 )
+    limit = _single_pose_rp(gaussian)
+    for share in (0.5, 0.6):
+        for n in (12, 30):
+            passed = [
+                _decision(share * gaussian(np.random.default_rng([seed, n, k, 18]), n), limit) == "pass"
+                for seed in seeds
+                for k in range(sessions)
+            ]
+            yield Row.context(
+                f"RP_l of {share:g} of the limit, whole sessions: passes, n {n}",
+                100.0 * float(np.mean(passed)),
+                "%",
+                f"{len(passed)} sessions of five equal Gaussian poses",
+            )
+
+
+def _single_pose_rp(process: Process) -> float:
+    """Return the long-run RP_l of a process, mm."""
+    lengths = np.linalg.norm(process(np.random.default_rng(5), 200_000), axis=2)
+    return float(lengths.mean() + 3.0 * lengths.std())
+
+
+def _decision(x: Float[np.ndarray, "n p 3"], limit_mm: float) -> str:
+    data = dataclasses.replace(measured_session(x), datasheet=Datasheet(repeatability_mm=limit_mm))
+    decided = assess_acceptance(data, assess_session(data)).repeatability
+    assert decided is not None
+    return str(decided.found.decision)

@@ -1,9 +1,11 @@
 """Robot performance by ISO 9283:1998, from poses alone, each figure with its interval and its noise floor."""
 
 from core.metrology.acceptance import (
+    REPEATED,
     RULE,
     UNSTEADY,
     UNTESTED,
+    WITHOUT_DEGRADED,
     Acceptance,
     Decision,
     Reading,
@@ -111,11 +113,13 @@ __all__ = [
     "MIN_CYCLES",
     "MIN_POINTS",
     "NOT_STEADY",
+    "REPEATED",
     "RULE",
     "TEST_PLANES",
     "UNSTEADY",
     "UNTESTED",
     "VISITS",
+    "WITHOUT_DEGRADED",
     "Acceptance",
     "AccuracyDrift",
     "Agreement",

@@ -32,6 +32,8 @@ UNMEASURED = "without a cycle that counts"
 TOO_FEW = "of fewer than ten cycles"
 UNSTEADY = "whose cycles are not steady"
 UNTESTED = "whose steadiness was not tested, for want of cycle numbers"
+REPEATED = "with several visits of one cycle that no burst names"
+WITHOUT_DEGRADED = "within the limit only without cycles whose images are degraded"
 """Why a reading decides nothing."""
 
 
@@ -90,7 +92,7 @@ def decide(limit: float, readings: Sequence[Reading]) -> Acceptance:
         return Acceptance(Decision.INCONCLUSIVE, None, _undecided(flaws))
     worst = max(usable, key=lambda i: _high(readings[i]))
     if _high(readings[worst]) > limit:
-        return Acceptance(Decision.INCONCLUSIVE, worst, *_open(limit, readings[worst]))
+        return Acceptance(Decision.INCONCLUSIVE, worst, *_open(limit, readings[worst], len(usable)))
     if len(usable) < len(readings):
         return Acceptance(Decision.INCONCLUSIVE, worst, _undecided(flaws))
     return Acceptance(Decision.PASS, worst, "the intervals of all poses lie within the limit")
@@ -142,13 +144,15 @@ def _high(reading: Reading) -> float:
     return math.inf if reading.at_most is None else reading.at_most
 
 
-def _open(limit: float, reading: Reading) -> tuple[str, int | None]:
+def _open(limit: float, reading: Reading, count: int) -> tuple[str, int | None]:
     if reading.interval is None or not reading.value:
         return "the instrument's share of the reading is too large, or not known", None
     distance = abs(math.log(limit / reading.value)) if limit > 0.0 else math.inf
-    end = reading.interval[1] if reading.value < limit else reading.interval[0]
+    end = reading.interval[1] if reading.value < limit else _low(reading, count)
     width = abs(math.log(end / reading.value)) if end > 0.0 else math.inf
     reason = "the interval spans the limit"
+    if reading.interval[0] > limit:
+        reason = f"the interval lies beyond the limit, but not at the level that {count} poses together need"
     if distance == 0.0 or not math.isfinite(width):
         return reason, None
     needed = 1 + math.ceil((reading.cycles - 1) * (width / distance) ** 2)

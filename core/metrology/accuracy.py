@@ -8,7 +8,14 @@ frames it is r_i / √(1 + h_i). Given the residuals,
     e_i ~ r_i + t_dof,     covariance s² H_ii + u² (I - H)_ii + A_i A_iᵀ,     s² = rᵀr / dof - u²,
 
 dof = Σ (3 - tr H_ii), u² the variance of a mean an axis, A_i what the errors that all poses share (lens, scale and
-shape of the print) leave in r_i. A pose that tied no frames has u² I. An interval of the length is that of the lengths
+shape of the print) leave in r_i. A pose that tied no frames has u² I.
+
+That holds where all e_i are of one kind. A pose that alone is far off draws the frames to itself: its residual is too
+short, and its share of s² widens nobody's interval enough. In the frames of the others, with K = H_ii (I - H_ii)⁻¹,
+
+    e_i ~ (I - H_ii)⁻¹ r_i + t_dof-3,     covariance s² K + u² (I + K) + ...,     s² from r without pose i,
+
+which presumes nothing of e_i. An interval of the length is that of the lengths
 of draws of e_i. The part of e that moves all poses as one rigid body is in no residual: only a tie by other means
 shows it.
 
@@ -99,7 +106,8 @@ class EstimatedDeviation:
     """What the robot was off at one pose: `vector`, studentised; None where the frames follow the pose wholly.
 
     `residual` is the centre of what is known of it, `parts` what leaves it open; `parts` and `length_interval` are None
-    where the tie leaves no degree of freedom. `factor` is half a 95 % interval of t.
+    where the tie leaves no degree of freedom. `factor` is half a 95 % interval of t. `held_out_interval` is that of the
+    length in the frames of the other poses; None where these leave no degree of freedom.
     """
 
     vector: Float[np.ndarray, "3"] | None
@@ -107,6 +115,7 @@ class EstimatedDeviation:
     parts: DeviationParts | None
     factor: float
     length_interval: tuple[float, float] | None
+    held_out_interval: tuple[float, float] | None
 
     def half_widths(self, J: Float[np.ndarray, "3 3"]) -> Float[np.ndarray, "3"] | None:
         """Return half the 95 % intervals of J e; None where they are not known."""
@@ -135,7 +144,7 @@ def estimate_deviations(tied: TiedDeviations) -> list[EstimatedDeviation]:
         free = 1.0 + sign * float(np.trace(Hi)) / 3.0
         vector = r / math.sqrt(free) if free >= MIN_FREE_SHARE else None
         if variance is None or vector is None:
-            found.append(EstimatedDeviation(vector, r, None, factor, None))
+            found.append(EstimatedDeviation(vector, r, None, factor, None, None))
             continue
         of_visits = tied.mean_variance * (np.eye(3) - (Hi if used else 0.0))
         parts = DeviationParts(r, variance * Hi, of_visits, A, dof, tied.mean_degrees_of_freedom)
@@ -143,8 +152,33 @@ def estimate_deviations(tied: TiedDeviations) -> list[EstimatedDeviation]:
         low, high = _quantiles(lengths)
         # The studentised figure is seldom outside what is known of the length; a figure is in its own interval.
         figure = float(np.linalg.norm(vector))
-        found.append(EstimatedDeviation(vector, r, parts, factor, (min(low, figure), max(high, figure))))
+        within = min(low, figure), max(high, figure)
+        alone = _held_out(tied, r, Hi, A, normal, others) if used else within
+        found.append(EstimatedDeviation(vector, r, parts, factor, within, alone))
     return found
+
+
+def _held_out(
+    tied: TiedDeviations,
+    residual: Float[np.ndarray, "3"],
+    leverage: Float[np.ndarray, "3 3"],
+    common: Float[np.ndarray, "3 k"],
+    normal: Float[np.ndarray, "t 3"],
+    others: Float[np.ndarray, "t 3"],
+) -> tuple[float, float] | None:
+    """Return the interval of a pose's deviation in the frames of the other poses; None without a degree of freedom."""
+    free = np.eye(3) - leverage
+    dof = tied.degrees_of_freedom - 3.0
+    if dof < MIN_DEGREES_OF_FREEDOM or np.linalg.eigvalsh(free)[0] < MIN_FREE_SHARE:
+        return None
+    G = np.linalg.inv(free)
+    squares = float(np.sum(tied.residuals[tied.used] ** 2)) - float(residual @ G @ residual)
+    variance = max(squares / dof - tied.mean_variance, 0.0)
+    K = leverage @ G
+    own = variance * K + tied.mean_variance * (np.eye(3) + K)
+    student = normal / np.sqrt(np.random.default_rng([_SEED, 3]).chisquare(dof, len(normal)) / dof)[:, None]
+    shared = others @ _root(G @ common @ common.T @ G.T).T
+    return _quantiles(np.linalg.norm(G @ residual + student @ _root(own).T + shared, axis=1))
 
 
 @dataclass(frozen=True, slots=True)
@@ -173,6 +207,7 @@ class PoseAccuracy:
     `figures` are the studentised best-fit ones, `interval` theirs, `held_out` those with the frames tied by all other
     poses. `rotation` is the deviation of orientation as a rotation vector in the base frame; where `near_singularity`,
     within 5° of pitch = ±90°, it alone is given and the angles, which mean nothing there, are None.
+    `held_out_interval` is that of the position, in these frames; None where they leave no degree of freedom.
     `degrees_of_freedom` are those of the positions' tie, `parts` what leaves the position's deviation open, `place` the
     frames it was compared in.
     """
@@ -185,6 +220,7 @@ class PoseAccuracy:
     degrees_of_freedom: float
     parts: DeviationParts | None = None
     place: CommandedPoint | None = None
+    held_out_interval: tuple[float, float] | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -229,6 +265,7 @@ def tied_accuracy(
         degrees_of_freedom,
         position.parts,
         place,
+        position.held_out_interval,
     )
 
 

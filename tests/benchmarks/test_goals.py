@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 
 import benchmarks
+from benchmarks import trust
 from benchmarks.goals import GOALS, Goal, Part, judge, judged, outcomes_table, sections_of
 from benchmarks.table import Row, markdown, with_section
 
@@ -102,3 +103,10 @@ def test_the_readme_shows_rows_of_the_table_as_they_are() -> None:
 def test_sections_are_modules_with_rows() -> None:
     for name in ("clone", "suite", "service.crowd", "service.durability"):
         assert callable(importlib.import_module(f"benchmarks.{name}").rows)
+
+
+def test_section_trust_has_the_rows_of_all_its_subjects() -> None:
+    names = {module.__name__.rpartition(".")[2] for module in trust.subjects()}
+    assert names == {
+        *("accuracy", "board_shape", "exclusion", "noise_floor", "real_arms", "rp_intervals", "steadiness")
+    }

@@ -101,7 +101,9 @@ def sqlite_engine(url: sa.URL, *, begin: str, connections: int) -> sa.Engine:
         cursor.execute("PRAGMA journal_mode=WAL")
         cursor.execute("PRAGMA synchronous=FULL")
         cursor.execute("PRAGMA foreign_keys=ON")
-        cursor.execute("PRAGMA cache_size=-16384")
+        # KiB a connection. The system keeps the file's pages, too; a larger cache fills as the database grows, so that
+        # the memory of a service seems to grow with its uploads.
+        cursor.execute("PRAGMA cache_size=-4096")
         cursor.close()
 
     @sa.event.listens_for(engine, "begin")

@@ -2,17 +2,29 @@
 
 The worst pose counts, and what was not measured may be the worst: a pose that was commanded or photographed and of
 which nothing counts leaves the decision open, as does one whose cycles drift, or have no numbers to test that by.
+
+What the poses have in common narrows their intervals: of RP_l the process that cycles follow, of AP_p the size of the
+deviations. The worst pose may be of another kind. So a robot passes only if its intervals lie within the limit without
+that, too: by each pose's own cycles, and in the frames that the other poses tie.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
-from core.metrology import Acceptance, Reading, decide, repeatability_reading
+from core.metrology import (
+    REPEATED,
+    WITHOUT_DEGRADED,
+    Acceptance,
+    Decision,
+    Reading,
+    decide,
+    repeatability_reading,
+)
 from core.session.model import SessionData, natural
 from core.session.repeatability.assessment import SessionRepeatability
-from core.session.repeatability.pose_rows import PoseRow
+from core.session.repeatability.pose_rows import PoseRow, figures_by_itself
 
 UNDETERMINED = "whose accuracy is not determined"
 UNSCALED = "before a target whose pitch has no stated uncertainty"
@@ -48,6 +60,7 @@ def assess_acceptance(data: SessionData, found: SessionRepeatability) -> Session
     what is measured. Where no interval of the corrected figure is known, the upper limit of the figure as measured can
     still show that the robot keeps the limit, but nothing that it does not. The interval of AP_p is the robot's own.
     RP_l is decided of all poses that were commanded or photographed, AP_p of those whose position was commanded.
+    AP_p is about the best fit of base and tool: what all poses are off alike is not decided.
     """
     rows = {row.pose_id: row for row in found.poses}
     every = sorted({*rows, *data.commanded}, key=natural)
@@ -58,10 +71,30 @@ def assess_acceptance(data: SessionData, found: SessionRepeatability) -> Session
         if row.figures is not None
     }
     off = {pose_id: one.figures.position_mm for pose_id, one in found.accuracy.poses.items()}
-    return SessionAcceptance(
-        _decided(data.datasheet.repeatability_mm, {p: _scatter(found, rows.get(p)) for p in every}, spread),
-        _decided(data.datasheet.accuracy_mm, {p: _deviation(found, rows.get(p)) for p in commanded}, off),
+    limit = data.datasheet.repeatability_mm
+    repeatability = _decided(limit, {p: _scatter(found, rows.get(p), limit) for p in every}, spread)
+    if repeatability is not None and repeatability.found.decision is Decision.PASS:
+        by_itself = {p: _scatter(found, rows.get(p), limit, by_itself=True) for p in every}
+        repeatability = _decided(limit, by_itself, spread)
+    accuracy = _decided(
+        data.datasheet.accuracy_mm, {p: _deviation(found, rows.get(p)) for p in commanded}, off
     )
+    left_out = sum(len(row.excluded) for row in found.poses)
+    remarks = [f"{left_out} measurement{'s do' if left_out > 1 else ' does'} not count"] if left_out else []
+    if found.witness is not None and found.witness.witness.subtract:
+        remarks.append("the witness's motion was subtracted")
+    return SessionAcceptance(
+        _remarked(repeatability, remarks),
+        _remarked(accuracy, ["what base and tool are off is not tested", *remarks]),
+    )
+
+
+def _remarked(of_limit: LimitAcceptance | None, remarks: Sequence[str]) -> LimitAcceptance | None:
+    """Return a decision that a robot passes with what it does not say."""
+    if of_limit is None or of_limit.found.decision is not Decision.PASS:
+        return of_limit
+    reason = "; ".join([of_limit.found.reason, *remarks])
+    return replace(of_limit, found=replace(of_limit.found, reason=reason))
 
 
 def _commanded(data: SessionData, pose_id: str) -> bool:
@@ -83,10 +116,40 @@ def _decided(
     )
 
 
-def _scatter(found: SessionRepeatability, row: PoseRow | None) -> Reading:
+def _scatter(
+    found: SessionRepeatability, row: PoseRow | None, limit_mm: float | None, *, by_itself: bool = False
+) -> Reading:
+    """Return what RP_l of a pose decides with; `by_itself` by its own cycles, too."""
     if row is None or row.figures is None:
         return _NOTHING
-    return replace(repeatability_reading(row.figures), flaw=found.steadiness.flaw(row.pose_id))
+    reading = repeatability_reading(row.figures)
+    alone = figures_by_itself(row) if by_itself else None
+    if alone is not None:
+        reading = _wider(reading, repeatability_reading(alone))
+    with_all = None if row.including_degraded is None else row.including_degraded.position_mm
+    flaw = _flaw(found, row)
+    if flaw is None and limit_mm is not None and with_all is not None and with_all > limit_mm:
+        flaw = WITHOUT_DEGRADED
+    return replace(reading, flaw=flaw)
+
+
+def _wider(one: Reading, other: Reading) -> Reading:
+    """Return a reading with the limits of both; None stays unknown."""
+    interval = at_most = None
+    if one.interval is not None:
+        others = other.interval or one.interval
+        interval = min(one.interval[0], others[0]), max(one.interval[1], others[1])
+    if one.at_most is not None:
+        at_most = max(one.at_most, other.at_most or 0.0)
+    return replace(one, interval=interval, at_most=at_most)
+
+
+def _flaw(found: SessionRepeatability, row: PoseRow) -> str | None:
+    """Return why a pose's cycles decide nothing; None where they can."""
+    cycles = {visit.cycle for visit in row.visits}
+    if None not in cycles and len(cycles) < len(row.visits):
+        return REPEATED
+    return found.steadiness.flaw(row.pose_id)
 
 
 def _deviation(found: SessionRepeatability, row: PoseRow | None) -> Reading:
@@ -96,5 +159,8 @@ def _deviation(found: SessionRepeatability, row: PoseRow | None) -> Reading:
     if one is None or one.interval.position_mm is None:
         flaw = UNSCALED if row.pose_id in found.unscaled else UNDETERMINED
         return Reading(len(row.visits), None, None, None, flaw)
-    value, interval = one.figures.position_mm, one.interval.position_mm
-    return Reading(len(row.visits), value, interval, None, found.steadiness.flaw(row.pose_id))
+    if one.held_out_interval is None:
+        return Reading(len(row.visits), None, None, None, UNDETERMINED)
+    reading = Reading(len(row.visits), one.figures.position_mm, one.interval.position_mm, None)
+    alone = Reading(len(row.visits), None, one.held_out_interval, None)
+    return replace(_wider(reading, alone), flaw=_flaw(found, row))

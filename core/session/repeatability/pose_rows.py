@@ -176,6 +176,17 @@ def _rows(
     return PoseRows(tuple(rows), steadiness, motion)
 
 
+def figures_by_itself(row: PoseRow) -> PoseRepeatability | None:
+    """Return a pose's figures with intervals by what its own cycles show of their process; None without a visit.
+
+    The process of all poses together is known better, and is that of the pose only if the poses are of one kind.
+    """
+    if not row.visits:
+        return None
+    process = session_steadiness({row.pose_id: row.visits}).process
+    return assess_cycles([_cycles(row.visits)], process=process)[0]
+
+
 def _cycles(visits: Sequence[MeasuredPose]) -> PoseCycles:
     """Return a pose's cycles; orientations and covariances where every one of them has them."""
     rotations = [visit.rotation for visit in visits if visit.rotation is not None]

@@ -43,7 +43,17 @@ def test_one_pose_beyond_it_is_enough_and_doubt_of_others_does_not_help() -> Non
 def test_each_of_many_poses_fails_at_a_part_of_the_risk() -> None:
     barely = reading(0.13, 0.101, 0.16)
     assert decide(LIMIT, [barely]).decision is Decision.FAIL
-    assert decide(LIMIT, [barely] * 5).decision is Decision.INCONCLUSIVE
+    together = decide(LIMIT, [barely] * 5)
+    assert together.decision is Decision.INCONCLUSIVE
+    assert (
+        together.reason
+        == "the interval lies beyond the limit, but not at the level that 5 poses together need"
+    )
+    assert together.cycles_needed is not None
+    # The interval shrinks with the root of the cycles: with so many all five are beyond it together.
+    root = math.sqrt(29 / (together.cycles_needed - 1))
+    shrunk = reading(0.13, 0.13 * (0.101 / 0.13) ** root, 0.13 * (0.16 / 0.13) ** root)
+    assert decide(LIMIT, [shrunk] * 5).decision is Decision.FAIL
 
 
 @pytest.mark.parametrize(("value", "low", "high"), [(0.09, 0.08, 0.105), (0.11, 0.098, 0.13)])

@@ -10,9 +10,10 @@ import numpy as np
 import pytest
 
 from benchmarks.trust.board_shape import DEPARTURES, Departure, Setup, simulate
-from core.metrology import Decision
+from core.metrology import REPEATED, WITHOUT_DEGRADED, Decision, decide, repeatability_reading
 from core.session import (
     CommandedPose,
+    ExcludedMeasurement,
     SessionData,
     assess_acceptance,
     assess_repeatability,
@@ -21,6 +22,7 @@ from core.session import (
 from core.session.model import Datasheet
 from core.session.repeatability import pose_rows
 from core.session.repeatability.acceptance import UNDETERMINED, UNSCALED, LimitAcceptance
+from core.session.repeatability.witness import Witness
 from tests.support.simulation import session_cycles as made
 
 LOOSE = Datasheet(repeatability_mm=1.0, accuracy_mm=5.0)
@@ -136,3 +138,88 @@ def test_an_instrument_of_unknown_noise_passes_a_robot_but_does_not_fail_it() ->
     assert decided(data, Datasheet(repeatability_mm=0.01)).found.decision is Decision.INCONCLUSIVE
     known = made.measured_session(made.gaussian(np.random.default_rng(6), 30))
     assert decided(known, Datasheet(repeatability_mm=0.01)).found.decision is Decision.FAIL
+
+
+def test_a_pose_that_draws_the_frames_to_itself_does_not_pass() -> None:
+    """Of five poses one is far off; its residual is short, and the other poses' are small."""
+    places = np.array([[400.0, 350.0, 300.0], [0, 0, 0], [100, 0, 20], [0, 100, 50], [80, 90, 10]])
+    told = {f"P{i + 1}": CommandedPose(place.tolist(), 0.0, 0.0, 0.0) for i, place in enumerate(places)}
+    best_fit = 0
+    for seed in range(8):
+        rng = np.random.default_rng(seed)
+        off = 0.02 * rng.standard_normal((5, 3))
+        off[0] = 0.5 * off[0] / np.linalg.norm(off[0])
+        data = replace(at_commands(off + 0.02 * rng.standard_normal((30, 5, 3)), told), commanded=told)
+        data = replace(data, datasheet=Datasheet(accuracy_mm=0.4))  # the robot is .5 mm off
+        found = assess_repeatability(data)
+        best_fit += found.accuracy.poses["P1"].interval.position_mm[1] < 0.4
+        decision = assess_acceptance(data, found).accuracy
+        assert decision is not None
+        assert decision.found.decision is not Decision.PASS
+    assert best_fit >= 3  # which the intervals of poses of one kind would pass
+
+
+def test_a_pose_of_another_kind_is_judged_by_its_own_cycles() -> None:
+    """Correlated cycles read too little of the scatter; four white poses hide that they are correlated."""
+    limits = Datasheet(repeatability_mm=0.1)
+    shared = by_itself = 0
+    for seed in range(40):
+        rng = np.random.default_rng(seed)
+        x = 0.2 * made.gaussian(rng, 12)
+        x[:, 0] = made.correlated(rng, 12, 1)[:, 0]
+        data = replace(made.measured_session(x), datasheet=limits)
+        found = assess_repeatability(data)
+        figures = [row.figures for row in found.poses if row.figures is not None]
+        shared += decide(0.1, [repeatability_reading(one) for one in figures]).decision is Decision.PASS
+        decision = assess_acceptance(data, found).repeatability
+        assert decision is not None
+        by_itself += decision.found.decision is Decision.PASS
+    assert shared >= 3
+    assert by_itself <= shared // 2
+
+
+def test_visits_of_one_cycle_do_not_count_as_cycles() -> None:
+    data = made.measured_session(made.gaussian(np.random.default_rng(7), 30))
+    thrice = tuple(
+        replace(pose, cycle=(pose.cycle + 2) // 3) for pose in data.measured if pose.cycle is not None
+    )
+    found = decided(replace(data, measured=thrice))
+    assert found.found.decision is Decision.INCONCLUSIVE
+    assert found.found.reason == f"5 of 5 poses decide nothing: 5 {REPEATED}"
+
+
+def test_cycles_of_degraded_images_must_not_be_what_breaks_the_limit() -> None:
+    data = replace(made.measured_session(made.gaussian(np.random.default_rng(8), 30)), datasheet=LOOSE)
+    found = assess_repeatability(data)
+    first = found.poses[0]
+    assert first.figures is not None
+    for with_all, decision in ((0.5, Decision.PASS), (1.5, Decision.INCONCLUSIVE)):
+        figures = replace(first.figures.repeatability, position_mm=with_all)
+        poses = (replace(first, including_degraded=figures), *found.poses[1:])
+        judged = assess_acceptance(data, replace(found, poses=poses)).repeatability
+        assert judged is not None
+        assert judged.found.decision is decision
+        assert (WITHOUT_DEGRADED in judged.found.reason) == (decision is Decision.INCONCLUSIVE)
+
+
+def test_a_robot_that_passes_is_told_what_the_decision_does_not_cover() -> None:
+    told = commands()
+    data = replace(
+        at_commands(made.gaussian(np.random.default_rng(9), 30), told), commanded=told, datasheet=LOOSE
+    )
+    found = assess_repeatability(data)
+    plain = assess_acceptance(data, found)
+    assert plain.repeatability is not None
+    assert plain.accuracy is not None
+    assert plain.repeatability.found.reason == "the intervals of all poses lie within the limit"
+    assert plain.accuracy.found.reason.endswith("; what base and tool are off is not tested")
+    left_out = ExcludedMeasurement("m", "excluded_by_user", "Someone stood in front of it.")
+    poses = (replace(found.poses[0], excluded=(left_out,)), *found.poses[1:])
+    fewer = assess_acceptance(data, replace(found, poses=poses)).repeatability
+    assert fewer is not None
+    assert fewer.found.reason.endswith("; 1 measurement does not count")
+    watched = assess_repeatability(data, witness=Witness("P1", subtract=True))
+    assert watched.witness is not None
+    subtracted = assess_acceptance(data, watched).repeatability
+    assert subtracted is not None
+    assert subtracted.found.reason.endswith("; the witness's motion was subtracted")
