@@ -60,7 +60,7 @@ def assess_acceptance(data: SessionData, found: SessionRepeatability) -> Session
     what is measured. Where no interval of the corrected figure is known, the upper limit of the figure as measured can
     still show that the robot keeps the limit, but nothing that it does not. The interval of AP_p is the robot's own.
     RP_l is decided of all poses that were commanded or photographed, AP_p of those whose position was commanded.
-    AP_p is about the best fit of base and tool: what all poses are off alike is not decided.
+    AP_p is about the best fit of base and tool: an error that all poses share is not decided.
     """
     rows = {row.pose_id: row for row in found.poses}
     every = sorted({*rows, *data.commanded}, key=natural)
@@ -79,21 +79,23 @@ def assess_acceptance(data: SessionData, found: SessionRepeatability) -> Session
     accuracy = _decided(
         data.datasheet.accuracy_mm, {p: _deviation(found, rows.get(p)) for p in commanded}, off
     )
-    left_out = sum(len(row.excluded) for row in found.poses)
-    remarks = [f"{left_out} measurement{'s do' if left_out > 1 else ' does'} not count"] if left_out else []
+    excluded = sum(len(row.excluded) for row in found.poses)
+    limitations = (
+        [f"{excluded} measurement{'s do' if excluded > 1 else ' does'} not count"] if excluded else []
+    )
     if found.witness is not None and found.witness.witness.subtract:
-        remarks.append("the witness's motion was subtracted")
+        limitations.append("the witness's motion was subtracted")
     return SessionAcceptance(
-        _remarked(repeatability, remarks),
-        _remarked(accuracy, ["what base and tool are off is not tested", *remarks]),
+        _limited(repeatability, limitations),
+        _limited(accuracy, ["what base and tool are off is not tested", *limitations]),
     )
 
 
-def _remarked(of_limit: LimitAcceptance | None, remarks: Sequence[str]) -> LimitAcceptance | None:
+def _limited(of_limit: LimitAcceptance | None, limitations: Sequence[str]) -> LimitAcceptance | None:
     """Return a decision that a robot passes with what it does not say."""
     if of_limit is None or of_limit.found.decision is not Decision.PASS:
         return of_limit
-    reason = "; ".join([of_limit.found.reason, *remarks])
+    reason = "; ".join([of_limit.found.reason, *limitations])
     return replace(of_limit, found=replace(of_limit.found, reason=reason))
 
 

@@ -199,7 +199,7 @@ class Acceptance(ResponseModel):
             "one, and by the pose's own cycles too, of AP_p also in the frames of the other poses; `fail`: that of one "
             "of m poses lies beyond it at the m-th part of the risk; `inconclusive` otherwise, and where a pose of the "
             "session has no ten cycles that count, are numbered and steady. AP_p is about the best fit of base and "
-            "tool: what all poses are off alike is not decided."
+            "tool: an error that all poses share is not decided."
         ),
     ]
     rule: Annotated[str, Field(description="By which rule it is decided.")]
