@@ -10,6 +10,7 @@ that, too: by each pose's own cycles, and in the frames that the other poses tie
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
@@ -28,6 +29,8 @@ from core.session.repeatability.pose_rows import PoseRow, figures_by_itself
 
 UNDETERMINED = "whose accuracy is not determined"
 UNSCALED = "before a target whose pitch has no stated uncertainty"
+CLEAR_SHARE = 1.0 / 3.0
+"""Of the limit: no pose whose upper limit is below it is looked at by itself, which takes a tenth of a second."""
 _NOTHING = Reading(0, None, None, None)
 
 
@@ -125,14 +128,21 @@ def _scatter(
     if row is None or row.figures is None:
         return _NOTHING
     reading = repeatability_reading(row.figures)
-    alone = figures_by_itself(row) if by_itself else None
-    if alone is not None:
-        reading = _wider(reading, repeatability_reading(alone))
+    if by_itself and limit_mm is not None and _upper(reading) > CLEAR_SHARE * limit_mm:
+        alone = figures_by_itself(row)
+        if alone is not None:
+            reading = _wider(reading, repeatability_reading(alone))
     with_all = None if row.including_degraded is None else row.including_degraded.position_mm
     flaw = _flaw(found, row)
     if flaw is None and limit_mm is not None and with_all is not None and with_all > limit_mm:
         flaw = WITHOUT_DEGRADED
     return replace(reading, flaw=flaw)
+
+
+def _upper(reading: Reading) -> float:
+    if reading.interval is not None:
+        return reading.interval[1]
+    return math.inf if reading.at_most is None else reading.at_most
 
 
 def _wider(one: Reading, other: Reading) -> Reading:
