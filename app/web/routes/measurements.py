@@ -16,7 +16,7 @@ from app.services.sessions import get_session
 from app.web.pages import page_router, render
 from app.web.routes.sessions import session_context
 from app.web.service import service_of
-from app.web.words import decimals_of, fixed, interval, number, with_uncertainty
+from app.web.words import decimals_of, fixed, number, with_uncertainty
 
 router = page_router()
 VIEWABLE = ("png", "jpeg", "bmp")
@@ -118,12 +118,15 @@ def camera_rows(calibration: dict[str, Any] | None) -> list[Row]:
         if name not in values:
             continue
         uncertainty = calibration["standard_uncertainty"].get(name)
-        if decimals_of(uncertainty) is None:
+        decimals = decimals_of(uncertainty)
+        if decimals is None:
             text = f"{number(values[name], 6)} (held)"
         else:
             text = with_uncertainty(values[name], uncertainty)
         bounds = calibration["interval_95"].get(name)
-        note = f"{meaning}; 95 % {interval(bounds, 5)}" if bounds else meaning
+        note = meaning
+        if bounds and decimals is not None:
+            note = f"{meaning}; 95 % [{fixed(bounds[0], decimals)}, {fixed(bounds[1], decimals)}]"
         rows.append(Row(name.removesuffix("_px"), text, "px" if name.endswith("_px") else "", note))
     return rows
 

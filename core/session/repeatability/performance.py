@@ -97,17 +97,10 @@ def _distances(
     warnings: list[Advisory],
 ) -> list[PoseDistance]:
     poses = list(readings)
-    pairs = list(combinations(poses, 2)) if len(poses) * (len(poses) - 1) // 2 <= MAX_PAIRS else None
-    if pairs is None:
+    pairs = list(combinations(poses, 2))
+    truncated = len(pairs) > MAX_PAIRS
+    if truncated:
         pairs = list(pairwise(poses))[:MAX_PAIRS]
-        warnings.append(
-            Advisory(
-                "distance_pairs_truncated",
-                f"Of {len(poses)} poses, distances are given between {len(pairs)} pairs of successive ones, of all "
-                f"pairs where there are no more than {MAX_PAIRS}.",
-                "Put the poses whose distances matter into a session of their own.",
-            )
-        )
     numbered = {pose_id: _by_cycle(visits) for pose_id, visits in readings.items()}
     distances: list[PoseDistance] = []
     turned: list[str] = []
@@ -137,6 +130,15 @@ def _distances(
                 "Distance accuracy is not given where the robot turns between the two poses, since the measured point "
                 f"then moves otherwise than the commanded one: {listed(turned)}.",
                 "Command the same orientation at both ends, as the standard's cube does.",
+            )
+        )
+    if distances and truncated:
+        warnings.append(
+            Advisory(
+                "distance_pairs_truncated",
+                f"Of {len(poses)} poses, distances are given between {len(pairs)} pairs of successive ones, of all "
+                f"pairs where there are no more than {MAX_PAIRS}.",
+                "Put the poses whose distances matter into a session of their own.",
             )
         )
     if not distances and len(poses) > 1:
