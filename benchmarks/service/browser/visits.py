@@ -13,8 +13,8 @@ from playwright.sync_api import sync_playwright
 
 from app.cli.demo.service_process import ServiceProcess
 from app.client import ServiceClient
-from benchmarks.analyses import stored_visits
-from benchmarks.stored_sessions import store
+from benchmarks.stored.analyses import stored_visits
+from benchmarks.stored.visits import store
 from benchmarks.table import Row
 
 WITHIN_MS, FIRST_PAGE_MS, LARGE_SESSION_MS = 1000.0, 150.0, 300.0

@@ -4,6 +4,9 @@ Repeatability compares visits to one pose, from which the print's scale and shap
 are estimated. Positions between poses do not: for them the poses move to where the departures that the images show
 put them, all visits of a pose by the same motion, and share what the departures leave open
 (`core.calibration.target_shape.marginal_poses`).
+
+A pitch that is .1 % wrong makes every length .1 % wrong, and no image shows it. Before a target whose scale nobody
+states, AP and AD keep their values and have no interval.
 """
 
 from __future__ import annotations
@@ -17,9 +20,9 @@ from jaxtyping import Float
 from core.calibration import LENS, PRINT_SCALE, MarginalPoses, ShapePrior, marginalise_shape
 from core.errors import Advisory, listed
 from core.geometry import so3_exp
+from core.metrology import DistanceAssessment, PoseAccuracy
 from core.session.estimate import FocusGroup, SessionEstimate
 from core.session.model import MeasuredPose, SessionData
-from core.session.repeatability.unknown_scale import stated_scale
 
 MAX_SHAPE_SHARE = 2.0
 """Of the uncertainty of positions between poses, to that of the camera alone, beyond which the print dominates."""
@@ -138,3 +141,38 @@ def _shape_warnings(dominated: Sequence[str]) -> list[Advisory]:
             "Add four views of the target tilted by 15-40° to different sides, as poses near the cube in every cycle.",
         )
     ]
+
+
+def stated_scale(data: SessionData, shapes: Mapping[int, ShapePrior], visit: MeasuredPose) -> float | None:
+    """Return the relative standard uncertainty of the print's scale; None for another instrument, or not stated.
+
+    `shapes` as of `core.session.assess_repeatability`.
+    """
+    if visit.image is None:
+        return None
+    return shapes.get(visit.frame, ShapePrior.of(data.targets[visit.frame])).scale
+
+
+def scale_unknown(data: SessionData, shapes: Mapping[int, ShapePrior], visit: MeasuredPose) -> bool:
+    """Return whether the visit is to a print of which no scale is stated; `shapes` as of `stated_scale`."""
+    return visit.image is not None and stated_scale(data, shapes, visit) is None
+
+
+def unscaled_accuracy(accuracy: PoseAccuracy) -> PoseAccuracy:
+    """Return AP without the intervals that depend on the scale. `parts` remain: of differences at one pose it leaves a
+    share too small to matter.
+    """
+    interval = replace(accuracy.interval, position_mm=None, x_mm=None, y_mm=None, z_mm=None)
+    return replace(accuracy, interval=interval, held_out_interval=None)
+
+
+def unscaled_distance(distance: DistanceAssessment) -> DistanceAssessment:
+    """Return AD and RD without the uncertainty of the mean distance."""
+    return replace(
+        distance,
+        standard_uncertainty_mm=None,
+        accuracy_interval_mm=None,
+        cycles_uncertainty_mm=None,
+        degrees_of_freedom=None,
+        common_mm=None,
+    )

@@ -11,7 +11,7 @@ from core.metrology import PoseRepeatability
 from core.session.commanded_poses import Accuracy, assess_accuracy
 from core.session.estimate import SessionEstimate
 from core.session.model import MeasuredPose, SessionData
-from core.session.repeatability.absolute_poses import absolute_poses
+from core.session.repeatability.absolute_poses import absolute_poses, scale_unknown, unscaled_accuracy
 from core.session.repeatability.confirmation import unconfirmed
 from core.session.repeatability.degraded_images import degraded_warning
 from core.session.repeatability.measured_pose_warnings import measured_pose_warnings
@@ -25,7 +25,6 @@ from core.session.repeatability.pose_rows import (
 )
 from core.session.repeatability.steadiness import SessionSteadiness, steadiness_warnings
 from core.session.repeatability.stops import BurstNoise, burst_warnings, images_of, stop_mean
-from core.session.repeatability.unknown_scale import scale_unknown, unscaled_accuracy
 from core.session.repeatability.witness import Witness, WitnessMotion, witness_warnings
 
 

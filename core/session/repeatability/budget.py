@@ -19,11 +19,11 @@ from core.metrology import (
     repeatability_budget,
 )
 from core.session.model import SessionData
+from core.session.repeatability.absolute_poses import stated_scale
 from core.session.repeatability.assessment import SessionRepeatability
 from core.session.repeatability.pose_rows import PoseRow
 from core.session.repeatability.steadiness import equal_deviations
 from core.session.repeatability.stops import images_of
-from core.session.repeatability.unknown_scale import stated_scale
 
 MAX_POSES = 40
 """Of more poses those of the largest RP_l have budgets."""

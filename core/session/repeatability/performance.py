@@ -28,7 +28,7 @@ from core.metrology import (
     assess_distance,
 )
 from core.session.model import CommandedPose, MeasuredPose
-from core.session.repeatability.unknown_scale import unscaled_distance
+from core.session.repeatability.absolute_poses import unscaled_distance
 
 MAX_PAIRS = 45
 """All pairs of ten poses; of more poses, each with the next."""

@@ -16,8 +16,8 @@ import numpy as np
 
 from app.cli.demo.service_process import ServiceProcess
 from app.client import ServiceClient
-from benchmarks.analyses import new_session, stored_visits
-from benchmarks.stored_sessions import store
+from benchmarks.stored.analyses import new_session, stored_visits
+from benchmarks.stored.visits import store
 from benchmarks.table import Row
 from core.kinematics import ModelChoice, identify
 from core.simulation import KR5_ARC

@@ -18,7 +18,7 @@ from app.cli.demo.service_process import ServiceProcess
 from app.client import ServiceClient
 from app.records.database import Database
 from app.settings import Settings
-from benchmarks.stored_sessions import Visit, store
+from benchmarks.stored.visits import Visit, store
 from benchmarks.table import Row
 from core.geometry import Camera, invert, project, rotation_to_rpy, transform_points
 from core.kinematics import forward

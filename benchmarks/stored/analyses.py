@@ -19,7 +19,7 @@ from app.client import ServiceClient
 from app.records.database import Database
 from app.settings import Settings
 from benchmarks.conditions import one_core, seconds
-from benchmarks.stored_sessions import Visit, store
+from benchmarks.stored.visits import Visit, store
 from benchmarks.table import Row
 from core.calibration import calibrate_views
 from core.geometry import invert, project, so3_exp, transform, transform_points
