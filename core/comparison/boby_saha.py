@@ -13,7 +13,7 @@ from __future__ import annotations
 
 from core.calibration import (
     FREE,
-    MAX_DETERMINED_UNCERTAINTY,
+    MAX_FOCAL_UNCERTAINTY,
     SMALLEST_NOISE_PX,
     calibration_of,
     check_points,
@@ -55,6 +55,6 @@ def proposed(method: str, points: GridPoints) -> MethodResult:
     found = calibration_of(
         points,
         summarise_fit(points, name, result, FREE, SMALLEST_NOISE_PX),
-        max_focal_uncertainty=MAX_DETERMINED_UNCERTAINTY,
+        max_focal_uncertainty=MAX_FOCAL_UNCERTAINTY,
     )
     return baseline(method, found.camera, [found.T_camera_target], [found.residuals_px], found.warnings)
