@@ -68,7 +68,7 @@ VERDICTS: dict[str, State] = {
         "≈",
         "instrument limited",
         "The instrument's noise is a large part of the figure, or not known: the "
-        "robot is better than the figure. Use the corrected value with its interval.",
+        "robot is better than the figure. Use the corrected value where it has an interval.",
     ),
     "not_steady": State(
         "bad",

@@ -41,7 +41,7 @@ async def show_repeatability(
                     pose["repeatability"]["rp_l_mm"],
                     pose["interval"]["rp_l_mm"],
                     pose["noise_floor"]["rp_l_mm"],
-                    pose["corrected"]["rp_l_mm"],
+                    pose["corrected"]["rp_l_mm"] if pose["corrected_interval"]["rp_l_mm"] else None,
                 )
                 for pose in found["poses"]
             ],
