@@ -65,7 +65,7 @@ def _throughput(
             for n, pool in pools.items():
                 list(pool.map(_wait_a_little, range(n)))  # all of them started and loaded
             for repeat in range(repeats):
-                files = _files(folder / f"files-{repeat}", encoded, images)
+                files = _files(folder / f"files-{repeat}", encoded, images, repeat * images)
                 for n, pool in pools.items():
                     started = time.perf_counter()
                     done = list(pool.map(_calibrate, files))
@@ -221,12 +221,13 @@ def _rendered(seeds: list[int], count: int) -> list[UInt8[np.ndarray, "h w"]]:
     ]
 
 
-def _files(folder: Path, encoded: Sequence[bytes], count: int) -> list[Path]:
+def _files(folder: Path, encoded: Sequence[bytes], count: int, first: int) -> list[Path]:
+    """Write files that are none of the service's or the reference's yet; variants are numbered from `first`."""
     folder.mkdir(parents=True)
     paths = []
     for number in range(count):
         path = folder / f"{number:04d}"
-        path.write_bytes(variant(encoded[number % len(encoded)], number))
+        path.write_bytes(variant(encoded[number % len(encoded)], first + number))
         paths.append(path)
     return paths
 
