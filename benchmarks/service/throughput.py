@@ -222,7 +222,7 @@ def _rendered(seeds: list[int], count: int) -> list[UInt8[np.ndarray, "h w"]]:
 
 
 def _files(folder: Path, encoded: Sequence[bytes], count: int, first: int) -> list[Path]:
-    """Write files that are none of the service's or the reference's yet; variants are numbered from `first`."""
+    """Write files that neither service nor reference has yet; variants are numbered from `first`."""
     folder.mkdir(parents=True)
     paths = []
     for number in range(count):
