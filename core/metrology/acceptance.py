@@ -61,6 +61,13 @@ class Reading:
     at_most: float | None
     flaw: str | None = None
 
+    @property
+    def upper(self) -> float:
+        """The limit that the figure does not exceed; infinite where none is known."""
+        if self.interval is not None:
+            return self.interval[1]
+        return math.inf if self.at_most is None else self.at_most
+
 
 @dataclass(frozen=True, slots=True)
 class Acceptance:
@@ -90,8 +97,8 @@ def decide(limit: float, readings: Sequence[Reading]) -> Acceptance:
         return Acceptance(Decision.FAIL, worst, "the whole interval lies beyond the limit")
     if not usable:
         return Acceptance(Decision.INCONCLUSIVE, None, _undecided(flaws))
-    worst = max(usable, key=lambda i: _high(readings[i]))
-    if _high(readings[worst]) > limit:
+    worst = max(usable, key=lambda i: readings[i].upper)
+    if readings[worst].upper > limit:
         return Acceptance(Decision.INCONCLUSIVE, worst, *_open(limit, readings[worst], len(usable)))
     if len(usable) < len(readings):
         return Acceptance(Decision.INCONCLUSIVE, worst, _undecided(flaws))
@@ -136,12 +143,6 @@ def _low(reading: Reading, count: int) -> float:
     tail = (1.0 - CONFIDENCE) / 2.0
     wider = float(ndtri(tail / count) / ndtri(tail))
     return float(reading.value * (low / reading.value) ** wider)
-
-
-def _high(reading: Reading) -> float:
-    if reading.interval is not None:
-        return reading.interval[1]
-    return math.inf if reading.at_most is None else reading.at_most
 
 
 def _open(limit: float, reading: Reading, count: int) -> tuple[str, int | None]:

@@ -132,12 +132,14 @@ def estimate_deviations(tied: TiedDeviations) -> list[EstimatedDeviation]:
     H = 0.5 * (tied.leverage + np.swapaxes(tied.leverage, 1, 2))
     rng = np.random.default_rng(_SEED)
     normal, others = rng.standard_normal((2, _DRAWS, 3))
-    variance, student, factor = None, normal, 0.0
+    variance, student, factor, others_student = None, normal, 0.0, None
     if dof >= MIN_DEGREES_OF_FREEDOM:
         squares = float(np.sum(tied.residuals[tied.used] ** 2))
         variance = max(squares / dof - tied.mean_variance, 0.0)
         student = normal / np.sqrt(rng.chisquare(dof, _DRAWS) / dof)[:, None]
         factor = float(stdtrit(dof, 0.5 + 0.5 * CONFIDENCE))
+    if dof - 3.0 >= MIN_DEGREES_OF_FREEDOM:
+        others_student = normal / np.sqrt(rng.chisquare(dof - 3.0, _DRAWS) / (dof - 3.0))[:, None]
     found = []
     for r, Hi, A, used in zip(tied.residuals, H, tied.common, tied.used.tolist(), strict=True):
         sign = -1.0 if used else 1.0
@@ -153,7 +155,9 @@ def estimate_deviations(tied: TiedDeviations) -> list[EstimatedDeviation]:
         # The studentised figure is seldom outside what is known of the length; a figure is in its own interval.
         figure = float(np.linalg.norm(vector))
         within = min(low, figure), max(high, figure)
-        alone = _held_out(tied, r, Hi, A, normal, others) if used else within
+        alone: tuple[float, float] | None = within
+        if used:
+            alone = None if others_student is None else _held_out(tied, r, Hi, A, others_student, others)
         found.append(EstimatedDeviation(vector, r, parts, factor, within, alone))
     return found
 
@@ -163,20 +167,22 @@ def _held_out(
     residual: Float[np.ndarray, "3"],
     leverage: Float[np.ndarray, "3 3"],
     common: Float[np.ndarray, "3 k"],
-    normal: Float[np.ndarray, "t 3"],
+    student: Float[np.ndarray, "t 3"],
     others: Float[np.ndarray, "t 3"],
 ) -> tuple[float, float] | None:
-    """Return the interval of a pose's deviation in the frames of the other poses; None without a degree of freedom."""
+    """Return the interval of a pose's deviation in the frames of the other poses; None where they do not tie it.
+
+    `student` are draws of t of the degrees of freedom without the pose, `others` of the normal distribution.
+    """
     free = np.eye(3) - leverage
-    dof = tied.degrees_of_freedom - 3.0
-    if dof < MIN_DEGREES_OF_FREEDOM or np.linalg.eigvalsh(free)[0] < MIN_FREE_SHARE:
+    if np.linalg.eigvalsh(free)[0] < MIN_FREE_SHARE:
         return None
+    dof = tied.degrees_of_freedom - 3.0
     G = np.linalg.inv(free)
     squares = float(np.sum(tied.residuals[tied.used] ** 2)) - float(residual @ G @ residual)
     variance = max(squares / dof - tied.mean_variance, 0.0)
     K = leverage @ G
     own = variance * K + tied.mean_variance * (np.eye(3) + K)
-    student = normal / np.sqrt(np.random.default_rng([_SEED, 3]).chisquare(dof, len(normal)) / dof)[:, None]
     shared = others @ _root(G @ common @ common.T @ G.T).T
     return _quantiles(np.linalg.norm(G @ residual + student @ _root(own).T + shared, axis=1))
 

@@ -10,7 +10,6 @@ that, too: by each pose's own cycles, and in the frames that the other poses tie
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
@@ -128,7 +127,7 @@ def _scatter(
     if row is None or row.figures is None:
         return _NOTHING
     reading = repeatability_reading(row.figures)
-    if by_itself and limit_mm is not None and _upper(reading) > CLEAR_SHARE * limit_mm:
+    if by_itself and limit_mm is not None and reading.upper > CLEAR_SHARE * limit_mm:
         alone = figures_by_itself(row)
         if alone is not None:
             reading = _wider(reading, repeatability_reading(alone))
@@ -137,12 +136,6 @@ def _scatter(
     if flaw is None and limit_mm is not None and with_all is not None and with_all > limit_mm:
         flaw = WITHOUT_DEGRADED
     return replace(reading, flaw=flaw)
-
-
-def _upper(reading: Reading) -> float:
-    if reading.interval is not None:
-        return reading.interval[1]
-    return math.inf if reading.at_most is None else reading.at_most
 
 
 def _wider(one: Reading, other: Reading) -> Reading:

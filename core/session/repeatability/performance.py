@@ -97,10 +97,8 @@ def _distances(
     warnings: list[Advisory],
 ) -> list[PoseDistance]:
     poses = list(readings)
-    pairs = list(combinations(poses, 2))
-    truncated = len(pairs) > MAX_PAIRS
-    if truncated:
-        pairs = list(pairwise(poses))[:MAX_PAIRS]
+    truncated = len(poses) * (len(poses) - 1) // 2 > MAX_PAIRS
+    pairs = list(pairwise(poses))[:MAX_PAIRS] if truncated else list(combinations(poses, 2))
     numbered = {pose_id: _by_cycle(visits) for pose_id, visits in readings.items()}
     distances: list[PoseDistance] = []
     turned: list[str] = []
