@@ -198,6 +198,7 @@ def environment() -> Environment:
     )
     made.globals.update(
         state_of=words.state_of,
+        legend_of=words.legend_of,
         with_uncertainty=words.with_uncertainty,
         length_with_uncertainty=words.length_with_uncertainty,
         plural=words.plural,

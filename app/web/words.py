@@ -28,15 +28,18 @@ WAITING = State("wait", "○", "waiting", "The image is stored and waits for a w
 COMPUTING = State("wait", "◐", "computing", "A worker computes the image now.")
 MEASURED = State("good", "✓", "measured", "The image by itself determines camera and pose.")
 WEAK = State(
-    "fair", "≈", "weak", "The image determines its focal length weakly; pooled estimates use it in full."
+    "fair",
+    "≈",
+    "measured, weak",
+    "The image by itself leaves its focal length uncertain by more than 2 %; pooled estimates use it in full.",
 )
 POINTS_ONLY = State(
     "fair",
     "!",
-    "not alone",
+    "refused, points used",
     "The grid was found, but the image alone does not determine the answer; pooled estimates use its points.",
 )
-FAILED = State("bad", "✕", "failed", "Nothing could be measured in the image.")
+REFUSED = State("bad", "✕", "refused", "Nothing could be measured in the image.")
 EXCLUDED = State("mute", "⊘", "excluded", "A user keeps the measurement out of analyses.")
 DUPLICATE = State("mute", "=", "duplicate", "The image is measured at this pose already.")
 UNREADABLE = State("bad", "✕", "unreadable", "The stored measurement cannot be read.")
@@ -58,7 +61,13 @@ def state_of(measurement: Measurement) -> State:
         return WEAK if calibration.get("grade") == "weak" else MEASURED
     if measurement.failure_code == ALREADY_MEASURED.code:
         return DUPLICATE
-    return POINTS_ONLY if result is not None and result.labelling is not None else FAILED
+    return POINTS_ONLY if result is not None and result.labelling is not None else REFUSED
+
+
+def legend_of(measurements: Sequence[Measurement]) -> list[State]:
+    """Return those states of the images that their word alone does not explain."""
+    shown = {state_of(one) for one in measurements}
+    return [state for state in (WEAK, POINTS_ONLY) if state in shown]
 
 
 VERDICTS: dict[str, State] = {

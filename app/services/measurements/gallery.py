@@ -14,8 +14,20 @@ from app.jobs.queue import ALREADY_MEASURED
 from app.records.tables import Measurement, Result, Session
 from app.services.queries import get_or_raise
 
-ImageState = Literal["waiting", "measured", "failed", "excluded", "duplicate"]
-IMAGE_STATES: tuple[ImageState, ...] = ("waiting", "measured", "failed", "excluded", "duplicate")
+ImageState = Literal["waiting", "measured", "weak", "failed", "excluded", "duplicate"]
+IMAGE_STATES: tuple[ImageState, ...] = ("waiting", "measured", "weak", "failed", "excluded", "duplicate")
+MAX_GRADED = 5_000
+"""Images of a session of which the weak ones are counted: it reads a document of each."""
+
+
+_WEAK = (
+    Measurement.status == "succeeded",
+    sa.exists().where(
+        Result.measurement_id == Measurement.id,
+        # As text: a damaged document is no error here, and its image says that it cannot be read.
+        sa.cast(Result.calibration, sa.Text()).contains('"grade": "weak"'),
+    ),
+)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -40,11 +52,15 @@ class GalleryPage:
 
 @dataclass(frozen=True, slots=True)
 class GalleryCounts:
-    """How many measurements of a session have each pose and each failure code, and how many are excluded."""
+    """How many measurements of a session have each pose and each failure code, and how many are excluded.
+
+    `weak` are those measured ones that determine their focal length weakly; None in a session beyond MAX_GRADED.
+    """
 
     poses: list[tuple[str, int]]
     codes: list[tuple[str, int]]
     excluded: int
+    weak: int | None
 
 
 def list_gallery(
@@ -86,11 +102,11 @@ def count_gallery(records: orm.Session, session_id: str) -> GalleryCounts:
     excluded = records.scalar(
         sa.select(number).select_from(Measurement).where(of_session, Measurement.excluded.is_not(None))
     )
-    return GalleryCounts(
-        [(pose_id, count) for pose_id, count in poses],
-        [(str(code), count) for code, count in codes],
-        excluded or 0,
-    )
+    counted = [(pose_id, count) for pose_id, count in poses]
+    weak = None
+    if sum(count for _, count in counted) <= MAX_GRADED:
+        weak = records.scalar(sa.select(number).select_from(Measurement).where(of_session, *_WEAK)) or 0
+    return GalleryCounts(counted, [(str(code), count) for code, count in codes], excluded or 0, weak)
 
 
 def neighbours(records: orm.Session, measurement: Measurement) -> tuple[str | None, str | None]:
@@ -108,6 +124,8 @@ def _conditions(chosen: GalleryFilter) -> list[ColumnElement[bool]]:
         conditions.append(Measurement.status.in_(("queued", "running")))
     elif chosen.state == "measured":
         conditions.append(Measurement.status == "succeeded")
+    elif chosen.state == "weak":
+        conditions += _WEAK
     elif chosen.state == "failed":
         conditions += [Measurement.status == "failed", ~is_duplicate]
     elif chosen.state == "duplicate":

@@ -173,7 +173,11 @@
     });
   });
 
-  document.addEventListener("htmx:afterSwap", prepare);
+  document.addEventListener("htmx:afterSwap", function () {
+    const weak = document.getElementById("gallery").dataset.weak;
+    document.getElementById("count-weak").textContent = weak ? " (" + weak + " weak)" : "";
+    prepare();
+  });
   document.addEventListener("DOMContentLoaded", function () { prepare(); follow(); });
   window.addEventListener("pagehide", () => source && source.close());
   window.addEventListener("pageshow", (event) => event.persisted && follow());

@@ -8,7 +8,8 @@ from typing import Any
 import pytest
 import sqlalchemy as sa
 
-from app.records.tables import Measurement
+from app.records.tables import Measurement, Result
+from app.services.measurements import gallery as gallery_counts
 from app.services.reports import NewReport, order_report
 from app.web.words import interval, length_with_uncertainty, number, signless_zero, size, with_uncertainty
 from tests.support.service.signed_in import signed_in
@@ -79,6 +80,50 @@ def test_a_sessions_images_come_in_pages_and_by_filters(api: Any, session_id: st
         *(("?state=nonsense", 60),),
     ):
         assert len(shown(query)) == count, query
+
+
+def test_states_of_images_have_one_set_of_words_on_every_page(
+    api: Any, grey_png: bytes, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Measured or refused; of the measured ones some are weak, of the refused ones some have points that count."""
+    made = api.make_session()
+    ids = [api.put_image(made, grey_png + b"%d" % k, "P1", cycle=k + 1).json()["id"] for k in range(5)]
+    words = ("measured", "measured, weak", "measured, weak", "refused", "refused, points used")
+    with api.installation.database.write() as records:
+        for one, word in zip(ids, words, strict=True):
+            row = records.get_one(Measurement, one)
+            row.status, row.failure_detail = "succeeded", "Nothing there."
+            if word.startswith("refused"):
+                row.status, row.failure_code = "failed", "focal_not_observable"
+            if word == "refused":
+                continue
+            grade = {"grade": "weak" if "weak" in word else "determined"}
+            calibration = None if word.startswith("refused") else grade
+            hashes = {"content_sha256": "0" * 64, "input_sha256": "0" * 64}
+            done = {"core_version": "0", "settings": {}, **hashes}
+            records.add(Result(measurement_id=one, calibration=calibration, labelling="absolute", **done))
+
+    def page(address: str) -> str:
+        return str(api.client.get(f"/ui/{address}", headers=signed_in(api)).text)
+
+    gallery = page(f"sessions/{made}")
+    verdicts = re.findall(
+        r'<span class="verdict"><span class="sign" aria-hidden="true">.</span> ([^<]+)</span>', gallery
+    )
+    assert [one.partition(":")[0] for one in reversed(verdicts)] == list(words)
+    chips = dict(re.findall(r"<span>(\w+) <b>(\d+)</b></span>", gallery))
+    assert chips == {"All": "5", "Measured": "3", "Weak": "2", "Refused": "2"}
+    assert re.search(
+        r"3</span> measured</span><span id=\"count-weak\"> \(2 weak\)</span>, .*2</span> refused", gallery
+    )
+    assert tiles(page(f"sessions/{made}?state=weak")) == [ids[2], ids[1]]
+    assert "3 measured, " in page("")
+    assert "2 refused" in page("")
+    assert f"</span> {words[4]}</span>" in page(f"measurements/{ids[4]}")
+    monkeypatch.setattr(gallery_counts, "MAX_GRADED", 4)
+    assert "<span>Weak</span>" in page(f"sessions/{made}"), (
+        "beyond the limit they are not counted, and can be chosen"
+    )
 
 
 def test_an_image_has_neighbours_and_says_why_it_was_refused(api: Any, session_id: str) -> None:
