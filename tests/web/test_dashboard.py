@@ -228,6 +228,8 @@ def test_a_key_is_made_shown_once_and_revoked(cell: Cell, open_page: Open) -> No
     page.click("text=Make it")
     page.wait_for_selector("#new-key:not([hidden])")
     assert re.fullmatch(r"gp_[0-9a-z]{26}_[0-9a-f]{64}", page.inner_text("#secret"))
+    page.wait_for_selector("#keys tr:has-text('PC of cell 4')")  # the table has it at once
+    assert page.is_visible("#new-key")
     page.reload()
     assert not page.is_visible("#new-key")
     row = page.locator("tr", has_text="PC of cell 4")

@@ -19,7 +19,7 @@ from app.records.tables import Installation, Measurement
 from app.services.inspection.check_result import CheckResult, failed, ok, warn
 from app.services.installation.backends import require_bucket, stored_id
 from app.services.installation.context import open_blobs
-from app.settings import MIB, Settings
+from app.settings import Settings
 
 _MAX_LISTED = 20
 _SLOW_S = 0.2
@@ -90,7 +90,7 @@ def check_images(settings: Settings, progress: Progress) -> Iterator[CheckResult
                 progress(done, total)
                 if not whole and _is_named(database, sha256):  # else deleted meanwhile
                     bad.append(sha256)
-        yield ok(f"{len(named)} images, {total / MIB:.0f} MiB read; {len(named) - len(bad)} are whole")
+        yield ok(f"{len(named)} images, {total / 1e6:.0f} MB read; {len(named) - len(bad)} are whole")
         for sha256 in bad[:_MAX_LISTED]:
             yield failed(f"{sha256} is missing or damaged", "Upload the image again: that puts it back.")
         if len(bad) > _MAX_LISTED:

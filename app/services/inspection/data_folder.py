@@ -19,7 +19,7 @@ from app.services.inspection.check_result import CheckResult, failed, ok, warn
 from app.services.installation.binding import require_installation, require_pepper, require_same, sqlite_path
 from app.services.installation.identity import read_identity
 from app.services.keys import FIRST_KEY_FILE
-from app.settings import MIB, Settings, is_loopback
+from app.settings import Settings, is_loopback
 
 _NETWORK_FILE_SYSTEMS = frozenset(
     {"nfs", "nfs4", "cifs", "smb3", "smbfs", "9p", "afs", "fuse.sshfs", "ncpfs"}
@@ -177,4 +177,4 @@ def _local(folder: Path) -> CheckResult:
 
 
 def _size(count: int) -> str:
-    return f"{count / (1024 * MIB):.1f} GiB" if count >= 1024 * MIB else f"{count / MIB:.0f} MiB"
+    return f"{count / 1e9:.1f} GB" if count >= 1e9 else f"{count / 1e6:.0f} MB"

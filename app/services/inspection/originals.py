@@ -20,7 +20,7 @@ from app.records.migrations import current_revision, head_revision
 from app.records.tables import Measurement
 from app.services.inspection.check_result import CheckResult, failed, ok, warn
 from app.services.maintenance.orphans import GRACE_S
-from app.settings import MIB, Settings
+from app.settings import Settings
 
 _MAX_LISTED = 20
 """Files listed of each kind; the others are counted."""
@@ -69,7 +69,7 @@ def _compare(blobs: LocalBlobs, database: Database, progress: Progress) -> Itera
     missing = list(_missing(blobs, database))
     corrupt = [name for name in scan.corrupt if _is_corrupt(blobs, name)]
     yield ok(
-        f"{scan.files} files, {scan.bytes / MIB:.0f} MiB read at {scan.bytes / 1e6 / seconds:.0f} MB/s; "
+        f"{scan.files} files, {scan.bytes / 1e6:.0f} MB read at {scan.bytes / 1e6 / seconds:.0f} MB/s; "
         f"{scan.files - len(corrupt) - len(scan.unreadable)} have the SHA-256 of their names"
     )
     yield from _listed(
@@ -155,9 +155,9 @@ def _orphans(blobs: LocalBlobs, database: Database, names: list[str]) -> Iterato
             continue
         (old if time.time() - path.stat().st_mtime > 2 * GRACE_S else recent).append(name)
     if recent:
-        size = sum([_size(blobs, name) for name in recent]) / MIB
+        size = sum([_size(blobs, name) for name in recent]) / 1e6
         yield warn(
-            f"{len(recent)} files, {size:.0f} MiB, that no measurement refers to",
+            f"{len(recent)} files, {size:.0f} MB, that no measurement refers to",
             "Nothing to do where they are few: the running service removes them a day after it found them.",
         )
     yield from _listed(

@@ -16,9 +16,9 @@ from starlette.responses import Response
 from app.build import core_version
 from app.records.database import sqlite_version
 from app.records.tables import ApiKey, AuditEntry, Report, Robot, Session, Target
-from app.services.inspection import inspect_quickly
 from app.services.keys import list_keys
 from app.services.sessions import count_all_measurements
+from app.web.health import look
 from app.web.pages import page_router, render
 from app.web.service import Service, service_of
 from app.web.words import CHECK_STATES
@@ -48,8 +48,15 @@ def show_audit(
 ) -> Response:
     """Show who changed what, newest first."""
     statement = sa.select(AuditEntry)
-    if key:
-        statement = statement.where(AuditEntry.key_id == key)
+    if key.strip():
+        named = sa.select(ApiKey.id).where(ApiKey.name.icontains(key.strip(), autoescape=True))
+        statement = statement.where(
+            sa.or_(
+                AuditEntry.key_id == key.strip(),
+                AuditEntry.key_id.in_(named),
+                AuditEntry.key_name.icontains(key.strip(), autoescape=True),
+            )
+        )
     if about:
         listed = sa.cast(AuditEntry.object_ids, sa.Text())
         statement = statement.where(listed.contains(f'"{about}"', autoescape=True))
@@ -74,16 +81,14 @@ def show_audit(
 async def show_system(request: Request) -> Response:
     """Show whether the service is well, part by part: in words, and what to do where it is not."""
     service = service_of(request)
-    checks = await service.health.look()
+    health = await look(request)
     facts = await run_in_threadpool(_facts, service)
-    inspected = await run_in_threadpool(inspect_quickly, service.installation.settings)
     waiting, running = service.analyses.counts()
     runner = service.runner.state if service.runner is not None else None
     return render(
         request,
         "system.html",
-        checks=checks,
-        inspected=inspected,
+        health=health,
         states=CHECK_STATES,
         runner=runner,
         analyses_waiting=waiting,

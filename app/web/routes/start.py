@@ -18,6 +18,7 @@ from app.records.tables import Robot, Target
 from app.services.queries import visible
 from app.services.sessions import SessionDetail, search_sessions
 from app.web.analyses import REPEATABILITY, analysis_document
+from app.web.health import look
 from app.web.pages import page_router, query_of, render
 from app.web.service import Service, service_of
 
@@ -63,11 +64,11 @@ async def show_start(
     """Show the sessions, newest first."""
     service = service_of(request)
     found = await run_in_threadpool(_read, service, q, robot, page)
-    checks = await service.health.look()
+    is_list = request.headers.get("hx-target") == "sessions"
     return render(
         request,
-        "_sessions.html" if request.headers.get("hx-target") == "sessions" else "start.html",
-        checks=checks,
+        "_sessions.html" if is_list else "start.html",
+        health=None if is_list else await look(request),
         q=q,
         robot=robot,
         page=page,

@@ -155,6 +155,7 @@
       else if (after === "show-key") {
         document.getElementById("secret").textContent = answer.document.key;
         document.getElementById("new-key").hidden = false;
+        htmx.ajax("GET", location.href, { target: "#keys", select: "#keys", swap: "outerHTML" });
         form.reset();
       } else location.assign(after.replace("{id}", encodeURIComponent(answer.document.id)));
     } catch (error) {

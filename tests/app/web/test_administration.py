@@ -1,0 +1,82 @@
+"""Pages of the administrator: what happened by whose key, and whether the service is well."""
+
+from __future__ import annotations
+
+import re
+from html import unescape
+from typing import Any
+
+import pytest
+
+from app.services.health import Check
+from app.services.inspection import CheckResult, State
+from app.services.keys import change_key, create_key
+from app.web.health import Health
+from tests.support.service.signed_in import signed_in
+
+
+def page(api: Any, address: str, **query: Any) -> str:
+    response = api.client.get(f"/ui/{address}", params=query, headers=signed_in(api))
+    assert response.status_code == 200, response.text
+    return unescape(response.text)
+
+
+def test_the_audit_trail_is_chosen_by_the_name_or_the_id_of_a_key(api: Any) -> None:
+    press, other = (create_key(api.installation, name, "upload") for name in ("Press 4, 100 %", "Other"))
+    for number, key in enumerate((press, other)):
+        body = {"name": f"S{number}", "target_ids": [api.make_target(name=f"T{number}")]}
+        bearer = {"Authorization": f"Bearer {key.secret_key}"}
+        assert api.client.post("/v1/sessions", json=body, headers=bearer).status_code == 201
+
+    def sessions(key: str) -> list[str]:
+        shown = page(api, "audit", key=key)
+        return sorted(re.findall(r'title="ses_\w+">session <bdi>(\w+)</bdi>', shown))
+
+    assert sessions("") == ["S0", "S1"]
+    for known in (press.key.id, press.key.name, " press 4", "100 %"):
+        assert sessions(known) == ["S0"], known
+    assert sessions("%") == ["S0"], "no wildcard"
+    change_key(api.installation, press.key.id, {"name": "Press 5"})
+    assert sessions("Press 5") == sessions("Press 4") == ["S0"], "by its present and its former name"
+    link = f'<a href="/ui/audit?key={press.key.id}" title="{press.key.id}"><bdi>Press 4, 100 %</bdi></a>'
+    assert link in page(api, "audit")
+
+
+@pytest.mark.parametrize("ok", [True, False])
+@pytest.mark.parametrize(
+    "found", [(), (State.ok, State.warning), (State.warning, State.warning), (State.failed,)]
+)
+def test_health_is_the_worst_of_all_that_was_found(ok: bool, found: tuple[State, ...]) -> None:
+    health = Health([Check("disk", ok, "No room.")], {"Database": [CheckResult(one, "…") for one in found]})
+    if not ok:
+        assert (health.kind, health.sentence) == ("bad", "The service cannot do all its work. No room.")
+    elif State.failed in found:
+        assert health.kind == "bad"
+    elif State.warning in found:
+        points = {1: "1 point needs a look", 2: "2 points need a look"}[found.count(State.warning)]
+        assert (health.kind, health.sentence) == ("fair", f"Every part does its work; {points}.")
+    else:
+        assert (health.kind, health.sentence) == ("good", "All is well.")
+
+
+def test_the_first_page_and_the_system_page_say_the_same_of_the_service(api: Any) -> None:
+    def said(address: str) -> str:
+        found = re.search(
+            r'<p class="health \w+">(.*?)(?: <a href="/ui/system">Details</a>)?</p>', page(api, address)
+        )
+        assert found is not None
+        return found[0].partition(" <a")[0].removesuffix("</p>")
+
+    before = said("")
+    assert said("system") == before
+    (api.installation.settings.data_dir / "first-admin-key").write_text("a key that should be elsewhere")
+    after = said("")
+    assert after != before
+    assert "a look" in after
+    assert said("system") == after
+
+
+def test_sizes_on_the_system_page_have_one_kind_of_unit(api: Any) -> None:
+    shown = page(api, "system")
+    assert re.search(r"\d [MG]B free", shown)
+    assert not re.search(r"\d [KMGT]iB", shown)
