@@ -63,6 +63,8 @@ class Advisory:
     advice: str | None = None
 
 
+ADVISED_TILT = "30° to 45°"
+"""Of a flat target against the image plane: of views at 20° about half determine the focal length (docs/limits.md)."""
 MAX_LISTED = 5  # labels in a message; of more it gives the number of the others
 
 
@@ -222,17 +224,22 @@ class EstimationError(GridposeError):
 
 class FocalNotObservable(EstimationError):
     code = "focal_not_observable"
-    default_advice = "Tilt the target by 15° or more, or give a focal prior or session intrinsics."
+    default_advice = (
+        f"Tilt the target by {ADVISED_TILT}, or state the session's lens (focal length and pixel pitch) or its "
+        "intrinsics (`lens`, `intrinsics`: PATCH /v1/sessions/{session_id}, `gridpose sessions change --file`)."
+    )
 
 
 class FocalWeaklyObservable(FocalNotObservable):
     code = "focal_weakly_observable"
-    default_advice = "Use the estimator pooled, or tilt the target by 30° to 45°."
+    default_advice = f"Use the estimator pooled, or tilt the target by {ADVISED_TILT}."
 
 
 class PoseAmbiguous(EstimationError):
     code = "pose_ambiguous"
-    default_advice = "Fill more of the image (nearer, or a larger board), and tilt by 30° to 45°."
+    default_advice = (
+        f"Fill more of the image (nearer, or a larger board), and tilt the target by {ADVISED_TILT}."
+    )
 
 
 class DegenerateGeometry(EstimationError):

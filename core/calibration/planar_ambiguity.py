@@ -35,7 +35,7 @@ from scipy.special import stdtrit
 from core.calibration.lens_residuals import View, descend, residuals_with_jacobian
 from core.calibration.priors import Lens, view_prior
 from core.calibration.state import centred
-from core.errors import Advisory
+from core.errors import ADVISED_TILT, Advisory
 from core.geometry import so3_exp, so3_log
 from core.numerics import Fit
 from core.targets import GridPoints
@@ -218,5 +218,6 @@ def pose_ambiguous(ratio: float) -> Advisory:
         "pose_ambiguous",
         "A second pose, tilted the opposite way, explains this image nearly as well (ratio of squared residuals "
         f"{ratio:.2f}): the pose reported is the better of the two, and may be the wrong one.",
-        "Bring the camera nearer or use a larger board, so that it fills more of the image, and tilt it by 30° to 45°.",
+        "Bring the camera nearer or use a larger board, so that it fills more of the image, and tilt it by "
+        f"{ADVISED_TILT}.",
     )

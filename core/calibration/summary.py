@@ -29,7 +29,7 @@ from core.calibration.uncertainty import (
     valley_sag,
     warnings_for,
 )
-from core.errors import Advisory, DegenerateGeometry, FocalNotObservable, NotConverged
+from core.errors import ADVISED_TILT, Advisory, DegenerateGeometry, FocalNotObservable, NotConverged
 from core.geometry import CAMERA_PARAMETERS, Camera, hat, transform
 from core.numerics import Fit, median
 from core.targets import GridPoints
@@ -152,7 +152,7 @@ def calibration_of(
             None
             if contradicted is None
             else f"The stated lens, {contradicted.focal_px:.0f} px, does not fit this view either: check its focal "
-            "length and the pixel pitch, or tilt the target by 15° or more.",
+            f"length and the pixel pitch, or tilt the target by {ADVISED_TILT}.",
         )
     if not result.converged:
         raise NotConverged(f"The fit did not converge within {result.iterations} iterations.")
@@ -239,7 +239,8 @@ def focal_weakly_observable(relative_uncertainty: float) -> Advisory:
         "focal_weakly_observable",
         f"The image by itself leaves the focal length uncertain by {100.0 * relative_uncertainty:.1f} %, more than "
         f"{100.0 * MAX_DETERMINED_UNCERTAINTY:.0f} %; the camera's distance is uncertain by as much.",
-        "Use the session's camera, which all its images determine together, or tilt the target by 30° to 45°.",
+        "Use the session's camera, which all its images determine together, or tilt the target by "
+        f"{ADVISED_TILT}.",
     )
 
 

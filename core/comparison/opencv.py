@@ -21,7 +21,7 @@ import numpy as np
 
 from core.calibration import check_points
 from core.comparison.results import MethodResult, baseline
-from core.errors import Advisory, DegenerateGeometry, InvalidArgument, NotConverged
+from core.errors import ADVISED_TILT, Advisory, DegenerateGeometry, InvalidArgument, NotConverged
 from core.geometry import Camera, project, so3_exp, transform, transform_points
 from core.targets import GridPoints
 
@@ -95,6 +95,6 @@ def _warnings(tilt: float) -> list[Advisory]:
             "focal_not_observable",
             f"The grid is nowhere tilted by more than {math.degrees(tilt):.1f}°: OpenCV answers all the same, and "
             "its own standard deviations do not show how far off it is.",
-            "Take views with the grid tilted by 15° and more, to different sides.",
+            f"Take views with the grid tilted by {ADVISED_TILT}, to different sides.",
         )
     ]

@@ -18,7 +18,14 @@ from core.comparison.lines import lines
 from core.comparison.opencv import opencv_single_image, zhang
 from core.comparison.results import Answer, CameraOf, Failure, MethodResult, MethodRow, attempt, baseline
 from core.comparison.tsai import tsai
-from core.errors import Advisory, DegenerateGeometry, GridposeError, InvalidArgument, TargetNotFound
+from core.errors import (
+    ADVISED_TILT,
+    Advisory,
+    DegenerateGeometry,
+    GridposeError,
+    InvalidArgument,
+    TargetNotFound,
+)
 from core.geometry import Camera, invert, project, transform, transform_points
 from core.targets import CharucoLayout, GridPoints, Markers, TargetSpec, charuco_layout
 
@@ -249,5 +256,5 @@ def _camera_of(pooled: GroupEstimate | Failure | None) -> Camera | Failure:
         None,
         "intrinsics_missing",
         f"Poses from markers take a calibrated camera, and the pooled calibration gives none{why}",
-        "Give the session intrinsics, or add images with the target tilted by 15° or more.",
+        f"Give the session intrinsics, or add images with the target tilted by {ADVISED_TILT}.",
     )

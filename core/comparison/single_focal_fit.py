@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from core.calibration import PLAUSIBLE_START, SMALLEST_NOISE_PX
-from core.errors import DegenerateGeometry, NotConverged
+from core.errors import ADVISED_TILT, DegenerateGeometry, NotConverged
 from core.geometry import Camera, project_with_jacobian, so3_exp, transform
 from core.numerics import fit
 from core.targets import GridPoints
@@ -63,7 +63,7 @@ def require_plausible(f_px: float, points: GridPoints) -> None:
         raise DegenerateGeometry(
             f"The focal length comes out as {f_px / points.image_width_px:.3g} image widths: the grid is parallel "
             "to the image, or so nearly that noise exceeds the foreshortening.",
-            "Tilt the grid by 20° or more.",
+            f"Tilt the grid by {ADVISED_TILT}.",
         )
 
 

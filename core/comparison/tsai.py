@@ -39,7 +39,7 @@ from jaxtyping import Float
 from core.calibration import PLAUSIBLE_START as FOCAL_RANGE
 from core.calibration import SMALLEST_NOISE_PX, centred, check_points, image_centre
 from core.comparison.results import MethodResult, baseline
-from core.errors import Advisory, DegenerateGeometry, InvalidArgument, NotConverged
+from core.errors import ADVISED_TILT, Advisory, DegenerateGeometry, InvalidArgument, NotConverged
 from core.geometry import Camera, project, project_with_jacobian, transform, transform_points
 from core.numerics import fit
 from core.targets import GridPoints
@@ -181,7 +181,7 @@ def _perpendicular() -> DegenerateGeometry:
     return DegenerateGeometry(
         "The optical axis is perpendicular to the grid, or too nearly so for Tsai's method: tilt, focal length and "
         "distance cannot be separated.",
-        "Tilt the grid by 30° or more, as the method asks, or use another.",
+        f"Tilt the grid by {ADVISED_TILT}, as the method asks, or use another.",
     )
 
 
@@ -192,6 +192,6 @@ def _warnings(tilt: float) -> list[Advisory]:
         Advisory(
             "tilt_below_method_limit",
             f"The grid is tilted by {math.degrees(tilt):.1f}° only; Tsai's method asks for 30° or more.",
-            "Tilt the grid by 30° or more.",
+            f"Tilt the grid by {ADVISED_TILT}.",
         )
     ]

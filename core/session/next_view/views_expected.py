@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from core.calibration import CommonFit, error_factors
-from core.errors import TooFewMeasurements
+from core.errors import ADVISED_TILT, TooFewMeasurements
 from core.geometry import AnyCamera, camera_from_array
 from core.session.estimate import FocusGroup
 from core.session.model import ImageObservation, MeasuredPose
@@ -43,7 +43,7 @@ def common_fit(group: FocusGroup) -> CommonFit:
     if group.estimate.fit is None:
         raise TooFewMeasurements(
             "The images so far give no common camera to plan from.",
-            "Take three images from different directions first, the target tilted by 30° or more.",
+            f"Take three images from different directions first, the target tilted by {ADVISED_TILT}.",
         )
     return group.estimate.fit
 

@@ -138,7 +138,8 @@ def _shape_warnings(dominated: Sequence[str]) -> list[Advisory]:
             "target_shape_dominates",
             "What the shape of the print leaves open is the larger part of the uncertainty of absolute figures (AP, "
             f"AD) of focus group {', '.join(map(repr, dominated))}.",
-            "Add four views of the target tilted by 15-40° to different sides, as poses near the cube in every cycle.",
+            "Add four views of the target tilted by 20° to 40° to different sides, as poses near the cube in every "
+            "cycle.",
         )
     ]
 

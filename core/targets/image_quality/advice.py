@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from core.errors import Advisory
+from core.errors import ADVISED_TILT, Advisory
 from core.targets.quality_result import CaptureQuality
 
 _BLUR_PX = 4.5
@@ -66,8 +66,8 @@ def advise(quality: CaptureQuality) -> tuple[Advisory, ...]:
             Advisory(
                 "tilt_too_small",
                 f"The target is tilted by {degrees:.0f}°: a single image like this determines the focal length poorly.",
-                f"Tilt the target or the camera {max(1.0, 15.0 - degrees):.0f}° more, unless the session's lens is "
-                "known.",
+                f"Tilt the target or the camera {30.0 - degrees:.0f}° more ({ADVISED_TILT} are best), unless the "
+                "session's lens is known.",
             )
         )
     if q.tilt is not None and q.tilt > _TILT_HIGH:
@@ -76,7 +76,7 @@ def advise(quality: CaptureQuality) -> tuple[Advisory, ...]:
             Advisory(
                 "tilt_too_large",
                 f"The target is tilted by {degrees:.0f}°: its squares are short in one direction.",
-                f"Tilt it {max(1.0, degrees - 45.0):.0f}° less; 20° to 45° are best.",
+                f"Tilt it {max(1.0, degrees - 45.0):.0f}° less; {ADVISED_TILT} are best.",
             )
         )
     if q.coverage_fraction < _COVERAGE:

@@ -33,7 +33,14 @@ from core.calibration.result import MAX_DETERMINED_UNCERTAINTY
 from core.calibration.single_image import calibrate_points
 from core.calibration.state import image_centre, place_by_homography, pose_from_undistorted_points
 from core.calibration.validity import check_lens
-from core.errors import Advisory, FocalNotObservable, GridposeError, InvalidArgument, NotConverged
+from core.errors import (
+    ADVISED_TILT,
+    Advisory,
+    FocalNotObservable,
+    GridposeError,
+    InvalidArgument,
+    NotConverged,
+)
 from core.geometry import AnyCamera, Camera, free_parameters, transform
 from core.numerics import SHARED_CAMERA, free_focal, shared_camera
 from core.targets import GridPoints
@@ -271,5 +278,6 @@ def _check_focal(shared: BundleAdjustment) -> None:
             f"{100.0 * MAX_DETERMINED_UNCERTAINTY:g} %."
             if math.isfinite(u)
             else "Together the images leave the focal length undetermined.",
-            "Add images with the target tilted by 15° or more, or give the session intrinsics and use estimator=given.",
+            f"Add images with the target tilted by {ADVISED_TILT}, or give the session intrinsics and use "
+            "estimator=given.",
         )

@@ -32,7 +32,7 @@ from core.calibration.state import bounded_logarithm, centred, pose_from_undisto
 from core.calibration.summary import MAX_RESIDUAL, FitSummary, grid_step_px, summarise_fit
 from core.calibration.uncertainty import reprojection
 from core.calibration.validity import check_points
-from core.errors import DegenerateGeometry, FocalNotObservable, GridposeError, NotConverged
+from core.errors import ADVISED_TILT, DegenerateGeometry, FocalNotObservable, GridposeError, NotConverged
 from core.geometry import AnyCamera, camera_from_array, so3_exp
 from core.numerics import Fit, Prior, fit
 from core.targets import GridPoints
@@ -109,7 +109,7 @@ def _determined_by(
     if not others:
         raise FocalNotObservable(
             "The session has no other image that determines the lens.",
-            "Add images of the target at other poses, tilted by 15° or more; or use estimator=per_image.",
+            f"Add images of the target at other poses, tilted by {ADVISED_TILT}; or use estimator=per_image.",
         )
     fitted = fit_pooled(views.take(others), labels[others], "pooled", lens, {}, start)
     parameters = fitted.at.placements.parameters[0]
