@@ -16,6 +16,7 @@ from core.calibration.hand_eye import (
 )
 from core.calibration.lens_selection import LensChoice, LensEvidence, observed_radius_px, select_lens
 from core.calibration.multi_view import (
+    SEPARATE_CAMERAS,
     CommonFit,
     GroupEstimate,
     Placements,
@@ -90,6 +91,7 @@ __all__ = [
     "PLAUSIBLE_START",
     "PRINT_SCALE",
     "PRINT_SHAPE",
+    "SEPARATE_CAMERAS",
     "SMALLEST_NOISE_PX",
     "Calibration",
     "CommonFit",

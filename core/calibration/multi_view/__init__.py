@@ -10,7 +10,7 @@ from core.calibration.multi_view.board_symmetry import (
 from core.calibration.multi_view.bundle_adjustment import BundleAdjustment, bundle_adjust
 from core.calibration.multi_view.correlated_residuals import VarianceInflation
 from core.calibration.multi_view.covariance import error_factors
-from core.calibration.multi_view.estimators import estimate_group
+from core.calibration.multi_view.estimators import SEPARATE_CAMERAS, estimate_group
 from core.calibration.multi_view.fitting import calibrate_views
 from core.calibration.multi_view.group_estimate import CommonFit, GroupEstimate
 from core.calibration.multi_view.linearisation import linearise
@@ -27,6 +27,7 @@ from core.calibration.multi_view.view_stack import (
 )
 
 __all__ = [
+    "SEPARATE_CAMERAS",
     "BundleAdjustment",
     "CommonFit",
     "GroupEstimate",

@@ -142,8 +142,8 @@ def _limits(found: Mapping[str, PoseAccuracy]) -> list[Advisory]:
         warnings.append(
             Advisory(
                 "accuracy_weakly_determined",
-                f"The {len(found)} poses tie the frames with {least:.1f} degrees of freedom to spare: accuracy is "
-                "known only as far as its interval says.",
+                f"The {len(found)} poses tie the frames with {least:.1f} degrees of freedom to spare: so few "
+                "leave the figures of accuracy uncertain by about their own size.",
                 "Add poses: five of one commanded orientation leave nine degrees of freedom, ten of any 24.",
             )
         )

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
-from core.calibration import ShapePrior
+from core.calibration import SEPARATE_CAMERAS, ShapePrior
 from core.errors import Advisory, listed
 from core.metrology import PoseRepeatability
 from core.session.commanded_poses import Accuracy, assess_accuracy
@@ -111,7 +111,12 @@ def assess_repeatability(
         },
     )
     performance = assess_performance(
-        visits, absolute, data.commanded, process=assessed.steadiness.process, unscaled=unscaled
+        visits,
+        absolute,
+        data.commanded,
+        process=assessed.steadiness.process,
+        unscaled=unscaled,
+        one_camera=estimate is None or estimate.estimator not in SEPARATE_CAMERAS,
     )
     if not accuracy.poses and not performance.distances:
         of_prints = ()
@@ -125,6 +130,7 @@ def assess_repeatability(
         assessed.witness,
         assessed.bursts,
         (
+            *_visit_warnings(rows),
             *before,
             *of_prints,
             *_row_warnings(rows),
@@ -177,15 +183,38 @@ def _row_warnings(rows: Sequence[PoseRow]) -> list[Advisory]:
         noun, also = ("Pose", "") if len(found) == 1 else ("Poses", " (of the first)")
         names = listed(pose_id for pose_id, _ in found)
         warnings.append(Advisory(code, f"{noun} {names}: {first.detail}{also}", first.advice))
-    if not any(len(row.visits) > 1 for row in rows):
-        warnings.append(
+    return warnings
+
+
+def _visit_warnings(rows: Sequence[PoseRow]) -> list[Advisory]:
+    """Say where nothing was repeated, or where nobody states that it was: no figure is to be read without this."""
+    repeated = [row for row in rows if len(row.visits) > 1]
+    if not repeated:
+        return [
             Advisory(
                 "too_few_cycles",
-                "No pose has two images that count, so that nothing is known of repeatability.",
-                "Visit every pose again: the standard asks for 30 cycles.",
+                "Nothing was repeated: no pose has two visits that count. What is stated is no repeatability.",
+                "Visit every pose again and state each visit's cycle: ISO 9283 asks for 30.",
             )
+        ]
+    untagged = [row.pose_id for row in repeated if any(visit.cycle is None for visit in row.visits)]
+    if not untagged:
+        return []
+    return [
+        Advisory(
+            "cycles_not_stated",
+            f"Measurements of {_poses(untagged, repeated)} state no cycle, and each was taken for a visit of its own. "
+            "The figures are a repeatability only if the robot left the pose and came back between them.",
+            "State the cycle of every measurement; images of one stop share their cycle (`gridpose measurements "
+            "correct`).",
         )
-    return warnings
+    ]
+
+
+def _poses(pose_ids: Sequence[str], of: Sequence[PoseRow]) -> str:
+    if len(pose_ids) == len(of) > 1:
+        return "all poses"
+    return f"{'pose' if len(pose_ids) == 1 else 'poses'} {listed(pose_ids)}"
 
 
 def _outlier_warnings(rows: Sequence[PoseRow]) -> list[Advisory]:

@@ -29,12 +29,11 @@ from core.metrology import (
 )
 from core.session.model import CommandedPose, MeasuredPose
 from core.session.repeatability.absolute_poses import unscaled_distance
+from core.session.repeatability.unpaired_poses import MIN_SPREADS_APART, Lack, distances_unavailable
 
 MAX_PAIRS = 45
 """All pairs of ten poses; of more poses, each with the next."""
 SAME_TURN = math.radians(0.001)
-MIN_SPREADS_APART = 50.0
-"""Poses nearer to one another than so many standard deviations of a position are one place."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,19 +71,20 @@ def assess_performance(
     *,
     process: CycleProcess | None = None,
     unscaled: frozenset[str] = frozenset(),
+    one_camera: bool = True,
 ) -> Performance:
     """Return distances between poses and variation over approaches, from the visits that count, by pose.
 
     `absolute` are the same visits as absolute figures take them (`.absolute_poses`): distances do. `process` is what
     their cycles follow, None for independent Gaussian ones. Distances to poses of unknown scale, `unscaled`, have no
-    uncertainty.
+    uncertainty. `one_camera` says that all images of a focus group have one.
     """
     warnings: list[Advisory] = []
     distances = [
         replace(one, found=unscaled_distance(one.found))
         if {one.from_pose_id, one.to_pose_id} & unscaled
         else one
-        for one in _distances(absolute, commanded, process, warnings)
+        for one in _distances(absolute, commanded, process, warnings, one_camera=one_camera)
     ]
     approaches = _approaches(visits, commanded, warnings)
     return Performance(tuple(distances), tuple(approaches), tuple(warnings))
@@ -95,6 +95,8 @@ def _distances(
     commanded: Mapping[str, CommandedPose],
     process: CycleProcess | None,
     warnings: list[Advisory],
+    *,
+    one_camera: bool,
 ) -> list[PoseDistance]:
     poses = list(readings)
     truncated = len(poses) * (len(poses) - 1) // 2 > MAX_PAIRS
@@ -102,25 +104,29 @@ def _distances(
     numbered = {pose_id: _by_cycle(visits) for pose_id, visits in readings.items()}
     distances: list[PoseDistance] = []
     turned: list[str] = []
+    lacks: dict[Lack, list[str]] = {}
     for one, other in pairs:
         first, second = numbered[one], numbered[other]
         shared = [c for c in first if c in second]
-        if len(shared) < 2 or first[shared[0]].frame != second[shared[0]].frame:
+        lack = _lack(readings[one], readings[other], shared)
+        if lack is not None:
+            lacks.setdefault(lack, []).append(f"{one}-{other}")
             continue
         at = [first[c] for c in shared], [second[c] for c in shared]
         same = _same_turn(commanded.get(one), commanded.get(other), at)
         places = [_position(commanded.get(pose_id)) for pose_id in (one, other)]
-        comparable = all(place is not None for place in places)
-        if comparable and not same:
-            turned.append(f"{one}-{other}")
-        comparable = comparable and same
+        comparable = all(place is not None for place in places) and same
         ends = (places[0], places[1]) if comparable else (None, None)
         found = _assess(at, *ends, process)
-        if found is not None:
-            way = None
-            if comparable and places[0] is not None and places[1] is not None:
-                way = float(np.linalg.norm(places[1] - places[0]))
-            distances.append(PoseDistance(one, other, way, found))
+        if found is None:
+            lacks.setdefault(Lack.LENGTH, []).append(f"{one}-{other}")
+            continue
+        if all(place is not None for place in places) and not same:
+            turned.append(f"{one}-{other}")
+        way = None
+        if comparable and places[0] is not None and places[1] is not None:
+            way = float(np.linalg.norm(places[1] - places[0]))
+        distances.append(PoseDistance(one, other, way, found))
     if turned:
         warnings.append(
             Advisory(
@@ -140,15 +146,19 @@ def _distances(
             )
         )
     if not distances and len(poses) > 1:
-        warnings.append(
-            Advisory(
-                "distances_unavailable",
-                "Distances are not given: no two poses in one frame, far enough apart, have two numbered cycles in "
-                "common.",
-                "Tag every image or reading with its cycle, one visit to each pose a cycle.",
-            )
-        )
+        warnings.append(distances_unavailable(lacks, one_camera=one_camera))
     return distances
+
+
+def _lack(
+    first: Sequence[MeasuredPose], second: Sequence[MeasuredPose], shared: Sequence[int]
+) -> Lack | None:
+    """Return what two poses lack for a distance, apart from its length; None where they have it."""
+    if min(len(first), len(second)) < 2:
+        return Lack.VISITS
+    if first[0].frame != second[0].frame:
+        return Lack.FRAME
+    return Lack.CYCLES if len(shared) < 2 else None
 
 
 def _assess(

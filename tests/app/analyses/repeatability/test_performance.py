@@ -125,7 +125,8 @@ def test_distances_need_cycles_that_are_numbered(api: Any, store: Store) -> None
     store(api, session, [dataclasses.replace(shot, cycle=None) for shot in shots])
     document = table(api, session)
     assert document["distances"] is None
-    assert "distances_unavailable" in codes(document)
+    (warning,) = [w for w in document["warnings"] if w["code"] == "distances_unavailable"]
+    assert "numbered cycles" in warning["detail"]
     # Without commands the distances themselves stand.
     session = new_session(api)
     store(api, session, shots)

@@ -151,7 +151,26 @@ def test_poses_of_one_cycle_are_rows_of_nulls(api: Any, store: Store) -> None:
     document = table(api, session)
     assert [row["cycles"] for row in document["poses"]] == [1] * 5
     assert {row["orientation_scatter"] for row in document["poses"]} == {None}
-    assert "too_few_cycles" in {warning["code"] for warning in document["warnings"]}
+    first = document["warnings"][0]
+    assert first["code"] == "too_few_cycles", "before all others: nothing else is to be read without it"
+    assert first["detail"].startswith("Nothing was repeated")
+
+
+def test_images_without_cycles_are_said_to_be_taken_for_visits(api: Any, store: Store) -> None:
+    session = new_session(api)
+    shots = shoot(seed=2, poses=3, cycles=2)
+    store(api, session, [dataclasses.replace(shot, cycle=None) for shot in shots])
+    document = table(api, session)
+    assert [row["cycles"] for row in document["poses"]] == [2] * 3
+    first = document["warnings"][0]
+    assert first["code"] == "cycles_not_stated"
+    assert "all poses" in first["detail"]
+    session = new_session(api)
+    store(api, session, shots)
+    assert not {warning["code"] for warning in table(api, session)["warnings"]} & {
+        "cycles_not_stated",
+        "too_few_cycles",
+    }
 
 
 def test_an_outlier_counts_and_is_named(api: Any, store: Store) -> None:

@@ -1,0 +1,56 @@
+"""Why a session gives no distances: what each pair of its poses lacks."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from enum import Enum
+
+from core.errors import Advisory, listed
+
+MIN_SPREADS_APART = 50.0
+"""Poses nearer to one another than so many standard deviations of a position are one place."""
+
+
+class Lack(Enum):
+    """What keeps two poses from having a distance, in the order in which it is looked for."""
+
+    VISITS = "visits"
+    FRAME = "frame"
+    CYCLES = "cycles"
+    LENGTH = "length"
+
+
+_CLAUSES = {
+    Lack.VISITS: "one of the two poses has fewer than two visits that count",
+    Lack.FRAME: "the poses are before different targets, so that their positions do not compare",
+    Lack.CYCLES: "the poses have fewer than two numbered cycles in common",
+    Lack.LENGTH: f"the poses are less than {MIN_SPREADS_APART:g} times the scatter of their positions apart",
+}
+_ADVICE = {
+    Lack.VISITS: "Visit every pose again, once in each cycle.",
+    Lack.FRAME: "Measure both ends of a distance before the same target.",
+    Lack.CYCLES: "Tag every image or reading with its cycle, one visit to each pose a cycle.",
+    Lack.LENGTH: "Measure poses that are farther apart.",
+}
+_OF_SEPARATE_CAMERAS = (
+    "; a camera for each image by itself makes that scatter large",
+    "Take one camera for all images (estimator=pooled).",
+)
+
+
+def distances_unavailable(lacks: Mapping[Lack, Sequence[str]], *, one_camera: bool) -> Advisory:
+    """Return the warning of a session without distances.
+
+    `lacks` names the pairs of poses by what they lack; `one_camera` says that all images of a focus group have one.
+    """
+    clauses, advice = dict(_CLAUSES), dict(_ADVICE)
+    if not one_camera:
+        clauses[Lack.LENGTH] += _OF_SEPARATE_CAMERAS[0]
+        advice[Lack.LENGTH] = _OF_SEPARATE_CAMERAS[1]
+    found = [lack for lack in Lack if lacks.get(lack)]
+    reasons = "; ".join(f"{listed(lacks[lack])}: {clauses[lack]}" for lack in found)
+    return Advisory(
+        "distances_unavailable",
+        f"Distances are not given. {reasons}.",
+        " ".join(advice[lack] for lack in found),
+    )

@@ -1,0 +1,76 @@
+"""Why distances between poses are not given: the reason and the advice are those of the poses at hand."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+import pytest
+
+from core.session.model import MeasuredPose
+from core.session.repeatability.performance import assess_performance
+
+PLACES = {"P1": (0.0, 0.0, 0.0), "P2": (80.0, 0.0, 0.0), "P3": (0.0, 90.0, 0.0)}
+CYCLES = (1, 2, 3, 4)
+
+
+def visits(
+    pose_id: str, cycles: tuple[int | None, ...] = CYCLES, *, scatter_mm: float = 0.05, frame: int = 0
+) -> list[MeasuredPose]:
+    rng = np.random.default_rng(sum(map(ord, pose_id)))
+    return [
+        MeasuredPose(
+            f"{pose_id}.{place}",
+            pose_id,
+            cycle,
+            None,
+            np.array(PLACES[pose_id]) + rng.normal(0.0, scatter_mm, 3),
+            np.eye(3),
+            None,
+            None,
+            frame=frame,
+        )
+        for place, cycle in enumerate(cycles)
+    ]
+
+
+def said(measured: Mapping[str, list[MeasuredPose]], **settings: bool) -> tuple[str, str]:
+    found = assess_performance(measured, measured, {}, **settings)
+    assert not found.distances
+    (warning,) = found.warnings
+    assert warning.code == "distances_unavailable"
+    assert warning.advice is not None
+    return warning.detail, warning.advice
+
+
+@pytest.mark.parametrize(
+    ("second", "reason", "advice"),
+    [
+        (visits("P2", (1,)), "fewer than two visits", "Visit every pose again"),
+        (visits("P2", frame=1), "before different targets", "before the same target"),
+        (visits("P2", (None,) * 4), "fewer than two numbered cycles in common", "with its cycle"),
+        (visits("P2", (5, 6, 7, 8)), "fewer than two numbered cycles in common", "with its cycle"),
+        (visits("P2", scatter_mm=9.0), "the scatter of their positions", "farther apart"),
+    ],
+)
+def test_the_advice_is_what_mends_the_reason(second: list[MeasuredPose], reason: str, advice: str) -> None:
+    found = said({"P1": visits("P1"), "P2": second})
+    assert found[0].startswith("Distances are not given. P1-P2: ")
+    assert reason in found[0]
+    assert advice in found[1]
+    assert found[1].count(".") == 1, "one advice for one reason"
+
+
+def test_scatter_of_a_camera_for_each_image_is_not_mended_by_tags_or_other_poses() -> None:
+    measured = {pose_id: visits(pose_id, scatter_mm=9.0) for pose_id in PLACES}
+    detail, advice = said(measured, one_camera=False)
+    assert "P1-P2, P1-P3, P2-P3" in detail
+    assert "camera for each image" in detail
+    assert advice == "Take one camera for all images (estimator=pooled)."
+
+
+def test_poses_that_lack_different_things_are_named_by_what_they_lack() -> None:
+    detail, advice = said({"P1": visits("P1"), "P2": visits("P2", (1,)), "P3": visits("P3", frame=1)})
+    assert "P1-P2, P2-P3: one of the two poses has fewer than two visits" in detail
+    assert "P1-P3: the poses are before different targets" in detail
+    assert advice.index("Visit every pose again") < advice.index("before the same target")
