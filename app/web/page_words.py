@@ -103,6 +103,7 @@ _FIELD_NAMES = re.compile(
 )
 _GUESS = re.compile(r"^(Values look like \w+): .*")
 _REQUESTS = re.compile(r" \([^()]*(?:`gridpose|\b(?:PATCH|POST|PUT|DELETE|GET)\b)[^()]*\)")
+_COUNTED_CODES = re.compile(r"\b[a-z]+(?:_[a-z]+)+(?= \(\d+\))")
 _ESTIMATOR = re.compile(r"\bestimator=(\w+)")
 _NEXT = {
     "accuracy_unavailable": ("/poses", "Load commanded poses"),
@@ -124,6 +125,7 @@ def on_pages(text: str, field: str = "") -> str:
         text = text.replace(phrase, words)
     text = _REQUESTS.sub("", _GUESS.sub(r"\1.", text))
     text = _FIELD_NAMES.sub(lambda match: named(match[0]), text)
+    text = _COUNTED_CODES.sub(lambda match: match[0].replace("_", " "), text)
     return _ESTIMATOR.sub(lambda match: _estimator(match[1]), text)
 
 

@@ -30,6 +30,9 @@ ROBOT_FILES = {
     "terms.json": "application/json",
 }
 """The identified robot for other programs: names and media types."""
+WEAKENING = {"ill_conditioned", "short_arc", "joints_move_together", "no_better_than_nominal"}
+"""Warnings of an identification by which its uncertainties alone do not show a difference from the data sheet."""
+MAX_RATIO_BY_CHANCE = 3.0
 PARAMETERS = ("a_mm", "alpha_deg", "d_mm", "theta_offset_deg", "beta_deg")
 PARAMETER_NAMES = {"a_mm": "a", "alpha_deg": "α", "d_mm": "d", "theta_offset_deg": "θ", "beta_deg": "β"}
 
@@ -69,7 +72,14 @@ async def show_identification(
     shown: dict[str, Any] = {**context, "source": settings["source"]}
     if not compute and not is_fragment(request):
         return render(
-            request, "identification.html", **shown, computed=False, refused=None, document=None, joints=[]
+            request,
+            "identification.html",
+            **shown,
+            computed=False,
+            refused=None,
+            document=None,
+            joints=[],
+            sure=False,
         )
     found = await analysis_document(request, "dh", session_id, settings)
     refused = found if isinstance(found, AnalysisRefused) else None
@@ -82,6 +92,7 @@ async def show_identification(
         refused=refused,
         document=document,
         joints=joint_rows(document) if document else [],
+        sure=document is not None and is_sure(document),
     )
 
 
@@ -123,9 +134,18 @@ def _settings(source: str) -> dict[str, str]:
     }
 
 
+def is_sure(document: dict[str, Any]) -> bool:
+    """Return whether held-out poses were there to confirm an identification, and no warning speaks against it."""
+    codes = {one["code"] for one in document["warnings"]}
+    return document["validation"] is not None and not codes & WEAKENING
+
+
 def joint_rows(document: dict[str, Any]) -> list[dict[str, Any]]:
-    """Return each joint's parameters in words: nominal, identified with uncertainty, and their difference."""
-    rows = []
+    """Return each joint's parameters in words: nominal, identified with uncertainty, and their difference.
+
+    A parameter `stands_out` where it differs from the nominal, and the identification is one to go by.
+    """
+    sure, rows = is_sure(document), []
     for joint in document["joints"]:
         for name in PARAMETERS:
             value = joint[name]
@@ -147,7 +167,7 @@ def joint_rows(document: dict[str, Any]) -> list[dict[str, Any]]:
                     else "as the data sheet",
                     "difference": NONE if difference is None else with_uncertainty(difference, uncertainty),
                     "ratio": NONE if ratio is None else fixed(ratio, 1),
-                    "stands_out": ratio is not None and ratio > 3.0,
+                    "stands_out": sure and ratio is not None and ratio > MAX_RATIO_BY_CHANCE,
                     "identifiable": identifiable,
                 }
             )

@@ -48,6 +48,10 @@ def test_no_advice_of_the_numerics_speaks_of_requests_or_fields(error: type[Grid
             "A measurement can be excluded (PATCH /v1/measurements/{measurement_id}, `gridpose measurements exclude`).",
             "A measurement can be excluded.",
         ),
+        (
+            "2 of 31 images are not in the figures: focal_not_observable (1), target_not_found (1).",
+            "2 of 31 images are not in the figures: focal not observable (1), target not found (1).",
+        ),
     ],
 )
 def test_an_advice_is_in_the_words_of_the_pages(advice: str, shown: str) -> None:

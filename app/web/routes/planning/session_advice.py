@@ -23,6 +23,8 @@ from app.web.service import service_of
 
 router = page_router()
 VIEWS = 3
+MIN_GAIN = 0.05
+"""Share by which a suggested view makes an uncertainty smaller at least."""
 NextViewPurpose = Literal["intrinsics", "hand_eye", "dh"]
 
 
@@ -72,6 +74,22 @@ async def _show_map(request: Request, session_id: str, source: str, analysis: st
     return await _show(request, session_id, "robot", analysis, settings, part)
 
 
+def views_of(suggestions: list[dict[str, Any]]) -> list[dict[str, Any]]:
+    """Return the suggested views up to the first that gains little; `repeats` is the number of an earlier same one."""
+    views: list[dict[str, Any]] = []
+    for one in suggestions:
+        now, then = one["expected_uncertainty_now"], one["expected_uncertainty_after"]
+        if not any(value and then[name] < (1.0 - MIN_GAIN) * value for name, value in now.items()):
+            break
+        same = (
+            number
+            for number, view in enumerate(views, 1)
+            if view["T_target_camera"] == one["T_target_camera"]
+        )
+        views.append({**one, "repeats": next(same, None)})
+    return views
+
+
 async def _show(
     request: Request, session_id: str, tab: str, analysis: str, settings: dict[str, str], part: str
 ) -> Response:
@@ -83,5 +101,6 @@ async def _show(
         "settings": settings,
         "refused": found if is_refused else None,
         "document": None if is_refused else found,
+        "views": [] if isinstance(found, AnalysisRefused) else views_of(found.get("suggestions", [])),
     }
     return render(request, part if is_fragment(request) else "advice.html", **context, **shown)
