@@ -22,7 +22,7 @@ from app.build import core_version
 from app.errors import NotFound, RowUnreadable
 from app.records.database import Database
 from app.records.tables import Report, ReportForm, Session
-from app.reports.forms import figures_of
+from app.reports.forms import SENTENCES, figures_of
 from app.services.reports import inflated, require_made
 
 Json = dict[str, Any]
@@ -73,11 +73,12 @@ def verify_report(database: Database, order: VerificationOrder) -> Json:
             originals, lost = measure_anew(database, then["inputs"]["images"], order)
             changed += [_change("image", name, change) for name, change in lost]
         analyses, refusals = compute_analyses(loaded, then["kind"], then["source"])
-        if then["core_version"] != core_version():
+        is_same_build = then["core_version"] == core_version()
+        if not is_same_build:
             analyses = known_fields(analyses, then["analyses"])
-        before = _figures(then["analyses"], then["refusals"])
+        before = _figures(then["analyses"], then["refusals"], with_sentences=is_same_build)
         compared = len(before)
-        differences = list(_differences(before, _figures(analyses, refusals)))
+        differences = list(_differences(before, _figures(analyses, refusals, with_sentences=is_same_build)))
     numbers = [one["relative_difference"] for one in differences if one["relative_difference"] is not None]
     largest = max(numbers, default=0.0) if exists else None
     disagreeing = [one for one in differences if not one.pop("agrees")]
@@ -106,11 +107,15 @@ def _no_originals() -> Json:
     return {"measured": 0, "identical": 0, "largest_point_difference_px": None, "differing": []}
 
 
-def _figures(analyses: Mapping[str, Any], refusals: Mapping[str, Any]) -> dict[str, Any]:
+def _figures(
+    analyses: Mapping[str, Any], refusals: Mapping[str, Any], *, with_sentences: bool
+) -> dict[str, Any]:
     found: dict[str, Any] = {}
     for name, document in analyses.items():
         kept = {key: value for key, value in document.items() if key not in _OF_THE_RUN}
         found |= figures_of(kept, name)
+    if not with_sentences:
+        found = {name: value for name, value in found.items() if name.rpartition(".")[2] not in SENTENCES}
     for name, refusal in refusals.items():
         found[f"{name}.code"] = refusal["code"]
     return found

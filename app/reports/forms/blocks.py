@@ -10,9 +10,13 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from app.reports.forms.wording import words
+
 Block = dict[str, Any]
 UNKNOWN = "–"
 MAX_PLACES = 7
+LEADING = {"too_few_cycles": "Nothing was repeated", "cycles_not_stated": "Cycles are not stated"}
+"""Warnings without which no figure is to be read, and the headings under which a report begins with them."""
 NORMAL_95 = 1.959964
 """Coverage factor of a normal figure's 95 % interval."""
 
@@ -97,17 +101,16 @@ def vector(values: Sequence[float] | None, *, places: int = 3) -> list[str]:
     return [UNKNOWN] * 3 if values is None else [number(value, places=places) for value in values]
 
 
-def words(name: str) -> str:
-    """Return a code as words: `below_detection` as "below detection"."""
-    return name.replace("_", " ")
-
-
 def warnings_of(document: Mapping[str, Any]) -> list[Block]:
     """Return an analysis's warnings as notes, with their advice."""
-    texts = [
-        f"{one['detail']} {one['advice']}" if one["advice"] else one["detail"] for one in document["warnings"]
-    ]
+    texts = [_with_advice(one) for one in document["warnings"]]
     return [heading("Warnings"), *notes(texts)] if texts else []
+
+
+def leading_notes(document: Mapping[str, Any]) -> list[Block]:
+    """Return what must be read before any figure of an analysis, under a heading of its own; none in most."""
+    found = [one for one in document["warnings"] if one["code"] in LEADING]
+    return [block for one in found for block in (heading(LEADING[one["code"]]), paragraph(_with_advice(one)))]
 
 
 def excluded_of(
@@ -123,7 +126,7 @@ def excluded_of(
             [
                 str(source.get("pose_id", UNKNOWN)),
                 UNKNOWN if cycle is None else str(cycle),
-                one["filename"] or one["measurement_id"],
+                one["filename"] or UNKNOWN,
                 words(one["code"]),
                 one["detail"],
             ]
@@ -135,6 +138,10 @@ def excluded_of(
         heading(title),
         *table("Measurements that do not count, each with its reason", columns, rows, text_columns=5, wide=4),
     ]
+
+
+def _with_advice(warning: Mapping[str, Any]) -> str:
+    return " ".join(part for part in (warning["detail"], warning["advice"]) if part)
 
 
 def _stated(value: Any) -> str:

@@ -14,8 +14,8 @@ from app.reports.forms.blocks import (
     paragraph,
     table,
     warnings_of,
-    words,
 )
+from app.reports.forms.wording import words
 
 Json = Mapping[str, Any]
 
@@ -29,6 +29,17 @@ def camera_blocks(found: Json, inputs: Json) -> list[Block]:
     return [*blocks, *excluded_of(found, inputs), *warnings_of(found)]
 
 
+def estimated_terms(group: Json) -> list[tuple[str, float]]:
+    """Return intrinsics and distortion by name, without terms that are held at zero: the model does not have them."""
+    u = group["standard_uncertainty"]
+    return [
+        (name, value)
+        for part in ("intrinsics", "distortion")
+        for name, value in group[part].items()
+        if value != 0.0 or u.get(name) != 0.0
+    ]
+
+
 def _group(group: Json, inputs: Json) -> list[Block]:
     u = group["standard_uncertainty"]
     rows = [
@@ -36,15 +47,16 @@ def _group(group: Json, inputs: Json) -> list[Block]:
             name.removesuffix("_px"),
             "px" if name.endswith("_px") else "1",
             number(value, u.get(name)),
-            _u(u.get(name)),
+            "held" if u.get(name) == 0.0 else _u(u.get(name)),
         ]
-        for part in ("intrinsics", "distortion")
-        for name, value in group[part].items()
+        for name, value in estimated_terms(group)
     ]
+    absent = [name for name in group["distortion"] if name not in dict(estimated_terms(group))]
     evidence = group["lens_evidence"]
     lines: list[tuple[str, Any]] = [
         ("images", str(group["image_count"])),
         ("lens model", words(group["lens_model"])),
+        *([("not in the model, zero", ", ".join(absent))] if absent else []),
         ("reduced χ²", number(group["reduced_chi2"], places=3)),
     ]
     if evidence is not None and evidence.get("statistic") is not None:
@@ -70,9 +82,7 @@ def _group(group: Json, inputs: Json) -> list[Block]:
         ]
         for one in (projection["areas"] if projection is not None else ())
     ]
-    worst = [
-        [_image(one["measurement_id"], inputs), number(one["rms_px"])] for one in group["highest_residuals"]
-    ]
+    worst = [[one["named"], number(one["rms_px"])] for one in group["highest_residuals"]]
     return [
         heading(f"Camera of focus group {group['focus_group']}"),
         facts(lines),
@@ -94,7 +104,7 @@ def _group(group: Json, inputs: Json) -> list[Block]:
 def _shapes(shapes: list[Json]) -> list[Block]:
     rows = [
         [
-            str(shape["target_id"]),
+            shape["named"],
             str(shape["image_count"]),
             f"{number(shape['in_plane']['rms_mm'], shape['in_plane']['standard_uncertainty_mm'])}",
             f"{number(shape['out_of_plane']['rms_mm'], shape['out_of_plane']['standard_uncertainty_mm'])}",
@@ -112,12 +122,3 @@ def _shapes(shapes: list[Json]) -> list[Block]:
 
 def _u(value: float | None) -> str:
     return number(value, value) if value is not None else "–"
-
-
-def _image(measurement_id: str, inputs: Json) -> str:
-    """Return pose, cycle and file of an image."""
-    one = next((one for one in inputs["images"] if one["measurement_id"] == measurement_id), None)
-    if one is None:
-        return measurement_id
-    cycle = "" if one["cycle"] is None else f", cycle {one['cycle']}"
-    return f"{one['pose_id']}{cycle}" + (f" ({one['filename']})" if one["filename"] else "")

@@ -8,6 +8,7 @@ from typing import Any
 
 from app.records.ids import moment_of
 from app.reports.forms.blocks import Block, facts, heading, paragraph
+from app.reports.forms.wording import words
 
 Json = Mapping[str, Any]
 
@@ -68,8 +69,8 @@ def closing_blocks(document: Json) -> list[Block]:
             "The figures hold for what was measured, at these poses and under these conditions. Every figure is from "
             "stored values. The attached report.json (the form JSON of this report) has all "
             "figures in full and names every image by its SHA-256. The detached signature covers the hash of each "
-            "form: `gridpose report verify FILE` checks a file, and GET /v1/reports/{id}/verify computes all figures "
-            "again from the originals."
+            "form. The command “gridpose report verify FILE” checks a file; with this report's id in place of FILE it "
+            "computes all figures again from the originals."
         ),
         {"block": "signatures", "rows": [dict(one) for one in document["signatories"]]},
     ]
@@ -81,9 +82,9 @@ def _targets(targets: Any) -> list[Block]:
         certificate, u = target["certificate"], target["pitch_standard_uncertainty_mm"]
         rows: list[tuple[str, Any]] = [
             ("name", target["name"]),
-            ("kind", f"{target['kind']}, {target['columns']} × {target['rows']} grid points"),
+            ("kind", f"{words(target['kind'])}, {target['columns']} × {target['rows']} grid points"),
             ("pitch", f"{target['pitch_mm']:g} mm" + (f", u = {u:g} mm" if u is not None else "")),
-            ("print", target["print_kind"]),
+            ("print", target["print_kind"] and words(target["print_kind"])),
         ]
         if certificate is not None:
             rows += [
@@ -102,13 +103,13 @@ def _qualified(cited: Json | None, made_at: str) -> str:
         return "none"
     made, due = cited["made_at"][:10], cited["due_at"][:10]
     if cited["decision"] == "fail":
-        return f"failed on {made} ({cited['id']})"
+        return f"failed on {made}"
     if datetime.fromisoformat(cited["due_at"]) <= datetime.fromisoformat(made_at):
-        return f"due since {due}: the last one was on {made} ({cited['id']})"
+        return f"due since {due}: the last one was on {made}"
     decided = {"pass": "qualified", "inconclusive": "not decided, holds"}.get(
         cited["decision"] or "", "measured without a limit, holds"
     )
-    return f"{decided} until {due} ({cited['id']})"
+    return f"{decided} until {due}, by that of {made}"
 
 
 def _joined(*parts: str | None) -> str | None:

@@ -17,8 +17,8 @@ from app.reports.forms.blocks import (
     paragraph,
     table,
     warnings_of,
-    words,
 )
+from app.reports.forms.wording import words
 
 Json = Mapping[str, Any]
 PARAMETERS = ("a_mm", "alpha_deg", "d_mm", "theta_offset_deg", "beta_deg")
@@ -154,7 +154,7 @@ def _frames(found: Json) -> list[Block]:
     if camera is not None:
         blocks += _transform(f"{instrument} in the flange's frame", camera, "T_flange_camera")
     for one in found["base_targets"] or ():
-        name = f"Target {one['target_id']}" if one["target_id"] else "The instrument's frame"
+        name = f"Target {one['named']}" if one["target_id"] else "The instrument's frame"
         blocks += _transform(f"{name} in the base frame", one, "T_base_target")
     return [heading("Frames"), *blocks] if blocks else []
 

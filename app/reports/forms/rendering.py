@@ -16,7 +16,7 @@ from typing import Any, Literal
 import jinja2
 
 from app.markup import legal_text
-from app.reports.forms.blocks import Block, drawing, facts, heading
+from app.reports.forms.blocks import Block, drawing, facts, heading, leading_notes
 from app.reports.forms.camera import camera_blocks
 from app.reports.forms.certificate import certificate_xml
 from app.reports.forms.figures import figures_csv
@@ -25,6 +25,7 @@ from app.reports.forms.kinematics import kinematics_blocks
 from app.reports.forms.repeatability import repeatability_blocks
 from app.reports.forms.session import session_blocks
 from app.reports.forms.template import CompanyTemplate
+from app.reports.forms.wording import worded
 
 FORMAT = "gridpose-report"
 FORMAT_VERSION = 1
@@ -88,12 +89,14 @@ def render_forms(
 def report_blocks(document: Mapping[str, Any], drawings: Mapping[str, str]) -> list[Block]:
     """Return all sections of a report, in their order."""
     stated = document["template"]["fields"]
+    document = worded(document)
     if document["kind"] == "session":
         body = session_blocks(document["analyses"], document["refusals"], document["inputs"])
     else:
         _, analysis, blocks_of = _KINDS[document["kind"]]
         body = blocks_of(document["analyses"][analysis], document["inputs"])
     return [
+        *leading_notes(document["analyses"].get("repeatability", {"warnings": ()})),
         *([heading("Order"), facts(list(stated.items()))] if stated else []),
         *opening_blocks(document),
         *body,

@@ -15,10 +15,10 @@ from app.reports.forms.blocks import (
     number,
     paragraph,
     table,
-    words,
 )
 from app.reports.forms.camera import camera_blocks
 from app.reports.forms.repeatability import headline
+from app.reports.forms.wording import words
 
 Json = Mapping[str, Any]
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import base64
+import dataclasses
 import hashlib
 import json
 from collections.abc import Iterator
@@ -13,6 +14,7 @@ import sqlalchemy as sa
 
 from app.records.tables import Report, ReportForm
 from app.reports.signature import check_file
+from tests.support.report_texts import page_text, technical_words
 from tests.support.service.jobs import compute
 from tests.support.service.service import Api, ApiMaker, assert_problem, wait_until
 from tests.support.sessions.stored_sessions import BOARD, board_fields, shoot, store_shots
@@ -91,9 +93,22 @@ def test_the_forms_hold_the_same_figures_and_no_markup_of_users(running: Api, ma
     assert "http://" not in page.replace("http://www.w3.org", "")
     assert len(document["inputs"]["images"]) == 12
     assert form(running, made, "pdf").startswith(b"%PDF-")
+    assert not technical_words({name: form(running, made, name) for name in ("html", "xml")}, document)
     certificate = form(running, made, "xml").decode()
     assert f"<si:value>{value}</si:value>" in certificate
     assert "R. Meier &lt;b&gt;#sys" in certificate
+
+
+def test_a_session_in_which_nothing_was_repeated_gives_a_report_that_begins_with_that(running: Api) -> None:
+    target_id = running.make_target(**board_fields(BOARD))
+    session_id = running.make_session(target_id, name="Once")
+    shots = [dataclasses.replace(shot, cycle=None) for shot in shoot(poses=4, cycles=1)]
+    store_shots(running, session_id, shots, target_id)
+    once = finished(running, order(running, session_id, kind="repeatability"))
+    assert once["status"] == "succeeded", once["failure"]
+    page = page_text(form(running, once, "html"))
+    assert page.index("Nothing was repeated") < page.index("Conditions")
+    assert not technical_words({"html": form(running, once, "html")}, json.loads(form(running, once, "json")))
 
 
 def test_a_finished_report_cannot_be_changed_by_anyone(running: Api, made: dict[str, Any]) -> None:

@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import json
+import re
 import tarfile
+from collections.abc import Mapping
 from typing import Any
 
 import pypdfium2
+import pytest
 
 from app.reports.forms import CompanyTemplate, render_forms
 from tests.reference.archives.make import FOLDER
@@ -47,13 +50,18 @@ def test_outliers_are_named_once_each_and_by_their_measurements_without_cycle_nu
     document = _with_an_outlier(_fixture("repeatability"))
     first = document["analyses"]["repeatability"]["poses"][0]
     (outlier,) = first["outliers"]
+    image = document["inputs"]["images"][0]
+    image |= {"filename": "a_1.png", "cycle": None}
     first["outliers"] = [
         outlier,
         {**outlier, "code": "orientation_outlier"},
         {**outlier, "measurement_id": "mea_8", "cycle": None},
+        {**outlier, "measurement_id": image["measurement_id"], "cycle": None},
     ]
     page = render_forms(document, {}, CompanyTemplate())["html"].decode()
-    assert '<td>without cycles 3, mea_8</td><td class="right">3</td>' in page
+    assert (
+        f'<td>without cycles 3, an image, a_1.png ({image["pose_id"]})</td><td class="right">2</td>' in page
+    )
     assert "they count above" in page
 
 
@@ -71,7 +79,7 @@ def test_the_report_on_a_session_says_what_verdicts_mean_and_why_cycles_are_excl
     session = {**document, "kind": "session", "refusals": {}}
     page = render_forms(session, {}, CompanyTemplate())["html"].decode()
     for text in (
-        "too few cycles: Too few cycles",
+        "too few cycles: A verdict takes ten cycles or more",
         "without cycle 3",
         "Excluded from repeatability",
         "image degraded",
@@ -134,6 +142,52 @@ def test_a_report_without_outliers_says_nothing_of_figures_without_them() -> Non
     for name in ("html", "xml"):
         assert b"without the outliers" not in forms[name]
         assert "u, mm" in forms[name].decode()  # the budget
+
+
+def test_terms_that_the_lens_model_holds_at_zero_are_named_and_not_listed() -> None:
+    document = _fixture("camera")
+    (group,) = document["analyses"]["intrinsics"]["groups"]
+    group["distortion"]["k3"] = group["standard_uncertainty"]["k3"] = 0.0
+    forms = render_forms(document, {}, CompanyTemplate())
+    page = forms["html"].decode()
+    assert "<dt>not in the model, zero</dt><dd>k3</dd>" in page
+    assert "<td>k3</td>" not in page
+    assert "<td>k1</td>" in page
+    assert 'refType="gridpose_k3"' not in forms["xml"].decode()
+    assert "groups[1].distortion.k3,0.0," in forms["csv"].decode(), "programs have every term"
+    # A term that is held at another value is part of the camera.
+    group["standard_uncertainty"]["k1"] = 0.0
+    page = render_forms(document, {}, CompanyTemplate())["html"].decode()
+    assert re.search(r"<td>k1</td><td>1</td><td[^>]*>−?0\.\d+</td><td[^>]*>held</td>", page)
+
+
+@pytest.mark.parametrize(
+    ("code", "heading"),
+    [("too_few_cycles", "Nothing was repeated"), ("cycles_not_stated", "Cycles are not stated")],
+)
+def test_a_report_whose_figures_are_no_repeatability_begins_with_that(code: str, heading: str) -> None:
+    document = _fixture("repeatability")
+    for kind in ("repeatability", "session"):
+        whole = {**document, "kind": kind, "refusals": {}}
+        for form in ("html", "pdf"):
+            assert heading not in _shown(render_forms(whole, {}, CompanyTemplate()), form)
+    said = {
+        "code": code,
+        "detail": "What is stated is no repeatability.",
+        "advice": "Visit every pose again.",
+    }
+    document["analyses"]["repeatability"]["warnings"].append(said)
+    for kind in ("repeatability", "session"):
+        forms = render_forms({**document, "kind": kind, "refusals": {}}, {}, CompanyTemplate())
+        for form in ("html", "pdf"):
+            shown = _shown(forms, form)
+            assert shown.index(heading) < shown.index("no repeatability") < shown.index("Conditions")
+    certificate = render_forms(document, {}, CompanyTemplate())["xml"].decode()
+    assert certificate.index(heading) < certificate.index("gridpose_cycles")
+
+
+def _shown(forms: Mapping[str, bytes], form: str) -> str:
+    return _pdf_text(forms["pdf"]) if form == "pdf" else forms[form].decode()
 
 
 def _fixture(kind: str) -> dict[str, Any]:

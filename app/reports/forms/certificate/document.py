@@ -11,6 +11,7 @@ from app.reports.forms.certificate.administrative import administrative_data
 from app.reports.forms.certificate.elements import element, figure, named, plain, written
 from app.reports.forms.certificate.parameters import camera_results, kinematics_results
 from app.reports.forms.certificate.repeatability import conformity, repeatability_results
+from app.reports.forms.wording import worded, words
 
 Json = Mapping[str, Any]
 _VERSION = "3.2.0"
@@ -46,6 +47,7 @@ def certificate_xml(document: Json, json_sha256: str) -> bytes | None:
     """
     if document["kind"] not in _KINDS:
         return None
+    document = worded(document)
     root = element(
         "dcc:digitalCalibrationCertificate", administrative_data(document, json_sha256), _measured(document)
     )
@@ -68,7 +70,7 @@ def _measured(document: Json) -> Element:
                 named(
                     "dcc:usedMethod",
                     _METHODS[document["kind"]],
-                    written("dcc:description", f"Estimator: {found['estimator']}."),
+                    written("dcc:description", f"Estimator: {words(found['estimator'])}."),
                     plain("dcc:norm", "ISO 9283:1998") if is_iso else None,
                 ),
             ),
@@ -101,7 +103,9 @@ def _target(target: Json) -> Element:
     return named(
         "dcc:measuringEquipment",
         f"Printed target {target['name']}",
-        written("dcc:description", f"{target['kind']}, {target['columns']} × {target['rows']} grid points"),
+        written(
+            "dcc:description", f"{words(target['kind'])}, {target['columns']} × {target['rows']} grid points"
+        ),
         element(
             "dcc:identifications",
             *(

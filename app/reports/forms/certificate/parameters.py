@@ -6,9 +6,10 @@ from collections.abc import Mapping
 from typing import Any
 from xml.etree.ElementTree import Element
 
-from app.reports.forms.camera import camera_blocks
+from app.reports.forms.camera import camera_blocks, estimated_terms
 from app.reports.forms.certificate.elements import figure, result, sections
 from app.reports.forms.kinematics import PARAMETERS, kinematics_blocks
+from app.reports.forms.wording import words
 
 Json = Mapping[str, Any]
 _SYMBOLS = {"a_mm": "a", "alpha_deg": "α", "d_mm": "d", "theta_offset_deg": "θ₀", "beta_deg": "β"}
@@ -47,13 +48,12 @@ def camera_results(found: Json, inputs: Json) -> list[Element]:
         uncertainties = group["standard_uncertainty"]
         quantities = [
             quantity
-            for part in ("intrinsics", "distortion")
-            for name, value in group[part].items()
+            for name, value in estimated_terms(group)
             for quantity in figure(_named(name), name, value, u=uncertainties.get(name) or None)
         ]
         quantities += figure("Images", "image_count", group["image_count"])
         quantities += figure("Reduced χ²", "reduced_chi2", group["reduced_chi2"])
-        model = f"Lens model: {group['lens_model'].replace('_', ' ')}"
+        model = f"Lens model: {words(group['lens_model'])}"
         results += result(f"Camera of focus group {group['focus_group']}", quantities, model)
     return [
         *results,

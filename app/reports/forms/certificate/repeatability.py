@@ -6,9 +6,10 @@ from collections.abc import Mapping
 from typing import Any
 from xml.etree.ElementTree import Element
 
-from app.reports.forms.blocks import words
+from app.reports.forms.blocks import LEADING
 from app.reports.forms.certificate.elements import element, figure, figures, plain, result, sections, written
 from app.reports.forms.repeatability import AP_AXES, RP_AXES, VERDICTS, repeatability_blocks
+from app.reports.forms.wording import words
 
 Json = Mapping[str, Any]
 Totals = Mapping[tuple[str, str, str | None], Json]
@@ -35,7 +36,14 @@ def repeatability_results(found: Json, inputs: Json) -> list[Element]:
         ]
         verdict = f"Verdict on RP_l: {words(pose['verdict'])}. {VERDICTS[pose['verdict']]}"
         results += result(f"Pose {pose['pose_id']}", quantities, verdict)
+    first = [
+        found_result
+        for one in found["warnings"]
+        if one["code"] in LEADING
+        for found_result in result(LEADING[one["code"]], [written("dcc:text", one["detail"])])
+    ]
     return [
+        *first,
         *results,
         *_distances(found, totals, level),
         *_drift(found),

@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from app.reports.forms.blocks import Block, facts, heading, number, paragraph, table, words
+from app.reports.forms.blocks import Block, facts, heading, number, paragraph, table
+from app.reports.forms.wording import words
 
 Json = Mapping[str, Any]
 

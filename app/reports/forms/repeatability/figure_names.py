@@ -11,5 +11,5 @@ VERDICTS = {
     "instrument_limited": "The instrument's noise contributes to the reading.",
     "below_detection": "The reading is less than the instrument's noise alone would give.",
     "not_steady": "The cycles are not independent and identically distributed.",
-    "too_few_cycles": "Too few cycles for a verdict.",
+    "too_few_cycles": "A verdict takes ten cycles or more; ISO 9283 asks for 30.",
 }

@@ -7,8 +7,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from app.reports.forms.blocks import Block, heading, number, paragraph, table, with_interval, words
+from app.reports.forms.blocks import Block, heading, number, paragraph, table, with_interval
 from app.reports.forms.repeatability.figure_names import AXES, RP_AXES
+from app.reports.forms.wording import words
 
 Json = Mapping[str, Any]
 
@@ -92,4 +93,4 @@ def _named(pose: Json) -> str:
 
 def _name(outlier: Json) -> str:
     """Return what a cycle is named by: its number, else its measurement."""
-    return str(outlier["measurement_id"] if outlier["cycle"] is None else outlier["cycle"])
+    return str(outlier["named"] if outlier["cycle"] is None else outlier["cycle"])

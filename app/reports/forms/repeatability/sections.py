@@ -18,7 +18,6 @@ from app.reports.forms.blocks import (
     vector,
     warnings_of,
     with_interval,
-    words,
 )
 from app.reports.forms.repeatability.accuracy import accuracy_blocks, approach_blocks, distance_blocks
 from app.reports.forms.repeatability.cycles import drift_blocks, steadiness_blocks
@@ -30,6 +29,7 @@ from app.reports.forms.repeatability.outliers import (
     without_outliers_table,
 )
 from app.reports.forms.repeatability.uncertainty_budget import budget_blocks
+from app.reports.forms.wording import words
 
 Json = Mapping[str, Any]
 _ANGLES = ("roll_deg", "pitch_deg", "yaw_deg")
@@ -82,7 +82,7 @@ def _result(found: Json, level: str) -> list[Block]:
             rows.append(("largest AP_p", said))
         blocks.append(facts(rows))
     else:
-        blocks.append(paragraph("No pose has two cycles that count: no figure is known."))
+        blocks.append(paragraph("No repeatability is known: no pose has two visits that count."))
     for name, limit, figure in (
         ("acceptance", "datasheet_repeatability_mm", "RP_l"),
         ("accuracy_acceptance", "datasheet_accuracy_mm", "AP_p"),
