@@ -45,9 +45,9 @@ def back_up(
     manifest = report.manifest
     print(f"Backup of installation {manifest.installation_id} in {folder}, as of {manifest.created_at}")
     print(f"  database   {sum(manifest.rows.values())} rows of schema {manifest.revision}")
-    print(f"  originals  {manifest.originals}, {_mib(manifest.original_bytes)}")
+    print(f"  originals  {manifest.originals}, {_megabytes(manifest.original_bytes)}")
     print(
-        f"  copied     {report.copied} originals, {_mib(report.copied_bytes)}, "
+        f"  copied     {report.copied} originals, {_megabytes(report.copied_bytes)}, "
         f"in {time.monotonic() - started:.1f} s"
     )
     _list("missing in the data folder", manifest.missing, "Upload these images again.")
@@ -124,5 +124,5 @@ def _list_keys(keys: Sequence[ApiKey]) -> None:
     )
 
 
-def _mib(count: int) -> str:
-    return f"{count / (1024 * 1024):.1f} MiB"
+def _megabytes(count: int) -> str:
+    return f"{count / 1e6:.1f} MB"

@@ -37,7 +37,7 @@ def archive(
             archived = archive_session(installation, session, file, replace=replace)
     finally:
         installation.close()
-    print(f"{file}: session {archived.manifest.session_id}, {_mib(archived.bytes)}")
+    print(f"{file}: session {archived.manifest.session_id}, {_megabytes(archived.bytes)}")
     _print_content(archived.manifest, archived.fingerprint)
     return int(bool(archived.manifest.missing))
 
@@ -94,5 +94,5 @@ def _print_content(manifest: ArchiveManifest, fingerprint: str) -> None:
         console.print("Upload these images again to have them in the archive.")
 
 
-def _mib(count: int) -> str:
-    return f"{count / (1024 * 1024):.1f} MiB"
+def _megabytes(count: int) -> str:
+    return f"{count / 1e6:.1f} MB"
