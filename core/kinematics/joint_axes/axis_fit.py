@@ -148,6 +148,8 @@ def _long_enough(sweeps: Sequence[Sweep], method: str) -> tuple[list[Sweep], tup
                     "arc_excluded",
                     f"{len(of_joint) - len(good)} of {len(of_joint)} sweeps of joint {joint + 1} are shorter than "
                     f"{math.degrees(limit):.0f}° or have fewer than {least} poses, and were excluded.",
+                    f"To have them count, sweep the joint over {math.degrees(limit):.0f}° or more, at {least} poses "
+                    "or more.",
                 )
             )
         usable += good

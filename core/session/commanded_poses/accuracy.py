@@ -154,7 +154,7 @@ def _limits(found: Mapping[str, PoseAccuracy]) -> list[Advisory]:
                 "accuracy_near_gimbal_lock",
                 f"Commanded pitch is within 5° of ±90° at {listed(singular)}: roll, pitch and yaw do not describe "
                 "small turns there, and accuracy of orientation is given as a rotation vector alone.",
-                None,
+                "Judge orientation at these poses by the rotation vector.",
             )
         )
     return warnings

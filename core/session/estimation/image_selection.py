@@ -78,6 +78,7 @@ def select_images(data: SessionData) -> SelectedImages | None:
                 "images_of_other_target",
                 f"{others} images show another of the session's targets than most of their pose do, and count for the "
                 "calibration only.",
+                "To have figures of their positions, give them a pose of their own.",
             )
         )
     return SelectedImages(

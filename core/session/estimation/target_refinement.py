@@ -114,7 +114,7 @@ def _applied_warnings(
                 "target_shape_uncertainty_ignored",
                 f"The shape comes from focus group {name!r}; the uncertainties of {', '.join(map(repr, others))} do "
                 "not hold what it leaves open.",
-                None,
+                "Put the images of each camera setting into a session of their own.",
             )
         )
     lost = sum(len(old.poses) - len(new.poses) for old, new in zip(before, after, strict=True))

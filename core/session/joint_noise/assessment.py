@@ -159,7 +159,7 @@ def _warnings(noise: JointNoise, seen: PoseScatters, held_out: HeldOutScatter) -
                 "joint_noise_outliers",
                 f"{dropped} of {len(seen.deviations)} visits are further from their mean than the joints' noise "
                 f"explains, and were excluded{_whole_poses(noise, seen)}.",
-                "Look at them in repeatability.",
+                "Look at these cycles in the assessment of repeatability: their images, outliers and drift.",
             )
         )
     return found

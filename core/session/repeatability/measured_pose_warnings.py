@@ -18,8 +18,8 @@ def measured_pose_warnings(data: SessionData) -> list[Advisory]:
         warnings.append(
             Advisory(
                 "rotations_missing",
-                f"{_named(positions, poses)}: not every reading has a rotation, so that the figures of orientation are "
-                "null.",
+                f"{_named(positions, poses)}: not every reading has a rotation, so that no figure of orientation is "
+                "given.",
                 "Use a probe that measures all six degrees of freedom where orientation matters.",
             )
         )
@@ -27,8 +27,9 @@ def measured_pose_warnings(data: SessionData) -> list[Advisory]:
         warnings.append(
             Advisory(
                 "noise_unknown",
-                f"{_named(unknown, poses)}: not every reading has a covariance, so that noise_floor and corrected are "
-                "null, and whether the figures describe the robot or the instrument cannot be determined.",
+                f"{_named(unknown, poses)}: not every reading has a covariance, so that neither noise floor nor "
+                "corrected figures are given, and whether the figures describe the robot or the instrument cannot be "
+                "determined.",
                 "State the instrument's covariance with each reading.",
             )
         )

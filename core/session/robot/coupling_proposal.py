@@ -20,6 +20,6 @@ def coupling_proposal(data: SessionData, poses: PoseData) -> Advisory | None:
         "joint_coupling_proposed",
         f"The nominal robot is off the poses by {found.without_mm:.3g} mm, and by {found.with_it_mm:.3g} mm if "
         f"{terms}: the joints are probably coupled.",
-        "Compare with the maker's documents and state joint_coupling with the robot: `gridpose robots create` and "
-        f"`change` take {options} after the joints.",
+        "Compare with the maker's documents and state joint_coupling with the robot (`gridpose robots change`, or "
+        f"`create`: {options} after the joints).",
     )
