@@ -201,6 +201,8 @@ def environment() -> Environment:
         legend_of=words.legend_of,
         with_uncertainty=words.with_uncertainty,
         length_with_uncertainty=words.length_with_uncertainty,
+        rounded_by=words.rounded_by,
+        rounded_by_interval=words.rounded_by_interval,
         plural=words.plural,
         verdicts=words.VERDICTS,
         decisions=words.DECISIONS,

@@ -227,6 +227,17 @@ def with_uncertainty(value: float | None, uncertainty: float | None) -> str:
     return f"{fixed(value, decimals)} ± {fixed(uncertainty, decimals)}"
 
 
+def rounded_by(value: float | None, scatter: float | None, digits: int = 3) -> str:
+    """Return a value to two digits of its scatter; to so many of its own where none is known."""
+    decimals = decimals_of(scatter)
+    return number(value, digits) if decimals is None else fixed(value, decimals)
+
+
+def rounded_by_interval(value: float | None, bounds: Sequence[float] | None) -> str:
+    """Return a value to the digits that its 95 % interval supports."""
+    return number(value) if bounds is None else rounded_by(value, (bounds[1] - bounds[0]) / 4.0)
+
+
 def length_with_uncertainty(vector: Sequence[float], uncertainty: Sequence[float]) -> str:
     """Return a vector's length with its standard uncertainty, that along the vector; of none, the largest one's."""
     length = math.hypot(*vector)

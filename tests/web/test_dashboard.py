@@ -108,6 +108,9 @@ def test_images_dropped_onto_the_page_are_planned(cell: Cell, open_page: Open) -
         ["A_2.png", "A", "2"],
         ["B-c10.png", "B", "10"],
     ]
+    assert not page.is_visible("#camera-only")
+    page.select_option("[name=pattern]", "name")
+    assert "no repeatability" in page.inner_text("#camera-only")
     same = page.evaluate("gridpose.plainSha256(new TextEncoder().encode('abc'))")
     assert same == "ba7816bf8f01cfea414140de5dae2223b00361a396177a9cb410ff61f20015ad"  # FIPS 180-4, B.1
     assert not page.troubles
@@ -300,6 +303,21 @@ def test_every_page_is_accessible_and_no_wider_than_the_screen(
             assert violations(page) == [], path
         assert not is_too_wide(page), path
         assert page.locator("h1").count() == 1, path
+    assert not page.troubles
+
+
+def test_a_table_wider_than_its_box_says_so_until_its_end_is_shown(cell: Cell, open_page: Open) -> None:
+    page = open_page(viewport={"width": 390, "height": 900})
+    page.goto(f"/ui/sessions/{cell.session_id}/repeatability")
+    table = "[aria-label='Pose repeatability']"
+    page.wait_for_selector(f"{table}.wide.more")
+    said = f"getComputedStyle(document.querySelector(\"{table}\"), '::before').content"
+    assert "More columns" in page.evaluate(said)
+    page.evaluate(f'document.querySelector("{table}").scrollLeft = 10000')
+    page.wait_for_selector(f"{table}.wide:not(.more)")
+    page.set_viewport_size({"width": 1900, "height": 900})
+    page.wait_for_selector(f"{table}:not(.wide):not(.more)")
+    assert page.evaluate(said) == "none"
     assert not page.troubles
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from datetime import timedelta
 from typing import Literal
 
 import sqlalchemy as sa
@@ -11,11 +12,14 @@ from sqlalchemy import orm
 from sqlalchemy.sql.elements import ColumnElement
 
 from app.jobs.queue import ALREADY_MEASURED
+from app.records.ids import moment_of
 from app.records.tables import Measurement, Result, Session
 from app.services.queries import get_or_raise
 
 ImageState = Literal["waiting", "measured", "weak", "failed", "excluded", "duplicate"]
 IMAGE_STATES: tuple[ImageState, ...] = ("waiting", "measured", "weak", "failed", "excluded", "duplicate")
+SENT_TOGETHER = timedelta(seconds=2)
+"""Images of a pose that come in a shorter time than a robot takes for another visit."""
 MAX_GRADED = 5_000
 """Images of a session of which the weak ones are counted: it reads a document of each."""
 
@@ -83,7 +87,37 @@ def list_gallery(
         .order_by(order)
         .options(orm.joinedload(Measurement.result).load_only(Result.calibration, Result.labelling))
     ).all()
-    return GalleryPage(found, page, pages, total)
+    return GalleryPage(in_order_of_cycles(found, chosen.oldest_first), page, pages, total)
+
+
+def in_order_of_cycles(found: Sequence[Measurement], oldest_first: bool) -> list[Measurement]:
+    """Return images as they were received; those of one pose that were sent together, several at a time, by cycle.
+
+    Which of them arrives first is chance.
+    """
+    ordered = list(found)
+    places: dict[str, list[int]] = {}
+    for place, one in enumerate(found):
+        places.setdefault(one.pose_id, []).append(place)
+    for of_pose in places.values():
+        together: list[int] = []
+        for place in of_pose:
+            if together and not _sent_together(found[together[-1]], found[place]):
+                together = []
+            together.append(place)
+            by_cycle = sorted((found[k] for k in together), key=_cycle_and_burst, reverse=not oldest_first)
+            for k, one in zip(together, by_cycle, strict=True):
+                ordered[k] = one
+    return ordered
+
+
+def _sent_together(one: Measurement, other: Measurement) -> bool:
+    known = one.cycle is not None and other.cycle is not None
+    return known and abs(moment_of(one.id) - moment_of(other.id)) < SENT_TOGETHER
+
+
+def _cycle_and_burst(one: Measurement) -> tuple[int, int]:
+    return one.cycle or 0, one.burst or 0
 
 
 def count_gallery(records: orm.Session, session_id: str) -> GalleryCounts:

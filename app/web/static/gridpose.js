@@ -212,6 +212,17 @@
     }
   }
 
+  // A table that is wider than its box says so; it loses the fade at its end.
+  const boxes = new ResizeObserver((entries) => entries.forEach((one) => cue(one.target)));
+  function cue(box) {
+    box.classList.toggle("wide", box.scrollWidth > box.clientWidth + 1);
+    box.classList.toggle("more", box.scrollWidth > box.clientWidth + box.scrollLeft + 4);
+  }
+  function cueTables() {
+    for (const one of document.querySelectorAll(".scroll")) boxes.observe(one);
+  }
+  document.addEventListener("scroll", (event) => event.target.matches && event.target.matches(".scroll") && cue(event.target), true);
+
   // Headlines that are not computed yet, one after the other: an analysis is work for the server.
   let filling = false;
   async function fillHeadlines() {
@@ -254,6 +265,7 @@
     gridpose.localise(document);
     fillHeadlines();
     reachPlots();
+    cueTables();
   });
   addEventListener("resize", reachPlots);
   document.addEventListener("load", (event) => event.target.closest && event.target.closest(".paper") && reachPlots(), true);
@@ -266,6 +278,7 @@
     gridpose.localise(document);
     fillHeadlines();
     reachPlots();
+    cueTables();
     for (const box of document.querySelectorAll("form + .refusal[data-code]")) gridpose.show(box.previousElementSibling, { box });
     for (const form of document.querySelectorAll("#estimator-form")) for (const field of form.querySelectorAll("select")) field.addEventListener("change", () => form.requestSubmit());
   });

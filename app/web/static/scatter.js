@@ -71,9 +71,11 @@
         if (form.elements.numbers.checked && pose.cycles[k] !== null) { context.fillStyle = ink; context.fillText(pose.cycles[k], x + 7, y - 5); }
       });
       output.textContent = "frame ± " + digits(half / zoom * unit[1], 2) + " " + unit[0];
+      // Three digits of the largest offset: more say nothing of a cycle.
+      const largest = Math.max(...pose.offsets_mm.map((offset) => Math.hypot(...offset)), 1e-9), decimals = Math.min(6, Math.max(0, 2 - Math.floor(Math.log10(largest))));
       body.replaceChildren(...pose.offsets_mm.map(function (offset, k) {
         const row = document.createElement("tr");
-        const cells = [pose.cycles[k] === null ? "–" : String(pose.cycles[k]), ...offset.map((v) => fixed(v)), fixed(Math.hypot(...offset)) + (pose.outlier[k] ? " outlier" : "")];
+        const cells = [pose.cycles[k] === null ? "–" : String(pose.cycles[k]), ...offset.map((v) => fixed(v, decimals)), fixed(Math.hypot(...offset), decimals) + (pose.outlier[k] ? " outlier" : "")];
         cells.forEach(function (text, column) {
           const cell = document.createElement(column ? "td" : "th");
           if (!column) cell.scope = "row"; else cell.className = "num";
@@ -83,7 +85,7 @@
         return row;
       }));
     }
-    const fixed = (value) => { const text = value.toFixed(4); return Number(text) === 0 ? text.replace("-", "") : text.replace("-", "−"); };
+    const fixed = (value, decimals) => { const text = value.toFixed(decimals); return Number(text) === 0 ? text.replace("-", "") : text.replace("-", "−"); };
     const dot = (a, b) => a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
     const nice = (value) => { const power = Math.pow(10, Math.floor(Math.log10(value))), share = value / power; return power * (share >= 5 ? 5 : share >= 2 ? 2 : 1); };
     function path(ink, thickness, trace, dash = []) { context.beginPath(); context.setLineDash(dash); trace(); context.strokeStyle = ink; context.lineWidth = thickness; context.stroke(); context.setLineDash([]); }

@@ -42,6 +42,7 @@
       const ready = files.filter((one) => one.state === "to send"), poses = new Set(files.map((one) => one.pose));
       plan.hidden = !files.length;
       document.getElementById("plan-title").textContent = files.length + (files.length === 1 ? " image" : " images") + " at " + poses.size + (poses.size === 1 ? " pose" : " poses");
+      document.getElementById("camera-only").hidden = poses.size < files.length;
       // What needs a look first, then the rest in order.
       const isOdd = (one) => one.why || !["to send", "sent", "was here"].includes(one.state);
       const shown = [...files.filter(isOdd), ...files.filter((one) => !isOdd(one))].slice(0, SHOWN);

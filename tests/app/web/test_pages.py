@@ -3,15 +3,27 @@
 from __future__ import annotations
 
 import re
+from datetime import UTC, datetime, timedelta
 from typing import Any
 
 import pytest
 import sqlalchemy as sa
 
+from app.records.ids import least_id
 from app.records.tables import Measurement, Result
 from app.services.measurements import gallery as gallery_counts
 from app.services.reports import NewReport, order_report
-from app.web.words import interval, length_with_uncertainty, number, signless_zero, size, with_uncertainty
+from app.web.pages import environment
+from app.web.words import (
+    interval,
+    length_with_uncertainty,
+    number,
+    rounded_by,
+    rounded_by_interval,
+    signless_zero,
+    size,
+    with_uncertainty,
+)
 from tests.support.service.signed_in import signed_in
 from tests.support.sessions.kinematics import make_robot
 from tests.support.sessions.stored_sessions import new_session
@@ -35,6 +47,9 @@ def test_values_have_the_digits_that_their_uncertainty_supports() -> None:
     assert with_uncertainty(5.0, None) == "5.00000"
     assert length_with_uncertainty([0.3, -0.4, 0.0], [0.01, 0.02, 0.5]) == "0.500 ± 0.017"
     assert length_with_uncertainty([0.0, 0.0, 0.0], [0.01, 0.02, 0.0]) == "0.000 ± 0.020"
+    assert (rounded_by(69.4347193, 0.143), rounded_by(1645.85, 2700.0)) == ("69.43", "1646")
+    assert (rounded_by(1160.0212, None, 6), rounded_by(None, 0.1)) == ("1160.02", "–")
+    assert rounded_by_interval(1163.218, [-1.2, 0.8]) == "1163.22"
     assert interval([-0.0004, 0.1951]) == "[0.000, 0.195]"
     assert interval(None) == "–"
     assert (signless_zero("-0.00"), signless_zero("-0.01")) == ("0.00", "−0.01")
@@ -80,6 +95,28 @@ def test_a_sessions_images_come_in_pages_and_by_filters(api: Any, session_id: st
         *(("?state=nonsense", 60),),
     ):
         assert len(shown(query)) == count, query
+
+
+def test_images_that_were_sent_together_are_in_the_order_of_their_cycles() -> None:
+    """Fours at a time, the third before the second: as at a pose, and not across a pause or another pose."""
+    begun = datetime(2026, 1, 1, tzinfo=UTC)
+
+    def image(pose_id: str, cycle: int | None, seconds: float) -> Measurement:
+        return Measurement(
+            id=least_id("mea", begun + timedelta(seconds=seconds)), pose_id=pose_id, cycle=cycle, burst=1
+        )
+
+    received = [
+        *(image("P1", cycle, k / 10) for k, cycle in enumerate((1, 3, 2, 4))),
+        *(image("P2", 1, 0.5), image("P1", 6, 0.6), image("P1", 5, 0.7)),
+        *(image("P1", 8, 60.0), image("P1", 7, 120.0)),  # visited in this order
+        *(image("P3", None, 121.0), image("P3", None, 121.1)),
+    ]
+    oldest = gallery_counts.in_order_of_cycles(received, oldest_first=True)
+    assert [one.cycle for one in oldest] == [1, 2, 3, 4, 1, 5, 6, 8, 7, None, None]
+    assert oldest[-2:] == received[-2:], "without a cycle they stay as they came"
+    newest = gallery_counts.in_order_of_cycles(received[::-1], oldest_first=False)
+    assert newest == oldest[::-1]
 
 
 def test_states_of_images_have_one_set_of_words_on_every_page(
@@ -261,3 +298,27 @@ def test_both_decisions_on_a_data_sheet_stand_on_the_page(api: Any) -> None:
     assert re.search(r"Worst RP<sub>l</sub> <b>0\.\d+ mm</b>; decided at <bdi>P\d</bdi>", page)
     assert "Acceptance of accuracy: " in page
     assert re.search(r"Worst AP<sub>p</sub> <b>0\.\d+ mm</b>; (decided|open) at <bdi>P\d</bdi>", page)
+    answer = api.client.get(f"/v1/sessions/{session}/repeatability?source=measured_poses").json()
+    for pose in answer["poses"]:
+        one = pose["accuracy"]
+        figures = (
+            f'{number(one["ap_p_mm"])} <span class="quiet">{interval(one["interval"]["ap_p_mm"])}</span>'
+        )
+        assert f'{figures} <span class="quiet">held out {number(one["held_out"]["ap_p_mm"])}</span>' in page
+    assert "held out: tied by the other poses alone." in page
+    for name in ("Floor, mm", "Corrected, mm", "AD, mm", "RD, mm"):
+        assert f'<th scope="col">{name}' in page
+    assert answer["distances"]
+    for one in answer["distances"]:
+        known = one["standard_uncertainty_mm"]
+        mean = with_uncertainty(one["mean_mm"], known) if known else rounded_by(one["mean_mm"], one["rd_mm"])
+        assert f'<td class="num">{mean}</td>' in page
+
+
+def test_an_accuracy_without_an_interval_says_so() -> None:
+    shown = environment().get_template("_macros.html").module.accuracy  # type: ignore[attr-defined]
+    one: dict[str, Any] = {"ap_p_mm": 0.0712618, "interval": {"ap_p_mm": None}, "held_out": {"ap_p_mm": None}}
+    assert shown(one) == '0.0713 <span class="quiet">no interval</span>'
+    one["held_out"]["ap_p_mm"] = 0.0618545
+    assert shown(one).endswith('no interval</span> <span class="quiet">held out 0.0619</span>')
+    assert shown(None) == "–"
