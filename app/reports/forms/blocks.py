@@ -15,7 +15,7 @@ from app.reports.forms.wording import words
 Block = dict[str, Any]
 UNKNOWN = "–"
 MAX_PLACES = 7
-LEADING = {"too_few_cycles": "Nothing was repeated", "cycles_not_stated": "Cycles are not stated"}
+LEADING = {"too_few_cycles": "No repeatability is stated", "cycles_not_stated": "Cycles are not stated"}
 """Warnings without which no figure is to be read, and the headings under which a report begins with them."""
 NORMAL_95 = 1.959964
 """Coverage factor of a normal figure's 95 % interval."""
@@ -102,8 +102,8 @@ def vector(values: Sequence[float] | None, *, places: int = 3) -> list[str]:
 
 
 def warnings_of(document: Mapping[str, Any]) -> list[Block]:
-    """Return an analysis's warnings as notes, with their advice."""
-    texts = [_with_advice(one) for one in document["warnings"]]
+    """Return an analysis's warnings as notes, with their advice; those that a report begins with stand there alone."""
+    texts = [_with_advice(one) for one in document["warnings"] if one["code"] not in LEADING]
     return [heading("Warnings"), *notes(texts)] if texts else []
 
 

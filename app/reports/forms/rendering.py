@@ -101,8 +101,14 @@ def report_blocks(document: Mapping[str, Any], drawings: Mapping[str, str]) -> l
         *opening_blocks(document),
         *body,
         *closing_blocks(document),
-        *_drawings(drawings),
+        *_drawings({name: svg for name, svg in drawings.items() if name not in _without_figures(document)}),
     ]
+
+
+def _without_figures(document: Mapping[str, Any]) -> tuple[str, ...]:
+    """Return the drawings that would show no figure of the session's: where nothing was repeated, the scatter."""
+    poses = document["analyses"].get("repeatability", {"poses": ()})["poses"]
+    return () if any(pose["cycles"] > 1 for pose in poses) else ("scatter",)
 
 
 def _drawings(drawings: Mapping[str, str]) -> list[Block]:

@@ -5,7 +5,7 @@ document in which they read as a report does, and every form for people is drawn
 the API's words. It works by what a word is, not by message:
 
     an id                        the name that the report's inputs give it: of an image its file, pose and cycle
-    a request or a command       left out with its parentheses; a method of HTTP outside of them is a verb
+    a request or a command       removed with its parentheses; a method of HTTP outside of them is a verb
     name=value                   the setting in words
     a field                      its name in words, without its unit
     a code                       its words

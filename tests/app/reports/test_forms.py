@@ -163,7 +163,7 @@ def test_terms_that_the_lens_model_holds_at_zero_are_named_and_not_listed() -> N
 
 @pytest.mark.parametrize(
     ("code", "heading"),
-    [("too_few_cycles", "Nothing was repeated"), ("cycles_not_stated", "Cycles are not stated")],
+    [("too_few_cycles", "No repeatability is stated"), ("cycles_not_stated", "Cycles are not stated")],
 )
 def test_a_report_whose_figures_are_no_repeatability_begins_with_that(code: str, heading: str) -> None:
     document = _fixture("repeatability")
@@ -182,8 +182,23 @@ def test_a_report_whose_figures_are_no_repeatability_begins_with_that(code: str,
         for form in ("html", "pdf"):
             shown = _shown(forms, form)
             assert shown.index(heading) < shown.index("no repeatability") < shown.index("Conditions")
+            assert shown.count("Visit every pose again.") == 1
     certificate = render_forms(document, {}, CompanyTemplate())["xml"].decode()
     assert certificate.index(heading) < certificate.index("gridpose_cycles")
+
+
+def test_where_nothing_was_repeated_there_is_no_drawing_of_scatter() -> None:
+    document = _fixture("repeatability")
+    drawings = {"scatter": '<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 10 10"/>'}
+    caption = "Cycles of each pose about their mean"
+    assert caption in render_forms(document, drawings, CompanyTemplate())["html"].decode()
+    for pose in document["analyses"]["repeatability"]["poses"]:
+        pose["cycles"] = 1
+        for part in ("repeatability", "interval", "corrected", "corrected_interval", "noise_floor"):
+            pose[part] = dict.fromkeys(pose[part])
+    page = render_forms(document, drawings, CompanyTemplate())["html"].decode()
+    assert caption not in page
+    assert "RP along the axes" not in page, "a table of dashes"
 
 
 def _shown(forms: Mapping[str, bytes], form: str) -> str:

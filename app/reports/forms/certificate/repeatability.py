@@ -40,7 +40,7 @@ def repeatability_results(found: Json, inputs: Json) -> list[Element]:
         found_result
         for one in found["warnings"]
         if one["code"] in LEADING
-        for found_result in result(LEADING[one["code"]], [written("dcc:text", one["detail"])])
+        for found_result in result(LEADING[one["code"]], [written("dcc:text", one["detail"], one["advice"])])
     ]
     return [
         *first,

@@ -193,19 +193,20 @@ def _rp_table(found: Json, level: str) -> list[Block]:
 
 
 def _repeatability(found: Json, level: str) -> list[Block]:
+    known = [pose for pose in found["poses"] if pose["repeatability"]["rp_l_mm"] is not None]
     by_axis = [
         [
             pose["pose_id"],
             *(with_interval(pose["repeatability"][n], pose["interval"][n])[0] for n in RP_AXES),
         ]
-        for pose in found["poses"]
+        for pose in known
     ]
     intervals = [
         [
             pose["pose_id"],
             *(with_interval(pose["repeatability"][n], pose["interval"][n])[1] for n in RP_AXES),
         ]
-        for pose in found["poses"]
+        for pose in known
     ]
     return [
         heading("Pose repeatability RP (ISO 9283:1998, 7.2.2)"),
