@@ -269,7 +269,7 @@ class KinematicsError(EstimationError):
 
 class JointAnglesMissing(KinematicsError):
     code = "joint_angles_missing"
-    default_advice = "Send joint_angles_deg with every pose or image; or leave poses without them out."
+    default_advice = "Send joint_angles_deg with every pose or image, or exclude the images that have none."
 
 
 class JointAnglesInconsistent(KinematicsError):

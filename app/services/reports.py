@@ -120,7 +120,9 @@ def read_form(records: orm.Session, report_id: str, form: str) -> tuple[bytes, s
     row = records.get(ReportForm, (report_id, form))
     if row is None:
         raise NotFound(
-            f"This report has no form {form}.", "The report lists its forms.", code="report_form_not_found"
+            f"This report has no form {form}.",
+            "Ask for one of the forms that the report lists.",
+            code="report_form_not_found",
         )
     content = inflated(row)
     if content is None:

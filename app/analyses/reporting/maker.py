@@ -156,7 +156,7 @@ class ReportMaker:
                 row.id,
                 "report_failed",
                 "The report could not be made for a reason that the service does not know.",
-                "The server's log has the details under `report_failed`.",
+                "Order the report again; if it fails again, the server's log has the details under `report_failed`.",
             )
             return
         finally:

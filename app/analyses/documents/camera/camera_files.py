@@ -123,18 +123,18 @@ def chosen_group(data: SessionData, groups: Sequence[FocusGroup], wanted: str | 
         raise AnalysisError(
             "focus_group_required",
             f"The session has a camera for each of its focus groups, {names}; one is asked for.",
-            "Name one by focus_group.",
+            "Name one of them (`focus_group`).",
         )
     if wanted not in {image.focus_group for image in data.images}:
         raise NotFound(
             "None of the session's measured images is of that focus group.",
-            "GET the session's intrinsics for the focus groups there are.",
+            "Name one that the session's intrinsics list (GET .../intrinsics).",
             code="focus_group_not_found",
         )
     raise AnalysisError(
         "no_usable_images",
         f"The images of focus group {wanted!r} give no camera.",
-        "GET the session's intrinsics: `excluded` lists the images with their reasons.",
+        "Look at the images that the session's intrinsics exclude, with their reasons (GET .../intrinsics).",
     )
 
 

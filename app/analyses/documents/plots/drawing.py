@@ -94,7 +94,7 @@ def _chosen_groups(data: SessionData, settings: Mapping[str, str]) -> Sequence[F
     if wanted is not None and wanted not in {image.focus_group for image in data.images}:
         raise NotFound(
             "None of the session's measured images is of that focus group.",
-            "GET the session's intrinsics for the focus groups there are.",
+            "Name one that the session's intrinsics list (GET .../intrinsics).",
             code="focus_group_not_found",
         )
     session = estimate_session(data, settings["estimator"])
@@ -103,7 +103,7 @@ def _chosen_groups(data: SessionData, settings: Mapping[str, str]) -> Sequence[F
         reasons = Counter(e.code for e in session.excluded.values())
         raise NothingUsable(
             f"No image of focus group {wanted!r} serves: {_listed(reasons)}.",
-            "GET the session's intrinsics for the reasons.",
+            "The session's intrinsics have the reasons (GET .../intrinsics).",
         )
     if len(groups) > MAX_ROWS:
         raise _too_many(len(groups), "focus groups", "focus_group")

@@ -22,7 +22,7 @@ def lens_profile_plot(data: SessionData, settings: Mapping[str, str], about: str
         raise AnalysisError(
             "too_many_for_plot",
             f"The session has {len(estimate.groups)} focus groups; one plot shows {MAX_GROUPS}.",
-            "GET the session's intrinsics, which has each group's lens_evidence.",
+            "The session's intrinsics have each group's evidence (GET .../intrinsics: `lens_evidence`).",
         )
     others = {model: _with_model(data, settings["estimator"], model) for model in COMPARED}
     profiles = []
