@@ -42,7 +42,7 @@ def _result(found: Json) -> list[Block]:
     rows: list[tuple[str, Any]] = [
         ("method", words(found["method"])),
         ("model", words(found["model"])),
-        ("convention", found["convention"]),
+        ("convention", words(found["convention"])),
         ("residual", _errors(residual)),
     ]
     if validation is not None:

@@ -28,6 +28,8 @@ _NAMES = {
     "aprilgrid": "AprilGrid",
     "brown": "Brown-Conrady",
     "charuco": "ChArUco board",
+    "classic_dh": "Denavit-Hartenberg, classic",
+    "cpa": "circle-point analysis",
     "dh": "Denavit-Hartenberg",
     "dh_and_compliance": "Denavit-Hartenberg and compliance",
     "given": "given camera",

@@ -14,9 +14,11 @@ import sqlalchemy as sa
 
 from app.records.tables import Report, ReportForm
 from app.reports.signature import check_file
+from core.simulation import KR5_ARC
 from tests.support.report_texts import page_text, technical_words
 from tests.support.service.jobs import compute
 from tests.support.service.service import Api, ApiMaker, assert_problem, wait_until
+from tests.support.sessions.kinematics import measured, readings, rows_of
 from tests.support.sessions.stored_sessions import BOARD, board_fields, shoot, store_shots
 
 pytestmark = pytest.mark.slow  # a process of the analyses loads the numerics
@@ -97,6 +99,19 @@ def test_the_forms_hold_the_same_figures_and_no_markup_of_users(running: Api, ma
     certificate = form(running, made, "xml").decode()
     assert f"<si:value>{value}</si:value>" in certificate
     assert "R. Meier &lt;b&gt;#sys" in certificate
+
+
+def test_a_report_on_kinematics_is_in_words(running: Api) -> None:
+    robot = {"name": "KR 5 arc, cell 4", "joints": rows_of(KR5_ARC)}
+    robot_id = running.client.post("/v1/robots", json=robot).json()["id"]
+    session_id = running.make_session(running.make_target(**board_fields(BOARD)), robot_id=robot_id)
+    stored = running.client.post(f"/v1/sessions/{session_id}/measured-poses", json=readings(measured()[1]))
+    assert stored.is_success, stored.text
+    found = finished(running, order(running, session_id, kind="kinematics"))
+    assert found["status"] == "succeeded", found["failure"]
+    forms = {name: form(running, found, name) for name in ("html", "xml")}
+    assert not technical_words(forms, json.loads(form(running, found, "json")))
+    assert "Denavit-Hartenberg, classic" in page_text(forms["html"])
 
 
 def test_a_session_in_which_nothing_was_repeated_gives_a_report_that_begins_with_that(running: Api) -> None:
