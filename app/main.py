@@ -7,7 +7,6 @@ from contextlib import asynccontextmanager
 from functools import cache
 from typing import Any
 
-import structlog
 from fastapi import APIRouter, FastAPI
 from fastapi.routing import APIRoute
 from starlette.concurrency import run_in_threadpool
@@ -43,6 +42,7 @@ from app.api.routes.documents import histories, qualifications, reports, robot_e
 from app.build import program_version
 from app.delivery import Delivery
 from app.jobs.painting import ImagePainter
+from app.logs import Logger
 from app.records.file_lock import AlreadyLocked, FileLock
 from app.services.health import HealthWatch
 from app.services.installation.binding import refuse_foreign_folder
@@ -54,7 +54,7 @@ from app.settings import Settings
 from app.web import PageRefusals
 from app.web import routers as dashboard
 
-log = structlog.get_logger(__name__)
+log = Logger(__name__)
 
 
 class AlreadyServed(Exception):

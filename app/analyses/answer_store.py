@@ -11,11 +11,11 @@ import random
 from dataclasses import asdict
 
 import sqlalchemy as sa
-import structlog
 
 from app.analyses.answer_cache import Question
 from app.analyses.outcome import AnalysisRefused
 from app.build import analyses_build
+from app.logs import Logger
 from app.records.database import Database
 
 MAX_BYTES = 32 * 1024 * 1024
@@ -24,7 +24,7 @@ MAX_ALL_BYTES = 1024 * 1024 * 1024
 KEPT_DAYS = 30
 _TIDIED_EVERY = 50  # answers
 
-log = structlog.get_logger(__name__)
+log = Logger(__name__)
 
 _FIND = sa.text(
     "SELECT etag, body, refusal FROM analysis_answers WHERE session_id = :session_id AND question = :question"

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Collection, Coroutine, Mapping
 from typing import Any, get_args, get_origin
 
-import structlog
 from fastapi import APIRouter, Request
 from fastapi.dependencies.models import Dependant
 from fastapi.routing import APIRoute
@@ -29,13 +28,14 @@ from app.api.problems import MEDIA_TYPE
 from app.api.representations import CSV, read_csv_list
 from app.errors import InvalidContent, NotFound
 from app.http import authorize, get_requester
+from app.logs import Logger
 from app.records.activity import acting
 from app.records.tables import Measurement, Report, Robot, Session, Table, Target
 from app.services.installation.context import ServiceContext
 from app.services.measurements import recall_targets, session_targets
 from app.services.queries import NOUNS, exists
 
-log = structlog.get_logger(__name__)
+log = Logger(__name__)
 BODY_LIMIT = MIB
 BULK_LIMIT = 16 * MIB
 TAKE_CSV = frozenset({"put_poses", "put_measured_poses"})

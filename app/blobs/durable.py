@@ -10,7 +10,7 @@ import sys
 from collections.abc import Callable
 from pathlib import Path
 
-import structlog
+from app.logs import Logger
 
 _WORTH_BEGINNING = 256 * 1024
 _SYNC_FILE_RANGE_WRITE = 2
@@ -26,7 +26,7 @@ def _sync_file_range() -> Callable[[int, int, int, int], int] | None:
 
 
 _SYNC_FILE_RANGE = _sync_file_range()
-log = structlog.get_logger(__name__)
+log = Logger(__name__)
 
 
 def write_durably(path: Path, content: bytes, *, mode: int = 0o600) -> None:

@@ -20,18 +20,17 @@ from functools import partial
 from io import FileIO
 from pathlib import Path
 
-import structlog
-
 from app.blobs.durable import begin_writing, remove_file, sync_folder
 from app.blobs.integrity import is_whole, open_original
 from app.blobs.thumbnails import Thumbnails
 from app.errors import StorageFull, refusal_of
+from app.logs import Logger
 
 _STRIPES = 64
 _PREFIXES = tuple(f"{number:02x}" for number in range(256))
 _NAME = re.compile(r"[0-9a-f]{64}")
 
-log = structlog.get_logger(__name__)
+log = Logger(__name__)
 
 
 class StagedBlob:

@@ -12,9 +12,8 @@ from datetime import timedelta
 from functools import cache
 from typing import TYPE_CHECKING
 
-import structlog
-
 from app.errors import ServiceError, StorageFull, Unavailable
+from app.logs import Logger
 
 if TYPE_CHECKING:
     from obstore.store import S3Store
@@ -25,7 +24,7 @@ ANSWER_S = 20
 CONNECT_S = 5
 RETRIED_S = 15
 
-log = structlog.get_logger(__name__)
+log = Logger(__name__)
 
 
 def is_object_address(address: str) -> bool:

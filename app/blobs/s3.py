@@ -19,12 +19,11 @@ from io import FileIO
 from pathlib import Path
 from typing import Any
 
-import structlog
-
 from app.blobs.local import LocalBlobs, StagedBlob, map_storage_errors
 from app.blobs.objects import delete_object, map_object_errors, split_address, store_of
 from app.blobs.s3_thumbnails import S3Thumbnails
 from app.errors import OriginalCorrupt, OriginalMissing
+from app.logs import Logger
 
 _STRIPES = 4096
 """Locks between services: two uploads of different images that share one wait for each other's put."""
@@ -37,7 +36,7 @@ _NAME = re.compile(r"[0-9a-f]{64}")
 Guard = Callable[[int], AbstractContextManager[None]]
 """Excludes other processes from what a number stands for."""
 
-log = structlog.get_logger(__name__)
+log = Logger(__name__)
 
 
 class S3Blobs:

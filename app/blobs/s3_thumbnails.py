@@ -4,12 +4,11 @@ from __future__ import annotations
 
 from typing import Any
 
-import structlog
-
 from app.blobs.objects import delete_object, map_object_errors
 from app.errors import ServiceError
+from app.logs import Logger
 
-log = structlog.get_logger(__name__)
+log = Logger(__name__)
 
 
 class S3Thumbnails:

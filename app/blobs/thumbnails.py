@@ -9,11 +9,10 @@ import errno
 import secrets
 from pathlib import Path
 
-import structlog
-
 from app.blobs.durable import remove_file
+from app.logs import Logger
 
-log = structlog.get_logger(__name__)
+log = Logger(__name__)
 
 
 def thumbnail_path(root: Path, sha256: str) -> Path:

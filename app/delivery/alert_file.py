@@ -11,8 +11,7 @@ import json
 import os
 from pathlib import Path
 
-import structlog
-
+from app.logs import Logger
 from app.records.database import Database
 from app.services.notices import document_of, latest_number, numbered_after
 
@@ -21,7 +20,7 @@ MAX_BYTES = 10 * 1024 * 1024
 _AT_ONCE = 100
 _TAIL = 64 * 1024
 
-log = structlog.get_logger(__name__)
+log = Logger(__name__)
 
 
 class AlertFile:

@@ -6,13 +6,13 @@ import time
 from datetime import UTC, datetime
 
 import sqlalchemy as sa
-import structlog
 
 from app.delivery.alert_file import AlertFile
 from app.delivery.derived import Derived, derived_of
 from app.delivery.loop import Loop
 from app.delivery.measured import MeasuredSessions
 from app.delivery.sender import Sender
+from app.logs import Logger
 from app.records.readable import unreadable_columns
 from app.records.tables import Notice
 from app.services.installation.context import ServiceContext
@@ -23,7 +23,7 @@ _LOOK_EVERY_S = 15.0
 """Between two looks for sessions that are measured."""
 _PRUNE_EVERY_S = 3600.0
 
-log = structlog.get_logger(__name__)
+log = Logger(__name__)
 
 
 class Delivery:

@@ -6,13 +6,12 @@ import asyncio
 import time
 from datetime import UTC, datetime
 
-import structlog
-
 from app.delivery.posting import Attempt, post
+from app.logs import Logger
 from app.services.installation.context import ServiceContext
 from app.services.notices import Claimed, claim_due, save_attempt, secret_of
 
-log = structlog.get_logger(__name__)
+log = Logger(__name__)
 
 
 class Sender:

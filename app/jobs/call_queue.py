@@ -13,14 +13,13 @@ from concurrent.futures import Future
 from dataclasses import dataclass, field
 from typing import Any, Generic, TypeVar
 
-import structlog
-
 from app.jobs.subprocess_executor import Cancelled, Initialise, Limits, ProcessDied, SubprocessExecutor
 from app.jobs.worker_init import start_worker
+from app.logs import Logger
 
 Result = TypeVar("Result")
 
-log = structlog.get_logger(__name__)
+log = Logger(__name__)
 
 
 class QueueFull(Exception):

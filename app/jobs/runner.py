@@ -19,8 +19,6 @@ from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
 
-import structlog
-
 from app.blobs.interface import Blobs
 from app.errors import ServiceError
 from app.jobs.pace import GATHER_S, IDLE_POLL_S, BackOff, Pace
@@ -29,11 +27,12 @@ from app.jobs.queue import Job, Queue
 from app.jobs.settlement import Settlement, is_death
 from app.jobs.worker_init import keep_compiled_code, prepare_environment, start_worker
 from app.jobs.worker_pool import Compute, Initialise, Task, WorkerLost, WorkerSlot, close_all
+from app.logs import Logger
 from app.records.database import Database
 from app.records.presence import RunnerLock
 from app.settings import Settings
 
-log = structlog.get_logger(__name__)
+log = Logger(__name__)
 
 BATCH = 4
 """Jobs taken at a time for each worker, so that the next one is at hand while results are being saved."""

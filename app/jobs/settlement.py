@@ -14,16 +14,15 @@ from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
-import structlog
-
 from app.errors import ServiceError, Unavailable
 from app.jobs.pace import BackOff
 from app.jobs.queue import Job, JobResult, Queue
 from app.jobs.worker_pool import OverTime
 from app.jobs.worker_process import ProcessExpired
+from app.logs import Logger
 from app.records.outcome import Failure, Outcome
 
-log = structlog.get_logger(__name__)
+log = Logger(__name__)
 
 MAX_ATTEMPTS = 3
 MAX_OVERTIMES = 2

@@ -19,9 +19,8 @@ from multiprocessing.context import SpawnProcess
 from pathlib import Path
 from typing import Any, TypeVar
 
-import structlog
-
 from app.jobs.worker_init import prepare_environment, start_worker
+from app.logs import Logger
 
 Result = TypeVar("Result")
 Initialise = Callable[[int, bool], None]
@@ -35,7 +34,7 @@ _LOOK_EVERY_S = 0.05
 _TAKEN = (True, None, "")
 """What a process says once it is ready, and of every call that has reached it."""
 
-log = structlog.get_logger(__name__)
+log = Logger(__name__)
 
 
 class ProcessDied(Exception):

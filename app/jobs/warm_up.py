@@ -20,14 +20,13 @@ from multiprocessing.sharedctypes import Synchronized
 
 import cv2
 import numpy as np
-from jaxtyping import Float, UInt8, UInt16
+from jaxtyping import Float, UInt8
 
 import core
 from core import Camera, TargetSpec, calibrate_targets
 from core.calibration import estimate_group
-from core.geometry import so3_exp, transform
+from core.geometry import so3_exp
 from core.jit import Kernel
-from core.simulation import Scene, render
 from core.targets import GridPoints
 
 CHESSBOARD = TargetSpec("chessboard", 7, 5, pitch_mm=10.0)
@@ -37,52 +36,43 @@ _AHEAD_MM = np.array([0.0, 0.0, 120.0])
 _TILT = so3_exp(np.array([math.radians(35.0), 0.0, 0.1]))
 _OTHER_TILT = so3_exp(np.array([0.0, math.radians(35.0), 0.1]))
 """One tilt alone leaves the principal point to its prior, and with it the focal length."""
+_PIXELS_PER_SQUARE = 32
 _MAX_PROCESSES = 8
 """More processes than this wait for the kernels of `core.targets.subpixel.corner_step`, which take longest."""
 _LINE_EVERY_S = 5.0
 """Between lines of progress, where the output is no terminal and the same line cannot be written again."""
-
-Image = UInt8[np.ndarray, "h w"] | UInt16[np.ndarray, "h w"]
 
 _compiled: Synchronized[int]
 """How many signatures all processes have compiled. Set in the processes that `compile_kernels` starts."""
 
 
 def warm_up() -> None:
-    """Calibrate a small rendered board, by the way that every job's image takes, and pool it as analyses do."""
-    points, others = (
-        _calibrated_points(small_image(CHESSBOARD, tilt=tilt), CHESSBOARD) for tilt in (_TILT, _OTHER_TILT)
-    )
+    """Calibrate a small board, by the way that every job's image takes, and pool it as analyses do."""
+    points, others = (_calibrated_points(_small_image(tilt), CHESSBOARD) for tilt in (_TILT, _OTHER_TILT))
     estimate_group([points, points, others], "pooled", repeats=["home", "home", "other"])
 
 
-def small_image(
-    board: TargetSpec,
-    *,
-    tilt: Float[np.ndarray, "3 3"] = _TILT,
-    bit_depth: int = 8,
-    marks: bool = False,
-    origin_dot: float = 1.0,
-    seed: int = 0,
-) -> Image:
-    """Return a small rendered image of a tilted board."""
-    middle_mm = board.points_target().mean(axis=0)
-    scene = Scene(
-        target=board,
-        camera=_CAMERA,
-        T_camera_target=transform(tilt, _AHEAD_MM - tilt @ middle_mm),
-        width_px=_SIZE_PX[0],
-        height_px=_SIZE_PX[1],
-        noise_levels=2.0,
-        bit_depth=bit_depth,
-        marks=marks,
-        origin_dot=origin_dot,
-        seed=seed,
+def _small_image(tilt: Float[np.ndarray, "3 3"]) -> UInt8[np.ndarray, "h w"]:
+    """Return a small image of the tilted chessboard. A drawing will do: the renderer, and what it loads, is no part of
+    a worker.
+    """
+    squares = (np.indices((CHESSBOARD.rows + 1, CHESSBOARD.columns + 1)).sum(axis=0) % 2).astype(np.uint8)
+    pattern = 40 + 160 * np.kron(squares, np.ones((_PIXELS_PER_SQUARE, _PIXELS_PER_SQUARE), np.uint8))
+    pattern = np.pad(pattern, _PIXELS_PER_SQUARE, constant_values=200)
+    mm = CHESSBOARD.pitch_mm / _PIXELS_PER_SQUARE
+    origin = (0.5 - 2 * _PIXELS_PER_SQUARE) * mm  # of the first pixel, from the first grid point
+    placed = _AHEAD_MM - tilt @ CHESSBOARD.points_target().mean(axis=0)
+    H = (
+        _CAMERA.matrix
+        @ np.column_stack([tilt[:, 0], tilt[:, 1], placed])
+        @ np.array([[mm, 0.0, origin], [0.0, mm, origin], [0.0, 0.0, 1.0]])
     )
-    return render(scene)
+    sharp = cv2.warpPerspective(pattern, H, _SIZE_PX, borderMode=cv2.BORDER_CONSTANT, borderValue=200)
+    noise = np.random.default_rng(0).normal(0.0, 2.0, sharp.shape)
+    return np.clip(cv2.GaussianBlur(sharp, (0, 0), 1.0) + noise, 0.0, 255.0).astype(np.uint8)
 
 
-def _calibrated_points(image: Image, board: TargetSpec) -> GridPoints:
+def _calibrated_points(image: UInt8[np.ndarray, "h w"], board: TargetSpec) -> GridPoints:
     """Return the grid points of a calibrated image; an installation that cannot do this one can do no other."""
     (outcome,) = calibrate_targets(cv2.imencode(".png", image)[1].tobytes(), [board])
     if outcome.failure is not None:

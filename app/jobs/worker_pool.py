@@ -14,15 +14,14 @@ from collections.abc import Callable, Sequence
 from concurrent.futures import Future
 from dataclasses import dataclass
 
-import structlog
-
 from app.jobs.job import Job
 from app.jobs.pace import BackOff
 from app.jobs.worker_init import start_worker
 from app.jobs.worker_process import WorkerProcess
+from app.logs import Logger
 from app.records.outcome import Outcome
 
-log = structlog.get_logger(__name__)
+log = Logger(__name__)
 
 Compute = Callable[[Job, str, int], tuple[Outcome, float]]
 Initialise = Callable[[int, bool], None]

@@ -12,12 +12,12 @@ import time
 from pathlib import Path
 
 import sqlalchemy as sa
-import structlog
 
+from app.logs import Logger
 from app.records.database import Database
 from app.records.file_lock import AlreadyLocked, FileLock
 
-log = structlog.get_logger(__name__)
+log = Logger(__name__)
 
 ADVISORY_LOCK = 0x706F_7365  # "pose"
 _CHECK_S = 5.0

@@ -6,9 +6,9 @@ import os
 import stat
 from pathlib import Path
 
-import structlog
+from app.logs import Logger
 
-log = structlog.get_logger(__name__)
+log = Logger(__name__)
 
 SECRET_FILES = (
     "gridpose.sqlite3",

@@ -12,9 +12,9 @@ from datetime import UTC, datetime, timedelta
 from typing import Any, TypedDict, Unpack
 
 import sqlalchemy as sa
-import structlog
 
 from app.errors import InvalidContent, NotFound, ServiceError
+from app.logs import Logger
 from app.records.database import Database
 from app.records.ids import is_id, new_id
 from app.records.pagination import page
@@ -236,7 +236,7 @@ def _hash(pepper: bytes, secret: str) -> str:
 
 
 WRITE_EVERY_S = 60.0
-log = structlog.get_logger(__name__)
+log = Logger(__name__)
 
 
 class KeyUse:

@@ -15,13 +15,13 @@ from itertools import groupby
 from typing import TypeVar
 
 import sqlalchemy as sa
-import structlog
 from sqlalchemy import orm
 from sqlalchemy.dialects import postgresql, sqlite
 
 from app.blobs.interface import Blobs
 from app.blobs.local import StagedBlob
 from app.errors import ServiceError
+from app.logs import Logger
 from app.records.database import Database
 from app.records.tables import Measurement, Removal
 
@@ -32,7 +32,7 @@ _HASH = re.compile(r"[0-9a-f]{64}")
 
 Item = TypeVar("Item")
 
-log = structlog.get_logger(__name__)
+log = Logger(__name__)
 
 
 def remove_unreferenced(database: Database, blobs: Blobs, hashes: Sequence[str]) -> set[str]:

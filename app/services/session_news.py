@@ -14,8 +14,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from typing import TYPE_CHECKING, Any
 
-import structlog
-
+from app.logs import Logger
 from app.records.database import Database
 from app.records.file_lock import AlreadyLocked
 from app.records.presence import ADVISORY_LOCK
@@ -32,7 +31,7 @@ AT_MOST_EVERY_S = 0.2
 """How soon a follower looks again while news keep coming."""
 _RECONNECT_S = 1.0
 
-log = structlog.get_logger(__name__)
+log = Logger(__name__)
 
 
 class Follower:

@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import Any
 from urllib.parse import quote, urlencode
 
-import structlog
 from fastapi import APIRouter, Request
 from fastapi.exceptions import RequestValidationError
 from fastapi.routing import APIRoute
@@ -31,12 +30,13 @@ from app.http import (
     invalid_request,
     status_of,
 )
+from app.logs import Logger
 from app.records.activity import acting
 from app.web import page_words, words
 from app.web.service import service_of
 from app.web.static_files import static_version
 
-log = structlog.get_logger(__name__)
+log = Logger(__name__)
 _TEMPLATES = Path(__file__).parent / "templates"
 _HEADERS = {
     "Content-Security-Policy": "default-src 'self'; script-src 'self'; style-src 'self'; img-src 'self' data: blob:; "

@@ -9,8 +9,6 @@ from __future__ import annotations
 import threading
 from datetime import UTC, datetime, timedelta
 
-import structlog
-
 from app.analyses.computations import ServiceFailure
 from app.analyses.history import summarise_reports, summary_or_none
 from app.analyses.reporting.orders import MadeReport, ReportOrder, compute_report
@@ -18,6 +16,7 @@ from app.analyses.service import AnalysisService
 from app.errors import RowUnreadable, ServiceError
 from app.jobs.call_queue import Call, QueueFull
 from app.jobs.subprocess_executor import START_WITHIN_S, Cancelled, OutOfMemory, ProcessDied, TimedOut
+from app.logs import Logger
 from app.records.ids import moment_of
 from app.records.readable import unreadable_columns
 from app.records.tables import Report
@@ -29,7 +28,7 @@ _LOOK_EVERY_S = 30.0
 """Between two looks at the queue where nobody said that there is something in it."""
 _PAUSE_S = 1.0
 
-log = structlog.get_logger(__name__)
+log = Logger(__name__)
 
 
 class ReportMaker:

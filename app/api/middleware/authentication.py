@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import hmac
 
-import structlog
 from starlette.concurrency import run_in_threadpool
 from starlette.datastructures import Headers
 from starlette.requests import cookie_parser
@@ -17,6 +16,7 @@ from starlette.types import ASGIApp, Receive, Scope, Send
 from app.api.problems import service_problem
 from app.errors import NotAllowed, NotAuthenticated, ServiceError
 from app.http import COOKIE, CSRF_HEADER, SignIn, csrf_token, read_sign_in
+from app.logs import Logger
 from app.records.tables import ApiKey
 from app.services.installation.context import ServiceContext
 from app.services.keys import find_key, recall_key
@@ -29,7 +29,7 @@ DASHBOARD = "/ui"
 """Pages lead who is not signed in to the sign-in page, and look at the key themselves."""
 _SAFE = ("GET", "HEAD", "OPTIONS")
 
-log = structlog.get_logger(__name__)
+log = Logger(__name__)
 
 
 class ApiKeyAuth:

@@ -15,9 +15,10 @@ from app.api.metrics import Metrics
 from app.api.middleware.client_address import client_address
 from app.api.problems import internal_problem, service_problem
 from app.errors import refusal_of
+from app.logs import Logger
 from app.settings import Network
 
-log = structlog.get_logger(__name__)
+log = Logger(__name__)
 
 _REQUEST_ID = re.compile(r"[A-Za-z0-9._-]{1,64}")
 _DRAIN_BYTES = 256 * 1024 * 1024

@@ -11,14 +11,14 @@ import sys
 from pathlib import Path
 
 import sqlalchemy as sa
-import structlog
 
+from app.logs import Logger
 from app.records.activity import Activity, acting
 from app.records.tables import ApiKey
 from app.services.installation.context import ServiceContext
 from app.services.keys import FIRST_KEY_FILE, draft_key, find_key, store_key
 
-log = structlog.get_logger(__name__)
+log = Logger(__name__)
 
 
 def ensure_admin_key(installation: ServiceContext) -> Path | None:

@@ -13,7 +13,6 @@ from pathlib import Path
 from types import FrameType
 from typing import Annotated
 
-import structlog
 import typer
 import uvicorn
 from fastapi import FastAPI
@@ -25,7 +24,7 @@ from app.cli.options.data_folder import DataDir
 from app.cli.server.connections import Connection, allow_many_connections
 from app.cli.server.first_key import announce_admin_key, ensure_admin_key
 from app.cli.server.supervision import Supervisor
-from app.logs import configure_logging
+from app.logs import Logger, configure_logging
 from app.main import create_app
 from app.records.file_lock import AlreadyLocked, FileLock
 from app.settings import Settings, is_loopback
@@ -35,7 +34,7 @@ _MAX_REQUEST_SHUTDOWN_S = 8
 _MAX_GIVE_UP_SHUTDOWN_S = 15.0
 """Time for the shutdown after the runner gave up; with the runner's `MAX_UNABLE_S` it stays below 60 s."""
 
-log = structlog.get_logger(__name__)
+log = Logger(__name__)
 
 
 def serve(

@@ -11,9 +11,9 @@ import time
 from collections.abc import Mapping
 from typing import Self
 
-import structlog
+from app.logs import Logger
 
-log = structlog.get_logger(__name__)
+log = Logger(__name__)
 
 _MORE_TIME = "EXTEND_TIMEOUT_USEC=30000000"
 _MORE_TIME_EVERY_S = 10.0

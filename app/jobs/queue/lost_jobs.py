@@ -6,13 +6,13 @@ from contextlib import suppress
 
 import procrastinate
 import sqlalchemy as sa
-import structlog
 from procrastinate import exceptions, jobs
 
+from app.logs import Logger
 from app.records.database import Database
 from app.records.tables import Measurement
 
-log = structlog.get_logger(__name__)
+log = Logger(__name__)
 
 SILENT_S = 8.0
 """After so long without a report a worker counts as gone, and its jobs are given to others."""

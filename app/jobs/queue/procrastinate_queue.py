@@ -21,7 +21,6 @@ from dataclasses import dataclass
 
 import procrastinate
 import sqlalchemy as sa
-import structlog
 from sqlalchemy import orm
 
 from app.jobs.job import Job, JobResult
@@ -29,13 +28,14 @@ from app.jobs.queue.claimed_rows import read_jobs, unreadable
 from app.jobs.queue.lost_jobs import SILENT_S, give_back_stalled, recover_rows
 from app.jobs.queue.saving import give_up
 from app.jobs.queue.sql_queue import SqlQueue
+from app.logs import Logger
 from app.records.database import Database
 from app.records.ids import new_id
 from app.records.outcome import Failure
 from app.records.statements import rows_of
 from app.records.tables import Measurement
 
-log = structlog.get_logger(__name__)
+log = Logger(__name__)
 
 HEARTBEAT_S = 2.0
 """How often a worker reports that it is alive."""

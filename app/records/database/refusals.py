@@ -6,16 +6,16 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 
 import sqlalchemy as sa
-import structlog
 
 from app.errors import StorageFull, Unavailable
+from app.logs import Logger
 from app.records.database.engines import sqlite_driver
 
 _SQLITE, _ = sqlite_driver()
 _DAMAGE = ("database disk image is malformed", "file is not a database")
 _NO_ROOM = ("disk is full", "disk i/o error", "no space left", "file too large")
 
-log = structlog.get_logger(__name__)
+log = Logger(__name__)
 
 
 @contextmanager

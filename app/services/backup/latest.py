@@ -7,15 +7,14 @@ from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
 
-import structlog
-
 from app.blobs.durable import write_durably
 from app.errors import BackupRefused
+from app.logs import Logger
 from app.services.backup.manifest import Manifest
 
 FILE_NAME = "last-backup.json"
 
-log = structlog.get_logger(__name__)
+log = Logger(__name__)
 
 
 @dataclass(frozen=True, slots=True)

@@ -15,12 +15,12 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 import sqlalchemy as sa
-import structlog
 from sqlalchemy import orm
 
 from app.blobs.durable import write_once
 from app.blobs.local import original_path
 from app.errors import InstallationRefused
+from app.logs import Logger
 from app.records.activity import Activity, acting
 from app.records.database import Database
 from app.records.ids import new_id
@@ -35,7 +35,7 @@ _BY_ADOPTION = "or start once with `gridpose serve --adopt`"
 RESTORING = "restoring.json"
 """Lies in a data folder as long as a restore has not ended."""
 
-log = structlog.get_logger(__name__)
+log = Logger(__name__)
 
 
 def sqlite_path(settings: Settings) -> Path | None:

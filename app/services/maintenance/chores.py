@@ -13,9 +13,9 @@ from contextlib import AbstractContextManager, nullcontext
 from datetime import UTC, datetime
 
 import sqlalchemy as sa
-import structlog
 
 from app.errors import ServiceError
+from app.logs import Logger
 from app.services.installation.context import ServiceContext
 from app.services.maintenance.orphans import OrphanSweep
 from app.services.maintenance.retention import Retention, elapsed_s
@@ -23,7 +23,7 @@ from app.services.originals import finish_removals
 
 INTERVAL_S = 600.0
 
-log = structlog.get_logger(__name__)
+log = Logger(__name__)
 
 
 class Round:

@@ -16,10 +16,10 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import sqlalchemy as sa
-import structlog
 
 from app.blobs.durable import write_durably
 from app.blobs.interface import Blobs
+from app.logs import Logger
 from app.records.database import Database
 from app.records.tables import Measurement, Removal
 from app.services.originals import in_pages, remove_unreferenced
@@ -34,7 +34,7 @@ SMALL_SHARE = 0.01
 are more than half of the originals, however few there are."""
 STATE = "orphans.json"
 
-log = structlog.get_logger(__name__)
+log = Logger(__name__)
 
 
 @dataclass(frozen=True, slots=True)

@@ -25,10 +25,10 @@ from datetime import datetime, timedelta
 from pathlib import Path
 
 import sqlalchemy as sa
-import structlog
 from sqlalchemy import orm
 
 from app.errors import NotFound
+from app.logs import Logger
 from app.records.activity import Activity, acting
 from app.records.ids import is_id, moment_of
 from app.records.tables import MeasuredPose, Measurement, Pose, Session
@@ -43,7 +43,7 @@ MAX_STEP = timedelta(minutes=5)
 """Largest difference between the clock and the time passed in truth that setting the clock right explains."""
 STATE = "retention.json"
 
-log = structlog.get_logger(__name__)
+log = Logger(__name__)
 
 
 def elapsed_s() -> float:

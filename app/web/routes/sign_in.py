@@ -6,17 +6,17 @@ import hmac
 import secrets
 from urllib.parse import parse_qs
 
-import structlog
 from fastapi import APIRouter, Request
 from starlette.concurrency import run_in_threadpool
 from starlette.responses import JSONResponse, RedirectResponse, Response
 
 from app.http import COOKIE, begin_sign_in, csrf_token
+from app.logs import Logger
 from app.services.keys import find_key
 from app.web.pages import came_by_tls, render, set_sign_in
 from app.web.service import service_of
 
-log = structlog.get_logger(__name__)
+log = Logger(__name__)
 router = APIRouter(include_in_schema=False, prefix="/ui")
 FORM_COOKIE = "gridpose_form"
 """Binds the sign-in form to the browser that loaded it: nobody is signed in with somebody else's key unawares."""

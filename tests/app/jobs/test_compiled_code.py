@@ -12,11 +12,13 @@ import cv2
 import numpy as np
 import pytest
 
-from app.jobs.warm_up import CHESSBOARD, Image, kernels_by_module, small_image, warm_up
+from app.jobs.warm_up import CHESSBOARD, kernels_by_module, warm_up
 from app.jobs.worker_init import keep_compiled_code
-from core import TargetSpec, calibrate_targets
+from core import Camera, TargetSpec, calibrate_targets
+from core.geometry import so3_exp, transform
 from core.jit import _parsed
 from core.kinematics.dh import pose_with_jacobian
+from core.simulation import Scene, render
 
 BOARDS = (
     CHESSBOARD,
@@ -29,6 +31,26 @@ PARTIAL_PX = 190
 """Columns of an image that a part of the board fills."""
 
 
+def _small_image(
+    board: TargetSpec, *, bit_depth: int = 8, marks: bool = False, origin_dot: float = 1.0, seed: int = 0
+) -> np.ndarray:
+    tilt = so3_exp(np.array([np.radians(35.0), 0.0, 0.1]))
+    middle_mm = board.points_target().mean(axis=0)
+    scene = Scene(
+        target=board,
+        camera=Camera(300.0, 300.0, 159.5, 119.5),
+        T_camera_target=transform(tilt, np.array([0.0, 0.0, 120.0]) - tilt @ middle_mm),
+        width_px=320,
+        height_px=240,
+        noise_levels=2.0,
+        bit_depth=bit_depth,
+        marks=marks,
+        origin_dot=origin_dot,
+        seed=seed,
+    )
+    return render(scene)
+
+
 def _compiled_undeclared() -> tuple[set[str], list[str], list[str]]:
     """Do what jobs and analyses do; return the kernels used, the signatures compiled though not declared, and what
     failed."""
@@ -36,16 +58,16 @@ def _compiled_undeclared() -> tuple[set[str], list[str], list[str]]:
     failed: list[str] = []
     for bit_depth in (8, 16):
         for board in BOARDS:
-            image = small_image(board, bit_depth=bit_depth, seed=5)
+            image = _small_image(board, bit_depth=bit_depth, seed=5)
             larger = cv2.resize(image, None, fx=2.0, fy=2.0, interpolation=cv2.INTER_CUBIC)
             failed += _failures(image, [board]) + _failures(larger, [board])
             _failures(image, BOARDS)
             _failures(np.ascontiguousarray(image[:, :PARTIAL_PX]), [board])
-        marked = small_image(CHESSBOARD, bit_depth=bit_depth, marks=True, seed=6)
+        marked = _small_image(CHESSBOARD, bit_depth=bit_depth, marks=True, seed=6)
         failed += _failures(marked, [CHESSBOARD])
         _failures(np.ascontiguousarray(marked[:, :PARTIAL_PX]), [CHESSBOARD])
-        failed += _failures(small_image(BOARDS[2], bit_depth=bit_depth, origin_dot=1.5), [BOARDS[2]])
-    failed += _failures(small_image(CHESSBOARD), [CHESSBOARD], ".jpg")
+        failed += _failures(_small_image(BOARDS[2], bit_depth=bit_depth, origin_dot=1.5), [BOARDS[2]])
+    failed += _failures(_small_image(CHESSBOARD), [CHESSBOARD], ".jpg")
     pose_with_jacobian(np.zeros((2, 5)), np.zeros((1, 2)), np.eye(4)[None], np.eye(4))
     used, undeclared = set(), []
     for module, kernels in kernels_by_module().items():
@@ -59,7 +81,7 @@ def _compiled_undeclared() -> tuple[set[str], list[str], list[str]]:
     return used, undeclared, failed
 
 
-def _failures(image: Image, boards: Sequence[TargetSpec], extension: str = ".png") -> list[str]:
+def _failures(image: np.ndarray, boards: Sequence[TargetSpec], extension: str = ".png") -> list[str]:
     outcomes = calibrate_targets(cv2.imencode(extension, image)[1].tobytes(), boards)
     return [outcome.failure.detail for outcome in outcomes if outcome.failure is not None]
 
