@@ -22,7 +22,7 @@ from app.records.database import Database
 from app.records.ids import new_id
 from app.records.tables import Measurement, Pose, Session, SessionTarget, Target
 from benchmarks.table import Row
-from tests.support.service.queued_rows import QUEUED
+from tests.support.jobs.queued_rows import QUEUED
 
 AT_ONCE = 8
 """Jobs of one claim: those of two workers."""

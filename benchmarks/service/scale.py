@@ -27,7 +27,7 @@ from tests.support.environment.machines import Machines, Uploads
 from tests.support.environment.object_store import object_store
 from tests.support.environment.postgres import new_database
 from tests.support.image.images import encode
-from tests.support.service.queued_rows import enqueue, make_session
+from tests.support.jobs.queued_rows import enqueue, make_session
 
 CLIENTS = 8
 SETTINGS = ((1, 1, 1), (1, 2, 1), (1, 4, 1), (2, 2, 1))

@@ -15,8 +15,8 @@ import sqlalchemy as sa
 from app.records.tables import Report, ReportForm
 from app.reports.signature import check_file
 from core.simulation import KR5_ARC
+from tests.support.jobs.runners import compute
 from tests.support.report_texts import page_text, technical_words
-from tests.support.service.jobs import compute
 from tests.support.service.service import Api, ApiMaker, assert_problem, wait_until
 from tests.support.sessions.kinematics import measured, readings, rows_of
 from tests.support.sessions.stored_sessions import BOARD, board_fields, shoot, store_shots

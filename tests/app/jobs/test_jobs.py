@@ -18,8 +18,8 @@ from app.jobs.settlement import WORKER_CRASHED
 from app.records.file_lock import AlreadyLocked
 from app.records.presence import RunnerLock
 from tests.support.environment.processes import OwnWorkers, descendants, is_alive, worker_processes
-from tests.support.service.computations import DONE
-from tests.support.service.jobs import queue_images, runner_of
+from tests.support.jobs.computations import DONE
+from tests.support.jobs.runners import queue_images, runner_of
 from tests.support.service.service import wait_until
 
 

@@ -20,7 +20,7 @@ from app.jobs.process_image import process_image
 from app.jobs.queue import JobResult
 from app.services.measurements.retries import queue_restored
 from tests.support.image.images import encode, flip_bit
-from tests.support.service.jobs import compute
+from tests.support.jobs.runners import compute
 
 
 def cut(path: Path) -> None:

@@ -13,7 +13,7 @@ from app.jobs.pace import GATHER_S, Pace
 from app.jobs.queue import JobResult
 from app.records.outcome import Outcome
 from app.records.tables import Result
-from tests.support.service.jobs import queue_images
+from tests.support.jobs.runners import queue_images
 
 
 def test_results_wait_for_others_only_where_others_may_come() -> None:

@@ -10,7 +10,7 @@ from app.jobs.queue import JobResult
 from app.jobs.settlement import WORKER_CRASHED
 from app.records.codec import encode_refused
 from app.records.outcome import Failure, Outcome, Provenance
-from tests.support.service.jobs import compute
+from tests.support.jobs.runners import compute
 from tests.support.sessions.stored_sessions import new_session, shoot, store_shots
 
 NOTHING = encode_refused(None, Provenance("0.1.0", "0" * 64, {}))

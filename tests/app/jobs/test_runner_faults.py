@@ -26,7 +26,7 @@ from app.records.file_lock import AlreadyLocked
 from app.records.presence import ADVISORY_LOCK
 from app.services.health import HealthWatch
 from tests.support.environment.processes import OwnWorkers
-from tests.support.service.jobs import queue_images, runner_of
+from tests.support.jobs.runners import queue_images, runner_of
 from tests.support.service.service import wait_until
 
 if sys.platform == "win32":

@@ -13,7 +13,7 @@ import pytest
 from app.jobs.subprocess_executor import Limits, SubprocessExecutor, TimedOut
 from app.records import ids
 from app.services.installation.context import ServiceContext
-from tests.support.service.jobs import queue_images, runner_of
+from tests.support.jobs.runners import queue_images, runner_of
 from tests.support.service.service import wait_until
 
 if sys.platform == "win32":

@@ -9,9 +9,9 @@ import sqlalchemy as sa
 from app.jobs.queue import JobResult
 from app.records.tables import Measurement, Removal, Result
 from app.services.originals import record_removals
-from tests.support.service.computations import DONE
+from tests.support.jobs.computations import DONE
+from tests.support.jobs.searches import seek, shown
 from tests.support.service.originals import open_elsewhere
-from tests.support.service.searches import seek, shown
 
 
 def delete(api: Any, measurement_id: str) -> None:

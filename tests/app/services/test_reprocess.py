@@ -10,8 +10,8 @@ import sqlalchemy as sa
 from app.jobs.queue import JobResult, requeueing
 from app.records.tables import AuditEntry
 from app.services.measurements import retries
-from tests.support.service.computations import DONE
-from tests.support.service.searches import shown
+from tests.support.jobs.computations import DONE
+from tests.support.jobs.searches import shown
 
 
 def reprocess(api: Any, session_id: str, only: str) -> Any:

@@ -27,7 +27,7 @@ from app.settings import Settings
 from core.simulation.renderer import render_levels
 from core.simulation.scenes import standard_scene
 from core.targets.specification import TargetSpec
-from tests.support.service.jobs import compute
+from tests.support.jobs.runners import compute
 from tests.support.service.service import Api
 
 POSES, CYCLES = 2, 3

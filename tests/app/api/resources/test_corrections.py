@@ -10,7 +10,7 @@ import sqlalchemy as sa
 from app.jobs.queue import JobResult
 from app.records.ids import new_id
 from app.records.tables import Measurement
-from tests.support.service.computations import DONE
+from tests.support.jobs.computations import DONE
 from tests.support.service.service import assert_problem
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from app.jobs.queue import JobResult
-from tests.support.service.searches import shown
+from tests.support.jobs.searches import shown
 
 
 def change(api: Any, session_id: str, *target_ids: str) -> None:

@@ -12,7 +12,7 @@ from app.jobs.queue import JobResult
 from app.jobs.queue.sql_queue import SqlQueue
 from app.jobs.settlement import WORKER_CRASHED
 from app.records.outcome import Failure
-from tests.support.service.searches import NOTHING, seek, shown
+from tests.support.jobs.searches import NOTHING, seek, shown
 
 
 def test_what_was_measured_already_is_not_counted_as_failed(any_api: Any, grey_png: bytes) -> None:

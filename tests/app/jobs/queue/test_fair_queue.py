@@ -16,7 +16,7 @@ from app.jobs.queue.sql_queue import SqlQueue
 from app.records import migrations
 from app.records.database import Database
 from tests.support.environment.postgres import EITHER_DATABASE
-from tests.support.service.queued_rows import enqueue, make_session
+from tests.support.jobs.queued_rows import enqueue, make_session
 
 MANY = 1_000
 """Images of the large session in the smaller tier; ten times as many in the larger."""

@@ -11,7 +11,7 @@ from app.jobs.queue import JobResult
 from app.jobs.runner import JobRunner
 from app.records.ids import new_id
 from app.records.presence import RunnerLock
-from tests.support.service.computations import compute_by_name, start_without_warm_up
+from tests.support.jobs.computations import compute_by_name, start_without_warm_up
 from tests.support.service.service import Api
 
 

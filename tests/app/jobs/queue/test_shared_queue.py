@@ -19,7 +19,7 @@ from app.records.database import Database
 from app.records.outcome import Failure, Outcome
 from app.records.tables import Measurement, Session
 from tests.support.environment.postgres import new_database
-from tests.support.service.queued_rows import enqueue, make_session
+from tests.support.jobs.queued_rows import enqueue, make_session
 from tests.support.service.service import wait_until
 
 pytestmark = [pytest.mark.postgres, pytest.mark.slow]

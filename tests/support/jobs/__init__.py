@@ -1,0 +1,1 @@
+"""Runners over queues, what their workers do, and rows and searches for them."""
