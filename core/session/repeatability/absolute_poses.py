@@ -61,7 +61,10 @@ def absolute_poses(
                 common = None if pose.common is None else np.pad(pose.common, columns)
                 found[pose.measurement_id] = replace(pose, common=common)
             continue
-        if _shape_share(marginal) > MAX_SHAPE_SHARE:
+        scaled = any(stated_scale(data, known, pose) is not None for pose in group.poses)
+        if (
+            scaled and _shape_share(marginal) > MAX_SHAPE_SHARE
+        ):  # figures of unknown scale have no uncertainty
             dominated.append(group.name)
         turns = [so3_exp(w) for w in marginal.turned]
         shared = [np.pad(common, columns) for common in marginal.common]

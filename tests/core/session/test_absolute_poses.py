@@ -63,6 +63,7 @@ def test_without_a_statement_the_scale_is_taken_as_exact_and_said_to_be() -> Non
     estimate = estimate_session(data)
     codes = {w.code for w in absolute_poses(data, estimate).warnings}
     assert "scale_taken_as_exact" in codes
+    assert "target_shape_dominates" not in codes, "of an uncertainty that is not given"
     stated, _ = simulate(np.random.default_rng(5), QUICK, Departure("stated", stated=1e-3))
     of_stated = estimate_session(stated)
     assert "scale_taken_as_exact" not in {w.code for w in absolute_poses(stated, of_stated).warnings}
