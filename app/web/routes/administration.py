@@ -36,7 +36,7 @@ _ID = re.compile(rf"({'|'.join(_KINDS)})_[0-9a-z]{{26}}")
 def show_keys(request: Request, cursor: Annotated[str | None, Query(max_length=200)] = None) -> Response:
     """Show the keys, and the form to make one."""
     keys, next_cursor = list_keys(service_of(request).installation, limit=200, cursor=cursor)
-    return render(request, "keys.html", keys=keys, next_cursor=next_cursor)
+    return render(request, "administration/keys.html", keys=keys, next_cursor=next_cursor)
 
 
 @router.get("/audit", operation_id="list_audit")
@@ -67,7 +67,7 @@ def show_audit(
         names = _names(records, {one for entry in entries for one in entry.object_ids[:AUDIT_OBJECTS]})
     return render(
         request,
-        "audit.html",
+        "administration/audit.html",
         entries=entries[:AUDIT_PAGE],
         objects=AUDIT_OBJECTS,
         names=names,
@@ -87,7 +87,7 @@ async def show_system(request: Request) -> Response:
     runner = service.runner.state if service.runner is not None else None
     return render(
         request,
-        "system.html",
+        "administration/system.html",
         health=health,
         states=CHECK_STATES,
         runner=runner,

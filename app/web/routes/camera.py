@@ -33,7 +33,7 @@ async def show_camera(request: Request, session_id: str, estimator: EstimatorTex
         groups = [{**group, "rows": camera_table(group)} for group in found["groups"]]
     return render(
         request,
-        "camera.html",
+        "analyses/camera.html",
         **context,
         refused=found if is_refused else None,
         document=None if is_refused else found,
@@ -52,7 +52,7 @@ async def show_comparison(
     is_refused = isinstance(found, AnalysisRefused)
     return render(
         request,
-        "comparison.html",
+        "analyses/comparison.html",
         **context,
         refused=found if is_refused else None,
         document=None if is_refused else found,

@@ -43,7 +43,7 @@ def show_history(
     charted = sum(len(test.charts) for test in found.tests)
     return render(
         request,
-        "robot_history.html",
+        "robots/robot_history.html",
         history=document,
         tests=tests_of(document),
         alarms=[one["alarm"]["sentence"] for one in document["series"] if one["alarm"] is not None],
@@ -74,7 +74,7 @@ def show_comparison(
             found = comparison_document(first, second)
         except Conflict as error:
             refused = error
-    return render(request, "report_comparison.html", found=found, refused=refused)
+    return render(request, "reports/report_comparison.html", found=found, refused=refused)
 
 
 def tests_of(document: dict[str, Any]) -> list[dict[str, Any]]:

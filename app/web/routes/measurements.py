@@ -60,7 +60,7 @@ def show_measurement(request: Request, measurement_id: str) -> Response:
             "warnings": (calibration or {}).get("warnings", []),
             "verdict_words": in_words(calibration),
         }
-        return render(request, "measurement.html", **context)
+        return render(request, "sessions/measurement.html", **context)
 
 
 def in_words(calibration: dict[str, Any] | None) -> str:

@@ -54,7 +54,9 @@ async def show_repeatability(
             "bar_end": end,
             "drawn": len(found["poses"]) <= MAX_DRAWN,
         }
-    return render(request, "repeatability.html", **context, **shown, settings=settings, limit=limit_of(found))
+    return render(
+        request, "analyses/repeatability.html", **context, **shown, settings=settings, limit=limit_of(found)
+    )
 
 
 @router.get("/sessions/{session_id}/cycles.json", operation_id="get_repeatability")

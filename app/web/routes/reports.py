@@ -30,7 +30,7 @@ def show_reports(request: Request, page: PageNumber = 1) -> Response:
     """Show all reports, newest first, those of deleted sessions too."""
     with service_of(request).installation.database.read() as records:
         shown = newest(records, None, page)
-    return render(request, "reports.html", **shown, session=None, page_address="/ui/reports?page=")
+    return render(request, "reports/reports.html", **shown, session=None, page_address="/ui/reports?page=")
 
 
 @router.get("/sessions/{session_id}/reports", operation_id="list_session_reports")
@@ -41,15 +41,15 @@ def show_session_reports(request: Request, session_id: str, page: PageNumber = 1
         shown = newest(records, session_id, page)
     address = f"/ui/sessions/{session_id}/reports?page="
     if is_fragment(request):
-        return render(request, "_reports.html", **shown, session=session_id, page_address=address)
+        return render(request, "reports/_reports.html", **shown, session=session_id, page_address=address)
     context = head_of(service, session_id, "reports")
-    return render(request, "session_reports.html", **context, **shown, page_address=address)
+    return render(request, "reports/session_reports.html", **context, **shown, page_address=address)
 
 
 @router.get("/reports/{report_id}", operation_id="get_report")
 def show_report(request: Request, report_id: str) -> Response:
     """Show a report: its forms, who signs it, by which key and build it was made."""
-    return render(request, "report.html", **detail_of(request, report_id), found=None, refused=None)
+    return render(request, "reports/report.html", **detail_of(request, report_id), found=None, refused=None)
 
 
 @router.get("/reports/{report_id}/verification", operation_id="get_report_verification")
@@ -70,7 +70,7 @@ async def show_verification(request: Request, report_id: str, originals: bool = 
         found = await run_while_connected(request, asked)
     except Conflict as error:
         refused = error
-    template = "_verification.html" if is_fragment(request) else "report.html"
+    template = "reports/_verification.html" if is_fragment(request) else "reports/report.html"
     return render(request, template, **detail, found=found, refused=refused)
 
 

@@ -42,7 +42,7 @@ def show_robots(request: Request, cursor: Annotated[str | None, Query(max_length
     """Show the robots, and the form to add one."""
     with service_of(request).installation.database.read() as records:
         robots, next_cursor = list_robots(records, limit=200, cursor=cursor)
-        return render(request, "robots.html", robots=robots, next_cursor=next_cursor)
+        return render(request, "robots/robots.html", robots=robots, next_cursor=next_cursor)
 
 
 @router.get("/robots/{robot_id}", operation_id="get_robot")
@@ -56,7 +56,7 @@ def show_robot(request: Request, robot_id: str) -> Response:
             .order_by(Session.id.desc())
             .limit(200)
         ).all()
-        return render(request, "robot.html", robot=robot, sessions=sessions)
+        return render(request, "robots/robot.html", robot=robot, sessions=sessions)
 
 
 @router.get("/sessions/{session_id}/robot", operation_id="get_dh")
@@ -73,7 +73,7 @@ async def show_identification(
     if not compute and not is_fragment(request):
         return render(
             request,
-            "identification.html",
+            "analyses/identification.html",
             **shown,
             computed=False,
             refused=None,
@@ -86,7 +86,7 @@ async def show_identification(
     document = None if isinstance(found, AnalysisRefused) else found
     return render(
         request,
-        "_identification.html" if is_fragment(request) else "identification.html",
+        "analyses/_identification.html" if is_fragment(request) else "analyses/identification.html",
         **shown,
         computed=True,
         refused=refused,

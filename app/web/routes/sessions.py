@@ -59,7 +59,9 @@ def show_session(
             "advice": next_step(detail, counted),
             "url": str(request.base_url).rstrip("/"),
         }
-        return render(request, "_gallery.html" if is_fragment(request) else "session.html", **context)
+        return render(
+            request, "sessions/_gallery.html" if is_fragment(request) else "sessions/session.html", **context
+        )
 
 
 def session_context(records: orm.Session, detail: SessionDetail, tab: str) -> dict[str, Any]:

@@ -67,7 +67,7 @@ async def show_start(
     is_list = request.headers.get("hx-target") == "sessions"
     return render(
         request,
-        "_sessions.html" if is_list else "start.html",
+        "sessions/_sessions.html" if is_list else "start.html",
         health=None if is_list else await look(request),
         q=q,
         robot=robot,
@@ -84,7 +84,7 @@ async def show_headline(request: Request, session_id: str) -> Response:
     """Compute a session's headline, for the list, which shows it when it comes."""
     document = await analysis_document(request, "repeatability", session_id, REPEATABILITY)
     found = Headline(reason=document.detail) if isinstance(document, AnalysisRefused) else headline(document)
-    return render(request, "_headline.html", session_id=session_id, headline=found)
+    return render(request, "sessions/_headline.html", session_id=session_id, headline=found)
 
 
 @otherwise.get("/{path:path}", operation_id="list_sessions")

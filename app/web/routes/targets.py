@@ -34,13 +34,13 @@ def show_targets(request: Request, cursor: Annotated[str | None, Query(max_lengt
     """Show the targets there are."""
     with service_of(request).installation.database.read() as records:
         targets, next_cursor = list_targets(records, limit=200, cursor=cursor)
-        return render(request, "targets.html", targets=targets, next_cursor=next_cursor, kinds=KINDS)
+        return render(request, "targets/targets.html", targets=targets, next_cursor=next_cursor, kinds=KINDS)
 
 
 @router.get("/targets/new", operation_id="list_targets")
 def show_new_target(request: Request) -> Response:
     """Design a target, with its sheet alongside."""
-    return render(request, "new_target.html", kinds=KINDS, papers=PAPERS)
+    return render(request, "targets/new_target.html", kinds=KINDS, papers=PAPERS)
 
 
 @router.get("/targets/sheet.{form}", operation_id="list_targets")
@@ -73,7 +73,7 @@ def show_target(request: Request, target_id: str) -> Response:
     """Show one target with its certificate."""
     with service_of(request).installation.database.read() as records:
         target = get_or_raise(records, Target, target_id)
-        return render(request, "target.html", target=target, kinds=KINDS, papers=PAPERS)
+        return render(request, "targets/target.html", target=target, kinds=KINDS, papers=PAPERS)
 
 
 @router.get("/targets/{target_id}/sheet.{form}", operation_id="get_target")

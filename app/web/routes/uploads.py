@@ -33,7 +33,7 @@ def show_new_session(request: Request, target: Annotated[str, Query(max_length=6
     with service_of(request).installation.database.read() as records:
         return render(
             request,
-            "new_session.html",
+            "sessions/new_session.html",
             targets=known_targets(records),
             robots=_robots(records),
             chosen_target=target,
@@ -46,7 +46,7 @@ def show_change(request: Request, session_id: str) -> Response:
     with service_of(request).installation.database.read() as records:
         return render(
             request,
-            "session_change.html",
+            "sessions/session_change.html",
             **session_context(records, get_session(records, session_id), "change"),
             known_targets=known_targets(records),
             robots=_robots(records),
@@ -66,7 +66,7 @@ def show_upload(request: Request, session_id: str) -> Response:
         detail = get_session(records, session_id)
         return render(
             request,
-            "upload.html",
+            "sessions/upload.html",
             **session_context(records, detail, "upload"),
             url=str(request.base_url).rstrip("/"),
             max_bytes=service.installation.settings.max_upload_bytes,
@@ -82,7 +82,7 @@ def show_poses(request: Request, session_id: str) -> Response:
         joints = max((len(pose.joint_angles_deg or ()) for pose in poses), default=0)
         return render(
             request,
-            "commanded_poses.html",
+            "sessions/commanded_poses.html",
             **session_context(records, detail, "poses"),
             poses=poses,
             more=more is not None,

@@ -64,7 +64,7 @@ async def show_test_plan(request: Request, asked: AskedDep) -> Response:
             refused = reason
     return render(
         request,
-        "iso9283.html",
+        "planning/iso9283.html",
         asked=asdict(asked),
         targets=targets,
         planes=PLANES,

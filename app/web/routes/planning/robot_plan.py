@@ -76,7 +76,7 @@ async def show_robot_plan(
             refused = reason
     return render(
         request,
-        "robot_plan.html",
+        "planning/robot_plan.html",
         robot=robot,
         targets=targets,
         asked={

@@ -52,19 +52,19 @@ async def show_next_views(
     settings = {"purpose": purpose, "count": str(VIEWS)}
     settings |= {"focus_group": focus_group} if focus_group else {}
     tab = "robot" if purpose == "dh" else "camera"
-    return await _show(request, session_id, tab, "next_view", settings, "_next_view.html")
+    return await _show(request, session_id, tab, "next_view", settings, "planning/_next_view.html")
 
 
 @router.get("/sessions/{session_id}/joint-noise", operation_id="get_joint_noise")
 async def show_joint_noise(request: Request, session_id: str, source: SourceText = "images") -> Response:
     """Show the noise of the robot's joints, and RP_l predicted by it over the workspace."""
-    return await _show_map(request, session_id, source, "joint_noise", "_joint_noise.html")
+    return await _show_map(request, session_id, source, "joint_noise", "planning/_joint_noise.html")
 
 
 @router.get("/sessions/{session_id}/error-map", operation_id="get_error_map")
 async def show_error_map(request: Request, session_id: str, source: SourceText = "images") -> Response:
     """Show how far the robot is from where its data sheet puts it, over the workspace."""
-    return await _show_map(request, session_id, source, "kinematic_error", "_error_map.html")
+    return await _show_map(request, session_id, source, "kinematic_error", "planning/_error_map.html")
 
 
 async def _show_map(request: Request, session_id: str, source: str, analysis: str, part: str) -> Response:
@@ -103,4 +103,4 @@ async def _show(
         "document": None if is_refused else found,
         "views": [] if isinstance(found, AnalysisRefused) else views_of(found.get("suggestions", [])),
     }
-    return render(request, part if is_fragment(request) else "advice.html", **context, **shown)
+    return render(request, part if is_fragment(request) else "planning/advice.html", **context, **shown)
