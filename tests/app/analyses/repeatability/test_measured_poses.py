@@ -82,7 +82,7 @@ def test_positions_alone_give_positions_alone(api: Any) -> None:
         assert row["mean"]["roll_deg"] is None
     assert "rotations_missing" in codes(document)
     (remark,) = (w for w in document["warnings"] if w["code"] == "rotations_missing")
-    assert "null" in remark["detail"]
+    assert "no figure of orientation" in remark["detail"]
 
 
 def test_an_instrument_that_says_nothing_of_itself_has_no_floor(api: Any) -> None:
