@@ -1,4 +1,5 @@
-"""Whether a board of dots ends with the dots that were found, or they are cut out of a larger grid.
+"""Where a board of dots ends: whether with the dots that were found, or they are cut out of a larger grid, or some of
+them are no dots.
 
 As many columns and rows as were asked for may be what a grille, or a larger board, shows next to something that covers
 it. Then there are dots on the next line to one side at least, where a board has its margin: spots as dark or bright as
@@ -11,12 +12,56 @@ import numpy as np
 from jaxtyping import Float, Int, Shaped
 
 from core.geometry import find_homography, map_in_front
+from core.targets.circles.lattice import DotLattice
+from core.targets.circles.partial_view import along_grid_lines, in_image
+from core.targets.grid_index import apart, is_staggered
 from core.targets.specification import TargetSpec
 from core.targets.subpixel import nearest_levels
 
 _MIN_SITES = 3  # in view
 _MAJORITY = 0.6  # of those in view
 _LIKE_DOTS = 0.4  # of the dots' usual contrast
+_MAX_STRAY = 2  # patches that stand where a line's dots would
+_MIN_LINE_SHARE = 0.5  # of a line's sites in the image
+_NEAR_BORDER = 0.5  # of the distance of neighbours: nearer to it a dot may be cut off
+
+
+def without_stray_lines(
+    lattice: DotLattice,
+    points_px: Float[np.ndarray, "n 2"],
+    shape: tuple[int, int],
+    target: TargetSpec,
+) -> DotLattice:
+    """Return a lattice without the outermost lines that have only one or two patches, on fewer than half of their sites
+    in the image: an edge of light across the board makes such patches, and no line of dots looks like that.
+
+    Parameters
+    ----------
+    points_px
+        The dots' centres in the full image.
+    shape
+        Height and width of the image.
+    """
+    places = along_grid_lines(lattice, target)
+    extent = places.max(axis=0) + 1
+    H = find_homography(places.astype(np.float64), points_px) if extent.min() > 1 else None
+    if H is None:
+        return lattice
+    y, x = np.mgrid[0 : extent[1], 0 : extent[0]]
+    sites = in_image(H, x, y, shape, _NEAR_BORDER * apart(target))
+    if is_staggered(target):
+        sites &= (x + y - places[0].sum()) % 2 == 0
+    kept = np.ones(len(places), dtype=np.bool_)
+    for axis in range(2):
+        line = places[:, axis]
+        in_view = sites.sum(axis=axis)
+        for lines in (range(extent[axis]), reversed(range(extent[axis]))):
+            for n in lines:
+                count = np.count_nonzero(kept & (line == n))
+                if count > _MAX_STRAY or count >= _MIN_LINE_SHARE * in_view[n]:
+                    break
+                kept &= line != n
+    return DotLattice(lattice.dots[kept], lattice.places[kept]) if kept.any() else lattice
 
 
 def extends_beyond(

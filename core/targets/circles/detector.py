@@ -14,7 +14,7 @@ from jaxtyping import Float, Shaped, UInt8, UInt16
 
 from core.errors import Advisory, OriginUnknown, TargetMirrored, TargetMismatch, TargetNotFound
 from core.targets.circles.blobs import Dots, find_dots
-from core.targets.circles.board_ends import extends_beyond
+from core.targets.circles.board_ends import extends_beyond, without_stray_lines
 from core.targets.circles.board_matching import (
     MIN_SEEN_SHARE,
     BoardMatch,
@@ -34,7 +34,7 @@ from core.targets.circles.ellipse_fit import (
     perspective_corrected_centres,
     plane_map,
 )
-from core.targets.circles.lattice import dot_lattices, merge_lattices
+from core.targets.circles.lattice import DotLattice, dot_lattices, merge_lattices, with_single_dots
 from core.targets.circles.saturation import saturation_bias
 from core.targets.lattice import Level, levels
 from core.targets.specification import GridPoints, TargetSpec, missing_points_warning
@@ -47,7 +47,7 @@ _SLENDER = 1.25  # a larger dot is as round as the others; what a blot makes of 
 _SQUARE = 0.05  # of `fourth_harmonic_share`: round dots have less than .02, a grille's of 8 px .13
 _MIN_EXTENT = 0.25  # of the largest board's: a smaller one is ignored
 _MAX_VARIANCE = 6.0  # of the residuals, times the median
-_MIN_CONTRAST = 0.25  # of the median
+_MIN_CONTRAST = 4.0  # standard deviations of the noise: fainter ones have a shape by chance
 _ROUNDING = 1.0 / 12.0
 
 _AMBIGUOUS = Advisory(
@@ -74,20 +74,29 @@ def detect_circles(
             for n, lattice in enumerate(lattices):
                 if taken[lattice.dots].any():  # by one that was cut from it
                     continue
-                extent = lattice.places.max(axis=0) - lattice.places.min(axis=0) + 1
-                if len(lattice.dots) >= _MIN_PART_SHARE * extent[0] * extent[1]:
+                whole = _without_stray_lines(image, level, dots, lattice, target)
+                extent = whole.places.max(axis=0) - whole.places.min(axis=0) + 1
+                if len(whole.dots) >= _MIN_PART_SHARE * extent[0] * extent[1]:
                     seen.append((int(extent.max()), int(extent.min())))
-                matches = board_matches(lattice, target)
+                matches = board_matches(whole, target)
                 if not matches and len(lattice.dots) >= _MIN_SHARE_TO_MERGE * target.size:
                     lattice = merge_lattices(lattice, lattices[n + 1 :], dots)
                     taken[lattice.dots] = True
-                    matches = board_matches(lattice, target)
+                    whole = _without_stray_lines(image, level, dots, lattice, target)
+                    matches = board_matches(whole, target)
+                    if not matches:
+                        wider = with_single_dots(lattice, dots)
+                        matches = board_matches(
+                            _without_stray_lines(image, level, dots, wider, target), target
+                        )
+                        if matches:
+                            taken[matches[0].dots] = True
                 if not matches:
-                    if is_mirrored(lattice, target):
+                    if is_mirrored(whole, target):
                         raise TargetMirrored(
                             f"The {target.columns} x {target.rows} dots in view are those of a mirrored print."
                         )
-                    turned = partial_matches(image, level, dots, lattice, target)
+                    turned = partial_matches(image, level, dots, whole, target)
                     if turned:
                         parts.append((level, dots, turned))
                     continue
@@ -103,6 +112,13 @@ def detect_circles(
     if parts:
         return _grid_points(image, *max(parts, key=lambda part: len(part[2][0].dots)), target, is_part=True)
     raise failure or _not_found(seen, target)
+
+
+def _without_stray_lines(
+    image: Shaped[np.ndarray, "h w"], level: Level, dots: Dots, lattice: DotLattice, target: TargetSpec
+) -> DotLattice:
+    height, width = image.shape
+    return without_stray_lines(lattice, level.to_full(dots.centres[lattice.dots]), (height, width), target)
 
 
 def _the_one(found: list[GridPoints], target: TargetSpec) -> list[GridPoints]:
@@ -167,7 +183,7 @@ def _grid_points(
     usual, usual_contrast, usual_radius = (
         float(np.median(values[trusted])) if trusted.any() else 0.0 for values in (variance, contrast, radius)
     )
-    trusted &= (variance <= _MAX_VARIANCE * max(usual, 1.0)) & (contrast >= _MIN_CONTRAST * usual_contrast)
+    trusted &= (variance <= _MAX_VARIANCE * max(usual, 1.0)) & (contrast >= _MIN_CONTRAST * np.sqrt(noise))
     larger = larger_dot(radius, trusted & (slenderness(J, fitted) < _SLENDER))
     match, is_resolved = oriented(matches, larger, fitted, target, is_part=is_part)
     warnings: tuple[Advisory, ...] = () if is_resolved else (_AMBIGUOUS,)

@@ -107,6 +107,17 @@ def merge_lattices(lattice: DotLattice, others: Sequence[DotLattice], dots: Dots
     return DotLattice(which[kept], places[kept])
 
 
+def with_single_dots(lattice: DotLattice, dots: Dots) -> DotLattice:
+    """Return a lattice with all dots that stand on its places beyond gaps, as `merge_lattices` has them: a line or two
+    of dots beyond a gap make no lattice of their own. Some of them may be none of the board's."""
+    others = np.setdiff1d(np.arange(len(dots)), lattice.dots)
+    return merge_lattices(
+        lattice,
+        [DotLattice(others[n : n + 1], np.zeros((1, 2), dtype=np.intp)) for n in range(len(others))],
+        dots,
+    )
+
+
 def _neighbours(dots: Dots) -> Int[np.ndarray, "n k"]:
     """Return the dots nearest to each, nearest first."""
     count = min(2 * _CANDIDATES + 1, len(dots))

@@ -49,7 +49,7 @@ def candidate_orientations(
         return []
     y, x = np.mgrid[-1 : extent[1] + 1, -1 : extent[0] + 1]
     is_site = (x + y - places[0].sum()) % 2 == 0 if is_staggered(target) else np.ones(x.shape, dtype=np.bool_)
-    inside = _in_image(H, x, y, shape, _NEAR_BORDER * apart(target))
+    inside = in_image(H, x, y, shape, _NEAR_BORDER * apart(target))
     within = (inside & is_site)[1:-1, 1:-1]
     known = np.zeros(within.shape, dtype=np.bool_)
     known[places[:, 1], places[:, 0]] = True
@@ -92,7 +92,7 @@ def _counted(
     return None
 
 
-def _in_image(
+def in_image(
     H: Float[np.ndarray, "3 3"],
     x: Int[np.ndarray, "h w"],
     y: Int[np.ndarray, "h w"],
