@@ -176,7 +176,9 @@ def _grid_points(
     ):
         raise _too_poor(target, int(clear.sum()))
     uncertainty = np.hypot(uncertainty, moved)
-    centres, radius, trusted = perspective_corrected_centres(matches[0].ideal, replace(fitted, trusted=clear))
+    centres, radius, trusted = perspective_corrected_centres(
+        matches[0].ideal, replace(fitted, trusted=clear), 0.5 * (np.array(image.shape[::-1]) - 1.0)
+    )
     J, drawn = plane_map(matches[0].ideal, centres, trusted.astype(np.float64))
     in_place = np.hypot(*(centres - drawn).T) <= _IN_PLACE * fitted.radius_px
     trusted |= fitted.trusted & ~clear & in_place  # dots in a highlight serve for labels, but not for places

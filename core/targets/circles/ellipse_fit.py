@@ -21,6 +21,7 @@ from jaxtyping import Bool, Float, Int, Shaped
 from core.errors import DegenerateGeometry
 from core.targets.circles.blobs import Dots
 from core.targets.circles.ellipse_solver import fit_each
+from core.targets.circles.lens_map import LensMap, fit_lens_map
 from core.targets.lattice import Level
 from core.targets.subpixel import grid_basis, grid_shape, levels_between
 
@@ -180,13 +181,15 @@ def plane_map(
 
 
 def perspective_corrected_centres(
-    ideal: Float[np.ndarray, "n 2"], fitted: FittedDots
+    ideal: Float[np.ndarray, "n 2"], fitted: FittedDots, image_middle_px: Float[np.ndarray, "2"]
 ) -> tuple[Float[np.ndarray, "n 2"], Float[np.ndarray, " n"], Bool[np.ndarray, " n"]]:
     """Return the images of the dots' centres, the dots' radii on the print (pitches), and which dots agree with the
     map they make.
 
-    A dot's outline is put through the map's series to second order about its centre: terms of third order are odd, and
-    move no centre.
+    The map is a lens's (`lens_map`) and, for what that leaves over, a homography with a polynomial. A dot's outline is
+    put through the former as it is, and through the latter's series to second order about its centre: terms of third
+    order are odd, and move no centre. At the grid's ends a polynomial that has to stand for a lens has second
+    derivatives of its own.
     """
     count = len(ideal)
     angle = np.arange(_OUTLINE) * (np.pi / _OUTLINE)
@@ -196,14 +199,20 @@ def perspective_corrected_centres(
     # the second place of each dot, a little along x, shows how the slope along y changes on the way there
     places = np.concatenate([ideal, ideal + np.array([_DERIVATIVE_STEP, 0.0])])
     weights = np.concatenate([trusted.astype(np.float64), np.zeros(count)])
-    basis = grid_basis(places, np.concatenate([measured, measured]), weights)
     shift = np.zeros((count, 2))
+    lens: LensMap | None = None
     for _ in range(_CORRECTIONS):
         centres = measured - shift
         weights[:count] = trusted
-        shape = grid_shape(basis, np.concatenate([centres, centres]), weights)
-        drawn = shape.points_px[:count]
-        J = np.stack([shape.along_x[:count], shape.along_y[:count]], axis=2)
+        lens = fit_lens_map(ideal[trusted], centres[trusted], image_middle_px, lens)
+        bend, bend_slopes = np.zeros((count, 2)), np.zeros((count, 2, 2))
+        if lens:
+            bend, bend_slopes = lens.bend(ideal), lens.bend_slopes(ideal)
+        straight = centres - bend
+        twice = np.concatenate([straight, straight])
+        shape = grid_shape(grid_basis(places, twice, weights), twice, weights)
+        drawn = shape.points_px[:count] + bend
+        J = np.stack([shape.along_x[:count], shape.along_y[:count]], axis=2) + bend_slopes
         mixed = (shape.along_y[count:] - shape.along_y[:count]) / _DERIVATIVE_STEP
         second = np.stack([shape.bend_x[:count], mixed, shape.bend_y[:count]], axis=1)
         off = np.hypot(*(centres - drawn).T)
@@ -211,12 +220,22 @@ def perspective_corrected_centres(
         trusted = trusted & (off <= _ASTRAY * max(usual, 0.01))
         radius = fitted.radius_px / np.sqrt(np.abs(J[:, 0, 0] * J[:, 1, 1] - J[:, 0, 1] * J[:, 1, 0]))
         departure = np.tensordot(second * (radius**2)[:, None, None], squares, axes=(1, 0)).transpose(0, 2, 1)
+        if lens:
+            departure += _bent_outlines(lens, ideal, radius[:, None, None] * ring) - bend[:, None]
         renewed = _ellipse_centres(departure, J * radius[:, None, None], ring)
         moved = float(np.max(np.abs(renewed - shift)))
         shift = renewed
         if moved < _SETTLED_PX:
             break
     return measured - shift, radius, _confirmed(ideal, measured - shift, fitted, radius, trusted)
+
+
+def _bent_outlines(
+    lens: LensMap, ideal: Float[np.ndarray, "n 2"], around: Float[np.ndarray, "n k 2"]
+) -> Float[np.ndarray, "n k 2"]:
+    """Return the middle of how far a lens displaces opposite places of outlines."""
+    places = np.stack([ideal[:, None] + around, ideal[:, None] - around])
+    return np.asarray(lens.bend(places.reshape(-1, 2)).reshape(places.shape).mean(axis=0))
 
 
 def _confirmed(

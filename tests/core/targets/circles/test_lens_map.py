@@ -1,0 +1,90 @@
+"""The map of a plane by a lens with radial distortion, and the dots' centres that rest on it."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from core.geometry import find_homography, map_in_front
+from core.geometry.camera import Camera, project
+from core.geometry.se3 import so3_exp, transform_points
+from core.simulation import Scene
+from core.targets import TargetSpec, detect
+from core.targets.circles.lens_map import MIN_POINTS, fit_lens_map
+from tests.support.simulation.renders import render
+
+WIDE = Camera(480.0, 480.0, 322.0, 238.0, k1=-0.35, k2=0.1)
+SIZE = (640, 480)
+MIDDLE = np.array([319.5, 239.5])
+SYMMETRIC = TargetSpec("circles", 9, 7, 25.0)
+ASYMMETRIC = TargetSpec("asymmetric_circles", 4, 11, 20.0)
+
+
+def scene_of(target: TargetSpec, seed: int, **changes: float) -> Scene:
+    """A board that fills the image, tilted by 30 to 45 degrees."""
+    rng = np.random.default_rng(seed)
+    low, high = target.points_target().min(axis=0), target.points_target().max(axis=0)
+    about = rng.uniform(0.0, 2.0 * np.pi)
+    tilt = rng.uniform(0.5, 0.8) * np.array([np.cos(about), np.sin(about), 0.0])
+    R = so3_exp(tilt) @ so3_exp(np.array([0.0, 0.0, rng.uniform(-0.4, 0.4)]))
+    T = np.eye(4)
+    T[:3, :3] = R
+    for away in np.linspace(0.6, 3.0, 100) * float((high - low).max()):
+        T[:3, 3] = np.array([0.0, 0.0, away]) - R @ (0.5 * (low + high))
+        scene = Scene(target, WIDE, T, *SIZE, seed=seed, **changes)  # type: ignore[arg-type]
+        margin = np.abs(scene.points_px - MIDDLE) - MIDDLE
+        if margin.max() < -14.0:
+            break
+    return scene
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_what_a_lens_bends_is_recovered_between_the_points_too(seed: int) -> None:
+    """Less that, points of a plane are where a homography has them."""
+    scene = scene_of(SYMMETRIC, seed)
+    plane = SYMMETRIC.points_target()[:, :2] / SYMMETRIC.pitch_mm
+    lens = fit_lens_map(plane, scene.points_px, MIDDLE)
+    assert lens is not None
+    around = plane + 0.25
+    places = np.column_stack([around, np.zeros(len(around))]) * SYMMETRIC.pitch_mm
+    points = project(transform_points(scene.T_camera_target, places), WIDE)
+
+    def off(displaced: np.ndarray) -> float:
+        H = find_homography(around, displaced)
+        assert H is not None
+        return float(np.abs(map_in_front(H, around) - displaced).max())
+
+    assert off(points) > 1.0
+    assert off(points - lens.bend(around)) < 0.01
+
+
+def test_slopes_are_the_derivatives() -> None:
+    scene = scene_of(ASYMMETRIC, 7)
+    plane = ASYMMETRIC.points_target()[:, :2] / ASYMMETRIC.pitch_mm
+    lens = fit_lens_map(plane, scene.points_px, MIDDLE)
+    assert lens is not None
+    step = 1e-5
+    for axis in np.eye(2):
+        difference = lens.bend(plane + step * axis) - lens.bend(plane - step * axis)
+        np.testing.assert_allclose(
+            lens.bend_slopes(plane) @ axis, difference / (2.0 * step), rtol=1e-5, atol=1e-5
+        )
+
+
+def test_few_points_determine_no_lens() -> None:
+    scene = scene_of(SYMMETRIC, 8)
+    plane = SYMMETRIC.points_target()[:, :2] / SYMMETRIC.pitch_mm
+    few = slice(0, MIN_POINTS - 1)
+    assert fit_lens_map(plane[few], scene.points_px[few], MIDDLE) is None
+
+
+@pytest.mark.parametrize("target", [SYMMETRIC, ASYMMETRIC], ids=["circles", "asymmetric"])
+@pytest.mark.parametrize("seed", range(10, 16))
+def test_dots_at_the_grids_ends_are_in_place_under_strong_distortion(target: TargetSpec, seed: int) -> None:
+    scene = scene_of(target, seed, noise_levels=2.0, blur_px=0.7)
+    found = detect(render(scene), target)
+    truth = scene.points_px.reshape(target.rows, target.columns, 2)
+    error = found.points_px - truth[found.row, found.column]
+    z = error / found.standard_uncertainty_px[:, None]
+    assert np.sqrt(np.mean(z**2)) < 1.3
+    assert np.abs(z).max() < 5.0
