@@ -35,7 +35,7 @@ from core.targets.circles.ellipse_fit import (
     plane_map,
 )
 from core.targets.circles.lattice import DotLattice, dot_lattices, merge_lattices, with_single_dots
-from core.targets.circles.saturation import saturation_bias
+from core.targets.circles.saturation import in_saturated_white, saturation_bias, saturation_uncertainty
 from core.targets.lattice import Level, levels
 from core.targets.specification import GridPoints, TargetSpec, missing_points_warning
 
@@ -169,15 +169,20 @@ def _grid_points(
     variance, contrast = fitted.variance, fitted.contrast
     noise = np.maximum(variance, _ROUNDING)
     uncertainty = np.sqrt(noise * 0.5 * np.trace(fitted.covariance, axis1=1, axis2=2))
-    moved = saturation_bias(image, fitted, are_dark=dots.are_dark)
+    clipped = in_saturated_white(image, fitted, are_dark=dots.are_dark)
+    moved = saturation_bias(image, fitted, clipped, are_dark=dots.are_dark)
     clear = fitted.trusted & (moved <= uncertainty)
     if clear.sum() < max(MIN_DOTS, min(_SUFFICIENT_DOTS, _MIN_CLEAR_SHARE * target.size)) or not _is_spread(
         matches[0].ideal[clear]
     ):
         raise _too_poor(target, int(clear.sum()))
     uncertainty = np.hypot(uncertainty, moved)
-    centres, radius, trusted = perspective_corrected_centres(
+    centres, radius, off, trusted = perspective_corrected_centres(
         matches[0].ideal, replace(fitted, trusted=clear), 0.5 * (np.array(image.shape[::-1]) - 1.0)
+    )
+    uncertainty = np.hypot(
+        uncertainty,
+        saturation_uncertainty(replace(fitted, trusted=trusted), radius, off, clipped, uncertainty),
     )
     J, drawn = plane_map(matches[0].ideal, centres, trusted.astype(np.float64))
     in_place = np.hypot(*(centres - drawn).T) <= _IN_PLACE * fitted.radius_px

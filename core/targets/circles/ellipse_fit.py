@@ -182,9 +182,11 @@ def plane_map(
 
 def perspective_corrected_centres(
     ideal: Float[np.ndarray, "n 2"], fitted: FittedDots, image_middle_px: Float[np.ndarray, "2"]
-) -> tuple[Float[np.ndarray, "n 2"], Float[np.ndarray, " n"], Bool[np.ndarray, " n"]]:
-    """Return the images of the dots' centres, the dots' radii on the print (pitches), and which dots agree with the
-    map they make.
+) -> tuple[
+    Float[np.ndarray, "n 2"], Float[np.ndarray, " n"], Float[np.ndarray, " n"], Bool[np.ndarray, " n"]
+]:
+    """Return the images of the dots' centres, the dots' radii on the print (pitches), how far (px) the centres are off
+    the map they make, and which dots agree with it.
 
     The map is a lens's (`lens_map`) and, for what that leaves over, a homography with a polynomial. A dot's outline is
     put through the former as it is, and through the latter's series to second order about its centre: terms of third
@@ -227,7 +229,7 @@ def perspective_corrected_centres(
         shift = renewed
         if moved < _SETTLED_PX:
             break
-    return measured - shift, radius, _confirmed(ideal, measured - shift, fitted, radius, trusted)
+    return measured - shift, radius, off, _confirmed(ideal, measured - shift, fitted, radius, trusted)
 
 
 def _bent_outlines(

@@ -22,7 +22,7 @@ from core.geometry import normalised_homography
 
 MIN_POINTS = 13
 """Twice as many coordinates as parameters."""
-_PARAMETERS = 13
+PARAMETERS = 13
 _MAX_STEPS = 20
 _SETTLED = 1e-5  # of the sum of squares
 _FIRST_DAMPING, _LEAST_DAMPING, _MOST_DAMPING = 1e-3, 1e-9, 1e6
@@ -120,12 +120,12 @@ def _mapped(
     by_h = np.zeros((len(x), 2, 8))
     by_h[:, 0, 0:3] = by_h[:, 1, 3:6] = ones
     by_h[:, :, 6:8] = -q[:, :, None] * ones[:, None, :2]
-    J = np.empty((len(x), 2, _PARAMETERS))
+    J = np.empty((len(x), 2, PARAMETERS))
     J[:, :, :8] = by_q @ by_h
     J[:, :, 8:10] = np.eye(2) - by_q
     square = np.sum(d**2, axis=1)
     J[:, :, 10:] = d[:, :, None] * np.stack([square, square**2, square**3], axis=1)[:, None, :]
-    return q + d * radial[:, None], J.reshape(-1, _PARAMETERS)
+    return q + d * radial[:, None], J.reshape(-1, PARAMETERS)
 
 
 def _projected(

@@ -1,4 +1,4 @@
-"""Estimate how saturated white displaces the centres of the dots in it.
+"""Estimate how saturated white displaces the centres of the dots in it, and how uncertain it makes them.
 
 Where white is cut off at the camera's largest level, the grey half-way between black and what is left of white is no
 longer at the dot's edge: with d the dark grey, C the contrast the light would give, T the largest level and s the blur,
@@ -19,10 +19,11 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from jaxtyping import Float, Shaped
+from jaxtyping import Bool, Float, Shaped
 from scipy.spatial import cKDTree
 
-from core.targets.circles.ellipse_fit import FittedDots, outlines
+from core.targets.circles.ellipse_fit import ODD, FittedDots, outlines
+from core.targets.circles.lens_map import PARAMETERS as LENS_PARAMETERS
 from core.targets.subpixel import largest_level, levels_between
 
 _TOP = 0.995  # of the largest level
@@ -32,10 +33,10 @@ _SURE = 3.0  # standard deviations
 _ROUNDING = 1.0 / 12.0
 
 
-def saturation_bias(
+def in_saturated_white(
     image: Shaped[np.ndarray, "h w"], fitted: FittedDots, *, are_dark: bool
-) -> Float[np.ndarray, " n"]:
-    """Return how far (px) the centres of dots in saturated white may have moved by it; 0 for the others."""
+) -> Bool[np.ndarray, " n"]:
+    """Return about which dots white is cut off."""
     blur = fitted.shapes[:, 5]
     side = 1.0 if are_dark else -1.0
     white = np.concatenate(
@@ -45,9 +46,64 @@ def saturation_bias(
         ],
         axis=1,
     )
-    u, v = outlines(fitted.shapes, -side * (3.0 * blur + 1.0))
+    return np.asarray((white >= _TOP * largest_level(image)).mean(axis=1) > _MIN_CLIPPED_SHARE)
+
+
+def saturation_uncertainty(
+    fitted: FittedDots,
+    radius: Float[np.ndarray, " n"],
+    off_px: Float[np.ndarray, " n"],
+    clipped: Bool[np.ndarray, " n"],
+    uncertainty_px: Float[np.ndarray, " n"],
+) -> Float[np.ndarray, " n"]:
+    """Return what saturated white adds to the uncertainties (px) of the dots in it, by two signs that the dots give
+    themselves; 0 for the others.
+
+    Their radii show by how much δ the edges moved. Where δ changes over the board, centres move by r |∇δ|. The model of
+    an edge does not describe one that is cut off: what is left over depends on how the pixels lie on the edge, and
+    scatters the centres about the map they make.
+
+    Parameters
+    ----------
+    radius
+        On the print, pitches.
+    off_px
+        Of the centres from the map they make.
+    clipped
+        About which dots white is cut off.
+    """
+    known = np.flatnonzero(fitted.trusted)
+    if not clipped[known].any() or len(known) <= _NEIGHBOURS:
+        return np.zeros(len(radius))
+    whole = fitted.trusted & ~clipped
+    true_radius = np.median(radius[whole if whole.sum() >= _NEIGHBOURS else fitted.trusted])
+    grown = fitted.radius_px * (1.0 - true_radius / radius)
+    known = known[np.abs(grown[known]) < ODD * fitted.radius_px[known]]  # the dot at the origin may be larger
+    if len(known) <= _NEIGHBOURS:
+        return np.zeros(len(radius))
+    centres = fitted.shapes[:, :2]
+    _, near = cKDTree(centres[known]).query(centres, k=_NEIGHBOURS + 1)
+    slope, _ = _slopes(centres[known[near]], grown[known[near]])
+    here = fitted.trusted & clipped
+    count = 2 * int(np.count_nonzero(fitted.trusted))
+    free = max(count - LENS_PARAMETERS, 1) / count
+    scatter = float(np.median(off_px[here] ** 2)) / (2.0 * math.log(2.0)) / free
+    extra = max(scatter - float(np.median(uncertainty_px[here])) ** 2, 0.0)
+    return np.where(clipped, np.hypot(slope * fitted.radius_px, math.sqrt(extra)), 0.0)
+
+
+def saturation_bias(
+    image: Shaped[np.ndarray, "h w"],
+    fitted: FittedDots,
+    clipped: Bool[np.ndarray, " n"],
+    *,
+    are_dark: bool,
+) -> Float[np.ndarray, " n"]:
+    """Return how far (px) light that is added, a lamp's reflection, may have moved the centres of the dots in white
+    that it saturates; 0 for the others."""
+    blur = fitted.shapes[:, 5]
+    u, v = outlines(fitted.shapes, (-1.0 if are_dark else 1.0) * (3.0 * blur + 1.0))
     dark = levels_between(image, u, v)
-    clipped = (white >= _TOP * largest_level(image)).mean(axis=1) > _MIN_CLIPPED_SHARE
     within, sigma = _slopes(np.stack([u, v], axis=2), dark)
     noise = np.sqrt(np.maximum(fitted.variance, _ROUNDING))
     if are_dark:  # nearer to the centre than half-way no ring lies: that of a small dot is in its edge's blur

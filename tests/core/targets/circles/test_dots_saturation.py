@@ -1,0 +1,58 @@
+"""Boards of dots whose white is cut off at the camera's largest level, under light that falls off to the sides."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from core.geometry.camera import Camera
+from core.simulation import Light, Scene
+from core.simulation.scenes import random_pose
+from core.targets import TargetSpec, detect
+from core.targets.circles.ellipse_fit import FittedDots
+from core.targets.circles.saturation import saturation_uncertainty
+from tests.support.simulation.renders import render
+
+CAMERA = Camera(700.0, 700.0, 322.0, 238.0, k1=-0.1)
+SIZE = (640, 480)
+SYMMETRIC = TargetSpec("circles", 9, 7, 25.0)
+ASYMMETRIC = TargetSpec("asymmetric_circles", 4, 11, 20.0)
+
+
+def scene_of(target: TargetSpec, seed: int, light: Light) -> Scene:
+    T = random_pose(target, CAMERA, SIZE, 0.6, 0.6, np.random.default_rng(seed))
+    return Scene(target, CAMERA, T, *SIZE, blur_px=0.7, noise_levels=2.0, light=light, seed=seed)
+
+
+@pytest.mark.parametrize("target", [SYMMETRIC, ASYMMETRIC], ids=["circles", "asymmetric"])
+@pytest.mark.parametrize("white_level", [330.0, 420.0])
+@pytest.mark.parametrize("vignetting", [0.0, 0.5])
+def test_errors_are_as_stated_where_white_is_cut_off(
+    target: TargetSpec, white_level: float, vignetting: float
+) -> None:
+    light = Light(black_level=25.0, white_level=white_level, vignetting=vignetting)
+    z = []
+    for seed in range(50, 58):
+        scene = scene_of(target, seed, light)
+        found = detect(render(scene), target)
+        truth = scene.points_px.reshape(target.rows, target.columns, 2)
+        error = found.points_px - truth[found.row, found.column]
+        z.append(error / found.standard_uncertainty_px[:, None])
+    assert 0.7 < np.sqrt(np.mean(np.concatenate(z) ** 2)) < 1.25
+
+
+def grid(grown_px: np.ndarray, *, clipped: bool = True) -> np.ndarray:
+    """What saturation adds to dots of 10 px on a square grid of 40 px, whose edges have moved outward."""
+    v, u = (40.0 * values.ravel() for values in np.mgrid[0:7, 0:9])
+    r = 10.0 + grown_px.ravel()
+    shapes = np.column_stack([u, v, r**-2.0, np.zeros(63), r**-2.0, np.full(63, 0.8)])
+    fitted = FittedDots(shapes, np.ones(63), np.zeros((63, 2, 2)), np.ones(63), np.ones(63, dtype=np.bool_))
+    return saturation_uncertainty(fitted, r / 40.0, np.zeros(63), np.full(63, clipped), np.full(63, 0.005))
+
+
+def test_edges_that_move_more_on_one_side_move_the_centre() -> None:
+    """A dot of 10 px of which δ grows by .002 per px is displaced by .02 px."""
+    _, u = np.mgrid[0:7, 0:9] * 40.0
+    np.testing.assert_allclose(grid(0.002 * (u - u.mean()))[30:33], 0.02, rtol=0.1)
+    np.testing.assert_allclose(grid(np.full((7, 9), 0.3)), 0.0, atol=1e-9)
+    np.testing.assert_array_equal(grid(0.002 * u, clipped=False), 0.0)
