@@ -31,7 +31,8 @@ def rings(
     """Return those of the places (n, 3) around which dark and bright alternate as around a corner of four squares.
 
     The larger the ring the truer the directions, as long as it meets no further corners: rings are looked at from the
-    smallest on until one meets something else.
+    smallest on until one meets something else. Dark and bright are told by the saddle's own grey; where no ring
+    alternates about that, by the middle of the ring's own (`centre_grey_values`).
 
     `circle` (samples, 2) unit vectors by growing angle. Returns points (n, 2), rays (n, 4, 2), contrast (n,), all
     float32, as in `Saddles`.
@@ -49,19 +50,24 @@ def rings(
         if not (reach <= x < width - reach - 1 and reach <= y < height - reach - 1):
             continue
         kept = np.float32(0.0)
-        for radius in _RINGS_PX:
-            changes = sample_circle(smooth, x, y, np.float32(radius), level, circle, ring)
-            apart = (
-                alternates_in_sign(ring, np.float32(least_sector), angles)
-                if changes == 4
-                else np.float32(0.0)
-            )
-            if kept > 0.0 and (apart == 0.0 or edge_turn(angles, best) > _MAX_TURN):
+        for centred in (False, True):
+            for radius in _RINGS_PX:
+                changes = sample_circle(smooth, x, y, np.float32(radius), level, circle, ring)
+                if centred:
+                    changes = centre_grey_values(ring)
+                apart = (
+                    alternates_in_sign(ring, np.float32(least_sector), angles)
+                    if changes == 4
+                    else np.float32(0.0)
+                )
+                if kept > 0.0 and (apart == 0.0 or edge_turn(angles, best) > _MAX_TURN):
+                    break
+                if apart > 0.0:
+                    kept = apart
+                    for i in range(4):
+                        best[i] = angles[i]
+            if kept > 0.0:
                 break
-            if apart > 0.0:
-                kept = apart
-                for i in range(4):
-                    best[i] = angles[i]
         if kept > 0.0:
             points[count, 0], points[count, 1] = x, y
             for i in range(4):
@@ -114,6 +120,26 @@ def sample_circle(
         ring[i] = value
     begins_bright = ring[0] >= 0.0  # which was compared with dark instead of with the last
     return changes - begins_bright + (begins_bright != was_bright)
+
+
+@jit("f4[::1]")
+def centre_grey_values(ring: np.ndarray) -> int:
+    """Take from a ring's grey values the mean of the brightest and the darkest.
+
+    Squares of one colour that run together in spread ink, or in white that is cut off, leave their own grey where
+    the corner is, and the ring is neither dark nor bright beside it. Returns as `sample_circle` does.
+    """
+    low, high = ring[0], ring[0]
+    for value in ring:
+        low, high = min(low, value), max(high, value)
+    middle = np.float32(0.5) * (low + high)
+    changes, was_bright = 0, ring[-1] >= middle
+    for i in range(ring.shape[0]):
+        ring[i] -= middle
+        is_bright = ring[i] >= 0.0
+        changes += is_bright != was_bright
+        was_bright = is_bright
+    return changes
 
 
 @jit("f4[::1], f4, f4[::1]")

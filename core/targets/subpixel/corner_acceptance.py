@@ -19,6 +19,9 @@ MIN_CONTRAST = 0.15
 _MIN_ARM, _ARM_SIGMAS = 0.5, 4.0  # of the corner's contrast, across each of its four arms; beyond noise
 _MAX_VARIANCE = 4.0  # of the residuals, times the median
 _SMALL_RESIDUAL = 0.01  # of half the contrast: without noise the model itself shows
+_MOST_SPREAD, _MISFIT = 1.0, 0.25
+"""How far ink or cut-off white has spread, in σ, and the residuals, in half the contrast: beyond both, the two ends of
+an edge lie so far apart that the corner may be that of one of them."""
 _SHARPEST_PX = 0.26
 """Below the 1/√12 of a pixel's area edges are not averaged over it: the image is thresholded, or was resampled by the
 nearest pixel, and its steps are displaced from its lines."""
@@ -73,6 +76,8 @@ def accepted_corners(
         noise = median(variance[trusted])
         relative = variance / contrast**2
         typical = median(relative[trusted])
+        if abs(median(steps[trusted, model.SPREAD])) > _MOST_SPREAD and typical > _MISFIT**2:
+            trusted[:] = False
         # in a reflex or a shadow noise and contrast change together
         excess = np.minimum(variance / noise, relative / typical)
         trusted &= (excess < _MAX_VARIANCE) | (relative < _SMALL_RESIDUAL**2)
