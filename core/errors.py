@@ -124,8 +124,8 @@ class UnsupportedImage(ImageError):
 class ImageTooManyPixels(ImageError):
     code = "image_too_many_pixels"
     default_advice = (
-        "Bin the image or scale it down, or raise GRIDPOSE_MAX_IMAGE_PIXELS. Do not crop it: the lens's middle would no "
-        "longer be the image's."
+        "Bin the image or scale it down, or raise GRIDPOSE_MAX_IMAGE_PIXELS. Do not crop it: the lens's middle would "
+        "no longer be the image's."
     )
 
 

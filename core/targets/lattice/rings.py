@@ -31,8 +31,8 @@ def rings(
     """Return those of the places (n, 3) around which dark and bright alternate as around a corner of four squares.
 
     The larger the ring the truer the directions, as long as it meets no further corners: rings are looked at from the
-    smallest on until one meets something else. Dark and bright are told by the saddle's own grey; where no ring
-    alternates about that, by the middle of the ring's own (`centre_grey_values`).
+    smallest on until one meets something else. Dark and bright are what is below and above the saddle's own
+    grey; where no ring alternates about that, the middle of the ring's own (`centre_grey_values`).
 
     `circle` (samples, 2) unit vectors by growing angle. Returns points (n, 2), rays (n, 4, 2), contrast (n,), all
     float32, as in `Saddles`.
@@ -127,7 +127,7 @@ def centre_grey_values(ring: np.ndarray) -> int:
     """Take from a ring's grey values the mean of the brightest and the darkest.
 
     Squares of one colour that run together in spread ink, or in white that is cut off, leave their own grey where
-    the corner is, and the ring is neither dark nor bright beside it. Returns as `sample_circle` does.
+    the corner is, and the rest of the ring lies on one side of it. Returns as `sample_circle` does.
     """
     low, high = ring[0], ring[0]
     for value in ring:
