@@ -33,6 +33,7 @@ from core.targets.circles.ellipse_fit import (
     fourth_harmonic_share,
     perspective_corrected_centres,
     plane_map,
+    step_variance,
 )
 from core.targets.circles.lattice import DotLattice, dot_lattices, merge_lattices, with_single_dots
 from core.targets.circles.saturation import in_saturated_white, saturation_bias, saturation_uncertainty
@@ -168,7 +169,7 @@ def _grid_points(
         )
     variance, contrast = fitted.variance, fitted.contrast
     noise = np.maximum(variance, _ROUNDING)
-    uncertainty = np.sqrt(noise * 0.5 * np.trace(fitted.covariance, axis1=1, axis2=2))
+    uncertainty = np.sqrt(noise * 0.5 * np.trace(fitted.covariance, axis1=1, axis2=2) + step_variance(fitted))
     clipped = in_saturated_white(image, fitted, are_dark=dots.are_dark)
     moved = saturation_bias(image, fitted, clipped, are_dark=dots.are_dark)
     clear = fitted.trusted & (moved <= uncertainty)

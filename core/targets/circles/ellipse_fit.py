@@ -62,6 +62,16 @@ class FittedDots:
         return np.asarray((s[:, 2] * s[:, 4] - s[:, 3] ** 2) ** -0.25)
 
 
+def step_variance(fitted: FittedDots) -> Float[np.ndarray, " n"]:
+    """Return the variances (px²) of the centres of dots whose edges go in steps of whole pixels, as a threshold leaves
+    them; 0 for the others.
+
+    Such an edge has less blur than a pixel's own area gives. Each pixel along it is off by up to half a pixel, with a
+    variance of 1/12; each of the centre's coordinates rests on half of the 2 π r pixels.
+    """
+    return np.where(fitted.shapes[:, 5] <= _MIN_BLUR_PX, 1.0 / (12.0 * np.pi * fitted.radius_px), 0.0)
+
+
 def fit_dots(
     image: Shaped[np.ndarray, "h w"],
     level: Level,

@@ -17,6 +17,7 @@ _SPARSEST = 3
 _MAX_SPARSE_STEPS = 4
 _MAX_SPARSE_GAIN, _MAX_SETTLED_GAIN = 0.5, 0.25  # of the squares, by one step
 _MIN_PIXELS = 30
+_HELD = 1e9  # of a parameter's own weight
 
 
 @jit("f8[:, ::1], i8, f8[::1], f8[:, ::1]")
@@ -125,6 +126,10 @@ def fit_dot(
         weight = noise / (blur_sigma * start[5]) ** 2
         N[5, 5] += weight
         N[RESIDUAL, 5] += weight * (start[5] - shape[5])
+        if (
+            shape[5] <= least_blur and N[RESIDUAL, 5] < 0.0
+        ):  # held there: what less blur would explain is no step
+            N[5, 5] += _HELD * (1.0 + N[5, 5])
         for i in range(10, 12):
             weight = noise / (_SLOPE_SIGMA * light[3]) ** 2
             N[i, i] += weight

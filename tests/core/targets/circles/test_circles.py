@@ -62,6 +62,20 @@ def test_errors_are_as_stated(seed: int) -> None:
     assert np.median(found.standard_uncertainty_px) < 0.02
 
 
+@pytest.mark.parametrize("target", [SYMMETRIC, ASYMMETRIC], ids=["circles", "asymmetric"])
+@pytest.mark.parametrize("threshold", [90, 130])
+def test_thresholded_dots_are_uncertain_by_their_pixels(target: TargetSpec, threshold: int) -> None:
+    z = []
+    for seed in range(60, 64):
+        scene = scene_of(target, 10.0 * (seed - 60) + 5.0, seed)
+        image = np.where(render(replace(scene, noise_levels=2.0)) > threshold, 255, 0).astype(np.uint8)
+        found = detect(image, target)
+        assert len(found) >= 0.9 * target.size
+        assert np.median(found.standard_uncertainty_px) > 0.02
+        z.append(errors(scene, found) / found.standard_uncertainty_px[:, None])
+    assert 0.5 < np.sqrt(np.mean(np.concatenate(z) ** 2)) < 1.2
+
+
 def test_bright_dots_on_a_dark_sheet() -> None:
     scene = replace(
         scene_of(SYMMETRIC, 20.0, seed=4), light=Light(black_level=200.0, white_level=40.0), noise_levels=2.0
