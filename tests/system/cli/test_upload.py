@@ -165,6 +165,20 @@ def test_a_folder_without_images_and_a_bad_pattern_are_refused(
     assert "{pose}" in said
 
 
+@pytest.mark.parametrize("more", [(), ("--dry-run",)])
+def test_a_pattern_that_no_name_has_sends_nothing_and_names_the_reason(
+    service: ServiceProcess, folder: Path, more: tuple[str, ...]
+) -> None:
+    options = ("--session", "Cell 11", "--target", "chessboard:9x6:25", "--pattern", "stop{pose}_{cycle}")
+    code, said = upload(service, folder, *options, *more)
+    assert code == 2
+    assert "None of the 4 images" in said
+    assert "P1/1.png" in said
+    assert "Traceback" not in said
+    with ServiceClient(service.url, service.admin_key) as client:
+        assert not [one for one in client.items("/v1/sessions") if one["name"] == "Cell 11"]
+
+
 def test_it_says_first_what_it_will_do_and_leaves_nothing_behind(
     service: ServiceProcess, tmp_path: Path
 ) -> None:

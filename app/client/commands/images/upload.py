@@ -84,6 +84,13 @@ def upload(
     if not plan.images and not plan.skipped:
         print_error(console, f"No PNG, JPEG, TIFF or BMP files in {folder}.")
         return 2
+    if not plan.images:
+        first = plan.skipped[0]
+        print_error(
+            console,
+            f"None of the {len(plan.skipped)} images in {folder} can be sent. {first.name}: {first.reason}",
+        )
+        return 2
 
     def act(client: ServiceClient) -> int:
         found = existing_session(client, session)
