@@ -148,8 +148,9 @@ def estimate_deviations(tied: TiedDeviations) -> list[EstimatedDeviation]:
         if variance is None or vector is None:
             found.append(EstimatedDeviation(vector, r, None, factor, None, None))
             continue
-        of_visits = tied.mean_variance * (np.eye(3) - (Hi if used else 0.0))
-        parts = DeviationParts(r, variance * Hi, of_visits, A, dof, tied.mean_degrees_of_freedom)
+        share = _as_share(Hi) if used else Hi
+        of_visits = tied.mean_variance * (np.eye(3) - (share if used else 0.0))
+        parts = DeviationParts(r, variance * share, of_visits, A, dof, tied.mean_degrees_of_freedom)
         lengths = np.linalg.norm(r + student @ _root(parts.own).T + others @ _root(A @ A.T).T, axis=1)
         low, high = _quantiles(lengths)
         # The studentised figure is seldom outside what is known of the length; a figure is in its own interval.
@@ -160,6 +161,16 @@ def estimate_deviations(tied: TiedDeviations) -> list[EstimatedDeviation]:
             alone = None if others_student is None else _held_out(tied, r, Hi, A, others_student, others)
         found.append(EstimatedDeviation(vector, r, parts, factor, within, alone))
     return found
+
+
+def _as_share(leverage: Float[np.ndarray, "3 3"]) -> Float[np.ndarray, "3 3"]:
+    """Return the leverage of a pose that ties the frames, between none and all of it in every direction.
+
+    Poses of which some are measured many times worse than others, or worse along one axis, tie the frames askew, and
+    then a leverage may lie outside of that. No covariance follows from one that does.
+    """
+    shares, directions = np.linalg.eigh(leverage)
+    return np.asarray(directions * np.clip(shares, 0.0, 1.0) @ directions.T)
 
 
 def _held_out(
@@ -253,6 +264,7 @@ def tied_accuracy(
     )
     turned = rotation.vector if rotation is not None else None
     angles = None if singular else commanded_rotation
+    figures = _figures(position.vector, turned, angles)
     intervals: list[tuple[float, float] | None] = [position.length_interval]
     intervals += _intervals(position.residual, position.half_widths(np.eye(3)))
     if rotation is None or turned is None or angles is None:
@@ -261,8 +273,13 @@ def tied_accuracy(
         J = rpy_jacobian(rotation_to_rpy(angles))
         intervals += _intervals(J @ rotation.residual, rotation.half_widths(J))
     return PoseAccuracy(
-        _figures(position.vector, turned, angles),
-        PerComponent(*intervals),
+        figures,
+        PerComponent(
+            *(
+                _with(interval, figure)
+                for interval, (_, figure) in zip(intervals, figures.items(), strict=True)
+            )
+        ),
         PerComponent(*[None] * len(intervals))
         if held_out is None
         else _figures(held_out.position_mm, held_out.rotation, angles),
@@ -283,6 +300,13 @@ def _figures(
     if turn is None or commanded is None:
         return pose_accuracy(position, np.zeros(3))
     return pose_accuracy(position, np.zeros(3), so3_exp(turn) @ commanded, commanded)
+
+
+def _with(interval: tuple[float, float] | None, figure: float | None) -> tuple[float, float] | None:
+    """Return the interval extended to the studentised figure, which is seldom outside of what is known."""
+    if interval is None or figure is None:
+        return interval
+    return min(interval[0], figure), max(interval[1], figure)
 
 
 def _intervals(

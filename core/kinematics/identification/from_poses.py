@@ -135,6 +135,9 @@ def solve(
         gauge, scatter = again, refined.scatter
         _require_anything(gauge)
         arm = _regauged(refined.arm, arm, gauge)
+    else:  # unsettled: what is identifiable alternates; the figures are of the last gauge
+        refined = refine(arm, seen, gauge.free, scatter)
+        _require_consistent(refined, length, poses)
     if refined.status != "converged":
         raise NotConverged(
             "The identification did not converge.",

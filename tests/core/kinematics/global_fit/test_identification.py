@@ -17,7 +17,9 @@ from core.errors import (
 )
 from core.geometry.se3 import so3_exp, so3_log
 from core.kinematics.dh import Chain, forward
-from core.kinematics.identification import identify
+from core.kinematics.global_fit import observations_of, placed
+from core.kinematics.global_fit.identifiability import Gauge
+from core.kinematics.identification import from_poses, identify
 from core.kinematics.pose_observations import PoseData
 from core.simulation.arm import KR5_ARC, KR5_ARC_HOME, Arm, deviated, kr5_arc
 from tests.support.simulation.robots.arms import SEVEN_JOINTS, angles, stated, told_truth
@@ -320,3 +322,24 @@ def test_a_chain_that_is_no_better_than_the_nominal_says_so() -> None:
     q = angles(rng, free=0)[::5]
     found = identify(measure_poses(arm, q, rng, robot=Repeatability(0.5, 0.001)), KR5_ARC, folds=4)
     assert "no_better_than_nominal" in {w.code for w in found.warnings}
+
+
+def test_a_gauge_that_does_not_settle_is_that_of_the_figures(monkeypatch: pytest.MonkeyPatch) -> None:
+    _, poses = measured(4)
+    settled = from_poses.fix_gauge
+    calls = 0
+
+    def alternating(*given: object) -> Gauge:
+        nonlocal calls
+        calls += 1
+        gauge = settled(*given)  # type: ignore[arg-type]
+        free = gauge.free.copy()
+        free[0] = calls % 2 == 0
+        return replace(gauge, free=free)
+
+    monkeypatch.setattr(from_poses, "fix_gauge", alternating)
+    arm = placed(KR5_ARC.as_array(), forward(KR5_ARC, poses.joint_angles), observations_of(poses))
+    solution = from_poses.solve(arm, observations_of(poses), poses)
+    assert calls > from_poses.MAX_ROUNDS
+    assert solution.gauge.free[0]
+    assert solution.refined.free[0]
