@@ -8,6 +8,7 @@ are fitted together. One is proposed only where the nominal explains little with
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
@@ -87,12 +88,12 @@ def propose_coupling(poses: PoseData, nominal: Chain) -> ProposedCoupling | None
         found[place] = round(float(C[place]) * _ROUND) / _ROUND
     if not taken or off(found) > _FAR_BETTER * first:
         return None
-    return ProposedCoupling(
-        found,
-        tuple((k + 1, j + 1, float(found[k, j])) for k, j in taken),
-        _position(nominal, none, seen),
-        _position(nominal, found, seen),
-    )
+    without, with_it = _position(nominal, none, seen), _position(nominal, found, seen)
+    # A joint that counts the other way turns as one of twice its neighbour's share: rotations agree, positions do not.
+    if with_it > max(NEAR * extent, math.sqrt(_FAR_BETTER) * without):
+        return None
+    terms = tuple((k + 1, j + 1, float(found[k, j])) for k, j in taken)
+    return ProposedCoupling(found, terms, without, with_it)
 
 
 def _fitted(

@@ -5,7 +5,7 @@
 σ is a hundredth of a millimetre, and for rotations what moves `LEVER_MM` by as much; s half a degree, ten times less as
 often as a joint would turn by more than `MAX_CORRECTION`. Away from singularities the second term shifts the end by
 nanometres. Near one, where a rotation could be had only by turning joints far against one another, it leaves that
-rotation, and what is left counts in the expected error.
+rotation, and what is left counts in the expected error; a command that is nearer as it was stays.
 """
 
 from __future__ import annotations
@@ -107,12 +107,16 @@ def correct(
     beyond = np.zeros(len(q), dtype=np.bool_)
     if limits is not None:
         beyond = np.any((commanded < limits[0]) | (commanded > limits[1]), axis=1)
+    shift = _lengths(_difference(meant, by.attained(joint_angles)))
+    # Near a singularity a rotation may cost more of the position than it is worth.
+    worse = np.hypot(left[0], LEVER_MM * left[1]) > np.hypot(shift[0], LEVER_MM * shift[1])
+    worse = (worse | (left[0] > shift[0])) & (np.hypot(left[0], LEVER_MM * left[1]) > _TOLERANCE_MM)
     outcomes: list[Outcome] = []
     for i, (asked, found) in enumerate(zip(joint_angles, q, strict=True)):
         place = _place(by, asked)
         if place is Outcome.OUTSIDE_REGION:
             outcomes.append(place)
-        elif np.max(np.abs(found - asked)) > MAX_CORRECTION:
+        elif worse[i] or np.max(np.abs(found - asked)) > MAX_CORRECTION:
             outcomes.append(Outcome.TOO_FAR)
         elif beyond[i]:
             outcomes.append(Outcome.BEYOND_LIMITS)
@@ -125,7 +129,6 @@ def correct(
     expected = by.deviations(angles)
     expected = np.hypot(expected, left[: len(expected)])
     expected[:, ~applied] = np.nan
-    shift = _lengths(_difference(meant, by.attained(joint_angles)))
     return Corrected(angles, forward(by.nominal.chain, angles), tuple(outcomes), shift, expected)
 
 

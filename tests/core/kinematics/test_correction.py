@@ -130,6 +130,22 @@ def test_a_singular_wrist_is_not_thrown_about(
     assert found.expected[1, 0] > plain.deviations(q)[1, 0]
 
 
+def test_no_correction_ends_farther_off_than_the_command_as_it_was(
+    built: tuple[RealArm, CorrectionModel, CorrectionModel],
+) -> None:
+    _, plain, _ = built
+    rng = np.random.default_rng(13)
+    q = angles_within_limits(rng, 200, share=0.3)
+    q[:, 4] = np.radians(rng.uniform(-6.0, 6.0, 200))
+    found = correct(plain, q)
+    meant, before, after = (
+        T[:, :3, 3] for T in (plain.meant(q), plain.attained(q), plain.attained(found.joint_angles))
+    )
+    left, shift = np.linalg.norm(after - meant, axis=1), np.linalg.norm(before - meant, axis=1)
+    assert np.all(left <= np.maximum(shift, 0.01) + 1e-9)
+    assert found.applied.mean() > 0.5
+
+
 def again(real: RealArm, rng: np.random.Generator) -> ErrorModel:
     """Measure the arm in a second session."""
     q = angles_within_limits(rng, 50)

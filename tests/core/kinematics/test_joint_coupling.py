@@ -49,3 +49,11 @@ def test_a_robot_without_coupling_or_with_other_faults_gets_no_proposal() -> Non
     shuffled = replace(poses, joint_angles=np.random.default_rng(1).permutation(poses.joint_angles))
     assert propose_coupling(shuffled, KR5_ARC) is None
     assert propose_coupling(poses_of(5, 8), KR5_ARC) is None  # too few
+
+
+@pytest.mark.parametrize("joint", [3, 4, 6])
+def test_a_joint_that_counts_the_other_way_is_not_coupled(joint: int) -> None:
+    poses = poses_of(6)
+    q = poses.joint_angles.copy()
+    q[:, joint - 1] *= -1.0
+    assert propose_coupling(replace(poses, joint_angles=q), KR5_ARC) is None
