@@ -79,17 +79,14 @@ def move_corners(
 ) -> None:
     """Move the chosen corners by their steps, at most so many σ, and their blur; steps that are NaN move nothing.
 
-    Blurs stay within a factor `variation` of the median of those chosen, and between the two limits.
+    Blurs stay within a factor `variation` of the median of all corners whose last step succeeded, and between the two
+    limits.
     """
-    found = np.zeros(states.shape[0], np.bool_)
-    sigmas = np.empty(2 * len(chosen))
-    count = 0
     for k in chosen:
         s, step = states[k], steps[k]
-        length = math.hypot(step[STEP_U], step[STEP_V])
-        found[k] = math.isfinite(length) and step[CONTRAST] > 0.0
-        if not found[k]:
+        if not _succeeded(step):
             continue
+        length = math.hypot(step[STEP_U], step[STEP_V])
         scale = min(1.0, most_sigmas * max(s[SIGMA_1], s[SIGMA_2]) / max(length, 1e-12))
         s[Q_U] += scale * step[STEP_U]
         s[Q_V] += scale * step[STEP_V]
@@ -97,15 +94,26 @@ def move_corners(
             for edge in range(2):
                 wider = min(max(step[WIDER_1 + edge], -_MAX_WIDER), _MAX_WIDER)
                 s[SIGMA_1 + edge] *= math.exp(wider)
-                sigmas[count] = s[SIGMA_1 + edge]
-                count += 1
     if not knows_blur:
         return
+    # of all corners: the few that a last step is for may be those that a highlight leads astray
+    sigmas = np.empty(2 * states.shape[0])
+    count = 0
+    for k in range(states.shape[0]):
+        if _succeeded(steps[k]):
+            sigmas[count], sigmas[count + 1] = states[k, SIGMA_1], states[k, SIGMA_2]
+            count += 2
     typical = np.median(sigmas[:count]) if count > 0 else 1.0
     for k in range(states.shape[0]):
         for at in (SIGMA_1, SIGMA_2):
             sigma = min(max(states[k, at], typical / variation), typical * variation)
             states[k, at] = min(max(sigma, least_sigma), largest_sigma)
+
+
+@jit("f8[::1]")
+def _succeeded(step: Float[np.ndarray, " step"]) -> bool:
+    """Return whether a step has a length, and a contrast of the right sign."""
+    return math.isfinite(math.hypot(step[STEP_U], step[STEP_V])) and step[CONTRAST] > 0.0
 
 
 @jit("f8[:, ::1], f8[:, ::1], f8[:, ::1], f8[:, ::1], f8[:, ::1], f8[:, ::1]")

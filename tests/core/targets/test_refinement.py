@@ -15,6 +15,7 @@ from core.geometry.camera import Camera
 from core.simulation import Light, Scene, standard_scene, standard_target
 from core.targets.subpixel import corner_model as model
 from core.targets.subpixel.corner_acceptance import RefinedCorners
+from core.targets.subpixel.corner_motion import move_corners
 from core.targets.subpixel.corner_step import step_corners
 from core.targets.subpixel.refinement import refine_corners
 from core.targets.subpixel.smooth_map import grid_basis, grid_shape
@@ -515,3 +516,18 @@ def test_standard_scenes_are_at_the_bound(size: tuple[int, int], scenes: int) ->
         assert np.abs(error[refined.trusted].mean(axis=0)).max() < 0.001 + 3.0 * mean_noise
     corners = scenes * size[0] * size[1]
     assert math.sqrt(np.mean(squares) / np.mean(bounds)) < 1.05 + 2.0 / math.sqrt(4.0 * corners)
+
+
+def test_a_step_of_a_few_corners_leaves_the_others_their_blur() -> None:
+    """Those few may be the ones that a highlight blurs: what is usual is what all corners have."""
+    states, steps = np.zeros((20, model.STATE)), np.zeros((20, model.STEP))
+    states[:, [model.SIGMA_1, model.SIGMA_2]] = np.linspace(0.8, 0.9, 20)[:, None]
+    steps[:, model.CONTRAST] = 50.0
+    steps[18, model.STEP_U] = np.nan
+    before = states.copy()
+    chosen = np.array([18, 19])
+    for _ in range(4):
+        steps[19, [model.WIDER_1, model.WIDER_2]] = 0.7
+        move_corners(states, steps, chosen, True, 1.5, 2.0, 0.3, 8.0)
+    np.testing.assert_array_equal(states[:19], before[:19])
+    assert states[19, model.SIGMA_1] == pytest.approx(2.0 * np.median(before[:18, model.SIGMA_1]), rel=0.03)

@@ -122,6 +122,22 @@ def test_cables_and_highlights_move_nothing(shot: Shot) -> None:
     assert np.abs(off).max() < 0.2
 
 
+@pytest.mark.parametrize("width_px", [8.0, 10.0, 12.0])
+def test_a_lamp_s_spot_costs_the_corners_that_it_covers(width_px: float) -> None:
+    taken, picture = take(GRID, depth_mm=700.0)
+    edge_px = 10.0  # half the gap: so far from a corner its pixels lie
+    v, u = np.indices(picture.shape)
+    first, last = taken.points_px.min(axis=0), taken.points_px.max(axis=0)
+    rng = np.random.default_rng(0)
+    for place in ((563.0, 446.0), (739.0, 447.0), *rng.uniform(first, last, (6, 2))):
+        squares = (u - place[0]) ** 2 + (v - place[1]) ** 2
+        spoiled = picture + 400.0 * np.exp(-squares / (2.0 * width_px**2))
+        found = detect(np.clip(np.rint(spoiled), 0, 255).astype(np.uint8), GRID)
+        clear = np.hypot(*(taken.points_px - place).T) > 4.0 * width_px + edge_px
+        missing = set(np.flatnonzero(clear)) - set(found.row * GRID.grid_columns + found.column)
+        assert len(missing) <= 2  # next to one that went astray
+
+
 @pytest.mark.parametrize("aside_mm", [95.0, -120.0])
 def test_a_grid_partly_out_of_the_picture_keeps_its_names(aside_mm: float) -> None:
     taken, picture = take(GRID, aside_mm=aside_mm)
