@@ -38,7 +38,7 @@ within one run, accuracy is against rendered or drawn truth. Goals not met say N
 """
 GOALS_HEAD = """Every number to reach, from the latest run of each section; `python -m benchmarks --goals` prints the
 table without running anything. Of more than three figures the smallest and the largest stand here; one that is short
-makes the row short."""
+makes the row short. What was tried for short rows: [ATTEMPTS.md](ATTEMPTS.md)."""
 
 
 def main() -> int:

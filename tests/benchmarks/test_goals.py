@@ -89,6 +89,13 @@ def test_the_kept_table_is_what_the_kept_runs_give() -> None:
     assert outcomes_table(judged(sections_of(RESULTS))) in RESULTS
 
 
+def test_every_short_row_says_what_was_tried() -> None:
+    attempts = (ROOT / "benchmarks" / "ATTEMPTS.md").read_text(encoding="utf-8")
+    headings = {line.removeprefix("## ") for line in attempts.splitlines() if line.startswith("## ")}
+    short = {o.goal.what for o in judged(sections_of(RESULTS)) if o.verdict == "SHORT"}
+    assert headings == short
+
+
 def test_the_readme_shows_rows_of_the_table_as_they_are() -> None:
     readme = (ROOT / "README.md").read_text(encoding="utf-8")
     shown = readme.split("## Results\n")[1].split("\n## ")[0]
