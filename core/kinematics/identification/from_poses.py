@@ -57,6 +57,8 @@ from core.numerics import SMALLEST, Variances
 MIN_JOINT_RANGE = math.radians(1.0)
 MAX_RELATIVE_SCATTER = 0.005
 """Of the start's length: poses that scatter by more about the best arm are not this arm's."""
+MAX_ROTATION_SCATTER = math.radians(5.0)
+"""The same of orientations; arms that miss theirs by a degree are defective."""
 MAX_ROUNDS = 3
 
 
@@ -259,14 +261,25 @@ def _require_enough(seen: Observations) -> None:
 
 
 def _require_consistent(refined: FitResult, length_mm: float, poses: PoseData) -> None:
-    spread = math.sqrt(refined.scatter.position)
+    spread, turn = refined.scatter.deviations
+    turned = poses.rotations is not None and turn > MAX_ROTATION_SCATTER
+    conventions = (
+        "the convention of the orientations: of the tool in the base, not of the base in the tool, and which Euler "
+        "angles or order of a quaternion they were made from."
+    )
     if spread > MAX_RELATIVE_SCATTER * length_mm:
         check_angles(poses, find_sweeps(poses))
         raise JointAnglesInconsistent(
             f"The poses do not follow from their joint angles: about the best arm with {poses.joints} joints they "
             f"scatter by {spread:.3g} mm.",
             "Check the order, signs and unit of the joint angles, that each belongs to its pose, and the nominal's "
-            "offsets.",
+            "offsets" + (f"; check {conventions}" if turned else "."),
+        )
+    if turned:
+        raise JointAnglesInconsistent(
+            "The poses' positions follow from their joint angles, their orientations do not: about the best arm they "
+            f"scatter by {math.degrees(turn):.2g}°.",
+            f"Check {conventions}",
         )
 
 

@@ -343,3 +343,15 @@ def test_a_gauge_that_does_not_settle_is_that_of_the_figures(monkeypatch: pytest
     assert calls > from_poses.MAX_ROUNDS
     assert solution.gauge.free[0]
     assert solution.refined.free[0]
+
+
+def test_orientations_that_do_not_follow_are_refused() -> None:
+    _, poses = measured(5)
+    assert poses.rotations is not None
+    turns = np.random.default_rng(1).normal(0.0, math.radians(25.0), (len(poses), 3))
+    turned = replace(
+        poses, rotations=np.array([so3_exp(w) @ R for w, R in zip(turns, poses.rotations, strict=True)])
+    )
+    with pytest.raises(JointAnglesInconsistent) as refused:
+        identify(turned, KR5_ARC)
+    assert "convention of the orientations" in refused.value.advice
