@@ -16,6 +16,7 @@ from jaxtyping import Bool, Float, Int, Shaped
 from core.errors import TargetMirrored, TargetMismatch
 from core.geometry import find_homography, map_in_front
 from core.targets.aprilgrid.layout import AprilGridLayout
+from core.targets.aprilgrid.tag_edge import check_tag_edge
 from core.targets.aprilgrid.tag_lattice import MAX_HAMMING, TagLattice, hamming_distances
 
 MIN_TAGS = 2
@@ -27,10 +28,14 @@ _CLOCKWISE = np.array([[0, 0], [1, 0], [1, 1], [0, 1]])
 
 @dataclass(frozen=True, slots=True)
 class TagGrid:
-    """A grid in an image: the decoded tags, with their corners (px) from the upper left clockwise."""
+    """A grid in an image: the decoded tags, with their corners (px) from the upper left clockwise.
+
+    The corners of those `completed` are where other tags predict them, by the stated layout.
+    """
 
     layout: AprilGridLayout
     tags: dict[int, Float[np.ndarray, "4 2"]] = field(default_factory=dict)
+    completed: set[int] = field(default_factory=set)
 
     def is_all_in_view(self, shape: tuple[int, ...]) -> bool:
         """Return whether every tag that is predicted to lie wholly in the image was decoded."""
@@ -71,6 +76,13 @@ class TagGrid:
                 gap, codes = self.layout.gap_mm / self.layout.tag_mm, self.layout.tag_codes[tags]
                 is_there = hamming_distances(image, gap, codes, places) <= MAX_HAMMING
                 self.tags.update(zip(tags[is_there].tolist(), places[is_there], strict=True))
+                self.completed.update(tags[is_there].tolist())
+
+    def check_tag_edge(self, shape: tuple[int, ...]) -> None:
+        """Raise TargetMismatch where tags, by the corners found in the image, are wider or narrower than stated."""
+        linked = {tag: corners for tag, corners in self.tags.items() if tag not in self.completed}
+        if len(linked) >= MIN_TAGS:
+            check_tag_edge(self.layout, *TagGrid(self.layout, linked).grid_points(shape))
 
     @property
     def is_verified(self) -> bool:
@@ -121,6 +133,7 @@ def assemble(
         if not found.tags or _fits(part, found):
             found.tags.update({tag: corners for tag, corners in part.tags.items() if tag not in found.tags})
         elif agreeing >= MIN_TAGS:
+            found.check_tag_edge(image.shape)
             raise TargetMismatch(
                 f"{agreeing} tags of the AprilGrid are in view that do not fit the grid found.",
                 "Cover other sheets with the same tags, and mirrors.",

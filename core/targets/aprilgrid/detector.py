@@ -47,6 +47,7 @@ def detect_aprilgrid(
     image = np.require(image, requirements=["C", "W", "A"])
     found = _search(image, layout)
     column, row, points = found.grid_points(image.shape)
+    found.check_tag_edge(image.shape)
     plain = min(layout.gap_mm, BORDER_CELLS / TAG_CELLS * layout.tag_mm)
     places = target.points_target(column, row)[:, :2] / layout.gap_mm
     refined = refine_corners(

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
+import re
 
 import cv2
 import numpy as np
@@ -13,6 +15,7 @@ from core.errors import TargetMirrored, TargetMismatch, TargetNotFound
 from core.simulation import Light
 from core.targets import detect
 from core.targets.aprilgrid.layout import DICTIONARY, aprilgrid_layout
+from core.targets.aprilgrid.tag_edge import estimate_tag_edge
 from core.targets.aprilgrid.tag_lattice import read_lattice
 from core.targets.markers.dictionary import marker_bits
 from core.targets.printed_pattern import RectilinearPattern, pattern_of
@@ -120,6 +123,42 @@ def test_cables_and_highlights_move_nothing(shot: Shot) -> None:
     assert len(found) >= 24
     off = found.points_px - truth_px(taken, found)
     assert np.abs(off).max() < 0.2
+
+
+@pytest.mark.parametrize("stated_mm", [18.0, 21.5, 24.0, 24.5, 25.5, 26.0, 28.0])
+@pytest.mark.parametrize("turn", [0.3, 2.5])
+def test_another_edge_of_tags_than_stated_is_refused_with_the_right_one(
+    stated_mm: float, turn: float
+) -> None:
+    _, picture = take(GRID, turn=turn, tilt_deg=45.0, depth_mm=450.0)
+    with pytest.raises(TargetMismatch, match=r"edge is 0\.7[67]\d? of") as caught:
+        detect(picture, dataclasses.replace(GRID, marker_mm=stated_mm))
+    said = re.search(r"pitch_mm 32.5, marker_mm is probably ([\d.]+)\. ", caught.value.advice)
+    assert said is not None
+    assert float(said[1]) == pytest.approx(25.0, abs=0.15)
+
+
+def test_the_edge_of_tags_is_estimated_with_its_uncertainty() -> None:
+    """From corners with noise, under distortion, some of them astray."""
+    layout = aprilgrid_layout(GRID)
+    column, row = (a.ravel() for a in np.meshgrid(np.arange(10), np.arange(8)))
+    wider = dataclasses.replace(GRID, marker_mm=25.4)
+    scene = tilted_scene(wider, tilt_deg=40.0)
+    ratios = []
+    for seed in range(40):
+        rng = np.random.default_rng(seed)
+        points = scene.points_px + rng.normal(0.0, 0.2, (80, 2))
+        points[rng.choice(80, 6, replace=False)] += rng.uniform(3.0, 6.0, (6, 2))
+        edge = estimate_tag_edge(layout, column, row, points)
+        ratios.append((edge.excess_mm - 0.4) / edge.standard_uncertainty_mm)
+    assert np.sqrt(np.mean(np.square(ratios))) == pytest.approx(1.0, abs=0.4)
+
+
+def test_few_tags_do_not_determine_their_edge() -> None:
+    layout = aprilgrid_layout(GRID)
+    column, row = (a.ravel() for a in np.meshgrid(np.arange(4), np.arange(2)))
+    points = tilted_scene(GRID).points_px[row * 10 + column]
+    assert estimate_tag_edge(layout, column, row, points).standard_uncertainty_mm == math.inf
 
 
 @pytest.mark.parametrize("width_px", [8.0, 10.0, 12.0])
