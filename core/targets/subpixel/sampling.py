@@ -7,6 +7,7 @@ import numpy as np
 from jaxtyping import Float, Shaped
 
 _BIT_DEPTHS = (10, 12, 14, 16)
+_MAX_REMAP_ROWS = 32_000  # OpenCV raises from 2¹⁵ - 1 rows on
 
 
 def largest_level(image: Shaped[np.ndarray, "h w"]) -> float:
@@ -22,10 +23,12 @@ def levels_between(
     image: Shaped[np.ndarray, "h w"], u: Float[np.ndarray, "n k"], v: Float[np.ndarray, "n k"]
 ) -> Float[np.ndarray, "n k"]:
     """Return the levels at places (px), bilinear between pixels; beyond the image's border those at the border."""
-    levels = cv2.remap(
-        image, u.astype(np.float32), v.astype(np.float32), cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE
-    )
-    return np.asarray(levels, np.float64)
+    levels = np.empty(u.shape)
+    for first in range(0, len(u), _MAX_REMAP_ROWS):
+        rows = slice(first, first + _MAX_REMAP_ROWS)
+        at = u[rows].astype(np.float32), v[rows].astype(np.float32)
+        levels[rows] = cv2.remap(image, *at, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+    return levels
 
 
 def nearest_levels(
