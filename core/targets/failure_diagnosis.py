@@ -15,7 +15,7 @@ from core.errors import OriginUnknown, TargetMismatch, TargetNotFound
 from core.targets.charuco import charuco_layout, lattices_of
 from core.targets.chessboard import boards_in_view
 from core.targets.detection import detect
-from core.targets.lattice import Lattice, levels
+from core.targets.lattice import Lattice, find_saddles, levels
 from core.targets.markers import places_in_squares
 from core.targets.specification import GridPoints, TargetSpec
 
@@ -33,6 +33,10 @@ _PRINTED = 0.2
 _MAJORITY = 0.7  # of the bright squares
 _MIN_SQUARES, _MIN_CORNERS = 4, 12
 _MIN_OF_PLAIN = 20  # corners: within a marker or between two a few may look like a board's
+_MAX_SIDE_PX = 1400
+"""Of the image that is searched: a board a tenth as wide still has 17 squares of 8 px."""
+_MAX_SADDLES = 10_000  # a board of 50 x 50 corners with markers in it has as many
+_MAX_SQUARES = 400  # looked at for markers
 _USUAL = TargetSpec("charuco", 3, 3, 4.0, 3.0, "DICT_4X4_50")
 """For the margin between squares and markers, by which corners are linked: other markers may be larger or smaller."""
 
@@ -54,27 +58,58 @@ def look_for(image: UInt8[np.ndarray, "h w"] | UInt16[np.ndarray, "h w"], target
 
 def _shown_instead(image: np.ndarray, target: TargetSpec) -> TargetMismatch | None:
     """Return the error that names the largest board of squares of another kind; None without such a board."""
+    image = _searched(image)
     seen: list[tuple[int, str]] = []
+    seen_inverted: list[tuple[int, str]] = []
     for level in levels(image):
         for lattice in lattices_of(image, level, charuco_layout(_USUAL)):
-            count = int(lattice.known.sum())
-            if count >= _MIN_CORNERS and _has_markers(image, lattice):
-                seen.append((count, f"A ChArUco board of at least {_size(lattice)} inner corners"))
+            count, named = (
+                int(lattice.known.sum()),
+                f"A ChArUco board of at least {_size(lattice)} inner corners",
+            )
+            if count < _MIN_CORNERS:
+                continue
+            if _has_markers(image, lattice):
+                seen.append((count, named))
+            elif _has_markers(image, lattice, inverted=True):
+                seen_inverted.append((count, f"{named}, white on black,"))
     if target.kind == "charuco" and seen:  # its markers explain the failure
         return None
     if target.kind != "chessboard":
         for board in boards_in_view(image):
             count = int(board.lattice.known.sum())
-            is_plain = count >= _MIN_OF_PLAIN and not _has_markers(image, board.lattice)
+            is_plain = count >= _MIN_OF_PLAIN and not any(
+                _has_markers(image, board.lattice, inverted=inverted) for inverted in (False, True)
+            )
             if is_plain and board.is_whole and board.is_resolved:
                 seen.append((count, f"A chessboard of {_size(board.lattice)} inner corners"))
-    if not seen:
+    if not seen and not seen_inverted:
         return None
-    _, named = max(seen)
+    _, shown = max(seen + seen_inverted)
+    advice = "Show the target that the image was sent for, or send it for the one that it shows."
+    if any(shown == name for _, name in seen_inverted):
+        advice = (
+            "Print the board black on white; if it is, its grey values were inverted on the way: undo that."
+        )
     return TargetMismatch(
-        f"{named} is in view; {_ASKED[target.kind]} of {target.columns} x {target.rows} was asked for.",
-        "Show the target that the image was sent for, or send it for the one that it shows.",
+        f"{shown} is in view; {_ASKED[target.kind]} of {target.columns} x {target.rows} was asked for.",
+        advice,
     )
+
+
+def _searched(image: np.ndarray) -> np.ndarray:
+    """Return the image so far reduced that it has at most `_MAX_SIDE_PX`, and `_MAX_SADDLES` places like corners.
+
+    The search serves a sentence: it must not take longer than that for the target. Fine texture makes more lattices
+    and larger ones than any board.
+    """
+    chosen: np.ndarray | None = None
+    for level in levels(image):
+        is_small = max(level.image.shape) <= _MAX_SIDE_PX and len(find_saddles(level)) <= _MAX_SADDLES
+        if chosen is not None and not is_small:
+            break
+        chosen = level.image
+    return image if chosen is None else np.ascontiguousarray(chosen)
 
 
 def _size(lattice: Lattice) -> str:
@@ -82,13 +117,17 @@ def _size(lattice: Lattice) -> str:
     return f"{long} x {short}"
 
 
-def _has_markers(image: np.ndarray, lattice: Lattice) -> bool:
-    """Return whether most of the bright squares have something dark printed in them.
+def _has_markers(image: np.ndarray, lattice: Lattice, *, inverted: bool = False) -> bool:
+    """Return whether most of the bright squares have something dark printed in them; `inverted`, of the dark ones
+    something bright.
 
     Its size and its bits are not known, so that `marker_reading` cannot look for a frame.
     """
     known = lattice.known
     row, column = np.nonzero(known[:-1, :-1] & known[:-1, 1:] & known[1:, :-1] & known[1:, 1:])
+    if len(row) > _MAX_SQUARES:
+        chosen = np.random.default_rng(0).choice(len(row), _MAX_SQUARES, replace=False)
+        row, column = row[chosen], column[chosen]
     is_bright = ((row + column) % 2 == 0) == lattice.origin_is_bright
     middle = np.stack(np.meshgrid(_ACROSS, _ACROSS), axis=2).reshape(-1, 2)
     corners_px = np.pad(lattice.grid, ((1, 1), (1, 1), (0, 0)), constant_values=np.nan)
@@ -96,6 +135,8 @@ def _has_markers(image: np.ndarray, lattice: Lattice) -> bool:
     is_convex = np.isfinite(places).all(axis=(1, 2))
     u, v = np.moveaxis(np.rint(np.where(np.isfinite(places), places, 0.0)).astype(np.intp), 2, 0)
     greys = image[np.clip(v, 0, image.shape[0] - 1), np.clip(u, 0, image.shape[1] - 1)].astype(np.float64)
+    if inverted:
+        is_bright, greys = ~is_bright, -greys
     bright, dark = greys[is_bright & is_convex], greys[~is_bright & is_convex]
     if len(bright) < _MIN_SQUARES or len(dark) == 0:
         return False

@@ -13,7 +13,7 @@ from core.errors import DetectionError, OriginUnknown, TargetMismatch, TargetNot
 from core.geometry.camera import Camera
 from core.simulation import Scene
 from core.simulation.scenes import random_pose
-from core.targets.failure_diagnosis import look_for
+from core.targets.failure_diagnosis import _searched, look_for
 from core.targets.specification import TargetSpec
 from tests.support.simulation.renders import render
 
@@ -67,6 +67,42 @@ def test_without_any_board_none_is_named(asked: TargetSpec) -> None:
     ):
         with pytest.raises(TargetNotFound):
             look_for(np.clip(levels, 0, 255).astype(np.uint8), asked)
+
+
+@pytest.mark.parametrize("asked", [CHARUCO, CIRCLES, APRILGRID])
+@pytest.mark.parametrize("shown", [CHARUCO, SMALL_MARKERS])
+def test_a_board_white_on_black_is_named_as_such(shown: TargetSpec, asked: TargetSpec) -> None:
+    with pytest.raises(TargetMismatch, match=r"A ChArUco board of .*, white on black, is in view") as caught:
+        look_for(255 - picture(shown, 1), asked)
+    assert "inverted" in caught.value.advice
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_an_aprilgrid_or_plain_squares_are_no_board_white_on_black(seed: int) -> None:
+    for shown in (APRILGRID, CHESSBOARD):
+        for image in (picture(shown, seed), 255 - picture(shown, seed)):
+            with pytest.raises(DetectionError) as caught:
+                look_for(image, CHARUCO)
+            assert "white on black" not in caught.value.detail
+
+
+@pytest.mark.parametrize("scale", [3, 4])
+def test_boards_in_large_images_are_named(scale: int) -> None:
+    for shown, said in ((CHARUCO, "A ChArUco board"), (CHESSBOARD, "A chessboard of 9 x 6")):
+        large = cv2.resize(picture(shown, 2), None, fx=scale, fy=scale, interpolation=cv2.INTER_CUBIC)
+        with pytest.raises(TargetMismatch, match=said):
+            look_for(large, CIRCLES)
+
+
+@pytest.mark.parametrize("square_px", [7, 9])
+def test_fine_texture_is_searched_at_a_size_that_bounds_its_lattices(square_px: int) -> None:
+    texture = np.where((np.indices((2400, 3200)) // square_px).sum(axis=0) % 2 == 0, 20, 220).astype(np.uint8)
+    searched = _searched(texture)
+    assert max(searched.shape) <= 1400
+    small = _searched(np.ascontiguousarray(texture[:1050, :1400]))
+    assert max(small.shape) < 1400  # more corners than a board has
+    with pytest.raises(TargetNotFound):
+        look_for(texture, CHARUCO)
 
 
 def test_marked_squares_are_no_markers() -> None:
