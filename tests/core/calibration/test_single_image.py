@@ -13,7 +13,7 @@ from core.calibration.closed_form import ClosedForm
 from core.calibration.priors import PRINCIPAL_POINT_PRIOR, RADIAL_PRIORS, TANGENTIAL_PRIOR, Lens, view_prior
 from core.calibration.single_image import calibrate_points
 from core.calibration.state import FREE, centred, retract, view_of, view_residuals
-from core.errors import DegenerateGeometry, FocalNotObservable, GridposeError, InvalidArgument
+from core.errors import ADVISED_TILT, DegenerateGeometry, FocalNotObservable, GridposeError, InvalidArgument
 from core.geometry.camera import Camera, project
 from core.geometry.se3 import invert, so3_log, transform, transform_points
 from core.targets.specification import GridPoints
@@ -106,7 +106,7 @@ def test_a_nearly_fronto_parallel_view_is_refused_and_keeps_its_points(tilt: flo
         with pytest.raises(FocalNotObservable) as refusal:
             calibrate_points(view.points)
         assert refusal.value.points is view.points
-        assert "15°" in str(refusal.value.advice)
+        assert ADVISED_TILT in str(refusal.value.advice)
 
 
 def test_a_lens_prior_makes_a_fronto_parallel_view_usable() -> None:
