@@ -7,7 +7,7 @@ for where the nearest tags predict them.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -121,6 +121,8 @@ def assemble(
     found = TagGrid(layout)
     for part in sorted(parts, key=lambda p: -len(p.tags)):
         agreeing, others = len(part.tags), part.conflicting
+        if part.displaced and agreeing >= MIN_TAGS:  # beyond a tear they are where they belong
+            others -= int(np.count_nonzero(_are_near(part.displaced, TagGrid(layout, part.tags))))
         if others > _MAX_CONTRADICTING * agreeing:
             raise TargetMismatch(
                 f"AprilTags are in view, but {others} of {agreeing + others} are not where a grid of "
@@ -130,7 +132,7 @@ def assemble(
             )
         if agreeing == 0:
             continue
-        if not found.tags or _fits(part, found):
+        if not found.tags or _are_near(part.tags, found).all():
             found.tags.update({tag: corners for tag, corners in part.tags.items() if tag not in found.tags})
         elif agreeing >= MIN_TAGS:
             found.check_tag_edge(image.shape)
@@ -149,16 +151,16 @@ def assemble(
     return found
 
 
-def _fits(part: TagLattice, found: TagGrid) -> bool:
-    """Return whether a lattice's tags are where those found predict them."""
-    tags = np.array(sorted(part.tags))
-    seen = np.array([part.tags[int(tag)] for tag in tags])
+def _are_near(seen_px: Mapping[int, Float[np.ndarray, "4 2"]], found: TagGrid) -> Bool[np.ndarray, " k"]:
+    """Return which tags, by growing number, are where those found predict them."""
+    tags = np.array(sorted(seen_px))
+    seen = np.array([seen_px[int(tag)] for tag in tags])
     places = found.layout.tag_places
     far = np.abs(places[tags][:, None] - places[sorted(found.tags)]).max(axis=2).min(axis=1)
     off = np.linalg.norm(found.predicted(tags).mean(axis=1) - seen.mean(axis=1), axis=1)
     side = np.linalg.norm(seen - np.roll(seen, -1, axis=1), axis=2).min(axis=1)
     # of tags far away the lens's distortion leaves more
-    return bool(np.all(off < _FITS * side * np.maximum(far, 1.0)))
+    return np.asarray(off < _FITS * side * np.maximum(far, 1.0))
 
 
 def _are_in(places: Float[np.ndarray, "k 4 2"], shape: tuple[int, ...]) -> Bool[np.ndarray, " k"]:

@@ -12,7 +12,7 @@ be in its place. Where tags that were read well say otherwise the sheet is anoth
 from __future__ import annotations
 
 from collections import Counter
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from jaxtyping import Bool, Float, Int, Shaped
@@ -43,12 +43,14 @@ class TagLattice:
     """A part of the grid as a lattice of corners.
 
     `tags` are those read in it that agree on where it lies: the corners of each in pixels of the full image, from its
-    upper left clockwise. `conflicting` counts the tags that were read well and belong elsewhere.
+    upper left clockwise. `conflicting` counts the tags that were read well and belong elsewhere; `displaced` are those
+    of them that the grid has: the lattice may have a tear, at a highlight.
     """
 
     tags: dict[int, Float[np.ndarray, "4 2"]]
     conflicting: int
     is_mirrored: bool = False
+    displaced: dict[int, Float[np.ndarray, "4 2"]] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, slots=True)
@@ -212,5 +214,8 @@ def _placed(
     agreeing = [n for n, vote in votes.items() if vote == chosen]
     others = [n for n in read if votes.get(int(n)) != chosen and wrong[n] <= MAX_CERTAIN_HAMMING]
     # clockwise from the lattice's first corner on; the tag's own first one comes as many places later
-    tags = {int(number[n]): np.roll(cells.corners_px[n], -int(turn[n]), axis=0) for n in agreeing}
-    return TagLattice(tags, len(others))
+    tags, displaced = (
+        {int(number[n]): np.roll(cells.corners_px[n], -int(turn[n]), axis=0) for n in some}
+        for some in (agreeing, [n for n in others if int(n) in votes])
+    )
+    return TagLattice(tags, len(others), displaced=displaced)

@@ -14,6 +14,7 @@ from core import calibrate_image
 from core.errors import TargetMirrored, TargetMismatch, TargetNotFound
 from core.simulation import Light
 from core.targets import detect
+from core.targets.aprilgrid.assembly import assemble
 from core.targets.aprilgrid.layout import DICTIONARY, aprilgrid_layout
 from core.targets.aprilgrid.tag_edge import estimate_tag_edge
 from core.targets.aprilgrid.tag_lattice import read_lattice
@@ -277,6 +278,29 @@ def test_one_foreign_tag_is_no_tag_of_the_grid_but_many_are_another_grid() -> No
         assert tag not in again.tags
     with pytest.raises(TargetMismatch, match="3 of 20"):
         detect(cv2.GaussianBlur(spoiled, (0, 0), 1.0), GRID)
+
+
+def test_a_tear_in_the_lattice_is_no_other_sheet() -> None:
+    """A highlight may link the corners of two rows or columns wrongly; the tags beyond are where they belong."""
+    picture, place, points = lattice(GRID, 4)
+    layout = aprilgrid_layout(GRID)
+    whole = read_lattice(picture, layout, place, points)
+    assert whole is not None
+    for axis, shift in ((0, 2), (0, 4), (1, 2)):
+        torn = place.copy()
+        torn[torn[:, axis] > 4, axis] += shift
+        part = read_lattice(picture, layout, torn, points)
+        assert part is not None
+        assert part.conflicting == len(part.displaced) >= 4
+        found = assemble([part], picture, layout)
+        assert set(found.tags) == set(range(20))
+        for tag, corners in found.tags.items():
+            np.testing.assert_allclose(corners, whole.tags[tag], atol=1e-6)
+    sheet = aprilgrid_layout(dataclasses.replace(GRID, columns=4, rows=5))
+    other = read_lattice(picture, sheet, place, points)
+    assert other is not None
+    with pytest.raises(TargetMismatch, match="a grid of 4 x 5 has them"):
+        assemble([other], picture, sheet)
 
 
 def test_a_sheet_of_fewer_rows_keeps_its_names(shot: Shot) -> None:
