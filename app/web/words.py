@@ -9,6 +9,7 @@ from datetime import datetime
 
 from app.jobs.queue import ALREADY_MEASURED
 from app.records.tables import Measurement
+from app.reports.forms import words as named
 
 NONE = "–"
 _MINUS = "−"
@@ -131,26 +132,19 @@ REPORT_FORMS: dict[str, str] = {
     "sig": "the detached signature",
 }
 ESTIMATORS: dict[str, tuple[str, str]] = {
-    "pooled": ("Pooled", "One camera for all images of a focus group: the smallest noise. The default."),
-    "pooled_free_focal": (
-        "Pooled, free focal length",
-        "One camera, but a focal length for each image: use it where the lens breathes or refocuses. More noise along "
-        "the optical axis.",
-    ),
-    "per_image": (
-        "Each image alone",
-        "Every image has a camera of its own. The noise floor is much higher; it shows what one image determines.",
-    ),
-    "per_image_session_prior": (
-        "Each image alone, with the session's lens",
-        "Every image by itself, with the lens of the session's other images as its prior.",
-    ),
-    "per_image_fixed_pp": (
-        "Each image alone, principal point held",
-        "As before with the principal point held: less noise than each image alone.",
-    ),
-    "given": ("Given camera", "The session's stated intrinsics, taken as they are."),
+    name: (named(name).capitalize(), text)
+    for name, text in {
+        "pooled": "One camera for all images of a focus group: the smallest noise. The default.",
+        "pooled_free_focal": "One camera, but a focal length for each image: use it where the lens breathes or "
+        "refocuses. More noise along the optical axis.",
+        "per_image": "Every image has a camera of its own. The noise floor is much higher; it shows what one image "
+        "determines.",
+        "per_image_session_prior": "Every image by itself, with the lens of the session's other images as its prior.",
+        "per_image_fixed_pp": "As before with the principal point held: less noise than each image alone.",
+        "given": "The session's stated intrinsics, taken as they are.",
+    }.items()
 }
+"""Names and explanations, in the order in which they are offered."""
 METHODS: dict[str, str] = {
     "proposed_nullspace": "Boby and Saha, null space",
     "proposed_vanishing_point": "Boby and Saha, vanishing points",
@@ -164,11 +158,7 @@ METHODS: dict[str, str] = {
     "aruco_board": "ArUco, whole board",
     "pooled": "Gridpose, pooled",
 }
-LENS_MODELS: dict[str, str] = {
-    "brown": "Brown-Conrady",
-    "rational": "rational",
-    "kannala_brandt": "Kannala-Brandt",
-}
+LENS_MODELS: dict[str, str] = {name: named(name) for name in ("brown", "rational", "kannala_brandt")}
 VIEW_PURPOSES: dict[str, tuple[str, str]] = {
     "intrinsics": ("Camera", "the lens"),
     "hand_eye": ("Hand-eye", "where the camera sits on the flange"),

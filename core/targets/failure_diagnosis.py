@@ -59,22 +59,19 @@ def look_for(image: UInt8[np.ndarray, "h w"] | UInt16[np.ndarray, "h w"], target
 def _shown_instead(image: np.ndarray, target: TargetSpec) -> TargetMismatch | None:
     """Return the error that names the largest board of squares of another kind; None without such a board."""
     image = _searched(image)
-    seen: list[tuple[int, str]] = []
-    seen_inverted: list[tuple[int, str]] = []
+    seen: list[tuple[int, str, bool]] = []  # corners, name, whether white on black
     for level in levels(image):
         for lattice in lattices_of(image, level, charuco_layout(_USUAL)):
-            count, named = (
-                int(lattice.known.sum()),
-                f"A ChArUco board of at least {_size(lattice)} inner corners",
-            )
+            count = int(lattice.known.sum())
             if count < _MIN_CORNERS:
                 continue
+            named = f"A ChArUco board of at least {_size(lattice)} inner corners"
             if _has_markers(image, lattice):
-                seen.append((count, named))
+                seen.append((count, named, False))
             elif _has_markers(image, lattice, inverted=True):
-                seen_inverted.append((count, f"{named}, white on black,"))
-    if target.kind == "charuco" and seen:  # its markers explain the failure
-        return None
+                seen.append((count, f"{named}, white on black,", True))
+    if target.kind == "charuco" and not all(is_inverted for *_, is_inverted in seen):
+        return None  # its markers explain the failure
     if target.kind != "chessboard":
         for board in boards_in_view(image):
             count = int(board.lattice.known.sum())
@@ -82,18 +79,15 @@ def _shown_instead(image: np.ndarray, target: TargetSpec) -> TargetMismatch | No
                 _has_markers(image, board.lattice, inverted=inverted) for inverted in (False, True)
             )
             if is_plain and board.is_whole and board.is_resolved:
-                seen.append((count, f"A chessboard of {_size(board.lattice)} inner corners"))
-    if not seen and not seen_inverted:
+                seen.append((count, f"A chessboard of {_size(board.lattice)} inner corners", False))
+    if not seen:
         return None
-    _, shown = max(seen + seen_inverted)
-    advice = "Show the target that the image was sent for, or send it for the one that it shows."
-    if any(shown == name for _, name in seen_inverted):
-        advice = (
-            "Print the board black on white; if it is, its grey values were inverted on the way: undo that."
-        )
+    _, shown, is_inverted = max(seen)
     return TargetMismatch(
         f"{shown} is in view; {_ASKED[target.kind]} of {target.columns} x {target.rows} was asked for.",
-        advice,
+        "Print the board black on white; if it is, its grey values were inverted on the way: undo that."
+        if is_inverted
+        else "Show the target that the image was sent for, or send it for the one that it shows.",
     )
 
 

@@ -10,7 +10,7 @@ from typing import Annotated
 import typer
 from rich.markup import escape
 
-from app.cli.console import error_console
+from app.cli.console import error_console, megabytes
 from app.cli.context import data_failures, load_settings, print_location
 from app.cli.options.data_folder import DataDir
 from app.records.tables import ApiKey
@@ -45,9 +45,9 @@ def back_up(
     manifest = report.manifest
     print(f"Backup of installation {manifest.installation_id} in {folder}, as of {manifest.created_at}")
     print(f"  database   {sum(manifest.rows.values())} rows of schema {manifest.revision}")
-    print(f"  originals  {manifest.originals}, {_megabytes(manifest.original_bytes)}")
+    print(f"  originals  {manifest.originals}, {megabytes(manifest.original_bytes)}")
     print(
-        f"  copied     {report.copied} originals, {_megabytes(report.copied_bytes)}, "
+        f"  copied     {report.copied} originals, {megabytes(report.copied_bytes)}, "
         f"in {time.monotonic() - started:.1f} s"
     )
     _list("missing in the data folder", manifest.missing, "Upload these images again.")
@@ -122,7 +122,3 @@ def _list_keys(keys: Sequence[ApiKey]) -> None:
         "A key that was revoked since then is valid again: `gridpose keys revoke ID` before you start the service. "
         "--revoke-keys revokes all keys of a restored backup."
     )
-
-
-def _megabytes(count: int) -> str:
-    return f"{count / 1e6:.1f} MB"

@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 from rich.markup import escape
 
-from app.cli.console import error_console
+from app.cli.console import error_console, megabytes
 from app.cli.context import data_failures, load_settings, open_context, print_location
 from app.cli.options.data_folder import DataDir
 from app.services.archive import ArchiveManifest, archive_session, restore_session
@@ -37,7 +37,7 @@ def archive(
             archived = archive_session(installation, session, file, replace=replace)
     finally:
         installation.close()
-    print(f"{file}: session {archived.manifest.session_id}, {_megabytes(archived.bytes)}")
+    print(f"{file}: session {archived.manifest.session_id}, {megabytes(archived.bytes)}")
     _print_content(archived.manifest, archived.fingerprint)
     return int(bool(archived.manifest.missing))
 
@@ -92,7 +92,3 @@ def _print_content(manifest: ArchiveManifest, fingerprint: str) -> None:
         if len(manifest.missing) > _MAX_LISTED:
             console.print(f"  and {len(manifest.missing) - _MAX_LISTED} more")
         console.print("Upload these images again to have them in the archive.")
-
-
-def _megabytes(count: int) -> str:
-    return f"{count / 1e6:.1f} MB"

@@ -7,7 +7,7 @@ these alone. `figures` names each number of a document, for the CSV form and for
 from app.reports.forms.figures import figures_of
 from app.reports.forms.rendering import FORMAT, FORMAT_VERSION, RenderingFailed, render_forms
 from app.reports.forms.template import CompanyTemplate, TemplateInvalid, read_template
-from app.reports.forms.wording import SENTENCES
+from app.reports.forms.wording import SENTENCES, words
 
 __all__ = [
     "FORMAT",
@@ -19,4 +19,5 @@ __all__ = [
     "figures_of",
     "read_template",
     "render_forms",
+    "words",
 ]

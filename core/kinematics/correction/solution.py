@@ -109,8 +109,9 @@ def correct(
         beyond = np.any((commanded < limits[0]) | (commanded > limits[1]), axis=1)
     shift = _lengths(_difference(meant, by.attained(joint_angles)))
     # Near a singularity a rotation may cost more of the position than it is worth.
-    worse = np.hypot(left[0], LEVER_MM * left[1]) > np.hypot(shift[0], LEVER_MM * shift[1])
-    worse = (worse | (left[0] > shift[0])) & (np.hypot(left[0], LEVER_MM * left[1]) > _TOLERANCE_MM)
+    rest = np.hypot(left[0], LEVER_MM * left[1])
+    worse = (rest > np.hypot(shift[0], LEVER_MM * shift[1])) | (left[0] > shift[0])
+    worse &= rest > _TOLERANCE_MM
     outcomes: list[Outcome] = []
     for i, (asked, found) in enumerate(zip(joint_angles, q, strict=True)):
         place = _place(by, asked)
@@ -120,7 +121,7 @@ def correct(
             outcomes.append(Outcome.TOO_FAR)
         elif beyond[i]:
             outcomes.append(Outcome.BEYOND_LIMITS)
-        elif np.hypot(left[0, i], LEVER_MM * left[1, i]) > _TOLERANCE_MM:
+        elif rest[i] > _TOLERANCE_MM:
             outcomes.append(Outcome.NEAR_SINGULARITY)
         else:
             outcomes.append(place)

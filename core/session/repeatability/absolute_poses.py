@@ -62,9 +62,8 @@ def absolute_poses(
                 found[pose.measurement_id] = replace(pose, common=common)
             continue
         scaled = any(stated_scale(data, known, pose) is not None for pose in group.poses)
-        if (
-            scaled and _shape_share(marginal) > MAX_SHAPE_SHARE
-        ):  # figures of unknown scale have no uncertainty
+        # Figures of unknown scale have no uncertainty that the print's shape could dominate.
+        if scaled and _shape_share(marginal) > MAX_SHAPE_SHARE:
             dominated.append(group.name)
         turns = [so3_exp(w) for w in marginal.turned]
         shared = [np.pad(common, columns) for common in marginal.common]

@@ -14,7 +14,7 @@ from core.session.model import MeasuredPose, SessionData
 from core.session.repeatability.absolute_poses import absolute_poses, scale_unknown, unscaled_accuracy
 from core.session.repeatability.confirmation import unconfirmed
 from core.session.repeatability.degraded_images import degraded_warning
-from core.session.repeatability.measured_pose_warnings import measured_pose_warnings
+from core.session.repeatability.lacking import measured_pose_warnings
 from core.session.repeatability.performance import Performance, assess_performance
 from core.session.repeatability.pose_rows import (
     PoseRow,

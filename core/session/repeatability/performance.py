@@ -29,7 +29,7 @@ from core.metrology import (
 )
 from core.session.model import CommandedPose, MeasuredPose
 from core.session.repeatability.absolute_poses import unscaled_distance
-from core.session.repeatability.unpaired_poses import MIN_SPREADS_APART, Lack, distances_unavailable
+from core.session.repeatability.lacking import MIN_SPREADS_APART, Lack, distances_unavailable
 
 MAX_PAIRS = 45
 """All pairs of ten poses; of more poses, each with the next."""

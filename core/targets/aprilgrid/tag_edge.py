@@ -31,9 +31,8 @@ _TUKEY = 4.685
 """Of a normal deviate's standard deviation: beyond it a corner does not count (Beaton and Tukey 1974)."""
 _RAYLEIGH_MEDIAN = 1.1774  # of distances in the plane, in standard deviations of either coordinate
 _MIN_PX = 0.02  # of what is left over: drawings without noise
-_MIN_DEGREE = (
-    2  # of the polynomial, which contains what another perspective would make; of three tags and more
-)
+_MIN_DEGREE = 2
+"""Of the polynomial, which contains what another perspective would make; of three tags and more."""
 _MIN_SQUARE = 1e-6
 _MIN_POINTS = 12
 

@@ -14,7 +14,7 @@ from jaxtyping import Float, Int, Shaped
 from core.geometry import find_homography, map_in_front
 from core.targets.circles.lattice import DotLattice
 from core.targets.circles.partial_view import along_grid_lines, in_image
-from core.targets.grid_index import apart, is_staggered
+from core.targets.grid_index import is_staggered
 from core.targets.specification import TargetSpec
 from core.targets.subpixel import nearest_levels
 
@@ -23,7 +23,6 @@ _MAJORITY = 0.6  # of those in view
 _LIKE_DOTS = 0.4  # of the dots' usual contrast
 _MAX_STRAY = 2  # patches that stand where a line's dots would
 _MIN_LINE_SHARE = 0.5  # of a line's sites in the image
-_NEAR_BORDER = 0.5  # of the distance of neighbours: nearer to it a dot may be cut off
 
 
 def without_stray_lines(
@@ -48,7 +47,7 @@ def without_stray_lines(
     if H is None:
         return lattice
     y, x = np.mgrid[0 : extent[1], 0 : extent[0]]
-    sites = in_image(H, x, y, shape, _NEAR_BORDER * apart(target))
+    sites = in_image(H, x, y, shape, target)
     if is_staggered(target):
         sites &= (x + y - places[0].sum()) % 2 == 0
     kept = np.ones(len(places), dtype=np.bool_)

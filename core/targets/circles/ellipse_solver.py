@@ -126,9 +126,8 @@ def fit_dot(
         weight = noise / (blur_sigma * start[5]) ** 2
         N[5, 5] += weight
         N[RESIDUAL, 5] += weight * (start[5] - shape[5])
-        if (
-            shape[5] <= least_blur and N[RESIDUAL, 5] < 0.0
-        ):  # held there: what less blur would explain is no step
+        # At its least the blur is held: what less of it would explain is no step.
+        if shape[5] <= least_blur and N[RESIDUAL, 5] < 0.0:
             N[5, 5] += _HELD * (1.0 + N[5, 5])
         for i in range(10, 12):
             weight = noise / (_SLOPE_SIGMA * light[3]) ** 2

@@ -49,7 +49,7 @@ def candidate_orientations(
         return []
     y, x = np.mgrid[-1 : extent[1] + 1, -1 : extent[0] + 1]
     is_site = (x + y - places[0].sum()) % 2 == 0 if is_staggered(target) else np.ones(x.shape, dtype=np.bool_)
-    inside = in_image(H, x, y, shape, _NEAR_BORDER * apart(target))
+    inside = in_image(H, x, y, shape, target)
     within = (inside & is_site)[1:-1, 1:-1]
     known = np.zeros(within.shape, dtype=np.bool_)
     known[places[:, 1], places[:, 0]] = True
@@ -97,10 +97,14 @@ def in_image(
     x: Int[np.ndarray, "h w"],
     y: Int[np.ndarray, "h w"],
     shape: tuple[int, int],
-    near_border: float,
+    target: TargetSpec,
 ) -> Bool[np.ndarray, "h w"]:
-    """Return which places lie in the image, so many lines from its border."""
+    """Return which places lie in the image, so far from its border that no dot is cut off."""
     u, v = map_in_front(H, np.stack([x.ravel(), y.ravel()], axis=1)).T.reshape(2, *x.shape)
     step = np.hypot(np.gradient(u, axis=1), np.gradient(v, axis=1))
-    margin = near_border * np.maximum(step, np.hypot(np.gradient(u, axis=0), np.gradient(v, axis=0)))
+    margin = (
+        _NEAR_BORDER
+        * apart(target)
+        * np.maximum(step, np.hypot(np.gradient(u, axis=0), np.gradient(v, axis=0)))
+    )
     return np.asarray((u > margin) & (v > margin) & (u < shape[1] - 1 - margin) & (v < shape[0] - 1 - margin))

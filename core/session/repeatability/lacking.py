@@ -1,4 +1,4 @@
-"""Why a session gives no distances: what each pair of its poses lacks."""
+"""What a session lacks for figures: readings without rotation or covariance, and poses that have no distance."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from enum import Enum
 
 from core.errors import Advisory, listed
+from core.session.model import SessionData
 
 MIN_SPREADS_APART = 50.0
 """Poses nearer to one another than so many standard deviations of a position are one place."""
@@ -54,3 +55,37 @@ def distances_unavailable(lacks: Mapping[Lack, Sequence[str]], *, one_camera: bo
         f"Distances are not given. {reasons}.",
         " ".join(advice[lack] for lack in found),
     )
+
+
+def measured_pose_warnings(data: SessionData) -> list[Advisory]:
+    """Return warnings that say which figures another instrument's readings do not give, and why."""
+    poses = list(dict.fromkeys(pose.pose_id for pose in data.measured))
+    positions = {pose.pose_id for pose in data.measured if pose.rotation is None}
+    unknown = {pose.pose_id for pose in data.measured if pose.covariance is None}
+    warnings = []
+    if positions:
+        warnings.append(
+            Advisory(
+                "rotations_missing",
+                f"{_named(positions, poses)}: not every reading has a rotation, so that no figure of orientation is "
+                "given.",
+                "Use a probe that measures all six degrees of freedom where orientation matters.",
+            )
+        )
+    if unknown:
+        warnings.append(
+            Advisory(
+                "noise_unknown",
+                f"{_named(unknown, poses)}: not every reading has a covariance, so that neither noise floor nor "
+                "corrected figures are given, and whether the figures describe the robot or the instrument cannot be "
+                "determined.",
+                "State the instrument's covariance with each reading.",
+            )
+        )
+    return warnings
+
+
+def _named(pose_ids: set[str], of: Sequence[str]) -> str:
+    if len(pose_ids) == len(of) > 1:
+        return f"All {len(of)} poses"
+    return f"{'Pose' if len(pose_ids) == 1 else 'Poses'} {listed(p for p in of if p in pose_ids)}"
