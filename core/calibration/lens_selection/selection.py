@@ -112,6 +112,8 @@ def select_lens(
         return BROWN
     chosen = views.take(rows)
     at = None if brown is None else _placements(views, brown, rows)
+    if at is not None:
+        chosen = _with_misfit(chosen, at)
     evidence = None
     if at is not None and brown is not None and asked in (None, "brown"):
         evidence = _first_look(chosen, at, brown, lens)
@@ -163,6 +165,19 @@ def _placements(views: ViewStack, brown: GroupEstimate, rows: list[int]) -> Plac
     return Placements(
         np.tile(brown.camera.as_array(), (len(rows), 1)), rotations, np.einsum("kij,kj->ki", rotations, arms)
     )
+
+
+def _with_misfit(views: ViewStack, at: Placements) -> ViewStack:
+    """Return the views with the variance that residuals have beyond what is stated added to every point's.
+
+    What prints and lenses leave is the same however sharp an image is: by the stated uncertainties alone few sharp
+    images would decide against all others, and w would count residuals that are no noise of theirs.
+    """
+    stated = views.standard_uncertainty_px**2
+    squared = squared_distances(views, at)
+    near = squared < GROSS**2 * np.median(squared)
+    misfit = max(float(np.mean((0.5 * squared * stated - stated)[near])), 0.0)
+    return replace(views, standard_uncertainty_px=np.sqrt(stated + misfit))
 
 
 def _far(squared: Float[np.ndarray, " n"]) -> Bool[np.ndarray, " n"]:
