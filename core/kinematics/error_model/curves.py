@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
 from core.kinematics.error_model.evidence import Fitted
 from core.kinematics.error_model.model import ErrorModel
@@ -18,6 +18,8 @@ MAX_GAP = math.radians(10.0)
 
 MAX_PRIOR_SHARE = 0.8
 """Of a coefficient's prior variance: what is left of more is not determined by the poses."""
+_NO_LEVER = 1e-12
+"""Information on a coefficient, per (rad/m)²: a column of zeros but for rounding."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,25 +91,38 @@ def visited_angles(model: ErrorModel) -> Float[np.ndarray, "n j"]:
 def joint_compliance(model: ErrorModel) -> tuple[JointCompliance, ...]:
     """Return the compliances that the poses determine, of every joint about its axes z, x and y.
 
+    About z that is the one that does to the measured poses, in least squares, what all levers of the joint do together.
     One whose uncertainty is nearly that of its prior is not among them: the first joint's about a vertical axis, which
     weight does not turn, is an example.
     """
-    terms = model.fit.design.terms
-    prior = model.fitted.hyperparameters.variances(terms)[0]
+    terms, fitted = model.fit.design.terms, model.fitted
+    prior = fitted.hyperparameters.variances(terms)[0]
     chosen = model.level.chosen(terms)
     found = []
     for joint in range(model.fit.design.arm.layout.joints):
-        of_joint = terms.joint == joint
-        columns = np.concatenate(
-            [np.flatnonzero(of_joint & terms.of(kind) & chosen) for kind in (Kind.COMPLIANCE, Kind.RADIAL)]
-        )
-        b, C = _of(model, model.fitted, columns)
-        found += [
-            JointCompliance(joint + 1, axis, float(value), math.sqrt(float(variance)))
-            for axis, value, variance, before in zip("zxy", b, np.diag(C), prior[columns], strict=False)
-            if variance < MAX_PRIOR_SHARE * before
-        ]
+        of_joint = (terms.joint == joint) & chosen
+        about_z = np.flatnonzero(of_joint & terms.of(Kind.COMPLIANCE, Kind.LINK_COMPLIANCE))
+        across = np.flatnonzero(of_joint & terms.of(Kind.RADIAL))
+        for axis, columns in zip("zxy", (about_z, across[:1], across[1:]), strict=True):
+            weights = _as_the_first(model, columns)
+            if weights is None:
+                continue
+            b, C = _of(model, fitted, columns)
+            variance = float(weights @ C @ weights)
+            if variance < MAX_PRIOR_SHARE * float(weights**2 @ prior[columns]):
+                found.append(JointCompliance(joint + 1, axis, float(weights @ b), math.sqrt(variance)))
     return tuple(found)
+
+
+def _as_the_first(model: ErrorModel, columns: Int[np.ndarray, " c"]) -> Float[np.ndarray, " c"] | None:
+    """Return how much of the first column does to the poses, in least squares, what one of each column does; None where
+    the first does nothing.
+    """
+    if not len(columns):
+        return None
+    places = int(model.fit.design.free.sum()) + columns
+    products = np.tensordot(1.0 / model.fitted.noise, model.fit.sums.normal[:, places[0], places], axes=1)
+    return np.asarray(products / products[0]) if products[0] > _NO_LEVER else None
 
 
 def joint_approach(model: ErrorModel) -> tuple[JointApproach, ...]:

@@ -37,7 +37,7 @@ class Level(StrEnum):
         if self is Level.ALL:
             return np.ones(len(terms), dtype=np.bool_)
         if self is Level.COMPLIANCE:
-            return terms.of(Kind.COMPLIANCE, Kind.RADIAL)
+            return terms.of(Kind.COMPLIANCE, Kind.LINK_COMPLIANCE, Kind.RADIAL)
         return np.zeros(len(terms), dtype=np.bool_)
 
 

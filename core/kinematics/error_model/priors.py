@@ -16,7 +16,7 @@ from jaxtyping import Float
 from core.kinematics.error_model.terms import Kind, Terms
 
 FEW_POSES = 60
-LEAST_POSES = 30
+LEAST_POSES = 12
 """With fewer poses the hyperparameters keep their defaults."""
 PRIOR_LENGTH_MM, PRIOR_ANGLE_RAD = 1.0, math.radians(0.1)
 """Standard deviations of DH parameters about the nominal: what workshops and assembly leave."""
@@ -63,6 +63,7 @@ class Hyperparameters:
         gradient[_CORNER, curves] = tail * 4.0 * (k / corner) ** 2 * shape / v[curves]
         for at, kind, value in (
             (_COMPLIANCE, Kind.COMPLIANCE, compliance),
+            (_COMPLIANCE, Kind.LINK_COMPLIANCE, compliance),
             (_RADIAL, Kind.RADIAL, radial),
             (_WOBBLE, Kind.WOBBLE_TURN, wobble * _MRAD**2),
             (_WOBBLE, Kind.WOBBLE_SHIFT, wobble),

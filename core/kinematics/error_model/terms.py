@@ -5,15 +5,18 @@ t_a = [a × (p - o_j); a] the twist of a small turn about an axis a of that fram
 
     curve       t_z Σ_k (c_k cos k q_j + s_k sin k q_j), k = 1..60: gears and encoders
     compliance  t_z (z_j · M_j), with M_j the moment, about o_j, of the weight of the arm beyond the joint
+    links       t_z (z_j · m_jl), with m_jl that of each link l from the joint on, the tool included, by itself
     radial      t_x (x_j · M_j) and t_y (y_j · M_j): bearings and links bend across the axis
     wobble      t_x, t_y and shifts along x_j, y_j, z_j, times cos q_j and sin q_j: the axis moves as the joint turns
     approach    t_z s_j, with s_j the sign of the joint's last move: play and friction leave it short of where it goes,
                 where the order of measuring is known
 
 Masses of links are not known. M_j is that of a unit weight at the centroid of the polyline from o_j to the end (links
-of equal density), so that a coefficient is in rad per metre of lever. Gravity is taken along the base's z axis; a robot
-that hangs has the same columns with another sign, which the prior does not mind. On a robot that is mounted on a wall
-these columns find no support in the poses, and their coefficients stay near zero.
+of equal density), so that a coefficient is in rad per metre of lever; m_jl is that of one in the middle of the line
+from one origin to the next. The former is what arms have in common, the latter how their weights differ from it:
+without them the lengths of links take up the difference, by several times their uncertainties. Gravity is taken along
+the base's z axis; a robot that hangs has the same columns with another sign, which the prior does not mind. On a robot
+that is mounted on a wall these columns find no support in the poses, and their coefficients stay near zero.
 """
 
 from __future__ import annotations
@@ -40,6 +43,7 @@ class Kind(IntEnum):
     WOBBLE_TURN = 3
     WOBBLE_SHIFT = 4
     APPROACH = 5
+    LINK_COMPLIANCE = 6
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,15 +68,17 @@ class Terms:
 
 def terms_of(joints: int, *, approach: bool = False) -> Terms:
     """Return what the columns of `term_columns` are, in their order; those of the last move where it is known."""
-    one = [Kind.CURVE] * (2 * HARMONICS) + [Kind.COMPLIANCE] + [Kind.RADIAL] * 2
-    one += [Kind.WOBBLE_TURN] * 4 + [Kind.WOBBLE_SHIFT] * 6 + [Kind.APPROACH] * approach
+    kinds, of_joint = [], []
+    for joint in range(joints):
+        one = [Kind.CURVE] * (2 * HARMONICS) + [Kind.COMPLIANCE] + [Kind.RADIAL] * 2
+        one += [Kind.WOBBLE_TURN] * 4 + [Kind.WOBBLE_SHIFT] * 6 + [Kind.APPROACH] * approach
+        one += [Kind.LINK_COMPLIANCE] * (joints + 1 - joint)
+        kinds += one
+        of_joint += [joint] * len(one)
     k = np.arange(1, HARMONICS + 1)
-    harmonics = np.concatenate([k, k, np.zeros(len(one) - 2 * HARMONICS, dtype=np.intp)])
-    return Terms(
-        np.tile(np.array(one, dtype=np.intp), joints),
-        np.repeat(np.arange(joints), len(one)),
-        np.tile(harmonics, joints),
-    )
+    harmonics = np.zeros(len(kinds), dtype=np.intp)
+    harmonics[np.array(kinds) == Kind.CURVE] = np.tile(k, 2 * joints)
+    return Terms(np.array(kinds, dtype=np.intp), np.array(of_joint), harmonics)
 
 
 def harmonic_basis(angles: Float[np.ndarray, " n"]) -> Float[np.ndarray, "h n"]:
@@ -99,7 +105,7 @@ def term_columns(
     `approach` are the signs of the joints' last moves; without them there are no columns for these. The answer is
     written to `out` where that is given, of positions alone if its m is 3.
 
-    Memory grows with n times 133 or 134 columns a joint: give poses in blocks.
+    Memory grows with n times some 138 columns a joint: give poses in blocks.
     """
     n, joints = joint_angles.shape
     if out is None:
@@ -110,7 +116,9 @@ def term_columns(
     end = (T[:, -1] @ arm.T_flange_camera)[:, :3, 3]
     up = arm.T_target_base[target][:, :3, 2]
     points = np.concatenate([o, end[:, None]], axis=1)
-    for joint, columns in enumerate(out.reshape(joints, -1, m, n)):
+    middles = 0.5 * (points[:, 1:] + points[:, :-1])
+    first = 0
+    for joint in range(joints):
         q = joint_angles[:, joint]
         axes = np.moveaxis(R[:, joint], 2, 0)  # x, y, z
         turns = np.stack([_twist(axis, end - o[:, joint])[:m] for axis in axes])
@@ -119,14 +127,20 @@ def term_columns(
         wave = np.stack([np.cos(q), np.sin(q)])
         shifts = np.zeros_like(turns)
         shifts[:, :3] = axes.transpose(0, 2, 1)
-        curve, rest = columns[: 2 * HARMONICS], columns[2 * HARMONICS :]
-        np.multiply(turns[2], harmonic_basis(q)[:, None], out=curve)
+        rest = out[first + 2 * HARMONICS :]
+        np.multiply(turns[2], harmonic_basis(q)[:, None], out=out[first : first + 2 * HARMONICS])
         rest[0] = turns[2] * moments[2]
         rest[1:3] = turns[:2] * moments[:2, None]
         rest[3:7] = (turns[:2, None] * wave[None, :, None]).reshape(4, m, -1)
         rest[7:13] = (shifts[:, None] * wave[None, :, None]).reshape(6, m, -1)
+        last = 13
         if approach is not None:
             rest[13] = turns[2] * approach[:, joint]
+            last = 14
+        links = joints + 1 - joint
+        levers = np.cross(up[:, None], middles[:, joint:] - o[:, joint, None]) / _MM_PER_M
+        rest[last : last + links] = turns[2] * np.einsum("nk,nlk->ln", axes[2], levers)[:, None]
+        first += 2 * HARMONICS + last + links
     return out
 
 

@@ -163,7 +163,7 @@ def test_curves_are_confirmed_by_a_second_session_of_the_same_gears_alone(
     ratio = curves_ratio(curved, same)
     assert ratio is not None
     assert ratio < 0.8 < MAX_CONFIRMING_RATIO
-    other_gears = RealArm(real.arm, Gears.drawn(rng, 6))
+    other_gears = RealArm(real.arm, Gears.drawn(rng, 6), real.links)
     changed = again(other_gears, rng)
     other = curves_ratio(curved, changed)
     assert other is not None

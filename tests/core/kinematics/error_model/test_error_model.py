@@ -92,7 +92,21 @@ def test_the_chain_s_uncertainties_hold_with_gears_and_compliance() -> None:
             scores(real, q, identify(measured(real, q, rng), KR5_ARC, folds=5, model=ModelChoice.AUTO))
         )
     # 66 scores; the chain alone has 2 to 3 here.
-    assert float(np.sqrt(np.mean(np.concatenate(ratio) ** 2))) < 1.6
+    assert float(np.sqrt(np.mean(np.concatenate(ratio) ** 2))) < 1.3
+
+
+@pytest.mark.slow
+def test_weights_unlike_those_of_even_links_are_no_lengths() -> None:
+    """Joints three times as weak, under weights that no rule gives: with one lever a joint the scores are 1.9."""
+    ratio = []
+    for seed in range(4):
+        even, q, rng = drawn(seed, 60)
+        assert even.links is not None
+        real = replace(even, links=replace(even.links, rad_per_nm=3.0 * even.links.rad_per_nm))
+        found = identify(measured(real, q, rng), KR5_ARC, folds=5, model=ModelChoice.AUTO)
+        ratio.append(scores(real, q, found))
+    # 88 scores: four standard deviations of their root mean square are .3.
+    assert float(np.sqrt(np.mean(np.concatenate(ratio) ** 2))) < 1.3
 
 
 def test_a_perfect_robot_keeps_its_chain() -> None:
