@@ -30,6 +30,8 @@ _PAIRS = 500
 NEAR = 0.02
 """Of the positions' extent, and rad: a nominal robot whose misfit is smaller is taken to be this robot."""
 _FAR_BETTER = 0.2
+_AS_WELL = 1.5
+_LINE = 0.01  # a ratio with which an arc is a line
 _MOVED_MM = 1.0  # positions that move less may be on the axis
 
 
@@ -131,7 +133,11 @@ def _like(ratios: Sequence[float], value: float) -> bool:
 
 
 def _turn_ratio(poses: PoseData, sweep: Sweep) -> float | None:
-    """Return the ratio of the poses' turns to the joint's, of neighbouring angles; None where it is not determined."""
+    """Return the ratio of the poses' turns to the joint's, of neighbouring angles; None where it is not determined.
+
+    Positions near the axis hardly leave a short arc's radius determined: where a circle through the angles as they are
+    fits them about as well, they determine no other ratio.
+    """
     moves = np.diff(sweep.angles)
     apart = moves > 0.02 * sweep.arc
     if poses.rotations is not None:
@@ -141,7 +147,23 @@ def _turn_ratio(poses: PoseData, sweep: Sweep) -> float | None:
         return None
     else:
         turns = _turns_on_circle(poses.positions_mm[sweep.poses])
-    return float(np.median(turns[apart] / moves[apart])) if apart.any() else None
+    if not apart.any():
+        return None
+    ratio = float(np.median(turns[apart] / moves[apart]))
+    if poses.rotations is None and abs(ratio - 1.0) > _WITHIN:
+        positions = poses.positions_mm[sweep.poses]
+        if _off_arc(positions, sweep.angles) < _AS_WELL * _off_arc(
+            positions, max(ratio, _LINE) * sweep.angles
+        ):
+            return None
+    return ratio
+
+
+def _off_arc(positions: Float[np.ndarray, "n 3"], angles: Float[np.ndarray, " n"]) -> float:
+    """Return how far (mm, rms per degree of freedom) positions are off an arc that is turned by these angles (rad)."""
+    A = np.column_stack([np.ones_like(angles), np.cos(angles), np.sin(angles)])
+    left = positions - A @ np.linalg.lstsq(A, positions, rcond=None)[0]
+    return math.sqrt(float(np.sum(left**2)) / (3 * max(len(angles) - A.shape[1], 1)))
 
 
 def _turns_on_circle(positions: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, " k"]:

@@ -165,6 +165,18 @@ def test_units_and_sliding_joints_are_told() -> None:
     check_angles(poses, ())
 
 
+@pytest.mark.parametrize("seed", range(3))
+def test_short_radii_determine_no_other_turn(seed: int) -> None:
+    """A reflector 3 mm off the axis, turned by 40° in all: noise makes the circle through it a third too small."""
+    rng = np.random.default_rng(seed)
+    angles = np.radians(np.linspace(-20.0, 20.0, 11))
+    circle = 3.0 * np.column_stack([np.cos(angles), np.sin(angles), np.zeros(11)])
+    poses = PoseData(
+        np.column_stack([angles, np.zeros(11)]), circle + rng.normal(0.0, 0.1, circle.shape), None
+    )
+    check_angles(poses, find_sweeps(poses))
+
+
 @pytest.mark.parametrize("with_rotations", [True, False])
 def test_a_sliding_joint_is_refused(with_rotations: bool) -> None:
     values = np.linspace(-0.5, 0.5, 9)
