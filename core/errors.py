@@ -38,6 +38,7 @@
             ├── JointAnglesMissing       joint_angles_missing
             ├── JointAnglesInconsistent  joint_angles_inconsistent
             ├── JointAnglesUnitMismatch  joint_angles_unit_mismatch
+            ├── LengthsUnitMismatch      lengths_unit_mismatch
             ├── JointNotExcited          joint_not_excited
             ├── TooFewPoses              too_few_poses
             ├── ArcTooShort              arc_too_short
@@ -283,6 +284,11 @@ class JointAnglesInconsistent(KinematicsError):
 class JointAnglesUnitMismatch(KinematicsError):
     code = "joint_angles_unit_mismatch"
     default_advice = "The angles look like radians: send them in degrees."
+
+
+class LengthsUnitMismatch(KinematicsError):
+    code = "lengths_unit_mismatch"
+    default_advice = "Give positions and the robot's lengths in millimetres."
 
 
 class JointNotExcited(KinematicsError):

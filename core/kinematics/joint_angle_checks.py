@@ -1,8 +1,8 @@
-"""Consistency of joint angles with measured poses: radians given as degrees, joints that do not turn.
+"""Consistency of joint angles with measured poses: radians given as degrees, metres as mm, joints that do not turn.
 
 `check_angles` compares them joint by joint, from sweeps, for any robot. `check_against_nominal` is for poses at which
-all joints moved: the nominal robot explains them far better with the angles in the other unit, or with one joint at
-rest.
+all joints moved: the nominal robot explains them far better with angles or lengths in another unit, or with one joint
+at rest.
 """
 
 from __future__ import annotations
@@ -15,7 +15,13 @@ import numpy as np
 from jaxtyping import Float
 from scipy.spatial.transform import Rotation
 
-from core.errors import DegenerateGeometry, JointAnglesInconsistent, JointAnglesUnitMismatch, PrismaticJoint
+from core.errors import (
+    DegenerateGeometry,
+    JointAnglesInconsistent,
+    JointAnglesUnitMismatch,
+    LengthsUnitMismatch,
+    PrismaticJoint,
+)
 from core.kinematics.dh import Chain, forward
 from core.kinematics.global_fit import Observations, linearised, observations_of, placed
 from core.kinematics.joint_axes import fit_circle
@@ -30,6 +36,7 @@ _PAIRS = 500
 NEAR = 0.02
 """Of the positions' extent, and rad: a nominal robot whose misfit is smaller is taken to be this robot."""
 _FAR_BETTER = 0.2
+_MM_PER_M = 1000.0
 _AS_WELL = 1.5
 _LINE = 0.01  # a ratio with which an arc is a line
 _MOVED_MM = 1.0  # positions that move less may be on the axis
@@ -76,13 +83,24 @@ def check_against_nominal(poses: PoseData, nominal: Chain) -> None:
 
     Nothing is asked of poses that it explains to `NEAR`, or that it explains no better otherwise.
 
-    Raises JointAnglesUnitMismatch and PrismaticJoint as `check_angles` does.
+    Raises LengthsUnitMismatch, and JointAnglesUnitMismatch and PrismaticJoint as `check_angles` does.
     """
     seen, q = observations_of(poses), poses.joint_angles
     as_given = misfit(nominal, q, seen)
     extent = float(np.linalg.norm(np.ptp(poses.positions_mm, axis=0)))
     if as_given.position_mm < NEAR * extent and as_given.rotation < NEAR:
         return
+    for factor, words in (
+        (_MM_PER_M, "the positions look like metres"),
+        (1.0 / _MM_PER_M, "the nominal robot's lengths look like metres"),
+    ):
+        scaled = replace(seen, positions_mm=factor * seen.positions_mm)
+        if misfit(nominal, q, scaled).position_mm < _FAR_BETTER * min(factor, 1.0) * as_given.position_mm:
+            raise LengthsUnitMismatch(
+                f"The nominal robot is off the poses by {as_given.position_mm:.3g} mm, which extend over {extent:.3g} "
+                f"mm, and hardly if one of them is in another unit: {words}.",
+                "Give both in millimetres.",
+            )
     largest = float(np.abs(q).max())
     for factor, possible, words in (
         (_RADIANS, largest < _LARGEST_RADIAN, "the joint angles look like radians, taken for degrees"),

@@ -97,8 +97,8 @@ def identify(
 
     Raises InvalidArgument for trials with terms beyond the chain,
     JointAnglesInconsistent for a chain of another number of joints or poses that no such arm explains,
-    JointAnglesUnitMismatch where radians and degrees were confused, JointNotExcited, TooFewPoses, NotConverged; without
-    nominal and start what `identify_from_axes` raises.
+    JointAnglesUnitMismatch and LengthsUnitMismatch where units were confused, JointNotExcited, TooFewPoses,
+    NotConverged; without nominal and start what `identify_from_axes` raises.
     """
     seen = observations_of(poses)
     begin = initial_chain(poses, nominal, start)

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from core.errors import JointAnglesUnitMismatch, KinematicsError, PrismaticJoint
+from core.errors import JointAnglesUnitMismatch, KinematicsError, LengthsUnitMismatch, PrismaticJoint
 from core.kinematics.dh import Chain, forward
 from core.kinematics.identification import identify
 from core.kinematics.joint_angle_checks import check_against_nominal, check_angles
@@ -85,6 +85,22 @@ def test_a_nominal_of_another_robot_is_no_reason_to_refuse() -> None:
     wrong[3, 3] += 0.7
     check_against_nominal(poses, Chain.from_array(wrong))
     check_angles(poses, find_sweeps(poses))
+
+
+@pytest.mark.parametrize("with_rotations", [True, False])
+def test_metres_are_recognised(with_rotations: bool) -> None:
+    poses = free_poses()
+    if not with_rotations:
+        poses = replace(poses, rotations=None)
+    with pytest.raises(LengthsUnitMismatch, match="positions look like metres"):
+        identify(replace(poses, positions_mm=1e-3 * poses.positions_mm), KR5_ARC, folds=0)
+    small = KR5_ARC.as_array()
+    small[:, [0, 2]] *= 1e-3
+    with pytest.raises(LengthsUnitMismatch, match="robot's lengths look like metres"):
+        identify(poses, Chain.from_array(small), folds=0)
+    off = KR5_ARC.as_array()
+    off[1, 0] *= 0.5  # a wrong nominal is no wrong unit
+    check_against_nominal(poses, Chain.from_array(off))
 
 
 def test_what_is_said_has_a_code_and_advice() -> None:
