@@ -42,6 +42,8 @@ from core.targets.specification import GridPoints, TargetSpec, missing_points_wa
 
 _MIN_PART_SHARE = 0.75
 _MIN_SHARE_TO_MERGE = 0.25
+_MOST_DOTS = 2  # times the board's: with more of its surroundings it is none
+_MAX_MERGED = 8  # lattices, from the largest on: rugs and grilles have hundreds
 _SUFFICIENT_DOTS, _MIN_CLEAR_SHARE = 25, 0.25  # of the target's, outside of highlights
 _IN_PLACE = 0.2  # of a dot's radius: a highlight moves it by less
 _SLENDER = 1.25  # a larger dot is as round as the others; what a blot makes of one is not
@@ -67,11 +69,13 @@ def detect_circles(
     found: list[GridPoints] = []
     parts: list[tuple[Level, Dots, list[BoardMatch]]] = []
     failure: TargetNotFound | None = None
+    most_dots = _MOST_DOTS * target.size
     for level in levels(image):
         for dots in find_dots(level):
             here: list[GridPoints] = []
             taken = np.zeros(len(dots), dtype=np.bool_)
             lattices = dot_lattices(dots)
+            merged = 0
             for n, lattice in enumerate(lattices):
                 if taken[lattice.dots].any():  # by one that was cut from it
                     continue
@@ -80,13 +84,15 @@ def detect_circles(
                 if len(whole.dots) >= _MIN_PART_SHARE * extent[0] * extent[1]:
                     seen.append((int(extent.max()), int(extent.min())))
                 matches = board_matches(whole, target)
-                if not matches and len(lattice.dots) >= _MIN_SHARE_TO_MERGE * target.size:
-                    lattice = merge_lattices(lattice, lattices[n + 1 :], dots)
+                share = len(lattice.dots) / target.size
+                if not matches and _MIN_SHARE_TO_MERGE <= share < 1.0 and merged < _MAX_MERGED:
+                    merged += 1
+                    lattice = merge_lattices(lattice, lattices[n + 1 :], dots, most_dots)
                     taken[lattice.dots] = True
                     whole = _without_stray_lines(image, level, dots, lattice, target)
                     matches = board_matches(whole, target)
                     if not matches:
-                        wider = with_single_dots(lattice, dots)
+                        wider = with_single_dots(lattice, dots, most_dots)
                         matches = board_matches(
                             _without_stray_lines(image, level, dots, wider, target), target
                         )

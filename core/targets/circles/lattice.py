@@ -64,24 +64,29 @@ def dot_lattices(dots: Dots) -> list[DotLattice]:
     return sorted(lattices, key=lambda lattice: -len(lattice.dots))
 
 
-def merge_lattices(lattice: DotLattice, others: Sequence[DotLattice], dots: Dots) -> DotLattice:
-    """Return a lattice with those of the others that stand on its places beyond gaps of a few lines.
+def merge_lattices(
+    lattice: DotLattice, others: Sequence[DotLattice], dots: Dots, most_dots: int
+) -> DotLattice:
+    """Return a lattice with those of the others that stand on its places beyond gaps of a few lines; one of `most_dots`
+    or more grows no further.
 
     Single dots are not taken: about a board there are always some that look like one more of its own. A place is
     predicted by the homography of all dots, corrected by what that is off at the lattice's nearest one: over a few
     lines a lens bends little more.
     """
     which, places = lattice.dots, lattice.places
-    free = np.concatenate([which[:0], *(other.dots for other in others)])
+    theirs = np.concatenate([which[:0], *(other.dots for other in others)])
+    of_other = np.repeat(np.arange(len(others)), [len(other.dots) for other in others])
+    free = theirs
     around = np.arange(-_ACROSS, _ACROSS + 1)
     steps = np.stack(np.meshgrid(around, around), axis=-1).reshape(-1, 2)
     size = np.linalg.det(dots.moments) ** 0.25
-    while len(free):
+    while len(free) and len(which) < most_dots:
         centres = dots.centres[which]
         H = find_homography(places.astype(np.float64), centres)
         if H is None:
             break
-        wanted = np.unique((places[:, None] + steps).reshape(-1, 2), axis=0)
+        wanted = _distinct((places[:, None] + steps).reshape(-1, 2))
         apart, nearest = cKDTree(places).query(wanted)
         wanted, nearest = wanted[apart > 0.0], nearest[apart > 0.0]
         drawn, right, below = (
@@ -100,14 +105,21 @@ def merge_lattices(lattice: DotLattice, others: Sequence[DotLattice], dots: Dots
         which = np.concatenate([which, free[candidate[best]]])
         places = np.concatenate([places, wanted[best]])
         free = np.delete(free, candidate[best])
-    kept = np.isin(which, lattice.dots)
-    for other in others:
-        here = np.isin(which, other.dots)
-        kept |= here & (np.count_nonzero(here) >= _JOINS * len(other.dots))
+    taken = np.isin(theirs, which)
+    size_of, taken_of = (np.bincount(of_other[mark], minlength=len(others)) for mark in (slice(None), taken))
+    joined = theirs[(taken_of >= _JOINS * size_of)[of_other]]
+    kept = np.isin(which, lattice.dots) | np.isin(which, joined)
     return DotLattice(which[kept], places[kept])
 
 
-def with_single_dots(lattice: DotLattice, dots: Dots) -> DotLattice:
+def _distinct(places: Int[np.ndarray, "n 2"]) -> Int[np.ndarray, "k 2"]:
+    """Return each place once, in order."""
+    first, extent = places.min(axis=0), np.ptp(places, axis=0) + 1
+    p, q = (places - first).T
+    return np.column_stack(np.divmod(np.unique(p * extent[1] + q), extent[1])) + first
+
+
+def with_single_dots(lattice: DotLattice, dots: Dots, most_dots: int) -> DotLattice:
     """Return a lattice with all dots that stand on its places beyond gaps, as `merge_lattices` has them: a line or two
     of dots beyond a gap make no lattice of their own. Some of them may be none of the board's."""
     others = np.setdiff1d(np.arange(len(dots)), lattice.dots)
@@ -115,6 +127,7 @@ def with_single_dots(lattice: DotLattice, dots: Dots) -> DotLattice:
         lattice,
         [DotLattice(others[n : n + 1], np.zeros((1, 2), dtype=np.intp)) for n in range(len(others))],
         dots,
+        most_dots,
     )
 
 

@@ -353,6 +353,22 @@ def test_checks_without_an_end_are_given_up_in_time(kind: str) -> None:
     assert times[1] < 8.0 * times[0]  # the spiral takes 2.3 times as long; without a bound it has no end
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", ["spiral", "polar", "wavy"])
+def test_squares_without_an_end_are_no_dots_in_time(kind: str) -> None:
+    """Hundreds of lattices, of which each goes on beyond gaps: few are followed, no further than a board reaches."""
+    picture = winding_checks(kind, 2600)
+    wallpaper = cv2.GaussianBlur(checks(10, picture.shape), (0, 0), 1.0)
+    dots = TargetSpec("circles", 10, 10, 20.0)
+    times = []
+    for image in (checks(10, (100, 100)), wallpaper, picture):  # the first compiles
+        began = time.process_time()
+        with pytest.raises((TargetNotFound, TargetMismatch)):
+            detect(image, dots)
+        times.append(time.process_time() - began)
+    assert times[2] < 8.0 * times[1]
+
+
 def test_a_wallpaper_of_squares_is_larger_than_the_board() -> None:
     with pytest.raises(TargetMismatch, match="at least"):
         detect(cv2.GaussianBlur(checks(12, (1200, 1600)), (0, 0), 1.0), TargetSpec("chessboard", 9, 6, 20.0))
