@@ -70,7 +70,7 @@ def verdict(differences: Mapping[Key, Difference], reasons: Sequence[str]) -> st
     expected = (1.0 - _LEVEL) * total
     chance = float(bdtrc(count - 1, total, 1.0 - _LEVEL)) if count else 1.0
     if not changed:
-        found = f"No change is shown: all {total} intervals contain none."
+        found = f"No change is shown: the 95 % intervals of all {total} differences include zero."
     elif chance > _MAX_CHANCE:
         found = (
             f"{count} of {total} figures differ, as many as chance gives ({expected:.1f} expected): "

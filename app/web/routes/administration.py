@@ -24,7 +24,7 @@ from app.web.service import Service, service_of
 from app.web.words import CHECK_STATES
 
 router = page_router()
-AUDIT_PAGE, AUDIT_OBJECTS = 100, 3
+KEYS_PAGE, AUDIT_PAGE, AUDIT_OBJECTS = 200, 100, 3
 _NAMED = {"ses": ("session", Session.name), "tgt": ("target", Target.name), "rob": ("robot", Robot.name)}
 _NAMED |= {"key": ("key", ApiKey.name), "rep": ("report", Report.title)}
 _KINDS = {"mea": "image", "mpo": "measured pose", "eve": "event", "whk": "webhook"}
@@ -35,7 +35,7 @@ _ID = re.compile(rf"({'|'.join(_KINDS)})_[0-9a-z]{{26}}")
 @router.get("/keys", operation_id="list_keys")
 def show_keys(request: Request, cursor: Annotated[str | None, Query(max_length=200)] = None) -> Response:
     """Show the keys, and the form to make one."""
-    keys, next_cursor = list_keys(service_of(request).installation, limit=200, cursor=cursor)
+    keys, next_cursor = list_keys(service_of(request).installation, limit=KEYS_PAGE, cursor=cursor)
     return render(request, "administration/keys.html", keys=keys, next_cursor=next_cursor)
 
 

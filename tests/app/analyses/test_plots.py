@@ -181,7 +181,7 @@ def test_poses_that_have_nothing_to_show(api: Any, store: Store, ordinary: list[
     api.client.put(f"/v1/sessions/{session}/poses/P10", json={})
     lines = told(get(api, session, PLOTS[0]))
     assert lines[0] == "P1: n = 1   ·   repeatability needs two cycles"
-    assert lines[3] == "P9: n = 0   ·   no image counts: target_not_found (1)"
+    assert lines[3] == "P9: n = 0   ·   no image counts: target not found (1)"
     assert problem(get(api, session, PLOTS[1]), 409, "too_few_cycles")["advice"]
     for plot in PLOTS[:2]:
         problem(get(api, session, plot, pose_id="P9"), 409, "no_usable_images")

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from html import unescape
 from typing import Any
+from urllib.parse import unquote
 
 import pytest
 
@@ -12,6 +13,7 @@ from app.services.health import Check
 from app.services.inspection import CheckResult, State
 from app.services.keys import change_key, create_key
 from app.web.health import Health
+from app.web.routes import administration
 from tests.support.service.signed_in import signed_in
 
 
@@ -19,6 +21,22 @@ def page(api: Any, address: str, **query: Any) -> str:
     response = api.client.get(f"/ui/{address}", params=query, headers=signed_in(api))
     assert response.status_code == 200, response.text
     return unescape(response.text)
+
+
+def test_many_keys_have_more_than_one_page(api: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(administration, "KEYS_PAGE", 2)
+    for number in range(3):
+        create_key(api.installation, f"Press {number}", "upload")
+    shown, query = "", {}
+    for _ in range(4):
+        one = page(api, "keys", **query)
+        shown += one
+        following = re.search(r'rel="next" href="/ui/keys\?cursor=([^"]+)"', one)
+        if following is None:
+            break
+        query = {"cursor": unquote(following[1])}
+    assert following is None
+    assert [shown.count(f"<bdi>Press {number}</bdi>") for number in range(3)] == [1, 1, 1]
 
 
 def test_the_audit_trail_is_chosen_by_the_name_or_the_id_of_a_key(api: Any) -> None:

@@ -167,7 +167,7 @@ def _too_many(count: int, what: str, parameter: str) -> AnalysisError:
 
 
 def _listed(reasons: Mapping[str, int]) -> str:
-    return ", ".join(f"{code} ({count})" for code, count in sorted(reasons.items()))
+    return ", ".join(f"{code.replace('_', ' ')} ({count})" for code, count in sorted(reasons.items()))
 
 
 def _scatter(row: PoseRow, source: _Source) -> PoseScatter:
