@@ -36,7 +36,8 @@ from core.targets import GridPoints
 
 MAX_RELATIVE_UNCERTAINTY = 10.0  # times the median uncertainty
 MAX_RESIDUAL = 0.1  # of the grid's step: beyond it the points are not this grid through this camera
-MAX_PRIOR_RESIDUAL = 2.0
+MAX_PRIOR_RESIDUAL = 2.5
+_LEAST_INFORMED = 0.05  # of a prior's variance: less than that the image says too little to contradict it
 """Prior σ. Of cameras as assumed one in eight gets the warning at .05 px of noise, one in six at .008 px."""
 
 
@@ -181,7 +182,9 @@ def calibration_of(
             )
         )
     else:
-        warnings += prior_warnings(points, view.camera, lens, determined=grade(focal_uncertainty) != "weak")
+        warnings += prior_warnings(
+            points, view.camera, covariance[:8, :8], lens, determined=grade(focal_uncertainty) != "weak"
+        )
     if grade(focal_uncertainty) == "weak":
         warnings.append(focal_weakly_observable(focal_uncertainty))
     if contradicted is not None:
@@ -245,25 +248,34 @@ def focal_weakly_observable(relative_uncertainty: float) -> Advisory:
 
 
 def prior_warnings(
-    points: GridPoints, camera: Camera, lens: Lens | None, *, determined: bool
+    points: GridPoints,
+    camera: Camera,
+    covariance: Float[np.ndarray, "8 8"],
+    lens: Lens | None,
+    *,
+    determined: bool,
 ) -> list[Advisory]:
-    """Return a warning for parameters more than two σ from the prior.
+    """Return a warning for parameters that contradict the prior by more than `MAX_PRIOR_RESIDUAL`.
 
-    The weak prior on f without a lens says nothing against a long lens that the image determines.
+    An estimate that the prior pulled is nearer to it than the image is: where the prior holds, its distance has the
+    prior's variance less that of the estimate (`covariance`), and is measured by that. The weak prior on f without a
+    lens says nothing against a long lens that the image determines.
     """
-    q, _ = camera_prior(points.image_width_px, points.image_height_px, lens)(camera.as_array())
+    q, Q = camera_prior(points.image_width_px, points.image_height_px, lens)(camera.as_array())
+    expected = np.maximum(1.0 - np.einsum("ij,jk,ik->i", Q, covariance, Q), _LEAST_INFORMED)
     names = ("cx_px", "cy_px", "k1", "k2", "p1", "p2", "fx/fy", "f")
     count = 7 if lens is None and determined else 8
+    off = np.abs(q) / np.sqrt(expected)
     strained = [
-        name for name, value in zip(names[:count], q[:count], strict=True) if abs(value) > MAX_PRIOR_RESIDUAL
+        name for name, value in zip(names[:count], off[:count], strict=True) if value > MAX_PRIOR_RESIDUAL
     ]
     if not strained:
         return []
     return [
         Advisory(
             "prior_residuals_large",
-            f"{', '.join(strained)} ended more than {MAX_PRIOR_RESIDUAL:g} σ from what a single image has to assume of "
-            "lenses and prints; uncertainties may be too small.",
+            f"{', '.join(strained)} ended farther from what a single image has to assume of lenses and prints than one "
+            "in eighty does by chance; uncertainties may be too small. An image cut to one side does this, too.",
             "Calibrate this camera from several tilted views and give the session those intrinsics; check the print's "
             "length against its width.",
         )

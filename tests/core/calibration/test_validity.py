@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import math
 
@@ -10,10 +11,10 @@ import pytest
 
 from core.calibration.priors import Lens
 from core.calibration.single_image import calibrate_points
-from core.errors import DegenerateGeometry, GridposeError, InvalidArgument, InvalidTarget
+from core.errors import DegenerateGeometry, FocalNotObservable, GridposeError, InvalidArgument, InvalidTarget
 from core.geometry.camera import Camera
 from core.targets.specification import GridPoints, TargetSpec
-from tests.support.simulation.simulated_views import draw_view
+from tests.support.simulation.simulated_views import draw_view, draw_view_from_priors
 
 
 @pytest.fixture
@@ -138,6 +139,32 @@ def test_cameras_beyond_the_priors_are_remarked_on() -> None:
     codes = [{w.code for w in calibrate_points(v.points).warnings} for v in views]
     assert "prior_residuals_large" not in codes[0]
     assert "prior_residuals_large" in codes[1]
+
+
+@pytest.mark.slow
+def test_cropped_images_are_remarked_on_and_whole_ones_are_not() -> None:
+    """Contradictions of 2.5 times the expected distance: 1.2 % of each parameter, where it holds."""
+    rng = np.random.default_rng(4)
+    whole, cropped = [], []
+    for _ in range(120):
+        points = draw_view_from_priors(
+            rng, sigma_px=0.1, tilt_deg=rng.uniform(15.0, 45.0), columns=9, rows=6
+        ).points
+        cut = int(min(0.15 * points.image_width_px, points.points_px[:, 0].min() - 10.0))
+        left = dataclasses.replace(
+            points, image_width_px=points.image_width_px - cut, points_px=points.points_px - [cut, 0.0]
+        )
+        for view, remarked in ((points, whole), (left, cropped)):
+            if view is left and cut < 0.1 * points.image_width_px:
+                continue
+            with contextlib.suppress(FocalNotObservable):
+                codes = {w.code for w in calibrate_points(view).warnings}
+                remarked.append("prior_residuals_large" in codes)
+    # Binomial bounds of four standard deviations about .084 (1 - .988⁷) and .85.
+    assert len(whole) > 100
+    assert np.mean(whole) < 0.084 + 4.0 * math.sqrt(0.084 * 0.916 / len(whole))
+    assert len(cropped) > 70
+    assert np.mean(cropped) > 0.85 - 4.0 * math.sqrt(0.85 * 0.15 / len(cropped))
 
 
 @pytest.mark.parametrize(("columns", "rows"), [(80, 60), (20, 500), (500, 20)])
