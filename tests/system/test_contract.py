@@ -20,7 +20,7 @@ PROJECT = Path(__file__).parents[2]
 @pytest.mark.parametrize(
     ("examples", "phases"),
     [
-        pytest.param(6, "examples,coverage,fuzzing", id="short"),
+        pytest.param(4, "examples,coverage,fuzzing", id="short"),
         pytest.param(400, "examples,coverage,fuzzing,stateful", id="long", marks=pytest.mark.soak),
     ],
 )

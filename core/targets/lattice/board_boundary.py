@@ -26,8 +26,12 @@ MIN_VISIBLE_SHARE = 0.5
 MIN_SQUARES_SHARE = 0.65
 MAX_BEYOND_SHARE = 0.12  # of the places beyond: chance makes corners of clutter, a board makes all of them
 _DEPTHS = (0.4, 0.5, 0.6, 0.7, 0.8, 0.9)  # of a step, where the outermost squares are looked at
+_DEPTH_BEYOND = 1.3  # of a step: beyond the next line, where squares are of the other colour
 _SIDE_OFFSET = 0.3  # of a step, to both sides of the edge between two of them
 _MIN_STEP = 0.25  # of the contrast at the board's corners
+_MIN_STEP_BEYOND = (
+    0.5  # the same beyond the next line: clutter makes a corner there, and hardly a square as well
+)
 _MARGIN_PX = 2.0
 _MIN_SQUARE_PX = 6.0
 
@@ -38,7 +42,7 @@ class Side:
 
     `seen` of its outermost corners; `visible` of the places of the line beyond, where the outermost squares end: those
     in the image; `squares` of the outermost squares in the image: those that reach as deep as most do; `beyond` of
-    the visible places: those that are corners again.
+    the visible places: those that are corners again, followed by squares of the other colour.
     """
 
     seen: float
@@ -240,6 +244,7 @@ def look_at_side(
     if good < _MIN_CORNERS:
         return
     depths, visible = np.zeros(good, dtype=np.int64), np.zeros(good, dtype=np.bool_)
+    follows = np.zeros(good, dtype=np.bool_)
     for n in range(good):
         k, u, v = number[n], places[n, 0], places[n, 1]
         visible[n] = min(u, v) >= _MARGIN_PX and u <= width - 1.0 - _MARGIN_PX
@@ -248,16 +253,18 @@ def look_at_side(
         side_u = _SIDE_OFFSET * (outer[after, 0] - outer[before, 0]) / (after - before)
         side_v = _SIDE_OFFSET * (outer[after, 1] - outer[before, 1]) / (after - before)
         sign = 1.0 if (k % 2 == 0) == first_is_bright else -1.0
+        away_u, away_v = u - outer[k, 0], v - outer[k, 1]
         for depth in _DEPTHS:
-            middle_u, middle_v = (
-                outer[k, 0] + depth * (u - outer[k, 0]),
-                outer[k, 1] + depth * (v - outer[k, 1]),
-            )
-            step = level_at(image, middle_u + side_u, middle_v + side_v)
-            step -= level_at(image, middle_u - side_u, middle_v - side_v)
+            middle_u, middle_v = outer[k, 0] + depth * away_u, outer[k, 1] + depth * away_v
+            step = step_across(image, middle_u, middle_v, side_u, side_v)
             if not step * sign > _MIN_STEP * apart[k]:
                 break
             depths[n] += 1
+        middle_u, middle_v = outer[k, 0] + _DEPTH_BEYOND * away_u, outer[k, 1] + _DEPTH_BEYOND * away_v
+        step = step_across(image, middle_u, middle_v, side_u, side_v)
+        in_image = min(middle_u, middle_v) >= 0.0 and middle_u <= width - 1.0 and middle_v <= height - 1.0
+        # where the gap is unknown, or the place out of the image, nothing is said against it
+        follows[n] = not in_image or not -step * sign < _MIN_STEP_BEYOND * apart[k]
     at_least, usual = good, -1  # the median depth: the largest that more than half reach
     while at_least > good - good // 2 - 1:
         usual += 1
@@ -268,7 +275,13 @@ def look_at_side(
     shares[1] = np.sum(visible) / good
     shares[2] = np.sum(visible & (np.abs(depths - usual) <= 1)) / (seen + count - good)
     for n in range(good):
-        shares[3] += (visible[n] and beyond[number[n]]) / seen
+        shares[3] += (visible[n] and beyond[number[n]] and follows[n]) / seen
+
+
+@jit("u1[:, ::1], f8, f8, f8, f8", "u2[:, ::1], f8, f8, f8, f8")
+def step_across(image: Shaped[np.ndarray, "h w"], u: float, v: float, side_u: float, side_v: float) -> float:
+    """Return the level to one side of a place less that to the other."""
+    return level_at(image, u + side_u, v + side_v) - level_at(image, u - side_u, v - side_v)
 
 
 @jit("u1[:, ::1], f8, f8", "u2[:, ::1], f8, f8")

@@ -137,17 +137,21 @@ def plain_side(
         np.maximum(np.arange(len(number)) - 1, 0),
     )
     aside = 0.3 * (outer[after] - outer[before]) / (number[after] - number[before])[:, None]
-    middle = outer + np.arange(0.4, 0.95, 0.1)[:, None, None] * (places - outer)
+    depths = np.append(np.arange(0.4, 0.95, 0.1), 1.3)
+    middle = outer + depths[:, None, None] * (places - outer)
     levels = []
     for at in (middle + aside, middle - aside):
         u, v = np.rint(np.clip(at, 0.0, np.array(image.shape[::-1]) - 1.0)).astype(int).transpose(2, 0, 1)
         levels.append(image[v, u].astype(float))
     sign = np.where((number % 2 == 0) == first_is_bright, 1.0, -1.0)
-    depth = np.logical_and.accumulate((levels[0] - levels[1]) * sign > 0.25 * gap[good], axis=0).sum(axis=0)
+    step = (levels[0] - levels[1]) * sign
+    depth = np.logical_and.accumulate(step[:-1] > 0.25 * gap[good], axis=0).sum(axis=0)
+    inside = np.all((middle[-1] >= 0.0) & (middle[-1] <= limit + 2.0), axis=1)
+    follows = ~inside | ~(-step[-1] < 0.5 * gap[good])
     right = visible & (np.abs(depth - np.sort(depth)[len(depth) // 2]) <= 1)
     count = max(int(visible.sum()), 1)
     squares = right.sum() / (count + len(gap) - len(number))
-    return seen, float(visible.mean()), float(squares), (beyond[good] & visible).sum() / count
+    return seen, float(visible.mean()), float(squares), (beyond[good] & visible & follows).sum() / count
 
 
 @pytest.mark.parametrize("dtype", [np.uint8, np.uint16])

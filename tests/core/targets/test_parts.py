@@ -288,6 +288,20 @@ def test_ends_are_told_from_parts() -> None:
     assert not found.is_whole
 
 
+def test_corners_of_clutter_beyond_a_board_are_no_line_of_it() -> None:
+    """What stands in the margin at a corner's place; a line's squares would change their colour there."""
+    image, grid = board(8, 6)
+    above = 2.0 * grid[0] - grid[1]
+    lattice = lattice_of(np.concatenate([above[None], grid]), origin_is_bright=True)
+    lattice.grid[0, [0, 1, 2, 5, 6, 7]] = np.nan
+    lattice.gap[0, [0, 1, 2, 5, 6, 7]] = np.nan
+    found = bounded(image, lattice)
+    assert found is not None
+    assert found.size == (8, 6)
+    assert found.sides[0].is_boundary
+    assert found.is_whole
+
+
 @pytest.mark.parametrize("side", range(4))
 def test_a_picture_that_ends_with_the_corners_does_not_show_a_whole_board(side: int) -> None:
     image, _ = board(8, 6)  # a margin of two squares, and the outermost one

@@ -35,8 +35,8 @@ def cell(api: Api, tmp_path: Path) -> Iterator[WatchedCell]:
 
 @pytest.mark.slow
 def test_each_image_is_stored_once_whatever_fails_on_the_way(cell: WatchedCell) -> None:
-    cell.proxy.plan = at_random(seed=17, share=0.4)
-    for number in range(1, 41):
+    cell.proxy.plan = at_random(seed=17, share=0.3)
+    for number in range(1, 33):
         cell.write(f"P{number % 4}/{number}.png", small_image(number))
     summary = cell.watch()
     assert (summary.waiting, summary.gave_up) == (0, False), cell.lines

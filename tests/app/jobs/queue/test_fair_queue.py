@@ -41,7 +41,7 @@ def claim(queue: SqlQueue, limit: int) -> list[str]:
 
 @pytest.mark.parametrize(
     ("many", "lookahead"),
-    [(MANY, 1), (MANY, 8), pytest.param(10 * MANY, 8, marks=pytest.mark.slow)],
+    [(MANY, 1), (MANY, 8), pytest.param(4 * MANY, 8, marks=pytest.mark.slow)],
 )
 def test_ten_images_behind_many_are_computed_at_once(database: Database, many: int, lookahead: int) -> None:
     queue = SqlQueue(database)

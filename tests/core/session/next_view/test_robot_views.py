@@ -127,18 +127,17 @@ def test_what_cannot_be_planned_is_refused(begun: Begun) -> None:
         begun.suggest(1, target=1, data=of_two)
 
 
-SESSIONS = {"hand_eye": 16, "dh": 8}
-"""With hand-eye the shares of 48 sessions have the mean .63 and scatter by .057, those of DH are lower and scatter by
-.03. The mean of sixteen is uncertain by .014: the bound is 1.7 of these away."""
+AT_MOST = {"hand_eye": 0.68, "dh": 0.6}
+"""With hand-eye the shares of 48 sessions have the mean .63 and scatter by .057, those of DH have .45 and scatter by
+.03. The mean of six is uncertain by .023 at most: the bounds are two of these away. `make bench` has more."""
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("plan", [HAND_EYE, DH], ids=["hand_eye", "dh"])
 def test_the_planned_order_needs_two_thirds_of_the_images_of_a_random_one(plan: RobotPlan) -> None:
-    sessions = SESSIONS["hand_eye" if plan is HAND_EYE else "dh"]
-    shares = [images_needed(plan, seed) for seed in range(sessions)]
+    shares = [images_needed(plan, seed) for seed in range(6)]
     print(f"images by the planned order over a random one: {np.round(shares, 2).tolist()}")
-    assert np.mean(shares) <= 0.65
+    assert np.mean(shares) <= AT_MOST["hand_eye" if plan is HAND_EYE else "dh"]
     assert max(shares) < 1.0
 
 
