@@ -42,7 +42,7 @@ from core.targets.specification import GridPoints, TargetSpec, missing_points_wa
 
 _MIN_PART_SHARE = 0.75
 _MIN_SHARE_TO_MERGE = 0.25
-_MOST_DOTS = 2  # times the board's: with more of its surroundings it is none
+_MOST_DOTS = 2  # times the number of the board: with more of its surroundings it is another
 _MAX_MERGED = 8  # lattices, from the largest on: rugs and grilles have hundreds
 _SUFFICIENT_DOTS, _MIN_CLEAR_SHARE = 25, 0.25  # of the target's, outside of highlights
 _IN_PLACE = 0.2  # of a dot's radius: a highlight moves it by less

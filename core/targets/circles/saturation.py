@@ -87,9 +87,16 @@ def saturation_uncertainty(
     here = fitted.trusted & clipped
     count = 2 * int(np.count_nonzero(fitted.trusted))
     free = max(count - LENS_PARAMETERS, 1) / count
-    scatter = float(np.median(off_px[here] ** 2)) / (2.0 * math.log(2.0)) / free
-    extra = max(scatter - float(np.median(uncertainty_px[here])) ** 2, 0.0)
+    # What dots in whole white are off as well is the print's or the lens's: saturation adds nothing to that.
+    usual = _variance(off_px[whole]) / free if whole.sum() >= _NEIGHBOURS else 0.0
+    stated = float(np.median(uncertainty_px[here])) ** 2
+    extra = max(_variance(off_px[here]) / free - max(stated, usual), 0.0)
     return np.where(clipped, np.hypot(slope * fitted.radius_px, math.sqrt(extra)), 0.0)
+
+
+def _variance(off_px: Float[np.ndarray, " n"]) -> float:
+    """Return the variance of a coordinate, robustly, of lengths in the plane."""
+    return float(np.median(off_px**2)) / (2.0 * math.log(2.0))
 
 
 def saturation_bias(
