@@ -36,7 +36,7 @@ from core.targets.circles.ellipse_fit import (
     step_variance,
 )
 from core.targets.circles.lattice import DotLattice, dot_lattices, merge_lattices, with_single_dots
-from core.targets.circles.saturation import in_saturated_white, saturation_bias, saturation_uncertainty
+from core.targets.circles.saturation import in_saturated_white, saturation_bias, unstated_uncertainty
 from core.targets.lattice import Level, levels
 from core.targets.specification import GridPoints, TargetSpec, missing_points_warning
 
@@ -189,7 +189,7 @@ def _grid_points(
     )
     uncertainty = np.hypot(
         uncertainty,
-        saturation_uncertainty(replace(fitted, trusted=trusted), radius, off, clipped, uncertainty),
+        unstated_uncertainty(replace(fitted, trusted=trusted), radius, off, clipped, uncertainty),
     )
     J, drawn = plane_map(matches[0].ideal, centres, trusted.astype(np.float64))
     in_place = np.hypot(*(centres - drawn).T) <= _IN_PLACE * fitted.radius_px

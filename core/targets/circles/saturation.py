@@ -30,6 +30,7 @@ _TOP = 0.995  # of the largest level
 _MIN_CLIPPED_SHARE = 0.02  # of the white pixels that determine the edge
 _NEIGHBOURS = 8
 _SURE = 3.0  # standard deviations
+_MEDIAN_SCATTER = 1.44  # of the median of n squared lengths in the plane, by itself and 1/√n
 _ROUNDING = 1.0 / 12.0
 
 
@@ -49,19 +50,18 @@ def in_saturated_white(
     return np.asarray((white >= _TOP * largest_level(image)).mean(axis=1) > _MIN_CLIPPED_SHARE)
 
 
-def saturation_uncertainty(
+def unstated_uncertainty(
     fitted: FittedDots,
     radius: Float[np.ndarray, " n"],
     off_px: Float[np.ndarray, " n"],
     clipped: Bool[np.ndarray, " n"],
     uncertainty_px: Float[np.ndarray, " n"],
 ) -> Float[np.ndarray, " n"]:
-    """Return what saturated white adds to the uncertainties (px) of the dots in it, by two signs that the dots give
-    themselves; 0 for the others.
+    """Return what the dots themselves show that their uncertainties (px) lack.
 
-    Their radii show by how much δ the edges moved. Where δ changes over the board, centres move by r |∇δ|. The model of
-    an edge does not describe one that is cut off: what is left over depends on how the pixels lie on the edge, and
-    scatters the centres about the map they make.
+    They scatter about the map they make, by what prints and lenses have beyond it; in saturated white by more, for the
+    model of an edge does not describe one that is cut off, and what is left over depends on how the pixels lie on it.
+    There the radii show by how much δ the edges moved, too; where δ changes over the board, centres move by r |∇δ|.
 
     Parameters
     ----------
@@ -72,6 +72,25 @@ def saturation_uncertainty(
     clipped
         About which dots white is cut off.
     """
+    free = max(1.0 - LENS_PARAMETERS / max(2 * int(fitted.trusted.sum()), 1), 0.1)
+    found = np.zeros(len(radius))
+    for kind in (clipped, ~clipped):
+        some = fitted.trusted & kind
+        count = int(some.sum())
+        if count < _NEIGHBOURS:
+            continue
+        stated = float(np.median(uncertainty_px[some])) ** 2
+        # The median of so many squares scatters by this much.
+        beyond_chance = 1.0 + _SURE * _MEDIAN_SCATTER / math.sqrt(count)
+        shown = _variance(off_px[some]) / free
+        found[kind] = math.sqrt(max(shown - stated, 0.0)) if shown > beyond_chance * stated else 0.0
+    return np.hypot(found, _moved_by_saturation(fitted, radius, clipped))
+
+
+def _moved_by_saturation(
+    fitted: FittedDots, radius: Float[np.ndarray, " n"], clipped: Bool[np.ndarray, " n"]
+) -> Float[np.ndarray, " n"]:
+    """Return r |∇δ| of the dots in saturated white, 0 of the others."""
     known = np.flatnonzero(fitted.trusted)
     if not clipped[known].any() or len(known) <= _NEIGHBOURS:
         return np.zeros(len(radius))
@@ -84,14 +103,7 @@ def saturation_uncertainty(
     centres = fitted.shapes[:, :2]
     _, near = cKDTree(centres[known]).query(centres, k=_NEIGHBOURS + 1)
     slope, _ = _slopes(centres[known[near]], grown[known[near]])
-    here = fitted.trusted & clipped
-    count = 2 * int(np.count_nonzero(fitted.trusted))
-    free = max(count - LENS_PARAMETERS, 1) / count
-    # What dots in whole white are off as well is the print's or the lens's: saturation adds nothing to that.
-    usual = _variance(off_px[whole]) / free if whole.sum() >= _NEIGHBOURS else 0.0
-    stated = float(np.median(uncertainty_px[here])) ** 2
-    extra = max(_variance(off_px[here]) / free - max(stated, usual), 0.0)
-    return np.where(clipped, np.hypot(slope * fitted.radius_px, math.sqrt(extra)), 0.0)
+    return np.where(clipped, slope * fitted.radius_px, 0.0)
 
 
 def _variance(off_px: Float[np.ndarray, " n"]) -> float:

@@ -10,7 +10,7 @@ from core.simulation import Light, Scene
 from core.simulation.scenes import random_pose
 from core.targets import TargetSpec, detect
 from core.targets.circles.ellipse_fit import FittedDots
-from core.targets.circles.saturation import saturation_uncertainty
+from core.targets.circles.saturation import unstated_uncertainty
 from tests.support.simulation.renders import render
 
 CAMERA = Camera(700.0, 700.0, 322.0, 238.0, k1=-0.1)
@@ -47,7 +47,7 @@ def grid(grown_px: np.ndarray, *, clipped: bool = True) -> np.ndarray:
     r = 10.0 + grown_px.ravel()
     shapes = np.column_stack([u, v, r**-2.0, np.zeros(63), r**-2.0, np.full(63, 0.8)])
     fitted = FittedDots(shapes, np.ones(63), np.zeros((63, 2, 2)), np.ones(63), np.ones(63, dtype=np.bool_))
-    return saturation_uncertainty(fitted, r / 40.0, np.zeros(63), np.full(63, clipped), np.full(63, 0.005))
+    return unstated_uncertainty(fitted, r / 40.0, np.zeros(63), np.full(63, clipped), np.full(63, 0.005))
 
 
 def test_edges_that_move_more_on_one_side_move_the_centre() -> None:
@@ -56,3 +56,19 @@ def test_edges_that_move_more_on_one_side_move_the_centre() -> None:
     np.testing.assert_allclose(grid(0.002 * (u - u.mean()))[30:33], 0.02, rtol=0.1)
     np.testing.assert_allclose(grid(np.full((7, 9), 0.3)), 0.0, atol=1e-9)
     np.testing.assert_array_equal(grid(0.002 * u, clipped=False), 0.0)
+
+
+def test_scatter_about_the_map_is_stated_where_it_is_beyond_chance() -> None:
+    rng = np.random.default_rng(2)
+    shapes = np.tile([0.0, 0.0, 0.01, 0.0, 0.01, 0.8], (100, 1))
+    fitted = FittedDots(
+        shapes, np.ones(100), np.zeros((100, 2, 2)), np.ones(100), np.ones(100, dtype=np.bool_)
+    )
+    radius, clipped = np.full(100, 0.25), np.zeros(100, dtype=np.bool_)
+    unit = [np.hypot(*rng.normal(0.0, 1.0, (2, 100))) for _ in range(200)]
+    as_stated = [
+        unstated_uncertainty(fitted, radius, 0.03 * off, clipped, np.full(100, 0.03)) for off in unit
+    ]
+    assert np.mean([found.max() > 0.0 for found in as_stated]) < 0.02
+    larger = [unstated_uncertainty(fitted, radius, 0.15 * off, clipped, np.full(100, 0.03)) for off in unit]
+    assert np.median(larger) == pytest.approx(np.sqrt(0.15**2 - 0.03**2), rel=0.1)
