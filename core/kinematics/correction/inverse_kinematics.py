@@ -69,22 +69,25 @@ def _descended(
     chain: Chain, T: Float[np.ndarray, "n 4 4"], q: Float[np.ndarray, "n j"]
 ) -> tuple[Float[np.ndarray, "n j"], Bool[np.ndarray, " n"]]:
     parameters, n = chain.as_array(), len(T)
-    base = np.ascontiguousarray(np.broadcast_to(np.eye(4), (n, 4, 4)))
     columns = 5 * np.arange(len(chain)) + THETA
     scale = np.array([1.0] * 3 + [_LEVER_MM] * 3)
-    off = np.zeros((6, n))
+    q = np.array(q, dtype=np.float64)
+    off, left = np.full(n, np.inf), np.arange(n)  # most are there after a few steps
     for _ in range(_ITERATIONS):
-        end, J = pose_with_jacobian(parameters, np.ascontiguousarray(q), base, np.eye(4))
-        turn = T[:, :3, :3] @ end[:, :3, :3].transpose(0, 2, 1)
-        off = (
-            np.concatenate([(T[:, :3, 3] - end[:, :3, 3]).T, Rotation.from_matrix(turn).as_rotvec().T])
-            * scale[:, None]
-        )
-        if float(np.abs(off).max()) < _ATTAINED_MM:
+        base = np.ascontiguousarray(np.broadcast_to(np.eye(4), (len(left), 4, 4)))
+        end, J = pose_with_jacobian(parameters, q[left], base, np.eye(4))
+        turn = T[left, :3, :3] @ end[:, :3, :3].transpose(0, 2, 1)
+        away = np.concatenate([(T[left, :3, 3] - end[:, :3, 3]).T, Rotation.from_matrix(turn).as_rotvec().T])
+        away *= scale[:, None]
+        off[left] = np.abs(away).max(axis=0)
+        far = off[left] >= _ATTAINED_MM
+        if not far.any():
             break
-        rows = (J[columns] * scale[:, None]).transpose(2, 1, 0)
+        left = left[far]
+        rows = (J[columns][:, :, far] * scale[:, None]).transpose(2, 1, 0)
         normal = rows.transpose(0, 2, 1) @ rows
         normal += _DAMPING * np.trace(normal, axis1=1, axis2=2)[:, None, None] * np.eye(len(chain))
-        step = np.linalg.solve(normal, rows.transpose(0, 2, 1) @ off.T[:, :, None])[..., 0]
-        q = q + step * np.minimum(1.0, _MAX_STEP / np.maximum(np.abs(step).max(axis=1), 1e-12))[:, None]
-    return q, np.asarray(np.abs(off).max(axis=0) < 1e3 * _ATTAINED_MM)
+        step = np.linalg.solve(normal, rows.transpose(0, 2, 1) @ away[:, far].T[:, :, None])[..., 0]
+        shorter = np.minimum(1.0, _MAX_STEP / np.maximum(np.abs(step).max(axis=1), 1e-12))
+        q[left] += step * shorter[:, None]
+    return q, np.asarray(off < 1e3 * _ATTAINED_MM)

@@ -21,8 +21,8 @@ WRIST_TURN = math.radians(90.0)
 JOINT_MARGIN = math.radians(20.0)
 """How far beyond the angles where a joint has been it may be asked to go: farther on nothing is known of what is in the
 way."""
-CANDIDATES = 200
-"""Views among which those of a robot are chosen."""
+CANDIDATES = 1000
+"""Views among which those of a robot are chosen. Of 200 the order needs 6 % more images; these take half a second."""
 _TRIED = 5 * CANDIDATES // 2
 
 

@@ -127,15 +127,15 @@ def test_what_cannot_be_planned_is_refused(begun: Begun) -> None:
         begun.suggest(1, target=1, data=of_two)
 
 
-AT_MOST = {"hand_eye": 0.68, "dh": 0.6}
-"""With hand-eye the shares of 48 sessions have the mean .63 and scatter by .057, those of DH have .45 and scatter by
-.03. The mean of six is uncertain by .023 at most: the bounds are two of these away. `make bench` has more."""
+AT_MOST = {"hand_eye": 0.66, "dh": 0.55}
+"""With hand-eye the shares of twelve sessions have the mean .59 and scatter by .04, those of four with DH have .46 and
+scatter by .03. The means of four are uncertain by .02: the bounds are over three of these away."""
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("plan", [HAND_EYE, DH], ids=["hand_eye", "dh"])
 def test_the_planned_order_needs_two_thirds_of_the_images_of_a_random_one(plan: RobotPlan) -> None:
-    shares = [images_needed(plan, seed) for seed in range(6)]
+    shares = [images_needed(plan, seed) for seed in range(4)]
     print(f"images by the planned order over a random one: {np.round(shares, 2).tolist()}")
     assert np.mean(shares) <= AT_MOST["hand_eye" if plan is HAND_EYE else "dh"]
     assert max(shares) < 1.0
