@@ -37,8 +37,8 @@ from core.targets import GridPoints
 MAX_RELATIVE_UNCERTAINTY = 10.0  # times the median uncertainty
 MAX_RESIDUAL = 0.1  # of the grid's step: beyond it the points are not this grid through this camera
 MAX_PRIOR_RESIDUAL = 2.5
+"""Times the expected distance from the prior: of eight parameters, one exceeds it in one of eleven images by chance."""
 _LEAST_INFORMED = 0.05  # of a prior's variance: less than that the image says too little to contradict it
-"""Prior σ. Of cameras as assumed one in eight gets the warning at .05 px of noise, one in six at .008 px."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -14,6 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Float
 from scipy.spatial.transform import Rotation
+from scipy.special import fdtri
 
 from core.errors import (
     DegenerateGeometry,
@@ -37,7 +38,8 @@ NEAR = 0.02
 """Of the positions' extent, and rad: a nominal robot whose misfit is smaller is taken to be this robot."""
 _FAR_BETTER = 0.2
 _MM_PER_M = 1000.0
-_AS_WELL = 1.5
+_CIRCLE_PARAMETERS = 7  # four within its plane, three of the plane
+_BY_CHANCE = 0.999
 _LINE = 0.01  # a ratio with which an arc is a line
 _MOVED_MM = 1.0  # positions that move less may be on the axis
 
@@ -154,7 +156,7 @@ def _turn_ratio(poses: PoseData, sweep: Sweep) -> float | None:
     """Return the ratio of the poses' turns to the joint's, of neighbouring angles; None where it is not determined.
 
     Positions near the axis hardly leave a short arc's radius determined: where a circle through the angles as they are
-    fits them about as well, they determine no other ratio.
+    fits them as well as noise has it, they determine no other ratio.
     """
     moves = np.diff(sweep.angles)
     apart = moves > 0.02 * sweep.arc
@@ -170,18 +172,26 @@ def _turn_ratio(poses: PoseData, sweep: Sweep) -> float | None:
     ratio = float(np.median(turns[apart] / moves[apart]))
     if poses.rotations is None and abs(ratio - 1.0) > _WITHIN:
         positions = poses.positions_mm[sweep.poses]
-        if _off_arc(positions, sweep.angles) < _AS_WELL * _off_arc(
-            positions, max(ratio, _LINE) * sweep.angles
-        ):
+        freedom = 3 * len(positions) - _CIRCLE_PARAMETERS
+        as_given, otherwise = (_off_circle(positions, by * sweep.angles) for by in (1.0, max(ratio, _LINE)))
+        if as_given < fdtri(freedom, freedom, _BY_CHANCE) * otherwise:
             return None
     return ratio
 
 
-def _off_arc(positions: Float[np.ndarray, "n 3"], angles: Float[np.ndarray, " n"]) -> float:
-    """Return how far (mm, rms per degree of freedom) positions are off an arc that is turned by these angles (rad)."""
-    A = np.column_stack([np.ones_like(angles), np.cos(angles), np.sin(angles)])
-    left = positions - A @ np.linalg.lstsq(A, positions, rcond=None)[0]
-    return math.sqrt(float(np.sum(left**2)) / (3 * max(len(angles) - A.shape[1], 1)))
+def _off_circle(positions: Float[np.ndarray, "n 3"], angles: Float[np.ndarray, " n"]) -> float:
+    """Return the sum of squares (mm²) by which positions are off a circle on which they stand at these angles (rad).
+
+    In the circle's plane, z = c + r exp(± i θ) with complex c and r.
+    """
+    apart = positions - positions.mean(axis=0)
+    u, v, out = (apart @ np.linalg.svd(apart)[2].T).T
+    sums = []
+    for sign in (1.0, -1.0):
+        A = np.column_stack([np.ones(len(angles), dtype=np.complex128), np.exp(1j * sign * angles)])
+        left = u + 1j * v - A @ np.linalg.lstsq(A, u + 1j * v, rcond=None)[0]
+        sums.append(float(np.sum(np.abs(left) ** 2)))
+    return min(sums) + float(out @ out)
 
 
 def _turns_on_circle(positions: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, " k"]:

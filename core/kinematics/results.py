@@ -174,7 +174,10 @@ def _moved_together(joint_angles: Float[np.ndarray, "n j"]) -> Iterator[Advisory
     """A combination of joints that hardly varies while each of them does: q5 = q1, or a tool that is kept upright."""
     spread = joint_angles.std(axis=0)
     moved = np.flatnonzero(spread > 0.0)
-    if len(np.unique(np.round(joint_angles, 3), axis=0)) < len(moved) + MIN_SPARE_CONFIGURATIONS:
+    if (
+        len(moved) < 2
+        or len(np.unique(np.round(joint_angles, 3), axis=0)) < len(moved) + MIN_SPARE_CONFIGURATIONS
+    ):
         return
     values, vectors = np.linalg.eigh(np.corrcoef(joint_angles[:, moved], rowvar=False))
     for k in np.flatnonzero(values < MAX_SHARE_APART):

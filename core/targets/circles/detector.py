@@ -179,6 +179,10 @@ def _grid_points(
     clipped = in_saturated_white(image, fitted, are_dark=dots.are_dark)
     moved = saturation_bias(image, fitted, clipped, are_dark=dots.are_dark)
     clear = fitted.trusted & (moved <= uncertainty)
+    # Before the dots' common map is fitted: what is half hidden would pull it.
+    usual = float(np.median(variance[clear])) if clear.any() else 0.0
+    similar = (variance <= _MAX_VARIANCE * max(usual, 1.0)) & (contrast >= _MIN_CONTRAST * np.sqrt(noise))
+    clear &= similar
     if clear.sum() < max(MIN_DOTS, min(_SUFFICIENT_DOTS, _MIN_CLEAR_SHARE * target.size)) or not _is_spread(
         matches[0].ideal[clear]
     ):
@@ -193,11 +197,11 @@ def _grid_points(
     )
     J, drawn = plane_map(matches[0].ideal, centres, trusted.astype(np.float64))
     in_place = np.hypot(*(centres - drawn).T) <= _IN_PLACE * fitted.radius_px
-    trusted |= fitted.trusted & ~clear & in_place  # dots in a highlight serve for labels, but not for places
-    usual, usual_contrast, usual_radius = (
-        float(np.median(values[trusted])) if trusted.any() else 0.0 for values in (variance, contrast, radius)
+    # Dots in a highlight serve for labels, but not for places.
+    trusted |= fitted.trusted & similar & ~clear & in_place
+    usual_contrast, usual_radius = (
+        float(np.median(values[trusted])) if trusted.any() else 0.0 for values in (contrast, radius)
     )
-    trusted &= (variance <= _MAX_VARIANCE * max(usual, 1.0)) & (contrast >= _MIN_CONTRAST * np.sqrt(noise))
     larger = larger_dot(radius, trusted & (slenderness(J, fitted) < _SLENDER))
     match, is_resolved = oriented(matches, larger, fitted, target, is_part=is_part)
     warnings: tuple[Advisory, ...] = () if is_resolved else (_AMBIGUOUS,)

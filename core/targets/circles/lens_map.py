@@ -20,11 +20,11 @@ from jaxtyping import Float
 
 from core.geometry import normalised_homography
 
-MIN_POINTS = 13
-"""Twice as many coordinates as parameters."""
+MIN_POINTS = 12
+"""Of the smallest boards; nearly twice as many coordinates as parameters."""
 PARAMETERS = 13
-_MAX_STEPS = 20
-_SETTLED = 1e-5  # of the sum of squares
+_MAX_STEPS = 60
+_SETTLED = 1e-6  # of the sum of squares
 _FIRST_DAMPING, _LEAST_DAMPING, _MOST_DAMPING = 1e-3, 1e-9, 1e6
 _LEAST_SCALE = 1e-9  # of all: what hardly moves the points, as the centre of a lens that bends little, stays
 

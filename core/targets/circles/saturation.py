@@ -1,4 +1,5 @@
-"""Estimate how saturated white displaces the centres of the dots in it, and how uncertain it makes them.
+"""What dots show of the uncertainty of their centres that their edges do not: their scatter about the map they make,
+and how saturated white displaces them.
 
 Where white is cut off at the camera's largest level, the grey half-way between black and what is left of white is no
 longer at the dot's edge: with d the dark grey, C the contrast the light would give, T the largest level and s the blur,
@@ -30,6 +31,7 @@ _TOP = 0.995  # of the largest level
 _MIN_CLIPPED_SHARE = 0.02  # of the white pixels that determine the edge
 _NEIGHBOURS = 8
 _SURE = 3.0  # standard deviations
+_MIN_SCATTERED = 40  # dots: some six times as many coordinates as their map has parameters
 _MEDIAN_SCATTER = 1.44  # of the median of n squared lengths in the plane, by itself and 1/√n
 _ROUNDING = 1.0 / 12.0
 
@@ -72,18 +74,25 @@ def unstated_uncertainty(
     clipped
         About which dots white is cut off.
     """
-    free = max(1.0 - LENS_PARAMETERS / max(2 * int(fitted.trusted.sum()), 1), 0.1)
     found = np.zeros(len(radius))
-    for kind in (clipped, ~clipped):
-        some = fitted.trusted & kind
-        count = int(some.sum())
-        if count < _NEIGHBOURS:
-            continue
-        stated = float(np.median(uncertainty_px[some])) ** 2
-        # The median of so many squares scatters by this much.
-        beyond_chance = 1.0 + _SURE * _MEDIAN_SCATTER / math.sqrt(count)
-        shown = _variance(off_px[some]) / free
-        found[kind] = math.sqrt(max(shown - stated, 0.0)) if shown > beyond_chance * stated else 0.0
+    total = int(fitted.trusted.sum())
+    if total >= _MIN_SCATTERED:
+        free = 1.0 - LENS_PARAMETERS / (2.0 * total)
+        in_units = (off_px / uncertainty_px) ** 2 / (2.0 * free)
+        for kind in (clipped, ~clipped):
+            some = fitted.trusted & kind
+            count = int(some.sum())
+            if not count:
+                continue
+            if count >= _NEIGHBOURS:  # the median of so many squares scatters by a part of itself
+                ratio = float(np.median(in_units[some])) / math.log(2.0)
+                by_chance = 1.0 + _SURE * _MEDIAN_SCATTER / math.sqrt(count)
+            else:
+                ratio = float(np.mean(in_units[some]))
+                by_chance = 1.0 + _SURE / math.sqrt(count)
+            if ratio > by_chance:
+                stated = float(np.sqrt(np.mean(uncertainty_px[some] ** 2)))
+                found[kind] = stated * math.sqrt(ratio - 1.0)
     return np.hypot(found, _moved_by_saturation(fitted, radius, clipped))
 
 
@@ -104,11 +113,6 @@ def _moved_by_saturation(
     _, near = cKDTree(centres[known]).query(centres, k=_NEIGHBOURS + 1)
     slope, _ = _slopes(centres[known[near]], grown[known[near]])
     return np.where(clipped, slope * fitted.radius_px, 0.0)
-
-
-def _variance(off_px: Float[np.ndarray, " n"]) -> float:
-    """Return the variance of a coordinate, robustly, of lengths in the plane."""
-    return float(np.median(off_px**2)) / (2.0 * math.log(2.0))
 
 
 def saturation_bias(

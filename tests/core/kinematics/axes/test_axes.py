@@ -177,6 +177,26 @@ def test_short_radii_determine_no_other_turn(seed: int) -> None:
     check_angles(poses, find_sweeps(poses))
 
 
+@pytest.mark.parametrize(
+    ("half_deg", "factor", "refusal"),
+    [
+        (10.0, math.pi / 180.0, JointAnglesUnitMismatch),
+        (10.0, 0.5, JointAnglesInconsistent),
+        (5.0, 2.0, JointAnglesInconsistent),
+    ],
+)
+def test_short_arcs_of_long_radii_determine_the_turn(
+    half_deg: float, factor: float, refusal: type[Exception]
+) -> None:
+    rng = np.random.default_rng(1)
+    angles = np.radians(np.linspace(-half_deg, half_deg, 11))
+    circle = 400.0 * np.column_stack([np.cos(angles), np.sin(angles), np.zeros(11)])
+    positions = circle + rng.normal(0.0, 0.05, circle.shape)
+    poses = PoseData(np.column_stack([factor * angles, np.zeros(11)]), positions, None)
+    with pytest.raises(refusal):
+        check_angles(poses, find_sweeps(poses))
+
+
 @pytest.mark.parametrize("with_rotations", [True, False])
 def test_a_sliding_joint_is_refused(with_rotations: bool) -> None:
     values = np.linspace(-0.5, 0.5, 9)
