@@ -36,7 +36,9 @@ class JointCurve:
 class JointCompliance:
     """How far a joint (from 1) gives way to weight: about its own axis z, or across it about x or y of its frame.
 
-    Radians per metre of lever: the moment, about that axis, of a unit weight at the centroid of the arm beyond.
+    Radians per metre of lever: the moment, about that axis, of a unit weight at the centroid of the arm beyond that
+    does to the measured poses what the weights of all links do. The first harmonic of the joint's curve may have a part
+    of what its own link's weight does.
     """
 
     joint: int

@@ -98,7 +98,9 @@ class ComplianceRead(ResponseModel):
         float,
         Field(
             description="Turn per metre of lever: the moment about that axis of a unit weight at the centroid of the "
-            "arm beyond the joint, rad/m. Divided by the weight beyond the joint in newtons it is rad/Nm."
+            "arm beyond the joint, rad/m, that does to the measured poses what the weights of all links together do. "
+            "Divided by the weight beyond the joint in newtons it is rad/Nm. Part of it may be in the first "
+            "harmonic of the joint's curve, which a link's own weight resembles: use both together."
         ),
     ]
     standard_uncertainty_rad_per_m: Annotated[float, Field(description="Its standard uncertainty, rad/m.")]
