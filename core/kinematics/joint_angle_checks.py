@@ -23,11 +23,13 @@ from core.errors import (
     LengthsUnitMismatch,
     PrismaticJoint,
 )
+from core.kinematics.arm_model import ArmState
 from core.kinematics.dh import Chain, forward
-from core.kinematics.global_fit import Observations, linearised, observations_of, placed
+from core.kinematics.global_fit import Observations, fit_frames, linearised, observations_of, placed
 from core.kinematics.joint_axes import fit_circle
 from core.kinematics.pose_observations import PoseData
 from core.kinematics.sweeps import Sweep
+from core.numerics import Variances
 
 _WITHIN = 0.2  # relative: a measured turn that differs by more is not this joint's
 _STILL = 0.1  # of the joint's angle: a smaller turn counts as no turn
@@ -88,7 +90,7 @@ def check_against_nominal(poses: PoseData, nominal: Chain) -> None:
     Raises LengthsUnitMismatch, and JointAnglesUnitMismatch and PrismaticJoint as `check_angles` does.
     """
     seen, q = observations_of(poses), poses.joint_angles
-    as_given = misfit(nominal, q, seen)
+    as_given = _fitted_misfit(nominal, q, seen)
     extent = float(np.linalg.norm(np.ptp(poses.positions_mm, axis=0)))
     if as_given.position_mm < NEAR * extent and as_given.rotation < NEAR:
         return
@@ -97,7 +99,10 @@ def check_against_nominal(poses: PoseData, nominal: Chain) -> None:
         (1.0 / _MM_PER_M, "the nominal robot's lengths look like metres"),
     ):
         scaled = replace(seen, positions_mm=factor * seen.positions_mm)
-        if misfit(nominal, q, scaled).position_mm < _FAR_BETTER * min(factor, 1.0) * as_given.position_mm:
+        if (
+            _fitted_misfit(nominal, q, scaled).position_mm
+            < _FAR_BETTER * min(factor, 1.0) * as_given.position_mm
+        ):
             raise LengthsUnitMismatch(
                 f"The nominal robot is off the poses by {as_given.position_mm:.3g} mm, which extend over {extent:.3g} "
                 f"mm, and hardly if one of them is in another unit: {words}.",
@@ -108,7 +113,7 @@ def check_against_nominal(poses: PoseData, nominal: Chain) -> None:
         (_RADIANS, largest < _LARGEST_RADIAN, "the joint angles look like radians, taken for degrees"),
         (1.0 / _RADIANS, largest > math.pi, "the joint angles look like degrees, taken for radians"),
     ):
-        other = misfit(nominal, factor * q, seen) if possible else as_given
+        other = _fitted_misfit(nominal, factor * q, seen) if possible else as_given
         if other.position_mm < _FAR_BETTER * as_given.position_mm:
             raise JointAnglesUnitMismatch(
                 f"The nominal robot is off the poses by {as_given.position_mm:.3g} mm, and by {other.position_mm:.3g} "
@@ -120,7 +125,7 @@ def check_against_nominal(poses: PoseData, nominal: Chain) -> None:
     for joint in range(poses.joints):
         at_rest = q.copy()
         at_rest[:, joint] = 0.0
-        other = misfit(nominal, at_rest, seen)
+        other = _fitted_misfit(nominal, at_rest, seen)
         if other.rotation < _FAR_BETTER * as_given.rotation:
             raise PrismaticJoint(
                 f"The nominal robot turns {math.degrees(as_given.rotation):.3g}° away from the poses, and "
@@ -140,7 +145,26 @@ class Misfit:
 def misfit(chain: Chain, q: Float[np.ndarray, "n j"], seen: Observations) -> Misfit:
     """Return the rms distances of poses from a chain, base and tool in closed form; rotation 0 where none is known."""
     at = replace(seen, joint_angles=q)
-    residuals = linearised(placed(chain.as_array(), forward(chain, q), at), at)[0]
+    return _distances(placed(chain.as_array(), forward(chain, q), at), at)
+
+
+def _fitted_misfit(chain: Chain, q: Float[np.ndarray, "n j"], seen: Observations) -> Misfit:
+    """Return `misfit`, with base and tool fitted where the closed form is far off: it has no unique answer where all
+    axes are parallel.
+    """
+    found = misfit(chain, q, seen)
+    extent = float(np.linalg.norm(np.ptp(seen.positions_mm, axis=0)))
+    if found.position_mm < NEAR * extent and found.rotation < NEAR:
+        return found
+    at, parameters = replace(seen, joint_angles=q), chain.as_array()
+    arm = placed(parameters, forward(chain, q), at)
+    free = np.any(linearised(arm, at)[1] != 0.0, axis=(1, 2))  # positions say nothing of the tool's rotation
+    fitted = _distances(fit_frames(parameters, arm, at, free, Variances(extent**2, 1.0)), at)
+    return min(found, fitted, key=lambda one: one.position_mm)
+
+
+def _distances(arm: ArmState, seen: Observations) -> Misfit:
+    residuals = linearised(arm, seen)[0]
     position, rotation = residuals[:3], residuals[3:]
     return Misfit(
         math.sqrt(float(np.mean(np.sum(position**2, axis=0)))),

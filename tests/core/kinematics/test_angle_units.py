@@ -103,6 +103,23 @@ def test_metres_are_recognised(with_rotations: bool) -> None:
     check_against_nominal(poses, Chain.from_array(off))
 
 
+@pytest.mark.parametrize("with_rotations", [True, False])
+def test_units_of_an_arm_of_parallel_axes_are_recognised(with_rotations: bool) -> None:
+    """The closed form of base and tool has no unique answer there."""
+    nominal = Chain.from_rows([(325.0, 0.0, 400.0, 0.0), (225.0, 0.0, 0.0, 0.0), (0.0, 0.0, 100.0, 0.0)])
+    rng = np.random.default_rng(3)
+    q = rng.uniform(-1.0, 1.0, (40, 3))
+    T = forward(nominal, q)
+    poses = PoseData(
+        q, T[:, :3, 3] + rng.normal(0.0, 0.05, (40, 3)), T[:, :3, :3] if with_rotations else None
+    )
+    check_against_nominal(poses, nominal)
+    with pytest.raises(LengthsUnitMismatch):
+        check_against_nominal(replace(poses, positions_mm=1e-3 * poses.positions_mm), nominal)
+    with pytest.raises(JointAnglesUnitMismatch):
+        check_against_nominal(replace(poses, joint_angles=np.radians(q)), nominal)
+
+
 def test_what_is_said_has_a_code_and_advice() -> None:
     poses = free_poses()
     with pytest.raises(KinematicsError) as caught:
