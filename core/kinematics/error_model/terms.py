@@ -5,7 +5,8 @@ t_a = [a × (p - o_j); a] the twist of a small turn about an axis a of that fram
 
     curve       t_z Σ_k (c_k cos k q_j + s_k sin k q_j), k = 1..60: gears and encoders
     compliance  t_z (z_j · M_j), with M_j the moment, about o_j, of the weight of the arm beyond the joint
-    links       t_z (z_j · m_jl), with m_jl that of each link l from the joint on, the tool included, by itself
+    links       t_z (z_j · m_jl), with m_jl that of each link l from the joint on, the tool included, by itself; of the
+                second joint and those beyond it, for the first one's axis is vertical
     radial      t_x (x_j · M_j) and t_y (y_j · M_j): bearings and links bend across the axis
     wobble      t_x, t_y and shifts along x_j, y_j, z_j, times cos q_j and sin q_j: the axis moves as the joint turns
     approach    t_z s_j, with s_j the sign of the joint's last move: play and friction leave it short of where it goes,
@@ -72,13 +73,18 @@ def terms_of(joints: int, *, approach: bool = False) -> Terms:
     for joint in range(joints):
         one = [Kind.CURVE] * (2 * HARMONICS) + [Kind.COMPLIANCE] + [Kind.RADIAL] * 2
         one += [Kind.WOBBLE_TURN] * 4 + [Kind.WOBBLE_SHIFT] * 6 + [Kind.APPROACH] * approach
-        one += [Kind.LINK_COMPLIANCE] * (joints + 1 - joint)
+        one += [Kind.LINK_COMPLIANCE] * _links_of(joint, joints)
         kinds += one
         of_joint += [joint] * len(one)
     k = np.arange(1, HARMONICS + 1)
     harmonics = np.zeros(len(kinds), dtype=np.intp)
     harmonics[np.array(kinds) == Kind.CURVE] = np.tile(k, 2 * joints)
     return Terms(np.array(kinds, dtype=np.intp), np.array(of_joint), harmonics)
+
+
+def _links_of(joint: int, joints: int) -> int:
+    """Return how many links a joint has levers of, the tool's included: none that turns about the vertical."""
+    return joints + 1 - joint if joint else 0
 
 
 def harmonic_basis(angles: Float[np.ndarray, " n"]) -> Float[np.ndarray, "h n"]:
@@ -137,9 +143,11 @@ def term_columns(
         if approach is not None:
             rest[13] = turns[2] * approach[:, joint]
             last = 14
-        links = joints + 1 - joint
-        levers = np.cross(up[:, None], middles[:, joint:] - o[:, joint, None]) / _MM_PER_M
-        rest[last : last + links] = turns[2] * np.einsum("nk,nlk->ln", axes[2], levers)[:, None]
+        links = _links_of(joint, joints)
+        if links:
+            across = np.cross(axes[2], up) / _MM_PER_M  # z · (up × lever) = lever · (z × up)
+            levers = np.einsum("nlk,nk->ln", middles[:, joint:] - o[:, joint, None], across)
+            rest[last : last + links] = turns[2] * levers[:, None]
         first += 2 * HARMONICS + last + links
     return out
 

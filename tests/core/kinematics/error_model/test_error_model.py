@@ -10,7 +10,7 @@ import pytest
 
 from core.kinematics import Blocking, Level, ModelChoice, joint_compliance, joint_curves
 from core.kinematics.arm_model import ArmState
-from core.kinematics.dh import pose_with_jacobian
+from core.kinematics.dh import chain_frames, pose_with_jacobian
 from core.kinematics.error_model.terms import Kind, term_columns, terms_of
 from core.kinematics.identification import Identification, identify
 from core.kinematics.identification.extension import MAX_ANGLE_UNCERTAINTY, MAX_LENGTH_UNCERTAINTY_MM
@@ -41,6 +41,14 @@ def test_a_curve_is_the_joint_s_own_turn() -> None:
         curve = terms.curve(joint)
         assert columns[curve[0]] == pytest.approx(J[5 * joint + 3] * np.cos(q[:, joint]))
         assert columns[curve[60 + 2]] == pytest.approx(J[5 * joint + 3] * np.sin(3.0 * q[:, joint]))
+    # The weight of one link, in its middle, turns the joint by its horizontal lever.
+    at = arm.T_target_base[target][:, None] @ chain_frames(arm.parameters, q)
+    origin, up = at[:, :, :3, 3], arm.T_target_base[target][:, :3, 2]
+    for place, link in ((0, 2), (2, 4)):  # of joint 3
+        lever = 0.5 * (origin[:, link] + origin[:, link + 1]) - origin[:, 2]
+        moment = np.sum(at[:, 2, :3, 2] * np.cross(up, lever), axis=1) / 1000.0
+        column = columns[np.flatnonzero(terms.of(Kind.LINK_COMPLIANCE) & (terms.joint == 2))[place]]
+        assert column == pytest.approx(J[5 * 2 + 3] * moment)
     # Weight does not turn an axis that is upright.
     upright = columns[np.flatnonzero(terms.of(Kind.COMPLIANCE))[0]]
     assert upright == pytest.approx(np.zeros_like(upright), abs=1e-9)
