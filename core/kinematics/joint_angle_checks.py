@@ -152,12 +152,12 @@ def _fitted_misfit(chain: Chain, q: Float[np.ndarray, "n j"], seen: Observations
     """Return `misfit`, with base and tool fitted where the closed form is far off: it has no unique answer where all
     axes are parallel.
     """
-    found = misfit(chain, q, seen)
+    at, parameters = replace(seen, joint_angles=q), chain.as_array()
+    arm = placed(parameters, forward(chain, q), at)
+    found = _distances(arm, at)
     extent = float(np.linalg.norm(np.ptp(seen.positions_mm, axis=0)))
     if found.position_mm < NEAR * extent and found.rotation < NEAR:
         return found
-    at, parameters = replace(seen, joint_angles=q), chain.as_array()
-    arm = placed(parameters, forward(chain, q), at)
     free = np.any(linearised(arm, at)[1] != 0.0, axis=(1, 2))  # positions say nothing of the tool's rotation
     fitted = _distances(fit_frames(parameters, arm, at, free, Variances(extent**2, 1.0)), at)
     return min(found, fitted, key=lambda one: one.position_mm)
