@@ -70,11 +70,8 @@ def verdict(differences: Mapping[Key, Difference], reasons: Sequence[str]) -> st
     expected = (1.0 - _LEVEL) * total
     chance = float(bdtrc(count - 1, total, 1.0 - _LEVEL)) if count else 1.0
     if not changed:
-        found = (
-            f"No change is shown: the 95 % intervals of all {total} differences include zero."
-            if total > 1
-            else "No change is shown: the 95 % interval of the one difference includes zero."
-        )
+        each = f"each of {total} figures" if total > 1 else "the one figure"
+        found = f"No change is shown: the 95 % interval of {each} includes no change."
     elif chance > _MAX_CHANCE:
         found = (
             f"{count} of {total} figures differ, as many as chance gives ({expected:.1f} expected): "

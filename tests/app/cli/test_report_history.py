@@ -83,7 +83,7 @@ def test_the_history_of_a_robot_is_read_from_its_service(served: Api, tmp_path: 
     ids = [f"rep_{k:026d}" for k in (1, 18)]
     compared = run(served, "report", "compare", *ids)
     assert compared.exit_code == 0, compared.output
-    assert "all 3 differences" in compared.output
+    assert "each of 3 figures" in compared.output
 
 
 def test_a_robot_without_reports_is_refused_with_advice(served: Api) -> None:
