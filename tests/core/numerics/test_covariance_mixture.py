@@ -51,6 +51,27 @@ def test_the_likelihood_is_that_of_a_maximum() -> None:
     assert log_likelihood(groups, white) < best - 100.0
 
 
+def test_many_components_come_to_the_maximum() -> None:
+    """Thirty components that nearly repeat each other, of which three are there: as safe steps without end find it."""
+    rng = np.random.default_rng(5)
+    place = np.arange(20.0)
+    off = np.abs(place[:, None] - place)
+    smooth = [np.exp(-0.5 * (off / length) ** 2) for length in np.linspace(0.5, 8.0, 29)]
+    components = np.stack([np.eye(20), *smooth])
+    root = np.linalg.cholesky(components[0] + 0.5 * components[4] + 2.0 * components[20])
+    drawn = [rng.standard_normal((60, 20)) @ root.T for _ in range(3)]
+    groups = [SampleCovariance(one.T @ one / 60.0, 60.0, components) for one in drawn]
+    safe = np.full(len(components), 0.1)
+    for _ in range(2000):
+        found, expected = np.zeros(len(safe)), np.zeros(len(safe))
+        for group in groups:
+            inverse = np.linalg.inv(group.covariance(safe))
+            found += np.einsum("ij,kji->k", inverse @ group.sample @ inverse, components)
+            expected += np.einsum("ij,kji->k", inverse, components)
+        safe *= np.sqrt(found / expected)
+    assert log_likelihood(groups, estimate_components(groups)) > log_likelihood(groups, safe) - 0.1
+
+
 def test_groups_count_by_their_degrees_of_freedom() -> None:
     few, many = samples([1.0, 0.0, 0.0], freedom=20, groups=1), samples([9.0, 0.0, 0.0], seed=4, groups=1)
     assert first_component_alone(few + many)[0] == pytest.approx((20 * 1.0 + 400 * 9.0) / 420, rel=0.1)
