@@ -106,7 +106,12 @@ def multi_view_covariance(fitted: Fitted) -> MultiViewCovariance:
             variance = of_each[:, 0, 0] + 2.0 * of_each[:, 0, 1] + of_each[:, 1, 1]
             focal_uncertainty = np.sqrt(variance) / at.placements.parameters[:, :2].sum(axis=1)
     if camera is not None:
-        camera_covariance += camera
+        of_shared = camera[:free, :free]
+        if own is not None:
+            # What an image has of its own follows the errors of what is shared.
+            follows = np.eye(free) - own[:, :free] @ parts.by_camera
+            of_shared = transformed(follows, of_shared[None]).mean(axis=0)
+        camera_covariance[:free, :free] += of_shared
     of_poses, scatter_of_poses = growth.own * transformed(J, C[:, -6:, -6:]), repeated.poses
     if fitted.estimator == "per_image":
         of_poses += _off_the_tangent(views, at.placements, growth.own * C)

@@ -53,6 +53,7 @@ def estimate_group(
     intrinsics: Camera | None = None,
     repeats: Sequence[Hashable] | None = None,
     lens_start: AnyCamera | None = None,
+    weak: bool = False,
 ) -> GroupEstimate:
     """Estimate the camera's pose in every view.
 
@@ -69,6 +70,9 @@ def estimate_group(
     lens_start
         A camera near the one sought, whose lens model `pooled`, `pooled_free_focal` and `per_image_session_prior`
         take; None is Brown's, from any start.
+    weak
+        Whether a camera with a u(f)/f above 2 % is an answer, up to that of `MAX_FOCAL_UNCERTAINTY`. Poses scatter by
+        u(f) along the line of sight where each image has a camera of its own: no figure of a robot is made of them.
 
     Raises InvalidArgument for no views, mixed image sizes, an unknown estimator or `given` without intrinsics;
     EstimationError where no view can be estimated or, with a shared camera, the focal length is not determined.
@@ -79,13 +83,13 @@ def estimate_group(
     stack = with_pooled_variances(stack, labels)
     failures: dict[int, GridposeError] = {}
     if estimator in ("pooled", "pooled_free_focal"):
-        fitted = fit_pooled(stack, labels, estimator, lens, failures, lens_start)
+        fitted = fit_pooled(stack, labels, estimator, lens, failures, lens_start, weak=weak)
     elif estimator == "given":
         if intrinsics is None:
             raise InvalidArgument("The estimator `given` needs intrinsics.")
         fitted = fit_with_known_camera(stack, labels, intrinsics, failures)
     elif estimator in SEPARATE_CAMERAS:
-        fitted = fit_each(stack, labels, estimator, lens, intrinsics, failures, lens_start)
+        fitted = fit_each(stack, labels, estimator, lens, intrinsics, failures, lens_start, weak=weak)
     else:
         raise InvalidArgument(f"Unknown estimator {estimator!r}.", f"Use one of {', '.join(ESTIMATORS)}.")
     uncertainty = multi_view_covariance(fitted)

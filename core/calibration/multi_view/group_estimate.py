@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -116,3 +117,10 @@ class GroupEstimate(PoseUncertainties):
     warnings: tuple[Advisory, ...] = ()
     inflation: float = 1.0
     fit: CommonFit | None = None
+
+    @property
+    def focal_relative_uncertainty(self) -> float:
+        """Return u(f)/f of `camera`, f the mean of fx and fy; 0 where it is given."""
+        C = self.camera_covariance
+        variance = 0.25 * float(C[0, 0] + 2.0 * C[0, 1] + C[1, 1])
+        return 2.0 * math.sqrt(max(variance, 0.0)) / float(self.camera.as_array()[:2].sum())

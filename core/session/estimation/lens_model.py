@@ -51,6 +51,8 @@ def estimate_with_lens(
     estimator: str,
     repeats: Sequence[Hashable],
     lens_model: LensModel | None,
+    *,
+    weak: bool,
 ) -> tuple[GroupEstimate, LensEvidence | None]:
     """Estimate a focus group with the lens model that is asked for, or that its images ask for; and what speaks
     against Brown's, None where that was not looked for.
@@ -59,15 +61,17 @@ def estimate_with_lens(
     """
     if estimator == SESSION_PRIOR:
         # The model is the session's, by all its images together; the lens that is an image's prior is not.
-        common, evidence = estimate_with_lens(name, views, data, "pooled", repeats, lens_model)
+        common, evidence = estimate_with_lens(name, views, data, "pooled", repeats, lens_model, weak=True)
         start = None if lens_model_of(common.camera) == "brown" else common.camera
-        found = estimate_group(views, estimator, lens=data.lens, repeats=repeats, lens_start=start)
+        found = estimate_group(views, estimator, lens=data.lens, repeats=repeats, lens_start=start, weak=weak)
         of_lens = tuple(one for one in common.warnings if one.code in _OF_LENS)
         return replace(found, warnings=(*found.warnings, *of_lens)), evidence
     brown: GroupEstimate | None = None
     failure: GridposeError | None = None
     try:
-        brown = estimate_group(views, estimator, lens=data.lens, intrinsics=data.intrinsics, repeats=repeats)
+        brown = estimate_group(
+            views, estimator, lens=data.lens, intrinsics=data.intrinsics, repeats=repeats, weak=weak
+        )
     except EstimationError as error:
         failure = error
     if estimator not in POOLED:
@@ -92,7 +96,9 @@ def estimate_with_lens(
             brown = _with(brown, _not_examined(name))
         return brown, choice.evidence
     try:
-        found = estimate_group(views, estimator, lens=lens, repeats=repeats, lens_start=choice.start)
+        found = estimate_group(
+            views, estimator, lens=lens, repeats=repeats, lens_start=choice.start, weak=weak
+        )
     except EstimationError as error:
         if brown is None or lens_model is not None:
             raise

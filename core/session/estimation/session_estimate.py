@@ -43,7 +43,7 @@ _UNCLEAR = (
 
 
 def estimate_session(
-    data: SessionData, estimator: str = "pooled", lens_model: LensModel | None = None
+    data: SessionData, estimator: str = "pooled", lens_model: LensModel | None = None, *, weak: bool = False
 ) -> SessionEstimate:
     """Estimate the camera of every focus group and its pose in every image.
 
@@ -55,6 +55,9 @@ def estimate_session(
         One of `core.calibration.multi_view.estimators.ESTIMATORS`.
     lens_model
         Of the pooled estimators; None is Brown's unless the images contradict it.
+    weak
+        Whether cameras that determine the focal length weakly are an answer (`core.calibration.estimate_group`), as
+        cameras and their poses are; figures of a robot are not made of them.
 
     Raises TooFewMeasurements, TooManyMeasurements, IntrinsicsMissing, MixedImageSizes, InvalidArgument for a lens model
     that the estimator does not take, and where not a single image can be estimated the failure that most of them
@@ -73,7 +76,7 @@ def estimate_session(
     for name in sorted({group.focus_group for group in data.views}):
         views = _of_one_size(name, data, excluded, warnings)
         try:
-            labelled.append(_estimate(views, data, estimator, excluded, lens_model))
+            labelled.append(_estimate(views, data, estimator, excluded, lens_model, weak))
         except GridposeError as failure:
             failures.append(failure)
             for i in views.images.tolist():
@@ -209,11 +212,14 @@ def _estimate(
     estimator: str,
     excluded: dict[str, ExcludedMeasurement],
     lens_model: LensModel | None,
+    weak: bool,
 ) -> LabelledGroup:
     images = [data.images[i] for i in group.images.tolist()]
     views, quarters, shows_origin = label_repeats(group, data.images)
     repeats = [(image.pose_id, image.target) for image in images]
-    estimate, evidence = estimate_with_lens(group.focus_group, views, data, estimator, repeats, lens_model)
+    estimate, evidence = estimate_with_lens(
+        group.focus_group, views, data, estimator, repeats, lens_model, weak=weak
+    )
     for i, failure in estimate.failures:
         _exclude(excluded, images[i], failure.code, failure.detail)
     rows = estimate.images

@@ -52,8 +52,8 @@ def test_the_likelihood_is_that_of_a_maximum() -> None:
 
 
 def test_many_components_come_to_the_maximum() -> None:
-    """Thirty components that nearly repeat each other, of which three are there: by log L to one of the maximum, which 2,000 safe
-    steps come near.
+    """Thirty components that nearly repeat each other, of which three are there: to one in log L of what 2,000 safe
+    steps find.
     """
     rng = np.random.default_rng(5)
     place = np.arange(20.0)

@@ -29,7 +29,7 @@ from core.calibration.multi_view.fitting.initialisation import (
 from core.calibration.multi_view.planar_ambiguity import select_solutions
 from core.calibration.multi_view.view_stack import ViewStack, stack_states, stack_views
 from core.calibration.priors import LENS_PRIOR, Lens
-from core.calibration.result import MAX_DETERMINED_UNCERTAINTY
+from core.calibration.result import MAX_DETERMINED_UNCERTAINTY, MAX_FOCAL_UNCERTAINTY
 from core.calibration.single_image import calibrate_points
 from core.calibration.state import image_centre, place_by_homography, pose_from_undistorted_points
 from core.calibration.validity import check_lens
@@ -110,10 +110,13 @@ def fit_pooled(
     lens: Lens | None,
     failures: dict[int, GridposeError],
     start: AnyCamera | None = None,
+    *,
+    weak: bool = False,
 ) -> Fitted:
     """Fit one camera, with `pooled_free_focal` but for its focal length; add what cannot be fitted to `failures`.
 
-    From a camera to `start` with the fit is of its lens model; else it is of Brown's, from closed forms.
+    From a camera to `start` with the fit is of its lens model; else it is of Brown's, from closed forms. A `weak`
+    camera is answered up to `MAX_FOCAL_UNCERTAINTY`.
     """
     groups = group_repeats(views, labels, least=6)
     failures |= groups.failures
@@ -139,7 +142,7 @@ def fit_pooled(
         shared = bundle_adjust(chosen, shared.at.placements, whole, repeats=repeats)
         warnings = (lens_warning(lens, _focal(shared)),)
         lens = None
-    _check_focal(shared)
+    warnings += _focal_warnings(shared, weak=weak)
     if estimator == "pooled_free_focal":
         shared = bundle_adjust(chosen, shared.at.placements, but_focal, lens=lens, repeats=repeats)
     shared, evidence = select_solutions(
@@ -269,15 +272,30 @@ def lens_warning(lens: Lens, focal_px: float, share: str = "") -> Advisory:
     )
 
 
-def _check_focal(shared: BundleAdjustment) -> None:
-    """Raise FocalNotObservable where all views together leave the focal length open."""
+def _focal_warnings(shared: BundleAdjustment, *, weak: bool) -> tuple[Advisory, ...]:
+    """Warn where all views together determine the focal length weakly.
+
+    Raises FocalNotObservable where they leave it open, or determine it weakly and that is not asked for.
+    """
     u = _relative_uncertainty(shared)
-    if u > MAX_DETERMINED_UNCERTAINTY:
+    limit = MAX_FOCAL_UNCERTAINTY if weak else MAX_DETERMINED_UNCERTAINTY
+    if u > limit:
         raise FocalNotObservable(
             f"Together the images leave the focal length uncertain by {100.0 * u:.1f} %; the limit is "
-            f"{100.0 * MAX_DETERMINED_UNCERTAINTY:g} %."
+            f"{100.0 * limit:.2g} %."
             if math.isfinite(u)
             else "Together the images leave the focal length undetermined.",
             f"Add images with the target tilted by {ADVISED_TILT}, or give the session intrinsics and use "
             "estimator=given.",
         )
+    if u <= MAX_DETERMINED_UNCERTAINTY:
+        return ()
+    return (
+        Advisory(
+            "focal_weakly_observable",
+            f"Together the images leave the focal length uncertain by {100.0 * u:.1f} %, more than "
+            f"{100.0 * MAX_DETERMINED_UNCERTAINTY:g} %; its distances are uncertain by as much. Repeatability, "
+            "hand-eye calibration and identification refuse such a camera.",
+            f"Add images with the target tilted by {ADVISED_TILT}, or state the session's lens or its intrinsics.",
+        ),
+    )

@@ -30,7 +30,14 @@ from core.calibration.priors import LENS_PRIOR, Lens, view_prior
 from core.calibration.result import MAX_DETERMINED_UNCERTAINTY
 from core.calibration.single_image import calibrate_points
 from core.calibration.state import SMALLEST_NOISE_PX, centred, image_centre, retract, view_residuals
-from core.errors import Advisory, FocalNotObservable, FocalWeaklyObservable, GridposeError, NotConverged
+from core.errors import (
+    ADVISED_TILT,
+    Advisory,
+    FocalNotObservable,
+    FocalWeaklyObservable,
+    GridposeError,
+    NotConverged,
+)
 from core.geometry import AnyCamera, Camera
 from core.numerics import Fit, Prior, fit
 from core.targets import GridPoints
@@ -47,11 +54,14 @@ def fit_each(
     intrinsics: Camera | None,
     failures: dict[int, GridposeError],
     lens_start: AnyCamera | None = None,
+    *,
+    weak: bool = False,
 ) -> Fitted:
     """Fit every view by itself, then again with what its pose's views have in common.
 
     With `per_image_session_prior` the lens of the other images is each view's prior (`session_prior`), of the model of
-    `lens_start`, or Brown's.
+    `lens_start`, or Brown's. Images that
+    `per_image` finds weak are answered, if `weak`, where no other is.
 
     Common are the points used and, over all views, the weight of the priors: with a weight of its own each, images of a
     pose would be pulled to the priors by different amounts, and that would be scatter.
@@ -73,11 +83,17 @@ def fit_each(
         except GridposeError as failure:
             failures[i] = failure
     if estimator == "per_image":
-        _exclude_weak_poses(alone, labels, lens, failures)
+        determined, weakly = dict(alone), dict(failures)
+        _exclude_weak_poses(determined, labels, lens, weakly)
+        if determined or not weak:
+            alone = determined
+            failures |= weakly
     if not alone:
         raise first_failure(failures)
     images, each = list(alone), list(alone.values())
     warnings = _contradictions(lens, [one.state for one in each], [one.contradicts_lens for one in each])
+    if weak and estimator == "per_image":
+        warnings += _weak_warnings(each)
     chosen, repeats = views.take(images), labels[images]
     states, factor = [one.state for one in each], float(np.median([one.prior_factor for one in each]))
     current = [one.used if one.prior_factor == factor else None for one in each]
@@ -168,6 +184,20 @@ def _exclude_weak_poses(
                     f"The image by itself leaves the focal length uncertain by {own:.1f} %; poses measured image by "
                     f"image need {100.0 * limit:g} % in half of their images."
                 )
+
+
+def _weak_warnings(each: Sequence[ImageFit]) -> tuple[Advisory, ...]:
+    u = float(np.median([one.focal_uncertainty for one in each]))
+    if u <= MAX_DETERMINED_UNCERTAINTY:
+        return ()
+    return (
+        Advisory(
+            "focal_weakly_observable",
+            f"Image by image the focal length is uncertain by {100.0 * u:.1f} %, more than "
+            f"{100.0 * MAX_DETERMINED_UNCERTAINTY:g} %; the camera's distances are uncertain by as much.",
+            f"Use the estimator pooled, or tilt the target by {ADVISED_TILT}.",
+        ),
+    )
 
 
 def _contradictions(

@@ -111,7 +111,7 @@ def _determined_by(
             "The session has no other image that determines the lens.",
             f"Add images of the target at other poses, tilted by {ADVISED_TILT}; or use estimator=per_image.",
         )
-    fitted = fit_pooled(views.take(others), labels[others], "pooled", lens, {}, start)
+    fitted = fit_pooled(views.take(others), labels[others], "pooled", lens, {}, start, weak=True)
     parameters = fitted.at.placements.parameters[0]
     change = np.linalg.inv(coordinates(parameters))
     free = len(change)
