@@ -1,4 +1,6 @@
-"""Lengths and angles that are almost surely in another unit than their names say: metres, radians."""
+"""Lengths and angles that are almost surely in another unit than their names say: metres, radians, millimetres for
+micrometres, shares of the image for pixels.
+"""
 
 from __future__ import annotations
 
@@ -19,9 +21,34 @@ MIN_REACH_MM = 5.0
 """No flange stays so near the origin of its robot's base."""
 MAX_HALF_TURN = 3.2
 """Just above π: roll, pitch and yaw in radians are smaller."""
+MIN_REPEATABILITY_MM = 0.001
+"""No arm repeats to a micrometre; 0.00002 is 0.02 mm in metres."""
+MIN_FOCAL_LENGTH_MM = 0.3
+"""No lens is as short, and in metres only a telephoto lens is longer."""
+MIN_PIXEL_PITCH_UM = 0.3
+"""No pixel is as small; 0.0055 is 5.5 µm in millimetres."""
+_MAX_PIXEL_PITCH_IN_M = 1e-4
+MIN_FOCAL_PX = 10.0
+MIN_FOCAL_SHARE = 0.1
+"""Of the principal point's coordinates: a lens that sees 168° from edge to edge is longer."""
+_PIXEL_UM = 5.0
+"""Of the guess of what a focal length in millimetres is in pixels."""
+_IMAGE_PX = 640
+"""Width of the image in the guess of what a share of it is in pixels."""
+_OTHER_UNITS = {"metres": 1000.0, "inches": 25.4, "centimetres": 10.0, "micrometres": 0.001}
+_UNIT_TOLERANCE = 0.2
+"""Of the ratio of a certificate's pitch and the nominal one; a print that is off by more is of another pitch."""
 _QUARTER_TURN_TOLERANCE = 0.01
 _TYPED_QUARTER_TURN_TOLERANCE = 0.0015
 """Of a value typed with three decimals: 1.57, 1.571, 3.142."""
+_ADVICE = (
+    "Lengths are in mm and angles in degrees. If the values are right, send them with accept_implausible=true "
+    "(--accept-implausible)."
+)
+_CAMERA_ADVICE = (
+    "A focal length is in mm in lens and in pixels in intrinsics, a pixel pitch in µm. If the values are right, send "
+    "them with accept_implausible=true (--accept-implausible)."
+)
 
 
 def check_pitch(pitch_mm: float) -> None:
@@ -44,6 +71,91 @@ def check_joints(joints: Sequence[Mapping[str, Any]]) -> None:
             "metres",
             _in_metres([(f"joints.{place}.a_mm", a) for place, a in enumerate(lengths)]),
         )
+
+
+def check_datasheet(robot: Mapping[str, Any]) -> None:
+    """Raise InvalidContent (`implausible_unit`) for a repeatability or an accuracy that looks like metres."""
+    small = [
+        (name, robot[name])
+        for name in ("datasheet_repeatability_mm", "datasheet_accuracy_mm")
+        if robot.get(name) and robot[name] < MIN_REPEATABILITY_MM
+    ]
+    if small:
+        raise _implausible("metres", _in_metres(small))
+
+
+def check_lens(lens: Mapping[str, float] | None) -> None:
+    """Raise InvalidContent (`implausible_unit`) for a focal length in metres, a pixel pitch in mm or metres."""
+    if lens is None:
+        return
+    focal_mm, pitch_um = lens["focal_length_mm"], lens["pixel_pitch_um"]
+    if focal_mm < MIN_FOCAL_LENGTH_MM:
+        raise _implausible("metres", _in_metres([("lens.focal_length_mm", focal_mm)]), _CAMERA_ADVICE)
+    if pitch_um < MIN_PIXEL_PITCH_UM:
+        unit, factor = ("metres", 1e6) if pitch_um < _MAX_PIXEL_PITCH_IN_M else ("millimetres", 1e3)
+        guess = f"{pitch_um:g} µm would be {factor * pitch_um:g} µm if it was stated in {unit}"
+        raise _implausible(unit, [("lens.pixel_pitch_um", guess)], _CAMERA_ADVICE)
+
+
+def check_intrinsics(intrinsics: Mapping[str, float] | None) -> None:
+    """Raise InvalidContent (`implausible_unit`) for focal lengths in mm, metres or shares of the image."""
+    if intrinsics is None:
+        return
+    centre = max(abs(intrinsics["cx_px"]), abs(intrinsics["cy_px"]))
+    small = [
+        (f"intrinsics.{name}", intrinsics[name])
+        for name in ("fx_px", "fy_px")
+        if intrinsics[name] < max(MIN_FOCAL_PX, MIN_FOCAL_SHARE * centre)
+    ]
+    if not small:
+        return
+    if centre < MIN_FOCAL_PX:
+        unit, factor, condition = (
+            "shares of the image's width",
+            float(_IMAGE_PX),
+            f"of an image {_IMAGE_PX} px wide",
+        )
+    else:
+        in_metres = small[0][1] < MIN_FOCAL_LENGTH_MM
+        unit, mm = ("metres", 1000.0) if in_metres else ("millimetres", 1.0)
+        factor, condition = (
+            mm * 1000.0 / _PIXEL_UM,
+            f"if it was stated in {unit}, with pixels of {_PIXEL_UM:g} µm",
+        )
+    errors = [(field, f"{value:g} px would be {factor * value:g} px {condition}") for field, value in small]
+    raise _implausible(unit, errors, _CAMERA_ADVICE)
+
+
+def check_certificate(certificate: Mapping[str, Any] | None, pitch_mm: float, spaces: int) -> None:
+    """Raise InvalidContent (`implausible_unit`) for a certificate whose lengths are the nominal ones in another unit.
+
+    Parameters
+    ----------
+    certificate
+        With `pitch_x_mm` and `pitch_y_mm`, or `points_mm`, any of which may be null.
+    pitch_mm
+        The target's nominal pitch.
+    spaces
+        How many pitches the grid is long.
+    """
+    if certificate is None:
+        return
+    stated = [
+        (f"certificate.{name}", certificate[name], pitch_mm)
+        for name in ("pitch_x_mm", "pitch_y_mm")
+        if certificate.get(name)
+    ]
+    if points := certificate.get("points_mm"):
+        length = max(max(p[axis] for p in points) - min(p[axis] for p in points) for axis in (0, 1))
+        stated.append(("certificate.points_mm", length, spaces * pitch_mm))
+    for unit, factor in _OTHER_UNITS.items():
+        found = [
+            (field, f"{length:g} mm would be {factor * length:g} mm if it was stated in {unit}")
+            for field, length, nominal in stated
+            if abs(factor * length / nominal - 1.0) < _UNIT_TOLERANCE
+        ]
+        if found:
+            raise _implausible(unit, found, "State the certificate's lengths in mm, as the target's pitch.")
 
 
 def check_commands(commands: Sequence[Mapping[str, Any]], *, in_list: bool = True) -> None:
@@ -149,12 +261,11 @@ def _is_quarter_turn(angle: float, tolerance: float = _QUARTER_TURN_TOLERANCE) -
     return round(turns) != 0 and abs(turns - round(turns)) < tolerance
 
 
-def _implausible(unit: str, errors: list[tuple[str, str]]) -> InvalidContent:
+def _implausible(unit: str, errors: list[tuple[str, str]], advice: str = _ADVICE) -> InvalidContent:
     field, message = errors[0]
     return InvalidContent(
         f"Values look like {unit}: {field}, {message}.",
-        "Lengths are in mm and angles in degrees. If the values are right, send them with accept_implausible=true "
-        "(--accept-implausible).",
+        advice,
         code="implausible_unit",
         errors=errors[:MAX_ERRORS],
     )

@@ -17,6 +17,7 @@ from app.jobs.validation import validate_target
 from app.records.ids import new_id
 from app.records.pagination import page
 from app.records.tables import Measurement, SessionTarget, Target, measured_target_fields
+from app.services.plausibility import check_certificate
 from app.services.queries import get_or_raise, lock_for_deletion, named, visible
 
 
@@ -56,7 +57,7 @@ def create_target(session: orm.Session, new: NewTarget) -> Target:
         certificate=new.certificate,
         created_at=datetime.now(UTC),
     )
-    validate_target(measured_target_fields(target, None))
+    _check(target)
     session.add(target)
     return target
 
@@ -70,9 +71,14 @@ def update_target(records: orm.Session, target_id: str, changes: Mapping[str, An
     target = get_or_raise(records, Target, target_id, lock=True)
     for field, value in changes.items():
         setattr(target, field, value)
-    validate_target(measured_target_fields(target, None))
+    _check(target)
     records.flush()
     return target
+
+
+def _check(target: Target) -> None:
+    check_certificate(target.certificate, target.pitch_mm, max(target.columns, target.rows) - 1)
+    validate_target(measured_target_fields(target, None))
 
 
 def list_targets(

@@ -26,7 +26,7 @@ from app.api.schemas.robots import RobotChange, RobotCreate, RobotPage, RobotRea
 from app.http import RequesterDep, run_while_connected
 from app.records.tables import Robot
 from app.services import robots
-from app.services.plausibility import check_joints
+from app.services.plausibility import check_datasheet, check_joints
 from app.services.queries import get_or_raise
 from app.services.robots import read_plan
 
@@ -42,11 +42,13 @@ def create_robot(
 ) -> RobotRead:
     """Make a robot with its nominal Denavit-Hartenberg parameters.
 
-    Twists or limits in radians, and links in metres, are 422 `implausible_unit`: all of them small, as no arm's are.
+    Twists or limits in radians, links and figures of the data sheet in metres, are 422 `implausible_unit`: they are
+    small as no arm's are.
     """
     fields = body.model_dump()
     if not accept_implausible:
         check_joints(fields["joints"])
+        check_datasheet(fields)
     with service.installation.database.write() as records:
         robot = robots.create_robot(records, fields)
     response.headers["Location"] = f"/v1/robots/{robot.id}"
@@ -80,11 +82,12 @@ def update_robot(
 ) -> RobotRead:
     """Change a robot; analyses of its sessions use the change from now on.
 
-    `joints` are sent whole, and are 422 `implausible_unit` as in a new robot.
+    `joints` are sent whole. Values are 422 `implausible_unit` as in a new robot.
     """
     changes = body.model_dump(include=body.model_fields_set)
-    if "joints" in changes and not accept_implausible:
-        check_joints(changes["joints"])
+    if not accept_implausible:
+        check_joints(changes.get("joints", ()))
+        check_datasheet(changes)
     with service.installation.database.write() as records:
         return _document(robots.update_robot(records, robot_id, changes))
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from fastapi import Response
 
-from app.api.dependencies import AppContextDep, Cursor, Limit, NameFilter, SessionPath
+from app.api.dependencies import AcceptImplausible, AppContextDep, Cursor, Limit, NameFilter, SessionPath
 from app.api.responses import session_document, stored_documents
 from app.api.routing import api_router, problem_responses
 from app.api.schemas.sessions import (
@@ -16,13 +16,25 @@ from app.api.schemas.sessions import (
     SessionRead,
 )
 from app.services import measurements, sessions
+from app.services.plausibility import check_intrinsics, check_lens
 
 router = api_router(prefix="/v1/sessions", tags=["sessions"])
 
 
 @router.post("", status_code=201, responses=problem_responses(413, 415, 422, 507))
-def create_session(body: SessionCreate, service: AppContextDep, response: Response) -> SessionRead:
-    """Begin a session: one camera looking at one or more targets."""
+def create_session(
+    body: SessionCreate,
+    service: AppContextDep,
+    response: Response,
+    accept_implausible: AcceptImplausible = False,
+) -> SessionRead:
+    """Begin a session: one camera looking at one or more targets.
+
+    A `lens` in metres or with a pixel pitch in mm, and `intrinsics` in mm or in shares of the image, are 422
+    `implausible_unit`.
+    """
+    if not accept_implausible:
+        _check_camera(body)
     with service.installation.database.write() as records:
         view = sessions.create_session(records, sessions.NewSession(**body.model_dump()))
     response.headers["Location"] = f"/v1/sessions/{view.session.id}"
@@ -49,12 +61,20 @@ def get_session(session_id: SessionPath, service: AppContextDep) -> SessionRead:
 
 
 @router.patch("/{session_id}", responses=problem_responses(404, 409, 413, 415, 422, 507))
-def update_session(session_id: SessionPath, body: SessionChange, service: AppContextDep) -> SessionRead:
+def update_session(
+    session_id: SessionPath,
+    body: SessionChange,
+    service: AppContextDep,
+    accept_implausible: AcceptImplausible = False,
+) -> SessionRead:
     """Change a session; results stay until they are computed again.
 
     With other `target_ids`, images with a measurement whose target went are searched again, and images sent without a
-    target are searched for new targets. After a change of `lens` or `intrinsics`, ask for `reprocess`.
+    target are searched for new targets. After a change of `lens` or `intrinsics`, ask for `reprocess`; they are 422
+    `implausible_unit` as in a new session.
     """
+    if not accept_implausible:
+        _check_camera(body)
     with service.installation.database.write() as records:
         # Whole values of the fields sent: within them, what is left away is null.
         changes = body.model_dump(include=body.model_fields_set)
@@ -79,3 +99,8 @@ def reprocess_session(
 def delete_session(session_id: SessionPath, service: AppContextDep) -> None:
     """Delete a session with everything in it; originals that another session also holds stay."""
     sessions.delete_session(service.installation.database, service.installation.blobs, session_id)
+
+
+def _check_camera(body: SessionCreate | SessionChange) -> None:
+    check_lens(body.lens.model_dump() if body.lens else None)
+    check_intrinsics(body.intrinsics.model_dump() if body.intrinsics else None)

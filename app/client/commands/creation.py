@@ -37,9 +37,14 @@ ChangesFile = Annotated[
 AcceptImplausible = Annotated[
     bool,
     typer.Option(
-        "--accept-implausible", help="Take values even if lengths look like metres, angles like radians."
+        "--accept-implausible", help="Take values even if they look like another unit (metres, radians)."
     ),
 ]
+
+
+def insisting_query(accept_implausible: bool) -> str:
+    """Return what is added to a path so that values are stored that look like another unit."""
+    return "?accept_implausible=true" if accept_implausible else ""
 
 
 def create_named(
@@ -89,8 +94,7 @@ def create_named(
             f"The {noun} is not described: {', '.join(missing)} missing.",
             f"Give it, or a --file; `gridpose {noun}s create --help` shows an example.",
         )
-    insisting = "?accept_implausible=true" if accept_implausible else ""
-    made = client.create(f"/v1/{noun}s{insisting}", body)
+    made = client.create(f"/v1/{noun}s{insisting_query(accept_implausible)}", body)
     error_console().print(
         f"{noun} {escape(made['name'])} is made; next: {escape(next_command.format(id=made['id']))}"
     )

@@ -15,7 +15,7 @@ from rich.markup import escape
 from ... import Json, ServiceClient, find_robot
 from ..access import UploadAccess
 from ..console import OptionRefused, error_console
-from ..creation import AcceptImplausible, BodyFile, Name, create_named
+from ..creation import AcceptImplausible, BodyFile, Name, create_named, insisting_query
 from .joint_files import read_joints
 from .known import known_robot
 
@@ -122,6 +122,7 @@ def change(
     service: UploadAccess,
     changed: RobotOptions,
     name: Annotated[str | None, typer.Option(help="The robot's new name.")] = None,
+    accept_implausible: AcceptImplausible = False,
 ) -> int:
     """Change what is stated of a robot; joints are given whole.
 
@@ -135,7 +136,7 @@ def change(
                 "Nothing is to be changed.", "Give what is new, e.g. --datasheet-accuracy-mm .5."
             )
         robot_id = find_robot(client, robot)["id"]
-        client.change(f"/v1/robots/{robot_id}", changes)
+        client.change(f"/v1/robots/{robot_id}{insisting_query(accept_implausible)}", changes)
         print(f"{robot_id} changed")
 
     return service.run(act)

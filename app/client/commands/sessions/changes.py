@@ -9,7 +9,7 @@ import typer
 from ... import Json, ServiceClient, find_or_make_target, find_robot, find_session
 from ..access import AdminAccess, UploadAccess
 from ..console import OptionRefused
-from ..creation import ChangesFile
+from ..creation import AcceptImplausible, ChangesFile, insisting_query
 from ..record_files import read_mapping
 
 Session = Annotated[str, typer.Argument(help="Id or name of the session.")]
@@ -31,6 +31,7 @@ def change(
     ] = None,
     name: Annotated[str | None, typer.Option(help="The session's new name.")] = None,
     file: ChangesFile = None,
+    accept_implausible: AcceptImplausible = False,
 ) -> int:
     """Change a session's targets, robot, name, lens or conditions; images whose target went are searched again.
 
@@ -48,7 +49,7 @@ def change(
             changes["robot_id"] = find_robot(client, robot)["id"] if robot else None
         if name is not None:
             changes["name"] = name
-        changed = client.change(f"/v1/sessions/{session_id}", changes)
+        changed = client.change(f"/v1/sessions/{session_id}{insisting_query(accept_implausible)}", changes)
         print(f"{session_id} changed; {changed['counts']['queued']} images wait to be computed")
 
     return service.run(act)

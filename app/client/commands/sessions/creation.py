@@ -9,7 +9,7 @@ import typer
 from ... import Json, ServiceClient, find_or_make_target, find_robot
 from ..access import UploadAccess
 from ..console import OptionRefused
-from ..creation import BodyFile, Name, create_named
+from ..creation import AcceptImplausible, BodyFile, Name, create_named
 
 
 def create(
@@ -30,6 +30,7 @@ def create(
         float | None, typer.Option(help="Distance of neighbouring pixels on the sensor.")
     ] = None,
     file: BodyFile = None,
+    accept_implausible: AcceptImplausible = False,
 ) -> int:
     """Begin a session: one camera looking at one or more targets.
 
@@ -61,5 +62,6 @@ def create(
             fields,
             {"target_ids": "--target"},
             "gridpose upload FOLDER --session {id}",
+            accept_implausible=accept_implausible,
         )
     )

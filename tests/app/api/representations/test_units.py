@@ -115,6 +115,89 @@ def test_plausible_poses_are_stored(api: Any, poses: list[dict[str, Any]]) -> No
     assert api.client.post(path, json=body).status_code == 200
 
 
+INTRINSICS = {"fx_px": 1600.0, "fy_px": 1600.0, "cx_px": 960.0, "cy_px": 600.0}
+CAMERAS: list[tuple[dict[str, Any], str, str]] = [
+    ({"lens": {"focal_length_mm": 0.016, "pixel_pitch_um": 5.5}}, "lens.focal_length_mm", "16 mm"),
+    ({"lens": {"focal_length_mm": 16.0, "pixel_pitch_um": 0.0055}}, "lens.pixel_pitch_um", "5.5 µm"),
+    ({"lens": {"focal_length_mm": 16.0, "pixel_pitch_um": 5.5e-6}}, "lens.pixel_pitch_um", "5.5 µm"),
+    ({"intrinsics": dict.fromkeys(INTRINSICS, 0.5)}, "intrinsics.fx_px", "320 px"),
+    ({"intrinsics": {**INTRINSICS, "fx_px": 16.0, "fy_px": 16.0}}, "intrinsics.fx_px", "millimetres"),
+    ({"intrinsics": {**INTRINSICS, "fx_px": 0.016, "fy_px": 0.016}}, "intrinsics.fx_px", "3200 px"),
+]
+
+
+@pytest.mark.parametrize(("camera", "field", "guess"), CAMERAS)
+def test_a_camera_in_other_units_is_refused(api: Any, camera: dict[str, Any], field: str, guess: str) -> None:
+    session = api.client.get(f"/v1/sessions/{api.make_session()}").json()
+    body = {"name": "S", "target_ids": session["target_ids"], **camera}
+    for method, path, content in (
+        ("POST", "/v1/sessions", body),
+        ("PATCH", f"/v1/sessions/{session['id']}", camera),
+    ):
+        refused = api.client.request(method, path, json=content)
+        assert (refused.status_code, refused.json()["code"]) == (422, "implausible_unit")
+        assert field in [error["field"] for error in refused.json()["errors"]]
+        assert guess in refused.json()["detail"]
+        assert api.client.request(method, path, json=content, params=INSIST).status_code in (200, 201)
+
+
+@pytest.mark.parametrize(
+    "camera",
+    [
+        {"lens": {"focal_length_mm": 1.6, "pixel_pitch_um": 0.8}},
+        {"lens": {"focal_length_mm": 600.0, "pixel_pitch_um": 50.0}},
+        {"intrinsics": INTRINSICS},
+        {"intrinsics": {"fx_px": 210.0, "fy_px": 210.0, "cx_px": 960.0, "cy_px": 600.0}},
+        {"intrinsics": None, "lens": None},
+    ],
+)
+def test_plausible_cameras_are_stored(api: Any, camera: dict[str, Any]) -> None:
+    assert api.client.patch(f"/v1/sessions/{api.make_session()}", json=camera).status_code == 200
+
+
+@pytest.mark.parametrize("field", ["datasheet_repeatability_mm", "datasheet_accuracy_mm"])
+def test_a_data_sheet_in_metres_is_refused(api: Any, field: str) -> None:
+    body = {"name": "R", "joints": [JOINT], field: 0.00002}
+    refused = api.client.post("/v1/robots", json=body)
+    assert (refused.status_code, refused.json()["code"]) == (422, "implausible_unit")
+    assert "0.02 mm" in refused.json()["detail"]
+    made = api.client.post("/v1/robots", json=body, params=INSIST)
+    assert made.status_code == 201
+    path = f"/v1/robots/{made.json()['id']}"
+    assert api.client.patch(path, json={field: 0.00002}).json()["code"] == "implausible_unit"
+    assert api.client.patch(path, json={field: 0.005}).status_code == 200
+
+
+@pytest.mark.parametrize(
+    ("factor", "unit"),
+    [(0.001, "metres"), (0.1, "centimetres"), (1 / 25.4, "inches"), (1000.0, "micrometres")],
+)
+def test_a_certificate_in_another_unit_is_refused_with_the_guess(api: Any, factor: float, unit: str) -> None:
+    pitch = TARGET["pitch_mm"]
+    stated = {
+        "pitch_x_mm": 1.0004 * pitch * factor,
+        "pitch_y_mm": pitch * factor,
+        "standard_uncertainty": {"pitch_x_mm": 0.001, "pitch_y_mm": 0.001, "squareness_mrad": 0.1},
+    }
+    points = {
+        "points_mm": [
+            [pitch * factor * c, pitch * factor * r, 0.0]
+            for r in range(TARGET["rows"])
+            for c in range(TARGET["columns"])
+        ],
+        "points_standard_uncertainty_mm": 0.001,
+    }
+    target = api.client.post("/v1/targets", json=TARGET).json()["id"]
+    for certificate, field in ((stated, "certificate.pitch_x_mm"), (points, "certificate.points_mm")):
+        for refused in (
+            api.client.post("/v1/targets", json={**TARGET, "certificate": certificate}),
+            api.client.patch(f"/v1/targets/{target}", json={"certificate": certificate}),
+        ):
+            assert (refused.status_code, refused.json()["code"]) == (422, "implausible_unit")
+            assert refused.json()["errors"][0]["field"] == field
+            assert unit in refused.json()["detail"]
+
+
 def test_the_services_address_leads_to_a_page_for_people(api: Any) -> None:
     response = api.client.get("/", headers={"Authorization": ""})
     assert response.status_code == 200
