@@ -5,9 +5,15 @@ The rule, which `docs/conventions.md` states for readers:
 1. A value with a stated standard uncertainty u is rounded at the fourth decimal place after the first digit of u, so by
    at most u/20,000. Two places would do for one value by itself. Estimates are correlated, though: a combination of
    focal length and distance, or of k1 and k2, may be known a hundred times better than either, and rounding each by its
-   own u must not be seen there.
-2. Every number has ten significant digits at most. Rotation matrices are then orthogonal to 2e-10, covariances are
-   positive semidefinite to 1e-9 of their diagonal, and no length of a metre is off by a nanometre.
+   own u must not be seen there. So is the mean of values with a stated standard deviation.
+2. An interval's ends, and the values that it belongs to, are rounded in the same way by its width.
+3. Uncertainties and standard deviations have four significant digits, statistics have six (`field_names`).
+4. Every other number has ten significant digits at most. Rotation matrices are then orthogonal to 2e-10, covariances
+   are positive semidefinite to 1e-9 of their diagonal, and no length of a metre is off by a nanometre.
+
+What is answered is rounded by all of them. Records that are compared with what is computed anew, such as reports, are
+rounded by `standard_uncertainty` and by 4 alone (`encode_record`): a last digit that falls the other way on
+another machine is then far below what a comparison looks for.
 
 Rounding is by decimal places and correct, so that the same value always gives the same text.
 """
@@ -16,57 +22,213 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from typing import Any
 
-SIGNIFICANT_DIGITS = 10
+from app.analyses.field_names import ALL_DIGITS, UNCERTAINTY_DIGITS, belongs, digits_of, is_interval
+
+SIGNIFICANT_DIGITS = ALL_DIGITS
 PLACES_AFTER_UNCERTAINTY = 4
 _PARTS = ("intrinsics", "distortion")
 """Objects whose values have their uncertainties in `standard_uncertainty` of the object around them."""
 _COORDINATES = ("x_mm", "y_mm", "z_mm")
 """Uncertainties of the three numbers of `position_mm`."""
+_REPEATABILITIES = {
+    "position_mm": ("rp_x_mm", "rp_y_mm", "rp_z_mm"),
+    **{f"{angle}_deg": f"rp_{angle}_deg" for angle in ("roll", "pitch", "yaw")},
+}
+"""Figures that stand for the uncertainties of a mean pose, which are smaller."""
+_ENDS = ("low", "high")
+_WITHIN_ENDS = (*_ENDS, "value", "centre")
+Json = dict[str, Any]
 
 
 def encode(document: Mapping[str, Any]) -> bytes:
     """Return a document as JSON, its numbers rounded; raises ValueError for NaN and infinities."""
-    return json.dumps(rounded(document), allow_nan=False, ensure_ascii=False, separators=(",", ":")).encode()
+    return _text(rounded(document))
 
 
-def rounded(value: Any) -> Any:
-    """Return a value of JSON with its numbers rounded, those with a stated uncertainty to its fourth place."""
-    if isinstance(value, float):
-        return _to_significant_digits(value)
-    if isinstance(value, list | tuple):
-        return [rounded(item) for item in value]
-    if not isinstance(value, Mapping):
-        return value
-    found = {name: rounded(item) for name, item in value.items()}
-    uncertainty = value.get("standard_uncertainty")
-    if isinstance(uncertainty, Mapping):
-        _round_to_uncertainty(found, uncertainty)
+def encode_record(document: Mapping[str, Any]) -> bytes:
+    """Return a document as JSON that is compared with another one later; raises ValueError for NaN and infinities."""
+    return _text(_recorded(document))
+
+
+def rounded(value: Any, name: str = "") -> Any:
+    """Return a value of JSON with its numbers rounded; `name` is its field's."""
+    found = _rounded(value, digits_of(name))
+    if isinstance(value, Mapping):
+        for holder, values in ((found, value), *((found[one], value[one]) for one in value)):
+            if isinstance(values, Mapping):
+                _repeat_worst(holder, values, found, value)
     return found
 
 
-def _to_significant_digits(value: float) -> float:
-    return float(f"{value:.{SIGNIFICANT_DIGITS}g}") + 0.0  # no -0.0
+def _text(document: Any) -> bytes:
+    return json.dumps(document, allow_nan=False, ensure_ascii=False, separators=(",", ":")).encode()
 
 
-def _round_to_uncertainty(found: dict[str, Any], uncertainty: Mapping[str, Any]) -> None:
-    """Round the values of `found` that `uncertainty` names, in place."""
-    holders = [found, *(found[part] for part in _PARTS if isinstance(found.get(part), dict))]
+def _recorded(value: Any) -> Any:
+    if isinstance(value, float):
+        return _to_digits(value, ALL_DIGITS)
+    if isinstance(value, list | tuple):
+        return [_recorded(item) for item in value]
+    if not isinstance(value, Mapping):
+        return value
+    found = {name: _recorded(item) for name, item in value.items()}
+    _round_by_names(found, value, "standard_uncertainty")
+    return found
+
+
+def _rounded(value: Any, digits: int) -> Any:
+    if isinstance(value, float):
+        return _to_digits(value, digits)
+    if isinstance(value, list | tuple):
+        return [_rounded(item, digits) for item in value]
+    if not isinstance(value, Mapping):
+        return value
+    found = {name: _field(name, item, digits) for name, item in value.items()}
+    _round_by_intervals(found, value)
+    _round_mean(found, value)
+    _round_by_neighbours(found, value)
+    for name in ("standard_deviation", "standard_uncertainty"):
+        _round_by_names(found, value, name)
+    return found
+
+
+def _field(name: str, value: Any, digits: int) -> Any:
+    if is_interval(name):
+        return _interval(value)
+    return _rounded(value, min(digits, digits_of(name)))
+
+
+def _interval(value: Any) -> Any:
+    """Return an interval, or an object or list of intervals, with the ends rounded by the width."""
+    width = _width(value)
+    if width is not None:
+        return [_to_places(end, width) for end in value]
+    if isinstance(value, Mapping):
+        return {name: _interval(item) for name, item in value.items()}
+    if isinstance(value, list | tuple) and not all(isinstance(item, float | None) for item in value):
+        return [_interval(item) for item in value]
+    return _rounded(value, digits_of("value"))
+
+
+def _width(value: Any) -> float | None:
+    """Return the width of an interval; None where it is not one, or has one end alone."""
+    if not isinstance(value, list | tuple) or len(value) != len(_ENDS):
+        return None
+    low, high = value
+    return abs(high - low) if isinstance(low, float) and isinstance(high, float) else None
+
+
+def _round_by_intervals(found: Json, exact: Mapping[str, Any]) -> None:
+    """Round the values of objects that have intervals by the same names around or within them."""
+    for field in ("interval_95", "interval"):
+        widths = exact.get(field)
+        if isinstance(widths, Mapping):
+            for holder, values in _holders(found, exact):
+                for name in widths.keys() & values.keys():
+                    _round(holder, values, name, _width(widths[name]))
+    if all(isinstance(exact.get(end), float) for end in _ENDS):
+        width = abs(exact["high"] - exact["low"])
+        for name in _WITHIN_ENDS:
+            _round(found, exact, name, width)
+
+
+def _round_mean(found: Json, exact: Mapping[str, Any]) -> None:
+    """Round a mean pose by the repeatability next to it."""
+    mean, repeatability = exact.get("mean"), exact.get("repeatability")
+    if isinstance(mean, Mapping) and isinstance(repeatability, Mapping):
+        for name, figures in _REPEATABILITIES.items():
+            u = (
+                [repeatability.get(one) for one in figures]
+                if isinstance(figures, tuple)
+                else repeatability.get(figures)
+            )
+            _round(found["mean"], mean, name, u)
+
+
+def _repeat_worst(holder: Json, values: Mapping[str, Any], found: Any, exact: Any) -> None:
+    """Give what `worst_rp_l_mm` and the like repeat the digits of the `rp_l_mm` that it repeats."""
+    for name, value in values.items():
+        if name.startswith("worst_") and isinstance(value, float):
+            same = _fields(found, exact, name.removeprefix("worst_"))
+            holder[name] = next((shown for shown, one in same if one == value), holder[name])
+
+
+def _fields(found: Any, exact: Any, name: str) -> Iterator[tuple[Any, Any]]:
+    """Yield all fields of a name, rounded and exact."""
+    if isinstance(exact, Mapping):
+        if name in exact and name in found:
+            yield found[name], exact[name]
+        for key in exact:
+            yield from _fields(found[key], exact[key], name)
+    elif isinstance(exact, list | tuple):
+        for shown, one in zip(found, exact, strict=True):
+            yield from _fields(shown, one, name)
+
+
+def _holders(found: Json, exact: Mapping[str, Any]) -> Iterator[tuple[Json, Mapping[str, Any]]]:
+    yield found, exact
+    for name, item in exact.items():
+        if isinstance(item, Mapping) and not is_interval(name) and digits_of(name) != UNCERTAINTY_DIGITS:
+            yield found[name], item
+
+
+def _round_by_neighbours(found: Json, exact: Mapping[str, Any]) -> None:
+    """Round values by the uncertainty or interval in a field next to them, uncertainties last: they are finer."""
+    stated = [name for name, item in exact.items() if item is not None and _is_stated(name)]
+    for name in sorted(stated, key=lambda name: not is_interval(name)):
+        item = exact[name]
+        u = _width(item) if is_interval(name) else item
+        for other in exact:
+            if belongs(other, name):
+                _round(found, exact, other, u)
+
+
+def _is_stated(name: str) -> bool:
+    return "interval" in name or "standard_uncertainty_" in name
+
+
+def _round_by_names(found: Json, exact: Mapping[str, Any], field: str) -> None:
+    """Round the values that an object of uncertainties names."""
+    uncertainty = exact.get(field)
+    if not isinstance(uncertainty, Mapping):
+        return
+    holders = [
+        (found, exact),
+        *((found[part], exact[part]) for part in _PARTS if isinstance(exact.get(part), Mapping)),
+    ]
     for name, u in uncertainty.items():
-        for holder in holders:
-            if isinstance(holder.get(name), float):
-                holder[name] = _to_places(holder[name], u)
-    position = found.get("position_mm")
-    if isinstance(position, list) and uncertainty.keys() >= set(_COORDINATES):
-        found["position_mm"] = [
-            _to_places(value, uncertainty[name]) for value, name in zip(position, _COORDINATES, strict=True)
-        ]
+        for holder, values in holders:
+            _round(holder, values, name, u)
+    if uncertainty.keys() >= set(_COORDINATES):
+        _round(found, exact, "position_mm", [uncertainty[name] for name in _COORDINATES])
+
+
+def _round(found: Json, exact: Mapping[str, Any], name: str, u: Any) -> None:
+    """Round one number or a list, by one uncertainty or a list, in place; as it is where no u is known."""
+    value = exact.get(name)
+    us = [
+        each for each in (u if isinstance(u, list | tuple) else [u]) if isinstance(each, float) and each > 0.0
+    ]
+    if not us:
+        return
+    if isinstance(value, float):
+        found[name] = _to_places(value, min(us))
+    elif isinstance(value, list | tuple) and value and all(isinstance(item, float) for item in value):
+        each = u if isinstance(u, list | tuple) and len(u) == len(value) else [min(us)] * len(value)
+        found[name] = [_to_places(item, one) for item, one in zip(value, each, strict=True)]
+
+
+def _to_digits(value: float, digits: int) -> float:
+    return float(f"{value:.{digits}g}") + 0.0  # no -0.0
 
 
 def _to_places(value: float, u: float | None) -> float:
     """Return the value rounded to the fourth place after the first digit of u; as it is where u is 0 or not known."""
+    value = _to_digits(value, ALL_DIGITS)
     if not u:
         return value
+    u = _to_digits(u, UNCERTAINTY_DIGITS)  # as it is shown, so that what is rounded stays as it is
     return round(value, PLACES_AFTER_UNCERTAINTY - math.floor(math.log10(u))) + 0.0

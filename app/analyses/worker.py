@@ -128,7 +128,13 @@ def load(
     return LoadedSession(snapshot, data, markers, second, change_token)
 
 
-def document_of(loaded: LoadedSession, analysis: str, settings: Mapping[str, str]) -> bytes | AnalysisRefused:
+def document_of(
+    loaded: LoadedSession,
+    analysis: str,
+    settings: Mapping[str, str],
+    *,
+    as_text: Callable[[Mapping[str, Any]], bytes] = encode,
+) -> bytes | AnalysisRefused:
     """Compute one document of a loaded session, or determine why it cannot be computed."""
     snapshot, data = loaded.snapshot, loaded.data
     head: dict[str, Any] = {  # of documents; a drawing has names and dates, but neither ids nor hashes
@@ -158,7 +164,7 @@ def document_of(loaded: LoadedSession, analysis: str, settings: Mapping[str, str
             "The measurements are so nearly equal, or so uncertain, that the equations have no solution.",
             "Add measurements that differ more, and check the units of what was stated.",
         )
-    return found if isinstance(found, bytes) else encode(findings_document(head, found, data))
+    return found if isinstance(found, bytes) else as_text(findings_document(head, found, data))
 
 
 @cache

@@ -14,6 +14,7 @@ from pydantic import BaseModel, ValidationError
 from starlette.concurrency import run_in_threadpool
 from starlette.types import Receive, Scope, Send
 
+from app.analyses.json_text import rounded
 from app.api.schemas.common import AdvisoryRead
 from app.api.schemas.measurements import MeasurementRead
 from app.api.schemas.poses import PoseRead
@@ -161,14 +162,14 @@ def _readable_document(view: MeasurementDetail, points: list[dict[str, Any]] | N
             "bytes": measurement.bytes,
             "status": measurement.status,
             "attempts": measurement.attempts,
-            "duration_ms": measurement.duration_ms,
+            "duration_ms": rounded(measurement.duration_ms, "duration_ms"),
             "failure": failure,
             "retry_failure": measurement.retry_failure,
             "excluded": measurement.excluded,
-            "calibration": result.calibration if result is not None else None,
+            "calibration": rounded(result.calibration) if result is not None else None,
             "labelling": result.labelling if result is not None else None,
-            "capture_quality": quality_document(measurement),
-            "points": points,
+            "capture_quality": rounded(quality_document(measurement), "capture_quality"),
+            "points": rounded(points),
         },
         "measurement",
     )

@@ -105,12 +105,14 @@ def history_document(
             }
             for event in events
         ],
-        "points": [
-            point
-            for test in tests
-            for key, series in test.series.items()
-            for point in _points(test.number, key, series, test.charts.get(key))
-        ],
+        "points": rounded(
+            [
+                point
+                for test in tests
+                for key, series in test.series.items()
+                for point in _points(test.number, key, series, test.charts.get(key))
+            ]
+        ),
     }
 
 

@@ -9,6 +9,7 @@ import sqlalchemy as sa
 
 from app.analyses.documents.robot_files import exports_of
 from app.analyses.inputs.change_token import read_change_token
+from app.analyses.json_text import encode_record
 from app.analyses.outcome import AnalysisRefused
 from app.analyses.reporting.inputs import inputs_hash, read_inputs
 from app.analyses.reporting.orders import DRAWINGS, KINDS, MadeReport, ReportOrder, settings_of
@@ -114,7 +115,7 @@ def compute_analyses(
     documents: dict[str, Any] = {}
     refusals: dict[str, dict[str, Any]] = {}
     for analysis in KINDS[kind]:
-        found = document_of(loaded, analysis, settings_of(analysis, source))
+        found = document_of(loaded, analysis, settings_of(analysis, source), as_text=encode_record)
         if isinstance(found, AnalysisRefused):
             refusals[analysis] = {"code": found.code, "detail": found.detail, "advice": found.advice}
         else:

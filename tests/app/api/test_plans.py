@@ -87,7 +87,7 @@ def test_more_poses_tell_more_and_suggested_ones_most(api: Any) -> None:
     assert doubt(few["predicted_joints_with_suggestions"]) < 0.8 * doubt(few["joints"])
     before, after = few["observability_indices"], few["observability_indices_with_suggestions"]
     assert before["o1"] == few["observability_o1"]
-    assert before["o2"] == pytest.approx(1.0 / few["condition_number"])
+    assert before["o2"] == pytest.approx(1.0 / few["condition_number"], rel=1e-5)
     assert all(after[name] > before[name] for name in ("o1", "o2", "o3", "o4", "o5"))
     # As many at random help less.
     random = planned(api, robot, sweeps={"sweep_half_angle_deg": 8.0, "steps": 7}, random_poses=30)

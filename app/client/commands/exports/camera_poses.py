@@ -62,7 +62,7 @@ def _row(image: Json) -> dict[str, Any]:
     """Return an image's row; the cells of its pose are empty where it has none."""
     pose = image["pose"]
     position = pose["position_mm"] if pose is not None else [None] * 3
-    quaternion = to_quaternion(pose["rotation"]) if pose is not None else (None,) * 4
+    quaternion = [round(v, 10) for v in to_quaternion(pose["rotation"])] if pose is not None else [None] * 4
     uncertainty = pose["standard_uncertainty"] if pose is not None else {}
     return {
         **{

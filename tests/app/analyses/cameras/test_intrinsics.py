@@ -54,7 +54,9 @@ def test_the_camera_is_found_within_its_stated_uncertainty(api: Any, store: Stor
     assert found["k3"] == group["standard_uncertainty"]["k3"] == 0.0
     covariance = np.array(group["covariance"])
     assert covariance.shape == (9, 9)
-    assert np.sqrt(np.diag(covariance)) == pytest.approx(list(group["standard_uncertainty"].values()))
+    assert np.sqrt(np.diag(covariance)) == pytest.approx(
+        list(group["standard_uncertainty"].values()), rel=1e-3
+    )
     # χ² of 30 images of 54 points: a standard deviation of .026.
     assert group["reduced_chi2"] == pytest.approx(1.0, abs=0.1)
     assert len(group["highest_residuals"]) == 5

@@ -55,7 +55,7 @@ def test_a_wide_lens_gets_its_model_and_the_answer_says_so(api: Any, wide: tuple
     u = group["standard_uncertainty"]
     assert tuple(found) == tuple(u) == names
     covariance = np.array(group["covariance"])
-    assert np.sqrt(np.diag(covariance)) == pytest.approx([u[name] for name in names])
+    assert np.sqrt(np.diag(covariance)) == pytest.approx([u[name] for name in names], rel=1e-3)
     for name in ("fx_px", "fy_px", "cx_px", "cy_px"):
         assert abs(found[name] - getattr(drawn.camera, name)) < 4.0 * u[name], name
     assert 300.0 < group["observed_radius_px"] < 800.0

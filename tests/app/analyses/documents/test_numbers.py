@@ -14,7 +14,7 @@ import pytest
 from app.analyses.documents.findings import Findings, findings_document
 from app.analyses.inputs.session_loader import load_session, read_markers
 from app.analyses.inputs.snapshot import read_snapshot
-from app.analyses.json_text import SIGNIFICANT_DIGITS, encode, rounded
+from app.analyses.json_text import SIGNIFICANT_DIGITS, encode, encode_record, rounded
 from app.analyses.worker import ANALYSES as FUNCTIONS
 from app.analyses.worker import comparison_findings
 from tests.support.sessions.robot_session import ANALYSES, SETTINGS, RobotSession
@@ -93,6 +93,8 @@ def test_no_number_is_longer_than_its_use_supports_and_none_too_short(robot_sess
         assert all(abs(one - other) <= u / 200.0 for one, other, u in checked), analysis
         bound = max((u for *_, u in checked), default=0.0)
         for one, other in pairs(exact, shown):
+            assert abs(one - other) <= max(5e-4 * abs(one), bound / 200.0)
+        for one, other in pairs(exact, json.loads(encode_record(exact))):
             assert abs(one - other) <= max(1e-9 * abs(one), bound / 200.0)
 
 
@@ -116,6 +118,70 @@ def test_a_value_has_four_places_after_the_first_digit_of_its_uncertainty(u: flo
     step = 10.0 ** (math.floor(math.log10(u)) - 4)
     assert abs(shown - value) <= max(0.5 * step, 5e-10 * value) * 1.001
     assert shown == rounded({"a_mm": shown, "standard_uncertainty": {"a_mm": u}})["a_mm"]
+
+
+def test_values_with_an_interval_are_rounded_by_its_width_and_so_are_its_ends() -> None:
+    pose = {
+        "mean": {"position_mm": [102.03559091, -258.37446112, -463.20016831], "roll_deg": -19.69031318},
+        "repeatability": {
+            "rp_l_mm": 0.09526368373,
+            "rp_x_mm": 0.0380640833,
+            "rp_y_mm": 0.093,
+            "rp_z_mm": 0.11,
+        },
+        "interval": {"rp_l_mm": [0.0725922487, 0.1936449032], "rp_x_mm": None},
+    }
+    assert rounded(pose) == {
+        "mean": {"position_mm": [102.035591, -258.374461, -463.20017], "roll_deg": -19.69031318},
+        "repeatability": {"rp_l_mm": 0.09526, "rp_x_mm": 0.0380641, "rp_y_mm": 0.093, "rp_z_mm": 0.11},
+        "interval": {"rp_l_mm": [0.07259, 0.19364], "rp_x_mm": None},
+    }
+    distance = {
+        "mean_mm": 428.119219412,
+        "standard_uncertainty_mm": 0.03545367507,
+        "commanded_mm": 428.1234567,
+        "rd_mm": 0.1088753304,
+        "interval_mm": [0.07270696706, 0.2135554355],
+        "ad_mm": -0.004237288,
+        "ad_interval_mm": [-0.08, None],
+    }
+    assert rounded(distance) == {
+        "mean_mm": 428.119219,
+        "standard_uncertainty_mm": 0.03545,
+        "commanded_mm": 428.1234567,
+        "rd_mm": 0.108875,
+        "interval_mm": [0.07271, 0.21356],
+        "ad_mm": -0.004237,
+        "ad_interval_mm": [-0.08, None],
+    }
+
+
+@pytest.mark.parametrize(
+    ("exact", "shown"),
+    [
+        ({"rms_px": 0.006760161377214386}, {"rms_px": 0.00676016}),
+        ({"duration_ms": 214.09506500003772}, {"duration_ms": 214.095}),
+        ({"residuals": [{"position_mm": [0.02581475605]}]}, {"residuals": [{"position_mm": [0.0258148]}]}),
+        ({"sigma_mm": [0.07775787563, 0.02670036667]}, {"sigma_mm": [0.07776, 0.0267]}),
+        (
+            {"step_mm": [1.23456789], "step_standard_uncertainty_mm": [0.012345678]},
+            {"step_mm": [1.234568], "step_standard_uncertainty_mm": [0.01235]},
+        ),
+        (
+            {"intrinsics": {"fx_px": 537.6355406123}, "standard_deviation": {"fx_px": 9.8123456}},
+            {"intrinsics": {"fx_px": 537.6355}, "standard_deviation": {"fx_px": 9.812}},
+        ),
+        (
+            {"value": 0.12345678, "low": 0.1034567, "high": 0.1567891},
+            {"value": 0.123457, "low": 0.103457, "high": 0.156789},
+        ),
+        ({"joint_angles_deg": [-29.700903316]}, {"joint_angles_deg": [-29.70090332]}),
+        ({"covariance": [[1.23456789012e-4]]}, {"covariance": [[1.23456789e-4]]}),
+    ],
+)
+def test_each_kind_of_number_has_its_digits(exact: dict[str, Any], shown: dict[str, Any]) -> None:
+    assert rounded(exact) == shown
+    assert rounded(shown) == shown
 
 
 @pytest.mark.parametrize("u", [0.0, None])

@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import math
+import re
 from pathlib import Path
 from typing import Any
 
@@ -56,13 +57,13 @@ def test_the_document_is_consistent_in_itself(measured: dict[str, Any]) -> None:
         assert np.array(pose[name]).shape == shape
     T_camera_target = np.array(calibration["T_camera_target"])
     assert np.allclose(np.array(pose["rotation"]), T_camera_target[:3, :3].T, atol=1e-12)
-    assert np.allclose(pose["position_mm"], -T_camera_target[:3, :3].T @ T_camera_target[:3, 3], atol=1e-9)
+    assert np.allclose(pose["position_mm"], -T_camera_target[:3, :3].T @ T_camera_target[:3, 3], atol=1e-3)
     u = pose["standard_uncertainty"]
-    assert np.allclose([u["x_mm"], u["y_mm"], u["z_mm"]], np.sqrt(np.diag(pose["covariance"])[:3]))
+    assert np.allclose([u["x_mm"], u["y_mm"], u["z_mm"]], np.sqrt(np.diag(pose["covariance"])[:3]), rtol=1e-3)
     roll, pitch, yaw = (math.radians(pose[f"{axis}_deg"]) for axis in ("roll", "pitch", "yaw"))
     x, y, z = (np.array(v, float) for v in ([1, 0, 0], [0, 1, 0], [0, 0, 1]))
     rotation = cv2.Rodrigues(z * yaw)[0] @ cv2.Rodrigues(y * pitch)[0] @ cv2.Rodrigues(x * roll)[0]
-    assert np.allclose(rotation, pose["rotation"], atol=1e-9)
+    assert np.allclose(rotation, pose["rotation"], atol=1e-5)
     assert np.all(np.diag(pose["covariance"]) > np.diag(pose["covariance_given_camera"]))
     assert calibration["grade"] == "determined"
     for name, (low, high) in calibration["interval_95"].items():
@@ -81,8 +82,21 @@ def test_points_come_when_asked_for(computing_api: Any, measured: dict[str, Any]
     used = [math.hypot(p["residual_u_px"], p["residual_v_px"]) for p in points if p["used"]]
     reprojection = measured["calibration"]["reprojection"]
     assert len(used) == reprojection["points"]
-    assert math.sqrt(np.mean(np.square(used))) == pytest.approx(reprojection["rms_px"], rel=1e-6)
+    assert math.sqrt(np.mean(np.square(used))) == pytest.approx(reprojection["rms_px"], rel=1e-5)
     assert computing_api.client.get(address, params={"include": "everything"}).status_code == 422
+
+
+def test_numbers_have_the_digits_that_their_uncertainty_supports(measured: dict[str, Any]) -> None:
+    calibration = measured["calibration"]
+    u = calibration["standard_uncertainty"]["fx_px"]
+    assert u == float(f"{u:.4g}")
+    places = 4 - math.floor(math.log10(u))
+    assert calibration["intrinsics"]["fx_px"] == round(calibration["intrinsics"]["fx_px"], places)
+    for value in (measured["duration_ms"], calibration["reprojection"]["rms_px"]):
+        assert value == float(f"{value:.6g}")
+    assert (
+        max(len(text.strip("-0.")) for text in re.findall(r"-?[0-9]+[.][0-9]+", json.dumps(calibration))) < 12
+    )
 
 
 def test_session_intrinsics_leave_only_the_pose_to_find(computing_api: Any, board_png: bytes) -> None:
