@@ -8,6 +8,7 @@ from .http import ClientError, Json, ServiceClient
 
 POINTS_SERVE = "focal_not_observable"
 """Failure of an image that has no pose by itself; its grid points count in the session's camera."""
+_MEASURED_BEFORE = "target_already_measured"
 
 
 def is_measured(measurement: Json) -> bool:
@@ -27,19 +28,44 @@ def session_cameras(client: ServiceClient, session_id: str) -> list[Json] | None
     return groups
 
 
+def is_alone(measurement: Json) -> bool:
+    """Return whether the image determines the camera by itself, to 2 % of the focal length."""
+    return bool((measurement["calibration"] or {}).get("grade") == "determined")
+
+
+def outcome_in_words(measurement: Json) -> str:
+    """Return what came of an image; one whose grid points serve is measured, whether or not it gives a camera."""
+    if measurement["status"] in ("queued", "running"):
+        return str(measurement["status"])
+    if measurement["status"] == "succeeded":
+        return "measured"
+    if is_measured(measurement):
+        return "measured, no camera by itself"
+    return "measured before" if measurement["failure"]["code"] == _MEASURED_BEFORE else "not measured"
+
+
+def image_of(measurement: Json) -> tuple[str, str]:
+    """Return what all measurements of one image have in common: several where it shows several targets."""
+    return measurement["pose_id"], measurement["sha256"]
+
+
 def describe_measured(measurements: Sequence[Json], cameras: Sequence[Json] | None) -> str:
-    """Return the sentence for a session's measurements and its cameras, as `session_cameras` gives them."""
-    measured = [m for m in measurements if is_measured(m)]
-    grades = [(m["calibration"] or {}).get("grade") for m in measured]
-    determined = grades.count("determined")
-    images = "photograph" if len(measured) == 1 else "photographs"
-    alone = "determines" if determined == 1 else "determine"
-    own = "itself" if determined == 1 else "themselves"
-    said = f"{len(measured)} {images} measured; {determined} {alone} the camera by {own}"
+    """Return the sentence for a session's measurements and its cameras, as `session_cameras` gives them.
+
+    An image counts once, whatever number of targets it shows.
+    """
+    measured = {image_of(m) for m in measurements if is_measured(m)}
+    determined = len({image_of(m) for m in measurements if is_alone(m)})
+    said = f"{len(measured)} {'photograph' if len(measured) == 1 else 'photographs'} measured"
     if not measured:
         return said
     if not cameras:
-        return f"{said}, and together they do not determine it yet"
+        if len(measured) == 1:
+            return f"{said}, which does not determine the camera: further views are needed, tilted to other sides"
+        return f"{said}, which do not determine the camera yet, not even together"
+    alone = "determines" if determined == 1 else "determine"
+    own = "itself" if determined == 1 else "themselves"
+    said = f"{said}; {determined} {alone} the camera by {own}"
     worst = max(c["standard_uncertainty"]["fx_px"] / c["intrinsics"]["fx_px"] for c in cameras)
     does = "the session's camera does" if len(cameras) == 1 else f"the session's {len(cameras)} cameras do"
     return f"{said}, {does} (± {100.0 * worst:.2g} %)"

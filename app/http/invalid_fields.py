@@ -41,6 +41,10 @@ def invalid_request(errors: Iterable[Any]) -> InvalidContent:
     )
 
 
+def _number(count: int, noun: str) -> str:
+    return f"{count} {noun}{'' if count == 1 else 's'}"
+
+
 def _field(location: Iterable[Any]) -> str:
     parts = [str(part) for part in location]
     if parts and parts[0] in ("body", "query", "path", "header"):
@@ -54,11 +58,11 @@ def _message(error: Mapping[str, Any]) -> str:
     if kind in _TYPE_WORDS:
         return _TYPE_WORDS[kind]
     if kind == "string_too_short":
-        return f"must have at least {context['min_length']} characters"
+        return f"must have at least {_number(context['min_length'], 'character')}"
     if kind == "string_too_long":
         return f"must have at most {context['max_length']} characters"
     if kind == "too_short":
-        return f"must have at least {context['min_length']} items"
+        return f"must have at least {_number(context['min_length'], 'item')}"
     if kind == "too_long":
         return f"must have at most {context['max_length']} items"
     for name, words in (

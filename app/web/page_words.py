@@ -73,8 +73,8 @@ _WHOLE = {
     "The request's content is not valid.": "Some fields are missing or not valid.",
     "Correct the fields listed in errors.": "Correct the fields that are named, and send the form again.",
     "is required": "must be filled in",
-    "must have at least 1 characters": "must be filled in",
-    "must have at least 1 items": "needs one at least",
+    "must have at least 1 character": "must be filled in",
+    "must have at least 1 item": "needs one at least",
     "has characters or a form not allowed here": "has characters that are not allowed here",
     "pose_id has characters or a form not allowed here": "may hold letters, digits, “.”, “_” and “-”, "
     "and does not begin with “.”",

@@ -95,6 +95,7 @@ CLIENT = {
     ),
     "robots events list": (".robots.events:show_list", "List what was done to a robot, oldest first."),
     "robots events delete": (".robots.events:delete", "Delete events that were noted in error."),
+    "robots show": (".robots.stored:show", "Print a robot as the service answers it."),
     "robots delete": (".robots.stored:delete", "Delete robots that no session names."),
     "hand-eye export": (
         ".exports.hand_eye:export",
@@ -117,6 +118,7 @@ CLIENT = {
         "Make a target: what is printed, how many grid points it has, and their distance.",
     ),
     "targets list": (".targets.stored:show_list", "List the targets of a service."),
+    "targets show": (".targets.stored:show", "Print a target as the service answers it."),
     "targets change": (
         ".targets.changes:change",
         "Change a target's name, or what is known of its print: its kind, its certificate.",
@@ -163,7 +165,7 @@ CLIENT = {
     ),
     "sessions list": (
         ".sessions.listing:show_list",
-        "List the sessions of a service, with the numbers of their measurements.",
+        "List the sessions of a service, with how many images were measured, and how many give a camera by themselves.",
     ),
     "sessions show": (".sessions.listing:show", "Print a session as the service answers it."),
     "sessions budget": (

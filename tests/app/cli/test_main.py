@@ -86,7 +86,8 @@ def test_the_table_holds_every_command() -> None:
             ),
             *("sessions archive", "sessions restore", "report compare", "robots history"),
             *(f"report {verb}" for verb in ("create", "list", "show", "fetch", "verify")),
-            *("targets list", "targets change", "targets delete", "robots list", "robots delete"),
+            *(f"targets {verb}" for verb in ("list", "show", "change", "delete")),
+            *(f"robots {verb}" for verb in ("list", "show", "delete")),
             *("targets create", "robots create", "sessions create", "poses load"),
         ]
     )

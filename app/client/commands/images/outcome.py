@@ -11,12 +11,15 @@ from rich.markup import escape
 from rich.table import Table
 
 from ... import FilePlan, Json, describe_measured, is_measured
+from ...summary import image_of
 from .transfer import Transferred
 
 _SHOWN = 8
 _MIN_VISITS = 2
 _FIGURES = re.compile(r"[0-9]+(\.[0-9]+)?|'[^']*'")
 """What differs between messages of one reason."""
+_Row = tuple[str, str, str | None]
+"""File, reason, advice."""
 
 
 def report(console: Console, plan: FilePlan, transferred: Transferred) -> int:
@@ -35,44 +38,61 @@ def report(console: Console, plan: FilePlan, transferred: Transferred) -> int:
         console.print(f"[yellow]not searched again: {escape(folder.name)}: {escape(folder.reason)}[/]")
     if plan.others:
         console.print(f"other files, not images by their names: {plan.others}")
-    refused = []
+    undetermined: list[_Row] = []
+    refused: list[_Row] = []
     if measured is not None:
         names = {(o.file.pose_id, o.sha256): o.name for o in results}
-        refused = [
-            (
-                names[m["pose_id"], m["sha256"]],
+        images = {image_of(m) for m in measured.measurements if is_measured(m)}
+        for m in measured.failed:
+            row = (
+                names[image_of(m)],
                 f"{m['failure']['detail']} ({m['failure']['code']})",
                 m["failure"]["advice"],
             )
-            for m in measured.failed
-            if not (cameras and is_measured(m))  # those serve: nothing is to be done about them
-        ]
+            if not is_measured(m) and image_of(m) not in images:
+                refused.append(row)
+            elif is_measured(m) and not cameras:  # with a camera they serve: nothing is to be done about them
+                undetermined.append(row)
         console.print(describe_measured(measured.measurements, cameras))
         if refused:
-            console.print(f"{len(refused)} refused")
+            console.print(f"{_number(len({name for name, *_ in refused}), 'photograph')} not measured")
         if measured.duplicates:
             console.print(f"{len(measured.duplicates)} already measured for every target: nothing to do")
-        if line := _repeated_poses(measured.measurements):
+        if line := _use(measured.measurements, cameras):
             console.print(line)
-    for title, rows in (("Not uploaded", failed), ("Refused", refused)):
+    for title, rows in (
+        ("Not uploaded", failed),
+        ("Not measured", refused),
+        ("Measured, but the camera is not determined yet", undetermined),
+    ):
         if rows:
             console.print(_list(title, rows))
     if transferred.session_id is not None:
         print(transferred.session_id)
-    return 1 if failed or refused else 0
+    return 1 if failed or refused or undetermined else 0
 
 
-def _repeated_poses(measurements: Sequence[Json]) -> str:
-    """Return for how many poses repeatability can be computed, whatever was refused."""
-    visits = Counter(m["pose_id"] for m in measurements if is_measured(m))
-    enough = sum(count >= _MIN_VISITS for count in visits.values())
-    poses = len({m["pose_id"] for m in measurements})
+def _use(measurements: Sequence[Json], cameras: Sequence[Json] | None) -> str:
+    """Return what the images are good for: repeatability where poses were visited again, else the camera."""
+    sent = Counter(pose_id for pose_id, _ in {image_of(m) for m in measurements})
+    if any(count >= _MIN_VISITS for count in sent.values()):
+        measured = Counter(pose_id for pose_id, _ in {image_of(m) for m in measurements if is_measured(m)})
+        enough = sum(count >= _MIN_VISITS for count in measured.values())
+        have = "has" if enough == 1 else "have"
+        return f"{enough} of {_number(len(sent), 'pose')} {have} two measured images or more, as repeatability needs"
+    if not cameras:
+        return ""
     return (
-        f"{enough} of {poses} poses have two measured images or more, as repeatability needs" if poses else ""
+        "next: `gridpose sessions export-camera`, or with commanded poses `gridpose hand-eye export`; repeatability "
+        "needs each pose twice or more"
     )
 
 
-def _list(title: str, rows: list[tuple[str, str, str | None]]) -> Table:
+def _number(count: int, noun: str) -> str:
+    return f"{count} {noun}{'' if count == 1 else 's'}"
+
+
+def _list(title: str, rows: list[_Row]) -> Table:
     """Return the rows of a title, those of one reason together with their number."""
     table = Table(title=title, title_justify="left", show_lines=True)
     for column in ("images", "files", "reason", "what to do"):

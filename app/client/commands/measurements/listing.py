@@ -8,10 +8,11 @@ from typing import Annotated, Literal
 import typer
 
 from ... import Json, ServiceClient, find_session
+from ...summary import outcome_in_words
 from ..access import ReadAccess
 from ..console import print_list
 
-_COLUMNS = ("id", "pose", "cycle", "status", "reason", "file", "target")
+_COLUMNS = ("id", "pose", "cycle", "what came of it", "reason", "file", "target")
 
 
 def show_list(
@@ -19,7 +20,9 @@ def show_list(
     service: ReadAccess,
     status: Annotated[
         Literal["queued", "running", "succeeded", "failed"] | None,
-        typer.Option(help="Those of one status alone."),
+        typer.Option(
+            help="Those of one status of the API alone: succeeded with a camera of their own, failed without one."
+        ),
     ] = None,
     pose: Annotated[str | None, typer.Option(help="Those of one pose alone.")] = None,
 ) -> int:
@@ -56,9 +59,9 @@ def _cells(measurement: Json) -> tuple[str, ...]:
         ""
         if cycle is None
         else f"{cycle}"
-        if measurement["burst"] is None
+        if (measurement["burst"] or 1) == 1
         else f"{cycle}, {measurement['burst']}",
-        measurement["status"],
+        outcome_in_words(measurement),
         reason,
         measurement["filename"] or "",
         measurement["target_id"] or "",

@@ -1,7 +1,8 @@
-"""`gridpose robots list` and `delete`: the robots of a service."""
+"""`gridpose robots list`, `show` and `delete`: the robots of a service."""
 
 from __future__ import annotations
 
+import json
 from typing import Annotated
 
 import typer
@@ -29,6 +30,15 @@ def show_list(
         rows = [(r["id"], r["name"], str(len(r["joints"]))) for r in client.items("/v1/robots")]
         none = "There are no robots yet; `gridpose robots create --help` says how."
         print_list(("id", "name", "joints"), rows, none)
+
+    return service.run(act)
+
+
+def show(robot: Annotated[str, typer.Argument(help="Id or name of the robot.")], service: ReadAccess) -> int:
+    """Print a robot as the service answers it."""
+
+    def act(client: ServiceClient) -> None:
+        print(json.dumps(find_robot(client, robot), indent=2, allow_nan=False))
 
     return service.run(act)
 

@@ -7,25 +7,35 @@ from typing import Annotated
 
 import typer
 
-from ... import ServiceClient, find_session
+from ... import Json, ServiceClient, find_session, is_measured
 from ..access import ReadAccess
 from ..console import print_list
 
-_COLUMNS = ("id", "name", "succeeded", "failed", "waiting")
+_COLUMNS = ("id", "name", "measured", "with own camera", "not measured", "waiting")
 
 
 def show_list(service: ReadAccess) -> int:
-    """List the sessions of a service, with the numbers of their measurements."""
+    """List the sessions of a service, with how many images were measured, and how many give a camera by themselves."""
 
     def act(client: ServiceClient) -> None:
         rows = []
         for session in client.items("/v1/sessions"):
-            counts = session["counts"]
-            numbers = (counts["succeeded"], counts["failed"], counts["queued"] + counts["running"])
-            rows.append((session["id"], session["name"], *map(str, numbers)))
+            rows.append((session["id"], session["name"], *map(str, _numbers(client, session))))
         print_list(_COLUMNS, rows, "There are no sessions yet; `gridpose sessions create --help` says how.")
 
     return service.run(act)
+
+
+def _numbers(client: ServiceClient, session: Json) -> tuple[int, ...]:
+    """Return how many measurements there are of each column; those without a camera of their own are looked at."""
+    counts = session["counts"]
+    serve = 0
+    if counts["failed"]:
+        failed = client.items(f"/v1/sessions/{session['id']}/measurements", status="failed")
+        serve = sum(is_measured(measurement) for measurement in failed)
+    measured = counts["succeeded"] + serve
+    waiting = counts["queued"] + counts["running"]
+    return measured, counts["succeeded"], counts["failed"] - serve, waiting
 
 
 def show(

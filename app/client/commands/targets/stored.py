@@ -1,12 +1,13 @@
-"""`gridpose targets list` and `delete`: the targets of a service."""
+"""`gridpose targets list`, `show` and `delete`: the targets of a service."""
 
 from __future__ import annotations
 
+import json
 from typing import Annotated
 
 import typer
 
-from ... import ServiceClient
+from ... import ServiceClient, find_target
 from ..access import AdminAccess, ReadAccess
 from ..console import print_list
 
@@ -22,6 +23,20 @@ def show_list(service: ReadAccess) -> int:
             for t in client.items("/v1/targets")
         ]
         print_list(_COLUMNS, rows, "There are no targets yet; `gridpose targets create --help` says how.")
+
+    return service.run(act)
+
+
+def show(
+    target: Annotated[
+        str, typer.Argument(help="Id or name of the target, or sheet: and the id on its print.")
+    ],
+    service: ReadAccess,
+) -> int:
+    """Print a target as the service answers it."""
+
+    def act(client: ServiceClient) -> None:
+        print(json.dumps(find_target(client, target), indent=2, allow_nan=False))
 
     return service.run(act)
 
