@@ -125,6 +125,7 @@ def new_measurement_json(new: NewMeasurement) -> bytes:
     """
     row = new.row
     values = {name: row.get(name) for name in _FIELDS}
+    values["burst"] = row["burst"] or 1
     values["siblings"] = new.siblings
     for name in ("captured_at", "received_at"):
         moment = row[name]
@@ -148,7 +149,7 @@ def _readable_document(view: MeasurementDetail, points: list[dict[str, Any]] | N
             "session_id": measurement.session_id,
             "pose_id": measurement.pose_id,
             "cycle": measurement.cycle,
-            "burst": measurement.burst,
+            "burst": measurement.burst or 1,
             "target_id": measurement.target_id,
             "siblings": view.siblings,
             "focus_group": measurement.focus_group,
@@ -182,6 +183,7 @@ def _unreadable_document(view: MeasurementDetail, error: RowUnreadable) -> Measu
         name: (_BLANK.get(name) if name in damaged else getattr(measurement, name, None))
         for name in MeasurementRead.model_fields
     }
+    fields["burst"] = fields["burst"] or 1
     if "received_at" in damaged:
         fields["received_at"] = moment_of(measurement.id)
     failure = {"code": error.code, "detail": error.detail, "advice": _RETRY}

@@ -52,7 +52,7 @@ class ImageObservation:
     filename
         What the user calls the file, for messages; None where it is not known.
     burst
-        The number of the image within the stop that it was taken at; None: it is the only one of its stop.
+        The number of the image within the stop that it was taken at; None: it is the first, or the only one.
     """
 
     measurement_id: str

@@ -82,7 +82,7 @@ class ImageForm(BaseModel):
 
     pose_id: PoseTag
     cycle: Cycle | None = None
-    burst: Burst | None = None
+    burst: Burst = 1
     target_id: Identifier | None = None
     focus_group: Text = "default"
     joint_angles_deg: JointList | None = None
@@ -113,7 +113,7 @@ _FORM_BODY = {
                             pattern="^[A-Za-z0-9_-][A-Za-z0-9._-]*$",
                         ),
                         "cycle": _form_field("integer", CYCLE, minimum=1, maximum=MAX_CYCLE),
-                        "burst": _form_field("integer", BURST, minimum=1, maximum=MAX_BURST),
+                        "burst": _form_field("integer", BURST, minimum=1, maximum=MAX_BURST, default=1),
                         "target_id": _form_field("string", _TARGET, minLength=1, maxLength=64),
                         "focus_group": _form_field("string", FOCUS_GROUP, minLength=1, maxLength=200),
                         "joint_angles_deg": _form_field("string", _ANGLES, minLength=1, maxLength=400),
@@ -134,7 +134,7 @@ async def put_image(
     sha256: Annotated[Sha256, Path(description="SHA-256 of the body, 64 hex digits.")],
     service: AppContextDep,
     cycle: Annotated[Cycle | None, Query(description=CYCLE)] = None,
-    burst: Annotated[Burst | None, Query(description=BURST)] = None,
+    burst: Annotated[Burst, Query(description=BURST)] = 1,
     target_id: Annotated[Identifier | None, Query(description=_TARGET)] = None,
     focus_group: Annotated[Text, Query(description=FOCUS_GROUP)] = "default",
     joint_angles_deg: Annotated[JointList | None, Query(description=_ANGLES)] = None,

@@ -11,8 +11,8 @@ from app.api.schemas.common import Angle, Coordinate, Cycle, JointAngles, PoseTa
 POSE_ID = "The user's own tag of the robot pose; unique within its session."
 CYCLE = "Which of the repeated visits to the pose, from 1. Null: not known; such images are ordered by their SHA-256."
 BURST = (
-    "Which of several images of one stop of the robot, from 1: images of one pose and cycle with a burst index are one "
-    "visit, whose scatter is the instrument's. Null: the only image of its stop."
+    "Which of several images of one stop of the robot, from 1: where an image has an index above 1, the images of its "
+    "pose and cycle are one visit, whose scatter is the instrument's. An index above 1 needs a cycle."
 )
 FOCUS_GROUP = "The user's tag of one setting of the lens: images of one focus group share their intrinsics."
 JOINT_ANGLES = (

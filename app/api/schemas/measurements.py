@@ -171,7 +171,7 @@ class MeasurementChange(RequestModel):
         description="Which of the repeated visits to the pose, from 1; null: not known.",
         examples=[3],
     )
-    burst: Burst | None = Field(default=None, description=BURST, examples=[2])
+    burst: Burst | None = Field(default=None, description=f"{BURST} Null: 1.", examples=[2])
     focus_group: Text = Field(
         default_factory=str,
         description="Tag that the images of one camera setting share.",
@@ -204,7 +204,7 @@ class MeasurementRead(ResponseModel):
     session_id: SessionId
     pose_id: PoseId
     cycle: int | None = Field(description=CYCLE)
-    burst: int | None = Field(description=BURST)
+    burst: int = Field(description=f"{BURST} 1 where none was stated.")
     target_id: str | None = Field(
         description="The target that was measured in the image; null until it is found, and where none is."
     )

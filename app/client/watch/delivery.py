@@ -103,7 +103,8 @@ class Delivery:
             raise FileRefused(f"{metadata.pose_id!r} is not a pose ID; {_advice(self._run.settings)}")
         if metadata.cycle is not None and not 1 <= metadata.cycle <= MAX_CYCLE:
             raise FileRefused(impossible_cycle(metadata.cycle))
-        if metadata.burst is not None and (metadata.cycle is None or not 1 <= metadata.burst <= MAX_BURST):
+        burst = 1 if metadata.burst is None else metadata.burst
+        if not 1 <= burst <= MAX_BURST or (burst > 1 and metadata.cycle is None):
             raise FileRefused(f"its burst index {metadata.burst} needs a cycle, and is 1 to {MAX_BURST}")
         label = printable_name(metadata.pose_id[:200]) if changed else None
         return Loaded(found, hashlib.sha256(data).hexdigest(), metadata, pose_id, data, label)

@@ -19,7 +19,7 @@ def describe_result(name: str, measurement: Json) -> str:
     place = f"{measurement['pose_id']}"
     if measurement["cycle"] is not None:
         place += f" cycle {measurement['cycle']}"
-    if measurement["burst"] is not None:
+    if is_of_burst(measurement):
         place += f" image {measurement['burst']}"
     parts = [f"{name} ({place})"]
     if failure is None:
@@ -44,14 +44,19 @@ def describe_result(name: str, measurement: Json) -> str:
 
 
 BURST_ADVICE = (
-    "No image states a burst index. Take two images at each stop (P1/c1-b1.png, P1/c1-b2.png; {burst} in a pattern): "
-    "they count as one cycle, and their scatter is the instrument's noise without a model of it."
+    "No image states a burst index above 1. Take two images at each stop (P1/c1-b1.png, P1/c1-b2.png; {burst} in a "
+    "pattern): they count as one cycle, and their scatter is the instrument's noise without a model of it."
 )
 
 
+def is_of_burst(measurement: Json) -> bool:
+    """Return whether an image is the second or a later one of its stop."""
+    return (measurement["burst"] or 1) > 1
+
+
 def wants_bursts(measurement: Json) -> bool:
-    """Return whether an image is of a second cycle without a burst: the session's stops have one image each."""
-    return measurement["burst"] is None and (measurement["cycle"] or 0) > 1
+    """Return whether an image is the first of a second cycle: stops have one image each, unless one was of a burst."""
+    return not is_of_burst(measurement) and (measurement["cycle"] or 0) > 1
 
 
 class NextViewLine:

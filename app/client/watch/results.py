@@ -17,7 +17,7 @@ from ..summary import is_measured
 from .delivery import SessionRun
 from .gate import Gate, concerns_all
 from .journal import Entry, State
-from .live import BURST_ADVICE, NextViewLine, describe_result, wants_bursts
+from .live import BURST_ADVICE, NextViewLine, describe_result, is_of_burst, wants_bursts
 from .scan import signature_of
 
 _ROUND = 50
@@ -90,6 +90,7 @@ class Results:
             if not self._said_bursts and wants_bursts(measurement):
                 self._said_bursts = True
                 self._run.report.say(BURST_ADVICE)
+            self._said_bursts |= is_of_burst(measurement)
         if self._run.settings.on_result is not None:
             self._run_command(self._run.settings.on_result, entry, measurement)
         self._run.report.count("measured" if good else "failed")

@@ -70,7 +70,7 @@ class Metadata:
     """What a client says about an image; all of it optional."""
 
     cycle: int | None = None
-    burst: int | None = None
+    burst: int = 1
     target_id: str | None = None
     focus_group: str = "default"
     joint_angles_deg: list[float] | None = None
@@ -170,13 +170,18 @@ def unknown_target(errors: Sequence[tuple[str, str]]) -> InvalidContent:
 
 def require_cycle(cycle: int | None, burst: int | None) -> None:
     """Refuse the place of an image within a stop that nothing names. Raises InvalidContent."""
-    if burst is not None and cycle is None:
+    if cycle is None and burst is not None and burst > 1:
         raise InvalidContent(
             "A burst is the images of one stop, and the pose and its cycle name the stop.",
-            "State the cycle with the burst index, or leave the burst index away.",
+            "State the cycle with the burst index, or leave the burst index away, which is 1 then.",
             code="burst_without_cycle",
-            errors=[("burst", "is given without a cycle")],
+            errors=[("burst", "is above 1 without a cycle")],
         )
+
+
+def stored_burst(burst: int | None) -> int | None:
+    """Return a burst index as it is stored: that of a stop's first image, 1, is what an image has without one."""
+    return burst if burst is not None and burst > 1 else None
 
 
 def find_same(rows: Rows, session_id: str, pose_id: str, sha256: str, intended: TargetChoice) -> str | None:
@@ -227,7 +232,7 @@ def _row(image: ReceivedImage, metadata: Metadata, intended: TargetChoice) -> di
         "target_id": intended.target_id,
         "seeks_target": not intended.named,
         "cycle": metadata.cycle,
-        "burst": metadata.burst,
+        "burst": stored_burst(metadata.burst),
         "focus_group": metadata.focus_group,
         "joint_angles_deg": metadata.joint_angles_deg,
         "captured_at": metadata.captured_at,

@@ -19,7 +19,7 @@ from app.jobs.queue import ALREADY_MEASURED
 from app.records.activity import current_activity, note_objects
 from app.records.tables import Measurement, Session
 from app.services.installation.context import ServiceContext
-from app.services.measurements.acceptance import require_cycle
+from app.services.measurements.acceptance import require_cycle, stored_burst
 from app.services.measurements.reading import MeasurementDetail, get_measurement
 from app.services.originals import finish_soon, record_removals
 from app.services.poses import get_or_create_pose
@@ -40,6 +40,8 @@ def correct_measurement(
     measurement = lock_measurement(records, measurement_id)
     image = measurements_of_image(records, measurement)
     of_image = {name: changes[name] for name in OF_IMAGE if name in changes}
+    if "burst" in of_image:
+        of_image["burst"] = stored_burst(of_image["burst"])
     require_cycle(of_image.get("cycle", measurement.cycle), of_image.get("burst", measurement.burst))
     pose_id = of_image.get("pose_id", measurement.pose_id)
     if pose_id != measurement.pose_id:

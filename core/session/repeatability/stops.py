@@ -1,8 +1,9 @@
 """Bursts: several images of one stop of the robot, which are one visit to its pose and show the instrument's noise.
 
-Images of one pose, cycle and target that state a `burst` index are of one stop. The robot did not move between them:
-their scatter is the instrument's alone, whatever its noise is like. A stop counts once, as the mean of its images; the
-mean's noise is theirs over their number. An image without an index is a stop of its own.
+Images of one pose, cycle and target are of one stop where one of them has a `burst` index above 1; without an index it
+is 1. The robot did not move between them: their scatter is the instrument's alone, whatever its noise is like. A stop
+counts once, as the mean of its images; the mean's noise is theirs over their number. Where no index is above 1, each
+image is a stop of its own.
 
 Where the images of stops scatter significantly more than the model of the noise says, what they scatter beyond it at
 a pose is added to the model's covariances there, for positions and orientations apart. Where they scatter less, the
@@ -101,10 +102,15 @@ def stop_mean(images: Sequence[MeasuredPose]) -> MeasuredPose:
 
 def merge_bursts(visits: Sequence[MeasuredPose]) -> list[MeasuredPose]:
     """Return the visits of a pose, the images of each stop as one, in the order of their first images."""
+    named = {
+        (visit.cycle, visit.frame)
+        for visit in visits
+        if visit.image is not None and (visit.image.burst or 1) > 1 and visit.cycle is not None
+    }
     stops: dict[object, list[MeasuredPose]] = {}
     for place, visit in enumerate(visits):
-        named = visit.image is not None and visit.image.burst is not None and visit.cycle is not None
-        stops.setdefault((visit.cycle, visit.frame) if named else place, []).append(visit)
+        stop = (visit.cycle, visit.frame)
+        stops.setdefault(stop if stop in named else place, []).append(visit)
     return [stop_mean(images) for images in stops.values()]
 
 

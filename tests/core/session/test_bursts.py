@@ -7,7 +7,13 @@ import dataclasses
 import numpy as np
 import pytest
 
-from core.session import SessionData, SessionRepeatability, assess_repeatability, estimate_session
+from core.session import (
+    MeasuredPose,
+    SessionData,
+    SessionRepeatability,
+    assess_repeatability,
+    estimate_session,
+)
 from core.session.repeatability.stops import merge_bursts, stop_mean
 from tests.support.simulation.correlated_noise import noisy_session, session_data, white
 
@@ -118,3 +124,16 @@ def test_an_image_without_an_index_or_cycle_is_a_stop_of_its_own(found: SessionR
     assert len(merge_bursts(images)) == 1
     of_two_boards = [images[0], dataclasses.replace(images[1], frame=1)]
     assert len(merge_bursts(of_two_boards)) == 2
+
+
+def test_an_image_without_an_index_is_the_first_of_its_stop(found: SessionRepeatability) -> None:
+    def indexed(*indices: int | None) -> list[MeasuredPose]:
+        images = found.poses[0].visits[0].burst
+        return [
+            dataclasses.replace(one, image=dataclasses.replace(one.image, burst=index))
+            for one, index in zip(images, indices, strict=True)
+            if one.image is not None
+        ]
+
+    assert len(merge_bursts(indexed(None, 2, 3))) == 1
+    assert len(merge_bursts(indexed(None, None, None))) == len(merge_bursts(indexed(1, 1, 1))) == 3

@@ -22,7 +22,7 @@ def correct(
     pose: Annotated[str | None, typer.Option(help="The pose the image was taken at.")] = None,
     cycle: Annotated[int | None, typer.Option(help="The visit to the pose; 0: not known.", min=0)] = None,
     burst: Annotated[
-        int | None, typer.Option(help="Which image of its stop it is; 0: the only one.", min=0)
+        int | None, typer.Option(help="Which image of its stop it is, from 1; 0: the first.", min=0)
     ] = None,
     focus_group: Annotated[str | None, typer.Option(help="Tag of images of one camera setting.")] = None,
     joint_angles: Annotated[

@@ -138,11 +138,11 @@ def test_bad_corrections_are_refused_by_their_field(
 
 def test_a_burst_index_without_a_cycle_names_no_stop(api: Any, grey_png: bytes) -> None:
     session_id = api.make_session()
-    problem = assert_problem(api.put_image(session_id, grey_png, burst=1), 422, "burst_without_cycle")
+    problem = assert_problem(api.put_image(session_id, grey_png, burst=2), 422, "burst_without_cycle")
     assert [error["field"] for error in problem["errors"]] == ["burst"]
     form = api.client.post(
         f"/v1/sessions/{session_id}/images",
-        data={"pose_id": "P1", "burst": "1"},
+        data={"pose_id": "P1", "burst": "2"},
         files={"image": ("a.png", grey_png)},
     )
     assert_problem(form, 422, "burst_without_cycle")
@@ -151,7 +151,27 @@ def test_a_burst_index_without_a_cycle_names_no_stop(api: Any, grey_png: bytes) 
     assert api.measurement(stored["id"])["burst"] == 2
     assert_problem(patch(api, stored["id"], cycle=None), 422, "burst_without_cycle")
     assert api.measurement(stored["id"])["cycle"] == 4
-    assert patch(api, stored["id"], cycle=None, burst=None).json()["burst"] is None
+    assert patch(api, stored["id"], cycle=None, burst=None).json()["burst"] == 1
+
+
+def test_a_burst_of_one_is_the_default_and_needs_no_cycle(any_api: Any, grey_png: bytes) -> None:
+    api = any_api
+    session_id = api.make_session()
+    said = api.put_image(session_id, grey_png, burst=1)
+    assert (said.status_code, said.json()["cycle"], said.json()["burst"]) == (202, None, 1)
+    form = api.client.post(
+        f"/v1/sessions/{session_id}/images",
+        data={"pose_id": "P2", "burst": "1"},
+        files={"image": ("a.png", grey_png)},
+    )
+    silent = api.put_image(session_id, grey_png, pose_id="P3").json()
+    ids = [said.json()["id"], form.json()["id"], silent["id"]]
+    assert [api.measurement(one)["burst"] for one in ids] == [1, 1, 1]
+    assert patch(api, ids[0], burst=1).json() == api.measurement(ids[0])
+    with api.installation.database.read() as records:
+        assert set(records.scalars(sa.select(Measurement.burst))) == {
+            None
+        }  # what identifies the inputs is the same
 
 
 def test_only_what_exists_is_corrected(api: Any) -> None:
