@@ -24,6 +24,7 @@
     │   ├── TooFewCycles                 too_few_cycles
     │   ├── CommandedPosesMissing        commanded_poses_missing
     │   ├── MeasuredPosesMissing         measured_poses_missing
+    │   ├── NominalRobotMissing          nominal_robot_missing
     │   ├── SweepJointUnknown            sweep_joint_unknown
     │   └── SweepPoseUnknown             sweep_pose_unknown
     └── EstimationError                  the points or poses do not determine an answer
@@ -210,6 +211,14 @@ class CommandedPosesMissing(SessionError):
 class MeasuredPosesMissing(SessionError):
     code = "measured_poses_missing"
     default_advice = "Send them (`gridpose measured-poses import`), or omit source to use images."
+
+
+class NominalRobotMissing(SessionError):
+    code = "nominal_robot_missing"
+    default_advice = (
+        "Make a robot with its Denavit-Hartenberg parameters (`gridpose robots create`), and give the session its "
+        "robot_id (PATCH, `gridpose sessions change --robot`)."
+    )
 
 
 class SweepJointUnknown(SessionError):

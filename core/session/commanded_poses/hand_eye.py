@@ -21,11 +21,11 @@ from core.calibration import (
     HandEyeCalibration,
     PoseResidual,
     average_station,
-    calibrate_hand_eye,
 )
 from core.errors import Advisory, CommandedPosesMissing
 from core.geometry import transform
 from core.kinematics import forward
+from core.session.commanded_poses.likely_causes import calibrate_or_explain
 from core.session.estimate import ExcludedMeasurement, ExcludedPose, SessionEstimate
 from core.session.model import CommandedPose, MeasuredPose, SessionData, natural
 from core.session.robot import shared_errors
@@ -106,7 +106,7 @@ def calibrate_session_hand_eye(data: SessionData, estimate: SessionEstimate) -> 
         )
     targets = tuple(sorted({target for _, target in stations}))
     common = shared_errors(counted)
-    tie = calibrate_hand_eye(
+    tie = calibrate_or_explain(
         [
             average_station(
                 pose_id,

@@ -15,7 +15,6 @@ from core.errors import (
     GridposeError,
     IntrinsicsMissing,
     MixedImageSizes,
-    NothingUsable,
     TooFewMeasurements,
     TooManyMeasurements,
     listed,
@@ -30,6 +29,7 @@ from core.session.estimate import (
 )
 from core.session.estimation.board_symmetry import LabelledGroup, label_poses, label_repeats
 from core.session.estimation.lens_model import check_asked, estimate_with_lens, lens_warnings, of_one_width
+from core.session.estimation.refusal import nothing_usable
 from core.session.model import CameraViews, ImageObservation, MeasuredPose, SessionData, natural
 
 MAX_POINTS = 4_000_000
@@ -240,8 +240,7 @@ def _nothing(
     reasons = Counter(exclusion.code for exclusion in excluded.values())
     if len({failure.code for failure in failures}) == 1 and 2 * reasons[failures[0].code] >= len(data.images):
         return failures[0]
-    found = ", ".join(f"{code} ({count})" for code, count in sorted(reasons.items()))
-    return NothingUsable(f"None of the {len(data.images)} measured images serves this analysis: {found}.")
+    return nothing_usable(len(data.images), reasons)
 
 
 def worst_poses(group: FocusGroup) -> list[MeasuredPose]:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from core.errors import InvalidArgument
+from core.errors import NominalRobotMissing
 from core.kinematics import KinematicErrorMap, map_kinematic_error
 from core.session.estimate import SessionEstimate
 from core.session.model import SessionData
@@ -31,17 +31,16 @@ def session_error_map(
 ) -> SessionErrorMap:
     """Map the position error of the session's nominal robot; `limits` are those of its stated joint angles, degrees.
 
-    Raises InvalidArgument for a session without a nominal robot, and as `identify_robot` does.
+    Raises NominalRobotMissing for a session without a robot, and as `identify_robot` does.
     """
     if data.nominal is None:
-        raise InvalidArgument(
-            "The error is that of a robot's data sheet, and the session names no robot.",
-            "Make a robot with its Denavit-Hartenberg parameters, and give the session its robot_id.",
+        raise NominalRobotMissing(
+            "The error is that of a robot's data sheet, and the session names no robot."
         )
     found = identify_robot(data, estimate)
     model, nominal = found.error_model, found.nominal_arm
     if model is None or nominal is None:
-        raise InvalidArgument("Without a model of the identified robot there is nothing to compare.")
+        raise NominalRobotMissing("Without a model of the identified robot there is nothing to compare.")
     ends, stated = workspace_limits(data, limits, model.fit.design.seen.joint_angles[model.fit.used])
     return SessionErrorMap(map_kinematic_error(model, nominal, ends), found, stated)
 

@@ -8,7 +8,8 @@ import math
 import numpy as np
 import pytest
 
-from core.errors import CommandedPosesMissing, MotionInsufficient
+from core.calibration import HandEyeObservation
+from core.errors import CommandedPosesMissing, InvalidArgument, MotionInsufficient, NotConverged
 from core.geometry import compose, invert, rotation_to_rpy, so3_exp, so3_log, transform
 from core.session import (
     CommandedPose,
@@ -20,8 +21,10 @@ from core.session import (
     group_views,
     image_poses,
 )
+from core.session.commanded_poses.likely_causes import calibrate_or_explain
 from tests.support.sessions.repeatability import T_BASE_TARGET, T_FLANGE_CAMERA
 from tests.support.sessions.stored_sessions import BOARD, CAMERA, HEIGHT, WIDTH, look
+from tests.support.simulation.hand_eye_poses import draw_stations
 from tests.support.simulation.simulated_views import draw_pose
 
 SECOND = transform(so3_exp(np.array([0.2, math.pi - 0.3, 0.1])), np.array([650.0, -260.0, 240.0]))
@@ -136,3 +139,33 @@ def test_intervals_cover_95_percent(poses: int, targets: int, seed: int, session
     # 40 sessions of 12 components that share a fit: a standard error of some 1.5 %; 20 of 18 components: 2 %.
     error = 0.015 if sessions == 40 else 0.02
     assert 0.95 - 3.3 * error < np.mean(held) < min(0.95 + 3.0 * error, 0.985)
+
+
+def stations(wrong: str) -> list[HandEyeObservation]:
+    """Ten stations of one mistake."""
+    found = draw_stations(np.random.default_rng(4), 10)
+    first = found[0]
+    changed = {
+        "target on the flange": lambda s: {"T_target_camera": invert(s.T_target_camera)},
+        "camera at rest": lambda s: {"T_target_camera": first.T_target_camera},
+        "orientations missing": lambda s: {
+            "T_base_flange": transform(first.T_base_flange[:3, :3], s.T_base_flange[:3, 3])
+        },
+        "other poses": lambda s: {"T_base_flange": found[int(s.pose_id[1:]) * 7 % 10].T_base_flange},
+    }[wrong]
+    return [dataclasses.replace(s, covariance=None, **changed(s)) for s in found]
+
+
+@pytest.mark.parametrize(
+    ("wrong", "words"),
+    [
+        ("target on the flange", "A camera that stands still before a target on the flange explains"),
+        ("camera at rest", "stands still"),
+        ("orientations missing", "do not turn"),
+        ("other poses", "the other way round"),
+    ],
+)
+def test_the_likely_cause_is_named(wrong: str, words: str) -> None:
+    with pytest.raises((NotConverged, InvalidArgument)) as failure:
+        calibrate_or_explain(stations(wrong))
+    assert words in f"{failure.value.detail} {failure.value.advice}"

@@ -97,5 +97,5 @@ def test_without_a_robot_there_is_no_data_sheet_to_compare_with(api: Any) -> Non
     alone = new_session(api)
     rng = np.random.default_rng(32)
     send(api, alone, readings(measured(real_arm(rng, perfect=True), angles_within_limits(rng, 5), rng)))
-    assert problem(ask(api, alone), 409, "invalid_argument")["advice"]
+    assert problem(ask(api, alone), 409, "nominal_robot_missing")["advice"]
     assert api.client.get("/v1/sessions/ses_nothing/dh/error-map").status_code == 404
