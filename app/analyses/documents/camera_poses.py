@@ -15,7 +15,7 @@ from core.session import ImagePose, MeasuredPose, SessionData, image_poses
 
 def camera_poses_findings(data: SessionData, settings: Mapping[str, str]) -> Findings:
     """Return what `GET .../camera-poses` answers."""
-    estimate = refined_estimate(data, settings)
+    estimate = refined_estimate(data, settings, weak=True)
     fields = {
         "estimator": settings["estimator"],
         "camera_poses": [_image(one, data) for one in image_poses(data, estimate)],

@@ -34,12 +34,12 @@ def comparison_findings(data: SessionData, markers: Markers) -> Findings:
     """Return what `GET .../comparison` answers."""
     selected = select_images(data)
     if selected is None:
-        estimate_session(data)  # says why nothing can be made of the session
+        estimate_session(data, weak=True)  # says why nothing can be made of the session
         raise NothingUsable("The session has no image with grid points.")
     session = selected.session(data)
     pooled: SessionEstimate | None = None
     try:
-        pooled = estimate_session(session, lens_model="brown")  # as every other method here
+        pooled = estimate_session(session, lens_model="brown", weak=True)  # as every other method here
     except GridposeError as reason:
         failure = Failure(None, reason.code, reason.detail, reason.advice)
     views = [selected.views.view(k) for k in range(len(selected.views))]

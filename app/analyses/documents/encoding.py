@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
+from core.calibration import focal_interval, grade
 from core.geometry import (
     CAMERA_PARAMETERS,
     LENS_PARAMETERS,
@@ -45,6 +46,10 @@ def camera_fields(group: FocusGroup) -> dict[str, Any]:
         "intrinsics": {name: camera[name] for name in CAMERA_PARAMETERS[:4]},
         "distortion": {name: camera[name] for name in names[4:]},
         "standard_uncertainty": uncertainty,
+        "grade": grade(estimate.focal_relative_uncertainty),
+        "interval_95": {
+            name: list(focal_interval(camera[name], uncertainty[name])) for name in CAMERA_PARAMETERS[:2]
+        },
         "reduced_chi2": estimate.reduced_chi2,
     }
 
@@ -82,9 +87,13 @@ def factor(name: str) -> float:
     return math.degrees(1.0) if name.endswith("_deg") else 1.0
 
 
-def refined_estimate(data: SessionData, settings: Mapping[str, str]) -> SessionEstimate:
-    """Return the session's estimate by the settings' estimator, before the target as it is where that is asked for."""
-    estimate = estimate_session(data, settings["estimator"])
+def refined_estimate(
+    data: SessionData, settings: Mapping[str, str], *, weak: bool = False
+) -> SessionEstimate:
+    """Return the session's estimate by the settings' estimator, before the target as it is where that is asked for;
+    `weak` as in `estimate_session`.
+    """
+    estimate = estimate_session(data, settings["estimator"], weak=weak)
     if settings.get("refine_target") == "true":
         return refine_target(data, estimate).estimate
     return estimate

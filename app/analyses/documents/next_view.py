@@ -38,7 +38,8 @@ _ROBOT_VIEWS: Mapping[str, Callable[[SessionData, SessionEstimate, FocusGroup, i
 def next_view_findings(data: SessionData, settings: Mapping[str, str]) -> Findings:
     """Return what `POST .../next-view` answers."""
     purpose, count = settings["purpose"], int(settings["count"])
-    estimate = estimate_session(with_nominal_orientations(data) if purpose == "dh" else data, "pooled")
+    seen = with_nominal_orientations(data) if purpose == "dh" else data
+    estimate = estimate_session(seen, "pooled", weak=purpose == "intrinsics")
     group = chosen_group(data, estimate.groups, settings.get("focus_group"))
     fit = common_fit(group)
     target_id = settings.get("target_id", data.target_ids[0])

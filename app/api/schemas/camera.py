@@ -17,9 +17,7 @@ CalibrationGrade = TypeAliasType(
     "CalibrationGrade",
     Annotated[
         Literal["determined", "weak"],
-        Field(
-            description="Whether one image determines the camera to 2 % of its focal length, or less well."
-        ),
+        Field(description="Whether the focal length is determined to 2 %, or less well."),
     ],
 )
 LensModel = TypeAliasType(

@@ -26,15 +26,16 @@ from jaxtyping import Bool, Float
 
 from core.calibration.multi_view.correlated_residuals import VarianceInflation
 from core.calibration.multi_view.covariance import MultiViewCovariance, multi_view_covariance
-from core.calibration.multi_view.fitting import Fitted, fit_pooled, fit_with_known_camera
+from core.calibration.multi_view.fitting import Fitted, fit_pooled, fit_with_known_camera, focal_left_open
 from core.calibration.multi_view.group_estimate import CommonFit, GroupEstimate
 from core.calibration.multi_view.planar_ambiguity import compare_solutions, pose_ambiguity_failure
 from core.calibration.multi_view.repeat_consistency import with_common_points, with_pooled_variances
 from core.calibration.multi_view.separate_cameras import fit_each
 from core.calibration.multi_view.view_stack import ViewStack, number_labels, stack_views
 from core.calibration.priors import Lens
+from core.calibration.result import MAX_DETERMINED_UNCERTAINTY, MAX_FOCAL_UNCERTAINTY
 from core.calibration.state import SMALLEST_NOISE_PX
-from core.errors import Advisory, GridposeError, InvalidArgument
+from core.errors import ADVISED_TILT, Advisory, GridposeError, InvalidArgument
 from core.geometry import AnyCamera, Camera, camera_from_array
 from core.targets import GridPoints
 
@@ -42,7 +43,8 @@ NOTABLE_INFLATION = 1.5
 CERTAIN_EVIDENCE = 20.0
 """Standard deviations between a tilt and its opposite beyond which no single image's noise makes it ambiguous."""
 SEPARATE_CAMERAS = ("per_image", "per_image_session_prior", "per_image_fixed_pp")
-ESTIMATORS = ("pooled", "pooled_free_focal", *SEPARATE_CAMERAS, "given")
+POOLED = ("pooled", "pooled_free_focal")
+ESTIMATORS = (*POOLED, *SEPARATE_CAMERAS, "given")
 
 
 def estimate_group(
@@ -82,7 +84,7 @@ def estimate_group(
     stack, differing = with_common_points(stack, labels)
     stack = with_pooled_variances(stack, labels)
     failures: dict[int, GridposeError] = {}
-    if estimator in ("pooled", "pooled_free_focal"):
+    if estimator in POOLED:
         fitted = fit_pooled(stack, labels, estimator, lens, failures, lens_start, weak=weak)
     elif estimator == "given":
         if intrinsics is None:
@@ -94,7 +96,28 @@ def estimate_group(
         raise InvalidArgument(f"Unknown estimator {estimator!r}.", f"Use one of {', '.join(ESTIMATORS)}.")
     uncertainty = multi_view_covariance(fitted)
     estimate = _with_covariance(fitted, uncertainty, failures, differing)
+    if estimator in POOLED:
+        estimate = _graded(estimate)
     return _without_ambiguous(estimate, fitted, uncertainty)
+
+
+def _graded(estimate: GroupEstimate) -> GroupEstimate:
+    """Return the estimate with a warning where its focal length, by all that is uncertain of it, is weakly determined.
+
+    Raises FocalNotObservable beyond what is reported at all.
+    """
+    u = estimate.focal_relative_uncertainty
+    if u <= MAX_DETERMINED_UNCERTAINTY:
+        return estimate
+    if u > MAX_FOCAL_UNCERTAINTY:
+        raise focal_left_open(u, MAX_FOCAL_UNCERTAINTY)
+    warning = Advisory(
+        "focal_weakly_observable",
+        f"Together the images leave the focal length uncertain by {100.0 * u:.1f} %, more than "
+        f"{100.0 * MAX_DETERMINED_UNCERTAINTY:g} %; the camera's distances are uncertain by as much.",
+        f"Add images with the target tilted by {ADVISED_TILT}, or state the session's lens or its intrinsics.",
+    )
+    return replace(estimate, warnings=(warning, *estimate.warnings))
 
 
 def _without_ambiguous(

@@ -30,7 +30,7 @@ from core.session import (
 def intrinsics_findings(data: SessionData, settings: Mapping[str, str]) -> Findings:
     """Return what `GET .../intrinsics` answers."""
     asked = cast("LensModel | None", settings.get("lens_model"))  # the route admits no other names
-    estimate, shape = estimate_session(data, settings["estimator"], asked), None
+    estimate, shape = estimate_session(data, settings["estimator"], asked, weak=True), None
     if settings.get("refine_target") == "true":
         refined = refine_target(data, estimate)
         estimate, shape = refined.estimate, _shape(refined, data)

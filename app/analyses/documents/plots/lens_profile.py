@@ -17,7 +17,7 @@ MAX_GROUPS = 10
 
 def lens_profile_plot(data: SessionData, settings: Mapping[str, str], about: str) -> bytes:
     """Return what `GET .../intrinsics/lens.svg` answers: the chosen model, and those it was compared with."""
-    estimate = estimate_session(data, settings["estimator"])
+    estimate = estimate_session(data, settings["estimator"], weak=True)
     if len(estimate.groups) > MAX_GROUPS:
         raise AnalysisError(
             "too_many_for_plot",
@@ -52,7 +52,7 @@ def lens_profile_plot(data: SessionData, settings: Mapping[str, str], about: str
 def _with_model(data: SessionData, estimator: str, model: LensModel) -> dict[str, FocusGroup]:
     """Return the groups estimated with a model; none where it cannot be fitted, and then it is not drawn."""
     try:
-        return {group.name: group for group in estimate_session(data, estimator, model).groups}
+        return {group.name: group for group in estimate_session(data, estimator, model, weak=True).groups}
     except GridposeError:
         return {}
 

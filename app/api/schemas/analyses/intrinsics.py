@@ -13,7 +13,14 @@ from app.api.schemas.analyses.common import (
     TargetTransform,
     Vector,
 )
-from app.api.schemas.camera import IntrinsicsRead, LensDistortionRead, LensModel, LensUncertainty
+from app.api.schemas.camera import (
+    CalibrationGrade,
+    FocalInterval,
+    IntrinsicsRead,
+    LensDistortionRead,
+    LensModel,
+    LensUncertainty,
+)
 from app.api.schemas.common import ResponseModel
 from app.api.schemas.fields import FocusGroup, MeasurementId, TargetId
 from app.api.schemas.image_maps import ProjectionUncertaintyRead, RadialResidualRead, ResidualMapRead
@@ -55,6 +62,19 @@ class GroupIntrinsics(ResponseModel):
     ]
     standard_uncertainty: Annotated[
         LensUncertainty, Field(description="Of intrinsics and distortion; 0 where they were given.")
+    ]
+    grade: Annotated[
+        CalibrationGrade,
+        Field(
+            description="`determined`: the focal length is known to a standard uncertainty of 2 % or better. `weak`: "
+            "to 14 % or better, with the warning `focal_weakly_observable`; figures of a robot may be refused."
+        ),
+    ]
+    interval_95: Annotated[
+        FocalInterval,
+        Field(
+            description="95 % intervals of the focal lengths; use them where `grade` is `weak`: they are asymmetric."
+        ),
     ]
     reduced_chi2: Annotated[float, _CHI]
 

@@ -5,6 +5,7 @@ from core.calibration.multi_view.fitting.pooled import (
     CONTRADICTION,
     calibrate_views,
     fit_pooled,
+    focal_left_open,
     lens_warning,
 )
 
@@ -15,5 +16,6 @@ __all__ = [
     "first_failure",
     "fit_pooled",
     "fit_with_known_camera",
+    "focal_left_open",
     "lens_warning",
 ]

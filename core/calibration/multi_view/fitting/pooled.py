@@ -142,7 +142,7 @@ def fit_pooled(
         shared = bundle_adjust(chosen, shared.at.placements, whole, repeats=repeats)
         warnings = (lens_warning(lens, _focal(shared)),)
         lens = None
-    warnings += _focal_warnings(shared, weak=weak)
+    _check_focal(shared, MAX_FOCAL_UNCERTAINTY if weak else MAX_DETERMINED_UNCERTAINTY)
     if estimator == "pooled_free_focal":
         shared = bundle_adjust(chosen, shared.at.placements, but_focal, lens=lens, repeats=repeats)
     shared, evidence = select_solutions(
@@ -272,30 +272,19 @@ def lens_warning(lens: Lens, focal_px: float, share: str = "") -> Advisory:
     )
 
 
-def _focal_warnings(shared: BundleAdjustment, *, weak: bool) -> tuple[Advisory, ...]:
-    """Warn where all views together determine the focal length weakly.
-
-    Raises FocalNotObservable where they leave it open, or determine it weakly and that is not asked for.
-    """
+def _check_focal(shared: BundleAdjustment, limit: float) -> None:
+    """Raise FocalNotObservable where all views together leave the focal length open."""
     u = _relative_uncertainty(shared)
-    limit = MAX_FOCAL_UNCERTAINTY if weak else MAX_DETERMINED_UNCERTAINTY
     if u > limit:
-        raise FocalNotObservable(
-            f"Together the images leave the focal length uncertain by {100.0 * u:.1f} %; the limit is "
-            f"{100.0 * limit:.2g} %."
-            if math.isfinite(u)
-            else "Together the images leave the focal length undetermined.",
-            f"Add images with the target tilted by {ADVISED_TILT}, or give the session intrinsics and use "
-            "estimator=given.",
-        )
-    if u <= MAX_DETERMINED_UNCERTAINTY:
-        return ()
-    return (
-        Advisory(
-            "focal_weakly_observable",
-            f"Together the images leave the focal length uncertain by {100.0 * u:.1f} %, more than "
-            f"{100.0 * MAX_DETERMINED_UNCERTAINTY:g} %; its distances are uncertain by as much. Repeatability, "
-            "hand-eye calibration and identification refuse such a camera.",
-            f"Add images with the target tilted by {ADVISED_TILT}, or state the session's lens or its intrinsics.",
-        ),
+        raise focal_left_open(u, limit)
+
+
+def focal_left_open(relative_uncertainty: float, limit: float) -> FocalNotObservable:
+    return FocalNotObservable(
+        f"Together the images leave the focal length uncertain by {100.0 * relative_uncertainty:.1f} %; the limit is "
+        f"{100.0 * limit:.2g} %."
+        if math.isfinite(relative_uncertainty)
+        else "Together the images leave the focal length undetermined.",
+        f"Add images with the target tilted by {ADVISED_TILT}, or give the session intrinsics and use "
+        "estimator=given.",
     )

@@ -310,3 +310,25 @@ def test_sizes_of_images_do_not_mix(api: Any, store: Store) -> None:
     session = new_session(api)
     store(api, session, [*small[:5], *shots[5:]])
     assert "1300 x 1024 (5)" in problem(get(api, session), 409, "mixed_image_sizes")["detail"]
+
+
+def test_a_weak_camera_is_answered_with_its_grade_and_no_figure_of_a_robot(api: Any, store: Store) -> None:
+    """Two noisy views at 8° leave the focal length uncertain by 3 %, each by itself by 12 %."""
+    session = new_session(api)
+    store(api, session, shoot(cycles=1, tilt_deg=8.0, sigma_px=0.3)[:2])
+    found = body(get(api, session))
+    assert "focal_weakly_observable" in {warning["code"] for warning in found["warnings"]}
+    (group,) = found["groups"]
+    assert group["grade"] == "weak"
+    low, high = group["interval_95"]["fx_px"]
+    u = group["standard_uncertainty"]["fx_px"]
+    f = group["intrinsics"]["fx_px"]
+    assert 0.02 < u / f < 0.15
+    assert 0.0 < f - low < high - f
+    assert low < CAMERA.fx_px < high
+    for estimator in ("pooled", "per_image"):
+        parameters = {"estimator": estimator}
+        poses = body(api.client.get(f"/v1/sessions/{session}/camera-poses", params=parameters))
+        assert [one["pose"] is not None for one in poses["camera_poses"]] == [True, True], estimator
+    for analysis in ("repeatability", "hand-eye"):
+        problem(api.client.get(f"/v1/sessions/{session}/{analysis}"), 409, "focal_not_observable")
