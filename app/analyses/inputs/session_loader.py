@@ -15,7 +15,7 @@ from app.analyses.inputs.snapshot import Snapshot, StoredImage, StoredPose
 from app.analyses.inputs.stored_rows import require_values
 from app.records import tables
 from app.records.codec import are_markers, are_points, decode_markers, decode_stack
-from app.records.tables import Measurement, Result, SessionTarget
+from app.records.tables import Measurement, Result
 from core import Camera, Lens, TargetSpec
 from core.calibration import quarter_turns
 from core.geometry import nearest_rotation
@@ -48,7 +48,7 @@ def load_session(records: orm.Session, snapshot: Snapshot, source: str = "images
     if source == "measured_poses":
         measured = _read_readings(records, snapshot)
     else:
-        points = _read_points(records, snapshot.session_id)
+        points = _read_points(records, snapshot)
         for image in snapshot.images:
             if image.labelling == "partial":  # a part of a board, whose points have no labels
                 points.pop(image.observation.measurement_id, None)
@@ -131,29 +131,22 @@ def _views(
     )
 
 
-def _read_points(records: orm.Session, session_id: str) -> dict[str, bytes]:
-    """Return the stored grid points of every finished measurement that has any and counts, by its id.
+def _read_points(records: orm.Session, snapshot: Snapshot) -> dict[str, bytes]:
+    """Return the stored grid points of every image of the snapshot that has any there, by its measurement.
 
-    Those of a target that is not the session's, and those that a user excluded, do not count.
+    Those of a target that is not the session's, and those that a user excluded, have none there.
     """
+    counted = {image.observation.measurement_id for image in snapshot.images if image.point_bytes}
     rows = records.connection().execute(
         sa.select(Result.measurement_id, Result.points)
         .join(Measurement, Measurement.id == Result.measurement_id)
-        .join(
-            SessionTarget,
-            sa.and_(
-                SessionTarget.session_id == Measurement.session_id,
-                SessionTarget.target_id == Measurement.target_id,
-            ),
-        )
         .where(
-            Measurement.session_id == session_id,
-            Measurement.excluded.is_(None),
+            Measurement.session_id == snapshot.session_id,
             Result.points.is_not(None),
             sa.func.coalesce(Result.labelling, "") != PARTIAL,
         )
     )
-    return {measurement_id: points for measurement_id, points in rows.all() if are_points(points)}
+    return {name: points for name, points in rows if name in counted and are_points(points)}
 
 
 def read_markers(records: orm.Session, session_id: str) -> Markers:

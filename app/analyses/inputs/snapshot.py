@@ -38,8 +38,9 @@ from core import GridposeError
 from core.session import NO_TARGET, CommandedPose, ImageObservation, natural
 from core.targets import target_of
 
+FOREIGN = "target_not_in_session"
 _FOREIGN = (
-    "target_not_in_session",
+    FOREIGN,
     "It is of a target that the session does not look at; add it to the session's target_ids to have it count.",
 )
 EXCLUDED = "excluded_by_user"
@@ -50,7 +51,7 @@ ROBOT_ANALYSES = frozenset(
     }
 )
 """Those that are computed from the robot's nominal joints, too."""
-_OF_JOINT = ("a_mm", "alpha_deg", "d_mm", "theta_offset_deg")
+OF_JOINT = ("a_mm", "alpha_deg", "d_mm", "theta_offset_deg")
 """What is computed from; names and limits are for other programs."""
 
 
@@ -218,7 +219,7 @@ def read_snapshot(records: orm.Session, session_id: str, source: str = "images")
             [image.captured_at for image in images],
             latest_qualification(records, session.robot_id),
         ),
-        robot=[{name: joint[name] for name in _OF_JOINT} for joint in robot.joints]
+        robot=[{name: joint[name] for name in OF_JOINT} for joint in robot.joints]
         if robot is not None
         else None,
         joint_coupling=robot.joint_coupling if robot is not None else None,

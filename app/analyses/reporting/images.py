@@ -2,23 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import sqlalchemy as sa
 
+from app.analyses.reporting.inputs import target_row
 from app.analyses.reporting.orders import VerificationOrder
 from app.blobs import open_store
 from app.errors import OriginalCorrupt, OriginalMissing
 from app.jobs.process_image import process_image
-from app.jobs.queue import Job, read_jobs
+from app.jobs.queue import Job, TargetQuery, read_jobs
 from app.records.codec import point_places
 from app.records.database import Database
 from app.records.outcome import Outcome
 from app.records.statements import rows_of
-from app.records.tables import Measurement, Result
+from app.records.tables import Measurement, Result, target_fields
 
 Json = dict[str, Any]
 _LOST = {OriginalCorrupt.code: "original changed", OriginalMissing.code: "original missing"}
@@ -28,11 +30,13 @@ _AT_ONCE = 100
 
 
 def measure_anew(
-    database: Database, images: Sequence[Json], order: VerificationOrder
+    database: Database, inputs: Mapping[str, Any], order: VerificationOrder
 ) -> tuple[Json, list[tuple[str, str]]]:
-    """Return how the originals, measured anew, compare with the stored results, and which originals are changed.
+    """Return how the originals, measured anew, compare with the report's results, and which originals are changed.
 
-    A measurement that was refused without grid points counts as identical where its original is there unchanged.
+    Each is searched for the targets that the report states. An image that the report does not count, such as an
+    excluded one, is compared with its stored result. A measurement that was refused without grid points counts as
+    identical where its original is there unchanged.
     """
     store = open_store(order.blob_url, Path(order.folder), database.exclude_others)
     measured = identical = 0
@@ -40,7 +44,7 @@ def measure_anew(
     differing: list[Json] = []
     lost: list[tuple[str, str]] = []
     seen: dict[tuple[str, str], Outcome] = {}
-    for image, job, stored in _jobs(database, images):
+    for image, job, stored in _jobs(database, inputs):
         key = (job.sha256, repr([target.target_id for target in job.targets]))
         if key not in seen:
             seen.clear()  # rows of one image follow one another
@@ -52,10 +56,12 @@ def measure_anew(
             continue
         measured += 1
         found, failure = _own(outcome, job, image["target_id"])
-        if stored is None or (found is not None and found["content_sha256"] == stored["content_sha256"]):
+        content = image["content_sha256"] or (stored["content_sha256"] if stored is not None else None)
+        if content is None or (found is not None and found["content_sha256"] == content):
             identical += 1
             continue
-        difference = _difference_px(stored["points"], found["points"] if found is not None else None)
+        points = stored["points"] if stored is not None and stored["content_sha256"] == content else None
+        difference = _difference_px(points, found["points"] if found is not None else None)
         if difference is not None:
             largest = max(largest or 0.0, difference)
         if difference is None or difference > MAX_POINT_DIFFERENCE_PX:
@@ -75,17 +81,20 @@ def measure_anew(
     return found_all, lost
 
 
-def _jobs(database: Database, images: Sequence[Json]) -> Iterator[tuple[Json, Job, Mapping[str, Any] | None]]:
+def _jobs(
+    database: Database, inputs: Mapping[str, Any]
+) -> Iterator[tuple[Json, Job, Mapping[str, Any] | None]]:
     """Yield each image that is still stored, the job that measures it as its result was, and that result's columns.
 
     Images of one file follow one another. A file that was searched for all targets is searched for all of them again.
     """
-    ordered = sorted(images, key=lambda image: (image["sha256"], image["measurement_id"]))
+    ordered = sorted(inputs["images"], key=lambda image: (image["sha256"], image["measurement_id"]))
     for start in range(0, len(ordered), _AT_ONCE):
         some = ordered[start : start + _AT_ONCE]
         ids = [image["measurement_id"] for image in some]
         with database.read() as records:
-            present = set(records.scalars(sa.select(Measurement.id).where(Measurement.id.in_(ids))))
+            columns = sa.select(Measurement.id, Measurement.seeks_target).where(Measurement.id.in_(ids))
+            present = {row.id: row.seeks_target for row in records.execute(columns)}
             jobs, _unreadable = read_jobs(rows_of(records), [i for i in ids if i in present], "verification")
             stored = {
                 row.measurement_id: dict(row._mapping)
@@ -95,12 +104,27 @@ def _jobs(database: Database, images: Sequence[Json]) -> Iterator[tuple[Json, Jo
                     )
                 )
             }
-        of = {job.measurement_id: job for job in jobs}
-        searched = {job.sha256: job for job in jobs if not job.has_explicit_target}
+        of = {job.measurement_id: _as_reported(job, inputs, present[job.measurement_id]) for job in jobs}
+        searched = {job.sha256: job for job in of.values() if not job.has_explicit_target}
         for image in some:
             job = of.get(image["measurement_id"])
             if job is not None:
                 yield image, searched.get(job.sha256, job), stored.get(image["measurement_id"])
+
+
+def _as_reported(job: Job, inputs: Mapping[str, Any], seeks_target: bool) -> Job:
+    """Return the job with camera and targets as the report states them, whatever the session states since."""
+    stated = {one["id"]: target_row(one) for one in inputs["targets"]}
+    sought = tuple(stated) if seeks_target else [one.target_id for one in job.targets]
+    now = {one.target_id: one for one in job.targets}
+    return replace(
+        job,
+        targets=tuple(
+            TargetQuery(name, target_fields(stated[name])) if name in stated else now[name] for name in sought
+        ),
+        lens=inputs["session"]["lens"],
+        intrinsics=inputs["session"]["intrinsics"],
+    )
 
 
 def _own(outcome: Outcome, job: Job, target_id: str | None) -> tuple[Json | None, str | None]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Mapping
+from datetime import UTC, datetime
 from typing import Any
 
 import sqlalchemy as sa
@@ -14,15 +15,15 @@ from app.analyses.inputs.snapshot import Snapshot
 from app.records.tables import Measurement, Result, Robot, Session, Target
 
 Json = dict[str, Any]
-_TARGET = (
+OF_TARGET = (
     *("id", "name", "kind", "columns", "rows", "pitch_mm", "marker_mm", "dictionary", "legacy_layout"),
     *("pitch_standard_uncertainty_mm", "print_kind", "shape_standard_uncertainty", "certificate"),
 )
-_ROBOT = (
+OF_ROBOT = (
     *("id", "name", "manufacturer", "model", "serial_number", "joints", "joint_coupling"),
     *("datasheet_repeatability_mm", "datasheet_accuracy_mm"),
 )
-_POSE = ("position_mm", "roll_deg", "pitch_deg", "yaw_deg", "joint_angles_deg", "approach")
+OF_POSE = ("position_mm", "roll_deg", "pitch_deg", "yaw_deg", "joint_angles_deg", "approach")
 
 
 def read_inputs(records: orm.Session, snapshot: Snapshot, *, with_rms: bool) -> Json:
@@ -40,12 +41,13 @@ def read_inputs(records: orm.Session, snapshot: Snapshot, *, with_rms: bool) -> 
             "intrinsics": session.intrinsics,
             "conditions": session.conditions,
         },
-        "robot": None if robot is None else {name: getattr(robot, name) for name in _ROBOT},
+        "robot": None if robot is None else {name: getattr(robot, name) for name in OF_ROBOT},
         "targets": [
-            {name: getattr(targets[target_id], name) for name in _TARGET} for target_id in snapshot.target_ids
+            {name: getattr(targets[target_id], name) for name in OF_TARGET}
+            for target_id in snapshot.target_ids
         ],
         "poses": [
-            {"pose_id": pose_id, **{name: _listed(getattr(commanded, name)) for name in _POSE}}
+            {"pose_id": pose_id, **{name: _listed(getattr(commanded, name)) for name in OF_POSE}}
             for pose_id, commanded in snapshot.commanded.items()
         ],
         "images": _images(records, snapshot, with_rms=with_rms),
@@ -59,6 +61,11 @@ def read_inputs(records: orm.Session, snapshot: Snapshot, *, with_rms: bool) -> 
             for one in snapshot.measured
         ],
     }
+
+
+def target_row(stated: Mapping[str, Any]) -> Target:
+    """Return a target as a report states it; the row is of no database."""
+    return Target(**{name: stated[name] for name in OF_TARGET if name in stated})
 
 
 def inputs_hash(inputs: Mapping[str, Any]) -> str:
@@ -91,8 +98,14 @@ def _images(records: orm.Session, snapshot: Snapshot, *, with_rms: bool) -> list
                 "focus_group": seen.focus_group,
                 "joint_angles_deg": _listed(seen.joint_angles_deg),
                 "failure_code": seen.failure_code,
+                "failure_detail": seen.failure_detail,
                 "content_sha256": image.content_sha256,
+                "labelling": image.labelling,
                 "computed_by": image.computed_by,
+                "captured_at": _rfc3339(image.captured_at),
+                "received_at": _rfc3339(image.received_at),
+                "image_width_px": seen.width_px,
+                "image_height_px": seen.height_px,
                 "rms_px": rms.get(seen.measurement_id),
             }
         )
@@ -104,6 +117,10 @@ def _rms(calibration: Any) -> float | None:
         return round(float(calibration["reprojection"]["rms_px"]), 6)
     except (KeyError, TypeError, ValueError):  # no calibration, or a damaged one: a refused view has none
         return None
+
+
+def _rfc3339(moment: datetime | None) -> str | None:
+    return None if moment is None else moment.astimezone(UTC).isoformat().replace("+00:00", "Z")
 
 
 def _listed(value: Any) -> Any:

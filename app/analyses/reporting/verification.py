@@ -1,7 +1,8 @@
-"""A stored report compared with what its inputs give today: every figure, every original, every input.
+"""A stored report compared with what its inputs give today: every figure, every original, every form.
 
-Three things are asked. Are the stored forms the ones that were signed? Are the inputs the ones that the report names,
-and do the originals, measured anew, give the stored grid points? Do the stored grid points give the report's figures?
+Three things are asked. Are the stored forms the ones that were signed? Do the originals, measured anew, give the grid
+points that the report names? Do these, with all else as the report states it, give the report's figures? What was
+changed in the session since is named, and enters none of the three.
 """
 
 from __future__ import annotations
@@ -10,22 +11,31 @@ import hashlib
 import json
 import math
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import sqlalchemy as sa
 
+from app.analyses.inputs.snapshot import read_snapshot
+from app.analyses.reporting.changes import changed_input, changed_inputs
 from app.analyses.reporting.images import measure_anew
+from app.analyses.reporting.inputs import read_inputs
 from app.analyses.reporting.known_fields import known_fields
-from app.analyses.reporting.making import compute_analyses, read_moment
+from app.analyses.reporting.making import compute_analyses
 from app.analyses.reporting.orders import VerificationOrder
+from app.analyses.reporting.recomputation import load_reported
 from app.build import core_version
 from app.errors import NotFound, RowUnreadable
 from app.records.database import Database
-from app.records.tables import Report, ReportForm, Session
+from app.records.tables import Measurement, Report, ReportForm, Session
 from app.reports.forms import SENTENCES, figures_of
 from app.services.reports import inflated, require_made
 
 Json = dict[str, Any]
+REPORT, REPORT_AND_SESSION, NOTHING = "report", "report_and_session", "nothing"
+"""What figures are computed from: all that the report states; what an earlier version's report does not state as it is
+in the session now; or nothing, since grid points are not stored any more.
+"""
 MIN_DIGITS = 6
 """Significant digits that figures must have in common to agree where another build computed them."""
 MAX_ABSOLUTE = 1e-9
@@ -62,41 +72,96 @@ def verify_report(database: Database, order: VerificationOrder) -> Json:
     if text is None or "json" in damaged:
         raise RowUnreadable(f"report ({order.report_id})", ["content of json"])
     then = json.loads(text)
-    changed: list[Json] = []
-    originals, differences, compared = _no_originals(), [], 0
-    if not exists:
-        changed = [_change("session", session_id, "deleted")]
-    else:
-        loaded, now = read_moment(database, session_id, then["source"], with_rms=then["kind"] == "session")
-        changed = list(_changed_inputs(then["inputs"], now))
-        if order.with_originals:
-            originals, lost = measure_anew(database, then["inputs"]["images"], order)
-            changed += [_change("image", name, change) for name, change in lost]
-        analyses, refusals = compute_analyses(loaded, then["kind"], then["source"])
+    found = _recomputed(database, then, order) if exists else _of_deleted_session(session_id)
+    differences = found.differences
+    numbers = [one["relative_difference"] for one in differences if one["relative_difference"] is not None]
+    largest = max(numbers, default=0.0) if found.is_recomputed else None
+    disagreeing = [one for one in differences if not one.pop("agrees")]
+    return {
+        "report_id": order.report_id,
+        "agrees": found.is_recomputed
+        and not (disagreeing or damaged or found.lost_originals or found.originals["differing"]),
+        "is_current": not found.changed,
+        "recomputed_from": found.recomputed_from,
+        "current_values": found.current_values,
+        "unavailable_inputs": found.unavailable[:_SHOWN],
+        "unavailable_input_count": len(found.unavailable),
+        "figures": found.compared,
+        "figures_equal": found.compared - len(differences),
+        "largest_relative_difference": largest,
+        "digits": _digits(largest),
+        "differences": [*disagreeing, *(one for one in differences if one not in disagreeing)][:_SHOWN],
+        "changed_inputs": found.changed[:_SHOWN],
+        "changed_input_count": len(found.changed),
+        "damaged_forms": damaged,
+        "originals": found.originals,
+        "core_version_then": then["core_version"],
+        "core_version_now": core_version(),
+    }
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Recomputation:
+    """What comes of a report's inputs. `changed` holds the lost originals, too."""
+
+    recomputed_from: str
+    unavailable: list[Json]
+    changed: list[Json]
+    originals: Json
+    current_values: Sequence[str] = ()
+    lost_originals: int = 0
+    compared: int = 0
+    differences: Sequence[Json] = ()
+
+    @property
+    def is_recomputed(self) -> bool:
+        return self.recomputed_from != NOTHING
+
+
+def _of_deleted_session(session_id: str) -> _Recomputation:
+    deleted = [changed_input("session", session_id, "deleted")]
+    return _Recomputation(
+        recomputed_from=NOTHING, unavailable=deleted, changed=deleted, originals=_no_originals()
+    )
+
+
+def _recomputed(database: Database, then: Json, order: VerificationOrder) -> _Recomputation:
+    """Compute a report's figures from what it states and what is stored, and its originals where they are asked for."""
+    inputs, source = then["inputs"], then["source"]
+    session_id = inputs["session"]["id"]
+    with database.read() as records:
+        snapshot = read_snapshot(records, session_id, source)
+        now = read_inputs(records, snapshot, with_rms=then["kind"] == "session")
+        columns = sa.select(Measurement.id, Measurement.status).where(Measurement.session_id == session_id)
+        statuses = {row.id: row.status for row in records.execute(columns)}
+        reported = load_reported(records, then, now)
+    changed = list(changed_inputs(inputs, now, statuses))
+    originals, lost = measure_anew(database, inputs, order) if order.with_originals else (_no_originals(), [])
+    changed += [changed_input("image", name, change) for name, change in lost]
+    differences: list[Json] = []
+    compared = 0
+    if reported.loaded is not None:
+        analyses, refusals = compute_analyses(reported.loaded, then["kind"], source)
         is_same_build = then["core_version"] == core_version()
         if not is_same_build:
             analyses = known_fields(analyses, then["analyses"])
         before = _figures(then["analyses"], then["refusals"], with_sentences=is_same_build)
         compared = len(before)
         differences = list(_differences(before, _figures(analyses, refusals, with_sentences=is_same_build)))
-    numbers = [one["relative_difference"] for one in differences if one["relative_difference"] is not None]
-    largest = max(numbers, default=0.0) if exists else None
-    disagreeing = [one for one in differences if not one.pop("agrees")]
-    return {
-        "report_id": order.report_id,
-        "agrees": exists and not disagreeing and not changed and not damaged and not originals["differing"],
-        "figures": compared,
-        "figures_equal": compared - len(differences),
-        "largest_relative_difference": largest,
-        "digits": _digits(largest),
-        "differences": [*disagreeing, *(one for one in differences if one not in disagreeing)][:_SHOWN],
-        "changed_inputs": changed[:_SHOWN],
-        "changed_input_count": len(changed),
-        "damaged_forms": damaged,
-        "originals": originals,
-        "core_version_then": then["core_version"],
-        "core_version_now": core_version(),
-    }
+    return _Recomputation(
+        recomputed_from=NOTHING
+        if reported.loaded is None
+        else REPORT_AND_SESSION
+        if reported.current_values
+        else REPORT,
+        unavailable=reported.unavailable,
+        changed=changed,
+        originals=originals,
+        current_values=reported.current_values,
+        lost_originals=len(lost),
+        compared=compared,
+        differences=differences,
+    )
 
 
 def _hash(content: bytes | None) -> str | None:
@@ -156,43 +221,3 @@ def _digits(largest: float | None) -> int | None:
 
 def _shown(value: Any) -> str | None:
     return None if value is None else str(value)[:200]
-
-
-def _changed_inputs(then: Json, now: Json) -> Iterator[Json]:
-    """Yield what the report was made from and is not the same today."""
-    for noun in ("session", "robot"):
-        before, after = then[noun], now[noun]
-        if before == after:
-            continue
-        name = str((before or after)["id"])
-        if before is None or after is None or before["id"] != after["id"]:
-            yield _change(noun, name, "replaced")
-        else:
-            yield _change(noun, name, f"changed: {', '.join(_fields(before, after))}")
-    for noun, plural, key in (
-        ("target", "targets", "id"),
-        ("pose", "poses", "pose_id"),
-        ("image", "images", "measurement_id"),
-        ("measured_pose", "measured_poses", "measurement_id"),
-    ):
-        yield from _changed_list(noun, then[plural], now[plural], key)
-
-
-def _changed_list(noun: str, then: Sequence[Json], now: Sequence[Json], key: str) -> Iterator[Json]:
-    present = {one[key]: one for one in now}
-    for before in then:
-        after = present.pop(before[key], None)
-        if after is None:
-            yield _change(noun, before[key], "deleted")
-        elif changed := _fields(before, after):
-            yield _change(noun, before[key], f"changed: {', '.join(changed)}")
-    for name in present:
-        yield _change(noun, name, "added")
-
-
-def _fields(before: Json, after: Json) -> list[str]:
-    return sorted(name for name in {*before, *after} if before.get(name) != after.get(name))
-
-
-def _change(noun: str, name: str, change: str) -> Json:
-    return {"noun": noun, "name": name, "change": change}

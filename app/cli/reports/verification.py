@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
+from rich.console import Console
 from rich.markup import escape
 
 from app.cli.console import error_console, fail
@@ -37,7 +38,8 @@ def verify(
 ) -> int:
     """Check a saved report by its signature, or compute a stored one anew and compare every figure.
 
-    A file needs no service. Ends with 1 where the file, or a figure, is not what was signed.
+    A file needs no service. Figures are computed from what the report was made from; what was changed in the session
+    since is listed. Ends with 1 where the file, or a figure, is not what was signed, or cannot be computed anew.
     """
     path = Path(subject)
     if path.is_file():
@@ -85,21 +87,46 @@ def _verify_file(path: Path, signature: Path, trusted: str | None) -> int:
 
 def _verify_stored(client: ServiceClient, report_id: str, originals: bool) -> bool:
     found = client.get(f"/v1/reports/{report_id}/verify", originals=str(originals).lower())
-    agrees = bool(found["agrees"])
-    digits = "all digits" if found["digits"] is None else f"at least {found['digits']} digits"
-    print(f"{report_id}: {'agrees' if agrees else 'DOES NOT AGREE'}")
-    print(f"  figures    {found['figures_equal']} of {found['figures']} equal; numbers share {digits}")
+    agrees, is_recomputed = bool(found["agrees"]), found["recomputed_from"] != "nothing"
+    print(f"{report_id}: {_verdict(found)}")
+    if is_recomputed:
+        digits = "all digits" if found["digits"] is None else f"at least {found['digits']} digits"
+        print(f"  figures    {found['figures_equal']} of {found['figures']} equal; numbers share {digits}")
+        also = ", ".join(found["current_values"])
+        print(f"  from       {'what the report states' + (f'; as they are now: {also}' if also else '')}")
+    else:
+        print(
+            f"  figures    none: inputs that are not stored as they were: {found['unavailable_input_count']}"
+        )
     print(
         f"  originals  {found['originals']['identical']} of {found['originals']['measured']} identical anew"
     )
     print(f"  build      {found['core_version_then']}, now {found['core_version_now']}")
     console = error_console()
-    for one in found["changed_inputs"][:_SHOWN]:
-        console.print(f"[yellow]{one['noun']} {escape(one['name'])}: {escape(one['change'])}[/]")
-    if found["changed_input_count"] > _SHOWN:
-        console.print(f"and {found['changed_input_count'] - _SHOWN} more")
+    _list_inputs(console, "not stored as it was", "red", found, "unavailable_input")
+    _list_inputs(console, "changed since", "yellow", found, "changed_input")
     for form in found["damaged_forms"]:
         console.print(f"[red]the stored form {form} is damaged[/]")
+    for one in found["originals"]["differing"][:_SHOWN]:
+        console.print(f"[red]image {escape(one['measurement_id'])}: {escape(one['detail'])}[/]")
     for one in found["differences"][:_SHOWN]:
         console.print(f"  {escape(one['figure'])}: {one['then']}, now {one['now']}", highlight=False)
     return agrees
+
+
+def _verdict(found: dict[str, Any]) -> str:
+    if found["recomputed_from"] == "nothing":
+        return "CANNOT BE COMPUTED ANEW"
+    if not found["agrees"]:
+        return "DOES NOT AGREE"
+    return "agrees" if found["is_current"] else "agrees; the session was changed since"
+
+
+def _list_inputs(console: Console, head: str, colour: str, found: dict[str, Any], name: str) -> None:
+    """Print the inputs of a list, and how many more there are."""
+    listed, number = found[f"{name}s"], found[f"{name}_count"]
+    for one in listed[:_SHOWN]:
+        line = f"{head}: {one['noun'].replace('_', ' ')} {one['name']}: {one['change']}"
+        console.print(f"[{colour}]{escape(line)}[/]", highlight=False)
+    if number > _SHOWN:
+        console.print(f"and {number - _SHOWN} more")

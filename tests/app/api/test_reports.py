@@ -176,16 +176,57 @@ def test_a_report_verifies_from_its_originals_until_one_changes(running: Api, bo
     original.write_bytes(board_png)
     excluded = {"excluded": {"reason": "A hand in front."}}
     assert running.client.patch(f"/v1/measurements/{measurement['id']}", json=excluded).status_code == 200
-    found = running.client.get(path, params={"originals": "false"}).json()
-    assert not found["agrees"]
-    assert measurement["id"] in {one["name"] for one in found["changed_inputs"]}
+    found = running.client.get(path).json()
+    assert (found["agrees"], found["is_current"], found["recomputed_from"]) == (True, False, "report")
+    assert found["figures_equal"] == found["figures"] > 0
+    change = {"noun": "image", "name": measurement["id"], "change": "excluded: A hand in front."}
+    assert found["changed_inputs"] == [change]
     assert running.client.delete(f"/v1/sessions/{session_id}").status_code == 204
     assert form(running, report, "pdf").startswith(b"%PDF-")
     found = running.client.get(path).json()
-    assert (found["agrees"], found["figures"]) == (False, 0)
-    assert found["changed_inputs"] == [{"noun": "session", "name": session_id, "change": "deleted"}]
+    assert (found["agrees"], found["figures"], found["recomputed_from"]) == (False, 0, "nothing")
+    deleted = [{"noun": "session", "name": session_id, "change": "deleted"}]
+    assert found["changed_inputs"] == found["unavailable_inputs"] == deleted
     listed = running.client.get("/v1/reports", params={"session_id": session_id}).json()["items"]
     assert [one["id"] for one in listed] == [report["id"]]
+
+
+def test_a_report_is_computed_from_what_it_was_made_from_until_grid_points_are_deleted(running: Api) -> None:
+    target_id = running.make_target(**board_fields(BOARD))
+    robot = {"name": "KR 5 arc", "joints": rows_of(KR5_ARC), "datasheet_repeatability_mm": 0.1}
+    robot_id = running.client.post("/v1/robots", json=robot).json()["id"]
+    session_id = running.make_session(target_id, robot_id=robot_id, conditions=CONDITIONS)
+    shots = shoot(poses=2, cycles=4)
+    ids = store_shots(running, session_id, shots[:7], target_id)
+    report = finished(running, order(running, session_id, kind="repeatability"))
+
+    def verified() -> dict[str, Any]:
+        path = f"/v1/reports/{report['id']}/verify"
+        found: dict[str, Any] = running.client.get(path, params={"originals": "false"}).json()
+        return found
+
+    def change(path: str, **body: Any) -> None:
+        response = running.client.patch(path, json=body)
+        assert response.status_code == 200, response.text
+
+    assert verified()["is_current"]
+    change(f"/v1/measurements/{ids[0]}", pose_id="P2", cycle=9)
+    change(f"/v1/measurements/{ids[1]}", excluded={"reason": "hand in view"})
+    change(f"/v1/measurements/{ids[2]}", focus_group="far", joint_angles_deg=[1.0])
+    change(f"/v1/robots/{robot_id}", datasheet_repeatability_mm=0.001)
+    change(f"/v1/sessions/{session_id}", robot_id=None, lens={"focal_length_mm": 8.0, "pixel_pitch_um": 5.0})
+    store_shots(running, session_id, shots[7:], target_id)
+    found = verified()
+    assert (found["agrees"], found["is_current"], found["recomputed_from"]) == (True, False, "report"), found
+    assert found["figures_equal"] == found["figures"] > 100
+    changes = {one["name"]: one["change"] for one in found["changed_inputs"]}
+    assert changes[ids[0]] == "moved from P1 cycle 1 to P2 cycle 9"
+    assert changes[ids[1]] == "excluded: hand in view"
+    assert changes[robot_id] == "removed from the session"
+    assert running.client.delete(f"/v1/measurements/{ids[3]}").status_code == 204
+    found = verified()
+    assert (found["agrees"], found["figures"], found["recomputed_from"]) == (False, 0, "nothing")
+    assert found["unavailable_inputs"] == [{"noun": "image", "name": ids[3], "change": "deleted"}]
 
 
 def test_what_cannot_be_reported_fails_with_the_reason_of_the_analysis(running: Api) -> None:

@@ -161,7 +161,7 @@ async def get_report_verification(
         ),
     ] = True,
 ) -> dict[str, Any]:
-    """Compute a report's figures again from its originals and stored points, and say whether every one agrees."""
+    """Compute a report's figures again from what it was made from, and say whether every one agrees."""
     return await run_while_connected(
         request,
         verification(service.installation, service.analyses, requester, report_id, with_originals=originals),

@@ -28,6 +28,13 @@ ReportFormName = TypeAliasType(
 Paper = TypeAliasType(
     "Paper", Annotated[Literal["a4", "letter"], Field(description="Paper of a report's PDF.")]
 )
+RecomputedFrom = TypeAliasType(
+    "RecomputedFrom",
+    Annotated[
+        Literal["report", "report_and_session", "nothing"],
+        Field(description="What a verification computes the figures of a report from."),
+    ],
+)
 _TITLE = "What stands at the head of the report."
 
 
@@ -124,20 +131,20 @@ class ReportPage(StoredPage):
 
 
 class FigureDifference(ResponseModel):
-    """A figure that is not the same today."""
+    """A figure that is not the same when computed anew."""
 
     figure: Annotated[
         str, Field(description="Its name in the document: `repeatability.poses[P1].repeatability.rp_l_mm`.")
     ]
     then: Annotated[str | None, Field(description="Its value in the report; null: not known, or absent.")]
-    now: Annotated[str | None, Field(description="Its value today; null: not known, or absent.")]
+    now: Annotated[str | None, Field(description="Its value computed anew; null: not known, or absent.")]
     relative_difference: Annotated[
         float | None, Field(description="Difference over the larger of both; null for what is no number.")
     ]
 
 
 class ChangedInput(ResponseModel):
-    """Something that the report was made from and is not the same today."""
+    """Something that the report was made from and is not the same now."""
 
     noun: Annotated[
         str, Field(description="`session`, `robot`, `target`, `pose`, `image` or `measured_pose`.")
@@ -146,8 +153,8 @@ class ChangedInput(ResponseModel):
     change: Annotated[
         str,
         Field(
-            description="`original changed`, `original missing`, `deleted`, `added`, `replaced`, or `changed:` with "
-            "the fields."
+            description="What became of it, in words: `excluded: hand in view`, `moved from P1 cycle 3 to P2 cycle 3`, "
+            "`added`, `deleted`, `original missing`, `changed:` with the values before and now."
         ),
     ]
 
@@ -166,7 +173,7 @@ class OriginalsCheck(ResponseModel):
     """Originals that were decoded and measured anew."""
 
     measured: Annotated[int, Field(description="Measurements made anew; 0 with `originals=false`.")]
-    identical: Annotated[int, Field(description="Of them, those that give the stored bytes again.")]
+    identical: Annotated[int, Field(description="Of them, those that give the same bytes again.")]
     largest_point_difference_px: Annotated[
         float | None,
         Field(description="Largest distance of a grid point from the stored one, px; null: none."),
@@ -177,17 +184,48 @@ class OriginalsCheck(ResponseModel):
 
 
 class ReportVerification(ResponseModel):
-    """A report compared with what its inputs give today."""
+    """A report compared with what it was made from, computed anew."""
 
     report_id: Annotated[str, Field(description="Id of the report.")]
     agrees: Annotated[
         bool,
         Field(
-            description="Whether every figure agrees to six significant digits or 1e-9 of its unit, every text "
-            "exactly, no input is changed, and every form is as it was signed."
+            description="Whether every figure, computed anew from what the report was made from, agrees to six "
+            "significant digits or 1e-9 of its unit, every text exactly, every form is as it was signed, and every "
+            "original is as it was and gives the same grid points. What was changed in the session since does not "
+            "count: `is_current`."
         ),
     ]
-    figures: Annotated[int, Field(description="Figures compared; 0 where the session is deleted.")]
+    is_current: Annotated[
+        bool,
+        Field(
+            description="Whether the session still holds what the report was made from, so that a report made now has "
+            "the same figures; `changed_inputs` names what was changed since."
+        ),
+    ]
+    recomputed_from: Annotated[
+        RecomputedFrom,
+        Field(
+            description="`report`: grid points that are stored, all else as the "
+            "report states it. `report_and_session`: the same, and `current_values` as the session has them now. "
+            "`nothing`: no figure can be computed, `unavailable_inputs` are not stored any more; `agrees` is false."
+        ),
+    ]
+    current_values: Annotated[
+        list[str],
+        Field(
+            description="Fields that the report, made by an earlier version, does not state: `image.failure_detail`."
+        ),
+    ]
+    unavailable_inputs: Annotated[
+        list[ChangedInput],
+        Field(
+            description="What the figures cannot be computed without and is not stored as it was: a deleted image, one "
+            "measured again to other grid points; 100 at most."
+        ),
+    ]
+    unavailable_input_count: Annotated[int, Field(description="How many inputs are not stored as they were.")]
+    figures: Annotated[int, Field(description="Figures compared; 0 where none can be computed.")]
     figures_equal: Annotated[int, Field(description="Of them, those with all digits equal.")]
     largest_relative_difference: Annotated[
         float | None, Field(description="Of all numbers; null where nothing could be compared.")
@@ -201,9 +239,9 @@ class ReportVerification(ResponseModel):
         Field(description="Figures that are not the same, the gravest first; 100 at most."),
     ]
     changed_inputs: Annotated[
-        list[ChangedInput], Field(description="Inputs that are not the same; 100 at most.")
+        list[ChangedInput], Field(description="Inputs that are not the same now; 100 at most.")
     ]
-    changed_input_count: Annotated[int, Field(description="How many inputs are not the same.")]
+    changed_input_count: Annotated[int, Field(description="How many inputs are not the same now.")]
     damaged_forms: Annotated[
         list[ReportFormName], Field(description="Stored forms whose bytes are not those that were signed.")
     ]

@@ -49,4 +49,7 @@ def test_reports_of_an_earlier_version_are_read_and_verify(open_api: ApiMaker, p
                 limit = MAX_COVARIANCE_CHANGE if ".covariance[" in one["figure"] else MAX_CHANGE
                 assert one["relative_difference"] < limit, one
             assert verified["agrees"] == (not verified["differences"])
+            # That version's reports state no labelling.
+            assert (verified["is_current"], verified["recomputed_from"]) == (True, "report_and_session")
+            assert verified["current_values"] == ["image.labelling"]
             assert verified["core_version_then"] != verified["core_version_now"]
