@@ -93,3 +93,5 @@ def configure_logging(level: str = "info") -> None:
     root.handlers = [handler]
     root.setLevel(level.upper())
     logging.getLogger("alembic").setLevel(logging.WARNING)
+    if level.lower() != "debug":  # SQLAlchemy's pools log as the modules of their classes, and ours are here
+        logging.getLogger("app.records.database.lending").setLevel(logging.WARNING)

@@ -88,6 +88,7 @@ class StrictRoute(APIRoute):
         parameters = query_parameters(self.dependant)
         operation = self.name
         reader = BodyReader(self.body_field.field_info) if self.body_field is not None else None
+        is_required = self.body_field is not None and self.body_field.field_info.is_required()
 
         async def handle(request: Request) -> Response:
             with acting(authorize(request, operation)):
@@ -101,6 +102,8 @@ class StrictRoute(APIRoute):
                 return await answer(request)
             if operation in TAKE_CSV and stated_media_type(request) == CSV:
                 return await answer(await _from_csv(request, reader, limit))
+            if not is_required and not _has_body(request):
+                return await answer(request)
             require_json(request)
             stated = stated_length(request, limit)
             # Starlette keeps the body under these names; FastAPI then takes it as read.
@@ -120,6 +123,16 @@ class StrictRoute(APIRoute):
                     return await answer(request)
 
         return handle
+
+
+def _has_body(request: Request) -> bool:
+    """Return whether a request says that it has a body (RFC 9112, 6.3), or of what kind it is."""
+    headers = request.headers
+    return (
+        headers.get("content-length", "0") != "0"
+        or "transfer-encoding" in headers
+        or "content-type" in headers
+    )
 
 
 async def _from_csv(request: Request, reader: BodyReader, limit: int) -> Request:

@@ -55,6 +55,9 @@ _TAGS = {
 """Every tag of the routes, in the order in which the documentation page shows them."""
 
 
+_BOUNDS = frozenset({"minimum", "maximum", "exclusiveMinimum", "exclusiveMaximum"})
+
+
 def openapi_document(app: FastAPI) -> dict[str, Any]:
     """Return the application's OpenAPI document: problems by reference, one security scheme, no other unions."""
     document = get_openapi(
@@ -82,5 +85,19 @@ def openapi_document(app: FastAPI) -> dict[str, Any]:
                 del operation["responses"]["422"]
     for name in ("HTTPValidationError", "ValidationError"):
         schemas.pop(name, None)
+    _state_whole_bounds(document)
     add_examples(document)
     return document
+
+
+def _state_whole_bounds(node: Any) -> None:
+    """State the bounds of whole numbers as such, in place: 500, where the schema says 500.0."""
+    if isinstance(node, list):
+        for value in node:
+            _state_whole_bounds(value)
+    elif isinstance(node, dict):
+        if node.get("type") == "integer":
+            for name in _BOUNDS & node.keys():
+                node[name] = int(node[name])
+        for value in node.values():
+            _state_whole_bounds(value)

@@ -18,6 +18,7 @@ from app.api.schemas.sessions import (
 from app.services import measurements, sessions
 from app.services.plausibility import check_intrinsics, check_lens
 
+_FAILED_ALONE = ReprocessCreate()
 router = api_router(prefix="/v1/sessions", tags=["sessions"])
 
 
@@ -85,9 +86,15 @@ def update_session(
 
 @router.post("/{session_id}/reprocess", status_code=202, responses=problem_responses(404, 413, 415, 422, 507))
 def reprocess_session(
-    session_id: SessionPath, body: ReprocessCreate, service: AppContextDep, response: Response
+    session_id: SessionPath,
+    service: AppContextDep,
+    response: Response,
+    body: ReprocessCreate = _FAILED_ALONE,
 ) -> ReprocessRead:
-    """Compute a session's measurements again, all or those that failed; results stay until others replace them."""
+    """Compute a session's measurements again, all or those that failed; results stay until others replace them.
+
+    Without a body, those that failed.
+    """
     requeued = measurements.reprocess_session(service.installation, session_id, only=body.only)
     response.headers["Location"] = f"/v1/sessions/{session_id}"
     with service.installation.database.read() as records:

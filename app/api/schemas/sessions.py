@@ -169,6 +169,7 @@ class ReprocessCreate(RequestModel):
     """Which measurements of a session to compute again."""
 
     only: ReprocessedMeasurements = Field(
+        default="failed",
         description="`failed`: those without a calibration, and those whose last retry computed nothing. `all`: every "
         "one, for instance after a change of the session's lens.",
         examples=["failed"],

@@ -16,7 +16,7 @@ from core.geometry import invert, so3_log
 MIN_TURN = math.radians(5.0)
 """Turn of one set of poses from which on the other set ought to turn too."""
 STILL_SHARE = 0.1
-"""A set of poses that turns by less than this share of the other's turn stands still beside it."""
+"""A set of poses that turns by less than this share of the other's turn stands still."""
 _GENERAL = (
     "If these are right: the camera has to be on the flange and the target in the cell, not the other way round, and "
     "each image has to be taken after the robot reached its pose."

@@ -20,7 +20,7 @@ _OF_SESSION = {
 """Advice for all images of a session, where it differs from what is said of one."""
 
 
-def nothing_usable(images: int, reasons: Mapping[str, int]) -> NothingUsable:
+def refusal_of_all(images: int, reasons: Mapping[str, int]) -> NothingUsable:
     """Return the refusal of a session of so many measured images, with the number of those excluded for each code."""
     found = ", ".join(f"{code} ({count})" for code, count in sorted(reasons.items()))
     commonest = min(reasons, key=lambda code: (-reasons[code], code), default="")

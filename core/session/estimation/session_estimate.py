@@ -29,7 +29,7 @@ from core.session.estimate import (
 )
 from core.session.estimation.board_symmetry import LabelledGroup, label_poses, label_repeats
 from core.session.estimation.lens_model import check_asked, estimate_with_lens, lens_warnings, of_one_width
-from core.session.estimation.refusal import nothing_usable
+from core.session.estimation.refusal import refusal_of_all
 from core.session.model import CameraViews, ImageObservation, MeasuredPose, SessionData, natural
 
 MAX_POINTS = 4_000_000
@@ -240,7 +240,7 @@ def _nothing(
     reasons = Counter(exclusion.code for exclusion in excluded.values())
     if len({failure.code for failure in failures}) == 1 and 2 * reasons[failures[0].code] >= len(data.images):
         return failures[0]
-    return nothing_usable(len(data.images), reasons)
+    return refusal_of_all(len(data.images), reasons)
 
 
 def worst_poses(group: FocusGroup) -> list[MeasuredPose]:

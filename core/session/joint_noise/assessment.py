@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from core.errors import Advisory, InvalidArgument, JointAnglesInconsistent, listed
+from core.errors import Advisory, JointAnglesInconsistent, NominalRobotMissing, listed
 from core.kinematics import JointNoise, PoseScatters, fit_joint_noise, gather_scatters
 from core.session.estimate import ExcludedMeasurement, SessionEstimate
 from core.session.estimation import estimate_session
@@ -72,13 +72,12 @@ def assess_joint_noise(
     at
         Joint angles to predict at, degrees, as the robot states them.
 
-    Raises InvalidArgument without a nominal robot, JointAnglesInconsistent for angles of another number of joints,
+    Raises NominalRobotMissing without a robot, JointAnglesInconsistent for angles of another number of joints,
     TooFewPoses, and as `poses_of_readings` and `poses_of_estimate` do.
     """
     if data.nominal is None:
-        raise InvalidArgument(
-            "The joints' noise needs the robot's geometry, and the session names no robot.",
-            "Make a robot with its Denavit-Hartenberg parameters, and give the session its robot_id.",
+        raise NominalRobotMissing(
+            "The joints' noise needs the robot's geometry, and the session names no robot."
         )
     if estimate is None and data.images and not data.measured:
         estimate = estimate_session(with_nominal_orientations(data))

@@ -11,7 +11,7 @@ import pytest
 from app.api.openapi import EXAMPLES_PATH
 from app.main import create_app
 from app.settings import Settings
-from tests.support.contract.contract import JSON_TYPES, Contract
+from tests.support.contract.contract import JSON_TYPES, TEXT_TYPES, Contract
 from tests.support.contract.recording import FORM, keys_of
 from tests.support.contract.run import record_examples
 
@@ -37,7 +37,7 @@ def test_every_body_but_images_has_an_example(contract: Contract) -> None:
         f"{operation.operation_id} {place} {media_type}"
         for operation in contract.operations
         for place, media_type, content in operation.bodies()
-        if (media_type in (*JSON_TYPES, FORM) or media_type.startswith("text/"))
+        if (media_type in (*JSON_TYPES, *TEXT_TYPES, FORM) or media_type.startswith("text/"))
         and example_of(contract, content) is None
     ]
     assert missing == [], RENEW

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import re
 import shutil
+import sqlite3
 import socket
 import threading
 import time
@@ -23,6 +24,7 @@ from app.jobs.painting import ImagePainter
 from app.logs import configure_logging
 from app.main import AlreadyServed
 from app.records.database import Database
+from app.records.database.lending import LendingPool
 from app.services import health
 from app.services.health import CACHED_S
 from app.services.maintenance.chores import Maintenance
@@ -193,6 +195,15 @@ def test_the_log_is_json_and_holds_no_secret(api: Any, capsys: pytest.CaptureFix
     assert (request["method"], request["route"], request["status"]) == ("GET", "/v1/targets", 200)
     secret = api.client.headers["authorization"].rpartition("_")[2]
     assert secret not in json.dumps(lines)
+
+
+@pytest.mark.usefixtures("restored_logging")
+def test_a_pool_that_is_disposed_of_writes_no_line(capsys: pytest.CaptureFixture[str]) -> None:
+    configure_logging("info")
+    pool = LendingPool(lambda: sqlite3.connect(":memory:"))
+    pool.dispose()
+    pool.recreate()
+    assert capsys.readouterr().err == ""
 
 
 @pytest.mark.usefixtures("restored_logging")

@@ -31,6 +31,25 @@ def filled(any_api: Any, grey_png: bytes) -> tuple[str, list[str]]:
     return session_id, ids
 
 
+@pytest.mark.parametrize("body", [{}, {"json": {}}, {"content": b""}])
+def test_without_a_body_those_that_failed_are_computed_again(
+    any_api: Any, filled: tuple[str, list[str]], body: dict[str, Any]
+) -> None:
+    session_id, ids = filled
+    answer = any_api.client.post(f"/v1/sessions/{session_id}/reprocess", **body)
+    assert (answer.status_code, answer.json()["requeued"]) == (202, 1)
+    assert any_api.measurement(ids[1])["status"] == "queued"
+
+
+@pytest.mark.parametrize("content_type", ["text/plain", "application/octet-stream"])
+def test_a_body_that_is_no_json_is_refused_where_none_is_needed(
+    any_api: Any, filled: tuple[str, list[str]], content_type: str
+) -> None:
+    path = f"/v1/sessions/{filled[0]}/reprocess"
+    answer = any_api.client.post(path, content=b"all", headers={"Content-Type": content_type})
+    assert (answer.status_code, answer.json()["code"]) == (415, "unsupported_media_type")
+
+
 @pytest.mark.parametrize(("only", "queued"), [("failed", [1]), ("all", [0, 1, 2])])
 def test_results_stay_until_they_are_replaced(
     any_api: Any, filled: tuple[str, list[str]], only: str, queued: list[int]
@@ -85,7 +104,7 @@ def test_many_are_queued_in_several_transactions_and_one_audit_entry(
     assert reprocess(any_api, session_id, "failed").json()["requeued"] == 0
 
 
-@pytest.mark.parametrize("body", [{}, {"only": "some"}, {"only": None}, {"only": "all", "x": 1}, []])
+@pytest.mark.parametrize("body", [{"only": "some"}, {"only": None}, {"only": "all", "x": 1}, []])
 def test_a_wrong_request_is_refused(api: Any, body: Any) -> None:
     response = api.client.post(f"/v1/sessions/{api.make_session()}/reprocess", json=body)
     assert (response.status_code, response.json()["code"]) == (422, "invalid_request")

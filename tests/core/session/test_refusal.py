@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from core.session.estimation.refusal import nothing_usable
+from core.session.estimation.refusal import refusal_of_all
 
 
 @pytest.mark.parametrize(
@@ -21,7 +21,7 @@ from core.session.estimation.refusal import nothing_usable
     ],
 )
 def test_advice_is_of_the_commonest_reason(reasons: dict[str, int], words: str) -> None:
-    refused = nothing_usable(20, reasons)
+    refused = refusal_of_all(20, reasons)
     assert refused.code == "no_usable_images"
     assert refused.advice is not None
     assert words in refused.advice

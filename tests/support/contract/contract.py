@@ -11,6 +11,8 @@ import jsonschema_rs
 
 METHODS = ("get", "put", "post", "patch", "delete")
 JSON_TYPES = ("application/json", "application/problem+json")
+TEXT_TYPES = ("application/yaml", "application/xml")
+"""Types of text in addition to those of `text/`."""
 
 
 @dataclass(frozen=True)

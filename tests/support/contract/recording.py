@@ -6,7 +6,7 @@ import json
 from email.parser import BytesParser
 from typing import Any
 
-from tests.support.contract.contract import JSON_TYPES, Contract
+from tests.support.contract.contract import JSON_TYPES, TEXT_TYPES, Contract
 
 FORM = "multipart/form-data"
 _MAX_OBJECTS, _MAX_NUMBERS, _MAX_LINES = 2, 6, 12
@@ -58,7 +58,7 @@ def _body(message: Any) -> tuple[str, Any] | None:
         return media_type, shortened(json.loads(content))
     if media_type == FORM:
         return media_type, _form(message.headers["content-type"], content)
-    if media_type.startswith("text/"):
+    if media_type.startswith("text/") or media_type in TEXT_TYPES:
         return media_type, "".join(content.decode().splitlines(keepends=True)[:_MAX_LINES])
     return None
 

@@ -98,7 +98,7 @@ def test_what_cannot_be_estimated_is_refused(api: Any, session: str) -> None:
     problem(ask(api, session, at="0,0,0"), 409, "joint_angles_inconsistent")
     alone = new_session(api)
     send(api, alone, sent(2))
-    assert problem(ask(api, alone), 409, "invalid_argument")["advice"]
+    assert problem(ask(api, alone), 409, "nominal_robot_missing")["advice"]
     once = new_session(api, robot_id=make_robot(api))
     send(api, once, sent(1))
     assert problem(ask(api, once), 409, "too_few_poses")["advice"]
