@@ -1,5 +1,8 @@
 """Rows of a table of poses as fields of the API: x_mm, y_mm, z_mm become position_mm, j1_deg, ... joint_angles_deg.
 
+Tables of the service, which are read, too, have position_x_mm, position_y_mm, position_z_mm and one cell
+joint_angles_deg.
+
 Values that are almost surely in metres or radians are noticed here, too.
 """
 
@@ -13,6 +16,10 @@ from typing import Any
 POSE_FIELDS = ("pose_id", "position_mm", "roll_deg", "pitch_deg", "yaw_deg", "joint_angles_deg", "approach")
 POSE_COLUMNS = "pose_id, x_mm, y_mm, z_mm, roll_deg, pitch_deg, yaw_deg, j1_deg, j2_deg, ..., approach"
 _AXES = ("x_mm", "y_mm", "z_mm")
+_OTHER_NAMES = {f"position_{axis}": axis for axis in _AXES}
+_LISTS = ("position_mm", "joint_angles_deg")
+_FORMULA = ("=", "+", "-", "@")
+"""Text that begins so has an apostrophe before it in tables of the service, against spreadsheets."""
 _JOINT = re.compile(r"j([1-9][0-9]?)_deg")
 _DELIMITERS = ";\t,"
 _LEAST_REACH_MM = 5.0
@@ -21,6 +28,11 @@ _FULL_TURN_RAD = 7.0
 _HALF_TURN_RAD = 3.2
 _QUARTER_TURN_TOLERANCE = 0.01
 _LEAST_POSES = 2
+
+
+def is_pose_column(name: str) -> bool:
+    """Return whether a table of poses may have a column of this name."""
+    return _OTHER_NAMES.get(name, name) in (*_AXES, *POSE_FIELDS) or _JOINT.fullmatch(name) is not None
 
 
 class RowError(ValueError):
@@ -55,7 +67,9 @@ def pose_of_cells(cells: Mapping[str, str], delimiter: str | None) -> dict[str, 
     RowError
         A cell is no number, or a joint angle or coordinate is missing among others.
     """
-    filled = {name: cell for name, cell in cells.items() if cell}
+    filled = {_OTHER_NAMES.get(name, name): _unguarded(cell) for name, cell in cells.items() if cell}
+    if len(filled) != sum(map(bool, cells.values())):
+        raise RowError("a coordinate is there twice; give x_mm, y_mm and z_mm, or position_x_mm, ...")
     joints = sorted((int(match[1]), name) for name in filled if (match := _JOINT.fullmatch(name)))
     lists = {
         "position_mm": [name for name in _AXES if name in filled],
@@ -67,13 +81,29 @@ def pose_of_cells(cells: Mapping[str, str], delimiter: str | None) -> dict[str, 
         raise RowError("a coordinate is missing; fill x_mm, y_mm and z_mm, or none")
     pose: dict[str, Any] = {}
     for name, cell in filled.items():
-        if name not in _AXES and _JOINT.fullmatch(name) is None:
+        if name in _LISTS:
+            if lists[name]:
+                raise RowError(f"{name} is there twice, in one column and in several")
+            pose[name] = _numbers(cell, name, delimiter)
+        elif name not in _AXES and _JOINT.fullmatch(name) is None:
             is_number = name in POSE_FIELDS and name.endswith("_deg")
             pose[name] = _number(cell, name, delimiter) if is_number else cell
     for field, names in lists.items():
         if names:
             pose[field] = [_number(filled[name], name, delimiter) for name in names]
     return pose
+
+
+def _unguarded(cell: str) -> str:
+    return cell[1:] if cell.startswith("'") and cell[1:].startswith(_FORMULA) else cell
+
+
+def _numbers(cell: str, name: str, delimiter: str | None) -> list[float]:
+    """Return the numbers of a cell; those between which are spaces or semicolons may have decimal commas."""
+    decimal = delimiter != "," and (cell.count(",") < 2 or re.search(r"[\s;]", cell) is not None)
+    between = r"[\s;]+" if decimal else r"[\s,;]+"
+    parts = (part.rstrip(",") for part in re.split(between, cell.strip("[]() ")))
+    return [_number(part, name, delimiter) for part in parts if part]
 
 
 def _number(cell: str, name: str, delimiter: str | None) -> float:

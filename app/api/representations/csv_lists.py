@@ -1,7 +1,10 @@
 """Bulk lists sent as CSV (RFC 4180): the header has the fields' names of the JSON list, an empty cell is null.
 
 A field that is a list of numbers is one cell of numbers with spaces, commas or semicolons between them, a matrix row
-after row; `position_mm` may be the three columns `position_x_mm`, `position_y_mm` and `position_z_mm` instead.
+after row. `position_mm` may be the three columns `position_x_mm`, `position_y_mm`, `position_z_mm`, or `x_mm`, `y_mm`,
+`z_mm`; `joint_angles_deg` the columns `j1_deg`, `j2_deg`, ... Columns may be separated by semicolons or tabs, too;
+numbers may then have decimal commas, as spreadsheets write them. A column `id`, which lists of the service have, is not
+read.
 """
 
 from __future__ import annotations
@@ -15,11 +18,14 @@ from app.api.representations.analysis_tables import guarded
 from app.errors import InvalidContent, TooLarge
 
 MAX_ROWS = 20_000
+DELIMITERS = ",;\t"
 _AXES = tuple(f"position_{axis}_mm" for axis in "xyz")
+_OTHER_NAMES = {f"{axis}_mm": f"position_{axis}_mm" for axis in "xyz"}
+_JOINT = re.compile(r"j([1-9][0-9]?)_deg")
 _COLUMNS = {"position_mm": 0, "joint_angles_deg": 0, "rotation": 3, "covariance": 6}
 """Fields that are lists of numbers, and of matrices how many columns they have."""
 _NUMBERS = frozenset({"roll_deg", "pitch_deg", "yaw_deg", *_AXES})
-_SEPARATORS = re.compile(r"[\s,;]+")
+_MADE_HERE = "id"
 
 
 def read_csv_list(body: bytes) -> list[dict[str, Any]]:
@@ -29,51 +35,81 @@ def read_csv_list(body: bytes) -> list[dict[str, Any]]:
     """
     try:
         text = body.decode("utf-8-sig")
-        rows = [row for row in csv.reader(io.StringIO(text, newline=""), strict=True) if row]
+        delimiter = max(DELIMITERS, key=text.partition("\n")[0].count)
+        lines = csv.reader(io.StringIO(text, newline=""), strict=True, delimiter=delimiter)
+        rows = [row for row in lines if row]
     except (UnicodeDecodeError, csv.Error) as error:
         raise _invalid("is not valid CSV") from error
     if not rows:
         raise _invalid("has no header")
     header, *rows = rows
-    names = [name.strip() for name in header]
+    names = [_OTHER_NAMES.get(name.strip(), name.strip()) for name in header]
+    _check_columns(names)
+    if len(rows) > MAX_ROWS:
+        raise TooLarge(f"The table has more than {MAX_ROWS} rows.", "Send fewer rows at a time.")
+    return [_item(names, row, place, delimiter) for place, row in enumerate(rows)]
+
+
+def _check_columns(names: list[str]) -> None:
     if len(set(names)) != len(names):
         raise _invalid("names a column twice")
     if 0 < len(set(_AXES) & set(names)) < len(_AXES) or (_AXES[0] in names and "position_mm" in names):
         raise _invalid("must have all of position_x_mm, position_y_mm, position_z_mm, or position_mm instead")
-    if len(rows) > MAX_ROWS:
-        raise TooLarge(f"The table has more than {MAX_ROWS} rows.", "Send fewer rows at a time.")
-    return [_item(names, row, place) for place, row in enumerate(rows)]
+    joints = {name for name in names if _JOINT.fullmatch(name)}
+    if joints != {f"j{number}_deg" for number in range(1, len(joints) + 1)}:
+        raise _invalid("must have the columns of all joints, j1_deg to the last")
+    if joints and "joint_angles_deg" in names:
+        raise _invalid("must have either j1_deg, j2_deg, ... or joint_angles_deg")
 
 
-def _item(names: list[str], row: list[str], place: int) -> dict[str, Any]:
+def _item(names: list[str], row: list[str], place: int, delimiter: str) -> dict[str, Any]:
     if len(row) != len(names):
         raise _invalid(f"has {len(row)} cells in row {place + 1}, and {len(names)} columns")
     cells = dict(zip(names, row, strict=True))
-    item = {name: _value(name, cell.strip()) for name, cell in cells.items()}
+    item = {name: _value(name, cell.strip(), delimiter) for name, cell in cells.items() if name != _MADE_HERE}
     if _AXES[0] in item:
         position = [item.pop(axis) for axis in _AXES]
         item["position_mm"] = None if position == [None] * 3 else position
-    return item
+    joints = [item.pop(f"j{number}_deg") for number in range(1, 1 + sum(map(_is_joint, names)))]
+    while joints and joints[-1] is None:
+        joints.pop()
+    return {**item, "joint_angles_deg": joints} if joints else item
 
 
-def _value(name: str, cell: str) -> Any:
+def _is_joint(name: str) -> bool:
+    return _JOINT.fullmatch(name) is not None
+
+
+def _value(name: str, cell: str, delimiter: str) -> Any:
     if not cell:
         return None
+    if (
+        cell.startswith("'") and guarded(cell[1:]) == cell
+    ):  # an apostrophe against formulas, as in our own tables
+        cell = cell[1:]
     if name == "cycle":
         return int(cell) if cell.isascii() and cell.isdecimal() and len(cell) < 20 else cell
-    if name in _NUMBERS:
-        return _number(cell)
+    if name in _NUMBERS or _is_joint(name):
+        return _number(cell, delimiter)
     if name in _COLUMNS:
-        numbers = [_number(part) for part in _SEPARATORS.split(cell.strip("[]() ")) if part]
+        numbers = _numbers(cell.strip("[]() "), delimiter)
         width = _COLUMNS[name]
         return [numbers[i : i + width] for i in range(0, len(numbers), width)] if width else numbers
-    # An apostrophe that keeps a spreadsheet from taking the cell for a formula, as tables of analyses have it.
-    return cell[1:] if cell.startswith("'") and guarded(cell[1:]) == cell else cell
+    return cell
 
 
-def _number(cell: str) -> float | str:
+def _numbers(cell: str, delimiter: str) -> list[float | str]:
+    """Return the numbers of a cell; those between which are spaces or semicolons may have decimal commas."""
+    decimal = delimiter != "," and (cell.count(",") < 2 or re.search(r"[\s;]", cell) is not None)
+    between = r"[\s;]+" if decimal else r"[\s,;]+"
+    parts = (part.rstrip(",") for part in re.split(between, cell))
+    return [_number(part, delimiter) for part in parts if part]
+
+
+def _number(cell: str, delimiter: str) -> float | str:
+    text = cell if delimiter == "," else cell.replace(",", ".")
     try:
-        return float(cell) if cell.isascii() and "_" not in cell else cell
+        return float(text) if text.isascii() and "_" not in text else cell
     except ValueError:
         return cell
 
@@ -81,7 +117,7 @@ def _number(cell: str) -> float | str:
 def _invalid(message: str) -> InvalidContent:
     return InvalidContent(
         "The body is not a CSV table with a header.",
-        "Send UTF-8 with commas and one header line, such as pose_id,position_x_mm,position_y_mm,position_z_mm.",
+        "Send UTF-8 with one header line, such as pose_id,x_mm,y_mm,z_mm,roll_deg,pitch_deg,yaw_deg,j1_deg,j2_deg.",
         code="invalid_csv",
         errors=[("body", message)],
     )

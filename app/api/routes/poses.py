@@ -67,8 +67,10 @@ def put_poses(
 ) -> Response:
     """Store many poses at once, new or replaced, up to 20,000: all or nothing.
 
-    A JSON list, or a CSV table with the same names in its header: an empty cell is null, `position_mm` may be the
-    columns `position_x_mm`, `position_y_mm` and `position_z_mm`, and `joint_angles_deg` is one cell of numbers.
+    A JSON list, or a CSV table with the same names in its header, as the list of poses is answered: an empty cell is
+    null, `position_mm` may be the columns `position_x_mm`, `position_y_mm` and `position_z_mm`, or `x_mm`, `y_mm` and
+    `z_mm`, and `joint_angles_deg` one cell of numbers, or the columns `j1_deg`, `j2_deg`, ... Where columns are
+    separated by semicolons or tabs, numbers may have decimal commas.
 
     Lists whose positions are all within 5 mm of the base's origin, whose joint angles are all below 7°, or whose roll,
     pitch and yaw hold quarter turns in radians are 422 `implausible_unit`: they are almost surely in metres or radians.

@@ -18,7 +18,7 @@ from dataclasses import dataclass, field
 from pathlib import Path, PurePosixPath
 from typing import Any
 
-from ..pose_rows import RowError, decoded, delimiter_of, implausible_unit, pose_of_cells
+from ..pose_rows import RowError, decoded, delimiter_of, implausible_unit, is_pose_column, pose_of_cells
 
 SIDECARS = (".json", ".csv")
 TABLE = "poses.csv"
@@ -166,9 +166,7 @@ def _rows(text: str, *, complete: bool) -> list[tuple[int, dict[str, str], str]]
 
 
 def _is_column(name: str) -> bool:
-    axis = name in ("x_mm", "y_mm", "z_mm")
-    joint = name.startswith("j") and name.endswith("_deg") and name[1:-4].isdecimal()
-    return axis or joint or name in _KNOWN
+    return is_pose_column(name) or name in _KNOWN
 
 
 def _metadata(fields: Mapping[str, Any]) -> ImageMetadata:

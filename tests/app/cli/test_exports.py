@@ -54,7 +54,11 @@ def test_camera_poses_are_a_table_with_a_row_for_each_image() -> None:
     rows = list(csv.DictReader(io.StringIO(_csv(images))))
     assert [row["measurement_id"] for row in rows] == [image["measurement_id"] for image in images]
     with_pose = next(n for n, image in enumerate(images) if image["pose"] is not None)
+    assert {row["used"] for row in rows} <= {"true", "false"}
     x, y, z, w = (float(rows[with_pose][name]) for name in ("qx", "qy", "qz", "qw"))
+    assert all(
+        len(rows[with_pose][name].lstrip("-")) <= len("0.1234567890") for name in ("qx", "qy", "qz", "qw")
+    )
     R = quaternion_to_rotation(np.array([w, x, y, z]))
     np.testing.assert_allclose(R, images[with_pose]["pose"]["rotation"], atol=1e-5)
     assert _csv([]) == ""

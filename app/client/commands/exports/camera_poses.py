@@ -66,7 +66,7 @@ def _row(image: Json) -> dict[str, Any]:
     uncertainty = pose["standard_uncertainty"] if pose is not None else {}
     return {
         **{
-            name: image[name]
+            name: str(image[name]).lower() if isinstance(image[name], bool) else image[name]
             for name in ("measurement_id", "pose_id", "cycle", "target_id", "used", "rejection")
         },
         **{f"{axis}_mm": value for axis, value in zip(_AXES, position, strict=True)},

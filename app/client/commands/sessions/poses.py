@@ -26,8 +26,9 @@ def load(
 ) -> int:
     """Store the commanded poses of a file in a session, all or none; a pose that is there is replaced whole.
 
-    Columns of a CSV: pose_id, x_mm, y_mm, z_mm, roll_deg, pitch_deg, yaw_deg, j1_deg, j2_deg, ..., approach. Only
-    pose_id is needed, and an empty cell is a value that is not known. JSON and YAML have the fields of the API.
+    Columns of a CSV: pose_id, x_mm, y_mm, z_mm, roll_deg, pitch_deg, yaw_deg, j1_deg, j2_deg, ..., approach; or those
+    that the API has, position_x_mm and joint_angles_deg in one cell. Only pose_id is needed, and an empty cell is a
+    value that is not known. JSON and YAML have the fields of the API.
     """
 
     def act(client: ServiceClient) -> None:
