@@ -25,7 +25,7 @@ from app.api.json_body import (
     stated_media_type,
 )
 from app.api.problems import MEDIA_TYPE
-from app.api.representations import CSV, read_csv_list
+from app.api.representations import CSV, LIST_CSV, is_page, page_in_form, read_csv_list
 from app.errors import InvalidContent, NotFound
 from app.http import authorize, get_requester
 from app.logs import Logger
@@ -59,7 +59,9 @@ CSV_BODY = {
             CSV: {
                 "schema": {
                     "type": "string",
-                    "description": "A table whose header has the names of the JSON list's fields (RFC 4180, UTF-8).",
+                    "description": "A table (RFC 4180, UTF-8) whose header has the names of the JSON list's fields, or "
+                    "`x_mm`, `y_mm`, `z_mm`, `j1_deg`, `j2_deg`, ...; with semicolons, numbers may have decimal "
+                    "commas.",
                 }
             }
         }
@@ -78,8 +80,17 @@ _PARENTS: dict[str, type[Table]] = {
 class StrictRoute(APIRoute):
     """A route that looks at the key's scope first (403), then at the address (404), then at the body.
 
-    Of the body at the media type, the size, the JSON and the fields, in this order.
+    Of the body at the media type, the size, the JSON and the fields, in this order. A page of a list is JSON or CSV.
     """
+
+    def __init__(self, path: str, endpoint: Callable[..., Any], **settings: Any) -> None:
+        super().__init__(path, endpoint, **settings)
+        if self._is_list:
+            self.responses = {**self.responses, 200: {**LIST_CSV, **self.responses.get(200, {})}}
+
+    @property
+    def _is_list(self) -> bool:
+        return self.methods == {"GET"} and is_page(self.response_model)
 
     def get_route_handler(self) -> Callable[[Request], Coroutine[Any, Any, Response]]:
         answer = super().get_route_handler()
@@ -89,6 +100,7 @@ class StrictRoute(APIRoute):
         operation = self.name
         reader = BodyReader(self.body_field.field_info) if self.body_field is not None else None
         is_required = self.body_field is not None and self.body_field.field_info.is_required()
+        page = self.response_model if self._is_list else None
 
         async def handle(request: Request) -> Response:
             with acting(authorize(request, operation)):
@@ -98,6 +110,8 @@ class StrictRoute(APIRoute):
             await find_parents(request)
             if request.scope["query_string"]:
                 _check_parameters(request, parameters)
+            if page is not None:
+                return await page_in_form(request, page, await answer(request))
             if reader is None:
                 return await answer(request)
             if operation in TAKE_CSV and stated_media_type(request) == CSV:

@@ -16,11 +16,13 @@ from app.api.representations.drawings import (
     preferred_media_type,
     stated_media_type,
 )
+from app.api.representations.list_tables import LIST_CSV, is_page, page_in_form
 from app.api.representations.preferences import CSV
 
 __all__ = [
     "CSV",
     "CSV_CONTENT",
+    "LIST_CSV",
     "AcceptHeader",
     "FormDep",
     "KnownTags",
@@ -29,6 +31,8 @@ __all__ = [
     "answer_in_form",
     "binary_content",
     "draw_overlay",
+    "is_page",
+    "page_in_form",
     "preferred_media_type",
     "read_csv_list",
     "stated_media_type",

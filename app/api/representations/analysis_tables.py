@@ -2,8 +2,9 @@
 
 Tables and columns follow from the response's schema, so that a table's header is the same whatever was measured.
 Nested objects are columns too, their keys joined by `_`; vectors of three are x, y, z, intervals low and high, before
-the unit. Matrices are in the JSON alone. A list within a list is a table of its own, which begins with what
-identifies the outer entry. `summary` is one row of everything that is in no list.
+the unit. Matrices are in the JSON alone; tables of lists have them in one cell, row after row. A list within a list is
+a table of its own, which begins with what identifies the outer entry. `summary` is one row of everything that is in no
+list.
 
 A cell of text that a spreadsheet would take for a formula is preceded by an apostrophe (OWASP, CSV injection).
 """
@@ -58,10 +59,10 @@ class Table:
 
 
 @cache
-def tables_of(model: type[BaseModel]) -> Mapping[str, Table]:
+def tables_of(model: type[BaseModel], *, with_matrices: bool = False) -> Mapping[str, Table]:
     """Return the tables of a response by their names: `poses`, `poses.outliers`, and `summary`."""
     schema = model.model_json_schema(mode="serialization")
-    walker = _Walker(schema.get("$defs", {}))
+    walker = _Walker(schema.get("$defs", {}), with_matrices=with_matrices)
     summary = Table(SUMMARY, (), (), tuple(walker.columns(schema)))
     return {table.name: table for table in (summary, *walker.tables(schema))}
 
@@ -84,8 +85,9 @@ def guarded(text: str) -> str:
 class _Walker:
     """Reads a JSON schema whose references are among `definitions`."""
 
-    def __init__(self, definitions: Json) -> None:
+    def __init__(self, definitions: Json, *, with_matrices: bool) -> None:
         self._definitions = definitions
+        self._objects = {"object"} if with_matrices else {"object", "array"}
 
     def columns(self, node: Json, path: tuple[str, ...] = ()) -> Iterator[Column]:
         """Yield the columns of an object, those of objects in it too."""
@@ -96,7 +98,7 @@ class _Walker:
                 yield from self.columns(value, at)
             elif value.get("type") != "array":
                 yield Column(name, at)
-            elif (kind := self._resolved(value["items"]).get("type")) not in ("object", "array"):
+            elif (kind := self._resolved(value["items"]).get("type")) not in self._objects:
                 parts = _PARTS.get(value.get("maxItems", 0)) if kind == "number" else None
                 if parts is None:
                     yield Column(name, at)  # its items in one cell
@@ -167,11 +169,20 @@ def _value(entry: Any, path: tuple[str | int, ...]) -> Any:
     return entry
 
 
+def _within(values: list[Any]) -> Iterator[str]:
+    """Yield the items of a list, and of lists in it."""
+    for value in values:
+        if isinstance(value, list):
+            yield from _within(value)
+        else:
+            yield str(value)
+
+
 def _cell(value: Any) -> str:
     if value is None:
         return ""
     if isinstance(value, bool):
         return "true" if value else "false"
     if isinstance(value, list):
-        return guarded("; ".join(map(str, value)))
+        return guarded("; ".join(_within(value)))
     return guarded(value) if isinstance(value, str) else repr(value)

@@ -72,7 +72,7 @@ def tell(api: Api) -> None:
         },
     )
     for kind, row_id in (("targets", target_id), ("robots", robot_id)):
-        _done(client.get(f"/v1/{kind}/{row_id}"), client.get(f"/v1/{kind}"))
+        _done(client.get(f"/v1/{kind}/{row_id}"), *_listed(client, f"/v1/{kind}"))
     _history(client, robot_id, target_id)  # first: later answers of the same operations read better
     _images(client, session_id)
     _analyses(client, session_id)
@@ -98,7 +98,7 @@ def tell(api: Api) -> None:
     _removals(client, session_id)
     _webhooks(client)
     _keys(client, session_id)
-    _done(*(client.get(path) for path in ("/v1/audit", "/livez", "/readyz", "/metrics")))
+    _done(*_listed(client, "/v1/audit"), *(client.get(path) for path in ("/livez", "/readyz", "/metrics")))
 
 
 def _events(client: Any, robot_id: str) -> None:
@@ -106,14 +106,14 @@ def _events(client: Any, robot_id: str) -> None:
     path = f"/v1/robots/{robot_id}/events"
     wrong = _create(client, path, {"at": "2026-01-15T09:30:00Z", "note": "Greased"})
     _create(client, path, {"at": "2026-01-16T09:30:00Z", "note": "Belt of joint 5 replaced"})
-    _done(client.delete(f"{path}/{wrong}"), client.get(path))
+    _done(client.delete(f"{path}/{wrong}"), *_listed(client, path))
 
 
 def _webhooks(client: Any) -> None:
     """Make a webhook, test it, look at its journal, and delete it."""
     made = {"name": "MES", "url": "http://127.0.0.1:9/hook", "types": ["report.ready", "robot.alarm"]}
     path = f"/v1/webhooks/{_create(client, '/v1/webhooks', made)}"
-    _done(client.get("/v1/webhooks"), client.get(path))
+    _done(*_listed(client, "/v1/webhooks"), client.get(path))
     delivery = client.post(f"{path}/test")
     _done(delivery)
     address = f"{path}/deliveries"
@@ -121,7 +121,9 @@ def _webhooks(client: Any) -> None:
         lambda: client.get(address).json()["items"][0]["last_failure"] is not None, 30.0, "an attempt is made"
     )
     _done(
-        client.get(address), client.post(f"{address}/{delivery.json()['id']}/redeliver"), client.delete(path)
+        *_listed(client, address),
+        client.post(f"{address}/{delivery.json()['id']}/redeliver"),
+        client.delete(path),
     )
 
 
@@ -169,7 +171,7 @@ def _images(client: Any, session_id: str) -> None:
         client.post(f"{session}/poses", content=_COMMANDED_CSV, headers={"Content-Type": "text/csv"}),
         client.put(f"{session}/poses/P1", json=commanded["P1"]),
         client.get(f"{session}/poses/P1"),
-        client.get(f"{session}/poses"),
+        *_listed(client, f"{session}/poses"),
     )
     names = [{"pose_id": image.pose_id, "sha256": image.sha256} for image in taken]
     _done(client.post(f"{session}/images/missing", json={"images": names}))
@@ -198,8 +200,8 @@ def _images(client: Any, session_id: str) -> None:
         ),
         client.patch(session, json={"name": "Cell 4, week 12"}),
         client.get(session),
-        client.get("/v1/sessions"),
-        client.get(f"{session}/measurements"),
+        *_listed(client, "/v1/sessions"),
+        *_listed(client, f"{session}/measurements"),
         client.get(f"{measurement}/image"),
         client.get(f"{measurement}/overlay"),
         client.get(f"{measurement}/thumbnail"),
@@ -211,7 +213,7 @@ def _analyses(client: Any, session_id: str) -> None:
     asked = {"lengths": [length], "maximum_permissible_error_mm": 500.0}
     _done(client.post(f"/v1/sessions/{session_id}/qualification", json=asked))
     recorded = _create(client, f"/v1/sessions/{session_id}/qualifications", {**asked, "camera_name": "B-204"})
-    _done(client.get(f"/v1/qualifications/{recorded}"), client.get("/v1/qualifications"))
+    _done(client.get(f"/v1/qualifications/{recorded}"), *_listed(client, "/v1/qualifications"))
     _done(client.post(f"/v1/sessions/{session_id}/next-view", json={"purpose": "intrinsics", "count": 2}))
     for analysis in ("intrinsics", "repeatability", "camera-poses", "hand-eye", "comparison"):
         _done(client.get(f"/v1/sessions/{session_id}/{analysis}", headers=_CSV))
@@ -233,7 +235,7 @@ def _tracker(client: Any, robot_id: str, target_id: str) -> None:
     read = f"/v1/sessions/{session_id}/measured-poses"
     _done(
         client.post(read, json=readings(poses)),
-        client.get(read),
+        *_listed(client, read),
         client.get(f"/v1/sessions/{session_id}/dh", params={"source": "measured_poses"}),
         client.get(f"/v1/sessions/{session_id}/dh", params={"source": "measured_poses"}, headers=_CSV),
         client.get(f"/v1/sessions/{session_id}/dh/error-map", params={"source": "measured_poses"}),
@@ -287,7 +289,7 @@ def _reports(client: Any, session_id: str) -> None:
     }
     path = f"/v1/sessions/{session_id}/reports"
     report = _made(client, _done(client.post(path, json=body)).json())
-    _done(client.get(path), client.get("/v1/reports"), client.get(f"{report}/verify"))
+    _done(*_listed(client, path), *_listed(client, "/v1/reports"), client.get(f"{report}/verify"))
     _done(*(client.get(f"{report}.{form}") for form in ("json", "html", "pdf", "csv", "xml", "sig")))
 
 
@@ -358,9 +360,14 @@ def _keys(client: Any, session_id: str) -> None:
     _done(
         client.patch(f"/v1/keys/{key_id}", json={"name": "Cell 4, camera 1"}),
         client.get(f"/v1/keys/{key_id}"),
-        client.get("/v1/keys"),
+        *_listed(client, "/v1/keys"),
         client.delete(f"/v1/keys/{key_id}"),
     )
+
+
+def _listed(client: Any, path: str) -> list[Any]:
+    """Ask for a list as JSON, and for its beginning as a table."""
+    return [client.get(path), client.get(path, params={"limit": 2}, headers=_CSV)]
 
 
 def _create(client: Any, path: str, body: dict[str, Any]) -> str:

@@ -99,6 +99,6 @@ def test_the_service_compresses_lists_and_answers_tags_of_either_form(api: Any) 
     coded = api.client.get("/v1/targets", headers={"Accept-Encoding": "gzip"})
     assert (plain.headers.get("content-encoding"), coded.headers["content-encoding"]) == (None, "gzip")
     assert plain.json() == coded.json()
-    assert plain.headers["vary"] == coded.headers["vary"] == "Accept-Encoding"
+    assert plain.headers["vary"] == coded.headers["vary"] == "Accept, Accept-Encoding"
     head = api.client.head("/v1/targets", headers={"Accept-Encoding": "gzip"})
     assert (head.content, head.headers["content-encoding"]) == (b"", "gzip")

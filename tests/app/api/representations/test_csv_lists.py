@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+import csv
+import io
 from typing import Any
 
 import pytest
+
+from app.client.pose_rows import delimiter_of, pose_of_cells
 
 HEADERS = {"Content-Type": "text/csv; charset=utf-8"}
 POSES = (
@@ -50,6 +54,83 @@ def test_measured_poses_come_from_a_spreadsheet(api: Any) -> None:
 
 
 @pytest.mark.parametrize(
+    "text",
+    [
+        "pose_id,x_mm,y_mm,z_mm,roll_deg,j1_deg,j2_deg\nP1,1.5,-2,300,90,0.5,-20\nP2,,,,,,\n",
+        "pose_id;x_mm;y_mm;z_mm;roll_deg;j1_deg;j2_deg\nP1;1,5;-2;300;90,0;0,5;-20\nP2;;;;;;\n",
+        "pose_id;position_x_mm;position_y_mm;position_z_mm;roll_deg;joint_angles_deg\n"
+        'P1;1,5;-2;300;90;"0,5; -20"\nP2;;;;;\n',
+        "pose_id\tposition_mm\troll_deg\tjoint_angles_deg\nP1\t1,5 -2 300\t90\t0.5 -20\nP2\t\t\t\n",
+    ],
+)
+def test_names_and_decimal_commas_of_spreadsheets_are_read(api: Any, text: str) -> None:
+    first, second = send(api, api.make_session(), "poses", text).json()["items"]
+    assert first["position_mm"] == [1.5, -2.0, 300.0]
+    assert (first["roll_deg"], first["joint_angles_deg"]) == (90.0, [0.5, -20.0])
+    assert {value for name, value in second.items() if name != "pose_id"} == {None}
+    # The command line reads the same files.
+    rows = list(csv.reader(io.StringIO(text, newline=""), delimiter=delimiter_of(text.partition("\n")[0])))
+    told = pose_of_cells(dict(zip(rows[0], rows[1], strict=True)), delimiter_of(text.partition("\n")[0]))
+    assert told == {name: value for name, value in first.items() if value is not None}
+
+
+@pytest.mark.parametrize("kind", ["poses", "measured-poses"])
+def test_a_list_is_answered_as_a_table_that_can_be_sent_again(api: Any, kind: str) -> None:
+    first, second = api.make_session(), api.make_session()
+    items: list[dict[str, Any]] = [
+        {
+            "pose_id": f"P{i}",
+            "position_mm": [-100.25 * i, 200.0, 3e-7],
+            "joint_angles_deg": [-10.5, 1.0 / 3.0],
+        }
+        for i in range(3)
+    ]
+    if kind == "measured-poses":
+        turn = [[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]]
+        items = [{**item, "cycle": 2, "rotation": turn} for item in items]
+    assert api.client.post(f"/v1/sessions/{first}/{kind}", json=items).status_code == 200
+    address = f"/v1/sessions/{first}/{kind}"
+    table = api.client.get(address, headers={"Accept": "text/csv"})
+    assert table.headers["content-type"].startswith("text/csv")
+    assert "Accept" in table.headers["vary"]
+    assert "link" not in table.headers
+    assert send(api, second, kind, table.content).status_code == 200, table.text
+
+    def stored(session: str) -> list[dict[str, Any]]:
+        found = api.client.get(f"/v1/sessions/{session}/{kind}").json()["items"]
+        return [{name: value for name, value in item.items() if name != "id"} for item in found]
+
+    assert stored(second) == stored(first)
+    page = api.client.get(f"{address}?limit=2", headers={"Accept": "text/csv"})
+    assert len(page.text.splitlines()) == 3
+    following = page.headers["link"].partition(">")[0].removeprefix("<")
+    rest = api.client.get(following, headers={"Accept": "text/csv"})
+    assert page.text + "".join(rest.text.splitlines(keepends=True)[1:]) == table.text
+
+
+@pytest.mark.parametrize(
+    "path",
+    [
+        *("targets", "robots", "sessions", "reports", "audit", "keys", "qualifications", "webhooks"),
+        *("sessions/{}/measurements", "sessions/{}/reports"),
+    ],
+)
+def test_every_list_is_a_table_too(api: Any, grey_png: bytes, path: str) -> None:
+    session = api.make_session()
+    measurement = api.put_image(session, grey_png, pose_id="P7").json()
+    address = f"/v1/{path.format(session)}"
+    items = api.client.get(address).json()["items"]
+    answer = api.client.get(address, headers={"Accept": "text/csv"})
+    assert answer.headers["content-type"].startswith("text/csv")
+    rows = list(csv.DictReader(io.StringIO(answer.text, newline="")))
+    assert [row["id"] for row in rows] == [item["id"] for item in items]
+    if path.endswith("measurements"):
+        assert (rows[0]["id"], rows[0]["pose_id"], rows[0]["burst"]) == (measurement["id"], "P7", "1")
+    refused = api.client.get(f"{address}?limit=0", headers={"Accept": "text/csv"})
+    assert refused.headers["content-type"].startswith("application/problem+json")
+
+
+@pytest.mark.parametrize(
     ("text", "code"),
     [
         ("", "invalid_csv"),
@@ -57,6 +138,10 @@ def test_measured_poses_come_from_a_spreadsheet(api: Any) -> None:
         ("pose_id,roll_deg\nP1\n", "invalid_csv"),
         ("pose_id,pose_id\nP1,P1\n", "invalid_csv"),
         ("pose_id,position_x_mm\nP1,1\n", "invalid_csv"),
+        ("pose_id,x_mm,y_mm,z_mm,position_x_mm\nP1,1,1,1,1\n", "invalid_csv"),
+        ("pose_id,j1_deg,j3_deg\nP1,1,1\n", "invalid_csv"),
+        ("pose_id,j1_deg,joint_angles_deg\nP1,1,1\n", "invalid_csv"),
+        ("pose_id,j1_deg,j2_deg\nP1,,1\n", "invalid_request"),
         ('pose_id\n"P1\n', "invalid_csv"),
         ("pose_id,roll\nP1,1\n", "invalid_request"),
         ("pose_id,roll_deg\nP1,x\n", "invalid_request"),
