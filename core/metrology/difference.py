@@ -19,6 +19,7 @@ from typing import Literal
 
 from core.errors import InvalidArgument
 
+_NORMAL_95 = 1.959964
 Change = Literal["larger", "smaller", "no_change_shown"]
 
 
@@ -27,7 +28,8 @@ class Difference:
     """Second less first, in the figure's unit, and the ratio second to first, both with intervals of the same level.
 
     The ratio is None where either figure or interval is not above zero. `change` says whether the ratio's
-    interval, or without one the difference's, lies on one side of no change.
+    interval, or without one the difference's, lies on one side of no change, and `deviation` how far from no change it
+    is, in standard deviations of a normal distribution with that interval's half toward no change.
     """
 
     difference: float
@@ -35,6 +37,7 @@ class Difference:
     ratio: float | None
     ratio_interval: tuple[float, float] | None
     change: Change
+    deviation: float
 
 
 def estimate_difference(
@@ -52,15 +55,17 @@ def estimate_difference(
         if not (math.isfinite(low) and math.isfinite(high) and low <= figure <= high):
             raise InvalidArgument("A comparison takes figures within their intervals, all of them finite.")
     difference, interval = _recover(first, first_interval, second, second_interval)
+    distance, (low, high) = difference, interval
     ratio = ratio_interval = None
     if first_interval[0] > 0.0 and second_interval[0] > 0.0:
-        log, (low, high) = _recover(
+        distance, (low, high) = _recover(
             math.log(first), _logs(first_interval), math.log(second), _logs(second_interval)
         )
-        ratio, ratio_interval = math.exp(log), (math.exp(low), math.exp(high))
-    low, high = interval if ratio_interval is None else _logs(ratio_interval)
+        ratio, ratio_interval = math.exp(distance), (math.exp(low), math.exp(high))
     change: Change = "larger" if low > 0.0 else "smaller" if high < 0.0 else "no_change_shown"
-    return Difference(difference, interval, ratio, ratio_interval, change)
+    reach = distance - low if distance > 0.0 else high - distance
+    deviation = _NORMAL_95 * abs(distance) / reach if reach > 0.0 else 0.0 if distance == 0.0 else math.inf
+    return Difference(difference, interval, ratio, ratio_interval, change, deviation)
 
 
 def _recover(

@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from scipy.special import bdtrc
+from scipy.special import bdtrc, ndtr
 
 from app.analyses.history.likeness import not_stated, unlike
-from app.analyses.history.summaries import Key, Summary
+from app.analyses.history.summaries import DISTANCE, Key, Summary
 from app.analyses.json_text import rounded
 from core.metrology import Difference, estimate_difference
 
@@ -68,7 +68,8 @@ def verdict(differences: Mapping[Key, Difference], reasons: Sequence[str]) -> st
     changed = {key: one for key, one in differences.items() if one.change != "no_change_shown"}
     count, total = len(changed), len(differences)
     expected = (1.0 - _LEVEL) * total
-    chance = float(bdtrc(count - 1, total, 1.0 - _LEVEL)) if count else 1.0
+    largest = max(one.deviation for one in differences.values())
+    chance = _chance(differences, largest)
     if not changed:
         each = f"each of {total} figures" if total > 1 else "the one figure"
         found = f"No change is shown: the 95 % interval of {each} includes no change."
@@ -81,9 +82,22 @@ def verdict(differences: Mapping[Key, Difference], reasons: Sequence[str]) -> st
         ways = {one.change for one in changed.values()}
         way = "are larger" if ways == {"larger"} else "are smaller" if ways == {"smaller"} else "differ"
         found = (
-            f"{count} of {total} figures {way}; chance alone would give {expected:.1f}: something changed."
+            f"{count} of {total} figures {way}, one by {largest:.1f} standard deviations; chance alone would give "
+            f"{expected:.1f}: something changed."
         )
     return f"{found} {unlike_words}, so that a change need not be the robot's." if reasons else found
+
+
+def _chance(differences: Mapping[Key, Difference], largest: float) -> float:
+    """Return the chance of as many changed figures, or of one as far off, where nothing changed.
+
+    Distances share poses: one mean that is off by chance moves several of them. They count by how far they are off
+    alone, which holds however figures depend on one another (Bonferroni), and so does the lesser of the two chances.
+    """
+    apart = [one.change != "no_change_shown" for key, one in differences.items() if key[1] != DISTANCE]
+    by_count = float(bdtrc(sum(apart) - 1, len(apart), 1.0 - _LEVEL)) if any(apart) else 1.0
+    by_largest = min(len(differences) * 2.0 * float(ndtr(-largest)), 1.0)
+    return 2.0 * min(by_count, by_largest)
 
 
 def _subject(report: Summary) -> dict[str, Any]:

@@ -9,6 +9,8 @@ from dataclasses import dataclass
 from datetime import UTC, datetime
 from typing import Any
 
+from scipy.special import stdtrit
+
 from app.reports.forms import FORMAT, FORMAT_VERSION
 
 Json = Mapping[str, Any]
@@ -18,6 +20,10 @@ _NORMAL_95 = 1.959964
 _PARAMETERS = ("a_mm", "alpha_deg", "d_mm", "theta_offset_deg", "beta_deg")
 _POSE = ("position_mm", "roll_deg", "pitch_deg", "yaw_deg", "joint_angles_deg")
 ALL_POSES = "all poses"
+DISTANCE = "distance"
+"""Between the mean positions of two poses. It needs no tie of frames, whose uncertainty in AP_p is of the size of the
+robot's own deviations: a pose that moved by less shows here.
+"""
 _TEXTS = ("report_id", "kind", "made_at", "measured_at", "source", "poses")
 _CONDITIONS = ("load_kg", "speed_percent", "temperature_c")
 
@@ -82,11 +88,11 @@ def read_report(content: bytes) -> Summary:
 
 
 def over_poses(figures: Mapping[Key, Figure]) -> dict[Key, Figure]:
-    """Return figures with those of poses replaced by their geometric mean; lengths that are zero have none."""
+    """Return figures without distances, those of poses replaced by their geometric mean, which zeros do not have."""
     found: dict[Key, Figure] = {}
     of_poses: dict[str, list[float]] = {}
     for key, figure in figures.items():
-        if figure.is_length and figure.value <= 0.0:
+        if key[1] == DISTANCE or (figure.is_length and figure.value <= 0.0):
             continue
         if key[0].startswith("pose "):
             of_poses.setdefault(key[1], []).append(math.log(figure.value))
@@ -172,8 +178,11 @@ def _number(value: Any) -> float | None:
 
 
 def _figures(analyses: Json) -> Iterator[tuple[Key, Figure]]:
-    for pose in analyses.get("repeatability", {}).get("poses", ()):
+    repeatability = analyses.get("repeatability", {})
+    for pose in repeatability.get("poses", ()):
         yield from _of_pose(pose)
+    for distance in repeatability.get("distances") or ():
+        yield from _of_distance(distance)
     for group in analyses.get("intrinsics", {}).get("groups", ()):
         of = f"camera {group['focus_group']}"
         for name, value in group["intrinsics"].items():
@@ -204,6 +213,14 @@ def _of_pose(pose: Json) -> Iterator[tuple[Key, Figure]]:
     floor = pose["noise_floor"]["rp_l_mm"]
     if floor is not None:
         yield (of, "noise floor"), Figure(floor, None, "mm", True)
+
+
+def _of_distance(distance: Json) -> Iterator[tuple[Key, Figure]]:
+    value, u, cycles = distance["mean_mm"], distance["standard_uncertainty_mm"], distance["cycles"]
+    if value is not None and u is not None and cycles > 1:
+        reach = float(stdtrit(cycles - 1, 0.975)) * u
+        key = f"poses {distance['from_pose_id']} and {distance['to_pose_id']}", DISTANCE
+        yield key, Figure(value, (value - reach, value + reach), "mm", False)
 
 
 def _with_uncertainty(

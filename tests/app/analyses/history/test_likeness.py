@@ -87,6 +87,22 @@ def test_a_summary_is_the_same_after_it_was_stored() -> None:
     assert series_of([stored]).keys() == series_of([whole]).keys()
 
 
+def test_distances_that_share_a_pose_count_by_how_far_they_are_off() -> None:
+    """Four of ten distances end at one pose: an error of its mean is in all of them."""
+    same = estimate_difference(200.0, (199.996, 200.004), 200.0, (199.996, 200.004))
+    poses = {
+        (f"pose P{k}", "RP_l"): estimate_difference(0.05, (0.04, 0.065), 0.05, (0.04, 0.065))
+        for k in range(5)
+    }
+    for moved, said in ((0.006, "no change is shown"), (0.03, "something changed")):
+        off = estimate_difference(
+            200.0, (199.996, 200.004), 200.0 + moved, (199.996 + moved, 200.004 + moved)
+        )
+        assert off.change == "larger"
+        distances = {(f"poses P1 and P{k}", "distance"): off if k < 6 else same for k in range(2, 12)}
+        assert said in verdict({**poses, **distances}, [])
+
+
 @pytest.mark.parametrize(
     "wrong", [None, [], {}, {"report_id": 1}, "text", {**summary_of(content()), "figures": [1]}]
 )
@@ -98,9 +114,12 @@ def test_other_stored_values_are_no_summaries(wrong: Any) -> None:
 def test_few_changes_among_many_figures_are_chance() -> None:
     same = estimate_difference(0.05, (0.04, 0.065), 0.05, (0.04, 0.065))
     more = estimate_difference(0.05, (0.04, 0.065), 0.2, (0.16, 0.26))
+    little = estimate_difference(0.05, (0.04, 0.065), 0.075, (0.06, 0.098))
     many = {(f"pose P{k}", "RP_l"): same for k in range(30)}
     assert "No change is shown" in verdict(many, [])
-    assert "no change is shown" in verdict({**many, ("pose P0", "RP_l"): more}, [])
+    assert little.change == "larger"
+    assert "no change is shown" in verdict({**many, ("pose P0", "RP_l"): little}, [])
+    assert "7.9 standard deviations" in verdict({**many, ("pose P0", "RP_l"): more}, [])
     assert "something changed" in verdict({("pose P1", "RP_l"): more, ("pose P2", "RP_l"): more}, [])
     assert "not comparable (the load differs)" in verdict({("pose P1", "RP_l"): more}, ["the load differs"])
     assert verdict({}, []) == "Nothing can be compared."
