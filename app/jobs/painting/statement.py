@@ -53,10 +53,12 @@ def _sentences(subject: OverlaySubject, *, is_whole: bool) -> Iterator[str]:
     if not is_whole:
         yield "The file is damaged: what can be decoded of it is shown."
     warnings = calibration["warnings"] if calibration is not None else []
+    # What makes the grade comes first.
+    warnings = sorted(warnings, key=lambda warning: warning["code"] != "focal_weakly_observable")
     for warning in warnings[:_MAX_WARNINGS]:
         yield f"Warning: {warning['detail']}"
-    if len(warnings) > _MAX_WARNINGS:
-        yield f"{len(warnings) - _MAX_WARNINGS} more warnings are in the measurement."
+    if (more := len(warnings) - _MAX_WARNINGS) > 0:
+        yield f"{more} more {'warning is' if more == 1 else 'warnings are'} in the measurement."
     for one in quality["warnings"] if quality is not None else ():
         yield f"Image: {one['advice'] or one['detail']}"
 

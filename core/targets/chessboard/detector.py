@@ -238,7 +238,8 @@ def _not_found(steps: tuple[Step, ...], target: TargetSpec) -> DetectionError:
     ]
     if not boards:
         return TargetNotFound(f"No chessboard of {asked} inner corners was found.")
-    board = max(boards, key=lambda b: int(b.lattice.known.sum()))
+    # A board on a screen or a sheet in the background may show more points than one of which a part is hidden.
+    board = max(boards, key=lambda b: (b.is_resolved, int(b.lattice.known.sum())))
     long, short = board.size
     if not board.is_resolved:
         return TargetNotFound(

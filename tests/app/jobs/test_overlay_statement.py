@@ -95,3 +95,17 @@ def test_what_waits_is_excluded_dark_or_damaged_says_so() -> None:
     assert (len(plain.figures), len(dark.figures)) == (0, 1)
     assert "14 times" in dark.figures[0]
     assert len(damaged.sentences) == len(plain.sentences) + 1
+
+
+def test_what_makes_an_image_weak_is_said_first() -> None:
+    weak = {
+        "code": "focal_weakly_observable",
+        "detail": "The focal length is uncertain by 4 %.",
+        "advice": None,
+    }
+    calibration = {**CALIBRATION, "grade": "weak", "warnings": [WARNING] * 3 + [weak]}
+    sentences = statement_of(
+        subject(status="succeeded", calibration=calibration), 1.0, is_whole=True
+    ).sentences
+    assert "uncertain by 4 %" in sentences[0]
+    assert "1 more warning is in the measurement." in sentences

@@ -139,3 +139,13 @@ def test_another_board_is_refused_and_named(data_folder: Path, name: str, asked:
     for file in photos(data_folder, name):
         with pytest.raises((TargetMismatch, TargetNotFound), match=f"{columns} x {rows}"):
             detect(decode(file.read_bytes()), TargetSpec("chessboard", *asked, 30.0))
+
+
+def test_a_hidden_corner_is_the_reason_and_not_the_board_on_a_screen_behind(data_folder: Path) -> None:
+    """The monitor in the background of left03 shows the same board, whole, with squares of 5 px."""
+    picture = decode((data_folder / "opencv_samples" / "left03.jpg").read_bytes())
+    target = TargetSpec("chessboard", 9, 6, 25.0)
+    u, v = detect(picture, target).points_px[8].round().astype(int).tolist()
+    hidden = cv2.circle(picture.copy(), (u, v), 30, 128, -1)
+    with pytest.raises(TargetNotFound, match="outermost squares are hidden"):
+        detect(hidden, target)
