@@ -150,6 +150,7 @@ def test_other_source_is_compiled_anew_and_code_of_long_ago_is_removed(
     assert len(_kept(tmp_path)) == 2
 
 
+@pytest.mark.slow
 def test_a_change_of_a_called_kernel_in_another_module_compiles_the_caller_anew(
     tmp_path: Path,
 ) -> None:

@@ -18,31 +18,18 @@ def modules(*packages: str) -> Iterator[Path]:
 
 def texts_of(node: ast.AST) -> Iterator[str]:
     """Every string below a node, those of a formatted string as one."""
-    docstrings = {
-        id(child.body[0].value)
-        for child in ast.walk(node)
-        if isinstance(child, ast.Module | ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef)
-        and child.body
-        and isinstance(child.body[0], ast.Expr)
-    }
-    yield from _texts(node, docstrings)
-
-
-def _texts(node: ast.AST, docstrings: set[int]) -> Iterator[str]:
     if isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant):
         return  # a docstring, or one of a constant
-    if id(node) in docstrings:
-        return
     if isinstance(node, ast.JoinedStr):
         yield "".join(
             str(part.value) if isinstance(part, ast.Constant) else FILLED_IN for part in node.values
         )
         for part in node.values:
             if not isinstance(part, ast.Constant):
-                yield from _texts(part, docstrings)
+                yield from texts_of(part)
     elif isinstance(node, ast.Constant):
         if isinstance(node.value, str):
             yield node.value
     else:
         for child in ast.iter_child_nodes(node):
-            yield from _texts(child, docstrings)
+            yield from texts_of(child)

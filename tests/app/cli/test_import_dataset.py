@@ -191,7 +191,7 @@ def test_images_and_poses_arrive_in_a_new_session_once(served: Any, tmp_path: Pa
     gridpose(served, *words, "--session", "Hand-eye", code=2)
 
 
-@pytest.mark.parametrize("command", ["upload", "import"])
+@pytest.mark.parametrize("command", [pytest.param("upload", marks=pytest.mark.slow), "import"])
 def test_a_session_that_got_nothing_is_deleted_again(
     serve_api: ApiMaker, tmp_path: Path, command: str
 ) -> None:

@@ -143,7 +143,11 @@ def test_a_row_damaged_while_it_is_computed_fails_by_itself(any_api: Any, grey_p
 @pytest.mark.parametrize(
     ("statement", "column"),
     [
-        ('UPDATE sessions SET lens = \'{"focal_length_mm": "long"}\' WHERE id = :session_id', "session.lens"),
+        pytest.param(
+            'UPDATE sessions SET lens = \'{"focal_length_mm": "long"}\' WHERE id = :session_id',
+            "session.lens",
+            marks=pytest.mark.slow,
+        ),
         pytest.param(
             "UPDATE sessions SET intrinsics = '[1]' WHERE id = :session_id",
             "session.intrinsics",

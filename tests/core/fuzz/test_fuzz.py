@@ -12,7 +12,7 @@ from tests.core.fuzz.campaign import run_items
 @pytest.mark.parametrize(
     ("items", "processes"),
     [
-        (100, 1),
+        (40, 1),
         pytest.param(1000, 1, marks=pytest.mark.slow),
         pytest.param(50_000, os.cpu_count() or 1, id="soak", marks=pytest.mark.soak),
     ],
@@ -28,7 +28,7 @@ def test_damaged_files(items: int, processes: int) -> None:
 @pytest.mark.parametrize(
     ("items", "processes"),
     [
-        (200, 1),
+        (60, 1),
         pytest.param(700, 1, marks=pytest.mark.slow),
         pytest.param(50_000, os.cpu_count() or 1, id="soak", marks=pytest.mark.soak),
     ],
@@ -46,7 +46,7 @@ def test_hostile_headers(items: int, processes: int) -> None:
 @pytest.mark.parametrize(
     ("items", "processes"),
     [
-        (30, 1),
+        (12, 1),
         pytest.param(100, 1, marks=pytest.mark.slow),
         pytest.param(50_000, os.cpu_count() or 1, id="soak", marks=pytest.mark.soak),
     ],

@@ -444,6 +444,7 @@ def test_memory(kind: str, tmp_path: Path) -> None:
     assert 0.5 * (picture_bytes - (4 << 20)) < growth <= picture_bytes + (4 << 20)
 
 
+@pytest.mark.slow
 def test_reading_headers_needs_neither_numba_nor_the_inflater() -> None:
     """The service's front looks at headers and must stay small; the workers decode."""
     program = "import sys, core.image, app.main; print([m for m in ('numba', 'isal') if m in sys.modules])"

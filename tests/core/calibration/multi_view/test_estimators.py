@@ -90,6 +90,7 @@ def test_regions_of_poses_by_themselves_hold_the_truth() -> None:
     assert np.all(np.mean(inside, axis=0) > 0.95 - 3.0 * math.sqrt(0.95 * 0.05 / 150.0))
 
 
+@pytest.mark.slow
 def test_pooling_scatters_least() -> None:
     """The fewer parameters an image has to itself, the less its pose scatters."""
     s = session(3, cycles=12)

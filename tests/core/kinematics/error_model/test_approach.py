@@ -62,6 +62,7 @@ def test_what_the_side_of_approach_does_is_found_and_predicts_better() -> None:
         assert np.mean(np.abs(error) < 1.96 * predicted.deviations[:3]) > 0.9
 
 
+@pytest.mark.slow
 def test_a_wrong_order_does_no_harm() -> None:
     rng = np.random.default_rng(12)
     real, q = real_arm(rng), angles_within_limits(rng, 100)
