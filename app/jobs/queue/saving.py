@@ -13,7 +13,7 @@ from sqlalchemy import orm
 from app.jobs.job import Job, JobResult
 from app.jobs.queue.claimed_rows import unreadable
 from app.records.ids import new_id
-from app.records.outcome import Failure
+from app.records.outcome import DetectedTarget, Failure
 from app.records.readable import unreadable_columns
 from app.records.statements import Rows, Statement
 from app.records.tables import Measurement, Result, SessionTarget
@@ -160,6 +160,7 @@ def save_detected(session: orm.Session, item: JobResult, now: datetime, *, repla
     )
     if row is None:
         return False
+    was_measured = _was_measured(session, row)
     if replaces:
         session.execute(sa.delete(Result).where(Result.measurement_id == row.id))
     damaged = unreadable_columns(row)
@@ -176,8 +177,8 @@ def save_detected(session: orm.Session, item: JobResult, now: datetime, *, repla
     found = [shown for shown in outcome.shown if shown.target_id in looked_at]
     if not row.seeks_target:  # a sibling was deleted meanwhile, which this search must not bring back
         found = [shown for shown in found if shown.target_id == row.target_id]
-    elif row.target_id not in looked_at:
-        row.target_id = None
+    elif row.target_id not in looked_at or (found and not was_measured and not _is_shown(row, found)):
+        row.target_id = None  # what is found takes the place of a target that was never found in the image
     others = [shown for shown in found if shown.target_id not in held]
     own = next((shown for shown in others if row.target_id in (None, shown.target_id)), None)
     result, failure = outcome.result, outcome.failure
@@ -210,6 +211,16 @@ def save_detected(session: orm.Session, item: JobResult, now: datetime, *, repla
             session.add(Result(measurement_id=each.id, **columns))
     session.flush()
     return True
+
+
+def _was_measured(session: orm.Session, row: Measurement) -> bool:
+    """Return whether the row has a result in which its target was found."""
+    earlier = earlier_results(session, [row.id])
+    return row.id in earlier and (earlier[row.id] or row.failure_code is None)
+
+
+def _is_shown(row: Measurement, found: Sequence[DetectedTarget]) -> bool:
+    return any(shown.target_id == row.target_id for shown in found)
 
 
 def _siblings(session: orm.Session, row: Measurement) -> Sequence[Measurement]:

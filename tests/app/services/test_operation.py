@@ -5,8 +5,8 @@ from __future__ import annotations
 import json
 import re
 import shutil
-import sqlite3
 import socket
+import sqlite3
 import threading
 import time
 from concurrent.futures import ThreadPoolExecutor

@@ -105,6 +105,26 @@ def test_new_targets_are_searched_in_images_sent_without_one(any_api: Any, grey_
     assert api.installation.queue.claim(9) == ()
 
 
+def test_what_an_added_target_gives_takes_the_place_of_a_failed_search(any_api: Any, grey_png: bytes) -> None:
+    api = any_api
+    wrong, right = api.make_target(), api.make_target(columns=7)
+    session_id = api.make_session(wrong)
+    measurement_id = api.put_image(session_id, grey_png).json()["id"]
+    search(api)
+    assert rows(api, session_id) == [(measurement_id, wrong, "failed")]
+    change(api, session_id, wrong, right)
+    assert search(api, 1) == [wrong, right]
+    assert rows(api, session_id) == [(measurement_id, right, "succeeded")]
+    counts = api.client.get(f"/v1/sessions/{session_id}").json()["counts"]
+    assert (counts["succeeded"], counts["failed"]) == (1, 0)
+    # Of both in the image, each has its measurement.
+    assert api.client.post(f"/v1/measurements/{measurement_id}/retry").status_code == 202
+    search(api, 0, 1)
+    assert sorted(row[1:] for row in rows(api, session_id)) == sorted(
+        [(right, "succeeded"), (wrong, "succeeded")]
+    )
+
+
 def test_a_target_that_cannot_be_is_refused_and_nothing_changes(any_api: Any, grey_png: bytes) -> None:
     target_id = any_api.make_target()
     session_id = any_api.make_session(target_id)
