@@ -23,6 +23,7 @@ from app.web.service import service_of
 
 router = page_router()
 PAGE_SIZE = 60
+FOCAL_LEFT_OPEN = "focal_not_observable"
 ISO_CYCLES = 30
 """Cycles of a test by ISO 9283:1998, 7.2."""
 _STATES = get_args(ImageState)
@@ -92,13 +93,16 @@ def next_step(detail: SessionDetail, counted: GalleryCounts) -> tuple[str, str, 
         )
     if counts["queued"] or counts["running"]:
         return None
-    if counts["failed"] > 0.2 * done:
-        code = counted.codes[0][0] if counted.codes else ""
+    # Images that do not determine the focal length by themselves count in the session's camera.
+    reasons = [(code, count) for code, count in counted.codes if code != FOCAL_LEFT_OPEN]
+    unmeasured = counts["failed"] - sum(count for code, count in counted.codes if code == FOCAL_LEFT_OPEN)
+    if unmeasured > 0.2 * done:
+        code = reasons[0][0] if reasons else ""
         return (
-            f"{counts['failed']} of {done} images were refused, most often {code.replace('_', ' ')}. Open one: it says "
+            f"{unmeasured} of {done} images were not measured, most often {code.replace('_', ' ')}. Open one: it says "
             "why and what to change.",
             f"/ui/sessions/{session_id}?state=failed",
-            "See the refused images",
+            "See these images",
         )
     if counted.poses and all(count == 1 for _, count in counted.poses):
         return (
