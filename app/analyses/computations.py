@@ -38,8 +38,8 @@ def compute_plan(
 ) -> bytes | AnalysisRefused:
     """Run in a process alongside the head."""
     from app.analyses.documents.dh import plan_document
-    from app.analyses.json_text import encode
     from app.analyses.outcome import AnalysisError
+    from app.records.numbers import encode
     from core import GridposeError
 
     try:

@@ -26,10 +26,10 @@ from app.analyses.inputs.change_token import read_change_token
 from app.analyses.inputs.session_loader import Markers, load_session, read_markers
 from app.analyses.inputs.session_subject import subject_in_words
 from app.analyses.inputs.snapshot import Snapshot, read_snapshot
-from app.analyses.json_text import encode
 from app.analyses.outcome import AnalysisError, AnalysisRefused, AnalysisResult
 from app.build import core_version
 from app.records.database import Database
+from app.records.numbers import encode
 from core import GridposeError
 from core.session import SessionData
 

@@ -14,13 +14,13 @@ from pydantic import BaseModel, ValidationError
 from starlette.concurrency import run_in_threadpool
 from starlette.types import Receive, Scope, Send
 
-from app.analyses.json_text import rounded
 from app.api.schemas.common import AdvisoryRead
 from app.api.schemas.measurements import MeasurementRead
 from app.api.schemas.poses import PoseRead
 from app.api.schemas.sessions import SessionRead
 from app.errors import RowUnreadable
 from app.records.ids import moment_of
+from app.records.numbers import rounded
 from app.records.readable import unreadable_columns
 from app.records.tables import Measurement, Pose
 from app.services.measurements import MeasurementDetail, NewMeasurement
@@ -167,7 +167,7 @@ def _readable_document(view: MeasurementDetail, points: list[dict[str, Any]] | N
             "failure": failure,
             "retry_failure": measurement.retry_failure,
             "excluded": measurement.excluded,
-            "calibration": rounded(result.calibration) if result is not None else None,
+            "calibration": result.calibration if result is not None else None,
             "labelling": result.labelling if result is not None else None,
             "capture_quality": rounded(quality_document(measurement), "capture_quality"),
             "points": rounded(points),

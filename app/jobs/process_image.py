@@ -11,6 +11,7 @@ from app.build import core_version
 from app.errors import OriginalCorrupt, OriginalMissing
 from app.jobs.job import Job
 from app.records.codec import encode_calibration, encode_refused
+from app.records.numbers import rounded
 from app.records.outcome import DetectedTarget, Failure, Outcome, Provenance
 from core import Camera, GridposeError, Lens, TargetOutcome, TargetSpec, calibrate_targets
 from core.errors import NotConverged, TargetAmbiguous, TargetMirrored, TargetMismatch, TargetNotFound
@@ -145,7 +146,8 @@ def _encoded(outcome: TargetOutcome, provenance: Provenance) -> tuple[dict[str, 
     if not _is_finite(columns["calibration"]):
         points = outcome.calibration.points
         return _refused(NotConverged("The estimate is not finite.", points=points), provenance)
-    return columns, None
+    # Once, since lists of measurements are read often; analyses take the points, which keep every bit.
+    return {**columns, "calibration": rounded(columns["calibration"])}, None
 
 
 def _refused(error: GridposeError, provenance: Provenance) -> tuple[dict[str, Any], Failure]:

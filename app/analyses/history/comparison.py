@@ -9,7 +9,7 @@ from scipy.special import bdtrc, ndtr
 
 from app.analyses.history.likeness import not_stated, unlike
 from app.analyses.history.summaries import DISTANCE, Key, Summary
-from app.analyses.json_text import rounded
+from app.records.numbers import rounded
 from core.metrology import Difference, estimate_difference
 
 _LEVEL = 0.95

@@ -19,7 +19,7 @@ from app.analyses.history.charting import (
 )
 from app.analyses.history.likeness import group_comparable, poses_in
 from app.analyses.history.summaries import Figure, Key, Summary
-from app.analyses.json_text import rounded
+from app.records.numbers import rounded
 from core.metrology import ControlChart
 
 Json = dict[str, Any]

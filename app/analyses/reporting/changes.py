@@ -145,7 +145,7 @@ def _place(image: Json) -> str:
 
 
 def _differences(before: Any, after: Any, hidden: Collection[str] = (), path: str = "") -> Iterator[str]:
-    """Yield each value that is another one, by its place. A field that only one of two builds states is no difference."""
+    """Yield each value that is another one, by its place; what only one of two builds states is no difference."""
     if isinstance(before, dict) and isinstance(after, dict):
         for name in {**before, **after}:
             if name in hidden or (not path and not (name in before and name in after)):

@@ -9,7 +9,6 @@ import sqlalchemy as sa
 
 from app.analyses.documents.robot_files import exports_of
 from app.analyses.inputs.change_token import read_change_token
-from app.analyses.json_text import encode_record
 from app.analyses.outcome import AnalysisRefused
 from app.analyses.reporting.inputs import inputs_hash, read_inputs
 from app.analyses.reporting.orders import DRAWINGS, KINDS, MadeReport, ReportOrder, settings_of
@@ -17,6 +16,7 @@ from app.analyses.worker import LoadedSession, document_of, load
 from app.build import core_version
 from app.errors import Conflict
 from app.records.database import Database
+from app.records.numbers import encode_record
 from app.records.tables import MeasuredPose, Measurement
 from app.reports.forms import FORMAT, FORMAT_VERSION, RenderingFailed, render_forms
 

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from app.analyses.json_text import encode
+from app.records.numbers import encode
 from core.session import PoseRow, SessionData, estimate_session, image_rows, measured_rows
 
 

@@ -14,9 +14,9 @@ import pytest
 from app.analyses.documents.findings import Findings, findings_document
 from app.analyses.inputs.session_loader import load_session, read_markers
 from app.analyses.inputs.snapshot import read_snapshot
-from app.analyses.json_text import SIGNIFICANT_DIGITS, encode, encode_record, rounded
 from app.analyses.worker import ANALYSES as FUNCTIONS
 from app.analyses.worker import comparison_findings
+from app.records.numbers import SIGNIFICANT_DIGITS, encode, encode_record, rounded
 from tests.support.sessions.robot_session import ANALYSES, SETTINGS, RobotSession
 
 _TEXTS = re.compile(rb'"(?:[^"\\]|\\.)*"')

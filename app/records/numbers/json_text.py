@@ -25,7 +25,7 @@ import math
 from collections.abc import Iterator, Mapping
 from typing import Any
 
-from app.analyses.field_names import ALL_DIGITS, UNCERTAINTY_DIGITS, belongs, digits_of, is_interval
+from app.records.numbers.field_names import ALL_DIGITS, UNCERTAINTY_DIGITS, belongs, digits_of, is_interval
 
 SIGNIFICANT_DIGITS = ALL_DIGITS
 PLACES_AFTER_UNCERTAINTY = 4
