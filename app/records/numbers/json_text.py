@@ -58,8 +58,11 @@ def rounded(value: Any, name: str = "") -> Any:
     found = _rounded(value, digits_of(name))
     if isinstance(value, Mapping):
         for holder, values in ((found, value), *((found[one], value[one]) for one in value)):
-            if isinstance(values, Mapping):
-                _repeat_worst(holder, values, found, value)
+            for one, exact in (
+                zip(holder, values, strict=True) if isinstance(values, list) else [(holder, values)]
+            ):
+                if isinstance(exact, Mapping):
+                    _repeat_figures(one, exact, found, value)
     return found
 
 
@@ -148,11 +151,15 @@ def _round_mean(found: Json, exact: Mapping[str, Any]) -> None:
             _round(found["mean"], mean, name, u)
 
 
-def _repeat_worst(holder: Json, values: Mapping[str, Any], found: Any, exact: Any) -> None:
-    """Give what `worst_rp_l_mm` and the like repeat the digits of the `rp_l_mm` that it repeats."""
-    for name, value in values.items():
-        if name.startswith("worst_") and isinstance(value, float):
-            same = _fields(found, exact, name.removeprefix("worst_"))
+def _repeat_figures(holder: Json, values: Mapping[str, Any], found: Any, exact: Any) -> None:
+    """Give `worst_rp_l_mm` and the like, and the values of a budget's figures, the digits of what they repeat."""
+    repeated = {name: name.removeprefix("worst_") for name in values if name.startswith("worst_")}
+    if isinstance(values.get("figure"), str):
+        repeated["value_mm"] = values["figure"].rpartition(".")[2]
+    for name, figure in repeated.items():
+        value = values.get(name)
+        if isinstance(value, float):
+            same = _fields(found, exact, figure)
             holder[name] = next((shown for shown, one in same if one == value), holder[name])
 
 

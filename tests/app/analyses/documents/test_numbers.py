@@ -156,6 +156,25 @@ def test_values_with_an_interval_are_rounded_by_its_width_and_so_are_its_ends() 
     }
 
 
+def test_a_figure_that_is_repeated_has_the_digits_of_the_first() -> None:
+    pose = {
+        "repeatability": {"rp_l_mm": 0.09526368373},
+        "interval": {"rp_l_mm": [0.0725922487, 0.1936449032]},
+    }
+    total = {
+        "figure": "repeatability.rp_l_mm",
+        "value_mm": 0.09526368373,
+        "standard_uncertainty_mm": 0.00123456,
+    }
+    found = rounded(
+        {"poses": [pose], "acceptance": {"worst_rp_l_mm": 0.09526368373}, "budget_totals": [total]}
+    )
+    assert found["acceptance"] == {"worst_rp_l_mm": 0.09526}
+    assert found["budget_totals"] == [
+        {"figure": "repeatability.rp_l_mm", "value_mm": 0.09526, "standard_uncertainty_mm": 0.001235}
+    ]
+
+
 @pytest.mark.parametrize(
     ("exact", "shown"),
     [

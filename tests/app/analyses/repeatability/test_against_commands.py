@@ -88,7 +88,7 @@ def test_accuracy_against_the_commanded_poses(api: Any, store: Store, angles: bo
         found = row["accuracy"]
         attained = np.array([found[name] for name in ("ap_x_mm", "ap_y_mm", "ap_z_mm")])
         errors.append(attained - off[row["pose_id"]])
-        assert found["ap_p_mm"] == pytest.approx(float(np.linalg.norm(attained)))
+        assert found["ap_p_mm"] == pytest.approx(float(np.linalg.norm(attained)), rel=1e-4)
         assert (found["ap_yaw_deg"] is None) == (not angles)
     # The frames are tied by 24 poses that are themselves off by .5 mm an axis: about a fifth of that remains.
     assert np.sqrt(np.mean(np.square(errors))) < 0.3

@@ -301,11 +301,11 @@ def test_the_budget_explains_each_figure(api: Any, store: Store) -> None:
             for one in document["budget"]
             if (one["figure"], one["pose_id"]) == (total["figure"], total["pose_id"])
         ]
-        assert sum(one["share"] for one in inputs) == pytest.approx(1.0)
+        assert sum(one["share"] for one in inputs) == pytest.approx(1.0, rel=1e-5)
         added = math.sqrt(sum((one["sensitivity"] * one["input_uncertainty"]) ** 2 for one in inputs))
-        assert added == pytest.approx(total["standard_uncertainty_mm"])
+        assert added == pytest.approx(total["standard_uncertainty_mm"], rel=1e-3)
         assert total["expanded_uncertainty_mm"] == pytest.approx(
-            total["coverage_factor"] * total["standard_uncertainty_mm"]
+            total["coverage_factor"] * total["standard_uncertainty_mm"], rel=1e-3
         )
         sampled = total["monte_carlo"]
         assert sampled["standard_uncertainty_mm"] == pytest.approx(total["standard_uncertainty_mm"], rel=0.25)
