@@ -224,11 +224,7 @@ def test_pictures_and_metrics_declare_their_media_types(document: dict[str, Any]
     assert media("/metrics") == {"text/plain"}
     assert media("/v1/sessions/{session_id}/events") == {"text/event-stream"}
     upload = document["paths"]["/v1/sessions/{session_id}/poses/{pose_id}/images/{sha256}"]["put"]
-    # Generated clients send the first type that they know.
-    assert list(upload["requestBody"]["content"]) == [
-        octets,
-        *("image/png", "image/jpeg", "image/tiff", "image/bmp"),
-    ]
+    assert set(upload["requestBody"]["content"]) == {octets}
     assert {"200", "202"} <= set(upload["responses"])
 
 
