@@ -61,7 +61,7 @@ _ACCEPTED: dict[int | str, dict[str, Any]] = {
 _RAW_BODY = {
     "requestBody": {
         "required": True,
-        # Alone: generators of clients leave out an operation that takes types of `image/*`, which are taken, too.
+        # Alone: generators of clients skip an operation that names types of `image/*`, which are taken, too.
         "content": {"application/octet-stream": {"schema": {"type": "string", "format": "binary"}}},
         "description": "The image file: PNG, JPEG, TIFF or BMP. A `Content-Type` of `image/*` is taken, too.",
     }
