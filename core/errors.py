@@ -25,6 +25,7 @@
     │   ├── CommandedPosesMissing        commanded_poses_missing
     │   ├── MeasuredPosesMissing         measured_poses_missing
     │   ├── NominalRobotMissing          nominal_robot_missing
+    │   ├── SeveralTargetsOnFlange       several_targets_on_flange
     │   ├── SweepJointUnknown            sweep_joint_unknown
     │   └── SweepPoseUnknown             sweep_pose_unknown
     └── EstimationError                  the points or poses do not determine an answer
@@ -218,6 +219,14 @@ class NominalRobotMissing(SessionError):
     default_advice = (
         "Make a robot with its Denavit-Hartenberg parameters (`gridpose robots create`), and give the session its "
         "robot_id (PATCH, `gridpose sessions change --robot`)."
+    )
+
+
+class SeveralTargetsOnFlange(SessionError):
+    code = "several_targets_on_flange"
+    default_advice = (
+        "Leave one target in the session's target_ids and give each other one a session of its own; or set the "
+        "session's camera_mount to robot if the camera is on the robot."
     )
 
 

@@ -90,6 +90,7 @@ def session_document(view: SessionDetail) -> SessionRead:
             "lens": session.lens,
             "intrinsics": session.intrinsics,
             "conditions": session.conditions,
+            "camera_mount": session.camera_mount,
             "created_at": session.created_at,
             "counts": view.counts,
         },

@@ -227,6 +227,7 @@ _BY_NAME: dict[str, Callable[[Any], bool]] = {
         "fx_px", "fy_px", "cx_px", "cy_px", optional=("k1", "k2", "p1", "p2", "k3")
     ),
     "conditions": _are_conditions,
+    "camera_mount": lambda value: value in ("robot", "fixed"),
     "certificate": _is_certificate,
     "print_kind": lambda value: value in ("paper", "plate", "glass"),
     "shape_standard_uncertainty": _are_numbers_of(

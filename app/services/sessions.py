@@ -37,6 +37,7 @@ class NewSession:
     lens: dict[str, Any] | None
     intrinsics: dict[str, Any] | None
     conditions: dict[str, Any] | None
+    camera_mount: str
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,6 +57,7 @@ def create_session(records: orm.Session, new: NewSession) -> SessionDetail:
         lens=new.lens,
         intrinsics=new.intrinsics,
         conditions=new.conditions,
+        camera_mount=new.camera_mount,
         created_at=datetime.now(UTC),
         targets=_session_targets(records, new.target_ids),
     )
@@ -100,10 +102,11 @@ def search_sessions(
 def update_session(records: orm.Session, session_id: str, changes: Mapping[str, Any]) -> SessionDetail:
     """Change the fields named in `changes`.
 
-    Results stay as they are until they are computed again: at once where `target_ids` change, else on request.
+    Results stay as they are until they are computed again: at once where `target_ids` change, else on request. No
+    change touches commanded poses, which are those of the flange in the base whatever the camera is mounted on.
     """
     session = get_or_raise(records, Session, session_id, lock=True)
-    for field in ("name", "lens", "intrinsics", "conditions"):
+    for field in ("name", "lens", "intrinsics", "conditions", "camera_mount"):
         if field in changes:
             setattr(session, field, changes[field])
     if "robot_id" in changes:

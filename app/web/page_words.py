@@ -28,6 +28,8 @@ _PHRASES = (
         "State on the target's page what was measured",
     ),
     ("Name the target (target_id), or use", "Use"),
+    ("set the session's camera_mount to fixed", "change the session's camera to fixed"),
+    ("set the session's camera_mount to robot", "change the session's camera to the one on the robot"),
     (", or PATCH the session's robot_id", ", or change the session's robot"),
     ("omit source to use images", "choose “images” under Measured by"),
     ("; mend tags with `gridpose measurements correct`", "; a wrong tag is corrected on the page of images"),

@@ -43,6 +43,7 @@ if TYPE_CHECKING:
     )
     from core.session.model import (
         NO_TARGET,
+        CameraMount,
         CameraViews,
         CommandedPose,
         Datasheet,
@@ -140,6 +141,7 @@ _NAMES = {
     ),
     "model": (
         "NO_TARGET",
+        "CameraMount",
         "CameraViews",
         "CommandedPose",
         "Datasheet",
@@ -206,6 +208,7 @@ __all__ = [
     "BurstFloor",
     "BurstNoise",
     "CalibratedSession",
+    "CameraMount",
     "CameraViews",
     "CommandedPose",
     "Datasheet",

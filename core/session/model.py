@@ -10,6 +10,7 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from typing import Literal
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -22,6 +23,9 @@ from core.targets import GridPoints, Labelling, TargetSpec
 
 NO_TARGET = -1
 """The place of the target of an image that shows none of the session's; such an image has no grid points."""
+CameraMount = Literal["robot", "fixed"]
+"""`robot`: the camera is on the robot and targets stand still (eye in hand). `fixed`: the camera stands still and the
+target is on the robot's flange (eye to hand)."""
 _NUMBER = re.compile(r"(\d+)", re.ASCII)
 
 
@@ -105,7 +109,8 @@ class MeasuredPose:
     ----------
     position_mm, rotation
         Of the camera in the target frame (T_target_camera), or of the probe in the instrument's frame; the rotation is
-        None where the instrument gives positions alone.
+        None where the instrument gives positions alone. Figures of a robot before a fixed camera are of the target in
+        the camera frame (`core.session.camera_mount`).
     covariance
         Of x, y, z (mm) and a small rotation w (rad) with R_true = exp(w) R, in that frame; None where it is not stated.
     scatter
@@ -183,6 +188,8 @@ class SessionData:
         Images that are not computed yet, for messages.
     taken_h
         When images were taken, by measurement, in hours after the first one; empty where that is not known.
+    camera_mount
+        What the camera is on; commanded poses are T_base_flange either way.
     time_source
         From what: `captured_at` as it was stated with the images, or `received_at`, when they came.
     """
@@ -201,6 +208,7 @@ class SessionData:
     pending: int = 0
     taken_h: Mapping[str, float] = field(default_factory=dict)
     time_source: str | None = None
+    camera_mount: CameraMount = "robot"
 
     def observed(self) -> set[int]:
         """Return the places of the images whose grid points were found."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -20,7 +20,14 @@ from core.geometry import (
 )
 from core.kinematics import TargetTransform
 from core.metrology import PerComponent
-from core.session import FocusGroup, SessionData, SessionEstimate, estimate_session, refine_target
+from core.session import (
+    CameraMount,
+    FocusGroup,
+    SessionData,
+    SessionEstimate,
+    estimate_session,
+    refine_target,
+)
 
 POSE_FIELDS = ("x_mm", "y_mm", "z_mm", "roll_deg", "pitch_deg", "yaw_deg")
 RP = ("rp_l_mm", *(f"rp_{part}" for part in POSE_FIELDS))
@@ -85,6 +92,41 @@ def intervals_document(
 def factor(name: str) -> float:
     """Return what a figure is multiplied by for the API."""
     return math.degrees(1.0) if name.endswith("_deg") else 1.0
+
+
+def frame_fields(
+    T: Float[np.ndarray, "4 4"], name: str, covariance: Float[np.ndarray, "6 6"] | None
+) -> dict[str, Any]:
+    """Return a frame as the API shows it: the transform under its name, and its pose with what is uncertain of it."""
+    return {name: T.tolist(), **pose_fields(T, covariance)}
+
+
+def mounted_frames(
+    moving: tuple[Float[np.ndarray, "4 4"], Float[np.ndarray, "6 6"] | None],
+    fixed: Sequence[tuple[dict[str, Any], Float[np.ndarray, "4 4"], Float[np.ndarray, "6 6"] | None]],
+    mount: CameraMount,
+) -> dict[str, Any]:
+    """Return the frames on the flange and in the base by what they are: of a camera on the robot, or of a fixed one.
+
+    `moving` is what is on the flange and its covariance; `fixed` are those in the base, each with the fields that name
+    the target and count its poses. Of a fixed camera there is one target, which is on the flange.
+    """
+    if mount == "robot":
+        return {
+            "flange_camera": frame_fields(moving[0], "T_flange_camera", moving[1]),
+            "base_targets": [
+                {**of_target, **frame_fields(T, "T_base_target", C)} for of_target, T, C in fixed
+            ],
+            "base_camera": None,
+            "flange_targets": [],
+        }
+    ((of_target, T, C),) = fixed
+    return {
+        "flange_camera": None,
+        "base_targets": [],
+        "base_camera": frame_fields(T, "T_base_camera", C),
+        "flange_targets": [{**of_target, **frame_fields(moving[0], "T_flange_target", moving[1])}],
+    }
 
 
 def refined_estimate(

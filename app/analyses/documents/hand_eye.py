@@ -1,4 +1,4 @@
-"""The camera on the flange and the targets in the base as the API shows them."""
+"""The camera on the flange and the targets in the base, or a fixed camera in the base, as the API shows them."""
 
 from __future__ import annotations
 
@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from app.analyses.documents.encoding import pose_fields, refined_estimate
+from app.analyses.documents.encoding import mounted_frames, refined_estimate
 from app.analyses.documents.findings import Findings
-from core.session import HandEyeStation, HeldOut, SessionData, SessionHandEye, calibrate_session_hand_eye
+from core.session import HandEyeStation, HeldOut, SessionData, calibrate_session_hand_eye
 
 
 def hand_eye_findings(data: SessionData, settings: Mapping[str, str]) -> Findings:
@@ -20,16 +20,21 @@ def hand_eye_findings(data: SessionData, settings: Mapping[str, str]) -> Finding
     tie = found.calibration
     fields = {
         "estimator": settings["estimator"],
-        "flange_camera": {"T_flange_camera": tie.T_flange_camera.tolist(), **_uncertain(found, -1)},
-        "base_targets": [
-            {
-                "target_id": data.target_ids[target],
-                "pose_count": sum(station.target == target for station in found.stations),
-                "T_base_target": tie.T_base_targets[k].tolist(),
-                **_uncertain(found, k),
-            }
-            for k, target in enumerate(found.targets)
-        ],
+        **mounted_frames(
+            (tie.T_flange_camera, found.covariance[:6, :6]),
+            [
+                (
+                    {
+                        "target_id": data.target_ids[target],
+                        "pose_count": sum(station.target == target for station in found.stations),
+                    },
+                    tie.T_base_targets[k],
+                    found.covariance[6 + 6 * k : 12 + 6 * k, 6 + 6 * k : 12 + 6 * k],
+                )
+                for k, target in enumerate(found.targets)
+            ],
+            found.camera_mount,
+        ),
         "coverage_factor": tie.coverage_factor,
         "robot_scatter_mm": tie.robot_position_mm,
         "robot_scatter_deg": math.degrees(tie.robot_rotation),
@@ -43,13 +48,6 @@ def hand_eye_findings(data: SessionData, settings: Mapping[str, str]) -> Finding
         ],
     }
     return Findings(fields, found.excluded_measurements, found.warnings)
-
-
-def _uncertain(found: SessionHandEye, target: int) -> dict[str, Any]:
-    """Return the fields of a frame: that of target `target`, of the camera on the flange for -1."""
-    tie, begin = found.calibration, 6 + 6 * target
-    T = tie.T_flange_camera if target < 0 else tie.T_base_targets[target]
-    return pose_fields(T, found.covariance[begin : begin + 6, begin : begin + 6])
 
 
 def _residual(station: HandEyeStation, data: SessionData) -> dict[str, Any]:

@@ -66,6 +66,7 @@ def read_change_token(records: orm.Session, session_id: str) -> str:
         session.lens,
         session.intrinsics,
         session.conditions,
+        session.camera_mount,
         [
             robot.id,
             robot.name,

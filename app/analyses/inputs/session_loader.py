@@ -69,6 +69,7 @@ def load_session(records: orm.Session, snapshot: Snapshot, source: str = "images
         pending=snapshot.pending,
         taken_h=taken_h,
         time_source=time_source,
+        camera_mount=snapshot.camera_mount,
     )
 
 

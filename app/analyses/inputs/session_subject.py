@@ -38,6 +38,7 @@ def session_subject(
             "due_at": _rfc3339(qualification["due_at"]),
             "decision": qualification["decision"],
         },
+        "camera_mount": session.camera_mount,
     }
 
 

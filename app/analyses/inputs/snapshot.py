@@ -35,7 +35,7 @@ from app.records.tables import (
 from app.services.qualifications import latest_qualification
 from app.services.queries import get_or_raise, require_readable
 from core import GridposeError
-from core.session import NO_TARGET, CommandedPose, ImageObservation, natural
+from core.session import NO_TARGET, CameraMount, CommandedPose, ImageObservation, natural
 from core.targets import target_of
 
 FOREIGN = "target_not_in_session"
@@ -90,7 +90,7 @@ class Snapshot:
 
     Where an analysis is of another instrument's poses, `measured` are those in the same order, and there are no images.
     `robot` are the nominal parameters of the session's joints, `joint_coupling` how these are coupled, `datasheet` what
-    its maker states. `subject` is what answers say they are about.
+    its maker states, `camera_mount` what the camera is on. `subject` is what answers say they are about.
     """
 
     session_id: str
@@ -106,6 +106,7 @@ class Snapshot:
     joint_coupling: list[list[float]] | None = None
     datasheet: Mapping[str, float | None] = field(default_factory=dict)
     subject: Mapping[str, Any] = field(default_factory=dict)
+    camera_mount: CameraMount = "robot"
 
     def answer_sha256(self, analysis: str, settings: Mapping[str, Any]) -> str:
         """Return the hash of all that an answer is made of: its inputs, and ids, names and times."""
@@ -158,6 +159,8 @@ class Snapshot:
             "robot": self.robot if analysis in ROBOT_ANALYSES else None,
             "joint_coupling": self.joint_coupling if analysis in ROBOT_ANALYSES else None,
             "datasheet": dict(self.datasheet) if analysis == "repeatability" else None,
+            # With the camera on the robot, the hash is that of versions before it; other instruments have no mount.
+            **({"camera_mount": "fixed"} if self.camera_mount == "fixed" and not self.measured else {}),
         }
         text = json.dumps(inputs, sort_keys=True, separators=(",", ":"), allow_nan=False)
         return hashlib.sha256(text.encode()).hexdigest()
@@ -223,6 +226,7 @@ def read_snapshot(records: orm.Session, session_id: str, source: str = "images")
         if robot is not None
         else None,
         joint_coupling=robot.joint_coupling if robot is not None else None,
+        camera_mount="fixed" if session.camera_mount == "fixed" else "robot",
         datasheet={
             "repeatability_mm": robot.datasheet_repeatability_mm,
             "accuracy_mm": robot.datasheet_accuracy_mm,

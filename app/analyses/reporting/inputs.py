@@ -40,6 +40,8 @@ def read_inputs(records: orm.Session, snapshot: Snapshot, *, with_rms: bool) -> 
             "lens": session.lens,
             "intrinsics": session.intrinsics,
             "conditions": session.conditions,
+            # With the camera on the robot, the inputs are those of versions before it.
+            **({} if session.camera_mount == "robot" else {"camera_mount": session.camera_mount}),
         },
         "robot": None if robot is None else {name: getattr(robot, name) for name in OF_ROBOT},
         "targets": [

@@ -162,6 +162,7 @@ def _snapshot(inputs: Json, rows: Mapping[str, sa.Row[Any]], subject: Mapping[st
         ),
         lens=session["lens"],
         intrinsics=session["intrinsics"],
+        camera_mount="fixed" if session.get("camera_mount") == "fixed" else "robot",
         commanded={
             one["pose_id"]: CommandedPose(**{name: one[name] for name in OF_POSE}) for one in inputs["poses"]
         },

@@ -95,6 +95,25 @@ Conditions = Annotated[
     Field(description="Conditions of the test; analyses repeat them in `subject`. Null: not stated."),
 ]
 
+CameraMount = TypeAliasType(
+    "CameraMount",
+    Annotated[
+        Literal["robot", "fixed"],
+        Field(
+            description="What the camera is on. `robot`: on the robot, before fixed targets (eye in hand). `fixed`: on "
+            "a stand in the cell, the target on the robot's flange (eye to hand)."
+        ),
+    ],
+)
+SessionMount = Annotated[
+    CameraMount,
+    Field(
+        description="What the camera is on. Commanded poses are T_base_flange either way, so a change takes effect on "
+        "all analyses and on no stored pose.",
+        examples=["robot"],
+    ),
+]
+
 
 class SessionCreate(RequestModel):
     """A session to be made."""
@@ -105,6 +124,7 @@ class SessionCreate(RequestModel):
     lens: Lens = None
     intrinsics: Intrinsics = None
     conditions: Conditions = None
+    camera_mount: SessionMount = "robot"
 
 
 class SessionChange(SessionCreate):
@@ -147,6 +167,7 @@ class SessionRead(ResponseModel):
     lens: Lens
     intrinsics: Intrinsics
     conditions: Conditions
+    camera_mount: SessionMount
     created_at: Annotated[datetime, Field(description="When the session was made, RFC 3339 in UTC.")]
     counts: Annotated[Counts, Field(description="Its measurements by status.")]
 

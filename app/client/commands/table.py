@@ -182,7 +182,7 @@ CLIENT = {
     ),
     "sessions change": (
         ".sessions.changes:change",
-        "Change a session's targets, robot, name, lens or conditions; images whose target went are searched again.",
+        "Change a session's targets, robot, name, camera mount, lens or conditions.",
     ),
     "sessions reprocess": (
         ".sessions.changes:reprocess",

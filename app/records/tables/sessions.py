@@ -102,6 +102,7 @@ class Session(Table):
     lens: Mapped[JsonObject | None]
     intrinsics: Mapped[JsonObject | None]
     conditions: Mapped[JsonObject | None]
+    camera_mount: Mapped[str] = mapped_column(sa.String(16), default="robot", server_default="robot")
     created_at: Mapped[datetime]
     made_by: Mapped[str | None] = made_by_column()
 

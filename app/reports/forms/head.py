@@ -26,7 +26,7 @@ def opening_blocks(document: Json) -> list[Block]:
         ]
     rows += [
         ("measured", _measured(document)),
-        ("poses from", "images" if document["source"] == "images" else "another instrument"),
+        ("poses from", _source(document)),
         ("qualification", _qualified(subject.get("qualification"), document["made_at"])),
     ]
     stated = [
@@ -44,6 +44,13 @@ def opening_blocks(document: Json) -> list[Block]:
         facts(stated),
         *_targets(inputs["targets"] if document["source"] == "images" else ()),
     ]
+
+
+def _source(document: Json) -> str:
+    if document["source"] != "images":
+        return "another instrument"
+    is_fixed = document["subject"].get("camera_mount") == "fixed"
+    return "images of a fixed camera, the target on the robot" if is_fixed else "images"
 
 
 def closing_blocks(document: Json) -> list[Block]:

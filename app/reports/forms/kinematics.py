@@ -153,6 +153,10 @@ def _frames(found: Json) -> list[Block]:
     instrument = "Camera" if found["source"] == "images" else "Probe"
     if camera is not None:
         blocks += _transform(f"{instrument} in the flange's frame", camera, "T_flange_camera")
+    if found.get("base_camera") is not None:
+        blocks += _transform("Fixed camera in the base frame", found["base_camera"], "T_base_camera")
+    for one in found.get("flange_targets") or ():
+        blocks += _transform(f"Target {one['named']} in the flange's frame", one, "T_flange_target")
     for one in found["base_targets"] or ():
         name = f"Target {one['named']}" if one["target_id"] else "The instrument's frame"
         blocks += _transform(f"{name} in the base frame", one, "T_base_target")

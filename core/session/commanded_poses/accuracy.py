@@ -18,7 +18,7 @@ from core.calibration import MIN_POSES_TO_REJECT
 from core.errors import Advisory, GridposeError, listed
 from core.metrology import CycleProcess, PoseAccuracy
 from core.session.commanded_poses.frame_ties import Commands, Visits, by_positions, by_whole_poses, oriented
-from core.session.model import CommandedPose, MeasuredPose, SessionData, natural
+from core.session.model import CameraMount, CommandedPose, MeasuredPose, SessionData, natural
 
 FEW_DEGREES_OF_FREEDOM = 5.0
 """Below so many, an interval of AP is wider than its figure."""
@@ -47,6 +47,8 @@ def assess_accuracy(
             "PUT the session's poses with what was commanded.",
         )
     frames = {pose_id: of_pose[0].frame for pose_id, of_pose in visits.items()}
+    of_images = any(visit.image is not None for of_pose in visits.values() for visit in of_pose)
+    mount = data.camera_mount if of_images else None
     found: dict[str, PoseAccuracy] = {}
     warnings: list[Advisory] = []
     failures: dict[int, GridposeError] = {}
@@ -56,7 +58,7 @@ def assess_accuracy(
         if not of_frame:
             continue
         try:
-            accuracy = _compare(visits, of_frame, process)
+            accuracy = _compare(visits, of_frame, process, mount)
         except GridposeError as failure:
             failures[frame] = failure
             without |= {pose_id: failure.detail.rstrip(".") for pose_id in of_frame}
@@ -70,14 +72,16 @@ def assess_accuracy(
     return Accuracy(found, (*warnings, *_limits(found), *_incomplete(without)))
 
 
-def _compare(visits: Visits, commands: Commands, process: CycleProcess | None) -> Accuracy:
+def _compare(
+    visits: Visits, commands: Commands, process: CycleProcess | None, mount: CameraMount | None
+) -> Accuracy:
     """Compare in the better of the two ways that gives an answer; the first failure counts where neither does."""
     whole = [p for p, c in commands.items() if c.rotation() is not None and oriented(visits[p])]
     if not whole:
         return _by_positions(visits, commands, process)
     if len(whole) >= MIN_POSES_TO_REJECT or 2 * len(whole) >= len(commands):
         try:
-            return _by_poses(visits, commands, process)
+            return _by_poses(visits, commands, process, mount)
         except GridposeError as failure:
             try:
                 return _by_positions_instead(visits, commands, process, whole, failure.detail)
@@ -88,14 +92,16 @@ def _compare(visits: Visits, commands: Commands, process: CycleProcess | None) -
         return _by_positions_instead(visits, commands, process, whole, few)
     except GridposeError as failure:
         try:
-            return _by_poses(visits, commands, process)
+            return _by_poses(visits, commands, process, mount)
         except GridposeError:
             raise failure from None
 
 
-def _by_poses(visits: Visits, commands: Commands, process: CycleProcess | None) -> Accuracy:
+def _by_poses(
+    visits: Visits, commands: Commands, process: CycleProcess | None, mount: CameraMount | None
+) -> Accuracy:
     """Compare by whole poses; those measured without orientation by themselves, where they suffice for that."""
-    accuracy = Accuracy(*by_whole_poses(visits, commands, process))
+    accuracy = Accuracy(*by_whole_poses(visits, commands, process, mount))
     rest = {pose_id: c for pose_id, c in commands.items() if pose_id not in accuracy.poses}
     if not rest:
         return accuracy

@@ -20,7 +20,6 @@ from core.calibration import (
     PositionObservation,
     average_station,
     calibrate_from_positions,
-    calibrate_hand_eye,
 )
 from core.errors import Advisory, GridposeError
 from core.geometry import invert, so3_log, transform, transform_mean
@@ -34,12 +33,13 @@ from core.metrology import (
     estimate_deviations,
     tied_accuracy,
 )
+from core.session.commanded_poses.likely_causes import calibrate_or_explain
 from core.session.commanded_poses.mean_noise import (
     mean_degrees_of_freedom,
     mean_position_variance,
     mean_rotation_variance,
 )
-from core.session.model import CommandedPose, MeasuredPose
+from core.session.model import CameraMount, CommandedPose, MeasuredPose
 
 SAME_ORIENTATION = 1e-5
 """Commanded orientations nearer to one another than this, rad, are one."""
@@ -55,14 +55,17 @@ def oriented(visits: Sequence[MeasuredPose]) -> bool:
     return all(visit.rotation is not None for visit in visits)
 
 
-def by_whole_poses(visits: Visits, commands: Commands, process: CycleProcess | None) -> Compared:
-    """Compare oriented poses in frames tied by those that were commanded whole; `process` is what cycles follow.
+def by_whole_poses(
+    visits: Visits, commands: Commands, process: CycleProcess | None, mount: CameraMount | None
+) -> Compared:
+    """Compare oriented poses in frames tied by those that were commanded whole; `process` is what cycles follow,
+    `mount` that of the camera, None for another instrument.
 
     Raises what `core.calibration.hand_eye.calibrate_hand_eye` raises.
     """
     compared = {pose_id: c for pose_id, c in commands.items() if oriented(visits[pose_id])}
     whole = {pose_id: c for pose_id, c in compared.items() if c.rotation() is not None}
-    tie = calibrate_hand_eye(
+    tie = calibrate_or_explain(
         [
             average_station(
                 pose_id,
@@ -72,7 +75,8 @@ def by_whole_poses(visits: Visits, commands: Commands, process: CycleProcess | N
                 _mean_common(visits[pose_id]),
             )
             for pose_id, c in whole.items()
-        ]
+        ],
+        mount,
     )
     rest = [pose_id for pose_id in compared if pose_id not in whole]
     means = {p: transform_mean(_transforms(visits[p])) for p in rest}

@@ -1,4 +1,5 @@
-"""The camera on the robot's flange and the targets in its base, from a session's commanded poses.
+"""The camera on the robot's flange and the targets in its base, from a session's commanded poses; or a fixed camera in
+the base, and the target on the flange.
 
 Each commanded pose is a station before each target that its images show: the mean of its visits. What the lens and the
 prints do to all of them is carried through as common to all (`core.session.robot.shared_errors`).
@@ -25,9 +26,10 @@ from core.calibration import (
 from core.errors import Advisory, CommandedPosesMissing
 from core.geometry import transform
 from core.kinematics import forward
+from core.session.camera_mount import check_one_on_flange, moving_poses
 from core.session.commanded_poses.likely_causes import calibrate_or_explain
 from core.session.estimate import ExcludedMeasurement, ExcludedPose, SessionEstimate
-from core.session.model import CommandedPose, MeasuredPose, SessionData, natural
+from core.session.model import CameraMount, CommandedPose, MeasuredPose, SessionData, natural
 from core.session.robot import shared_errors
 
 WEAK_SHARE = 0.005
@@ -61,11 +63,15 @@ class HeldOut:
 class SessionHandEye:
     """T_flange_camera and a T_base_target for each of `targets`, the places in the session's list.
 
+    With the camera fixed (`camera_mount`) the calibration has T_flange_target in the place of T_flange_camera, and
+    T_base_camera in that of the only T_base_target; `targets` then names the target on the flange.
+
     `covariance` has the order of `core.calibration.FRAMES_STATE`. `residual` is of the deviations as fitted,
     `validation` of each station's with the frames from all other stations; None where these do not suffice.
     `working_distance_mm` is the median distance of the camera from its target.
     """
 
+    camera_mount: CameraMount
     calibration: HandEyeCalibration
     covariance: Float[np.ndarray, "p p"]
     targets: tuple[int, ...]
@@ -79,7 +85,8 @@ class SessionHandEye:
 
 
 def calibrate_session_hand_eye(data: SessionData, estimate: SessionEstimate) -> SessionHandEye:
-    """Estimate where the camera sits on the flange and each target lies in the robot's base.
+    """Estimate where the camera sits on the flange and each target lies in the robot's base; of a fixed camera, where
+    the target sits on the flange and the camera stands in the base.
 
     Parameters
     ----------
@@ -89,11 +96,13 @@ def calibrate_session_hand_eye(data: SessionData, estimate: SessionEstimate) -> 
     estimate
         The session's cameras and poses. Images that show another orientation than the first of their pose are excluded.
 
-    Raises CommandedPosesMissing, and what `core.calibration.calibrate_hand_eye` raises where the poses do not determine
-    the frames.
+    Raises CommandedPosesMissing, SeveralTargetsOnFlange, and what `core.calibration.calibrate_hand_eye` raises where
+    the poses do not determine the frames.
     """
     commanded, warnings = _commanded(data)
-    counted = [pose for pose in estimate.poses if pose.measurement_id not in estimate.unclear]
+    counted: Sequence[MeasuredPose] = [
+        pose for pose in estimate.poses if pose.measurement_id not in estimate.unclear
+    ]
     visits: dict[tuple[str, int], list[int]] = {}
     for i, pose in enumerate(counted):
         visits.setdefault((pose.pose_id, pose.frame), []).append(i)
@@ -105,6 +114,8 @@ def calibrate_session_hand_eye(data: SessionData, estimate: SessionEstimate) -> 
             f"None of the {len({key[0] for key in visits})} poses with usable images has a commanded pose."
         )
     targets = tuple(sorted({target for _, target in stations}))
+    check_one_on_flange(data, [counted[i] for key in stations for i in visits[key]])
+    counted = moving_poses(data, counted)
     common = shared_errors(counted)
     tie = calibrate_or_explain(
         [
@@ -117,7 +128,8 @@ def calibrate_session_hand_eye(data: SessionData, estimate: SessionEstimate) -> 
                 targets.index(target),
             )
             for pose_id, target in stations
-        ]
+        ],
+        data.camera_mount,
     )
     per_pose = len(stations) / len({pose_id for pose_id, _ in stations})
     covariance = tie.covariance + (per_pose - 1.0) * tie.covariance_given_camera
@@ -130,6 +142,7 @@ def calibrate_session_hand_eye(data: SessionData, estimate: SessionEstimate) -> 
     )
     used = [station.deviation for station in found if station.deviation.used]
     return SessionHandEye(
+        data.camera_mount,
         tie,
         covariance,
         targets,
@@ -147,7 +160,7 @@ def calibrate_session_hand_eye(data: SessionData, estimate: SessionEstimate) -> 
                 if pose.pose_id not in commanded
             ),
         ),
-        (*estimate.warnings, *warnings, *tie.warnings, *_weak(covariance, distance)),
+        (*estimate.warnings, *warnings, *tie.warnings, *_weak(covariance, distance, data.camera_mount)),
     )
 
 
@@ -220,8 +233,10 @@ def _excluded(
     return tuple(sorted(found, key=lambda one: natural(one.pose_id)))
 
 
-def _weak(covariance: Float[np.ndarray, "p p"], distance_mm: float) -> tuple[Advisory, ...]:
-    """Warn where the motion hardly determines the camera on the flange."""
+def _weak(
+    covariance: Float[np.ndarray, "p p"], distance_mm: float, mount: CameraMount
+) -> tuple[Advisory, ...]:
+    """Warn where the motion hardly determines what is on the flange."""
     values, vectors = np.linalg.eigh(covariance[:3, :3])
     worst, turn = (
         math.sqrt(max(float(v), 0.0)) for v in (values[-1], np.linalg.eigvalsh(covariance[3:6, 3:6])[-1])
@@ -232,7 +247,8 @@ def _weak(covariance: Float[np.ndarray, "p p"], distance_mm: float) -> tuple[Adv
     return (
         Advisory(
             "motion_weak",
-            f"The poses hardly determine where the camera sits on the flange: standard uncertainty {worst:.2g} mm "
+            f"The poses hardly determine where the {'camera' if mount == 'robot' else 'target'} sits on the flange: "
+            f"standard uncertainty {worst:.2g} mm "
             f"along ({axis}) of the flange, {math.degrees(turn):.2g}° in rotation.",
             "Add poses whose orientations differ by 20° or more about at least two different axes.",
         ),

@@ -138,7 +138,8 @@ def label_poses(data: SessionData, groups: Sequence[LabelledGroup]) -> SessionLa
     unclear: set[str] = set()
     guessed = False
     commanded: dict[Hashable, Float[np.ndarray, "3 3"]] = {
-        pose_id: rotation
+        # Of a fixed camera R_target_camera = R_target_flange R_flange_base R_base_camera.
+        pose_id: rotation if data.camera_mount == "robot" else rotation.T
         for pose_id, pose in data.commanded.items()
         if (rotation := pose.rotation()) is not None
     }

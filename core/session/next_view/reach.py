@@ -12,6 +12,7 @@ from core.calibration import CommonFit
 from core.errors import InvalidArgument
 from core.kinematics import Chain, solve_inverse
 from core.session.estimate import FocusGroup
+from core.session.model import CameraMount
 from core.session.next_view.candidates import candidate_views
 from core.session.next_view.views_expected import camera_of, common_fit, image_size
 from core.targets import TargetSpec
@@ -56,18 +57,22 @@ class RobotCandidates:
 def robot_candidates(
     group: FocusGroup,
     spec: TargetSpec,
-    T_flange_camera: Float[np.ndarray, "4 4"],
-    T_base_target: Float[np.ndarray, "4 4"],
+    T_flange_moving: Float[np.ndarray, "4 4"],
+    T_base_fixed: Float[np.ndarray, "4 4"],
     reach: RobotReach | None,
+    camera_mount: CameraMount = "robot",
 ) -> RobotCandidates:
     """Return views of a target that the robot can take, `CANDIDATES` of them or fewer.
+
+    The camera moves with the flange before a fixed target, or the target before a fixed camera.
 
     Raises InvalidArgument where no view is within reach, TooFewMeasurements for a group without a common camera.
     """
     fit = common_fit(group)
     wanted, turn = (CANDIDATES, WRIST_TURN) if reach is None else (_TRIED, math.pi)
     views = candidate_views(spec, camera_of(fit), image_size(fit), wanted, turns=(_mean_turn(fit), turn))
-    flange = T_base_target @ np.linalg.inv(views) @ np.linalg.inv(T_flange_camera)
+    T_fixed_moving = np.linalg.inv(views) if camera_mount == "robot" else views
+    flange = T_base_fixed @ T_fixed_moving @ np.linalg.inv(T_flange_moving)
     angles = None
     if reach is not None and len(views):
         angles, there = reach.angles(flange)

@@ -36,7 +36,8 @@ class NextRobotViews:
     model (rad; None where the arm is not known), and what each leaves uncertain.
 
     `position_mm` and `angle` (rad) begin with what is uncertain now and have an entry more for each view: root mean
-    squares over the axes of the camera on the flange, or over the chain's lengths and angles.
+    squares over the axes of the camera on the flange (the target there, of a fixed camera), or over the chain's lengths
+    and angles.
     """
 
     T_camera_target: Float[np.ndarray, "n 4 4"]
@@ -59,13 +60,15 @@ def suggest_hand_eye_views(
     found = calibrate_session_hand_eye(data, estimate)
     tie, place = found.calibration, _place(target, found.targets)
     frames = tie.T_flange_camera, tie.T_base_targets[place]
-    candidates = robot_candidates(group, data.targets[target], *frames, _commanded_reach(data))
+    candidates = robot_candidates(
+        group, data.targets[target], *frames, _commanded_reach(data), data.camera_mount
+    )
     counted = [pose for pose in estimate.poses if pose.measurement_id not in estimate.unclear]
-    expected = expected_views(counted, group, target, data.targets[target], candidates.T_camera_target)
+    expected = expected_views(data, counted, group, target, candidates.T_camera_target)
     stations = [
-        HandEyeObservation("", T, np.linalg.inv(view), own, common, place)
-        for T, view, own, common in zip(
-            candidates.T_base_flange, candidates.T_camera_target, expected.own, expected.common, strict=True
+        HandEyeObservation("", T, moving, own, common, place)
+        for T, moving, own, common in zip(
+            candidates.T_base_flange, expected.T_fixed_moving, expected.own, expected.common, strict=True
         )
     ]
     M = information_so_far(tie, found.covariance - tie.common @ tie.common.T)
@@ -86,14 +89,14 @@ def suggest_dh_views(
     """
     found = identify_robot(data, estimate, model=ModelChoice.DH)
     gathered = gather_robot_poses(data, estimate)
-    place, spec = _place(target, found.targets), data.targets[target]
+    place = _place(target, found.targets)
     frames = found.T_flange_camera, np.linalg.inv(found.T_target_base[place])
     reach = RobotReach(found.chain, gathered.poses.joint_angles)
-    candidates = robot_candidates(group, spec, *frames, reach)
+    candidates = robot_candidates(group, data.targets[target], *frames, reach, data.camera_mount)
     assert candidates.joint_angles is not None  # within reach
     counted = [estimate.poses[i] for i in gathered.rows]
-    expected = expected_views(counted, group, target, spec, candidates.T_camera_target)
-    T = np.linalg.inv(candidates.T_camera_target)
+    expected = expected_views(data, counted, group, target, candidates.T_camera_target)
+    T = expected.T_fixed_moving
     known = pose_information(
         found.chain,
         found.T_flange_camera,

@@ -10,21 +10,23 @@ from jaxtyping import Float, Int
 
 from core.calibration import CommonFit, error_factors
 from core.errors import ADVISED_TILT, TooFewMeasurements
-from core.geometry import AnyCamera, camera_from_array
+from core.geometry import AnyCamera, camera_from_array, transform
+from core.session.camera_mount import moving_poses
 from core.session.estimate import FocusGroup
-from core.session.model import ImageObservation, MeasuredPose
+from core.session.model import ImageObservation, MeasuredPose, SessionData
 from core.session.next_view.information import placed_views, simulated_views, view_information
 from core.session.robot import shared_error_columns
-from core.targets import TargetSpec
 
 
 @dataclass(frozen=True)
 class ExpectedViews:
-    """Covariances of the poses by themselves, and the factors of the errors that they share with those so far.
+    """What moves in what stands still, covariances of these poses by themselves, and the factors of the errors that
+    they share with those so far.
 
     `lens` is what each view says of the shared errors of its lens, which are the columns `of_lens` of `common`.
     """
 
+    T_fixed_moving: Float[np.ndarray, "n 4 4"]
     own: Float[np.ndarray, "n 6 6"]
     common: Float[np.ndarray, "n 6 k"]
     lens: Float[np.ndarray, "n c c"]
@@ -59,16 +61,17 @@ def camera_of(fit: CommonFit) -> AnyCamera:
 
 
 def expected_views(
+    data: SessionData,
     counted: Sequence[MeasuredPose],
     group: FocusGroup,
     target: int,
-    spec: TargetSpec,
     T_camera_target: Float[np.ndarray, "n 4 4"],
 ) -> ExpectedViews:
     """Return what images of a target, by its place in the session, are expected to measure.
 
     `counted` are the poses so far, in whose shared errors those of the views are stated.
     """
+    spec = data.targets[target]
     fit = common_fit(group)
     camera = camera_of(fit)
     noise = fit.scale * float(np.median(fit.views.uncertainty))
@@ -83,12 +86,16 @@ def expected_views(
     width, height = image_size(fit)
     image = ImageObservation("", "", None, "", target, group.name, None, width, height)
     views = [
-        MeasuredPose("", "", None, None, pose[:3, 3], pose[:3, :3], None, None, shared, target, image)
-        for pose, shared in zip(T, common, strict=True)
+        MeasuredPose("", "", None, None, pose[:3, 3], pose[:3, :3], own, own, shared, target, image)
+        for pose, own, shared in zip(T, found.own * fit.growth.own, common, strict=True)
     ]
-    columns, owners = shared_error_columns([*counted, *views])
+    columns, owners = shared_error_columns(moving_poses(data, [*counted, *views]))
+    moving = moving_poses(data, views)
     return ExpectedViews(
-        found.own * fit.growth.own,
+        np.array(
+            [transform(view.rotation, view.position_mm) for view in moving if view.rotation is not None]
+        ),
+        np.array([view.scatter for view in moving]),
         columns[len(counted) :],
         factors.T @ found.camera @ factors / fit.growth.camera,
         np.array([k for k, owner in enumerate(owners) if owner == group.name], dtype=np.intp),

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 from core.calibration import SEPARATE_CAMERAS, ShapePrior
 from core.errors import Advisory, listed
 from core.metrology import PoseRepeatability
+from core.session.camera_mount import moving_poses
 from core.session.commanded_poses import Accuracy, assess_accuracy
 from core.session.estimate import SessionEstimate
 from core.session.model import MeasuredPose, SessionData
@@ -63,8 +64,9 @@ def assess_repeatability(
     data
         The session.
     estimate
-        Its cameras and poses (`core.session.estimate_session`), each pose in its target's frame; None: the
-        poses that another instrument measured, in that instrument's frame.
+        Its cameras and poses (`core.session.estimate_session`); figures are of the camera in its target's frame, of
+        the target in the frame of a fixed camera. None: the poses that another instrument measured, in that
+        instrument's frame.
     shapes
         What is known of the prints, by the target's place in the session's list, in place of what the targets state:
         of a target whose shape was estimated (`core.session.RefinedTarget.shapes`).
@@ -91,10 +93,10 @@ def assess_repeatability(
     sources: tuple[str, ...] = ()
     if estimate is not None:
         found = absolute_poses(data, estimate, shapes)
+        moving = {pose.measurement_id: pose for pose in moving_poses(data, list(found.poses.values()))}
         absolute = {
             pose_id: tuple(
-                stop_mean([found.poses[image.measurement_id] for image in images_of(visit)])
-                for visit in of_pose
+                stop_mean([moving[image.measurement_id] for image in images_of(visit)]) for visit in of_pose
             )
             for pose_id, of_pose in visits.items()
         }

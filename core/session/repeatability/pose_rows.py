@@ -21,6 +21,7 @@ from core.metrology import (
     drift,
 )
 from core.metrology import assess_repeatability as assess_cycles
+from core.session.camera_mount import moving_poses
 from core.session.estimate import ExcludedMeasurement, SessionEstimate
 from core.session.model import MeasuredPose, SessionData, readings
 from core.session.repeatability.degraded_images import degraded_images, exclude_degraded
@@ -66,7 +67,7 @@ def image_rows(data: SessionData, estimate: SessionEstimate, witness: Witness | 
 
     Raises InvalidArgument for a witness that was not visited often enough.
     """
-    found = {pose.measurement_id: pose for pose in estimate.poses}
+    found = {pose.measurement_id: pose for pose in moving_poses(data, estimate.poses)}
     visits: dict[str, list[MeasuredPose]] = {}
     excluded: dict[str, list[ExcludedMeasurement]] = {}
     for image in data.images:

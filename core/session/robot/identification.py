@@ -63,7 +63,9 @@ def identify_robot(
 ) -> RobotIdentification:
     """Identify a robot's Denavit-Hartenberg parameters, tool and base from a session's poses.
 
-    T_target_camera = T_target_base · forward(chain, q) · T_flange_camera, classic (distal) links, mm and rad.
+    T_target_camera = T_target_base · forward(chain, q) · T_flange_camera, classic (distal) links, mm and rad. Of a
+    fixed camera T_camera_target = T_camera_base · forward(chain, q) · T_flange_target: the result has the target in
+    the camera's place on the flange, and the camera in the target's.
 
     Parameters
     ----------
@@ -84,10 +86,10 @@ def identify_robot(
     trials
         Of the sampling that stated uncertainties are compared with, of method `global` and the chain alone; 0: none.
 
-    Raises InvalidArgument for trials with another method or model,
-    MeasuredPosesMissing where there are no images either, JointAnglesMissing, TooManyMeasurements,
-    SweepJointUnknown, SweepPoseUnknown, DegenerateGeometry, and what `core.kinematics` raises where poses or sweeps do
-    not determine the robot. Where the poses show a coupling that the robot does not state, warning or refusal names it.
+    Raises InvalidArgument for trials with another method or model, MeasuredPosesMissing where there are no images
+    either, JointAnglesMissing, TooManyMeasurements, SeveralTargetsOnFlange, SweepJointUnknown, SweepPoseUnknown,
+    DegenerateGeometry, and what `core.kinematics` raises where poses or sweeps do not determine the robot. Where the
+    poses show a coupling that the robot does not state, warning or refusal names it.
     """
     if trials and method != "global":
         raise InvalidArgument("Only the global method is sampled.", "Ask for method=global.")
@@ -238,7 +240,8 @@ def _identify_globally(
     warnings: tuple[Advisory, ...] = ()
     poses = gathered.poses
     one = estimate.groups[0].estimate.fit if estimate is not None and len(estimate.groups) == 1 else None
-    if one is not None:
+    # The solution on grid points has the camera at the arm's end; a fixed one's poses carry the lens's errors along.
+    if one is not None and data.camera_mount == "robot":
         fit = one.take(gathered.rows)
 
         def solve(start: Chain | None) -> ImageIdentification:

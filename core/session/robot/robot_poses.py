@@ -17,6 +17,7 @@ from core.errors import (
 )
 from core.geometry import rotation_to_rpy
 from core.kinematics import PoseData, forward, stack_joint_angles
+from core.session.camera_mount import check_one_on_flange, moving_poses
 from core.session.estimate import ExcludedMeasurement, SessionEstimate
 from core.session.model import MeasuredPose, SessionData, readings
 from core.session.robot.last_moves import last_moves
@@ -57,7 +58,7 @@ def poses_of_estimate(data: SessionData, estimate: SessionEstimate) -> RobotPose
     """Return the estimated poses of images that carry joint angles.
 
     Raises JointAnglesMissing where none does, TooManyMeasurements, JointAnglesInconsistent where their joints are not
-    the robot's.
+    the robot's, SeveralTargetsOnFlange.
     """
     _check_size(len(data.images))
     angles = [_angles(data, pose) for pose in estimate.poses]
@@ -71,7 +72,8 @@ def poses_of_estimate(data: SessionData, estimate: SessionEstimate) -> RobotPose
             f"None of the {len(estimate.poses)} images that serve carries joint angles, nor does its pose.",
             "Send joint_angles_deg with the poses (POST .../poses, or `gridpose poses load`), or with the images.",
         )
-    chosen = [estimate.poses[i] for i in keep]
+    check_one_on_flange(data, [estimate.poses[i] for i in keep])
+    chosen = moving_poses(data, [estimate.poses[i] for i in keep])
     targets = tuple(sorted({pose.frame for pose in chosen}))
     poses = PoseData(
         _joint_angles(data, chosen),

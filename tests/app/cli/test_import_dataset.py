@@ -88,15 +88,16 @@ def test_visp_pairs_images_and_poses_by_number(tmp_path: Path, fixed_camera: boo
     ]
     assert dataset.without_pose == ("franka_image-1.png",)
     assert dataset.without_image == ("franka_pose_rPe_3.yaml",)
-    assert_poses(dataset, invert(T_BASE_FLANGE) if fixed_camera else T_BASE_FLANGE)
+    assert dataset.fixed_camera == fixed_camera
+    assert_poses(dataset, T_BASE_FLANGE)
 
 
 @pytest.mark.parametrize("static", [False, True])
 def test_industrial_calibration_lists_its_views(tmp_path: Path, static: bool) -> None:
     dataset = read_dataset(write(tmp_path, industrial(static=static)), Layout.industrial_calibration)
     assert [(i.name, i.pose_id) for i in dataset.images] == [("images/0.png", "0"), ("images/1.png", "1")]
-    assert dataset.inverted == static
-    assert_poses(dataset, invert(T_BASE_FLANGE) if static else T_BASE_FLANGE)
+    assert dataset.fixed_camera == static
+    assert_poses(dataset, T_BASE_FLANGE)
 
 
 @pytest.mark.parametrize(("folder", "count"), [("charuco", 8), ("circles_10x10", 15)])
@@ -104,7 +105,7 @@ def test_datasets_of_robot_cal_tools_are_read_as_they_are(data_folder: Path, fol
     """Their `cal_data.yaml` is the list alone; half of the ChArUco images are not in the repository's data."""
     dataset = read_dataset(data_folder / "robot_cal_tools" / folder, Layout.industrial_calibration)
     first = next(pose for pose in dataset.poses if pose["pose_id"] == "0")
-    assert (len(dataset.images), len(dataset.poses), dataset.inverted) == (count, count, False)
+    assert (len(dataset.images), len(dataset.poses), dataset.fixed_camera) == (count, count, False)
     assert len(dataset.without_image) == (8 if folder == "charuco" else 0)
     if folder == "charuco":
         assert first["position_mm"] == pytest.approx([113.0742, 589.2803, 652.6738], abs=1e-3)
@@ -113,9 +114,12 @@ def test_datasets_of_robot_cal_tools_are_read_as_they_are(data_folder: Path, fol
 @pytest.mark.parametrize("name", ["cell.samples", "samples.json", "samples.yaml"])
 def test_easy_handeye_has_samples_for_images_in_order(tmp_path: Path, name: str) -> None:
     files: dict[str, str | bytes] = {name: samples(), "10.png": small_image(1), "9.png": small_image(2)}
-    dataset = read_dataset(write(tmp_path, files), Layout.easy_handeye, fixed_camera=True)
+    folder = write(tmp_path, files)
+    dataset = read_dataset(folder, Layout.easy_handeye)
     assert [(i.name, i.pose_id) for i in dataset.images] == [("9.png", "s1"), ("10.png", "s2")]
     assert_poses(dataset, T_BASE_FLANGE)
+    # Of a fixed camera it stores the base in the effector.
+    assert_poses(read_dataset(folder, Layout.easy_handeye, fixed_camera=True), invert(T_BASE_FLANGE))
 
 
 IMAGE = small_image(1)
@@ -189,6 +193,24 @@ def test_images_and_poses_arrive_in_a_new_session_once(served: Any, tmp_path: Pa
     np.testing.assert_allclose(matrix(stored), T_BASE_FLANGE, atol=1e-9)
     write(tmp_path, {"poses/0.yaml": "{x: 1}"})
     gridpose(served, *words, "--session", "Hand-eye", code=2)
+
+
+def test_a_fixed_camera_is_stated_of_the_session_and_poses_replaced(served: Any, tmp_path: Path) -> None:
+    folder = str(write(tmp_path, industrial()))
+    words = ("sessions", "import", folder, "--layout", "industrial_calibration", "--session", "Fixed")
+    gridpose(served, *words, "--target", "chessboard:9x6:25")
+    (session,) = served.client.get("/v1/sessions", params={"name": "Fixed"}).json()["items"]
+    assert session["camera_mount"] == "robot"
+    address = f"/v1/sessions/{session['id']}"
+    served.client.put(
+        f"{address}/poses/1", json={"position_mm": [1.0, 200.0, 3.0]}
+    )  # as earlier versions sent
+    for options in (("--fixed-camera",), ()):  # what the session knows stays
+        gridpose(served, *words, *options)
+        assert served.client.get(address).json()["camera_mount"] == "fixed"
+        np.testing.assert_allclose(
+            matrix(served.client.get(f"{address}/poses/1").json()), T_BASE_FLANGE, atol=1e-9
+        )
 
 
 @pytest.mark.parametrize("command", [pytest.param("upload", marks=pytest.mark.slow), "import"])

@@ -159,7 +159,7 @@ def stations(wrong: str) -> list[HandEyeObservation]:
 @pytest.mark.parametrize(
     ("wrong", "words"),
     [
-        ("target on the flange", "A camera that stands still before a target on the flange explains"),
+        ("target on the flange", "With the camera fixed and the target on the flange"),
         ("camera at rest", "stands still"),
         ("orientations missing", "do not turn"),
         ("other poses", "the other way round"),
@@ -167,5 +167,5 @@ def stations(wrong: str) -> list[HandEyeObservation]:
 )
 def test_the_likely_cause_is_named(wrong: str, words: str) -> None:
     with pytest.raises((NotConverged, InvalidArgument)) as failure:
-        calibrate_or_explain(stations(wrong))
+        calibrate_or_explain(stations(wrong), "robot")
     assert words in f"{failure.value.detail} {failure.value.advice}"

@@ -46,7 +46,7 @@ def store(api: Api) -> str:
     event = {"at": "2026-01-02T03:04:05Z", "note": "Fett \u00e4"}
     assert api.client.post(f"/v1/robots/{robot}/events", json=event).status_code == 201
     target = api.make_target(**board_fields(BOARD))
-    session = api.make_session(target, name="Zelle 4 \u00e4", robot_id=robot)
+    session = api.make_session(target, name="Zelle 4 \u00e4", robot_id=robot, camera_mount="fixed")
     for number, shot in enumerate(shoot(poses=2, cycles=2), start=1):
         data = image(number)
         sha256 = hashlib.sha256(data).hexdigest()

@@ -71,14 +71,14 @@ def store_robot_session(api: Any) -> RobotSession:
         for i, T in enumerate(arm.camera_poses(q, np.zeros(len(q), dtype=np.intp))):
             name = FORMULA if (cycle, i) == (2, len(q) - 1) else f"P{i + 1}_{cycle}.png"
             shot = Shot(f"P{i + 1}", cycle, look(rng, invert(T)), T, {"filename": name})
-            shots.append(dataclasses.replace(shot, points=_in_view(shot)))
+            shots.append(dataclasses.replace(shot, points=in_view(shot)))
     ids = store_shots(api, session, shots)
     change = {"excluded": {"reason": "+1 hand in view"}}
     assert api.client.patch(f"/v1/measurements/{ids[-1]}", json=change).status_code == 200
     return RobotSession(api, session, robot_id, tuple(ids))
 
 
-def _in_view(shot: Shot) -> Any:
+def in_view(shot: Shot) -> Any:
     """The points of a board that is not far out of the image, where the lens model bends back; else none."""
     points = shot.points
     assert points is not None

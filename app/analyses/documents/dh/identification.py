@@ -14,7 +14,7 @@ from app.analyses.documents.dh.error_model import (
     level_document,
     method_agreement_document,
 )
-from app.analyses.documents.encoding import pose_fields, refined_estimate, target_transform_document
+from app.analyses.documents.encoding import mounted_frames, refined_estimate, target_transform_document
 from app.analyses.documents.findings import Findings
 from app.analyses.documents.sweep_names import parsed, sweeps_named
 from core.geometry import invert
@@ -29,6 +29,7 @@ from core.kinematics import (
     Validation,
 )
 from core.session import (
+    CameraMount,
     NamedSweep,
     RobotIdentification,
     SessionData,
@@ -102,28 +103,24 @@ def _robot(found: RobotIdentification, data: SessionData) -> dict[str, Any]:
         "condition_number": condition if math.isfinite(condition) else None,
         "observability_o1": found.conditioning.observability_o1,
         "observability_indices": asdict(found.conditioning.indices),
-        "null_space": null_space_document(found.null_space),
-        "parameters": [_key(key) for key in found.parameters],
+        "null_space": null_space_document(found.null_space, _mount(found, data)),
+        "parameters": [_key(key, _mount(found, data)) for key in found.parameters],
         "correlation": np.clip(found.correlation, -1.0, 1.0).tolist(),
-        "parameter_sampling": _sampling_document(found),
+        "parameter_sampling": _sampling_document(found, _mount(found, data)),
         "robot_scatter": {
             "position_sigma_mm": found.scatter_mm,
             "rotation_sigma_deg": None if found.scatter_rad is None else math.degrees(found.scatter_rad),
         },
-        "flange_camera": {
-            "T_flange_camera": found.T_flange_camera.tolist(),
-            **pose_fields(found.T_flange_camera, found.flange_camera_covariance),
-        },
-        "base_targets": [
-            {
-                "target_id": target_id,
-                "T_base_target": invert(T).tolist(),
-                **pose_fields(invert(T), covariance),
-            }
-            for target_id, T, covariance in zip(
-                _target_ids(found, data), found.T_target_base, found.base_target_covariances, strict=True
-            )
-        ],
+        **mounted_frames(
+            (found.T_flange_camera, found.flange_camera_covariance),
+            [
+                ({"target_id": target_id}, invert(T), covariance)
+                for target_id, T, covariance in zip(
+                    _target_ids(found, data), found.T_target_base, found.base_target_covariances, strict=True
+                )
+            ],
+            _mount(found, data),
+        ),
         "target_transforms": [
             target_transform_document(transform, data, found.targets) for transform in found.target_transforms
         ],
@@ -136,7 +133,7 @@ def _trials(data: SessionData) -> int:
     return min(max(MAX_DRAWN_POSES // poses, LEAST_TRIALS), TRIALS)
 
 
-def _sampling_document(found: RobotIdentification) -> dict[str, Any] | None:
+def _sampling_document(found: RobotIdentification, mount: CameraMount) -> dict[str, Any] | None:
     """Return the parameters by sampling next to what is stated; None unless asked for."""
     sampling = found.sampling
     if sampling is None:
@@ -155,22 +152,31 @@ def _sampling_document(found: RobotIdentification) -> dict[str, Any] | None:
         "shift_tolerance": sampling.shift_tolerance,
         "agrees": bool(sampling.agrees.all()),
         "sampled_parameters": [
-            {"parameter": _key(key), "uncertainty_ratio": ratio, "mean_shift": shift, "agrees": agrees}
+            {"parameter": _key(key, mount), "uncertainty_ratio": ratio, "mean_shift": shift, "agrees": agrees}
             for key, ratio, shift, agrees in rows
         ],
     }
 
 
-def null_space_document(groups: Iterable[Unidentifiable]) -> list[dict[str, Any]]:
+def null_space_document(
+    groups: Iterable[Unidentifiable], mount: CameraMount = "robot"
+) -> list[dict[str, Any]]:
     """Return groups of parameters that are not identifiable, by their keys and with a sentence each."""
     return [
-        {"parameters": [_key(key) for key in group.parameters], "sentence": group.sentence}
+        {"parameters": [_key(key, mount) for key in group.parameters], "sentence": group.sentence}
         for group in groups
     ]
 
 
-def _key(key: str) -> str:
-    """Return a parameter's key with the API's unit."""
+def _mount(found: RobotIdentification, data: SessionData) -> CameraMount:
+    """Return what the camera that measured the poses is on; another instrument's probe is on the robot."""
+    return data.camera_mount if found.targets else "robot"
+
+
+def _key(key: str, mount: CameraMount) -> str:
+    """Return a parameter's key with the API's unit and the frame's name."""
+    if mount == "fixed":
+        key = key.replace("flange_camera", "flange_target").replace("target_base", "camera_base")
     return f"{key.removesuffix('_rad')}_deg" if key.endswith("_rad") else key
 
 

@@ -135,7 +135,8 @@ def _source(data: SessionData, settings: Mapping[str, str]) -> _Source:
     estimate = estimate_session(data, settings["estimator"])
     seen = image_rows(data, estimate)
     poses = {pose.measurement_id: pose for pose in estimate.poses}
-    return _Source(seen.rows, seen.steadiness, poses, "target frame", f"estimator {settings['estimator']}")
+    frame = "target frame" if data.camera_mount == "robot" else "frame of the fixed camera"
+    return _Source(seen.rows, seen.steadiness, poses, frame, f"estimator {settings['estimator']}")
 
 
 def _chosen(rows: Sequence[PoseRow], pose_id: str | None) -> Sequence[PoseRow]:

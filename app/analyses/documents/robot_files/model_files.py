@@ -98,8 +98,9 @@ def write_urdf(model: Model) -> str:
         lines += _joint(model.joint_names[i], kind, turned[-2], names[i + 1], origin, limit)
         fixed = _link(joint)
     lines += _joint("flange_joint", "fixed", names[count], "flange", fixed, "", axis=False)
-    camera = model.document["flange_camera"]["T_flange_camera"] if model.with_camera else None
-    if camera is not None:
+    camera = model.document["flange_camera"] if model.with_camera else None
+    if camera is not None:  # one that is fixed is no part of the robot
+        camera = camera["T_flange_camera"]
         names.append("camera")
         lines += _joint("camera_joint", "fixed", "flange", "camera", _metres(camera), "", axis=False)
     lines += [f'  <link name="{name}"/>' for name in names]

@@ -10,7 +10,7 @@ from typing_extensions import TypeAliasType
 
 from app.api.schemas.common import AdvisoryRead, Code, Detail, ResponseModel
 from app.api.schemas.fields import CoreVersion, MeasurementId, SessionId
-from app.api.schemas.sessions import Conditions
+from app.api.schemas.sessions import Conditions, SessionMount
 
 Estimator = TypeAliasType(
     "Estimator",
@@ -95,6 +95,7 @@ class AnalysisSubject(ResponseModel):
             "null for none."
         ),
     ]
+    camera_mount: SessionMount
 
 
 class ExcludedRead(ResponseModel):

@@ -65,3 +65,39 @@ class FlangeCameraRead(FrameRead):
             examples=[MATRIX_EXAMPLE],
         ),
     ]
+
+
+class BaseCameraRead(FrameRead):
+    """A fixed camera in the robot's base."""
+
+    T_base_camera: Annotated[
+        Matrix,
+        Field(
+            description="4 x 4, mm: maps points of the camera frame into the robot's base.",
+            examples=[MATRIX_EXAMPLE],
+        ),
+    ]
+
+
+class FlangeTargetRead(FrameRead):
+    """The target on the flange, which a fixed camera looks at."""
+
+    target_id: Annotated[
+        str, Field(description="Id of the target.", examples=["tgt_01m7y27rhc7t5mkfp8hz3c61jj"])
+    ]
+    T_flange_target: Annotated[
+        Matrix,
+        Field(
+            description="4 x 4, mm: maps points of the target into the frame of the flange.",
+            examples=[MATRIX_EXAMPLE],
+        ),
+    ]
+
+
+BaseCamera = Annotated[
+    BaseCameraRead | None,
+    Field(
+        description="Of a session with `camera_mount` `fixed`: the camera in the robot's base, with its uncertainty; "
+        "else null."
+    ),
+]

@@ -8,7 +8,13 @@ from pydantic import Field
 
 from app.api.schemas.analyses.common import EstimatedAnalysis, Matrix, Vector
 from app.api.schemas.analyses.dh import PoseErrors
-from app.api.schemas.analyses.frames import MATRIX_EXAMPLE, FlangeCameraRead, FrameRead
+from app.api.schemas.analyses.frames import (
+    MATRIX_EXAMPLE,
+    BaseCamera,
+    FlangeCameraRead,
+    FlangeTargetRead,
+    FrameRead,
+)
 from app.api.schemas.common import ResponseModel
 from app.api.schemas.fields import POSE_ID
 
@@ -28,6 +34,14 @@ class BaseTargetRead(FrameRead):
             description="4 x 4, mm: maps points of the target into the robot's base.",
             examples=[MATRIX_EXAMPLE],
         ),
+    ]
+
+
+class MountedTargetRead(FlangeTargetRead):
+    """The target on the flange, with how many poses show it."""
+
+    pose_count: Annotated[
+        int, Field(description="How many poses show this target, rejected ones too.", examples=[12])
     ]
 
 
@@ -98,13 +112,28 @@ class ExcludedPoseRead(ResponseModel):
 
 class HandEyeAnalysis(EstimatedAnalysis):
     """Where the camera sits on the flange and the targets lie in the base: T_base_flange = T_base_target
-    T_target_camera T_camera_flange at every pose, but for the robot's deviation.
+    T_target_camera T_camera_flange at every pose, but for the robot's deviation. Of a fixed camera, where it stands in
+    the base and the target sits on the flange: T_base_flange = T_base_camera T_camera_target T_target_flange.
     """
 
     flange_camera: Annotated[
-        FlangeCameraRead, Field(description="The camera in the flange's frame, with its uncertainty.")
+        FlangeCameraRead | None,
+        Field(
+            description="The camera in the flange's frame, with its uncertainty; null of a session with `camera_mount` "
+            "`fixed`."
+        ),
     ]
-    base_targets: Annotated[list[BaseTargetRead], Field(description="One for each target that was seen.")]
+    base_targets: Annotated[
+        list[BaseTargetRead],
+        Field(description="One for each target that was seen; empty with a fixed camera."),
+    ]
+    base_camera: BaseCamera
+    flange_targets: Annotated[
+        list[MountedTargetRead],
+        Field(
+            description="The target on the flange that a fixed camera saw; empty with a camera on the robot."
+        ),
+    ]
     coverage_factor: Annotated[
         float,
         Field(

@@ -1,4 +1,6 @@
-"""`gridpose hand-eye export`: where the camera sits on the flange and the target in the base, as a file."""
+"""`gridpose hand-eye export`: where the camera sits on the flange and the target in the base, as a file; or a fixed
+camera in the base and the target on the flange.
+"""
 
 from __future__ import annotations
 
@@ -69,20 +71,35 @@ def export(
 
 def _content(found: Json) -> Json:
     """Return what an export has of an analysis, with quaternions next to the matrices."""
-    camera = found["flange_camera"]
     content: dict[str, Any] = {
         "session_id": found["session_id"],
         "inputs_sha256": found["inputs_sha256"],
         "core_version": found["core_version"],
         "lengths": "mm",
-        "T_flange_camera": _transform(camera, camera["T_flange_camera"]),
-        "T_base_target": [
-            {"target_id": target["target_id"], **_transform(target, target["T_base_target"])}
-            for target in found["base_targets"]
-        ],
+        "camera_mount": found["subject"]["camera_mount"],
+        **_camera_and_targets(found),
         "warnings": [warning["detail"] for warning in found["warnings"]],
     }
     return content
+
+
+def _camera_and_targets(found: Json) -> Json:
+    """Return the camera and the targets under the names of their transforms."""
+    camera_name, target_name, camera, targets = _frames(found)
+    return {
+        camera_name: _transform(camera, camera[camera_name]),
+        target_name: [
+            {"target_id": target["target_id"], **_transform(target, target[target_name])}
+            for target in targets
+        ],
+    }
+
+
+def _frames(found: Json) -> tuple[str, str, Json, list[Json]]:
+    """Return the names of the camera's and the targets' transforms, and these: of a fixed camera that in the base."""
+    if found["base_camera"] is not None:
+        return "T_base_camera", "T_flange_target", found["base_camera"], found["flange_targets"]
+    return "T_flange_camera", "T_base_target", found["flange_camera"], found["base_targets"]
 
 
 def _transform(part: Json, matrix: list[list[float]]) -> Json:
@@ -99,11 +116,13 @@ def _ros(found: Json, flange: str, camera: str, base: str, target: str) -> str:
     """Return commands that publish the transforms, and what is uncertain about them as comments."""
     lines = [f"# hand-eye calibration of session {found['session_id']}, inputs {found['inputs_sha256']}"]
     lines += [f"# {' '.join(str(warning['detail']).split())}" for warning in found["warnings"]]
-    lines.append(_command(found["flange_camera"], "T_flange_camera", flange, camera))
-    several = len(found["base_targets"]) > 1
-    for number, one in enumerate(found["base_targets"], 1):
+    camera_name, target_name, of_camera, targets = _frames(found)
+    is_fixed = camera_name == "T_base_camera"
+    lines.append(_command(of_camera, camera_name, base if is_fixed else flange, camera))
+    for number, one in enumerate(targets, 1):
         lines.append(f"# target {one['target_id']}")
-        lines.append(_command(one, "T_base_target", base, f"{target}_{number}" if several else target))
+        child = f"{target}_{number}" if len(targets) > 1 else target
+        lines.append(_command(one, target_name, flange if is_fixed else base, child))
     return "\n".join(lines) + "\n"
 
 

@@ -11,6 +11,7 @@ from ..access import AdminAccess, UploadAccess
 from ..console import OptionRefused
 from ..creation import AcceptImplausible, ChangesFile, insisting_query
 from ..record_files import read_mapping
+from .mounts import CameraMount
 
 Session = Annotated[str, typer.Argument(help="Id or name of the session.")]
 
@@ -30,18 +31,27 @@ def change(
         str | None, typer.Option(help="Id or name of the session's robot; an empty text: none.")
     ] = None,
     name: Annotated[str | None, typer.Option(help="The session's new name.")] = None,
+    camera_mount: Annotated[
+        CameraMount | None, typer.Option(help="Whether the camera is on the robot, or fixed before it.")
+    ] = None,
     file: ChangesFile = None,
     accept_implausible: AcceptImplausible = False,
 ) -> int:
-    """Change a session's targets, robot, name, lens or conditions; images whose target went are searched again.
+    """Change a session's targets, robot, name, camera mount, lens or conditions.
+
+    Images whose target went are searched again. Commanded poses stay as they are: of the flange in the base.
 
     Lens, intrinsics and conditions are those of a --file.
     """
 
     def act(client: ServiceClient) -> None:
         changes: Json = read_mapping(file) if file is not None else {}
+        if camera_mount is not None:
+            changes["camera_mount"] = camera_mount.value
         if target is None and robot is None and name is None and not changes:
-            raise OptionRefused("Nothing is to be changed.", "Give --target, --robot, --name or --file.")
+            raise OptionRefused(
+                "Nothing is to be changed.", "Give --target, --robot, --name, --camera-mount or --file."
+            )
         session_id = find_session(client, session)["id"]
         if target is not None:
             changes["target_ids"] = [find_or_make_target(client, each) for each in target]

@@ -10,6 +10,7 @@ from ... import Json, ServiceClient, find_or_make_target, find_robot
 from ..access import UploadAccess
 from ..console import OptionRefused
 from ..creation import AcceptImplausible, BodyFile, Name, create_named
+from .mounts import CameraMount
 
 
 def create(
@@ -23,6 +24,9 @@ def create(
         ),
     ] = None,
     robot: Annotated[str | None, typer.Option(help="Id or name of the robot.")] = None,
+    camera_mount: Annotated[
+        CameraMount | None, typer.Option(help="Whether the camera is on the robot, or fixed before it.")
+    ] = None,
     focal_length_mm: Annotated[
         float | None, typer.Option(help="Focal length of the lens, with --pixel-pitch-um.")
     ] = None,
@@ -45,6 +49,8 @@ def create(
             given["target_ids"] = [find_or_make_target(client, each) for each in target]
         if robot is not None:
             given["robot_id"] = find_robot(client, robot)["id"]
+        if camera_mount is not None:
+            given["camera_mount"] = camera_mount.value
         if (focal_length_mm is None) != (pixel_pitch_um is None):
             raise OptionRefused(
                 "A lens is described by --focal-length-mm and --pixel-pitch-um.", "Give both."

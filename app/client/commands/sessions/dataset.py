@@ -29,8 +29,8 @@ def import_dataset(
         bool,
         typer.Option(
             "--fixed-camera",
-            help="The camera stands still and the target moves with the robot: poses are inverted, and hand-eye "
-            "calibration gives the camera in the robot's base.",
+            help="The camera stands still and the target moves with the robot (eye to hand): the session's "
+            "camera_mount is fixed, and hand-eye calibration gives the camera in the robot's base.",
         ),
     ] = False,
     wait: Annotated[
@@ -47,14 +47,15 @@ def import_dataset(
     """
 
     def act(client: ServiceClient) -> int:
-        dataset = read_dataset(folder, layout, fixed_camera=fixed_camera)
+        found = None if session is None or dry_run else existing_session(client, session)
+        known_fixed = found is not None and found["camera_mount"] == "fixed"
+        dataset = read_dataset(folder, layout, fixed_camera=fixed_camera or known_fixed)
         _say(error_console(), dataset)
         if dry_run:
             return 0
         if session is None:
             raise OptionRefused("No session was given.", "Give --session, its id or its name, or --dry-run.")
         confirm(yes=yes)
-        found = existing_session(client, session)
         if target is not None:
             check_target(client, target)
         sent = send_images(
@@ -63,16 +64,20 @@ def import_dataset(
             target,
             dataset.images,
             is_new=found is None,
-            before=lambda session_id: client.put_poses(
-                session_id,
-                list(dataset.poses),
-                accept_implausible=True,  # the layout says in which units they are
-            ),
+            before=lambda session_id: _state_robot(client, session_id, dataset),
             wait=wait,
         )
         return report(Console(stderr=True, highlight=False), FilePlan(dataset.images, (), 0), sent)
 
     return service.run(act)
+
+
+def _state_robot(client: ServiceClient, session_id: str, dataset: Dataset) -> None:
+    """State what the camera is on, and the robot's poses."""
+    if dataset.fixed_camera:
+        client.change(f"/v1/sessions/{session_id}", {"camera_mount": "fixed"})
+    # The layout says in which units poses are.
+    client.put_poses(session_id, list(dataset.poses), accept_implausible=True)
 
 
 def _say(console: Console, dataset: Dataset) -> None:
@@ -84,5 +89,5 @@ def _say(console: Console, dataset: Dataset) -> None:
         if names:
             shown = ", ".join(names[:5]) + (", ..." if len(names) > 5 else "")
             console.print(escape(f"{len(names)} {what} and are not sent: {shown}"))
-    if dataset.inverted:
-        console.print("The camera stands still: poses are of the robot's base in its flange.")
+    if dataset.fixed_camera:
+        console.print("The camera stands still, and the target is on the robot's flange.")

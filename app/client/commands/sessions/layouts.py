@@ -11,12 +11,11 @@
     https://github.com/ros-industrial/industrial_calibration examples/data
 `easy_handeye`
     A `.samples` file (YAML or JSON) with `samples`, each with `robot`, a ROS Transform in m. easy_handeye keeps no
-    images: those of the folder belong to the samples in natural order. With a fixed camera it has the base in the
-    effector.
+    images: those of the folder belong to the samples in natural order. With a fixed camera `robot` is the base in the
+    effector, and nothing in the file says so.
     https://github.com/marcoesposito1988/easy_handeye2 easy_handeye2/handeye_sampler.py
 
-Poses are T_base_flange. For a camera that does not move they are inverted: the equation of hand-eye calibration is then
-the same, with the robot's base in place of its flange.
+Poses are T_base_flange, whether the camera is on the robot or fixed.
 """
 
 from __future__ import annotations
@@ -52,13 +51,13 @@ class Layout(enum.StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Dataset:
-    """Images, the robot's poses in the API's form, what has no counterpart, and whether poses were inverted."""
+    """Images, the robot's poses in the API's form, what has no counterpart, and whether the camera stands still."""
 
     images: tuple[ImageFile, ...]
     poses: tuple[Json, ...]
     without_pose: tuple[str, ...]
     without_image: tuple[str, ...]
-    inverted: bool
+    fixed_camera: bool
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,15 +81,18 @@ class _Pose:
 
 
 def read_dataset(folder: Path, layout: Layout, *, fixed_camera: bool = False) -> Dataset:
-    """Return the dataset of a folder. Raises FileRefused where it does not have the layout."""
+    """Return the dataset of a folder; `fixed_camera` states what its files may say too.
+
+    Raises FileRefused where the folder does not have the layout.
+    """
+    is_fixed = fixed_camera
     if layout is Layout.visp:
-        pairs, without_pose, without_image, inverted = *_visp(folder), fixed_camera
+        pairs, without_pose, without_image = _visp(folder)
     elif layout is Layout.industrial_calibration:
-        pairs, without_pose, without_image, inverted = _industrial_calibration(
-            folder, fixed_camera=fixed_camera
-        )
+        pairs, without_image, says_fixed = _industrial_calibration(folder)
+        without_pose, is_fixed = [], fixed_camera or says_fixed
     else:
-        pairs, without_pose, without_image, inverted = *_easy_handeye(folder), False
+        pairs, without_pose, without_image = _easy_handeye(folder, fixed_camera=fixed_camera)
     if not pairs:
         raise FileRefused(
             f"{folder} has no image with a pose of the robot.", "Check the folder and --layout."
@@ -98,8 +100,8 @@ def read_dataset(folder: Path, layout: Layout, *, fixed_camera: bool = False) ->
     images = tuple(
         ImageFile(path, path.relative_to(folder).as_posix(), pose_id, 1) for pose_id, path, _ in pairs
     )
-    poses = tuple((pose.inverted() if inverted else pose).body(pose_id) for pose_id, _, pose in pairs)
-    return Dataset(images, poses, tuple(without_pose), tuple(without_image), inverted)
+    poses = tuple(pose.body(pose_id) for pose_id, _, pose in pairs)
+    return Dataset(images, poses, tuple(without_pose), tuple(without_image), is_fixed)
 
 
 _Pairs = list[tuple[str, Path, _Pose]]
@@ -142,7 +144,7 @@ def _visp_pose(path: Path) -> _Pose:
     return _Pose([_MM_PER_M * v for v in values[:3]], from_vector(values[3:]))
 
 
-def _industrial_calibration(folder: Path, *, fixed_camera: bool) -> tuple[_Pairs, list[str], list[str], bool]:
+def _industrial_calibration(folder: Path) -> tuple[_Pairs, list[str], bool]:
     path = folder / "cal_data.yaml"
     content = read_structure(path)
     settings = content if isinstance(content, dict) else {"data": content}
@@ -165,10 +167,10 @@ def _industrial_calibration(folder: Path, *, fixed_camera: bool) -> tuple[_Pairs
         pairs.append((image.stem, image, _transform(pose, fields, fields, ("qx", "qy", "qz", "qw"))))
     if len({pose_id for pose_id, _, _ in pairs}) < len(pairs):
         pairs = [(f"{number}", image, pose) for number, (_, image, pose) in enumerate(pairs)]
-    return pairs, [], without_image, fixed_camera or settings.get("static_camera") is True
+    return pairs, without_image, settings.get("static_camera") is True
 
 
-def _easy_handeye(folder: Path) -> tuple[_Pairs, list[str], list[str]]:
+def _easy_handeye(folder: Path, *, fixed_camera: bool) -> tuple[_Pairs, list[str], list[str]]:
     found = [(path, samples) for path in _files(folder) if (samples := _samples(path)) is not None]
     if len(found) != 1:
         raise FileRefused(
@@ -191,7 +193,7 @@ def _easy_handeye(folder: Path) -> tuple[_Pairs, list[str], list[str]]:
         parts = [robot.get(name) for name in ("translation", "rotation")]
         translation, rotation = (part if isinstance(part, dict) else {} for part in parts)
         pose = _transform(path, translation, rotation, ("x", "y", "z", "w"), f"sample {number} ")
-        pairs.append((f"s{number}", image, pose))
+        pairs.append((f"s{number}", image, pose.inverted() if fixed_camera else pose))
     return pairs, [], []
 
 

@@ -155,7 +155,12 @@ def _poses(found: Json, inputs: Json) -> list[Block]:
         ]
         for pose in found["poses"]
     ]
-    frame = "camera in the target frame" if found["source"] == "images" else "probe in the instrument's frame"
+    if found["source"] != "images":
+        frame = "probe in the instrument's frame"
+    elif found["subject"].get("camera_mount") == "fixed":
+        frame = "target in the frame of the fixed camera"
+    else:
+        frame = "camera in the target frame"
     return [
         heading("Poses"),
         *table(

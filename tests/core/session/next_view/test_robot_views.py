@@ -109,7 +109,7 @@ def test_the_robot_can_take_the_views(begun: Begun) -> None:
 def test_expected_views_say_of_the_images_taken_what_the_session_says(begun: Begun) -> None:
     estimate = begun.estimate
     T = begun.views.arm.camera_poses(begun.views.joint_angles)
-    expected = expected_views(list(estimate.poses), estimate.groups[0], 0, BOARD, np.linalg.inv(T))
+    expected = expected_views(begun.data, list(estimate.poses), estimate.groups[0], 0, np.linalg.inv(T))
     for own, common, pose in zip(expected.own, expected.common, estimate.poses, strict=True):
         known = pose.own_covariance()
         assert known is not None

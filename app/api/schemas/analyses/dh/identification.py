@@ -22,7 +22,7 @@ from app.api.schemas.analyses.dh.error_model import (
 )
 from app.api.schemas.analyses.dh.observability import ObservabilityIndicesRead, ParameterSamplingRead
 from app.api.schemas.analyses.dh.validation import DhValidation, PoseErrors
-from app.api.schemas.analyses.frames import FlangeCameraRead, FrameRead
+from app.api.schemas.analyses.frames import BaseCamera, FlangeCameraRead, FlangeTargetRead, FrameRead
 from app.api.schemas.common import ResponseModel
 
 DhConvention = Literal["classic_dh"]
@@ -243,7 +243,7 @@ class DhAnalysis(EstimatedAnalysis):
         Field(
             description="What was fitted, in the order of `correlation`: `joint_2.a_mm`, `flange_camera.x_mm`, "
             "`target_base.rotation_z_deg` (T_target_base, its rotation from the left; `target_base_2` of the second "
-            "target)."
+            "target); of a fixed camera `flange_target` and `camera_base`."
         ),
     ]
     correlation: Annotated[
@@ -258,11 +258,23 @@ class DhAnalysis(EstimatedAnalysis):
         RobotScatter, Field(description="The robot's own deviations, estimated from the residuals.")
     ]
     flange_camera: Annotated[
-        FlangeCameraRead, Field(description="The camera, or the probe, on the last frame of the chain.")
+        FlangeCameraRead | None,
+        Field(
+            description="The camera, or the probe, on the last frame of the chain; null where a fixed camera measured "
+            "the poses."
+        ),
     ]
     base_targets: Annotated[
         list[TargetInBase],
-        Field(description="Each target seen, in the session's order; for another instrument, its frame."),
+        Field(
+            description="Each target seen, in the session's order; for another instrument, its frame. Empty where a "
+            "fixed camera measured the poses."
+        ),
+    ]
+    base_camera: BaseCamera
+    flange_targets: Annotated[
+        list[FlangeTargetRead],
+        Field(description="The target on the last frame of the chain that a fixed camera saw; else empty."),
     ]
     target_transforms: Annotated[
         list[TargetTransform],
