@@ -17,7 +17,10 @@ _MAX_TEXT = 80
 _OF_RESULT = ("failure_code", "failure_detail", "content_sha256", "labelling", "computed_by", "rms_px")
 """Fields of an image that say what was found in it; they have words of their own."""
 _MOVES = ("pose_id", "cycle", "burst")
+_ASSUMED: Mapping[str, Json] = {"session": {"camera_mount": "robot"}, "robot": {}}
+"""What holds where the inputs do not state it."""
 _NAMES = {
+    "camera_mount": "camera mount",
     "focus_group": "focus group",
     "joint_angles_deg": "joint angles",
     "target_id": "target",
@@ -41,7 +44,7 @@ def changed_inputs(then: Json, now: Json, statuses: Mapping[str, str]) -> Iterat
         name = str((before or after)["id"])
         if before is None or after is None or before["id"] != after["id"]:
             yield changed_input(noun, name, _replacement(before, after))
-        elif parts := list(_differences(before, after)):
+        elif parts := list(_differences(_ASSUMED[noun] | before, _ASSUMED[noun] | after)):
             yield changed_input(noun, name, f"changed: {_listed(parts)}")
     yield from _changed_list(
         "target", then["targets"], now["targets"], "id", "no target of the session any more"

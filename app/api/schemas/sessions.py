@@ -101,7 +101,7 @@ CameraMount = TypeAliasType(
         Literal["robot", "fixed"],
         Field(
             description="What the camera is on. `robot`: on the robot, before fixed targets (eye in hand). `fixed`: on "
-            "a stand in the cell, the target on the robot's flange (eye to hand)."
+            "a tripod or frame, the target on the robot's flange (eye to hand)."
         ),
     ],
 )

@@ -86,7 +86,7 @@ class SessionHandEye:
 
 def calibrate_session_hand_eye(data: SessionData, estimate: SessionEstimate) -> SessionHandEye:
     """Estimate where the camera sits on the flange and each target lies in the robot's base; of a fixed camera, where
-    the target sits on the flange and the camera stands in the base.
+    the target sits on the flange and the camera lies in the base.
 
     Parameters
     ----------

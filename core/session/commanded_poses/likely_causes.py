@@ -20,7 +20,7 @@ MIN_TURN = math.radians(5.0)
 STILL_SHARE = 0.1
 """A set of poses that turns by less than this share of the other's turn stands still."""
 _ON_FLANGE = {"robot": ("camera", "target"), "fixed": ("target", "camera")}
-"""What is on the flange, and what stands in the cell, by the camera's mount."""
+"""What is on the flange, and what is fixed in the cell, by the camera's mount."""
 
 
 def calibrate_or_explain(
@@ -29,7 +29,7 @@ def calibrate_or_explain(
     """Calibrate as `calibrate_hand_eye` does; where no frames explain the poses, say which motion is the likely cause.
 
     Stations are of what moves in what stands still (`core.session.camera_mount`); `mount` None: no camera measured
-    them, and nothing is explained. Where the other mount ties them far better, the warning `camera_mount_doubtful`
+    them, and nothing is explained. Where the other mount ties them far better, the warning `camera_mount_unlikely`
     says so.
 
     Raises what `calibrate_hand_eye` raises.
@@ -42,8 +42,8 @@ def calibrate_or_explain(
         raise _explained(failure, stations, mount) from failure
     if mount is None or all(warning.code != RESIDUALS_LARGE for warning in tie.warnings):
         return tie
-    doubt = far_better(stations, mount, (tie.robot_position_mm, tie.robot_rotation))
-    return tie if doubt is None else replace(tie, warnings=(*tie.warnings, doubt))
+    found = far_better(stations, mount, (tie.robot_position_mm, tie.robot_rotation))
+    return tie if found is None else replace(tie, warnings=(*tie.warnings, found))
 
 
 def _explained(
@@ -65,9 +65,9 @@ def _explained(
             f"{failure.detail} The commanded poses do not turn as the {moving} does: {turns}.",
             "State each pose's own roll_deg, pitch_deg and yaw_deg, in degrees (R = Rz Ry Rx).",
         )
-    doubt = far_better(stations, mount, (math.inf, math.inf))
-    if doubt is not None:
-        return kind(f"{failure.detail} {doubt.detail}", doubt.advice)
+    found = far_better(stations, mount, (math.inf, math.inf))
+    if found is not None:
+        return kind(f"{failure.detail} {found.detail}", found.advice)
     return kind(
         failure.detail,
         f"{failure.advice} If these are right: the {moving} has to be on the flange and the {fixed} in the cell, not "

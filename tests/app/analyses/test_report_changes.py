@@ -170,3 +170,9 @@ def test_images_whose_grid_points_are_gone_or_replaced_are_named(api: Any, store
         (ids[1], "measured again, to no grid points"),
         (ids[2], "deleted"),
     ]
+
+
+def test_a_camera_mount_that_was_changed_is_named_though_one_on_the_robot_is_not_stated() -> None:
+    (change,) = changed_inputs(inputs(), inputs(session={**SESSION, "camera_mount": "fixed"}), {})
+    assert change["change"] == "changed: camera mount from robot to fixed"
+    assert list(changed_inputs(inputs(), inputs(session={**SESSION, "camera_mount": "robot"}), {})) == []

@@ -7,7 +7,7 @@ import math
 
 import numpy as np
 
-from app.analyses.inputs.snapshot import Snapshot, StoredImage
+from app.analyses.inputs.snapshot import Snapshot, StoredImage, StoredPose
 from app.records.codec import decode_points, decode_stack, encode_refused
 from app.records.outcome import Provenance
 from core.session import ImageObservation
@@ -32,6 +32,16 @@ def test_the_hash_holds_no_ids() -> None:
     assert renamed.inputs_sha256("intrinsics", settings) == SNAPSHOT.inputs_sha256("intrinsics", settings)
     for analysis, other in (("repeatability", settings), ("intrinsics", {"estimator": "given"})):
         assert SNAPSHOT.inputs_sha256(analysis, other) != SNAPSHOT.inputs_sha256("intrinsics", settings)
+
+
+def test_the_hash_is_over_the_mount_of_a_fixed_camera_alone() -> None:
+    settings = {"estimator": "pooled"}
+    fixed = dataclasses.replace(SNAPSHOT, camera_mount="fixed")
+    assert fixed.inputs_sha256("hand_eye", settings) != SNAPSHOT.inputs_sha256("hand_eye", settings)
+    # Another instrument's poses have no mount.
+    readings = (StoredPose("mps_1", "P1", 1, "0" * 64),)
+    measured, of_fixed = (dataclasses.replace(one, images=(), measured=readings) for one in (SNAPSHOT, fixed))
+    assert of_fixed.inputs_sha256("dh", settings) == measured.inputs_sha256("dh", settings)
 
 
 def test_the_hash_is_over_what_analyses_say_of_a_refused_image() -> None:

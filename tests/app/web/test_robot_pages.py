@@ -12,6 +12,7 @@ from app.web.routes.planning.session_advice import views_of
 from app.web.routes.robots import WEAKENING, joint_rows
 from tests.support.service.signed_in import signed_in
 from tests.support.sessions.robot_session import store_robot_session
+from tests.support.sessions.stored_sessions import new_session
 
 NAMES = ("a_mm", "alpha_deg", "d_mm", "theta_offset_deg", "beta_deg")
 
@@ -82,3 +83,15 @@ def test_the_page_of_next_views_says_that_more_would_gain_little(
     response = api.client.get(f"/ui/sessions/{session}/next-view", headers=signed_in(api))
     assert "One more view would make nothing smaller by 5 % or more." in response.text
     assert not re.search(r'aria-label="Next views"', response.text)
+
+
+def test_the_mount_of_the_camera_is_asked_for_and_shown(api: Any) -> None:
+    session = new_session(api, camera_mount="fixed")
+    shown = {
+        address: api.client.get(address, headers=signed_in(api)).text
+        for address in (f"/ui/sessions/{session}", f"/ui/sessions/{session}/change", "/ui/sessions/new")
+    }
+    page, change, new = shown.values()
+    assert "<dt>Camera</dt><dd>fixed, the target on the robot</dd>" in page
+    assert '<option value="fixed" selected>' in change
+    assert '<select id="mount" name="camera_mount"><option value="robot">' in new

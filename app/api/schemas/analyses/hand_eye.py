@@ -112,8 +112,8 @@ class ExcludedPoseRead(ResponseModel):
 
 class HandEyeAnalysis(EstimatedAnalysis):
     """Where the camera sits on the flange and the targets lie in the base: T_base_flange = T_base_target
-    T_target_camera T_camera_flange at every pose, but for the robot's deviation. Of a fixed camera, where it stands in
-    the base and the target sits on the flange: T_base_flange = T_base_camera T_camera_target T_target_flange.
+    T_target_camera T_camera_flange at every pose, but for the robot's deviation. Of a fixed camera, where it is in
+    the base and the target on the flange: T_base_flange = T_base_camera T_camera_target T_target_flange.
     """
 
     flange_camera: Annotated[

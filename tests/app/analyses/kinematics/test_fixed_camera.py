@@ -13,6 +13,7 @@ import yaml
 
 from app.api.schemas.analyses import DhAnalysis, HandEyeAnalysis
 from app.client.commands.exports.hand_eye import _content, _ros, _yaml
+from app.reports.forms.kinematics import kinematics_blocks
 from core.geometry import invert, rotation_to_rpy
 from core.kinematics import forward
 from core.simulation.arm import KR5_ARC_HOME, Arm, free_angles, kr5_arc, sweep_angles
@@ -113,6 +114,10 @@ def test_identification_has_the_fixed_camera_in_the_base(fixed: FixedCamera) -> 
     assert_near(found["flange_targets"][0]["T_flange_target"], fixed.arm.T_flange_camera, 25.0, 0.05)
     assert not any(name.startswith(("flange_camera", "target_base")) for name in found["parameters"])
     assert found["validation"]["position_rms_mm"] < 2.0
+    named = {**found, "flange_targets": [{**one, "named": "Board"} for one in found["flange_targets"]]}
+    shown = str(kinematics_blocks(named, {"images": [], "measured_poses": []}))
+    assert "Fixed camera in the base frame" in shown
+    assert "Target Board in the flange's frame" in shown
 
 
 @pytest.mark.parametrize("purpose", ["hand_eye", "dh"])
