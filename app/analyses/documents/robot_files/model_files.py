@@ -31,6 +31,7 @@ CSV_COLUMNS = (
     *(f"identifiable_{name}" for name in PARAMETERS),
     "parallel_to_next",
 )
+_FRAMES = ("flange_camera", "base_targets", "base_camera", "flange_targets")
 
 
 @dataclass(frozen=True, slots=True)
@@ -174,7 +175,7 @@ def write_yaml(model: Model) -> str:
             }
             for i, (joint, limits) in enumerate(zip(model.joints, model.limits_deg, strict=True))
         ],
-        **{name: model.document[name] for name in ("flange_camera", "base_targets")},
+        **{name: model.document[name] for name in _FRAMES if name in model.document},
     }
     text: str = yaml.safe_dump(document, sort_keys=False, allow_unicode=True, width=120)
     return text
