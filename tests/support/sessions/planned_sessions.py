@@ -171,7 +171,7 @@ def least_mount_images(seed: int) -> float:
     tie, group = true_tie(found.calibration), estimate.groups[0]
     reach = RobotReach(views.arm.chain, views.joint_angles)
     at = robot_candidates(group, BOARD, tie.T_flange_camera, tie.T_base_target, reach)
-    expected = expected_views(list(estimate.poses), group, 0, BOARD, at.T_camera_target)
+    expected = expected_views(data, list(estimate.poses), group, 0, at.T_camera_target)
     stations = [
         HandEyeObservation("", T, invert(view), own, common)
         for T, view, own, common in zip(
