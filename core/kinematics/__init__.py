@@ -27,6 +27,7 @@ from core.kinematics.dh import (
     link_transform,
     pose_with_jacobian,
 )
+from core.kinematics.equal_descriptions import nearest_description, with_reversals
 from core.kinematics.error_model import (
     FEW_POSES,
     STRONG_EVIDENCE,
@@ -170,6 +171,7 @@ __all__ = [
     "log_likelihood",
     "map_kinematic_error",
     "named_sweeps",
+    "nearest_description",
     "pose_information",
     "pose_with_jacobian",
     "positions_in_base",
@@ -183,4 +185,5 @@ __all__ = [
     "stack_joint_angles",
     "suggest_poses",
     "visited_angles",
+    "with_reversals",
 ]

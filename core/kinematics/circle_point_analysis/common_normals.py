@@ -6,8 +6,9 @@ origin where the common normal of axes i and i+1 meets axis i+1, and x_i along t
     α_i  from z_{i-1} to z_i about x_i          a_i  along x_i, from axis i to axis i+1
     θ_i  from x_{i-1} to x_i about z_{i-1}      d_i  along z_{i-1}, from origin i-1 to the normal's foot on axis i
 
-with offset_i = θ_i - h_i in (-π, π]. Of x_i and -x_i, which differ by (a, α, θ) against (-a, -α, θ + π), that one is
-taken that is next to the nominal; without a nominal a_i > 0, and α_i > 0 where the axes intersect.
+with offset_i = θ_i - h_i, and angles within π of the nominal's, in (-π, π] without one. x_i and -x_i describe the same
+arm: those are taken that are next to the nominal; without a nominal a_i > 0, and α_i > 0 where the axes intersect
+(`equal_descriptions`).
 
 Near parallel neighbours (decided on the predicted uncertainty of the foot) have Hayati's form instead: d_i keeps the
 nominal's value, origin i lies where axis i+1 pierces the plane across axis i, x' points there from axis i, and β_i is
@@ -32,6 +33,7 @@ from jaxtyping import Bool, Float
 
 from core.geometry import hat, so3_exp, transform
 from core.kinematics.dh import Chain, frames
+from core.kinematics.equal_descriptions import nearest_description, positive_description, unwrapped
 
 _PARALLEL = 1e-9  # sine of the angle below which there is no common normal in double precision
 
@@ -87,14 +89,19 @@ def feet(axes: Axes, link: int) -> tuple[float, float, float]:
 
 
 def describe(
-    axes: Axes, home: Float[np.ndarray, " j"], forms: Sequence[LinkForm], nominal: Chain | None
+    axes: Axes,
+    home: Float[np.ndarray, " j"],
+    forms: Sequence[LinkForm],
+    nominal: Chain | None,
+    height_mm: float = 0.0,
 ) -> DhDescription:
     """Return the DH parameters in given forms, one for each link but the last.
 
     `home` are the joint angles (rad) at which the axes are. The nominal gives what is convention, zero without one.
+    Where all axes are parallel, the base stands `height_mm` along the first from its point.
     """
-    given = np.zeros((len(axes), 5)) if nominal is None else nominal.as_array()
-    first = _walk(axes, home, forms, given, 0.0)
+    given = _given(axes, nominal)
+    first = _walk(axes, home, forms, given, height_mm if all(form.parallel for form in forms) else 0.0)
     # Where the first axes are parallel, the base's height shows in the d of the first pair that is not.
     lead = next((i for i, form in enumerate(forms) if not form.parallel), len(forms))
     if 0 < lead < len(forms):
@@ -118,25 +125,16 @@ def choose_signs(
     differ from zero significantly, by its standard uncertainty `sigma_a` (mm).
     """
     forms = [LinkForm(p, 1.0, c) for p, c in zip(parallel, coincident, strict=True)]
-    reach = float(np.linalg.norm(np.ptp(axes.points, axis=0))) + 1.0
-    for i, form in enumerate(forms):
-        if form.coincident:
-            continue
-        candidates = []
-        for sign in (1.0, -1.0):
-            forms[i] = LinkForm(form.parallel, sign)
-            a, alpha, _, offset, _ = _walk(axes, home, forms, _given(axes, nominal), 0.0).parameters[i]
-            if nominal is None:
-                significant = abs(a) > 3.0 * sigma_a[i] + 1e-6
-                cost = -a if significant else -math.sin(alpha)
-            else:
-                joint = nominal.joints[i]
-                cost = _turn(alpha - joint.alpha_rad) ** 2 + ((a - joint.a_mm) / reach) ** 2
-                # The base is free to turn: θ_1 does not decide.
-                cost += 0.1 * _turn(offset - joint.theta_offset_rad) ** 2 if i else 0.0
-            candidates.append((cost, sign))
-        forms[i] = LinkForm(form.parallel, min(candidates)[1])
-    return tuple(forms)
+    given = _given(axes, nominal)
+    parameters = _walk(axes, home, forms, given, 0.0).parameters
+    if nominal is None:
+        reversals = positive_description(parameters, sigma_a, coincident)
+    else:
+        reversals = nearest_description(parameters, given, coincident)
+    return tuple(
+        form if form.coincident else LinkForm(form.parallel, -1.0 if reverse else 1.0)
+        for form, reverse in zip(forms, reversals.tolist(), strict=True)
+    )
 
 
 def axes_of(
@@ -165,11 +163,6 @@ def reparametrise(
 
 def _given(axes: Axes, nominal: Chain | None) -> Float[np.ndarray, "j 5"]:
     return np.zeros((len(axes), 5)) if nominal is None else nominal.as_array()
-
-
-def _turn(angle: float) -> float:
-    """Return the angle in (-π, π]."""
-    return math.pi - (math.pi - angle) % (2.0 * math.pi)
 
 
 def _walk(
@@ -214,13 +207,14 @@ def _walk(
             base = transform(np.column_stack([x, hat(z) @ x, z]), foot - given[0, 2] * z)
         elif identifiable[i, 3]:
             theta = math.atan2(float(hat(x) @ turned @ z), float(x @ turned))
-            P[i, 3] = _turn(theta - float(home[i]))
+            P[i, 3] = theta - float(home[i])
         x, origin = x_next, origin_next
     if count == 1:
         z = axes.directions[0]
         x = so3_exp(-(home[0] + given[0, 3]) * z) @ _across(z)
         base = transform(np.column_stack([x, hat(z) @ x, z]), axes.points[0] - given[0, 2] * z)
     P[-1, 4] = given[-1, 4]
+    P = unwrapped(P, given)
     return DhDescription(P, base, identifiable)
 
 
@@ -243,6 +237,8 @@ def _hayati(
     # Rx(α) Ry(β) z = (sin β, -sin α cos β, cos α cos β)
     v = frame.T @ m
     alpha, beta = math.atan2(-v[1], v[2]), math.asin(min(max(v[0], -1.0), 1.0))
+    if v[2] < 0.0:  # near half a turn, of either sign: no jump between them
+        alpha = math.pi + math.atan2(v[1], -v[2])
     x = np.array([math.cos(beta), math.sin(alpha) * math.sin(beta), -math.cos(alpha) * math.sin(beta)])
     return turned, (float(out @ turned), alpha, beta), origin, frame @ x
 

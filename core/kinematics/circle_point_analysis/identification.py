@@ -35,6 +35,7 @@ from core.kinematics.circle_point_analysis.link_types import classify_links
 from core.kinematics.circle_point_analysis.target_registration import Given, TargetLink
 from core.kinematics.circle_point_analysis.validation import validate_axes
 from core.kinematics.dh import JOINT_PARAMETERS, Chain, forward
+from core.kinematics.equal_descriptions import height_over_flange
 from core.kinematics.global_fit import Unidentifiable, Validation, held_by_axes, unidentifiable
 from core.kinematics.joint_angle_checks import check_angles
 from core.kinematics.joint_axes import AxisFits, fit_axes
@@ -61,8 +62,8 @@ class AxesIdentification:
         The joint axes in the first target's frame, at the joint angles `home` (rad).
     scatter_mm, scatter_rad
         Standard deviation of each coordinate of position and rotation beyond the instrument's stated noise.
-    forms
-        How each link but the last is described.
+    forms, height_mm
+        How each link but the last is described, and where all axes are parallel the base's height (`describe`).
     residual_mm, residual_rad
         Rms length over the sweeps' poses of measured - predicted by the chain; rotation None for positions alone.
     """
@@ -83,6 +84,7 @@ class AxesIdentification:
     residual_rad: float | None
     null_space: tuple[Unidentifiable, ...]
     forms: tuple[LinkForm, ...]
+    height_mm: float
     validation: Validation | None
     warnings: tuple[Advisory, ...]
 
@@ -138,6 +140,7 @@ def identify_from_axes(
         answer.fits,
         answer.home,
         answer.forms,
+        answer.height_mm,
         answer.chain,
         nominal,
         target_transforms,
@@ -166,17 +169,19 @@ def _identify(
     uncertain = tree.uncertain(fits)
     axes = uncertain.axes
     forms = classify_links(uncertain, home, nominal)
-    described = describe(axes, home, forms, nominal)
+    described, height = describe(axes, home, forms, nominal), 0.0
+    if all(form.parallel for form in forms):
+        tool = _placed(measured, fits, described, links)[1]
+        height, _ = height_over_flange(described.parameters, tool[:3, 3])
+        described = describe(axes, home, forms, nominal, height)
 
     def parameters(at: Axes) -> Float[np.ndarray, " p"]:
-        return describe(at, home, forms, nominal).parameters.ravel()
+        return describe(at, home, forms, nominal, height).parameters.ravel()
 
     mask = described.identifiable.ravel()
     covariance = uncertain.propagate_covariance(parameters) * np.outer(mask, mask)
     chain = Chain.from_array(described.parameters)
-    T_target_base, T_flange_camera, residual_mm, residual_rad = _placed(
-        measured, fits, chain, described, links
-    )
+    T_target_base, T_flange_camera, residual_mm, residual_rad = _placed(measured, fits, described, links)
     return AxesIdentification(
         chain=chain,
         covariance=covariance,
@@ -194,6 +199,7 @@ def _identify(
         residual_rad=residual_rad,
         null_space=_null_space(described, forms, poses.rotations is None),
         forms=forms,
+        height_mm=height,
         validation=None,
         warnings=fits.warnings,
     )
@@ -245,7 +251,7 @@ def _null_space(
 
 
 def _placed(
-    poses: PoseData, fits: AxisFits, chain: Chain, described: DhDescription, links: dict[int, TargetLink]
+    poses: PoseData, fits: AxisFits, described: DhDescription, links: dict[int, TargetLink]
 ) -> tuple[Float[np.ndarray, "t 4 4"], Float[np.ndarray, "4 4"], float, float | None]:
     """Return the bases, the tool, and what is left of the sweeps' poses."""
     T_target_base = np.tile(np.eye(4), (int(poses.targets.max()) + 1, 1, 1))
@@ -253,7 +259,7 @@ def _placed(
         T_target_base[target] = invert(link.T_first_target) @ described.T_frame_base
     members = np.unique(np.concatenate([arc.sweep.poses[arc.used] for arc in fits.arcs]))
     seen = poses.take(members)
-    T = T_target_base[seen.targets] @ forward(chain, seen.joint_angles)
+    T = T_target_base[seen.targets] @ forward(Chain.from_array(described.parameters), seen.joint_angles)
     back = np.linalg.inv(T)
     if seen.rotations is None:
         inside = np.einsum("nij,nj->ni", back[:, :3, :3], seen.positions_mm) + back[:, :3, 3]

@@ -20,6 +20,7 @@ from core.kinematics.circle_point_analysis.covariance import axes_from_motions, 
 from core.kinematics.circle_point_analysis.home_configuration import Lines, axes_at_home
 from core.kinematics.circle_point_analysis.target_registration import Given, link_targets
 from core.kinematics.dh import Chain, forward
+from core.kinematics.equal_descriptions import level_with_point
 from core.kinematics.global_fit import (
     SAME_CONFIGURATION,
     Observations,
@@ -45,6 +46,7 @@ def validate_axes(
     fits: AxisFits,
     home: Float[np.ndarray, " j"],
     forms: Sequence[LinkForm],
+    height_mm: float,
     chain: Chain,
     nominal: Chain | None,
     given: Given | None,
@@ -53,12 +55,15 @@ def validate_axes(
 ) -> Validation | None:
     """Return the held-out errors of a chain identified from `fits`; None where a fold leaves too little of an arc.
 
-    `poses` are as measured, `rested` as they were fitted; `tolerance` is that of links, rad.
+    `poses` are as measured, `rested` as they were fitted; `tolerance` is that of links, rad, `height_mm` that of
+    `describe`.
     """
     seen = observations_of(poses)
     whole = placed(chain.as_array(), forward(chain, poses.joint_angles), seen)
     noise = fits.variances
-    frames = fix_gauge(whole, seen, noise).free
+    gauge = fix_gauge(whole, seen, noise)
+    whole = level_with_point(whole, gauge.free, gauge.parallel)
+    frames = gauge.free
     frames[: whole.layout.tool.start] = False
     at_best = refine(whole, seen, frames)
     used = at_best.used.copy()
@@ -93,7 +98,8 @@ def validate_axes(
         except MotionInsufficient:
             return None
         axes = axes_at_home(lines, home, transforms_of(links))
-        return framed(Chain.from_array(describe(axes, home, forms, nominal).parameters), rest)
+        described = describe(axes, home, forms, nominal, height_mm)
+        return framed(Chain.from_array(described.parameters), rest)
 
     def compared(rest: Observations, _: int) -> ArmState:
         assert nominal is not None

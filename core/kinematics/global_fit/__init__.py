@@ -15,11 +15,11 @@ from core.kinematics.global_fit.observability import (
     observability_indices,
     scaled,
 )
+from core.kinematics.global_fit.placement import placed
 from core.kinematics.global_fit.residuals import (
     Observations,
     linearised,
     observations_of,
-    placed,
     whitened,
     whitener,
 )

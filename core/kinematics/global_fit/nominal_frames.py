@@ -14,14 +14,8 @@ from jaxtyping import Bool, Float
 
 from core.kinematics.arm_model import ArmState
 from core.kinematics.dh import chain_frames
-from core.kinematics.global_fit.residuals import (
-    Observations,
-    linearised,
-    placed,
-    placed_with_tool,
-    whitened,
-    whitener,
-)
+from core.kinematics.global_fit.placement import placed, placed_with_tool
+from core.kinematics.global_fit.residuals import Observations, linearised, whitened, whitener
 from core.numerics import Variances, damped_step
 
 _MAX_ITERATIONS = 60

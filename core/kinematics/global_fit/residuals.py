@@ -15,9 +15,7 @@ import numpy as np
 from jaxtyping import Float, Int
 from scipy.spatial.transform import Rotation
 
-from core.calibration import frame_rotations
 from core.errors import InvalidArgument
-from core.geometry import nearest_rotation, transform
 from core.jit import jit
 from core.kinematics.arm_model import ArmState, ParameterLayout
 from core.kinematics.dh import pose_with_jacobian
@@ -166,72 +164,3 @@ def as_points(values: Float[np.ndarray, "*p m n"]) -> Float[np.ndarray, "*p 3 q"
     if values.shape[-2] == 3:
         return values
     return np.concatenate([values[..., :3, :], values[..., 3:, :]], axis=-1)
-
-
-def placed(
-    parameters: Float[np.ndarray, "j 5"], T_base_flange: Float[np.ndarray, "n 4 4"], seen: Observations
-) -> ArmState:
-    """Return the arm of a chain with tool and bases in closed form.
-
-    Rotations: R_obs = X_t R_B Z is bilinear, and the target with the most poses determines Z (`frame_rotations`); every
-    target's X follows from Z by Procrustes. Then positions are linear in both translations. Of
-    positions alone, Xᵀ (p - t_X) - R_B t_Z = p_B is linear in Xᵀ, Xᵀ t_X and t_Z; the tool's rotation, which they do
-    not determine, is the identity.
-
-    References: M. Shah, J. Mechanisms Robotics 5 (2013) 031007, 10.1115/1.4024473.
-    """
-    if seen.rotations is None:
-        return placed_with_tool(parameters, T_base_flange, seen, np.eye(3))
-    some = np.flatnonzero(seen.target == int(np.argmax(np.bincount(seen.target))))
-    R_Z, _ = frame_rotations(T_base_flange[some, :3, :3], seen.rotations[some])
-    return placed_with_tool(parameters, T_base_flange, seen, R_Z)
-
-
-def placed_with_tool(
-    parameters: Float[np.ndarray, "j 5"],
-    T_base_flange: Float[np.ndarray, "n 4 4"],
-    seen: Observations,
-    R_Z: Float[np.ndarray, "3 3"],
-) -> ArmState:
-    """Return the arm of a chain with a known rotation of the tool, the rest in closed form as in `placed`."""
-    layout = seen.layout
-    R_B, p_B = T_base_flange[:, :3, :3], T_base_flange[:, :3, 3]
-    members = [np.flatnonzero(seen.target == t) for t in range(layout.targets)]
-    if seen.rotations is None:
-        turns = [_turn_by_positions(R_B[i], p_B[i], seen.positions_mm[i]) for i in members]
-    else:
-        turns = [
-            nearest_rotation(np.einsum("nij,nkj->ik", seen.rotations[i], R_B[i] @ R_Z))
-            if len(i)
-            else np.eye(3)
-            for i in members
-        ]
-    X = np.array(turns)
-    # p_obs = X (p_B + R_B t_Z) + t_X
-    A = np.zeros((len(seen), 3, 3 + 3 * layout.targets))
-    A[:, :, :3] = X[seen.target] @ R_B
-    for t, of_target in enumerate(members):
-        A[of_target, :, 3 + 3 * t : 6 + 3 * t] = np.eye(3)
-    b = seen.positions_mm - np.einsum("nij,nj->ni", X[seen.target], p_B)
-    found = np.linalg.lstsq(A.reshape(-1, A.shape[2]), b.ravel(), rcond=None)[0]
-    return ArmState(
-        parameters,
-        transform(R_Z, found[:3]),
-        np.array([transform(X[t], found[3 + 3 * t : 6 + 3 * t]) for t in range(layout.targets)]),
-        np.zeros(layout.shared),
-    )
-
-
-def _turn_by_positions(
-    R_B: Float[np.ndarray, "n 3 3"], p_B: Float[np.ndarray, "n 3"], p: Float[np.ndarray, "n 3"]
-) -> Float[np.ndarray, "3 3"]:
-    """Return X of p = X (p_B + R_B t_Z) + t_X by linear least squares."""
-    if not len(p):
-        return np.eye(3)
-    A = np.zeros((len(p), 3, 15))
-    for k in range(3):
-        A[:, k, 3 * k : 3 * k + 3] = p
-    A[:, :, 9:12] = -R_B
-    A[:, :, 12:] = -np.eye(3)
-    found = np.linalg.lstsq(A.reshape(-1, 15), p_B.ravel(), rcond=None)[0]
-    return nearest_rotation(found[:9].reshape(3, 3)).T

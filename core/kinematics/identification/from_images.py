@@ -123,7 +123,7 @@ def _identified(
             arm = placed(begin.as_array(), forward(begin, at.poses.joint_angles), ready)
         else:
             arm = replace(arm, shared=np.zeros(ready.layout.shared))
-        solution = solve(arm, ready, at.poses, scatter, gauge)
+        solution = solve(arm, ready, at.poses, nominal, scatter, gauge)
         refined = solution.refined
         arm, scatter, gauge = refined.arm, refined.scatter, solution.gauge
         lens = len(at.step)

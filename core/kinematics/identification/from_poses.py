@@ -7,6 +7,8 @@ hardly determined, a parameter is held and the fit is repeated; `validate` holds
 
 Conventions: θ and d of the first joint and all four of the last cannot be separated from base and tool and keep the
 nominal's values, or zero; so does d of a joint whose axis is near parallel to the next, where β is fitted instead.
+Where all axes are parallel, the flange is level with the measured point. Of equal descriptions that one is reported
+which is next to the nominal (`conventions`).
 """
 
 from __future__ import annotations
@@ -27,6 +29,7 @@ from core.errors import (
 from core.kinematics.arm_model import SHORTEST_REACH_MM, THETA, ArmState, D
 from core.kinematics.circle_point_analysis import identify_from_axes
 from core.kinematics.dh import Chain, forward
+from core.kinematics.equal_descriptions import level_with_point
 from core.kinematics.error_model import joint_regions
 from core.kinematics.frame_covariances import base_target_covariances, flange_camera_covariance
 from core.kinematics.global_fit import (
@@ -44,6 +47,7 @@ from core.kinematics.global_fit import (
     rms,
     validate,
 )
+from core.kinematics.identification.conventions import in_reported_form
 from core.kinematics.identification.extension import ModelChoice, extend
 from core.kinematics.identification.result import Identification
 from core.kinematics.identification.sampling import sample_parameters
@@ -103,7 +107,7 @@ def identify(
     seen = observations_of(poses)
     begin = initial_chain(poses, nominal, start)
     arm = placed(begin.as_array(), forward(begin, poses.joint_angles), seen)
-    solution = solve(arm, seen, poses)
+    solution = solve(arm, seen, poses, nominal)
     return report(solution, seen, poses, nominal, folds, model, trials)
 
 
@@ -119,18 +123,21 @@ def solve(
     arm: ArmState,
     seen: Observations,
     poses: PoseData,
+    nominal: Chain | None = None,
     scatter: Variances | None = None,
     gauge: Gauge | None = None,
 ) -> Solution:
-    """Fit from an arm, choosing what to fit on the way."""
+    """Fit from an arm, choosing what to fit on the way; the result is described as the nominal is."""
     if gauge is None:
         _require_enough(seen)
         gauge = fix_gauge(arm, seen, scatter or (SMALLEST if seen.own.any() else DEFAULT_SCATTER))
     _require_anything(gauge)
     length = max(arm.links_mm, SHORTEST_REACH_MM)
     for _ in range(MAX_ROUNDS):
+        arm = level_with_point(arm, gauge.free, gauge.parallel)
         refined = refine(arm, seen, gauge.free, scatter)
         _require_consistent(refined, length, poses)
+        refined = in_reported_form(refined, gauge, seen, nominal)
         again = fix_gauge(refined.arm, seen, refined.scatter, gauge.parallel)
         if np.array_equal(again.free, gauge.free):
             break
@@ -138,8 +145,9 @@ def solve(
         _require_anything(gauge)
         arm = _regauged(refined.arm, arm, gauge)
     else:  # unsettled: what is identifiable alternates; the figures are of the last gauge
-        refined = refine(arm, seen, gauge.free, scatter)
+        refined = refine(level_with_point(arm, gauge.free, gauge.parallel), seen, gauge.free, scatter)
         _require_consistent(refined, length, poses)
+        refined = in_reported_form(refined, gauge, seen, nominal)
     if refined.status != "converged":
         raise NotConverged(
             "The identification did not converge.",

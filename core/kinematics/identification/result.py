@@ -36,7 +36,8 @@ class Identification:
     null_space
         The parameters that the poses do not determine.
     flange_camera_covariance, base_target_covariances
-        Of T_flange_camera and of each T_base_target (`frame_covariances`); None where it is not identifiable.
+        Of T_flange_camera, with zeros for what is held, and of each T_base_target (`frame_covariances`); None where
+        it is not identifiable.
     region
         Where the joints have been at the poses used.
     error_model

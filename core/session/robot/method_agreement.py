@@ -22,12 +22,15 @@ from core.kinematics import (
     PoseData,
     Sweep,
     identify_from_axes,
+    nearest_description,
+    with_reversals,
 )
 
 AXIS_METHODS = ("cpa", "screw", "combined")
 MAX_DIFFERENCE = 3.0
 """In stated uncertainties: methods that differ by more contradict one another."""
 
+THETA = JOINT_PARAMETERS.index("theta_offset_rad")
 ANGLES = [k for k, name in enumerate(JOINT_PARAMETERS) if name.endswith("_rad")]
 
 
@@ -91,7 +94,10 @@ def _difference(
 ) -> MethodDifference:
     a, u = _table(joints)
     b, v = _table(others)
-    off = a - b
+    # Where the data decide by a hair between equal descriptions, methods may differ: the same arm is compared.
+    tied = np.isnan(v[:-1, THETA]).tolist()
+    tied[:1] = [False] * len(tied[:1])  # of the first θ the base takes the turn
+    off = a - with_reversals(b, nearest_description(b, a, tied))
     off[:, ANGLES] = np.mod(off[:, ANGLES] + math.pi, 2.0 * math.pi) - math.pi
     ratio = np.abs(off) / np.sqrt(u**2 + v**2)
     if not np.isfinite(ratio).any():

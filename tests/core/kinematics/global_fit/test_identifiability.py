@@ -11,7 +11,8 @@ from core.kinematics.global_fit.fit import DEFAULT_SCATTER
 from core.kinematics.global_fit.identifiability import fix_gauge, null_space
 from core.kinematics.global_fit.null_space import held_by_axes, unidentifiable
 from core.kinematics.global_fit.observability import conditioning
-from core.kinematics.global_fit.residuals import linearised, observations_of, placed
+from core.kinematics.global_fit.placement import placed
+from core.kinematics.global_fit.residuals import linearised, observations_of
 from core.kinematics.pose_observations import PoseData
 from core.simulation.arm import KR5_ARC
 from tests.support.simulation.robots.arms import SEVEN_JOINTS, UR10
