@@ -14,15 +14,23 @@ def flange_camera_covariance(
 ) -> Float[np.ndarray, "6 6"] | None:
     """Return the covariance of T_flange_camera: x, y, z (mm), then a rotation from the left (rad), flange frame.
 
-    `covariance` is of the `free` columns. None where a column of the frame is held: it is not identifiable.
+    `covariance` is of the `free` columns. A column that is held has zeros: the others' uncertainties are those given
+    its value. None where all are held.
     """
-    return _block(arm.layout.tool, free, covariance)
+    columns = arm.layout.tool
+    fitted = np.flatnonzero(free[columns])
+    if not len(fitted):
+        return None
+    places = np.cumsum(free)[columns][fitted] - 1
+    found = np.zeros((6, 6))
+    found[np.ix_(fitted, fitted)] = covariance[np.ix_(places, places)]
+    return found
 
 
 def base_target_covariances(
     arm: ArmState, free: Bool[np.ndarray, " p"], covariance: Float[np.ndarray, "f f"]
 ) -> tuple[Float[np.ndarray, "6 6"] | None, ...]:
-    """Return the covariance of each T_base_target in the base frame, as `flange_camera_covariance` does.
+    """Return the covariance of each T_base_target in the base frame, in the same order; None where a column is held.
 
     The fit's columns are of the inverse B = T_target_base = (R, p), changed by (d, w) from the left. Of B⁻¹ the
     rotation changes by -Rᵀ w and the position by -Rᵀ (d + p × w).

@@ -144,7 +144,8 @@ def refined_estimate(
 def pose_fields(T: Float[np.ndarray, "4 4"], covariance: Float[np.ndarray, "6 6"] | None) -> dict[str, Any]:
     """Return a rigid transform by its parts, with their standard uncertainties.
 
-    `covariance` is of x, y, z (mm) and a small rotation w (rad) with R_true = exp(w) R; None where it is not known.
+    `covariance` is of x, y, z (mm) and a small rotation w (rad) with R_true = exp(w) R; None where it is not known. A
+    coordinate without variance is held, and has no uncertainty; the angles have none where a part of w is held.
     """
     angles = rotation_to_rpy(T[:3, :3])
     stated: dict[str, Any] = {"standard_uncertainty": None, "covariance": None}
@@ -163,12 +164,15 @@ def pose_fields(T: Float[np.ndarray, "4 4"], covariance: Float[np.ndarray, "6 6"
 
 def _standard_uncertainty(
     angles: Float[np.ndarray, "3"], covariance: Float[np.ndarray, "6 6"]
-) -> dict[str, float]:
+) -> dict[str, float | None]:
     J = rpy_jacobian(angles)
     variances = np.concatenate([np.diag(covariance)[:3], np.diag(J @ covariance[3:, 3:] @ J.T)])
     uncertainty = np.sqrt(np.maximum(variances, 0.0))
     uncertainty[3:] = np.degrees(uncertainty[3:])
-    return dict(zip(POSE_FIELDS, uncertainty.tolist(), strict=True))
+    known = np.diag(covariance) > 0.0
+    known[3:] = known[3:].all()
+    stated = zip(uncertainty.tolist(), known.tolist(), strict=True)
+    return dict(zip(POSE_FIELDS, (u if known_one else None for u, known_one in stated), strict=True))
 
 
 def target_transform_document(

@@ -21,6 +21,7 @@ from app.reports.forms.blocks import (
 from app.reports.forms.wording import words
 
 Json = Mapping[str, Any]
+ANGLES = ("roll_deg", "pitch_deg", "yaw_deg")
 PARAMETERS = ("a_mm", "alpha_deg", "d_mm", "theta_offset_deg", "beta_deg")
 
 
@@ -31,7 +32,7 @@ def kinematics_blocks(found: Json, inputs: Json) -> list[Block]:
         *_parameters(found),
         *_identifiability(found),
         *_validation(found),
-        *_frames(found),
+        *frame_blocks(found),
         *excluded_of(found, inputs),
         *warnings_of(found),
     ]
@@ -108,7 +109,10 @@ def _identifiability(found: Json) -> list[Block]:
         return [heading("Identifiability"), paragraph("The poses determine every parameter of the model.")]
     return [
         heading("Identifiability"),
-        paragraph("The poses do not determine these; each stands at its nominal value:"),
+        paragraph(
+            "The poses do not determine these separately. Parameters of joints that are not identifiable stand at the "
+            "nominal robot's values, at zero without one; what is held of a frame has no uncertainty:"
+        ),
         *notes(sentences),
     ]
 
@@ -147,7 +151,8 @@ def _validation(found: Json) -> list[Block]:
     return blocks
 
 
-def _frames(found: Json) -> list[Block]:
+def frame_blocks(found: Json) -> list[Block]:
+    """Return where camera or probe and targets are, each with its uncertainty where that is known."""
     blocks: list[Block] = []
     camera = found["flange_camera"]
     instrument = "Camera" if found["source"] == "images" else "Probe"
@@ -165,8 +170,24 @@ def _frames(found: Json) -> list[Block]:
 
 def _transform(caption: str, one: Json, name: str) -> list[Block]:
     matrix = one[name]
+    u = one.get("standard_uncertainty") or dict.fromkeys(("x_mm", "y_mm", "z_mm", *ANGLES))
     rows = [
-        [axis, *(number(value, places=6) for value in row[:3]), number(row[3], places=3)]
+        [
+            axis,
+            *(number(value, places=6) for value in row[:3]),
+            number(row[3], u[f"{axis}_mm"], places=3),
+            number(u[f"{axis}_mm"], u[f"{axis}_mm"]),
+        ]
         for axis, row in zip("xyz", matrix, strict=False)
     ]
-    return table(f"{caption}: rotation, and position in mm", ("row", "x", "y", "z", "position"), rows)
+    blocks = table(
+        f"{caption}: rotation, and position in mm with its standard uncertainty",
+        ("row", "x", "y", "z", "position", "u"),
+        rows,
+    )
+    angles = [
+        f"{number(one[name], u[name])}° (u {number(u[name], u[name])}°)"
+        for name in ANGLES
+        if u[name] is not None and one.get(name) is not None
+    ]
+    return [*blocks, facts([("roll, pitch, yaw", ", ".join(angles))])] if angles else blocks

@@ -18,9 +18,9 @@ from app.services.queries import get_or_raise, visible
 from app.services.robots import list_robots
 from app.web.analyses import analysis_document
 from app.web.pages import is_fragment, page_router, render
+from app.web.robot_parameters import joint_rows, objections, weak_joints
 from app.web.routes.repeatability import SourceText, head_of, settings_of
 from app.web.service import service_of
-from app.web.words import NONE, fixed, plain, with_uncertainty
 
 router = page_router()
 ROBOT_FILES = {
@@ -30,11 +30,6 @@ ROBOT_FILES = {
     "terms.json": "application/json",
 }
 """The identified robot for other programs: names and media types."""
-WEAKENING = {"ill_conditioned", "short_arc", "joints_move_together", "no_better_than_nominal"}
-"""Warnings of an identification by which its uncertainties alone do not show a difference from the data sheet."""
-MAX_RATIO_BY_CHANCE = 3.0
-PARAMETERS = ("a_mm", "alpha_deg", "d_mm", "theta_offset_deg", "beta_deg")
-PARAMETER_NAMES = {"a_mm": "a", "alpha_deg": "α", "d_mm": "d", "theta_offset_deg": "θ", "beta_deg": "β"}
 
 
 @router.get("/robots", operation_id="list_robots")
@@ -79,7 +74,8 @@ async def show_identification(
             refused=None,
             document=None,
             joints=[],
-            sure=False,
+            objections=[],
+            weak_joints=[],
         )
     found = await analysis_document(request, "dh", session_id, settings)
     refused = found if isinstance(found, AnalysisRefused) else None
@@ -92,7 +88,8 @@ async def show_identification(
         refused=refused,
         document=document,
         joints=joint_rows(document) if document else [],
-        sure=document is not None and is_sure(document),
+        objections=objections(document) if document else [],
+        weak_joints=weak_joints(document) if document else [],
     )
 
 
@@ -132,43 +129,3 @@ def _settings(source: str) -> dict[str, str]:
         "source": settings_of("", source)["source"],
         "joint_tolerance_deg": repr(0.02),
     }
-
-
-def is_sure(document: dict[str, Any]) -> bool:
-    """Return whether held-out poses were there to confirm an identification, and no warning speaks against it."""
-    codes = {one["code"] for one in document["warnings"]}
-    return document["validation"] is not None and not codes & WEAKENING
-
-
-def joint_rows(document: dict[str, Any]) -> list[dict[str, Any]]:
-    """Return each joint's parameters in words: nominal, identified with uncertainty, and their difference.
-
-    A parameter `stands_out` where it differs from the nominal, and the identification is one to go by.
-    """
-    sure, rows = is_sure(document), []
-    for joint in document["joints"]:
-        for name in PARAMETERS:
-            value = joint[name]
-            if value is None:
-                continue
-            nominal = (joint["nominal"] or {}).get(name)
-            identifiable = joint["identifiable"][name]
-            uncertainty = joint["standard_uncertainty"][name]
-            difference = None if nominal is None or not identifiable else value - nominal
-            ratio = abs(difference) / uncertainty if difference is not None and uncertainty else None
-            rows.append(
-                {
-                    "joint": joint["joint"],
-                    "name": PARAMETER_NAMES[name],
-                    "unit": "mm" if name.endswith("_mm") else "°",
-                    "nominal": plain(nominal),
-                    "identified": with_uncertainty(value, uncertainty)
-                    if identifiable
-                    else "as the data sheet",
-                    "difference": NONE if difference is None else with_uncertainty(difference, uncertainty),
-                    "ratio": NONE if ratio is None else fixed(ratio, 1),
-                    "stands_out": sure and ratio is not None and ratio > MAX_RATIO_BY_CHANCE,
-                    "identifiable": identifiable,
-                }
-            )
-    return rows

@@ -12,6 +12,7 @@ import pypdfium2
 import pytest
 
 from app.reports.forms import CompanyTemplate, render_forms
+from app.reports.forms.kinematics import ANGLES, frame_blocks
 from tests.reference.archives.make import FOLDER
 
 
@@ -235,3 +236,29 @@ def _with_an_outlier(document: dict[str, Any]) -> dict[str, Any]:
 def _pdf_text(content: bytes) -> str:
     text = " ".join(page.get_textpage().get_text_range() for page in pypdfium2.PdfDocument(content))
     return " ".join(text.split())
+
+
+def test_frames_of_the_kinematics_stand_with_their_uncertainties() -> None:
+    known = {
+        "x_mm": 0.0123,
+        "y_mm": 0.02,
+        "z_mm": None,
+        "roll_deg": 0.004,
+        "pitch_deg": 0.004,
+        "yaw_deg": 0.005,
+    }
+    rows = [[1.0, 0.0, 0.0, 30.12345], [0.0, 1.0, 0.0, -7.0], [0.0, 0.0, 1.0, 0.0], [0.0, 0.0, 0.0, 1.0]]
+    camera: dict[str, Any] = {
+        "T_flange_camera": rows,
+        "standard_uncertainty": known,
+        **dict.fromkeys(ANGLES, 12.34567),
+    }
+    _, grid, angles = frame_blocks({"flange_camera": camera, "base_targets": None, "source": "images"})
+    assert "uncertainty" in grid["caption"]
+    assert grid["columns"][-2:] == ["position", "u"]
+    assert [row[-2:] for row in grid["rows"]] == [["30.123", "0.012"], ["−7.000", "0.020"], ["0.000", "–"]]
+    assert "12.3457° (u 0.0040°)" in angles["rows"][0][1]
+    # A report of an earlier version states none.
+    del camera["standard_uncertainty"]
+    _, grid = frame_blocks({"flange_camera": camera, "base_targets": None, "source": "images"})
+    assert [row[-1] for row in grid["rows"]] == ["–"] * 3

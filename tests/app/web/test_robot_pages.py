@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import html
+import math
 import re
 from typing import Any
 
 import pytest
 
+from app.web.robot_parameters import MIN_ARC_DEG, WEAKENING, joint_rows, objections, weak_joints
 from app.web.routes.planning.session_advice import views_of
-from app.web.routes.robots import WEAKENING, joint_rows
+from core.kinematics.results import SHORT_ARC
 from tests.support.service.signed_in import signed_in
 from tests.support.sessions.robot_session import store_robot_session
 from tests.support.sessions.stored_sessions import new_session
@@ -17,38 +19,68 @@ from tests.support.sessions.stored_sessions import new_session
 NAMES = ("a_mm", "alpha_deg", "d_mm", "theta_offset_deg", "beta_deg")
 
 
-def identified(validation: Any, *codes: str) -> dict[str, Any]:
-    """An identification of one joint, of which a is five uncertainties off the data sheet."""
-    joint = {
-        **{"joint": 1, **dict.fromkeys(NAMES, 0.0), "a_mm": 180.5, "beta_deg": None},
-        "nominal": {**dict.fromkeys(NAMES[:4], 0.0), "a_mm": 180.0},
-        "identifiable": {**dict.fromkeys(NAMES, False), "a_mm": True},
-        "standard_uncertainty": {**dict.fromkeys(NAMES), "a_mm": 0.1},
-    }
-    return {"joints": [joint], "validation": validation, "warnings": [{"code": one} for one in codes]}
+def identified(validation: Any, *codes: str, arcs: tuple[float, ...] = (120.0,)) -> dict[str, Any]:
+    """An identification of joints of which each a is five uncertainties off the data sheet."""
+    joints = [
+        {
+            **{"joint": i + 1, **dict.fromkeys(NAMES, 0.0), "a_mm": 180.5, "beta_deg": None, "arc_deg": arc},
+            "nominal": {**dict.fromkeys(NAMES[:4], 0.0), "a_mm": 180.0},
+            "identifiable": {**dict.fromkeys(NAMES, False), "a_mm": True},
+            "standard_uncertainty": {**dict.fromkeys(NAMES), "a_mm": 0.1},
+        }
+        for i, arc in enumerate(arcs)
+    ]
+    return {"joints": joints, "validation": validation, "warnings": [{"code": one} for one in codes]}
+
+
+HELD_OUT = {"position_rms_mm": 0.1}
 
 
 @pytest.mark.parametrize(
     ("validation", "codes", "shown"),
     [
-        ({"position_rms_mm": 0.1}, (), True),
-        ({"position_rms_mm": 0.1}, ("scale_taken_as_exact",), True),
+        (HELD_OUT, (), True),
+        # What the uncertainties state already, and what concerns others than the parameters, takes nothing from them.
+        (HELD_OUT, ("scale_taken_as_exact", "joints_move_together", "ill_conditioned"), True),
+        (HELD_OUT, ("methods_disagree", "poses_excluded", "approach_matters"), True),
         (None, (), False),
-        *(({"position_rms_mm": 0.1}, (code,), False) for code in sorted(WEAKENING)),
+        *((HELD_OUT, (code,), False) for code in sorted(WEAKENING)),
     ],
 )
 def test_a_difference_is_claimed_of_a_sound_identification_alone(
     validation: Any, codes: tuple[str, ...], shown: bool
 ) -> None:
-    rows = joint_rows(identified(validation, *codes))
+    document = identified(validation, *codes)
+    rows = joint_rows(document)
     assert [row["stands_out"] for row in rows] == [shown, False, False, False]
     assert rows[0]["ratio"] == "5.0", "the figures themselves are shown either way"
+    assert (not objections(document)) is shown
+
+
+def test_a_short_arc_concerns_the_parameters_next_to_its_axis() -> None:
+    assert math.radians(MIN_ARC_DEG) == SHORT_ARC
+    document = identified(HELD_OUT, "short_arc", arcs=(120.0, 90.0, 12.0, 90.0))
+    assert weak_joints(document) == [2, 3]
+    assert [row["joint"] for row in joint_rows(document) if row["stands_out"]] == [1, 4]
+    assert objections(document) == []
+    assert objections(identified(HELD_OUT, "short_arc", arcs=(12.0, 15.0, 12.0)))
+
+
+def test_what_is_held_says_at_what() -> None:
+    document = identified(HELD_OUT)
+    assert [row["identified"] for row in joint_rows(document)][1:] == ["as the data sheet"] * 3
+    document["joints"][0]["nominal"] = None
+    rows = joint_rows(document)
+    assert [row["identified"] for row in rows][1:] == ["0 (held)"] * 3
+    assert rows[0]["difference"] == rows[0]["nominal"]
+    document["joints"][0] |= {"nominal": dict.fromkeys(NAMES[:4], 5.0)}
+    assert [row["identified"] for row in joint_rows(document)][1:] == ["0 (held)"] * 3
 
 
 def test_a_weak_identification_says_so_before_its_table_and_at_its_files(api: Any) -> None:
     session = store_robot_session(api).id
     answer = api.client.get(f"/v1/sessions/{session}/dh").json()
-    assert {one["code"] for one in answer["warnings"]} & WEAKENING
+    assert objections(answer)
     response = api.client.get(f"/ui/sessions/{session}/robot?compute=1", headers=signed_in(api))
     page = html.unescape(response.text)
     places = [page.index(text) for text in ("Not to be relied on", 'aria-label="Warnings"', 'id="dh-title"')]

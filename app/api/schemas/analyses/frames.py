@@ -7,7 +7,6 @@ from typing import Annotated
 from pydantic import Field
 
 from app.api.schemas.analyses.common import Matrix, Vector
-from app.api.schemas.camera import PoseUncertainty
 from app.api.schemas.common import ResponseModel
 
 _ROTATION_EXAMPLE = [[0.07, -0.99, 0.12], [0.99, 0.05, -0.1], [0.1, 0.13, 0.98]]
@@ -18,6 +17,19 @@ MATRIX_EXAMPLE = [
     [0, 0, 0, 1],
 ]
 _COVARIANCE_EXAMPLE = [[0.01 if i == j < 3 else 1e-07 if i == j else 0.0 for j in range(6)] for i in range(6)]
+
+
+class FrameUncertainty(ResponseModel):
+    """Standard uncertainties (one standard deviation) of a frame's origin and angles; null where no pose determines one
+    and it is held, so that the others are those given its value.
+    """
+
+    x_mm: Annotated[float | None, Field(description="Of the origin along x, mm.")]
+    y_mm: Annotated[float | None, Field(description="Of the origin along y, mm.")]
+    z_mm: Annotated[float | None, Field(description="Of the origin along z, mm.")]
+    roll_deg: Annotated[float | None, Field(description="Of the roll angle, degrees.")]
+    pitch_deg: Annotated[float | None, Field(description="Of the pitch angle, degrees.")]
+    yaw_deg: Annotated[float | None, Field(description="Of the yaw angle, degrees.")]
 
 
 class FrameRead(ResponseModel):
@@ -39,7 +51,7 @@ class FrameRead(ResponseModel):
         float, Field(description="Angle about z, degrees, from -180 to 180.", examples=[85.96])
     ]
     standard_uncertainty: Annotated[
-        PoseUncertainty | None,
+        FrameUncertainty | None,
         Field(
             description="Standard uncertainties of origin (mm) and angles (degrees); null where the poses do not "
             "determine the frame, and with methods that state none."
@@ -49,7 +61,7 @@ class FrameRead(ResponseModel):
         Matrix | None,
         Field(
             description="6 x 6: x, y, z (mm), then a small rotation w (rad) with R_true = exp(w) R, in the frame that "
-            "the transform leads to. Null as `standard_uncertainty` is.",
+            "the transform leads to. Rows of what is held are zero. Null as `standard_uncertainty` is.",
             examples=[_COVARIANCE_EXAMPLE],
         ),
     ]

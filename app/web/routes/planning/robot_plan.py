@@ -16,8 +16,8 @@ from app.records.tables import Robot, Target
 from app.services.queries import get_or_raise
 from app.services.robots import read_plan
 from app.web.pages import page_router, render
+from app.web.robot_parameters import PARAMETER_NAMES, PARAMETERS
 from app.web.routes.planning.session_advice import known_targets, require_computing
-from app.web.routes.robots import PARAMETER_NAMES, PARAMETERS
 from app.web.service import Service, service_of
 
 router = page_router()

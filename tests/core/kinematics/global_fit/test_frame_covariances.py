@@ -50,12 +50,24 @@ def test_the_covariances_are_those_of_the_frames() -> None:
         np.testing.assert_allclose(of_base / scale, expected / scale, atol=1e-3)
 
 
-def test_held_columns_leave_the_frame_without_a_covariance() -> None:
+def test_held_columns_have_no_covariance() -> None:
     arm, covariance = arm_and_covariance()
     free = np.ones(arm.layout.size, dtype=np.bool_)
     free[[0, arm.layout.tool.start + 4]] = False
     kept = covariance[np.ix_(free, free)]
-    assert flange_camera_covariance(arm, free, kept) is None
+    found, everything = (
+        flange_camera_covariance(arm, *one) for one in ((free, kept), (free | True, covariance))
+    )
+    assert found is not None
+    assert everything is not None
+    assert not found[4].any()
+    assert not found[:, 4].any()
+    left = np.delete(np.arange(6), 4)
+    assert np.array_equal(found[np.ix_(left, left)], everything[np.ix_(left, left)])
+    free[arm.layout.tool] = False
+    assert flange_camera_covariance(arm, free, covariance[np.ix_(free, free)]) is None
+    free[arm.layout.tool] = True
+    free[arm.layout.tool.start + 4] = False
     whole = base_target_covariances(arm, np.ones_like(free), covariance)
     for one, other in zip(base_target_covariances(arm, free, kept), whole, strict=True):
         assert one is not None

@@ -63,7 +63,10 @@ class UnidentifiableRead(ResponseModel):
 
 NullSpace = Annotated[
     list[UnidentifiableRead],
-    Field(description="Combinations of parameters that the poses do not determine."),
+    Field(
+        description="Combinations of parameters that the poses do not determine. Those of joints keep the nominal "
+        "robot's values, zero without one. Where all axes are parallel, the flange is level with the measured point."
+    ),
 ]
 
 
