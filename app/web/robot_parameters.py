@@ -45,7 +45,7 @@ def objections(document: dict[str, Any]) -> list[str]:
 
 
 def weak_joints(document: dict[str, Any]) -> list[int]:
-    """Return the joints whose parameters a short arc makes uncertain: those before and after an axis that hardly turned.
+    """Return the joints whose parameters a short arc makes uncertain: before and after an axis that hardly turned.
 
     The axis of joint i lies between the links i - 1 and i. Errors of its gear over a short arc are in no uncertainty.
     """

@@ -56,6 +56,7 @@ from core.kinematics.global_fit import (
     rms,
 )
 from core.kinematics.identification import (
+    MIN_JOINT_RANGE,
     Identification,
     ImageIdentification,
     ModelChoice,
@@ -64,7 +65,7 @@ from core.kinematics.identification import (
     identify_from_images,
 )
 from core.kinematics.joint_angle_checks import check_angles
-from core.kinematics.joint_coupling import ProposedCoupling, propose_coupling
+from core.kinematics.joint_coupling import ProposedCoupling, correct_coupling, propose_coupling
 from core.kinematics.joint_noise import (
     JointNoise,
     PoseScatters,
@@ -102,6 +103,7 @@ __all__ = [
     "FOLDS",
     "JOINT_PARAMETERS",
     "MAX_CONFIRMING_RATIO",
+    "MIN_JOINT_RANGE",
     "MIN_SAMPLES_IN_CELL",
     "STRONG_EVIDENCE",
     "ArmInformation",
@@ -150,6 +152,7 @@ __all__ = [
     "chi_ratio",
     "conditioning_of_chain",
     "correct",
+    "correct_coupling",
     "correction_model",
     "curves_ratio",
     "default_setup",

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float
@@ -39,7 +39,7 @@ _ROUND = 200.0
 class ProposedCoupling:
     """C with the couplings found, `terms` as (joint that follows, joint that it follows, share), joints from 1.
 
-    The nominal robot's misfit is `without` and `with_it`, rms of position, mm.
+    The nominal robot's misfit is `without` (with what is stated instead) and `with_it`, rms of position, mm.
     """
 
     matrix: Float[np.ndarray, "j j"]
@@ -53,17 +53,13 @@ def propose_coupling(poses: PoseData, nominal: Chain) -> ProposedCoupling | None
     none.
     """
     joints = len(nominal)
-    if poses.joints != joints or len(poses) < _FEW_POSES:
+    seen = _some(poses, joints)
+    if seen is None:
         return None
-    chosen = np.unique(np.linspace(0, len(poses) - 1, min(len(poses), _MAX_POSES)).astype(np.intp))
-    seen = observations_of(poses).take(chosen)
-    extent = float(np.linalg.norm(np.ptp(seen.positions_mm, axis=0)))
-    if extent == 0.0:
-        return None
+    extent = _extent(seen)
 
     def off(C: Float[np.ndarray, "j j"]) -> float:
-        found = misfit(nominal, seen.joint_angles @ C.T, seen)
-        return (found.position_mm / extent) ** 2 + found.rotation**2
+        return _off(nominal, C, seen)
 
     none = np.eye(joints)
     first = least = off(none)
@@ -94,6 +90,49 @@ def propose_coupling(poses: PoseData, nominal: Chain) -> ProposedCoupling | None
         return None
     terms = tuple((k + 1, j + 1, float(found[k, j])) for k, j in taken)
     return ProposedCoupling(found, terms, without, with_it)
+
+
+def correct_coupling(
+    poses: PoseData, nominal: Chain, stated: Float[np.ndarray, "j j"]
+) -> ProposedCoupling | None:
+    """Return the coupling with which the nominal robot explains poses that it does not explain with the stated one, of
+    which the poses have the angles; no terms: without any. None where the stated one does, or no other.
+    """
+    plain = replace(poses, joint_angles=poses.joint_angles @ np.linalg.inv(stated).T)
+    seen = _some(plain, len(nominal))
+    if seen is None:
+        return None
+    first = _off(nominal, stated, seen)
+    if first < 2.0 * NEAR**2:
+        return None
+    without_mm, none = _position(nominal, stated, seen), np.eye(len(nominal))
+    with_none_mm = _position(nominal, none, seen)
+    enough_mm = max(NEAR * _extent(seen), math.sqrt(_FAR_BETTER) * without_mm)
+    if _off(nominal, none, seen) < _FAR_BETTER * first and with_none_mm < enough_mm:
+        return ProposedCoupling(none, (), without_mm, with_none_mm)
+    found = propose_coupling(plain, nominal)
+    if found is None or found.with_it_mm > enough_mm:
+        return None
+    return replace(found, without_mm=without_mm)
+
+
+def _some(poses: PoseData, joints: int) -> Observations | None:
+    """Return some of the poses; None where they are too few, or of another robot."""
+    if poses.joints != joints or len(poses) < _FEW_POSES:
+        return None
+    chosen = np.unique(np.linspace(0, len(poses) - 1, min(len(poses), _MAX_POSES)).astype(np.intp))
+    seen = observations_of(poses).take(chosen)
+    return seen if _extent(seen) > 0.0 else None
+
+
+def _extent(seen: Observations) -> float:
+    return float(np.linalg.norm(np.ptp(seen.positions_mm, axis=0)))
+
+
+def _off(nominal: Chain, C: Float[np.ndarray, "j j"], seen: Observations) -> float:
+    """Return the misfit's square, positions by the extent of the poses and rotations in rad."""
+    found = misfit(nominal, seen.joint_angles @ C.T, seen)
+    return (found.position_mm / _extent(seen)) ** 2 + found.rotation**2
 
 
 def _fitted(

@@ -13,6 +13,7 @@ from core.errors import (
     DegenerateGeometry,
     EstimationError,
     InvalidArgument,
+    JointAnglesInconsistent,
     NotConverged,
 )
 from core.kinematics import (
@@ -38,7 +39,7 @@ from core.kinematics import (
 from core.session.estimate import SessionEstimate
 from core.session.estimation import estimate_session
 from core.session.model import SessionData
-from core.session.robot.coupling_proposal import coupling_proposal
+from core.session.robot.coupling_proposal import coupling_proposal, stated_coupling
 from core.session.robot.method_agreement import MethodDifference, compare_methods, disagreements
 from core.session.robot.result import JointFigures, RobotIdentification
 from core.session.robot.robot_poses import (
@@ -100,9 +101,14 @@ def identify_robot(
     try:
         found = _identified(data, estimate, gathered, method, model, tolerance, sweeps, trials)
     except EstimationError as failure:
-        if coupling is None:
-            raise
-        raise type(failure)(f"{failure.detail} {coupling.detail}", coupling.advice) from failure
+        if coupling is not None:
+            raise type(failure)(f"{failure.detail} {coupling.detail}", coupling.advice) from failure
+        if data.joint_coupling is not None and isinstance(failure, JointAnglesInconsistent):
+            raise JointAnglesInconsistent(
+                failure.detail,
+                f"{failure.advice} Check the robot's joint_coupling, too: {stated_coupling(data.joint_coupling)}.",
+            ) from failure
+        raise
     return found if coupling is None else replace(found, warnings=(*found.warnings, coupling))
 
 

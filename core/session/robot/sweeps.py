@@ -11,16 +11,20 @@ from dataclasses import dataclass
 from fnmatch import fnmatchcase
 from typing import TypeVar
 
+import numpy as np
+
 from core.errors import (
     Advisory,
     EstimationError,
     JointAnglesInconsistent,
+    JointNotExcited,
     NotConverged,
     SweepJointUnknown,
     SweepPoseUnknown,
     listed,
 )
 from core.kinematics import (
+    MIN_JOINT_RANGE,
     Chain,
     Identification,
     ImageIdentification,
@@ -128,7 +132,18 @@ def solve_with_start(
             if start is None:
                 raise
             return solve(start)
-    return solve(_start(poses, None, sweeps))
+    try:
+        start = _start(poses, None, sweeps)
+    except JointNotExcited as failure:
+        if np.any(np.ptp(poses.joint_angles, axis=0) < MIN_JOINT_RANGE):
+            raise  # a joint at rest is determined from no start
+        raise JointNotExcited(
+            failure.detail,
+            "Give the session its robot (robot_id) with the maker's Denavit-Hartenberg parameters: poses of "
+            "any kind then suffice. Without one, add a sweep of each such joint, or raise the joint tolerance if the "
+            "others should have rested.",
+        ) from failure
+    return solve(start)
 
 
 def _start(poses: PoseData, nominal: Chain | None, sweeps: Sequence[Sweep]) -> Chain:
