@@ -11,7 +11,7 @@ from starlette.responses import Response
 from app.analyses.outcome import AnalysisRefused
 from app.web.analyses import analysis_document
 from app.web.pages import page_router, render
-from app.web.routes.measurements import CAMERA_MEANINGS, Row
+from app.web.routes.measurements import Row, camera_meaning
 from app.web.routes.repeatability import EstimatorText, head_of, settings_of
 from app.web.service import service_of
 from app.web.words import decimals_of, fixed, number, with_uncertainty
@@ -64,7 +64,7 @@ def camera_table(group: dict[str, Any]) -> list[Row]:
     rows = []
     for name, value in {**group["intrinsics"], **group["distortion"]}.items():
         shown, unit = name.removesuffix("_px"), "px" if name.endswith("_px") else ""
-        meaning = CAMERA_MEANINGS.get(name, "distortion")
+        meaning = camera_meaning(name, group["lens_model"])
         uncertainty = group["standard_uncertainty"].get(name)
         decimals = decimals_of(uncertainty)
         if value is None or decimals is None or uncertainty is None:

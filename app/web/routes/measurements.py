@@ -100,12 +100,28 @@ CAMERA_MEANINGS = {
     "fy_px": "focal length along its columns",
     "cx_px": "principal point, from the left",
     "cy_px": "principal point, from the top",
-    "k1": "radial distortion, r²",
-    "k2": "radial distortion, r⁴",
     "p1": "tangential distortion",
     "p2": "tangential distortion",
-    "k3": "radial distortion, r⁶",
 }
+_RADIAL_MEANINGS = {
+    "brown": {f"k{k}": f"radial distortion, r{power}" for k, power in enumerate("²⁴⁶", 1)},
+    "rational": {
+        f"k{k}": f"radial distortion, r{power} {where}"
+        for k, (power, where) in enumerate(
+            [*((p, "above the line") for p in "²⁴⁶"), *((p, "below the line") for p in "²⁴⁶")], 1
+        )
+    },
+    "kannala_brandt": {
+        f"k{k}": f"θ{power} in θ(1 + k1θ² + …), θ the angle from the optical axis"
+        for k, power in enumerate("²⁴⁶⁸", 1)
+    },
+}
+"""Of the radial coefficients, by the lens model."""
+
+
+def camera_meaning(name: str, model: str) -> str:
+    """Return what a parameter of a lens model is."""
+    return CAMERA_MEANINGS.get(name) or _RADIAL_MEANINGS[model].get(name, "distortion")
 
 
 def camera_rows(calibration: dict[str, Any] | None) -> list[Row]:
@@ -114,9 +130,8 @@ def camera_rows(calibration: dict[str, Any] | None) -> list[Row]:
         return []
     rows = []
     values = {**calibration["intrinsics"], **calibration["distortion"]}
-    for name, meaning in CAMERA_MEANINGS.items():
-        if name not in values:
-            continue
+    for name in values:
+        meaning = camera_meaning(name, "brown")  # of one image alone
         uncertainty = calibration["standard_uncertainty"].get(name)
         decimals = decimals_of(uncertainty)
         if decimals is None:

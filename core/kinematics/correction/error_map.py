@@ -64,7 +64,7 @@ class ErrorCell:
 @dataclass(frozen=True, slots=True)
 class KinematicErrorMap:
     """Cells of one size, and the error over the region: its median and where it is largest, with joint angles (rad),
-    position of the measured point in the base frame (mm), and the error there.
+    position of the measured point and difference in the base frame (mm), and the error there.
     """
 
     cells: tuple[ErrorCell, ...]
@@ -75,6 +75,7 @@ class KinematicErrorMap:
     median_uncertainty_mm: float
     worst_joint_angles: Float[np.ndarray, " j"]
     worst_position_mm: Float[np.ndarray, "3"]
+    worst_difference_mm: Float[np.ndarray, "3"]
     worst: KinematicError
 
 
@@ -133,6 +134,7 @@ def map_kinematic_error(
                 )
             )
     worst = int(np.argmax(error.length_mm[: len(within)]))
+    there = kinematic_error(model, nominal, q[worst : worst + 1])
     return KinematicErrorMap(
         tuple(cells),
         size,
@@ -142,5 +144,6 @@ def map_kinematic_error(
         float(np.median(error.standard_uncertainty_mm[: len(within)])),
         q[worst],
         at[worst],
-        kinematic_error(model, nominal, q[worst : worst + 1]),
+        problem.arm.T_target_base[0, :3, :3].T @ there.difference_mm[0],
+        there,
     )

@@ -29,6 +29,7 @@ from core.kinematics import forward
 from core.session.camera_mount import check_one_on_flange, moving_poses
 from core.session.commanded_poses.likely_causes import calibrate_or_explain
 from core.session.estimate import ExcludedMeasurement, ExcludedPose, SessionEstimate
+from core.session.frame_warnings import gimbal_warnings
 from core.session.model import CameraMount, CommandedPose, MeasuredPose, SessionData, natural
 from core.session.robot import shared_errors
 
@@ -66,7 +67,8 @@ class SessionHandEye:
     With the camera fixed (`camera_mount`) the calibration has T_flange_target in the place of T_flange_camera, and
     T_base_camera in that of the only T_base_target; `targets` then names the target on the flange.
 
-    `covariance` has the order of `core.calibration.FRAMES_STATE`. `residual` is of the deviations as fitted,
+    `covariance` is of T_flange_camera and each T_base_target in turn, of each x, y, z (mm), then a small rotation w
+    (rad) with R_true = exp(w) R. `residual` is of the deviations as fitted,
     `validation` of each station's with the frames from all other stations; None where these do not suffice.
     `working_distance_mm` is the median distance of the camera from its target.
     """
@@ -160,7 +162,13 @@ def calibrate_session_hand_eye(data: SessionData, estimate: SessionEstimate) -> 
                 if pose.pose_id not in commanded
             ),
         ),
-        (*estimate.warnings, *warnings, *tie.warnings, *_weak(covariance, distance, data.camera_mount)),
+        (
+            *estimate.warnings,
+            *warnings,
+            *tie.warnings,
+            *_weak(covariance, distance, data.camera_mount),
+            *gimbal_warnings(tie.T_flange_camera, list(tie.T_base_targets), data.camera_mount),
+        ),
     )
 
 

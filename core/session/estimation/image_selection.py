@@ -23,7 +23,7 @@ from core.session.model import CameraViews, ImageObservation, SessionData
 MAX_IMAGES = 600
 MAX_POINTS = 120_000
 MAX_POSES = 100
-_OTHER_SETTING = "It is of another camera setting than most images."
+_OTHER_SETTING = "It is of another camera setting than the images that are compared."
 _SAMPLED = "Of so many images an even sample is compared."
 
 
@@ -137,11 +137,13 @@ def _other_settings(groups: Sequence[CameraViews], chosen: CameraViews) -> list[
         f"{n!r} of {w} x {h} px ({count})"
         for (n, w, h), count in sorted((_setting(g), len(g.images)) for g in groups if g is not chosen)
     )
+    as_many = sum(len(group.images) == len(chosen.images) for group in groups) > 1
+    why = "the first of those with the most images" if as_many else "which has the most"
     return [
         Advisory(
             "images_of_other_focus_group",
-            f"Compared are the images of focus group {name!r} of {width} x {height} px, which has the most; excluded: "
-            f"{others}.",
+            f"Compared are the {len(chosen.images)} images of focus group {name!r} of {width} x {height} px, {why}; "
+            f"excluded: {others}.",
             "Methods are compared on images of one camera setting: put others into sessions of their own.",
         )
     ]

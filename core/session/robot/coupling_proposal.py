@@ -48,19 +48,17 @@ def stated_coupling(coupling: Float[np.ndarray, "j j"]) -> str:
 
 
 def _instead_of(stated: Float[np.ndarray, "j j"], found: ProposedCoupling) -> Advisory:
+    other = f"if {_in_words(found.terms)}" if found.terms else "without any coupling"
     if found.terms:
-        other, remedy = f"if {_in_words(found.terms)}", f"joint_coupling of the robot ({_options(found)})"
+        remedy = f"correct the coupling of the robot (`gridpose robots change`: {_options(found)} after the joints)"
     else:
-        other, remedy = (
-            "without any coupling",
-            "joint_coupling of the robot: null, for joints that are not coupled",
-        )
+        remedy = "take the coupling from the robot (PATCH /v1/robots/{robot_id}: joint_coupling null)"
     return Advisory(
         CODE,
-        f"With the robot's joint_coupling ({stated_coupling(stated)}) the nominal robot is off the poses by "
-        f"{found.without_mm:.3g} mm, and by {found.with_it_mm:.3g} mm {other}: the coupling is probably wrong, or the "
-        "controller states the angles of the chain's joints.",
-        f"Compare with the maker's documents and correct {remedy} (PATCH /v1/robots/{{robot_id}}).",
+        f"With the joint coupling that the robot states ({stated_coupling(stated)}) the nominal robot is off the poses "
+        f"by {found.without_mm:.3g} mm, and by {found.with_it_mm:.3g} mm {other}: the coupling is probably wrong, or "
+        "the controller states the angles of the chain's joints.",
+        f"Compare with the maker's documents and {remedy}.",
     )
 
 

@@ -16,6 +16,7 @@ from core.errors import (
     JointAnglesInconsistent,
     NotConverged,
 )
+from core.geometry import invert
 from core.kinematics import (
     FOLDS,
     AxesIdentification,
@@ -38,6 +39,7 @@ from core.kinematics import (
 )
 from core.session.estimate import SessionEstimate
 from core.session.estimation import estimate_session
+from core.session.frame_warnings import gimbal_warnings
 from core.session.model import SessionData
 from core.session.robot.coupling_proposal import coupling_proposal, stated_coupling
 from core.session.robot.method_agreement import MethodDifference, compare_methods, disagreements
@@ -106,10 +108,13 @@ def identify_robot(
         if data.joint_coupling is not None and isinstance(failure, JointAnglesInconsistent):
             raise JointAnglesInconsistent(
                 failure.detail,
-                f"{failure.advice} Check the robot's joint_coupling, too: {stated_coupling(data.joint_coupling)}.",
+                f"{failure.advice} Check the joint coupling that the robot states (joint_coupling, PATCH "
+                f"/v1/robots/{{robot_id}}), too: {stated_coupling(data.joint_coupling)}.",
             ) from failure
         raise
-    return found if coupling is None else replace(found, warnings=(*found.warnings, coupling))
+    bases = [invert(T) for T in found.T_target_base]
+    more = (*gimbal_warnings(found.T_flange_camera, bases), *(() if coupling is None else (coupling,)))
+    return replace(found, warnings=(*found.warnings, *more)) if more else found
 
 
 def _identified(

@@ -139,7 +139,7 @@ def solve_with_start(
             raise  # a joint at rest is determined from no start
         raise JointNotExcited(
             failure.detail,
-            "Give the session its robot (robot_id) with the maker's Denavit-Hartenberg parameters: poses of "
+            "Give the session its robot, with the maker's Denavit-Hartenberg parameters (PATCH its robot_id): poses of "
             "any kind then suffice. Without one, add a sweep of each such joint, or raise the joint tolerance if the "
             "others should have rested.",
         ) from failure

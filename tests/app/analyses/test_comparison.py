@@ -228,6 +228,7 @@ def test_one_camera_setting_is_compared_and_the_others_named(api: Any, store: St
     assert (document["focus_group"], document["image_count"]) == ("default", 8)
     (warning,) = [w for w in document["warnings"] if w["code"] == "images_of_other_focus_group"]
     assert "'near' of 1224 x 1024 px (3)" in warning["detail"]
+    assert "which has the most" in warning["detail"]
     assert [pose["pose_id"] for pose in third["pooled"]["poses"]] == ["P1", "P2"]
 
 

@@ -10,6 +10,7 @@ import pytest
 
 from app.jobs.process_image import _CORRECTION
 from app.web.page_words import linked, named, next_page, on_pages
+from app.web.routes.measurements import camera_meaning
 from app.web.words import ESTIMATORS
 from core.errors import CommandedPosesMissing, GridposeError, IntrinsicsMissing, MixedImageSizes, TooFewCycles
 
@@ -91,3 +92,12 @@ def test_a_refusal_leads_to_the_page_that_mends_it() -> None:
     assert next_page(CommandedPosesMissing.code) == ("/poses", "Load commanded poses")
     assert next_page(TooFewCycles.code) == ("", "To the images")
     assert next_page("not_converged") is None
+
+
+@pytest.mark.parametrize(("model", "last"), [("brown", "k3"), ("rational", "k6"), ("kannala_brandt", "k4")])
+def test_radial_coefficients_are_named_by_their_lens_model(model: str, last: str) -> None:
+    names = [f"k{k}" for k in range(1, int(last[1]) + 1)]
+    meanings = [camera_meaning(name, model) for name in names]
+    assert len(set(meanings)) == len(names)
+    assert all(("θ" in one) is (model == "kannala_brandt") for one in meanings)
+    assert camera_meaning("p1", model) == "tangential distortion"

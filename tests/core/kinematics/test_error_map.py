@@ -77,6 +77,18 @@ def test_cells_hold_the_true_error_of_what_reaches_them(
     assert np.corrcoef(found, expected)[0, 1] > 0.5
 
 
+def test_place_and_error_of_the_worst_place_are_in_the_base_frame(
+    built: tuple[RealArm, ErrorModel, ArmState], mapped: KinematicErrorMap
+) -> None:
+    _, model, nominal = built
+    q = mapped.worst_joint_angles[None]
+    T_base_target = np.linalg.inv(model.fit.design.arm.T_target_base[0])
+    ends = [poses_of(nominal, q)[0, :3, 3] + d for d in (mapped.worst.difference_mm[0], np.zeros(3))]
+    attained, meant = (T_base_target[:3, :3] @ p + T_base_target[:3, 3] for p in ends)
+    np.testing.assert_allclose(mapped.worst_difference_mm, attained - meant, atol=1e-9)
+    assert np.linalg.norm(mapped.worst_position_mm - attained) < 5.0  # curves and compliance apart
+
+
 def test_what_was_visited_is_marked_and_the_rest_is_extrapolated(
     built: tuple[RealArm, ErrorModel, ArmState], mapped: KinematicErrorMap
 ) -> None:

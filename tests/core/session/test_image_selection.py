@@ -99,6 +99,35 @@ def test_large_grids_and_many_poses_are_bounded_too() -> None:
     assert len(chosen.images) == MAX_POSES + 3
 
 
+def test_of_as_many_images_of_two_settings_the_first_are_taken() -> None:
+    images = tuple(taken(f"P{p}", 1)[0] for p in range(4))
+
+    def stack(width: int) -> ViewStack:
+        return ViewStack(
+            width,
+            480,
+            (BOARD,),
+            np.zeros(2, dtype=np.intp),
+            np.array([0, 140, 280]),
+            np.zeros(280, dtype=np.intp),
+            np.zeros(280, dtype=np.intp),
+            np.zeros((280, 2)),
+            np.ones(280),
+            np.zeros((280, 3)),
+        )
+
+    views = (
+        CameraViews("default", np.arange(2), stack(640)),
+        CameraViews("default", np.arange(2, 4), stack(480)),
+    )
+    selected = select_images(SessionData((BOARD,), ("tgt_1",), images, views))
+    assert selected is not None
+    (warning,) = selected.warnings
+    assert warning.code == "images_of_other_focus_group"
+    assert "480 x 480 px, the first of those with the most images" in warning.detail
+    assert "640 x 480 px (2)" in warning.detail
+
+
 def test_a_pose_that_shows_two_targets_counts_for_one() -> None:
     chosen = choose([taken("P1", 1), taken("P1", 2), taken("P1", 3, target=1)])
     assert chosen.pose_ids == ("P1", "P1", None)

@@ -139,9 +139,37 @@ def chosen_group(data: SessionData, groups: Sequence[FocusGroup], wanted: str | 
 
 
 def _converted(group: FocusGroup, kind: str) -> _File:
-    """Return the camera in the first of the format's models that is good, or the best of them."""
-    views, camera = group.views, group.estimate.camera
-    size = views.image_width_px, views.image_height_px
+    """Return the camera in the first of the format's models that is good, or the best of them.
+
+    Raises AnalysisError (`not_representable`), naming the formats that have a model which is good enough.
+    """
+    error, choice, conversion = _nearest(group, kind)
+    if error <= MAX_ERROR_PX:
+        return _File(group.name, *_size(group), choice, conversion)
+    off = (
+        "have no pixels at all in part of the image"
+        if math.isinf(error)
+        else f"are off by up to {error:.2g} px"
+    )
+    others = [one for one in _CHOICES if one != kind and _nearest(group, one)[0] <= MAX_ERROR_PX]
+    json = "the JSON of the intrinsics, which has the camera as it is"
+    raise AnalysisError(
+        "not_representable",
+        f"No lens model of {kind} represents this camera ({lens_model_of(group.estimate.camera)}): pixels of the "
+        f"nearest, {choice.name}, {off}; the limit is {MAX_ERROR_PX:g} px.",
+        f"Take {' or '.join(others)}, or {json}."
+        if others
+        else f"Take {json}: no other format represents it either.",
+    )
+
+
+def _size(group: FocusGroup) -> tuple[int, int]:
+    return group.views.image_width_px, group.views.image_height_px
+
+
+def _nearest(group: FocusGroup, kind: str) -> tuple[float, _Choice, Conversion]:
+    """Return the largest error (px) of the first of a format's models that is good, or of the best; and the model."""
+    camera, size = group.estimate.camera, _size(group)
     radius = observed_radius(group)
     own = lens_model_of(camera)
     best: tuple[float, _Choice, Conversion] | None = None
@@ -152,20 +180,7 @@ def _converted(group: FocusGroup, kind: str) -> _File:
         if found.largest_error_px <= _GOOD_PX:
             break
     assert best is not None
-    error, choice, conversion = best
-    if not error <= MAX_ERROR_PX:
-        off = (
-            "have no pixels at all in part of the image"
-            if math.isinf(error)
-            else f"are off by up to {error:.2g} px"
-        )
-        raise AnalysisError(
-            "not_representable",
-            f"No lens model of {kind} represents this camera ({own}): pixels of the nearest, {choice.name}, {off}; the "
-            f"limit is {MAX_ERROR_PX:g} px.",
-            "Take a format with an angular lens model (opencv, ros, kalibr), or the JSON of the intrinsics.",
-        )
-    return _File(group.name, *size, choice, conversion)
+    return best
 
 
 def _listed(values: Sequence[float]) -> str:

@@ -45,7 +45,7 @@ def _document(found: KinematicErrorMap) -> dict[str, Any]:
             "position_mm": found.worst_position_mm.tolist(),
             "error_mm": float(worst.length_mm[0]),
             "standard_uncertainty_mm": float(worst.standard_uncertainty_mm[0]),
-            "error_vector_mm": worst.difference_mm[0].tolist(),
+            "error_vector_mm": found.worst_difference_mm.tolist(),
         },
         "map": {
             "cell_mm": found.cell_mm,

@@ -137,9 +137,27 @@ def test_a_wide_lens_is_converted_and_the_file_says_by_how_much(api: Any, store:
         assert "LENSMODEL_OPENCV8" in in_mrcal.text
         assert 0.0 < stated_error_px(in_mrcal.text) <= 0.5
     else:
-        problem(in_mrcal, 409, "not_representable")
+        advice = problem(in_mrcal, 409, "not_representable")["advice"]
+        assert {kind for kind in ("opencv", "ros", "kalibr", "mrcal") if kind in advice} == {
+            "opencv",
+            "ros",
+            "kalibr",
+        }
     brown = export(api, session, "ros", lens_model="brown")
     assert "plumb_bob" in brown.text
+
+
+def test_a_refused_format_is_not_advised(api: Any, store: Store) -> None:
+    """An angular lens off its centre: no angular model of a format has the tangential terms."""
+    lens = KannalaBrandtCamera(570.0, 570.5, 640.0, 485.0, 0.1, -0.02, 0.004, 0.0, 0.003, -0.003)
+    session = stored(api, store, look_around(np.random.default_rng(4), lens, images=6, sigma_px=0.02))
+    answers = {kind: export(api, session, kind) for kind in ("opencv", "ros", "kalibr", "mrcal")}
+    taken = {kind for kind, answer in answers.items() if answer.status_code == 200}
+    assert "kalibr" not in taken
+    for kind in answers.keys() - taken:
+        advice = problem(answers[kind], 409, "not_representable")["advice"]
+        assert {one for one in answers if one in advice} == taken
+        assert "JSON" in advice
 
 
 def test_a_file_holds_one_focus_group(api: Any, store: Store) -> None:

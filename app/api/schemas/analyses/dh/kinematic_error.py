@@ -23,7 +23,7 @@ class LargestError(ResponseModel):
     error_vector_mm: Annotated[
         Vector,
         Field(
-            description="Identified minus nominal position, mm, in the frame of the first target or the instrument."
+            description="Identified minus nominal position, mm, in the robot's base frame, as `position_mm` is."
         ),
     ]
 
