@@ -148,7 +148,8 @@ def test_positions_alone_tell_what_they_can() -> None:
     assert found.residual.rotation_rms is None
     (orientation,) = (group for group in found.null_space if "orientation" in group.sentence)
     assert orientation.parameters == tuple(f"flange_camera.rotation_{axis}_rad" for axis in "xyz")
-    assert found.flange_camera_covariance is None
+    assert found.flange_camera_covariance is not None
+    assert (np.diag(found.flange_camera_covariance) > 0.0).tolist() == [True] * 3 + [False] * 3
     off = found.chain.as_array() - told_truth(arm, poses.joint_angles)
     assert np.nanmax(np.abs(off / stated(found))) < 5.0
     assert found.validation is not None
