@@ -165,8 +165,7 @@ def _identify(
     fits = fit_axes(poses, sweeps, method, begin)
     home = find_home([arc.sweep for arc in fits.arcs], poses.joints, tolerance)
     tree = ArcTree.grown(fits, home, poses, given, 2.0 * tolerance, measured)
-    links = tree.links
-    uncertain = tree.uncertain(fits)
+    links, uncertain = tree.links, tree.uncertain(fits)
     axes = uncertain.axes
     forms = classify_links(uncertain, home, nominal)
     described, height = describe(axes, home, forms, nominal), 0.0
