@@ -29,6 +29,8 @@ from core.kinematics.dh import link_transform
 
 THETA_WEIGHT = 0.1
 """Offsets of joints count for less than the links: a nominal robot's are often stated for another zero."""
+MIDDLE_ANGLE = math.radians(5.0)
+"""Of angles without a reference: those of arms are near multiples of a quarter turn, and away from the ends."""
 SIGNIFICANT = 3.0
 """Of the uncertainty of a: axes nearer to each other may meet."""
 _HALF_TURN = np.diag([-1.0, -1.0, 1.0, 1.0])
@@ -43,12 +45,16 @@ def turn(angles: Float[np.ndarray, "*s"]) -> Float[np.ndarray, "*s"]:
 
 
 def unwrapped(
-    parameters: Float[np.ndarray, "j 5"], reference: Float[np.ndarray, "j 5"]
+    parameters: Float[np.ndarray, "j 5"], reference: Float[np.ndarray, "j 5"] | None
 ) -> Float[np.ndarray, "j 5"]:
-    """Return the parameters with angles within half a turn of the reference's."""
+    """Return the parameters with angles within half a turn of the reference's; without one from -175° to 185°, so that
+    none jumps whose nominal value is half a turn.
+    """
     found = parameters.copy()
     for angle in (ALPHA, THETA, BETA):
-        found[:, angle] = reference[:, angle] + turn(parameters[:, angle] - reference[:, angle])
+        middle = MIDDLE_ANGLE if reference is None else reference[:, angle]
+        turns = np.round((middle - parameters[:, angle]) / (2.0 * math.pi))
+        found[:, angle] += 2.0 * math.pi * turns
     return found
 
 

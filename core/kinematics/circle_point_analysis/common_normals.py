@@ -6,9 +6,9 @@ origin where the common normal of axes i and i+1 meets axis i+1, and x_i along t
     α_i  from z_{i-1} to z_i about x_i          a_i  along x_i, from axis i to axis i+1
     θ_i  from x_{i-1} to x_i about z_{i-1}      d_i  along z_{i-1}, from origin i-1 to the normal's foot on axis i
 
-with offset_i = θ_i - h_i, and angles within π of the nominal's, in (-π, π] without one. x_i and -x_i describe the same
-arm: those are taken that are next to the nominal; without a nominal a_i > 0, and α_i > 0 where the axes intersect
-(`equal_descriptions`).
+with offset_i = θ_i - h_i, and angles within π of the nominal's, from -175° to 185° without one. x_i and -x_i describe
+the same arm: those are taken that are next to the nominal; without a nominal a_i > 0, and α_i > 0 where the axes
+intersect (`equal_descriptions`).
 
 Near parallel neighbours (decided on the predicted uncertainty of the foot) have Hayati's form instead: d_i keeps the
 nominal's value, origin i lies where axis i+1 pierces the plane across axis i, x' points there from axis i, and β_i is
@@ -26,7 +26,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -110,7 +110,7 @@ def describe(
             shift += first.parameters[lead, 2] - given[lead, 2]
             first = _walk(axes, home, forms, given, shift)
         first.identifiable[lead, 2] = False
-    return first
+    return replace(first, parameters=unwrapped(first.parameters, None if nominal is None else given))
 
 
 def choose_signs(
@@ -214,7 +214,6 @@ def _walk(
         x = so3_exp(-(home[0] + given[0, 3]) * z) @ _across(z)
         base = transform(np.column_stack([x, hat(z) @ x, z]), axes.points[0] - given[0, 2] * z)
     P[-1, 4] = given[-1, 4]
-    P = unwrapped(P, given)
     return DhDescription(P, base, identifiable)
 
 

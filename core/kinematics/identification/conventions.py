@@ -31,16 +31,16 @@ def in_reported_form(
     fitted = gauge.free[: arm.parameters.size].reshape(arm.parameters.shape)
     tied = (~fitted[:links, THETA]).tolist()
     tied[:1] = [False] * min(links, 1)  # the base takes the turn
-    if nominal is not None:
-        arm = replace(arm, parameters=unwrapped(arm.parameters, nominal.as_array()))
-        reversals = nearest_description(arm.parameters, nominal.as_array(), tied)
+    reference = None if nominal is None else nominal.as_array()
+    arm = replace(arm, parameters=unwrapped(arm.parameters, reference))
+    if reference is not None:
+        reversals = nearest_description(arm.parameters, reference, tied)
     else:
         reversals = positive_description(arm.parameters, _sigma_a(refined), tied)
     if not reversals.any():
         return replace(refined, arm=arm)
     arm = described(arm, reversals, tool_turns=seen.rotations is not None)
-    if nominal is not None:
-        arm = replace(arm, parameters=unwrapped(arm.parameters, nominal.as_array()))
+    arm = replace(arm, parameters=unwrapped(arm.parameters, reference))
     residuals, jacobian = linearised(arm, seen)
     information = information_of(seen, jacobian, refined.free, refined.used, refined.scatter)
     return replace(
