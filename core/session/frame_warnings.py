@@ -30,9 +30,7 @@ def gimbal_warnings(
     on_flange, in_base = _NAMES[mount]
     several = len(T_base_targets) > 1
     frames = [(on_flange, T_flange_camera)]
-    frames += [
-        (f"{in_base} {k}" if several else in_base, T) for k, T in enumerate(T_base_targets, 1)
-    ]
+    frames += [(f"{in_base} {k}" if several else in_base, T) for k, T in enumerate(T_base_targets, 1)]
     near = [
         f"{name} ({math.degrees(pitch):.2f}°)"
         for name, T in frames

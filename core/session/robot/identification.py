@@ -113,7 +113,8 @@ def identify_robot(
             ) from failure
         raise
     bases = [invert(T) for T in found.T_target_base]
-    more = (*gimbal_warnings(found.T_flange_camera, bases), *(() if coupling is None else (coupling,)))
+    near = gimbal_warnings(found.T_flange_camera, bases, data.camera_mount if found.targets else "robot")
+    more = (*near, *(() if coupling is None else (coupling,)))
     return replace(found, warnings=(*found.warnings, *more)) if more else found
 
 

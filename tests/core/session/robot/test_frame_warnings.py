@@ -33,3 +33,9 @@ def test_the_frames_near_the_singularity(
     found = gimbal_warnings(frame(camera_deg), [frame(one) for one in targets_deg])
     assert [one.code for one in found] == (["near_gimbal_lock"] if named else [])
     assert all(name in one.detail for one in found for name in named)
+
+
+def test_of_a_fixed_camera_the_frames_have_their_own_names() -> None:
+    (found,) = gimbal_warnings(frame(88.0), [frame(-89.0)], "fixed")
+    assert "T_flange_target (88.00" in found.detail
+    assert "T_base_camera (-89.00" in found.detail
