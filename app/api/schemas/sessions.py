@@ -108,11 +108,15 @@ CameraMount = TypeAliasType(
 SessionMount = Annotated[
     CameraMount,
     Field(
-        description="What the camera is on. Commanded poses are T_base_flange either way, so a change takes effect on "
+        description="What the camera is on; `robot` unless stated. Commanded poses are T_base_flange either way, so a change takes effect on "
         "all analyses and on no stored pose.",
         examples=["robot"],
     ),
 ]
+
+
+def _on_robot() -> CameraMount:
+    return "robot"
 
 
 class SessionCreate(RequestModel):
@@ -124,7 +128,8 @@ class SessionCreate(RequestModel):
     lens: Lens = None
     intrinsics: Intrinsics = None
     conditions: Conditions = None
-    camera_mount: SessionMount = "robot"
+    # Without a default in the schema, where generated clients would ask for the field.
+    camera_mount: SessionMount = Field(default_factory=_on_robot)
 
 
 class SessionChange(SessionCreate):

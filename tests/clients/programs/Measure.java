@@ -28,7 +28,7 @@ public final class Measure {
         TargetRead target = new TargetsApi(client).createTarget(described, null);
         SessionsApi sessions = new SessionsApi(client);
         SessionRead session =
-            sessions.createSession(new SessionCreate().name("Java").targetIds(List.of(target.getId())));
+            sessions.createSession(new SessionCreate().name("Java").targetIds(List.of(target.getId())), null);
         MeasurementsApi measurements = new MeasurementsApi(client);
         for (JsonNode image : manifest.get("images")) {
             // As a form: the generator's native library would send the file of putImage as JSON.
