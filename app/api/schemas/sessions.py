@@ -108,8 +108,8 @@ CameraMount = TypeAliasType(
 SessionMount = Annotated[
     CameraMount,
     Field(
-        description="What the camera is on; `robot` unless stated. Commanded poses are T_base_flange either way, so a change takes effect on "
-        "all analyses and on no stored pose.",
+        description="What the camera is on; `robot` unless stated. Commanded poses are T_base_flange either way, so a "
+        "change takes effect on all analyses and on no stored pose.",
         examples=["robot"],
     ),
 ]
