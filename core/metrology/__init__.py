@@ -2,7 +2,9 @@
 
 from core.metrology.acceptance import (
     REPEATED,
+    ROUNDED,
     RULE,
+    UNCHANGING,
     UNSTEADY,
     UNTESTED,
     WITHOUT_DEGRADED,
@@ -11,6 +13,7 @@ from core.metrology.acceptance import (
     Reading,
     decide,
     repeatability_reading,
+    scatter_flaw,
 )
 from core.metrology.accuracy import (
     CommandedPoint,
@@ -55,6 +58,8 @@ from core.metrology.iso9283 import (
     DistancePerformance,
     Drift,
     DriftRate,
+    are_unchanging,
+    deviations,
     direction_variation,
     distance_performance,
     drift,
@@ -80,6 +85,7 @@ from core.metrology.repeatability import (
     assess_three_sigma,
     noise_only_lengths,
 )
+from core.metrology.resolution import Resolution, find_resolution, hides_scatter
 from core.metrology.rp_distribution import (
     CONFIDENCE,
     eigenvalues,
@@ -114,8 +120,10 @@ __all__ = [
     "MIN_POINTS",
     "NOT_STEADY",
     "REPEATED",
+    "ROUNDED",
     "RULE",
     "TEST_PLANES",
+    "UNCHANGING",
     "UNSTEADY",
     "UNTESTED",
     "VISITS",
@@ -154,6 +162,7 @@ __all__ = [
     "PoseSeries",
     "Qualification",
     "Reading",
+    "Resolution",
     "SlowMotion",
     "Steadiness",
     "TestCube",
@@ -165,6 +174,7 @@ __all__ = [
     "accuracy_budget",
     "accuracy_drift",
     "angles_from_vectors",
+    "are_unchanging",
     "assess_approaches",
     "assess_distance",
     "assess_radial",
@@ -174,6 +184,7 @@ __all__ = [
     "chart_figure",
     "corrected_budget",
     "decide",
+    "deviations",
     "direction_variation",
     "distance_budget",
     "distance_performance",
@@ -186,7 +197,9 @@ __all__ = [
     "estimate_process",
     "ewma_limit",
     "ewma_run_length",
+    "find_resolution",
     "floor_budget",
+    "hides_scatter",
     "long_run_draws",
     "long_run_rp",
     "mean_length",
@@ -198,6 +211,7 @@ __all__ = [
     "repeatability_budget",
     "repeatability_reading",
     "rp_sampling_distribution",
+    "scatter_flaw",
     "self_starting_scores",
     "slow_motion",
     "tied_accuracy",

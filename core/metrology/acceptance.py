@@ -33,6 +33,8 @@ TOO_FEW = "of fewer than ten cycles"
 UNSTEADY = "whose cycles are not steady"
 UNTESTED = "whose steadiness was not tested, for want of cycle numbers"
 REPEATED = "with several visits of one cycle that no burst names"
+UNCHANGING = "whose readings do not change"
+ROUNDED = "whose scatter the resolution of the readings hides"
 WITHOUT_DEGRADED = "within the limit only without cycles whose images are degraded"
 """Why a reading decides nothing."""
 
@@ -122,15 +124,22 @@ def _undecided(flaws: Sequence[str | None]) -> str:
 def repeatability_reading(figures: PoseRepeatability) -> Reading:
     """Return what RP_l of a pose decides with: the corrected figure, where its interval is known."""
     if figures.interval.position_mm is None:
-        return Reading(figures.n, None, None, None)
+        return Reading(figures.n, None, None, None, scatter_flaw(figures))
     corrected = figures.corrected_interval.position_mm
     return Reading(
         figures.n,
         None if corrected is None else figures.corrected.position_mm,
         corrected,
         figures.interval.position_mm[1],
-        UNSTEADY if figures.verdict == "not_steady" else None,
+        scatter_flaw(figures) or (UNSTEADY if figures.verdict == "not_steady" else None),
     )
+
+
+def scatter_flaw(figures: PoseRepeatability) -> str | None:
+    """Return why the readings of a pose say nothing of its scatter; None where they do."""
+    if figures.repeatability.position_mm == 0.0:
+        return UNCHANGING
+    return ROUNDED if figures.resolution is not None and figures.resolution.hides_position else None
 
 
 def _low(reading: Reading, count: int) -> float:

@@ -19,12 +19,27 @@ from core.metrology.pose_cycles import PerComponent, mean_and_vectors
 SMALLEST_DEVIATION = 1e-30
 """What is less is nothing: far below any instrument, and squares of squares stay above the least of floats."""
 
+ROUNDING = 1e-12
+"""Readings that differ by less than this share of their size are one reading: of a metre it is a nanometre's
+thousandth, which unit conversions and transforms leave.
+"""
 
-def deviations(values: Float[np.ndarray, "n k"]) -> Float[np.ndarray, "n k"]:
-    """Return a_j - ā of each column; exactly zero where all cycles are equal, however far from the origin."""
+
+def deviations(values: Float[np.ndarray, "n k"], size: float | None = None) -> Float[np.ndarray, "n k"]:
+    """Return a_j - ā of each column; exactly zero where the cycles do not differ beyond rounding.
+
+    `size` is the number that was rounded, the largest of the values where None.
+    """
     shifted = values - values[0]
     about = shifted - shifted.mean(axis=0)
-    return np.where(np.abs(about) < SMALLEST_DEVIATION, 0.0, about)
+    about = np.where(np.abs(about) < SMALLEST_DEVIATION, 0.0, about)
+    rounded = ROUNDING * (float(np.abs(values).max(initial=0.0)) if size is None else size)
+    return np.where(np.abs(about).max(axis=0) <= rounded, 0.0, about)
+
+
+def are_unchanging(positions_mm: Float[np.ndarray, "n 3"]) -> bool:
+    """Return whether several cycles read one position to the last digit, as no instrument does of a robot."""
+    return len(positions_mm) > 1 and not deviations(positions_mm).any()
 
 
 def position_repeatability(positions_mm: Float[np.ndarray, "n 3"]) -> float:
@@ -190,10 +205,13 @@ def drift(
     positions_mm: Float[np.ndarray, "n 3"],
     rotations: Float[np.ndarray, "n 3 3"] | None = None,
     block: int = 10,
+    step_mm: Float[np.ndarray, "3"] | None = None,
 ) -> Drift:
     """Return dRP = |RP_1 - RP_T| and the motion (7.6) over blocks of consecutive cycles from a cold start.
 
-    Cycles in the order they were made. Those that fill no whole block join the last one.
+    Cycles in the order they were made. Those that fill no whole block join the last one. `step_mm` is the resolution of
+    the readings, 0 along axes where none shows: where a block scatters by less than half of it, the standard error of
+    its mean holds what rounding leaves, step / √12.
 
     Raises InvalidArgument where there are fewer cycles than two blocks.
     """
@@ -209,7 +227,10 @@ def drift(
     for start, end in zip(starts, ends, strict=True):
         part = positions_mm[start:end]
         mean = part.mean(axis=0)
-        error = part.std(axis=0, ddof=1) / math.sqrt(len(part))
+        spread = part.std(axis=0, ddof=1)
+        error = spread / math.sqrt(len(part))
+        if step_mm is not None:
+            error = np.where(spread < 0.5 * step_mm, np.hypot(error, step_mm / math.sqrt(12.0)), error)
         blocks.append(DriftBlock(start + 1, end, mean, error, position_repeatability(part)))
     first, last = blocks[0], blocks[-1]
     turned = turned_error = None

@@ -87,12 +87,14 @@ class PoseScatters:
         )
 
 
-def gather_scatters(poses: PoseData, nominal: Chain) -> PoseScatters:
+def gather_scatters(
+    poses: PoseData, nominal: Chain, unchanging: frozenset[str] = frozenset()
+) -> PoseScatters:
     """Return the scatter of poses that were visited twice or more; visits of one pose have one label.
 
-    The tool and the base of the nominal chain come from all poses in closed form. Raises TooFewPoses where fewer than
-    `MIN_POSES` were repeated, MotionInsufficient where the poses do not determine the tool, and as `observations_of`
-    does.
+    Poses with the labels `unchanging`, whose readings say nothing of a scatter, are not among them. The tool and the
+    base of the nominal chain come from all poses in closed form. Raises TooFewPoses where fewer than `MIN_POSES` were
+    repeated, MotionInsufficient where the poses do not determine the tool, and as `observations_of` does.
     """
     seen = observations_of(poses)
     T_base_flange = forward(nominal, poses.joint_angles)
@@ -102,10 +104,16 @@ def gather_scatters(poses: PoseData, nominal: Chain) -> PoseScatters:
     counts: dict[tuple[str, int], list[int]] = {}
     for i, name in enumerate(names):
         counts.setdefault(name, []).append(i)
-    groups = [(label, np.array(visits)) for (label, _), visits in counts.items() if len(visits) > 1]
+    groups = [
+        (label, np.array(visits))
+        for (label, _), visits in counts.items()
+        if len(visits) > 1 and label not in unchanging
+    ]
     if len(groups) < MIN_POSES:
+        but = " with readings that change" if unchanging else ""
         raise TooFewPoses(
-            f"{len(groups)} poses were visited more than once; {MIN_POSES} are the least that show the joints' noise.",
+            f"{len(groups)} poses were visited more than once{but}; {MIN_POSES} are the least that show the joints' "
+            "noise.",
             "Visit ten poses or more, spread over the workspace, ten times each or more.",
         )
     reach = arm.reach_mm

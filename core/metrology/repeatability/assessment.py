@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TypeVar
@@ -11,8 +10,9 @@ import numpy as np
 from jaxtyping import Float
 
 from core.errors import Advisory
-from core.geometry import GIMBAL_MARGIN, rotation_to_rpy
+from core.geometry import rotation_to_rpy
 from core.metrology.cycle_process import CycleProcess, shift_of_rp, shift_of_three_sigma
+from core.metrology.iso9283 import deviations as about_mean
 from core.metrology.iso9283 import three_sigma
 from core.metrology.pose_cycles import (
     COMPONENTS,
@@ -27,8 +27,14 @@ from core.metrology.repeatability.intervals import (
     assess_three_sigma,
 )
 from core.metrology.repeatability.outliers import Outlier, find_outliers
+from core.metrology.repeatability.readings import (
+    reading_warnings,
+    scatter_unknown,
+    with_resolution,
+)
 from core.metrology.repeatability.statistics import CycleStatistics, cycle_statistics
 from core.metrology.repeatability.verdict import Verdict, VerdictLimits, classify
+from core.metrology.resolution import Resolution, find_resolution
 from core.metrology.steadiness import equal_scale
 
 Interval = tuple[float, float]
@@ -52,8 +58,9 @@ class PoseRepeatability:
     """Repeatability of one pose from n cycles; mm and rad, in the frame of the measurements.
 
     Values are None below two cycles, for angles where no rotations were measured, and those of the instrument's part
-    (`noise_floor`, `corrected`, `corrected_interval`) where no covariances were stated. `repeatability` is RP_l of the
-    position and 3 S of the others (ISO 9283:1998, 7.2.2), angles by rotation vectors mapped to roll, pitch, yaw.
+    (`noise_floor`, `corrected`, `corrected_interval`) where no covariances were stated. Intervals and the corrected
+    figure are also None where nothing scatters, or the `resolution` of the readings hides it. `repeatability` is RP_l
+    of the position and 3 S of the others (ISO 9283:1998, 7.2.2), angles by rotation vectors mapped to roll, pitch, yaw.
     `interval`, `noise_floor`, `corrected` and `verdicts` are those of `.intervals`; `verdict` is the position's.
     `corrected_interval` of the position is None where the floor exceeds half of RP_l, since no known interval keeps
     its level there. ISO 9283 has no rejection: all cycles count. `outliers` names the cycles that no scatter explains
@@ -75,6 +82,7 @@ class PoseRepeatability:
     outliers: tuple[Outlier, ...]
     without_outliers: PerComponent[float | None] | None
     warnings: tuple[Advisory, ...]
+    resolution: Resolution | None = None
 
 
 def assess_repeatability(
@@ -101,15 +109,19 @@ class _Choice:
     outliers: tuple[Outlier, ...]
     without_outliers: PerComponent[float | None] | None
     warnings: tuple[Advisory, ...]
+    resolution: Resolution | None
 
 
-def _choose(cycles: PoseCycles) -> _Choice:
+def _choose(stated: PoseCycles) -> _Choice:
+    resolution = find_resolution(stated.positions_mm)
+    cycles = with_resolution(stated, resolution)
     sample = cycle_statistics(cycles)
     outliers, warnings = find_outliers(cycles.positions_mm, sample.vectors)
     if not outliers:
-        return _Choice(cycles, sample, (), None, tuple(warnings))
+        return _Choice(cycles, sample, (), None, tuple(warnings), resolution)
     rest = cycles.take(np.setdiff1d(np.arange(len(cycles)), [outlier.index for outlier in outliers]))
-    return _Choice(cycles, sample, tuple(outliers), _raw(cycle_statistics(rest)), tuple(warnings))
+    without = _raw(cycle_statistics(rest))
+    return _Choice(cycles, sample, tuple(outliers), without, tuple(warnings), resolution)
 
 
 _COLUMNS = ("raw", "low", "high", "floor", "corrected", "corrected_low", "corrected_high")
@@ -165,7 +177,7 @@ def _shift_intervals(
     bounds move by as much more.
     """
     cycles = np.array([len(s.cycles) for s in samples])
-    deviations = [equal_scale(s.cycles.positions_mm - s.mean_position, _position_noise(s)) for s in samples]
+    deviations = [equal_scale(about_mean(s.cycles.positions_mm), _position_noise(s)) for s in samples]
     noise = 9.0 * np.column_stack([np.zeros(len(samples)), np.stack([s.noise for s in samples])])
     low, high = columns["low"], columns["high"]
     corrected_low, corrected_high = columns["corrected_low"], columns["corrected_high"]
@@ -217,26 +229,32 @@ def _conclude(choice: _Choice, table: dict[str, list[float]], limits: VerdictLim
     )
     if table and table["floor"][0] > MAX_FLOOR_SHARE * table["raw"][0]:
         corrected_interval[0] = None
+    unknown = scatter_unknown(values("raw"), choice.resolution)
     verdicts: list[Verdict] = [
-        classify(reading, floor if noise_known else None, n, limits)
-        for reading, floor in zip(values("raw"), values("floor"), strict=True)
+        classify(reading, floor if noise_known and not (hidden and reading) else None, n, limits)
+        for reading, floor, hidden in zip(values("raw"), values("floor"), unknown, strict=True)
     ]
+
+    def where_known(found: Sequence[T | None]) -> PerComponent[T | None]:
+        return _figures([None if hidden else one for one, hidden in zip(found, unknown, strict=True)])
+
     return PoseRepeatability(
         n,
         sample.mean_position,
         sample.mean_rotation,
         None if sample.mean_rotation is None else rotation_to_rpy(sample.mean_rotation),
         _figures(values("raw")),
-        _figures(list(zip(values("low"), values("high"), strict=True))),
+        where_known(list(zip(values("low"), values("high"), strict=True))),
         _figures(values("floor") if noise_known else []),
-        _figures(values("corrected") if noise_known else []),
-        _figures(corrected_interval if noise_known else []),
+        where_known(values("corrected")) if noise_known else _figures([]),
+        where_known(corrected_interval) if noise_known else _figures([]),
         verdicts[0] if verdicts else Verdict.TOO_FEW_CYCLES,
         _figures(verdicts),
         _orientation(sample),
         choice.outliers,
         choice.without_outliers,
-        choice.warnings + _warnings(sample),
+        choice.warnings + reading_warnings(sample, choice.resolution),
+        choice.resolution,
     )
 
 
@@ -251,39 +269,6 @@ def _orientation(sample: CycleStatistics) -> OrientationScatter | None:
     return OrientationScatter(
         _three(three_sigma(vectors)), _three(three_sigma(angles_about_mean(rotations, mean)))
     )
-
-
-def _warnings(sample: CycleStatistics) -> tuple[Advisory, ...]:
-    warnings = []
-    if sample.cycles.covariances is None:
-        warnings.append(
-            Advisory(
-                "noise_unknown",
-                "The poses carry no covariances: noise floor and corrected figures are not given, and whether the "
-                "figures describe the robot or the instrument cannot be determined.",
-                "State the instrument's covariance with each pose.",
-            )
-        )
-    if sample.mean_rotation is not None:
-        pitch = float(rotation_to_rpy(sample.mean_rotation)[1])
-        if abs(pitch) > math.pi / 2.0 - GIMBAL_MARGIN:
-            warnings.append(
-                Advisory(
-                    "near_gimbal_lock",
-                    f"At a pitch of {math.degrees(pitch):.2f}° roll and yaw turn about nearly the same axis, and their "
-                    "scatter is magnified.",
-                    "Judge the orientation by the rotation vectors, or measure in a frame turned away from it.",
-                )
-            )
-    if len(sample.cycles) > 1 and not sample.variance[:3].any():
-        warnings.append(
-            Advisory(
-                "no_scatter",
-                f"All {len(sample.cycles)} cycles read the same position to the last digit.",
-                "Check that each cycle was measured anew, and with enough digits.",
-            )
-        )
-    return tuple(warnings)
 
 
 def _three(values: Float[np.ndarray, "3"]) -> tuple[float, float, float]:

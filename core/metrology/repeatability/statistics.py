@@ -47,7 +47,7 @@ def cycle_statistics(cycles: PoseCycles) -> CycleStatistics:
     if cycles.rotations is not None:
         rotation, vectors = mean_and_vectors(cycles.rotations)
         to_angles = angles_from_vectors(rotation)
-        about[:, 3:] = deviations(vectors) @ to_angles.T
+        about[:, 3:] = deviations(vectors, size=1.0) @ to_angles.T
     noise, noise_square, noise_covariance = np.zeros(6), np.zeros(6), np.zeros((3, 3))
     excess, still = 0.0, (0.0, 0.0)
     if cycles.covariances is not None:

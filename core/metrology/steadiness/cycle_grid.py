@@ -21,6 +21,8 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from core.metrology.iso9283 import deviations as about_mean
+
 _SHRINKAGE_CYCLES = 4.0
 """The mean shape counts as much as this many cycles."""
 _RIDGE = 1e-9
@@ -111,8 +113,7 @@ def cycle_grid(series: Sequence[PoseSeries]) -> CycleGrid | None:
     covariance = np.zeros((len(series), 3, 3))
     degrees = np.zeros(len(series))
     for i, (one, place) in enumerate(zip(series, places, strict=True)):
-        d = one.positions_mm - one.positions_mm[0]
-        d = equal_scale(d - d.mean(axis=0), one.noise)
+        d = equal_scale(about_mean(one.positions_mm), one.noise)
         np.add.at(total[:, i], place, d)
         np.add.at(count[:, i], place, 1.0)
     present = count > 0.0

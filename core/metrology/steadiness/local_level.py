@@ -15,6 +15,8 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float, Int
 
+from core.metrology.iso9283 import deviations
+
 _RATIOS = np.concatenate([[0.0], np.geomspace(1e-5, 1e2, 57)])
 """Variance of a step over that of a visit."""
 MIN_EVIDENCE = 2.71
@@ -35,7 +37,7 @@ class SlowMotion:
 
 def slow_motion(cycles: Int[np.ndarray, " n"], positions_mm: Float[np.ndarray, "n 3"]) -> SlowMotion:
     """Return the slow motion of n ≥ 3 visits in the order of their cycles."""
-    y = positions_mm - positions_mm.mean(axis=0)
+    y = deviations(positions_mm)
     n = len(y)
     time = (cycles - cycles[0]).astype(np.float64)
     walk = np.minimum(time[:, None], time)

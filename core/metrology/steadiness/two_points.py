@@ -14,12 +14,17 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float
 
+from core.metrology.iso9283 import deviations
+from core.metrology.resolution import find_resolution
+
 MIN_CYCLES = 10
 _LIMITS = {10: 0.029, 20: 0.067, 30: 0.093, 50: 0.121}
 _POSES = 5
 _TAIL = 4.0
 """The lower tail of w goes as its fourth power at ten cycles, and by higher powers with more."""
 _LEAST_PART, _LEAST_SHARE = 3, 0.1
+MIN_STEPS_APART = 2.0
+"""Clusters nearer to one another than so many steps of the readings' resolution are not two stopping points."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,8 +52,7 @@ def find_two_points(positions_mm: Float[np.ndarray, "n 3"], pose: int, poses: in
     n = len(positions_mm)
     if n < MIN_CYCLES:
         return None
-    d = positions_mm - positions_mm[0]
-    d = d - d.mean(axis=0)
+    d = deviations(positions_mm)
     along = d @ np.linalg.eigh(d.T @ d)[1][:, -1]
     order = np.argsort(along, kind="stable")
     total = float(along @ along)
@@ -66,4 +70,7 @@ def find_two_points(positions_mm: Float[np.ndarray, "n 3"], pose: int, poses: in
     if second.sum() * 2 > n or (second.sum() * 2 == n and second[0]):
         second = ~second
     distance = float(np.linalg.norm(d[second].mean(axis=0) - d[~second].mean(axis=0)))
+    resolution = find_resolution(positions_mm)
+    if resolution is not None and distance < MIN_STEPS_APART * float(np.linalg.norm(resolution.step_mm)):
+        return None  # neighbouring values of a coarse display, between which nothing can be read
     return TwoPoints(pose, share, distance, second)

@@ -10,7 +10,8 @@ import numpy as np
 from jaxtyping import Float
 
 from core.errors import Advisory, JointAnglesInconsistent, NominalRobotMissing, listed
-from core.kinematics import JointNoise, PoseScatters, fit_joint_noise, gather_scatters
+from core.kinematics import JointNoise, PoseData, PoseScatters, fit_joint_noise, gather_scatters
+from core.metrology import are_unchanging
 from core.session.estimate import ExcludedMeasurement, SessionEstimate
 from core.session.estimation import estimate_session
 from core.session.joint_noise.held_out import HeldOutScatter, validate_joint_noise
@@ -82,7 +83,8 @@ def assess_joint_noise(
     if estimate is None and data.images and not data.measured:
         estimate = estimate_session(with_nominal_orientations(data))
     gathered = gather_robot_poses(data, estimate)
-    seen = gather_scatters(gathered.poses, data.nominal)
+    unchanging = _unchanging(gathered.poses)
+    seen = gather_scatters(gathered.poses, data.nominal, unchanging)
     noise = fit_joint_noise(seen)
     held_out = validate_joint_noise(seen, noise)
     angles = _stated(data, at)
@@ -101,8 +103,29 @@ def assess_joint_noise(
         map_repeatability(noise, seen.arm, model_limits),
         stated,
         gathered.excluded,
-        (*gathered.warnings, *_warnings(noise, seen, held_out)),
+        (*gathered.warnings, *_unchanging_warning(unchanging), *_warnings(noise, seen, held_out)),
     )
+
+
+def _unchanging(poses: PoseData) -> frozenset[str]:
+    """Return the labels of poses of which all visits read one position."""
+    visits: dict[tuple[str, int], list[int]] = {}
+    for i, name in enumerate(zip(poses.labels, poses.targets.tolist(), strict=True)):
+        visits.setdefault(name, []).append(i)
+    return frozenset(label for (label, _), rows in visits.items() if are_unchanging(poses.positions_mm[rows]))
+
+
+def _unchanging_warning(labels: frozenset[str]) -> list[Advisory]:
+    if not labels:
+        return []
+    return [
+        Advisory(
+            "no_scatter",
+            f"All visits of {listed(sorted(labels))} read one position to the last digit: they say nothing of the "
+            "joints' noise, and are not counted.",
+            "Check that each visit was measured anew: no frozen stream, nor the commanded pose read back.",
+        )
+    ]
 
 
 def _stated(data: SessionData, at: Sequence[Sequence[float]]) -> Float[np.ndarray, "n j"]:

@@ -20,7 +20,7 @@ from jaxtyping import Float
 from core.calibration import LENS, PRINT_SCALE, MarginalPoses, ShapePrior, marginalise_shape
 from core.errors import Advisory, listed
 from core.geometry import so3_exp
-from core.metrology import DistanceAssessment, PoseAccuracy
+from core.metrology import DistanceAssessment, PerComponent, PoseAccuracy
 from core.session.estimate import FocusGroup, SessionEstimate
 from core.session.model import MeasuredPose, SessionData
 
@@ -167,6 +167,19 @@ def unscaled_accuracy(accuracy: PoseAccuracy) -> PoseAccuracy:
     """
     interval = replace(accuracy.interval, position_mm=None, x_mm=None, y_mm=None, z_mm=None)
     return replace(accuracy, interval=interval, held_out_interval=None)
+
+
+def unchanging_accuracy(accuracy: PoseAccuracy) -> PoseAccuracy:
+    """Return AP of a pose whose readings do not change: no interval, and no parts of one."""
+    interval: PerComponent[tuple[float, float] | None] = PerComponent(
+        None, None, None, None, None, None, None
+    )
+    return replace(accuracy, interval=interval, held_out_interval=None, parts=None)
+
+
+def distance_of_hidden_scatter(distance: DistanceAssessment) -> DistanceAssessment:
+    """Return AD and RD without intervals, where the readings of an end do not change, or are rounded too much."""
+    return replace(unscaled_distance(distance), interval_mm=None)
 
 
 def unscaled_distance(distance: DistanceAssessment) -> DistanceAssessment:

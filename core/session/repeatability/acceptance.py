@@ -15,12 +15,14 @@ from dataclasses import dataclass, replace
 
 from core.metrology import (
     REPEATED,
+    UNCHANGING,
     WITHOUT_DEGRADED,
     Acceptance,
     Decision,
     Reading,
     decide,
     repeatability_reading,
+    scatter_flaw,
 )
 from core.session.model import SessionData, natural
 from core.session.repeatability.assessment import SessionRepeatability
@@ -132,7 +134,7 @@ def _scatter(
         if alone is not None:
             reading = _wider(reading, repeatability_reading(alone))
     with_all = None if row.including_degraded is None else row.including_degraded.position_mm
-    flaw = _flaw(found, row)
+    flaw = scatter_flaw(row.figures) or _flaw(found, row)
     if flaw is None and limit_mm is not None and with_all is not None and with_all > limit_mm:
         flaw = WITHOUT_DEGRADED
     return replace(reading, flaw=flaw)
@@ -162,7 +164,9 @@ def _deviation(found: SessionRepeatability, row: PoseRow | None) -> Reading:
         return _NOTHING
     one = found.accuracy.poses.get(row.pose_id)
     if one is None or one.interval.position_mm is None:
-        flaw = UNSCALED if row.pose_id in found.unscaled else UNDETERMINED
+        flaw = None if row.figures is None else scatter_flaw(row.figures)
+        if flaw != UNCHANGING:
+            flaw = UNSCALED if row.pose_id in found.unscaled else UNDETERMINED
         return Reading(len(row.visits), None, None, None, flaw)
     if one.held_out_interval is None:
         return Reading(len(row.visits), None, None, None, UNDETERMINED)

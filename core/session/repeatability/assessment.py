@@ -7,12 +7,17 @@ from dataclasses import dataclass, replace
 
 from core.calibration import SEPARATE_CAMERAS, ShapePrior
 from core.errors import Advisory, listed
-from core.metrology import PoseRepeatability
+from core.metrology import PoseAccuracy, PoseRepeatability
 from core.session.camera_mount import moving_poses
 from core.session.commanded_poses import Accuracy, assess_accuracy
 from core.session.estimate import SessionEstimate
 from core.session.model import MeasuredPose, SessionData
-from core.session.repeatability.absolute_poses import absolute_poses, scale_unknown, unscaled_accuracy
+from core.session.repeatability.absolute_poses import (
+    absolute_poses,
+    scale_unknown,
+    unchanging_accuracy,
+    unscaled_accuracy,
+)
 from core.session.repeatability.confirmation import unconfirmed
 from core.session.repeatability.degraded_images import degraded_warning
 from core.session.repeatability.lacking import measured_pose_warnings
@@ -104,11 +109,18 @@ def assess_repeatability(
     unscaled = frozenset(
         pose_id for pose_id, of_pose in visits.items() if scale_unknown(data, shapes or {}, of_pose[0])
     )
+    unchanging = {
+        row.pose_id
+        for row in rows
+        if row.figures is not None and row.figures.repeatability.position_mm == 0.0
+    }
     accuracy = assess_accuracy(data, absolute, assessed.steadiness.process)
     accuracy = replace(
         accuracy,
         poses={
-            pose_id: unscaled_accuracy(one) if pose_id in unscaled else one
+            pose_id: _with_known_interval(
+                one, scaled=pose_id not in unscaled, changing=pose_id not in unchanging
+            )
             for pose_id, one in accuracy.poses.items()
         },
     )
@@ -145,6 +157,13 @@ def assess_repeatability(
             *performance.warnings,
         ),
     )
+
+
+def _with_known_interval(accuracy: PoseAccuracy, *, scaled: bool, changing: bool) -> PoseAccuracy:
+    """Return AP with its interval where the scale is stated and the readings change."""
+    if not changing:
+        return unchanging_accuracy(accuracy)
+    return accuracy if scaled else unscaled_accuracy(accuracy)
 
 
 def _confirmed_rows(

@@ -26,9 +26,10 @@ from core.metrology import (
     PoseCycles,
     assess_approaches,
     assess_distance,
+    hides_scatter,
 )
 from core.session.model import CommandedPose, MeasuredPose
-from core.session.repeatability.absolute_poses import unscaled_distance
+from core.session.repeatability.absolute_poses import distance_of_hidden_scatter, unscaled_distance
 from core.session.repeatability.lacking import MIN_SPREADS_APART, Lack, distances_unavailable
 
 MAX_PAIRS = 45
@@ -174,7 +175,9 @@ def _assess(
     if float(np.linalg.norm(middles[0] - middles[1])) <= MIN_SPREADS_APART * spread:
         return None
     common = [_common(readings) for readings in at]
-    return assess_distance(cycles[0], cycles[1], first_mm, second_mm, common[0], common[1], process)
+    found = assess_distance(cycles[0], cycles[1], first_mm, second_mm, common[0], common[1], process)
+    hidden = any(hides_scatter(c.positions_mm) for c in cycles)
+    return distance_of_hidden_scatter(found) if hidden else found
 
 
 def _by_cycle(visits: Sequence[MeasuredPose]) -> dict[int, MeasuredPose]:

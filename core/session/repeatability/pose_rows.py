@@ -18,7 +18,9 @@ from core.metrology import (
     PoseRepeatability,
     Verdict,
     accuracy_drift,
+    are_unchanging,
     drift,
+    find_resolution,
 )
 from core.metrology import assess_repeatability as assess_cycles
 from core.session.camera_mount import moving_poses
@@ -113,15 +115,22 @@ def measured_rows(data: SessionData, witness: Witness | None = None) -> PoseRows
 
 
 def drift_of(row: PoseRow) -> tuple[Int[np.ndarray, " n"], Drift] | None:
-    """Return the cycles that are numbered, and the drift over them; None where there are not two blocks of cycles."""
+    """Return the cycles that are numbered, and the drift over them; None where there are not two blocks of cycles, or
+    readings do not change.
+    """
     visits = [visit for visit in row.visits if visit.cycle is not None]
     if len(visits) < 2 * DRIFT_BLOCK:
         return None
+    positions = np.array([visit.position_mm for visit in visits])
+    if are_unchanging(positions):
+        return None
     rotations = [visit.rotation for visit in visits if visit.rotation is not None]
+    resolution = find_resolution(positions)
     found = drift(
-        np.array([visit.position_mm for visit in visits]),
+        positions,
         np.array(rotations) if len(rotations) == len(visits) else None,
         block=DRIFT_BLOCK,
+        step_mm=None if resolution is None else resolution.step_mm,
     )
     return np.array([visit.cycle for visit in visits], dtype=np.intp), found
 

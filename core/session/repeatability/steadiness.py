@@ -22,9 +22,12 @@ from core.metrology import (
     PoseSeries,
     Steadiness,
     Verdict,
+    are_unchanging,
     assess_steadiness,
+    deviations,
     equal_scale,
     estimate_process,
+    hides_scatter,
 )
 from core.session.model import MeasuredPose
 
@@ -66,11 +69,20 @@ class SessionSteadiness:
 
 
 def session_steadiness(visits: Mapping[str, Sequence[MeasuredPose]]) -> SessionSteadiness:
-    """Test the visits of all poses, each in the order of its cycles; poses without a visit are not tested."""
-    chosen = {pose_id: found for pose_id, found in visits.items() if found}
-    series = [_series(found) for found in chosen.values()]
+    """Test the visits of all poses, each in the order of its cycles.
+
+    Poses without a visit, or whose readings do not change, are not tested. Poses whose scatter the resolution of the
+    readings hides say nothing of the process.
+    """
+    every = {pose_id: _series(found) for pose_id, found in visits.items() if found}
+    chosen = {pose_id: one for pose_id, one in every.items() if not are_unchanging(one.positions_mm)}
+    series = list(chosen.values())
     found = assess_steadiness(series)
-    usable = [one for one in series if len(one.positions_mm) >= MIN_INTERVAL_CYCLES]
+    usable = [
+        one
+        for one in series
+        if len(one.positions_mm) >= MIN_INTERVAL_CYCLES and not hides_scatter(one.positions_mm)
+    ]
     process = estimate_process(
         [_equal_deviations(one) for one in usable],
         [one.cycles for one in usable],
@@ -86,7 +98,7 @@ def equal_deviations(visits: Sequence[MeasuredPose]) -> Float[np.ndarray, "n 3"]
 
 
 def _equal_deviations(series: PoseSeries) -> Float[np.ndarray, "n 3"]:
-    return equal_scale(series.positions_mm - series.positions_mm.mean(axis=0), series.noise)
+    return equal_scale(deviations(series.positions_mm), series.noise)
 
 
 def _series(visits: Sequence[MeasuredPose]) -> PoseSeries:
