@@ -179,9 +179,12 @@ class ServiceClient(Closing):
             missing.update((entry["pose_id"], entry["sha256"]) for entry in answer["missing"])
         return missing
 
-    def put_measured_poses(self, session_id: str, poses: Sequence[Json]) -> Json:
-        """Store poses measured by another instrument; a pose that is already stored stays as it is."""
-        path = f"/v1/sessions/{session_id}/measured-poses"
+    def put_measured_poses(
+        self, session_id: str, poses: Sequence[Json], *, accept_implausible: bool = False
+    ) -> Json:
+        """Store poses that another instrument measured; those stored stay. What looks like another unit is refused."""
+        insisting = "?accept_implausible=true" if accept_implausible else ""
+        path = f"/v1/sessions/{session_id}/measured-poses{insisting}"
         return self._json("POST", path, repeatable=True, json=list(poses))
 
     def put_poses(self, session_id: str, poses: Sequence[Json], *, accept_implausible: bool = False) -> Json:

@@ -17,6 +17,7 @@ from app.records.activity import note_objects
 from app.records.ids import new_id
 from app.records.pagination import page
 from app.records.tables import MeasuredPose, Pose, Robot, Session
+from app.services import plausibility
 from app.services.queries import get_or_raise, require_readable
 
 ORTHONORMAL = 1e-5
@@ -60,10 +61,13 @@ def check_readings(readings: Sequence[Reading]) -> None:
         )
 
 
-def put_measured_poses(records: orm.Session, session_id: str, readings: Sequence[Reading]) -> list[str]:
+def put_measured_poses(
+    records: orm.Session, session_id: str, readings: Sequence[Reading], *, accept_implausible: bool = False
+) -> list[str]:
     """Store checked readings and return their ids in the order given; those stored already keep theirs.
 
-    Raises InvalidContent where the number of joints is not the robot's, Conflict where a cycle of a pose is stored
+    Raises InvalidContent where the number of joints is not the robot's, or new readings look like another unit, unless
+    that is accepted (`check_readings` of `.plausibility`); Conflict where a cycle of a pose is stored
     with another content, or where the session would hold more than MAX_IN_SESSION.
     """
     session = get_or_raise(records, Session, session_id, lock=True)
@@ -104,6 +108,8 @@ def put_measured_poses(records: orm.Session, session_id: str, readings: Sequence
             "(DELETE .../measured-poses).",
             code="too_many_measured_poses",
         )
+    if new and not accept_implausible:
+        _require_unit(records, session_id, readings)
     _ensure_poses(records, session_id, {row["pose_id"] for row in new})
     if new:
         records.execute(sa.insert(MeasuredPose), new)
@@ -245,6 +251,16 @@ def _require_joints(records: orm.Session, session: Session, readings: Sequence[R
             code="joint_angles_inconsistent",
             errors=_wrong_joints(readings, expected),
         )
+
+
+def _require_unit(records: orm.Session, session_id: str, readings: Sequence[Reading]) -> None:
+    stated = records.execute(
+        sa.select(Pose.pose_id, Pose.position_mm).where(
+            Pose.session_id == session_id, Pose.position_mm.is_not(None)
+        )
+    ).all()
+    commanded = {row.pose_id: row.position_mm for row in stated if isinstance(row.position_mm, list)}
+    plausibility.check_readings([(one.pose_id, one.position_mm) for one in readings], commanded)
 
 
 def _wrong_joints(readings: Sequence[Reading], expected: int) -> list[tuple[str, str]]:

@@ -6,7 +6,7 @@ from typing import Annotated
 
 from fastapi import Query, Response
 
-from app.api.dependencies import AppContextDep, Cursor, Limit, SessionPath
+from app.api.dependencies import AcceptImplausible, AppContextDep, Cursor, Limit, SessionPath
 from app.api.json_body import json_answer
 from app.api.responses import stored_document, stored_documents
 from app.api.routing import (
@@ -34,11 +34,20 @@ router = api_router(prefix="/v1/sessions/{session_id}/measured-poses", tags=["me
     responses=problem_responses(404, 409, 413, 415, 422, 507),
     openapi_extra=CSV_BODY,
 )
-def put_measured_poses(session_id: SessionPath, body: MeasuredPoseList, service: AppContextDep) -> Response:
+def put_measured_poses(
+    session_id: SessionPath,
+    body: MeasuredPoseList,
+    service: AppContextDep,
+    accept_implausible: AcceptImplausible = False,
+) -> Response:
     """Store many poses that a laser tracker or another instrument measured: all or nothing.
 
     A JSON list, or a CSV table with the same names in its header, as for poses; `rotation` and `covariance` are one
     cell of numbers each, row after row.
+
+    Lists whose distances between poses are about a thousandth or a thousand times the commanded ones are 422
+    `implausible_unit`; without commanded poses, lists of several poses that lie within 5 mm of one another and scatter
+    by less than 2 µm: they are almost surely in metres.
 
     A list has up to 10,000 of them; a session holds 20,000, and more are 409 `too_many_measured_poses`.
 
@@ -48,7 +57,9 @@ def put_measured_poses(session_id: SessionPath, body: MeasuredPoseList, service:
     readings = [measured_poses.Reading(**item.model_dump()) for item in body]
     measured_poses.check_readings(readings)
     with service.installation.database.write() as records:
-        ids = measured_poses.put_measured_poses(records, session_id, readings)
+        ids = measured_poses.put_measured_poses(
+            records, session_id, readings, accept_implausible=accept_implausible
+        )
     items = [
         MeasuredPoseRead.model_validate({"id": row_id, **item.model_dump()})
         for row_id, item in zip(ids, body, strict=True)

@@ -7,12 +7,15 @@ from core.session.commanded_poses.hand_eye import (
     SessionHandEye,
     calibrate_session_hand_eye,
 )
+from core.session.commanded_poses.units import UnitContradiction, contradicted_unit
 
 __all__ = [
     "Accuracy",
     "HandEyeStation",
     "HeldOut",
     "SessionHandEye",
+    "UnitContradiction",
     "assess_accuracy",
     "calibrate_session_hand_eye",
+    "contradicted_unit",
 ]

@@ -29,6 +29,7 @@ from core.session.repeatability.assessment import SessionRepeatability
 from core.session.repeatability.pose_rows import PoseRow, figures_by_itself
 
 UNDETERMINED = "whose accuracy is not determined"
+UNITS = "measured and commanded poses are not in one unit"
 UNSCALED = "before a target whose pitch has no stated uncertainty"
 CLEAR_SHARE = 1.0 / 3.0
 """Of the limit: no pose whose upper limit is below it is looked at by itself, which takes a tenth of a second."""
@@ -83,6 +84,8 @@ def assess_acceptance(data: SessionData, found: SessionRepeatability) -> Session
     accuracy = _decided(
         data.datasheet.accuracy_mm, {p: _deviation(found, rows.get(p)) for p in commanded}, off
     )
+    if found.units is not None:
+        repeatability, accuracy = _without_decision(repeatability), _without_decision(accuracy)
     excluded = sum(len(row.excluded) for row in found.poses)
     limitations = (
         [f"{excluded} measurement{'s do' if excluded > 1 else ' does'} not count"] if excluded else []
@@ -93,6 +96,13 @@ def assess_acceptance(data: SessionData, found: SessionRepeatability) -> Session
         _limited(repeatability, limitations),
         _limited(accuracy, ["what base and tool are off is not tested", *limitations]),
     )
+
+
+def _without_decision(of_limit: LimitAcceptance | None) -> LimitAcceptance | None:
+    """Return what is decided where measured and commanded poses contradict one another in their unit: nothing."""
+    if of_limit is None:
+        return None
+    return replace(of_limit, pose_id=None, found=Acceptance(Decision.INCONCLUSIVE, None, UNITS))
 
 
 def _limited(of_limit: LimitAcceptance | None, limitations: Sequence[str]) -> LimitAcceptance | None:

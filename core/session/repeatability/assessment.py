@@ -9,7 +9,12 @@ from core.calibration import SEPARATE_CAMERAS, ShapePrior
 from core.errors import Advisory, listed
 from core.metrology import PoseAccuracy, PoseRepeatability
 from core.session.camera_mount import moving_poses
-from core.session.commanded_poses import Accuracy, assess_accuracy
+from core.session.commanded_poses import (
+    Accuracy,
+    UnitContradiction,
+    assess_accuracy,
+    contradicted_unit,
+)
 from core.session.estimate import SessionEstimate
 from core.session.model import MeasuredPose, SessionData
 from core.session.repeatability.absolute_poses import (
@@ -43,6 +48,7 @@ class SessionRepeatability:
     between poses and variation over approaches. `unscaled` are the poses before a target whose scale nobody states:
     their absolute figures have no uncertainty. `error_sources` says of what each error is that absolute figures share,
     `witness` how a witness moved, where one is named, `bursts` what images scatter within stops, where there are any.
+    `units` says how measured and commanded poses contradict one another in their unit; None where they do not.
     """
 
     poses: tuple[PoseRow, ...]
@@ -53,6 +59,7 @@ class SessionRepeatability:
     error_sources: tuple[str, ...]
     witness: WitnessMotion | None
     bursts: BurstNoise | None
+    units: UnitContradiction | None
     warnings: tuple[Advisory, ...]
 
 
@@ -124,6 +131,7 @@ def assess_repeatability(
             for pose_id, one in accuracy.poses.items()
         },
     )
+    units = contradicted_unit(absolute, data.commanded)
     performance = assess_performance(
         visits,
         absolute,
@@ -143,7 +151,9 @@ def assess_repeatability(
         sources,
         assessed.witness,
         assessed.bursts,
+        units,
         (
+            *_unit_warning(units),
             *_visit_warnings(rows),
             *before,
             *of_prints,
@@ -184,6 +194,20 @@ def _confirmed_rows(
         for row in assessed.rows
     )
     return replace(assessed, rows=tuple(rows)), warnings
+
+
+def _unit_warning(units: UnitContradiction | None) -> list[Advisory]:
+    if units is None:
+        return []
+    return [
+        Advisory(
+            "units_contradict",
+            f"Measured distances between poses are {units.scale:.2g} times the commanded ones: almost surely "
+            f"{units.guess}. Every length is wrong by that, and nothing is decided by it.",
+            "Delete the measured poses and import them with their unit (`gridpose measured-poses import "
+            "--length-unit`), or store the commanded poses in mm.",
+        )
+    ]
 
 
 def _row_warnings(rows: Sequence[PoseRow]) -> list[Advisory]:

@@ -288,3 +288,23 @@ def test_values_in_another_unit_are_made_only_if_the_user_insists(
     refused = gridpose(served, noun, "create", name, *options, code=1)
     assert "--accept-implausible" in " ".join(refused.output.split())
     assert made(served, noun, name, *options, "--accept-implausible")["name"] == name
+
+
+def test_a_tracker_s_file_in_metres_is_refused_with_the_option_that_states_it(
+    served: Any, tmp_path: Path
+) -> None:
+    file = tmp_path / "tracker.csv"
+    rows = [f"P{k},{c},{0.5 + 0.2 * k},{0.1 * k},{0.6 + 1e-5 * c}" for k in range(3) for c in (1, 2, 3)]
+    file.write_text("\n".join(["pose,cycle,x,y,z", *rows]), encoding="utf-8")
+    arguments = (
+        "measured-poses",
+        "import",
+        str(file),
+        "--session",
+        "metres",
+        "--target",
+        "chessboard:9x6:25",
+    )
+    refused = gridpose(served, *arguments, code=1)
+    assert "--length-unit m" in " ".join(refused.stderr.split())
+    gridpose(served, *arguments, "--length-unit", "m")

@@ -16,6 +16,7 @@ from rich.markup import escape
 from ... import ClientError, Json, find_or_make_session
 from ..access import UploadAccess
 from ..console import error_console, print_error
+from ..creation import AcceptImplausible
 from ..record_files import Delimiter, FileFormat, FileRefused, Records, as_delimiter, read_records
 from .instrument import parse_instrument, with_uncertainty
 from .parser import EULER, ColumnLayout, RowError, parse_poses
@@ -42,6 +43,10 @@ class AngleUnit(enum.StrEnum):
     rad = "rad"
 
 
+_ADVICE = {
+    "implausible_unit": "Coordinates were read in the unit of --length-unit: state the file's own, `--length-unit m` "
+    "for metres. If the values are right, give --accept-implausible."
+}
 _IN_MM = {LengthUnit.mm: 1.0, LengthUnit.m: 1000.0, LengthUnit.inch: 25.4}
 _IN_RAD = {AngleUnit.deg: math.radians(1.0), AngleUnit.rad: 1.0}
 
@@ -110,6 +115,7 @@ def import_poses(
     skip_invalid: Annotated[
         bool, typer.Option("--skip-invalid", help="Send the valid poses and skip the others.")
     ] = False,
+    accept_implausible: AcceptImplausible = False,
     dry_run: Annotated[
         bool, typer.Option("--dry-run", help="Read, check and show the first pose; send nothing.")
     ] = False,
@@ -165,12 +171,13 @@ def import_poses(
         with service.client(console) as client:
             session_id, _ = find_or_make_session(client, session, target)
             for chunk in _chunks(poses):
-                client.put_measured_poses(session_id, [pose for _, pose in chunk])
+                sent = [pose for _, pose in chunk]
+                client.put_measured_poses(session_id, sent, accept_implausible=accept_implausible)
     except ClientError as error:
         print_error(console, f"{error.summary} ({error.code})")
         _list_errors(console, _located(error, chunk))
-        if error.advice:
-            console.print(escape(error.advice))
+        if advice := _ADVICE.get(error.code, error.advice):
+            console.print(escape(advice))
         return 1
     pose_ids = {pose["pose_id"] for _, pose in poses}
     console.print(f"session {session_id}: {len(poses)} measured poses of {len(pose_ids)} pose IDs are stored")

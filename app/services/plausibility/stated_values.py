@@ -54,7 +54,7 @@ _CAMERA_ADVICE = (
 def check_pitch(pitch_mm: float) -> None:
     """Raise InvalidContent (`implausible_unit`) for a pitch that looks like metres."""
     if pitch_mm < MIN_PITCH_MM:
-        raise _implausible(
+        raise implausible(
             "metres",
             _in_metres([("pitch_mm", pitch_mm)]),
         )
@@ -64,10 +64,10 @@ def check_joints(joints: Sequence[Mapping[str, Any]]) -> None:
     """Raise InvalidContent (`implausible_unit`) for twists or limits that look like radians, links like metres."""
     angles = _in_radians(joints)
     if angles:
-        raise _implausible("radians", angles)
+        raise implausible("radians", angles)
     lengths = [joint["a_mm"] for joint in joints]
     if any(lengths) and all(abs(a) < MIN_LINK_MM for a in lengths):
-        raise _implausible(
+        raise implausible(
             "metres",
             _in_metres([(f"joints.{place}.a_mm", a) for place, a in enumerate(lengths)]),
         )
@@ -81,7 +81,7 @@ def check_datasheet(robot: Mapping[str, Any]) -> None:
         if robot.get(name) and robot[name] < MIN_REPEATABILITY_MM
     ]
     if small:
-        raise _implausible("metres", _in_metres(small))
+        raise implausible("metres", _in_metres(small))
 
 
 def check_lens(lens: Mapping[str, float] | None) -> None:
@@ -90,11 +90,11 @@ def check_lens(lens: Mapping[str, float] | None) -> None:
         return
     focal_mm, pitch_um = lens["focal_length_mm"], lens["pixel_pitch_um"]
     if focal_mm < MIN_FOCAL_LENGTH_MM:
-        raise _implausible("metres", _in_metres([("lens.focal_length_mm", focal_mm)]), _CAMERA_ADVICE)
+        raise implausible("metres", _in_metres([("lens.focal_length_mm", focal_mm)]), _CAMERA_ADVICE)
     if pitch_um < MIN_PIXEL_PITCH_UM:
         unit, factor = ("metres", 1e6) if pitch_um < _MAX_PIXEL_PITCH_IN_M else ("millimetres", 1e3)
         guess = f"{pitch_um:g} µm would be {factor * pitch_um:g} µm if it was stated in {unit}"
-        raise _implausible(unit, [("lens.pixel_pitch_um", guess)], _CAMERA_ADVICE)
+        raise implausible(unit, [("lens.pixel_pitch_um", guess)], _CAMERA_ADVICE)
 
 
 def check_intrinsics(intrinsics: Mapping[str, float] | None) -> None:
@@ -123,7 +123,7 @@ def check_intrinsics(intrinsics: Mapping[str, float] | None) -> None:
             f"if it was stated in {unit}, with pixels of {_PIXEL_UM:g} µm",
         )
     errors = [(field, f"{value:g} px would be {factor * value:g} px {condition}") for field, value in small]
-    raise _implausible(unit, errors, _CAMERA_ADVICE)
+    raise implausible(unit, errors, _CAMERA_ADVICE)
 
 
 def check_certificate(certificate: Mapping[str, Any] | None, pitch_mm: float, spaces: int) -> None:
@@ -155,7 +155,7 @@ def check_certificate(certificate: Mapping[str, Any] | None, pitch_mm: float, sp
             if abs(factor * length / nominal - 1.0) < _UNIT_TOLERANCE
         ]
         if found:
-            raise _implausible(unit, found, "State the certificate's lengths in mm, as the target's pitch.")
+            raise implausible(unit, found, "State the certificate's lengths in mm, as the target's pitch.")
 
 
 def check_commands(commands: Sequence[Mapping[str, Any]], *, in_list: bool = True) -> None:
@@ -192,7 +192,7 @@ def check_commands(commands: Sequence[Mapping[str, Any]], *, in_list: bool = Tru
                 for place, command in enumerate(commands)
                 for name, value in _stated(command, names)
             ]
-            raise _implausible(unit, _in_metres(fields) if unit == "metres" else _as_radians(fields))
+            raise implausible(unit, _in_metres(fields) if unit == "metres" else _as_radians(fields))
 
 
 def _small_poses(
@@ -261,10 +261,13 @@ def _is_quarter_turn(angle: float, tolerance: float = _QUARTER_TURN_TOLERANCE) -
     return round(turns) != 0 and abs(turns - round(turns)) < tolerance
 
 
-def _implausible(unit: str, errors: list[tuple[str, str]], advice: str = _ADVICE) -> InvalidContent:
+def implausible(
+    unit: str, errors: list[tuple[str, str]], advice: str = _ADVICE, why: str = ""
+) -> InvalidContent:
+    """Return the refusal of values that look like a unit; `why` follows the first of them."""
     field, message = errors[0]
     return InvalidContent(
-        f"Values look like {unit}: {field}, {message}.",
+        f"Values look like {unit}: {field}, {message}{why}.",
         advice,
         code="implausible_unit",
         errors=errors[:MAX_ERRORS],

@@ -1,0 +1,23 @@
+"""Values that are almost surely in another unit than their names say: metres, radians."""
+
+from app.services.plausibility.readings import check_readings
+from app.services.plausibility.stated_values import (
+    check_certificate,
+    check_commands,
+    check_datasheet,
+    check_intrinsics,
+    check_joints,
+    check_lens,
+    check_pitch,
+)
+
+__all__ = [
+    "check_certificate",
+    "check_commands",
+    "check_datasheet",
+    "check_intrinsics",
+    "check_joints",
+    "check_lens",
+    "check_pitch",
+    "check_readings",
+]
