@@ -54,6 +54,7 @@ from core.metrology.cycle_process import (
 )
 from core.metrology.difference import Difference, estimate_difference
 from core.metrology.distances import ApproachVariation, DistanceAssessment, assess_approaches, assess_distance
+from core.metrology.frame_tie import FrameTie
 from core.metrology.iso9283 import (
     DistancePerformance,
     Drift,
@@ -148,6 +149,7 @@ __all__ = [
     "Drift",
     "DriftRate",
     "EstimatedDeviation",
+    "FrameTie",
     "HeldOutDeviation",
     "IndividualsLimits",
     "IntervalEstimate",

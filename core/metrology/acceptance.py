@@ -20,6 +20,7 @@ from enum import StrEnum
 
 from scipy.special import ndtri
 
+from core.metrology.frame_tie import FrameTie, poses_that_decide
 from core.metrology.repeatability import FEW_CYCLES, PoseRepeatability
 from core.metrology.rp_distribution import CONFIDENCE
 
@@ -55,6 +56,10 @@ class Reading:
     not known. `at_most` is an upper limit that holds with the instrument's share in it. `flaw` says why the figure
     decides nothing, to follow "poses": its interval presumes what is not so, or was not tested; None where nothing
     speaks against it.
+
+    `cycles_share` is the share of the interval's squared width that cycles narrow. `tie` is what tied the frames of a
+    deviation, which poses narrow; None for a figure of scatter. `frames` follows the word interval, such as " in the
+    frames of the other poses".
     """
 
     cycles: int
@@ -62,6 +67,16 @@ class Reading:
     interval: tuple[float, float] | None
     at_most: float | None
     flaw: str | None = None
+    cycles_share: float = 1.0
+    tie: FrameTie | None = None
+    frames: str = ""
+
+    @property
+    def deciding(self) -> tuple[float, float] | None:
+        """The interval that decides: from nothing to the upper limit that is known; None without one."""
+        if self.interval is not None:
+            return self.interval
+        return None if self.at_most is None else (0.0, self.at_most)
 
     @property
     def upper(self) -> float:
@@ -75,14 +90,17 @@ class Reading:
 class Acceptance:
     """The decision on one limit, the index of the reading that it rests on, why, and the cycles that would decide.
 
-    `cycles_needed` is for the reading that is nearest to the limit, if its value stays: None where a decision was made,
-    or where no number up to `MOST_CYCLES` would.
+    `interval` is that of the reading, in which the decision is; None where none rests on a reading. `cycles_needed` and
+    `poses_needed` are for this reading, if its value stays: None where a decision was made, where no number up to
+    `MOST_CYCLES` cycles and `MOST_POSES` poses would, and of poses where cycles do.
     """
 
     decision: Decision
     reading: int | None
     reason: str
+    interval: tuple[float, float] | None = None
     cycles_needed: int | None = None
+    poses_needed: int | None = None
 
 
 def decide(limit: float, readings: Sequence[Reading]) -> Acceptance:
@@ -96,15 +114,18 @@ def decide(limit: float, readings: Sequence[Reading]) -> Acceptance:
     failed = [i for i in usable if _low(readings[i], len(usable)) > limit]
     if failed:
         worst = max(failed, key=lambda i: _low(readings[i], len(usable)))
-        return Acceptance(Decision.FAIL, worst, "the whole interval lies beyond the limit")
+        low, high = readings[worst].deciding or (0.0, math.inf)
+        reason = "the whole interval lies beyond the limit"
+        return Acceptance(Decision.FAIL, worst, reason, (low, high))
     if not usable:
         return Acceptance(Decision.INCONCLUSIVE, None, _undecided(flaws))
     worst = max(usable, key=lambda i: readings[i].upper)
+    interval = readings[worst].deciding
     if readings[worst].upper > limit:
-        return Acceptance(Decision.INCONCLUSIVE, worst, *_open(limit, readings[worst], len(usable)))
+        return _open(limit, readings[worst], worst, len(usable))
     if len(usable) < len(readings):
-        return Acceptance(Decision.INCONCLUSIVE, worst, _undecided(flaws))
-    return Acceptance(Decision.PASS, worst, "the intervals of all poses lie within the limit")
+        return Acceptance(Decision.INCONCLUSIVE, worst, _undecided(flaws), interval)
+    return Acceptance(Decision.PASS, worst, "the intervals of all poses lie within the limit", interval)
 
 
 def _flaw(reading: Reading) -> str | None:
@@ -154,16 +175,35 @@ def _low(reading: Reading, count: int) -> float:
     return float(reading.value * (low / reading.value) ** wider)
 
 
-def _open(limit: float, reading: Reading, count: int) -> tuple[str, int | None]:
+def _open(limit: float, reading: Reading, place: int, count: int) -> Acceptance:
+    """Return why a reading is open, and the cycles or poses that would decide."""
+    interval = reading.deciding
     if reading.interval is None or not reading.value:
-        return "the instrument's share of the reading is too large, or not known", None
+        reason = "the instrument's share of the reading is too large, or not known"
+        return Acceptance(Decision.INCONCLUSIVE, place, reason, interval)
+    reason = f"the interval{reading.frames} spans the limit"
+    if reading.interval[0] > limit:
+        reason = f"the interval lies beyond the limit, but not at the level that {count} poses together need"
+    cycles = _cycles_that_decide(limit, reading, count)
+    if cycles is not None or reading.tie is None:
+        return Acceptance(Decision.INCONCLUSIVE, place, reason, interval, cycles)
+    poses = poses_that_decide(limit, reading.tie)
+    reason += "; how the poses tie the frames is open, which more poses narrow and more cycles do not"
+    return Acceptance(Decision.INCONCLUSIVE, place, reason, interval, None, poses)
+
+
+def _cycles_that_decide(limit: float, reading: Reading, count: int) -> int | None:
+    """Return how many cycles would decide if the value stayed, None for none up to `MOST_CYCLES`.
+
+    Of the squared width of the interval's logarithm, the share that cycles narrow goes with one over their number.
+    """
+    if reading.interval is None or not reading.value:
+        return None
     distance = abs(math.log(limit / reading.value)) if limit > 0.0 else math.inf
     end = reading.interval[1] if reading.value < limit else _low(reading, count)
     width = abs(math.log(end / reading.value)) if end > 0.0 else math.inf
-    reason = "the interval spans the limit"
-    if reading.interval[0] > limit:
-        reason = f"the interval lies beyond the limit, but not at the level that {count} poses together need"
-    if distance == 0.0 or not math.isfinite(width):
-        return reason, None
-    needed = 1 + math.ceil((reading.cycles - 1) * (width / distance) ** 2)
-    return reason, needed if reading.cycles < needed <= MOST_CYCLES else None
+    left = distance**2 - (1.0 - reading.cycles_share) * width**2
+    if distance == 0.0 or not math.isfinite(width) or not left > 0.0:
+        return None
+    needed = 1 + math.ceil((reading.cycles - 1) * reading.cycles_share * width**2 / left)
+    return needed if reading.cycles < needed <= MOST_CYCLES else None

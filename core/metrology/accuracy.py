@@ -70,7 +70,7 @@ class DeviationParts:
 
     `of_tie` and `of_visits` are covariances, together times t of `degrees_of_freedom`; the columns of `shared` are what
     one standard uncertainty of each error does that all poses share. `visits_degrees_of_freedom` are those of the
-    scatter of the visits; None where it is stated.
+    scatter of the visits; None where it is stated. `variance` is s², of all poses' deviations along an axis.
     """
 
     residual: Float[np.ndarray, "3"]
@@ -79,11 +79,19 @@ class DeviationParts:
     shared: Float[np.ndarray, "3 k"]
     degrees_of_freedom: float
     visits_degrees_of_freedom: float | None
+    variance: float = 0.0
 
     @property
     def own(self) -> Float[np.ndarray, "3 3"]:
         """The covariance that is times t."""
         return self.of_tie + self.of_visits
+
+    @property
+    def visits_share(self) -> float:
+        """The share of the variance that more visits narrow, between 0 and 1."""
+        visits = float(np.trace(self.of_visits))
+        whole = visits + float(np.trace(self.of_tie)) + float(np.sum(self.shared**2))
+        return visits / whole if whole > 0.0 else 1.0
 
     def draws(self, trials: int, own: Float[np.ndarray, "3 3"]) -> Float[np.ndarray, "t 3"]:
         """Return draws of the deviation, with random numbers of their own; `own` is the covariance that is times t."""
@@ -150,7 +158,7 @@ def estimate_deviations(tied: TiedDeviations) -> list[EstimatedDeviation]:
             continue
         share = _as_share(Hi) if used else Hi
         of_visits = tied.mean_variance * (np.eye(3) - (share if used else 0.0))
-        parts = DeviationParts(r, variance * share, of_visits, A, dof, tied.mean_degrees_of_freedom)
+        parts = DeviationParts(r, variance * share, of_visits, A, dof, tied.mean_degrees_of_freedom, variance)
         lengths = np.linalg.norm(r + student @ _root(parts.own).T + others @ _root(A @ A.T).T, axis=1)
         low, high = _quantiles(lengths)
         # The studentised figure is seldom outside what is known of the length; a figure is in its own interval.

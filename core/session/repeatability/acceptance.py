@@ -13,12 +13,15 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
+import numpy as np
+
 from core.metrology import (
     REPEATED,
     UNCHANGING,
     WITHOUT_DEGRADED,
     Acceptance,
     Decision,
+    FrameTie,
     Reading,
     decide,
     repeatability_reading,
@@ -182,4 +185,27 @@ def _deviation(found: SessionRepeatability, row: PoseRow | None) -> Reading:
         return Reading(len(row.visits), None, None, None, UNDETERMINED)
     reading = Reading(len(row.visits), one.figures.position_mm, one.interval.position_mm, None)
     alone = Reading(len(row.visits), None, one.held_out_interval, None)
-    return replace(_wider(reading, alone), flaw=_flaw(found, row))
+    share = 1.0 if one.parts is None else one.parts.visits_share
+    wider = _wider(reading, alone)
+    return replace(
+        wider,
+        flaw=_flaw(found, row),
+        cycles_share=share,
+        tie=_tie(found),
+        frames=" in the frames that the other poses tie" if wider.upper > reading.upper else "",
+    )
+
+
+def _tie(found: SessionRepeatability) -> FrameTie | None:
+    """Return what tied the frames of the session's poses; None where nothing is known of it."""
+    known = [(one, one.parts) for one in found.accuracy.poses.values() if one.parts is not None]
+    if not known or known[0][1].variance <= 0.0:
+        return None
+    variance = known[0][1].variance
+    return FrameTie(
+        variance,
+        len(known),
+        known[0][0].degrees_of_freedom,
+        max(float(np.trace(parts.of_tie)) / (3.0 * variance) for _, parts in known),
+        max(one.figures.position_mm or 0.0 for one, _ in known),
+    )

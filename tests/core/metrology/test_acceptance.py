@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -10,6 +11,7 @@ import pytest
 from core.metrology import (
     UNSTEADY,
     Decision,
+    FrameTie,
     PoseCycles,
     Reading,
     assess_repeatability,
@@ -119,3 +121,36 @@ def test_errors_of_either_kind_are_as_rare_as_stated() -> None:
     assert counts[0.6][Decision.FAIL] == 0.0
     assert counts[1.6][Decision.FAIL] >= 0.7
     assert counts[1.6][Decision.PASS] == 0.0
+
+
+def test_cycles_narrow_only_their_own_share_of_an_interval() -> None:
+    whole = decide(LIMIT, [reading(0.09, 0.08, 0.105)]).cycles_needed
+    half = decide(LIMIT, [replace(reading(0.09, 0.08, 0.105), cycles_share=0.7)]).cycles_needed
+    assert whole is not None
+    assert half is not None
+    assert half > whole
+    # The logarithm's width would have to shrink to less than what cycles leave of it.
+    assert decide(LIMIT, [replace(reading(0.09, 0.08, 0.105), cycles_share=0.3)]).cycles_needed is None
+
+
+def test_a_tie_that_keeps_an_interval_wide_takes_poses() -> None:
+    tie = FrameTie(0.3**2, 5, 9.0, 0.6, 0.6)
+    open_ = replace(reading(0.6, 0.1, 1.9), cycles_share=1e-4, tie=tie, frames=" in other frames")
+    found = decide(1.5, [open_])
+    assert (found.decision, found.interval) == (Decision.INCONCLUSIVE, (0.1, 1.9))
+    assert found.cycles_needed is None
+    assert found.reason.startswith("the interval in other frames spans the limit")
+    assert found.poses_needed is not None
+    assert 5 < found.poses_needed < 15
+    # The worst of more poses comes too near to a limit of few standard deviations.
+    assert decide(0.9, [open_]).poses_needed is None
+    # One that is far beyond it fails with more.
+    beyond = replace(open_, value=2.5, interval=(1.0, 4.0), tie=replace(tie, worst_mm=2.5))
+    assert decide(1.5, [beyond]).poses_needed is not None
+
+
+def test_what_decides_is_stated() -> None:
+    assert decide(LIMIT, [reading(0.05, 0.04, 0.07)]).interval == (0.04, 0.07)
+    assert decide(LIMIT, [reading(0.2, 0.15, 0.27)]).interval == (0.15, 0.27)
+    assert decide(LIMIT, [Reading(30, None, None, 0.08)]).interval == (0.0, 0.08)
+    assert decide(LIMIT, [Reading(3, 0.05, (0.04, 0.07), 0.07)]).interval is None

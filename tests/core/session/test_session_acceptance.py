@@ -223,3 +223,24 @@ def test_a_robot_that_passes_is_told_what_the_decision_does_not_cover() -> None:
     subtracted = assess_acceptance(data, watched).repeatability
     assert subtracted is not None
     assert subtracted.found.reason.endswith("; the witness's motion was subtracted")
+
+
+def test_what_the_tie_leaves_open_takes_poses_and_the_interval_that_decides_is_stated() -> None:
+    rng = np.random.default_rng(1)
+    told = commands()
+    off = 0.3 * rng.standard_normal((1, 5, 3))
+    for cycles in (12, 40):
+        data = at_commands(0.01 * rng.standard_normal((cycles, 5, 3)) + off, told)
+        data = replace(data, commanded=told, datasheet=Datasheet(accuracy_mm=0.9))
+        found = assess_repeatability(data)
+        one = assess_acceptance(data, found).accuracy
+        assert one is not None
+        assert one.found.decision is Decision.INCONCLUSIVE
+        assert one.found.cycles_needed is None
+        assert one.found.poses_needed is None or one.found.poses_needed > 5
+        assert "more poses narrow" in one.found.reason
+        assert one.pose_id is not None
+        accuracy = found.accuracy.poses[one.pose_id]
+        assert accuracy.held_out_interval is not None
+        assert one.found.interval is not None
+        assert one.found.interval[1] == accuracy.held_out_interval[1] > 0.9

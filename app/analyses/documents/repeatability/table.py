@@ -209,7 +209,9 @@ def _acceptance(found: SessionAcceptance) -> dict[str, Any]:
             "decision": one.found.decision,
             "rule": RULE,
             "reason": one.found.reason,
+            "interval_mm": None if one.found.interval is None else list(one.found.interval),
             "cycles_needed": one.found.cycles_needed,
+            "poses_needed": one.found.poses_needed,
         }
         for name, one, limit, worst in (
             ("acceptance", found.repeatability, "datasheet_repeatability_mm", "worst_rp_l_mm"),

@@ -18,10 +18,11 @@ from app.api.schemas.analyses.dh import (
     NextViewAnalysis,
     NextViewCreate,
 )
+from app.api.schemas.analyses.figures import AcceptanceDecision
 from app.api.schemas.analyses.hand_eye import HandEyeAnalysis
 from app.api.schemas.analyses.intrinsics import CameraFileFormat, IntrinsicsAnalysis
 from app.api.schemas.analyses.qualification import QualificationAnalysis, QualificationCreate
-from app.api.schemas.analyses.repeatability import AcceptanceDecision, RepeatabilityAnalysis
+from app.api.schemas.analyses.repeatability import RepeatabilityAnalysis
 from app.api.schemas.camera import LensModel
 
 __all__ = [

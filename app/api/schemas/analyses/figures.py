@@ -1,4 +1,4 @@
-"""The figures of ISO 9283 for one pose as JSON."""
+"""The figures of ISO 9283 for one pose, and the decisions on a data sheet, as JSON."""
 
 from __future__ import annotations
 
@@ -155,3 +155,73 @@ class VariationFigures(ResponseModel):
         float | None, Field(description="Largest difference of the pitch angle, degrees.")
     ]
     vap_yaw_deg: Annotated[float | None, Field(description="Largest difference of the yaw angle, degrees.")]
+
+
+AcceptanceDecision = TypeAliasType(
+    "AcceptanceDecision",
+    Annotated[
+        Literal["pass", "fail", "inconclusive"],
+        Field(description="Whether a limit is kept; between the two lies what the intervals leave open."),
+    ],
+)
+
+
+class Acceptance(ResponseModel):
+    """Whether the robot keeps a limit that its data sheet states: fields that both limits have."""
+
+    pose_id: Annotated[
+        str | None, Field(description="The pose that the decision rests on; null: none can decide.")
+    ]
+    decision: Annotated[
+        AcceptanceDecision,
+        Field(
+            description="`pass`: the interval of every pose's figure lies within the limit, of RP_l of the corrected "
+            "one, and by the pose's own cycles too, of AP_p also in the frames of the other poses; `fail`: that of one "
+            "of m poses lies beyond it at the m-th part of the risk; `inconclusive` otherwise, and where a pose of the "
+            "session has no ten cycles that count, are numbered and steady. AP_p is about the best fit of base and "
+            "tool: an error that all poses share is not decided."
+        ),
+    ]
+    rule: Annotated[str, Field(description="By which rule it is decided.")]
+    reason: Annotated[str, Field(description="Why it is so decided.")]
+    interval_mm: Annotated[
+        Interval | None,
+        Field(
+            description="The 95 % interval at `pose_id` that decides, mm. Of RP_l that of the corrected figure, from 0 "
+            "where that has none and the upper limit as measured decides. Of AP_p the wider of the pose's interval and "
+            "of that in the frames that the other poses tie. Null without `pose_id`."
+        ),
+    ]
+    cycles_needed: Annotated[
+        int | None,
+        Field(
+            description="How many cycles would decide if the reading stayed; null: decided, or no number up to 1,000 "
+            "would. What the tie of the frames leaves open of AP_p no number of cycles narrows."
+        ),
+    ]
+    poses_needed: Annotated[
+        int | None,
+        Field(
+            description="Where cycles do not decide on AP_p: about how many commanded poses would in place of those of "
+            "the session, if they deviated as these do; null: decided, cycles do, or no number up to 100 would, "
+            "since the worst of more poses is worse."
+        ),
+    ]
+
+
+class RepeatabilityAcceptance(Acceptance):
+    """Whether the robot keeps the repeatability that its data sheet states."""
+
+    datasheet_repeatability_mm: Annotated[float, Field(description="RP_l that the maker states, mm.")]
+    worst_rp_l_mm: Annotated[
+        float | None, Field(description="Largest RP_l of all poses as measured, mm; null: no pose has one.")
+    ]
+
+
+class AccuracyAcceptance(Acceptance):
+    """Whether the robot keeps the accuracy that its data sheet states."""
+
+    datasheet_accuracy_mm: Annotated[float, Field(description="AP_p that the maker states, mm.")]
+    worst_ap_p_mm: Annotated[
+        float | None, Field(description="Largest AP_p of all poses, mm; null: no pose has one.")
+    ]

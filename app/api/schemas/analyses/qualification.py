@@ -7,7 +7,7 @@ from typing import Annotated
 from pydantic import Field
 
 from app.api.schemas.analyses.common import EstimatedAnalysis, EstimatorField, Interval, SourceField
-from app.api.schemas.analyses.repeatability import AcceptanceDecision
+from app.api.schemas.analyses.figures import AcceptanceDecision
 from app.api.schemas.common import RequestModel, ResponseModel
 from app.api.schemas.fields import PoseId
 

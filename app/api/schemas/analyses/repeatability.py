@@ -9,7 +9,13 @@ from typing_extensions import TypeAliasType
 
 from app.api.schemas.analyses.budget import BudgetInput, BudgetTotal
 from app.api.schemas.analyses.common import EstimatedAnalysis, ExcludedRead, SourceField, Vector
-from app.api.schemas.analyses.figures import PoseAccuracy, RepeatabilityFigures, RepeatabilityIntervals
+from app.api.schemas.analyses.figures import (
+    AccuracyAcceptance,
+    PoseAccuracy,
+    RepeatabilityAcceptance,
+    RepeatabilityFigures,
+    RepeatabilityIntervals,
+)
 from app.api.schemas.analyses.intrinsics import GroupIntrinsics
 from app.api.schemas.analyses.performance import (
     ApproachVariation,
@@ -28,14 +34,6 @@ Verdict = TypeAliasType(
     Annotated[
         Literal["robot", "instrument_limited", "below_detection", "not_steady", "too_few_cycles"],
         Field(description="What a pose's figures are of: the robot, or the instrument."),
-    ],
-)
-
-AcceptanceDecision = TypeAliasType(
-    "AcceptanceDecision",
-    Annotated[
-        Literal["pass", "fail", "inconclusive"],
-        Field(description="Whether a limit is kept; between the two lies what the intervals leave open."),
     ],
 )
 
@@ -183,51 +181,6 @@ class PoseRepeatability(ResponseModel):
     ]
     excluded: Annotated[
         list[ExcludedRead], Field(description="Images, or measured poses, that do not count, and why.")
-    ]
-
-
-class Acceptance(ResponseModel):
-    """Whether the robot keeps a limit that its data sheet states: fields that both limits have."""
-
-    pose_id: Annotated[
-        str | None, Field(description="The pose that the decision rests on; null: none can decide.")
-    ]
-    decision: Annotated[
-        AcceptanceDecision,
-        Field(
-            description="`pass`: the interval of every pose's figure lies within the limit, of RP_l of the corrected "
-            "one, and by the pose's own cycles too, of AP_p also in the frames of the other poses; `fail`: that of one "
-            "of m poses lies beyond it at the m-th part of the risk; `inconclusive` otherwise, and where a pose of the "
-            "session has no ten cycles that count, are numbered and steady. AP_p is about the best fit of base and "
-            "tool: an error that all poses share is not decided."
-        ),
-    ]
-    rule: Annotated[str, Field(description="By which rule it is decided.")]
-    reason: Annotated[str, Field(description="Why it is so decided.")]
-    cycles_needed: Annotated[
-        int | None,
-        Field(
-            description="How many cycles would decide if the reading stayed; null: decided, or no number up to 1,000 "
-            "would."
-        ),
-    ]
-
-
-class RepeatabilityAcceptance(Acceptance):
-    """Whether the robot keeps the repeatability that its data sheet states."""
-
-    datasheet_repeatability_mm: Annotated[float, Field(description="RP_l that the maker states, mm.")]
-    worst_rp_l_mm: Annotated[
-        float | None, Field(description="Largest RP_l of all poses as measured, mm; null: no pose has one.")
-    ]
-
-
-class AccuracyAcceptance(Acceptance):
-    """Whether the robot keeps the accuracy that its data sheet states."""
-
-    datasheet_accuracy_mm: Annotated[float, Field(description="AP_p that the maker states, mm.")]
-    worst_ap_p_mm: Annotated[
-        float | None, Field(description="Largest AP_p of all poses, mm; null: no pose has one.")
     ]
 
 

@@ -89,19 +89,28 @@ def _result(found: Json, level: str) -> list[Block]:
     ):
         one = found[name]
         if one is not None:
-            blocks.append(
-                facts(
-                    [
-                        (
-                            f"{figure} against the data sheet",
-                            f"{one['decision'].upper()}: limit {one[limit]:g} mm",
-                        ),
-                        ("rule", one["rule"]),
-                        ("reason", one["reason"]),
-                    ]
-                )
-            )
+            blocks.append(facts(_decision(one, f"{figure} against the data sheet", one[limit], level)))
     return blocks
+
+
+def _decision(one: Json, title: str, limit_mm: float, level: str) -> list[tuple[str, str]]:
+    """Return what is decided of a limit: by which rule and interval, why, and what would decide."""
+    rows = [
+        (title, f"{one['decision'].upper()}: limit {limit_mm:g} mm"),
+        ("rule", one["rule"]),
+        ("reason", one["reason"]),
+    ]
+    if one["interval_mm"] is not None:
+        low, high = one["interval_mm"]
+        width = high - low
+        at = f" at pose {one['pose_id']}" if one["pose_id"] else ""
+        interval = f"[{number(low, width, places=3)}, {number(high, width, places=3)}]"
+        rows.append((f"{level} interval that decides", f"{interval} mm{at}"))
+    if one["cycles_needed"]:
+        rows.append(("would decide", f"about {one['cycles_needed']} cycles"))
+    if one["poses_needed"]:
+        rows.append(("would probably decide", f"about {one['poses_needed']} poses"))
+    return rows
 
 
 def _at_pose(value_mm: float, interval_mm: Sequence[float] | None, pose_id: str, level: str) -> str:
