@@ -16,7 +16,7 @@ from app.errors import Conflict, InvalidContent
 from app.records.activity import note_objects
 from app.records.ids import new_id
 from app.records.pagination import page
-from app.records.tables import MeasuredPose, Pose, Robot, Session
+from app.records.tables import MeasuredPose, Measurement, Pose, Robot, Session
 from app.services import plausibility
 from app.services.queries import get_or_raise, require_readable
 
@@ -114,6 +114,15 @@ def put_measured_poses(
     if new:
         records.execute(sa.insert(MeasuredPose), new)
     return ids
+
+
+def source_of(records: orm.Session, session_id: str) -> str:
+    """Return where a session's poses are from by itself: `measured_poses` only where there are no images at all."""
+    for table, source in ((Measurement, "images"), (MeasuredPose, "measured_poses")):
+        columns = table.__table__.c
+        if records.scalar(sa.select(columns.id).where(columns.session_id == session_id).limit(1)):
+            return source
+    return "images"
 
 
 def list_measured_poses(

@@ -65,6 +65,7 @@ from core.metrology.iso9283 import (
     distance_performance,
     drift,
     drift_rate,
+    length_standard_error,
     pose_accuracy,
     position_repeatability,
 )
@@ -202,6 +203,7 @@ __all__ = [
     "find_resolution",
     "floor_budget",
     "hides_scatter",
+    "length_standard_error",
     "long_run_draws",
     "long_run_rp",
     "mean_length",

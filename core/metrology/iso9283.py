@@ -250,6 +250,14 @@ def drift(
     )
 
 
+def length_standard_error(vector: Float[np.ndarray, "3"], error: Float[np.ndarray, "3"]) -> float:
+    """Return the standard error of a vector's length from those along the axes: that along the vector; of none, the
+    largest.
+    """
+    length = float(np.linalg.norm(vector))
+    return float(np.linalg.norm(vector * error)) / length if length > 0.0 else float(error.max())
+
+
 def _at_least_two(n: int) -> None:
     if n < 2:
         raise InvalidArgument(

@@ -5,8 +5,6 @@ from __future__ import annotations
 import json
 from typing import Any
 
-import sqlalchemy as sa
-
 from app.analyses.documents.robot_files import exports_of
 from app.analyses.inputs.change_token import read_change_token
 from app.analyses.outcome import AnalysisRefused
@@ -17,8 +15,8 @@ from app.build import core_version
 from app.errors import Conflict
 from app.records.database import Database
 from app.records.numbers import encode_record
-from app.records.tables import MeasuredPose, Measurement
 from app.reports.forms import FORMAT, FORMAT_VERSION, RenderingFailed, render_forms
+from app.services import measured_poses
 
 _MOMENTS = 3
 """How often a session is read anew that changed while it was read."""
@@ -85,11 +83,7 @@ def _exports(document: dict[str, Any]) -> dict[str, str]:
 def source_of(database: Database, session_id: str) -> str:
     """Return where a session's poses are from: another instrument only where there are no images at all."""
     with database.read() as records:
-        for table, source in ((Measurement, "images"), (MeasuredPose, "measured_poses")):
-            columns = table.__table__.c
-            if records.scalar(sa.select(columns.id).where(columns.session_id == session_id).limit(1)):
-                return source
-    return "images"
+        return measured_poses.source_of(records, session_id)
 
 
 def read_moment(

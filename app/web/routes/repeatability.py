@@ -9,6 +9,7 @@ from starlette.concurrency import run_in_threadpool
 from starlette.responses import JSONResponse, Response
 
 from app.analyses.outcome import AnalysisRefused
+from app.services.measured_poses import source_of
 from app.services.sessions import get_session
 from app.web.analyses import analysis_document
 from app.web.bars import bars_of
@@ -27,10 +28,11 @@ ANGLES = ("rp_roll_deg", "rp_pitch_deg", "rp_yaw_deg")
 
 @router.get("/sessions/{session_id}/repeatability", operation_id="get_repeatability")
 async def show_repeatability(
-    request: Request, session_id: str, estimator: EstimatorText = "pooled", source: SourceText = "images"
+    request: Request, session_id: str, estimator: EstimatorText = "pooled", source: SourceText = ""
 ) -> Response:
     """Show every pose's repeatability with its interval, the instrument's floor and a verdict with its reason."""
-    settings = settings_of(estimator, source)
+    own_source = await run_in_threadpool(source_by_itself, service_of(request), session_id)
+    settings = settings_of(estimator, source or own_source)
     context = await run_in_threadpool(head_of, service_of(request), session_id, "repeatability")
     found = await analysis_document(request, "repeatability", session_id, settings)
     shown: dict[str, Any] = {"refused": found, "document": None, "rows": [], "bar_end": 0.0, "drawn": False}
@@ -55,15 +57,22 @@ async def show_repeatability(
             "drawn": len(found["poses"]) <= MAX_DRAWN,
         }
     return render(
-        request, "analyses/repeatability.html", **context, **shown, settings=settings, limit=limit_of(found)
+        request,
+        "analyses/repeatability.html",
+        **context,
+        **shown,
+        settings=settings,
+        own_source=own_source,
+        limit=limit_of(found),
     )
 
 
 @router.get("/sessions/{session_id}/cycles.json", operation_id="get_repeatability")
 async def get_cycle_points(
-    request: Request, session_id: str, estimator: EstimatorText = "pooled", source: SourceText = "images"
+    request: Request, session_id: str, estimator: EstimatorText = "pooled", source: SourceText = ""
 ) -> Response:
     """Give the cycles' positions about each pose's mean, for the scatter that can be turned."""
+    source = await chosen_source(request, session_id, source)
     found = await analysis_document(request, "cycle_points", session_id, settings_of(estimator, source))
     if isinstance(found, AnalysisRefused):
         return JSONResponse({"poses": [], "detail": found.detail, "advice": found.advice})
@@ -76,6 +85,17 @@ def settings_of(estimator: str, source: str) -> dict[str, str]:
         "estimator": estimator if estimator in ESTIMATORS else "pooled",
         "source": source if source in ("images", "measured_poses") else "images",
     }
+
+
+async def chosen_source(request: Request, session_id: str, source: str) -> str:
+    """Return the source that was asked for, or without one that of the session by itself."""
+    return source or await run_in_threadpool(source_by_itself, service_of(request), session_id)
+
+
+def source_by_itself(service: Service, session_id: str) -> str:
+    """Return where a session's poses are from: another instrument only where there are no images at all."""
+    with service.installation.database.read() as records:
+        return source_of(records, session_id)
 
 
 def head_of(service: Service, session_id: str, tab: str) -> dict[str, Any]:

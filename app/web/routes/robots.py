@@ -19,7 +19,7 @@ from app.services.robots import list_robots
 from app.web.analyses import analysis_document
 from app.web.pages import is_fragment, page_router, render
 from app.web.robot_parameters import joint_rows, objections, weak_joints
-from app.web.routes.repeatability import SourceText, head_of, settings_of
+from app.web.routes.repeatability import SourceText, chosen_source, head_of, settings_of
 from app.web.service import service_of
 
 router = page_router()
@@ -58,12 +58,12 @@ def show_robot(request: Request, robot_id: str) -> Response:
 async def show_identification(
     request: Request,
     session_id: str,
-    source: SourceText = "images",
+    source: SourceText = "",
     compute: Annotated[str, Query(max_length=4)] = "",
 ) -> Response:
     """Show the robot's parameters as the session identifies them; they take seconds, so that the page comes first."""
     context = await run_in_threadpool(head_of, service_of(request), session_id, "robot")
-    settings = _settings(source)
+    settings = _settings(await chosen_source(request, session_id, source))
     shown: dict[str, Any] = {**context, "source": settings["source"]}
     if not compute and not is_fragment(request):
         return render(
@@ -94,15 +94,14 @@ async def show_identification(
 
 
 @router.get("/sessions/{session_id}/robot/files/{name}", operation_id="get_dh")
-async def get_robot_file(
-    request: Request, session_id: str, name: str, source: SourceText = "images"
-) -> Response:
+async def get_robot_file(request: Request, session_id: str, name: str, source: SourceText = "") -> Response:
     """Answer with the identified robot as a file of another program."""
     if name not in ROBOT_FILES:
         raise NotFound("There is no such file of a robot.", f"Choose one of {', '.join(ROBOT_FILES)}.")
     service = service_of(request)
     context = await run_in_threadpool(head_of, service, session_id, "robot")
-    document = await analysis_document(request, "dh", session_id, _settings(source))
+    settings = _settings(await chosen_source(request, session_id, source))
+    document = await analysis_document(request, "dh", session_id, settings)
     if isinstance(document, AnalysisRefused):
         raise Conflict(document.detail, document.advice, code=document.code)
     robot = context["robot"]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from datetime import UTC, datetime, timedelta
 from types import SimpleNamespace
@@ -12,6 +13,8 @@ import sqlalchemy as sa
 
 from app.records.ids import least_id
 from app.records.tables import Measurement, Result
+from app.reports.forms.blocks import number as form_number
+from app.reports.forms.repeatability.cycles import drift_blocks
 from app.services.measurements import GalleryCounts
 from app.services.measurements import gallery as gallery_counts
 from app.services.reports import NewReport, order_report
@@ -317,6 +320,39 @@ def test_both_decisions_on_a_data_sheet_stand_on_the_page(api: Any) -> None:
         known = one["standard_uncertainty_mm"]
         mean = with_uncertainty(one["mean_mm"], known) if known else rounded_by(one["mean_mm"], one["rd_mm"])
         assert f'<td class="num">{mean}</td>' in page
+
+
+def test_readings_alone_are_shown_by_themselves(api: Any) -> None:
+    session = new_session(api)
+    send(api, session, readings(drawn_poses(9, 1), cycles=10, rotations=False))
+    address = f"/ui/sessions/{session}/repeatability"
+    page = api.client.get(address, headers=signed_in(api)).text
+    assert "Not available yet" not in page
+    assert "these figures are of the poses that another instrument measured" in page
+    images = api.client.get(f"{address}?source=images", headers=signed_in(api)).text
+    assert f'href="{address}?source=measured_poses"' in images
+
+
+@pytest.mark.slow
+def test_drift_has_one_uncertainty_everywhere(api: Any) -> None:
+    session = new_session(api)
+    poses = drawn_poses(9, 5)
+    tell(api, session, poses)
+    send(api, session, readings(poses, cycles=20))
+    head = signed_in(api)
+    address = f"/ui/sessions/{session}/repeatability"
+    page = api.client.get(address, headers=head).text
+    assert api.client.get(f"/ui/sessions/{session}/cycles.json", headers=head).json()["poses"]
+    answer = api.client.get(f"/v1/sessions/{session}/repeatability?source=measured_poses").json()
+    report = str(drift_blocks(answer))
+    for one in answer["drift"]["poses"]:
+        length, u = one["shift_distance_mm"], one["shift_distance_standard_uncertainty_mm"]
+        axes = zip(one["shift_mm"], one["shift_standard_uncertainty_mm"], strict=True)
+        assert u == pytest.approx(math.hypot(*(v * s for v, s in axes)) / length, rel=1e-6)
+        assert f"<b>{with_uncertainty(length, u)}</b>" in page
+        assert form_number(u, u) in report
+        dap = one["dap_mm"], one["dap_standard_uncertainty_mm"]
+        assert f"{form_number(*dap)} ± {form_number(dap[1], dap[1])}" in report
 
 
 def test_an_accuracy_without_an_interval_says_so() -> None:

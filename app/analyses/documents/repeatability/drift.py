@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from core.metrology import PoseAccuracy, drift_rate
+from core.metrology import PoseAccuracy, drift_rate, length_standard_error
 from core.session import MeasuredPose, PoseRow, SessionData, accuracy_drift_of, drift_of, images_of
 
 
@@ -54,6 +54,7 @@ def _of_pose(row: PoseRow, data: SessionData, accuracy: PoseAccuracy | None) -> 
         "shift_mm": found.shift_mm.tolist(),
         "shift_standard_uncertainty_mm": shift_error.tolist(),
         "shift_distance_mm": float(np.linalg.norm(found.shift_mm)),
+        "shift_distance_standard_uncertainty_mm": length_standard_error(found.shift_mm, shift_error),
         "shift_deg": None if turn is None else np.degrees(turn).tolist(),
         "shift_standard_uncertainty_deg": None if turn_error is None else np.degrees(turn_error).tolist(),
         "drp_mm": found.repeatability_drift_mm,

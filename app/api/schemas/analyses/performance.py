@@ -64,6 +64,13 @@ class PoseDrift(ResponseModel):
         ),
     ]
     shift_distance_mm: Annotated[float, Field(description="Length of `shift_mm`, mm.", examples=[0.043])]
+    shift_distance_standard_uncertainty_mm: Annotated[
+        float,
+        Field(
+            description="Of `shift_distance_mm`: that along the shift, mm; of no shift the largest of the axes.",
+            examples=[0.017],
+        ),
+    ]
     shift_deg: Annotated[
         Vector | None,
         Field(

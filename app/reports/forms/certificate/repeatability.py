@@ -195,6 +195,8 @@ def _drift(found: Json) -> list[Element]:
             )
             for quantity in figure(f"Shift along {axis}", f"shift_{axis}_mm", shift, u=u)
         ]
+        length_u = one.get("shift_distance_standard_uncertainty_mm")
+        quantities += figure("Shift", "shift_distance_mm", one["shift_distance_mm"], u=length_u)
         quantities += figure("dRP_l", "drp_mm", one["drp_mm"])
         quantities += figure("dAP_p", "dap_mm", one.get("dap_mm"), u=one.get("dap_standard_uncertainty_mm"))
         results += result(

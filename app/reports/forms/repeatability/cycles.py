@@ -25,23 +25,39 @@ def drift_blocks(found: Json) -> list[Block]:
                 number(value, u)
                 for value, u in zip(one["shift_mm"], one["shift_standard_uncertainty_mm"], strict=True)
             ),
-            number(one["shift_distance_mm"], max(one["shift_standard_uncertainty_mm"])),
-            number(max(one["shift_standard_uncertainty_mm"]), max(one["shift_standard_uncertainty_mm"])),
+            number(one["shift_distance_mm"], one["shift_distance_standard_uncertainty_mm"]),
+            number(*[one["shift_distance_standard_uncertainty_mm"]] * 2),
             number(one["drp_mm"]),
-            number(one.get("dap_mm"), one.get("dap_standard_uncertainty_mm")),
+            _with_uncertainty(one.get("dap_mm"), one.get("dap_standard_uncertainty_mm")),
             number(one["duration_h"]),
         ]
         for one in found["drift"]["poses"]
     ]
-    columns = ("pose", "x, mm", "y, mm", "z, mm", "length, mm", "u, mm", "dRP_l, mm", "dAP_p, mm", "over, h")
+    columns = (
+        "pose",
+        "x, mm",
+        "y, mm",
+        "z, mm",
+        "length, mm",
+        "u, mm",
+        "dRP_l, mm",
+        "dAP_p ± u, mm",
+        "over, h",
+    )
     return [
         heading("Drift (7.6)"),
         *table(
-            "Shift of the mean pose from the first block of cycles to the last; u: of the least certain axis",
+            "Shift of the mean pose from the first block of cycles to the last; u: standard uncertainty of the length",
             columns,
             rows,
         ),
     ]
+
+
+def _with_uncertainty(value: float | None, uncertainty: float | None) -> str:
+    if value is None or uncertainty is None:
+        return number(value)
+    return f"{number(value, uncertainty)} ± {number(uncertainty, uncertainty)}"
 
 
 def steadiness_blocks(found: Json) -> list[Block]:

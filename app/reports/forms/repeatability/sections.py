@@ -100,15 +100,15 @@ def _decision(one: Json, title: str, limit_mm: float, level: str) -> list[tuple[
         ("rule", one["rule"]),
         ("reason", one["reason"]),
     ]
-    if one["interval_mm"] is not None:
+    if one.get("interval_mm") is not None:
         low, high = one["interval_mm"]
         width = high - low
         at = f" at pose {one['pose_id']}" if one["pose_id"] else ""
         interval = f"[{number(low, width, places=3)}, {number(high, width, places=3)}]"
         rows.append((f"{level} interval that decides", f"{interval} mm{at}"))
-    if one["cycles_needed"]:
+    if one.get("cycles_needed"):
         rows.append(("would decide", f"about {one['cycles_needed']} cycles"))
-    if one["poses_needed"]:
+    if one.get("poses_needed"):
         rows.append(("would probably decide", f"about {one['poses_needed']} poses"))
     return rows
 

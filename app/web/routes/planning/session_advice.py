@@ -18,7 +18,7 @@ from app.services.queries import visible
 from app.services.robots import limits_setting
 from app.web.analyses import analysis_document
 from app.web.pages import is_fragment, page_router, render
-from app.web.routes.repeatability import SourceText, head_of, settings_of
+from app.web.routes.repeatability import SourceText, chosen_source, head_of, settings_of
 from app.web.service import service_of
 
 router = page_router()
@@ -56,13 +56,13 @@ async def show_next_views(
 
 
 @router.get("/sessions/{session_id}/joint-noise", operation_id="get_joint_noise")
-async def show_joint_noise(request: Request, session_id: str, source: SourceText = "images") -> Response:
+async def show_joint_noise(request: Request, session_id: str, source: SourceText = "") -> Response:
     """Show the noise of the robot's joints, and RP_l predicted by it over the workspace."""
     return await _show_map(request, session_id, source, "joint_noise", "planning/_joint_noise.html")
 
 
 @router.get("/sessions/{session_id}/error-map", operation_id="get_error_map")
-async def show_error_map(request: Request, session_id: str, source: SourceText = "images") -> Response:
+async def show_error_map(request: Request, session_id: str, source: SourceText = "") -> Response:
     """Show how far the robot is from where its data sheet puts it, over the workspace."""
     return await _show_map(request, session_id, source, "kinematic_error", "planning/_error_map.html")
 
@@ -70,7 +70,8 @@ async def show_error_map(request: Request, session_id: str, source: SourceText =
 async def _show_map(request: Request, session_id: str, source: str, analysis: str, part: str) -> Response:
     database = service_of(request).installation.database
     limits = await run_in_threadpool(limits_setting, database, session_id)
-    settings = {**settings_of("", source), "limits": limits}
+    chosen = await chosen_source(request, session_id, source)
+    settings = {**settings_of("", chosen), "limits": limits}
     return await _show(request, session_id, "robot", analysis, settings, part)
 
 
