@@ -35,6 +35,8 @@ def unlike(first: Summary, second: Summary) -> list[str]:
             if first.kind == second.kind == "qualification"
             else "the poses of one are from images, those of the other from another instrument"
         )
+    if first.camera_mount != second.camera_mount:
+        found.append("the camera is on the robot in one and fixed in the other")
     found += _unlike_poses(first.poses, second.poses)
     for name, words, most in _CONDITIONS:
         one, other = first.conditions[name], second.conditions[name]

@@ -68,6 +68,7 @@ class Summary:
     conditions: Mapping[str, float | None]
     poses: str
     figures: Mapping[Key, Figure]
+    camera_mount: str = "robot"
 
 
 def summary_of(content: bytes) -> dict[str, Any]:
@@ -122,6 +123,7 @@ def _read(content: bytes) -> dict[str, Any]:
             "session": [subject["session"]["id"], subject["session"]["name"]],
             "robot_id": None if robot is None else str(robot["id"]),
             "source": document["source"],
+            "camera_mount": inputs["session"].get("camera_mount", "robot"),
             "conditions": {name: _number(conditions.get(name)) for name in _CONDITIONS},
             "poses": json.dumps(
                 {pose["pose_id"]: [pose[name] for name in _POSE] for pose in inputs["poses"]}
@@ -139,6 +141,7 @@ def read_summary(stored: Any) -> Summary:
             **{name: _text(stored[name]) for name in _TEXTS},
             session=(_text(stored["session"][0]), _text(stored["session"][1])),
             robot_id=stored["robot_id"],
+            camera_mount=_text(stored.get("camera_mount", "robot")),
             conditions={name: _number(stored["conditions"][name]) for name in _CONDITIONS},
             figures={
                 (of, name): Figure(

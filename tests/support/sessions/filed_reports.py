@@ -61,7 +61,7 @@ def content(number: int = 1, *, rp_mm: float = 0.05, poses: int = 3, **changes: 
         },
         "inputs": {
             "robot": {"id": changes.get("robot", ROBOT)},
-            "session": {"conditions": conditions},
+            "session": {"conditions": conditions, **changes.get("session_inputs", {})},
             "poses": commanded,
         },
         "analyses": {"repeatability": {"poses": found}},

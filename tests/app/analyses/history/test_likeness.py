@@ -42,6 +42,7 @@ def test_the_format_is_that_of_reports() -> None:
     [
         ({"robot": "rob_2"}, "robots"),
         ({"source": "measured_poses"}, "instrument"),
+        ({"session_inputs": {"camera_mount": "fixed"}}, "fixed"),
         ({"poses": 4}, "P4"),
         ({"height_mm": 0.1}, "P1, P2, P3"),
         ({"conditions": {"load_kg": 2.0}}, "load"),
