@@ -46,6 +46,7 @@ _OTHER_WARNINGS: dict[str, set[str]] = {
         f"command_{outcome}" for outcome in (Outcome.IN_GAP, Outcome.NEAR_SINGULARITY)
     },
     "core/session/robot/robot_poses.py": {"joint_angles_missing", "rotations_missing"},
+    "core/session/robot/coupling_proposal.py": {"joint_coupling_proposed"},
     # The warning is one that was made elsewhere:
     "core/session/repeatability/assessment.py": set(),
     "app/records/codec/points.py": set(),

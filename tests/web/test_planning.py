@@ -65,7 +65,7 @@ def test_a_sheet_that_was_measured_and_a_session_with_another_target_are_stated(
     assert (stated["pitch_x_mm"], stated["pitch_y_mm"], stated["number"]) == (25.003, 24.998, None)
     session_id = cell.api.make_session(cell.target_id, name="Wrong board")
     page.goto(f"/ui/sessions/{session_id}")
-    page.click("text=Change name, target or robot")
+    page.click("text=Change name, target, robot or camera mount")
     page.fill("#name", "Right board")
     page.uncheck(f"[value={cell.target_id}]")
     page.check(f"[value={target}]")

@@ -26,14 +26,14 @@ from jaxtyping import Bool, Float
 
 from core.calibration.multi_view.correlated_residuals import VarianceInflation
 from core.calibration.multi_view.covariance import MultiViewCovariance, multi_view_covariance
-from core.calibration.multi_view.fitting import Fitted, fit_pooled, fit_with_known_camera, focal_left_open
+from core.calibration.multi_view.fitting import Fitted, fit_pooled, fit_with_known_camera
 from core.calibration.multi_view.group_estimate import CommonFit, GroupEstimate
 from core.calibration.multi_view.planar_ambiguity import compare_solutions, pose_ambiguity_failure
 from core.calibration.multi_view.repeat_consistency import with_common_points, with_pooled_variances
 from core.calibration.multi_view.separate_cameras import fit_each
 from core.calibration.multi_view.view_stack import ViewStack, number_labels, stack_views
 from core.calibration.priors import Lens
-from core.calibration.result import MAX_DETERMINED_UNCERTAINTY, MAX_FOCAL_UNCERTAINTY
+from core.calibration.result import MAX_DETERMINED_UNCERTAINTY
 from core.calibration.state import SMALLEST_NOISE_PX
 from core.errors import ADVISED_TILT, Advisory, GridposeError, InvalidArgument
 from core.geometry import AnyCamera, Camera, camera_from_array
@@ -102,15 +102,12 @@ def estimate_group(
 
 
 def _graded(estimate: GroupEstimate) -> GroupEstimate:
-    """Return the estimate with a warning where its focal length, by all that is uncertain of it, is weakly determined.
-
-    Raises FocalNotObservable beyond what is reported at all.
+    """Return the estimate with a warning where its focal length, by all that is uncertain of it, is weakly determined:
+    under a lens model that is not the lens's, by far more than the fit's own noise leaves.
     """
     u = estimate.focal_relative_uncertainty
     if u <= MAX_DETERMINED_UNCERTAINTY:
         return estimate
-    if u > MAX_FOCAL_UNCERTAINTY:
-        raise focal_left_open(u, MAX_FOCAL_UNCERTAINTY)
     warning = Advisory(
         "focal_weakly_observable",
         f"Together the images leave the focal length uncertain by {100.0 * u:.1f} %, more than "

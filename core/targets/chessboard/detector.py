@@ -238,8 +238,11 @@ def _not_found(steps: tuple[Step, ...], target: TargetSpec) -> DetectionError:
     ]
     if not boards:
         return TargetNotFound(f"No chessboard of {asked} inner corners was found.")
-    # A board on a screen or a sheet in the background may show more points than one of which a part is hidden.
-    board = max(boards, key=lambda b: (b.is_resolved, int(b.lattice.known.sum())))
+    # A board on a screen or a sheet in the background may show more points than one of which a part is hidden; clutter
+    # that looks like a few squares shows far fewer.
+    most = max(int(b.lattice.known.sum()) for b in boards)
+    near = [b for b in boards if b.is_resolved and 2 * b.lattice.known.sum() > most]
+    board = max(near or boards, key=lambda b: int(b.lattice.known.sum()))
     long, short = board.size
     if not board.is_resolved:
         return TargetNotFound(

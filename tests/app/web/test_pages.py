@@ -348,7 +348,7 @@ def test_drift_has_one_uncertainty_everywhere(api: Any) -> None:
     for one in answer["drift"]["poses"]:
         length, u = one["shift_distance_mm"], one["shift_distance_standard_uncertainty_mm"]
         axes = zip(one["shift_mm"], one["shift_standard_uncertainty_mm"], strict=True)
-        assert u == pytest.approx(math.hypot(*(v * s for v, s in axes)) / length, rel=1e-6)
+        assert u == pytest.approx(math.hypot(*(v * s for v, s in axes)) / length, rel=1e-3)
         assert f"<b>{with_uncertainty(length, u)}</b>" in page
         assert form_number(u, u) in report
         dap = one["dap_mm"], one["dap_standard_uncertainty_mm"]

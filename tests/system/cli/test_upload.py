@@ -105,7 +105,7 @@ def test_refusals_are_listed_when_it_waits(service: ServiceProcess, folder: Path
     shutil.copy(photo, folder / "P1" / "9.jpg")
     code, said = upload(service, folder, "--session", "unclear", "--target", "chessboard:9x6:25", "--wait")
     assert code == 1
-    assert tally(said, "photograph", "refused") == (1, 4)
+    assert tally(said, "photograph", "photographs") == (1, 4)
     assert "target_not_found" in said
 
     good = folder.parent / "good"
@@ -114,7 +114,7 @@ def test_refusals_are_listed_when_it_waits(service: ServiceProcess, folder: Path
     code, said = upload(service, good, "--session", "unclear", "--pose", "P9", "--wait")
     assert code == 0, said
     assert tally(said, "photograph") == (1,)
-    assert "refused" not in said
+    assert "not measured" not in said
 
 
 def test_what_was_measured_by_name_is_no_refusal(

@@ -5,7 +5,6 @@ from core.calibration.multi_view.fitting.pooled import (
     CONTRADICTION,
     calibrate_views,
     fit_pooled,
-    focal_left_open,
     lens_warning,
 )
 
@@ -16,6 +15,5 @@ __all__ = [
     "first_failure",
     "fit_pooled",
     "fit_with_known_camera",
-    "focal_left_open",
     "lens_warning",
 ]

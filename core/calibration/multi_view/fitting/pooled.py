@@ -276,15 +276,11 @@ def _check_focal(shared: BundleAdjustment, limit: float) -> None:
     """Raise FocalNotObservable where all views together leave the focal length open."""
     u = _relative_uncertainty(shared)
     if u > limit:
-        raise focal_left_open(u, limit)
-
-
-def focal_left_open(relative_uncertainty: float, limit: float) -> FocalNotObservable:
-    return FocalNotObservable(
-        f"Together the images leave the focal length uncertain by {100.0 * relative_uncertainty:.1f} %; the limit is "
-        f"{100.0 * limit:.2g} %."
-        if math.isfinite(relative_uncertainty)
-        else "Together the images leave the focal length undetermined.",
-        f"Add images with the target tilted by {ADVISED_TILT}, or give the session intrinsics and use "
-        "estimator=given.",
-    )
+        raise FocalNotObservable(
+            f"Together the images leave the focal length uncertain by {100.0 * u:.1f} %; the limit is "
+            f"{100.0 * limit:.2g} %."
+            if math.isfinite(u)
+            else "Together the images leave the focal length undetermined.",
+            f"Add images with the target tilted by {ADVISED_TILT}, or give the session intrinsics and use "
+            "estimator=given.",
+        )
