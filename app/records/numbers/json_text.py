@@ -22,7 +22,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from typing import Any
 
 from app.records.numbers.field_names import ALL_DIGITS, UNCERTAINTY_DIGITS, belongs, digits_of, is_interval
@@ -57,12 +57,7 @@ def rounded(value: Any, name: str = "") -> Any:
     """Return a value of JSON with its numbers rounded; `name` is its field's."""
     found = _rounded(value, digits_of(name))
     if isinstance(value, Mapping):
-        for holder, values in ((found, value), *((found[one], value[one]) for one in value)):
-            for one, exact in (
-                zip(holder, values, strict=True) if isinstance(values, list) else [(holder, values)]
-            ):
-                if isinstance(exact, Mapping):
-                    _repeat_figures(one, exact, found, value)
+        _repeat_figures(found, value)
     return found
 
 
@@ -151,28 +146,40 @@ def _round_mean(found: Json, exact: Mapping[str, Any]) -> None:
             _round(found["mean"], mean, name, u)
 
 
-def _repeat_figures(holder: Json, values: Mapping[str, Any], found: Any, exact: Any) -> None:
+def _repeat_figures(found: Json, exact: Mapping[str, Any]) -> None:
     """Give `worst_rp_l_mm` and the like, and the values of a budget's figures, the digits of what they repeat."""
-    repeated = {name: name.removeprefix("worst_") for name in values if name.startswith("worst_")}
+    repeated = []
+    for holder, values in ((found, exact), *((found[name], exact[name]) for name in exact)):
+        pairs = zip(holder, values, strict=True) if isinstance(values, list) else [(holder, values)]
+        for one, each in pairs:
+            if isinstance(each, Mapping):
+                repeated += [(one, name, (figure, each[name])) for name, figure in _repeats(each)]
+    if repeated:
+        shown: dict[tuple[str, float], Any] = {}
+        _gather(found, exact, {figure for _, _, (figure, _) in repeated}, shown)
+        for holder, name, figure in repeated:
+            holder[name] = shown.get(figure, holder[name])
+
+
+def _repeats(values: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
+    """Yield the fields of an object that repeat a figure, and that figure's name."""
+    named = {name: name.removeprefix("worst_") for name in values if name.startswith("worst_")}
     if isinstance(values.get("figure"), str):
-        repeated["value_mm"] = values["figure"].rpartition(".")[2]
-    for name, figure in repeated.items():
-        value = values.get(name)
-        if isinstance(value, float):
-            same = _fields(found, exact, figure)
-            holder[name] = next((shown for shown, one in same if one == value), holder[name])
+        named["value_mm"] = values["figure"].rpartition(".")[2]
+    yield from ((name, figure) for name, figure in named.items() if isinstance(values.get(name), float))
 
 
-def _fields(found: Any, exact: Any, name: str) -> Iterator[tuple[Any, Any]]:
-    """Yield all fields of a name, rounded and exact."""
-    if isinstance(exact, Mapping):
-        if name in exact and name in found:
-            yield found[name], exact[name]
-        for key in exact:
-            yield from _fields(found[key], exact[key], name)
-    elif isinstance(exact, list | tuple):
-        for shown, one in zip(found, exact, strict=True):
-            yield from _fields(shown, one, name)
+def _gather(found: Any, exact: Any, names: Collection[str], shown: dict[tuple[str, float], Any]) -> None:
+    """Note the figures of these names as they are shown, by their exact values; the first of each."""
+    if isinstance(exact, dict):
+        for name, value in exact.items():
+            if name in names and isinstance(value, float):
+                shown.setdefault((name, value), found[name])
+            elif isinstance(value, dict | list | tuple):
+                _gather(found[name], value, names, shown)
+    elif isinstance(exact, list | tuple) and exact and isinstance(exact[0], dict | list | tuple):
+        for one, value in zip(found, exact, strict=True):
+            _gather(one, value, names, shown)
 
 
 def _holders(found: Json, exact: Mapping[str, Any]) -> Iterator[tuple[Json, Mapping[str, Any]]]:
