@@ -61,6 +61,11 @@ class _BusyError(Exception):
         self.pause_s = min(pause_s, 60.0) if pause_s is not None else None
 
 
+def insisting_query(accept_implausible: bool) -> str:
+    """Return what is added to a path so that values are stored that look like another unit."""
+    return "?accept_implausible=true" if accept_implausible else ""
+
+
 def _encoded(body: Any) -> bytes:
     try:
         return json.dumps(body, allow_nan=False).encode()
@@ -183,13 +188,12 @@ class ServiceClient(Closing):
         self, session_id: str, poses: Sequence[Json], *, accept_implausible: bool = False
     ) -> Json:
         """Store poses that another instrument measured; those stored stay. What looks like another unit is refused."""
-        insisting = "?accept_implausible=true" if accept_implausible else ""
-        path = f"/v1/sessions/{session_id}/measured-poses{insisting}"
+        path = f"/v1/sessions/{session_id}/measured-poses{insisting_query(accept_implausible)}"
         return self._json("POST", path, repeatable=True, json=list(poses))
 
     def put_poses(self, session_id: str, poses: Sequence[Json], *, accept_implausible: bool = False) -> Json:
         """Store commanded poses, new or replaced: all or none. The service refuses what looks like another unit."""
-        path = f"/v1/sessions/{session_id}/poses{'?accept_implausible=true' if accept_implausible else ''}"
+        path = f"/v1/sessions/{session_id}/poses{insisting_query(accept_implausible)}"
         return self._json("POST", path, repeatable=True, json=list(poses))
 
     def put_image(self, session_id: str, pose_id: str, sha256: str, data: bytes, **metadata: Any) -> Json:

@@ -40,7 +40,7 @@ def outcome_in_words(measurement: Json) -> str:
     if measurement["status"] == "succeeded":
         return "measured"
     if is_measured(measurement):
-        return "measured, no camera by itself"
+        return "measured, no pose by itself"
     return "measured before" if measurement["failure"]["code"] == _MEASURED_BEFORE else "not measured"
 
 

@@ -48,6 +48,22 @@ def grade(relative_uncertainty: float) -> str:
     return "determined" if relative_uncertainty <= MAX_DETERMINED_UNCERTAINTY else "weak"
 
 
+def focal_relative_uncertainty(covariance: Float[np.ndarray, "p p"], fx_px: float, fy_px: float) -> float:
+    """Return u(f)/f, f the mean of fx and fy, whose covariance comes first."""
+    variance = 0.25 * float(covariance[0, 0] + 2.0 * covariance[0, 1] + covariance[1, 1])
+    return math.sqrt(max(variance, 0.0)) / (0.5 * (fx_px + fy_px))
+
+
+def focal_weakly_observable(who: str, relative_uncertainty: float, advice: str) -> Advisory:
+    """Return the warning of what answers, but does not determine the focal length; `who` begins its sentence."""
+    return Advisory(
+        "focal_weakly_observable",
+        f"{who} the focal length uncertain by {100.0 * relative_uncertainty:.1f} %, more than "
+        f"{100.0 * MAX_DETERMINED_UNCERTAINTY:g} %; the camera's distance is uncertain by as much.",
+        advice,
+    )
+
+
 def focal_interval(focal_px: float, standard_uncertainty_px: float) -> tuple[float, float]:
     """Return the 95 % interval of a focal length, px; f itself twice where it was given."""
     factor = math.exp(NORMAL_95 * standard_uncertainty_px / focal_px)

@@ -19,7 +19,13 @@ from core.calibration.priors import (
     Lens,
     camera_prior,
 )
-from core.calibration.result import MAX_DETERMINED_UNCERTAINTY, Calibration, Observability, grade
+from core.calibration.result import (
+    Calibration,
+    Observability,
+    focal_relative_uncertainty,
+    focal_weakly_observable,
+    grade,
+)
 from core.calibration.state import FREE, POSE, centred
 from core.calibration.uncertainty import (
     SAG_VARIANCE,
@@ -76,9 +82,8 @@ class FitSummary:
 
 def relative_focal_uncertainty(result: Fit[View]) -> float:
     """u(f)/f of a free fit, not inflated; f is the mean of fx and fy."""
-    C, parameters = result.covariance, result.state.parameters
-    variance = 0.25 * float(C[0, 0] + 2.0 * C[0, 1] + C[1, 1])
-    return math.sqrt(max(variance, 0.0)) / (0.5 * float(parameters[0] + parameters[1]))
+    fx, fy = result.state.parameters[:2].tolist()
+    return focal_relative_uncertainty(result.covariance, fx, fy)
 
 
 def summarise_fit(
@@ -186,7 +191,14 @@ def calibration_of(
             points, view.camera, covariance[:8, :8], lens, determined=grade(focal_uncertainty) != "weak"
         )
     if grade(focal_uncertainty) == "weak":
-        warnings.append(focal_weakly_observable(focal_uncertainty))
+        warnings.append(
+            focal_weakly_observable(
+                "The image by itself leaves",
+                focal_uncertainty,
+                "Use the session's camera, which all its images determine together, or tilt the target by "
+                f"{ADVISED_TILT}.",
+            )
+        )
     if contradicted is not None:
         warnings.append(
             Advisory(
@@ -234,17 +246,6 @@ def _prior_dominated(points: GridPoints, summary: FitSummary, lens: Lens | None)
     sigma[:2] = (FOCAL_PRIOR[1] if lens is None else LENS_PRIOR) * summary.focal_px
     dominated = summary.inflation**2 * np.diag(summary.fit.covariance)[:8] > 0.5 * sigma**2
     return tuple(name for name, flag in zip(CAMERA_PARAMETERS[:8], dominated, strict=True) if flag)
-
-
-def focal_weakly_observable(relative_uncertainty: float) -> Advisory:
-    """Return the warning of an image that answers, but does not determine the focal length by itself."""
-    return Advisory(
-        "focal_weakly_observable",
-        f"The image by itself leaves the focal length uncertain by {100.0 * relative_uncertainty:.1f} %, more than "
-        f"{100.0 * MAX_DETERMINED_UNCERTAINTY:.0f} %; the camera's distance is uncertain by as much.",
-        "Use the session's camera, which all its images determine together, or tilt the target by "
-        f"{ADVISED_TILT}.",
-    )
 
 
 def prior_warnings(

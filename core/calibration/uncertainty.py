@@ -12,7 +12,7 @@ from core.calibration.lens_residuals import View
 from core.calibration.result import CameraPose, Reprojection
 from core.calibration.state import retract
 from core.errors import Advisory
-from core.geometry import GIMBAL_MARGIN, hat, rotation_to_rpy, rpy_jacobian, so3_log
+from core.geometry import hat, is_near_gimbal_lock, rotation_to_rpy, rpy_jacobian, so3_log
 from core.jit import jit
 from core.numerics import Fit
 from core.targets import GridPoints
@@ -197,7 +197,7 @@ def warnings_for(
                 "Look at the overlay: reflections, dirt or something in front of the grid are the usual causes.",
             )
         )
-    if abs(abs(pose.roll_pitch_yaw[1]) - math.pi / 2) < GIMBAL_MARGIN:
+    if is_near_gimbal_lock(float(pose.roll_pitch_yaw[1])):
         found.append(
             Advisory(
                 "near_gimbal_lock",

@@ -26,7 +26,13 @@ from core.geometry.lens_models import (
     project_any_with_jacobian,
 )
 from core.geometry.projection_uncertainty import projection_covariance, worst_direction
-from core.geometry.roll_pitch_yaw import GIMBAL_MARGIN, rotation_to_rpy, rpy_jacobian, rpy_to_rotation
+from core.geometry.roll_pitch_yaw import (
+    GIMBAL_MARGIN,
+    is_near_gimbal_lock,
+    rotation_to_rpy,
+    rpy_jacobian,
+    rpy_to_rotation,
+)
 from core.geometry.se3 import (
     are_rotations,
     compose,
@@ -34,6 +40,7 @@ from core.geometry.se3 import (
     hats,
     invert,
     nearest_rotation,
+    perpendicular,
     perturbed,
     quaternion_to_rotation,
     rotation_mean,
@@ -69,12 +76,14 @@ __all__ = [
     "hat",
     "hats",
     "invert",
+    "is_near_gimbal_lock",
     "lens_model_of",
     "map_in_front",
     "map_points",
     "nearest_rotation",
     "normalised_homography",
     "normalising_transform",
+    "perpendicular",
     "perturbed",
     "project",
     "project_any",

@@ -11,6 +11,11 @@ GIMBAL_MARGIN = math.radians(5.0)
 """Within this angle of pitch = ±90°, roll and yaw are reported with a warning."""
 
 
+def is_near_gimbal_lock(pitch: float) -> bool:
+    """Return whether a pitch angle is within `GIMBAL_MARGIN` of ±90°, where roll and yaw cannot be separated."""
+    return abs(abs(pitch) - 0.5 * math.pi) < GIMBAL_MARGIN
+
+
 def rpy_to_rotation(roll_pitch_yaw: Float[np.ndarray, "3"]) -> Float[np.ndarray, "3 3"]:
     """Return Rz(yaw) Ry(pitch) Rx(roll)."""
     roll, pitch, yaw = (float(a) for a in roll_pitch_yaw)

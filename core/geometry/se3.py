@@ -26,6 +26,13 @@ def hat(w: Float[np.ndarray, "3"]) -> Float[np.ndarray, "3 3"]:
     return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
 
 
+def perpendicular(axis: Float[np.ndarray, "3"]) -> Float[np.ndarray, "3"]:
+    """Return some unit vector across a unit vector, the same one for directions near each other."""
+    across = np.eye(3)[int(np.argmin(np.abs(axis)))]
+    across = across - axis * (axis @ across)
+    return np.asarray(across / np.linalg.norm(across))
+
+
 def hats(vectors: Float[np.ndarray, "*b 3"]) -> Float[np.ndarray, "*b 3 3"]:
     """Return [v]× of every vector, as `hat` does of one."""
     K = np.zeros((*vectors.shape, 3))

@@ -31,7 +31,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 from scipy.special import stdtrit
 
-from core.geometry import GIMBAL_MARGIN, rotation_to_rpy, rpy_jacobian, so3_exp
+from core.geometry import is_near_gimbal_lock, rotation_to_rpy, rpy_jacobian, so3_exp
 from core.metrology.iso9283 import pose_accuracy
 from core.metrology.pose_cycles import PerComponent
 from core.metrology.rp_distribution import CONFIDENCE, NORMAL_FACTOR
@@ -267,8 +267,8 @@ def tied_accuracy(
     """Return AP of one pose from what the robot was off there; None where its position is not determined."""
     if position.vector is None:
         return None
-    singular = commanded_rotation is not None and (
-        abs(float(rotation_to_rpy(commanded_rotation)[1])) > 0.5 * math.pi - GIMBAL_MARGIN
+    singular = commanded_rotation is not None and is_near_gimbal_lock(
+        float(rotation_to_rpy(commanded_rotation)[1])
     )
     turned = rotation.vector if rotation is not None else None
     angles = None if singular else commanded_rotation

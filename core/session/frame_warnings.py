@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Float
 
 from core.errors import Advisory
-from core.geometry import GIMBAL_MARGIN, rotation_to_rpy
+from core.geometry import GIMBAL_MARGIN, is_near_gimbal_lock, rotation_to_rpy
 from core.session.model import CameraMount
 
 _NAMES: dict[CameraMount, tuple[str, str]] = {
@@ -34,7 +34,7 @@ def gimbal_warnings(
     near = [
         f"{name} ({math.degrees(pitch):.2f}°)"
         for name, T in frames
-        if abs(pitch := float(rotation_to_rpy(T[:3, :3])[1])) > math.pi / 2.0 - GIMBAL_MARGIN
+        if is_near_gimbal_lock(pitch := float(rotation_to_rpy(T[:3, :3])[1]))
     ]
     if not near:
         return ()

@@ -108,11 +108,9 @@ def _image_changes(before: Json, after: Json) -> Iterator[str]:
     """Yield what became of one image: exclusion, place in the session, labels, and what was found in it."""
     codes = before["failure_code"], after["failure_code"]
     if after["failure_code"] == EXCLUDED:
-        if (
-            before["failure_code"] != EXCLUDED
-            or before.get("failure_detail", after["failure_detail"]) != (after["failure_detail"])
-        ):
-            yield f"excluded: {after['failure_detail']}"
+        reason = after["failure_detail"]
+        if before["failure_code"] != EXCLUDED or before.get("failure_detail", reason) != reason:
+            yield f"excluded: {reason}"
     elif before["failure_code"] == EXCLUDED:
         reason = before.get("failure_detail")
         yield f"included again; it was excluded: {reason}" if reason else "included again"
@@ -120,7 +118,7 @@ def _image_changes(before: Json, after: Json) -> Iterator[str]:
         yield (
             "its target is no target of the session any more"
             if codes[1] == FOREIGN
-            else ("its target is one of the session's now")
+            else "its target is one of the session's now"
         )
     else:
         yield from _result_changes(before, after)

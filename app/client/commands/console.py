@@ -19,6 +19,11 @@ class OptionRefused(Exception):
         self.advice = advice
 
 
+def number_of(count: int, noun: str) -> str:
+    """Return a number of things in words: 1 image, 2 images."""
+    return f"{count} {noun}{'' if count == 1 else 's'}"
+
+
 def error_console() -> Console:
     """Return a console on stderr that breaks no line, so that paths and sentences stay whole in a log."""
     return Console(stderr=True, highlight=False, soft_wrap=True)

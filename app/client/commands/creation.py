@@ -10,6 +10,7 @@ import typer
 from rich.markup import escape
 
 from .. import Json, ServiceClient
+from ..http import insisting_query
 from .console import OptionRefused, error_console
 from .record_files import read_mapping
 
@@ -40,11 +41,6 @@ AcceptImplausible = Annotated[
         "--accept-implausible", help="Take values even if they look like another unit (metres, radians)."
     ),
 ]
-
-
-def insisting_query(accept_implausible: bool) -> str:
-    """Return what is added to a path so that values are stored that look like another unit."""
-    return "?accept_implausible=true" if accept_implausible else ""
 
 
 def create_named(

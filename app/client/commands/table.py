@@ -165,7 +165,7 @@ CLIENT = {
     ),
     "sessions list": (
         ".sessions.listing:show_list",
-        "List the sessions of a service, with how many images were measured, and how many give a camera by themselves.",
+        "List the sessions of a service, with how many images were measured, and how many give a pose by themselves.",
     ),
     "sessions show": (".sessions.listing:show", "Print a session as the service answers it."),
     "sessions budget": (

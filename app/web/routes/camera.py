@@ -11,14 +11,11 @@ from starlette.responses import Response
 from app.analyses.outcome import AnalysisRefused
 from app.web.analyses import analysis_document
 from app.web.pages import page_router, render
-from app.web.routes.measurements import Row, camera_meaning
+from app.web.routes.measurements import camera_rows
 from app.web.routes.repeatability import EstimatorText, head_of, settings_of
 from app.web.service import service_of
-from app.web.words import decimals_of, fixed, number, with_uncertainty
 
 router = page_router()
-COVERAGE = 1.96
-"""Standard uncertainties of half a 95 % interval."""
 
 
 @router.get("/sessions/{session_id}/camera", operation_id="get_intrinsics")
@@ -30,7 +27,7 @@ async def show_camera(request: Request, session_id: str, estimator: EstimatorTex
     is_refused = isinstance(found, AnalysisRefused)
     groups: list[dict[str, Any]] = []
     if not isinstance(found, AnalysisRefused):
-        groups = [{**group, "rows": camera_table(group)} for group in found["groups"]]
+        groups = [{**group, "rows": camera_rows(group, group["lens_model"])} for group in found["groups"]]
     return render(
         request,
         "analyses/camera.html",
@@ -57,20 +54,3 @@ async def show_comparison(
         refused=found if is_refused else None,
         document=None if is_refused else found,
     )
-
-
-def camera_table(group: dict[str, Any]) -> list[Row]:
-    """Return a focus group's parameters with standard uncertainty and 95 % interval; those that are held say so."""
-    rows = []
-    for name, value in {**group["intrinsics"], **group["distortion"]}.items():
-        shown, unit = name.removesuffix("_px"), "px" if name.endswith("_px") else ""
-        meaning = camera_meaning(name, group["lens_model"])
-        uncertainty = group["standard_uncertainty"].get(name)
-        decimals = decimals_of(uncertainty)
-        if value is None or decimals is None or uncertainty is None:
-            rows.append(Row(shown, f"{number(value, 6)} (held)", unit, meaning))
-            continue
-        low, high = value - COVERAGE * uncertainty, value + COVERAGE * uncertainty
-        bounds = f"95 %: [{fixed(low, decimals)}, {fixed(high, decimals)}]"
-        rows.append(Row(shown, with_uncertainty(value, uncertainty), unit, f"{meaning}; {bounds}"))
-    return rows

@@ -95,6 +95,8 @@ def pose_rows(calibration: dict[str, Any] | None) -> list[Row]:
     return rows
 
 
+COVERAGE = 1.96
+"""Standard uncertainties of half a 95 % interval."""
 CAMERA_MEANINGS = {
     "fx_px": "focal length along the image's rows",
     "fy_px": "focal length along its columns",
@@ -124,25 +126,23 @@ def camera_meaning(name: str, model: str) -> str:
     return CAMERA_MEANINGS.get(name) or _RADIAL_MEANINGS[model].get(name, "distortion")
 
 
-def camera_rows(calibration: dict[str, Any] | None) -> list[Row]:
-    """Return camera and lens; what was held and not estimated has no uncertainty."""
-    if not calibration:
+def camera_rows(camera: dict[str, Any] | None, lens_model: str = "brown") -> list[Row]:
+    """Return a camera and its lens with standard uncertainty and 95 % interval; what was held says so."""
+    if not camera:
         return []
     rows = []
-    values = {**calibration["intrinsics"], **calibration["distortion"]}
-    for name in values:
-        meaning = camera_meaning(name, "brown")  # of one image alone
-        uncertainty = calibration["standard_uncertainty"].get(name)
+    for name, value in {**camera["intrinsics"], **camera["distortion"]}.items():
+        shown, unit = name.removesuffix("_px"), "px" if name.endswith("_px") else ""
+        meaning = camera_meaning(name, lens_model)
+        uncertainty = camera["standard_uncertainty"].get(name)
         decimals = decimals_of(uncertainty)
-        if decimals is None:
-            text = f"{number(values[name], 6)} (held)"
-        else:
-            text = with_uncertainty(values[name], uncertainty)
-        bounds = calibration["interval_95"].get(name)
-        note = meaning
-        if bounds and decimals is not None:
-            note = f"{meaning}; 95 % [{fixed(bounds[0], decimals)}, {fixed(bounds[1], decimals)}]"
-        rows.append(Row(name.removesuffix("_px"), text, "px" if name.endswith("_px") else "", note))
+        if value is None or decimals is None or uncertainty is None:
+            rows.append(Row(shown, f"{number(value, 6)} (held)", unit, meaning))
+            continue
+        reach = COVERAGE * uncertainty
+        low, high = camera["interval_95"].get(name) or (value - reach, value + reach)
+        bounds = f"95 %: [{fixed(low, decimals)}, {fixed(high, decimals)}]"
+        rows.append(Row(shown, with_uncertainty(value, uncertainty), unit, f"{meaning}; {bounds}"))
     return rows
 
 

@@ -33,7 +33,7 @@ from core.calibration.multi_view.repeat_consistency import with_common_points, w
 from core.calibration.multi_view.separate_cameras import fit_each
 from core.calibration.multi_view.view_stack import ViewStack, number_labels, stack_views
 from core.calibration.priors import Lens
-from core.calibration.result import MAX_DETERMINED_UNCERTAINTY
+from core.calibration.result import MAX_DETERMINED_UNCERTAINTY, focal_weakly_observable
 from core.calibration.state import SMALLEST_NOISE_PX
 from core.errors import ADVISED_TILT, Advisory, GridposeError, InvalidArgument
 from core.geometry import AnyCamera, Camera, camera_from_array
@@ -108,10 +108,9 @@ def _graded(estimate: GroupEstimate) -> GroupEstimate:
     u = estimate.focal_relative_uncertainty
     if u <= MAX_DETERMINED_UNCERTAINTY:
         return estimate
-    warning = Advisory(
-        "focal_weakly_observable",
-        f"Together the images leave the focal length uncertain by {100.0 * u:.1f} %, more than "
-        f"{100.0 * MAX_DETERMINED_UNCERTAINTY:g} %; the camera's distances are uncertain by as much.",
+    warning = focal_weakly_observable(
+        "Together the images leave",
+        u,
         f"Add images with the target tilted by {ADVISED_TILT}, or state the session's lens or its intrinsics.",
     )
     return replace(estimate, warnings=(warning, *estimate.warnings))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -11,6 +10,7 @@ from jaxtyping import Bool, Float, Int
 from core.calibration.multi_view.correlated_residuals import VarianceInflation
 from core.calibration.multi_view.view_stack import Placements, ViewStack
 from core.calibration.priors import Lens
+from core.calibration.result import focal_relative_uncertainty
 from core.errors import Advisory, GridposeError
 from core.geometry import AnyCamera
 
@@ -121,6 +121,4 @@ class GroupEstimate(PoseUncertainties):
     @property
     def focal_relative_uncertainty(self) -> float:
         """Return u(f)/f of `camera`, f the mean of fx and fy; 0 where it is given."""
-        C = self.camera_covariance
-        variance = 0.25 * float(C[0, 0] + 2.0 * C[0, 1] + C[1, 1])
-        return 2.0 * math.sqrt(max(variance, 0.0)) / float(self.camera.as_array()[:2].sum())
+        return focal_relative_uncertainty(self.camera_covariance, *self.camera.as_array()[:2].tolist())

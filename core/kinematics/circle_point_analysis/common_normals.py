@@ -31,7 +31,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Bool, Float
 
-from core.geometry import hat, so3_exp, transform
+from core.geometry import hat, perpendicular, so3_exp, transform
 from core.kinematics.dh import Chain, frames
 from core.kinematics.equal_descriptions import nearest_description, positive_description, unwrapped
 
@@ -50,7 +50,7 @@ class Axes:
 
     def bases(self) -> Float[np.ndarray, "j 3 2"]:
         """Return two directions across each axis."""
-        found = [np.column_stack([_across(n), hat(n) @ _across(n)]) for n in self.directions]
+        found = [np.column_stack([perpendicular(n), hat(n) @ perpendicular(n)]) for n in self.directions]
         return np.array(found).reshape(-1, 3, 2)
 
 
@@ -184,7 +184,7 @@ def _walk(
         if form.parallel:
             start = axes.points[0] + lift * z if i == 0 else origin + given[i, 2] * z
             if i == 0 and form.coincident:
-                x = _across(z)
+                x = perpendicular(z)
             turned, found, origin_next, x_next = _hayati(
                 axes, i, form, start, _by_angle(x, z, home[i] + given[i, 3])
             )
@@ -211,7 +211,7 @@ def _walk(
         x, origin = x_next, origin_next
     if count == 1:
         z = axes.directions[0]
-        x = so3_exp(-(home[0] + given[0, 3]) * z) @ _across(z)
+        x = so3_exp(-(home[0] + given[0, 3]) * z) @ perpendicular(z)
         base = transform(np.column_stack([x, hat(z) @ x, z]), axes.points[0] - given[0, 2] * z)
     P[-1, 4] = given[-1, 4]
     return DhDescription(P, base, identifiable)
@@ -227,7 +227,7 @@ def _hayati(
     origin = point + m * (float((start - point) @ z) / float(m @ z))
     out = origin - start
     if form.coincident:
-        turned = fallback if i else _across(z)
+        turned = fallback if i else perpendicular(z)
     else:
         turned = form.sign * out / np.linalg.norm(out)
     turned = turned - z * (z @ turned)
@@ -244,10 +244,3 @@ def _hayati(
 
 def _by_angle(x: Float[np.ndarray, "3"], z: Float[np.ndarray, "3"], angle: float) -> Float[np.ndarray, "3"]:
     return np.asarray(so3_exp(angle * z) @ x)
-
-
-def _across(z: Float[np.ndarray, "3"]) -> Float[np.ndarray, "3"]:
-    """Return some direction across z, the same one for directions near each other."""
-    x = np.eye(3)[int(np.argmin(np.abs(z)))]
-    x = x - z * (z @ x)
-    return np.asarray(x / np.linalg.norm(x))

@@ -21,7 +21,7 @@ import numpy as np
 from jaxtyping import Float
 
 from core.calibration import frame_rotations
-from core.geometry import nearest_rotation, transform
+from core.geometry import nearest_rotation, perpendicular, transform
 from core.kinematics.arm_model import ArmState
 from core.kinematics.global_fit.residuals import Observations, linearised
 
@@ -127,9 +127,7 @@ def _turns(R: Float[np.ndarray, "n 3 3"]) -> Float[np.ndarray, "n 3"]:
 
 def _with_third(axis: Float[np.ndarray, "3"]) -> Float[np.ndarray, "3 3"]:
     """Return a rotation whose third column is the axis."""
-    first = np.eye(3)[int(np.argmin(np.abs(axis)))]
-    first = first - axis * (axis @ first)
-    first /= np.linalg.norm(first)
+    first = perpendicular(axis)
     return np.column_stack([first, np.cross(axis, first), axis])
 
 

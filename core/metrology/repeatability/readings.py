@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 
 from core.errors import Advisory
-from core.geometry import GIMBAL_MARGIN, rotation_to_rpy
+from core.geometry import is_near_gimbal_lock, rotation_to_rpy
 from core.metrology.pose_cycles import PoseCycles
 from core.metrology.repeatability.statistics import CycleStatistics
 from core.metrology.resolution import Resolution
@@ -56,7 +56,7 @@ def reading_warnings(sample: CycleStatistics, resolution: Resolution | None) -> 
         )
     if sample.mean_rotation is not None:
         pitch = float(rotation_to_rpy(sample.mean_rotation)[1])
-        if abs(pitch) > math.pi / 2.0 - GIMBAL_MARGIN:
+        if is_near_gimbal_lock(pitch):
             warnings.append(
                 Advisory(
                     "near_gimbal_lock",

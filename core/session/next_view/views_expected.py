@@ -89,8 +89,9 @@ def expected_views(
         MeasuredPose("", "", None, None, pose[:3, 3], pose[:3, :3], own, own, shared, target, image)
         for pose, own, shared in zip(T, found.own * fit.growth.own, common, strict=True)
     ]
-    columns, owners = shared_error_columns(moving_poses(data, [*counted, *views]))
-    moving = moving_poses(data, views)
+    every = moving_poses(data, [*counted, *views])
+    columns, owners = shared_error_columns(every)
+    moving = every[len(counted) :]
     return ExpectedViews(
         np.array(
             [transform(view.rotation, view.position_mm) for view in moving if view.rotation is not None]

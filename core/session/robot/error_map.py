@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from core.errors import NominalRobotMissing
+from core.errors import InvalidArgument, NominalRobotMissing
 from core.kinematics import KinematicErrorMap, map_kinematic_error
 from core.session.estimate import SessionEstimate
 from core.session.model import SessionData
@@ -40,7 +40,7 @@ def session_error_map(
     found = identify_robot(data, estimate)
     model, nominal = found.error_model, found.nominal_arm
     if model is None or nominal is None:
-        raise NominalRobotMissing("Without a model of the identified robot there is nothing to compare.")
+        raise InvalidArgument("Without a model of the identified robot there is nothing to compare.")
     ends, stated = workspace_limits(data, limits, model.fit.design.seen.joint_angles[model.fit.used])
     return SessionErrorMap(map_kinematic_error(model, nominal, ends), found, stated)
 

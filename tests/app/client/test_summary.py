@@ -79,5 +79,5 @@ def test_no_camera_is_claimed_where_there_is_none() -> None:
 def test_an_image_whose_points_serve_is_not_said_to_have_failed() -> None:
     before = measurement(code="target_already_measured")
     assert [outcome_in_words(m) for m in (WEAK, FLAT, LOST, before, {**LOST, "status": "queued"})] == [
-        *("measured", "measured, no camera by itself", "not measured", "measured before", "queued")
+        *("measured", "measured, no pose by itself", "not measured", "measured before", "queued")
     ]

@@ -12,7 +12,7 @@ from rich.console import Console
 from rich.markup import escape
 
 from ...images.files import FilePlan, ImageFile
-from ..console import OptionRefused
+from ..console import OptionRefused, number_of
 
 FirstCycle = Annotated[
     int, typer.Option(help="Number of the first cycle in names: 0 where they count from 0.", min=0, max=1)
@@ -42,9 +42,11 @@ def show_intention(
     """Print how many images of which poses go where, and what was derived of their names."""
     poses = Counter(image.pose_id for image in images)
     cycles = sorted(set(poses.values()))
-    each = _number(cycles[0], "cycle") if len(cycles) == 1 else f"{cycles[0]} to {cycles[-1]} cycles"
+    each = number_of(cycles[0], "cycle") if len(cycles) == 1 else f"{cycles[0]} to {cycles[-1]} cycles"
     total_bytes = sum(image.path.stat().st_size for image in images)
-    what = f"{_number(len(poses), 'pose')} × {each} = {_number(len(images), 'image')}, {_size(total_bytes)}"
+    what = (
+        f"{number_of(len(poses), 'pose')} × {each} = {number_of(len(images), 'image')}, {_size(total_bytes)}"
+    )
     seen = f", target {target}" if target is not None else ""
     console.print(escape(f"{what}; session {session}{seen}"))
     labels = {image.label: image.pose_id for image in images if image.label is not None}
@@ -54,9 +56,9 @@ def show_intention(
         console.print(f"and {len(labels) - _SHOWN} more names of poses become pose IDs")
     if numbered:
         have = "has no cycle in its name and is" if numbered == 1 else "have no cycle in their names and are"
-        console.print(f"{_number(numbered, 'image')} {have} numbered for each pose (--cycles)")
+        console.print(f"{number_of(numbered, 'image')} {have} numbered for each pose (--cycles)")
     if plan.skipped:
-        console.print(f"[yellow]{_number(len(plan.skipped), 'image')} cannot be sent; listed at the end[/]")
+        console.print(f"[yellow]{number_of(len(plan.skipped), 'image')} cannot be sent; listed at the end[/]")
 
 
 def confirm(*, yes: bool) -> None:
@@ -67,10 +69,6 @@ def confirm(*, yes: bool) -> None:
         raise OptionRefused(
             "Nothing was sent.", "Correct the options, or give --dry-run to see what they do."
         )
-
-
-def _number(count: int, noun: str) -> str:
-    return f"{count} {noun}{'' if count == 1 else 's'}"
 
 
 def _size(count: float) -> str:

@@ -12,6 +12,7 @@ from rich.table import Table
 
 from ... import FilePlan, Json, describe_measured, is_measured
 from ...summary import image_of
+from ..console import number_of
 from .transfer import Transferred
 
 _SHOWN = 8
@@ -55,7 +56,7 @@ def report(console: Console, plan: FilePlan, transferred: Transferred) -> int:
                 undetermined.append(row)
         console.print(describe_measured(measured.measurements, cameras))
         if refused:
-            console.print(f"{_number(len({name for name, *_ in refused}), 'photograph')} not measured")
+            console.print(f"{number_of(len({name for name, *_ in refused}), 'photograph')} not measured")
         if measured.duplicates:
             console.print(f"{len(measured.duplicates)} already measured for every target: nothing to do")
         if line := _use(measured.measurements, cameras):
@@ -79,17 +80,13 @@ def _use(measurements: Sequence[Json], cameras: Sequence[Json] | None) -> str:
         measured = Counter(pose_id for pose_id, _ in {image_of(m) for m in measurements if is_measured(m)})
         enough = sum(count >= _MIN_VISITS for count in measured.values())
         have = "has" if enough == 1 else "have"
-        return f"{enough} of {_number(len(sent), 'pose')} {have} two measured images or more, as repeatability needs"
+        return f"{enough} of {number_of(len(sent), 'pose')} {have} two measured images or more, as repeatability needs"
     if not cameras:
         return ""
     return (
         "next: `gridpose sessions export-camera`, or with commanded poses `gridpose hand-eye export`; repeatability "
         "needs each pose twice or more"
     )
-
-
-def _number(count: int, noun: str) -> str:
-    return f"{count} {noun}{'' if count == 1 else 's'}"
 
 
 def _list(title: str, rows: list[_Row]) -> Table:

@@ -21,7 +21,7 @@ def show_list(
     status: Annotated[
         Literal["queued", "running", "succeeded", "failed"] | None,
         typer.Option(
-            help="Those of one status of the API alone: succeeded with a camera of their own, failed without one."
+            help="Those of one status of the API alone: succeeded with a pose of their own, failed without one."
         ),
     ] = None,
     pose: Annotated[str | None, typer.Option(help="Those of one pose alone.")] = None,

@@ -13,9 +13,10 @@ import typer
 from rich.markup import escape
 
 from ... import Json, ServiceClient, find_robot
+from ...http import insisting_query
 from ..access import UploadAccess
 from ..console import OptionRefused, error_console
-from ..creation import AcceptImplausible, BodyFile, Name, create_named, insisting_query
+from ..creation import AcceptImplausible, BodyFile, Name, create_named
 from .joint_files import read_joints
 from .known import known_robot
 

@@ -7,9 +7,10 @@ from typing import Annotated
 import typer
 
 from ... import Json, ServiceClient, find_or_make_target, find_robot, find_session
+from ...http import insisting_query
 from ..access import AdminAccess, UploadAccess
 from ..console import OptionRefused
-from ..creation import AcceptImplausible, ChangesFile, insisting_query
+from ..creation import AcceptImplausible, ChangesFile
 from ..record_files import read_mapping
 from .mounts import CameraMount
 

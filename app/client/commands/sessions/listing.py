@@ -11,11 +11,11 @@ from ... import Json, ServiceClient, find_session, is_measured
 from ..access import ReadAccess
 from ..console import print_list
 
-_COLUMNS = ("id", "name", "measured", "with own camera", "not measured", "waiting")
+_COLUMNS = ("id", "name", "measured", "with own pose", "not measured", "waiting")
 
 
 def show_list(service: ReadAccess) -> int:
-    """List the sessions of a service, with how many images were measured, and how many give a camera by themselves."""
+    """List the sessions of a service, with how many images were measured, and how many give a pose by themselves."""
 
     def act(client: ServiceClient) -> None:
         rows = []
@@ -27,7 +27,7 @@ def show_list(service: ReadAccess) -> int:
 
 
 def _numbers(client: ServiceClient, session: Json) -> tuple[int, ...]:
-    """Return how many measurements there are of each column; those without a camera of their own are looked at."""
+    """Return how many measurements there are of each column; those without a pose of their own are looked at."""
     counts = session["counts"]
     serve = 0
     if counts["failed"]:

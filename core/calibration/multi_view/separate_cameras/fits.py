@@ -27,7 +27,7 @@ from core.calibration.multi_view.separate_cameras.session_prior import (
 )
 from core.calibration.multi_view.view_stack import ViewStack, stack_states
 from core.calibration.priors import LENS_PRIOR, Lens, view_prior
-from core.calibration.result import MAX_DETERMINED_UNCERTAINTY
+from core.calibration.result import MAX_DETERMINED_UNCERTAINTY, focal_weakly_observable
 from core.calibration.single_image import calibrate_points
 from core.calibration.state import SMALLEST_NOISE_PX, centred, image_centre, retract, view_residuals
 from core.errors import (
@@ -60,8 +60,7 @@ def fit_each(
     """Fit every view by itself, then again with what its pose's views have in common.
 
     With `per_image_session_prior` the lens of the other images is each view's prior (`session_prior`), of the model of
-    `lens_start`, or Brown's. Images that
-    `per_image` finds weak are answered, if `weak`, where no other is.
+    `lens_start`, or Brown's. Images that `per_image` finds weak are answered, if `weak`, where no other is.
 
     Common are the points used and, over all views, the weight of the priors: with a weight of its own each, images of a
     pose would be pulled to the priors by different amounts, and that would be scatter.
@@ -191,10 +190,9 @@ def _weak_warnings(each: Sequence[ImageFit]) -> tuple[Advisory, ...]:
     if u <= MAX_DETERMINED_UNCERTAINTY:
         return ()
     return (
-        Advisory(
-            "focal_weakly_observable",
-            f"Image by image the focal length is uncertain by {100.0 * u:.1f} %, more than "
-            f"{100.0 * MAX_DETERMINED_UNCERTAINTY:g} %; the camera's distances are uncertain by as much.",
+        focal_weakly_observable(
+            "The images by themselves leave",
+            u,
             f"Use the estimator pooled, or tilt the target by {ADVISED_TILT}.",
         ),
     )
