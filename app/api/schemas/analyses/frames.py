@@ -8,6 +8,7 @@ from pydantic import Field
 
 from app.api.schemas.analyses.common import Matrix, Vector
 from app.api.schemas.common import ResponseModel
+from app.api.schemas.fields import TargetId
 
 _ROTATION_EXAMPLE = [[0.07, -0.99, 0.12], [0.99, 0.05, -0.1], [0.1, 0.13, 0.98]]
 MATRIX_EXAMPLE = [
@@ -94,9 +95,7 @@ class BaseCameraRead(FrameRead):
 class FlangeTargetRead(FrameRead):
     """The target on the flange, which a fixed camera looks at."""
 
-    target_id: Annotated[
-        str, Field(description="Id of the target.", examples=["tgt_01m7y27rhc7t5mkfp8hz3c61jj"])
-    ]
+    target_id: TargetId
     T_flange_target: Annotated[
         Matrix,
         Field(

@@ -16,18 +16,18 @@ from app.api.schemas.analyses.frames import (
     FrameRead,
 )
 from app.api.schemas.common import ResponseModel
-from app.api.schemas.fields import POSE_ID
+from app.api.schemas.fields import POSE_ID, TargetId
+
+_PoseCount = Annotated[
+    int, Field(description="How many poses show this target, rejected ones too.", examples=[12])
+]
 
 
 class BaseTargetRead(FrameRead):
     """A target in the robot's base."""
 
-    target_id: Annotated[
-        str, Field(description="Id of the target.", examples=["tgt_01m7y27rhc7t5mkfp8hz3c61jj"])
-    ]
-    pose_count: Annotated[
-        int, Field(description="How many poses show this target, rejected ones too.", examples=[12])
-    ]
+    target_id: TargetId
+    pose_count: _PoseCount
     T_base_target: Annotated[
         Matrix,
         Field(
@@ -40,9 +40,7 @@ class BaseTargetRead(FrameRead):
 class MountedTargetRead(FlangeTargetRead):
     """The target on the flange, with how many poses show it."""
 
-    pose_count: Annotated[
-        int, Field(description="How many poses show this target, rejected ones too.", examples=[12])
-    ]
+    pose_count: _PoseCount
 
 
 class DeviationRead(ResponseModel):
@@ -65,9 +63,7 @@ class HandEyeResidualRead(ResponseModel):
     """One commanded pose before one target, the mean of its images."""
 
     pose_id: Annotated[str, Field(description=POSE_ID, examples=["P1"])]
-    target_id: Annotated[
-        str, Field(description="Id of the target.", examples=["tgt_01m7y27rhc7t5mkfp8hz3c61jj"])
-    ]
+    target_id: TargetId
     image_count: Annotated[int, Field(description="How many images of the pose are averaged.", examples=[3])]
     used: Annotated[
         bool,
