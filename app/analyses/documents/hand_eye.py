@@ -60,8 +60,8 @@ def _residual(station: HandEyeStation, data: SessionData) -> dict[str, Any]:
         "target_id": data.target_ids[station.target],
         "image_count": station.visits,
         "used": d.used,
-        "fitted": _deviation(d.position_mm, d.rotation),
-        "held_out": held_out,
+        "fitted_deviation": _deviation(d.position_mm, d.rotation),
+        "held_out_deviation": held_out,
     }
 
 

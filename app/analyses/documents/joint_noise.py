@@ -61,7 +61,7 @@ def joint_noise_findings(data: SessionData, settings: Mapping[str, str]) -> Find
             **_predicted(found.map.worst, found.map.worst_joint_angles[None])[0],
             "position_mm": found.map.worst_position_mm.tolist(),
         },
-        "map": map_document(found.map),
+        "repeatability_map": map_document(found.map),
         "limits_stated": list(found.limits_stated),
     }
     return Findings(fields, found.excluded, found.warnings)
@@ -80,7 +80,7 @@ def map_document(found: RepeatabilityMap) -> dict[str, Any]:
     return {
         "cell_mm": found.cell_mm,
         "samples": found.samples,
-        "map_cells": [
+        "repeatability_cells": [
             {
                 "radius_mm": cell.radius_mm,
                 "height_mm": cell.height_mm,

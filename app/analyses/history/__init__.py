@@ -5,7 +5,7 @@ thousand sessions reads no form. `history_document` and `comparison_document` ar
 """
 
 from app.analyses.history.charting import MIN_SESSIONS, HistoryEvent, charts_of, series_of
-from app.analyses.history.comparison import comparison_document, verdict
+from app.analyses.history.comparison import comparison_document, conclusion
 from app.analyses.history.drawing import MAX_CHARTS, ChartAxis, charts_of_tests, draw_charts
 from app.analyses.history.latest import LatestFigures, RobotFigures
 from app.analyses.history.likeness import group_comparable, not_stated, unlike
@@ -43,6 +43,7 @@ __all__ = [
     "charts_of",
     "charts_of_tests",
     "comparison_document",
+    "conclusion",
     "draw_charts",
     "entries_of_qualifications",
     "group_comparable",
@@ -57,5 +58,4 @@ __all__ = [
     "summary_of",
     "summary_or_none",
     "unlike",
-    "verdict",
 ]

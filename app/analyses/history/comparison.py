@@ -1,4 +1,4 @@
-"""Two reports compared: each figure of the later with the earlier's, with intervals, and a verdict in words."""
+"""Two reports compared: each figure of the later with the earlier's, with intervals, and a conclusion in words."""
 
 from __future__ import annotations
 
@@ -52,15 +52,22 @@ def comparison_document(first: Summary, second: Summary) -> dict[str, Any]:
         "comparable": not reasons,
         "reasons": reasons,
         "not_stated": not_stated(earlier, later),
-        "verdict": verdict(differences, reasons),
+        "change_shown": shows_change(differences),
+        "conclusion": conclusion(differences, reasons),
         "compared": len(rows),
         "changed": sum(one["change"] != "no_change_shown" for one in rows),
         "expected_by_chance": round((1.0 - _LEVEL) * len(rows), 2),
-        "differences": rounded(rows),
+        "compared_figures": rounded(rows),
     }
 
 
-def verdict(differences: Mapping[Key, Difference], reasons: Sequence[str]) -> str:
+def shows_change(differences: Mapping[Key, Difference]) -> bool:
+    """Return whether figures differ by more than chance gives."""
+    changed = any(one.change != "no_change_shown" for one in differences.values())
+    return changed and _chance(differences) <= _MAX_CHANCE
+
+
+def conclusion(differences: Mapping[Key, Difference], reasons: Sequence[str]) -> str:
     """Return what two sessions show, in words; of many figures, some differ by chance."""
     unlike_words = f"The sessions are not comparable ({'; '.join(reasons)})"
     if not differences:
@@ -69,11 +76,10 @@ def verdict(differences: Mapping[Key, Difference], reasons: Sequence[str]) -> st
     count, total = len(changed), len(differences)
     expected = (1.0 - _LEVEL) * total
     largest = max(one.deviation for one in differences.values())
-    chance = _chance(differences, largest)
     if not changed:
         each = f"each of {total} figures" if total > 1 else "the one figure"
         found = f"No change is shown: the 95 % interval of {each} includes no change."
-    elif chance > _MAX_CHANCE:
+    elif not shows_change(differences):
         found = (
             f"{count} of {total} figures differ, as many as chance gives ({expected:.1f} expected): "
             "no change is shown."
@@ -88,7 +94,7 @@ def verdict(differences: Mapping[Key, Difference], reasons: Sequence[str]) -> st
     return f"{found} {unlike_words}, so that a change need not be the robot's." if reasons else found
 
 
-def _chance(differences: Mapping[Key, Difference], largest: float) -> float:
+def _chance(differences: Mapping[Key, Difference]) -> float:
     """Return the chance of as many changed figures, or of one as far off, where nothing changed.
 
     Distances share poses: one mean that is off by chance moves several of them. They count by how far they are off
@@ -96,6 +102,7 @@ def _chance(differences: Mapping[Key, Difference], largest: float) -> float:
     """
     apart = [one.change != "no_change_shown" for key, one in differences.items() if key[1] != DISTANCE]
     by_count = float(bdtrc(sum(apart) - 1, len(apart), 1.0 - _LEVEL)) if any(apart) else 1.0
+    largest = max(one.deviation for one in differences.values())
     by_largest = min(len(differences) * 2.0 * float(ndtr(-largest)), 1.0)
     return 2.0 * min(by_count, by_largest)
 

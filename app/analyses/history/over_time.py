@@ -28,6 +28,7 @@ _OF_QUALIFICATIONS = (
     ("scale_ppm", "scale", "ppm", False),
     ("probing_scatter_mm", "probing scatter", "mm", True),
 )
+_NO_CAMERA = "no camera stated"
 _NO_CONDITIONS = dict.fromkeys(("load_kg", "speed_percent", "temperature_c"))
 
 
@@ -55,7 +56,7 @@ def entries_of_qualifications(rows: Iterable[Mapping[str, Any]]) -> Iterator[Sum
             measured_at=as_text(row["made_at"]),
             session=(row["session_id"], row["session_name"]),
             robot_id=row["robot_id"],
-            source=row["camera_name"] or "no camera stated",
+            source=row["camera_name"] or _NO_CAMERA,
             conditions=_NO_CONDITIONS,
             poses="{}",
             figures={
@@ -105,12 +106,12 @@ def history_document(
             }
             for event in events
         ],
-        "points": rounded(
+        "readings": rounded(
             [
-                point
+                reading
                 for test in tests
                 for key, series in test.series.items()
-                for point in _points(test.number, key, series, test.charts.get(key))
+                for reading in _readings(test.number, key, series, test.charts.get(key))
             ]
         ),
     }
@@ -126,10 +127,12 @@ def _latest(entries: Iterable[Summary]) -> list[Summary]:
 
 def _test(test: ChartedTest) -> Json:
     first, last = test.reports[0], test.reports[-1]
+    is_qualification = first.kind == "qualification"
     return {
         "test": test.number,
-        "kind": first.kind,
-        "source": first.source,
+        "test_kind": first.kind,
+        "source": None if is_qualification else first.source,
+        "camera_name": first.source if is_qualification and first.source != _NO_CAMERA else None,
         "pose_count": len(poses_in(first.poses)),
         **first.conditions,
         "sessions": len(test.reports),
@@ -182,7 +185,7 @@ def _alarm(chart: ControlChart, series: Series, sentence: str) -> Json | None:
     }
 
 
-def _points(test: int, key: Key, series: Series, chart: ControlChart | None) -> Iterator[Json]:
+def _readings(test: int, key: Key, series: Series, chart: ControlChart | None) -> Iterator[Json]:
     outside = frozenset() if chart is None else frozenset(chart.outside)
     alarm = None if chart is None else chart.alarm
     marks = {} if alarm is None else {alarm.since: "since", alarm.at: "shown"}

@@ -58,9 +58,9 @@ def changed_inputs(then: Json, now: Json, statuses: Mapping[str, str]) -> Iterat
     )
 
 
-def changed_input(noun: str, name: str, change: str) -> Json:
+def changed_input(noun: str, name: str, detail: str) -> Json:
     """Return a changed input as verifications name it."""
-    return {"noun": noun, "name": name, "change": change}
+    return {"noun": noun, "name": name, "detail": detail}
 
 
 def points_of(before: str | None, after: str | None) -> str:

@@ -197,7 +197,7 @@ def _differences(then: Mapping[str, Any], now: Mapping[str, Any]) -> Iterator[Js
             relative <= 10.0**-MIN_DIGITS or abs(float(before) - float(after)) <= MAX_ABSOLUTE  # type: ignore[arg-type]
         )
         yield {
-            "figure": name,
+            "path": name,
             "then": _shown(before),
             "now": _shown(after),
             "relative_difference": relative,

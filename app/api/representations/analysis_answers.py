@@ -72,11 +72,11 @@ DEFAULT_TABLES = {
     "hand_eye": "summary",
     "joint_noise": "joint_noise",
     "dh": "joints",
-    "kinematic_error": "map.map_cells",
+    "kinematic_error": "error_map.error_cells",
     "comparison": "calibrations",
     "compensation": "poses",
-    "history": "points",
-    "report_comparison": "differences",
+    "history": "readings",
+    "report_comparison": "compared_figures",
 }
 
 

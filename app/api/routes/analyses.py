@@ -20,7 +20,6 @@ from app.api.schemas.analyses import (
     DhMethod,
     DhModel,
     DhUncertaintyMethod,
-    Estimator,
     HandEyeAnalysis,
     IntrinsicsAnalysis,
     LensModel,
@@ -29,9 +28,9 @@ from app.api.schemas.analyses import (
     QualificationAnalysis,
     QualificationCreate,
     RepeatabilityAnalysis,
-    Source,
 )
 from app.api.schemas.common import PoseTag
+from app.api.schemas.fields import Estimator, Source
 from app.errors import InvalidContent
 
 router = api_router(prefix="/v1/sessions/{session_id}", tags=["analyses"])

@@ -8,7 +8,7 @@ from pydantic import Field
 from typing_extensions import TypeAliasType
 
 from app.api.schemas.common import AdvisoryRead, RequestModel, ResponseModel
-from app.api.schemas.fields import Pitch, PoseCovariance, Roll, RotationMatrix, Yaw
+from app.api.schemas.fields import Estimator, Pitch, PoseCovariance, Roll, RotationMatrix, Yaw
 
 FocalLength = Annotated[float, Field(gt=0, le=1e7)]
 PixelCoordinate = Annotated[float, Field(ge=-1e6, le=1e6)]
@@ -224,7 +224,7 @@ class CalibrationRead(ResponseModel):
     """One image, calibrated."""
 
     estimator: Annotated[
-        str,
+        Estimator,
         Field(
             description="`per_image`: camera and pose from this image. `given`: the pose with the session's intrinsics."
         ),

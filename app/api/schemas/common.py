@@ -51,6 +51,14 @@ class AdvisoryRead(ResponseModel):
     advice: Advice
 
 
+class FailureRead(ResponseModel):
+    """Why something could not be computed, and what to do about it."""
+
+    code: Code
+    detail: Detail
+    advice: Advice
+
+
 class StoredPage(ResponseModel):
     """A page of stored rows."""
 

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from typing import Annotated
+from typing import Annotated, Literal
 
 from pydantic import Field
+from typing_extensions import TypeAliasType
 
 from app.api.schemas.common import Angle, Coordinate, Cycle, JointAngles, PoseTag, Text
 
@@ -39,6 +40,27 @@ CoreVersion = Annotated[
         description="Version and build of the numerics that computed the answer, such as `0.1.0+b3f2a91c04de`."
     ),
 ]
+
+Estimator = TypeAliasType(
+    "Estimator",
+    Annotated[
+        Literal[
+            "pooled",
+            "pooled_free_focal",
+            "per_image",
+            "per_image_session_prior",
+            "per_image_fixed_pp",
+            "given",
+        ],
+        Field(description="How the images of a session are combined."),
+    ],
+)
+Source = TypeAliasType(
+    "Source",
+    Annotated[
+        Literal["images", "measured_poses"], Field(description="Where an analysis has its poses from.")
+    ],
+)
 
 PoseIdField = Annotated[PoseTag, Field(description=POSE_ID)]
 CycleField = Annotated[Cycle | None, Field(description=CYCLE)]

@@ -11,12 +11,10 @@ from typing_extensions import TypeAliasType
 from app.api.schemas.camera import CalibrationRead
 from app.api.schemas.common import (
     POSE_LABEL,
-    Advice,
     AdvisoryRead,
     Burst,
-    Code,
     Cycle,
-    Detail,
+    FailureRead,
     Identifier,
     JointAngles,
     NextCursor,
@@ -76,14 +74,6 @@ class MissingImages(ResponseModel):
     missing: list[ImageName] = Field(
         description="Those to be sent, in the order asked for; empty: all are here."
     )
-
-
-class FailureRead(ResponseModel):
-    """Why an image gave no calibration, and what to do about it."""
-
-    code: Code
-    detail: Detail
-    advice: Advice
 
 
 class GridPointRead(ResponseModel):

@@ -18,7 +18,7 @@ _WORDS = {"larger": "larger", "smaller": "smaller", "no_change_shown": ""}
 
 
 def compare(first: Subject, second: Subject, service: ReadAccess) -> int:
-    """Compare the figures of two reports, the later with the earlier, with intervals and a verdict in words.
+    """Compare the figures of two reports, the later with the earlier, with intervals and a conclusion in words.
 
     Files need no service. Ends with 1 where the sessions are not comparable: a difference need not be the robot's then.
     """
@@ -71,10 +71,13 @@ def _show(found: Json) -> int:
         print(f"{which:<8} {one['session_name']}, {one['measured_at']}, report {one['report_id']}")
     print_list(
         ("of", "figure", "earlier", "later", "change", "95 % interval", ""),
-        [(one["of"], one["figure"], *_cells(one), _WORDS[one["change"]]) for one in found["differences"]],
+        [
+            (one["of"], one["figure"], *_cells(one), _WORDS[one["change"]])
+            for one in found["compared_figures"]
+        ],
         "The two reports have no figure in common.",
     )
-    print(found["verdict"])
+    print(found["conclusion"])
     if found["not_stated"]:
         error_console().print(
             escape(

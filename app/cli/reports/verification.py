@@ -110,7 +110,7 @@ def _verify_stored(client: ServiceClient, report_id: str, originals: bool) -> bo
     for one in found["originals"]["differing"][:_SHOWN]:
         console.print(f"[red]image {escape(one['measurement_id'])}: {escape(one['detail'])}[/]")
     for one in found["differences"][:_SHOWN]:
-        console.print(f"  {escape(one['figure'])}: {one['then']}, now {one['now']}", highlight=False)
+        console.print(f"  {escape(one['path'])}: {one['then']}, now {one['now']}", highlight=False)
     return agrees
 
 
@@ -126,7 +126,7 @@ def _list_inputs(console: Console, head: str, colour: str, found: dict[str, Any]
     """Print the inputs of a list, and how many more there are."""
     listed, number = found[f"{name}s"], found[f"{name}_count"]
     for one in listed[:_SHOWN]:
-        line = f"{head}: {one['noun'].replace('_', ' ')} {one['name']}: {one['change']}"
+        line = f"{head}: {one['noun'].replace('_', ' ')} {one['name']}: {one['detail']}"
         console.print(f"[{colour}]{escape(line)}[/]", highlight=False)
     if number > _SHOWN:
         console.print(f"and {number - _SHOWN} more")

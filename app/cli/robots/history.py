@@ -64,10 +64,10 @@ def history(
 def _print_test(found: Json, test: Json) -> None:
     number = test["test"]
     print(
-        f"Test {number}: {test['kind']}, {test['sessions']} comparable sessions, from {test['first_measured_at']}"
+        f"Test {number}: {test['test_kind']}, {test['sessions']} comparable sessions, from {test['first_measured_at']}"
     )
     names: dict[tuple[str, str], list[str]] = {}
-    for point in found["points"]:
+    for point in found["readings"]:
         if point["test"] == number and point["outside"]:
             names.setdefault((point["of"], point["figure"]), []).append(point["session_name"])
     rows = []

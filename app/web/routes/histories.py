@@ -59,7 +59,7 @@ def show_history(
 def show_comparison(
     request: Request, report: Annotated[list[str] | None, Query(max_length=20)] = None
 ) -> Response:
-    """Show two reports compared figure by figure, with a verdict in words."""
+    """Show two reports compared figure by figure, with a conclusion in words."""
     chosen = list(dict.fromkeys(report or []))
     if len(chosen) != TWO:
         raise InvalidContent(
@@ -85,7 +85,7 @@ def tests_of(document: dict[str, Any]) -> list[dict[str, Any]]:
         figures = [one for one in document["series"] if one["test"] == number]
         names = [(one["of"], one["figure"]) for one in figures]
         sessions: dict[str, dict[str, Any]] = {}
-        for point in document["points"]:
+        for point in document["readings"]:
             if point["test"] == number:
                 row = sessions.setdefault(point["report_id"], {**point, "values": {}})
                 row["values"][(point["of"], point["figure"])] = point

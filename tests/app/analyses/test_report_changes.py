@@ -84,7 +84,7 @@ def test_values_that_changed_are_named_and_fields_that_a_report_does_not_state_a
     session = {**SESSION, "name": "Cell 8", "conditions": {"load_kg": 5.0, "temperature_c": 21.0}}
     image = {**IMAGE, "captured_at": "2026-11-28T00:00:00Z"}
     (found,) = changed_inputs(inputs(IMAGE), inputs(image, session=session), {})
-    assert found["change"] == (
+    assert found["detail"] == (
         "changed: name from Cell 7 to Cell 8; conditions.temperature_c from nothing to 21.0"
     )
 
@@ -92,7 +92,7 @@ def test_values_that_changed_are_named_and_fields_that_a_report_does_not_state_a
 def test_an_image_without_a_result_is_deleted_or_waits() -> None:
     def change(statuses: dict[str, str]) -> str:
         (found,) = changed_inputs(inputs(IMAGE), inputs(), statuses)
-        return str(found["change"])
+        return str(found["detail"])
 
     assert change({}) == "deleted"
     assert change({"mea_1": "queued"}) == "without a result now: queued"
@@ -165,7 +165,7 @@ def test_images_whose_grid_points_are_gone_or_replaced_are_named(api: Any, store
         records.delete(records.get_one(Measurement, ids[2]))
     found = reported(api, stated, before.subject)
     assert found.loaded is None
-    assert [(one["name"], one["change"]) for one in found.unavailable] == [
+    assert [(one["name"], one["detail"]) for one in found.unavailable] == [
         (ids[0], "measured again, to other grid points"),
         (ids[1], "measured again, to no grid points"),
         (ids[2], "deleted"),
@@ -174,5 +174,5 @@ def test_images_whose_grid_points_are_gone_or_replaced_are_named(api: Any, store
 
 def test_a_camera_mount_that_was_changed_is_named_though_one_on_the_robot_is_not_stated() -> None:
     (change,) = changed_inputs(inputs(), inputs(session={**SESSION, "camera_mount": "fixed"}), {})
-    assert change["change"] == "changed: camera mount from robot to fixed"
+    assert change["detail"] == "changed: camera mount from robot to fixed"
     assert list(changed_inputs(inputs(), inputs(session={**SESSION, "camera_mount": "robot"}), {})) == []

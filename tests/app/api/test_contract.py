@@ -14,6 +14,7 @@ from tests.support.source_texts import PROJECT
 RULES = {
     "one key has one type and one meaning wherever it occurs": [
         "api/test_openapi.py::test_one_key_has_one_shape_wherever_it_occurs",
+        "api/test_openapi.py::test_one_key_has_one_schema_or_one_that_adds_to_it",
     ],
     "numbers have the digits that their uncertainty supports": [
         "api/resources/test_measurements.py::test_numbers_have_the_digits_that_their_uncertainty_supports",

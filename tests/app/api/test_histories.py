@@ -61,14 +61,14 @@ def test_a_history_has_figures_limits_events_and_points(api: Api, robot: str) ->
     found = RobotHistory.model_validate(response.json(), extra="forbid")
     assert (found.robot_id, found.sessions, found.warnings) == (robot, REPORTS, [])
     (test,) = found.tests
-    assert (test.kind, test.sessions, test.load_kg, test.charted) == ("repeatability", REPORTS, 5.0, True)
+    assert (test.test_kind, test.sessions, test.load_kg, test.charted) == ("repeatability", REPORTS, 5.0, True)
     rp, floor = sorted(found.series, key=lambda one: one.figure)
     assert (rp.figure, rp.of, floor.figure) == ("RP_l", "all poses", "noise floor")
     assert rp.limits is not None
     assert not rp.limits.in_control
     assert floor.limits is not None
     assert floor.limits.in_control
-    outside = [one.report_id for one in found.points if one.outside]
+    outside = [one.report_id for one in found.readings if one.outside]
     assert outside == [report(REPORTS)]
     assert [one.note for one in found.events] == ["greased"]
     same = api.client.get(f"/v1/robots/{robot}/history", headers={"If-None-Match": response.headers["etag"]})
@@ -123,7 +123,7 @@ def test_two_reports_are_compared(api: Api, robot: str) -> None:
     found = ReportComparison.model_validate(response.json(), extra="forbid")
     assert (found.earlier.report_id, found.later.report_id) == (report(1), report(REPORTS))
     assert (found.comparable, found.changed, found.reasons, found.not_stated) == (True, 3, [], [])
-    assert "3 of 3 figures are larger" in found.verdict
+    assert "3 of 3 figures are larger" in found.conclusion
     rows = list(csv.DictReader(api.client.get(path, headers=CSV).text.splitlines()))
     assert [row["of"] for row in rows] == ["pose P1", "pose P2", "pose P3"]
     assert {"difference_interval_low", "ratio_interval_high"} <= set(rows[0])
@@ -139,7 +139,7 @@ def test_reports_that_are_not_comparable_say_why(api: Api, robot: str) -> None:
     assert not found["comparable"]
     assert "load" in found["reasons"][0]
     assert found["not_stated"] == ["the temperature (°C)"]
-    assert "need not be the robot's" in found["verdict"]
+    assert "need not be the robot's" in found["conclusion"]
     with api.installation.database.write() as records:
         records.execute(sa.delete(ReportSummary).where(ReportSummary.report_id == report(400)))
         records.add(ReportSummary(report_id=report(400), robot_id=None, summary=None))
@@ -171,7 +171,7 @@ def test_a_limited_key_sees_the_reports_of_its_sessions_alone(api: Api) -> None:
     summarise_reports(api.installation.database)
     key = api.key("read", session_ids=[own])
     found = api.client.get(f"/v1/robots/{robot_id}/history", headers=key).json()
-    assert {one["session_id"] for one in found["points"]} == {own}
+    assert {one["session_id"] for one in found["readings"]} == {own}
     assert api.client.get(f"/v1/robots/{robot_id}/history").json()["sessions"] == 2
     compared = api.client.get(f"/v1/reports/{report(500)}/comparison/{report(501)}", headers=key)
     assert_problem(compared, 404, "report_not_found")
@@ -201,7 +201,7 @@ def test_what_cannot_be_read_is_named_and_hides_nothing_else(api: Api) -> None:
         )
         records.execute(sa.text("UPDATE robot_events SET at = 'half' WHERE id = :id"), {"id": event})
     found = api.client.get(f"{path}/history").json()
-    assert {one["report_id"] for one in found["points"]} == {report(600)}
+    assert {one["report_id"] for one in found["readings"]} == {report(600)}
     assert {one["code"] for one in found["warnings"]} == {"row_unreadable"}
     named = " ".join(one["detail"] for one in found["warnings"])
     assert all(one in named for one in (report(601), report(602), event))
@@ -230,7 +230,7 @@ def test_a_history_that_is_too_long_says_so(api: Api, robot: str, monkeypatch: p
     monkeypatch.setattr(robots.history, "MAX_REPORTS", 3)
     found = api.client.get(f"/v1/robots/{robot}/history").json()
     assert [one["code"] for one in found["warnings"]] == ["history_truncated"]
-    assert {one["report_id"] for one in found["points"]} == {report(REPORTS - k) for k in range(3)}
+    assert {one["report_id"] for one in found["readings"]} == {report(REPORTS - k) for k in range(3)}
 
 
 def test_reports_of_earlier_versions_are_read_after_a_restart(open_api: ApiMaker, tmp_path: Any) -> None:

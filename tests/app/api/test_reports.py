@@ -147,7 +147,7 @@ def test_a_report_whose_originals_are_lost_does_not_verify_and_names_them(
     assert stored["figures_equal"] == stored["figures"] > 200
     whole = running.client.get(path).json()
     assert not whole["agrees"]
-    assert {one["change"] for one in whole["changed_inputs"]} == {"original missing"}
+    assert {one["detail"] for one in whole["changed_inputs"]} == {"original missing"}
     assert whole["changed_input_count"] == 12
 
 
@@ -171,7 +171,7 @@ def test_a_report_verifies_from_its_originals_until_one_changes(running: Api, bo
     assert found["changed_inputs"][0] == {
         "noun": "image",
         "name": measurement["id"],
-        "change": "original changed",
+        "detail": "original changed",
     }
     original.write_bytes(board_png)
     excluded = {"excluded": {"reason": "A hand in front."}}
@@ -179,13 +179,13 @@ def test_a_report_verifies_from_its_originals_until_one_changes(running: Api, bo
     found = running.client.get(path).json()
     assert (found["agrees"], found["is_current"], found["recomputed_from"]) == (True, False, "report")
     assert found["figures_equal"] == found["figures"] > 0
-    change = {"noun": "image", "name": measurement["id"], "change": "excluded: A hand in front."}
+    change = {"noun": "image", "name": measurement["id"], "detail": "excluded: A hand in front."}
     assert found["changed_inputs"] == [change]
     assert running.client.delete(f"/v1/sessions/{session_id}").status_code == 204
     assert form(running, report, "pdf").startswith(b"%PDF-")
     found = running.client.get(path).json()
     assert (found["agrees"], found["figures"], found["recomputed_from"]) == (False, 0, "nothing")
-    deleted = [{"noun": "session", "name": session_id, "change": "deleted"}]
+    deleted = [{"noun": "session", "name": session_id, "detail": "deleted"}]
     assert found["changed_inputs"] == found["unavailable_inputs"] == deleted
     listed = running.client.get("/v1/reports", params={"session_id": session_id}).json()["items"]
     assert [one["id"] for one in listed] == [report["id"]]
@@ -219,14 +219,14 @@ def test_a_report_is_computed_from_what_it_was_made_from_until_grid_points_are_d
     found = verified()
     assert (found["agrees"], found["is_current"], found["recomputed_from"]) == (True, False, "report"), found
     assert found["figures_equal"] == found["figures"] > 100
-    changes = {one["name"]: one["change"] for one in found["changed_inputs"]}
+    changes = {one["name"]: one["detail"] for one in found["changed_inputs"]}
     assert changes[ids[0]] == "moved from P1 cycle 1 to P2 cycle 9"
     assert changes[ids[1]] == "excluded: hand in view"
     assert changes[robot_id] == "removed from the session"
     assert running.client.delete(f"/v1/measurements/{ids[3]}").status_code == 204
     found = verified()
     assert (found["agrees"], found["figures"], found["recomputed_from"]) == (False, 0, "nothing")
-    assert found["unavailable_inputs"] == [{"noun": "image", "name": ids[3], "change": "deleted"}]
+    assert found["unavailable_inputs"] == [{"noun": "image", "name": ids[3], "detail": "deleted"}]
 
 
 def test_what_cannot_be_reported_fails_with_the_reason_of_the_analysis(running: Api) -> None:

@@ -53,10 +53,10 @@ def compensation_findings(
         "terms": terms_document(found.by.model, found.by.level),
         "curves": {
             "applied": found.curves_applied,
-            "reason": _reason(found, second, asked=asked),
+            "basis": _basis(found, second, asked=asked),
             "confirming_ratio": found.confirming_ratio,
         },
-        "validation": {"random": _errors(found.by.random), "blocked": _errors(found.by.blocked)},
+        "validation": {"random_gain": _gain(found.by.random), "blocked_gain": _gain(found.by.blocked)},
         "region": {"joints": [region_document(joint) for joint in found.by.region]},
         "poses": documents,
     }
@@ -239,7 +239,7 @@ def _of_outcomes(documents: Sequence[Mapping[str, Any]], found: SessionCorrectio
     return warnings
 
 
-def _reason(found: SessionCorrection, second: SessionData | None, *, asked: bool) -> str:
+def _basis(found: SessionCorrection, second: SessionData | None, *, asked: bool) -> str:
     model = found.found.error_model
     if model is None or model.level is not Level.ALL:
         return "not_supported"
@@ -250,9 +250,9 @@ def _reason(found: SessionCorrection, second: SessionData | None, *, asked: bool
     return "confirmed" if found.curves_applied else "not_confirmed"
 
 
-def _errors(errors: CorrectionErrors) -> dict[str, Any]:
+def _gain(errors: CorrectionErrors) -> dict[str, Any]:
     return {
-        "corrected": None if errors.corrected is None else held_out_document(errors.corrected),
+        "with_correction": None if errors.corrected is None else held_out_document(errors.corrected),
         "nominal": None if errors.nominal is None else held_out_document(errors.nominal),
         "position_ratio": errors.position_ratio,
     }

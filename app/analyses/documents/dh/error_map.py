@@ -40,17 +40,17 @@ def _document(found: KinematicErrorMap) -> dict[str, Any]:
         "measured_configurations": found.measured,
         "median_error_mm": found.median_mm,
         "median_uncertainty_mm": found.median_uncertainty_mm,
-        "worst_place": {
+        "largest_error_place": {
             "joint_angles_deg": np.degrees(found.worst_joint_angles).tolist(),
             "position_mm": found.worst_position_mm.tolist(),
             "error_mm": float(worst.length_mm[0]),
             "standard_uncertainty_mm": float(worst.standard_uncertainty_mm[0]),
             "error_vector_mm": found.worst_difference_mm.tolist(),
         },
-        "map": {
+        "error_map": {
             "cell_mm": found.cell_mm,
             "samples": found.samples,
-            "map_cells": [
+            "error_cells": [
                 {
                     "radius_mm": cell.radius_mm,
                     "height_mm": cell.height_mm,

@@ -2,7 +2,7 @@
 
 from app.api.schemas.analyses.budget import BudgetMethod
 from app.api.schemas.analyses.camera_poses import CameraPosesAnalysis
-from app.api.schemas.analyses.common import Estimator, Source
+from app.api.schemas.analyses.common import AcceptanceDecision
 from app.api.schemas.analyses.comparison import ComparisonAnalysis
 from app.api.schemas.analyses.dh import (
     Compensation,
@@ -18,7 +18,6 @@ from app.api.schemas.analyses.dh import (
     NextViewAnalysis,
     NextViewCreate,
 )
-from app.api.schemas.analyses.figures import AcceptanceDecision
 from app.api.schemas.analyses.hand_eye import HandEyeAnalysis
 from app.api.schemas.analyses.intrinsics import CameraFileFormat, IntrinsicsAnalysis
 from app.api.schemas.analyses.qualification import QualificationAnalysis, QualificationCreate

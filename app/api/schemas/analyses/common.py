@@ -9,27 +9,14 @@ from pydantic import Field
 from typing_extensions import TypeAliasType
 
 from app.api.schemas.common import AdvisoryRead, Code, Detail, ResponseModel
-from app.api.schemas.fields import CoreVersion, MeasurementId, SessionId
+from app.api.schemas.fields import CoreVersion, Estimator, MeasurementId, SessionId, Source
 from app.api.schemas.sessions import Conditions, SessionMount
 
-Estimator = TypeAliasType(
-    "Estimator",
+AcceptanceDecision = TypeAliasType(
+    "AcceptanceDecision",
     Annotated[
-        Literal[
-            "pooled",
-            "pooled_free_focal",
-            "per_image",
-            "per_image_session_prior",
-            "per_image_fixed_pp",
-            "given",
-        ],
-        Field(description="How the images of a session are combined."),
-    ],
-)
-Source = TypeAliasType(
-    "Source",
-    Annotated[
-        Literal["images", "measured_poses"], Field(description="Where an analysis has its poses from.")
+        Literal["pass", "fail", "inconclusive"],
+        Field(description="Whether a limit is kept; between the two lies what the intervals leave open."),
     ],
 )
 Matrix = list[list[float]]
@@ -63,7 +50,8 @@ class QualificationCite(ResponseModel):
     made_at: Annotated[datetime, Field(description="When it was made, RFC 3339 in UTC.")]
     due_at: Annotated[datetime, Field(description="When the next one is due, RFC 3339 in UTC.")]
     decision: Annotated[
-        str | None, Field(description="`pass`, `fail` or `inconclusive`; null: no limit was stated.")
+        AcceptanceDecision | None,
+        Field(description="Whether its limit was kept; null: no limit was stated."),
     ]
 
 

@@ -10,9 +10,8 @@ from typing_extensions import TypeAliasType
 from app.api.schemas.analyses.common import AnalysisHead
 from app.api.schemas.analyses.figures import RepeatabilityFigures
 from app.api.schemas.camera import DistortionRead, IntrinsicsRead
-from app.api.schemas.common import AdvisoryRead, ResponseModel
+from app.api.schemas.common import AdvisoryRead, FailureRead, ResponseModel
 from app.api.schemas.fields import PoseId
-from app.api.schemas.measurements import FailureRead
 
 ComparisonMethod = TypeAliasType(
     "ComparisonMethod",

@@ -7,7 +7,7 @@ from typing import Annotated, Literal
 from pydantic import Field
 from typing_extensions import TypeAliasType
 
-from app.api.schemas.analyses.common import Interval, Vector
+from app.api.schemas.analyses.common import AcceptanceDecision, Interval, Vector
 from app.api.schemas.common import ResponseModel
 
 Tie = TypeAliasType(
@@ -155,15 +155,6 @@ class VariationFigures(ResponseModel):
         float | None, Field(description="Largest difference of the pitch angle, degrees.")
     ]
     vap_yaw_deg: Annotated[float | None, Field(description="Largest difference of the yaw angle, degrees.")]
-
-
-AcceptanceDecision = TypeAliasType(
-    "AcceptanceDecision",
-    Annotated[
-        Literal["pass", "fail", "inconclusive"],
-        Field(description="Whether a limit is kept; between the two lies what the intervals leave open."),
-    ],
-)
 
 
 class Acceptance(ResponseModel):

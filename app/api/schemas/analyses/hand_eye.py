@@ -72,10 +72,10 @@ class HandEyeResidualRead(ResponseModel):
             examples=[True],
         ),
     ]
-    fitted: Annotated[
+    fitted_deviation: Annotated[
         DeviationRead, Field(description="With the frames as they are; the fit follows each pose a little.")
     ]
-    held_out: Annotated[
+    held_out_deviation: Annotated[
         DeviationRead | None,
         Field(description="With the frames from all other poses; null where these do not suffice."),
     ]

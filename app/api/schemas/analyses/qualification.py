@@ -6,8 +6,13 @@ from typing import Annotated
 
 from pydantic import Field
 
-from app.api.schemas.analyses.common import EstimatedAnalysis, EstimatorField, Interval, SourceField
-from app.api.schemas.analyses.figures import AcceptanceDecision
+from app.api.schemas.analyses.common import (
+    AcceptanceDecision,
+    EstimatedAnalysis,
+    EstimatorField,
+    Interval,
+    SourceField,
+)
 from app.api.schemas.common import RequestModel, ResponseModel
 from app.api.schemas.fields import PoseId
 

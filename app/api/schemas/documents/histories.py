@@ -9,7 +9,8 @@ from pydantic import Field
 from typing_extensions import TypeAliasType
 
 from app.api.schemas.common import AdvisoryRead, ResponseModel
-from app.api.schemas.fields import RobotId, SessionId
+from app.api.schemas.documents.reports import ReportKind
+from app.api.schemas.fields import RobotId, SessionId, Source
 
 HistoryKind = TypeAliasType(
     "HistoryKind",
@@ -60,9 +61,11 @@ class HistoryTest(ResponseModel):
     """Sessions that are comparable: same kind, source, commanded poses, load, speed and temperature (2 K)."""
 
     test: Annotated[int, Field(description=_TEST)]
-    kind: Annotated[HistoryKind, Field(description="What its reports are on.")]
-    source: Annotated[
-        str, Field(description="`images` or `measured_poses`; of qualifications the camera's name.")
+    test_kind: Annotated[HistoryKind, Field(description="What it has figures of.")]
+    source: Annotated[Source | None, Field(description="Where its poses come from; null of qualifications.")]
+    camera_name: Annotated[
+        str | None,
+        Field(description="The qualified camera's name; null of reports, and where it was not stated."),
     ]
     pose_count: Annotated[int, Field(description="Commanded poses.")]
     load_kg: Annotated[float | None, Field(description="Load of its first session, kg; null: not stated.")]
@@ -150,7 +153,7 @@ class HistoryEventRead(ResponseModel):
     restarts_charts: Annotated[bool, Field(description="Whether charts begin anew with it.")]
 
 
-class HistoryPoint(ResponseModel):
+class HistoryReading(ResponseModel):
     """A figure of one session."""
 
     test: Annotated[int, Field(description=_TEST)]
@@ -187,8 +190,8 @@ class RobotHistory(ResponseModel):
     tests: Annotated[list[HistoryTest], Field(description="Sessions that are comparable, in time order.")]
     series: Annotated[list[HistorySeries], Field(description="Each figure of each test with its limits.")]
     events: Annotated[list[HistoryEventRead], Field(description="What was done to the robot, in time order.")]
-    points: Annotated[
-        list[HistoryPoint], Field(description="Each figure of each session, in time order within a figure.")
+    readings: Annotated[
+        list[HistoryReading], Field(description="Each figure of each session, in time order within a figure.")
     ]
     warnings: Annotated[
         list[AdvisoryRead],
@@ -200,7 +203,7 @@ class ComparedReport(ResponseModel):
     """One of two reports that are compared."""
 
     report_id: Annotated[str, Field(description="Id of the report.")]
-    kind: Annotated[str, Field(description="What it is on.")]
+    kind: Annotated[ReportKind, Field(description="What it is on.")]
     session_id: SessionId
     session_name: SessionName
     robot_id: Annotated[str | None, Field(description="The robot that it states; null: none.")]
@@ -232,7 +235,7 @@ class ComparedFigure(ResponseModel):
 
 
 class ReportComparison(ResponseModel):
-    """Two reports compared figure by figure, with a verdict in words."""
+    """Two reports compared figure by figure, with a conclusion in words."""
 
     earlier: Annotated[ComparedReport, Field(description="The report whose session was measured first.")]
     later: Annotated[ComparedReport, Field(description="The other one.")]
@@ -244,10 +247,14 @@ class ReportComparison(ResponseModel):
         list[str],
         Field(description="Conditions that either does not state: whether they were the same is not known."),
     ]
-    verdict: Annotated[str, Field(description="What they show, in words.")]
+    change_shown: Annotated[
+        bool,
+        Field(description="Whether more figures differ, or one differs by more, than chance gives."),
+    ]
+    conclusion: Annotated[str, Field(description="What they show, in words.")]
     compared: Annotated[int, Field(description="Figures compared.")]
     changed: Annotated[int, Field(description="Of them, those whose intervals do not contain no change.")]
     expected_by_chance: Annotated[float, Field(description="How many that would be by chance alone.")]
-    differences: Annotated[
+    compared_figures: Annotated[
         list[ComparedFigure], Field(description="Figures that both have with an interval.")
     ]

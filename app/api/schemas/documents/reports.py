@@ -8,7 +8,7 @@ from typing import Annotated, Literal
 from pydantic import Field
 from typing_extensions import TypeAliasType
 
-from app.api.schemas.common import AdvisoryRead, RequestModel, ResponseModel, StoredPage, Text
+from app.api.schemas.common import FailureRead, RequestModel, ResponseModel, StoredPage, Text
 from app.api.schemas.fields import SessionId
 from app.api.schemas.measurements import MeasurementStatus
 
@@ -96,7 +96,7 @@ class ReportRead(ResponseModel):
         Field(description="`succeeded` once all forms are stored; `failure` says why it failed."),
     ]
     failure: Annotated[
-        AdvisoryRead | None, Field(description="Why it could not be made; null unless `failed`.")
+        FailureRead | None, Field(description="Why it could not be made; null unless `failed`.")
     ]
     created_at: Annotated[datetime, Field(description="When it was ordered, RFC 3339 in UTC.")]
     finished_at: Annotated[
@@ -133,8 +133,8 @@ class ReportPage(StoredPage):
 class FigureDifference(ResponseModel):
     """A figure that is not the same when computed anew."""
 
-    figure: Annotated[
-        str, Field(description="Its name in the document: `repeatability.poses[P1].repeatability.rp_l_mm`.")
+    path: Annotated[
+        str, Field(description="Its place in the document: `repeatability.poses[P1].repeatability.rp_l_mm`.")
     ]
     then: Annotated[str | None, Field(description="Its value in the report; null: not known, or absent.")]
     now: Annotated[str | None, Field(description="Its value computed anew; null: not known, or absent.")]
@@ -150,7 +150,7 @@ class ChangedInput(ResponseModel):
         str, Field(description="`session`, `robot`, `target`, `pose`, `image` or `measured_pose`.")
     ]
     name: Annotated[str, Field(description="Its id, or the pose's tag.")]
-    change: Annotated[
+    detail: Annotated[
         str,
         Field(
             description="What became of it, in words: `excluded: hand in view`, `moved from P1 cycle 3 to P2 cycle 3`, "

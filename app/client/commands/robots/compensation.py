@@ -183,11 +183,11 @@ def _show(found: Json) -> None:
     corrected = sum(pose["applied"] for pose in found["poses"])
     terms = " and ".join(["the chain", *found["terms"]]).replace("_", " ")
     console.print(f"{corrected} of {len(found['poses'])} commands corrected by {terms}.")
-    random = found["validation"]["random"]
-    if random["corrected"] is not None and random["nominal"] is not None:
+    gain = found["validation"]["random_gain"]
+    if gain["with_correction"] is not None and gain["nominal"] is not None:
         console.print(
-            f"At held-out poses: {random['corrected']['position_rms_mm']:.3f} mm corrected, "
-            f"{random['nominal']['position_rms_mm']:.3f} mm as commanded."
+            f"At held-out poses: {gain['with_correction']['position_rms_mm']:.3f} mm corrected, "
+            f"{gain['nominal']['position_rms_mm']:.3f} mm as commanded."
         )
     for warning in found["warnings"]:
         console.print(f"[yellow]{escape(warning['detail'])}[/]")

@@ -15,6 +15,7 @@ from app.analyses.history import (
     charted_tests,
     charts_of,
     comparison_document,
+    conclusion,
     entries_of_qualifications,
     group_comparable,
     history_document,
@@ -24,7 +25,6 @@ from app.analyses.history import (
     series_of,
     summary_of,
     unlike,
-    verdict,
 )
 from core.metrology import estimate_difference
 from tests.support.sessions.filed_reports import FIRST, content, day, filed
@@ -101,7 +101,7 @@ def test_distances_that_share_a_pose_count_by_how_far_they_are_off() -> None:
         )
         assert off.change == "larger"
         distances = {(f"poses P1 and P{k}", "distance"): off if k < 6 else same for k in range(2, 12)}
-        assert said in verdict({**poses, **distances}, [])
+        assert said in conclusion({**poses, **distances}, [])
 
 
 @pytest.mark.parametrize(
@@ -117,21 +117,23 @@ def test_few_changes_among_many_figures_are_chance() -> None:
     more = estimate_difference(0.05, (0.04, 0.065), 0.2, (0.16, 0.26))
     little = estimate_difference(0.05, (0.04, 0.065), 0.075, (0.06, 0.098))
     many = {(f"pose P{k}", "RP_l"): same for k in range(30)}
-    assert "No change is shown" in verdict(many, [])
+    assert "No change is shown" in conclusion(many, [])
     assert little.change == "larger"
-    assert "no change is shown" in verdict({**many, ("pose P0", "RP_l"): little}, [])
-    assert "7.9 standard deviations" in verdict({**many, ("pose P0", "RP_l"): more}, [])
-    assert "something changed" in verdict({("pose P1", "RP_l"): more, ("pose P2", "RP_l"): more}, [])
-    assert "not comparable (the load differs)" in verdict({("pose P1", "RP_l"): more}, ["the load differs"])
-    assert verdict({}, []) == "Nothing can be compared."
-    assert "the load differs" in verdict({}, ["the load differs"])
+    assert "no change is shown" in conclusion({**many, ("pose P0", "RP_l"): little}, [])
+    assert "7.9 standard deviations" in conclusion({**many, ("pose P0", "RP_l"): more}, [])
+    assert "something changed" in conclusion({("pose P1", "RP_l"): more, ("pose P2", "RP_l"): more}, [])
+    assert "not comparable (the load differs)" in conclusion(
+        {("pose P1", "RP_l"): more}, ["the load differs"]
+    )
+    assert conclusion({}, []) == "Nothing can be compared."
+    assert "the load differs" in conclusion({}, ["the load differs"])
 
 
 def test_the_later_is_compared_with_the_earlier_whichever_is_named_first() -> None:
     found = comparison_document(filed(2, rp_mm=0.12), filed(1))
     assert (found["earlier"]["session_name"], found["later"]["session_name"]) == ("week 1", "week 2")
-    assert {one["figure"] for one in found["differences"]} == {"RP_l"}  # floors have no interval
-    first = found["differences"][0]
+    assert {one["figure"] for one in found["compared_figures"]} == {"RP_l"}  # floors have no interval
+    first = found["compared_figures"][0]
     assert first["ratio"] == pytest.approx(2.4)
     assert first["ratio_interval"][0] < 2.4 < first["ratio_interval"][1]
     assert (found["compared"], found["changed"], found["comparable"]) == (3, 3, True)
@@ -169,10 +171,10 @@ def test_a_lasting_change_is_said_of_the_sessions_that_are_alike() -> None:
     (alarmed,) = [one for one in document["series"] if one["alarm"]]
     assert alarmed["alarm"]["direction"] == "up"
     assert not alarmed["limits"]["in_control"]
-    points = [one for one in document["points"] if one["figure"] == "RP_l" and one["test"] == 1]
+    points = [one for one in document["readings"] if one["figure"] == "RP_l" and one["test"] == 1]
     assert [one["alarm_mark"] for one in points if one["alarm_mark"]] == ["since", "shown"]
     assert points[0]["ewma"] is None
-    assert (document["sessions"], len(document["points"])) == (31, 62)
+    assert (document["sessions"], len(document["readings"])) == (31, 62)
 
 
 def test_the_latest_report_of_a_session_counts() -> None:

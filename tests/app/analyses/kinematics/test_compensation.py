@@ -55,7 +55,7 @@ def test_commands_are_corrected_or_left_with_a_reason(api: Any, stored: tuple[st
     assert response.status_code == 200, response.text
     found = response.json()
     Compensation.model_validate(found, extra="forbid")
-    ratio = found["validation"]["random"]["position_ratio"]
+    ratio = found["validation"]["random_gain"]["position_ratio"]
     assert ratio < 0.6
     assert found["curves"]["applied"] is False
     by_id = {pose["pose_id"]: pose for pose in found["poses"]}
@@ -82,13 +82,13 @@ def test_joint_curves_count_where_asked_for_or_confirmed(api: Any, stored: tuple
     send(api, second, readings(measured(real, angles_within_limits(rng, 50), rng)))
     poses = [{"pose_id": "P1", "joint_angles_deg": [0.0, -60.0, 60.0, 20.0, 50.0, 0.0]}]
     found = ask(api, robot, session, poses, confirming_session_id=second).json()
-    assert found["curves"]["reason"] == "confirmed"
+    assert found["curves"]["basis"] == "confirmed"
     assert found["curves"]["confirming_ratio"] < 0.95
     assert "joint_curves" in found["terms"]
     path = f"/v1/robots/{robot}/compensate?curves=true"
     body = {"session_id": session, "poses": poses, "source": "measured_poses"}
     asked = api.client.post(path, json=body).json()
-    assert asked["curves"] == {"applied": True, "reason": "requested", "confirming_ratio": None}
+    assert asked["curves"] == {"applied": True, "basis": "requested", "confirming_ratio": None}
     table = api.client.post(path, json=body, headers={"Accept": "text/csv"})
     rows = list(csv.DictReader(io.StringIO(table.text)))
     assert rows[0]["pose_id"] == "P1"

@@ -41,12 +41,12 @@ def ask(api: Any, session: str, path: str = "error-map", **options: Any) -> Any:
 def test_the_map_has_cells_and_the_largest_error_and_is_a_table(api: Any, session: str) -> None:
     found = body(ask(api, session))
     KinematicErrorAnalysis.model_validate(found, extra="forbid")
-    cells = found["map"]["map_cells"]
+    cells = found["error_map"]["error_cells"]
     assert sum(cell["measured_configurations"] for cell in cells) == found["measured_configurations"]
     assert POSES - 2 <= found["measured_configurations"] <= POSES
     assert {cell["extrapolated"] for cell in cells} == {True, False}
     assert found["limits_stated"] == [True] * 6
-    worst = found["worst_place"]
+    worst = found["largest_error_place"]
     assert worst["error_mm"] == pytest.approx(float(np.linalg.norm(worst["error_vector_mm"])), rel=1e-3)
     assert worst["error_mm"] >= found["median_error_mm"] > found["median_uncertainty_mm"] > 0.0
     table = ask(api, session, headers={"Accept": "text/csv"})

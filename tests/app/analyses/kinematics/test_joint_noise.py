@@ -69,7 +69,8 @@ def test_noise_prediction_and_worst_place(api: Any, session: str) -> None:
         assert one["ellipsoid"]["sigma_mm"] == sorted(one["ellipsoid"]["sigma_mm"], reverse=True)
     assert found["limits_stated"] == [True] * 6
     worst = found["worst_place"]
-    assert worst["rp_l_mm"] >= max(cell["largest_rp_l_mm"] for cell in found["map"]["map_cells"])
+    cells = found["repeatability_map"]["repeatability_cells"]
+    assert worst["rp_l_mm"] >= max(cell["largest_rp_l_mm"] for cell in cells)
     assert math.hypot(*worst["position_mm"][:2]) > 100.0
     rows = api.client.get(
         f"/v1/sessions/{session}/joint-noise",

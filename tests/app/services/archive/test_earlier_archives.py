@@ -43,10 +43,10 @@ def test_reports_of_an_earlier_version_are_read_and_verify(open_api: ApiMaker, p
                 assert check_file(content, signature).is_valid
             # The points of this session were simulated: it never had originals.
             verified = api.client.get(f"{address}/verify", params={"originals": "false"}).json()
-            otherwise = [one for one in verified["differences"] if not CORRECTED.search(one["figure"])]
+            otherwise = [one for one in verified["differences"] if not CORRECTED.search(one["path"])]
             assert all(one["relative_difference"] is not None for one in otherwise), verified
             for one in otherwise:
-                limit = MAX_COVARIANCE_CHANGE if ".covariance[" in one["figure"] else MAX_CHANGE
+                limit = MAX_COVARIANCE_CHANGE if ".covariance[" in one["path"] else MAX_CHANGE
                 assert one["relative_difference"] < limit, one
             assert verified["agrees"] == (not verified["differences"])
             # That version's reports state no labelling.

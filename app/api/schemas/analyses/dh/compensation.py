@@ -29,8 +29,8 @@ CommandOutcome = TypeAliasType(
         Field(description="What was done with a command."),
     ],
 )
-CurvesReason = TypeAliasType(
-    "CurvesReason",
+CurvesBasis = TypeAliasType(
+    "CurvesBasis",
     Annotated[
         Literal["requested", "confirmed", "not_confirmed", "no_second_session", "not_supported"],
         Field(description="Why joint curves are part of a correction, or are not."),
@@ -97,24 +97,26 @@ class CorrectedCommand(CommandRead):
     ]
 
 
-class HeldOutCorrection(ResponseModel):
-    """Errors at the same held-out poses, of corrected and of uncorrected commands."""
+class CorrectionGain(ResponseModel):
+    """Errors at the same held-out poses, with and without the correction."""
 
-    corrected: Annotated[
+    with_correction: Annotated[
         PoseErrors | None, Field(description="Of the model that corrects; null: too few poses.")
     ]
     nominal: Annotated[
         PoseErrors | None, Field(description="Of the nominal robot with its best base and tool.")
     ]
-    position_ratio: Annotated[float | None, Field(description="Corrected by nominal.")]
+    position_ratio: Annotated[
+        float | None, Field(description="Position error with the correction over the nominal.")
+    ]
 
 
 class CompensationValidation(ResponseModel):
     """What the correction gains on poses that had no part in it."""
 
-    random: Annotated[HeldOutCorrection, Field(description="At folds dealt at random.")]
-    blocked: Annotated[
-        HeldOutCorrection,
+    random_gain: Annotated[CorrectionGain, Field(description="At folds dealt at random.")]
+    blocked_gain: Annotated[
+        CorrectionGain,
         Field(description="At whole clusters of joint space, each predicted by the others."),
     ]
 
@@ -123,8 +125,8 @@ class CompensationCurves(ResponseModel):
     """Whether joint curves are part of the correction, and why."""
 
     applied: Annotated[bool, Field(description="Whether they are.")]
-    reason: Annotated[
-        CurvesReason,
+    basis: Annotated[
+        CurvesBasis,
         Field(
             description="`requested`: by `curves=true`. `confirmed`, `not_confirmed`: by the second session. "
             "`no_second_session`: none was named. `not_supported`: this session's poses do not speak for curves."

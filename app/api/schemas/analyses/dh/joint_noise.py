@@ -110,7 +110,7 @@ class WorstPlace(PredictedRepeatability):
     position_mm: Annotated[Vector, Field(description="The measured point in the robot's base frame, mm.")]
 
 
-class MapCellRead(ResponseModel):
+class RepeatabilityCellRead(ResponseModel):
     """One cell: RP_l of the configurations that bring the measured point there."""
 
     radius_mm: Annotated[float, Field(description="Distance of its middle from the first axis, mm.")]
@@ -121,13 +121,13 @@ class MapCellRead(ResponseModel):
     largest_rp_l_mm: Annotated[float, Field(description="Largest RP_l, mm.")]
 
 
-class MapRead(ResponseModel):
+class RepeatabilityMapRead(ResponseModel):
     """Predicted RP_l over the workspace, by distance from the first axis and height; the same all around."""
 
     cell_mm: Annotated[float, Field(description="Width and height of a cell, mm.")]
     samples: Annotated[int, Field(description="Configurations sampled over the whole workspace.")]
-    map_cells: Annotated[
-        list[MapCellRead], Field(description="Cells that three or more configurations reach.")
+    repeatability_cells: Annotated[
+        list[RepeatabilityCellRead], Field(description="Cells that three or more configurations reach.")
     ]
 
 
@@ -145,7 +145,9 @@ class JointNoiseAnalysis(EstimatedAnalysis):
         list[PredictedRepeatability], Field(description="At the joint angles of `at`, in their order.")
     ]
     worst_place: Annotated[WorstPlace, Field(description="Where predicted RP_l is largest.")]
-    map: Annotated[MapRead, Field(description="Predicted RP_l over the workspace.")]
+    repeatability_map: Annotated[
+        RepeatabilityMapRead, Field(description="Predicted RP_l over the workspace.")
+    ]
     limits_stated: Annotated[
         list[bool],
         Field(

@@ -52,7 +52,7 @@ class ErrorMapRead(ResponseModel):
 
     cell_mm: Annotated[float, Field(description="Width and height of a cell, mm.")]
     samples: Annotated[int, Field(description="Configurations sampled, in addition to those measured.")]
-    map_cells: Annotated[
+    error_cells: Annotated[
         list[ErrorCellRead],
         Field(description="Cells that three or more configurations reach, or a measured one."),
     ]
@@ -73,8 +73,8 @@ class KinematicErrorAnalysis(EstimatedAnalysis):
         float, Field(description="Median position error between the joint angles of the measured poses, mm.")
     ]
     median_uncertainty_mm: Annotated[float, Field(description="Median of its standard uncertainty, mm.")]
-    worst_place: Annotated[LargestError, Field(description="Where the error is largest.")]
-    map: Annotated[ErrorMapRead, Field(description="The error over the workspace.")]
+    largest_error_place: Annotated[LargestError, Field(description="Where the error is largest.")]
+    error_map: Annotated[ErrorMapRead, Field(description="The error over the workspace.")]
     limits_stated: Annotated[
         list[bool],
         Field(
