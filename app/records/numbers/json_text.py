@@ -41,6 +41,8 @@ _REPEATABILITIES = {
 _ENDS = ("low", "high")
 _WITHIN_ENDS = (*_ENDS, "value", "centre")
 Json = dict[str, Any]
+_NOT_ROUNDED = frozenset({str, int, bool, type(None)})
+"""Types that most fields of most documents have, told apart before anything is called."""
 
 
 def encode(document: Mapping[str, Any]) -> bytes:
@@ -84,7 +86,10 @@ def _rounded(value: Any, digits: int) -> Any:
         return [_rounded(item, digits) for item in value]
     if not isinstance(value, Mapping):
         return value
-    found = {name: _field(name, item, digits) for name, item in value.items()}
+    found = {
+        name: item if type(item) in _NOT_ROUNDED else _field(name, item, digits)
+        for name, item in value.items()
+    }
     _round_by_intervals(found, value)
     _round_mean(found, value)
     _round_by_neighbours(found, value)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import json
 import time
 from collections.abc import Iterator
 from typing import Any
@@ -61,7 +62,12 @@ def test_a_history_has_figures_limits_events_and_points(api: Api, robot: str) ->
     found = RobotHistory.model_validate(response.json(), extra="forbid")
     assert (found.robot_id, found.sessions, found.warnings) == (robot, REPORTS, [])
     (test,) = found.tests
-    assert (test.test_kind, test.sessions, test.load_kg, test.charted) == ("repeatability", REPORTS, 5.0, True)
+    assert (test.test_kind, test.sessions, test.load_kg, test.charted) == (
+        "repeatability",
+        REPORTS,
+        5.0,
+        True,
+    )
     rp, floor = sorted(found.series, key=lambda one: one.figure)
     assert (rp.figure, rp.of, floor.figure) == ("RP_l", "all poses", "noise floor")
     assert rp.limits is not None
@@ -223,7 +229,8 @@ def test_qualifications_stand_in_the_history(api: Api) -> None:
         ("scale", 5, "ppm"),
         ("probing scatter", 5, "mm"),
     }
-    assert found["tests"][0]["source"] == "C-7"
+    (test,) = found["tests"]
+    assert (test["test_kind"], test["source"], test["camera_name"]) == ("qualification", None, "C-7")
 
 
 def test_a_history_that_is_too_long_says_so(api: Api, robot: str, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -250,18 +257,25 @@ def test_reports_of_earlier_versions_are_read_after_a_restart(open_api: ApiMaker
 
 
 @pytest.mark.slow
-def test_a_history_of_a_thousand_sessions_takes_a_fifth_of_a_second(api: Api) -> None:
+def test_a_history_of_a_thousand_sessions_costs_little_more_than_its_text(api: Api) -> None:
+    """Fifteen hundredths of a second on a machine that reads its JSON in one."""
     robot_id = make_robot(api)
     store_filed(
         api, [content(k, robot=robot_id, poses=5, rp_mm=0.05 + 0.001 * (k % 7)) for k in range(1000, 2000)]
     )
     while summarise_reports(api.installation.database):
         pass
-    took = []
+    took, read = [], []
     for _ in range(7):
         began = time.process_time()  # what others compute on this machine does not count
         response = api.client.get(f"/v1/robots/{robot_id}/history")
-        took.append(time.process_time() - began)
-    assert response.json()["sessions"] == 1000
-    print(f"history of 1000 sessions: {sorted(took)[3] * 1e3:.0f} ms of processor time")
-    assert sorted(took)[3] < 0.2
+        answered = time.process_time()
+        found = json.loads(response.content)
+        took.append(answered - began)
+        read.append(time.process_time() - answered)
+    assert found["sessions"] == 1000
+    ratio = sorted(took)[3] / sorted(read)[3]
+    print(
+        f"history of 1000 sessions: {sorted(took)[3] * 1e3:.0f} ms of processor time, {ratio:.1f} times its text"
+    )
+    assert ratio < 30.0
