@@ -35,11 +35,6 @@ def pytest_collection() -> Generator[None, object, object]:
         gc.enable()
 
 
-def pytest_xdist_auto_num_workers(config: pytest.Config) -> int:
-    """Run one process more than there are cores: services that start, are killed and come back leave cores idle."""
-    return len(os.sched_getaffinity(0)) + 1
-
-
 _SHAPE_TESTS_PER_FILE = 2
 
 

@@ -77,6 +77,7 @@ def test_what_is_restored_answers_as_what_was_backed_up(
                     data = small_image(len(sent))
                     put(uploader, session_id, data, "P2")
                     sent.append(len(sent))
+                    ended.wait(0.02)  # all of them are measured before the test goes on
 
         uploading = threading.Thread(target=upload)
         uploading.start()
