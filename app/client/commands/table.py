@@ -215,7 +215,7 @@ SERVICE = {
     "schema downgrade": "Downgrade the database to an earlier schema, for an older version; a copy is made first.",
     "sessions archive": "Write a session with everything in it to one signed file: images, rows, results, reports.",
     "sessions restore": "Restore a session from its archive, with its ids, byte for byte as it was.",
-    "report compare": "Compare the figures of two reports, the later with the earlier, with intervals and a verdict in "
+    "report compare": "Compare the figures of two reports, the later with the earlier, with intervals and a conclusion in "
     "words.",
     "robots history": "Show RP, AP, noise floor, parameters and cameras of a robot over its reports, and what changed "
     "lastingly.",

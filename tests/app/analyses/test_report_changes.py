@@ -77,7 +77,7 @@ def test_what_became_of_an_image_is_said_in_words(
     before: dict[str, Any], after: dict[str, Any], words: str
 ) -> None:
     found = list(changed_inputs(inputs({**IMAGE, **before}), inputs({**IMAGE, **after}), {}))
-    assert found == [{"noun": "image", "name": "mea_1", "change": words}]
+    assert found == [{"noun": "image", "name": "mea_1", "detail": words}]
 
 
 def test_values_that_changed_are_named_and_fields_that_a_report_does_not_state_are_not() -> None:

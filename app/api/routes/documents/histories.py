@@ -102,7 +102,7 @@ async def get_robot_history_plot(
 def get_report_comparison(
     report_id: ReportPath, other_report_id: OtherReportPath, service: AppContextDep, form: FormDep
 ) -> Response:
-    """Compare the figures of two reports, the later with the earlier, with intervals and a verdict in words.
+    """Compare the figures of two reports, the later with the earlier, with intervals and a conclusion in words.
 
     Says in what they are not comparable, and which conditions are not known: a change need not be the robot's then.
     """
