@@ -215,8 +215,8 @@ SERVICE = {
     "schema downgrade": "Downgrade the database to an earlier schema, for an older version; a copy is made first.",
     "sessions archive": "Write a session with everything in it to one signed file: images, rows, results, reports.",
     "sessions restore": "Restore a session from its archive, with its ids, byte for byte as it was.",
-    "report compare": "Compare the figures of two reports, the later with the earlier, with intervals and a conclusion in "
-    "words.",
+    "report compare": "Compare the figures of two reports, the later with the earlier, with intervals and a conclusion "
+    "in words.",
     "robots history": "Show RP, AP, noise floor, parameters and cameras of a robot over its reports, and what changed "
     "lastingly.",
     "report verify": "Check a saved report by its signature, or compute a stored one anew and compare every figure.",

@@ -42,7 +42,7 @@ _ENDS = ("low", "high")
 _WITHIN_ENDS = (*_ENDS, "value", "centre")
 Json = dict[str, Any]
 _NOT_ROUNDED = frozenset({str, int, bool, type(None)})
-"""Types that most fields of most documents have, told apart before anything is called."""
+"""Types that most fields of most documents have, recognised before anything is called."""
 
 
 def encode(document: Mapping[str, Any]) -> bytes:
