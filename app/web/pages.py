@@ -16,7 +16,7 @@ from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from starlette.datastructures import Headers
 from starlette.responses import HTMLResponse, RedirectResponse, Response
 
-from app.build import program_version, sources_hash
+from app.build import program_version
 from app.errors import InvalidContent, NotAuthenticated, ServiceError
 from app.http import (
     COOKIE,
@@ -218,7 +218,6 @@ def environment() -> Environment:
         lens_models=words.LENS_MODELS,
         query=query_of,
         sqrt=math.sqrt,
-        build=sources_hash("app"),
     )
     return made
 

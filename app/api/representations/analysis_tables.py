@@ -25,6 +25,7 @@ SUMMARY = "summary"
 _FORMULA = ("=", "+", "-", "@", "\t", "\r")
 _UNIT = re.compile(r"(_(?:mm|deg|px|rad|s))?$")
 _PARTS = {3: ("x", "y", "z"), 2: ("low", "high")}
+_ANGLES = "roll_pitch_yaw"
 Json = dict[str, Any]
 
 
@@ -102,6 +103,9 @@ class _Walker:
                 parts = _PARTS.get(value.get("maxItems", 0)) if kind == "number" else None
                 if parts is None:
                     yield Column(name, at)  # its items in one cell
+                elif _ANGLES in name:
+                    for place, angle in enumerate(_ANGLES.split("_")):
+                        yield Column(name.replace(_ANGLES, angle), (*at, place))
                 else:
                     for place, part in enumerate(parts):
                         yield Column(_UNIT.sub(rf"_{part}\1", name, count=1), (*at, place))

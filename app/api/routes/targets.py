@@ -25,7 +25,8 @@ def create_target(
 ) -> TargetRead:
     """Make a printed target.
 
-    A pitch below 0.2 mm is 422 `implausible_unit`: it is almost surely in metres.
+    A pitch below 0.2 mm is 422 `implausible_unit`: it is almost surely in metres. So is a certificate in
+    another unit than the pitch, which it contradicts: that is refused with `accept_implausible`, too.
     """
     if not accept_implausible:
         check_pitch(body.pitch_mm)

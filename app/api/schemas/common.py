@@ -34,7 +34,8 @@ class ResponseModel(BaseModel):
 
 
 Code = Annotated[
-    str, Field(description="Stable name in snake_case, for programs; docs/errors.md lists failures.")
+    str,
+    Field(description="Stable name in snake_case, for programs; docs/errors.md lists failures and warnings."),
 ]
 Detail = Annotated[str, Field(description="What was found, in a sentence with its figures, for people.")]
 Advice = Annotated[str | None, Field(description="What to do about it; null where nothing is to be done.")]

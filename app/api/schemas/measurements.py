@@ -114,7 +114,8 @@ class CaptureQualityRead(ResponseModel):
     contrast: float | None = Field(description="White less black, as a fraction of full scale.")
     coverage_fraction: float = Field(description="Share of the image within the grid points' outline.")
     tilt_deg: float | None = Field(
-        description="Angle between the target's normal and the line of sight to its middle, for a usual lens."
+        description="Angle between the target's normal and the optical axis, degrees: by the image's calibration, "
+        "or for a usual lens where there is none."
     )
     warnings: list[AdvisoryRead] = Field(
         description="What would improve the image, the most effective first; empty for a good one."

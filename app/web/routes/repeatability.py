@@ -23,7 +23,6 @@ MAX_DRAWN = 40
 """Poses of one plot, as the API draws them."""
 EstimatorText = Annotated[str, Query(max_length=40)]
 SourceText = Annotated[str, Query(max_length=40)]
-ANGLES = ("rp_roll_deg", "rp_pitch_deg", "rp_yaw_deg")
 
 
 @router.get("/sessions/{session_id}/repeatability", operation_id="get_repeatability")

@@ -209,8 +209,8 @@ def _images(client: Any, session_id: str) -> None:
 
 
 def _analyses(client: Any, session_id: str) -> None:
-    length = {"from_pose_id": "P1", "to_pose_id": "P2", "length_mm": 100.0, "standard_uncertainty_mm": 0.01}
-    asked = {"lengths": [length], "maximum_permissible_error_mm": 500.0}
+    length = {"from_pose_id": "P1", "to_pose_id": "P2", "length_mm": 428.1, "standard_uncertainty_mm": 0.01}
+    asked = {"lengths": [length], "maximum_permissible_error_mm": 0.5}
     _done(client.post(f"/v1/sessions/{session_id}/qualification", json=asked))
     recorded = _create(client, f"/v1/sessions/{session_id}/qualifications", {**asked, "camera_name": "B-204"})
     _done(client.get(f"/v1/qualifications/{recorded}"), *_listed(client, "/v1/qualifications"))

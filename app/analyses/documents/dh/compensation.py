@@ -55,6 +55,7 @@ def compensation_findings(
             "applied": found.curves_applied,
             "basis": _basis(found, second, asked=asked),
             "confirming_ratio": found.confirming_ratio,
+            "failure_code": found.confirming_failure,
         },
         "validation": {"random_gain": _gain(found.by.random), "blocked_gain": _gain(found.by.blocked)},
         "region": {"joints": [region_document(joint) for joint in found.by.region]},

@@ -28,13 +28,16 @@ def pose_drift(row: PoseRow, data: SessionData) -> PoseDrift | None:
         return PoseDrift(row.pose_id, cycles, positions, (), hours=hours)
     found = drifting[1].blocks
     bounds = [(block.first_cycle - 1, block.last_cycle) for block in found]
-    places = _block_means(positions, bounds)
+    places = [
+        BlockMean(block.mean_position_mm, block.standard_error_mm, limit)
+        for block, limit in zip(found, block_limits(positions, bounds), strict=True)
+    ]
     rotations = np.array([visit.rotation for visit in visits if visit.rotation is not None])
     turns: Float[np.ndarray, "n 3"] | None = None
     turned: list[BlockMean | None] = [None] * len(found)
     if len(rotations) == len(visits):
         turns = np.degrees(rotation_vectors(rotations, rotation_mean(rotations[slice(*bounds[0])])))
-        turned = [*_block_means(turns, bounds)]
+        turned = [*_mean_turns(turns, bounds)]
     blocks = tuple(
         Block(int(cycles[start]), int(cycles[end - 1]), place, block.repeatability_mm, turn)
         for (start, end), place, block, turn in zip(bounds, places, found, turned, strict=True)
@@ -52,11 +55,11 @@ def pose_drift(row: PoseRow, data: SessionData) -> PoseDrift | None:
     )
 
 
-def _block_means(values: Float[np.ndarray, "n 3"], bounds: list[tuple[int, int]]) -> list[BlockMean]:
-    limits = block_limits(values, bounds)
+def _mean_turns(turns: Float[np.ndarray, "n 3"], bounds: list[tuple[int, int]]) -> list[BlockMean]:
+    limits = block_limits(turns, bounds)
     means = []
     for (start, end), limit in zip(bounds, limits, strict=True):
-        part = values[start:end]
+        part = turns[start:end]
         error = part.std(axis=0, ddof=1) / np.sqrt(len(part))
         means.append(BlockMean(part.mean(axis=0), error, limit))
     return means

@@ -139,6 +139,12 @@ class CompensationCurves(ResponseModel):
             "them; below 0.95 they are confirmed. Null where it was not determined."
         ),
     ]
+    failure_code: Annotated[
+        str | None,
+        Field(
+            description="The code of the reason where the second session's robot cannot be identified; else null."
+        ),
+    ]
 
 
 class Compensation(EstimatedAnalysis):
