@@ -2,7 +2,7 @@
 
 An upload is written to `incoming/`, fsynced, renamed into place, and its folder is fsynced. Only then is the row
 written. A crash in between leaves a file without a row: harmless, since the next upload of the same bytes takes its
-place, and removed by the sweep (`services/orphans.py`), as are files left in `incoming/`.
+place, and removed by the sweep (`services/maintenance/orphans.py`), as are files left in `incoming/`.
 """
 
 from __future__ import annotations

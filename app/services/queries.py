@@ -35,7 +35,6 @@ NOUNS: dict[type[Table], str] = {
     Webhook: "webhook",
 }
 POSE_ID = r"^[A-Za-z0-9_-][A-Za-z0-9._-]{0,127}$"
-SHA256 = r"^[0-9A-Fa-f]{64}$"
 
 
 def visible(table: type[Table]) -> list[sa.ColumnElement[bool]]:

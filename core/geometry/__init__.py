@@ -13,7 +13,6 @@ from core.geometry.homography import (
 from core.geometry.lens_conversion import Conversion, convert_camera
 from core.geometry.lens_inverse import fold_radius_px, undistort_any
 from core.geometry.lens_models import (
-    LENS_MODELS,
     LENS_PARAMETERS,
     AnyCamera,
     KannalaBrandtCamera,
@@ -57,7 +56,6 @@ from core.geometry.se3 import (
 __all__ = [
     "CAMERA_PARAMETERS",
     "GIMBAL_MARGIN",
-    "LENS_MODELS",
     "LENS_PARAMETERS",
     "AnyCamera",
     "Camera",

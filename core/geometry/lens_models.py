@@ -67,7 +67,6 @@ _CLASSES: dict[LensModel, type[AnyCamera]] = {
     "kannala_brandt": KannalaBrandtCamera,
     "rational": RationalCamera,
 }
-LENS_MODELS: tuple[LensModel, ...] = tuple(_CLASSES)
 LENS_PARAMETERS: dict[LensModel, tuple[str, ...]] = {
     name: tuple(f.name for f in fields(kind)) for name, kind in _CLASSES.items()
 }

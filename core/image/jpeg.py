@@ -14,7 +14,7 @@ from core.errors import UndecodableImage, UnsupportedImage
 from core.image.layout import ByteSource, ImageHeader, check_dimensions, unpack
 from core.jit import jit
 
-_SOI, _EOI, _SOS, _TEM, _APP14 = 0xD8, 0xD9, 0xDA, 0x01, 0xEE
+_SOI, _EOI, _SOS, _TEM = 0xD8, 0xD9, 0xDA, 0x01
 _FRAMES_TAKEN = {0xC0, 0xC1, 0xC2}  # baseline, extended sequential, progressive; all Huffman coded
 _FRAMES = set(range(0xC0, 0xD0)) - {0xC4, 0xC8, 0xCC}  # DHT, JPG and DAC are no frames
 _BLOCK_BYTES = 1 << 12

@@ -74,8 +74,9 @@ def calibrate_session(
     targets
         The targets that the images may show, one or several in one image.
     estimator
-        `pooled` (one camera for all images of a focus group), `pooled_free_focal`, `per_image`, `per_image_fixed_pp` or
-        `given` (the camera is `intrinsics`).
+        `pooled` (one camera for all images of a focus group), `pooled_free_focal`, `per_image`,
+        `per_image_session_prior` (each image by itself, with the lens of the others as its prior),
+        `per_image_fixed_pp` or `given` (the camera is `intrinsics`).
     commanded
         What the robot was commanded, by `pose_id`, in its base frame: positions (mm), roll, pitch, yaw (deg).
     lens

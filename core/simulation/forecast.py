@@ -57,7 +57,7 @@ class PoseForecast:
     """What is expected of one pose, mm and without unit.
 
     `floor_mm` is the noise floor of RP_l, `floor_rad` those of roll, pitch and yaw (3 S); `reading_mm` the median RP_l
-    that will be read, `interval` the median of its interval, `verdicts` the share of sessions with each verdict.
+    that will be read, `interval_mm` the median of its interval, `verdicts` the share of sessions with each verdict.
     """
 
     in_view: bool

@@ -16,7 +16,6 @@ from app.records.codec.points import (
     decode_stack,
     point_places,
     points_documents,
-    relabel_points,
 )
 from app.records.codec.results import calibration_document, encode_calibration, encode_refused
 
@@ -34,5 +33,4 @@ __all__ = [
     "encode_refused",
     "point_places",
     "points_documents",
-    "relabel_points",
 ]

@@ -136,13 +136,6 @@ def are_markers(stored: object) -> TypeGuard[bytes]:
     return isinstance(stored, bytes) and len(stored) % MARKER_BYTES == 0
 
 
-def relabel_points(points: bytes, column: Int[np.ndarray, " n"], row: Int[np.ndarray, " n"]) -> bytes:
-    """Return stored points with other labels, row by row as a detector lists them."""
-    records = np.frombuffer(points, dtype=_POINT).copy()
-    records["column"], records["row"] = column, row
-    return records[np.lexsort((column, row))].tobytes()
-
-
 def point_places(points: bytes) -> tuple[Int[np.ndarray, "n 2"], Float[np.ndarray, "n 2"]]:
     """Return column and row of each stored point, and its place in the image (px)."""
     records = np.frombuffer(points, dtype=_POINT)

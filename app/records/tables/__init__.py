@@ -14,7 +14,7 @@ from app.records.tables.base import (
 from app.records.tables.measurements import MeasuredPose, Measurement, Removal, Result
 from app.records.tables.notices import Notice, NoticeMark, Webhook, WebhookDelivery
 from app.records.tables.qualifications import Qualification
-from app.records.tables.reports import PAPERS, REPORT_FORMS, REPORT_KINDS, Report, ReportForm, ReportSummary
+from app.records.tables.reports import Report, ReportForm, ReportSummary
 from app.records.tables.sessions import (
     Pose,
     Robot,
@@ -27,9 +27,6 @@ from app.records.tables.sessions import (
 )
 
 __all__ = [
-    "PAPERS",
-    "REPORT_FORMS",
-    "REPORT_KINDS",
     "SCOPES",
     "STATUSES",
     "AccessVersion",

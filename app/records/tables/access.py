@@ -35,7 +35,9 @@ class ApiKey(Table):
 
 
 class Installation(Table):
-    """The one row that binds this database to its data folder, which names the same id (`services.binding`).
+    """The one row that binds this database to its data folder, which names the same id.
+
+    `services.installation.binding` compares the two.
 
     `pepper_check` identifies the pepper that the keys are hashed with; null until a program first opened both.
     """
@@ -53,7 +55,7 @@ class AccessVersion(Table):
     """The one row that counts changes of keys, of sessions' targets and deletions of sessions, whoever makes them.
 
     Triggers of the database raise it in the transaction that changes them, so that what is kept in memory of both can
-    be compared with it (`services.access`). No row: nothing was ever changed.
+    be compared with it (`services.installation.access`). No row: nothing was ever changed.
     """
 
     __tablename__ = "access_version"

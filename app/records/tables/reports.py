@@ -10,10 +10,6 @@ from sqlalchemy.orm import Mapped, mapped_column
 
 from app.records.tables.base import Bytes, JsonList, JsonObject, Table, made_by_column
 
-REPORT_KINDS = ("repeatability", "kinematics", "camera", "session")
-REPORT_FORMS = ("json", "html", "pdf", "csv", "xml")
-PAPERS = ("a4", "letter")
-
 
 class Report(Table):
     """A report of a session, queued, being made, made or failed. Triggers refuse to change one that is made.

@@ -80,11 +80,6 @@ class ArchiveManifest:
         """How many reports are in the archive."""
         return self.rows.get("reports", 0)
 
-    @property
-    def total_bytes(self) -> int:
-        """The bytes of all files, not compressed."""
-        return sum(file.bytes for file in self.files)
-
     def encode(self) -> bytes:
         """Return the text of `manifest.json`."""
         return (json.dumps(self.document(), indent=1) + "\n").encode()

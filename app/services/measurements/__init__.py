@@ -10,7 +10,6 @@ from app.services.measurements.acceptance import (
 )
 from app.services.measurements.corrections import correct_measurement, delete_measurement
 from app.services.measurements.gallery import (
-    IMAGE_STATES,
     GalleryCounts,
     GalleryFilter,
     GalleryPage,
@@ -36,7 +35,6 @@ from app.services.measurements.thumbnails import get_thumbnail
 from app.services.measurements.upload import find_upload, sanitise_filename, store_image
 
 __all__ = [
-    "IMAGE_STATES",
     "GalleryCounts",
     "GalleryFilter",
     "GalleryPage",

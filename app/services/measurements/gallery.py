@@ -17,7 +17,6 @@ from app.records.tables import Measurement, Result, Session
 from app.services.queries import get_or_raise
 
 ImageState = Literal["waiting", "measured", "weak", "failed", "excluded", "duplicate"]
-IMAGE_STATES: tuple[ImageState, ...] = ("waiting", "measured", "weak", "failed", "excluded", "duplicate")
 SENT_TOGETHER = timedelta(seconds=2)
 """Images of a pose that come in a shorter time than a robot takes for another visit."""
 MAX_GRADED = 5_000

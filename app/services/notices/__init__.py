@@ -12,7 +12,6 @@ from app.services.notices.journal import (
     wait_s,
 )
 from app.services.notices.noting import (
-    TYPES,
     NoticeType,
     document_of,
     latest_number,
@@ -38,7 +37,6 @@ from app.services.notices.webhooks import (
 __all__ = [
     "ATTEMPTS",
     "MAX_AGE",
-    "TYPES",
     "Claimed",
     "NewWebhook",
     "NoticeType",

@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Iterable, Mapping, Sequence
 from datetime import UTC, datetime
-from typing import Any, Literal, get_args
+from typing import Any, Literal
 
 import sqlalchemy as sa
 from sqlalchemy import orm
@@ -22,7 +22,6 @@ NoticeType = Literal[
     "robot.alarm",
     "qualification.made",
 ]
-TYPES: tuple[NoticeType, ...] = get_args(NoticeType)
 """What a webhook can be made for; `webhook.test` is sent to the one that is tested."""
 MAX_WAITING = 1000
 """Deliveries that wait for one webhook; more are not queued, and counted."""

@@ -13,8 +13,6 @@ from app.records.tables import Qualification, Report, ReportForm, ReportSummary,
 from app.services.queries import get_or_raise, require_readable, visible
 from app.services.robots.events import events_of
 
-KINDS = ("repeatability", "kinematics", "camera")
-"""Kinds of reports that a history holds; one on the whole session repeats what those of a kind state."""
 MAX_REPORTS = 3000
 """Reports and, of their own, qualifications of one history: the latest."""
 _QUALIFICATION = (

@@ -74,7 +74,7 @@ def marginalise_shape(fit: CommonFit, priors: Sequence[ShapePrior]) -> MarginalP
     state, system = problem.solved(problem.start())
     growth = problem.growth(system)
     # The data's noise grows; the priors stay as stated.
-    problem = problem.withnoise_of(math.sqrt(growth))
+    problem = problem.with_noise_of(math.sqrt(growth))
     state, system = problem.solved(state)
     return problem.result(state, system, math.sqrt(growth))
 
@@ -143,7 +143,7 @@ class _Problem:
             np.zeros(self.size),
         )
 
-    def withnoise_of(self, factor: float) -> _Problem:
+    def with_noise_of(self, factor: float) -> _Problem:
         """Return the problem with the noise multiplied by a factor."""
         return replace(self, views=tuple(replace(view, root=view.root / factor) for view in self.views))
 
@@ -235,7 +235,11 @@ class _Problem:
         return _State(parameters, rotations, state.translations_mm + poses[:, 3:], shared)
 
     def growth(self, system: _System) -> float:
-        """Return by how much the residuals of mean views exceed their noise, chance shrunk away; at least 1."""
+        """Return by how much the residuals of mean views exceed their noise.
+
+        With repeats, whose scatter is the noise: at least 1, with chance shrunk away. Without any: the ratio as it is,
+        which is then the noise's own estimate.
+        """
         fitted = self.size - float(np.sum(system.covariance() * system.prior))
         freedom = max(system.observations - 6 * len(self.views) - fitted, 1.0)
         ratio = system.squares / freedom

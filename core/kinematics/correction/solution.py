@@ -170,7 +170,7 @@ def _difference(
 
 
 def _place(by: CorrectionModel, q: Float[np.ndarray, " j"]) -> Outcome:
-    """Return whether joints are where they were measured; a gap matters to curves alone."""
+    """Return whether these joint angles are inside the region, in a gap (which matters to curves alone), or outside."""
     inside = Outcome.CORRECTED
     for joint, angle in zip(by.region, q.tolist(), strict=True):
         if not joint.minimum <= angle <= joint.maximum:

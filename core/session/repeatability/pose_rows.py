@@ -135,20 +135,10 @@ def drift_of(row: PoseRow) -> tuple[Int[np.ndarray, " n"], Drift] | None:
     return np.array([visit.cycle for visit in visits], dtype=np.intp), found
 
 
-def accuracy_drift_of(
-    row: PoseRow, accuracy: PoseAccuracy | None, found: Drift | None = None
-) -> AccuracyDrift | None:
-    """Return AP over the blocks of `drift_of`, and dAP; None without two blocks, or where AP is not determined.
-
-    `found` is the drift of `drift_of`, where it is known already.
-    """
+def accuracy_drift_of(row: PoseRow, accuracy: PoseAccuracy | None, found: Drift) -> AccuracyDrift | None:
+    """Return AP over the blocks of `found`, the drift of `drift_of`, and dAP; None where AP is not determined."""
     if accuracy is None:
         return None
-    if found is None:
-        drifting = drift_of(row)
-        if drifting is None:
-            return None
-        found = drifting[1]
     visits = [visit for visit in row.visits if visit.cycle is not None]
     rotations = [visit.rotation for visit in visits if visit.rotation is not None]
     return accuracy_drift(

@@ -1,9 +1,9 @@
 """Finding a ChArUco board: its markers say which grid points are where, the refiner says exactly where.
 
 The corners of its squares make a lattice as a chessboard's do, and are found in the same way, coarse to fine; the
-markers are then read where the lattice has them, and place it on the board (`charuco_lattice`). Parts of the board on
+markers are then read where the lattice has them, and place it on the board (`placement`). Parts of the board on
 both sides of something in front of it are joined if they lie in one plane. Where no lattice is found, OpenCV's detector
-looks for markers (`charuco_markers`). The corners are refined as any chessboard's (`refinement`), by pixels along the
+looks for markers (`isolated_markers`). The corners are refined as any chessboard's (`refinement`), by pixels along the
 squares' edges only, so that the markers are never seen.
 
 Any part of a board serves that has enough corners for a pose, and enough markers to be distinguished from all else:
