@@ -115,7 +115,7 @@ class CaptureQualityRead(ResponseModel):
     coverage_fraction: float = Field(description="Share of the image within the grid points' outline.")
     tilt_deg: float | None = Field(
         description="Angle between the target's normal and the optical axis, degrees: by the image's calibration, "
-        "or for a usual lens where there is none."
+        "else for a usual lens."
     )
     warnings: list[AdvisoryRead] = Field(
         description="What would improve the image, the most effective first; empty for a good one."

@@ -88,7 +88,12 @@ def test_joint_curves_count_where_asked_for_or_confirmed(api: Any, stored: tuple
     path = f"/v1/robots/{robot}/compensate?curves=true"
     body = {"session_id": session, "poses": poses, "source": "measured_poses"}
     asked = api.client.post(path, json=body).json()
-    assert asked["curves"] == {"applied": True, "basis": "requested", "confirming_ratio": None}
+    assert asked["curves"] == {
+        "applied": True,
+        "basis": "requested",
+        "confirming_ratio": None,
+        "failure_code": None,
+    }
     table = api.client.post(path, json=body, headers={"Accept": "text/csv"})
     rows = list(csv.DictReader(io.StringIO(table.text)))
     assert rows[0]["pose_id"] == "P1"
