@@ -31,7 +31,7 @@ def unlike(first: Summary, second: Summary) -> list[str]:
         found.append("they name different robots")
     if first.source != second.source:
         found.append(
-            f"the cameras are {first.source} and {second.source}"
+            f"the cameras are {first.source or 'not stated'} and {second.source or 'not stated'}"
             if first.kind == second.kind == "qualification"
             else "the poses of one are from images, those of the other from another instrument"
         )

@@ -28,7 +28,6 @@ _OF_QUALIFICATIONS = (
     ("scale_ppm", "scale", "ppm", False),
     ("probing_scatter_mm", "probing scatter", "mm", True),
 )
-_NO_CAMERA = "no camera stated"
 _NO_CONDITIONS = dict.fromkeys(("load_kg", "speed_percent", "temperature_c"))
 
 
@@ -56,7 +55,7 @@ def entries_of_qualifications(rows: Iterable[Mapping[str, Any]]) -> Iterator[Sum
             measured_at=as_text(row["made_at"]),
             session=(row["session_id"], row["session_name"]),
             robot_id=row["robot_id"],
-            source=row["camera_name"] or _NO_CAMERA,
+            source=row["camera_name"] or "",
             conditions=_NO_CONDITIONS,
             poses="{}",
             figures={
@@ -106,12 +105,12 @@ def history_document(
             }
             for event in events
         ],
-        "readings": rounded(
+        "session_figures": rounded(
             [
-                reading
+                figure
                 for test in tests
                 for key, series in test.series.items()
-                for reading in _readings(test.number, key, series, test.charts.get(key))
+                for figure in _session_figures(test.number, key, series, test.charts.get(key))
             ]
         ),
     }
@@ -132,7 +131,7 @@ def _test(test: ChartedTest) -> Json:
         "test": test.number,
         "test_kind": first.kind,
         "source": None if is_qualification else first.source,
-        "camera_name": first.source if is_qualification and first.source != _NO_CAMERA else None,
+        "camera_name": (first.source or None) if is_qualification else None,
         "pose_count": len(poses_in(first.poses)),
         **first.conditions,
         "sessions": len(test.reports),
@@ -185,7 +184,7 @@ def _alarm(chart: ControlChart, series: Series, sentence: str) -> Json | None:
     }
 
 
-def _readings(test: int, key: Key, series: Series, chart: ControlChart | None) -> Iterator[Json]:
+def _session_figures(test: int, key: Key, series: Series, chart: ControlChart | None) -> Iterator[Json]:
     outside = frozenset() if chart is None else frozenset(chart.outside)
     alarm = None if chart is None else chart.alarm
     marks = {} if alarm is None else {alarm.since: "since", alarm.at: "shown"}

@@ -75,7 +75,7 @@ DEFAULT_TABLES = {
     "kinematic_error": "error_map.error_cells",
     "comparison": "calibrations",
     "compensation": "poses",
-    "history": "readings",
+    "history": "session_figures",
     "report_comparison": "compared_figures",
 }
 

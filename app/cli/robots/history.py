@@ -67,7 +67,7 @@ def _print_test(found: Json, test: Json) -> None:
         f"Test {number}: {test['test_kind']}, {test['sessions']} comparable sessions, from {test['first_measured_at']}"
     )
     names: dict[tuple[str, str], list[str]] = {}
-    for point in found["readings"]:
+    for point in found["session_figures"]:
         if point["test"] == number and point["outside"]:
             names.setdefault((point["of"], point["figure"]), []).append(point["session_name"])
     rows = []

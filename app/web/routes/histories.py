@@ -85,7 +85,7 @@ def tests_of(document: dict[str, Any]) -> list[dict[str, Any]]:
         figures = [one for one in document["series"] if one["test"] == number]
         names = [(one["of"], one["figure"]) for one in figures]
         sessions: dict[str, dict[str, Any]] = {}
-        for point in document["readings"]:
+        for point in document["session_figures"]:
             if point["test"] == number:
                 row = sessions.setdefault(point["report_id"], {**point, "values": {}})
                 row["values"][(point["of"], point["figure"])] = point

@@ -74,7 +74,7 @@ def test_a_history_has_figures_limits_events_and_points(api: Api, robot: str) ->
     assert not rp.limits.in_control
     assert floor.limits is not None
     assert floor.limits.in_control
-    outside = [one.report_id for one in found.readings if one.outside]
+    outside = [one.report_id for one in found.session_figures if one.outside]
     assert outside == [report(REPORTS)]
     assert [one.note for one in found.events] == ["greased"]
     same = api.client.get(f"/v1/robots/{robot}/history", headers={"If-None-Match": response.headers["etag"]})
@@ -177,7 +177,7 @@ def test_a_limited_key_sees_the_reports_of_its_sessions_alone(api: Api) -> None:
     summarise_reports(api.installation.database)
     key = api.key("read", session_ids=[own])
     found = api.client.get(f"/v1/robots/{robot_id}/history", headers=key).json()
-    assert {one["session_id"] for one in found["readings"]} == {own}
+    assert {one["session_id"] for one in found["session_figures"]} == {own}
     assert api.client.get(f"/v1/robots/{robot_id}/history").json()["sessions"] == 2
     compared = api.client.get(f"/v1/reports/{report(500)}/comparison/{report(501)}", headers=key)
     assert_problem(compared, 404, "report_not_found")
@@ -207,7 +207,7 @@ def test_what_cannot_be_read_is_named_and_hides_nothing_else(api: Api) -> None:
         )
         records.execute(sa.text("UPDATE robot_events SET at = 'half' WHERE id = :id"), {"id": event})
     found = api.client.get(f"{path}/history").json()
-    assert {one["report_id"] for one in found["readings"]} == {report(600)}
+    assert {one["report_id"] for one in found["session_figures"]} == {report(600)}
     assert {one["code"] for one in found["warnings"]} == {"row_unreadable"}
     named = " ".join(one["detail"] for one in found["warnings"])
     assert all(one in named for one in (report(601), report(602), event))
@@ -237,7 +237,7 @@ def test_a_history_that_is_too_long_says_so(api: Api, robot: str, monkeypatch: p
     monkeypatch.setattr(robots.history, "MAX_REPORTS", 3)
     found = api.client.get(f"/v1/robots/{robot}/history").json()
     assert [one["code"] for one in found["warnings"]] == ["history_truncated"]
-    assert {one["report_id"] for one in found["readings"]} == {report(REPORTS - k) for k in range(3)}
+    assert {one["report_id"] for one in found["session_figures"]} == {report(REPORTS - k) for k in range(3)}
 
 
 def test_reports_of_earlier_versions_are_read_after_a_restart(open_api: ApiMaker, tmp_path: Any) -> None:

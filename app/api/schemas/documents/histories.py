@@ -153,7 +153,7 @@ class HistoryEventRead(ResponseModel):
     restarts_charts: Annotated[bool, Field(description="Whether charts begin anew with it.")]
 
 
-class HistoryReading(ResponseModel):
+class HistoryFigure(ResponseModel):
     """A figure of one session."""
 
     test: Annotated[int, Field(description=_TEST)]
@@ -190,8 +190,8 @@ class RobotHistory(ResponseModel):
     tests: Annotated[list[HistoryTest], Field(description="Sessions that are comparable, in time order.")]
     series: Annotated[list[HistorySeries], Field(description="Each figure of each test with its limits.")]
     events: Annotated[list[HistoryEventRead], Field(description="What was done to the robot, in time order.")]
-    readings: Annotated[
-        list[HistoryReading], Field(description="Each figure of each session, in time order within a figure.")
+    session_figures: Annotated[
+        list[HistoryFigure], Field(description="Each figure of each session, in time order within a figure.")
     ]
     warnings: Annotated[
         list[AdvisoryRead],

@@ -171,10 +171,10 @@ def test_a_lasting_change_is_said_of_the_sessions_that_are_alike() -> None:
     (alarmed,) = [one for one in document["series"] if one["alarm"]]
     assert alarmed["alarm"]["direction"] == "up"
     assert not alarmed["limits"]["in_control"]
-    points = [one for one in document["readings"] if one["figure"] == "RP_l" and one["test"] == 1]
+    points = [one for one in document["session_figures"] if one["figure"] == "RP_l" and one["test"] == 1]
     assert [one["alarm_mark"] for one in points if one["alarm_mark"]] == ["since", "shown"]
     assert points[0]["ewma"] is None
-    assert (document["sessions"], len(document["readings"])) == (31, 62)
+    assert (document["sessions"], len(document["session_figures"])) == (31, 62)
 
 
 def test_the_latest_report_of_a_session_counts() -> None:

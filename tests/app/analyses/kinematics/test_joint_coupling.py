@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import math
+import re
 from typing import Any
 
 import numpy as np
 import pytest
 
+from tests.support.service.signed_in import signed_in
 from tests.support.sessions.kinematics import (
     document,
     get,
@@ -53,6 +55,24 @@ def test_the_same_robot_is_found(api: Any, sessions: tuple[str, str, str], metho
             u = other["standard_uncertainty"][name]
             if u is not None:  # rounding of the stated angles, far below what is stated
                 assert other[name] == pytest.approx(one[name], abs=0.02 * u)
+
+
+@pytest.mark.slow
+def test_the_page_offers_the_files_that_a_coupled_robot_has(api: Any, sessions: tuple[str, str, str]) -> None:
+    query = {"source": "measured_poses"}
+    page = api.client.get(
+        f"/ui/sessions/{sessions[1]}/robot", params={**query, "compute": "1"}, headers=signed_in(api)
+    )
+    assert page.status_code == 200
+    offered = set(re.findall(r"/robot/files/([a-z.]+)\?", page.text))
+    assert {"robot.urdf", "robot.yaml"} <= offered
+    assert "robot.csv" not in offered
+    for name in offered:
+        file = api.client.get(
+            f"/ui/sessions/{sessions[1]}/robot/files/{name}", params=query, headers=signed_in(api)
+        )
+        assert file.status_code == 200, name
+        assert ("<mimic" in file.text) == (name == "robot.urdf")
 
 
 def test_without_the_coupling_nothing_fits(api: Any, sessions: tuple[str, str, str]) -> None:

@@ -26,3 +26,10 @@ def test_positions_have_a_column_for_each_coordinate(model: type[BaseModel]) -> 
 def test_camera_poses_have_three_coordinates() -> None:
     header = tables_of(analyses.CameraPosesAnalysis)["camera_poses"].header
     assert [name for name in header if "position" in name] == [f"pose_position_{axis}_mm" for axis in "xyz"]
+
+
+def test_roll_pitch_and_yaw_have_their_names() -> None:
+    header = tables_of(analyses.RepeatabilityAnalysis)["poses"].header
+    scatter = [name.removeprefix("orientation_scatter_") for name in header if "orientation_scatter" in name]
+    vector = [f"rotation_vector_{axis}_deg" for axis in "xyz"]
+    assert scatter == [*vector, "roll_deg", "pitch_deg", "yaw_deg"]
