@@ -10,7 +10,8 @@ import pytest
 
 from benchmarks.trust.accuracy import LAYOUTS, Layout, measure, simulate
 from core.geometry import rpy_to_rotation, so3_exp, transform
-from core.session import CommandedPose, MeasuredPose, PoseRow, SessionData, accuracy_drift_of
+from core.metrology import AccuracyDrift, PoseAccuracy
+from core.session import CommandedPose, MeasuredPose, PoseRow, SessionData, accuracy_drift_of, drift_of
 from core.session.commanded_poses import Accuracy, assess_accuracy
 from tests.support.sessions.drifting_robot import SIX, drifting_session
 
@@ -38,6 +39,13 @@ def session(
         commanded[name] = CommandedPose(places[i].tolist(), *angles)
         visits[name] = [MeasuredPose(name, name, 1, None, T[:3, 3], T[:3, :3], None, None)]
     return SessionData((), (), commanded=commanded), visits
+
+
+def drift_of_accuracy(visits: list[MeasuredPose], accuracy: PoseAccuracy | None) -> AccuracyDrift | None:
+    row = PoseRow(visits[0].pose_id, tuple(visits), (), None)
+    drifting = drift_of(row)
+    assert drifting is not None
+    return accuracy_drift_of(row, accuracy, drifting[1])
 
 
 def test_five_cube_poses_of_one_orientation_have_accuracy_and_interval() -> None:
@@ -131,7 +139,7 @@ def test_drift_of_accuracy_is_that_of_the_deviations_of_both_blocks() -> None:
     data, visits = drifting_session(turns, off, moved, turned, np.zeros((6, 20, 3)))
     found = assess_accuracy(data, visits).poses
     for i, name in enumerate(SIX):
-        drifting = accuracy_drift_of(PoseRow(name, tuple(visits[name]), (), None), found[name])
+        drifting = drift_of_accuracy(visits[name], found[name])
         assert drifting is not None
         figures = found[name].figures
         mean = np.array([figures.x_mm, figures.y_mm, figures.z_mm])
@@ -151,7 +159,7 @@ def test_a_turn_about_the_commanded_point_is_no_drift_of_its_position() -> None:
     )
     found = assess_accuracy(data, visits).poses
     for name in SIX:
-        drifting = accuracy_drift_of(PoseRow(name, tuple(visits[name]), (), None), found[name])
+        drifting = drift_of_accuracy(visits[name], found[name])
         shift = np.linalg.norm(visits[name][-1].position_mm - visits[name][0].position_mm)
         assert shift > 0.5
         assert drifting is not None
@@ -172,7 +180,7 @@ def test_the_uncertainty_of_the_drift_of_accuracy_is_what_it_scatters(
         data, visits = drifting_session(turns, off, moved, np.zeros((6, 3)), noise)
         found = assess_accuracy(data, visits).poses
         for i, name in enumerate(SIX):
-            drifting = accuracy_drift_of(PoseRow(name, tuple(visits[name]), (), None), found[name])
+            drifting = drift_of_accuracy(visits[name], found[name])
             # The true deviations: what the tie leaves open is in the uncertainty.
             true = [float(np.linalg.norm(off[i] + late * moved[i])) for late in (0.0, 1.0)]
             assert drifting is not None
@@ -187,7 +195,7 @@ def test_the_uncertainty_of_the_drift_of_accuracy_is_what_it_scatters(
 
 
 def test_poses_without_accuracy_have_no_drift_of_it() -> None:
-    data, visits = drifting_session(*np.zeros((3, 6, 3)), np.zeros((6, 3)), np.zeros((6, 20, 3)))
-    row = PoseRow("P1", tuple(visits["P1"]), (), None)
-    assert accuracy_drift_of(row, None) is None
+    noise = np.random.default_rng(13).normal(0.0, 0.05, (6, 20, 3))
+    data, visits = drifting_session(*np.zeros((3, 6, 3)), np.zeros((6, 3)), noise)
+    assert drift_of_accuracy(visits["P1"], None) is None
     assert data.commanded
