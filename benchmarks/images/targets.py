@@ -164,7 +164,7 @@ def _dot_errors(target: TargetSpec, seed: int) -> np.ndarray | None:
         return None
     truth = scene.points_px
     index = found.row * target.columns + found.column
-    if found.origin == "turned" and np.abs(found.points_px - truth[index]).mean() > WRONG_PX:
+    if found.labelling == "up_to_symmetry" and np.abs(found.points_px - truth[index]).mean() > WRONG_PX:
         index = target.size - 1 - index
     return np.asarray(found.points_px - truth[index])
 

@@ -28,6 +28,7 @@ from benchmarks.rendered_sessions import noisy, scene_of
 from benchmarks.table import Row
 from core.simulation import render_levels, standard_target
 from tests.support.image.images import encode
+from tests.support.service.originals import original_path
 from tests.support.service.service import Api, wait_until
 from tests.support.sessions.filed_reports import content, store_filed
 
@@ -101,12 +102,12 @@ def _reported(api: Api, seed: int, cycles: int, repeats: int) -> Iterable[Row]:
 
 def _compute(api: Api) -> float:
     """Measure all queued images as a worker does; return the processor time of that without the queue, s."""
-    queue, blobs = api.installation.queue, api.installation.blobs
+    queue = api.installation.queue
     took = 0.0
     while jobs := queue.claim(50):
         finished = []
         for job in jobs:
-            path = str(blobs.path(job.sha256))
+            path = str(original_path(api.installation, job.sha256))
             started = time.process_time()
             outcome = process_image(job, path, MAX_PIXELS)
             took += time.process_time() - started

@@ -15,7 +15,7 @@ import numpy as np
 
 from benchmarks.table import Row
 from core.geometry import rotation_to_rpy, so3_exp, transform
-from core.session import CommandedPose, MeasuredPose, PoseRow, SessionData, accuracy_drift_of
+from core.session import CommandedPose, MeasuredPose, PoseRow, SessionData, accuracy_drift_of, drift_of
 from core.session.commanded_poses import Accuracy, assess_accuracy
 
 DEVIATION_MM, DEVIATION_RAD = 0.3, math.radians(0.03)
@@ -189,7 +189,10 @@ def _drift_ratios(layout: Layout, robots: int, seed: int) -> np.ndarray:
         accuracy = assess_accuracy(data, visits).poses
         early, late = np.linalg.norm(off, axis=2)
         for i, (name, of_pose) in enumerate(visits.items()):
-            found = accuracy_drift_of(PoseRow(name, tuple(of_pose), (), None), accuracy[name])
+            row = PoseRow(name, tuple(of_pose), (), None)
+            drifting = drift_of(row)
+            assert drifting is not None
+            found = accuracy_drift_of(row, accuracy[name], drifting[1])
             assert found is not None
             assert found.standard_uncertainty_mm is not None
             ratios.append((found.dap_mm - abs(late[i] - early[i])) / found.standard_uncertainty_mm)

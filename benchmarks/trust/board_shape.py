@@ -223,7 +223,13 @@ def measure(setup: Setup, departure: Departure, sessions: int, seed: int) -> Tal
                     PoseCycles(np.array([absolute[i].position_mm for i in of_pose[n]])) for n in (other, one)
                 ]
                 whole, perfect = (
-                    assess_distance(*ends, *places, *(np.vstack([of[n], 0.0 * of[n]]) for n in (other, one)))
+                    assess_distance(
+                        ends[0],
+                        ends[1],
+                        *places,
+                        common_first=np.vstack([of[other], 0.0 * of[other]]),
+                        common_second=np.vstack([of[one], 0.0 * of[one]]),
+                    )
                     for of in (common, bare)
                 )
                 tally.intervals.append(_width(whole) / _width(perfect))

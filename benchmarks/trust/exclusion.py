@@ -78,11 +78,11 @@ def _outliers(seeds: Sequence[int], sessions: int) -> Iterator[Row]:
                 cycles = gaussian(rng, 30)[:, 0]
                 v = rng.standard_normal(3)
                 cycles[rng.integers(30)] += sigmas * SIGMA_MM * v / np.linalg.norm(v)
-                figures = _assessed(cycles)
-                alone.append(len(figures.outliers) == 1)
+                slipped_once = _assessed(cycles)
+                alone.append(len(slipped_once.outliers) == 1)
                 lengths = np.linalg.norm(cycles - cycles.mean(axis=0), axis=1)
                 expected = float(lengths.mean() + 3.0 * lengths.std(ddof=1))
-                counted.append(abs((figures.repeatability.position_mm or 0.0) - expected) < 1e-9)
+                counted.append(abs((slipped_once.repeatability.position_mm or 0.0) - expected) < 1e-9)
         note = f"{len(alone)} poses of 30 cycles, the deviation that of one axis"
         what = f"a slip of {sigmas:g} deviations"
         least = 90.0 if sigmas < 15.0 else 99.0

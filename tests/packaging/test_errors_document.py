@@ -71,7 +71,9 @@ def codes_of(tree: ast.AST) -> Iterator[str]:
     for node in ast.walk(tree):
         if isinstance(node, ast.ClassDef):
             for line in node.body:
-                names = line.targets if isinstance(line, ast.Assign) else [getattr(line, "target", None)]
+                names: list[ast.expr | None] = [getattr(line, "target", None)]
+                if isinstance(line, ast.Assign):
+                    names = [*line.targets]
                 value = getattr(line, "value", None)
                 if value is not None and any(isinstance(n, ast.Name) and n.id == "code" for n in names):
                     yield from texts(value)
@@ -101,7 +103,8 @@ def warnings_of(tree: ast.AST) -> Iterator[str | None]:
                 code = next((k.value for k in node.keywords if k.arg == "code"), None)
                 if code is None and place is not None and len(node.args) > place:
                     code = node.args[place]
-                yield from (list(texts(code)) if code is not None else []) or [None]
+                stated: list[str | None] = [] if code is None else [*texts(code)]
+                yield from stated or [None]
 
 
 def sources() -> Iterator[tuple[str, ast.AST]]:

@@ -13,7 +13,8 @@ import httpx2
 import pytest
 
 from app.analyses import service as desk
-from app.analyses.service import PLACES, compute
+from app.analyses.computations import compute
+from app.analyses.service import PLACES
 from tests.support.sessions.stored_sessions import shoot
 
 MIB = 1024 * 1024

@@ -17,6 +17,7 @@ from app.reports.signature import check_file
 from core.simulation import KR5_ARC
 from tests.support.jobs.runners import compute
 from tests.support.report_texts import page_text, technical_words
+from tests.support.service.originals import original_path
 from tests.support.service.service import Api, ApiMaker, assert_problem, wait_until
 from tests.support.sessions.kinematics import measured, readings, rows_of
 from tests.support.sessions.stored_sessions import BOARD, board_fields, shoot, store_shots
@@ -164,7 +165,7 @@ def test_a_report_verifies_from_its_originals_until_one_changes(running: Api, bo
     assert (found["originals"]["measured"], found["originals"]["identical"]) == (2, 2)
     assert found["core_version_then"] == found["core_version_now"]
     measurement = running.measurements(session_id)[0]
-    original = running.installation.blobs.path(measurement["sha256"])
+    original = original_path(running.installation, measurement["sha256"])
     original.write_bytes(board_png[:-1] + b"!")
     found = running.client.get(path).json()
     assert not found["agrees"]

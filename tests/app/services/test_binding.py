@@ -24,6 +24,7 @@ from app.services.installation.identity import read_identity, write_identity
 from app.services.keys import create_key, find_key
 from app.settings import Settings
 from tests.support.environment.postgres import EITHER_DATABASE
+from tests.support.service.originals import original_path
 
 NOW = datetime(2026, 1, 31, tzinfo=UTC)
 Make = Callable[..., Settings]
@@ -245,7 +246,7 @@ def store_image(settings: Settings) -> Path:
                 attempts=0,
             )
         )
-    path = installation.blobs.path(sha256)
+    path = original_path(installation, sha256)
     path.parent.mkdir(exist_ok=True)
     path.write_bytes(b"x")
     installation.close()

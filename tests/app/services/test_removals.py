@@ -15,6 +15,7 @@ import sqlalchemy as sa
 
 from app.errors import Unavailable
 from app.jobs.queue import JobResult, sql_queue
+from app.jobs.queue.saving import save_result
 from app.records.outcome import Failure, Outcome
 from app.records.tables import Measurement
 from app.services.maintenance.chores import Maintenance, Round, chores
@@ -183,7 +184,7 @@ def test_results_that_are_saved_while_their_session_is_deleted(
     jobs = sorted(queue.claim(4), key=lambda job: job.measurement_id, reverse=reverse)
     assert [job.has_explicit_target for job in jobs] == [True, True]
     nothing = Outcome(None, Failure("target_not_found", "Nothing there.", None))
-    half, save = threading.Event(), sql_queue.save_result
+    half, save = threading.Event(), save_result
 
     def save_slowly(*arguments: Any, **options: Any) -> bool:
         saved = save(*arguments, **options)

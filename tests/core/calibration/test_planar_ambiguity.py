@@ -13,7 +13,7 @@ from core.calibration.planar_ambiguity import FALSE_CHOICE, SecondPose, mirrored
 from core.calibration.priors import Lens
 from core.calibration.result import Calibration
 from core.calibration.single_image import calibrate_points
-from core.calibration.state import centred, view_residuals
+from core.calibration.state import centred, pose_from_undistorted_points, view_residuals
 from core.errors import FocalNotObservable
 from core.geometry.camera import Camera, project
 from core.geometry.se3 import so3_exp, so3_log, transform, transform_points
@@ -227,7 +227,7 @@ def test_a_start_at_the_wrong_pose_is_corrected(monkeypatch: pytest.MonkeyPatch)
     """Whichever of the two a closed form begins at, the fit ends at the better one."""
     from core.calibration import single_image
 
-    plain = single_image.pose_from_undistorted_points
+    plain = pose_from_undistorted_points
 
     started = []
 

@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 from scipy.cluster.hierarchy import fclusterdata
 
-from core.kinematics.global_fit.validation import SAME_CONFIGURATION, assign_folds, configurations
+from core.kinematics.global_fit.joint_configurations import SAME_CONFIGURATION, configurations
+from core.kinematics.global_fit.validation import assign_folds
 from core.kinematics.identification import identify
 from core.simulation.arm import KR5_ARC, KR5_ARC_HOME, free_angles, kr5_arc
 from tests.support.simulation.simulated_poses import Repeatability, measure_poses

@@ -8,12 +8,11 @@ import numpy as np
 import pytest
 
 from core.geometry.roll_pitch_yaw import rpy_to_rotation
-from core.geometry.se3 import rotation_mean, so3_exp, so3_log
+from core.geometry.se3 import rotation_mean, rotation_vectors, so3_exp, so3_log
 from core.metrology.pose_cycles import (
     angles_about_mean,
     angles_from_vectors,
     mean_and_vectors,
-    rotation_vectors,
 )
 
 

@@ -12,7 +12,8 @@ from core.targets.lattice.corner_graph import link
 from core.targets.lattice.growing import grow_lattice
 from core.targets.lattice.lattice import Lattice, bent_points, spacing
 from core.targets.lattice.pyramid import Level, levels
-from core.targets.lattice.saddle_points import find_saddles, rings, saddle_points
+from core.targets.lattice.rings import rings
+from core.targets.lattice.saddle_points import find_saddles, saddle_points
 
 PITCH = 24
 

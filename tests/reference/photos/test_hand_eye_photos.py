@@ -56,10 +56,10 @@ def find_charuco(image: np.ndarray) -> GridPoints | None:
 
 def find_circles(image: np.ndarray) -> GridPoints | None:
     """Ten by ten dots; the large one is the origin, and z points into the sheet."""
-    parameters = cv2.SimpleBlobDetector_Params()
+    parameters = cv2.SimpleBlobDetector.Params()
     parameters.minArea, parameters.maxArea, parameters.minConvexity = 25.0, 5000.0, 0.9
     flags = cv2.CALIB_CB_SYMMETRIC_GRID | cv2.CALIB_CB_CLUSTERING
-    blobs = cv2.SimpleBlobDetector_create(parameters)
+    blobs = cv2.SimpleBlobDetector.create(parameters)
     found, centres = cv2.findCirclesGrid(image, (10, 10), flags=flags, blobDetector=blobs)
     if not found:
         return None

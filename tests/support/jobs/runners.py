@@ -12,6 +12,7 @@ from app.jobs.runner import JobRunner
 from app.records.ids import new_id
 from app.records.presence import RunnerLock
 from tests.support.jobs.computations import compute_by_name, start_without_warm_up
+from tests.support.service.originals import original_path
 from tests.support.service.service import Api
 
 
@@ -52,9 +53,10 @@ def queue_images(api: Api, image: bytes, orders: str) -> list[str]:
 
 def compute(api: Api) -> list[JobResult]:
     """Do what the runner and its worker do, in this process; return what was finished."""
-    queue, blobs = api.installation.queue, api.installation.blobs
+    queue = api.installation.queue
     finished = [
-        JobResult(job, *process_image(job, str(blobs.path(job.sha256)), 10**7)) for job in queue.claim(10)
+        JobResult(job, *process_image(job, str(original_path(api.installation, job.sha256)), 10**7))
+        for job in queue.claim(10)
     ]
     queue.finish(finished)
     return finished

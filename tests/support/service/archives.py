@@ -19,6 +19,7 @@ from app.services.archive.container import ArchiveWriter
 from app.services.installation.context import ServiceContext
 from app.services.qualifications import store_qualification
 from tests.support.service.backups import content, image
+from tests.support.service.originals import original_path
 from tests.support.service.service import Api
 from tests.support.sessions.stored_sessions import BOARD, board_fields, shoot, store_shots, with_fields
 
@@ -50,7 +51,7 @@ def store(api: Api) -> str:
     for number, shot in enumerate(shoot(poses=2, cycles=2), start=1):
         data = image(number)
         sha256 = hashlib.sha256(data).hexdigest()
-        path = api.installation.blobs.path(sha256)  # type: ignore[attr-defined]
+        path = original_path(api.installation, sha256)
         path.parent.mkdir(exist_ok=True)
         path.write_bytes(data)
         fields = {"sha256": sha256, "bytes": len(data), "captured_at": datetime(2026, 1, 2, 3, 4, 5, 6, UTC)}

@@ -7,18 +7,28 @@ import errno
 import hashlib
 import os
 from collections.abc import Iterator
+from pathlib import Path
 from typing import Any
 
 import pytest
 import sqlalchemy as sa
 
+from app.blobs import LocalBlobs
 from app.records.tables import Measurement, Removal
+from app.services.installation.context import ServiceContext
 from app.services.maintenance.orphans import OrphanSweep
 from app.services.originals import record_removals
 
 
 def originals(api: Any) -> set[str]:
     return {path.name for path in api.installation.blobs.root.glob("??/*")}
+
+
+def original_path(installation: ServiceContext, sha256: str) -> Path:
+    """Return the file of an original that is kept on this machine."""
+    blobs = installation.blobs
+    assert isinstance(blobs, LocalBlobs)
+    return blobs.path(sha256)
 
 
 def recorded(api: Any) -> set[str]:

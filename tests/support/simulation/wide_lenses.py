@@ -61,7 +61,7 @@ def draw_lens(rng: np.random.Generator, model: LensModel) -> AnyCamera:
             kappa = np.array(CURVATURE_MEANS) + np.cumsum(steps)
             powers = (np.array(CURVATURE_ANGLES) * corner)[:, None] ** np.array([0, 2, 4, 6])
             k = np.linalg.solve(powers, kappa).tolist()
-            camera: AnyCamera = KannalaBrandtCamera(fx, fy, cx, cy, *k, p1, p2)
+            camera: AnyCamera = KannalaBrandtCamera(fx, fy, cx, cy, *k, p1=p1, p2=p2)
         elif model == "rational":
             k = {name: float(rng.normal(0.0, sigma)) for name, sigma in RATIONAL_PRIORS.items()}
             camera = RationalCamera(fx, fy, cx, cy, p1=p1, p2=p2, **k)

@@ -41,7 +41,7 @@ def make_session(service: ServiceProcess) -> None:
     angles = np.radians([[a, b] for a in (-40, 0, 40) for b in (-60, 0, 60)])
     with ServiceClient(service.url, service.admin_key) as client:
         target_id = client.create("/v1/targets", TARGET)["id"]
-        joints = [
+        joints: list[dict[str, Any]] = [
             {
                 "a_mm": j.a_mm + 1.0,
                 "alpha_deg": math.degrees(j.alpha_rad) + 0.1,

@@ -8,7 +8,7 @@ import pytest
 
 from app.api.schemas.poses import MAX_POSES
 
-ROBOT = {
+ROBOT: dict[str, Any] = {
     "name": "KR5",
     "joints": [{"a_mm": 180, "alpha_deg": -90, "d_mm": 400, "theta_offset_deg": 0}],
     "datasheet_repeatability_mm": 0.04,

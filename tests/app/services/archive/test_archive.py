@@ -18,6 +18,7 @@ from app.records.rows import tables_in
 from app.records.tables import AuditEntry, Measurement, Robot, Table
 from app.reports.signature import fingerprint_of, signing_key
 from app.services.archive import archive_session, restore_session
+from app.services.archive.copying import put_rows
 from app.services.archive.rows import OF_SESSION
 from app.services.installation.context import ServiceContext
 from app.services.originals import remove_unreferenced
@@ -196,8 +197,6 @@ def test_an_original_removed_in_between_is_put_back(
 ) -> None:
     """A deletion of the same bytes that was recorded before the restore is finished before its rows are there."""
     from app.services.archive import restoring
-
-    put_rows = restoring.put_rows
 
     def remove_first(*arguments: Any) -> Any:
         hashes = [path.name for path in (other.settings.data_dir / "originals").glob("*/*") if path.is_file()]

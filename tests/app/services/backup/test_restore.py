@@ -21,6 +21,7 @@ from app.services.installation.context import ServiceContext
 from app.services.keys import create_key, find_key, keys_in_force, revoke_key
 from app.settings import Settings
 from tests.support.service.backups import content, refused, upload
+from tests.support.service.originals import original_path
 
 
 def test_what_is_restored_is_what_was_backed_up(
@@ -39,7 +40,7 @@ def test_what_is_restored_is_what_was_backed_up(
     installation = ServiceContext.open(settings, init=False)
     assert content(installation.database) == before
     for sha256 in named:
-        assert hashlib.sha256(installation.blobs.path(sha256).read_bytes()).hexdigest() == sha256
+        assert hashlib.sha256(original_path(installation, sha256).read_bytes()).hexdigest() == sha256
     key = any_api.client.headers["Authorization"].removeprefix("Bearer ")
     assert find_key(installation, key) is not None
     for path in (settings.data_dir / "key-pepper", settings.data_dir / "gridpose.sqlite3"):

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from core.errors import DegenerateGeometry
-from core.geometry.se3 import so3_exp, so3_log
+from core.geometry.se3 import rotations_about, so3_exp, so3_log
 from core.kinematics.joint_axes.arc_fit import robust_start
 from core.kinematics.joint_axes.arc_model import (
     ArcObservations,
@@ -19,7 +19,6 @@ from core.kinematics.joint_axes.arc_model import (
     jacobian,
     linearised,
     residuals,
-    rotations_about,
     with_angles,
 )
 from core.kinematics.joint_axes.closed_form import (

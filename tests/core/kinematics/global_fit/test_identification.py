@@ -18,7 +18,7 @@ from core.errors import (
 from core.geometry.se3 import so3_exp, so3_log
 from core.kinematics.dh import Chain, forward
 from core.kinematics.global_fit import observations_of, placed
-from core.kinematics.global_fit.identifiability import Gauge
+from core.kinematics.global_fit.identifiability import Gauge, fix_gauge
 from core.kinematics.identification import from_poses, identify
 from core.kinematics.pose_observations import PoseData
 from core.simulation.arm import KR5_ARC, KR5_ARC_HOME, Arm, deviated, kr5_arc
@@ -327,7 +327,7 @@ def test_a_chain_that_is_no_better_than_the_nominal_says_so() -> None:
 
 def test_a_gauge_that_does_not_settle_is_that_of_the_figures(monkeypatch: pytest.MonkeyPatch) -> None:
     _, poses = measured(4)
-    settled = from_poses.fix_gauge
+    settled = fix_gauge
     calls = 0
 
     def alternating(*given: object) -> Gauge:

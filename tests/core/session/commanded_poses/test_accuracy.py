@@ -196,6 +196,7 @@ def test_the_uncertainty_of_the_drift_of_accuracy_is_what_it_scatters(
 
 def test_poses_without_accuracy_have_no_drift_of_it() -> None:
     noise = np.random.default_rng(13).normal(0.0, 0.05, (6, 20, 3))
-    data, visits = drifting_session(*np.zeros((3, 6, 3)), np.zeros((6, 3)), noise)
+    still = np.zeros((6, 3))
+    data, visits = drifting_session(still, still, still, still, noise)
     assert drift_of_accuracy(visits["P1"], None) is None
     assert data.commanded

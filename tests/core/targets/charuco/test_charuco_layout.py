@@ -24,7 +24,7 @@ def test_markers_stand_where_opencv_puts_them(columns: int, rows: int, legacy: b
     layout, board = charuco_layout(target), opencv_board(target)
     assert len(layout.marker_squares) == len(board.getIds())
     # OpenCV counts from the board's corner, we from grid point (0, 0), one square further in both ways.
-    for marker, corners in zip(board.getIds().ravel(), board.getObjPoints(), strict=True):
+    for marker, corners in zip(np.ravel(board.getIds()), board.getObjPoints(), strict=True):
         np.testing.assert_allclose(layout.marker_corners(int(marker)), corners - [20.0, 20.0, 0.0], atol=1e-5)
 
 
