@@ -11,6 +11,7 @@ import json
 import os
 from pathlib import Path
 
+from app.blobs.durable import write_durably
 from app.logs import Logger
 from app.records.database import Database
 from app.services.notices import document_of, latest_number, numbered_after
@@ -113,9 +114,4 @@ class AlertFile:
         return 0
 
     def _store_place(self) -> None:
-        fresh = self._place.with_suffix(".new")
-        with fresh.open("w", encoding="ascii") as file:
-            file.write(str(self._number))
-            file.flush()
-            os.fsync(file.fileno())
-        fresh.replace(self._place)
+        write_durably(self._place, str(self._number).encode("ascii"))

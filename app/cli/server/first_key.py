@@ -5,13 +5,12 @@ On a terminal the key is shown and the file removed. Elsewhere stdout may end in
 
 from __future__ import annotations
 
-import os
-import secrets
 import sys
 from pathlib import Path
 
 import sqlalchemy as sa
 
+from app.blobs.durable import write_durably
 from app.logs import Logger
 from app.records.activity import Activity, acting
 from app.records.tables import ApiKey
@@ -31,7 +30,7 @@ def ensure_admin_key(installation: ServiceContext) -> Path | None:
     path = installation.settings.data_dir / FIRST_KEY_FILE
     if not _has_admin(installation):
         new = draft_key(installation, "first admin key", "admin")
-        _write(path, new.secret_key)
+        write_durably(path, f"{new.secret_key}\n".encode("ascii"))
         with acting(Activity(actor="cli", action="create_key")):
             store_key(installation, new)
         return path
@@ -60,20 +59,3 @@ def announce_admin_key(path: Path) -> None:
 def _has_admin(installation: ServiceContext) -> bool:
     with installation.database.read() as records:
         return records.scalar(sa.select(ApiKey.id).where(ApiKey.scope == "admin").limit(1)) is not None
-
-
-def _write(path: Path, secret_key: str) -> None:
-    """Write the file atomically and durably, readable by its owner only."""
-    temporary = path.with_name(f"{path.name}.{secrets.token_hex(8)}")
-    descriptor = os.open(temporary, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)
-    with os.fdopen(descriptor, "w", encoding="ascii") as file:
-        file.write(secret_key + "\n")
-        file.flush()
-        os.fsync(file.fileno())
-    temporary.replace(path)
-    if os.name == "posix":
-        folder = os.open(path.parent, os.O_RDONLY)
-        try:
-            os.fsync(folder)
-        finally:
-            os.close(folder)

@@ -16,8 +16,6 @@ Nothing made before such a jump goes until it is old enough counted from the jum
 from __future__ import annotations
 
 import json
-import os
-import secrets
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -27,6 +25,7 @@ from pathlib import Path
 import sqlalchemy as sa
 from sqlalchemy import orm
 
+from app.blobs.durable import write_durably
 from app.errors import NotFound
 from app.logs import Logger
 from app.records.activity import Activity, acting
@@ -236,14 +235,8 @@ def _write(path: Path, agreement: Agreement) -> None:
     """Keep the agreement; the file appears whole or not at all."""
     values = {"since": agreement.since, "last": agreement.last, "jumped_at": agreement.jumped_at}
     text = json.dumps({name: value.isoformat() for name, value in values.items() if value is not None})
-    temporary = path.with_name(f"{path.name}.{secrets.token_hex(8)}")
     try:
-        with temporary.open("x", encoding="ascii") as file:
-            file.write(text)
-            file.flush()
-            os.fsync(file.fileno())
-        temporary.replace(path)
+        write_durably(path, text.encode("ascii"))
     except OSError as error:
         # A full disk is what removing old sessions helps against; but then nothing shows that the clock agrees.
         log.warning("retention_waits", reason=str(error.strerror))
-        temporary.unlink(missing_ok=True)
