@@ -4,13 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-import numpy as np
-
 from core.errors import InvalidArgument, listed
-from core.metrology import KnownLength, PoseCycles, Qualification, qualify
+from core.metrology import KnownLength, Qualification, qualify
 from core.session.estimate import SessionEstimate
-from core.session.model import MeasuredPose, SessionData
+from core.session.model import SessionData
 from core.session.repeatability import image_rows, measured_rows
+from core.session.visits import cycles_of
 
 
 def qualify_session(
@@ -39,14 +38,8 @@ def qualify_session(
                 "are not known.",
                 "Name poses that show the same target.",
             )
-    cycles = {pose_id: _cycles(visits[pose_id]) for pose_id in named}
+    cycles = {pose_id: cycles_of(visits[pose_id]) for pose_id in named}
     return qualify(
         [(one, cycles[one.from_pose_id], cycles[one.to_pose_id]) for one in lengths],
         maximum_permissible_error_mm,
     )
-
-
-def _cycles(visits: Sequence[MeasuredPose]) -> PoseCycles:
-    scatter = [visit.scatter for visit in visits if visit.scatter is not None]
-    positions = np.array([visit.position_mm for visit in visits])
-    return PoseCycles(positions, None, np.array(scatter) if len(scatter) == len(visits) else None)

@@ -40,6 +40,7 @@ from core.session.commanded_poses.mean_noise import (
     mean_rotation_variance,
 )
 from core.session.model import CameraMount, CommandedPose, MeasuredPose
+from core.session.visits import own_covariances
 
 SAME_ORIENTATION = 1e-5
 """Commanded orientations nearer to one another than this, rad, are one."""
@@ -71,7 +72,7 @@ def by_whole_poses(
                 pose_id,
                 _commanded_pose(c),
                 _transforms(visits[pose_id]),
-                _own_covariances(visits[pose_id]),
+                own_covariances(visits[pose_id]),
                 _mean_common(visits[pose_id]),
             )
             for pose_id, c in whole.items()
@@ -151,7 +152,7 @@ def _by_measured_orientation(visits: Visits, commands: Commands, process: CycleP
     for T, (pose_id, c) in zip(poses, commands.items(), strict=True):
         # Of another instrument only the scatter of the positions themselves is taken.
         common = _mean_common(visits[pose_id])
-        covariances = _own_covariances(visits[pose_id]) if common is not None else None
+        covariances = own_covariances(visits[pose_id]) if common is not None else None
         stations.append(
             PositionObservation(
                 pose_id,
@@ -274,11 +275,6 @@ def _position(commanded: CommandedPose) -> Float[np.ndarray, "3"]:
 
 def _transforms(visits: Sequence[MeasuredPose]) -> Float[np.ndarray, "n 4 4"]:
     return np.array([transform(v.rotation, v.position_mm) for v in visits if v.rotation is not None])
-
-
-def _own_covariances(visits: Sequence[MeasuredPose]) -> Float[np.ndarray, "n 6 6"] | None:
-    covariances = [own for visit in visits if (own := visit.own_covariance()) is not None]
-    return np.array(covariances) if len(covariances) == len(visits) else None
 
 
 def _mean_common(visits: Sequence[MeasuredPose]) -> Float[np.ndarray, "6 e"] | None:

@@ -32,6 +32,7 @@ from core.session.estimate import ExcludedMeasurement, ExcludedPose, SessionEsti
 from core.session.frame_warnings import gimbal_warnings
 from core.session.model import CameraMount, CommandedPose, MeasuredPose, SessionData, natural
 from core.session.robot import shared_errors
+from core.session.visits import own_covariances
 
 WEAK_SHARE = 0.005
 """Standard uncertainty of the camera on the flange, of the working distance and in rad, from which on a warning says
@@ -125,7 +126,7 @@ def calibrate_session_hand_eye(data: SessionData, estimate: SessionEstimate) -> 
                 pose_id,
                 commanded[pose_id],
                 np.array([_transform(counted[i]) for i in visits[pose_id, target]]),
-                _own_covariances([counted[i] for i in visits[pose_id, target]]),
+                own_covariances([counted[i] for i in visits[pose_id, target]]),
                 None if common is None else common[visits[pose_id, target]].mean(axis=0),
                 targets.index(target),
             )
@@ -201,11 +202,6 @@ def _commanded(data: SessionData) -> tuple[dict[str, Float[np.ndarray, "4 4"]], 
 def _transform(pose: MeasuredPose) -> Float[np.ndarray, "4 4"]:
     assert pose.rotation is not None  # poses of images always have one
     return transform(pose.rotation, pose.position_mm)
-
-
-def _own_covariances(poses: Sequence[MeasuredPose]) -> Float[np.ndarray, "n 6 6"] | None:
-    known = [own for pose in poses if (own := pose.own_covariance()) is not None]
-    return np.array(known) if len(known) == len(poses) else None
 
 
 def _held_out(used: Sequence[PoseResidual]) -> HeldOut | None:

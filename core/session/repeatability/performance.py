@@ -23,7 +23,6 @@ from core.metrology import (
     ApproachVariation,
     CycleProcess,
     DistanceAssessment,
-    PoseCycles,
     assess_approaches,
     assess_distance,
     hides_scatter,
@@ -31,6 +30,7 @@ from core.metrology import (
 from core.session.model import CommandedPose, MeasuredPose
 from core.session.repeatability.absolute_poses import distance_of_hidden_scatter, unscaled_distance
 from core.session.repeatability.lacking import MIN_SPREADS_APART, Lack, distances_unavailable
+from core.session.visits import cycles_of, mean_common
 
 MAX_PAIRS = 45
 """All pairs of ten poses; of more poses, each with the next."""
@@ -169,12 +169,12 @@ def _assess(
     process: CycleProcess | None,
 ) -> DistanceAssessment | None:
     """Return a distance's figures; None where the poses are the same place."""
-    cycles = [_cycles(readings) for readings in at]
+    cycles = [cycles_of(readings) for readings in at]
     middles = [c.positions_mm.mean(axis=0) for c in cycles]
     spread = max(float(np.max(np.std(c.positions_mm, axis=0))) for c in cycles)
     if float(np.linalg.norm(middles[0] - middles[1])) <= MIN_SPREADS_APART * spread:
         return None
-    common = [_common(readings) for readings in at]
+    common = [mean_common(readings) for readings in at]
     found = assess_distance(cycles[0], cycles[1], first_mm, second_mm, common[0], common[1], process)
     hidden = any(hides_scatter(c.positions_mm) for c in cycles)
     return distance_of_hidden_scatter(found) if hidden else found
@@ -219,7 +219,7 @@ def _approaches(
         if len(directions) < 2:
             continue
         variation = assess_approaches(
-            [_cycles([r for pose_id in poses for r in readings[pose_id]]) for poses in directions.values()]
+            [cycles_of([r for pose_id in poses for r in readings[pose_id]]) for poses in directions.values()]
         )
         found.append(
             Approaches(
@@ -266,22 +266,3 @@ def _position(pose: CommandedPose | None) -> Float[np.ndarray, "3"] | None:
     if pose is None or pose.position_mm is None:
         return None
     return np.array(pose.position_mm, dtype=np.float64)
-
-
-def _cycles(readings: Sequence[MeasuredPose]) -> PoseCycles:
-    rotations = [r.rotation for r in readings if r.rotation is not None]
-    scatters = [r.scatter for r in readings if r.scatter is not None]
-    return PoseCycles(
-        np.array([r.position_mm for r in readings]),
-        np.array(rotations) if len(rotations) == len(readings) else None,
-        np.array(scatters) if len(scatters) == len(readings) else None,
-    )
-
-
-def _common(readings: Sequence[MeasuredPose]) -> Float[np.ndarray, "6 k"] | None:
-    common = [r.common for r in readings if r.common is not None]
-    if len(common) < len(readings):
-        return None
-    if all(one is common[0] for one in common):  # of absolute poses: all visits of a pose share it
-        return common[0]
-    return np.mean(common, axis=0)

@@ -14,7 +14,6 @@ from core.metrology import (
     Drift,
     PerComponent,
     PoseAccuracy,
-    PoseCycles,
     PoseRepeatability,
     Verdict,
     accuracy_drift,
@@ -30,6 +29,7 @@ from core.session.repeatability.degraded_images import degraded_images, exclude_
 from core.session.repeatability.steadiness import SessionSteadiness, not_steady, session_steadiness
 from core.session.repeatability.stops import BurstNoise, burst_noise, merge_bursts, with_burst_noise
 from core.session.repeatability.witness import Witness, WitnessMotion, without_motion, witness_motion
+from core.session.visits import cycles_of, positions_of, rotations_of
 
 DRIFT_BLOCK = 10
 """Cycles of one block of drift."""
@@ -97,7 +97,7 @@ def image_rows(data: SessionData, estimate: SessionEstimate, witness: Witness | 
     assessed = _rows(
         with_burst_noise(stops, bursts), excluded, estimate.unsteady | estimate.differing, witness
     )
-    with_all = assess_cycles([_cycles(merge_bursts(of_pose)) for of_pose in whole.values()])
+    with_all = assess_cycles([cycles_of(merge_bursts(of_pose)) for of_pose in whole.values()])
     figures = {pose_id: one.repeatability for pose_id, one in zip(whole, with_all, strict=True)}
     rows = (replace(row, including_degraded=figures.get(row.pose_id)) for row in assessed.rows)
     return replace(assessed, rows=tuple(rows), bursts=bursts)
@@ -121,14 +121,13 @@ def drift_of(row: PoseRow) -> tuple[Int[np.ndarray, " n"], Drift] | None:
     visits = [visit for visit in row.visits if visit.cycle is not None]
     if len(visits) < 2 * DRIFT_BLOCK:
         return None
-    positions = np.array([visit.position_mm for visit in visits])
+    positions = positions_of(visits)
     if are_unchanging(positions):
         return None
-    rotations = [visit.rotation for visit in visits if visit.rotation is not None]
     resolution = find_resolution(positions)
     found = drift(
         positions,
-        np.array(rotations) if len(rotations) == len(visits) else None,
+        rotations_of(visits),
         block=DRIFT_BLOCK,
         step_mm=None if resolution is None else resolution.step_mm,
     )
@@ -140,11 +139,10 @@ def accuracy_drift_of(row: PoseRow, accuracy: PoseAccuracy | None, found: Drift)
     if accuracy is None:
         return None
     visits = [visit for visit in row.visits if visit.cycle is not None]
-    rotations = [visit.rotation for visit in visits if visit.rotation is not None]
     return accuracy_drift(
         accuracy,
-        np.array([visit.position_mm for visit in visits]),
-        np.array(rotations) if len(rotations) == len(visits) else None,
+        positions_of(visits),
+        rotations_of(visits),
         [(block.first_cycle - 1, block.last_cycle) for block in found.blocks],
     )
 
@@ -160,7 +158,7 @@ def _rows(
         visits = without_motion(visits, motion)
     several = [pose_id for pose_id in visits if visits[pose_id]]
     steadiness = session_steadiness(visits)
-    assessed = assess_cycles([_cycles(visits[pose_id]) for pose_id in several], process=steadiness.process)
+    assessed = assess_cycles([cycles_of(visits[pose_id]) for pose_id in several], process=steadiness.process)
     figures = {pose_id: _noise_unknown_said(one) for pose_id, one in zip(several, assessed, strict=True)}
     figures |= {
         pose_id: without_robot_verdict(figures[pose_id]) for pose_id in several if pose_id in unreliable
@@ -184,18 +182,7 @@ def figures_by_itself(row: PoseRow) -> PoseRepeatability | None:
     if not row.visits:
         return None
     process = session_steadiness({row.pose_id: row.visits}).process
-    return assess_cycles([_cycles(row.visits)], process=process)[0]
-
-
-def _cycles(visits: Sequence[MeasuredPose]) -> PoseCycles:
-    """Return a pose's cycles; orientations and covariances where every one of them has them."""
-    rotations = [visit.rotation for visit in visits if visit.rotation is not None]
-    scatter = [visit.scatter for visit in visits if visit.scatter is not None]
-    return PoseCycles(
-        np.array([visit.position_mm for visit in visits]),
-        np.array(rotations) if len(rotations) == len(visits) else None,
-        np.array(scatter) if len(scatter) == len(visits) else None,
-    )
+    return assess_cycles([cycles_of(row.visits)], process=process)[0]
 
 
 def _noise_unknown_said(figures: PoseRepeatability) -> PoseRepeatability:

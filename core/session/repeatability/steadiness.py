@@ -30,6 +30,7 @@ from core.metrology import (
     hides_scatter,
 )
 from core.session.model import MeasuredPose
+from core.session.visits import positions_of, stack_all
 
 MIN_STATED_CORRELATION = 0.1
 """Below it, a correlation of successive cycles does not visibly widen an interval."""
@@ -103,12 +104,11 @@ def _equal_deviations(series: PoseSeries) -> Float[np.ndarray, "n 3"]:
 
 def _series(visits: Sequence[MeasuredPose]) -> PoseSeries:
     cycles = [visit.cycle for visit in visits if visit.cycle is not None]
-    noise = [visit.scatter[:3, :3] for visit in visits if visit.scatter is not None]
     return PoseSeries(
-        np.array([visit.position_mm for visit in visits]),
+        positions_of(visits),
         np.array(cycles, dtype=np.intp) if len(cycles) == len(visits) else None,
         visits[0].frame,
-        np.array(noise) if len(noise) == len(visits) else None,
+        stack_all(None if visit.scatter is None else visit.scatter[:3, :3] for visit in visits),
     )
 
 

@@ -24,6 +24,7 @@ from core.errors import Advisory
 from core.geometry import rotation_mean, rotation_vectors
 from core.metrology import PerComponent, PoseCycles, assess_repeatability
 from core.session.model import MeasuredPose
+from core.session.visits import mean_common, own_covariances, positions_of, rotations_of, stack_all
 
 SIGNIFICANT = 0.01
 """Chance that images of a stop scatter so much more than the model says, were it right."""
@@ -76,24 +77,20 @@ def stop_mean(images: Sequence[MeasuredPose]) -> MeasuredPose:
     if len(images) == 1:
         return images[0]
     first, n = images[0], len(images)
-    scatter = [one.scatter for one in images if one.scatter is not None]
-    commons = [one.common for one in images if one.common is not None]
-    common = None
-    if len(commons) == n:
-        # Visits of an absolute pose share one array, which is kept: distances compare it.
-        common = commons[0] if all(one is commons[0] for one in commons) else np.mean(commons, axis=0)
-    own = [covariance for one in images if (covariance := one.own_covariance()) is not None]
-    covariance = np.sum(own, axis=0) / n**2 if len(own) == n else None
+    scatter = stack_all(one.scatter for one in images)
+    common = mean_common(images)
+    own = own_covariances(images)
+    covariance = None if own is None else np.sum(own, axis=0) / n**2
     if covariance is not None and common is not None:
         covariance = covariance + common @ common.T
-    rotations = [one.rotation for one in images if one.rotation is not None]
+    rotations = rotations_of(images)
     rms = [one.rms_px for one in images if one.rms_px is not None]
     return replace(
         first,
         position_mm=np.mean([one.position_mm for one in images], axis=0),
-        rotation=rotation_mean(np.array(rotations)) if len(rotations) == n else None,
+        rotation=None if rotations is None else rotation_mean(rotations),
         covariance=covariance,
-        scatter=np.sum(scatter, axis=0) / n**2 if len(scatter) == n else None,
+        scatter=None if scatter is None else np.sum(scatter, axis=0) / n**2,
         common=common,
         rms_px=math.sqrt(float(np.mean(np.square(rms)))) if rms else None,
         burst=tuple(images),
@@ -130,8 +127,8 @@ def burst_noise(visits: Mapping[str, Sequence[MeasuredPose]]) -> BurstNoise | No
         freedom = sum(len(images) - 1 for images in bursts)
         within = sum(d.T @ d for d in deviations) / freedom
         for images, d in zip(bursts, deviations, strict=True):
-            modelled = [one.scatter for one in images if one.scatter is not None]
-            if len(modelled) < len(images):
+            modelled = stack_all(one.scatter for one in images)
+            if modelled is None:
                 continue
             mean = np.mean(modelled, axis=0)
             for k, axes in enumerate((slice(0, 3), slice(3, 6))):
@@ -212,20 +209,19 @@ def burst_warnings(noise: BurstNoise | None) -> list[Advisory]:
 def _deviations(images: Sequence[MeasuredPose]) -> Float[np.ndarray, "b 6"]:
     """Return positions and rotation vectors about their mean; zero orientation where it is not known."""
     about = np.zeros((len(images), 6))
-    positions = np.array([one.position_mm for one in images])
+    positions = positions_of(images)
     about[:, :3] = positions - positions.mean(axis=0)
-    rotations = [one.rotation for one in images if one.rotation is not None]
-    if len(rotations) == len(images):
-        stacked = np.array(rotations)
-        about[:, 3:] = rotation_vectors(stacked, rotation_mean(stacked))
+    rotations = rotations_of(images)
+    if rotations is not None:
+        about[:, 3:] = rotation_vectors(rotations, rotation_mean(rotations))
     return about
 
 
 def _excess(within: Float[np.ndarray, "6 6"], images: Sequence[MeasuredPose]) -> Float[np.ndarray, "6 6"]:
     """Return the positive part of `within` less the images' mean covariance; zero where the model states none."""
-    modelled = [one.scatter for one in images if one.scatter is not None]
+    modelled = stack_all(one.scatter for one in images)
     found = np.zeros((6, 6))
-    if len(modelled) == len(images):
+    if modelled is not None:
         left = within - np.mean(modelled, axis=0)
         for axes in (slice(0, 3), slice(3, 6)):
             values, vectors = np.linalg.eigh(left[axes, axes])
@@ -239,10 +235,9 @@ def _floor(
     """Return what these visits of a motionless robot would read if each image scattered as `within`."""
     if len(visits) < 2:
         return None
-    rotations = [visit.rotation for visit in visits if visit.rotation is not None]
     cycles = PoseCycles(
-        np.array([visit.position_mm for visit in visits]),
-        np.array(rotations) if len(rotations) == len(visits) else None,
+        positions_of(visits),
+        rotations_of(visits),
         np.array([within / len(images_of(visit)) for visit in visits]),
     )
     return assess_repeatability([cycles])[0].noise_floor

@@ -21,6 +21,7 @@ from core.session.camera_mount import check_one_on_flange, moving_poses
 from core.session.estimate import ExcludedMeasurement, SessionEstimate
 from core.session.model import MeasuredPose, SessionData, readings
 from core.session.robot.last_moves import last_moves
+from core.session.visits import positions_of, rotations_of, stack_all
 
 MAX_POSES = 20_000
 """Of one identification, which takes some 20 kB for each."""
@@ -77,7 +78,7 @@ def poses_of_estimate(data: SessionData, estimate: SessionEstimate) -> RobotPose
     targets = tuple(sorted({pose.frame for pose in chosen}))
     poses = PoseData(
         _joint_angles(data, chosen),
-        np.array([pose.position_mm for pose in chosen]),
+        positions_of(chosen),
         np.array([pose.rotation for pose in chosen]),
         np.array([semidefinite(own) for pose in chosen if (own := pose.own_covariance()) is not None]),
         shared_errors(chosen),
@@ -183,22 +184,21 @@ def poses_of_readings(data: SessionData) -> RobotPoses:
             )
         )
         known = [replace(v, rotation=None) for v in known]
-    rotations = [v.rotation for v in known if v.rotation is not None]
-    covariances = [v.covariance for v in known if v.covariance is not None]
-    if 0 < len(covariances) < len(known):
+    stated = sum(v.covariance is not None for v in known)
+    if 0 < stated < len(known):
         warnings.append(
             Advisory(
                 "covariances_ignored",
-                f"{len(covariances)} of {len(known)} measured poses state a covariance; none is used, and the noise "
+                f"{stated} of {len(known)} measured poses state a covariance; none is used, and the noise "
                 "is read from the residuals.",
                 "State the instrument's covariance with each reading, or with none.",
             )
         )
     poses = PoseData(
         _joint_angles(data, known),
-        np.array([v.position_mm for v in known]),
-        np.array(rotations) if len(rotations) == len(known) else None,
-        np.array(covariances) if len(covariances) == len(known) else None,
+        positions_of(known),
+        rotations_of(known),
+        stack_all(v.covariance for v in known),
         labels=tuple(v.pose_id for v in known),
         approach=last_moves(data, known, _joint_angles(data, known)),
     )
