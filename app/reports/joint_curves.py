@@ -15,10 +15,9 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from matplotlib.ticker import MaxNLocator
 
-from app.reports.svg import BLUE, FAINT, INK, SKY, PanelText, draw_svg, panel_grid, unsigned_zero
+from app.reports.svg import BLUE, FAINT, INK, NORMAL_95, SKY, PanelText, draw_svg, panel_grid, unsigned_zero
 
 _FOOTER = 0.7
-_NORMAL_95 = 1.959964
 _MARGIN = 0.06
 """Of the range of angles: what is drawn on both sides of it, hatched."""
 _RUG = 0.07
@@ -41,7 +40,7 @@ class JointCurvePanel:
     def caption(self) -> str:
         largest = int(np.argmax(np.abs(self.correction_deg)))
         value = 1e3 * float(self.correction_deg[largest])
-        half = 1e3 * _NORMAL_95 * float(self.standard_uncertainty_deg[largest])
+        half = 1e3 * NORMAL_95 * float(self.standard_uncertainty_deg[largest])
         decimals = 2 if half <= 0.0 else min(6, max(0, 1 - math.floor(math.log10(half))))
         return (
             f"largest correction {unsigned_zero(f'{value:.{decimals}f}')} ± {half:.{decimals}f} mdeg at "
@@ -86,7 +85,7 @@ def joint_curves_figure(panels: Sequence[JointCurvePanel], title: str, summary: 
 
 
 def _draw(axes: Axes, panel: JointCurvePanel, rasterized: bool) -> None:
-    correction, band = 1e3 * panel.correction_deg, 1e3 * _NORMAL_95 * panel.standard_uncertainty_deg
+    correction, band = 1e3 * panel.correction_deg, 1e3 * NORMAL_95 * panel.standard_uncertainty_deg
     low, high = float(panel.angles_deg[0]), float(panel.angles_deg[-1])
     margin = max(_MARGIN * (high - low), 1.0)
     axes.axhline(0.0, color=INK, lw=0.7, zorder=1)

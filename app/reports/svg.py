@@ -27,6 +27,8 @@ BLUE, ORANGE, GREEN, RED, SKY = "#0072b2", "#d55e00", "#009e73", "#c1272d", "#9e
 """Distinguishable with red-green colour blindness too (Okabe and Ito, 2008), in grey by their marks."""
 NAVY = "#00365a"
 """Apart from `FAINT` in grey, too, where no mark differs."""
+NORMAL_95 = 1.959964
+"""Coverage factor of a normal figure's 95 % interval."""
 
 _STYLE: Any = {
     "svg.fonttype": "path",

@@ -18,8 +18,8 @@ from dataclasses import dataclass
 from typing import Literal
 
 from core.errors import InvalidArgument
+from core.numerics import NORMAL_95
 
-_NORMAL_95 = 1.959964
 Change = Literal["larger", "smaller", "no_change_shown"]
 
 
@@ -64,7 +64,7 @@ def estimate_difference(
         ratio, ratio_interval = math.exp(distance), (math.exp(low), math.exp(high))
     change: Change = "larger" if low > 0.0 else "smaller" if high < 0.0 else "no_change_shown"
     reach = distance - low if distance > 0.0 else high - distance
-    deviation = _NORMAL_95 * abs(distance) / reach if reach > 0.0 else 0.0 if distance == 0.0 else math.inf
+    deviation = NORMAL_95 * abs(distance) / reach if reach > 0.0 else 0.0 if distance == 0.0 else math.inf
     return Difference(difference, interval, ratio, ratio_interval, change, deviation)
 
 

@@ -45,8 +45,19 @@ def are_unchanging(positions_mm: Float[np.ndarray, "n 3"]) -> bool:
 def position_repeatability(positions_mm: Float[np.ndarray, "n 3"]) -> float:
     """Return RP_l = l̄ + 3 S_l, l_j = ‖p_j - p̄‖, S_l² = Σ (l_j - l̄)² / (n - 1) (7.2.2); n ≥ 2."""
     _at_least_two(len(positions_mm))
-    lengths = np.linalg.norm(deviations(positions_mm), axis=1)
-    return float(lengths.mean() + 3.0 * lengths.std(ddof=1))
+    return float(rp_of_lengths(np.linalg.norm(deviations(positions_mm), axis=1)))
+
+
+def rp_of_lengths(lengths_mm: Float[np.ndarray, "*k n"]) -> Float[np.ndarray, "*k"]:
+    """Return RP_l of the distances l_j of n cycles from their mean."""
+    return np.asarray(lengths_mm.mean(axis=-1) + 3.0 * lengths_mm.std(axis=-1, ddof=1))
+
+
+def rp_of_moments(
+    mean_mm: Float[np.ndarray, "*k"], mean_square_mm2: Float[np.ndarray, "*k"]
+) -> Float[np.ndarray, "*k"]:
+    """Return RP_l of distances with this mean and mean square, as endless cycles have them."""
+    return np.asarray(mean_mm + 3.0 * np.sqrt(np.maximum(mean_square_mm2 - mean_mm * mean_mm, 0.0)))
 
 
 def three_sigma(values: Float[np.ndarray, "n k"]) -> Float[np.ndarray, " k"]:

@@ -30,6 +30,8 @@ import numpy as np
 from jaxtyping import Float
 from scipy.special import elliprg, ndtri
 
+from core.metrology.iso9283 import rp_of_moments
+
 CONFIDENCE = 0.95
 NORMAL_FACTOR = float(ndtri(0.5 + 0.5 * CONFIDENCE))
 _TAILS = ((1.0 - CONFIDENCE) / 2.0, (1.0 + CONFIDENCE) / 2.0)
@@ -69,8 +71,7 @@ def mean_length(spectrum: Float[np.ndarray, "*k 3"]) -> Float[np.ndarray, "*k"]:
 
 def long_run_rp(spectrum: Float[np.ndarray, "*k 3"]) -> Float[np.ndarray, "*k"]:
     """Return g(Σ), the reading l̄ + 3 S_l after endless cycles."""
-    m = mean_length(spectrum)
-    return np.asarray(m + 3.0 * np.sqrt(np.maximum(np.maximum(spectrum, 0.0).sum(axis=-1) - m * m, 0.0)))
+    return rp_of_moments(mean_length(spectrum), np.maximum(spectrum, 0.0).sum(axis=-1))
 
 
 @dataclass(frozen=True, slots=True)

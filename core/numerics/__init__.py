@@ -23,7 +23,7 @@ from core.numerics.least_squares import (
     fit,
 )
 from core.numerics.normal_equations import block_products, covariance_of, damped_step, root_of_inverse
-from core.numerics.order_statistics import median, quantiles
+from core.numerics.order_statistics import NORMAL_95, median, quantiles
 from core.numerics.schur import (
     FREE_FOCAL,
     KNOWN,
@@ -49,6 +49,7 @@ __all__ = [
     "KNOWN",
     "MEDIAN_LENGTH",
     "NEGLIGIBLE_STEP",
+    "NORMAL_95",
     "OBSERVATIONS_PER_PARAMETER",
     "PLAIN_ITERATIONS",
     "REJECTION",

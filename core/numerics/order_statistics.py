@@ -1,4 +1,4 @@
-"""Quantiles of few values: numpy's own take ten times as long over a hundred numbers."""
+"""Quantiles of few values, for which numpy's own take ten times as long, and of the normal distribution."""
 
 from __future__ import annotations
 
@@ -6,6 +6,9 @@ from collections.abc import Sequence
 
 import numpy as np
 from jaxtyping import Float
+
+NORMAL_95 = 1.959964
+"""Half the width of a normal figure's 95 % interval, in standard uncertainties."""
 
 
 def quantiles(values: Float[np.ndarray, " n"], shares: Sequence[float]) -> list[float]:

@@ -12,11 +12,11 @@ from typing import Any
 from scipy.special import stdtrit
 
 from app.reports.forms import FORMAT, FORMAT_VERSION
+from core.numerics import NORMAL_95
 
 Json = Mapping[str, Any]
 Key = tuple[str, str]
 """What a figure is of (a pose, a joint, a camera), and its name."""
-_NORMAL_95 = 1.959964
 _PARAMETERS = ("a_mm", "alpha_deg", "d_mm", "theta_offset_deg", "beta_deg")
 _POSE = ("position_mm", "roll_deg", "pitch_deg", "yaw_deg", "joint_angles_deg")
 ALL_POSES = "all poses"
@@ -231,6 +231,6 @@ def _with_uncertainty(
 ) -> Iterator[tuple[Key, Figure]]:
     if uncertainty is None or not math.isfinite(uncertainty):
         return
-    reach = _NORMAL_95 * uncertainty
+    reach = NORMAL_95 * uncertainty
     deviation = None if nominal is None else value - nominal
     yield key, Figure(value, (value - reach, value + reach), key[1].rpartition("_")[2], False, deviation)

@@ -12,11 +12,10 @@ from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator
 
 from app.reports.camera_plots.radial_bins import RadialResiduals, radial_bins
-from app.reports.svg import BLUE, FAINT, GREEN, INK, ORANGE, RED, axes_at, draw_svg, short, text_at
+from app.reports.svg import BLUE, FAINT, GREEN, INK, NORMAL_95, ORANGE, RED, axes_at, draw_svg, short, text_at
 
 _LEFT, _PANEL_WIDTH, _PANEL_HEIGHT = 0.8, 6.6, 2.6
 _HEADER, _CAPTION, _BELOW, _FOOTER = 0.62, 0.72, 0.62, 0.72
-_NORMAL_95 = 1.959964
 _STYLES = {
     "brown": ("Brown", ORANGE, "o"),
     "kannala_brandt": ("Kannala-Brandt", BLUE, "s"),
@@ -85,7 +84,7 @@ def _draw(axes: Axes, profile: LensProfile) -> None:
         axes.errorbar(
             bins.middle_px,
             bins.mean_px,
-            _NORMAL_95 * bins.error_px,
+            NORMAL_95 * bins.error_px,
             marker=marker,
             ms=4,
             color=colour,

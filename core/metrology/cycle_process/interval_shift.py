@@ -24,6 +24,7 @@ from core.metrology.cycle_process.heavy_tails import TAIL_DEGREES
 from core.metrology.cycle_process.lag_correlation import CORRELATIONS
 from core.metrology.cycle_process.process import CycleProcess, main_axes
 from core.metrology.cycle_process.tail_shift import tail_shift
+from core.metrology.iso9283 import rp_of_lengths
 from core.metrology.rp_distribution import CONFIDENCE, long_run_rp
 
 _SEED = 92831
@@ -176,5 +177,4 @@ def _about_mean(x: Float[np.ndarray, "b n 3"]) -> Float[np.ndarray, "b n 3"]:
 
 
 def _rp(x: Float[np.ndarray, "b n d"], shape: Float[np.ndarray, " d"]) -> Float[np.ndarray, " b"]:
-    lengths = np.sqrt((x * x) @ shape)
-    return np.asarray(np.log(lengths.mean(axis=1) + 3.0 * lengths.std(axis=1, ddof=1)))
+    return np.asarray(np.log(rp_of_lengths(np.sqrt((x * x) @ shape))))

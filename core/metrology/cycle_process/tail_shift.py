@@ -16,6 +16,7 @@ from scipy.special import gammaln
 
 from core.metrology.cycle_process.heavy_tails import TAIL_DEGREES, gaussian_draws, student_draws
 from core.metrology.cycle_process.process import CycleProcess
+from core.metrology.iso9283 import rp_of_moments
 from core.metrology.rp_distribution import CONFIDENCE, eigenvalues, mean_length
 
 _MIN_DRAWS, _MAX_DRAWS = 64, 1024
@@ -61,7 +62,7 @@ def _long_run(roots: Float[np.ndarray, "p b d d"], nu: float | None) -> Float[np
     if nu is not None:
         length = length * np.sqrt(0.5 * nu) * np.exp(gammaln(0.5 * (nu - 1.0)) - gammaln(0.5 * nu))
         square = square * nu / (nu - 2.0)
-    return np.asarray(np.log(length + 3.0 * np.sqrt(np.maximum(square - length * length, 0.0))))
+    return np.asarray(np.log(rp_of_moments(length, square)))
 
 
 def _quantile(values: Float[np.ndarray, " b"], weights: Float[np.ndarray, " b"], level: float) -> float:

@@ -30,6 +30,7 @@ import numpy as np
 from jaxtyping import Float
 from scipy.special import chdtri, gammaln, ndtri
 
+from core.metrology.iso9283 import rp_of_moments
 from core.metrology.rp_distribution import (
     CONFIDENCE,
     eigenvalues,
@@ -188,7 +189,7 @@ def _heavy_tail(
         total > 0.0, np.maximum(total, noise_trace) ** 2, 1.0
     )
     m = mean_length(spectrum) * (1.0 + unevenness) ** -0.125
-    return _share(m + 3.0 * np.sqrt(np.maximum(total - m * m, 0.0)), long_run_rp(spectrum))
+    return _share(rp_of_moments(m, total), long_run_rp(spectrum))
 
 
 @dataclass(frozen=True, slots=True)
