@@ -15,7 +15,6 @@ from core.calibration.hand_eye.model import (
     Frames,
     PoseArrays,
     jacobian,
-    measurement_covariance,
     measurement_effect,
     pose_variances,
     residuals,
@@ -94,20 +93,15 @@ def deviations_of(
     """Return every station's deviation, as fitted and held out."""
     e = residuals(found.frames, poses)
     J = jacobian(found.frames, poses.T_target_camera, poses.target)
-    measured = measurement_covariance(found.frames, poses)
     V = pose_variances(found.frames, poses, found.robot)
     results = []
     lefts = held_out_factors(J, found.covariance, V, used)
     for i, (station, left) in enumerate(zip(stations, lefts, strict=True)):
         leverage = J[i] @ found.covariance @ J[i].T @ np.linalg.inv(V[i])
-        position = rotation = covariance = None
+        position = rotation = None
         if left is not None:
             held_out = np.linalg.solve(left, e[i])
             position, rotation = -held_out[:3], -held_out[3:]
-            # J C₋ᵢ Jᵀ = (1 - J C JᵀV⁻¹)⁻¹ J C Jᵀ (Woodbury).
-            common = J[i] @ found.covariance @ J[i].T
-            together = np.linalg.solve(left, shared.attained[i])
-            covariance = measured[i] + np.linalg.solve(left, common) + together @ together.T
         results.append(
             PoseResidual(
                 station.pose_id,
@@ -115,7 +109,6 @@ def deviations_of(
                 -e[i, 3:],
                 position,
                 rotation,
-                covariance,
                 bool(used[i]),
                 leverage,
                 shared.attained[i],

@@ -73,8 +73,7 @@ class PoseResidual:
     """Attained - commanded of one pose in the base frame: position (mm) and rotation vector (rad).
 
     The fit follows each pose a little, so these are too small. The fields `held_out_*` are the same with the frames
-    from the other poses, `held_out_covariance` (position, rotation) their covariance as a measurement of what the
-    robot did; None where the other poses would not suffice. Of a pose that was not `used` all poses used are the
+    from the other poses; None where these would not suffice. Of a pose that was not `used` all poses used are the
     others.
 
     `leverage` (6, 6) is the pose's block J C JᵀV⁻¹ of the fit's hat matrix: the share of the pose's own deviation that
@@ -87,7 +86,6 @@ class PoseResidual:
     rotation: Float[np.ndarray, "3"]
     held_out_position_mm: Float[np.ndarray, "3"] | None
     held_out_rotation: Float[np.ndarray, "3"] | None
-    held_out_covariance: Float[np.ndarray, "6 6"] | None
     used: bool
     leverage: Float[np.ndarray, "6 6"]
     common: Float[np.ndarray, "6 k"]
@@ -141,22 +139,6 @@ class HandEyeCalibration:
         return np.asarray(self.T_base_targets[0])
 
 
-@dataclass(frozen=True, slots=True)
-class AttainedPoses:
-    """Measured cycles of one pose in the robot's base frame, for comparison with the commanded pose.
-
-    `T_base_flange` (n) and `covariance` (n; d in mm, w in rad, base frame) are of the cycles, measurement alone;
-    `frames_covariance` is the tied frames' part, common to all cycles: it enters accuracy, not repeatability. Errors of
-    the lens are in neither: T_flange_camera takes up most of them (`PoseResidual.held_out_covariance` has the rest).
-    """
-
-    pose_id: str
-    commanded_T_base_flange: Float[np.ndarray, "4 4"]
-    T_base_flange: Float[np.ndarray, "n 4 4"]
-    covariance: Float[np.ndarray, "n 6 6"]
-    frames_covariance: Float[np.ndarray, "6 6"]
-
-
 def rejected_poses(pose_ids: Sequence[str]) -> tuple[Advisory, ...]:
     """Return the warning that these poses were rejected; none for no poses."""
     if not pose_ids:
@@ -190,24 +172,3 @@ def average_station(
     mean = transform_mean(T_target_camera)
     covariance = None if covariances is None else covariances.mean(axis=0)
     return HandEyeObservation(pose_id, T_base_flange, mean, covariance, common, target)
-
-
-def attained_poses(
-    tie: HandEyeCalibration,
-    pose_id: str,
-    commanded_T_base_flange: Float[np.ndarray, "4 4"],
-    T_target_camera: Float[np.ndarray, "n 4 4"],
-    covariances: Float[np.ndarray, "n 6 6"] | None = None,
-) -> AttainedPoses:
-    """Return the measured cycles of a pose before the first target as T_base_flange, with the commanded one."""
-    frames = tie.frames
-    G = measurement_effect(frames, T_target_camera)
-    known = np.zeros((len(G), 6, 6)) if covariances is None else G @ covariances @ G.swapaxes(1, 2)
-    J = jacobian(frames, transform_mean(T_target_camera)[None])[0]
-    return AttainedPoses(
-        pose_id=pose_id,
-        commanded_T_base_flange=commanded_T_base_flange,
-        T_base_flange=frames.attained(T_target_camera),
-        covariance=known,
-        frames_covariance=J @ tie.covariance_given_camera @ J.T,
-    )
