@@ -195,12 +195,6 @@ def se3_exp(twist: Float[np.ndarray, "6"]) -> Float[np.ndarray, "4 4"]:
     return transform(so3_exp(w), so3_left_jacobian(w) @ v)
 
 
-def se3_log(T: Float[np.ndarray, "4 4"]) -> Float[np.ndarray, "6"]:
-    """Return the twist (v, w) with se3_exp(twist) = T."""
-    w = so3_log(T[:3, :3])
-    return np.concatenate([np.linalg.solve(so3_left_jacobian(w), T[:3, 3]), w])
-
-
 def perturbed(T: Float[np.ndarray, "4 4"], step: Float[np.ndarray, "6"]) -> Float[np.ndarray, "4 4"]:
     """Return T after a small motion (d, w) of its frame: t + d (mm), exp(w) R (rad)."""
     return transform(so3_exp(step[3:]) @ T[:3, :3], T[:3, 3] + step[:3])

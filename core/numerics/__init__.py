@@ -25,7 +25,6 @@ from core.numerics.least_squares import (
 from core.numerics.normal_equations import block_products, covariance_of, damped_step, root_of_inverse
 from core.numerics.order_statistics import NORMAL_95, median, quantiles
 from core.numerics.schur import (
-    FREE_FOCAL,
     KNOWN,
     SHARED_CAMERA,
     ArrowheadEquations,
@@ -45,7 +44,6 @@ from core.numerics.variance_components import (
 __all__ = [
     "CAUCHY_C",
     "EXPECTED_SCALE",
-    "FREE_FOCAL",
     "KNOWN",
     "MEDIAN_LENGTH",
     "NEGLIGIBLE_STEP",

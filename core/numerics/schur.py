@@ -53,7 +53,6 @@ def free_focal(camera: int) -> Sharing:
 
 
 SHARED_CAMERA = shared_camera(8)
-FREE_FOCAL = free_focal(8)
 KNOWN = Sharing(common=(), own=())
 
 

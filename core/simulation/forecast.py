@@ -56,13 +56,12 @@ class PlannedSession:
 class PoseForecast:
     """What is expected of one pose, mm and without unit.
 
-    `floor_mm` is the noise floor of RP_l, `floor_rad` those of roll, pitch and yaw (3 S); `reading_mm` the median RP_l
-    that will be read, `interval_mm` the median of its interval, `verdicts` the share of sessions with each verdict.
+    `floor_mm` is the noise floor of RP_l; `reading_mm` the median RP_l that will be read, `interval_mm` the median of
+    its interval, `verdicts` the share of sessions with each verdict.
     """
 
     in_view: bool
     floor_mm: float
-    floor_rad: tuple[float, float, float]
     reading_mm: float
     interval_mm: tuple[float, float]
     verdicts: Mapping[str, float]
@@ -109,7 +108,7 @@ def forecast_repeatability(
     sigma_mm = rp_mm / float(long_run_rp(np.ones((1, 3)))[0])
     sessions = [assess_repeatability(_moved(measured, sigma_mm, rng)) for _ in range(draws)]
     found = iter([_forecast(figures, [of[k] for of in sessions]) for k, figures in enumerate(still)])
-    unseen = PoseForecast(False, np.nan, (np.nan,) * 3, np.nan, (np.nan, np.nan), {})
+    unseen = PoseForecast(False, np.nan, np.nan, (np.nan, np.nan), {})
     decisions = None
     if limit_mm is not None:
         readings = ([repeatability_reading(one) for one in session] for session in sessions)
@@ -154,14 +153,12 @@ def _moved(measured: Sequence[PoseCycles], sigma_mm: float, rng: np.random.Gener
 
 
 def _forecast(still: PoseRepeatability, sessions: Sequence[PoseRepeatability]) -> PoseForecast:
-    floor = still.noise_floor
     readings = np.array([one.repeatability.position_mm for one in sessions])
     low, high = np.median([one.interval.position_mm for one in sessions], axis=0).tolist()
     verdicts = Counter(one.verdict for one in sessions)
     return PoseForecast(
         True,
-        float(floor.position_mm or 0.0),
-        (float(floor.roll or 0.0), float(floor.pitch or 0.0), float(floor.yaw or 0.0)),
+        float(still.noise_floor.position_mm or 0.0),
         float(np.median(readings)),
         (low, high),
         {verdict.value: count / len(sessions) for verdict, count in sorted(verdicts.items())},

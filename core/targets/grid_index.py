@@ -31,16 +31,9 @@ def apart(target: TargetSpec) -> float:
     return math.sqrt(2.0) if is_staggered(target) else 1.0
 
 
-def sites_of(
-    target: TargetSpec, column: Int[np.ndarray, " n"], row: Int[np.ndarray, " n"]
-) -> Int[np.ndarray, "n 2"]:
-    """Return the places (x, y), in lines, of grid points."""
-    return np.stack([2 * column + row % 2 if is_staggered(target) else column, row], axis=1)
-
-
 def cells_of(
     target: TargetSpec, sites: Int[np.ndarray, "n 2"]
 ) -> tuple[Int[np.ndarray, " n"], Int[np.ndarray, " n"]]:
-    """Return the columns and rows of grid points from their places; the inverse of `sites_of`."""
+    """Return the columns and rows of grid points from their places (x, y), in lines."""
     x, y = sites.T
     return np.ascontiguousarray((x - y % 2) // 2 if is_staggered(target) else x), np.ascontiguousarray(y)

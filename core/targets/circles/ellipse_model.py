@@ -168,8 +168,18 @@ def write_equations(
     J: Float[np.ndarray, "14 together"],
     pixels: Float[np.ndarray, "3 together"],
 ) -> int:
-    """Write the normal equations into N as `dot_equations` returns them: JᵀJ's lower triangle, below it Jᵀ(observed -
-    model) and the sum of squares. Return how many pixels. The last row of J must be 0."""
+    """Write the normal equations into N: JᵀJ's lower triangle, below it Jᵀ(observed - model) and the sum of squares.
+    Return how many pixels. The last row of J must be 0.
+
+    Parameters
+    ----------
+    shape
+        Centre u, v (px), M's elements uu, uv, vv (1/px²), blur s (px).
+    light
+        b₀, b₁, b₂, c₀, c₁, c₂, grey levels.
+    stride
+        Only every so manyth row and column is looked at.
+    """
     for i in range(ROWS):
         for j in range(N.shape[1]):
             N[i, j] = 0.0
@@ -210,31 +220,3 @@ def write_equations(
                     total, held = total + held, 0
     _take(pixels, held, shape, light, J, N)
     return total + held
-
-
-@jit
-def dot_equations(
-    image: Shaped[np.ndarray, "h w"],
-    shape: Float[np.ndarray, "6"],
-    light: Float[np.ndarray, "6"],
-    reach_px: float,
-    stride: int,
-) -> tuple[Float[np.ndarray, "12 12"], Float[np.ndarray, "12"], float, int]:
-    """Return the normal equations JᵀJ and Jᵀ(observed - model), the residuals' sum of squares, and how many pixels.
-
-    Parameters
-    ----------
-    shape
-        Centre u, v (px), M's elements uu, uv, vv (1/px²), blur s (px).
-    light
-        b₀, b₁, b₂, c₀, c₁, c₂, grey levels.
-    stride
-        Only every so manyth row and column is looked at.
-    """
-    A, J, pixels = np.empty((ROWS, 16)), np.zeros((ROWS, TOGETHER)), np.empty((3, TOGETHER))
-    count = write_equations(image, shape, light, reach_px, stride, A, J, pixels)
-    N = np.empty((12, 12))
-    for i in range(12):
-        for j in range(i + 1):
-            N[i, j] = N[j, i] = A[i, j]
-    return N, A[RESIDUAL, :12].copy(), A[RESIDUAL, RESIDUAL], count

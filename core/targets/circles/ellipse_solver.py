@@ -85,7 +85,7 @@ def fit_dot(
     Returns
     -------
     shape, light
-        As `dot_equations` takes them.
+        As `write_equations` takes them.
     covariance
         Of the centre (px²) for residuals of variance one.
     variance

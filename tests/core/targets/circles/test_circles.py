@@ -15,10 +15,11 @@ from core.simulation import Light, Scene, standard_scene, standard_target
 from core.simulation.scenes import random_pose
 from core.targets import GridPoints, TargetSpec, detect
 from core.targets.circles.blobs import Dots, patches
-from core.targets.circles.ellipse_model import dot_equations, normal
+from core.targets.circles.ellipse_model import RESIDUAL, ROWS, TOGETHER, normal, write_equations
 from core.targets.circles.ellipse_solver import fit_dot, fit_each, solve_equations
 from core.targets.circles.lattice import crosses, dot_lattices
-from core.targets.grid_index import cells_of, lines, sites_of
+from core.targets.grid_index import cells_of, lines
+from tests.support.image.dot_sites import sites_of
 from tests.support.simulation.renders import render
 
 CAMERA = Camera(1500.0, 1500.0, 795.0, 603.0, k1=-0.2)
@@ -427,12 +428,13 @@ def test_equations_are_those_of_the_model() -> None:
     v, u = (a.ravel().astype(float) for a in np.mgrid[0:60, 0:70])
     values, distance = model(shape, light, u, v)
     used = np.abs(distance) <= reach
-    N, g, squares, count = dot_equations(image, shape, light, reach, 1)
+    N, buffers = np.empty((ROWS, 16)), (np.zeros((ROWS, TOGETHER)), np.empty((3, TOGETHER)))
+    count = write_equations(image, shape, light, reach, 1, N, *buffers)
     residual = image.ravel()[used] - values[used]
     assert count == used.sum()
-    assert squares == pytest.approx(np.sum(residual**2))
+    assert N[RESIDUAL, RESIDUAL] == pytest.approx(np.sum(residual**2))
     assert N[6, 6] == pytest.approx(count)
-    assert g[6] == pytest.approx(residual.sum())
+    assert N[RESIDUAL, 6] == pytest.approx(residual.sum())
     edge = np.abs(distance[used]) < 0.7  # derivatives are those at the edge
     J = []
     for k in range(6):

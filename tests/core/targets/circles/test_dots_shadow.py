@@ -14,7 +14,7 @@ from core.simulation.scenes import random_pose
 from core.targets import TargetSpec, detect
 from core.targets.circles.board_ends import without_stray_lines
 from core.targets.circles.lattice import DotLattice
-from core.targets.grid_index import sites_of
+from tests.support.image.dot_sites import sites_of
 from tests.support.simulation.renders import render
 
 CAMERA = Camera(700.0, 700.0, 321.0, 238.0, k1=-0.1)
