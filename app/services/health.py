@@ -58,7 +58,7 @@ class HealthWatch:
         found = latest.result() if latest.done() else self._found
         if found is None or (not latest.done() and time.monotonic() - self._begun_at > SILENT_S):
             found = [Check("database", ok=False, detail="The database does not answer.")]
-        return [*found, _runner(self._installation, self._runner)]
+        return [*found, _runner(self._runner)]
 
     async def _look(self) -> list[Check]:
         try:
@@ -132,7 +132,7 @@ def _bucket(installation: ServiceContext) -> list[Check]:
     return [Check("bucket", ok=True, detail="The bucket of the originals answers.")]
 
 
-def _runner(installation: ServiceContext, runner: JobRunner | None) -> Check:
+def _runner(runner: JobRunner | None) -> Check:
     if runner is None:
         return Check(
             "runner", ok=True, detail="No runner in this process (GRIDPOSE_WORKERS=0); run `gridpose worker`."

@@ -22,7 +22,7 @@ Json = Mapping[str, Any]
 
 def camera_blocks(found: Json, inputs: Json) -> list[Block]:
     """Return the sections; `found` is the analysis `intrinsics`."""
-    blocks = [block for group in found["groups"] for block in _group(group, inputs)]
+    blocks = [block for group in found["groups"] for block in _group(group)]
     if found["target_shape"]:
         shapes = found["target_shape"]
         blocks += _shapes(shapes if isinstance(shapes, list) else [shapes])
@@ -40,7 +40,7 @@ def estimated_terms(group: Json) -> list[tuple[str, float]]:
     ]
 
 
-def _group(group: Json, inputs: Json) -> list[Block]:
+def _group(group: Json) -> list[Block]:
     u = group["standard_uncertainty"]
     rows = [
         [

@@ -126,7 +126,7 @@ def _copy_originals(
     with source.database.read() as records:
         statement = sa.select(Measurement.sha256, Measurement.bytes).distinct().order_by(Measurement.sha256)
         named = [(row.sha256, row.bytes) for row in records.execute(statement)]
-    done = _read_journal(journal, source.settings, blobs)
+    done = _read_journal(journal, blobs)
     with journal.open("a", encoding="ascii") as file, ThreadPoolExecutor(_TOGETHER) as threads:
         rest = [original for original in named if original[0] not in done]
         report.originals = len(named) - len(rest)
@@ -171,7 +171,7 @@ def _copy(source: Blobs, target: Blobs, sha256: str, size: int) -> str:
     return "copied"
 
 
-def _read_journal(journal: Path, settings: Settings, blobs: Blobs) -> set[str]:
+def _read_journal(journal: Path, blobs: Blobs) -> set[str]:
     """Return the hashes that an earlier run to the same place read back; begin anew where it went elsewhere."""
     first = json.dumps({"to": blobs.address("0" * 64)})
     try:

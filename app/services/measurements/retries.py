@@ -23,7 +23,7 @@ _OF_IMAGE_THAT_LACKED = Measurement.status.in_(("succeeded", "failed")) & (
 """Measurements that may have failed for want of their original: why a retry failed, `lacked_original` reads."""
 
 
-def queue_again(installation: ServiceContext, records: orm.Session, measurement: Measurement) -> None:
+def queue_again(records: orm.Session, measurement: Measurement) -> None:
     """Make a measurement a job again. What came of it stays where there is a result, of which it is part.
 
     A result that cannot be read is deleted: nothing can be made of it.
@@ -79,7 +79,7 @@ def queue_restored(
             or lacked_original(measurement.failure_code, measurement.retry_failure)
         ]
         for measurement in found:
-            queue_again(installation, records, measurement)
+            queue_again(records, measurement)
     if found:
         installation.queue.notify()
     return len(found)
@@ -106,7 +106,7 @@ def retry_measurement(installation: ServiceContext, measurement_id: str) -> Meas
                 "Wait until it has finished, then retry.",
                 code="measurement_in_progress",
             )
-        queue_again(installation, records, measurement)
+        queue_again(records, measurement)
     installation.queue.notify()
     with installation.database.read() as records:
         return get_measurement(records, measurement_id)

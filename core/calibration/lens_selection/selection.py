@@ -116,7 +116,7 @@ def select_lens(
         chosen = _with_misfit(chosen, at)
     evidence = None
     if at is not None and brown is not None and asked in (None, "brown"):
-        evidence = _first_look(chosen, at, brown, lens)
+        evidence = _first_look(chosen, at, lens)
         if evidence is not None:
             return replace(BROWN, evidence=evidence)
     angular = _angular(chosen, at, lens)
@@ -198,9 +198,7 @@ def _far(squared: Float[np.ndarray, " n"]) -> Bool[np.ndarray, " n"]:
     return squared > MAX_DISTANCE**2 * np.median(squared)
 
 
-def _first_look(
-    views: ViewStack, at: Placements, brown: GroupEstimate, lens: Lens | None
-) -> LensEvidence | None:
+def _first_look(views: ViewStack, at: Placements, lens: Lens | None) -> LensEvidence | None:
     """Return the evidence to first order where it already says that Brown's model holds, else None."""
     squared = squared_distances(views, at)
     median = float(np.median(squared))

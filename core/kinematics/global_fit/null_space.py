@@ -56,7 +56,7 @@ def unidentifiable(
             of_frames = "the base transforms"
         if others and not frames:
             everything = sorted([*columns, *others])
-            because = _because(everything, layout, parallel)
+            because = _because(everything, parallel)
             sentence = f"{_listed([names[c] for c in everything])} cannot be determined separately{because}."
         elif others:
             with_others = _listed([names[c] for c in others])
@@ -126,7 +126,7 @@ def _kind(column: int, layout: ParameterLayout) -> int:
     return _TOOL if column < layout.tool.stop else _BASE
 
 
-def _because(columns: Sequence[int], layout: ParameterLayout, parallel: Bool[np.ndarray, " j"]) -> str:
+def _because(columns: Sequence[int], parallel: Bool[np.ndarray, " j"]) -> str:
     joints = sorted({c // 5 for c in columns})
     consecutive = joints == list(range(joints[0], joints[-1] + 1))
     if consecutive and all(c % 5 == D for c in columns) and parallel[joints[:-1]].all():

@@ -153,7 +153,7 @@ def calibrate_session_hand_eye(data: SessionData, estimate: SessionEstimate) -> 
         _rms([(d.position_mm, d.rotation) for d in used]),
         _held_out(used),
         distance,
-        _excluded(data, visits, commanded),
+        _excluded(visits, commanded),
         (
             *estimate.excluded.values(),
             *estimate.unclear.values(),
@@ -221,7 +221,6 @@ def _rms(deviations: Sequence[tuple[Float[np.ndarray, "3"], Float[np.ndarray, "3
 
 
 def _excluded(
-    data: SessionData,
     visits: Mapping[tuple[str, int], Sequence[int]],
     commanded: Mapping[str, Float[np.ndarray, "4 4"]],
 ) -> tuple[ExcludedPose, ...]:

@@ -97,14 +97,14 @@ def refine_target(data: SessionData, estimate: SessionEstimate) -> RefinedTarget
         )
     if applied:
         groups = of_one_width(tuple(_again(data, old, shape, target, name) for old in estimate.groups))
-        warnings += _applied_warnings(estimate.groups, groups, name, target)
+        warnings += _applied_warnings(estimate.groups, groups, name)
         estimate = replace(estimate, groups=groups, poses=in_order(data, groups))
     estimate = replace(estimate, warnings=(*estimate.warnings, *warnings))
     return RefinedTarget(target, name, len(chosen), shape, applied, estimate)
 
 
 def _applied_warnings(
-    before: tuple[FocusGroup, ...], after: tuple[FocusGroup, ...], name: str, target: int
+    before: tuple[FocusGroup, ...], after: tuple[FocusGroup, ...], name: str
 ) -> list[Advisory]:
     warnings = []
     others = [g.name for g in after if g.name != name]

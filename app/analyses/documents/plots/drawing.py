@@ -45,7 +45,7 @@ def scatter_plot(data: SessionData, settings: Mapping[str, str], about: str) -> 
     source = _source(data, settings)
     rows = _chosen(source.rows, settings.get("pose_id"))
     title = f"Position scatter in the {source.frame}, about each pose's mean ({source.how})"
-    return scatter_svg([_scatter(row, source) for row in rows], title, about)
+    return scatter_svg([_scatter(row) for row in rows], title, about)
 
 
 def drift_plot(data: SessionData, settings: Mapping[str, str], about: str) -> bytes:
@@ -171,7 +171,7 @@ def _listed(reasons: Mapping[str, int]) -> str:
     return ", ".join(f"{code.replace('_', ' ')} ({count})" for code, count in sorted(reasons.items()))
 
 
-def _scatter(row: PoseRow, source: _Source) -> PoseScatter:
+def _scatter(row: PoseRow) -> PoseScatter:
     counted = row.visits
     positions = _stacked([visit.position_mm for visit in counted])
     figures = row.figures
