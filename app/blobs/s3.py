@@ -21,7 +21,7 @@ from typing import Any
 
 from app.blobs.local import LocalBlobs, StagedBlob, map_storage_errors
 from app.blobs.objects import delete_object, map_object_errors, split_address, store_of
-from app.blobs.s3_thumbnails import S3Thumbnails
+from app.blobs.thumbnails import S3Thumbnails
 from app.errors import OriginalCorrupt, OriginalMissing
 from app.logs import Logger
 

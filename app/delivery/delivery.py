@@ -2,21 +2,33 @@
 
 from __future__ import annotations
 
+import asyncio
+import threading
 import time
+from collections.abc import Callable
 from datetime import UTC, datetime
 
 import sqlalchemy as sa
 
 from app.delivery.alert_file import AlertFile
 from app.delivery.derived import Derived, derived_of
-from app.delivery.loop import Loop
 from app.delivery.measured import MeasuredSessions
-from app.delivery.sender import Sender
+from app.delivery.posting import Attempt, post
+from app.errors import ServiceError
 from app.logs import Logger
 from app.records.readable import unreadable_columns
 from app.records.tables import Notice
 from app.services.installation.context import ServiceContext
-from app.services.notices import note, prune, take_up, unexamined
+from app.services.notices import (
+    Claimed,
+    claim_due,
+    note,
+    prune,
+    save_attempt,
+    secret_of,
+    take_up,
+    unexamined,
+)
 
 _EVERY_S = 2.0
 _LOOK_EVERY_S = 15.0
@@ -103,3 +115,91 @@ class Delivery:
             # A defect: the notice itself goes on its way.
             log.exception("notice_not_examined", notice_id=row.id)
             return []
+
+
+class Sender:
+    """Sends what is due: to every webhook its deliveries one after another, to several webhooks at a time.
+
+    Of several services on one database, each claims its own.
+    """
+
+    def __init__(self, installation: ServiceContext) -> None:
+        self._database = installation.database
+        self._pepper = installation.pepper
+
+    def send_due(self) -> bool:
+        """Send the oldest due delivery of each webhook; return whether there was any."""
+        with self._database.write() as records:
+            claimed = claim_due(records, datetime.now(UTC))
+        if not claimed:
+            return False
+        attempts = asyncio.run(self._send(claimed))
+        for one, attempt in zip(claimed, attempts, strict=True):
+            with self._database.write() as records:
+                save_attempt(records, one, response_status=attempt.response_status, failure=attempt.failure)
+            if attempt.failure is not None:
+                log.warning(
+                    "webhook_not_delivered",
+                    webhook_id=one.webhook_id,
+                    delivery_id=one.delivery_id,
+                    attempt=one.attempt,
+                    reason=attempt.failure,
+                )
+        return True
+
+    async def _send(self, claimed: list[Claimed]) -> list[Attempt]:
+        at_s = int(time.time())
+        return await asyncio.gather(
+            *(
+                post(
+                    one.url,
+                    secret_of(self._pepper, one.webhook_id),
+                    one.delivery_id,
+                    one.document,
+                    at_s=at_s,
+                )
+                for one in claimed
+            )
+        )
+
+
+class Loop:
+    """A thread that calls `step` until it returns False, then waits `every_s`, or until woken; until stopped."""
+
+    def __init__(self, name: str, step: Callable[[], bool], every_s: float) -> None:
+        self._name, self._step, self._every_s = name, step, every_s
+        self._stopping = False
+        self._wake = threading.Event()
+        self._thread = threading.Thread(target=self._run, name=name, daemon=True)
+
+    def start(self) -> None:
+        """Begin."""
+        self._thread.start()
+
+    def wake(self) -> None:
+        """Say that there is something to do."""
+        self._wake.set()
+
+    def begin_stop(self) -> None:
+        """Begin no further step."""
+        self._stopping = True
+        self._wake.set()
+
+    def join(self) -> None:
+        """End; returns when no step is being done."""
+        self.begin_stop()
+        if self._thread.is_alive():
+            self._thread.join()
+
+    def _run(self) -> None:
+        while not self._stopping:
+            self._wake.clear()
+            try:
+                if self._step():
+                    continue
+            except ServiceError as error:  # a full disk or a busy database passes
+                log.warning("notices_put_off", part=self._name, code=error.code)
+            except Exception:
+                log.exception("notices_failed", part=self._name)
+            if not self._stopping:
+                self._wake.wait(self._every_s)
