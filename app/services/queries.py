@@ -34,6 +34,8 @@ NOUNS: dict[type[Table], str] = {
     Qualification: "qualification",
     Webhook: "webhook",
 }
+MAX_NAMED = 5
+"""Sessions listed in a refusal; a robot or a target may have many more."""
 POSE_ID = r"^[A-Za-z0-9_-][A-Za-z0-9._-]{0,127}$"
 
 

@@ -18,7 +18,7 @@ from app.records.ids import new_id
 from app.records.pagination import page
 from app.records.tables import Measurement, SessionTarget, Target, measured_target_fields
 from app.services.plausibility import check_certificate
-from app.services.queries import get_or_raise, lock_for_deletion, named, visible
+from app.services.queries import MAX_NAMED, get_or_raise, lock_for_deletion, named, visible
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -92,10 +92,6 @@ def list_targets(
         limit=limit,
         cursor=cursor,
     )
-
-
-MAX_NAMED = 5
-"""Sessions listed in a refusal; a target may have many more."""
 
 
 def delete_target(records: orm.Session, target_id: str) -> None:

@@ -17,7 +17,17 @@ from app.records.database import Database
 from app.records.ids import new_id
 from app.records.pagination import page
 from app.records.tables import Robot, Session, Target, target_fields
-from app.services.queries import exists, get_or_raise, lock_for_deletion, named, require_readable, visible
+from app.services.queries import (
+    MAX_NAMED,
+    exists,
+    get_or_raise,
+    lock_for_deletion,
+    named,
+    require_readable,
+    visible,
+)
+
+MIN_DETERMINANT = 1e-6
 
 
 def create_robot(records: orm.Session, fields: Mapping[str, Any]) -> Robot:
@@ -105,11 +115,6 @@ def list_robots(
         limit=limit,
         cursor=cursor,
     )
-
-
-MIN_DETERMINANT = 1e-6
-MAX_NAMED = 5
-"""Sessions listed in a refusal; a robot may have many more."""
 
 
 def delete_robot(records: orm.Session, robot_id: str) -> None:
