@@ -4,10 +4,17 @@
 """
 
 from app.analyses.reporting.maker import ReportMaker
-from app.analyses.reporting.orders import ReportOrder, VerificationOrder, compute_report, compute_verification
+from app.analyses.reporting.orders import (
+    DH_DEFAULTS,
+    ReportOrder,
+    VerificationOrder,
+    compute_report,
+    compute_verification,
+)
 from app.analyses.reporting.requests import verification
 
 __all__ = [
+    "DH_DEFAULTS",
     "ReportMaker",
     "ReportOrder",
     "VerificationOrder",

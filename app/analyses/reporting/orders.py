@@ -19,10 +19,12 @@ KINDS: dict[str, tuple[str, ...]] = {
 }
 """The analyses that a report of each kind holds. One of its own that is refused fails the report; a report on the whole
 session names it with the reason."""
+DH_DEFAULTS = {"estimator": "pooled", "method": "global", "model": "auto", "joint_tolerance_deg": "0.02"}
+"""The settings that `GET .../dh` has by default."""
 _OPTIONS: dict[str, dict[str, str]] = {
     "repeatability": {"estimator": "pooled"},
-    "dh": {"estimator": "pooled", "method": "global", "model": "auto", "joint_tolerance_deg": "0.02"},
-    "joint_curves_plot": {"estimator": "pooled", "model": "auto", "joint_tolerance_deg": "0.02"},
+    "dh": DH_DEFAULTS,
+    "joint_curves_plot": {name: value for name, value in DH_DEFAULTS.items() if name != "method"},
     "intrinsics": {"estimator": "pooled"},
 }
 DRAWINGS: dict[str, tuple[tuple[str, str], ...]] = {

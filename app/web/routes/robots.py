@@ -11,6 +11,7 @@ from starlette.responses import Response
 
 from app.analyses.computations import compute_robot_file
 from app.analyses.outcome import AnalysisRefused
+from app.analyses.reporting import DH_DEFAULTS
 from app.errors import Conflict, NotFound
 from app.http import get_requester
 from app.records.tables import Robot, Session
@@ -121,10 +122,4 @@ async def get_robot_file(request: Request, session_id: str, name: str, source: S
 
 def _settings(source: str) -> dict[str, str]:
     """Return the settings that `GET .../dh` has by default."""
-    return {
-        "method": "global",
-        "model": "auto",
-        "estimator": "pooled",
-        "source": settings_of("", source)["source"],
-        "joint_tolerance_deg": repr(0.02),
-    }
+    return {**DH_DEFAULTS, "source": settings_of("", source)["source"]}
