@@ -14,6 +14,7 @@ from matplotlib.patheffects import withStroke
 from matplotlib.ticker import MaxNLocator
 
 from app.reports.camera_plots.coverage_cells import ProjectionField
+from app.reports.camera_plots.image_axes import draw_cells, frame_image
 from app.reports.svg import FAINT, INK, axes_at, draw_svg, short, text_at
 
 _LEFT, _PANEL_WIDTH, _GAP = 0.8, 4.2, 1.6
@@ -109,34 +110,17 @@ def _draw(
     unit: str,
 ) -> None:
     cells = field.cells
-    axes.set(xlim=(-0.5, cells.width_px - 0.5), ylim=(cells.height_px - 0.5, -0.5))
-    axes.set_xlabel("u, px")
-    axes.set_ylabel("v, px", labelpad=2)
-    for axis in (axes.xaxis, axes.yaxis):
-        axis.set_major_locator(MaxNLocator(6))
-    axes.grid(False)
-    rows, columns = cells.count.shape
+    frame_image(axes, cells.width_px, cells.height_px)
     known = values[np.isfinite(values)]
     largest = float(known.max()) if len(known) else 0.0
     top = (most or largest) or 1.0
-    mesh = axes.pcolormesh(
-        np.arange(columns + 1) * cells.size_px - 0.5,
-        np.arange(rows + 1) * cells.size_px - 0.5,
-        np.ma.masked_invalid(values),
-        vmin=0.0,
-        vmax=top,
-        cmap="viridis",
-        rasterized=False,
-    )
+    extend = "max" if largest > top else "neither"
+    draw_cells(figure, axes, bar, values, cells.size_px, top, unit, extend=extend)
     for row, column in np.argwhere(cells.count == 0):
         corner = (column * cells.size_px - 0.5, row * cells.size_px - 0.5)
         axes.add_patch(Rectangle(corner, cells.size_px, cells.size_px, **_BLANK))
-    colourbar = figure.colorbar(mesh, cax=bar, extend="max" if largest > top else "neither")
-    colourbar.set_label(unit)
     if unit == "points":
         bar.yaxis.set_major_locator(MaxNLocator(6, integer=True))
-    colourbar.outline.set_linewidth(0.6)
-    bar.grid(False)
 
 
 def _label(axes: Axes, field: ProjectionField) -> None:

@@ -9,8 +9,8 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-from matplotlib.ticker import MaxNLocator
 
+from app.reports.camera_plots.image_axes import draw_cells, frame_image
 from app.reports.camera_plots.residual_cells import (
     MIN_POINTS_IN_CELL,
     Cells,
@@ -86,7 +86,7 @@ def _caption(field: ResidualField, cells: Cells) -> tuple[str, str]:
 
 
 def _draw_means(figure: Figure, axes: Axes, field: ResidualField, cells: Cells) -> None:
-    _frame(axes, field)
+    frame_image(axes, field.width_px, field.height_px)
     axes.set_title("mean residual, observed − predicted", loc="left")
     lengths = np.linalg.norm(cells.mean_px, axis=1)
     if not len(lengths) or not lengths.any():
@@ -118,36 +118,14 @@ def _draw_means(figure: Figure, axes: Axes, field: ResidualField, cells: Cells) 
 
 
 def _draw_sizes(figure: Figure, axes: Axes, bar: Axes, field: ResidualField, cells: Cells) -> None:
-    _frame(axes, field)
+    frame_image(axes, field.width_px, field.height_px)
     axes.set_title("size of the residuals (rms distance)", loc="left")
     columns, rows = (math.ceil(side / cells.size_px) for side in (field.width_px, field.height_px))
     grid = np.full((rows, columns), np.nan)
     place = np.floor((cells.middle_px + 0.5) / cells.size_px).astype(np.intp)
     grid[place[:, 1], place[:, 0]] = cells.rms_px
     top = float(np.quantile(cells.rms_px, 0.98)) if len(cells.rms_px) else 1.0
-    mesh = axes.pcolormesh(
-        np.arange(columns + 1) * cells.size_px - 0.5,
-        np.arange(rows + 1) * cells.size_px - 0.5,
-        np.ma.masked_invalid(grid),
-        vmin=0.0,
-        vmax=top if top > 0.0 else 1.0,
-        cmap="viridis",
-        rasterized=False,
-    )
-    colourbar = figure.colorbar(mesh, cax=bar, extend="max")
-    colourbar.set_label("px")
-    colourbar.outline.set_linewidth(0.6)
-    bar.grid(False)
-
-
-def _frame(axes: Axes, field: ResidualField) -> None:
-    """Set the image's own frame: u to the right, v down."""
-    axes.set(xlim=(-0.5, field.width_px - 0.5), ylim=(field.height_px - 0.5, -0.5))
-    axes.set_xlabel("u, px")
-    axes.set_ylabel("v, px", labelpad=2)
-    for axis in (axes.xaxis, axes.yaxis):
-        axis.set_major_locator(MaxNLocator(6))
-    axes.grid(False)
+    draw_cells(figure, axes, bar, grid, cells.size_px, top if top > 0.0 else 1.0, "px", extend="max")
 
 
 def _round_down(value: float) -> float:
