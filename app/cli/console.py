@@ -1,8 +1,16 @@
-"""Messages of the commands: those of the client and those of the service print by the same means."""
+"""Messages and files of the commands: those of the client and those of the service write by the same means."""
 
 from __future__ import annotations
 
-from app.client.commands import OptionRefused, error_console, fail, output_console, print_error, print_list
+from app.client.commands import (
+    OptionRefused,
+    error_console,
+    fail,
+    output_console,
+    print_error,
+    print_list,
+    write_file,
+)
 
 __all__ = [
     "OptionRefused",
@@ -12,6 +20,7 @@ __all__ = [
     "output_console",
     "print_error",
     "print_list",
+    "write_file",
 ]
 
 

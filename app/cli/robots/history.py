@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 from rich.markup import escape
 
-from app.cli.console import OptionRefused, error_console, output_console, print_list
+from app.cli.console import OptionRefused, error_console, output_console, print_list, write_file
 from app.cli.options.access import ReadAccess
 from app.client import Json, ServiceClient, find_robot
 
@@ -53,9 +53,9 @@ def history(
         for sentence in alarms:
             output_console().print(escape(sentence))
         if table is not None:
-            _write(table, client.get_bytes(path, accept="text/csv", kind=kind))
+            write_file(table, client.get_bytes(path, accept="text/csv", kind=kind))
         if drawing is not None:
-            _write(drawing, client.get_bytes(f"{path}.svg", kind=kind))
+            write_file(drawing, client.get_bytes(f"{path}.svg", kind=kind))
 
     ended = service.run(act)
     return ended or int(bool(alarms))
@@ -88,10 +88,3 @@ def _print_test(found: Json, test: Json) -> None:
         error_console().print(
             f"[yellow]No chart: {test['sessions']} sessions are comparable, and a chart takes five.[/]"
         )
-
-
-def _write(path: Path, content: bytes) -> None:
-    try:
-        path.write_bytes(content)
-    except OSError as error:
-        raise OptionRefused(f"{path} cannot be written: {error.strerror}.") from error

@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from .images.transfer import transfer, transfer_progress
     from .lazy import LazyCommand
     from .main import make_app, run
+    from .output_files import write_file
     from .record_files import Record, RecordFormat, Records, as_delimiter, read_mapping, read_records
     from .targets.description import Kind, TargetDescription
 
@@ -31,6 +32,7 @@ _PLACES = {
     ".images.transfer": ("transfer", "transfer_progress"),
     ".lazy": ("LazyCommand",),
     ".main": ("make_app", "run"),
+    ".output_files": ("write_file",),
     ".record_files": ("Record", "RecordFormat", "Records", "as_delimiter", "read_mapping", "read_records"),
     ".targets.description": ("Kind", "TargetDescription"),
 }
@@ -63,4 +65,5 @@ __all__ = [
     "run",
     "transfer",
     "transfer_progress",
+    "write_file",
 ]

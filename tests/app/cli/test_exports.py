@@ -15,7 +15,7 @@ import yaml
 
 from app.client.commands.console import OptionRefused
 from app.client.commands.exports.camera_poses import _csv
-from app.client.commands.exports.files import write_text
+from app.client.commands.output_files import write_text
 from app.client.commands.exports.hand_eye import _content, _json, _ros, _yaml
 from app.client.results import Analysis
 from core.geometry import quaternion_to_rotation

@@ -12,8 +12,8 @@ import typer
 
 from ... import Json, ServiceClient, find_session
 from ..access import ReadAccess
+from ..output_files import Output, write_text
 from ..rotations import to_quaternion
-from .files import Output, write_text
 
 _AXES = ("x", "y", "z")
 

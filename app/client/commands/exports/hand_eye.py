@@ -15,8 +15,8 @@ import yaml
 from ... import Json, ServiceClient, find_session
 from ..access import ReadAccess
 from ..console import OptionRefused
+from ..output_files import Output, write_text
 from ..rotations import to_quaternion
-from .files import Output, write_text
 
 _MM = 1e-3
 """ROS has metres."""

@@ -12,7 +12,8 @@ import typer
 
 from ... import ClientError, Json, ServiceClient, find_session
 from ..access import ReadAccess, UploadAccess
-from ..console import OptionRefused, print_list
+from ..console import print_list
+from ..output_files import write_file
 
 _COLUMNS = ("id", "kind", "status", "made", "title")
 _POLL_S = 0.5
@@ -127,11 +128,8 @@ def fetch(
         target = output or Path(f"{report}.{form.value}")
         content = client.get_bytes(f"/v1/reports/{report}.{form.value}")
         signature = client.get_bytes(f"/v1/reports/{report}.sig")
-        try:
-            target.write_bytes(content)
-            target.with_name(target.name + ".sig").write_bytes(signature)
-        except OSError as error:
-            raise OptionRefused(f"{target} cannot be written: {error.strerror}.") from error
+        write_file(target, content)
+        write_file(target.with_name(target.name + ".sig"), signature)
         print(target)
 
     return service.run(act)

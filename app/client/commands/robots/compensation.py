@@ -16,6 +16,7 @@ from ... import Json, ServiceClient, find_robot, find_session
 from ...pose_rows import POSE_COLUMNS, RowError, pose_of_cells
 from ..access import UploadAccess
 from ..console import OptionRefused, error_console
+from ..output_files import write_file
 from ..record_files import Delimiter, FileFormat, FileRefused, RecordFormat, as_delimiter, read_records
 from .programs import Controller, Frame, Program, controller_of, parse_frame, read_program
 
@@ -130,10 +131,7 @@ def _write(output: Path | None, data: bytes) -> None:
         sys.stdout.buffer.write(data)
         sys.stdout.buffer.flush()
         return
-    try:
-        output.write_bytes(data)
-    except OSError as error:
-        raise OptionRefused(f"{output} cannot be written: {error.strerror}.") from error
+    write_file(output, data)
 
 
 def _read(file: Path, file_format: RecordFormat | None, delimiter: str | None) -> list[Json]:

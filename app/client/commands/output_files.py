@@ -1,4 +1,4 @@
-"""Where an export goes: a file, which is written whole or not at all, or stdout."""
+"""Files that commands write."""
 
 from __future__ import annotations
 
@@ -8,13 +8,13 @@ from typing import Annotated
 
 import typer
 
-from ..console import OptionRefused
+from .console import OptionRefused
 
 Output = Annotated[Path | None, typer.Option("--output", "-o", help="File.  [default: stdout]")]
 
 
 def write_text(text: str, output: Path | None) -> None:
-    """Write an export. Raises OptionRefused where the file cannot be written."""
+    """Write an export, whole or not at all, to a file or to stdout. Raises OptionRefused where it cannot be written."""
     if output is None:
         sys.stdout.write(text)
         return
@@ -26,3 +26,11 @@ def write_text(text: str, output: Path | None) -> None:
         raise OptionRefused(
             f"{output} cannot be written: {error.strerror}.", "Give a file in a folder that can be written."
         ) from error
+
+
+def write_file(path: Path, content: bytes) -> None:
+    """Write a file. Raises OptionRefused where it cannot be written."""
+    try:
+        path.write_bytes(content)
+    except OSError as error:
+        raise OptionRefused(f"{path} cannot be written: {error.strerror}.") from error
