@@ -87,7 +87,8 @@ def find_or_make_session(
     Raises
     ------
     ClientError
-        `session_not_found` (a new name without a target), `session_ambiguous`, or `target_not_in_session`.
+        `session_not_found` (a new name without a target), `session_ambiguous`, `target_not_in_session` (a session
+        that is there), or for a new session as `find_or_make_target` does.
     """
     found = existing_session(client, session)
     if found is not None:
