@@ -209,16 +209,7 @@ def _part(points: GridPoints, count: int) -> GridPoints:
     """Return `count` of the grid points, scattered without pattern (a regular step may fall on a single column) and
     the same ones every time.
     """
-    chosen = np.sort(np.random.default_rng(0).permutation(len(points))[:count])
-    measured = points.measured_points_target
-    return dataclasses.replace(
-        points,
-        column=points.column[chosen],
-        row=points.row[chosen],
-        points_px=points.points_px[chosen],
-        standard_uncertainty_px=points.standard_uncertainty_px[chosen],
-        measured_points_target=None if measured is None else measured[chosen],
-    )
+    return points.take(np.sort(np.random.default_rng(0).permutation(len(points))[:count]))
 
 
 def _recentred(view: View, of: GridPoints, to: GridPoints) -> View:

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 
 from core.errors import Advisory, InvalidTarget
 from core.targets.certificate import Certificate
@@ -214,6 +214,18 @@ class GridPoints:
         if self.measured_points_target is not None:
             return self.measured_points_target
         return self.target.points_target(self.column, self.row)
+
+    def take(self, points: slice | Int[np.ndarray, " k"] | Bool[np.ndarray, " n"]) -> GridPoints:
+        """Return some of the points, in the order given."""
+        measured = self.measured_points_target
+        return replace(
+            self,
+            column=self.column[points],
+            row=self.row[points],
+            points_px=self.points_px[points],
+            standard_uncertainty_px=self.standard_uncertainty_px[points],
+            measured_points_target=None if measured is None else measured[points],
+        )
 
     def __len__(self) -> int:
         return len(self.column)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import math
 
 import numpy as np
@@ -93,13 +92,7 @@ def test_the_printed_variant_is_rank_deficient_and_its_principal_point_an_artefa
 def test_variant_a_needs_the_origin_and_both_axes() -> None:
     points, _ = exact_view((1.0, 0.6, 0.0), 30)
     keep = ~((points.column == 0) & (points.row == 0))
-    partial = dataclasses.replace(
-        points,
-        column=points.column[keep],
-        row=points.row[keep],
-        points_px=points.points_px[keep],
-        standard_uncertainty_px=points.standard_uncertainty_px[keep],
-    )
+    partial = points.take(keep)
     with pytest.raises(DegenerateGeometry, match="origin"):
         nullspace(partial, CENTRE)
     assert vanishing_point(partial, CENTRE).camera.fx_px == pytest.approx(2320.0, rel=1e-5)

@@ -201,13 +201,7 @@ def test_a_bowed_print_raises_the_stated_uncertainty() -> None:
 def test_points_on_one_line_are_degenerate() -> None:
     view = draw_view(np.random.default_rng(9))
     keep = view.points.row == 0
-    line = dataclasses.replace(
-        view.points,
-        column=view.points.column[keep],
-        row=view.points.row[keep],
-        points_px=view.points.points_px[keep],
-        standard_uncertainty_px=view.points.standard_uncertainty_px[keep],
-    )
+    line = view.points.take(keep)
     for options in ({}, {"intrinsics": view.camera}):
         with pytest.raises(DegenerateGeometry) as failure:
             calibrate_points(line, **options)  # type: ignore[arg-type]
@@ -284,13 +278,7 @@ def test_holes_in_the_grid_cost_points_and_nothing_else(intrinsics: bool) -> Non
             (rng.random(len(points)) > 0.25) & (points.row != 4) & ((points.column > 2) | (points.row > 2))
         )
         kept = rng.permutation(np.flatnonzero(there))
-        partial = dataclasses.replace(
-            points,
-            column=points.column[kept],
-            row=points.row[kept],
-            points_px=points.points_px[kept],
-            standard_uncertainty_px=points.standard_uncertainty_px[kept],
-        )
+        partial = points.take(kept)
         options = {"intrinsics": view.camera} if intrinsics else {}
         found = calibrate_points(partial, **options)  # type: ignore[arg-type]
         assert found.points is partial

@@ -37,14 +37,8 @@ def read(points: GridPoints, quarters: int, labelling: Labelling) -> GridPoints:
     """The same picture as a detector that reads the board turned reports it, row by row."""
     column, row = turned_cells(points.target, points.column, points.row, quarters)
     order = np.lexsort((column, row))
-    return dataclasses.replace(
-        points,
-        column=column[order],
-        row=row[order],
-        points_px=points.points_px[order],
-        standard_uncertainty_px=points.standard_uncertainty_px[order],
-        labelling=labelling,
-    )
+    turned = dataclasses.replace(points, column=column, row=row, labelling=labelling)
+    return turned.take(order)
 
 
 def session_of(

@@ -5,6 +5,8 @@ from __future__ import annotations
 import dataclasses
 from typing import Any
 
+import numpy as np
+
 from tests.support.sessions.stored_sessions import Shot, Store, body, new_session, shoot
 
 
@@ -12,16 +14,10 @@ def hidden(shot: Shot, columns: range) -> Shot:
     """The same image with some columns of the board hidden."""
     points = shot.points
     assert points is not None
-    keep = [c not in columns for c in points.column]
+    keep = np.array([c not in columns for c in points.column])
     return dataclasses.replace(
         shot,
-        points=dataclasses.replace(
-            points,
-            column=points.column[keep],
-            row=points.row[keep],
-            points_px=points.points_px[keep],
-            standard_uncertainty_px=points.standard_uncertainty_px[keep],
-        ),
+        points=points.take(keep),
     )
 
 

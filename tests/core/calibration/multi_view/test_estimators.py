@@ -242,13 +242,7 @@ def test_what_cannot_be_estimated_is_named() -> None:
     s = session(10, cycles=1)
     line = np.arange(14)
     short = s.views[0]
-    on_a_line = dataclasses.replace(
-        short,
-        column=short.column[line],
-        row=short.row[line],
-        points_px=short.points_px[line],
-        standard_uncertainty_px=short.standard_uncertainty_px[line],
-    )
+    on_a_line = short.take(line)
     for estimator in ESTIMATORS:
         found = estimate_group([*s.views, on_a_line], estimator, intrinsics=s.camera)
         assert [(i, type(failure)) for i, failure in found.failures] == [(5, DegenerateGeometry)]

@@ -37,18 +37,8 @@ def drawn(
     for _ in range(count):
         points = draw_view(rng, tilt_deg=rng.uniform(5.0, 45.0), camera=camera, sigma_px=sigma_px).points
         there = np.flatnonzero(rng.random(len(points)) > 0.1)
-        views.append(part(points, there))
+        views.append(points.take(there))
     return camera, views
-
-
-def part(points: GridPoints, chosen: np.ndarray) -> GridPoints:
-    return dataclasses.replace(
-        points,
-        column=points.column[chosen],
-        row=points.row[chosen],
-        points_px=points.points_px[chosen],
-        standard_uncertainty_px=points.standard_uncertainty_px[chosen],
-    )
 
 
 def start(views: list[GridPoints], focal: float) -> State:
