@@ -124,18 +124,6 @@ def rotations_about(
     return np.asarray(np.eye(3) + sine * K[..., None, :, :] + versine * (K @ K)[..., None, :, :])
 
 
-def quaternion_to_rotation(quaternion: Float[np.ndarray, "4"]) -> Float[np.ndarray, "3 3"]:
-    """Return the rotation of a unit quaternion (w, x, y, z)."""
-    w, x, y, z = (float(component) for component in quaternion)
-    return np.array(
-        [
-            [1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - z * w), 2.0 * (x * z + y * w)],
-            [2.0 * (x * y + z * w), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - x * w)],
-            [2.0 * (x * z - y * w), 2.0 * (y * z + x * w), 1.0 - 2.0 * (x * x + y * y)],
-        ]
-    )
-
-
 def _quaternion(rotation: Float[np.ndarray, "3 3"]) -> tuple[float, float, float, float]:
     """Return the unit quaternion (w, x, y, z), w ≥ 0, by the largest of its four components (Shepperd)."""
     r = rotation
@@ -189,28 +177,9 @@ def transform_points(
     return points_b @ T_a_b[:3, :3].T + T_a_b[:3, 3]
 
 
-def se3_exp(twist: Float[np.ndarray, "6"]) -> Float[np.ndarray, "4 4"]:
-    """Return exp of the twist (v, w): translation part first (Murray, Li, Sastry eq. 2.36)."""
-    v, w = twist[:3], twist[3:]
-    return transform(so3_exp(w), so3_left_jacobian(w) @ v)
-
-
 def perturbed(T: Float[np.ndarray, "4 4"], step: Float[np.ndarray, "6"]) -> Float[np.ndarray, "4 4"]:
     """Return T after a small motion (d, w) of its frame: t + d (mm), exp(w) R (rad)."""
     return transform(so3_exp(step[3:]) @ T[:3, :3], T[:3, 3] + step[:3])
-
-
-def so3_left_jacobian(w: Float[np.ndarray, "3"]) -> Float[np.ndarray, "3 3"]:
-    """Return J with exp(w + δ) ≈ exp(J δ) exp(w)."""
-    W = hat(w)
-    square = float(w @ w)
-    if square < 1e-8:
-        a, b = 0.5 - square / 24.0, 1.0 / 6.0 - square / 120.0
-    else:
-        angle = math.sqrt(square)
-        a = (1.0 - math.cos(angle)) / square
-        b = (angle - math.sin(angle)) / (square * angle)
-    return np.eye(3) + a * W + b * (W @ W)
 
 
 def nearest_rotation(matrices: Float[np.ndarray, "*b 3 3"]) -> Float[np.ndarray, "*b 3 3"]:

@@ -12,13 +12,13 @@ from typing import Any
 import numpy as np
 import pytest
 import yaml
+from scipy.spatial.transform import Rotation
 
 from app.client.commands.console import OptionRefused
 from app.client.commands.exports.camera_poses import _csv
-from app.client.commands.output_files import write_text
 from app.client.commands.exports.hand_eye import _content, _json, _ros, _yaml
+from app.client.commands.output_files import write_text
 from app.client.results import Analysis
-from core.geometry import quaternion_to_rotation
 
 PROJECT = Path(__file__).parents[3]
 CONTRACT = json.loads((PROJECT / "openapi.json").read_text(encoding="utf-8"))
@@ -36,7 +36,7 @@ def test_hand_eye_as_yaml_json_and_ros_agree() -> None:
     assert content == json.loads(_json(_content(found)))
     matrix = np.array(content["T_flange_camera"]["matrix"])
     x, y, z, w = content["T_flange_camera"]["quaternion_xyzw"]
-    np.testing.assert_allclose(quaternion_to_rotation(np.array([w, x, y, z])), matrix[:3, :3], atol=1e-5)
+    np.testing.assert_allclose(Rotation.from_quat([x, y, z, w]).as_matrix(), matrix[:3, :3], atol=1e-5)
     commands = [
         shlex.split(line)
         for line in _ros(found, "tool0", "cam", "base", "board").splitlines()
@@ -59,7 +59,7 @@ def test_camera_poses_are_a_table_with_a_row_for_each_image() -> None:
     assert all(
         len(rows[with_pose][name].lstrip("-")) <= len("0.1234567890") for name in ("qx", "qy", "qz", "qw")
     )
-    R = quaternion_to_rotation(np.array([w, x, y, z]))
+    R = Rotation.from_quat([x, y, z, w]).as_matrix()
     np.testing.assert_allclose(R, images[with_pose]["pose"]["rotation"], atol=1e-5)
     assert _csv([]) == ""
 

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 from typer.testing import CliRunner
 
 import app.client
@@ -15,7 +16,7 @@ import app.client.commands
 from app.cli.main import SERVICE_COMMANDS
 from app.client.commands import make_app, rotations
 from app.client.commands.table import CLIENT, SERVICE
-from core.geometry import quaternion_to_rotation, rotation_to_rpy, so3_exp
+from core.geometry import rotation_to_rpy, so3_exp
 
 CLIENT_FOLDER = Path(app.client.__file__).parent
 RNG = np.random.default_rng(17)
@@ -66,7 +67,7 @@ def test_rotations_are_those_of_core(vector: np.ndarray) -> None:
     R = so3_exp(vector)
     np.testing.assert_allclose(rotations.from_vector(vector.tolist()), R, atol=1e-12)
     x, y, z, w = rotations.to_quaternion(R.tolist())
-    np.testing.assert_allclose(quaternion_to_rotation(np.array([w, x, y, z])), R, atol=1e-12)
+    np.testing.assert_allclose(Rotation.from_quat([x, y, z, w]).as_matrix(), R, atol=1e-12)
     np.testing.assert_allclose(rotations.from_quaternion(2 * x, 2 * y, 2 * z, 2 * w), R, atol=1e-12)
     np.testing.assert_allclose(rotations.to_roll_pitch_yaw(R.tolist()), rotation_to_rpy(R), atol=1e-12)
     angles = rotations.to_roll_pitch_yaw(R.tolist())

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from scipy.linalg import expm
 
 from core.errors import InvalidArgument
 from core.geometry.roll_pitch_yaw import rotation_to_rpy, rpy_jacobian, rpy_to_rotation
@@ -21,9 +20,7 @@ from core.geometry.se3 import (
     nearest_rotation,
     rotation_mean,
     rotations_about,
-    se3_exp,
     so3_exp,
-    so3_left_jacobian,
     so3_log,
     transform,
     transform_mean,
@@ -91,20 +88,6 @@ def test_angle_jacobian_matches_differences(v: np.ndarray) -> None:
         plus, minus = rotation_to_rpy(so3_exp(w) @ R), rotation_to_rpy(so3_exp(-w) @ R)
         difference = (plus - minus + math.pi) % (2 * math.pi) - math.pi
         np.testing.assert_allclose(rpy_jacobian(rpy)[:, axis], difference / (2 * h), atol=1e-6)
-
-
-@given(vectors, vectors)
-def test_left_jacobian_matches_differences(w: np.ndarray, direction: np.ndarray) -> None:
-    h = 1e-6
-    difference = so3_log(so3_exp(w + h * direction) @ so3_exp(w).T) / h
-    np.testing.assert_allclose(so3_left_jacobian(w) @ direction, difference, atol=1e-5)
-
-
-@given(vectors, vectors)
-def test_the_motion_of_a_twist_is_its_matrix_s_exponential(v: np.ndarray, w: np.ndarray) -> None:
-    twist = np.zeros((4, 4))
-    twist[:3, :3], twist[:3, 3] = hat(w), v
-    np.testing.assert_allclose(se3_exp(np.concatenate([v, w])), expm(twist), atol=1e-12)
 
 
 @given(vectors, vectors, vectors)

@@ -26,7 +26,7 @@ from core.calibration.hand_eye import (
 from core.calibration.multi_view.fitting import calibrate_views
 from core.calibration.single_image import calibrate_points
 from core.geometry.camera import Camera, project
-from core.geometry.se3 import invert, se3_exp, transform, transform_points
+from core.geometry.se3 import invert, perturbed, transform, transform_points
 from core.targets.specification import GridPoints, TargetSpec
 from tests.support.simulation.robots.tool_poses import tool_pose
 
@@ -92,7 +92,7 @@ def by_pixels(
     """Both frames from all pixels at once, from the tie's on; and the rms residual, px."""
 
     def frames(state: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        return se3_exp(state[:6]) @ tie.T_flange_camera, se3_exp(state[6:]) @ tie.T_base_target
+        return perturbed(tie.T_flange_camera, state[:6]), perturbed(tie.T_base_target, state[6:])
 
     def residuals(state: np.ndarray) -> np.ndarray:
         X, Z = frames(state)

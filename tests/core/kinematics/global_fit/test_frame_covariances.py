@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from core.geometry.se3 import invert, se3_exp, so3_log
+from core.geometry.se3 import invert, so3_exp, so3_log, transform
 from core.kinematics.arm_model import ArmState
 from core.kinematics.frame_covariances import base_target_covariances, flange_camera_covariance
 from core.simulation.arm import KR5_ARC
@@ -14,7 +14,7 @@ STEP = 1e-6
 
 def arm_and_covariance() -> tuple[ArmState, np.ndarray]:
     rng = np.random.default_rng(3)
-    frames = [se3_exp(np.concatenate([rng.normal(0.0, 300.0, 3), rng.normal(0.0, 1.0, 3)])) for _ in range(3)]
+    frames = [transform(so3_exp(rng.normal(0.0, 1.0, 3)), rng.normal(0.0, 300.0, 3)) for _ in range(3)]
     arm = ArmState(KR5_ARC.as_array(), frames[0], np.array(frames[1:]), np.zeros(0))
     root = rng.normal(0.0, 1.0, (arm.layout.size, arm.layout.size))
     return arm, root @ root.T
