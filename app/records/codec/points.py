@@ -11,7 +11,6 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from core.calibration import ViewStack
-from core.errors import Advisory
 from core.targets import GridPoints, TargetSpec
 
 _POINT = np.dtype(
@@ -70,27 +69,6 @@ def content_hash(points: bytes | None, markers: bytes | None) -> str:
         digest.update((-1 if part is None else len(part)).to_bytes(8, "little", signed=True))
         digest.update(part or b"")
     return digest.hexdigest()
-
-
-def decode_points(
-    points: bytes,
-    warnings: list[dict[str, Any]],
-    target: TargetSpec,
-    width_px: int,
-    height_px: int,
-) -> GridPoints:
-    """Return the grid points of a stored result, without markers, origin and capture quality."""
-    records = np.frombuffer(points, dtype=_POINT)
-    return GridPoints(
-        target=target,
-        image_width_px=width_px,
-        image_height_px=height_px,
-        column=records["column"].astype(np.intp),
-        row=records["row"].astype(np.intp),
-        points_px=np.stack([records["u_px"], records["v_px"]], axis=1),
-        standard_uncertainty_px=records["standard_uncertainty_px"].copy(),
-        warnings=tuple(Advisory(**one) for one in warnings),
-    )
 
 
 def decode_stack(

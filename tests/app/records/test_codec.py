@@ -11,7 +11,7 @@ import pytest
 
 from app.records.codec import (
     decode_markers,
-    decode_points,
+    decode_stack,
     encode_calibration,
     encode_refused,
     points_documents,
@@ -84,6 +84,15 @@ def assert_same(left: Any, right: Any) -> None:
         assert left == right
 
 
+def assert_points(row: dict[str, Any], points: GridPoints) -> None:
+    """The row has the points, each with its uncertainty, and their warnings."""
+    decoded = decode_stack([row["points"]], [TARGET], [0], 640, 480).view(0)
+    assert decoded == points
+    np.testing.assert_array_equal(decoded.standard_uncertainty_px, points.standard_uncertainty_px)
+    assert (decoded.image_width_px, decoded.image_height_px) == (640, 480)
+    assert tuple(Advisory(**one) for one in row["points_warnings"]) == points.warnings
+
+
 def test_nothing_is_lost(calibration: Calibration) -> None:
     row = encode_calibration(calibration, PROVENANCE)
     document = json.loads(json.dumps(row["calibration"], allow_nan=False))
@@ -101,8 +110,7 @@ def test_nothing_is_lost(calibration: Calibration) -> None:
     fx_interval, fy_interval = calibration.focal_interval_95
     assert document["grade"] == calibration.grade == "determined"
     assert document["interval_95"] == {"fx_px": list(fx_interval), "fy_px": list(fy_interval)}
-    decoded = decode_points(row["points"], row["points_warnings"], TARGET, 640, 480)
-    assert_same(decoded, calibration.points)
+    assert_points(row, calibration.points)
     documents = points_documents(row["points"])
     residuals_px = [[point["residual_u_px"], point["residual_v_px"]] for point in documents]
     np.testing.assert_array_equal(residuals_px, calibration.residuals_px)
@@ -131,7 +139,7 @@ def test_the_document_has_degrees_where_it_says_so(calibration: Calibration) -> 
 def test_a_refusal_keeps_its_points(calibration: Calibration) -> None:
     row = encode_refused(calibration.points, PROVENANCE)
     assert row["calibration"] is None
-    assert_same(decode_points(row["points"], row["points_warnings"], TARGET, 640, 480), calibration.points)
+    assert_points(row, calibration.points)
     documents = points_documents(row["points"])
     assert len(documents) == 31
     assert {d["used"] for d in documents} == {d["residual_u_px"] for d in documents} == {None}
