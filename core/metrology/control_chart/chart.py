@@ -1,13 +1,13 @@
 """The control chart of one figure over comparable sessions: limits, an EWMA, alarms, and since when.
 
 Figures that are lengths above zero (RP, AP, floors) are charted by their logarithms, whose scatter does not grow with
-them and is near normal; others as they are. Individuals and moving range are the classical plot, with limits from
-the mean moving range. What raises an alarm of a lasting change is the EWMA of self-starting scores, since its
+them and is near normal; others as they are. Individuals are the classical plot, with limits from the mean
+moving range. What raises an alarm of a lasting change is the EWMA of self-starting scores, since its
 false-alarm rate is the one stated, with parameters that nobody knew beforehand.
 
 The change is placed where it is most likely, given the values up to the alarm.
 
-References: ISO 7870-2:2013 (individuals and moving range); ISO 7870-6:2016 (EWMA); Samuel, Pignatiello and Calvin,
+References: ISO 7870-2:2013 (individuals); ISO 7870-6:2016 (EWMA); Samuel, Pignatiello and Calvin,
 "Identifying the time of a step change with X-bar control charts", Quality Engineering 10(3), 1998, eq. (3).
 """
 
@@ -33,9 +33,6 @@ RUN_LENGTH = 370.0
 """Sessions between false alarms, in the mean: as with three-sigma limits of a single chart."""
 _RANGE_TO_SIGMA = 2.0 / math.sqrt(math.pi)
 """d₂ of two values: mean absolute difference of two normal values, in standard deviations."""
-_RANGE_LIMIT = 3.0 * math.sqrt(2.0 - 4.0 / math.pi) / _RANGE_TO_SIGMA + 1.0
-"""D₄ of two values: the moving range's mean and three of its standard deviations, in mean moving ranges."""
-
 _ROUNDING = 1e-12
 """Share of a value below which a difference is that of adding numbers."""
 
@@ -44,16 +41,11 @@ Direction = Literal["up", "down"]
 
 @dataclass(frozen=True, slots=True)
 class IndividualsLimits:
-    """Centre and three-sigma limits of single values, in the figure's unit, and the upper limit of the moving range.
-
-    The moving range is in the unit of the charted values: of logarithms where `logarithms` was set.
-    """
+    """Centre and three-sigma limits of single values, in the figure's unit."""
 
     centre: float
     lower: float
     upper: float
-    mean_moving_range: float
-    upper_moving_range: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,7 +72,6 @@ class ControlChart:
 
     values: Float[np.ndarray, " n"]
     limits: IndividualsLimits
-    moving_ranges: Float[np.ndarray, " n"]
     outside: tuple[int, ...]
     scores: Float[np.ndarray, " n"]
     ewma: Float[np.ndarray, " n"]
@@ -115,13 +106,10 @@ def chart_figure(
     if not np.isfinite(given).all() or (logarithms and (given <= 0.0).any()):
         raise InvalidArgument("A control chart takes finite values, and of lengths those above zero.")
     x = np.log(given) if logarithms else given
-    ranges = np.abs(np.diff(x))
-    mean_range, centre = float(ranges.mean()), float(x.mean())
-    reach = 3.0 * mean_range / _RANGE_TO_SIGMA
+    centre = float(x.mean())
+    reach = 3.0 * float(np.abs(np.diff(x)).mean()) / _RANGE_TO_SIGMA
     unit = math.exp if logarithms else float
-    limits = IndividualsLimits(
-        unit(centre), unit(centre - reach), unit(centre + reach), mean_range, _RANGE_LIMIT * mean_range
-    )
+    limits = IndividualsLimits(unit(centre), unit(centre - reach), unit(centre + reach))
     scores = self_starting_scores(x)
     ewma = _ewma(scores, smoothing)
     limit = ewma_limit(smoothing, run_length) * math.sqrt(smoothing / (2.0 - smoothing))
@@ -129,7 +117,6 @@ def chart_figure(
     return ControlChart(
         values=given,
         limits=limits,
-        moving_ranges=np.concatenate([undefined[:1], ranges]),
         outside=tuple(
             int(k) for k in np.flatnonzero(np.abs(x - centre) > reach + _ROUNDING * np.abs(x).max())
         ),

@@ -21,7 +21,6 @@ from core.targets.lattice.pyramid import Level
 from core.targets.lattice.rings import CIRCLE, rings
 
 _BINOMIAL = np.array([1.0, 2.0, 1.0], dtype=np.float32)
-_SCALE = 16.0  # times the grey values: smoothing is kept in whole numbers, unrounded
 _MIN_NOISE = 3.0  # of the mixed derivative, from the rounding to whole levels alone
 _NOISE_QUANTILE, _NOISE_DEVIATES = 0.4, 0.5244  # |z| of a normal deviate z is below the latter in that share
 _STRONG_QUANTILE, _MAX_OF_STRONG = 0.99, 0.08
