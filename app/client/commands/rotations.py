@@ -1,4 +1,4 @@
-"""Rotations in plain Python: 3x3 matrices as lists of rows, angles in radians, quaternions as x y z w."""
+"""Vectors and rotations in plain Python: 3x3 matrices as lists of rows, angles in radians, quaternions as x y z w."""
 
 from __future__ import annotations
 
@@ -10,6 +10,16 @@ Matrix = list[list[float]]
 
 _AXES = {"x": 0, "y": 1, "z": 2}
 _SMALL = 1e-8
+
+
+def plus(u: Sequence[float], v: Sequence[float], scale: float = 1.0) -> Vector:
+    """Return u + scale v."""
+    return [a + scale * b for a, b in zip(u, v, strict=True)]
+
+
+def cross(u: Sequence[float], v: Sequence[float]) -> Vector:
+    """Return the vector product."""
+    return [u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0]]
 
 
 def identity() -> Matrix:

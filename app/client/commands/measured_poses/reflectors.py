@@ -17,7 +17,7 @@ from pathlib import Path
 
 from ... import Json
 from ..record_files import FileRefused, read_records
-from ..rotations import Matrix, Vector, applied, from_vector, identity, product, transposed
+from ..rotations import Matrix, Vector, applied, cross, from_vector, identity, plus, product, transposed
 from .parser import RowError
 
 _MIN_REFLECTORS = 3
@@ -126,7 +126,7 @@ def fit(p: Sequence[Vector], q: Sequence[Vector], u: Sequence[float]) -> Fit:
     """Return the rigid motion from q to p, three or more points not on one line, with standard uncertainties u."""
     a, b, c = _three_of(q) or (0, 1, 2)
     R = product(_frame(p[a], p[b], p[c]), transposed(_frame(q[a], q[b], q[c])))
-    t = _plus(p[a], applied(R, q[a]), -1.0)
+    t = plus(p[a], applied(R, q[a]), -1.0)
     inverse: Matrix = []
     for _ in range(_STEPS):
         normal, right = [[0.0] * 6 for _ in range(6)], [0.0] * 6
@@ -134,7 +134,7 @@ def fit(p: Sequence[Vector], q: Sequence[Vector], u: Sequence[float]) -> Fit:
             arm = applied(R, place)
             x, y, z = arm
             J = [[1.0, 0.0, 0.0, 0.0, z, -y], [0.0, 1.0, 0.0, -z, 0.0, x], [0.0, 0.0, 1.0, y, -x, 0.0]]
-            r = _plus(_plus(point, t, -1.0), arm, -1.0)
+            r = plus(plus(point, t, -1.0), arm, -1.0)
             for row, residual in zip(J, r, strict=True):
                 for i in range(6):
                     right[i] += row[i] * residual / sigma**2
@@ -142,11 +142,11 @@ def fit(p: Sequence[Vector], q: Sequence[Vector], u: Sequence[float]) -> Fit:
                         normal[i][j] += row[i] * row[j] / sigma**2
         inverse = _inverted(normal)
         step = applied(inverse, right)
-        t = _plus(t, step[:3])
+        t = plus(t, step[:3])
         R = product(from_vector(step[3:]), R)
         if max(map(abs, step)) < _SMALL:
             break
-    residuals = [math.dist(point, _plus(t, applied(R, place))) for point, place in zip(p, q, strict=True)]
+    residuals = [math.dist(point, plus(t, applied(R, place))) for point, place in zip(p, q, strict=True)]
     covariance = [[(inverse[i][j] + inverse[j][i]) / 2.0 for j in range(6)] for i in range(6)]
     return Fit(t, R, covariance, residuals)
 
@@ -160,8 +160,8 @@ def _three_of(points: Sequence[Vector]) -> tuple[int, int, int] | None:
     """Return the three points of the largest triangle; None where all are on one line."""
     best: tuple[float, tuple[int, int, int]] = (0.0, (0, 0, 0))
     for a, b, c in itertools.combinations(range(len(points)), _MIN_REFLECTORS):
-        one, two = _plus(points[b], points[a], -1.0), _plus(points[c], points[a], -1.0)
-        area = math.hypot(*_cross(one, two))
+        one, two = plus(points[b], points[a], -1.0), plus(points[c], points[a], -1.0)
+        area = math.hypot(*cross(one, two))
         if area > _MIN_SINE * math.hypot(*one) * math.hypot(*two):
             best = max(best, (area, (a, b, c)))
     return best[1] if best[0] > 0.0 else None
@@ -169,11 +169,11 @@ def _three_of(points: Sequence[Vector]) -> tuple[int, int, int] | None:
 
 def _frame(a: Vector, b: Vector, c: Vector) -> Matrix:
     """Return the rotation whose x is along ab and whose z is across the triangle; the unit one for one line."""
-    x, across = _plus(b, a, -1.0), _cross(_plus(b, a, -1.0), _plus(c, a, -1.0))
+    x, across = plus(b, a, -1.0), cross(plus(b, a, -1.0), plus(c, a, -1.0))
     if not math.hypot(*x) or not math.hypot(*across):
         return identity()
     x, z = _unit(x), _unit(across)
-    return transposed([x, _cross(z, x), z])
+    return transposed([x, cross(z, x), z])
 
 
 def _inverted(a: Matrix) -> Matrix:
@@ -192,14 +192,6 @@ def _inverted(a: Matrix) -> Matrix:
             if k != i:
                 rows[k] = [value - rows[k][i] * own for value, own in zip(rows[k], rows[i], strict=True)]
     return [[rows[i][n + j] * scale[i] * scale[j] for j in range(n)] for i in range(n)]
-
-
-def _plus(a: Sequence[float], b: Sequence[float], scale: float = 1.0) -> Vector:
-    return [x + scale * y for x, y in zip(a, b, strict=True)]
-
-
-def _cross(a: Sequence[float], b: Sequence[float]) -> Vector:
-    return [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
 
 
 def _unit(a: Sequence[float]) -> Vector:

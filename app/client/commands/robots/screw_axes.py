@@ -14,7 +14,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from ..rotations import Matrix, Vector, about, applied, product
+from ..rotations import Matrix, Vector, about, applied, cross, plus, product
 
 _PARALLEL = 1e-3
 """Sine of the angle below which axes are described as parallel: beyond it no maker designs them so."""
@@ -64,19 +64,9 @@ class DhRow:
         )
 
 
-def plus(u: Sequence[float], v: Sequence[float], scale: float = 1.0) -> Vector:
-    """Return u + scale v."""
-    return [a + scale * b for a, b in zip(u, v, strict=True)]
-
-
 def dot(u: Sequence[float], v: Sequence[float]) -> float:
     """Return the scalar product."""
     return math.fsum(a * b for a, b in zip(u, v, strict=True))
-
-
-def cross(u: Sequence[float], v: Sequence[float]) -> Vector:
-    """Return the vector product."""
-    return [u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0]]
 
 
 def unit(v: Sequence[float]) -> Vector:

@@ -15,8 +15,8 @@ from pathlib import Path
 
 from ... import Json
 from ..record_files import FileRefused
-from ..rotations import applied, from_roll_pitch_yaw, from_vector, identity, product, transposed
-from .screw_axes import Axis, DhRow, Frame, dh_of_axes, plus, unit
+from ..rotations import applied, from_roll_pitch_yaw, from_vector, identity, plus, product, transposed
+from .screw_axes import Axis, DhRow, Frame, dh_of_axes, unit
 
 _MM_PER_M = 1000.0
 _MAX_JOINTS = 12
