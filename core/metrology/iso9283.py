@@ -14,7 +14,7 @@ from jaxtyping import Float
 
 from core.errors import InvalidArgument
 from core.geometry import rotation_to_rpy, rotation_vectors
-from core.metrology.pose_cycles import PerComponent, mean_and_vectors
+from core.metrology.pose_cycles import PerComponent, as_triple, mean_and_vectors
 
 SMALLEST_DEVIATION = 1e-30
 """What is less is nothing: far below any instrument, and squares of squares stay above the least of floats."""
@@ -153,9 +153,9 @@ def distance_performance(
         len(lengths),
         float(mean[0]),
         None if accuracy is None else float(accuracy[0]),
-        None if accuracy is None else _xyz(accuracy[1:]),
+        None if accuracy is None else as_triple(accuracy[1:]),
         None if repeatability is None else float(repeatability[0]),
-        None if repeatability is None else _xyz(repeatability[1:]),
+        None if repeatability is None else as_triple(repeatability[1:]),
     )
 
 
@@ -278,7 +278,3 @@ def _at_least_two(n: int) -> None:
 
 def _turn(difference: Float[np.ndarray, "3"]) -> list[float]:
     return [float(math.pi - (math.pi - a) % (2.0 * math.pi)) for a in difference]
-
-
-def _xyz(values: Float[np.ndarray, "3"]) -> tuple[float, float, float]:
-    return float(values[0]), float(values[1]), float(values[2])

@@ -144,6 +144,11 @@ class PerComponent(Generic[T]):
 COMPONENTS = tuple(field.name for field in fields(PerComponent))
 
 
+def as_triple(values: Float[np.ndarray, "3"]) -> tuple[float, float, float]:
+    """Return three numbers as plain ones."""
+    return float(values[0]), float(values[1]), float(values[2])
+
+
 UNKNOWN_ANGLE = math.pi / math.sqrt(3.0)
 """Standard deviation of an angle of which nothing is known (uniform over a turn), rad: no angle scatters more."""
 

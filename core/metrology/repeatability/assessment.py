@@ -20,6 +20,7 @@ from core.metrology.pose_cycles import (
     PerComponent,
     PoseCycles,
     angles_about_mean,
+    as_triple,
 )
 from core.metrology.repeatability.intervals import (
     MAX_FLOOR_SHARE,
@@ -267,9 +268,5 @@ def _orientation(sample: CycleStatistics) -> OrientationScatter | None:
     if rotations is None or mean is None or vectors is None or len(vectors) < 2:
         return None
     return OrientationScatter(
-        _three(three_sigma(vectors)), _three(three_sigma(angles_about_mean(rotations, mean)))
+        as_triple(three_sigma(vectors)), as_triple(three_sigma(angles_about_mean(rotations, mean)))
     )
-
-
-def _three(values: Float[np.ndarray, "3"]) -> tuple[float, float, float]:
-    return float(values[0]), float(values[1]), float(values[2])
