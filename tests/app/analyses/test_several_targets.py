@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
@@ -25,33 +24,27 @@ VIEWS = {
 
 
 @pytest.fixture(scope="module")
-def computing(open_api: Any) -> Iterator[Any]:
-    with open_api(workers=1) as running:
-        yield running
-
-
-@pytest.fixture(scope="module")
-def session(computing: Any) -> tuple[str, list[str]]:
+def session(computing_api: Any) -> tuple[str, list[str]]:
     """Three poses, twice each: the session and its targets."""
     corner = Corner(AHEAD, RIGHT)
-    targets = [computing.make_target(**dataclasses.asdict(spec)) for spec in (AHEAD, RIGHT)]
-    session_id = computing.make_session(*targets)
+    targets = [computing_api.make_target(**dataclasses.asdict(spec)) for spec in (AHEAD, RIGHT)]
+    session_id = computing_api.make_session(*targets)
     accepted = [
-        computing.put_image(
+        computing_api.put_image(
             session_id, corner.picture(corner.view(**view), seed=10 * cycle + k), pose_id, cycle=cycle
         )
         for cycle in (1, 2)
         for k, (pose_id, view) in enumerate(VIEWS.items())
     ]
     for response in accepted:
-        assert computing.wait_for(response.json()["id"])["status"] == "succeeded"
+        assert computing_api.wait_for(response.json()["id"])["status"] == "succeeded"
     return session_id, targets
 
 
 @pytest.mark.slow
-def test_the_grids_are_tied_by_the_images_that_show_both(computing: Any, session: Any) -> None:
+def test_the_grids_are_tied_by_the_images_that_show_both(computing_api: Any, session: Any) -> None:
     session_id, targets = session
-    found = body(computing.client.get(f"/v1/sessions/{session_id}/intrinsics"))
+    found = body(computing_api.client.get(f"/v1/sessions/{session_id}/intrinsics"))
     (group,) = found["groups"]
     assert group["image_count"] == 2 * 2 * len(VIEWS)
     (between,) = found["target_transforms"]
@@ -66,37 +59,39 @@ def test_the_grids_are_tied_by_the_images_that_show_both(computing: Any, session
     assert group["intrinsics"]["fx_px"] == pytest.approx(CAMERA.fx_px, rel=0.005)
 
 
-def test_every_pose_is_one_of_one_target_and_nothing_is_dropped(computing: Any, session: Any) -> None:
+def test_every_pose_is_one_of_one_target_and_nothing_is_dropped(computing_api: Any, session: Any) -> None:
     session_id, _ = session
-    table = body(computing.client.get(f"/v1/sessions/{session_id}/repeatability"))
+    table = body(computing_api.client.get(f"/v1/sessions/{session_id}/repeatability"))
     assert [(pose["pose_id"], pose["cycles"]) for pose in table["poses"]] == [(pose, 2) for pose in VIEWS]
     for pose in table["poses"]:
         assert len(pose["measurement_ids"]) == 2
         assert [left["code"] for left in pose["excluded"]] == ["images_of_other_target"] * 2
         assert pose["repeatability"]["rp_l_mm"] < 0.2
-    compared = body(computing.client.get(f"/v1/sessions/{session_id}/comparison"))
+    compared = body(computing_api.client.get(f"/v1/sessions/{session_id}/comparison"))
     assert compared["image_count"] == 2 * 2 * len(VIEWS)
 
 
 @pytest.mark.slow
-def test_an_image_of_neither_is_named_in_every_table(computing: Any, session: Any, grey_png: bytes) -> None:
+def test_an_image_of_neither_is_named_in_every_table(
+    computing_api: Any, session: Any, grey_png: bytes
+) -> None:
     session_id, _ = session
-    nothing = computing.put_image(session_id, grey_png, "P4").json()["id"]
-    assert computing.wait_for(nothing)["failure"]["code"] == "target_not_found"
-    table = body(computing.client.get(f"/v1/sessions/{session_id}/repeatability"))
+    nothing = computing_api.put_image(session_id, grey_png, "P4").json()["id"]
+    assert computing_api.wait_for(nothing)["failure"]["code"] == "target_not_found"
+    table = body(computing_api.client.get(f"/v1/sessions/{session_id}/repeatability"))
     (row,) = (pose for pose in table["poses"] if pose["pose_id"] == "P4")
     assert (row["cycles"], [left["measurement_id"] for left in row["excluded"]]) == (0, [nothing])
     for analysis in ("intrinsics", "comparison"):
-        body(computing.client.get(f"/v1/sessions/{session_id}/{analysis}"))
+        body(computing_api.client.get(f"/v1/sessions/{session_id}/{analysis}"))
     for plot in ("repeatability/scatter.svg", "intrinsics/residuals.svg"):
-        assert computing.client.get(f"/v1/sessions/{session_id}/{plot}").status_code == 200
+        assert computing_api.client.get(f"/v1/sessions/{session_id}/{plot}").status_code == 200
 
 
 ANALYSES = ("intrinsics", "repeatability", "comparison")
 
 
 @pytest.mark.slow
-def test_the_order_of_named_and_unnamed_uploads_changes_nothing(computing: Any, session: Any) -> None:
+def test_the_order_of_named_and_unnamed_uploads_changes_nothing(computing_api: Any, session: Any) -> None:
     _, targets = session
     corner = Corner(AHEAD, RIGHT)
     pictures = {
@@ -104,14 +99,14 @@ def test_the_order_of_named_and_unnamed_uploads_changes_nothing(computing: Any, 
     }
     told = []
     for order in ((None, *targets), (*targets, None), (targets[1], None, targets[0])):
-        session_id = computing.make_session(*targets)
+        session_id = computing_api.make_session(*targets)
         for target_id in order:
             query = {} if target_id is None else {"target_id": target_id}
             for response in [
-                computing.put_image(session_id, data, pose, **query) for pose, data in pictures.items()
+                computing_api.put_image(session_id, data, pose, **query) for pose, data in pictures.items()
             ]:
-                computing.wait_for(response.json()["id"])
-        found = [body(computing.client.get(f"/v1/sessions/{session_id}/{name}")) for name in ANALYSES]
+                computing_api.wait_for(response.json()["id"])
+        found = [body(computing_api.client.get(f"/v1/sessions/{session_id}/{name}")) for name in ANALYSES]
         told.append(
             [
                 (f["inputs_sha256"], [w["code"] for w in f["warnings"]], f.get("image_count"), f["pending"])

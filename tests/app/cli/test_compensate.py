@@ -5,7 +5,6 @@ from __future__ import annotations
 import csv
 import re
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -14,9 +13,10 @@ from scipy.spatial.transform import Rotation
 from core.geometry import rotation_to_rpy
 from core.kinematics import forward
 from core.simulation.arm import KR5_ARC
-from tests.support.service.service import ApiMaker, gridpose
-from tests.support.sessions.kinematics import make_robot, readings, send
+from tests.support.service.service import ApiMaker, environment_of, gridpose
+from tests.support.sessions.kinematics import make_robot, readings
 from tests.support.sessions.stored_sessions import new_session
+from tests.support.sessions.tracked_robot import send
 from tests.support.simulation.robots.real_arms import RealArm, angles_within_limits, measured, real_arm
 
 TOOL_MM = 120.0
@@ -76,7 +76,7 @@ def test_a_program_goes_in_and_comes_out_with_points_nearer_to_what_they_mean(
         send(api, session, readings(measured(real, angles_within_limits(rng, 70), rng)))
         given = ["robots", "compensate", str(source), "--robot", robot, "--session", session]
         given += ["--source", "measured_poses", "--tool", f"0,0,{TOOL_MM:g},0,0,0"]
-        environment = _environment(api)
+        environment = environment_of(api)
         done = gridpose(*given, "-o", str(target), **environment)
         assert done.returncode == 0, done.stderr
         assert "left as they are: line 73." in done.stderr
@@ -115,8 +115,3 @@ def test_a_program_goes_in_and_comes_out_with_points_nearer_to_what_they_mean(
     point = re.compile(r"(X\w+)=(\{.*\})")
     given_points, written = dict(point.findall(before)), dict(point.findall(after))
     assert {name for name in outcomes if written[name] == given_points[name]} == left
-
-
-def _environment(api: Any) -> dict[str, str]:
-    key = api.client.headers["authorization"].removeprefix("Bearer ")
-    return {"GRIDPOSE_URL": str(api.client.base_url), "GRIDPOSE_KEY": key}

@@ -11,7 +11,7 @@ import pytest
 from typer.testing import CliRunner, Result
 
 from app.cli.main import app
-from tests.support.service.service import ApiMaker
+from tests.support.service.service import ApiMaker, environment_of
 from tests.support.service.service import gridpose as run_gridpose
 
 JOINT = {"a_mm": 100.0, "alpha_deg": 90.0, "d_mm": 0.0}
@@ -23,21 +23,16 @@ def served(serve_api: ApiMaker) -> Iterator[Any]:
         yield api
 
 
-def settings(api: Any) -> dict[str, str]:
-    key = api.client.headers["authorization"].removeprefix("Bearer ")
-    return {"GRIDPOSE_URL": str(api.client.base_url), "GRIDPOSE_KEY": key}
-
-
 def gridpose(api: Any, *arguments: str, code: int = 0, stdin: str | None = None) -> Result:
     """Run a command in this process, where the server's log is printed too."""
-    done = CliRunner().invoke(app, [*arguments, "--retry-timeout", "0"], env=settings(api), input=stdin)
+    done = CliRunner().invoke(app, [*arguments, "--retry-timeout", "0"], env=environment_of(api), input=stdin)
     assert done.exit_code == code, done.output
     return done
 
 
 def printed(api: Any, *arguments: str, code: int = 0) -> str:
     """Return what a command prints, as a process of its own."""
-    done = run_gridpose(*arguments, **settings(api))
+    done = run_gridpose(*arguments, **environment_of(api))
     assert done.returncode == code, done.stderr
     return done.stdout if code == 0 else done.stderr
 

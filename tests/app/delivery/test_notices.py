@@ -20,12 +20,6 @@ from app.services.qualifications import store_qualification
 from tests.support.service.service import Api, wait_until
 from tests.support.sessions.filed_reports import content, store_filed
 
-JOINT = {"a_mm": 100.0, "alpha_deg": 0.0, "d_mm": 0.0}
-
-
-def make_robot(api: Api, name: str = "arm") -> str:
-    return str(api.client.post("/v1/robots", json={"name": name, "joints": [JOINT]}).json()["id"])
-
 
 def noted(api: Api, kind: str) -> list[dict[str, Any]]:
     with api.installation.database.read() as records:
@@ -49,7 +43,7 @@ def file_and_note(api: Api, robot_id: str, number: int, *, verdict: str = "robot
 
 def test_alarms_are_noted_once_and_changed_verdicts_with_their_report(api: Api) -> None:
     api.service.delivery.stop()
-    robot_id = make_robot(api)
+    robot_id = api.make_robot()
     for number in range(1, 9):
         file_and_note(api, robot_id, number, rp_mm=0.05 + 0.001 * (number % 3))
         while api.service.delivery.examine():
@@ -72,7 +66,7 @@ def test_alarms_are_noted_once_and_changed_verdicts_with_their_report(api: Api) 
 
 def test_sessions_that_are_not_comparable_change_no_verdict(api: Api) -> None:
     api.service.delivery.stop()
-    robot_id = make_robot(api)
+    robot_id = api.make_robot()
     file_and_note(api, robot_id, 1)
     file_and_note(api, robot_id, 2, verdict="not_steady", conditions={"load_kg": 0.0})
     while api.service.delivery.examine():
@@ -97,7 +91,7 @@ def test_numbers_follow_one_another_and_nothing_is_numbered_twice(api: Api) -> N
 
 def test_reports_and_qualifications_are_noted_in_their_own_transaction(api: Api) -> None:
     api.service.delivery.stop()
-    robot_id = make_robot(api)
+    robot_id = api.make_robot()
     session_id = api.make_session(robot_id=robot_id)
     analysis = {
         **dict.fromkeys(("worst_error_mm", "scale_ppm", "probing_scatter_mm"), 0.01),
@@ -247,7 +241,7 @@ def test_a_folder_that_is_not_there_stops_nothing(api: Api, tmp_path: Path) -> N
 
 
 def test_the_latest_figures_of_robots_are_metrics(api: Api, monkeypatch: pytest.MonkeyPatch) -> None:
-    first, second = make_robot(api, "first"), make_robot(api, 'sec"ond')
+    first, second = api.make_robot("first"), api.make_robot('sec"ond')
     store_filed(api, [content(1, robot=first, rp_mm=0.09), content(2, robot=first, rp_mm=0.07)])
     store_filed(api, [content(3, robot=second, rp_mm=0.05)])
     summarise_reports(api.installation.database)

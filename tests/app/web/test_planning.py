@@ -14,9 +14,10 @@ from app.web.words import fixed, number
 from core.simulation.arm import KR5_ARC
 from tests.app.web.test_pages import signed_in
 from tests.support.service.service import ApiMaker
-from tests.support.sessions.kinematics import make_robot, readings, rows_of, send
+from tests.support.sessions.kinematics import make_robot, readings, rows_of
 from tests.support.sessions.robot_session import store_robot_session
 from tests.support.sessions.stored_sessions import body, new_session, shoot, store_shots
+from tests.support.sessions.tracked_robot import send
 from tests.support.simulation.robots.repeated_poses import repeated_poses
 
 CUBE = {"side_mm": 200, "centre_mm": "900, 0, 450", "cycles": 10, "limit_mm": "1"}

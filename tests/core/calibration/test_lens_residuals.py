@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from core.calibration.lens_residuals import View, descend, residuals_with_jacobian
+from core.calibration.lens_selection.starts import with_camera
 from core.calibration.multi_view import Placements, ViewStack, linearise, stack_views
 from core.calibration.priors import wide_lens_prior
 from core.geometry import AnyCamera, Camera, KannalaBrandtCamera, RationalCamera, so3_exp
@@ -32,11 +33,6 @@ def seen() -> tuple[ViewStack, Placements]:
     )
 
 
-def before(at: Placements, camera: AnyCamera) -> Placements:
-    parameters = np.tile(camera.as_array(), (len(at), 1))
-    return Placements(parameters, at.rotations, at.translations_mm)
-
-
 @pytest.mark.parametrize("robust", [False, True])
 def test_a_rational_lens_without_further_terms_gives_browns_equations(
     seen: tuple[ViewStack, Placements], robust: bool
@@ -44,7 +40,7 @@ def test_a_rational_lens_without_further_terms_gives_browns_equations(
     views, at = seen
     used = np.arange(len(views.column)) % 7 != 3
     browns = linearise(views, at, used, robust=robust)
-    wide = linearise(views, before(at, RATIONAL), used, robust=robust)
+    wide = linearise(views, with_camera(at, RATIONAL), used, robust=robust)
     np.testing.assert_allclose(wide.residuals, browns.residuals, atol=1e-9)
     np.testing.assert_allclose(wide.squared, browns.squared, rtol=1e-8)
     unit = np.sqrt(np.einsum("kii->ki", browns.products))

@@ -16,6 +16,7 @@ from typing import Any
 import sqlalchemy as sa
 
 from app.api.dependencies import AppContext
+from app.cli.demo.service_process import ServiceProcess
 from app.client import ServiceClient
 from app.records.database import Database
 from app.records.tables import AccessVersion
@@ -48,6 +49,11 @@ class Api:
         response = self.client.post("/v1/targets", json={**TARGET, **changes})
         assert response.status_code == 201, response.text
         return str(response.json()["id"])
+
+    def make_robot(self, name: str = "arm") -> str:
+        """Make a robot of one joint."""
+        joint = {"a_mm": 100.0, "alpha_deg": 0.0, "d_mm": 0.0}
+        return str(self.client.post("/v1/robots", json={"name": name, "joints": [joint]}).json()["id"])
 
     def make_session(self, *target_ids: str, **fields: Any) -> str:
         ids = list(target_ids) or [self.make_target()]
@@ -137,6 +143,18 @@ def put(client: ServiceClient, session_id: str, data: bytes, pose_id: str = "P1"
     """Send an image and return its measurement's id."""
     sha256 = hashlib.sha256(data).hexdigest()
     return str(client.put_image(session_id, pose_id, sha256, data)["id"])
+
+
+def run_at(service: ServiceProcess, *arguments: str) -> tuple[int, str, str]:
+    """Run the command line against a service; return exit code, output and errors."""
+    ended = gridpose(*arguments, GRIDPOSE_URL=service.url, GRIDPOSE_KEY=service.admin_key or "")
+    return ended.returncode, ended.stdout.strip(), ended.stderr
+
+
+def environment_of(api: Any) -> dict[str, str]:
+    """Return what names a served application and its admin key to a command."""
+    key = api.client.headers["authorization"].removeprefix("Bearer ")
+    return {"GRIDPOSE_URL": str(api.client.base_url), "GRIDPOSE_KEY": key}
 
 
 def gridpose(*arguments: str, **environment: str) -> subprocess.CompletedProcess[str]:

@@ -7,6 +7,8 @@ import zlib
 from pathlib import Path
 from typing import Any
 
+from tests.support.image.image_encoders import SIGNATURE, chunk
+
 
 def files_of(api: Any) -> list[Path]:
     """Everything in the blob store but folders."""
@@ -16,9 +18,6 @@ def files_of(api: Any) -> list[Path]:
 def bomb(width: int, height: int) -> bytes:
     """A PNG whose header states far more pixels than its bytes hold."""
 
-    def chunk(kind: bytes, data: bytes) -> bytes:
-        return struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
-
     header = struct.pack(">IIBBBBB", width, height, 8, 0, 0, 0, 0)
     pixels = zlib.compress(b"\0" * 1000)
-    return b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", header) + chunk(b"IDAT", pixels) + chunk(b"IEND", b"")
+    return SIGNATURE + chunk(b"IHDR", header) + chunk(b"IDAT", pixels) + chunk(b"IEND", b"")

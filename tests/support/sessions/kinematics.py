@@ -68,12 +68,6 @@ def readings(poses: PoseData, **changes: Any) -> list[dict[str, Any]]:
     ]
 
 
-def send(api: Any, session: str, sent: list[dict[str, Any]]) -> list[str]:
-    response = api.client.post(f"/v1/sessions/{session}/measured-poses", json=sent)
-    assert response.status_code == 200, response.text
-    return [item["id"] for item in response.json()["items"]]
-
-
 def get(api: Any, session: str, **query: Any) -> Any:
     return api.client.get(f"/v1/sessions/{session}/dh", params=query)
 

@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Float
 
 from core.calibration.hand_eye import HandEyeObservation, PositionObservation
-from core.geometry.se3 import so3_exp, transform
+from core.geometry.se3 import perturbed, so3_exp, transform
 
 T_FLANGE_CAMERA = transform(so3_exp(np.array([0.1, -0.2, 1.5])), np.array([60.0, -25.0, 90.0]))
 T_BASE_TARGET = transform(so3_exp(np.array([3.0, 0.1, 0.2])), np.array([900.0, 150.0, -100.0]))
@@ -45,9 +45,9 @@ def draw_stations(
     for index, T in enumerate(_draw_camera_poses(rng, count, turns)):
         attained = T_BASE_TARGET @ T @ np.linalg.inv(T_FLANGE_CAMERA)
         off = np.concatenate([rng.normal(0.0, robot_mm, 3), rng.normal(0.0, robot_rad, 3)])
-        measured = moved(T, noise * _draw_noise(rng))
+        measured = perturbed(T, noise * _draw_noise(rng))
         covariance = noise**2 * MEASURED_COVARIANCE
-        found.append(HandEyeObservation(f"P{index + 1}", moved(attained, off), measured, covariance))
+        found.append(HandEyeObservation(f"P{index + 1}", perturbed(attained, off), measured, covariance))
     return found
 
 
@@ -59,14 +59,9 @@ def draw_position_stations(
     for index, T in enumerate(_draw_camera_poses(rng, count, turns)):
         inside = T[:3, 3] + T[:3, :3] @ POINT_CAMERA_MM
         position = T_BASE_TARGET[:3, :3] @ inside + T_BASE_TARGET[:3, 3] + rng.normal(0.0, robot_mm, 3)
-        measured = moved(T, _draw_noise(rng))
+        measured = perturbed(T, _draw_noise(rng))
         found.append(PositionObservation(f"P{index + 1}", position, measured, MEASURED_COVARIANCE))
     return found
-
-
-def moved(T: Float[np.ndarray, "4 4"], motion: Float[np.ndarray, "6"]) -> Float[np.ndarray, "4 4"]:
-    """Return the pose after a small motion: t ← t + d (mm), R ← exp(w) R (rad), d first."""
-    return transform(so3_exp(motion[3:]) @ T[:3, :3], T[:3, 3] + motion[:3])
 
 
 def _draw_noise(rng: np.random.Generator) -> Float[np.ndarray, "6"]:

@@ -13,7 +13,7 @@ import pytest
 
 from app.cli.demo.service_process import ServiceProcess
 from app.client import ServiceClient
-from tests.support.service.service import gridpose
+from tests.support.service.service import run_at
 
 DOCUMENT = Path(__file__).parents[3] / "docs" / "kinematics.md"
 
@@ -23,11 +23,6 @@ def service(tmp_path_factory: pytest.TempPathFactory) -> Iterator[ServiceProcess
     """One service for all tests here, each with a session of its own."""
     with ServiceProcess(tmp_path_factory.mktemp("import") / "data", {"GRIDPOSE_WORKERS": "0"}) as process:
         yield process
-
-
-def run(service: ServiceProcess, *arguments: str) -> tuple[int, str, str]:
-    ended = gridpose(*arguments, GRIDPOSE_URL=service.url, GRIDPOSE_KEY=service.admin_key or "")
-    return ended.returncode, ended.stdout.strip(), ended.stderr
 
 
 def documented(file_name: str, folder: Path) -> list[str]:
@@ -49,7 +44,7 @@ def stored(service: ServiceProcess, session: str) -> list[dict[str, Any]]:
 def test_a_laser_tracker_s_file_comes_in_as_documented(service: ServiceProcess, data_folder: Path) -> None:
     name = "measurements_joint_configurations.csv"
     command = documented(name, data_folder / "ur10_lasertracker" / "Series_B")
-    code, session, said = run(service, *command)
+    code, session, said = run_at(service, *command)
     assert code == 0, said
     readings = stored(service, session)
     assert len(readings) == 1495
@@ -59,14 +54,14 @@ def test_a_laser_tracker_s_file_comes_in_as_documented(service: ServiceProcess, 
     R = np.array(readings[0]["rotation"])
     assert np.allclose(R @ R.T, np.eye(3), atol=1e-12)
     # Again: nothing new.
-    code, again, said = run(service, *command)
+    code, again, said = run_at(service, *command)
     assert (code, again) == (0, session)
     assert len(stored(service, session)) == 1495
 
 
 def test_a_positioner_s_yaml_comes_in_as_documented(service: ServiceProcess, data_folder: Path) -> None:
     command = documented("positioner_kinematic_measurements.yaml", data_folder / "robot_cal_tools")
-    code, session, said = run(service, *command)
+    code, session, said = run_at(service, *command)
     assert code == 0, said
     readings = stored(service, session)
     assert len(readings) == 205
@@ -82,15 +77,15 @@ def test_refusals_name_lines_and_send_nothing(service: ServiceProcess, tmp_path:
     text = "pose,cycle,x,y,z\nP1,1,0,0,0\nP1,2,0,0,zero\nP1,3,0,0,1\n"
     path.write_text(text, encoding="utf-8")
     options = ("measured-poses", "import", str(path), "--session", "s", "--target", "chessboard:9x6:25")
-    code, _, said = run(service, *options)
+    code, _, said = run_at(service, *options)
     assert code == 1
     assert "line 3: z" in said
-    code, session, said = run(service, *options, "--skip-invalid")
+    code, session, said = run_at(service, *options, "--skip-invalid")
     assert code == 0, said
     assert [reading["cycle"] for reading in stored(service, session)] == [1, 3]
     # What the service refuses comes back with the file's lines too.
     path.write_text(text.replace("zero", "2").replace("P1,3,0,0,1", "P1,3,0,0,9"), encoding="utf-8")
-    code, _, said = run(service, *options)
+    code, _, said = run_at(service, *options)
     assert code == 1
     assert "measured_pose_conflict" in said
     assert "line 4: cycle" in said

@@ -14,8 +14,9 @@ from core.geometry import rotation_to_rpy
 from core.kinematics import forward
 from core.simulation.arm import KR5_ARC
 from tests.support.service.service import assert_problem
-from tests.support.sessions.kinematics import make_robot, readings, send
+from tests.support.sessions.kinematics import make_robot, readings
 from tests.support.sessions.stored_sessions import new_session
+from tests.support.sessions.tracked_robot import send
 from tests.support.simulation.robots.real_arms import RealArm, angles_within_limits, measured, real_arm
 
 

@@ -12,8 +12,9 @@ import pytest
 from app.api.schemas.analyses import KinematicErrorAnalysis
 from core.simulation.arm import KR5_ARC, KR5_ARC_LIMITS
 from tests.support.service.signed_in import signed_in
-from tests.support.sessions.kinematics import make_robot, readings, rows_of, send
+from tests.support.sessions.kinematics import make_robot, readings, rows_of
 from tests.support.sessions.stored_sessions import body, new_session, problem
+from tests.support.sessions.tracked_robot import send
 from tests.support.simulation.robots.real_arms import angles_within_limits, measured, real_arm
 
 DESCRIPTION = "{http://www.w3.org/2000/svg}desc"

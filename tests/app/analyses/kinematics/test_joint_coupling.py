@@ -10,16 +10,9 @@ import numpy as np
 import pytest
 
 from tests.support.service.signed_in import signed_in
-from tests.support.sessions.kinematics import (
-    document,
-    get,
-    make_robot,
-    measured,
-    of_readings,
-    readings,
-    send,
-)
+from tests.support.sessions.kinematics import document, get, make_robot, measured, of_readings, readings
 from tests.support.sessions.stored_sessions import new_session
+from tests.support.sessions.tracked_robot import send
 
 COUPLING = np.eye(6)
 COUPLING[2, 1] = 1.0  # joint 3 of the model turns by its stated angle and that of joint 2

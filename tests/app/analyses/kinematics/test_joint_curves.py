@@ -9,8 +9,9 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 
-from tests.support.sessions.kinematics import document, make_robot, of_readings, readings, send
+from tests.support.sessions.kinematics import document, make_robot, of_readings, readings
 from tests.support.sessions.stored_sessions import new_session, problem
+from tests.support.sessions.tracked_robot import send
 from tests.support.simulation.robots.real_arms import angles_within_limits, measured, real_arm
 
 DESCRIPTION = "{http://www.w3.org/2000/svg}desc"

@@ -12,8 +12,9 @@ import pytest
 
 from app.api.schemas.analyses import JointNoiseAnalysis
 from core.simulation.arm import KR5_ARC, KR5_ARC_LIMITS
-from tests.support.sessions.kinematics import make_robot, readings, rows_of, send
+from tests.support.sessions.kinematics import make_robot, readings, rows_of
 from tests.support.sessions.stored_sessions import body, new_session, problem
+from tests.support.sessions.tracked_robot import send
 from tests.support.simulation.robots.repeated_poses import JOINT_SIGMA, repeated_poses
 
 POSES, VISITS = 8, 8

@@ -22,12 +22,12 @@ from tests.support.sessions.kinematics import (
     of_readings,
     readings,
     rows_of,
-    send,
 )
 from tests.support.sessions.stored_sessions import (
     new_session,
     problem,
 )
+from tests.support.sessions.tracked_robot import send
 from tests.support.simulation.robots.arms import UR10
 
 

@@ -19,7 +19,6 @@ from tests.support.sessions.kinematics import (
     measured,
     of_readings,
     readings,
-    send,
 )
 from tests.support.sessions.stored_sessions import (
     body,
@@ -27,6 +26,7 @@ from tests.support.sessions.stored_sessions import (
     problem,
     same_but_for_ids,
 )
+from tests.support.sessions.tracked_robot import send
 
 
 @pytest.mark.slow

@@ -15,7 +15,6 @@ from app.cli.main import app
 from app.services.robots import events
 from tests.support.service.service import Api, ApiMaker, assert_problem
 
-JOINT = {"a_mm": 100.0, "alpha_deg": 0.0, "d_mm": 0.0}
 EVENT = {"at": "2026-01-15T09:30:00+01:00", "note": "Belt of joint 5 replaced", "restarts_charts": True}
 
 
@@ -31,16 +30,12 @@ def served(serve_api: ApiMaker) -> Iterator[Api]:
         yield running
 
 
-def make_robot(api: Api, name: str = "arm") -> str:
-    return str(api.client.post("/v1/robots", json={"name": name, "joints": [JOINT]}).json()["id"])
-
-
 def path_of(robot_id: str) -> str:
     return f"/v1/robots/{robot_id}/events"
 
 
 def test_events_are_noted_listed_audited_and_deleted(api: Api) -> None:
-    path = path_of(make_robot(api))
+    path = path_of(api.make_robot())
     assert api.client.get(path).json() == {"items": [], "next_cursor": None, "warnings": []}
     response = api.client.post(path, json=EVENT, headers=api.key("upload"))
     assert response.status_code == 201, response.text
@@ -79,13 +74,13 @@ def test_events_are_noted_listed_audited_and_deleted(api: Api) -> None:
     ],
 )
 def test_what_is_no_event_is_refused(api: Api, change: dict[str, Any]) -> None:
-    robot_id = make_robot(api)
+    robot_id = api.make_robot()
     assert_problem(api.client.post(path_of(robot_id), json={**EVENT, **change}), 422, "invalid_request")
     assert api.client.get(path_of(robot_id)).json()["items"] == []
 
 
 def test_events_belong_to_one_robot_and_go_with_it(api: Api) -> None:
-    first, second = make_robot(api), make_robot(api)
+    first, second = api.make_robot(), api.make_robot()
     event_id = api.client.post(path_of(first), json=EVENT).json()["id"]
     assert_problem(api.client.delete(f"{path_of(second)}/{event_id}"), 404, "event_not_found")
     assert_problem(api.client.delete(f"{path_of(first)}/{first}"), 404, "event_not_found")
@@ -99,7 +94,7 @@ def test_events_belong_to_one_robot_and_go_with_it(api: Api) -> None:
 
 
 def test_a_limited_key_reads_the_events_of_its_robot_alone(api: Api) -> None:
-    own, other = make_robot(api), make_robot(api)
+    own, other = api.make_robot(), api.make_robot()
     session_id = api.make_session(robot_id=own)
     for robot_id in (own, other):
         api.client.post(path_of(robot_id), json=EVENT)
@@ -112,13 +107,13 @@ def test_a_limited_key_reads_the_events_of_its_robot_alone(api: Api) -> None:
 
 def test_a_robot_has_so_many_events_at_most(api: Api, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(events, "MAX_EVENTS", 1)
-    path = path_of(make_robot(api))
+    path = path_of(api.make_robot())
     assert api.client.post(path, json=EVENT).status_code == 201
     assert_problem(api.client.post(path, json=EVENT), 409, "too_many_events")
 
 
 def test_an_unreadable_event_is_named_and_hides_no_other(api: Api) -> None:
-    path = path_of(make_robot(api))
+    path = path_of(api.make_robot())
     damaged, whole = (api.client.post(path, json=EVENT).json()["id"] for _ in range(2))
     with api.installation.database.write() as records:
         records.execute(sa.text("UPDATE robot_events SET at = 'half' WHERE id = :id"), {"id": damaged})
@@ -143,7 +138,7 @@ def ids(done: Result) -> list[str]:
 
 
 def test_the_command_line_adds_lists_and_deletes(served: Api, tmp_path: Path) -> None:
-    robot_id = make_robot(served, "welder")
+    robot_id = served.make_robot("welder")
     (made,) = ids(run(served, "add", "welder", "Belt replaced", "--at", "2026-01-15", "--restarts-charts"))
     file = tmp_path / "events.csv"
     file.write_text("at,note,restarts\n2026-01-03T12:00:00+02:00,grease,\n2026-02-01,gearbox,yes\n", "utf-8")

@@ -19,16 +19,15 @@ from core.calibration.hand_eye import (
 from core.calibration.hand_eye.model import Frames, PoseArrays, jacobian, measurement_effect, residuals
 from core.errors import InvalidArgument, MotionInsufficient, NotConverged
 from core.geometry.roll_pitch_yaw import rotation_to_rpy, rpy_to_rotation
-from core.geometry.se3 import so3_exp, so3_log, transform
+from core.geometry.se3 import perturbed, so3_exp, so3_log, transform
 from tests.support.simulation.hand_eye_poses import (
     MEASURED_COVARIANCE,
     T_BASE_TARGET,
     T_FLANGE_CAMERA,
     draw_stations,
-    moved,
 )
 
-MOUNT = CameraMountPrior(moved(T_FLANGE_CAMERA, np.array([2.0, -3.0, 1.0, 0.01, -0.02, 0.01])), 3.0, 0.03)
+MOUNT = CameraMountPrior(perturbed(T_FLANGE_CAMERA, np.array([2.0, -3.0, 1.0, 0.01, -0.02, 0.01])), 3.0, 0.03)
 
 
 def errors(tie: HandEyeCalibration) -> np.ndarray:
@@ -88,7 +87,7 @@ def test_derivatives_match_differences() -> None:
             residuals(
                 frames,
                 dataclasses.replace(
-                    poses, T_target_camera=np.array([moved(T, s) for T in poses.T_target_camera])
+                    poses, T_target_camera=np.array([perturbed(T, s) for T in poses.T_target_camera])
                 ),
             )
             for s in (-step, step)
@@ -154,7 +153,9 @@ def test_one_wrong_pose_is_left_out_and_named(kind: str, count: int) -> None:
             turned = transform(np.diag([-1.0, -1.0, 1.0]), np.array([130.0, 90.0, 0.0]))
             s = dataclasses.replace(s, T_target_camera=turned @ s.T_target_camera)
         else:
-            s = dataclasses.replace(s, T_base_flange=moved(s.T_base_flange, np.array([10.0, 0, 0, 0, 0, 0])))
+            s = dataclasses.replace(
+                s, T_base_flange=perturbed(s.T_base_flange, np.array([10.0, 0, 0, 0, 0, 0]))
+            )
         tie = calibrate_hand_eye([*given[:wrong], s, *given[wrong + 1 :]])
         assert [d.pose_id for d in tie.deviations if not d.used] == [s.pose_id]
         assert [w.code for w in tie.warnings] == ["poses_excluded"]
@@ -216,7 +217,7 @@ def test_barely_turned_poses_are_refused_by_their_doubt() -> None:
         T = transform(R, np.array([70.0, 50.0, -400.0]) + rng.normal(0.0, 60.0, 3))
         attained = T_BASE_TARGET @ T @ np.linalg.inv(T_FLANGE_CAMERA)
         off = np.concatenate([rng.normal(0.0, 3.0, 3), rng.normal(0.0, 1e-3, 3)])
-        given.append(HandEyeObservation(f"P{i}", moved(attained, off), T, MEASURED_COVARIANCE))
+        given.append(HandEyeObservation(f"P{i}", perturbed(attained, off), T, MEASURED_COVARIANCE))
     with pytest.raises(MotionInsufficient):
         calibrate_hand_eye(given)
 
@@ -276,7 +277,7 @@ def test_the_mean_of_many_cycles_is_where_the_pose_is() -> None:
     rng = np.random.default_rng(18)
     given = draw_stations(rng, 12)[3]
     root = np.linalg.cholesky(MEASURED_COVARIANCE)
-    cycles = np.array([moved(given.T_target_camera, root @ rng.normal(0.0, 1.0, 6)) for _ in range(400)])
+    cycles = np.array([perturbed(given.T_target_camera, root @ rng.normal(0.0, 1.0, 6)) for _ in range(400)])
     station = average_station("P4", given.T_base_flange, cycles, np.array([MEASURED_COVARIANCE] * 400))
     np.testing.assert_allclose(station.T_target_camera, given.T_target_camera, atol=0.02)
 
@@ -320,7 +321,7 @@ def test_errors_in_common_are_covered() -> None:
             common = np.zeros((6, 2))
             common[:3, 0] = 3.0 * R[:, 2] * np.linalg.norm(p) / 400.0
             common[3:, 1] = 0.005 * R[:, 0]
-            shifted = moved(s.T_target_camera, -common @ z)
+            shifted = perturbed(s.T_target_camera, -common @ z)
             given.append(dataclasses.replace(s, T_target_camera=shifted, common=common))
         tie = calibrate_hand_eye(given)
         for results, C in ((inside, tie.covariance), (ignorant, tie.covariance_given_camera)):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from core.geometry.se3 import so3_exp, so3_log, transform
+from core.geometry.se3 import perturbed, so3_exp, so3_log, transform
 from core.kinematics.dh import Chain, chain_frames, forward, pose_with_jacobian
 from core.kinematics.global_fit import whitened
 
@@ -65,15 +65,12 @@ def test_the_jacobian_is_the_difference_quotient() -> None:
     parameters, q, bases, tool = drawn(7)
     _, J = pose_with_jacobian(parameters, q, bases, tool)
 
-    def left(T: np.ndarray, s: np.ndarray) -> np.ndarray:
-        return transform(so3_exp(s[3:]) @ T[:3, :3], T[:3, 3] + s[:3])
-
     def moved(step: np.ndarray) -> np.ndarray:
         return pose_with_jacobian(
             parameters + step[:30].reshape(6, 5),
             q,
-            np.array([left(T, step[36:]) for T in bases]),
-            left(tool, step[30:36]),
+            np.array([perturbed(T, step[36:]) for T in bases]),
+            perturbed(tool, step[30:36]),
         )[0]
 
     for column in range(len(J)):
