@@ -16,8 +16,7 @@ import numpy as np
 from jaxtyping import Float
 
 from core.geometry import hats, invert, rotations_from_vectors
-from core.kinematics.correction.model import CorrectionModel
-from core.kinematics.dh import chain_frames
+from core.kinematics.correction.model import CorrectionModel, poses_of
 from core.kinematics.error_model import ErrorModel, Level
 from core.numerics import MEDIAN_LENGTH
 
@@ -38,7 +37,7 @@ def curves_ratio(first: CorrectionModel, second: ErrorModel) -> float | None:
         return None
     q, arm = problem.seen.joint_angles[some], problem.arm
     # Means over visits: the arm's prediction, and the mean of what was observed beyond it.
-    predicted = arm.T_target_base[0] @ chain_frames(arm.parameters, q)[:, -1] @ arm.T_flange_camera
+    predicted = poses_of(arm, q)
     observed = predicted[:, :3, 3] + problem.residuals[:3, some].T
     A, Y = _frames(first.model, second)
     with_curves, without = (

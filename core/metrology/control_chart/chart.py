@@ -66,14 +66,13 @@ class Alarm:
 class ControlChart:
     """A chart of n values in time order.
 
-    `scores` and `ewma` are NaN for the first two points. `outside` are points beyond the individuals' limits: single
+    `ewma` is NaN for the first two points. `outside` are points beyond the individuals' limits: single
     sessions that stand out, 0.27 % of them by chance where values are normal and the limits exact.
     """
 
     values: Float[np.ndarray, " n"]
     limits: IndividualsLimits
     outside: tuple[int, ...]
-    scores: Float[np.ndarray, " n"]
     ewma: Float[np.ndarray, " n"]
     ewma_limit: float
     run_length: float
@@ -110,18 +109,15 @@ def chart_figure(
     reach = 3.0 * float(np.abs(np.diff(x)).mean()) / _RANGE_TO_SIGMA
     unit = math.exp if logarithms else float
     limits = IndividualsLimits(unit(centre), unit(centre - reach), unit(centre + reach))
-    scores = self_starting_scores(x)
-    ewma = _ewma(scores, smoothing)
+    ewma = _ewma(self_starting_scores(x), smoothing)
     limit = ewma_limit(smoothing, run_length) * math.sqrt(smoothing / (2.0 - smoothing))
-    undefined = np.full(FIRST, np.nan)
     return ControlChart(
         values=given,
         limits=limits,
         outside=tuple(
             int(k) for k in np.flatnonzero(np.abs(x - centre) > reach + _ROUNDING * np.abs(x).max())
         ),
-        scores=np.concatenate([undefined, scores]),
-        ewma=np.concatenate([undefined, ewma]),
+        ewma=np.concatenate([np.full(FIRST, np.nan), ewma]),
         ewma_limit=limit,
         run_length=run_length,
         alarm=_first_alarm(x, ewma, limit, logarithms=logarithms),
