@@ -91,6 +91,11 @@ def shoot(
     return shots
 
 
+def codes(document: dict[str, Any]) -> list[str]:
+    """Return the codes of a document's warnings, in their order."""
+    return [warning["code"] for warning in document["warnings"]]
+
+
 Store = Callable[..., list[str]]
 
 

@@ -16,7 +16,8 @@ from core.geometry.camera import project
 from core.geometry.roll_pitch_yaw import rotation_to_rpy
 from core.geometry.se3 import invert, so3_exp, transform, transform_points
 from core.targets.specification import GridPoints, Labelling, TargetSpec
-from tests.support.sessions.stored_sessions import CAMERA, HEIGHT, WIDTH, Shot, Store, body, look
+from tests.support.sessions.repeatability import table
+from tests.support.sessions.stored_sessions import CAMERA, HEIGHT, WIDTH, Shot, Store, codes, look
 
 NOISE = 0.02
 
@@ -64,14 +65,6 @@ def session_of(
             labelling: Labelling = "up_to_symmetry" if len(turns) > 1 else "absolute"
             shots.append(Shot(f"P{index + 1}", cycle, read(points, quarters, labelling), true))
     return shots
-
-
-def table(api: Any, session: str, **query: str) -> dict[str, Any]:
-    return body(api.client.get(f"/v1/sessions/{session}/repeatability", params=query))
-
-
-def codes(document: dict[str, Any]) -> set[str]:
-    return {warning["code"] for warning in document["warnings"]}
 
 
 def figures(document: dict[str, Any]) -> list[float]:
@@ -210,7 +203,7 @@ def test_a_pose_that_contradicts_its_command_is_named(
     store(api, session, shots)
     for pose_id, fields in told(shots).items():
         api.client.put(f"/v1/sessions/{session}/poses/{pose_id}", json=fields)
-    assert not {"commanded_pose_inconsistent", "board_symmetry_unresolved"} & codes(table(api, session))
+    assert {"commanded_pose_inconsistent", "board_symmetry_unresolved"}.isdisjoint(codes(table(api, session)))
     for pose_id, fields in told(shots, scramble="P4").items():
         api.client.put(f"/v1/sessions/{session}/poses/{pose_id}", json=fields)
     (warning,) = [w for w in table(api, session)["warnings"] if w["code"] == "commanded_pose_inconsistent"]

@@ -11,7 +11,7 @@ import pytest
 from app.api.schemas.analyses import IntrinsicsAnalysis
 from core.geometry import LENS_PARAMETERS, LensModel, compose, invert
 from tests.support.sessions.repeatability import T_BASE_TARGET, T_FLANGE_CAMERA, command
-from tests.support.sessions.stored_sessions import Shot, Store, body, new_session, problem, shoot
+from tests.support.sessions.stored_sessions import Shot, Store, body, codes, new_session, problem, shoot
 from tests.support.simulation.wide_lenses import BOARD, WideSession, draw_session
 
 
@@ -34,10 +34,6 @@ def wide(api: Any, store: Store) -> tuple[str, WideSession]:
 
 def get(api: Any, session: str, analysis: str = "intrinsics", **query: Any) -> Any:
     return api.client.get(f"/v1/sessions/{session}/{analysis}", params=query)
-
-
-def codes(document: dict[str, Any]) -> list[str]:
-    return [warning["code"] for warning in document["warnings"]]
 
 
 def test_a_wide_lens_gets_its_model_and_the_answer_says_so(api: Any, wide: tuple[str, WideSession]) -> None:

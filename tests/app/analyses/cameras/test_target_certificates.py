@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from tests.support.sessions.repeatability import command, deviating_robot, table
-from tests.support.sessions.stored_sessions import Store, new_session
+from tests.support.sessions.stored_sessions import Store, codes, new_session
 
 CERTIFICATE = {
     "number": "4711",
@@ -18,10 +18,6 @@ CERTIFICATE = {
     "pitch_y_mm": 10.01,
     "standard_uncertainty": {"pitch_x_mm": 0.001, "pitch_y_mm": 0.001, "squareness_mrad": 0.05},
 }
-
-
-def codes(document: dict[str, Any]) -> set[str]:
-    return {warning["code"] for warning in document["warnings"]}
 
 
 def test_a_certificate_is_stored_changed_and_taken_away(api: Any) -> None:

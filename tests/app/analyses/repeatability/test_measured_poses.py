@@ -13,7 +13,15 @@ from app.api.schemas.analyses import RepeatabilityAnalysis
 from core.geometry.se3 import transform
 from core.metrology import PoseCycles, assess_repeatability
 from tests.support.sessions.repeatability import KEYS
-from tests.support.sessions.stored_sessions import Store, body, new_session, problem, same_but_for_ids, shoot
+from tests.support.sessions.stored_sessions import (
+    Store,
+    body,
+    codes,
+    new_session,
+    problem,
+    same_but_for_ids,
+    shoot,
+)
 from tests.support.sessions.tracked_robot import (
     COVARIANCE,
     SCATTER_MM,
@@ -35,10 +43,6 @@ def table(api: Any, session: str) -> dict[str, Any]:
     RepeatabilityAnalysis.model_validate(document, extra="forbid")
     assert (document["source"], document["pending"], document["groups"]) == ("measured_poses", 0, [])
     return document
-
-
-def codes(document: dict[str, Any]) -> list[str]:
-    return [warning["code"] for warning in document["warnings"]]
 
 
 def test_the_figures_are_those_of_the_readings(api: Any) -> None:
