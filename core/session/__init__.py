@@ -60,6 +60,7 @@ if TYPE_CHECKING:
         suggest_dh_views,
         suggest_hand_eye_views,
         suggest_views,
+        views_of_candidates,
     )
     from core.session.qualification import qualify_session
     from core.session.repeatability import (
@@ -158,6 +159,7 @@ _NAMES = {
         "suggest_dh_views",
         "suggest_hand_eye_views",
         "suggest_views",
+        "views_of_candidates",
     ),
     "qualification": ("qualify_session",),
     "repeatability": (
@@ -277,6 +279,7 @@ __all__ = [
     "suggest_hand_eye_views",
     "suggest_views",
     "target_transforms",
+    "views_of_candidates",
     "with_nominal_orientations",
     "worst_poses",
 ]

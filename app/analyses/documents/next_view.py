@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
+import json
 import math
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
 from app.analyses.documents.camera.camera_files import chosen_group
 from app.analyses.documents.findings import Findings
 from app.analyses.documents.view_words import instruction
 from app.analyses.outcome import AnalysisError
 from core.calibration import CommonFit
+from core.errors import Advisory, JointAnglesInconsistent, NominalRobotMissing
 from core.geometry import camera_from_array, invert, project_any, transform_points
 from core.session import (
     FocusGroup,
@@ -25,14 +28,28 @@ from core.session import (
     suggest_dh_views,
     suggest_hand_eye_views,
     suggest_views,
+    views_of_candidates,
     with_nominal_orientations,
 )
 from core.targets import TargetSpec
 
-_ROBOT_VIEWS: Mapping[str, Callable[[SessionData, SessionEstimate, FocusGroup, int, int], NextRobotViews]] = {
-    "hand_eye": suggest_hand_eye_views,
-    "dh": suggest_dh_views,
-}
+_RobotViews = Callable[
+    [SessionData, SessionEstimate, FocusGroup, int, int, Float[np.ndarray, "n j"] | None], NextRobotViews
+]
+_ROBOT_VIEWS: Mapping[str, _RobotViews] = {"hand_eye": suggest_hand_eye_views, "dh": suggest_dh_views}
+
+MAX_LISTED = 10
+
+
+@dataclass(frozen=True)
+class _Views:
+    """Views to take with what each leaves uncertain, from what is uncertain now on; `stated` as `RobotCandidates`."""
+
+    T_camera_target: Float[np.ndarray, "n 4 4"]
+    T_base_flange: Float[np.ndarray, "n 4 4"] | None
+    joint_angles: Float[np.ndarray, "n j"] | None
+    left: list[dict[str, float | None]]
+    stated: Int[np.ndarray, " k"] | None
 
 
 def next_view_findings(data: SessionData, settings: Mapping[str, str]) -> Findings:
@@ -51,20 +68,17 @@ def next_view_findings(data: SessionData, settings: Mapping[str, str]) -> Findin
         )
     target = data.target_ids.index(target_id)
     spec = data.targets[target]
+    asked = json.loads(settings.get("candidates", "null"))
+    stated = None if asked is None else _model_angles(data, asked)
     if purpose == "intrinsics":
-        of_camera = suggest_views(fit, group.estimate.camera_covariance, spec, count)
-        views, robot = of_camera.T_camera_target, None
-        left = [
-            _uncertainty(projection_rms_px=pixels, focal_relative_uncertainty=focal)
-            for pixels, focal in zip(of_camera.projection_px, of_camera.focal_relative, strict=True)
-        ]
+        views = _camera_views(data, estimate, group, target, count, stated)
     else:
-        robot = _ROBOT_VIEWS[purpose](data, estimate, group, target, count)
-        views = robot.T_camera_target
+        robot = _ROBOT_VIEWS[purpose](data, estimate, group, target, count, stated)
         left = [
             _uncertainty(length_rms_mm=position, angle_rms_deg=math.degrees(angle))
             for position, angle in zip(robot.position_mm, robot.angle, strict=True)
         ]
+        views = _Views(robot.T_camera_target, robot.T_base_flange, robot.joint_angles, left, robot.stated)
     fields = {
         "purpose": purpose,
         "focus_group": group.name,
@@ -72,16 +86,66 @@ def next_view_findings(data: SessionData, settings: Mapping[str, str]) -> Findin
         "suggestions": [
             {
                 "T_target_camera": invert(T).tolist(),
-                "T_base_flange": None if robot is None else robot.T_base_flange[place].tolist(),
-                "joint_angles_deg": _stated_angles(data, robot, place),
+                "T_base_flange": None if views.T_base_flange is None else views.T_base_flange[place].tolist(),
+                "joint_angles_deg": _stated_angles(data, views, place),
                 **_described(T, spec, fit),
-                "expected_uncertainty_now": left[place],
-                "expected_uncertainty_after": left[place + 1],
+                "expected_uncertainty_now": views.left[place],
+                "expected_uncertainty_after": views.left[place + 1],
             }
-            for place, T in enumerate(views)
+            for place, T in enumerate(views.T_camera_target)
         ],
     }
-    return Findings(fields, estimate.excluded.values(), estimate.warnings)
+    hidden = [] if views.stated is None or asked is None else _hidden(len(asked), views.stated)
+    return Findings(fields, estimate.excluded.values(), [*estimate.warnings, *hidden])
+
+
+def _model_angles(data: SessionData, stated_deg: list[list[float]]) -> Float[np.ndarray, "n j"]:
+    """Return the candidates' joint angles as the robot's model has them, rad."""
+    if data.nominal is None:
+        raise NominalRobotMissing("Joint angles are no views without the robot's model.")
+    for number, angles in enumerate(stated_deg, 1):
+        if len(angles) != len(data.nominal):
+            raise JointAnglesInconsistent(
+                f"Candidate {number} has {len(angles)} joint angles, the robot {len(data.nominal)} joints."
+            )
+    return data.model_angles(np.array(stated_deg, dtype=np.float64))
+
+
+def _camera_views(
+    data: SessionData,
+    estimate: SessionEstimate,
+    group: FocusGroup,
+    target: int,
+    count: int,
+    stated: Float[np.ndarray, "n j"] | None,
+) -> _Views:
+    at = None if stated is None else views_of_candidates(data, estimate, group, target, stated)
+    fit, covariance = common_fit(group), group.estimate.camera_covariance
+    shown = None if at is None else at.T_camera_target
+    found = suggest_views(fit, covariance, data.targets[target], count, shown)
+    left = [
+        _uncertainty(projection_rms_px=pixels, focal_relative_uncertainty=focal)
+        for pixels, focal in zip(found.projection_px, found.focal_relative, strict=True)
+    ]
+    if at is None or at.joint_angles is None:
+        return _Views(found.T_camera_target, None, None, left, None)
+    flange, q = at.T_base_flange[found.places], at.joint_angles[found.places]
+    return _Views(found.T_camera_target, flange, q, left, at.stated)
+
+
+def _hidden(asked: int, shown: Int[np.ndarray, " k"]) -> list[Advisory]:
+    """Warn of the candidates, by their number from 1, that do not show the whole target."""
+    numbers = [str(number + 1) for number in range(asked) if number not in set(shown.tolist())]
+    if not numbers:
+        return []
+    listed = ", ".join(numbers[:MAX_LISTED]) + (" ..." if len(numbers) > MAX_LISTED else "")
+    return [
+        Advisory(
+            "candidates_hide_target",
+            f"{len(numbers)} of {asked} candidates do not show the whole target: {listed}.",
+            "Views are chosen of the others; leave these out, or bring the camera's view back onto the target.",
+        )
+    ]
 
 
 def _uncertainty(**known: float) -> dict[str, float | None]:
@@ -90,11 +154,11 @@ def _uncertainty(**known: float) -> dict[str, float | None]:
     return {name: float(known[name]) if name in known else None for name in names}
 
 
-def _stated_angles(data: SessionData, robot: NextRobotViews | None, place: int) -> list[float] | None:
+def _stated_angles(data: SessionData, views: _Views, place: int) -> list[float] | None:
     """Return joint angles as the robot states them, degrees."""
-    if robot is None or robot.joint_angles is None:
+    if views.joint_angles is None:
         return None
-    angles = robot.joint_angles[place]
+    angles = views.joint_angles[place]
     if data.joint_coupling is not None:
         angles = np.linalg.solve(data.joint_coupling, angles)
     return [float(angle) for angle in np.degrees(angles)]

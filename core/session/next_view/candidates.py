@@ -36,9 +36,6 @@ def candidate_views(
     rng = np.random.default_rng(seed)
     points = spec.points_target()
     middle, extent = points.mean(axis=0), float(np.ptp(points, axis=0).max()) + 2.0 * spec.pitch_mm
-    low, high = points.min(axis=0) - spec.pitch_mm, points.max(axis=0) + spec.pitch_mm
-    outline = np.array([[x, y, 0.0] for x in (low[0], high[0]) for y in (low[1], high[1])])
-    shown = np.concatenate([points, outline])
     focal = float(camera.as_array()[:2].mean())
     found = np.zeros((0, 4, 4))
     for _ in range(_DRAWS_PER_VIEW):
@@ -55,17 +52,20 @@ def candidate_views(
         depth = focal * extent / (rng.uniform(*FILL, count) * min(size_px))
         at_px = np.column_stack([rng.uniform(-0.5, 0.5, (count, 2)) * size_px, np.full(count, focal)])
         T[:, :3, 3] = at_px * depth[:, None] / focal - T[:, :3, :3] @ middle
-        found = np.concatenate([found, T[_shows(T, shown, camera, size_px)]])
+        found = np.concatenate([found, T[shows_target(T, spec, camera, size_px)]])
     return found[:count]
 
 
-def _shows(
-    T: Float[np.ndarray, "n 4 4"],
-    points: Float[np.ndarray, "m 3"],
-    camera: AnyCamera,
-    size_px: tuple[int, int],
+def shows_target(
+    T: Float[np.ndarray, "n 4 4"], spec: TargetSpec, camera: AnyCamera, size_px: tuple[int, int]
 ) -> Bool[np.ndarray, " n"]:
-    """Return in which views all points are before the camera and in the image."""
+    """Return in which views T_camera_target (mm) the whole target with a pitch around it is before the camera and in
+    the image.
+    """
+    points = spec.points_target()
+    low, high = points.min(axis=0) - spec.pitch_mm, points.max(axis=0) + spec.pitch_mm
+    outline = np.array([[x, y, 0.0] for x in (low[0], high[0]) for y in (low[1], high[1])])
+    points = np.concatenate([points, outline])
     seen = points @ T[:, :3, :3].transpose(0, 2, 1) + T[:, None, :3, 3]
     ahead = seen[:, :, 2].min(axis=1) > 0.0
     seen[~ahead] = [0.0, 0.0, 1.0]

@@ -6,14 +6,14 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 
 from core.calibration import CommonFit
 from core.errors import InvalidArgument
-from core.kinematics import Chain, solve_inverse
+from core.kinematics import Chain, forward, solve_inverse
 from core.session.estimate import FocusGroup
 from core.session.model import CameraMount
-from core.session.next_view.candidates import candidate_views
+from core.session.next_view.candidates import candidate_views, shows_target
 from core.session.next_view.views_expected import camera_of, common_fit, image_size
 from core.targets import TargetSpec
 
@@ -47,11 +47,16 @@ class RobotReach:
 
 @dataclass(frozen=True)
 class RobotCandidates:
-    """Views with the flange's pose in the robot's base, and joint angles (rad) where the arm is known."""
+    """Views with the flange's pose in the robot's base, and joint angles (rad) where the arm is known.
+
+    `stated` are their places among the joint angles that were stated as candidates; None where views are any that the
+    robot can take.
+    """
 
     T_camera_target: Float[np.ndarray, "n 4 4"]
     T_base_flange: Float[np.ndarray, "n 4 4"]
     joint_angles: Float[np.ndarray, "n j"] | None
+    stated: Int[np.ndarray, " n"] | None = None
 
 
 def robot_candidates(
@@ -84,6 +89,32 @@ def robot_candidates(
             "Use a smaller target, put it nearer the middle of the poses, or take images with joints farther apart.",
         )
     return RobotCandidates(views, flange, angles)
+
+
+def stated_candidates(
+    group: FocusGroup,
+    spec: TargetSpec,
+    T_flange_moving: Float[np.ndarray, "4 4"],
+    T_base_fixed: Float[np.ndarray, "4 4"],
+    chain: Chain,
+    joint_angles: Float[np.ndarray, "n j"],
+    camera_mount: CameraMount,
+) -> RobotCandidates:
+    """Return the views at joint angles (rad) of the robot's model that show the whole target.
+
+    Raises InvalidArgument where none does, TooFewMeasurements for a group without a common camera.
+    """
+    fit = common_fit(group)
+    flange = forward(chain, joint_angles)
+    T_fixed_moving = np.linalg.inv(T_base_fixed) @ flange @ T_flange_moving
+    views = np.linalg.inv(T_fixed_moving) if camera_mount == "robot" else T_fixed_moving
+    kept = np.flatnonzero(shows_target(views, spec, camera_of(fit), image_size(fit)))
+    if not len(kept):
+        raise InvalidArgument(
+            "No candidate shows the whole target.",
+            "State joint angles at which the camera sees the target with a square's width around it.",
+        )
+    return RobotCandidates(views[kept], flange[kept], joint_angles[kept], kept)
 
 
 def _mean_turn(fit: CommonFit) -> float:

@@ -13,15 +13,15 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
 from core.calibration import HandEyeObservation, information_so_far, station_information
-from core.errors import TooFewMeasurements
+from core.errors import InvalidArgument, JointAnglesMissing, NominalRobotMissing, TooFewMeasurements
 from core.kinematics import ModelChoice, PoseData, forward, pose_information
-from core.session.commanded_poses import calibrate_session_hand_eye
+from core.session.commanded_poses import SessionHandEye, calibrate_session_hand_eye
 from core.session.estimate import FocusGroup, SessionEstimate
-from core.session.model import SessionData
-from core.session.next_view.reach import RobotCandidates, RobotReach, robot_candidates
+from core.session.model import CommandedPose, SessionData
+from core.session.next_view.reach import RobotCandidates, RobotReach, robot_candidates, stated_candidates
 from core.session.next_view.selection import greedy
 from core.session.next_view.views_expected import expected_views
 from core.session.robot import gather_robot_poses, identify_robot
@@ -35,6 +35,7 @@ class NextRobotViews:
     """Views to take, the most informative first: T_camera_target and T_base_flange (mm), joint angles of the robot's
     model (rad; None where the arm is not known), and what each leaves uncertain.
 
+    `stated` are the places of those that show the target among candidates that were stated; None where none were.
     `position_mm` and `angle` (rad) begin with what is uncertain now and have an entry more for each view: root mean
     squares over the axes of the camera on the flange (the target there, of a fixed camera), or over the chain's lengths
     and angles.
@@ -45,24 +46,33 @@ class NextRobotViews:
     joint_angles: Float[np.ndarray, "n j"] | None
     position_mm: Float[np.ndarray, " m"]
     angle: Float[np.ndarray, " m"]
+    stated: Int[np.ndarray, " k"] | None
 
 
 def suggest_hand_eye_views(
-    data: SessionData, estimate: SessionEstimate, group: FocusGroup, target: int, count: int
+    data: SessionData,
+    estimate: SessionEstimate,
+    group: FocusGroup,
+    target: int,
+    count: int,
+    stated: Float[np.ndarray, "n j"] | None = None,
 ) -> NextRobotViews:
     """Suggest `count` views of a target, by its place in the session, that make the camera on the flange certain.
 
-    Where the robot is known and its base is that of the commanded poses, views are those within its joints' range.
+    Where the robot is known and its base is that of the commanded poses, views are those within its joints' range; of
+    joint angles `stated` (rad, of the robot's model), each once at most.
 
-    Raises what `calibrate_session_hand_eye` raises, TooFewMeasurements where no image shows the target or the group has
-    no common camera, and InvalidArgument for no views and where none is within reach.
+    Raises what `views_of_candidates` and `calibrate_session_hand_eye` raise, TooFewMeasurements where no image shows
+    the target or the group has no common camera, and InvalidArgument for no views and where none is within reach.
     """
     found = calibrate_session_hand_eye(data, estimate)
     tie, place = found.calibration, _place(target, found.targets)
     frames = tie.T_flange_camera, tie.T_base_targets[place]
-    candidates = robot_candidates(
-        group, data.targets[target], *frames, _commanded_reach(data), data.camera_mount
-    )
+    if stated is None:
+        reach = _commanded_reach(data)
+        candidates = robot_candidates(group, data.targets[target], *frames, reach, data.camera_mount)
+    else:
+        candidates = _stated_views(data, found, group, target, stated)
     counted = [pose for pose in estimate.poses if pose.measurement_id not in estimate.unclear]
     expected = expected_views(data, counted, group, target, candidates.T_camera_target)
     stations = [
@@ -75,14 +85,21 @@ def suggest_hand_eye_views(
     weight = np.zeros(len(M))
     weight[:6] = [1.0] * 3 + [found.working_distance_mm**2] * 3
     information = station_information(tie, stations) + expected.of_shared(len(M))
-    chosen, left = greedy(M, information, np.diag(weight), count)
+    chosen, left = greedy(M, information, np.diag(weight), count, repeat=stated is None)
     return _views(candidates, chosen, left, np.arange(3), np.arange(3, 6))
 
 
 def suggest_dh_views(
-    data: SessionData, estimate: SessionEstimate, group: FocusGroup, target: int, count: int
+    data: SessionData,
+    estimate: SessionEstimate,
+    group: FocusGroup,
+    target: int,
+    count: int,
+    stated: Float[np.ndarray, "n j"] | None = None,
 ) -> NextRobotViews:
     """Suggest `count` views of a target, by its place in the session, that make the robot's chain certain.
+
+    Views are within its joints' range, or of joint angles `stated` (rad, of the robot's model), each once at most.
 
     Raises what `identify_robot` raises, TooFewMeasurements where no image shows the target or the group has no common
     camera, and InvalidArgument for no views and where none is within reach.
@@ -91,8 +108,12 @@ def suggest_dh_views(
     gathered = gather_robot_poses(data, estimate)
     place = _place(target, found.targets)
     frames = found.T_flange_camera, np.linalg.inv(found.T_target_base[place])
-    reach = RobotReach(found.chain, gathered.poses.joint_angles)
-    candidates = robot_candidates(group, data.targets[target], *frames, reach, data.camera_mount)
+    spec = data.targets[target]
+    if stated is None:
+        reach = RobotReach(found.chain, gathered.poses.joint_angles)
+        candidates = robot_candidates(group, spec, *frames, reach, data.camera_mount)
+    else:
+        candidates = stated_candidates(group, spec, *frames, found.chain, stated, data.camera_mount)
     assert candidates.joint_angles is not None  # within reach
     counted = [estimate.poses[i] for i in gathered.rows]
     expected = expected_views(data, counted, group, target, candidates.T_camera_target)
@@ -115,8 +136,48 @@ def suggest_dh_views(
     weight = known.lengths / max(int(known.lengths.sum()), 1)
     weight = weight + known.reach_mm**2 * known.angles / max(int(known.angles.sum()), 1)
     information = known.candidates + expected.of_shared(len(known.measured))
-    chosen, left = greedy(known.measured, information, np.diag(weight), count)
+    chosen, left = greedy(known.measured, information, np.diag(weight), count, repeat=stated is None)
     return _views(candidates, chosen, left, np.flatnonzero(known.lengths), np.flatnonzero(known.angles))
+
+
+def views_of_candidates(
+    data: SessionData,
+    estimate: SessionEstimate,
+    group: FocusGroup,
+    target: int,
+    stated: Float[np.ndarray, "n j"],
+) -> RobotCandidates:
+    """Return the views of a target, by its place in the session, at joint angles (rad) of the nominal robot.
+
+    Raises what `calibrate_session_hand_eye` raises, NominalRobotMissing, JointAnglesMissing, InvalidArgument where its
+    base is not that of the commanded poses or no candidate shows the target, and TooFewMeasurements where no image does
+    or the group has no common camera.
+    """
+    return _stated_views(data, calibrate_session_hand_eye(data, estimate), group, target, stated)
+
+
+def _stated_views(
+    data: SessionData,
+    found: SessionHandEye,
+    group: FocusGroup,
+    target: int,
+    stated: Float[np.ndarray, "n j"],
+) -> RobotCandidates:
+    if data.nominal is None:
+        raise NominalRobotMissing("Joint angles are no views without the robot's model.")
+    if not _with_joint_angles(data):
+        raise JointAnglesMissing(
+            "No commanded pose has joint angles, so that it is not known whether the robot's model has their base.",
+            "State joint_angles_deg with the commanded poses.",
+        )
+    if _commanded_reach(data) is None:
+        raise InvalidArgument(
+            "The robot's model and its commanded poses have different bases: joint angles are no views.",
+            "State commanded poses in the base of the robot's Denavit-Hartenberg model, or ask with purpose dh.",
+        )
+    tie = found.calibration
+    frames = tie.T_flange_camera, tie.T_base_targets[_place(target, found.targets)]
+    return stated_candidates(group, data.targets[target], *frames, data.nominal, stated, data.camera_mount)
 
 
 def _place(target: int, targets: Sequence[int]) -> int:
@@ -127,16 +188,16 @@ def _place(target: int, targets: Sequence[int]) -> int:
     return targets.index(target)
 
 
+def _with_joint_angles(data: SessionData) -> list[CommandedPose]:
+    """Return the commanded poses that state an angle for each joint of the nominal robot."""
+    joints = -1 if data.nominal is None else len(data.nominal)
+    return [c for c in data.commanded.values() if len(c.joint_angles_deg or ()) == joints]
+
+
 def _commanded_reach(data: SessionData) -> RobotReach | None:
     """Return the nominal robot at the commanded joint angles; None where its flange is not where it was commanded."""
-    if data.nominal is None:
-        return None
-    known = [
-        c
-        for c in data.commanded.values()
-        if c.joint_angles_deg is not None and len(c.joint_angles_deg) == len(data.nominal)
-    ]
-    if not known:
+    known = _with_joint_angles(data)
+    if data.nominal is None or not known:
         return None
     q = data.model_angles(np.array([c.joint_angles_deg for c in known], dtype=np.float64))
     stated = np.array([c.position_mm if c.position_mm is not None else [math.nan] * 3 for c in known])
@@ -163,4 +224,5 @@ def _views(
         None if q is None else q[chosen],
         np.sqrt(variances[:, lengths].mean(axis=1)),
         np.sqrt(variances[:, angles].mean(axis=1)),
+        candidates.stated,
     )

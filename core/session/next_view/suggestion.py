@@ -13,7 +13,7 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
 from core.calibration import CommonFit
 from core.errors import InvalidArgument
@@ -34,30 +34,37 @@ CANDIDATES = 300
 
 @dataclass(frozen=True, slots=True)
 class NextViews:
-    """Views to take, the most informative first, as T_camera_target (mm), and what each leaves uncertain.
+    """Views to take, the most informative first, as T_camera_target (mm), their places among the candidates, and what
+    each leaves uncertain.
 
     `projection_px` and `focal_relative` begin with what is uncertain now and have an entry more for each view: the root
     mean square uncertainty of a pixel over the image, and u(f)/f.
     """
 
     T_camera_target: Float[np.ndarray, "n 4 4"]
+    places: Int[np.ndarray, " n"]
     projection_px: Float[np.ndarray, " m"]
     focal_relative: Float[np.ndarray, " m"]
 
 
 def suggest_views(
-    fit: CommonFit, covariance: Float[np.ndarray, "s s"], spec: TargetSpec, count: int
+    fit: CommonFit,
+    covariance: Float[np.ndarray, "s s"],
+    spec: TargetSpec,
+    count: int,
+    stated: Float[np.ndarray, "n 4 4"] | None = None,
 ) -> NextViews:
     """Suggest `count` views of a target after those of a fit, of which `covariance` is the camera's.
 
-    Candidates have the fit's noise and the growth of its uncertainties, so that what is predicted is what the fit of
-    all of them will state.
+    They are of those `stated` as T_camera_target (mm), each taken once at most; of any that show the whole target where
+    none are stated. Candidates have the fit's noise and the growth of its uncertainties, so that what is predicted is
+    what the fit of all of them will state.
 
     Raises InvalidArgument for no views, and where no candidate shows the whole target.
     """
     camera = camera_from_array(fit.placements.parameters[0])
     size = fit.views.image_width_px, fit.views.image_height_px
-    candidates = candidate_views(spec, camera, size, CANDIDATES)
+    candidates = candidate_views(spec, camera, size, CANDIDATES) if stated is None else stated
     if not len(candidates):
         raise InvalidArgument(
             "No view shows the whole target.", "Use a smaller target, or a lens of a wider angle."
@@ -67,10 +74,13 @@ def suggest_views(
     information = camera_information(*placed_views(views, camera, candidates))
     free = information.shape[1]
     G = _weights(camera, size, free)
-    chosen, left = greedy(covariance_of(covariance[:free, :free]), information, G, count)
+    chosen, left = greedy(
+        covariance_of(covariance[:free, :free]), information, G, count, repeat=stated is None
+    )
     focal = [math.sqrt(float(C[:2, :2].mean())) / float(camera.as_array()[:2].mean()) for C in left]
     return NextViews(
         candidates[chosen],
+        np.array(chosen, dtype=np.intp),
         np.array([math.sqrt(float(np.sum(G * C))) for C in left]),
         np.array(focal),
     )

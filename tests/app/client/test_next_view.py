@@ -15,7 +15,7 @@ def uncertainty(**known: float) -> dict[str, Any]:
 
 
 def printed(capsys: pytest.CaptureFixture[str], *views: dict[str, Any]) -> str:
-    print_views({"suggestions": list(views)})
+    print_views({"suggestions": list(views), "warnings": []})
     return " ".join(capsys.readouterr().out.split())
 
 

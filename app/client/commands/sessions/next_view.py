@@ -4,14 +4,18 @@ from __future__ import annotations
 
 import enum
 import json
+from pathlib import Path
 from typing import Annotated
 
 import typer
+from rich.markup import escape
 
 from ... import Json, ServiceClient, find_session
 from ...resources import target_of_session
 from ..access import UploadAccess
 from ..console import output_console
+from ..record_files import FileRefused, read_records
+from .poses import pose_fields
 
 _SHOWN = (("projection_rms_px", 2, "px"), ("length_rms_mm", 3, "mm"), ("angle_rms_deg", 4, "°"))
 
@@ -38,6 +42,15 @@ def next_view(
         typer.Option(help="The target to look at, by id or name; the session's first unless stated."),
     ] = None,
     count: Annotated[int, typer.Option(min=1, max=50, help="Views to suggest.")] = 3,
+    candidates: Annotated[
+        Path | None,
+        typer.Option(
+            help="File of the poses to choose from: CSV with j1_deg, j2_deg, ... as `poses load` reads it, JSON or "
+            "YAML.  [default: any view within reach]",
+            exists=True,
+            dir_okay=False,
+        ),
+    ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print the service's answer unchanged.")] = False,
 ) -> int:
     """Suggest the views that would make a session's camera, hand-eye calibration or robot most certain."""
@@ -47,6 +60,8 @@ def next_view(
         asked: Json = {"purpose": purpose.value, "count": count}
         if target is not None:
             asked["target_id"] = target_of_session(client, found, target)
+        if candidates is not None:
+            asked["candidates"] = _poses_to_choose_from(candidates)
         answer = client.create(f"/v1/sessions/{found['id']}/next-view", asked)
         if as_json:
             print(json.dumps(answer, indent=2, allow_nan=False))
@@ -56,9 +71,25 @@ def next_view(
     return service.run(act)
 
 
+def _poses_to_choose_from(file: Path) -> list[Json]:
+    """Return the joint angles that the rows of a file state."""
+    records = read_records(file, None, None)
+    found = []
+    for record in records.entries:
+        angles = pose_fields(record, records).get("joint_angles_deg")
+        if not angles:
+            raise FileRefused(
+                f"In {record.place} there are no joint angles.", "Fill j1_deg, j2_deg, ... of every row."
+            )
+        found.append({"joint_angles_deg": angles})
+    return found
+
+
 def print_views(found: Json) -> None:
     """Print each view as a camera's user sees it, and what it makes of the uncertainty."""
     console = output_console()
+    for warning in found["warnings"]:
+        console.print(f"note: {escape(warning['detail'])}")
     for number, view in enumerate(found["suggestions"], 1):
         now, after = view["expected_uncertainty_now"], view["expected_uncertainty_after"]
         gains = [

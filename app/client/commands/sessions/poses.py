@@ -61,11 +61,16 @@ def _place(field: str, records: Records) -> str:
     return f"{records.entries[int(index)].place} {name}".rstrip()
 
 
-def _pose(record: Record, records: Records) -> Json:
+def pose_fields(record: Record, records: Records) -> Json:
+    """Return a record's fields by the names of the API; raises FileRefused."""
     try:
-        given = record.fields if records.kind != "csv" else pose_of_cells(record.fields, records.delimiter)
+        return record.fields if records.kind != "csv" else pose_of_cells(record.fields, records.delimiter)
     except RowError as error:
         raise FileRefused(f"In {record.place}: {error}.") from None
+
+
+def _pose(record: Record, records: Records) -> Json:
+    given = pose_fields(record, records)
     unknown = sorted(set(given) - set(POSE_FIELDS))
     if unknown:
         raise FileRefused(

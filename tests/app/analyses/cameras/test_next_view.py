@@ -79,6 +79,46 @@ def test_views_for_a_robot_have_joint_angles_and_make_it_more_certain(
         assert np.array(view["T_base_flange"]).shape == (4, 4)
 
 
+@pytest.mark.parametrize("purpose", ["intrinsics", "hand_eye", "dh"])
+def test_views_are_chosen_of_the_candidates_stated(robot: RobotSession, purpose: str) -> None:
+    begun = body(ask(robot.api, robot.id, purpose="hand_eye", count=8))["suggestions"]
+    known = [list(q) for q in sorted({tuple(view["joint_angles_deg"]) for view in begun})]
+    assert len(known) >= 2
+    away = [known[0][0] + 120.0, *known[0][1:]]
+    candidates = [{"joint_angles_deg": q} for q in [away, *known]]
+    found = body(ask(robot.api, robot.id, purpose=purpose, count=50, candidates=candidates))
+    NextViewAnalysis.model_validate(found, extra="forbid")
+    taken = [view["joint_angles_deg"] for view in found["suggestions"]]
+    assert len(taken) == len(known)
+    places = {int(np.argmin([np.abs(np.subtract(q, one)).max() for one in known])) for q in taken}
+    assert len(places) == len(known)
+    assert all(min(np.abs(np.subtract(q, one)).max() for one in known) < 1e-6 for q in taken)
+    assert all(np.array(view["T_base_flange"]).shape == (4, 4) for view in found["suggestions"])
+    (warning,) = [w for w in found["warnings"] if w["code"] == "candidates_hide_target"]
+    assert f"1 of {len(candidates)} candidates do not show the whole target: 1." in warning["detail"]
+
+
+def test_candidates_that_are_no_views_of_the_robot_are_refused(robot: RobotSession, store: Store) -> None:
+    two = [{"joint_angles_deg": [1.0, 2.0]}]
+    problem(ask(robot.api, robot.id, candidates=two), 409, "joint_angles_inconsistent")
+    problem(ask(robot.api, robot.id, candidates=[]), 422, "invalid_request")
+    bare = new_session(robot.api)
+    store(robot.api, bare, shoot(poses=4, cycles=1))
+    problem(ask(robot.api, bare, candidates=two), 409, "nominal_robot_missing")
+
+
+def test_views_are_a_table_too(robot: RobotSession) -> None:
+    answer = robot.api.client.post(
+        f"/v1/sessions/{robot.id}/next-view",
+        json={"purpose": "dh", "count": 2},
+        headers={"Accept": "text/csv"},
+    )
+    assert answer.status_code == 200
+    header, *rows = answer.text.splitlines()
+    assert "instruction" in header.split(",")
+    assert len(rows) == 2
+
+
 def test_what_a_purpose_needs_is_named(api: Any, store: Store) -> None:
     session = new_session(api)
     store(api, session, shoot(poses=4, cycles=1))

@@ -106,6 +106,31 @@ def test_the_robot_can_take_the_views(begun: Begun) -> None:
     assert apart.max() < 3.0
 
 
+def test_of_stated_candidates_each_is_taken_once_and_those_without_the_target_never(begun: Begun) -> None:
+    arm = begun.views.arm
+    seen = viewing_angles(arm, np.random.default_rng(12), 6)
+    away = seen[:2] + np.array([1.5, 0.0, 0.0, 0.0, 0.0, 0.0])
+    stated = np.concatenate([away[:1], seen, away[1:]])
+    suggest = suggest_hand_eye_views if begun.purpose == "hand_eye" else suggest_dh_views
+    found = suggest(begun.data, begun.estimate, begun.estimate.groups[0], 0, 20, stated)
+    assert found.joint_angles is not None
+    assert found.stated is not None
+    assert found.stated.tolist() == [1, 2, 3, 4, 5, 6]
+    np.testing.assert_allclose(sorted(found.joint_angles[:, 0]), sorted(seen[:, 0]))
+    T = np.linalg.inv(arm.camera_poses(found.joint_angles))
+    assert np.linalg.norm(T[:, :3, 3] - found.T_camera_target[:, :3, 3], axis=1).max() < 3.0
+    assert np.all(np.diff(found.position_mm) <= 0.0)
+    # The first is no worse than any other would be alone.
+    alone = [
+        suggest(begun.data, begun.estimate, begun.estimate.groups[0], 0, 1, one[None]).position_mm[1]
+        for one in seen
+    ]
+    first = suggest(begun.data, begun.estimate, begun.estimate.groups[0], 0, 1, seen)
+    assert first.position_mm[1] <= np.median(alone)
+    with pytest.raises(InvalidArgument):
+        suggest(begun.data, begun.estimate, begun.estimate.groups[0], 0, 1, away)
+
+
 def test_expected_views_say_of_the_images_taken_what_the_session_says(begun: Begun) -> None:
     estimate = begun.estimate
     T = begun.views.arm.camera_poses(begun.views.joint_angles)

@@ -8,6 +8,7 @@ from pydantic import Field
 from typing_extensions import TypeAliasType
 
 from app.api.schemas.analyses.common import AnalysisHead, Matrix
+from app.api.schemas.analyses.dh.plan import MAX_PLANNED_POSES, PoseToPlan
 from app.api.schemas.common import Identifier, RequestModel, ResponseModel, Text
 from app.api.schemas.fields import TargetId
 
@@ -37,6 +38,13 @@ class NextViewCreate(RequestModel):
     ] = None
     target_id: Annotated[
         Identifier | None, Field(description="The target to look at; null: the session's first.")
+    ] = None
+    candidates: Annotated[
+        Annotated[list[PoseToPlan], Field(min_length=1, max_length=MAX_PLANNED_POSES)] | None,
+        Field(
+            description="Poses to choose from, each once at most: those that the robot may go to. They need the "
+            "robot's model, and commanded poses in its base unless the purpose is `dh`. Null: any view within reach."
+        ),
     ] = None
 
 
@@ -75,14 +83,15 @@ class SuggestedView(ResponseModel):
     T_base_flange: Annotated[
         Matrix | None,
         Field(
-            description="4 x 4, mm: the flange's pose to command, in the robot's base; null with `intrinsics`."
+            description="4 x 4, mm: the flange's pose to command, in the robot's base; null with `intrinsics` and no "
+            "candidates."
         ),
     ]
     joint_angles_deg: Annotated[
         list[float] | None,
         Field(
-            description="Joint angles that take the robot there, each within 20 degrees of where its joint has been; "
-            "null: not known."
+            description="Joint angles that take the robot there, those of a candidate, or each within 20 degrees of "
+            "where its joint has been; null: not known."
         ),
     ]
     instruction: Annotated[
