@@ -91,16 +91,22 @@ def list_qualifications(
     return page(records, statement, Qualification.id, limit=limit, cursor=cursor)
 
 
-def latest_qualification(records: orm.Session, robot_id: str | None) -> Mapping[str, Any] | None:
-    """Return what analyses and reports cite: the latest of the robot, or else of the installation; None for none."""
+def latest_qualification(records: orm.Session, robot_id: str | None, source: str) -> Mapping[str, Any] | None:
+    """Return what analyses and reports cite: the latest of the robot, or else of the installation; None for none.
+
+    It is of the same `source`: what images of known lengths showed says nothing of another instrument.
+    """
     columns = (Qualification.id, Qualification.made_at, Qualification.due_at, Qualification.decision)
     for of_robot in dict.fromkeys((robot_id, None)):
         same = Qualification.robot_id.is_(None) if of_robot is None else Qualification.robot_id == of_robot
-        row = records.execute(
-            sa.select(*columns).where(same).order_by(Qualification.id.desc()).limit(1)
-        ).first()
-        if row is not None:
-            return row._asdict()
+        rows = records.execute(
+            sa.select(*columns, Qualification.analysis).where(same).order_by(Qualification.id.desc())
+        ).yield_per(5)
+        for *values, analysis in rows:
+            # One that cannot be read says nothing of any source.
+            if isinstance(analysis, dict) and analysis.get("source") == source:
+                rows.close()
+                return {column.key: value for column, value in zip(columns, values, strict=True)}
     return None
 
 

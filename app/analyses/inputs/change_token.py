@@ -77,7 +77,10 @@ def read_change_token(records: orm.Session, session_id: str) -> str:
         ]
         if robot is not None
         else None,
-        (latest_qualification(records, session.robot_id) or {}).get("id"),
+        [
+            (latest_qualification(records, session.robot_id, source) or {}).get("id")
+            for source in ("images", "measured_poses")
+        ],
         # Numbers as numbers: as text SQLite rounds them.
         [list(row) for row in records.execute(sa.select(*POSE_COLUMNS).where(Pose.session_id == session_id))],
     ]

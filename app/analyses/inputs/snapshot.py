@@ -220,7 +220,7 @@ def read_snapshot(records: orm.Session, session_id: str, source: str = "images")
             robot,
             [rows[i] for i in target_ids],
             [image.captured_at for image in images],
-            latest_qualification(records, session.robot_id),
+            latest_qualification(records, session.robot_id, source),
         ),
         robot=[{name: joint[name] for name in OF_JOINT} for joint in robot.joints]
         if robot is not None

@@ -204,7 +204,7 @@ class ReportMaker:
                 signature=sign_report(signing_key(self._installation.pepper), manifest),
                 core_version=made.core_version,
                 inputs_sha256=made.inputs_sha256,
-                finished_at=order.made_at,
+                finished_at=max(datetime.now(UTC), moment_of(order.report_id)),
             )
             robots.save_summaries(records, {order.report_id: summary_or_none(made.forms["json"])})
         log.info("report_made", report_id=order.report_id, kind=order.kind, forms=sorted(made.forms))

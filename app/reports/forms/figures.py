@@ -13,7 +13,10 @@ from collections.abc import Iterator, Mapping
 from typing import Any
 
 Figure = str | float | int | bool | None
-_IDENTITIES = ("pose_id", "joint", "name", "measurement_id", "figure", "target_id", "source", "code")
+_IDENTITIES = (
+    *("pose_id", "joint", "name", "measurement_id", "measured_pose_id"),
+    *("figure", "target_id", "source", "code"),
+)
 _UNIT = re.compile(r"_(mm|deg|px|rad|s|kg|percent|min|c)$")
 _UNITS = {"deg": "degree", "percent": "%", "c": "degree Celsius"}
 _FORMULA = ("=", "+", "-", "@", "\t", "\r")

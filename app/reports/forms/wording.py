@@ -100,7 +100,7 @@ class Wording:
         """Return a part of a document with its texts in words, and a `named` wherever it has an id."""
         if isinstance(value, Mapping):
             found = {name: self.of_part(item, name) for name, item in value.items()}
-            id_ = value.get("measurement_id") or value.get("target_id")
+            id_ = value.get("measurement_id") or value.get("measured_pose_id") or value.get("target_id")
             return {**found, "named": self._name(id_)} if isinstance(id_, str) else found
         if isinstance(value, list):
             return [self.of_part(item, key) for item in value]

@@ -87,8 +87,13 @@ def tests_of(document: dict[str, Any]) -> list[dict[str, Any]]:
         sessions: dict[str, dict[str, Any]] = {}
         for point in document["session_figures"]:
             if point["test"] == number:
-                row = sessions.setdefault(point["report_id"], {**point, "values": {}})
+                owner = point["report_id"] or point["qualification_id"]
+                row = sessions.setdefault(owner, {**point, "values": {}})
                 row["values"][(point["of"], point["figure"])] = point
-        rows = sorted(sessions.values(), key=lambda row: (row["measured_at"], row["report_id"]), reverse=True)
+        rows = sorted(
+            sessions.values(),
+            key=lambda row: (row["measured_at"], row["report_id"] or row["qualification_id"]),
+            reverse=True,
+        )
         tests.append({**test, "figures": figures, "names": names, "rows": rows[:MAX_POINTS]})
     return tests

@@ -15,6 +15,7 @@ from typer.testing import CliRunner, Result
 
 from app.api.schemas.analyses import QualificationAnalysis
 from app.cli.main import app
+from app.records.ids import new_id
 from app.records.tables import Qualification
 from tests.support.service.service import ApiMaker, assert_problem
 from tests.support.sessions.kinematics import make_robot
@@ -157,6 +158,18 @@ def test_what_is_measured_afterwards_cites_the_latest_record(api: Any) -> None:
     assert_problem(api.client.get(f"/v1/qualifications/qua_{'0' * 26}"), 404, "qualification_not_found")
     with pytest.raises(sa.exc.DBAPIError), api.installation.database.write() as records:
         records.execute(sa.update(Qualification).values(decision="pass"))
+
+
+def test_what_another_source_measured_is_not_cited(api: Any) -> None:
+    robot = make_robot(api)
+    session, lengths = measure(api, robot_id=robot)
+    made = record(api, session, lengths)
+    with api.installation.database.write() as records:
+        row = records.get(Qualification, made["id"])
+        columns = {column.key: getattr(row, column.key) for column in sa.inspect(Qualification).columns}
+        of_images = {**columns, "id": new_id("qua"), "analysis": {**row.analysis, "source": "images"}}
+        records.execute(sa.insert(Qualification).values(of_images))
+    assert cited(api, session)["id"] == made["id"]
 
 
 def test_a_record_is_compared_with_the_earlier_ones_of_its_set_up(api: Any) -> None:

@@ -231,6 +231,9 @@ def test_qualifications_stand_in_the_history(api: Api) -> None:
     }
     (test,) = found["tests"]
     assert (test["test_kind"], test["source"], test["camera_name"]) == ("qualification", None, "C-7")
+    known = {one["id"] for one in api.client.get("/v1/qualifications").json()["items"]}
+    assert {one["qualification_id"] for one in found["session_figures"]} <= known
+    assert {one["report_id"] for one in found["session_figures"]} == {None}
 
 
 def test_a_history_that_is_too_long_says_so(api: Api, robot: str, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -67,7 +67,7 @@ def plan_document(
 
 
 def _check_size(poses: int, target: Mapping[str, Any], request: Mapping[str, Any]) -> None:
-    looked_at = poses + (request["candidates"] if request["suggest_count"] else 0)
+    looked_at = poses + (request["candidate_count"] if request["suggest_count"] else 0)
     points = looked_at * target["columns"] * target["rows"]
     if points > MAX_POINTS:
         raise AnalysisError(
@@ -98,7 +98,7 @@ def _document(
     suggested = np.zeros((0, len(chain)))
     with_suggested: Prediction | None = None
     if request["suggest_count"]:
-        candidates = _drawn(rng, request, request["candidates"], robot.limits)
+        candidates = _drawn(rng, request, request["candidate_count"], robot.limits)
         best = suggest_poses(
             chain, of_chain[planned.visible], robot.of_chain(candidates), rig, request["suggest_count"]
         )
@@ -116,7 +116,7 @@ def _document(
         "observability_o1": planned.conditioning.observability_o1,
         "observability_indices": asdict(planned.conditioning.indices),
         "null_space": null_space_document(planned.null_space),
-        "suggested_poses": np.degrees(suggested).tolist(),
+        "suggested_poses": [{"joint_angles_deg": q} for q in np.degrees(suggested).tolist()],
         "predicted_joints_with_suggestions": None if with_suggested is None else _joints(with_suggested),
         "observability_indices_with_suggestions": None
         if with_suggested is None

@@ -18,7 +18,14 @@ def drift_document(
     documents = [
         found for row in rows if (found := _of_pose(row, data, accuracy.get(row.pose_id))) is not None
     ]
-    return {"time_source": data.time_source, "poses": documents} if documents else None
+    if not documents:
+        return None
+    is_timed = any(one["duration_h"] is not None for one in documents)
+    return {
+        "against": "time" if is_timed else "cycle",
+        "time_source": data.time_source,
+        "poses": documents,
+    }
 
 
 def _of_pose(row: PoseRow, data: SessionData, accuracy: PoseAccuracy | None) -> dict[str, Any] | None:

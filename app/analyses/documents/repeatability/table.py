@@ -141,16 +141,21 @@ def _within_stops(found: BurstFloor | None) -> dict[str, Any] | None:
 
 def _outliers(row: PoseRow) -> list[dict[str, Any]]:
     """Return the cycles that no scatter explains, which count all the same."""
-    return [
-        {
-            "measurement_id": row.visits[outlier.index].measurement_id,
-            "cycle": row.visits[outlier.index].cycle,
-            "code": outlier.code,
-            "distance_mm": outlier.distance_mm,
-            "detail": outlier.detail,
-        }
-        for outlier in (row.figures.outliers if row.figures else ())
-    ]
+    found = []
+    for outlier in row.figures.outliers if row.figures else ():
+        visit = row.visits[outlier.index]
+        of_image = images_of(visit)[0].image is not None
+        found.append(
+            {
+                "measurement_id": visit.measurement_id if of_image else None,
+                "measured_pose_id": None if of_image else visit.measurement_id,
+                "cycle": visit.cycle,
+                "code": outlier.code,
+                "distance_mm": outlier.distance_mm,
+                "detail": outlier.detail,
+            }
+        )
+    return found
 
 
 def _verdicts(figures: PoseRepeatability | None) -> list[dict[str, Any]]:

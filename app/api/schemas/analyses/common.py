@@ -79,8 +79,8 @@ class AnalysisSubject(ResponseModel):
     qualification: Annotated[
         QualificationCite | None,
         Field(
-            description="The latest qualification of the robot, or else of the installation (`/v1/qualifications`); "
-            "null for none."
+            description="The latest qualification, by the same source, of the robot or else of the installation "
+            "(`/v1/qualifications`); null for none."
         ),
     ]
     camera_mount: SessionMount

@@ -9,9 +9,12 @@ from typing_extensions import TypeAliasType
 
 from app.api.schemas.analyses.common import Interval, Vector
 from app.api.schemas.analyses.figures import RepeatabilityFigures, VariationFigures
-from app.api.schemas.common import ResponseModel
+from app.api.schemas.common import ResponseModel, Share
 from app.api.schemas.fields import PoseId
 
+DriftBasis = TypeAliasType(
+    "DriftBasis", Annotated[Literal["time", "cycle"], Field(description="What drift is known over.")]
+)
 TimeSource = TypeAliasType(
     "TimeSource",
     Annotated[
@@ -119,6 +122,13 @@ class PoseDrift(ResponseModel):
 class Drift(ResponseModel):
     """Drift over the cycles and over time, for poses with at least two blocks of ten numbered cycles."""
 
+    against: Annotated[
+        DriftBasis,
+        Field(
+            description="`time`: times are known, and `rate_mm_per_h` is stated by them. `cycle`: drift is known from "
+            "block to block of cycles alone."
+        ),
+    ]
     time_source: Annotated[
         TimeSource | None,
         Field(
@@ -232,7 +242,7 @@ class BurstRatio(ResponseModel):
     """Scatter of images within their stops against what the model of the noise says."""
 
     ratio_to_model: Annotated[float, Field(description="Standard deviation over the model's.")]
-    p_value: Annotated[float, Field(description="Chance of so large a scatter if the model were right.")]
+    p_value: Annotated[Share, Field(description="Chance of so large a scatter if the model were right.")]
     added: Annotated[
         bool,
         Field(

@@ -26,7 +26,7 @@ from app.api.schemas.analyses.performance import (
     WitnessRead,
 )
 from app.api.schemas.analyses.steadiness import Steadiness
-from app.api.schemas.common import ResponseModel
+from app.api.schemas.common import ResponseModel, Share
 from app.api.schemas.fields import PITCH, ROLL, YAW, PoseId
 
 Verdict = TypeAliasType(
@@ -58,7 +58,10 @@ class OutlierRead(ResponseModel):
     """A cycle that the pose's scatter does not explain; it counts all the same."""
 
     measurement_id: Annotated[
-        str, Field(description="Id of the image's measurement, or of the measured pose.")
+        str | None, Field(description="Id of the image's measurement; null of another instrument.")
+    ]
+    measured_pose_id: Annotated[
+        str | None, Field(description="Id of what another instrument measured; null of an image.")
     ]
     cycle: Annotated[int | None, Field(description="The cycle's number as stated with it; null: not stated.")]
     code: Annotated[str, Field(description="`position_outlier` or `orientation_outlier`.")]
@@ -189,7 +192,7 @@ class RepeatabilityAnalysis(EstimatedAnalysis):
 
     source: SourceField
     confidence_level: Annotated[
-        float, Field(description="Probability that an interval contains its figure, such as 0.95.")
+        Share, Field(description="Probability that an interval contains its figure, such as 0.95.")
     ]
     poses: Annotated[
         list[PoseRepeatability], Field(description="Pose by pose in natural order, P2 before P10.")

@@ -162,7 +162,12 @@ class HistoryFigure(ResponseModel):
     measured_at: Annotated[datetime, Field(description=_MEASURED)]
     session_id: SessionId
     session_name: SessionName
-    report_id: Annotated[str, Field(description="The report, or the qualification, that has it.")]
+    report_id: Annotated[
+        str | None, Field(description="Id of the report that has it; null of a qualification.")
+    ]
+    qualification_id: Annotated[
+        str | None, Field(description="Id of the qualification that has it; null of a report.")
+    ]
     value: Annotated[float, Field(description="The figure, in its unit.")]
     low: Annotated[float | None, Field(description="Lower end of its 95 % interval; null: not stated.")]
     high: Annotated[float | None, Field(description="Upper end of its 95 % interval; null: not stated.")]

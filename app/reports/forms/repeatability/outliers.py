@@ -83,7 +83,7 @@ def without_outliers_fact(pose: Json) -> list[tuple[str, str]]:
 
 def _outlying(pose: Json) -> dict[str, str]:
     """Return the cycles of a pose that are outliers by their measurements; one may be so by several tests."""
-    return {one["measurement_id"]: _name(one) for one in pose["outliers"]}
+    return {one["measurement_id"] or one["measured_pose_id"]: _name(one) for one in pose["outliers"]}
 
 
 def _named(pose: Json) -> str:

@@ -183,6 +183,7 @@ def test_an_outlier_counts_and_is_named(api: Any, store: Store) -> None:
     ids = store(api, session, shots)
     row = table(api, session)["poses"][0]
     (outlier,) = row["outliers"]
+    assert outlier["measured_pose_id"] is None
     assert (outlier["measurement_id"], outlier["code"], outlier["cycle"]) == (
         ids[8],
         "position_outlier",
@@ -231,6 +232,23 @@ def test_a_pose_is_given_in_one_target_s_frame(api: Any, store: Store) -> None:
 
 
 @pytest.mark.slow
+def test_an_outlier_of_another_instrument_is_named_by_its_measured_pose(api: Any) -> None:
+    session = new_session(api)
+    rng = np.random.default_rng(6)
+    positions = np.array([100.0, 200.0, 300.0]) + rng.normal(0.0, 0.02, (24, 3))
+    positions[7] += [0.0, 1.0, 0.0]
+    told = [
+        {"pose_id": "P1", "cycle": k + 1, "position_mm": position.tolist()}
+        for k, position in enumerate(positions)
+    ]
+    stored = api.client.post(f"/v1/sessions/{session}/measured-poses", json=told).json()["items"]
+    found = table(api, session, source="measured_poses")
+    (outlier,) = found["poses"][0]["outliers"]
+    assert outlier["measurement_id"] is None
+    assert (outlier["measured_pose_id"], outlier["cycle"]) == (stored[7]["id"], 8)
+    assert (found["drift"]["against"], found["drift"]["time_source"]) == ("cycle", None)
+
+
 def test_drift_is_told_over_blocks_of_cycles(api: Any, store: Store) -> None:
     shots = []
     rng = np.random.default_rng(2)
@@ -245,7 +263,7 @@ def test_drift_is_told_over_blocks_of_cycles(api: Any, store: Store) -> None:
     session = new_session(api)
     ids = store(api, session, shots)
     drift = table(api, session)["drift"]
-    assert drift["time_source"] == "captured_at"
+    assert (drift["against"], drift["time_source"]) == ("time", "captured_at")
     for pose in drift["poses"]:
         assert pose["duration_h"] == pytest.approx(1.2)
         assert [block["mean_time_h"] for block in pose["blocks"]] == pytest.approx([0.45, 1.65])
