@@ -30,7 +30,7 @@ from app.errors import InvalidContent, NotFound
 from app.http import authorize, get_requester
 from app.logs import Logger
 from app.records.activity import acting
-from app.records.tables import Measurement, Report, Robot, Session, Table, Target
+from app.records.tables import Measurement, Qualification, Report, Robot, Session, Table, Target, Webhook
 from app.services.installation.context import ServiceContext
 from app.services.measurements import recall_targets, session_targets
 from app.services.queries import NOUNS, exists
@@ -40,7 +40,24 @@ BODY_LIMIT = MIB
 BULK_LIMIT = 16 * MIB
 TAKE_CSV = frozenset({"put_poses", "put_measured_poses"})
 """Operations whose list may be sent as a CSV table."""
+_MAKING = (201, 202)
+_LOCATION = {
+    "headers": {
+        "Location": {
+            "description": "Path of what was made, or of where its progress is read.",
+            "schema": {"type": "string"},
+        }
+    }
+}
 _PROBLEM_REFERENCE = {"content": {MEDIA_TYPE: {"schema": {"$ref": "#/components/schemas/Problem"}}}}
+_RETRY_LATER = {
+    "headers": {
+        "Retry-After": {
+            "description": "Where it is known: seconds after which the request may succeed.",
+            "schema": {"type": "integer", "minimum": 0},
+        }
+    }
+}
 _DESCRIPTIONS = {
     401: "No valid key was sent.",
     403: "The key's scope does not allow this.",
@@ -50,6 +67,7 @@ _DESCRIPTIONS = {
     415: "The body's media type or image format is not taken here.",
     422: "The content is not valid.",
     429: "The key has sent what its quota allows in a day.",
+    500: "A defect of the service, noted in its log.",
     503: "The service cannot do this just now.",
     507: "There is no room to store this.",
 }
@@ -74,6 +92,9 @@ _PARENTS: dict[str, type[Table]] = {
     "session_id": Session,
     "measurement_id": Measurement,
     "report_id": Report,
+    "other_report_id": Report,
+    "qualification_id": Qualification,
+    "webhook_id": Webhook,
 }
 
 
@@ -85,6 +106,9 @@ class StrictRoute(APIRoute):
 
     def __init__(self, path: str, endpoint: Callable[..., Any], **settings: Any) -> None:
         super().__init__(path, endpoint, **settings)
+        for status in _MAKING:
+            if status == self.status_code or status in self.responses:
+                self.responses = {**self.responses, status: {**_LOCATION, **self.responses.get(status, {})}}
         if self._is_list:
             self.responses = {**self.responses, 200: {**LIST_CSV, **self.responses.get(200, {})}}
 
@@ -231,8 +255,12 @@ def api_router(**settings: Any) -> APIRouter:
 
 
 def problem_responses(*statuses: int) -> dict[int | str, dict[str, Any]]:
-    """Return the documentation of the problems a route may answer with; 401, 403 and 422 go without saying."""
+    """Return the documentation of the problems a route may answer with; those of any route go without saying."""
     return {
-        status: {"description": _DESCRIPTIONS[status], **_PROBLEM_REFERENCE}
-        for status in sorted({401, 403, 422, *statuses})
+        status: {
+            "description": _DESCRIPTIONS[status],
+            **(_RETRY_LATER if status in (429, 503) else {}),
+            **_PROBLEM_REFERENCE,
+        }
+        for status in sorted({401, 403, 422, 500, 503, *statuses})
     }

@@ -21,8 +21,11 @@ from app.api.schemas.analyses.dh.compensation import Compensation
 from app.api.schemas.analyses.dh.identification import DhAnalysis
 from app.api.schemas.analyses.dh.joint_noise import JointNoiseAnalysis
 from app.api.schemas.analyses.dh.kinematic_error import KinematicErrorAnalysis
+from app.api.schemas.analyses.dh.next_view import NextViewAnalysis
+from app.api.schemas.analyses.dh.plan import DhPlan
 from app.api.schemas.analyses.hand_eye import HandEyeAnalysis
 from app.api.schemas.analyses.intrinsics import IntrinsicsAnalysis
+from app.api.schemas.analyses.qualification import QualificationAnalysis
 from app.api.schemas.analyses.repeatability import RepeatabilityAnalysis
 from app.api.schemas.documents.histories import ReportComparison, RobotHistory
 
@@ -44,6 +47,9 @@ TABLES: dict[str, tuple[str, type[BaseModel]]] = {
     "`dh/error-map`": ("kinematic_error", KinematicErrorAnalysis),
     "`joint-noise`": ("joint_noise", JointNoiseAnalysis),
     "`comparison`": ("comparison", ComparisonAnalysis),
+    "`qualification`": ("qualification", QualificationAnalysis),
+    "`next-view`": ("next_view", NextViewAnalysis),
+    "`dh-plan` of a robot": ("dh_plan", DhPlan),
     "`compensate` of a robot": ("compensation", Compensation),
     "`history` of a robot": ("history", RobotHistory),
     "`comparison` of reports": ("report_comparison", ReportComparison),

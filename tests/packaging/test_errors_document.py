@@ -49,7 +49,6 @@ _OTHER_WARNINGS: dict[str, set[str]] = {
     "core/session/robot/coupling_proposal.py": {"joint_coupling_proposed"},
     # The warning is one that was made elsewhere:
     "core/session/repeatability/assessment.py": set(),
-    "app/records/codec/points.py": set(),
 }
 """Modules with a warning whose code is no text in the call, and what it may be."""
 

@@ -14,8 +14,8 @@ EXAMPLES_PATH = Path(__file__).with_name("examples.json")
 def add_examples(document: dict[str, Any]) -> None:
     """Put the recorded example of each body into the document; a body that was not recorded stays without one.
 
-    Problems refer to one example of each status in `components`. A request's is in its schema: openapi-generator warns
-    of examples of objects anywhere else.
+    Problems that were not recorded refer to one example of each status in `components`. A request's is in its schema:
+    openapi-generator warns of examples of objects anywhere else.
     """
     recorded = json.loads(EXAMPLES_PATH.read_text(encoding="utf-8"))
     shared = document["components"]["examples"] = {}
@@ -31,8 +31,8 @@ def add_examples(document: dict[str, Any]) -> None:
                     content["schema"]["examples"] = [of_operation["request"][media_type]]
             for status, response in operation["responses"].items():
                 for media_type, content in response.get("content", {}).items():
-                    if media_type == MEDIA_TYPE and f"problem_{status}" in shared:
+                    if media_type in of_operation["responses"].get(status, {}):
+                        content["example"] = of_operation["responses"][status][media_type]
+                    elif media_type == MEDIA_TYPE and f"problem_{status}" in shared:
                         reference = {"$ref": f"#/components/examples/problem_{status}"}
                         content["examples"] = {"recorded": reference}
-                    elif media_type in of_operation["responses"].get(status, {}):
-                        content["example"] = of_operation["responses"][status][media_type]

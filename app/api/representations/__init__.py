@@ -2,8 +2,11 @@
 
 from app.api.representations.analysis_answers import (
     CSV_CONTENT,
+    ETAG_HEADER,
+    POSTED_ANALYSIS,
     FormDep,
     KnownTags,
+    PostedFormDep,
     answer_analysis,
     answer_document,
     answer_in_form,
@@ -22,10 +25,13 @@ from app.api.representations.preferences import CSV
 __all__ = [
     "CSV",
     "CSV_CONTENT",
+    "ETAG_HEADER",
     "LIST_CSV",
+    "POSTED_ANALYSIS",
     "AcceptHeader",
     "FormDep",
     "KnownTags",
+    "PostedFormDep",
     "answer_analysis",
     "answer_document",
     "answer_in_form",

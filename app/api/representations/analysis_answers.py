@@ -30,10 +30,9 @@ KnownTags = Annotated[
 
 
 @dataclass
-class AnswerForm:
-    """In what form a client wants an analysis, and which answers it has."""
+class TableForm:
+    """In what form a client wants an analysis."""
 
-    known: KnownTags = None
     accept: Annotated[
         str | None,
         Header(
@@ -53,10 +52,22 @@ class AnswerForm:
     ] = None
 
 
+@dataclass
+class AnswerForm(TableForm):
+    """In what form a client wants an analysis that it reads, and which answers it has."""
+
+    known: KnownTags = None
+
+
 FormDep = Annotated[AnswerForm, Depends()]
+PostedFormDep = Annotated[TableForm, Depends()]
+"""Of an analysis by POST: what a client has already is no condition there (RFC 9110, 13.1.2)."""
 
+ETAG_HEADER = {
+    "ETag": {"description": "Changes with what the answer is computed from.", "schema": {"type": "string"}}
+}
 
-CSV_CONTENT = {
+CSV_CONTENT: dict[str, Any] = {
     CSV: {
         "schema": {
             "type": "string",
@@ -65,6 +76,7 @@ CSV_CONTENT = {
         }
     }
 }
+POSTED_ANALYSIS: dict[int | str, dict[str, Any]] = {200: {"headers": ETAG_HEADER, "content": CSV_CONTENT}}
 DEFAULT_TABLES = {
     "intrinsics": "groups",
     "repeatability": "poses",
@@ -75,6 +87,9 @@ DEFAULT_TABLES = {
     "kinematic_error": "error_map.error_cells",
     "comparison": "calibrations",
     "compensation": "poses",
+    "qualification": "lengths",
+    "next_view": "suggestions",
+    "dh_plan": "joints",
     "history": "session_figures",
     "report_comparison": "compared_figures",
 }
@@ -86,17 +101,16 @@ async def answer_in_form(
     model: type[BaseModel],
     session_id: str,
     settings: dict[str, str],
-    form: AnswerForm,
+    form: TableForm,
 ) -> Response:
     """Answer with an analysis as JSON, or with one of its tables as CSV."""
     name, table = _chosen(analysis, model, form)
+    known = form.known if isinstance(form, AnswerForm) else None
     if not prefers_csv(form.accept):
-        found = await answer_analysis(request, analysis, session_id, settings, form.known)
+        found = await answer_analysis(request, analysis, session_id, settings, known)
         found.headers["Vary"] = "Accept"
         return found
-    found = await answer_analysis(
-        request, analysis, session_id, settings, _tags_of_document(form.known, name)
-    )
+    found = await answer_analysis(request, analysis, session_id, settings, _tags_of_document(known, name))
     headers = {
         "ETag": f'{found.headers["ETag"][:-1]}-{name}"',
         "Cache-Control": found.headers["Cache-Control"],
@@ -110,7 +124,7 @@ async def answer_in_form(
 
 
 def answer_document(
-    name: str, model: type[BaseModel], document: Mapping[str, Any], form: AnswerForm
+    name: str, model: type[BaseModel], document: Mapping[str, Any], form: TableForm
 ) -> Response:
     """Answer with a document whose numbers are rounded as JSON, or with one of its tables as CSV."""
     table_name, table = _chosen(name, model, form)
@@ -122,7 +136,8 @@ def answer_document(
         "Cache-Control": "private, no-cache",
         "Vary": "Accept",
     }
-    if {headers["ETag"], "*"} & _entity_tags(form.known):
+    known = form.known if isinstance(form, AnswerForm) else None
+    if {headers["ETag"], "*"} & _entity_tags(known):
         return Response(status_code=304, headers=headers)
     if not as_csv:
         return Response(body, media_type="application/json", headers=headers)
@@ -131,7 +146,7 @@ def answer_document(
     return Response(text, media_type=f"{CSV}; header=present", headers=headers)
 
 
-def _chosen(analysis: str, model: type[BaseModel], form: AnswerForm) -> tuple[str, Table]:
+def _chosen(analysis: str, model: type[BaseModel], form: TableForm) -> tuple[str, Table]:
     """Return the table that is asked for, or the default one, with its name. Raises InvalidContent."""
     tables = tables_of(model)
     name = form.table or DEFAULT_TABLES[analysis]

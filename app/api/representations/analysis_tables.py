@@ -25,6 +25,8 @@ SUMMARY = "summary"
 _FORMULA = ("=", "+", "-", "@", "\t", "\r")
 _UNIT = re.compile(r"(_(?:mm|deg|px|rad|s))?$")
 _PARTS = {3: ("x", "y", "z"), 2: ("low", "high")}
+_PIXEL = re.compile(r"_middle_px$")
+"""Pairs of image coordinates, which are no interval."""
 _ANGLES = "roll_pitch_yaw"
 Json = dict[str, Any]
 
@@ -107,6 +109,8 @@ class _Walker:
                     for place, angle in enumerate(_ANGLES.split("_")):
                         yield Column(name.replace(_ANGLES, angle), (*at, place))
                 else:
+                    if _PIXEL.search(name):
+                        parts = ("u", "v")
                     for place, part in enumerate(parts):
                         yield Column(_UNIT.sub(rf"_{part}\1", name, count=1), (*at, place))
 

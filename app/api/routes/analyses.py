@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from typing import Annotated, Any
 
 from fastapi import Depends, Query, Request, Response
@@ -9,7 +10,14 @@ from pydantic import Field
 
 from app.analyses.documents.sweep_names import PATTERN, sweeps_setting
 from app.api.dependencies import SessionPath
-from app.api.representations import CSV_CONTENT, FormDep, answer_analysis, answer_in_form
+from app.api.representations import (
+    CSV_CONTENT,
+    ETAG_HEADER,
+    POSTED_ANALYSIS,
+    FormDep,
+    PostedFormDep,
+    answer_in_form,
+)
 from app.api.routes.documents.qualifications import qualification_settings
 from app.api.routing import api_router, problem_responses
 from app.api.schemas.analyses import (
@@ -34,16 +42,13 @@ from app.api.schemas.fields import Estimator, Source
 from app.errors import InvalidContent
 
 router = api_router(prefix="/v1/sessions/{session_id}", tags=["analyses"])
-ETAG_HEADER = {
-    "ETag": {"description": "Changes with what the answer is computed from.", "schema": {"type": "string"}}
-}
 _RESPONSES: dict[int | str, dict[str, Any]] = {
     200: {
         "headers": ETAG_HEADER,
         "content": CSV_CONTENT,
     },
     304: {"description": "The client has this answer already.", "headers": ETAG_HEADER},
-    **problem_responses(404, 409, 422, 503),
+    **problem_responses(404, 409),
 }
 EstimatorQuery = Annotated[
     Estimator,
@@ -175,25 +180,28 @@ async def get_comparison(session_id: SessionPath, request: Request, form: FormDe
 @router.post(
     "/qualification",
     response_model=QualificationAnalysis,
-    responses=problem_responses(404, 409, 413, 415, 422, 503),
+    responses={**POSTED_ANALYSIS, **problem_responses(404, 409, 413, 415)},
 )
 async def create_qualification(
-    session_id: SessionPath, body: QualificationCreate, request: Request
+    session_id: SessionPath, body: QualificationCreate, request: Request, form: PostedFormDep
 ) -> Response:
     """Compare known lengths between poses with what the session measured of them.
 
     It qualifies camera, lens and target together, in the spirit of VDI/VDE 2634 and ASTM E2919. Nothing is stored:
     `POST .../qualifications` keeps the result.
     """
-    return await answer_analysis(request, "qualification", session_id, qualification_settings(body), None)
+    settings = qualification_settings(body)
+    return await answer_in_form(request, "qualification", QualificationAnalysis, session_id, settings, form)
 
 
 @router.post(
     "/next-view",
     response_model=NextViewAnalysis,
-    responses=problem_responses(404, 409, 413, 415, 422, 503),
+    responses={**POSTED_ANALYSIS, **problem_responses(404, 409, 413, 415)},
 )
-async def create_next_view(session_id: SessionPath, body: NextViewCreate, request: Request) -> Response:
+async def create_next_view(
+    session_id: SessionPath, body: NextViewCreate, request: Request, form: PostedFormDep
+) -> Response:
     """Suggest the views that would make camera, hand-eye calibration or robot most certain, most informative first.
 
     Nothing is stored. Ask again after each image: what it showed counts then.
@@ -201,7 +209,9 @@ async def create_next_view(session_id: SessionPath, body: NextViewCreate, reques
     settings = {"purpose": body.purpose, "count": str(body.count)}
     settings |= {"focus_group": body.focus_group} if body.focus_group is not None else {}
     settings |= {"target_id": body.target_id} if body.target_id is not None else {}
-    return await answer_analysis(request, "next_view", session_id, settings, None)
+    if body.candidates is not None:
+        settings["candidates"] = json.dumps([pose.joint_angles_deg for pose in body.candidates])
+    return await answer_in_form(request, "next_view", NextViewAnalysis, session_id, settings, form)
 
 
 MethodQuery = Annotated[

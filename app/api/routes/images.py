@@ -56,7 +56,7 @@ router = api_router(prefix="/v1", tags=["measurements"])
 
 _ACCEPTED: dict[int | str, dict[str, Any]] = {
     200: {"model": MeasurementRead, "description": "The same image is here already: the first measurement."},
-    **problem_responses(404, 413, 415, 422, 429, 507),
+    **problem_responses(404, 413, 415, 429, 507),
 }
 _RAW_BODY = {
     "requestBody": {
@@ -224,7 +224,7 @@ router.add_api_route(
     "/sessions/{session_id}/images/missing",
     tags=["bulk"],
     response_model=MissingImages,
-    responses=problem_responses(404, 413, 415, 422),
+    responses=problem_responses(404, 413, 415),
 )
 def find_missing_images(session_id: SessionPath, body: ImageList, service: AppContextDep) -> Response:
     """List those of up to 20,000 images that are to be sent: not here yet, or lost or damaged on the server's disk.

@@ -13,11 +13,12 @@ from starlette.concurrency import run_in_threadpool
 from app.api.dependencies import AppContextDep, SessionPath
 from app.api.representations import (
     CSV_CONTENT,
+    ETAG_HEADER,
     FormDep,
     KnownTags,
     answer_in_form,
 )
-from app.api.routes.analyses import ETAG_HEADER, SettingsDep, SourceQuery
+from app.api.routes.analyses import SettingsDep, SourceQuery
 from app.api.routes.plots import answer_plot, plot_responses
 from app.api.routing import api_router, problem_responses
 from app.api.schemas.analyses import JointNoiseAnalysis
@@ -39,7 +40,7 @@ AtQuery = Annotated[
 ]
 OTHER_RESPONSES: dict[int | str, dict[str, Any]] = {
     304: {"description": "The client has this answer already.", "headers": ETAG_HEADER},
-    **problem_responses(404, 409, 422, 503),
+    **problem_responses(404, 409),
 }
 
 

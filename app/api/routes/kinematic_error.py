@@ -7,11 +7,11 @@ from fastapi import Request, Response
 from app.api.dependencies import SessionPath
 from app.api.representations import (
     CSV_CONTENT,
+    ETAG_HEADER,
     FormDep,
     KnownTags,
     answer_in_form,
 )
-from app.api.routes.analyses import ETAG_HEADER
 from app.api.routes.joint_noise import OTHER_RESPONSES, WorkspaceSettingsDep
 from app.api.routes.plots import answer_plot, plot_responses
 from app.api.routing import api_router

@@ -31,7 +31,7 @@ router = api_router(prefix="/v1/sessions/{session_id}/measured-poses", tags=["me
     "",
     tags=["bulk"],
     response_model=MeasuredPosePage,
-    responses=problem_responses(404, 409, 413, 415, 422, 507),
+    responses=problem_responses(404, 409, 413, 415, 507),
     openapi_extra=CSV_BODY,
 )
 def put_measured_poses(
@@ -67,7 +67,7 @@ def put_measured_poses(
     return json_answer(MeasuredPosePage(items=items, next_cursor=None))
 
 
-@router.get("", responses=problem_responses(404, 422))
+@router.get("", responses=problem_responses(404))
 def list_measured_poses(
     session_id: SessionPath,
     service: AppContextDep,
@@ -86,7 +86,7 @@ def list_measured_poses(
     return MeasuredPosePage(items=items, next_cursor=next_cursor, warnings=warnings)
 
 
-@router.delete("", responses=problem_responses(404, 422, 507))
+@router.delete("", responses=problem_responses(404, 507))
 def delete_measured_poses(
     session_id: SessionPath,
     service: AppContextDep,

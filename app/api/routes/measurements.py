@@ -45,7 +45,7 @@ MEDIA_TYPES = {"png": "image/png", "jpeg": "image/jpeg", "tiff": "image/tiff", "
 @router.get(
     "/sessions/{session_id}/measurements",
     response_model=MeasurementPage,
-    responses=problem_responses(404, 422),
+    responses=problem_responses(404),
 )
 def list_measurements(
     session_id: SessionPath,
@@ -68,7 +68,7 @@ def list_measurements(
     return json_answer(MeasurementPage(items=items, next_cursor=next_cursor))
 
 
-@router.get("/measurements/{measurement_id}", responses=problem_responses(404, 409, 422))
+@router.get("/measurements/{measurement_id}", responses=problem_responses(404, 409))
 def get_measurement(
     measurement_id: MeasurementPath,
     service: AppContextDep,
@@ -84,7 +84,7 @@ def get_measurement(
     return measurement_document(view, points)
 
 
-@router.patch("/measurements/{measurement_id}", responses=problem_responses(404, 409, 413, 415, 422, 507))
+@router.patch("/measurements/{measurement_id}", responses=problem_responses(404, 409, 413, 415, 507))
 def update_measurement(
     measurement_id: MeasurementPath, body: MeasurementChange, service: AppContextDep
 ) -> MeasurementRead:
@@ -123,7 +123,7 @@ def delete_measurement(measurement_id: MeasurementPath, service: AppContextDep) 
             "description": "The original, byte for byte.",
             "content": binary_content(*MEDIA_TYPES.values()),
         },
-        **problem_responses(404, 409, 503),
+        **problem_responses(404, 409),
     },
 )
 def get_image(measurement_id: MeasurementPath, service: AppContextDep, request: Request) -> OpenFileResponse:
@@ -145,7 +145,7 @@ def get_image(measurement_id: MeasurementPath, service: AppContextDep, request: 
             "what the marks mean.",
             "content": binary_content("image/png", "image/webp"),
         },
-        **problem_responses(404, 409, 422, 503),
+        **problem_responses(404, 409),
     },
 )
 def get_overlay(
@@ -177,7 +177,7 @@ def get_overlay(
             "description": "The image in grey, at most 320 pixels along its longer side.",
             "content": binary_content("image/webp"),
         },
-        **problem_responses(404, 409, 503),
+        **problem_responses(404, 409),
     },
 )
 async def get_thumbnail(

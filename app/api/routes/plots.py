@@ -9,9 +9,8 @@ from fastapi import Depends, Query, Request, Response
 from starlette.concurrency import run_in_threadpool
 
 from app.api.dependencies import AppContext, SessionPath, get_app_context
-from app.api.representations import KnownTags, answer_analysis, binary_content, stated_media_type
+from app.api.representations import ETAG_HEADER, KnownTags, answer_analysis, binary_content, stated_media_type
 from app.api.routes.analyses import (
-    ETAG_HEADER,
     EstimatorQuery,
     LensModelQuery,
     ModelQuery,
@@ -80,7 +79,7 @@ def plot_responses(shown: str) -> dict[int | str, dict[str, Any]]:
     return {
         200: {"description": shown, "content": _CONTENT, "headers": ETAG_HEADER},
         304: {"description": "The client has this plot already.", "headers": ETAG_HEADER},
-        **problem_responses(404, 409, 422, 503),
+        **problem_responses(404, 409),
     }
 
 
@@ -235,7 +234,7 @@ _FILE_TYPE = "application/yaml"
             },
         },
         304: {"description": "The client has this file already.", "headers": ETAG_HEADER},
-        **problem_responses(404, 409, 422, 503),
+        **problem_responses(404, 409),
     },
 )
 async def get_camera_file(

@@ -19,7 +19,7 @@ router = api_router(prefix="/v1/sessions/{session_id}/poses", tags=["poses"])
 @router.put(
     "/{pose_id}",
     responses={
-        **problem_responses(404, 409, 413, 415, 422, 507),
+        **problem_responses(404, 409, 413, 415, 507),
         201: {"model": PoseRead, "description": "The pose is new."},
     },
 )
@@ -55,7 +55,7 @@ def put_pose(
     "",
     tags=["bulk"],
     response_model=PosePage,
-    responses=problem_responses(404, 409, 413, 415, 422, 507),
+    responses=problem_responses(404, 409, 413, 415, 507),
     openapi_extra=CSV_BODY,
 )
 def put_poses(
@@ -88,7 +88,7 @@ def put_poses(
     return json_answer(PosePage(items=[PoseRead.model_validate(item) for item in body], next_cursor=None))
 
 
-@router.get("", responses=problem_responses(404, 422))
+@router.get("", responses=problem_responses(404))
 def list_poses(
     session_id: SessionPath, service: AppContextDep, limit: Limit = 50, cursor: Cursor = None
 ) -> PosePage:
@@ -99,7 +99,7 @@ def list_poses(
     return PosePage(items=items, next_cursor=next_cursor, warnings=warnings)
 
 
-@router.get("/{pose_id}", responses=problem_responses(404, 409, 422))
+@router.get("/{pose_id}", responses=problem_responses(404, 409))
 def get_pose(session_id: SessionPath, pose_id: PosePath, service: AppContextDep) -> PoseRead:
     """Return one pose."""
     with service.installation.database.read() as records:

@@ -18,7 +18,7 @@ from app.api.dependencies import (
     NameFilter,
     RobotPath,
 )
-from app.api.representations import CSV_CONTENT, FormDep, answer_in_form
+from app.api.representations import POSTED_ANALYSIS, PostedFormDep, answer_document, answer_in_form
 from app.api.responses import stored_document, stored_documents
 from app.api.routing import api_router, problem_responses
 from app.api.schemas.analyses import Compensation, CompensationCreate, DhPlan, DhPlanCreate
@@ -33,7 +33,7 @@ from app.services.robots import read_plan
 router = api_router(prefix="/v1/robots", tags=["robots"])
 
 
-@router.post("", status_code=201, responses=problem_responses(413, 415, 422, 507))
+@router.post("", status_code=201, responses=problem_responses(413, 415, 507))
 def create_robot(
     body: RobotCreate,
     service: AppContextDep,
@@ -55,7 +55,7 @@ def create_robot(
     return _document(robot)
 
 
-@router.get("", responses=problem_responses(422))
+@router.get("", responses=problem_responses())
 def list_robots(
     service: AppContextDep, name: NameFilter = None, limit: Limit = 50, cursor: Cursor = None
 ) -> RobotPage:
@@ -73,7 +73,7 @@ def get_robot(robot_id: RobotPath, service: AppContextDep) -> RobotRead:
         return _document(get_or_raise(records, Robot, robot_id))
 
 
-@router.patch("/{robot_id}", responses=problem_responses(404, 409, 413, 415, 422, 507))
+@router.patch("/{robot_id}", responses=problem_responses(404, 409, 413, 415, 507))
 def update_robot(
     robot_id: RobotPath,
     body: RobotChange,
@@ -116,9 +116,18 @@ CurvesQuery = Annotated[
 plans = api_router(prefix="/v1/robots/{robot_id}", tags=["analyses"])
 
 
-@plans.post("/dh-plan", response_model=DhPlan, responses=problem_responses(404, 409, 413, 415, 422, 503))
+@plans.post(
+    "/dh-plan",
+    response_model=DhPlan,
+    responses={**POSTED_ANALYSIS, **problem_responses(404, 409, 413, 415)},
+)
 async def create_dh_plan(
-    robot_id: RobotPath, body: DhPlanCreate, request: Request, service: AppContextDep, requester: RequesterDep
+    robot_id: RobotPath,
+    body: DhPlanCreate,
+    request: Request,
+    service: AppContextDep,
+    requester: RequesterDep,
+    form: PostedFormDep,
 ) -> Response:
     """Predict which parameters of a robot given poses would determine, and suggest the most informative further poses.
 
@@ -126,9 +135,9 @@ async def create_dh_plan(
     """
     robot, target = await run_in_threadpool(_read_plan, service, robot_id, body.target_id)
     asked = body.model_dump(exclude={"target_id"})
-    document = await run_while_connected(request, service.analyses.plan(robot, target, asked, requester))
-    ids = json.dumps({"robot_id": robot_id, "target_id": body.target_id})
-    return Response(ids[:-1].encode() + b"," + document[1:], media_type="application/json")
+    plan = await run_while_connected(request, service.analyses.plan(robot, target, asked, requester))
+    document = {"robot_id": robot_id, "target_id": body.target_id, **json.loads(plan)}
+    return answer_document("dh_plan", DhPlan, document, form)
 
 
 def _read_plan(service: AppContext, robot_id: str, target_id: str) -> tuple[dict[str, Any], dict[str, Any]]:
@@ -140,8 +149,8 @@ def _read_plan(service: AppContext, robot_id: str, target_id: str) -> tuple[dict
     "/compensate",
     response_model=Compensation,
     responses={
-        200: {"content": CSV_CONTENT},
-        **problem_responses(404, 409, 413, 415, 422, 503),
+        **POSTED_ANALYSIS,
+        **problem_responses(404, 409, 413, 415),
     },
 )
 async def create_compensation(
@@ -149,7 +158,7 @@ async def create_compensation(
     body: CompensationCreate,
     request: Request,
     service: AppContextDep,
-    form: FormDep,
+    form: PostedFormDep,
     curves: CurvesQuery = False,
 ) -> Response:
     """Correct commands by what a session identified of the robot: what to send, and what error is left. Nothing is

@@ -22,7 +22,7 @@ _FAILED_ALONE = ReprocessCreate()
 router = api_router(prefix="/v1/sessions", tags=["sessions"])
 
 
-@router.post("", status_code=201, responses=problem_responses(413, 415, 422, 507))
+@router.post("", status_code=201, responses=problem_responses(413, 415, 507))
 def create_session(
     body: SessionCreate,
     service: AppContextDep,
@@ -42,7 +42,7 @@ def create_session(
     return session_document(view)
 
 
-@router.get("", responses=problem_responses(422))
+@router.get("", responses=problem_responses())
 def list_sessions(
     service: AppContextDep, name: NameFilter = None, limit: Limit = 50, cursor: Cursor = None
 ) -> SessionPage:
@@ -61,7 +61,7 @@ def get_session(session_id: SessionPath, service: AppContextDep) -> SessionRead:
     return session_document(view)
 
 
-@router.patch("/{session_id}", responses=problem_responses(404, 409, 413, 415, 422, 507))
+@router.patch("/{session_id}", responses=problem_responses(404, 409, 413, 415, 507))
 def update_session(
     session_id: SessionPath,
     body: SessionChange,
@@ -84,7 +84,7 @@ def update_session(
     return session_document(view)
 
 
-@router.post("/{session_id}/reprocess", status_code=202, responses=problem_responses(404, 413, 415, 422, 507))
+@router.post("/{session_id}/reprocess", status_code=202, responses=problem_responses(404, 413, 415, 507))
 def reprocess_session(
     session_id: SessionPath,
     service: AppContextDep,

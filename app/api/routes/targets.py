@@ -16,7 +16,7 @@ from app.services.queries import get_or_raise
 router = api_router(prefix="/v1/targets", tags=["targets"])
 
 
-@router.post("", status_code=201, responses=problem_responses(413, 415, 422, 507))
+@router.post("", status_code=201, responses=problem_responses(413, 415, 507))
 def create_target(
     body: TargetCreate,
     service: AppContextDep,
@@ -36,7 +36,7 @@ def create_target(
     return _document(target)
 
 
-@router.get("", responses=problem_responses(422))
+@router.get("", responses=problem_responses())
 def list_targets(
     service: AppContextDep, name: NameFilter = None, limit: Limit = 50, cursor: Cursor = None
 ) -> TargetPage:
@@ -54,7 +54,7 @@ def get_target(target_id: TargetPath, service: AppContextDep) -> TargetRead:
         return _document(get_or_raise(records, Target, target_id))
 
 
-@router.patch("/{target_id}", responses=problem_responses(404, 409, 413, 415, 422, 507))
+@router.patch("/{target_id}", responses=problem_responses(404, 409, 413, 415, 507))
 def update_target(target_id: TargetPath, body: TargetChange, service: AppContextDep) -> TargetRead:
     """Change a target's name, or what is known of its print; analyses use the change from now on.
 

@@ -20,6 +20,12 @@ CalibrationGrade = TypeAliasType(
         Field(description="Whether the focal length is determined to 2 %, or less well."),
     ],
 )
+FitStart = TypeAliasType(
+    "FitStart",
+    Annotated[
+        Literal["nullspace", "vanishing_point", "nominal"], Field(description="What a fit began with.")
+    ],
+)
 LensModel = TypeAliasType(
     "LensModel",
     Annotated[
@@ -230,7 +236,7 @@ class CalibrationRead(ResponseModel):
         ),
     ]
     initialisation: Annotated[
-        str,
+        FitStart,
         Field(
             description="What the fit began with: `nullspace`, `vanishing_point` or `nominal` (a stated or usual "
             "focal length)."

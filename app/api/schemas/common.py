@@ -138,6 +138,7 @@ Sha256 = Annotated[
     Field(min_length=64, max_length=64, pattern=r"^[0-9A-Fa-f]{64}$"),
     AfterValidator(str.lower),
 ]
+Share = Annotated[float, Field(ge=0.0, le=1.0)]
 PositiveLength = Annotated[float, Field(gt=0, le=MAX_LENGTH_MM)]
 Coordinate = Annotated[float, Field(ge=-MAX_LENGTH_MM, le=MAX_LENGTH_MM)]
 Angle = Annotated[float, Field(ge=-MAX_ANGLE_DEG, le=MAX_ANGLE_DEG)]

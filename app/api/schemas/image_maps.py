@@ -6,7 +6,7 @@ from typing import Annotated
 
 from pydantic import Field
 
-from app.api.schemas.common import ResponseModel
+from app.api.schemas.common import ResponseModel, Share
 
 
 class MeanResidualRead(ResponseModel):
@@ -83,7 +83,7 @@ class ImageAreaRead(ResponseModel):
 
     name: Annotated[str, Field(description="Which of the nine.", examples=["upper left corner"])]
     point_count: Annotated[int, Field(description="Grid points in it.", examples=[120])]
-    blank_share: Annotated[float, Field(description="Share of its cells without any point.", examples=[0.2])]
+    blank_share: Annotated[Share, Field(description="Share of its cells without any point.", examples=[0.2])]
     standard_uncertainty_px: Annotated[
         float | None,
         Field(
@@ -103,7 +103,7 @@ class ProjectionUncertaintyRead(ResponseModel):
 
     cell_size_px: Annotated[float, Field(description="Side of the square cells, px.", examples=[160.0])]
     covered_share: Annotated[
-        float, Field(description="Share of the cells that have points.", examples=[0.93])
+        Share, Field(description="Share of the cells that have points.", examples=[0.93])
     ]
     largest_covered_px: Annotated[
         float | None,

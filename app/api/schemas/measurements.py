@@ -22,6 +22,7 @@ from app.api.schemas.common import (
     RequestModel,
     ResponseModel,
     Sha256,
+    Share,
     Text,
 )
 from app.api.schemas.fields import BURST, CYCLE, JOINT_ANGLES, FocusGroup, PoseId, SessionId
@@ -109,10 +110,10 @@ class CaptureQualityRead(ResponseModel):
     motion_blur_direction_deg: float | None = Field(
         description="That direction, from u toward v, from 0 to 180."
     )
-    saturated_fraction: float | None = Field(description="Share of the target's white at the sensor's top.")
-    clipped_fraction: float | None = Field(description="Share of the target's black at the sensor's bottom.")
+    saturated_fraction: Share | None = Field(description="Share of the target's white at the sensor's top.")
+    clipped_fraction: Share | None = Field(description="Share of the target's black at the sensor's bottom.")
     contrast: float | None = Field(description="White less black, as a fraction of full scale.")
-    coverage_fraction: float = Field(description="Share of the image within the grid points' outline.")
+    coverage_fraction: Share = Field(description="Share of the image within the grid points' outline.")
     tilt_deg: float | None = Field(
         description="Angle between the target's normal and the optical axis, degrees: by the image's calibration, "
         "else for a usual lens."

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
-from typing import Annotated
+from typing import Annotated, Literal
 
 from pydantic import Field
+from typing_extensions import TypeAliasType
 
 from app.api.schemas.common import ResponseModel
+
+Health = TypeAliasType("Health", Annotated[Literal["ok"], Field(description="That all is well.")])
 
 
 class FieldProblem(ResponseModel):
@@ -40,7 +43,7 @@ class Problem(ResponseModel):
 class Liveness(ResponseModel):
     """That the process answers."""
 
-    status: Annotated[str, Field(description="Always `ok`.")]
+    status: Annotated[Health, Field(description="The process answers.")]
 
 
 class HealthCheck(ResponseModel):
@@ -54,7 +57,7 @@ class HealthCheck(ResponseModel):
 class Readiness(ResponseModel):
     """Whether the service can do its work; with a valid key, its version and each part by name."""
 
-    status: Annotated[str, Field(description="Always `ok`; a service that is not ready answers 503.")]
+    status: Annotated[Health, Field(description="Always `ok`; a service that is not ready answers 503.")]
     version: Annotated[
         str | None, Field(description="Version and build of the numerics; missing without a valid key.")
     ] = None

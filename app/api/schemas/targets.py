@@ -54,7 +54,10 @@ class Certificate(RequestModel):
     number: Annotated[Text | None, Field(description="The certificate's number; null: none.")] = None
     laboratory: Annotated[Text | None, Field(description="Who issued it; null: not known.")] = None
     issued_on: Annotated[
-        Annotated[str, Field(pattern=r"^[0-9]{4}-[01][0-9]-[0-3][0-9]$")] | None,
+        Annotated[
+            str, Field(pattern=r"^[0-9]{4}-[01][0-9]-[0-3][0-9]$", json_schema_extra={"format": "date"})
+        ]
+        | None,
         Field(description="Day of issue, YYYY-MM-DD; null: not known.", examples=["2026-03-14"]),
     ] = None
     temperature_c: Annotated[

@@ -63,8 +63,8 @@ def _show(console: Console, plan: Json) -> None:
         console.print(
             f"{len(plan['suggested_poses'])} further poses that reduce the uncertainty most, best first (degrees):"
         )
-        for angles in plan["suggested_poses"]:
-            console.print("  " + ", ".join(f"{angle:.2f}" for angle in angles))
+        for pose in plan["suggested_poses"]:
+            console.print("  " + ", ".join(f"{angle:.2f}" for angle in pose["joint_angles_deg"]))
         if plan["predicted_joints_with_suggestions"] is not None:
             console.print(
                 _table("Predicted with the suggested poses", plan["predicted_joints_with_suggestions"])

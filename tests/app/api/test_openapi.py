@@ -111,7 +111,7 @@ OWN_OF_EACH = {
     "kind": {"ReportKind", "TargetKind"},
     "method": {"ComparisonMethod", "DhMethod"},
     "source": {"BudgetSource", "Source"},
-    "status": {"string", "DeliveryStatus", "MeasurementStatus"},
+    "status": {"Health", "DeliveryStatus", "MeasurementStatus"},
     "validation": {"CompensationValidation", "DhValidation", "HandEyeValidationRead"},
     # What qualifies values has the keys of these values.
     "standard_uncertainty": None,

@@ -97,7 +97,7 @@ def test_more_poses_tell_more_and_suggested_ones_most(api: Any) -> None:
     assert doubt(few["predicted_joints_with_suggestions"]) < doubt(random["joints"])
     # A robot that scatters tells less by the same poses, and a question gets the same answer again.
     query = {
-        "poses": [{"joint_angles_deg": q} for q in few["suggested_poses"]],
+        "poses": few["suggested_poses"],
         "sweeps": {"sweep_half_angle_deg": 8.0, "steps": 7},
     }
     still, loose = (planned(api, robot, **query, robot_position_sigma_mm=s) for s in (0.0, 0.2))
@@ -126,7 +126,12 @@ def test_coupled_joints_are_planned_by_their_stated_angles(api: Any) -> None:
             v = b["standard_uncertainty"][name]
             assert v is None if u is None else v == pytest.approx(u, rel=1e-6)
     # Random and suggested poses lie about the stated home, and limits are those of stated angles.
-    assert np.max(np.abs(np.array(other["suggested_poses"]) - stated_home)) <= 8.0 + 1e-9
+    assert (
+        np.max(
+            np.abs(np.array([pose["joint_angles_deg"] for pose in other["suggested_poses"]]) - stated_home)
+        )
+        <= 8.0 + 1e-9
+    )
     limits = np.radians(np.column_stack([stated_home - 5.0, stated_home + 90.0]))
     bounded = make_robot(api, limits)
     api.client.patch(f"/v1/robots/{bounded}", json={"joint_coupling": coupling.tolist()})
@@ -151,14 +156,14 @@ def test_suggested_poses_stay_within_the_joints_limits(api: Any) -> None:
     limits = np.radians(np.column_stack([home - 3.0, home + np.where(np.arange(6) == 0, 1.0, 90.0)]))
     robot = make_robot(api, limits)
     found = planned(api, robot, random_poses=25, suggest_count=8)
-    q = np.array([pose["joint_angles_deg"] for pose in found["poses"]] + found["suggested_poses"]) - home
+    q = np.array([pose["joint_angles_deg"] for pose in found["poses"] + found["suggested_poses"]]) - home
     assert len(q) == 33
     assert np.all(q >= -3.0 - 1e-9)
     assert np.all(q[:, 0] <= 1.0 + 1e-9)
     assert np.all(q[:, 1:].max(axis=0) > 3.0)
     # Without limits they go to either side alike.
     free = planned(api, make_robot(api), random_poses=25, suggest_count=8)
-    q = np.array([pose["joint_angles_deg"] for pose in free["poses"]] + free["suggested_poses"]) - home
+    q = np.array([pose["joint_angles_deg"] for pose in free["poses"] + free["suggested_poses"]]) - home
     assert np.all(q.min(axis=0) < -3.0)
     assert np.all(q[:, 0].max() > 3.0)
     for changes in (

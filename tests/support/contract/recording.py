@@ -10,12 +10,15 @@ from tests.support.contract.contract import JSON_TYPES, TEXT_TYPES, Contract
 
 FORM = "multipart/form-data"
 _MAX_OBJECTS, _MAX_NUMBERS, _MAX_LINES = 2, 6, 12
+_WHOLE = ("joints", "joint_noise", "null_space", "parameters", "verdicts")
 _SECRET = "gp_" + "0" * 16 + "_" + "0" * 43
 """What stands for the secret of a key, which nobody is to find in a committed file."""
 
 
 class Recorder:
-    """Keeps the last body of each operation, status and media type; hang `hear` on a client's responses."""
+    """Keeps the last body of each operation, status and media type, of problems the first; hang `hear` on a client's
+    responses.
+    """
 
     def __init__(self, contract: Contract) -> None:
         self._contract = contract
@@ -27,12 +30,15 @@ class Recorder:
         response.read()
         status = str(response.status_code)
         answered = _body(response)
+        operation = self._contract.at(response.request.method, response.request.url.path)
+        kept = self.operations.setdefault(operation.operation_id, {"request": {}, "responses": {}})
         if response.is_error:
             if answered is not None:
                 self.problems.setdefault(status, answered[1])
+                kept["responses"].setdefault(status, {}).setdefault(*answered)
             return
-        operation = self._contract.at(response.request.method, response.request.url.path)
-        kept = self.operations.setdefault(operation.operation_id, {"request": {}, "responses": {}})
+        if status in ("201", "202"):
+            assert "location" in response.headers, operation.operation_id
         sent = _body(response.request)
         if sent is not None:
             kept["request"][sent[0]] = sent[1]
@@ -76,10 +82,16 @@ def _form(content_type: str, content: bytes) -> dict[str, Any]:
 
 
 def shortened(value: Any) -> Any:
-    """Return a body with the first two objects or texts, or six numbers or rows of numbers, of each list."""
+    """Return a body with the first two objects or texts, or six numbers or rows of numbers, of each list; whole are
+    those that belong to a robot's joints, to what was not determined, and verdicts, one for each figure.
+    """
     if isinstance(value, dict):
         return {
-            name: _SECRET if name == "key" and isinstance(item, str) else shortened(item)
+            name: _SECRET
+            if name == "key" and isinstance(item, str)
+            else [shortened(each) for each in item]
+            if name in _WHOLE
+            else shortened(item)
             for name, item in value.items()
         }
     if isinstance(value, list):

@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
+from unittest.mock import patch
 
 from starlette.testclient import TestClient
 
@@ -20,17 +21,24 @@ from tests.support.service.service import OCTETS, Api, image_address
 
 def record_examples(folder: Path) -> dict[str, Any]:
     """Return what `examples.json` is to hold: each body of every operation, and one problem of each status."""
-    recorder = Recorder(Contract(create_app(Settings(data_dir=folder / "none")).openapi()))
+    contract = Contract(create_app(Settings(data_dir=folder / "none")).openapi())
+    recorder = Recorder(contract)
     with _running(folder / "cell", recorder, workers=1) as api:
         story.tell(api)
         image = small_image(1)
         story.refusals(api)
+        story.ask_for_nothing(api, contract.operations)
         story.over_quota(api, image)
         api.service.begin_shutdown()
         assert api.client.get("/readyz").status_code == 503
     with _running(folder / "full", recorder, workers=0, disk_floor_bytes=2**60) as api:
         full = api.client.put(image_address(api.make_session(), image), content=image, headers=OCTETS)
         assert full.status_code == 507, full.text
+    with (
+        _running(folder / "defect", recorder, workers=0) as api,
+        patch.object(api.service.metrics, "render", side_effect=RuntimeError("a defect")),
+    ):
+        assert api.client.get("/metrics").status_code == 500
     return recorder.examples()
 
 
@@ -38,7 +46,10 @@ def record_examples(folder: Path) -> dict[str, Any]:
 def _running(data_dir: Path, recorder: Recorder, **settings: Any) -> Iterator[Api]:
     app = create_app(Settings(data_dir=data_dir, **{"disk_floor_bytes": 0, **settings}))
     # A loopback name: without keys, the service answers to no other.
-    with TestClient(app, base_url="http://localhost", client=("127.0.0.1", 50000)) as client:
+    address = ("127.0.0.1", 50000)
+    with TestClient(
+        app, base_url="http://localhost", client=address, raise_server_exceptions=False
+    ) as client:
         api = Api(client, app.state.service)
         client.headers.update(api.key("admin"))
         client.event_hooks = {"response": [recorder.hear]}

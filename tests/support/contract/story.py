@@ -6,7 +6,9 @@ laser tracker follows it through sweeps of its joints. Images are rendered and m
 
 from __future__ import annotations
 
+import re
 import time
+from collections.abc import Iterable
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
@@ -14,10 +16,12 @@ import numpy as np
 
 from core.simulation import KR5_ARC, KR5_ARC_HOME, T_FLANGE_CAMERA
 from tests.support.contract.cell import CAMERA, SIZE_PX, TARGET, take_images
+from tests.support.contract.contract import Operation
 from tests.support.service.service import OCTETS, Api, image_address, wait_until
 from tests.support.sessions.kinematics import measured, readings, rows_of
 from tests.support.simulation.robots.repeated_poses import repeated_poses
 
+_UNKNOWN = {"pose_id": "P1", "sha256": "0" * 64}
 POSES, REPEATED, CYCLES = 8, 2, 10
 _TIMEOUT_S = 300.0
 _CSV = {"Accept": "text/csv"}
@@ -91,9 +95,9 @@ def tell(api: Api) -> None:
         "random_half_range_deg": 8.0,
         "image_coverage": 0.4,
         "suggest_count": 2,
-        "candidates": 20,
+        "candidate_count": 20,
     }
-    _done(client.post(f"/v1/robots/{robot_id}/dh-plan", json=plan))
+    _done(*(client.post(f"/v1/robots/{robot_id}/dh-plan", json=plan, headers=form) for form in (_CSV, {})))
     _reports(client, session_id)
     _removals(client, session_id)
     _webhooks(client)
@@ -148,6 +152,20 @@ def refusals(api: Api) -> None:
         (client.post("/v1/targets", json=sent), 422),
     ):
         assert response.status_code == status, response.text
+
+
+def ask_for_nothing(api: Api, operations: Iterable[Operation]) -> None:
+    """Name what there is not in the path of each operation (404), and a parameter that there is not elsewhere (422)."""
+    for operation in operations:
+        if operation.content.get("security") == []:
+            continue
+        names = re.findall(r"\{(\w+)\}", operation.path)
+        path = operation.path.format(**{name: _UNKNOWN.get(name, f"{name[:3]}_unknown") for name in names})
+        asked = {} if names else {"colour": "red"}
+        response = api.client.request(operation.method, path, params=asked)
+        # What is sent to a key is looked at before the key.
+        expected = (404, 415) if names == ["key_id"] else (404,) if names else (422,)
+        assert response.status_code in expected, f"{operation.operation_id}: {response.text}"
 
 
 def over_quota(api: Api, image: bytes) -> None:
@@ -211,10 +229,19 @@ def _images(client: Any, session_id: str) -> None:
 def _analyses(client: Any, session_id: str) -> None:
     length = {"from_pose_id": "P1", "to_pose_id": "P2", "length_mm": 428.1, "standard_uncertainty_mm": 0.01}
     asked = {"lengths": [length], "maximum_permissible_error_mm": 0.5}
-    _done(client.post(f"/v1/sessions/{session_id}/qualification", json=asked))
+    qualification = f"/v1/sessions/{session_id}/qualification"
+    _done(*(client.post(qualification, json=asked, headers=form) for form in (_CSV, {})))
     recorded = _create(client, f"/v1/sessions/{session_id}/qualifications", {**asked, "camera_name": "B-204"})
     _done(client.get(f"/v1/qualifications/{recorded}"), *_listed(client, "/v1/qualifications"))
-    _done(client.post(f"/v1/sessions/{session_id}/next-view", json={"purpose": "intrinsics", "count": 2}))
+    poses = client.get(f"/v1/sessions/{session_id}/poses").json()["items"]
+    candidates = [
+        {"joint_angles_deg": pose["joint_angles_deg"]} for pose in poses if pose["joint_angles_deg"]
+    ]
+    views, next_view = (
+        {"purpose": "hand_eye", "count": 2, "candidates": candidates},
+        f"/v1/sessions/{session_id}/next-view",
+    )
+    _done(*(client.post(next_view, json=views, headers=form) for form in (_CSV, {})))
     for analysis in ("intrinsics", "repeatability", "camera-poses", "hand-eye", "comparison"):
         _done(client.get(f"/v1/sessions/{session_id}/{analysis}", headers=_CSV))
     for analysis in (

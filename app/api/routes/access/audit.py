@@ -21,7 +21,7 @@ ObjectId = Annotated[
 ]
 
 
-@router.get("", responses=problem_responses(422))
+@router.get("", responses=problem_responses())
 def list_audit(
     service: AppContextDep,
     key_id: Annotated[Identifier | None, Query(description="Entries of the key with this id alone.")] = None,

@@ -17,7 +17,7 @@ from app.services.measurements import bytes_today
 router = api_router(prefix="/v1/keys", tags=["keys"])
 
 
-@router.post("", status_code=201, responses=problem_responses(413, 415, 422, 507))
+@router.post("", status_code=201, responses=problem_responses(413, 415, 507))
 def create_key(body: KeyCreate, service: AppContextDep, response: Response) -> KeyCreated:
     """Make an API key; the key itself is shown in this answer and never again."""
     lifetime = timedelta(days=body.expires_in_days) if body.expires_in_days is not None else None
@@ -33,7 +33,7 @@ def create_key(body: KeyCreate, service: AppContextDep, response: Response) -> K
     return KeyCreated(**_document(new.key).model_dump(), key=new.secret_key)
 
 
-@router.get("", responses=problem_responses(422))
+@router.get("", responses=problem_responses())
 def list_keys(service: AppContextDep, limit: Limit = 50, cursor: Cursor = None) -> KeyPage:
     """List keys without their secrets, oldest first, revoked ones too."""
     rows, next_cursor = keys.list_keys(service.installation, limit=limit, cursor=cursor)
@@ -47,7 +47,7 @@ def get_key(key_id: KeyPath, service: AppContextDep) -> KeyRead:
     return _document(keys.get_key(service.installation, key_id))
 
 
-@router.patch("/{key_id}", responses=problem_responses(404, 409, 413, 415, 422, 507))
+@router.patch("/{key_id}", responses=problem_responses(404, 409, 413, 415, 507))
 def update_key(key_id: KeyPath, body: KeyChange, service: AppContextDep) -> KeyRead:
     """Change the name or the quota of a key in force; its scope and sessions stay, for which there are new keys."""
     changes = body.model_dump(exclude_unset=True)

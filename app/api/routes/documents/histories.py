@@ -34,7 +34,7 @@ _ETAG = {"ETag": {"description": "Changes with what the answer says.", "schema":
 _RESPONSES: dict[int | str, dict[str, Any]] = {
     200: {"headers": _ETAG, "content": CSV_CONTENT},
     304: {"description": "The client has this answer already.", "headers": _ETAG},
-    **problem_responses(404, 409, 422),
+    **problem_responses(404, 409),
 }
 KindQuery = Annotated[HistoryKind | None, Query(description="Of this kind alone; all of them by default.")]
 AxisQuery = Annotated[
@@ -66,7 +66,7 @@ def get_robot_history(
             "limits, the EWMA, lasting changes, and events as dotted lines; 24 charts at most.",
             "content": {SVG: {"schema": {"type": "string"}}, **binary_content()},
         },
-        **problem_responses(404, 409, 422, 503),
+        **problem_responses(404, 409),
     },
 )
 async def get_robot_history_plot(

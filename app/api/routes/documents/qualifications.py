@@ -44,7 +44,7 @@ def qualification_settings(body: QualificationCreate) -> dict[str, str]:
 @router.post(
     "/sessions/{session_id}/qualifications",
     status_code=201,
-    responses=problem_responses(404, 409, 413, 415, 422, 503, 507),
+    responses=problem_responses(404, 409, 413, 415, 507),
 )
 async def create_qualification_record(
     session_id: SessionPath,
@@ -73,7 +73,7 @@ async def create_qualification_record(
     return stored
 
 
-@router.get("/qualifications", responses=problem_responses(422))
+@router.get("/qualifications", responses=problem_responses())
 def list_qualifications(
     service: AppContextDep, robot_id: RobotQuery = None, limit: Limit = 50, cursor: Cursor = None
 ) -> QualificationPage:

@@ -46,7 +46,7 @@ def _responses(media_type: str, description: str) -> dict[int | str, dict[str, A
 @router.post(
     "/sessions/{session_id}/reports",
     status_code=202,
-    responses=problem_responses(404, 409, 413, 415, 422, 507),
+    responses=problem_responses(404, 409, 413, 415, 507),
 )
 def create_report(
     session_id: SessionPath, body: ReportCreate, service: AppContextDep, response: Response
@@ -60,7 +60,7 @@ def create_report(
     return _document(detail)
 
 
-@router.get("/sessions/{session_id}/reports", responses=problem_responses(404, 422))
+@router.get("/sessions/{session_id}/reports", responses=problem_responses(404))
 def list_session_reports(
     session_id: SessionPath, service: AppContextDep, limit: Limit = 50, cursor: Cursor = None
 ) -> ReportPage:
@@ -68,7 +68,7 @@ def list_session_reports(
     return _page(service, session_id, limit, cursor)
 
 
-@router.get("/reports", responses=problem_responses(422))
+@router.get("/reports", responses=problem_responses())
 def list_reports(
     service: AppContextDep, session_id: SessionQuery = None, limit: Limit = 50, cursor: Cursor = None
 ) -> ReportPage:
@@ -147,7 +147,7 @@ def get_report_signature(report_id: ReportPath, service: AppContextDep) -> Respo
 @router.get(
     "/reports/{report_id}/verify",
     response_model=ReportVerification,
-    responses=problem_responses(404, 409, 422, 503),
+    responses=problem_responses(404, 409),
 )
 async def get_report_verification(
     report_id: ReportPath,

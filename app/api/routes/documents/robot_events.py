@@ -15,7 +15,7 @@ from app.services.robots import NewEvent
 router = api_router(prefix="/v1/robots/{robot_id}/events", tags=["robots"])
 
 
-@router.post("", status_code=201, responses=problem_responses(404, 409, 413, 415, 422, 507))
+@router.post("", status_code=201, responses=problem_responses(404, 409, 413, 415, 507))
 def create_robot_event(
     robot_id: RobotPath, body: RobotEventCreate, service: AppContextDep, response: Response
 ) -> RobotEventRead:
@@ -26,7 +26,7 @@ def create_robot_event(
     return _document(event)
 
 
-@router.get("", responses=problem_responses(404, 422))
+@router.get("", responses=problem_responses(404))
 def list_robot_events(
     robot_id: RobotPath, service: AppContextDep, limit: Limit = 50, cursor: Cursor = None
 ) -> RobotEventPage:

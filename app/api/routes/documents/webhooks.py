@@ -25,7 +25,7 @@ from app.services import notices
 router = api_router(prefix="/v1/webhooks", tags=["webhooks"])
 
 
-@router.post("", status_code=201, responses=problem_responses(409, 413, 415, 422, 507))
+@router.post("", status_code=201, responses=problem_responses(409, 413, 415, 507))
 def create_webhook(body: WebhookCreate, service: AppContextDep, response: Response) -> WebhookCreated:
     """Make a webhook: an address that notices are sent to, signed; its secret is in this answer and never again."""
     with service.installation.database.write() as records:
@@ -35,7 +35,7 @@ def create_webhook(body: WebhookCreate, service: AppContextDep, response: Respon
     return WebhookCreated(**_document(row).model_dump(), secret=secret)
 
 
-@router.get("", responses=problem_responses(422))
+@router.get("", responses=problem_responses())
 def list_webhooks(service: AppContextDep, limit: Limit = 50, cursor: Cursor = None) -> WebhookPage:
     """List webhooks without their secrets, oldest first."""
     with service.installation.database.read() as records:
@@ -61,16 +61,19 @@ def delete_webhook(webhook_id: WebhookPath, service: AppContextDep) -> None:
 
 
 @router.post("/{webhook_id}/test", status_code=202, responses=problem_responses(404, 409, 507))
-def create_webhook_test(webhook_id: WebhookPath, service: AppContextDep) -> WebhookDeliveryRead:
+def create_webhook_test(
+    webhook_id: WebhookPath, service: AppContextDep, response: Response
+) -> WebhookDeliveryRead:
     """Queue a notice `webhook.test` for this webhook alone; its journal says what comes of it."""
     with service.installation.database.write() as records:
         row = notices.test_webhook(records, webhook_id)
         found = _deliveries(records, [row])[0]
     service.delivery.notify()
+    response.headers["Location"] = f"/v1/webhooks/{webhook_id}/deliveries"
     return found
 
 
-@router.get("/{webhook_id}/deliveries", responses=problem_responses(404, 422))
+@router.get("/{webhook_id}/deliveries", responses=problem_responses(404))
 def list_webhook_deliveries(
     webhook_id: WebhookPath,
     service: AppContextDep,
@@ -92,13 +95,14 @@ def list_webhook_deliveries(
     responses=problem_responses(404, 409, 507),
 )
 def create_webhook_redelivery(
-    webhook_id: WebhookPath, delivery_id: DeliveryPath, service: AppContextDep
+    webhook_id: WebhookPath, delivery_id: DeliveryPath, service: AppContextDep, response: Response
 ) -> WebhookDeliveryRead:
     """Send a delivery again under its id, whatever came of it."""
     with service.installation.database.write() as records:
         row = notices.redeliver(records, webhook_id, delivery_id)
         found = _deliveries(records, [row])[0]
     service.delivery.notify()
+    response.headers["Location"] = f"/v1/webhooks/{webhook_id}/deliveries"
     return found
 
 

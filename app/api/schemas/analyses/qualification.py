@@ -13,8 +13,8 @@ from app.api.schemas.analyses.common import (
     Interval,
     SourceField,
 )
-from app.api.schemas.common import RequestModel, ResponseModel
-from app.api.schemas.fields import PoseId
+from app.api.schemas.common import RequestModel, ResponseModel, Share
+from app.api.schemas.fields import PoseId, PoseIdField
 
 Length = Annotated[float, Field(gt=0, le=1e6, description="Calibrated length between the two positions, mm.")]
 Uncertainty = Annotated[
@@ -25,8 +25,8 @@ Uncertainty = Annotated[
 class KnownLengthCreate(RequestModel):
     """A calibrated length between two poses: of a stage, a gauge block, or the robot against a standard."""
 
-    from_pose_id: PoseId
-    to_pose_id: PoseId
+    from_pose_id: PoseIdField
+    to_pose_id: PoseIdField
     length_mm: Length
     standard_uncertainty_mm: Uncertainty
 
@@ -69,7 +69,7 @@ class QualificationAnalysis(EstimatedAnalysis):
 
     source: SourceField
     confidence_level: Annotated[
-        float, Field(description="Probability that an interval contains its figure, such as 0.95.")
+        Share, Field(description="Probability that an interval contains its figure, such as 0.95.")
     ]
     lengths: Annotated[list[LengthErrorRead], Field(description="The lengths in the order given.")]
     worst_error_mm: Annotated[float, Field(description="The error that is largest in size, mm.")]

@@ -8,7 +8,7 @@ from pydantic import Field
 from typing_extensions import TypeAliasType
 
 from app.api.schemas.analyses.common import Vector
-from app.api.schemas.common import ResponseModel
+from app.api.schemas.common import ResponseModel, Share
 from app.api.schemas.fields import PoseId
 
 Attribution = TypeAliasType(
@@ -39,12 +39,12 @@ class SteadinessPValues(ResponseModel):
     """Probability of statistics as extreme as these for steady cycles, by permuting the cycles."""
 
     overall_p_value: Annotated[
-        float, Field(description="Of the most extreme of all nine statistics; `not_steady` at .01 or less.")
+        Share, Field(description="Of the most extreme of all nine statistics; `not_steady` at .01 or less.")
     ]
-    trend_p_value: Annotated[float, Field(description="Of a straight line over the cycles.")]
-    change_point_p_value: Annotated[float, Field(description="Of a step between two cycles.")]
+    trend_p_value: Annotated[Share, Field(description="Of a straight line over the cycles.")]
+    change_point_p_value: Annotated[Share, Field(description="Of a step between two cycles.")]
     autocorrelation_p_value: Annotated[
-        float,
+        Share,
         Field(
             description="Of the product of successive cycles; at .02 or less, intervals allow for correlation."
         ),
@@ -110,7 +110,7 @@ class PoseSteadiness(ResponseModel):
     pose_id: PoseId
     steady: Annotated[bool, Field(description="False where its verdict is `not_steady`.")]
     p_value: Annotated[
-        float, Field(description="Of its own three statistics, adjusted for the number of poses.")
+        Share, Field(description="Of its own three statistics, adjusted for the number of poses.")
     ]
     change_mm: Annotated[
         Vector,
@@ -133,7 +133,7 @@ class TwoStoppingPoints(ResponseModel):
     pose_id: PoseId
     distance_mm: Annotated[float, Field(description="Between the clusters' means, mm.", examples=[0.24])]
     within_share: Annotated[
-        float,
+        Share,
         Field(
             description="Sum of squares within both clusters over that of all cycles, along their main axis.",
             examples=[0.05],
@@ -184,7 +184,7 @@ class Steadiness(ResponseModel):
         ),
     ]
     heavy_tails_probability: Annotated[
-        float,
+        Share,
         Field(
             description="Probability that cycles have heavier tails than Gaussian ones; intervals allow for them by it."
         ),

@@ -28,6 +28,13 @@ ReportFormName = TypeAliasType(
 Paper = TypeAliasType(
     "Paper", Annotated[Literal["a4", "letter"], Field(description="Paper of a report's PDF.")]
 )
+InputKind = TypeAliasType(
+    "InputKind",
+    Annotated[
+        Literal["session", "robot", "target", "pose", "image", "measured_pose"],
+        Field(description="What kind of thing an input of a report is."),
+    ],
+)
 RecomputedFrom = TypeAliasType(
     "RecomputedFrom",
     Annotated[
@@ -147,7 +154,8 @@ class ChangedInput(ResponseModel):
     """Something that the report was made from and is not the same now."""
 
     noun: Annotated[
-        str, Field(description="`session`, `robot`, `target`, `pose`, `image` or `measured_pose`.")
+        InputKind,
+        Field(description="What kind of thing it is."),
     ]
     name: Annotated[str, Field(description="Its id, or the pose's tag.")]
     detail: Annotated[

@@ -65,7 +65,7 @@ async def show_robot_plan(
             "robot_position_sigma_mm": 0.0,
             "robot_rotation_sigma_deg": 0.0,
             "suggest_count": suggest,
-            "candidates": 300,
+            "candidate_count": 300,
         }
         try:
             asked["home_deg"] = angles_of(home, len(robot.joints))

@@ -7,7 +7,7 @@ from typing import Annotated
 from pydantic import Field
 
 from app.api.schemas.analyses.common import EstimatedAnalysis, Interval, Matrix, SourceField, Vector
-from app.api.schemas.common import ResponseModel
+from app.api.schemas.common import ResponseModel, Share
 from app.api.schemas.fields import JOINT_ANGLES
 
 
@@ -82,7 +82,7 @@ class PredictedRepeatability(ResponseModel):
     interval_mm: Annotated[Interval, Field(description="[low, high] at 95 %, mm.")]
     ellipsoid: Annotated[Ellipsoid, Field(description="The scatter of the position.")]
     joint_share: Annotated[
-        float, Field(description="Share of the position's variance that the joints make, 0 to 1.")
+        Share, Field(description="Share of the position's variance that the joints make, 0 to 1.")
     ]
     rotation_sigma_deg: Annotated[
         float | None,

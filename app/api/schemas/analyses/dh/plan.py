@@ -108,7 +108,7 @@ class DhPlanCreate(RequestModel):
     suggest_count: Annotated[
         int, Field(ge=0, le=100, description="How many further poses to suggest, best first.")
     ] = 0
-    candidates: Annotated[
+    candidate_count: Annotated[
         int, Field(ge=1, le=5000, description="Of how many random poses the suggested ones are chosen.")
     ] = 500
 
@@ -118,6 +118,12 @@ class PlannedPose(ResponseModel):
 
     joint_angles_deg: Annotated[list[float], Field(description=JOINT_ANGLES)]
     shows_target: Annotated[bool, Field(description="Whether the camera sees the whole grid.")]
+
+
+class SuggestedPose(ResponseModel):
+    """A further pose to take."""
+
+    joint_angles_deg: Annotated[list[float], Field(description=JOINT_ANGLES)]
 
 
 class PlannedJoint(ResponseModel):
@@ -154,7 +160,7 @@ class DhPlan(ResponseModel):
         ObservabilityIndicesRead, Field(description="Five indices of the poses that count.")
     ]
     null_space: NullSpace
-    suggested_poses: Annotated[list[list[float]], Field(description="Joint angles, degrees; best first.")]
+    suggested_poses: Annotated[list[SuggestedPose], Field(description="Further poses, best first.")]
     predicted_joints_with_suggestions: Annotated[
         list[PlannedJoint] | None,
         Field(description="As `joints`, with the suggested poses added; null without suggestions."),
