@@ -165,7 +165,7 @@ def shares(
     return right, below, both
 
 
-@jit("f8[:, ::1], f8, f8, f8, f8, f8, f8[::1], f8[::1], f8[::1], f8, f8")
+@jit("f8[:, ::1], f8, f8, f8, f8, f8, f8[::1], f8[::1], f8, f8")
 def dot_share(
     H: Float[np.ndarray, "3 3"],
     x: float,
@@ -173,7 +173,6 @@ def dot_share(
     dx: float,
     dy: float,
     radius: float,
-    n: Float[np.ndarray, "2"],
     du: Float[np.ndarray, "2"],
     dv: Float[np.ndarray, "2"],
     scale: float,
@@ -295,6 +294,6 @@ def sample_tile(
                         if not known:
                             sum_along(along, D_u[i], du)
                             sum_along(down, B_u[i], dv)
-                        inked = dot_share(H, x, y, dx, dy, radius, n, du, dv, scale, blur_px)
+                        inked = dot_share(H, x, y, dx, dy, radius, du, dv, scale, blur_px)
                     white = white + inked - 2.0 * white * inked
             samples[0, j, i], samples[1, j, i] = white, sheet
