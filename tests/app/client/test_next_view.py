@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 import pytest
 
-from app.client.commands.sessions.next_view import print_views
+from app.client.commands.record_files import FileRefused
+from app.client.commands.sessions.next_view import poses_to_choose_from, print_views
 
 
 def uncertainty(**known: float) -> dict[str, Any]:
@@ -41,3 +43,25 @@ def test_a_view_of_a_robot_has_its_joint_angles(capsys: pytest.CaptureFixture[st
     }
     text = printed(capsys, view)
     assert "1. face the target squarely: 0.500 -> 0.400 mm, 0.0200 -> 0.0100 ° joints 1.00, -20.13 °" in text
+
+
+def test_candidates_are_the_joint_angles_of_a_file_of_poses(tmp_path: Path) -> None:
+    table = tmp_path / "program.csv"
+    table.write_text(
+        "pose_id;x_mm;y_mm;z_mm;j1_deg;j2_deg\nA;1;2;3;10,5;-20\nB;4;5;6;11;-21\n", encoding="utf-8"
+    )
+    found = poses_to_choose_from(table)
+    assert found == [{"joint_angles_deg": [10.5, -20.0]}, {"joint_angles_deg": [11.0, -21.0]}]
+    listed = tmp_path / "program.json"
+    listed.write_text('[{"pose_id": "A", "joint_angles_deg": [1.0, 2.0]}]', encoding="utf-8")
+    assert poses_to_choose_from(listed) == [{"joint_angles_deg": [1.0, 2.0]}]
+
+
+@pytest.mark.parametrize(
+    "text", ["pose_id,x_mm,y_mm,z_mm\nA,1,2,3\n", "pose_id,j1_deg\nA,ten\n", "pose_id,j1_deg\n"]
+)
+def test_a_file_without_joint_angles_is_refused(tmp_path: Path, text: str) -> None:
+    table = tmp_path / "program.csv"
+    table.write_text(text, encoding="utf-8")
+    with pytest.raises(FileRefused):
+        poses_to_choose_from(table)

@@ -61,7 +61,7 @@ def next_view(
         if target is not None:
             asked["target_id"] = target_of_session(client, found, target)
         if candidates is not None:
-            asked["candidates"] = _poses_to_choose_from(candidates)
+            asked["candidates"] = poses_to_choose_from(candidates)
         answer = client.create(f"/v1/sessions/{found['id']}/next-view", asked)
         if as_json:
             print(json.dumps(answer, indent=2, allow_nan=False))
@@ -71,8 +71,8 @@ def next_view(
     return service.run(act)
 
 
-def _poses_to_choose_from(file: Path) -> list[Json]:
-    """Return the joint angles that the rows of a file state."""
+def poses_to_choose_from(file: Path) -> list[Json]:
+    """Return the joint angles that the rows of a file state; raises FileRefused where one states none."""
     records = read_records(file, None, None)
     found = []
     for record in records.entries:
@@ -82,6 +82,8 @@ def _poses_to_choose_from(file: Path) -> list[Json]:
                 f"In {record.place} there are no joint angles.", "Fill j1_deg, j2_deg, ... of every row."
             )
         found.append({"joint_angles_deg": angles})
+    if not found:
+        raise FileRefused("The file holds no poses.", "Write one pose per line, with j1_deg, j2_deg, ...")
     return found
 
 
