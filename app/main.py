@@ -44,12 +44,12 @@ from app.delivery import Delivery
 from app.jobs.painting import ImagePainter
 from app.logs import Logger
 from app.records.file_lock import AlreadyLocked, FileLock
+from app.services.following import SessionNews
 from app.services.health import HealthWatch
 from app.services.installation.binding import refuse_foreign_folder
 from app.services.installation.context import ServiceContext
 from app.services.keys import KeyUse
 from app.services.maintenance.chores import Maintenance, chores
-from app.services.session_news import SessionNews
 from app.settings import Settings
 from app.web import PageRefusals
 from app.web import routers as dashboard

@@ -20,11 +20,11 @@ from app.delivery import Delivery
 from app.jobs.painting import ImagePainter
 from app.jobs.runner import JobRunner
 from app.records.file_lock import FileLock
+from app.services.following import SessionNews
 from app.services.health import HealthWatch
 from app.services.installation.context import ServiceContext
 from app.services.keys import KeyUse
 from app.services.maintenance.chores import Maintenance
-from app.services.session_news import SessionNews
 
 
 @dataclass(slots=True)

@@ -12,8 +12,8 @@ import sqlalchemy as sa
 from app.records.tables import UtcDateTime
 
 _AT_ONCE = 200
-_NOT_ROWS = frozenset({"alembic_version", "access_version"})
-"""What belongs to the one database: its schema's version, and what its own triggers count."""
+_NOT_ROWS = frozenset({"alembic_version", "access_version", "measurement_changes"})
+"""What belongs to the one database: its schema's version, and what its own triggers write."""
 _OF_POSTGRESQL = ("queue_turns", "analysis_answers")
 
 

@@ -1,4 +1,4 @@
-"""Sessions: one camera on one robot, looking at one or more targets; their counts and progress."""
+"""Sessions: one camera on one robot, looking at one or more targets; their counts."""
 
 from __future__ import annotations
 
@@ -224,24 +224,3 @@ def _change_targets(records: orm.Session, session: Session, target_ids: Sequence
     records.flush()
     if before != set(target_ids):
         search_again(records, session.id, target_ids, with_new=not before.issuperset(target_ids))
-
-
-@dataclass(frozen=True, slots=True)
-class Progress:
-    """How many of a session's measurements stand where."""
-
-    session_id: str
-    counts: Counts
-
-    @property
-    def pending(self) -> int:
-        """How many are not finished."""
-        return self.counts["queued"] + self.counts["running"]
-
-
-def read_progress(database: Database, session_id: str) -> Progress | None:
-    """Return a session's progress, None once it is deleted."""
-    with database.read() as records:
-        if records.scalar(sa.select(Session.id).where(Session.id == session_id)) is None:
-            return None
-        return Progress(session_id, count_measurements(records, [session_id])[session_id])

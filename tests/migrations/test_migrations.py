@@ -26,6 +26,7 @@ from app.records.tables import (
     Installation,
     MeasuredPose,
     Measurement,
+    MeasurementChange,
     Notice,
     NoticeMark,
     Pose,
@@ -679,3 +680,26 @@ def test_concurrent_increments_are_all_kept(database: Database, tmp_path: Path) 
     for other in others:
         other.dispose()
     assert content(database)["measurements"][0]["attempts"] == 101
+
+
+def test_changes_of_measurements_are_numbered_from_the_migration_on(
+    database: Database, tmp_path: Path
+) -> None:
+    migrations.upgrade(database, tmp_path)
+    measurement_id = fill(database)["measurements"][0]["id"]
+    migrations.downgrade(database, "0026")
+    with database.engine.begin() as connection:
+        connection.execute(sa.text("UPDATE measurements SET status = 'failed'"))
+    migrations.upgrade(database, tmp_path)
+    with database.write() as records:
+        assert records.scalars(sa.select(MeasurementChange)).all() == [], (
+            "nothing is written for rows there are"
+        )
+        records.execute(sa.update(Measurement).values(status="queued"))
+        (first,) = records.scalars(sa.select(MeasurementChange.number)).all()
+        records.execute(sa.update(Measurement).values(status="running"))
+        (second,) = records.scalars(sa.select(MeasurementChange.number)).all()
+        assert second > first
+        assert abs(first / 1e6 - datetime.now(UTC).timestamp()) < 3600, "microseconds since 1970"
+        records.execute(sa.delete(Measurement).where(Measurement.id == measurement_id))
+        assert records.scalars(sa.select(MeasurementChange)).all() == []

@@ -2,37 +2,47 @@
 
 from __future__ import annotations
 
-import json
-import time
-from collections.abc import AsyncIterator
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
-from fastapi import APIRouter, Request, Response
+from fastapi import APIRouter, Header, Request, Response
 from fastapi.responses import JSONResponse, RedirectResponse, StreamingResponse
 from starlette.concurrency import run_in_threadpool
 
-from app.api.dependencies import AppContext, AppContextDep, SessionPath
+from app.api.dependencies import AppContextDep, SessionPath
 from app.api.event_streams import EventStream
 from app.api.problems import problem_response
 from app.api.responses import WholeFileResponse
 from app.api.routing import api_router, problem_responses
 from app.api.schemas.system import HealthCheck, Liveness, Readiness
+from app.api.session_events import follow
 from app.build import core_version
-from app.errors import NotFound, ServiceError
+from app.errors import NotFound
 from app.http import RequesterDep, key_of
-from app.services.keys import is_in_force
-from app.services.sessions import Progress, read_progress
+from app.services.following import start
 
 router = api_router(tags=["service"])
 documentation = APIRouter(include_in_schema=False)
 
-_KEEP_ALIVE_S = 15.0
-"""How long a stream is silent where nothing happens."""
-_KEEP_ALIVE = ": still here\n\n"
 _WITHOUT_KEYS: dict[int | str, dict[str, Any]] = {
     403: {**problem_responses()[403], "description": "With GRIDPOSE_AUTH=off: not asked by this machine."}
 }
+_EVENTS = (
+    "Server-sent events; the data of each is a JSON object. `measurement`, whenever a measurement's status changed: "
+    "`measurement_id`, `pose_id`, `status` and `counts`, those of the session. `progress`, first of all, and where the "
+    "counts changed otherwise, as when a measurement was deleted: `session_id`, `counts` and `pending` (how many are "
+    "queued or running). `deleted`, last: `session_id`. An event states what holds when it is sent: changes of a "
+    "measurement that follow each other closely come as one, and an event may come twice."
+)
+LastEventId = Annotated[
+    str | None,
+    Header(
+        alias="Last-Event-ID",
+        description="`id` of the last event that was received; browsers send it by themselves. Every measurement whose "
+        "status changed since follows, also after a restart and from any process of the service. Without it, or where "
+        "it is no id of an event, `measurement` events begin with the next change.",
+    ),
+]
 _WEB = Path(__file__).parent.parent.parent / "web" / "docs"
 _DOCS_FILES = {
     "swagger-ui.css": "text/css",
@@ -51,7 +61,7 @@ async def get_liveness() -> Liveness:
     "/readyz",
     response_model=Readiness,
     response_model_exclude_unset=True,
-    responses={**_WITHOUT_KEYS, 503: problem_responses(503)[503]},
+    responses={**_WITHOUT_KEYS, 503: problem_responses()[503]},
     openapi_extra={"security": []},
 )
 async def get_readiness(request: Request, service: AppContextDep) -> Readiness | JSONResponse:
@@ -104,57 +114,26 @@ def get_metrics(service: AppContextDep) -> Response:
     response_class=StreamingResponse,
     responses={
         200: {
-            "description": "Server-sent events: `progress` with the session's counts at every change, `deleted` last.",
+            "description": _EVENTS,
             "content": {"text/event-stream": {"schema": {"type": "string"}}},
         },
-        **problem_responses(404, 503),
+        **problem_responses(404),
     },
 )
-async def stream_events(session_id: SessionPath, service: AppContextDep, key_id: RequesterDep) -> EventStream:
-    """Follow a session's progress until it is deleted or the key is no longer valid; polling is always enough.
+async def stream_events(
+    session_id: SessionPath,
+    service: AppContextDep,
+    key_id: RequesterDep,
+    last_event_id: LastEventId = None,
+) -> EventStream:
+    """Follow a session's measurements until it is deleted or the key is no longer valid; polling is always enough.
 
     A key may follow eight sessions at a time; more are 503 `too_many_streams`.
     """
-    first = await run_in_threadpool(read_progress, service.installation.database, session_id)
+    first = await run_in_threadpool(start, service.installation.database, session_id, last_event_id)
     if first is None:
         raise NotFound.of("session")
-    return service.streams.open(key_id, _follow(service, key_id, first))
-
-
-async def _follow(service: AppContext, key_id: str | None, progress: Progress) -> AsyncIterator[str]:
-    yield _event("progress", progress)
-    sent_s = time.monotonic()
-    with service.news.following(progress.session_id) as news:
-        while not service.stopping:
-            await news.wait()
-            try:
-                is_allowed, latest = await run_in_threadpool(_look, service, key_id, progress.session_id)
-            except ServiceError:  # it is logged where it arose; a busy database passes
-                yield _KEEP_ALIVE
-                continue
-            if not is_allowed:
-                return
-            if latest is None:
-                yield f"event: deleted\ndata: {json.dumps({'session_id': progress.session_id})}\n\n"
-                return
-            if latest != progress:
-                progress, sent_s = latest, time.monotonic()
-                yield _event("progress", progress)
-            elif time.monotonic() - sent_s >= _KEEP_ALIVE_S:
-                sent_s = time.monotonic()
-                yield _KEEP_ALIVE
-
-
-def _look(service: AppContext, key_id: str | None, session_id: str) -> tuple[bool, Progress | None]:
-    """Return whether the stream's key is still valid, and the session's progress."""
-    if key_id is not None and not is_in_force(service.installation, key_id):
-        return False, None
-    return True, read_progress(service.installation.database, session_id)
-
-
-def _event(name: str, progress: Progress) -> str:
-    document = {"session_id": progress.session_id, "counts": progress.counts, "pending": progress.pending}
-    return f"event: {name}\ndata: {json.dumps(document)}\n\n"
+    return service.streams.open(key_id, follow(service, key_id, session_id, first))
 
 
 @documentation.get("/")

@@ -11,7 +11,13 @@ from app.records.tables.base import (
     UtcDateTime,
     latest_ids,
 )
-from app.records.tables.measurements import MeasuredPose, Measurement, Removal, Result
+from app.records.tables.measurements import (
+    MeasuredPose,
+    Measurement,
+    MeasurementChange,
+    Removal,
+    Result,
+)
 from app.records.tables.notices import Notice, NoticeMark, Webhook, WebhookDelivery
 from app.records.tables.qualifications import Qualification
 from app.records.tables.reports import Report, ReportForm, ReportSummary
@@ -38,6 +44,7 @@ __all__ = [
     "JsonObject",
     "MeasuredPose",
     "Measurement",
+    "MeasurementChange",
     "Notice",
     "NoticeMark",
     "Pose",

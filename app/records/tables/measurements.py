@@ -81,6 +81,30 @@ class Measurement(Table):
     )
 
 
+class MeasurementChange(Table):
+    """The latest change of a measurement's status, as a place in the order of its session's changes.
+
+    Triggers of the database write it in the transaction of the change, whoever makes it (migration 0027). A measurement
+    has none whose last change is older than the triggers. `number` grows within the session: microseconds since 1970,
+    more where the clock was set back.
+    """
+
+    __tablename__ = "measurement_changes"
+    __table_args__ = (
+        sa.Index(
+            "ix_measurement_changes_session_id_number_measurement_id",
+            *("session_id", "number", "measurement_id"),
+        ),
+        {"sqlite_with_rowid": False},
+    )
+
+    measurement_id: Mapped[str] = mapped_column(
+        sa.ForeignKey("measurements.id", ondelete="CASCADE"), primary_key=True
+    )
+    session_id: Mapped[str] = mapped_column(sa.String(40))
+    number: Mapped[int] = mapped_column(sa.BigInteger())
+
+
 class MeasuredPose(Table):
     """One reading of another instrument: a laser tracker, a measuring machine.
 

@@ -57,15 +57,16 @@
       lost = false;
     });
     let last = null;
-    source.addEventListener("progress", function (event) {
-      const text = JSON.stringify(JSON.parse(event.data).counts);
-      if (last !== null && last !== text) refresh();
-      else if (last === null && text !== initial()) refresh();
-      const counts = JSON.parse(event.data).counts;
+    function renew(event) {
+      const counts = JSON.parse(event.data).counts, text = JSON.stringify(counts);
+      const isChange = event.type === "measurement" || text !== (last === null ? initial() : last);
+      if (isChange) refresh();
       if (last !== null && last !== text && !counts.queued && !counts.running) renewViews();
       last = text;
       show(counts);
-    });
+    }
+    source.addEventListener("progress", renew);
+    source.addEventListener("measurement", renew);
     source.addEventListener("deleted", function () {
       ended = true;
       source.close();

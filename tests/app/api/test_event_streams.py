@@ -11,8 +11,8 @@ from typing import Any
 import httpx2
 import pytest
 
+from app.api import session_events
 from app.api.event_streams import PER_KEY
-from app.api.routes import system
 from app.errors import Unavailable
 from app.records.tables import ApiKey
 from app.services.keys import NewKey, create_key, revoke_key
@@ -62,7 +62,7 @@ def test_a_stream_ends_when_its_key_is_no_longer_valid(served: Any, end: Any) ->
         end(served, lost)
         assert "event: deleted" not in list(lines), "it ended, and for no other reason"
         until_open(served, 1)
-        assert next(others).startswith("data: ")
+        assert next(others).startswith("id: ")
     until_open(served, 0)
 
 
@@ -100,7 +100,7 @@ def test_a_stream_of_a_deleted_session_says_so_and_is_free(served: Any) -> None:
 
 @pytest.mark.slow
 def test_a_stream_outlasts_a_database_that_is_busy(served: Any, monkeypatch: pytest.MonkeyPatch) -> None:
-    looks, look = [], system._look
+    looks, look = [], session_events._look
 
     def busy_at_first(*arguments: Any) -> Any:
         looks.append(arguments)
@@ -108,12 +108,12 @@ def test_a_stream_outlasts_a_database_that_is_busy(served: Any, monkeypatch: pyt
             raise Unavailable("The database is busy.", code="database_unavailable")
         return look(*arguments)
 
-    monkeypatch.setattr(system, "_look", busy_at_first)
+    monkeypatch.setattr(session_events, "_look", busy_at_first)
     session_id = served.make_session()
     key = create_key(served.installation, "key", "read")
     with ExitStack() as stack:
         _, lines = follow(stack, served, session_id, key)
-        found = [next(lines) for _ in range(5)]
+        found = [next(lines) for _ in range(6)]
         assert found.count(": still here") == 2
         assert served.client.delete(f"/v1/sessions/{session_id}").status_code == 204
         assert "event: deleted" in list(lines)

@@ -17,6 +17,7 @@ import numpy as np
 from core.simulation import KR5_ARC, KR5_ARC_HOME, T_FLANGE_CAMERA
 from tests.support.contract.cell import CAMERA, SIZE_PX, TARGET, take_images
 from tests.support.contract.contract import Operation
+from tests.support.image.images import small_image
 from tests.support.service.service import OCTETS, Api, image_address, wait_until
 from tests.support.sessions.kinematics import measured, readings, rows_of
 from tests.support.simulation.robots.repeated_poses import repeated_poses
@@ -78,6 +79,7 @@ def tell(api: Api) -> None:
     for kind, row_id in (("targets", target_id), ("robots", robot_id)):
         _done(client.get(f"/v1/{kind}/{row_id}"), *_listed(client, f"/v1/{kind}"))
     _history(client, robot_id, target_id)  # first: later answers of the same operations read better
+    _removals(client)
     _images(client, session_id)
     _analyses(client, session_id)
     _tracker(client, robot_id, target_id)
@@ -99,7 +101,6 @@ def tell(api: Api) -> None:
     }
     _done(*(client.post(f"/v1/robots/{robot_id}/dh-plan", json=plan, headers=form) for form in (_CSV, {})))
     _reports(client, session_id)
-    _removals(client, session_id)
     _webhooks(client)
     _keys(client, session_id)
     _done(*_listed(client, "/v1/audit"), *(client.get(path) for path in ("/livez", "/readyz", "/metrics")))
@@ -358,8 +359,8 @@ def _made(client: Any, report: dict[str, Any]) -> str:
     return path
 
 
-def _removals(client: Any, session_id: str) -> None:
-    """Follow a session until it is deleted, and delete all that can be."""
+def _removals(client: Any) -> None:
+    """Follow a session, to which an image is sent, until it is deleted, and delete all that can be."""
     robot = {"name": "spare", "joints": rows_of(KR5_ARC)}
     target = {"name": "spare", "kind": "circles", "columns": 7, "rows": 5, "pitch_mm": 20.0}
     robot_id, target_id = (
@@ -370,6 +371,9 @@ def _removals(client: Any, session_id: str) -> None:
     with ThreadPoolExecutor(1) as pool:
         followed = pool.submit(client.get, f"/v1/sessions/{spare}/events")
         time.sleep(1.0)  # a stream of the deleted session would be 404
+        image = small_image(2)
+        _done(client.put(image_address(spare, image, "P1"), content=image, headers=OCTETS))
+        time.sleep(1.0)
         _done(client.delete(f"/v1/sessions/{spare}"))
         _done(followed.result(_TIMEOUT_S))
     _done(client.delete(f"/v1/robots/{robot_id}"), client.delete(f"/v1/targets/{target_id}"))

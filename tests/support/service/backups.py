@@ -13,7 +13,10 @@ import sqlalchemy as sa
 
 from app.errors import BackupRefused
 from app.records.database import Database
-from app.records.tables import AccessVersion, Table
+from app.records.tables import AccessVersion, MeasurementChange, Table
+
+_OF_TRIGGERS = (AccessVersion.__tablename__, MeasurementChange.__tablename__)
+"""What triggers write, in each database for itself."""
 
 
 def image(number: int) -> bytes:
@@ -34,7 +37,7 @@ def content(database: Database) -> dict[str, list[dict[str, Any]]]:
                 dict(row._mapping) for row in records.execute(sa.select(table).order_by(*table.primary_key))
             ]
             for table in Table.metadata.sorted_tables
-            if table.name != AccessVersion.__tablename__  # counted by triggers, in each database for itself
+            if table.name not in _OF_TRIGGERS
         }
 
 

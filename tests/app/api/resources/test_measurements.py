@@ -16,6 +16,7 @@ import pytest
 from core.simulation.renderer import render
 from core.simulation.scenes import standard_scene
 from core.targets.specification import TargetSpec
+from tests.support.service.events import read_events
 
 SQUARE = {"position_mm": (3,), "rotation": (3, 3), "covariance": (6, 6), "covariance_given_camera": (6, 6)}
 
@@ -224,22 +225,26 @@ def test_a_real_photograph_is_measured(computing_api: Any, data_folder: Path) ->
     assert measurement["calibration"]["intrinsics"]["fx_px"] == pytest.approx(532, rel=0.05)
 
 
-def test_events_tell_the_progress_until_the_session_is_gone(computing_api: Any, grey_png: bytes) -> None:
+def test_events_show_each_step_until_the_session_is_gone(computing_api: Any, grey_png: bytes) -> None:
     session_id = computing_api.make_session()
     computing_api.wait_for(computing_api.put_image(session_id, grey_png).json()["id"])
-    seen = []
     with computing_api.client.stream("GET", f"/v1/sessions/{session_id}/events") as response:
         assert response.headers["content-type"].startswith("text/event-stream")
-        for line in response.iter_lines():
-            if line.startswith("event:"):
-                seen.append(line.removeprefix("event: "))
-                if len(seen) == 1:
-                    computing_api.client.put(f"/v1/sessions/{session_id}/poses/P2", json={})
-                    computing_api.put_image(session_id, grey_png, "P2")
-                if len(seen) == 2:
-                    computing_api.client.delete(f"/v1/sessions/{session_id}")
-            elif line.startswith("data:"):
-                assert json.loads(line.removeprefix("data: "))["session_id"] == session_id
-    assert seen[0] == "progress"
-    assert seen[-1] == "deleted"
-    assert len(seen) >= 3
+        events = read_events(response)
+        first = next(events)
+        assert (first.name, first.data["counts"]["failed"], first.data["pending"]) == ("progress", 1, 0)
+        sent = computing_api.put_image(session_id, grey_png, "P2").json()["id"]
+        steps = ["queued", "running", "failed"]
+        for event in events:
+            assert (event.name, event.data["measurement_id"], event.data["pose_id"]) == (
+                "measurement",
+                sent,
+                "P2",
+            )
+            assert event.data["status"] in steps, "no step comes twice, or after a later one"
+            steps = steps[steps.index(event.data["status"]) + 1 :]
+            if not steps:
+                break
+        assert event.data["counts"]["failed"] == 2
+        computing_api.client.delete(f"/v1/sessions/{session_id}")
+        assert [(event.name, event.data) for event in events] == [("deleted", {"session_id": session_id})]

@@ -15,7 +15,7 @@ from app.records import migrations
 from app.records.database import Database
 from app.records.file_lock import FileLock
 from app.records.rows import tables_in
-from app.records.tables import AuditEntry, Measurement, Robot, Table
+from app.records.tables import AuditEntry, Measurement, MeasurementChange, Robot, Table
 from app.reports.signature import fingerprint_of, signing_key
 from app.services.archive import archive_session, restore_session
 from app.services.archive.copying import put_rows
@@ -171,7 +171,9 @@ def test_every_table_that_names_a_session_is_archived() -> None:
             "measurements",
             "reports",
         }
-        if "session_id" in table.c or refers:
+        if (
+            "session_id" in table.c or refers
+        ) and table.name != MeasurementChange.__tablename__:  # by triggers
             assert table.name in names
 
 

@@ -29,6 +29,8 @@ LOOK_ANYWAY_S = 10.0
 """The same where news are announced."""
 AT_MOST_EVERY_S = 0.2
 """How soon a follower looks again while news keep coming."""
+_REST = 10.0
+"""How many times as long as its last look a follower waits at least, up to the wait without news."""
 _RECONNECT_S = 1.0
 
 log = Logger(__name__)
@@ -48,13 +50,22 @@ class Follower:
         with suppress(RuntimeError):  # its loop has ended
             self._loop.call_soon_threadsafe(self._event.set)
 
-    async def wait(self) -> None:
-        """Return when there may be news, or when it is time to look anyway."""
-        with suppress(TimeoutError):
-            await asyncio.wait_for(self._event.wait(), LOOK_ANYWAY_S if self._news.is_listening else LOOK_S)
+    async def wait(self, *, soon: bool = False) -> bool:
+        """Return when there may be news, or when it is time to look anyway, and whether news were announced.
+
+        `soon`: the last look found what is not final yet.
+        """
+        rest_s = min(_REST * (time.monotonic() - self._looked_s), LOOK_S)
+        if not soon:
+            with suppress(TimeoutError):
+                await asyncio.wait_for(
+                    self._event.wait(), LOOK_ANYWAY_S if self._news.is_listening else LOOK_S
+                )
+        await asyncio.sleep(max(0.0, self._looked_s + max(AT_MOST_EVERY_S, rest_s) - time.monotonic()))
+        was_woken = self._event.is_set()
         self._event.clear()
-        await asyncio.sleep(max(0.0, self._looked_s + AT_MOST_EVERY_S - time.monotonic()))
         self._looked_s = time.monotonic()
+        return was_woken
 
 
 class SessionNews:
