@@ -71,7 +71,7 @@ def mean_length(spectrum: Float[np.ndarray, "*k 3"]) -> Float[np.ndarray, "*k"]:
 
 def long_run_rp(spectrum: Float[np.ndarray, "*k 3"]) -> Float[np.ndarray, "*k"]:
     """Return g(Σ), the reading l̄ + 3 S_l after endless cycles."""
-    return rp_of_moments(mean_length(spectrum), np.maximum(spectrum, 0.0).sum(axis=-1))
+    return rp_of_moments(mean_length(spectrum), np.asarray(np.maximum(spectrum, 0.0).sum(axis=-1)))
 
 
 @dataclass(frozen=True, slots=True)
