@@ -42,7 +42,7 @@ async def follow(
                 )
             except ServiceError:  # it is logged where it arose; a busy database passes
                 yield _KEEP_ALIVE
-                await news.wait()
+                was_woken |= await news.wait()
                 continue
             if not is_allowed:
                 return
@@ -52,11 +52,12 @@ async def follow(
             text = _events(session_id, found, counts)
             position = found.position
             if found.counts is not None:
-                counts, counted_s = found.counts, time.monotonic()
+                counts, counted_s, was_woken = found.counts, time.monotonic(), False
             if text or time.monotonic() - sent_s >= KEEP_ALIVE_S:
                 yield text or _KEEP_ALIVE
                 sent_s = time.monotonic()
-            was_woken = not found.has_more and await news.wait(soon=not found.are_all)
+            if not found.has_more:
+                was_woken |= await news.wait(soon=not found.are_all)
 
 
 def _look(

@@ -91,6 +91,18 @@ def list_qualifications(
     return page(records, statement, Qualification.id, limit=limit, cursor=cursor)
 
 
+def latest_qualification_ids(records: orm.Session, robot_id: str | None) -> list[str | None]:
+    """Return the ids of the latest records of the robot and of the installation: they change with what is cited."""
+    return [
+        records.scalar(sa.select(sa.func.max(Qualification.id)).where(_of_robot(one)))
+        for one in dict.fromkeys((robot_id, None))
+    ]
+
+
+def _of_robot(robot_id: str | None) -> sa.ColumnElement[bool]:
+    return Qualification.robot_id.is_(None) if robot_id is None else Qualification.robot_id == robot_id
+
+
 def latest_qualification(records: orm.Session, robot_id: str | None, source: str) -> Mapping[str, Any] | None:
     """Return what analyses and reports cite: the latest of the robot, or else of the installation; None for none.
 
@@ -98,9 +110,10 @@ def latest_qualification(records: orm.Session, robot_id: str | None, source: str
     """
     columns = (Qualification.id, Qualification.made_at, Qualification.due_at, Qualification.decision)
     for of_robot in dict.fromkeys((robot_id, None)):
-        same = Qualification.robot_id.is_(None) if of_robot is None else Qualification.robot_id == of_robot
         rows = records.execute(
-            sa.select(*columns, Qualification.analysis).where(same).order_by(Qualification.id.desc())
+            sa.select(*columns, Qualification.analysis)
+            .where(_of_robot(of_robot))
+            .order_by(Qualification.id.desc())
         ).yield_per(5)
         for *values, analysis in rows:
             # One that cannot be read says nothing of any source.

@@ -12,6 +12,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from app.analyses.documents.camera.camera_files import chosen_group
+from app.analyses.documents.dh.plan import check_plan_size
 from app.analyses.documents.findings import Findings
 from app.analyses.documents.view_words import instruction
 from app.analyses.outcome import AnalysisError
@@ -69,7 +70,7 @@ def next_view_findings(data: SessionData, settings: Mapping[str, str]) -> Findin
     target = data.target_ids.index(target_id)
     spec = data.targets[target]
     asked = json.loads(settings.get("candidates", "null"))
-    stated = None if asked is None else _model_angles(data, asked)
+    stated = None if asked is None else _model_angles(data, asked, spec)
     if purpose == "intrinsics":
         views = _camera_views(data, estimate, group, target, count, stated)
     else:
@@ -99,8 +100,11 @@ def next_view_findings(data: SessionData, settings: Mapping[str, str]) -> Findin
     return Findings(fields, estimate.excluded.values(), [*estimate.warnings, *hidden])
 
 
-def _model_angles(data: SessionData, stated_deg: list[list[float]]) -> Float[np.ndarray, "n j"]:
+def _model_angles(
+    data: SessionData, stated_deg: list[list[float]], spec: TargetSpec
+) -> Float[np.ndarray, "n j"]:
     """Return the candidates' joint angles as the robot's model has them, rad."""
+    check_plan_size(len(stated_deg), spec.columns, spec.rows)
     if data.nominal is None:
         raise NominalRobotMissing("Joint angles are no views without the robot's model.")
     for number, angles in enumerate(stated_deg, 1):
@@ -135,7 +139,8 @@ def _camera_views(
 
 def _hidden(asked: int, shown: Int[np.ndarray, " k"]) -> list[Advisory]:
     """Warn of the candidates, by their number from 1, that do not show the whole target."""
-    numbers = [str(number + 1) for number in range(asked) if number not in set(shown.tolist())]
+    known = set(shown.tolist())
+    numbers = [str(number + 1) for number in range(asked) if number not in known]
     if not numbers:
         return []
     listed = ", ".join(numbers[:MAX_LISTED]) + (" ..." if len(numbers) > MAX_LISTED else "")

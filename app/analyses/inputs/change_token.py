@@ -27,7 +27,7 @@ from app.records.tables import (
     Target,
     measured_target_fields,
 )
-from app.services.qualifications import latest_qualification
+from app.services.qualifications import latest_qualification_ids
 from app.services.queries import get_or_raise
 
 _MEASUREMENT = (
@@ -77,10 +77,7 @@ def read_change_token(records: orm.Session, session_id: str) -> str:
         ]
         if robot is not None
         else None,
-        [
-            (latest_qualification(records, session.robot_id, source) or {}).get("id")
-            for source in ("images", "measured_poses")
-        ],
+        latest_qualification_ids(records, session.robot_id),
         # Numbers as numbers: as text SQLite rounds them.
         [list(row) for row in records.execute(sa.select(*POSE_COLUMNS).where(Pose.session_id == session_id))],
     ]

@@ -76,6 +76,8 @@ CSV_CONTENT: dict[str, Any] = {
         }
     }
 }
+_WITH_MATRICES = frozenset({"next_view"})
+"""Analyses whose rows say nothing without their matrices, in one cell, row after row."""
 POSTED_ANALYSIS: dict[int | str, dict[str, Any]] = {200: {"headers": ETAG_HEADER, "content": CSV_CONTENT}}
 DEFAULT_TABLES = {
     "intrinsics": "groups",
@@ -148,7 +150,7 @@ def answer_document(
 
 def _chosen(analysis: str, model: type[BaseModel], form: TableForm) -> tuple[str, Table]:
     """Return the table that is asked for, or the default one, with its name. Raises InvalidContent."""
-    tables = tables_of(model)
+    tables = tables_of(model, with_matrices=analysis in _WITH_MATRICES)
     name = form.table or DEFAULT_TABLES[analysis]
     if name not in tables:
         raise InvalidContent(

@@ -55,6 +55,7 @@ def postgresql_engine(url: sa.URL, *, connections: int = CONNECTIONS) -> sa.Engi
 
     engine = sa.create_engine(
         url,
+        isolation_level="READ COMMITTED",  # whatever the role's default: streams read what was committed meanwhile
         pool_size=min(10, connections),
         max_overflow=max(0, connections - 10),
         pool_pre_ping=True,

@@ -15,6 +15,8 @@ from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 
+import sqlalchemy as sa
+
 from app.blobs import LocalBlobs
 from app.blobs.durable import sync_folder
 from app.blobs.local import original_path
@@ -128,6 +130,10 @@ def _take_over(
                 _publish(installation, folder / file.sha256, file)
         activity = Activity(actor="cli", action="restore_session", object_ids=[manifest.session_id])
         with acting(activity), rows.read() as given, installation.database.write() as taken:
+            if not installation.database.is_sqlite:
+                # The lock of migration 0027 holds up who follows a session, until all rows are there: nobody follows
+                # a session that is not there yet.
+                taken.execute(sa.text("SELECT set_config('gridpose.numbers_changes', 'yes', true)"))
             already_there = put_rows(given, taken)
     except BaseException:
         with suppress(Exception):  # what is left without a row, the sweep removes

@@ -18,7 +18,7 @@ from app.services.following.position import BEGINNING, Position
 AT_ONCE = 500
 """Changes of one reading."""
 MAX_WAIT_S = 60.0
-"""A transaction that is open longer holds nobody up. Ours wait for a lock a third of this at most."""
+"""A transaction that is open longer holds nobody up; its changes may be passed over."""
 _FINAL = sa.text(
     """
     SELECT greatest(

@@ -19,8 +19,9 @@ branch_labels = None
 depends_on = None
 lost_on_the_way_down = "Nothing: clients that follow a session begin with its counts anew."
 
-# Microseconds since 1970, raised where the clock was set back: a number grows within its session, also where the row
-# with the greatest one was deleted.
+# Microseconds since 1970, raised where the clock was set back: a number is more than all that its session has. Where
+# the clock was set back and the row with the greatest number was deleted, too, followers miss events until the clock
+# has come to that number again; their counts are right.
 _ON_SQLITE = """
 INSERT INTO measurement_changes (measurement_id, session_id, number)
 VALUES (
@@ -33,11 +34,6 @@ VALUES (
 )
 ON CONFLICT (measurement_id) DO UPDATE SET number = excluded.number
 """
-_SQLITE_TRIGGERS = {
-    "measurement_changes_on_insert": "AFTER INSERT ON measurements",
-    "measurement_changes_on_update": "AFTER UPDATE OF status ON measurements WHEN NEW.status <> OLD.status",
-}
-
 # Transactions commit in another order than they number. Each holds a lock whose key is the time of its first change
 # until it has ended, which others read from pg_locks: its numbers are not less. Other advisory locks of this database
 # have small keys. One lock for each transaction, since the server has room for a few thousand.
@@ -51,45 +47,29 @@ BEGIN
     RETURN CAST(extract(epoch FROM clock_timestamp()) * 1000000 AS bigint);
 END $$
 """
-_NUMBER = """
-    moment := moment_of_change();
+# For each row, not for each statement: a connection keeps the plan of its first call, which is made for one row, and a
+# join of the rows of a statement with those of before then takes the square of their number.
+_ON_POSTGRESQL = """
+CREATE FUNCTION number_change() RETURNS trigger LANGUAGE plpgsql AS $$
+DECLARE
+    moment bigint := moment_of_change();
+BEGIN
     INSERT INTO measurement_changes (measurement_id, session_id, number)
-        SELECT one.id, one.session_id, greatest(moment, 1 + coalesce(latest.number, 0))
-        FROM (SELECT DISTINCT session_id FROM written) AS session
-        CROSS JOIN LATERAL (
-            SELECT max(number) AS number FROM measurement_changes AS known
-            WHERE known.session_id = session.session_id
-        ) AS latest
-        JOIN written AS one ON one.session_id = session.session_id
-"""
-_ON_INSERT = f"""
-CREATE FUNCTION measurement_changes_on_insert() RETURNS trigger LANGUAGE plpgsql AS $$
-DECLARE
-    moment bigint;
-BEGIN
-    IF NOT EXISTS (SELECT FROM written) THEN RETURN NULL; END IF;
-    {_NUMBER};
-    RETURN NULL;
-END $$
-"""
-_ON_UPDATE = f"""
-CREATE FUNCTION measurement_changes_on_update() RETURNS trigger LANGUAGE plpgsql AS $$
-DECLARE
-    moment bigint;
-    changed text[] := ARRAY(
-        SELECT written.id FROM written JOIN former USING (id) WHERE written.status <> former.status
-    );
-BEGIN
-    IF cardinality(changed) = 0 THEN RETURN NULL; END IF;
-    {_NUMBER} WHERE one.id = ANY(changed)
+        VALUES (
+            NEW.id,
+            NEW.session_id,
+            greatest(
+                moment,
+                1 + coalesce((SELECT max(number) FROM measurement_changes WHERE session_id = NEW.session_id), 0)
+            )
+        )
         ON CONFLICT (measurement_id) DO UPDATE SET number = excluded.number;
     RETURN NULL;
 END $$
-"""  # noqa: S608 - of constants
-_POSTGRESQL_TRIGGERS = {
-    "measurement_changes_on_insert": "AFTER INSERT ON measurements REFERENCING NEW TABLE AS written",
-    "measurement_changes_on_update": "AFTER UPDATE ON measurements "
-    "REFERENCING OLD TABLE AS former NEW TABLE AS written",
+"""
+_TRIGGERS = {
+    "measurement_changes_on_insert": "AFTER INSERT ON measurements {each}",
+    "measurement_changes_on_update": "AFTER UPDATE OF status ON measurements {each} WHEN (NEW.status <> OLD.status)",
 }
 
 
@@ -118,28 +98,25 @@ def upgrade() -> None:
         ["session_id", "number", "measurement_id"],
     )
     if not _is_sqlite():
-        for function in (_MOMENT, _ON_INSERT, _ON_UPDATE):
+        for function in (_MOMENT, _ON_POSTGRESQL):
             op.execute(sa.text(function))
     number_changes()
 
 
 def downgrade() -> None:
-    for name in _SQLITE_TRIGGERS:
-        if _is_sqlite():
-            op.execute(f"DROP TRIGGER {name}")
-        else:
-            op.execute(f"DROP TRIGGER {name} ON measurements")
-            op.execute(f"DROP FUNCTION {name}()")
+    for name in _TRIGGERS:
+        op.execute(f"DROP TRIGGER {name}" if _is_sqlite() else f"DROP TRIGGER {name} ON measurements")
     if not _is_sqlite():
+        op.execute("DROP FUNCTION number_change()")
         op.execute("DROP FUNCTION moment_of_change()")
     op.drop_table("measurement_changes")
 
 
 def number_changes() -> None:
     """Make the triggers."""
-    if _is_sqlite():
-        for name, event in _SQLITE_TRIGGERS.items():
-            op.execute(f"CREATE TRIGGER {name} {event} BEGIN {_ON_SQLITE}; END")
-    else:
-        for name, event in _POSTGRESQL_TRIGGERS.items():
-            op.execute(f"CREATE TRIGGER {name} {event} FOR EACH STATEMENT EXECUTE FUNCTION {name}()")
+    for name, event in _TRIGGERS.items():
+        if _is_sqlite():
+            op.execute(f"CREATE TRIGGER {name} {event.format(each='')} BEGIN {_ON_SQLITE}; END")
+        else:
+            each = "FOR EACH ROW"
+            op.execute(f"CREATE TRIGGER {name} {event.format(each=each)} EXECUTE FUNCTION number_change()")

@@ -15,6 +15,13 @@ THEN = {
 }
 
 
+def test_a_value_that_stands_in_a_field_of_its_own_today_stands_where_it_stood() -> None:
+    then = {"outliers": [{"measurement_id": "mpo_1", "distance_mm": 1.0}]}
+    now = {"outliers": [{"measurement_id": None, "measured_pose_id": "mpo_1", "distance_mm": 1.0}]}
+    assert known_fields(now, then) == then
+    assert known_fields(now, now) == now
+
+
 @pytest.mark.parametrize(
     ("now", "known"),
     [

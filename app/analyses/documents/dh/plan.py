@@ -55,7 +55,8 @@ def plan_document(
     q = _angles(described, request, rng)
     _check_limits(q, described.limits)
     rig = _rig(described, target, request)
-    _check_size(len(q), target, request)
+    looked_at = len(q) + (request["candidate_count"] if request["suggest_count"] else 0)
+    check_plan_size(looked_at, target["columns"], target["rows"])
     try:
         return _document(described, q, rig, rng, request)
     except np.linalg.LinAlgError:
@@ -66,9 +67,9 @@ def plan_document(
         ) from None
 
 
-def _check_size(poses: int, target: Mapping[str, Any], request: Mapping[str, Any]) -> None:
-    looked_at = poses + (request["candidate_count"] if request["suggest_count"] else 0)
-    points = looked_at * target["columns"] * target["rows"]
+def check_plan_size(looked_at: int, columns: int, rows: int) -> None:
+    """Raise AnalysisError `plan_too_large` where so many looks at a grid take more memory than an analysis has."""
+    points = looked_at * columns * rows
     if points > MAX_POINTS:
         raise AnalysisError(
             "plan_too_large",

@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 import dataclasses
+import json
 from typing import Any
 
 import numpy as np
 import pytest
 
+from app.analyses.documents.next_view import next_view_findings
 from app.api.schemas.analyses import NextViewAnalysis
+from core.session import SessionData
+from tests.support.sessions.arm_views import ArmViews, arm_before_board, viewing_angles
 from tests.support.sessions.robot_session import RobotSession, store_robot_session
 from tests.support.sessions.stored_sessions import Store, body, new_session, problem, shoot
 
@@ -98,10 +102,42 @@ def test_views_are_chosen_of_the_candidates_stated(robot: RobotSession, purpose:
     assert f"1 of {len(candidates)} candidates do not show the whole target: 1." in warning["detail"]
 
 
+def test_candidates_of_coupled_joints_are_the_angles_that_the_robot_states() -> None:
+    rng = np.random.default_rng(4)
+    views = ArmViews(arm_before_board(rng, as_built=False), rng, 0.2, 2e-4)
+    views.take(viewing_angles(views.arm, rng, 8))
+    plain, C = views.all(), np.eye(6)
+    C[2, 1] = 1.0
+    commanded = {
+        name: dataclasses.replace(
+            c, joint_angles_deg=np.linalg.solve(C, np.array(c.joint_angles_deg)).tolist()
+        )
+        for name, c in plain.commanded.items()
+    }
+    coupled = dataclasses.replace(plain, joint_coupling=C, commanded=commanded)
+    q = np.degrees(viewing_angles(views.arm, np.random.default_rng(12), 4))
+
+    def suggested(data: SessionData, stated_deg: np.ndarray) -> list[dict[str, Any]]:
+        asked = {"purpose": "hand_eye", "count": "4", "candidates": json.dumps(stated_deg.tolist())}
+        found: list[dict[str, Any]] = next_view_findings(data, asked).fields["suggestions"]
+        return found
+
+    of_plain, of_coupled = suggested(plain, q), suggested(coupled, np.linalg.solve(C, q.T).T)
+    for one, other in zip(of_plain, of_coupled, strict=True):
+        np.testing.assert_allclose(other["T_base_flange"], one["T_base_flange"], atol=1e-6)
+        np.testing.assert_allclose(C @ other["joint_angles_deg"], one["joint_angles_deg"], atol=1e-9)
+
+
 def test_candidates_that_are_no_views_of_the_robot_are_refused(robot: RobotSession, store: Store) -> None:
     two = [{"joint_angles_deg": [1.0, 2.0]}]
     problem(ask(robot.api, robot.id, candidates=two), 409, "joint_angles_inconsistent")
     problem(ask(robot.api, robot.id, candidates=[]), 422, "invalid_request")
+    fine = robot.api.make_target(kind="chessboard", columns=100, rows=100, pitch_mm=2.0)
+    both = [*robot.api.client.get(f"/v1/sessions/{robot.id}").json()["target_ids"], fine]
+    change = {"target_ids": both}
+    assert robot.api.client.patch(f"/v1/sessions/{robot.id}", json=change).status_code == 200
+    many = [{"joint_angles_deg": [0.1 * k] * 6} for k in range(300)]
+    problem(ask(robot.api, robot.id, candidates=many, target_id=fine), 409, "plan_too_large")
     bare = new_session(robot.api)
     store(robot.api, bare, shoot(poses=4, cycles=1))
     problem(ask(robot.api, bare, candidates=two), 409, "nominal_robot_missing")

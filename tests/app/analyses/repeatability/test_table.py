@@ -231,7 +231,6 @@ def test_a_pose_is_given_in_one_target_s_frame(api: Any, store: Store) -> None:
     assert rows[0]["excluded"][0]["measurement_id"] == others[0]
 
 
-@pytest.mark.slow
 def test_an_outlier_of_another_instrument_is_named_by_its_measured_pose(api: Any) -> None:
     session = new_session(api)
     rng = np.random.default_rng(6)
@@ -249,6 +248,7 @@ def test_an_outlier_of_another_instrument_is_named_by_its_measured_pose(api: Any
     assert (found["drift"]["against"], found["drift"]["time_source"]) == ("cycle", None)
 
 
+@pytest.mark.slow
 def test_drift_is_told_over_blocks_of_cycles(api: Any, store: Store) -> None:
     shots = []
     rng = np.random.default_rng(2)

@@ -10,6 +10,7 @@ import pytest
 
 from core.errors import NotConverged, SeveralTargetsOnFlange
 from core.geometry import compose, invert, rotation_to_rpy, so3_exp, so3_log, transform
+from core.kinematics import forward
 from core.session import (
     CommandedPose,
     ImageObservation,
@@ -21,6 +22,10 @@ from core.session import (
     suggest_hand_eye_views,
 )
 from core.session.camera_mount import moving_poses
+from core.session.next_view import candidate_views, common_fit
+from core.session.next_view.reach import stated_candidates
+from core.session.next_view.views_expected import camera_of, image_size
+from core.simulation.arm import KR5_ARC
 from tests.support.sessions.stored_sessions import BOARD, CAMERA, HEIGHT, WIDTH, look
 from tests.support.simulation.simulated_views import draw_pose
 
@@ -88,6 +93,20 @@ def test_next_views_command_the_flange_that_brings_the_target_there() -> None:
         assert np.abs(off[:3]).max() < 5.0
         assert np.abs(off[3:]).max() < 0.01
     assert found.position_mm[-1] < found.position_mm[0]
+
+
+def test_of_stated_candidates_the_view_is_what_a_fixed_camera_sees_of_the_target_on_the_flange() -> None:
+    data = session(2)
+    group = estimate_session(data).groups[0]
+    view = candidate_views(data.targets[0], camera_of(common_fit(group)), image_size(common_fit(group)), 1)[0]
+    there = np.radians([[0.0, -65.0, 75.0, 10.0, 55.0, 0.0], [90.0, -65.0, 75.0, 10.0, 55.0, 0.0]])
+    T_base_camera = compose(forward(KR5_ARC, there[:1])[0], T_FLANGE_TARGET, invert(view))
+    found = stated_candidates(
+        group, data.targets[0], T_FLANGE_TARGET, T_base_camera, KR5_ARC, there, data.camera_mount
+    )
+    assert found.stated is not None
+    assert found.stated.tolist() == [0]
+    np.testing.assert_allclose(found.T_camera_target[0], view, atol=1e-9)
 
 
 def test_repeatability_is_the_targets_as_the_fixed_camera_sees_it() -> None:

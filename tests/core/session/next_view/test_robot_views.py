@@ -120,13 +120,14 @@ def test_of_stated_candidates_each_is_taken_once_and_those_without_the_target_ne
     T = np.linalg.inv(arm.camera_poses(found.joint_angles))
     assert np.linalg.norm(T[:, :3, 3] - found.T_camera_target[:, :3, 3], axis=1).max() < 3.0
     assert np.all(np.diff(found.position_mm) <= 0.0)
-    # The first is no worse than any other would be alone.
-    alone = [
-        suggest(begun.data, begun.estimate, begun.estimate.groups[0], 0, 1, one[None]).position_mm[1]
-        for one in seen
-    ]
-    first = suggest(begun.data, begun.estimate, begun.estimate.groups[0], 0, 1, seen)
-    assert first.position_mm[1] <= np.median(alone)
+    if begun.purpose == "hand_eye":
+        distance = calibrate_session_hand_eye(begun.data, begun.estimate).working_distance_mm
+
+        def left(candidates: np.ndarray) -> float:
+            first = suggest(begun.data, begun.estimate, begun.estimate.groups[0], 0, 1, candidates)
+            return float(np.hypot(first.position_mm[1], distance * first.angle[1]))
+
+        assert left(seen) == pytest.approx(min(left(one[None]) for one in seen), rel=1e-9)
     with pytest.raises(InvalidArgument):
         suggest(begun.data, begun.estimate, begun.estimate.groups[0], 0, 1, away)
 
