@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from app.analyses.documents.camera.camera_files import chosen_group
-from app.analyses.documents.dh.plan import check_plan_size
+from app.analyses.documents.dh import check_plan_size
 from app.analyses.documents.findings import Findings
 from app.analyses.documents.view_words import instruction
 from app.analyses.outcome import AnalysisError
