@@ -241,7 +241,8 @@ def test_an_outlier_of_another_instrument_is_named_by_its_measured_pose(api: Any
         for k, position in enumerate(positions)
     ]
     stored = api.client.post(f"/v1/sessions/{session}/measured-poses", json=told).json()["items"]
-    found = table(api, session, source="measured_poses")
+    found = body(get(api, session, source="measured_poses"))
+    RepeatabilityAnalysis.model_validate(found, extra="forbid")
     (outlier,) = found["poses"][0]["outliers"]
     assert outlier["measurement_id"] is None
     assert (outlier["measured_pose_id"], outlier["cycle"]) == (stored[7]["id"], 8)
