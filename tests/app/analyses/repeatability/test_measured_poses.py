@@ -189,3 +189,20 @@ def test_one_reading_each_is_no_repeatability(api: Any) -> None:
     assert [row["verdict"] for row in document["poses"]] == ["too_few_cycles"] * 2
     assert set(document["poses"][0]["repeatability"].values()) == {None}
     assert "too_few_cycles" in codes(document)
+
+
+def test_an_outlier_of_another_instrument_is_named_by_its_measured_pose(api: Any) -> None:
+    session = new_session(api)
+    rng = np.random.default_rng(6)
+    positions = np.array([100.0, 200.0, 300.0]) + rng.normal(0.0, 0.02, (24, 3))
+    positions[7] += [0.0, 1.0, 0.0]
+    told = [
+        {"pose_id": "P1", "cycle": k + 1, "position_mm": position.tolist()}
+        for k, position in enumerate(positions)
+    ]
+    stored = api.client.post(f"/v1/sessions/{session}/measured-poses", json=told).json()["items"]
+    found = table(api, session)
+    (outlier,) = found["poses"][0]["outliers"]
+    assert outlier["measurement_id"] is None
+    assert (outlier["measured_pose_id"], outlier["cycle"]) == (stored[7]["id"], 8)
+    assert (found["drift"]["against"], found["drift"]["time_source"]) == ("cycle", None)

@@ -231,24 +231,6 @@ def test_a_pose_is_given_in_one_target_s_frame(api: Any, store: Store) -> None:
     assert rows[0]["excluded"][0]["measurement_id"] == others[0]
 
 
-def test_an_outlier_of_another_instrument_is_named_by_its_measured_pose(api: Any) -> None:
-    session = new_session(api)
-    rng = np.random.default_rng(6)
-    positions = np.array([100.0, 200.0, 300.0]) + rng.normal(0.0, 0.02, (24, 3))
-    positions[7] += [0.0, 1.0, 0.0]
-    told = [
-        {"pose_id": "P1", "cycle": k + 1, "position_mm": position.tolist()}
-        for k, position in enumerate(positions)
-    ]
-    stored = api.client.post(f"/v1/sessions/{session}/measured-poses", json=told).json()["items"]
-    found = body(get(api, session, source="measured_poses"))
-    RepeatabilityAnalysis.model_validate(found, extra="forbid")
-    (outlier,) = found["poses"][0]["outliers"]
-    assert outlier["measurement_id"] is None
-    assert (outlier["measured_pose_id"], outlier["cycle"]) == (stored[7]["id"], 8)
-    assert (found["drift"]["against"], found["drift"]["time_source"]) == ("cycle", None)
-
-
 @pytest.mark.slow
 def test_drift_is_told_over_blocks_of_cycles(api: Any, store: Store) -> None:
     shots = []
