@@ -107,7 +107,7 @@ async def answer_in_form(
 ) -> Response:
     """Answer with an analysis as JSON, or with one of its tables as CSV."""
     name, table = _chosen(analysis, model, form)
-    known = form.known if isinstance(form, AnswerForm) else None
+    known = _known(form)
     if not prefers_csv(form.accept):
         found = await answer_analysis(request, analysis, session_id, settings, known)
         found.headers["Vary"] = "Accept"
@@ -138,14 +138,18 @@ def answer_document(
         "Cache-Control": "private, no-cache",
         "Vary": "Accept",
     }
-    known = form.known if isinstance(form, AnswerForm) else None
-    if {headers["ETag"], "*"} & _entity_tags(known):
+    if {headers["ETag"], "*"} & _entity_tags(_known(form)):
         return Response(status_code=304, headers=headers)
     if not as_csv:
         return Response(body, media_type="application/json", headers=headers)
     headers["Content-Disposition"] = f'inline; filename="{name}-{table_name}.csv"'
     text = write_table(table, json.loads(body))
     return Response(text, media_type=f"{CSV}; header=present", headers=headers)
+
+
+def _known(form: TableForm) -> str | None:
+    """Return the tags of the answers that the client has; None where they are no condition."""
+    return form.known if isinstance(form, AnswerForm) else None
 
 
 def _chosen(analysis: str, model: type[BaseModel], form: TableForm) -> tuple[str, Table]:

@@ -1,20 +1,23 @@
-"""Commands that are imported only when they run, so that `gridpose --help` and small commands start fast."""
+"""Commands that are imported only when they run, so that `gridpose --help` and small commands start fast.
+
+A command takes options that several share, declared once as a dataclass, as one parameter: an option group.
+"""
 
 from __future__ import annotations
 
+import dataclasses
 import functools
 import gc
 import importlib
+import inspect
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
-from typing import Any
+from typing import Any, get_type_hints
 
 import typer
 from rich.markup import escape
 from typer.core import TyperCommand, TyperGroup
 from typer.main import get_command
-
-from .option_groups import expand_groups
 
 
 class LazyCommand(TyperCommand):
@@ -35,7 +38,7 @@ class LazyCommand(TyperCommand):
         with _uncollected():
             function = getattr(importlib.import_module(module), name)
         settings = getattr(function, "context_settings", None)
-        holder.command(self.name, context_settings=settings)(_exiting(expand_groups(function)))
+        holder.command(self.name, context_settings=settings)(_exiting(_expanded(function)))
         command: Any = get_command(holder)
         for described in (command, *command.params):
             if getattr(described, "help", None):
@@ -79,3 +82,43 @@ def _exiting(command: Callable[..., int]) -> Callable[..., None]:
         raise typer.Exit(command(*arguments, **options))
 
     return run
+
+
+def _expanded(command: Callable[..., int]) -> Callable[..., int]:
+    """Return `command` with the options of its option groups, after its own, in place of the groups."""
+    hints = get_type_hints(command, include_extras=True)
+    groups: dict[str, tuple[type, tuple[str, ...]]] = {}
+    own, shared = [], []
+    for name, parameter in inspect.signature(command).parameters.items():
+        kind = hints[name]
+        if not dataclasses.is_dataclass(kind):
+            own.append(parameter.replace(annotation=hints[name], kind=inspect.Parameter.KEYWORD_ONLY))
+            continue
+        assert isinstance(kind, type)
+        options = _options(kind)
+        groups[name] = (kind, tuple(option.name for option in options))
+        shared += options
+
+    def run(**values: Any) -> int:
+        for name, (kind, fields) in groups.items():
+            values[name] = kind(**{field: values.pop(field) for field in fields})
+        return command(**values)
+
+    parameters = [*own, *shared]
+    run.__name__, run.__doc__ = command.__name__, command.__doc__
+    run.__annotations__ = {parameter.name: parameter.annotation for parameter in parameters}
+    run.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
+    return run
+
+
+def _options(group: type) -> list[inspect.Parameter]:
+    hints = get_type_hints(group, include_extras=True)
+    return [
+        inspect.Parameter(
+            field.name,
+            inspect.Parameter.KEYWORD_ONLY,
+            default=inspect.Parameter.empty if field.default is dataclasses.MISSING else field.default,
+            annotation=hints[field.name],
+        )
+        for field in dataclasses.fields(group)
+    ]
