@@ -19,6 +19,14 @@ if os.environ.get("GRIDPOSE_TEST_SHAPES"):
     install_import_hook("core", "beartype.beartype(conf=beartype.BeartypeConf(is_pep484_tower=True))")
 
 
+def pytest_xdist_auto_num_workers() -> int:
+    """Return how many processes `-n auto` runs: one more than there are cores.
+
+    A third of the tests' time is spent waiting: for disks, for clocks, for services that start and end.
+    """
+    return len(os.sched_getaffinity(0)) + 1 if hasattr(os, "sched_getaffinity") else (os.cpu_count() or 1) + 1
+
+
 @pytest.hookimpl(wrapper=True)
 def pytest_collection() -> Generator[None, object, object]:
     """Leave to the collector of garbage what the tests make, and nothing that was there before.

@@ -18,7 +18,7 @@ from starlette.types import ASGIApp, Receive, Scope, Send
 
 from app.api.dependencies import get_app_context
 from app.api.problems import service_problem
-from app.api.routing import StrictRoute, find_parents
+from app.api.routing import StrictRoute, check_parameters, find_parents, query_parameters
 from app.errors import ServiceError
 from app.http import authorize, invalid_request
 from app.records.activity import acting
@@ -33,12 +33,14 @@ class DirectRoute(StrictRoute):
         answer = self.dependant.call
         assert answer is not None
         assert self.body_field is None
-        parameters = _Parameters(self.dependant)
+        parameters, known = _Parameters(self.dependant), query_parameters(self.dependant)
         operation = self.name
 
         async def handle(request: Request) -> Response:
             with acting(authorize(request, operation)):
                 await find_parents(request)
+                if request.scope["query_string"]:
+                    check_parameters(request, known)
                 response: Response = await answer(**parameters.read(request))
                 return response
 

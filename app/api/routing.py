@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Coroutine, Mapping
+from collections.abc import Callable, Coroutine, Mapping
 from typing import Any, get_args, get_origin
 
 from fastapi import APIRouter, Request
@@ -133,7 +133,7 @@ class StrictRoute(APIRoute):
         async def handle_allowed(request: Request) -> Response:
             await find_parents(request)
             if request.scope["query_string"]:
-                _check_parameters(request, parameters)
+                check_parameters(request, parameters)
             if page is not None:
                 return await page_in_form(request, page, await answer(request))
             if reader is None:
@@ -200,7 +200,7 @@ def _is_list(annotation: Any) -> bool:
     return get_origin(annotation) is list or any(map(_is_list, get_args(annotation)))
 
 
-def _check_parameters(request: Request, parameters: Mapping[str, bool]) -> None:
+def check_parameters(request: Request, parameters: Mapping[str, bool]) -> None:
     """Raise InvalidContent for query parameters that the route does not have, and for single ones given twice."""
     names = [name for name, _ in request.query_params.multi_items()]
     twice = sorted({name for name in names if names.count(name) > 1 and not parameters.get(name, True)})
@@ -210,17 +210,12 @@ def _check_parameters(request: Request, parameters: Mapping[str, bool]) -> None:
             "Give each parameter once.",
             errors=[(name, "is given more than once") for name in twice],
         )
-    refuse_unknown_parameters(request, parameters)
-
-
-def refuse_unknown_parameters(request: Request, known: Collection[str]) -> None:
-    """Raise InvalidContent for query parameters that the route does not have: a misspelt one would be lost."""
-    unknown = sorted(set(request.query_params) - set(known))
+    unknown = sorted(set(names) - set(parameters))
     if unknown:
         raise InvalidContent(
             "The address holds query parameters that are not known.",
-            f"Check their spelling; known are {', '.join(sorted(known))}."
-            if known
+            f"Check their spelling; known are {', '.join(sorted(parameters))}."
+            if parameters
             else "This address takes none.",
             errors=[(name[:200], "is not known") for name in unknown[:20]],
         )

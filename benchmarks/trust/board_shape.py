@@ -29,7 +29,7 @@ from core.session import (
     estimate_session,
     group_views,
 )
-from core.session.repeatability.absolute_poses import absolute_poses
+from core.session.absolute_poses import absolute_poses
 from core.targets import GridPoints, TargetSpec
 
 WIDTH, HEIGHT, FOCAL = 2448, 2050, 2320.0

@@ -87,6 +87,10 @@ def with_residuals(
 
 ILL_CONDITIONED = 100.0
 SHORT_ARC = math.radians(20.0)
+MIN_SCALED_MM, MIN_SCALED_LENGTHS = 100.0, 3
+"""Which lengths say of a common scale, and how many of them it takes."""
+MIN_SCALE, MAX_SCALE_SPREAD = 1.5e-3, 0.3
+"""The smallest common scale, less 1, that is worth a warning, and how far from it any length may be, of it."""
 FAR_MM, FAR_RAD = 20.0, math.radians(5.0)
 MAX_SHARE_APART = 0.005
 """Of the variance that independent joints have in a combination: what moves less moves together."""
@@ -117,6 +121,7 @@ def warnings_for(
     yield from _moved_together(poses.joint_angles[refined.used])
     if nominal is not None:
         yield from _far_from(nominal, refined, gauge)
+        yield from _scaled(nominal, refined, gauge)
     out = np.flatnonzero(~refined.used)
     if len(out):
         some = listed([poses.label(int(i)) for i in out])
@@ -203,3 +208,24 @@ def _far_from(nominal: Chain, refined: FitResult, gauge: Gauge) -> Iterator[Advi
             "Check the signs and zeros of the joint angles and the nominal's values: the arm found moves as the poses "
             "do, but it may be described by other angles than its maker's.",
         )
+
+
+def _scaled(nominal: Chain, refined: FitResult, gauge: Gauge) -> Iterator[Advisory]:
+    """Lengths that are all off by one factor are off by the scale of the print, or of the other instrument."""
+    columns = [k for k, name in enumerate(JOINT_PARAMETERS) if name.endswith("_mm")]
+    stated = nominal.as_array()[:, columns]
+    free = gauge.free[: nominal.as_array().size].reshape(nominal.as_array().shape)[:, columns]
+    long = free & (np.abs(stated) >= MIN_SCALED_MM)
+    if int(long.sum()) < MIN_SCALED_LENGTHS:
+        return
+    off = refined.arm.parameters[:, columns][long] / stated[long] - 1.0
+    scale = float(np.median(off))
+    if abs(scale) < MIN_SCALE or float(np.max(np.abs(off - scale))) > MAX_SCALE_SPREAD * abs(scale):
+        return
+    yield Advisory(
+        "print_scale_mismatch",
+        f"All {len(off)} lengths of {MIN_SCALED_MM:g} mm or more are {100.0 * abs(scale):.2g} % "
+        f"{'longer' if scale > 0.0 else 'shorter'} than the nominal ones.",
+        "Measure the print over its whole length and correct the target's pitch, or check the scale of the other "
+        "instrument: a page that was fitted to its paper is a few percent off.",
+    )

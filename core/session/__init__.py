@@ -12,6 +12,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from core.session.absolute_poses import with_print_uncertainty
     from core.session.calibration import CalibratedSession, TaggedImage, calibrate_session
     from core.session.commanded_poses import (
         HandEyeStation,
@@ -102,6 +103,7 @@ if TYPE_CHECKING:
     )
 
 _NAMES = {
+    "absolute_poses": ("with_print_uncertainty",),
     "calibration": (
         "CalibratedSession",
         "TaggedImage",
@@ -281,6 +283,7 @@ __all__ = [
     "target_transforms",
     "views_of_candidates",
     "with_nominal_orientations",
+    "with_print_uncertainty",
     "worst_poses",
 ]
 

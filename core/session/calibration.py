@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 from core.calibration import Lens
-from core.errors import TooFewMeasurements
+from core.errors import InvalidArgument, TooFewMeasurements
 from core.geometry import Camera
 from core.image import DEFAULT_MAX_PIXELS
 from core.kinematics import Chain
@@ -95,6 +96,8 @@ def calibrate_session(
     ------
     TooFewMeasurements
         There are no images.
+    InvalidArgument
+        Two images have one name.
     ImageError
         The bytes of one are no image that is read.
     SessionError, EstimationError
@@ -103,6 +106,13 @@ def calibrate_session(
     specs = (targets,) if isinstance(targets, TargetSpec) else tuple(targets)
     if not images:
         raise TooFewMeasurements("The session has no images.", "Give the images of the target.")
+    counts = Counter(image.name for image in images)
+    repeated = next((name for name, count in counts.items() if count > 1), None)
+    if repeated is not None:
+        raise InvalidArgument(
+            f"{counts[repeated]} images have the name {repeated}.",
+            "Give every image a name of its own, such as its path.",
+        )
     ordered = sorted(images, key=lambda i: (natural(i.pose_id), i.cycle is None, i.cycle or 0, i.name))
     observations: list[ImageObservation] = []
     points: dict[int, GridPoints] = {}

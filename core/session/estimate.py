@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from jaxtyping import Int
 
-from core.calibration import GroupEstimate, LensEvidence, ViewStack
+from core.calibration import GroupEstimate, LensEvidence, ShapePrior, ViewStack
 from core.errors import Advisory, listed
 from core.session.model import MeasuredPose, SessionData
 
@@ -55,7 +55,8 @@ class SessionEstimate:
 
     `unclear` are images that show another orientation than the first of their pose, however a board that looks the same
     when turned is labelled: estimated, but no visit to their pose. `unsteady` are the poses among whose images the
-    camera changed, `differing` those whose images show too different points.
+    camera changed, `differing` those whose images show too different points. `shapes` is what is left open of prints
+    whose shape was estimated from the images, by the target's place in the session's list.
     """
 
     estimator: str
@@ -66,6 +67,7 @@ class SessionEstimate:
     unclear: Mapping[str, ExcludedMeasurement]
     unsteady: frozenset[str]
     differing: frozenset[str]
+    shapes: Mapping[int, ShapePrior] = field(default_factory=dict)
 
 
 def in_order(data: SessionData, groups: Sequence[FocusGroup]) -> tuple[MeasuredPose, ...]:

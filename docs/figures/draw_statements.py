@@ -26,7 +26,7 @@ from benchmarks.trust.board_shape import simulate as simulate_print
 from core.calibration import estimate_group
 from core.metrology import PoseCycles, assess_distance
 from core.session import assess_repeatability, estimate_session
-from core.session.repeatability.absolute_poses import absolute_poses
+from core.session.absolute_poses import absolute_poses
 from core.targets import TargetSpec
 from tests.support.simulation.correlated_noise import (
     DISTURBANCES,

@@ -10,12 +10,12 @@ import numpy as np
 from app.analyses.documents.encoding import pose_fields, refined_estimate
 from app.analyses.documents.findings import Findings
 from core.geometry import invert, transform
-from core.session import ImagePose, MeasuredPose, SessionData, image_poses
+from core.session import ImagePose, MeasuredPose, SessionData, image_poses, with_print_uncertainty
 
 
 def camera_poses_findings(data: SessionData, settings: Mapping[str, str]) -> Findings:
     """Return what `GET .../camera-poses` answers."""
-    estimate = refined_estimate(data, settings, weak=True)
+    estimate = with_print_uncertainty(data, refined_estimate(data, settings, weak=True))
     fields = {
         "estimator": settings["estimator"],
         "camera_poses": [_image(one, data) for one in image_poses(data, estimate)],

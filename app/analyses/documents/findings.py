@@ -34,6 +34,7 @@ class ExcludedList:
 
     def __init__(self, data: SessionData) -> None:
         known = [(image.measurement_id, image.filename) for image in data.images]
+        self._of_images = {name for name, _ in known}
         known += [(pose.measurement_id, None) for pose in data.measured]
         self._places = {name: (place, filename) for place, (name, filename) in enumerate(known)}
 
@@ -44,7 +45,8 @@ class ExcludedList:
             reasons.setdefault(one.measurement_id, one)
         return [
             {
-                "measurement_id": name,
+                "measurement_id": name if name in self._of_images else None,
+                "measured_pose_id": None if name in self._of_images else name,
                 "filename": self._places[name][1],
                 "code": reasons[name].code,
                 "detail": reasons[name].detail,

@@ -12,12 +12,7 @@ from app.api.dependencies import AppContextDep, PosePath, SessionPath
 from app.api.direct import DirectRoute
 from app.api.json_body import json_answer
 from app.api.responses import measurement_document, new_measurement_json
-from app.api.routing import (
-    api_router,
-    problem_responses,
-    query_parameters,
-    refuse_unknown_parameters,
-)
+from app.api.routing import api_router, problem_responses
 from app.api.schemas.common import (
     CAPTURED,
     MAX_BURST,
@@ -159,8 +154,6 @@ async def put_image(
     require_image_type(request)
     installation = service.installation
     measurements.choose_target(request.state.targets, target_id)
-    if request.scope["query_string"]:
-        refuse_unknown_parameters(request, query_parameters(request.scope["route"].dependant))
     if has_quota(request):
         image = (session_id, pose_id, sha256, target_id)
         await run_in_threadpool(require_quota, installation, request, image)

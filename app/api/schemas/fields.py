@@ -28,9 +28,12 @@ _COMMANDED = "In the robot's base frame. Null: not commanded, or not known."
 SessionId = Annotated[str, Field(description="Id of the session; opaque, made by the server.")]
 TargetId = Annotated[str, Field(description="Id of the target; opaque, made by the server.")]
 RobotId = Annotated[str, Field(description="Id of the robot; opaque, made by the server.")]
-MeasurementId = Annotated[
-    str,
-    Field(description="Id of the measurement, or with `source=measured_poses` of the measured pose."),
+MeasurementId = Annotated[str, Field(description="Id of the image's measurement.")]
+MeasurementOrNull = Annotated[
+    str | None, Field(description="Id of the image's measurement; null of another instrument.")
+]
+MeasuredPoseOrNull = Annotated[
+    str | None, Field(description="Id of what another instrument measured; null of an image.")
 ]
 PoseId = Annotated[str, Field(description=POSE_ID)]
 FocusGroup = Annotated[str, Field(description=FOCUS_GROUP)]

@@ -10,7 +10,7 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from app.reports.forms.wording import words
+from app.reports.forms.wording import reading_id, words
 
 Block = dict[str, Any]
 UNKNOWN = "–"
@@ -120,7 +120,7 @@ def excluded_of(
     known = {one["measurement_id"]: one for one in (*inputs["images"], *inputs["measured_poses"])}
     rows = []
     for one in document["excluded"]:
-        source = known.get(one["measurement_id"], {})
+        source = known.get(reading_id(one), {})
         cycle = source.get("cycle")
         rows.append(
             [

@@ -12,6 +12,8 @@ import re
 from collections.abc import Iterator, Mapping
 from typing import Any
 
+from app.reports.forms.wording import reading_id
+
 Figure = str | float | int | bool | None
 _IDENTITIES = (
     *("pose_id", "joint", "name", "measurement_id", "measured_pose_id"),
@@ -44,11 +46,10 @@ def figures_csv(document: Mapping[str, Any]) -> bytes:
         for name, value in figures_of(found).items():
             rows.writerow((analysis, _guarded(name), _cell(value), unit_of(name)))
         for one in found.get("excluded", ()):
-            source = known.get(one["measurement_id"], {})
+            name_of = reading_id(one)
+            source = known.get(name_of, {})
             for name in ("pose_id", "cycle"):
-                rows.writerow(
-                    (analysis, f"excluded[{one['measurement_id']}].{name}", _cell(source.get(name)), "")
-                )
+                rows.writerow((analysis, f"excluded[{name_of}].{name}", _cell(source.get(name)), ""))
     return text.getvalue().encode()
 
 

@@ -163,3 +163,11 @@ def _own(names: Iterable[str]) -> str:
     """Return the pattern of those names of the user's that could be read as the service's, and "" without any."""
     could = sorted((name for name in names if re.search(_TECHNICAL, name)), key=len, reverse=True)
     return "".join(rf"(?<!\w){re.escape(name)}(?!\w)|" for name in could)
+
+
+def reading_id(found: Mapping[str, Any]) -> str | None:
+    """Return the id of an image or of a measured pose; reports of early versions have the latter's under the former's
+    name.
+    """
+    name: str | None = found["measurement_id"] or found.get("measured_pose_id")
+    return name

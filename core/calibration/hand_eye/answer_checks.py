@@ -8,13 +8,18 @@ from collections.abc import Sequence
 import numpy as np
 
 from core.calibration.hand_eye.deviations import FramesFit
-from core.calibration.hand_eye.result import rejected_poses
+from core.calibration.hand_eye.result import ScaleDifference, rejected_poses
 from core.errors import Advisory, MotionInsufficient, NotConverged
 
 LARGE_DEVIATION = 0.01
 """Standard deviation, in rad and of the working distance, from which on a robot is not the likely reason."""
 MAX_UNCERTAINTY = 0.05
 """Largest standard uncertainty of the camera on the flange that is an answer: in rad, and of the working distance."""
+
+MIN_SCALE_DIFFERENCE, MIN_SCALE_SIGMAS = 1.5e-3, 4.0
+"""Smallest scale of commanded to measured distances, less 1, and in its standard uncertainties, that is worth a
+warning: a robot's own lengths are off by less, mostly.
+"""
 
 
 def check_answer(found: FramesFit, distance: float, warnings: Sequence[Advisory]) -> None:
@@ -53,3 +58,21 @@ def warnings_of(robot: tuple[float, float], distance: float, wrong: Sequence[str
             )
         )
     return found
+
+
+def scale_warnings(scale: ScaleDifference | None) -> list[Advisory]:
+    """Name commanded distances that are longer or shorter than measured ones, all of them."""
+    if scale is None or abs(scale.value) < max(
+        MIN_SCALE_DIFFERENCE, MIN_SCALE_SIGMAS * scale.standard_uncertainty
+    ):
+        return []
+    return [
+        Advisory(
+            "print_scale_mismatch",
+            f"Commanded distances are {100.0 * abs(scale.value):.2g} % {'longer' if scale.value > 0.0 else 'shorter'} "
+            f"than the images show them, by one factor, with a standard uncertainty of "
+            f"{100.0 * scale.standard_uncertainty:.1g} %.",
+            "Measure the print over its whole length and correct the target's pitch: a page that was fitted to its "
+            "paper is a few percent off. If the pitch is right, the robot's lengths are off: identify it (dh).",
+        )
+    ]

@@ -36,8 +36,8 @@ from collections.abc import Sequence
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from core.calibration.hand_eye.answer_checks import check_answer, warnings_of
-from core.calibration.hand_eye.deviations import FramesFit, SharedErrors, deviations_of
+from core.calibration.hand_eye.answer_checks import check_answer, scale_warnings, warnings_of
+from core.calibration.hand_eye.deviations import FramesFit, SharedErrors, deviations_of, shared_motions
 from core.calibration.hand_eye.initialisation import (
     MIN_POSES,
     check_count,
@@ -61,6 +61,7 @@ from core.calibration.hand_eye.result import (
     HandEyeCalibration,
     HandEyeObservation,
 )
+from core.calibration.hand_eye.scale_difference import scale_difference
 from core.errors import InvalidArgument, MotionInsufficient, NotConverged
 from core.geometry import hats, so3_log
 from core.numerics import REJECTION, Fit, LinearResiduals, Prior, Variances, estimate_variances, fit
@@ -105,6 +106,9 @@ def calibrate_hand_eye(
         found.robot.deviations, distance, [s.pose_id for s, u in zip(stations, used, strict=True) if not u]
     )
     check_answer(found, distance, warnings)
+    Q = np.zeros((1, found.frames.size)) if mount is None else _prior(mount)(found.frames)[1]
+    scale = scale_difference(found, poses, used, Q.T @ Q, shared_motions(found.frames, stations, poses))
+    warnings += scale_warnings(scale)
     shared = SharedErrors.of(found, stations, poses, used)
     return HandEyeCalibration(
         T_flange_camera=found.frames.T_flange_camera,
@@ -117,6 +121,7 @@ def calibrate_hand_eye(
         deviations=deviations_of(found, shared, stations, poses, used),
         warnings=tuple(warnings),
         common=shared.frames,
+        scale=scale,
     )
 
 

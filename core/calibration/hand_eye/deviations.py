@@ -70,17 +70,24 @@ class SharedErrors:
         used: Bool[np.ndarray, " n"],
     ) -> SharedErrors:
         """Attained poses move by G c, the frames by the least squares answer to that."""
-        given = [s.common for s in stations]
-        sizes = {0 if c is None else c.shape[1] for c in given}
-        if len(sizes) != 1:
-            raise InvalidArgument("All stations must share the same errors, or none.")
-        if sizes == {0}:
-            return cls(np.zeros((found.frames.size, 0)), np.zeros((len(given), 6, 0)))
-        moved = measurement_effect(found.frames, poses.T_target_camera, poses.target) @ np.array(given)
+        moved = shared_motions(found.frames, stations, poses)
         J = jacobian(found.frames, poses.T_target_camera, poses.target)
         weighted = np.linalg.inv(pose_variances(found.frames, poses, found.robot)) @ moved
         frames = -found.covariance @ np.einsum("nij,nik->jk", J[used], weighted[used])
         return cls(frames, moved + J @ frames)
+
+
+def shared_motions(
+    frames: Frames, stations: Sequence[HandEyeObservation], poses: PoseArrays
+) -> Float[np.ndarray, "n 6 k"]:
+    """Return what one standard uncertainty of each error that all stations share does to the attained poses."""
+    given = [s.common for s in stations]
+    sizes = {0 if c is None else c.shape[1] for c in given}
+    if len(sizes) != 1:
+        raise InvalidArgument("All stations must share the same errors, or none.")
+    if sizes == {0}:
+        return np.zeros((len(given), 6, 0))
+    return np.asarray(measurement_effect(frames, poses.T_target_camera, poses.target) @ np.array(given))
 
 
 def deviations_of(

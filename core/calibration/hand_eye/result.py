@@ -69,6 +69,14 @@ class CameraMountPrior:
 
 
 @dataclass(frozen=True, slots=True)
+class ScaleDifference:
+    """By what share commanded distances are longer than measured ones, with its standard uncertainty."""
+
+    value: float
+    standard_uncertainty: float
+
+
+@dataclass(frozen=True, slots=True)
 class PoseResidual:
     """Attained - commanded of one pose in the base frame: position (mm) and rotation vector (rad).
 
@@ -98,7 +106,8 @@ class HandEyeCalibration:
     `covariance_given_camera` is `covariance` without the errors that all stations have in common; `common` (p, k) is
     what one standard uncertainty of each of these does to the frames.
     `robot_position_mm` and `robot_rotation` (rad) are the robot's standard deviations from the commanded poses along
-    each axis, beyond what the measurements explain.
+    each axis, beyond what the measurements explain. `scale` is by how much commanded distances are longer than measured
+    ones; None where the poses do not determine it.
     """
 
     T_flange_camera: Float[np.ndarray, "4 4"]
@@ -111,6 +120,7 @@ class HandEyeCalibration:
     deviations: tuple[PoseResidual, ...]
     warnings: tuple[Advisory, ...]
     common: Float[np.ndarray, "p k"]
+    scale: ScaleDifference | None
 
     @property
     def coverage_factor(self) -> float:

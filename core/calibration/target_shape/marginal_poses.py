@@ -52,7 +52,8 @@ class MarginalPoses:
     p + moved, exp(turned) R. `common` (m, 6, e) is what one standard uncertainty of each error that all poses share
     does to them; `sources` (e,) says of which: `lens` (and sensor), `print_scale` or `print_shape`. `of_camera` is that
     of the camera alone, were the prints perfect. `departures` are those found by target and name, in their prior's
-    standard uncertainties; `inflation` is the data's.
+    standard uncertainties; `inflation` is the data's. `camera_moved` (f,) leads from the fit's camera to this one's,
+    and `camera_of_print` (f, f) is the covariance of the latter that is the departures'.
     """
 
     place: Int[np.ndarray, " k"]
@@ -63,6 +64,8 @@ class MarginalPoses:
     of_camera: Float[np.ndarray, "m 6 c"]
     departures: tuple[dict[str, Measure], ...]
     inflation: float
+    camera_moved: Float[np.ndarray, " f"]
+    camera_of_print: Float[np.ndarray, "f f"]
 
 
 def marginalise_shape(fit: CommonFit, priors: Sequence[ShapePrior]) -> MarginalPoses:
@@ -297,4 +300,6 @@ class _Problem:
             of_camera,
             tuple(found),
             inflation,
+            state.parameters[: self.free] - start.parameters[: self.free],
+            C[: self.free, : self.free] - inverse(system.information[: self.free, : self.free]),
         )

@@ -1,8 +1,9 @@
 """The camera on the robot's flange and the targets in its base, from a session's commanded poses; or a fixed camera in
 the base, and the target on the flange.
 
-Each commanded pose is a station before each target that its images show: the mean of its visits. What the lens and the
-prints do to all of them is carried through as common to all (`core.session.robot.shared_errors`).
+Each commanded pose is a station before each target that its images show: the mean of its visits, before a print that
+may depart from its nominal grid (`core.session.absolute_poses`). What the lens and the prints do to all of them is
+carried through as common to all (`core.session.robot.shared_errors`).
 
 The stations of one pose share the robot's deviation, which the fit takes as independent. Its covariance is multiplied
 by the mean number of stations a pose has: that is exact where every pose is seen before as many targets and the
@@ -26,6 +27,7 @@ from core.calibration import (
 from core.errors import Advisory, CommandedPosesMissing
 from core.geometry import transform
 from core.kinematics import forward
+from core.session.absolute_poses import absolute_poses
 from core.session.camera_mount import check_one_on_flange, moving_poses
 from core.session.commanded_poses.likely_causes import calibrate_or_explain
 from core.session.estimate import ExcludedMeasurement, ExcludedPose, SessionEstimate
@@ -87,7 +89,9 @@ class SessionHandEye:
     warnings: tuple[Advisory, ...]
 
 
-def calibrate_session_hand_eye(data: SessionData, estimate: SessionEstimate) -> SessionHandEye:
+def calibrate_session_hand_eye(
+    data: SessionData, estimate: SessionEstimate, *, nominal_prints: bool = False
+) -> SessionHandEye:
     """Estimate where the camera sits on the flange and each target lies in the robot's base; of a fixed camera, where
     the target sits on the flange and the camera lies in the base.
 
@@ -98,6 +102,8 @@ def calibrate_session_hand_eye(data: SessionData, estimate: SessionEstimate) -> 
         flange at the commanded joint angles takes their place.
     estimate
         The session's cameras and poses. Images that show another orientation than the first of their pose are excluded.
+    nominal_prints
+        Whether the prints are taken as their nominal grids, as plans of further views do.
 
     Raises CommandedPosesMissing, SeveralTargetsOnFlange, and what `core.calibration.calibrate_hand_eye` raises where
     the poses do not determine the frames.
@@ -106,6 +112,10 @@ def calibrate_session_hand_eye(data: SessionData, estimate: SessionEstimate) -> 
     counted: Sequence[MeasuredPose] = [
         pose for pose in estimate.poses if pose.measurement_id not in estimate.unclear
     ]
+    if not nominal_prints:
+        absolute = absolute_poses(data, estimate)
+        counted = [absolute.poses[pose.measurement_id] for pose in counted]
+        warnings = (*absolute.warnings, *warnings)
     visits: dict[tuple[str, int], list[int]] = {}
     for i, pose in enumerate(counted):
         visits.setdefault((pose.pose_id, pose.frame), []).append(i)

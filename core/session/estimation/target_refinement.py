@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from itertools import combinations
 
@@ -52,24 +53,9 @@ class RefinedTarget:
     estimate: SessionEstimate
 
     @property
-    def shapes(self) -> dict[int, ShapePrior]:
+    def shapes(self) -> Mapping[int, ShapePrior]:
         """What is left open of the target's shape, for absolute figures; nothing where it was not applied."""
-        if not self.applied:
-            return {}
-        found, target = self.shape, self.shape.target
-        sigma = found.standard_uncertainty_mm
-        in_plane = math.sqrt(float(np.mean(sigma[:, :2] ** 2)))
-        left = ShapeUncertainty(
-            found.aspect.standard_uncertainty,
-            found.shear.standard_uncertainty,
-            max(found.bow_x_mm.standard_uncertainty, found.bow_y_mm.standard_uncertainty),
-            found.twist_mm.standard_uncertainty,
-            in_plane,
-            in_plane,
-        )
-        return {
-            self.target: ShapePrior(left, target.scale_standard_uncertainty, target.certificate is not None)
-        }
+        return self.estimate.shapes
 
 
 def refine_target(data: SessionData, estimate: SessionEstimate) -> RefinedTarget:
@@ -98,9 +84,24 @@ def refine_target(data: SessionData, estimate: SessionEstimate) -> RefinedTarget
     if applied:
         groups = of_one_width(tuple(_again(data, old, shape, target, name) for old in estimate.groups))
         warnings += _applied_warnings(estimate.groups, groups, name)
-        estimate = replace(estimate, groups=groups, poses=in_order(data, groups))
+        shapes = {target: _left_open(shape)}
+        estimate = replace(estimate, groups=groups, poses=in_order(data, groups), shapes=shapes)
     estimate = replace(estimate, warnings=(*estimate.warnings, *warnings))
     return RefinedTarget(target, name, len(chosen), shape, applied, estimate)
+
+
+def _left_open(shape: TargetShape) -> ShapePrior:
+    sigma, target = shape.standard_uncertainty_mm, shape.target
+    in_plane = math.sqrt(float(np.mean(sigma[:, :2] ** 2)))
+    left = ShapeUncertainty(
+        shape.aspect.standard_uncertainty,
+        shape.shear.standard_uncertainty,
+        max(shape.bow_x_mm.standard_uncertainty, shape.bow_y_mm.standard_uncertainty),
+        shape.twist_mm.standard_uncertainty,
+        in_plane,
+        in_plane,
+    )
+    return ShapePrior(left, target.scale_standard_uncertainty, target.certificate is not None)
 
 
 def _applied_warnings(

@@ -65,7 +65,7 @@ def suggest_hand_eye_views(
     Raises what `views_of_candidates` and `calibrate_session_hand_eye` raise, TooFewMeasurements where no image shows
     the target or the group has no common camera, and InvalidArgument for no views and where none is within reach.
     """
-    found = calibrate_session_hand_eye(data, estimate)
+    found = calibrate_session_hand_eye(data, estimate, nominal_prints=True)
     tie, place = found.calibration, _place(target, found.targets)
     frames = tie.T_flange_camera, tie.T_base_targets[place]
     if stated is None:
@@ -153,7 +153,9 @@ def views_of_candidates(
     base is not that of the commanded poses or no candidate shows the target, and TooFewMeasurements where no image does
     or the group has no common camera.
     """
-    return _stated_views(data, calibrate_session_hand_eye(data, estimate), group, target, stated)
+    return _stated_views(
+        data, calibrate_session_hand_eye(data, estimate, nominal_prints=True), group, target, stated
+    )
 
 
 def _stated_views(

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 from core.calibration import SEPARATE_CAMERAS, ShapePrior
 from core.errors import Advisory, listed
 from core.metrology import PoseAccuracy, PoseRepeatability
+from core.session.absolute_poses import absolute_poses, scale_unknown
 from core.session.camera_mount import moving_poses
 from core.session.commanded_poses import (
     Accuracy,
@@ -17,12 +18,6 @@ from core.session.commanded_poses import (
 )
 from core.session.estimate import SessionEstimate
 from core.session.model import MeasuredPose, SessionData
-from core.session.repeatability.absolute_poses import (
-    absolute_poses,
-    scale_unknown,
-    unchanging_accuracy,
-    unscaled_accuracy,
-)
 from core.session.repeatability.confirmation import unconfirmed
 from core.session.repeatability.degraded_images import degraded_warning
 from core.session.repeatability.lacking import measured_pose_warnings
@@ -36,6 +31,7 @@ from core.session.repeatability.pose_rows import (
 )
 from core.session.repeatability.steadiness import SessionSteadiness, steadiness_warnings
 from core.session.repeatability.stops import BurstNoise, burst_warnings, images_of, stop_mean
+from core.session.repeatability.withheld import unchanging_accuracy, unscaled_accuracy
 from core.session.repeatability.witness import Witness, WitnessMotion, witness_warnings
 
 

@@ -18,8 +18,8 @@ from core.metrology import (
     long_run_draws,
     repeatability_budget,
 )
+from core.session.absolute_poses import stated_scale
 from core.session.model import SessionData
-from core.session.repeatability.absolute_poses import stated_scale
 from core.session.repeatability.assessment import SessionRepeatability
 from core.session.repeatability.pose_rows import PoseRow
 from core.session.repeatability.steadiness import equal_deviations

@@ -28,8 +28,8 @@ from core.metrology import (
     hides_scatter,
 )
 from core.session.model import CommandedPose, MeasuredPose
-from core.session.repeatability.absolute_poses import distance_of_hidden_scatter, unscaled_distance
 from core.session.repeatability.lacking import MIN_SPREADS_APART, Lack, distances_unavailable
+from core.session.repeatability.withheld import distance_of_hidden_scatter, unscaled_distance
 from core.session.visits import cycles_of, mean_common
 
 MAX_PAIRS = 45

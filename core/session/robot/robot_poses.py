@@ -17,6 +17,7 @@ from core.errors import (
 )
 from core.geometry import rotation_to_rpy
 from core.kinematics import PoseData, forward, stack_joint_angles
+from core.session.absolute_poses import scale_warnings
 from core.session.camera_mount import check_one_on_flange, moving_poses
 from core.session.estimate import ExcludedMeasurement, SessionEstimate
 from core.session.model import MeasuredPose, SessionData, readings
@@ -91,7 +92,11 @@ def poses_of_estimate(data: SessionData, estimate: SessionEstimate) -> RobotPose
     without = sorted(
         {pose.pose_id for pose, known in zip(estimate.poses, angles, strict=True) if known is None}
     )
-    warnings = (*estimate.warnings, *_excluded(without, "joint_angles_missing"))
+    warnings = (
+        *estimate.warnings,
+        *scale_warnings(data, estimate, estimate.shapes),
+        *_excluded(without, "joint_angles_missing"),
+    )
     excluded = (
         *estimate.excluded.values(),
         *estimate.unclear.values(),

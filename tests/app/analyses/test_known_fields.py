@@ -22,6 +22,12 @@ def test_a_value_that_stands_in_a_field_of_its_own_today_stands_where_it_stood()
     assert known_fields(now, now) == now
 
 
+def test_a_list_that_is_split_today_is_whole_as_it_was() -> None:
+    then = {"measurement_ids": ["mpo_1", "mpo_2"]}
+    now = {"measurement_ids": [], "measured_pose_ids": ["mpo_1", "mpo_2"]}
+    assert known_fields(now, then) == then
+
+
 @pytest.mark.parametrize(
     ("now", "known"),
     [

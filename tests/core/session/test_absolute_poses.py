@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 
 import numpy as np
 import pytest
@@ -10,7 +11,7 @@ import pytest
 from benchmarks.trust.board_shape import DEPARTURES, Departure, Setup, measure, simulate
 from core.calibration import ShapePrior
 from core.session import assess_repeatability, estimate_session
-from core.session.repeatability.absolute_poses import absolute_poses
+from core.session.absolute_poses import absolute_poses, with_print_uncertainty
 from core.targets import PRINT_KINDS, ShapeUncertainty
 
 PERFECT, BOW = DEPARTURES[0], DEPARTURES[1]
@@ -106,6 +107,31 @@ def test_further_tilted_views_the_cube_narrow_what_a_print_leaves_open() -> None
             [np.trace(p.common[:3] @ p.common[:3].T) for p in found.poses.values() if p.common is not None]
         )
     assert widths[4] < 0.3 * widths[0]
+
+
+@pytest.mark.parametrize("bow_mm", [0.0, 0.05, 0.2])
+@pytest.mark.parametrize("sessions", [8, pytest.param(30, marks=pytest.mark.slow)])
+def test_the_camera_before_a_bowed_print_is_as_uncertain_as_stated(bow_mm: float, sessions: int) -> None:
+    """Of each image's camera the depth before the print, which follows the focal length."""
+    plain, stated = [], []
+    setup = dataclasses.replace(QUICK, tilted_views=4)
+    for trial in range(sessions):
+        data, true = simulate(np.random.default_rng(trial), setup, dataclasses.replace(BOW, bow_mm=bow_mm))
+        before = estimate_session(data)
+        after = with_print_uncertainty(data, before)
+        np.testing.assert_array_equal(
+            after.groups[0].estimate.camera.as_array(), before.groups[0].estimate.camera.as_array()
+        )
+        for estimate, ratios in ((before, plain), (after, stated)):
+            poses = [p for p in estimate.poses if p.pose_id in true]
+            off = [p.position_mm[2] - true[p.pose_id][2] for p in poses]
+            u = [math.sqrt(p.covariance[2, 2]) for p in poses if p.covariance is not None]
+            ratios.append(float(np.mean(off)) / float(np.mean(u)))
+    rms = [math.sqrt(float(np.mean(np.square(one)))) for one in (plain, stated)]
+    assert rms[1] < 1.0 + 3.0 / math.sqrt(2.0 * sessions)
+    assert rms[1] > 0.2, "an interval that holds everything says nothing"
+    if bow_mm:
+        assert rms[0] > max(1.3, 1.3 * rms[1]), "the print is what makes the difference"
 
 
 @pytest.mark.slow

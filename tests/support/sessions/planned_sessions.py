@@ -77,7 +77,7 @@ def mount_information(
 
     It is at the deviations that the robot truly has: those estimated from a few poses scatter by a third.
     """
-    found = calibrate_session_hand_eye(data, estimate)
+    found = calibrate_session_hand_eye(data, estimate, nominal_prints=True)
     tie = true_tie(found.calibration)
     common = shared_errors(estimate.poses)
     assert common is not None
@@ -164,7 +164,7 @@ def least_mount_images(seed: int) -> float:
     views = views_at_random(HAND_EYE, seed)
     data = views.all()
     estimate = estimate_session(data, "pooled")
-    found = calibrate_session_hand_eye(data, estimate)
+    found = calibrate_session_hand_eye(data, estimate, nominal_prints=True)
     taken, weight = mount_information(data, estimate)
     shared, G = _of_lens(len(weight)), np.diag(weight)
     aim = float(np.trace(covariance_of(taken.sum(axis=0) + shared) @ G))

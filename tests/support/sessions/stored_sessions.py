@@ -60,9 +60,13 @@ def look(
     camera: Camera = CAMERA,
     sigma_px: float = 0.02,
     size: tuple[int, int] = (WIDTH, HEIGHT),
+    bow_mm: float = 0.0,
 ) -> GridPoints:
-    """What a detector reports of a board."""
-    exact = project(transform_points(T_camera_target, board.points_target()), camera)
+    """What a detector reports of a board, which may be bowed along its x axis."""
+    printed = board.points_target()
+    along = printed[:, 0] / printed[:, 0].max()
+    printed[:, 2] += 4.0 * bow_mm * along * (1.0 - along)
+    exact = project(transform_points(T_camera_target, printed), camera)
     row, column = (a.ravel() for a in np.mgrid[0 : board.rows, 0 : board.columns])
     noisy = exact + rng.normal(0.0, sigma_px, exact.shape)
     return GridPoints(board, *size, column, row, noisy, np.full(len(exact), sigma_px))

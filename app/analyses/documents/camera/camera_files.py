@@ -13,10 +13,21 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import cast
 
+import numpy as np
+
 from app.analyses.outcome import AnalysisError
 from app.errors import NotFound
+from core.calibration import grade
+from core.errors import Advisory
 from core.geometry import LENS_PARAMETERS, Conversion, LensModel, convert_camera, lens_model_of
-from core.session import FocusGroup, SessionData, estimate_session, observed_radius, refine_target
+from core.session import (
+    FocusGroup,
+    SessionData,
+    estimate_session,
+    observed_radius,
+    refine_target,
+    with_print_uncertainty,
+)
 
 MAX_ERROR_PX = 0.5
 RIM_POINTS = 36
@@ -69,6 +80,10 @@ class _File:
     height_px: int
     choice: _Choice
     conversion: Conversion
+    uncertainty_px: tuple[float, ...]
+    """Standard uncertainties of fx, fy, cx, cy; that of f says the grade."""
+    grade: str
+    warnings: tuple[Advisory, ...]
 
     @property
     def inner(self) -> list[float]:
@@ -94,6 +109,9 @@ class _File:
             "Camera by Gridpose; pixel (0, 0) is the centre of the top-left pixel.",
             f"largest_conversion_error_px: {conversion.largest_error_px:.2g}",
             f"valid_radius_px: {conversion.radius_px:.1f}  (about the principal point; not compared beyond it)",
+            f"standard_uncertainty_px: {_listed([float(f'{u:.2g}') for u in self.uncertainty_px])}  "
+            f"(of fx, fy, cx, cy; {self.grade})",
+            *(f"warning: {one.code}: {' '.join(one.detail.split())}" for one in self.warnings),
         ]
 
 
@@ -107,8 +125,9 @@ def camera_file(data: SessionData, settings: Mapping[str, str]) -> bytes:
     estimate = estimate_session(data, settings["estimator"], asked)
     if settings.get("refine_target") == "true":
         estimate = refine_target(data, estimate).estimate
+    estimate = with_print_uncertainty(data, estimate)
     group = chosen_group(data, estimate.groups, settings.get("focus_group"))
-    return _WRITERS[settings["format"]](_converted(group, settings["format"])).encode()
+    return _WRITERS[settings["format"]](_converted(group, settings["format"], estimate.warnings)).encode()
 
 
 def chosen_group(data: SessionData, groups: Sequence[FocusGroup], wanted: str | None) -> FocusGroup:
@@ -138,14 +157,24 @@ def chosen_group(data: SessionData, groups: Sequence[FocusGroup], wanted: str | 
     )
 
 
-def _converted(group: FocusGroup, kind: str) -> _File:
+def _converted(group: FocusGroup, kind: str, warnings: tuple[Advisory, ...]) -> _File:
     """Return the camera in the first of the format's models that is good, or the best of them.
 
     Raises AnalysisError (`not_representable`), naming the formats that have a model which is good enough.
     """
     error, choice, conversion = _nearest(group, kind)
     if error <= MAX_ERROR_PX:
-        return _File(group.name, *_size(group), choice, conversion)
+        estimate = group.estimate
+        uncertainty = np.sqrt(np.maximum(np.diag(estimate.camera_covariance)[:INNER], 0.0))
+        return _File(
+            group.name,
+            *_size(group),
+            choice,
+            conversion,
+            tuple(uncertainty.tolist()),
+            grade(estimate.focal_relative_uncertainty),
+            warnings,
+        )
     off = (
         "have no pixels at all in part of the image"
         if math.isinf(error)

@@ -23,6 +23,7 @@ from core.session import (
     observed_radius,
     refine_target,
     target_transforms,
+    with_print_uncertainty,
     worst_poses,
 )
 
@@ -34,6 +35,7 @@ def intrinsics_findings(data: SessionData, settings: Mapping[str, str]) -> Findi
     if settings.get("refine_target") == "true":
         refined = refine_target(data, estimate)
         estimate, shape = refined.estimate, _shape(refined, data)
+    estimate = with_print_uncertainty(data, estimate)
     fields = {
         "estimator": settings["estimator"],
         "groups": [

@@ -34,6 +34,7 @@ from core.session import (
     estimate_session,
     image_rows,
     measured_rows,
+    with_print_uncertainty,
 )
 
 MAX_ROWS = 40
@@ -97,7 +98,7 @@ def _chosen_groups(data: SessionData, settings: Mapping[str, str]) -> Sequence[F
             "Name one that the session's intrinsics list (GET .../intrinsics).",
             code="focus_group_not_found",
         )
-    session = estimate_session(data, settings["estimator"], weak=True)
+    session = with_print_uncertainty(data, estimate_session(data, settings["estimator"], weak=True))
     groups = [group for group in session.groups if wanted in (None, group.name)]
     if not groups:
         reasons = Counter(e.code for e in session.excluded.values())

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from app.analyses.documents.repeatability.readings import ids_of
 from core.metrology import ChangePoint, PoseMotion, Trend, TwoPoints
 from core.session import PoseRow, SessionSteadiness
 
@@ -81,9 +82,5 @@ def _two_points(one: TwoPoints, row: PoseRow) -> dict[str, Any]:
         "pose_id": row.pose_id,
         "distance_mm": one.distance_mm,
         "within_share": one.within_share,
-        "measurement_ids": [
-            visit.measurement_id
-            for visit, second in zip(row.visits, one.second.tolist(), strict=True)
-            if second
-        ],
+        **ids_of(visit for visit, second in zip(row.visits, one.second.tolist(), strict=True) if second),
     }

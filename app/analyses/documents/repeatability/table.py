@@ -18,6 +18,7 @@ from app.analyses.documents.encoding import (
 from app.analyses.documents.findings import ExcludedList, Findings
 from app.analyses.documents.repeatability.budget import budget_fields
 from app.analyses.documents.repeatability.drift import drift_document
+from app.analyses.documents.repeatability.readings import ids_of, is_image
 from app.analyses.documents.repeatability.steadiness import steadiness_document
 from core.calibration import ShapePrior
 from core.metrology import CONFIDENCE, RULE, PerComponent, PoseAccuracy, PoseRepeatability
@@ -96,7 +97,7 @@ def _row(row: PoseRow, found: SessionRepeatability, listed: ExcludedList) -> dic
         "verdicts": _verdicts(figures),
         "orientation_scatter": _orientation(figures),
         "within_stops": _within_stops(None if found.bursts is None else found.bursts.poses.get(row.pose_id)),
-        "measurement_ids": [image.measurement_id for visit in row.visits for image in images_of(visit)],
+        **ids_of(image for visit in row.visits for image in images_of(visit)),
         "excluded": listed.documents(row.excluded),
     }
 
@@ -144,7 +145,7 @@ def _outliers(row: PoseRow) -> list[dict[str, Any]]:
     found = []
     for outlier in row.figures.outliers if row.figures else ():
         visit = row.visits[outlier.index]
-        of_image = images_of(visit)[0].image is not None
+        of_image = is_image(visit)
         found.append(
             {
                 "measurement_id": visit.measurement_id if of_image else None,

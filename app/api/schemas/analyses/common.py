@@ -9,7 +9,14 @@ from pydantic import Field
 from typing_extensions import TypeAliasType
 
 from app.api.schemas.common import AdvisoryRead, Code, Detail, ResponseModel
-from app.api.schemas.fields import CoreVersion, Estimator, MeasurementId, SessionId, Source
+from app.api.schemas.fields import (
+    CoreVersion,
+    Estimator,
+    MeasuredPoseOrNull,
+    MeasurementOrNull,
+    SessionId,
+    Source,
+)
 from app.api.schemas.sessions import Conditions, SessionMount
 
 AcceptanceDecision = TypeAliasType(
@@ -89,7 +96,8 @@ class AnalysisSubject(ResponseModel):
 class ExcludedRead(ResponseModel):
     """A measurement that does not count, and why."""
 
-    measurement_id: MeasurementId
+    measurement_id: MeasurementOrNull
+    measured_pose_id: MeasuredPoseOrNull
     filename: Annotated[
         str | None,
         Field(description="The image's file by the name it was sent with; null where none was stated."),

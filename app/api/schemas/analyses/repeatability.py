@@ -27,7 +27,7 @@ from app.api.schemas.analyses.performance import (
 )
 from app.api.schemas.analyses.steadiness import Steadiness
 from app.api.schemas.common import ResponseModel, Share
-from app.api.schemas.fields import PITCH, ROLL, YAW, PoseId
+from app.api.schemas.fields import PITCH, ROLL, YAW, MeasuredPoseOrNull, MeasurementOrNull, PoseId
 
 Verdict = TypeAliasType(
     "Verdict",
@@ -57,12 +57,8 @@ class PoseMean(ResponseModel):
 class OutlierRead(ResponseModel):
     """A cycle that the pose's scatter does not explain; it counts all the same."""
 
-    measurement_id: Annotated[
-        str | None, Field(description="Id of the image's measurement; null of another instrument.")
-    ]
-    measured_pose_id: Annotated[
-        str | None, Field(description="Id of what another instrument measured; null of an image.")
-    ]
+    measurement_id: MeasurementOrNull
+    measured_pose_id: MeasuredPoseOrNull
     cycle: Annotated[int | None, Field(description="The cycle's number as stated with it; null: not stated.")]
     code: Annotated[str, Field(description="`position_outlier` or `orientation_outlier`.")]
     distance_mm: Annotated[
@@ -178,9 +174,11 @@ class PoseRepeatability(ResponseModel):
     ]
     measurement_ids: Annotated[
         list[str],
-        Field(
-            description="Measurements, or measured poses, that count, in the order of the cycles; of a burst all."
-        ),
+        Field(description="Images that count, in the order of the cycles; of a burst all."),
+    ]
+    measured_pose_ids: Annotated[
+        list[str],
+        Field(description="What another instrument measured and counts, in the order of the cycles."),
     ]
     excluded: Annotated[
         list[ExcludedRead], Field(description="Images, or measured poses, that do not count, and why.")

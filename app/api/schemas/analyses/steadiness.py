@@ -141,7 +141,10 @@ class TwoStoppingPoints(ResponseModel):
     ]
     measurement_ids: Annotated[
         list[str],
-        Field(description="Measurements, or measured poses, of the smaller cluster."),
+        Field(description="Images of the smaller cluster; of a burst the first."),
+    ]
+    measured_pose_ids: Annotated[
+        list[str], Field(description="What another instrument measured of the smaller cluster.")
     ]
 
 

@@ -14,6 +14,9 @@ from ... import ClientError, find_session
 from ..access import ReadAccess
 from ..console import error_console, print_error
 
+_STATED = ("# largest_conversion_error", "# standard_uncertainty", "# warning")
+"""How the lines of a file begin that a user has to know."""
+
 
 class CameraFormat(enum.StrEnum):
     """Formats a camera is written in."""
@@ -66,6 +69,8 @@ def export_camera(
     except OSError as error:
         print_error(console, f"{output} cannot be written: {error.strerror}.")
         return 1
-    stated = next((line[2:] for line in data.decode().splitlines() if "largest_conversion_error" in line), "")
-    console.print(f"{escape(str(output))}: {escape(stated)}")
+    console.print(f"{escape(str(output))}:")
+    for line in data.decode().splitlines():
+        if line.startswith(_STATED):
+            console.print(f"  {escape(line[2:])}")
     return 0

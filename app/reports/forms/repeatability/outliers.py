@@ -9,7 +9,7 @@ from typing import Any
 
 from app.reports.forms.blocks import Block, heading, number, paragraph, table, with_interval
 from app.reports.forms.repeatability.figure_names import AXES, RP_AXES
-from app.reports.forms.wording import words
+from app.reports.forms.wording import reading_id, words
 
 Json = Mapping[str, Any]
 
@@ -81,9 +81,9 @@ def without_outliers_fact(pose: Json) -> list[tuple[str, str]]:
     return [("without its outliers", said)]
 
 
-def _outlying(pose: Json) -> dict[str, str]:
+def _outlying(pose: Json) -> dict[str | None, str]:
     """Return the cycles of a pose that are outliers by their measurements; one may be so by several tests."""
-    return {one["measurement_id"] or one["measured_pose_id"]: _name(one) for one in pose["outliers"]}
+    return {reading_id(one): _name(one) for one in pose["outliers"]}
 
 
 def _named(pose: Json) -> str:

@@ -80,8 +80,9 @@ def test_every_image_with_points_has_a_pose_or_a_reason(
         )
         u = np.array([row["pose"]["standard_uncertainty"][axis] for axis in AXES])
         assert np.all(np.abs(row["pose"]["position_mm"] - shot.T_target_camera[:3, 3]) < 6.0 * u)
+        # Each is rounded to what its own uncertainty supports.
         np.testing.assert_allclose(
-            invert(np.array(row["T_camera_target"]))[:3, 3], row["pose"]["position_mm"], atol=1e-9
+            invert(np.array(row["T_camera_target"]))[:3, 3], row["pose"]["position_mm"], atol=1e-6
         )
         assert np.all(np.diag(row["pose"]["covariance"]) >= np.diag(row["pose"]["covariance_given_camera"]))
         assert row["rms_px"] < 0.1

@@ -76,6 +76,7 @@ def test_every_image_is_used_or_excluded_with_its_reason(api: Any, store: Store)
     assert rows["P3"]["excluded"] == [
         {
             "measurement_id": ids[2],
+            "measured_pose_id": None,
             "filename": None,
             "code": "undecodable_image",
             "detail": "No grid was found.",

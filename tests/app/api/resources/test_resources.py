@@ -324,6 +324,34 @@ def test_lists_run_from_oldest_to_newest_by_pages(any_api: Any) -> None:
     assert any_api.client.get("/v1/targets", params={"limit": 7}).json()["next_cursor"] is None
 
 
+def test_a_cursor_is_of_one_list_with_its_filters(any_api: Any) -> None:
+    targets = [any_api.make_target(name="t") for _ in range(3)]
+    sessions = [any_api.make_session(targets[0]) for _ in range(2)]
+    for session in sessions:
+        poses = [{"pose_id": f"P{n}"} for n in range(3)]
+        assert any_api.client.post(f"/v1/sessions/{session}/poses", json=poses).status_code == 200
+
+    def page(path: str, **query: object) -> Any:
+        return any_api.client.get(path, params={"limit": 1, **query})
+
+    of_targets = page("/v1/targets").json()["next_cursor"]
+    of_poses = page(f"/v1/sessions/{sessions[0]}/poses").json()["next_cursor"]
+    others = [
+        (f"/v1/sessions/{sessions[1]}/poses", {"cursor": of_poses}),
+        ("/v1/targets", {"cursor": of_poses}),
+        ("/v1/sessions", {"cursor": of_targets}),
+        ("/v1/targets", {"cursor": of_targets, "name": "t"}),
+    ]
+    for path, query in others:
+        response = page(path, **query)
+        assert (response.status_code, response.json()["code"]) == (422, "invalid_cursor")
+    assert page("/v1/targets", cursor=of_targets).json()["items"][0]["id"] == targets[1]
+    # The row that a cursor names may be gone.
+    assert any_api.client.delete(f"/v1/targets/{targets[1]}").status_code == 204
+    following = page("/v1/targets", cursor=page("/v1/targets").json()["next_cursor"])
+    assert following.json()["items"][0]["id"] == targets[2]
+
+
 def test_lists_are_asked_for_a_name(any_api: Any) -> None:
     joints = [{"a_mm": 100.0, "alpha_deg": 90.0, "d_mm": 0.0}]
     for name in ("Zelle 7", "Zelle 7", "zelle 7", "Zelle"):

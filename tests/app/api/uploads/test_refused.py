@@ -211,3 +211,21 @@ def test_a_misspelt_parameter_is_refused_before_it_is_lost(api: Any, grey_png: b
     assert response.json()["errors"] == [{"field": "cylce", "message": "is not known"}]
     assert "cycle" in response.json()["advice"]
     assert files_of(api) == []
+
+
+def test_a_parameter_given_twice_is_refused(api: Any, grey_png: bytes) -> None:
+    address = image_address(api.make_session(), grey_png)
+    response = api.client.put(f"{address}?cycle=1&cycle=2", content=grey_png, headers=OCTETS)
+    assert (response.status_code, response.json()["code"]) == (422, "invalid_request")
+    assert response.json()["errors"] == [{"field": "cycle", "message": "is given more than once"}]
+    assert files_of(api) == []
+
+
+def test_a_form_takes_no_metadata_from_its_address(api: Any, grey_png: bytes) -> None:
+    address = f"/v1/sessions/{api.make_session()}/images"
+    response = api.client.post(
+        f"{address}?cycle=1", data={"pose_id": "P1"}, files={"image": ("x.png", grey_png, "image/png")}
+    )
+    assert (response.status_code, response.json()["code"]) == (422, "invalid_request")
+    assert response.json()["errors"] == [{"field": "cycle", "message": "is not known"}]
+    assert files_of(api) == []

@@ -32,7 +32,14 @@ SECOND = transform(so3_exp(np.array([0.2, math.pi - 0.3, 0.1])), np.array([650.0
 
 
 def session(
-    seed: int, poses: int, *, robot_mm: float = 0.2, targets: int = 1, turned: bool = True, both: bool = False
+    seed: int,
+    poses: int,
+    *,
+    robot_mm: float = 0.2,
+    targets: int = 1,
+    turned: bool = True,
+    both: bool = False,
+    bow_mm: float = 0.0,
 ) -> SessionData:
     """Draw two cycles; every third pose is before the second target, with `both` each is before either."""
     rng = np.random.default_rng(seed)
@@ -52,7 +59,7 @@ def session(
         commanded[name] = CommandedPose(stated[:3, 3].tolist(), roll, pitch, yaw)
         for cycle in (1, 2):
             for target in shown:
-                points[len(images)] = look(rng, T_camera_target)
+                points[len(images)] = look(rng, T_camera_target, bow_mm=bow_mm)
                 images.append(
                     ImageObservation(
                         f"m{len(images)}", name, cycle, f"{k}{cycle}", target, "default", None, WIDTH, HEIGHT
@@ -139,6 +146,53 @@ def test_intervals_cover_95_percent(poses: int, targets: int, seed: int, session
     # 40 sessions of 12 components that share a fit: a standard error of some 1.5 %; 20 of 18 components: 2 %.
     error = 0.015 if sessions == 40 else 0.02
     assert 0.95 - 3.3 * error < np.mean(held) < min(0.95 + 3.0 * error, 0.985)
+
+
+@pytest.mark.parametrize(("bow_mm", "sessions"), [(0.1, 6), pytest.param(0.1, 30, marks=pytest.mark.slow)])
+def test_before_a_bowed_print_the_camera_on_the_flange_is_covered(bow_mm: float, sessions: int) -> None:
+    squared, held = [], []
+    for trial in range(sessions):
+        data = session(500 + trial, 12, robot_mm=0.05, bow_mm=bow_mm)
+        found = calibrate_session_hand_eye(data, estimate_session(data))
+        u = np.sqrt(np.diag(found.covariance)[:3])
+        squared.append((errors(found)[:3] / u) ** 2)
+        held.append(inside(found)[:6])
+    # Six components of a session that share a fit count as some three. Without the bow as an unknown rms is over 3.
+    error = math.sqrt(0.95 * 0.05 / (3.0 * sessions))
+    assert np.mean(held) > 0.95 - 3.0 * error
+    assert math.sqrt(np.mean(squared)) < 1.0 + 3.0 / math.sqrt(4.0 * sessions)
+
+
+@pytest.mark.parametrize("scale", [0.97, 1.003, 1.03])
+def test_a_print_of_another_pitch_than_stated_is_recognised(scale: float) -> None:
+    data = session(7, 12, robot_mm=0.05)
+    scaled = {
+        name: dataclasses.replace(c, position_mm=[scale * x for x in c.position_mm])
+        for name, c in data.commanded.items()
+        if c.position_mm is not None
+    }
+    estimate = estimate_session(data)
+    plain = calibrate_session_hand_eye(data, estimate)
+    assert "print_scale_mismatch" not in {w.code for w in plain.warnings}
+    found = calibrate_session_hand_eye(dataclasses.replace(data, commanded=scaled), estimate)
+    (warning,) = [w for w in found.warnings if w.code == "print_scale_mismatch"]
+    assert ("longer" if scale > 1.0 else "shorter") in warning.detail
+    assert found.calibration.scale is not None
+    value, u = found.calibration.scale.value, found.calibration.scale.standard_uncertainty
+    assert abs(value - (scale - 1.0)) < 4.0 * u
+    assert u < 1e-3
+
+
+@pytest.mark.parametrize("sessions", [10, pytest.param(60, marks=pytest.mark.slow)])
+def test_the_scale_of_commanded_distances_is_as_uncertain_as_stated(sessions: int) -> None:
+    found = []
+    for trial in range(sessions):
+        data = session(900 + trial, 12)
+        scale = calibrate_session_hand_eye(data, estimate_session(data)).calibration.scale
+        assert scale is not None
+        found.append(scale.value / scale.standard_uncertainty)
+    rms = math.sqrt(float(np.mean(np.square(found))))
+    assert 1.0 - 3.0 / math.sqrt(2.0 * sessions) < rms < 1.0 + 3.0 / math.sqrt(2.0 * sessions)
 
 
 def stations(wrong: str) -> list[HandEyeObservation]:

@@ -66,7 +66,7 @@ def begun(request: pytest.FixtureRequest) -> Begun:
 def stated(purpose: str, data: SessionData, estimate: SessionEstimate) -> tuple[float, float]:
     """Return what the analysis itself says is uncertain: rms lengths (mm) and angles (rad)."""
     if purpose == "hand_eye":
-        u = np.sqrt(np.diag(calibrate_session_hand_eye(data, estimate).covariance))
+        u = np.sqrt(np.diag(calibrate_session_hand_eye(data, estimate, nominal_prints=True).covariance))
         return math.sqrt(float(np.mean(u[:3] ** 2))), math.sqrt(float(np.mean(u[3:6] ** 2)))
     joints = identify_robot(data, estimate, model=ModelChoice.DH).joints
     known = [item for joint in joints for item in joint.estimate.standard_uncertainty.items()]

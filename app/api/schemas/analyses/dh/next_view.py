@@ -103,7 +103,11 @@ class SuggestedView(ResponseModel):
     ]
     target_middle_px: Annotated[_Pixel, Field(description="Where the target's middle appears, [u, v], px.")]
     expected_uncertainty_now: Annotated[
-        NextViewUncertainty, Field(description="Before this view, with those suggested before it taken.")
+        NextViewUncertainty,
+        Field(
+            description="Before this view, with those suggested before it taken; the print taken as its nominal grid, "
+            "so that analyses, which allow for its shape, may state more."
+        ),
     ]
     expected_uncertainty_after: Annotated[NextViewUncertainty, Field(description="With this view, too.")]
 

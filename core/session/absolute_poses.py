@@ -1,4 +1,4 @@
-"""Poses for absolute figures (AP, AD): before prints that may depart from their nominal grid.
+"""Poses for absolute figures (AP, AD, frames): before prints that may depart from their nominal grid.
 
 Repeatability compares visits to one pose, from which the print's scale and shape cancel; it takes the poses as they
 are estimated. Positions between poses do not: for them the poses move to where the departures that the images show
@@ -17,11 +17,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Float
 
-from core.calibration import LENS, PRINT_SCALE, MarginalPoses, ShapePrior, marginalise_shape
+from core.calibration import LENS, PRINT_SCALE, PRINT_SHAPE, MarginalPoses, ShapePrior, marginalise_shape
 from core.errors import Advisory, listed
 from core.geometry import so3_exp
-from core.metrology import DistanceAssessment, PerComponent, PoseAccuracy
-from core.session.estimate import FocusGroup, SessionEstimate
+from core.session.estimate import FocusGroup, SessionEstimate, in_order
 from core.session.model import MeasuredPose, SessionData
 
 MAX_SHAPE_SHARE = 2.0
@@ -45,10 +44,11 @@ def absolute_poses(
 ) -> AbsolutePoses:
     """Return the poses of all images with the departures of their prints marginalised.
 
-    `priors` by the target's place in the session's list; those that are not given follow from the targets. Only the
+    `priors` by the target's place in the session's list; those that are not given are what the estimate left open, or
+    follow from the targets. Only the
     pooled estimator has one camera to which all images say what a print departs by; poses of others stay as they are.
     """
-    known = dict(priors or {})
+    known = {**estimate.shapes, **(priors or {})}
     each = [_marginal(data, group, known) for group in estimate.groups]
     sources = [_sources(group, marginal) for group, marginal in zip(estimate.groups, each, strict=True)]
     widths = [len(of_group) for of_group in sources]
@@ -79,8 +79,40 @@ def absolute_poses(
                 covariance=own[k] + covariances[place],
                 common=shared[place],
             )
-    warnings = (*_scale_warnings(data, estimate, known), *_shape_warnings(dominated))
+    warnings = (*scale_warnings(data, estimate, known), *_shape_warnings(dominated))
     return AbsolutePoses(found, tuple(one for of_group in sources for one in of_group), warnings)
+
+
+def with_print_uncertainty(data: SessionData, estimate: SessionEstimate) -> SessionEstimate:
+    """Return the estimate with what prints may depart by in the uncertainties of cameras and of poses.
+
+    The values stay, so that camera and poses agree with the images as they are: the uncertainty is that about them, of
+    what the departures found do and of what they leave open. With other estimators than the pooled one, and where the
+    shape of the print was estimated, the estimate stays as it is.
+    """
+    if estimate.shapes:
+        return estimate
+    groups = tuple(_with_print(group, _marginal(data, group, {})) for group in estimate.groups)
+    return replace(estimate, groups=groups, poses=in_order(data, groups))
+
+
+def _with_print(group: FocusGroup, marginal: MarginalPoses | None) -> FocusGroup:
+    if marginal is None:
+        return group
+    before = group.estimate
+    moved = np.concatenate([marginal.moved_mm, marginal.turned], axis=1)[:, :, None]
+    of_shape = marginal.common[:, :, [source == PRINT_SHAPE for source in marginal.sources]]
+    added = np.concatenate([of_shape, moved], axis=2)[marginal.place]
+    camera = before.camera_covariance.copy()
+    free = len(marginal.camera_moved)
+    camera[:free, :free] += marginal.camera_of_print + np.outer(marginal.camera_moved, marginal.camera_moved)
+    covariance = before.covariance + added @ np.swapaxes(added, 1, 2)
+    common = np.concatenate([before.common, added], axis=2)
+    poses = tuple(
+        replace(pose, covariance=covariance[k], common=common[k]) for k, pose in enumerate(group.poses)
+    )
+    found = replace(before, camera_covariance=camera, covariance=covariance, common=common)
+    return replace(group, estimate=found, poses=poses)
 
 
 def _marginal(data: SessionData, group: FocusGroup, priors: Mapping[int, ShapePrior]) -> MarginalPoses | None:
@@ -113,10 +145,10 @@ def _shape_share(marginal: MarginalPoses) -> float:
     return float(np.sqrt(between(marginal.common) / alone)) if alone > 0.0 else 1.0
 
 
-def _scale_warnings(
+def scale_warnings(
     data: SessionData, estimate: SessionEstimate, priors: Mapping[int, ShapePrior]
 ) -> list[Advisory]:
-    """Name the targets whose pitch is taken as exact."""
+    """Name the targets whose pitch is taken as exact; `priors` as of `absolute_poses`."""
     shown = {pose.frame: pose for pose in estimate.poses}
     exact = [data.target_ids[k] for k in sorted(shown) if stated_scale(data, priors, shown[k]) is None]
     if not exact:
@@ -124,9 +156,9 @@ def _scale_warnings(
     return [
         Advisory(
             "scale_taken_as_exact",
-            f"Neither a certificate nor the pitch's standard uncertainty is stated of {listed(exact)}: absolute "
-            "figures (AP, AD) take the pitch as exact, a pitch 1e-4 too long makes every length 1e-4 too long, and "
-            "their uncertainty is not given.",
+            f"Neither a certificate nor the pitch's standard uncertainty is stated of {listed(exact)}: lengths take "
+            "the pitch as exact, a pitch 1e-4 too long makes every length 1e-4 too long, and no uncertainty contains "
+            "it.",
             "State the target's certificate or pitch_standard_uncertainty_mm.",
         )
     ]
@@ -159,36 +191,3 @@ def stated_scale(data: SessionData, shapes: Mapping[int, ShapePrior], visit: Mea
 def scale_unknown(data: SessionData, shapes: Mapping[int, ShapePrior], visit: MeasuredPose) -> bool:
     """Return whether the visit is to a print of which no scale is stated; `shapes` as of `stated_scale`."""
     return visit.image is not None and stated_scale(data, shapes, visit) is None
-
-
-def unscaled_accuracy(accuracy: PoseAccuracy) -> PoseAccuracy:
-    """Return AP without the intervals that depend on the scale. `parts` remain: of differences at one pose it leaves a
-    share too small to matter.
-    """
-    interval = replace(accuracy.interval, position_mm=None, x_mm=None, y_mm=None, z_mm=None)
-    return replace(accuracy, interval=interval, held_out_interval=None)
-
-
-def unchanging_accuracy(accuracy: PoseAccuracy) -> PoseAccuracy:
-    """Return AP of a pose whose readings do not change: no interval, and no parts of one."""
-    interval: PerComponent[tuple[float, float] | None] = PerComponent(
-        None, None, None, None, None, None, None
-    )
-    return replace(accuracy, interval=interval, held_out_interval=None, parts=None)
-
-
-def distance_of_hidden_scatter(distance: DistanceAssessment) -> DistanceAssessment:
-    """Return AD and RD without intervals, where the readings of an end do not change, or are rounded too much."""
-    return replace(unscaled_distance(distance), interval_mm=None)
-
-
-def unscaled_distance(distance: DistanceAssessment) -> DistanceAssessment:
-    """Return AD and RD without the uncertainty of the mean distance."""
-    return replace(
-        distance,
-        standard_uncertainty_mm=None,
-        accuracy_interval_mm=None,
-        cycles_uncertainty_mm=None,
-        degrees_of_freedom=None,
-        common_mm=None,
-    )
