@@ -27,7 +27,10 @@
     │   ├── NominalRobotMissing          nominal_robot_missing
     │   ├── SeveralTargetsOnFlange       several_targets_on_flange
     │   ├── SweepJointUnknown            sweep_joint_unknown
-    │   └── SweepPoseUnknown             sweep_pose_unknown
+    │   ├── SweepPoseUnknown             sweep_pose_unknown
+    │   ├── WitnessUnusable              witness_unusable
+    │   ├── NoViewShowsTarget            no_view_shows_target
+    │   └── RobotBaseMismatch            robot_base_mismatch
     └── EstimationError                  the points or poses do not determine an answer
         ├── FocalNotObservable           focal_not_observable
         │   └── FocalWeaklyObservable    focal_weakly_observable
@@ -238,6 +241,19 @@ class SweepJointUnknown(SessionError):
 class SweepPoseUnknown(SessionError):
     code = "sweep_pose_unknown"
     default_advice = "Name poses by their pose_id; * stands for any text, ? for one character."
+
+
+class WitnessUnusable(SessionError):
+    code = "witness_unusable"
+    default_advice = "Name a pose that was visited in every cycle, and tag its images with their cycles."
+
+
+class NoViewShowsTarget(SessionError):
+    code = "no_view_shows_target"
+
+
+class RobotBaseMismatch(SessionError):
+    code = "robot_base_mismatch"
 
 
 class EstimationError(GridposeError):

@@ -254,7 +254,7 @@ def problem_responses(*statuses: int) -> dict[int | str, dict[str, Any]]:
     return {
         status: {
             "description": _DESCRIPTIONS[status],
-            **(_RETRY_LATER if status in (429, 503) else {}),
+            **(_RETRY_LATER if status in (429, 503, 507) else {}),
             **_PROBLEM_REFERENCE,
         }
         for status in sorted({401, 403, 422, 500, 503, *statuses})

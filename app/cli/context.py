@@ -33,7 +33,9 @@ def load_settings(**options: Any) -> Settings:
             field = ".".join(str(part) for part in entry["loc"])
             name = f"GRIDPOSE_{field.upper()}: " if field else ""
             lines.append(name + entry["msg"].removeprefix("Value error, "))
-        fail("\n".join(lines), "Settings come from the environment; README.md lists them.", code=2)
+        fail(
+            "\n".join(lines), "Settings come from the environment; docs/configuration.md lists them.", code=2
+        )
 
 
 def open_context(

@@ -118,7 +118,7 @@ def store_key(installation: ServiceContext, new: NewKey) -> None:
                 raise InvalidContent(
                     "There is no such session.",
                     "Make the session first; every id in session_ids must exist.",
-                    code="session_unknown",
+                    code="referenced_session_not_found",
                     errors=[(f"session_ids.{place}", "names no session") for place in unknown],
                 )
         records.add(new.key)

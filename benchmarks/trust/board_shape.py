@@ -7,7 +7,7 @@ its nominal grid. Truth is where the camera was, mean over the cycles; of the pa
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -26,10 +26,11 @@ from core.metrology import DistanceAssessment, PoseCycles, assess_distance
 from core.session import (
     ImageObservation,
     SessionData,
+    SessionEstimate,
     estimate_session,
     group_views,
 )
-from core.session.absolute_poses import absolute_poses
+from core.session.absolute_poses import absolute_poses, with_print_uncertainty
 from core.targets import GridPoints, TargetSpec
 
 WIDTH, HEIGHT, FOCAL = 2448, 2050, 2320.0
@@ -81,7 +82,8 @@ class Setup:
 @dataclass
 class Tally:
     """Errors over stated uncertainties; the interval of AD over that before a perfect print, and the same without the
-    scatter of the cycles; the uncertainty of distances over an oracle's, and of the aspect over its prior's.
+    scatter of the cycles; the uncertainty of distances over an oracle's, and of the aspect over its prior's; the mean
+    depth of a session's camera poses, and its uncertainty over that before a print taken as perfect.
     """
 
     distances: list[float] = field(default_factory=list)
@@ -90,7 +92,21 @@ class Tally:
     widths: list[float] = field(default_factory=list)
     oracle: list[float] = field(default_factory=list)
     aspect: list[float] = field(default_factory=list)
+    depths: list[float] = field(default_factory=list)
+    depth_widths: list[float] = field(default_factory=list)
     refused: int = 0
+
+    def add_depth(
+        self, plain: SessionEstimate, printed: SessionEstimate, true: Mapping[str, np.ndarray]
+    ) -> None:
+        """Add a session's mean depth; images of one session share the errors of lens and print."""
+        u = [
+            float(np.mean([math.sqrt(p.covariance[2, 2]) for p in one.poses if p.covariance is not None]))
+            for one in (plain, printed)
+        ]
+        error = float(np.mean([p.position_mm[2] - true[p.pose_id][2] for p in plain.poses]))
+        self.depths.append(error / u[1])
+        self.depth_widths.append(u[1] / u[0])
 
 
 def printed(target: TargetSpec, departure: Departure, rng: np.random.Generator) -> np.ndarray:
@@ -192,6 +208,7 @@ def measure(setup: Setup, departure: Departure, sessions: int, seed: int) -> Tal
             tally.refused += 1
             continue
         absolute = absolute_poses(data, estimate).poses
+        tally.add_depth(estimate, with_print_uncertainty(data, estimate), true)
         alone = {pose.measurement_id: pose.common for pose in estimate.poses}
         of_pose: dict[str, list[str]] = {}
         for pose in estimate.poses:
@@ -278,6 +295,20 @@ def trust_rows(seeds: Sequence[int], quick: bool) -> Iterator[Row]:
                 covered = 100.0 * float(np.mean(np.abs(errors) < 1.96))
                 rms = float(np.sqrt(np.mean(errors**2)))
                 yield Row.at_least(f"{title}: coverage of {what}", covered, 90.0, "%", f"{note} {rms:.2f}")
+            depths, grown = (
+                np.concatenate([getattr(tally, part) for tally in found])
+                for part in ("depths", "depth_widths")
+            )
+            covered = 100.0 * float(np.mean(np.abs(depths) < 1.96))
+            rms, before = (float(np.sqrt(np.mean(one**2))) for one in (depths, depths * grown))
+            yield Row.at_least(
+                f"{title}: coverage of the depth of camera poses",
+                covered,
+                90.0,
+                "%",
+                f"{note} {rms:.2f}; {before:.2f} with the print taken as perfect; "
+                f"{float(np.mean(grown)):.2f} times as wide",
+            )
             if departure is DEPARTURES[0]:
                 interval, width, oracle, aspect = (
                     float(np.median(np.concatenate([getattr(tally, part) for tally in found])))

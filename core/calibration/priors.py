@@ -1,7 +1,7 @@
 """Priors on cameras: what lenses and sensors are like, and what a user states of a lens.
 
 With one planar view they are what separates focal length and principal point from depth. The widths are those of
-published multi-view calibrations (docs/method.md, section priors of the benchmarks).
+published multi-view calibrations (docs/method.md; section priors of benchmarks/RESULTS.md).
 """
 
 from __future__ import annotations

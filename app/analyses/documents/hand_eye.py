@@ -38,6 +38,12 @@ def hand_eye_findings(data: SessionData, settings: Mapping[str, str]) -> Finding
         "coverage_factor": tie.coverage_factor,
         "robot_scatter_mm": tie.robot_position_mm,
         "robot_scatter_deg": math.degrees(tie.robot_rotation),
+        "distance_scale": None
+        if tie.scale is None
+        else {
+            "difference": tie.scale.value,
+            "difference_standard_uncertainty": tie.scale.standard_uncertainty,
+        },
         "residuals": [_residual(station, data) for station in found.stations],
         "residual": _rms(found.residual),
         "validation": {"pose_count": found.validation.poses, **_rms(found.validation)}

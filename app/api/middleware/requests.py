@@ -20,6 +20,7 @@ from app.settings import Network
 
 log = Logger(__name__)
 
+_STREAM = re.compile(r"/v1/sessions/[^/]+/events")
 _REQUEST_ID = re.compile(r"[A-Za-z0-9._-]{1,64}")
 _DRAIN_BYTES = 256 * 1024 * 1024
 _DRAIN_S = 5.0
@@ -81,7 +82,7 @@ class _Exchange:
         self._app, self._metrics = app, metrics
         self._method = scope["method"]
         # What may be read may be asked about: HEAD is GET without the body. An event stream has no end to await.
-        self._is_head = self._method == "HEAD" and not scope["path"].endswith("/events")
+        self._is_head = self._method == "HEAD" and not _STREAM.fullmatch(scope["path"])
         self._scope = _with_one_line_of_tags({**scope, "method": "GET"} if self._is_head else scope)
         self._receive, self._send = receive, send
         headers = dict(scope["headers"])

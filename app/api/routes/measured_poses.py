@@ -64,7 +64,7 @@ def put_measured_poses(
         MeasuredPoseRead.model_validate({"id": row_id, **item.model_dump()})
         for row_id, item in zip(ids, body, strict=True)
     ]
-    return json_answer(MeasuredPosePage(items=items, next_cursor=None))
+    return json_answer(MeasuredPosePage(items=items, next_cursor=None, warnings=[]))
 
 
 @router.get("", responses=problem_responses(404))

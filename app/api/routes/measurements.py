@@ -65,7 +65,7 @@ def list_measurements(
             records, session_id, status=status, pose_id=pose_id, limit=limit, cursor=cursor
         )
     items = [measurement_document(view) for view in views]
-    return json_answer(MeasurementPage(items=items, next_cursor=next_cursor))
+    return json_answer(MeasurementPage(items=items, next_cursor=next_cursor, warnings=[]))
 
 
 @router.get("/measurements/{measurement_id}", responses=problem_responses(404, 409))

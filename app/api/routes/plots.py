@@ -287,7 +287,9 @@ async def answer_plot(
 ) -> Response:
     """Answer with an analysis that is a drawing."""
     media_type = stated_media_type(request.headers.get("accept"), SVG)
-    return await answer_analysis(request, analysis, session_id, settings, known, media_type=media_type)
+    found = await answer_analysis(request, analysis, session_id, settings, known, media_type=media_type)
+    found.headers["Vary"] = "Accept"
+    return found
 
 
 def _check_pose(service: AppContext, session_id: str, pose_id: str) -> None:

@@ -85,7 +85,9 @@ def put_poses(
     ]
     with service.installation.database.write() as records:
         poses.put_poses(records, session_id, items, overwrite=holds(request, "upload"))
-    return json_answer(PosePage(items=[PoseRead.model_validate(item) for item in body], next_cursor=None))
+    return json_answer(
+        PosePage(items=[PoseRead.model_validate(item) for item in body], next_cursor=None, warnings=[])
+    )
 
 
 @router.get("", responses=problem_responses(404))

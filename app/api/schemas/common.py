@@ -65,7 +65,6 @@ class StoredPage(ResponseModel):
 
     next_cursor: NextCursor
     warnings: list[AdvisoryRead] = Field(
-        default_factory=list,
         description="One for each row of this page that is missing in `items` since it cannot be read "
         "(`row_unreadable`); empty in a sound database.",
     )

@@ -17,12 +17,12 @@ from app.api.schemas.common import (
     FailureRead,
     Identifier,
     JointAngles,
-    NextCursor,
     PoseTag,
     RequestModel,
     ResponseModel,
     Sha256,
     Share,
+    StoredPage,
     Text,
 )
 from app.api.schemas.fields import BURST, CYCLE, JOINT_ANGLES, FocusGroup, PoseId, SessionId
@@ -259,8 +259,7 @@ class MeasurementRead(ResponseModel):
     )
 
 
-class MeasurementPage(ResponseModel):
-    """One page of a session's measurements."""
+class MeasurementPage(StoredPage):
+    """One page of a session's measurements; one that cannot be read is among them, as failed."""
 
     items: list[MeasurementRead] = Field(description="Measurements, oldest first.")
-    next_cursor: NextCursor

@@ -127,7 +127,7 @@ def check_intrinsics(intrinsics: Mapping[str, float] | None) -> None:
 
 
 def check_certificate(certificate: Mapping[str, Any] | None, pitch_mm: float, spaces: int) -> None:
-    """Raise InvalidContent (`implausible_unit`) for a certificate whose lengths are the nominal ones in another unit.
+    """Raise InvalidContent (`certificate_unit_mismatch`) for a certificate with the nominal lengths in another unit.
 
     Parameters
     ----------
@@ -155,7 +155,13 @@ def check_certificate(certificate: Mapping[str, Any] | None, pitch_mm: float, sp
             if abs(factor * length / nominal - 1.0) < _UNIT_TOLERANCE
         ]
         if found:
-            raise implausible(unit, found, "State the certificate's lengths in mm, as the target's pitch.")
+            field, message = found[0]
+            raise InvalidContent(
+                f"The certificate's lengths look like {unit}: {field}, {message}.",
+                "State the certificate's lengths in mm, as the target's pitch.",
+                code="certificate_unit_mismatch",
+                errors=found[:MAX_ERRORS],
+            )
 
 
 def check_commands(commands: Sequence[Mapping[str, Any]], *, in_list: bool = True) -> None:

@@ -182,7 +182,7 @@ def read_correction(
             raise InvalidContent(
                 "There is no such session.",
                 "Name a session of this robot.",
-                code="session_unknown",
+                code="referenced_session_not_found",
                 errors=[("session_id", f"{session_id} names no session")],
             )
         if get_or_raise(records, Session, session_id).robot_id != robot_id:

@@ -2,7 +2,7 @@
 
 With measured translations t multiplied by 1 + s, an attained flange moves by s R_Z t (R_Z of T_base_target). To first
 order s is one more parameter of the fit: by generalised least squares, the frames following it, with the robot's
-variances estimated again beside it, since an unknown scale would count as the robot's scatter.
+variances estimated again with it, since an unknown scale would count as the robot's scatter.
 """
 
 from __future__ import annotations

@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from core.calibration import CommonFit
-from core.errors import InvalidArgument
+from core.errors import NoViewShowsTarget
 from core.kinematics import Chain, forward, solve_inverse
 from core.session.estimate import FocusGroup
 from core.session.model import CameraMount
@@ -71,7 +71,7 @@ def robot_candidates(
 
     The camera moves with the flange before a fixed target, or the target before a fixed camera.
 
-    Raises InvalidArgument where no view is within reach, TooFewMeasurements for a group without a common camera.
+    Raises NoViewShowsTarget where no view is within reach, TooFewMeasurements for a group without a common camera.
     """
     fit = common_fit(group)
     wanted, turn = (CANDIDATES, WRIST_TURN) if reach is None else (_TRIED, math.pi)
@@ -84,7 +84,7 @@ def robot_candidates(
         kept = np.flatnonzero(there)[:CANDIDATES]
         views, flange, angles = views[kept], flange[kept], angles[kept]
     if not len(views):
-        raise InvalidArgument(
+        raise NoViewShowsTarget(
             "No view within the robot's reach shows the whole target.",
             "Use a smaller target, put it nearer the middle of the poses, or take images with joints farther apart.",
         )
@@ -102,7 +102,7 @@ def stated_candidates(
 ) -> RobotCandidates:
     """Return the views at joint angles (rad) of the robot's model that show the whole target.
 
-    Raises InvalidArgument where none does, TooFewMeasurements for a group without a common camera.
+    Raises NoViewShowsTarget where none does, TooFewMeasurements for a group without a common camera.
     """
     fit = common_fit(group)
     flange = forward(chain, joint_angles)
@@ -110,7 +110,7 @@ def stated_candidates(
     views = np.linalg.inv(T_fixed_moving) if camera_mount == "robot" else T_fixed_moving
     kept = np.flatnonzero(shows_target(views, spec, camera_of(fit), image_size(fit)))
     if not len(kept):
-        raise InvalidArgument(
+        raise NoViewShowsTarget(
             "No candidate shows the whole target.",
             "State joint angles at which the camera sees the target with a square's width around it.",
         )

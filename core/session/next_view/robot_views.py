@@ -16,7 +16,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from core.calibration import HandEyeObservation, information_so_far, station_information
-from core.errors import InvalidArgument, JointAnglesMissing, NominalRobotMissing, TooFewMeasurements
+from core.errors import JointAnglesMissing, NominalRobotMissing, RobotBaseMismatch, TooFewMeasurements
 from core.kinematics import ModelChoice, PoseData, forward, pose_information
 from core.session.commanded_poses import SessionHandEye, calibrate_session_hand_eye
 from core.session.estimate import FocusGroup, SessionEstimate
@@ -63,7 +63,8 @@ def suggest_hand_eye_views(
     joint angles `stated` (rad, of the robot's model), each once at most.
 
     Raises what `views_of_candidates` and `calibrate_session_hand_eye` raise, TooFewMeasurements where no image shows
-    the target or the group has no common camera, and InvalidArgument for no views and where none is within reach.
+    the target or the group has no common camera, InvalidArgument for no views, and NoViewShowsTarget where none is
+    within reach.
     """
     found = calibrate_session_hand_eye(data, estimate, nominal_prints=True)
     tie, place = found.calibration, _place(target, found.targets)
@@ -102,7 +103,7 @@ def suggest_dh_views(
     Views are within its joints' range, or of joint angles `stated` (rad, of the robot's model), each once at most.
 
     Raises what `identify_robot` raises, TooFewMeasurements where no image shows the target or the group has no common
-    camera, and InvalidArgument for no views and where none is within reach.
+    camera, InvalidArgument for no views, and NoViewShowsTarget where none is within reach.
     """
     found = identify_robot(data, estimate, model=ModelChoice.DH)
     gathered = gather_robot_poses(data, estimate)
@@ -149,9 +150,9 @@ def views_of_candidates(
 ) -> RobotCandidates:
     """Return the views of a target, by its place in the session, at joint angles (rad) of the nominal robot.
 
-    Raises what `calibrate_session_hand_eye` raises, NominalRobotMissing, JointAnglesMissing, InvalidArgument where its
-    base is not that of the commanded poses or no candidate shows the target, and TooFewMeasurements where no image does
-    or the group has no common camera.
+    Raises what `calibrate_session_hand_eye` raises, NominalRobotMissing, JointAnglesMissing, RobotBaseMismatch where
+    its base is not that of the commanded poses, NoViewShowsTarget, and TooFewMeasurements where no image shows the
+    target or the group has no common camera.
     """
     return _stated_views(
         data, calibrate_session_hand_eye(data, estimate, nominal_prints=True), group, target, stated
@@ -173,7 +174,7 @@ def _stated_views(
             "State joint_angles_deg with the commanded poses.",
         )
     if _commanded_reach(data) is None:
-        raise InvalidArgument(
+        raise RobotBaseMismatch(
             "The robot's model and its commanded poses have different bases: joint angles are no views.",
             "State commanded poses in the base of the robot's Denavit-Hartenberg model, or ask with purpose dh.",
         )

@@ -16,7 +16,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from core.calibration import CommonFit
-from core.errors import InvalidArgument
+from core.errors import NoViewShowsTarget
 from core.geometry import AnyCamera, camera_from_array
 from core.numerics import covariance_of
 from core.session.next_view.candidates import candidate_views
@@ -60,13 +60,13 @@ def suggest_views(
     none are stated. Candidates have the fit's noise and the growth of its uncertainties, so that what is predicted is
     what the fit of all of them will state.
 
-    Raises InvalidArgument for no views, and where no candidate shows the whole target.
+    Raises InvalidArgument for no views, NoViewShowsTarget where no candidate shows the whole target.
     """
     camera = camera_from_array(fit.placements.parameters[0])
     size = fit.views.image_width_px, fit.views.image_height_px
     candidates = candidate_views(spec, camera, size, CANDIDATES) if stated is None else stated
     if not len(candidates):
-        raise InvalidArgument(
+        raise NoViewShowsTarget(
             "No view shows the whole target.", "Use a smaller target, or a lens of a wider angle."
         )
     noise = fit.scale * math.sqrt(fit.growth.camera) * float(np.median(fit.views.uncertainty))

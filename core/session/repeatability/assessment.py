@@ -84,7 +84,7 @@ def assess_repeatability(
 
     Returns figures in mm and rad with 95 % intervals and the part of the instrument.
 
-    Raises MeasuredPosesMissing where there is neither, InvalidArgument for a witness without five numbered cycles.
+    Raises MeasuredPosesMissing where there is neither, WitnessUnusable for a witness without five numbered cycles.
 
     References
     ----------

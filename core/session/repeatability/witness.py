@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Float, Int
 
-from core.errors import Advisory, InvalidArgument
+from core.errors import Advisory, WitnessUnusable
 from core.metrology import SlowMotion, slow_motion
 from core.session.model import MeasuredPose
 
@@ -57,17 +57,16 @@ class WitnessMotion:
 def witness_motion(visits: Mapping[str, Sequence[MeasuredPose]], witness: Witness) -> WitnessMotion:
     """Return how the witness moved.
 
-    Raises InvalidArgument for a pose without five numbered cycles that count, or with more than 2,000.
+    Raises WitnessUnusable for a pose without five numbered cycles that count, or with more than 2,000.
     """
     numbered: dict[int, list[MeasuredPose]] = {}
     for visit in visits.get(witness.pose_id, ()):
         if visit.cycle is not None:
             numbered.setdefault(visit.cycle, []).append(visit)
     if not MIN_CYCLES <= len(numbered) <= MAX_CYCLES:
-        raise InvalidArgument(
+        raise WitnessUnusable(
             f"The witness {witness.pose_id} has {len(numbered)} numbered cycles that count; a witness takes "
-            f"{MIN_CYCLES} to {MAX_CYCLES}.",
-            "Name a pose that was visited in every cycle, and tag its images with their cycles.",
+            f"{MIN_CYCLES} to {MAX_CYCLES}."
         )
     cycles = np.array(sorted(numbered), dtype=np.intp)
     positions = np.array([np.mean([v.position_mm for v in numbered[c]], axis=0) for c in cycles.tolist()])

@@ -42,4 +42,6 @@ def list_audit(
             limit=limit,
             cursor=cursor,
         )
-    return AuditPage(items=[AuditEntryRead.model_validate(row) for row in rows], next_cursor=next_cursor)
+    return AuditPage(
+        items=[AuditEntryRead.model_validate(row) for row in rows], next_cursor=next_cursor, warnings=[]
+    )

@@ -8,7 +8,7 @@ from typing import Annotated, Literal
 from pydantic import Field
 from typing_extensions import TypeAliasType
 
-from app.api.schemas.common import ResponseModel
+from app.api.schemas.common import ResponseModel, StoredPage
 
 Actor = TypeAliasType(
     "Actor",
@@ -45,8 +45,7 @@ class AuditEntryRead(ResponseModel):
     request_id: Annotated[str | None, Field(description="The `X-Request-ID` of the answer, also in the log.")]
 
 
-class AuditPage(ResponseModel):
+class AuditPage(StoredPage):
     """One page of entries."""
 
     items: Annotated[list[AuditEntryRead], Field(description="Entries, oldest first.")]
-    next_cursor: Annotated[str | None, Field(description="Where the next page begins; null at the end.")]

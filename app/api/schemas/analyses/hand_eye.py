@@ -106,6 +106,24 @@ class ExcludedPoseRead(ResponseModel):
     ]
 
 
+class DistanceScale(ResponseModel):
+    """By how much commanded distances are longer than the images show them: a print of another pitch than stated, or a
+    robot of other lengths than its own.
+    """
+
+    difference: Annotated[
+        float,
+        Field(
+            description="Commanded distances over measured ones, less 1; 0.03: 3 % longer. It is not in the frames.",
+            examples=[0.0002],
+        ),
+    ]
+    difference_standard_uncertainty: Annotated[
+        float,
+        Field(description="That of `difference`, with the lens and a stated pitch's.", examples=[0.0003]),
+    ]
+
+
 class HandEyeAnalysis(EstimatedAnalysis):
     """Where the camera sits on the flange and the targets lie in the base: T_base_flange = T_base_target
     T_target_camera T_camera_flange at every pose, but for the robot's deviation. Of a fixed camera, where it is in
@@ -148,6 +166,12 @@ class HandEyeAnalysis(EstimatedAnalysis):
     ]
     robot_scatter_deg: Annotated[
         float, Field(description="The same of the rotation about each axis, degrees.", examples=[0.03])
+    ]
+    distance_scale: Annotated[
+        DistanceScale | None,
+        Field(
+            description="Commanded distances against measured ones; null where the poses do not determine it."
+        ),
     ]
     residuals: Annotated[list[HandEyeResidualRead], Field(description="Pose by pose, P2 before P10.")]
     residual: Annotated[PoseErrors, Field(description="Of the fitted deviations of the poses used.")]

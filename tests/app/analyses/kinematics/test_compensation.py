@@ -108,6 +108,6 @@ def test_what_cannot_be_corrected_is_refused_in_words(api: Any, stored: tuple[st
     short = {"pose_id": "P1", "joint_angles_deg": [1.0, 2.0]}
     assert_problem(ask(api, robot, session, [short]), 409, "joint_angles_inconsistent")
     assert_problem(ask(api, make_robot(api), session, [pose]), 409, "session_of_another_robot")
-    assert_problem(ask(api, robot, "ses_unknown", [pose]), 422, "session_unknown")
+    assert_problem(ask(api, robot, "ses_unknown", [pose]), 422, "referenced_session_not_found")
     assert_problem(ask(api, "rob_unknown", session, [pose]), 404, "robot_not_found")
     assert ask(api, robot, session, []).status_code == 422

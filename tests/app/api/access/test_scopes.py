@@ -248,8 +248,8 @@ def test_limits_are_given_when_a_key_is_made(api: Any) -> None:
     assert (document["session_ids"], document["bytes_per_day"]) == ([session_id], 1000)
     assert document["bytes_today"] == 0
     for wrong, code in (
-        ({"session_ids": ["ses_none"]}, "session_unknown"),
-        ({"session_ids": [f"ses_{'0' * 26}"]}, "session_unknown"),
+        ({"session_ids": ["ses_none"]}, "referenced_session_not_found"),
+        ({"session_ids": [f"ses_{'0' * 26}"]}, "referenced_session_not_found"),
         ({"session_ids": []}, "invalid_request"),
         ({"session_ids": [session_id], "scope": "admin"}, "invalid_scope"),
         ({"bytes_per_day": 0}, "invalid_request"),

@@ -195,7 +195,7 @@ def test_a_certificate_in_another_unit_is_refused_with_the_guess(api: Any, facto
             api.client.post("/v1/targets", json={**TARGET, "certificate": certificate}),
             api.client.patch(f"/v1/targets/{target}", json={"certificate": certificate}),
         ):
-            assert (refused.status_code, refused.json()["code"]) == (422, "implausible_unit")
+            assert (refused.status_code, refused.json()["code"]) == (422, "certificate_unit_mismatch")
             assert refused.json()["errors"][0]["field"] == field
             assert unit in refused.json()["detail"]
 
