@@ -1,4 +1,4 @@
-"""Plots over HTTP: drawn outside the head from what is stored, distinguished by their tags, refused in words."""
+"""Plots over HTTP: drawn outside the head from stored data, distinguished by their tags, refused in words."""
 
 from __future__ import annotations
 

@@ -95,7 +95,7 @@ def test_more_poses_determine_more_and_suggested_ones_most(api: Any) -> None:
     assert random["predicted_joints_with_suggestions"] is None
     assert random["observability_indices_with_suggestions"] is None
     assert mean_uncertainty(few["predicted_joints_with_suggestions"]) < mean_uncertainty(random["joints"])
-    # A robot that scatters is determined less well by the same poses, and a question gets the same answer again.
+    # A robot that scatters is determined less well by the same poses, and equal questions get equal answers.
     query = {
         "poses": few["suggested_poses"],
         "sweeps": {"sweep_half_angle_deg": 8.0, "steps": 7},
@@ -106,7 +106,7 @@ def test_more_poses_determine_more_and_suggested_ones_most(api: Any) -> None:
 
 
 def test_coupled_joints_are_planned_by_their_stated_angles(api: Any) -> None:
-    """The same poses of the chain determine the same; what is planned are the angles that the controller takes."""
+    """The same poses of the chain determine the same; planned are the angles that the controller takes."""
     coupling = np.eye(6)
     coupling[2, 1] = 1.0
     home = np.degrees(KR5_ARC_HOME)

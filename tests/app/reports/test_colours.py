@@ -1,4 +1,4 @@
-"""What a plot's colours distinguish is distinguished without colour vision and in grey, or by another mark."""
+"""What colours of a plot distinguish is distinguished without colour vision, in grey, or by another mark."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""One image: the truth recovered, gross errors survived, and refusals where the view does not determine it."""
+"""One image: the truth recovered, gross errors survived, and refusals where a view determines too little."""
 
 from __future__ import annotations
 

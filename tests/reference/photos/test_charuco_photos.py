@@ -100,7 +100,7 @@ def test_single_photographs_are_better_than_the_naive_recipe_or_refused(data_fol
         except FocalNotObservable:
             continue
         error = calibration.camera.fx_px - reference_px
-        # 1 % in addition to the stated uncertainty, as for the chessboards: the reference itself is no better.
+        # 1 % in addition to the stated uncertainty, as for chessboards: the reference is no better.
         assert abs(error) < 4.0 * calibration.camera_standard_uncertainty[0] + 0.01 * reference_px
         errors.append(abs(error) / reference_px)
     assert len(errors) >= 3

@@ -120,7 +120,7 @@ def test_many_commanded_positions_do_not_keep_few_whole_poses_from_being_compare
 
 
 def test_readings_with_orientation_serve_commanded_positions_alone(api: Any) -> None:
-    """Three whole poses of twelve tie too little: the probe's own orientations determine where its tip sits."""
+    """Three whole poses of twelve tie too little: the probe's own orientations determine its tip."""
     poses = drawn_poses(7, 12)
     session = new_session(api)
     send_commands(api, session, poses[:3])

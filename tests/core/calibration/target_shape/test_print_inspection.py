@@ -1,4 +1,4 @@
-"""A print's stretch, squareness and flatness: recovered within what is stated, judged, and reported in words."""
+"""A print's stretch, squareness and flatness: recovered as stated, judged, and reported in words."""
 
 from __future__ import annotations
 

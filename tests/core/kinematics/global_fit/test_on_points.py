@@ -74,7 +74,7 @@ def test_a_print_that_is_not_flat_is_in_the_uncertainty() -> None:
 
 @pytest.mark.slow
 def test_one_bow_pulls_the_lens_of_all_images_equally() -> None:
-    """A robot that scatters determines the lens little: what the bow did to it has to be in its own uncertainty."""
+    """A robot that scatters determines the lens little: the bow must be in the lens's own uncertainty."""
     ratios, of_cameras = [], []
     for seed in range(20, 26):
         arm, q, views, _ = session(seed, bow_mm=0.1, position_mm=0.03, rotation_rad=math.radians(0.005))

@@ -38,7 +38,7 @@ def angles(rng: np.random.Generator, *, free: int = 30) -> np.ndarray:
 
 
 def identifiable_truth(arm: Arm, joint_angles: np.ndarray, nominal: Chain = KR5_ARC) -> np.ndarray:
-    """The arm's parameters with what cannot be identified at the nominal's values: those that exact poses give."""
+    """The arm's parameters that exact poses give; what cannot be identified has the nominal's values."""
     exact = measure_poses(arm, joint_angles, np.random.default_rng(0), estimator="exact")
     return identify(exact, nominal, folds=0).chain.as_array()
 
