@@ -10,7 +10,7 @@ export OPENBLAS_NUM_THREADS ?= 1
 # Every start of a process would compile all sources anew: seconds each, and the tests start hundreds.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: help setup setup-dev demo serve test test-all test-shapes check check-clients bench soak figures pictures lock openapi examples clean
+.PHONY: help setup setup-dev demo serve test test-all test-shapes check check-clients bench soak figures screenshots lock openapi examples clean
 
 help:  ## list the targets
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 15
@@ -78,7 +78,7 @@ figures: setup-dev  ## draw the figures of docs/ anew
 	$(BIN)/python docs/figures/draw_targets.py
 	$(BIN)/python docs/figures/draw_uncertainty.py
 
-pictures: setup-dev  ## take the screenshots of docs/dashboard.md, and of every page in build/screenshots
+screenshots: setup-dev  ## take the screenshots of docs/dashboard.md, and of every page in build/screenshots
 	$(BIN)/python docs/figures/draw_dashboard.py
 
 lock: setup-dev  ## renew the hashed requirements

@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""Check that names, docstrings, comments, messages and documents use the field's words.
+"""Check that names, docstrings, comments, messages, documents and paths use the field's words.
 
 `.ci/vocabulary.toml` lists each rejected word with the one to use, the few names that keep one, and retired names.
 Prints each place as `path:line: word -> use`, and exits with 1 if there is one.
@@ -48,8 +48,8 @@ def words_of(line: str) -> str:
 
 
 def findings(path: str, text: str) -> Iterator[str]:
-    """Yield a message for each rejected word of a file."""
-    for number, line in enumerate(text.splitlines(), start=1):
+    """Yield a message for each rejected word of a file; line 0 is its path."""
+    for number, line in enumerate((path, *text.splitlines())):
         words = words_of(line)
         for pattern, entry in PATTERNS:
             if path.startswith(tuple(entry.get("allowed_in", ()))):

@@ -31,7 +31,7 @@ def flat_scene(blur_px: float = 1.0, angle_deg: float = 12.0, **changes: object)
 @pytest.mark.parametrize("blur_px", [0.7, 1.0, 2.0])
 @pytest.mark.parametrize("bit_depth", [8, 16])
 def test_straight_edges_have_the_closed_form(blur_px: float, bit_depth: int) -> None:
-    """An edge of length L, contrast C and blur s tells L C² / (2 √π s) / n² of where it is across."""
+    """An edge of length L, contrast C and blur s gives L C² / (2 √π s) / n² of where it is across."""
     scene = flat_scene(blur_px, bit_depth=bit_depth)
     bounds = corner_bounds(scene)
     s = math.sqrt(blur_px**2 + 1.0 / 12.0)
@@ -43,7 +43,7 @@ def test_straight_edges_have_the_closed_form(blur_px: float, bit_depth: int) -> 
     expected = 1.0 / math.sqrt(information)
     assert np.all(bounds.standard_deviation_px > 0.99 * expected)
     assert np.all(bounds.standard_deviation_px < expected * (1.02 + lost))
-    # perpendicular edges tell of both directions alike
+    # perpendicular edges determine both directions equally
     covariance = bounds.covariance_px2
     np.testing.assert_allclose(covariance[:, 0, 1] / covariance[:, 0, 0], 0.0, atol=0.1)
 
@@ -67,8 +67,8 @@ def test_noise_and_contrast_scale_it() -> None:
     np.testing.assert_allclose(faint / one, 2.0, rtol=1e-4)
 
 
-def test_derivative_is_that_of_the_picture_where_it_is_fine_enough() -> None:
-    """On a well blurred picture in even light it is that by fourth-order differences."""
+def test_derivative_is_that_of_the_image_where_it_is_fine_enough() -> None:
+    """On a well blurred image in even light it is that by fourth-order differences."""
     scene = flat_scene(blur_px=3.0)
     levels = render_levels(scene).astype(np.float64)
     inner = np.s_[100:240, 130:270]
@@ -83,7 +83,7 @@ def test_derivative_is_that_of_the_picture_where_it_is_fine_enough() -> None:
 
 @pytest.mark.slow
 def test_maximum_likelihood_reaches_it() -> None:
-    """A fit of the shift of whole cells, by the exact derivatives, to many noisy pictures."""
+    """A fit of the shift of whole cells, by the exact derivatives, to many noisy images."""
     scene = flat_scene()
     levels = render_levels(scene).astype(np.float64)
     by = [sheet_derivative(scene, *d).astype(np.float64) for d in ((1.0, 0.0), (0.0, 1.0))]

@@ -30,7 +30,7 @@ def test_the_noise_of_calibrations_is_not_taken_for_the_lens() -> None:
     rng = np.random.default_rng(3)
     products = priors._products(published(rng, 2000, 1e-3, 2e-3))["p1, p2"]
     assert len(products) == 2000
-    # Over 8 seeds 0.946 ± 0.05 of it at half the number: the trimmed tails are not alike, which takes .06 away.
+    # Over 8 seeds 0.946 ± 0.05 of it at half the number: the trimmed tails are not equal, which takes .06 away.
     assert priors._common(products, set(products)) == pytest.approx(1e-3, rel=0.12)
 
 

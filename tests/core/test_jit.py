@@ -118,7 +118,7 @@ def test_nowhere_to_keep_the_code_is_no_failure(tmp_path: Path) -> None:
 
 @pytest.mark.slow
 def test_kept_code_is_found_in_a_copy_and_after_a_change_of_times(compiled: Path, tmp_path: Path) -> None:
-    """Another path, another time, and a folder of one's own that holds nothing: the code beside the module is used."""
+    """Another path, another time, and a folder of one's own that holds nothing: the code next to the module is used."""
     module = compiled / "kernel.py"
     shutil.copytree(compiled, tmp_path / "two", copy_function=shutil.copyfile)
     os.utime(tmp_path / "two" / module.name, (1e9, 1e9))

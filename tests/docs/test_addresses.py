@@ -137,7 +137,7 @@ def test_tables_are_those_of_the_service() -> None:
         assert set(rows[name]) | OF_EVERY == set(tables_of(model)) | OF_EVERY, name
 
 
-def test_every_answer_with_tables_stands_in_the_document() -> None:
+def test_every_answer_with_tables_is_in_the_document() -> None:
     contents = [
         operation["responses"].get("200", {}).get("content", {})
         for operations in CONTRACT.values()

@@ -42,8 +42,8 @@ def colours(path: Path) -> np.ndarray:
 
 
 @pytest.mark.slow
-def test_the_pictures_of_detection_are_drawn(tmp_path: Path) -> None:
-    """Each shows marks in colour on a grey picture."""
+def test_the_figures_of_detection_are_drawn(tmp_path: Path) -> None:
+    """Each shows marks in colour on a grey image."""
     drawn = maker("draw_detection.py", "draw_all")(3, tmp_path)
     assert len(drawn) == 3
     assert_shown(drawn, "detection.md", tmp_path)
@@ -51,7 +51,7 @@ def test_the_pictures_of_detection_are_drawn(tmp_path: Path) -> None:
         assert np.count_nonzero(np.ptp(colours(path), axis=2) > 40) > 500, path.name
 
 
-def test_the_picture_of_frames_is_drawn(tmp_path: Path) -> None:
+def test_the_figure_of_frames_is_drawn(tmp_path: Path) -> None:
     path = maker("draw_frames.py", "draw")(tmp_path)
     assert_shown([path], "kinematics.md", tmp_path)
     drawn = colours(path)
@@ -62,7 +62,7 @@ def test_the_picture_of_frames_is_drawn(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-def test_the_pictures_of_targets_are_drawn(tmp_path: Path) -> None:
+def test_the_figures_of_targets_are_drawn(tmp_path: Path) -> None:
     """One of each kind, as the command line prints it, and the kept ones are these."""
     drawn = maker("draw_targets.py", "draw_all")(tmp_path)
     assert len(drawn) == 6

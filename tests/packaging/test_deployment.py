@@ -45,7 +45,7 @@ def test_a_unit_is_watched_restarted_and_given_time_to_end(name: str) -> None:
     assert "MemoryDenyWriteExecute" not in service
 
 
-def test_the_worker_computes_where_the_service_is_told_not_to() -> None:
+def test_the_worker_computes_where_the_service_is_set_not_to() -> None:
     """Both read /etc/gridpose.env, which has GRIDPOSE_WORKERS=0; what a file sets, `Environment=` does not change."""
     worker = unit("gridpose-worker.service")
     assert worker["EnvironmentFile"] == unit("gridpose.service")["EnvironmentFile"]

@@ -138,7 +138,7 @@ def document() -> tuple[list[list[str]], list[list[str]]]:
     return table_rows(before + after), table_rows(warnings)
 
 
-def test_every_code_stands_in_the_document(
+def test_every_code_is_in_the_document(
     codes: set[str], document: tuple[list[list[str]], list[list[str]]]
 ) -> None:
     assert len(codes) > 100
@@ -149,7 +149,7 @@ def test_every_code_stands_in_the_document(
     assert listed - codes == made
 
 
-def test_every_warning_stands_in_the_document(document: tuple[list[list[str]], list[list[str]]]) -> None:
+def test_every_warning_is_in_the_document(document: tuple[list[list[str]], list[list[str]]]) -> None:
     found: set[str] = set()
     without_text = set()
     for path, tree in sources():

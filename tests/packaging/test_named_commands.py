@@ -1,4 +1,4 @@
-"""Every `gridpose …` command that a message, a help text or a page names exists, with the options named beside it."""
+"""Every `gridpose …` command that a message, a help text or a page names exists, with the options named with it."""
 
 from __future__ import annotations
 

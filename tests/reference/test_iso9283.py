@@ -94,7 +94,7 @@ def test_a_ur10_returns_within_its_data_sheet(ur10: tuple[np.ndarray, np.ndarray
     assert result.outliers == ()
     assert 0.03 < reading < 0.1
     # The file's deviations are those of the tracker's single samples, of which a reading is the mean. Taken for the
-    # reading's own noise they exceed all that was observed, and the verdict tells so.
+    # reading's own noise they exceed all that was observed, and the verdict says so.
     assert floor > reading
     assert result.verdict is Verdict.BELOW_DETECTION
     scatter = differences.T @ differences / (2.0 * 39)

@@ -40,21 +40,21 @@ def axes(poses: PoseData) -> tuple[np.ndarray, np.ndarray, AxesIdentification]:
     """Distance (mm) and angle (rad) of the two axes, their standard uncertainties."""
     found = identify_from_axes(poses, tolerance=TOLERANCE)
     joint = found.joints[0]
-    doubt = [joint.standard_uncertainty[name] for name in ("a_mm", "alpha_rad")]
+    uncertainty = [joint.standard_uncertainty[name] for name in ("a_mm", "alpha_rad")]
     return (
         np.array([joint.parameters.a_mm, abs(joint.parameters.alpha_rad)]),
-        np.array(doubt, dtype=np.float64),
+        np.array(uncertainty, dtype=np.float64),
         found,
     )
 
 
 def test_two_axes_nearly_meet_at_a_right_angle(poses: PoseData) -> None:
     assert len(poses) == 205
-    value, doubt, found = axes(poses)
+    value, uncertainty, found = axes(poses)
     assert 0.3 < value[0] < 1.0
     assert value[1] == pytest.approx(math.pi / 2.0, abs=math.radians(0.05))
-    assert doubt[0] < 0.15
-    assert math.degrees(doubt[1]) < 0.01
+    assert uncertainty[0] < 0.15
+    assert math.degrees(uncertainty[1]) < 0.01
     # A camera of that time before a printed target: some tenths of a millimetre, some hundredths of a degree.
     assert found.residual_mm < 0.6
     assert found.residual_rad is not None

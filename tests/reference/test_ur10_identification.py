@@ -61,7 +61,7 @@ def test_the_parameters_stay_near_the_nominal(data_folder: Path) -> None:
     assert 0.1 < found.scatter_position_mm < 0.5
 
 
-def test_two_halves_agree_within_their_stated_doubt(data_folder: Path) -> None:
+def test_two_halves_agree_within_their_stated_uncertainty(data_folder: Path) -> None:
     """Dealt at random: poses in a row differ by the grasp they belong to, and bending and gears follow that."""
     poses = tracked(data_folder)
     dealt = np.random.default_rng(1).permutation(len(poses))
@@ -69,8 +69,8 @@ def test_two_halves_agree_within_their_stated_doubt(data_folder: Path) -> None:
     difference = (one.chain.as_array() - other.chain.as_array()).ravel()
     variance = []
     for found in (one, other):
-        doubt = [u or math.nan for j in found.joints for u in j.standard_uncertainty.values()]
-        variance.append(np.square(doubt))
+        uncertainty = [u or math.nan for j in found.joints for u in j.standard_uncertainty.values()]
+        variance.append(np.square(uncertainty))
     ratio = difference / np.sqrt(variance[0] + variance[1])
     assert np.sqrt(np.nanmean(ratio**2)) < 1.5
 

@@ -1,13 +1,13 @@
 """The Cramér-Rao bound of corners in a rendered scene: what no unbiased estimator can beat.
 
 A corner is given the pixels whose nearest grid point, in the target's own coordinates, it is: half-way to its
-neighbours, so that no pixel serves two. If the pattern there moved by δ (px), the noise-free picture g would change
+neighbours, so that no pixel serves two. If the pattern there moved by δ (px), the noise-free image g would change
 by J δ, J = ∂g/∂δ. With white noise of variance s² the information about δ is I = Σ Jᵀ J / s² over these pixels, and
 any unbiased estimator's covariance is at least I⁻¹ (C. R. Rao, Bull. Calcutta Math. Soc. 37 (1945) 81-91). s² is that
 of the scene's noise and of the rounding to whole levels, 1/12.
 
 Everything but the position is held to be known: the light, the blur, the edges' directions. The bound with the light
-unknown, a plane of level and a plane of contrast at each corner, is stated beside it.
+unknown, a plane of level and a plane of contrast at each corner, is stated next to it.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ class CornerBounds:
 
     @property
     def standard_deviation_px(self) -> Float[np.ndarray, " n"]:
-        """The root of half the trace: for u and v alike."""
+        """The root of half the trace: for both u and v."""
         return np.asarray(np.sqrt(0.5 * np.trace(self.covariance_px2, axis1=1, axis2=2)))
 
     @property
@@ -45,7 +45,7 @@ class CornerBounds:
 
 
 def corner_bounds(scene: Scene) -> CornerBounds:
-    """Return the bounds for all grid points of a chessboard scene, from five noise-free pictures of it."""
+    """Return the bounds for all grid points of a chessboard scene, from five noise-free images of it."""
     plain = dataclasses.replace(scene, clutter=0.0)
     rounding = 1.0 if scene.bit_depth == 8 else 1.0 / _LEVELS_OF_16_BIT
     deviation = np.sqrt(scene.noise_levels**2 + rounding**2 / 12.0)
@@ -75,17 +75,17 @@ def corner_bounds(scene: Scene) -> CornerBounds:
 
 
 def sheet_derivative(scene: Scene, du: float, dv: float) -> Float[np.ndarray, "h w"]:
-    """Return the derivative of the noise-free picture by a shift of the sheet along (du, dv), levels per px.
+    """Return the derivative of the noise-free image by a shift of the sheet along (du, dv), levels per px.
 
-    Moving the principal point moves the sheet's picture, exactly; the light stays where it is.
+    Moving the principal point moves the sheet's image, exactly; the light stays where it is.
     """
-    pictures = []
+    images = []
     for step in (_SHIFT_PX, -_SHIFT_PX):
         camera = dataclasses.replace(
             scene.camera, cx_px=scene.camera.cx_px + step * du, cy_px=scene.camera.cy_px + step * dv
         )
-        pictures.append(render_levels(dataclasses.replace(scene, camera=camera)))
-    return np.asarray((pictures[0] - pictures[1]) / (2.0 * _SHIFT_PX))
+        images.append(render_levels(dataclasses.replace(scene, camera=camera)))
+    return np.asarray((images[0] - images[1]) / (2.0 * _SHIFT_PX))
 
 
 def _bounds(scene: Scene) -> tuple[int, int, int, int]:

@@ -1,4 +1,4 @@
-"""Real services in processes of their own: the larger tier, but for what stands in `test_smoke.py`."""
+"""Real services in processes of their own: the larger tier, but for what is in `test_smoke.py`."""
 
 from __future__ import annotations
 

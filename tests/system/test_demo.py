@@ -33,18 +33,18 @@ def assert_table_iv(said: str, folder: Path) -> None:
         said,
         re.MULTILINE,
     )
-    told = [p for p in truth if p["uncertainty"] is not None]
-    assert len(rows) == len(told) == 18
+    identifiable = [p for p in truth if p["uncertainty"] is not None]
+    assert len(rows) == len(identifiable) == 18
     assert len(re.findall(r"-    as sheet        -      - ", said)) == len(truth) - 18 == 7
     squares: dict[bool, list[float]] = {True: [], False: []}
-    for (_, name, known, identified, doubt, _), p in zip(rows, told, strict=True):
+    for (_, name, known, identified, figures, _), p in zip(rows, identifiable, strict=True):
         field = {"theta": "theta_offset"}.get(name, name) + ("_mm" if name in "ad" else "_deg")
         joint = answer["joints"][p["joint"] - 1]
         digits = 4 if name in "ad" else 5
         assert p["name"] == name
         assert known.split()[1] == f"{p['true']:.{digits}f}"
         assert identified == f"{joint[field]:.{digits}f}"
-        uncertainty, ratio = (float(value) for value in doubt.split())
+        uncertainty, ratio = (float(value) for value in figures.split())
         assert uncertainty == pytest.approx(joint["standard_uncertainty"][field], abs=0.6 * 10.0**-digits)
         assert ratio == pytest.approx(abs(joint[field] - p["true"]) / p["uncertainty"], abs=0.006)
         assert ratio < 5.0
@@ -94,7 +94,7 @@ def test_the_small_demo_shows_a_table_of_poses_and_keeps_what_it_made(tmp_path: 
 
 
 @pytest.mark.slow
-def test_it_calibrates_refuses_and_tells_the_truth(tmp_path: Path) -> None:
+def test_it_calibrates_refuses_and_reports_the_truth(tmp_path: Path) -> None:
     folder = tmp_path / "kept"
     ended = demo(folder, 80, "--paper", "--quick")
     said = ended.stdout

@@ -49,7 +49,7 @@ def block(marker: str) -> str:
 
 
 def agree(shown: str, actual: str) -> bool:
-    """Tell whether two tokens are the same, or numbers that are nearly so."""
+    """Return whether two tokens are the same, or numbers that are nearly so."""
     try:
         return math.isclose(float(shown), float(actual), rel_tol=_RELATIVE, abs_tol=_ABSOLUTE)
     except ValueError:
@@ -57,7 +57,7 @@ def agree(shown: str, actual: str) -> bool:
 
 
 def assert_shows(shown: str, actual: str) -> None:
-    """Check that what is shown stands in the answer, piece by piece in order; `...` leaves something out."""
+    """Check that what is shown is in the answer, piece by piece in order; `...` leaves something out."""
     answer = _TOKEN.findall(actual)
     position = 0
     for piece in shown.split("..."):

@@ -48,7 +48,7 @@ def test_selected_images_get_a_focus_group_and_are_computed_again(cell: Cell, op
 
 
 def problems(page: Any) -> dict[str, str]:
-    """Return what stands beside each wrong field, by the field's id, as its description says it."""
+    """Return the message next to each wrong field, by the field's id, as its description says it."""
     described = "one => [one.id, document.getElementById(one.getAttribute('aria-describedby')).innerText]"
     found = page.evaluate(f"[...document.querySelectorAll('[aria-invalid=true]')].map({described})")
     return dict(found)

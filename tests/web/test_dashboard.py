@@ -170,7 +170,7 @@ def test_the_overlay_zooms_and_its_layers_switch(cell: Cell, open_page: Open) ->
     assert not page.troubles
 
 
-def test_the_scatter_turns_and_tells_its_numbers(cell: Cell, open_page: Open) -> None:
+def test_the_scatter_turns_and_shows_its_numbers(cell: Cell, open_page: Open) -> None:
     page = open_page(f"/ui/sessions/{cell.session_id}/repeatability")
     page.wait_for_selector("#scatter[data-ready=yes]")
     canvas = page.locator("#scatter canvas")

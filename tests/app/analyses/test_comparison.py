@@ -151,10 +151,10 @@ def test_failures_are_said_per_method_and_image(api: Any, store: Store) -> None:
         assert (blind["cycles"], blind["failure"]["code"]) == (0, "too_few_images")
         assert blind["failures"] == row["failures"]
     assert "perpendicular" in second["tsai"]["failures"][0]["detail"]
-    for method in ("zhang", "pooled"):  # the tilted images tell the camera, the others their pose
+    for method in ("zhang", "pooled"):  # the tilted images determine the camera, the others their pose
         assert second[method]["calibrated"] == 6
         assert all(pose["failure"] is None for pose in third[method]["poses"])
-    warned = {remark["code"]: remark for remark in second["opencv_single_image"]["warnings"]}
+    warned = {warning["code"]: warning for warning in second["opencv_single_image"]["warnings"]}
     assert warned["focal_not_observable"]["image_count"] == 3
     assert set(ids).isdisjoint(flat_ids)
 
@@ -191,7 +191,7 @@ def test_images_without_points_are_counted(api: Any, store: Store) -> None:
     assert "target_not_found (1)" in warning["detail"]
 
 
-def test_boards_that_look_alike_turned_are_read_one_way(api: Any, store: Store) -> None:
+def test_boards_that_look_the_same_turned_are_read_one_way(api: Any, store: Store) -> None:
     """Each image numbered from either end by chance; a method that mixed them would read a board's length."""
     board = TargetSpec("chessboard", 8, 6, 12.0)
     session = new_session(api, board)

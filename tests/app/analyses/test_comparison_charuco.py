@@ -1,4 +1,4 @@
-"""From pictures of a ChArUco board to the tables, over HTTP: markers are found, stored, compared, and found anew."""
+"""From images of a ChArUco board to the tables, over HTTP: markers are found, stored, compared, and found anew."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ def photograph(pose: int, cycle: int) -> bytes:
 
 @pytest.fixture(scope="module")
 def measured(computing_api: Any) -> tuple[str, list[dict[str, Any]]]:
-    """A session of measured pictures: its id and its measurements."""
+    """A session of measured images: its id and its measurements."""
     api = computing_api
     target_id = api.make_target(**FIELDS, dictionary=BOARD.dictionary)
     session = api.make_session(target_id)
@@ -67,7 +67,7 @@ def stored(api: Any, measurement_id: str) -> bytes | None:
     return markers
 
 
-def test_every_picture_is_measured_and_its_markers_are_kept(
+def test_every_image_is_measured_and_its_markers_are_kept(
     computing_api: Any, measured: tuple[str, list[dict[str, Any]]]
 ) -> None:
     for measurement in measured[1]:
@@ -144,7 +144,7 @@ def test_what_was_measured_before_markers_were_kept_says_so_until_it_is_retried(
     assert computing_api.client.get(f"/v1/sessions/{session}/comparison").headers["etag"] == before
 
 
-def test_a_picture_without_the_board_fails_in_words(
+def test_an_image_without_the_board_fails_in_words(
     computing_api: Any, measured: tuple[str, list[dict[str, Any]]]
 ) -> None:
     target_id = computing_api.make_target(**FIELDS, dictionary="DICT_4X4_100")

@@ -1,4 +1,4 @@
-"""What a later version states beside a report's figures."""
+"""What a later version states in addition to a report's figures."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ THEN = {
 }
 
 
-def test_a_value_that_stands_in_a_field_of_its_own_today_stands_where_it_stood() -> None:
+def test_a_value_with_a_field_of_its_own_today_is_where_it_was() -> None:
     then = {"outliers": [{"measurement_id": "mpo_1", "distance_mm": 1.0}]}
     now = {"outliers": [{"measurement_id": None, "measured_pose_id": "mpo_1", "distance_mm": 1.0}]}
     assert known_fields(now, then) == then
@@ -47,5 +47,5 @@ def test_a_list_that_is_split_today_is_whole_as_it_was() -> None:
         ({"floor": 2}, {"floor": 2}),
     ],
 )
-def test_fields_that_a_report_did_not_know_are_left_out(now: dict[str, Any], known: dict[str, Any]) -> None:
+def test_fields_that_a_report_did_not_know_are_omitted(now: dict[str, Any], known: dict[str, Any]) -> None:
     assert known_fields(now, THEN) == known

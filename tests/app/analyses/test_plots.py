@@ -1,4 +1,4 @@
-"""Plots over HTTP: drawn beside the head from what is stored, told apart by their tags, refused in words."""
+"""Plots over HTTP: drawn outside the head from stored data, distinguished by their tags, refused in words."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def get(api: Any, session: str, plot: str, **query: Any) -> Any:
     return api.client.get(f"/v1/sessions/{session}/{plot}", params=query)
 
 
-def told(response: Any) -> list[str]:
+def described(response: Any) -> list[str]:
     """The lines of a drawing's description, once it is seen to be one whose title names session and date."""
     assert response.status_code == 200, response.text
     assert response.headers["content-type"] == "image/svg+xml"
@@ -45,12 +45,12 @@ def ordinary() -> list[Shot]:
 
 
 @pytest.mark.slow
-def test_pictures_say_what_the_tables_say(api: Any, store: Store, ordinary: list[Shot]) -> None:
+def test_plots_say_what_the_tables_say(api: Any, store: Store, ordinary: list[Shot]) -> None:
     session = new_session(api)
     blind = Shot("P2", 21, None, ordinary[0].T_target_camera)
     store(api, session, [*ordinary, blind])
     rows = body(api.client.get(f"/v1/sessions/{session}/repeatability"))["poses"]
-    lines = told(get(api, session, PLOTS[0]))
+    lines = described(get(api, session, PLOTS[0]))
     assert len(lines) == len(rows) == 3
     for row, line in zip(rows, lines, strict=True):
         assert line.startswith(f"{row['pose_id']}: n = {row['cycles']} ")
@@ -58,8 +58,8 @@ def test_pictures_say_what_the_tables_say(api: Any, store: Store, ordinary: list
         reading, floor = row["repeatability"]["rp_l_mm"], row["noise_floor"]["rp_l_mm"]
         assert float(line.split("RP_l = ")[1].split(" ")[0]) == pytest.approx(reading, rel=5e-3)
         assert float(line.split("noise floor ")[1].split(" ")[0]) == pytest.approx(floor, rel=5e-2)
-    assert told(get(api, session, PLOTS[0], pose_id="P2")) == lines[1:2]
-    moved = told(get(api, session, PLOTS[1]))
+    assert described(get(api, session, PLOTS[0], pose_id="P2")) == lines[1:2]
+    moved = described(get(api, session, PLOTS[1]))
     assert [line.split(":")[0] for line in moved] == ["P1", "P2", "P3"]
     assert all("n = 20" in line and "standard errors" in line for line in moved)
     drifts = body(api.client.get(f"/v1/sessions/{session}/repeatability"))["drift"]["poses"]
@@ -67,13 +67,13 @@ def test_pictures_say_what_the_tables_say(api: Any, store: Store, ordinary: list
         unit = 1e3 if " µm (" in line else 1.0
         shift, errors = line.split("x, y, z: ")[1].split(" (standard errors ")
         shown = [float(text) / unit for text in shift.replace("−", "-").rsplit(" ", 1)[0].split(", ")]
-        doubt = [float(text) / unit for text in errors.rstrip(")").split(", ")]
+        uncertainties = [float(text) / unit for text in errors.rstrip(")").split(", ")]
         distance = float(line.split("moved ")[1].split(" ")[0]) / unit
         rounding = 0.6 * 10.0 ** -len(errors.split(",")[0].partition(".")[2]) / unit
         assert shown == pytest.approx(drift["shift_mm"], abs=rounding)
-        assert doubt == pytest.approx(drift["shift_standard_uncertainty_mm"], abs=rounding)
+        assert uncertainties == pytest.approx(drift["shift_standard_uncertainty_mm"], abs=rounding)
         assert distance == pytest.approx(drift["shift_distance_mm"], abs=rounding)
-    (residuals,) = told(get(api, session, PLOTS[2]))
+    (residuals,) = described(get(api, session, PLOTS[2]))
     (group,) = body(api.client.get(f"/v1/sessions/{session}/intrinsics"))["groups"]
     figures = group["residual_map"]
     assert f"{figures['point_count']:,} points" in residuals
@@ -91,7 +91,7 @@ def test_the_projection_map_says_where_the_camera_is_certain(
 ) -> None:
     session = new_session(api)
     store(api, session, ordinary[:12])
-    (line,) = told(get(api, session, PLOTS[3]))
+    (line,) = described(get(api, session, PLOTS[3]))
     (group,) = body(api.client.get(f"/v1/sessions/{session}/intrinsics"))["groups"]
     found = group["projection_uncertainty"]
     counts = np.array(found["cell_point_counts"])
@@ -108,13 +108,13 @@ def test_the_projection_map_says_where_the_camera_is_certain(
     assert f"{found['largest_covered_px']:.2g} px where there are points" in line
     assert 0.0 < np.nanmin(values) < found["largest_covered_px"] < found["largest_blank_px"]
     centre = next(area for area in found["areas"] if area["name"] == "centre")
-    # A turned camera and a principal point that is off project alike: far less than u(cx) remains.
+    # A turned camera and a principal point that is off project in the same way: far less than u(cx) remains.
     assert centre["standard_uncertainty_px"] < 0.5 * group["standard_uncertainty"]["cx_px"]
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("plot", PLOTS)
-def test_a_picture_is_known_by_its_tag(api: Any, store: Store, ordinary: list[Shot], plot: str) -> None:
+def test_a_plot_is_known_by_its_tag(api: Any, store: Store, ordinary: list[Shot], plot: str) -> None:
     first = new_session(api)
     store(api, first, ordinary[:6])
     drawn = get(api, first, plot)
@@ -129,8 +129,8 @@ def test_a_picture_is_known_by_its_tag(api: Any, store: Store, ordinary: list[Sh
     assert get(api, first, plot).headers["etag"] != tag
 
 
-def test_a_picture_names_session_robot_and_date(api: Any, store: Store, ordinary: list[Shot]) -> None:
-    """Two sessions of the same images have pictures of their own, and a new name draws and tags anew."""
+def test_a_plot_names_session_robot_and_date(api: Any, store: Store, ordinary: list[Shot]) -> None:
+    """Two sessions of the same images have plots of their own, and a new name draws and tags anew."""
     joint = {"a_mm": 180.0, "alpha_deg": -90.0, "d_mm": 400.0}
     robot = api.client.post("/v1/robots", json={"name": "KR <5>", "joints": [joint] * 6}).json()["id"]
     sessions = [new_session(api, name="Cell 4", robot_id=robot), new_session(api, name="Cell 5")]
@@ -156,9 +156,9 @@ def test_groups_are_drawn_apart_or_one_alone(api: Any, store: Store, ordinary: l
         with_fields(ordinary[9:18], focus_group="far $x$"),
     )
     store(api, session, [*near, *far])
-    lines = told(get(api, session, PLOTS[2]))
+    lines = described(get(api, session, PLOTS[2]))
     assert [line.split("   ")[0] for line in lines] == ["Focus group far $x$", "Focus group near"]
-    assert told(get(api, session, PLOTS[2], focus_group="near")) == lines[1:]
+    assert described(get(api, session, PLOTS[2], focus_group="near")) == lines[1:]
     problem(get(api, session, PLOTS[2], focus_group="elsewhere"), 404, "focus_group_not_found")
 
 
@@ -179,7 +179,7 @@ def test_poses_that_have_nothing_to_show(api: Any, store: Store, ordinary: list[
     blind = Shot("P9", 1, None, ordinary[0].T_target_camera)
     store(api, session, [*once, blind])
     api.client.put(f"/v1/sessions/{session}/poses/P10", json={})
-    lines = told(get(api, session, PLOTS[0]))
+    lines = described(get(api, session, PLOTS[0]))
     assert lines[0] == "P1: n = 1   ·   repeatability needs two cycles"
     assert lines[3] == "P9: n = 0   ·   no image counts: target not found (1)"
     assert problem(get(api, session, PLOTS[1]), 409, "too_few_cycles")["advice"]
@@ -205,13 +205,13 @@ def test_what_another_instrument_measured_is_drawn_too(api: Any, store: Store) -
     ]
     stored = api.client.post(f"/v1/sessions/{session}/measured-poses", json=readings)
     assert stored.status_code in (200, 201), stored.text
-    with_noise, without = told(get(api, session, PLOTS[0], source="measured_poses"))
+    with_noise, without = described(get(api, session, PLOTS[0], source="measured_poses"))
     assert "noise floor" in with_noise
     assert "noise floor" not in without
     title = ElementTree.fromstring(get(api, session, PLOTS[0], source="measured_poses").content)[0].text
     assert title is not None
     assert "instrument's frame" in title
-    moved = told(get(api, session, PLOTS[1], source="measured_poses", pose_id="P2"))
+    moved = described(get(api, session, PLOTS[1], source="measured_poses", pose_id="P2"))
     assert len(moved) == 1
     assert "standard errors" in moved[0]
     problem(get(api, session, PLOTS[0]), 409, "too_few_measurements")
@@ -219,18 +219,18 @@ def test_what_another_instrument_measured_is_drawn_too(api: Any, store: Store) -
 
 
 @pytest.mark.slow
-def test_too_many_poses_for_one_picture(api: Any, store: Store) -> None:
+def test_too_many_poses_for_one_plot(api: Any, store: Store) -> None:
     session = new_session(api)
     store(api, session, shoot(5, poses=41, cycles=2))
     for plot in PLOTS[:2]:
         refused = problem(get(api, session, plot), 409, "too_many_for_plot")
         assert "pose_id" in refused["advice"]
-        assert told(get(api, session, plot, pose_id="P41"))[0].startswith("P41: n = 2")
+        assert described(get(api, session, plot, pose_id="P41"))[0].startswith("P41: n = 2")
 
 
 @pytest.mark.slow
 def test_the_head_never_loads_what_draws() -> None:
-    """Pictures are drawn in the process beside it; the head stays small."""
+    """Plots are drawn in another process; the head stays small."""
     program = (
         "import sys, app.main, app.analyses.service\n"
         "from app.settings import Settings\n"

@@ -31,7 +31,7 @@ def session(computing_api: Any) -> tuple[str, list[str]]:
     session_id = computing_api.make_session(*targets)
     accepted = [
         computing_api.put_image(
-            session_id, corner.picture(corner.view(**view), seed=10 * cycle + k), pose_id, cycle=cycle
+            session_id, corner.image(corner.view(**view), seed=10 * cycle + k), pose_id, cycle=cycle
         )
         for cycle in (1, 2)
         for k, (pose_id, view) in enumerate(VIEWS.items())
@@ -94,20 +94,18 @@ ANALYSES = ("intrinsics", "repeatability", "comparison")
 def test_the_order_of_named_and_unnamed_uploads_changes_nothing(computing_api: Any, session: Any) -> None:
     _, targets = session
     corner = Corner(AHEAD, RIGHT)
-    pictures = {
-        pose: corner.picture(corner.view(**view), seed=k) for k, (pose, view) in enumerate(VIEWS.items())
-    }
-    told = []
+    images = {pose: corner.image(corner.view(**view), seed=k) for k, (pose, view) in enumerate(VIEWS.items())}
+    summaries = []
     for order in ((None, *targets), (*targets, None), (targets[1], None, targets[0])):
         session_id = computing_api.make_session(*targets)
         for target_id in order:
             query = {} if target_id is None else {"target_id": target_id}
             for response in [
-                computing_api.put_image(session_id, data, pose, **query) for pose, data in pictures.items()
+                computing_api.put_image(session_id, data, pose, **query) for pose, data in images.items()
             ]:
                 computing_api.wait_for(response.json()["id"])
         found = [body(computing_api.client.get(f"/v1/sessions/{session_id}/{name}")) for name in ANALYSES]
-        told.append(
+        summaries.append(
             [
                 (f["inputs_sha256"], [w["code"] for w in f["warnings"]], f.get("image_count"), f["pending"])
                 for f in found
@@ -116,5 +114,5 @@ def test_the_order_of_named_and_unnamed_uploads_changes_nothing(computing_api: A
         assert [len(pose["excluded"]) for pose in found[1]["poses"]] == [1] * len(
             VIEWS
         )  # of the other target
-        assert all(code != "images_excluded" for _, codes, _, _ in told[-1] for code in codes)
-    assert told[0] == told[1] == told[2]
+        assert all(code != "images_excluded" for _, codes, _, _ in summaries[-1] for code in codes)
+    assert summaries[0] == summaries[1] == summaries[2]

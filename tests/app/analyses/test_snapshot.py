@@ -45,7 +45,7 @@ def test_the_hash_is_over_the_mount_of_a_fixed_camera_alone() -> None:
 
 
 def test_the_hash_is_over_what_analyses_say_of_a_refused_image() -> None:
-    """The reason stands in their documents; in another session its targets have other ids."""
+    """The reason is in their documents; in another session its targets have other ids."""
     settings = {"estimator": "pooled"}
 
     def refused(detail: str, target_id: str = "tgt_1") -> str:

@@ -87,8 +87,8 @@ RULES = {
         "api/test_openapi.py::test_the_only_union_is_something_or_null",
     ],
     "every code is in docs/errors.md with cause and remedy": [
-        "../packaging/test_errors_document.py::test_every_code_stands_in_the_document",
-        "../packaging/test_errors_document.py::test_every_warning_stands_in_the_document",
+        "../packaging/test_errors_document.py::test_every_code_is_in_the_document",
+        "../packaging/test_errors_document.py::test_every_warning_is_in_the_document",
     ],
     "an upload is answered after it is durable, and the same one again by the first": [
         "api/uploads/test_accepted.py::test_a_raw_upload_is_kept_with_its_metadata",

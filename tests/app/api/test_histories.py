@@ -214,7 +214,7 @@ def test_what_cannot_be_read_is_named_and_hides_nothing_else(api: Api) -> None:
     assert found["events"] == []
 
 
-def test_qualifications_stand_in_the_history(api: Api) -> None:
+def test_qualifications_are_in_the_history(api: Api) -> None:
     robot_id = make_robot(api)
     session_id = api.make_session(robot_id=robot_id)
     figures = {"worst_error_mm": 0.01, "scale_ppm": -3.5, "probing_scatter_mm": 0.02}

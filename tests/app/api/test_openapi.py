@@ -76,7 +76,7 @@ QUALIFYING = {"AccuracyIntervals", "RepeatabilityIntervals", "FocalInterval", "D
 
 
 def shape(node: dict[str, Any], schemas: dict[str, Any]) -> str:
-    """The type of a property, null aside; all objects are one."""
+    """The type of a property, without null; all objects are one."""
     if "$ref" in node:
         return shape(schemas[node["$ref"].removeprefix("#/components/schemas/")], schemas)
     if "anyOf" in node:
@@ -131,7 +131,7 @@ OWN_OF_EACH = {
 
 
 def named_schema(node: dict[str, Any]) -> str:
-    """The schema that a property refers to, null aside, of a list that of its items; else its type."""
+    """The schema that a property refers to, without null, of a list that of its items; else its type."""
     if "$ref" in node:
         return str(node["$ref"]).removeprefix("#/components/schemas/")
     if "anyOf" in node:
@@ -266,7 +266,7 @@ def test_health_needs_no_key_and_everything_else_does(document: dict[str, Any]) 
     assert open_paths == {"/livez", "/readyz"}
 
 
-def test_pictures_and_metrics_declare_their_media_types(document: dict[str, Any]) -> None:
+def test_images_and_metrics_declare_their_media_types(document: dict[str, Any]) -> None:
     def media(path: str) -> set[str]:
         return set(document["paths"][path]["get"]["responses"]["200"]["content"])
 

@@ -1,4 +1,4 @@
-"""The planner over HTTP: more poses tell more, suggested ones most, and what cannot be planned is refused in words."""
+"""The planner over HTTP: more poses determine more, suggested ones most; what cannot be planned is refused."""
 
 from __future__ import annotations
 
@@ -67,14 +67,14 @@ def planned(api: Any, robot: str, **changes: Any) -> dict[str, Any]:
     return document
 
 
-def doubt(joints: list[dict[str, Any]]) -> float:
+def mean_uncertainty(joints: list[dict[str, Any]]) -> float:
     """The geometric mean of the lengths' uncertainties."""
     values = [joint["standard_uncertainty"]["a_mm"] for joint in joints[:5]]
     return float(np.exp(np.mean(np.log(values))))
 
 
 @pytest.mark.slow
-def test_more_poses_tell_more_and_suggested_ones_most(api: Any) -> None:
+def test_more_poses_determine_more_and_suggested_ones_most(api: Any) -> None:
     robot = make_robot(api)
     few = planned(
         api, robot, sweeps={"sweep_half_angle_deg": 8.0, "steps": 7}, random_poses=10, suggest_count=20
@@ -84,7 +84,7 @@ def test_more_poses_tell_more_and_suggested_ones_most(api: Any) -> None:
     assert len(few["suggested_poses"]) == 20
     assert few["null_space"]
     assert few["joints"][5]["identifiable"]["a_mm"] is False
-    assert doubt(few["predicted_joints_with_suggestions"]) < 0.8 * doubt(few["joints"])
+    assert mean_uncertainty(few["predicted_joints_with_suggestions"]) < 0.8 * mean_uncertainty(few["joints"])
     before, after = few["observability_indices"], few["observability_indices_with_suggestions"]
     assert before["o1"] == few["observability_o1"]
     assert before["o2"] == pytest.approx(1.0 / few["condition_number"], rel=1e-5)
@@ -94,19 +94,19 @@ def test_more_poses_tell_more_and_suggested_ones_most(api: Any) -> None:
     assert random["suggested_poses"] == []
     assert random["predicted_joints_with_suggestions"] is None
     assert random["observability_indices_with_suggestions"] is None
-    assert doubt(few["predicted_joints_with_suggestions"]) < doubt(random["joints"])
-    # A robot that scatters tells less by the same poses, and a question gets the same answer again.
+    assert mean_uncertainty(few["predicted_joints_with_suggestions"]) < mean_uncertainty(random["joints"])
+    # A robot that scatters is determined less well by the same poses, and equal questions get equal answers.
     query = {
         "poses": few["suggested_poses"],
         "sweeps": {"sweep_half_angle_deg": 8.0, "steps": 7},
     }
     still, loose = (planned(api, robot, **query, robot_position_sigma_mm=s) for s in (0.0, 0.2))
-    assert doubt(loose["joints"]) > 1.5 * doubt(still["joints"])
+    assert mean_uncertainty(loose["joints"]) > 1.5 * mean_uncertainty(still["joints"])
     assert planned(api, robot, **query)["joints"] == still["joints"]
 
 
 def test_coupled_joints_are_planned_by_their_stated_angles(api: Any) -> None:
-    """The same poses of the chain tell the same; what is planned are the angles that the controller takes."""
+    """The same poses of the chain determine the same; planned are the angles that the controller takes."""
     coupling = np.eye(6)
     coupling[2, 1] = 1.0
     home = np.degrees(KR5_ARC_HOME)
@@ -142,7 +142,7 @@ def test_coupled_joints_are_planned_by_their_stated_angles(api: Any) -> None:
     assert "joint 2" in assert_problem(refused, 409, "joint_limits_exceeded")["detail"]
 
 
-def test_poses_that_tell_nothing_are_said_to(api: Any) -> None:
+def test_poses_that_determine_nothing_are_reported(api: Any) -> None:
     robot = make_robot(api)
     still = planned(api, robot, poses=[{"joint_angles_deg": np.degrees(KR5_ARC_HOME).tolist()}] * 20)
     assert not any(any(joint["identifiable"].values()) for joint in still["joints"])
@@ -161,7 +161,7 @@ def test_suggested_poses_stay_within_the_joints_limits(api: Any) -> None:
     assert np.all(q >= -3.0 - 1e-9)
     assert np.all(q[:, 0] <= 1.0 + 1e-9)
     assert np.all(q[:, 1:].max(axis=0) > 3.0)
-    # Without limits they go to either side alike.
+    # Without limits they go to either side equally.
     free = planned(api, make_robot(api), random_poses=25, suggest_count=8)
     q = np.array([pose["joint_angles_deg"] for pose in free["poses"] + free["suggested_poses"]]) - home
     assert np.all(q.min(axis=0) < -3.0)

@@ -155,7 +155,7 @@ def test_what_does_not_have_the_layout_is_refused(
         read_dataset(write(tmp_path, files), Layout(layout))
 
 
-def test_a_quaternion_that_is_none_is_refused(tmp_path: Path) -> None:
+def test_what_is_no_quaternion_is_refused(tmp_path: Path) -> None:
     files = industrial()
     files["poses/1.yaml"] = "{x: 1, y: 1, z: 1, qx: 1, qy: 1, qz: 0, qw: 0}"
     with pytest.raises(FileRefused, match=r"norm 1\.41421"):

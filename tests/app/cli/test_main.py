@@ -101,7 +101,7 @@ def test_a_summary_is_the_first_sentence_of_the_command(name: str) -> None:
 
 
 @pytest.mark.parametrize(("command", "text"), [("watch", "[default: by folder]"), ("serve", "127.0.0.1]")])
-def test_help_shows_what_stands_in_brackets(command: str, text: str) -> None:
+def test_help_shows_what_is_in_brackets(command: str, text: str) -> None:
     shown = CliRunner().invoke(app, [command, "--help"], env={"COLUMNS": "200"}).stdout
     assert text in " ".join(shown.replace("│", " ").split())
 

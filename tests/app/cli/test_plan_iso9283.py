@@ -94,7 +94,7 @@ def test_options_that_cannot_be_are_refused_with_advice(arguments: tuple[str, ..
     "arguments",
     [("--side-mm", "0"), ("--plane", "C1"), ("--rp-mm", "0"), ("--distance-mm", "100")],
 )
-def test_a_plan_that_tells_nothing_ends_with_one(arguments: tuple[str, ...]) -> None:
+def test_a_plan_that_determines_nothing_ends_with_one(arguments: tuple[str, ...]) -> None:
     assert run(*arguments, code=1).stderr.strip()
 
 

@@ -18,7 +18,7 @@ from app.printing import draw_sheet
 from core import Camera, TargetSpec
 from core.geometry.camera import undistort_points
 from core.geometry.se3 import invert
-from tests.app.printing.sheets import Picture, pdf_picture
+from tests.app.printing.sheets import Raster, pdf_raster
 from tests.support.simulation.simulated_views import draw_pose
 
 BOARD = TargetSpec("charuco", 7, 5, 28.0, 20.0, "DICT_5X5_100")
@@ -42,9 +42,9 @@ def rays_of_camera() -> np.ndarray:
 
 
 def photograph(
-    paper: Picture, origin: tuple[float, float], printed: np.ndarray, T: np.ndarray, rng: np.random.Generator
+    paper: Raster, origin: tuple[float, float], printed: np.ndarray, T: np.ndarray, rng: np.random.Generator
 ) -> np.ndarray:
-    """Take a picture of a sheet whose printer made `printed` (2, 2) of every place on it."""
+    """Take an image of a sheet whose printer made `printed` (2, 2) of every place on it."""
     back = invert(T)
     rays = rays_of_camera() @ back[:3, :3].T
     on_plane = back[:2, 3] - rays[..., :2] * (back[2, 3] / rays[..., 2])[..., None]
@@ -67,7 +67,7 @@ def take_photos(
 ) -> list[str]:
     """Photograph a print of the board from random sides, every other time with the camera turned by 90°."""
     sheet = draw_sheet(BOARD, "A4")
-    paper = pdf_picture(sheet, 160.0)
+    paper = pdf_raster(sheet, 160.0)
     rng = np.random.default_rng(seed)
     paths = []
     for number in range(count):
@@ -90,16 +90,16 @@ def test_from_print_to_photographs_to_a_verdict(tmp_path: Path) -> None:
     stretched = take_photos(tmp_path, np.diag([1.002, 0.998]), seed=1, count=10)
     code, out, _ = gridpose("check", *stretched, *DESCRIBED, "--json", "--ruler", "x:250:250.5")
     assert code == 1
-    told = json.loads(out)
-    assert (told["verdict"], told["photos"], told["skipped"]) == ("off", 10, [])
-    findings = {finding["code"]: finding for finding in told["findings"]}
+    report = json.loads(out)
+    assert (report["verdict"], report["photos"], report["skipped"]) == ("off", 10, [])
+    findings = {finding["code"]: finding for finding in report["findings"]}
     aspect = findings["aspect"]
     assert aspect["verdict"] == "off"
     assert aspect["value"] == pytest.approx(0.004, abs=4.0 * aspect["standard_uncertainty"])
     assert aspect["standard_uncertainty"] < 3e-4
     assert findings["shear_rad"]["verdict"] == "fine"
-    assert told["pitch_y_mm"]["value"] == pytest.approx(
-        28.0 * 0.998, abs=4 * told["pitch_y_mm"]["standard_uncertainty"]
+    assert report["pitch_y_mm"]["value"] == pytest.approx(
+        28.0 * 0.998, abs=4 * report["pitch_y_mm"]["standard_uncertainty"]
     )
 
 
@@ -109,19 +109,19 @@ def test_a_true_print_is_fine_and_what_is_no_photo_of_it_is_named(tmp_path: Path
     stray = tmp_path / "stray.png"
     stray.write_bytes(cv2.imencode(".png", np.full((HEIGHT, WIDTH), 128, np.uint8))[1].tobytes())
     text = tmp_path / "text.jpg"
-    text.write_bytes(b"no picture")
+    text.write_bytes(b"no image")
     code, out, err = gridpose("check", *photos, str(stray), str(text), *DESCRIBED, "--json")
-    told = json.loads(out)
-    assert (code, told["verdict"]) == (0, "fine"), told["findings"]
-    assert {s["file"]: s["code"] for s in told["skipped"]} == {
+    report = json.loads(out)
+    assert (code, report["verdict"]) == (0, "fine"), report["findings"]
+    assert {s["file"]: s["code"] for s in report["skipped"]} == {
         "stray.png": "target_not_found",
         "text.jpg": "unsupported_image",
     }
-    assert len(told["warnings"]) == 1, "photographs do not determine the scale"
+    assert len(report["warnings"]) == 1, "photographs do not determine the scale"
     assert err == ""
 
 
-def test_photographs_that_cannot_tell_are_refused_with_advice(tmp_path: Path) -> None:
+def test_photographs_that_determine_nothing_are_refused_with_advice(tmp_path: Path) -> None:
     photos = take_photos(tmp_path, np.eye(2), seed=3, count=3)
     code, out, err = gridpose("check", *photos, *DESCRIBED)
     assert (code, out) == (1, "")
@@ -226,17 +226,18 @@ def test_the_photos_of_a_real_print(data_folder: Path, monkeypatch: pytest.Monke
     photos = sorted(str(path) for path in (data_folder / "boofcv" / "Sony_DSC-HX5V_Chess").glob("*.jpg"))
     described = ("--kind", "chessboard", "--columns", "6", "--rows", "4", "--pitch-mm", "30")
     code, out, _ = gridpose("check", *photos, *described, "--json")
-    told = json.loads(out)
+    report = json.loads(out)
     assert code == 1
-    assert told["verdict"] in ("off", "undecided")  # the twist, .17 +- .03 mm, stands at its limit of .15 mm
-    aspect = next(finding for finding in told["findings"] if finding["code"] == "aspect")
-    # All were taken the same way up, so that camera and print share what is longer: told, and left open.
+    # The twist, .17 +- .03 mm, stands at its limit of .15 mm.
+    assert report["verdict"] in ("off", "undecided")
+    aspect = next(finding for finding in report["findings"] if finding["code"] == "aspect")
+    # All were taken the same way up, so that camera and print share what is longer: reported, and left open.
     assert aspect["value"] == pytest.approx(0.004, abs=2.0 * aspect["standard_uncertainty"])
     assert aspect["verdict"] == "undecided"
     assert aspect["advice"]
-    assert len(told["warnings"]) == 2, "the scale, and the board's symmetry"
+    assert len(report["warnings"]) == 2, "the scale, and the board's symmetry"
     monkeypatch.setenv("COLUMNS", "400")  # so that no sentence is broken
     code, out, _ = gridpose("check", *photos, *described)
     assert code == 1
-    for words in (aspect["detail"], aspect["advice"], *told["warnings"]):
+    for words in (aspect["detail"], aspect["advice"], *report["warnings"]):
         assert words in out

@@ -114,7 +114,7 @@ def test_an_address_or_a_key_that_cannot_be_is_said_to_be_that(url: str, key: st
 @pytest.mark.parametrize(
     ("key", "advice"), [(None, "gridpose login --url http://cell"), ("gp_a_b", "Bearer")]
 )
-def test_who_sends_no_key_is_told_how_to_give_one(key: str | None, advice: str) -> None:
+def test_who_sends_no_key_is_advised_how_to_give_one(key: str | None, advice: str) -> None:
     problem = {
         "code": "not_authenticated",
         "title": "No key",

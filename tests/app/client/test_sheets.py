@@ -44,7 +44,7 @@ def is_on(target: TargetSpec, **extras: Any) -> bool:
 
 
 @pytest.mark.parametrize("dictionary", DICTIONARIES)
-def test_the_id_of_every_board_is_that_of_its_picture(dictionary: str) -> None:
+def test_the_id_of_every_board_is_that_of_its_drawing(dictionary: str) -> None:
     available = len(marker_dictionary(TargetSpec("charuco", 3, 3, 20.0, 15.0, dictionary)).bytesList)
     boards = [
         TargetSpec("charuco", columns, rows, 20.0, 15, dictionary, legacy)
@@ -61,7 +61,7 @@ def test_the_id_of_every_board_is_that_of_its_picture(dictionary: str) -> None:
     )
 
 
-def test_the_id_of_every_other_kind_is_that_of_its_picture() -> None:
+def test_the_id_of_every_other_kind_is_that_of_its_drawing() -> None:
     for target in (
         TargetSpec("chessboard", 9, 6, 25),
         TargetSpec("chessboard", 9, 6, 25.4, pitch_standard_uncertainty_mm=0.1, print_kind="glass"),

@@ -69,7 +69,7 @@ def test_the_least_certain_of_several_cameras_counts() -> None:
     )
 
 
-def test_no_camera_is_claimed_where_there_is_none() -> None:
+def test_no_camera_is_claimed_where_none_was_calibrated() -> None:
     assert "±" not in describe_measured([FLAT], None)
     said = describe_measured(images(*[FLAT] * 5), None)
     assert said == "5 photographs measured, which do not determine the camera yet, not even together"

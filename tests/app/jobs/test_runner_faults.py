@@ -114,7 +114,7 @@ def test_a_runner_that_can_start_no_worker_gives_up(api: Any, own_workers: OwnWo
         with descriptors_short():
             os.kill(worker, signal.SIGKILL)
             wait_until(lambda: runner.given_up)
-    assert not runner.given_up  # it was told to stop
+    assert not runner.given_up  # it was asked to stop
 
 
 @pytest.mark.slow
@@ -193,7 +193,7 @@ def test_errors_of_the_queue_that_nobody_foresaw_pass(api: Any, grey_png: bytes)
 
 
 @pytest.mark.slow
-def test_a_queue_that_raises_for_ever_ends_in_giving_up_and_a_full_disk_does_not(
+def test_a_queue_that_raises_repeatedly_ends_in_giving_up_and_a_full_disk_does_not(
     api: Any, grey_png: bytes
 ) -> None:
     queue = FaultyQueue(api, claims=10**9)

@@ -44,7 +44,7 @@ def test_answers_and_errors_come_back_and_the_process_goes_on() -> None:
         assert process.schedule(os.getpid).result(WITHIN_S) == pid != os.getpid()
 
 
-def test_a_failed_start_is_told() -> None:
+def test_a_failed_start_is_reported() -> None:
     with started("no") as process, pytest.raises(ValueError, match="no"):
         process.greeting.result(WITHIN_S)
 

@@ -18,7 +18,7 @@ FINER = 4
 
 @dataclass(frozen=True)
 class Case:
-    """A target, and what is drawn beside it."""
+    """A target, and what is drawn next to it."""
 
     target: TargetSpec
     origin_dot: float = 1.0
@@ -47,7 +47,7 @@ CASES = [
 
 
 @dataclass(frozen=True)
-class Picture:
+class Raster:
     """Grey values of a whole sheet, how large a pixel is (across, down), and how far (px) edges may be off."""
 
     levels: np.ndarray
@@ -66,19 +66,19 @@ class Picture:
         return np.clip(np.rint(20.0 + 0.8 * blurred + noise), 0, 255).astype(np.uint8)
 
 
-def pdf_picture(sheet: Sheet, dpi: float) -> Picture:
+def pdf_raster(sheet: Sheet, dpi: float) -> Raster:
     page = pypdfium2.PdfDocument(to_pdf(sheet))[0]
     levels = np.ascontiguousarray(page.render(scale=dpi / 72.0, grayscale=True).to_numpy().squeeze())
     paper = np.array([sheet.paper.width_mm, sheet.paper.height_mm])
-    # pdfium stretches the page to whole pixels, and tells 256 grey levels at an edge.
-    return Picture(levels, paper / levels.shape[::-1], 0.03)
+    # pdfium stretches the page to whole pixels, and distinguishes 256 grey levels at an edge.
+    return Raster(levels, paper / levels.shape[::-1], 0.03)
 
 
-def svg_picture(sheet: Sheet, dpi: float) -> Picture:
-    # resvg tells places to a quarter of a pixel: made larger, and averaged.
+def svg_raster(sheet: Sheet, dpi: float) -> Raster:
+    # resvg resolves places to a quarter of a pixel: made larger, and averaged.
     png = resvg_py.svg_to_bytes(svg_string=to_svg(sheet).decode(), dpi=FINER * dpi)
     levels = cv2.imdecode(np.frombuffer(bytes(png), np.uint8), cv2.IMREAD_GRAYSCALE)
     height, width = (size // FINER for size in levels.shape)
     levels = levels[: height * FINER, : width * FINER]
     levels = cv2.resize(levels, (width, height), interpolation=cv2.INTER_AREA)
-    return Picture(levels, np.full(2, MM_PER_INCH / dpi), 0.25 / FINER)
+    return Raster(levels, np.full(2, MM_PER_INCH / dpi), 0.25 / FINER)

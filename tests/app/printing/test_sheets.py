@@ -17,7 +17,7 @@ from app.printing.sheet import MAX_ORIGIN_DOT_RATIO
 from core import TargetSpec
 from core.errors import InvalidArgument, InvalidTarget
 from core.targets.detection import detect
-from tests.app.printing.sheets import CASES, Case, Picture, pdf_picture, svg_picture
+from tests.app.printing.sheets import CASES, Case, Raster, pdf_raster, svg_raster
 
 CHESSBOARD = TargetSpec("chessboard", 9, 6, 25.0)
 
@@ -27,20 +27,20 @@ def sheet_of(case: Case) -> Sheet:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("picture_of", [pdf_picture, svg_picture])
+@pytest.mark.parametrize("rasterise", [pdf_raster, svg_raster])
 @pytest.mark.parametrize("case", CASES, ids=str)
 def test_every_kind_is_found_on_its_sheet_at_its_true_scale(
-    case: Case, picture_of: Callable[[Sheet, float], Picture]
+    case: Case, rasterise: Callable[[Sheet, float], Raster]
 ) -> None:
     sheet = sheet_of(case)
     # no whole number of pixels to a millimetre, so that rounding would show
-    picture = picture_of(sheet, 30.3 if case.paper == "A0" else 80.7)
-    found = detect(picture.as_scanned, case.target)
+    raster = rasterise(sheet, 30.3 if case.paper == "A0" else 80.7)
+    found = detect(raster.as_scanned, case.target)
     assert len(found) == case.target.size
     assert found.labelling == case.labelling
     expected = found.points_target[:, :2] + sheet.origin
-    places = picture.on_paper(found.points_px)
-    assert np.abs(places - expected).max() < max(0.01, picture.rounding_px * picture.mm_per_px.max())
+    places = raster.on_paper(found.points_px)
+    assert np.abs(places - expected).max() < max(0.01, raster.rounding_px * raster.mm_per_px.max())
     pitch = np.linalg.lstsq(np.column_stack([expected, np.ones(len(places))]), places, rcond=None)[0][:2]
     np.testing.assert_allclose(pitch, np.eye(2), atol=2e-4)
 
@@ -53,10 +53,10 @@ def test_nothing_is_printed_near_the_edge_and_the_target_has_white_around_it(cas
     )
     assert places.min() >= 5.0 - 1e-9
     assert np.all(places.max(axis=0) <= np.array([sheet.paper.width_mm, sheet.paper.height_mm]) - 5.0 + 1e-9)
-    picture = pdf_picture(sheet, 50.3)
+    raster = pdf_raster(sheet, 50.3)
     left, bottom = sheet.along_y.line, sheet.along_x.line
-    rows, columns = np.nonzero(picture.levels < 128)
-    x, y = picture.on_paper(np.stack([columns, rows], axis=1)).T
+    rows, columns = np.nonzero(raster.levels < 128)
+    x, y = raster.on_paper(np.stack([columns, rows], axis=1)).T
     inside = (x > left + 0.5) & (y < bottom - 0.5)
     quiet = 0.25 * case.target.pitch_mm - 0.6  # a pixel
     assert x[inside].min() > left + quiet
@@ -64,10 +64,10 @@ def test_nothing_is_printed_near_the_edge_and_the_target_has_white_around_it(cas
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("picture_of", [pdf_picture, svg_picture])
-def test_rulers_stand_where_they_say(picture_of: Callable[[Sheet, float], Picture]) -> None:
+@pytest.mark.parametrize("rasterise", [pdf_raster, svg_raster])
+def test_rulers_stand_where_they_say(rasterise: Callable[[Sheet, float], Raster]) -> None:
     sheet = draw_sheet(CHESSBOARD)
-    picture = picture_of(sheet, 151.7)
+    raster = rasterise(sheet, 151.7)
 
     def marks(levels: np.ndarray, mm_per_px: float) -> np.ndarray:
         """Return the centres of dark runs along a line, mm from its beginning."""
@@ -77,11 +77,11 @@ def test_rulers_stand_where_they_say(picture_of: Callable[[Sheet, float], Pictur
         around = [np.arange(run[0] - 1, run[-1] + 2) for run in runs]
         return (np.array([np.average(k, weights=ink[k]) for k in around]) + 0.5) * mm_per_px
 
-    x, y = picture.mm_per_px
+    x, y = raster.mm_per_px
     row, column = round((sheet.along_x.line + 0.7) / y), round((sheet.along_y.line - 0.7) / x)
     corner = round(10.0 / x)  # left of it are the other ruler's figures, below that row this one's
-    along_x = marks(picture.levels[row, corner:], x) + corner * x
-    along_y = marks(picture.levels[: row - 5, column], y)
+    along_x = marks(raster.levels[row, corner:], x) + corner * x
+    along_y = marks(raster.levels[: row - 5, column], y)
     for found, ruler in ((along_x, sheet.along_x), (along_y, sheet.along_y)):
         np.testing.assert_allclose(found - ruler.start, np.arange(0.0, ruler.length + 1.0, 5.0), atol=0.02)
     assert sheet.along_x.length == 270.0
@@ -112,10 +112,10 @@ def test_the_sheet_says_what_it_is() -> None:
     assert title == sheet.title
     assert "never fitted to the page" in desc
     # Letters are drawn: there is ink where the first line stands.
-    picture = svg_picture(sheet, 100.0)
+    raster = svg_raster(sheet, 100.0)
     first = sheet.texts[0]
-    u, v = (round(place / size) for place, size in zip((first.x, first.y), picture.mm_per_px, strict=True))
-    assert np.count_nonzero(picture.levels[v - 8 : v, u : u + 300] < 128) > 100
+    u, v = (round(place / size) for place, size in zip((first.x, first.y), raster.mm_per_px, strict=True))
+    assert np.count_nonzero(raster.levels[v - 8 : v, u : u + 300] < 128) > 100
 
 
 def test_the_same_sheet_is_the_same_bytes_and_has_the_same_id() -> None:
@@ -125,8 +125,8 @@ def test_the_same_sheet_is_the_same_bytes_and_has_the_same_id() -> None:
     assert re.fullmatch(r"gp-[0-9a-f]{8}", sheet_id)
     # On paper, it is printed for good: this one may never change.
     assert sheet_id == "gp-5d49aa3e"
-    doubtful = TargetSpec("chessboard", 9, 6, 25.0, pitch_standard_uncertainty_mm=0.1)
-    assert sheet_id_of(doubtful) == sheet_id
+    uncertain = TargetSpec("chessboard", 9, 6, 25.0, pitch_standard_uncertainty_mm=0.1)
+    assert sheet_id_of(uncertain) == sheet_id
     others = {
         sheet_id_of(CHESSBOARD, marks=True),
         sheet_id_of(TargetSpec("chessboard", 9, 6, 25.1)),
@@ -181,7 +181,7 @@ def test_the_page_is_the_paper() -> None:
     assert draw_sheet(TargetSpec("chessboard", 4, 9, 20.0)).paper == Paper("A4", upright=True)
 
 
-def test_a_target_too_large_is_told_its_paper_and_its_pitch() -> None:
+def test_a_target_too_large_is_refused_with_its_paper_and_its_pitch() -> None:
     with pytest.raises(InvalidArgument, match="300 x 210 mm, too large for A4") as refused:
         draw_sheet(TargetSpec("chessboard", 9, 6, 30.0))
     advice = refused.value.advice or ""
@@ -198,9 +198,9 @@ def test_a_target_too_large_is_told_its_paper_and_its_pitch() -> None:
 
 @pytest.mark.parametrize("diameter_mm", [4.0, 10.0])
 @pytest.mark.parametrize("origin_dot", [1.3, MAX_ORIGIN_DOT_RATIO])
-def test_every_dot_allowed_at_the_origin_tells_it(diameter_mm: float, origin_dot: float) -> None:
+def test_every_dot_allowed_at_the_origin_identifies_it(diameter_mm: float, origin_dot: float) -> None:
     target = TargetSpec("circles", 8, 6, 20.0, diameter_mm)
-    found = detect(pdf_picture(draw_sheet(target, origin_dot=origin_dot), 50.3).as_scanned, target)
+    found = detect(pdf_raster(draw_sheet(target, origin_dot=origin_dot), 50.3).as_scanned, target)
     assert (len(found), found.labelling) == (target.size, "absolute")
 
 
@@ -210,7 +210,7 @@ def test_what_cannot_be_printed_is_refused_with_advice() -> None:
         lambda: draw_sheet(CHESSBOARD, "A5"),
         lambda: draw_sheet(CHESSBOARD, origin_dot=1.5),
         lambda: draw_sheet(dots, marks=True),
-        lambda: draw_sheet(dots, origin_dot=1.1),  # not told from the others
+        lambda: draw_sheet(dots, origin_dot=1.1),  # not distinguished from the others
         lambda: draw_sheet(dots, origin_dot=2.5),  # not taken for one of them
         lambda: draw_sheet(TargetSpec("circles", 9, 6, 20.0, 14.0), origin_dot=1.6),  # meets its neighbours
         lambda: draw_sheet(TargetSpec("circles", 9, 6, 20.0, 17.0), origin_dot=1.3),  # no room for any

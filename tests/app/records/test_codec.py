@@ -45,7 +45,7 @@ def calibration() -> Calibration:
         row=rng.integers(0, 5, count),
         points_px=rng.normal(300, 100, (count, 2)),
         standard_uncertainty_px=rng.uniform(0.01, 0.1, count),
-        warnings=(Advisory("board_symmetry_unresolved", "Two ends look alike.", "Keep one."),),
+        warnings=(Advisory("board_symmetry_unresolved", "Two ends look the same.", "Keep one."),),
     )
     return Calibration(
         estimator="per_image",
@@ -162,7 +162,7 @@ def test_markers_are_kept_with_points_or_without_calibration(calibration: Calibr
         decode_markers(encode_refused(dataclasses.replace(points, markers_px={}), PROVENANCE)["markers"])
         == {}
     )
-    # targets that have none are told from those of which none was seen
+    # targets that have none are distinguished from those of which none was seen
     assert encode_calibration(calibration, PROVENANCE)["markers"] is None
     assert encode_refused(None, PROVENANCE)["markers"] is None
 

@@ -86,7 +86,7 @@ def test_one_that_fails_undoes_nothing_of_the_others(database: Database) -> None
 
 
 def test_a_commit_that_fails_is_everybodys(database: Database) -> None:
-    """The database has no room: SQLite undoes the whole transaction, and nobody is told that it was stored."""
+    """The database has no room: SQLite undoes the whole transaction, and no client is answered that it was stored."""
     with database.engine.connect() as connection:
         pages = connection.exec_driver_sql("PRAGMA page_count").scalar()
         connection.exec_driver_sql(f"PRAGMA max_page_count={pages}")

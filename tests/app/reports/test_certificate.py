@@ -30,7 +30,7 @@ def schema() -> etree.XMLSchema:
     if not folder.is_dir():
         pytest.skip("the schemas of the certificate are not here: set GRIDPOSE_TEST_DCC to their folder")
 
-    class Beside(etree.Resolver):
+    class LocalSchemas(etree.Resolver):
         def resolve(self, url: str, _public: str, context: Any) -> Any:
             name = url.rpartition("/")[2]
             return self.resolve_filename(
@@ -38,7 +38,7 @@ def schema() -> etree.XMLSchema:
             )
 
     parser = etree.XMLParser(no_network=True)
-    parser.resolvers.add(Beside())
+    parser.resolvers.add(LocalSchemas())
     return etree.XMLSchema(etree.parse(str(folder / "dcc_3_2_0.xsd"), parser))
 
 
@@ -166,7 +166,7 @@ def test_accuracy_conditions_and_decisions_are_stated(
     assert "K 12" in {one.text for one in root.iter(f"{DCC}value")}
 
 
-def test_what_a_company_states_stands_in_its_place(
+def test_what_a_company_states_is_in_its_place(
     validate: Validate, documents: dict[str, dict[str, Any]]
 ) -> None:
     document = copy.deepcopy(documents["repeatability"])

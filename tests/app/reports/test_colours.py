@@ -1,4 +1,4 @@
-"""What a plot's colours tell apart is told apart without colour vision and in grey, or by another mark."""
+"""What colours of a plot distinguish is distinguished without colour vision, in grey, or by another mark."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ from tests.support.image.plotted import (
 
 SPACE = "{http://www.w3.org/2000/svg}"
 APART = 20.0
-"""Distance in CIE Lab at which two small marks are told apart at a glance; of grey, a fifth from black to white."""
+"""Distance in CIE Lab at which two small marks are distinguished at a glance; of grey, a fifth from black to white."""
 # Linear RGB of full dichromacy: G. M. Machado, M. M. Oliveira, L. A. F. Fernandes, "A physiologically-based model
 # for simulation of color vision deficiency", IEEE TVCG 15 (2009) 1291-1298, doi:10.1109/TVCG.2009.113, table of
 # severity 1.0.
@@ -135,14 +135,14 @@ def distance(one: str, other: str, seen_by: str) -> float:
 def test_the_simulation_agrees_with_what_is_known() -> None:
     assert lab("#ffffff", "everybody") == pytest.approx([100.0, 0.0, 0.0], abs=0.01)
     assert lab("#ff0000", "everybody") == pytest.approx([53.2, 80.1, 67.2], abs=0.1)
-    # Red and green of one lightness are alike to the colour-blind, blue and orange are not.
+    # Red and green of one lightness look the same to the colour-blind, blue and orange are not.
     assert distance("#b55b3a", "#70803a", "everybody") > 45.0
     assert distance("#b55b3a", "#70803a", "deuteranopia") < 15.0
     assert distance("#0072b2", "#d55e00", "deuteranopia") > 60.0
 
 
 @pytest.mark.parametrize("name", PLOTS)
-def test_what_a_legend_names_is_told_apart_by_all_readers(name: str) -> None:
+def test_what_a_legend_names_is_distinguished_by_all_readers(name: str) -> None:
     entries = legend_of(PLOTS[name]())
     assert len(entries) >= (1 if name == "projection" else 2)
     for one, other in itertools.combinations(entries, 2):
@@ -175,7 +175,7 @@ def test_the_scale_of_maps_grows_lighter_for_all_readers(seen_by: str) -> None:
     assert min(np.diff(lightness)) > 4.0
 
 
-def test_what_an_arm_s_schematic_tells_apart_is_told_apart_by_all_readers() -> None:
+def test_what_an_arm_s_schematic_distinguishes_is_distinguished_by_all_readers() -> None:
     """Lengths that the poses determine and those they do not: by colour, and in grey by dashes and thickness."""
     root = ElementTree.fromstring(draw_svg(arm_schematic, "title", "description"))
     strokes: dict[str, set[tuple[str | None, str | None]]] = {}

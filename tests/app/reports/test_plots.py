@@ -331,7 +331,7 @@ def test_captions_say_n_reading_interval_floor_and_verdict() -> None:
     ]
 
 
-def test_ten_thousand_points_are_a_picture_within_the_drawing() -> None:
+def test_ten_thousand_points_are_an_image_within_the_drawing() -> None:
     many = [drifting("P1", n=10_000, slope=1e-6)]
     drawn = drift_svg(many, "Drift", 10)
     assert drawn == drift_svg(many, "Drift", 10)
@@ -340,7 +340,7 @@ def test_ten_thousand_points_are_a_picture_within_the_drawing() -> None:
     assert b"data:image" not in drift_svg([drifting("P1", n=100)], "Drift", 10)
 
 
-def test_drift_is_told_with_its_doubt() -> None:
+def test_drift_is_reported_with_its_uncertainty() -> None:
     pose = drifting(slope=0.01, sigma=0.005)
     description = ElementTree.fromstring(drift_svg([pose], "pooled", 10)).findtext(
         "{http://www.w3.org/2000/svg}desc"
@@ -361,7 +361,7 @@ def flagged(residual_fields: Sequence[ResidualField]) -> list[float]:
     return [float(np.mean(cells_of(f).stands_out)) for f in residual_fields]
 
 
-def test_cells_recover_the_mean_residual_and_tell_chance_from_lens() -> None:
+def test_cells_recover_the_mean_residual_and_distinguish_chance_from_lens() -> None:
     plain, bent = field(n=20000), field(n=20000, bend=0.02)
     of_plain, of_bent = flagged([plain, bent])
     # One cell of a hundred by chance: of some 700 cells within four standard deviations of 7.

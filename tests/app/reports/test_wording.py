@@ -1,4 +1,4 @@
-"""Reports name things as their readers do: no id, field, setting, code or request of the service stands in them."""
+"""Reports name things as their readers do: no id, field, setting, code or request of the service is in them."""
 
 from __future__ import annotations
 
@@ -82,7 +82,7 @@ def test_a_text_is_read_with_names_and_words(text: str, read: str) -> None:
     assert Wording.of(INPUTS).text(read) == read, "what is in words stays"
 
 
-def test_every_sentence_of_the_numerics_can_stand_in_a_report() -> None:
+def test_every_sentence_of_the_numerics_is_fit_for_a_report() -> None:
     wording = Wording.of(INPUTS)
     sentences = {
         text

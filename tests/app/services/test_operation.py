@@ -213,7 +213,7 @@ def test_a_defect_is_logged_without_the_secrets_around_it(
     with open_api() as running:
         configure_logging("info")
         running.client.headers["X-Secret"] = "hush"
-        # The originals' folder is gone: a defect no request could cause, and none may be told of.
+        # The originals' folder is gone: a defect no request could cause; the answer reveals nothing of it.
         shutil.rmtree(running.installation.blobs.root)
         response = running.client.get("/metrics")
         assert (response.status_code, response.json()["code"]) == (500, "internal_error")

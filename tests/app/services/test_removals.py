@@ -120,7 +120,7 @@ def test_a_file_recorded_again_while_it_is_removed_stays_recorded(any_api: Any, 
 
 @pytest.mark.slow
 def test_uploads_win_against_deletions_and_sweeps_of_the_same_bytes(any_api: Any, grey_png: bytes) -> None:
-    """Threads that upload, delete and tidy the same few images: no row without its file, no file for ever."""
+    """Threads that upload, delete and tidy the same few images: no row without its file, no orphaned file."""
     installation = any_api.installation
     database, blobs = installation.database, installation.blobs
     target_id = any_api.make_target()

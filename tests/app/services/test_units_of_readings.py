@@ -1,4 +1,4 @@
-"""Readings in another unit: the service and the analyses, which share no code across processes, judge alike."""
+"""Readings in another unit: service and analyses, which share no code across processes, judge in the same way."""
 
 from __future__ import annotations
 

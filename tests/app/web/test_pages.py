@@ -33,7 +33,7 @@ from app.web.words import (
 from tests.support.service.signed_in import signed_in
 from tests.support.sessions.kinematics import make_robot
 from tests.support.sessions.stored_sessions import new_session
-from tests.support.sessions.tracked_robot import drawn_poses, readings, send, tell
+from tests.support.sessions.tracked_robot import drawn_poses, readings, send, send_commands
 
 
 @pytest.mark.parametrize(
@@ -294,7 +294,7 @@ def test_both_decisions_on_a_data_sheet_stand_on_the_page(api: Any) -> None:
     robot = make_robot(api)
     session = new_session(api, robot_id=robot)
     poses = drawn_poses(9, 8)
-    tell(api, session, poses)
+    send_commands(api, session, poses)
     send(api, session, readings(poses, cycles=12))
     limits = {"datasheet_repeatability_mm": 1.0, "datasheet_accuracy_mm": 1e-4}
     address = f"/v1/robots/{robot}?accept_implausible=true"
@@ -337,7 +337,7 @@ def test_readings_alone_are_shown_by_themselves(api: Any) -> None:
 def test_drift_has_one_uncertainty_everywhere(api: Any) -> None:
     session = new_session(api)
     poses = drawn_poses(9, 5)
-    tell(api, session, poses)
+    send_commands(api, session, poses)
     send(api, session, readings(poses, cycles=20))
     head = signed_in(api)
     address = f"/ui/sessions/{session}/repeatability"

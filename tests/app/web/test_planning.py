@@ -104,7 +104,7 @@ def test_an_identification_is_planned_with_what_further_poses_gain(api: Any, tar
     assert re.search(r"\d+ of 40 poses show the whole grid", shown)
     gains = [float(one) for one in re.findall(r">([\d.]+) times smaller<", shown)]
     assert len(gains) > 10
-    assert min(gains) >= 0.99, "more poses never tell less"
+    assert min(gains) >= 0.99, "more poses never determine less"
     assert max(gains) > 1.05
     suggested = shown[shown.index('id="suggested"') :]
     assert len(re.findall(r'<th scope="row">\d</th>', suggested)) == 3

@@ -19,22 +19,22 @@ SAME_DICTIONARY = dataclasses.replace(CHARUCO, columns=7)
 
 
 @pytest.fixture(scope="module")
-def picture() -> bytes:
+def image() -> bytes:
     corner = Corner(CHESSBOARD, CHARUCO)
-    return corner.picture(corner.view(turn=0.3))
+    return corner.image(corner.view(turn=0.3))
 
 
-def test_each_target_has_the_calibration_it_has_by_itself(picture: bytes) -> None:
+def test_each_target_has_the_calibration_it_has_by_itself(image: bytes) -> None:
     absent = TargetSpec("circles", 7, 5, 20.0)
     targets = (OTHER_CHESSBOARD, CHARUCO, absent, CHESSBOARD)
-    outcomes = list(calibrate_targets(picture, targets))
+    outcomes = list(calibrate_targets(image, targets))
     assert [outcome.target for outcome in outcomes] == list(targets)
     assert [outcome.calibration is not None for outcome in outcomes] == [False, True, False, True]
     assert isinstance(outcomes[0].failure, TargetMismatch)
     assert isinstance(outcomes[2].failure, TargetNotFound)
     for outcome in (outcomes[1], outcomes[3]):
         assert outcome.calibration is not None
-        alone = calibrate_image(picture, outcome.target)
+        alone = calibrate_image(image, outcome.target)
         np.testing.assert_array_equal(outcome.calibration.T_camera_target, alone.T_camera_target)
         np.testing.assert_array_equal(outcome.calibration.covariance, alone.covariance)
         assert outcome.calibration.points == alone.points
@@ -42,10 +42,10 @@ def test_each_target_has_the_calibration_it_has_by_itself(picture: bytes) -> Non
         assert outcome.calibration.points.capture_quality is not None
 
 
-def test_boards_that_look_alike_are_told_as_such(picture: bytes) -> None:
+def test_boards_that_look_the_same_are_reported_as_such(image: bytes) -> None:
     finer = dataclasses.replace(CHESSBOARD, pitch_mm=9.0)
     upright = dataclasses.replace(CHESSBOARD, columns=5, rows=8)
-    outcomes = list(calibrate_targets(picture, (CHESSBOARD, CHARUCO, finer, upright)))
+    outcomes = list(calibrate_targets(image, (CHESSBOARD, CHARUCO, finer, upright)))
     for outcome in (outcomes[0], outcomes[2], outcomes[3]):
         assert isinstance(outcome.failure, TargetAmbiguous)
         assert outcome.failure.points is None
@@ -58,10 +58,10 @@ def test_boards_that_look_alike_are_told_as_such(picture: bytes) -> None:
     assert [w.code for w in shown.warnings].count("target_ambiguous") == 1
 
 
-def test_a_board_wholly_in_view_is_not_a_part_of_a_larger_one(picture: bytes) -> None:
+def test_a_board_wholly_in_view_is_not_a_part_of_a_larger_one(image: bytes) -> None:
     """The larger one's dictionary is the same, and part of it would be enough."""
     for targets in ((CHARUCO, SAME_DICTIONARY), (SAME_DICTIONARY, CHARUCO)):
-        outcomes = {outcome.target: outcome for outcome in calibrate_targets(picture, targets)}
+        outcomes = {outcome.target: outcome for outcome in calibrate_targets(image, targets)}
         assert outcomes[CHARUCO].calibration is not None
         failure = outcomes[SAME_DICTIONARY].failure
         assert isinstance(failure, GridposeError)
@@ -80,7 +80,7 @@ def test_a_refused_view_keeps_its_points() -> None:
     assert outcome.failure.points.capture_quality is not None
 
 
-def test_what_is_no_image_is_no_outcome_of_a_target(picture: bytes) -> None:
+def test_what_is_no_image_is_no_outcome_of_a_target(image: bytes) -> None:
     with pytest.raises(UndecodableImage):
-        calibrate_targets(picture[: len(picture) // 2], (CHESSBOARD, CHARUCO))
-    assert list(calibrate_targets(picture, ())) == []
+        calibrate_targets(image[: len(image) // 2], (CHESSBOARD, CHARUCO))
+    assert list(calibrate_targets(image, ())) == []

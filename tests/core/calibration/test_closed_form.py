@@ -1,4 +1,4 @@
-"""Closed forms: exact on exact points, and honest where a view or the printed method cannot tell."""
+"""Closed forms: exact on exact points, and honest where a view or the printed method determines nothing."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A broad reflection on the target: light that bends under corners costs points; the pose stays within its doubt."""
+"""A broad reflection on the target: light that bends under corners costs points; the pose keeps its uncertainty."""
 
 from __future__ import annotations
 
@@ -24,14 +24,14 @@ TARGETS = {
 def test_glare_costs_points_not_the_pose(kind: str, seed: int, levels: float, share: float) -> None:
     """`share` is the reflection's standard deviation over the board's width; its middle saturates, its flanks bend."""
     scene = standard_scene(TARGETS[kind], seed, tilt=0.6)
-    picture = render_levels(scene)
+    image = render_levels(scene)
     rng = np.random.default_rng([seed, 7])
     middle = scene.points_px[rng.integers(len(scene.points_px))]
     width = share * np.ptp(scene.points_px[:, 0])
-    v, u = np.mgrid[0 : picture.shape[0], 0 : picture.shape[1]]
-    picture += levels * np.exp(-((u - middle[0]) ** 2 + (v - middle[1]) ** 2) / (2.0 * width**2))
-    picture += 4.0 * rng.standard_normal(picture.shape)
-    found = calibrate_points(detect(np.clip(np.rint(picture), 0, 255).astype(np.uint8), scene.target))
+    v, u = np.mgrid[0 : image.shape[0], 0 : image.shape[1]]
+    image += levels * np.exp(-((u - middle[0]) ** 2 + (v - middle[1]) ** 2) / (2.0 * width**2))
+    image += 4.0 * rng.standard_normal(image.shape)
+    found = calibrate_points(detect(np.clip(np.rint(image), 0, 255).astype(np.uint8), scene.target))
     error = found.pose.position_mm - invert(scene.T_camera_target)[:3, 3]
     squares = error @ np.linalg.solve(found.pose.covariance[:3, :3], error)
     assert squares < 21.1  # chi-square of 3 degrees of freedom at 1e-4

@@ -1,4 +1,4 @@
-"""The second pose of a plane under weak perspective: found, ruled out by statistics, or told."""
+"""The second pose of a plane under weak perspective: found, ruled out by statistics, or reported."""
 
 from __future__ import annotations
 
@@ -134,7 +134,7 @@ def test_a_plane_seen_squarely_has_its_two_tilts_within_the_noise() -> None:
 
 
 def views(seed: int, count: int) -> list[tuple[Any, Any]]:
-    """Calibrations of far boards, some of which the perspective tells and some not, with the truth."""
+    """Calibrations of far boards, some of which the perspective determines and some not, with the truth."""
     rng = np.random.default_rng(seed)
     found = []
     for _ in range(count):
@@ -145,22 +145,22 @@ def views(seed: int, count: int) -> list[tuple[Any, Any]]:
 
 def test_the_better_pose_is_taken_and_a_certain_one_is_right() -> None:
     count = 400
-    wrong, doubtful, warned_rightly, certain = 0, 0, 0, 0
+    wrong, ambiguous, warned_rightly, certain = 0, 0, 0, 0
     for T, found in views(5, count):
         flipped = tilt_error_deg(found.T_camera_target, T) > tilt_error_deg(
             transform(mirrored(T[:3, :3], found.T_camera_target[:3, 3]), T[:3, 3]), found.T_camera_target
         )
-        told = any(w.code == "pose_ambiguous" for w in found.warnings)
-        doubtful += told
-        certain += not told
-        wrong += flipped and not told
-        warned_rightly += flipped and told
+        warned = any(w.code == "pose_ambiguous" for w in found.warnings)
+        ambiguous += warned
+        certain += not warned
+        wrong += flipped and not warned
+        warned_rightly += flipped and warned
         # No pose is kept whose opposite fits better: the truth never does by more than its six parameters explain.
         exact = project(transform_points(T, SMALL.points_target()), CAMERA)
         at_truth = float(np.sum((found.points.points_px - exact) ** 2))
         reached = float(np.sum(found.residuals_px**2))
         assert reached <= at_truth
-    assert doubtful > 20
+    assert ambiguous > 20
     assert warned_rightly > 5
     assert certain > 100
     # At most one in a thousand of the worst placed: of Poisson's law with mean .4, three are seen once in a thousand.
@@ -177,22 +177,22 @@ def is_flipped(T: np.ndarray, true: np.ndarray) -> bool:
 def test_where_the_two_tilts_merge_a_certain_pose_is_right(count: int) -> None:
     """Boards that are hardly tilted, seen from afar: the valley of the one minimum may reach over to the other tilt."""
     rng = np.random.default_rng(10)
-    wrong, told, rightly = 0, 0, 0
+    wrong, ambiguous, rightly = 0, 0, 0
     for _ in range(count):
         T = tilted(rng, rng.uniform(0.0, 15.0), rng.uniform(1000.0, 3300.0), SMALL)
         found = calibrate_points(look(rng, T, float(rng.choice([0.02, 0.1])), SMALL), intrinsics=CAMERA)
-        doubtful = any(w.code == "pose_ambiguous" for w in found.warnings)
+        warned = any(w.code == "pose_ambiguous" for w in found.warnings)
         flipped = is_flipped(found.T_camera_target, T)
-        wrong += flipped and not doubtful
-        told += doubtful
-        rightly += flipped and doubtful
+        wrong += flipped and not warned
+        ambiguous += warned
+        rightly += flipped and warned
         ratio = found.observability.ambiguity_log_likelihood_ratio
-        assert not doubtful or ratio is not None
-    print(f"wrong {wrong}, told {told}, rightly {rightly}")
+        assert not warned or ratio is not None
+    print(f"wrong {wrong}, ambiguous {ambiguous}, rightly {rightly}")
     # Of Poisson's law with mean 1.5, five are seen once in fifty; with mean 0.3, three once in three hundred.
     assert wrong <= count * FALSE_CHOICE + 2.5
     assert rightly > count / 75
-    assert told < 0.36 * count
+    assert ambiguous < 0.36 * count
 
 
 def test_a_descent_that_leads_back_leaves_the_mirrored_tilt_to_be_ruled_out() -> None:
@@ -216,7 +216,7 @@ def test_a_descent_that_leads_back_leaves_the_mirrored_tilt_to_be_ruled_out() ->
     slope = np.tensordot(along, residuals, axes=2)
     gain = slope @ np.linalg.solve(np.tensordot(along, along, axes=([1, 2], [1, 2])), slope) / SIGMA**2
     assert gain < 0.01
-    # It is no figure of an image that rules it out, or holds it in its doubt.
+    # It is no figure of an image that rules it out, or holds it in its uncertainty.
     assert found.observability.ambiguity_log_likelihood_ratio is None
     # Nor is it anything at all where the perspective is plain.
     near = look(rng, tilted(rng, 10.0, 350.0), SIGMA)
@@ -255,10 +255,10 @@ def test_a_start_at_the_wrong_pose_is_corrected(monkeypatch: pytest.MonkeyPatch)
 
 
 def test_with_a_stated_lens_camera_and_pose_follow_the_better_tilt() -> None:
-    """The prior lets a view through that tells perspective by itself no better than a few per cent."""
+    """The prior lets a view through that shows perspective by itself no better than a few per cent."""
     rng = np.random.default_rng(7)
     lens = Lens(8.0, 8000.0 / 2320.0)
-    wrong, certain, told = 0, 0, 0
+    wrong, certain, ambiguous = 0, 0, 0
     for _ in range(40):
         T = tilted(rng, 25.0, rng.uniform(1200.0, 2500.0))
         try:
@@ -266,10 +266,10 @@ def test_with_a_stated_lens_camera_and_pose_follow_the_better_tilt() -> None:
         except FocalNotObservable:
             continue
         flipped = tilt_error_deg(found.T_camera_target, T) > 25.0
-        doubt = any(w.code == "pose_ambiguous" for w in found.warnings)
-        told += doubt
-        certain += not doubt
-        wrong += flipped and not doubt
+        warned = any(w.code == "pose_ambiguous" for w in found.warnings)
+        ambiguous += warned
+        certain += not warned
+        wrong += flipped and not warned
     assert wrong == 0
     assert certain >= 5
 

@@ -1,4 +1,4 @@
-"""One image: the truth recovered, gross errors survived, and refusals where the view cannot tell."""
+"""One image: the truth recovered, gross errors survived, and refusals where a view determines too little."""
 
 from __future__ import annotations
 
@@ -88,7 +88,7 @@ def test_noise_leaves_errors_of_the_stated_size(tilt: float) -> None:
     assert np.max(np.abs(z)) < 5.0
 
 
-def test_a_fifth_of_gross_errors_is_left_out() -> None:
+def test_a_fifth_of_gross_errors_is_rejected() -> None:
     rng = np.random.default_rng(9)
     view = draw_view(rng, tilt_deg=30.0)
     bad = spoiled(view.points, rng, 0.2, 20.0)
@@ -253,13 +253,13 @@ def test_stated_intervals_cover_at_tilts_from_ten_degrees(columns: int, rows: in
     assert abs(np.mean(coverage) - 0.95) < 0.02
 
 
-def test_points_the_detector_distrusts_are_counted_as_left_out() -> None:
+def test_points_the_detector_distrusts_are_counted_as_rejected() -> None:
     view = draw_view(np.random.default_rng(13))
     px, uncertainty = view.points.points_px.copy(), view.points.standard_uncertainty_px.copy()
     px[17] += 1.5
     uncertainty[17] = 1.0
-    doubted = dataclasses.replace(view.points, points_px=px, standard_uncertainty_px=uncertainty)
-    found = calibrate_points(doubted)
+    uncertain = dataclasses.replace(view.points, points_px=px, standard_uncertainty_px=uncertainty)
+    found = calibrate_points(uncertain)
     assert not found.used[17]
     assert found.reprojection.rejected == 1
     assert found.reprojection.max_px < 0.5
@@ -294,13 +294,13 @@ def test_holes_in_the_grid_cost_points_and_nothing_else(intrinsics: bool) -> Non
 
 
 def test_very_precise_corners_are_believed_no_more_than_they_deserve() -> None:
-    """At .003 px nothing in the fit may stand in for the noise: errors still have the stated size."""
+    """At .003 px nothing in the fit may replace the noise: errors still have the stated size."""
     rng = np.random.default_rng(15)
     views = [draw_view(rng, tilt_deg=35.0, sigma_px=0.003) for _ in range(25)]
     z = np.array([errors_in_sigmas(view) for view in views])
     assert 0.75 < math.sqrt(np.mean(z**2)) < 1.25
     assert np.max(np.abs(z)) < 5.0
-    # A print off by a hundredth of a millimetre here and there: far more than the corners' noise, and told so.
+    # A print off by a hundredth of a millimetre here and there: far more than the corners' noise, and reported as such.
     target = views[0].points.points_target + rng.normal(0.0, 0.01, (140, 3)) * [1.0, 1.0, 0.0]
     px = project(transform_points(views[0].T_camera_target, target), views[0].camera)
     rough = calibrate_points(dataclasses.replace(views[0].points, points_px=px))

@@ -1,4 +1,4 @@
-"""A stated lens: used where it fits, left out with a remark where the images say otherwise, whatever the estimator."""
+"""A stated lens: used where it fits, rejected with a warning where the images say otherwise, whatever the estimator."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def lens(factor: float) -> Lens:
 @pytest.mark.slow
 @pytest.mark.parametrize("estimator", ["pooled", "pooled_free_focal", "per_image", "per_image_fixed_pp"])
 @pytest.mark.parametrize("factor", [0.5, 2.0])
-def test_one_that_the_images_contradict_is_left_out(estimator: str, factor: float) -> None:
+def test_one_that_the_images_contradict_is_rejected(estimator: str, factor: float) -> None:
     """Binning by two, the usual mistake."""
     images = TILTED if estimator == "per_image" else SESSION
     without = estimate_group(images.views, estimator, repeats=images.labels)

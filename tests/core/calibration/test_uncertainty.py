@@ -116,7 +116,7 @@ def test_points_of_unequal_uncertainty_count_by_their_weight() -> None:
     assert np.mean(found) < 1.15
 
 
-def test_too_few_residuals_tell_nothing() -> None:
+def test_too_few_residuals_determine_nothing() -> None:
     view = draw_view(np.random.default_rng(2))
     fit = residual_fit(view, np.full((2, 140), 0.5))
     assert summarise_fit(view.points, "nominal", fit, POSE, smallest_scale=1.0).inflation == 1.0
@@ -175,7 +175,7 @@ def test_regions_of_the_pose_hold_the_truth(sigma_px: float, columns: int, rows:
 @pytest.mark.slow
 @pytest.mark.parametrize(("columns", "rows"), [(3, 3), (4, 3), (5, 4)])
 def test_small_grids_keep_their_coverage(columns: int, rows: int) -> None:
-    """Ten observations or fewer to spare: the detector's own uncertainty stands in for the residuals'."""
+    """Ten observations or fewer to spare: the detector's own uncertainty replaces the residuals'."""
     rng = np.random.default_rng(columns * rows)
     z = []
     for _ in range(250):

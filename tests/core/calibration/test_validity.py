@@ -65,7 +65,7 @@ def test_no_camera_has_such_a_lens(points: GridPoints, values: tuple[float, floa
 
 
 @pytest.mark.parametrize("factor", [0.1, 0.3, 0.5, 2.0, 10.0, 100.0])
-def test_a_wrong_lens_is_left_out_where_the_image_knows_better(factor: float) -> None:
+def test_a_wrong_lens_is_rejected_where_the_image_knows_better(factor: float) -> None:
     rng = np.random.default_rng(int(10 * factor))
     for tilt in (20.0, 40.0):
         view = draw_view(rng, tilt_deg=tilt, sigma_px=0.02)
@@ -118,10 +118,10 @@ def test_a_mirrored_grid_is_seen_from_behind(mirror: str, known: bool) -> None:
         calibrate_points(mirrored, intrinsics=view.camera if known else None)
 
 
-@pytest.mark.parametrize("doubt", [-0.01, math.nan, math.inf, 10.0])
-def test_an_impossible_doubt_of_the_pitch_is_refused(doubt: float) -> None:
+@pytest.mark.parametrize("uncertainty", [-0.01, math.nan, math.inf, 10.0])
+def test_an_impossible_uncertainty_of_the_pitch_is_refused(uncertainty: float) -> None:
     with pytest.raises(InvalidTarget):
-        TargetSpec("chessboard", 9, 6, 10.0, pitch_standard_uncertainty_mm=doubt)
+        TargetSpec("chessboard", 9, 6, 10.0, pitch_standard_uncertainty_mm=uncertainty)
 
 
 @pytest.mark.parametrize("pitch", [1e-3, 1e4])
@@ -175,4 +175,5 @@ def test_a_very_large_grid_is_fitted_from_a_part_of_it_first(columns: int, rows:
     assert len(found.residuals_px) == columns * rows
     assert found.reprojection.points > 0.97 * columns * rows
     error = found.camera.fx_px - view.camera.fx_px
-    assert abs(error) < 4.0 * found.camera_standard_uncertainty[0]  # a strip tells less of f than a sheet
+    # A strip determines f less well than a sheet.
+    assert abs(error) < 4.0 * found.camera_standard_uncertainty[0]

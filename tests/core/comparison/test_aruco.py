@@ -1,4 +1,4 @@
-"""Poses from markers: exact on exact corners, told apart from their mirror image, and far noisier than the board's."""
+"""Poses from markers: exact on exact corners, never the mirrored pose, and far noisier than the board's."""
 
 from __future__ import annotations
 
@@ -100,8 +100,8 @@ def test_a_marker_is_far_noisier_than_the_board() -> None:
 def test_markers_of_a_rendered_board_are_found_where_they_are() -> None:
     T = pose(25.0)
     image = render(Scene(TARGET, CAMERA, T, 1600, 1200, noise_levels=2.0))
-    for picture in (image, image.astype(np.uint16) * 257):
-        found = detect_markers(picture, TARGET)
+    for view in (image, image.astype(np.uint16) * 257):
+        found = detect_markers(view, TARGET)
         assert sorted(found) == list(range(len(LAYOUT.marker_squares)))
         truth = [project(transform_points(T, LAYOUT.marker_corners(k)), CAMERA) for k in found]
         assert np.abs(np.array(list(found.values())) - truth).max() < 0.5

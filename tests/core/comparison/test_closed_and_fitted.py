@@ -155,7 +155,7 @@ def test_zhang_recovers_the_truth_from_exact_views() -> None:
     assert found.warnings == ()
 
 
-def test_zhang_fails_with_one_view_and_says_when_views_tell_nothing() -> None:
+def test_zhang_fails_with_one_view_and_says_when_views_determine_nothing() -> None:
     camera = Camera(2320.0, 2320.0, *CENTRE, -0.1, 0.05)
     with pytest.raises(DegenerateGeometry, match="at least two views"):
         zhang([view_of(camera, pose((1.0, 0.5), 30.0), 0.05)])

@@ -90,7 +90,7 @@ def test_every_method_has_its_row_and_its_noise() -> None:
         assert figures.spread is None
     for method, row in rows.items():
         expected = ["principal_point_estimated"] if method.startswith("proposed") else []
-        assert [remark.code for remark in row.warnings] == expected
+        assert [warning.code for warning in row.warnings] == expected
     assert rows["pooled"].scatter is not None
     assert sorted(rows["pooled"].scatter) == list(range(6))
 
@@ -141,7 +141,7 @@ def test_failures_are_named_image_by_image() -> None:
         assert failure.code == "intrinsics_missing"
 
 
-def test_a_mapping_that_tells_no_camera_is_no_answer() -> None:
+def test_a_mapping_that_determines_no_camera_is_no_answer() -> None:
     row_, column = (a.ravel() for a in np.mgrid[0:6, 0:9])
     px = CHARUCO.points_target()[:, :2] * 5.0 + 300.0  # seen at right angles, without noise
     flat = GridPoints(CHARUCO, 1224, 1024, column, row_, px, np.full(54, 0.02))

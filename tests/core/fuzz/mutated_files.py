@@ -70,7 +70,7 @@ def _written(grey: np.ndarray, rng: Rng) -> dict[str, bytes]:
     files = {
         "png all filters": png(0, 8, filtered(grey, kinds), width, height),
         "png in pieces": png(0, 8, filtered(grey, kinds), width, height, cuts=range(9, 20_000, 97)),
-        "png with remarks": png(
+        "png with texts": png(
             0, 8, filtered(grey, kinds), width, height, extra=[(b"gAMA", b"\0\0\1\0"), (b"tEXt", b"a\0b")]
         ),
         "png grey": encoded(".png", grey),

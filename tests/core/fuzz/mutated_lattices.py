@@ -1,4 +1,4 @@
-"""Pictures that try the detector, each made from its number alone: boards with rows shifted and squares missing, bent,
+"""Images that try the detector, each made from its number alone: boards with rows shifted and squares missing, bent,
 doubled and laid over one another; gratings, moiré and checks of a few pixels that fill the frame; noise and nothing."""
 
 from __future__ import annotations
@@ -12,22 +12,22 @@ Rng = np.random.Generator
 
 
 def mutated_lattice(number: int) -> tuple[np.ndarray, TargetSpec]:
-    """Return the picture of this number, and the target to look for in it."""
+    """Return the image of this number, and the target to look for in it."""
     rng = np.random.default_rng([2, number])
     columns, rows = int(rng.integers(3, 13)), int(rng.integers(3, 10))
     if rng.random() < 0.02:
         width, height = (int(side) for side in rng.choice([1, 2, 7, 16, 33, 800], 2))
     else:
         width, height = int(rng.integers(120, 800)), int(rng.integers(90, 600))
-    picture = _background(width, height, rng)
+    image = _background(width, height, rng)
     for _ in range(rng.choice([0, 1, 1, 1, 1, 2, 4])):
-        picture = _laid_over(picture, _board(columns, rows, rng), rng)
-    picture = _exposed(_bent(picture, rng) if rng.random() < 0.3 else picture, rng)
+        image = _laid_over(image, _board(columns, rows, rng), rng)
+    image = _exposed(_bent(image, rng) if rng.random() < 0.3 else image, rng)
     if rng.random() < 0.3:  # ask for a neighbour of what is shown
         columns, rows = max(3, columns + int(rng.integers(-1, 2))), max(3, rows + int(rng.integers(-1, 2)))
     if rng.random() < 0.2:
         columns, rows = rows, columns
-    return picture, TargetSpec("chessboard", columns, rows, pitch_mm=20.0)
+    return image, TargetSpec("chessboard", columns, rows, pitch_mm=20.0)
 
 
 def _background(width: int, height: int, rng: Rng) -> np.ndarray:
@@ -39,11 +39,11 @@ def _background(width: int, height: int, rng: Rng) -> np.ndarray:
     if kind == 1:
         return rng.random((height, width), np.float32)
     if kind == 2:  # clutter: rectangles
-        picture = np.full((height, width), 0.5, np.float32)
+        image = np.full((height, width), 0.5, np.float32)
         for _ in range(rng.integers(1, 300)):
             corner, size = rng.integers(0, (width, height)), rng.integers(2, 60, 2)
-            cv2.rectangle(picture, corner.tolist(), (corner + size).tolist(), rng.random(), -1)
-        return picture
+            cv2.rectangle(image, corner.tolist(), (corner + size).tolist(), rng.random(), -1)
+        return image
     pitch, turn = float(rng.uniform(2.0, 10.0)), float(rng.uniform(0, np.pi)) if rng.random() < 0.5 else 0.0
     cos, sin = float(np.cos(turn)), float(np.sin(turn))
     u, v = cos * x + sin * y, cos * y - sin * x
@@ -92,9 +92,9 @@ def _board(columns: int, rows: int, rng: Rng) -> np.ndarray:
     return np.pad(texture, side, constant_values=1.0)
 
 
-def _laid_over(picture: np.ndarray, texture: np.ndarray, rng: Rng) -> np.ndarray:
-    """Return the picture with the board in it, under a random homography."""
-    height, width = picture.shape
+def _laid_over(image: np.ndarray, texture: np.ndarray, rng: Rng) -> np.ndarray:
+    """Return the image with the board in it, under a random homography."""
+    height, width = image.shape
     h, w = texture.shape
     scale = rng.uniform(0.15, 1.3) * min(width / w, height / h)
     turn = rng.uniform(-np.pi, np.pi) if rng.random() < 0.5 else rng.normal(0, 0.2)
@@ -109,32 +109,30 @@ def _laid_over(picture: np.ndarray, texture: np.ndarray, rng: Rng) -> np.ndarray
     cover = cv2.warpPerspective(np.ones_like(texture), H, (width, height))
     if rng.random() < 0.15:
         cover *= float(rng.uniform(0.3, 1.0))  # shines through
-    return board * cover + picture * (1 - cover)
+    return board * cover + image * (1 - cover)
 
 
-def _bent(picture: np.ndarray, rng: Rng) -> np.ndarray:
-    """Return the picture through a strongly distorting lens, or with waves in it."""
-    height, width = picture.shape
+def _bent(image: np.ndarray, rng: Rng) -> np.ndarray:
+    """Return the image through a strongly distorting lens, or with waves in it."""
+    height, width = image.shape
     y, x = np.mgrid[:height, :width].astype(np.float32)
     u, v = (x - width / 2) / width, (y - height / 2) / width
     if rng.random() < 0.7:
         gain = 1 + float(rng.uniform(-1.2, 2.0)) * (u * u + v * v)
-        return cv2.remap(
-            picture, u * gain * width + width / 2, v * gain * width + height / 2, cv2.INTER_LINEAR
-        )
+        return cv2.remap(image, u * gain * width + width / 2, v * gain * width + height / 2, cv2.INTER_LINEAR)
     size, length = float(rng.uniform(1, 12)), float(rng.uniform(10, 200))
-    return cv2.remap(picture, x + (size * np.sin(y / length)).astype(np.float32), y, cv2.INTER_LINEAR)
+    return cv2.remap(image, x + (size * np.sin(y / length)).astype(np.float32), y, cv2.INTER_LINEAR)
 
 
-def _exposed(picture: np.ndarray, rng: Rng) -> np.ndarray:
+def _exposed(image: np.ndarray, rng: Rng) -> np.ndarray:
     """Return what a camera makes of light: blur, noise, gamma, too much or too little; 8 or 16 bit."""
-    picture = np.nan_to_num(picture).clip(0, 1)
+    image = np.nan_to_num(image).clip(0, 1)
     if rng.random() < 0.7:
-        picture = cv2.GaussianBlur(picture, (0, 0), float(rng.uniform(0.3, 3.0)))
+        image = cv2.GaussianBlur(image, (0, 0), float(rng.uniform(0.3, 3.0)))
     gain, stray_light = rng.choice([0.02, 0.3, 0.8, 0.8, 1.0, 3.0]), rng.choice([0, 0.1, 0.5])
-    picture = picture ** float(rng.uniform(0.4, 2.5)) * float(gain) + float(stray_light)
+    image = image ** float(rng.uniform(0.4, 2.5)) * float(gain) + float(stray_light)
     if rng.random() < 0.1:
-        picture = 1 - picture
+        image = 1 - image
     most = 255 if rng.random() < 0.8 else 65_535
-    noise = rng.standard_normal(picture.shape, np.float32) * float(rng.choice([0, 1, 4, 20]) / 255)
-    return np.round((picture + noise) * most).clip(0, most).astype(np.uint8 if most == 255 else np.uint16)
+    noise = rng.standard_normal(image.shape, np.float32) * float(rng.choice([0, 1, 4, 20]) / 255)
+    return np.round((image + noise) * most).clip(0, most).astype(np.uint8 if most == 255 else np.uint16)

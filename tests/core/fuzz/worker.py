@@ -104,7 +104,7 @@ def header_item(number: int) -> Item:
 
 
 def lattice_item(number: int) -> Item:
-    """Look for a board in a mutated picture of boards."""
+    """Look for a board in a mutated image of boards."""
     image, target = mutated_lattice(number)
     return lambda: _outcome(image, target)
 
@@ -172,10 +172,10 @@ _KINDS: dict[str, Callable[[int], Item]] = {
 def _warm_up(kind: str) -> None:
     """Load and compile what the items use, so that none of them pays for it."""
     for data in whole_files().values():
-        picture = decode(data)
+        whole = decode(data)
         if kind == "header":
             continue
-        for image in (picture, cv2.resize(picture, (480, 360), interpolation=cv2.INTER_NEAREST)):
+        for image in (whole, cv2.resize(whole, (480, 360), interpolation=cv2.INTER_NEAREST)):
             try:
                 detect(image, _BOARD)
             except GridposeError:

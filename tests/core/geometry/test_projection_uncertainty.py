@@ -1,4 +1,4 @@
-"""The uncertainty of projections: rotations are none, and samples of cameras, each turned to fit, scatter as stated."""
+"""The uncertainty of projections: rotations do not count; sampled cameras, each turned to fit, scatter as stated."""
 
 from __future__ import annotations
 

@@ -147,7 +147,7 @@ def test_exif_orientation_is_ignored() -> None:
     exif = b"Exif\0\0MM\0*\0\0\0\x08\0\1" + struct.pack(">HHIHH", 0x0112, 3, 1, 6, 0) + b"\0\0\0\0"
     turned = plain[:2] + b"\xff\xe1" + struct.pack(">H", len(exif) + 2) + exif + plain[2:]
     upright = cv2.imdecode(np.frombuffer(turned, np.uint8), cv2.IMREAD_GRAYSCALE)
-    assert upright.shape == (WIDTH, HEIGHT)  # the tag is one that decoders obey unless told not to
+    assert upright.shape == (WIDTH, HEIGHT)  # the tag is one that decoders obey unless asked not to
     np.testing.assert_array_equal(decode(turned), decode(plain))
 
 
@@ -179,9 +179,9 @@ def test_cut_short_anywhere_is_never_decoded(name: str) -> None:
 
 
 @pytest.mark.parametrize("extension", [".jpg", ".png", ".tif", ".bmp"])
-def test_larger_picture_cut_short(extension: str) -> None:
-    picture = cv2.GaussianBlur(RNG.integers(0, 256, (480, 640), dtype=np.uint8), (0, 0), 3)
-    whole = encode(extension, picture)
+def test_larger_image_cut_short(extension: str) -> None:
+    image = cv2.GaussianBlur(RNG.integers(0, 256, (480, 640), dtype=np.uint8), (0, 0), 3)
+    whole = encode(extension, image)
     for part in np.linspace(0.02, 0.999, 40):
         with pytest.raises(UndecodableImage):
             decode(whole[: int(part * len(whole))])
@@ -268,7 +268,7 @@ def test_limit_is_inclusive() -> None:
         decode(WHOLE["png grey"], max_pixels=WIDTH * HEIGHT - 1)
 
 
-def test_pixel_data_that_do_not_fill_the_stated_picture() -> None:
+def test_pixel_data_that_do_not_fill_the_stated_image() -> None:
     rows = b"".join(b"\0" + row.tobytes() for row in GREY)
     with pytest.raises(UndecodableImage):
         decode(png(0, 8, rows[: len(rows) // 2], WIDTH, HEIGHT))  # every checksum is right
@@ -309,7 +309,7 @@ def test_random_bytes(data: bytes) -> None:
     st.sampled_from(sorted(WHOLE)),
     st.lists(st.tuples(st.integers(0, 10**6), st.integers(0, 255)), min_size=1, max_size=8),
 )
-def test_damaged_files_give_a_picture_of_the_stated_size_or_our_error(
+def test_damaged_files_give_an_image_of_the_stated_size_or_our_error(
     name: str, damages: list[tuple[int, int]]
 ) -> None:
     data = bytearray(WHOLE[name])

@@ -1,4 +1,4 @@
-"""The kinds decoded without OpenCV: the same pixels, the same refusals, and nothing kept but the picture."""
+"""The kinds decoded without OpenCV: the same pixels, the same refusals, and nothing kept but the image."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def noise(height: int, width: int, dtype: type = np.uint8, seed: int = 3) -> np.
     )
 
 
-def picture(height: int, width: int, dtype: type = np.uint8) -> np.ndarray:
+def sample_image(height: int, width: int, dtype: type = np.uint8) -> np.ndarray:
     """Return shading with some noise: compresses, and every branch of every predictor is taken."""
     y, x = np.mgrid[:height, :width]
     values = (
@@ -69,21 +69,25 @@ def grey_png(truth: np.ndarray, kinds: np.ndarray | list[int], **more: object) -
 @pytest.mark.parametrize("size", SIZES)
 @pytest.mark.parametrize("kind", [0, 1, 2, 3, 4, "mixed"])
 def test_png_filters(kind: int | str, size: tuple[int, int], dtype: type) -> None:
-    for truth in (noise(*size, dtype), picture(*size, dtype)):
+    for truth in (noise(*size, dtype), sample_image(*size, dtype)):
         kinds = np.arange(3, 3 + size[0]) * 7 % 5 if kind == "mixed" else [kind] * size[0]
         check_same(grey_png(truth, kinds), truth, read_png)
 
 
 @pytest.mark.parametrize("level", range(10))
 def test_png_compression_levels(level: int) -> None:
-    truth = picture(301, 403)
+    truth = sample_image(301, 403)
     check_same(grey_png(truth, [4] * 301, level=level), truth, read_png)
 
 
 @pytest.mark.parametrize("strategy", range(5))
 @pytest.mark.parametrize("level", [0, 1, 6, 9])
 def test_png_by_opencv(level: int, strategy: int) -> None:
-    for truth in (picture(211, 303), picture(211, 303, np.uint16), np.full((211, 303), 255, np.uint8)):
+    for truth in (
+        sample_image(211, 303),
+        sample_image(211, 303, np.uint16),
+        np.full((211, 303), 255, np.uint8),
+    ):
         options = [cv2.IMWRITE_PNG_COMPRESSION, level, cv2.IMWRITE_PNG_STRATEGY, strategy]
         check_same(cv2.imencode(".png", truth, options)[1].tobytes(), truth, read_png)
 
@@ -133,7 +137,7 @@ def unfiltered(stream: bytes, height: int, width: int, step: int) -> np.ndarray:
     return result[1:, step:].astype(np.uint8)
 
 
-def test_unfilter_writes_no_further_than_the_picture() -> None:
+def test_unfilter_writes_no_further_than_the_image() -> None:
     whole = np.full((4, 6), 7, np.uint8)
     state = np.zeros(2, np.int64)
     endless = np.frombuffer(bytes(1000), np.uint8)
@@ -175,8 +179,8 @@ READABLE = {
     "international text": of(chunk(b"iTXt", b"abbb"), idats(STREAM)),
 }
 LEFT_TO_OPENCV = {
-    "more than the picture": of(idats(zlib.compress(ROWS + b"\0"))),
-    "much more than the picture": of(idats(zlib.compress(ROWS + bytes(10**6)))),
+    "more than the image": of(idats(zlib.compress(ROWS + b"\0"))),
+    "much more than the image": of(idats(zlib.compress(ROWS + bytes(10**6)))),
     "more, and a wrong checksum": of(idats(zlib.compress(ROWS + bytes(10**4))[:-1] + b"x")),
     "a transparent grey": of(chunk(b"tRNS", b"\0\5"), idats(STREAM)),
     "significant bits": of(chunk(b"sBIT", b"\5"), idats(STREAM)),
@@ -192,7 +196,7 @@ LEFT_TO_OPENCV = {
 REFUSED = {
     "wrong checksum of the stream": of(idats(STREAM[:-1] + bytes([STREAM[-1] ^ 1]))),
     "no checksum of the stream": of(idats(STREAM[:-4])),
-    "more than the picture, but no end": of(idats(zlib.compress(ROWS + b"\0")[:-5])),
+    "more than the image, but no end": of(idats(zlib.compress(ROWS + b"\0")[:-5])),
     "half a checksum": of(idats(STREAM[:-2])),
     "a byte too few": of(idats(zlib.compress(ROWS[:-1]))),
     "a row too few": of(idats(zlib.compress(ROWS[:-24]))),
@@ -200,7 +204,7 @@ REFUSED = {
     "text amid the stream": of(
         chunk(b"IDAT", STREAM[:50]), chunk(b"tEXt", b"a\0b"), chunk(b"IDAT", STREAM[50:])
     ),
-    "a filter that is none": of(idats(zlib.compress(b"\5" + ROWS[1:]))),
+    "a filter that does not exist": of(idats(zlib.compress(b"\5" + ROWS[1:]))),
     "the same in the last row": of(idats(zlib.compress(ROWS[:-24] + b"\xc8" + ROWS[-23:]))),
     "a wrong check of the stream's head": of(idats(bytes([STREAM[0], STREAM[1] ^ 1]) + STREAM[2:])),
     "a preset dictionary": of(idats(b"\x78\x20" + STREAM[2:])),
@@ -320,7 +324,7 @@ def test_tiff(order: str, dtype: type, size: tuple[int, int], big: bool) -> None
 
 @pytest.mark.parametrize("dtype", [np.uint8, np.uint16])
 def test_tiff_by_opencv(dtype: type) -> None:
-    truth = picture(211, 303, dtype)
+    truth = sample_image(211, 303, dtype)
     check_same(cv2.imencode(".tif", truth, [cv2.IMWRITE_TIFF_COMPRESSION, 1])[1].tobytes(), truth, read_tiff)
     for compression in (5, 8, 32773):
         data = cv2.imencode(".tif", truth, [cv2.IMWRITE_TIFF_COMPRESSION, compression])[1].tobytes()
@@ -412,8 +416,8 @@ print(peak_bytes() - before, image.nbytes)
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", ["png", "png16", "bmp", "tif", "bomb"])
 def test_memory(kind: str, tmp_path: Path) -> None:
-    """Twenty megapixels, and a small picture whose stream goes on for 400 MB, take no more than the picture."""
-    whole = picture(100, 100, np.uint16 if kind == "png16" else np.uint8)
+    """Twenty megapixels, and a small image whose stream goes on for 400 MB, take no more than the image."""
+    whole = sample_image(100, 100, np.uint16 if kind == "png16" else np.uint8)
     large = np.tile(whole, (40, 50))
     extension = "." + kind[:3]
     options = [cv2.IMWRITE_TIFF_COMPRESSION, 1] if kind == "tif" else []
@@ -440,8 +444,8 @@ def test_memory(kind: str, tmp_path: Path) -> None:
         text=True,
         check=True,
     )
-    growth, picture_bytes = map(int, done.stdout.split())
-    assert 0.5 * (picture_bytes - (4 << 20)) < growth <= picture_bytes + (4 << 20)
+    growth, image_bytes = map(int, done.stdout.split())
+    assert 0.5 * (image_bytes - (4 << 20)) < growth <= image_bytes + (4 << 20)
 
 
 @pytest.mark.slow

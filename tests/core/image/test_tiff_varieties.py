@@ -34,7 +34,7 @@ TURNED: dict[int, Callable[[np.ndarray], np.ndarray]] = {
     7: lambda image: image[::-1, ::-1].T,
     8: np.rot90,
 }
-"""What a stored picture looks like to who obeys the tag (TIFF 6.0, section 8)."""
+"""What a stored image looks like to who obeys the tag (TIFF 6.0, section 8)."""
 
 
 def by_opencv(data: bytes) -> np.ndarray | None:

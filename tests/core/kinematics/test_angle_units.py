@@ -1,4 +1,4 @@
-"""Radians for degrees, joints that slide: told by sweeps, and by free poses where the nominal robot is known."""
+"""Radians for degrees, joints that slide: recognised by sweeps, and by free poses where the nominal robot is known."""
 
 from __future__ import annotations
 

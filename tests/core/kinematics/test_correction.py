@@ -73,7 +73,7 @@ def test_corrected_commands_go_where_they_are_meant(
     assert with_curves < 1.2 * rms(expected[:, None])
 
 
-def test_what_the_controller_is_told_is_its_own_model_of_the_corrected_angles(
+def test_what_the_controller_is_given_is_its_own_model_of_the_corrected_angles(
     built: tuple[RealArm, CorrectionModel, CorrectionModel],
 ) -> None:
     _, plain, _ = built

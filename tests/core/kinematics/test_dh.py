@@ -76,7 +76,7 @@ def test_parameters_are_finite_numbers(value: float) -> None:
         Chain(())
 
 
-def test_parallel_is_a_matter_of_predicted_doubt() -> None:
+def test_parallel_is_a_matter_of_predicted_uncertainty() -> None:
     assert nearly_parallel(0.0, math.inf)
     assert nearly_parallel(math.pi, math.nan)
     assert nearly_parallel(0.01, 3.0)

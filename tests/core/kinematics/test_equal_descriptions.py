@@ -1,4 +1,4 @@
-"""Equal descriptions move alike, and the one nearest to a reference is found among all of them."""
+"""Equal descriptions move in the same way, and the one nearest to a reference is found among all of them."""
 
 from __future__ import annotations
 
@@ -104,7 +104,7 @@ def test_a_tied_joint_keeps_its_offset() -> None:
     assert not nearest_description(P, nominal.as_array(), [True, False, False])[0]
 
 
-def test_without_a_nominal_lengths_are_positive_and_twists_where_there_is_none() -> None:
+def test_without_a_nominal_lengths_are_positive_and_twists_where_lengths_vanish() -> None:
     P = Chain.from_rows(
         [(-300.0, 0.0, 0.0, 0.0), (-0.1, -90.0, 0.0, 30.0), (5.0, -90.0, 0.0, 0.0), (0, 0, 0, 0)]
     )

@@ -29,7 +29,7 @@ def test_visits_at_encoder_readings_share_a_fold(jitter_deg: float) -> None:
     folds = assign_folds(q, 5, names.tolist()).reshape(40, VISITS)
     assert np.all(folds == folds[:, :1])
     assert np.bincount(folds[:, 0]).tolist() == [8] * 5
-    # Readings alone tell it where they differ by less than the tolerance.
+    # Readings alone show it where they differ by less than the tolerance.
     if jitter_deg <= 0.01:
         assert np.array_equal(assign_folds(q, 5).reshape(40, VISITS), folds)
 

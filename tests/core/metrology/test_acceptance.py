@@ -1,4 +1,4 @@
-"""Decisions on a data sheet: doubt decides nothing, and neither error is more frequent than stated."""
+"""Decisions on a data sheet: uncertainty decides nothing, and neither error is more frequent than stated."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def test_all_poses_must_lie_within_the_limit() -> None:
     assert found.cycles_needed is None
 
 
-def test_one_pose_beyond_it_is_enough_and_doubt_of_others_does_not_help() -> None:
+def test_one_pose_beyond_it_is_enough_and_uncertainty_of_others_does_not_help() -> None:
     found = decide(LIMIT, [reading(0.09, 0.07, 0.12), reading(0.2, 0.15, 0.27)])
     assert (found.decision, found.reading) == (Decision.FAIL, 1)
     unsteady = Reading(30, 0.2, (0.15, 0.27), 0.27, flaw=UNSTEADY)

@@ -87,7 +87,7 @@ def test_errors_common_to_all_readings_are_in_the_mean_and_not_in_the_scatter() 
     assert common.standard_uncertainty_mm == pytest.approx(
         math.hypot(0.05, alone.standard_uncertainty_mm), rel=1e-3
     )
-    # What moves both alike leaves the distance alone.
+    # What moves both equally leaves the distance alone.
     both = assess_distance(first, second, None, None, scale[1], scale[1])
     assert both.standard_uncertainty_mm == alone.standard_uncertainty_mm
 

@@ -105,7 +105,7 @@ def test_positions_alone_give_position_figures(make_cycles: Any) -> None:
 def test_without_covariances_the_instrument_is_unknown_and_that_is_said(make_cycles: Any) -> None:
     cycles = make_cycles()
     result = assess(PoseCycles(cycles.positions_mm, cycles.rotations))
-    assert [remark.code for remark in result.warnings] == ["noise_unknown"]
+    assert [warning.code for warning in result.warnings] == ["noise_unknown"]
     assert result.verdict == "instrument_limited"  # a check that cannot be made does not pass
     assert [verdict for _, verdict in result.verdicts.items()] == ["instrument_limited"] * 7
     # An unknown share of the instrument is not subtracted, nor called zero.
@@ -125,7 +125,7 @@ def test_identical_cycles_read_zero_and_say_so(make_cycles: Any) -> None:
     assert result.repeatability.position_mm == 0.0
     assert result.corrected.position_mm is None  # of nothing that scatters is anything known
     assert result.verdict == "below_detection"
-    assert [remark.code for remark in result.warnings] == ["no_scatter"]
+    assert [warning.code for warning in result.warnings] == ["no_scatter"]
     assert np.isfinite(numbers(result)).all()
 
 
@@ -133,7 +133,7 @@ def test_identical_cycles_read_zero_and_say_so(make_cycles: Any) -> None:
 def test_gimbal_lock_warns_and_breaks_nothing(make_cycles: Any, pitch_deg: float) -> None:
     cycles = make_cycles(roll_pitch_yaw=(0.2, math.radians(pitch_deg), 0.5))
     result = assess(cycles)
-    assert [remark.code for remark in result.warnings] == ["near_gimbal_lock"]
+    assert [warning.code for warning in result.warnings] == ["near_gimbal_lock"]
     assert np.isfinite(numbers(result)).all()
     # 3 √(π²/3): an angle of which nothing is known
     assert max(numbers(result)) < math.sqrt(3.0) * math.pi * (1.0 + 1e-12)
@@ -239,7 +239,7 @@ def test_a_second_cluster_stays_and_is_remarked(make_cycles: Any) -> None:
         cycles = move(cycles, index, by_mm=5.0)
     result = assess(cycles)
     assert result.outliers == ()
-    assert [remark.code for remark in result.warnings] == ["position_clusters"]
+    assert [warning.code for warning in result.warnings] == ["position_clusters"]
 
 
 def test_nothing_is_excluded_below_ten_cycles(make_cycles: Any) -> None:
@@ -249,9 +249,9 @@ def test_nothing_is_excluded_below_ten_cycles(make_cycles: Any) -> None:
 def test_a_pose_reads_the_same_alone_and_in_company(make_cycles: Any) -> None:
     poses = [make_cycles(n=n, seed=n) for n in (2, 29, 30, 30, 31, 9, 1)]
     together = assess_repeatability(poses)
-    for alone, beside in zip((assess(p) for p in poses), together, strict=True):
+    for alone, among_others in zip((assess(p) for p in poses), together, strict=True):
         for field in dataclasses.fields(alone):
-            a, b = getattr(alone, field.name), getattr(beside, field.name)
+            a, b = getattr(alone, field.name), getattr(among_others, field.name)
             assert np.array_equal(a, b) if isinstance(a, np.ndarray) else a == b, field.name
 
 

@@ -57,7 +57,7 @@ def test_a_degraded_image_does_not_count_and_is_printed_with() -> None:
     assert "m37" in warning.detail
 
 
-def test_noise_that_does_not_matter_beside_the_robot_excludes_nothing() -> None:
+def test_noise_that_does_not_matter_next_to_the_robot_excludes_nothing() -> None:
     data = session_data(degraded_at(37, 0.03, robot_mm=0.5))
     estimate = estimate_session(data)
     assert "m37" in degraded_images(estimate)

@@ -43,11 +43,11 @@ def commands(poses: int = 5) -> dict[str, CommandedPose]:
     }
 
 
-def at_commands(x: np.ndarray, told: dict[str, CommandedPose]) -> SessionData:
+def at_commands(x: np.ndarray, commanded: dict[str, CommandedPose]) -> SessionData:
     """The cycles at the places that were commanded."""
     data = made.measured_session(x - 100.0 * np.arange(1, x.shape[1] + 1)[None, :, None])
     measured = tuple(
-        replace(pose, position_mm=pose.position_mm + np.array(told[pose.pose_id].position_mm))
+        replace(pose, position_mm=pose.position_mm + np.array(commanded[pose.pose_id].position_mm))
         for pose in data.measured
     )
     return replace(data, measured=measured)
@@ -90,19 +90,21 @@ def test_a_pose_whose_instrument_changed_is_as_unsteady_as_any(monkeypatch: Any)
 def test_a_pose_that_was_commanded_and_not_measured_may_be_the_worst(limits: Datasheet) -> None:
     data = made.measured_session(made.gaussian(np.random.default_rng(4), 30))
     assert decided(data, limits).found.decision is Decision.PASS
-    told = replace(data, commanded=commands(poses=6))
-    found = decided(told, limits)
+    more_commanded = replace(data, commanded=commands(poses=6))
+    found = decided(more_commanded, limits)
     assert found.found.decision is Decision.INCONCLUSIVE
     assert found.found.reason.startswith("1 of 6 poses")
     assert "without a cycle that counts" in found.found.reason
 
 
 def test_accuracy_is_decided_of_every_pose_whose_position_was_commanded() -> None:
-    told = commands()
+    pose_commands = commands()
     data = replace(
-        at_commands(made.gaussian(np.random.default_rng(5), 30), told), commanded=told, datasheet=LOOSE
+        at_commands(made.gaussian(np.random.default_rng(5), 30), pose_commands),
+        commanded=pose_commands,
+        datasheet=LOOSE,
     )
-    assert assess_repeatability(data).accuracy.poses.keys() == told.keys()
+    assert assess_repeatability(data).accuracy.poses.keys() == pose_commands.keys()
     passed = assess_acceptance(data, assess_repeatability(data)).accuracy
     assert passed is not None
     assert passed.found.decision is Decision.PASS
@@ -143,13 +145,17 @@ def test_an_instrument_of_unknown_noise_passes_a_robot_but_does_not_fail_it() ->
 def test_a_pose_that_draws_the_frames_to_itself_does_not_pass() -> None:
     """Of five poses one is far off; its residual is short, and the other poses' are small."""
     places = np.array([[400.0, 350.0, 300.0], [0, 0, 0], [100, 0, 20], [0, 100, 50], [80, 90, 10]])
-    told = {f"P{i + 1}": CommandedPose(place.tolist(), 0.0, 0.0, 0.0) for i, place in enumerate(places)}
+    pose_commands = {
+        f"P{i + 1}": CommandedPose(place.tolist(), 0.0, 0.0, 0.0) for i, place in enumerate(places)
+    }
     best_fit = 0
     for seed in range(8):
         rng = np.random.default_rng(seed)
         off = 0.02 * rng.standard_normal((5, 3))
         off[0] = 0.5 * off[0] / np.linalg.norm(off[0])
-        data = replace(at_commands(off + 0.02 * rng.standard_normal((30, 5, 3)), told), commanded=told)
+        data = replace(
+            at_commands(off + 0.02 * rng.standard_normal((30, 5, 3)), pose_commands), commanded=pose_commands
+        )
         data = replace(data, datasheet=Datasheet(accuracy_mm=0.4))  # the robot is .5 mm off
         found = assess_repeatability(data)
         best_fit += found.accuracy.poses["P1"].interval.position_mm[1] < 0.4
@@ -202,10 +208,12 @@ def test_cycles_of_degraded_images_must_not_be_what_breaks_the_limit() -> None:
         assert (WITHOUT_DEGRADED in judged.found.reason) == (decision is Decision.INCONCLUSIVE)
 
 
-def test_a_robot_that_passes_is_told_what_the_decision_does_not_cover() -> None:
-    told = commands()
+def test_a_robot_that_passes_is_advised_what_the_decision_does_not_cover() -> None:
+    pose_commands = commands()
     data = replace(
-        at_commands(made.gaussian(np.random.default_rng(9), 30), told), commanded=told, datasheet=LOOSE
+        at_commands(made.gaussian(np.random.default_rng(9), 30), pose_commands),
+        commanded=pose_commands,
+        datasheet=LOOSE,
     )
     found = assess_repeatability(data)
     plain = assess_acceptance(data, found)
@@ -213,8 +221,8 @@ def test_a_robot_that_passes_is_told_what_the_decision_does_not_cover() -> None:
     assert plain.accuracy is not None
     assert plain.repeatability.found.reason == "the intervals of all poses lie within the limit"
     assert plain.accuracy.found.reason.endswith("; what base and tool are off is not tested")
-    left_out = ExcludedMeasurement("m", "excluded_by_user", "Someone stood in front of it.")
-    poses = (replace(found.poses[0], excluded=(left_out,)), *found.poses[1:])
+    not_counted = ExcludedMeasurement("m", "excluded_by_user", "Someone was in front of it.")
+    poses = (replace(found.poses[0], excluded=(not_counted,)), *found.poses[1:])
     fewer = assess_acceptance(data, replace(found, poses=poses)).repeatability
     assert fewer is not None
     assert fewer.found.reason.endswith("; 1 measurement does not count")
@@ -227,11 +235,11 @@ def test_a_robot_that_passes_is_told_what_the_decision_does_not_cover() -> None:
 
 def test_what_the_tie_leaves_open_takes_poses_and_the_interval_that_decides_is_stated() -> None:
     rng = np.random.default_rng(1)
-    told = commands()
+    pose_commands = commands()
     off = 0.3 * rng.standard_normal((1, 5, 3))
     for cycles in (12, 40):
-        data = at_commands(0.01 * rng.standard_normal((cycles, 5, 3)) + off, told)
-        data = replace(data, commanded=told, datasheet=Datasheet(accuracy_mm=0.9))
+        data = at_commands(0.01 * rng.standard_normal((cycles, 5, 3)) + off, pose_commands)
+        data = replace(data, commanded=pose_commands, datasheet=Datasheet(accuracy_mm=0.9))
         found = assess_repeatability(data)
         one = assess_acceptance(data, found).accuracy
         assert one is not None

@@ -58,9 +58,9 @@ def test_images_show_the_grid_and_are_where_the_arm_took_them(session: ArmSessio
         assert (image.pose_id, image.cycle) == (pose.pose_id, 1)
         assert np.all((pose.joint_angles > KR5_ARC_LIMITS[:, 0]) & (pose.joint_angles < KR5_ARC_LIMITS[:, 1]))
         assert np.all((image.scene.points_px > 8.0) & (image.scene.points_px < np.array(SIZE) - 8.0))
-        told = session.arm.camera_poses(pose.joint_angles[None], np.array([pose.target]))[0]
-        np.testing.assert_allclose(image.commanded_T_target_camera, told)
-        off.append(image.true_T_target_camera[:3, 3] - told[:3, 3])
+        commanded = session.arm.camera_poses(pose.joint_angles[None], np.array([pose.target]))[0]
+        np.testing.assert_allclose(image.commanded_T_target_camera, commanded)
+        off.append(image.true_T_target_camera[:3, 3] - commanded[:3, 3])
     # Joints that come back to σ move the camera by σ times its distance from their axes: a metre, or less.
     spread = float(np.sqrt(np.mean(np.square(off))))
     assert 0.2 * 1000.0 * JOINT_REPEATABILITY_RAD < spread < 2.0 * 1000.0 * JOINT_REPEATABILITY_RAD

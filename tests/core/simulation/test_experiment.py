@@ -70,8 +70,8 @@ def test_the_robot_scatters_as_stated() -> None:
         assert np.abs(white @ white.T / 400.0 - np.eye(6)).max() < 0.28
         (figures,) = assess_repeatability([PoseCycles(true[:, :3, 3], true[:, :3, :3])])
         found = [value for _, value in figures.repeatability.items()]
-        told = [value for _, value in pose.true_repeatability.items()]
-        np.testing.assert_allclose(found, told, rtol=0.15)  # 3 S to 1/√800, RP_l to less; four of those
+        expected = [value for _, value in pose.true_repeatability.items()]
+        np.testing.assert_allclose(found, expected, rtol=0.15)  # 3 S to 1/√800, RP_l to less; four of those
 
 
 def test_cycles_come_pose_by_pose_and_follow_the_seed() -> None:

@@ -77,7 +77,7 @@ def test_a_robot_well_above_the_floor_is_seen_and_decided_on() -> None:
     assert none.decisions is None
 
 
-def test_what_is_not_in_view_is_said_and_what_tells_nothing_is_refused() -> None:
+def test_what_is_not_in_view_is_said_and_what_determines_nothing_is_refused() -> None:
     beyond = replace(PLANNED, views=np.array([view(0.3, 0.0), view(0.3, 0.0, 400.0)]))
     assert [one.in_view for one in forecast_repeatability(beyond, 0.05, draws=2).poses] == [True, False]
     with pytest.raises(InvalidArgument, match="No planned view"):

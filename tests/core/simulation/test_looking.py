@@ -86,7 +86,7 @@ def test_a_sweep_goes_as_far_as_the_grid_is_seen(joint: int) -> None:
         assert not seen(np.stack([q[0] - step, q[-1] + step])).any()
 
 
-def test_a_joint_that_loses_the_grid_at_once_is_told() -> None:
+def test_a_joint_that_loses_the_grid_at_once_is_reported() -> None:
     rng = np.random.default_rng(4)
     arm = kr5_arc(rng)
     q = sample_viewing_configurations(

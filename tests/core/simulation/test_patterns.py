@@ -38,12 +38,10 @@ def white_at(target: TargetSpec, x: np.ndarray, y: np.ndarray) -> np.ndarray:
 def test_every_cell_is_as_opencv_prints_it(columns: int, rows: int, legacy: bool, dictionary: str) -> None:
     target = charuco(columns, rows, legacy=legacy, dictionary=dictionary)
     step = 96  # pixels a square: a whole number for the margins and for the cells of either dictionary
-    picture = opencv_board(target).generateImage(((columns + 1) * step, (rows + 1) * step))
-    middles = (
-        np.arange(0, max(picture.shape), 2) + 1.0
-    ) / step * 20.0 - 20.0  # between pixels, off every line
-    x, y = np.meshgrid(middles[: picture.shape[1] // 2], middles[: picture.shape[0] // 2])
-    printed = cv2.resize(picture, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_NEAREST) > 127
+    image = opencv_board(target).generateImage(((columns + 1) * step, (rows + 1) * step))
+    middles = (np.arange(0, max(image.shape), 2) + 1.0) / step * 20.0 - 20.0  # between pixels, off every line
+    x, y = np.meshgrid(middles[: image.shape[1] // 2], middles[: image.shape[0] // 2])
+    printed = cv2.resize(image, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_NEAREST) > 127
     np.testing.assert_array_equal(white_at(target, x, y) > 0.5, printed)
 
 

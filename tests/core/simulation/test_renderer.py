@@ -119,7 +119,7 @@ def test_pixels_are_weighted_means_of_their_samples() -> None:
     ],
 )
 def test_corners_and_edges_stand_to_a_ten_thousandth_of_a_pixel(tilt_deg: float, blur_px: float) -> None:
-    """What differs from the picture made the long way, read as a shift of the picture, is below 1e-4 px.
+    """What differs from the image made the long way, read as a shift of the image, is below 1e-4 px.
 
     The shift d that explains a difference best is the solution of Σ g gᵀ d = Σ g (truth - rendered).
     """
@@ -170,7 +170,7 @@ def test_noise_has_its_level_and_follows_the_seed() -> None:
     assert np.any(render(scene) != render(dataclasses.replace(scene, seed=6)))
 
 
-def test_16_bit_is_the_same_picture_finer() -> None:
+def test_16_bit_is_the_same_image_finer() -> None:
     scene = small_scene(light=Light(60.0, 180.0))
     deep = render(dataclasses.replace(scene, bit_depth=16))
     assert deep.dtype == np.uint16

@@ -1,4 +1,4 @@
-"""Pictures that several tests look at; rendered once."""
+"""Images that several tests look at; rendered once."""
 
 from __future__ import annotations
 
@@ -43,16 +43,16 @@ def _make(columns: int, rows: int, seed: int, tilt_deg: float, max_roll_deg: flo
 
 @lru_cache(maxsize=16)
 def _rendered(key: tuple[int, int, int, float, float]) -> np.ndarray:
-    picture = render(_make(*key))
-    picture.flags.writeable = False
-    return picture
+    image = render(_make(*key))
+    image.flags.writeable = False
+    return image
 
 
 @pytest.fixture(scope="session")
 def take() -> Callable[..., tuple[Scene, np.ndarray]]:
-    """Return a function (columns, rows, seed, tilt_deg, max_roll_deg, **changes) -> scene and its picture."""
+    """Return a function (columns, rows, seed, tilt_deg, max_roll_deg, **changes) -> scene and its image."""
 
-    def take_picture(
+    def take_image(
         columns: int,
         rows: int,
         seed: int = 0,
@@ -66,4 +66,4 @@ def take() -> Callable[..., tuple[Scene, np.ndarray]]:
         scene = dataclasses.replace(_make(*key), **changes)
         return scene, render(scene)
 
-    return take_picture
+    return take_image

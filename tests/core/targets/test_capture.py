@@ -1,4 +1,4 @@
-"""How well a picture was taken: blur, motion, light and tilt against what was rendered."""
+"""How well an image was taken: blur, motion, light and tilt against what was rendered."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ def taken(
     direction: float = 0.0,
     gain: float = 1.0,
 ) -> tuple[np.ndarray, GridPoints]:
-    """Return a picture, moved while it was exposed, and the true grid points."""
+    """Return an image, moved while it was exposed, and the true grid points."""
     scene = standard_scene(TARGETS[kind], seed, tilt=tilt, blur_px=blur_px, noise_levels=0.0, clutter=0.0)
     levels = render_levels(scene)
     if motion_px > 0.0:
@@ -113,10 +113,10 @@ def test_too_little_light() -> None:
     quality = assess_capture(image, points)
     assert quality.contrast is not None
     assert quality.contrast < 0.15
-    assert "low_contrast" in [remark.code for remark in quality.advice]
+    assert "low_contrast" in [warning.code for warning in quality.advice]
 
 
-def test_sixteen_bit_pictures_are_judged_alike() -> None:
+def test_sixteen_bit_images_are_judged_the_same() -> None:
     image, points = taken("circles", 8, blur_px=1.0, tilt=0.4)
     eight, sixteen = assess_capture(image, points), assess_capture(image.astype(np.uint16) * 257, points)
     assert sixteen.edge_width_px == pytest.approx(eight.edge_width_px, rel=1e-6)
@@ -136,7 +136,7 @@ def test_a_steep_target_at_rest_did_not_move(kind: str, seed: int) -> None:
     image, points = taken(kind, seed, blur_px=1.2, tilt=math.radians(69.0))
     quality = assess_capture(image, points)
     assert quality.motion_blur_direction is None
-    assert "motion_blur" not in {remark.code for remark in quality.advice}
+    assert "motion_blur" not in {warning.code for warning in quality.advice}
 
 
 @pytest.mark.parametrize(
@@ -150,20 +150,20 @@ def test_a_steep_target_at_rest_did_not_move(kind: str, seed: int) -> None:
 def test_steep_squares_look_no_sharper_than_they_are(
     kind: str, columns: int, degrees: float, seeds: tuple[int, ...]
 ) -> None:
-    """Leaning squares let profiles out at the sides beside them: widths came out at half, or are not told at all."""
+    """Profiles leave leaning squares at the sides next to them: widths came out at half, or are not reported."""
     side = 300.0 / columns
     markers = (0.5 * side, "DICT_5X5_1000") if kind == "charuco" else ()
     target = TargetSpec(kind, columns, 2 * columns // 3, side, *markers)
     sharpest, widest = (GAUSSIAN_RISE * math.sqrt(1.2**2 + more) for more in (PIXEL, 3.0 * PIXEL))
-    told = []
+    widths = []
     for seed in seeds:
         scene = standard_scene(
             target, seed, tilt=math.radians(degrees), blur_px=1.2, noise_levels=0.0, clutter=0.0
         )
-        picture = np.clip(np.rint(render_levels(scene)), 0, 255).astype(np.uint8)
-        told.append(assess_capture(picture, scene.grid_points).edge_width_px)
-    assert told[0] is not None
-    assert all(width is None or 0.95 * sharpest < width < 1.1 * widest for width in told)
+        image = np.clip(np.rint(render_levels(scene)), 0, 255).astype(np.uint8)
+        widths.append(assess_capture(image, scene.grid_points).edge_width_px)
+    assert widths[0] is not None
+    assert all(width is None or 0.95 * sharpest < width < 1.1 * widest for width in widths)
 
 
 def test_blur_that_fills_the_squares_is_not_called_sharp() -> None:
@@ -183,14 +183,14 @@ def test_tilt_is_near_even_for_another_lens(degrees: float) -> None:
     quality = assess_capture(image, points)
     assert quality.tilt is not None
     assert math.degrees(quality.tilt) == pytest.approx(degrees, abs=4.0)
-    codes = {remark.code for remark in quality.advice}
+    codes = {warning.code for warning in quality.advice}
     assert ("tilt_too_small" in codes) == (degrees < 15.0)
     assert ("tilt_too_large" in codes) == (degrees > 60.0)
-    assert "tilt_too_large" in {remark.code for remark in with_tilt(quality, math.radians(70.0)).advice}
+    assert "tilt_too_large" in {warning.code for warning in with_tilt(quality, math.radians(70.0)).advice}
 
 
-def test_a_picture_that_tells_nothing_says_so() -> None:
-    """A blank picture where points are claimed: no edge anywhere, and nothing made up."""
+def test_an_image_that_shows_nothing_says_so() -> None:
+    """A blank image where points are claimed: no edge anywhere, and nothing made up."""
     _, points = taken("chessboard", 10, blur_px=1.0, tilt=0.3)
     quality = assess_capture(np.full((2050, 2448), 90, np.uint8), points)
     assert quality.edge_width_px is None
@@ -199,11 +199,11 @@ def test_a_picture_that_tells_nothing_says_so() -> None:
     assert quality.saturated_fraction is None
 
 
-def test_the_most_worthwhile_comes_first_and_a_good_picture_needs_nothing() -> None:
+def test_the_most_worthwhile_comes_first_and_a_good_image_needs_nothing() -> None:
     good = CaptureQuality(2.7, 0.4, None, 0.0, 0.0, 0.6, 0.4, math.radians(30.0), ())
     assert advise(good) == ()
     poor = CaptureQuality(9.0, 7.0, 0.2, 0.3, 0.5, 0.1, 0.02, 0.0, ())
-    assert [remark.code for remark in advise(poor)] == [
+    assert [warning.code for warning in advise(poor)] == [
         "overexposed",
         "motion_blur",
         "blurred",
@@ -212,22 +212,22 @@ def test_the_most_worthwhile_comes_first_and_a_good_picture_needs_nothing() -> N
         "tilt_too_small",
         "low_image_coverage",
     ]
-    assert all(remark.advice for remark in advise(poor))
+    assert all(warning.advice for warning in advise(poor))
 
 
 @pytest.mark.parametrize("dtype", [np.uint8, np.uint16])
-def test_average_profiles_beside_numpy(dtype: type) -> None:
+def test_average_profiles_are_those_of_numpy(dtype: type) -> None:
     """The kernel's average is that of profiles taken one by one with numpy's interpolation."""
     rng = np.random.default_rng(11)
     v, u = np.mgrid[0:80, 0:90]
-    picture = (60 + 120 / (1 + np.exp(-(u - 0.3 * v - 30.0))) + rng.normal(0, 1, u.shape)).astype(dtype)
+    image = (60 + 120 / (1 + np.exp(-(u - 0.3 * v - 30.0))) + rng.normal(0, 1, u.shape)).astype(dtype)
     along = np.array([1.0, -0.3]) / math.hypot(1.0, 0.3)
     middle = np.array([[30 + 0.3 * y + rng.uniform(-2, 2), y] for y in rng.uniform(14, 60, 12)])
     across = np.where(rng.random(12)[:, None] < 0.5, along, -along)
     half = rng.uniform(6.0, 10.0, 12)
     family = np.arange(12) % 2
     averages, counts, ends, saturated, clipped = average_profiles(
-        picture, middle, across, half, family, 3, 20.0, 179.0
+        image, middle, across, half, family, 3, 20.0, 179.0
     )
     bins = 2 * REACH_PX * BINS_PER_PX
     gathered: list[list[list[float]]] = [[[] for _ in range(bins)] for _ in range(3)]
@@ -239,7 +239,7 @@ def test_average_profiles_beside_numpy(dtype: type) -> None:
         cell = np.floor(places).astype(int)
         a, b = (places - cell).T
         x, y = cell.T
-        p = picture.astype(float)
+        p = image.astype(float)
         values = (1 - b) * ((1 - a) * p[y, x] + a * p[y, x + 1]) + b * (
             (1 - a) * p[y + 1, x] + a * p[y + 1, x + 1]
         )
@@ -265,11 +265,11 @@ def test_average_profiles_beside_numpy(dtype: type) -> None:
     assert clipped == np.mean(np.array(dark_ends) <= 0.0)
 
 
-def test_profiles_that_leave_the_picture_are_left_out() -> None:
-    picture = np.tile(np.repeat([30, 200], 20).astype(np.uint8), (40, 1))
+def test_profiles_that_leave_the_image_are_excluded() -> None:
+    image = np.tile(np.repeat([30, 200], 20).astype(np.uint8), (40, 1))
     middle = np.array([[19.5, 20.0], [2.0, 20.0], [19.5, 45.0]])
     across = np.tile([1.0, 0.0], (3, 1))
     _, _, ends, _, _ = average_profiles(
-        picture, middle, across, np.full(3, 6.0), np.zeros(3, np.intp), 1, 10.0, 254.0
+        image, middle, across, np.full(3, 6.0), np.zeros(3, np.intp), 1, 10.0, 254.0
     )
     np.testing.assert_array_equal(np.isfinite(ends[:, 0]), [True, False, False])

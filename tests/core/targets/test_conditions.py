@@ -1,4 +1,4 @@
-"""Conditions under which boards must be found, and pictures in which none may be."""
+"""Conditions under which boards must be found, and images in which none may be."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def small_squares(
     seed: int,
     blur_px: float,
 ) -> Scene:
-    """A board whose nearest lines are `square_px` apart, on the foreshortened side, in the middle of the picture."""
+    """A board whose nearest lines are `square_px` apart, on the foreshortened side, in the middle of the image."""
     rng = np.random.default_rng([seed, columns, rows])
     target = TargetSpec("chessboard", columns, rows, 20.0)
     width, height = size_px
@@ -74,9 +74,9 @@ def worst(found: GridPoints, scene: Scene) -> float:
 
 
 def assert_found(
-    picture: np.ndarray, scene: Scene, *, least: float = 1.0, error_px: float = LARGEST_ERROR_PX
+    image: np.ndarray, scene: Scene, *, least: float = 1.0, error_px: float = LARGEST_ERROR_PX
 ) -> None:
-    found = detect(picture, scene.target)
+    found = detect(image, scene.target)
     assert worst(found, scene) < error_px
     assert len(found) >= least * scene.target.size
     codes = [w.code for w in found.warnings]
@@ -97,8 +97,8 @@ def test_squares_of_8_px(size_px: tuple[int, int], tilt_deg: float, blur_px: flo
     ("tilt_deg", "blur_px"), [(0.0, 0.5), (30.0, 0.5), (60.0, 0.5), (0.0, 3.0), (40.0, 3.0)]
 )
 def test_blur(take: Take, tilt_deg: float, blur_px: float) -> None:
-    scene, picture = take(9, 6, seed=11, tilt_deg=tilt_deg, max_roll_deg=180.0, blur_px=blur_px)
-    assert_found(picture, scene, least=0.95)
+    scene, image = take(9, 6, seed=11, tilt_deg=tilt_deg, max_roll_deg=180.0, blur_px=blur_px)
+    assert_found(image, scene, least=0.95)
 
 
 @pytest.mark.parametrize("roll_deg", [0.0, 45.0, 90.0, 135.0, 180.0])
@@ -111,26 +111,26 @@ def test_any_roll(roll_deg: float) -> None:
 
 
 def test_low_contrast_and_noise(take: Take) -> None:
-    scene, picture = take(
+    scene, image = take(
         14, 10, seed=12, light=Light(90.0, 115.0, gradient=(0.1, 0.1)), noise_levels=2.5, clutter=0.5
     )
-    assert_found(picture, scene, least=0.95, error_px=0.6)
-    scene, picture = take(14, 10, seed=12, noise_levels=12.0)
-    assert_found(picture, scene, least=0.95, error_px=0.5)
+    assert_found(image, scene, least=0.95, error_px=0.6)
+    scene, image = take(14, 10, seed=12, noise_levels=12.0)
+    assert_found(image, scene, least=0.95, error_px=0.5)
 
 
 @pytest.mark.parametrize("gamma", [0.45, 2.2])
 def test_gamma(take: Take, gamma: float) -> None:
     """A non-linear camera moves no corner: the pattern is the same with black and white exchanged and turned."""
-    scene, picture = take(9, 6, seed=13)
+    scene, image = take(9, 6, seed=13)
     table = np.rint(255.0 * (np.arange(256) / 255.0) ** gamma).astype(np.uint8)
-    assert_found(table[picture], scene, least=0.95)
+    assert_found(table[image], scene, least=0.95)
 
 
 @pytest.mark.parametrize("shift", [0, 4])
 def test_12_bits_in_16(take: Take, shift: int) -> None:
-    scene, picture = take(9, 6, seed=3, bit_depth=16)
-    assert_found((picture >> 4) << shift, scene)
+    scene, image = take(9, 6, seed=3, bit_depth=16)
+    assert_found((image >> 4) << shift, scene)
 
 
 def test_wide_angle() -> None:
@@ -148,14 +148,14 @@ def test_wide_angle() -> None:
 
 @pytest.mark.parametrize("seed", range(4))
 def test_a_reflection_costs_corners_and_nothing_else(take: Take, seed: int) -> None:
-    scene, picture = take(14, 10, seed=seed)
+    scene, image = take(14, 10, seed=seed)
     grid = scene.points_px.reshape(10, 14, 2)
     rng = np.random.default_rng(seed)
     middle = grid[rng.integers(3, 7), rng.integers(3, 11)]
-    v, u = np.mgrid[0 : picture.shape[0], 0 : picture.shape[1]]
+    v, u = np.mgrid[0 : image.shape[0], 0 : image.shape[1]]
     pitch = np.linalg.norm(grid[5, 6] - grid[5, 5])
     glare = 400.0 * np.exp(-(((u - middle[0]) ** 2 + (v - middle[1]) ** 2) / (2.0 * (0.9 * pitch) ** 2)))
-    found = detect(np.clip(picture + glare, 0, 255).astype(np.uint8), scene.target)
+    found = detect(np.clip(image + glare, 0, 255).astype(np.uint8), scene.target)
     assert worst(found, scene) < 0.5
     assert 0.85 * 140 < len(found) < 140
     assert "points_missing" in {w.code for w in found.warnings}
@@ -164,12 +164,12 @@ def test_a_reflection_costs_corners_and_nothing_else(take: Take, seed: int) -> N
 @pytest.mark.parametrize("lines", [1, 2])
 def test_a_hidden_end_is_no_smaller_board(take: Take, lines: int) -> None:
     """What hides the last columns leaves a lattice of the size asked for; its squares end unevenly or too early."""
-    scene, picture = take(14, 10, seed=2)
+    scene, image = take(14, 10, seed=2)
     grid = scene.points_px.reshape(10, 14, 2)
     last, step = grid[:, -lines], grid[:, -lines] - grid[:, -lines - 1]
     edge = last - step * np.linspace(0.9, 0.3, 10)[:, None]
     outline = np.concatenate([edge, [edge[-1] + 40 * step[-1], edge[0] + 40 * step[0]]])
-    hidden = picture.copy()
+    hidden = image.copy()
     cv2.fillPoly(hidden, [np.rint(outline).astype(np.int32)], 230)
     with pytest.raises((TargetNotFound, TargetMismatch)):
         detect(hidden, TargetSpec("chessboard", 14 - lines, 10, 20.0))
@@ -193,12 +193,12 @@ def test_two_boards_in_view(take: Take) -> None:
         detect(side_by_side(first, take(9, 6, seed=4)[1]), one.target)
 
 
-def test_a_large_picture() -> None:
+def test_a_large_image() -> None:
     """20 megapixels: found at full resolution's accuracy, here of a board whose corners lie at pixels' corners."""
     square = 300
-    picture = cv2.GaussianBlur(drawn_board(9, 6, square), (0, 0), 1.0)
-    assert picture.size > 20e6
-    found = detect(picture, NINE_BY_SIX)
+    image = cv2.GaussianBlur(drawn_board(9, 6, square), (0, 0), 1.0)
+    assert image.size > 20e6
+    found = detect(image, NINE_BY_SIX)
     true = np.mgrid[5:11, 5:14].reshape(2, -1)[::-1].T * square - 0.5
     distances = np.linalg.norm(found.points_px[:, None] - true, axis=2)
     assert sorted(distances.argmin(axis=1)) == list(range(54))
@@ -252,10 +252,10 @@ def test_none_is_found_in_clutter(seeds: range) -> None:
     for seed in seeds:
         scene = standard_scene(standard_target(9, 6), 95_000 + seed)
         noise = np.random.default_rng(seed).normal(0.0, 4.0, (scene.height_px, scene.width_px))
-        picture = np.clip(background(scene) + noise, 0, 255).astype(np.uint8)
+        image = np.clip(background(scene) + noise, 0, 255).astype(np.uint8)
         for asked in BOARDS:
             with pytest.raises(TargetNotFound):
-                detect(picture, TargetSpec("chessboard", *asked, 20.0))
+                detect(image, TargetSpec("chessboard", *asked, 20.0))
 
 
 @pytest.mark.parametrize(
@@ -267,10 +267,10 @@ def test_another_board_is_named_by_its_size(numbers: Iterable[int]) -> None:
     for number in numbers:
         columns, rows = OTHERS[number]
         scene = shrunk(standard_scene(standard_target(columns, rows), 96_000 + number), 0.6)
-        picture = render(scene)
+        image = render(scene)
         for asked in BOARDS:
             with pytest.raises(TargetMismatch, match=f"{columns} x {rows} grid"):
-                detect(picture, TargetSpec("chessboard", *asked, 20.0))
+                detect(image, TargetSpec("chessboard", *asked, 20.0))
 
 
 def checks(square: int, shape: tuple[int, int]) -> np.ndarray:
@@ -282,11 +282,11 @@ NINE_BY_SIX = TargetSpec("chessboard", 9, 6, 20.0)
 
 
 def drawn_board(columns: int, rows: int, square: int = 12) -> np.ndarray:
-    """A board upright in the middle of a bright picture, with a margin of four squares."""
-    picture = np.full(((rows + 9) * square, (columns + 9) * square), 220, np.uint8)
+    """A board upright in the middle of a bright image, with a margin of four squares."""
+    image = np.full(((rows + 9) * square, (columns + 9) * square), 220, np.uint8)
     inner = slice(4 * square, -4 * square)
-    picture[inner, inner] = checks(square, ((rows + 1) * square, (columns + 1) * square))
-    return picture
+    image[inner, inner] = checks(square, ((rows + 1) * square, (columns + 1) * square))
+    return image
 
 
 def winding_checks(kind: str, size: int) -> np.ndarray:
@@ -327,12 +327,12 @@ RUBBISH = {
 @pytest.mark.parametrize("shape", [(1, 1), (2, 5000), (7, 7), (40, 3000), (1200, 1600)], ids=str)
 @pytest.mark.parametrize("kind", RUBBISH)
 def test_rubbish_is_refused_in_time(kind: str, shape: tuple[int, int]) -> None:
-    picture = RUBBISH[kind](np.random.default_rng(0), shape)
-    detect(cv2.GaussianBlur(drawn_board(9, 6).astype(picture.dtype), (0, 0), 1.0), NINE_BY_SIX)  # compiles
+    image = RUBBISH[kind](np.random.default_rng(0), shape)
+    detect(cv2.GaussianBlur(drawn_board(9, 6).astype(image.dtype), (0, 0), 1.0), NINE_BY_SIX)  # compiles
     for size in ((9, 6), (3, 3)):
         began = time.process_time()
         with pytest.raises(GridposeError):
-            detect(picture, TargetSpec("chessboard", *size, 20.0))
+            detect(image, TargetSpec("chessboard", *size, 20.0))
         assert time.process_time() - began < 2.0
 
 
@@ -340,12 +340,12 @@ def test_rubbish_is_refused_in_time(kind: str, shape: tuple[int, int]) -> None:
 @pytest.mark.parametrize("kind", ["spiral", "polar", "wavy"])
 def test_checks_without_an_end_are_given_up_in_time(kind: str) -> None:
     """Lattices that wind and close on themselves: they are followed a bounded way, and never whole."""
-    picture = winding_checks(kind, 2600)
+    winding = winding_checks(kind, 2600)
     # As many squares, which end at the edge.
-    wallpaper = cv2.GaussianBlur(checks(10, picture.shape), (0, 0), 1.0)
+    wallpaper = cv2.GaussianBlur(checks(10, winding.shape), (0, 0), 1.0)
     detect(cv2.GaussianBlur(drawn_board(9, 6), (0, 0), 1.0), NINE_BY_SIX)  # compiles
     times = []
-    for image in (wallpaper, picture):
+    for image in (wallpaper, winding):
         began = time.process_time()
         with pytest.raises(TargetMismatch, match="at least"):
             detect(image, NINE_BY_SIX)
@@ -357,11 +357,11 @@ def test_checks_without_an_end_are_given_up_in_time(kind: str) -> None:
 @pytest.mark.parametrize("kind", ["spiral", "polar", "wavy"])
 def test_squares_without_an_end_are_no_dots_in_time(kind: str) -> None:
     """Hundreds of lattices, of which each goes on beyond gaps: few are followed, no further than a board reaches."""
-    picture = winding_checks(kind, 2600)
-    wallpaper = cv2.GaussianBlur(checks(10, picture.shape), (0, 0), 1.0)
+    winding = winding_checks(kind, 2600)
+    wallpaper = cv2.GaussianBlur(checks(10, winding.shape), (0, 0), 1.0)
     dots = TargetSpec("circles", 10, 10, 20.0)
     times = []
-    for image in (checks(10, (100, 100)), wallpaper, picture):  # the first compiles
+    for image in (checks(10, (100, 100)), wallpaper, winding):  # the first compiles
         began = time.process_time()
         with pytest.raises((TargetNotFound, TargetMismatch)):
             detect(image, dots)
@@ -382,20 +382,20 @@ def test_squares_too_small_to_judge_are_said_to_be() -> None:
 
 def test_a_lattice_cut_short_is_no_smaller_board(monkeypatch: pytest.MonkeyPatch) -> None:
     """Growing ends at a limit: a lattice that goes on beyond it is never whole, at whatever line it stopped."""
-    picture = cv2.GaussianBlur(drawn_board(60, 40), (0, 0), 1.0)
+    image = cv2.GaussianBlur(drawn_board(60, 40), (0, 0), 1.0)
     monkeypatch.setattr(growing, "MAX_LINES", 30)
     monkeypatch.setattr(detector, "link", fewer_links)
-    trace = trace_detection(picture, NINE_BY_SIX)
+    trace = trace_detection(image, NINE_BY_SIX)
     boards = [board for step in trace.steps for board in step.boards]
     assert any(board.lattice.cut_short and board.size != (60, 40) for board in boards)
     for board in boards:
         assert not board.is_whole or board.size == (60, 40)
     with pytest.raises(TargetMismatch, match="at least"):
-        detect(picture, NINE_BY_SIX)
+        detect(image, NINE_BY_SIX)
 
 
 def fewer_links(saddles: Saddles) -> Patches:
-    """Only what is linked within the picture's upper left part, as if its corners alone had been kept."""
+    """Only what is linked within the image's upper left part, as if its corners alone had been kept."""
     patches = link(saddles)
     height, width = saddles.smooth.shape
     kept = (saddles.points[:, 0] < 0.3 * width) & (saddles.points[:, 1] < 0.3 * height)
@@ -407,11 +407,11 @@ def fewer_links(saddles: Saddles) -> Patches:
 def test_time_grows_with_the_number_of_corners_not_with_its_square() -> None:
     taken = []
     for lines in (20, 100, 200):  # the first compiles
-        picture = cv2.GaussianBlur(drawn_board(lines, lines, 10), (0, 0), 0.6)
+        image = cv2.GaussianBlur(drawn_board(lines, lines, 10), (0, 0), 0.6)
         runs = []
         for _ in range(2):
             began = time.process_time()
-            found = detect(picture, TargetSpec("chessboard", lines, lines, 5.0))
+            found = detect(image, TargetSpec("chessboard", lines, lines, 5.0))
             runs.append(time.process_time() - began)
             assert len(found) == lines * lines
         taken.append(min(runs))
@@ -419,14 +419,14 @@ def test_time_grows_with_the_number_of_corners_not_with_its_square() -> None:
 
 
 @pytest.mark.parametrize("beyond_px", [-1, 1, 3])
-def test_a_board_whose_corners_meet_the_edge_of_the_picture_may_go_on(take: Take, beyond_px: int) -> None:
+def test_a_board_whose_corners_meet_the_edge_of_the_image_may_go_on(take: Take, beyond_px: int) -> None:
     """All of its corners may be in view, but nobody sees that it ends with them."""
-    scene, picture = take(9, 6, seed=1, max_roll_deg=0.0)
+    scene, image = take(9, 6, seed=1, max_roll_deg=0.0)
     end = round(float(scene.points_px[:, 0].max())) + beyond_px
     with pytest.raises((OriginUnknown, TargetNotFound)):
-        detect(np.ascontiguousarray(picture[:, :end]), scene.target)
+        detect(np.ascontiguousarray(image[:, :end]), scene.target)
     grid = scene.points_px.reshape(6, 9, 2)
-    hidden = picture.copy()
+    hidden = image.copy()
     last, step = grid[-1], grid[-1] - grid[-2]
     edge = last + step * np.linspace(0.8, 0.1, 9)[:, None]
     cv2.fillPoly(hidden, [np.rint(np.concatenate([edge, edge[::-1] + 30 * step])).astype(np.int32)], 230)
@@ -435,11 +435,11 @@ def test_a_board_whose_corners_meet_the_edge_of_the_picture_may_go_on(take: Take
 
 
 def test_hidden_outermost_squares_are_said_to_be(take: Take) -> None:
-    scene, picture = take(9, 6, seed=1)
+    scene, image = take(9, 6, seed=1)
     grid = scene.points_px.reshape(6, 9, 2)
     last, step = grid[:, -1], grid[:, -1] - grid[:, -2]
     edge = last + step * np.linspace(0.8, 0.1, 6)[:, None]
-    hidden = picture.copy()
+    hidden = image.copy()
     cv2.fillPoly(hidden, [np.rint(np.concatenate([edge, edge[::-1] + 30 * step])).astype(np.int32)], 230)
     with pytest.raises(TargetNotFound, match="outermost squares are hidden"):
         detect(hidden, scene.target)

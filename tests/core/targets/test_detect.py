@@ -26,8 +26,8 @@ def rms(found: GridPoints, scene: Scene) -> float:
 @pytest.mark.parametrize("size", [(9, 6), (14, 10), (25, 18)])
 @pytest.mark.parametrize("tilt_deg", [0.0, 30.0, 45.0])
 def test_points_lie_on_the_truth(take: Take, size: tuple[int, int], tilt_deg: float) -> None:
-    scene, picture = take(*size, seed=2, tilt_deg=tilt_deg)
-    found = detect(picture, scene.target)
+    scene, image = take(*size, seed=2, tilt_deg=tilt_deg)
+    found = detect(image, scene.target)
     # cornerSubPix reaches .02 to .045 px at this noise, more where small squares limit its window; none is lost
     assert rms(found, scene) < (0.06 if size != (25, 18) else 0.09)
     assert np.abs(found.points_px - scene.points_px).max() < 0.4
@@ -48,19 +48,19 @@ def test_standard_scenes(size: tuple[int, int], tilt_deg: float) -> None:
 
 @pytest.mark.parametrize("blur_px", [0.5, 2.0, 3.0])
 def test_sharp_and_blurred(take: Take, blur_px: float) -> None:
-    scene, picture = take(9, 6, seed=2, blur_px=blur_px)
-    assert rms(detect(picture, scene.target), scene) < 0.12
+    scene, image = take(9, 6, seed=2, blur_px=blur_px)
+    assert rms(detect(image, scene.target), scene) < 0.12
 
 
 def test_16_bit_and_a_12_bit_camera(take: Take) -> None:
-    scene, picture = take(9, 6, seed=3, bit_depth=16)
-    assert rms(detect(picture, scene.target), scene) < 0.06
-    assert rms(detect(picture // 16, scene.target), scene) < 0.06
+    scene, image = take(9, 6, seed=3, bit_depth=16)
+    assert rms(detect(image, scene.target), scene) < 0.06
+    assert rms(detect(image // 16, scene.target), scene) < 0.06
 
 
 def test_weak_contrast(take: Take) -> None:
-    scene, picture = take(9, 6, seed=3, bit_depth=16, noise_levels=0.5)
-    faint = (30000 + picture // 20).astype(np.uint16)
+    scene, image = take(9, 6, seed=3, bit_depth=16, noise_levels=0.5)
+    faint = (30000 + image // 20).astype(np.uint16)
     assert rms(detect(faint, scene.target), scene) < 0.1
 
 
@@ -69,8 +69,8 @@ def test_weak_contrast(take: Take) -> None:
 def test_odd_boards_have_their_origin_at_the_black_end_however_they_lie(
     take: Take, size: tuple[int, int], seed: int
 ) -> None:
-    scene, picture = take(*size, seed=seed, max_roll_deg=180.0)
-    found = detect(picture, scene.target)
+    scene, image = take(*size, seed=seed, max_roll_deg=180.0)
+    found = detect(image, scene.target)
     assert rms(found, scene) < 0.06
     assert found.warnings == ()
 
@@ -78,8 +78,8 @@ def test_odd_boards_have_their_origin_at_the_black_end_however_they_lie(
 def test_even_board_lies_with_x_to_the_right_and_says_so(take: Take) -> None:
     seen = set()
     for seed in range(8):
-        scene, picture = take(8, 6, seed=seed, max_roll_deg=180.0)
-        found = detect(picture, scene.target)
+        scene, image = take(8, 6, seed=seed, max_roll_deg=180.0)
+        found = detect(image, scene.target)
         assert [w.code for w in found.warnings] == ["board_symmetry_unresolved"]
         grid = found.points_px.reshape(6, 8, 2)
         assert (grid[:, -1] - grid[:, 0]).mean(axis=0)[0] > 0.0
@@ -94,8 +94,8 @@ def test_even_board_lies_with_x_to_the_right_and_says_so(take: Take) -> None:
 
 def test_square_boards(take: Take) -> None:
     for count in (6, 7):
-        scene, picture = take(count, count, seed=2, max_roll_deg=180.0)
-        found = detect(picture, scene.target)
+        scene, image = take(count, count, seed=2, max_roll_deg=180.0)
+        found = detect(image, scene.target)
         assert [w.code for w in found.warnings] == ["board_symmetry_unresolved"]
         truth = scene.points_px.reshape(count, count, 2)
         orders = [np.rot90(truth, k) for k in range(4)]  # never a mirrored one
@@ -106,9 +106,9 @@ def test_square_boards(take: Take) -> None:
 
 
 def test_a_board_seen_in_a_mirror_is_not_mirrored(take: Take) -> None:
-    """A mirrored picture of an odd board is that of a board with the other end black: rows run the other way."""
-    scene, picture = take(9, 6, seed=4)
-    found = detect(np.ascontiguousarray(picture[:, ::-1]), scene.target)
+    """A mirrored image of an odd board is that of a board with the other end black: rows run the other way."""
+    scene, image = take(9, 6, seed=4)
+    found = detect(np.ascontiguousarray(image[:, ::-1]), scene.target)
     grid = found.points_px.reshape(6, 9, 2)
     x, y = (grid[:, -1] - grid[:, 0]).mean(axis=0), (grid[-1] - grid[0]).mean(axis=0)
     assert x[0] * y[1] - x[1] * y[0] > 0.0
@@ -126,19 +126,19 @@ def test_a_board_seen_in_a_mirror_is_not_mirrored(take: Take) -> None:
     ],
 )
 def test_another_board_in_view_is_named(take: Take, shown: tuple[int, int], asked: tuple[int, int]) -> None:
-    _, picture = take(*shown, seed=5)
+    _, image = take(*shown, seed=5)
     with pytest.raises(TargetMismatch, match=f"{shown[0]} x {shown[1]} .*{asked[0]} x {asked[1]}"):
-        detect(picture, TargetSpec("chessboard", *asked, 20.0))
+        detect(image, TargetSpec("chessboard", *asked, 20.0))
 
 
 @pytest.mark.parametrize("cut", [0.15, 0.3, 0.45])
 @pytest.mark.parametrize("side", range(4))
 def test_a_cropped_board_is_never_taken_for_the_whole(take: Take, cut: float, side: int) -> None:
-    scene, picture = take(14, 10, seed=6)
+    scene, image = take(14, 10, seed=6)
     low, high = scene.points_px.min(axis=0), scene.points_px.max(axis=0)
     u, v = np.rint(low + cut * (high - low)).astype(int)
     u_end, v_end = np.rint(high - cut * (high - low)).astype(int)
-    part = (picture[:, u:], picture[:, :u_end], picture[v:], picture[:v_end])[side]
+    part = (image[:, u:], image[:, :u_end], image[v:], image[:v_end])[side]
     part = np.ascontiguousarray(part)
     for asked in ((9, 6), (8, 6)):
         with pytest.raises(TargetMismatch, match="at least"):
@@ -160,7 +160,7 @@ def test_no_board(take: Take, seed: int) -> None:
 
 
 @pytest.mark.parametrize(
-    "picture",
+    "image",
     [
         np.zeros((1, 1), np.uint8),
         np.zeros((3, 900), np.uint8),
@@ -173,9 +173,9 @@ def test_no_board(take: Take, seed: int) -> None:
     ids=["pixel", "sliver", "black", "white", "noise", "noise 16", "checked pixels"],
 )
 @pytest.mark.parametrize("size", [(9, 6), (3, 3), (500, 500)])
-def test_empty_pictures(picture: np.ndarray, size: tuple[int, int]) -> None:
+def test_empty_images(image: np.ndarray, size: tuple[int, int]) -> None:
     with pytest.raises((TargetNotFound, TargetMismatch)):
-        detect(picture, TargetSpec("chessboard", *size, 20.0))
+        detect(image, TargetSpec("chessboard", *size, 20.0))
 
 
 def test_large_squares_of_a_wallpaper_are_no_board_of_another_size() -> None:
@@ -185,14 +185,14 @@ def test_large_squares_of_a_wallpaper_are_no_board_of_another_size() -> None:
 
 
 def test_refusals() -> None:
-    picture = np.zeros((100, 100), np.uint8)
+    image = np.zeros((100, 100), np.uint8)
     with pytest.raises(InvalidTarget, match="marker_mm"):
-        detect(picture, TargetSpec("aprilgrid", 9, 6, 20.0))
+        detect(image, TargetSpec("aprilgrid", 9, 6, 20.0))
     with pytest.raises(InvalidTarget, match="dictionary is required"):
-        detect(picture, TargetSpec("charuco", 9, 6, 20.0))
+        detect(image, TargetSpec("charuco", 9, 6, 20.0))
     with pytest.raises(InvalidTarget, match="2 x 6"):
-        detect(picture, TargetSpec("chessboard", 2, 6, 20.0))
-    for wrong in (picture.astype(np.float32), np.zeros((100, 100, 3), np.uint8)):
+        detect(image, TargetSpec("chessboard", 2, 6, 20.0))
+    for wrong in (image.astype(np.float32), np.zeros((100, 100, 3), np.uint8)):
         # under test the shapes in the signature are checked before the function's own check
         with pytest.raises((InvalidArgument, TypeCheckError)):
             detect(wrong, TargetSpec("chessboard", 9, 6, 20.0))
@@ -200,14 +200,14 @@ def test_refusals() -> None:
 
 @pytest.mark.slow
 def test_stated_uncertainty_is_the_error(take: Take) -> None:
-    """Errors over stated uncertainties are of size one: over 12 pictures of 140 points in two coordinates.
+    """Errors over stated uncertainties are of size one: over 12 images of 140 points in two coordinates.
 
-    A first version: within a third of one, and for no picture off by more than a factor of two.
+    A first version: within a third of one, and for no image off by more than a factor of two.
     """
     ratios = []
     for seed in range(12):
-        scene, picture = take(14, 10, seed=seed, tilt_deg=5.0 * seed)
-        found = detect(picture, scene.target)
+        scene, image = take(14, 10, seed=seed, tilt_deg=5.0 * seed)
+        found = detect(image, scene.target)
         error = (found.points_px - scene.points_px) / found.standard_uncertainty_px[:, None]
         ratios.append(float(np.sqrt(np.mean(error**2))))
     assert 2.0 / 3.0 < math.sqrt(float(np.mean(np.square(ratios)))) < 4.0 / 3.0
@@ -216,8 +216,8 @@ def test_stated_uncertainty_is_the_error(take: Take) -> None:
 
 
 def test_uncertainty_grows_with_noise(take: Take) -> None:
-    _, picture = take(9, 6, seed=3)
+    _, image = take(9, 6, seed=3)
     scene, loud = take(9, 6, seed=3, noise_levels=8.0)
-    quiet = detect(picture, scene.target).standard_uncertainty_px
+    quiet = detect(image, scene.target).standard_uncertainty_px
     noisy = detect(loud, scene.target).standard_uncertainty_px
     assert np.median(noisy / quiet) == pytest.approx(2.0, rel=0.15)

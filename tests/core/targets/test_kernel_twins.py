@@ -1,4 +1,4 @@
-"""The detector's compiled parts beside plain numpy that does the same, on lattices with holes and pictures of noise."""
+"""The detector's compiled parts against plain numpy that does the same, on lattices with holes and images of noise."""
 
 from __future__ import annotations
 
@@ -59,9 +59,9 @@ def test_kinks_and_lonely_ones(seed: int) -> None:
     np.testing.assert_array_equal(bent_points(grid), expected)
     known = np.isfinite(gap)
     around = np.pad(known.astype(int), 1)
-    beside = around[:-2, 1:-1] + around[2:, 1:-1] + around[1:-1, :-2] + around[1:-1, 2:]
-    assert (known & (beside < 2)).any()
-    np.testing.assert_array_equal(poorly_connected(known), known & (beside < 2))
+    neighbours = around[:-2, 1:-1] + around[2:, 1:-1] + around[1:-1, :-2] + around[1:-1, 2:]
+    assert (known & (neighbours < 2)).any()
+    np.testing.assert_array_equal(poorly_connected(known), known & (neighbours < 2))
 
 
 def test_cells_hold_their_points_in_order() -> None:
@@ -136,11 +136,11 @@ def plain_side(
         np.minimum(np.arange(len(number)) + 1, len(number) - 1),
         np.maximum(np.arange(len(number)) - 1, 0),
     )
-    aside = 0.3 * (outer[after] - outer[before]) / (number[after] - number[before])[:, None]
+    along = 0.3 * (outer[after] - outer[before]) / (number[after] - number[before])[:, None]
     depths = np.append(np.arange(0.4, 0.95, 0.1), 1.3)
     middle = outer + depths[:, None, None] * (places - outer)
     levels = []
-    for at in (middle + aside, middle - aside):
+    for at in (middle + along, middle - along):
         u, v = np.rint(np.clip(at, 0.0, np.array(image.shape[::-1]) - 1.0)).astype(int).transpose(2, 0, 1)
         levels.append(image[v, u].astype(float))
     sign = np.where((number % 2 == 0) == first_is_bright, 1.0, -1.0)
@@ -243,9 +243,9 @@ def test_a_homography_and_its_polynomials_against_differences() -> None:
         m = m[:, :2] / m[:, 2:]
         return m, m[:, :1] ** powers[:, 0] * m[:, 1:] ** powers[:, 1]
 
-    picture, polynomials = _derived(H, x, powers)
+    image, polynomials = _derived(H, x, powers)
     h = 1e-4
-    for which, derived in enumerate((picture, polynomials)):
+    for which, derived in enumerate((image, polynomials)):
         here = values(x)[which]
         np.testing.assert_allclose(derived[0], here, rtol=1e-12, atol=1e-14)
         for axis in range(2):
@@ -255,13 +255,13 @@ def test_a_homography_and_its_polynomials_against_differences() -> None:
             np.testing.assert_allclose(
                 derived[3 + axis], (after - 2 * here + before) / h**2, rtol=1e-4, atol=1e-3
             )
-    found = normalised_homography(x, picture[0], np.ones(40))
+    found = normalised_homography(x, image[0], np.ones(40))
     np.testing.assert_allclose(found / found[2, 2], H, atol=1e-9)
     c, scales, middle = rng.normal(size=(10, 2)), np.array([3.0, 2.0, 2.0, 1.5, 1.5]), np.array([7.0, -4.0])
-    expected = (picture + polynomials[:, :, :10] @ c) * scales[:, None, None]
+    expected = (image + polynomials[:, :, :10] @ c) * scales[:, None, None]
     expected[0] += middle
     np.testing.assert_allclose(
-        _evaluated(picture, polynomials, c, scales, middle), expected, rtol=1e-11, atol=1e-11
+        _evaluated(image, polynomials, c, scales, middle), expected, rtol=1e-11, atol=1e-11
     )
 
 

@@ -1,4 +1,4 @@
-"""The parts of the detector one by one, the compiled ones beside plain twins."""
+"""The parts of the detector one by one, the compiled ones against plain twins."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def lattice_of(grid: np.ndarray, *, origin_is_bright: bool) -> Lattice:
     return Lattice(grid, np.full(shape, 100.0), np.zeros(shape, dtype=bool), origin_is_bright)
 
 
-def noisy_picture() -> np.ndarray:
+def noisy_image() -> np.ndarray:
     """A board, tilted by a shear, with noise, blobs and bars around it."""
     image, _ = board(7, 5)
     shear = np.array([[0.9, 0.35, 10.0], [-0.2, 0.7, 60.0]])
@@ -68,7 +68,7 @@ def test_a_lens_makes_no_kinks_and_a_mistake_does() -> None:
 @pytest.mark.parametrize("dtype", [np.uint8, np.uint16])
 @pytest.mark.parametrize("shape", [(900, 1400), (901, 1403), (2500, 3001)])
 def test_levels_keep_their_place(dtype: type, shape: tuple[int, int]) -> None:
-    """The centre of gravity of a bright block is at the same place of the full picture on every level."""
+    """The centre of gravity of a bright block is at the same place of the full image on every level."""
     image = np.zeros(shape, dtype=dtype)
     image[400:464, 640:736] = 200
     found = list(levels(image))
@@ -82,7 +82,7 @@ def test_levels_keep_their_place(dtype: type, shape: tuple[int, int]) -> None:
 
 
 def test_saddle_points_are_those_of_the_plain_formula() -> None:
-    smooth = cv2.sepFilter2D(noisy_picture(), cv2.CV_16S, np.float32([1, 2, 1]), np.float32([1, 2, 1]))
+    smooth = cv2.sepFilter2D(noisy_image(), cv2.CV_16S, np.float32([1, 2, 1]), np.float32([1, 2, 1]))
     f = smooth.astype(np.float32)  # as precise as the kernel: of nearly equal values the same one is larger
     xx, yy, xy = np.zeros_like(f), np.zeros_like(f), np.zeros_like(f)
     xx[:, 2:-2] = f[:, 4:] - 2.0 * f[:, 2:-2] + f[:, :-4]
@@ -169,7 +169,7 @@ def plain_rings(smooth: np.ndarray, place: np.ndarray, *, centred: bool) -> tupl
 
 
 def test_rings_are_those_of_the_plain_test() -> None:
-    smooth = cv2.sepFilter2D(noisy_picture(), cv2.CV_16S, np.float32([1, 2, 1]), np.float32([1, 2, 1]))
+    smooth = cv2.sepFilter2D(noisy_image(), cv2.CV_16S, np.float32([1, 2, 1]), np.float32([1, 2, 1]))
     places = np.empty((5000, 3), dtype=np.float32)
     places = places[: saddle_points(smooth, np.float32(500.0), places)]
     angle = 2.0 * np.pi * np.arange(32) / 32
@@ -254,7 +254,7 @@ def test_growing_finds_the_whole_board_and_stops(dtype: type, corner: tuple[int,
     assert found.size == (8, 6)
 
 
-def test_a_part_hidden_is_grown_around_and_left_out() -> None:
+def test_a_part_hidden_is_grown_around_and_missing() -> None:
     image, grid = board(12, 9)
     cv2.circle(image, tuple(np.rint(grid[4, 5]).astype(int).tolist()), 30, 255, -1)
     saddles = find_saddles(Level(image, 0))
@@ -270,13 +270,13 @@ def test_a_part_hidden_is_grown_around_and_left_out() -> None:
     assert lattice.known[~near].all()
 
 
-def test_ends_are_told_from_parts() -> None:
+def test_ends_are_distinguished_from_parts() -> None:
     image, grid = board(8, 6)
     whole = lattice_of(grid, origin_is_bright=False)
     found = bounded(image, whole)
     assert found is not None
     assert [side.is_boundary for side in found.sides] == [True] * 4
-    # a line of corners beyond that was not grown: its squares still alternate, but corners there are told by growing
+    # a line of corners beyond that was not grown: its squares still alternate, but growing decides on corners there
     gappy = lattice_of(grid.copy(), origin_is_bright=False)
     gappy.grid[0, 1:7], gappy.gap[0, 1:7] = (
         np.nan,
@@ -290,7 +290,7 @@ def test_ends_are_told_from_parts() -> None:
 
 
 def test_corners_of_clutter_beyond_a_board_are_no_line_of_it() -> None:
-    """What stands in the margin at a corner's place; a line's squares would change their colour there."""
+    """What is in the margin at a corner's place; a line's squares would change their colour there."""
     image, grid = board(8, 6)
     above = 2.0 * grid[0] - grid[1]
     lattice = lattice_of(np.concatenate([above[None], grid]), origin_is_bright=True)
@@ -304,7 +304,7 @@ def test_corners_of_clutter_beyond_a_board_are_no_line_of_it() -> None:
 
 
 @pytest.mark.parametrize("side", range(4))
-def test_a_picture_that_ends_with_the_corners_does_not_show_a_whole_board(side: int) -> None:
+def test_an_image_that_ends_with_the_corners_does_not_show_a_whole_board(side: int) -> None:
     image, _ = board(8, 6)  # a margin of two squares, and the outermost one
     part = np.ascontiguousarray(np.rot90(image, side)[:, : -round(2.6 * PITCH)])
     saddles = find_saddles(Level(part, 0))

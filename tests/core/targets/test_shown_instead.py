@@ -1,4 +1,4 @@
-"""What is said of pictures that show a board of another kind than the one asked for."""
+"""What is said of images that show a board of another kind than the one asked for."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ STAGGERED = TargetSpec("asymmetric_circles", 4, 11, 20.0)
 APRILGRID = TargetSpec("aprilgrid", 4, 4, 40.0, 30.0)
 
 
-def picture(target: TargetSpec, seed: int, marks: bool = False) -> np.ndarray:
+def image_of(target: TargetSpec, seed: int, marks: bool = False) -> np.ndarray:
     rng = np.random.default_rng([seed, 5])
     tilt = math.radians(rng.uniform(0.0, 40.0))
     T = random_pose(target, CAMERA, (1000, 800), tilt, math.radians(180.0), rng)
@@ -50,9 +50,9 @@ def picture(target: TargetSpec, seed: int, marks: bool = False) -> np.ndarray:
 )
 def test_boards_of_another_kind_are_named(shown: TargetSpec, asked: TargetSpec, said: str, seed: int) -> None:
     with pytest.raises(TargetMismatch, match=said) as caught:
-        look_for(picture(shown, seed), asked)
+        look_for(image_of(shown, seed), asked)
     assert f"of {asked.columns} x {asked.rows} was asked for" in caught.value.detail
-    _, file = cv2.imencode(".png", picture(shown, seed))
+    _, file = cv2.imencode(".png", image_of(shown, seed))
     with pytest.raises(TargetMismatch, match=said):
         calibrate_image(file.tobytes(), asked)
 
@@ -73,14 +73,14 @@ def test_without_any_board_none_is_named(asked: TargetSpec) -> None:
 @pytest.mark.parametrize("shown", [CHARUCO, SMALL_MARKERS])
 def test_a_board_white_on_black_is_named_as_such(shown: TargetSpec, asked: TargetSpec) -> None:
     with pytest.raises(TargetMismatch, match=r"A ChArUco board of .*, white on black, is in view") as caught:
-        look_for(255 - picture(shown, 1), asked)
+        look_for(255 - image_of(shown, 1), asked)
     assert "inverted" in caught.value.advice
 
 
 @pytest.mark.parametrize("seed", range(4))
 def test_an_aprilgrid_or_plain_squares_are_no_board_white_on_black(seed: int) -> None:
     for shown in (APRILGRID, CHESSBOARD):
-        for image in (picture(shown, seed), 255 - picture(shown, seed)):
+        for image in (image_of(shown, seed), 255 - image_of(shown, seed)):
             with pytest.raises(DetectionError) as caught:
                 look_for(image, CHARUCO)
             assert "white on black" not in caught.value.detail
@@ -89,7 +89,7 @@ def test_an_aprilgrid_or_plain_squares_are_no_board_white_on_black(seed: int) ->
 @pytest.mark.parametrize("scale", [3, 4])
 def test_boards_in_large_images_are_named(scale: int) -> None:
     for shown, said in ((CHARUCO, "A ChArUco board"), (CHESSBOARD, "A chessboard of 9 x 6")):
-        large = cv2.resize(picture(shown, 2), None, fx=scale, fy=scale, interpolation=cv2.INTER_CUBIC)
+        large = cv2.resize(image_of(shown, 2), None, fx=scale, fy=scale, interpolation=cv2.INTER_CUBIC)
         with pytest.raises(TargetMismatch, match=said):
             look_for(large, CIRCLES)
 
@@ -106,28 +106,28 @@ def test_fine_texture_is_searched_at_a_size_that_bounds_its_lattices(square_px: 
 
 
 def test_marked_squares_are_no_markers() -> None:
-    """A chessboard with marks, of another size: told by its size, as ever."""
+    """A chessboard with marks, of another size: named by its size, as ever."""
     with pytest.raises(DetectionError) as caught:
-        look_for(picture(CHESSBOARD, 3, marks=True), TargetSpec("chessboard", 7, 5, 20.0))
+        look_for(image_of(CHESSBOARD, 3, marks=True), TargetSpec("chessboard", 7, 5, 20.0))
     assert "ChArUco" not in caught.value.detail
     assert isinstance(caught.value, TargetMismatch)
 
 
 def test_the_board_asked_for_is_found_as_ever() -> None:
     for target in (CHESSBOARD, CHARUCO, CIRCLES, STAGGERED, APRILGRID):
-        assert len(look_for(picture(target, 4), target)) > 0.9 * target.size
+        assert len(look_for(image_of(target, 4), target)) > 0.9 * target.size
 
 
 @pytest.mark.parametrize("seed", range(4))
-def test_of_other_dictionaries_the_markers_tell(seed: int) -> None:
+def test_of_other_dictionaries_the_markers_decide(seed: int) -> None:
     """Their squares are not those of a chessboard, nor is what lies within a marker."""
     shown = TargetSpec("charuco", 7, 5, 24.0, 16.8, "DICT_5X5_100")
     with pytest.raises(TargetNotFound):
-        look_for(picture(shown, seed), TargetSpec("charuco", 7, 5, 24.0, 16.8, "DICT_4X4_100"))
+        look_for(image_of(shown, seed), TargetSpec("charuco", 7, 5, 24.0, 16.8, "DICT_4X4_100"))
 
 
 def test_of_the_board_asked_for_but_hidden_nothing_else_is_said() -> None:
-    shown = picture(CHESSBOARD, 6)
+    shown = image_of(CHESSBOARD, 6)
     shown[:, 350:650] = 90
     with pytest.raises(OriginUnknown):
         look_for(shown, CHESSBOARD)

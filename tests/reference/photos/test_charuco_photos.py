@@ -27,25 +27,25 @@ PHOTOS.append(("opencv_samples/choriginal.jpg", OPENCVS))
 
 
 def photo(data_folder: Path, name: str) -> np.ndarray:
-    picture = cv2.imread(str(data_folder / name), cv2.IMREAD_GRAYSCALE)
-    assert picture is not None
-    return picture
+    image = cv2.imread(str(data_folder / name), cv2.IMREAD_GRAYSCALE)
+    assert image is not None
+    return image
 
 
-def opencvs_corners(picture: np.ndarray, target: TargetSpec) -> dict[int, np.ndarray]:
+def opencvs_corners(image: np.ndarray, target: TargetSpec) -> dict[int, np.ndarray]:
     """What cv2.aruco.CharucoDetector finds, by row * columns + column."""
     dictionary = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_6X6_250)
     board = cv2.aruco.CharucoBoard((5, 7), target.pitch_mm, float(target.marker_mm or 0.0), dictionary)
-    corners, ids, _, _ = cv2.aruco.CharucoDetector(board).detectBoard(picture)
+    corners, ids, _, _ = cv2.aruco.CharucoDetector(board).detectBoard(image)
     return dict(zip(np.ravel(ids).tolist(), np.reshape(corners, (-1, 2)), strict=True))
 
 
 @pytest.mark.parametrize(("name", "target"), PHOTOS)
 def test_corners_are_opencvs_with_the_same_names(data_folder: Path, name: str, target: TargetSpec) -> None:
     """At least 19 of the 24, most often all, and never fewer than OpenCV by more than the five that its jagged or
-    smeared pictures cost; where both have one it is the same within what cornerSubPix leaves open on these pictures."""
-    picture = photo(data_folder, name)
-    found, theirs = detect(picture, target), opencvs_corners(picture, target)
+    smeared images cost; where both have one it is the same within what cornerSubPix leaves open on these images."""
+    image = photo(data_folder, name)
+    found, theirs = detect(image, target), opencvs_corners(image, target)
     assert len(found) >= 19
     off = [
         np.linalg.norm(theirs[k] - point)
@@ -59,11 +59,11 @@ def test_corners_are_opencvs_with_the_same_names(data_folder: Path, name: str, t
 
 @pytest.mark.parametrize(("name", "target"), PHOTOS)
 def test_both_ways_of_finding_agree(data_folder: Path, name: str, target: TargetSpec) -> None:
-    """The lattice shows all 24 corners in every photograph; OpenCV's markers place as many as have one beside them."""
-    picture = np.require(photo(data_folder, name), requirements=["C", "W", "A"])
+    """The lattice shows all 24 corners in every photograph; OpenCV's markers place as many as have one next to them."""
+    image = np.require(photo(data_folder, name), requirements=["C", "W", "A"])
     layout, codes = charuco_layout(target), marker_codes("DICT_6X6_250")
-    by_lattice = find_by_lattice(picture, layout, codes).part
-    by_markers = find_by_markers(picture, layout, codes)
+    by_lattice = find_by_lattice(image, layout, codes).part
+    by_markers = find_by_markers(image, layout, codes)
     assert by_lattice is not None
     assert by_markers is not None
     assert len(by_lattice) == 24
@@ -75,7 +75,7 @@ def test_both_ways_of_finding_agree(data_folder: Path, name: str, target: Target
     assert off.max() < 12.0  # of squares of 50 px and more, from markers half as wide
 
 
-def test_all_eight_are_measured_and_tell_the_focal_length(data_folder: Path) -> None:
+def test_all_eight_are_measured_and_determine_the_focal_length(data_folder: Path) -> None:
     """Half of the corners at least are asked for; .8 % is what its print and eight views leave open."""
     views = []
     for file in sorted((data_folder / "robot_cal_tools" / "charuco" / "images").glob("*.png")):
@@ -100,7 +100,7 @@ def test_single_photographs_are_better_than_the_naive_recipe_or_refused(data_fol
         except FocalNotObservable:
             continue
         error = calibration.camera.fx_px - reference_px
-        # 1 % beside the stated uncertainty, as for the chessboards: the reference itself is no better.
+        # 1 % in addition to the stated uncertainty, as for chessboards: the reference is no better.
         assert abs(error) < 4.0 * calibration.camera_standard_uncertainty[0] + 0.01 * reference_px
         errors.append(abs(error) / reference_px)
     assert len(errors) >= 3

@@ -1,7 +1,7 @@
 """Real photographs: all of these boards are found, in one order, and other boards are not.
 
 OpenCV's samples, 9 x 6 (2 x 13 photos), BoofCV's Sony (13) and Bumblebee (22) sets, 6 x 4, and six of a wide-angle
-action camera, 8 x 6. OpenCV's own detectors are run on the same pictures. Reference: consistency with a plane seen by a
+action camera, 8 x 6. OpenCV's own detectors are run on the same images. Reference: consistency with a plane seen by a
 lens, since nobody measured the corners.
 """
 
@@ -55,11 +55,11 @@ def residuals(found: GridPoints, radial_terms: int) -> np.ndarray:
     return np.asarray(found.points_px - seen.reshape(-1, 2))
 
 
-def opencv_finds(picture: np.ndarray, size: tuple[int, int]) -> list[np.ndarray | None]:
+def opencv_finds(image: np.ndarray, size: tuple[int, int]) -> list[np.ndarray | None]:
     """The corners by OpenCV's classic and by its sector-based detector."""
     results = []
     for find in (cv2.findChessboardCorners, cv2.findChessboardCornersSB):
-        ok, corners = find(picture, size)
+        ok, corners = find(image, size)
         results.append(corners.reshape(-1, 2) if ok else None)
     return results
 
@@ -81,9 +81,9 @@ def test_every_board_is_found(data_folder: Path, name: str) -> None:
         assert ("board_symmetry_unresolved" in [w.code for w in found.warnings]) == (
             (columns + rows) % 2 == 0
         )
-        left_out = columns * rows - len(found)
-        assert ("points_missing" in [w.code for w in found.warnings]) == (left_out > 0)
-        assert left_out <= 0.25 * columns * rows, file.name
+        missing = columns * rows - len(found)
+        assert ("points_missing" in [w.code for w in found.warnings]) == (missing > 0)
+        assert missing <= 0.25 * columns * rows, file.name
 
 
 @pytest.mark.slow
@@ -92,22 +92,22 @@ def test_no_board_is_missed_that_opencv_finds(data_folder: Path, name: str) -> N
     """And the corners are the same ones as each of its detectors found, whatever their order."""
     columns, rows = SETS[name][2:4]
     for file in photos(data_folder, name):
-        picture = decode(file.read_bytes())
-        classic, sectors = opencv_finds(picture, (columns, rows))
+        image = decode(file.read_bytes())
+        classic, sectors = opencv_finds(image, (columns, rows))
         reference = [corners for corners in (classic, sectors) if corners is not None]
         if not reference:
             continue
-        found = detect(picture, TargetSpec("chessboard", columns, rows, 30.0)).points_px
+        found = detect(image, TargetSpec("chessboard", columns, rows, 30.0)).points_px
         for corners in reference:
             distance = np.linalg.norm(found[:, None] - corners[None], axis=2)
-            # the classic one is rough, by up to 5 px beside an edge it mistook; a neighbour is 15 px away and more
+            # the classic one is rough, by up to 5 px next to an edge it mistook; a neighbour is 15 px away and more
             assert np.median(distance.min(axis=1)) < 0.6, file.name
             assert distance.min(axis=1).max() < 6.0, file.name
             assert len(set(distance.argmin(axis=1))) == len(found)
 
 
 def test_the_same_board_seen_by_both_eyes_has_the_same_origin(data_folder: Path) -> None:
-    """The board is 9 x 6: colour fixes its origin, in both pictures of a stereo pair at the same end."""
+    """The board is 9 x 6: colour fixes its origin, in both images of a stereo pair at the same end."""
     target = TargetSpec("chessboard", 9, 6, 25.0)
     for left in photos(data_folder, "opencv left"):
         right = left.with_name(left.name.replace("left", "right"))
@@ -118,7 +118,7 @@ def test_the_same_board_seen_by_both_eyes_has_the_same_origin(data_folder: Path)
             grid[found.row, found.column] = found.points_px
             seen.append(grid)
         shift = seen[1] - seen[0]
-        # the eyes stand side by side, so the board's points move alike, far less than the board is wide
+        # the eyes stand side by side, so the board's points move together, far less than the board is wide
         width = np.ptp(seen[0][np.isfinite(seen[0][..., 0])], axis=0).max()
         assert np.ptp(shift[np.isfinite(shift[..., 0])], axis=0).max() < 0.3 * width, left.name
 
@@ -143,9 +143,9 @@ def test_another_board_is_refused_and_named(data_folder: Path, name: str, asked:
 
 def test_a_hidden_corner_is_the_reason_and_not_the_board_on_a_screen_behind(data_folder: Path) -> None:
     """The monitor in the background of left03 shows the same board, whole, with squares of 5 px."""
-    picture = decode((data_folder / "opencv_samples" / "left03.jpg").read_bytes())
+    image = decode((data_folder / "opencv_samples" / "left03.jpg").read_bytes())
     target = TargetSpec("chessboard", 9, 6, 25.0)
-    u, v = detect(picture, target).points_px[8].round().astype(int).tolist()
-    hidden = cv2.circle(picture.copy(), (u, v), 30, 128, -1)
+    u, v = detect(image, target).points_px[8].round().astype(int).tolist()
+    hidden = cv2.circle(image.copy(), (u, v), 30, 128, -1)
     with pytest.raises(TargetNotFound, match="outermost squares are hidden"):
         detect(hidden, target)

@@ -3,7 +3,7 @@
 The references (data/README.md) come from a multi-view `cv2.calibrateCamera` over each whole set. What one view
 with weak priors can reach is bounded by the priors (a principal point 3.5 % off the centre, where 1.9 % is assumed,
 is what the OpenCV cameras have) and by the boards (Sony: printed 0.4 % longer one way than the other, which no
-single view can tell from tilt); hence medians of .9 to 2.5 % in f. A naive one-image `cv2.calibrateCamera` has
+single view can distinguish from tilt); hence medians of .9 to 2.5 % in f. A naive one-image `cv2.calibrateCamera` has
 1.0, 1.5, 4.7 and 3.2 % there, with nonsense among them; here what cannot be determined is weak, or refused.
 
 How many are accepted follows from the uncertainty stated. The corners' own noise is so small that what is left on

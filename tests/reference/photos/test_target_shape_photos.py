@@ -42,7 +42,7 @@ def test_two_cameras_see_the_same_board(shapes: dict[str, TargetShape]) -> None:
     left, right = (shapes[camera] for camera in CAMERAS)
     difference = left.deviations_mm - right.deviations_mm
     u = np.hypot(left.standard_uncertainty_mm, right.standard_uncertainty_mm)
-    # .10 mm in the plane and .08 out of it, known to .015 to .02: 1.22, 1.12 and .74 of the stated doubt, where
+    # .10 mm in the plane and .08 out of it, known to .015 to .02: 1.22, 1.12 and .74 of the stated uncertainty, where
     # JPEG photographs of .07 px residual, not of white noise, may take half as much again.
     assert np.all(np.sqrt(np.mean((difference / u) ** 2, axis=0)) < 1.5)
     for axis in range(3):

@@ -24,7 +24,7 @@ def record_examples(folder: Path) -> dict[str, Any]:
     contract = Contract(create_app(Settings(data_dir=folder / "none")).openapi())
     recorder = Recorder(contract)
     with _running(folder / "cell", recorder, workers=1) as api:
-        story.tell(api)
+        story.use_every_operation(api)
         image = small_image(1)
         story.refusals(api)
         story.ask_for_nothing(api, contract.operations)

@@ -38,7 +38,7 @@ F1,2,-520.094,107.711,-368.440
 """
 
 
-def tell(api: Api) -> None:
+def use_every_operation(api: Api) -> None:
     """Go through every operation that succeeds; the last answer of each is the one that reads best."""
     client = api.client
     robot_id = _create(

@@ -1,4 +1,4 @@
-"""A PC beside a robot, which has the client's package alone."""
+"""A PC next to a robot, which has the client's package alone."""
 
 from __future__ import annotations
 

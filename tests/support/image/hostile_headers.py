@@ -127,7 +127,7 @@ def _hostile_tiff(rng: Rng, size: int) -> bytes:
         277: (_SHORT, 1, 1),
         278: (_LONG, 1, int(rng.choice([1, height, 2**32 - 1]))),
     }
-    if order == ">" and not big:  # a short value stands in the first bytes of its field
+    if order == ">" and not big:  # a short value is in the first bytes of its field
         entries = {
             tag: (kind, n, value << 16 if kind == _SHORT else value)
             for tag, (kind, n, value) in entries.items()
@@ -185,7 +185,7 @@ def _hostile_png(rng: Rng, size: int) -> bytes:
     if rng.random() < 0.5:
         parts.append(chunk(b"IDAT", stream))
     data = bytearray(SIGNATURE + b"".join(parts) + chunk(b"IEND", b""))
-    if rng.random() < 0.3:  # a length that is none
+    if rng.random() < 0.3:  # an impossible length
         struct.pack_into(">I", data, int(rng.choice([8, 33, max(33, len(data) - 12)])), _odd(rng, size, 32))
     return bytes(data)
 

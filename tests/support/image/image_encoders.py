@@ -43,19 +43,19 @@ def idats(stream: bytes, cuts: Iterable[int] = ()) -> bytes:
 
 
 def filtered(samples: np.ndarray, kinds: Sequence[int]) -> bytes:
-    """Return a picture's bytes with each row filtered by its kind: 0 none, 1 sub, 2 up, 3 average, 4 Paeth."""
+    """Return an image's bytes with each row filtered by its kind: 0 none, 1 sub, 2 up, 3 average, 4 Paeth."""
     step = samples.dtype.itemsize
-    picture = samples.astype(samples.dtype.newbyteorder(">")).view(np.uint8).reshape(len(samples), -1)
-    padded = np.zeros((picture.shape[0] + 1, picture.shape[1] + step), dtype=np.int16)
-    padded[1:, step:] = picture
+    image = samples.astype(samples.dtype.newbyteorder(">")).view(np.uint8).reshape(len(samples), -1)
+    padded = np.zeros((image.shape[0] + 1, image.shape[1] + step), dtype=np.int16)
+    padded[1:, step:] = image
     left, above, corner = padded[1:, :-step], padded[:-1, step:], padded[:-1, :-step]
     nearest = np.argmin([abs(above - corner), abs(left - corner), abs(left + above - 2 * corner)], axis=0)
     paeth = np.choose(nearest, [left, above, corner])
     predictions = np.stack([np.zeros_like(left), left, above, (left + above) // 2, paeth])
-    chosen = predictions[np.asarray(kinds), np.arange(len(picture))]
+    chosen = predictions[np.asarray(kinds), np.arange(len(image))]
     return b"".join(
         bytes([kind]) + row.tobytes()
-        for kind, row in zip(kinds, (picture - chosen).astype(np.uint8), strict=True)
+        for kind, row in zip(kinds, (image - chosen).astype(np.uint8), strict=True)
     )
 
 
@@ -111,9 +111,9 @@ def bmp(
     )
 
 
-def bmp_rows(picture: np.ndarray) -> bytes:
+def bmp_rows(image: np.ndarray) -> bytes:
     """Return grey rows padded to four bytes."""
-    return b"".join(row.tobytes().ljust((row.size + 3) // 4 * 4, b"\xaa") for row in picture)
+    return b"".join(row.tobytes().ljust((row.size + 3) // 4 * 4, b"\xaa") for row in image)
 
 
 GREY_PALETTE = b"".join(bytes([i, i, i, 0]) for i in range(256))

@@ -1,4 +1,4 @@
-"""Boards of dots for mutated views (`mutated_views`): of random size, soiled, and what tells them apart."""
+"""Boards of dots for mutated views (`mutated_views`): of random size, soiled, and what distinguishes them."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def draw_dots(rng: np.random.Generator, kind: str) -> TargetSpec:
 
 
 def draw_origin_dot(rng: np.random.Generator, target: TargetSpec) -> float:
-    """Return how much wider the dot at the origin is: of staggered boards, which tell by themselves, not at all."""
+    """Return how much wider the dot at the origin is: of staggered boards, which need no such dot, not at all."""
     wider, is_marked = float(rng.uniform(1.35, 2.2)), bool(rng.random() < _MARKED)
     room = (
         1.7 * target.pitch_mm / (target.marker_mm or target.pitch_mm) - 1.0
@@ -37,14 +37,14 @@ def draw_origin_dot(rng: np.random.Generator, target: TargetSpec) -> float:
 
 
 def differs_in_a_mirror(target: TargetSpec, origin_dot: float) -> bool:
-    """Tell whether a mirrored print is another board than the right one."""
+    """Return whether a mirrored print is another board than the right one."""
     if is_staggered(target):
         return target.rows % 2 == 0 and target.rows != 2 * target.columns
     return origin_dot > 1.0 and target.columns != target.rows
 
 
 def may_show(one: TargetSpec, other: TargetSpec) -> bool:
-    """Tell whether the dots of one board, or those of them that are in view, may be all of another's."""
+    """Return whether the dots of one board, or those of them that are in view, may be all of another's."""
     if (one.kind, is_staggered(one)) == (other.kind, True):
         return one.columns >= other.columns and one.rows >= other.rows
     sizes = [sorted((target.columns, target.rows)) for target in (one, other)]
@@ -59,7 +59,7 @@ def readings(found: GridPoints) -> list[tuple[Int[np.ndarray, " n"], Int[np.ndar
 
 
 def soiled_dots(rng: np.random.Generator, sheet: DotPattern, changes: list[str]) -> DotPattern:
-    """Return the sheet with some of its dots worn, or worn away; the widest, which may tell the origin, is not."""
+    """Return the sheet with some of its dots worn, or worn away; the widest, which may identify the origin, is not."""
     if rng.random() >= 0.4:
         return sheet
     radius = sheet.radius_mm.copy()

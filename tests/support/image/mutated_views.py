@@ -1,7 +1,7 @@
 """Views of boards with everything wrong that a shop floor and a user may get wrong, to look for misnamed grid points.
 
 Boards of random size, markers and pose, partly out of view, blurred, noisy, unevenly lit, behind hands, cables, paper
-and reflections, soiled, with a marker pasted where it does not belong, beside or behind other boards; or not the board
+and reflections, soiled, with a marker pasted where it does not belong, next to or behind other boards; or not the board
 that is asked for: of another size, dictionary or layout, or mirrored. A view carries the truth of every grid point, so
 that a corner with a wrong name is known as such.
 """
@@ -48,7 +48,7 @@ _BACKGROUNDS = 8
 
 @dataclass(frozen=True, slots=True)
 class MutatedView:
-    """A picture, the target to ask for, and the truth.
+    """An image, the target to ask for, and the truth.
 
     `points_px` (target.size, 2) are the places, row by row, of the grid points that the board in view has under the
     names of the target's; NaN where it has none: one that is found there is wrong. `is_as_stated` of views of the
@@ -189,7 +189,7 @@ def _misstated(
 
 
 def _same_markers(one: TargetSpec, other: TargetSpec) -> bool:
-    """Tell whether two boards of one size carry the same pictures: small dictionaries are the larger ones' first."""
+    """Return whether two boards of one size have the same markers: a small dictionary begins the larger ones."""
     return np.array_equal(charuco_layout(one).marker_cells, charuco_layout(other).marker_cells)
 
 
@@ -249,7 +249,7 @@ def _draw_camera(rng: np.random.Generator) -> Camera:
 def _draw_pose(
     rng: np.random.Generator, target: TargetSpec, camera: Camera, *, strays: bool
 ) -> Float[np.ndarray, "4 4"]:
-    """Return a random pose, any way up; one that `strays` may have much of the board out of the picture."""
+    """Return a random pose, any way up; one that `strays` may have much of the board out of the image."""
     points = target.points_target()
     middle, extent = 0.5 * (points.min(axis=0) + points.max(axis=0)), float(np.max(np.ptp(points, axis=0)))
     axis, tilt = rng.uniform(0.0, 2.0 * math.pi), math.radians(rng.uniform(0.0, 60.0))
@@ -258,8 +258,8 @@ def _draw_pose(
     wide_px = rng.uniform(250.0, 1100.0) if strays else rng.uniform(300.0, 550.0)
     depth = max(camera.fx_px * extent / wide_px, 1.5 * extent)
     reach = 0.45 if strays else 0.1
-    aside = rng.uniform(-reach, reach, 2) * SIZE_PX * depth / camera.fx_px
-    return transform(R, np.array([*aside, depth]) - R @ middle)
+    offset = rng.uniform(-reach, reach, 2) * SIZE_PX * depth / camera.fx_px
+    return transform(R, np.array([*offset, depth]) - R @ middle)
 
 
 def _lay(
@@ -270,7 +270,7 @@ def _lay(
     dark: float,
     bright: float,
 ) -> None:
-    """Lay a sheet over what is in the picture."""
+    """Lay a sheet over what is in the image."""
     ink, seen = sheet_in_view(sheet, camera, T_camera_target, SIZE_PX)
     levels *= 1.0 - seen
     levels += dark * seen + (bright - dark) * ink
@@ -284,7 +284,7 @@ def _add_another(
     camera: Camera,
     changes: list[str],
 ) -> None:
-    """Lay another board into the picture, behind the one to come; never the same one, nor the one asked for."""
+    """Lay another board into the image, behind the one to come; never the same one, nor the one asked for."""
     other = _draw_target(rng, printed.kind)
     while other.kind == "aprilgrid" and other.columns in (printed.columns, stated.columns):
         other = _draw_target(rng, printed.kind)  # of sheets of equal width one is the upper part of the other
@@ -300,7 +300,7 @@ def _add_another(
     T = _draw_pose(rng, other, camera, strays=True)
     sheet = pattern_of(other, float(rng.uniform(0.2, 1.5)))
     _lay(levels, sheet, camera, T, float(rng.uniform(5, 60)), float(rng.uniform(120, 245)))
-    changes.append(f"beside_{other.kind}")
+    changes.append(f"next_to_{other.kind}")
 
 
 def _add_occluders(
@@ -340,7 +340,7 @@ def _taken(
     points: Float[np.ndarray, "n 2"],
     changes: list[str],
 ) -> UInt8[np.ndarray, "h w"]:
-    """Return the picture as a camera takes it: light, blur, reflections, noise and compression."""
+    """Return the image as a camera takes it: light, blur, reflections, noise and compression."""
     width, height = SIZE_PX
     slope = rng.uniform(-0.3, 0.3, 2)
     light = (

@@ -23,7 +23,7 @@ class Uploaders:
     """Two clients that send upload 0, 1, ... of `uploads` until each one is acknowledged.
 
     `uploads` gives the pose and the bytes of an upload by its number; `where` gives the service's present address,
-    an empty text while there is none. A broken connection is tried again, and so is an answer whose status is in
+    an empty text while it has none. A broken connection is tried again, and so is an answer whose status is in
     `endured`; any other refusal ends the uploaders and fails the test.
     """
 

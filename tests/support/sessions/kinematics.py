@@ -83,8 +83,8 @@ def document(response: Any) -> dict[str, Any]:
     assert found["convention"] == "classic_dh"
     assert [j["joint"] for j in found["joints"]] == list(range(1, len(found["joints"]) + 1))
     for joint in found["joints"]:
-        for name, told in joint["identifiable"].items():
-            assert (joint["standard_uncertainty"][name] is not None) == told
+        for name, identifiable in joint["identifiable"].items():
+            assert (joint["standard_uncertainty"][name] is not None) == identifiable
         assert (joint["beta_deg"] is not None) == joint["parallel_to_next"]
         if joint["nominal"] is not None:
             for name in NAMES:

@@ -47,9 +47,9 @@ def table(api: Any, session: str, **query: Any) -> dict[str, Any]:
     return document
 
 
-def command(api: Any, session: str, told: dict[str, Any], *, angles: bool = True) -> None:
-    """Store what the robot was told, in its base frame."""
-    for pose_id, T in told.items():
+def command(api: Any, session: str, commanded: dict[str, Any], *, angles: bool = True) -> None:
+    """Store the commanded poses, in the robot's base frame."""
+    for pose_id, T in commanded.items():
         roll, pitch, yaw = np.degrees(rotation_to_rpy(T[:3, :3])).tolist()
         fields: dict[str, Any] = {"position_mm": T[:3, 3].tolist()}
         if angles:
@@ -67,14 +67,14 @@ def deviating_robot(
 ) -> tuple[list[Shot], dict[str, Any], dict[str, Any]]:
     """Images of poses all round the board, what was commanded, and by how much the robot was off at each."""
     rng = np.random.default_rng(seed)
-    shots, told, off = [], {}, {}
+    shots, commanded, off = [], {}, {}
     for index in range(poses):
         name = f"P{index + 1}"
         T_target_camera = invert(draw_pose(rng, BOARD, CAMERA, WIDTH, math.radians(30.0)))
         attained = compose(T_BASE_TARGET, T_target_camera, invert(T_FLANGE_CAMERA))
         off[name] = rng.normal(0.0, deviation_mm, 3)
-        told[name] = transform(attained[:3, :3], attained[:3, 3] - off[name])
+        commanded[name] = transform(attained[:3, :3], attained[:3, 3] - off[name])
         for cycle in range(1, 6):
             true = transform(T_target_camera[:3, :3], T_target_camera[:3, 3] + rng.normal(0.0, 0.02, 3))
             shots.append(Shot(name, cycle, look(rng, invert(true)), true))
-    return shots, told, off
+    return shots, commanded, off

@@ -61,11 +61,11 @@ def store_robot_session(api: Any) -> RobotSession:
     )
     robot_id = make_robot(api)
     session = new_session(api, robot_id=robot_id)
-    told = [
+    commanded = [
         {"pose_id": f"P{i + 1}", "joint_angles_deg": np.degrees(angles).tolist()}
         for i, angles in enumerate(q)
     ]
-    assert api.client.post(f"/v1/sessions/{session}/poses", json=told).status_code == 200
+    assert api.client.post(f"/v1/sessions/{session}/poses", json=commanded).status_code == 200
     shots = []
     for cycle in (1, 2):
         for i, T in enumerate(arm.camera_poses(q, np.zeros(len(q), dtype=np.intp))):

@@ -89,8 +89,8 @@ def shoot(
     for cycle in range(1, cycles + 1):
         for index, T_camera_target in enumerate(commanded):
             d, w = rng.normal(0.0, repeatability_mm, 3), rng.normal(0.0, repeatability_mm * 1e-3, 3)
-            told = invert(T_camera_target)
-            true = transform(so3_exp(w) @ told[:3, :3], told[:3, 3] + d)
+            T_target_camera = invert(T_camera_target)
+            true = transform(so3_exp(w) @ T_target_camera[:3, :3], T_target_camera[:3, 3] + d)
             shots.append(Shot(f"P{index + 1}", cycle, look(rng, invert(true), **looks), true))
     return shots
 
@@ -166,7 +166,7 @@ _OF_SUBJECT = re.compile(r"(tgt|rob)_[0-9a-z]{26}")
 
 
 def same_but_for_ids(first: str, ids: Sequence[str], second: str, others: Sequence[str]) -> bool:
-    """Tell whether two documents are the same text once the ids in each are replaced by their places."""
+    """Return whether two documents are the same text once the ids in each are replaced by their places."""
     first, second = (_OF_SUBJECT.sub(r"\1", text) for text in (first, second))
     for place, (one, other) in enumerate(zip(ids, others, strict=True)):
         first, second = first.replace(one, f"<{place}>"), second.replace(other, f"<{place}>")

@@ -73,15 +73,15 @@ def send(api: Any, session: str, sent: list[dict[str, Any]]) -> list[str]:
     return [item["id"] for item in response.json()["items"]]
 
 
-def tell(api: Any, session: str, poses: list[Any], *, oriented: bool = True) -> None:
-    told = []
+def send_commands(api: Any, session: str, poses: list[Any], *, oriented: bool = True) -> None:
+    commanded = []
     for index, T in enumerate(poses):
         angles = np.degrees(rotation_to_rpy(T[:3, :3])).tolist() if oriented else [None] * 3
-        told.append(
+        commanded.append(
             {
                 "pose_id": f"P{index + 1}",
                 "position_mm": T[:3, 3].tolist(),
                 **dict(zip(("roll_deg", "pitch_deg", "yaw_deg"), angles, strict=True)),
             }
         )
-    assert api.client.post(f"/v1/sessions/{session}/poses", json=told).status_code == 200
+    assert api.client.post(f"/v1/sessions/{session}/poses", json=commanded).status_code == 200

@@ -120,7 +120,7 @@ def noisy_session(
     shake_rad: float = 0.0,
 ) -> NoisySession:
     """Simulate a session; the robot's positions scatter by `robot_mm` along each axis, 0 for one at rest. In image
-    `slip[0]` it stands `slip[1]` mm aside as well. Of each stop there are `burst` images. In every image
+    `slip[0]` it is displaced by `slip[1]` mm as well. Of each stop there are `burst` images. In every image
     the camera is turned about its centre by `shake_rad` about each axis, which no residual shows.
     """
     camera = camera or draw_camera(rng)

@@ -1,6 +1,6 @@
 """Commanded and measured poses of a robot with a camera on its flange, as numbers: what frame tying is tested on.
 
-The frames, the robot's deviations and the camera's noise are known; no picture is rendered.
+The frames, the robot's deviations and the camera's noise are known; no image is rendered.
 """
 
 from __future__ import annotations
@@ -54,7 +54,7 @@ def draw_stations(
 def draw_position_stations(
     rng: np.random.Generator, count: int, *, turns: str = "free", robot_mm: float = 0.3
 ) -> list[PositionObservation]:
-    """Draw stations of a robot that is told positions of its tool's tip alone."""
+    """Draw stations of a robot that is commanded to positions of its tool's tip alone."""
     found = []
     for index, T in enumerate(_draw_camera_poses(rng, count, turns)):
         inside = T[:3, 3] + T[:3, :3] @ POINT_CAMERA_MM

@@ -16,7 +16,7 @@ from core.geometry.camera import Camera, undistort_points
 from core.targets.printed_pattern import DotPattern, RectilinearPattern
 
 _STEP_PX = 8
-_FINER = 1.6  # samples of the sheet to a pixel of the picture
+_FINER = 1.6  # samples of the sheet to a pixel of the image
 _LARGEST_DRAWING = 3000
 _PARTS = 4  # bits of a sample that circles are placed by
 

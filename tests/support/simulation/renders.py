@@ -1,6 +1,6 @@
 """Rendered scenes, kept on disk: rendering 5 Mpx takes a second of processor time, reading them back some ms.
 
-`render` and `render_levels` stand in for those of `core.simulation.renderer` wherever a test needs an image and does
+`render` and `render_levels` replace those of `core.simulation.renderer` wherever a test needs an image and does
 not test the renderer itself. The key is a hash of the scene, of the sources that draw it and of the versions of numpy
 and OpenCV. `GRIDPOSE_TEST_RENDERS` names another folder than the user's cache; empty, nothing is kept.
 """

@@ -1,4 +1,4 @@
-"""Pictures of two perpendicular grids, as in the corner of a room, with everything about them known."""
+"""Images of two perpendicular grids, as in the corner of a room, with everything about them known."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ class Corner:
             for k, (target, T) in enumerate(zip((self.ahead, self.right), poses, strict=True))
         )
 
-    def picture(self, T_camera_ahead: Any, *, seed: int = 0) -> bytes:
+    def image(self, T_camera_ahead: Any, *, seed: int = 0) -> bytes:
         """A PNG with both in view."""
         ahead, right = self.scenes(T_camera_ahead, seed=seed)
         image = render(ahead)

@@ -1,4 +1,4 @@
-"""What a camera measures of a moving arm, as numbers: poses with noise of known covariance. No picture is rendered.
+"""What a camera measures of a moving arm, as numbers: poses with noise of known covariance. No image is rendered.
 
 The noise is that of a camera before a grid of 14 x 10 points, 25 mm apart and tilted by 30°, wherever the arm holds it:
 pixel noise carried to the pose through the projection's derivatives. With A, B, D the blocks of the information on
@@ -105,7 +105,7 @@ def camera_noise(
 def _information(
     index: int, sigma_px: float
 ) -> tuple[Float[np.ndarray, "6 6"], Float[np.ndarray, "6 9"], Float[np.ndarray, "9 9"]]:
-    """Return what one view tells of the camera's pose (d, w in camera axes) and of the lens.
+    """Return what one view determines of the camera's pose (d, w in camera axes) and of the lens.
 
     A camera moved by d and turned by w sees the points X move by -d - w × X.
     """

@@ -2,7 +2,7 @@
 known size.
 
 Cameras are drawn from the very priors that the single-image fit assumes, so that a stated 95 % interval has
-to cover 95 % of the truths, no more and no less. No picture is rendered; `scenes` and `renderer` do that.
+to cover 95 % of the truths, no more and no less. No image is rendered; `scenes` and `renderer` do that.
 """
 
 from __future__ import annotations

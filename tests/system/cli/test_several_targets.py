@@ -19,10 +19,8 @@ IMAGES = 40
 
 def test_every_grid_is_measured_once_whatever_is_killed(make_service: Callable[..., ServiceProcess]) -> None:
     corner = Corner(*SPECS)
-    picture = corner.picture(corner.view(turn=0.2))
-    images = [
-        picture + b"%d" % number for number in range(IMAGES)
-    ]  # what follows a PNG's end is not looked at
+    image = corner.image(corner.view(turn=0.2))
+    images = [image + b"%d" % number for number in range(IMAGES)]  # what follows a PNG's end is not looked at
     service = make_service().start()
     key = service.admin_key
     with ServiceClient(service.url, key) as client:

@@ -47,10 +47,10 @@ def test_a_stored_target_is_printed_and_its_session_checked(tmp_path: Path, data
             "--wait",
         )
         checked = gridpose("targets", "check", "--session", "cell", "--ruler", "x:200:200.1", "--json")
-        told = json.loads(checked.stdout)
-        assert told["photos"] == 13
-        assert (told["target"]["kind"], told["target"]["pitch_mm"]) == ("chessboard", 25.0)
-        aspect = next(finding for finding in told["findings"] if finding["code"] == "aspect")
+        report = json.loads(checked.stdout)
+        assert report["photos"] == 13
+        assert (report["target"]["kind"], report["target"]["pitch_mm"]) == ("chessboard", 25.0)
+        aspect = next(finding for finding in report["findings"] if finding["code"] == "aspect")
         # The same photographs, looked at by the command itself, say the same.
         described = ("--kind", "chessboard", "--columns", "9", "--rows", "6", "--pitch-mm", "25")
         names = sorted(str(path) for path in photos.iterdir())

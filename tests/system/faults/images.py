@@ -28,7 +28,7 @@ Form = Literal["png", "bmp"]
 def image(number: int, form: Form = "png") -> bytes:
     """Return the file of upload `number`: the pixels of its kind, and a number that makes the file unique.
 
-    In PNG the number is a comment; in BMP it stands in the reserved bytes of the file header.
+    In PNG the number is a comment; in BMP it is in the reserved bytes of the file header.
     """
     plain = _plain(number % KINDS, form)
     if form == "bmp":

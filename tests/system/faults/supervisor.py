@@ -117,7 +117,7 @@ class Supervisor:
             self._service = service
             self.admin_key = service.admin_key or self.admin_key
             self.url = service.url
-            if self._ended.is_set():  # told to end while this one started
+            if self._ended.is_set():  # asked to end while this one started
                 service.kill()
             code = service.process.wait()
             self.url = ""

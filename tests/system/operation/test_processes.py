@@ -29,7 +29,7 @@ def test_sigterm_ends_everything_in_time_and_the_rest_is_done_after_a_restart(
         session_id = new_session(client)
         for number in range(60):
             put(client, session_id, small_image(number))
-        # A listener that would stay for ever must not keep the service from ending.
+        # A listener that would stay permanently must not keep the service from ending.
         with httpx2.stream(
             "GET",
             f"{service.url}/v1/sessions/{session_id}/events",

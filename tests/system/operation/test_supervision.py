@@ -1,4 +1,4 @@
-"""What systemd is told, over a real socket, and the end of a service that can compute nothing."""
+"""What is reported to systemd, over a real socket, and the end of a service that can compute nothing."""
 
 from __future__ import annotations
 

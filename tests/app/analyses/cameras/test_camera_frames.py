@@ -18,8 +18,8 @@ AXES = ("x_mm", "y_mm", "z_mm")
 @pytest.fixture(scope="module")
 def robot() -> tuple[list[Shot], dict[str, Any]]:
     """Images of ten poses in two cycles, and what was commanded."""
-    shots, told, _ = deviating_robot(31, 10, 0.2)
-    return [shot for shot in shots if shot.cycle in (1, 2)], told
+    shots, commanded, _ = deviating_robot(31, 10, 0.2)
+    return [shot for shot in shots if shot.cycle in (1, 2)], commanded
 
 
 def get(api: Any, session: str, analysis: str, status: int = 200, **query: str) -> dict[str, Any]:
@@ -32,11 +32,11 @@ def get(api: Any, session: str, analysis: str, status: int = 200, **query: str) 
 def test_the_camera_is_found_on_the_flange_and_the_target_in_the_base(
     api: Any, store: Store, robot: tuple[list[Shot], dict[str, Any]]
 ) -> None:
-    shots, told = robot
+    shots, commanded = robot
     session = new_session(api)
     store(api, session, shots)
     assert get(api, session, "hand-eye", 409)["code"] == "commanded_poses_missing"
-    command(api, session, told)
+    command(api, session, commanded)
     document = get(api, session, "hand-eye")
     (target,) = document["base_targets"]
     frames = (

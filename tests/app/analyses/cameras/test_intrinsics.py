@@ -138,7 +138,7 @@ def test_an_answer_the_client_has_is_not_sent_again(api: Any, store: Store) -> N
     assert more["groups"][0]["image_count"] == 9
 
 
-def test_the_inputs_are_told_apart_by_all_that_enters(
+def test_the_inputs_differ_with_all_that_enters(
     api: Any, store: Store, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     shots = shoot(cycles=1)
@@ -188,7 +188,7 @@ def test_views_that_one_image_is_refused_for_count_in_the_pool(api: Any, store: 
     assert all(m["id"] in warning["detail"] for m in refused[:5])
 
 
-def test_a_focus_that_changed_is_told_and_named(api: Any, store: Store) -> None:
+def test_a_focus_that_changed_is_detected_and_named(api: Any, store: Store) -> None:
     shots = shoot(poses=8, cycles=4)
     zoomed = dataclasses.replace(CAMERA, fx_px=1.004 * CAMERA.fx_px, fy_px=1.004 * CAMERA.fy_px)
     rng = np.random.default_rng(2)
@@ -226,7 +226,7 @@ def test_a_focus_that_changed_is_told_and_named(api: Any, store: Store) -> None:
     assert document["groups"][0]["intrinsics"]["fx_px"] == pytest.approx(CAMERA.fx_px, rel=5e-4)
 
 
-def test_an_image_of_another_camera_is_left_out_and_named(api: Any, store: Store) -> None:
+def test_an_image_of_another_camera_is_excluded_and_named(api: Any, store: Store) -> None:
     rng = np.random.default_rng(2)
     other = dataclasses.replace(CAMERA, fx_px=1.2 * CAMERA.fx_px, fy_px=1.2 * CAMERA.fy_px)
     T = draw_pose(rng, BOARD, other, WIDTH, math.radians(40.0))
@@ -240,7 +240,7 @@ def test_an_image_of_another_camera_is_left_out_and_named(api: Any, store: Store
     assert document["groups"][0]["intrinsics"]["fx_px"] == pytest.approx(CAMERA.fx_px, rel=5e-4)
 
 
-def test_two_targets_in_one_picture_are_tied(api: Any, store: Store) -> None:
+def test_two_targets_in_one_image_are_tied(api: Any, store: Store) -> None:
     second = TargetSpec("chessboard", 8, 5, 10.0)
     T_first_second = transform(so3_exp(np.array([0.1, -0.3, 0.2])), np.array([30.0, 10.0, 4.0]))
     session = new_session(api, BOARD, second)

@@ -35,7 +35,7 @@ def upright(rng: np.random.Generator, board: TargetSpec, tilt: float) -> np.ndar
 
 
 def read(points: GridPoints, quarters: int, labelling: Labelling) -> GridPoints:
-    """The same picture as a detector that reads the board turned reports it, row by row."""
+    """The same image as a detector that reads the board turned reports it, row by row."""
     column, row = turned_cells(points.target, points.column, points.row, quarters)
     order = np.lexsort((column, row))
     turned = dataclasses.replace(points, column=column, row=row, labelling=labelling)
@@ -57,9 +57,9 @@ def session_of(
     shots = []
     tilts = np.linspace(0.45, 0.75, poses) * np.where(np.arange(poses) % 2, -1.0, 1.0)
     for index, tilt in enumerate(tilts):
-        told = invert(upright(rng, board, float(tilt)))
+        commanded = invert(upright(rng, board, float(tilt)))
         for cycle in range(1, cycles + 1):
-            true = transform(told[:3, :3], told[:3, 3] + rng.normal(0.0, scatter_mm, 3))
+            true = transform(commanded[:3, :3], commanded[:3, 3] + rng.normal(0.0, scatter_mm, 3))
             points = look(rng, invert(true), board=board, sigma_px=NOISE)
             quarters = int(chance.choice(turns)) if flips and len(turns) > 1 else 0
             labelling: Labelling = "up_to_symmetry" if len(turns) > 1 else "absolute"
@@ -86,7 +86,7 @@ AMBIGUOUS = [
     ("kind", "columns", "rows", "estimator"),
     [*((*board, "pooled") for board in AMBIGUOUS), ("chessboard", 8, 8, "per_image_fixed_pp")],
 )
-def test_images_that_flip_within_a_pose_are_read_alike(
+def test_images_that_flip_within_a_pose_get_one_labelling(
     api: Any, store: Store, kind: str, columns: int, rows: int, estimator: str
 ) -> None:
     board = TargetSpec(kind, columns, rows, 12.0)
@@ -105,7 +105,7 @@ def test_images_that_flip_within_a_pose_are_read_alike(
 
 
 @pytest.mark.slow
-def test_boards_that_show_their_origin_are_never_turned_nor_doubted(api: Any, store: Store) -> None:
+def test_boards_that_show_their_origin_are_never_turned_nor_called_ambiguous(api: Any, store: Store) -> None:
     """A larger dot at the origin or marked squares: by its kind alone such a board would be ambiguous."""
     for board in (TargetSpec("circles", 9, 6, 12.0), TargetSpec("chessboard", 10, 6, 12.0)):
         rng = np.random.default_rng(32)
@@ -173,7 +173,7 @@ def test_an_image_under_the_wrong_pose_is_no_visit_to_it(api: Any, store: Store)
     assert "P1" in warning["detail"]
 
 
-def told(shots: list[Shot], scramble: str | None = None) -> dict[str, dict[str, Any]]:
+def commanded_poses(shots: list[Shot], scramble: str | None = None) -> dict[str, dict[str, Any]]:
     """What the robot was commanded, in its base; at the pose `scramble` something else."""
     base = transform(so3_exp(np.array([-0.5, 0.2, 1.4])), np.array([700.0, -100.0, 300.0]))
     mounting = transform(so3_exp(np.array([0.3, -2.0, 0.4])), np.array([20.0, 10.0, 80.0]))
@@ -201,10 +201,10 @@ def test_a_pose_that_contradicts_its_command_is_named(
     shots = session_of(board, 35, poses=6, cycles=4)
     session = new_session(api, board)
     store(api, session, shots)
-    for pose_id, fields in told(shots).items():
+    for pose_id, fields in commanded_poses(shots).items():
         api.client.put(f"/v1/sessions/{session}/poses/{pose_id}", json=fields)
     assert {"commanded_pose_inconsistent", "board_symmetry_unresolved"}.isdisjoint(codes(table(api, session)))
-    for pose_id, fields in told(shots, scramble="P4").items():
+    for pose_id, fields in commanded_poses(shots, scramble="P4").items():
         api.client.put(f"/v1/sessions/{session}/poses/{pose_id}", json=fields)
     (warning,) = [w for w in table(api, session)["warnings"] if w["code"] == "commanded_pose_inconsistent"]
     assert warning["detail"].endswith(": P4.")
@@ -227,7 +227,7 @@ def test_a_partial_view_that_an_earlier_build_stored_is_excluded(api: Any, store
     assert row["cycles"] == 3
 
 
-def test_the_picture_is_as_large_as_the_sessions_say() -> None:
+def test_the_image_is_as_large_as_the_sessions_say() -> None:
     """The scenes here: boards wholly within the image."""
     rng = np.random.default_rng(0)
     for _, columns, rows in AMBIGUOUS:

@@ -113,11 +113,11 @@ def test_every_pooled_analysis_takes_the_model(api: Any, wide: tuple[str, WideSe
 def test_hand_eye_takes_the_model(api: Any, wide: tuple[str, WideSession]) -> None:
     """Camera on the flange and target in the base are the true ones within five of their stated uncertainties."""
     session, drawn = wide
-    told = {
+    commanded = {
         f"P{k + 1}": compose(T_BASE_TARGET, invert(T), invert(T_FLANGE_CAMERA))
         for k, T in enumerate(drawn.T_camera_target)
     }
-    command(api, session, told)
+    command(api, session, commanded)
     document = body(get(api, session, "hand-eye"))
     assert "lens_beyond_brown" in codes(document)
     (target,) = document["base_targets"]

@@ -102,7 +102,7 @@ def test_a_bent_board_is_found_and_the_camera_with_it(api: Any, store: Store) ->
 def test_a_board_that_looks_the_same_turned_is_refined_under_one_reading(api: Any, store: Store) -> None:
     board = TargetSpec("chessboard", 10, 6, 12.0)
     places = bent(board, 0.25)
-    places[0] += [0.2, 0.0, 0.0]  # one corner tells the ends apart
+    places[0] += [0.2, 0.0, 0.0]  # one corner distinguishes the ends
     session = new_session(api, board)
     shots = session_of(2, places, board, turned=True)
     store(api, session, shots)
@@ -112,10 +112,10 @@ def test_a_board_that_looks_the_same_turned_is_refined_under_one_reading(api: An
         upright = np.allclose(
             shot.points.points_px, project(transform_points(T, places), CAMERA), atol=8 * SIGMA_PX
         )
-        told = (
+        commanded = (
             shot.T_target_camera if upright else compose(symmetry_rotations(board)[1], shot.T_target_camera)
         )
-        command(api, session, shot.pose_id, told)
+        command(api, session, shot.pose_id, commanded)
     shape = body(get(api, session, refine_target="true"))["target_shape"]
     assert shape["bow_x_mm"] == pytest.approx(0.25, abs=0.05)
     assert shape["reduced_chi2"] < 1.3
@@ -171,7 +171,7 @@ def test_the_shape_reaches_accuracy(api: Any, store: Store) -> None:
     )
 
 
-def test_what_images_do_not_tell_is_refused_with_advice(api: Any, store: Store) -> None:
+def test_what_images_do_not_determine_is_refused_with_advice(api: Any, store: Store) -> None:
     session = new_session(api)
     store(api, session, shoot(poses=5, cycles=6))
     refused = problem(get(api, session, refine_target="true"), 409, "target_shape_not_observable")

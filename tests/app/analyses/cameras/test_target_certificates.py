@@ -57,10 +57,10 @@ def test_what_cannot_be_is_refused_and_changes_nothing(api: Any, change: dict[st
 
 
 def test_a_certified_pitch_scales_what_analyses_measure(api: Any, store: Store) -> None:
-    shots, told, _ = deviating_robot(31, 5, 0.2)
+    shots, commanded, _ = deviating_robot(31, 5, 0.2)
     session = new_session(api)
     store(api, session, shots)
-    command(api, session, told)
+    command(api, session, commanded)
     target_id = api.client.get(f"/v1/sessions/{session}").json()["target_ids"][0]
     pitch = api.client.get(f"/v1/targets/{target_id}").json()["pitch_mm"]
     before = table(api, session)

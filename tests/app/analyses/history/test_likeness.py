@@ -55,7 +55,7 @@ def test_what_makes_sessions_unlike_is_named(changes: dict[str, Any], word: str)
     assert word in reason
 
 
-def test_sessions_of_one_test_are_alike_and_what_is_not_stated_is_named() -> None:
+def test_sessions_of_one_test_are_comparable_and_what_is_not_stated_is_named() -> None:
     assert unlike(filed(1), filed(2, height_mm=0.005, conditions={"temperature_c": 21.5})) == []
     unstated = filed(2, conditions={"temperature_c": None})
     assert unlike(filed(1), unstated) == []
@@ -155,7 +155,7 @@ def scattered(count: int, *, change_at: int | None = None) -> list[Summary]:
     ]
 
 
-def test_a_lasting_change_is_said_of_the_sessions_that_are_alike() -> None:
+def test_a_lasting_change_is_said_of_the_sessions_that_are_comparable() -> None:
     reports = scattered(30, change_at=20)
     reports.append(filed(90, rp_mm=0.5, conditions={"load_kg": 1.0}))
     event = HistoryEvent("eve_1", day(20)[:10], "new belt", False)

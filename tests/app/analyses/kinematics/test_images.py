@@ -47,7 +47,7 @@ def photographed(
     q = np.concatenate([q, free_angles(rng, KR5_ARC_HOME, free, half_range=math.radians(arc_deg))])
     T = [arm.camera_poses(q, np.full(len(q), index)) for index in range(len(boards))]
     seen = [[look(rng, invert(pose), board=board) for pose in T[k]] for k, board in enumerate(boards)]
-    shown = [i for i in range(len(q)) if all(_near_the_picture(views[i]) for views in seen)]
+    shown = [i for i in range(len(q)) if all(_near_the_image(views[i]) for views in seen)]
     shots = [
         [Shot(f"P{n + 1}", None, seen[k][i], T[k][i]) for n, i in enumerate(shown)]
         for k in range(len(boards))
@@ -55,18 +55,18 @@ def photographed(
     return arm, shots, q[shown]
 
 
-def _near_the_picture(points: GridPoints) -> bool:
-    """Whether the board is where a wider picture would show it; beyond, the lens's model bends back on itself."""
+def _near_the_image(points: GridPoints) -> bool:
+    """Whether the board is where a wider image would show it; beyond, the lens's model bends back on itself."""
     size = np.array([points.image_width_px, points.image_height_px])
     return bool(np.all(points.points_px >= -size) and np.all(points.points_px <= 2.0 * size))
 
 
-def tell_angles(api: Any, session: str, q: Any) -> None:
-    told = [
+def send_angles(api: Any, session: str, q: Any) -> None:
+    commanded = [
         {"pose_id": f"P{i + 1}", "joint_angles_deg": np.degrees(angles).tolist()}
         for i, angles in enumerate(q)
     ]
-    assert api.client.post(f"/v1/sessions/{session}/poses", json=told).status_code == 200
+    assert api.client.post(f"/v1/sessions/{session}/poses", json=commanded).status_code == 200
 
 
 @pytest.mark.slow
@@ -76,7 +76,7 @@ def tell_angles(api: Any, session: str, q: Any) -> None:
 def test_images_find_the_robot(api: Any, store: Store, board: TargetSpec, estimator: str) -> None:
     arm, (shots,), q = photographed(11, [board])
     session = new_session(api, board, robot_id=make_robot(api), intrinsics=dataclasses.asdict(CAMERA))
-    tell_angles(api, session, q)
+    send_angles(api, session, q)
     store(api, session, shots)
     found = document(get(api, session, estimator=estimator))
     assert (found["source"], found["estimator"]) == ("images", estimator)
@@ -89,7 +89,7 @@ def test_an_image_s_own_angles_override_its_pose_s(api: Any, store: Store) -> No
     arm, (shots,), q = photographed(12, [BOARD], free=4)
     session = new_session(api, robot_id=make_robot(api))
     wrong = q + np.radians(np.random.default_rng(1).uniform(2.0, 5.0, q.shape))
-    tell_angles(api, session, wrong)
+    send_angles(api, session, wrong)
     own = [
         dataclasses.replace(shot, fields={"joint_angles_deg": np.degrees(angles).tolist()})
         for shot, angles in zip(shots, q, strict=True)
@@ -98,15 +98,15 @@ def test_an_image_s_own_angles_override_its_pose_s(api: Any, store: Store) -> No
     assert error_mm(document(get(api, session)), arm, q) < 0.1
 
 
-def test_images_without_angles_are_left_out_and_named(api: Any, store: Store) -> None:
+def test_images_without_angles_are_excluded_and_named(api: Any, store: Store) -> None:
     arm, (shots,), q = photographed(13, [BOARD], free=6)
     session = new_session(api, robot_id=make_robot(api))
     store(api, session, shots)
     problem(get(api, session), 409, "joint_angles_missing")
-    tell_angles(api, session, q[:-1])
+    send_angles(api, session, q[:-1])
     found = document(get(api, session))
-    (remark,) = (w for w in found["warnings"] if w["code"] == "joint_angles_missing")
-    assert f"P{len(q)}" in remark["detail"]
+    (warning,) = (w for w in found["warnings"] if w["code"] == "joint_angles_missing")
+    assert f"P{len(q)}" in warning["detail"]
     assert error_mm(found, arm, q) < 0.1
 
 
@@ -117,7 +117,7 @@ def test_two_targets_in_one_session(api: Any, store: Store, method: str) -> None
     arm, (first, second), q = photographed(14, [BOARD, OTHER], free=8)
     session = new_session(api, BOARD, OTHER, robot_id=make_robot(api))
     targets = api.client.get(f"/v1/sessions/{session}").json()["target_ids"]
-    tell_angles(api, session, q)
+    send_angles(api, session, q)
     store(api, session, [s for i, s in enumerate(first) if i < 18 or i >= 30], targets[0])
     store(api, session, [s for i, s in enumerate(second) if i >= 15], targets[1])
     found = document(get(api, session, method=method))
@@ -148,12 +148,12 @@ def test_roll_pitch_yaw_of_the_commands_are_not_needed(api: Any, store: Store) -
             )
         turned.append(dataclasses.replace(shot, points=points))
     session = new_session(api, EVEN, robot_id=make_robot(api))
-    tell_angles(api, session, q)
+    send_angles(api, session, q)
     store(api, session, turned)
     found = document(get(api, session))
     assert found["residual"]["position_rms_mm"] < 0.1
     other = new_session(api, EVEN, robot_id=make_robot(api))
-    tell_angles(api, other, q)
+    send_angles(api, other, q)
     store(api, other, shots)
     plain = document(get(api, other))
     # The frame is the first image's reading in both; the robot is the same one.

@@ -1,4 +1,4 @@
-"""Joint curves over HTTP: the plot, the level with its reasons, and refusals where there are none."""
+"""Joint curves over HTTP: the plot, the level with its reasons, and refusals where no curve was fitted."""
 
 from __future__ import annotations
 

@@ -55,7 +55,7 @@ def test_all_poses_at_once_find_the_robot(api: Any) -> None:
     )
     others = free_angles(np.random.default_rng(99), KR5_ARC_HOME, 50)
     assert error_mm(found, arm, others) < 0.2 < nominal_error_mm(found, arm, others)
-    # What does not hang on conventions lies within its doubt.
+    # What does not hang on conventions lies within its uncertainty.
     true = rows_of(arm.chain)
     scores = [
         (found["joints"][i][name] - true[i][name]) / found["joints"][i]["standard_uncertainty"][name]
@@ -105,7 +105,7 @@ def test_without_a_nominal_the_sweeps_are_the_start(api: Any) -> None:
 
 
 @pytest.mark.slow
-def test_positions_alone_tell_what_they_can(api: Any) -> None:
+def test_positions_alone_determine_what_they_can(api: Any) -> None:
     _, poses = measured(4)
     session = new_session(api, robot_id=make_robot(api))
     send(api, session, readings(poses, rotation=None))

@@ -58,7 +58,7 @@ def test_the_order_of_sending_and_ids_never_matter(api: Any) -> None:
 
 
 @pytest.mark.slow
-def test_sampled_uncertainties_stand_beside_the_stated_ones(api: Any) -> None:
+def test_sampled_uncertainties_are_next_to_the_stated_ones(api: Any) -> None:
     _, poses = measured(5, free=4)
     session = new_session(api, robot_id=make_robot(api))
     send(api, session, readings(poses))
@@ -107,7 +107,7 @@ def test_refusals_say_what_to_do(api: Any) -> None:
     radians = [{**r, "joint_angles_deg": np.radians(r["joint_angles_deg"]).tolist()} for r in sent]
     for method in ("global", "combined"):
         assert "radians" in refused(radians, "joint_angles_unit_mismatch", method=method)
-    # Without sweeps the nominal robot tells, of positions alone too.
+    # Without sweeps the nominal robot shows it, of positions alone too.
     _, loose = measured(6, arc_deg=40.0, free=40)
     free = readings(loose)[54:]
     for changes in ({}, {"rotation": None}):
@@ -181,7 +181,7 @@ def test_sweeps_named_by_their_poses(api: Any) -> None:
     document(of_readings(api, session, method="combined", sweep="1:j1-*", joint_tolerance_deg=1.0))
 
 
-def test_poses_that_failed_are_left_out_of_a_named_sweep(api: Any) -> None:
+def test_poses_that_failed_are_excluded_from_a_named_sweep(api: Any) -> None:
     _, poses = measured(8, free=0)
     sent = [{**r, "pose_id": f"p{i}"} for i, r in enumerate(readings(poses))]
     sent[3]["joint_angles_deg"] = None

@@ -8,7 +8,7 @@ import pytest
 
 from tests.support.sessions.kinematics import make_robot
 from tests.support.sessions.stored_sessions import body, new_session
-from tests.support.sessions.tracked_robot import drawn_poses, readings, send, tell
+from tests.support.sessions.tracked_robot import drawn_poses, readings, send, send_commands
 
 
 def table(api: Any, session: str) -> dict[str, Any]:
@@ -29,8 +29,8 @@ def measured(api: Any) -> tuple[str, str]:
 def test_a_robot_without_a_promise_is_not_judged(api: Any, measured: tuple[str, str]) -> None:
     robot, session = measured
     assert table(api, session)["acceptance"] is table(api, session)["accuracy_acceptance"] is None
-    told = {"datasheet_accuracy_mm": 0.5, "serial_number": "K-1"}
-    assert api.client.patch(f"/v1/robots/{robot}", json=told).status_code == 200
+    stated = {"datasheet_accuracy_mm": 0.5, "serial_number": "K-1"}
+    assert api.client.patch(f"/v1/robots/{robot}", json=stated).status_code == 200
     found = table(api, session)
     assert found["acceptance"] is None
     assert found["accuracy_acceptance"] is None  # no pose was commanded
@@ -76,7 +76,7 @@ def test_the_accuracy_of_commanded_poses_is_judged(api: Any, limit: float, decis
     poses = drawn_poses(9, 8)
     commanded = [pose.copy() for pose in poses]
     commanded[2][0, 3] += 1.0
-    tell(api, session, commanded)
+    send_commands(api, session, commanded)
     send(api, session, readings(poses, cycles=30))
     api.client.patch(f"/v1/robots/{robot}", json={"datasheet_accuracy_mm": limit})
     found = table(api, session)

@@ -1,4 +1,4 @@
-"""Accuracy against commands that are not alike for all poses: every pose is compared as far as it allows, or named."""
+"""Accuracy against mixed commands: every pose is compared as far as its command allows, or named."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from core.geometry.se3 import invert, transform
 from core.targets.specification import TargetSpec
 from tests.support.sessions.repeatability import command, deviating_robot
 from tests.support.sessions.stored_sessions import Shot, Store, body, look, new_session
-from tests.support.sessions.tracked_robot import drawn_poses, readings, send, tell
+from tests.support.sessions.tracked_robot import drawn_poses, readings, send, send_commands
 
 
 def table(api: Any, session: str, **query: str) -> dict[str, Any]:
@@ -23,13 +23,13 @@ def accuracy_of(document: dict[str, Any]) -> dict[str, Any]:
     return {row["pose_id"]: row["accuracy"] for row in document["poses"]}
 
 
-def remark(document: dict[str, Any], code: str) -> str:
+def warning_detail(document: dict[str, Any], code: str) -> str:
     (warning,) = [w for w in document["warnings"] if w["code"] == code]
     assert warning["advice"]
     return str(warning["detail"])
 
 
-def tell_positions(api: Any, session: str, poses: list[Any], first: int) -> None:
+def send_positions(api: Any, session: str, poses: list[Any], first: int) -> None:
     """Command the positions alone of all poses from that index on."""
     for k, pose in enumerate(poses[first:], first + 1):
         fields = {"position_mm": pose[:3, 3].tolist()}
@@ -38,8 +38,8 @@ def tell_positions(api: Any, session: str, poses: list[Any], first: int) -> None
 
 def errors(found: dict[str, Any], off: dict[str, Any], names: list[str]) -> float:
     """Root mean square difference of AP by axis from what the robot was truly off."""
-    told = np.array([[found[name][f"ap_{axis}_mm"] for axis in "xyz"] for name in names])
-    return float(np.sqrt(np.mean((told - np.array([off[name] for name in names])) ** 2)))
+    reported = np.array([[found[name][f"ap_{axis}_mm"] for axis in "xyz"] for name in names])
+    return float(np.sqrt(np.mean((reported - np.array([off[name] for name in names])) ** 2)))
 
 
 @pytest.mark.slow
@@ -48,12 +48,12 @@ def test_poses_whose_position_alone_was_commanded_are_compared_too(
     api: Any, store: Store, without: int
 ) -> None:
     """In the frames that the others tie, be these most or few of the poses."""
-    shots, told, off = deviating_robot(15, 24, 0.5)
+    shots, commanded, off = deviating_robot(15, 24, 0.5)
     session = new_session(api)
     store(api, session, shots)
-    names = list(told)
-    command(api, session, {name: told[name] for name in names[without:]})
-    command(api, session, {name: told[name] for name in names[:without]}, angles=False)
+    names = list(commanded)
+    command(api, session, {name: commanded[name] for name in names[without:]})
+    command(api, session, {name: commanded[name] for name in names[:without]}, angles=False)
     document = table(api, session)
     found = accuracy_of(document)
     assert None not in found.values()
@@ -68,17 +68,17 @@ def test_poses_whose_position_alone_was_commanded_are_compared_too(
 def test_two_commanded_orientations_do_not_keep_the_others_from_being_compared(
     api: Any, store: Store
 ) -> None:
-    shots, told, off = deviating_robot(18, 12, 0.3)
+    shots, commanded, off = deviating_robot(18, 12, 0.3)
     session = new_session(api)
     store(api, session, shots)
-    names = list(told)
-    command(api, session, {name: told[name] for name in names[:2]})
-    command(api, session, {name: told[name] for name in names[2:]}, angles=False)
+    names = list(commanded)
+    command(api, session, {name: commanded[name] for name in names[:2]})
+    command(api, session, {name: commanded[name] for name in names[2:]}, angles=False)
     document = table(api, session)
     found = accuracy_of(document)
     assert None not in found.values()
     assert errors(found, off, names) < 0.35
-    detail = remark(document, "orientation_accuracy_unavailable")
+    detail = warning_detail(document, "orientation_accuracy_unavailable")
     assert f"{names[0]}, {names[1]} have no accuracy of orientation" in detail
     assert "fewer than half of the poses, and than 6" in detail
 
@@ -89,12 +89,12 @@ def test_many_commanded_positions_do_not_keep_few_whole_poses_from_being_compare
     api: Any, store: Store, whole: int, positions: int
 ) -> None:
     """Of either source: the whole ones with their orientation, the others in the frames these tie."""
-    shots, told, off = deviating_robot(21, whole + positions, 0.3)
+    shots, commanded, off = deviating_robot(21, whole + positions, 0.3)
     session = new_session(api)
     store(api, session, shots)
-    names = list(told)
-    command(api, session, {name: told[name] for name in names[:whole]})
-    command(api, session, {name: told[name] for name in names[whole:]}, angles=False)
+    names = list(commanded)
+    command(api, session, {name: commanded[name] for name in names[:whole]})
+    command(api, session, {name: commanded[name] for name in names[whole:]}, angles=False)
     by_images = table(api, session)
     found = accuracy_of(by_images)
     assert None not in found.values()
@@ -103,8 +103,8 @@ def test_many_commanded_positions_do_not_keep_few_whole_poses_from_being_compare
 
     poses = drawn_poses(6, whole + positions)
     session = new_session(api)
-    tell(api, session, poses[:whole])
-    tell_positions(api, session, poses, whole)
+    send_commands(api, session, poses[:whole])
+    send_positions(api, session, poses, whole)
     send(api, session, readings(poses, cycles=3))
     by_probe = table(api, session, source="measured_poses")
     found = accuracy_of(by_probe)
@@ -120,25 +120,25 @@ def test_many_commanded_positions_do_not_keep_few_whole_poses_from_being_compare
 
 
 def test_readings_with_orientation_serve_commanded_positions_alone(api: Any) -> None:
-    """Three whole poses of twelve tie too little: the probe's own orientations tell where its tip sits."""
+    """Three whole poses of twelve tie too little: the probe's own orientations determine its tip."""
     poses = drawn_poses(7, 12)
     session = new_session(api)
-    tell(api, session, poses[:3])
-    tell_positions(api, session, poses, 3)
+    send_commands(api, session, poses[:3])
+    send_positions(api, session, poses, 3)
     send(api, session, readings(poses, cycles=3))
     document = table(api, session, source="measured_poses")
     found = accuracy_of(document)
     assert None not in found.values()
     assert max(one["ap_p_mm"] for one in found.values()) < 0.5
     assert "tool_offset_unknown" not in {w["code"] for w in document["warnings"]}
-    assert "P1, P2, P3 have no accuracy" in remark(document, "orientation_accuracy_unavailable")
+    assert "P1, P2, P3 have no accuracy" in warning_detail(document, "orientation_accuracy_unavailable")
 
 
-def test_reflectors_that_were_told_a_position_alone_do_not_spoil_the_others(api: Any) -> None:
+def test_reflectors_that_were_commanded_a_position_alone_do_not_spoil_the_others(api: Any) -> None:
     poses = drawn_poses(8, 16)
     session = new_session(api)
-    tell(api, session, poses[:10])
-    tell_positions(api, session, poses, 10)
+    send_commands(api, session, poses[:10])
+    send_positions(api, session, poses, 10)
     sent = readings(poses, cycles=3)
     for reading in sent:
         reading["rotation"] = None
@@ -147,16 +147,16 @@ def test_reflectors_that_were_told_a_position_alone_do_not_spoil_the_others(api:
     found = accuracy_of(document)
     assert {name for name, one in found.items() if one is None} == {f"P{k}" for k in range(11, 17)}
     assert max(one["ap_p_mm"] for one in found.values() if one) < 0.5
-    assert "its orientation was not commanded" in remark(document, "accuracy_incomplete")
+    assert "its orientation was not commanded" in warning_detail(document, "accuracy_incomplete")
 
 
 @pytest.mark.slow
 def test_poses_before_a_second_target_are_tied_by_themselves_or_named(api: Any, store: Store) -> None:
     second = TargetSpec("chessboard", 8, 5, 12.0)
-    shots, told, off = deviating_robot(19, 20, 0.3)
+    shots, commanded, off = deviating_robot(19, 20, 0.3)
     there = transform(np.eye(3), np.array([40.0, 0.0, 0.0]))
     for count, complete in ((8, True), (1, False)):
-        names = list(told)[-count:]
+        names = list(commanded)[-count:]
         rng = np.random.default_rng(4)
         session = new_session(api, look(rng, invert(shots[0].T_target_camera)).target, second)
         first_id, second_id = api.client.get(f"/v1/sessions/{session}").json()["target_ids"]
@@ -168,37 +168,37 @@ def test_poses_before_a_second_target_are_tied_by_themselves_or_named(api: Any, 
             if shot.pose_id in names
         ]
         store(api, session, others, second_id)
-        command(api, session, told)
+        command(api, session, commanded)
         document = table(api, session)
         found = accuracy_of(document)
         if complete:
-            assert errors(found, off, list(told)) < 0.4
+            assert errors(found, off, list(commanded)) < 0.4
             assert "accuracy_incomplete" not in {w["code"] for w in document["warnings"]}
         else:
             assert {name for name, one in found.items() if one is None} == set(names)
-            detail = remark(document, "accuracy_incomplete")
+            detail = warning_detail(document, "accuracy_incomplete")
             assert detail.startswith("One pose has a commanded position and no accuracy.")
             assert names[0] in detail
 
 
 def test_a_pose_none_of_whose_images_counts_is_named(api: Any, store: Store) -> None:
-    shots, told, _ = deviating_robot(20, 12, 0.3)
+    shots, commanded, _ = deviating_robot(20, 12, 0.3)
     session = new_session(api)
     blind = [
         Shot(shot.pose_id, shot.cycle, None, shot.T_target_camera) for shot in shots if shot.pose_id == "P3"
     ]
     store(api, session, [*(shot for shot in shots if shot.pose_id != "P3"), *blind])
-    command(api, session, told)
+    command(api, session, commanded)
     document = table(api, session)
     assert accuracy_of(document)["P3"] is None
-    assert "P3: no measurement of it counts" in remark(document, "accuracy_incomplete")
+    assert "P3: no measurement of it counts" in warning_detail(document, "accuracy_incomplete")
 
 
 def test_readings_with_and_without_orientation(api: Any) -> None:
     """A probe at most poses and a reflector at two: these two cannot be compared with the others, and are named."""
     poses = drawn_poses(4, 12)
     session = new_session(api)
-    tell(api, session, poses)
+    send_commands(api, session, poses)
     sent = readings(poses, cycles=3)
     for reading in sent:
         if reading["pose_id"] in ("P5", "P10"):
@@ -207,10 +207,10 @@ def test_readings_with_and_without_orientation(api: Any) -> None:
     document = table(api, session, source="measured_poses")
     found = accuracy_of(document)
     assert {name for name, one in found.items() if one is None} == {"P5", "P10"}
-    assert "P5, P10: not all of its readings" in remark(document, "accuracy_incomplete")
+    assert "P5, P10: not all of its readings" in warning_detail(document, "accuracy_incomplete")
     # Commanded positions alone are enough where the reading has an orientation.
     session = new_session(api)
-    tell(api, session, poses)
+    send_commands(api, session, poses)
     fields = {"position_mm": poses[4][:3, 3].tolist()}
     assert api.client.put(f"/v1/sessions/{session}/poses/P5", json=fields).status_code == 200
     send(api, session, readings(poses, cycles=3))

@@ -29,7 +29,7 @@ from tests.support.sessions.stored_sessions import (
 
 
 def turned(rng: np.random.Generator, shots: list[Shot], board: TargetSpec) -> list[Shot]:
-    """The same images as a detector reads them that cannot tell which way round the board is."""
+    """The same images as a detector reads them that cannot determine which way round the board is."""
     turns = symmetry_rotations(board)
     seen = []
     for shot in shots:
@@ -49,7 +49,7 @@ def turned(rng: np.random.Generator, shots: list[Shot], board: TargetSpec) -> li
 
 
 @pytest.mark.slow
-def test_a_board_that_looks_the_same_turned_is_read_alike(api: Any, store: Store) -> None:
+def test_a_board_that_looks_the_same_turned_gets_one_labelling(api: Any, store: Store) -> None:
     board = TargetSpec("chessboard", 10, 6, 12.0)
     rng = np.random.default_rng(14)
     shots = turned(rng, shoot(seed=14, cycles=10, board=board), board)
@@ -61,8 +61,8 @@ def test_a_board_that_looks_the_same_turned_is_read_alike(api: Any, store: Store
     assert "turns least" in warning["detail"]
     mounting = transform(so3_exp(np.array([0.3, -2.0, 0.4])), np.array([20.0, 10.0, 80.0]))
     base = transform(so3_exp(np.array([-0.5, 0.2, 1.4])), np.array([700.0, -100.0, 300.0]))
-    told = {shot.pose_id: compose(base, shot.T_target_camera, mounting) for shot in shots[:5]}
-    command(api, session, told)
+    commanded = {shot.pose_id: compose(base, shot.T_target_camera, mounting) for shot in shots[:5]}
+    command(api, session, commanded)
     document = table(api, session)
     assert "board_symmetry_unresolved" not in {w["code"] for w in document["warnings"]}
     means = [np.array(row["mean"]["position_mm"]) for row in document["poses"]]
@@ -78,10 +78,10 @@ def test_a_board_that_looks_the_same_turned_is_read_alike(api: Any, store: Store
 @pytest.mark.slow
 @pytest.mark.parametrize("angles", [True, False])
 def test_accuracy_against_the_commanded_poses(api: Any, store: Store, angles: bool) -> None:
-    shots, told, off = deviating_robot(15, 24, 0.5)
+    shots, commanded, off = deviating_robot(15, 24, 0.5)
     session = new_session(api)
     store(api, session, shots)
-    command(api, session, told, angles=angles)
+    command(api, session, commanded, angles=angles)
     document = table(api, session)
     errors = []
     for row in document["poses"]:

@@ -29,7 +29,7 @@ from tests.support.sessions.tracked_robot import (
     drawn_poses,
     readings,
     send,
-    tell,
+    send_commands,
 )
 
 
@@ -66,11 +66,11 @@ def test_the_figures_are_those_of_the_readings(api: Any) -> None:
         )
         assert (row["cycles"], row["verdict"], row["excluded"]) == (15, expected.verdict, [])
         for part in ("repeatability", "noise_floor", "corrected"):
-            told = [value for _, value in getattr(expected, part).items()]
+            figures = [value for _, value in getattr(expected, part).items()]
             scale = [1.0] * 4 + [math.degrees(1.0)] * 3
             assert list(row[part]) == KEYS
             assert list(row[part].values()) == pytest.approx(
-                [v * s for v, s in zip(told, scale, strict=True)], rel=1e-3, abs=1e-5
+                [v * s for v, s in zip(figures, scale, strict=True)], rel=1e-3, abs=1e-5
             )
         assert row["mean"]["position_mm"] == pytest.approx(expected.mean_position_mm, abs=1e-4)
     assert codes(document) == ["accuracy_unavailable"]
@@ -86,8 +86,8 @@ def test_positions_alone_give_positions_alone(api: Any) -> None:
         assert row["mean"]["position_mm"] is not None
         assert row["mean"]["roll_deg"] is None
     assert "rotations_missing" in codes(document)
-    (remark,) = (w for w in document["warnings"] if w["code"] == "rotations_missing")
-    assert "no figure of orientation" in remark["detail"]
+    (warning,) = (w for w in document["warnings"] if w["code"] == "rotations_missing")
+    assert "no figure of orientation" in warning["detail"]
 
 
 def test_an_instrument_that_says_nothing_of_itself_has_no_floor(api: Any) -> None:
@@ -104,38 +104,38 @@ def test_an_instrument_that_says_nothing_of_itself_has_no_floor(api: Any) -> Non
     assert "noise_unknown" in codes(document)
 
 
-def test_accuracy_is_told_in_tied_frames(api: Any) -> None:
+def test_accuracy_is_reported_in_tied_frames(api: Any) -> None:
     """One pose was reached a millimetre off; whatever of orientation is known, its accuracy says so."""
     poses = drawn_poses(4, 12)
     reached = list(poses)
     reached[5] = transform(poses[5][:3, :3], poses[5][:3, 3] + [0.0, 1.0, 0.0])
-    told = {}
+    accuracies = {}
     for name, rotations, oriented in (
         ("six degrees of freedom", True, True),
         ("a reflector", False, True),
     ):
         session = new_session(api)
-        tell(api, session, poses, oriented=oriented)
+        send_commands(api, session, poses, oriented=oriented)
         send(api, session, readings(reached, cycles=3, rotations=rotations))
         document = table(api, session)
-        told[name] = {row["pose_id"]: row["accuracy"] for row in document["poses"]}
-        assert None not in told[name].values()
+        accuracies[name] = {row["pose_id"]: row["accuracy"] for row in document["poses"]}
+        assert None not in accuracies[name].values()
         assert "accuracy_unavailable" not in codes(document)
     noise = 6.0 * math.hypot(SCATTER_MM, SIGMA_MM)
-    for name, by_pose in told.items():
+    for name, by_pose in accuracies.items():
         others = [row["ap_p_mm"] for pose_id, row in by_pose.items() if pose_id != "P6"]
         assert by_pose["P6"]["ap_y_mm"] == pytest.approx(1.0, abs=noise), name
         assert abs(by_pose["P6"]["ap_x_mm"]) < noise, name
         assert abs(by_pose["P6"]["ap_z_mm"]) < noise, name
         assert np.median(others) < noise, name
-    assert told["a reflector"]["P6"]["ap_roll_deg"] is None
-    assert told["six degrees of freedom"]["P6"]["ap_roll_deg"] is not None
+    assert accuracies["a reflector"]["P6"]["ap_roll_deg"] is None
+    assert accuracies["six degrees of freedom"]["P6"]["ap_roll_deg"] is not None
 
 
 def test_positions_against_positions_say_what_they_assume(api: Any) -> None:
     poses = [transform(np.eye(3), T[:3, 3]) for T in drawn_poses(5, 10)]
     session = new_session(api)
-    tell(api, session, poses, oriented=False)
+    send_commands(api, session, poses, oriented=False)
     send(api, session, readings(poses, cycles=2, rotations=False))
     document = table(api, session)
     assert "tool_offset_unknown" in codes(document)
@@ -197,11 +197,11 @@ def test_an_outlier_of_another_instrument_is_named_by_its_measured_pose(api: Any
     rng = np.random.default_rng(6)
     positions = np.array([100.0, 200.0, 300.0]) + rng.normal(0.0, 0.02, (24, 3))
     positions[7] += [0.0, 1.0, 0.0]
-    told = [
+    sent = [
         {"pose_id": "P1", "cycle": k + 1, "position_mm": position.tolist()}
         for k, position in enumerate(positions)
     ]
-    stored = api.client.post(f"/v1/sessions/{session}/measured-poses", json=told).json()["items"]
+    stored = api.client.post(f"/v1/sessions/{session}/measured-poses", json=sent).json()["items"]
     found = table(api, session)
     (outlier,) = found["poses"][0]["outliers"]
     assert outlier["measurement_id"] is None

@@ -39,13 +39,13 @@ def table(api: Any, session: str, **query: Any) -> dict[str, Any]:
 
 
 def command(api: Any, session: str, pose_id: str, T: Any, **fields: Any) -> None:
-    """Store what the robot was told of the pose whose camera is at T in the target frame."""
-    told = compose(Z, T, invert(X))
-    roll, pitch, yaw = np.degrees(rotation_to_rpy(told[:3, :3])).tolist()
+    """Store the commanded pose of the robot whose camera is at T in the target frame."""
+    commanded = compose(Z, T, invert(X))
+    roll, pitch, yaw = np.degrees(rotation_to_rpy(commanded[:3, :3])).tolist()
     response = api.client.put(
         f"/v1/sessions/{session}/poses/{pose_id}",
         json={
-            "position_mm": told[:3, 3].tolist(),
+            "position_mm": commanded[:3, 3].tolist(),
             "roll_deg": roll,
             "pitch_deg": pitch,
             "yaw_deg": yaw,
@@ -183,7 +183,7 @@ def test_one_pose_approached_from_three_sides(api: Any, store: Store) -> None:
     )
 
 
-def test_two_sides_are_a_lower_bound_and_one_is_none(api: Any, store: Store) -> None:
+def test_two_sides_are_a_lower_bound_and_one_is_no_bound(api: Any, store: Store) -> None:
     rng = np.random.default_rng(6)
     poses = cube(rng)
     session = new_session(api)

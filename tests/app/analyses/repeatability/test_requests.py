@@ -47,7 +47,7 @@ def test_an_answer_the_client_has_is_not_sent_again(api: Any, store: Store) -> N
     url = f"/v1/sessions/{session}/repeatability"
     again = api.client.get(url, headers={"If-None-Match": first.headers["ETag"]})
     assert (again.status_code, again.content) == (304, b"")
-    # What the robot was told enters too.
+    # What was commanded enters too.
     pose = {"position_mm": [1.0, 2.0, 3.0], "roll_deg": 0.0, "pitch_deg": 0.0, "yaw_deg": 0.0}
     assert api.client.put(f"/v1/sessions/{session}/poses/P1", json=pose).status_code == 200
     changed = api.client.get(url, headers={"If-None-Match": first.headers["ETag"]})
@@ -136,7 +136,7 @@ def test_a_computation_that_dies_is_a_503_and_the_next_one_works(
     assert get(api, session).status_code == 200
 
 
-def test_an_image_of_a_target_that_is_not_the_sessions_is_left_out_and_named(api: Any, store: Store) -> None:
+def test_an_image_of_a_target_that_is_not_the_sessions_is_excluded_and_named(api: Any, store: Store) -> None:
     session, shots = new_session(api), shoot(cycles=4)
     store(api, session, shots[:-1])
     (foreign,) = store(api, session, shots[-1:], target_id=api.make_target(name="another"))

@@ -232,7 +232,7 @@ def test_a_pose_is_given_in_one_target_s_frame(api: Any, store: Store) -> None:
 
 
 @pytest.mark.slow
-def test_drift_is_told_over_blocks_of_cycles(api: Any, store: Store) -> None:
+def test_drift_is_reported_over_blocks_of_cycles(api: Any, store: Store) -> None:
     shots = []
     rng = np.random.default_rng(2)
     for shot in shoot(seed=17, poses=2, cycles=24):

@@ -1,4 +1,4 @@
-"""Poses seen from afar, whose tilt may as well be the opposite one: told by the measurement, left out of figures."""
+"""Poses seen from afar, whose tilt is ambiguous: reported by the measurement, excluded from figures."""
 
 from __future__ import annotations
 
@@ -29,8 +29,8 @@ def session_of(api: Any, store: Store, distances_mm: list[float]) -> tuple[str, 
         for index, distance in enumerate(distances_mm):
             R = so3_exp(math.radians(30.0) * np.array([math.cos(index), math.sin(index), 0.0]))
             T = transform(R, np.array([10.0, -5.0, distance]) - R @ BOARD.points_target().mean(axis=0))
-            told = invert(T)
-            true = transform(told[:3, :3], told[:3, 3] + rng.normal(0.0, 0.05, 3))
+            commanded = invert(T)
+            true = transform(commanded[:3, :3], commanded[:3, 3] + rng.normal(0.0, 0.05, 3))
             points = look(rng, invert(true), board=BOARD, sigma_px=NOISE)
             shots.append(Shot(f"P{index + 1}", cycle, points, true))
     return session, store(api, session, shots)
@@ -40,7 +40,7 @@ def table(api: Any, session: str) -> Any:
     return api.client.get(f"/v1/sessions/{session}/repeatability", params={"estimator": "given"})
 
 
-def test_a_pose_that_cannot_be_told_is_left_out_by_name(api: Any, store: Store) -> None:
+def test_a_pose_that_cannot_be_determined_is_excluded_by_name(api: Any, store: Store) -> None:
     session, ids = session_of(api, store, [600.0, 6500.0, 700.0])
     document = body(table(api, session))
     rows = {row["pose_id"]: row for row in document["poses"]}
@@ -58,7 +58,7 @@ def test_a_session_of_such_poses_is_refused_with_advice(api: Any, store: Store) 
     assert "nearer" in refusal["advice"]
 
 
-def test_the_measurement_tells_the_ratio() -> None:
+def test_the_measurement_reports_the_ratio() -> None:
     rng = np.random.default_rng(52)
     R = so3_exp(np.array([0.5, 0.1, 0.0]))
     documents = []

@@ -86,7 +86,7 @@ def test_its_own_pages_work_by_every_name_of_the_machine(open_service: Any, host
     )
 
 
-def test_two_hosts_are_none(open_service: Any) -> None:
+def test_two_hosts_are_refused(open_service: Any) -> None:
     headers = [("Host", "localhost"), ("Host", "evil.example")]
     assert open_service.client.get("/v1/targets", headers=headers).status_code == 403
 

@@ -70,8 +70,8 @@ def test_names_and_decimal_commas_of_spreadsheets_are_read(api: Any, text: str) 
     assert {value for name, value in second.items() if name != "pose_id"} == {None}
     # The command line reads the same files.
     rows = list(csv.reader(io.StringIO(text, newline=""), delimiter=delimiter_of(text.partition("\n")[0])))
-    told = pose_of_cells(dict(zip(rows[0], rows[1], strict=True)), delimiter_of(text.partition("\n")[0]))
-    assert told == {name: value for name, value in first.items() if value is not None}
+    fields = pose_of_cells(dict(zip(rows[0], rows[1], strict=True)), delimiter_of(text.partition("\n")[0]))
+    assert fields == {name: value for name, value in first.items() if value is not None}
 
 
 @pytest.mark.parametrize("kind", ["poses", "measured-poses"])

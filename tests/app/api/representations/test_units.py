@@ -223,7 +223,7 @@ def visits(places: np.ndarray, sigma: float, cycles: int = 5, scale: float = 1.0
     ]
 
 
-def told(api: Any, session: str, places: np.ndarray) -> None:
+def send_commands(api: Any, session: str, places: np.ndarray) -> None:
     poses = [{"pose_id": f"P{i + 1}", "position_mm": place.tolist()} for i, place in enumerate(places)]
     assert api.client.post(f"/v1/sessions/{session}/poses", json=poses).status_code == 200
 
@@ -235,7 +235,7 @@ def told(api: Any, session: str, places: np.ndarray) -> None:
 def test_readings_in_metres_are_refused(api: Any, commanded: bool, scale: float, guess: str) -> None:
     session = new_session(api)
     if commanded:
-        told(api, session, CUBE)
+        send_commands(api, session, CUBE)
     sent = visits(CUBE, 0.1, scale=scale)
     path = f"/v1/sessions/{session}/measured-poses"
     refused = api.client.post(path, json=sent)
@@ -264,6 +264,6 @@ def test_readings_in_metres_are_refused(api: Any, commanded: bool, scale: float,
 def test_readings_that_may_be_are_stored(api: Any, places: np.ndarray, sigma: float, commanded: bool) -> None:
     session = new_session(api)
     if commanded:
-        told(api, session, CUBE)
+        send_commands(api, session, CUBE)
     stored = api.client.post(f"/v1/sessions/{session}/measured-poses", json=visits(places, sigma))
     assert stored.status_code == 200, stored.json()

@@ -74,7 +74,7 @@ def test_what_is_sent_is_stored_and_listed_page_by_page(any_api: Any) -> None:
     assert (len(second["items"]), second["next_cursor"]) == (1, None)
     assert [item["cycle"] for item in stored(any_api, session, pose_id="P1")] == [1, 2]
     assert stored(any_api, session, pose_id="P9") == []
-    # The poses they name exist from now on, with everything unknown; measurements are none.
+    # The poses they name exist from now on, with everything unknown; there are no measurements.
     poses = any_api.client.get(f"/v1/sessions/{session}/poses").json()["items"]
     assert [(pose["pose_id"], pose["joint_angles_deg"]) for pose in poses] == [
         ("P1", None),
@@ -196,7 +196,7 @@ def test_joints_are_as_many_as_the_robot_s(api: Any) -> None:
     assert [error["field"] for error in problem["errors"]] == ["0.joint_angles_deg"]
     two, none = reading(joint_angles_deg=[1.0, 2.0]), reading("P2", joint_angles_deg=None)
     assert post(api, session, two, none).status_code == 200
-    # Without a robot they are alike: within the list, and with what is stored.
+    # Without a robot they are refused in the same way: within the list, and with what is stored.
     session = api.make_session()
     problem = assert_problem(post(api, session, two, reading("P3")), 422, "joint_angles_inconsistent")
     assert post(api, session, reading("P3")).status_code == 200

@@ -47,7 +47,7 @@ def test_a_rendered_board_gives_its_camera_and_pose(measured: dict[str, Any]) ->
     u_position = [calibration["pose"]["standard_uncertainty"][name] for name in ("x_mm", "y_mm", "z_mm")]
     error = np.abs(np.array(calibration["pose"]["position_mm"]) - T_target_camera[:3, 3])
     assert np.all(error < 5 * np.array(u_position))
-    # The grid's ends cannot look alike at 9 x 6, so the rotation is the true one, not one turned by 180°.
+    # The grid's ends cannot look the same at 9 x 6, so the rotation is the true one, not one turned by 180°.
     assert np.trace(np.array(calibration["pose"]["rotation"]).T @ T_target_camera[:3, :3]) > 2.99
 
 
@@ -115,7 +115,7 @@ def test_session_intrinsics_leave_only_the_pose_to_find(computing_api: Any, boar
     assert set(measurement["calibration"]["standard_uncertainty"].values()) == {0.0}
 
 
-def test_a_picture_without_a_board_fails_with_advice(computing_api: Any, grey_png: bytes) -> None:
+def test_an_image_without_a_board_fails_with_advice(computing_api: Any, grey_png: bytes) -> None:
     measurement = computing_api.wait_for(
         computing_api.put_image(computing_api.make_session(), grey_png).json()["id"]
     )
@@ -152,7 +152,7 @@ def test_damaged_files_fail_and_the_service_goes_on(computing_api: Any, board_pn
     assert computing_api.client.get("/readyz").status_code == 200
 
 
-def test_a_picture_of_one_pixel_fails_gently(computing_api: Any) -> None:
+def test_an_image_of_one_pixel_fails_gently(computing_api: Any) -> None:
     png = cv2.imencode(".png", np.zeros((1, 1), np.uint8))[1].tobytes()
     measurement = computing_api.wait_for(
         computing_api.put_image(computing_api.make_session(), png).json()["id"]

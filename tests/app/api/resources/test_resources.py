@@ -90,10 +90,12 @@ def test_a_pitch_that_no_print_has_is_refused(api: Any, pitch_mm: float) -> None
     assert "pitch_mm" in [error["field"] for error in response.json()["errors"]]
 
 
-def test_a_pitch_in_total_doubt_is_refused(api: Any) -> None:
+def test_a_pitch_with_total_uncertainty_is_refused(api: Any) -> None:
     wanted = {"name": "x", "kind": "chessboard", "columns": 9, "rows": 6, "pitch_mm": 25.0}
-    for doubt, status in ((25.0, 422), (24.9, 201)):
-        response = api.client.post("/v1/targets", json={**wanted, "pitch_standard_uncertainty_mm": doubt})
+    for uncertainty, status in ((25.0, 422), (24.9, 201)):
+        response = api.client.post(
+            "/v1/targets", json={**wanted, "pitch_standard_uncertainty_mm": uncertainty}
+        )
         assert response.status_code == status, response.text
         if status == 422:
             assert response.json()["code"] == "invalid_target"

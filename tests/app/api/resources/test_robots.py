@@ -26,14 +26,14 @@ def make(api: Any, *joints: dict[str, Any]) -> Any:
 
 
 def test_names_and_limits_are_kept_and_what_is_not_known_is_null(api: Any) -> None:
-    told = {"name": "A1", "minimum_deg": -155.0, "maximum_deg": 155.0}
-    created = make(api, told, {}, {"name": "A3"}, {"minimum_deg": -15.0, "maximum_deg": 158.0})
+    stated = {"name": "A1", "minimum_deg": -155.0, "maximum_deg": 155.0}
+    created = make(api, stated, {}, {"name": "A3"}, {"minimum_deg": -15.0, "maximum_deg": 158.0})
     assert created.status_code == 201
     robot = created.json()
     unknown = {"name": None, "minimum_deg": None, "maximum_deg": None}
     plain = {**PLAIN, "theta_offset_deg": 0.0}
     assert robot["joints"] == [
-        {**plain, **told},
+        {**plain, **stated},
         {**plain, **unknown},
         {**plain, **unknown, "name": "A3"},
         {**plain, **unknown, "minimum_deg": -15.0, "maximum_deg": 158.0},
@@ -79,10 +79,15 @@ def test_wrong_fields_are_refused(api: Any, joint: dict[str, Any]) -> None:
 def test_a_robot_is_changed_field_by_field(api: Any) -> None:
     robot = make(api, {"name": "A1"}).json()
     address = f"/v1/robots/{robot['id']}"
-    told = {"manufacturer": "KUKA", "model": "KR 5 arc", "serial_number": "412", "datasheet_accuracy_mm": 0.4}
-    changed = api.client.patch(address, json=told)
+    stated = {
+        "manufacturer": "KUKA",
+        "model": "KR 5 arc",
+        "serial_number": "412",
+        "datasheet_accuracy_mm": 0.4,
+    }
+    changed = api.client.patch(address, json=stated)
     assert changed.status_code == 200
-    assert changed.json() == {**robot, **told}
+    assert changed.json() == {**robot, **stated}
     joints = [{**PLAIN, "d_mm": 410.0, "name": "J1"}]
     changed = api.client.patch(address, json={"joints": joints, "model": None})
     assert (changed.json()["joints"][0]["d_mm"], changed.json()["model"]) == (410.0, None)

@@ -22,7 +22,7 @@ from tests.support.service.stored_files import bomb, files_of
         ({"pose_id": "P1", "focus_group": "a\x00"}, {"image": b"x"}, "focus_group"),
         ({"pose_id": "P1", "captured_at": "yesterday"}, {"image": b"x"}, "captured_at"),
         ({"pose_id": "P1", "joint_angles_deg": "1,nan"}, {"image": b"x"}, "joint_angles_deg"),
-        ({"pose_id": "P1"}, {"picture": b"x"}, "picture"),
+        ({"pose_id": "P1"}, {"photograph": b"x"}, "photograph"),
     ],
 )
 def test_a_wrong_form_is_refused(
@@ -115,7 +115,7 @@ def test_wrong_metadata_is_refused(any_api: Any, grey_png: bytes, query: dict[st
 
 @pytest.mark.slow
 @pytest.mark.parametrize("sha256", ["abc", "g" * 64, "0" * 63, "0" * 65, "0" * 64 + "%0A"])
-def test_a_hash_that_is_none_is_refused(api: Any, sha256: str) -> None:
+def test_what_is_no_hash_is_refused(api: Any, sha256: str) -> None:
     address = f"/v1/sessions/{api.make_session()}/poses/P1/images/{sha256}"
     response = api.client.put(address, content=b"x", headers=OCTETS)
     assert (response.status_code, response.json()["code"]) == (422, "invalid_request")

@@ -78,7 +78,7 @@ def test_a_session_deleted_meanwhile_leaves_no_original(api: Any, grey_png: byte
 def test_interrupted_uploads_are_cleared_at_start(open_api: Any, tmp_path: Path) -> None:
     incoming = tmp_path / "data" / "originals" / "incoming"
     incoming.mkdir(parents=True)
-    (incoming / "half").write_bytes(b"half a picture")
+    (incoming / "half").write_bytes(b"half an image")
     with open_api(tmp_path / "data") as running:
         assert files_of(running) == []
 

@@ -76,7 +76,7 @@ def test_the_flat_view_comes_last_and_is_flat(session: DemoSession) -> None:
     whole = demo_session(1)
     assert len(whole.images) == 101
     assert whole.images[0].scene.width_px == 2 * session.images[0].scene.width_px
-    # The same place in the picture, whose pixels are twice as wide: (0, 0) is the middle of a pixel.
+    # The same place in the image, whose pixels are twice as wide: (0, 0) is the middle of a pixel.
     camera, half = whole.images[0].scene.camera, session.images[0].scene.camera
     assert camera.cx_px + 0.5 == pytest.approx(2.0 * (half.cx_px + 0.5))
     assert camera.cy_px + 0.5 == pytest.approx(2.0 * (half.cy_px + 0.5))
@@ -91,7 +91,7 @@ def test_what_is_sound_has_no_fault(session: DemoSession) -> None:
     assert failed_checks(session, answers, errors, figures) == []
 
 
-def test_every_fault_is_told(session: DemoSession) -> None:
+def test_every_fault_is_reported(session: DemoSession) -> None:
     answers, errors, figures = sound(session)
 
     def said(**changes: Any) -> str:

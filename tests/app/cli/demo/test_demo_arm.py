@@ -42,7 +42,7 @@ def session() -> ArmSession:
     return demo_arm_session(demo_session(1, quick=True).arm, 1, quick=True)
 
 
-def tells(joint: int, name: str) -> bool:
+def is_identifiable(joint: int, name: str) -> bool:
     if joint == 6 or (joint, name) in {(1, "d"), (1, "theta"), (2, "d")}:
         return False
     return name != "beta" or joint == 2
@@ -53,15 +53,17 @@ def answer_of(chain: Chain) -> dict[str, Any]:
     joints, names = [], []
     for i, row in enumerate(chain.as_array()):
         values = dict(zip(FIELDS, row, strict=True))
-        told = {name: tells(i + 1, name) for name in FIELDS}
-        names += [f"joint_{i + 1}.{field}" for name, field in FIELDS.items() if told[name]]
+        identifiable = {name: is_identifiable(i + 1, name) for name in FIELDS}
+        names += [f"joint_{i + 1}.{field}" for name, field in FIELDS.items() if identifiable[name]]
         joint = {"joint": i + 1, "parallel_to_next": PARALLEL[i], "poses": POSES}
         for name, field in FIELDS.items():
             joint[field] = math.degrees(values[name]) if field.endswith("_deg") else values[name]
         if not PARALLEL[i]:
             joint["beta_deg"] = None
-        joint["standard_uncertainty"] = {FIELDS[name]: U[name] if told[name] else None for name in FIELDS}
-        joint["identifiable"] = {FIELDS[name]: told[name] for name in FIELDS}
+        joint["standard_uncertainty"] = {
+            FIELDS[name]: U[name] if identifiable[name] else None for name in FIELDS
+        }
+        joint["identifiable"] = {FIELDS[name]: identifiable[name] for name in FIELDS}
         joints.append(joint)
     errors = {"position_rms_mm": 0.1, "rotation_rms_deg": 0.01}
     return {
@@ -85,7 +87,7 @@ def perfect(arm: Arm) -> dict[str, Any]:
 
 
 def test_the_gauge_is_that_of_an_identification_from_exact_poses(session: ArmSession) -> None:
-    """What cannot be told takes the data sheet's values, in the truth as in the answer; the rest is the arm's own."""
+    """What cannot be determined has the data sheet's values, in truth and answer; the rest is the arm's own."""
     q = sweep_angles(KR5_ARC_HOME)
     exact = measure_poses(session.arm, q, np.random.default_rng(0), estimator="exact")
     found = identify(exact, KR5_ARC, folds=0).chain
@@ -148,13 +150,13 @@ def test_correlations_are_respected(session: ArmSession) -> None:
     answer = perfect(session.arm)
     for column, name in enumerate(("a_mm", "d_mm")):
         answer["joints"][3][name] += (1.0, -1.0)[column] * U["a"]
-    told = [p for p in parameters_with_truth(session.arm, answer) if p.uncertainty is not None]
-    assert error_over_uncertainty(told, answer) == pytest.approx(math.sqrt(2.0 / IDENTIFIABLE))
+    identifiable = [p for p in parameters_with_truth(session.arm, answer) if p.uncertainty is not None]
+    assert error_over_uncertainty(identifiable, answer) == pytest.approx(math.sqrt(2.0 / IDENTIFIABLE))
     i, j = (answer["parameters"].index(name) for name in ("joint_4.a_mm", "joint_4.d_mm"))
     answer["correlation"][i][j] = answer["correlation"][j][i] = -0.8
     # (1, -1) [[1, -.8], [-.8, 1]]⁻¹ (1, -1)ᵀ = 2 / 1.8
-    assert error_over_uncertainty(told, answer) == pytest.approx(math.sqrt(2.0 / 1.8 / IDENTIFIABLE))
-    assert accuracy(told, answer).lengths_mm == pytest.approx(U["a"] * math.sqrt(2.0 / 8.0))
+    assert error_over_uncertainty(identifiable, answer) == pytest.approx(math.sqrt(2.0 / 1.8 / IDENTIFIABLE))
+    assert accuracy(identifiable, answer).lengths_mm == pytest.approx(U["a"] * math.sqrt(2.0 / 8.0))
 
 
 def test_angles_are_compared_around_the_circle(session: ArmSession) -> None:

@@ -34,7 +34,7 @@ TERABYTE = 10**12
 
 
 def talk(conversation: Talk, app: ASGIApp = hello) -> bytes:
-    """Return what a client is told that behaves like `conversation`."""
+    """Return the answer to a client that behaves like `conversation`."""
 
     async def run() -> bytes:
         config = uvicorn.Config(app, log_config=None)
@@ -166,7 +166,7 @@ def test_a_body_that_is_not_wanted_and_does_not_come_ends_the_connection(
         ("Transfer-Encoding: surprise",),
     ],
 )
-def test_a_length_that_is_none_is_refused_by_a_problem_document(lines: tuple[str, ...]) -> None:
+def test_what_is_no_length_is_refused_by_a_problem_document(lines: tuple[str, ...]) -> None:
     async def conversation(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> bytes:
         writer.write(request(*lines))
         head, problem = await answer_of(reader)

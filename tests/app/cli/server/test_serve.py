@@ -1,4 +1,4 @@
-"""The socket the service listens on, what it prints, and how it is told to end."""
+"""The socket the service listens on, what it prints, and how it is stopped."""
 
 from __future__ import annotations
 
@@ -61,7 +61,7 @@ def test_a_full_disk_under_stdout_does_not_end_the_start() -> None:
     assert "served" in ended.stderr
 
 
-def test_a_worker_is_told_to_end_by_a_signal_that_takes_no_lock() -> None:
+def test_a_worker_is_stopped_by_a_signal_that_takes_no_lock() -> None:
     stop = StopRequested()
     assert not stop
     former = signal.signal(signal.SIGTERM, stop)

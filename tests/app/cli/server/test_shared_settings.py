@@ -1,4 +1,4 @@
-"""Addresses of a database or bucket that are none are refused in a sentence."""
+"""What is no address of a database or bucket is refused in a sentence."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
 """From the printed sheet to the camera's pose, over HTTP, for every kind of target; and the same of real photographs.
 
-The sheet is the PDF that is printed, rasterised by a program that nobody here wrote, and photographed from aside. Of
+The sheet is the PDF that is printed, rasterised by a program that nobody here wrote, and photographed obliquely. Of
 staggered dots and AprilGrids there are no photographs.
 """
 
@@ -67,7 +67,7 @@ def photograph(sheet: Sheet, T_camera_target: Any, seed: int) -> bytes:
     return encode(".png", np.clip(np.rint(image), 0, 255).astype(np.uint8))
 
 
-def from_aside(target: TargetSpec) -> Any:
+def oblique_view(target: TargetSpec) -> Any:
     """T_camera_target of a camera that looks at a sheet from half a metre, turned by some 35°."""
     rotation = so3_exp(math.radians(35.0) * np.array([0.6, 0.8, 0.0])) @ so3_exp(np.array([0.0, 0.0, 0.2]))
     middle = target.points_target().mean(axis=0)
@@ -79,7 +79,7 @@ def from_aside(target: TargetSpec) -> Any:
 )
 def test_a_printed_sheet_gives_the_pose(computing_api: Any, kind: str) -> None:
     target, extras = PRINTED[kind]
-    T_camera_target = from_aside(target)
+    T_camera_target = oblique_view(target)
     data = photograph(draw_sheet(target, **extras), T_camera_target, seed=7)
     made = computing_api.client.post("/v1/targets", json={"name": kind, **dataclasses.asdict(target)})
     assert made.status_code == 201, made.text
@@ -127,7 +127,7 @@ def test_photographs_turn_as_their_robot_did(
     focal_px: float,
     within_deg: float,
 ) -> None:
-    """robot_cal_tools' sets: hardly a view tells the focal length by itself, all together do, and then each its pose.
+    """robot_cal_tools' sets: few views determine the focal length alone; all of them do, and then each view its pose.
 
     However the camera is mounted, between two images it turns by the angle that the robot's tool does.
     """
@@ -141,7 +141,7 @@ def test_photographs_turn_as_their_robot_did(
         assert measurement["labelling"] == "absolute"
         quality = measurement["capture_quality"]
         assert 0.0 < quality["coverage_fraction"] < 1.0
-        # Dots of 3 px have hardly room for their edges to reach black and white; then there is no contrast to tell.
+        # Dots of 3 px have hardly room for their edges to reach black and white; then there is no contrast to report.
         assert (folder == "circles_10x10" and quality["contrast"] is None) or quality["contrast"] > 0.1
     (group,) = api.client.get(f"/v1/sessions/{session_id}/intrinsics").json()["groups"]
     assert group["image_count"] == len(files)
@@ -156,9 +156,9 @@ def test_photographs_turn_as_their_robot_did(
         rotations.append(again["calibration"]["pose"]["rotation"])
     tools = [tool_pose(source / "poses" / f"{file.stem}.yaml")[:3, :3] for file in files]
     turned = [angle_between(rotations[0], rotation) for rotation in rotations[1:]]
-    told = [angle_between(tools[0], tool) for tool in tools[1:]]
-    assert max(told) > 20.0
-    np.testing.assert_allclose(turned, told, rtol=0.0, atol=within_deg)
+    expected = [angle_between(tools[0], tool) for tool in tools[1:]]
+    assert max(expected) > 20.0
+    np.testing.assert_allclose(turned, expected, rtol=0.0, atol=within_deg)
 
 
 def test_a_photographed_chessboard_gives_its_pose(computing_api: Any, data_folder: Path) -> None:

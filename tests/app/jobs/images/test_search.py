@@ -39,8 +39,8 @@ def corner() -> Corner:
 
 
 @pytest.fixture(scope="module")
-def picture(corner: Corner) -> bytes:
-    return corner.picture(corner.view(turn=0.3), seed=3)
+def image(corner: Corner) -> bytes:
+    return corner.image(corner.view(turn=0.3), seed=3)
 
 
 @pytest.mark.parametrize(
@@ -54,7 +54,7 @@ def picture(corner: Corner) -> bytes:
 def test_both_grids_of_a_corner_are_measured(computing_api: Any, specs: tuple[TargetSpec, ...]) -> None:
     api, corner = computing_api, Corner(*specs)
     T_camera_ahead = corner.view(turn=0.2, lift_mm=20.0)
-    data = corner.picture(T_camera_ahead, seed=1)
+    data = corner.image(T_camera_ahead, seed=1)
     absent, *targets = make_targets(api, TargetSpec("circles", 6, 5, 20.0), *specs)
     session_id = api.make_session(absent, *targets)
     accepted = api.put_image(session_id, data, cycle=2, joint_angles_deg="1,2", focus_group="near")
@@ -113,13 +113,13 @@ def test_both_grids_of_a_corner_are_measured(computing_api: Any, specs: tuple[Ta
     assert not api.installation.blobs.path(first["sha256"]).exists()
 
 
-def test_a_target_found_is_measured_as_one_that_is_named(computing_api: Any, picture: bytes) -> None:
+def test_a_target_found_is_measured_as_one_that_is_named(computing_api: Any, image: bytes) -> None:
     api, targets = computing_api, make_targets(computing_api, CHESSBOARD, CHARUCO)
     named, searched = api.make_session(*targets), api.make_session(*targets)
     by_name = [
-        api.wait_for(api.put_image(named, picture, target_id=target_id).json()["id"]) for target_id in targets
+        api.wait_for(api.put_image(named, image, target_id=target_id).json()["id"]) for target_id in targets
     ]
-    api.wait_for(api.put_image(searched, picture).json()["id"])
+    api.wait_for(api.put_image(searched, image).json()["id"])
     by_search = api.measurements(searched)
     for one, other in zip(by_name, by_search, strict=True):
         for field in ("calibration", "labelling", "capture_quality", "target_id", "status"):
@@ -132,11 +132,11 @@ def test_a_target_found_is_measured_as_one_that_is_named(computing_api: Any, pic
     assert api.client.get(f"/v1/measurements/{by_name[0]['id']}").json()["siblings"] == [by_name[1]["id"]]
 
 
-def test_what_was_measured_by_name_joins_as_a_sibling(computing_api: Any, picture: bytes) -> None:
+def test_what_was_measured_by_name_joins_as_a_sibling(computing_api: Any, image: bytes) -> None:
     api, targets = computing_api, make_targets(computing_api, CHESSBOARD, CHARUCO)
     session_id = api.make_session(*targets)
-    by_name = api.wait_for(api.put_image(session_id, picture, target_id=targets[0]).json()["id"])
-    searched = api.wait_for(api.put_image(session_id, picture).json()["id"])
+    by_name = api.wait_for(api.put_image(session_id, image, target_id=targets[0]).json()["id"])
+    searched = api.wait_for(api.put_image(session_id, image).json()["id"])
     assert (searched["status"], searched["target_id"]) == ("succeeded", targets[1])
     assert searched["siblings"] == [by_name["id"]]
     unchanged = api.client.get(f"/v1/measurements/{by_name['id']}").json()
@@ -159,9 +159,7 @@ def test_nothing_left_to_measure_is_said_and_nothing_is_lost(computing_api: Any,
     assert api.client.get(f"/v1/sessions/{session_id}/intrinsics").status_code == 200
 
 
-def test_an_image_of_none_says_what_was_looked_for(
-    computing_api: Any, picture: bytes, grey_png: bytes
-) -> None:
+def test_an_image_of_none_says_what_was_looked_for(computing_api: Any, image: bytes, grey_png: bytes) -> None:
     api, targets = computing_api, make_targets(computing_api, SMALLER, OTHER_MARKERS, CHESSBOARD, CHARUCO)
     session_id = api.make_session(*targets[:2])
     nothing = api.wait_for(api.put_image(session_id, grey_png).json()["id"])
@@ -169,7 +167,7 @@ def test_an_image_of_none_says_what_was_looked_for(
     assert nothing["target_id"] is nothing["labelling"] is nothing["capture_quality"] is None
     for word in ("chessboard 7 x 4", "charuco 5 x 5", *targets[:2]):
         assert word in nothing["failure"]["detail"]
-    other = api.wait_for(api.put_image(session_id, picture).json()["id"])
+    other = api.wait_for(api.put_image(session_id, image).json()["id"])
     assert (other["failure"]["code"], other["target_id"]) == ("target_mismatch", None)
     assert "chessboard 7 x 4" in other["failure"]["detail"]
     problem = api.client.get(f"/v1/sessions/{session_id}/repeatability")
@@ -183,7 +181,7 @@ def test_an_image_of_none_says_what_was_looked_for(
     assert api.client.get(f"/v1/measurements/{sibling}").json()["target_id"] == targets[3]
 
 
-def test_boards_that_look_alike_are_not_guessed(computing_api: Any, corner: Corner) -> None:
+def test_boards_that_look_the_same_are_not_guessed(computing_api: Any, corner: Corner) -> None:
     api = computing_api
     targets = make_targets(api, CHESSBOARD, dataclasses.replace(CHESSBOARD, pitch_mm=9.0))
     ahead, _ = corner.scenes(corner.view())
@@ -211,17 +209,17 @@ def test_a_refused_view_is_shown_all_the_same(computing_api: Any, corner: Corner
     assert len(points) == CHESSBOARD.size
 
 
-def test_a_damaged_file_is_no_target(computing_api: Any, picture: bytes) -> None:
+def test_a_damaged_file_is_no_target(computing_api: Any, image: bytes) -> None:
     targets = make_targets(computing_api, CHARUCO, CHESSBOARD)
-    response = computing_api.put_image(computing_api.make_session(*targets), picture[: len(picture) // 2])
+    response = computing_api.put_image(computing_api.make_session(*targets), image[: len(image) // 2])
     measurement = computing_api.wait_for(response.json()["id"])
     assert (measurement["failure"]["code"], measurement["target_id"]) == ("undecodable_image", None)
 
 
-def test_the_quality_is_that_of_the_picture(computing_api: Any, corner: Corner, picture: bytes) -> None:
+def test_the_quality_is_that_of_the_image(computing_api: Any, corner: Corner, image: bytes) -> None:
     targets = make_targets(computing_api, CHESSBOARD, CHARUCO)
     session_id = computing_api.make_session(*targets)
-    first = computing_api.wait_for(computing_api.put_image(session_id, picture).json()["id"])
+    first = computing_api.wait_for(computing_api.put_image(session_id, image).json()["id"])
     quality = first["capture_quality"]
     view = corner.view(turn=0.3)
     assert quality["tilt_deg"] == pytest.approx(math.degrees(math.acos(abs(view[2, 2]))), abs=1.0)

@@ -200,11 +200,11 @@ def test_a_page_asks_as_often_for_many_siblings_as_for_few(api: Any, grey_png: b
 
 
 def _reads_by_index(api: Any, statement: str) -> bool:
-    """Tell whether SQLite looks rows up by pose and hash, rather than reading a session's whole list."""
+    """Return whether SQLite looks rows up by pose and hash, rather than reading a session's whole list."""
     fixed = statement
     while "?" in fixed:
         fixed = fixed.replace("?", "'x'", 1)
     with api.installation.database.read() as records:
         plan: Sequence[Any] = records.execute(sa.text(f"EXPLAIN QUERY PLAN {fixed}")).all()
-    told = " ".join(str(row) for row in plan)
-    return "pose_id=?" in told and "SCAN" not in told
+    steps = " ".join(str(row) for row in plan)
+    return "pose_id=?" in steps and "SCAN" not in steps

@@ -197,7 +197,7 @@ def test_a_clock_that_was_ahead_and_is_set_right_removes_what_is_old_by_then(
     assert removed == [0] * DAYS + [1]
 
 
-def test_retention_stops_when_it_is_told_to(keeping_api: Any, grey_png: bytes) -> None:
+def test_retention_stops_when_it_is_asked_to(keeping_api: Any, grey_png: bytes) -> None:
     ids = [old_session(keeping_api, grey_png + b"%d" % number) for number in range(3)]
     answers = iter([False, True])
     removed = apply_retention(

@@ -1,4 +1,4 @@
-"""Frames tied by commanded poses: exact, with honest doubt, sound against wrong poses, and refused without motion."""
+"""Frames tied by commanded poses: exact, within uncertainty, sound against wrong poses, refused without motion."""
 
 from __future__ import annotations
 
@@ -96,7 +96,7 @@ def test_derivatives_match_differences() -> None:
 
 
 def covered(trials: int, count: int, seed: int) -> tuple[np.ndarray, np.ndarray]:
-    """Tell for each trial and component whether the 95 % interval holds the truth; the robot's deviations found."""
+    """Return for each trial and component whether the 95 % interval holds the truth; the robot's deviations found."""
     rng = np.random.default_rng(seed)
     inside, robot = [], []
     for _ in range(trials):
@@ -106,7 +106,7 @@ def covered(trials: int, count: int, seed: int) -> tuple[np.ndarray, np.ndarray]
     return np.array(inside), np.array(robot)
 
 
-def test_stated_doubt_and_deviations_are_right() -> None:
+def test_stated_uncertainty_and_deviations_are_right() -> None:
     inside, robot = covered(60, 10, 4)
     # 720 intervals in groups of 12 that share a fit: a standard error of some 1.2 %.
     assert inside.mean() > 0.915
@@ -141,7 +141,7 @@ def test_held_out_is_what_the_other_poses_say() -> None:
 
 @pytest.mark.parametrize("kind", ["another's command", "origin at the other end", "typing error"])
 @pytest.mark.parametrize("count", [8, 15])
-def test_one_wrong_pose_is_left_out_and_named(kind: str, count: int) -> None:
+def test_one_wrong_pose_is_excluded_and_named(kind: str, count: int) -> None:
     rng = np.random.default_rng(10)
     for trial in range(5):
         given = draw_stations(rng, count)
@@ -178,7 +178,7 @@ def test_six_sound_poses_all_tie_the_frames(sessions: int, most: int) -> None:
     assert lost <= most
 
 
-def test_nothing_is_left_out_of_a_sound_session() -> None:
+def test_nothing_is_excluded_from_a_sound_session() -> None:
     rng = np.random.default_rng(11)
     for count in (6, 8, 20):
         for _ in range(15):
@@ -200,7 +200,7 @@ def test_without_turning_the_camera_cannot_be_placed(turns: str, words: str) -> 
 
 
 @pytest.mark.parametrize("turns", ["none", "about_z", "free"])
-def test_a_drawing_of_the_mount_stands_in_for_turning(turns: str) -> None:
+def test_a_drawing_of_the_mount_replaces_turning(turns: str) -> None:
     tie = calibrate_hand_eye(draw_stations(np.random.default_rng(13), 9, turns=turns), mount=MOUNT)
     uncertainty = np.sqrt(np.diag(tie.covariance))
     assert np.all(np.abs(errors(tie)) < 4.0 * uncertainty)
@@ -209,7 +209,7 @@ def test_a_drawing_of_the_mount_stands_in_for_turning(turns: str) -> None:
     assert tie.robot_position_mm < 0.6
 
 
-def test_barely_turned_poses_are_refused_by_their_doubt() -> None:
+def test_barely_turned_poses_are_refused_by_their_uncertainty() -> None:
     rng = np.random.default_rng(14)
     given = []
     for i in range(8):

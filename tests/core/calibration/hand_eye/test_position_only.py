@@ -1,4 +1,4 @@
-"""Frames tied by commanded positions alone: right, with honest doubt, and silent on what turning did not show."""
+"""Frames tied by commanded positions alone: right within uncertainty, and silent on what turning did not show."""
 
 from __future__ import annotations
 
@@ -21,8 +21,8 @@ def errors(tie: PositionOnlyCalibration) -> np.ndarray:
 
 @pytest.mark.parametrize("turns", ["free", "about_z", "none"])
 @pytest.mark.parametrize("count", [4, 12])
-def test_deviations_are_told_whatever_the_turning(turns: str, count: int) -> None:
-    """Right to the robot's deviations; the point is told only as far as turning shows it."""
+def test_deviations_are_reported_whatever_the_turning(turns: str, count: int) -> None:
+    """Right to the robot's deviations; the point is determined only as far as turning shows it."""
     given = draw_position_stations(np.random.default_rng(1), count, turns=turns, robot_mm=1e-6)
     tie = calibrate_from_positions(given)
     assert np.linalg.norm(tie.deviations_mm, axis=1).max() < 0.3  # the camera's noise
@@ -79,7 +79,7 @@ def test_held_out_is_what_the_other_positions_say() -> None:
         assert np.linalg.norm(expected) > np.linalg.norm(tie.deviations_mm[i])
 
 
-def test_a_wrong_position_is_left_out_and_named() -> None:
+def test_a_wrong_position_is_excluded_and_named() -> None:
     given = draw_position_stations(np.random.default_rng(4), 10)
     moved = given[2].position_base_mm + np.array([0.0, 40.0, 0.0])
     given[2] = dataclasses.replace(given[2], position_base_mm=moved)

@@ -80,7 +80,7 @@ def test_commanded_orientations_decide_between_poses(columns: int, rows: int) ->
         assert np.max(np.abs(np.array(common) - common[0])) < 0.02
 
 
-def test_without_commands_the_least_turn_is_taken_and_doubt_is_told() -> None:
+def test_without_commands_the_least_turn_is_taken_and_uncertainty_is_reported() -> None:
     turns = symmetry_rotations(TargetSpec("chessboard", 10, 6, 10.0))
     about = [so3_exp(np.array([0.0, 0.0, math.radians(angle)])) for angle in (0.0, 170.0, -20.0, 265.0)]
     readings = resolve_symmetry(np.array(about), ["a", "b", "c", "d"], turns, {})

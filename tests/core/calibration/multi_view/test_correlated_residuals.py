@@ -65,7 +65,7 @@ def test_every_estimator_states_what_neighbours_share(estimator: str) -> None:
     assert own[1] > 4.0 * abs(own[0])
 
 
-def test_one_pose_tells_by_neighbours_alone() -> None:
+def test_one_pose_is_judged_by_neighbours_alone() -> None:
     flat, bowed = (estimate(session(332, poses=1, cycles=10, bow_mm=bow), "pooled") for bow in (0.0, 0.2))
     assert flat.inflation < 1.25
     assert bowed.inflation > 1.5

@@ -154,7 +154,7 @@ def test_pooling_starts_far_from_the_truth() -> None:
 
 
 @pytest.mark.parametrize("estimator", ["pooled", "given"])
-def test_gross_errors_are_left_out(estimator: str) -> None:
+def test_gross_errors_are_rejected(estimator: str) -> None:
     s = session(6, cycles=3)
     rng = np.random.default_rng(1)
     spoiled = list(s.views)
@@ -193,9 +193,9 @@ def test_a_changed_focal_length_contradicts_a_common_camera() -> None:
 
 
 @pytest.mark.parametrize("missing", [False, True])
-def test_what_is_wrong_in_all_images_alike_is_no_change_of_the_camera(missing: bool) -> None:
+def test_what_is_wrong_in_the_same_way_in_all_images_is_no_change_of_the_camera(missing: bool) -> None:
     """A bowed print, and given intrinsics off by ten pixels, before a robot that moves; and points hidden here and
-    there. A focus that breathes is told through all that."""
+    there. A focus that breathes is detected through all that."""
     rng = np.random.default_rng(3)
     camera = draw_camera(rng)
     views, breathing, labels = [], [], []
@@ -227,10 +227,10 @@ def test_what_is_wrong_in_all_images_alike_is_no_change_of_the_camera(missing: b
 
 def test_the_print_scale_is_in_the_pose_and_not_in_the_scatter() -> None:
     s = session(9, cycles=2)
-    doubtful = dataclasses.replace(BOARD, pitch_standard_uncertainty_mm=0.01)
+    uncertain = dataclasses.replace(BOARD, pitch_standard_uncertainty_mm=0.01)
     plain = estimate(s, "pooled")
     scaled = estimate_group(
-        [dataclasses.replace(v, target=doubtful) for v in s.views], "pooled", repeats=s.labels
+        [dataclasses.replace(v, target=uncertain) for v in s.views], "pooled", repeats=s.labels
     )
     np.testing.assert_array_equal(plain.positions_mm, scaled.positions_mm)
     np.testing.assert_array_equal(plain.scatter, scaled.scatter)
@@ -272,8 +272,8 @@ def test_flat_views_alone_are_refused() -> None:
 
 
 @pytest.mark.parametrize("scale", [(-5.0, 5.0), (1e-3, 1e-3)])
-def test_pictures_that_no_camera_takes_are_refused_in_words(scale: tuple[float, float]) -> None:
-    """A mirrored board, and one of a hundredth of a pixel: the fit ends where its covariance is none."""
+def test_images_that_no_camera_takes_are_refused_in_words(scale: tuple[float, float]) -> None:
+    """A mirrored board, and one of a hundredth of a pixel: the fit ends where it has no covariance."""
     board = TargetSpec("chessboard", 9, 6, 12.0)
     row, column = (a.ravel() for a in np.mgrid[0:6, 0:9])
     px = board.points_target()[:, :2] * scale + 600.0

@@ -120,7 +120,7 @@ def test_a_point_near_the_limit_counts_in_all_images_or_in_none() -> None:
     assert together[:, np.arange(140) != 7].all()
 
 
-def test_a_gross_error_of_one_image_is_left_out_of_that_image() -> None:
+def test_a_gross_error_of_one_image_is_rejected_in_that_image() -> None:
     residuals = noise(30)
     residuals[4, :, 9] += 2.0
     residuals[:, 1, 50] += 3.0  # and a dent in the print out of all
@@ -130,7 +130,7 @@ def test_a_gross_error_of_one_image_is_left_out_of_that_image() -> None:
     np.testing.assert_array_equal(used, expected)
 
 
-def test_two_images_do_not_tell_which_of_them_is_wrong() -> None:
+def test_two_images_do_not_identify_which_of_them_is_wrong() -> None:
     residuals = noise(2)
     residuals[0, 0, 9] += 0.6
     used = np.array(decide(residuals, [0, 0]))

@@ -59,7 +59,7 @@ def normals(found: GroupEstimate) -> np.ndarray:
 
 
 def right(found: GroupEstimate, labels: list[int], poses: list[np.ndarray]) -> np.ndarray:
-    """Tell of each image whether its tilt is nearer to the true one than to the mirrored."""
+    """Return of each image whether its tilt is nearer to the true one than to the mirrored."""
     true = np.array([poses[labels[i]] for i in found.images])
     other = mirrored(true[:, :3, :3], true[:, :3, 3])
     seen = normals(found)
@@ -72,7 +72,7 @@ def test_images_of_a_pose_decide_together(estimator: str) -> None:
     views, labels, poses = session(1, [2000.0, 2200.0, 2400.0, 2600.0], 15)
     rng = np.random.default_rng(9)
     near = TargetSpec("chessboard", 14, 10, 10.0)
-    for label in range(4, 12):  # poses of another board, near by, that tell the camera
+    for label in range(4, 12):  # poses of another board, near by, that determine the camera
         T = draw_pose(rng, near, CAMERA, 2448, math.radians(30.0))
         px = project(transform_points(T, near.points_target()), CAMERA) + rng.normal(
             0.0, 0.05, (near.size, 2)
@@ -107,7 +107,7 @@ def test_a_start_in_the_wrong_tilt_is_found_and_turned(monkeypatch: pytest.Monke
     np.testing.assert_allclose(found.positions_mm, expected.positions_mm, atol=0.05)
 
 
-def test_poses_that_cannot_be_told_are_left_out_by_name() -> None:
+def test_poses_that_cannot_be_determined_are_excluded_by_name() -> None:
     views, labels, poses = session(3, [1000.0, 4500.0, 1100.0], 3)
     found = estimate_group(views, "given", intrinsics=CAMERA, repeats=labels)
     assert {labels[i] for i in found.images} == {0, 2}
@@ -120,14 +120,14 @@ def test_poses_that_cannot_be_told_are_left_out_by_name() -> None:
     assert len(found.scatter) == len(found.differing) == len(found.images) == 6
 
 
-def test_where_no_pose_can_be_told_nothing_is_reported() -> None:
+def test_where_no_pose_can_be_determined_nothing_is_reported() -> None:
     views, labels, _ = session(4, [4500.0], 2)
     with pytest.raises(PoseAmbiguous):
         estimate_group(views, "given", intrinsics=CAMERA, repeats=labels)
 
 
 @pytest.mark.parametrize("estimator", ["pooled", "given", "per_image", "per_image_fixed_pp"])
-def test_ordinary_views_are_not_doubted(estimator: str) -> None:
+def test_ordinary_views_are_not_ambiguous(estimator: str) -> None:
     """Boards that fill the image, squarely seen ones among them."""
     rng = np.random.default_rng(5)
     board = TargetSpec("chessboard", 9, 6, 12.0)
@@ -145,7 +145,7 @@ def test_ordinary_views_are_not_doubted(estimator: str) -> None:
 
 @pytest.mark.parametrize("seed", range(4, 10))
 def test_what_all_images_have_in_common_counts_once(seed: int) -> None:
-    """Twenty times the same image say of the tilt no more than one of them, which does not tell it."""
+    """Twenty times the same image say of the tilt no more than one of them, which does not determine it."""
     views, _, _ = session(seed, [4500.0], 1)
     with pytest.raises(PoseAmbiguous):
         estimate_group(views * 20, "given", intrinsics=CAMERA, repeats=[0] * 20)

@@ -110,7 +110,7 @@ def test_it_is_the_dense_fit(seed: int) -> None:
     assert np.max(np.abs(z)) < 4.0
 
 
-def test_gross_errors_are_left_out_as_by_the_dense_fit() -> None:
+def test_gross_errors_are_rejected_as_by_the_dense_fit() -> None:
     rng = np.random.default_rng(4)
     _, views = drawn(4, 8)
     spoiled, wrong = [], []
@@ -145,7 +145,7 @@ def test_starts_far_from_the_truth_end_in_one_place(factor: float) -> None:
 
 
 @pytest.mark.parametrize("factor", [1.02, 1.2])
-def test_a_view_of_another_focus_is_left_out_among_many(factor: float) -> None:
+def test_a_view_of_another_focus_is_excluded_among_many(factor: float) -> None:
     camera, views = drawn(7, 12)
     foreign = dataclasses.replace(camera, fx_px=factor * camera.fx_px, fy_px=factor * camera.fy_px, k1=0.2)
     _, (stranger,) = drawn(8, 1, foreign)
@@ -195,20 +195,20 @@ def bowed_session(seed: int, bow_mm: float, foreign: float | None = None) -> lis
     return views
 
 
-def left_out(views: list[GridPoints]) -> list[int]:
+def excluded(views: list[GridPoints]) -> list[int]:
     labels = [i // 10 for i in range(len(views))]
     return [i for i, _ in estimate_group(views, "pooled", repeats=labels).failures]
 
 
 @pytest.mark.parametrize("seed", [7, 19, 147, 181])
 def test_no_view_of_a_bowed_board_is_foreign(seed: int) -> None:
-    assert left_out(bowed_session(seed, 0.3)) == []
+    assert excluded(bowed_session(seed, 0.3)) == []
 
 
 @pytest.mark.parametrize("seed", [1, 2, 3])
 @pytest.mark.parametrize("bow_mm", [0.0, 0.02])
-def test_a_pose_of_another_focus_is_left_out_whole(seed: int, bow_mm: float) -> None:
-    assert left_out(bowed_session(seed, bow_mm, foreign=1.05)) == list(range(40, 50))
+def test_a_pose_of_another_focus_is_excluded_whole(seed: int, bow_mm: float) -> None:
+    assert excluded(bowed_session(seed, bow_mm, foreign=1.05)) == list(range(40, 50))
 
 
 def test_what_cannot_be_pooled_is_refused() -> None:

@@ -1,4 +1,4 @@
-"""The target's own shape: recovered with its stated doubt, told from noise, and refused where views do not tell it."""
+"""The target's own shape: recovered within its uncertainty, distinguished from noise, or refused."""
 
 from __future__ import annotations
 
@@ -76,7 +76,7 @@ def test_a_bow_and_print_errors_are_found_within_their_uncertainty(
     score = (found.deviations_mm - true) / found.standard_uncertainty_mm
     # 162 coordinates, neighbours correlated: a root mean square of 1 within 4 / √(2 · 81).
     assert np.sqrt(np.mean(score**2)) == pytest.approx(1.0, abs=0.31)
-    # A micrometre is what corners of .006 px at .3 mm a px tell in fourteen views.
+    # A micrometre is what corners of .006 px at .3 mm a px determine in fourteen views.
     assert np.max(found.standard_uncertainty_mm) < 0.003
     assert found.bow_x_mm.value == pytest.approx(0.3, abs=0.02)  # the print's own errors bow, too
     assert abs(found.bow_y_mm.value) < 0.02
@@ -113,11 +113,11 @@ def test_a_lens_that_needs_a_third_radial_term_does_not_pass_for_a_bow() -> None
 def test_residuals_smaller_than_stated_make_nothing_surer() -> None:
     views = look(3, np.zeros((BOARD.size, 3)))
     stated = [dataclasses.replace(v, standard_uncertainty_px=4.0 * v.standard_uncertainty_px) for v in views]
-    told, doubted = estimate_target_shape(views), estimate_target_shape(stated)
-    assert doubted.reduced_chi2 == pytest.approx(told.reduced_chi2 / 16.0, rel=0.01)
+    found, less_certain = estimate_target_shape(views), estimate_target_shape(stated)
+    assert less_certain.reduced_chi2 == pytest.approx(found.reduced_chi2 / 16.0, rel=0.01)
     for name in ("bow_x_mm", "shear"):
-        ratio = getattr(doubted, name).standard_uncertainty / getattr(told, name).standard_uncertainty
-        assert ratio == pytest.approx(4.0 / max(1.0, math.sqrt(told.reduced_chi2)), rel=0.05), name
+        ratio = getattr(less_certain, name).standard_uncertainty / getattr(found, name).standard_uncertainty
+        assert ratio == pytest.approx(4.0 / max(1.0, math.sqrt(found.reduced_chi2)), rel=0.05), name
 
 
 @pytest.mark.slow
@@ -129,9 +129,9 @@ def test_the_covariance_is_that_of_repeated_estimates() -> None:
         found = estimate_target_shape(look(100 + seed, true, count=10))
         error = (found.deviations_mm - true).ravel()
         values, vectors = np.linalg.eigh(found.covariance)
-        told = values > 1e-9 * values[-1]
-        squares += float(np.sum((vectors[:, told].T @ error) ** 2 / values[told]))
-        freedom += int(told.sum())
+        determined = values > 1e-9 * values[-1]
+        squares += float(np.sum((vectors[:, determined].T @ error) ** 2 / values[determined]))
+        freedom += int(determined.sum())
         least_certain += float((vectors[:, -1] @ error) ** 2 / values[-1])
     assert squares == pytest.approx(freedom, abs=4.0 * math.sqrt(2.0 * freedom))
     assert least_certain < 6.0 + 4.0 * math.sqrt(2.0 * 6.0)
@@ -173,7 +173,7 @@ def test_gross_errors_and_hidden_points_do_no_harm() -> None:
     assert np.sqrt(np.mean(score**2)) == pytest.approx(1.0, abs=0.31)
 
 
-def test_what_views_do_not_tell_is_refused_with_advice() -> None:
+def test_what_views_do_not_determine_is_refused_with_advice() -> None:
     nothing = np.zeros((BOARD.size, 3))
     with pytest.raises(TargetShapeNotObservable, match=r"\b5 ") as few:
         estimate_target_shape(look(2, nothing, count=5))

@@ -1,4 +1,4 @@
-"""A print's stretch, squareness and flatness: recovered within what is stated, judged, and told in words."""
+"""A print's stretch, squareness and flatness: recovered as stated, judged, and reported in words."""
 
 from __future__ import annotations
 
@@ -89,7 +89,7 @@ def test_a_print_as_stated_is_fine(seed: int) -> None:
 
 
 @pytest.mark.parametrize("seed", [3])
-def test_a_print_longer_one_way_is_off_and_told_so(seed: int) -> None:
+def test_a_print_longer_one_way_is_off_and_reported(seed: int) -> None:
     check = check_print(shape_of(seed, printed(aspect=0.004)))
     assert check.verdict == "off"
     worst = check.findings[0]
@@ -98,14 +98,14 @@ def test_a_print_longer_one_way_is_off_and_told_so(seed: int) -> None:
     assert worst.standard_uncertainty < 3e-4
     assert "longer along x than along y" in worst.detail
     assert "Print again at 100 %" in (worst.advice or "")
-    # What is told by the ratio is no single point's fault.
+    # What the ratio indicates is no single point's fault.
     assert finding(check, "local_in_plane_mm").verdict == "fine"
     assert (check.pitch_x_mm, check.pitch_y_mm) == (None, None)
     other_way = check_print(shape_with(Measure(-0.004, 1e-4)))
     assert "longer along y than along x" in other_way.findings[0].detail
 
 
-def test_shear_and_bow_are_told_apart() -> None:
+def test_shear_and_bow_are_distinguished() -> None:
     shear, bow = math.radians(0.15), 0.6
     check = check_print(shape_of(5, printed(shear=shear, bow_x_mm=bow)))
     for code, true in (("shear_rad", shear), ("bow_x_mm", bow), ("bow_y_mm", 0.0), ("aspect", 0.0)):
@@ -179,21 +179,21 @@ def test_what_is_too_uncertain_is_left_open_with_advice() -> None:
     assert check_print(shape_with(Measure(0.0005, 4e-4)), limit=2e-3).verdict == "fine"
 
 
-def test_the_photographs_named_bring_the_doubt_down_to_what_decides() -> None:
+def test_the_photographs_named_bring_the_uncertainty_down_to_what_decides() -> None:
     # Without a turned camera a longer side could as well be oblong pixels; .1 % of those is as much as the limit.
     places, noise = printed(aspect=0.0016), 0.5
     few = finding(check_print(shape_of(8, places, 10, sigma_px=noise)), "aspect")
     assert few.verdict == "undecided"
-    told = re.match(r"Add about (\d+) photos with the camera turned by 90°", few.advice or "")
-    assert told is not None
-    count = int(told[1])
+    advised = re.match(r"Add about (\d+) photos with the camera turned by 90°", few.advice or "")
+    assert advised is not None
+    count = int(advised[1])
     assert count <= 10
     more = shape_of(8, places, 10, turned=count, sigma_px=noise)
     wanted = abs(abs(few.value) - few.limit) / 2.0
     assert more.aspect.standard_uncertainty < 1.1 * wanted
     # As many more without turning leave it open.
-    alike = shape_of(8, places, 10 + count, sigma_px=noise)
-    assert alike.aspect.standard_uncertainty > wanted
+    unturned = shape_of(8, places, 10 + count, sigma_px=noise)
+    assert unturned.aspect.standard_uncertainty > wanted
 
 
 def test_what_no_number_of_photographs_decides_is_said() -> None:
@@ -202,7 +202,7 @@ def test_what_no_number_of_photographs_decides_is_said() -> None:
     advice = finding(check_print(near), "shear_rad").advice or ""
     assert advice.startswith("It is too near the limit")
     assert "Print again" in advice
-    # As many again, which halve the doubt's square, decide what is .7 of it from the limit; turned ones would not help.
+    # As many again, which halve the variance, decide what is .7 of it from the limit; turned ones would not help.
     u = shape.shear.standard_uncertainty
     far = replace(shape, shear=Measure(2e-4 + 2.0 * u, u), single_direction_uncertainty=np.full(5, u))
     advice = (

@@ -1,4 +1,4 @@
-"""Axes of simulated sweeps: exact, sound against wrong poses, refused where an arc cannot tell."""
+"""Axes of simulated sweeps: exact, sound against wrong poses, refused where an arc determines no axis."""
 
 from __future__ import annotations
 
@@ -82,7 +82,7 @@ def test_what_a_method_cannot_do_is_refused() -> None:
     assert "cpa, screw, combined" in str(failure.value.advice)
 
 
-def test_a_reflector_on_the_axis_tells_no_circle() -> None:
+def test_a_reflector_on_the_axis_determines_no_circle() -> None:
     arm = dataclasses.replace(ARM, T_flange_camera=np.eye(4))
     angles = sweep_angles(KR5_ARC_HOME)
     per_image = measure_poses(arm, angles, np.random.default_rng(1), estimator="per_image")
@@ -91,7 +91,7 @@ def test_a_reflector_on_the_axis_tells_no_circle() -> None:
         with pytest.raises(DegenerateGeometry, match="joint 6") as failure:
             fit_axes(alone, find_sweeps(alone), method)
         assert "away from the joint's axis" in str(failure.value.advice)
-    # Rotations tell the direction all the same, and which point stays put.
+    # Rotations determine the direction all the same, and which point stays put.
     exact = measure_poses(arm, angles, np.random.default_rng(1), estimator="exact")
     np.testing.assert_allclose(errors(fit_axes(exact, find_sweeps(exact)), arm), 0.0, atol=1e-7)
 
@@ -109,7 +109,7 @@ def test_the_stated_residuals_are_measured_minus_fitted() -> None:
 
 
 @pytest.mark.parametrize("method", METHODS)
-def test_wrong_poses_are_named_and_left_out(method: str) -> None:
+def test_wrong_poses_are_named_and_excluded(method: str) -> None:
     poses = swept(estimator="pooled")
     positions, rotations = poses.positions_mm.copy(), poses.rotations
     assert rotations is not None
@@ -134,7 +134,7 @@ def test_a_small_slip_of_one_pose_is_seen() -> None:
     assert {int(p) for arc in fits.arcs for p in arc.sweep.poses[~arc.used]} == {30}
 
 
-def test_short_arcs_are_left_out_where_there_is_a_longer_one() -> None:
+def test_short_arcs_are_excluded_where_there_is_a_longer_one() -> None:
     other = KR5_ARC_HOME + np.radians([0.0, 0.0, 0.0, 20.0, 0.0, 0.0])
     angles = np.concatenate(
         [sweep_angles(KR5_ARC_HOME), sweep_angles(other, joints=[0], half_arc=math.radians(4.0), steps=5)]
@@ -145,14 +145,14 @@ def test_short_arcs_are_left_out_where_there_is_a_longer_one() -> None:
     assert [w.code for w in fits.warnings] == ["arc_excluded"]
 
 
-def test_units_and_sliding_joints_are_told() -> None:
+def test_units_and_sliding_joints_are_recognised() -> None:
     poses = swept()
     as_radians = dataclasses.replace(poses, joint_angles=np.radians(poses.joint_angles))
     with pytest.raises(JointAnglesUnitMismatch, match="radians"):
         check_angles(as_radians, find_sweeps(as_radians))
     with pytest.raises(JointAnglesUnitMismatch, match="radians"):
         check_angles(dataclasses.replace(as_radians, rotations=None), find_sweeps(as_radians))
-    with pytest.raises(JointAnglesUnitMismatch, match="radians"):  # no sweep at all to tell it by
+    with pytest.raises(JointAnglesUnitMismatch, match="radians"):  # no sweep at all to recognise it by
         check_angles(as_radians, ())
     as_degrees = dataclasses.replace(poses, joint_angles=np.degrees(poses.joint_angles))
     with pytest.raises(JointAnglesUnitMismatch, match="degrees"):

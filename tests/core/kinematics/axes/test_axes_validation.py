@@ -1,4 +1,4 @@
-"""Held-out validation of what sweeps tell: the noise and no more, gross errors counted, too few poses said."""
+"""Held-out validation of what sweeps determine: the noise and no more, gross errors counted, too few poses said."""
 
 from __future__ import annotations
 

@@ -48,12 +48,12 @@ def test_exact_sweeps_give_the_robot(method: str) -> None:
     assert np.linalg.norm(again[:3, :3] - np.eye(3)) < 0.01  # but for conventions
 
 
-def test_what_no_pose_tells_is_the_nominals_and_said_in_words() -> None:
+def test_what_no_pose_determines_is_the_nominals_and_said_in_words() -> None:
     found = identify_from_axes(measure_poses(ARM, SWEEPS, np.random.default_rng(3)), KR5_ARC)
     for joint, nominal in ((found.joints[0], KR5_ARC.joints[0]), (found.joints[5], KR5_ARC.joints[5])):
-        for name, told in joint.identifiable.items():
-            assert told == (joint.standard_uncertainty[name] is not None)
-            if not told and name != "beta_rad":
+        for name, determined in joint.identifiable.items():
+            assert determined == (joint.standard_uncertainty[name] is not None)
+            if not determined and name != "beta_rad":
                 assert getattr(joint.parameters, name) == getattr(nominal, name)
     assert found.joints[0].identifiable["a_mm"]
     assert not found.joints[0].identifiable["d_mm"]
@@ -79,15 +79,15 @@ def test_other_arms(nominal: Chain, given: bool) -> None:
     convention = nominal if given else None
     found = identify_from_axes(poses, convention)
     true = truth(found, arm, convention)
-    doubt = np.sqrt(np.diag(found.covariance)).reshape(-1, 5)
+    uncertainty = np.sqrt(np.diag(found.covariance)).reshape(-1, 5)
     off = np.abs(found.chain.as_array() - true)
     off[:, [1, 3]] = np.abs((off[:, [1, 3]] + np.pi) % (2.0 * np.pi) - np.pi)
-    assert np.all(off <= 5.0 * doubt + 1e-9)
+    assert np.all(off <= 5.0 * uncertainty + 1e-9)
     assert off.max() < 0.01
 
 
 def test_parallel_axes_are_decided_by_uncertainty() -> None:
-    """Axes 2 and 3 half a degree from parallel: d2 is told where the measurement is good enough, β2 where not."""
+    """Axes 2 and 3 half a degree from parallel: d2 is determined where the measurement is good enough, β2 where not."""
     P = KR5_ARC.as_array()
     P[1, [1, 4]] = math.radians(0.4), math.radians(0.3)
     arm = dataclasses.replace(ARM, chain=Chain.from_array(P))
@@ -96,9 +96,9 @@ def test_parallel_axes_are_decided_by_uncertainty() -> None:
     assert coarse.joints[1].parallel_to_next
     assert not fine.joints[1].parallel_to_next
     assert abs(fine.joints[1].parameters.d_mm) > 1000.0  # the common normal is far off
-    doubt = np.sqrt(np.diag(fine.covariance)).reshape(-1, 5)
+    uncertainty = np.sqrt(np.diag(fine.covariance)).reshape(-1, 5)
     off = np.abs(fine.chain.as_array() - truth(fine, arm, KR5_ARC))
-    assert np.all(off <= 5.0 * doubt + 1e-9)
+    assert np.all(off <= 5.0 * uncertainty + 1e-9)
 
 
 def test_positions_alone() -> None:
@@ -144,7 +144,7 @@ def test_two_targets_by_images_that_see_both() -> None:
         identify_from_axes(p, KR5_ARC, target_transforms=t).covariance
         for p, t in ((noisy, None), (noisy, {1: (T, np.zeros((6, 6)))}))
     )
-    # The link's doubt shows in what joins both halves, and in nothing else: d3 (second and third axis to the fourth).
+    # The link's uncertainty shows only in what joins both halves: d3 (second and third axis to the fourth).
     ratio = np.sqrt(np.diag(tied) / np.maximum(np.diag(free), 1e-30)).reshape(6, 5)
     assert ratio[2, 0] > 1.05
     assert ratio[0, 0] == pytest.approx(1.0, abs=1e-3)
@@ -188,13 +188,16 @@ def test_named_sweeps_are_taken() -> None:
     np.testing.assert_allclose(found.chain.as_array(), truth(found, ARM, KR5_ARC), atol=1e-6)
 
 
-def test_two_joints_tell_angle_and_distance() -> None:
+def test_two_joints_determine_angle_and_distance() -> None:
     arm = dataclasses.replace(ARM, chain=Chain.from_rows([(85.0, -70.0, 300.0, 0.0), (10.0, 5.0, 20.0, 0.0)]))
     found = identify_from_axes(exact(sweep_angles(np.array([0.2, -0.3])), arm))
     joint = found.joints[0].parameters
     assert joint.a_mm == pytest.approx(85.0)
     assert abs(math.degrees(joint.alpha_rad)) == pytest.approx(70.0)
-    assert [name for name, told in found.joints[0].identifiable.items() if told] == ["a_mm", "alpha_rad"]
+    assert [name for name, determined in found.joints[0].identifiable.items() if determined] == [
+        "a_mm",
+        "alpha_rad",
+    ]
 
 
 def test_bad_input_is_refused() -> None:

@@ -84,14 +84,14 @@ def test_covariance_is_that_of_differences(given: bool, swept: Swept) -> None:
         K = np.column_stack([change(shifted(s), shifted(-s), float(s.sum())) for s in columns])
         covariance += K @ C @ K.T
     unit = np.sqrt(np.diag(covariance))
-    # Derivatives leave out how weights of averages change with the lines themselves: a thousandth of their doubt.
+    # Derivatives ignore how weights of averages change with the lines themselves: a thousandth of their uncertainty.
     np.testing.assert_allclose(
         uncertain.covariance / np.outer(unit, unit), covariance / np.outer(unit, unit), atol=5e-3
     )
     np.testing.assert_allclose(np.sqrt(np.diag(uncertain.covariance)), unit, rtol=2e-3)
 
 
-def test_a_link_s_doubt_is_carried_along(swept: Swept) -> None:
+def test_a_link_s_uncertainty_is_carried_along(swept: Swept) -> None:
     fits, _, _, tree, _ = swept
     certain = replace(tree, not_from_arcs={1: np.zeros((6, 6))})
     assert np.trace(tree.uncertain(fits).covariance) > np.trace(certain.uncertain(fits).covariance)

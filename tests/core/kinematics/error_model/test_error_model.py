@@ -15,7 +15,7 @@ from core.kinematics.error_model.terms import Kind, term_columns, terms_of
 from core.kinematics.identification import Identification, identify
 from core.kinematics.identification.extension import MAX_ANGLE_UNCERTAINTY, MAX_LENGTH_UNCERTAINTY_MM
 from core.simulation.arm import KR5_ARC
-from tests.support.simulation.robots.arms import stated, told_truth
+from tests.support.simulation.robots.arms import identifiable_truth, stated
 from tests.support.simulation.robots.real_arms import RealArm, angles_within_limits, measured, real_arm
 
 
@@ -26,7 +26,7 @@ def drawn(seed: int, count: int, *, perfect: bool = False) -> tuple[RealArm, np.
 
 def scores(real: RealArm, q: np.ndarray, found: Identification) -> np.ndarray:
     """Errors of the parameters in stated uncertainties."""
-    ratio = (found.chain.as_array() - told_truth(real.arm, q)) / stated(found)
+    ratio = (found.chain.as_array() - identifiable_truth(real.arm, q)) / stated(found)
     return ratio[np.isfinite(ratio)]
 
 

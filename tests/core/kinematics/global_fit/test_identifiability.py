@@ -41,8 +41,8 @@ def gauge_of(chain: Chain, **how: object) -> tuple[int, tuple[str, ...]]:
 
 
 def test_six_joints_with_two_parallel() -> None:
-    told, sentences = gauge_of(KR5_ARC)
-    assert told == 30
+    free, sentences = gauge_of(KR5_ARC)
+    assert free == 30
     assert sentences == (
         BASE,
         TOOL.format(6),
@@ -100,25 +100,25 @@ def test_axes_leave_open_what_poses_do(
 
 
 def test_three_parallel_joints_share_one_distance() -> None:
-    told, sentences = gauge_of(UR10)
-    assert told == 30
+    free, sentences = gauge_of(UR10)
+    assert free == 30
     assert "d2, d3 and d4 cannot be determined separately: joints 2, 3 and 4 are parallel." in sentences
 
 
 def test_seven_joints() -> None:
-    told, sentences = gauge_of(SEVEN_JOINTS)
-    assert (told, sentences) == (34, (BASE, TOOL.format(7)))
+    free, sentences = gauge_of(SEVEN_JOINTS)
+    assert (free, sentences) == (34, (BASE, TOOL.format(7)))
 
 
 def test_each_target_has_a_base_of_its_own() -> None:
-    told, sentences = gauge_of(KR5_ARC, targets=2)
-    assert told == 36
+    free, sentences = gauge_of(KR5_ARC, targets=2)
+    assert free == 36
     assert sentences[0] == "theta1 offset and d1 cannot be separated from the base transforms."
 
 
 def test_positions_say_nothing_of_the_tools_orientation() -> None:
-    told, sentences = gauge_of(KR5_ARC, rotations=False)
-    assert told == 27
+    free, sentences = gauge_of(KR5_ARC, rotations=False)
+    assert free == 27
     assert sentences[-1] == "The tool's orientation cannot be determined: the poses are positions alone."
 
 
@@ -148,8 +148,8 @@ def test_a_planar_arm_leaves_more_open() -> None:
 
 
 def test_small_motions_leave_directions_open_and_say_which() -> None:
-    told, sentences = gauge_of(KR5_ARC, spread=2e-4)
-    assert told < 30
+    free, sentences = gauge_of(KR5_ARC, spread=2e-4)
+    assert free < 30
     assert any("can hardly be" in sentence for sentence in sentences)
 
 

@@ -1,4 +1,4 @@
-"""Global identification recovers known arms, says what it left out, and refuses what it cannot use."""
+"""Global identification recovers known arms, names what it excluded, and refuses what it cannot use."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from core.kinematics.global_fit.identifiability import Gauge, fix_gauge
 from core.kinematics.identification import from_poses, identify
 from core.kinematics.pose_observations import PoseData
 from core.simulation.arm import KR5_ARC, KR5_ARC_HOME, Arm, deviated, kr5_arc
-from tests.support.simulation.robots.arms import SEVEN_JOINTS, angles, stated, told_truth
+from tests.support.simulation.robots.arms import SEVEN_JOINTS, angles, identifiable_truth, stated
 from tests.support.simulation.robots.real_arms import angles_within_limits
 from tests.support.simulation.simulated_poses import Repeatability, measure_poses
 
@@ -47,7 +47,7 @@ def test_exact_poses_give_the_arm_that_made_them() -> None:
     assert found.residual.rotation_rms < 1e-10
     again = found.T_target_base[0] @ forward(found.chain, poses.joint_angles) @ found.T_flange_camera
     np.testing.assert_allclose(again[:, :3, 3], poses.positions_mm, atol=1e-7)
-    # What is told is told whatever is held: the true chain with the held parameters changed gives the same answer.
+    # The answer does not depend on what is held: the true chain with other held parameters gives the same.
     true = arm.chain.as_array()
     for joint, column in ((1, 0), (1, 1), (2, 0), (2, 1), (3, 1), (4, 1)):
         assert found.chain.as_array()[joint, column] == pytest.approx(true[joint, column], abs=2e-3)
@@ -71,10 +71,10 @@ def test_what_is_held_has_the_nominals_value_and_no_uncertainty() -> None:
     }
     for joint, nominal in zip(found.joints, KR5_ARC.joints, strict=True):
         assert joint.nominal == nominal
-        for name, is_told in joint.identifiable.items():
+        for name, is_identifiable in joint.identifiable.items():
             in_use = name != "beta_rad" or joint.parallel_to_next
-            assert is_told == (in_use and (joint.joint, name) not in held)
-            if not is_told:
+            assert is_identifiable == (in_use and (joint.joint, name) not in held)
+            if not is_identifiable:
                 assert joint.standard_uncertainty[name] is None
                 assert getattr(joint.parameters, name) == getattr(nominal, name)
     assert [j.parallel_to_next for j in found.joints] == [False, True, False, False, False, False]
@@ -96,7 +96,7 @@ def test_without_a_nominal_what_is_held_is_zero() -> None:
 def test_estimates_lie_within_their_uncertainties_and_near_the_truth() -> None:
     arm, poses = measured(5, robot=ROBOT)
     found = identify(poses, KR5_ARC)
-    off = found.chain.as_array() - told_truth(arm, poses.joint_angles)
+    off = found.chain.as_array() - identifiable_truth(arm, poses.joint_angles)
     ratio = (off / stated(found))[np.isfinite(stated(found))]
     assert np.max(np.abs(ratio)) < 4.5
     # One arm's 30 errors are correlated: over 150 arms this rms ran from .51 to 1.51 (99 % within .6 and 1.41).
@@ -108,7 +108,7 @@ def test_estimates_lie_within_their_uncertainties_and_near_the_truth() -> None:
     assert found.validation.held_out == len(poses)
 
 
-def test_the_robots_own_scatter_is_told_from_the_instruments_noise() -> None:
+def test_the_robots_own_scatter_is_distinguished_from_the_instruments_noise() -> None:
     _, poses = measured(6, robot=Repeatability(0.06, math.radians(0.01)))
     found = identify(poses, KR5_ARC, folds=0)
     # 96 poses of three components, 30 parameters: relative standard deviation of a standard deviation 5 %.
@@ -125,7 +125,7 @@ def test_of_an_unknown_instrument_all_noise_counts_as_scatter() -> None:
     assert 0.05 < found.scatter_position_mm < 0.09
 
 
-def test_gross_errors_are_left_out_and_named() -> None:
+def test_gross_errors_are_excluded_and_named() -> None:
     arm, poses = measured(8, robot=ROBOT)
     positions, rotations = poses.positions_mm.copy(), np.array(poses.rotations)
     wrong = [4, 17, 50, 80]
@@ -133,13 +133,13 @@ def test_gross_errors_are_left_out_and_named() -> None:
     rotations[17] = so3_exp(np.array([0.0, 0.02, 0.0])) @ rotations[17]
     found = identify(replace(poses, positions_mm=positions, rotations=rotations), KR5_ARC)
     assert np.flatnonzero(~found.used).tolist() == wrong
-    (remark,) = [w for w in found.warnings if w.code == "poses_excluded"]
-    assert "P005" in remark.detail
-    off = found.chain.as_array() - told_truth(arm, poses.joint_angles)
+    (warning,) = [w for w in found.warnings if w.code == "poses_excluded"]
+    assert "P005" in warning.detail
+    off = found.chain.as_array() - identifiable_truth(arm, poses.joint_angles)
     assert np.nanmax(np.abs(off / stated(found))) < 5.0
 
 
-def test_positions_alone_tell_what_they_can() -> None:
+def test_positions_alone_determine_what_they_can() -> None:
     arm, poses = measured(9, robot=ROBOT)
     assert poses.covariance is not None
     alone = replace(poses, rotations=None, common=None)
@@ -150,7 +150,7 @@ def test_positions_alone_tell_what_they_can() -> None:
     assert orientation.parameters == tuple(f"flange_camera.rotation_{axis}_rad" for axis in "xyz")
     assert found.flange_camera_covariance is not None
     assert (np.diag(found.flange_camera_covariance) > 0.0).tolist() == [True] * 3 + [False] * 3
-    off = found.chain.as_array() - told_truth(arm, poses.joint_angles)
+    off = found.chain.as_array() - identifiable_truth(arm, poses.joint_angles)
     assert np.nanmax(np.abs(off / stated(found))) < 5.0
     assert found.validation is not None
     assert found.validation.identified.position_rms_mm < 0.1
@@ -178,7 +178,7 @@ def test_seven_joints_are_no_exception() -> None:
     poses = measure_poses(arm, q, rng, robot=ROBOT)
     found = identify(poses, SEVEN_JOINTS, folds=0)
     assert len(found.names) == 34
-    off = found.chain.as_array() - told_truth(arm, q, SEVEN_JOINTS)
+    off = found.chain.as_array() - identifiable_truth(arm, q, SEVEN_JOINTS)
     assert np.nanmax(np.abs(off / stated(found))) < 4.5
 
 
@@ -189,7 +189,7 @@ def test_the_order_of_poses_does_not_matter() -> None:
     np.testing.assert_allclose(one.chain.as_array(), other.chain.as_array(), rtol=0.0, atol=1e-5)
 
 
-def test_residuals_are_told_joint_by_joint() -> None:
+def test_residuals_are_reported_joint_by_joint() -> None:
     _, poses = measured(19, robot=ROBOT)
     positions = poses.positions_mm.copy()
     positions[3 * 11 : 4 * 11] += np.random.default_rng(1).normal(0.0, 0.3, (11, 3))  # the sweep of joint 4
@@ -212,8 +212,8 @@ def test_a_joint_that_hardly_moves_is_remarked_on() -> None:
     q = angles(rng)
     q[:, 4] = KR5_ARC_HOME[4] + 0.1 * (q[:, 4] - KR5_ARC_HOME[4])
     found = identify(measure_poses(arm, q, rng, robot=ROBOT), KR5_ARC, folds=0)
-    (remark,) = [w for w in found.warnings if w.code == "short_arc"]
-    assert "5 by 8.0°" in remark.detail
+    (warning,) = [w for w in found.warnings if w.code == "short_arc"]
+    assert "5 by 8.0°" in warning.detail
 
 
 def together(q: np.ndarray, rng: np.random.Generator) -> list[str]:
@@ -308,13 +308,13 @@ def test_angles_in_another_unit_are_recognised(factor: float) -> None:
         identify(replace(poses, joint_angles=factor * poses.joint_angles), KR5_ARC)
 
 
-def test_an_arm_described_by_other_angles_is_told_from_the_nominal() -> None:
+def test_an_arm_described_by_other_angles_is_distinguished_from_the_nominal() -> None:
     _, poses = measured(18, robot=ROBOT)
     q = poses.joint_angles.copy()
     q[:, 3] += math.radians(20.0)
     found = identify(replace(poses, joint_angles=q), KR5_ARC)
-    (remark,) = [w for w in found.warnings if w.code == "deviation_from_nominal_large"]
-    assert remark.detail.startswith("theta4 offset: over 20 mm or 5°")
+    (warning,) = [w for w in found.warnings if w.code == "deviation_from_nominal_large"]
+    assert warning.detail.startswith("theta4 offset: over 20 mm or 5°")
 
 
 def test_a_chain_that_is_no_better_than_the_nominal_says_so() -> None:

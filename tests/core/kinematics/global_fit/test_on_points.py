@@ -1,4 +1,4 @@
-"""Robot and lens from grid points together: truth recovered, doubt stated, the lens's error shared."""
+"""Robot and lens from grid points together: truth recovered, uncertainty stated, the lens's error shared."""
 
 from __future__ import annotations
 
@@ -15,17 +15,17 @@ from core.geometry.se3 import invert
 from core.kinematics.identification import identify_from_images
 from core.simulation.arm import KR5_ARC
 from tests.support.simulation.robots.arm_grid_points import CAMERA, GRID, common_fit, session
-from tests.support.simulation.robots.arms import stated, told_truth
+from tests.support.simulation.robots.arms import identifiable_truth, stated
 
 
 def camera_ratio(found: Camera, covariance: np.ndarray) -> np.ndarray:
     return (found.as_array() - CAMERA.as_array())[:8] / np.sqrt(np.diag(covariance)[:8])
 
 
-def test_a_perfect_robot_is_told_to_microns() -> None:
+def test_a_perfect_robot_is_identified_to_microns() -> None:
     arm, q, views, _ = session(1)
     found = identify_from_images(common_fit(views), q, KR5_ARC)
-    off = found.robot.chain.as_array() - told_truth(arm, q)
+    off = found.robot.chain.as_array() - identifiable_truth(arm, q)
     ratio = off / stated(found.robot)
     assert np.nanmax(np.abs(ratio)) < 4.5
     assert 0.4 < np.sqrt(np.nanmean(ratio**2)) < 1.8  # one arm's errors are correlated
@@ -44,7 +44,7 @@ def test_a_lens_beyond_brown_is_carried_through() -> None:
     arm, q, views, _ = session(2, camera=camera, sigma_px=0.01)
     found = identify_from_images(common_fit(views, camera), q, KR5_ARC, folds=0)
     assert isinstance(found.camera, KannalaBrandtCamera)
-    truth = told_truth(arm, q)
+    truth = identifiable_truth(arm, q)
     ratio = (found.robot.chain.as_array() - truth) / stated(found.robot)
     assert np.nanmax(np.abs(ratio)) < 4.5
     of_lens = (found.camera.as_array() - camera.as_array()) / np.sqrt(np.diag(found.camera_covariance))
@@ -58,14 +58,14 @@ def test_a_lens_beyond_brown_is_carried_through() -> None:
 
 
 @pytest.mark.slow
-def test_a_print_that_is_not_flat_is_in_the_doubt() -> None:
-    """Five arms before a grid bowed by .1 mm, five times the noise: without that in the lens's doubt a third of the
-    stated intervals missed."""
+def test_a_print_that_is_not_flat_is_in_the_uncertainty() -> None:
+    """Five arms before a grid bowed by .1 mm, five times the noise. If the lens's covariance lacked it, a third of the
+    stated intervals would miss."""
     ratios = []
     for seed in range(20, 25):
         arm, q, views, _ = session(seed, bow_mm=0.1)
         found = identify_from_images(common_fit(views), q, KR5_ARC, folds=0)
-        ratios.append((found.robot.chain.as_array() - told_truth(arm, q)) / stated(found.robot))
+        ratios.append((found.robot.chain.as_array() - identifiable_truth(arm, q)) / stated(found.robot))
     ratio = np.array(ratios)
     ratio = ratio[np.isfinite(ratio)]
     # Of 5 arms with 24 parameters each, which are correlated within an arm: 95 % give or take 4 %.
@@ -73,13 +73,13 @@ def test_a_print_that_is_not_flat_is_in_the_doubt() -> None:
 
 
 @pytest.mark.slow
-def test_one_bow_pulls_the_lens_of_all_images_alike() -> None:
-    """A robot that scatters tells the lens little: what the bow did to it has to be in its own doubt."""
+def test_one_bow_pulls_the_lens_of_all_images_equally() -> None:
+    """A robot that scatters determines the lens little: the bow must be in the lens's own uncertainty."""
     ratios, of_cameras = [], []
     for seed in range(20, 26):
         arm, q, views, _ = session(seed, bow_mm=0.1, position_mm=0.03, rotation_rad=math.radians(0.005))
         found = identify_from_images(common_fit(views), q, KR5_ARC, folds=0)
-        ratios.append((found.robot.chain.as_array() - told_truth(arm, q)) / stated(found.robot))
+        ratios.append((found.robot.chain.as_array() - identifiable_truth(arm, q)) / stated(found.robot))
         of_cameras.append(camera_ratio(found.camera, found.camera_covariance))
     ratio = np.array(ratios)
     # One bow makes all cameras' errors, in eight numbers: their rms is 1 but for a factor of two; taken for independent
@@ -97,10 +97,10 @@ def test_exact_points_of_a_perfect_robot_leave_nothing() -> None:
     assert found.camera.fx_px == pytest.approx(CAMERA.fx_px, abs=1e-3)
 
 
-def test_a_robot_that_scatters_is_told_within_its_stated_doubt() -> None:
+def test_a_robot_that_scatters_is_identified_within_its_stated_uncertainty() -> None:
     arm, q, views, _ = session(3, count=48, position_mm=0.03, rotation_rad=math.radians(0.005))
     found = identify_from_images(common_fit(views), q, KR5_ARC)
-    ratio = (found.robot.chain.as_array() - told_truth(arm, q)) / stated(found.robot)
+    ratio = (found.robot.chain.as_array() - identifiable_truth(arm, q)) / stated(found.robot)
     assert np.nanmax(np.abs(ratio)) < 4.5
     assert found.robot.scatter_position_mm == pytest.approx(0.03, rel=0.3)
     assert found.robot.scatter_rotation == pytest.approx(math.radians(0.005), rel=0.3)
@@ -117,10 +117,13 @@ def test_two_targets_in_one_session() -> None:
     (tie,) = found.robot.target_transforms
     true = arm.T_target_base[0] @ invert(arm.T_target_base[1])
     assert np.all(np.abs(true[:3, 3] - tie.T_from_to[:3, 3]) < 4.5 * np.sqrt(np.diag(tie.covariance)[:3]))
-    assert np.nanmax(np.abs((found.robot.chain.as_array() - told_truth(arm, q)) / stated(found.robot))) < 4.5
+    assert (
+        np.nanmax(np.abs((found.robot.chain.as_array() - identifiable_truth(arm, q)) / stated(found.robot)))
+        < 4.5
+    )
 
 
-def test_the_prints_scale_is_in_the_doubt_of_every_length() -> None:
+def test_the_prints_scale_is_in_the_uncertainty_of_every_length() -> None:
     _, q, views, _ = session(5, count=24)
     uncertain = replace(GRID, pitch_standard_uncertainty_mm=0.025)  # a thousandth
     plain = identify_from_images(common_fit(views), q, KR5_ARC, folds=0)
@@ -133,7 +136,7 @@ def test_the_prints_scale_is_in_the_doubt_of_every_length() -> None:
     assert found.robot.joints[2].standard_uncertainty["alpha_rad"] == pytest.approx(turned, rel=0.05)
 
 
-def test_an_image_with_other_joint_angles_is_left_out() -> None:
+def test_an_image_with_other_joint_angles_is_excluded() -> None:
     _, q, views, _ = session(6, position_mm=0.03, rotation_rad=math.radians(0.005))
     q = q.copy()
     q[7, 3] += math.radians(1.0)

@@ -79,7 +79,7 @@ def test_positions_alone_say_nothing_of_a_joint_through_the_point() -> None:
     np.testing.assert_allclose(noise.deviations[:3], JOINT_SIGMA[:3], rtol=0.35)
 
 
-def test_a_gross_visit_is_left_out_and_the_noise_stays() -> None:
+def test_a_gross_visit_is_excluded_and_the_noise_stays() -> None:
     _, data, _ = repeated_poses(6)
     clean = fit_joint_noise(gather_scatters(data, KR5_ARC))
     positions = data.positions_mm.copy()

@@ -64,8 +64,8 @@ def rms(runs: Sequence[tuple[Arm, AxesIdentification]]) -> tuple[float, float]:
 
 def covered(runs: Sequence[tuple[Arm, AxesIdentification]]) -> float:
     ratio = [off(a, f) / np.sqrt(np.maximum(np.diag(f.covariance), 1e-300)).reshape(-1, 5) for a, f in runs]
-    told = np.array(ratio)[np.isfinite(np.array(ratio))]
-    return float(np.mean(np.abs(told) < 1.96))
+    finite = np.array(ratio)[np.isfinite(np.array(ratio))]
+    return float(np.mean(np.abs(finite) < 1.96))
 
 
 @pytest.mark.parametrize(
@@ -84,7 +84,7 @@ def test_errors_are_no_larger_than_the_studys(
     method: str, estimator: str, robot: Repeatability | None, limit_mm: float, limit_deg: float
 ) -> None:
     length, angle = rms(run(method, estimator, robot))
-    # Six arms of some 18 parameters: an rms good to some 15 %. A circle tells its axis as its radius allows: the
+    # Six arms of some 18 parameters: an rms good to some 15 %. A circle determines its axis as its radius allows: the
     # camera goes round axis 4 at 121 mm here, which makes a quarter more than the study had; the fit is at its bound
     # all the same, as true intervals show.
     share = 1.5 if method == "cpa" else 1.2
@@ -120,7 +120,7 @@ def test_covariance_is_true(method: str) -> None:
 
 
 def test_what_all_poses_share_is_estimated_with_the_arcs() -> None:
-    """The lens is as good as one from few images, so that its error dominates: left out, answers are further off."""
+    """The lens is as good as one from few images, so that its error dominates: without it, answers are further off."""
     careful, careless = [], []
     for trial in range(4):
         rng = np.random.default_rng([trial, 78])

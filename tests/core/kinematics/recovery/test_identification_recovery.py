@@ -14,7 +14,7 @@ import pytest
 from core.kinematics.identification import Identification, identify, identify_from_images
 from core.simulation.arm import KR5_ARC, Arm, kr5_arc
 from tests.support.simulation.robots.arm_grid_points import common_fit, session
-from tests.support.simulation.robots.arms import angles, stated, told_truth
+from tests.support.simulation.robots.arms import angles, identifiable_truth, stated
 from tests.support.simulation.simulated_poses import Repeatability, measure_poses
 
 ROBOT = Repeatability(0.1 / 3.616, math.radians(0.005))  # RP_l .1 mm by ISO 9283
@@ -24,18 +24,20 @@ pytestmark = pytest.mark.slow
 
 
 def compared(arm: Arm, q: np.ndarray, found: Identification) -> tuple[np.ndarray, np.ndarray]:
-    return found.chain.as_array() - told_truth(arm, q), stated(found)
+    return found.chain.as_array() - identifiable_truth(arm, q), stated(found)
 
 
 def assert_covered(pairs: list[tuple[np.ndarray, np.ndarray]]) -> None:
-    ratio = np.array([error / doubt for error, doubt in pairs])
+    ratio = np.array([error / uncertainty for error, uncertainty in pairs])
     share = float(np.mean(np.abs(ratio[np.isfinite(ratio)]) < 1.96))
     bound = 3.5 * SPREAD_OF_ARMS / math.sqrt(len(pairs))
     assert 0.95 - bound < share < min(0.95 + bound, 0.995), share
 
 
 def rms(pairs: list[tuple[np.ndarray, np.ndarray]], columns: list[int]) -> float:
-    errors = np.array([np.where(np.isfinite(doubt), error, np.nan)[:, columns] for error, doubt in pairs])
+    errors = np.array(
+        [np.where(np.isfinite(uncertainty), error, np.nan)[:, columns] for error, uncertainty in pairs]
+    )
     return math.sqrt(float(np.nanmean(errors**2)))
 
 

@@ -1,4 +1,4 @@
-"""How targets lie to one another, with a robot that comes back a little beside: stated covariances are true."""
+"""How targets lie to one another, with a robot that comes back a little off: stated covariances are true."""
 
 from __future__ import annotations
 
@@ -65,7 +65,7 @@ def test_separate_visits_have_the_robot_s_scatter(method: str, visits: int) -> N
 
 
 def test_images_that_show_both_have_the_image_s_noise_alone() -> None:
-    squares, doubts = [], []
+    squares, ratios = [], []
     for trial in range(TRIALS):
         arm, apart = visited(trial, 5)
         rng = np.random.default_rng([trial, 81])
@@ -96,9 +96,9 @@ def test_images_that_show_both_have_the_image_s_noise_alone() -> None:
         link, by_visits = linked(poses), linked(replace(poses, image=None))
         assert link.pairs == by_visits.pairs == 5
         squares.append(square(arm, link))
-        doubts.append(np.sqrt(np.diag(link.covariance) / np.diag(by_visits.covariance)))
+        ratios.append(np.sqrt(np.diag(link.covariance) / np.diag(by_visits.covariance)))
     assert np.mean(squares) == pytest.approx(1.0, abs=BOUND)
-    assert np.max(doubts) < 0.8
+    assert np.max(ratios) < 0.8
 
 
 def test_visits_and_arcs_are_weighed() -> None:
@@ -116,7 +116,7 @@ def test_visits_and_arcs_are_weighed() -> None:
         by_arcs = linked(poses.take(np.arange(len(q) - 2)))
         by_visits = linked(poses.take(np.flatnonzero((target == 0) | (np.arange(len(q)) >= len(q) - 2))))
         assert (both.pairs, by_visits.pairs, by_arcs.by_arcs is None) == (by_arcs.pairs + 2, 2, False)
-        # What both tell is told at least as well as by either, but for the arcs' part in common.
+        # What both determine is determined at least as well as by either, but for the arcs' part in common.
         for one in (by_arcs, by_visits):
             assert np.all(np.diag(both.covariance) < 1.02 * np.diag(one.covariance))
         squares.append(square(arm, both))

@@ -37,7 +37,7 @@ def assess(cycles: PoseCycles) -> PoseRepeatability:
     return assess_repeatability([cycles])[0]
 
 
-def assert_alike(
+def assert_equivalent(
     a: PoseRepeatability, b: PoseRepeatability, names: tuple[str, ...], scale: float = 1.0
 ) -> None:
     for field in ("repeatability", "interval", "noise_floor", "corrected", "corrected_interval"):
@@ -62,7 +62,7 @@ def test_rigid_motion_of_the_frame(n: int, seed: int, roll: float, pitch: float,
         cycles.positions_mm @ Q.T + [300.0, -20.0, 5.0], Q @ cycles.rotations, QQ @ cycles.covariances @ QQ.T
     )
     before, after = assess(cycles), assess(moved)
-    assert_alike(before, after, POSITION)
+    assert_equivalent(before, after, POSITION)
     assert before.orientation is not None
     assert after.orientation is not None
     lengths = [np.linalg.norm(r.orientation.vector_xyz) for r in (before, after) if r.orientation]
@@ -76,7 +76,7 @@ def test_order_of_cycles(n: int, seed: int, random: object) -> None:
     cycles = draw_cycles(n, seed)
     order = list(range(n))
     random.shuffle(order)  # type: ignore[attr-defined]
-    assert_alike(assess(cycles), assess(cycles.take(np.array(order))), LENGTHS + ANGLES)
+    assert_equivalent(assess(cycles), assess(cycles.take(np.array(order))), LENGTHS + ANGLES)
 
 
 @settings(max_examples=40)
@@ -85,8 +85,8 @@ def test_unit_of_length(n: int, seed: int, scale: float) -> None:
     cycles = draw_cycles(n, seed)
     weight = np.diag([scale] * 3 + [1.0] * 3)
     scaled = PoseCycles(cycles.positions_mm * scale, cycles.rotations, weight @ cycles.covariances @ weight)
-    assert_alike(assess(cycles), assess(scaled), LENGTHS, scale)
-    assert_alike(assess(cycles), assess(scaled), ANGLES)
+    assert_equivalent(assess(cycles), assess(scaled), LENGTHS, scale)
+    assert_equivalent(assess(cycles), assess(scaled), ANGLES)
 
 
 @given(numbers_of_cycles, seeds)

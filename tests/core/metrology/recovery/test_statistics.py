@@ -1,4 +1,4 @@
-"""Monte Carlo: do the intervals cover, the floors tell the expected reading, and the subtraction find the robot?
+"""Monte Carlo: do the intervals cover, the floors predict the expected reading, and the subtraction find the robot?
 
 Truth is Gaussian scatter of known covariance seen through Gaussian measurement noise. Spheres, flats, needles and
 what lies between; noise of the same and of another shape. Each trial is one pose of n cycles.
@@ -150,7 +150,7 @@ def test_intervals_of_three_sigma_cover_exactly(n: int, noise_shape: str) -> Non
 @pytest.mark.parametrize("n", [10, 30])
 @pytest.mark.parametrize("shape", ["sphere", "flat", "needle"])
 def test_intervals_cover_where_cycles_differ_in_noise(n: int, shape: str) -> None:
-    # Every other measurement has three times the variance of the rest; robot and instrument read alike.
+    # Every other measurement has three times the variance of the rest; robot and instrument read the same.
     robot, noise = of_reading(shape, 1.0), of_reading("sphere", 1.0)
     weights = np.where(np.arange(n) % 2, 0.5, 1.5)
     result = run(n, robot, noise, 6000, seed=3, weights=weights)
@@ -173,7 +173,7 @@ def test_noise_floor_is_the_expected_reading_of_a_motionless_robot(n: int, shape
     trials = 6000
     result = run(n, np.zeros(3), of_reading(shape, 1.0), trials, seed=4, radial_of=1)
     error = 4.0 * result.reading.std() / math.sqrt(trials)
-    # Beside chance: correlations between lengths, taken as squares, which matter below ten cycles.
+    # In addition to chance: correlations between lengths, taken as squares, which matter below ten cycles.
     model = 0.02 if n < 10 else 0.005
     assert result.radial.floor[0] == pytest.approx(result.reading.mean(), abs=error + model)
     chance = 4.0 * result.sigma[:, 0].std() / math.sqrt(trials)
@@ -191,7 +191,7 @@ def test_noise_floor_where_cycles_differ_five_to_one(n: int, shape: str, noisy_e
     weights = np.where(np.arange(n) % noisy_every == 0, 25.0, 1.0)
     result = run(n, np.zeros(3), of_reading(shape, 1.0), trials, seed=8, weights=weights, radial_of=1)
     error = 4.0 * result.reading.std() / math.sqrt(trials) / result.reading.mean()
-    # Beside chance: effective degrees of freedom stand for the unequal ones, which matters where few cycles count.
+    # In addition to chance: effective degrees of freedom replace the unequal ones, which matters for few cycles.
     model = 0.03 if n == 10 else 0.012
     assert result.radial.floor[0] / result.reading.mean() == pytest.approx(1.0, abs=error + model)
     chance = 4.0 * result.sigma[:, 0].std() / math.sqrt(trials) / result.sigma[:, 0].mean()
@@ -206,7 +206,7 @@ def test_noise_floor_where_cycles_differ_five_to_one(n: int, shape: str, noisy_e
 def test_corrected_repeatability_where_cycles_differ_five_to_one(
     ratio: float, limit: float, shape: str, noisy_every: int
 ) -> None:
-    # A mixture of narrow and wide scatter reads more than its covariance tells: raw 10 to 60 %.
+    # A mixture of narrow and wide scatter reads more than its covariance predicts: raw 10 to 60 %.
     n, trials = 30, 2500
     weights = np.where(np.arange(n) % noisy_every == 0, 25.0, 1.0)
     noise = of_reading("sphere", 1.0) / weights.mean()

@@ -1,4 +1,4 @@
-"""The slow motion of a witness: found where there is one, nothing where there is none."""
+"""The slow motion of a witness: found where there is one, nothing where it rests."""
 
 from __future__ import annotations
 

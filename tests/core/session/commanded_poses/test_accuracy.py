@@ -109,7 +109,7 @@ def test_four_poses_say_how_little_they_determine() -> None:
     three_dof, _, _ = simulate(np.random.default_rng(2), dataclasses.replace(POSITIONS, count=4))
     assert "accuracy_weakly_determined" in codes(three_dof)
     (weak,) = [warning for warning in three_dof.warnings if warning.code == "accuracy_weakly_determined"]
-    assert "interval" not in weak.detail, "before a target of unknown scale there is none"
+    assert "interval" not in weak.detail, "before a target of unknown scale there is no interval"
     one = next(iter(three_dof.poses.values()))
     assert one.interval.position_mm is not None
     low, high = one.interval.position_mm

@@ -54,9 +54,9 @@ def test_readings_become_poses() -> None:
 
 
 def test_a_reading_s_own_angles_come_before_its_pose_s() -> None:
-    told = CommandedPose(joint_angles_deg=[1.0, 2.0])
+    at_angles = CommandedPose(joint_angles_deg=[1.0, 2.0])
     poses = poses_of_readings(
-        session({}, {"joint_angles_deg": None}, commanded={"P0": told, "P1": told})
+        session({}, {"joint_angles_deg": None}, commanded={"P0": at_angles, "P1": at_angles})
     ).poses
     assert np.degrees(poses.joint_angles).round(9).tolist() == [[10.0, 20.0], [1.0, 2.0]]
 

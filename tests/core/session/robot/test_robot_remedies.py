@@ -1,4 +1,4 @@
-"""What a refused identification advises: the robot where there is none, the coupling that the robot states."""
+"""What a refused identification advises: the robot where the session has none, the coupling that the robot states."""
 
 from __future__ import annotations
 

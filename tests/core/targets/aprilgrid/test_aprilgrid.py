@@ -53,7 +53,7 @@ def test_every_corner_is_found_and_named_whichever_way_the_grid_lies(
     assert abs(stated - 1.0) < 0.1 + 3.0 / math.sqrt(4.0 * count)
 
 
-def test_the_picture_of_another_program_is_read_the_same_way(shot: Shot) -> None:
+def test_the_image_of_another_program_is_read_the_same_way(shot: Shot) -> None:
     """Bits from the family's published code words, cell by cell with ids from the lower left: no code of ours."""
     cell = 12  # px; a gap is three cells
     sheet = np.full((20 * cell + 26 * cell, 20 * cell + 39 * cell), 255, np.uint8)
@@ -78,17 +78,17 @@ def test_the_picture_of_another_program_is_read_the_same_way(shot: Shot) -> None
 
 
 def test_depth_makes_no_difference(shot: Shot) -> None:
-    _, picture = shot
-    found = detect(picture, GRID)
-    deep = detect(picture.astype(np.uint16) * 257, GRID)
+    _, image = shot
+    found = detect(image, GRID)
+    deep = detect(image.astype(np.uint16) * 257, GRID)
     np.testing.assert_array_equal(found.column, deep.column)
     np.testing.assert_allclose(found.points_px, deep.points_px, atol=2e-3)
 
 
 def test_an_image_gives_camera_and_pose(shot: Shot) -> None:
     """The frame is the usual one: the camera before the board, at negative z, and where the scene has it."""
-    taken, picture = shot
-    result = calibrate_image(cv2.imencode(".png", picture)[1].tobytes(), GRID)
+    taken, image = shot
+    result = calibrate_image(cv2.imencode(".png", image)[1].tobytes(), GRID)
     expected = -taken.T_camera_target[:3, :3].T @ taken.T_camera_target[:3, 3]
     assert expected[2] < 0.0
     off = result.pose.position_mm - expected
@@ -104,8 +104,8 @@ def test_an_image_gives_camera_and_pose(shot: Shot) -> None:
     [(np.s_[:, 820:], 40), (np.s_[:, 560:], 16), (np.s_[430:, :], 20), (np.s_[380:560, :], 28)],
 )
 def test_what_is_hidden_costs_points_and_is_said(shot: Shot, part: tuple[slice, slice], least: int) -> None:
-    taken, picture = shot
-    hidden = picture.copy()
+    taken, image = shot
+    hidden = image.copy()
     hidden[part] = 120
     found = detect(hidden, GRID)
     assert least <= len(found) < GRID.size
@@ -115,8 +115,8 @@ def test_what_is_hidden_costs_points_and_is_said(shot: Shot, part: tuple[slice, 
 
 
 def test_cables_and_highlights_move_nothing(shot: Shot) -> None:
-    taken, picture = shot
-    spoiled = picture.copy()
+    taken, image = shot
+    spoiled = image.copy()
     cv2.line(spoiled, (250, 100), (1000, 800), 20, 25, cv2.LINE_AA)
     cv2.line(spoiled, (300, 800), (1100, 300), 230, 12, cv2.LINE_AA)
     cv2.circle(spoiled, (700, 400), 90, 255, -1, cv2.LINE_AA)
@@ -131,9 +131,9 @@ def test_cables_and_highlights_move_nothing(shot: Shot) -> None:
 def test_another_edge_of_tags_than_stated_is_refused_with_the_right_one(
     stated_mm: float, turn: float
 ) -> None:
-    _, picture = take(GRID, turn=turn, tilt_deg=45.0, depth_mm=450.0)
+    _, image = take(GRID, turn=turn, tilt_deg=45.0, depth_mm=450.0)
     with pytest.raises(TargetMismatch, match=r"edge is 0\.7[67]\d? of") as caught:
-        detect(picture, dataclasses.replace(GRID, marker_mm=stated_mm))
+        detect(image, dataclasses.replace(GRID, marker_mm=stated_mm))
     said = re.search(r"pitch_mm 32.5, marker_mm is probably ([\d.]+)\. ", caught.value.advice)
     assert said is not None
     assert float(said[1]) == pytest.approx(25.0, abs=0.15)
@@ -164,24 +164,24 @@ def test_few_tags_do_not_determine_their_edge() -> None:
 
 @pytest.mark.parametrize("width_px", [8.0, 10.0, 12.0])
 def test_a_lamp_s_spot_costs_the_corners_that_it_covers(width_px: float) -> None:
-    taken, picture = take(GRID, depth_mm=700.0)
+    taken, image = take(GRID, depth_mm=700.0)
     edge_px = 10.0  # half the gap: so far from a corner its pixels lie
-    v, u = np.indices(picture.shape)
+    v, u = np.indices(image.shape)
     first, last = taken.points_px.min(axis=0), taken.points_px.max(axis=0)
     rng = np.random.default_rng(0)
     for place in ((563.0, 446.0), (739.0, 447.0), *rng.uniform(first, last, (6, 2))):
         squares = (u - place[0]) ** 2 + (v - place[1]) ** 2
-        spoiled = picture + 400.0 * np.exp(-squares / (2.0 * width_px**2))
+        spoiled = image + 400.0 * np.exp(-squares / (2.0 * width_px**2))
         found = detect(np.clip(np.rint(spoiled), 0, 255).astype(np.uint8), GRID)
         clear = np.hypot(*(taken.points_px - place).T) > 4.0 * width_px + edge_px
         missing = set(np.flatnonzero(clear)) - set(found.row * GRID.grid_columns + found.column)
         assert len(missing) <= 2  # next to one that went astray
 
 
-@pytest.mark.parametrize("aside_mm", [95.0, -120.0])
-def test_a_grid_partly_out_of_the_picture_keeps_its_names(aside_mm: float) -> None:
-    taken, picture = take(GRID, aside_mm=aside_mm)
-    found = detect(picture, GRID)
+@pytest.mark.parametrize("offset_mm", [95.0, -120.0])
+def test_a_grid_partly_out_of_the_image_keeps_its_names(offset_mm: float) -> None:
+    taken, image = take(GRID, offset_mm=offset_mm)
+    found = detect(image, GRID)
     assert 20 <= len(found) < GRID.size
     off = found.points_px - truth_px(taken, found)
     assert np.abs(off).max() < 0.15
@@ -196,36 +196,36 @@ def test_poor_light(shot: Shot) -> None:
 
 
 def test_no_grid_and_the_mirrored_one(shot: Shot) -> None:
-    _, picture = shot
+    _, image = shot
     with pytest.raises(TargetNotFound, match="No tag"):
         detect(np.full((400, 300), 128, np.uint8), GRID)
-    for mirrored in (picture[:, ::-1], picture[::-1], picture.T):
+    for mirrored in (image[:, ::-1], image[::-1], image.T):
         with pytest.raises(TargetMirrored):
             detect(np.ascontiguousarray(mirrored), GRID)
 
 
 def test_another_board_is_not_taken_for_it(shot: Shot) -> None:
-    _, picture = shot
+    _, image = shot
     for columns, rows in ((4, 5), (4, 4), (6, 4), (5, 3)):
         with pytest.raises(TargetMismatch, match=f"{columns} x {rows}"):
-            detect(picture, TargetSpec("aprilgrid", columns, rows, 32.5, 25.0))
+            detect(image, TargetSpec("aprilgrid", columns, rows, 32.5, 25.0))
     board = TargetSpec("chessboard", 9, 6, 20.0)
     with pytest.raises(TargetNotFound, match="No tag"):
         detect(render(tilted_scene(board)), GRID)
     with pytest.raises(TargetNotFound):
-        detect(picture, board)
+        detect(image, board)
 
 
 def test_two_sheets_with_the_same_tags_are_a_mismatch(shot: Shot) -> None:
-    _, picture = shot
+    _, image = shot
     with pytest.raises(TargetMismatch, match="do not fit the grid found"):
-        detect(np.hstack([picture, picture]), GRID)
+        detect(np.hstack([image, image]), GRID)
 
 
 def test_tags_too_small_to_measure_are_refused_with_their_least_size() -> None:
-    _, picture = take(GRID, depth_mm=2400.0, tilt_deg=0.0, clutter=0.0)
+    _, image = take(GRID, depth_mm=2400.0, tilt_deg=0.0, clutter=0.0)
     with pytest.raises(TargetNotFound) as refusal:
-        detect(picture, GRID)
+        detect(image, GRID)
     assert "25 px" in str(refusal.value.advice)
 
 
@@ -244,13 +244,13 @@ def lattice(target: TargetSpec, step: int) -> tuple[np.ndarray, np.ndarray, np.n
 
 
 def test_some_wrong_bits_are_put_right_and_more_are_no_tag() -> None:
-    picture, place, points = lattice(GRID, 4)
+    image, place, points = lattice(GRID, 4)
     layout = aprilgrid_layout(GRID)
-    part = read_lattice(picture, layout, place, points)
+    part = read_lattice(image, layout, place, points)
     assert part is not None
     assert sorted(part.tags) == list(range(20))
     for wrong, read in ((3, True), (4, False)):
-        spoiled = picture.copy()
+        spoiled = image.copy()
         corner = part.tags[7][0]
         for k in range(wrong):
             u, v = np.rint(corner + (2.0 + k, 2.0 + k) * np.array([10.0, 10.0])).astype(int)
@@ -262,11 +262,11 @@ def test_some_wrong_bits_are_put_right_and_more_are_no_tag() -> None:
 
 
 def test_one_foreign_tag_is_no_tag_of_the_grid_but_many_are_another_grid() -> None:
-    picture, place, points = lattice(GRID, 4)
+    image, place, points = lattice(GRID, 4)
     layout = aprilgrid_layout(GRID)
-    part = read_lattice(picture, layout, place, points)
+    part = read_lattice(image, layout, place, points)
     assert part is not None
-    spoiled = picture.copy()
+    spoiled = image.copy()
     for count, tag in enumerate((7, 12, 3), start=1):
         u, v = np.rint(part.tags[tag][0] + 20.5).astype(int)
         spoiled[v : v + 60, u : u + 60] = 20 + 200 * np.kron(
@@ -282,42 +282,42 @@ def test_one_foreign_tag_is_no_tag_of_the_grid_but_many_are_another_grid() -> No
 
 def test_a_tear_in_the_lattice_is_no_other_sheet() -> None:
     """A highlight may link the corners of two rows or columns wrongly; the tags beyond are where they belong."""
-    picture, place, points = lattice(GRID, 4)
+    image, place, points = lattice(GRID, 4)
     layout = aprilgrid_layout(GRID)
-    whole = read_lattice(picture, layout, place, points)
+    whole = read_lattice(image, layout, place, points)
     assert whole is not None
     for axis, shift in ((0, 2), (0, 4), (1, 2)):
         torn = place.copy()
         torn[torn[:, axis] > 4, axis] += shift
-        part = read_lattice(picture, layout, torn, points)
+        part = read_lattice(image, layout, torn, points)
         assert part is not None
         assert part.conflicting == len(part.displaced) >= 4
-        found = assemble([part], picture, layout)
+        found = assemble([part], image, layout)
         assert set(found.tags) == set(range(20))
         for tag, corners in found.tags.items():
             np.testing.assert_allclose(corners, whole.tags[tag], atol=1e-6)
     sheet = aprilgrid_layout(dataclasses.replace(GRID, columns=4, rows=5))
-    other = read_lattice(picture, sheet, place, points)
+    other = read_lattice(image, sheet, place, points)
     assert other is not None
     with pytest.raises(TargetMismatch, match="a grid of 4 x 5 has them"):
-        assemble([other], picture, sheet)
+        assemble([other], image, sheet)
 
 
 def test_a_sheet_of_fewer_rows_keeps_its_names(shot: Shot) -> None:
     """Where a tag is does not depend on the rows the target is said to have; nor are any taken for seen."""
-    taken, picture = shot
-    found = detect(picture, TargetSpec("aprilgrid", 5, 6, 32.5, 25.0))
+    taken, image = shot
+    found = detect(image, TargetSpec("aprilgrid", 5, 6, 32.5, 25.0))
     assert found.row.max() < GRID.grid_rows
     assert len(found) > 0.95 * GRID.size
     assert np.abs(found.points_px - truth_px(taken, found)).max() < 0.1
 
 
 def test_one_row_of_tags_does_not_prove_how_many_columns_there_are(shot: Shot) -> None:
-    taken, picture = shot
-    mask = np.zeros_like(picture)
+    taken, image = shot
+    mask = np.zeros_like(image)
     outline = np.rint(taken.points_px.reshape(8, 10, 2)[[0, 0, 1, 1], [0, 9, 9, 0]]).astype(np.int32)
     cv2.fillConvexPoly(mask, outline, 255)
-    row = np.where(cv2.dilate(mask, np.ones((25, 25))) > 0, picture, 90)
+    row = np.where(cv2.dilate(mask, np.ones((25, 25))) > 0, image, 90)
     for columns in (5, 6):
         with pytest.raises(TargetNotFound, match="one row"):
             detect(row, TargetSpec("aprilgrid", columns, 4, 32.5, 25.0))

@@ -87,7 +87,7 @@ def test_the_sheet_by_hand() -> None:
 
 
 def test_opencv_reads_the_sheet() -> None:
-    """OpenCV's pictures of this family stand on their heads, as the sheet does in the target frame."""
+    """OpenCV's images of this family stand on their heads, as the sheet does in the target frame."""
     step = 8  # px for a mm
     x = (np.arange(-10 * step, 108 * step) + 0.5) / step
     y = (np.arange(-10 * step, 82 * step) + 0.5) / step
@@ -133,9 +133,9 @@ def test_what_cannot_be_printed_is_refused(target: TargetSpec, message: str) -> 
 def test_the_pitches_advised_are_taken_and_none_beyond(tag_mm: float) -> None:
     with pytest.raises(InvalidTarget) as refused:
         aprilgrid_layout(TargetSpec("aprilgrid", 4, 3, 1.01 * tag_mm, tag_mm))
-    told = re.search(r"it is ([\d.]+) to ([\d.]+) mm", refused.value.advice or "")
-    assert told is not None
-    least, most = (float(figure) for figure in told.groups())
+    advised = re.search(r"it is ([\d.]+) to ([\d.]+) mm", refused.value.advice or "")
+    assert advised is not None
+    least, most = (float(figure) for figure in advised.groups())
     for pitch_mm in (least, most):
         aprilgrid_layout(TargetSpec("aprilgrid", 4, 3, pitch_mm, tag_mm))
     for pitch_mm in (0.999 * least, 1.001 * most):

@@ -32,7 +32,7 @@ def test_no_corner_is_named_wrongly(seed: int) -> None:
         if count:
             wrong.append((number, count, view.changes))
     assert not wrong
-    # the others lie under several hands and papers, are too small, or stand beside another grid with the same tags
+    # the others lie under several hands and papers, are too small, or stand next to another grid with the same tags
     assert measured > 0.5 * as_stated > 15
 
 

@@ -66,7 +66,7 @@ def test_views_are_the_same_for_the_same_seed_and_differ_otherwise() -> None:
 
 
 def test_the_sheet_lies_where_the_truth_says() -> None:
-    """Found corners are within a quarter of a px of the truth: the quick pictures are exact to a tenth or so."""
+    """Found corners are within a quarter of a px of the truth: the quick images are exact to a tenth or so."""
     compared = 0
     for view in (mutated_view(6, number) for number in range(12)):
         if not view.is_as_stated or outcome(view)[0] != "found":
@@ -102,7 +102,7 @@ def test_a_wrong_name_is_counted_as_such() -> None:
 
 
 def test_what_is_stated_wrongly_is_so_in_the_truth() -> None:
-    """Names that the printed board does not have are none; a mirrored or another dictionary's board has none at all."""
+    """No name occurs that the printed board does not have; a mirrored or another dictionary's board has none."""
     seen = set()
     for view in islice(mutated_views(8), 40):
         if view.is_as_stated:

@@ -1,4 +1,4 @@
-"""Markers read where a lattice has them: the compiled parts beside plain numpy, and every dictionary there is."""
+"""Markers read where a lattice has them: the compiled parts against plain numpy, and every dictionary there is."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ DICTIONARIES = sorted(name for name in dir(cv2.aruco) if name.startswith("DICT_"
 CAMERA = Camera(900.0, 900.0, 319.5, 239.5, k1=-0.1)
 
 
-def picture_of(target: TargetSpec, turn: float = 0.4, blur_px: float = 0.8) -> np.ndarray:
+def image_of(target: TargetSpec, turn: float = 0.4, blur_px: float = 0.8) -> np.ndarray:
     """A board tilted by 25° that fills most of 640 x 480 px, with a little noise."""
     pattern = pattern_of(target, 0.5)
     assert isinstance(pattern, RectilinearPattern)
@@ -47,7 +47,7 @@ def test_every_dictionary_is_read_in_both_layouts(name: str) -> None:
     for legacy, turn in ((False, 0.4), (True, 2.2)):
         target = TargetSpec("charuco", 5, 3, 30.0, 21.0, name, legacy)
         layout = charuco_layout(target)
-        image = picture_of(target, turn)
+        image = image_of(target, turn)
         lattice = next(lattices_of(image, next(iter(levels(image))), layout))
         placed = locate_on_board(image, lattice, layout, codes)
         assert (placed.verdict, len(placed.column)) == ("placed", 15)
@@ -62,7 +62,7 @@ def test_every_dictionary_is_read_in_both_layouts(name: str) -> None:
 def test_blurred_cells_of_few_pixels_are_read() -> None:
     """Cells of 3 px under a blur of half a cell: more than three markers of four."""
     target = TargetSpec("charuco", 8, 6, 30.0, 18.0, "DICT_6X6_250")
-    image = picture_of(target, blur_px=1.5)
+    image = image_of(target, blur_px=1.5)
     layout = charuco_layout(target)
     lattice = next(lattices_of(image, next(iter(levels(image))), layout))
     placed = locate_on_board(image, lattice, layout, marker_codes("DICT_6X6_250"))
@@ -70,7 +70,7 @@ def test_blurred_cells_of_few_pixels_are_read() -> None:
     assert placed.agreeing > 0.75 * len(layout.marker_squares)
 
 
-def test_codes_are_the_bits_of_opencvs_pictures() -> None:
+def test_codes_are_the_bits_of_opencvs_images() -> None:
     for name in ("DICT_4X4_50", "DICT_7X7_50", "DICT_APRILTAG_36h11"):
         codes = marker_codes(name)
         known = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, name))
@@ -197,7 +197,7 @@ def test_squares_are_read_as_by_plain_numpy() -> None:
     """On a board in uneven light, and on noise: the same squares have a frame, and the same bits."""
     target = TargetSpec("charuco", 6, 4, 30.0, 22.0, "DICT_5X5_100")
     codes, size = marker_codes("DICT_5X5_100"), 22.0 / 30.0
-    image = picture_of(target, blur_px=1.2)
+    image = image_of(target, blur_px=1.2)
     slope = np.linspace(0.5, 1.2, 640)
     image = np.clip(image * slope, 0, 255).astype(np.uint8)
     board = next(lattices_of(image, next(iter(levels(image))), charuco_layout(target)))
@@ -209,8 +209,8 @@ def test_squares_are_read_as_by_plain_numpy() -> None:
     noise = cv2.GaussianBlur(rng.integers(0, 256, (480, 640)).astype(np.uint8), (0, 0), 9.0)
     noise = cv2.normalize(noise, None, 0, 255, cv2.NORM_MINMAX)
     compared = 0
-    for picture, lattice in ((image, board), (noise, of_noise)):
-        readings = decode_markers(picture, lattice, codes.side, size)
+    for view, lattice in ((image, board), (noise, of_noise)):
+        readings = decode_markers(view, lattice, codes.side, size)
         places = readings.places_px
         read = {
             tuple(place): code for place, code in zip(readings.place.tolist(), readings.codes, strict=True)
@@ -223,7 +223,7 @@ def test_squares_are_read_as_by_plain_numpy() -> None:
             if ((i + j) % 2 == 0) != lattice.origin_is_bright or not known or not inside:
                 assert (i - 1, j - 1) not in read
                 continue
-            bits = plain_reading(picture, corners, codes, size)
+            bits = plain_reading(view, corners, codes, size)
             assert ((i - 1, j - 1) in read) == (bits is not None)
             if bits is not None:
                 compared += 1

@@ -23,7 +23,7 @@ NOISE_PX = 0.05
 def seen(
     target: TargetSpec, tilt_deg: float, k1: float, rng: np.random.Generator
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Places on the print (mm), and in a picture with noise that the board fills about."""
+    """Places on the print (mm), and in an image with noise that the board fills about."""
     axis = rng.uniform(0.0, 2.0 * math.pi)
     R = so3_exp(math.radians(tilt_deg) * np.array([math.cos(axis), math.sin(axis), 0.0]))
     points = target.points_target()
@@ -81,7 +81,7 @@ def test_too_few_corners_or_one_row_say_nothing(count: int) -> None:
     np.testing.assert_array_equal(kept, given)
 
 
-def test_a_row_and_one_corner_beside_it_determine_no_plane() -> None:
+def test_a_row_and_one_corner_next_to_it_determine_no_plane() -> None:
     row = np.array([[column, 3.0] for column in range(6)])
     assert not is_well_distributed(row)
     assert not is_well_distributed(np.vstack([row, [[2.0, 4.0]]]))

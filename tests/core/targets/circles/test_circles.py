@@ -41,8 +41,8 @@ def errors(scene: Scene, found: object) -> np.ndarray:
 
 @pytest.mark.parametrize("target", [SYMMETRIC, ASYMMETRIC], ids=["circles", "asymmetric"])
 @pytest.mark.parametrize("tilt_deg", [0.0, 25.0, 45.0])
-def test_centres_are_those_of_the_dots_not_of_their_pictures(target: TargetSpec, tilt_deg: float) -> None:
-    """Without noise, under perspective and a lens with k1 -.2. Left alone, the pictures' own centres are off by up to
+def test_centres_are_those_of_the_dots_not_of_their_images(target: TargetSpec, tilt_deg: float) -> None:
+    """Without noise, under perspective and a lens with k1 -.2. Left alone, the images' own centres are off by up to
     half a pixel."""
     scene = scene_of(target, tilt_deg, seed=1)
     found = detect(render(scene), target)
@@ -99,7 +99,7 @@ def test_a_larger_dot_is_the_origin(turns: int) -> None:
 
 
 def unturned(points: np.ndarray, turns: int, size: tuple[int, int] = SIZE) -> np.ndarray:
-    """Pixels of a picture that numpy turned by quarter turns, as pixels of the one before."""
+    """Pixels of an image that numpy turned by quarter turns, as pixels of the one before."""
     width, height = size
     u, v = points.T
     return {
@@ -112,8 +112,8 @@ def unturned(points: np.ndarray, turns: int, size: tuple[int, int] = SIZE) -> np
 
 def test_boards_that_look_the_same_when_turned_are_said_to() -> None:
     for target, ambiguous in ((SYMMETRIC, True), (ASYMMETRIC, False), (replace(ASYMMETRIC, rows=10), True)):
-        picture = render(scene_of(target, 20.0, seed=3, roll=0.2))
-        found = detect(picture, target)
+        image = render(scene_of(target, 20.0, seed=3, roll=0.2))
+        found = detect(image, target)
         assert [w.code for w in found.warnings] == (["board_symmetry_unresolved"] if ambiguous else [])
 
 
@@ -124,13 +124,13 @@ def test_an_asymmetric_board_upside_down_keeps_its_origin() -> None:
     assert np.abs(unturned(found.points_px, 2) - truth).max() < 0.01
 
 
-def test_covered_dots_are_left_out_and_the_others_stay() -> None:
+def test_covered_dots_are_missing_and_the_others_stay() -> None:
     scene = replace(scene_of(SYMMETRIC, 20.0, seed=6), noise_levels=2.0)
-    picture = render(scene)
+    image = render(scene)
     middle = scene.points_px.reshape(7, 9, 2)[3, 4]
     u, v = (round(float(c)) for c in middle)
-    cv2.line(picture, (u - 120, v - 100), (u + 120, v + 100), 90, 25)  # a cable
-    found = detect(picture, SYMMETRIC)
+    cv2.line(image, (u - 120, v - 100), (u + 120, v + 100), 90, 25)  # a cable
+    found = detect(image, SYMMETRIC)
     assert 0.75 * SYMMETRIC.size <= len(found) < SYMMETRIC.size
     assert "points_missing" in [w.code for w in found.warnings]
     error = np.abs(errors(scene, found)).max(axis=1)
@@ -139,11 +139,11 @@ def test_covered_dots_are_left_out_and_the_others_stay() -> None:
 
 
 def test_another_grid_is_named() -> None:
-    picture = render(replace(scene_of(SYMMETRIC, 10.0, seed=7), clutter=0.0))
+    image = render(replace(scene_of(SYMMETRIC, 10.0, seed=7), clutter=0.0))
     with pytest.raises(TargetMismatch, match="9 x 7 dots is in view, 8 x 5 was asked for"):
-        detect(picture, TargetSpec("circles", 8, 5, 25.0))
+        detect(image, TargetSpec("circles", 8, 5, 25.0))
     with pytest.raises(TargetNotFound, match="9 x 7"):
-        detect(picture, TargetSpec("circles", 12, 9, 25.0))
+        detect(image, TargetSpec("circles", 12, 9, 25.0))
 
 
 WINDOWS = {
@@ -153,12 +153,12 @@ WINDOWS = {
 }
 
 
-def cut(picture: np.ndarray, scene: Scene, shares: tuple[float, ...]) -> tuple[np.ndarray, tuple[int, int]]:
-    """A part of the picture, its borders as shares of the grid points' bounding box; and where it begins."""
+def cut(image: np.ndarray, scene: Scene, shares: tuple[float, ...]) -> tuple[np.ndarray, tuple[int, int]]:
+    """A part of the image, its borders as shares of the grid points' bounding box; and where it begins."""
     low, high = scene.points_px.min(axis=0), scene.points_px.max(axis=0)
     edges = np.concatenate([low + shares[:2] * (high - low), low + shares[2:] * (high - low)])
     x0, y0, x1, y1 = (max(round(float(edge)), 0) for edge in edges)
-    return np.ascontiguousarray(picture[y0:y1, x0:x1]), (x0, y0)
+    return np.ascontiguousarray(image[y0:y1, x0:x1]), (x0, y0)
 
 
 @pytest.mark.parametrize("where", WINDOWS)
@@ -169,8 +169,8 @@ def test_a_part_with_the_larger_dot_is_named(where: str, is_bright: bool) -> Non
         scene = replace(
             scene_of(target, 20.0, seed=8, roll=0.3), origin_dot=1.5, noise_levels=2.0, light=light
         )
-        picture, begin = cut(render(scene), scene, WINDOWS[where])
-        found = detect(picture, target)
+        image, begin = cut(render(scene), scene, WINDOWS[where])
+        found = detect(image, target)
         assert found.labelling == "absolute"
         assert [w.code for w in found.warnings] == ["points_missing"]
         assert 0.4 * target.size < len(found) < target.size
@@ -190,9 +190,9 @@ def test_a_part_without_the_larger_dot_is_rejected(where: str) -> None:
     shares = tuple(0.7 if share == 0.75 else share for share in WINDOWS[where])
     for target in (SYMMETRIC, replace(ASYMMETRIC, columns=6)):
         scene = replace(scene_of(target, 20.0, seed=9, roll=1.5), noise_levels=2.0)
-        picture, _ = cut(render(scene), scene, shares)
+        image, _ = cut(render(scene), scene, shares)
         with pytest.raises(OriginUnknown):
-            detect(picture, target)
+            detect(image, target)
 
 
 def test_staggered_places_are_where_the_dots_lie() -> None:
@@ -214,21 +214,21 @@ def test_what_hides_a_third_of_the_dots_costs_points_and_no_names(kind: str, see
     corners = scene.points_px.reshape(target.rows, target.columns, 2)[[0, 0, -1, -1], [0, -1, -1, 0]]
     middle = corners.mean(axis=0)
 
-    def cable(picture: np.ndarray) -> None:
+    def cable(image: np.ndarray) -> None:
         a, b = (corners[k] + 0.43 * (corners[k + 1] - corners[k]) for k in (0, 2))
         ends = [tuple(np.rint(end + 0.2 * (end - middle)).astype(int).tolist()) for end in (a, b)]
-        cv2.line(picture, ends[0], ends[1], 90, 45)
+        cv2.line(image, ends[0], ends[1], 90, 45)
 
-    def hand(picture: np.ndarray) -> None:
+    def hand(image: np.ndarray) -> None:
         outline = [
             corners[0] + share * (corners[k] - corners[0]) for k, share in ((1, 0.4), (2, 0.6), (3, 0.4))
         ]
         outline.append(corners[0] - 0.4 * (middle - corners[0]))
-        cv2.fillPoly(picture, [np.rint(outline).astype(np.int32)], 130)
+        cv2.fillPoly(image, [np.rint(outline).astype(np.int32)], 130)
 
-    def reflection(picture: np.ndarray) -> None:
+    def reflection(image: np.ndarray) -> None:
         """Of a lamp: it blinds some of the dots, and ends within a few px."""
-        lamp = np.zeros(picture.shape, dtype=np.float32)
+        lamp = np.zeros(image.shape, dtype=np.float32)
         axes = tuple((0.22 * np.linalg.norm(corners[[1, 3]] - corners[0], axis=1)).astype(int).tolist())
         cv2.ellipse(
             lamp,
@@ -236,12 +236,12 @@ def test_what_hides_a_third_of_the_dots_costs_points_and_no_names(kind: str, see
             500.0,
             cv2.FILLED,
         )
-        picture[:] = np.clip(picture + cv2.GaussianBlur(lamp, (0, 0), 4.0), 0, 255).astype(np.uint8)
+        image[:] = np.clip(image + cv2.GaussianBlur(lamp, (0, 0), 4.0), 0, 255).astype(np.uint8)
 
     for hide in (cable, hand, reflection):
-        picture = clear.copy()
-        hide(picture)
-        found = detect(picture, target)
+        image = clear.copy()
+        hide(image)
+        found = detect(image, target)
         assert target.size / 2 <= len(found) < target.size, hide.__name__
         truth = scene.points_px.reshape(target.rows, target.columns, 2)
         names = [(found.row, found.column)]
@@ -300,11 +300,11 @@ def test_a_wide_soft_reflection_costs_points_and_moves_none(
             np.exp(-0.5 * ((np.arange(n) - middle) / size) ** 2)
             for n, middle, size in zip(clear.shape[::-1], lamp, sizes, strict=True)
         ]
-        picture = np.clip(clear + peak * np.outer(fades[1], fades[0]), 0, full).astype(clear.dtype)
+        image = np.clip(clear + peak * np.outer(fades[1], fades[0]), 0, full).astype(clear.dtype)
         if bits == 12:
-            picture = picture >> 4
+            image = image >> 4
         try:
-            found = detect(picture, target)
+            found = detect(image, target)
         except TargetNotFound:  # too much of it is blinded
             continue
         measured += 1
@@ -323,34 +323,34 @@ def test_a_board_that_is_overexposed_evenly_is_measured(kind: str, exposure: flo
     light = Light(black_level=exposure * usual.black_level, white_level=exposure * usual.white_level)
     for seed in range(3):
         scene = replace(scene_of(target, 12.0 * seed, seed, roll=0.5), noise_levels=2.0, light=light)
-        picture = render(scene)
-        assert (picture == 255).mean() > 0.05
-        found = detect(picture, target)
+        image = render(scene)
+        assert (image == 255).mean() > 0.05
+        found = detect(image, target)
         assert len(found) >= 0.8 * target.size
         assert np.all(_off(scene, found) < 6.0 * found.standard_uncertainty_px)
 
 
-def test_a_part_that_cannot_be_of_the_board_is_none() -> None:
+def test_a_part_that_cannot_be_of_the_board_is_rejected() -> None:
     scene = replace(scene_of(SYMMETRIC, 15.0, seed=9, roll=0.2), noise_levels=2.0)
-    picture, _ = cut(render(scene), scene, WINDOWS["right"])  # seven dots from end to end
+    image, _ = cut(render(scene), scene, WINDOWS["right"])  # seven dots from end to end
     for asked in ((9, 8), (12, 10), (6, 5)):
         with pytest.raises((TargetNotFound, TargetMismatch)):
-            detect(picture, TargetSpec("circles", *asked, 25.0))
+            detect(image, TargetSpec("circles", *asked, 25.0))
 
 
-def test_mirrored_prints_are_told_where_they_differ() -> None:
+def test_mirrored_prints_are_recognised_where_they_differ() -> None:
     """By the larger dot, and by the rows' order where there is an even number of staggered rows."""
     marked = replace(scene_of(SYMMETRIC, 15.0, seed=2), origin_dot=1.5, noise_levels=2.0)
     staggered = replace(scene_of(replace(ASYMMETRIC, rows=10), 20.0, seed=3), noise_levels=2.0)
     for scene in (marked, staggered):
-        picture = render(scene)
-        assert detect(picture, scene.target).labelling in ("absolute", "up_to_symmetry")
+        image = render(scene)
+        assert detect(image, scene.target).labelling in ("absolute", "up_to_symmetry")
         with pytest.raises(TargetMirrored):
-            detect(np.ascontiguousarray(picture[:, ::-1]), scene.target)
+            detect(np.ascontiguousarray(image[:, ::-1]), scene.target)
 
 
 @pytest.mark.parametrize("kind", ["circles", "asymmetric_circles"])
-def test_boards_of_two_sizes_in_one_picture_are_each_found(kind: str) -> None:
+def test_boards_of_two_sizes_in_one_image_are_each_found(kind: str) -> None:
     sizes = ((9, 7), (7, 5)) if kind == "circles" else ((4, 11), (3, 9))
     scenes = [
         replace(scene_of(TargetSpec(kind, *size, 25.0), 20.0, seed, roll=0.3), noise_levels=2.0)
@@ -377,12 +377,12 @@ def errors_either_way(scene: Scene, found: GridPoints) -> np.ndarray:
     )
 
 
-def test_what_is_no_board_of_dots_is_none() -> None:
+def test_what_is_no_board_of_dots_is_rejected() -> None:
     chessboard = render(standard_scene(standard_target(9, 6), seed=1))
     noise = np.random.default_rng(0).integers(0, 256, (600, 800), dtype=np.uint8)
-    for picture in (chessboard, noise, np.full((600, 800), 128, np.uint8)):
+    for image in (chessboard, noise, np.full((600, 800), 128, np.uint8)):
         with pytest.raises((TargetNotFound, TargetMismatch)):  # what lies about may be a grid of its own
-            detect(picture, SYMMETRIC)
+            detect(image, SYMMETRIC)
 
 
 @pytest.mark.parametrize("turn_deg", [0.0, 20.0])
@@ -390,23 +390,23 @@ def test_a_grille_of_as_many_squares_is_no_board(turn_deg: float) -> None:
     """Though it has the size that is asked for; round dots at the same places are the board."""
     turn = cv2.getRotationMatrix2D((400.0, 300.0), turn_deg, 1.0)
     for is_round in (True, False):
-        picture = np.full((600, 800), 200, np.uint8)
+        image = np.full((600, 800), 200, np.uint8)
         for row, column in np.ndindex(7, 9):
             u, v = 200 + 50 * column, 150 + 50 * row
             if is_round:
-                cv2.circle(picture, (u, v), 14, 40, -1)
+                cv2.circle(image, (u, v), 14, 40, -1)
             else:
-                cv2.rectangle(picture, (u - 12, v - 12), (u + 12, v + 12), 40, -1)
-        picture = cv2.GaussianBlur(cv2.warpAffine(picture, turn, (800, 600), borderValue=200), (0, 0), 1.5)
+                cv2.rectangle(image, (u - 12, v - 12), (u + 12, v + 12), 40, -1)
+        image = cv2.GaussianBlur(cv2.warpAffine(image, turn, (800, 600), borderValue=200), (0, 0), 1.5)
         if is_round:
-            assert len(detect(picture, SYMMETRIC)) == SYMMETRIC.size
+            assert len(detect(image, SYMMETRIC)) == SYMMETRIC.size
         else:
             with pytest.raises(TargetNotFound, match="square, not round"):
-                detect(picture, SYMMETRIC)
+                detect(image, SYMMETRIC)
 
 
 def test_equations_are_those_of_the_model() -> None:
-    """The kernel beside the model in numpy, with derivatives from differences."""
+    """The kernel against the model in numpy, with derivatives from differences."""
     rng = np.random.default_rng(3)
     image = rng.uniform(20.0, 200.0, (60, 70))
     shape = np.array([34.3, 28.8, 0.008, 0.002, 0.012, 1.3])
@@ -454,12 +454,12 @@ def test_equations_are_solved_as_numpy_solves_them(first: int) -> None:
     N = np.zeros((14, 16))
     N[:12, :12], N[12, :12] = np.tril(J.T @ J), J.T @ r
     solution, covariance = np.zeros(12), np.zeros((2, 2))
-    told, solved = solve_equations(N, first, solution, covariance)
+    explained, solved = solve_equations(N, first, solution, covariance)
     assert solved
     expected = np.linalg.lstsq(J[:, first:], r, rcond=None)[0]
     np.testing.assert_allclose(solution[first:], expected, rtol=1e-6)
     assert not solution[:first].any()
-    assert told == pytest.approx(r @ J[:, first:] @ expected)
+    assert explained == pytest.approx(r @ J[:, first:] @ expected)
     if first == 0:
         np.testing.assert_allclose(covariance, np.linalg.inv(J.T @ J)[:2, :2], rtol=1e-6)
     N = np.zeros((14, 16))
@@ -491,8 +491,8 @@ def test_dots_fitted_together_are_those_fitted_alone() -> None:
         np.testing.assert_array_equal(covariance[k], of_centre)
         assert (contrast[k], variance[k]) == (light[3], noise)
         again = fit_dot(image, shape, 0.25, 12, 1e-3, 0.7, 0.7)[0]
-        doubt = math.sqrt(float(np.trace(of_centre)) / 2.0 * noise)
-        assert np.hypot(*(again[:2] - shape[:2])) < 0.5 * doubt
+        uncertainty = math.sqrt(float(np.trace(of_centre)) / 2.0 * noise)
+        assert np.hypot(*(again[:2] - shape[:2])) < 0.5 * uncertainty
 
 
 @pytest.mark.parametrize("share", [0.1, 0.45, 0.62, 0.9])
@@ -546,16 +546,16 @@ def test_crosses_are_those_of_a_print_seen_aslant() -> None:
 
 
 def test_squares_are_no_part_of_a_board_of_dots() -> None:
-    """A grille that runs out of the picture: a lattice, but not of dots."""
-    picture = np.full((500, 700), 190, np.uint8)
+    """A grille that runs out of the image: a lattice, but not of dots."""
+    image = np.full((500, 700), 190, np.uint8)
     for v in range(40, 500, 40):
         for u in range(200, 740, 40):
-            picture[v - 10 : v + 10, u - 10 : u + 10] = 40
+            image[v - 10 : v + 10, u - 10 : u + 10] = 40
     with pytest.raises((TargetNotFound, TargetMismatch)):
-        detect(cv2.GaussianBlur(picture, (0, 0), 1.0), TargetSpec("circles", 20, 15, 20.0))
+        detect(cv2.GaussianBlur(image, (0, 0), 1.0), TargetSpec("circles", 20, 15, 20.0))
     for v in range(40, 500, 40):
         for u in range(200, 740, 40):
-            picture[v - 15 : v + 15, u - 15 : u + 15] = 190
-            cv2.circle(picture, (u, v), 11, 40, -1, cv2.LINE_AA)
+            image[v - 15 : v + 15, u - 15 : u + 15] = 190
+            cv2.circle(image, (u, v), 11, 40, -1, cv2.LINE_AA)
     with pytest.raises(OriginUnknown):
-        detect(cv2.GaussianBlur(picture, (0, 0), 1.0), TargetSpec("circles", 20, 15, 20.0))
+        detect(cv2.GaussianBlur(image, (0, 0), 1.0), TargetSpec("circles", 20, 15, 20.0))

@@ -1,4 +1,4 @@
-"""Whether a board of dots is told from a piece of a larger one."""
+"""Whether a board of dots is distinguished from a piece of a larger one."""
 
 from __future__ import annotations
 
@@ -35,22 +35,22 @@ def test_pieces_of_larger_boards_go_on(board: TargetSpec, asked: TargetSpec, lig
     tilt = math.radians(rng.uniform(0.0, 45.0))
     T = random_pose(board, CAMERA, (1000, 800), tilt, math.pi, rng)
     scene = Scene(board, CAMERA, T, 1000, 800, noise_levels=3.0, clutter=1.0, light=light, seed=seed)
-    picture = render(scene)
+    image = render(scene)
     contrast = light.white_level - light.black_level
     grid = scene.points_px.reshape(board.rows, board.columns, 2)
     for target, is_piece in ((asked, True), (board, False)):
         row, column = (a.ravel() for a in np.mgrid[0 : target.rows, 0 : target.columns])
         few = rng.random(len(row)) < 0.7  # some were not found
         found = grid[row[few], column[few]]
-        assert extends_beyond(picture, target, column[few], row[few], found, contrast) is is_piece
+        assert extends_beyond(image, target, column[few], row[few], found, contrast) is is_piece
 
 
-def test_what_lies_beside_the_sheet_is_no_dot() -> None:
+def test_what_lies_next_to_the_sheet_is_no_dot() -> None:
     """A table as dark as the dots begins half a pitch from them."""
     board = TargetSpec("circles", 9, 6, 20.0)
     rng = np.random.default_rng(3)
     T = random_pose(board, CAMERA, (1000, 800), 0.4, math.pi, rng)
     scene = Scene(board, CAMERA, T, 1000, 800, quiet_zone=0.6, clutter=1.0, seed=3)
     grid = scene.grid_points
-    for picture in (render(scene), render(replace(scene, clutter=0.0))):
-        assert not extends_beyond(picture, board, grid.column, grid.row, scene.points_px, 175.0)
+    for image in (render(scene), render(replace(scene, clutter=0.0))):
+        assert not extends_beyond(image, board, grid.column, grid.row, scene.points_px, 175.0)

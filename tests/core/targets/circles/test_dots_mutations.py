@@ -91,7 +91,7 @@ def test_a_part_of_a_board_without_its_larger_dot_is_rejected(seed: int, number:
 
 
 def test_a_blurred_grille_of_small_squares_is_no_board() -> None:
-    """Blur rounds squares of 8 px; it tells by how much."""
+    """Blur rounds squares of 8 px; it indicates by how much."""
     view = mutated_view(811, 63, "circles")
     with pytest.raises(DetectionError):
         detect(view.image, view.target)
@@ -117,7 +117,7 @@ def test_boards_that_a_mirror_leaves_alone_are_not_mirrored() -> None:
 
 
 def test_a_piece_of_a_grille_is_no_board() -> None:
-    """A sheet covers all but 6 x 6 places of a grille whose squares the blur has made round, and some beside them."""
+    """A sheet covers all but 6 x 6 places of a grille whose squares the blur has made round, and some next to them."""
     view = mutated_view(812, 94, "circles")
     with pytest.raises(DetectionError):
         detect(view.image, view.target)

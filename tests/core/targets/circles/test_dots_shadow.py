@@ -101,7 +101,7 @@ def test_two_of_seven_dots_are_no_line_unless_the_others_are_out_of_the_image() 
 
 
 def test_three_dots_of_a_line_are_still_named() -> None:
-    """A larger board of which one line is mostly hidden is none of the requested size."""
+    """A larger board of which one line is mostly hidden is not one of the requested size."""
     scene = scene_of(SYMMETRIC, 31)
     image = np.array(render(scene))
     for u, v in scene.points_px.reshape(7, 9, 2)[-1, 3:].round().astype(int):

@@ -25,10 +25,10 @@ from tests.support.simulation.renders import render, render_levels
 Take = Callable[..., tuple[Scene, np.ndarray]]
 
 
-def refine_scene(scene: Scene, picture: np.ndarray, off_px: float = 0.7, **options: float) -> RefinedCorners:
+def refine_scene(scene: Scene, image: np.ndarray, off_px: float = 0.7, **options: float) -> RefinedCorners:
     grid = scene.grid_points
     start = grid.points_px + np.random.default_rng(1).uniform(-off_px, off_px, grid.points_px.shape)
-    return refine_corners(picture, grid.column, grid.row, start, origin_is_black=True, **options)
+    return refine_corners(image, grid.column, grid.row, start, origin_is_black=True, **options)
 
 
 def rms(error: np.ndarray) -> float:
@@ -51,8 +51,8 @@ def to_8_bit(levels: np.ndarray, noise: float = 0.0, seed: int = 0) -> np.ndarra
 )
 @pytest.mark.parametrize("tilt_deg", [pytest.param(0.0, marks=pytest.mark.slow), 30.0, 60.0])
 def test_errors_are_as_stated(take: Take, size: tuple[int, int], tilt_deg: float) -> None:
-    scene, picture = take(*size, seed=2, tilt_deg=tilt_deg)
-    refined = refine_scene(scene, picture)
+    scene, image = take(*size, seed=2, tilt_deg=tilt_deg)
+    refined = refine_scene(scene, image)
     assert refined.trusted.all()
     # of n independent corners the rms of the 2 n normalised errors scatters by 1 / (2 sqrt(n))
     assert rms(normalised(refined, scene)) == pytest.approx(
@@ -70,8 +70,8 @@ def test_errors_are_as_stated(take: Take, size: tuple[int, int], tilt_deg: float
 )
 def test_without_noise_next_to_nothing_is_left(take: Take, blur_px: float, tilt_deg: float) -> None:
     """What is left is the rounding to whole levels, and stated."""
-    scene, picture = take(9, 6, seed=4, tilt_deg=tilt_deg, blur_px=blur_px, noise_levels=0.0)
-    refined = refine_scene(scene, picture)
+    scene, image = take(9, 6, seed=4, tilt_deg=tilt_deg, blur_px=blur_px, noise_levels=0.0)
+    refined = refine_scene(scene, image)
     error = (refined.points_px - scene.points_px)[refined.trusted]
     assert refined.trusted.sum() >= 50
     assert rms(error) < 0.003
@@ -116,29 +116,29 @@ def test_what_cameras_and_prints_do_moves_no_corner(
 
 def test_steep_light_and_a_strong_lens(take: Take) -> None:
     light = Light(gradient=(0.5, -0.4), vignetting=0.5)
-    scene, picture = take(9, 6, seed=3, noise_levels=0.0, light=light)
-    refined = refine_scene(scene, picture)
+    scene, image = take(9, 6, seed=3, noise_levels=0.0, light=light)
+    refined = refine_scene(scene, image)
     assert rms((refined.points_px - scene.points_px)[refined.trusted]) < 0.003
     lens = Camera(1000.0, 1000.0, 503.0, 396.0, k1=-0.3, k2=0.1)
-    scene, picture = take(14, 10, seed=3, noise_levels=0.0, camera=lens)
-    refined = refine_scene(scene, picture)
+    scene, image = take(14, 10, seed=3, noise_levels=0.0, camera=lens)
+    refined = refine_scene(scene, image)
     assert rms((refined.points_px - scene.points_px)[refined.trusted]) < 0.003
 
 
 def test_8_and_16_bit_agree(take: Take) -> None:
-    scene, picture = take(9, 6, seed=3)
-    narrow, wide = (refine_scene(scene, p) for p in (picture, picture.astype(np.uint16) * 257))
+    scene, image = take(9, 6, seed=3)
+    narrow, wide = (refine_scene(scene, p) for p in (image, image.astype(np.uint16) * 257))
     np.testing.assert_allclose(wide.points_px, narrow.points_px, atol=1e-9)
     np.testing.assert_allclose(wide.standard_uncertainty_px, narrow.standard_uncertainty_px, rtol=1e-6)
     np.testing.assert_allclose(wide.contrast, narrow.contrast * 257.0, rtol=1e-9)
 
 
 def test_any_part_of_a_grid_serves(take: Take) -> None:
-    scene, picture = take(14, 10, seed=5)
+    scene, image = take(14, 10, seed=5)
     grid = scene.grid_points
     some = np.random.default_rng(0).permutation(len(grid))[:60]
     refined = refine_corners(
-        picture, grid.column[some] + 3, grid.row[some] + 4, grid.points_px[some], origin_is_black=False
+        image, grid.column[some] + 3, grid.row[some] + 4, grid.points_px[some], origin_is_black=False
     )
     assert refined.trusted.all()
     error = (refined.points_px - grid.points_px[some]) / refined.standard_uncertainty_px[:, None]
@@ -146,37 +146,37 @@ def test_any_part_of_a_grid_serves(take: Take) -> None:
 
 
 def test_a_shorter_reach_knows_less(take: Take) -> None:
-    scene, picture = take(9, 6, seed=2)
-    half, fifth = (refine_scene(scene, picture, largest_reach=reach) for reach in (0.5, 0.2))
+    scene, image = take(9, 6, seed=2)
+    half, fifth = (refine_scene(scene, image, largest_reach=reach) for reach in (0.5, 0.2))
     ratio = fifth.standard_uncertainty_px / half.standard_uncertainty_px
     assert np.median(ratio) == pytest.approx(math.sqrt(0.5 / 0.2), rel=0.1)
 
 
 @pytest.mark.parametrize("share", [0.0005, 0.005])
-def test_dead_and_hot_pixels_are_left_out(take: Take, share: float) -> None:
-    scene, picture = take(9, 6, seed=2)
+def test_dead_and_hot_pixels_are_rejected(take: Take, share: float) -> None:
+    scene, image = take(9, 6, seed=2)
     rng = np.random.default_rng(3)
-    stray = picture.copy()
-    struck = rng.random(picture.shape) < share
+    stray = image.copy()
+    struck = rng.random(image.shape) < share
     stray[struck] = rng.choice([0, 255], struck.sum())
-    clean, struck_by = refine_scene(scene, picture), refine_scene(scene, stray)
+    clean, struck_by = refine_scene(scene, image), refine_scene(scene, stray)
     assert struck_by.trusted.all()
     assert rms(struck_by.points_px - scene.points_px) < 1.1 * rms(clean.points_px - scene.points_px) + 1e-3
 
 
 def test_wrong_colours_are_not_believed(take: Take) -> None:
-    scene, picture = take(9, 6, seed=2)
+    scene, image = take(9, 6, seed=2)
     grid = scene.grid_points
-    refined = refine_corners(picture, grid.column, grid.row, grid.points_px, origin_is_black=False)
+    refined = refine_corners(image, grid.column, grid.row, grid.points_px, origin_is_black=False)
     assert not refined.trusted.any()
     assert np.isinf(refined.standard_uncertainty_px).all()
     np.testing.assert_array_equal(refined.points_px, grid.points_px)
 
 
 def test_covered_corners_are_not_believed_and_spoil_no_other(take: Take) -> None:
-    scene, picture = take(9, 6, seed=2, tilt_deg=10.0)
+    scene, image = take(9, 6, seed=2, tilt_deg=10.0)
     points = scene.points_px
-    covered = picture.copy()
+    covered = image.copy()
     for k in (12, 40):  # blots over the corner itself
         cv2.circle(covered, tuple(np.rint(points[k]).astype(int).tolist()), 9, 128, -1, cv2.LINE_AA)
     a, b = (np.rint(points[k] + (5.0, 3.0)).astype(int).tolist() for k in (18, 26))
@@ -196,7 +196,9 @@ def test_covered_corners_are_not_believed_and_spoil_no_other(take: Take) -> None
         *(pytest.param(peak, range(6), marks=pytest.mark.slow) for peak in (80.0, 200.0, 500.0)),
     ],
 )
-def test_lamps_mirrored_in_the_board_are_in_the_doubt(take: Take, peak_levels: float, seeds: range) -> None:
+def test_lamps_mirrored_in_the_board_are_in_the_uncertainty(
+    take: Take, peak_levels: float, seeds: range
+) -> None:
     """Broad light added, cut off at 255 where it is strong: its slopes are known by the corners alone, and badly."""
     errors, trusted, size = [], 0, 0
     for seed in seeds:
@@ -223,12 +225,12 @@ def test_lamps_mirrored_in_the_board_are_in_the_doubt(take: Take, peak_levels: f
 )
 def test_bends_of_an_outline_are_no_crossings(take: Take, seed: int) -> None:
     """Where one of the four squares is missing, the one opposite still has its corner there."""
-    scene, picture = take(9, 6, seed=seed, tilt_deg=25.0, noise_levels=1.0)
+    scene, image = take(9, 6, seed=seed, tilt_deg=25.0, noise_levels=1.0)
     points = scene.points_px.reshape(6, 9, 2)
     black = np.rint(points[[2, 2, 3, 3], [4, 5, 5, 4]]).astype(np.int32)
-    covered = cv2.dilate(cv2.fillConvexPoly(np.zeros_like(picture), black, 1), np.ones((7, 7), np.uint8))
-    u, v = np.rint(points[2:4, 5:7].mean(axis=(0, 1))).astype(int)  # in the white one beside it
-    refined = refine_scene(scene, np.where(covered == 1, picture[v, u], picture))
+    covered = cv2.dilate(cv2.fillConvexPoly(np.zeros_like(image), black, 1), np.ones((7, 7), np.uint8))
+    u, v = np.rint(points[2:4, 5:7].mean(axis=(0, 1))).astype(int)  # in the white one next to it
+    refined = refine_scene(scene, np.where(covered == 1, image[v, u], image))
     trusted = refined.trusted.reshape(6, 9)
     assert not trusted[2:4, 4:6].any()
     assert trusted.sum() == 50
@@ -239,14 +241,14 @@ def test_bends_of_an_outline_are_no_crossings(take: Take, seed: int) -> None:
     [((1, 25.0),), pytest.param(((0, 10.0), (1, 25.0), (2, 40.0), (3, 50.0)), marks=pytest.mark.slow)],
     ids=["one", "all"],
 )
-def test_thresholded_pictures_are_measured_with_their_doubt(
+def test_thresholded_images_are_measured_with_their_uncertainty(
     take: Take, views: tuple[tuple[int, float], ...]
 ) -> None:
-    """Steps of whole pixels all along the edges: no blur to tell a place by, and errors of neighbours in unison."""
+    """Steps of whole pixels along the edges: no blur determines a place, and neighbours' errors are in unison."""
     errors, trusted = [], []
     for seed, tilt_deg in views:
-        scene, picture = take(14, 10, seed, tilt_deg, 180.0, blur_px=0.1, noise_levels=0.0, light=Light())
-        refined = refine_scene(scene, np.where(picture > 117, 210, 30).astype(np.uint8))
+        scene, image = take(14, 10, seed, tilt_deg, 180.0, blur_px=0.1, noise_levels=0.0, light=Light())
+        refined = refine_scene(scene, np.where(image > 117, 210, 30).astype(np.uint8))
         errors.append(normalised(refined, scene))
         trusted.append(refined.trusted.mean())
     assert np.mean(trusted) > 0.8  # of lines along the pixels' rows next to nothing is known
@@ -255,10 +257,10 @@ def test_thresholded_pictures_are_measured_with_their_doubt(
 
 
 def test_the_edge_of_a_reflex_is_noticed(take: Take) -> None:
-    scene, picture = take(9, 6, seed=2, tilt_deg=10.0)
+    scene, image = take(9, 6, seed=2, tilt_deg=10.0)
     points = scene.points_px
     u = 0.5 * (points[3, 0] + points[4, 0]) - 20.0
-    lit = picture.astype(np.float64)
+    lit = image.astype(np.float64)
     lit[:, int(u) :] = 0.4 * lit[:, int(u) :] + 140.0
     refined = refine_scene(scene, to_8_bit(lit))
     error = np.linalg.norm(refined.points_px - points, axis=1)[refined.trusted]
@@ -266,12 +268,12 @@ def test_the_edge_of_a_reflex_is_noticed(take: Take) -> None:
     assert refined.trusted.mean() > 0.6
 
 
-def test_corners_at_the_pictures_border(take: Take) -> None:
-    scene, picture = take(9, 6, seed=2, tilt_deg=0.0, max_roll_deg=0.0)
+def test_corners_at_the_images_border(take: Take) -> None:
+    scene, image = take(9, 6, seed=2, tilt_deg=0.0, max_roll_deg=0.0)
     grid = scene.grid_points
     left = int(grid.points_px[0, 0]) - 1  # cut through the first column of corners
     refined = refine_corners(
-        picture[:, left:],
+        image[:, left:],
         grid.column,
         grid.row,
         grid.points_px - np.array([left, 0.0]),
@@ -284,12 +286,12 @@ def test_corners_at_the_pictures_border(take: Take) -> None:
 
 
 def test_far_starts_and_missing_ones(take: Take) -> None:
-    scene, picture = take(9, 6, seed=2)
+    scene, image = take(9, 6, seed=2)
     grid = scene.grid_points
     start = grid.points_px + np.random.default_rng(1).uniform(-1.2, 1.2, grid.points_px.shape)
     start[7] += 15.0
     start[20] = np.nan
-    refined = refine_corners(picture, grid.column, grid.row, start, origin_is_black=True)
+    refined = refine_corners(image, grid.column, grid.row, start, origin_is_black=True)
     assert not refined.trusted[[7, 20]].any()
     others = np.delete(np.arange(54), [7, 20])
     assert refined.trusted[others].all()
@@ -298,12 +300,12 @@ def test_far_starts_and_missing_ones(take: Take) -> None:
 
 def test_no_corner_takes_its_neighbours_place(take: Take) -> None:
     """Small squares: a start well on the way to the diagonal neighbour, of the same colours, leads to that."""
-    scene, picture = take(9, 6, seed=2, tilt_deg=0.0)
+    scene, image = take(9, 6, seed=2, tilt_deg=0.0)
     size = 7.0 / float(np.min(np.linalg.norm(np.diff(scene.points_px.reshape(6, 9, 2), axis=1), axis=2)))
-    small = cv2.resize(picture, None, fx=size, fy=size, interpolation=cv2.INTER_AREA)
+    small = cv2.resize(image, None, fx=size, fy=size, interpolation=cv2.INTER_AREA)
     points = (scene.points_px + 0.5) * [
-        small.shape[1] / picture.shape[1],
-        small.shape[0] / picture.shape[0],
+        small.shape[1] / image.shape[1],
+        small.shape[0] / image.shape[0],
     ] - 0.5
     grid = scene.grid_points
     for share in (0.5, 0.7, 0.8, 0.9):
@@ -316,12 +318,12 @@ def test_no_corner_takes_its_neighbours_place(take: Take) -> None:
 
 
 def test_too_few_points_are_refused(take: Take) -> None:
-    scene, picture = take(9, 6, seed=2)
+    scene, image = take(9, 6, seed=2)
     grid = scene.grid_points
     for chosen in (np.arange(3), np.arange(9)):  # three; a line
         with pytest.raises(DegenerateGeometry):
             refine_corners(
-                picture,
+                image,
                 grid.column[chosen],
                 grid.row[chosen],
                 grid.points_px[chosen],
@@ -330,13 +332,13 @@ def test_too_few_points_are_refused(take: Take) -> None:
 
 
 @pytest.mark.parametrize("seed", range(6))
-def test_pictures_without_corners_give_none(seed: int) -> None:
+def test_images_without_corners_give_none(seed: int) -> None:
     rng = np.random.default_rng(seed)
     shape = (int(rng.integers(20, 200)), int(rng.integers(20, 200)))
-    picture = rng.integers(0, 256, shape, dtype=np.uint8) if seed % 2 else np.full(shape, 90, np.uint8)
+    image = rng.integers(0, 256, shape, dtype=np.uint8) if seed % 2 else np.full(shape, 90, np.uint8)
     row, column = (a.ravel() for a in np.mgrid[0:5, 0:6])
     start = np.stack([column, row], axis=1) * rng.uniform(2.0, 40.0) + rng.uniform(-30.0, 30.0, 2)
-    refined = refine_corners(picture, column, row, start, origin_is_black=True)
+    refined = refine_corners(image, column, row, start, origin_is_black=True)
     assert refined.trusted.sum() <= 3
     assert np.isfinite(refined.points_px).all()
 
@@ -479,8 +481,8 @@ def bivariate_excess(x: np.ndarray, y: np.ndarray, rho: float) -> np.ndarray:
 def test_normalised_errors_have_unit_variance(take: Take, blur_px: float, noise_levels: float) -> None:
     errors = []
     for seed, tilt_deg in enumerate((0.0, 20.0, 40.0, 50.0)):
-        scene, picture = take(14, 10, seed, tilt_deg, 180.0, blur_px=blur_px, noise_levels=noise_levels)
-        errors.append(normalised(refine_scene(scene, picture), scene))
+        scene, image = take(14, 10, seed, tilt_deg, 180.0, blur_px=blur_px, noise_levels=noise_levels)
+        errors.append(normalised(refine_scene(scene, image), scene))
     error = np.concatenate(errors)
     # 2 n = 1120 errors: the rms scatters by .021
     assert rms(error) == pytest.approx(1.0, abs=0.07)
@@ -490,11 +492,11 @@ def test_normalised_errors_have_unit_variance(take: Take, blur_px: float, noise_
 @pytest.mark.slow
 @pytest.mark.parametrize("quality", [95, 80])
 @pytest.mark.parametrize("noise_levels", [0.0, 1.0, 4.0])
-def test_compressed_pictures_are_not_overrated(take: Take, quality: int, noise_levels: float) -> None:
+def test_compressed_images_are_not_overrated(take: Take, quality: int, noise_levels: float) -> None:
     errors = []
     for seed, tilt_deg in enumerate((5.0, 30.0, 45.0, 55.0)):
-        scene, picture = take(9, 6, seed, tilt_deg, 180.0, noise_levels=noise_levels)
-        _, file = cv2.imencode(".jpg", picture, [cv2.IMWRITE_JPEG_QUALITY, quality])
+        scene, image = take(9, 6, seed, tilt_deg, 180.0, noise_levels=noise_levels)
+        _, file = cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, quality])
         again = cv2.imdecode(file, cv2.IMREAD_GRAYSCALE)
         errors.append(normalised(refine_scene(scene, again), scene))
     assert 0.6 < rms(np.concatenate(errors)) < 1.25

@@ -1,4 +1,4 @@
-"""What tests of identification share: arms, and the truth in the coordinates that poses can tell."""
+"""What tests of identification share: arms, and the truth in the coordinates that poses determine."""
 
 from __future__ import annotations
 
@@ -37,8 +37,8 @@ def angles(rng: np.random.Generator, *, free: int = 30) -> np.ndarray:
     return np.vstack([sweep_angles(KR5_ARC_HOME), free_angles(rng, KR5_ARC_HOME, free)])
 
 
-def told_truth(arm: Arm, joint_angles: np.ndarray, nominal: Chain = KR5_ARC) -> np.ndarray:
-    """The arm's parameters with what cannot be told at the nominal's values: those that exact poses give."""
+def identifiable_truth(arm: Arm, joint_angles: np.ndarray, nominal: Chain = KR5_ARC) -> np.ndarray:
+    """The arm's parameters that exact poses give; what cannot be identified has the nominal's values."""
     exact = measure_poses(arm, joint_angles, np.random.default_rng(0), estimator="exact")
     return identify(exact, nominal, folds=0).chain.as_array()
 

@@ -1,4 +1,4 @@
-"""Robot poses that lie beside the photographs of Jmeyer1292/robot_cal_tools (Apache-2.0)."""
+"""Robot poses that belong to the photographs of Jmeyer1292/robot_cal_tools (Apache-2.0)."""
 
 from __future__ import annotations
 

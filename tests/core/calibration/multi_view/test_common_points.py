@@ -88,7 +88,7 @@ def test_a_motionless_robot_reads_as_its_floor(hide: str, estimator: str) -> Non
 
 
 def test_the_floor_is_that_of_the_noise_not_of_the_bow() -> None:
-    """Where points are missing at random no two images show the same ones; each cell's noise is told all the same."""
+    """Points are missing at random: no two images show the same ones, yet each cell's noise is determined."""
     floors = []
     for hide in ("none", "random"):
         views, labels = session(2, hide)
