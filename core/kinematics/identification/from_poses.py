@@ -30,7 +30,7 @@ from core.kinematics.arm_model import SHORTEST_REACH_MM, THETA, ArmState, D
 from core.kinematics.circle_point_analysis import identify_from_axes
 from core.kinematics.dh import Chain, forward
 from core.kinematics.equal_descriptions import level_with_point
-from core.kinematics.error_model import joint_regions
+from core.kinematics.error_model import Level, joint_regions
 from core.kinematics.frame_covariances import base_target_covariances, flange_camera_covariance
 from core.kinematics.global_fit import (
     DEFAULT_SCATTER,
@@ -41,6 +41,7 @@ from core.kinematics.global_fit import (
     conditioning,
     fit_frames,
     fix_gauge,
+    linearised,
     observations_of,
     placed,
     refine,
@@ -194,6 +195,10 @@ def report(
             labels,
         )
     arm, layout = refined.arm, refined.arm.layout
+    alone = None
+    if extension is not None and extension.model.level is not Level.DH:
+        some = seen.take(used)
+        alone = rms(linearised(fit_frames(arm.parameters, arm, some, gauge.free, refined.scatter), some)[0])
     kinematic = int(gauge.free.sum())
     covariance = refined.covariance[:kinematic, :kinematic]
     how = conditioning(arm, refined.jacobian, gauge.free, refined.used)
@@ -221,6 +226,7 @@ def report(
         region=joint_regions(poses.joint_angles[used]),
         error_model=None if extension is None else extension.model,
         nominal_arm=compared,
+        chain_residual=alone,
         warnings=(
             *warnings_for(refined, gauge, how, validation, poses, nominal),
             *(() if extension is None else approach_warnings(extension.model)),

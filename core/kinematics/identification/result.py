@@ -44,6 +44,9 @@ class Identification:
         What the robot has beyond its chain; None where the chain alone was asked for.
     nominal_arm
         The nominal chain with the base and tool that suit the poses best; None without a nominal.
+    chain_residual
+        Rms of the poses used about the chain without the terms beyond it, with the base and tool that suit that best;
+        None where there are no such terms.
     sampling
         The parameters by sampling; None unless asked for.
     """
@@ -68,6 +71,7 @@ class Identification:
     region: tuple[JointRegion, ...]
     error_model: ErrorModel | None
     nominal_arm: ArmState | None
+    chain_residual: HoldOutError | None
     warnings: tuple[Advisory, ...]
     sampling: ParameterSampling | None = None
 

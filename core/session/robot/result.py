@@ -67,6 +67,8 @@ class RobotIdentification:
     nominal_arm
         The nominal chain with the base and tool that suit the poses best; None without a nominal, and with the methods
         that begin at axes.
+    chain_residual
+        Rms of the poses about the chain without the terms beyond it; None where there are none.
     method_agreement
         The other methods compared with the global fit; empty with those, and where a joint has no sweep.
     sampling
@@ -94,6 +96,7 @@ class RobotIdentification:
     region: tuple[JointRegion, ...]
     error_model: ErrorModel | None
     nominal_arm: ArmState | None
+    chain_residual: HoldOutError | None
     method_agreement: tuple[MethodDifference, ...]
     excluded: tuple[ExcludedMeasurement, ...]
     warnings: tuple[Advisory, ...]

@@ -68,6 +68,7 @@ def model(rows: Any = None, beta: float | None = None, **changes: Any) -> Model:
         },
         "joints": joints,
         "residual": {"position_rms_mm": 0.05, "rotation_rms_deg": 0.005},
+        "chain_residual": None,
         "validation": None,
         "flange_camera": {"T_flange_camera": T_FLANGE_CAMERA.tolist()},
         "base_targets": [{"target_id": None, "T_base_target": np.eye(4).tolist()}],
@@ -117,6 +118,17 @@ def test_urdf(beta: float | None, rows: Any) -> None:
         agree(tree.get_transform("flange", "base_link"), T)
         agree(tree.get_transform("camera", "base_link"), T @ T_FLANGE_CAMERA)
     assert tree.get_joint_limits(NAMES[2]) == pytest.approx((-math.radians(350.0), math.radians(350.0)))
+
+
+def test_a_file_states_the_residual_of_what_it_holds() -> None:
+    whole = {"position_rms_mm": 0.08, "rotation_rms_deg": 0.01}
+    alone = {"position_rms_mm": 0.65, "rotation_rms_deg": 0.02}
+    of = model()
+    for residual, said in ((None, "rms residual 0.08 mm"), (alone, "rms residual 0.65 mm")):
+        document = {**of.document, "residual": whole, "chain_residual": residual}
+        text = WRITERS["urdf"](dataclasses.replace(of, document=document))
+        assert said in text
+        assert ("does not hold, 0.08 mm" in text) == (residual is not None)
 
 
 def test_urdf_of_coupled_joints_has_joints_that_mimic() -> None:

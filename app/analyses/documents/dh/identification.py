@@ -95,6 +95,7 @@ def _robot(found: RobotIdentification, data: SessionData) -> dict[str, Any]:
             for joint in found.joints
         ],
         "residual": held_out_document(found.residual),
+        "chain_residual": held_out_document(found.chain_residual) if found.chain_residual else None,
         "validation": _validation(found.validation),
         "level": level_document(found.error_model),
         "error_model": error_model_document(found.error_model),

@@ -163,7 +163,14 @@ def write_yaml(model: Model) -> str:
                     "session_id",
                     "inputs_sha256",
                 ),
-                *("core_version", "residual", "validation", "condition_number", "null_space"),
+                *(
+                    "core_version",
+                    "residual",
+                    "chain_residual",
+                    "validation",
+                    "condition_number",
+                    "null_space",
+                ),
                 *("model", "error_model", "region", "method_agreement"),
             )
         },
@@ -218,11 +225,17 @@ def _unused_name(name: str, others: Sequence[str | None]) -> str:
 
 def _provenance(model: Model) -> list[str]:
     document = model.document
-    residual = document["residual"]["position_rms_mm"]
+    alone, whole = document["chain_residual"], document["residual"]
+    residual = (alone or whole)["position_rms_mm"]
+    beyond = [
+        f"with the terms beyond the chain, which this file does not hold, {whole['position_rms_mm']:.4g} mm; the best "
+        "chain without such terms is that of model dh"
+    ]
     return [
         f"Identified by Gridpose {document['core_version']}, method {document['method']}, from "
         f"{document['source'].replace('_', ' ')} of session {document['session_id']}",
         f"inputs_sha256 {document['inputs_sha256']}; rms residual {residual:.4g} mm",
+        *(beyond if alone else ()),
         "Unidentifiable parameters have their nominal value or zero: theta and d of the first joint, all of the last.",
     ]
 

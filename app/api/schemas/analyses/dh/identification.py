@@ -202,6 +202,13 @@ class DhAnalysis(EstimatedAnalysis):
     ]
     joints: Annotated[list[DhJoint], Field(description="The robot's joints, from the base.")]
     residual: Annotated[PoseErrors, Field(description="Of the poses that the fit used.")]
+    chain_residual: Annotated[
+        PoseErrors | None,
+        Field(
+            description="Of the same poses about the chain without the terms of `error_model`, base and tool fitted to "
+            "it: what a file of the chain alone is good for (`model=dh` has the best such chain). Null without terms."
+        ),
+    ]
     validation: Annotated[
         DhValidation | None,
         Field(description="Five-fold cross-validation; null where the folds leave too few poses of an arc."),
