@@ -17,15 +17,17 @@ def is_measured(measurement: Json) -> bool:
     return bool(measurement["status"] == "succeeded" or failure.get("code") == POINTS_SERVE)
 
 
-def session_cameras(client: ServiceClient, session_id: str) -> list[Json] | None:
-    """Return the camera of each focus group from all its images, or None where they do not determine it."""
+def session_cameras(client: ServiceClient, session_id: str) -> tuple[list[Json] | None, list[Json]]:
+    """Return the camera of each focus group from all its images, or None where they do not determine it; and the
+    measurements that do not count in them, each with its reason.
+    """
     try:
-        groups: list[Json] = client.get(f"/v1/sessions/{session_id}/intrinsics")["groups"]
+        found = client.get(f"/v1/sessions/{session_id}/intrinsics")
     except ClientError as error:
         if error.status in (403, 409):  # a key that may not read, or images that do not suffice
-            return None
+            return None, []
         raise
-    return groups
+    return found["groups"], found["excluded"]
 
 
 def is_alone(measurement: Json) -> bool:
@@ -50,7 +52,7 @@ def image_of(measurement: Json) -> tuple[str, str]:
 
 
 def describe_measured(measurements: Sequence[Json], cameras: Sequence[Json] | None) -> str:
-    """Return the sentence for a session's measurements and its cameras, as `session_cameras` gives them.
+    """Return the sentence for a session's measurements and its cameras, as `session_cameras` gives them first.
 
     An image counts once, whatever number of targets it shows.
     """

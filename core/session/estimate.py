@@ -90,6 +90,8 @@ def exclusion_warnings(data: SessionData, excluded: Mapping[str, ExcludedMeasure
         Advisory(
             "images_excluded",
             f"{len(excluded)} of {len(data.images)} measured images are not in the figures: {found}.",
-            "Look at their failures and overlays, and upload better ones of these poses if need be.",
+            "Look at their failures and overlays, and upload better ones of these poses if need be."
+            if set(reasons) != {"image_size_differs"}
+            else "Give each camera setting a focus_group of its own: they count in a camera of their own size.",
         )
     ]

@@ -68,7 +68,7 @@ class RobotIdentification:
         The nominal chain with the base and tool that suit the poses best; None without a nominal, and with the methods
         that begin at axes.
     chain_residual
-        Rms of the poses about the chain without the terms beyond it; None where there are none.
+        Rms of the poses about the chain without the terms beyond it; None without such terms.
     method_agreement
         The other methods compared with the global fit; empty with those, and where a joint has no sweep.
     sampling

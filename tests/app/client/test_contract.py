@@ -133,7 +133,7 @@ def test_all_that_the_client_sends_and_reads_is_in_the_contract(
             assert [outcome.status for outcome in again] == ["present", "present"]
             result = collect_results(client, session_id, outcomes)
             assert (len(result.succeeded), len(result.failed), result.duplicates) == (1, 1, [])
-            assert describe_measured(result.measurements, session_cameras(client, session_id))
+            assert describe_measured(result.measurements, session_cameras(client, session_id)[0])
             reading = {"pose_id": "P1", "position_mm": [1.0, 2.0, 3.0]}
             assert client.put_measured_poses(session_id, [reading])["items"]
             path = f"/v1/sessions/{session_id}"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +21,8 @@ FLAT, LOST = "focal_not_observable", "target_not_found"
 
 def measured(place: int, pose_id: str, code: str | None) -> dict[str, Any]:
     return {
+        "id": f"mea_{place}",
+        "excluded": None,
         "pose_id": pose_id,
         "sha256": str(place),
         "cycle": None,
@@ -30,14 +33,17 @@ def measured(place: int, pose_id: str, code: str | None) -> dict[str, Any]:
 
 
 def said(
-    codes: list[tuple[str, str | None]], cameras: list[dict[str, Any]] | None, *others: dict[str, Any]
+    codes: list[tuple[str, str | None]],
+    cameras: list[dict[str, Any]] | None,
+    *others: dict[str, Any],
+    excluded: Sequence[dict[str, Any]] = (),
 ) -> tuple[str, int]:
     """The report on images of these poses and failures, and the exit code; `others` are further measurements."""
     files = [ImageFile(Path(f"{i}.png"), f"{i}.png", pose, None) for i, (pose, _) in enumerate(codes)]
     results = [UploadResult(file, "sent", str(i)) for i, file in enumerate(files)]
     found = [measured(i, pose, code) for i, (pose, code) in enumerate(codes)]
     console = Console(width=400, record=True, file=io.StringIO())
-    transferred = Transferred("ses_1", results, SessionResult((*found, *others)), cameras)
+    transferred = Transferred("ses_1", results, SessionResult((*found, *others)), cameras, list(excluded))
     code = report(console, FilePlan(tuple(files), (), 0), transferred)
     return console.export_text(), code
 
@@ -60,6 +66,18 @@ def test_what_serves_the_session_camera_is_not_listed() -> None:
     assert "2.png" in text
     assert code == 1
     assert said([("P1", FLAT), ("P2", None)], [CAMERA])[1] == 0
+
+
+def test_what_is_in_no_camera_of_the_session_is_listed_with_its_reason() -> None:
+    other = {"measurement_id": "mea_1", "code": "image_size_differs", "detail": "It has 480 x 640 px."}
+    text, code = said([("P1", None), ("P2", None)], [CAMERA], excluded=[other])
+    assert "2 photographs measured" in text
+    assert "not in the session's camera" in text
+    assert "1.png" in text
+    assert "It has 480 x 640 px. (image_size_differs)" in text
+    assert "--focus-group" in text
+    assert "0.png" not in text
+    assert code == 1
 
 
 def test_an_image_measured_under_another_target_is_not_listed() -> None:

@@ -17,6 +17,11 @@ from .transfer import Transferred
 
 _SHOWN = 8
 _MIN_VISITS = 2
+_ADVICE = {
+    "image_size_differs": "Images of another size are of another camera setting: upload them with a --focus-group of "
+    "their own, or into a session of their own."
+}
+_LOOK = "Look at its overlay, and at the warnings of the session's intrinsics."
 _FIGURES = re.compile(r"[0-9]+(\.[0-9]+)?|'[^']*'")
 """What differs between messages of one reason."""
 _Row = tuple[str, str, str | None]
@@ -41,6 +46,7 @@ def report(console: Console, plan: FilePlan, transferred: Transferred) -> int:
         console.print(f"other files, not images by their names: {plan.others}")
     undetermined: list[_Row] = []
     refused: list[_Row] = []
+    elsewhere: list[_Row] = []
     if measured is not None:
         names = {(o.file.pose_id, o.sha256): o.name for o in results}
         images = {image_of(m) for m in measured.measurements if is_measured(m)}
@@ -54,6 +60,12 @@ def report(console: Console, plan: FilePlan, transferred: Transferred) -> int:
                 refused.append(row)
             elif is_measured(m) and not cameras:  # with a camera they serve: nothing is to be done about them
                 undetermined.append(row)
+        reasons = {one["measurement_id"]: one for one in transferred.excluded}
+        elsewhere += [
+            (names[image_of(m)], f"{reason['detail']} ({reason['code']})", _ADVICE.get(reason["code"], _LOOK))
+            for m in measured.measurements
+            if is_measured(m) and m["excluded"] is None and (reason := reasons.get(m["id"]))
+        ]
         console.print(describe_measured(measured.measurements, cameras))
         if refused:
             console.print(f"{number_of(len({name for name, *_ in refused}), 'photograph')} not measured")
@@ -65,12 +77,13 @@ def report(console: Console, plan: FilePlan, transferred: Transferred) -> int:
         ("Not uploaded", failed),
         ("Not measured", refused),
         ("Measured, but the camera is not determined yet", undetermined),
+        ("Measured, but not in the session's camera, and without a pose by it", elsewhere),
     ):
         if rows:
             console.print(_list(title, rows))
     if transferred.session_id is not None:
         print(transferred.session_id)
-    return 1 if failed or refused or undetermined else 0
+    return 1 if failed or refused or undetermined or elsewhere else 0
 
 
 def _use(measurements: Sequence[Json], cameras: Sequence[Json] | None) -> str:

@@ -25,7 +25,8 @@ from ... import (
 
 @dataclass(frozen=True, slots=True)
 class Transferred:
-    """What became of images; `measured` and `cameras` only where their results were waited for.
+    """What became of images; `measured` and `cameras` only where their results were waited for. `excluded` are those
+    measurements that do not count in the cameras.
 
     `session_id` is None where the session was made for them and is deleted again.
     """
@@ -34,6 +35,7 @@ class Transferred:
     results: list[UploadResult]
     measured: SessionResult | None
     cameras: list[Json] | None
+    excluded: list[Json]
 
 
 def send_images(
@@ -83,10 +85,10 @@ def send_images(
         if is_new:
             _remove_empty(client, console, session_id)
         raise
-    cameras = session_cameras(client, session_id) if measured is not None else None
+    cameras, excluded = session_cameras(client, session_id) if measured is not None else (None, [])
     nothing = all(result.status == "failed" for result in results)
     deleted = is_new and nothing and _remove_empty(client, console, session_id)
-    return Transferred(None if deleted else session_id, results, measured, cameras)
+    return Transferred(None if deleted else session_id, results, measured, cameras, excluded)
 
 
 def _remove_empty(client: ServiceClient, console: Console, session_id: str) -> bool:
