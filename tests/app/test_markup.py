@@ -71,6 +71,7 @@ def test_robots_of_hostile_names_are_well_formed(name: str) -> None:
     joint = {"a_mm": 1.0, "alpha_deg": 90.0, "d_mm": 2.0, "theta_offset_deg": 0.0, "beta_deg": None}
     document = {
         "residual": {"position_rms_mm": 0.1},
+        "chain_residual": None,
         "source": text,
         "session_id": text,
         "joints": [joint],

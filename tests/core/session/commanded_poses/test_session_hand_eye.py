@@ -163,7 +163,7 @@ def test_before_a_bowed_print_the_camera_on_the_flange_is_covered(bow_mm: float,
     assert math.sqrt(np.mean(squared)) < 1.0 + 3.0 / math.sqrt(4.0 * sessions)
 
 
-@pytest.mark.parametrize("scale", [0.97, 1.003, 1.03])
+@pytest.mark.parametrize("scale", [0.97, 1.008, 1.03])
 def test_a_print_of_another_pitch_than_stated_is_recognised(scale: float) -> None:
     data = session(7, 12, robot_mm=0.05)
     scaled = {

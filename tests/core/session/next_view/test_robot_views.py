@@ -8,7 +8,7 @@ import math
 import numpy as np
 import pytest
 
-from core.errors import InvalidArgument, TooFewMeasurements
+from core.errors import InvalidArgument, NoViewShowsTarget, TooFewMeasurements
 from core.kinematics import ModelChoice, forward
 from core.session import (
     NextRobotViews,
@@ -128,7 +128,7 @@ def test_of_stated_candidates_each_is_taken_once_and_those_without_the_target_ne
             return float(np.hypot(first.position_mm[1], distance * first.angle[1]))
 
         assert left(seen) == pytest.approx(min(left(one[None]) for one in seen), rel=1e-9)
-    with pytest.raises(InvalidArgument):
+    with pytest.raises(NoViewShowsTarget):
         suggest(begun.data, begun.estimate, begun.estimate.groups[0], 0, 1, away)
 
 
