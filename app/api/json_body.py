@@ -61,11 +61,14 @@ async def read_body(request: Request, limit: int) -> bytes:
     return b"".join(chunks)
 
 
-def require_json(request: Request) -> None:
-    """Raise UnsupportedContent unless the body is said to be JSON."""
+def require_json(request: Request, *, takes_csv: bool = False) -> None:
+    """Raise UnsupportedContent unless the body is said to be JSON; `takes_csv` says whether it might be CSV."""
     media_type = stated_media_type(request)
     if media_type != "application/json" and not media_type.endswith("+json"):
-        raise UnsupportedContent("The body must be JSON.", "Send it with Content-Type: application/json.")
+        raise UnsupportedContent(
+            "The body must be JSON or CSV." if takes_csv else "The body must be JSON.",
+            f"Send it with Content-Type: application/json{' or text/csv' if takes_csv else ''}.",
+        )
 
 
 def stated_media_type(request: Request) -> str:

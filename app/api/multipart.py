@@ -150,7 +150,9 @@ class _Reader:
             try:
                 self.form.fields[self._name] = self._text.decode("utf-8")
             except UnicodeDecodeError:
-                raise _invalid("is not UTF-8 text", self._name[:100]) from None
+                raise _invalid(
+                    f"is not UTF-8 text; the file's field is {self._file_field}", self._name[:100]
+                ) from None
 
     def _on_end(self) -> None:
         self.complete = True

@@ -114,4 +114,4 @@ def _allowed_methods(app: FastAPI, path: str) -> list[str]:
     for template, operations in app.openapi()["paths"].items():
         if re.fullmatch(re.sub(r"\{[^}]+\}", "[^/]+", template), path):
             methods.update(method.upper() for method in operations)
-    return sorted(methods)
+    return sorted(methods | ({"HEAD"} if "GET" in methods else set()))

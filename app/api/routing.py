@@ -142,7 +142,7 @@ class StrictRoute(APIRoute):
                 return await answer(await _from_csv(request, reader, limit))
             if not is_required and not _has_body(request):
                 return await answer(request)
-            require_json(request)
+            require_json(request, takes_csv=operation in TAKE_CSV)
             stated = stated_length(request, limit)
             # Starlette keeps the body under these names; FastAPI then takes it as read.
             if stated is not None and stated <= INLINE_LIMIT:

@@ -9,6 +9,7 @@ from app.api.representations.analysis_answers import (
     PostedFormDep,
     answer_analysis,
     answer_document,
+    answer_drawing,
     answer_in_form,
 )
 from app.api.representations.csv_lists import read_csv_list
@@ -34,6 +35,7 @@ __all__ = [
     "PostedFormDep",
     "answer_analysis",
     "answer_document",
+    "answer_drawing",
     "answer_in_form",
     "binary_content",
     "draw_overlay",

@@ -201,6 +201,15 @@ async def answer_analysis(
     return Response(answer.body, media_type=media_type, headers=headers)
 
 
+def answer_drawing(drawn: bytes, media_type: str, known: str | None) -> Response:
+    """Answer with a drawing under the tag of its bytes, or 304 to who has it."""
+    tag = f'"{hashlib.sha256(drawn).hexdigest()[:32]}"'
+    headers = {"ETag": tag, "Vary": "Accept", "Cache-Control": "private, no-cache"}
+    if {tag, "*"} & _entity_tags(known):
+        return Response(status_code=304, headers=headers)
+    return Response(drawn, media_type=media_type, headers=headers)
+
+
 def _entity_tags(known: str | None) -> frozenset[str]:
     """Return the tags of an If-None-Match header; weak ones compare as strong ones do (RFC 9110, 13.1.2)."""
     if known is None:

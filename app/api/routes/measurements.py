@@ -11,7 +11,10 @@ from pydantic import Field
 from app.api.dependencies import AppContextDep, Cursor, Limit, MeasurementPath, SessionPath
 from app.api.json_body import json_answer
 from app.api.representations import (
+    ETAG_HEADER,
     AcceptHeader,
+    KnownTags,
+    answer_drawing,
     binary_content,
     draw_overlay,
     preferred_media_type,
@@ -144,7 +147,9 @@ def get_image(measurement_id: MeasurementPath, service: AppContextDep, request: 
             "description": "The image with what was seen in it. Below it: the verdict, the reason and the advice, and "
             "what the marks mean.",
             "content": binary_content("image/png", "image/webp"),
+            "headers": ETAG_HEADER,
         },
+        304: {"description": "The client has this drawing already.", "headers": ETAG_HEADER},
         **problem_responses(404, 409),
     },
 )
@@ -154,6 +159,7 @@ def get_overlay(
     requester: RequesterDep,
     width: WidthQuery = DEFAULT_WIDTH,
     accept: AcceptHeader = None,
+    known: KnownTags = None,
 ) -> Response:
     """Draw what was found into the image, whatever came of it.
 
@@ -162,11 +168,7 @@ def get_overlay(
     """
     media_type = preferred_media_type(accept)
     drawn = draw_overlay(service, measurement_id, width, media_type, requester)
-    return Response(
-        drawn,
-        media_type=stated_media_type(accept, media_type),
-        headers={"Vary": "Accept", "Cache-Control": "private, no-cache"},
-    )
+    return answer_drawing(drawn, stated_media_type(accept, media_type), known)
 
 
 @router.get(

@@ -50,7 +50,9 @@ def test_plots_say_what_the_tables_say(api: Any, store: Store, ordinary: list[Sh
     blind = Shot("P2", 21, None, ordinary[0].T_target_camera)
     store(api, session, [*ordinary, blind])
     rows = body(api.client.get(f"/v1/sessions/{session}/repeatability"))["poses"]
-    lines = described(get(api, session, PLOTS[0]))
+    answer = get(api, session, PLOTS[0])
+    assert "Accept" in answer.headers["vary"]
+    lines = described(answer)
     assert len(lines) == len(rows) == 3
     for row, line in zip(rows, lines, strict=True):
         assert line.startswith(f"{row['pose_id']}: n = {row['cycles']} ")

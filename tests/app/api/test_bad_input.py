@@ -297,7 +297,7 @@ def test_unknown_addresses_and_methods_are_problems(api: Any) -> None:
         assert_problem(api.client.get(address), 404)
     response = api.client.put("/v1/targets", json={})
     assert_problem(response, 405, "method_not_allowed")
-    assert response.headers["allow"] == "GET, POST"
+    assert response.headers["allow"] == "GET, HEAD, POST"
     assert_problem(api.client.request("BREW", "/v1/targets"), 405)
 
 

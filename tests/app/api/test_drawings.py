@@ -59,6 +59,9 @@ def test_every_refused_image_has_an_overlay_and_a_thumbnail(
         overlay = computing_api.client.get(f"{address}/overlay", params={"width": width})
         assert (overlay.status_code, overlay.headers["content-type"]) == (200, PNG)
         assert overlay.headers["vary"] == "Accept"
+        known = {"If-None-Match": overlay.headers["etag"]}
+        again = computing_api.client.get(f"{address}/overlay", params={"width": width}, headers=known)
+        assert (again.status_code, again.content) == (304, b"")
         drawn = cv2.imdecode(np.frombuffer(overlay.content, np.uint8), cv2.IMREAD_COLOR).astype(int)
         assert drawn.shape[1] == width
         red = (drawn[..., 2] > 150) & (drawn[..., 1] < 90) & (drawn[..., 0] < 90)

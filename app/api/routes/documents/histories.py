@@ -18,7 +18,9 @@ from app.api.dependencies import AppContextDep, ReportPath, RobotPath
 from app.api.representations import (
     CSV_CONTENT,
     FormDep,
+    KnownTags,
     answer_document,
+    answer_drawing,
     binary_content,
     stated_media_type,
 )
@@ -65,7 +67,9 @@ def get_robot_history(
             "description": "For every figure of five comparable sessions or more its control chart: individuals with "
             "limits, the EWMA, lasting changes, and events as dotted lines; 24 charts at most.",
             "content": {SVG: {"schema": {"type": "string"}}, **binary_content()},
+            "headers": _ETAG,
         },
+        304: {"description": "The client has this plot already.", "headers": _ETAG},
         **problem_responses(404, 409),
     },
 )
@@ -76,6 +80,7 @@ async def get_robot_history_plot(
     requester: RequesterDep,
     kind: KindQuery = None,
     axis: AxisQuery = "date",
+    known: KnownTags = None,
 ) -> Response:
     """Draw a robot's control charts; 409 `no_control_chart` where no five sessions are comparable."""
     found = await run_in_threadpool(read_history, service.installation.database, robot_id, kind)
@@ -94,8 +99,7 @@ async def get_robot_history_plot(
         f"History of {found.robot['name']}",
     )
     drawn = await run_while_connected(request, asked)
-    media_type = stated_media_type(request.headers.get("accept"), SVG)
-    return Response(drawn, media_type=media_type, headers={"Cache-Control": "private, no-cache"})
+    return answer_drawing(drawn, stated_media_type(request.headers.get("accept"), SVG), known)
 
 
 @comparisons.get("/comparison/{other_report_id}", response_model=ReportComparison, responses=_RESPONSES)

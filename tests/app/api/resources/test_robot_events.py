@@ -47,6 +47,7 @@ def test_events_are_noted_listed_audited_and_deleted(api: Api) -> None:
     assert second["restarts_charts"] is False
     page = api.client.get(path, params={"limit": 1}).json()
     assert page["items"] == [event]
+    assert api.client.head(path).status_code == 200
     assert api.client.get(path, params={"cursor": page["next_cursor"]}).json()["items"] == [second]
     entries = api.client.get("/v1/audit", params={"object_id": event["id"]}).json()["items"]
     assert [entry["action"] for entry in entries] == ["create_robot_event"]
