@@ -114,4 +114,9 @@ def _allowed_methods(app: FastAPI, path: str) -> list[str]:
     for template, operations in app.openapi()["paths"].items():
         if re.fullmatch(re.sub(r"\{[^}]+\}", "[^/]+", template), path):
             methods.update(method.upper() for method in operations)
-    return sorted(methods | ({"HEAD"} if "GET" in methods else set()))
+            content = operations.get("get", {}).get("responses", {}).get("200", {}).get("content", {})
+            if (
+                "get" in operations and "text/event-stream" not in content
+            ):  # an event stream has no end to await
+                methods.add("HEAD")
+    return sorted(methods)

@@ -39,8 +39,12 @@ def page(
 def _list_name(statement: sa.Select[Any], id_column: Any) -> str:
     """Return a short name of a list: its table, and the ids and words that it is filtered by, but no times."""
     criteria = () if statement.whereclause is None else visitors.iterate(statement.whereclause)
-    values = [each.value for each in criteria if isinstance(each, sa.BindParameter)]
-    named = [value for value in values if isinstance(value, str | list | tuple)]
+    named: list[object] = []
+    for each in criteria:
+        if isinstance(each, sa.Column):
+            named.append(each.key)
+        elif isinstance(each, sa.BindParameter) and isinstance(each.value, str | list | tuple):
+            named.append(each.value)
     content = repr([id_column.class_.__tablename__, *named]).encode()
     return hashlib.blake2s(content, digest_size=_NAME_BYTES).hexdigest()
 

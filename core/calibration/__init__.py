@@ -12,6 +12,7 @@ from core.calibration.hand_eye import (
     calibrate_hand_eye,
     frame_rotations,
     information_so_far,
+    scale_warnings,
     station_information,
 )
 from core.calibration.lens_selection import LensChoice, LensEvidence, observed_radius_px, select_lens
@@ -46,6 +47,7 @@ from core.calibration.result import (
     Calibration,
     Reprojection,
     focal_interval,
+    focal_weakly_observable,
     grade,
 )
 from core.calibration.single_image import PLAUSIBLE_START, calibrate_points
@@ -134,6 +136,7 @@ __all__ = [
     "estimate_target_shape",
     "evenly",
     "focal_interval",
+    "focal_weakly_observable",
     "frame_rotations",
     "from_homography",
     "grade",
@@ -151,6 +154,7 @@ __all__ = [
     "reprojection",
     "resolve_symmetry",
     "retract",
+    "scale_warnings",
     "select_lens",
     "stack_views",
     "station_information",

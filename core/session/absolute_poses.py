@@ -17,7 +17,16 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Float
 
-from core.calibration import LENS, PRINT_SCALE, PRINT_SHAPE, MarginalPoses, ShapePrior, marginalise_shape
+from core.calibration import (
+    LENS,
+    MAX_DETERMINED_UNCERTAINTY,
+    PRINT_SCALE,
+    PRINT_SHAPE,
+    MarginalPoses,
+    ShapePrior,
+    focal_weakly_observable,
+    marginalise_shape,
+)
 from core.errors import Advisory, listed
 from core.geometry import so3_exp
 from core.session.estimate import FocusGroup, SessionEstimate, in_order
@@ -45,20 +54,25 @@ def absolute_poses(
     """Return the poses of all images with the departures of their prints marginalised.
 
     `priors` by the target's place in the session's list; those that are not given are what the estimate left open, or
-    follow from the targets. Only the
-    pooled estimator has one camera to which all images say what a print departs by; poses of others stay as they are.
+    follow from the targets. Only the pooled estimator has one camera to which all images say what a print departs by;
+    poses of others stay as they are. Each focus group has a lens of its own, and what its images leave open of a print;
+    the scale of a print is one error of all groups.
     """
     known = {**estimate.shapes, **(priors or {})}
     each = [_marginal(data, group, known) for group in estimate.groups]
     sources = [_sources(group, marginal) for group, marginal in zip(estimate.groups, each, strict=True)]
-    widths = [len(of_group) for of_group in sources]
+    widths = [sum(source != PRINT_SCALE for source in of_group) for of_group in sources]
+    scales = max((len(of_group) - width for of_group, width in zip(sources, widths, strict=True)), default=0)
     found: dict[str, MeasuredPose] = {}
     dominated = []
     for g, (group, marginal) in enumerate(zip(estimate.groups, each, strict=True)):
-        columns = ((0, 0), (sum(widths[:g]), sum(widths[g + 1 :])))
+        before = group.estimate.common
+        of_images = before if marginal is None else marginal.common[marginal.place]
+        sign = _signs(sources[g], of_images, group.estimate.positions_mm)
+        columns = _Columns(sign, sum(widths[:g]), sum(widths), sum(widths) + scales)
         if marginal is None:
             for pose in group.poses:
-                common = None if pose.common is None else np.pad(pose.common, columns)
+                common = None if pose.common is None else columns.of(pose.common)
                 found[pose.measurement_id] = replace(pose, common=common)
             continue
         scaled = any(stated_scale(data, known, pose) is not None for pose in group.poses)
@@ -66,43 +80,85 @@ def absolute_poses(
         if scaled and _shape_share(marginal) > MAX_SHAPE_SHARE:
             dominated.append(group.name)
         turns = [so3_exp(w) for w in marginal.turned]
-        shared = [np.pad(common, columns) for common in marginal.common]
-        covariances = [common @ common.T for common in shared]
-        before = group.estimate.common
         own = group.estimate.covariance - before @ np.swapaxes(before, 1, 2)
         for k, (pose, place) in enumerate(zip(group.poses, marginal.place.tolist(), strict=True)):
             assert pose.rotation is not None  # poses of images have one
-            found[pose.measurement_id] = replace(
+            moved = replace(
                 pose,
                 position_mm=pose.position_mm + marginal.moved_mm[place],
                 rotation=turns[place] @ pose.rotation,
-                covariance=own[k] + covariances[place],
-                common=shared[place],
             )
-    warnings = (*scale_warnings(data, estimate, known), *_shape_warnings(dominated))
-    return AbsolutePoses(found, tuple(one for of_group in sources for one in of_group), warnings)
+            common = columns.of(marginal.common[place])
+            found[pose.measurement_id] = replace(moved, covariance=own[k] + common @ common.T, common=common)
+    names = [source for of_group in sources for source in of_group if source != PRINT_SCALE]
+    warnings = (*unstated_scale_warnings(data, estimate, known), *_shape_warnings(dominated))
+    return AbsolutePoses(found, (*names, *[PRINT_SCALE] * scales), warnings)
+
+
+@dataclass(frozen=True, slots=True)
+class _Columns:
+    """Where the common errors of a focus group have their columns: its own from `first` on, before those of the prints'
+    scale, which begin at `scale` and are the same errors in all groups; `size` in all. `sign` is of the group's errors:
+    0 of its own, of those of scale the sign with which they lengthen its positions.
+    """
+
+    sign: Float[np.ndarray, " e"]
+    first: int
+    scale: int
+    size: int
+
+    def of(self, common: Float[np.ndarray, "6 e"]) -> Float[np.ndarray, "6 k"]:
+        """Return a pose's common errors in their columns."""
+        placed = np.zeros((6, self.size))
+        own, of_scale = common[:, self.sign == 0.0], common[:, self.sign != 0.0]
+        placed[:, self.first : self.first + own.shape[1]] = own
+        placed[:, self.scale : self.scale + of_scale.shape[1]] = of_scale * self.sign[self.sign != 0.0]
+        return placed
+
+
+def _signs(
+    sources: Sequence[str], common: Float[np.ndarray, "m 6 e"], positions_mm: Float[np.ndarray, "m 3"]
+) -> Float[np.ndarray, " e"]:
+    lengthened = np.einsum("mce,mc->e", common[:, :3], positions_mm)
+    of_scale = np.array([source == PRINT_SCALE for source in sources])
+    return np.where(of_scale, np.where(lengthened < 0.0, -1.0, 1.0), 0.0)
 
 
 def with_print_uncertainty(data: SessionData, estimate: SessionEstimate) -> SessionEstimate:
     """Return the estimate with what prints may depart by in the uncertainties of cameras and of poses.
 
     The values stay, so that camera and poses agree with the images as they are: the uncertainty is that about them, of
-    what the departures found do and of what they leave open. With other estimators than the pooled one, and where the
-    shape of the print was estimated, the estimate stays as it is.
+    what the departures found do and of what they leave open. With other estimators than the pooled one the estimate
+    stays as it is. A camera that is weakly determined only with the print's part is warned of.
     """
-    if estimate.shapes:
-        return estimate
-    groups = tuple(_with_print(group, _marginal(data, group, {})) for group in estimate.groups)
-    return replace(estimate, groups=groups, poses=in_order(data, groups))
+    groups = tuple(_with_print(group, _marginal(data, group, estimate.shapes)) for group in estimate.groups)
+    weak = [
+        focal_weakly_observable(
+            f"What the print may depart by in shape leaves the camera of focus group {after.name!r} with",
+            after.estimate.focal_relative_uncertainty,
+            "Add images with the target tilted by 20° to 40° to different sides, or state print_kind or a certificate.",
+        )
+        for before, after in zip(estimate.groups, groups, strict=True)
+        if before.estimate.focal_relative_uncertainty <= MAX_DETERMINED_UNCERTAINTY
+        and after.estimate.focal_relative_uncertainty > MAX_DETERMINED_UNCERTAINTY
+    ]
+    return replace(
+        estimate, groups=groups, poses=in_order(data, groups), warnings=(*estimate.warnings, *weak)
+    )
 
 
 def _with_print(group: FocusGroup, marginal: MarginalPoses | None) -> FocusGroup:
     if marginal is None:
         return group
-    before = group.estimate
+    before, place = group.estimate, marginal.place
     moved = np.concatenate([marginal.moved_mm, marginal.turned], axis=1)[:, :, None]
     of_shape = marginal.common[:, :, [source == PRINT_SHAPE for source in marginal.sources]]
-    added = np.concatenate([of_shape, moved], axis=2)[marginal.place]
+    added = np.concatenate([of_shape, moved, np.zeros_like(moved)], axis=2)[place]
+    of_scale = marginal.common[:, :3, [source == PRINT_SCALE for source in marginal.sources]][place]
+    # Of the scale what the print's aspect says in addition to what is stated.
+    further = np.sum(of_scale**2, axis=(1, 2)) - np.sum(before.common[:, :3, -1] ** 2, axis=1)
+    lengths = np.maximum(np.linalg.norm(before.positions_mm, axis=1), 1e-12)
+    added[:, :3, -1] = before.positions_mm * (np.sqrt(np.maximum(further, 0.0)) / lengths)[:, None]
     camera = before.camera_covariance.copy()
     free = len(marginal.camera_moved)
     camera[:free, :free] += marginal.camera_of_print + np.outer(marginal.camera_moved, marginal.camera_moved)
@@ -145,7 +201,7 @@ def _shape_share(marginal: MarginalPoses) -> float:
     return float(np.sqrt(between(marginal.common) / alone)) if alone > 0.0 else 1.0
 
 
-def scale_warnings(
+def unstated_scale_warnings(
     data: SessionData, estimate: SessionEstimate, priors: Mapping[int, ShapePrior]
 ) -> list[Advisory]:
     """Name the targets whose pitch is taken as exact; `priors` as of `absolute_poses`."""
@@ -171,8 +227,8 @@ def _shape_warnings(dominated: Sequence[str]) -> list[Advisory]:
         Advisory(
             "target_shape_dominates",
             "What the shape of the print leaves open is the larger part of the uncertainty of absolute figures (AP, "
-            f"AD) of focus group {', '.join(map(repr, dominated))}.",
-            "Add four views of the target tilted by 20° to 40° to different sides, as poses near the cube in every "
+            f"AD, frames) of focus group {', '.join(map(repr, dominated))}.",
+            "Add four views of the target tilted by 20° to 40° to different sides, as poses near the others, in every "
             "cycle.",
         )
     ]

@@ -4,6 +4,7 @@
 `calibrate_from_positions` uses commanded positions alone.
 """
 
+from core.calibration.hand_eye.answer_checks import scale_warnings
 from core.calibration.hand_eye.calibration import MIN_POSES_TO_REJECT, calibrate_hand_eye
 from core.calibration.hand_eye.further_stations import information_so_far, station_information
 from core.calibration.hand_eye.initialisation import frame_rotations
@@ -32,5 +33,6 @@ __all__ = [
     "calibrate_hand_eye",
     "frame_rotations",
     "information_so_far",
+    "scale_warnings",
     "station_information",
 ]

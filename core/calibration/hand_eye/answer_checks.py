@@ -6,6 +6,7 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
+from scipy.special import ndtr, stdtrit
 
 from core.calibration.hand_eye.deviations import FramesFit
 from core.calibration.hand_eye.result import ScaleDifference, rejected_poses
@@ -16,7 +17,7 @@ LARGE_DEVIATION = 0.01
 MAX_UNCERTAINTY = 0.05
 """Largest standard uncertainty of the camera on the flange that is an answer: in rad, and of the working distance."""
 MIN_SCALE_DIFFERENCE, MIN_SCALE_SIGMAS = 5e-3, 4.0
-"""Smallest scale of commanded to measured distances, less 1, and in its standard uncertainties, that is worth a
+"""Smallest scale of commanded to measured distances, less 1, and in standard deviations of a normal, that is worth a
 warning. A robot's own errors resemble a scale over a small region: .2 % of a UR10 at 25 poses, before a laser tracker.
 """
 
@@ -59,11 +60,15 @@ def warnings_of(robot: tuple[float, float], distance: float, wrong: Sequence[str
     return found
 
 
-def scale_warnings(scale: ScaleDifference | None) -> list[Advisory]:
-    """Name commanded distances that are longer or shorter than measured ones, all of them."""
-    if scale is None or abs(scale.value) < max(
-        MIN_SCALE_DIFFERENCE, MIN_SCALE_SIGMAS * scale.standard_uncertainty
-    ):
+def scale_warnings(scale: ScaleDifference | None, degrees_of_freedom: float) -> list[Advisory]:
+    """Name commanded distances that are longer or shorter than those of images, all of them.
+
+    `degrees_of_freedom` are those of the robot's variances: of few poses they are known less, by Student's t.
+    """
+    if scale is None:
+        return []
+    limit = float(stdtrit(max(degrees_of_freedom - 1.0, 1.0), ndtr(MIN_SCALE_SIGMAS)))
+    if abs(scale.value) < max(MIN_SCALE_DIFFERENCE, limit * scale.standard_uncertainty):
         return []
     return [
         Advisory(

@@ -36,7 +36,7 @@ from collections.abc import Sequence
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from core.calibration.hand_eye.answer_checks import check_answer, scale_warnings, warnings_of
+from core.calibration.hand_eye.answer_checks import check_answer, warnings_of
 from core.calibration.hand_eye.deviations import FramesFit, SharedErrors, deviations_of, shared_motions
 from core.calibration.hand_eye.initialisation import (
     MIN_POSES,
@@ -106,9 +106,10 @@ def calibrate_hand_eye(
         found.robot.deviations, distance, [s.pose_id for s, u in zip(stations, used, strict=True) if not u]
     )
     check_answer(found, distance, warnings)
-    Q = np.zeros((1, found.frames.size)) if mount is None else _prior(mount)(found.frames)[1]
-    scale = scale_difference(found, poses, used, Q.T @ Q, shared_motions(found.frames, stations, poses))
-    warnings += scale_warnings(scale)
+    q, Q = (np.zeros(1), np.zeros((1, found.frames.size))) if mount is None else _prior(mount)(found.frames)
+    scale = scale_difference(
+        found, poses, used, (Q.T @ Q, Q.T @ q), shared_motions(found.frames, stations, poses)
+    )
     shared = SharedErrors.of(found, stations, poses, used)
     return HandEyeCalibration(
         T_flange_camera=found.frames.T_flange_camera,

@@ -29,13 +29,14 @@ def scale_difference(
     found: FramesFit,
     poses: PoseArrays,
     used: Bool[np.ndarray, " n"],
-    prior: Float[np.ndarray, "p p"],
+    prior: tuple[Float[np.ndarray, "p p"], Float[np.ndarray, " p"]],
     shared: Float[np.ndarray, "n 6 k"],
 ) -> ScaleDifference | None:
     """Return the scale difference; None where the poses do not determine it.
 
-    `prior` is the information that the fit's priors have of the frames, `shared` what one standard uncertainty of each
-    error that all poses share does to the attained ones, the frames held: a focal length that is off is a scale, too.
+    `prior` is the information that the fit's priors have of the frames, and where they pull these; `shared` is what
+    one standard uncertainty of each error that all poses share does to the attained ones, the frames held: a focal
+    length that is off is a scale, too.
     """
     part, frames = poses.part(used), found.frames
     measured = part.T_target_camera[:, :3, 3]
@@ -44,7 +45,7 @@ def scale_difference(
     J = np.concatenate([jacobian(frames, part.T_target_camera, part.target), by_scale], axis=2)
     size = J.shape[2]
     information = np.zeros((size, size))
-    information[:-1, :-1] = prior
+    information[:-1, :-1] = prior[0]
     e = residuals(frames, part)
     left = LinearResiduals(measurement_covariance(frames, part), e, J, prior=information)
     robot = estimate_variances([left], found.robot, MIN_ROBOT_SIGMAS)
@@ -60,6 +61,5 @@ def scale_difference(
         return None
     weighted = np.einsum("a,nia,nij->nj", C[-1], J, W)
     of_shared = np.einsum("nj,njk->k", weighted, shared[used])
-    return ScaleDifference(
-        float(np.einsum("nj,nj->", weighted, e)), math.sqrt(variance + float(of_shared @ of_shared))
-    )
+    value = float(np.einsum("nj,nj->", weighted, e) + C[-1, :-1] @ prior[1])
+    return ScaleDifference(value, math.sqrt(variance + float(of_shared @ of_shared)))

@@ -254,6 +254,8 @@ class _Problem:
 
     def result(self, state: _State, system: _System, inflation: float) -> MarginalPoses:
         C = system.covariance()
+        sensor = slice(0, self.free + 1)  # the camera and the sensor's skew
+        of_print_known = inverse(system.information[sensor, sensor])
         start = self.start()
         J = in_target_frame(state.rotations, state.translations_mm)
         # Columns of a triangular root: of the camera, were the print known, and of each departure, were those behind
@@ -301,5 +303,5 @@ class _Problem:
             tuple(found),
             inflation,
             state.parameters[: self.free] - start.parameters[: self.free],
-            C[: self.free, : self.free] - inverse(system.information[: self.free, : self.free]),
+            C[: self.free, : self.free] - of_print_known[: self.free, : self.free],
         )

@@ -20,6 +20,7 @@ from core.calibration import (
     PositionObservation,
     average_station,
     calibrate_from_positions,
+    scale_warnings,
 )
 from core.errors import Advisory, GridposeError
 from core.geometry import invert, so3_log, transform, transform_mean
@@ -118,7 +119,8 @@ def by_whole_poses(
     for pose_id, place in zip(rest, places[len(whole) :], strict=True):
         alone = HeldOutDeviation(place.residual)  # the frames are the others' already
         found[pose_id] = tied_accuracy(place, None, None, alone, positions.degrees_of_freedom, point)
-    return {p: one for p, one in found.items() if one is not None}, tie.warnings
+    of_print = () if mount is None else scale_warnings(tie.scale, tie.degrees_of_freedom)
+    return {p: one for p, one in found.items() if one is not None}, (*tie.warnings, *of_print)
 
 
 def by_positions(visits: Visits, commands: Commands, process: CycleProcess | None) -> Compared:

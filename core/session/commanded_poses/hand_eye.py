@@ -3,7 +3,7 @@ the base, and the target on the flange.
 
 Each commanded pose is a station before each target that its images show: the mean of its visits, before a print that
 may depart from its nominal grid (`core.session.absolute_poses`). What the lens and the prints do to all of them is
-carried through as common to all (`core.session.robot.shared_errors`).
+carried through as common to all.
 
 The stations of one pose share the robot's deviation, which the fit takes as independent. Its covariance is multiplied
 by the mean number of stations a pose has: that is exact where every pose is seen before as many targets and the
@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float
@@ -23,6 +23,7 @@ from core.calibration import (
     HandEyeCalibration,
     PoseResidual,
     average_station,
+    scale_warnings,
 )
 from core.errors import Advisory, CommandedPosesMissing
 from core.geometry import transform
@@ -129,7 +130,7 @@ def calibrate_session_hand_eye(
     targets = tuple(sorted({target for _, target in stations}))
     check_one_on_flange(data, [counted[i] for key in stations for i in visits[key]])
     counted = moving_poses(data, counted)
-    common = shared_errors(counted)
+    common = shared_errors(counted) if nominal_prints else _shared(counted)
     tie = calibrate_or_explain(
         [
             average_station(
@@ -146,6 +147,10 @@ def calibrate_session_hand_eye(
     )
     per_pose = len(stations) / len({pose_id for pose_id, _ in stations})
     covariance = tie.covariance + (per_pose - 1.0) * tie.covariance_given_camera
+    scale = tie.scale
+    if scale is not None:  # its uncertainty, too, is of stations that share the robot's deviation
+        scale = replace(scale, standard_uncertainty=math.sqrt(per_pose) * scale.standard_uncertainty)
+        tie = replace(tie, scale=scale)
     distance = float(
         np.median([np.linalg.norm(counted[i].position_mm) for key in stations for i in visits[key]])
     )
@@ -177,10 +182,21 @@ def calibrate_session_hand_eye(
             *estimate.warnings,
             *warnings,
             *tie.warnings,
+            *scale_warnings(scale, tie.degrees_of_freedom),
             *_weak(covariance, distance, data.camera_mount),
             *gimbal_warnings(tie.T_flange_camera, list(tie.T_base_targets), data.camera_mount),
         ),
     )
+
+
+def _shared(counted: Sequence[MeasuredPose]) -> Float[np.ndarray, "n 6 k"] | None:
+    """Return the factors of the errors that absolute poses share; None where no pose has any."""
+    found = [pose.common for pose in counted if pose.common is not None]
+    if len(found) < len(counted):
+        return None
+    common = np.array(found)
+    common = common[:, :, np.any(common != 0.0, axis=(0, 1))]
+    return common if common.shape[2] else None
 
 
 def _commanded(data: SessionData) -> tuple[dict[str, Float[np.ndarray, "4 4"]], tuple[Advisory, ...]]:

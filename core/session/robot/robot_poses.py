@@ -17,7 +17,7 @@ from core.errors import (
 )
 from core.geometry import rotation_to_rpy
 from core.kinematics import PoseData, forward, stack_joint_angles
-from core.session.absolute_poses import scale_warnings
+from core.session.absolute_poses import unstated_scale_warnings
 from core.session.camera_mount import check_one_on_flange, moving_poses
 from core.session.estimate import ExcludedMeasurement, SessionEstimate
 from core.session.model import MeasuredPose, SessionData, readings
@@ -94,7 +94,7 @@ def poses_of_estimate(data: SessionData, estimate: SessionEstimate) -> RobotPose
     )
     warnings = (
         *estimate.warnings,
-        *scale_warnings(data, estimate, estimate.shapes),
+        *unstated_scale_warnings(data, estimate, estimate.shapes),
         *_excluded(without, "joint_angles_missing"),
     )
     excluded = (

@@ -44,7 +44,8 @@ def test_every_analysis_names_its_subject_and_what_does_not_count(
         e for e in document["excluded"] if e["measurement_id"] == robot_session.measurement_ids[-1]
     ]
     assert (excluded["filename"], excluded["code"]) == (FORMULA, "excluded_by_user")
-    assert all(set(e) == {"measurement_id", "filename", "code", "detail"} for e in document["excluded"])
+    keys = {"measurement_id", "measured_pose_id", "filename", "code", "detail"}
+    assert all(set(e) == keys for e in document["excluded"])
     assert len({e["measurement_id"] for e in document["excluded"]}) == len(document["excluded"])
     assert all(set(w) == {"code", "detail", "advice"} for w in document["warnings"])
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -315,6 +316,17 @@ def test_an_arm_described_by_other_angles_is_distinguished_from_the_nominal() ->
     found = identify(replace(poses, joint_angles=q), KR5_ARC)
     (warning,) = [w for w in found.warnings if w.code == "deviation_from_nominal_large"]
     assert warning.detail.startswith("theta4 offset: over 20 mm or 5°")
+
+
+@pytest.mark.parametrize(("scale", "named"), [(1.0, False), (1.001, False), (0.97, True), (1.03, True)])
+def test_lengths_that_are_all_off_by_one_factor_are_the_scale_of_the_print(scale: float, named: bool) -> None:
+    _, poses = measured(19, robot=ROBOT)
+    found = identify(replace(poses, positions_mm=scale * poses.positions_mm), KR5_ARC)
+    warnings = [w for w in found.warnings if w.code == "print_scale_mismatch"]
+    assert len(warnings) == named
+    if named:
+        assert ("longer" if scale > 1.0 else "shorter") in warnings[0].detail
+        assert re.search(r" (2\.[89]|3(\.[012])?) % ", warnings[0].detail)
 
 
 def test_a_chain_that_is_no_better_than_the_nominal_says_so() -> None:
