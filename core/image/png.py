@@ -82,8 +82,11 @@ def read_chunks(data: memoryview, crc32: Callable[[memoryview], int]) -> list[Ch
             )
         chunks.append(Chunk(name, start, end))
         start = end + 12
-    if not any(chunk.name == b"IDAT" for chunk in chunks):
+    pixels = [k for k, chunk in enumerate(chunks) if chunk.name == b"IDAT"]
+    if not pixels:
         raise UndecodableImage("The PNG file holds no pixels.")
+    if pixels[-1] - pixels[0] >= len(pixels):  # section 5.6
+        raise UndecodableImage("The PNG file's pixels are interrupted by another chunk.")
     return chunks
 
 

@@ -54,8 +54,7 @@ def read_plain(
     chunks = read_chunks(data, isal_zlib.crc32)
     names = [chunk.name for chunk in chunks]
     pixels = [chunk for chunk in chunks if chunk.name == b"IDAT"]
-    together = names.index(b"IDAT") + len(pixels) == len(names) - names[::-1].index(b"IDAT")
-    if not together or not _HARMLESS.issuperset(names[1:-1]):
+    if not _HARMLESS.issuperset(names[1:-1]):
         return None
     sample_bytes = header.bit_depth // 8
     image = np.empty((header.height_px, header.width_px), dtype=np.uint8 if sample_bytes == 1 else np.uint16)

@@ -204,6 +204,11 @@ REFUSED = {
     "text amid the stream": of(
         chunk(b"IDAT", STREAM[:50]), chunk(b"tEXt", b"a\0b"), chunk(b"IDAT", STREAM[50:])
     ),
+    "a profile amid the stream": of(
+        chunk(b"IDAT", STREAM[:50]),
+        chunk(b"iCCP", b"a\0\0" + zlib.compress(b"b" * 100)),
+        chunk(b"IDAT", STREAM[50:]),
+    ),
     "a filter that does not exist": of(idats(zlib.compress(b"\5" + ROWS[1:]))),
     "the same in the last row": of(idats(zlib.compress(ROWS[:-24] + b"\xc8" + ROWS[-23:]))),
     "a wrong check of the stream's head": of(idats(bytes([STREAM[0], STREAM[1] ^ 1]) + STREAM[2:])),
