@@ -58,11 +58,9 @@ from core.kinematics.global_fit import (
 from core.kinematics.identification import (
     MIN_JOINT_RANGE,
     Identification,
-    ImageIdentification,
     ModelChoice,
     ParameterSampling,
     identify,
-    identify_from_images,
 )
 from core.kinematics.joint_angle_checks import check_angles
 from core.kinematics.joint_coupling import ProposedCoupling, correct_coupling, propose_coupling
@@ -121,7 +119,6 @@ __all__ = [
     "ErrorModel",
     "HoldOutError",
     "Identification",
-    "ImageIdentification",
     "JointApproach",
     "JointCompliance",
     "JointCurve",
@@ -163,7 +160,6 @@ __all__ = [
     "gather_scatters",
     "identify",
     "identify_from_axes",
-    "identify_from_images",
     "joint_approach",
     "joint_compliance",
     "joint_curves",

@@ -95,6 +95,16 @@ def absolute_poses(
     return AbsolutePoses(found, (*names, *[PRINT_SCALE] * scales), warnings)
 
 
+def stacked_errors(poses: Sequence[MeasuredPose]) -> Float[np.ndarray, "n 6 k"] | None:
+    """Return the factors of the errors that absolute poses share; None where no pose has any."""
+    found = [pose.common for pose in poses if pose.common is not None]
+    if len(found) < len(poses):
+        return None
+    common = np.array(found)
+    common = common[:, :, np.any(common != 0.0, axis=(0, 1))]
+    return np.ascontiguousarray(common) if common.shape[2] else None
+
+
 @dataclass(frozen=True, slots=True)
 class _Columns:
     """Where the common errors of a focus group have their columns: its own from `first` on, before those of the prints'

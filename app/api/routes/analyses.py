@@ -219,7 +219,7 @@ MethodQuery = Annotated[
     Query(
         description="`cpa`: circles through the positions of each joint's sweeps. `screw`: axes from their rotations. "
         "`combined`: both, with the encoders' angles, weighted by covariance. `global`: everything at once, from all "
-        "poses; with images and the pooled estimator on the grid points themselves, the lens included."
+        "poses; with images and the pooled estimator together with the errors of lens and prints."
     ),
 ]
 ModelQuery = Annotated[

@@ -39,7 +39,9 @@ from core.calibration.target_shape.mean_views import MeanView, images_by_pose, m
 from core.geometry import so3_exp, so3_log
 
 STEPS = 3
-"""From the fit before perfect prints; a bow of a thousandth of the extent is at its end after two."""
+"""At most, from the fit before perfect prints; a bow of a thousandth of the extent is at its end after two."""
+SMALLEST_STEP = 0.01
+"""In standard uncertainties of all parameters together: a step that is not worth a further linearisation."""
 MAX_ELEMENTS = 20_000_000
 """Of the matrix of all poses by all parameters; with more, points have no departure of their own."""
 
@@ -68,14 +70,17 @@ class MarginalPoses:
     camera_of_print: Float[np.ndarray, "f f"]
 
 
-def marginalise_shape(fit: CommonFit, priors: Sequence[ShapePrior]) -> MarginalPoses:
+def marginalise_shape(
+    fit: CommonFit, priors: Sequence[ShapePrior], *, noise_known: bool = False
+) -> MarginalPoses:
     """Estimate camera, poses and the departures of the prints together, from the fit of a camera before perfect ones.
 
-    `priors` is one for each of the targets of `fit.views`.
+    `priors` is one for each of the targets of `fit.views`. With `noise_known` the noise is the fit's, as that of points
+    that are simulated without any.
     """
     problem = _Problem.of(fit, priors)
     state, system = problem.solved(problem.start())
-    growth = problem.growth(system)
+    growth = 1.0 if noise_known else problem.growth(system)
     # The data's noise grows; the priors stay as stated.
     problem = problem.with_noise_of(math.sqrt(growth))
     state, system = problem.solved(state)
@@ -151,9 +156,14 @@ class _Problem:
         return replace(self, views=tuple(replace(view, root=view.root / factor) for view in self.views))
 
     def solved(self, state: _State) -> tuple[_State, _System]:
+        system = self.linearised(state)
         for _ in range(STEPS):
-            state = self.moved(state, self.linearised(state))
-        return state, self.linearised(state)
+            step = inverse(system.information) @ system.gradient
+            if float(step @ system.gradient) < SMALLEST_STEP**2:
+                break
+            state = self.moved(state, system, step)
+            system = self.linearised(state)
+        return state, system
 
     def linearised(self, state: _State) -> _System:
         q, free = self.size, self.free
@@ -228,8 +238,8 @@ class _Problem:
         pull[: self.free] = Q.T @ residual
         return prior, pull
 
-    def moved(self, state: _State, system: _System) -> _State:
-        z = inverse(system.information) @ system.gradient
+    def moved(self, state: _State, system: _System, z: Float[np.ndarray, " q"]) -> _State:
+        """Return the state after a step `z` of what is shared, the poses where they are best with it."""
         poses = system.pose_steps - system.follows @ z
         parameters = state.parameters.copy()
         parameters[: self.free] += z[: self.free]

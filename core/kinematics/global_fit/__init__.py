@@ -1,9 +1,8 @@
-"""The fit of an arm to all poses at once: residuals, identifiability, robust fit, cross-validation, images."""
+"""The fit of an arm to all poses at once: residuals, identifiability, robust fit, cross-validation."""
 
 from core.kinematics.global_fit.blocks import Blocking, blocks_of
 from core.kinematics.global_fit.fit import DEFAULT_SCATTER, FitResult, fit_unweighted, information_of, refine
 from core.kinematics.global_fit.identifiability import Gauge, fix_gauge
-from core.kinematics.global_fit.image_linearisation import ImageObservations, linearise_images
 from core.kinematics.global_fit.joint_configurations import SAME_CONFIGURATION, configurations
 from core.kinematics.global_fit.nominal_frames import fit_frames
 from core.kinematics.global_fit.null_space import Unidentifiable, held_by_axes, unidentifiable
@@ -45,7 +44,6 @@ __all__ = [
     "FitResult",
     "Gauge",
     "HoldOutError",
-    "ImageObservations",
     "ObservabilityIndices",
     "Observations",
     "Unidentifiable",
@@ -62,7 +60,6 @@ __all__ = [
     "frame_errors",
     "held_by_axes",
     "information_of",
-    "linearise_images",
     "linearised",
     "observability_indices",
     "observations_of",

@@ -106,10 +106,10 @@ def identify(
     NotConverged; without nominal and start what `identify_from_axes` raises.
     """
     seen = observations_of(poses)
-    begin = initial_chain(poses, nominal, start)
+    begin = _initial_chain(poses, nominal, start)
     arm = placed(begin.as_array(), forward(begin, poses.joint_angles), seen)
     solution = solve(arm, seen, poses, nominal)
-    return report(solution, seen, poses, nominal, folds, model, trials)
+    return _report(solution, seen, poses, nominal, folds, model, trials)
 
 
 def _require_anything(gauge: Gauge) -> None:
@@ -125,13 +125,11 @@ def solve(
     seen: Observations,
     poses: PoseData,
     nominal: Chain | None = None,
-    scatter: Variances | None = None,
-    gauge: Gauge | None = None,
 ) -> Solution:
     """Fit from an arm, choosing what to fit on the way; the result is described as the nominal is."""
-    if gauge is None:
-        _require_enough(seen)
-        gauge = fix_gauge(arm, seen, scatter or (SMALLEST if seen.own.any() else DEFAULT_SCATTER))
+    _require_enough(seen)
+    scatter: Variances | None = None
+    gauge = fix_gauge(arm, seen, SMALLEST if seen.own.any() else DEFAULT_SCATTER)
     _require_anything(gauge)
     length = max(arm.links_mm, SHORTEST_REACH_MM)
     for _ in range(MAX_ROUNDS):
@@ -157,7 +155,7 @@ def solve(
     return Solution(refined, gauge)
 
 
-def report(
+def _report(
     solution: Solution,
     seen: Observations,
     poses: PoseData,
@@ -235,7 +233,7 @@ def report(
     )
 
 
-def initial_chain(poses: PoseData, nominal: Chain | None, start: Chain | None) -> Chain:
+def _initial_chain(poses: PoseData, nominal: Chain | None, start: Chain | None) -> Chain:
     """Return the chain to begin at, with the nominal's values where frames make a parameter a convention."""
     for given in (start, nominal):
         if given is not None and len(given) != poses.joints:

@@ -17,16 +17,15 @@ from core.kinematics.arm_model import ArmState
 from core.kinematics.dh import Chain
 from core.kinematics.global_fit import (
     Conditioning,
-    ImageObservations,
     Unidentifiable,
     conditioning,
     fix_gauge,
     information_of,
-    linearise_images,
     linearised,
     observations_of,
 )
 from core.kinematics.planning.camera_setup import CameraSetup, camera_poses, targets_seen, views_of
+from core.kinematics.planning.image_linearisation import linearise_images
 from core.kinematics.results import JointEstimate, joint_estimates
 from core.numerics import SMALLEST, Variances, covariance_of
 
@@ -70,11 +69,8 @@ def predict(
     T = np.linalg.inv(camera_poses(chain, joint_angles[seen], rig, which[seen]))
     lens = np.tile(rig.camera.as_array(), (len(T), 1))
     centroids = np.einsum("kij,kj->ki", T[:, :3, :3], stack.centroids) + T[:, :3, 3]
-    everything = np.ones(len(stack.column), dtype=np.bool_)
-    images = ImageObservations(stack, everything, 1.0, rig.lens, joint_angles[seen], which[seen], ())
-    ready = observations_of(
-        linearise_images(images, Placements(lens, np.ascontiguousarray(T[:, :3, :3]), centroids)).poses
-    )
+    placements = Placements(lens, np.ascontiguousarray(T[:, :3, :3]), centroids)
+    ready = observations_of(linearise_images(stack, placements, rig.lens, joint_angles[seen], which[seen]))
     arm = ArmState(chain.as_array(), rig.T_flange_camera, rig.T_target_base, np.zeros(ready.layout.shared))
     scatter = Variances(
         max(rig.scatter_position_mm**2, SMALLEST.position), max(rig.scatter_rotation**2, SMALLEST.rotation)

@@ -28,7 +28,7 @@ from core.calibration import (
 from core.errors import Advisory, CommandedPosesMissing
 from core.geometry import transform
 from core.kinematics import forward
-from core.session.absolute_poses import absolute_poses
+from core.session.absolute_poses import absolute_poses, stacked_errors
 from core.session.camera_mount import check_one_on_flange, moving_poses
 from core.session.commanded_poses.likely_causes import calibrate_or_explain
 from core.session.estimate import ExcludedMeasurement, ExcludedPose, SessionEstimate
@@ -130,7 +130,7 @@ def calibrate_session_hand_eye(
     targets = tuple(sorted({target for _, target in stations}))
     check_one_on_flange(data, [counted[i] for key in stations for i in visits[key]])
     counted = moving_poses(data, counted)
-    common = shared_errors(counted) if nominal_prints else _shared(counted)
+    common = shared_errors(counted) if nominal_prints else stacked_errors(counted)
     tie = calibrate_or_explain(
         [
             average_station(
@@ -187,16 +187,6 @@ def calibrate_session_hand_eye(
             *gimbal_warnings(tie.T_flange_camera, list(tie.T_base_targets), data.camera_mount),
         ),
     )
-
-
-def _shared(counted: Sequence[MeasuredPose]) -> Float[np.ndarray, "n 6 k"] | None:
-    """Return the factors of the errors that absolute poses share; None where no pose has any."""
-    found = [pose.common for pose in counted if pose.common is not None]
-    if len(found) < len(counted):
-        return None
-    common = np.array(found)
-    common = common[:, :, np.any(common != 0.0, axis=(0, 1))]
-    return common if common.shape[2] else None
 
 
 def _commanded(data: SessionData) -> tuple[dict[str, Float[np.ndarray, "4 4"]], tuple[Advisory, ...]]:

@@ -82,7 +82,7 @@ def assess_joint_noise(
         )
     if estimate is None and data.images and not data.measured:
         estimate = estimate_session(with_nominal_orientations(data))
-    gathered = gather_robot_poses(data, estimate)
+    gathered = gather_robot_poses(data, estimate, nominal_prints=True)
     unchanging = _unchanging(gathered.poses)
     seen = gather_scatters(gathered.poses, data.nominal, unchanging)
     noise = fit_joint_noise(seen)

@@ -106,7 +106,7 @@ def suggest_dh_views(
     camera, InvalidArgument for no views, and NoViewShowsTarget where none is within reach.
     """
     found = identify_robot(data, estimate, model=ModelChoice.DH)
-    gathered = gather_robot_poses(data, estimate)
+    gathered = gather_robot_poses(data, estimate, nominal_prints=True)
     place = _place(target, found.targets)
     frames = found.T_flange_camera, np.linalg.inv(found.T_target_base[place])
     spec = data.targets[target]

@@ -14,16 +14,13 @@ from core.errors import (
     EstimationError,
     InvalidArgument,
     JointAnglesInconsistent,
-    NotConverged,
 )
 from core.geometry import invert
 from core.kinematics import (
     FOLDS,
     AxesIdentification,
-    Chain,
     HoldOutError,
     Identification,
-    ImageIdentification,
     JointEstimate,
     ModelChoice,
     ParameterLayout,
@@ -33,7 +30,6 @@ from core.kinematics import (
     conditioning_of_chain,
     identify,
     identify_from_axes,
-    identify_from_images,
     joint_regions,
     rms,
 )
@@ -78,8 +74,8 @@ def identify_robot(
     estimate
         The session's cameras and poses; None: estimated here with one common camera.
     method
-        `global` (all poses at once; on the grid points themselves where one lens took all images), `cpa`, `screw` or
-        `combined` (from the axes of sweeps).
+        `global` (all poses at once, together with the errors that they share: of the lens and of the prints), `cpa`,
+        `screw` or `combined` (from the axes of sweeps).
     model
         Whether terms beyond the chain count with method `global`; the other methods have the chain alone.
     tolerance
@@ -101,7 +97,7 @@ def identify_robot(
     gathered = gather_robot_poses(data, estimate)
     coupling = coupling_proposal(data, gathered.poses)
     try:
-        found = _identified(data, estimate, gathered, method, model, tolerance, sweeps, trials)
+        found = _identified(data, gathered, method, model, tolerance, sweeps, trials)
     except EstimationError as failure:
         if coupling is not None:
             raise type(failure)(f"{failure.detail} {coupling.detail}", coupling.advice) from failure
@@ -120,7 +116,6 @@ def identify_robot(
 
 def _identified(
     data: SessionData,
-    estimate: SessionEstimate | None,
     gathered: RobotPoses,
     method: str,
     model: ModelChoice,
@@ -133,9 +128,14 @@ def _identified(
     warnings = (*gathered.warnings, *known.warnings)
     try:
         if method == "global":
-            robot, more = _identify_globally(data, estimate, gathered, known.sweeps, model, trials)
+            robot = solve_with_start(
+                lambda start: identify(gathered.poses, data.nominal, start=start, model=model, trials=trials),
+                gathered.poses,
+                data.nominal,
+                known.sweeps,
+            )
             agreement = compare_methods(robot.joints, gathered.poses, data.nominal, known.sweeps, tolerance)
-            more = (*more, *robot.warnings, *disagreements(agreement))
+            more = (*robot.warnings, *disagreements(agreement))
             return _of_poses(robot, known.sweeps, gathered, agreement, (*warnings, *more))
         axes = identify_from_axes(
             gathered.poses, data.nominal, method, sweeps=known.sweeps, tolerance=tolerance, folds=FOLDS
@@ -240,54 +240,3 @@ def _of_axes(
         gathered.excluded,
         (*warnings, *found.warnings),
     )
-
-
-def _identify_globally(
-    data: SessionData,
-    estimate: SessionEstimate | None,
-    gathered: RobotPoses,
-    sweeps: Sequence[Sweep],
-    model: ModelChoice,
-    trials: int,
-) -> tuple[Identification, tuple[Advisory, ...]]:
-    """Identify from all poses at once: on the grid points where one lens took them all, else on the poses."""
-    warnings: tuple[Advisory, ...] = ()
-    poses = gathered.poses
-    one = estimate.groups[0].estimate.fit if estimate is not None and len(estimate.groups) == 1 else None
-    # The solution on grid points has the camera at the arm's end; a fixed one's poses carry the lens's errors along.
-    if one is not None and data.camera_mount == "robot":
-        fit = one.take(gathered.rows)
-
-        def solve(start: Chain | None) -> ImageIdentification:
-            return identify_from_images(
-                fit,
-                poses.joint_angles,
-                data.nominal,
-                target=poses.targets,
-                start=start,
-                labels=poses.labels,
-                model=model,
-                trials=trials,
-                approach=poses.approach,
-            )
-
-        try:
-            answer = solve_with_start(solve, poses, data.nominal, sweeps)
-        except NotConverged as failure:
-            warnings = (
-                Advisory(
-                    "identified_without_images",
-                    f"Lens and robot could not be solved for together ({failure.detail}); the figures come from the "
-                    "poses, with the lens's uncertainty carried along.",
-                    "Check that no image is of another camera setting (focus_group).",
-                ),
-            )
-        else:
-            return answer.robot, ()
-    found = solve_with_start(
-        lambda start: identify(poses, data.nominal, start=start, model=model, trials=trials),
-        poses,
-        data.nominal,
-        sweeps,
-    )
-    return found, warnings

@@ -17,7 +17,7 @@ from core.errors import (
 )
 from core.geometry import rotation_to_rpy
 from core.kinematics import PoseData, forward, stack_joint_angles
-from core.session.absolute_poses import unstated_scale_warnings
+from core.session.absolute_poses import absolute_poses, stacked_errors, unstated_scale_warnings
 from core.session.camera_mount import check_one_on_flange, moving_poses
 from core.session.estimate import ExcludedMeasurement, SessionEstimate
 from core.session.model import MeasuredPose, SessionData, readings
@@ -46,18 +46,26 @@ class RobotPoses:
     warnings: tuple[Advisory, ...]
 
 
-def gather_robot_poses(data: SessionData, estimate: SessionEstimate | None) -> RobotPoses:
+def gather_robot_poses(
+    data: SessionData, estimate: SessionEstimate | None, *, nominal_prints: bool = False
+) -> RobotPoses:
     """Return another instrument's poses, or those of the estimate where images were taken and no such poses are there.
 
-    Raises as `poses_of_readings` and `poses_of_estimate` do.
+    `nominal_prints` as of `poses_of_estimate`. Raises as `poses_of_readings` and `poses_of_estimate` do.
     """
     if estimate is None or data.measured:
         return poses_of_readings(data)
-    return poses_of_estimate(data, estimate)
+    return poses_of_estimate(data, estimate, nominal_prints=nominal_prints)
 
 
-def poses_of_estimate(data: SessionData, estimate: SessionEstimate) -> RobotPoses:
+def poses_of_estimate(
+    data: SessionData, estimate: SessionEstimate, *, nominal_prints: bool = False
+) -> RobotPoses:
     """Return the estimated poses of images that carry joint angles.
+
+    Their lens and prints are errors that they share, which an identification solves for along with the robot: what the
+    chain knows of where the camera was says how the print is bowed, and what the lens is. With `nominal_prints` the
+    prints are taken as their nominal grids, as plans of further views do, and the scatter of repeated poses may.
 
     Raises JointAnglesMissing where none does, TooManyMeasurements, JointAnglesInconsistent where their joints are not
     the robot's, SeveralTargetsOnFlange.
@@ -75,14 +83,18 @@ def poses_of_estimate(data: SessionData, estimate: SessionEstimate) -> RobotPose
             "Send joint_angles_deg with the poses (POST .../poses, or `gridpose poses load`), or with the images.",
         )
     check_one_on_flange(data, [estimate.poses[i] for i in keep])
-    chosen = moving_poses(data, [estimate.poses[i] for i in keep])
+    counted = [estimate.poses[i] for i in keep]
+    if not nominal_prints:
+        absolute = absolute_poses(data, estimate).poses
+        counted = [absolute[pose.measurement_id] for pose in counted]
+    chosen = moving_poses(data, counted)
     targets = tuple(sorted({pose.frame for pose in chosen}))
     poses = PoseData(
         _joint_angles(data, chosen),
         positions_of(chosen),
         np.array([pose.rotation for pose in chosen]),
         np.array([semidefinite(own) for pose in chosen if (own := pose.own_covariance()) is not None]),
-        shared_errors(chosen),
+        shared_errors(chosen) if nominal_prints else stacked_errors(chosen),
         np.array([targets.index(pose.frame) for pose in chosen], dtype=np.intp),
         tuple(pose.pose_id for pose in chosen),
         # Several targets in one image are as many poses.

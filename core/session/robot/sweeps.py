@@ -9,7 +9,6 @@ import contextlib
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from fnmatch import fnmatchcase
-from typing import TypeVar
 
 import numpy as np
 
@@ -27,7 +26,6 @@ from core.kinematics import (
     MIN_JOINT_RANGE,
     Chain,
     Identification,
-    ImageIdentification,
     PoseData,
     Sweep,
     find_sweeps,
@@ -38,8 +36,6 @@ from core.session.model import SessionData, natural
 
 STARTING_SWEEPS = 2
 """Of each joint before each target: a start needs no more, and every further one takes its time."""
-
-Solved = TypeVar("Solved", Identification, ImageIdentification)
 
 
 @dataclass(frozen=True, slots=True)
@@ -116,8 +112,11 @@ def _warnings(unusable: set[str]) -> tuple[Advisory, ...]:
 
 
 def solve_with_start(
-    solve: Callable[[Chain | None], Solved], poses: PoseData, nominal: Chain | None, sweeps: Sequence[Sweep]
-) -> Solved:
+    solve: Callable[[Chain | None], Identification],
+    poses: PoseData,
+    nominal: Chain | None,
+    sweeps: Sequence[Sweep],
+) -> Identification:
     """Solve from the nominal robot; from the sweeps' axes where there is no nominal, or where it is too far off.
 
     Raises JointNotExcited where there is neither.

@@ -12,7 +12,7 @@ import pytest
 from core.errors import TooFewPoses
 from core.geometry.se3 import invert
 from core.kinematics.dh import forward
-from core.kinematics.identification import identify_from_images
+from core.kinematics.identification import identify
 from core.kinematics.planning import (
     CameraSetup,
     choose_informative,
@@ -22,7 +22,7 @@ from core.kinematics.planning import (
     suggest_poses,
 )
 from core.simulation.arm import KR5_ARC, KR5_ARC_HOME, T_FLANGE_CAMERA, Arm, free_angles
-from tests.support.simulation.robots.arm_grid_points import CAMERA, GRID, SIZE, common_fit, session
+from tests.support.simulation.robots.arm_grid_points import CAMERA, GRID, SIZE, image_poses, session
 from tests.support.simulation.robots.arms import stated
 
 
@@ -34,7 +34,7 @@ def rig_of(arm: Arm, **how: float) -> CameraSetup:
 def test_predicted_uncertainties_are_those_stated_afterwards(scatter: float) -> None:
     position, rotation = scatter * 0.03, scatter * math.radians(0.005)
     arm, q, views, _ = session(11, count=40, position_mm=position, rotation_rad=rotation)
-    found = identify_from_images(common_fit(views), q, KR5_ARC, folds=0).robot
+    found = identify(image_poses(views, q), KR5_ARC, folds=0)
     # Planned with the nominal chain, as one has to.
     planned = predict(
         KR5_ARC, q, replace(rig_of(arm), scatter_position_mm=position, scatter_rotation=rotation)

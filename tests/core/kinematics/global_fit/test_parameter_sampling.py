@@ -11,11 +11,11 @@ import pytest
 from core.errors import InvalidArgument
 from core.kinematics.dh import forward
 from core.kinematics.global_fit import observations_of, placed
-from core.kinematics.identification import ModelChoice, identify, identify_from_images
+from core.kinematics.identification import ModelChoice, identify
 from core.kinematics.identification.from_poses import solve
 from core.kinematics.identification.sampling import sample_parameters
 from core.simulation.arm import KR5_ARC, kr5_arc
-from tests.support.simulation.robots.arm_grid_points import common_fit, session
+from tests.support.simulation.robots.arm_grid_points import image_poses, session
 from tests.support.simulation.robots.arms import angles
 from tests.support.simulation.simulated_poses import Repeatability, measure_poses
 
@@ -36,7 +36,7 @@ def test_sampling_agrees_with_the_covariance_of_poses() -> None:
 
 def test_sampling_agrees_with_the_covariance_of_images_of_one_lens() -> None:
     _, q, views, _ = session(11, count=40, position_mm=0.03, rotation_rad=math.radians(0.005))
-    sampling = identify_from_images(common_fit(views), q, KR5_ARC, folds=0, trials=TRIALS).robot.sampling
+    sampling = identify(image_poses(views, q), KR5_ARC, folds=0, trials=TRIALS).sampling
     assert sampling is not None
     assert sampling.agrees.all()
     assert sampling.joint_ratio == pytest.approx(1.0, abs=0.05)

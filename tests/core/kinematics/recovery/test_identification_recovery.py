@@ -11,9 +11,9 @@ import math
 import numpy as np
 import pytest
 
-from core.kinematics.identification import Identification, identify, identify_from_images
+from core.kinematics.identification import Identification, identify
 from core.simulation.arm import KR5_ARC, Arm, kr5_arc
-from tests.support.simulation.robots.arm_grid_points import common_fit, session
+from tests.support.simulation.robots.arm_grid_points import image_poses, session
 from tests.support.simulation.robots.arms import angles, identifiable_truth, stated
 from tests.support.simulation.simulated_poses import Repeatability, measure_poses
 
@@ -65,6 +65,6 @@ def test_grid_points_of_a_robot_that_scatters() -> None:
         arm, q, views, _ = session(
             100 + trial, count=40, position_mm=ROBOT.position_mm, rotation_rad=ROBOT.rotation_rad
         )
-        found = identify_from_images(common_fit(views), q, KR5_ARC, folds=0)
-        pairs.append(compared(arm, q, found.robot))
+        found = identify(image_poses(views, q), KR5_ARC, folds=0)
+        pairs.append(compared(arm, q, found))
     assert_covered(pairs)

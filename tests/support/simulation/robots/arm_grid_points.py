@@ -6,10 +6,12 @@ from dataclasses import replace
 
 import numpy as np
 
-from core.calibration import CommonFit, estimate_group
 from core.geometry.camera import Camera
 from core.geometry.lens_models import AnyCamera, project_any
 from core.geometry.se3 import invert, so3_exp, transform, transform_points
+from core.kinematics.pose_observations import PoseData
+from core.session import ImageObservation, SessionData, SessionEstimate, estimate_session, group_views
+from core.session.robot.robot_poses import poses_of_estimate
 from core.simulation.arm import KR5_ARC_HOME, KR5_ARC_LIMITS, Arm, kr5_arc
 from core.simulation.looking import sample_viewing_configurations
 from core.simulation.scenes import Scene
@@ -62,8 +64,28 @@ def session(
     return arm, q, views, target
 
 
-def common_fit(views: list[GridPoints], lens_start: AnyCamera | None = None) -> CommonFit:
-    """The fit of one camera to images that each show a pose of their own, by the lens model of `lens_start`."""
-    fit = estimate_group(views, "pooled", lens_start=lens_start).fit
-    assert fit is not None
-    return fit
+def observed(
+    views: list[GridPoints], joint_angles: np.ndarray, target: np.ndarray | None = None
+) -> tuple[SessionData, SessionEstimate]:
+    """The session of these images, each of a pose of its own (P0, P1, ...), and its estimate."""
+    targets = np.zeros(len(views), dtype=np.intp) if target is None else target
+    images = tuple(
+        ImageObservation(
+            f"m{i}", f"P{i}", 1, f"i{i}", int(targets[i]), "default", np.degrees(q).tolist(), *SIZE
+        )
+        for i, q in enumerate(joint_angles)
+    )
+    specs = tuple(views[int(np.argmax(targets == t))].target for t in range(int(targets.max()) + 1))
+    data = SessionData(
+        specs, tuple(f"T{t}" for t in range(len(specs))), images, group_views(images, dict(enumerate(views)))
+    )
+    estimate = estimate_session(data)
+    assert not estimate.excluded
+    return data, estimate
+
+
+def image_poses(
+    views: list[GridPoints], joint_angles: np.ndarray, target: np.ndarray | None = None
+) -> PoseData:
+    """What an identification takes of these images: their poses, with the errors of lens and print in common."""
+    return poses_of_estimate(*observed(views, joint_angles, target)).poses
