@@ -67,8 +67,11 @@ def absolute_poses(
     dominated = []
     for g, (group, marginal) in enumerate(zip(estimate.groups, each, strict=True)):
         before = group.estimate.common
-        of_images = before if marginal is None else marginal.common[marginal.place]
-        sign = _signs(sources[g], of_images, group.estimate.positions_mm)
+        positions = group.estimate.positions_mm
+        if marginal is None:
+            sign = _signs(sources[g], before, positions)
+        else:
+            sign = _signs(sources[g], marginal.common, positions[np.unique(marginal.place, return_index=True)[1]])
         columns = _Columns(sign, sum(widths[:g]), sum(widths), sum(widths) + scales)
         if marginal is None:
             for pose in group.poses:
@@ -79,17 +82,22 @@ def absolute_poses(
         # Figures of unknown scale have no uncertainty that the print's shape could dominate.
         if scaled and _shape_share(marginal) > MAX_SHAPE_SHARE:
             dominated.append(group.name)
-        turns = [so3_exp(w) for w in marginal.turned]
-        own = group.estimate.covariance - before @ np.swapaxes(before, 1, 2)
-        for k, (pose, place) in enumerate(zip(group.poses, marginal.place.tolist(), strict=True)):
-            assert pose.rotation is not None  # poses of images have one
-            moved = replace(
+        # Images of one pose share its errors: one array for all of them.
+        common = [columns.of(of_place) for of_place in marginal.common]
+        place = marginal.place
+        turns = np.array([so3_exp(w) for w in marginal.turned])[place]
+        covariance = group.estimate.covariance - before @ np.swapaxes(before, 1, 2)
+        covariance = covariance + np.array([C @ C.T for C in common])[place]
+        rotations = turns @ group.estimate.rotations
+        positions = positions + marginal.moved_mm[place]
+        for k, (pose, m) in enumerate(zip(group.poses, place.tolist(), strict=True)):
+            found[pose.measurement_id] = replace(
                 pose,
-                position_mm=pose.position_mm + marginal.moved_mm[place],
-                rotation=turns[place] @ pose.rotation,
+                position_mm=positions[k],
+                rotation=rotations[k],
+                covariance=covariance[k],
+                common=common[m],
             )
-            common = columns.of(marginal.common[place])
-            found[pose.measurement_id] = replace(moved, covariance=own[k] + common @ common.T, common=common)
     names = [source for of_group in sources for source in of_group if source != PRINT_SCALE]
     warnings = (*unstated_scale_warnings(data, estimate, known), *_shape_warnings(dominated))
     return AbsolutePoses(found, (*names, *[PRINT_SCALE] * scales), warnings)
