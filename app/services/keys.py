@@ -13,7 +13,7 @@ from typing import Any, TypedDict, Unpack
 
 import sqlalchemy as sa
 
-from app.errors import InvalidContent, NotFound, ServiceError
+from app.errors import Conflict, InvalidContent, NotFound, ServiceError
 from app.logs import Logger
 from app.records.database import Database
 from app.records.ids import is_id, new_id
@@ -183,10 +183,10 @@ def keys_in_force(installation: ServiceContext) -> list[ApiKey]:
 
 
 def get_key(installation: ServiceContext, key_id: str) -> ApiKey:
-    """Return one key that is still in force, without its secret."""
+    """Return one key without its secret, a revoked one too."""
     with installation.database.read() as session:
         key = session.get(ApiKey, key_id) if is_id(key_id) else None
-    if key is None or key.revoked_at is not None:
+    if key is None:
         raise NotFound.of("key")
     return key
 
@@ -197,8 +197,12 @@ def change_key(installation: ServiceContext, key_id: str, changes: Mapping[str, 
         _check_name(changes["name"])
     with installation.database.write() as records:
         key = records.get(ApiKey, key_id, with_for_update=True) if is_id(key_id) else None
-        if key is None or key.revoked_at is not None:
+        if key is None:
             raise NotFound.of("key")
+        if key.revoked_at is not None:
+            raise Conflict(
+                "The key is revoked, which cannot be undone.", code="key_revoked", advice="Create a new key."
+            )
         for field in ("name", "bytes_per_day"):
             if field in changes:
                 setattr(key, field, changes[field])

@@ -94,7 +94,9 @@ def _utc(value: Any) -> Any:
 
 
 def visible_text(value: str) -> str:
-    """Return a text that is seen as it is. Raises ValueError for one with invisible characters."""
+    """Return a text that is seen as it is. Raises ValueError for one with invisible characters, or spaces alone."""
+    if value.isspace():
+        raise ValueError("consists of spaces alone; people are to read it")
     if any(unicodedata.category(character) in _INVISIBLE for character in value):
         raise ValueError(
             "has invisible characters that steer how text is shown, such as U+202E; leave them out"

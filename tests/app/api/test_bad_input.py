@@ -27,6 +27,7 @@ def api(open_api: ApiMaker) -> Iterator[Api]:
         ({"name": "a\nb"}, "name"),
         ({"name": "a\u0085b"}, "name"),
         ({"name": "a\u202eb"}, "name"),
+        ({"name": " \u00a0 "}, "name"),
         ({"name": "a\u200bb"}, "name"),
         ({"name": "a\u2028b"}, "name"),
         ({"name": "a\U000e0041b"}, "name"),

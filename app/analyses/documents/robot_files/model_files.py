@@ -202,11 +202,15 @@ def write_csv(model: Model) -> str:
                 **{p: joint[p] for p in PARAMETERS},
                 **{f"u_{p}": joint["standard_uncertainty"][p] for p in PARAMETERS},
                 **{f"nominal_{p}": nominal.get(p) for p in PARAMETERS[:4]},
-                **{f"identifiable_{p}": joint["identifiable"][p] for p in PARAMETERS},
-                "parallel_to_next": joint["parallel_to_next"],
+                **{f"identifiable_{p}": _truth(joint["identifiable"][p]) for p in PARAMETERS},
+                "parallel_to_next": _truth(joint["parallel_to_next"]),
             }
         )
     return text.getvalue()
+
+
+def _truth(value: bool) -> str:
+    return "true" if value else "false"
 
 
 WRITERS: dict[str, Callable[[Model], str]] = {

@@ -43,7 +43,7 @@ def list_keys(service: AppContextDep, limit: Limit = 50, cursor: Cursor = None) 
 
 @router.get("/{key_id}", responses=problem_responses(404, 409))
 def get_key(key_id: KeyPath, service: AppContextDep) -> KeyRead:
-    """Return one key that is still in force, without its secret."""
+    """Return one key without its secret, a revoked one too."""
     return _document(keys.get_key(service.installation, key_id))
 
 

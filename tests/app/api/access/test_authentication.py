@@ -64,7 +64,9 @@ def test_a_key_made_over_http_works_until_it_is_revoked(any_api: Any) -> None:
     assert any_api.client.delete(made.headers["location"]).status_code == 204
     assert any_api.client.delete(made.headers["location"]).status_code == 204
     assert any_api.client.get("/v1/targets", headers=headers).status_code == 401
-    assert any_api.client.get(made.headers["location"]).json()["code"] == "key_not_found"
+    assert any_api.client.get(made.headers["location"]).json()["revoked_at"] is not None
+    changed = any_api.client.patch(made.headers["location"], json={"name": "cell 5"})
+    assert (changed.status_code, changed.json()["code"]) == (409, "key_revoked")
     revoked = {key["id"]: key["revoked_at"] for key in any_api.client.get("/v1/keys").json()["items"]}
     assert revoked[document["id"]] is not None
 

@@ -269,4 +269,4 @@ def test_name_and_quota_of_a_key_can_be_changed(api: Any) -> None:
     assert api.client.patch(address, json={"bytes_per_day": None}).json()["bytes_per_day"] is None
     assert api.client.patch(address, json={"scope": "admin"}).status_code == 422
     api.client.delete(address)
-    assert api.client.patch(address, json={"name": "x"}).status_code == 404
+    assert api.client.patch(address, json={"name": "x"}).status_code == 409
