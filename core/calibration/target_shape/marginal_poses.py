@@ -104,6 +104,8 @@ class _System:
     gradient: Float[np.ndarray, " q"]
     follows: Float[np.ndarray, "m 6 q"]
     pose_steps: Float[np.ndarray, "m 6"]
+    pose_roots: Float[np.ndarray, "m 6 6"]
+    """Lower roots of the information of each pose by itself."""
     squares: float
     observations: int
     prior: Float[np.ndarray, "q q"]
@@ -222,7 +224,9 @@ class _Problem:
         tall = roots.reshape(-1, q)
         N -= tall.T @ tall
         prior, pull = self._prior(state)
-        return _System(N + prior, b + pull, whole[:, :, :q], whole[:, :, q], squares, observations, prior)
+        return _System(
+            N + prior, b + pull, whole[:, :, :q], whole[:, :, q], lower, squares, observations, prior
+        )
 
     def _prior(self, state: _State) -> tuple[Float[np.ndarray, "q q"], Float[np.ndarray, " q"]]:
         prior = np.eye(self.size)
@@ -295,7 +299,8 @@ class _Problem:
         sources = [LENS] * (self.free + 1)  # the sensor's skew, too
         sources += [source for departures in self.departures for source in departures.sources()]
         sources += [PRINT_SCALE] * len(self.departures)
-        common, kept = compressed_by_source(np.concatenate([common, scales], axis=2), sources)
+        whitener = np.swapaxes(system.pose_roots, 1, 2) @ np.linalg.inv(J)
+        common, kept = compressed_by_source(np.concatenate([common, scales], axis=2), sources, whitener)
         before = centroids - np.einsum("mji,mj->mi", start.rotations, start.translations_mm)
         turned = np.array(
             [so3_log(new.T @ old) for new, old in zip(state.rotations, start.rotations, strict=True)]
