@@ -9,6 +9,7 @@ standard deviations.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -23,6 +24,8 @@ _AXES = ("x", "y", "z", "rotation x", "rotation y", "rotation z")
 _FRAME_KEYS = ("x_mm", "y_mm", "z_mm", "rotation_x_rad", "rotation_y_rad", "rotation_z_rad")
 FLANGE_CAMERA = "flange_camera"
 SHORTEST_REACH_MM = 100.0
+NOMINAL_LENGTH_MM, NOMINAL_ANGLE_RAD = 1.0, math.radians(0.1)
+"""Standard deviations of DH parameters about the nominal: what workshops and assembly leave."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -86,6 +89,11 @@ class ParameterLayout:
         of_frame = [1.0] * 3 + [angle] * 3
         of_joint = [angle if name.endswith("_rad") else 1.0 for name in JOINT_PARAMETERS]
         return np.array(of_joint * self.joints + of_frame * (1 + self.targets) + [1.0] * self.shared)
+
+    def nominal_deviations(self) -> Float[np.ndarray, " c"]:
+        """Return the standard deviations of the joints' parameters about the nominal."""
+        angles = [name.endswith("_rad") for name in JOINT_PARAMETERS] * self.joints
+        return np.where(angles, NOMINAL_ANGLE_RAD, NOMINAL_LENGTH_MM)
 
 
 @dataclass(frozen=True, slots=True)

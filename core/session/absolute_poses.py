@@ -71,7 +71,9 @@ def absolute_poses(
         if marginal is None:
             sign = _signs(sources[g], before, positions)
         else:
-            sign = _signs(sources[g], marginal.common, positions[np.unique(marginal.place, return_index=True)[1]])
+            sign = _signs(
+                sources[g], marginal.common, positions[np.unique(marginal.place, return_index=True)[1]]
+            )
         columns = _Columns(sign, sum(widths[:g]), sum(widths), sum(widths) + scales)
         if marginal is None:
             for pose in group.poses:
@@ -83,11 +85,11 @@ def absolute_poses(
         if scaled and _shape_share(marginal) > MAX_SHAPE_SHARE:
             dominated.append(group.name)
         # Images of one pose share its errors: one array for all of them.
-        common = [columns.of(of_place) for of_place in marginal.common]
+        shared = [columns.of(of_place) for of_place in marginal.common]
         place = marginal.place
         turns = np.array([so3_exp(w) for w in marginal.turned])[place]
         covariance = group.estimate.covariance - before @ np.swapaxes(before, 1, 2)
-        covariance = covariance + np.array([C @ C.T for C in common])[place]
+        covariance = covariance + np.array([C @ C.T for C in shared])[place]
         rotations = turns @ group.estimate.rotations
         positions = positions + marginal.moved_mm[place]
         for k, (pose, m) in enumerate(zip(group.poses, place.tolist(), strict=True)):
@@ -96,7 +98,7 @@ def absolute_poses(
                 position_mm=positions[k],
                 rotation=rotations[k],
                 covariance=covariance[k],
-                common=common[m],
+                common=shared[m],
             )
     names = [source for of_group in sources for source in of_group if source != PRINT_SCALE]
     warnings = (*unstated_scale_warnings(data, estimate, known), *_shape_warnings(dominated))

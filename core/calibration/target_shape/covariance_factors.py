@@ -46,7 +46,9 @@ def compressed(
     squares, turned = np.linalg.eigh(tall.T @ tall)
     matters = squares >= LEAST_EFFECT**2
     matters[-1] = True
-    return np.ascontiguousarray((common.reshape(6 * m, count) @ turned[:, matters][:, ::-1]).reshape(m, 6, -1))
+    return np.ascontiguousarray(
+        (common.reshape(6 * m, count) @ turned[:, matters][:, ::-1]).reshape(m, 6, -1)
+    )
 
 
 def compressed_by_source(

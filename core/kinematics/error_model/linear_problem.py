@@ -14,9 +14,8 @@ from jaxtyping import Bool, Float, Int
 from scipy.linalg import blas
 from scipy.sparse import csr_array
 
-from core.kinematics.arm_model import ArmState
+from core.kinematics.arm_model import NOMINAL_ANGLE_RAD, NOMINAL_LENGTH_MM, ArmState
 from core.kinematics.error_model.evidence import Fitted, Prior, Sums
-from core.kinematics.error_model.priors import PRIOR_ANGLE_RAD, PRIOR_LENGTH_MM
 from core.kinematics.error_model.terms import Kind, Terms, term_columns, terms_of
 from core.kinematics.global_fit import Observations, configurations, linearised, whitened, whitener
 from core.numerics import Variances
@@ -173,7 +172,7 @@ def _prior(arm: ArmState, free: Bool[np.ndarray, " p"], nominal: Float[np.ndarra
         off = nominal - arm.parameters
         fitted = free[: off.size].reshape(off.shape)
         v = np.empty_like(off)
-        for parameters, spread in (([0, 2], PRIOR_LENGTH_MM), ([1, 3, 4], PRIOR_ANGLE_RAD)):
+        for parameters, spread in (([0, 2], NOMINAL_LENGTH_MM), ([1, 3, 4], NOMINAL_ANGLE_RAD)):
             deviations = off[:, parameters][fitted[:, parameters]] / spread
             size = float(np.sqrt(np.mean(deviations**2))) if len(deviations) else 0.0
             v[:, parameters] = (spread * (size if size > _CONTRADICTION else 1.0)) ** 2

@@ -18,8 +18,6 @@ from core.kinematics.error_model.terms import Kind, Terms
 FEW_POSES = 60
 LEAST_POSES = 12
 """With fewer poses the hyperparameters keep their defaults."""
-PRIOR_LENGTH_MM, PRIOR_ANGLE_RAD = 1.0, math.radians(0.1)
-"""Standard deviations of DH parameters about the nominal: what workshops and assembly leave."""
 _SMOOTH, _TAIL, _CORNER, _COMPLIANCE, _RADIAL, _WOBBLE, _APPROACH = range(7)
 _DEFAULTS = (
     math.radians(6e-3),  # sa, rad

@@ -90,11 +90,22 @@ def refine(
 
 
 def fit_unweighted(
-    start: ArmState, seen: Observations, free: Bool[np.ndarray, " p"], scatter: Variances, iterations: int = 3
+    start: ArmState,
+    seen: Observations,
+    free: Bool[np.ndarray, " p"],
+    scatter: Variances,
+    iterations: int = 3,
+    nominal: Float[np.ndarray, "j 5"] | None = None,
 ) -> ArmState:
-    """Return the arm after a few plain Gauss-Newton steps from near the minimum, at a known scatter."""
+    """Return the arm after a few plain Gauss-Newton steps from near the minimum, at a known scatter; its joints'
+    parameters are normal about the `nominal`, or flat without one.
+    """
     free = free.copy()
-    free[start.layout.kinematic :] = True
+    layout = start.layout
+    free[layout.kinematic :] = True
+    weights = np.zeros(layout.size)
+    if nominal is not None:
+        weights[: layout.tool.start] = layout.nominal_deviations() ** -2.0
     W = whitener(seen, scatter)
     arm = start
     for _ in range(iterations):
@@ -106,6 +117,11 @@ def fit_unweighted(
         if k:
             H[-k:, -k:] += np.eye(k)
             g[-k:] -= arm.shared
+        if nominal is not None:
+            off = np.zeros(layout.size)
+            off[: layout.tool.start] = (nominal - arm.parameters).ravel()
+            H += np.diag(weights[free])
+            g += (weights * off)[free]
         solved = covariance_of(H) @ g
         step = np.zeros(arm.layout.size)
         step[free] = solved

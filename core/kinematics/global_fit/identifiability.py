@@ -7,7 +7,9 @@ computed at the chain with its near-parallel axes made exactly parallel: a param
 remaining thousandth of a degree counts as not determined.
 
 In addition to the exact null space, directions that the data hardly determine are held by the same rules: those
-uncertain by more than `MAX_RELATIVE_UNCERTAINTY` of the arm's reach.
+uncertain by more than `MAX_RELATIVE_UNCERTAINTY` of the arm's reach. What is held in the exact null space is a
+convention. What is held in a weak direction is an assumption: the robot's own value departs from the nominal, and the
+other parameters by what they make of it.
 
 References: J. M. Hollerbach, C. W. Wampler, Int. J. Robotics Research 15 (1996) 573-591.
 """
@@ -15,11 +17,11 @@ References: J. M. Hollerbach, C. W. Wampler, Int. J. Robotics Research 15 (1996)
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 
 from core.kinematics.arm_model import ALPHA, BETA, THETA, A, ArmState, D, ParameterLayout
 from core.kinematics.dh import PARALLEL_AT_MOST, nearly_parallel
@@ -43,13 +45,23 @@ MAX_RELATIVE_UNCERTAINTY = 0.02
 class Gauge:
     """Which columns are fitted, and why the others are held.
 
-    `parallel` marks the joints whose axes are near parallel to the next, so that β replaces d. `unidentifiable` are the
-    parameters that are not identifiable.
+    `parallel` marks the joints whose axes are near parallel to the next, so that β replaces d. `conventions` are the
+    parameters of which one is held by convention, `hardly` the columns that are held because the data hardly determine
+    them. `assumed` are those of the joints among the latter, and `by_assumed` what one standard deviation of each about
+    the nominal does to the estimates of all columns.
     """
 
     free: Bool[np.ndarray, " p"]
     parallel: Bool[np.ndarray, " j"]
-    unidentifiable: tuple[Unidentifiable, ...]
+    conventions: tuple[Unidentifiable, ...]
+    hardly: Mapping[int, Unidentifiable]
+    assumed: Int[np.ndarray, " w"]
+    by_assumed: Float[np.ndarray, "p w"]
+
+    @property
+    def unidentifiable(self) -> tuple[Unidentifiable, ...]:
+        """The parameters that are not identifiable."""
+        return (*self.conventions, *self.hardly.values())
 
 
 def fix_gauge(
@@ -84,11 +96,19 @@ def fix_gauge(
         [c for c in order if free[c]],
     )
     free[weak.columns] = False
-    said = (
-        *unidentifiable(exact, layout, decided, seen.rotations is None),
-        *weakly_identifiable(weak, layout),
+    conventions = tuple(unidentifiable(exact, layout, decided, seen.rotations is None))
+    hardly = dict(zip(weak.columns, weakly_identifiable(weak, layout), strict=True))
+    assumed = np.array(sorted(c for c in weak.columns if c < layout.tool.start), dtype=np.intp)
+    fitted = np.isin(left, np.flatnonzero(free))
+    of = np.searchsorted(left, assumed)
+    by_assumed = np.zeros((layout.size, len(assumed)))
+    units = layout.units(arm.reach_mm)
+    by_assumed[left[fitted]] = (
+        -units[left[fitted], None]
+        * np.linalg.solve(H[np.ix_(fitted, fitted)], H[fitted][:, of])
+        * (layout.nominal_deviations()[assumed] / units[assumed])
     )
-    return Gauge(free, decided, said)
+    return Gauge(free, decided, conventions, hardly, assumed, by_assumed)
 
 
 def null_space(rows: Float[np.ndarray, "p q"]) -> Float[np.ndarray, "p k"]:

@@ -199,6 +199,9 @@ def _report(
         alone = rms(linearised(fit_frames(arm.parameters, arm, some, gauge.free, refined.scatter), some)[0])
     kinematic = int(gauge.free.sum())
     covariance = refined.covariance[:kinematic, :kinematic]
+    if extension is None:
+        open_ones = gauge.by_assumed[gauge.free]
+        covariance = covariance + open_ones @ open_ones.T
     how = conditioning(arm, refined.jacobian, gauge.free, refined.used)
     keys = layout.keys()
     return Identification(

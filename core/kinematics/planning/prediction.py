@@ -82,6 +82,8 @@ def predict(
     free[arm.layout.kinematic :] = True
     kinematic = int(gauge.free.sum())
     covariance = covariance_of(information_of(ready, J, free, all_poses, scatter))[:kinematic, :kinematic]
+    open_ones = gauge.by_assumed[gauge.free]
+    covariance = covariance + open_ones @ open_ones.T
     keys = arm.layout.keys()
     return Prediction(
         joints=joint_estimates(arm, gauge, covariance, chain, joint_angles[seen]),
