@@ -62,7 +62,7 @@ def make_report(database: Database, order: ReportOrder) -> MadeReport:
     }
     try:
         drawings = _drawings(loaded, order.kind, source)
-        forms = render_forms(document, drawings, order.template, _exports(document))
+        forms = render_forms(document, drawings, order.template, _exports(loaded, document, source))
     except RenderingFailed as error:
         raise Conflict(
             f"The PDF of the report cannot be drawn: {error}",
@@ -72,12 +72,16 @@ def make_report(database: Database, order: ReportOrder) -> MadeReport:
     return MadeReport(forms, core_version(), inputs_sha256)
 
 
-def _exports(document: dict[str, Any]) -> dict[str, str]:
+def _exports(loaded: LoadedSession, document: dict[str, Any], source: str) -> dict[str, str]:
     """Return the files for other programs that the PDF of a report on kinematics carries."""
     if document["kind"] != "kinematics":
         return {}
-    inputs = document["inputs"]
-    return exports_of(document["analyses"]["dh"], inputs["robot"], inputs["session"]["name"])
+    inputs, found = document["inputs"], document["analyses"]["dh"]
+    chain = None
+    if found["chain_residual"] is not None:
+        alone = document_of(loaded, "dh", {**settings_of("dh", source), "model": "dh"})
+        chain = None if isinstance(alone, AnalysisRefused) else json.loads(alone)
+    return exports_of(found, inputs["robot"], inputs["session"]["name"], chain)
 
 
 def source_of(database: Database, session_id: str) -> str:

@@ -38,6 +38,7 @@ class ModelFormat(enum.StrEnum):
     angle_table = "angle-table"
 
 
+_CHAIN_ALONE = (ModelFormat.urdf, ModelFormat.roboticstoolbox, ModelFormat.csv)
 _ANY_COUPLING = (ModelFormat.yaml, ModelFormat.urdf, ModelFormat.terms_json)
 _WRITERS: dict[ModelFormat, Callable[[Model], str]] = {
     **{ModelFormat(name): writer for name, writer in WRITERS.items()},
@@ -92,11 +93,12 @@ def export_dh(
     output: Annotated[Path | None, typer.Option("--output", "-o", help="File.  [default: stdout]")] = None,
     method: Annotated[DhMethod, typer.Option(help="As of the analysis.")] = DhMethod.global_,
     model: Annotated[
-        DhModel,
+        DhModel | None,
         typer.Option(
-            help="As of the analysis: terms beyond the chain. They are in yaml alone; other formats hold the chain."
+            help="As of the analysis: terms beyond the chain, which yaml, terms and angle-table hold.  [default: auto "
+            "for these; dh, the best chain by itself, for the others]"
         ),
-    ] = DhModel.auto,
+    ] = None,
     source: Annotated[
         DhSource, typer.Option(help="Poses from images, or of another instrument.")
     ] = DhSource.images,
@@ -129,13 +131,14 @@ def export_dh(
 ) -> int:
     """Write a session's identified robot as URDF, Robotics Toolbox model, YAML or CSV."""
     console = error_console()
+    taken = model or (DhModel.dh if model_format in _CHAIN_ALONE else DhModel.auto)
     try:
         with service.client(console) as client:
             session_id = find_session(client, session)["id"]
             document = client.get(
                 f"/v1/sessions/{session_id}/dh",
                 method=method.value,
-                model=model.value,
+                model=taken.value,
                 source=source.value,
                 estimator=estimator,
                 joint_tolerance_deg=joint_tolerance_deg,

@@ -10,6 +10,7 @@ from starlette.concurrency import run_in_threadpool
 from starlette.responses import Response
 
 from app.analyses.computations import compute_robot_file
+from app.analyses.documents.robot_files import CHAIN_FILES
 from app.analyses.outcome import AnalysisRefused
 from app.analyses.reporting import DH_DEFAULTS
 from app.errors import Conflict, NotFound
@@ -102,6 +103,8 @@ async def get_robot_file(request: Request, session_id: str, name: str, source: S
     service = service_of(request)
     context = await run_in_threadpool(head_of, service, session_id, "robot")
     settings = _settings(await chosen_source(request, session_id, source))
+    if name in CHAIN_FILES:
+        settings["model"] = "dh"
     document = await analysis_document(request, "dh", session_id, settings)
     if isinstance(document, AnalysisRefused):
         raise Conflict(document.detail, document.advice, code=document.code)

@@ -36,7 +36,7 @@ def compressed(
 ) -> Float[np.ndarray, "m 6 d"]:
     """Return factors of the same covariances in as few columns as matter, one at least.
 
-    What is left out is less than `LEAST_EFFECT` of the poses' own errors, whose inverse root the `whitener` is, in all
+    What is missing is less than `LEAST_EFFECT` of the poses' own errors, whose inverse root the `whitener` is, in all
     poses together.
     """
     m, _, count = common.shape

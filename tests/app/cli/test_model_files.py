@@ -224,6 +224,11 @@ def test_a_report_carries_the_files_that_can_express_the_robot() -> None:
     assert names[:3] == ["joint_2", "joint_2_", "joint_3"]
     coupled = {**document, "joint_coupling": np.eye(6).tolist()}
     assert set(exports_of(coupled, None, "Cell 4")) == {"robot.yaml", "robot.urdf"}
+    other = {**document, "joints": [{**joint, "a_mm": 7.0} for joint in document["joints"]]}
+    of_chain = exports_of(document, robot, "Cell 4", other)
+    assert {row["a_mm"] for row in csv.DictReader(io.StringIO(of_chain["robot.csv"]))} == {"7.0"}
+    assert of_chain["robot.urdf"] != carried["robot.urdf"]
+    assert of_chain["robot.yaml"] == carried["robot.yaml"]
     terms = {"joint_curves": [], "compliance": []}
     assert set(exports_of({**coupled, "error_model": terms}, None, "Cell 4")) == {
         "robot.yaml",

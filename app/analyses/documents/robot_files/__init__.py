@@ -10,10 +10,11 @@ from app.analyses.documents.robot_files.error_terms import (
     write_terms_csv,
     write_terms_json,
 )
-from app.analyses.documents.robot_files.exports import exports_of
+from app.analyses.documents.robot_files.exports import CHAIN_FILES, exports_of
 from app.analyses.documents.robot_files.model_files import WRITERS, Model, names_of, ranges_of
 
 __all__ = [
+    "CHAIN_FILES",
     "WRITERS",
     "Model",
     "NoTerms",

@@ -232,8 +232,8 @@ def _provenance(model: Model) -> list[str]:
     alone, whole = document["chain_residual"], document["residual"]
     residual = (alone or whole)["position_rms_mm"]
     beyond = [
-        f"with the terms beyond the chain, which this file does not hold, {whole['position_rms_mm']:.4g} mm; the best "
-        "chain without such terms is that of model dh"
+        f"with base and tool fitted to it; with the terms beyond the chain, which this file does not hold, "
+        f"{whole['position_rms_mm']:.4g} mm; the best chain by itself is that of model dh"
     ]
     return [
         f"Identified by Gridpose {document['core_version']}, method {document['method']}, from "

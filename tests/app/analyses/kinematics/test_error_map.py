@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import csv
+import io
 import re
 from typing import Any
 from xml.etree import ElementTree
@@ -89,7 +91,9 @@ def test_the_identified_robot_is_downloaded_from_its_page(api: Any, session: str
     assert {"robot.urdf", "robot.csv", "robot.yaml"} <= set(files)
     assert all(one.status_code == 200 for one in files.values())
     assert len(ElementTree.fromstring(files["robot.urdf"].content).findall("joint")) >= 6
-    assert len(files["robot.csv"].text.splitlines()) == 7
+    rows = list(csv.DictReader(io.StringIO(files["robot.csv"].text)))
+    alone = api.client.get(f"/v1/sessions/{session}/dh?source=measured_poses&model=dh").json()
+    assert [float(row["a_mm"]) for row in rows] == [joint["a_mm"] for joint in alone["joints"]]
     missing = api.client.get(f"{here}/files/robot.exe?source=measured_poses", headers=signed_in(api))
     assert missing.status_code == 404
 
