@@ -38,6 +38,7 @@ from core.session.estimation import estimate_session
 from core.session.frame_warnings import gimbal_warnings
 from core.session.model import SessionData
 from core.session.robot.coupling_proposal import coupling_proposal, stated_coupling
+from core.session.robot.frame_step import frame_step_warnings
 from core.session.robot.method_agreement import MethodDifference, compare_methods, disagreements
 from core.session.robot.result import JointFigures, RobotIdentification
 from core.session.robot.robot_poses import (
@@ -135,7 +136,7 @@ def _identified(
                 known.sweeps,
             )
             agreement = compare_methods(robot.joints, gathered.poses, data.nominal, known.sweeps, tolerance)
-            more = (*robot.warnings, *disagreements(agreement))
+            more = (*robot.warnings, *disagreements(agreement), *_frame_steps(robot, gathered))
             return _of_poses(robot, known.sweeps, gathered, agreement, (*warnings, *more))
         axes = identify_from_axes(
             gathered.poses, data.nominal, method, sweeps=known.sweeps, tolerance=tolerance, folds=FOLDS
@@ -146,6 +147,19 @@ def _identified(
             "The poses leave the robot's geometry undetermined.",
             "Add poses at other joint angles; thirty that move all joints over their range are a sound beginning.",
         ) from failure
+
+
+def _frame_steps(found: Identification, gathered: RobotPoses) -> tuple[Advisory, ...]:
+    """Return the warnings of frames that moved while poses were measured, by targets."""
+    poses, order = gathered.poses, gathered.order
+    counted = order[found.used[order]]
+    return tuple(
+        warning
+        for target in np.unique(poses.targets)
+        for warning in frame_step_warnings(
+            found.residuals[:3], poses.positions_mm, counted[poses.targets[counted] == target], poses.labels
+        )
+    )
 
 
 def _of_poses(

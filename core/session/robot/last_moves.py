@@ -23,7 +23,7 @@ def last_moves(
     data: SessionData, poses: Sequence[MeasuredPose], joint_angles: Float[np.ndarray, "n j"]
 ) -> Float[np.ndarray, "n j"] | None:
     """Return the sign of each joint's last move before each pose, 0 before its first; None without an order."""
-    order = _order(data, poses)
+    order = measuring_order(data, poses)
     if order is None:
         return None
     signs = np.zeros_like(joint_angles)
@@ -35,8 +35,8 @@ def last_moves(
     return signs
 
 
-def _order(data: SessionData, poses: Sequence[MeasuredPose]) -> list[int] | None:
-    """Return the places of the poses as they were measured."""
+def measuring_order(data: SessionData, poses: Sequence[MeasuredPose]) -> list[int] | None:
+    """Return the places of the poses as they were measured; None where that is not known."""
     times = [data.taken_h.get(pose.measurement_id) for pose in poses]
     known = [time for time in times if time is not None]
     if len(known) == len(poses) and len(set(known)) > 1:

@@ -21,7 +21,7 @@ from core.session.absolute_poses import absolute_poses, stacked_errors, unstated
 from core.session.camera_mount import check_one_on_flange, moving_poses
 from core.session.estimate import ExcludedMeasurement, SessionEstimate
 from core.session.model import MeasuredPose, SessionData, readings
-from core.session.robot.last_moves import last_moves
+from core.session.robot.last_moves import last_moves, measuring_order
 from core.session.visits import positions_of, rotations_of, stack_all
 
 MAX_POSES = 20_000
@@ -35,13 +35,14 @@ class RobotPoses:
     """Poses ready for identification.
 
     `targets` are the places, in the session's list, of the targets that `poses.target` counts, and `rows` those of the
-    poses among the session's estimate; both are empty for another instrument. `excluded` are the measurements that are
-    not among `poses`.
+    poses among the session's estimate; both are empty for another instrument. `order` are the poses as they were
+    measured, empty where that is not known. `excluded` are the measurements that are not among `poses`.
     """
 
     poses: PoseData
     targets: tuple[int, ...]
     rows: Int[np.ndarray, " n"]
+    order: Int[np.ndarray, " k"]
     excluded: tuple[ExcludedMeasurement, ...]
     warnings: tuple[Advisory, ...]
 
@@ -118,7 +119,7 @@ def poses_of_estimate(
             if known is None
         ),
     )
-    return RobotPoses(poses, targets, np.array(keep, dtype=np.intp), excluded, warnings)
+    return RobotPoses(poses, targets, np.array(keep, dtype=np.intp), _order(data, chosen), excluded, warnings)
 
 
 def semidefinite(covariance: Float[np.ndarray, "6 6"]) -> Float[np.ndarray, "6 6"]:
@@ -219,7 +220,13 @@ def poses_of_readings(data: SessionData) -> RobotPoses:
         labels=tuple(v.pose_id for v in known),
         approach=last_moves(data, known, _joint_angles(data, known)),
     )
-    return RobotPoses(poses, (), np.zeros(0, dtype=np.intp), tuple(excluded), tuple(warnings))
+    return RobotPoses(
+        poses, (), np.zeros(0, dtype=np.intp), _order(data, known), tuple(excluded), tuple(warnings)
+    )
+
+
+def _order(data: SessionData, poses: Sequence[MeasuredPose]) -> Int[np.ndarray, " k"]:
+    return np.array(measuring_order(data, poses) or (), dtype=np.intp)
 
 
 def _check_size(count: int) -> None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -97,3 +99,19 @@ def test_a_stated_coupling_is_a_suspect_where_nothing_suits() -> None:
             SessionData((BOARD,), ("t",), measured=mixed, nominal=KR5_ARC, joint_coupling=data.joint_coupling)
         )
     assert "joint_coupling" in str(refused.value.advice)
+
+
+def test_a_frame_that_moved_between_poses_is_named() -> None:
+    data = session(np.ones(6), nominal=KR5_ARC)
+    # In the order of their names, as programs visit them.
+    moved = tuple(
+        replace(p, position_mm=p.position_mm + np.array([0.0, 1.0, 0.5])) if int(p.pose_id[1:]) >= 22 else p
+        for p in data.measured
+    )
+    still, stepped = (
+        [w for w in identify_robot(replace(data, measured=some)).warnings if w.code == "frame_moved"]
+        for some in (data.measured, moved)
+    )
+    assert not still
+    (warning,) = stepped
+    assert "From pose P22 on" in warning.detail

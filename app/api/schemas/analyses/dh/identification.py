@@ -206,8 +206,8 @@ class DhAnalysis(EstimatedAnalysis):
         PoseErrors | None,
         Field(
             description="Of the same poses about the chain without the terms of `error_model`, base and tool fitted to "
-            "it; the best chain by itself is another one, that of `model=dh`, which files of a chain hold. Null without "
-            "terms."
+            "it; the best chain by itself is another one, that of `model=dh`, which files of a chain hold. Null "
+            "without terms."
         ),
     ]
     validation: Annotated[
