@@ -12,7 +12,7 @@ from jaxtyping import Float
 from core.errors import Advisory, listed
 from core.kinematics.arm_model import ArmState
 from core.kinematics.dh import JOINT_PARAMETERS, Chain, JointParameters
-from core.kinematics.error_model import ErrorModel, joint_approach
+from core.kinematics.error_model import FEW_POSES, ErrorModel, Level, joint_approach
 from core.kinematics.global_fit import Conditioning, FitResult, Gauge, HoldOutError, Validation, rms
 from core.kinematics.pose_observations import PoseData
 from core.kinematics.sweeps import find_sweeps
@@ -145,8 +145,18 @@ def validation_warnings(validation: Validation | None) -> Iterator[Advisory]:
             )
 
 
-def approach_warnings(model: ErrorModel) -> Iterator[Advisory]:
-    """Yield a warning where joints stop elsewhere when they come from the other side."""
+def model_warnings(model: ErrorModel) -> Iterator[Advisory]:
+    """Yield warnings where few poses carry all terms, and where joints stop elsewhere when they come from the other
+    side.
+    """
+    count = len(model.fit.design)
+    if model.level is Level.ALL and count < FEW_POSES:
+        yield Advisory(
+            "scatter_uncertain",
+            f"{count} configurations carry all terms beyond the chain, which may take up part of the noise: the robot's "
+            "scatter and the residuals can be several times too small. The errors at poses held out are what counts.",
+            f"Measure {FEW_POSES} configurations or more before relying on them.",
+        )
     large = [
         one
         for one in joint_approach(model)

@@ -54,7 +54,7 @@ from core.kinematics.identification.result import Identification
 from core.kinematics.identification.sampling import sample_parameters
 from core.kinematics.joint_angle_checks import check_against_nominal, check_angles
 from core.kinematics.pose_observations import PoseData
-from core.kinematics.results import approach_warnings, joint_estimates, warnings_for, with_residuals
+from core.kinematics.results import model_warnings, joint_estimates, warnings_for, with_residuals
 from core.kinematics.sweeps import find_sweeps
 from core.kinematics.target_transforms import target_transforms
 from core.numerics import SMALLEST, Variances
@@ -230,7 +230,7 @@ def _report(
         chain_residual=alone,
         warnings=(
             *warnings_for(refined, gauge, how, validation, poses, nominal),
-            *(() if extension is None else approach_warnings(extension.model)),
+            *(() if extension is None else model_warnings(extension.model)),
         ),
         sampling=sample_parameters(refined, seen, gauge.free, trials) if trials else None,
     )
