@@ -4,6 +4,7 @@ from core.kinematics.arm_model import ArmState, ParameterLayout
 from core.kinematics.circle_point_analysis import AxesIdentification, identify_from_axes, reparametrise
 from core.kinematics.correction import (
     MAX_CONFIRMING_RATIO,
+    CorrectableComponents,
     Corrected,
     CorrectionErrors,
     CorrectionModel,
@@ -112,6 +113,7 @@ __all__ = [
     "CameraSetup",
     "Chain",
     "Conditioning",
+    "CorrectableComponents",
     "Corrected",
     "CorrectionErrors",
     "CorrectionModel",

@@ -1,5 +1,6 @@
 """Correction of commands: joint angles at which the identified arm is where the nominal one would be."""
 
+from core.kinematics.correction.components import CorrectableComponents
 from core.kinematics.correction.confirmation import MAX_CONFIRMING_RATIO, curves_ratio
 from core.kinematics.correction.error_map import (
     ErrorCell,
@@ -14,6 +15,7 @@ from core.kinematics.correction.solution import Corrected, Outcome, correct
 
 __all__ = [
     "MAX_CONFIRMING_RATIO",
+    "CorrectableComponents",
     "Corrected",
     "CorrectionErrors",
     "CorrectionModel",

@@ -5,7 +5,8 @@
 σ is a hundredth of a millimetre, and for rotations what moves `LEVER_MM` by as much; s half a degree, ten times less as
 often as a joint would turn by more than `MAX_CORRECTION`. Away from singularities the second term shifts the end by
 nanometres. Near one, where a rotation could be had only by turning joints far against one another, it leaves that
-rotation, and what is left counts in the expected error; a command that is nearer as it was stays.
+rotation, and what is left counts in the expected error; a command that is nearer as it was stays. An arm with too few
+axes for all six components leaves some everywhere, mostly of the rotation.
 """
 
 from __future__ import annotations
@@ -18,9 +19,14 @@ import numpy as np
 from jaxtyping import Bool, Float
 from scipy.spatial.transform import Rotation
 
-from core.kinematics.arm_model import THETA
+from core.kinematics.correction.components import (
+    CorrectableComponents,
+    correctable_components,
+    end_jacobians,
+    singular,
+)
 from core.kinematics.correction.model import CorrectionModel
-from core.kinematics.dh import forward, pose_with_jacobian
+from core.kinematics.dh import forward
 from core.kinematics.error_model import Level
 
 MAX_CORRECTION = math.radians(2.0)
@@ -29,6 +35,8 @@ LEVER_MM = 100.0
 """Where a whole pose cannot be attained, a rotation counts as what it moves so far away."""
 _TOLERANCE_MM = 0.01
 _JOINT_SCALE = math.radians(0.5)
+_LEAST_MM = _TOLERANCE_MM / _JOINT_SCALE
+"""By how much the end moves per rad of the joints in a direction in which more than half of an error is left."""
 _ITERATIONS = 6
 _STIFFENINGS = 3
 
@@ -67,6 +75,10 @@ class Corrected:
     expected
         Expected length of the error that is left: mm, and rad where rotations were measured. Of a command that is not
         corrected it is not known.
+    left
+        The part of it that these joints do not correct: mm, and rad.
+    components
+        What they correct where no singularity is near.
     """
 
     joint_angles: Float[np.ndarray, "n j"]
@@ -74,6 +86,8 @@ class Corrected:
     outcomes: tuple[Outcome, ...]
     shift: Float[np.ndarray, "2 n"]
     expected: Float[np.ndarray, "k n"]
+    left: Float[np.ndarray, "2 n"]
+    components: CorrectableComponents
 
     @property
     def applied(self) -> Bool[np.ndarray, " n"]:
@@ -96,22 +110,26 @@ def correct(
     limits
         Of the commanded angles, least and greatest, rad; infinite where unknown. A corrected command stays within.
     """
-    meant = by.meant(joint_angles)
-    q, left = _solved(by, meant, joint_angles, _JOINT_SCALE)
+    meant, measured = by.meant(joint_angles), by.model.fit.design.seen.joint_angles
+    components = correctable_components(by.nominal, measured, LEVER_MM, _LEAST_MM)
+    q, off = _solved(by, meant, joint_angles, _JOINT_SCALE)
     for stiffer in range(1, _STIFFENINGS + 1):
         far = np.flatnonzero(np.max(np.abs(q - joint_angles), axis=1, initial=0.0) > MAX_CORRECTION)
         if not len(far):
             break
-        q[far], left[:, far] = _solved(by, meant[far], joint_angles[far], _JOINT_SCALE / 10.0**stiffer)
+        q[far], off[:, far] = _solved(by, meant[far], joint_angles[far], _JOINT_SCALE / 10.0**stiffer)
     commanded = q if coupling is None else np.linalg.solve(coupling, q.T).T
     beyond = np.zeros(len(q), dtype=np.bool_)
     if limits is not None:
         beyond = np.any((commanded < limits[0]) | (commanded > limits[1]), axis=1)
-    shift = _lengths(_difference(meant, by.attained(joint_angles)))
+    left, shift = _lengths(off), _lengths(_difference(meant, by.attained(joint_angles)))
     # Near a singularity a rotation may cost more of the position than it is worth.
     rest = np.hypot(left[0], LEVER_MM * left[1])
     worse = (rest > np.hypot(shift[0], LEVER_MM * shift[1])) | (left[0] > shift[0])
     worse &= rest > _TOLERANCE_MM
+    off[3:] *= LEVER_MM
+    near = singular(end_jacobians(by.nominal, q, LEVER_MM), off, components.rank, _LEAST_MM, _TOLERANCE_MM)
+    near &= rest > _TOLERANCE_MM
     outcomes: list[Outcome] = []
     for i, (asked, found) in enumerate(zip(joint_angles, q, strict=True)):
         place = _place(by, asked)
@@ -121,7 +139,7 @@ def correct(
             outcomes.append(Outcome.TOO_FAR)
         elif beyond[i]:
             outcomes.append(Outcome.BEYOND_LIMITS)
-        elif rest[i] > _TOLERANCE_MM:
+        elif near[i]:
             outcomes.append(Outcome.NEAR_SINGULARITY)
         else:
             outcomes.append(place)
@@ -130,7 +148,8 @@ def correct(
     expected = by.deviations(angles)
     expected = np.hypot(expected, left[: len(expected)])
     expected[:, ~applied] = np.nan
-    return Corrected(angles, forward(by.nominal.chain, angles), tuple(outcomes), shift, expected)
+    flange = forward(by.nominal.chain, angles)
+    return Corrected(angles, flange, tuple(outcomes), shift, expected, left, components)
 
 
 def _solved(
@@ -138,22 +157,18 @@ def _solved(
     meant: Float[np.ndarray, "n 4 4"],
     joint_angles: Float[np.ndarray, "n j"],
     joint_scale: float,
-) -> tuple[Float[np.ndarray, "n j"], Float[np.ndarray, "2 n"]]:
-    """Return the joint angles, and how far the end is still off (mm, rad)."""
-    arm, q = by.nominal, joint_angles.copy()
-    n, joints = q.shape
-    base = np.ascontiguousarray(np.broadcast_to(arm.T_target_base[0], (n, 4, 4)))
-    columns = 5 * np.arange(joints) + THETA
+) -> tuple[Float[np.ndarray, "n j"], Float[np.ndarray, "6 n"]]:
+    """Return the joint angles, and by what the end is still off (mm, rad)."""
+    q, joints = joint_angles.copy(), joint_angles.shape[1]
     unit = np.array([1.0] * 3 + [LEVER_MM] * 3) / _TOLERANCE_MM
     for _ in range(_ITERATIONS):
         off = _difference(meant, by.attained(q)) * unit[:, None]
-        _, J = pose_with_jacobian(arm.parameters, np.ascontiguousarray(q), base, arm.T_flange_camera)
-        rows = (J[columns] * unit[:, None]).transpose(2, 1, 0)
+        rows = end_jacobians(by.nominal, q, LEVER_MM) / _TOLERANCE_MM
         columns_of = rows.transpose(0, 2, 1)
         normal = columns_of @ rows + np.eye(joints) / joint_scale**2
         right = (columns_of @ off.T[:, :, None])[..., 0] - (q - joint_angles) / joint_scale**2
         q = q + np.linalg.solve(normal, right[..., None])[..., 0]
-    return q, _lengths(_difference(meant, by.attained(q)))
+    return q, _difference(meant, by.attained(q))
 
 
 def _lengths(off: Float[np.ndarray, "6 n"]) -> Float[np.ndarray, "2 n"]:

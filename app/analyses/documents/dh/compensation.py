@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
+from app.analyses.documents.dh.correctable import partial_correction
 from app.analyses.documents.dh.error_model import terms_document
 from app.analyses.documents.dh.identification import held_out_document, region_document
 from app.analyses.documents.encoding import refined_estimate
@@ -18,7 +19,16 @@ from app.analyses.outcome import AnalysisError
 from core import Advisory
 from core.errors import listed
 from core.geometry import rotation_to_rpy, rpy_to_rotation, transform
-from core.kinematics import Chain, CorrectionErrors, Level, Outcome, correct, forward, solve_inverse
+from core.kinematics import (
+    Chain,
+    Corrected,
+    CorrectionErrors,
+    Level,
+    Outcome,
+    correct,
+    forward,
+    solve_inverse,
+)
 from core.session import SessionCorrection, SessionData, session_correction, with_nominal_orientations
 
 MAX_DIFFERENCE_MM, MAX_DIFFERENCE_DEG = 0.1, 0.02
@@ -45,7 +55,8 @@ def compensation_findings(
     _require_gain(found)
     q, known, warnings = _configurations(commands, data, found)
     limits = np.radians(np.array(json.loads(settings["limits"]), dtype=np.float64).T)
-    documents = _documents(commands, q, known, data, found, limits)
+    corrected = correct(found.by, q, limits, data.joint_coupling)
+    documents = _documents(commands, q, known, data, corrected)
     fields = {
         "robot_id": settings["robot_id"],
         "estimator": settings["estimator"],
@@ -61,9 +72,8 @@ def compensation_findings(
         "region": {"joints": [region_document(joint) for joint in found.by.region]},
         "poses": documents,
     }
-    return Findings(
-        fields, found.found.excluded, (*found.found.warnings, *warnings, *_of_outcomes(documents, found))
-    )
+    of_commands = (*_of_outcomes(documents, found), *partial_correction(corrected, known))
+    return Findings(fields, found.found.excluded, (*found.found.warnings, *warnings, *of_commands))
 
 
 def _check(commands: Sequence[Mapping[str, Any]], joints: int) -> None:
@@ -169,11 +179,9 @@ def _documents(
     q: Float[np.ndarray, "n j"],
     known: Sequence[bool],
     data: SessionData,
-    found: SessionCorrection,
-    limits: Float[np.ndarray, "2 j"],
+    corrected: Corrected,
 ) -> list[dict[str, Any]]:
     C = np.eye(q.shape[1]) if data.joint_coupling is None else data.joint_coupling
-    corrected = correct(found.by, q, limits, data.joint_coupling)
     stated = np.degrees(corrected.joint_angles @ np.linalg.inv(C).T)
     documents = []
     for i, command in enumerate(commands):

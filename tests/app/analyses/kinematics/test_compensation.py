@@ -10,14 +10,15 @@ import numpy as np
 import pytest
 
 from app.api.schemas.analyses import Compensation
-from core.geometry import rotation_to_rpy
-from core.kinematics import forward
-from core.simulation.arm import KR5_ARC
+from core.geometry import rotation_to_rpy, transform
+from core.kinematics import Chain, forward
+from core.simulation.arm import KR5_ARC, Arm, deviated
 from tests.support.service.service import assert_problem
-from tests.support.sessions.kinematics import make_robot, readings
+from tests.support.sessions.kinematics import ROBOT, make_robot, readings
 from tests.support.sessions.stored_sessions import new_session
 from tests.support.sessions.tracked_robot import send
 from tests.support.simulation.robots.real_arms import RealArm, angles_within_limits, measured, real_arm
+from tests.support.simulation.simulated_poses import measure_poses
 
 
 @pytest.fixture
@@ -99,6 +100,35 @@ def test_joint_curves_count_where_asked_for_or_confirmed(api: Any, stored: tuple
     rows = list(csv.DictReader(io.StringIO(table.text)))
     assert rows[0]["pose_id"] == "P1"
     assert float(rows[0]["expected_residual_mm"]) == pytest.approx(asked["poses"][0]["expected_residual_mm"])
+
+
+def test_a_robot_of_four_axes_says_once_what_it_cannot_correct(api: Any) -> None:
+    rng = np.random.default_rng(8)
+    nominal = Chain.from_rows(
+        [
+            (300.0, -90.0, 600.0, 0.0),
+            (900.0, 0.0, 0.0, 0.0),
+            (1000.0, 0.0, 0.0, 0.0),
+            (250.0, -90.0, 0.0, 0.0),
+        ]
+    )
+    arm = Arm(
+        deviated(nominal, rng, 1.0, 1e-3), np.eye(4)[None], transform(np.eye(3), np.array([60.0, 0.0, 90.0]))
+    )
+    q = np.radians(rng.uniform([-150.0, -100.0, 10.0, -90.0], [150.0, 0.0, 110.0, 90.0], (60, 4)))
+    robot = make_robot(api, nominal)
+    session = new_session(api, robot_id=robot)
+    send(api, session, readings(measure_poses(arm, q, rng, estimator="given", robot=ROBOT)))
+    poses = [
+        {"pose_id": f"P{i}", "joint_angles_deg": np.degrees(a).tolist()} for i, a in enumerate(0.8 * q[:10])
+    ]
+    response = ask(api, robot, session, poses)
+    assert response.status_code == 200, response.text
+    found = response.json()
+    assert "near_singularity" not in {pose["outcome"] for pose in found["poses"]}
+    (partial,) = [warning for warning in found["warnings"] if warning["code"] == "correction_partial"]
+    assert "4 axes" in partial["detail"]
+    assert "1 of 3 of the rotation" in partial["detail"]
 
 
 def test_what_cannot_be_corrected_is_refused_in_words(api: Any, stored: tuple[str, str, RealArm]) -> None:

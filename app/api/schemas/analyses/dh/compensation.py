@@ -70,7 +70,8 @@ class CorrectedCommand(CommandRead):
         CommandOutcome,
         Field(
             description="`corrected`; `in_gap`: corrected, with a joint in a gap of over 10° among the angles that "
-            "were measured; `near_singularity`: corrected but for a part of the rotation. Left as it was: "
+            "were measured; `near_singularity`: corrected but for a part of the rotation. What an arm has too few axes "
+            "to correct is left everywhere (warning `correction_partial`). Left as it was: "
             "`outside_region` (a joint outside the angles that were measured), `beyond_limits` (of the robot's "
             "joints), `too_far` (a joint would turn by over 2°, or the command is nearer as it was), `not_reachable` "
             "(no joint angles attain the pose)."
