@@ -50,6 +50,8 @@ class PoseData:
         shows; None where each has its own.
     approach
         Sign of every joint's last move before the pose, 1, -1, or 0 where it is not known; None: of no pose.
+    instrument
+        Whether another instrument measured the poses, not a camera before a print: for messages.
     """
 
     joint_angles: Float[np.ndarray, "a j"]
@@ -61,6 +63,7 @@ class PoseData:
     labels: tuple[str, ...] = field(default=())
     image: Int[np.ndarray, " n"] | None = None
     approach: Float[np.ndarray, "a j"] | None = None
+    instrument: bool = False
 
     def __post_init__(self) -> None:
         """Raise JointAnglesMissing or InvalidArgument, naming the pose, where something cannot be used."""
@@ -122,6 +125,7 @@ class PoseData:
             tuple(self.labels[i] for i in poses) if self.labels else (),
             None if self.image is None else self.image[poses],
             None if self.approach is None else self.approach[poses],
+            self.instrument,
         )
 
     def _require(self, passes: Bool[np.ndarray, " n"], what: str) -> None:

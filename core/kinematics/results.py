@@ -121,7 +121,7 @@ def warnings_for(
     yield from _moved_together(poses.joint_angles[refined.used])
     if nominal is not None:
         yield from _far_from(nominal, refined, gauge)
-        yield from _scaled(nominal, refined, gauge)
+        yield from _scaled(nominal, refined, gauge, instrument=poses.instrument)
     out = np.flatnonzero(~refined.used)
     if len(out):
         some = listed([poses.label(int(i)) for i in out])
@@ -220,7 +220,7 @@ def _far_from(nominal: Chain, refined: FitResult, gauge: Gauge) -> Iterator[Advi
         )
 
 
-def _scaled(nominal: Chain, refined: FitResult, gauge: Gauge) -> Iterator[Advisory]:
+def _scaled(nominal: Chain, refined: FitResult, gauge: Gauge, *, instrument: bool) -> Iterator[Advisory]:
     """Lengths that are all off by one factor are off by the scale of the print, or of the other instrument."""
     columns = [k for k, name in enumerate(JOINT_PARAMETERS) if name.endswith("_mm")]
     stated = nominal.as_array()[:, columns]
@@ -230,12 +230,28 @@ def _scaled(nominal: Chain, refined: FitResult, gauge: Gauge) -> Iterator[Adviso
         return
     off = refined.arm.parameters[:, columns][long] / stated[long] - 1.0
     scale = float(np.median(off))
-    if abs(scale) < MIN_SCALE or float(np.max(np.abs(off - scale))) > MAX_SCALE_SPREAD * abs(scale):
+    # Lengths of the other sign are another arm's, and no scale makes them.
+    if (
+        abs(scale) < MIN_SCALE
+        or scale <= -1.0
+        or float(np.max(np.abs(off - scale))) > MAX_SCALE_SPREAD * abs(scale)
+    ):
+        return
+    factor = (
+        f"All {len(off)} lengths of {MIN_SCALED_MM:g} mm or more are {100.0 * abs(scale):.2g} % "
+        f"{'longer' if scale > 0.0 else 'shorter'} than the nominal ones."
+    )
+    if instrument:
+        yield Advisory(
+            "instrument_scale_mismatch",
+            factor,
+            "Check the instrument's scale against a known length, its correction for temperature and air, and the unit "
+            "of its export; or the nominal lengths, where they are another model's.",
+        )
         return
     yield Advisory(
         "print_scale_mismatch",
-        f"All {len(off)} lengths of {MIN_SCALED_MM:g} mm or more are {100.0 * abs(scale):.2g} % "
-        f"{'longer' if scale > 0.0 else 'shorter'} than the nominal ones.",
-        "Measure the print over its whole length and correct the target's pitch, or check the scale of the other "
-        "instrument: a page that was fitted to its paper is a few percent off.",
+        factor,
+        "Measure the print over its whole length and correct the target's pitch: a page that was fitted to its paper "
+        "is a few percent off.",
     )

@@ -219,6 +219,7 @@ def poses_of_readings(data: SessionData) -> RobotPoses:
         stack_all(v.covariance for v in known),
         labels=tuple(v.pose_id for v in known),
         approach=last_moves(data, known, _joint_angles(data, known)),
+        instrument=True,
     )
     return RobotPoses(
         poses, (), np.zeros(0, dtype=np.intp), _order(data, known), tuple(excluded), tuple(warnings)

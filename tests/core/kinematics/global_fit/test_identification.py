@@ -324,6 +324,10 @@ def test_lengths_that_are_all_off_by_one_factor_are_the_scale_of_the_print(scale
     found = identify(replace(poses, positions_mm=scale * poses.positions_mm), KR5_ARC)
     warnings = [w for w in found.warnings if w.code == "print_scale_mismatch"]
     assert len(warnings) == named
+    other = identify(replace(poses, positions_mm=scale * poses.positions_mm, instrument=True), KR5_ARC)
+    codes = {w.code for w in other.warnings}
+    assert "print_scale_mismatch" not in codes
+    assert ("instrument_scale_mismatch" in codes) == named
     if named:
         assert ("longer" if scale > 1.0 else "shorter") in warnings[0].detail
         assert re.search(r" (2\.[89]|3(\.[012])?) % ", warnings[0].detail)
