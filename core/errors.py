@@ -44,6 +44,7 @@
             ├── JointAnglesInconsistent  joint_angles_inconsistent
             ├── JointAnglesUnitMismatch  joint_angles_unit_mismatch
             ├── LengthsUnitMismatch      lengths_unit_mismatch
+            ├── FrameMirrored            frame_mirrored
             ├── JointNotExcited          joint_not_excited
             ├── TooFewPoses              too_few_poses
             ├── ArcTooShort              arc_too_short
@@ -323,6 +324,14 @@ class JointAnglesUnitMismatch(KinematicsError):
 class LengthsUnitMismatch(KinematicsError):
     code = "lengths_unit_mismatch"
     default_advice = "Give positions and the robot's lengths in millimetres."
+
+
+class FrameMirrored(KinematicsError):
+    code = "frame_mirrored"
+    default_advice = (
+        "Export the positions in a right-handed frame: two of its axes are exchanged, or one counts backwards. Check "
+        "the columns of the import, too."
+    )
 
 
 class JointNotExcited(KinematicsError):

@@ -75,6 +75,7 @@ from core.kinematics.joint_noise import (
     log_likelihood,
     scatter_covariance,
 )
+from core.kinematics.nominal_checks import check_against_nominal
 from core.kinematics.planning import (
     ArmInformation,
     CameraSetup,
@@ -147,6 +148,7 @@ __all__ = [
     "WorkspaceCell",
     "cell_size",
     "cells_of",
+    "check_against_nominal",
     "check_angles",
     "chi_ratio",
     "conditioning_of_chain",

@@ -1,15 +1,12 @@
-"""Consistency of joint angles with measured poses: radians given as degrees, metres as mm, joints that do not turn.
+"""Consistency of joint angles with measured poses, by sweeps: radians given as degrees, joints that do not turn.
 
-`check_angles` compares them joint by joint, from sweeps, for any robot. `check_against_nominal` is for poses at which
-all joints moved: the nominal robot explains them far better with angles or lengths in another unit, or with one joint
-at rest.
+Poses at which all joints moved are compared with the nominal robot (`nominal_checks`).
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float
@@ -20,26 +17,19 @@ from core.errors import (
     DegenerateGeometry,
     JointAnglesInconsistent,
     JointAnglesUnitMismatch,
-    LengthsUnitMismatch,
     PrismaticJoint,
 )
-from core.kinematics.arm_model import ArmState
-from core.kinematics.dh import Chain, forward
-from core.kinematics.global_fit import Observations, fit_frames, linearised, observations_of, placed
 from core.kinematics.joint_axes import fit_circle
 from core.kinematics.pose_observations import PoseData
 from core.kinematics.sweeps import Sweep
-from core.numerics import Variances
 
 _WITHIN = 0.2  # relative: a measured turn that differs by more is not this joint's
 _STILL = 0.1  # of the joint's angle: a smaller turn counts as no turn
-_RADIANS = 180.0 / math.pi
-_LARGEST_RADIAN = 2.0 * math.pi * math.pi / 180.0  # 2 π taken for degrees, in rad
+RADIANS = 180.0 / math.pi
+"""What radians that were taken for degrees are multiplied by."""
+LARGEST_RADIAN = 2.0 * math.pi * math.pi / 180.0
+"""2 π taken for degrees, rad."""
 _PAIRS = 500
-NEAR = 0.02
-"""Of the positions' extent, and rad: a nominal robot whose misfit is smaller is taken to be this robot."""
-_FAR_BETTER = 0.2
-_MM_PER_M = 1000.0
 _CIRCLE_PARAMETERS = 7  # four within its plane, three of the plane
 _BY_CHANCE = 0.999
 _LINE = 0.01  # a ratio with which an arc is a line
@@ -58,12 +48,12 @@ def check_angles(poses: PoseData, sweeps: Sequence[Sweep]) -> None:
         if ratio is not None:
             # The first sweep of a joint has most poses.
             ratios.setdefault(sweep.joint, ratio)
-    small = bool(np.all(np.abs(poses.joint_angles) < _LARGEST_RADIAN))
-    if small and (_like(list(ratios.values()), _RADIANS) or (not ratios and _turned_further(poses))):
+    small = bool(np.all(np.abs(poses.joint_angles) < LARGEST_RADIAN))
+    if small and (_like(list(ratios.values()), RADIANS) or (not ratios and _turned_further(poses))):
         raise JointAnglesUnitMismatch(
             "The joint angles are all below 2π as degrees, while the poses turned by far more: they look like radians."
         )
-    if _like(list(ratios.values()), 1.0 / _RADIANS):
+    if _like(list(ratios.values()), 1.0 / RADIANS):
         raise JointAnglesUnitMismatch(
             "The poses turned 57 times less than the joint angles say: these look like degrees taken for radians.",
             "Give the joint angles in the unit that is asked for.",
@@ -80,96 +70,6 @@ def check_angles(poses: PoseData, sweeps: Sequence[Sweep]) -> None:
                 "said to turn by.",
                 "Check the unit and the order of the joint angles, and that each pose carries its own.",
             )
-
-
-def check_against_nominal(poses: PoseData, nominal: Chain) -> None:
-    """Compare what the nominal robot makes of the poses with what it makes of them otherwise.
-
-    Nothing is asked of poses that it explains to `NEAR`, or that it explains no better otherwise.
-
-    Raises LengthsUnitMismatch, and JointAnglesUnitMismatch and PrismaticJoint as `check_angles` does.
-    """
-    seen, q = observations_of(poses), poses.joint_angles
-    as_given = _fitted_misfit(nominal, q, seen)
-    extent = float(np.linalg.norm(np.ptp(poses.positions_mm, axis=0)))
-    if as_given.position_mm < NEAR * extent and as_given.rotation < NEAR:
-        return
-    for factor, words in (
-        (_MM_PER_M, "the positions look like metres"),
-        (1.0 / _MM_PER_M, "the nominal robot's lengths look like metres"),
-    ):
-        scaled = replace(seen, positions_mm=factor * seen.positions_mm)
-        if (
-            _fitted_misfit(nominal, q, scaled).position_mm
-            < _FAR_BETTER * min(factor, 1.0) * as_given.position_mm
-        ):
-            raise LengthsUnitMismatch(
-                f"The nominal robot is off the poses by {as_given.position_mm:.3g} mm, which extend over {extent:.3g} "
-                f"mm, and hardly if one of them is in another unit: {words}.",
-                "Give both in millimetres.",
-            )
-    largest = float(np.abs(q).max())
-    for factor, possible, words in (
-        (_RADIANS, largest < _LARGEST_RADIAN, "the joint angles look like radians, taken for degrees"),
-        (1.0 / _RADIANS, largest > math.pi, "the joint angles look like degrees, taken for radians"),
-    ):
-        other = _fitted_misfit(nominal, factor * q, seen) if possible else as_given
-        if other.position_mm < _FAR_BETTER * as_given.position_mm:
-            raise JointAnglesUnitMismatch(
-                f"The nominal robot is off the poses by {as_given.position_mm:.3g} mm, and by {other.position_mm:.3g} "
-                f"mm if the angles are in the other unit: {words}.",
-                "Give the joint angles in the unit that is asked for: degrees over HTTP.",
-            )
-    if seen.rotations is None or as_given.rotation < NEAR:
-        return
-    for joint in range(poses.joints):
-        at_rest = q.copy()
-        at_rest[:, joint] = 0.0
-        other = _fitted_misfit(nominal, at_rest, seen)
-        if other.rotation < _FAR_BETTER * as_given.rotation:
-            raise PrismaticJoint(
-                f"The nominal robot turns {math.degrees(as_given.rotation):.3g}° away from the poses, and "
-                f"{math.degrees(other.rotation):.3g}° if joint {joint + 1} does not turn at all: it is a sliding "
-                "joint, or its angle is another joint's."
-            )
-
-
-@dataclass(frozen=True, slots=True)
-class Misfit:
-    """Root mean square distances of poses from a robot, mm and rad."""
-
-    position_mm: float
-    rotation: float
-
-
-def misfit(chain: Chain, q: Float[np.ndarray, "n j"], seen: Observations) -> Misfit:
-    """Return the rms distances of poses from a chain, base and tool in closed form; rotation 0 where none is known."""
-    at = replace(seen, joint_angles=q)
-    return _distances(placed(chain.as_array(), forward(chain, q), at), at)
-
-
-def _fitted_misfit(chain: Chain, q: Float[np.ndarray, "n j"], seen: Observations) -> Misfit:
-    """Return `misfit`, with base and tool fitted where the closed form is far off: it has no unique answer where all
-    axes are parallel.
-    """
-    at, parameters = replace(seen, joint_angles=q), chain.as_array()
-    arm = placed(parameters, forward(chain, q), at)
-    found = _distances(arm, at)
-    extent = float(np.linalg.norm(np.ptp(seen.positions_mm, axis=0)))
-    if found.position_mm < NEAR * extent and found.rotation < NEAR:
-        return found
-    free = np.any(linearised(arm, at)[1] != 0.0, axis=(1, 2))  # positions say nothing of the tool's rotation
-    fitted = _distances(fit_frames(parameters, arm, at, free, Variances(extent**2, 1.0)), at)
-    return min(found, fitted, key=lambda one: one.position_mm)
-
-
-def _distances(arm: ArmState, seen: Observations) -> Misfit:
-    residuals = linearised(arm, seen)[0]
-    position, rotation = residuals[:3], residuals[3:]
-    return Misfit(
-        math.sqrt(float(np.mean(np.sum(position**2, axis=0)))),
-        math.sqrt(float(np.mean(np.sum(rotation**2, axis=0)))) if len(rotation) else 0.0,
-    )
 
 
 def _like(ratios: Sequence[float], value: float) -> bool:

@@ -17,7 +17,7 @@ from jaxtyping import Float
 
 from core.kinematics.dh import Chain
 from core.kinematics.global_fit import Observations, observations_of
-from core.kinematics.joint_angle_checks import NEAR, misfit
+from core.kinematics.nominal_checks import NEAR, misfit
 from core.kinematics.pose_observations import PoseData
 
 MAX_COUPLINGS = 3

@@ -52,7 +52,8 @@ from core.kinematics.identification.conventions import in_reported_form
 from core.kinematics.identification.extension import ModelChoice, extend
 from core.kinematics.identification.result import Identification
 from core.kinematics.identification.sampling import sample_parameters
-from core.kinematics.joint_angle_checks import check_against_nominal, check_angles
+from core.kinematics.joint_angle_checks import check_angles
+from core.kinematics.nominal_checks import check_against_nominal
 from core.kinematics.pose_observations import PoseData
 from core.kinematics.results import model_warnings, joint_estimates, warnings_for, with_residuals
 from core.kinematics.sweeps import find_sweeps

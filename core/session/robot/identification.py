@@ -26,6 +26,7 @@ from core.kinematics import (
     ParameterLayout,
     Sweep,
     TargetTransform,
+    check_against_nominal,
     check_angles,
     conditioning_of_chain,
     identify,
@@ -138,6 +139,8 @@ def _identified(
             agreement = compare_methods(robot.joints, gathered.poses, data.nominal, known.sweeps, tolerance)
             more = (*robot.warnings, *disagreements(agreement), *_frame_steps(robot, gathered))
             return _of_poses(robot, known.sweeps, gathered, agreement, (*warnings, *more))
+        if data.nominal is not None:
+            check_against_nominal(gathered.poses, data.nominal)
         axes = identify_from_axes(
             gathered.poses, data.nominal, method, sweeps=known.sweeps, tolerance=tolerance, folds=FOLDS
         )

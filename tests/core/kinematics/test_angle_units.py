@@ -8,10 +8,17 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from core.errors import JointAnglesUnitMismatch, KinematicsError, LengthsUnitMismatch, PrismaticJoint
+from core.errors import (
+    FrameMirrored,
+    JointAnglesUnitMismatch,
+    KinematicsError,
+    LengthsUnitMismatch,
+    PrismaticJoint,
+)
 from core.kinematics.dh import Chain, forward
 from core.kinematics.identification import identify
-from core.kinematics.joint_angle_checks import check_against_nominal, check_angles
+from core.kinematics.joint_angle_checks import check_angles
+from core.kinematics.nominal_checks import check_against_nominal
 from core.kinematics.pose_observations import PoseData
 from core.kinematics.sweeps import find_sweeps
 from core.simulation.arm import KR5_ARC, KR5_ARC_HOME, free_angles, kr5_arc
@@ -87,20 +94,55 @@ def test_a_nominal_of_another_robot_is_no_reason_to_refuse() -> None:
     check_angles(poses, find_sweeps(poses))
 
 
+UNITS_MM = {"metres": 1000.0, "centimetres": 10.0, "inches": 25.4}
+
+
 @pytest.mark.parametrize("with_rotations", [True, False])
-def test_metres_are_recognised(with_rotations: bool) -> None:
-    poses = free_poses()
+@pytest.mark.parametrize("unit", UNITS_MM)
+def test_other_units_of_length_are_recognised(unit: str, with_rotations: bool) -> None:
+    poses, factor = free_poses(), 1.0 / UNITS_MM[unit]
     if not with_rotations:
         poses = replace(poses, rotations=None)
-    with pytest.raises(LengthsUnitMismatch, match="positions look like metres"):
-        identify(replace(poses, positions_mm=1e-3 * poses.positions_mm), KR5_ARC, folds=0)
+    with pytest.raises(LengthsUnitMismatch, match=f"positions look like {unit}"):
+        identify(replace(poses, positions_mm=factor * poses.positions_mm), KR5_ARC, folds=0)
     small = KR5_ARC.as_array()
-    small[:, [0, 2]] *= 1e-3
-    with pytest.raises(LengthsUnitMismatch, match="robot's lengths look like metres"):
+    small[:, [0, 2]] *= factor
+    with pytest.raises(LengthsUnitMismatch, match=f"robot's lengths look like {unit}"):
         identify(poses, Chain.from_array(small), folds=0)
     off = KR5_ARC.as_array()
     off[1, 0] *= 0.5  # a wrong nominal is no wrong unit
     check_against_nominal(poses, Chain.from_array(off))
+
+
+MIRRORS = {
+    "x backwards": np.diag([-1.0, 1.0, 1.0]),
+    "x and y exchanged": np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]]),
+    "all backwards": -np.eye(3),
+}
+
+
+@pytest.mark.parametrize("rotations", ["none", "mirrored", "right-handed"])
+@pytest.mark.parametrize("mirror", MIRRORS.values(), ids=MIRRORS)
+def test_a_left_handed_frame_is_recognised(mirror: np.ndarray, rotations: str) -> None:
+    poses = free_poses()
+    assert poses.rotations is not None
+    changed = {"none": None, "mirrored": mirror @ poses.rotations @ mirror, "right-handed": poses.rotations}
+    with pytest.raises(FrameMirrored):
+        identify(
+            replace(poses, positions_mm=poses.positions_mm @ mirror.T, rotations=changed[rotations]),
+            KR5_ARC,
+            folds=0,
+        )
+
+
+@pytest.mark.parametrize("with_rotations", [True, False])
+def test_a_joint_that_counts_backwards_is_no_left_handed_frame(with_rotations: bool) -> None:
+    poses = free_poses()
+    for joint in range(6):
+        q = poses.joint_angles.copy()
+        q[:, joint] *= -1.0
+        other = replace(poses, joint_angles=q, rotations=poses.rotations if with_rotations else None)
+        check_against_nominal(other, KR5_ARC)
 
 
 @pytest.mark.parametrize("with_rotations", [True, False])

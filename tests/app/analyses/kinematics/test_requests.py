@@ -107,6 +107,12 @@ def test_refusals_say_what_to_do(api: Any) -> None:
     radians = [{**r, "joint_angles_deg": np.radians(r["joint_angles_deg"]).tolist()} for r in sent]
     for method in ("global", "combined"):
         assert "radians" in refused(radians, "joint_angles_unit_mismatch", method=method)
+    # A left-handed frame, and inches: every method is asked about them.
+    for method, changes in (("global", {}), ("combined", {}), ("cpa", {"rotation": None})):
+        left = [{**r, **changes, "position_mm": [-r["position_mm"][0], *r["position_mm"][1:]]} for r in sent]
+        assert "left-handed" in refused(left, "frame_mirrored", method=method)
+        inches = [{**r, **changes, "position_mm": [x / 25.4 for x in r["position_mm"]]} for r in sent]
+        assert "look like inches" in refused(inches, "lengths_unit_mismatch", method=method)
     # Without sweeps the nominal robot shows it, of positions alone too.
     _, loose = measured(6, arc_deg=40.0, free=40)
     free = readings(loose)[54:]

@@ -1,0 +1,147 @@
+"""Consistency of poses with the nominal robot: lengths or angles in another unit, a mirrored frame, a joint at rest.
+
+For poses at which all joints moved: the nominal robot explains them far better otherwise than as they were given. Base
+and tool are fitted each time, so that nothing is asked of how the instrument stands.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+from jaxtyping import Float
+
+from core.errors import FrameMirrored, JointAnglesUnitMismatch, LengthsUnitMismatch, PrismaticJoint
+from core.kinematics.arm_model import ArmState
+from core.kinematics.dh import Chain, forward
+from core.kinematics.global_fit import Observations, fit_frames, linearised, observations_of, placed
+from core.kinematics.joint_angle_checks import LARGEST_RADIAN, RADIANS
+from core.kinematics.pose_observations import PoseData
+from core.numerics import Variances
+
+NEAR = 0.02
+"""Of the positions' extent, and rad: a nominal robot whose misfit is smaller is taken to be this robot."""
+_FAR_BETTER = 0.2
+_UNITS_MM = {"metres": 1000.0, "inches": 25.4, "centimetres": 10.0}
+_MIRROR = np.array([-1.0, 1.0, 1.0])
+"""One axis turned round: any other mirror is this one and a rotation, which the base takes."""
+
+
+def check_against_nominal(poses: PoseData, nominal: Chain) -> None:
+    """Compare what the nominal robot makes of the poses with what it makes of them otherwise.
+
+    Nothing is asked of poses that it explains to `NEAR`, or that it explains no better otherwise.
+
+    Raises LengthsUnitMismatch, FrameMirrored where the mirror image of the positions is far nearer, and
+    JointAnglesUnitMismatch and PrismaticJoint as `check_angles` does.
+    """
+    seen, q = observations_of(poses), poses.joint_angles
+    as_given = _fitted_misfit(nominal, q, seen)
+    extent = float(np.linalg.norm(np.ptp(poses.positions_mm, axis=0)))
+    if as_given.position_mm < NEAR * extent and as_given.rotation < NEAR:
+        return
+    _check_lengths(nominal, seen, as_given, extent)
+    _check_handedness(nominal, poses)
+    _check_angle_unit(nominal, seen, as_given)
+    if seen.rotations is None or as_given.rotation < NEAR:
+        return
+    for joint in range(poses.joints):
+        at_rest = q.copy()
+        at_rest[:, joint] = 0.0
+        other = _fitted_misfit(nominal, at_rest, seen)
+        if other.rotation < _FAR_BETTER * as_given.rotation:
+            raise PrismaticJoint(
+                f"The nominal robot turns {math.degrees(as_given.rotation):.3g}° away from the poses, and "
+                f"{math.degrees(other.rotation):.3g}° if joint {joint + 1} does not turn at all: it is a sliding "
+                "joint, or its angle is another joint's."
+            )
+
+
+def _check_lengths(nominal: Chain, seen: Observations, as_given: Misfit, extent: float) -> None:
+    q = seen.joint_angles
+    found: dict[str, float] = {}
+    for unit, factor in _UNITS_MM.items():
+        for scale, words in (
+            (factor, f"the positions look like {unit}"),
+            (1.0 / factor, f"the nominal robot's lengths look like {unit}"),
+        ):
+            scaled = replace(seen, positions_mm=scale * seen.positions_mm)
+            left = _fitted_misfit(nominal, q, scaled).position_mm / min(scale, 1.0)
+            if left < _FAR_BETTER * as_given.position_mm:
+                found[words] = left
+    if found:
+        raise LengthsUnitMismatch(
+            f"The nominal robot is off the poses by {as_given.position_mm:.3g} mm, which extend over {extent:.3g} mm, "
+            f"and hardly if one of them is in another unit: {min(found, key=found.__getitem__)}.",
+            "Give both in millimetres (`gridpose measured-poses import --length-unit`); images have the unit of the "
+            "target's pitch.",
+        )
+
+
+def _check_handedness(nominal: Chain, poses: PoseData) -> None:
+    """Compare with the mirror image of the positions alone: rotations may be mirrored with them, or be right."""
+    q, alone = poses.joint_angles, replace(poses, rotations=None)
+    mirrored = replace(alone, positions_mm=_MIRROR * poses.positions_mm)
+    as_given, image = (
+        _fitted_misfit(nominal, q, observations_of(one)).position_mm for one in (alone, mirrored)
+    )
+    if image < _FAR_BETTER * as_given:
+        raise FrameMirrored(
+            f"The nominal robot is off the positions by {as_given:.3g} mm, and off their mirror image by {image:.3g} "
+            "mm: their frame is left-handed."
+        )
+
+
+def _check_angle_unit(nominal: Chain, seen: Observations, as_given: Misfit) -> None:
+    q = seen.joint_angles
+    largest = float(np.abs(q).max())
+    for factor, possible, words in (
+        (RADIANS, largest < LARGEST_RADIAN, "the joint angles look like radians, taken for degrees"),
+        (1.0 / RADIANS, largest > math.pi, "the joint angles look like degrees, taken for radians"),
+    ):
+        other = _fitted_misfit(nominal, factor * q, seen) if possible else as_given
+        if other.position_mm < _FAR_BETTER * as_given.position_mm:
+            raise JointAnglesUnitMismatch(
+                f"The nominal robot is off the poses by {as_given.position_mm:.3g} mm, and by {other.position_mm:.3g} "
+                f"mm if the angles are in the other unit: {words}.",
+                "Give the joint angles in the unit that is asked for: degrees over HTTP.",
+            )
+
+
+@dataclass(frozen=True, slots=True)
+class Misfit:
+    """Root mean square distances of poses from a robot, mm and rad."""
+
+    position_mm: float
+    rotation: float
+
+
+def misfit(chain: Chain, q: Float[np.ndarray, "n j"], seen: Observations) -> Misfit:
+    """Return the rms distances of poses from a chain, base and tool in closed form; rotation 0 where none is known."""
+    at = replace(seen, joint_angles=q)
+    return _distances(placed(chain.as_array(), forward(chain, q), at), at)
+
+
+def _fitted_misfit(chain: Chain, q: Float[np.ndarray, "n j"], seen: Observations) -> Misfit:
+    """Return `misfit`, with base and tool fitted where the closed form is far off: it has no unique answer where all
+    axes are parallel.
+    """
+    at, parameters = replace(seen, joint_angles=q), chain.as_array()
+    arm = placed(parameters, forward(chain, q), at)
+    found = _distances(arm, at)
+    extent = float(np.linalg.norm(np.ptp(seen.positions_mm, axis=0)))
+    if found.position_mm < NEAR * extent and found.rotation < NEAR:
+        return found
+    free = np.any(linearised(arm, at)[1] != 0.0, axis=(1, 2))  # positions say nothing of the tool's rotation
+    fitted = _distances(fit_frames(parameters, arm, at, free, Variances(extent**2, 1.0)), at)
+    return min(found, fitted, key=lambda one: one.position_mm)
+
+
+def _distances(arm: ArmState, seen: Observations) -> Misfit:
+    residuals = linearised(arm, seen)[0]
+    position, rotation = residuals[:3], residuals[3:]
+    return Misfit(
+        math.sqrt(float(np.mean(np.sum(position**2, axis=0)))),
+        math.sqrt(float(np.mean(np.sum(rotation**2, axis=0)))) if len(rotation) else 0.0,
+    )
