@@ -19,7 +19,8 @@ from ..console import error_console, print_error
 from ..creation import AcceptImplausible
 from ..record_files import Delimiter, FileFormat, FileRefused, Records, as_delimiter, read_records
 from .instrument import parse_instrument, with_uncertainty
-from .parser import EULER, ColumnLayout, RowError, parse_poses
+from .layout import CONVENTIONS, EULER, ColumnLayout, looks_like_joint, recognised, unused_columns
+from .parser import RowError, parse_poses
 from .reflectors import Reading, poses_of_reflectors, read_reflectors
 
 _MAX_LISTED = 20
@@ -68,7 +69,7 @@ def import_poses(
         typer.Option(
             help="FIELD=COLUMN, repeatable: pose, cycle, joints (several columns, separated by commas), x, y, z, "
             "rx, ry, rz (or r1, r2, r3), qx, qy, qz, qw, reflector, and u_x ... for standard uncertainties. Columns "
-            "are added with +: x=stage_x+probe_x."
+            "are added with +: x=stage_x+probe_x.  [default: by their names, as pose_id, cycle, x_mm, roll_deg, j1_deg]"
         ),
     ] = None,
     reflectors: Annotated[
@@ -91,8 +92,8 @@ def import_poses(
         str | None,
         typer.Option(
             "--rotation-format",
-            help="Convention of the angles: the order of the product, xyz for Rx Ry Rz, zyx for roll, pitch, yaw; or "
-            "vector.",
+            help="Convention of the angles: the order of the product, xyz for Rx Ry Rz, zyx for roll, pitch, yaw; "
+            "vector; or none for positions alone. Needed for rx, ry, rz; columns roll_deg, pitch_deg, yaw_deg have it.",
         ),
     ] = None,
     lengths: Annotated[
@@ -137,7 +138,9 @@ def import_poses(
             prefix=prefix,
         )
         records = read_records(file, file_format, as_delimiter(delimiter))
+        layout = recognised(records, layout)
         poses, errors = parse_poses(records, layout, by_reflector=reflectors is not None)
+        _list_unused(console, unused_columns(records, layout, by_reflector=reflectors is not None), layout)
         if instrument_uncertainty is not None:
             instrument = parse_instrument(instrument_uncertainty)
             poses = [(place, with_uncertainty(pose, instrument)) for place, pose in poses]
@@ -216,12 +219,8 @@ def _columns(options: Sequence[str]) -> dict[str, str]:
 
 
 def _rotation(rotation: str | None) -> str | None:
-    if rotation is not None and rotation != "vector" and not _is_sequence(rotation):
-        raise FileRefused(
-            f"--rotation-format {rotation} is not a known convention.",
-            "Give the order of the product, such as xyz for Rx Ry Rz or zyx for Rz Ry Rx (roll, pitch, yaw), "
-            "or vector.",
-        )
+    if rotation not in (None, "vector", "none") and not _is_sequence(str(rotation)):
+        raise FileRefused(f"--rotation-format {rotation} is not a known convention.", f"{CONVENTIONS}.")
     return rotation
 
 
@@ -236,6 +235,18 @@ def _warn_of_radians(console: Console, poses: Sequence[Json]) -> None:
     if any(angles) and all(abs(a) < _TWO_PI for a in angles):
         console.print(
             "[yellow]All joint angles are below 6.3: if they are radians, give --joint-angle-unit rad.[/]"
+        )
+
+
+def _list_unused(console: Console, columns: Sequence[str], layout: ColumnLayout) -> None:
+    """Name the columns that say nothing of the poses; those of joints that leave a choice, with the option."""
+    if not columns:
+        return
+    console.print(f"[yellow]not used: {escape(', '.join(columns))}[/]")
+    joints = [column for column in columns if looks_like_joint(column)]
+    if joints and "joints" not in layout.columns:
+        console.print(
+            f"To read joint angles, give their columns: --column {escape('joints=' + ','.join(joints))}"
         )
 
 

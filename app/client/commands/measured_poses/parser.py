@@ -4,44 +4,18 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any
 
 from ... import Json
 from ..record_files import FileRefused, Record, Records
 from ..rotations import Matrix, about, from_quaternion, from_vector, identity, product, transposed
+from .layout import FIELDS, POSITION, QUATERNION, TEXTS, ColumnLayout, recognised
 
-EULER = re.compile(r"[xyz]{3}")
-FIELDS = (
-    *("pose", "cycle", "joints", "reflector"),
-    *("x", "y", "z", "u_x", "u_y", "u_z"),
-    *("rx", "ry", "rz", "r1", "r2", "r3", "u_rx", "u_ry", "u_rz", "u_r1", "u_r2", "u_r3"),
-    *("qx", "qy", "qz", "qw"),
-)
-_TEXTS = ("pose", "reflector")
 _MAX_NORM_ERROR = 1e-3
 _POSE = re.compile(r"[A-Za-z0-9_-][A-Za-z0-9._-]{0,127}")
 _NATIVE = ("pose_id", "cycle", "joint_angles_deg", "position_mm", "rotation", "covariance")
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ColumnLayout:
-    """Columns of a file by field, units, and the convention of angles.
-
-    `columns` maps names of `FIELDS` to columns of the file; the default column has the field's own name. `rotation` is
-    the convention: a sequence such as `xyz` for R = Rx(rx) Ry(ry) Rz(rz), in this order about the rotated axes;
-    `vector` for a rotation vector; None to ignore angles. `length_mm`, `angle_rad` and `joint_deg` are the units of
-    coordinates, orientation angles and joint angles.
-    """
-
-    columns: Mapping[str, str] = field(default_factory=dict)
-    rotation: str | None = None
-    length_mm: float = 1.0
-    angle_rad: float = math.radians(1.0)
-    joint_deg: float = 1.0
-    decimal: str | None = None
-    prefix: str = "r"
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,7 +40,7 @@ def parse_poses(
     """
     if not records.entries:
         raise FileRefused("The file holds no poses.")
-    _check_columns(records, layout)
+    layout = recognised(records, layout)
     decimal = layout.decimal or _decimal(records, layout)
     poses: list[tuple[str, Json]] = []
     errors = []
@@ -78,41 +52,11 @@ def parse_poses(
     return poses, errors if by_reflector else errors + _inconsistencies(poses)
 
 
-def _check_columns(records: Records, layout: ColumnLayout) -> None:
-    unknown = sorted(set(layout.columns) - set(FIELDS))
-    if unknown:
-        raise FileRefused(
-            f"--column has no field {', '.join(unknown)}.", f"The fields are {', '.join(FIELDS)}."
-        )
-    present = {name for record in records.entries for name in record.fields}
-    if "position_mm" in present:
-        return
-    wanted = [c for name, column in layout.columns.items() for c in _columns_of(name, column)]
-    wanted += [name for name in ("x", "y", "z") if name not in layout.columns]
-    absent = [name for name in wanted if name not in present]
-    if absent:
-        raise FileRefused(
-            f"The file has no {', '.join(absent)}. It has {', '.join(sorted(present))}.",
-            "Give the columns of the fields, e.g. --column x=measurement_x --column joints=q1,q2,q3.",
-        )
-
-
-def _columns_of(name: str, column: str) -> list[str]:
-    """Return the columns that a field is of: joint angles one after the other, numbers as the sum of their columns."""
-    parts = column.split("," if name == "joints" else "+")
-    return [column] if name in _TEXTS else [part.strip() for part in parts]
-
-
 def _decimal(records: Records, layout: ColumnLayout) -> str:
     """Return the decimal sign of a CSV's numbers; raises FileRefused where both signs occur."""
     if records.delimiter in (None, ","):
         return "."
-    columns = [
-        c
-        for name in FIELDS
-        if name not in ("cycle", *_TEXTS)
-        for c in _columns_of(name, layout.columns.get(name, name))
-    ]
+    columns = [c for name in FIELDS if name not in ("cycle", *TEXTS) for c in layout.of(name)]
     cells = [str(record.fields.get(c, "")) for record in records.entries for c in columns]
     comma, point = any("," in cell for cell in cells), any("." in cell for cell in cells)
     if comma and point:
@@ -125,7 +69,7 @@ def _pose(record: Record, number: int, layout: ColumnLayout, decimal: str) -> Js
         return _native(record)
     cell = _Cells(record, layout, decimal)
     rotation, by_angles = _orientation(cell, layout)
-    position = [layout.length_mm * cell.number(name) for name in ("x", "y", "z")]
+    position = [layout.length_mm * cell.number(name) for name in POSITION]
     return {
         "pose_id": _pose_id(cell, record, number, layout),
         "cycle": cell.cycle(),
@@ -158,11 +102,10 @@ class _Cells:
     decimal: str
 
     def has(self, name: str) -> bool:
-        columns = _columns_of(name, self.layout.columns.get(name, name))
-        return all(self.record.fields.get(column) not in ("", None) for column in columns)
+        return all(self.record.fields.get(column) not in ("", None) for column in self.layout.of(name))
 
     def number(self, name: str) -> float:
-        return math.fsum(map(self._number, _columns_of(name, self.layout.columns.get(name, name))))
+        return math.fsum(map(self._number, self.layout.of(name)))
 
     def text(self, name: str) -> str:
         return str(self.record.fields[self.layout.columns.get(name, name)])
@@ -178,11 +121,11 @@ class _Cells:
         return int(value)
 
     def joints(self) -> list[float] | None:
-        column = self.layout.columns.get("joints", "joints")
-        if "joints" not in self.layout.columns and column not in self.record.fields:
+        columns = self.layout.of("joints")
+        if all(self.record.fields.get(name) in ("", None) for name in columns):
             return None
         values: list[float] = []
-        for name in _columns_of("joints", column):
+        for name in columns:
             content = self.record.fields.get(name)
             if isinstance(content, list):
                 values += [self._as_number(name, one) for one in content]
@@ -231,32 +174,37 @@ def _pose_id(cell: _Cells, record: Record, number: int, layout: ColumnLayout) ->
 
 def _orientation(cell: _Cells, layout: ColumnLayout) -> tuple[Matrix | None, tuple[list[str], Matrix] | None]:
     """Return the rotation and, for angles, their names and the effect E of changing them: w = E d(angles), rad."""
-    if all(cell.has(name) for name in ("qx", "qy", "qz", "qw")):
-        x, y, z, w = (cell.number(name) for name in ("qx", "qy", "qz", "qw"))
-        norm = math.sqrt(x * x + y * y + z * z + w * w)
-        if abs(norm - 1.0) > _MAX_NORM_ERROR:
-            raise _Invalid(f"its quaternion has the norm {norm:.6g}, not 1")
-        return from_quaternion(x, y, z, w), None
     if layout.rotation is None:
+        return _of_quaternion(cell), None
+    if layout.rotation == "none":
         return None, None
+    names = list(layout.angles())
     if layout.rotation == "vector":
-        return from_vector([layout.angle_rad * cell.number(name) for name in ("rx", "ry", "rz")]), None
-    sequence = layout.rotation
-    numbered = ["r1", "r2", "r3"]
-    names = numbered if cell.has("r1") or len(set(sequence)) < 3 else [f"r{axis}" for axis in sequence]
+        return from_vector([layout.angle_rad * cell.number(name) for name in names]), None
     angles = [layout.angle_rad * cell.number(name) for name in names]
     rotation, columns = identity(), []
-    for axis, angle in zip(sequence, angles, strict=True):
+    for axis, angle in zip(layout.rotation, angles, strict=True):
         columns.append([row["xyz".index(axis)] for row in rotation])
         rotation = product(rotation, about(axis, angle))
     return rotation, (names, transposed(columns))
+
+
+def _of_quaternion(cell: _Cells) -> Matrix | None:
+    """Return the rotation of a quaternion; None for a record without one."""
+    if not any(cell.has(name) for name in QUATERNION):
+        return None
+    x, y, z, w = (cell.number(name) for name in QUATERNION)
+    norm = math.sqrt(x * x + y * y + z * z + w * w)
+    if abs(norm - 1.0) > _MAX_NORM_ERROR:
+        raise _Invalid(f"its quaternion has the norm {norm:.6g}, not 1")
+    return from_quaternion(x, y, z, w)
 
 
 def _covariance(
     cell: _Cells, layout: ColumnLayout, by_angles: tuple[list[str], Matrix] | None
 ) -> list[list[float]] | None:
     """Return the 6 x 6 covariance (mm, rad) of the standard uncertainties of coordinates and angles, or None."""
-    if not all(cell.has(name) for name in ("u_x", "u_y", "u_z")):
+    if not all(cell.has(f"u_{axis}") for axis in POSITION):
         return None
     covariance = [[0.0] * 6 for _ in range(6)]
     for place, axis in enumerate("xyz"):
@@ -269,7 +217,7 @@ def _covariance(
         weighted = [[e * v for e, v in zip(row, variances, strict=True)] for row in effect]
         for i, row in enumerate(product(weighted, transposed(effect))):
             covariance[3 + i][3:] = row
-    elif cell.has("qw") or layout.rotation is not None:
+    elif layout.rotation == "vector" or (layout.rotation is None and cell.has("qw")):
         return None  # the orientation's uncertainty is unknown; zero would mean that it is exact
     return [[(covariance[i][j] + covariance[j][i]) / 2.0 for j in range(6)] for i in range(6)]
 

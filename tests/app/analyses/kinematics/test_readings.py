@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from app.client.commands.measured_poses.parser import ColumnLayout, parse_poses
+from app.client.commands.measured_poses.layout import ColumnLayout
+from app.client.commands.measured_poses.parser import parse_poses
 from app.client.commands.record_files import read_records
 from core.geometry.se3 import invert
 from core.kinematics.dh import forward

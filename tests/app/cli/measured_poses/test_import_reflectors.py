@@ -14,7 +14,8 @@ from typer.testing import CliRunner
 
 from app.cli.main import app
 from app.client.commands.measured_poses.instrument import parse_instrument, with_uncertainty
-from app.client.commands.measured_poses.parser import ColumnLayout, parse_poses
+from app.client.commands.measured_poses.layout import ColumnLayout
+from app.client.commands.measured_poses.parser import parse_poses
 from app.client.commands.measured_poses.reflectors import Reading, fit, poses_of_reflectors, read_reflectors
 from app.client.commands.record_files import FileRefused, read_records
 from core.geometry import so3_exp, so3_log

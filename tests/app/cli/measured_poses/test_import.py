@@ -13,7 +13,8 @@ import pytest
 
 from app.client.commands import UploadAccess
 from app.client.commands.measured_poses.command import AngleUnit, import_poses
-from app.client.commands.measured_poses.parser import ColumnLayout, parse_poses
+from app.client.commands.measured_poses.layout import ColumnLayout
+from app.client.commands.measured_poses.parser import parse_poses
 from app.client.commands.record_files import FileRefused, read_records
 from core.geometry.roll_pitch_yaw import rpy_to_rotation
 from core.geometry.se3 import so3_exp, so3_log
