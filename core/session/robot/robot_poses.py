@@ -171,7 +171,10 @@ def poses_of_readings(data: SessionData) -> RobotPoses:
     if not known:
         raise JointAnglesMissing(
             f"None of the {len(visits)} measured poses carries joint angles.",
-            "Send joint_angles_deg with the measured poses, or with the poses of the same pose_id.",
+            "Send joint_angles_deg with the commanded poses of the same pose_id (POST .../poses, or `gridpose poses "
+            "load` with pose_id, j1_deg, j2_deg, ...): the readings stay as they are. To send them with the readings "
+            "instead, delete these first (DELETE .../measured-poses, or `gridpose measured-poses delete SESSION "
+            "--all`): without a cycle each would be stored a second time.",
         )
     without = sorted({v.pose_id for v in visits} - {v.pose_id for v in known})
     excluded = [

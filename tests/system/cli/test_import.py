@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from app.cli.demo.service_process import ServiceProcess
-from app.client import ServiceClient
+from app.client import ClientError, ServiceClient
 from tests.support.service.service import run_at
 
 DOCUMENT = Path(__file__).parents[3] / "docs" / "kinematics.md"
@@ -90,3 +90,38 @@ def test_refusals_name_lines_and_send_nothing(service: ServiceProcess, tmp_path:
     assert "measured_pose_conflict" in said
     assert "line 4: cycle" in said
     assert len(stored(service, session)) == 2
+
+
+def test_readings_get_joint_angles_by_their_commanded_poses(service: ServiceProcess, tmp_path: Path) -> None:
+    path, angles = tmp_path / "readings.csv", tmp_path / "angles.csv"
+    rows = [(f"P{k}", 900 + 10 * k, 30 * k, 400 - 5 * k, 3 * k, -4 * k) for k in range(1, 13)]
+    path.write_text("pose_id,x_mm,y_mm,z_mm\n" + "".join(f"{p},{x},{y},{z}\n" for p, x, y, z, *_ in rows))
+    options = ("measured-poses", "import", str(path), "--session", "angles", "--target", "chessboard:9x6:25")
+    code, session, said = run_at(service, *options)
+    assert code == 0, said
+
+    def refused() -> dict[str, Any]:
+        with ServiceClient(service.url, service.admin_key) as client, pytest.raises(ClientError) as error:
+            client.get(f"/v1/sessions/{session}/dh", source="measured_poses")
+        return {"code": error.value.code, "advice": error.value.advice}
+
+    missing = refused()
+    assert missing["code"] == "joint_angles_missing"
+    assert "gridpose poses load" in missing["advice"]
+    # The same readings with joint angles would count twice: nothing is sent.
+    whole = "pose_id,x_mm,y_mm,z_mm,j1_deg,j2_deg\n" + "".join(",".join(map(str, row)) + "\n" for row in rows)
+    path.write_text(whole)
+    code, _, said = run_at(service, *options)
+    assert code == 2
+    assert "gridpose measured-poses delete" in said
+    assert len(stored(service, session)) == 12
+    # What the advice says works: angles as commanded poses, or deletion first.
+    angles.write_text("pose_id,j1_deg,j2_deg\n" + "".join(f"{p},{a},{b}\n" for p, _, _, _, a, b in rows))
+    code, _, said = run_at(service, "poses", "load", str(angles), "--session", session)
+    assert code == 0, said
+    assert refused()["code"] != "joint_angles_missing"
+    assert run_at(service, "measured-poses", "delete", session, "--all")[0] == 0
+    assert run_at(service, *options)[0] == 0
+    readings = stored(service, session)
+    assert len(readings) == 12
+    assert readings[0]["joint_angles_deg"] == [3.0, -4.0]

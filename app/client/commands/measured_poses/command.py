@@ -22,6 +22,7 @@ from .instrument import parse_instrument, with_uncertainty
 from .layout import CONVENTIONS, EULER, ColumnLayout, looks_like_joint, recognised, unused_columns
 from .parser import RowError, parse_poses
 from .reflectors import Reading, poses_of_reflectors, read_reflectors
+from .repeats import refuse_restated
 
 _MAX_LISTED = 20
 _MAX_CHUNK_BYTES = 8 * 1024 * 1024
@@ -173,9 +174,14 @@ def import_poses(
     try:
         with service.client(console) as client:
             session_id, _ = find_or_make_session(client, session, target)
+            if not accept_implausible:
+                refuse_restated(client, session_id, session, [pose for _, pose in poses])
             for chunk in _chunks(poses):
                 sent = [pose for _, pose in chunk]
                 client.put_measured_poses(session_id, sent, accept_implausible=accept_implausible)
+    except FileRefused as refused:
+        print_error(console, str(refused), refused.advice)
+        return 2
     except ClientError as error:
         print_error(console, f"{error.summary} ({error.code})")
         _list_errors(console, _located(error, chunk))

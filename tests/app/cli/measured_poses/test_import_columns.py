@@ -14,6 +14,7 @@ from app.client.commands import UploadAccess
 from app.client.commands.measured_poses.command import AngleUnit, LengthUnit, import_poses
 from app.client.commands.measured_poses.layout import ColumnLayout, recognised, unused_columns
 from app.client.commands.measured_poses.parser import parse_poses
+from app.client.commands.measured_poses.repeats import restated
 from app.client.commands.record_files import FileRefused, read_records
 from core.geometry.roll_pitch_yaw import rpy_to_rotation
 
@@ -161,3 +162,19 @@ def test_every_column_that_is_not_used_is_named(tmp_path: Path, capsys: pytest.C
     ((reading,), unused) = read(written(tmp_path, both))
     assert np.allclose(reading["rotation"], np.eye(3))
     assert {"rx", "ry", "rz"} < set(unused)
+
+
+def test_readings_stored_with_another_content_are_counted() -> None:
+    one = {"pose_id": "P1", "cycle": None, "position_mm": [1.0, 2.0, 3.0]}
+    bare = {**one, "joint_angles_deg": None, "rotation": None, "covariance": None}
+    with_joints = {**bare, "joint_angles_deg": [1.0, 2.0]}
+    turned = {**bare, "rotation": np.eye(3).tolist()}
+    assert restated([], [with_joints]) == 0
+    assert restated([bare], [bare]) == 0
+    assert restated([bare], [with_joints]) == restated([bare], [turned]) == restated([turned], [bare]) == 1
+    assert restated([with_joints], [{**with_joints, "joint_angles_deg": [1.0, 2.5]}]) == 1
+    assert restated([with_joints, bare], [with_joints]) == 0
+    # Another pose, another position, and visits that have a cycle are other readings.
+    for other in ({"pose_id": "P2"}, {"position_mm": [1.0, 2.0, 3.001]}, {"cycle": 1}):
+        assert restated([bare], [{**with_joints, **other}]) == 0
+        assert restated([{**bare, **other}], [with_joints]) == 0
