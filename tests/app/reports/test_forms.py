@@ -119,20 +119,31 @@ def test_rp_with_degraded_images_stands_second_and_what_does_not_count_is_named(
 def test_accuracy_of_unknown_uncertainty_is_given_without_an_interval() -> None:
     document = _fixture("repeatability")
     found = document["analyses"]["repeatability"]
-    names = [f"ap_{axis}" for axis in ("p_mm", "x_mm", "y_mm", "z_mm", "roll_deg", "pitch_deg", "yaw_deg")]
-    found["poses"][0]["accuracy"] = dict.fromkeys(names, 0.1234) | {
-        "ap_rotation_vector_deg": None,
-        "interval": dict.fromkeys(names),
-        "held_out": dict.fromkeys(names, 0.15),
-        "degrees_of_freedom": 9.0,
-        "tie": "best_fit",
-    }
+    found["poses"][0]["accuracy"] = _accuracy(0.1234, held_out=0.15)
     for way in found["distances"]:
         way |= {"standard_uncertainty_mm": None, "ad_interval_mm": None}
     forms = render_forms(document, {}, CompanyTemplate())
     page = forms["html"].decode()
     assert "0.1234 mm at pose P1, interval not known" in page
     assert "None" not in page.replace("None.", "").replace("None:", "")
+
+
+def test_the_largest_ap_is_that_of_all_poses_with_one_visit_or_more() -> None:
+    document = _fixture("repeatability")
+    found = document["analyses"]["repeatability"]
+    seen, once = found["poses"][:2]
+    for pose, value in ((seen, 0.4), (once, 0.5)):
+        pose["accuracy"] = _accuracy(value)
+    for part in ("repeatability", "interval", "corrected", "corrected_interval", "noise_floor"):
+        once[part] = dict.fromkeys(once[part])
+    once["verdict"] = "too_few_cycles"
+    page = render_forms(document, {}, CompanyTemplate())["html"].decode()
+    assert f"0.5000 mm at pose {once['pose_id']}, interval not known" in page
+    for pose in found["poses"]:
+        pose["repeatability"] = dict.fromkeys(pose["repeatability"])
+    page = render_forms(document, {}, CompanyTemplate())["html"].decode()
+    assert "No repeatability is known" in page
+    assert f"0.5000 mm at pose {once['pose_id']}, interval not known" in page
 
 
 def test_a_report_without_outliers_says_nothing_of_figures_without_them() -> None:
@@ -231,6 +242,18 @@ def _with_an_outlier(document: dict[str, Any]) -> dict[str, Any]:
         }
     ]
     return document
+
+
+def _accuracy(value: float, held_out: float | None = None) -> dict[str, Any]:
+    """The AP of a pose whose uncertainty is not known."""
+    names = [f"ap_{axis}" for axis in ("p_mm", "x_mm", "y_mm", "z_mm", "roll_deg", "pitch_deg", "yaw_deg")]
+    return dict.fromkeys(names, value) | {
+        "ap_rotation_vector_deg": None,
+        "interval": dict.fromkeys(names),
+        "held_out": dict.fromkeys(names, held_out),
+        "degrees_of_freedom": 9.0,
+        "tie": "best_fit",
+    }
 
 
 def _pdf_text(content: bytes) -> str:

@@ -64,7 +64,7 @@ def headline(found: Json) -> list[Block]:
 
 def _result(found: Json, level: str) -> list[Block]:
     known = [pose for pose in found["poses"] if pose["repeatability"]["rp_l_mm"] is not None]
-    blocks = [heading("Result")]
+    rows: list[tuple[str, str]] = []
     if known:
         worst = max(known, key=lambda pose: pose["repeatability"]["rp_l_mm"])
         reading, interval = worst["repeatability"]["rp_l_mm"], worst["interval"]["rp_l_mm"]
@@ -74,15 +74,20 @@ def _result(found: Json, level: str) -> list[Block]:
             ("its verdict", f"{words(worst['verdict'])}. {VERDICTS[worst['verdict']]}"),
             *without_outliers_fact(worst),
         ]
-        accurate = [pose for pose in known if pose["accuracy"] and pose["accuracy"]["ap_p_mm"] is not None]
-        if accurate:
-            worst = max(accurate, key=lambda pose: pose["accuracy"]["ap_p_mm"])
-            one = worst["accuracy"]
-            said = _at_pose(one["ap_p_mm"], one["interval"]["ap_p_mm"], worst["pose_id"], level)
-            rows.append(("largest AP_p", said))
-        blocks.append(facts(rows))
-    else:
+    # One visit gives an AP, and no RP.
+    accurate = [
+        pose for pose in found["poses"] if pose["accuracy"] and pose["accuracy"]["ap_p_mm"] is not None
+    ]
+    if accurate:
+        worst = max(accurate, key=lambda pose: pose["accuracy"]["ap_p_mm"])
+        one = worst["accuracy"]
+        said = _at_pose(one["ap_p_mm"], one["interval"]["ap_p_mm"], worst["pose_id"], level)
+        rows.append(("largest AP_p", said))
+    blocks = [heading("Result")]
+    if not known:
         blocks.append(paragraph("No repeatability is known: no pose has two visits that count."))
+    if rows:
+        blocks.append(facts(rows))
     for name, limit, figure in (
         ("acceptance", "datasheet_repeatability_mm", "RP_l"),
         ("accuracy_acceptance", "datasheet_accuracy_mm", "AP_p"),
