@@ -32,6 +32,7 @@ from core.geometry import so3_exp
 from core.session.estimate import FocusGroup, SessionEstimate, in_order
 from core.session.model import MeasuredPose, SessionData
 
+SHAPE_DOMINATES = "target_shape_dominates"
 MAX_SHAPE_SHARE = 2.0
 """Of the uncertainty of positions between poses, to that of the camera alone, beyond which the print dominates."""
 
@@ -40,11 +41,13 @@ MAX_SHAPE_SHARE = 2.0
 class AbsolutePoses:
     """The session's poses by measurement, and what to know of the print.
 
-    `sources` says of which error each column of their `common` is: `lens`, `print_scale` or `print_shape`.
+    `sources` says of which error each column of their `common` is: `lens`, `print_scale` or `print_shape`. `cameras`
+    are the covariances of the focus groups' cameras, with what the prints may depart by.
     """
 
     poses: Mapping[str, MeasuredPose]
     sources: tuple[str, ...]
+    cameras: tuple[Float[np.ndarray, "s s"], ...]
     warnings: tuple[Advisory, ...]
 
 
@@ -82,8 +85,9 @@ def absolute_poses(
             continue
         scaled = any(stated_scale(data, known, pose) is not None for pose in group.poses)
         # Figures of unknown scale have no uncertainty that the print's shape could dominate.
-        if scaled and _shape_share(marginal) > MAX_SHAPE_SHARE:
-            dominated.append(group.name)
+        of_camera, of_both = _between_poses(marginal)
+        if scaled and of_both > MAX_SHAPE_SHARE * of_camera > 0.0:
+            dominated.append((group.name, of_camera, of_both))
         # Images of one pose share its errors: one array for all of them.
         shared = [columns.of(of_place) for of_place in marginal.common]
         place = marginal.place
@@ -102,7 +106,10 @@ def absolute_poses(
             )
     names = [source for of_group in sources for source in of_group if source != PRINT_SCALE]
     warnings = (*unstated_scale_warnings(data, estimate, known), *_shape_warnings(dominated))
-    return AbsolutePoses(found, (*names, *[PRINT_SCALE] * scales), warnings)
+    cameras = tuple(
+        _camera_covariance(group, marginal) for group, marginal in zip(estimate.groups, each, strict=True)
+    )
+    return AbsolutePoses(found, (*names, *[PRINT_SCALE] * scales), cameras, warnings)
 
 
 def stacked_errors(poses: Sequence[MeasuredPose]) -> Float[np.ndarray, "n 6 k"] | None:
@@ -179,9 +186,7 @@ def _with_print(group: FocusGroup, marginal: MarginalPoses | None) -> FocusGroup
     further = np.sum(of_scale**2, axis=(1, 2)) - np.sum(before.common[:, :3, -1] ** 2, axis=1)
     lengths = np.maximum(np.linalg.norm(before.positions_mm, axis=1), 1e-12)
     added[:, :3, -1] = before.positions_mm * (np.sqrt(np.maximum(further, 0.0)) / lengths)[:, None]
-    camera = before.camera_covariance.copy()
-    free = len(marginal.camera_moved)
-    camera[:free, :free] += marginal.camera_of_print + np.outer(marginal.camera_moved, marginal.camera_moved)
+    camera = _camera_covariance(group, marginal)
     covariance = before.covariance + added @ np.swapaxes(added, 1, 2)
     common = np.concatenate([before.common, added], axis=2)
     poses = tuple(
@@ -189,6 +194,17 @@ def _with_print(group: FocusGroup, marginal: MarginalPoses | None) -> FocusGroup
     )
     found = replace(before, camera_covariance=camera, covariance=covariance, common=common)
     return replace(group, estimate=found, poses=poses)
+
+
+def _camera_covariance(group: FocusGroup, marginal: MarginalPoses | None) -> Float[np.ndarray, "s s"]:
+    """Return the covariance of the camera about its value, with what the departures found do and leave open."""
+    camera = group.estimate.camera_covariance.copy()
+    if marginal is not None:
+        free = len(marginal.camera_moved)
+        camera[:free, :free] += marginal.camera_of_print + np.outer(
+            marginal.camera_moved, marginal.camera_moved
+        )
+    return camera
 
 
 def _marginal(data: SessionData, group: FocusGroup, priors: Mapping[int, ShapePrior]) -> MarginalPoses | None:
@@ -208,17 +224,17 @@ def _sources(group: FocusGroup, marginal: MarginalPoses | None) -> tuple[str, ..
     return (*[LENS] * (group.estimate.common.shape[2] - 1), PRINT_SCALE)
 
 
-def _shape_share(marginal: MarginalPoses) -> float:
-    """Return the uncertainty of positions between poses over that which the camera alone leaves, by root mean square;
-    1 where there is one pose.
+def _between_poses(marginal: MarginalPoses) -> tuple[float, float]:
+    """Return the standard uncertainty of positions between poses that the camera alone leaves, and the one that camera
+    and the print's shape leave, root mean square, mm; 0 where there is one pose.
     """
 
     def between(common: Float[np.ndarray, "m 6 e"]) -> float:
         positions = common[:, :3]
-        return float(np.sum((positions - positions.mean(axis=0)) ** 2))
+        return float(np.sqrt(np.sum((positions - positions.mean(axis=0)) ** 2) / len(positions)))
 
-    alone = between(marginal.of_camera)
-    return float(np.sqrt(between(marginal.common) / alone)) if alone > 0.0 else 1.0
+    without_scale = [source != PRINT_SCALE for source in marginal.sources]
+    return between(marginal.of_camera), between(marginal.common[:, :, without_scale])
 
 
 def unstated_scale_warnings(
@@ -240,14 +256,18 @@ def unstated_scale_warnings(
     ]
 
 
-def _shape_warnings(dominated: Sequence[str]) -> list[Advisory]:
+def _shape_warnings(dominated: Sequence[tuple[str, float, float]]) -> list[Advisory]:
     if not dominated:
         return []
+    found = "; ".join(
+        f"{both:.2g} mm with it, {camera:.2g} mm by the camera alone in focus group {name!r}"
+        for name, camera, both in dominated
+    )
     return [
         Advisory(
-            "target_shape_dominates",
-            "What the shape of the print leaves open is the larger part of the uncertainty of absolute figures (AP, "
-            f"AD, frames) of focus group {', '.join(map(repr, dominated))}.",
+            SHAPE_DOMINATES,
+            "What the shape of the print leaves open makes positions between poses more uncertain than the camera "
+            f"does: {found} (standard uncertainties).",
             "Add four views of the target tilted by 20° to 40° to different sides, as poses near the others, in every "
             "cycle.",
         )

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -37,9 +38,11 @@ VAP = ("vap_p_mm", *(f"vap_{part}" for part in POSE_FIELDS))
 variation (7.2.3)."""
 
 
-def camera_fields(group: FocusGroup) -> dict[str, Any]:
-    """Return a focus group's camera with its uncertainty."""
+def camera_fields(group: FocusGroup, covariance: Float[np.ndarray, "s s"] | None = None) -> dict[str, Any]:
+    """Return a focus group's camera with its uncertainty: that of `covariance`, None the estimate's own."""
     estimate = group.estimate
+    if covariance is not None:
+        estimate = replace(estimate, camera_covariance=covariance)
     model = lens_model_of(estimate.camera)
     names = LENS_PARAMETERS[model]
     camera = dict(zip(names, estimate.camera.as_array().tolist(), strict=True))

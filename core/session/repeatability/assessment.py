@@ -5,6 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
+import numpy as np
+from jaxtyping import Float
+
 from core.calibration import SEPARATE_CAMERAS, ShapePrior
 from core.errors import Advisory, listed
 from core.metrology import PoseAccuracy, PoseRepeatability
@@ -31,7 +34,7 @@ from core.session.repeatability.pose_rows import (
 )
 from core.session.repeatability.steadiness import SessionSteadiness, steadiness_warnings
 from core.session.repeatability.stops import BurstNoise, burst_warnings, images_of, stop_mean
-from core.session.repeatability.withheld import unchanging_accuracy, unscaled_accuracy
+from core.session.repeatability.withheld import print_warnings, unchanging_accuracy, unscaled_accuracy
 from core.session.repeatability.witness import Witness, WitnessMotion, witness_warnings
 
 
@@ -45,6 +48,7 @@ class SessionRepeatability:
     their absolute figures have no uncertainty. `error_sources` says of what each error is that absolute figures share,
     `witness` how a witness moved, where one is named, `bursts` what images scatter within stops, where there are any.
     `units` says how measured and commanded poses contradict one another in their unit; None where they do not.
+    `camera_covariances` are those of the estimate's focus groups, with what the prints may depart by in shape.
     """
 
     poses: tuple[PoseRow, ...]
@@ -53,6 +57,7 @@ class SessionRepeatability:
     performance: Performance
     unscaled: frozenset[str]
     error_sources: tuple[str, ...]
+    camera_covariances: tuple[Float[np.ndarray, "s s"], ...]
     witness: WitnessMotion | None
     bursts: BurstNoise | None
     units: UnitContradiction | None
@@ -99,6 +104,7 @@ def assess_repeatability(
     before = measured_pose_warnings(data) if estimate is None else estimate.warnings
     of_prints: tuple[Advisory, ...] = ()
     sources: tuple[str, ...] = ()
+    cameras: tuple[Float[np.ndarray, "s s"], ...] = ()
     if estimate is not None:
         found = absolute_poses(data, estimate, shapes)
         moving = {pose.measurement_id: pose for pose in moving_poses(data, list(found.poses.values()))}
@@ -108,7 +114,7 @@ def assess_repeatability(
             )
             for pose_id, of_pose in visits.items()
         }
-        of_prints, sources = found.warnings, found.sources
+        of_prints, sources, cameras = found.warnings, found.sources, found.cameras
     unscaled = frozenset(
         pose_id for pose_id, of_pose in visits.items() if scale_unknown(data, shapes or {}, of_pose[0])
     )
@@ -138,6 +144,8 @@ def assess_repeatability(
     )
     if not accuracy.poses and not performance.distances:
         of_prints = ()
+    ways = [way.found for way in performance.distances]
+    of_prints = print_warnings(of_prints, accuracy.poses.values(), ways, sources)
     return SessionRepeatability(
         rows,
         assessed.steadiness,
@@ -145,6 +153,7 @@ def assess_repeatability(
         performance,
         unscaled,
         sources,
+        cameras,
         assessed.witness,
         assessed.bursts,
         units,

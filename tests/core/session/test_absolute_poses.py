@@ -11,7 +11,7 @@ import pytest
 from benchmarks.trust.board_shape import DEPARTURES, Departure, Setup, measure, simulate
 from core.calibration import ShapePrior
 from core.session import assess_repeatability, estimate_session
-from core.session.absolute_poses import absolute_poses, with_print_uncertainty
+from core.session.absolute_poses import SHAPE_DOMINATES, absolute_poses, with_print_uncertainty
 from core.targets import PRINT_KINDS, ShapeUncertainty
 
 PERFECT, BOW = DEPARTURES[0], DEPARTURES[1]
@@ -81,6 +81,26 @@ def test_without_a_statement_the_scale_is_taken_as_exact_and_said_to_be() -> Non
         assert other.found.standard_uncertainty_mm is not None
         grown = other.found.standard_uncertainty_mm**2 - one.found.standard_uncertainty_mm**2
         assert grown == pytest.approx((1e-3 * other.found.performance.mean_distance_mm) ** 2, rel=0.25)
+
+
+def test_the_prints_shape_is_warned_of_where_it_dominates_a_figure_and_by_what_is_compared() -> None:
+    """Next to the scatter of a robot both camera and print are small, and neither what more views would narrow."""
+    setup = dataclasses.replace(QUICK, cycles=3)
+    for scatter_mm, dominates in ((0.03, True), (4.0, False)):
+        data, _ = simulate(
+            np.random.default_rng(5),
+            dataclasses.replace(setup, scatter_mm=scatter_mm),
+            Departure("s", stated=1e-5),
+        )
+        estimate = estimate_session(data)
+        (found,) = (w for w in absolute_poses(data, estimate).warnings if w.code == SHAPE_DOMINATES)
+        assert "positions between poses" in found.detail
+        assert " mm by the camera alone in focus group 'default'" in found.detail
+        of_figures = {w.code for w in assess_repeatability(data, estimate).warnings}
+        assert (SHAPE_DOMINATES in of_figures) == dominates
+    # Of a print whose shape is known and whose scale is not, the scale is no shape.
+    certain = ShapePrior(ShapeUncertainty(0.0, 0.0, 0.0, 0.0, 0.0, 0.0), 0.01)
+    assert not absolute_poses(data, estimate, {0: certain}).warnings
 
 
 def test_a_certain_print_leaves_the_cameras_uncertainty_alone() -> None:

@@ -63,7 +63,12 @@ def repeatability_findings(data: SessionData, settings: Mapping[str, str]) -> Fi
         "source": settings["source"],
         "confidence_level": CONFIDENCE,
         "poses": [_row(row, found, listed) for row in found.poses],
-        "groups": [camera_fields(group) for group in estimate.groups] if estimate is not None else [],
+        "groups": [
+            camera_fields(group, covariance)
+            for group, covariance in zip(
+                estimate.groups if estimate is not None else (), found.camera_covariances, strict=True
+            )
+        ],
         "steadiness": steadiness_document(found.steadiness, found.poses),
         "witness": None if found.witness is None else _witness(found.witness),
         "drift": drift_document(found.poses, data, found.accuracy.poses),

@@ -25,6 +25,7 @@ from tests.support.sessions.stored_sessions import (
     BOARD,
     CAMERA,
     Store,
+    body,
     look,
     new_session,
     shoot,
@@ -32,6 +33,14 @@ from tests.support.sessions.stored_sessions import (
 
 # RP_l of isotropic scatter σ: the mean of |d| and three times its standard deviation, Maxwell's law.
 RP_OF_SIGMA = math.sqrt(8.0 / math.pi) + 3.0 * math.sqrt(3.0 - 8.0 / math.pi)
+
+
+def test_cameras_are_as_uncertain_as_on_their_own_page(api: Any, store: Store) -> None:
+    session = new_session(api)
+    store(api, session, shoot(cycles=3))
+    (camera,) = body(api.client.get(f"/v1/sessions/{session}/intrinsics"))["groups"]
+    (group,) = table(api, session)["groups"]
+    assert group == {name: camera[name] for name in group}
 
 
 def test_the_table_holds_the_truth(api: Any, store: Store) -> None:

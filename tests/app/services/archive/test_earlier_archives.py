@@ -17,6 +17,7 @@ CORRECTED = re.compile(
     r"\.distances\[.*\.(standard_uncertainty_mm|interval_mm)|\.warnings\[target_shape_dominates\]"
     # Cameras and dh: what prints may depart by in shape, and that their scale is taken as exact.
     r"|^intrinsics\..*(standard_uncertainty|interval_95|covariance|grade|px)|\.warnings\[scale_taken_as_exact\]"
+    r"|^repeatability\.groups\[\d+\]\.(standard_uncertainty|interval_95|grade)"
 )
 """What versions since state otherwise on purpose: the CHANGELOG has each."""
 MAX_CHANGE, MAX_COVARIANCE_CHANGE = 2e-3, 0.05
