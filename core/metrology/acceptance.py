@@ -13,13 +13,13 @@ References: ISO 14253-1:2017, 5.2-5.4; JCGM 106:2012, 8.3.
 from __future__ import annotations
 
 import math
-from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 
 from scipy.special import ndtri
 
+from core.errors import listed
 from core.metrology.frame_tie import FrameTie, poses_that_decide
 from core.metrology.repeatability import FEW_CYCLES, PoseRepeatability
 from core.metrology.rp_distribution import CONFIDENCE
@@ -54,8 +54,8 @@ class Reading:
 
     `value` and `interval` are the robot's own, without the instrument's share; None where that share is too large or
     not known. `at_most` is an upper limit that holds with the instrument's share in it. `flaw` says why the figure
-    decides nothing, to follow "poses": its interval presumes what is not so, or was not tested; None where nothing
-    speaks against it.
+    decides nothing: its interval presumes what is not so, or was not tested; None where nothing
+    speaks against it; it follows the poses' names.
 
     `cycles_share` is the share of the interval's squared width that cycles narrow. `tie` is what tied the frames of a
     deviation, which poses narrow; None for a figure of scatter. `frames` follows the word interval, such as " in the
@@ -103,12 +103,13 @@ class Acceptance:
     poses_needed: int | None = None
 
 
-def decide(limit: float, readings: Sequence[Reading]) -> Acceptance:
+def decide(limit: float, readings: Sequence[Reading], names: Sequence[str] | None = None) -> Acceptance:
     """Decide on a limit that every reading must keep.
 
     Readings of fewer than ten cycles, or with a flaw, decide nothing, neither alone nor for the rest: what was not
-    measured may be the worst.
+    measured may be the worst. `names` are the readings' poses, for the reason; None numbers them from 1.
     """
+    called = names if names is not None else [str(i + 1) for i in range(len(readings))]
     flaws = [_flaw(one) for one in readings]
     usable = [i for i, flaw in enumerate(flaws) if flaw is None]
     failed = [i for i in usable if _low(readings[i], len(usable)) > limit]
@@ -116,15 +117,17 @@ def decide(limit: float, readings: Sequence[Reading]) -> Acceptance:
         worst = max(failed, key=lambda i: _low(readings[i], len(usable)))
         low, high = readings[worst].deciding or (0.0, math.inf)
         reason = "the whole interval lies beyond the limit"
+        if len(usable) > 1:
+            reason += f", as does the wider one by which each of {len(usable)} poses is judged"
         return Acceptance(Decision.FAIL, worst, reason, (low, high))
     if not usable:
-        return Acceptance(Decision.INCONCLUSIVE, None, _undecided(flaws))
+        return Acceptance(Decision.INCONCLUSIVE, None, _undecided(flaws, called))
     worst = max(usable, key=lambda i: readings[i].upper)
     interval = readings[worst].deciding
     if readings[worst].upper > limit:
         return _open(limit, readings[worst], worst, len(usable))
     if len(usable) < len(readings):
-        return Acceptance(Decision.INCONCLUSIVE, worst, _undecided(flaws), interval)
+        return Acceptance(Decision.INCONCLUSIVE, None, _undecided(flaws, called))
     return Acceptance(Decision.PASS, worst, "the intervals of all poses lie within the limit", interval)
 
 
@@ -135,11 +138,15 @@ def _flaw(reading: Reading) -> str | None:
     return TOO_FEW if reading.cycles < FEW_CYCLES else reading.flaw
 
 
-def _undecided(flaws: Sequence[str | None]) -> str:
-    """Say how many poses decide nothing, and why."""
-    counts = Counter(flaw for flaw in flaws if flaw is not None)
-    kinds = ", ".join(f"{count} {flaw}" for flaw, count in counts.items())
-    return f"{counts.total()} of {len(flaws)} poses decide nothing: {kinds}"
+def _undecided(flaws: Sequence[str | None], names: Sequence[str]) -> str:
+    """Name the poses that decide nothing, by the reasons."""
+    found: dict[str, list[str]] = {}
+    for name, flaw in zip(names, flaws, strict=True):
+        if flaw is not None:
+            found.setdefault(flaw, []).append(name)
+    kinds = "; ".join(f"{listed(of_kind)}, {flaw}" for flaw, of_kind in found.items())
+    count = sum(map(len, found.values()))
+    return f"{count} of {len(flaws)} poses {'is' if count == 1 else 'are'} open: {kinds}"
 
 
 def repeatability_reading(figures: PoseRepeatability) -> Reading:
@@ -183,7 +190,7 @@ def _open(limit: float, reading: Reading, place: int, count: int) -> Acceptance:
         return Acceptance(Decision.INCONCLUSIVE, place, reason, interval)
     reason = f"the interval{reading.frames} spans the limit"
     if reading.interval[0] > limit:
-        reason = f"the interval lies beyond the limit, but not at the level that {count} poses together need"
+        reason = f"the interval lies beyond the limit, but not the wider one by which each of {count} poses is judged"
     cycles = _cycles_that_decide(limit, reading, count)
     if cycles is not None or reading.tie is None:
         return Acceptance(Decision.INCONCLUSIVE, place, reason, interval, cycles)

@@ -80,8 +80,8 @@ def absolute_poses(
         columns = _Columns(sign, sum(widths[:g]), sum(widths), sum(widths) + scales)
         if marginal is None:
             for pose in group.poses:
-                common = None if pose.common is None else columns.of(pose.common)
-                found[pose.measurement_id] = replace(pose, common=common)
+                alone = None if pose.common is None else columns.of(pose.common)
+                found[pose.measurement_id] = replace(pose, common=alone)
             continue
         scaled = any(stated_scale(data, known, pose) is not None for pose in group.poses)
         # Figures of unknown scale have no uncertainty that the print's shape could dominate.

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Sequence
 from typing import Annotated, Any
 
 from fastapi import Query, Request
@@ -35,6 +36,7 @@ async def show_repeatability(
     context = await run_in_threadpool(head_of, service_of(request), session_id, "repeatability")
     found = await analysis_document(request, "repeatability", session_id, settings)
     shown: dict[str, Any] = {"refused": found, "document": None, "rows": [], "bar_end": 0.0, "drawn": False}
+    shown |= {"worst_rp": None, "worst_ap": None}
     if not isinstance(found, AnalysisRefused):
         bars, end = bars_of(
             [
@@ -54,6 +56,15 @@ async def show_repeatability(
             "rows": list(zip(found["poses"], bars, strict=True)),
             "bar_end": end,
             "drawn": len(found["poses"]) <= MAX_DRAWN,
+            "worst_rp": largest_of(
+                (pose["pose_id"], pose["repeatability"]["rp_l_mm"], pose["interval"]["rp_l_mm"])
+                for pose in found["poses"]
+            ),
+            "worst_ap": largest_of(
+                (pose["pose_id"], pose["accuracy"]["ap_p_mm"], pose["accuracy"]["interval"]["ap_p_mm"])
+                for pose in found["poses"]
+                if pose["accuracy"] is not None
+            ),
         }
     return render(
         request,
@@ -76,6 +87,17 @@ async def get_cycle_points(
     if isinstance(found, AnalysisRefused):
         return JSONResponse({"poses": [], "detail": found.detail, "advice": found.advice})
     return JSONResponse(found, headers={"Cache-Control": "private, no-cache"})
+
+
+def largest_of(
+    figures: Iterable[tuple[str, float | None, Sequence[float] | None]],
+) -> dict[str, Any] | None:
+    """Return the largest figure with its pose and interval, of (pose, value, interval); None without any."""
+    known = [(value, pose_id, interval) for pose_id, value, interval in figures if value is not None]
+    if not known:
+        return None
+    value, pose_id, interval = max(known, key=lambda one: one[0])
+    return {"pose_id": pose_id, "value": value, "interval": interval}
 
 
 def settings_of(estimator: str, source: str) -> dict[str, str]:

@@ -126,7 +126,7 @@ def _decided(
     known = [value for value in figures.values() if value is not None]
     if limit_mm is None or not figures:
         return None
-    found = decide(limit_mm, list(readings.values()))
+    found = decide(limit_mm, list(readings.values()), list(readings))
     return LimitAcceptance(
         limit_mm,
         max(known, default=None),

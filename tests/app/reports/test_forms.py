@@ -146,6 +146,29 @@ def test_the_largest_ap_is_that_of_all_poses_with_one_visit_or_more() -> None:
     assert f"0.5000 mm at pose {once['pose_id']}, interval not known" in page
 
 
+def test_a_decision_that_is_open_names_its_pose_and_no_interval_that_decides() -> None:
+    document = _fixture("repeatability")
+    found = document["analyses"]["repeatability"]
+    one = {
+        "rule": "guard bands",
+        "decision": "inconclusive",
+        "cycles_needed": 26,
+        "reason": "it spans the limit",
+    }
+    at_one = {"pose_id": "P3", "interval_mm": [0.0964, 0.2716], "datasheet_repeatability_mm": 0.1}
+    nowhere = {"pose_id": None, "interval_mm": None, "datasheet_accuracy_mm": 0.6}
+    found["acceptance"], found["accuracy_acceptance"] = {**one, **at_one}, {**one, **nowhere}
+    page = render_forms(document, {}, CompanyTemplate())["html"].decode()
+    assert "open at" in page
+    assert "pose P3, 95 % interval [0.10, 0.27] mm" in page
+    assert "that decides" not in page
+    assert (
+        page.count("by its own cycles alone") == page.count("the frames that the other poses tie, too") == 1
+    )
+    found["acceptance"]["decision"] = "pass"
+    assert "decided at" in render_forms(document, {}, CompanyTemplate())["html"].decode()
+
+
 def test_a_report_without_outliers_says_nothing_of_figures_without_them() -> None:
     document = _fixture("repeatability")
     for pose in document["analyses"]["repeatability"]["poses"]:

@@ -302,9 +302,11 @@ def test_both_decisions_on_a_data_sheet_stand_on_the_page(api: Any) -> None:
     address = f"/ui/sessions/{session}/repeatability?source=measured_poses"
     page = api.client.get(address, headers=signed_in(api)).text
     assert "Acceptance of repeatability: pass" in page
-    assert re.search(r"Worst RP<sub>l</sub> <b>0\.\d+ mm</b>; decided at <bdi>P\d</bdi>", page)
+    largest = r" is <b>0\.\d+ mm</b>, at <bdi>P\d</bdi>"
+    assert re.search(f"The largest RP<sub>l</sub>{largest}", page)
+    assert re.search(r"That of <bdi>P\d</bdi>, \[0\.\d+, 0\.\d+\] mm, reaches farthest", page)
     assert "Acceptance of accuracy: " in page
-    assert re.search(r"Worst AP<sub>p</sub> <b>0\.\d+ mm</b>; (decided|open) at <bdi>P\d</bdi>", page)
+    assert re.search(f"The largest AP<sub>p</sub>{largest}", page)
     answer = api.client.get(f"/v1/sessions/{session}/repeatability?source=measured_poses").json()
     for pose in answer["poses"]:
         one = pose["accuracy"]

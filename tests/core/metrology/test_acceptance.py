@@ -20,6 +20,7 @@ from core.metrology import (
     long_run_rp,
     repeatability_reading,
 )
+from core.metrology.acceptance import TOO_FEW
 
 LIMIT = 0.1
 
@@ -47,10 +48,7 @@ def test_each_of_many_poses_fails_at_a_part_of_the_risk() -> None:
     assert decide(LIMIT, [barely]).decision is Decision.FAIL
     together = decide(LIMIT, [barely] * 5)
     assert together.decision is Decision.INCONCLUSIVE
-    assert (
-        together.reason
-        == "the interval lies beyond the limit, but not at the level that 5 poses together need"
-    )
+    assert together.reason.endswith("not the wider one by which each of 5 poses is judged")
     assert together.cycles_needed is not None
     # The interval shrinks with the root of the cycles: with so many all five are beyond it together.
     root = math.sqrt(29 / (together.cycles_needed - 1))
@@ -147,6 +145,14 @@ def test_a_tie_that_keeps_an_interval_wide_takes_poses() -> None:
     # One that is far beyond it fails with more.
     beyond = replace(open_, value=2.5, interval=(1.0, 4.0), tie=replace(tie, worst_mm=2.5))
     assert decide(1.5, [beyond]).poses_needed is not None
+
+
+def test_poses_that_are_open_are_named_and_no_other_pose_decides() -> None:
+    few, unsteady = reading(0.05, 0.04, 0.07, cycles=1), replace(reading(0.05, 0.04, 0.07), flaw=UNSTEADY)
+    found = decide(LIMIT, [reading(0.05, 0.04, 0.07), few, unsteady, few], ["A", "B", "C", "D"])
+    assert (found.decision, found.reading, found.interval) == (Decision.INCONCLUSIVE, None, None)
+    assert found.reason == f"3 of 4 poses are open: B, D, {TOO_FEW}; C, {UNSTEADY}"
+    assert decide(LIMIT, [few]).reason == f"1 of 1 poses is open: 1, {TOO_FEW}"
 
 
 def test_what_decides_is_stated() -> None:

@@ -118,7 +118,7 @@ def test_accuracy_is_decided_of_every_pose_whose_position_was_commanded() -> Non
     fewer = replace(found.accuracy, poses={p: one for p, one in found.accuracy.poses.items() if p != "P3"})
     undetermined = assess_acceptance(data, replace(found, accuracy=fewer)).accuracy
     assert undetermined is not None
-    assert undetermined.found.reason == f"1 of 5 poses decide nothing: 1 {UNDETERMINED}"
+    assert undetermined.found.reason == f"1 of 5 poses is open: P3, {UNDETERMINED}"
 
 
 def test_an_unstated_pitch_decides_nothing_of_accuracy() -> None:
@@ -191,7 +191,7 @@ def test_visits_of_one_cycle_do_not_count_as_cycles() -> None:
     )
     found = decided(replace(data, measured=thrice))
     assert found.found.decision is Decision.INCONCLUSIVE
-    assert found.found.reason == f"5 of 5 poses decide nothing: 5 {REPEATED}"
+    assert found.found.reason == f"5 of 5 poses are open: P1, P2, P3, P4, P5, {REPEATED}"
 
 
 def test_cycles_of_degraded_images_must_not_be_what_breaks_the_limit() -> None:

@@ -161,7 +161,11 @@ class Acceptance(ResponseModel):
     """Whether the robot keeps a limit that its data sheet states: fields that both limits have."""
 
     pose_id: Annotated[
-        str | None, Field(description="The pose that the decision rests on; null: none can decide.")
+        str | None,
+        Field(
+            description="The pose that the decision rests on, or at which it is open; null: poses that cannot be "
+            "judged leave it open, which `reason` names."
+        ),
     ]
     decision: Annotated[
         AcceptanceDecision,
@@ -178,9 +182,9 @@ class Acceptance(ResponseModel):
     interval_mm: Annotated[
         Interval | None,
         Field(
-            description="The 95 % interval at `pose_id` that decides, mm. Of RP_l that of the corrected figure, from 0 "
-            "where that has none and the upper limit as measured decides. Of AP_p the wider of the pose's interval and "
-            "of that in the frames that the other poses tie. Null without `pose_id`."
+            description="The 95 % interval at `pose_id`, which decides or leaves it open, mm. Of RP_l that of the "
+            "corrected figure, from 0 where that has none and the upper limit as measured decides. Of AP_p the wider "
+            "of the pose's interval and of that in the frames that the other poses tie. Null without `pose_id`."
         ),
     ]
     cycles_needed: Annotated[

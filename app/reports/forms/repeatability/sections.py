@@ -88,29 +88,39 @@ def _result(found: Json, level: str) -> list[Block]:
         blocks.append(paragraph("No repeatability is known: no pose has two visits that count."))
     if rows:
         blocks.append(facts(rows))
-    for name, limit, figure in (
-        ("acceptance", "datasheet_repeatability_mm", "RP_l"),
-        ("accuracy_acceptance", "datasheet_accuracy_mm", "AP_p"),
+    for name, limit, figure, how in (
+        (
+            "acceptance",
+            "datasheet_repeatability_mm",
+            "RP_l",
+            "corrected for the instrument's noise; before the robot passes, each by its own cycles alone, too",
+        ),
+        (
+            "accuracy_acceptance",
+            "datasheet_accuracy_mm",
+            "AP_p",
+            "in the frames that the other poses tie, too, so that intervals are wider than those of AP_p below",
+        ),
     ):
         one = found[name]
         if one is not None:
-            blocks.append(facts(_decision(one, f"{figure} against the data sheet", one[limit], level)))
+            blocks.append(facts(_decision(one, f"{figure} against the data sheet", one[limit], level, how)))
     return blocks
 
 
-def _decision(one: Json, title: str, limit_mm: float, level: str) -> list[tuple[str, str]]:
+def _decision(one: Json, title: str, limit_mm: float, level: str, how: str) -> list[tuple[str, str]]:
     """Return what is decided of a limit: by which rule and interval, why, and what would decide."""
     rows = [
         (title, f"{one['decision'].upper()}: limit {limit_mm:g} mm"),
-        ("rule", one["rule"]),
+        ("rule", f"{one['rule']}: all poses must keep the limit with their whole intervals, {how}"),
         ("reason", one["reason"]),
     ]
     if one.get("interval_mm") is not None:
         low, high = one["interval_mm"]
         width = high - low
-        at = f" at pose {one['pose_id']}" if one["pose_id"] else ""
-        interval = f"[{number(low, width, places=3)}, {number(high, width, places=3)}]"
-        rows.append((f"{level} interval that decides", f"{interval} mm{at}"))
+        interval = f"[{number(low, width, places=3)}, {number(high, width, places=3)}] mm"
+        open_or_decided = "open at" if one["decision"] == "inconclusive" else "decided at"
+        rows.append((open_or_decided, f"pose {one['pose_id']}, {level} interval {interval}"))
     if one.get("cycles_needed"):
         rows.append(("would decide", f"about {one['cycles_needed']} cycles"))
     if one.get("poses_needed"):

@@ -1,0 +1,46 @@
+"""What the page of a session's repeatability says of its figures."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from app.web.pages import environment
+
+
+def acceptance(one: dict[str, Any], worst: dict[str, Any] | None) -> str:
+    """What the page says of one limit, spaces and tags of names removed."""
+    shown = environment().get_template("analyses/_acceptance.html").module.acceptance  # type: ignore[attr-defined]
+    stated = {"rule": "by a rule", "interval_mm": None, "cycles_needed": None, "poses_needed": None}
+    text = str(shown({**stated, **one}, "acc", "Acceptance of accuracy", "AP_p", worst, 0.6, "in words"))
+    return " ".join(text.replace("<bdi>", "").replace("</bdi>", "").split())
+
+
+WORST = {"pose_id": "P16", "value": 0.53224, "interval": [0.4023, 0.62859]}
+
+
+def test_an_open_decision_names_the_poses_that_are_open_and_no_interval_that_decides() -> None:
+    reason = "24 of 28 poses are open: P5, P6 and 22 more, of fewer than ten cycles"
+    said = acceptance({"decision": "inconclusive", "pose_id": None, "reason": reason}, WORST)
+    assert "The largest AP_p is <b>0.532 mm</b>, at P16." in said
+    assert f"It is not decided: {reason}." in said
+    assert "decides" not in said
+    assert "Its interval" not in said
+    at_one = {"pose_id": "P3", "interval_mm": [0.3, 0.7], "reason": "the interval spans the limit"}
+    said = acceptance({"decision": "inconclusive", **at_one, "cycles_needed": 26}, WORST)
+    assert "It is not decided at P3: the interval spans the limit. Its interval: [0.300, 0.700] mm." in said
+    assert "About 26 cycles would decide." in said
+
+
+def test_a_decision_says_why_and_at_which_pose() -> None:
+    one = {"pose_id": "P3", "interval_mm": [0.3, 0.5], "reason": "all lie within; nothing else was tested"}
+    said = acceptance({"decision": "pass", **one}, WORST)
+    assert "It is kept: all lie within; nothing else was tested. That of P3, [0.300, 0.500] mm," in said
+    said = acceptance({"decision": "fail", **one}, WORST)
+    assert "It is exceeded: " in said
+    assert "is farthest beyond it" in said
+
+
+def test_no_figure_is_named_where_there_is_none() -> None:
+    said = acceptance({"decision": "inconclusive", "pose_id": None, "reason": "no pose has cycles"}, None)
+    assert "largest" not in said
+    assert "–" not in said
