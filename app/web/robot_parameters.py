@@ -15,6 +15,10 @@ WEAKENING = {
     "no_better_than_nominal": "Poses held out in turn are met no better than with the data sheet's parameters.",
     "deviation_from_nominal_large": "A parameter is farther from the data sheet than robots are built: angles count in "
     "another sense or from another zero than the data sheet says, or it has a wrong value.",
+    "print_scale_mismatch": "All long lengths are off by one factor: the print has another pitch than stated, and the "
+    "parameters are off with it.",
+    "instrument_scale_mismatch": "All long lengths are off by one factor: so is the instrument's scale, or the data "
+    "sheet is another model's.",
     "frame_moved": "The instrument, the target or the robot's base moved while the poses were measured.",
     "joint_coupling_proposed": "The joints seem to be coupled, and the robot states no coupling: the angles are not "
     "those of its axes.",

@@ -8,9 +8,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float
+from scipy.stats import chi2
 
 from core.errors import Advisory, listed
-from core.kinematics.arm_model import ArmState
+from core.kinematics.arm_model import NOMINAL_LENGTH_MM, ArmState
 from core.kinematics.dh import JOINT_PARAMETERS, Chain, JointParameters
 from core.kinematics.error_model import FEW_POSES, ErrorModel, Level, joint_approach
 from core.kinematics.global_fit import Conditioning, FitResult, Gauge, HoldOutError, Validation, rms
@@ -87,10 +88,11 @@ def with_residuals(
 
 ILL_CONDITIONED = 100.0
 SHORT_ARC = math.radians(20.0)
-MIN_SCALED_MM, MIN_SCALED_LENGTHS = 100.0, 3
+MIN_SCALED_MM, MIN_SCALED_LENGTHS = 100.0, 2
 """Which lengths say of a common scale, and how many of them it takes."""
-MIN_SCALE, MAX_SCALE_SPREAD = 1.5e-3, 0.3
-"""The smallest common scale, less 1, that is worth a warning, and how far from it any length may be, of it."""
+MIN_SCALE, MIN_SCALE_RATIO, SCALE_LEVEL = 1.5e-3, 4.0, 1e-3
+"""The smallest common scale, less 1, that is worth a warning; its least ratio to its standard uncertainty; the level at
+which lengths that depart from it otherwise than the nominal's do speak against it."""
 FAR_MM, FAR_RAD = 20.0, math.radians(5.0)
 MAX_SHARE_APART = 0.005
 """Of the variance that independent joints have in a combination: what moves less moves together."""
@@ -153,8 +155,8 @@ def model_warnings(model: ErrorModel) -> Iterator[Advisory]:
     if model.level is Level.ALL and count < FEW_POSES:
         yield Advisory(
             "scatter_uncertain",
-            f"{count} configurations carry all terms beyond the chain, which may take up part of the noise: the robot's "
-            "scatter and the residuals can be several times too small. The errors at poses held out are what counts.",
+            f"{count} configurations carry all terms beyond the chain, which may take up part of the noise: the "
+            "robot's scatter and the residuals can be several times too small. The errors at poses held out are what counts.",
             f"Measure {FEW_POSES} configurations or more before relying on them.",
         )
     large = [
@@ -229,12 +231,17 @@ def _scaled(nominal: Chain, refined: FitResult, gauge: Gauge, *, instrument: boo
     if int(long.sum()) < MIN_SCALED_LENGTHS:
         return
     off = refined.arm.parameters[:, columns][long] / stated[long] - 1.0
-    scale = float(np.median(off))
+    variances = np.zeros(refined.arm.layout.size)
+    variances[refined.free] = np.diag(refined.covariance)
+    own = variances[: nominal.as_array().size].reshape(nominal.as_array().shape)[:, columns][long]
+    weights = stated[long] ** 2 / (NOMINAL_LENGTH_MM**2 + own)
+    scale = float(np.average(off, weights=weights))
+    left = float(weights @ (off - scale) ** 2)
     # Lengths of the other sign are another arm's, and no scale makes them.
     if (
-        abs(scale) < MIN_SCALE
+        abs(scale) < max(MIN_SCALE, MIN_SCALE_RATIO / math.sqrt(float(weights.sum())))
         or scale <= -1.0
-        or float(np.max(np.abs(off - scale))) > MAX_SCALE_SPREAD * abs(scale)
+        or left > chi2.isf(SCALE_LEVEL, len(off) - 1)
     ):
         return
     factor = (

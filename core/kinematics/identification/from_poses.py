@@ -55,7 +55,7 @@ from core.kinematics.identification.sampling import sample_parameters
 from core.kinematics.joint_angle_checks import check_angles
 from core.kinematics.nominal_checks import check_against_nominal
 from core.kinematics.pose_observations import PoseData
-from core.kinematics.results import model_warnings, joint_estimates, warnings_for, with_residuals
+from core.kinematics.results import joint_estimates, model_warnings, warnings_for, with_residuals
 from core.kinematics.sweeps import find_sweeps
 from core.kinematics.target_transforms import target_transforms
 from core.numerics import SMALLEST, Variances

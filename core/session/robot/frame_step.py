@@ -21,8 +21,8 @@ from core.geometry import hats
 LEAST_POSES = 12
 """Of each part: fewer fit six components of a motion by chance."""
 LARGEST_SHARE = 0.5
-"""Of the residuals' squares that two motions leave, in place of none: gears and compliance make residuals of either part
-differ, too, but no rigid motion explains half of them."""
+"""Of the residuals' squares that two motions leave, in place of none: gears and compliance make residuals of either
+part differ, too, but no rigid motion explains half of them."""
 LEAST_RATIO = 6.0
 """Of the step to its standard uncertainty."""
 
@@ -66,9 +66,9 @@ def frame_step_warnings(
     return (
         Advisory(
             "frame_moved",
-            f"From pose {labels[order[at]]} on, number {at + 1} of {n} in the order of measuring, poses lie {moved:.2g} mm "
-            f"and {turned:.1g}° from where the others have them: the instrument, the target or the robot's base moved "
-            "in between, and all parameters are wrong by what that makes of them.",
-            "Identify from each part in a session of its own, or measure again with instrument, target and robot fixed.",
+            f"From pose {labels[order[at]]} on, number {at + 1} of {n} in the order of measuring, poses lie "
+            f"{moved:.2g} mm and {turned:.1g}° from where the others have them: the instrument, the target "
+            "or the robot's base moved in between, and all parameters are wrong by what that makes of them.",
+            "Identify from each part in a session of its own, or measure again with everything fixed.",
         ),
     )
