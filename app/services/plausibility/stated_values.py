@@ -14,7 +14,9 @@ MAX_ERRORS = 100
 MIN_PITCH_MM = 0.2
 """No grid is printed so finely; 0.025 is 25 mm in metres."""
 MIN_LINK_MM = 5.0
-"""Of the longest link: no arm is as short."""
+"""Of the longest length a or d: no arm is as short."""
+MAX_PARALLEL = 0.2
+"""Sine of the angle between axes that are taken to be parallel."""
 MAX_RADIANS = 7.0
 """Just above 2 π: angles in radians are smaller, and a robot's limits in degrees are not."""
 MIN_REACH_MM = 5.0
@@ -65,12 +67,21 @@ def check_joints(joints: Sequence[Mapping[str, Any]]) -> None:
     angles = _in_radians(joints)
     if angles:
         raise implausible("radians", angles)
-    lengths = [joint["a_mm"] for joint in joints]
-    if any(lengths) and all(abs(a) < MIN_LINK_MM for a in lengths):
-        raise implausible(
-            "metres",
-            _in_metres([(f"joints.{place}.a_mm", a) for place, a in enumerate(lengths)]),
-        )
+    lengths = [
+        (f"joints.{place}.{name}", joint[name])
+        for name in ("a_mm", "d_mm")
+        for place, joint in enumerate(joints)
+    ]
+    small = [(field, length) for field, length in lengths if abs(length) < MIN_LINK_MM]
+    links = [joint for joint in joints if abs(joint["a_mm"]) < MIN_LINK_MM]
+    # An arm whose axes all cross has its lengths along them; each a is what workshops leave. Parallel axes are apart.
+    apart = any(
+        joint["a_mm"] and abs(math.sin(math.radians(joint["alpha_deg"]))) < MAX_PARALLEL for joint in links
+    )
+    if len(small) == len(lengths) or (len(links) == len(joints) and apart):
+        metres = _in_metres(small)
+        if metres:
+            raise implausible("metres", metres)
 
 
 def check_datasheet(robot: Mapping[str, Any]) -> None:

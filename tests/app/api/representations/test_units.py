@@ -20,7 +20,17 @@ INSIST = {"accept_implausible": "true"}
     [
         ([{**JOINT, "alpha_deg": math.pi / 2}, {**JOINT, "alpha_deg": 0.0}], "joints.0.alpha_deg", "radians"),
         ([{**JOINT, "minimum_deg": -2.96, "maximum_deg": 2.96}], "joints.0.minimum_deg", "radians"),
-        ([{**JOINT, "a_mm": 0.18}, {**JOINT, "a_mm": -0.6}], "joints.0.a_mm", "metres"),
+        (
+            [{**JOINT, "a_mm": 0.18, "d_mm": 0.4}, {**JOINT, "a_mm": -0.6, "d_mm": 0.0}],
+            "joints.0.a_mm",
+            "metres",
+        ),
+        ([{**JOINT, "a_mm": 0.18}, {**JOINT, "a_mm": -0.6, "alpha_deg": 0.0}], "joints.1.a_mm", "metres"),
+        (
+            [{**JOINT, "a_mm": 0.0, "d_mm": 0.34}, {**JOINT, "a_mm": 0.0, "d_mm": 0.4}],
+            "joints.1.d_mm",
+            "metres",
+        ),
     ],
 )
 def test_a_robot_in_radians_or_metres_is_refused(
@@ -40,6 +50,7 @@ def test_a_robot_in_radians_or_metres_is_refused(
     [
         [{**JOINT, "alpha_deg": 0.0}, {**JOINT, "alpha_deg": 0.02}],  # a SCARA as calibrated
         [{**JOINT, "a_mm": 0.0}],  # an arm whose axes all meet
+        [{**JOINT, "a_mm": 0.9}, {**JOINT, "a_mm": -1.3, "d_mm": 0.4}],  # such an arm as identified
         [{**JOINT, "minimum_deg": -170.0, "maximum_deg": 5.0}],
         [{**JOINT, "a_mm": 3.0}, JOINT],
     ],
