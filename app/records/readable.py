@@ -136,6 +136,7 @@ def _are_joints(value: Any) -> bool:
     return isinstance(value, list) and all(
         isinstance(joint, Mapping)
         and all(_is_number(joint.get(name)) for name in ("a_mm", "alpha_deg", "d_mm", "theta_offset_deg"))
+        and ("beta_deg" not in joint or _is_number(joint["beta_deg"]))
         for joint in value
     )
 

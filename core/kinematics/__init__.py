@@ -21,6 +21,7 @@ from core.kinematics.correction import (
 )
 from core.kinematics.dh import (
     JOINT_PARAMETERS,
+    PARALLEL_AT_MOST,
     Chain,
     JointParameters,
     forward,
@@ -105,6 +106,7 @@ __all__ = [
     "MAX_CONFIRMING_RATIO",
     "MIN_JOINT_RANGE",
     "MIN_SAMPLES_IN_CELL",
+    "PARALLEL_AT_MOST",
     "STRONG_EVIDENCE",
     "ArmInformation",
     "ArmState",

@@ -84,7 +84,8 @@ def nearly_parallel(alpha_rad: float, sigma_d_mm: float) -> bool:
 
     The foot of a common normal slides along the axis by 1/sin α of what moves either axis across, so that σ_d grows
     without bound as axes become parallel while every pose stays as well known. How near is too near depends on the
-    measurement: the decision is by the predicted σ_d. Axes at a fair angle are never called parallel.
+    measurement: the decision is by the predicted σ_d, or the nominal robot's, where that states β. Axes at a fair angle
+    are never called parallel.
     """
     return abs(math.sin(alpha_rad)) < PARALLEL_AT_MOST and not sigma_d_mm <= LARGEST_SIGMA_D_MM
 

@@ -94,6 +94,7 @@ def nominal_chain(robot: Sequence[Mapping[str, float]] | None) -> Chain | None:
                 math.radians(joint["alpha_deg"]),
                 joint["d_mm"],
                 math.radians(joint["theta_offset_deg"]),
+                math.radians(joint.get("beta_deg") or 0.0),
             )
             for joint in robot
         )

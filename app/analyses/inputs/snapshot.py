@@ -51,8 +51,7 @@ ROBOT_ANALYSES = frozenset(
     }
 )
 """Those that are computed from the robot's nominal joints, too."""
-OF_JOINT = ("a_mm", "alpha_deg", "d_mm", "theta_offset_deg")
-"""What is computed from; names and limits are for other programs."""
+_OF_JOINT = ("a_mm", "alpha_deg", "d_mm", "theta_offset_deg")
 
 
 @dataclass(frozen=True, slots=True)
@@ -173,6 +172,15 @@ class Snapshot:
         return text
 
 
+def parameters_of(joint: Mapping[str, Any]) -> dict[str, float]:
+    """Return what is computed from of a robot's joint; names and limits are for other programs.
+
+    β is there where it is stated; without it, the hash is that of versions before it.
+    """
+    found = {name: joint[name] for name in _OF_JOINT}
+    return found | {"beta_deg": joint["beta_deg"]} if joint.get("beta_deg") else found
+
+
 def read_snapshot(records: orm.Session, session_id: str, source: str = "images") -> Snapshot:
     """Read a session without its arrays; of its images or, with source `measured_poses`, its measured poses.
 
@@ -222,9 +230,7 @@ def read_snapshot(records: orm.Session, session_id: str, source: str = "images")
             [image.captured_at for image in images],
             latest_qualification(records, session.robot_id, source),
         ),
-        robot=[{name: joint[name] for name in OF_JOINT} for joint in robot.joints]
-        if robot is not None
-        else None,
+        robot=None if robot is None else [parameters_of(joint) for joint in robot.joints],
         joint_coupling=robot.joint_coupling if robot is not None else None,
         camera_mount="fixed" if session.camera_mount == "fixed" else "robot",
         datasheet={

@@ -13,7 +13,7 @@ import sqlalchemy as sa
 from sqlalchemy import orm
 
 from app.analyses.inputs.session_loader import load_session
-from app.analyses.inputs.snapshot import OF_JOINT, Snapshot, StoredImage, StoredPose
+from app.analyses.inputs.snapshot import Snapshot, StoredImage, StoredPose, parameters_of
 from app.analyses.reporting.changes import NO_POINTS, changed_input, points_of
 from app.analyses.reporting.inputs import OF_POSE, OF_ROBOT, OF_TARGET, target_row
 from app.analyses.worker import LoadedSession
@@ -172,9 +172,7 @@ def _snapshot(inputs: Json, rows: Mapping[str, sa.Row[Any]], subject: Mapping[st
             for one in inputs["measured_poses"]
         ),
         subject=subject,
-        robot=None
-        if robot is None
-        else [{name: joint[name] for name in OF_JOINT} for joint in robot["joints"]],
+        robot=None if robot is None else [parameters_of(joint) for joint in robot["joints"]],
         joint_coupling=None if robot is None else robot["joint_coupling"],
         datasheet={}
         if robot is None

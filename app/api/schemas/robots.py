@@ -18,7 +18,9 @@ from app.api.schemas.fields import RobotId
 
 
 class Joint(RequestModel):
-    """Classic (distal) Denavit-Hartenberg parameters of one joint: Rz(θ + theta_offset) Tz(d) Tx(a) Rx(α)."""
+    """Classic (distal) Denavit-Hartenberg parameters of one joint: Rz(θ + theta_offset) Tz(d) Tx(a) Rx(α), and Ry(β)
+    where it is stated.
+    """
 
     a_mm: Annotated[
         Coordinate,
@@ -32,6 +34,14 @@ class Joint(RequestModel):
     theta_offset_deg: Annotated[
         Angle, Field(description="What is added to the stated joint angle about this joint's axis, degrees.")
     ] = 0.0
+    beta_deg: Annotated[
+        Angle | None,
+        Field(
+            description="Hayati's second turn about y, degrees, of a robot that was identified, where this axis is "
+            "near parallel to the next: `alpha_deg` is within 11.5° of 0 or of half a turn, and so is this one of 0. "
+            "Null: not used."
+        ),
+    ] = None
     name: Annotated[
         Text | None, Field(description="The maker's name of the joint, for files of other programs.")
     ] = None

@@ -26,15 +26,17 @@ from app.services.queries import (
     require_readable,
     visible,
 )
+from core.kinematics import PARALLEL_AT_MOST
 
 MIN_DETERMINANT = 1e-6
+QUARTER_DEG = 90.0
 
 
 def create_robot(records: orm.Session, fields: Mapping[str, Any]) -> Robot:
     """Store a robot; of its joints what is known of them.
 
-    Raises InvalidContent if names are not unique, a lower limit is not below its upper limit, or the coupling does not
-    fit the joints.
+    Raises InvalidContent if names are not unique, a lower limit is not below its upper limit, β is not of nearly
+    parallel axes, or the coupling does not fit the joints.
     """
     robot = Robot(id=new_id("rob"), created_at=datetime.now(UTC), **_columns(fields))
     robot.joint_coupling = _coupling(robot.joint_coupling, len(robot.joints))
@@ -95,13 +97,25 @@ def _check(joints: Sequence[Mapping[str, Any]]) -> None:
             errors.append((f"joints.{place}.{missing}", "is missing: limits come together"))
         elif lower is not None and upper is not None and not lower < upper:
             errors.append((f"joints.{place}.maximum_deg", "must be above minimum_deg"))
+        if joint.get("beta_deg") and (place == len(joints) - 1 or not _nearly_parallel(joint)):
+            errors.append(
+                (f"joints.{place}.beta_deg", "is of a joint whose axis is near parallel to the next one's")
+            )
     if errors:
         raise InvalidContent(
-            "The joints' names or limits are not valid.",
-            "Give every joint a name of its own, or none; minimum_deg below maximum_deg, or neither.",
+            "The joints' names, limits or turns are not valid.",
+            "Give every joint a name of its own, or none; minimum_deg below maximum_deg, or neither; beta_deg where "
+            "alpha_deg is within 11.5° of 0 or of half a turn, and not with the last joint.",
             code="invalid_joints",
             errors=errors,
         )
+
+
+def _nearly_parallel(joint: Mapping[str, Any]) -> bool:
+    turns = (math.radians(joint[name]) for name in ("alpha_deg", "beta_deg"))
+    return (
+        all(abs(math.sin(turn)) < PARALLEL_AT_MOST for turn in turns) and abs(joint["beta_deg"]) < QUARTER_DEG
+    )
 
 
 def list_robots(

@@ -19,7 +19,7 @@ _LARGEST_TURN = 0.1
 def classify_links(
     uncertain: UncertainAxes, home: Float[np.ndarray, " j"], nominal: Chain | None
 ) -> tuple[LinkForm, ...]:
-    """Return the form of each link but the last, at joint angles `home` (rad)."""
+    """Return the form of each link but the last, at joint angles `home` (rad); Hayati's where the nominal states β."""
     axes = uncertain.axes
     count = len(axes) - 1
     if not count:
@@ -30,7 +30,10 @@ def classify_links(
     if inclined:
         slides = uncertain.propagate_covariance(lambda at: np.array([feet(at, i)[0] for i in inclined]))
         sigma_d[inclined] = np.sqrt(np.diag(slides))
-    parallel = [nearly_parallel(alphas[i], float(sigma_d[i])) for i in range(count)]
+    stated = [nominal is not None and nominal.joints[i].beta_rad != 0.0 for i in range(count)]
+    parallel = [
+        nearly_parallel(alphas[i], math.inf if stated[i] else float(sigma_d[i])) for i in range(count)
+    ]
     offsets = uncertain.propagate_covariance(
         lambda at: np.concatenate([_offset(at, axes, i) for i in range(count)])
     )

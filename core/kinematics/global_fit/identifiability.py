@@ -67,13 +67,17 @@ class Gauge:
 def fix_gauge(
     arm: ArmState, seen: Observations, scatter: Variances, parallel: Bool[np.ndarray, " j"] | None = None
 ) -> Gauge:
-    """Decide at an arm what to fit; joints known to be `parallel` to the next stay so."""
+    """Decide at an arm what to fit; joints known to be `parallel` to the next stay so, as do those that have a β."""
     layout = arm.layout
     _, J = linearised(arm, seen)
     information = _scaled_information(arm, seen, J, scatter)
     decided = _parallel(arm, information)
-    if parallel is not None:  # but not where the axes turned out to stand apart
-        decided |= parallel & (np.abs(np.sin(arm.parameters[:, ALPHA])) < PARALLEL_AT_MOST)
+    known = arm.parameters[:, BETA] != 0.0
+    known[-1] = False
+    if parallel is not None:
+        known |= parallel
+    # but not where the axes turned out to stand apart
+    decided |= known & (np.abs(np.sin(arm.parameters[:, ALPHA])) < PARALLEL_AT_MOST)
     candidates = np.ones(layout.size, dtype=np.bool_)
     for joint in range(layout.joints):
         candidates[layout.column(joint, BETA)] = decided[joint]

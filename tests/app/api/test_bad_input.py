@@ -123,7 +123,7 @@ def test_a_body_of_another_media_type_is_refused(api: Any, media_type: str) -> N
         [{"a_mm": 1, "alpha_deg": 0, "d_mm": 0}] * 13,
         [{"a_mm": 1, "alpha_deg": 0}],
         [{"a_mm": "1", "alpha_deg": 0, "d_mm": 0}],
-        [{"a_mm": 1, "alpha_deg": 0, "d_mm": 0, "beta_deg": 0}],
+        [{"a_mm": 1, "alpha_deg": 0, "d_mm": 0, "gamma_deg": 0}],
         {"0": {"a_mm": 1}},
         None,
     ],

@@ -189,11 +189,11 @@ def _target_ids(found: RobotIdentification, data: SessionData) -> list[str | Non
 def joint_document(joint: JointEstimate, poses: int) -> dict[str, Any]:
     """Return one joint's parameters and standard uncertainties, in mm and degrees; null where undetermined."""
     values = _parameters(joint.parameters)
-    if not joint.parallel_to_next:
+    if not joint.parallel_to_next and joint.parameters.beta_rad == 0.0:
         values["beta_deg"] = None
-    nominal = None
-    if joint.nominal is not None:
-        nominal = {name: value for name, value in _parameters(joint.nominal).items() if name != "beta_deg"}
+    nominal = None if joint.nominal is None else _parameters(joint.nominal)
+    if joint.nominal is not None and nominal is not None and joint.nominal.beta_rad == 0.0:
+        nominal["beta_deg"] = None
     return {
         "joint": joint.joint,
         **values,

@@ -31,7 +31,7 @@ def test_names_and_limits_are_kept_and_what_is_not_known_is_null(api: Any) -> No
     assert created.status_code == 201
     robot = created.json()
     unknown = {"name": None, "minimum_deg": None, "maximum_deg": None}
-    plain = {**PLAIN, "theta_offset_deg": 0.0}
+    plain = {**PLAIN, "theta_offset_deg": 0.0, "beta_deg": None}
     assert robot["joints"] == [
         {**plain, **stated},
         {**plain, **unknown},
@@ -50,6 +50,11 @@ def test_names_and_limits_are_kept_and_what_is_not_known_is_null(api: Any) -> No
         ([{}, {"minimum_deg": 10.0, "maximum_deg": -10.0}], "joints.1.maximum_deg"),
         ([{"minimum_deg": 10.0}], "joints.0.maximum_deg"),
         ([{"maximum_deg": 10.0}], "joints.0.minimum_deg"),
+        ([{"beta_deg": 0.1}, {}], "joints.0.beta_deg"),
+        ([{"alpha_deg": 11.6, "beta_deg": 0.1}, {}], "joints.0.beta_deg"),
+        ([{"alpha_deg": 0.0, "beta_deg": 11.6}, {}], "joints.0.beta_deg"),
+        ([{"alpha_deg": 0.0, "beta_deg": 180.0}, {}], "joints.0.beta_deg"),
+        ([{}, {"alpha_deg": 0.0, "beta_deg": 0.1}], "joints.1.beta_deg"),
     ],
 )
 def test_names_and_limits_that_cannot_be_are_refused(
@@ -58,6 +63,15 @@ def test_names_and_limits_that_cannot_be_are_refused(
     problem = assert_problem(make(api, *joints), 422, "invalid_joints")
     assert [error["field"] for error in problem["errors"]] == [field]
     assert problem["advice"]
+
+
+def test_nearly_parallel_axes_may_have_a_second_turn(api: Any) -> None:
+    robot = make(
+        api, {"alpha_deg": 0.03, "beta_deg": -0.04}, {"alpha_deg": -179.98, "beta_deg": 0.1}, {}
+    ).json()
+    assert [joint["beta_deg"] for joint in robot["joints"]] == [-0.04, 0.1, None]
+    assert api.client.get(f"/v1/robots/{robot['id']}").json() == robot
+    assert make(api, {"beta_deg": 0.0}).status_code == 201
 
 
 @pytest.mark.parametrize(

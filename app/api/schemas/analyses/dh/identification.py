@@ -34,8 +34,8 @@ JointNumber = Annotated[int, Field(description="The joint's number, from 1 at th
 ParallelToNext = Annotated[
     bool,
     Field(
-        description="Whether this axis is so near to parallel to the next one that d is not determined: `beta_deg` is "
-        "used, and d kept."
+        description="Whether this axis is so near to parallel to the next one that d is not determined, or the "
+        "session's robot states a `beta_deg`: this is used, and d kept."
     ),
 ]
 ConditionNumber = Annotated[
@@ -92,6 +92,10 @@ class DhNominal(ResponseModel):
     alpha_deg: Annotated[float, Field(description=_ALPHA)]
     d_mm: Annotated[float, Field(description=_D)]
     theta_offset_deg: Annotated[float, Field(description=_THETA)]
+    beta_deg: Annotated[
+        float | None,
+        Field(description="Hayati's second turn about y, degrees; null where the robot states none."),
+    ]
 
 
 class DhIdentifiable(ResponseModel):
