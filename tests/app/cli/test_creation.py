@@ -83,6 +83,9 @@ def test_a_robot_is_made_from_a_table_from_a_urdf_and_by_its_model(served: Any, 
     )
     first, second = made(served, "robots", "by table", "--joints-from", str(table))["joints"]
     assert (first["name"], first["a_mm"], first["d_mm"], second["a_mm"]) == ("A1", 180.0, 400.5, 600.0)
+    table.write_text("a_mm,alpha_deg,d_mm,beta_deg\n600,0.03,0,-0.04\n120,90,0,\n")
+    first, second = made(served, "robots", "tilted", "--joints-from", str(table))["joints"]
+    assert (first["beta_deg"], second["beta_deg"]) == (-0.04, None)
     urdf.write_text(
         '<robot name="a"><joint name="A1" type="continuous"><origin xyz="0 0 0.4"/><parent link="b"/><child link="l"/>'
         '<axis xyz="0 0 1"/></joint><joint name="A2" type="revolute"><origin xyz="0.18 0 0" rpy="-1.5708 0 0"/>'
@@ -99,7 +102,7 @@ def test_a_robot_is_made_from_a_table_from_a_urdf_and_by_its_model(served: Any, 
         gridpose(served, "robots", "create", "x", *noun_options, code=2)
     for text in (
         "a_mm,alpha_deg\n1,2\n",
-        "a_mm,alpha_deg,d_mm,beta_deg\n1,2,3,4\n",
+        "a_mm,alpha_deg,d_mm,beta_deg\n1,2,3,x\n",
         "a_mm,r\n1,2\n",
         "a_mm\nx\n",
     ):

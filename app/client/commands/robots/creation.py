@@ -40,7 +40,7 @@ class RobotOptions:
         Path | None,
         typer.Option(
             help="File with the joints instead: a URDF, or a CSV with a_mm, alpha_deg, d_mm, theta_offset_deg, "
-            "minimum_deg, maximum_deg.",
+            "beta_deg, minimum_deg, maximum_deg; also one of `gridpose robots export`.",
             exists=True,
             dir_okay=False,
         ),

@@ -11,10 +11,10 @@ from ..record_files import FileRefused, Record, Records, read_records
 from .urdf import read_urdf
 
 NEEDED = ("a_mm", "alpha_deg", "d_mm")
-OPTIONAL = ("theta_offset_deg", "minimum_deg", "maximum_deg", "name")
+OPTIONAL = ("theta_offset_deg", "beta_deg", "minimum_deg", "maximum_deg", "name")
 _IGNORED = ("joint", "parallel_to_next")
 _IGNORED_PREFIXES = ("u_", "nominal_", "identifiable_")
-_MAX_UNSTATED_MM = 0.001
+_MAX_UNSTATED_MM = 0.01
 
 
 def read_joints(path: Path, say: Callable[[str], None]) -> list[Json]:
@@ -29,8 +29,14 @@ def read_joints(path: Path, say: Callable[[str], None]) -> list[Json]:
     say(f"{len(robot.joints)} joints to link {robot.end} of {robot.name}")
     if robot.deviation_mm > _MAX_UNSTATED_MM:
         say(
-            f"Nominal parameters differ from the URDF by up to {robot.deviation_mm:.2g} mm: its axes are not exactly "
-            "parallel, or it holds a calibration."
+            f"Warning: the parameters differ from the URDF by up to {robot.deviation_mm:.2g} mm: it rounds angles, or "
+            "its axes are not exactly parallel."
+        )
+    turned = [str(place) for place, joint in enumerate(robot.joints, 1) if "beta_deg" in joint]
+    if turned:
+        say(
+            f"Joint{'s' if len(turned) > 1 else ''} {', '.join(turned)}: nearly parallel to the next, with beta_deg in "
+            "place of d_mm; lengths along parallel axes are in d_mm of the last of these joints."
         )
     return robot.joints
 
@@ -47,13 +53,6 @@ def _joint(record: Record, delimiter: str | None) -> Json:
     joint: Json = {}
     for name, cell in record.fields.items():
         if name in _IGNORED or name.startswith(_IGNORED_PREFIXES) or not cell:
-            continue
-        if name == "beta_deg" and _number(record, name, cell, delimiter) != 0.0:
-            raise FileRefused(
-                f"In {record.place} beta_deg is {cell}; a nominal model has none.",
-                "Give the maker's parameters; Hayati's second turn comes from an identification.",
-            )
-        if name == "beta_deg":
             continue
         if name not in (*NEEDED, *OPTIONAL):
             raise FileRefused(

@@ -1,4 +1,4 @@
-"""A URDF's chain of revolute joints as nominal Denavit-Hartenberg parameters.
+"""A URDF's chain of revolute joints as nominal Denavit-Hartenberg parameters, with β where axes are nearly parallel.
 
 The chain leads from the root to the link `tool0`, to `flange`, or to the only end with the most joints. Lengths of a
 URDF are metres, angles rad; those here are mm and rad.
@@ -11,6 +11,7 @@ import re
 import xml.etree.ElementTree as ElementTree
 from collections.abc import Sequence
 from dataclasses import dataclass
+from decimal import Decimal
 from pathlib import Path
 
 from ... import Json
@@ -23,6 +24,7 @@ _MAX_JOINTS = 12
 _ENDS = ("tool0", "flange")
 _NOMINAL_STEP = math.radians(15.0)
 _ROUNDED_RAD = 5e-5  # files have 1.5708 for π/2
+_FINEST_RAD = 1e-7  # single precision has it, and over metres it is below a micrometre
 _TURNING = ("revolute", "continuous")
 
 
@@ -103,33 +105,36 @@ def _joint(element: ElementTree.Element) -> UrdfJoint:
     ]
     if None in links:
         raise FileRefused(f"Joint {name} has no parent or no child link.")
-    xyz, rpy = (_vector(name, origin, of) if origin is not None else [0.0] * 3 for of in ("xyz", "rpy"))
-    direction = _vector(name, axis, "xyz") if axis is not None else [1.0, 0.0, 0.0]
+    xyz = [float(part) for part in _numbers(name, origin, "xyz")]
+    rpy = [_unrounded(part) for part in _numbers(name, origin, "rpy")]
+    direction = [1.0, 0.0, 0.0] if axis is None else [float(part) for part in _numbers(name, axis, "xyz")]
     if not any(direction):
         raise FileRefused(f"The axis of joint {name} has no direction.")
     limits = None
     if limit is not None and limit.get("lower") and limit.get("upper"):
         low, high = (_number(name, limit.get(end) or "") for end in ("lower", "upper"))
         limits = (low, high) if low < high else None
-    turned = from_roll_pitch_yaw(*(_unrounded(angle) for angle in rpy))
     return UrdfJoint(
         name,
         element.get("type") or "",
         str(links[0]),
         str(links[1]),
-        Frame([_MM_PER_M * value for value in xyz], turned),
+        Frame([_MM_PER_M * value for value in xyz], from_roll_pitch_yaw(*rpy)),
         unit(direction),
         limits if element.get("type") == "revolute" else None,
         element.find("mimic") is not None,
     )
 
 
-def _vector(joint: str, element: ElementTree.Element, attribute: str) -> list[float]:
-    text = element.get(attribute)
-    values = [0.0] * 3 if text is None else [_number(joint, part) for part in text.split()]
-    if len(values) != 3:
+def _numbers(joint: str, element: ElementTree.Element | None, attribute: str) -> list[str]:
+    """Return the three numbers of an attribute as they are written."""
+    text = None if element is None else element.get(attribute)
+    parts = ["0"] * 3 if text is None else text.split()
+    for part in parts:
+        _number(joint, part)
+    if len(parts) != 3:
         raise FileRefused(f"Joint {joint} has no three numbers in {attribute}: {text}.")
-    return values
+    return parts
 
 
 def _number(joint: str, text: str) -> float:
@@ -142,10 +147,16 @@ def _number(joint: str, text: str) -> float:
     return value
 
 
-def _unrounded(angle: float) -> float:
-    """Return an angle, the exact one where it is a multiple of 15° that was rounded."""
+def _unrounded(text: str) -> float:
+    """Return an angle; the exact one where it is a multiple of 15° that was rounded to the digits that are written.
+
+    An identified arm has angles as near to a quarter turn, with all their digits.
+    """
+    angle = float(text)
     nominal = _NOMINAL_STEP * round(angle / _NOMINAL_STEP)
-    return nominal if abs(angle - nominal) < _ROUNDED_RAD else angle
+    exponent = Decimal(text).as_tuple().exponent
+    last_digit = 10.0**exponent if isinstance(exponent, int) else 0.0
+    return nominal if abs(angle - nominal) < max(min(_ROUNDED_RAD, last_digit), _FINEST_RAD) else angle
 
 
 def _chain(joints: Sequence[UrdfJoint]) -> list[UrdfJoint]:
@@ -205,6 +216,8 @@ def _fields(row: DhRow, joint: UrdfJoint) -> Json:
         "d_mm": row.d,
         "theta_offset_deg": round(math.degrees(row.offset), 7),
     }
+    if row.beta:
+        fields["beta_deg"] = round(math.degrees(row.beta), 7)
     if joint.limits is not None:
         low, high = (round(math.degrees(limit), 4) for limit in joint.limits)
         fields |= {"minimum_deg": low, "maximum_deg": high}

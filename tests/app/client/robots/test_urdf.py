@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from jaxtyping import Float
 
+from app.analyses.inputs.session_loader import nominal_chain
 from app.client.commands.record_files import FileRefused
 from app.client.commands.robots.known import KNOWN, known_robot
 from app.client.commands.robots.urdf import UrdfRobot, parse_urdf
@@ -134,9 +135,9 @@ def by_file(text: str, joint_angles: Float[np.ndarray, " j"]) -> Float[np.ndarra
 
 
 def chain_of(robot: UrdfRobot) -> Chain:
-    return Chain.from_rows(
-        [(j["a_mm"], j["alpha_deg"], j["d_mm"], j["theta_offset_deg"]) for j in robot.joints]
-    )
+    found = nominal_chain(robot.joints)
+    assert found is not None
+    return found
 
 
 def assert_same_motion(text: str, robot: UrdfRobot, rng: np.random.Generator, within_mm: float) -> None:
@@ -183,11 +184,30 @@ def test_any_axes_are_described_exactly(seed: int) -> None:
     assert_same_motion(urdf(joints, tool), robot, rng, 1e-3)
 
 
-def test_axes_that_are_not_quite_parallel_are_described_as_parallel_and_the_deviation_is_stated() -> None:
-    joints = [(ZERO, ZERO, UP), ("0.5 0 0", "0.0003 0 0", UP), ("0.5 0 0.1", ZERO, AHEAD)]
+def test_axes_that_are_nearly_parallel_have_hayati_s_form() -> None:
+    joints = [(ZERO, ZERO, UP), ("0.5 0 0", "0.0003 0.0001 0", UP), ("0.5 0 0.1", ZERO, AHEAD)]
     robot = parse_urdf(urdf(joints))
-    assert [joint["alpha_deg"] for joint in robot.joints[:2]] == [0.0, 90.0]
-    assert 0.01 < robot.deviation_mm < 0.6
+    first, second = robot.joints[:2]
+    assert (first["alpha_deg"], first["beta_deg"]) == pytest.approx(np.degrees([0.0003, 0.0001]), abs=1e-6)
+    assert (first["a_mm"], first["d_mm"], second["alpha_deg"]) == pytest.approx((500.0, 0.0, 90.0))
+    assert "beta_deg" not in second
+    assert_same_motion(urdf(joints), robot, np.random.default_rng(1), 1e-6)
+
+
+@pytest.mark.parametrize(
+    ("written", "is_quarter"),
+    [
+        ("1.5708", True),
+        ("1.570796", True),
+        ("-1.57079", True),
+        ("1.5707964", True),
+        ("1.570802", False),
+        ("1.57081", False),
+    ],
+)
+def test_angles_are_exact_where_the_digits_that_are_written_allow_it(written: str, is_quarter: bool) -> None:
+    robot = parse_urdf(urdf([(ZERO, ZERO, UP), ("0.5 0 0", f"{written} 0 0", UP)]))
+    assert (abs(robot.joints[0]["alpha_deg"]) == 90.0) == is_quarter
 
 
 def test_the_end_is_the_tool_frame_of_the_longest_chain() -> None:
