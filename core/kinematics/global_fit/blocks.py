@@ -19,6 +19,10 @@ from core.kinematics.global_fit.joint_configurations import configurations
 
 PARTS = 4
 """Blocks along the elbow's angle, the end's height, and the order of measuring."""
+MAX_PART = 0.5
+"""Of the configurations: a quarter with more of them is none. In sweeps the elbow has one angle at most poses, and the
+others do not determine an arm.
+"""
 _POSES_A_CLUSTER = 20
 _FEWEST_CLUSTERS, _MOST_CLUSTERS = 4, 10
 _ELBOW = 2  # the third joint of an arm; of shorter chains the last
@@ -40,7 +44,8 @@ def blocks_of(
     """Return the block of each pose, counted from 0, for every blocking that the poses allow.
 
     Poses are in the order in which they were measured; all of one configuration (`configurations`) are in one block.
-    Fewer than 80 configurations have no blocks.
+    Fewer than 80 configurations have no blocks; quarters of the elbow's angle or of height count where none has more
+    than half of them.
     """
     _, first, visited = np.unique(
         configurations(joint_angles, labels), return_index=True, return_inverse=True
@@ -55,7 +60,12 @@ def blocks_of(
         Blocking.ORDER: _parts(first.astype(np.float64)),
         Blocking.CLUSTERS: clusters(some),
     }
-    return {name: block[visited] for name, block in found.items() if int(block.max()) > 0}
+    most = {name: MAX_PART * len(first) for name in (Blocking.ELBOW, Blocking.HEIGHT, Blocking.ORDER)}
+    return {
+        name: block[visited]
+        for name, block in found.items()
+        if int(block.max()) > 0 and int(np.bincount(block).max()) <= most.get(name, len(first))
+    }
 
 
 def clusters(joint_angles: Float[np.ndarray, "n j"]) -> Int[np.ndarray, " n"]:

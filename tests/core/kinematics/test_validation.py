@@ -10,10 +10,11 @@ import numpy as np
 import pytest
 from scipy.cluster.hierarchy import fclusterdata
 
+from core.kinematics.global_fit.blocks import Blocking
 from core.kinematics.global_fit.joint_configurations import SAME_CONFIGURATION, configurations
 from core.kinematics.global_fit.validation import assign_folds
-from core.kinematics.identification import identify
-from core.simulation.arm import KR5_ARC, KR5_ARC_HOME, free_angles, kr5_arc
+from core.kinematics.identification import ModelChoice, identify
+from core.simulation.arm import KR5_ARC, KR5_ARC_HOME, free_angles, kr5_arc, sweep_angles
 from tests.support.simulation.simulated_poses import Repeatability, measure_poses
 
 VISITS = 30
@@ -91,3 +92,15 @@ def test_repeats_at_jittering_readings_say_no_more_than_at_steady_ones() -> None
 
     # Configuration by configuration the folds are the same ones; 140 predictions in 14 groups.
     assert held_out(readings) == pytest.approx(held_out(q), rel=0.2)
+
+
+@pytest.mark.parametrize("steps", [15, 20, 30])
+def test_long_sweeps_alone_are_identified_and_held_out_by_blocks_that_leave_an_arm(steps: int) -> None:
+    """The elbow has one angle at five sweeps of six: without these poses nothing is determined."""
+    rng = np.random.default_rng(34)
+    q = sweep_angles(KR5_ARC_HOME, half_arc=math.radians(35.0), steps=steps)
+    poses = measure_poses(kr5_arc(rng), q, rng, estimator="given", robot=Repeatability(0.02, 1e-5))
+    found = identify(poses, KR5_ARC, model=ModelChoice.AUTO)
+    assert found.validation is not None
+    assert Blocking.ELBOW not in {block.blocking for block in found.validation.blocks}
+    assert {Blocking.ORDER, Blocking.CLUSTERS} <= {block.blocking for block in found.validation.blocks}
