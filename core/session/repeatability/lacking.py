@@ -57,6 +57,21 @@ def distances_unavailable(lacks: Mapping[Lack, Sequence[str]], *, one_camera: bo
     )
 
 
+def distance_pairs_truncated(
+    poses: int, pairs: int, given: int, most: int, lacks: Mapping[Lack, Sequence[str]]
+) -> Advisory:
+    """Return the warning of a session of so many poses that of them only `pairs` of successive ones are looked at;
+    `given` have a distance, and `lacks` names the others by what they lack.
+    """
+    others = "; ".join(f"{listed(lacks[lack])}: {_CLAUSES[lack]}" for lack in Lack if lacks.get(lack))
+    return Advisory(
+        "distance_pairs_truncated",
+        f"Of {poses} poses only the {pairs} pairs of successive ones are looked at, all pairs where there are no more "
+        f"than {most}. Distances are given between {given} of these pairs{'. ' if others else ''}{others}.",
+        "Put the poses whose distances matter into a session of their own.",
+    )
+
+
 def measured_pose_warnings(data: SessionData) -> list[Advisory]:
     """Return warnings that say which figures another instrument's readings do not give, and why."""
     poses = list(dict.fromkeys(pose.pose_id for pose in data.measured))

@@ -28,7 +28,12 @@ from core.metrology import (
     hides_scatter,
 )
 from core.session.model import CommandedPose, MeasuredPose
-from core.session.repeatability.lacking import MIN_SPREADS_APART, Lack, distances_unavailable
+from core.session.repeatability.lacking import (
+    MIN_SPREADS_APART,
+    Lack,
+    distance_pairs_truncated,
+    distances_unavailable,
+)
 from core.session.repeatability.withheld import distance_of_hidden_scatter, unscaled_distance
 from core.session.visits import cycles_of, mean_common
 
@@ -138,14 +143,7 @@ def _distances(
             )
         )
     if distances and truncated:
-        warnings.append(
-            Advisory(
-                "distance_pairs_truncated",
-                f"Of {len(poses)} poses, distances are given between {len(pairs)} pairs of successive ones, of all "
-                f"pairs where there are no more than {MAX_PAIRS}.",
-                "Put the poses whose distances matter into a session of their own.",
-            )
-        )
+        warnings.append(distance_pairs_truncated(len(poses), len(pairs), len(distances), MAX_PAIRS, lacks))
     if not distances and len(poses) > 1:
         warnings.append(distances_unavailable(lacks, one_camera=one_camera))
     return distances

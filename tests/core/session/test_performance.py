@@ -11,6 +11,7 @@ from core.session.model import MeasuredPose
 from core.session.repeatability.performance import assess_performance
 
 PLACES = {"P1": (0.0, 0.0, 0.0), "P2": (80.0, 0.0, 0.0), "P3": (0.0, 90.0, 0.0)}
+FURTHER = {f"P{i}": (80.0 * i, 0.0, 0.0) for i in range(4, 13)}
 CYCLES = (1, 2, 3, 4)
 
 
@@ -24,7 +25,7 @@ def visits(
             pose_id,
             cycle,
             None,
-            np.array(PLACES[pose_id]) + rng.normal(0.0, scatter_mm, 3),
+            np.array({**PLACES, **FURTHER}[pose_id]) + rng.normal(0.0, scatter_mm, 3),
             np.eye(3),
             None,
             None,
@@ -74,3 +75,14 @@ def test_poses_that_lack_different_things_are_named_by_what_they_lack() -> None:
     assert "P1-P2, P2-P3: one of the two poses has fewer than two visits" in detail
     assert "P1-P3: the poses are before different targets" in detail
     assert advice.index("Visit every pose again") < advice.index("before the same target")
+
+
+def test_of_many_poses_the_pairs_that_have_a_distance_are_counted_and_the_others_named() -> None:
+    """Twelve poses, of which three were visited more than once."""
+    measured = {name: visits(name) for name in PLACES} | {name: visits(name, (1,)) for name in FURTHER}
+    found = assess_performance(measured, measured, {})
+    assert len(found.distances) == 2
+    (warning,) = (w for w in found.warnings if w.code == "distance_pairs_truncated")
+    assert "the 11 pairs of successive ones" in warning.detail
+    assert "between 2 of these pairs. P3-P4, " in warning.detail
+    assert "fewer than two visits that count" in warning.detail
