@@ -120,8 +120,19 @@ def _draw(axes: Axes, panel: SteadinessPanel, rasterized: bool, counted_in: str)
 
 
 def _legend(panels: Sequence[SteadinessPanel]) -> list[Any]:
+    trends = any(panel.line_mm is not None for panel in panels)
+    line: dict[str, Any] = {"lw": 1.7} if trends else {"ls": "none"}
     handles = [
-        Line2D([], [], marker=marker, color=colour, ms=4, mew=0, lw=1.7, label=f"{name}: cycle, trend")
+        Line2D(
+            [],
+            [],
+            marker=marker,
+            color=colour,
+            ms=4,
+            mew=0,
+            label=f"{name}: cycle{', trend' * trends}",
+            **line,
+        )
         for name, colour, marker in _AXES
     ]
     if any(panel.by_chance_mm > 0.0 for panel in panels):

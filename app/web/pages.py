@@ -35,6 +35,7 @@ from app.records.activity import acting
 from app.web import page_words, words
 from app.web.service import service_of
 from app.web.static_files import static_version
+from core.metrology import NOT_STEADY
 
 log = Logger(__name__)
 _TEMPLATES = Path(__file__).parent / "templates"
@@ -217,6 +218,7 @@ def environment() -> Environment:
         methods=words.METHODS,
         lens_models=words.LENS_MODELS,
         query=query_of,
+        not_steady_share=NOT_STEADY,
         sqrt=math.sqrt,
     )
     return made

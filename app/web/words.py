@@ -84,8 +84,8 @@ VERDICTS: dict[str, State] = {
         "bad",
         "↗",
         "not steady",
-        "The cycles drift, jump or depend on one another: the figure depends on when and how "
-        "long was measured. Remove the cause and measure again.",
+        "The cycles drift, jump, depend on one another or stop at two points: the figure depends on when and "
+        "how long was measured. Remove the cause and measure again.",
     ),
     "below_detection": State(
         "fair",

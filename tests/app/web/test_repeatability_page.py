@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from typing import Any
 
 from app.web.pages import environment
@@ -9,7 +10,7 @@ from app.web.pages import environment
 
 def acceptance(one: dict[str, Any], worst: dict[str, Any] | None) -> str:
     """What the page says of one limit, spaces and tags of names removed."""
-    shown = environment().get_template("analyses/_acceptance.html").module.acceptance  # type: ignore[attr-defined]
+    shown = environment().get_template("analyses/_decisions.html").module.acceptance  # type: ignore[attr-defined]
     stated = {"rule": "by a rule", "interval_mm": None, "cycles_needed": None, "poses_needed": None}
     text = str(shown({**stated, **one}, "acc", "Acceptance of accuracy", "AP_p", worst, 0.6, "in words"))
     return " ".join(text.replace("<bdi>", "").replace("</bdi>", "").split())
@@ -44,3 +45,32 @@ def test_no_figure_is_named_where_there_is_none() -> None:
     said = acceptance({"decision": "inconclusive", "pose_id": None, "reason": "no pose has cycles"}, None)
     assert "largest" not in said
     assert "–" not in said
+
+
+def steadiness(p_value: float, *two_points: str) -> str:
+    """What the page says of a session's steadiness by its order and its stopping points."""
+    shown = environment().get_template("analyses/_decisions.html").module.steadiness_found  # type: ignore[attr-defined]
+    found = {
+        "p_values": {"overall_p_value": p_value},
+        "steady": p_value > 0.01 and not two_points,
+        "cycles": 10,
+        "counted_in": "cycles",
+        "two_points": [{"pose_id": one, "distance_mm": 0.2} for one in two_points],
+    }
+    return " ".join(re.sub("<[^>]*>", "", str(shown(found))).split())
+
+
+def test_what_is_not_steady_is_said_by_the_sign_that_holds() -> None:
+    chance = "% of all orders of the 10 cycles (1 % or less: not steady)"
+    assert steadiness(0.3) == (
+        f"✓ steady Nothing speaks against steady cycles: chance alone gives at least as much in 30 {chance}."
+    )
+    assert "not steady The cycles drift, jump or depend on one another: " in steadiness(0.002)
+    split = steadiness(0.31, "P16", "P20")
+    assert "not steady The cycles of P16 (0.200 mm), P20 (0.200 mm) stop at two points" in split
+    assert (
+        f"No drift, jump or dependence is seen: chance alone gives at least as much in 31 {chance}." in split
+    )
+    both = steadiness(0.002, "P16")
+    assert "stop at two points" in both
+    assert "The cycles drift, jump" in both

@@ -10,7 +10,7 @@ from jaxtyping import Float
 
 from app.analyses.documents.plots.chance import length_limit, trend_limits
 from app.reports.steadiness import SteadinessPanel
-from core.errors import TooFewCycles
+from core.errors import TooFewCycles, listed
 from core.metrology import NOT_STEADY, Attribution, CycleGrid, Steadiness
 from core.session import SessionSteadiness
 
@@ -75,7 +75,11 @@ def steadiness_summary(steadiness: SessionSteadiness) -> str:
         return "not tested"
     p = found.p_values
     verdict = "not steady" if found.steady is False else "nothing speaks against steady cycles"
-    why = f": {_ATTRIBUTED[found.attribution]}" if found.attribution is not None else ""
+    signs = [_ATTRIBUTED[found.attribution]] if found.attribution is not None else []
+    if found.two_points:
+        named = listed(steadiness.pose_ids[one.pose] for one in found.two_points)
+        signs.append(f"two stopping points at {named}")
+    why = f": {', and '.join(signs)}" if signs else ""
     return (
         f"{verdict}{why}   ·   p {p.overall:.2g} (trend {p.trend:.2g}, change point {p.change_point:.2g}, "
         f"autocorrelation {p.autocorrelation:.2g})"
@@ -110,9 +114,11 @@ def _moved(
     uncertainty_mm: Float[np.ndarray, "3"],
     limits_mm: Float[np.ndarray, "3"],
 ) -> str:
+    limit = length_limit(limits_mm)
+    largest = max(float(np.linalg.norm(change_mm)), limit)
     return (
-        f"moved {_uncertain_length(change_mm, uncertainty_mm)} by its trend "
-        f"(chance alone: up to {_length(length_limit(limits_mm))})"
+        f"moved {_uncertain_length(change_mm, uncertainty_mm, largest)} by its trend "
+        f"(chance alone: up to {_length(limit, largest)})"
     )
 
 
@@ -135,14 +141,24 @@ def _line(cycles: np.ndarray, offsets: np.ndarray) -> np.ndarray:
     return np.asarray(offsets.mean(axis=0) + np.outer(t[[0, -1]], slope))
 
 
-def _length(value: float) -> str:
-    return f"{value:.3g} mm" if value >= 0.1 else f"{1e3 * value:.2g} µm"
+def _unit(largest_mm: float) -> tuple[str, float]:
+    """Return the unit of lengths in one sentence by the largest of them, and what is in it of one mm."""
+    return ("mm", 1.0) if largest_mm >= 0.1 else ("µm", 1e3)
 
 
-def _uncertain_length(vector_mm: Float[np.ndarray, "3"], uncertainty_mm: Float[np.ndarray, "3"]) -> str:
+def _length(value_mm: float, largest_mm: float | None = None) -> str:
+    unit, factor = _unit(value_mm if largest_mm is None else largest_mm)
+    return f"{value_mm * factor:.{3 if unit == 'mm' else 2}g} {unit}"
+
+
+def _uncertain_length(
+    vector_mm: Float[np.ndarray, "3"],
+    uncertainty_mm: Float[np.ndarray, "3"],
+    largest_mm: float | None = None,
+) -> str:
     """Return a length with its standard uncertainty, that along the vector."""
     length = float(np.linalg.norm(vector_mm))
     along = float(np.linalg.norm(vector_mm * uncertainty_mm)) / length if length > 0.0 else 0.0
-    unit, factor = ("mm", 1.0) if length >= 0.1 else ("µm", 1e3)
+    unit, factor = _unit(length if largest_mm is None else largest_mm)
     decimals = 1 if along <= 0.0 else min(6, max(0, 1 - math.floor(math.log10(along * factor))))
     return f"{length * factor:.{decimals}f} ± {along * factor:.{decimals}f} {unit}"

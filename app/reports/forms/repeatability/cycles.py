@@ -7,6 +7,8 @@ from typing import Any
 
 from app.reports.forms.blocks import Block, facts, heading, number, paragraph, table
 from app.reports.forms.wording import words
+from core.errors import listed
+from core.metrology import NOT_STEADY
 
 Json = Mapping[str, Any]
 
@@ -54,6 +56,16 @@ def drift_blocks(found: Json) -> list[Block]:
     ]
 
 
+def _signs(found: Json) -> str:
+    """Return by what cycles are not steady: by their order, or by two stopping points."""
+    signs = []
+    if found["p_values"] is not None and found["p_values"]["overall_p_value"] <= NOT_STEADY:
+        signs.append("the cycles drift, jump or depend on one another")
+    if found["two_points"]:
+        signs.append(f"two stopping points at {listed(one['pose_id'] for one in found['two_points'])}")
+    return ", and ".join(signs)
+
+
 def _with_uncertainty(value: float | None, uncertainty: float | None) -> str:
     if value is None or uncertainty is None:
         return number(value)
@@ -66,7 +78,7 @@ def steadiness_blocks(found: Json) -> list[Block]:
     if one["steady"] is None:
         return [heading("Steadiness"), paragraph("Not tested: no pose has six visits with a cycle number.")]
     rows: list[tuple[str, Any]] = [
-        ("steady", "yes" if one["steady"] else "no"),
+        ("steady", "yes" if one["steady"] else f"no: {_signs(one)}"),
         ("tested", f"{one['cycles']} {one['counted_in']}"),
     ]
     p = one["p_values"]

@@ -10,6 +10,6 @@ VERDICTS = {
     "robot": "The reading is the robot's.",
     "instrument_limited": "The instrument's noise contributes to the reading.",
     "below_detection": "The reading is less than the instrument's noise alone would give.",
-    "not_steady": "The cycles are not independent and identically distributed.",
+    "not_steady": "The cycles drift, jump, depend on one another or stop at two points.",
     "too_few_cycles": "A verdict takes ten cycles or more; ISO 9283 asks for 30.",
 }
