@@ -9,6 +9,7 @@ from datetime import datetime
 
 from app.jobs.queue import ALREADY_MEASURED
 from app.records.tables import Measurement
+from app.reports.forms import VERDICTS as SAID_BY_VERDICTS
 from app.reports.forms import words as named
 
 NONE = "–"
@@ -72,33 +73,14 @@ def legend_of(measurements: Sequence[Measurement]) -> list[State]:
 
 
 VERDICTS: dict[str, State] = {
-    "robot": State("good", "✓", "robot", "The figure is the robot's: the instrument adds about 3 % at most."),
-    "instrument_limited": State(
-        "fair",
-        "≈",
-        "instrument limited",
-        "The instrument's noise is a large part of the figure, or not known: the "
-        "robot is better than the figure. Use the corrected value where it has an interval.",
-    ),
-    "not_steady": State(
-        "bad",
-        "↗",
-        "not steady",
-        "The cycles drift, jump, depend on one another or stop at two points: the figure depends on when and "
-        "how long was measured. Remove the cause and measure again.",
-    ),
-    "below_detection": State(
-        "fair",
-        "<",
-        "below detection",
-        "The scatter is less than the stated noise alone would give: the stated uncertainties are too large.",
-    ),
-    "too_few_cycles": State(
-        "fair",
-        "n",
-        "too few cycles",
-        "Fewer than ten cycles: the figure holds, its interval is wide. ISO 9283 asks for 30.",
-    ),
+    name: State(kind, sign, named(name), SAID_BY_VERDICTS[name])
+    for name, kind, sign in (
+        ("robot", "good", "✓"),
+        ("instrument_limited", "fair", "≈"),
+        ("not_steady", "bad", "↗"),
+        ("below_detection", "fair", "<"),
+        ("too_few_cycles", "fair", "n"),
+    )
 }
 NO_CYCLES = State("mute", "○", "no figure", "Repeatability takes two cycles of a pose that are measured.")
 DECISIONS: dict[str, State] = {

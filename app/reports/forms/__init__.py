@@ -6,6 +6,7 @@ these alone. `figures` names each number of a document, for the CSV form and for
 
 from app.reports.forms.figures import figures_of
 from app.reports.forms.rendering import FORMAT, FORMAT_VERSION, RenderingFailed, render_forms
+from app.reports.forms.repeatability import VERDICTS
 from app.reports.forms.template import CompanyTemplate, TemplateInvalid, read_template
 from app.reports.forms.wording import SENTENCES, words
 
@@ -13,6 +14,7 @@ __all__ = [
     "FORMAT",
     "FORMAT_VERSION",
     "SENTENCES",
+    "VERDICTS",
     "CompanyTemplate",
     "RenderingFailed",
     "TemplateInvalid",

@@ -146,6 +146,20 @@ def test_the_largest_ap_is_that_of_all_poses_with_one_visit_or_more() -> None:
     assert f"0.5000 mm at pose {once['pose_id']}, interval not known" in page
 
 
+def test_a_corrected_figure_is_given_where_it_is_determined() -> None:
+    document = _fixture("repeatability")
+    first = document["analyses"]["repeatability"]["poses"][0]
+    first["corrected"]["rp_l_mm"], first["corrected_interval"]["rp_l_mm"] = 0.0678, [0.05, 0.08]
+    forms = render_forms(document, {}, CompanyTemplate())
+    assert "0.068" in forms["html"].decode()
+    assert "0.0678" in forms["xml"].decode()
+    first["corrected_interval"]["rp_l_mm"] = None
+    forms = render_forms(document, {}, CompanyTemplate())
+    for form in ("html", "xml"):
+        assert "0.068" not in forms[form].decode()
+        assert "0.0678" not in forms[form].decode()
+
+
 def test_a_decision_that_is_open_names_its_pose_and_no_interval_that_decides() -> None:
     document = _fixture("repeatability")
     found = document["analyses"]["repeatability"]

@@ -5,7 +5,10 @@ from __future__ import annotations
 import re
 from typing import Any
 
+from app.reports.forms import VERDICTS as REPORTED
 from app.web.pages import environment
+from app.web.words import VERDICTS
+from core.metrology.repeatability.verdict import Verdict
 
 
 def acceptance(one: dict[str, Any], worst: dict[str, Any] | None) -> str:
@@ -74,3 +77,8 @@ def test_what_is_not_steady_is_said_by_the_sign_that_holds() -> None:
     both = steadiness(0.002, "P16")
     assert "stop at two points" in both
     assert "The cycles drift, jump" in both
+
+
+def test_verdicts_say_the_same_on_pages_and_in_reports() -> None:
+    assert {name: state.sentence for name, state in VERDICTS.items()} == REPORTED
+    assert set(VERDICTS) == {verdict.value for verdict in Verdict}

@@ -176,6 +176,9 @@ def _scatter(row: PoseRow) -> PoseScatter:
     counted = row.visits
     positions = _stacked([visit.position_mm for visit in counted])
     figures = row.figures
+    # Without an interval the value says nothing of the robot.
+    known = figures is not None and figures.corrected_interval.position_mm is not None
+    corrected = figures.corrected if figures is not None and known else None
     outlying = np.isin(np.arange(len(counted)), [o.index for o in figures.outliers] if figures else [])
     noise = [visit.scatter[:3, :3] for visit in counted if visit.scatter is not None]
     return PoseScatter(
@@ -187,7 +190,7 @@ def _scatter(row: PoseRow) -> PoseScatter:
         rp_mm=figures.repeatability.position_mm if figures else None,
         interval_mm=figures.interval.position_mm if figures else None,
         floor_mm=figures.noise_floor.position_mm if figures else None,
-        corrected_mm=figures.corrected.position_mm if figures else None,
+        corrected_mm=corrected.position_mm if corrected is not None else None,
         verdict=figures.verdict if figures else "too_few_cycles",
         note="" if counted else f"no image counts: {_listed(Counter(e.code for e in row.excluded))}",
     )

@@ -93,10 +93,13 @@ def _repeatability(pose: Json, totals: Totals, level: float) -> list[Element]:
         ("RP_l that the noise alone gives", "noise_floor", None),
         ("RP_l corrected for the noise", "corrected", "corrected_interval"),
     ):
+        value = pose[part]["rp_l_mm"]
+        if part == "corrected" and pose["corrected_interval"]["rp_l_mm"] is None:
+            value = None  # it says nothing of the robot
         found += figure(
             name,
             f"{part}.rp_l_mm",
-            pose[part]["rp_l_mm"],
+            value,
             **_uncertainty(totals.get((f"{part}.rp_l_mm", *of))),
             interval=pose[intervals]["rp_l_mm"] if intervals else None,
             level=level,

@@ -201,8 +201,11 @@ def _rp_table(found: Json, level: str) -> list[Block]:
     rows = []
     for pose in found["poses"]:
         value, interval = with_interval(pose["repeatability"]["rp_l_mm"], pose["interval"]["rp_l_mm"])
+        known = pose["corrected_interval"][
+            "rp_l_mm"
+        ]  # without an interval the value says nothing of the robot
         corrected, corrected_interval = with_interval(
-            pose["corrected"]["rp_l_mm"], pose["corrected_interval"]["rp_l_mm"]
+            pose["corrected"]["rp_l_mm"] if known is not None else None, known
         )
         rows.append(
             [
@@ -217,7 +220,7 @@ def _rp_table(found: Json, level: str) -> list[Block]:
             ]
         )
     columns = ("pose", "verdict", "n", "RP_l", f"{level} interval", "floor", "corrected", f"{level} interval")
-    caption = "Positioning repeatability RP_l, mm (7.2.2), over all cycles; floor: what the noise alone gives"
+    caption = "RP_l, mm (7.2.2), over all cycles; floor: what the noise alone gives; corrected for it where determined"
     return table(caption, columns, rows, text_columns=2)
 
 

@@ -1,0 +1,30 @@
+"""What the plot of the scatter shows of which poses."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from xml.etree import ElementTree
+
+import numpy as np
+
+from app.analyses.documents.plots.drawing import scatter_plot
+from core.session import SessionData
+from tests.support.simulation import session_cycles as made
+
+CYCLES = made.gaussian(np.random.default_rng(3), 12)
+
+
+def rows(data: SessionData, **chosen: str) -> list[str]:
+    """The lines of the drawing's description, one for each pose."""
+    drawn = ElementTree.fromstring(scatter_plot(data, {"source": "measured_poses", **chosen}, ""))
+    return str(drawn.findtext("{http://www.w3.org/2000/svg}desc")).splitlines()
+
+
+def test_a_corrected_figure_is_shown_where_it_is_determined() -> None:
+    data = made.measured_session(CYCLES)
+    assert all("corrected " in line for line in rows(data))
+    noise = 0.02**2 * np.eye(
+        6
+    )  # of three quarters of the robot's scatter: the corrected RP_l has no interval
+    coarse = tuple(replace(one, covariance=noise, scatter=noise) for one in data.measured)
+    assert not any("corrected " in line for line in rows(replace(data, measured=coarse)))
