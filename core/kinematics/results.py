@@ -156,7 +156,7 @@ def model_warnings(model: ErrorModel) -> Iterator[Advisory]:
         yield Advisory(
             "scatter_uncertain",
             f"{count} configurations carry all terms beyond the chain, which may take up part of the noise: the "
-            "robot's scatter and the residuals can be several times too small. The errors at poses held out are what counts.",
+            "robot's scatter and the residuals can be several times too small. What counts are errors at poses held out.",
             f"Measure {FEW_POSES} configurations or more before relying on them.",
         )
     large = [
