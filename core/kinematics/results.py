@@ -148,15 +148,24 @@ def validation_warnings(validation: Validation | None) -> Iterator[Advisory]:
 
 
 def model_warnings(model: ErrorModel) -> Iterator[Advisory]:
-    """Yield warnings where few poses carry all terms, and where joints stop elsewhere when they come from the other
-    side.
+    """Yield warnings where few poses carry all terms, where gravity is not along the base's z axis, and where joints
+    stop elsewhere when they come from the other side.
     """
+    gravity = model.fit.design.gravity
+    if gravity[2] == 0.0:
+        yield Advisory(
+            "gravity_across_base",
+            "The weight of the robot's links acts across the z axis of its base, about along "
+            f"({gravity[0]:.1f}, {gravity[1]:.1f}, 0) or against it: the robot is mounted on a wall, or the data sheet's "
+            "first axis is not vertical. Compliance is that of such a robot.",
+            "If it stands or hangs, check the data sheet's first joint and that the joint angles are those of the poses.",
+        )
     count = len(model.fit.design)
     if model.level is Level.ALL and count < FEW_POSES:
         yield Advisory(
             "scatter_uncertain",
             f"{count} configurations carry all terms beyond the chain, which may take up part of the noise: the "
-            "robot's scatter and the residuals can be several times too small. What counts are errors at poses held out.",
+            "robot's scatter and the residuals can be several times too small. Errors at poses held out are sound.",
             f"Measure {FEW_POSES} configurations or more before relying on them.",
         )
     large = [

@@ -16,7 +16,7 @@ from scipy.sparse import csr_array
 
 from core.kinematics.arm_model import NOMINAL_ANGLE_RAD, NOMINAL_LENGTH_MM, ArmState
 from core.kinematics.error_model.evidence import Fitted, Prior, Sums
-from core.kinematics.error_model.terms import Kind, Terms, term_columns, terms_of
+from core.kinematics.error_model.terms import ALONG_Z, Kind, Terms, term_columns, terms_of
 from core.kinematics.global_fit import Observations, configurations, linearised, whitened, whitener
 from core.numerics import Variances
 
@@ -46,6 +46,8 @@ class Design:
     free: Bool[np.ndarray, " p"]
     prior: Prior
     terms: Terms
+    gravity: Float[np.ndarray, "3"]
+    """Its direction in the base, up or down."""
 
     def __len__(self) -> int:
         return len(self.seen)
@@ -85,7 +87,9 @@ class Design:
         places = int(self.free.sum()) + np.flatnonzero(of_moves)
         squares = fitted.coefficients[places] ** 2 + np.diag(fitted.covariance)[places]
         either = np.ones_like(some.joint_angles)
-        columns = term_columns(self.arm, some.joint_angles, some.target, either)[of_moves, : some.components]
+        columns = term_columns(self.arm, some.joint_angles, some.target, either, gravity=self.gravity)[
+            of_moves, : some.components
+        ]
         return np.asarray(np.einsum("jmn,j->mn", columns**2, squares))
 
     def rows(self, members: Int[np.ndarray, " q"]) -> Float[np.ndarray, "p m q"]:
@@ -98,7 +102,7 @@ class Design:
         chain = int(self.free.sum())
         found = np.empty((chain + len(self.terms), *J.shape[1:]))
         found[:chain] = J[self.free]
-        term_columns(self.arm, some.joint_angles, some.target, moves, out=found[chain:])
+        term_columns(self.arm, some.joint_angles, some.target, moves, gravity=self.gravity, out=found[chain:])
         return found
 
     def blocks(self, members: Int[np.ndarray, " n"]) -> Iterator[Int[np.ndarray, " q"]]:
@@ -160,7 +164,7 @@ def design(
     prior = _prior(arm, taken, nominal)
     moves_known = averaged.approach is not None and bool(averaged.approach.any())
     terms = terms_of(layout.joints, approach=moves_known)
-    return Design(arm, averaged, means, residuals, visit, taken, prior, terms)
+    return Design(arm, averaged, means, residuals, visit, taken, prior, terms, ALONG_Z)
 
 
 def _prior(arm: ArmState, free: Bool[np.ndarray, " p"], nominal: Float[np.ndarray, "j 5"] | None) -> Prior:

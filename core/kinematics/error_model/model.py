@@ -10,7 +10,7 @@ of its columns with those of the terms that it lacks, and V the variances of the
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -19,10 +19,11 @@ from core.geometry import rotations_from_vectors
 from core.kinematics.dh import chain_frames
 from core.kinematics.error_model.evidence import Fitted, solve
 from core.kinematics.error_model.fit import ErrorFit, Level, fit_levels
+from core.kinematics.error_model.gravity import likely_gravity
 from core.kinematics.error_model.held_out import growth, hold_out, variances
 from core.kinematics.error_model.linear_problem import Design
 from core.kinematics.error_model.priors import FEW_POSES
-from core.kinematics.error_model.terms import Kind
+from core.kinematics.error_model.terms import ALONG_Z, Kind
 from core.kinematics.global_fit import Blocking, HoldOutError, rms
 from core.numerics import Variances
 
@@ -177,6 +178,10 @@ def choose_model(
     Raises LinAlgError where the poses leave the columns dependent.
     """
     fit = fit_levels(problem, scatter)
+    gravity = likely_gravity(fit)
+    if gravity is not ALONG_Z:
+        problem = replace(problem, gravity=gravity)
+        fit = fit_levels(problem, scatter)
     first = np.unique(problem.visit, return_index=True)[1]
     counted = fit.used[problem.visit]
 

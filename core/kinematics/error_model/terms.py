@@ -15,9 +15,9 @@ t_a = [a × (p - o_j); a] the twist of a small turn about an axis a of that fram
 Masses of links are not known. M_j is that of a unit weight at the centroid of the polyline from o_j to the end (links
 of equal density), so that a coefficient is in rad per metre of lever; m_jl is that of one in the middle of the line
 from one origin to the next. The former is what arms have in common, the latter how their weights differ from it:
-without them the lengths of links take up the difference, by several times their uncertainties. Gravity is taken along
-the base's z axis; a robot that hangs has the same columns with another sign, which the prior does not mind. On a robot
-that is mounted on a wall these columns find no support in the poses, and their coefficients stay near zero.
+without them the lengths of links take up the difference, by several times their uncertainties. Gravity is along the
+base's z axis, or across it where the poses say so (`gravity`); a robot that hangs has the same columns with another
+sign, which the prior does not mind.
 """
 
 from __future__ import annotations
@@ -33,6 +33,8 @@ from core.kinematics.dh import chain_frames
 
 HARMONICS = 60
 _MM_PER_M = 1000.0
+ALONG_Z: Float[np.ndarray, "3"] = np.array([0.0, 0.0, 1.0])
+"""Gravity of a robot that stands or hangs, in its base."""
 
 
 class Kind(IntEnum):
@@ -104,12 +106,14 @@ def term_columns(
     joint_angles: Float[np.ndarray, "n j"],
     target: Int[np.ndarray, " n"],
     approach: Float[np.ndarray, "n j"] | None = None,
+    *,
+    gravity: Float[np.ndarray, "3"] = ALONG_Z,
     out: Float[np.ndarray, "c m n"] | None = None,
 ) -> Float[np.ndarray, "c m n"]:
     """Return what each term does to poses (mm, rad, target frame), by its coefficient in rad, rad/m or mm.
 
-    `approach` are the signs of the joints' last moves; without them there are no columns for these. The answer is
-    written to `out` where that is given, of positions alone if its m is 3.
+    `approach` are the signs of the joints' last moves; without them there are no columns for these. `gravity` is its
+    direction in the base, up or down. The answer is written to `out` where that is given, of positions alone if its m is 3.
 
     Memory grows with n times some 138 columns a joint: give poses in blocks.
     """
@@ -120,7 +124,7 @@ def term_columns(
     T = arm.T_target_base[target][:, None] @ chain_frames(arm.parameters, joint_angles)
     R, o = T[:, :, :3, :3], T[:, :, :3, 3]
     end = (T[:, -1] @ arm.T_flange_camera)[:, :3, 3]
-    up = arm.T_target_base[target][:, :3, 2]
+    up = arm.T_target_base[target][:, :3, :3] @ gravity
     points = np.concatenate([o, end[:, None]], axis=1)
     middles = 0.5 * (points[:, 1:] + points[:, :-1])
     first = 0

@@ -48,13 +48,14 @@ class Gears:
 class Links:
     """The weights of the links, and where their centres of mass are: the share of the way from the frame in which the
     joint turns to the next one, and what they are off that line, in the frame that turns with the link (mm).
-    `rad_per_nm` is what the joints that carry the arm give way.
+    `rad_per_nm` is what the joints that carry the arm give way, `up` the vertical in the base.
     """
 
     masses_kg: Float[np.ndarray, " j"]
     share: Float[np.ndarray, " j"]
     off_mm: Float[np.ndarray, "j 3"]
     rad_per_nm: float = COMPLIANCE_RAD_PER_NM
+    up: tuple[float, float, float] = (0.0, 0.0, 1.0)
 
     @classmethod
     def drawn(cls, rng: np.random.Generator) -> Links:
@@ -75,7 +76,7 @@ class Links:
         found = np.zeros_like(joint_angles)
         for joint in COMPLIANT:
             lever = centres[:, joint:] - o[:, joint, None]
-            weight = np.array([0.0, 0.0, -_G]) * self.masses_kg[joint:, None]
+            weight = -_G * np.array(self.up) * self.masses_kg[joint:, None]
             moment = np.cross(lever / _MM_PER_M, weight).sum(axis=1)
             found[:, joint] = self.rad_per_nm * np.sum(moment * z[:, joint], axis=1)
         return found
