@@ -336,7 +336,11 @@ class FrameMirrored(KinematicsError):
 
 class JointNotExcited(KinematicsError):
     code = "joint_not_excited"
-    default_advice = "Add a sweep of this joint: poses at which it alone moves and the others rest."
+    default_advice = (
+        "Add a sweep of this joint: poses at which it alone moves and the others rest. If the joint slides and rests "
+        "at one travel, describe the robot without it (its travel counts in d_mm of a neighbour about the same axis), "
+        "and send the angles of the other joints alone."
+    )
 
 
 class TooFewPoses(KinematicsError):
@@ -356,4 +360,8 @@ class RotationsMissing(KinematicsError):
 
 class PrismaticJoint(KinematicsError):
     code = "prismatic_joint"
-    default_advice = "Only turning joints are identified: leave this joint's poses out."
+    default_advice = (
+        "Only turning joints are identified. If the joint slides, keep it at one travel in all poses, describe the "
+        "robot without it (its travel counts in d_mm of a neighbour about the same axis), and send the angles of the "
+        "other joints alone. If it turns, check which joint each angle is of."
+    )

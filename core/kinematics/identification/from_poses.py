@@ -48,6 +48,7 @@ from core.kinematics.global_fit import (
     rms,
     validate,
 )
+from core.kinematics.identification.consistency import require_consistent
 from core.kinematics.identification.conventions import in_reported_form
 from core.kinematics.identification.extension import ModelChoice, extend
 from core.kinematics.identification.result import Identification
@@ -61,10 +62,6 @@ from core.kinematics.target_transforms import target_transforms
 from core.numerics import SMALLEST, Variances
 
 MIN_JOINT_RANGE = math.radians(1.0)
-MAX_RELATIVE_SCATTER = 0.005
-"""Of the start's length: poses that scatter by more about the best arm are not this arm's."""
-MAX_ROTATION_SCATTER = math.radians(5.0)
-"""The same of orientations; arms that miss theirs by a degree are defective."""
 MAX_ROUNDS = 3
 
 
@@ -136,7 +133,7 @@ def solve(
     for _ in range(MAX_ROUNDS):
         arm = level_with_point(arm, gauge.free, gauge.parallel)
         refined = refine(arm, seen, gauge.free, scatter)
-        _require_consistent(refined, length, poses)
+        require_consistent(refined, length, poses, nominal)
         refined = in_reported_form(refined, gauge, seen, nominal)
         again = fix_gauge(refined.arm, seen, refined.scatter, gauge.parallel)
         if np.array_equal(again.free, gauge.free):
@@ -146,7 +143,7 @@ def solve(
         arm = _regauged(refined.arm, arm, gauge)
     else:  # unsettled: what is identifiable alternates; the figures are of the last gauge
         refined = refine(level_with_point(arm, gauge.free, gauge.parallel), seen, gauge.free, scatter)
-        _require_consistent(refined, length, poses)
+        require_consistent(refined, length, poses, nominal)
         refined = in_reported_form(refined, gauge, seen, nominal)
     if refined.status != "converged":
         raise NotConverged(
@@ -273,29 +270,6 @@ def _require_enough(seen: Observations) -> None:
         raise TooFewPoses(
             f"{len(seen)} poses do not determine {unknown} parameters: {least} are the least, three times as many "
             "are sound."
-        )
-
-
-def _require_consistent(refined: FitResult, length_mm: float, poses: PoseData) -> None:
-    spread, turn = refined.scatter.deviations
-    turned = poses.rotations is not None and turn > MAX_ROTATION_SCATTER
-    conventions = (
-        "the convention of the orientations: of the tool in the base, not of the base in the tool, and which Euler "
-        "angles or order of a quaternion they were made from."
-    )
-    if spread > MAX_RELATIVE_SCATTER * length_mm:
-        check_angles(poses, find_sweeps(poses))
-        raise JointAnglesInconsistent(
-            f"The poses do not follow from their joint angles: about the best arm with {poses.joints} joints they "
-            f"scatter by {spread:.3g} mm.",
-            "Check the order, signs and unit of the joint angles, that each belongs to its pose, and the nominal's "
-            "offsets" + (f"; check {conventions}" if turned else "."),
-        )
-    if turned:
-        raise JointAnglesInconsistent(
-            "The poses' positions follow from their joint angles, their orientations do not: about the best arm they "
-            f"scatter by {math.degrees(turn):.2g}°.",
-            f"Check {conventions}",
         )
 
 

@@ -10,13 +10,16 @@ import pytest
 
 from core.errors import (
     FrameMirrored,
+    JointAnglesInconsistent,
     JointAnglesUnitMismatch,
     KinematicsError,
     LengthsUnitMismatch,
     PrismaticJoint,
 )
+from core.geometry import transform
 from core.kinematics.dh import Chain, forward
 from core.kinematics.identification import identify
+from core.kinematics.identification.sliding_joints import check_sliding
 from core.kinematics.joint_angle_checks import check_angles
 from core.kinematics.nominal_checks import check_against_nominal
 from core.kinematics.pose_observations import PoseData
@@ -83,6 +86,70 @@ def test_a_joint_that_slides_is_recognised_without_sweeps(sliding: int) -> None:
         check_against_nominal(poses, KR5_ARC)
     with pytest.raises(PrismaticJoint):
         identify(poses, KR5_ARC, folds=0)
+
+
+SCARA = Chain.from_rows(
+    [(350.0, 0.0, 400.0, 0.0), (300.0, 0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 0.0)]
+)
+
+
+@pytest.mark.parametrize("with_rotations", [True, False])
+@pytest.mark.parametrize(("travel_mm", "per_unit"), [(180.0, 1.0), (60.0, -1.0), (0.18, 1000.0)])
+def test_the_joint_of_a_scara_that_slides_is_recognised(
+    travel_mm: float, per_unit: float, with_rotations: bool
+) -> None:
+    """Its value in mm along the axis, against it, and in metres; nominal lengths are off by a millimetre."""
+    rng = np.random.default_rng(7)
+    q = rng.uniform(-2.0, 2.0, (60, 4))
+    q[:, 2] = np.radians(rng.uniform(0.0, travel_mm, 60))
+    rows = SCARA.as_array() + [1.0, 0.0, 0.0, 0.0, 0.0] * np.array([[1.0], [-0.8], [0.0], [0.0]])
+    T = []
+    for angles in q:
+        of_pose = rows.copy()
+        of_pose[2, 2] = per_unit * math.degrees(angles[2])
+        turned = np.where(np.arange(4) == 2, 0.0, angles)
+        T.append(
+            forward(Chain.from_array(of_pose), turned[None])[0]
+            @ transform(np.eye(3), np.array([40.0, 10.0, 60.0]))
+        )
+    positions = np.array(T)[:, :3, 3] + rng.normal(0.0, 0.03, (60, 3))
+    poses = PoseData(q, positions, np.array(T)[:, :3, :3] if with_rotations else None)
+    if travel_mm > 1.0:  # with orientations a joint of less than a degree is not excited
+        with pytest.raises(PrismaticJoint, match="joint 3 ") as caught:
+            identify(poses, SCARA, folds=0)
+        assert "without it" in (caught.value.advice or "")
+    if not with_rotations:
+        with pytest.raises(PrismaticJoint, match="joint 3 slides"):
+            check_sliding(poses, SCARA)
+    # What the advice says: at one travel, of a robot without the joint.
+    rest = np.flatnonzero(np.arange(4) != 2)
+    at_rest = np.array(
+        [
+            T_ @ transform(np.eye(3), np.array([0.0, 0.0, -per_unit * math.degrees(a[2])]))
+            for T_, a in zip(T, q, strict=True)
+        ]
+    )
+    without = PoseData(
+        q[:, rest],
+        at_rest[:, :3, 3] + rng.normal(0.0, 0.03, (60, 3)),
+        at_rest[:, :3, :3] if with_rotations else None,
+    )
+    found = identify(without, Chain(tuple(SCARA.joints[i] for i in rest)), folds=0)
+    assert found.residual.position_rms_mm < 0.1
+
+
+def test_other_reasons_are_not_taken_for_a_joint_that_slides() -> None:
+    rng = np.random.default_rng(8)
+    poses = replace(free_poses(6), rotations=None)
+    check_sliding(poses, KR5_ARC)
+    swapped = replace(poses, joint_angles=poses.joint_angles[:, [0, 2, 1, 3, 4, 5]])
+    shuffled = replace(poses, joint_angles=poses.joint_angles[rng.permutation(len(poses))])
+    turned = replace(poses, joint_angles=poses.joint_angles * np.where(np.arange(6) == 2, -1.0, 1.0))
+    for wrong in (swapped, shuffled, turned):
+        check_sliding(wrong, KR5_ARC)
+        with pytest.raises(JointAnglesInconsistent) as caught:
+            identify(wrong, KR5_ARC, folds=0)
+        assert "slides" in (caught.value.advice or "")
 
 
 def test_a_nominal_of_another_robot_is_no_reason_to_refuse() -> None:

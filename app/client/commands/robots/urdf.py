@@ -183,7 +183,10 @@ def _chain(joints: Sequence[UrdfJoint]) -> list[UrdfJoint]:
             kind = "follows another joint" if joint.mimics else f"is {joint.kind or 'of no type'}"
             raise FileRefused(
                 f"Joint {joint.name} {kind}; only revolute joints have the parameters of a robot here.",
-                "Give the URDF of an arm with revolute joints alone.",
+                "Measure with this joint at one travel, and state it in the file: type fixed, with the travel in its "
+                "origin; send the angles of the other joints alone."
+                if joint.kind == "prismatic"
+                else "Give the URDF of an arm with revolute joints alone.",
             )
     if most > _MAX_JOINTS:
         raise FileRefused(f"The chain has {most} joints; a robot has at most {_MAX_JOINTS}.")
