@@ -19,6 +19,8 @@ _AXIS_SHARE = 0.16
 """Length of a joint's axis to either side, of the arm's extent."""
 _TAG_SHARE = 0.085
 """Height of a line of a tag, of the arm's extent."""
+_CIRCLE_SHARE = 0.06
+"""Between the middle of an axis's number and a tag, of the arm's extent."""
 _TURN = np.radians(35.0)
 _RISE = np.radians(18.0)
 """The view: turned from the arm's plane, and from above."""
@@ -101,12 +103,14 @@ def _draw(
     low, high = flat_points.min(axis=0), flat_points.max(axis=0)
     extent = float(np.max(high - low))
     marked = {name for group in groups for name, _ in group.places}
+    circles = []
     for axis in axes:
         ends = np.outer([-1.0, 1.0], axis.direction) * _AXIS_SHARE * extent + axis.origin_mm
         flat = ends @ view.T
         free = [float(np.linalg.norm(flat_points - end, axis=1).min()) for end in flat]
         drawn.plot(*flat.T, color=FAINT, linewidth=0.9, linestyle=(0, (9, 2.5, 1.5, 2.5)), zorder=1)
         across, up = flat[int(np.argmax(free))].tolist()
+        circles.append(across)
         drawn.text(
             across,
             up,
@@ -124,7 +128,7 @@ def _draw(
         else:
             drawn.plot(*flat.T, color=BLUE, linewidth=2.2, zorder=2, solid_capstyle="round")
         drawn.plot(*flat.T, linestyle="none", marker="o", markersize=3.0, color=INK, zorder=3)
-    _tags(drawn, view, (low, high), groups)
+    _tags(drawn, view, (low, high), circles, groups)
     drawn.set_aspect("equal", adjustable="datalim")
     drawn.margins(0.12)
     drawn.axis("off")
@@ -134,10 +138,11 @@ def _tags(
     drawn: Axes,
     view: Float[np.ndarray, "2 3"],
     flat_ends: tuple[Float[np.ndarray, "2"], Float[np.ndarray, "2"]],
+    circles: Sequence[float],
     groups: Sequence[UndeterminedGroup],
 ) -> None:
-    """Write every group's letter and parameters on either side of the arm, with a line to where they are; those of one
-    place share one tag.
+    """Write every group's letter and parameters on either side of the arm and of the axes' numbers (`circles`, where
+    they are across), with a line to where they are; those of one place share one tag.
     """
     extent = float(np.max(flat_ends[1] - flat_ends[0]))
     found: dict[tuple[int, int], tuple[np.ndarray, dict[str, list[str]]]] = {}
@@ -157,7 +162,8 @@ def _tags(
         if not some:
             continue
         gap = _TAG_SHARE * extent
-        across = (high[0] if side > 0 else low[0]) + side * 0.14 * extent
+        ends = [side * float((high if side > 0 else low)[0]) + 0.14 * extent]
+        across = side * max([*ends, *(side * circle + _CIRCLE_SHARE * extent for circle in circles)])
         heights = np.array([float(flat[1]) for flat, _ in some])
         for i in range(1, len(heights)):  # from the top, none over another
             heights[i] = min(heights[i], heights[i - 1] - gap * len(some[i - 1][1]))

@@ -43,6 +43,7 @@ from tests.support.image.plotted import (
     lens_profiles,
     motionless,
     scatter,
+    slender_arm_schematic,
     workspace_map,
 )
 
@@ -62,6 +63,7 @@ def drawings() -> dict[str, Callable[[], Figure]]:
         "joint curves": lambda: joint_curves_figure(joint_panels(), "title", "chosen"),
         "workspace map": workspace_map,
         "arm schematic": arm_schematic,
+        "slender arm": slender_arm_schematic,
         "lens models": lambda: lens_profile_figure(lens_profiles(), "title"),
         "headed": lambda: headed(drift_figure([drifting()], "title", 10)),
     }
@@ -74,7 +76,7 @@ def headed(figure: Figure) -> Figure:
 
 
 def boxes(figure: Figure) -> list[tuple[str, Any]]:
-    """What is written, and where, in pixels."""
+    """What is written, and where with the frame about it, in pixels."""
     canvas = FigureCanvasAgg(figure)
     canvas.draw()
     renderer = canvas.get_renderer()
@@ -82,7 +84,8 @@ def boxes(figure: Figure) -> list[tuple[str, Any]]:
     for text in figure.findobj(Text):
         assert isinstance(text, Text)
         if text.get_text() and text.get_visible() and not isinstance(text, Annotation):
-            found.append((text.get_text(), text.get_window_extent(renderer)))
+            frame = text.get_bbox_patch()
+            found.append((text.get_text(), (frame or text).get_window_extent(renderer)))
     for axes in figure.axes:  # labels of ticks beyond the axes' ends are not drawn
         low, high = axes.get_xlim(), axes.get_ylim()
         for axis, (start, end) in ((axes.xaxis, low), (axes.yaxis, high)):

@@ -208,6 +208,19 @@ def arm_schematic() -> Figure:
     return arm_schematic_figure(axes, parts, groups, "title")
 
 
+def slender_arm_schematic() -> Figure:
+    """An upright arm with a short base, whose second axis ends next to the base's tags."""
+    places = np.array([[0.0, 0, 0], [0, 0, 127], [100, 0, 700], [250, 0, 1200], [400, 0, 1250]])
+    leaning = np.array([0.5, 0.85, 0.1]) / np.linalg.norm([0.5, 0.85, 0.1])
+    axes = [JointAxis(1, places[0], np.eye(3)[2]), *(JointAxis(i + 1, places[i], leaning) for i in (1, 2))]
+    parts = [LinkPart(name, places[i], places[i + 1]) for i, name in enumerate(("d1", "a2", "a3", "tool"))]
+    groups = [
+        UndeterminedGroup("A", (("d1", places[1] / 2.0), ("θ1", places[0]), ("base", places[0])), "words"),
+        UndeterminedGroup("C", (("d2", places[1]), ("d3", places[2])), "they are parallel."),
+    ]
+    return arm_schematic_figure(axes, parts, groups, "title")
+
+
 def lens_profiles() -> list[LensProfile]:
     """Three lens models of a focus group, one of which turns back within the observed radius."""
     radius = np.linspace(1.0, 900.0, 900)
