@@ -182,6 +182,11 @@ def test_the_scatter_turns_and_shows_its_numbers(cell: Cell, open_page: Open) ->
     with page.expect_download() as saved:
         page.click("[data-csv]")
     assert Path(saved.value.path()).read_text(encoding="utf-8").startswith("pose_id,cycles,")
+    # Narrower than the margins of the drawing, as while a window is dragged: smaller, and no error of the script.
+    page.set_viewport_size({"width": 110, "height": 700})
+    page.evaluate("new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done)))")
+    assert page.evaluate("document.querySelector('#scatter canvas').width") < 92
+    page.set_viewport_size({"width": 1280, "height": 900})
     page.select_option("select[name=estimator]", "per_image_fixed_pp")
     page.wait_for_url("**estimator=per_image_fixed_pp**")
     assert not page.troubles

@@ -87,8 +87,8 @@ def plot_responses(shown: str) -> dict[int | str, dict[str, Any]]:
     "/repeatability/scatter.svg",
     response_class=Response,
     responses=plot_responses(
-        "For every pose its cycles about their mean in three projections, with the ellipsoid observed and that of the "
-        "instrument's noise."
+        "For every pose of two cycles or more its cycles about their mean in three projections, with the ellipsoid "
+        "observed and that of the instrument's noise."
     ),
 )
 async def get_scatter_plot(

@@ -55,7 +55,7 @@ async def show_repeatability(
             "document": found,
             "rows": list(zip(found["poses"], bars, strict=True)),
             "bar_end": end,
-            "drawn": len(found["poses"]) <= MAX_DRAWN,
+            "drawn": sum(pose["cycles"] > 1 for pose in found["poses"]) <= MAX_DRAWN,
             "worst_rp": largest_of(
                 (pose["pose_id"], pose["repeatability"]["rp_l_mm"], pose["interval"]["rp_l_mm"])
                 for pose in found["poses"]

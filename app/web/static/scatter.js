@@ -39,7 +39,7 @@
       const pose = poses.find((one) => one.pose_id === chooser.value) || poses[0];
       const half = (form.elements.common.checked ? common : reach(pose)) * 1.12;
       const [right, up] = basis();
-      const { width, height } = size, pixels = zoom * (Math.min(width, height) / 2 - 46) / half;
+      const { width, height } = size, pixels = zoom * Math.max(0, Math.min(width, height) / 2 - 46) / half;
       const at = (p) => [width / 2 + pixels * dot(right, p), height / 2 - 8 - pixels * dot(up, p)];
       const [ink, quiet, line] = [colour("--cycle"), colour("--quiet"), colour("--line")];
       context.clearRect(0, 0, width, height);

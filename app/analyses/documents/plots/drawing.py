@@ -44,7 +44,10 @@ MAX_ROWS = 40
 def scatter_plot(data: SessionData, settings: Mapping[str, str], about: str) -> bytes:
     """Return what `GET .../repeatability/scatter.svg` answers."""
     source = _source(data, settings)
-    rows = _chosen(source.rows, settings.get("pose_id"))
+    wanted = settings.get("pose_id")
+    # One visit has no scatter: such poses are drawn where there is no other, or where one is asked for.
+    repeated = [row for row in source.rows if len(row.visits) > 1]
+    rows = _chosen(source.rows if wanted is not None or not repeated else repeated, wanted)
     title = f"Position scatter in the {source.frame}, about each pose's mean ({source.how})"
     return scatter_svg([_scatter(row) for row in rows], title, about)
 

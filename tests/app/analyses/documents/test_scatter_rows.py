@@ -20,6 +20,17 @@ def rows(data: SessionData, **chosen: str) -> list[str]:
     return str(drawn.findtext("{http://www.w3.org/2000/svg}desc")).splitlines()
 
 
+def test_poses_of_one_cycle_are_drawn_where_there_is_no_other_or_one_is_asked_for() -> None:
+    data = made.measured_session(CYCLES)
+    once = tuple(one for one in data.measured if one.cycle == 1)
+    mixed = replace(
+        data, measured=tuple(one for one in data.measured if one.pose_id < "P3" or one.cycle == 1)
+    )
+    assert [line.partition(":")[0] for line in rows(mixed)] == ["P1", "P2"]
+    assert [line.partition(":")[0] for line in rows(mixed, pose_id="P4")] == ["P4"]
+    assert len(rows(replace(data, measured=once))) == 5
+
+
 def test_a_corrected_figure_is_shown_where_it_is_determined() -> None:
     data = made.measured_session(CYCLES)
     assert all("corrected " in line for line in rows(data))
