@@ -20,24 +20,22 @@ from jaxtyping import Float, UInt8, UInt16
 
 from core.errors import (
     Advisory,
-    DetectionError,
-    OriginUnknown,
     TargetMirrored,
     TargetMismatch,
     TargetNotFound,
 )
 from core.targets.candidates import patch_corners, whole_lattices
+from core.targets.chessboard.crossing import with_crossed_sides
 from core.targets.chessboard.fiducial_dots import decode_fiducial_dots
 from core.targets.chessboard.orientation import orient
 from core.targets.chessboard.partial_view import (
     PartialView,
     is_mirrored,
     match_partial_view,
-    may_be_part,
     turned_by_marks,
 )
+from core.targets.chessboard.refusals import MIN_SEEN_SHARE, fits, not_found
 from core.targets.lattice import (
-    MIN_VISIBLE_SHARE,
     Board,
     Lattice,
     Level,
@@ -55,7 +53,6 @@ from core.targets.surveyed_points import measured_points
 _MAX_PATCHES = 8  # of a level, the largest
 _SAME = 0.3  # of a patch's own spacing: corners that near are one
 _MIN_EXTENT = 0.25  # of the largest board's: a smaller one is ignored
-_MIN_SEEN_SHARE = 0.5  # of a board's corners
 
 
 @dataclass(frozen=True, slots=True)
@@ -94,7 +91,7 @@ def detect_chessboard(
     ]
     if parts:
         return _grid_points(image, max(parts, key=lambda part: int(part.lattice.known.sum())), target)
-    raise _not_found(trace.steps, target)
+    raise not_found((board for step in trace.steps for board in step.boards), target)
 
 
 def trace_detection(image: UInt8[np.ndarray, "h w"] | UInt16[np.ndarray, "h w"], target: TargetSpec) -> Trace:
@@ -141,7 +138,7 @@ def _boards(image: np.ndarray, level: Level, saddles: Saddles, patches: Patches)
     """Return the boards that a level's patches are parts of, each once."""
     corners = patch_corners(level, saddles, patches, _MAX_PATCHES)
     bounds = (bounded(image, lattice) for lattice in whole_lattices(image, corners, _own_corners))
-    return tuple(board for board in bounds if board is not None)
+    return tuple(with_crossed_sides(image, board) for board in bounds if board is not None)
 
 
 def _own_corners(points: Float[np.ndarray, "n 2"], _: Lattice) -> float:
@@ -154,8 +151,8 @@ def _the_one(boards: tuple[Board, ...], target: TargetSpec) -> Lattice | None:
 
     Raises TargetMismatch where there are two of it.
     """
-    fitting = [board for board in boards if _fits(board, target) and board.is_whole and board.is_resolved]
-    fitting = [board for board in fitting if board.lattice.known.mean() >= _MIN_SEEN_SHARE]
+    fitting = [board for board in boards if fits(board, target) and board.is_whole and board.is_resolved]
+    fitting = [board for board in fitting if board.lattice.known.mean() >= MIN_SEEN_SHARE]
     if not fitting:
         return None
     if len(fitting) > 1:
@@ -175,10 +172,6 @@ def _extent_px(board: Board) -> float:
     return float(
         np.max(np.nanmax(board.lattice.grid, axis=(0, 1)) - np.nanmin(board.lattice.grid, axis=(0, 1)))
     )
-
-
-def _fits(board: Board, target: TargetSpec) -> bool:
-    return board.size == (max(target.columns, target.rows), min(target.columns, target.rows))
 
 
 def _whole(image: np.ndarray, lattice: Lattice, target: TargetSpec) -> GridPoints:
@@ -207,7 +200,7 @@ def _grid_points(
     )
     trusted = refined.trusted
     is_part = lattice.gap.shape != (target.rows, target.columns)
-    enough = _MIN_SEEN_SHARE * (len(trusted) if is_part else target.size)
+    enough = MIN_SEEN_SHARE * (len(trusted) if is_part else target.size)
     if trusted.sum() < enough:
         raise TargetNotFound(
             f"A {target.columns} x {target.rows} grid is in view, but {target.size - int(trusted.sum())} of its "
@@ -227,63 +220,4 @@ def _grid_points(
         reason,
         warnings=warnings,
         labelling="up_to_symmetry" if warnings else "absolute",
-    )
-
-
-def _not_found(steps: tuple[Step, ...], target: TargetSpec) -> DetectionError:
-    """Return the error for an image without the board; it states what was found instead."""
-    asked = f"{target.columns} x {target.rows}"
-    boards = [
-        board for step in steps for board in step.boards if board.lattice.known.mean() >= _MIN_SEEN_SHARE
-    ]
-    if not boards:
-        return TargetNotFound(f"No chessboard of {asked} inner corners was found.")
-    # A board on a screen or a sheet in the background may show more points than one of which a part is hidden; clutter
-    # that looks like a few squares shows far fewer.
-    most = max(int(b.lattice.known.sum()) for b in boards)
-    near = [b for b in boards if b.is_resolved and 2 * b.lattice.known.sum() > most]
-    board = max(near or boards, key=lambda b: int(b.lattice.known.sum()))
-    long, short = board.size
-    if not board.is_resolved:
-        return TargetNotFound(
-            f"A grid of about {long} x {short} is in view, but its squares are only {board.square_px:.0f} px wide.",
-            "Move the camera nearer, or use a board with larger squares: 8 px and more.",
-        )
-    if board.is_whole:
-        return TargetMismatch(f"A {long} x {short} grid is in view, {asked} was asked for.")
-    if long > max(target.columns, target.rows) or short > min(target.columns, target.rows):
-        return TargetMismatch(f"A grid of at least {long} x {short} is in view, {asked} was asked for.")
-    if _fits(board, target):
-        return _not_whole(board, asked)
-    if may_be_part(board, target):
-        return OriginUnknown(
-            f"Only {long} x {short} points of a grid are wholly in view, {asked} were asked for, and no marked squares "
-            "determine which part of the board they are."
-        )
-    if board.continues:
-        return TargetNotFound(
-            f"Only {long} x {short} points of a grid are wholly in view, {asked} were asked for."
-        )
-    return TargetNotFound(
-        f"{long} x {short} points of a grid are seen, but not where it ends; {asked} were asked for.",
-        "Keep the outermost squares, and the margin around them, in view and free of reflections.",
-    )
-
-
-def _not_whole(board: Board, asked: str) -> TargetNotFound:
-    """Return what to say where as many points as were asked for are seen, but not that the board ends with them."""
-    seen = f"A grid of {asked} points is in view, but"
-    if board.is_cropped or any(side.visible < MIN_VISIBLE_SHARE for side in board.sides):
-        return TargetNotFound(
-            f"{seen} its outermost squares are cut off by the image border.",
-            "Move the camera or the board until all squares and some of the margin around them are in the image.",
-        )
-    if board.continues:
-        return TargetNotFound(
-            f"{seen} it seems to go on beyond them.",
-            "Count the inner corners of the board, and keep other patterns away from its edge.",
-        )
-    return TargetNotFound(
-        f"{seen} its outermost squares are hidden, or merge with something next to them.",
-        "Keep the outermost squares, and the margin around them, in view and free of reflections.",
     )

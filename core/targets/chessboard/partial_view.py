@@ -16,7 +16,7 @@ from jaxtyping import Shaped
 
 from core.errors import TargetMirrored, TargetMismatch
 from core.targets.chessboard.fiducial_dots import Reading, decode_fiducial_dots, marked_squares
-from core.targets.lattice import MAX_BEYOND_SHARE, Board, Lattice
+from core.targets.lattice import Board, Lattice
 from core.targets.specification import TargetSpec
 
 _MIN_KNOWN_SHARE = 0.5  # of the corners within the part's outermost lines
@@ -140,7 +140,7 @@ def _placements(board: Board, target: TargetSpec) -> list[_Placement]:
                     column + columns == target.columns,
                 )
                 if all(
-                    (ends or not side.is_boundary) and not (ends and side.beyond > MAX_BEYOND_SHARE)
+                    (ends or not side.is_boundary) and not (ends and side.goes_on)
                     for ends, side in zip(at_end, (top, bottom, left, right), strict=True)
                 ):
                     found.append(_Placement(turns, column, row))

@@ -1,6 +1,6 @@
 """Saddle points to a lattice of corners, for chessboards, ChArUco boards and AprilGrids."""
 
-from core.targets.lattice.board_boundary import MAX_BEYOND_SHARE, MIN_VISIBLE_SHARE, Board, bounded
+from core.targets.lattice.board_boundary import MIN_VISIBLE_SHARE, Board, bounded
 from core.targets.lattice.corner_graph import EDGE_SIDE_OFFSET, Patches, link
 from core.targets.lattice.growing import MAX_REACH, grow_lattice
 from core.targets.lattice.lattice import Lattice
@@ -9,7 +9,6 @@ from core.targets.lattice.saddle_points import Saddles, find_saddles
 
 __all__ = [
     "EDGE_SIDE_OFFSET",
-    "MAX_BEYOND_SHARE",
     "MAX_REACH",
     "MIN_VISIBLE_SHARE",
     "Board",

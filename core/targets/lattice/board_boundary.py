@@ -29,9 +29,7 @@ _DEPTHS = (0.4, 0.5, 0.6, 0.7, 0.8, 0.9)  # of a step, where the outermost squar
 _DEPTH_BEYOND = 1.3  # of a step: beyond the next line, where squares are of the other colour
 _SIDE_OFFSET = 0.3  # of a step, to both sides of the edge between two of them
 _MIN_STEP = 0.25  # of the contrast at the board's corners
-_MIN_STEP_BEYOND = (
-    0.5  # the same beyond the next line: clutter makes a corner there, and hardly a square as well
-)
+_MIN_STEP_BEYOND = 0.5  # the same beyond the next line: clutter makes a corner there, hardly a square as well
 _MARGIN_PX = 2.0
 _MIN_SQUARE_PX = 6.0
 
@@ -43,17 +41,24 @@ class Side:
     `seen` of its outermost corners; `visible` of the places of the line beyond, where the outermost squares end: those
     in the image; `squares` of the outermost squares in the image: those that reach as deep as most do; `beyond` of
     the visible places: those that are corners again, followed by squares of the other colour.
+    `is_crossed`: the squares go on beyond something that lies across them.
     """
 
     seen: float
     visible: float
     squares: float
     beyond: float
+    is_crossed: bool = False
+
+    @property
+    def goes_on(self) -> bool:
+        """Whether more lines than were found are seen."""
+        return self.is_crossed or self.beyond > MAX_BEYOND_SHARE
 
     @property
     def continues(self) -> bool:
         """Whether there are more lines than were found, or may be: the image ends here."""
-        return self.visible < MIN_VISIBLE_SHARE or self.beyond > MAX_BEYOND_SHARE
+        return self.visible < MIN_VISIBLE_SHARE or self.goes_on
 
     @property
     def is_boundary(self) -> bool:
