@@ -156,9 +156,9 @@ def model_warnings(model: ErrorModel) -> Iterator[Advisory]:
         yield Advisory(
             "gravity_across_base",
             "The weight of the robot's links acts across the z axis of its base, about along "
-            f"({gravity[0]:.1f}, {gravity[1]:.1f}, 0) or against it: the robot is mounted on a wall, or the data sheet's "
-            "first axis is not vertical. Compliance is that of such a robot.",
-            "If it stands or hangs, check the data sheet's first joint and that the joint angles are those of the poses.",
+            f"({gravity[0]:.1f}, {gravity[1]:.1f}, 0) or against it: the robot is mounted on a wall, or the data "
+            "sheet's first axis is not vertical. Compliance is that of such a robot.",
+            "If it stands or hangs, check the data sheet's first joint, and the order of the joint angles.",
         )
     count = len(model.fit.design)
     if model.level is Level.ALL and count < FEW_POSES:

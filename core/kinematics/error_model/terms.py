@@ -113,7 +113,8 @@ def term_columns(
     """Return what each term does to poses (mm, rad, target frame), by its coefficient in rad, rad/m or mm.
 
     `approach` are the signs of the joints' last moves; without them there are no columns for these. `gravity` is its
-    direction in the base, up or down. The answer is written to `out` where that is given, of positions alone if its m is 3.
+    direction in the base, up or down. The answer is written to `out` where that is given, of positions alone if its m
+    is 3.
 
     Memory grows with n times some 138 columns a joint: give poses in blocks.
     """
