@@ -1,8 +1,8 @@
 """The direction of gravity in the robot's base, by what the weight of its links does to the measured poses.
 
 It is along the base's z axis unless the poses speak strongly for another: of a robot that is mounted on a wall the
-levers about the base's z axis explain nothing, and its joints give way to levers about others. Up and down are the same,
-since the prior of a coefficient does not mind its sign.
+levers about the base's z axis explain nothing, and its joints give way to levers about others. Up and down are the
+same, since the prior of a coefficient does not mind its sign.
 """
 
 from __future__ import annotations
