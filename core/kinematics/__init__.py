@@ -21,7 +21,6 @@ from core.kinematics.correction import (
 )
 from core.kinematics.dh import (
     JOINT_PARAMETERS,
-    PARALLEL_AT_MOST,
     Chain,
     JointParameters,
     forward,
@@ -106,7 +105,6 @@ __all__ = [
     "MAX_CONFIRMING_RATIO",
     "MIN_JOINT_RANGE",
     "MIN_SAMPLES_IN_CELL",
-    "PARALLEL_AT_MOST",
     "STRONG_EVIDENCE",
     "ArmInformation",
     "ArmState",

@@ -26,9 +26,10 @@ from app.services.queries import (
     require_readable,
     visible,
 )
-from core.kinematics import PARALLEL_AT_MOST
 
 MIN_DETERMINANT = 1e-6
+MAX_PARALLEL = 0.2
+"""Sine of the angle between axes that have β: beyond it analyses take their common normal (`core.kinematics.dh`)."""
 QUARTER_DEG = 90.0
 
 
@@ -113,9 +114,7 @@ def _check(joints: Sequence[Mapping[str, Any]]) -> None:
 
 def _nearly_parallel(joint: Mapping[str, Any]) -> bool:
     turns = (math.radians(joint[name]) for name in ("alpha_deg", "beta_deg"))
-    return (
-        all(abs(math.sin(turn)) < PARALLEL_AT_MOST for turn in turns) and abs(joint["beta_deg"]) < QUARTER_DEG
-    )
+    return all(abs(math.sin(turn)) < MAX_PARALLEL for turn in turns) and abs(joint["beta_deg"]) < QUARTER_DEG
 
 
 def list_robots(

@@ -7,6 +7,8 @@ from typing import Any
 
 import pytest
 
+from app.services.robots.nominal import MAX_PARALLEL
+from core.kinematics.dh import PARALLEL_AT_MOST
 from tests.support.service.service import Api, ApiMaker, assert_problem
 
 PLAIN = {"a_mm": 180.0, "alpha_deg": -90.0, "d_mm": 400.0}
@@ -66,6 +68,7 @@ def test_names_and_limits_that_cannot_be_are_refused(
 
 
 def test_nearly_parallel_axes_may_have_a_second_turn(api: Any) -> None:
+    assert MAX_PARALLEL == PARALLEL_AT_MOST
     robot = make(
         api, {"alpha_deg": 0.03, "beta_deg": -0.04}, {"alpha_deg": -179.98, "beta_deg": 0.1}, {}
     ).json()
