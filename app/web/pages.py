@@ -32,10 +32,10 @@ from app.http import (
 )
 from app.logs import Logger
 from app.records.activity import acting
+from app.reports.forms import NOT_STEADY
 from app.web import page_words, words
 from app.web.service import service_of
 from app.web.static_files import static_version
-from core.metrology import NOT_STEADY
 
 log = Logger(__name__)
 _TEMPLATES = Path(__file__).parent / "templates"

@@ -11,8 +11,9 @@ from typing import Any
 
 import pytest
 
-from app.reports.forms import CompanyTemplate, render_forms
+from app.reports.forms import NOT_STEADY, CompanyTemplate, render_forms
 from app.reports.forms.wording import Wording, words
+from core import metrology
 from tests.reference.archives.make import FOLDER
 from tests.support.report_texts import TECHNICAL, technical_words
 from tests.support.source_texts import modules, texts_of
@@ -20,6 +21,7 @@ from tests.support.source_texts import modules, texts_of
 TARGET, IMAGE, BARE, GONE = (
     f"{kind}_{digit * 26}" for kind, digit in (*(("tgt", "1"), ("mea", "2")), *(("mea", "3"), ("mea", "4")))
 )
+
 INPUTS: dict[str, Any] = {
     "session": {"id": f"ses_{'0' * 26}", "name": "Cell 4"},
     "robot": {"id": f"rob_{'0' * 26}", "name": "KR 5"},
@@ -132,3 +134,7 @@ def test_texts_with_ids_settings_and_fields_are_read_in_every_form(documents: li
 def test_codes_are_read_as_words() -> None:
     assert words("below_detection") == "below detection"
     assert words("kannala_brandt") == "Kannala-Brandt"
+
+
+def test_cycles_are_not_steady_where_the_analysis_says_so() -> None:
+    assert NOT_STEADY == metrology.NOT_STEADY

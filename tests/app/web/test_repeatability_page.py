@@ -44,7 +44,7 @@ def test_a_decision_says_why_and_at_which_pose() -> None:
     assert "is farthest beyond it" in said
 
 
-def test_no_figure_is_named_where_there_is_none() -> None:
+def test_no_figure_is_named_where_it_is_missing() -> None:
     said = acceptance({"decision": "inconclusive", "pose_id": None, "reason": "no pose has cycles"}, None)
     assert "largest" not in said
     assert "–" not in said

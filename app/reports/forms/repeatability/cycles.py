@@ -6,11 +6,10 @@ from collections.abc import Mapping
 from typing import Any
 
 from app.reports.forms.blocks import Block, facts, heading, number, paragraph, table
-from app.reports.forms.wording import words
-from core.errors import listed
-from core.metrology import NOT_STEADY
+from app.reports.forms.wording import NOT_STEADY, words
 
 Json = Mapping[str, Any]
+MAX_LISTED = 5
 
 
 def drift_blocks(found: Json) -> list[Block]:
@@ -62,7 +61,9 @@ def _signs(found: Json) -> str:
     if found["p_values"] is not None and found["p_values"]["overall_p_value"] <= NOT_STEADY:
         signs.append("the cycles drift, jump or depend on one another")
     if found["two_points"]:
-        signs.append(f"two stopping points at {listed(one['pose_id'] for one in found['two_points'])}")
+        poses = [one["pose_id"] for one in found["two_points"]]
+        more = f" and {len(poses) - MAX_LISTED} more" if len(poses) > MAX_LISTED else ""
+        signs.append(f"two stopping points at {', '.join(poses[:MAX_LISTED])}{more}")
     return ", and ".join(signs)
 
 

@@ -39,7 +39,7 @@ def tracked(seed: int, joint: int, move_deg: float) -> tuple[PoseData, np.ndarra
 def test_a_parameter_that_is_held_is_in_the_uncertainty_of_the_others(
     model: ModelChoice, joint: int, arms: int
 ) -> None:
-    """One joint turns by .6° each way: a length beyond it can hardly be told from an angle before it. Intervals of
+    """One joint turns by .6° each way: a length beyond it can hardly be known from an angle before it. Intervals of
     the angle held in none of ten arms where the length was taken for the nominal's."""
     ratios = []
     for seed in range(arms):
