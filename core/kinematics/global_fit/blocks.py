@@ -20,8 +20,8 @@ from core.kinematics.global_fit.joint_configurations import configurations
 PARTS = 4
 """Blocks along the elbow's angle, the end's height, and the order of measuring."""
 MAX_PART = 0.5
-"""Of the configurations: a quarter with more of them is no block. In sweeps the elbow has one angle at most poses, and
-the others do not determine an arm.
+"""Of the configurations: a quarter with more of them does not count. In sweeps the elbow has one angle at most poses,
+and the others do not determine an arm.
 """
 _POSES_A_CLUSTER = 20
 _FEWEST_CLUSTERS, _MOST_CLUSTERS = 4, 10
