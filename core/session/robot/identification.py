@@ -40,7 +40,12 @@ from core.session.frame_warnings import gimbal_warnings
 from core.session.model import SessionData
 from core.session.robot.coupling_proposal import coupling_proposal, stated_coupling
 from core.session.robot.frame_step import frame_step_warnings
-from core.session.robot.method_agreement import MethodDifference, compare_methods, disagreements
+from core.session.robot.method_agreement import (
+    MethodDifference,
+    compare_methods,
+    compare_with_global,
+    disagreements,
+)
 from core.session.robot.result import JointFigures, RobotIdentification
 from core.session.robot.robot_poses import (
     RobotPoses,
@@ -144,7 +149,8 @@ def _identified(
         axes = identify_from_axes(
             gathered.poses, data.nominal, method, sweeps=known.sweeps, tolerance=tolerance, folds=FOLDS
         )
-        return _of_axes(axes, gathered, warnings)
+        compared, more = compare_with_global(method, axes.joints, gathered.poses, data.nominal, known.sweeps)
+        return _of_axes(axes, gathered, compared, (*warnings, *more))
     except np.linalg.LinAlgError as failure:
         raise DegenerateGeometry(
             "The poses leave the robot's geometry undetermined.",
@@ -208,7 +214,10 @@ def _of_poses(
 
 
 def _of_axes(
-    found: AxesIdentification, gathered: RobotPoses, warnings: tuple[Advisory, ...]
+    found: AxesIdentification,
+    gathered: RobotPoses,
+    compared: MethodDifference,
+    warnings: tuple[Advisory, ...],
 ) -> RobotIdentification:
     arcs = found.fits.arcs
     members = np.unique(np.concatenate([arc.sweep.poses[arc.used] for arc in arcs]))
@@ -253,7 +262,7 @@ def _of_axes(
         None,
         None,
         None,
-        (),
+        (compared,),
         gathered.excluded,
         (*warnings, *found.warnings),
     )

@@ -3,6 +3,10 @@
 All use the same poses, so that their errors are correlated and differences should be smaller than independent
 uncertainties allow. A large difference means that the model of at least one method does not hold: circles that are not
 circles, joints that do not come to rest, or geometry that the robot does not have.
+
+Of the methods that use sweeps, the uncertainties take the robot for its chain alone. What gears and compliance do to it
+is smooth along a sweep, and looks like geometry: the global fit with all its terms shows whether the poses speak for
+them.
 """
 
 from __future__ import annotations
@@ -17,14 +21,21 @@ from jaxtyping import Float
 from core.errors import Advisory, GridposeError
 from core.kinematics import (
     JOINT_PARAMETERS,
+    STRONG_EVIDENCE,
     Chain,
+    ErrorModel,
+    Identification,
     JointEstimate,
+    Level,
+    ModelChoice,
     PoseData,
     Sweep,
+    identify,
     identify_from_axes,
     nearest_description,
     with_reversals,
 )
+from core.session.robot.sweeps import solve_with_start
 
 AXIS_METHODS = ("cpa", "screw", "combined")
 MAX_DIFFERENCE = 3.0
@@ -39,8 +50,8 @@ class MethodDifference:
     """One method compared with the global fit.
 
     `largest` is the largest difference of a parameter that both identify, over the root of the sum of both variances;
-    `joint` (from 1) and `parameter` say which. All are None where the method has no answer for these poses, and
-    `failure` is the code of the reason.
+    `joint` (from 1) and `parameter` say which. All are None where the method, or the global fit, has no answer for
+    these poses, and `failure` is the code of the reason.
     """
 
     method: str
@@ -74,6 +85,51 @@ def compare_methods(
         else:
             found.append(_difference(method, joints, axes.joints))
     return tuple(found)
+
+
+def compare_with_global(
+    method: str,
+    joints: Sequence[JointEstimate],
+    poses: PoseData,
+    nominal: Chain | None,
+    sweeps: Sequence[Sweep],
+) -> tuple[MethodDifference, tuple[Advisory, ...]]:
+    """Return how far the `joints` of a method that uses sweeps are from those of the global fit with all its terms.
+
+    The warnings say that they disagree, and that the poses speak for terms which the method's uncertainties lack.
+    """
+    try:
+        robot = _with_all_terms(poses, nominal, sweeps)
+    except GridposeError as failure:
+        return MethodDifference(method, None, None, None, failure.code), ()
+    except np.linalg.LinAlgError:
+        return MethodDifference(method, None, None, None, "degenerate_geometry"), ()
+    found = _difference(method, robot.joints, joints)
+    return found, (*disagreements([found]), *_beyond_chain(method, robot.error_model))
+
+
+def _with_all_terms(poses: PoseData, nominal: Chain | None, sweeps: Sequence[Sweep]) -> Identification:
+    """Identify without holding poses out, which takes half of the time: the likelihood says what terms are worth."""
+    return solve_with_start(
+        lambda start: identify(poses, nominal, start=start, folds=0, model=ModelChoice.EXTENDED),
+        poses,
+        nominal,
+        sweeps,
+    )
+
+
+def _beyond_chain(method: str, model: ErrorModel | None) -> Iterator[Advisory]:
+    if model is None:
+        return
+    levels = model.fit.levels
+    gain = levels[Level.DH].minus_2_log - min(fitted.minus_2_log for fitted in levels.values())
+    if gain > STRONG_EVIDENCE:
+        yield Advisory(
+            "terms_beyond_chain",
+            f"The poses speak for terms that no chain has, of gears and compliance (gain {gain:.0f} in -2 ln L of the "
+            f"global fit). The uncertainties of {method} take the robot for its chain alone, and are too small.",
+            "Take method=global with model=auto, whose uncertainties allow for these terms.",
+        )
 
 
 def disagreements(found: Sequence[MethodDifference]) -> Iterator[Advisory]:

@@ -70,7 +70,8 @@ class RobotIdentification:
     chain_residual
         Rms of the poses about the chain without the terms beyond it; None without such terms.
     method_agreement
-        The other methods compared with the global fit; empty with those, and where a joint has no sweep.
+        Methods compared with the global fit: of the global fit's own answer all others, empty where a joint has no
+        sweep; of another method's that method.
     sampling
         The parameters by sampling, in the order of `parameters`; None unless asked for.
     excluded

@@ -199,24 +199,27 @@ class MethodDifferenceRead(ResponseModel):
         float | None,
         Field(
             description="Largest difference of a parameter that both identify, in stated uncertainties (root of the "
-            "sum of both variances); null where the method has no answer."
+            "sum of both variances); null where the method or `global` has no answer."
         ),
     ]
     joint: Annotated[int | None, Field(description="The joint of that parameter, from 1; null likewise.")]
     parameter: Annotated[str | None, Field(description="That parameter, such as `a_mm`; null likewise.")]
     failure_code: Annotated[
-        str | None, Field(description="The code of the reason where the method has no answer; else null.")
+        str | None, Field(description="The code of the reason where there is nothing to compare; else null.")
     ]
 
 
 class MethodAgreementRead(ResponseModel):
-    """The four methods compared: the same poses, and models that differ."""
+    """Methods compared with `global`: the same poses, and models that differ."""
 
     largest_difference: Annotated[
         float | None,
         Field(
             description="The largest of all, in stated uncertainties; beyond 3 the warning `methods_disagree` is "
-            "given. Null where no other method has an answer."
+            "given. Null where either has no answer."
         ),
     ]
-    methods: Annotated[list[MethodDifferenceRead], Field(description="Each of the other methods.")]
+    methods: Annotated[
+        list[MethodDifferenceRead],
+        Field(description="With `global` each of the other methods, else the method that was asked for."),
+    ]

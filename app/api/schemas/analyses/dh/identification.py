@@ -238,7 +238,8 @@ class DhAnalysis(EstimatedAnalysis):
     method_agreement: Annotated[
         MethodAgreementRead | None,
         Field(
-            description="The other methods compared with `global`; null with these, and where a joint has no sweep."
+            description="Methods compared with `global`: with `global` all others, null where a joint has no sweep; "
+            "with another method that one."
         ),
     ]
     condition_number: ConditionNumber
