@@ -190,6 +190,8 @@ class SessionData:
         When images were taken, by measurement, in hours after the first one; empty where that is not known.
     camera_mount
         What the camera is on; commanded poses are T_base_flange either way.
+    measured_instead
+        Whether another instrument measured poses which are not among these, while there are no images.
     time_source
         From what: `captured_at` as it was stated with the images, or `received_at`, when they came.
     """
@@ -209,6 +211,7 @@ class SessionData:
     taken_h: Mapping[str, float] = field(default_factory=dict)
     time_source: str | None = None
     camera_mount: CameraMount = "robot"
+    measured_instead: bool = False
 
     def observed(self) -> set[int]:
         """Return the places of the images whose grid points were found."""

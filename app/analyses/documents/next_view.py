@@ -17,7 +17,7 @@ from app.analyses.documents.findings import Findings
 from app.analyses.documents.view_words import instruction
 from app.analyses.outcome import AnalysisError
 from core.calibration import CommonFit
-from core.errors import Advisory, JointAnglesInconsistent, NominalRobotMissing
+from core.errors import Advisory, JointAnglesInconsistent, NominalRobotMissing, TooFewMeasurements
 from core.geometry import camera_from_array, invert, project_any, transform_points
 from core.session import (
     FocusGroup,
@@ -56,6 +56,7 @@ class _Views:
 def next_view_findings(data: SessionData, settings: Mapping[str, str]) -> Findings:
     """Return what `POST .../next-view` answers."""
     purpose, count = settings["purpose"], int(settings["count"])
+    _require_images(data, purpose)
     seen = with_nominal_orientations(data) if purpose == "dh" else data
     estimate = estimate_session(seen, "pooled", weak=purpose == "intrinsics")
     group = chosen_group(data, estimate.groups, settings.get("focus_group"))
@@ -98,6 +99,21 @@ def next_view_findings(data: SessionData, settings: Mapping[str, str]) -> Findin
     }
     hidden = [] if views.stated is None or asked is None else _hidden(len(asked), views.stated)
     return Findings(fields, estimate.excluded.values(), [*estimate.warnings, *hidden])
+
+
+def _require_images(data: SessionData, purpose: str) -> None:
+    """Raise TooFewMeasurements for poses of another instrument alone: advice to take images is for a camera."""
+    if data.pending or not data.measured_instead:
+        return
+    robot = (
+        "For the robot, measure poses that move all joints over their whole range; `observability_indices`, "
+        "`null_space` and the parameters' uncertainties of `dh` (source=measured_poses) say what is still missing. "
+    )
+    raise TooFewMeasurements(
+        "The session has poses that another instrument measured, and no images: next views are those of a camera.",
+        f"{robot if purpose == 'dh' else ''}A camera's views are suggested in a session of its images; "
+        "`gridpose robots plan dh` plans them before there are any.",
+    )
 
 
 def _model_angles(

@@ -70,6 +70,7 @@ def load_session(records: orm.Session, snapshot: Snapshot, source: str = "images
         taken_h=taken_h,
         time_source=time_source,
         camera_mount=snapshot.camera_mount,
+        measured_instead=snapshot.measured_instead,
     )
 
 

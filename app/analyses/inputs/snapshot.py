@@ -32,6 +32,7 @@ from app.records.tables import (
     measured_target_fields,
     target_fields,
 )
+from app.services.measured_poses import source_of
 from app.services.qualifications import latest_qualification
 from app.services.queries import get_or_raise, require_readable
 from core import GridposeError
@@ -88,6 +89,7 @@ class Snapshot:
     them, but for those that are computed again, whose earlier results stand.
 
     Where an analysis is of another instrument's poses, `measured` are those in the same order, and there are no images.
+    `measured_instead` says that an analysis of images finds none, while there are such poses.
     `robot` are the nominal parameters of the session's joints, `joint_coupling` how these are coupled, `datasheet` what
     its maker states, `camera_mount` what the camera is on. `subject` is what answers say they are about.
     """
@@ -106,6 +108,7 @@ class Snapshot:
     datasheet: Mapping[str, float | None] = field(default_factory=dict)
     subject: Mapping[str, Any] = field(default_factory=dict)
     camera_mount: CameraMount = "robot"
+    measured_instead: bool = False
 
     def answer_sha256(self, analysis: str, settings: Mapping[str, Any]) -> str:
         """Return the hash of all that an answer is made of: its inputs, and ids, names and times."""
@@ -160,6 +163,7 @@ class Snapshot:
             "datasheet": dict(self.datasheet) if analysis == "repeatability" else None,
             # With the camera on the robot, the hash is that of versions before it; other instruments have no mount.
             **({"camera_mount": "fixed"} if self.camera_mount == "fixed" and not self.measured else {}),
+            **({"measured_instead": True} if self.measured_instead else {}),
         }
         text = json.dumps(inputs, sort_keys=True, separators=(",", ":"), allow_nan=False)
         return hashlib.sha256(text.encode()).hexdigest()
@@ -223,6 +227,7 @@ def read_snapshot(records: orm.Session, session_id: str, source: str = "images")
         },
         images=images,
         measured=measured,
+        measured_instead=source == "images" and not images and source_of(records, session_id) != source,
         subject=session_subject(
             session,
             robot,

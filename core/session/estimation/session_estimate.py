@@ -159,10 +159,11 @@ def _check(data: SessionData, estimator: str) -> None:
                 f"None of the session's images is measured yet; {data.pending} are waiting.",
                 "Ask again when the session's queued and running counts are lower.",
             )
-        if data.measured:
+        if data.measured or data.measured_instead:
             raise TooFewMeasurements(
                 "The session has no images; it has poses that another instrument measured.",
-                "Ask for those: source=measured_poses (--source measured_poses).",
+                "Analyses of a robot take those with source=measured_poses (--source measured_poses); those of a "
+                "camera need images.",
             )
         raise TooFewMeasurements("The session has no images.")
     if estimator == "given" and data.intrinsics is None:

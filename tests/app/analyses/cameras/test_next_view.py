@@ -13,8 +13,10 @@ from app.analyses.documents.next_view import next_view_findings
 from app.api.schemas.analyses import NextViewAnalysis
 from core.session import SessionData
 from tests.support.sessions.arm_views import ArmViews, arm_before_board, viewing_angles
+from tests.support.sessions.kinematics import make_robot, measured, readings
 from tests.support.sessions.robot_session import RobotSession, store_robot_session
 from tests.support.sessions.stored_sessions import Store, body, new_session, problem, shoot
+from tests.support.sessions.tracked_robot import send
 
 
 @pytest.fixture(scope="module")
@@ -51,6 +53,17 @@ def test_each_suggested_view_makes_the_camera_more_certain(api: Any, store: Stor
             "mm away (" in view["instruction"]
         )
         before = after
+
+
+@pytest.mark.parametrize(("purpose", "of_robot"), [("dh", True), ("hand_eye", False), ("intrinsics", False)])
+def test_poses_of_another_instrument_alone_have_advice_of_their_own(
+    api: Any, purpose: str, of_robot: bool
+) -> None:
+    session = new_session(api, robot_id=make_robot(api))
+    send(api, session, readings(measured(1, free=2)[1]))
+    found = problem(ask(api, session, purpose=purpose), 409, "too_few_measurements")
+    assert "another instrument" in found["detail"]
+    assert ("observability_indices" in found["advice"]) == of_robot
 
 
 def test_what_cannot_be_planned_is_refused(api: Any, store: Store) -> None:

@@ -214,4 +214,7 @@ def test_queries_are_checked(api: Any) -> None:
     ):
         assert get(api, session, **query).status_code == 422, query
     problem(get(api, session), 409, "too_few_measurements")
+    send(api, session, readings(measured(7, free=2)[1]))
+    instead = problem(get(api, session), 409, "too_few_measurements")
+    assert "source=measured_poses" in instead["advice"]
     problem(get(api, "ses_nothing"), 404, "session_not_found")
