@@ -88,12 +88,15 @@ def number(value: float | None, uncertainty: float | None = None, *, places: int
 def with_interval(
     value: float | None, interval: Sequence[float] | None, *, places: int = 4
 ) -> tuple[str, str]:
-    """Return a number and its interval, both to the second digit of half of the interval's width."""
+    """Return a number and its interval, both to the second digit of a quarter of the interval's width.
+
+    That is about the standard uncertainty. Wherever a report states a figure, its interval decides its digits.
+    """
     if interval is None:
         return number(value, places=places), UNKNOWN
-    half = 0.5 * (interval[1] - interval[0])
-    low, high = (number(end, half, places=places) for end in interval)
-    return number(value, half, places=places), f"{low} … {high}"
+    quarter = 0.25 * (interval[1] - interval[0])
+    low, high = (number(end, quarter, places=places) for end in interval)
+    return number(value, quarter, places=places), f"{low} … {high}"
 
 
 def vector(values: Sequence[float] | None, *, places: int = 3) -> list[str]:

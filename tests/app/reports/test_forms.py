@@ -47,6 +47,38 @@ def test_repeatability_without_the_outliers_stands_second_to_the_headline_in_eac
     assert "cycles: without cycle 3; n: 4; RP_l, mm: 0.0512" in certificate
 
 
+def test_a_figure_has_the_same_digits_wherever_a_report_states_it() -> None:
+    document = _with_an_outlier(_fixture("repeatability"))
+    found = document["analyses"]["repeatability"]
+    pose = found["poses"][0]
+    pose["repeatability"]["rp_l_mm"], pose["interval"]["rp_l_mm"] = 0.7961, [0.6124, 0.9714]
+    for part in ("corrected", "corrected_interval", "without_outliers"):
+        pose[part] = dict.fromkeys(pose[part])
+    (total,) = [
+        one
+        for one in found["budget_totals"]
+        if (one["figure"], one["pose_id"]) == ("repeatability.rp_l_mm", pose["pose_id"])
+    ]
+    total |= {"value_mm": 0.7961, "standard_uncertainty_mm": 0.066, "interval_mm": [0.6124, 0.9714]}
+    found["acceptance"] = {
+        "decision": "undecided",
+        "datasheet_repeatability_mm": 0.9,
+        "rule": "The interval holds the limit.",
+        "reason": "More cycles decide.",
+        "interval_mm": [0.6124, 0.9714],
+        "pose_id": pose["pose_id"],
+    }
+    pages = [
+        render_forms({**document, "kind": kind, "refusals": {}}, {}, CompanyTemplate())["html"].decode()
+        for kind in ("repeatability", "session")
+    ]
+    for page in pages:
+        stated = set(re.findall(r"0\.(?:79|80)\d*", page))
+        assert stated == {"0.796"}, stated
+        assert "0.612 … 0.971" in page
+    assert "0.612 … 0.971 mm at pose P1" in pages[0]
+
+
 def test_outliers_are_named_once_each_and_by_their_measurements_without_cycle_numbers() -> None:
     document = _with_an_outlier(_fixture("repeatability"))
     first = document["analyses"]["repeatability"]["poses"][0]

@@ -116,11 +116,9 @@ def _decision(one: Json, title: str, limit_mm: float, level: str, how: str) -> l
         ("reason", one["reason"]),
     ]
     if one.get("interval_mm") is not None:
-        low, high = one["interval_mm"]
-        width = high - low
-        interval = f"[{number(low, width, places=3)}, {number(high, width, places=3)}] mm"
+        interval = with_interval(None, one["interval_mm"])[1]
         open_or_decided = "open at" if one["decision"] == "inconclusive" else "decided at"
-        rows.append((open_or_decided, f"pose {one['pose_id']}, {level} interval {interval}"))
+        rows.append((open_or_decided, f"pose {one['pose_id']}, {level} interval {interval} mm"))
     if one.get("cycles_needed"):
         rows.append(("would decide", f"about {one['cycles_needed']} cycles"))
     if one.get("poses_needed"):

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from app.reports.forms.blocks import Block, heading, number, table
+from app.reports.forms.blocks import Block, heading, number, table, with_interval
 from app.reports.forms.wording import words
 
 Json = Mapping[str, Any]
@@ -16,7 +16,7 @@ def budget_blocks(found: Json) -> list[Block]:
     totals = [
         [
             _of(one),
-            number(one["value_mm"], one["standard_uncertainty_mm"]),
+            with_interval(one["value_mm"], one.get("interval_mm"))[0],
             number(one["standard_uncertainty_mm"], one["standard_uncertainty_mm"]),
             _freedom(one["degrees_of_freedom"]),
             number(one["coverage_factor"], places=2),
