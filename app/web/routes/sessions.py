@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Annotated, Any, get_args
 
 import sqlalchemy as sa
@@ -10,6 +11,7 @@ from sqlalchemy import orm
 from starlette.responses import Response
 
 from app.records.tables import Robot, Session, Target
+from app.services.measured_poses import source_of
 from app.services.measurements import (
     GalleryCounts,
     GalleryFilter,
@@ -17,6 +19,7 @@ from app.services.measurements import (
     count_gallery,
     list_gallery,
 )
+from app.services.readings import count_readings, readings_by_pose, readings_of_pose
 from app.services.sessions import SessionDetail, get_session
 from app.web.pages import is_fragment, page_router, query_of, render
 from app.web.service import service_of
@@ -38,8 +41,11 @@ def show_session(
     code: Annotated[str, Query(max_length=64)] = "",
     order: Annotated[str, Query(max_length=16)] = "newest",
     page: Annotated[int, Query(ge=1, le=1_000_000)] = 1,
+    source: Annotated[str, Query(max_length=40)] = "",
 ) -> Response:
-    """Show a session's images, newest first unless asked otherwise."""
+    """Show a session's images, newest first unless asked otherwise; of a session without any another instrument's
+    readings.
+    """
     chosen = GalleryFilter(
         state=state if state in _STATES else None,  # type: ignore[arg-type]
         pose_id=pose or None,
@@ -49,6 +55,10 @@ def show_session(
     asked = {"state": state, "pose": pose, "code": code, "order": order}
     with service_of(request).installation.database.read() as records:
         detail = get_session(records, session_id)
+        own_source = source_of(records, session_id)
+        if (source or own_source) == "measured_poses":
+            context = session_context(records, detail, "images")
+            return render(request, "sessions/readings.html", **context, **_readings(records, detail, pose))
         shown = list_gallery(records, session_id, chosen, page=page, size=PAGE_SIZE)
         counted = count_gallery(records, session_id)
         context = {
@@ -77,8 +87,32 @@ def session_context(records: orm.Session, detail: SessionDetail, tab: str) -> di
         "counts": detail.counts,
         "robot": robot,
         "targets": sorted(targets, key=lambda target: ids.index(target.id)),
+        "readings": count_readings(records, [session.id])[session.id],
         "tab": tab,
     }
+
+
+def _readings(records: orm.Session, detail: SessionDetail, pose_id: str) -> dict[str, Any]:
+    """Return what the page of another instrument's readings shows: all poses, or the readings of one."""
+    poses = readings_by_pose(records, detail.session.id)
+    return {
+        "poses": poses,
+        "chosen": pose_id,
+        "shown": readings_of_pose(records, detail.session.id, pose_id) if pose_id else [],
+        "shows_images": any(detail.counts.values()),
+        "advice": few_cycles(poses, "readings") or "All poses have the cycles that ISO 9283 asks for.",
+    }
+
+
+def few_cycles(poses: Sequence[tuple[str, int]], nouns: str) -> str | None:
+    """Return which poses have fewer cycles than the standard asks for, counted by their images or readings."""
+    few = [count for _, count in poses if count < ISO_CYCLES]
+    if not few:
+        return None
+    return (
+        f"{len(few)} of {len(poses)} poses have fewer than {ISO_CYCLES} {nouns}, which ISO 9283 asks for; the fewest "
+        f"are {min(few)}. Intervals narrow with more cycles."
+    )
 
 
 def next_step(detail: SessionDetail, counted: GalleryCounts) -> tuple[str, str, str] | None:
@@ -111,12 +145,5 @@ def next_step(detail: SessionDetail, counted: GalleryCounts) -> tuple[str, str, 
             f"/ui/sessions/{session_id}/camera",
             "See the camera",
         )
-    few = [count for _, count in counted.poses if count < ISO_CYCLES]
-    if few and len(counted.poses) > 0:
-        return (
-            f"{len(few)} of {len(counted.poses)} poses have fewer than {ISO_CYCLES} images, which ISO 9283 asks for; "
-            f"the fewest are {min(few)}. Intervals narrow with more cycles.",
-            f"/ui/sessions/{session_id}/repeatability",
-            "See repeatability",
-        )
-    return "All images are measured.", f"/ui/sessions/{session_id}/repeatability", "See repeatability"
+    few = few_cycles(counted.poses, "images")
+    return few or "All images are measured.", f"/ui/sessions/{session_id}/repeatability", "See repeatability"

@@ -16,10 +16,12 @@ from app.analyses.outcome import AnalysisRefused
 from app.errors import NotFound
 from app.records.tables import Robot, Target
 from app.services.queries import visible
+from app.services.readings import count_readings
 from app.services.sessions import SessionDetail, search_sessions
 from app.web.analyses import REPEATABILITY, analysis_document
 from app.web.health import look
 from app.web.pages import page_router, query_of, render
+from app.web.routes.repeatability import source_by_itself
 from app.web.service import Service, service_of
 
 router = page_router()
@@ -41,9 +43,12 @@ class Headline:
 
 @dataclass(frozen=True, slots=True)
 class SessionRow:
-    """One line of the list; `headline` is None where the analysis has not been computed since the last change."""
+    """One line of the list; `readings` are another instrument's, and `headline` is None where the analysis has not been
+    computed since the last change.
+    """
 
     detail: SessionDetail
+    readings: int
     robot: str | None
     headline: Headline | None
 
@@ -82,7 +87,9 @@ async def show_start(
 @router.get("/sessions/{session_id}/headline", operation_id="get_repeatability")
 async def show_headline(request: Request, session_id: str) -> Response:
     """Compute a session's headline, for the list, which shows it when it comes."""
-    document = await analysis_document(request, "repeatability", session_id, REPEATABILITY)
+    source = await run_in_threadpool(source_by_itself, service_of(request), session_id)
+    settings = {**REPEATABILITY, "source": source}
+    document = await analysis_document(request, "repeatability", session_id, settings)
     found = Headline(reason=document.detail) if isinstance(document, AnalysisRefused) else headline(document)
     return render(request, "sessions/_headline.html", session_id=session_id, headline=found)
 
@@ -116,15 +123,23 @@ def _read(service: Service, q: str, robot: str, page: int) -> dict[str, Any]:
             )
         }
         targets = records.scalar(sa.select(sa.func.count()).select_from(Target).where(*visible(Target))) or 0
+        readings = count_readings(records, [detail.session.id for detail in details])
     rows = [
-        SessionRow(detail, robots.get(detail.session.robot_id or ""), _kept_headline(service, detail))
+        SessionRow(
+            detail,
+            readings[detail.session.id],
+            robots.get(detail.session.robot_id or ""),
+            _kept_headline(service, detail, readings[detail.session.id]),
+        )
         for detail in details
     ]
     return {"rows": rows, "total": total, "robots": robots, "targets": targets}
 
 
-def _kept_headline(service: Service, detail: SessionDetail) -> Headline | None:
-    kept = service.analyses.kept(service.installation, "repeatability", detail.session.id, REPEATABILITY)
+def _kept_headline(service: Service, detail: SessionDetail, readings: int) -> Headline | None:
+    source = "measured_poses" if readings and not any(detail.counts.values()) else "images"
+    settings = {**REPEATABILITY, "source": source}
+    kept = service.analyses.kept(service.installation, "repeatability", detail.session.id, settings)
     if kept is None:
         return None
     return Headline(reason=kept.detail) if isinstance(kept, AnalysisRefused) else headline(json.loads(kept))

@@ -211,7 +211,8 @@ def _plain(
     if int(used.sum()) < max(MIN_POSES, 0.5 * len(used)):
         raise NotConverged(
             f"Only {int(used.sum())} of {len(used)} poses agree on where the camera and the target are.",
-            "Check that commanded poses and images belong together, and that the target's origin is the same in all.",
+            "Check that commanded and measured poses belong together, and that all measure the same point (of an "
+            "unmarked target, that its origin is the same in all images).",
         )
     part = poses.part(used)
     square = residuals(start, part).reshape(-1, 2, 3) ** 2

@@ -157,7 +157,8 @@ def rejected_poses(pose_ids: Sequence[str]) -> tuple[Advisory, ...]:
         Advisory(
             "poses_excluded",
             f"Rejected, far from where the other poses say they are: {listed(pose_ids)}.",
-            "Check their pose_id and commanded values, and that the target's origin is the same in their images.",
+            "Check their pose_id and commanded values, and that all measure the same point (of an unmarked target, "
+            "that its origin is the same in all images).",
         ),
     )
 

@@ -270,9 +270,11 @@ def _poses(pose_ids: Sequence[str], of: Sequence[PoseRow]) -> str:
 def _outlier_warnings(rows: Sequence[PoseRow]) -> list[Advisory]:
     """Name the poses and cycles of outliers, which count."""
     named = []
+    of_images = False
     for row in rows:
         for outlier in row.figures.outliers if row.figures else ():
             cycle = row.visits[outlier.index].cycle
+            of_images |= row.visits[outlier.index].image is not None
             named.append(
                 f"{row.pose_id} {f'cycle {cycle}' if cycle is not None else 'without a cycle number'}"
             )
@@ -284,6 +286,9 @@ def _outlier_warnings(rows: Sequence[PoseRow]) -> list[Advisory]:
             f"Cycles that the scatter of the others does not explain: {listed(named)}. They count, as ISO 9283 "
             "demands; without_outliers has the figures of the others.",
             "Look at the images of these cycles. A slip of the robot belongs to its repeatability; a bad image can be "
-            "excluded with its reason, and the cycle repeated.",
+            "excluded with its reason, and the cycle repeated."
+            if of_images
+            else "Look at the readings of these cycles. A slip of the robot belongs to its repeatability; a wrong "
+            "reading can be deleted (`gridpose measured-poses delete`), and the cycle repeated.",
         )
     ]

@@ -82,6 +82,9 @@ def test_slips_count_and_are_named() -> None:
     assert slipped.without_outliers.position_mm is not None
     assert slipped.without_outliers.position_mm < 0.06
     warning = next(one for one in found.warnings if one.code == "outliers")
+    assert warning.advice is not None
+    assert "readings of these cycles" in warning.advice
+    assert "image" not in warning.advice
     assert "P1 cycle 8, P1 cycle 20" in warning.detail
 
 
