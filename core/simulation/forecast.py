@@ -21,6 +21,7 @@ from core.metrology import (
     Decision,
     PoseCycles,
     PoseRepeatability,
+    Reading,
     assess_repeatability,
     decide,
     long_run_rp,
@@ -69,7 +70,9 @@ class PoseForecast:
 
 @dataclass(frozen=True, slots=True)
 class Forecast:
-    """The poses in the order of the views, and the share of sessions with each decision on a limit that is stated."""
+    """The poses in the order of the views, and the share of sessions with each decision on a limit that is stated: no
+    session passes with a view that does not show the target whole.
+    """
 
     poses: tuple[PoseForecast, ...]
     decisions: Mapping[str, float] | None
@@ -111,7 +114,9 @@ def forecast_repeatability(
     unseen = PoseForecast(False, np.nan, np.nan, (np.nan, np.nan), {})
     decisions = None
     if limit_mm is not None:
-        readings = ([repeatability_reading(one) for one in session] for session in sessions)
+        # What is planned and not measured may be the worst.
+        lacking = [Reading(0, None, None, None)] * int((~shown).sum())
+        readings = ([*(repeatability_reading(one) for one in session), *lacking] for session in sessions)
         made = Counter(decide(limit_mm, of_session).decision for of_session in readings)
         decisions = {decision.value: made[decision] / draws for decision in Decision}
     return Forecast(tuple(next(found) if one else unseen for one in shown.tolist()), decisions)

@@ -92,8 +92,10 @@ def test_a_cube_is_planned_and_its_files_are_taken_along(api: Any, target: str) 
     assert files["pdf"].content.startswith(b"%PDF-")
     assert files["csv"].text.splitlines()[1] == "P1,900.0,0.0,450.0,180.0,0.0,0.0,"
     assert files["son"].json()["cube"]["centre_mm"] == [900.0, 0.0, 450.0]
-    far = page(api, "plans/iso9283", target=target, **{**CUBE, "side_mm": 900})
+    far = page(api, "plans/iso9283", target=target, **{**CUBE, "side_mm": 900, "rp_mm": 0.001})
     assert "The target is not wholly in the image at P" in far
+    assert "pass 0 %, fail 0 %, inconclusive 100 %. No test passes without P" in far
+    assert "A larger target in the image" not in far, "where a smaller one is advised"
 
 
 @pytest.mark.slow

@@ -55,7 +55,7 @@ class TestRequest:
 def plan_test(spec: TargetSpec, asked: TestRequest) -> Json:
     """Return the plan as a document: poses, forecast of floor, intervals and verdicts, runs, and the count of images.
 
-    `least_rp_l_mm` is from which RP_l on the verdict is `robot` at all poses.
+    `least_rp_l_mm` is from which RP_l on the verdict is `robot` at all poses; None where one does not see the target.
 
     Raises PlanRefused and other GridposeErrors for what cannot be planned.
     """
@@ -88,7 +88,9 @@ def plan_test(spec: TargetSpec, asked: TestRequest) -> Json:
     of_cycles = asked.cycles * asked.images_per_stop * (len(flange) + len(of_approach))
     floors = [one.floor_mm for one in forecast.poses if one.in_view]
     return plan | {
-        "least_rp_l_mm": max(floors) / VerdictLimits().instrument_share if floors else None,
+        "least_rp_l_mm": max(floors) / VerdictLimits().instrument_share
+        if len(floors) == len(flange)
+        else None,
         "warm_up_min": asked.warm_up_min,
         "runs": conditions,
         "approach_poses": of_approach,
