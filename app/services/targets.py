@@ -17,7 +17,7 @@ from app.jobs.validation import validate_target
 from app.records.ids import new_id
 from app.records.pagination import page
 from app.records.tables import Measurement, SessionTarget, Target, measured_target_fields
-from app.services.plausibility import check_certificate
+from app.services.plausibility import check_certificate, check_pitch_uncertainty
 from app.services.queries import MAX_NAMED, get_or_raise, lock_for_deletion, named, visible
 
 
@@ -62,13 +62,17 @@ def create_target(session: orm.Session, new: NewTarget) -> Target:
     return target
 
 
-def update_target(records: orm.Session, target_id: str, changes: Mapping[str, Any]) -> Target:
+def update_target(
+    records: orm.Session, target_id: str, changes: Mapping[str, Any], *, accept_implausible: bool = False
+) -> Target:
     """Change the fields named in `changes`: the name, and what is known of the print.
 
     Analyses use the change from now on; what images showed stays. Raises NotFound, and InvalidContent as
-    `create_target` does.
+    `create_target` does, and for an uncertainty that looks like another unit, unless that is accepted.
     """
     target = get_or_raise(records, Target, target_id, lock=True)
+    if not accept_implausible:
+        check_pitch_uncertainty(target.pitch_mm, None, changes.get("certificate"))
     for field, value in changes.items():
         setattr(target, field, value)
     _check(target)

@@ -63,6 +63,23 @@ def test_a_sheet_that_was_measured_and_a_session_with_another_target_are_stated(
     page.wait_for_selector("h2:has-text('Measured')")
     stated = cell.api.client.get(f"/v1/targets/{target}").json()["certificate"]
     assert (stated["pitch_x_mm"], stated["pitch_y_mm"], stated["number"]) == (25.003, 24.998, None)
+    stated |= {"temperature_c": 20.0, "expansion_per_k": 8.5e-6}
+    cell.api.client.patch(f"/v1/targets/{target}", json={"certificate": stated})
+    page.reload()
+    page.click("summary:has-text('Correct what was measured')")
+    assert page.input_value("#c-y") == "24.998"
+    page.fill("#c-ux", "3")
+    page.click("text=Correct it")
+    page.wait_for_selector(".refusal, .field-problem")
+    assert "would be 0.003 mm if it was stated in micrometres" in page.inner_text("main form")
+    page.fill("#c-ux", "0.003")
+    page.click("text=Correct it")
+    page.wait_for_selector("text=25.0030 ± 0.0030 mm along x")
+    corrected = cell.api.client.get(f"/v1/targets/{target}").json()["certificate"]
+    assert corrected == stated | {
+        "standard_uncertainty": stated["standard_uncertainty"] | {"pitch_x_mm": 0.003}
+    }
+    page.troubles.clear()  # the refusal, which the console names as well
     session_id = cell.api.make_session(cell.target_id, name="Wrong board")
     page.goto(f"/ui/sessions/{session_id}")
     page.click("text=Change name, target, robot or camera mount")

@@ -10,7 +10,7 @@ from app.api.routing import api_router, problem_responses
 from app.api.schemas.targets import TargetChange, TargetCreate, TargetPage, TargetRead
 from app.records.tables import Target
 from app.services import targets
-from app.services.plausibility import check_pitch
+from app.services.plausibility import check_pitch, check_pitch_uncertainty
 from app.services.queries import get_or_raise
 
 router = api_router(prefix="/v1/targets", tags=["targets"])
@@ -25,11 +25,17 @@ def create_target(
 ) -> TargetRead:
     """Make a printed target.
 
-    A pitch below 0.2 mm is 422 `implausible_unit`: it is almost surely in metres. So is a certificate in
-    another unit than the pitch, which it contradicts: that is refused with `accept_implausible`, too.
+    A pitch below 0.2 mm is 422 `implausible_unit`: it is almost surely in metres. So is a standard uncertainty of more
+    than 5 % of the pitch, almost surely in micrometres. A certificate in another unit than the pitch, which it
+    contradicts, is refused with `accept_implausible`, too.
     """
     if not accept_implausible:
         check_pitch(body.pitch_mm)
+        check_pitch_uncertainty(
+            body.pitch_mm,
+            body.pitch_standard_uncertainty_mm,
+            body.certificate.model_dump() if body.certificate is not None else None,
+        )
     with service.installation.database.write() as records:
         target = targets.create_target(records, targets.NewTarget(**body.model_dump(mode="json")))
     response.headers["Location"] = f"/v1/targets/{target.id}"
@@ -55,14 +61,21 @@ def get_target(target_id: TargetPath, service: AppContextDep) -> TargetRead:
 
 
 @router.patch("/{target_id}", responses=problem_responses(404, 409, 413, 415, 507))
-def update_target(target_id: TargetPath, body: TargetChange, service: AppContextDep) -> TargetRead:
+def update_target(
+    target_id: TargetPath,
+    body: TargetChange,
+    service: AppContextDep,
+    accept_implausible: AcceptImplausible = False,
+) -> TargetRead:
     """Change a target's name, or what is known of its print; analyses use the change from now on.
 
-    What one image alone gave stays as it was computed, with the nominal grid.
+    What one image alone gave stays as it was computed, with the nominal grid. A certificate's standard uncertainty of
+    more than 5 % of the pitch is 422 `implausible_unit`.
     """
     changes = body.model_dump(mode="json", include=body.model_fields_set)
     with service.installation.database.write() as records:
-        return _document(targets.update_target(records, target_id, changes))
+        changed = targets.update_target(records, target_id, changes, accept_implausible=accept_implausible)
+        return _document(changed)
 
 
 @router.delete(

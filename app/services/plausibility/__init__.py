@@ -10,6 +10,7 @@ from app.services.plausibility.stated_values import (
     check_lens,
     check_pitch,
 )
+from app.services.plausibility.uncertainties import check_pitch_uncertainty
 
 __all__ = [
     "check_certificate",
@@ -19,5 +20,6 @@ __all__ = [
     "check_joints",
     "check_lens",
     "check_pitch",
+    "check_pitch_uncertainty",
     "check_readings",
 ]

@@ -211,6 +211,32 @@ def test_a_certificate_in_another_unit_is_refused_with_the_guess(api: Any, facto
             assert unit in refused.json()["detail"]
 
 
+@pytest.mark.parametrize(
+    "field", ["pitch_standard_uncertainty_mm", "standard_uncertainty", "points_standard_uncertainty_mm"]
+)
+def test_an_uncertainty_as_large_as_its_pitch_is_refused_unless_it_is_meant(api: Any, field: str) -> None:
+    certificate: dict[str, Any] = {"pitch_x_mm": TARGET["pitch_mm"], "pitch_y_mm": TARGET["pitch_mm"]}
+    certificate["standard_uncertainty"] = {"pitch_x_mm": 0.003, "pitch_y_mm": TARGET["pitch_mm"]}
+    if field == "points_standard_uncertainty_mm":
+        rows, columns, pitch = (TARGET[name] for name in ("rows", "columns", "pitch_mm"))
+        points = [[pitch * c, pitch * r, 0.0] for r in range(rows) for c in range(columns)]
+        certificate = {"points_mm": points, field: 3.0}
+    stated = {field: 3.0} if field.startswith("pitch") else {"certificate": certificate}
+    refused = api.client.post("/v1/targets", json={**TARGET, **stated})
+    assert (refused.status_code, refused.json()["code"]) == (422, "implausible_unit")
+    assert "micrometres" in refused.json()["detail"]
+    (error,) = refused.json()["errors"]
+    assert field in error["field"]
+    accepted = api.client.post("/v1/targets?accept_implausible=true", json={**TARGET, **stated})
+    assert accepted.status_code == 201
+    if "certificate" in stated:
+        address = f"/v1/targets/{accepted.json()['id']}"
+        assert api.client.patch(address, json={"name": "The sheet of cell 4"}).status_code == 200
+        refused = api.client.patch(address, json=stated)
+        assert (refused.status_code, refused.json()["code"]) == (422, "implausible_unit")
+        assert api.client.patch(f"{address}?accept_implausible=true", json=stated).status_code == 200
+
+
 def test_the_services_address_leads_to_a_page_for_people(api: Any) -> None:
     response = api.client.get("/", headers={"Authorization": ""})
     assert response.status_code == 200
