@@ -19,6 +19,7 @@ _NUMBERED_KINDS = ("charuco", "aprilgrid")
 _SAME_POINT_PX = 2.0
 _SAME_GRID = 0.5
 """Share of the smaller one's points above which two finds are of the same grid."""
+_MANY_MORE = 1.08  # times as many points: a line more, of grids of up to a dozen lines
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,8 +67,8 @@ def calibrate_targets(
 
     Decoding and search are done on return, each calibration when its outcome is asked for. Where the same points of
     the image are found as several targets, they are assigned to the one whose markers have numbers, then to the one
-    that is wholly in view. If neither decides, all of these targets fail with TargetAmbiguous, and other targets in
-    view carry the warning `target_ambiguous`.
+    that has clearly more points there, then to the one that is wholly in view. If none of these decides, all of the
+    targets fail with TargetAmbiguous, and other targets in view carry the warning `target_ambiguous`.
 
     Raises the leaves of ImageError; every other failure is the outcome of one target.
     """
@@ -121,10 +122,11 @@ def _assign_points(finds: Sequence[GridPoints | GridposeError]) -> list[GridPoin
                 continue
             if not _same_grid(one, other):
                 continue
-            if _precedence(one) == _precedence(other):
+            first, second = _precedence(one, other), _precedence(other, one)
+            if first == second:
                 ambiguous |= {i, j}
             else:
-                loser, winner = (i, other) if _precedence(one) < _precedence(other) else (j, one)
+                loser, winner = (i, other) if first < second else (j, one)
                 assigned[loser] = TargetMismatch(
                     f"The grid in view that this target was found in is another one: {_described(winner.target)}."
                 )
@@ -150,10 +152,14 @@ def _assign_points(finds: Sequence[GridPoints | GridposeError]) -> list[GridPoin
     ]
 
 
-def _precedence(points: GridPoints) -> tuple[bool, bool]:
-    """Return the precedence of a target for points that several targets fit; the larger wins."""
+def _precedence(points: GridPoints, other: GridPoints) -> tuple[bool, bool, bool]:
+    """Return the precedence of a target over another one for points that both fit; the larger wins.
+
+    A target that explains many more points is not a smaller one that is wholly in view: what lies across a board may
+    leave as much of it on one side as the smaller one has.
+    """
     numbered = points.target.kind in _NUMBERED_KINDS
-    return numbered, len(points) == points.target.size
+    return numbered, len(points) > _MANY_MORE * len(other), len(points) == points.target.size
 
 
 def _same_grid(one: GridPoints, other: GridPoints) -> bool:

@@ -21,14 +21,13 @@ from core.targets.specification import TargetSpec
 from core.targets.subpixel import nearest_levels
 
 _FIRST, _LAST = 1, 4  # lines of squares beyond the outermost corners; line 0 is the board's own
-_DEPTHS = (0.15, 0.25, 0.35, 0.45, 0.55, 0.65, 0.75, 0.85)  # of a line of squares
+_DEPTHS = (0.15, 0.25, 0.35, 0.45, 0.55, 0.65, 0.75, 0.85)  # of a line of squares; three in a row must agree
 _NEAR, _FAR = 0.13, 0.35  # of a square, to both sides of an edge
 _MIN_STEP_NEAR, _MIN_STEP_FAR = 0.15, 0.4  # of the contrast at the board's corners
 _PHASES = (-0.06, 0.0, 0.06)  # of a square, what a lens may displace the extrapolated edges by
 _MIN_EDGES = 3  # in the image
 _MIN_EDGE_SHARE = 0.8  # of those in the image
-_MIN_DEPTHS = 3  # in one line, one next to the other
-_MAX_CONTRARY_SHARE = 0.15  # of the depths that agree
+_MAX_CONTRARY_SHARE = 0.15  # of the edges that agree
 _MIN_OF_CUBIC = 30  # corners; fewer determine a homography alone
 
 
@@ -105,9 +104,9 @@ def _goes_on(
             for way in (1.0, -1.0)
         )
         enough = np.maximum(_MIN_EDGE_SHARE * seen.sum(axis=2), _MIN_EDGES)
-        agrees, contradicts = agree.sum(axis=2) >= enough, contrary.sum(axis=2) >= enough
+        agrees = agree.sum(axis=2) >= enough
         runs = agrees[:, 2:] & agrees[:, 1:-1] & agrees[:, :-2]
-        if runs.any() and contradicts.sum() <= _MAX_CONTRARY_SHARE * agrees.sum():
+        if runs.any() and contrary.sum() <= _MAX_CONTRARY_SHARE * agree.sum():
             return True
     return False
 

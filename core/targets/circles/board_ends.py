@@ -3,10 +3,13 @@ them are no dots.
 
 As many columns and rows as were asked for may be what a grille, or a larger board, shows next to something that covers
 it. Then there are dots on the next line to one side at least, where a board has its margin: spots as dark or bright as
-the dots, with lighter or darker places half-way between them.
+the dots, with lighter or darker places half-way between them. Where something covers that line, they are on the one
+or two after it, and lighter places are between these lines as well.
 """
 
 from __future__ import annotations
+
+from dataclasses import replace
 
 import numpy as np
 from jaxtyping import Float, Int, Shaped
@@ -20,6 +23,8 @@ from core.targets.subpixel import nearest_levels
 
 _MIN_SITES = 3  # in view
 _MAJORITY = 0.6  # of those in view
+_FURTHER = 3  # lines beyond each side
+_MIN_SITES_FURTHER, _MAJORITY_FURTHER = 4, 0.8  # on lines after the next: nearly all of them look like dots
 _LIKE_DOTS = 0.4  # of the dots' usual contrast
 _MAX_STRAY = 2  # patches that stand where a line's dots would
 _MIN_LINE_SHARE = 0.5  # of a line's sites in the image
@@ -71,7 +76,7 @@ def extends_beyond(
     centres_px: Float[np.ndarray, "n 2"],
     contrast: float,
 ) -> bool:
-    """Return whether the lattice of a board's dots continues beyond it on any side.
+    """Return whether the lattice of a board's dots continues beyond it on any side, also after a hidden line or two.
 
     `contrast` is the grey of what is around the dots, less theirs.
     """
@@ -79,19 +84,26 @@ def extends_beyond(
     if H is None:
         return False
     across, down = np.arange(target.columns), np.arange(target.rows)
-    sides = [
-        (across, np.full(target.columns, -1)),
-        (across, np.full(target.columns, target.rows)),
-        (np.full(target.rows, -1), down),
-        (np.full(target.rows, target.columns), down),
-    ]
-    return any(_has_dots(image, _places(target, i, j), H, contrast) for i, j in sides)
+    for further in range(_FURTHER):
+        sides = [
+            (across, np.full(target.columns, -1 - further)),
+            (across, np.full(target.columns, target.rows + further)),
+            (np.full(target.rows, -1 - further), down),
+            (np.full(target.rows, target.columns + further), down),
+        ]
+        for i, j in sides:
+            sites = _places(target, i, j)
+            if _has_dots(image, sites, H, contrast, is_next=further == 0):
+                return True
+    return False
 
 
 def _places(
     target: TargetSpec, column: Int[np.ndarray, " n"], row: Int[np.ndarray, " n"]
 ) -> Float[np.ndarray, "n 2"]:
-    return np.ascontiguousarray(target.points_target(column, row)[:, :2] / target.pitch_mm)
+    """Return where grid points are, in pitches, of those beyond the board as well; a certificate has none of these."""
+    plain = replace(target, certificate=None)
+    return np.ascontiguousarray(plain.points_target(column, row)[:, :2] / target.pitch_mm)
 
 
 def _has_dots(
@@ -99,16 +111,29 @@ def _has_dots(
     sites: Float[np.ndarray, "n 2"],
     H: Float[np.ndarray, "3 3"],
     contrast: float,
+    *,
+    is_next: bool,
 ) -> bool:
     """Return whether most sites of a line that are in view look like dots."""
     at = nearest_levels(image, map_in_front(H, sites), 1)
     between = nearest_levels(image, map_in_front(H, 0.5 * (sites[1:] + sites[:-1])), 1)
-    around = np.full((2, len(sites)), np.nan)
+    around = np.full((2 if is_next else 4, len(sites)), np.nan)
     around[0, 1:], around[1, :-1] = between, between
+    if not is_next:
+        # half-way to the lines on both sides
+        along = sites[-1] - sites[0]
+        to_side = (
+            0.5 * np.array([-along[1], along[0]]) * np.hypot(*(sites[1] - sites[0])) / (along @ along) ** 0.5
+        )
+        around[2], around[3] = (
+            nearest_levels(image, map_in_front(H, sites + way * to_side), 1) for way in (1, -1)
+        )
     with np.errstate(invalid="ignore"):
         # the nearer to the dot's own grey of the two: a shadow's or a sheet's edge next to it makes no dot
         surround = np.nanmin(np.sign(contrast) * around, axis=0, initial=np.inf)
         darker = surround - np.sign(contrast) * at
     seen = np.isfinite(darker)
     likely = darker[seen] > _LIKE_DOTS * abs(contrast)
-    return bool(seen.sum() >= _MIN_SITES and likely.mean() >= _MAJORITY)
+    if is_next:
+        return bool(seen.sum() >= _MIN_SITES and likely.mean() >= _MAJORITY)
+    return bool(seen.sum() >= _MIN_SITES_FURTHER and likely.mean() >= _MAJORITY_FURTHER)

@@ -223,7 +223,8 @@ def _grid_points(
     ):
         raise TargetNotFound(
             f"A grid of {target.columns} x {target.rows} dots is in view, but it goes on beyond them.",
-            "Count the board's dots; keep larger grids, grilles and gratings out of view.",
+            "Count the board's dots, and take away what lies across it; keep larger grids, grilles and gratings out of "
+            "view.",
         )
     trusted &= clear
     count = int(trusted.sum())

@@ -5,12 +5,17 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 
+import cv2
 import numpy as np
 import pytest
 
+from core.errors import TargetMismatch, TargetNotFound
+from core.geometry import project, transform_points
 from core.geometry.camera import Camera
+from core.pipeline import _assign_points
 from core.simulation import Light, Scene
 from core.simulation.scenes import random_pose
+from core.targets import GridPoints, detect
 from core.targets.circles.board_ends import extends_beyond
 from core.targets.specification import TargetSpec
 from tests.support.simulation.renders import render
@@ -54,3 +59,51 @@ def test_what_lies_next_to_the_sheet_is_no_dot() -> None:
     grid = scene.grid_points
     for image in (render(scene), render(replace(scene, clutter=0.0))):
         assert not extends_beyond(image, board, grid.column, grid.row, scene.points_px, 175.0)
+
+
+@pytest.mark.parametrize("light", [DARK, BRIGHT])
+@pytest.mark.parametrize(
+    ("board", "asked", "hidden"),
+    [
+        (TargetSpec("circles", 10, 8, 20.0), TargetSpec("circles", 10, 6, 20.0), 6),
+        (TargetSpec("circles", 10, 8, 20.0), TargetSpec("circles", 10, 5, 20.0), 5),
+        (TargetSpec("asymmetric_circles", 4, 11, 14.0), TargetSpec("asymmetric_circles", 4, 7, 14.0), 7),
+        (TargetSpec("asymmetric_circles", 4, 11, 14.0), TargetSpec("asymmetric_circles", 4, 9, 14.0), 9),
+    ],
+)
+def test_what_a_cable_over_a_row_leaves_is_no_smaller_board(
+    board: TargetSpec, asked: TargetSpec, hidden: int, light: Light
+) -> None:
+    rng = np.random.default_rng(5)
+    T = random_pose(board, CAMERA, (1000, 800), 0.4, math.pi, rng)
+    image = render(Scene(board, CAMERA, T, 1000, 800, noise_levels=2.0, origin_dot=1.5, light=light))
+    low, high = (hidden - 0.4) * board.pitch_mm, (hidden + 0.4) * board.pitch_mm
+    strip = np.array([[-60, low, 0], [260, low, 0], [260, high, 0], [-60, high, 0]])
+    mask = np.zeros(image.shape, np.float32)
+    cv2.fillPoly(mask, [np.rint(project(transform_points(T, strip), CAMERA)).astype(np.int32)], 1.0)
+    mask = cv2.GaussianBlur(mask, (0, 0), 1.0)
+    covered = np.rint(image * (1 - mask) + 120 * mask).astype(np.uint8)
+    with pytest.raises(TargetNotFound):
+        detect(covered, asked)
+    found = detect(covered, board)
+    truth = project(transform_points(T, found.points_target), CAMERA)
+    assert 0.8 * board.size <= len(found) <= board.size - board.columns
+    assert float(np.max(np.abs(found.points_px - truth))) < 0.3
+
+
+def test_of_two_boards_the_one_with_clearly_more_points_is_in_view() -> None:
+    """All dots of the smaller one are found, and some of the larger one's are missing."""
+    large, small = TargetSpec("circles", 10, 8, 20.0), TargetSpec("circles", 10, 6, 20.0)
+    row, column = (a.ravel() for a in np.mgrid[0:8, 0:10])
+
+    def found(target: TargetSpec, which: np.ndarray) -> GridPoints:
+        points = 30.0 * np.stack([column[which], row[which]], axis=1) + 50.0
+        return GridPoints(
+            target, 500, 400, column[which], row[which], points, np.full(int(which.sum()), 0.02)
+        )
+
+    whole, most, as_many = found(small, row < 6), found(large, row != 6), found(large, row < 6)
+    for finds in ([whole, most], [most, whole]):
+        assigned = _assign_points(finds)
+        assert [isinstance(find, TargetMismatch) for find in assigned] == [find is whole for find in finds]
+    assert isinstance(_assign_points([whole, as_many])[1], TargetMismatch)
