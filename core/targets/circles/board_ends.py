@@ -117,17 +117,16 @@ def _has_dots(
     """Return whether most sites of a line that are in view look like dots."""
     at = nearest_levels(image, map_in_front(H, sites), 1)
     between = nearest_levels(image, map_in_front(H, 0.5 * (sites[1:] + sites[:-1])), 1)
-    around = np.full((2 if is_next else 4, len(sites)), np.nan)
+    around = np.full((2 if is_next else 3, len(sites)), np.nan)
     around[0, 1:], around[1, :-1] = between, between
     if not is_next:
-        # half-way to the lines on both sides
+        # half-way to the line on one side at least: bars of a grille have none
         along = sites[-1] - sites[0]
         to_side = (
             0.5 * np.array([-along[1], along[0]]) * np.hypot(*(sites[1] - sites[0])) / (along @ along) ** 0.5
         )
-        around[2], around[3] = (
-            nearest_levels(image, map_in_front(H, sites + way * to_side), 1) for way in (1, -1)
-        )
+        sides = [nearest_levels(image, map_in_front(H, sites + way * to_side), 1) for way in (1, -1)]
+        around[2] = np.sign(contrast) * np.fmax(*(np.sign(contrast) * levels for levels in sides))
     with np.errstate(invalid="ignore"):
         # the nearer to the dot's own grey of the two: a shadow's or a sheet's edge next to it makes no dot
         surround = np.nanmin(np.sign(contrast) * around, axis=0, initial=np.inf)

@@ -36,6 +36,14 @@ from core.targets.circles.ellipse_fit import (
     step_variance,
 )
 from core.targets.circles.lattice import DotLattice, dot_lattices, merge_lattices, with_single_dots
+from core.targets.circles.refusals import (
+    MirroredBoard,
+    SeenGrid,
+    mirrored_board,
+    not_found,
+    seen_directly,
+    seen_grid,
+)
 from core.targets.circles.saturation import in_saturated_white, saturation_bias, unstated_uncertainty
 from core.targets.lattice import Level, levels
 from core.targets.specification import GridPoints, TargetSpec, missing_points_warning
@@ -65,7 +73,9 @@ def detect_circles(
 ) -> GridPoints:
     """Find the dots' centres of a board of circles; see `core.targets.detection.detect`."""
     image = np.require(image, requirements=["C", "W", "A"])
-    seen: list[tuple[int, int]] = []
+    height, width = image.shape
+    seen: list[SeenGrid] = []
+    mirrored: list[MirroredBoard] = []
     found: list[GridPoints] = []
     parts: list[tuple[Level, Dots, list[BoardMatch]]] = []
     failure: TargetNotFound | None = None
@@ -80,9 +90,6 @@ def detect_circles(
                 if taken[lattice.dots].any():  # by one that was cut from it
                     continue
                 whole = _without_stray_lines(image, level, dots, lattice, target)
-                extent = whole.places.max(axis=0) - whole.places.min(axis=0) + 1
-                if len(whole.dots) >= _MIN_PART_SHARE * extent[0] * extent[1]:
-                    seen.append((int(extent.max()), int(extent.min())))
                 matches = board_matches(whole, target)
                 share = len(lattice.dots) / target.size
                 if not matches and _MIN_SHARE_TO_MERGE <= share < 1.0 and merged < _MAX_MERGED:
@@ -98,27 +105,34 @@ def detect_circles(
                         )
                         if matches:
                             taken[matches[0].dots] = True
+                points_px = level.to_full(dots.centres[whole.dots])
                 if not matches:
+                    if (grid := seen_grid(whole, points_px, (height, width), target)) is not None:
+                        seen.append(grid)
                     if is_mirrored(whole, target):
-                        raise TargetMirrored(
-                            f"The {target.columns} x {target.rows} dots in view are those of a mirrored print."
-                        )
+                        reason = f"The {target.columns} x {target.rows} dots in view are those of a mirrored print."
+                        mirrored.append(mirrored_board(points_px, TargetMirrored(reason)))
+                        continue
                     turned = partial_matches(image, level, dots, whole, target)
                     if turned:
                         parts.append((level, dots, turned))
                     continue
                 try:
                     here.append(_grid_points(image, level, dots, matches, target))
-                except TargetNotFound as reason:
-                    failure = reason
+                except TargetNotFound as refused:
+                    failure = refused
+                except TargetMirrored as refused:
+                    mirrored.append(mirrored_board(points_px, refused))
             found.extend(_the_one(here, target))
             if any(len(points) == target.size for points in found):
-                return max(found, key=len)
+                return seen_directly(max(found, key=len), mirrored)
     if found:
-        return max(found, key=len)
+        return seen_directly(max(found, key=len), mirrored)
+    if mirrored:
+        raise mirrored[0].failure
     if parts:
         return _grid_points(image, *max(parts, key=lambda part: len(part[2][0].dots)), target, is_part=True)
-    raise failure or _not_found(seen, target)
+    raise failure or not_found(seen, target)
 
 
 def _without_stray_lines(
@@ -142,17 +156,6 @@ def _the_one(found: list[GridPoints], target: TargetSpec) -> list[GridPoints]:
             "Cover the others, or use boards of different sizes.",
         )
     return large
-
-
-def _not_found(seen: list[tuple[int, int]], target: TargetSpec) -> TargetNotFound | TargetMismatch:
-    """Return the error for an image without the board; it states what was found instead."""
-    asked = f"{target.columns} x {target.rows}"
-    if not seen or target.kind != "circles":
-        return TargetNotFound(f"No grid of {asked} dots was found.")
-    long, short = max(seen, key=lambda size: size[0] * size[1])
-    if long > max(target.columns, target.rows) or short > min(target.columns, target.rows):
-        return TargetMismatch(f"A grid of {long} x {short} dots is in view, {asked} was asked for.")
-    return TargetNotFound(f"Only {long} x {short} dots of a grid are wholly in view, {asked} were asked for.")
 
 
 def _grid_points(

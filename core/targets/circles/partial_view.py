@@ -47,16 +47,13 @@ def candidate_orientations(
     H = find_homography(places.astype(np.float64), points_px)
     if H is None:
         return []
-    y, x = np.mgrid[-1 : extent[1] + 1, -1 : extent[0] + 1]
-    is_site = (x + y - places[0].sum()) % 2 == 0 if is_staggered(target) else np.ones(x.shape, dtype=np.bool_)
-    inside = in_image(H, x, y, shape, target)
+    inside, is_site = _around(places, H, shape, target)
     within = (inside & is_site)[1:-1, 1:-1]
     known = np.zeros(within.shape, dtype=np.bool_)
     known[places[:, 1], places[:, 0]] = True
     if np.count_nonzero(known & within) < _MIN_SEEN_SHARE * np.count_nonzero(within):
         return []
-    beyond = (np.s_[0, 1:-1], np.s_[-1, 1:-1], np.s_[1:-1, 0], np.s_[1:-1, -1])
-    top, bottom, left, right = (inside[line][is_site[line]].mean() >= _MIN_SIDE_SHARE for line in beyond)
+    top, bottom, left, right = _sides_in_image(inside, is_site)
     if top and bottom and left and right:
         return []
     found = []
@@ -68,6 +65,31 @@ def candidate_orientations(
         places = np.stack([places[:, 1].max() - places[:, 1], places[:, 0]], axis=1)
         ends = (ends[1], ends[0])
     return found
+
+
+def ends_in_image(
+    lattice: DotLattice, points_px: Float[np.ndarray, "n 2"], shape: tuple[int, int], target: TargetSpec
+) -> bool:
+    """Return whether the next line would be in the image on all four sides of a lattice; parameters as above."""
+    places = along_grid_lines(lattice, target)
+    H = find_homography(places.astype(np.float64), points_px) if places.max(axis=0).min() > 1 else None
+    return H is not None and all(_sides_in_image(*_around(places, H, shape, target)))
+
+
+def _around(
+    places: Int[np.ndarray, "n 2"], H: Float[np.ndarray, "3 3"], shape: tuple[int, int], target: TargetSpec
+) -> tuple[Bool[np.ndarray, "h w"], Bool[np.ndarray, "h w"]]:
+    """Return which places from one line before a lattice to one after it lie in the image, and which may have dots."""
+    extent = places.max(axis=0) + 1
+    y, x = np.mgrid[-1 : extent[1] + 1, -1 : extent[0] + 1]
+    is_site = (x + y - places[0].sum()) % 2 == 0 if is_staggered(target) else np.ones(x.shape, dtype=np.bool_)
+    return in_image(H, x, y, shape, target), is_site
+
+
+def _sides_in_image(inside: Bool[np.ndarray, "h w"], is_site: Bool[np.ndarray, "h w"]) -> tuple[bool, ...]:
+    """Return whether the line beyond the top, bottom, left and right of a lattice is in the image."""
+    beyond = (np.s_[0, 1:-1], np.s_[-1, 1:-1], np.s_[1:-1, 0], np.s_[1:-1, -1])
+    return tuple(bool(inside[line][is_site[line]].mean() >= _MIN_SIDE_SHARE) for line in beyond)
 
 
 def along_grid_lines(lattice: DotLattice, target: TargetSpec) -> Int[np.ndarray, "n 2"]:

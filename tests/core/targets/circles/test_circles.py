@@ -142,7 +142,7 @@ def test_another_grid_is_named() -> None:
     image = render(replace(scene_of(SYMMETRIC, 10.0, seed=7), clutter=0.0))
     with pytest.raises(TargetMismatch, match="9 x 7 dots is in view, 8 x 5 was asked for"):
         detect(image, TargetSpec("circles", 8, 5, 25.0))
-    with pytest.raises(TargetNotFound, match="9 x 7"):
+    with pytest.raises(TargetMismatch, match="9 x 7"):
         detect(image, TargetSpec("circles", 12, 9, 25.0))
 
 
