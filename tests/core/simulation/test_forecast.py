@@ -60,11 +60,11 @@ def test_a_view_that_does_not_show_the_target_passes_nothing() -> None:
     found = forecast_repeatability(PLANNED, 0.05, limit_mm=0.5, draws=5)
     assert found.decisions is not None
     assert found.decisions["pass"] == 1.0
-    beside = replace(PLANNED, views=np.array([*PLANNED.views, view(0.3, 0.0, 5000.0)]))
-    found = forecast_repeatability(beside, 0.05, limit_mm=0.5, draws=5)
+    with_hidden = replace(PLANNED, views=np.array([*PLANNED.views, view(0.3, 0.0, 5000.0)]))
+    found = forecast_repeatability(with_hidden, 0.05, limit_mm=0.5, draws=5)
     assert [one.in_view for one in found.poses] == [True, True, False]
     assert found.decisions == {"pass": 0.0, "fail": 0.0, "inconclusive": 1.0}
-    failed = forecast_repeatability(beside, 0.5, limit_mm=0.05, draws=5).decisions
+    failed = forecast_repeatability(with_hidden, 0.5, limit_mm=0.05, draws=5).decisions
     assert failed is not None
     assert failed["fail"] == 1.0, "one pose beyond the limit is enough"
 
