@@ -19,7 +19,8 @@ from core.targets.specification import TargetSpec
 MIN_SEEN_SHARE = 0.5
 """Of the target's dots."""
 _MIN_LINE_SHARE = 0.5
-_ROUND = 0.98  # of `Dots.fill`
+MIN_FILL = 0.98
+"""Of `Dots.fill`."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,7 +64,7 @@ def partial_matches(
     Its size does not distinguish it from a grille's.
     """
     height, width = image.shape
-    if np.median(dots.fill[lattice.dots]) < _ROUND:
+    if np.median(dots.fill[lattice.dots]) < MIN_FILL:
         return []
     turns = candidate_orientations(
         lattice, level.to_full(dots.centres[lattice.dots]), (height, width), target

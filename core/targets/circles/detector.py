@@ -107,7 +107,9 @@ def detect_circles(
                             taken[matches[0].dots] = True
                 points_px = level.to_full(dots.centres[whole.dots])
                 if not matches:
-                    if (grid := seen_grid(whole, points_px, (height, width), target)) is not None:
+                    if (
+                        grid := seen_grid(whole, points_px, dots.fill[whole.dots], (height, width), target)
+                    ) is not None:
                         seen.append(grid)
                     if is_mirrored(whole, target):
                         reason = f"The {target.columns} x {target.rows} dots in view are those of a mirrored print."

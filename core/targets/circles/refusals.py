@@ -9,19 +9,21 @@ import numpy as np
 from jaxtyping import Float
 
 from core.errors import DetectionError, TargetMirrored, TargetMismatch, TargetNotFound
+from core.targets.circles.board_matching import MIN_FILL
 from core.targets.circles.lattice import DotLattice
 from core.targets.circles.partial_view import along_grid_lines, ends_in_image
 from core.targets.grid_index import is_staggered, lines
 from core.targets.specification import GridPoints, TargetSpec
 
 _MIN_SHARE = 0.75  # of the places within a lattice's outermost lines
-_MIN_LINES = 3  # each way, of a grid worth a name
+_MIN_LINES, _MIN_DOTS = 3, 12  # each way, and of all, of a grid worth a name
 _MUCH_LARGER = 1.25  # extent of a mirrored board, of that of one seen directly
 
 
 @dataclass(frozen=True, slots=True)
 class SeenGrid:
-    """A lattice of dots by its number of lines, the longer and the shorter way, and whether its ends are in view."""
+    """A lattice of dots by its number of lines, the longer and the shorter way; `ends` says whether its dots are round
+    and all of its ends in view."""
 
     lines: tuple[int, int]
     ends: bool
@@ -36,15 +38,23 @@ class MirroredBoard:
 
 
 def seen_grid(
-    lattice: DotLattice, points_px: Float[np.ndarray, "n 2"], shape: tuple[int, int], target: TargetSpec
+    lattice: DotLattice,
+    points_px: Float[np.ndarray, "n 2"],
+    fill: Float[np.ndarray, " n"],
+    shape: tuple[int, int],
+    target: TargetSpec,
 ) -> SeenGrid | None:
-    """Return the grid that a lattice shows, None where too many of its dots are missing for one."""
+    """Return the grid that a lattice shows, None where too many of its dots are missing for one, or staggered ones are
+    not round: squares and the bits of markers make lattices as well. `fill` is that of `Dots`."""
     extent = along_grid_lines(lattice, target).max(axis=0) + 1
     places = extent[0] * extent[1] / (2 if is_staggered(target) else 1)
     if len(lattice.dots) < _MIN_SHARE * places:
         return None
     size = (int(extent.max()), int(extent.min()))
-    return SeenGrid(size, ends_in_image(lattice, points_px, shape, target))
+    is_round = len(fill) >= _MIN_DOTS and bool(np.median(fill) >= MIN_FILL)
+    if is_staggered(target) and not is_round:
+        return None
+    return SeenGrid(size, is_round and ends_in_image(lattice, points_px, shape, target))
 
 
 def mirrored_board(points_px: Float[np.ndarray, "n 2"], failure: TargetMirrored) -> MirroredBoard:
