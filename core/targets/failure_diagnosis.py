@@ -11,7 +11,7 @@ from __future__ import annotations
 import numpy as np
 from jaxtyping import UInt8, UInt16
 
-from core.errors import OriginUnknown, TargetMismatch, TargetNotFound
+from core.errors import DetectionError, OriginUnknown, TargetMirrored, TargetMismatch, TargetNotFound
 from core.targets.charuco import charuco_layout, lattices_of
 from core.targets.chessboard import boards_in_view
 from core.targets.detection import detect
@@ -37,6 +37,9 @@ _MAX_SIDE_PX = 1400
 """Of the image that is searched: a board a tenth as wide still has 17 squares of 8 px."""
 _MAX_SADDLES = 10_000  # a board of 50 x 50 corners with markers in it has as many
 _MAX_SQUARES = 400  # looked at for markers
+_INVERTED_ADVICE = (
+    "Print the board black on white; if it is, its grey values were inverted on the way: undo that."
+)
 _USUAL = TargetSpec("charuco", 3, 3, 4.0, 3.0, "DICT_4X4_50")
 """For the margin between squares and markers, by which corners are linked: other markers may be larger or smaller."""
 
@@ -59,6 +62,8 @@ def look_for(image: UInt8[np.ndarray, "h w"] | UInt16[np.ndarray, "h w"], target
 def _shown_instead(image: np.ndarray, target: TargetSpec) -> TargetMismatch | None:
     """Return the error that names the largest board of squares of another kind; None without such a board."""
     image = _searched(image)
+    if target.kind == "aprilgrid" and _shows_inverted(image, target):
+        return TargetMismatch("An AprilGrid is in view, white on black.", _INVERTED_ADVICE)
     seen: list[tuple[int, str, bool]] = []  # corners, name, whether white on black
     for level in levels(image):
         for lattice in lattices_of(image, level, charuco_layout(_USUAL)):
@@ -85,10 +90,21 @@ def _shown_instead(image: np.ndarray, target: TargetSpec) -> TargetMismatch | No
     _, shown, is_inverted = max(seen)
     return TargetMismatch(
         f"{shown} is in view; {_ASKED[target.kind]} of {target.columns} x {target.rows} was asked for.",
-        "Print the board black on white; if it is, its grey values were inverted on the way: undo that."
+        _INVERTED_ADVICE
         if is_inverted
         else "Show the target that the image was sent for, or send it for the one that it shows.",
     )
+
+
+def _shows_inverted(image: np.ndarray, target: TargetSpec) -> bool:
+    """Return whether an image shows tags of an AprilGrid once its grey values are inverted."""
+    try:
+        detect(np.iinfo(image.dtype).max - image, target)
+    except (TargetMismatch, TargetMirrored):
+        return True
+    except DetectionError:
+        return False
+    return True
 
 
 def _searched(image: np.ndarray) -> np.ndarray:

@@ -147,7 +147,7 @@ def _measured(
             f"The {len(part.markers)} markers read are as well those of the same board with legacy_layout "
             f"{str(not target.legacy_layout).lower()}, displaced by one column.",
             "Bring more of the board into view, its first or last column too: only an end determines which of the two "
-            "layouts is printed.",
+            "layouts is printed. If all of it is in view, check its marker_mm: with a wrong one few markers are read.",
         )
     reason = (
         "corners are missing: they are out of view, no marker near them was read, or the image does not show them "
@@ -180,7 +180,8 @@ def _not_found(lattices: tuple[PlacedLattice, ...], target: TargetSpec) -> Detec
     if agreeing > 1:
         return TargetNotFound(
             f"{agreeing} of the ChArUco board's markers were found where they belong: too few, or all in one row.",
-            "Bring more of the board into view, free of reflections and of anything in front of it.",
+            "Bring more of the board into view, free of reflections and of anything in front of it; if all of it is, "
+            "check its marker_mm and dictionary.",
         )
     framed = max((lattice.framed for lattice in lattices), default=0)
     if framed >= _BOARD_LIKE:

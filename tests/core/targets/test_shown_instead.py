@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import cv2
 import numpy as np
@@ -84,6 +85,25 @@ def test_an_aprilgrid_or_plain_squares_are_no_board_white_on_black(seed: int) ->
             with pytest.raises(DetectionError) as caught:
                 look_for(image, CHARUCO)
             assert "white on black" not in caught.value.detail
+
+
+@pytest.mark.parametrize("seed", range(2))
+def test_an_aprilgrid_white_on_black_is_named_as_such(seed: int) -> None:
+    image = image_of(APRILGRID, seed)
+    for asked in (APRILGRID, TargetSpec("aprilgrid", 5, 4, APRILGRID.pitch_mm, APRILGRID.marker_mm)):
+        with pytest.raises(TargetMismatch, match="white on black") as caught:
+            look_for(255 - image, asked)
+        assert "inverted" in caught.value.advice
+    with pytest.raises(TargetNotFound):
+        look_for(255 - image_of(CIRCLES, seed), APRILGRID)
+
+
+@pytest.mark.parametrize("marker_mm", [17.8, 18.0, 19.0])
+def test_where_hardly_a_marker_is_read_as_its_size_is_wrong_the_size_is_named(marker_mm: float) -> None:
+    """With 17.8 mm in place of 15 two markers are read, with more none."""
+    with pytest.raises(TargetNotFound) as caught:
+        look_for(image_of(CHARUCO, 3), replace(CHARUCO, marker_mm=marker_mm))
+    assert "marker_mm" in str(caught.value.advice)
 
 
 @pytest.mark.parametrize("scale", [3, 4])
