@@ -9,12 +9,14 @@ edges elsewhere, and a reflection of the board has the colours of a line at the 
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import numpy as np
-from jaxtyping import Float, Shaped
+from jaxtyping import Bool, Float, Shaped
 
 from core.geometry import find_homography, map_in_front
+from core.numerics import median
 from core.targets.chessboard.fiducial_dots import decode_fiducial_dots, marked_squares
 from core.targets.lattice import Board, Lattice
 from core.targets.specification import TargetSpec
@@ -27,6 +29,8 @@ _MIN_STEP_NEAR, _MIN_STEP_FAR = 0.15, 0.4  # of the contrast at the board's corn
 _PHASES = (-0.06, 0.0, 0.06)  # of a square, what a lens may displace the extrapolated edges by
 _MIN_EDGES = 3  # in the image
 _MIN_EDGE_SHARE = 0.8  # of those in the image
+_FEW_DEPTHS = (0.25, 0.5, 0.75)  # the same for a first look at few places
+_MIN_FEW_SHARE, _MIN_STEP_FEW = 0.7, 0.3
 _MAX_CONTRARY_SHARE = 0.15  # of the edges that agree
 _MIN_OF_CUBIC = 30  # corners; fewer determine a homography alone
 
@@ -42,7 +46,10 @@ def with_crossed_sides(image: Shaped[np.ndarray, "h w"], board: Board) -> Board:
     if H is None:
         return board
     extrapolated = _Extrapolation(H, places, points)
-    crossed = tuple(_goes_on(image, lattice, extrapolated, side) for side in range(4))
+    candidates = _may_go_on(image, lattice, extrapolated)
+    crossed = tuple(
+        bool(candidates[side]) and _goes_on(image, lattice, extrapolated, side) for side in range(4)
+    )
     if not any(crossed) or _is_marked_whole(image, lattice):
         return board
     above, below, before, after = (
@@ -72,39 +79,89 @@ class _Extrapolation:
 
     def _terms(self, places: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, "n 10"]:
         x, y = ((places - self._middle) / self._scale).T
-        return np.stack([x**i * y**j for i in range(4) for j in range(4 - i)], axis=1)
+        xx, xy, yy = x * x, x * y, y * y
+        terms = [np.ones(len(x)), x, y, xx, xy, yy, xx * x, xx * y, x * yy, yy * y]
+        return np.array(terms).T
+
+
+@dataclass(frozen=True, slots=True)
+class _Edges:
+    """Places on the edges between squares beyond one side of a lattice, (lines, depths, edges) of them in order.
+
+    `sign` is 1 where the square after an edge should be bright, else -1.
+    """
+
+    x: Float[np.ndarray, " n"]
+    y: Float[np.ndarray, " n"]
+    sign: Float[np.ndarray, " n"]
+    along_x: bool
+    shape: tuple[int, int, int]
+
+    def shifted(self, by: float) -> Float[np.ndarray, "n 2"]:
+        """Return places as far along the side from the edges, squares."""
+        return np.stack([self.x + by, self.y] if self.along_x else [self.x, self.y + by], axis=1)
+
+
+@lru_cache(maxsize=64)
+def _edges(rows: int, columns: int, origin_is_bright: bool, side: int, depths: tuple[float, ...]) -> _Edges:
+    """Return the edges beyond a side (top, bottom, left, right), each at some depths of each line of squares."""
+    count, last = (columns, rows - 1) if side < 2 else (rows, columns - 1)
+    lines = np.arange(_FIRST, _LAST)
+    number, depth, along = (a.ravel() for a in np.meshgrid(lines, depths, np.arange(count), indexing="ij"))
+    is_before = side in (0, 2)
+    outward = -(number + depth) if is_before else last + number + depth
+    cell = -number - 1 if is_before else last + number
+    # In a right-handed lattice (x, y) and (y, x) have the same squares, so that one sign serves both directions.
+    sign = np.where(((along + cell) % 2 == 0) == origin_is_bright, 1.0, -1.0)
+    x, y = (along, outward) if side < 2 else (outward, along)
+    return _Edges(x, y, sign, side < 2, (len(lines), len(depths), count))
+
+
+def _contrast(lattice: Lattice) -> float:
+    return median(lattice.gap[lattice.known])
+
+
+def _may_go_on(
+    image: Shaped[np.ndarray, "h w"], lattice: Lattice, extrapolated: _Extrapolation
+) -> Bool[np.ndarray, "4"]:
+    """Return which sides have squares beyond them by a look at few places: hardly any board's margin has."""
+    sides = [_edges(*lattice.gap.shape, lattice.origin_is_bright, side, _FEW_DEPTHS) for side in range(4)]
+    places = np.concatenate([edges.shifted(by) for by in (_FAR, -_FAR) for edges in sides])
+    after, before = np.split(nearest_levels(image, extrapolated(places), 0), 2)
+    steps = np.concatenate([edges.sign for edges in sides]) * (after - before)
+    likely, seen = steps > _MIN_STEP_FEW * _contrast(lattice), np.isfinite(steps)
+    may_go_on = np.zeros(4, dtype=np.bool_)
+    first = 0
+    for side, edges in enumerate(sides):
+        part = slice(first, first + len(edges.sign))
+        agree, in_image = (which[part].reshape(edges.shape).sum(axis=2) for which in (likely, seen))
+        may_go_on[side] = np.any(agree >= np.maximum(_MIN_FEW_SHARE * in_image, _MIN_EDGES))
+        first = part.stop
+    return may_go_on
 
 
 def _goes_on(
     image: Shaped[np.ndarray, "h w"], lattice: Lattice, extrapolated: _Extrapolation, side: int
 ) -> bool:
-    """Return whether there are squares of the lattice beyond one side: top, bottom, left, right."""
-    rows, columns = lattice.gap.shape
-    count, last = (columns, rows - 1) if side < 2 else (rows, columns - 1)
-    lines = np.arange(_FIRST, _LAST)
-    number, depth, along = (a.ravel() for a in np.meshgrid(lines, _DEPTHS, np.arange(count), indexing="ij"))
-    outward = -(number + depth) if side in (0, 2) else last + number + depth
-    cell = -number - 1 if side in (0, 2) else last + number
-    # the square after an edge: bright where the sum of its indices has the origin's parity
-    sign = np.where(((along + cell) % 2 == 0) == lattice.origin_is_bright, 1.0, -1.0)
-    contrast = float(np.median(lattice.gap[lattice.known]))
+    """Return whether there are squares of the lattice beyond one side."""
+    edges = _edges(*lattice.gap.shape, lattice.origin_is_bright, side, _DEPTHS)
+    contrast = _contrast(lattice)
 
-    def levels(shift: float) -> Float[np.ndarray, " n"]:
-        places = np.stack([along + shift, outward] if side < 2 else [outward, along + shift], axis=1)
-        return nearest_levels(image, extrapolated(places))
+    def step(phase: float, to_side: float) -> Float[np.ndarray, " n"]:
+        after, before = (
+            nearest_levels(image, extrapolated(edges.shifted(phase + by))) for by in (to_side, -to_side)
+        )
+        return edges.sign * (after - before)
 
     for phase in _PHASES:
-        # In a right-handed lattice (x, y) and (y, x) have the same squares, so that one sign serves both.
-        near = sign * (levels(phase + _NEAR) - levels(phase - _NEAR))
-        far = sign * (levels(phase + _FAR) - levels(phase - _FAR))
-        shape = (len(lines), len(_DEPTHS), count)
-        seen = (np.isfinite(near) & np.isfinite(far)).reshape(shape)
+        near, far = step(phase, _NEAR), step(phase, _FAR)
+        seen = (np.isfinite(near) & np.isfinite(far)).reshape(edges.shape)
         agree, contrary = (
-            ((way * near > _MIN_STEP_NEAR * contrast) & (way * far > _MIN_STEP_FAR * contrast)).reshape(shape)
+            (way * near > _MIN_STEP_NEAR * contrast) & (way * far > _MIN_STEP_FAR * contrast)
             for way in (1.0, -1.0)
         )
         enough = np.maximum(_MIN_EDGE_SHARE * seen.sum(axis=2), _MIN_EDGES)
-        agrees = agree.sum(axis=2) >= enough
+        agrees = agree.reshape(edges.shape).sum(axis=2) >= enough
         runs = agrees[:, 2:] & agrees[:, 1:-1] & agrees[:, :-2]
         if runs.any() and contrary.sum() <= _MAX_CONTRARY_SHARE * agree.sum():
             return True
