@@ -22,6 +22,8 @@ WEAKENING = {
     "frame_moved": "The instrument, the target or the robot's base moved while the poses were measured.",
     "joint_coupling_proposed": "The joints seem to be coupled, and the robot states no coupling: the angles are not "
     "those of its axes.",
+    "residuals_large": "The poses are farther off the identified arm than robots scatter: something is wrong with "
+    "them.",
     "terms_beyond_chain": "Gears and compliance show in the poses, and the uncertainties of this method do not allow "
     "for them.",
 }

@@ -24,6 +24,7 @@ from core.kinematics import (
     JointEstimate,
     ModelChoice,
     ParameterLayout,
+    PoseData,
     Sweep,
     TargetTransform,
     check_against_nominal,
@@ -46,6 +47,7 @@ from core.session.robot.method_agreement import (
     compare_with_global,
     disagreements,
 )
+from core.session.robot.residual_size import farthest, residual_warnings
 from core.session.robot.result import JointFigures, RobotIdentification
 from core.session.robot.robot_poses import (
     RobotPoses,
@@ -143,14 +145,16 @@ def _identified(
             )
             agreement = compare_methods(robot.joints, gathered.poses, data.nominal, known.sweeps, tolerance)
             more = (*robot.warnings, *disagreements(agreement), *_frame_steps(robot, gathered))
-            return _of_poses(robot, known.sweeps, gathered, agreement, (*warnings, *more))
+            found = _of_poses(robot, known.sweeps, gathered, agreement, (*warnings, *more))
+            return _with_residual_warning(found, gathered.poses, farthest(robot, gathered.poses))
         if data.nominal is not None:
             check_against_nominal(gathered.poses, data.nominal)
         axes = identify_from_axes(
             gathered.poses, data.nominal, method, sweeps=known.sweeps, tolerance=tolerance, folds=FOLDS
         )
         compared, more = compare_with_global(method, axes.joints, gathered.poses, data.nominal, known.sweeps)
-        return _of_axes(axes, gathered, compared, (*warnings, *more))
+        found = _of_axes(axes, gathered, compared, (*warnings, *more))
+        return _with_residual_warning(found, gathered.poses)
     except np.linalg.LinAlgError as failure:
         raise DegenerateGeometry(
             "The poses leave the robot's geometry undetermined.",
@@ -169,6 +173,13 @@ def _frame_steps(found: Identification, gathered: RobotPoses) -> tuple[Advisory,
             found.residuals[:3], poses.positions_mm, counted[poses.targets[counted] == target], poses.labels
         )
     )
+
+
+def _with_residual_warning(
+    found: RobotIdentification, poses: PoseData, most: Sequence[str] = ()
+) -> RobotIdentification:
+    more = tuple(residual_warnings(found, poses, most))
+    return replace(found, warnings=(*found.warnings, *more)) if more else found
 
 
 def _of_poses(
