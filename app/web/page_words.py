@@ -12,6 +12,8 @@ from markupsafe import Markup, escape
 
 from app.web.words import ESTIMATORS
 
+MISSING = "Check the id; lists show what exists."
+"""What the API advises where there is no such thing."""
 _ID = re.compile(r"\b(mea|tgt|ses|rob|rep)_[0-9a-z]{26}\b")
 _PAGES = {
     "mea": ("image", "/ui/measurements/"),
@@ -48,7 +50,28 @@ _PHRASES = (
     ("nothing was kept of this request, so send it again.", "nothing was stored: do this again afterwards."),
     (", as measurement ", ", as "),
     ("no such measurement", "no such image"),
-    ("Check the id; lists show what exists.", "It was deleted: load the page again."),
+    (MISSING, "It was deleted: load the page again."),
+    ("; without_outliers has the figures of the others", "; the table has RP_l without them, too"),
+    ("; including_degraded has the figures with them", "; reports have the figures with them"),
+    (
+        "; lens_model=brown shows the figures with Brown's model",
+        "; the camera's page compares it with Brown's model",
+    ),
+    ("identify it (dh)", "identify it on the robot's page"),
+    ("identify the robot (dh)", "identify the robot on its page"),
+    (" (`subtract_witness=true`)", ""),
+    (" (`error_model`)", ""),
+    (", or leave lens_model out", ""),
+    ("Leave lens_model out, and use", "Use"),
+    (" with lens_model.", " with the lens model."),
+    ("Ask for method=global.", "Take the global method."),
+    ("the global fit with model=auto", "the global fit"),
+    ("Ask for those: source=measured_poses (--source measured_poses).", "Choose “another instrument”."),
+    (
+        "PUT each direction of approach as a pose of its own,",
+        "Make each direction of approach a pose of its own,",
+    ),
+    ("The estimator `given`", "The estimator “Given camera”"),
     ("Make the target first; every id in target_ids must exist.", "Choose another: it was deleted."),
     ("Make the robot first, or leave robot_id away.", "Choose another: it was deleted."),
     ("Use OpenCV's name, for example DICT_6X6_250.", "Choose one."),
@@ -103,21 +126,53 @@ _FIELD_NAMES = re.compile(
     r"\b(position|roll|pitch|yaw|marker|joint_angles|focus_group|standard_uncertainty|pitch_[xy]|"
     r"(?:pose|robot|session|target)_ids?|points)(_mm|_deg)?\b"
 )
+_IN_SENTENCES = {
+    "T_base_target": "the target in the base",
+    "T_flange_camera": "the camera on the flange",
+    "focal_length_mm": "the focal length",
+    "joint_coupling": "the coupling of its joints",
+    "legacy_layout": "the layout of early OpenCV",
+    "lens_model": "the lens model",
+    "pitch_standard_uncertainty_mm": "the standard uncertainty of the pitch",
+    "pixel_pitch_um": "the pixel pitch",
+    "print_kind": "the kind of print",
+    "random_poses": "random poses",
+    "rp_ratio": "ratio of scatter to prediction",
+    "sweep_half_angle_deg": "the sweeps",
+    "shape_standard_uncertainty": "the standard uncertainty of the print's shape",
+}
+"""Names of the API that sentences of analyses have. Others are left: a user's pose or file may be called so."""
+_SENTENCE_NAMES = re.compile(rf"\b(?:{'|'.join(_IN_SENTENCES)})\b")
 _GUESS = re.compile(r"^(Values look like \w+): .*")
 _REQUESTS = re.compile(r" \([^()]*(?:`gridpose|\b(?:PATCH|POST|PUT|DELETE|GET)\b)[^()]*\)")
 _COUNTED_CODES = re.compile(r"\b[a-z]+(?:_[a-z]+)+(?= \(\d+\))")
 _ESTIMATOR = re.compile(r"\bestimator=(\w+)")
-_NEXT = {
-    "accuracy_unavailable": ("/poses", "Load commanded poses"),
-    "commanded_poses_missing": ("/poses", "Load commanded poses"),
-    "joint_angles_missing": ("/poses", "Load commanded poses"),
-    "measured_poses_missing": ("/repeatability", "Use the images"),
-    "mixed_image_sizes": ("", "To the images"),
-    "too_few_cycles": ("", "To the images"),
-    "no_usable_images": ("?state=failed", "See the refused images"),
-    "too_few_measurements": ("/upload", "Add images"),
+_NEXT = (
+    ("accuracy_unavailable", "are not known", "/poses", "Load commanded poses"),
+    ("accuracy_unavailable", "poses, got", "/upload", "Add images"),
+    ("accuracy_unavailable", "", "/poses", "See the commanded poses"),
+    ("approach_variation_unavailable", "", "/poses", "Load commanded poses"),
+    ("commanded_poses_missing", "", "/poses", "Load commanded poses"),
+    ("joint_angles_missing", "", "/poses", "Load commanded poses"),
+    ("lens_beyond_brown", "", "/camera", "See the camera"),
+    ("measured_poses_missing", "", "/repeatability", "Use the images"),
+    ("mixed_image_sizes", "", "", "To the images"),
+    ("no_usable_images", "", "?state=failed", "See the refused images"),
+    ("nominal_robot_missing", "", "/change", "Choose the session's robot"),
+    ("not_converged", "poses", "/poses", "See the commanded poses"),
+    ("not_converged", "frames", "/poses", "See the commanded poses"),
+    ("print_scale_mismatch", "", "/robot", "See the robot"),
+    ("too_few_cycles", "", "", "To the images"),
+    ("too_few_measurements", "", "/upload", "Add images"),
+)
+"""By code, and what the text says, the tail of the address of the session's page on which a refusal is mended, and what
+the link to it says; the first that fits.
+"""
+_LISTS = {
+    "report": ("/ui/reports", "All reports"),
+    "robot": ("/ui/robots", "All robots"),
+    "target": ("/ui/targets", "All targets"),
 }
-"""The session's page on which a refusal is mended, by code, and what the link to it says."""
 
 
 def on_pages(text: str, field: str = "") -> str:
@@ -126,6 +181,7 @@ def on_pages(text: str, field: str = "") -> str:
     for phrase, words in _PHRASES:
         text = text.replace(phrase, words)
     text = _REQUESTS.sub("", _GUESS.sub(r"\1.", text))
+    text = _SENTENCE_NAMES.sub(lambda match: _IN_SENTENCES[match[0]], text)
     text = _FIELD_NAMES.sub(lambda match: named(match[0]), text)
     text = _COUNTED_CODES.sub(lambda match: match[0].replace("_", " "), text)
     return _ESTIMATOR.sub(lambda match: _estimator(match[1]), text)
@@ -142,9 +198,17 @@ def named(field: str) -> str:
     return ", ".join(names)
 
 
-def next_page(code: str) -> tuple[str, str] | None:
+def next_page(code: str, detail: str = "") -> tuple[str, str] | None:
     """Return the tail of the session's address where the refusal `code` is mended, and the link's text."""
-    return _NEXT.get(code)
+    for of_code, said, tail, text in _NEXT:
+        if of_code == code and said in detail:
+            return tail, text
+    return None
+
+
+def list_of(code: str) -> tuple[str, str]:
+    """Return the address of the list in which what is missing would be, by the refusal's code, and the link's text."""
+    return _LISTS.get(code.removesuffix("_not_found"), ("/ui/", "All sessions"))
 
 
 @pass_context

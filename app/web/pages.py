@@ -214,6 +214,8 @@ def environment() -> Environment:
         report_forms=words.REPORT_FORMS,
         scopes=words.SCOPES,
         next_page=page_words.next_page,
+        list_of=page_words.list_of,
+        missing=page_words.MISSING,
         view_purposes=words.VIEW_PURPOSES,
         methods=words.METHODS,
         lens_models=words.LENS_MODELS,

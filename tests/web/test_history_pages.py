@@ -108,7 +108,7 @@ def test_two_reports_are_compared_from_the_list(cell: Cell, open_page: Callable[
     assert "load" in page.inner_text("section.decision")
     page.goto("/ui/reports")
     page.click("text=Compare the two that are ticked")
-    page.wait_for_selector("text=Two reports are compared, and 0 are chosen.")
+    page.wait_for_selector("text=Two reports are compared, and none is ticked")
     ids = [f"rep_{k:026d}" for k in (1, SESSIONS)]
     page.goto(f"/ui/reports/comparison?report={ids[1]}&report={ids[0]}")
     assert page.locator("tbody tr").count() == 3

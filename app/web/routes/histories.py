@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from typing import Annotated, Any
+from urllib.parse import quote
 
 from fastapi import Query, Request
-from starlette.responses import Response
+from starlette.responses import RedirectResponse, Response
 
 from app.analyses.history import (
     KINDS,
@@ -57,15 +58,17 @@ def show_history(
 
 @router.get("/reports/comparison", operation_id="get_report_comparison")
 def show_comparison(
-    request: Request, report: Annotated[list[str] | None, Query(max_length=20)] = None
+    request: Request,
+    report: Annotated[list[str] | None, Query(max_length=20)] = None,
+    of: Annotated[str, Query(max_length=64)] = "",
 ) -> Response:
-    """Show two reports compared figure by figure, with a conclusion in words."""
+    """Show two reports compared figure by figure, with a conclusion in words; where not two are ticked, the list that
+    they were chosen in again, which is that of a session or of all.
+    """
     chosen = list(dict.fromkeys(report or []))
     if len(chosen) != TWO:
-        raise InvalidContent(
-            f"Two reports are compared, and {len(chosen)} are chosen.",
-            "Tick two reports in the list of reports.",
-        )
+        listed = f"/ui/sessions/{quote(of, safe='')}/reports" if of else "/ui/reports"
+        return RedirectResponse(f"{listed}?ticked={len(chosen)}", status_code=303)
     found: dict[str, Any] | None = None
     refused: Conflict | None = None
     with service_of(request).installation.database.read() as records:

@@ -23,18 +23,23 @@ from app.web.service import service_of
 router = page_router()
 PAGE_SIZE = 50
 PageNumber = Annotated[int, Query(ge=1, le=1_000_000)]
+Ticked = Annotated[int | None, Query(ge=0, le=20)]
+"""How many reports were ticked for a comparison of two, where they were not two."""
 
 
 @router.get("/reports", operation_id="list_reports")
-def show_reports(request: Request, page: PageNumber = 1) -> Response:
+def show_reports(request: Request, page: PageNumber = 1, ticked: Ticked = None) -> Response:
     """Show all reports, newest first, those of deleted sessions too."""
     with service_of(request).installation.database.read() as records:
         shown = newest(records, None, page)
-    return render(request, "reports/reports.html", **shown, session=None, page_address="/ui/reports?page=")
+    shown |= {"session": None, "page_address": "/ui/reports?page=", "ticked": ticked}
+    return render(request, "reports/reports.html", **shown)
 
 
 @router.get("/sessions/{session_id}/reports", operation_id="list_session_reports")
-def show_session_reports(request: Request, session_id: str, page: PageNumber = 1) -> Response:
+def show_session_reports(
+    request: Request, session_id: str, page: PageNumber = 1, ticked: Ticked = None
+) -> Response:
     """Show a session's reports, newest first, and the form to order one."""
     service = service_of(request)
     with service.installation.database.read() as records:
@@ -43,7 +48,9 @@ def show_session_reports(request: Request, session_id: str, page: PageNumber = 1
     if is_fragment(request):
         return render(request, "reports/_reports.html", **shown, session=session_id, page_address=address)
     context = head_of(service, session_id, "reports")
-    return render(request, "reports/session_reports.html", **context, **shown, page_address=address)
+    return render(
+        request, "reports/session_reports.html", **context, **shown, page_address=address, ticked=ticked
+    )
 
 
 @router.get("/reports/{report_id}", operation_id="get_report")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 import re
 from types import SimpleNamespace
 from typing import Any, cast
@@ -13,6 +14,7 @@ from app.web.page_words import linked, named, next_page, on_pages
 from app.web.routes.measurements import camera_meaning
 from app.web.words import ESTIMATORS
 from core.errors import CommandedPosesMissing, GridposeError, IntrinsicsMissing, MixedImageSizes, TooFewCycles
+from tests.support.source_texts import modules, texts_of
 
 TARGET, SESSION = "tgt_" + "0" * 26, "ses_" + "1" * 26
 TECHNICAL = re.compile(r"`|\bgridpose [a-z]|\b(?:PATCH|POST|DELETE|PUT|GET)\b|/v1/|\w=\w|[a-z]_[a-z]")
@@ -91,7 +93,40 @@ def test_ids_are_links_by_the_name_that_the_page_knows() -> None:
 def test_a_refusal_leads_to_the_page_that_mends_it() -> None:
     assert next_page(CommandedPosesMissing.code) == ("/poses", "Load commanded poses")
     assert next_page(TooFewCycles.code) == ("", "To the images")
-    assert next_page("not_converged") is None
+    assert next_page("nominal_robot_missing") == ("/change", "Choose the session's robot")
+    assert next_page("not_converged", "No lens explains the points.") is None
+    assert next_page("not_converged", "The frames cannot be tied.") == ("/poses", "See the commanded poses")
+
+
+@pytest.mark.parametrize(
+    ("reason", "link"),
+    [
+        ("The poses' commanded positions are not known.", ("/poses", "Load commanded poses")),
+        ("Tying the frames needs at least 3 poses, got 2.", ("/upload", "Add images")),
+        ("Robot and camera contradict each other.", ("/poses", "See the commanded poses")),
+    ],
+)
+def test_accuracy_that_is_not_given_leads_to_what_its_reason_lacks(
+    reason: str, link: tuple[str, str]
+) -> None:
+    assert next_page("accuracy_unavailable", f"Accuracy is not given: {reason}") == link
+
+
+def test_no_sentence_of_the_numerics_has_names_of_the_api_on_pages() -> None:
+    elsewhere = {"comparison", "simulation", "jit.py", "code_cache.py", "print_inspection.py"}
+    sentences = {
+        text
+        for path in modules("core")
+        if not elsewhere & set(path.parts)
+        for text in texts_of(ast.parse(path.read_text(encoding="utf-8")))
+        if text.count(" ") > 2 and re.search(r"[a-z…)]\.(?:$| )", text)
+    }
+    assert len(sentences) > 200
+    assert not {said for text in sentences if TECHNICAL.search(said := on_pages(text)) or "(dh)" in said}
+
+
+def test_names_that_users_gave_stay_in_sentences() -> None:
+    assert on_pages("Pose home_left in img_0003.png moved.") == "Pose home_left in img_0003.png moved."
 
 
 @pytest.mark.parametrize(("model", "last"), [("brown", "k3"), ("rational", "k6"), ("kannala_brandt", "k4")])

@@ -1,0 +1,51 @@
+"""Pages of reports keep whoever chose wrongly where the choice is made, and say what there is not."""
+
+from __future__ import annotations
+
+import re
+from typing import Any
+
+from app.services.reports import NewReport, order_report
+from tests.support.service.signed_in import signed_in
+
+
+def test_a_comparison_of_none_leads_back_to_the_list_with_a_sentence(api: Any) -> None:
+    session_id = api.make_session()
+    with api.installation.database.write() as records:
+        new = NewReport(kind="camera", title=None, signatories=[], paper="a4")
+        report = order_report(records, session_id, new).report
+        report.status = "succeeded"
+        report_id = report.id
+    head = signed_in(api)
+    for query, of, said in (
+        ("", "/ui/reports", "none is ticked"),
+        (f"?report={report_id}", "/ui/reports", "one is ticked"),
+        (f"?of={session_id}", f"/ui/sessions/{session_id}/reports", "none is ticked"),
+        ("?report=a&report=b&report=c", "/ui/reports", "3 are ticked"),
+    ):
+        led = api.client.get(f"/ui/reports/comparison{query}", headers=head, follow_redirects=False)
+        assert led.status_code == 303
+        assert led.headers["location"].split("?")[0] == of
+        found = api.client.get(led.headers["location"], headers=head)
+        assert found.status_code == 200
+        assert f"Two reports are compared, and {said}: tick two." in found.text
+    listed = api.client.get(f"/ui/sessions/{session_id}/reports", headers=head).text
+    assert f'name="of" value="{session_id}"' in listed
+    assert "tick two" not in listed
+
+
+def test_what_there_is_not_is_said_with_the_list_where_it_would_be(api: Any) -> None:
+    missing = "0" * 26
+    for address, noun, listed in (
+        (f"sessions/ses_{missing}", "session", "/ui/"),
+        (f"sessions/ses_{missing}/repeatability", "session", "/ui/"),
+        (f"reports/rep_{missing}", "report", "/ui/reports"),
+        (f"robots/rob_{missing}", "robot", "/ui/robots"),
+        (f"targets/tgt_{missing}", "target", "/ui/targets"),
+    ):
+        found = api.client.get(f"/ui/{address}", headers=signed_in(api))
+        assert found.status_code == 404
+        assert f"There is no such {noun}." in found.text
+        assert "It was deleted, or the address is not right." in found.text
+        assert "load the page again" not in found.text
+        assert re.search(rf'<a class="button" href="{listed}">All \w+</a>', found.text)
