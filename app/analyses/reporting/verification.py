@@ -18,6 +18,7 @@ import sqlalchemy as sa
 
 from app.analyses.inputs.snapshot import read_snapshot
 from app.analyses.reporting.changes import changed_input, changed_inputs
+from app.analyses.reporting.figure_uncertainty import standard_uncertainty
 from app.analyses.reporting.images import measure_anew
 from app.analyses.reporting.inputs import read_inputs
 from app.analyses.reporting.known_fields import known_fields
@@ -76,7 +77,8 @@ def verify_report(database: Database, order: VerificationOrder) -> Json:
     differences = found.differences
     numbers = [one["relative_difference"] for one in differences if one["relative_difference"] is not None]
     largest = max(numbers, default=0.0) if found.is_recomputed else None
-    disagreeing = [one for one in differences if not one.pop("agrees")]
+    ratios = [one["in_uncertainties"] for one in differences if one["in_uncertainties"] is not None]
+    disagreeing = sorted((one for one in differences if not one.pop("agrees")), key=_gravity, reverse=True)
     return {
         "report_id": order.report_id,
         "agrees": found.is_recomputed
@@ -89,6 +91,7 @@ def verify_report(database: Database, order: VerificationOrder) -> Json:
         "figures": found.compared,
         "figures_equal": found.compared - len(differences),
         "largest_relative_difference": largest,
+        "largest_difference_in_uncertainties": max(ratios, default=0.0) if found.is_recomputed else None,
         "digits": _digits(largest),
         "differences": [*disagreeing, *(one for one in differences if one not in disagreeing)][:_SHOWN],
         "changed_inputs": found.changed[:_SHOWN],
@@ -201,6 +204,7 @@ def _differences(then: Mapping[str, Any], now: Mapping[str, Any]) -> Iterator[Js
             "then": _shown(before),
             "now": _shown(after),
             "relative_difference": relative,
+            "in_uncertainties": _in_uncertainties(before, after, standard_uncertainty(then, name)),
             "agrees": near,
         }
 
@@ -212,6 +216,21 @@ def _relative_difference(before: Any, after: Any) -> float | None:
             return None
     size = max(abs(before), abs(after))
     return abs(before - after) / size if size > 0.0 else 0.0
+
+
+def _in_uncertainties(before: Any, after: Any, uncertainty: float | None) -> float | None:
+    """Return the difference of two numbers over their standard uncertainty; None where there is no such."""
+    if uncertainty is None or _relative_difference(before, after) is None:
+        return None
+    return float(abs(before - after) / uncertainty)
+
+
+def _gravity(difference: Json) -> float:
+    """Return how much a difference matters: by its figure's uncertainty, else relative to the figure; texts most."""
+    if difference["relative_difference"] is None:
+        return math.inf
+    ratio = difference["in_uncertainties"]
+    return float(difference["relative_difference"] if ratio is None else ratio)
 
 
 def _digits(largest: float | None) -> int | None:

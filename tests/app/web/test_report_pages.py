@@ -6,6 +6,7 @@ import re
 from typing import Any
 
 from app.services.reports import NewReport, order_report
+from app.web.pages import environment
 from tests.support.service.signed_in import signed_in
 
 
@@ -49,3 +50,38 @@ def test_what_there_is_not_is_said_with_the_list_where_it_would_be(api: Any) -> 
         assert "It was deleted, or the address is not right." in found.text
         assert "load the page again" not in found.text
         assert re.search(rf'<a class="button" href="{listed}">All \w+</a>', found.text)
+
+
+def verification(**found: Any) -> str:
+    """What the page says of a verification that differs in one figure."""
+    one = {"path": "a.fx_px", "then": "650", "now": "650.001", "relative_difference": 1.5e-6, **found}
+    answer = {
+        "agrees": False,
+        "recomputed_from": "report",
+        "figures": 10,
+        "figures_equal": 9,
+        "digits": 5,
+        "largest_difference_in_uncertainties": one["in_uncertainties"],
+        "differences": [one],
+        "changed_inputs": [],
+        "unavailable_inputs": [],
+        "current_values": [],
+        "damaged_forms": [],
+        "is_current": True,
+        "originals": {"measured": 0, "differing": []},
+        "core_version_then": "0.1.0+a",
+        "core_version_now": one.pop("build", "0.1.0+b"),
+    }
+    shown = environment().get_template("reports/_verification.html").render(found=answer, refused=None)
+    return " ".join(shown.split())
+
+
+def test_a_report_of_another_build_is_measured_by_its_uncertainties() -> None:
+    slight = verification(in_uncertainties=0.04)
+    assert "≈ It agrees within its uncertainties" in slight
+    assert "Another build made it. The largest difference of a figure" in slight
+    assert "<b>0.040</b> of its standard uncertainty" in slight
+    assert "✕ It does not agree" in verification(in_uncertainties=1.2)
+    assert "✕ It does not agree" in verification(in_uncertainties=0.04, build="0.1.0+a")
+    assert "✕ It does not agree" in verification(in_uncertainties=None, relative_difference=None)
+    assert "≈ It agrees" in verification(in_uncertainties=None, relative_difference=1e-4)

@@ -148,6 +148,13 @@ class FigureDifference(ResponseModel):
     relative_difference: Annotated[
         float | None, Field(description="Difference over the larger of both; null for what is no number.")
     ]
+    in_uncertainties: Annotated[
+        float | None,
+        Field(
+            description="Difference over the figure's standard uncertainty in the report, that of an uncertainty over "
+            "itself; null: the report states none."
+        ),
+    ]
 
 
 class ChangedInput(ResponseModel):
@@ -237,6 +244,13 @@ class ReportVerification(ResponseModel):
     figures_equal: Annotated[int, Field(description="Of them, those with all digits equal.")]
     largest_relative_difference: Annotated[
         float | None, Field(description="Of all numbers; null where nothing could be compared.")
+    ]
+    largest_difference_in_uncertainties: Annotated[
+        float | None,
+        Field(
+            description="Of all numbers whose standard uncertainty the report states, the largest difference over it; "
+            "null where nothing could be compared."
+        ),
     ]
     digits: Annotated[
         int | None,
