@@ -66,7 +66,8 @@ _PHRASES = (
     (" with lens_model.", " with the lens model."),
     ("Ask for method=global.", "Take the global method."),
     ("the global fit with model=auto", "the global fit"),
-    ("Ask for those: source=measured_poses (--source measured_poses).", "Choose “another instrument”."),
+    ("Take method=global with model=auto,", "Take the global method with all terms,"),
+    ("source=measured_poses (--source measured_poses)", "“another instrument” under Measured by"),
     (
         "PUT each direction of approach as a pose of its own,",
         "Make each direction of approach a pose of its own,",
@@ -129,6 +130,8 @@ _FIELD_NAMES = re.compile(
 _IN_SENTENCES = {
     "T_base_target": "the target in the base",
     "T_flange_camera": "the camera on the flange",
+    "a_mm": "a",
+    "d_mm": "d",
     "focal_length_mm": "the focal length",
     "joint_coupling": "the coupling of its joints",
     "legacy_layout": "the layout of early OpenCV",

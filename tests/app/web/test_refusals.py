@@ -15,7 +15,7 @@ from tests.app.web.test_page_words import TECHNICAL
 SCRIPT = {"HX-Request": "true"}
 JOINT = {"a_mm": 180.0, "alpha_deg": -90.0, "d_mm": 400.0}
 CHARUCO = {"name": "T", "kind": "charuco", "columns": 9, "rows": 6, "pitch_mm": 25.0}
-METRES = [{**JOINT, "a_mm": 0.18}] * 6
+METRES = [{**JOINT, "a_mm": 0.18, "d_mm": 0.4}] * 6
 CASES = (
     ("/v1/sessions", {"name": "", "target_ids": [], "conditions": {"temperature_c": 999}}),
     ("/v1/sessions", {"name": "S", "target_ids": ["tgt_" + "0" * 26]}),
