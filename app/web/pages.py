@@ -204,6 +204,7 @@ def environment() -> Environment:
         length_with_uncertainty=words.length_with_uncertainty,
         rounded_by=words.rounded_by,
         rounded_by_interval=words.rounded_by_interval,
+        shown_change=words.shown_change,
         plural=words.plural,
         verdicts=words.VERDICTS,
         decisions=words.DECISIONS,

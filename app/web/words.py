@@ -14,6 +14,7 @@ from app.reports.forms import words as named
 
 NONE = "–"
 _MINUS = "−"
+MAX_MORE_DIGITS = 3
 
 
 @dataclass(frozen=True, slots=True)
@@ -208,6 +209,23 @@ def rounded_by(value: float | None, scatter: float | None, digits: int = 3) -> s
 def rounded_by_interval(value: float | None, bounds: Sequence[float] | None) -> str:
     """Return a value to the digits that its 95 % interval supports."""
     return number(value) if bounds is None else rounded_by(value, (bounds[1] - bounds[0]) / 4.0)
+
+
+def shown_change(
+    earlier: float, later: float, difference: float, bounds: Sequence[float]
+) -> tuple[str, str, str]:
+    """Return two values and their difference, to the digits that its 95 % interval supports, and so many more that what
+    is shown of the values differs by what is shown of the difference.
+    """
+    decimals = decimals_of((bounds[1] - bounds[0]) / 4.0)
+    if decimals is None:
+        return number(earlier), number(later), number(difference)
+    for more in range(MAX_MORE_DIGITS + 1):
+        rounded = [round(value, decimals + more) for value in (earlier, later, difference)]
+        if abs(rounded[1] - rounded[0] - rounded[2]) < 0.1 * 10.0 ** -(decimals + more):
+            decimals += more
+            break
+    return fixed(earlier, decimals), fixed(later, decimals), fixed(difference, decimals)
 
 
 def length_with_uncertainty(vector: Sequence[float], uncertainty: Sequence[float]) -> str:

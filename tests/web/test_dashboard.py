@@ -335,9 +335,7 @@ def test_pages_are_readable_without_scripts(cell: Cell, chromium: Any, open_page
     assert page.locator(".tile").count() == 1
     page.goto(f"/ui/sessions/{cell.session_id}/repeatability", wait_until="domcontentloaded")
     assert page.locator("table.iso tbody tr").count() == 2
-    page.click(
-        "summary:has-text('1 pose without a figure')"
-    )  # folded: it is no reason to look far for the scatter
+    page.click("summary:has-text('1 pose without RP')")  # folded: it is no reason to look far for the scatter
     assert page.is_visible("td >> text=0")
     page.goto(f"/ui/measurements/{cell.refused_id}", wait_until="domcontentloaded")
     assert "What to do:" in page.inner_text("main")

@@ -99,6 +99,11 @@ def with_interval(
     return number(value, quarter, places=places), f"{low} … {high}"
 
 
+def of_unknown_uncertainty(value: float | None) -> str:
+    """Return a figure that has no interval: as if it were known to a tenth, which is more than is known of it."""
+    return number(value, None if value is None else 0.1 * abs(value))
+
+
 def vector(values: Sequence[float] | None, *, places: int = 3) -> list[str]:
     """Return three numbers as cells."""
     return [UNKNOWN] * 3 if values is None else [number(value, places=places) for value in values]

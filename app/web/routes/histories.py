@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from typing import Annotated, Any
 from urllib.parse import quote
 
@@ -24,6 +25,7 @@ router = page_router()
 MAX_POINTS = 200
 """Sessions of one figure that a page lists, the latest; the CSV has all."""
 TWO = 2
+SIGMAS_BETWEEN_LIMITS = 6.0
 
 
 @router.get("/robots/{robot_id}/history", operation_id="get_robot_history")
@@ -98,5 +100,21 @@ def tests_of(document: dict[str, Any]) -> list[dict[str, Any]]:
             key=lambda row: (row["measured_at"], row["report_id"] or row["qualification_id"]),
             reverse=True,
         )
+        figures = [{**one, "interval": supported(one, document["session_figures"])} for one in figures]
         tests.append({**test, "figures": figures, "names": names, "rows": rows[:MAX_POINTS]})
     return tests
+
+
+def supported(series: Mapping[str, Any], points: Sequence[Mapping[str, Any]]) -> list[float] | None:
+    """Return the interval whose width says how many digits a series' figures support: that of its last point, else one
+    of two standard deviations from the sessions' scatter, by its limits; None where neither is known.
+    """
+    name = ("test", "of", "figure")
+    own = [one for one in points if all(one[key] == series[key] for key in name)]
+    if own and own[-1]["low"] is not None and own[-1]["high"] is not None:
+        return [own[-1]["low"], own[-1]["high"]]
+    limits = series["limits"]
+    if limits is None:
+        return None
+    reach = 2.0 * (limits["high"] - limits["low"]) / SIGMAS_BETWEEN_LIMITS
+    return [limits["centre"] - reach, limits["centre"] + reach]

@@ -156,7 +156,7 @@ def test_accuracy_of_unknown_uncertainty_is_given_without_an_interval() -> None:
         way |= {"standard_uncertainty_mm": None, "ad_interval_mm": None}
     forms = render_forms(document, {}, CompanyTemplate())
     page = forms["html"].decode()
-    assert "0.1234 mm at pose P1, interval not known" in page
+    assert "0.123 mm at pose P1, interval not known" in page
     assert "None" not in page.replace("None.", "").replace("None:", "")
 
 
@@ -170,12 +170,12 @@ def test_the_largest_ap_is_that_of_all_poses_with_one_visit_or_more() -> None:
         once[part] = dict.fromkeys(once[part])
     once["verdict"] = "too_few_cycles"
     page = render_forms(document, {}, CompanyTemplate())["html"].decode()
-    assert f"0.5000 mm at pose {once['pose_id']}, interval not known" in page
+    assert f"0.500 mm at pose {once['pose_id']}, interval not known" in page
     for pose in found["poses"]:
         pose["repeatability"] = dict.fromkeys(pose["repeatability"])
     page = render_forms(document, {}, CompanyTemplate())["html"].decode()
     assert "No repeatability is known" in page
-    assert f"0.5000 mm at pose {once['pose_id']}, interval not known" in page
+    assert f"0.500 mm at pose {once['pose_id']}, interval not known" in page
 
 
 def test_a_corrected_figure_is_given_where_it_is_determined() -> None:

@@ -26,6 +26,7 @@ from app.web.words import (
     number,
     rounded_by,
     rounded_by_interval,
+    shown_change,
     signless_zero,
     size,
     with_uncertainty,
@@ -56,6 +57,10 @@ def test_values_have_the_digits_that_their_uncertainty_supports() -> None:
     assert (rounded_by(69.4347193, 0.143), rounded_by(1645.85, 2700.0)) == ("69.43", "1646")
     assert (rounded_by(1160.0212, None, 6), rounded_by(None, 0.1)) == ("1160.02", "–")
     assert rounded_by_interval(1163.218, [-1.2, 0.8]) == "1163.22"
+    # What is shown of the difference is that of what is shown.
+    assert shown_change(427.75, 427.73, -0.02, [-2.6, 2.5]) == ("427.75", "427.73", "−0.02")
+    assert shown_change(0.12345, 0.2, 0.07655, [0.05, 0.1]) == ("0.123", "0.200", "0.077")
+    assert shown_change(1.0, 2.0, 1.0, [1.0, 1.0]) == ("1.00", "2.00", "1.00")
     assert interval([-0.0004, 0.1951]) == "[0.000, 0.195]"
     assert interval(None) == "–"
     assert (signless_zero("-0.00"), signless_zero("-0.01")) == ("0.00", "−0.01")
@@ -310,10 +315,10 @@ def test_both_decisions_on_a_data_sheet_stand_on_the_page(api: Any) -> None:
     answer = api.client.get(f"/v1/sessions/{session}/repeatability?source=measured_poses").json()
     for pose in answer["poses"]:
         one = pose["accuracy"]
-        figures = (
-            f'{number(one["ap_p_mm"])} <span class="quiet">{interval(one["interval"]["ap_p_mm"])}</span>'
-        )
-        assert f'{figures} <span class="quiet">held out {number(one["held_out"]["ap_p_mm"])}</span>' in page
+        known = one["interval"]["ap_p_mm"]
+        figures = f'{rounded_by_interval(one["ap_p_mm"], known)} <span class="quiet">{interval(known)}</span>'
+        held_out = rounded_by_interval(one["held_out"]["ap_p_mm"], known)
+        assert f'{figures} <span class="quiet">held out {held_out}</span>' in page
     assert "held out: tied by the other poses alone." in page
     for name in ("Floor, mm", "Corrected, mm", "AD, mm", "RD, mm"):
         assert f'<th scope="col">{name}' in page
@@ -360,9 +365,11 @@ def test_drift_has_one_uncertainty_everywhere(api: Any) -> None:
 def test_an_accuracy_without_an_interval_says_so() -> None:
     shown = environment().get_template("_macros.html").module.accuracy  # type: ignore[attr-defined]
     one: dict[str, Any] = {"ap_p_mm": 0.0712618, "interval": {"ap_p_mm": None}, "held_out": {"ap_p_mm": None}}
-    assert shown(one) == '0.0713 <span class="quiet">no interval</span>'
+    assert shown(one) == '0.071 <span class="quiet">no interval</span>'
     one["held_out"]["ap_p_mm"] = 0.0618545
-    assert shown(one).endswith('no interval</span> <span class="quiet">held out 0.0619</span>')
+    assert shown(one).endswith('no interval</span> <span class="quiet">held out 0.062</span>')
+    one["interval"]["ap_p_mm"] = [0.05, 0.15]
+    assert shown(one).startswith('0.071 <span class="quiet">[0.050, 0.150]')
     assert shown(None) == "–"
 
 

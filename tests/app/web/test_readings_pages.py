@@ -7,6 +7,7 @@ from typing import Any
 
 import pytest
 
+from app.web.words import rounded_by_interval
 from tests.support.service.signed_in import signed_in
 from tests.support.sessions.stored_sessions import new_session
 from tests.support.sessions.tracked_robot import drawn_poses, readings, send
@@ -32,7 +33,10 @@ def test_the_list_of_sessions_counts_readings_and_has_their_headline(api: Any, s
     assert "no images yet" not in listed
     assert f'data-headline="/ui/sessions/{session_id}/headline"' in listed
     headline = page(api, f"sessions/{session_id}/headline")
-    assert re.search(r"<b>0\.\d+</b> mm", headline)
+    (shown,) = re.findall(r"<b>(0\.\d+)</b> mm", headline)
+    answer = api.client.get(f"/v1/sessions/{session_id}/repeatability?source=measured_poses").json()
+    worst = max(answer["poses"], key=lambda pose: pose["repeatability"]["rp_l_mm"])
+    assert shown == rounded_by_interval(worst["repeatability"]["rp_l_mm"], worst["interval"]["rp_l_mm"])
     assert "no figure" not in headline
     assert headline.split("</a>")[0] in page(api, ""), "it is kept for the next ones who ask"
 

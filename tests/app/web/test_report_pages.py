@@ -7,6 +7,7 @@ from typing import Any
 
 from app.services.reports import NewReport, order_report
 from app.web.pages import environment
+from app.web.routes.histories import supported
 from tests.support.service.signed_in import signed_in
 
 
@@ -85,3 +86,12 @@ def test_a_report_of_another_build_is_measured_by_its_uncertainties() -> None:
     assert "✕ It does not agree" in verification(in_uncertainties=0.04, build="0.1.0+a")
     assert "✕ It does not agree" in verification(in_uncertainties=None, relative_difference=None)
     assert "≈ It agrees" in verification(in_uncertainties=None, relative_difference=1e-4)
+
+
+def test_a_history_has_the_digits_that_its_points_or_limits_support() -> None:
+    series: dict[str, Any] = {"test": 1, "of": "joint 1", "figure": "a_mm", "limits": None}
+    points = [{**series, "low": 179.0, "high": 181.0}, {**series, "low": 179.9, "high": 180.3}]
+    assert supported(series, points) == [179.9, 180.3]
+    assert supported(series, [{**series, "low": None, "high": None}]) is None
+    charted = {**series, "limits": {"centre": 5.0, "low": 2.0, "high": 8.0}}
+    assert supported(charted, []) == [3.0, 7.0], "two standard deviations, of limits of three"

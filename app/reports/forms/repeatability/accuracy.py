@@ -5,7 +5,15 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from app.reports.forms.blocks import Block, heading, number, paragraph, table, with_interval
+from app.reports.forms.blocks import (
+    Block,
+    heading,
+    number,
+    of_unknown_uncertainty,
+    paragraph,
+    table,
+    with_interval,
+)
 from app.reports.forms.repeatability.figure_names import AP_AXES, AXES
 
 Json = Mapping[str, Any]
@@ -18,8 +26,13 @@ def accuracy_blocks(found: Json, level: str) -> list[Block]:
         one = pose["accuracy"]
         if one is None:
             continue
-        value, interval = with_interval(one["ap_p_mm"], one["interval"]["ap_p_mm"])
-        rows.append([pose["pose_id"], value, interval, number(one["held_out"]["ap_p_mm"])])
+        known = one["interval"]["ap_p_mm"]
+        value, interval = with_interval(one["ap_p_mm"], known)
+        held_out, _ = with_interval(one["held_out"]["ap_p_mm"], known)
+        if known is None:
+            value = of_unknown_uncertainty(one["ap_p_mm"])
+            held_out = of_unknown_uncertainty(one["held_out"]["ap_p_mm"])
+        rows.append([pose["pose_id"], value, interval, held_out])
         axes_rows.append(
             [pose["pose_id"], *(with_interval(one[name], one["interval"][name])[0] for name in AP_AXES)]
         )

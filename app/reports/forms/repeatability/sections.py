@@ -13,6 +13,7 @@ from app.reports.forms.blocks import (
     heading,
     notes,
     number,
+    of_unknown_uncertainty,
     paragraph,
     table,
     vector,
@@ -127,9 +128,10 @@ def _decision(one: Json, title: str, limit_mm: float, level: str, how: str) -> l
 
 
 def _at_pose(value_mm: float, interval_mm: Sequence[float] | None, pose_id: str, level: str) -> str:
+    if interval_mm is None:
+        return f"{of_unknown_uncertainty(value_mm)} mm at pose {pose_id}, interval not known"
     value, interval = with_interval(value_mm, interval_mm)
-    known = f"{level} interval {interval} mm" if interval_mm is not None else "interval not known"
-    return f"{value} mm at pose {pose_id}, {known}"
+    return f"{value} mm at pose {pose_id}, {level} interval {interval} mm"
 
 
 def _instrument(found: Json) -> list[Block]:
