@@ -45,7 +45,7 @@ def _none(settings: Settings) -> CheckResult:
     except InstallationRefused:
         identity = None  # the check of the data folder reports it
     if identity is None or datetime.now(UTC) - identity.created_at < _NEW:
-        return ok("none yet; `gridpose backup DIR` makes one")
+        return warn("none yet", _DAILY)
     return warn("none was made", _DAILY)
 
 
