@@ -216,8 +216,13 @@ def list_of(code: str) -> tuple[str, str]:
 
 @pass_context
 def linked(context: Context, text: str) -> Markup:
-    """Return a sentence whose ids are links to their pages: by the name that the page knows, or by their kind."""
-    names: Mapping[str, Any] = {one.id: one.name for one in context.get("targets") or ()}
+    """Return a sentence whose ids are links to their pages: by the name that the page knows (`targets` and
+    `image_names`), or by their kind.
+    """
+    names: Mapping[str, Any] = {
+        **{one.id: one.name for one in context.get("targets") or ()},
+        **(context.get("image_names") or {}),
+    }
     parts: list[Markup] = []
     numbers: dict[str, int] = {}
     end = 0

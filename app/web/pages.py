@@ -32,7 +32,7 @@ from app.http import (
 )
 from app.logs import Logger
 from app.records.activity import acting
-from app.reports.forms import NOT_STEADY
+from app.reports.forms import NOT_STEADY, symbols
 from app.web import page_words, words
 from app.web.service import service_of
 from app.web.static_files import static_version
@@ -195,6 +195,7 @@ def environment() -> Environment:
         coded=page_words.coded,
         on_pages=page_words.on_pages,
         named=page_words.named,
+        symbols=symbols,
         quoted=lambda text: quote(str(text), safe=""),
     )
     made.globals.update(

@@ -89,7 +89,8 @@ def exclusion_warnings(data: SessionData, excluded: Mapping[str, ExcludedMeasure
     return [
         Advisory(
             "images_excluded",
-            f"{len(excluded)} of {len(data.images)} measured images are not in the figures: {found}.",
+            f"{len(excluded)} of the {len(data.images)} images in which grid points were found are not in the figures: "
+            f"{found}.",
             "Look at their failures and overlays, and upload better ones of these poses if need be."
             if set(reasons) != {"image_size_differs"}
             else "Give each camera setting a focus_group of its own: they count in a camera of their own size.",

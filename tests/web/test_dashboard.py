@@ -197,8 +197,10 @@ def test_results_come_live_and_the_end_of_a_session_is_said(cell: Cell, open_pag
     page = open_page(f"/ui/sessions/{session_id}")
     assert "No image is here yet" in page.inner_text("main")
     image = cell.images[0]
-    cell.api.put_image(session_id, image.data, "P1", cycle=1)
+    cell.api.put_image(session_id, image.data, "above_the_table", cycle=12)
     page.wait_for_selector(".tile.good", timeout=20_000)
+    cut_off = "[...document.querySelectorAll('.tile .name')].some((one) => one.scrollWidth > one.clientWidth)"
+    assert not page.evaluate(cut_off), "the cycle is read, too"
     assert page.inner_text(".count-succeeded") == "1"
     cell.api.client.delete(f"/v1/sessions/{session_id}")
     page.wait_for_selector("#notice:not([hidden])")

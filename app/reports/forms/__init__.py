@@ -8,7 +8,7 @@ from app.reports.forms.figures import figures_of
 from app.reports.forms.rendering import FORMAT, FORMAT_VERSION, RenderingFailed, render_forms
 from app.reports.forms.repeatability import VERDICTS
 from app.reports.forms.template import CompanyTemplate, TemplateInvalid, read_template
-from app.reports.forms.wording import NOT_STEADY, SENTENCES, words
+from app.reports.forms.wording import NOT_STEADY, SENTENCES, symbols, words
 
 __all__ = [
     "FORMAT",
@@ -22,5 +22,6 @@ __all__ = [
     "figures_of",
     "read_template",
     "render_forms",
+    "symbols",
     "words",
 ]

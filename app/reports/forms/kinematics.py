@@ -18,7 +18,7 @@ from app.reports.forms.blocks import (
     table,
     warnings_of,
 )
-from app.reports.forms.wording import words
+from app.reports.forms.wording import symbols, words
 
 Json = Mapping[str, Any]
 ANGLES = ("roll_deg", "pitch_deg", "yaw_deg")
@@ -40,6 +40,7 @@ def kinematics_blocks(found: Json, inputs: Json) -> list[Block]:
 
 def _result(found: Json) -> list[Block]:
     validation, residual = found["validation"], found["residual"]
+    measured = "images" if found.get("source", "images") == "images" else "readings"
     rows: list[tuple[str, Any]] = [
         ("method", words(found["method"])),
         ("model", words(found["model"])),
@@ -47,9 +48,9 @@ def _result(found: Json) -> list[Block]:
         ("residual", _errors(residual)),
     ]
     if validation is not None:
-        rows.append(("held-out poses", f"{_errors(validation)}, {validation['held_out_poses']} poses"))
+        rows.append(("held out", f"{_errors(validation)}, {validation['held_out_poses']} {measured}"))
         if validation["nominal"] is not None:
-            rows.append(("the nominal model on the same poses", _errors(validation["nominal"])))
+            rows.append(("the nominal model on the same", _errors(validation["nominal"])))
     level = found.get("level")
     return [heading("Result"), facts(rows), *notes([level["reason"], level["gain"]] if level else [])]
 
@@ -104,7 +105,9 @@ def _symbol(name: str) -> str:
 
 
 def _identifiability(found: Json) -> list[Block]:
-    sentences = [one["sentence"] for one in found.get("unidentifiable") or found.get("null_space") or ()]
+    sentences = [
+        symbols(one["sentence"]) for one in found.get("unidentifiable") or found.get("null_space") or ()
+    ]
     if not sentences:
         return [heading("Identifiability"), paragraph("The poses determine every parameter of the model.")]
     return [

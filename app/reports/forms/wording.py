@@ -59,6 +59,8 @@ _METHODS = {"DELETE": "delete", "GET": "ask for", "PATCH": "change", "POST": "se
 _KINDS = {"mea": "an image", "mpo": "a reading", "rob": "the robot", "ses": "the session", "tgt": "a target"}
 _UNIT = re.compile(r"_(?:mm|deg|px|um|kg|percent|min|c|h|s|id)$")
 _REQUEST = re.compile(r" ?\([^()]*(?:`gridpose|\bgridpose [a-z]|\b(?:DELETE|GET|PATCH|POST|PUT)\b)[^()]*\)")
+_LETTERS = {"alpha": "α", "beta": "β", "theta": "θ"}
+_PARAMETER = re.compile(r"\b(alpha|beta|theta)(\d+)(?: offset)?\b")
 _TECHNICAL = (
     r"(?P<id>\b[a-z]{3}_[0-9a-hjkmnp-tv-z]{26}\b)"
     r"|(?P<setting>\b[a-z_]+)=(?P<value>[A-Za-z0-9_]+)"
@@ -71,6 +73,11 @@ _TECHNICAL = (
 def words(code: str) -> str:
     """Return a code as words: `below_detection` as "below detection"."""
     return _NAMES.get(code, code.replace("_", " "))
+
+
+def symbols(text: str) -> str:
+    """Return a text with a robot's parameters as tables have them: `theta1 offset` as "θ1", `alpha6` as "α6"."""
+    return _PARAMETER.sub(lambda match: f"{_LETTERS[match[1]]}{match[2]}", text)
 
 
 def worded(document: Json) -> dict[str, Any]:

@@ -9,7 +9,7 @@ from starlette.concurrency import run_in_threadpool
 from starlette.responses import Response
 
 from app.analyses.outcome import AnalysisRefused
-from app.web.analyses import analysis_document
+from app.web.analyses import analysis_document, image_names
 from app.web.pages import page_router, render
 from app.web.routes.measurements import camera_rows
 from app.web.routes.repeatability import EstimatorText, head_of, settings_of
@@ -36,6 +36,7 @@ async def show_camera(request: Request, session_id: str, estimator: EstimatorTex
         document=None if is_refused else found,
         groups=groups,
         settings={**settings, "source": "images"},
+        image_names=await image_names(request, found),
     )
 
 
@@ -51,6 +52,7 @@ async def show_comparison(
         request,
         "analyses/comparison.html",
         **context,
+        image_names=await image_names(request, found),
         refused=found if is_refused else None,
         document=None if is_refused else found,
     )

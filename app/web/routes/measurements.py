@@ -69,11 +69,12 @@ def in_words(calibration: dict[str, Any] | None) -> str:
         return ""
     share = calibration["observability"]["focal_relative_uncertainty"]
     uncertainty = calibration["pose"]["standard_uncertainty"]
-    distance = max(uncertainty[f"{axis}_mm"] for axis in "xyz")
+    axis = max("xyz", key=lambda one: uncertainty[f"{one}_mm"])
     points = calibration["reprojection"]["points"]
     return (
         f"{points} grid points determine the focal length to {number(100.0 * share, 2)} % and the camera's position to "
-        f"{number(distance, 2)} mm (one standard deviation), from this image alone. Together with the session's other "
+        f"{number(uncertainty[f'{axis}_mm'], 2)} mm along {axis}, where it is least certain (one standard deviation), "
+        "from this image alone. Together with the session's other "
         "images both are far better known: see Repeatability and Camera."
     )
 

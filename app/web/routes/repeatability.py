@@ -12,7 +12,7 @@ from starlette.responses import JSONResponse, Response
 from app.analyses.outcome import AnalysisRefused
 from app.services.measured_poses import source_of
 from app.services.sessions import get_session
-from app.web.analyses import analysis_document
+from app.web.analyses import analysis_document, image_names
 from app.web.bars import bars_of
 from app.web.pages import page_router, render
 from app.web.routes.sessions import session_context
@@ -72,6 +72,7 @@ async def show_repeatability(
         **context,
         **shown,
         settings=settings,
+        image_names=await image_names(request, found),
         own_source=own_source,
         limit=limit_of(found),
     )

@@ -18,7 +18,7 @@ from app.http import get_requester
 from app.records.tables import Robot, Session
 from app.services.queries import get_or_raise, visible
 from app.services.robots import list_robots
-from app.web.analyses import analysis_document
+from app.web.analyses import analysis_document, image_names
 from app.web.pages import is_fragment, page_router, render
 from app.web.robot_parameters import joint_rows, objections, weak_joints
 from app.web.routes.repeatability import SourceText, chosen_source, head_of, settings_of
@@ -89,6 +89,7 @@ async def show_identification(
         computed=True,
         refused=refused,
         document=document,
+        image_names=await image_names(request, found),
         joints=joint_rows(document) if document else [],
         objections=objections(document) if document else [],
         weak_joints=weak_joints(document) if document else [],

@@ -12,7 +12,7 @@ import pypdfium2
 import pytest
 
 from app.reports.forms import CompanyTemplate, render_forms
-from app.reports.forms.kinematics import ANGLES, frame_blocks
+from app.reports.forms.kinematics import ANGLES, _result, frame_blocks
 from tests.reference.archives.make import FOLDER
 
 
@@ -327,6 +327,20 @@ def _accuracy(value: float, held_out: float | None = None) -> dict[str, Any]:
 def _pdf_text(content: bytes) -> str:
     text = " ".join(page.get_textpage().get_text_range() for page in pypdfium2.PdfDocument(content))
     return " ".join(text.split())
+
+
+def test_held_out_measurements_are_counted_as_what_they_are() -> None:
+    errors = {"position_rms_mm": 0.1, "rotation_rms_deg": None}
+    found: dict[str, Any] = {
+        "method": "global",
+        "model": "dh",
+        "convention": "classic_dh",
+        "residual": errors,
+    }
+    found["validation"] = {**errors, "held_out_poses": 240, "nominal": None}
+    for source, counted in (("images", "240 images"), ("measured_poses", "240 readings")):
+        _, block = _result({**found, "source": source})
+        assert dict(block["rows"])["held out"].endswith(counted)
 
 
 def test_frames_of_the_kinematics_stand_with_their_uncertainties() -> None:

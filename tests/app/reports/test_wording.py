@@ -12,7 +12,7 @@ from typing import Any
 import pytest
 
 from app.reports.forms import NOT_STEADY, CompanyTemplate, render_forms
-from app.reports.forms.wording import Wording, words
+from app.reports.forms.wording import Wording, symbols, words
 from core import metrology
 from tests.reference.archives.make import FOLDER
 from tests.support.report_texts import TECHNICAL, technical_words
@@ -129,6 +129,11 @@ def test_texts_with_ids_settings_and_fields_are_read_in_every_form(documents: li
         assert said in forms[form].decode()
         assert "Use the estimator “each image alone”." in forms[form].decode()
     assert f"{target['id']} and {image['measurement_id']}" in forms["json"].decode(), "programs keep the ids"
+
+
+def test_parameters_of_a_robot_are_written_as_tables_have_them() -> None:
+    said = symbols("theta1 offset and d1, alpha6, beta2 and theta12 offset; thetas stay.")
+    assert said == "θ1 and d1, α6, β2 and θ12; thetas stay."
 
 
 def test_codes_are_read_as_words() -> None:

@@ -10,6 +10,7 @@ from jaxtyping import Float
 
 from app.analyses.documents.dh import identified
 from app.reports.arm_schematic import JointAxis, LinkPart, UndeterminedGroup, arm_schematic_svg
+from app.reports.forms import symbols
 from core.kinematics import Chain, frames
 from core.session import RobotIdentification, SessionData
 
@@ -26,7 +27,7 @@ def identifiability_plot(data: SessionData, settings: Mapping[str, str], about: 
     camera = (T[-1] @ found.T_flange_camera)[:3, 3]
     parts.append(LinkPart("tool", T[-1, :3, 3], camera))
     groups = [
-        UndeterminedGroup(letter, _placed(group.parameters, T, places, camera), group.sentence)
+        UndeterminedGroup(letter, _placed(group.parameters, T, places, camera), symbols(group.sentence))
         for letter, group in zip(_letters(), found.null_space, strict=False)
     ]
     title = "What these poses cannot determine" if groups else "These poses determine every parameter"

@@ -16,7 +16,7 @@ from app.http import holds
 from app.records.tables import Target
 from app.services.queries import visible
 from app.services.robots import limits_setting
-from app.web.analyses import analysis_document
+from app.web.analyses import analysis_document, image_names
 from app.web.pages import is_fragment, page_router, render
 from app.web.routes.repeatability import SourceText, chosen_source, head_of, settings_of
 from app.web.service import service_of
@@ -100,6 +100,7 @@ async def _show(
     shown: dict[str, Any] = {
         "part": part,
         "settings": settings,
+        "image_names": await image_names(request, found),
         "refused": found if is_refused else None,
         "document": None if is_refused else found,
         "views": [] if isinstance(found, AnalysisRefused) else views_of(found.get("suggestions", [])),
