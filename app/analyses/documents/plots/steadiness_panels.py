@@ -76,7 +76,7 @@ def steadiness_summary(steadiness: SessionSteadiness) -> str:
     p = found.p_values
     verdict = "not steady" if found.steady is False else "nothing speaks against steady cycles"
     signs = [_ATTRIBUTED[found.attribution]] if found.attribution is not None else []
-    if found.two_points:
+    if found.two_points and not signs:  # a step of all cycles makes two clusters of its own
         named = listed(steadiness.pose_ids[one.pose] for one in found.two_points)
         signs.append(f"two stopping points at {named}")
     why = f": {', and '.join(signs)}" if signs else ""
