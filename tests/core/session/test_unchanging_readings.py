@@ -86,7 +86,7 @@ def test_no_robot_passes_or_fails_by_readings_that_do_not_change() -> None:
     for one in (found.repeatability, found.accuracy):
         assert one is not None
         assert one.found.decision is Decision.INCONCLUSIVE
-        assert "2 whose readings do not change" in one.found.reason
+        assert "P1, P2, whose readings do not change" in one.found.reason
 
 
 def test_a_witness_that_does_not_change_did_not_move() -> None:
