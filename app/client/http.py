@@ -159,9 +159,9 @@ class ServiceClient(Closing):
             if cursor is None:
                 return
 
-    def change(self, path: str, body: Json) -> Json:
+    def change(self, path: str, body: Json, **query: Any) -> Json:
         """PATCH a resource."""
-        return self._json("PATCH", path, repeatable=True, json=body)
+        return self._json("PATCH", path, repeatable=True, json=body, params=_without_nulls(query))
 
     def delete(self, path: str, **query: Any) -> Json | None:
         """DELETE resources and return what the service answers, None for nothing."""

@@ -144,6 +144,12 @@ def test_what_is_known_of_a_print_is_changed(served: Any, tmp_path: Path) -> Non
     assert "target_not_found" in gridpose(served, *change, "none", "--name", "x", code=1).stderr
     file.write_text(json.dumps({"pitch_mm": 26.0}), encoding="utf-8")
     assert "pitch_mm" in gridpose(served, *change, target, "--file", str(file), code=1).stderr
+    rough = {**certificate, "standard_uncertainty": {**uncertainty, "pitch_x_mm": 3.0}}
+    file.write_text(json.dumps(rough), encoding="utf-8")
+    refused = gridpose(served, *change, target, "--certificate", str(file), code=1).stderr
+    assert "--accept-implausible" in " ".join(refused.split())
+    gridpose(served, *change, target, "--certificate", str(file), "--accept-implausible")
+    assert served.client.get(path).json()["certificate"]["standard_uncertainty"]["pitch_x_mm"] == 3.0
 
 
 def test_a_file_changes_lens_and_conditions_of_a_session(served: Any, tmp_path: Path) -> None:

@@ -10,7 +10,7 @@ import typer
 from ... import Json, ServiceClient, find_target
 from ..access import UploadAccess
 from ..console import OptionRefused
-from ..creation import ChangesFile
+from ..creation import AcceptImplausible, ChangesFile
 from ..record_files import read_mapping
 from .description import PrintKind
 
@@ -31,6 +31,7 @@ def change(
         ),
     ] = None,
     file: ChangesFile = None,
+    accept_implausible: AcceptImplausible = False,
 ) -> int:
     """Change a target's name, or what is known of its print: its kind, its certificate.
 
@@ -51,7 +52,7 @@ def change(
                 "Nothing is to be changed.", "Give --name, --print-kind, --certificate or --file."
             )
         target_id = find_target(client, target)["id"]
-        client.change(f"/v1/targets/{target_id}", changes)
+        client.change(f"/v1/targets/{target_id}", changes, accept_implausible=accept_implausible or None)
         print(f"{target_id} changed")
 
     return service.run(act)
