@@ -107,7 +107,9 @@ def _edges(rows: int, columns: int, origin_is_bright: bool, side: int, depths: t
     """Return the edges beyond a side (top, bottom, left, right), each at some depths of each line of squares."""
     count, last = (columns, rows - 1) if side < 2 else (rows, columns - 1)
     lines = np.arange(_FIRST, _LAST)
-    number, depth, along = (a.ravel() for a in np.meshgrid(lines, depths, np.arange(count), indexing="ij"))
+    number, depth, along = (
+        a.ravel() for a in np.meshgrid(lines, depths, np.arange(count, dtype=np.float64), indexing="ij")
+    )
     is_before = side in (0, 2)
     outward = -(number + depth) if is_before else last + number + depth
     cell = -number - 1 if is_before else last + number
