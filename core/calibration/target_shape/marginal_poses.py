@@ -35,7 +35,13 @@ from core.calibration.target_shape.departures import (
     ShapePrior,
     mirrored,
 )
-from core.calibration.target_shape.mean_views import MeanView, images_by_pose, mean_view, noise_of
+from core.calibration.target_shape.mean_views import (
+    MeanView,
+    images_by_pose,
+    mean_view,
+    noise_of,
+    smallest_noise,
+)
 from core.geometry import so3_exp, so3_log
 
 STEPS = 3
@@ -125,6 +131,8 @@ class _Problem:
     free: int
     repeats: bool
     """Whether the noise is that of repeated images."""
+    least_growth: float
+    """What the smallest noise that points may have leaves of the squares: exact points have some by rounding alone."""
 
     @classmethod
     def of(cls, fit: CommonFit, priors: Sequence[ShapePrior]) -> _Problem:
@@ -141,7 +149,8 @@ class _Problem:
         for d in found:
             first.append(size)
             size += len(d.names) + (2 * d.fields.shape[2] if d.point_mm > 0.0 else 0)
-        return cls(fit, views, tuple(found), tuple(first), size, free, repeats)
+        least_growth = (smallest_noise(fit) / noise) ** 2
+        return cls(fit, views, tuple(found), tuple(first), size, free, repeats, least_growth)
 
     def start(self) -> _State:
         rows = [int(view.images[0]) for view in self.views]
@@ -261,7 +270,7 @@ class _Problem:
         freedom = max(system.observations - 6 * len(self.views) - fitted, 1.0)
         ratio = system.squares / freedom
         if not self.repeats:
-            return ratio
+            return max(ratio, self.least_growth)
         excess = max(ratio - 1.0, 0.0)
         z_squared = excess**2 * freedom / 2.0
         return 1.0 + excess * z_squared / (1.0 + z_squared)

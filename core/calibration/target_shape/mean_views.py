@@ -56,10 +56,14 @@ def noise_of(
         about = residuals[:, points] - residuals[:, points].mean(axis=1, keepdims=True)
         squares += float(np.sum(about**2 * fit.views.weight[points]))
         freedom += (len(points) - 1) * (2 * points.shape[1] - 6)
-    least = SMALLEST_NOISE_PX / float(fit.views.uncertainty.mean())
     if freedom >= MIN_FREEDOM_OF_REPEATS:
-        return max(math.sqrt(squares / freedom), least), True
-    return max(fit.scale, least), False
+        return max(math.sqrt(squares / freedom), smallest_noise(fit)), True
+    return max(fit.scale, smallest_noise(fit)), False
+
+
+def smallest_noise(fit: CommonFit) -> float:
+    """Return the least σ that points may have, per unit of stated uncertainty."""
+    return SMALLEST_NOISE_PX / float(fit.views.uncertainty.mean())
 
 
 def mean_view(
