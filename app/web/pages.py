@@ -32,7 +32,7 @@ from app.http import (
 )
 from app.logs import Logger
 from app.records.activity import acting
-from app.reports.forms import NOT_STEADY, symbols
+from app.reports.forms import symbols
 from app.web import page_words, words
 from app.web.service import service_of
 from app.web.static_files import static_version
@@ -222,7 +222,6 @@ def environment() -> Environment:
         methods=words.METHODS,
         lens_models=words.LENS_MODELS,
         query=query_of,
-        not_steady_share=NOT_STEADY,
         sqrt=math.sqrt,
     )
     return made

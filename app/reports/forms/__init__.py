@@ -8,12 +8,11 @@ from app.reports.forms.figures import figures_of
 from app.reports.forms.rendering import FORMAT, FORMAT_VERSION, RenderingFailed, render_forms
 from app.reports.forms.repeatability import VERDICTS
 from app.reports.forms.template import CompanyTemplate, TemplateInvalid, read_template
-from app.reports.forms.wording import NOT_STEADY, SENTENCES, symbols, words
+from app.reports.forms.wording import SENTENCES, symbols, words
 
 __all__ = [
     "FORMAT",
     "FORMAT_VERSION",
-    "NOT_STEADY",
     "SENTENCES",
     "VERDICTS",
     "CompanyTemplate",

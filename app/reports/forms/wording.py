@@ -22,8 +22,6 @@ from typing import Any
 Json = Mapping[str, Any]
 
 SENTENCES = frozenset({"advice", "detail", "gain", "reason", "sentence"})
-NOT_STEADY = 0.01
-"""Largest p at which cycles are not steady, as `core.metrology` has it."""
 """Fields of analyses and refusals that hold sentences."""
 _NAMES = {
     "asymmetric_circles": "asymmetric circles",

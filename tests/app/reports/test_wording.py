@@ -11,9 +11,8 @@ from typing import Any
 
 import pytest
 
-from app.reports.forms import NOT_STEADY, CompanyTemplate, render_forms
+from app.reports.forms import CompanyTemplate, render_forms
 from app.reports.forms.wording import Wording, symbols, words
-from core import metrology
 from tests.reference.archives.make import FOLDER
 from tests.support.report_texts import TECHNICAL, technical_words
 from tests.support.source_texts import modules, texts_of
@@ -139,7 +138,3 @@ def test_parameters_of_a_robot_are_written_as_tables_have_them() -> None:
 def test_codes_are_read_as_words() -> None:
     assert words("below_detection") == "below detection"
     assert words("kannala_brandt") == "Kannala-Brandt"
-
-
-def test_cycles_are_not_steady_where_the_analysis_says_so() -> None:
-    assert NOT_STEADY == metrology.NOT_STEADY

@@ -55,6 +55,7 @@ def steadiness(p_value: float, *two_points: str) -> str:
     shown = environment().get_template("analyses/_decisions.html").module.steadiness_found  # type: ignore[attr-defined]
     found = {
         "p_values": {"overall_p_value": p_value},
+        "common_motion": None if p_value > 0.01 else {"is_common": True},
         "steady": p_value > 0.01 and not two_points,
         "cycles": 10,
         "counted_in": "cycles",

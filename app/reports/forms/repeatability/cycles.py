@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from app.reports.forms.blocks import Block, facts, heading, number, paragraph, table
-from app.reports.forms.wording import NOT_STEADY, words
+from app.reports.forms.wording import words
 
 Json = Mapping[str, Any]
 MAX_LISTED = 5
@@ -58,7 +58,7 @@ def drift_blocks(found: Json) -> list[Block]:
 def _signs(found: Json) -> str:
     """Return by what cycles are not steady: by their order, or by two stopping points."""
     signs = []
-    if found["p_values"] is not None and found["p_values"]["overall_p_value"] <= NOT_STEADY:
+    if found["common_motion"] is not None:  # looked for where their order says that something moved
         signs.append("the cycles drift, jump or depend on one another")
     if found["two_points"]:
         poses = [one["pose_id"] for one in found["two_points"]]
