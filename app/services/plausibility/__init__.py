@@ -2,6 +2,7 @@
 
 from app.services.plausibility.readings import check_readings
 from app.services.plausibility.stated_values import (
+    MAX_PARALLEL,
     check_certificate,
     check_commands,
     check_datasheet,
@@ -13,6 +14,7 @@ from app.services.plausibility.stated_values import (
 from app.services.plausibility.uncertainties import check_pitch_uncertainty
 
 __all__ = [
+    "MAX_PARALLEL",
     "check_certificate",
     "check_commands",
     "check_datasheet",

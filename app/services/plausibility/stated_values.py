@@ -16,7 +16,8 @@ MIN_PITCH_MM = 0.2
 MIN_LINK_MM = 5.0
 """Of the longest length a or d: no arm is as short."""
 MAX_PARALLEL = 0.2
-"""Sine of the angle between axes that are taken to be parallel."""
+"""Sine of the angle between axes that count as nearly parallel, and may have β: beyond it analyses take their common
+normal (`core.kinematics.dh`)."""
 MAX_RADIANS = 7.0
 """Just above 2 π: angles in radians are smaller, and a robot's limits in degrees are not."""
 MIN_REACH_MM = 5.0

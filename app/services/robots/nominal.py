@@ -17,6 +17,7 @@ from app.records.database import Database
 from app.records.ids import new_id
 from app.records.pagination import page
 from app.records.tables import Robot, Session, Target, target_fields
+from app.services.plausibility import MAX_PARALLEL
 from app.services.queries import (
     MAX_NAMED,
     exists,
@@ -28,8 +29,6 @@ from app.services.queries import (
 )
 
 MIN_DETERMINANT = 1e-6
-MAX_PARALLEL = 0.2
-"""Sine of the angle between axes that have β: beyond it analyses take their common normal (`core.kinematics.dh`)."""
 QUARTER_DEG = 90.0
 
 

@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from app.services.robots.nominal import MAX_PARALLEL
+from app.services.plausibility import MAX_PARALLEL
 from core.kinematics.dh import PARALLEL_AT_MOST
 from tests.support.service.service import Api, ApiMaker, assert_problem
 
