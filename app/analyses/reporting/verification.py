@@ -78,7 +78,7 @@ def verify_report(database: Database, order: VerificationOrder) -> Json:
     numbers = [one["relative_difference"] for one in differences if one["relative_difference"] is not None]
     largest = max(numbers, default=0.0) if found.is_recomputed else None
     ratios = [one["in_uncertainties"] for one in differences if one["in_uncertainties"] is not None]
-    disagreeing = sorted((one for one in differences if not one.pop("agrees")), key=_gravity, reverse=True)
+    disagreeing = sorted((one for one in differences if not one.pop("agrees")), key=_severity, reverse=True)
     return {
         "report_id": order.report_id,
         "agrees": found.is_recomputed
@@ -225,7 +225,7 @@ def _in_uncertainties(before: Any, after: Any, uncertainty: float | None) -> flo
     return float(abs(before - after) / uncertainty)
 
 
-def _gravity(difference: Json) -> float:
+def _severity(difference: Json) -> float:
     """Return how much a difference matters: by its figure's uncertainty, else relative to the figure; texts most."""
     if difference["relative_difference"] is None:
         return math.inf

@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 from app.analyses.reporting.figure_uncertainty import standard_uncertainty
-from app.analyses.reporting.verification import _differences, _gravity
+from app.analyses.reporting.verification import _differences, _severity
 from app.reports.forms import figures_of
 
 DOCUMENT: dict[str, Any] = {
@@ -72,6 +72,6 @@ def test_differences_are_stated_in_uncertainties_the_gravest_first() -> None:
         "a.groups[1].intrinsics.fx_px": 650.03,
         "a.verdict": "too_few_cycles",
     }
-    found = sorted(_differences(FIGURES, now), key=_gravity, reverse=True)
+    found = sorted(_differences(FIGURES, now), key=_severity, reverse=True)
     assert [one["path"].rpartition(".")[2] for one in found] == ["verdict", "fx_px", "rp_l_mm", "rp_l_mm"]
     assert [one["in_uncertainties"] for one in found] == [None, pytest.approx(1.5), pytest.approx(0.1), None]
