@@ -120,7 +120,7 @@ class Misfit:
 def misfit(chain: Chain, q: Float[np.ndarray, "n j"], seen: Observations) -> Misfit:
     """Return the rms distances of poses from a chain, base and tool in closed form; rotation 0 where none is known."""
     at = replace(seen, joint_angles=q)
-    return _distances(placed(chain.as_array(), forward(chain, q), at), at)
+    return distances(placed(chain.as_array(), forward(chain, q), at), at)
 
 
 def _fitted_misfit(chain: Chain, q: Float[np.ndarray, "n j"], seen: Observations) -> Misfit:
@@ -129,16 +129,24 @@ def _fitted_misfit(chain: Chain, q: Float[np.ndarray, "n j"], seen: Observations
     """
     at, parameters = replace(seen, joint_angles=q), chain.as_array()
     arm = placed(parameters, forward(chain, q), at)
-    found = _distances(arm, at)
+    found = distances(arm, at)
     extent = float(np.linalg.norm(np.ptp(seen.positions_mm, axis=0)))
     if found.position_mm < NEAR * extent and found.rotation < NEAR:
         return found
-    free = np.any(linearised(arm, at)[1] != 0.0, axis=(1, 2))  # positions say nothing of the tool's rotation
-    fitted = _distances(fit_frames(parameters, arm, at, free, Variances(extent**2, 1.0)), at)
-    return min(found, fitted, key=lambda one: one.position_mm)
+    return min(found, distances(with_fitted_frames(arm, at), at), key=lambda one: one.position_mm)
 
 
-def _distances(arm: ArmState, seen: Observations) -> Misfit:
+def with_fitted_frames(arm: ArmState, seen: Observations) -> ArmState:
+    """Return the arm with base and tool where they suit the poses best, whatever the poses are off by."""
+    free = np.any(
+        linearised(arm, seen)[1] != 0.0, axis=(1, 2)
+    )  # positions say nothing of the tool's rotation
+    extent = float(np.linalg.norm(np.ptp(seen.positions_mm, axis=0)))
+    return fit_frames(arm.parameters, arm, seen, free, Variances(extent**2, 1.0))
+
+
+def distances(arm: ArmState, seen: Observations) -> Misfit:
+    """Return the rms distances of poses from an arm; rotation 0 where none is known."""
     residuals = linearised(arm, seen)[0]
     position, rotation = residuals[:3], residuals[3:]
     return Misfit(

@@ -37,7 +37,9 @@ from core.numerics import covariance_of
 
 MAX_LENGTH_UNCERTAINTY_MM, MAX_ANGLE_UNCERTAINTY = 3.0, math.radians(0.25)
 MOST_STEPS = 10
+"""From the chain's own fit to one near the nominal; most take two or three."""
 MOST_OF_PRIOR = 0.5
+"""Of the standard deviation about the nominal: a parameter that is hardly narrower is its prior's, not the poses'."""
 MIN_FOLD_SHARE = 1.2
 """Of the unknowns of the chain: fewer equations without a fold determine nothing."""
 

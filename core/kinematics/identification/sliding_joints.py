@@ -19,9 +19,9 @@ from jaxtyping import Float
 from core.errors import PrismaticJoint
 from core.kinematics.arm_model import ArmState
 from core.kinematics.dh import Chain, chain_frames
-from core.kinematics.global_fit import Observations, fit_frames, linearised, observations_of, placed
+from core.kinematics.global_fit import Observations, linearised, observations_of, placed
+from core.kinematics.nominal_checks import distances, with_fitted_frames
 from core.kinematics.pose_observations import PoseData
-from core.numerics import Variances
 
 MAX_POSES = 200
 """Of the positions that are looked at."""
@@ -42,9 +42,8 @@ def check_sliding(poses: PoseData, nominal: Chain) -> None:
     """Raise PrismaticJoint where the nominal robot explains the positions five times better if one joint slides."""
     seen = _positions(poses)
     parameters = nominal.as_array()
-    scatter = Variances(float(np.sum(np.ptp(seen.positions_mm, axis=0) ** 2)), 1.0)
-    as_given = _rms(_framed(parameters, seen, None, scatter), seen)
-    found = [_slide(parameters, seen, joint, scatter) for joint in range(poses.joints)]
+    as_given = distances(with_fitted_frames(_placed(parameters, seen), seen), seen).position_mm
+    found = [_slide(parameters, seen, joint) for joint in range(poses.joints)]
     joint = min(range(poses.joints), key=lambda one: found[one].left_mm)
     if found[joint].left_mm < _FAR_BETTER * as_given:
         raise PrismaticJoint(
@@ -53,9 +52,7 @@ def check_sliding(poses: PoseData, nominal: Chain) -> None:
         )
 
 
-def _slide(
-    parameters: Float[np.ndarray, "j 5"], seen: Observations, joint: int, scatter: Variances
-) -> _Slide:
+def _slide(parameters: Float[np.ndarray, "j 5"], seen: Observations, joint: int) -> _Slide:
     angles = seen.joint_angles.copy()
     value = np.degrees(angles[:, joint])
     value -= value.mean()
@@ -63,10 +60,10 @@ def _slide(
     at_rest = replace(seen, joint_angles=angles)
     orientations = chain_frames(parameters, angles)[:, joint, :3, :3]
     moved, c = np.zeros_like(seen.positions_mm), np.zeros(3)
-    arm, left = None, math.inf
+    arm, left = _placed(parameters, at_rest), math.inf
     for _ in range(_ROUNDS):
         without = replace(at_rest, positions_mm=seen.positions_mm - moved)
-        arm = _framed(parameters, without, arm, scatter)
+        arm = with_fitted_frames(arm, without)
         rest = linearised(arm, without)[0].T + moved
         A = value[:, None, None] * (arm.T_target_base[seen.target, :3, :3] @ orientations)
         c = np.linalg.lstsq(A.reshape(-1, 3), rest.ravel())[0]
@@ -85,15 +82,7 @@ def _positions(poses: PoseData) -> Observations:
     return replace(seen, rotations=None, own=np.zeros((count, 3, 3)), common=np.zeros((count, 3, 0)))
 
 
-def _framed(
-    parameters: Float[np.ndarray, "j 5"], seen: Observations, start: ArmState | None, scatter: Variances
-) -> ArmState:
-    """Return the chain at the base and tool that suit the positions best."""
+def _placed(parameters: Float[np.ndarray, "j 5"], seen: Observations) -> ArmState:
+    """Return the chain at base and tool in closed form."""
     T_base_flange = np.ascontiguousarray(chain_frames(parameters, seen.joint_angles)[:, -1])
-    arm = placed(parameters, T_base_flange, seen) if start is None else start
-    free = np.any(linearised(arm, seen)[1] != 0.0, axis=(1, 2))
-    return fit_frames(parameters, arm, seen, free, scatter)
-
-
-def _rms(arm: ArmState, seen: Observations) -> float:
-    return math.sqrt(float(np.mean(np.sum(linearised(arm, seen)[0] ** 2, axis=0))))
+    return placed(parameters, T_base_flange, seen)
