@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
 from core.session.model import MeasuredPose, SessionData, natural
 
@@ -20,11 +20,10 @@ LEAST_MOVE = np.radians(0.01)
 
 
 def last_moves(
-    data: SessionData, poses: Sequence[MeasuredPose], joint_angles: Float[np.ndarray, "n j"]
+    order: Int[np.ndarray, " k"], joint_angles: Float[np.ndarray, "n j"]
 ) -> Float[np.ndarray, "n j"] | None:
     """Return the sign of each joint's last move before each pose, 0 before its first; None without an order."""
-    order = measuring_order(data, poses)
-    if order is None:
+    if not len(order):
         return None
     signs = np.zeros_like(joint_angles)
     last, at = np.zeros(joint_angles.shape[1]), joint_angles[order[0]]
@@ -35,13 +34,14 @@ def last_moves(
     return signs
 
 
-def measuring_order(data: SessionData, poses: Sequence[MeasuredPose]) -> list[int] | None:
-    """Return the places of the poses as they were measured; None where that is not known."""
+def measuring_order(data: SessionData, poses: Sequence[MeasuredPose]) -> Int[np.ndarray, " k"]:
+    """Return the places of the poses as they were measured; none where that is not known."""
     times = [data.taken_h.get(pose.measurement_id) for pose in poses]
     known = [time for time in times if time is not None]
     if len(known) == len(poses) and len(set(known)) > 1:
-        return sorted(range(len(poses)), key=lambda i: (known[i], i))
+        return np.array(sorted(range(len(poses)), key=lambda i: (known[i], i)), dtype=np.intp)
     cycles = [pose.cycle for pose in poses if pose.cycle is not None]
     if len(cycles) < len(poses) and (cycles or len({pose.pose_id for pose in poses}) < len(poses)):
-        return None
-    return sorted(range(len(poses)), key=lambda i: (poses[i].cycle or 0, natural(poses[i].pose_id), i))
+        return np.zeros(0, dtype=np.intp)
+    by_cycles = sorted(range(len(poses)), key=lambda i: (poses[i].cycle or 0, natural(poses[i].pose_id), i))
+    return np.array(by_cycles, dtype=np.intp)

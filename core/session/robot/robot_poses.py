@@ -89,9 +89,10 @@ def poses_of_estimate(
         absolute = absolute_poses(data, estimate).poses
         counted = [absolute[pose.measurement_id] for pose in counted]
     chosen = moving_poses(data, counted)
+    joint_angles, order = _joint_angles(data, chosen), measuring_order(data, chosen)
     targets = tuple(sorted({pose.frame for pose in chosen}))
     poses = PoseData(
-        _joint_angles(data, chosen),
+        joint_angles,
         positions_of(chosen),
         np.array([pose.rotation for pose in chosen]),
         np.array([semidefinite(own) for pose in chosen if (own := pose.own_covariance()) is not None]),
@@ -100,7 +101,7 @@ def poses_of_estimate(
         tuple(pose.pose_id for pose in chosen),
         # Several targets in one image are as many poses.
         number_labels((p.pose_id, p.cycle, p.image.image if p.image else "") for p in chosen),
-        last_moves(data, chosen, _joint_angles(data, chosen)),
+        last_moves(order, joint_angles),
     )
     without = sorted(
         {pose.pose_id for pose, known in zip(estimate.poses, angles, strict=True) if known is None}
@@ -119,7 +120,7 @@ def poses_of_estimate(
             if known is None
         ),
     )
-    return RobotPoses(poses, targets, np.array(keep, dtype=np.intp), _order(data, chosen), excluded, warnings)
+    return RobotPoses(poses, targets, np.array(keep, dtype=np.intp), order, excluded, warnings)
 
 
 def semidefinite(covariance: Float[np.ndarray, "6 6"]) -> Float[np.ndarray, "6 6"]:
@@ -215,22 +216,17 @@ def poses_of_readings(data: SessionData) -> RobotPoses:
                 "State the instrument's covariance with each reading, or with none.",
             )
         )
+    joint_angles, order = _joint_angles(data, known), measuring_order(data, known)
     poses = PoseData(
-        _joint_angles(data, known),
+        joint_angles,
         positions_of(known),
         rotations_of(known),
         stack_all(v.covariance for v in known),
         labels=tuple(v.pose_id for v in known),
-        approach=last_moves(data, known, _joint_angles(data, known)),
+        approach=last_moves(order, joint_angles),
         instrument=True,
     )
-    return RobotPoses(
-        poses, (), np.zeros(0, dtype=np.intp), _order(data, known), tuple(excluded), tuple(warnings)
-    )
-
-
-def _order(data: SessionData, poses: Sequence[MeasuredPose]) -> Int[np.ndarray, " k"]:
-    return np.array(measuring_order(data, poses) or (), dtype=np.intp)
+    return RobotPoses(poses, (), np.zeros(0, dtype=np.intp), order, tuple(excluded), tuple(warnings))
 
 
 def _check_size(count: int) -> None:

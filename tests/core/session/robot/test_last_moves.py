@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from core.session import MeasuredPose, SessionData
-from core.session.robot.last_moves import last_moves
+from core.session.robot.last_moves import last_moves, measuring_order
 
 
 def pose(name: str, pose_id: str, cycle: int | None = None) -> MeasuredPose:
@@ -17,7 +17,7 @@ def moves(
     poses: list[MeasuredPose], angles_deg: list[float], taken_h: dict[str, float] | None = None
 ) -> list[float] | None:
     data = SessionData((), (), taken_h=taken_h or {})
-    found = last_moves(data, poses, np.radians(angles_deg)[:, None])
+    found = last_moves(measuring_order(data, poses), np.radians(angles_deg)[:, None])
     return None if found is None else found[:, 0].tolist()
 
 
