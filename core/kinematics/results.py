@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float
-from scipy.stats import chi2
+from scipy.special import chdtri
 
 from core.errors import Advisory, listed
 from core.kinematics.arm_model import NOMINAL_LENGTH_MM, ArmState
@@ -250,7 +250,7 @@ def _scaled(nominal: Chain, refined: FitResult, gauge: Gauge, *, instrument: boo
     if (
         abs(scale) < max(MIN_SCALE, MIN_SCALE_RATIO / math.sqrt(float(weights.sum())))
         or scale <= -1.0
-        or left > chi2.isf(SCALE_LEVEL, len(off) - 1)
+        or left > float(chdtri(len(off) - 1, SCALE_LEVEL))
     ):
         return
     factor = (

@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.stats import norm
+from scipy.special import ndtri
 
 from app.cli.demo.arm_session import ArmAnswers
 from app.cli.demo.evaluation import MAX_RATIO, SIGNIFICANCE, root_mean_square
@@ -144,7 +144,7 @@ def failed_arm_checks(session: ArmSession, answers: ArmAnswers, parameters: Sequ
     own, sheet = accuracy(parameters, answer), nominal_accuracy(parameters)
     if own.ratio is None or not own.ratio < MAX_RATIO:
         found.append(f"DH parameters are off by {own.ratio:.1f} times what was stated")
-    limit = float(norm.isf(SIGNIFICANCE / (2.0 * IDENTIFIABLE)))
+    limit = -float(ndtri(SIGNIFICANCE / (2.0 * IDENTIFIABLE)))
     for p in identified:
         if p.uncertainty is not None and not abs(p.error) < limit * p.uncertainty:
             found.append(

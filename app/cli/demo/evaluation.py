@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.stats import binom
+from scipy.special import bdtr
 
 from app.cli.demo.session import FLAT, Answers, DemoSession
 from app.client import Json
@@ -158,7 +158,7 @@ def max_misses(count: int) -> int:
     The seven figures of a pose are not quite independent: of 3,000 simulated experiments of 35 intervals two had nine
     misses, and none more; nine is what this law allows.
     """
-    return int(binom.ppf(1.0 - SIGNIFICANCE, count, 0.05)) if count else 0
+    return int(np.searchsorted(bdtr(np.arange(count + 1), count, 0.05), 1.0 - SIGNIFICANCE)) if count else 0
 
 
 def error_over_uncertainty(errors: Sequence[ImageError]) -> float:
