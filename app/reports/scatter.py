@@ -46,24 +46,26 @@ class PoseScatter:
     note: str = ""
 
 
-def scatter_svg(poses: Sequence[PoseScatter], title: str, about: str = "") -> bytes:
-    """Return three projections of every pose, one pose a row, all on one scale."""
+def scatter_svg(
+    poses: Sequence[PoseScatter], title: str, about: str = "", *, half_width_mm: float | None = None
+) -> bytes:
+    """Return three projections of every pose, one pose a row, all on one scale: their own where none is given."""
     return draw_svg(
-        lambda: scatter_figure(poses, title),
+        lambda: scatter_figure(poses, title, half_width_mm),
         title,
         "\n".join(f"{p.pose_id}: {_caption(p)}" for p in poses),
         about,
     )
 
 
-def scatter_figure(poses: Sequence[PoseScatter], title: str) -> Figure:
+def scatter_figure(poses: Sequence[PoseScatter], title: str, half_width_mm: float | None = None) -> Figure:
     """Draw it; within `drawing_style`."""
     rows = [_CAPTION + (_PANEL + _BELOW if len(pose.positions_mm) else 0.1) for pose in poses]
     width = _LEFT + 3 * _PANEL + 2 * _GAP + 0.25
     figure = Figure((width, _HEADER + sum(rows) + _FOOTER))
     text_at(figure, 0.15, 0.32, title, fontsize=12, weight="bold")
     tops = accumulate(rows, initial=_HEADER)
-    half = _common_half_width(poses)
+    half = common_half_width(poses) if half_width_mm is None else half_width_mm
     for top, pose in zip(tops, poses, strict=False):
         text_at(figure, 0.15, top + 0.1, short(pose.pose_id), fontsize=11, weight="bold")
         text_at(figure, 0.15, top + 0.33, _caption(pose))
@@ -103,7 +105,7 @@ def _caption(pose: PoseScatter) -> str:
     return "   ·   ".join(parts)
 
 
-def _common_half_width(poses: Sequence[PoseScatter]) -> float:
+def common_half_width(poses: Sequence[PoseScatter]) -> float:
     """Return the one scale of all poses, half the width in mm; a pose of one cycle has no scatter to give it."""
     reaches = [(len(one.positions_mm) > 1, one) for one in poses if len(one.positions_mm)]
     several = [one for is_scattered, one in reaches if is_scattered] or [one for _, one in reaches]

@@ -75,7 +75,9 @@ def _reported(api: Api, seed: int, cycles: int, repeats: int) -> Iterable[Row]:
         document = json.loads(api.client.get(f"{report}.json").content)
         page = api.client.get(f"{report}.html").text
         drawn = [base64.b64decode(one).decode() for one in _DRAWING.findall(page)]
-        drawings = dict(zip(_NAMES, drawn, strict=False))  # a short session lacks some
+        drawings = {
+            name: [svg] for name, svg in zip(_NAMES, drawn, strict=False)
+        }  # a short session lacks some
         template = CompanyTemplate()
         times = [seconds(lambda: render_forms(document, drawings, template)) for _ in range(repeats)]
         note = f"PDF, HTML, JSON, CSV and XML from stored values; {case}; median of {repeats}"

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import math
+from collections.abc import Mapping
 from typing import Any
 
 from app.analyses.documents.robot_files import exports_of
@@ -61,7 +63,7 @@ def make_report(database: Database, order: ReportOrder) -> MadeReport:
         "inputs": inputs,
     }
     try:
-        drawings = _drawings(loaded, order.kind, source)
+        drawings = _drawings(loaded, order.kind, source, analyses)
         forms = render_forms(document, drawings, order.template, _exports(loaded, document, source))
     except RenderingFailed as error:
         raise Conflict(
@@ -121,11 +123,19 @@ def compute_analyses(
     return documents, refusals
 
 
-def _drawings(loaded: LoadedSession, kind: str, source: str) -> dict[str, str]:
-    """Return the drawings of a kind that can be drawn; the tables say what the others would lack."""
-    found = {}
-    for name, plot in DRAWINGS[kind]:
-        drawn = document_of(loaded, plot, settings_of(plot, source))
-        if not isinstance(drawn, AnalysisRefused):
-            found[name] = drawn.decode()
+def _drawings(
+    loaded: LoadedSession, kind: str, source: str, analyses: Mapping[str, Any]
+) -> dict[str, list[str]]:
+    """Return the pages of the drawings of a kind that can be drawn; the tables say what the others would lack."""
+    found: dict[str, list[str]] = {}
+    for one in DRAWINGS[kind]:
+        pages = 1
+        if one.poses_a_page is not None:
+            pages = max(math.ceil(len(analyses["repeatability"]["poses"]) / one.poses_a_page), 1)
+        settings = settings_of(one.plot, source)
+        drawn = [
+            document_of(loaded, one.plot, {**settings, "page": f"{page}/{pages}"} if pages > 1 else settings)
+            for page in range(1, pages + 1)
+        ]
+        found[one.name] = [page.decode() for page in drawn if not isinstance(page, AnalysisRefused)]
     return found

@@ -27,17 +27,31 @@ _OPTIONS: dict[str, dict[str, str]] = {
     "joint_curves_plot": {name: value for name, value in DH_DEFAULTS.items() if name != "method"},
     "intrinsics": {"estimator": "pooled"},
 }
-DRAWINGS: dict[str, tuple[tuple[str, str], ...]] = {
+
+
+@dataclass(frozen=True, slots=True)
+class Drawing:
+    """A drawing of a report by its name, with the plot that draws it.
+
+    `poses_a_page` is how many poses can be read on one page; None of a drawing that shows no poses.
+    """
+
+    name: str
+    plot: str
+    poses_a_page: int | None = None
+
+
+DRAWINGS: dict[str, tuple[Drawing, ...]] = {
     "repeatability": (
-        ("scatter", "scatter_plot"),
-        ("drift", "drift_plot"),
-        ("steadiness", "steadiness_plot"),
+        Drawing("scatter", "scatter_plot", 5),
+        Drawing("drift", "drift_plot", 6),
+        Drawing("steadiness", "steadiness_plot", 10),
     ),
-    "kinematics": (("joint_curves", "joint_curves_plot"),),
-    "camera": (("residuals", "residual_map"), ("projection", "projection_map")),
+    "kinematics": (Drawing("joint_curves", "joint_curves_plot"),),
+    "camera": (Drawing("residuals", "residual_map"), Drawing("projection", "projection_map")),
     "session": (),
 }
-"""The drawings of each kind, with the analysis that draws them."""
+"""The drawings of each kind of report."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

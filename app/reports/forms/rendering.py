@@ -6,7 +6,7 @@ import base64
 import hashlib
 import json
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from datetime import datetime
 from functools import cache
 from importlib import resources
@@ -58,13 +58,14 @@ class RenderingFailed(Exception):
 
 def render_forms(
     document: Mapping[str, Any],
-    drawings: Mapping[str, str],
+    drawings: Mapping[str, Sequence[str]],
     template: CompanyTemplate,
     exports: Mapping[str, str] = MappingProxyType({}),
 ) -> dict[str, bytes]:
     """Return the forms json, html, pdf, csv of a report, and xml of one that can be a calibration certificate.
 
-    `drawings` are SVG documents by name, `exports` text files by name that the PDF carries. Raises RenderingFailed.
+    `drawings` are the pages of each drawing, SVG documents, by its name; `exports` text files by name that the PDF
+    carries. Raises RenderingFailed.
     """
     text = (json.dumps(document, ensure_ascii=False, indent=1, allow_nan=False) + "\n").encode()
     json_sha256 = hashlib.sha256(text).hexdigest()
@@ -86,7 +87,7 @@ def render_forms(
     }
 
 
-def report_blocks(document: Mapping[str, Any], drawings: Mapping[str, str]) -> list[Block]:
+def report_blocks(document: Mapping[str, Any], drawings: Mapping[str, Sequence[str]]) -> list[Block]:
     """Return all sections of a report, in their order."""
     stated = document["template"]["fields"]
     document = worded(document)
@@ -101,7 +102,9 @@ def report_blocks(document: Mapping[str, Any], drawings: Mapping[str, str]) -> l
         *opening_blocks(document),
         *body,
         *closing_blocks(document),
-        *_drawings({name: svg for name, svg in drawings.items() if name not in _without_figures(document)}),
+        *_drawings(
+            {name: pages for name, pages in drawings.items() if name not in _without_figures(document)}
+        ),
     ]
 
 
@@ -111,11 +114,13 @@ def _without_figures(document: Mapping[str, Any]) -> tuple[str, ...]:
     return () if any(pose["cycles"] > 1 for pose in poses) else ("scatter",)
 
 
-def _drawings(drawings: Mapping[str, str]) -> list[Block]:
+def _drawings(drawings: Mapping[str, Sequence[str]]) -> list[Block]:
     found = [
-        drawing(drawings[name], caption, f"{caption} The tables of this report hold its figures.")
+        drawing(svg, f"{caption}{part}", f"{caption}{part} The tables of this report hold its figures.")
         for name, caption in _CAPTIONS.items()
-        if name in drawings
+        for pages in [drawings.get(name, ())]
+        for number, svg in enumerate(pages, 1)
+        for part in [f" Page {number} of {len(pages)}." if len(pages) > 1 else ""]
     ]
     return [heading("Annex: drawings"), *found] if found else []
 

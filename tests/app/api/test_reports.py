@@ -6,6 +6,7 @@ import base64
 import dataclasses
 import hashlib
 import json
+import re
 from collections.abc import Iterator
 from typing import Any
 
@@ -21,6 +22,8 @@ from tests.support.service.originals import original_path
 from tests.support.service.service import Api, ApiMaker, assert_problem, wait_until
 from tests.support.sessions.kinematics import measured, readings, rows_of
 from tests.support.sessions.stored_sessions import BOARD, board_fields, shoot, store_shots
+from tests.support.sessions.tracked_robot import drawn_poses, send
+from tests.support.sessions.tracked_robot import readings as tracked
 
 pytestmark = pytest.mark.slow  # a process of the analyses loads the numerics
 CONDITIONS = {"load_kg": 5.0, "operator": "R. Meier <b>#sys.inputs", "notes": "100 % speed"}
@@ -100,6 +103,20 @@ def test_the_forms_hold_the_same_figures_and_no_markup_of_users(running: Api, ma
     certificate = form(running, made, "xml").decode()
     assert f"<si:value>{value}</si:value>" in certificate
     assert "R. Meier &lt;b&gt;#sys" in certificate
+
+
+def test_drawings_of_many_poses_take_several_pages(running: Api) -> None:
+    session_id = running.make_session(running.make_target(**board_fields(BOARD)))
+    send(running, session_id, tracked(drawn_poses(3, 12), cycles=20))
+    made = finished(running, order(running, session_id, kind="repeatability"))
+    page = form(running, made, "html").decode()
+    captions = re.findall(r"<figcaption[^>]*>(.*?)</figcaption>", page)
+    numbers = [re.search(r"(?:Page (\d of \d)\.)?$", one)[1] for one in captions]  # type: ignore[index]
+    assert numbers == ["1 of 3", "2 of 3", "3 of 3", "1 of 2", "2 of 2", "1 of 2", "2 of 2"]
+    drawn = [base64.b64decode(one).decode() for one in re.findall(r"image/svg\+xml;base64,([\w+/=]+)", page)]
+    named = [re.findall(r"^P\d+(?=:)", re.search(r"<desc>(.*?)</desc>", one, re.S)[1], re.M) for one in drawn]  # type: ignore[index]
+    for pages in (named[:3], named[3:5], named[5:]):
+        assert [name for one in pages for name in one] == [f"P{n}" for n in range(1, 13)]
 
 
 def test_a_report_on_kinematics_is_in_words(running: Api) -> None:

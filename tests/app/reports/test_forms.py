@@ -269,7 +269,7 @@ def test_a_report_whose_figures_are_no_repeatability_begins_with_that(code: str,
 
 def test_where_nothing_was_repeated_there_is_no_drawing_of_scatter() -> None:
     document = _fixture("repeatability")
-    drawings = {"scatter": '<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 10 10"/>'}
+    drawings = {"scatter": ['<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 10 10"/>']}
     caption = "Cycles of each pose about their mean"
     assert caption in render_forms(document, drawings, CompanyTemplate())["html"].decode()
     for pose in document["analyses"]["repeatability"]["poses"]:

@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import TypeVar
 
 import numpy as np
 from jaxtyping import Float
@@ -21,7 +22,7 @@ from app.errors import NotFound
 from app.reports.camera_plots.projection_map import projection_svg
 from app.reports.camera_plots.residual_map import residuals_svg
 from app.reports.drift import drift_svg
-from app.reports.scatter import PoseScatter, scatter_svg
+from app.reports.scatter import PoseScatter, common_half_width, scatter_svg
 from app.reports.steadiness import steadiness_svg
 from core.errors import NothingUsable, TooFewCycles, TooFewMeasurements
 from core.session import (
@@ -37,6 +38,8 @@ from core.session import (
     with_print_uncertainty,
 )
 
+Shown = TypeVar("Shown")
+
 MAX_ROWS = 40
 """Poses or focus groups of one plot."""
 
@@ -49,7 +52,8 @@ def scatter_plot(data: SessionData, settings: Mapping[str, str], about: str) -> 
     repeated = [row for row in source.rows if len(row.visits) > 1]
     rows = _chosen(source.rows if wanted is not None or not repeated else repeated, wanted)
     title = f"Position scatter in the {source.frame}, about each pose's mean ({source.how})"
-    return scatter_svg([_scatter(row) for row in rows], title, about)
+    poses = [_scatter(row) for row in rows]
+    return scatter_svg(_on_page(poses, settings), title, about, half_width_mm=common_half_width(poses))
 
 
 def drift_plot(data: SessionData, settings: Mapping[str, str], about: str) -> bytes:
@@ -62,9 +66,8 @@ def drift_plot(data: SessionData, settings: Mapping[str, str], about: str) -> by
             "No pose has two measurements with a cycle number, so that there is no course over the cycles to draw.",
             "Tag them with their cycle; for drift by the standard, 20 cycles or more of each pose.",
         )
-    return drift_svg(
-        poses, f"Drift over the cycles, in the {source.frame} ({source.how})", DRIFT_BLOCK, about
-    )
+    title = f"Drift over the cycles, in the {source.frame} ({source.how})"
+    return drift_svg(_on_page(poses, settings), title, DRIFT_BLOCK, about)
 
 
 def steadiness_plot(data: SessionData, settings: Mapping[str, str], about: str) -> bytes:
@@ -75,7 +78,8 @@ def steadiness_plot(data: SessionData, settings: Mapping[str, str], about: str) 
     grid = source.steadiness.found.grid
     counted_in = "visit" if grid is not None and grid.by_visit else "cycle"
     title = f"Steadiness of the cycles, in the {source.frame} ({source.how})"
-    return steadiness_svg(panels, title, steadiness_summary(source.steadiness), counted_in, about)
+    summary = steadiness_summary(source.steadiness)
+    return steadiness_svg(_on_page(panels, settings), title, summary, counted_in, about)
 
 
 def residual_map(data: SessionData, settings: Mapping[str, str], about: str) -> bytes:
@@ -161,6 +165,15 @@ def _chosen(rows: Sequence[PoseRow], pose_id: str | None) -> Sequence[PoseRow]:
             "Look at the measurements' failures and overlays; show the whole grid, sharp, evenly lit, and tilted.",
         )
     return rows
+
+
+def _on_page(shown: Sequence[Shown], settings: Mapping[str, str]) -> Sequence[Shown]:
+    """Return what the page `K/N` of a report shows, about as much as each other page; all where none is named."""
+    page, pages = map(int, settings.get("page", "1/1").split("/"))
+    part = shown[len(shown) * (page - 1) // pages : len(shown) * page // pages]
+    if not part:
+        raise NothingUsable("Nothing is left for this page.", "Look at the pages before it.")
+    return part
 
 
 def _too_many(count: int, what: str, parameter: str) -> AnalysisError:
