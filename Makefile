@@ -41,7 +41,7 @@ test: setup-dev  ## every behaviour on small samples, in minutes
 	$(BIN)/python -m pytest -n auto --dist worksteal -m "not slow and not soak"
 
 test-all: setup-dev test-shapes  ## the same, statistics at full size, long system tests, and shapes checked
-	$(BIN)/python -m pytest -n auto --dist worksteal -m "not soak"
+	$(BIN)/python -m pytest -n auto --dist worksteal -m "not soak" --durations=25
 
 test-shapes: setup-dev  ## each path of core with the shapes and types of its arrays checked at run time
 	GRIDPOSE_TEST_SHAPES=1 $(BIN)/python -m pytest -n auto --dist worksteal -m shapes tests/core tests/docs

@@ -133,7 +133,7 @@ def test_the_camera_page_names_what_is_blank_and_which_views_help(api: Any) -> N
     assert np.all(np.diff([float(one) for one in after]) <= 0.0), "each view adds to those before it"
 
 
-@pytest.mark.parametrize("purpose", ["hand_eye", "dh"])
+@pytest.mark.parametrize("purpose", ["hand_eye", pytest.param("dh", marks=pytest.mark.slow)])
 def test_next_views_of_a_robot_are_shown_with_their_joint_angles(api: Any, purpose: str) -> None:
     session = store_robot_session(api).id
     asked = api.client.post(f"/v1/sessions/{session}/next-view", json={"purpose": purpose, "count": 3})

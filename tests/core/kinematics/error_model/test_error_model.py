@@ -184,7 +184,7 @@ def test_positions_alone_have_a_model_too() -> None:
     assert found.error_model.predict(q[:3]).deviations.shape == (3, 3)
 
 
-@pytest.mark.parametrize("arms", [2, pytest.param(8, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("arms", [2, pytest.param(5, marks=pytest.mark.slow)])
 def test_a_robot_on_a_wall_is_recognised_by_the_weight_of_its_links(arms: int) -> None:
     """With gravity along the base's z axis, intervals held 85 %, and more poses made it worse."""
     found_scores = []

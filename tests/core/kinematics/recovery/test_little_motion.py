@@ -34,7 +34,7 @@ def tracked(seed: int, joint: int, move_deg: float) -> tuple[PoseData, np.ndarra
 
 @pytest.mark.parametrize("model", [ModelChoice.AUTO, ModelChoice.DH])
 @pytest.mark.parametrize(
-    ("joint", "arms"), [(3, 3), *(pytest.param(joint, 10, marks=pytest.mark.slow) for joint in (2, 3, 4))]
+    ("joint", "arms"), [(3, 3), *(pytest.param(joint, 6, marks=pytest.mark.slow) for joint in (2, 3, 4))]
 )
 def test_a_parameter_that_is_held_is_in_the_uncertainty_of_the_others(
     model: ModelChoice, joint: int, arms: int
