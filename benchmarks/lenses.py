@@ -15,17 +15,10 @@ import numpy as np
 
 from benchmarks.images.photographs import SETS, detected, fisheye_by_opencv
 from benchmarks.table import Row
-from core.calibration import (
-    GroupEstimate,
-    LensChoice,
-    estimate_group,
-    number_labels,
-    select_lens,
-    stack_views,
-)
+from core.calibration import GroupEstimate, estimate_group
 from core.geometry import LensModel, invert, lens_model_of
 from core.targets import GridPoints
-from tests.support.simulation.wide_lenses import WideSession, draw_session
+from tests.support.simulation.wide_lenses import WideSession, choose_lens, draw_session
 
 SESSIONS, QUICK_SESSIONS = 60, 6
 IMAGES = 10
@@ -49,7 +42,9 @@ def rows(seeds: list[int], quick: bool) -> Iterable[Row]:
 def _of_brown(rngs: list[np.random.Generator], count: int) -> Iterable[Row]:
     for bow_mm in (0.0, 0.1):
         alarms = [
-            _chosen(draw_session(rng, "brown", images=int(rng.integers(2, 13)), bow_mm=bow_mm).views)[0].model
+            choose_lens(draw_session(rng, "brown", images=int(rng.integers(2, 13)), bow_mm=bow_mm).views)[
+                0
+            ].model
             != "brown"
             for rng in rngs
             for _ in range(count)
@@ -63,10 +58,10 @@ def _of_wide(rngs: list[np.random.Generator], model: LensModel, count: int) -> I
     for rng in rngs:
         for _ in range(count):
             session = draw_session(rng, model, images=IMAGES)
-            choice, _ = _chosen(session.views)
+            choice, _ = choose_lens(session.views)
             found += choice.model != "brown"
             beyond += choice.evidence is not None and choice.evidence.beyond_brown
-            _, estimate = _chosen(session.views, model)
+            _, estimate = choose_lens(session.views, model)
             if lens_model_of(estimate.camera) == model:
                 focal.append(_focal_error(session, estimate))
                 positions += _position_errors(session, estimate)
@@ -87,7 +82,7 @@ def _of_wide(rngs: list[np.random.Generator], model: LensModel, count: int) -> I
 
 
 def _of_photographs(name: str, views: list[GridPoints]) -> Iterable[Row]:
-    choice, chosen = _chosen(views)
+    choice, chosen = choose_lens(views)
     brown = estimate_group(views, "pooled")
     evidence = choice.evidence
     assert evidence is not None, name
@@ -106,15 +101,6 @@ def _of_photographs(name: str, views: list[GridPoints]) -> Iterable[Row]:
     yield Row.at_most(
         what, abs(f - theirs) / u, 2.0, note=f"{f:.1f} ± {u:.1f}; theirs {theirs:.1f}, rms {rms:.3f} px"
     )
-
-
-def _chosen(views: Iterable[GridPoints], asked: LensModel | None = None) -> tuple[LensChoice, GroupEstimate]:
-    stack = stack_views(list(views))
-    brown = estimate_group(stack, "pooled")
-    choice = select_lens(stack, number_labels(range(len(stack))), None, brown, asked)
-    if choice.start is None:
-        return choice, brown
-    return choice, estimate_group(stack, "pooled", lens_start=choice.start)
 
 
 def _focal_error(session: WideSession, found: GroupEstimate) -> float:

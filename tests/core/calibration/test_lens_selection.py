@@ -9,7 +9,6 @@ import pytest
 
 from core.calibration import (
     GroupEstimate,
-    LensChoice,
     estimate_group,
     number_labels,
     select_lens,
@@ -18,17 +17,7 @@ from core.calibration import (
 from core.calibration.lens_selection.selection import folds
 from core.calibration.lens_selection.starts import observed_radius_px
 from core.geometry import Camera, LensModel, fold_radius_px, lens_model_of, so3_log
-from tests.support.simulation.wide_lenses import WideSession, draw_session
-
-
-def estimated(session: WideSession, asked: LensModel | None = None) -> tuple[LensChoice, GroupEstimate]:
-    """The choice, and the pooled estimate with it."""
-    views = stack_views(session.views)
-    brown = estimate_group(views, "pooled")
-    choice = select_lens(views, number_labels(range(len(views))), None, brown, asked)
-    if choice.start is None:
-        return choice, brown
-    return choice, estimate_group(views, "pooled", lens_start=choice.start)
+from tests.support.simulation.wide_lenses import WideSession, choose_lens, draw_session
 
 
 def pose_errors(session: WideSession, found: GroupEstimate) -> np.ndarray:
@@ -47,7 +36,7 @@ def test_browns_model_stays_where_nothing_is_gained(bow_mm: float) -> None:
     """Noise alone, and a bowed board, which bends the residuals as a lens does."""
     rng = np.random.default_rng(1)
     for images in (3, 6, 10):
-        choice, found = estimated(draw_session(rng, "brown", images=images, bow_mm=bow_mm))
+        choice, found = choose_lens(draw_session(rng, "brown", images=images, bow_mm=bow_mm).views)
         assert choice.model == lens_model_of(found.camera) == "brown"
         assert choice.start is None
         assert choice.evidence is not None
@@ -57,7 +46,7 @@ def test_browns_model_stays_where_nothing_is_gained(bow_mm: float) -> None:
 @pytest.mark.parametrize("model", ["kannala_brandt", "rational"])
 def test_a_lens_beyond_browns_is_found_and_its_poses_hold(model: LensModel) -> None:
     session = draw_session(np.random.default_rng(4), model, images=10)
-    choice, found = estimated(session)
+    choice, found = choose_lens(session.views)
     assert choice.model in ("kannala_brandt", "rational")
     assert choice.evidence is not None
     assert choice.evidence.beyond_brown
@@ -74,9 +63,9 @@ def test_a_lens_beyond_browns_is_found_and_its_poses_hold(model: LensModel) -> N
 def test_a_model_that_is_asked_for_is_taken() -> None:
     session = draw_session(np.random.default_rng(5), "brown", images=8)
     for asked in ("kannala_brandt", "rational"):
-        choice, found = estimated(session, asked)
+        choice, found = choose_lens(session.views, asked)
         assert choice.model == lens_model_of(found.camera) == asked
-    choice, found = estimated(draw_session(np.random.default_rng(4), "kannala_brandt"), "brown")
+    choice, found = choose_lens(draw_session(np.random.default_rng(4), "kannala_brandt").views, "brown")
     assert choice.model == lens_model_of(found.camera) == "brown"
     assert choice.evidence is not None
     assert choice.evidence.beyond_brown
@@ -117,7 +106,7 @@ def test_one_image_does_not_decide() -> None:
 @pytest.mark.parametrize("model", ["kannala_brandt", "rational"])
 def test_a_focal_length_for_each_image_goes_with_the_lens(model: LensModel) -> None:
     session = draw_session(np.random.default_rng(8), model, images=10)
-    choice, _ = estimated(session, model)
+    choice, _ = choose_lens(session.views, model)
     found = estimate_group(stack_views(session.views), "pooled_free_focal", lens_start=choice.start)
     assert lens_model_of(found.camera) == model
     assert len(np.unique(found.cameras[:, 0])) == len(found.images)
@@ -131,7 +120,7 @@ def test_false_alarms_are_rare(bow_mm: float) -> None:
     rng = np.random.default_rng(11)
     counts = rng.integers(2, 13, 150)
     alarms = [
-        estimated(draw_session(rng, "brown", images=int(count), bow_mm=bow_mm))[0].model != "brown"
+        choose_lens(draw_session(rng, "brown", images=int(count), bow_mm=bow_mm).views)[0].model != "brown"
         for count in counts
     ]
     assert sum(alarms) == 0
@@ -145,7 +134,7 @@ def test_intervals_with_the_model_chosen_cover(model: LensModel) -> None:
     focal, position = [], []
     for _ in range(40):
         session = draw_session(rng, model, images=10)
-        _, found = estimated(session, model)
+        _, found = choose_lens(session.views, model)
         u = math.sqrt(float(found.camera_covariance[0, 0]))
         focal.append(abs(found.camera.fx_px - session.camera.fx_px) < 1.96 * u)
         position.append(float(np.mean(pose_errors(session, found) < 12.592)))  # χ²₆ at 95 %

@@ -3,11 +3,20 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float
 
+from core.calibration import (
+    GroupEstimate,
+    LensChoice,
+    estimate_group,
+    number_labels,
+    select_lens,
+    stack_views,
+)
 from core.calibration.priors import (
     ASPECT_PRIOR,
     CURVATURE_ANGLES,
@@ -121,3 +130,15 @@ def look_around(
         views.append(GridPoints(BOARD, WIDTH, HEIGHT, column, row, seen, np.full(len(exact), sigma_px)))
         poses.append(T)
     return WideSession(camera, tuple(views), tuple(poses))
+
+
+def choose_lens(
+    views: Sequence[GridPoints], asked: LensModel | None = None
+) -> tuple[LensChoice, GroupEstimate]:
+    """Return the lens model selected for views of one camera, and their pooled estimate with it."""
+    stack = stack_views(views)
+    brown = estimate_group(stack, "pooled")
+    choice = select_lens(stack, number_labels(range(len(stack))), None, brown, asked)
+    if choice.start is None:
+        return choice, brown
+    return choice, estimate_group(stack, "pooled", lens_start=choice.start)
