@@ -147,27 +147,27 @@ class Session:
         """Return all measurements, oldest first."""
         return [Measurement.of(m) for m in self._client.items(f"/v1/sessions/{self.id}/measurements")]
 
-    def repeatability(self, **options: Any) -> Analysis:
+    def repeatability(self, /, **options: Any) -> Analysis:
         """Return the repeatability of ISO 9283; `options` are those of the analysis, e.g. `estimator="pooled"`."""
         return self._analysis("repeatability", options)
 
-    def intrinsics(self, **options: Any) -> Analysis:
+    def intrinsics(self, /, **options: Any) -> Analysis:
         """Return the camera of all images together."""
         return self._analysis("intrinsics", options)
 
-    def camera_poses(self, **options: Any) -> Analysis:
+    def camera_poses(self, /, **options: Any) -> Analysis:
         """Return the camera's pose in every image whose points were found."""
         return self._analysis("camera-poses", options)
 
-    def hand_eye(self, **options: Any) -> Analysis:
+    def hand_eye(self, /, **options: Any) -> Analysis:
         """Return the camera on the flange and the target in the base, from commanded poses."""
         return self._analysis("hand-eye", options)
 
-    def dh(self, **options: Any) -> Analysis:
+    def dh(self, /, **options: Any) -> Analysis:
         """Return the robot's Denavit-Hartenberg parameters."""
         return self._analysis("dh", options)
 
-    def comparison(self, **options: Any) -> Analysis:
+    def comparison(self, /, **options: Any) -> Analysis:
         """Return the published methods next to this one."""
         return self._analysis("comparison", options)
 
