@@ -102,108 +102,6 @@ if TYPE_CHECKING:
         with_nominal_orientations,
     )
 
-_NAMES = {
-    "absolute_poses": ("with_print_uncertainty",),
-    "calibration": (
-        "CalibratedSession",
-        "TaggedImage",
-        "calibrate_session",
-    ),
-    "commanded_poses": (
-        "HandEyeStation",
-        "HeldOut",
-        "SessionHandEye",
-        "calibrate_session_hand_eye",
-    ),
-    "estimation": (
-        "ImagePose",
-        "RefinedTarget",
-        "SelectedImages",
-        "estimate_session",
-        "image_poses",
-        "observed_radius",
-        "refine_target",
-        "select_images",
-        "target_transforms",
-        "worst_poses",
-    ),
-    "estimate": (
-        "ExcludedMeasurement",
-        "ExcludedPose",
-        "FocusGroup",
-        "SessionEstimate",
-    ),
-    "joint_noise": (
-        "NORMAL_FACTOR",
-        "HeldOutScatter",
-        "MapCell",
-        "PredictedScatter",
-        "RepeatabilityMap",
-        "SessionJointNoise",
-        "assess_joint_noise",
-    ),
-    "model": (
-        "NO_TARGET",
-        "CameraMount",
-        "CameraViews",
-        "CommandedPose",
-        "Datasheet",
-        "ImageObservation",
-        "MeasuredPose",
-        "SessionData",
-        "group_views",
-        "natural",
-    ),
-    "next_view": (
-        "NextRobotViews",
-        "NextViews",
-        "common_fit",
-        "suggest_dh_views",
-        "suggest_hand_eye_views",
-        "suggest_views",
-        "views_of_candidates",
-    ),
-    "qualification": ("qualify_session",),
-    "repeatability": (
-        "DRIFT_BLOCK",
-        "Approaches",
-        "BurstFloor",
-        "BurstNoise",
-        "Figure",
-        "FigureBudget",
-        "LimitAcceptance",
-        "PoseDistance",
-        "PoseRow",
-        "SessionAcceptance",
-        "SessionBudgets",
-        "SessionRepeatability",
-        "SessionSteadiness",
-        "Witness",
-        "WitnessMotion",
-        "accuracy_drift_of",
-        "assess_acceptance",
-        "assess_repeatability",
-        "drift_of",
-        "image_rows",
-        "images_of",
-        "measured_rows",
-        "session_budgets",
-    ),
-    "robot": (
-        "MethodDifference",
-        "NamedSweep",
-        "RobotIdentification",
-        "SessionCorrection",
-        "SessionErrorMap",
-        "identify_robot",
-        "semidefinite",
-        "session_correction",
-        "session_error_map",
-        "with_nominal_orientations",
-    ),
-}
-_MODULE_OF = {name: module for module, names in _NAMES.items() for name in names}
-
 __all__ = [
     "DRIFT_BLOCK",
     "NORMAL_FACTOR",
@@ -286,10 +184,18 @@ __all__ = [
     "with_print_uncertainty",
     "worst_poses",
 ]
+_MODULES = (
+    *("model", "estimate", "estimation", "absolute_poses", "robot", "calibration", "joint_noise"),
+    *("commanded_poses", "repeatability", "qualification", "next_view"),
+)
+"""Those that load least come first: from `robot` on, each loads the statistics and kinematics."""
 
 
 def __getattr__(name: str) -> Any:
-    """Load the module that defines a public name."""
-    if name not in _MODULE_OF:
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    return getattr(import_module(f"{__name__}.{_MODULE_OF[name]}"), name)
+    """Load the modules in turn until one has the public name."""
+    if name in __all__:
+        for module in _MODULES:
+            found = import_module(f"{__name__}.{module}")
+            if hasattr(found, name):
+                return getattr(found, name)
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from app.api.schemas.analyses.dh import DhAnalysis
+from app.api.schemas.analyses import DhAnalysis
 from core.geometry.se3 import invert
 from core.kinematics.dh import Chain, forward
 from core.kinematics.pose_observations import PoseData

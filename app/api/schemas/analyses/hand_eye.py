@@ -7,7 +7,7 @@ from typing import Annotated
 from pydantic import Field
 
 from app.api.schemas.analyses.common import EstimatedAnalysis, Matrix, Vector
-from app.api.schemas.analyses.dh import PoseErrors
+from app.api.schemas.analyses.dh.validation import PoseErrors
 from app.api.schemas.analyses.frames import (
     MATRIX_EXAMPLE,
     BaseCamera,
