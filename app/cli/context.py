@@ -13,7 +13,7 @@ from rich.markup import escape
 from sqlalchemy import make_url
 from sqlalchemy.exc import DBAPIError
 
-from app.cli.console import error_console, fail
+from app.client.commands import error_console, fail
 from app.errors import OperationRefused, ServiceError
 from app.records.migrations import NoRoomForCopy, SchemaTooNew
 from app.services.installation.context import ServiceContext

@@ -9,9 +9,9 @@ import typer
 from rich.markup import escape
 
 from app.analyses.history import NotAReport, Summary, comparison_document, read_report
-from app.cli.console import OptionRefused, error_console, print_error, print_list
 from app.cli.options.access import ReadAccess
 from app.client import Json, ServiceClient
+from app.client.commands import OptionRefused, error_console, print_error, print_list
 
 Subject = Annotated[str, typer.Argument(metavar="REPORT|FILE", help="A report's id, or its JSON form.")]
 _WORDS = {"larger": "larger", "smaller": "smaller", "no_change_shown": ""}

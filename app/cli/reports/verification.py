@@ -9,9 +9,9 @@ import typer
 from rich.console import Console
 from rich.markup import escape
 
-from app.cli.console import error_console, fail
 from app.cli.options.access import ReadAccess
 from app.client import ServiceClient
+from app.client.commands import error_console, fail
 
 _SHOWN = 20
 

@@ -21,9 +21,9 @@ from app.analyses.documents.robot_files import (
     write_terms_csv,
     write_terms_json,
 )
-from app.cli.console import OptionRefused, error_console, print_error
 from app.cli.options.access import ReadAccess
 from app.client import ClientError, Json, ServiceClient, find_session
+from app.client.commands import OptionRefused, error_console, print_error
 
 
 class ModelFormat(enum.StrEnum):

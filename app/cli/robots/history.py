@@ -8,9 +8,9 @@ from typing import Annotated
 import typer
 from rich.markup import escape
 
-from app.cli.console import OptionRefused, error_console, output_console, print_list, write_file
 from app.cli.options.access import ReadAccess
 from app.client import Json, ServiceClient, find_robot
+from app.client.commands import OptionRefused, error_console, output_console, print_list, write_file
 
 _COLUMNS = ("of", "figure", "sessions", "first", "last", "three-sigma limits", "outside")
 

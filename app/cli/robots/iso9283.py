@@ -10,10 +10,10 @@ import typer
 from rich.table import Table
 
 from app.analyses.documents.iso9283 import PLAN_WRITERS, PlanRefused, TestRequest, plan_test, sentences
-from app.cli.console import OptionRefused, error_console, output_console, print_error
 from app.cli.options.access import ReadAccess
 from app.cli.targets.options import TargetOptions, choose_target
 from app.client import ClientError, Json
+from app.client.commands import OptionRefused, error_console, output_console, print_error
 from core import GridposeError, Lens
 from core.metrology import CYCLES, TEST_PLANES
 from core.simulation import MAX_IMAGES_PER_STOP

@@ -10,9 +10,10 @@ from typing import Annotated
 import typer
 from rich.markup import escape
 
-from app.cli.console import error_console, megabytes
 from app.cli.context import data_failures, load_settings, print_location
 from app.cli.options.data_folder import DataDir
+from app.cli.sizes import megabytes
+from app.client.commands import error_console
 from app.records.tables import ApiKey
 from app.services.backup import make_backup, restore_backup
 from app.services.installation.context import ServiceContext

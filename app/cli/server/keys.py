@@ -8,9 +8,9 @@ from typing import Annotated
 
 import typer
 
-from app.cli.console import error_console, fail, print_list
 from app.cli.context import load_settings, open_context, print_location
 from app.cli.options.data_folder import DataDir
+from app.client.commands import error_console, fail, print_list
 from app.errors import ServiceError
 from app.records.activity import Activity, acting
 from app.records.readable import unreadable_columns

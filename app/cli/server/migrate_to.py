@@ -7,9 +7,9 @@ from typing import Annotated
 import typer
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
-from app.cli.console import error_console, fail
 from app.cli.context import data_failures, load_settings, open_context, print_location
 from app.cli.options.data_folder import DataDir
+from app.client.commands import error_console, fail
 from app.services.backup import move_installation
 
 _MAX_LISTED = 20

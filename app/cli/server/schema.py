@@ -9,9 +9,9 @@ from typing import Annotated
 import sqlalchemy as sa
 import typer
 
-from app.cli.console import fail
 from app.cli.context import data_failures, load_settings, print_location
 from app.cli.options.data_folder import DataDir
+from app.client.commands import fail
 from app.errors import InstallationRefused
 from app.records import migrations
 from app.records.database import Database

@@ -18,12 +18,12 @@ import uvicorn
 from fastapi import FastAPI
 
 from app.build import core_version
-from app.cli.console import fail
 from app.cli.context import data_failures, load_settings, open_context
 from app.cli.options.data_folder import DataDir
 from app.cli.server.connections import Connection, allow_many_connections
 from app.cli.server.first_key import announce_admin_key, ensure_admin_key
 from app.cli.server.supervision import Supervisor
+from app.client.commands import fail
 from app.logs import Logger, configure_logging
 from app.main import create_app
 from app.records.file_lock import AlreadyLocked, FileLock

@@ -9,11 +9,11 @@ import sys
 import time
 from types import FrameType
 
-from app.cli.console import fail
 from app.cli.context import load_settings, open_context, print_location
 from app.cli.options.data_folder import DataDir
 from app.cli.server.serve import end_after_giving_up, require_no_runner
 from app.cli.server.supervision import Supervisor
+from app.client.commands import fail
 from app.logs import configure_logging
 from app.records.file_lock import AlreadyLocked
 

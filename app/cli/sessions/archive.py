@@ -8,9 +8,10 @@ from typing import Annotated
 import typer
 from rich.markup import escape
 
-from app.cli.console import error_console, megabytes
 from app.cli.context import data_failures, load_settings, open_context, print_location
 from app.cli.options.data_folder import DataDir
+from app.cli.sizes import megabytes
+from app.client.commands import error_console
 from app.services.archive import ArchiveManifest, archive_session, restore_session
 
 _MAX_LISTED = 20

@@ -14,11 +14,11 @@ import numpy as np
 import typer
 from rich.console import Console
 
-from app.cli.console import error_console, print_error
 from app.cli.options.access import ReadAccess
 from app.cli.targets.check_report import ShapeEstimate, document, list_skipped, show
 from app.cli.targets.options import TargetOptions, choose_target, stored_target
 from app.client import ClientError, Json, find_session
+from app.client.commands import error_console, print_error
 from app.printing import describe
 from core import GridPoints, GridposeError, TargetSpec
 from core.calibration import (

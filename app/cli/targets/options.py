@@ -8,10 +8,9 @@ from typing import Annotated
 
 import typer
 
-from app.cli.console import error_console
 from app.cli.options.access import ReadAccess
 from app.client import ClientError, Json
-from app.client.commands import TargetDescription
+from app.client.commands import TargetDescription, error_console
 from core import TargetSpec
 from core.errors import InvalidArgument
 from core.targets import check_fields, target_of

@@ -10,10 +10,10 @@ import typer
 from rich.console import Console
 from rich.markup import escape
 
-from app.cli.console import error_console, print_error
 from app.cli.options.access import ReadAccess
 from app.cli.targets.options import TargetOptions, choose_target
 from app.client import ClientError
+from app.client.commands import error_console, print_error
 from app.printing import Sheet, draw_sheet, to_pdf, to_svg
 from core import GridposeError
 from core.errors import InvalidArgument
