@@ -12,17 +12,16 @@ from jaxtyping import Float, Int
 from core.geometry import compose, invert, so3_exp, so3_log, transform
 from core.kinematics import Chain, forward, pose_with_jacobian
 
-KR5_ARC = Chain.from_rows(
-    [
-        (180.0, -90.0, 400.0, 0.0),
-        (600.0, 0.0, 0.0, -90.0),
-        (120.0, 90.0, 0.0, 0.0),
-        (0.0, -90.0, -620.0, 0.0),
-        (0.0, 90.0, 0.0, 0.0),
-        (0.0, 180.0, -115.0, 0.0),
-    ]
+KR5_ARC_ROWS = (
+    (180.0, -90.0, 400.0, 0.0),
+    (600.0, 0.0, 0.0, -90.0),
+    (120.0, 90.0, 0.0, 0.0),
+    (0.0, -90.0, -620.0, 0.0),
+    (0.0, 90.0, 0.0, 0.0),
+    (0.0, 180.0, -115.0, 0.0),
 )
-"""The nominal geometry, by the maker's data sheet, classic DH."""
+"""The nominal geometry, by the maker's data sheet, classic DH: a (mm), α (deg), d (mm), offset of θ (deg)."""
+KR5_ARC = Chain.from_rows(KR5_ARC_ROWS)
 KR5_ARC_LIMITS = np.radians(
     [[-155.0, 155.0], [-180.0, 65.0], [-15.0, 158.0], [-350.0, 350.0], [-130.0, 130.0], [-350.0, 350.0]]
 )

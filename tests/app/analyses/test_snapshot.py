@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import math
 
 import numpy as np
 
@@ -12,8 +11,7 @@ from app.records.codec import decode_stack, encode_refused
 from app.records.outcome import Provenance
 from core.session import ImageObservation
 from core.targets.specification import TargetSpec
-from tests.support.sessions.stored_sessions import BOARD, CAMERA, HEIGHT, WIDTH, look
-from tests.support.simulation.simulated_views import draw_pose
+from tests.support.sessions.stored_sessions import BOARD, HEIGHT, WIDTH, draw_board_pose, look
 
 SEEN = ImageObservation("mea_1", "P1", 1, "0" * 64, 0, "default", None, 640, 480)
 IMAGE = StoredImage(SEEN, 45 * 54, "0.1.0")
@@ -62,10 +60,7 @@ def test_stored_points_of_many_images_are_decoded_at_once() -> None:
     boards = [BOARD, TargetSpec("asymmetric_circles", 4, 6, 7.0)]
     rng = np.random.default_rng(1)
     shown = [0, 1, 0]
-    views = [
-        look(rng, draw_pose(rng, boards[k], CAMERA, WIDTH, math.radians(30.0)), board=boards[k])
-        for k in shown
-    ]
+    views = [look(rng, draw_board_pose(rng, 30.0, boards[k]), board=boards[k]) for k in shown]
     stored = [encode_refused(view, Provenance("0.1.0", "0" * 64, {}))["points"] for view in views]
     stack = decode_stack(stored, boards, shown, WIDTH, HEIGHT)
     assert stack.targets == tuple(boards)

@@ -18,15 +18,8 @@ from roboticstoolbox import DHRobot, ERobot
 from app.analyses.documents.robot_files import WRITERS, Model, exports_of
 from core.geometry.se3 import so3_exp, transform
 from core.kinematics.dh import Chain, JointParameters, forward
+from core.simulation.arm import KR5_ARC_ROWS
 
-KR5 = [
-    (180.0, -90.0, 400.0, 0.0),
-    (600.0, 0.0, 0.0, -90.0),
-    (120.0, 90.0, 0.0, 0.0),
-    (0.0, -90.0, -620.0, 0.0),
-    (0.0, 90.0, 0.0, 0.0),
-    (0.0, 180.0, -115.0, 0.0),
-]
 T_FLANGE_CAMERA = transform(so3_exp(np.array([0.1, -0.7, 2.0])), np.array([30.0, -20.0, 90.0]))
 NAMES = tuple(f"axis {i} & <co>" for i in range(1, 7))
 
@@ -50,7 +43,7 @@ def joint(number: int, row: tuple[float, ...], beta_deg: float | None) -> dict[s
 def model(rows: Any = None, beta: float | None = None, **changes: Any) -> Model:
     """A robot near the KR5, every parameter off by something with many digits, joint 2 with β where it is given."""
     rng = np.random.default_rng(5)
-    rows = rows or [tuple(float(v) for v in np.array(row) + rng.normal(0.0, 0.7, 4)) for row in KR5]
+    rows = rows or [tuple(float(v) for v in np.array(row) + rng.normal(0.0, 0.7, 4)) for row in KR5_ARC_ROWS]
     joints = [joint(i + 1, row, beta if i == 1 else None) for i, row in enumerate(rows)]
     document = {
         **{"session_id": "ses_1", "inputs_sha256": "0" * 64, "core_version": "0.1.0"},
@@ -106,7 +99,7 @@ def agree(T_m: Any, T_mm: Any) -> None:
 
 
 @pytest.mark.parametrize("beta", [None, 0.0123456789])
-@pytest.mark.parametrize("rows", [None, KR5])
+@pytest.mark.parametrize("rows", [None, KR5_ARC_ROWS])
 def test_urdf(beta: float | None, rows: Any) -> None:
     """The nominal's right angles put URDF's roll, pitch and yaw at their singularity, where digits are lost easily."""
     of = model(rows, beta, joint_names=NAMES, limits_deg=((-350.0, 350.0),) * 6)
@@ -169,7 +162,7 @@ def test_urdf_without_limits_turns_freely_and_has_a_camera_only_where_asked() ->
 
 
 @pytest.mark.parametrize("beta", [None, 0.0123456789])
-@pytest.mark.parametrize("rows", [None, KR5])
+@pytest.mark.parametrize("rows", [None, KR5_ARC_ROWS])
 def test_robotics_toolbox(beta: float | None, rows: Any) -> None:
     """Run by the toolbox itself: the file is a program."""
     for limits in ((None,) * 6, ((-155.0, 150.0),) * 6):

@@ -11,14 +11,11 @@ from app.api.schemas.analyses import RepeatabilityAnalysis
 from core.geometry.roll_pitch_yaw import rotation_to_rpy
 from core.geometry.se3 import compose, invert, so3_exp, transform
 from tests.support.sessions.stored_sessions import (
-    BOARD,
-    CAMERA,
-    WIDTH,
     Shot,
     body,
+    draw_board_pose,
     look,
 )
-from tests.support.simulation.simulated_views import draw_pose
 
 KEYS = ["rp_l_mm", "rp_x_mm", "rp_y_mm", "rp_z_mm", "rp_roll_deg", "rp_pitch_deg", "rp_yaw_deg"]
 
@@ -70,7 +67,7 @@ def deviating_robot(
     shots, commanded, off = [], {}, {}
     for index in range(poses):
         name = f"P{index + 1}"
-        T_target_camera = invert(draw_pose(rng, BOARD, CAMERA, WIDTH, math.radians(30.0)))
+        T_target_camera = invert(draw_board_pose(rng, 30.0))
         attained = compose(T_BASE_TARGET, T_target_camera, invert(T_FLANGE_CAMERA))
         off[name] = rng.normal(0.0, deviation_mm, 3)
         commanded[name] = transform(attained[:3, :3], attained[:3, 3] - off[name])

@@ -13,8 +13,13 @@ from core.geometry.se3 import invert
 from core.kinematics.dh import forward
 from core.simulation.arm import KR5_ARC_HOME, Arm, free_angles, kr5_arc, sweep_angles
 from tests.support.sessions.kinematics import make_robot
-from tests.support.sessions.stored_sessions import BOARD, CAMERA, WIDTH, Shot, look, new_session, store_shots
-from tests.support.simulation.simulated_views import draw_pose
+from tests.support.sessions.stored_sessions import (
+    Shot,
+    draw_board_pose,
+    look,
+    new_session,
+    store_shots,
+)
 
 SETTINGS = {
     "estimator": "pooled",
@@ -50,7 +55,7 @@ def store_robot_session(api: Any) -> RobotSession:
     rng = np.random.default_rng(5)
     arm = kr5_arc(rng)
     at_home = forward(arm.chain, KR5_ARC_HOME[None])[0] @ arm.T_flange_camera
-    base = invert(draw_pose(rng, BOARD, CAMERA, WIDTH, math.radians(25.0))) @ invert(at_home)
+    base = invert(draw_board_pose(rng, 25.0)) @ invert(at_home)
     arm = Arm(arm.chain, base[None], arm.T_flange_camera)
     half_range = math.radians(8.0)
     q = np.concatenate(

@@ -16,6 +16,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from jaxtyping import Float
 
 from app.records.codec import encode_calibration, encode_refused
 from app.records.ids import new_id
@@ -52,6 +53,13 @@ class Shot:
         return hashlib.sha256(seen + repr((self.pose_id, self.cycle)).encode()).hexdigest()
 
 
+def draw_board_pose(
+    rng: np.random.Generator, tilt_deg: float, board: TargetSpec = BOARD
+) -> Float[np.ndarray, "4 4"]:
+    """Draw a pose of a board before `CAMERA`, tilted by so much."""
+    return draw_pose(rng, board, CAMERA, WIDTH, math.radians(tilt_deg))
+
+
 def look(
     rng: np.random.Generator,
     T_camera_target: Any,
@@ -84,7 +92,7 @@ def shoot(
     """A session: every pose visited in every cycle, by a robot whose positions scatter."""
     rng = np.random.default_rng(seed)
     board = looks.get("board", BOARD)
-    commanded = [draw_pose(rng, board, CAMERA, WIDTH, math.radians(tilt_deg)) for _ in range(poses)]
+    commanded = [draw_board_pose(rng, tilt_deg, board) for _ in range(poses)]
     shots = []
     for cycle in range(1, cycles + 1):
         for index, T_camera_target in enumerate(commanded):

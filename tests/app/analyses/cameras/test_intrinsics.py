@@ -25,6 +25,7 @@ from tests.support.sessions.stored_sessions import (
     Store,
     assert_order_is_irrelevant,
     body,
+    draw_board_pose,
     look,
     new_session,
     problem,
@@ -172,7 +173,7 @@ def test_views_that_one_image_is_refused_for_count_in_the_pool(api: Any, store: 
     rng = np.random.default_rng(5)
     flat = []
     for i in range(6):
-        T = draw_pose(rng, BOARD, CAMERA, WIDTH, math.radians(1.0))
+        T = draw_board_pose(rng, 1.0)
         flat.append(Shot(f"F{i}", 1, look(rng, T), invert(T)))
     session = new_session(api)
     store(api, session, [*shoot(cycles=1), *flat])

@@ -23,11 +23,11 @@ from tests.support.sessions.stored_sessions import (
     Shot,
     Store,
     body,
+    draw_board_pose,
     new_session,
     problem,
     shoot,
 )
-from tests.support.simulation.simulated_views import draw_pose
 
 SIGMA_PX = 0.02
 
@@ -48,7 +48,7 @@ def session_of(
     row, column = (a.ravel() for a in np.mgrid[0 : board.rows, 0 : board.columns])
     shots = []
     for i in range(count):
-        T = draw_pose(rng, board, CAMERA, WIDTH, math.radians(30.0))
+        T = draw_board_pose(rng, 30.0, board)
         exact = project(transform_points(T, places), CAMERA)
         seen = exact + rng.normal(0.0, SIGMA_PX, exact.shape)
         if turned and rng.random() < 0.5:

@@ -10,8 +10,7 @@ import pytest
 from app.analyses.documents.view_words import instruction
 from core.calibration import CommonFit, estimate_group
 from core.geometry import project, so3_exp, transform, transform_points
-from tests.support.sessions.stored_sessions import BOARD, CAMERA, WIDTH, look
-from tests.support.simulation.simulated_views import draw_pose
+from tests.support.sessions.stored_sessions import BOARD, CAMERA, draw_board_pose, look
 
 MIDDLE = BOARD.points_target().mean(axis=0)
 
@@ -19,7 +18,7 @@ MIDDLE = BOARD.points_target().mean(axis=0)
 @pytest.fixture(scope="module")
 def fit() -> CommonFit:
     rng = np.random.default_rng(3)
-    views = [look(rng, draw_pose(rng, BOARD, CAMERA, WIDTH, math.radians(30.0))) for _ in range(5)]
+    views = [look(rng, draw_board_pose(rng, 30.0)) for _ in range(5)]
     found = estimate_group(views, "pooled").fit
     assert found is not None
     return found

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from datetime import UTC, datetime
 from typing import Any
 
@@ -12,17 +11,14 @@ import pytest
 from core.geometry.se3 import invert
 from tests.support.sessions.robot_session import ANALYSES, FORMULA, RobotSession
 from tests.support.sessions.stored_sessions import (
-    BOARD,
-    CAMERA,
-    WIDTH,
     Shot,
     Store,
+    draw_board_pose,
     look,
     new_session,
     shoot,
     with_fields,
 )
-from tests.support.simulation.simulated_views import draw_pose
 
 HEAD = {"session_id", "subject", "inputs_sha256", "core_version", "pending", "excluded", "warnings"}
 
@@ -55,7 +51,7 @@ def test_images_that_one_image_estimators_refuse_are_excluded(api: Any, store: S
     rng = np.random.default_rng(5)
     flat = []
     for i in range(3):
-        T = draw_pose(rng, BOARD, CAMERA, WIDTH, math.radians(1.0))
+        T = draw_board_pose(rng, 1.0)
         flat.append(Shot(f"F{i}", 1, look(rng, T), invert(T), {"filename": f"flat{i}.png"}))
     session = new_session(api)
     ids = store(api, session, [*shoot(cycles=2), *flat])

@@ -20,16 +20,13 @@ from core.simulation.arm import KR5_ARC_HOME, Arm, free_angles, kr5_arc, sweep_a
 from tests.support.sessions.kinematics import make_robot
 from tests.support.sessions.robot_session import in_view
 from tests.support.sessions.stored_sessions import (
-    BOARD,
-    CAMERA,
-    WIDTH,
     Shot,
     body,
+    draw_board_pose,
     look,
     new_session,
     store_shots,
 )
-from tests.support.simulation.simulated_views import draw_pose
 
 
 @dataclass(frozen=True)
@@ -50,7 +47,7 @@ def fixed(api: Any) -> FixedCamera:
     rng = np.random.default_rng(8)
     arm = kr5_arc(rng)
     at_home = forward(arm.chain, KR5_ARC_HOME[None])[0] @ arm.T_flange_camera
-    T_camera_base = draw_pose(rng, BOARD, CAMERA, WIDTH, math.radians(25.0)) @ invert(at_home)
+    T_camera_base = draw_board_pose(rng, 25.0) @ invert(at_home)
     arm = Arm(arm.chain, T_camera_base[None], arm.T_flange_camera)
     half_range = math.radians(8.0)
     q = np.concatenate(

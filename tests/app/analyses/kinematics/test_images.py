@@ -17,14 +17,13 @@ from tests.support.sessions.kinematics import document, error_mm, get, make_robo
 from tests.support.sessions.stored_sessions import (
     BOARD,
     CAMERA,
-    WIDTH,
     Shot,
     Store,
+    draw_board_pose,
     look,
     new_session,
     problem,
 )
-from tests.support.simulation.simulated_views import draw_pose
 
 OTHER = TargetSpec("chessboard", 8, 5, 15.0)
 
@@ -39,9 +38,7 @@ def photographed(
     rng = np.random.default_rng(seed)
     arm = kr5_arc(rng)
     at_home = forward(arm.chain, KR5_ARC_HOME[None])[0] @ arm.T_flange_camera
-    bases = [
-        invert(draw_pose(rng, board, CAMERA, WIDTH, math.radians(25.0))) @ invert(at_home) for board in boards
-    ]
+    bases = [invert(draw_board_pose(rng, 25.0, board)) @ invert(at_home) for board in boards]
     arm = Arm(arm.chain, np.array(bases), arm.T_flange_camera)
     q = sweep_angles(KR5_ARC_HOME, half_arc=math.radians(arc_deg), steps=5)
     q = np.concatenate([q, free_angles(rng, KR5_ARC_HOME, free, half_range=math.radians(arc_deg))])

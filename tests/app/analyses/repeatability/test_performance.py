@@ -14,19 +14,16 @@ from core.geometry.roll_pitch_yaw import rotation_to_rpy
 from core.geometry.se3 import compose, invert, so3_exp, transform
 from core.session.repeatability.performance import MAX_PAIRS
 from tests.support.sessions.stored_sessions import (
-    BOARD,
-    CAMERA,
     MEASURED_BOARD,
-    WIDTH,
     Shot,
     Store,
     body,
     codes,
+    draw_board_pose,
     look,
     new_session,
     shoot,
 )
-from tests.support.simulation.simulated_views import draw_pose
 
 X = transform(so3_exp(np.array([0.1, 0.2, -0.5])), np.array([30.0, -20.0, 60.0]))
 Z = transform(so3_exp(np.array([0.0, math.pi, 0.3])), np.array([800.0, 50.0, 200.0]))
@@ -57,7 +54,7 @@ def command(api: Any, session: str, pose_id: str, T: Any, **fields: Any) -> None
 
 def cube(rng: np.random.Generator) -> dict[str, Any]:
     """Two poses of one orientation, 50 mm apart, and one that is turned besides."""
-    middle = invert(draw_pose(rng, BOARD, CAMERA, WIDTH, math.radians(30.0)))
+    middle = invert(draw_board_pose(rng, 30.0))
     return {
         "P1": middle,
         "P2": compose(transform(np.eye(3), np.array([30.0, 0.0, -40.0])), middle),

@@ -23,9 +23,8 @@ from core.session import (
 )
 from core.session.commanded_poses.likely_causes import calibrate_or_explain
 from tests.support.sessions.repeatability import T_BASE_TARGET, T_FLANGE_CAMERA
-from tests.support.sessions.stored_sessions import BOARD, CAMERA, HEIGHT, WIDTH, look
+from tests.support.sessions.stored_sessions import BOARD, HEIGHT, WIDTH, draw_board_pose, look
 from tests.support.simulation.hand_eye_poses import draw_stations
-from tests.support.simulation.simulated_views import draw_pose
 
 SECOND = transform(so3_exp(np.array([0.2, math.pi - 0.3, 0.1])), np.array([650.0, -260.0, 240.0]))
 """The second target in the base."""
@@ -44,10 +43,10 @@ def session(
     """Draw two cycles; every third pose is before the second target, with `both` each is before either."""
     rng = np.random.default_rng(seed)
     images, points, commanded = [], {}, {}
-    start = draw_pose(rng, BOARD, CAMERA, WIDTH, math.radians(30.0))
+    start = draw_board_pose(rng, 30.0)
     for k in range(poses):
         name = f"P{k + 1}"
-        T_camera_target = draw_pose(rng, BOARD, CAMERA, WIDTH, math.radians(30.0))
+        T_camera_target = draw_board_pose(rng, 30.0)
         if not turned:
             T_camera_target = transform(start[:3, :3], T_camera_target[:3, 3])
         shown = [0, 1] if both else [1 if targets == 2 and k % 3 == 2 else 0]
