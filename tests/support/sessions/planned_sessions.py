@@ -107,11 +107,17 @@ def _of_lens(size: int) -> Float[np.ndarray, "q q"]:
 
 
 def _of_chain(data: SessionData, estimate: SessionEstimate) -> float:
+    lengths, angles = chain_uncertainties(data, estimate)
+    return math.hypot(lengths, _REACH_MM * angles)
+
+
+def chain_uncertainties(data: SessionData, estimate: SessionEstimate) -> tuple[float, float]:
+    """Return the root mean squares of the uncertainties of a chain's lengths (mm) and angles (rad)."""
     joints = identify_robot(data, estimate, model=ModelChoice.DH).joints
     known = [item for joint in joints for item in joint.estimate.standard_uncertainty.items()]
     lengths = [u**2 for name, u in known if u is not None and name.endswith("_mm")]
     angles = [u**2 for name, u in known if u is not None and name.endswith("_rad")]
-    return math.sqrt(float(np.mean(lengths)) + _REACH_MM**2 * float(np.mean(angles)))
+    return math.sqrt(float(np.mean(lengths))), math.sqrt(float(np.mean(angles)))
 
 
 HAND_EYE = RobotPlan(4, 24, _of_mount, suggest_hand_eye_views, _DEVIATIONS, as_built=False)

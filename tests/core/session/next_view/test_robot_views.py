@@ -9,16 +9,13 @@ import numpy as np
 import pytest
 
 from core.errors import InvalidArgument, NoViewShowsTarget, TooFewMeasurements
-from core.kinematics import ModelChoice, forward
+from core.kinematics import forward
 from core.session import (
     NextRobotViews,
     SessionData,
     SessionEstimate,
     calibrate_session_hand_eye,
     estimate_session,
-    identify_robot,
-    suggest_dh_views,
-    suggest_hand_eye_views,
 )
 from core.session.next_view.reach import JOINT_MARGIN
 from core.session.next_view.views_expected import expected_views
@@ -27,57 +24,52 @@ from tests.support.sessions.planned_sessions import (
     DH,
     HAND_EYE,
     RobotPlan,
+    chain_uncertainties,
     images_needed,
     least_mount_images,
 )
 from tests.support.sessions.stored_sessions import BOARD
 
-BEGUN = {"hand_eye": 8, "dh": 16}
+BEGUN = {HAND_EYE: 8, DH: 16}
 
 
 @dataclasses.dataclass(frozen=True)
 class Begun:
     """A session that has begun, and the four views that are suggested next."""
 
-    purpose: str
+    plan: RobotPlan
     views: ArmViews
     data: SessionData
     estimate: SessionEstimate
     found: NextRobotViews
 
     def suggest(self, count: int, target: int = 0, data: SessionData | None = None) -> NextRobotViews:
-        suggest = suggest_hand_eye_views if self.purpose == "hand_eye" else suggest_dh_views
-        return suggest(data or self.data, self.estimate, self.estimate.groups[0], target, count)
+        return self.plan.suggest(data or self.data, self.estimate, self.estimate.groups[0], target, count)
 
 
-@pytest.fixture(scope="module", params=["hand_eye", "dh"])
+@pytest.fixture(scope="module", params=[HAND_EYE, DH], ids=["hand_eye", "dh"])
 def begun(request: pytest.FixtureRequest) -> Begun:
     """A session of either purpose."""
     rng = np.random.default_rng(4)
-    off = (0.2, 2e-4) if request.param == "hand_eye" else (0.0, 0.0)
-    views = ArmViews(arm_before_board(rng, as_built=request.param == "dh"), rng, *off)
-    views.take(viewing_angles(views.arm, rng, BEGUN[request.param]))
+    plan = request.param
+    views = ArmViews(arm_before_board(rng, as_built=plan.as_built), rng, *plan.deviations)
+    views.take(viewing_angles(views.arm, rng, BEGUN[plan]))
     data = views.all()
     estimate = estimate_session(data, "pooled")
-    suggest = suggest_hand_eye_views if request.param == "hand_eye" else suggest_dh_views
-    return Begun(request.param, views, data, estimate, suggest(data, estimate, estimate.groups[0], 0, 4))
+    return Begun(plan, views, data, estimate, plan.suggest(data, estimate, estimate.groups[0], 0, 4))
 
 
-def stated(purpose: str, data: SessionData, estimate: SessionEstimate) -> tuple[float, float]:
+def stated(plan: RobotPlan, data: SessionData, estimate: SessionEstimate) -> tuple[float, float]:
     """Return what the analysis itself says is uncertain: rms lengths (mm) and angles (rad)."""
-    if purpose == "hand_eye":
+    if plan is HAND_EYE:
         u = np.sqrt(np.diag(calibrate_session_hand_eye(data, estimate, nominal_prints=True).covariance))
         return math.sqrt(float(np.mean(u[:3] ** 2))), math.sqrt(float(np.mean(u[3:6] ** 2)))
-    joints = identify_robot(data, estimate, model=ModelChoice.DH).joints
-    known = [item for joint in joints for item in joint.estimate.standard_uncertainty.items()]
-    lengths = [u for name, u in known if u is not None and name.endswith("_mm")]
-    angles = [u for name, u in known if u is not None and name.endswith("_rad")]
-    return math.sqrt(float(np.mean(np.square(lengths)))), math.sqrt(float(np.mean(np.square(angles))))
+    return chain_uncertainties(data, estimate)
 
 
 def test_now_is_what_the_analysis_states_and_after_is_what_it_will_state(begun: Begun) -> None:
     found, views = begun.found, begun.views
-    position, angle = stated(begun.purpose, begun.data, begun.estimate)
+    position, angle = stated(begun.plan, begun.data, begun.estimate)
     assert found.position_mm[0] == pytest.approx(position, rel=0.1)
     assert found.angle[0] == pytest.approx(angle, rel=0.1)
     assert np.all(np.diff(found.position_mm) <= 0.0)
@@ -86,7 +78,7 @@ def test_now_is_what_the_analysis_states_and_after_is_what_it_will_state(begun: 
     more = dataclasses.replace(views, rng=np.random.default_rng(9))
     more.take(np.concatenate([views.joint_angles, found.joint_angles]))
     data = more.all()
-    position, angle = stated(begun.purpose, data, estimate_session(data, "pooled"))
+    position, angle = stated(begun.plan, data, estimate_session(data, "pooled"))
     # The robot's scatter is estimated from some dozen poses: to a third.
     assert position == pytest.approx(found.position_mm[-1], rel=0.5)
     assert angle == pytest.approx(found.angle[-1], rel=0.5)
@@ -97,7 +89,7 @@ def test_the_robot_can_take_the_views(begun: Begun) -> None:
     assert found.joint_angles is not None
     assert np.all(found.joint_angles >= visited.min(axis=0) - JOINT_MARGIN - 1e-9)
     assert np.all(found.joint_angles <= visited.max(axis=0) + JOINT_MARGIN + 1e-9)
-    if begun.purpose == "hand_eye":  # with DH base and flange are those of the identified chain
+    if begun.plan is HAND_EYE:  # with DH base and flange are those of the identified chain
         there = forward(arm.chain, found.joint_angles)
         off = np.linalg.norm(there[:, :3, 3] - found.T_base_flange[:, :3, 3], axis=1)
         assert off.max() < 1.0
@@ -111,7 +103,7 @@ def test_of_stated_candidates_each_is_taken_once_and_those_without_the_target_ne
     seen = viewing_angles(arm, np.random.default_rng(12), 6)
     away = seen[:2] + np.array([1.5, 0.0, 0.0, 0.0, 0.0, 0.0])
     stated = np.concatenate([away[:1], seen, away[1:]])
-    suggest = suggest_hand_eye_views if begun.purpose == "hand_eye" else suggest_dh_views
+    suggest = begun.plan.suggest
     found = suggest(begun.data, begun.estimate, begun.estimate.groups[0], 0, 20, stated)
     assert found.joint_angles is not None
     assert found.stated is not None
@@ -120,7 +112,7 @@ def test_of_stated_candidates_each_is_taken_once_and_those_without_the_target_ne
     T = np.linalg.inv(arm.camera_poses(found.joint_angles))
     assert np.linalg.norm(T[:, :3, 3] - found.T_camera_target[:, :3, 3], axis=1).max() < 3.0
     assert np.all(np.diff(found.position_mm) <= 0.0)
-    if begun.purpose == "hand_eye":
+    if begun.plan is HAND_EYE:
         distance = calibrate_session_hand_eye(begun.data, begun.estimate).working_distance_mm
 
         def left(candidates: np.ndarray) -> float:
