@@ -5,12 +5,13 @@ Revision: 0010, after 0009
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable, Mapping
 from typing import Any
 
 import sqlalchemy as sa
 from alembic import op
+
+from migrations.documents import rewrite_documents
 
 revision = "0010"
 down_revision = "0009"
@@ -18,7 +19,6 @@ branch_labels = None
 depends_on = None
 lost_on_the_way_down = "How likely the second pose of a plane is, of stored calibrations, until a retry."
 
-_BATCH = 500
 _LABELLING = {"known": "absolute", "turned": "up_to_symmetry", "unknown": "partial"}
 _JOINT = {"lower_deg": "minimum_deg", "upper_deg": "maximum_deg"}
 _CALIBRATION = {"start": "initialisation"}
@@ -57,38 +57,6 @@ def _renamed_calibration(names: Mapping[str, str], pose: Mapping[str, str], old:
     return renamed
 
 
-def _read(stored: Any) -> Any:
-    """Return a document, which SQLite hands over as text; None for what is no JSON."""
-    if not isinstance(stored, str | bytes):
-        return stored
-    try:
-        return json.loads(stored)
-    except ValueError:
-        return None
-
-
-def _rewrite(table: str, key: str, column: str, renamed: Renamed) -> None:
-    """Replace a column's documents, a batch of rows at a time; a damaged one stays as it is."""
-    rows = sa.table(table, sa.column(key, sa.String), sa.column(column))
-    connection = op.get_bind()
-    last = ""
-    while found := connection.execute(
-        sa.select(rows.c[key], rows.c[column])
-        .where(rows.c[key] > last, rows.c[column].is_not(None))
-        .order_by(rows.c[key])
-        .limit(_BATCH)
-    ).all():
-        documents = [{"row": row, "document": renamed(_read(stored))} for row, stored in found]
-        if sound := [one for one in documents if one["document"] is not None]:
-            connection.execute(
-                sa.update(rows)
-                .where(rows.c[key] == sa.bindparam("row"))
-                .values({column: sa.bindparam("document", type_=sa.JSON())}),
-                sound,
-            )
-        last = found[-1][0]
-
-
 def _relabel(column: str, words: Mapping[str, str]) -> None:
     results = sa.table("results", sa.column(column, sa.String))
     for old, new in words.items():
@@ -99,20 +67,20 @@ def upgrade() -> None:
     op.alter_column("results", "origin", new_column_name="labelling")
     op.alter_column("robots", "repeatability_mm", new_column_name="datasheet_repeatability_mm")
     _relabel("labelling", _LABELLING)
-    _rewrite("robots", "id", "joints", _renamed_joints(_JOINT))
-    _rewrite(
+    rewrite_documents("robots", "id", "joints", _renamed_joints(_JOINT))
+    rewrite_documents(
         "results", "measurement_id", "calibration", _renamed_calibration(_CALIBRATION, _POSE, *_RECOMPUTED)
     )
 
 
 def downgrade() -> None:
-    _rewrite(
+    rewrite_documents(
         "results",
         "measurement_id",
         "calibration",
         _renamed_calibration(_inverse(_CALIBRATION), _inverse(_POSE), *reversed(_RECOMPUTED)),
     )
-    _rewrite("robots", "id", "joints", _renamed_joints(_inverse(_JOINT)))
+    rewrite_documents("robots", "id", "joints", _renamed_joints(_inverse(_JOINT)))
     _relabel("labelling", _inverse(_LABELLING))
     op.alter_column("robots", "datasheet_repeatability_mm", new_column_name="repeatability_mm")
     op.alter_column("results", "labelling", new_column_name="origin")

@@ -5,13 +5,10 @@ Revision: 0012, after 0011
 
 from __future__ import annotations
 
-import json
 import math
-from collections.abc import Callable
 from typing import Any
 
-import sqlalchemy as sa
-from alembic import op
+from migrations.documents import rewrite_documents
 
 revision = "0012"
 down_revision = "0011"
@@ -19,12 +16,12 @@ branch_labels = None
 depends_on = None
 lost_on_the_way_down = "Nothing: a later upgrade computes grades and intervals again."
 
-_BATCH = 500
-_RESULTS = sa.table("results", sa.column("measurement_id", sa.String), sa.column("calibration", sa.JSON()))
 _MAX_DETERMINED, _NORMAL_95 = 0.02, 1.959964
 
 
-def _graded(document: dict[str, Any]) -> dict[str, Any]:
+def _graded(document: Any) -> dict[str, Any] | None:
+    if not isinstance(document, dict):
+        return None
     try:
         relative = document["observability"]["focal_relative_uncertainty"]
         intervals = {
@@ -42,50 +39,15 @@ def _interval(focal_px: float, standard_uncertainty_px: float) -> list[float]:
     return [focal_px / factor, focal_px * factor]
 
 
-def _ungraded(document: dict[str, Any]) -> dict[str, Any]:
+def _ungraded(document: Any) -> dict[str, Any] | None:
+    if not isinstance(document, dict):
+        return None
     return {name: value for name, value in document.items() if name not in ("grade", "interval_95")}
 
 
-def _read(stored: Any) -> Any:
-    """Return a document, which SQLite hands over as text; None for what is no JSON."""
-    if not isinstance(stored, str | bytes):
-        return stored
-    try:
-        return json.loads(stored)
-    except ValueError:
-        return None
-
-
-def _rewrite(rewritten: Callable[[dict[str, Any]], dict[str, Any]]) -> None:
-    """Replace the documents, a batch of rows at a time; a damaged one stays as it is."""
-    connection = op.get_bind()
-    plain = sa.table("results", sa.column("measurement_id", sa.String), sa.column("calibration"))
-    last = ""
-    while found := connection.execute(
-        sa.select(plain.c.measurement_id, plain.c.calibration)
-        .where(plain.c.measurement_id > last, plain.c.calibration.is_not(None))
-        .order_by(plain.c.measurement_id)
-        .limit(_BATCH)
-    ).all():
-        documents = [(row, _read(stored)) for row, stored in found]
-        sound = [
-            {"row": row, "document": rewritten(document)}
-            for row, document in documents
-            if isinstance(document, dict)
-        ]
-        if sound:
-            connection.execute(
-                sa.update(_RESULTS)
-                .where(_RESULTS.c.measurement_id == sa.bindparam("row"))
-                .values(calibration=sa.bindparam("document", type_=sa.JSON())),
-                sound,
-            )
-        last = found[-1][0]
-
-
 def upgrade() -> None:
-    _rewrite(_graded)
+    rewrite_documents("results", "measurement_id", "calibration", _graded)
 
 
 def downgrade() -> None:
-    _rewrite(_ungraded)
+    rewrite_documents("results", "measurement_id", "calibration", _ungraded)
