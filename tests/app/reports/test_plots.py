@@ -20,59 +20,34 @@ from matplotlib.patches import Circle, Ellipse
 from matplotlib.text import Annotation, Text
 
 from app.reports.camera_plots.coverage_cells import ProjectionField, coverage_cells
-from app.reports.camera_plots.lens_profile import lens_profile_figure
 from app.reports.camera_plots.projection_map import projection_figure, projection_svg
 from app.reports.camera_plots.residual_cells import ResidualField, cells_of
-from app.reports.camera_plots.residual_map import residuals_figure, residuals_svg
+from app.reports.camera_plots.residual_map import residuals_svg
 from app.reports.drift import _signed, drift_figure, drift_svg
-from app.reports.joint_curves import joint_curves_figure
 from app.reports.scatter import PoseScatter, scatter_figure, scatter_svg
-from app.reports.steadiness import steadiness_figure
 from app.reports.svg import drawing_style, head_with, millimetres, unsigned_zero
 from tests.support.image.plotted import (
+    DRAWINGS,
     NOTHING,
     ODD_DRIFTS,
     ODD_FIELDS,
     ODD_PROJECTIONS,
     ODD_SCATTERS,
-    STEADINESS,
-    arm_schematic,
     drifting,
     field,
     joint_panels,
-    lens_profiles,
     motionless,
     scatter,
-    slender_arm_schematic,
-    workspace_map,
 )
-
-
-def drawings() -> dict[str, Callable[[], Figure]]:
-    return {
-        "scatter": lambda: scatter_figure([scatter()], "title"),
-        "odd scatters": lambda: scatter_figure(ODD_SCATTERS, "title"),
-        "drift": lambda: drift_figure([drifting()], "title", 10),
-        "odd drifts": lambda: drift_figure(ODD_DRIFTS, "title", 10),
-        "residuals": lambda: residuals_figure([field()], [cells_of(field())], "title"),
-        "odd residuals": lambda: residuals_figure(ODD_FIELDS, [cells_of(f) for f in ODD_FIELDS], "title"),
-        "odd projections": lambda: projection_figure(ODD_PROJECTIONS, "title"),
-        "one drift in time": lambda: drift_figure([drifting(turns=True, minutes=4.0)], "title", 10),
-        "steadiness": lambda: steadiness_figure(STEADINESS, "title", "not steady", "cycle"),
-        "one steadiness": lambda: steadiness_figure(STEADINESS[1:2], "title", "not steady", "cycle"),
-        "joint curves": lambda: joint_curves_figure(joint_panels(), "title", "chosen"),
-        "workspace map": workspace_map,
-        "arm schematic": arm_schematic,
-        "slender arm": slender_arm_schematic,
-        "lens models": lambda: lens_profile_figure(lens_profiles(), "title"),
-        "headed": lambda: headed(drift_figure([drifting()], "title", 10)),
-    }
 
 
 def headed(figure: Figure) -> Figure:
     """The same with what it is about above it, in letters as wide as they come."""
     head_with(figure, f"{'W' * 40} · robot {'M' * 40} · images of 2026-11-20 to 2026-11-23")
     return figure
+
+
+PLOTS = DRAWINGS | {"headed": lambda: headed(drift_figure([drifting()], "title", 10))}
 
 
 def boxes(figure: Figure) -> list[tuple[str, Any]]:
@@ -98,10 +73,10 @@ def boxes(figure: Figure) -> list[tuple[str, Any]]:
     return found
 
 
-@pytest.mark.parametrize("name", list(drawings()))
+@pytest.mark.parametrize("name", PLOTS)
 def test_nothing_written_hides_another_or_leaves_the_sheet(name: str) -> None:
     with drawing_style():
-        figure = drawings()[name]()
+        figure = PLOTS[name]()
         sheet = figure.bbox
         written = boxes(figure)
     assert len(written) > 10

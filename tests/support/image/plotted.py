@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -14,13 +15,15 @@ from app.reports.arm_schematic import (
     arm_schematic_figure,
 )
 from app.reports.camera_plots.coverage_cells import ProjectionField, coverage_cells
-from app.reports.camera_plots.lens_profile import LensProfile
+from app.reports.camera_plots.lens_profile import LensProfile, lens_profile_figure
+from app.reports.camera_plots.projection_map import projection_figure
 from app.reports.camera_plots.radial_bins import RadialResiduals
-from app.reports.camera_plots.residual_cells import ResidualField
-from app.reports.drift import Block, BlockMean, PoseDrift
-from app.reports.joint_curves import JointCurvePanel
-from app.reports.scatter import PoseScatter
-from app.reports.steadiness import SteadinessPanel
+from app.reports.camera_plots.residual_cells import ResidualField, cells_of
+from app.reports.camera_plots.residual_map import residuals_figure
+from app.reports.drift import Block, BlockMean, PoseDrift, drift_figure
+from app.reports.joint_curves import JointCurvePanel, joint_curves_figure
+from app.reports.scatter import PoseScatter, scatter_figure
+from app.reports.steadiness import SteadinessPanel, steadiness_figure
 from app.reports.workspace_map import (
     EXTRAPOLATED,
     MapPanel,
@@ -232,3 +235,24 @@ def lens_profiles() -> list[LensProfile]:
         )
     ]
     return [LensProfile("default", 30, "kannala_brandt", "w 41, share 2.0 %.", 900.0, models)]
+
+
+DRAWINGS: dict[str, Callable[[], Figure]] = {
+    "scatter": lambda: scatter_figure([scatter()], "title"),
+    "odd scatters": lambda: scatter_figure(ODD_SCATTERS, "title"),
+    "drift": lambda: drift_figure([drifting()], "title", 10),
+    "odd drifts": lambda: drift_figure(ODD_DRIFTS, "title", 10),
+    "residuals": lambda: residuals_figure([(bent := field(bend=0.02))], [cells_of(bent)], "title"),
+    "odd residuals": lambda: residuals_figure(ODD_FIELDS, [cells_of(f) for f in ODD_FIELDS], "title"),
+    "projection": lambda: projection_figure([projected(field(n=30))], "title"),
+    "odd projections": lambda: projection_figure(ODD_PROJECTIONS, "title"),
+    "one drift in time": lambda: drift_figure([drifting(turns=True, minutes=4.0)], "title", 10),
+    "steadiness": lambda: steadiness_figure(STEADINESS, "title", "not steady", "cycle"),
+    "one steadiness": lambda: steadiness_figure(STEADINESS[1:2], "title", "not steady", "cycle"),
+    "joint curves": lambda: joint_curves_figure(joint_panels(), "title", "chosen"),
+    "workspace map": workspace_map,
+    "arm schematic": arm_schematic,
+    "slender arm": slender_arm_schematic,
+    "lens models": lambda: lens_profile_figure(lens_profiles(), "title"),
+}
+"""Every kind of plot, and the odd ones."""
