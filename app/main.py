@@ -171,7 +171,7 @@ def _start(settings: Settings, metrics: Metrics) -> AppContext:
                 "Another process runs the jobs of this data folder; stop it or set GRIDPOSE_WORKERS=0."
             ) from error
     painter = ImagePainter(settings.max_image_pixels)
-    analyses = AnalysisService(settings)
+    analyses = AnalysisService(settings, installation.database)
     news = SessionNews(installation.database)
     news.start()
     metrics.watch(installation, runner, analyses)

@@ -23,7 +23,7 @@ from app.build import analyses_build
 from app.errors import Conflict, ServiceError, Unavailable
 from app.jobs.call_queue import Call, CallQueue, QueueFull, ShareTaken
 from app.jobs.subprocess_executor import Limits, OutOfMemory, ProcessDied, TimedOut
-from app.services.installation.context import ServiceContext
+from app.records.database import Database
 from app.settings import Settings
 
 PROCESSES = 2
@@ -51,9 +51,10 @@ class _Asked:
 
 
 class AnalysisService:
-    """Answers analyses, for one event loop."""
+    """Answers analyses of an installation's sessions, for one event loop."""
 
-    def __init__(self, settings: Settings) -> None:
+    def __init__(self, settings: Settings, database: Database) -> None:
+        self._database = database
         self._limits = Limits(settings.analysis_timeout_s, settings.analysis_memory_bytes)
         self._calls = CallQueue(
             settings.max_image_pixels, processes=PROCESSES, places=PLACES, limits=self._limits
@@ -63,7 +64,6 @@ class AnalysisService:
 
     async def answer(
         self,
-        installation: ServiceContext,
         analysis: str,
         session_id: str,
         settings: Mapping[str, str],
@@ -76,7 +76,7 @@ class AnalysisService:
         Cancelled, it stops the computation unless others wait for it.
         """
         question = (session_id, analysis, tuple(sorted(settings.items())))
-        change_token, etag = await run_in_threadpool(self._read, installation, question, bool(known_etags))
+        change_token, etag = await run_in_threadpool(self._read, question, bool(known_etags))
         if etag is not None and etag in known_etags:
             return Analysis(etag, None)
         failure = self._kept.failure(question, change_token)
@@ -84,18 +84,17 @@ class AnalysisService:
             raise failure
         found = self._kept.answer(session_id, etag) if etag is not None else None
         if etag is None or found is None:
-            database = installation.database
-            shared = await run_in_threadpool(find_answer, database, question, change_token)
+            shared = await run_in_threadpool(find_answer, self._database, question, change_token)
             if shared is not None:
                 etag, found = shared
             else:
-                analysed = await self._compute(installation, question, change_token, requester)
+                analysed = await self._compute(question, change_token, requester)
                 etag, found, change_token = (
                     entity_tag(analysed.answer_sha256),
                     analysed.outcome,
                     analysed.change_token,
                 )
-                await run_in_threadpool(keep_answer, database, question, change_token, etag, found)
+                await run_in_threadpool(keep_answer, self._database, question, change_token, etag, found)
             self._kept.keep(session_id, etag, found)
             self._kept.keep_tag(question, change_token, etag)
         if isinstance(found, AnalysisRefused):
@@ -103,13 +102,13 @@ class AnalysisService:
         return Analysis(etag, None if known_etags & {etag, "*"} else found)
 
     def kept(
-        self, installation: ServiceContext, analysis: str, session_id: str, settings: Mapping[str, str]
+        self, analysis: str, session_id: str, settings: Mapping[str, str]
     ) -> bytes | AnalysisRefused | None:
         """Return an analysis of the session as it is now where it is in the cache, from any thread; compute nothing."""
         question = (session_id, analysis, tuple(sorted(settings.items())))
         if not self._kept.was_asked(question):
             return None
-        _, etag = self._read(installation, question, False)
+        _, etag = self._read(question, False)
         return self._kept.answer(session_id, etag) if etag is not None else None
 
     async def sheet(
@@ -183,12 +182,10 @@ class AnalysisService:
         """End the processes."""
         self._calls.close()
 
-    def _read(
-        self, installation: ServiceContext, question: Question, has_tags: bool
-    ) -> tuple[str, str | None]:
+    def _read(self, question: Question, has_tags: bool) -> tuple[str, str | None]:
         """Return the session's change token, and the answer's tag if it is known or the client has one to compare."""
         session_id, analysis, settings = question
-        with installation.database.read() as records:
+        with self._database.read() as records:
             change_token = read_change_token(records, session_id)
             etag = self._kept.tag(question, change_token)
             if etag is None and has_tags:
@@ -198,11 +195,9 @@ class AnalysisService:
                 self._kept.keep_tag(question, change_token, etag)
         return change_token, etag
 
-    async def _compute(
-        self, installation: ServiceContext, question: Question, change_token: str, requester: str | None
-    ) -> AnalysisResult:
+    async def _compute(self, question: Question, change_token: str, requester: str | None) -> AnalysisResult:
         session_id, analysis, settings = question
-        url = installation.database.url.render_as_string(hide_password=False)
+        url = self._database.url.render_as_string(hide_password=False)
         try:
             return await self._call(
                 (question, change_token), requester, compute, url, analysis, session_id, dict(settings)

@@ -32,19 +32,10 @@ async def analysis_document(
 
     Raises as `AnalysisService.answer` does, but for Conflict; a reader who leaves ends the computation.
     """
-    service = service_of(request)
+    requester = await get_requester(request)
+    asked = service_of(request).analyses.answer(analysis, session_id, settings, frozenset(), requester)
     try:
-        answer = await run_while_connected(
-            request,
-            service.analyses.answer(
-                service.installation,
-                analysis,
-                session_id,
-                settings,
-                frozenset(),
-                await get_requester(request),
-            ),
-        )
+        answer = await run_while_connected(request, asked)
     except Conflict as refused:
         return AnalysisRefused(refused.code, refused.detail, refused.advice or "")
     assert answer.body is not None, "no tag was known"

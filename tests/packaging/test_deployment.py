@@ -87,7 +87,7 @@ def alerts() -> list[dict[str, Any]]:
 
 def test_every_metric_of_an_alert_exists(alerts: list[dict[str, Any]], tmp_path: Path) -> None:
     installation = ServiceContext.open(Settings(data_dir=tmp_path, workers=1))
-    metrics, analyses = Metrics(), AnalysisService(installation.settings)
+    metrics, analyses = Metrics(), AnalysisService(installation.settings, installation.database)
     try:
         metrics.watch(installation, installation.runner(), analyses)
         metrics.request_done("PUT", "/v1/x", 202, 0.1)

@@ -184,17 +184,9 @@ async def answer_analysis(
 ) -> Response:
     """Answer with a document of the analysis service, or that the client has it; a client that leaves ends its own."""
     service = await get_app_context(request)
-    answer = await run_while_connected(
-        request,
-        service.analyses.answer(
-            service.installation,
-            analysis,
-            session_id,
-            settings,
-            _entity_tags(known),
-            await get_requester(request),
-        ),
-    )
+    requester = await get_requester(request)
+    asked = service.analyses.answer(analysis, session_id, settings, _entity_tags(known), requester)
+    answer = await run_while_connected(request, asked)
     headers = {"ETag": answer.etag, "Cache-Control": "private, no-cache"}
     if answer.body is None:
         return Response(status_code=304, headers=headers)

@@ -139,7 +139,7 @@ def _read(service: Service, q: str, robot: str, page: int) -> dict[str, Any]:
 def _kept_headline(service: Service, detail: SessionDetail, readings: int) -> Headline | None:
     source = "measured_poses" if readings and not any(detail.counts.values()) else "images"
     settings = {**REPEATABILITY, "source": source}
-    kept = service.analyses.kept(service.installation, "repeatability", detail.session.id, settings)
+    kept = service.analyses.kept("repeatability", detail.session.id, settings)
     if kept is None:
         return None
     return Headline(reason=kept.detail) if isinstance(kept, AnalysisRefused) else headline(json.loads(kept))
