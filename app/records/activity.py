@@ -67,3 +67,9 @@ def maker() -> str | None:
     if activity is None or activity.actor == "anonymous":
         return None
     return activity.key_id if activity.actor == "key" else activity.actor
+
+
+def maker_name() -> str | None:
+    """Return the name of the key that acts; None without one, or where nobody said."""
+    activity = _current.get()
+    return activity.key_name if activity is not None else None

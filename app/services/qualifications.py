@@ -10,7 +10,7 @@ from typing import Any
 import sqlalchemy as sa
 from sqlalchemy import orm
 
-from app.records.activity import current_activity, note_objects
+from app.records.activity import maker_name, note_objects
 from app.records.ids import new_id
 from app.records.pagination import page
 from app.records.tables import Qualification, Session
@@ -42,7 +42,6 @@ def store_qualification(
     """Store what an analysis by known lengths found of a session's set-up. Raises NotFound, RowUnreadable."""
     session = get_or_raise(records, Session, session_id)
     require_readable(session)
-    activity = current_activity()
     made = datetime.now(UTC)
     row = Qualification(
         id=new_id("qua"),
@@ -53,7 +52,7 @@ def store_qualification(
         made_at=made,
         due_at=made + timedelta(days=valid_days),
         analysis=dict(analysis),
-        made_by_name=activity.key_name if activity is not None else None,
+        made_by_name=maker_name(),
         **{name: analysis[name] for name in (*CHARTED, "decision", "maximum_permissible_error_mm")},
     )
     records.add(row)

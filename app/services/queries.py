@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import TypeVar
 
 import sqlalchemy as sa
@@ -10,6 +11,7 @@ from sqlalchemy import orm
 from app.errors import NotFound, RowUnreadable
 from app.records.activity import current_activity
 from app.records.ids import is_id
+from app.records.pagination import page
 from app.records.readable import unreadable_columns
 from app.records.tables import (
     Measurement,
@@ -24,6 +26,7 @@ from app.records.tables import (
 )
 
 Row = TypeVar("Row", bound=Table)
+Named = TypeVar("Named", Robot, Session, Target)
 
 NOUNS: dict[type[Table], str] = {
     Target: "target",
@@ -66,9 +69,14 @@ def visible(table: type[Table]) -> list[sa.ColumnElement[bool]]:
     return [sa.false()]
 
 
-def named(table: type[Table], name: str | None) -> list[sa.ColumnElement[bool]]:
-    """Return the condition that leaves of `table` the rows with exactly this name; none for None."""
-    return [] if name is None else [table.__table__.c.name == name]
+def page_by_name(
+    records: orm.Session, table: type[Named], *, name: str | None = None, limit: int, cursor: str | None
+) -> tuple[Sequence[Named], str | None]:
+    """Return one page of a table's rows that the caller's key may see, or of those with exactly this name."""
+    statement = sa.select(table).where(*visible(table))
+    if name is not None:
+        statement = statement.where(table.name == name)
+    return page(records, statement, table.id, limit=limit, cursor=cursor)
 
 
 def may_see_session(session_id: str) -> bool:

@@ -19,7 +19,7 @@ import sqlalchemy as sa
 from sqlalchemy import orm
 
 from app.errors import Conflict, NotFound, RowUnreadable
-from app.records.activity import current_activity
+from app.records.activity import maker_name
 from app.records.ids import new_id
 from app.records.pagination import page
 from app.records.tables import Report, ReportForm, Session
@@ -73,7 +73,6 @@ def order_report(records: orm.Session, session_id: str, new: NewReport) -> Repor
             "Wait until some of them are made; the session's list of reports shows them.",
             code="too_many_reports",
         )
-    activity = current_activity()
     report = Report(
         id=new_id("rep"),
         session_id=session_id,
@@ -85,7 +84,7 @@ def order_report(records: orm.Session, session_id: str, new: NewReport) -> Repor
         attempts=0,
         failure=None,
         created_at=datetime.now(UTC),
-        made_by_name=activity.key_name if activity is not None else None,
+        made_by_name=maker_name(),
         signature=None,
     )
     records.add(report)

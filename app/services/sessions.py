@@ -16,10 +16,9 @@ from app.errors import InvalidContent
 from app.jobs.queue import ALREADY_MEASURED, search_again
 from app.records.database import Database
 from app.records.ids import is_id, new_id
-from app.records.pagination import page
 from app.records.tables import STATUSES, Measurement, Robot, Session, SessionTarget, Target
 from app.services.originals import finish_soon, record_removals
-from app.services.queries import exists, get_or_raise, named, visible
+from app.services.queries import exists, get_or_raise, page_by_name, visible
 
 Counts = dict[str, int]
 COUNTED = (*STATUSES, "duplicates")
@@ -75,8 +74,7 @@ def list_sessions(
     records: orm.Session, *, name: str | None = None, limit: int, cursor: str | None
 ) -> tuple[list[SessionDetail], str | None]:
     """Return one page of all sessions the caller's key may see, or of those with this name."""
-    statement = sa.select(Session).where(*visible(Session), *named(Session, name))
-    rows, next_cursor = page(records, statement, Session.id, limit=limit, cursor=cursor)
+    rows, next_cursor = page_by_name(records, Session, name=name, limit=limit, cursor=cursor)
     counts = count_measurements(records, [row.id for row in rows])
     return [SessionDetail(row, counts[row.id]) for row in rows], next_cursor
 

@@ -4,7 +4,7 @@ is known of the print may be. Deleted unused.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from typing import Any
@@ -15,10 +15,9 @@ from sqlalchemy import orm
 from app.errors import Conflict
 from app.jobs.validation import validate_target
 from app.records.ids import new_id
-from app.records.pagination import page
 from app.records.tables import Measurement, SessionTarget, Target, measured_target_fields
 from app.services.plausibility import check_certificate, check_pitch_uncertainty
-from app.services.queries import MAX_NAMED, get_or_raise, lock_for_deletion, named, visible
+from app.services.queries import MAX_NAMED, get_or_raise, lock_for_deletion
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -83,19 +82,6 @@ def update_target(
 def _check(target: Target) -> None:
     check_certificate(target.certificate, target.pitch_mm, max(target.columns, target.rows) - 1)
     validate_target(measured_target_fields(target, None))
-
-
-def list_targets(
-    session: orm.Session, *, name: str | None = None, limit: int, cursor: str | None
-) -> tuple[Sequence[Target], str | None]:
-    """Return one page of all targets the caller's key may see, or of those with this name."""
-    return page(
-        session,
-        sa.select(Target).where(*visible(Target), *named(Target, name)),
-        Target.id,
-        limit=limit,
-        cursor=cursor,
-    )
 
 
 def delete_target(records: orm.Session, target_id: str) -> None:

@@ -27,7 +27,7 @@ from app.http import RequesterDep, run_while_connected
 from app.records.tables import Robot
 from app.services import robots
 from app.services.plausibility import check_datasheet, check_joints
-from app.services.queries import get_or_raise
+from app.services.queries import get_or_raise, page_by_name
 from app.services.robots import read_plan
 
 router = api_router(prefix="/v1/robots", tags=["robots"])
@@ -61,7 +61,7 @@ def list_robots(
 ) -> RobotPage:
     """List robots, oldest first: all, or those of one name."""
     with service.installation.database.read() as records:
-        rows, next_cursor = robots.list_robots(records, name=name, limit=limit, cursor=cursor)
+        rows, next_cursor = page_by_name(records, Robot, name=name, limit=limit, cursor=cursor)
     items, warnings = stored_documents(_document, rows, lambda row: row.id)
     return RobotPage(items=items, next_cursor=next_cursor, warnings=warnings)
 

@@ -11,7 +11,7 @@ from app.api.schemas.targets import TargetChange, TargetCreate, TargetPage, Targ
 from app.records.tables import Target
 from app.services import targets
 from app.services.plausibility import check_pitch, check_pitch_uncertainty
-from app.services.queries import get_or_raise
+from app.services.queries import get_or_raise, page_by_name
 
 router = api_router(prefix="/v1/targets", tags=["targets"])
 
@@ -48,7 +48,7 @@ def list_targets(
 ) -> TargetPage:
     """List targets, oldest first: all, or those of one name."""
     with service.installation.database.read() as records:
-        rows, next_cursor = targets.list_targets(records, name=name, limit=limit, cursor=cursor)
+        rows, next_cursor = page_by_name(records, Target, name=name, limit=limit, cursor=cursor)
     items, warnings = stored_documents(_document, rows, lambda row: row.id)
     return TargetPage(items=items, next_cursor=next_cursor, warnings=warnings)
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import Annotated
 
@@ -13,7 +12,7 @@ from rich.table import Table
 
 from app.cli.options.access import UploadAccess
 from app.client import Json, ServiceClient, find_robot
-from app.client.commands import read_mapping
+from app.client.commands import print_json, read_mapping
 
 _COLUMNS = (
     ("a_mm", "u(a) mm"),
@@ -43,7 +42,7 @@ def plan_dh(
         body = read_mapping(file)
         plan = client.create(f"/v1/robots/{find_robot(client, robot)['id']}/dh-plan", body)
         if as_json:
-            print(json.dumps(plan, indent=2, allow_nan=False))
+            print_json(plan)
         else:
             _show(Console(highlight=False), plan)
 

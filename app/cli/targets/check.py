@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 import re
 from collections import Counter
@@ -18,7 +17,7 @@ from app.cli.options.access import ReadAccess
 from app.cli.targets.check_report import ShapeEstimate, document, list_skipped, show
 from app.cli.targets.options import TargetOptions, choose_target, stored_target
 from app.client import ClientError, Json, find_session
-from app.client.commands import error_console, print_error
+from app.client.commands import error_console, print_error, print_json
 from app.printing import describe
 from core import GridPoints, GridposeError, TargetSpec
 from core.calibration import (
@@ -98,7 +97,7 @@ def check_target(
         print_error(errors, error.detail, error.advice)
         return 2 if isinstance(error, InvalidInput) else 1
     if as_json:
-        print(json.dumps(document(estimate, check), indent=2, allow_nan=False))
+        print_json(document(estimate, check))
     else:
         show(Console(highlight=False, soft_wrap=True), estimate, check)
     return 0 if check.verdict == "fine" else 1

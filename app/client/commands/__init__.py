@@ -15,6 +15,7 @@ if TYPE_CHECKING:
         fail,
         output_console,
         print_error,
+        print_json,
         print_list,
     )
     from .images.transfer import transfer, transfer_progress
@@ -28,7 +29,17 @@ _PLACES = {
     ".access": (
         *("RETRY_FOR_S", "AdminAccess", "KeyFile", "ReadAccess", "UploadAccess", "UploadKey", "open_client"),
     ),
-    ".console": ("OptionRefused", "error_console", "fail", "output_console", "print_error", "print_list"),
+    ".console": (
+        *(
+            "OptionRefused",
+            "error_console",
+            "fail",
+            "output_console",
+            "print_error",
+            "print_json",
+            "print_list",
+        ),
+    ),
     ".images.transfer": ("transfer", "transfer_progress"),
     ".lazy": ("LazyCommand",),
     ".main": ("make_app", "run"),
@@ -59,6 +70,7 @@ __all__ = [
     "open_client",
     "output_console",
     "print_error",
+    "print_json",
     "print_list",
     "read_mapping",
     "read_records",

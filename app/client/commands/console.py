@@ -1,9 +1,10 @@
-"""Messages of the command line on stderr."""
+"""Messages of the command line on stderr, and its answers on stdout."""
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterable, Sequence
-from typing import NoReturn
+from typing import Any, NoReturn
 
 import typer
 from rich.console import Console
@@ -46,6 +47,11 @@ def print_list(columns: Sequence[str], rows: Iterable[Sequence[str]], otherwise:
         output_console().print(table)
     else:
         print(otherwise)
+
+
+def print_json(document: Any) -> None:
+    """Print a document as JSON that a person can read."""
+    print(json.dumps(document, indent=2, allow_nan=False))
 
 
 def print_error(console: Console, detail: str, advice: str | None = None) -> None:

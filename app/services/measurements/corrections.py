@@ -16,7 +16,7 @@ from sqlalchemy import orm
 
 from app.errors import Conflict
 from app.jobs.queue import ALREADY_MEASURED
-from app.records.activity import current_activity, note_objects
+from app.records.activity import maker_name, note_objects
 from app.records.tables import Measurement, Session
 from app.services.installation.context import ServiceContext
 from app.services.measurements.acceptance import require_cycle, stored_burst
@@ -139,9 +139,8 @@ def _require_free(records: orm.Session, image: Sequence[Measurement], pose_id: s
 def _exclusion(reason: str | None) -> dict[str, Any] | None:
     if reason is None:
         return None
-    activity = current_activity()
     return {
         "reason": reason,
-        "by": activity.key_name if activity is not None else None,
+        "by": maker_name(),
         "at": datetime.now(UTC).isoformat(),
     }

@@ -10,7 +10,7 @@ import sqlalchemy as sa
 from sqlalchemy import orm
 
 from app.errors import Conflict, NotFound
-from app.records.activity import current_activity
+from app.records.activity import maker_name
 from app.records.ids import is_id, new_id
 from app.records.pagination import page
 from app.records.tables import Robot, RobotEvent
@@ -39,7 +39,6 @@ def add_event(records: orm.Session, robot_id: str, new: NewEvent) -> RobotEvent:
             "Delete events that no longer matter.",
             code="too_many_events",
         )
-    activity = current_activity()
     row = RobotEvent(
         id=new_id("eve"),
         robot_id=robot_id,
@@ -47,7 +46,7 @@ def add_event(records: orm.Session, robot_id: str, new: NewEvent) -> RobotEvent:
         note=new.note,
         restarts_charts=new.restarts_charts,
         created_at=datetime.now(UTC),
-        made_by_name=activity.key_name if activity is not None else None,
+        made_by_name=maker_name(),
     )
     records.add(row)
     records.flush()

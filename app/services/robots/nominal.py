@@ -15,7 +15,6 @@ from sqlalchemy import orm
 from app.errors import Conflict, InvalidContent
 from app.records.database import Database
 from app.records.ids import new_id
-from app.records.pagination import page
 from app.records.tables import Robot, Session, Target, target_fields
 from app.services.plausibility import MAX_PARALLEL
 from app.services.queries import (
@@ -23,9 +22,7 @@ from app.services.queries import (
     exists,
     get_or_raise,
     lock_for_deletion,
-    named,
     require_readable,
-    visible,
 )
 
 MIN_DETERMINANT = 1e-6
@@ -114,19 +111,6 @@ def _check(joints: Sequence[Mapping[str, Any]]) -> None:
 def _nearly_parallel(joint: Mapping[str, Any]) -> bool:
     turns = (math.radians(joint[name]) for name in ("alpha_deg", "beta_deg"))
     return all(abs(math.sin(turn)) < MAX_PARALLEL for turn in turns) and abs(joint["beta_deg"]) < QUARTER_DEG
-
-
-def list_robots(
-    session: orm.Session, *, name: str | None = None, limit: int, cursor: str | None
-) -> tuple[Sequence[Robot], str | None]:
-    """Return one page of all robots the caller's key may see, or of those with this name."""
-    return page(
-        session,
-        sa.select(Robot).where(*visible(Robot), *named(Robot, name)),
-        Robot.id,
-        limit=limit,
-        cursor=cursor,
-    )
 
 
 def delete_robot(records: orm.Session, robot_id: str) -> None:

@@ -16,8 +16,7 @@ from app.analyses.reporting import DH_DEFAULTS
 from app.errors import Conflict, NotFound
 from app.http import get_requester
 from app.records.tables import Robot, Session
-from app.services.queries import get_or_raise, visible
-from app.services.robots import list_robots
+from app.services.queries import get_or_raise, page_by_name, visible
 from app.web.analyses import analysis_document, image_names
 from app.web.pages import is_fragment, page_router, render
 from app.web.robot_parameters import joint_rows, objections, weak_joints
@@ -38,7 +37,7 @@ ROBOT_FILES = {
 def show_robots(request: Request, cursor: Annotated[str | None, Query(max_length=200)] = None) -> Response:
     """Show the robots, and the form to add one."""
     with service_of(request).installation.database.read() as records:
-        robots, next_cursor = list_robots(records, limit=200, cursor=cursor)
+        robots, next_cursor = page_by_name(records, Robot, limit=200, cursor=cursor)
         return render(request, "robots/robots.html", robots=robots, next_cursor=next_cursor)
 
 

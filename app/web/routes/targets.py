@@ -9,8 +9,7 @@ from starlette.responses import Response
 
 from app.http import get_requester
 from app.records.tables import Target
-from app.services.queries import get_or_raise
-from app.services.targets import list_targets
+from app.services.queries import get_or_raise, page_by_name
 from app.web.pages import page_router, render
 from app.web.service import service_of
 
@@ -33,7 +32,7 @@ _SHEET_POLICY = "default-src 'none'; style-src 'unsafe-inline'"
 def show_targets(request: Request, cursor: Annotated[str | None, Query(max_length=200)] = None) -> Response:
     """Show the targets there are."""
     with service_of(request).installation.database.read() as records:
-        targets, next_cursor = list_targets(records, limit=200, cursor=cursor)
+        targets, next_cursor = page_by_name(records, Target, limit=200, cursor=cursor)
         return render(request, "targets/targets.html", targets=targets, next_cursor=next_cursor, kinds=KINDS)
 
 

@@ -15,7 +15,7 @@ from rich.markup import escape
 
 from ... import ClientError, Json, find_or_make_session
 from ..access import UploadAccess
-from ..console import error_console, print_error
+from ..console import error_console, print_error, print_json
 from ..creation import AcceptImplausible
 from ..record_files import Delimiter, FileFormat, FileRefused, Records, as_delimiter, read_records
 from .instrument import parse_instrument, with_uncertainty
@@ -164,7 +164,7 @@ def import_poses(
     if joint_angles == AngleUnit.deg:
         _warn_of_radians(console, [pose for _, pose in poses])
     if dry_run:
-        print(json.dumps(poses[0][1], indent=2, allow_nan=False))
+        print_json(poses[0][1])
         console.print(f"{len(poses)} poses; the first is shown, nothing was sent.")
         return 0
     if session is None:

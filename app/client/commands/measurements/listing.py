@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from typing import Annotated, Literal
 
 import typer
@@ -10,7 +9,7 @@ import typer
 from ... import Json, ServiceClient, find_session
 from ...summary import outcome_in_words
 from ..access import ReadAccess
-from ..console import print_list
+from ..console import print_json, print_list
 
 _COLUMNS = ("id", "pose", "cycle", "what came of it", "reason", "file", "target")
 
@@ -43,7 +42,7 @@ def show(
     """Print a measurement as the service answers it."""
 
     def act(client: ServiceClient) -> None:
-        print(json.dumps(client.get(f"/v1/measurements/{measurement}"), indent=2, allow_nan=False))
+        print_json(client.get(f"/v1/measurements/{measurement}"))
 
     return service.run(act)
 

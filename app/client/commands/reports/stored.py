@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import time
 from enum import StrEnum
 from pathlib import Path
@@ -12,7 +11,7 @@ import typer
 
 from ... import ClientError, Json, ServiceClient, find_session
 from ..access import ReadAccess, UploadAccess
-from ..console import print_list
+from ..console import print_json, print_list
 from ..output_files import write_file
 
 _COLUMNS = ("id", "kind", "status", "made", "title")
@@ -109,7 +108,7 @@ def show(report: ReportId, service: ReadAccess) -> int:
     """Print what a report is, and the hashes of its forms."""
 
     def act(client: ServiceClient) -> None:
-        print(json.dumps(client.get(f"/v1/reports/{report}"), indent=2, allow_nan=False))
+        print_json(client.get(f"/v1/reports/{report}"))
 
     return service.run(act)
 

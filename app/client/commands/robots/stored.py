@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import json
 from typing import Annotated
 
 import typer
 
 from ... import ServiceClient, find_robot
 from ..access import AdminAccess, ReadAccess
-from ..console import print_list
+from ..console import print_json, print_list
 from .known import KNOWN
 
 
@@ -38,7 +37,7 @@ def show(robot: Annotated[str, typer.Argument(help="Id or name of the robot.")],
     """Print a robot as the service answers it."""
 
     def act(client: ServiceClient) -> None:
-        print(json.dumps(find_robot(client, robot), indent=2, allow_nan=False))
+        print_json(find_robot(client, robot))
 
     return service.run(act)
 

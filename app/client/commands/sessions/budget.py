@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from typing import Annotated, Literal
 
 import typer
@@ -11,7 +10,7 @@ from rich.table import Table
 
 from ... import Json, ServiceClient, find_session
 from ..access import ReadAccess
-from ..console import output_console
+from ..console import output_console, print_json
 
 _COLUMNS = ("figure", "source", "type", "distribution", "u of the input", "sensitivity", "u mm", "ν", "share")
 _NAMES = {
@@ -55,7 +54,7 @@ def budget(
         inputs, totals = (_of_pose(found[name], pose_id) for name in ("budget", "budget_totals"))
         shown.append(len(totals))
         if as_json:
-            print(json.dumps({"budget": inputs, "budget_totals": totals}, indent=2, allow_nan=False))
+            print_json({"budget": inputs, "budget_totals": totals})
         else:
             print_budget(inputs, totals)
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from typing import Annotated
 
 import typer
@@ -11,7 +10,7 @@ from rich.table import Table
 
 from ... import Json, ServiceClient, find_session
 from ..access import ReadAccess
-from ..console import output_console
+from ..console import output_console, print_json
 
 
 def joint_noise(
@@ -31,7 +30,7 @@ def joint_noise(
         query = {"source": source, "estimator": estimator} | ({"at": at} if at else {})
         found = client.get(f"/v1/sessions/{find_session(client, session)['id']}/joint-noise", **query)
         if as_json:
-            print(json.dumps(found, indent=2, allow_nan=False))
+            print_json(found)
         else:
             print_joint_noise(found)
 

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import json
 from typing import Annotated
 
 import typer
 
 from ... import Json, ServiceClient, find_session, is_measured
 from ..access import ReadAccess
-from ..console import print_list
+from ..console import print_json, print_list
 
 _COLUMNS = ("id", "name", "measured", "with own pose", "not measured", "waiting")
 
@@ -44,6 +43,6 @@ def show(
     """Print a session as the service answers it."""
 
     def act(client: ServiceClient) -> None:
-        print(json.dumps(find_session(client, session), indent=2, allow_nan=False))
+        print_json(find_session(client, session))
 
     return service.run(act)

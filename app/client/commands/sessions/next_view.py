@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import enum
-import json
 from pathlib import Path
 from typing import Annotated
 
@@ -13,7 +12,7 @@ from rich.markup import escape
 from ... import Json, ServiceClient, find_session
 from ...resources import target_of_session
 from ..access import UploadAccess
-from ..console import output_console
+from ..console import output_console, print_json
 from ..record_files import FileRefused, read_records
 from .poses import pose_fields
 
@@ -64,7 +63,7 @@ def next_view(
             asked["candidates"] = poses_to_choose_from(candidates)
         answer = client.create(f"/v1/sessions/{found['id']}/next-view", asked)
         if as_json:
-            print(json.dumps(answer, indent=2, allow_nan=False))
+            print_json(answer)
         else:
             print_views(answer)
 

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import json
 from typing import Annotated
 
 import typer
 
 from ... import ServiceClient, find_target
 from ..access import AdminAccess, ReadAccess
-from ..console import print_list
+from ..console import print_json, print_list
 
 _COLUMNS = ("id", "name", "kind", "columns x rows", "pitch, mm")
 
@@ -36,7 +35,7 @@ def show(
     """Print a target as the service answers it."""
 
     def act(client: ServiceClient) -> None:
-        print(json.dumps(find_target(client, target), indent=2, allow_nan=False))
+        print_json(find_target(client, target))
 
     return service.run(act)
 
