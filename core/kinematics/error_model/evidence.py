@@ -63,6 +63,34 @@ class Prior:
 
 
 @dataclass(frozen=True, slots=True)
+class LevelProblem:
+    """What a level is fitted to: the rows summed, the prior of the columns before the terms, and the terms chosen."""
+
+    sums: Sums
+    prior: Prior
+    terms: Terms
+    chosen: Bool[np.ndarray, " c"]
+
+    @property
+    def columns(self) -> Bool[np.ndarray, " p"]:
+        """Those that the level has, of all."""
+        return np.concatenate([np.ones(len(self.prior.variances), dtype=np.bool_), self.chosen])
+
+    def taken(self) -> Sums:
+        """Return the sums of the level's columns."""
+        columns = self.columns
+        if columns.all():
+            return self.sums
+        places = np.flatnonzero(columns)
+        return Sums(
+            np.ascontiguousarray(self.sums.normal[:, places[:, None], places]),
+            np.ascontiguousarray(self.sums.gradient[:, places]),
+            self.sums.squares,
+            self.sums.rows,
+        )
+
+
+@dataclass(frozen=True, slots=True)
 class Fitted:
     """Coefficients b of all columns with their covariance C, zero for the terms that are not part of the level.
 
@@ -91,43 +119,27 @@ class _State:
     half_covariance: Float[np.ndarray, "p p"]
 
 
-def solve(
-    sums: Sums,
-    prior: Prior,
-    terms: Terms,
-    chosen: Bool[np.ndarray, " c"],
-    hyperparameters: Hyperparameters,
-    noise: Float[np.ndarray, " k"],
-) -> Fitted:
+def solve(problem: LevelProblem, hyperparameters: Hyperparameters, noise: Float[np.ndarray, " k"]) -> Fitted:
     """Return the coefficients at known hyperparameters and noise."""
-    columns = _columns(prior, chosen)
-    variances = hyperparameters.variances(terms)[0][chosen]
-    state = _evaluated(_taken(sums, columns), prior, variances, noise)
-    return _spread_out(state, columns, len(prior.variances) + len(terms), hyperparameters, noise, state.value)
+    variances = hyperparameters.variances(problem.terms)[0][problem.chosen]
+    state = _evaluated(problem.taken(), problem.prior, variances, noise)
+    return _spread_out(state, problem.columns, hyperparameters, noise, state.value)
 
 
 def coefficients(
-    sums: Sums,
-    prior: Prior,
-    terms: Terms,
-    chosen: Bool[np.ndarray, " c"],
-    hyperparameters: Hyperparameters,
-    noise: Float[np.ndarray, " k"],
+    problem: LevelProblem, hyperparameters: Hyperparameters, noise: Float[np.ndarray, " k"]
 ) -> Float[np.ndarray, " p"]:
     """Return the coefficients of `solve` without their covariance, which takes most of its time."""
-    columns = _columns(prior, chosen)
-    variances = hyperparameters.variances(terms)[0][chosen]
-    at = _factored(_taken(sums, columns), prior, variances, noise)
+    columns = problem.columns
+    variances = hyperparameters.variances(problem.terms)[0][problem.chosen]
+    at = _factored(problem.taken(), problem.prior, variances, noise)
     b = np.zeros(len(columns))
     b[columns] = at.root * at.scaled
     return b
 
 
 def maximise(
-    sums: Sums,
-    prior: Prior,
-    terms: Terms,
-    chosen: Bool[np.ndarray, " c"],
+    problem: LevelProblem,
     start: tuple[Hyperparameters, Float[np.ndarray, " k"]],
     spread: Float[np.ndarray, "7"],
     least_noise: Float[np.ndarray, " k"],
@@ -136,10 +148,9 @@ def maximise(
 
     `spread` are the standard deviations of that prior about the defaults; hyperparameters with 0 stay at the default.
     """
-    columns = _columns(prior, chosen)
-    taken = _taken(sums, columns)
+    prior, terms, chosen, taken = problem.prior, problem.terms, problem.chosen, problem.taken()
     middle = Hyperparameters.defaults().log_values
-    kinds = len(sums.rows)
+    kinds = len(taken.rows)
     moving = (spread > 0.0) & np.any(start[0].variances(terms)[1][:, chosen] != 0.0, axis=1)
     h = int(moving.sum())
 
@@ -184,9 +195,7 @@ def maximise(
     )
     found, kappa = unpacked(np.clip(begin + unit * np.asarray(answer.x), lowest, highest))
     state = _evaluated(taken, prior, found.variances(terms)[0][chosen], kappa)
-    return _spread_out(
-        state, columns, len(prior.variances) + len(terms), found, kappa, scale * float(answer.fun)
-    )
+    return _spread_out(state, problem.columns, found, kappa, scale * float(answer.fun))
 
 
 def _curvatures(
@@ -205,31 +214,14 @@ def _curvatures(
     return np.concatenate([known + 2.0 / spread[moving] ** 2, sums.rows - state.taken + 1.0])
 
 
-def _columns(prior: Prior, chosen: Bool[np.ndarray, " c"]) -> Bool[np.ndarray, " p"]:
-    return np.concatenate([np.ones(len(prior.variances), dtype=np.bool_), chosen])
-
-
-def _taken(sums: Sums, columns: Bool[np.ndarray, " p"]) -> Sums:
-    if columns.all():
-        return sums
-    places = np.flatnonzero(columns)
-    return Sums(
-        np.ascontiguousarray(sums.normal[:, places[:, None], places]),
-        np.ascontiguousarray(sums.gradient[:, places]),
-        sums.squares,
-        sums.rows,
-    )
-
-
 def _spread_out(
     state: _State,
     columns: Bool[np.ndarray, " p"],
-    size: int,
     hyperparameters: Hyperparameters,
     noise: Float[np.ndarray, " k"],
     value: float,
 ) -> Fitted:
-    places = np.flatnonzero(columns)
+    places, size = np.flatnonzero(columns), len(columns)
     b = np.zeros(size)
     b[places] = state.coefficients
     C = np.zeros((size, size))

@@ -12,7 +12,7 @@ from enum import StrEnum
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from core.kinematics.error_model.evidence import Fitted, Sums, maximise
+from core.kinematics.error_model.evidence import Fitted, LevelProblem, Sums, maximise
 from core.kinematics.error_model.linear_problem import Design
 from core.kinematics.error_model.priors import LEAST_POSES, Hyperparameters, spreads
 from core.kinematics.error_model.terms import Kind, Terms
@@ -39,6 +39,10 @@ class Level(StrEnum):
         if self is Level.COMPLIANCE:
             return terms.of(Kind.COMPLIANCE, Kind.LINK_COMPLIANCE, Kind.RADIAL)
         return np.zeros(len(terms), dtype=np.bool_)
+
+    def problem(self, design: Design, sums: Sums) -> LevelProblem:
+        """Return what the level is fitted to, given the sums over the configurations that count."""
+        return LevelProblem(sums, design.prior, design.terms, self.chosen(design.terms))
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,15 +74,13 @@ def fit_levels(problem: Design, scatter: Variances) -> ErrorFit:
 
     Raises LinAlgError where columns are not independent.
     """
-    terms = problem.terms
     used = _inliers(problem, problem.residuals, scatter, np.ones(problem.kinds))
     sums = problem.sums(np.flatnonzero(used), scatter)
     spread = spreads(int(used.sum())) if used.sum() >= LEAST_POSES else np.zeros(7)
-    everything = Level.ALL.chosen(terms)
     begin = (Hyperparameters.defaults(), np.ones(problem.kinds))
     for _ in range(_MAX_ROUNDS):
         least = _least(problem, scatter)
-        found = maximise(sums, problem.prior, terms, everything, begin, spread, least)
+        found = maximise(Level.ALL.problem(problem, sums), begin, spread, least)
         begin = (found.hyperparameters, found.noise)
         again = _inliers(problem, problem.left(found.coefficients), scatter, found.noise)
         grown = _grown(problem, scatter, found.noise)
@@ -93,9 +95,7 @@ def fit_levels(problem: Design, scatter: Variances) -> ErrorFit:
             break
     levels = {Level.ALL: found}
     for level in (Level.COMPLIANCE, Level.DH):
-        levels[level] = maximise(
-            sums, problem.prior, terms, level.chosen(terms), begin, spread, _least(problem, scatter)
-        )
+        levels[level] = maximise(level.problem(problem, sums), begin, spread, _least(problem, scatter))
     return ErrorFit(problem, used, scatter, sums, levels)
 
 

@@ -33,14 +33,8 @@ def likely_gravity(fit: ErrorFit) -> Float[np.ndarray, "3"]:
     everything, problem = fit.levels[Level.ALL], fit.design
 
     def evidence(direction: Float[np.ndarray, "3"]) -> float:
-        found = solve(
-            replace(problem, gravity=direction).sums(members[some], fit.scatter),
-            problem.prior,
-            problem.terms,
-            Level.ALL.chosen(problem.terms),
-            everything.hyperparameters,
-            everything.noise,
-        )
+        sums = replace(problem, gravity=direction).sums(members[some], fit.scatter)
+        found = solve(Level.ALL.problem(problem, sums), everything.hyperparameters, everything.noise)
         return found.minus_2_log
 
     values = [evidence(direction) for direction in ACROSS]

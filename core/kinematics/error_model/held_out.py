@@ -10,13 +10,12 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Float, Int
 
-from core.kinematics.error_model.evidence import Fitted, Prior, Sums, coefficients, solve
+from core.kinematics.error_model.evidence import Fitted, LevelProblem, Sums, coefficients, solve
 from core.kinematics.error_model.fit import ErrorFit, Level
 from core.kinematics.error_model.linear_problem import Rows
 from core.kinematics.error_model.priors import Hyperparameters
-from core.kinematics.error_model.terms import Terms
 
 _MOST_KEPT = 1000
 """Configurations whose rows are kept in memory while a fold is held out: some 40 MB."""
@@ -104,10 +103,10 @@ def _counted(fit: ErrorFit, blocks: Sequence[Rows]) -> Iterator[Rows]:
 
 def _known(
     fit: ErrorFit, sums: Sums, level: Level
-) -> tuple[Sums, Prior, Terms, Bool[np.ndarray, " c"], Hyperparameters, Float[np.ndarray, " k"]]:
+) -> tuple[LevelProblem, Hyperparameters, Float[np.ndarray, " k"]]:
     """Return what a level's coefficients are solved from, where some configurations are held out."""
-    terms, whole = fit.design.terms, fit.levels[level]
-    return sums, fit.design.prior, terms, level.chosen(terms), whole.hyperparameters, whole.noise
+    whole = fit.levels[level]
+    return level.problem(fit.design, sums), whole.hyperparameters, whole.noise
 
 
 def _noise(fit: ErrorFit, level: Level, members: Int[np.ndarray, " q"]) -> Float[np.ndarray, "m q"]:

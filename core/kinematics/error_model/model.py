@@ -129,17 +129,10 @@ class ErrorModel:
         everything, own = fit.levels[Level.ALL], self.fitted
         chain = int(problem.free.sum())
         if self.level is not Level.ALL and everything.minus_2_log < own.minus_2_log:
-            chosen = self.level.chosen(problem.terms)
-            own = solve(
-                fit.sums,
-                problem.prior,
-                problem.terms,
-                chosen,
-                everything.hyperparameters,
-                everything.noise,
-            )
-            lacking = chain + np.flatnonzero(~chosen)
-            v = everything.hyperparameters.variances(problem.terms)[0][~chosen]
+            at_level = self.level.problem(problem, fit.sums)
+            own = solve(at_level, everything.hyperparameters, everything.noise)
+            lacking = chain + np.flatnonzero(~at_level.chosen)
+            v = everything.hyperparameters.variances(problem.terms)[0][~at_level.chosen]
             products = np.tensordot(1.0 / everything.noise, fit.sums.normal[:, :, lacking], axes=1)
             moved = own.covariance[:chain] @ products
             covariance = own.covariance[:chain, :chain] + (moved * v) @ moved.T

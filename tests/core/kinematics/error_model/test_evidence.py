@@ -5,7 +5,15 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from core.kinematics.error_model.evidence import Prior, Sums, _evaluated, coefficients, maximise, solve
+from core.kinematics.error_model.evidence import (
+    LevelProblem,
+    Prior,
+    Sums,
+    _evaluated,
+    coefficients,
+    maximise,
+    solve,
+)
 from core.kinematics.error_model.fit import Level
 from core.kinematics.error_model.priors import Hyperparameters, spreads
 from core.kinematics.error_model.terms import Kind, terms_of
@@ -96,7 +104,8 @@ def test_the_coefficients_are_those_of_the_augmented_rows() -> None:
     noise = np.array([0.7, 1.6])
     at = Hyperparameters.defaults()
     chosen = Level.COMPLIANCE.chosen(TERMS)
-    found = solve(sums(X, y), PRIOR, TERMS, chosen, at, noise)
+    problem = LevelProblem(sums(X, y), PRIOR, TERMS, chosen)
+    found = solve(problem, at, noise)
     columns = np.concatenate([np.ones(FLAT + KNOWN, dtype=bool), chosen])
     v = np.concatenate([PRIOR.variances, at.variances(TERMS)[0]])[columns]
     w = 1.0 / np.repeat(noise, [120, 180])
@@ -109,23 +118,18 @@ def test_the_coefficients_are_those_of_the_augmented_rows() -> None:
     )
     assert found.covariance[np.ix_(columns, columns)] == pytest.approx(np.linalg.inv(A), rel=1e-6, abs=1e-9)
     assert not found.coefficients[~columns].any()
-    alone = coefficients(sums(X, y), PRIOR, TERMS, chosen, at, noise)
+    alone = coefficients(problem, at, noise)
     assert alone == pytest.approx(found.coefficients, abs=1e-12)
 
 
 def test_hyperparameters_of_rows_without_terms_become_small_and_the_noise_is_found() -> None:
     X, y = rows(4, 3000)
     begin = (Hyperparameters.defaults(), np.ones(2))
-    found = maximise(
-        sums(X, y, 1500), PRIOR, TERMS, Level.ALL.chosen(TERMS), begin, spreads(500), np.full(2, 1e-6)
-    )
+    problem = LevelProblem(sums(X, y, 1500), PRIOR, TERMS, Level.ALL.chosen(TERMS))
+    found = maximise(problem, begin, spreads(500), np.full(2, 1e-6))
     assert found.noise == pytest.approx(
         [1.0, 1.0], abs=0.15
     )  # 1,500 rows each: 3.7 % is one standard deviation
-    assert (
-        found.minus_2_log <= _evaluated(sums(X, y, 1500), PRIOR, begin[0].variances(TERMS)[0], begin[1]).value
-    )
-    few = maximise(
-        sums(X, y, 1500), PRIOR, TERMS, Level.ALL.chosen(TERMS), begin, np.zeros(7), np.full(2, 1e-6)
-    )
+    assert found.minus_2_log <= _evaluated(problem.sums, PRIOR, begin[0].variances(TERMS)[0], begin[1]).value
+    few = maximise(problem, begin, np.zeros(7), np.full(2, 1e-6))
     assert np.array_equal(few.hyperparameters.log_values, begin[0].log_values)
