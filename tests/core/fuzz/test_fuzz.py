@@ -6,55 +6,48 @@ import os
 
 import pytest
 
-from tests.core.fuzz.campaign import run_items
+from tests.core.fuzz.campaign import Campaign, run_items
 
 
-@pytest.mark.parametrize(
-    ("items", "processes"),
-    [
-        (40, 1),
-        pytest.param(1000, 1, marks=pytest.mark.slow),
-        pytest.param(50_000, os.cpu_count() or 1, id="soak", marks=pytest.mark.soak),
-    ],
-)
-def test_damaged_files(items: int, processes: int) -> None:
-    campaign = run_items("file", 0, items, processes=processes)
+def of_sizes(few: int, slow: int) -> pytest.MarkDecorator:
+    """Run a campaign over few items, over more where time allows, and over 50,000 on all processors."""
+    return pytest.mark.parametrize(
+        ("items", "processes"),
+        [
+            (few, 1),
+            pytest.param(slow, 1, marks=pytest.mark.slow),
+            pytest.param(50_000, os.cpu_count() or 1, id="soak", marks=pytest.mark.soak),
+        ],
+    )
+
+
+def sound(kind: str, items: int, processes: int) -> Campaign:
+    """Return a campaign that has run to its end without a finding."""
+    campaign = run_items(kind, 0, items, processes=processes)
     assert not campaign.findings, "\n".join(campaign.findings)
     assert campaign.items == items
+    return campaign
+
+
+@of_sizes(40, 1000)
+def test_damaged_files(items: int, processes: int) -> None:
+    campaign = sound("file", items, processes)
     decoded = sum(count for outcome, count in campaign.outcomes.items() if outcome.startswith("decoded"))
     assert 0.05 * items < decoded < 0.5 * items  # most is refused, and much gets as far as the pixels
 
 
-@pytest.mark.parametrize(
-    ("items", "processes"),
-    [
-        (60, 1),
-        pytest.param(700, 1, marks=pytest.mark.slow),
-        pytest.param(50_000, os.cpu_count() or 1, id="soak", marks=pytest.mark.soak),
-    ],
-)
+@of_sizes(60, 700)
 def test_hostile_headers(items: int, processes: int) -> None:
     """Admission takes less than 8 MiB and .2 s of processor time for every one of them."""
-    campaign = run_items("header", 0, items, processes=processes)
-    assert not campaign.findings, "\n".join(campaign.findings)
-    assert campaign.items == items
+    campaign = sound("header", items, processes)
     admitted = sum(count for outcome, count in campaign.outcomes.items() if outcome.startswith("admitted"))
     assert admitted > 0.2 * items  # many get past the header, and some as far as the pixels
     assert campaign.outcomes["admitted, decoded"] > 0.02 * items
 
 
-@pytest.mark.parametrize(
-    ("items", "processes"),
-    [
-        (12, 1),
-        pytest.param(100, 1, marks=pytest.mark.slow),
-        pytest.param(50_000, os.cpu_count() or 1, id="soak", marks=pytest.mark.soak),
-    ],
-)
+@of_sizes(12, 100)
 def test_mutated_lattices(items: int, processes: int) -> None:
-    campaign = run_items("lattice", 0, items, processes=processes)
-    assert not campaign.findings, "\n".join(campaign.findings)
-    assert campaign.items == items
+    campaign = sound("lattice", items, processes)
     assert campaign.outcomes["found"] > 0.03 * items
     assert campaign.outcomes["target_not_found"] > 0.1 * items
 
