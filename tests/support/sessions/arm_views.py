@@ -8,12 +8,12 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from core.geometry import invert, rotation_to_rpy, so3_exp, transform
+from core.geometry import invert, so3_exp, transform
 from core.kinematics import forward
 from core.session import CommandedPose, ImageObservation, SessionData, group_views
 from core.simulation import KR5_ARC, KR5_ARC_HOME, KR5_ARC_LIMITS, Arm, kr5_arc, sample_viewing_configurations
 from core.targets import GridPoints
-from tests.support.sessions.stored_sessions import BOARD, CAMERA, HEIGHT, WIDTH, look
+from tests.support.sessions.stored_sessions import BOARD, CAMERA, HEIGHT, WIDTH, commanded_pose, look
 
 NOISE_PX = 0.05
 SCATTER_MM, SCATTER_RAD = 0.05, math.radians(0.004)
@@ -45,10 +45,8 @@ class ArmViews:
                 so3_exp(rng.normal(0.0, self.commanded_rad, 3)) @ flange[:3, :3],
                 flange[:3, 3] + rng.normal(0.0, self.commanded_mm, 3),
             )
-            roll, pitch, yaw = np.degrees(rotation_to_rpy(off[:3, :3])).tolist()
-            self._commanded.append(
-                CommandedPose(off[:3, 3].tolist(), roll, pitch, yaw, np.degrees(q).tolist())
-            )
+            angles = np.degrees(q).tolist()
+            self._commanded.append(CommandedPose(**commanded_pose(off), joint_angles_deg=angles))
             T = self.arm.T_target_base[0] @ flange @ self.arm.T_flange_camera
             T = transform(
                 so3_exp(rng.normal(0.0, SCATTER_RAD, 3)) @ T[:3, :3],

@@ -8,13 +8,14 @@ from typing import Any
 import numpy as np
 
 from app.api.schemas.analyses import RepeatabilityAnalysis
-from core.geometry.roll_pitch_yaw import rotation_to_rpy
 from core.geometry.se3 import compose, invert, so3_exp, transform
 from tests.support.sessions.stored_sessions import (
     Shot,
     body,
+    commanded_pose,
     draw_board_pose,
     look,
+    put_pose,
 )
 
 KEYS = ["rp_l_mm", "rp_x_mm", "rp_y_mm", "rp_z_mm", "rp_roll_deg", "rp_pitch_deg", "rp_yaw_deg"]
@@ -47,12 +48,8 @@ def table(api: Any, session: str, **query: Any) -> dict[str, Any]:
 def command(api: Any, session: str, commanded: dict[str, Any], *, angles: bool = True) -> None:
     """Store the commanded poses, in the robot's base frame."""
     for pose_id, T in commanded.items():
-        roll, pitch, yaw = np.degrees(rotation_to_rpy(T[:3, :3])).tolist()
-        fields: dict[str, Any] = {"position_mm": T[:3, 3].tolist()}
-        if angles:
-            fields |= {"roll_deg": roll, "pitch_deg": pitch, "yaw_deg": yaw}
-        response = api.client.put(f"/v1/sessions/{session}/poses/{pose_id}", json=fields)
-        assert response.status_code == 200, response.text
+        fields = commanded_pose(T) if angles else {"position_mm": T[:3, 3].tolist()}
+        put_pose(api, session, pose_id, fields)
 
 
 T_FLANGE_CAMERA = transform(so3_exp(np.array([0.1, 0.2, -0.5])), np.array([30.0, -20.0, 60.0]))

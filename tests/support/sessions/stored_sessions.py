@@ -25,6 +25,7 @@ from app.records.tables import Measurement, Result
 from app.services.poses import get_or_create_pose
 from core import Camera, GridposeError, calibrate_points
 from core.geometry.camera import project
+from core.geometry.roll_pitch_yaw import rotation_to_rpy
 from core.geometry.se3 import invert, so3_exp, transform, transform_points
 from core.targets.specification import GridPoints, TargetSpec
 from tests.support.simulation.simulated_views import draw_pose
@@ -101,6 +102,23 @@ def shoot(
             true = transform(so3_exp(w) @ T_target_camera[:3, :3], T_target_camera[:3, 3] + d)
             shots.append(Shot(f"P{index + 1}", cycle, look(rng, invert(true), **looks), true))
     return shots
+
+
+def commanded_pose(T_base_flange: Any) -> dict[str, Any]:
+    """Return the fields of a commanded pose."""
+    roll, pitch, yaw = np.degrees(rotation_to_rpy(T_base_flange[:3, :3])).tolist()
+    return {
+        "position_mm": T_base_flange[:3, 3].tolist(),
+        "roll_deg": roll,
+        "pitch_deg": pitch,
+        "yaw_deg": yaw,
+    }
+
+
+def put_pose(api: Any, session_id: str, pose_id: str, commanded: dict[str, Any]) -> None:
+    """Store a commanded pose."""
+    response = api.client.put(f"/v1/sessions/{session_id}/poses/{pose_id}", json=commanded)
+    assert response.status_code == 200, response.text
 
 
 def codes(document: dict[str, Any]) -> list[str]:

@@ -13,11 +13,19 @@ import sqlalchemy as sa
 from app.records.tables import Measurement, Result
 from core.calibration.multi_view.board_symmetry import quarter_turns, turned_cells
 from core.geometry.camera import project
-from core.geometry.roll_pitch_yaw import rotation_to_rpy
 from core.geometry.se3 import invert, so3_exp, transform, transform_points
 from core.targets.specification import GridPoints, Labelling, TargetSpec
 from tests.support.sessions.repeatability import table
-from tests.support.sessions.stored_sessions import CAMERA, HEIGHT, WIDTH, Shot, Store, codes, look
+from tests.support.sessions.stored_sessions import (
+    CAMERA,
+    HEIGHT,
+    WIDTH,
+    Shot,
+    Store,
+    codes,
+    commanded_pose,
+    look,
+)
 
 NOISE = 0.02
 
@@ -182,13 +190,7 @@ def commanded_poses(shots: list[Shot], scramble: str | None = None) -> dict[str,
         T = base @ shot.T_target_camera @ mounting
         if shot.pose_id == scramble:
             T = T @ transform(so3_exp(np.array([0.9, -0.8, 0.7])), np.zeros(3))
-        roll, pitch, yaw = np.degrees(rotation_to_rpy(T[:3, :3])).tolist()
-        fields[shot.pose_id] = {
-            "position_mm": T[:3, 3].tolist(),
-            "roll_deg": roll,
-            "pitch_deg": pitch,
-            "yaw_deg": yaw,
-        }
+        fields[shot.pose_id] = commanded_pose(T)
     return fields
 
 

@@ -23,9 +23,11 @@ from tests.support.sessions.stored_sessions import (
     Shot,
     Store,
     body,
+    commanded_pose,
     draw_board_pose,
     new_session,
     problem,
+    put_pose,
     shoot,
 )
 
@@ -115,29 +117,13 @@ def test_a_board_that_looks_the_same_turned_is_refined_under_one_reading(api: An
         commanded = (
             shot.T_target_camera if upright else compose(symmetry_rotations(board)[1], shot.T_target_camera)
         )
-        command(api, session, shot.pose_id, commanded)
+        put_pose(api, session, shot.pose_id, commanded_pose(commanded))
     shape = body(get(api, session, refine_target="true"))["target_shape"]
     assert shape["bow_x_mm"] == pytest.approx(0.25, abs=0.05)
     assert shape["reduced_chi2"] < 1.3
     largest = max(shape["points"], key=lambda p: math.hypot(*p["deviation_mm"][:2]))
     assert (largest["column"], largest["row"]) in {(0, 0), (9, 5)}
     assert math.hypot(*largest["deviation_mm"][:2]) == pytest.approx(0.2, abs=0.06)
-
-
-def command(api: Any, session: str, pose_id: str, T: Any) -> None:
-    from core.geometry.roll_pitch_yaw import rotation_to_rpy
-
-    roll, pitch, yaw = np.degrees(rotation_to_rpy(T[:3, :3])).tolist()
-    response = api.client.put(
-        f"/v1/sessions/{session}/poses/{pose_id}",
-        json={
-            "position_mm": T[:3, 3].tolist(),
-            "roll_deg": roll,
-            "pitch_deg": pitch,
-            "yaw_deg": yaw,
-        },
-    )
-    assert response.status_code == 200, response.text
 
 
 def test_a_perfect_board_stays_as_it_is(api: Any, store: Store) -> None:
@@ -154,7 +140,7 @@ def test_the_shape_reaches_accuracy(api: Any, store: Store) -> None:
     shots = session_of(7, bent(BOARD, 0.25))
     store(api, session, shots)
     for shot in {shot.pose_id: shot for shot in shots}.values():
-        command(api, session, shot.pose_id, shot.T_target_camera)
+        put_pose(api, session, shot.pose_id, commanded_pose(shot.T_target_camera))
     read = {}
     for refine in ("false", "true"):
         response = api.client.get(f"/v1/sessions/{session}/repeatability", params={"refine_target": refine})

@@ -14,7 +14,7 @@ import yaml
 from app.api.schemas.analyses import DhAnalysis, HandEyeAnalysis
 from app.client.commands.exports.hand_eye import _content, _ros, _yaml
 from app.reports.forms.kinematics import kinematics_blocks
-from core.geometry import invert, rotation_to_rpy
+from core.geometry import invert
 from core.kinematics import forward
 from core.simulation.arm import KR5_ARC_HOME, Arm, free_angles, kr5_arc, sweep_angles
 from tests.support.sessions.kinematics import make_robot
@@ -22,6 +22,7 @@ from tests.support.sessions.robot_session import in_view
 from tests.support.sessions.stored_sessions import (
     Shot,
     body,
+    commanded_pose,
     draw_board_pose,
     look,
     new_session,
@@ -57,17 +58,14 @@ def fixed(api: Any) -> FixedCamera:
         ]
     )
     session = new_session(api, robot_id=make_robot(api), camera_mount="fixed")
-    stated = []
-    for i, (angles, T) in enumerate(zip(q, forward(arm.chain, q), strict=True)):
-        roll, pitch, yaw = np.degrees(rotation_to_rpy(T[:3, :3])).tolist()
-        stated.append(
-            {
-                "pose_id": f"P{i + 1}",
-                "position_mm": T[:3, 3].tolist(),
-                **{"roll_deg": roll, "pitch_deg": pitch, "yaw_deg": yaw},
-                "joint_angles_deg": np.degrees(angles).tolist(),
-            }
-        )
+    stated = [
+        {
+            "pose_id": f"P{i + 1}",
+            **commanded_pose(T),
+            "joint_angles_deg": np.degrees(angles).tolist(),
+        }
+        for i, (angles, T) in enumerate(zip(q, forward(arm.chain, q), strict=True))
+    ]
     assert api.client.post(f"/v1/sessions/{session}/poses", json=stated).status_code == 200
     shots = []
     for cycle in (1, 2):

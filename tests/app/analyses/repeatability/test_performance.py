@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 
 from app.api.schemas.analyses import RepeatabilityAnalysis
-from core.geometry.roll_pitch_yaw import rotation_to_rpy
 from core.geometry.se3 import compose, invert, so3_exp, transform
 from core.session.repeatability.performance import MAX_PAIRS
 from tests.support.sessions.stored_sessions import (
@@ -19,9 +18,11 @@ from tests.support.sessions.stored_sessions import (
     Store,
     body,
     codes,
+    commanded_pose,
     draw_board_pose,
     look,
     new_session,
+    put_pose,
     shoot,
 )
 
@@ -37,19 +38,7 @@ def table(api: Any, session: str, **query: Any) -> dict[str, Any]:
 
 def command(api: Any, session: str, pose_id: str, T: Any, **fields: Any) -> None:
     """Store the commanded pose of the robot whose camera is at T in the target frame."""
-    commanded = compose(Z, T, invert(X))
-    roll, pitch, yaw = np.degrees(rotation_to_rpy(commanded[:3, :3])).tolist()
-    response = api.client.put(
-        f"/v1/sessions/{session}/poses/{pose_id}",
-        json={
-            "position_mm": commanded[:3, 3].tolist(),
-            "roll_deg": roll,
-            "pitch_deg": pitch,
-            "yaw_deg": yaw,
-            **fields,
-        },
-    )
-    assert response.status_code == 200, response.text
+    put_pose(api, session, pose_id, commanded_pose(compose(Z, T, invert(X))) | fields)
 
 
 def cube(rng: np.random.Generator) -> dict[str, Any]:

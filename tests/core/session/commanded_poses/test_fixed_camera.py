@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from core.errors import NotConverged, SeveralTargetsOnFlange
-from core.geometry import compose, invert, rotation_to_rpy, so3_exp, so3_log, transform
+from core.geometry import compose, invert, so3_exp, so3_log, transform
 from core.kinematics import forward
 from core.session import (
     CommandedPose,
@@ -26,7 +26,7 @@ from core.session.next_view import candidate_views, common_fit
 from core.session.next_view.reach import stated_candidates
 from core.session.next_view.views_expected import camera_of, image_size
 from core.simulation.arm import KR5_ARC
-from tests.support.sessions.stored_sessions import BOARD, HEIGHT, WIDTH, draw_board_pose, look
+from tests.support.sessions.stored_sessions import BOARD, HEIGHT, WIDTH, commanded_pose, draw_board_pose, look
 
 T_BASE_CAMERA = transform(so3_exp(np.array([0.3, math.pi - 0.4, 0.2])), np.array([900.0, -150.0, 1200.0]))
 T_FLANGE_TARGET = transform(so3_exp(np.array([0.1, -0.2, 1.2])), np.array([-60.0, 40.0, 30.0]))
@@ -43,8 +43,7 @@ def session(seed: int, poses: int = 12, *, scatter_mm: float = 0.0, scatter: flo
         flange = compose(T_BASE_CAMERA, draw_board_pose(rng, 30.0), invert(T_FLANGE_TARGET))
         off = so3_exp(rng.normal(0.0, ROBOT_RAD, 3))
         stated = transform(off @ flange[:3, :3], flange[:3, 3] + rng.normal(0.0, ROBOT_MM, 3))
-        roll, pitch, yaw = np.degrees(rotation_to_rpy(stated[:3, :3])).tolist()
-        commanded[name] = CommandedPose(stated[:3, 3].tolist(), roll, pitch, yaw)
+        commanded[name] = CommandedPose(**commanded_pose(stated))
         for cycle in range(1, CYCLES + 1):
             turn = so3_exp(rng.normal(0.0, scatter, 3))
             attained = transform(turn @ flange[:3, :3], flange[:3, 3] + rng.normal(0.0, scatter_mm, 3))

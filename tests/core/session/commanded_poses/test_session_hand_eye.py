@@ -10,7 +10,7 @@ import pytest
 
 from core.calibration import HandEyeObservation, calibrate_hand_eye, scale_warnings
 from core.errors import CommandedPosesMissing, InvalidArgument, MotionInsufficient, NotConverged
-from core.geometry import compose, invert, rotation_to_rpy, so3_exp, so3_log, transform
+from core.geometry import compose, invert, so3_exp, so3_log, transform
 from core.session import (
     CommandedPose,
     ImageObservation,
@@ -23,7 +23,7 @@ from core.session import (
 )
 from core.session.commanded_poses.likely_causes import calibrate_or_explain
 from tests.support.sessions.repeatability import T_BASE_TARGET, T_FLANGE_CAMERA
-from tests.support.sessions.stored_sessions import BOARD, HEIGHT, WIDTH, draw_board_pose, look
+from tests.support.sessions.stored_sessions import BOARD, HEIGHT, WIDTH, commanded_pose, draw_board_pose, look
 from tests.support.simulation.hand_eye_poses import draw_stations
 
 SECOND = transform(so3_exp(np.array([0.2, math.pi - 0.3, 0.1])), np.array([650.0, -260.0, 240.0]))
@@ -54,8 +54,7 @@ def session(
         attained = compose(of_first, invert(T_camera_target), invert(T_FLANGE_CAMERA))
         turn = so3_exp(rng.normal(0.0, 2e-4, 3))
         stated = transform(turn @ attained[:3, :3], attained[:3, 3] + rng.normal(0.0, robot_mm, 3))
-        roll, pitch, yaw = np.degrees(rotation_to_rpy(stated[:3, :3])).tolist()
-        commanded[name] = CommandedPose(stated[:3, 3].tolist(), roll, pitch, yaw)
+        commanded[name] = CommandedPose(**commanded_pose(stated))
         for cycle in (1, 2):
             for target in shown:
                 points[len(images)] = look(rng, T_camera_target, bow_mm=bow_mm)
