@@ -82,7 +82,7 @@ def finish_removals(
     A record outlives a file that the system does not remove, and anything that is recorded meanwhile.
     """
     settled = 0
-    for some in _recorded(database) if hashes is None else in_pages(hashes):
+    for some in hashes_in(database, Removal.sha256) if hashes is None else in_pages(hashes):
         if stopped():
             break
         with database.read() as records:
@@ -139,15 +139,13 @@ def cleanup_after_failure(database: Database, blobs: Blobs, sha256: str) -> None
         log.warning("original_without_row", sha256=sha256, code=error.code)
 
 
-def _recorded(database: Database) -> Iterator[Sequence[str]]:
+def hashes_in(database: Database, column: orm.InstrumentedAttribute[str]) -> Iterator[Sequence[str]]:
+    """Yield the hashes in a column, each once, page by page."""
     last = ""
     while True:
         with database.read() as records:
             some = records.scalars(
-                sa.select(Removal.sha256)
-                .where(Removal.sha256 > last)
-                .order_by(Removal.sha256)
-                .limit(_TOGETHER)
+                sa.select(column).where(column > last).group_by(column).order_by(column).limit(_TOGETHER)
             ).all()
         if not some:
             return

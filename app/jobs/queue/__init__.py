@@ -4,7 +4,7 @@ from app.jobs.job import Job, JobResult, TargetQuery
 from app.jobs.queue.claimed_rows import is_target, read_jobs
 from app.jobs.queue.interface import Queue
 from app.jobs.queue.requeueing import TOGETHER, queue_rows, search_again
-from app.jobs.queue.saving import ALREADY_MEASURED
+from app.jobs.queue.saving import ALREADY_MEASURED, measurements_of_image
 from app.jobs.queue.sql_queue import SqlQueue
 from app.records.database import Database
 
@@ -27,6 +27,7 @@ __all__ = [
     "SqlQueue",
     "TargetQuery",
     "is_target",
+    "measurements_of_image",
     "queue_of",
     "queue_rows",
     "read_jobs",

@@ -168,7 +168,7 @@ def save_detected(session: orm.Session, item: JobResult, now: datetime, *, repla
         give_up(session, row.id, unreadable(damaged))
         return True
     outcome, of_the_image = item.outcome, {name: getattr(row, name) for name in _OF_THE_IMAGE}
-    siblings = _siblings(session, row)
+    siblings = [other for other in measurements_of_image(session, row) if other.id != row.id]
     held = [sibling.target_id for sibling in siblings]
     # The session's lock is held: what is read here stays so until this is saved.
     looked_at = session.scalars(
@@ -223,15 +223,14 @@ def _is_shown(row: Measurement, found: Sequence[DetectedTarget]) -> bool:
     return any(shown.target_id == row.target_id for shown in found)
 
 
-def _siblings(session: orm.Session, row: Measurement) -> Sequence[Measurement]:
-    """Return the other measurements of a row's image, oldest first."""
-    return session.scalars(
+def measurements_of_image(records: orm.Session, measurement: Measurement) -> Sequence[Measurement]:
+    """Return the measurements of the same image at the same pose, this one included, oldest first."""
+    return records.scalars(
         sa.select(Measurement)
         .where(
-            Measurement.session_id == row.session_id,
-            Measurement.pose_id == row.pose_id,
-            Measurement.sha256 == row.sha256,
-            Measurement.id != row.id,
+            Measurement.session_id == measurement.session_id,
+            Measurement.pose_id == measurement.pose_id,
+            Measurement.sha256 == measurement.sha256,
         )
         .order_by(Measurement.id)
     ).all()

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import os
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 
 import sqlalchemy as sa
@@ -20,11 +20,11 @@ from app.records.migrations import current_revision, head_revision
 from app.records.tables import Measurement
 from app.services.inspection.check_result import CheckResult, failed, ok, warn
 from app.services.maintenance.orphans import GRACE_S
+from app.services.originals import hashes_in, in_pages
 from app.settings import Settings
 
 _MAX_LISTED = 20
 """Files listed of each kind; the others are counted."""
-_PAGE = 500
 _UPLOAD_AGAIN = (
     "Move the file away if there is one. Then run `gridpose upload` of the image's folder to that session: it sends "
     "missing images, and failed measurements of them are repeated. Or restore the file from a backup and retry the "
@@ -90,8 +90,7 @@ def _read_all(blobs: LocalBlobs, database: Database, progress: Progress) -> _Sca
     scan = _Scan()
     for found in blobs.names():
         names = [name for name, _ in found]
-        for start in range(0, len(names), _PAGE):
-            page = names[start : start + _PAGE]
+        for page in in_pages(names):
             named = _referenced(database, page)
             scan.orphaned += [name for name in page if name not in named]
         for name in names:
@@ -114,23 +113,11 @@ def _read_all(blobs: LocalBlobs, database: Database, progress: Progress) -> _Sca
 
 
 def _missing(blobs: LocalBlobs, database: Database) -> Iterator[str]:
-    """Yield the hashes of rows whose files do not exist; the rows are read page by page."""
-    last = ""
-    while True:
-        with database.read() as records:
-            page = records.scalars(
-                sa.select(Measurement.sha256)
-                .where(Measurement.sha256 > last)
-                .group_by(Measurement.sha256)
-                .order_by(Measurement.sha256)
-                .limit(_PAGE)
-            ).all()
-        if not page:
-            return
+    """Yield the hashes of rows whose files do not exist."""
+    for page in hashes_in(database, Measurement.sha256):
         gone = [name for name in page if not blobs.path(name).is_file()]
         still_named = _referenced(database, gone)  # the session may have been deleted since
         yield from (name for name in gone if name in still_named)
-        last = page[-1]
 
 
 def _is_corrupt(blobs: LocalBlobs, name: str) -> bool:
@@ -147,8 +134,8 @@ def _orphans(blobs: LocalBlobs, database: Database, names: list[str]) -> Iterato
     old: list[str] = []
     recent: list[str] = []
     still_named: set[str] = set()
-    for start in range(0, len(names), _PAGE):
-        still_named |= _referenced(database, names[start : start + _PAGE])
+    for page in in_pages(names):
+        still_named |= _referenced(database, page)
     for name in names:
         path = blobs.path(name)
         if name in still_named or not path.is_file():
@@ -193,7 +180,7 @@ def _named(database: Database, name: str) -> str:
     )
 
 
-def _referenced(database: Database, names: list[str]) -> set[str]:
+def _referenced(database: Database, names: Sequence[str]) -> set[str]:
     with database.read() as records:
         return set(records.scalars(sa.select(Measurement.sha256).where(Measurement.sha256.in_(names))))
 

@@ -15,7 +15,7 @@ import sqlalchemy as sa
 from sqlalchemy import orm
 
 from app.errors import Conflict
-from app.jobs.queue import ALREADY_MEASURED
+from app.jobs.queue import ALREADY_MEASURED, measurements_of_image
 from app.records.activity import maker_name, note_objects
 from app.records.tables import Measurement, Session
 from app.services.installation.context import ServiceContext
@@ -94,19 +94,6 @@ def lock_measurement(records: orm.Session, measurement_id: str) -> Measurement:
     get_or_raise(records, Session, measurement.session_id, lock=True)
     records.expire(measurement)
     return get_or_raise(records, Measurement, measurement_id, lock=True)
-
-
-def measurements_of_image(records: orm.Session, measurement: Measurement) -> Sequence[Measurement]:
-    """Return the measurements of the same image at the same pose, this one included, oldest first."""
-    return records.scalars(
-        sa.select(Measurement)
-        .where(
-            Measurement.session_id == measurement.session_id,
-            Measurement.pose_id == measurement.pose_id,
-            Measurement.sha256 == measurement.sha256,
-        )
-        .order_by(Measurement.id)
-    ).all()
 
 
 def _require_free(records: orm.Session, image: Sequence[Measurement], pose_id: str) -> None:
