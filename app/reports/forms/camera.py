@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from typing import Any
 
 from app.reports.forms.blocks import (
@@ -15,9 +14,7 @@ from app.reports.forms.blocks import (
     table,
     warnings_of,
 )
-from app.reports.forms.wording import words
-
-Json = Mapping[str, Any]
+from app.reports.forms.wording import Json, words
 
 
 def camera_blocks(found: Json, inputs: Json) -> list[Block]:

@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from datetime import date, datetime
 from typing import Any
 
 from app.records.ids import moment_of
 from app.reports.forms.blocks import Block, facts, heading, paragraph
-from app.reports.forms.wording import words
-
-Json = Mapping[str, Any]
+from app.reports.forms.wording import Json, words
 
 
 def opening_blocks(document: Json) -> list[Block]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from typing import Any
 
 from app.reports.forms.blocks import (
@@ -18,9 +17,8 @@ from app.reports.forms.blocks import (
     table,
     warnings_of,
 )
-from app.reports.forms.wording import symbols, words
+from app.reports.forms.wording import Json, symbols, words
 
-Json = Mapping[str, Any]
 ANGLES = ("roll_deg", "pitch_deg", "yaw_deg")
 PARAMETERS = ("a_mm", "alpha_deg", "d_mm", "theta_offset_deg", "beta_deg")
 

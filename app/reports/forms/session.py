@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Mapping
-from typing import Any
 
 from app.reports.forms.blocks import (
     UNKNOWN,
@@ -18,9 +17,7 @@ from app.reports.forms.blocks import (
 )
 from app.reports.forms.camera import camera_blocks
 from app.reports.forms.repeatability import headline
-from app.reports.forms.wording import words
-
-Json = Mapping[str, Any]
+from app.reports.forms.wording import Json, words
 
 
 def session_blocks(analyses: Mapping[str, Json], refusals: Mapping[str, Json], inputs: Json) -> list[Block]:

@@ -5,14 +5,14 @@ What neither the report nor the company's template states is written as not stat
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Any
 from xml.etree.ElementTree import Element
 
 from app.reports.forms.certificate.elements import NOT_STATED, element, named, plain, written
 from app.reports.forms.head import measuring_days
+from app.reports.forms.wording import Json
 
-Json = Mapping[str, Any]
 UNKNOWN_COUNTRY = "ZZ"
 """A code of ISO 3166-1 that is kept for users; the Unicode CLDR gives it this meaning."""
 _NO_CERTIFICATE = (

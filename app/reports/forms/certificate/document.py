@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any
 from xml.etree import ElementTree
 from xml.etree.ElementTree import Element
 
@@ -11,9 +9,8 @@ from app.reports.forms.certificate.administrative import administrative_data
 from app.reports.forms.certificate.elements import element, figure, named, plain, written
 from app.reports.forms.certificate.parameters import camera_results, kinematics_results
 from app.reports.forms.certificate.repeatability import conformity, repeatability_results
-from app.reports.forms.wording import worded, words
+from app.reports.forms.wording import Json, worded, words
 
-Json = Mapping[str, Any]
 _VERSION = "3.2.0"
 _NAMESPACES = {
     "xmlns:dcc": "https://ptb.de/dcc",

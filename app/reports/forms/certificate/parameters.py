@@ -2,16 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any
 from xml.etree.ElementTree import Element
 
 from app.reports.forms.camera import camera_blocks, estimated_terms
 from app.reports.forms.certificate.elements import figure, result, sections
 from app.reports.forms.kinematics import PARAMETERS, kinematics_blocks
-from app.reports.forms.wording import words
+from app.reports.forms.wording import Json, words
 
-Json = Mapping[str, Any]
 _SYMBOLS = {"a_mm": "a", "alpha_deg": "α", "d_mm": "d", "theta_offset_deg": "θ₀", "beta_deg": "β"}
 
 

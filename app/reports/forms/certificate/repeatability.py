@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
 from xml.etree.ElementTree import Element
 
 from app.reports.forms.blocks import LEADING
 from app.reports.forms.certificate.elements import element, figure, figures, plain, result, sections, written
 from app.reports.forms.repeatability import AP_AXES, RP_AXES, VERDICTS, repeatability_blocks
-from app.reports.forms.wording import words
+from app.reports.forms.wording import Json, words
 
-Json = Mapping[str, Any]
 Totals = Mapping[tuple[str, str, str | None], Json]
 """Rows of the uncertainty budget's totals by figure, pose, and the pose that a distance leads to."""
 _ANGLES = ("roll_deg", "pitch_deg", "yaw_deg")

@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any
-
 from app.reports.forms.blocks import (
     Block,
     heading,
@@ -15,8 +12,7 @@ from app.reports.forms.blocks import (
     with_interval,
 )
 from app.reports.forms.repeatability.figure_names import AP_AXES, AXES
-
-Json = Mapping[str, Any]
+from app.reports.forms.wording import Json
 
 
 def accuracy_blocks(found: Json, level: str) -> list[Block]:

@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from typing import Any
 
 from app.reports.forms.blocks import Block, facts, heading, number, paragraph, table
-from app.reports.forms.wording import words
+from app.reports.forms.wording import Json, words
 
-Json = Mapping[str, Any]
 MAX_LISTED = 5
 
 

@@ -4,14 +4,9 @@ both second to RP over the cycles that count.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any
-
 from app.reports.forms.blocks import Block, heading, number, paragraph, table, with_interval
 from app.reports.forms.repeatability.figure_names import AXES, RP_AXES
-from app.reports.forms.wording import reading_id, words
-
-Json = Mapping[str, Any]
+from app.reports.forms.wording import Json, reading_id, words
 
 
 def outlier_blocks(found: Json) -> list[Block]:

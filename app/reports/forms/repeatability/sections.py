@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from typing import Any
+from collections.abc import Sequence
 
 from app.reports.forms.blocks import (
     UNKNOWN,
@@ -30,9 +29,8 @@ from app.reports.forms.repeatability.outliers import (
     without_outliers_table,
 )
 from app.reports.forms.repeatability.uncertainty_budget import budget_blocks
-from app.reports.forms.wording import words
+from app.reports.forms.wording import Json, words
 
-Json = Mapping[str, Any]
 _ANGLES = ("roll_deg", "pitch_deg", "yaw_deg")
 
 

@@ -2,13 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any
-
 from app.reports.forms.blocks import Block, heading, number, table, with_interval
-from app.reports.forms.wording import words
-
-Json = Mapping[str, Any]
+from app.reports.forms.wording import Json, words
 
 
 def budget_blocks(found: Json) -> list[Block]:
