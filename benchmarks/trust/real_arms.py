@@ -26,7 +26,7 @@ from core.kinematics import (
 )
 from core.kinematics.global_fit import blocks_of, observations_of, placed
 from core.simulation import KR5_ARC
-from tests.support.simulation.robots.arms import UR10
+from tests.support.simulation.robots.arms import UR10, predicted_within_95
 from tests.support.simulation.robots.real_arms import RealArm, angles_within_limits, measured, real_arm
 from tests.support.simulation.robots.ur10_tracker import tracked
 from tests.support.simulation.simulated_poses import measure_poses
@@ -130,22 +130,13 @@ def _block_rows(name: str, poses: PoseData) -> Iterator[Row]:
     """Yield the coverage of predicted positions at blocks that had no part in anything."""
     arm = placed(UR10.as_array(), forward(UR10, poses.joint_angles), observations_of(poses))
     for blocking, block in blocks_of(arm, poses.joint_angles).items():
-        inside = []
-        for one in np.unique(block):
-            model = identify(
-                poses.take(np.flatnonzero(block != one)), UR10, model=ModelChoice.AUTO
-            ).error_model
-            assert model is not None
-            out = poses.take(np.flatnonzero(block == one))
-            predicted = model.predict(out.joint_angles)
-            off = (out.positions_mm - predicted.poses[:, :3, 3]).T
-            inside.append(np.abs(off) <= 1.96 * predicted.deviations[:3])
+        inside = predicted_within_95(poses, UR10, block)
         yield Row.at_least(
             f"{name}: coverage of the predicted position at held-out blocks by {blocking}",
-            100.0 * float(np.mean(np.concatenate(inside, axis=1))),
+            100.0 * float(np.mean(inside)),
             90.0,
             "%",
-            f"{len(poses)} poses, {len(inside)} blocks, each predicted by the others",
+            f"{len(poses)} poses, {len(np.unique(block))} blocks, each predicted by the others",
         )
 
 

@@ -22,7 +22,7 @@ from core.kinematics.dh import forward
 from core.kinematics.global_fit.blocks import clusters
 from core.kinematics.identification import Identification, identify
 from core.kinematics.pose_observations import PoseData
-from tests.support.simulation.robots.arms import UR10, stated
+from tests.support.simulation.robots.arms import UR10, predicted_within_95, stated
 from tests.support.simulation.robots.ur10_tracker import tracked
 
 
@@ -165,16 +165,5 @@ def test_halves_by_the_elbow_agree_within_what_the_model_states(data_folder: Pat
 
 @pytest.mark.slow
 def test_positions_at_clusters_that_had_no_part_are_within_their_intervals(thinned: PoseData) -> None:
-    cluster = clusters(thinned.joint_angles)
-    inside = []
-    for one in np.unique(cluster):
-        model = identify(
-            thinned.take(np.flatnonzero(cluster != one)), UR10, model=ModelChoice.AUTO
-        ).error_model
-        assert model is not None
-        out = thinned.take(np.flatnonzero(cluster == one))
-        predicted = model.predict(out.joint_angles)
-        inside.append(
-            1.96 * predicted.deviations[:3] >= np.abs(out.positions_mm - predicted.poses[:, :3, 3]).T
-        )
-    assert 0.9 < np.mean(np.concatenate(inside, axis=1)) < 0.995
+    inside = predicted_within_95(thinned, UR10, clusters(thinned.joint_angles))
+    assert 0.9 < np.mean(inside) < 0.995

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
+from jaxtyping import Bool, Int
 
 from core.kinematics.dh import JOINT_PARAMETERS, Chain
-from core.kinematics.identification import Identification, identify
+from core.kinematics.identification import Identification, ModelChoice, identify
+from core.kinematics.pose_observations import PoseData
 from core.simulation.arm import KR5_ARC, KR5_ARC_HOME, Arm, free_angles, sweep_angles
 from tests.support.simulation.simulated_poses import measure_poses
 
@@ -50,3 +52,19 @@ def stated(found: Identification) -> np.ndarray:
         for j in found.joints
     ]
     return np.array(rows, dtype=np.float64)
+
+
+def predicted_within_95(
+    poses: PoseData, nominal: Chain, block: Int[np.ndarray, " n"]
+) -> Bool[np.ndarray, "3 n"]:
+    """Return which positions, of one block after another, are within the 95 % intervals that all other blocks give."""
+    inside = []
+    for one in np.unique(block):
+        rest = poses.take(np.flatnonzero(block != one))
+        model = identify(rest, nominal, model=ModelChoice.AUTO).error_model
+        assert model is not None
+        out = poses.take(np.flatnonzero(block == one))
+        predicted = model.predict(out.joint_angles)
+        off = (out.positions_mm - predicted.poses[:, :3, 3]).T
+        inside.append(np.abs(off) <= 1.96 * predicted.deviations[:3])
+    return np.concatenate(inside, axis=1)
