@@ -20,6 +20,7 @@ from jaxtyping import Float, Int, UInt8, UInt16
 
 from core.geometry import find_homography, map_in_front
 from core.targets.charuco.layout import CharucoLayout, charuco_layout, marker_dictionary
+from core.targets.charuco.quadrangles import markers_in_parts
 from core.targets.specification import TargetSpec
 
 Markers = Mapping[int, Float[np.ndarray, "4 2"]]
@@ -49,17 +50,15 @@ def detect_isolated_markers(
     image: UInt8[np.ndarray, "h w"] | UInt16[np.ndarray, "h w"], layout: CharucoLayout
 ) -> tuple[dict[int, Float[np.ndarray, "4 2"]], set[int]]:
     """Return the corners of the dictionary's markers seen once, and the ids of the board's seen several times."""
-    corners, ids, _ = cv2.aruco.ArucoDetector(marker_dictionary(layout.target), _parameters()).detectMarkers(
-        _eight_bit(image)
-    )
     found: dict[int, Float[np.ndarray, "4 2"]] = {}
     repeated: set[int] = set()
-    numbers = [] if ids is None else [int(number) for number in ids.ravel()]
-    for number, four in zip(numbers, corners, strict=True):
+    for number, corners in markers_in_parts(
+        _eight_bit(image), marker_dictionary(layout.target), _parameters()
+    ):
         if number in found:
             repeated.add(number)
         else:
-            found[number] = four.reshape(4, 2).astype(np.float64)
+            found[number] = corners
     own = {number for number in repeated if number < len(layout.marker_squares)}
     return {number: found[number] for number in sorted(found.keys() - repeated)}, own
 
