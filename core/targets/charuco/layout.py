@@ -40,6 +40,16 @@ class CharucoLayout:
     marker_squares: Int[np.ndarray, "k 2"]
     marker_cells: Float[np.ndarray, "k m m"]
 
+    @property
+    def margin(self) -> float:
+        """The width of the white around a marker, in squares."""
+        return 0.5 * (1.0 - self.marker_mm / self.target.pitch_mm)
+
+    @property
+    def cell(self) -> float:
+        """The size of a marker's cells, in squares."""
+        return self.marker_mm / self.target.pitch_mm / self.marker_cells.shape[1]
+
     def marker_corners(self, marker: int) -> Float[np.ndarray, "4 3"]:
         """Return a marker's corners in the target frame, mm: from its upper left, clockwise as seen."""
         if not 0 <= marker < len(self.marker_squares):

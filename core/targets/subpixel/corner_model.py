@@ -15,6 +15,13 @@ is interpolated, and white noise in the image is white noise in it. T is symmetr
 samples are taken (almost) symmetrically about q, so whatever is symmetric in the image and not in the model (ink that
 spreads, a camera's gamma, a blur of another shape) moves no corner.
 
+A marker in each bright square, with a white margin m around it and a black border w wide, adds to T on the bright
+sides, with x and y counted from the edges toward the marker's middle (its bits half white, on average),
+
+    M = -2 (Φ(x - m) Φ(y - m) - ½ Φ(x - m - w) Φ(y - m - w)).
+
+It matters where the margin is few σ wide. It moves with the corner, so its edges determine the place as well.
+
 Only pixels near an edge, within `BAND` σ, determine its place. They do not determine the slopes of b and c, which look
 much like a shift of the edge: these are given.
 """
@@ -35,11 +42,17 @@ MIN_BAND_PX = 2.0
 sharper edge do not separate its blur from its contrast. Still wider, the band has what cameras do to sharpen edges."""
 NEAR = 3.0
 """Within so many σ of the other edge its P is not yet ±1."""
+MIN_PRINT_BAND, CLEAR_OF_BITS = 1.2, 1.3
+"""In σ: half width of the band where markers are near, at least; and how far it stays away from their bits."""
 
 # columns of a corner's state
 Q_U, Q_V, N1_U, N1_V, BEND_1, REACH_1, N2_U, N2_V, BEND_2, REACH_2, SIGN = range(11)
 SIGMA_1, SIGMA_2, SPACING_1, SPACING_2, LEVEL_U, LEVEL_V, CONTRAST_U, CONTRAST_V, PER_CONTRAST = range(11, 20)
-STATE = 20
+MARGIN, BORDER = (
+    20,
+    21,
+)  # of the markers in bright squares: white around them, and their black border, in spacings
+STATE = 22
 
 # columns of a step
 STEP_U, STEP_V, LEVEL, CONTRAST, WIDER_1, WIDER_2, SPREAD = range(7)
@@ -93,3 +106,25 @@ def half_band(sigma: float) -> float:
 def flat_top(n_u: float, n_v: float, sigma: float) -> float:
     """Return κ₄ / (24 σ⁴) of the pixel's square in an edge's profile."""
     return -(n_u**4 + n_v**4) / (120.0 * 24.0 * sigma**4)
+
+
+@jit("f8, f8, f8, f8, f8, f8, f8")
+def marker_profile(
+    a: float, o: float, sign: float, margin: float, border: float, margin_o: float, border_o: float
+) -> tuple[float, float, float, float, float]:
+    """Return M of the markers in the two bright squares, its derivatives by a and o, and those by the logarithms of
+    the two edges' σ. All lengths are in σ of the edge that they are counted from."""
+    value, by_a, by_o, by_wider, by_wider_o = 0.0, 0.0, 0.0, 0.0, 0.0
+    for side in (1.0, -1.0):
+        side_o = sign * side
+        for depth, share in ((0.0, -2.0), (1.0, 1.0)):  # the marker is black, its inside half white
+            x, y = side * a - margin - depth * border, side_o * o - margin_o - depth * border_o
+            P, bell = normal_step(x)
+            P_o, bell_o = normal_step(y)
+            inside, inside_o = 0.5 + 0.5 * P, 0.5 + 0.5 * P_o
+            value += share * inside * inside_o
+            by_a += share * side * bell * inside_o
+            by_o += share * side_o * bell_o * inside
+            by_wider -= share * x * bell * inside_o
+            by_wider_o -= share * y * bell_o * inside
+    return value, by_a, by_o, by_wider, by_wider_o

@@ -94,17 +94,18 @@ def step_corners(
     size = 7 if knows_blur else 4
     most = max_pixels(states, chosen)
     pixels, X, counts = np.empty((4, 4, most)), np.empty((most, 8)), np.zeros(5, np.int64)
+    arm_of = np.empty(most, np.int64)
     for k in range(chosen.shape[0]):
         s, out = states[chosen[k]], steps[chosen[k]]
         out[:] = np.nan
         counts[:] = 0
-        collect_pixels(flat, height, width, s, True, stride, pixels, X, counts)
-        collect_pixels(flat, height, width, s, False, stride, pixels, X, counts)
+        collect_pixels(flat, height, width, s, True, stride, pixels, X, arm_of, counts)
+        collect_pixels(flat, height, width, s, False, stride, pixels, X, arm_of, counts)
         samples = counts.sum()
         samples_left = samples
         solved = False
         for _ in range(_MAX_ROUNDS):
-            _add_up(s, pixels, X, counts, parts)
+            _add_up(s, pixels, X, arm_of, counts, parts)
             for i in range(8):
                 for j in range(i + 1):
                     A[i, j] = (
@@ -146,11 +147,12 @@ def step_corners(
         out[COV_UV] = scale * (-n2u * n2v * v11 + (n1u * n2v + n1v * n2u) * v12 - n1u * n1v * v22)
 
 
-@jit("f8[::1], f8[:, :, ::1], f8[:, ::1], i8[::1], f8[:, :, ::1]")
+@jit("f8[::1], f8[:, :, ::1], f8[:, ::1], i8[::1], i8[::1], f8[:, :, ::1]")
 def _add_up(
     s: Float[np.ndarray, " state"],
     pixels: Float[np.ndarray, "4 4 m"],
     X: Float[np.ndarray, "n 8"],
+    arm_of: Int[np.ndarray, " n"],
     counts: Int[np.ndarray, "5"],
     parts: Float[np.ndarray, "5 8 8"],
 ) -> None:
@@ -159,6 +161,13 @@ def _add_up(
         sum_arm(pixels[arm], counts[arm], s, arm, parts[arm])
     rows = X[: counts[4]]
     parts[4] = np.dot(rows.T, rows)
+    for k in range(counts[4]):
+        if arm_of[k] < 4:
+            of_arm, row = parts[arm_of[k]], X[k]
+            for i in range(8):
+                for j in range(i + 1):
+                    of_arm[i, j] += row[i] * row[j]
+                    parts[4, i, j] -= row[i] * row[j]
 
 
 @jit("f8[::1], f8[:, :, ::1], f8[:, ::1], i8[::1], f8[::1], f8[:, ::1]")

@@ -11,10 +11,14 @@ from core.jit import jit
 from core.targets.subpixel.corner_model import (
     BEND_1,
     BEND_2,
+    BORDER,
+    CLEAR_OF_BITS,
     CONTRAST_U,
     CONTRAST_V,
     LEVEL_U,
     LEVEL_V,
+    MARGIN,
+    MIN_PRINT_BAND,
     N1_U,
     N1_V,
     N2_U,
@@ -33,13 +37,14 @@ from core.targets.subpixel.corner_model import (
     edge_profile,
     flat_top,
     half_band,
+    marker_profile,
     normal_step,
 )
 
 
 @jit(
-    "u1[::1], i8, i8, f8[::1], b1, i8, f8[:, :, ::1], f8[:, ::1], i8[::1]",
-    "u2[::1], i8, i8, f8[::1], b1, i8, f8[:, :, ::1], f8[:, ::1], i8[::1]",
+    "u1[::1], i8, i8, f8[::1], b1, i8, f8[:, :, ::1], f8[:, ::1], i8[::1], i8[::1]",
+    "u2[::1], i8, i8, f8[::1], b1, i8, f8[:, :, ::1], f8[:, ::1], i8[::1], i8[::1]",
 )
 def collect_pixels(
     flat: np.ndarray,
@@ -50,13 +55,15 @@ def collect_pixels(
     stride: int,
     pixels: Float[np.ndarray, "4 4 m"],
     X: Float[np.ndarray, "n 8"],
+    arm_of: Int[np.ndarray, " n"],
     counts: Int[np.ndarray, "5"],
 ) -> None:
     """Collect the pixels along one edge, and count them.
 
     Those of its arms go to `pixels[arm]`: distance from the edge in σ, weight, slope of the contrast, and the grey less
     the level's slope. To those near the other edge too, the model is rows of X: the factors of the unknowns (c d₁,
-    c d₂, b₀, c₀, c Δln σ₁, c Δln σ₂, c spread) and the grey, all times the root of the pixel's weight.
+    c d₂, b₀, c₀, c Δln σ₁, c Δln σ₂, c spread) and the grey, all times the root of the pixel's weight. Where markers
+    are near, all pixels are such rows; `arm_of` names the arm of those that are on one, and is 4 of others.
     """
     if first:
         nu, nv, bend, reach, sigma, gap = s[N1_U], s[N1_V], s[BEND_1], s[REACH_1], s[SIGMA_1], s[SPACING_1]
@@ -70,6 +77,16 @@ def collect_pixels(
     gap, gap_m = gap / sigma, gap_m / sigma_m
     band, band_m = half_band(sigma) / sigma, half_band(sigma_m) / sigma_m
     clear = max(NEAR, band_m)
+    margin, border, margin_m, border_m = (
+        s[MARGIN] * gap,
+        s[BORDER] * gap,
+        s[MARGIN] * gap_m,
+        s[BORDER] * gap_m,
+    )
+    is_printed = s[MARGIN] > 0.0 and min(margin - band, margin_m - band_m) < NEAR
+    if is_printed:
+        band = min(band, max(margin + border - CLEAR_OF_BITS, MIN_PRINT_BAND))
+        band_m = min(band_m, max(margin_m + border_m - CLEAR_OF_BITS, MIN_PRINT_BAND))
     top, top_m = flat_top(nu, nv, sigma), flat_top(mu, mv, sigma_m)
     rho = nu * mu + nv * mv
     rest = 1.0 / math.sqrt(max(1.0 - rho * rho, 1e-4))
@@ -85,7 +102,7 @@ def collect_pixels(
         level_along, level_across = s[LEVEL_U], s[LEVEL_V]
         contrast_along, contrast_across = s[CONTRAST_U], s[CONTRAST_V]
     extent = reach * abs(n_across)
-    half = half_band(sigma) / abs(n_across)
+    half = band * sigma / abs(n_across)
     per_across, per_sigma, per_sigma_m = 1.0 / n_across, 1.0 / sigma, 1.0 / sigma_m
     begin = max(0, math.ceil(q_along - extent - 0.5))
     end = min(size_along - 1, math.floor(q_along + extent + 0.5))
@@ -114,8 +131,8 @@ def collect_pixels(
         at = line * to_next_line + low * to_next
         span = half * abs(do)
         is_arm = abs(o_middle) - span >= clear and abs(o_middle) + span + NEAR <= gap_m and gap >= band + NEAR
-        if is_arm:
-            at_arm = arm + 1 if o_middle > 0.0 else arm
+        at_arm = arm + 1 if o_middle > 0.0 else arm
+        if is_arm and not is_printed:
             place_a, place_w, place_s, place_g = pixels[at_arm]
             k = counts[at_arm]
             count = min(count, pixels.shape[2] - k)
@@ -148,6 +165,16 @@ def collect_pixels(
                 strong = root * (1.0 + slope * per_contrast)
                 bump = sign * strong * 2.0 * h * P_given
                 bump_m = sign * strong * 2.0 * h_m * P_given_m
+                wider, wider_m, spread = -a * bump, -o * bump_m, strong * (1.0 - T * T)
+                if is_printed:
+                    M, by_a, by_o, by_wider, by_wider_m = marker_profile(
+                        a, o, sign, margin, border, margin_m, border_m
+                    )
+                    T += M
+                    bump += strong * by_a
+                    bump_m += strong * by_o
+                    wider += strong * by_wider
+                    wider_m += strong * by_wider_m
                 row = X[samples]
                 row[own], row[other], row[2], row[3] = (
                     -bump * per_sigma,
@@ -155,7 +182,8 @@ def collect_pixels(
                     root,
                     root * T,
                 )
-                row[4 + own], row[4 + other], row[6] = -a * bump, -o * bump_m, strong * (1.0 - T * T)
+                row[4 + own], row[4 + other], row[6] = wider, wider_m, spread
+                arm_of[samples] = at_arm if is_arm else 4
                 row[7] = root * (flat[at] - level - T * slope)
                 samples += 1
             at += to_next

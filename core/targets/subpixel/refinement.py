@@ -60,6 +60,8 @@ def refine_corners(
     largest_reach: float = 0.5,
     places: Float[np.ndarray, "n 2"] | None = None,
     plain: float | None = None,
+    marker_margin: float = 0.0,
+    marker_border: float = 0.0,
 ) -> RefinedCorners:
     """Refine the corners of a chessboard, or of a pattern of squares whose lines stand unevenly.
 
@@ -78,6 +80,9 @@ def refine_corners(
         by default.
     plain
         How far from its edges the squares are plain, in spacings. By default they are all through, and of one size.
+    marker_margin, marker_border
+        Of the markers in the bright squares: the width of the white around them, and of their black border, in
+        spacings. By default the bright squares are plain.
 
     Raises
     ------
@@ -94,6 +99,7 @@ def refine_corners(
     sign = np.where((column + row) % 2 == 0, -1.0, 1.0) * (1.0 if origin_is_black else -1.0)
     states[:, model.SIGN] = sign
     states[:, [model.REACH_1, model.REACH_2]] = np.inf
+    states[:, model.MARGIN], states[:, model.BORDER] = marker_margin, marker_border
     states[:, [model.Q_U, model.Q_V]] = start
     basis = grid_basis(ideal, start, good.astype(np.float64))
     shape, _ = _fit(basis, states, good)
