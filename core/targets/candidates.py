@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -29,13 +29,15 @@ def whole_lattices(
     corners: Iterator[PatchCorners],
     max_distance_px: Callable[[Float[np.ndarray, "n 2"], Lattice], float],
     reach: float = MAX_REACH,
+    known: Sequence[Lattice] = (),
 ) -> Iterator[Lattice]:
     """Yield the lattices that patches grow to on the full image, each once.
 
     A patch belongs to a lattice that was grown already where most of its corners lie nearer to that lattice's than
-    `max_distance_px` of the patch's corners and the lattice. `reach` is that of `grow_lattice`.
+    `max_distance_px` of the patch's corners and the lattice. `reach` is that of `grow_lattice`; `known` are lattices
+    that were grown before, and are not yielded again.
     """
-    grown: list[Lattice] = []
+    grown: list[Lattice] = list(known)
     for points, place in corners:
         if any(_distance_px(points, lattice) < max_distance_px(points, lattice) for lattice in grown):
             continue

@@ -2,9 +2,10 @@
 
 The corners of its squares make a lattice as a chessboard's do, and are found in the same way, coarse to fine; the
 markers are then read where the lattice has them, and place it on the board (`placement`). Parts of the board on
-both sides of something in front of it are joined if they lie in one plane. Where no lattice is found, OpenCV's detector
-looks for markers (`isolated_markers`). The corners are refined as any chessboard's (`refinement`), by pixels along the
-squares' edges only, so that the markers are never seen.
+both sides of something in front of it are joined if they lie in one plane. Where no lattice is found the image itself
+and its double are looked at, for small squares, and then OpenCV's detector looks for markers (`isolated_markers`). The
+corners are refined as any chessboard's (`refinement`), by pixels along the squares' edges; the markers' edges are part
+of the model where the blur brings them there.
 
 Any part of a board serves that has enough corners for a pose, and enough markers to be distinguished from all else:
 some that agree where the board is, in two of its rows, and next to none that contradict them.
@@ -35,7 +36,7 @@ from core.targets.charuco.placement import (
     lattices_of,
     locate_on_board,
 )
-from core.targets.lattice import levels
+from core.targets.lattice import Lattice, fine_levels, levels
 from core.targets.markers import MarkerDictionary, marker_codes
 from core.targets.specification import GridPoints, TargetSpec
 from core.targets.subpixel import is_well_distributed, neighbour_inliers, refine_corners
@@ -46,6 +47,7 @@ MIN_CORNERS = 8
 _MIN_SHARE_IN_VIEW = (
     0.5  # of the corners that should be in view: with fewer, finer levels are looked at as well
 )
+_MANY_PLAIN = 200  # corners of a lattice without markers, a floor's: it is not grown again on finer levels
 _BOARD_LIKE = 6  # framed squares in one lattice: a board with markers, whichever
 
 
@@ -88,15 +90,27 @@ class Seen:
 def find_by_lattice(image: np.ndarray, layout: CharucoLayout, codes: MarkerDictionary) -> Seen:
     """Find the board by the lattice of its squares' corners. Raises TargetMismatch where there are two of it."""
     found: list[PlacedLattice] = []
+    plain: list[Lattice] = []
     part = None
     for level in levels(image):
-        found += [
-            locate_on_board(image, lattice, layout, codes) for lattice in lattices_of(image, level, layout)
-        ]
+        for lattice in lattices_of(image, level, layout):
+            found.append(locate_on_board(image, lattice, layout, codes))
+            if found[-1].framed == 0 and np.count_nonzero(lattice.known) > _MANY_PLAIN:
+                plain.append(lattice)
         part = merge_pieces(found, layout, codes)
         if part is not None and len(part) >= _MIN_SHARE_IN_VIEW * corners_in_view(
             part, layout.target, image.shape
         ):
+            break
+    if part is not None or Seen(tuple(found), part).contradicts_layout:
+        return Seen(tuple(found), part)
+    for level in fine_levels(image):
+        found += [
+            locate_on_board(image, lattice, layout, codes)
+            for lattice in lattices_of(image, level, layout, is_fine=True, known=plain)
+        ]
+        part = merge_pieces(found, layout, codes)
+        if part is not None:
             break
     return Seen(tuple(found), part)
 
@@ -129,7 +143,15 @@ def _measured(
     column, row = part.column, part.row
     places = np.stack([column, row], axis=1).astype(np.float64)
     if is_well_distributed(places):
-        refined = refine_corners(image, column, row, part.points_px, origin_is_black=bool(layout.black[1, 1]))
+        refined = refine_corners(
+            image,
+            column,
+            row,
+            part.points_px,
+            origin_is_black=bool(layout.black[1, 1]),
+            marker_margin=layout.margin,
+            marker_border=layout.cell,
+        )
         trusted = neighbour_inliers(
             places, refined.points_px, refined.standard_uncertainty_px, refined.trusted
         )
@@ -176,6 +198,18 @@ def _not_found(lattices: tuple[PlacedLattice, ...], target: TargetSpec) -> Detec
     if contradicted:
         most = max(contradicted, key=lambda lattice: lattice.read)
         return _another_board(most.read, most.agreeing, target)
+    layout = charuco_layout(target)
+    # as many as a board of this size has, about: floors and woven cloth have more
+    most_printed = 2 * len(layout.marker_squares)
+    small = [lattice for lattice in lattices if _BOARD_LIKE <= lattice.small_print <= most_printed]
+    if small:
+        square_px = max(small, key=lambda lattice: lattice.small_print).square_px
+        return TargetNotFound(
+            f"A board with markers is in view, but its squares are only {square_px:.0f} px wide, and the cells of its "
+            f"markers {layout.cell * square_px:.1f} px: too few of them can be read.",
+            "Move the camera nearer, or use a board with larger squares: 20 px and more. If they are larger in the "
+            "image, check marker_mm and dictionary.",
+        )
     agreeing = max((lattice.agreeing for lattice in lattices), default=0)
     if agreeing > 1:
         return TargetNotFound(

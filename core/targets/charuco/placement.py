@@ -8,7 +8,7 @@ agreeing markers is not labelled, since a lattice may have slipped on the way th
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -19,11 +19,13 @@ from core.numerics import median
 from core.targets.candidates import patch_corners, whole_lattices
 from core.targets.charuco.board_ends import PlacedCorners, extends_beyond, is_too_short
 from core.targets.charuco.layout import CharucoLayout, column_offset, legacy_counterpart
-from core.targets.lattice import EDGE_SIDE_OFFSET, Lattice, Level, find_saddles, link
+from core.targets.lattice import EDGE_SIDE_OFFSET, MIN_COSINE, Lattice, Level, find_saddles, link
 from core.targets.markers import (
     DecodedMarkers,
     MarkerDictionary,
+    count_printed_squares,
     decode_markers,
+    decode_small_markers,
     nearest_markers,
     places_in_squares,
 )
@@ -33,7 +35,11 @@ _RIVALS = 2  # markers that agree on another place: another board's
 _MAX_PATCHES = 12  # of a level, the largest
 _PLAIN = 0.9  # of the margin between a square's edges and its marker
 _SIDE_OFFSET = 0.5  # of the margin: where an edge's two sides are looked at
+_MIN_FINE_COSINE = 0.97  # 14°
 _SUPPORT = 2.5  # squares, from a corner to the middle of a marker that agrees
+_SMALL_CELL_PX = 2.5  # of a marker: narrower ones are read closely where looks in their middles fail
+_MIN_READ_CLOSELY = 8  # corners of a lattice: fewer are clutter, or too few to be measured
+_MOST = 0.8
 _TURN = np.array([[0, -1], [1, 0]])
 
 Verdict = Literal["placed", "contradicted", "mirrored", "unread"]
@@ -64,7 +70,8 @@ class PlacedLattice:
     `column`, `row` (n,) of its known corners that are supported, `points_px` their places; `markers` the corners
     (px) of the markers that agree, in the order of `CharucoLayout.marker_corners`. `framed` of its squares have a
     black frame, `read` of them a marker of the dictionary. `ends_as_stated` of a placed one that ends where the same
-    board with the other `legacy_layout` would go on.
+    board with the other `legacy_layout` would go on. `small_print` counts the squares with something printed in them
+    where these are small, `square_px` wide.
     """
 
     verdict: Verdict
@@ -76,15 +83,29 @@ class PlacedLattice:
     points_px: Float[np.ndarray, "n 2"]
     markers: dict[int, Float[np.ndarray, "4 2"]]
     ends_as_stated: bool = False
+    square_px: float = 0.0
+    small_print: int = 0
 
 
-def lattices_of(image: np.ndarray, level: Level, layout: CharucoLayout) -> Iterator[Lattice]:
-    """Return the lattices that a level's corners belong to, largest patch first, each once."""
-    margin = 0.5 * (1.0 - layout.marker_mm / layout.target.pitch_mm)
+def lattices_of(
+    image: np.ndarray,
+    level: Level,
+    layout: CharucoLayout,
+    *,
+    is_fine: bool = False,
+    known: Sequence[Lattice] = (),
+) -> Iterator[Lattice]:
+    """Return the lattices that a level's corners belong to, largest patch first, each once.
+
+    On one that `is_fine` corners of the markers' cells are seen as well, so that neighbours must lie in line with
+    edges. `known` lattices are not grown again.
+    """
+    margin = layout.margin
     saddles = find_saddles(level)
-    patches = link(saddles, min(EDGE_SIDE_OFFSET, _SIDE_OFFSET * margin))
+    cosine = _MIN_FINE_COSINE if is_fine else MIN_COSINE
+    patches = link(saddles, min(EDGE_SIDE_OFFSET, _SIDE_OFFSET * margin), cosine)
     corners = patch_corners(level, saddles, patches, _MAX_PATCHES)
-    return whole_lattices(image, corners, _one_square, _PLAIN * margin)
+    return whole_lattices(image, corners, _one_square, _PLAIN * margin, known)
 
 
 def locate_on_board(
@@ -94,6 +115,18 @@ def locate_on_board(
     size = layout.marker_mm / layout.target.pitch_mm
     readings = decode_markers(image, lattice, codes.side, size)
     votes = _votes(readings.place, readings.codes, layout, codes)
+    is_close = False
+    is_small = layout.cell * square_px(lattice) < _SMALL_CELL_PX
+    if (
+        is_small
+        and np.count_nonzero(lattice.known) >= _MIN_READ_CLOSELY
+        and not _are_most_read(votes, lattice)
+    ):
+        closely = decode_small_markers(image, lattice, codes.side, size)
+        more = _votes(closely.place, closely.codes, layout, codes)
+        turned = _votes(closely.place[:, ::-1], closely.mirrored, layout, codes)
+        if max(len(more.markers), len(turned.markers)) > len(votes.markers):
+            readings, votes, is_close = closely, more, True
     if _is_sure(votes, layout, codes):
         return _placed("placed", image, lattice, readings, votes, layout)
     mirrored = _votes(readings.place[:, ::-1], readings.mirrored, layout, codes)
@@ -101,8 +134,21 @@ def locate_on_board(
         return _placed("mirrored", image, lattice, readings, mirrored, layout)
     read = len(votes.markers) + votes.conflicting
     against = is_inconsistent(votes.conflicting, len(votes.markers)) or votes.runner_up >= _RIVALS
+    if is_close:  # where few are read, one misread marker among them says nothing of the board
+        against &= votes.conflicting > len(votes.markers)
     verdict: Verdict = "contradicted" if against and read >= codes.least_agreeing else "unread"
-    return _placed(verdict, image, lattice, readings, votes, layout)
+    placed = _placed(verdict, image, lattice, readings, votes, layout)
+    if verdict == "contradicted" or not is_small:
+        return placed
+    printed = count_printed_squares(image, lattice, codes.side, size)
+    return replace(placed, square_px=square_px(lattice), small_print=printed)
+
+
+def _are_most_read(votes: PlacementVotes, lattice: Lattice) -> bool:
+    """Return whether most of a lattice's bright squares, half of them all, have a marker that agrees."""
+    known = lattice.known
+    closed = known[:-1, :-1] & known[:-1, 1:] & known[1:, :-1] & known[1:, 1:]
+    return bool(len(votes.markers) >= _MOST * 0.5 * np.count_nonzero(closed))
 
 
 def is_inconsistent(conflicting: int, agreeing: int) -> bool:
@@ -165,13 +211,20 @@ def _placed(
     if verdict in ("placed", "unread") and len(votes.markers):
         size = (layout.target.columns, layout.target.rows)
         named = (column >= 0) & (column < size[0]) & (row >= 0) & (row < size[1])
-        if extends_beyond(column, row, size) or extends_beyond(row, column, size[::-1]):
+        is_beyond = extends_beyond(column, row, size) or extends_beyond(row, column, size[::-1])
+        if is_beyond and verdict == "unread" and len(votes.markers) < _RIVALS:
+            votes = replace(
+                votes, agreeing=votes.agreeing[:0], markers=votes.markers[:0]
+            )  # one misread by chance
+            named[:] = False
+        elif is_beyond:
             verdict = "contradicted"
         elif verdict == "placed" and np.count_nonzero(named) < layout.target.size:
-            margin = 0.5 * (1.0 - layout.marker_mm / layout.target.pitch_mm)
+            margin = layout.margin
             if is_too_short(image, _placed_corners(lattice, readings, votes, layout), margin):
                 verdict = "contradicted"
-        named &= _supported(column, row, layout.marker_squares[votes.markers])
+        if len(votes.markers):
+            named &= _supported(column, row, layout.marker_squares[votes.markers])
         corners = _marker_corners(readings, votes, layout)
         markers = {int(votes.markers[k]): corners[k] for k in np.argsort(votes.markers)}
     return PlacedLattice(
@@ -199,7 +252,7 @@ def _ends_as_stated(
     if offset == 0:
         return False
     other = legacy_counterpart(layout)
-    margin = 0.5 * (1.0 - layout.marker_mm / layout.target.pitch_mm)
+    margin = layout.margin
     there = replace(votes, shift=votes.shift + np.array([offset, 0]))
     return is_too_short(image, _placed_corners(lattice, readings, there, other), margin)
 
@@ -245,6 +298,11 @@ def _matrix(turn: int) -> Int[np.ndarray, "2 2"]:
 
 def _one_square(_: Float[np.ndarray, "n 2"], lattice: Lattice) -> float:
     """Return the side of a lattice's squares: corners within one are its own, or those of what is printed in them."""
+    return square_px(lattice)
+
+
+def square_px(lattice: Lattice) -> float:
+    """Return the side of a lattice's squares, px: the root of the median of their areas."""
     areas = _areas(lattice.grid)
     return float(np.sqrt(median(areas))) if len(areas) else 0.0
 

@@ -1,9 +1,9 @@
 """OpenCV's marker detector on images with thousands of quadrangles, such as those of a checkered floor.
 
 The detector compares every quadrangle with every other, so that its time grows with their number squared. Where there
-are many, those with nothing bright inside a black border are none of markers: what is left of the image then is the
-surroundings of the others, some hundreds at a time. The quadrangles are found as the detector finds them, so that
-it finds the same markers.
+are many, those with nothing bright inside a black border are left out, for a marker has something there: what is left
+of the image then is the surroundings of the others, some hundreds at a time. The quadrangles are found as the detector
+finds them, so that it finds the same markers.
 """
 
 from __future__ import annotations

@@ -17,7 +17,7 @@ from jaxtyping import Int
 from core.jit import jit
 from core.targets.lattice.saddle_points import Saddles
 
-_MIN_COSINE = 0.92  # of the angle between a ray and the way to the neighbour: 23°
+MIN_COSINE = 0.92  # of the angle between a ray and the way to the neighbour: 23°
 _MAX_RATIO = 4.0  # of two neighbours' contrasts
 _MIN_EDGE = 0.25  # of the lesser contrast: what is left of it along the edge
 EDGE_SIDE_OFFSET = 0.15  # of an edge's length: where its two sides are sampled
@@ -41,10 +41,13 @@ class Patches:
     sizes: Int[np.ndarray, " patches"]
 
 
-def link(saddles: Saddles, side_offset: float = EDGE_SIDE_OFFSET) -> Patches:
+def link(
+    saddles: Saddles, side_offset: float = EDGE_SIDE_OFFSET, least_cosine: float = MIN_COSINE
+) -> Patches:
     """Return the patches of lattice among a level's corners.
 
     `side_offset` is how far from an edge its two sides are sampled, in edge lengths: less where squares hold print.
+    `least_cosine` is that of the angle between an edge and the way to the neighbour: more where print has corners, too.
     """
     count = len(saddles)
     height, width = saddles.smooth.shape
@@ -63,6 +66,7 @@ def link(saddles: Saddles, side_offset: float = EDGE_SIDE_OFFSET) -> Patches:
         down,
         cell,
         side_offset,
+        np.float32(least_cosine),
     )
     return Patches(links, *spread(links))
 
@@ -91,8 +95,8 @@ def into_cells(
 
 
 @jit(
-    "f4[:, ::1], f4[:, :, ::1], f4[::1], f4[:, ::1], i8[:, ::1], i8[::1], i8[::1], i8, i8, f8, f8",
-    "f4[:, ::1], f4[:, :, ::1], f4[::1], i2[:, ::1], i8[:, ::1], i8[::1], i8[::1], i8, i8, f8, f8",
+    "f4[:, ::1], f4[:, :, ::1], f4[::1], f4[:, ::1], i8[:, ::1], i8[::1], i8[::1], i8, i8, f8, f8, f4",
+    "f4[:, ::1], f4[:, :, ::1], f4[::1], i2[:, ::1], i8[:, ::1], i8[::1], i8[::1], i8, i8, f8, f8, f4",
 )
 def neighbours(
     points: np.ndarray,
@@ -106,11 +110,12 @@ def neighbours(
     down: int,
     cell: float,
     side_offset: float,
+    least_cosine: np.float32,
 ) -> np.ndarray:
     """Return links (n, 4): for each ray the index of the corner that it and a ray of that corner agree on, or -1.
 
     Only links that are a side of a closed cell of four count: one that skips an undetected corner is rejected.
-    `side_offset` as in `link`.
+    `side_offset` and `least_cosine` as in `link`.
 
     `order` lists the corners by cell (a square of `cell` pixels, row by row), `starts` where each cell's begin.
     """
@@ -145,14 +150,14 @@ def neighbours(
                         if length < 2.0:
                             continue
                         ux, uy = dx / length, dy / length
-                        out, straight = -1, np.float32(_MIN_COSINE)
+                        out, straight = -1, least_cosine
                         for k in range(4):
                             cosine = rays[p, k, 0] * ux + rays[p, k, 1] * uy
                             if cosine > straight:
                                 out, straight = k, cosine
                         if out < 0 or length >= cost[out]:
                             continue
-                        back, straight = -1, np.float32(_MIN_COSINE)
+                        back, straight = -1, least_cosine
                         for m in range((out + 1) % 2, 4, 2):
                             cosine = -rays[q, m, 0] * ux - rays[q, m, 1] * uy
                             if cosine > straight:

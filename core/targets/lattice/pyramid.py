@@ -14,18 +14,19 @@ from jaxtyping import Float, Shaped
 
 _COARSEST_PX = 700  # longest side of the level looked at first
 _SMALL_PIXELS = 1_600_000  # up to this size full resolution is looked at as well
+_MOST_DOUBLED = 8_000_000  # pixels of the largest image that is doubled
 
 
 @dataclass(frozen=True, slots=True)
 class Level:
-    """An image reduced by 2^halvings, grey values of the same type as the full one's."""
+    """An image reduced by 2^halvings, or doubled with -1, grey values of the same type as the full one's."""
 
     image: Shaped[np.ndarray, "h w"]
     halvings: int
 
     def to_full(self, points: Float[np.ndarray, "*n 2"]) -> Float[np.ndarray, "*n 2"]:
         """Return places of this level as pixels of the full image: full = (small + ½) 2^halvings - ½."""
-        scale = float(1 << self.halvings)
+        scale = 2.0**self.halvings
         return (points.astype(np.float64) + 0.5) * scale - 0.5
 
 
@@ -46,3 +47,12 @@ def levels(image: Shaped[np.ndarray, "h w"]) -> Iterator[Level]:
     for level in reversed(all_levels):
         if level.halvings >= finest:
             yield level
+
+
+def fine_levels(image: Shaped[np.ndarray, "h w"]) -> Iterator[Level]:
+    """Yield the levels beyond those of `levels`, for squares with print near their edges: the image itself where these
+    end before it, and the image doubled, on which a saddle does not merge with one that is 2 px away."""
+    if image.size > _SMALL_PIXELS:
+        yield Level(image, 0)
+    if image.size <= _MOST_DOUBLED:
+        yield Level(cv2.resize(image, None, fx=2.0, fy=2.0, interpolation=cv2.INTER_CUBIC), -1)

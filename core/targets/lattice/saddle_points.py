@@ -26,6 +26,8 @@ _NOISE_QUANTILE, _NOISE_DEVIATES = 0.4, 0.5244  # |z| of a normal deviate z is b
 _STRONG_QUANTILE, _MAX_OF_STRONG = 0.99, 0.08
 """Where squares fill the image no part of it is calm: noise is bounded by this fraction of the strong responses."""
 _NOISE_SAMPLES = 2_000
+_NOISE_OF_DOUBLED = 4.0
+"""Neighbouring pixels of a doubled image have noise in common: there is more of it in f_xx and f_yy than in f_xy."""
 _MIN_SADDLE = 4.0  # standard deviations of the noise
 _MIN_SECTOR = 2.0  # standard deviations of the smoothed image's noise
 _MAX_SADDLES = 1 << 17
@@ -59,7 +61,7 @@ def find_saddles(level: Level) -> Saddles:
     """Return the points of a level that look like corners of four squares."""
     depth = cv2.CV_16S if level.image.dtype == np.uint8 else cv2.CV_32F
     smooth = cv2.sepFilter2D(level.image, depth, _BINOMIAL, _BINOMIAL)
-    noise = mixed_derivative_noise(smooth)
+    noise = mixed_derivative_noise(smooth) * (_NOISE_OF_DOUBLED if level.halvings < 0 else 1.0)
     least = (_MIN_SADDLE * noise) ** 2
     places = np.empty((_MAX_SADDLES, 3), dtype=np.float32)
     count = saddle_points(smooth, np.float32(least), places)

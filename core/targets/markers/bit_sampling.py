@@ -19,13 +19,13 @@ from core.targets.lattice import Lattice
 from core.targets.markers.square_places import surrounded
 
 _MAX_OF_FRAME = 0.2  # of its cells may be brighter than half-way
-_MIN_CONTRAST = 0.25  # of that at the square's corners: between its margin and the marker's border
-_MIN_LEVELS = 3.0  # the same, grey levels of 256
+MIN_CONTRAST = 0.25  # of that at the square's corners: between its margin and the marker's border
+MIN_LEVELS = 3.0  # the same, grey levels of 256
 _ACROSS_CELL = (-0.25, 0.0, 0.25)  # of a cell's size, where it is looked at
 _SHARPEN = 0.3  # of the difference between a cell and those around it: enough for a blur of half a cell
 _MARGIN_LOOKS = 6  # places on each side of the margin
 _MAX_SIDE = 10  # cells of a marker, its border included
-_MIN_CELL_PX = 1.2
+MIN_CELL_PX = 1.2
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,7 +58,7 @@ def decode_markers(
     """
     places = surrounded(np.ascontiguousarray(lattice.grid))
     gap = np.pad(lattice.gap, 1, constant_values=np.nan)
-    least = _MIN_LEVELS * (257.0 if image.dtype == np.uint16 else 1.0)
+    least = MIN_LEVELS * (257.0 if image.dtype == np.uint16 else 1.0)
     place, codes = candidate_markers(
         image, places, gap, bool(lattice.origin_is_bright), side + 2, marker_size, least
     )
@@ -114,7 +114,7 @@ def candidate_markers(
                 continue
             if (
                 cell * smallest_side(places[j, i], places[j, i + 1], places[j + 1, i + 1], places[j + 1, i])
-                < _MIN_CELL_PX
+                < MIN_CELL_PX
             ):
                 continue
             for side in range(4):  # above, below, left, right
@@ -152,7 +152,7 @@ def candidate_markers(
                 black[2] += value[k, 0] / cells
                 black[3] += value[k, cells - 1] / cells
             apart = 0.25 * (np.sum(white) - np.sum(black))
-            if not apart > max(least, _MIN_CONTRAST * contrast / known):
+            if not apart > max(least, MIN_CONTRAST * contrast / known):
                 continue
             bright_frame = 0
             code, mirrored = np.uint64(0), np.uint64(0)

@@ -73,7 +73,7 @@ def marker_bits(dictionary: str) -> Bool[np.ndarray, "n side side"]:
 
 def code_of(bits: Bool[np.ndarray, "n side side"]) -> UInt64[np.ndarray, " n"]:
     """Return the numbers whose digits are these bits."""
-    digits = bits.reshape(len(bits), -1)
+    digits = bits.reshape(len(bits), bits.shape[1] * bits.shape[2])
     worth = np.left_shift(np.uint64(1), np.arange(digits.shape[1] - 1, -1, -1, dtype=np.uint64))
     return np.asarray(np.where(digits, worth, np.uint64(0)).sum(axis=1, dtype=np.uint64))
 
