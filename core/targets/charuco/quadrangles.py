@@ -1,7 +1,7 @@
 """OpenCV's marker detector on images with thousands of quadrangles, such as those of a checkered floor.
 
 The detector compares every quadrangle with every other, so that its time grows with their number squared. Where there
-are many, those with nothing bright inside a black border are left out, for a marker has something there: what is left
+are many, those with nothing bright inside a black border are skipped, for a marker has something there: what is left
 of the image then is the surroundings of the others, some hundreds at a time. The quadrangles are found as the detector
 finds them, so that it finds the same markers.
 """
