@@ -15,7 +15,6 @@ from typing import Literal
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from core.numerics import median
 from core.targets.candidates import patch_corners, whole_lattices
 from core.targets.charuco.board_ends import PlacedCorners, extends_beyond, is_too_short
 from core.targets.charuco.layout import CharucoLayout, column_offset, legacy_counterpart
@@ -116,7 +115,7 @@ def locate_on_board(
     readings = decode_markers(image, lattice, codes.side, size)
     votes = _votes(readings.place, readings.codes, layout, codes)
     is_close = False
-    is_small = layout.cell * square_px(lattice) < _SMALL_CELL_PX
+    is_small = layout.cell * lattice.square_px < _SMALL_CELL_PX
     if (
         is_small
         and np.count_nonzero(lattice.known) >= _MIN_READ_CLOSELY
@@ -141,7 +140,7 @@ def locate_on_board(
     if verdict == "contradicted" or not is_small:
         return placed
     printed = count_printed_squares(image, lattice, codes.side, size)
-    return replace(placed, square_px=square_px(lattice), small_print=printed)
+    return replace(placed, square_px=lattice.square_px, small_print=printed)
 
 
 def _are_most_read(votes: PlacementVotes, lattice: Lattice) -> bool:
@@ -298,16 +297,4 @@ def _matrix(turn: int) -> Int[np.ndarray, "2 2"]:
 
 def _one_square(_: Float[np.ndarray, "n 2"], lattice: Lattice) -> float:
     """Return the side of a lattice's squares: corners within one are its own, or those of what is printed in them."""
-    return square_px(lattice)
-
-
-def square_px(lattice: Lattice) -> float:
-    """Return the side of a lattice's squares, px: the root of the median of their areas."""
-    areas = _areas(lattice.grid)
-    return float(np.sqrt(median(areas))) if len(areas) else 0.0
-
-
-def _areas(grid: Float[np.ndarray, "rows columns 2"]) -> Float[np.ndarray, " n"]:
-    across, down = (grid[:-1, 1:] - grid[:-1, :-1]), (grid[1:, :-1] - grid[:-1, :-1])
-    areas = np.abs(across[..., 0] * down[..., 1] - across[..., 1] * down[..., 0])
-    return np.asarray(areas[np.isfinite(areas)])
+    return lattice.square_px

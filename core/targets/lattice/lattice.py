@@ -9,6 +9,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from core.jit import jit
+from core.numerics import median
 
 _MAX_KINK = 0.35  # of the longer of two successive steps
 
@@ -32,6 +33,15 @@ class Lattice:
     def known(self) -> Bool[np.ndarray, "rows columns"]:
         """Where a corner was found."""
         return np.asarray(np.isfinite(self.gap))
+
+    @property
+    def square_px(self) -> float:
+        """The side of the squares, px: the root of the median of their areas; 0 of a lattice without any."""
+        grid = self.grid
+        across, down = grid[:-1, 1:] - grid[:-1, :-1], grid[1:, :-1] - grid[:-1, :-1]
+        areas = np.abs(across[..., 0] * down[..., 1] - across[..., 1] * down[..., 0])
+        areas = areas[np.isfinite(areas)]
+        return math.sqrt(median(areas)) if len(areas) else 0.0
 
     def cut(self, top: int, bottom: int, left: int, right: int) -> Lattice:
         """Return rows `top` to `bottom` and columns `left` to `right`, the latter of each exclusive."""
