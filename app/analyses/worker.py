@@ -7,7 +7,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cache
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -33,6 +33,7 @@ from app.records.numbers import encode
 from core import GridposeError
 from core.session import SessionData
 
+Found = TypeVar("Found")
 Document = Callable[[SessionData, Mapping[str, str]], Findings | bytes]
 Plot = Callable[[SessionData, Mapping[str, str], str], bytes]
 """Draws with what is drawn in words: session, robot and date."""
@@ -144,16 +145,38 @@ def document_of(
         "core_version": core_version(),
         "pending": snapshot.pending,
     }
-    try:
-        found: Findings | bytes
+
+    def find() -> Findings | bytes:
         if analysis == "comparison":
-            found = comparison_findings(data, loaded.markers)
-        elif analysis == "compensation":
-            found = compensation_findings(data, loaded.second, settings)
-        elif analysis in PLOTS:
-            found = PLOTS[analysis](data, settings, subject_in_words(snapshot.subject))
-        else:
-            found = ANALYSES[analysis](data, settings)
+            return comparison_findings(data, loaded.markers)
+        if analysis == "compensation":
+            return compensation_findings(data, loaded.second, settings)
+        if analysis in PLOTS:
+            return PLOTS[analysis](data, settings, subject_in_words(snapshot.subject))
+        return ANALYSES[analysis](data, settings)
+
+    found = _found_or_refused(find)
+    if isinstance(found, bytes | AnalysisRefused):
+        return found
+    return as_text(findings_document(head, found, data))
+
+
+def pages_of(
+    loaded: LoadedSession, plot: str, settings: Mapping[str, str], poses_a_page: int | None
+) -> list[bytes] | AnalysisRefused:
+    """Draw a loaded session on pages that show so many poses at most, a plot without poses on one."""
+    if poses_a_page is None:
+        drawn = document_of(loaded, plot, settings)
+        return [drawn] if isinstance(drawn, bytes) else drawn
+    from app.analyses.documents import plots
+
+    about = subject_in_words(loaded.snapshot.subject)
+    return _found_or_refused(lambda: getattr(plots, plot)(loaded.data, settings, about, poses_a_page))
+
+
+def _found_or_refused(find: Callable[[], Found]) -> Found | AnalysisRefused:
+    try:
+        return find()
     except AnalysisError as reason:
         return reason.refused
     except GridposeError as error:
@@ -164,7 +187,6 @@ def document_of(
             "The measurements are so nearly equal, or so uncertain, that the equations have no solution.",
             "Add measurements that differ more, and check the units of what was stated.",
         )
-    return found if isinstance(found, bytes) else as_text(findings_document(head, found, data))
 
 
 @cache

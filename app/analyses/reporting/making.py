@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import json
-import math
-from collections.abc import Mapping
 from typing import Any
 
 from app.analyses.documents.robot_files import exports_of
@@ -12,7 +10,7 @@ from app.analyses.inputs.change_token import read_change_token
 from app.analyses.outcome import AnalysisRefused
 from app.analyses.reporting.inputs import inputs_hash, read_inputs
 from app.analyses.reporting.orders import DRAWINGS, KINDS, MadeReport, ReportOrder, settings_of
-from app.analyses.worker import LoadedSession, document_of, load
+from app.analyses.worker import LoadedSession, document_of, load, pages_of
 from app.build import core_version
 from app.errors import Conflict
 from app.records.database import Database
@@ -63,7 +61,7 @@ def make_report(database: Database, order: ReportOrder) -> MadeReport:
         "inputs": inputs,
     }
     try:
-        drawings = _drawings(loaded, order.kind, source, analyses)
+        drawings = _drawings(loaded, order.kind, source)
         forms = render_forms(document, drawings, order.template, _exports(loaded, document, source))
     except RenderingFailed as error:
         raise Conflict(
@@ -123,19 +121,11 @@ def compute_analyses(
     return documents, refusals
 
 
-def _drawings(
-    loaded: LoadedSession, kind: str, source: str, analyses: Mapping[str, Any]
-) -> dict[str, list[str]]:
+def _drawings(loaded: LoadedSession, kind: str, source: str) -> dict[str, list[str]]:
     """Return the pages of the drawings of a kind that can be drawn; the tables say what the others would lack."""
-    found: dict[str, list[str]] = {}
+    found = {}
     for one in DRAWINGS[kind]:
-        pages = 1
-        if one.poses_a_page is not None:
-            pages = max(math.ceil(len(analyses["repeatability"]["poses"]) / one.poses_a_page), 1)
-        settings = settings_of(one.plot, source)
-        drawn = [
-            document_of(loaded, one.plot, {**settings, "page": f"{page}/{pages}"} if pages > 1 else settings)
-            for page in range(1, pages + 1)
-        ]
-        found[one.name] = [page.decode() for page in drawn if not isinstance(page, AnalysisRefused)]
+        drawn = pages_of(loaded, one.plot, settings_of(one.plot, source), one.poses_a_page)
+        if not isinstance(drawn, AnalysisRefused):
+            found[one.name] = [page.decode() for page in drawn]
     return found

@@ -31,9 +31,9 @@ _OPTIONS: dict[str, dict[str, str]] = {
 
 @dataclass(frozen=True, slots=True)
 class Drawing:
-    """A drawing of a report by its name, with the plot that draws it.
+    """A drawing of a report by its name, with what draws it.
 
-    `poses_a_page` is how many poses can be read on one page; None of a drawing that shows no poses.
+    `poses_a_page` is how many poses can be read on one page; None of a drawing that shows no poses, which is a plot.
     """
 
     name: str
@@ -43,9 +43,9 @@ class Drawing:
 
 DRAWINGS: dict[str, tuple[Drawing, ...]] = {
     "repeatability": (
-        Drawing("scatter", "scatter_plot", 5),
-        Drawing("drift", "drift_plot", 6),
-        Drawing("steadiness", "steadiness_plot", 10),
+        Drawing("scatter", "scatter_pages", 5),
+        Drawing("drift", "drift_pages", 6),
+        Drawing("steadiness", "steadiness_pages", 10),
     ),
     "kinematics": (Drawing("joint_curves", "joint_curves_plot"),),
     "camera": (Drawing("residuals", "residual_map"), Drawing("projection", "projection_map")),

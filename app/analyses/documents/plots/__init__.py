@@ -2,10 +2,13 @@
 
 from app.analyses.documents.plots.cycle_points import cycle_points
 from app.analyses.documents.plots.drawing import (
+    drift_pages,
     drift_plot,
     projection_map,
     residual_map,
+    scatter_pages,
     scatter_plot,
+    steadiness_pages,
     steadiness_plot,
 )
 from app.analyses.documents.plots.identifiability import identifiability_plot
@@ -15,6 +18,7 @@ from app.analyses.documents.plots.workspace import error_map, joint_noise_map
 
 __all__ = [
     "cycle_points",
+    "drift_pages",
     "drift_plot",
     "error_map",
     "identifiability_plot",
@@ -23,6 +27,8 @@ __all__ = [
     "lens_profile_plot",
     "projection_map",
     "residual_map",
+    "scatter_pages",
     "scatter_plot",
+    "steadiness_pages",
     "steadiness_plot",
 ]

@@ -5,6 +5,7 @@ This module loads matplotlib. Only the analysis process imports it, when a plot 
 
 from __future__ import annotations
 
+import math
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -46,6 +47,13 @@ MAX_ROWS = 40
 
 def scatter_plot(data: SessionData, settings: Mapping[str, str], about: str) -> bytes:
     """Return what `GET .../repeatability/scatter.svg` answers."""
+    return scatter_pages(data, settings, about)[0]
+
+
+def scatter_pages(
+    data: SessionData, settings: Mapping[str, str], about: str, poses_a_page: int | None = None
+) -> list[bytes]:
+    """Return the same on pages of so many poses at most, all on one scale; on one page by default."""
     source = _source(data, settings)
     wanted = settings.get("pose_id")
     # One visit has no scatter: such poses are drawn where there is no other, or where one is asked for.
@@ -53,11 +61,19 @@ def scatter_plot(data: SessionData, settings: Mapping[str, str], about: str) -> 
     rows = _chosen(source.rows if wanted is not None or not repeated else repeated, wanted)
     title = f"Position scatter in the {source.frame}, about each pose's mean ({source.how})"
     poses = [_scatter(row) for row in rows]
-    return scatter_svg(_on_page(poses, settings), title, about, half_width_mm=common_half_width(poses))
+    half = common_half_width(poses)
+    return [scatter_svg(page, title, about, half_width_mm=half) for page in _pages(poses, poses_a_page)]
 
 
 def drift_plot(data: SessionData, settings: Mapping[str, str], about: str) -> bytes:
     """Return what `GET .../repeatability/drift.svg` answers."""
+    return drift_pages(data, settings, about)[0]
+
+
+def drift_pages(
+    data: SessionData, settings: Mapping[str, str], about: str, poses_a_page: int | None = None
+) -> list[bytes]:
+    """Return the same on pages of so many poses at most; on one page by default."""
     source = _source(data, settings)
     rows = _chosen(source.rows, settings.get("pose_id"))
     poses = [drifting for row in rows if (drifting := pose_drift(row, data)) is not None]
@@ -67,11 +83,18 @@ def drift_plot(data: SessionData, settings: Mapping[str, str], about: str) -> by
             "Tag them with their cycle; for drift by the standard, 20 cycles or more of each pose.",
         )
     title = f"Drift over the cycles, in the {source.frame} ({source.how})"
-    return drift_svg(_on_page(poses, settings), title, DRIFT_BLOCK, about)
+    return [drift_svg(page, title, DRIFT_BLOCK, about) for page in _pages(poses, poses_a_page)]
 
 
 def steadiness_plot(data: SessionData, settings: Mapping[str, str], about: str) -> bytes:
     """Return what `GET .../repeatability/steadiness.svg` answers; poses are chosen after all of them are tested."""
+    return steadiness_pages(data, settings, about)[0]
+
+
+def steadiness_pages(
+    data: SessionData, settings: Mapping[str, str], about: str, panels_a_page: int | None = None
+) -> list[bytes]:
+    """Return the same on pages of so many panels at most; on one page by default."""
     source = _source(data, settings)
     rows = _chosen(source.rows, settings.get("pose_id"))
     panels = steadiness_panels(source.steadiness, [row.pose_id for row in rows])
@@ -79,7 +102,7 @@ def steadiness_plot(data: SessionData, settings: Mapping[str, str], about: str) 
     counted_in = "visit" if grid is not None and grid.by_visit else "cycle"
     title = f"Steadiness of the cycles, in the {source.frame} ({source.how})"
     summary = steadiness_summary(source.steadiness)
-    return steadiness_svg(_on_page(panels, settings), title, summary, counted_in, about)
+    return [steadiness_svg(page, title, summary, counted_in, about) for page in _pages(panels, panels_a_page)]
 
 
 def residual_map(data: SessionData, settings: Mapping[str, str], about: str) -> bytes:
@@ -167,13 +190,10 @@ def _chosen(rows: Sequence[PoseRow], pose_id: str | None) -> Sequence[PoseRow]:
     return rows
 
 
-def _on_page(shown: Sequence[Shown], settings: Mapping[str, str]) -> Sequence[Shown]:
-    """Return what the page `K/N` of a report shows, about as much as each other page; all where none is named."""
-    page, pages = map(int, settings.get("page", "1/1").split("/"))
-    part = shown[len(shown) * (page - 1) // pages : len(shown) * page // pages]
-    if not part:
-        raise NothingUsable("Nothing is left for this page.", "Look at the pages before it.")
-    return part
+def _pages(shown: Sequence[Shown], at_most: int | None) -> list[Sequence[Shown]]:
+    """Return what each page shows, about as much as each other one; all on one page where no number is given."""
+    count = max(math.ceil(len(shown) / at_most), 1) if at_most is not None else 1
+    return [shown[len(shown) * k // count : len(shown) * (k + 1) // count] for k in range(count)]
 
 
 def _too_many(count: int, what: str, parameter: str) -> AnalysisError:
