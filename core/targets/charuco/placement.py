@@ -22,7 +22,6 @@ from core.targets.lattice import EDGE_SIDE_OFFSET, MIN_COSINE, Lattice, Level, f
 from core.targets.markers import (
     DecodedMarkers,
     MarkerDictionary,
-    count_printed_squares,
     decode_markers,
     decode_small_markers,
     nearest_markers,
@@ -38,7 +37,7 @@ _MIN_FINE_COSINE = 0.97  # 14°
 _SUPPORT = 2.5  # squares, from a corner to the middle of a marker that agrees
 _SMALL_CELL_PX = 2.5  # of a marker: narrower ones are read closely where looks in their middles fail
 _MIN_READ_CLOSELY = 8  # corners of a lattice: fewer are clutter, or too few to be measured
-_MOST = 0.8
+_MOST = 0.8  # of the markers that a lattice can hold
 _TURN = np.array([[0, -1], [1, 0]])
 
 Verdict = Literal["placed", "contradicted", "mirrored", "unread"]
@@ -114,14 +113,14 @@ def locate_on_board(
     size = layout.marker_mm / layout.target.pitch_mm
     readings = decode_markers(image, lattice, codes.side, size)
     votes = _votes(readings.place, readings.codes, layout, codes)
-    is_close = False
+    is_close, printed = False, 0
     is_small = layout.cell * lattice.square_px < _SMALL_CELL_PX
     if (
         is_small
         and np.count_nonzero(lattice.known) >= _MIN_READ_CLOSELY
         and not _are_most_read(votes, lattice)
     ):
-        closely = decode_small_markers(image, lattice, codes.side, size)
+        closely, printed = decode_small_markers(image, lattice, codes.side, size)
         more = _votes(closely.place, closely.codes, layout, codes)
         turned = _votes(closely.place[:, ::-1], closely.mirrored, layout, codes)
         if max(len(more.markers), len(turned.markers)) > len(votes.markers):
@@ -137,10 +136,9 @@ def locate_on_board(
         against &= votes.conflicting > len(votes.markers)
     verdict: Verdict = "contradicted" if against and read >= codes.least_agreeing else "unread"
     placed = _placed(verdict, image, lattice, readings, votes, layout)
-    if verdict == "contradicted" or not is_small:
-        return placed
-    printed = count_printed_squares(image, lattice, codes.side, size)
-    return replace(placed, square_px=lattice.square_px, small_print=printed)
+    return (
+        replace(placed, square_px=lattice.square_px, small_print=printed) if verdict == "unread" else placed
+    )
 
 
 def _are_most_read(votes: PlacementVotes, lattice: Lattice) -> bool:
@@ -212,9 +210,8 @@ def _placed(
         named = (column >= 0) & (column < size[0]) & (row >= 0) & (row < size[1])
         is_beyond = extends_beyond(column, row, size) or extends_beyond(row, column, size[::-1])
         if is_beyond and verdict == "unread" and len(votes.markers) < _RIVALS:
-            votes = replace(
-                votes, agreeing=votes.agreeing[:0], markers=votes.markers[:0]
-            )  # one misread by chance
+            # one that was misread by chance
+            votes = replace(votes, agreeing=votes.agreeing[:0], markers=votes.markers[:0])
             named[:] = False
         elif is_beyond:
             verdict = "contradicted"

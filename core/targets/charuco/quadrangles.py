@@ -19,16 +19,12 @@ _MANY = 500
 """Quadrangles: comparing so many with each other takes some 50 ms."""
 _AT_A_TIME = 300
 _SLACK = 0.8  # of the detector's own limits for the size of quadrangles
-_AROUND, _AROUND_PX = (
-    0.5,
-    26,
-)  # of a quadrangle's extent, and px: the widest window of the detector's threshold
+_AROUND, _AROUND_PX = 0.5, 26
+"""Of a quadrangle's extent, and px: the widest window of the detector's threshold."""
 _LOOKS = 2  # along a cell
 _OUTSIDE = 0.12  # of a marker's side: where its white margin is
-_MIN_BRIGHT_LEVELS, _MIN_BRIGHT = (
-    4.0,
-    0.2,
-)  # grey levels, and of the contrast: above black, of a marker's white cell
+_MIN_BRIGHT_LEVELS, _MIN_BRIGHT = 4.0, 0.2
+"""Grey levels, and of the contrast: how far a marker's white cell is above black."""
 _MIN_BLACK_BORDER = 0.5  # of the border's cells; the detector asks for .65
 _SAME = 0.5  # of a marker's side: what is nearer is the same marker
 

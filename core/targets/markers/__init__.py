@@ -8,14 +8,13 @@ from core.targets.markers.dictionary import (
     marker_codes,
     nearest_markers,
 )
-from core.targets.markers.small_markers import count_printed_squares, decode_small_markers
+from core.targets.markers.small_markers import decode_small_markers
 from core.targets.markers.square_places import places_in_squares
 
 __all__ = [
     "DecodedMarkers",
     "MarkerDictionary",
     "code_of",
-    "count_printed_squares",
     "decode_markers",
     "decode_small_markers",
     "marker_bits",

@@ -25,7 +25,7 @@ _ACROSS_CELL = (-0.25, 0.0, 0.25)  # of a cell's size, where it is looked at
 _SHARPEN = 0.3  # of the difference between a cell and those around it: enough for a blur of half a cell
 _MARGIN_LOOKS = 6  # places on each side of the margin
 _MAX_SIDE = 10  # cells of a marker, its border included
-MIN_CELL_PX = 1.2
+_MIN_CELL_PX = 1.2
 
 
 @dataclass(frozen=True, slots=True)
@@ -114,7 +114,7 @@ def candidate_markers(
                 continue
             if (
                 cell * smallest_side(places[j, i], places[j, i + 1], places[j + 1, i + 1], places[j + 1, i])
-                < MIN_CELL_PX
+                < _MIN_CELL_PX
             ):
                 continue
             for side in range(4):  # above, below, left, right

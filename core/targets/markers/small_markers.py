@@ -26,9 +26,9 @@ from core.targets.markers.square_places import places_in_squares, surrounded
 _SIGMAS_PX = (0.45, 0.6, 0.8, 1.05, 1.4)
 """The pixel's own area included."""
 _TRIED = 12  # squares by which σ is determined
-_MIN_NEARNESS = 0.2
-_MAX_SQUARES = 150
-_CELL_RANGE_PX = (0.4, 3.5)
+_MIN_NEARNESS = 0.2  # of that of the square's first corner
+_MAX_SQUARES = 150  # read of one lattice, evenly over it
+_CELL_RANGE_PX = (0.4, 3.5)  # cells that are read
 _MIN_PRINTED = 0.4  # of the bright squares: fewer have something printed in them on a floor of tiles
 _AROUND = 0.2  # squares, of what lies next to a square
 _STEP = 0.75  # σ, between the places that make up an area
@@ -43,8 +43,11 @@ _WHITE, _CORNERS, _STRIPS, _BLACK, _CELLS = 0, 1, 2, 6, 7  # areas; four strips
 
 def decode_small_markers(
     image: Shaped[np.ndarray, "h w"], lattice: Lattice, side: int, marker_size: float
-) -> DecodedMarkers:
-    """Read the bright squares of a lattice as `decode_markers` does; a square is framed if a marker explains it."""
+) -> tuple[DecodedMarkers, int]:
+    """Read the bright squares of a lattice as `decode_markers` does; a square is framed if a marker explains it.
+
+    Returns as well how many squares have something printed in them, 0 where most have nothing.
+    """
     places = surrounded(np.ascontiguousarray(lattice.grid))
     squares, contrast, is_closed = _printed_squares(image, lattice, places, marker_size / (side + 2))
     areas = _Areas(side, marker_size)
@@ -58,21 +61,14 @@ def decode_small_markers(
             misfit = median(np.minimum(misfits, _MAX_MISFIT))
             if misfit < best:
                 best, sigma = misfit, wider
-    bits, misfits = np.zeros((0, side, side), np.bool_), np.zeros(0)
-    if np.isfinite(best):
-        bits, misfits = areas.fit(image, places, squares, contrast, sigma)
+    read = slice(None) if np.isfinite(best) else slice(0)
+    bits, misfits = areas.fit(image, places, squares[read], contrast[read], sigma)
     is_framed = misfits < _MAX_MISFIT
     bits = bits[is_framed]
-    place = squares[: len(is_framed)][is_framed]
-    return DecodedMarkers(place, code_of(bits), code_of(bits.transpose(0, 2, 1)), places)
-
-
-def count_printed_squares(
-    image: Shaped[np.ndarray, "h w"], lattice: Lattice, side: int, marker_size: float
-) -> int:
-    """Return how many bright squares of a lattice have something dark in them, 0 where most have nothing."""
-    places = surrounded(np.ascontiguousarray(lattice.grid))
-    return len(_printed_squares(image, lattice, places, marker_size / (side + 2))[0])
+    decoded = DecodedMarkers(
+        squares[read][is_framed], code_of(bits), code_of(bits.transpose(0, 2, 1)), places
+    )
+    return decoded, len(squares)
 
 
 def _printed_squares(

@@ -51,7 +51,7 @@ SIGMA_1, SIGMA_2, SPACING_1, SPACING_2, LEVEL_U, LEVEL_V, CONTRAST_U, CONTRAST_V
 MARGIN, BORDER = (
     20,
     21,
-)  # of the markers in bright squares: white around them, and their black border, in spacings
+)  # of the markers in bright squares: the white around them, their black border; spacings
 STATE = 22
 
 # columns of a step

@@ -95,16 +95,18 @@ def test_cells_of_a_pixel_are_read() -> None:
     lattice = Lattice(grid, gap, np.zeros(gap.shape, np.bool_), False)
     for view in (image, image.astype(np.uint16) * 257):
         scaled = dataclasses.replace(lattice, gap=gap * (257.0 if view.dtype == np.uint16 else 1.0))
-        seen = decode_small_markers(view, scaled, codes.side, 0.75)
+        seen, printed = decode_small_markers(view, scaled, codes.side, 0.75)
         nearest = nearest_markers(seen.codes, codes.codes, codes.max_hamming)
         own = charuco_layout(target).marker_squares
         read = [
             (k, tuple(p)) for (k, *_), p in zip(nearest, (seen.place + 1).tolist(), strict=True) if k >= 0
         ]
         assert len(read) >= 27
+        assert printed >= len(read)
         assert all(tuple(own[k]) == place for k, place in read)
     plain = np.full_like(image, 200)
-    assert len(decode_small_markers(plain, lattice, codes.side, 0.75).codes) == 0
+    seen, printed = decode_small_markers(plain, lattice, codes.side, 0.75)
+    assert len(seen.codes) == printed == 0
 
 
 def test_area_weights_are_those_of_blurred_areas() -> None:
