@@ -5,27 +5,23 @@ from __future__ import annotations
 import dataclasses
 import math
 import time
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 
 import cv2
 import numpy as np
 import pytest
 
-from core.errors import GridposeError, OriginUnknown, TargetMismatch, TargetNotFound
+from core.errors import GridposeError, TargetMismatch, TargetNotFound
 from core.geometry.camera import Camera
 from core.geometry.se3 import so3_exp, transform
-from core.simulation import Light, Scene, standard_scene, standard_target
-from core.simulation.background import background
-from core.targets import GridPoints, TargetSpec, detect
-from core.targets.chessboard import detector
+from core.simulation import Light, Scene
+from core.targets import TargetSpec, detect
 from core.targets.chessboard.detector import trace_detection
-from core.targets.lattice import growing
-from core.targets.lattice.corner_graph import Patches, link
-from core.targets.lattice.saddle_points import Saddles
 from tests.support.simulation.renders import render
+from tests.support.targets.corner_errors import LARGEST_ERROR_PX, worst
+from tests.support.targets.drawn_boards import NINE_BY_SIX, checks, drawn_board
 
 Take = Callable[..., tuple[Scene, np.ndarray]]
-LARGEST_ERROR_PX = 0.3
 
 
 def small_squares(
@@ -63,14 +59,6 @@ def small_squares(
         seed=seed,
         background_seed=seed,
     )
-
-
-def worst(found: GridPoints, scene: Scene) -> float:
-    """The largest error of a found corner, px, in the better of the two orders if colour leaves both."""
-    target = scene.target
-    truth = scene.points_px.reshape(target.rows, target.columns, 2)
-    orders = [truth] if (target.columns + target.rows) % 2 else [truth, truth[::-1, ::-1]]
-    return min(float(np.abs(found.points_px - order[found.row, found.column]).max()) for order in orders)
 
 
 def assert_found(
@@ -161,38 +149,6 @@ def test_a_reflection_costs_corners_and_nothing_else(take: Take, seed: int) -> N
     assert "points_missing" in {w.code for w in found.warnings}
 
 
-@pytest.mark.parametrize("lines", [1, 2])
-def test_a_hidden_end_is_no_smaller_board(take: Take, lines: int) -> None:
-    """What hides the last columns leaves a lattice of the size asked for; its squares end unevenly or too early."""
-    scene, image = take(14, 10, seed=2)
-    grid = scene.points_px.reshape(10, 14, 2)
-    last, step = grid[:, -lines], grid[:, -lines] - grid[:, -lines - 1]
-    edge = last - step * np.linspace(0.9, 0.3, 10)[:, None]
-    outline = np.concatenate([edge, [edge[-1] + 40 * step[-1], edge[0] + 40 * step[0]]])
-    hidden = image.copy()
-    cv2.fillPoly(hidden, [np.rint(outline).astype(np.int32)], 230)
-    with pytest.raises((TargetNotFound, TargetMismatch)):
-        detect(hidden, TargetSpec("chessboard", 14 - lines, 10, 20.0))
-
-
-def side_by_side(left: np.ndarray, right: np.ndarray) -> np.ndarray:
-    return np.concatenate([left, right], axis=1)
-
-
-def test_two_boards_in_view(take: Take) -> None:
-    one, first = take(9, 6, seed=1)
-    other, second = take(14, 10, seed=2)
-    both = side_by_side(first, second)
-    assert worst(detect(both, one.target), one) < LARGEST_ERROR_PX
-    found = detect(both, other.target)
-    moved = dataclasses.replace(found, points_px=found.points_px - (first.shape[1], 0.0))
-    assert worst(moved, other) < LARGEST_ERROR_PX
-    with pytest.raises(TargetMismatch, match="14 x 10 grid is in view, 8 x 6"):
-        detect(both, TargetSpec("chessboard", 8, 6, 20.0))
-    with pytest.raises(TargetMismatch, match="2 grids of 9 x 6"):
-        detect(side_by_side(first, take(9, 6, seed=4)[1]), one.target)
-
-
 def test_a_large_image() -> None:
     """20 megapixels: found at full resolution's accuracy, here of a board whose corners lie at pixels' corners."""
     square = 300
@@ -203,90 +159,6 @@ def test_a_large_image() -> None:
     distances = np.linalg.norm(found.points_px[:, None] - true, axis=2)
     assert sorted(distances.argmin(axis=1)) == list(range(54))
     assert distances.min(axis=1).max() < 0.02
-
-
-BOARDS = [(9, 6), (14, 10), (25, 18)]
-FACTORS = [0.5, 0.8, 1.0]
-OTHERS = [(8, 6), (9, 7), (10, 6), (9, 5), (13, 10), (14, 9), (15, 10), (24, 18), (25, 17)]
-
-
-def assert_all_found(scenes: Iterable[Scene]) -> None:
-    """Every board, nearly every corner of it, none in a wrong place."""
-    for scene in scenes:
-        found = detect(render(scene), scene.target)
-        assert worst(found, scene) < LARGEST_ERROR_PX, scene.seed
-        assert len(found) >= 0.97 * scene.target.size, scene.seed
-
-
-def shrunk(scene: Scene, factor: float) -> Scene:
-    """The same view by a camera of fewer pixels, its first pixel's corner in the same place."""
-    c = scene.camera
-    camera = dataclasses.replace(
-        c,
-        fx_px=factor * c.fx_px,
-        fy_px=factor * c.fy_px,
-        cx_px=factor * (c.cx_px + 0.5) - 0.5,
-        cy_px=factor * (c.cy_px + 0.5) - 0.5,
-    )
-    width, height = (round(factor * side) for side in (scene.width_px, scene.height_px))
-    return dataclasses.replace(scene, camera=camera, width_px=width, height_px=height)
-
-
-@pytest.mark.parametrize(("size", "factor"), list(zip(BOARDS, FACTORS, strict=True)))
-@pytest.mark.parametrize(
-    "seeds", [range(1), pytest.param(range(1, 13), marks=pytest.mark.slow)], ids=["sample", "all"]
-)
-def test_boards_of_random_poses_are_found(size: tuple[int, int], factor: float, seeds: range) -> None:
-    """Tilts from 0 to 60°: all of 36, so that fewer than one in 12 is missed (95 %); 306 in `make bench`.
-
-    Fewer pixels where squares are large, which render sooner.
-    """
-    scenes = (standard_scene(standard_target(*size), 90_000 + seed) for seed in seeds)
-    assert_all_found(shrunk(scene, factor) for scene in scenes)
-
-
-@pytest.mark.parametrize(
-    "seeds", [range(1), pytest.param(range(1, 30), marks=pytest.mark.slow)], ids=["sample", "all"]
-)
-def test_none_is_found_in_clutter(seeds: range) -> None:
-    for seed in seeds:
-        scene = standard_scene(standard_target(9, 6), 95_000 + seed)
-        noise = np.random.default_rng(seed).normal(0.0, 4.0, (scene.height_px, scene.width_px))
-        image = np.clip(background(scene) + noise, 0, 255).astype(np.uint8)
-        for asked in BOARDS:
-            with pytest.raises(TargetNotFound):
-                detect(image, TargetSpec("chessboard", *asked, 20.0))
-
-
-@pytest.mark.parametrize(
-    "numbers",
-    [(0,), pytest.param(range(1, 9), marks=pytest.mark.slow)],
-    ids=["sample", "all"],
-)
-def test_another_board_is_named_by_its_size(numbers: Iterable[int]) -> None:
-    for number in numbers:
-        columns, rows = OTHERS[number]
-        scene = shrunk(standard_scene(standard_target(columns, rows), 96_000 + number), 0.6)
-        image = render(scene)
-        for asked in BOARDS:
-            with pytest.raises(TargetMismatch, match=f"{columns} x {rows} grid"):
-                detect(image, TargetSpec("chessboard", *asked, 20.0))
-
-
-def checks(square: int, shape: tuple[int, int]) -> np.ndarray:
-    v, u = np.mgrid[0 : shape[0], 0 : shape[1]]
-    return ((v // square + u // square) % 2 * 200 + 20).astype(np.uint8)
-
-
-NINE_BY_SIX = TargetSpec("chessboard", 9, 6, 20.0)
-
-
-def drawn_board(columns: int, rows: int, square: int = 12) -> np.ndarray:
-    """A board upright in the middle of a bright image, with a margin of four squares."""
-    image = np.full(((rows + 9) * square, (columns + 9) * square), 220, np.uint8)
-    inner = slice(4 * square, -4 * square)
-    image[inner, inner] = checks(square, ((rows + 1) * square, (columns + 1) * square))
-    return image
 
 
 def winding_checks(kind: str, size: int) -> np.ndarray:
@@ -380,29 +252,6 @@ def test_squares_too_small_to_judge_are_said_to_be() -> None:
         detect(render(scene), scene.target)
 
 
-def test_a_lattice_cut_short_is_no_smaller_board(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Growing ends at a limit: a lattice that goes on beyond it is never whole, at whatever line it stopped."""
-    image = cv2.GaussianBlur(drawn_board(60, 40), (0, 0), 1.0)
-    monkeypatch.setattr(growing, "MAX_LINES", 30)
-    monkeypatch.setattr(detector, "link", fewer_links)
-    trace = trace_detection(image, NINE_BY_SIX)
-    boards = [board for step in trace.steps for board in step.boards]
-    assert any(board.lattice.cut_short and board.size != (60, 40) for board in boards)
-    for board in boards:
-        assert not board.is_whole or board.size == (60, 40)
-    with pytest.raises(TargetMismatch, match="at least"):
-        detect(image, NINE_BY_SIX)
-
-
-def fewer_links(saddles: Saddles) -> Patches:
-    """Only what is linked within the image's upper left part, as if its corners alone had been kept."""
-    patches = link(saddles)
-    height, width = saddles.smooth.shape
-    kept = (saddles.points[:, 0] < 0.3 * width) & (saddles.points[:, 1] < 0.3 * height)
-    patch = np.where(kept & (patches.patch == 0), 0, -1)
-    return dataclasses.replace(patches, patch=patch, sizes=np.array([np.count_nonzero(patch == 0)]))
-
-
 @pytest.mark.slow
 def test_time_grows_with_the_number_of_corners_not_with_its_square() -> None:
     taken = []
@@ -416,30 +265,3 @@ def test_time_grows_with_the_number_of_corners_not_with_its_square() -> None:
             assert len(found) == lines * lines
         taken.append(min(runs))
     assert taken[2] < 8.0 * taken[1]  # four times as many corners: 4 if in proportion, 16 by their square
-
-
-@pytest.mark.parametrize("beyond_px", [-1, 1, 3])
-def test_a_board_whose_corners_meet_the_edge_of_the_image_may_go_on(take: Take, beyond_px: int) -> None:
-    """All of its corners may be in view, but nobody sees that it ends with them."""
-    scene, image = take(9, 6, seed=1, max_roll_deg=0.0)
-    end = round(float(scene.points_px[:, 0].max())) + beyond_px
-    with pytest.raises((OriginUnknown, TargetNotFound)):
-        detect(np.ascontiguousarray(image[:, :end]), scene.target)
-    grid = scene.points_px.reshape(6, 9, 2)
-    hidden = image.copy()
-    last, step = grid[-1], grid[-1] - grid[-2]
-    edge = last + step * np.linspace(0.8, 0.1, 9)[:, None]
-    cv2.fillPoly(hidden, [np.rint(np.concatenate([edge, edge[::-1] + 30 * step])).astype(np.int32)], 230)
-    with pytest.raises(TargetNotFound, match="outermost squares are cut off"):
-        detect(np.ascontiguousarray(hidden[:, :end]), scene.target)
-
-
-def test_hidden_outermost_squares_are_said_to_be(take: Take) -> None:
-    scene, image = take(9, 6, seed=1)
-    grid = scene.points_px.reshape(6, 9, 2)
-    last, step = grid[:, -1], grid[:, -1] - grid[:, -2]
-    edge = last + step * np.linspace(0.8, 0.1, 6)[:, None]
-    hidden = image.copy()
-    cv2.fillPoly(hidden, [np.rint(np.concatenate([edge, edge[::-1] + 30 * step])).astype(np.int32)], 230)
-    with pytest.raises(TargetNotFound, match="outermost squares are hidden"):
-        detect(hidden, scene.target)
