@@ -12,7 +12,7 @@ from starlette.testclient import TestClient
 
 from app.main import create_app
 from app.settings import Settings
-from tests.support.contract import story
+from tests.support.contract import refusals, story
 from tests.support.contract.contract import Contract
 from tests.support.contract.recording import Recorder
 from tests.support.image.images import small_image
@@ -26,9 +26,9 @@ def record_examples(folder: Path) -> dict[str, Any]:
     with _running(folder / "cell", recorder, workers=1) as api:
         story.use_every_operation(api)
         image = small_image(1)
-        story.refusals(api)
-        story.ask_for_nothing(api, contract.operations)
-        story.over_quota(api, image)
+        refusals.refusals(api)
+        refusals.ask_for_nothing(api, contract.operations)
+        refusals.over_quota(api, image)
         api.service.begin_shutdown()
         assert api.client.get("/readyz").status_code == 503
     with _running(folder / "full", recorder, workers=0, disk_floor_bytes=2**60) as api:
