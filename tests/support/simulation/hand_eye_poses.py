@@ -5,13 +5,19 @@ The frames, the robot's deviations and the camera's noise are known; no image is
 
 from __future__ import annotations
 
+import dataclasses
 import math
 
 import numpy as np
 from jaxtyping import Float
 
-from core.calibration.hand_eye import HandEyeObservation, PositionObservation
-from core.geometry.se3 import perturbed, so3_exp, transform
+from core.calibration.hand_eye import (
+    CameraMountPrior,
+    HandEyeCalibration,
+    HandEyeObservation,
+    PositionObservation,
+)
+from core.geometry.se3 import perturbed, so3_exp, so3_log, transform
 
 T_FLANGE_CAMERA = transform(so3_exp(np.array([0.1, -0.2, 1.5])), np.array([60.0, -25.0, 90.0]))
 T_BASE_TARGET = transform(so3_exp(np.array([3.0, 0.1, 0.2])), np.array([900.0, 150.0, -100.0]))
@@ -77,3 +83,21 @@ def _draw_camera_poses(rng: np.random.Generator, count: int, turns: str) -> list
         place = np.array([70.0, 50.0, -400.0]) + rng.normal(0.0, 60.0, 3)
         poses.append(transform(so3_exp(np.array([0.2, 0.1, 0.3])) @ so3_exp(w * TURNS[turns]), place))
     return poses
+
+
+MOUNT = CameraMountPrior(perturbed(T_FLANGE_CAMERA, np.array([2.0, -3.0, 1.0, 0.01, -0.02, 0.01])), 3.0, 0.03)
+
+
+def errors(tie: HandEyeCalibration) -> np.ndarray:
+    """True - estimated, in the order of the covariance."""
+    found = []
+    for true, T in ((T_FLANGE_CAMERA, tie.T_flange_camera), (T_BASE_TARGET, tie.T_base_target)):
+        found += [true[:3, 3] - T[:3, 3], so3_log(true[:3, :3] @ T[:3, :3].T)]
+    return np.concatenate(found)
+
+
+def exact(seed: int, count: int, turns: str = "free") -> list[HandEyeObservation]:
+    found = draw_stations(
+        np.random.default_rng(seed), count, turns=turns, robot_mm=0.0, robot_rad=0.0, noise=1e-9
+    )
+    return [dataclasses.replace(s, covariance=None) for s in found]

@@ -7,7 +7,6 @@ what lies between; noise of the same and of another shape. Each trial is one pos
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 
 import numpy as np
 import pytest
@@ -17,95 +16,9 @@ from core.geometry.se3 import so3_exp
 from core.metrology import PoseCycles, assess_repeatability
 from core.metrology.repeatability.intervals import (
     MAX_FLOOR_SHARE,
-    IntervalEstimate,
-    assess_radial,
-    assess_three_sigma,
-    noise_only_lengths,
 )
 from core.metrology.rp_distribution import eigenvalues, long_run_rp, rp_sampling_distribution
-
-SHAPES = {
-    "sphere": (1.0, 1.0, 1.0),
-    "egg": (1.0, 0.5, 0.2),
-    "flat": (1.0, 1.0, 1e-4),
-    "lens": (1.0, 1.0, 0.09),
-    "cigar": (1.0, 0.09, 0.09),
-    "strip": (1.0, 0.09, 0.0081),
-    "needle": (1.0, 1e-4, 1e-4),
-}
-
-
-def of_reading(shape: str, reading: float, turned: bool = False) -> np.ndarray:
-    """Return the variances along x, y, z of a scatter with this long-run RP_l."""
-    spectrum = np.array(SHAPES[shape])
-    variances = spectrum * (reading / float(long_run_rp(spectrum))) ** 2
-    return variances[::-1] if turned else variances
-
-
-@dataclass(frozen=True)
-class Trials:
-    """Readings of true and measured cycles, and what is said of them."""
-
-    true_reading: np.ndarray
-    true_sigma: np.ndarray
-    reading: np.ndarray
-    sigma: np.ndarray
-    radial: IntervalEstimate
-    three_sigma: IntervalEstimate
-
-
-def run(
-    n: int,
-    robot: np.ndarray,
-    noise: np.ndarray,
-    trials: int,
-    seed: int,
-    weights: np.ndarray | None = None,
-    radial_of: int | None = None,
-) -> Trials:
-    """Simulate; `weights` scale the noise variance of each cycle.
-
-    Only the first `radial_of` trials have their RP_l assessed, which takes nearly all of the time: the floor is that of
-    the noise stated, one for all trials.
-    """
-    rng = np.random.default_rng([seed, n])
-    each = noise * (np.ones(n) if weights is None else weights)[:, None]
-    true = rng.standard_normal((trials, n, 3)) * np.sqrt(robot)
-    measured = true + rng.standard_normal((trials, n, 3)) * np.sqrt(each)
-
-    def read(positions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        d = positions - positions.mean(axis=1, keepdims=True)
-        lengths = np.linalg.norm(d, axis=2)
-        reading = lengths.mean(axis=1) + 3.0 * lengths.std(axis=1, ddof=1)
-        return reading, d.transpose(0, 2, 1) @ d / (n - 1)
-
-    true_reading, true_covariance = read(true)
-    reading, covariance = read(measured)
-    matrices = np.zeros((n, 3, 3))
-    matrices[:, range(3), range(3)] = each
-    cycles = np.full(trials, float(n))
-    some = trials if radial_of is None else radial_of
-    radial = assess_radial(
-        reading[:some],
-        covariance[:some],
-        np.repeat(matrices.mean(axis=0)[None], some, axis=0),
-        np.full(some, each.sum(axis=1).var()),
-        np.tile(noise_only_lengths(matrices), (some, 1)),
-        cycles[:some],
-    )
-    variance = np.einsum("tii->ti", covariance)
-    three = assess_three_sigma(
-        variance,
-        np.tile(each.mean(axis=0), (trials, 1)),
-        np.tile((each**2).mean(axis=0), (trials, 1)),
-        cycles,
-    )
-    true_variance = np.einsum("tii->ti", true_covariance)
-    return Trials(true_reading, 3.0 * np.sqrt(true_variance), reading, 3.0 * np.sqrt(variance), radial, three)
-
-
-def covered(low: np.ndarray, high: np.ndarray, truth: float | np.ndarray) -> float:
-    return float(np.mean((low <= truth) & (truth <= high)))
+from tests.support.metrology.scatter_trials import SHAPES, covered, of_reading, run
 
 
 @pytest.mark.slow
@@ -164,95 +77,6 @@ def test_intervals_cover_where_cycles_differ_in_noise(n: int, shape: str) -> Non
     lengths = np.linalg.norm(rng.standard_normal((600_000, 3)) * scatter, axis=1)
     truth = float(lengths.mean() + 3.0 * lengths.std())
     assert covered(result.radial.low, result.radial.high, truth) == pytest.approx(0.95, abs=0.025)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("n", [3, 5, 10, 30, 100])
-@pytest.mark.parametrize("shape", ["sphere", "egg", "flat", "needle"])
-def test_noise_floor_is_the_expected_reading_of_a_motionless_robot(n: int, shape: str) -> None:
-    trials = 6000
-    result = run(n, np.zeros(3), of_reading(shape, 1.0), trials, seed=4, radial_of=1)
-    error = 4.0 * result.reading.std() / math.sqrt(trials)
-    # In addition to chance: correlations between lengths, taken as squares, which matter below ten cycles.
-    model = 0.02 if n < 10 else 0.005
-    assert result.radial.floor[0] == pytest.approx(result.reading.mean(), abs=error + model)
-    chance = 4.0 * result.sigma[:, 0].std() / math.sqrt(trials)
-    assert result.three_sigma.floor[0, 0] == pytest.approx(result.sigma[:, 0].mean(), abs=chance)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("n", [10, 30])
-@pytest.mark.parametrize(
-    ("shape", "noisy_every"), [("sphere", 2), ("needle", 2), ("sphere", 5), ("needle", 5)]
-)
-def test_noise_floor_where_cycles_differ_five_to_one(n: int, shape: str, noisy_every: int) -> None:
-    # Every second or fifth measurement scatters five times as much as the rest.
-    trials = 6000
-    weights = np.where(np.arange(n) % noisy_every == 0, 25.0, 1.0)
-    result = run(n, np.zeros(3), of_reading(shape, 1.0), trials, seed=8, weights=weights, radial_of=1)
-    error = 4.0 * result.reading.std() / math.sqrt(trials) / result.reading.mean()
-    # In addition to chance: effective degrees of freedom replace the unequal ones, which matters for few cycles.
-    model = 0.03 if n == 10 else 0.012
-    assert result.radial.floor[0] / result.reading.mean() == pytest.approx(1.0, abs=error + model)
-    chance = 4.0 * result.sigma[:, 0].std() / math.sqrt(trials) / result.sigma[:, 0].mean()
-    assert result.three_sigma.floor[0, 0] / result.sigma[:, 0].mean() == pytest.approx(
-        1.0, abs=chance + model
-    )
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(("ratio", "limit"), [(1.0, 0.07), (2.0, 0.025)])
-@pytest.mark.parametrize(("shape", "noisy_every"), [("sphere", 2), ("needle", 5)])
-def test_corrected_repeatability_where_cycles_differ_five_to_one(
-    ratio: float, limit: float, shape: str, noisy_every: int
-) -> None:
-    # A mixture of narrow and wide scatter reads more than its covariance predicts: raw 10 to 60 %.
-    n, trials = 30, 2500
-    weights = np.where(np.arange(n) % noisy_every == 0, 25.0, 1.0)
-    noise = of_reading("sphere", 1.0) / weights.mean()
-    result = run(n, of_reading(shape, ratio), noise, trials, seed=9, weights=weights)
-    truth = result.true_reading.mean()
-    corrected = np.minimum(result.radial.corrected, result.reading)
-    error = 3.0 * (corrected - result.true_reading).std() / math.sqrt(trials) / truth
-    assert corrected.mean() / truth == pytest.approx(1.0, abs=limit + error)
-    assert error < 0.02  # so that the test can fail
-
-
-@pytest.mark.slow
-# The smallest ratio that is claimed, where most is subtracted, and a large one; two times the floor is in `make bench`.
-@pytest.mark.parametrize(("n", "ratio"), [(30, 1.0), (30, 4.0), (100, 1.0)])
-@pytest.mark.parametrize(
-    ("shape", "noise_shape", "turned"),
-    [
-        ("sphere", "sphere", False),
-        ("sphere", "needle", False),
-        ("egg", "sphere", False),
-        ("egg", "needle", True),
-        ("flat", "flat", True),
-        ("needle", "sphere", False),
-        ("needle", "needle", False),
-        ("needle", "needle", True),
-    ],
-)
-def test_corrected_repeatability_is_the_robots_within_2_percent(
-    n: int, ratio: float, shape: str, noise_shape: str, turned: bool
-) -> None:
-    # Against what the same cycles would have read with a perfect instrument, true RP ≥ floor.
-    trials = 3000
-    robot, noise = of_reading(shape, ratio), of_reading(noise_shape, 1.0, turned)
-    result = run(n, robot, noise, trials, seed=5)
-    truth = result.true_reading.mean()
-    error = 3.0 * (result.radial.corrected - result.true_reading).std() / math.sqrt(trials) / truth
-    assert result.radial.corrected.mean() / truth - 1.0 == pytest.approx(0.0, abs=0.02 + error)
-    assert error < 0.016  # so that the test can fail
-    for axis in range(3):
-        if robot[axis] >= noise[axis]:
-            expected = result.true_sigma[:, axis].mean()
-            differences = result.three_sigma.corrected[:, axis] - result.true_sigma[:, axis]
-            chance = 3.0 * differences.std() / math.sqrt(trials)
-            assert result.three_sigma.corrected[:, axis].mean() == pytest.approx(
-                expected, abs=0.01 * expected + chance
-            )
 
 
 @pytest.mark.slow

@@ -1,0 +1,1 @@
+"""Repeatability of simulated cycles: many trials of one pose, and single ones."""
