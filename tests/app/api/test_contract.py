@@ -13,21 +13,21 @@ from tests.support.source_texts import PROJECT
 
 RULES = {
     "one key has one type and one meaning wherever it occurs": [
-        "api/test_openapi.py::test_one_key_has_one_shape_wherever_it_occurs",
-        "api/test_openapi.py::test_one_key_has_one_schema_or_one_that_adds_to_it",
+        "api/openapi/test_keys.py::test_one_key_has_one_shape_wherever_it_occurs",
+        "api/openapi/test_keys.py::test_one_key_has_one_schema_or_one_that_adds_to_it",
     ],
     "numbers have the digits that their uncertainty supports": [
         "api/resources/test_measurements.py::test_numbers_have_the_digits_that_their_uncertainty_supports",
         "analyses/documents/test_numbers.py::test_no_number_is_longer_than_its_use_supports_and_none_too_short",
     ],
     "every 4xx and 5xx is a problem document with code and advice": [
-        "api/test_openapi.py::test_every_problem_is_declared_as_one",
-        "api/test_bad_input.py::test_unknown_addresses_and_methods_are_problems",
-        "api/test_bad_input.py::test_every_missing_field_is_named",
+        "api/openapi/test_operations.py::test_every_problem_is_declared_as_one",
+        "api/refusals/test_bad_addresses.py::test_unknown_addresses_and_methods_are_problems",
+        "api/refusals/test_bad_input.py::test_every_missing_field_is_named",
     ],
     "401, 403 and 404 come before what is wrong with the content": [
         "api/access/test_authentication.py::test_a_missing_or_wrong_key_is_401_whatever_else_is_wrong",
-        "api/test_bad_input.py::test_an_unknown_id_is_not_found_before_the_body_is_looked_at",
+        "api/refusals/test_bad_addresses.py::test_an_unknown_id_is_not_found_before_the_body_is_looked_at",
     ],
     "an empty upload is said before a hash that does not match": [
         "api/uploads/test_refused.py::test_an_empty_upload_is_said_to_be_empty_before_its_hash_is_wrong",
@@ -44,12 +44,12 @@ RULES = {
         "api/access/test_origins.py::test_every_route_refuses_a_foreign_host_and_a_foreign_origin",
     ],
     "unknown fields and parameters, wrong types and over-long values are 422": [
-        "api/test_bad_input.py::test_a_query_parameter_that_the_route_lacks_is_refused",
-        "api/test_bad_input.py::test_a_wrong_field_is_named",
-        "api/test_bad_input.py::test_an_overflowing_number_is_refused",
+        "api/refusals/test_bad_addresses.py::test_a_query_parameter_that_the_route_lacks_is_refused",
+        "api/refusals/test_bad_input.py::test_a_wrong_field_is_named",
+        "api/refusals/test_bad_input.py::test_an_overflowing_number_is_refused",
     ],
     "bodies have a largest size, and large ones hold up nobody": [
-        "api/test_bad_input.py::test_a_body_over_its_limit_is_refused",
+        "api/refusals/test_bad_input.py::test_a_body_over_its_limit_is_refused",
         "api/test_large_bodies.py::test_the_event_loop_goes_on_while_a_large_body_is_read",
     ],
     "values in a wrong unit are refused with the guess": [
@@ -59,8 +59,8 @@ RULES = {
         "api/representations/test_units.py::test_a_camera_in_other_units_is_refused",
     ],
     "lists go from oldest to newest by pages of 50": [
-        "api/resources/test_resources.py::test_lists_run_from_oldest_to_newest_by_pages",
-        "api/resources/test_resources.py::test_a_list_gives_fifty_items_unless_asked_otherwise",
+        "api/resources/test_lists.py::test_lists_run_from_oldest_to_newest_by_pages",
+        "api/resources/test_lists.py::test_a_list_gives_fifty_items_unless_asked_otherwise",
     ],
     "what is sent in bulk is stored whole or not at all": [
         "api/resources/test_resources.py::test_bulk_poses_are_all_or_nothing",
@@ -77,14 +77,14 @@ RULES = {
         "analyses/cameras/test_intrinsics.py::test_an_answer_the_client_has_is_not_sent_again",
     ],
     "everything is described, and has an example from a run": [
-        "api/test_openapi.py::test_everything_is_described",
+        "api/openapi/test_openapi.py::test_everything_is_described",
         "api/test_examples.py::test_every_body_but_images_has_an_example",
         "api/test_examples.py::test_every_example_is_what_its_schema_says",
     ],
     "enumerations are named once, bounds are those of JSON Schema, and nothing but X or null is a union": [
-        "api/test_openapi.py::test_enumerations_are_named_once_and_referred_to",
-        "api/test_openapi.py::test_bounds_are_those_of_json_schema",
-        "api/test_openapi.py::test_the_only_union_is_something_or_null",
+        "api/openapi/test_openapi.py::test_enumerations_are_named_once_and_referred_to",
+        "api/openapi/test_openapi.py::test_bounds_are_those_of_json_schema",
+        "api/openapi/test_openapi.py::test_the_only_union_is_something_or_null",
     ],
     "every code is in docs/errors.md with cause and remedy": [
         "../packaging/test_errors_document.py::test_every_code_is_in_the_document",

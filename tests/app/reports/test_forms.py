@@ -14,6 +14,7 @@ import pytest
 from app.reports.forms import CompanyTemplate, render_forms
 from app.reports.forms.kinematics import ANGLES, _result, frame_blocks
 from tests.reference.archives.make import FOLDER
+from tests.support.sessions.archived_reports import archived_report, pdf_text
 
 
 def test_the_pdf_carries_the_document_and_the_files_that_belong_to_it() -> None:
@@ -31,125 +32,8 @@ def test_the_pdf_carries_the_document_and_the_files_that_belong_to_it() -> None:
         assert document["report_id"] in page.get_textpage().get_text_range()
 
 
-def test_repeatability_without_the_outliers_stands_second_to_the_headline_in_each_form() -> None:
-    document = _with_an_outlier(_fixture("repeatability"))
-    forms = render_forms(document, {}, CompanyTemplate())
-    page, print_out = forms["html"].decode(), _pdf_text(forms["pdf"])
-    for text in (page, print_out):
-        assert text.index("largest RP_l") < text.index("without its outliers") < text.index("Outliers; they")
-        assert "0.0512 mm without cycle 3, for comparison alone: it counts above" in text
-        assert text.count("RP without the outliers, for comparison alone") >= 1
-    assert '<td>without cycle 3</td><td class="right">4</td><td class="right">0.0512</td>' in page
-    assert "repeatability,poses[P1].without_outliers.rp_l_mm,0.0512,mm" in forms["csv"].decode()
-    assert "repeatability,poses[P1].outliers[mea_9].cycle,3," in forms["csv"].decode()
-    certificate = forms["xml"].decode()
-    assert 'refType="gridpose_without_outliers.rp_l_mm"' in certificate
-    assert "cycles: without cycle 3; n: 4; RP_l, mm: 0.0512" in certificate
-
-
-def test_a_figure_has_the_same_digits_wherever_a_report_states_it() -> None:
-    document = _with_an_outlier(_fixture("repeatability"))
-    found = document["analyses"]["repeatability"]
-    pose = found["poses"][0]
-    pose["repeatability"]["rp_l_mm"], pose["interval"]["rp_l_mm"] = 0.7961, [0.6124, 0.9714]
-    for part in ("corrected", "corrected_interval", "without_outliers"):
-        pose[part] = dict.fromkeys(pose[part])
-    (total,) = [
-        one
-        for one in found["budget_totals"]
-        if (one["figure"], one["pose_id"]) == ("repeatability.rp_l_mm", pose["pose_id"])
-    ]
-    total |= {"value_mm": 0.7961, "standard_uncertainty_mm": 0.066, "interval_mm": [0.6124, 0.9714]}
-    found["acceptance"] = {
-        "decision": "undecided",
-        "datasheet_repeatability_mm": 0.9,
-        "rule": "The interval holds the limit.",
-        "reason": "More cycles decide.",
-        "interval_mm": [0.6124, 0.9714],
-        "pose_id": pose["pose_id"],
-    }
-    pages = [
-        render_forms({**document, "kind": kind, "refusals": {}}, {}, CompanyTemplate())["html"].decode()
-        for kind in ("repeatability", "session")
-    ]
-    for page in pages:
-        stated = set(re.findall(r"0\.(?:79|80)\d*", page))
-        assert stated == {"0.796"}, stated
-        assert "0.612 … 0.971" in page
-    assert "pose P1, 95 % interval 0.612 … 0.971 mm" in pages[0]
-
-
-def test_outliers_are_named_once_each_and_by_their_measurements_without_cycle_numbers() -> None:
-    document = _with_an_outlier(_fixture("repeatability"))
-    first = document["analyses"]["repeatability"]["poses"][0]
-    (outlier,) = first["outliers"]
-    image = document["inputs"]["images"][0]
-    image |= {"filename": "a_1.png", "cycle": None}
-    first["outliers"] = [
-        outlier,
-        {**outlier, "code": "orientation_outlier"},
-        {**outlier, "measurement_id": "mea_8", "cycle": None},
-        {**outlier, "measurement_id": image["measurement_id"], "cycle": None},
-    ]
-    page = render_forms(document, {}, CompanyTemplate())["html"].decode()
-    assert (
-        f'<td>without cycles 3, an image, a_1.png ({image["pose_id"]})</td><td class="right">2</td>' in page
-    )
-    assert "they count above" in page
-
-
-def test_the_report_on_a_session_says_what_verdicts_mean_and_why_cycles_are_excluded() -> None:
-    document = _with_an_outlier(_fixture("repeatability"))
-    image = document["inputs"]["images"][0]
-    document["analyses"]["repeatability"]["excluded"] = [
-        {
-            "measurement_id": image["measurement_id"],
-            "filename": None,
-            "code": "image_degraded",
-            "detail": "Its residuals have noise that the other images do not have.",
-        }
-    ]
-    session = {**document, "kind": "session", "refusals": {}}
-    page = render_forms(session, {}, CompanyTemplate())["html"].decode()
-    for text in (
-        "too few cycles: A verdict takes ten cycles or more",
-        "without cycle 3",
-        "Excluded from repeatability",
-        "image degraded",
-    ):
-        assert text in page
-
-
-def test_rp_with_degraded_images_stands_second_and_what_does_not_count_is_named() -> None:
-    document = _fixture("repeatability")
-    found = document["analyses"]["repeatability"]
-    image, pose = document["inputs"]["images"][0], found["poses"][0]
-    pose["including_degraded"] = dict.fromkeys(pose["repeatability"], 0.02) | {"rp_l_mm": 0.0777}
-    found["excluded"] = [
-        {
-            "measurement_id": image["measurement_id"],
-            "filename": None,
-            "code": "image_degraded",
-            "detail": "Its residuals have noise that the other images do not have.",
-        }
-    ]
-    forms = render_forms(document, {}, CompanyTemplate())
-    page = forms["html"].decode()
-    caption = "RP with the cycles of degraded images, which do not count; for comparison alone"
-    assert caption in page
-    assert '<td>with degraded images</td><td class="right">0.0777</td>' in page
-    assert caption in _pdf_text(forms["pdf"])
-    assert 'refType="gridpose_including_degraded.rp_l_mm"' in forms["xml"].decode()
-    table = forms["csv"].decode().splitlines()
-    name = f"repeatability,excluded[{image['measurement_id']}]"
-    assert f"{name}.pose_id,{image['pose_id']}," in table
-    assert f"{name}.cycle,{image['cycle']}," in table
-    whole = render_forms({**document, "kind": "session", "refusals": {}}, {}, CompanyTemplate())["html"]
-    assert caption in whole.decode()
-
-
 def test_accuracy_of_unknown_uncertainty_is_given_without_an_interval() -> None:
-    document = _fixture("repeatability")
+    document = archived_report("repeatability")
     found = document["analyses"]["repeatability"]
     found["poses"][0]["accuracy"] = _accuracy(0.1234, held_out=0.15)
     for way in found["distances"]:
@@ -161,7 +45,7 @@ def test_accuracy_of_unknown_uncertainty_is_given_without_an_interval() -> None:
 
 
 def test_the_largest_ap_is_that_of_all_poses_with_one_visit_or_more() -> None:
-    document = _fixture("repeatability")
+    document = archived_report("repeatability")
     found = document["analyses"]["repeatability"]
     seen, once = found["poses"][:2]
     for pose, value in ((seen, 0.4), (once, 0.5)):
@@ -179,7 +63,7 @@ def test_the_largest_ap_is_that_of_all_poses_with_one_visit_or_more() -> None:
 
 
 def test_a_corrected_figure_is_given_where_it_is_determined() -> None:
-    document = _fixture("repeatability")
+    document = archived_report("repeatability")
     first = document["analyses"]["repeatability"]["poses"][0]
     first["corrected"]["rp_l_mm"], first["corrected_interval"]["rp_l_mm"] = 0.0678, [0.05, 0.08]
     forms = render_forms(document, {}, CompanyTemplate())
@@ -192,7 +76,7 @@ def test_a_corrected_figure_is_given_where_it_is_determined() -> None:
 
 
 def test_a_decision_that_is_open_names_its_pose_and_no_interval_that_decides() -> None:
-    document = _fixture("repeatability")
+    document = archived_report("repeatability")
     found = document["analyses"]["repeatability"]
     one = {
         "rule": "guard bands",
@@ -214,18 +98,8 @@ def test_a_decision_that_is_open_names_its_pose_and_no_interval_that_decides() -
     assert "decided at" in render_forms(document, {}, CompanyTemplate())["html"].decode()
 
 
-def test_a_report_without_outliers_says_nothing_of_figures_without_them() -> None:
-    document = _fixture("repeatability")
-    for pose in document["analyses"]["repeatability"]["poses"]:
-        pose.pop("without_outliers")
-    forms = render_forms(document, {}, CompanyTemplate())
-    for name in ("html", "xml"):
-        assert b"without the outliers" not in forms[name]
-        assert "u, mm" in forms[name].decode()  # the budget
-
-
 def test_terms_that_the_lens_model_holds_at_zero_are_named_and_not_listed() -> None:
-    document = _fixture("camera")
+    document = archived_report("camera")
     (group,) = document["analyses"]["intrinsics"]["groups"]
     group["distortion"]["k3"] = group["standard_uncertainty"]["k3"] = 0.0
     forms = render_forms(document, {}, CompanyTemplate())
@@ -246,7 +120,7 @@ def test_terms_that_the_lens_model_holds_at_zero_are_named_and_not_listed() -> N
     [("too_few_cycles", "No repeatability is stated"), ("cycles_not_stated", "Cycles are not stated")],
 )
 def test_a_report_whose_figures_are_no_repeatability_begins_with_that(code: str, heading: str) -> None:
-    document = _fixture("repeatability")
+    document = archived_report("repeatability")
     for kind in ("repeatability", "session"):
         whole = {**document, "kind": kind, "refusals": {}}
         for form in ("html", "pdf"):
@@ -268,7 +142,7 @@ def test_a_report_whose_figures_are_no_repeatability_begins_with_that(code: str,
 
 
 def test_where_nothing_was_repeated_there_is_no_drawing_of_scatter() -> None:
-    document = _fixture("repeatability")
+    document = archived_report("repeatability")
     drawings = {"scatter": ['<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 10 10"/>']}
     caption = "Cycles of each pose about their mean"
     assert caption in render_forms(document, drawings, CompanyTemplate())["html"].decode()
@@ -282,34 +156,7 @@ def test_where_nothing_was_repeated_there_is_no_drawing_of_scatter() -> None:
 
 
 def _shown(forms: Mapping[str, bytes], form: str) -> str:
-    return _pdf_text(forms["pdf"]) if form == "pdf" else forms[form].decode()
-
-
-def _fixture(kind: str) -> dict[str, Any]:
-    with tarfile.open(FOLDER / "schema-0019.tar.gz") as archive:
-        for member in archive:
-            if member.name.endswith("/report.json"):
-                document: dict[str, Any] = json.load(archive.extractfile(member))  # type: ignore[arg-type]
-                if document["kind"] == kind:
-                    return document
-    raise LookupError(kind)
-
-
-def _with_an_outlier(document: dict[str, Any]) -> dict[str, Any]:
-    """The report as of a session whose first pose has an outlier in its third cycle."""
-    first = document["analyses"]["repeatability"]["poses"][0]
-    first["repeatability"]["rp_l_mm"], first["interval"]["rp_l_mm"] = 9.0, [4.0, 20.0]
-    first["without_outliers"] = dict.fromkeys(first["repeatability"], 0.01) | {"rp_l_mm": 0.0512}
-    first["outliers"] = [
-        {
-            "measurement_id": "mea_9",
-            "cycle": 3,
-            "code": "position_outlier",
-            "distance_mm": 9.0,
-            "detail": "It is farther from the mean of the others than they explain.",
-        }
-    ]
-    return document
+    return pdf_text(forms["pdf"]) if form == "pdf" else forms[form].decode()
 
 
 def _accuracy(value: float, held_out: float | None = None) -> dict[str, Any]:
@@ -322,11 +169,6 @@ def _accuracy(value: float, held_out: float | None = None) -> dict[str, Any]:
         "degrees_of_freedom": 9.0,
         "tie": "best_fit",
     }
-
-
-def _pdf_text(content: bytes) -> str:
-    text = " ".join(page.get_textpage().get_text_range() for page in pypdfium2.PdfDocument(content))
-    return " ".join(text.split())
 
 
 def test_held_out_measurements_are_counted_as_what_they_are() -> None:
