@@ -94,7 +94,7 @@ def in_target_frame(
     return J
 
 
-def transformed(J: Float[np.ndarray, "k a b"], C: Float[np.ndarray, "k b b"]) -> Float[np.ndarray, "k a a"]:
+def transformed(J: Float[np.ndarray, "k a b"], C: Float[np.ndarray, "#k b b"]) -> Float[np.ndarray, "k a a"]:
     """Return J C Jᵀ, symmetric to the last bit."""
     result = J @ C @ np.swapaxes(J, 1, 2)
     return np.asarray(0.5 * (result + np.swapaxes(result, 1, 2)))
