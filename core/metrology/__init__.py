@@ -16,15 +16,17 @@ from core.metrology.acceptance import (
     scatter_flaw,
 )
 from core.metrology.accuracy import (
+    AccuracyDrift,
     CommandedPoint,
     EstimatedDeviation,
+    FrameTie,
     HeldOutDeviation,
     PoseAccuracy,
     TiedDeviations,
+    accuracy_drift,
     estimate_deviations,
     tied_accuracy,
 )
-from core.metrology.accuracy_over_cycles import AccuracyDrift, accuracy_drift
 from core.metrology.budget import (
     Agreement,
     Budget,
@@ -54,7 +56,6 @@ from core.metrology.cycle_process import (
 )
 from core.metrology.difference import Difference, estimate_difference
 from core.metrology.distances import ApproachVariation, DistanceAssessment, assess_approaches, assess_distance
-from core.metrology.frame_tie import FrameTie
 from core.metrology.iso9283 import (
     DistancePerformance,
     Drift,

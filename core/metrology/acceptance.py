@@ -20,7 +20,7 @@ from enum import StrEnum
 from scipy.special import ndtri
 
 from core.errors import listed
-from core.metrology.frame_tie import FrameTie, poses_that_decide
+from core.metrology.accuracy import FrameTie, poses_that_decide
 from core.metrology.repeatability import FEW_CYCLES, PoseRepeatability
 from core.metrology.rp_distribution import CONFIDENCE
 

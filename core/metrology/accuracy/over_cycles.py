@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from core.metrology.accuracy import PoseAccuracy
+from core.metrology.accuracy.pose_accuracy import PoseAccuracy
 
 _DRAWS = 10_000
 
