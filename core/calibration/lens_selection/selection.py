@@ -1,18 +1,7 @@
 """Selection of a session's lens model: Brown's unless the images contradict it.
 
 A single image cannot decide. Over one image of each pose, Brown's model and Kannala's and Brandt's are fitted to the
-same points. With N coordinates and the sums of squares χ²,
-
-    w = N ln(χ²_Brown / χ²_KB)
-
-is -2 log of the ratio of likelihoods, the noise's variance profiled out. Under Brown's model and independent noise it
-is at most that of two further parameters, χ² with two degrees of freedom: w > 30 has a probability of 3e-7. Real prints
-and lenses leave more than noise, so that a share is asked for too, w/N > 3 %, and both must hold with and without
-sixteen departures of the board's shape as common parameters: a bent print imitates a lens.
-
-Then the model has to explain images that it was not fitted to: with the images dealt into folds in their order, and the
-camera fitted to the others, the pose alone is fitted to each image held out. The geometric mean over images of the
-ratio of residual rms has to be below `MAX_HELD_OUT`. The mean of logarithms keeps one image of the edge from deciding.
+same points; `comparison` says what decides between them.
 
 Most sessions are done after a first look: how much radial terms beyond Brown's would gain, to first order.
 """
@@ -23,14 +12,15 @@ import math
 from dataclasses import dataclass, replace
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Bool, Int
 
-from core.calibration.lens_selection.common_fit import (
-    CommonCamera,
-    fit_common_camera,
-    held_out_rms,
-    radial_gain,
-    squared_distances,
+from core.calibration.lens_selection.common_fit import radial_gain, squared_distances
+from core.calibration.lens_selection.comparison import (
+    MAX_REJECTED,
+    MIN_POINTS,
+    Comparison,
+    LensEvidence,
+    far_off,
 )
 from core.calibration.lens_selection.starts import (
     fit_angular_from_grid,
@@ -43,42 +33,14 @@ from core.calibration.lens_selection.starts import (
 from core.calibration.multi_view import BundleAdjustment, GroupEstimate, Placements, ViewStack, evenly
 from core.calibration.priors import Lens
 from core.calibration.state import SMALLEST_NOISE_PX
-from core.geometry import AnyCamera, Camera, LensModel, camera_from_array, fold_radius_px, undistort_any
+from core.geometry import AnyCamera, Camera, LensModel, camera_from_array, fold_radius_px
 
-MIN_STATISTIC, MIN_SHARE = 30.0, 0.03
 FIRST_LOOK_SHARE = 0.02
 """Of the squares: where radial terms gain less to first order, Brown's model is not looked at further."""
 GROSS = 30.0
 """Times the median distance: points further off are nothing of the lens."""
-MAX_DISTANCE, MAX_REJECTED = 4.0, 0.01
-"""Times the median distance, and the share of points beyond it, after the fit of Brown's model: up to it they are gross
-errors, more of them are what the model lacks.
-"""
-MAX_HELD_OUT, MAX_RATIONAL = 0.95, 0.98
-"""Ratios of held-out residuals, to Brown's and to Kannala's and Brandt's: a model with more has gained nothing."""
-MIN_VIEWS, MIN_HELD_OUT_VIEWS, MIN_RATIONAL_VIEWS = 2, 4, 7
-MAX_VIEWS = 30
-WIDE_ANGLE = math.radians(75.0)
-"""From the axis: further out the tangent of the angle, which Brown's model is made of, is no measure."""
+MIN_VIEWS, MAX_VIEWS = 2, 30
 FOLD_MARGIN = 1.05
-MIN_POINTS = 8
-
-
-@dataclass(frozen=True, slots=True)
-class LensEvidence:
-    """What speaks against Brown's model: w, its share w/N, and the ratio of held-out residuals of the best other model
-    to Brown's; None where images were not held out.
-    """
-
-    statistic: float
-    share: float
-    held_out: float | None
-
-    @property
-    def beyond_brown(self) -> bool:
-        """Return whether Brown's model is contradicted, and another explains images that it was not fitted to."""
-        gained = self.held_out is None or self.held_out < MAX_HELD_OUT
-        return self.statistic > MIN_STATISTIC and self.share > MIN_SHARE and gained
 
 
 @dataclass(frozen=True, slots=True)
@@ -122,7 +84,7 @@ def select_lens(
     angular = _angular(chosen, at, lens)
     if angular is None:
         return BROWN
-    found = _Comparison.of(chosen, at, angular, lens)
+    found = Comparison.of(chosen, at, angular, lens)
     evidence = found.evidence()
     if asked == "brown":
         return replace(BROWN, evidence=evidence)
@@ -177,7 +139,7 @@ def _with_misfit(views: ViewStack, at: Placements) -> ViewStack:
     """
     stated = views.standard_uncertainty_px**2
     squared = squared_distances(views, at) * stated
-    near = ~_far(squared / stated)
+    near = ~far_off(squared / stated)
     u2, r2 = stated[near], squared[near]
 
     def excess(misfit: float) -> float:
@@ -193,11 +155,6 @@ def _with_misfit(views: ViewStack, at: Placements) -> ViewStack:
     return replace(views, standard_uncertainty_px=np.sqrt(stated + brentq(excess, 0.0, most)))
 
 
-def _far(squared: Float[np.ndarray, " n"]) -> Bool[np.ndarray, " n"]:
-    """Return which points are about as far off as a robust fit rejects them, four times the median distance."""
-    return squared > MAX_DISTANCE**2 * np.median(squared)
-
-
 def _first_look(views: ViewStack, at: Placements, lens: Lens | None) -> LensEvidence | None:
     """Return the evidence to first order where it already says that Brown's model holds, else None."""
     squared = squared_distances(views, at)
@@ -209,7 +166,7 @@ def _first_look(views: ViewStack, at: Placements, lens: Lens | None) -> LensEvid
     scale = math.sqrt(float(np.mean(squared[near])) / 2.0)
     cost, gain = radial_gain(views, at, near, scale, lens)
     share = -math.log1p(-min(gain / cost, 0.999))
-    if share > FIRST_LOOK_SHARE or float(np.mean(_far(squared))) > MAX_REJECTED:
+    if share > FIRST_LOOK_SHARE or float(np.mean(far_off(squared))) > MAX_REJECTED:
         return None
     return LensEvidence(2.0 * int(near.sum()) * share, share, None)
 
@@ -228,84 +185,3 @@ def _angular(views: ViewStack, at: Placements | None, lens: Lens | None) -> Bund
 
 def _camera(fit: BundleAdjustment) -> AnyCamera:
     return camera_from_array(fit.at.placements.parameters[0])
-
-
-@dataclass(frozen=True, slots=True)
-class _Comparison:
-    """The models' fits to the points that the angular one uses; `brown` is None where it cannot be fitted."""
-
-    views: ViewStack
-    used: Bool[np.ndarray, " n"]
-    scale: float
-    lens: Lens | None
-    brown: tuple[CommonCamera, CommonCamera] | None
-    angular: tuple[CommonCamera, CommonCamera]
-    held_out: float | None
-
-    @classmethod
-    def of(
-        cls, views: ViewStack, at: Placements | None, angular: BundleAdjustment, lens: Lens | None
-    ) -> _Comparison:
-        used = angular.used
-        if at is not None:
-            # Few points that Brown's fit leaves far off are gross errors, which the more flexible model follows
-            # further; many are what it lacks.
-            far = _far(squared_distances(views, at))
-            used = used & ~far if float(np.mean(far)) <= MAX_REJECTED else used
-        enough = views.sums(used.astype(np.float64)) >= MIN_POINTS
-        rows, points = np.flatnonzero(enough), views.spread(enough)
-        views, used = views.take(rows), used[points]
-        scale = max(angular.scale, SMALLEST_NOISE_PX / float(views.uncertainty.mean()))
-
-        def both(start: Placements) -> tuple[CommonCamera, CommonCamera]:
-            plain = fit_common_camera(views, start, used, scale, lens)
-            return plain, fit_common_camera(views, plain.placements, used, scale, lens, shape=True)
-
-        of_angular = both(angular.at.placements.take(rows))
-        of_brown = None if at is None else both(at.take(rows))
-        held = None
-        if of_brown is not None and len(rows) >= MIN_HELD_OUT_VIEWS:
-            ours = held_out_rms(views, of_angular[0].placements, used, scale, lens)
-            browns = held_out_rms(views, of_brown[0].placements, used, scale, lens)
-            held = math.exp(float(np.mean(np.log(ours / browns))))
-        return cls(views, used, scale, lens, of_brown, of_angular, held)
-
-    def evidence(self) -> LensEvidence | None:
-        """Return the lesser of the evidence without and with the board's shape."""
-        if self.brown is None:
-            return None
-        count = 2 * int(self.used.sum())
-        pairs = zip(self.brown, self.angular, strict=True)
-        share = min(math.log(max(b.chi2, 1e-300) / max(a.chi2, 1e-300)) for b, a in pairs)
-        return LensEvidence(count * share, share, self.held_out)
-
-    def beyond_brown(self) -> bool:
-        evidence = self.evidence()
-        return evidence is None or evidence.beyond_brown or self._angle() > WIDE_ANGLE
-
-    def allows_rational(self) -> bool:
-        return len(self.views) >= MIN_RATIONAL_VIEWS and self._angle() < WIDE_ANGLE and self.beyond_brown()
-
-    def _angle(self) -> float:
-        """Return the angle from the axis of the outermost point, rad; a right angle where it has no direction."""
-        normalised = undistort_any(self.views.points_px[self.used], self.angular[0].camera)
-        radius = np.hypot(*normalised.T)
-        return 0.5 * math.pi if np.isnan(radius).any() else math.atan(float(radius.max()))
-
-    def rational(self) -> BundleAdjustment | None:
-        """Fit the rational model from Brown's."""
-        if self.brown is None:
-            return None
-        camera = self.brown[0].camera
-        assert isinstance(camera, Camera)
-        start = with_camera(self.brown[0].placements, nearest_camera(camera, "rational", 1.0))
-        fitted = fit_model(self.views, start, self.lens)
-        return fitted if fitted is not None and fitted.converged else None
-
-    def prefers(self, rational: BundleAdjustment) -> bool:
-        """Return whether held-out images prefer the rational model to the angular one."""
-        rms = [
-            held_out_rms(self.views, at, self.used, self.scale, self.lens)
-            for at in (rational.at.placements, self.angular[0].placements)
-        ]
-        return float(np.mean(np.log(rms[0] / rms[1]))) < math.log(MAX_RATIONAL)

@@ -147,19 +147,8 @@ def _fit_from(
     shapes, variance = start.copy(), np.zeros(count)
     covariance, contrast = np.zeros((count, 2, 2)), np.zeros(count)
     trusted = np.zeros(count, dtype=np.bool_)
-    fit_each(
-        image,
-        start,
-        _MIN_BLUR_PX,
-        _MAX_STEPS,
-        _TOLERANCE,
-        *prior_sigmas,
-        shapes,
-        contrast,
-        covariance,
-        variance,
-        trusted,
-    )
+    found = shapes, contrast, covariance, variance, trusted
+    fit_each(image, start, _MIN_BLUR_PX, _MAX_STEPS, _TOLERANCE, *prior_sigmas, *found)
     shapes[~trusted] = start[~trusted]
     if are_dark:
         contrast = -contrast
