@@ -17,7 +17,7 @@ from app.analyses.answer_cache import FAILURE_KEPT_S, AnswerCache, Question
 from app.analyses.answer_store import find_answer, keep_answer
 from app.analyses.computations import ServiceFailure, compute, compute_plan, compute_sheet
 from app.analyses.inputs.change_token import read_change_token
-from app.analyses.inputs.snapshot import read_snapshot
+from app.analyses.inputs.snapshot_reader import read_snapshot
 from app.analyses.outcome import AnalysisRefused, AnalysisResult
 from app.build import analyses_build
 from app.errors import Conflict, ServiceError, Unavailable

@@ -25,7 +25,8 @@ from app.analyses.documents.repeatability import repeatability_findings
 from app.analyses.inputs.change_token import read_change_token
 from app.analyses.inputs.session_loader import Markers, load_session, read_markers
 from app.analyses.inputs.session_subject import subject_in_words
-from app.analyses.inputs.snapshot import Snapshot, read_snapshot
+from app.analyses.inputs.snapshot import Snapshot
+from app.analyses.inputs.snapshot_reader import read_snapshot
 from app.analyses.outcome import AnalysisError, AnalysisRefused, AnalysisResult
 from app.build import core_version
 from app.records.database import Database

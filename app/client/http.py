@@ -22,8 +22,7 @@ Json = dict[str, Any]
 _BUSY_STATUSES = frozenset({408, 425, 429, 502, 503, 504, 507})
 _UNAUTHORIZED = 401
 _LAST_PORT = 65535
-_PAGE = 500
-_MISSING_CHUNK = 1000
+_PAGE, _MISSING_CHUNK = 500, 1000
 
 
 class ClientError(Exception):
@@ -207,11 +206,6 @@ class ServiceClient(Closing):
             headers={"Content-Type": "application/octet-stream"},
         )
 
-    def _is_too_long(self, response: httpx2.Response) -> bool:
-        """Return whether an answer asks for a longer pause than `retry_for_s`, as an exhausted daily quota does."""
-        pause_s = _pause_s(response)
-        return pause_s is not None and timedelta(seconds=pause_s) > self._retry_for
-
     def _json(self, method: str, path: str, *, repeatable: bool, **options: Any) -> Json:
         if "json" in options:
             options["content"] = _encoded(options.pop("json"))
@@ -254,7 +248,9 @@ class ServiceClient(Closing):
             ):
                 with attempt:
                     response = self._http.request(method, path, **options)
-                    if response.status_code in _BUSY_STATUSES and not self._is_too_long(response):
+                    # A longer pause, as an exhausted daily quota asks for, is not waited for.
+                    is_short = timedelta(seconds=_pause_s(response) or 0.0) <= self._retry_for
+                    if response.status_code in _BUSY_STATUSES and is_short:
                         raise _BusyError(response)
         except _BusyError as busy:
             response = busy.response

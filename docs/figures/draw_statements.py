@@ -21,8 +21,8 @@ from matplotlib.patches import Ellipse
 sys.path.insert(0, str(Path(__file__).parents[2]))
 
 from benchmarks.trust.accuracy import Layout, simulate
-from benchmarks.trust.board_shape import DEPARTURES, Departure, Setup
-from benchmarks.trust.board_shape import simulate as simulate_print
+from benchmarks.trust.bowed_sessions import DEPARTURES, Departure, Setup
+from benchmarks.trust.bowed_sessions import simulate as simulate_print
 from core.calibration import estimate_group
 from core.metrology import PoseCycles, assess_distance
 from core.session import assess_repeatability, estimate_session

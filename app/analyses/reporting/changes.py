@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from typing import Any
 
-from app.analyses.inputs.snapshot import EXCLUDED, FOREIGN
+from app.analyses.inputs.snapshot_reader import EXCLUDED, FOREIGN
 from app.records.codec import content_hash
 
 Json = dict[str, Any]

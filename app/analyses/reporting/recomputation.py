@@ -13,7 +13,8 @@ import sqlalchemy as sa
 from sqlalchemy import orm
 
 from app.analyses.inputs.session_loader import load_session
-from app.analyses.inputs.snapshot import Snapshot, StoredImage, StoredPose, parameters_of
+from app.analyses.inputs.snapshot import Snapshot, StoredImage, StoredPose
+from app.analyses.inputs.snapshot_reader import parameters_of
 from app.analyses.reporting.changes import NO_POINTS, changed_input, points_of
 from app.analyses.reporting.inputs import OF_POSE, OF_ROBOT, OF_TARGET, target_row
 from app.analyses.worker import LoadedSession

@@ -16,7 +16,7 @@ from typing import Any
 
 import sqlalchemy as sa
 
-from app.analyses.inputs.snapshot import read_snapshot
+from app.analyses.inputs.snapshot_reader import read_snapshot
 from app.analyses.reporting.changes import changed_input, changed_inputs
 from app.analyses.reporting.figure_uncertainty import standard_uncertainty
 from app.analyses.reporting.images import measure_anew

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from app.analyses.inputs.session_loader import load_session
-from app.analyses.inputs.snapshot import read_snapshot
+from app.analyses.inputs.snapshot_reader import read_snapshot
 from app.analyses.reporting.changes import changed_inputs
 from app.analyses.reporting.inputs import read_inputs
 from app.analyses.reporting.recomputation import ReportedSession, load_reported

@@ -8,7 +8,8 @@ import math
 import numpy as np
 import pytest
 
-from benchmarks.trust.board_shape import DEPARTURES, Departure, Setup, measure, simulate
+from benchmarks.trust.board_shape import measure
+from benchmarks.trust.bowed_sessions import DEPARTURES, Departure, Setup, simulate
 from core.calibration import ShapePrior
 from core.session import assess_repeatability, estimate_session
 from core.session.absolute_poses import SHAPE_DOMINATES, absolute_poses, with_print_uncertainty

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from benchmarks.trust.board_shape import DEPARTURES, Departure, Setup, simulate
+from benchmarks.trust.bowed_sessions import DEPARTURES, Departure, Setup, simulate
 from core.metrology import REPEATED, WITHOUT_DEGRADED, Decision, decide, repeatability_reading
 from core.session import (
     CommandedPose,

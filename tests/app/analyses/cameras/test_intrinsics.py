@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from app.analyses.inputs.snapshot import read_snapshot
+from app.analyses.inputs.snapshot_reader import read_snapshot
 from app.analyses.service import entity_tag
 from app.api.schemas.analyses import IntrinsicsAnalysis
 from core.geometry.camera import CAMERA_PARAMETERS

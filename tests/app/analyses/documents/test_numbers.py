@@ -14,7 +14,7 @@ import pytest
 from app.analyses.documents.comparison import comparison_findings
 from app.analyses.documents.findings import Findings, findings_document
 from app.analyses.inputs.session_loader import load_session, read_markers
-from app.analyses.inputs.snapshot import read_snapshot
+from app.analyses.inputs.snapshot_reader import read_snapshot
 from app.analyses.worker import ANALYSES as FUNCTIONS
 from app.records.numbers import SIGNIFICANT_DIGITS, encode, encode_record, rounded
 from tests.support.sessions.robot_session import ANALYSES, SETTINGS, RobotSession
