@@ -46,12 +46,13 @@ test-all: setup-dev test-shapes  ## the same, statistics at full size, long syst
 test-shapes: setup-dev  ## each path of core with the shapes and types of its arrays checked at run time
 	GRIDPOSE_TEST_SHAPES=1 $(BIN)/python -m pytest -n auto --dist worksteal -m shapes tests/core tests/docs
 
-check: setup-dev  ## format, lint, types, layers, vocabulary, and the committed openapi.json
+check: setup-dev  ## format, lint, types, layers, vocabulary, sizes, and the committed openapi.json
 	$(BIN)/ruff format --check .
 	$(BIN)/ruff check .
 	$(BIN)/mypy
 	$(BIN)/lint-imports
 	$(BIN)/python .ci/vocabulary.py
+	$(BIN)/python .ci/sizes.py
 	$(BIN)/python -m app.cli.openapi --check
 
 openapi: setup-dev  ## write openapi.json from the code
