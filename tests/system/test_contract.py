@@ -57,7 +57,10 @@ def test_no_request_gets_an_answer_outside_the_contract(
 def test_the_committed_contract_is_the_service_s(make_service: Callable[..., ServiceProcess]) -> None:
     service = make_service(GRIDPOSE_WORKERS="0").start()
     committed = (PROJECT / "openapi.json").read_text(encoding="utf-8")
-    assert httpx2.get(f"{service.url}/openapi.json").json() == httpx2.Response(200, text=committed).json()
+    assert (
+        httpx2.get(f"{service.url}/openapi.json", timeout=60.0).json()
+        == httpx2.Response(200, text=committed).json()
+    )
 
 
 def test_writing_the_contract_touches_nothing_else(tmp_path: Path) -> None:

@@ -27,7 +27,7 @@ def test_an_upload_is_measured_and_outlives_a_killed_service(tmp_path: Path) -> 
     with service:
         key = service.admin_key or ""
         committed = json.loads((PROJECT / "openapi.json").read_text(encoding="utf-8"))
-        assert httpx2.get(f"{service.url}/openapi.json").json() == committed
+        assert httpx2.get(f"{service.url}/openapi.json", timeout=60.0).json() == committed
         options = ("--session", "cell", "--target", "chessboard:7x5:10", "--url", service.url, "--wait")
         uploaded = gridpose("upload", str(folder), *options, GRIDPOSE_KEY=key)
         assert uploaded.returncode == 1, "one of the two shows no target"
