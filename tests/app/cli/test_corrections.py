@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -15,12 +14,6 @@ from tests.support.service.service import ApiMaker, environment_of
 from tests.support.service.service import gridpose as run_gridpose
 
 JOINT = {"a_mm": 100.0, "alpha_deg": 90.0, "d_mm": 0.0}
-
-
-@pytest.fixture(scope="module")
-def served(serve_api: ApiMaker) -> Iterator[Any]:
-    with serve_api() as api:
-        yield api
 
 
 def gridpose(api: Any, *arguments: str, code: int = 0, stdin: str | None = None) -> Result:

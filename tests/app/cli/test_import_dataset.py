@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -160,12 +159,6 @@ def test_what_is_no_quaternion_is_refused(tmp_path: Path) -> None:
     files["poses/1.yaml"] = "{x: 1, y: 1, z: 1, qx: 1, qy: 1, qz: 0, qw: 0}"
     with pytest.raises(FileRefused, match=r"norm 1\.41421"):
         read_dataset(write(tmp_path, files), Layout.industrial_calibration)
-
-
-@pytest.fixture(scope="module")
-def served(serve_api: ApiMaker) -> Iterator[Any]:
-    with serve_api() as api:
-        yield api
 
 
 def test_images_and_poses_arrive_in_a_new_session_once(served: Any, tmp_path: Path) -> None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +11,6 @@ import pytest
 from typer.testing import CliRunner, Result
 
 from app.cli.main import app
-from tests.support.service.service import ApiMaker
 
 PLAN = (
     "robots",
@@ -28,12 +26,6 @@ PLAN = (
     "20",
 )
 CELL = ("--side-mm", "200", "--focal-length-mm", "8", "--pixel-pitch-um", "3.45", "--cycles", "10")
-
-
-@pytest.fixture(scope="module")
-def served(serve_api: ApiMaker) -> Iterator[Any]:
-    with serve_api() as api:
-        yield api
 
 
 def run(*arguments: str, code: int = 0) -> Result:

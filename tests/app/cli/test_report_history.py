@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import csv
-from collections.abc import Iterator
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -12,16 +11,10 @@ from typer.testing import CliRunner, Result
 
 from app.analyses.history import summarise_reports
 from app.cli.main import app
-from tests.support.service.service import Api, ApiMaker
+from tests.support.service.service import Api
 from tests.support.sessions.filed_reports import content, store_filed
 
 JOINT = {"a_mm": 100.0, "alpha_deg": 0.0, "d_mm": 0.0}
-
-
-@pytest.fixture(scope="module")
-def served(serve_api: ApiMaker) -> Iterator[Api]:
-    with serve_api() as running:
-        yield running
 
 
 def run(api: Api | None, *arguments: str) -> Result:
