@@ -36,20 +36,25 @@ def test_the_build_is_that_of_the_sources_wherever_they_lie(copied: Path) -> Non
 
 def test_line_endings_and_compiled_files_change_nothing(copied: Path) -> None:
     before = sources_hash("numerics")
-    source = copied / "errors.py"
-    source.write_bytes(source.read_bytes().replace(b"\n", b"\r\n"))
+    for source in copied.rglob("*.py"):
+        source.write_bytes(source.read_bytes().replace(b"\n", b"\r\n"))
     compileall.compile_dir(str(copied), quiet=1, maxlevels=0)
     assert (copied / "__pycache__").is_dir()
     assert sources_hash("numerics") == before
 
 
+def _some_file(folder: Path, suffix: str) -> Path:
+    return min(folder.rglob(f"*{suffix}"))
+
+
 def _changed(folder: Path) -> None:
-    path = folder / "errors.py"
+    path = _some_file(folder, ".py")
     path.write_bytes(path.read_bytes() + b"#")
 
 
 def _renamed(folder: Path) -> None:
-    (folder / "errors.py").rename(folder / "errors_2.py")
+    path = _some_file(folder, ".py")
+    path.rename(path.with_stem(f"{path.stem}_2"))
 
 
 def _moved(folder: Path) -> None:
@@ -79,7 +84,7 @@ def test_compiled_files_alone_have_a_build_of_their_own(copied: Path) -> None:
         path.unlink()
     stripped = sources_hash("numerics")
     assert stripped.startswith("pyc.")
-    (copied / "errors.pyc").unlink()
+    _some_file(copied, ".pyc").unlink()
     assert sources_hash("numerics") != stripped
     for path in copied.rglob("*.pyc"):
         path.unlink()
