@@ -7,12 +7,11 @@ from typing import Any
 from typer.testing import CliRunner, Result
 
 from app.cli.main import app
+from tests.support.service.service import environment_of
 
 
-def gridpose(api: Any, *arguments: str, code: int = 0) -> Result:
-    """Run a command in this process."""
-    key = api.client.headers["authorization"].removeprefix("Bearer ")
-    settings = {"GRIDPOSE_URL": str(api.client.base_url), "GRIDPOSE_KEY": key}
-    done = CliRunner().invoke(app, [*arguments, "--retry-timeout", "0"], env=settings)
+def gridpose(api: Any, *arguments: str, code: int = 0, stdin: str | None = None) -> Result:
+    """Run a command in this process, where the server's log is printed too."""
+    done = CliRunner().invoke(app, [*arguments, "--retry-timeout", "0"], env=environment_of(api), input=stdin)
     assert done.exit_code == code, done.output
     return done

@@ -7,20 +7,12 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from typer.testing import CliRunner, Result
 
-from app.cli.main import app
+from tests.support.command_line import gridpose
 from tests.support.service.service import ApiMaker, environment_of
 from tests.support.service.service import gridpose as run_gridpose
 
 JOINT = {"a_mm": 100.0, "alpha_deg": 90.0, "d_mm": 0.0}
-
-
-def gridpose(api: Any, *arguments: str, code: int = 0, stdin: str | None = None) -> Result:
-    """Run a command in this process, where the server's log is printed too."""
-    done = CliRunner().invoke(app, [*arguments, "--retry-timeout", "0"], env=environment_of(api), input=stdin)
-    assert done.exit_code == code, done.output
-    return done
 
 
 def printed(api: Any, *arguments: str, code: int = 0) -> str:

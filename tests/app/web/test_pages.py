@@ -258,3 +258,10 @@ def test_images_that_only_the_session_can_answer_are_not_called_lost() -> None:
     said = next_step(detail, lost)
     assert said is not None
     assert said[0].startswith("3 of 10 images were not measured, most often target not found.")
+
+
+def test_the_services_address_leads_to_a_page_for_people(api: Any) -> None:
+    response = api.client.get("/", headers={"Authorization": ""})
+    assert response.status_code == 200
+    assert response.headers["content-type"].startswith("text/html")
+    assert response.url.path == "/ui/sign-in"

@@ -233,10 +233,3 @@ def test_an_uncertainty_as_large_as_its_pitch_is_refused_unless_it_is_meant(api:
         refused = api.client.patch(address, json=stated)
         assert (refused.status_code, refused.json()["code"]) == (422, "implausible_unit")
         assert api.client.patch(f"{address}?accept_implausible=true", json=stated).status_code == 200
-
-
-def test_the_services_address_leads_to_a_page_for_people(api: Any) -> None:
-    response = api.client.get("/", headers={"Authorization": ""})
-    assert response.status_code == 200
-    assert response.headers["content-type"].startswith("text/html")
-    assert response.url.path == "/ui/sign-in"
