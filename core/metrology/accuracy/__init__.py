@@ -1,8 +1,9 @@
 """What a robot is off at its poses: deviations in tied frames, AP with intervals, and AP over blocks of cycles."""
 
+from core.metrology.accuracy.deviation_parts import DeviationParts, DeviationSpread
 from core.metrology.accuracy.deviations import (
-    DeviationParts,
     EstimatedDeviation,
+    MeanNoise,
     TiedDeviations,
     estimate_deviations,
 )
@@ -19,9 +20,11 @@ __all__ = [
     "AccuracyDrift",
     "CommandedPoint",
     "DeviationParts",
+    "DeviationSpread",
     "EstimatedDeviation",
     "FrameTie",
     "HeldOutDeviation",
+    "MeanNoise",
     "PoseAccuracy",
     "TiedDeviations",
     "accuracy_drift",

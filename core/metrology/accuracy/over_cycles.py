@@ -57,7 +57,7 @@ def accuracy_drift(
     lengths = [float(np.linalg.norm(one)) for one in vectors]
     uncertainty = None
     if accuracy.parts is not None:
-        deviations = accuracy.parts.draws(_DRAWS, accuracy.parts.of_tie)
+        deviations = accuracy.parts.draws_without_visits(_DRAWS)
         rng = np.random.default_rng(_DRAWS)
         drawn = []
         for moved, part in ((vectors[0] - vector, parts[0]), (vectors[-1] - vector, parts[-1])):

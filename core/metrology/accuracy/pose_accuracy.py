@@ -8,7 +8,8 @@ import numpy as np
 from jaxtyping import Float
 
 from core.geometry import is_near_gimbal_lock, rotation_to_rpy, rpy_jacobian, so3_exp
-from core.metrology.accuracy.deviations import DeviationParts, EstimatedDeviation
+from core.metrology.accuracy.deviation_parts import DeviationParts
+from core.metrology.accuracy.deviations import EstimatedDeviation
 from core.metrology.iso9283 import pose_accuracy
 from core.metrology.pose_cycles import PerComponent
 

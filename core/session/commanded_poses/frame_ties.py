@@ -35,11 +35,7 @@ from core.metrology import (
     tied_accuracy,
 )
 from core.session.commanded_poses.likely_causes import calibrate_or_explain
-from core.session.commanded_poses.mean_noise import (
-    mean_degrees_of_freedom,
-    mean_position_variance,
-    mean_rotation_variance,
-)
+from core.session.commanded_poses.mean_noise import mean_position_noise, mean_rotation_noise
 from core.session.model import CameraMount, CommandedPose, MeasuredPose
 from core.session.visits import own_covariances
 
@@ -96,15 +92,14 @@ def by_whole_poses(
         ),
         np.array([d.common[:3] for d in tie.deviations] + [left[:3] for _, left in effects]),
         used,
-        mean_position_variance([visits[p] for p in compared], process),
-        mean_degrees_of_freedom([visits[p] for p in compared]),
+        mean_position_noise([visits[p] for p in (*whole, *rest)], process),
     )
     turns = TiedDeviations(
         np.array([d.rotation for d in tie.deviations]),
         np.array([d.leverage[3:, 3:] for d in tie.deviations]),
         np.array([d.common[3:] for d in tie.deviations]),
         used[: len(whole)],
-        mean_rotation_variance([visits[p] for p in whole], process),
+        mean_rotation_noise([visits[p] for p in whole], process),
     )
     places = estimate_deviations(positions)
     point = CommandedPoint(tie.frames.T_base_targets[0][:3, :3], invert(tie.frames.T_flange_camera)[:3, 3])
@@ -170,8 +165,7 @@ def _by_measured_orientation(visits: Visits, commands: Commands, process: CycleP
         tie.leverage,
         tie.common,
         tie.used,
-        mean_position_variance([visits[p] for p in commands], process),
-        mean_degrees_of_freedom([visits[p] for p in commands]),
+        mean_position_noise([visits[p] for p in commands], process),
     )
     point = CommandedPoint(tie.T_base_target[:3, :3], tie.point_camera_mm if turns is None else np.zeros(3))
     rotations: list[EstimatedDeviation] | list[None] = [None] * len(stations)
@@ -208,7 +202,7 @@ def _about_the_mean(
         np.broadcast_to(np.eye(3) / count, (count, 3, 3)),
         np.zeros((count, 3, 0)),
         np.ones(count, dtype=np.bool_),
-        mean_rotation_variance([visits[p] for p in commands], process),
+        mean_rotation_noise([visits[p] for p in commands], process),
     )
 
 
@@ -249,8 +243,7 @@ def _of_a_point(visits: Visits, commands: Commands, process: CycleProcess | None
         R_base_instrument @ tie.leverage @ R_base_instrument.T,
         np.zeros((len(stations), 3, 0)),
         tie.used,
-        mean_position_variance([visits[p] for p in commands], process),
-        mean_degrees_of_freedom([visits[p] for p in commands]),
+        mean_position_noise([visits[p] for p in commands], process),
     )
     found = {}
     for station, place, held_out in zip(stations, estimate_deviations(tied), tie.held_out_mm, strict=True):

@@ -239,7 +239,7 @@ def test_what_the_tie_leaves_open_takes_poses_and_the_interval_that_decides_is_s
     off = 0.3 * rng.standard_normal((1, 5, 3))
     for cycles in (12, 40):
         data = at_commands(0.01 * rng.standard_normal((cycles, 5, 3)) + off, pose_commands)
-        data = replace(data, commanded=pose_commands, datasheet=Datasheet(accuracy_mm=0.9))
+        data = replace(data, commanded=pose_commands, datasheet=Datasheet(accuracy_mm=0.7))
         found = assess_repeatability(data)
         one = assess_acceptance(data, found).accuracy
         assert one is not None
@@ -251,4 +251,4 @@ def test_what_the_tie_leaves_open_takes_poses_and_the_interval_that_decides_is_s
         accuracy = found.accuracy.poses[one.pose_id]
         assert accuracy.held_out_interval is not None
         assert one.found.interval is not None
-        assert one.found.interval[1] == accuracy.held_out_interval[1] > 0.9
+        assert one.found.interval[1] == accuracy.held_out_interval[1] > 0.7

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from core.metrology import PoseCycles, assess_distance, assess_repeatability, distance_budget
-from core.metrology.accuracy import DeviationParts
+from core.metrology.accuracy import DeviationParts, DeviationSpread
 from core.metrology.budget import (
     FORM_OF_NOISE,
     Contribution,
@@ -107,7 +107,8 @@ def test_floor_and_corrected_reading() -> None:
 
 def test_accuracy_takes_its_inputs_along_the_deviation() -> None:
     shared = np.array([[0.03, 0.0, 0.01], [0.0, 0.04, 0.0], [0.0, 0.0, 0.0]])
-    parts = DeviationParts(np.array([1.0, 0.0, 0.0]), 0.01 * np.eye(3), 4e-4 * np.eye(3), shared, 200.0, 30.0)
+    spread = DeviationSpread(np.array([2.0]), np.zeros(1), 200.0)
+    parts = DeviationParts(np.array([1.0, 0.0, 0.0]), np.eye(3), 4e-4 * np.eye(3), shared, 30.0, spread)
     found = accuracy_budget(1.0, parts, ("lens", "lens", "print_scale"), 100_000)
     u = {one.source: one.standard_uncertainty_mm for one in found.contributions}
     assert u == pytest.approx({"frame_tie": 0.1, "mean_of_visits": 0.02, "lens": 0.03, "print_scale": 0.01})
