@@ -45,6 +45,7 @@
             ├── JointAnglesUnitMismatch  joint_angles_unit_mismatch
             ├── LengthsUnitMismatch      lengths_unit_mismatch
             ├── FrameMirrored            frame_mirrored
+            ├── JointSignReversed        joint_sign_reversed
             ├── JointNotExcited          joint_not_excited
             ├── TooFewPoses              too_few_poses
             ├── ArcTooShort              arc_too_short
@@ -72,6 +73,7 @@ from core.errors.estimation import (
     JointAnglesMissing,
     JointAnglesUnitMismatch,
     JointNotExcited,
+    JointSignReversed,
     KinematicsError,
     LengthsUnitMismatch,
     MotionInsufficient,
@@ -141,6 +143,7 @@ __all__ = [
     "JointAnglesMissing",
     "JointAnglesUnitMismatch",
     "JointNotExcited",
+    "JointSignReversed",
     "KinematicsError",
     "LengthsUnitMismatch",
     "MeasuredPosesMissing",

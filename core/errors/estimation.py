@@ -78,8 +78,13 @@ class FrameMirrored(KinematicsError):
     code = "frame_mirrored"
     default_advice = (
         "Export the positions in a right-handed frame: two of its axes are exchanged, or one counts backwards. Check "
-        "the columns of the import, too."
+        "the columns of the import, too. If the frame is right-handed, joint 1 may count the other way."
     )
+
+
+class JointSignReversed(KinematicsError):
+    code = "joint_sign_reversed"
+    default_advice = "Reverse the sign of this joint's angles, or correct the nominal robot."
 
 
 class JointNotExcited(KinematicsError):

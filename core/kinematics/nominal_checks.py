@@ -1,4 +1,4 @@
-"""Consistency of poses with the nominal robot: lengths or angles in another unit, a mirrored frame, a joint at rest.
+"""Consistency of poses with the nominal robot: other units, a mirrored frame, joints that rest or count the other way.
 
 For poses at which all joints moved: the nominal robot explains them far better otherwise than as they were given. Base
 and tool are fitted each time, so that nothing is asked of how the instrument stands.
@@ -8,11 +8,19 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from itertools import combinations
 
 import numpy as np
 from jaxtyping import Float
 
-from core.errors import FrameMirrored, JointAnglesUnitMismatch, LengthsUnitMismatch, PrismaticJoint
+from core.errors import (
+    FrameMirrored,
+    JointAnglesUnitMismatch,
+    JointSignReversed,
+    LengthsUnitMismatch,
+    PrismaticJoint,
+    listed,
+)
 from core.kinematics.arm_model import ArmState
 from core.kinematics.dh import Chain, forward
 from core.kinematics.global_fit import Observations, fit_frames, linearised, observations_of, placed
@@ -23,6 +31,10 @@ from core.numerics import Variances
 NEAR = 0.02
 """Of the positions' extent, and rad: a nominal robot whose misfit is smaller is taken to be this robot."""
 _FAR_BETTER = 0.2
+_AS_GOOD = 2.0
+"""Times the misfit of the best: another joint's sign that explains the poses so well is named, too."""
+_EQUATIONS = 36
+"""Of poses whose signs are searched for: base and tool take twelve unknowns."""
 _UNITS_MM = {"metres": 1000.0, "inches": 25.4, "centimetres": 10.0}
 _MIRROR = np.array([-1.0, 1.0, 1.0])
 """One axis turned round: any other mirror is this one and a rotation, which the base takes."""
@@ -33,8 +45,8 @@ def check_against_nominal(poses: PoseData, nominal: Chain) -> None:
 
     Nothing is asked of poses that it explains to `NEAR`, or that it explains no better otherwise.
 
-    Raises LengthsUnitMismatch, FrameMirrored where the mirror image of the positions is far nearer, and
-    JointAnglesUnitMismatch and PrismaticJoint as `check_angles` does.
+    Raises LengthsUnitMismatch, FrameMirrored where the mirror image of the positions is far nearer,
+    JointAnglesUnitMismatch and PrismaticJoint as `check_angles` does, and JointSignReversed.
     """
     seen, q = observations_of(poses), poses.joint_angles
     as_given = _fitted_misfit(nominal, q, seen)
@@ -42,8 +54,14 @@ def check_against_nominal(poses: PoseData, nominal: Chain) -> None:
     if as_given.position_mm < NEAR * extent and as_given.rotation < NEAR:
         return
     _check_lengths(nominal, seen, as_given, extent)
-    _check_handedness(nominal, poses)
+    one_sign = _signs(nominal, seen, as_given, extent, 1)
+    if one_sign is None or seen.rotations is None:
+        _check_handedness(nominal, poses)
     _check_angle_unit(nominal, seen, as_given)
+    for count in range(1, poses.joints + 1):
+        found = one_sign if count == 1 else _signs(nominal, seen, as_given, extent, count)
+        if found is not None:
+            raise found
     if seen.rotations is None or as_given.rotation < NEAR:
         return
     for joint in range(poses.joints):
@@ -109,12 +127,68 @@ def _check_angle_unit(nominal: Chain, seen: Observations, as_given: Misfit) -> N
             )
 
 
+def _signs(
+    nominal: Chain, seen: Observations, as_given: Misfit, extent: float, count: int
+) -> JointSignReversed | None:
+    """Return which `count` joints count the other way, if that explains the poses.
+
+    Base and tool are of the closed form, but of parallel axes, where it has no unique answer.
+    """
+    if len(seen) * seen.components < _EQUATIONS:
+        return None
+    joints, found = len(nominal), dict[tuple[int, ...], Misfit]()
+    is_parallel = bool(np.all(np.abs(np.sin(nominal.as_array()[:-1, 1])) < NEAR))
+    how = _fitted_misfit if is_parallel else misfit
+    for turned in combinations(range(joints), count):
+        signs = np.where(np.isin(np.arange(joints), turned), -1.0, 1.0)
+        other = how(nominal, signs * seen.joint_angles, seen)
+        if (
+            other.position_mm < max(NEAR * extent, _FAR_BETTER * as_given.position_mm)
+            and other.rotation < max(NEAR, _FAR_BETTER * as_given.rotation)
+            and other.squared(extent) < _FAR_BETTER**2 * as_given.squared(extent)
+        ):
+            found[turned] = other
+    return _reversed(found, as_given, extent) if found else None
+
+
+def _reversed(found: dict[tuple[int, ...], Misfit], as_given: Misfit, extent: float) -> JointSignReversed:
+    best = min(found, key=lambda joints: found[joints].squared(extent))
+    least = found[best].squared(extent)
+    others = [
+        joints
+        for joints, one in found.items()
+        if joints != best and one.squared(extent) < _AS_GOOD**2 * least
+    ]
+    which = _joints_in_words(best)
+    also = f" It is as near with {', or '.join(map(_joints_in_words, others))}." if others else ""
+    coupling = " ".join(f"--joint-coupling {joint + 1}:{joint + 1}:-1" for joint in best)
+    return JointSignReversed(
+        f"The nominal robot is off the poses by {as_given}, and by {found[best]} if {which} "
+        f"count{'s' if len(best) == 1 else ''} the other way.{also}",
+        f"Reverse the sign of the angles of {which} in the poses. If the controller counts so, state it with the "
+        f"robot: {coupling} after the joints (`gridpose robots change`, or `create`), or -1 on the diagonal of "
+        "joint_coupling. Check the nominal's alpha_deg, too: a wrong sign of one may look the same.",
+    )
+
+
+def _joints_in_words(joints: tuple[int, ...]) -> str:
+    return f"joint{'s' if len(joints) > 1 else ''} {listed([str(joint + 1) for joint in joints])}"
+
+
 @dataclass(frozen=True, slots=True)
 class Misfit:
     """Root mean square distances of poses from a robot, mm and rad."""
 
     position_mm: float
     rotation: float
+
+    def squared(self, extent: float) -> float:
+        """Return the square of both, positions by the extent of the poses (mm)."""
+        return (self.position_mm / extent) ** 2 + self.rotation**2
+
+    def __str__(self) -> str:
+        turned = f" and {math.degrees(self.rotation):.3g}°" if self.rotation else ""
+        return f"{self.position_mm:.3g} mm{turned}"
 
 
 def misfit(chain: Chain, q: Float[np.ndarray, "n j"], seen: Observations) -> Misfit:

@@ -12,6 +12,7 @@ from core.errors import (
     FrameMirrored,
     JointAnglesInconsistent,
     JointAnglesUnitMismatch,
+    JointSignReversed,
     KinematicsError,
     LengthsUnitMismatch,
     PrismaticJoint,
@@ -145,7 +146,8 @@ def test_other_reasons_are_not_taken_for_a_joint_that_slides() -> None:
     swapped = replace(poses, joint_angles=poses.joint_angles[:, [0, 2, 1, 3, 4, 5]])
     shuffled = replace(poses, joint_angles=poses.joint_angles[rng.permutation(len(poses))])
     turned = replace(poses, joint_angles=poses.joint_angles * np.where(np.arange(6) == 2, -1.0, 1.0))
-    for wrong in (swapped, shuffled, turned):
+    check_sliding(turned, KR5_ARC)
+    for wrong in (swapped, shuffled):
         check_sliding(wrong, KR5_ARC)
         with pytest.raises(JointAnglesInconsistent) as caught:
             identify(wrong, KR5_ARC, folds=0)
@@ -202,14 +204,58 @@ def test_a_left_handed_frame_is_recognised(mirror: np.ndarray, rotations: str) -
         )
 
 
-@pytest.mark.parametrize("with_rotations", [True, False])
-def test_a_joint_that_counts_backwards_is_no_left_handed_frame(with_rotations: bool) -> None:
-    poses = free_poses()
-    for joint in range(6):
-        q = poses.joint_angles.copy()
-        q[:, joint] *= -1.0
-        other = replace(poses, joint_angles=q, rotations=poses.rotations if with_rotations else None)
-        check_against_nominal(other, KR5_ARC)
+def counting_backwards(poses: PoseData, *joints: int) -> PoseData:
+    signs = np.where(np.isin(np.arange(poses.joints), joints), -1.0, 1.0)
+    return replace(poses, joint_angles=signs * poses.joint_angles)
+
+
+@pytest.mark.parametrize("joint", range(6))
+def test_a_joint_that_counts_backwards_is_named(joint: int) -> None:
+    poses = free_poses().take(np.arange(0, 60, 5))
+    with pytest.raises(JointSignReversed) as caught:
+        check_against_nominal(counting_backwards(poses, joint), KR5_ARC)
+    assert f"{joint + 1}:{joint + 1}:-1" in (caught.value.advice or "")
+
+
+@pytest.mark.parametrize("joint", [1, 2, 3])
+def test_a_joint_that_counts_backwards_is_named_by_positions_alone(joint: int) -> None:
+    poses = replace(free_poses().take(np.arange(0, 60, 5)), rotations=None)
+    with pytest.raises(JointSignReversed):
+        identify(counting_backwards(poses, joint), KR5_ARC, folds=0)
+
+
+def test_several_joints_that_count_backwards_are_named() -> None:
+    with pytest.raises(JointSignReversed) as caught:
+        check_against_nominal(counting_backwards(free_poses().take(np.arange(0, 60, 5)), 1, 4), KR5_ARC)
+    assert "2:2:-1 --joint-coupling 5:5:-1" in (caught.value.advice or "")
+
+
+IIWA = Chain.from_rows(
+    [
+        (0.0, -math.pi / 2, 360.0, 0.0),
+        (0.0, math.pi / 2, 0.0, 0.0),
+        (0.0, math.pi / 2, 420.0, 0.0),
+        (0.0, -math.pi / 2, 0.0, 0.0),
+        (0.0, -math.pi / 2, 400.0, 0.0),
+        (0.0, math.pi / 2, 0.0, 0.0),
+        (0.0, 0.0, 126.0, 0.0),
+    ]
+)
+
+
+@pytest.mark.parametrize(("nominal", "reversed_joint"), [(KR5_ARC, None), (IIWA, None), (IIWA, 2)])
+@pytest.mark.parametrize("count", [7, 30])
+def test_signs_of_sound_poses_are_not_doubted(nominal: Chain, reversed_joint: int | None, count: int) -> None:
+    rng = np.random.default_rng(count)
+    q = rng.uniform(-1.0, 1.0, (count, len(nominal)))
+    near = nominal.as_array() + rng.normal(0.0, 1.0, (len(nominal), 5)) * [0.4, 5e-4, 0.4, 5e-4, 0.0]
+    T = forward(Chain.from_array(near), q)
+    poses = PoseData(q, T[:, :3, 3] + rng.normal(0.0, 0.05, (count, 3)), T[:, :3, :3])
+    if reversed_joint is None:
+        check_against_nominal(poses, nominal)
+        return
+    with pytest.raises(JointSignReversed):
+        check_against_nominal(counting_backwards(poses, reversed_joint), nominal)
 
 
 @pytest.mark.parametrize("with_rotations", [True, False])

@@ -55,7 +55,8 @@ class RobotOptions:
         list[str] | None,
         typer.Option(
             help="A joint whose angle follows another's, JOINT:OTHER:SHARE, e.g. 3:2:1 where joint 3 of the model "
-            "turns by its stated angle and that of joint 2; once per pair, with all joints.",
+            "turns by its stated angle and that of joint 2, or 3:3:-1 where it counts the other way; once per pair, "
+            "with all joints.",
         ),
     ] = None
     manufacturer: Annotated[str | None, typer.Option(help="Who made the robot.")] = None
@@ -155,14 +156,14 @@ def _known(model: str) -> Json:
 
 
 def _matrix(coupling: list[str], joints: int) -> list[list[float]]:
-    """Return the coupling of joints: ones on the diagonal, and the shares that are given."""
+    """Return the coupling of joints: ones on the diagonal where nothing else is given, and the given shares."""
     matrix = [[float(row == column) for column in range(joints)] for row in range(joints)]
     for text in coupling:
         match = _PAIR.fullmatch(text)
         row, column = (int(match[1]), int(match[2])) if match else (0, 0)
-        if match is None or row == column or not (1 <= row <= joints and 1 <= column <= joints):
+        if match is None or not (1 <= row <= joints and 1 <= column <= joints):
             raise OptionRefused(
-                f"--joint-coupling {text} does not name two of the {joints} joints and a share.",
+                f"--joint-coupling {text} does not name joints from 1 to {joints} and a share.",
                 "Write JOINT:OTHER:SHARE, joints counted from 1, e.g. 3:2:1.",
             )
         matrix[row - 1][column - 1] = float(match[3])
