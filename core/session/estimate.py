@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
@@ -9,8 +10,11 @@ import numpy as np
 from jaxtyping import Int
 
 from core.calibration import GroupEstimate, LensEvidence, ShapePrior, ViewStack
-from core.errors import Advisory, listed
+from core.errors import Advisory, NotConverged, listed
 from core.session.model import MeasuredPose, SessionData
+
+MIN_OTHER_SETTING = 3
+"""Images of a focus group that do not fit its camera, from which on they may be of another setting of the lens."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -91,8 +95,23 @@ def exclusion_warnings(data: SessionData, excluded: Mapping[str, ExcludedMeasure
             "images_excluded",
             f"{len(excluded)} of the {len(data.images)} images in which grid points were found are not in the figures: "
             f"{found}.",
-            "Look at their failures and overlays, and upload better ones of these poses if need be."
-            if set(reasons) != {"image_size_differs"}
-            else "Give each camera setting a focus_group of its own: they count in a camera of their own size.",
+            _advice(data, excluded, set(reasons)),
         )
     ]
+
+
+def _advice(data: SessionData, excluded: Mapping[str, ExcludedMeasurement], reasons: set[str]) -> str:
+    if reasons == {"image_size_differs"}:
+        return "Give each camera setting a focus_group of its own: they count in a camera of their own size."
+    unlike = Counter(
+        image.focus_group
+        for image in data.images
+        if image.measurement_id in excluded and excluded[image.measurement_id].code == NotConverged.code
+    )
+    if any(count >= MIN_OTHER_SETTING for count in unlike.values()):
+        return (
+            "Look at their failures and overlays. Sound images with not_converged may be of another setting of the "
+            "lens (focus, zoom) or another camera: give these a focus_group of their own. Upload better ones of the "
+            "others if need be."
+        )
+    return "Look at their failures and overlays, and upload better ones of these poses if need be."

@@ -29,6 +29,7 @@ from core.session.estimate import (
 )
 from core.session.estimation.board_symmetry import LabelledGroup, label_poses, label_repeats
 from core.session.estimation.lens_model import check_asked, estimate_with_lens, lens_warnings, of_one_width
+from core.session.estimation.other_setting import with_setting_warning
 from core.session.estimation.refusal import refusal_of_all
 from core.session.model import CameraViews, ImageObservation, MeasuredPose, SessionData, natural
 
@@ -228,15 +229,11 @@ def _estimate(
     )
     for i, failure in estimate.failures:
         _exclude(excluded, images[i], failure.code, failure.detail)
+    estimate = with_setting_warning(group.focus_group, views, images, repeats, estimate, data)
     rows = estimate.images
+    shown = views.take(rows)
     return LabelledGroup(
-        group.focus_group,
-        group.images[rows],
-        shows_origin[rows],
-        estimate,
-        views.take(rows),
-        quarters[rows],
-        evidence,
+        group.focus_group, group.images[rows], shows_origin[rows], estimate, shown, quarters[rows], evidence
     )
 
 

@@ -245,7 +245,7 @@ IIWA = Chain.from_rows(
 
 @pytest.mark.parametrize(("nominal", "reversed_joint"), [(KR5_ARC, None), (IIWA, None), (IIWA, 2)])
 @pytest.mark.parametrize("count", [7, 30])
-def test_signs_of_sound_poses_are_not_doubted(nominal: Chain, reversed_joint: int | None, count: int) -> None:
+def test_signs_of_sound_poses_are_accepted(nominal: Chain, reversed_joint: int | None, count: int) -> None:
     rng = np.random.default_rng(count)
     q = rng.uniform(-1.0, 1.0, (count, len(nominal)))
     near = nominal.as_array() + rng.normal(0.0, 1.0, (len(nominal), 5)) * [0.4, 5e-4, 0.4, 5e-4, 0.0]

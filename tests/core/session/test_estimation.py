@@ -24,9 +24,11 @@ SYMMETRIC = TargetSpec("chessboard", 10, 6, 12.0)
 SQUARE = TargetSpec("circles", 7, 7, 12.0)
 
 
-def seen(rng: np.random.Generator, board: TargetSpec, T_camera_target: np.ndarray) -> GridPoints:
+def seen(
+    rng: np.random.Generator, board: TargetSpec, T_camera_target: np.ndarray, camera: Camera = CAMERA
+) -> GridPoints:
     row, column = (a.ravel() for a in np.mgrid[0 : board.rows, 0 : board.columns])
-    px = project(transform_points(T_camera_target, board.points_target()), CAMERA)
+    px = project(transform_points(T_camera_target, board.points_target()), camera)
     return GridPoints(board, *SIZE, column, row, px + rng.normal(0.0, 0.02, px.shape), np.full(len(px), 0.02))
 
 
@@ -151,3 +153,26 @@ def test_what_cannot_be_estimated_is_refused(monkeypatch: pytest.MonkeyPatch) ->
     monkeypatch.setattr("core.session.estimation.session_estimate.MAX_POINTS", BOARD.size - 1)
     with pytest.raises(TooManyMeasurements):
         estimate_session(data)
+
+
+@pytest.mark.parametrize("zoomed", [False, True])
+def test_images_of_another_setting_of_the_lens_are_named(zoomed: bool) -> None:
+    rng = np.random.default_rng(31)
+    T, views = drawn(31, BOARD, 6, 3)
+    if zoomed:
+        for pose_id, one in T.items():
+            views[pose_id][2] = seen(rng, BOARD, one, dataclasses.replace(CAMERA, fx_px=1310.0, fy_px=1310.3))
+    found = estimate_session(session(BOARD, views))
+    assert len(found.excluded) == (6 if zoomed else 0)
+    assert ("camera_settings_mixed" in {w.code for w in found.warnings}) == zoomed
+
+
+def test_spoilt_images_are_of_no_other_setting_of_the_lens() -> None:
+    rng = np.random.default_rng(32)
+    _, views = drawn(32, BOARD, 6, 3)
+    for of_pose in views.values():
+        off = rng.normal(0.0, 15.0, of_pose[2].points_px.shape)
+        of_pose[2] = dataclasses.replace(of_pose[2], points_px=of_pose[2].points_px + off)
+    found = estimate_session(session(BOARD, views))
+    assert len(found.excluded) == 6
+    assert "camera_settings_mixed" not in {w.code for w in found.warnings}
