@@ -70,6 +70,7 @@ from core.metrology.iso9283 import (
     length_standard_error,
     pose_accuracy,
     position_repeatability,
+    shift_degrees_of_freedom,
 )
 from core.metrology.pose_cycles import COMPONENTS, PerComponent, PoseCycles, angles_from_vectors
 from core.metrology.qualification import (
@@ -220,6 +221,7 @@ __all__ = [
     "rp_sampling_distribution",
     "scatter_flaw",
     "self_starting_scores",
+    "shift_degrees_of_freedom",
     "slow_motion",
     "tied_accuracy",
 ]

@@ -9,7 +9,14 @@ import pytest
 
 from core.errors import InvalidArgument
 from core.geometry.roll_pitch_yaw import rpy_to_rotation
-from core.metrology import direction_variation, distance_performance, drift, drift_rate, pose_accuracy
+from core.metrology import (
+    direction_variation,
+    distance_performance,
+    drift,
+    drift_rate,
+    pose_accuracy,
+    shift_degrees_of_freedom,
+)
 from core.metrology.iso9283 import position_repeatability, three_sigma
 
 CENTRE = np.array([1000.0, -500.0, 250.0])
@@ -122,6 +129,18 @@ def test_drift_between_first_and_last_block() -> None:
     assert result.shift_rad is not None
     np.testing.assert_allclose(result.shift_rad, [0.0, 0.0, 0.003], atol=1e-12)
     assert [(b.first_cycle, b.last_cycle) for b in result.blocks] == [(1, 4), (5, 8)]
+
+
+def test_a_shift_has_the_degrees_of_freedom_of_both_blocks() -> None:
+    block = DEVIATIONS[:6]
+    equal = drift(np.vstack([block, block + np.array([0.1, 0.0, 0.0])]), block=6)
+    along, length = shift_degrees_of_freedom(equal)
+    np.testing.assert_allclose(along, 10.0)  # equal variances of six cycles each: 2 (6 - 1)
+    assert length == pytest.approx(10.0)
+    unequal = drift(np.vstack([block, 3.0 * block]), block=6)
+    np.testing.assert_allclose(shift_degrees_of_freedom(unequal)[0], 100.0 / (1.0 / 5.0 + 81.0 / 5.0))
+    still = drift(np.tile(CENTRE, (12, 1)), block=6)
+    assert shift_degrees_of_freedom(still)[1] == 10.0
 
 
 def test_the_rate_of_a_drift_is_found_within_its_uncertainty() -> None:

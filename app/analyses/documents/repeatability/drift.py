@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from core.metrology import PoseAccuracy, drift_rate, length_standard_error
+from core.metrology import PoseAccuracy, drift_rate, length_standard_error, shift_degrees_of_freedom
 from core.session import MeasuredPose, PoseRow, SessionData, accuracy_drift_of, drift_of, images_of
 
 
@@ -39,6 +39,7 @@ def _of_pose(row: PoseRow, data: SessionData, accuracy: PoseAccuracy | None) -> 
     if hours is not None:
         rate = drift_rate(hours, np.array([visit.position_mm for visit in visits]))
     shift_error = np.hypot(found.blocks[0].standard_error_mm, found.blocks[-1].standard_error_mm)
+    freedom, length_freedom = shift_degrees_of_freedom(found)
     against = accuracy_drift_of(row, accuracy, found)
     attained = [None] * len(found.blocks) if against is None else against.accuracy_mm
     turn, turn_error = found.shift_rad, found.shift_rad_standard_error
@@ -60,8 +61,10 @@ def _of_pose(row: PoseRow, data: SessionData, accuracy: PoseAccuracy | None) -> 
         "pose_id": row.pose_id,
         "shift_mm": found.shift_mm.tolist(),
         "shift_standard_uncertainty_mm": shift_error.tolist(),
+        "shift_degrees_of_freedom": freedom.tolist(),
         "shift_distance_mm": float(np.linalg.norm(found.shift_mm)),
         "shift_distance_standard_uncertainty_mm": length_standard_error(found.shift_mm, shift_error),
+        "shift_distance_degrees_of_freedom": length_freedom,
         "shift_deg": None if turn is None else np.degrees(turn).tolist(),
         "shift_standard_uncertainty_deg": None if turn_error is None else np.degrees(turn_error).tolist(),
         "drp_mm": found.repeatability_drift_mm,

@@ -66,6 +66,13 @@ class PoseDrift(ResponseModel):
             description="Of `shift_mm`, from the scatter of both blocks, mm.", examples=[[0.015, 0.013, 0.02]]
         ),
     ]
+    shift_degrees_of_freedom: Annotated[
+        Vector,
+        Field(
+            description="Of `shift_standard_uncertainty_mm`, by Welch and Satterthwaite of both blocks.",
+            examples=[[17.2, 16.4, 17.9]],
+        ),
+    ]
     shift_distance_mm: Annotated[float, Field(description="Length of `shift_mm`, mm.", examples=[0.043])]
     shift_distance_standard_uncertainty_mm: Annotated[
         float,
@@ -73,6 +80,9 @@ class PoseDrift(ResponseModel):
             description="Of `shift_distance_mm`: that along the shift, mm; of no shift the largest of the axes.",
             examples=[0.017],
         ),
+    ]
+    shift_distance_degrees_of_freedom: Annotated[
+        float, Field(description="Of `shift_distance_standard_uncertainty_mm`.", examples=[19.4])
     ]
     shift_deg: Annotated[
         Vector | None,
@@ -234,6 +244,13 @@ class WitnessRead(ResponseModel):
         bool, Field(description="Whether the motion is subtracted from the positions of all poses.")
     ]
     shift_mm: Annotated[Vector, Field(description="From its first cycle to its last along x, y, z, mm.")]
+    shift_degrees_of_freedom: Annotated[
+        Vector,
+        Field(
+            description="Of `shift_standard_uncertainty_mm`, by Welch and Satterthwaite of both blocks.",
+            examples=[[17.2, 16.4, 17.9]],
+        ),
+    ]
     shift_distance_mm: Annotated[float, Field(description="Length of `shift_mm`, mm.")]
     motion: Annotated[list[WitnessStep], Field(description="Cycle by cycle; zero where nothing moved.")]
 

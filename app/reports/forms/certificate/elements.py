@@ -57,6 +57,15 @@ def named(tag: str, name: str, *children: Element | None, **attributes: str) -> 
     return element(tag, written("dcc:name", name), *children, **attributes)
 
 
+def coverage_factor(degrees_of_freedom: float | None) -> float:
+    """Return k of 95 %, of the t distribution (JCGM 100:2008, G.3.2); the normal one where none are known."""
+    if degrees_of_freedom is None:
+        return NORMAL_95
+    from scipy.special import stdtrit  # certificates are few, and what serves them need not load it
+
+    return float(stdtrit(degrees_of_freedom, 0.975))
+
+
 def figure(
     name: str,
     key: str,

@@ -6,7 +6,16 @@ from collections.abc import Mapping
 from xml.etree.ElementTree import Element
 
 from app.reports.forms.blocks import LEADING
-from app.reports.forms.certificate.elements import element, figure, figures, plain, result, sections, written
+from app.reports.forms.certificate.elements import (
+    coverage_factor,
+    element,
+    figure,
+    figures,
+    plain,
+    result,
+    sections,
+    written,
+)
 from app.reports.forms.repeatability import AP_AXES, RP_AXES, VERDICTS, repeatability_blocks
 from app.reports.forms.wording import Json, words
 
@@ -191,15 +200,23 @@ def _drift(found: Json) -> list[Element]:
     for one in found["drift"]["poses"] if found["drift"] is not None else ():
         quantities = [
             quantity
-            for axis, shift, u in zip(
-                "xyz", one["shift_mm"], one["shift_standard_uncertainty_mm"], strict=True
+            for axis, shift, u, freedom in zip(
+                "xyz",
+                one["shift_mm"],
+                one["shift_standard_uncertainty_mm"],
+                one.get("shift_degrees_of_freedom") or (None,) * 3,
+                strict=True,
             )
-            for quantity in figure(f"Shift along {axis}", f"shift_{axis}_mm", shift, u=u)
+            for quantity in figure(
+                f"Shift along {axis}", f"shift_{axis}_mm", shift, u=u, k=coverage_factor(freedom)
+            )
         ]
-        length_u = one.get("shift_distance_standard_uncertainty_mm")
-        quantities += figure("Shift", "shift_distance_mm", one["shift_distance_mm"], u=length_u)
+        # The tie of the frames adds to dAP what has more degrees of freedom than the blocks: theirs are the fewest.
+        k = coverage_factor(one.get("shift_distance_degrees_of_freedom"))
+        length_u, dap_u = (one.get(f"{of}_standard_uncertainty_mm") for of in ("shift_distance", "dap"))
+        quantities += figure("Shift", "shift_distance_mm", one["shift_distance_mm"], u=length_u, k=k)
         quantities += figure("dRP_l", "drp_mm", one["drp_mm"])
-        quantities += figure("dAP_p", "dap_mm", one.get("dap_mm"), u=one.get("dap_standard_uncertainty_mm"))
+        quantities += figure("dAP_p", "dap_mm", one.get("dap_mm"), u=dap_u, k=k)
         results += result(
             f"Drift of pose {one['pose_id']} (ISO 9283:1998, 7.6)",
             quantities,

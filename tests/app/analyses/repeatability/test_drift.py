@@ -67,6 +67,10 @@ def test_drift_of_accuracy_stands_by_blocks_where_a_pose_has_accuracy() -> None:
     del accuracy["P6"]
     document = drift_document(rows, data, accuracy)
     assert document is not None
+    for one in document["poses"]:
+        # Of two blocks of ten cycles; of the length, which has the scatter along three axes, up to three times as many.
+        assert all(9.0 <= freedom <= 18.0 for freedom in one["shift_degrees_of_freedom"])
+        assert 9.0 <= one["shift_distance_degrees_of_freedom"] <= 54.0
     *with_accuracy, without = [PoseDrift.model_validate(one) for one in document["poses"]]
     for one in with_accuracy:
         first, last = (block.ap_p_mm for block in one.blocks)
