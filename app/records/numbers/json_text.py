@@ -6,7 +6,9 @@ The rule, which `docs/conventions.md` states for readers:
    at most u/20,000. Two places would do for one value by itself. Estimates are correlated, though: a combination of
    focal length and distance, or of k1 and k2, may be known a hundred times better than either, and rounding each by its
    own u must not be seen there. So is the mean of values with a stated standard deviation.
-2. An interval's ends, and the values that it belongs to, are rounded in the same way by its width.
+2. An interval's ends, and the values that it belongs to, are rounded in the same way by its width; two significant
+   digits of each are left, so that a lower end far below the width does not become 0. A noise floor next to them is a
+   statistic of its own.
 3. Uncertainties and standard deviations have four significant digits, statistics have six (`field_names`).
 4. Every other number has ten significant digits at most. Rotation matrices are then orthogonal to 2e-10, covariances
    are positive semidefinite to 1e-9 of their diagonal, and no length of a metre is off by a nanometre.
@@ -29,6 +31,10 @@ from app.records.numbers.field_names import ALL_DIGITS, UNCERTAINTY_DIGITS, belo
 
 SIGNIFICANT_DIGITS = ALL_DIGITS
 PLACES_AFTER_UNCERTAINTY = 4
+KEPT_DIGITS = 2
+NOTHING = 1e-9
+"""Of an interval's width: less is what the computation leaves of 0."""
+_OWN_SIZE = "noise_floor"
 _PARTS = ("intrinsics", "distortion")
 """Objects whose values have their uncertainties in `standard_uncertainty` of the object around them."""
 _COORDINATES = ("x_mm", "y_mm", "z_mm")
@@ -108,7 +114,7 @@ def _interval(value: Any) -> Any:
     """Return an interval, or an object or list of intervals, with the ends rounded by the width."""
     width = _width(value)
     if width is not None:
-        return [_to_places(end, width) for end in value]
+        return [_to_places(end, width, KEPT_DIGITS) for end in value]
     if isinstance(value, Mapping):
         return {name: _interval(item) for name, item in value.items()}
     if isinstance(value, list | tuple) and not all(isinstance(item, float | None) for item in value):
@@ -131,11 +137,11 @@ def _round_by_intervals(found: Json, exact: Mapping[str, Any]) -> None:
         if isinstance(widths, Mapping):
             for holder, values in _holders(found, exact):
                 for name in widths.keys() & values.keys():
-                    _round(holder, values, name, _width(widths[name]))
+                    _round(holder, values, name, _width(widths[name]), KEPT_DIGITS)
     if all(isinstance(exact.get(end), float) for end in _ENDS):
         width = abs(exact["high"] - exact["low"])
         for name in _WITHIN_ENDS:
-            _round(found, exact, name, width)
+            _round(found, exact, name, width, KEPT_DIGITS)
 
 
 def _round_mean(found: Json, exact: Mapping[str, Any]) -> None:
@@ -190,7 +196,12 @@ def _gather(found: Any, exact: Any, names: Collection[str], shown: dict[tuple[st
 def _holders(found: Json, exact: Mapping[str, Any]) -> Iterator[tuple[Json, Mapping[str, Any]]]:
     yield found, exact
     for name, item in exact.items():
-        if isinstance(item, Mapping) and not is_interval(name) and digits_of(name) != UNCERTAINTY_DIGITS:
+        if (
+            isinstance(item, Mapping)
+            and name != _OWN_SIZE
+            and not is_interval(name)
+            and digits_of(name) != UNCERTAINTY_DIGITS
+        ):
             yield found[name], item
 
 
@@ -202,7 +213,7 @@ def _round_by_neighbours(found: Json, exact: Mapping[str, Any]) -> None:
         u = _width(item) if is_interval(name) else item
         for other in exact:
             if belongs(other, name):
-                _round(found, exact, other, u)
+                _round(found, exact, other, u, KEPT_DIGITS if is_interval(name) else 0)
 
 
 def _is_stated(name: str) -> bool:
@@ -225,7 +236,7 @@ def _round_by_names(found: Json, exact: Mapping[str, Any], field: str) -> None:
         _round(found, exact, "position_mm", [uncertainty[name] for name in _COORDINATES])
 
 
-def _round(found: Json, exact: Mapping[str, Any], name: str, u: Any) -> None:
+def _round(found: Json, exact: Mapping[str, Any], name: str, u: Any, kept: int = 0) -> None:
     """Round one number or a list, by one uncertainty or a list, in place; as it is where no u is known."""
     value = exact.get(name)
     us = [
@@ -234,20 +245,26 @@ def _round(found: Json, exact: Mapping[str, Any], name: str, u: Any) -> None:
     if not us:
         return
     if isinstance(value, float):
-        found[name] = _to_places(value, min(us))
+        found[name] = _to_places(value, min(us), kept)
     elif isinstance(value, list | tuple) and value and all(isinstance(item, float) for item in value):
         each = u if isinstance(u, list | tuple) and len(u) == len(value) else [min(us)] * len(value)
-        found[name] = [_to_places(item, one) for item, one in zip(value, each, strict=True)]
+        found[name] = [_to_places(item, one, kept) for item, one in zip(value, each, strict=True)]
 
 
 def _to_digits(value: float, digits: int) -> float:
     return float(f"{value:.{digits}g}") + 0.0  # no -0.0
 
 
-def _to_places(value: float, u: float | None) -> float:
-    """Return the value rounded to the fourth place after the first digit of u; as it is where u is 0 or not known."""
+def _to_places(value: float, u: float | None, kept: int = 0) -> float:
+    """Return the value rounded to the fourth place after the first digit of u; as it is where u is 0 or not known.
+
+    So many significant digits of its own are `kept`, unless it is nothing next to u.
+    """
     value = _to_digits(value, ALL_DIGITS)
     if not u:
         return value
     u = _to_digits(u, UNCERTAINTY_DIGITS)  # as it is shown, so that what is rounded stays as it is
-    return round(value, PLACES_AFTER_UNCERTAINTY - math.floor(math.log10(u))) + 0.0
+    places = PLACES_AFTER_UNCERTAINTY - math.floor(math.log10(u))
+    if kept and abs(value) > NOTHING * u:
+        places = max(places, kept - 1 - math.floor(math.log10(abs(value))))
+    return round(value, places) + 0.0

@@ -1,7 +1,7 @@
 """Blocks of a report, which every form draws in its own way, and how numbers are written in them.
 
 A number with an interval or a standard uncertainty is written to the second significant digit of the uncertainty
-(GUM 7.2.6); half of the interval's width stands for it. What is not known is a dash.
+(GUM 7.2.6); a quarter of the interval's width stands for it. What is not known is a dash.
 """
 
 from __future__ import annotations
@@ -15,6 +15,10 @@ from app.reports.forms.wording import reading_id, words
 Block = dict[str, Any]
 UNKNOWN = "–"
 MAX_PLACES = 7
+MAX_ROUNDED = 0.05
+"""Of a number, by which rounding may change it at most."""
+MAX_MORE = 4
+"""Places more than usual, in which a figure and an end of its interval may differ."""
 LEADING = {"too_few_cycles": "No repeatability is stated", "cycles_not_stated": "Cycles are not stated"}
 """Warnings without which no figure is to be read, and the headings under which a report begins with them."""
 NORMAL_95 = 1.959964
@@ -78,7 +82,7 @@ def number(value: float | None, uncertainty: float | None = None, *, places: int
     if value is None:
         return UNKNOWN
     if uncertainty is not None and uncertainty > 0.0 and math.isfinite(uncertainty):
-        places = min(max(1 - math.floor(math.log10(uncertainty)), 0), MAX_PLACES)
+        places = _places(uncertainty)
     text = f"{value:.{places}f}"
     if text.startswith("-") and not text.strip("-0."):
         text = text[1:]  # no minus zero
@@ -90,13 +94,44 @@ def with_interval(
 ) -> tuple[str, str]:
     """Return a number and its interval, both to the second digit of a quarter of the interval's width.
 
-    That is about the standard uncertainty. Wherever a report states a figure, its interval decides its digits.
+    That is about the standard uncertainty. Wherever a report states a figure, its interval decides its digits. Of a
+    skewed interval an end far below the others has two digits of its own, and what differs is not written alike.
     """
     if interval is None:
         return number(value, places=places), UNKNOWN
     quarter = 0.25 * (interval[1] - interval[0])
-    low, high = (number(end, quarter, places=places) for end in interval)
-    return number(value, quarter, places=places), f"{low} … {high}"
+    if not (quarter > 0.0 and math.isfinite(quarter)):
+        low, high = (number(end, places=places) for end in interval)
+        return number(value, places=places), f"{low} … {high}"
+    usual = _places(quarter)
+    ends = [_own_places(end, usual) for end in interval]
+    if value is None:
+        own = usual
+    else:
+        own = _own_places(value, usual) if interval[0] >= 0.0 else usual
+        for k, end in enumerate(interval):
+            at = max(own, ends[k])
+            more = next((p for p in range(at, usual + MAX_MORE) if f"{value:.{p}f}" != f"{end:.{p}f}"), at)
+            if more > at:
+                own = ends[k] = more
+    low, high = (number(end, places=at) for end, at in zip(interval, ends, strict=True))
+    return number(value, places=own), f"{low} … {high}"
+
+
+def _places(uncertainty: float) -> int:
+    """Return the decimal places to the second digit of an uncertainty."""
+    return min(max(1 - math.floor(math.log10(uncertainty)), 0), MAX_PLACES)
+
+
+def _own_places(value: float, places: int) -> int:
+    """Return so many places; those of two digits of the value where they would leave less of it."""
+    is_spoilt = abs(round(value, places) - value) > MAX_ROUNDED * abs(value)
+    return max(_places(abs(value)), places) if is_spoilt else places
+
+
+def of_its_own_size(value: float | None) -> str:
+    """Return a figure with two digits of its own: a floor, which may be far below the others."""
+    return number(value, value)
 
 
 def of_unknown_uncertainty(value: float | None) -> str:

@@ -6,6 +6,7 @@ from app.reports.forms.blocks import (
     Block,
     heading,
     number,
+    of_its_own_size,
     of_unknown_uncertainty,
     paragraph,
     table,
@@ -67,7 +68,7 @@ def distance_blocks(found: Json, level: str) -> list[Block]:
                 ad_interval,
                 rd,
                 rd_interval,
-                number(one["noise_floor_mm"]),
+                of_its_own_size(one["noise_floor_mm"]),
             ]
         )
     columns = ("poses", "n", "mean", "AD", f"{level} interval", "RD", f"{level} interval", "floor")

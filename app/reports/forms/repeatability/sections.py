@@ -12,6 +12,7 @@ from app.reports.forms.blocks import (
     heading,
     notes,
     number,
+    of_its_own_size,
     of_unknown_uncertainty,
     paragraph,
     table,
@@ -69,7 +70,7 @@ def _result(found: Json, level: str) -> list[Block]:
         reading, interval = worst["repeatability"]["rp_l_mm"], worst["interval"]["rp_l_mm"]
         rows = [
             ("largest RP_l", _at_pose(reading, interval, worst["pose_id"], level)),
-            ("its noise floor", f"{number(worst['noise_floor']['rp_l_mm'])} mm"),
+            ("its noise floor", f"{of_its_own_size(worst['noise_floor']['rp_l_mm'])} mm"),
             ("its verdict", f"{words(worst['verdict'])}. {VERDICTS[worst['verdict']]}"),
             *without_outliers_fact(worst),
         ]
@@ -212,7 +213,7 @@ def _rp_table(found: Json, level: str) -> list[Block]:
                 str(pose["cycles"]),
                 value,
                 interval,
-                number(pose["noise_floor"]["rp_l_mm"]),
+                of_its_own_size(pose["noise_floor"]["rp_l_mm"]),
                 corrected,
                 corrected_interval,
             ]

@@ -211,3 +211,22 @@ def test_without_an_uncertainty_a_value_has_ten_digits(u: float | None) -> None:
     )
     with pytest.raises(ValueError, match="JSON"):
         encode({"a": math.nan})
+
+
+def test_a_wide_interval_leaves_its_lower_end_and_the_noise_floor() -> None:
+    found = rounded(
+        {
+            "repeatability": {"rp_l_mm": 156.78123},
+            "interval": {"rp_l_mm": [0.000135321, 648.91234]},
+            "noise_floor": {"rp_l_mm": 0.00246123},
+            "without_outliers": {"rp_l_mm": 0.0512345},
+            "ad_mm": 1e-12,
+            "ad_interval_mm": [1e-12, 3.123456789],
+        }
+    )
+    assert found["repeatability"]["rp_l_mm"] == 156.78
+    assert found["interval"]["rp_l_mm"] == [0.00014, 648.91]
+    assert found["noise_floor"]["rp_l_mm"] == 0.00246123
+    assert found["without_outliers"]["rp_l_mm"] == 0.051
+    assert found["ad_interval_mm"] == [0.0, 3.1235]
+    assert found["ad_mm"] == 0.0
