@@ -26,6 +26,7 @@ from app.reports.svg import (
     millimetres,
     short,
     text_at,
+    title_at,
     unsigned_zero,
 )
 
@@ -99,7 +100,7 @@ def drift_figure(poses: Sequence[PoseDrift], title: str, block: int) -> Figure:
     row = _CAPTION + strips * (_STRIP + _BETWEEN) - _BETWEEN + _BELOW
     width = _LEFT + columns * _PANEL_WIDTH + (columns - 1) * _GAP + 0.25
     figure = Figure((max(width, 6.6), _HEADER + row * rows + _FOOTER))
-    text_at(figure, 0.15, 0.32, title, fontsize=12 if columns == 2 else 9.5, weight="bold")
+    title_at(figure, title, 12 if columns == 2 else 9.5)
     rasterized = sum(pose.positions_mm.size for pose in poses) > _MAX_VECTORS
     for place, pose in enumerate(poses):
         left = _LEFT + (place % columns) * (_PANEL_WIDTH + _GAP)

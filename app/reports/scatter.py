@@ -16,7 +16,19 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Circle, Ellipse, Patch
 from matplotlib.ticker import MaxNLocator
 
-from app.reports.svg import BLUE, FAINT, INK, ORANGE, RED, axes_at, draw_svg, millimetres, short, text_at
+from app.reports.svg import (
+    BLUE,
+    FAINT,
+    INK,
+    ORANGE,
+    RED,
+    axes_at,
+    draw_svg,
+    millimetres,
+    short,
+    text_at,
+    title_at,
+)
 
 _PLANES = ((0, 1), (0, 2), (1, 2))
 _LEFT, _PANEL, _GAP = 0.75, 2.45, 0.75
@@ -63,7 +75,7 @@ def scatter_figure(poses: Sequence[PoseScatter], title: str, half_width_mm: floa
     rows = [_CAPTION + (_PANEL + _BELOW if len(pose.positions_mm) else 0.1) for pose in poses]
     width = _LEFT + 3 * _PANEL + 2 * _GAP + 0.25
     figure = Figure((width, _HEADER + sum(rows) + _FOOTER))
-    text_at(figure, 0.15, 0.32, title, fontsize=12, weight="bold")
+    title_at(figure, title)
     tops = accumulate(rows, initial=_HEADER)
     half = common_half_width(poses) if half_width_mm is None else half_width_mm
     for top, pose in zip(tops, poses, strict=False):

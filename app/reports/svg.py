@@ -66,6 +66,8 @@ _PANEL_HEADER, _PANEL_CAPTION, _PANEL_BELOW = 0.85, 0.63, 0.62
 """Of a grid of panels with three lines above each; inches."""
 _LETTER, _LINE = 0.085, 0.17
 """Room for a letter of small type, wide ones included, and from line to line; inches."""
+_BOLD_POINTS_PER_INCH = 116.0
+"""Size of bold letters of which one takes an inch, on average of a title."""
 
 
 @contextmanager
@@ -123,6 +125,12 @@ def axes_at(figure: Figure, left: float, top: float, width: float, height: float
     return figure.add_axes((left / across, 1.0 - (top + height) / down, width / across, height / down))
 
 
+def title_at(figure: Figure, title: str, fontsize: float = 12.0) -> None:
+    """Write a drawing's title, in smaller letters where it would not fit the width."""
+    room = (figure.get_size_inches()[0] - 0.3) / max(len(title), 1)
+    text_at(figure, 0.15, 0.32, title, fontsize=min(fontsize, _BOLD_POINTS_PER_INCH * room), weight="bold")
+
+
 def text_at(figure: Figure, left: float, top: float, text: str, **style: Any) -> None:
     """Write a line, its place given in inches from the figure's upper left corner."""
     across, down = figure.get_size_inches()
@@ -150,7 +158,7 @@ def panel_grid(
     row = _PANEL_CAPTION + _PANEL_HEIGHT + _PANEL_BELOW
     width = _PANEL_LEFT + columns * _PANEL_WIDTH + (columns - 1) * _PANEL_GAP + 0.25
     figure = Figure((max(width, 6.6), _PANEL_HEADER + row * math.ceil(len(panels) / columns) + footer))
-    text_at(figure, 0.15, 0.32, title, fontsize=12 if columns == 2 else 9.5, weight="bold")
+    title_at(figure, title, 12 if columns == 2 else 9.5)
     text_at(figure, 0.15, 0.56, summary, fontsize=9)
     for number, panel in enumerate(panels):
         left = _PANEL_LEFT + (number % columns) * (_PANEL_WIDTH + _PANEL_GAP)

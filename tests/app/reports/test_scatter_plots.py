@@ -7,6 +7,7 @@ from xml.etree import ElementTree
 
 import numpy as np
 import pytest
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle, Ellipse
 from matplotlib.text import Annotation
@@ -145,3 +146,13 @@ def test_ten_thousand_points_are_an_image_within_the_drawing() -> None:
     assert len(drawn) < 1_000_000
     assert b"data:image/png;base64," in drawn
     assert b"data:image" not in drift_svg([drifting("P1", n=100)], "Drift", 10)
+
+
+@pytest.mark.parametrize("frame", ["instrument's frame", "frame of the fixed camera"])
+def test_a_title_fits_the_width(frame: str) -> None:
+    title = f"Position scatter in the {frame}, about each pose's mean (estimator per_image_session_prior)"
+    with drawing_style():
+        figure = scatter_figure([scatter("a", sigma=1.0)], title)
+        box = figure.texts[0].get_window_extent(FigureCanvasAgg(figure).get_renderer())
+    assert figure.texts[0].get_text() == title
+    assert box.x1 < figure.get_size_inches()[0] * figure.dpi

@@ -161,7 +161,7 @@ def _source(data: SessionData, settings: Mapping[str, str]) -> _Source:
             read.steadiness,
             measured,
             "instrument's frame",
-            "poses measured by another instrument",
+            "another instrument",
         )
     estimate = estimate_session(data, settings["estimator"])
     seen = image_rows(data, estimate)
