@@ -63,8 +63,10 @@ def history(
 
 def _print_test(found: Json, test: Json) -> None:
     number = test["test"]
+    sessions = "session" if test["sessions"] == 1 else "sessions"
     print(
-        f"Test {number}: {test['test_kind']}, {test['sessions']} comparable sessions, from {test['first_measured_at']}"
+        f"Test {number}: {test['test_kind']}, {test['sessions']} comparable {sessions}, "
+        f"from {test['first_measured_at']}"
     )
     names: dict[tuple[str, str], list[str]] = {}
     for point in found["session_figures"]:

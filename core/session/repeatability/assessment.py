@@ -166,7 +166,7 @@ def assess_repeatability(
             *withheld,
             *burst_warnings(assessed.bursts),
             *_outlier_warnings(rows),
-            *steadiness_warnings(assessed.steadiness),
+            *steadiness_warnings(assessed.steadiness, instrument=bool(data.measured)),
             *witness_warnings(assessed.witness, visits),
             *accuracy.warnings,
             *performance.warnings,

@@ -125,9 +125,9 @@ def not_steady(figures: PoseRepeatability) -> PoseRepeatability:
     )
 
 
-def steadiness_warnings(steadiness: SessionSteadiness) -> list[Advisory]:
+def steadiness_warnings(steadiness: SessionSteadiness, *, instrument: bool = False) -> list[Advisory]:
     """Say what moved, by how much and from which cycle on, which poses have two stopping points, or why nothing was
-    tested.
+    tested; of readings of another `instrument`, in its words.
     """
     found = steadiness.found
     warnings = []
@@ -137,11 +137,11 @@ def steadiness_warnings(steadiness: SessionSteadiness) -> list[Advisory]:
                 "steadiness_not_tested",
                 f"Whether the cycles are steady was not tested: no pose has {MIN_CYCLES} visits with a cycle number "
                 "each.",
-                "Tag every image with its cycle, and run 30 cycles.",
+                f"{'Give every reading' if instrument else 'Tag every image with'} its cycle, and run 30 cycles.",
             )
         )
     if found.p_values is not None and found.p_values.overall <= NOT_STEADY:
-        warnings.append(_motion_warning(steadiness))
+        warnings.append(_motion_warning(steadiness, instrument=instrument))
     if found.two_points:
         named = listed(steadiness.pose_ids[one.pose] for one in found.two_points)
         first = found.two_points[0]
@@ -174,12 +174,26 @@ _CAUSES = {
         "Measure at least two poses in 30 cycles each, after the robot and the camera have warmed up.",
     ),
 }
+_OF_INSTRUMENT = {
+    Attribution.COMMON: (
+        "All poses move together: the instrument's station, the probe or reflector, the robot's base, or the "
+        "temperature of one of them, not one joint.",
+        "Fix the instrument and its reflector, let robot and instrument warm up, and measure again. A fixed reflector, "
+        "read in each cycle, separates the instrument from the robot.",
+    ),
+    Attribution.UNDETERMINED: (
+        _CAUSES[Attribution.UNDETERMINED][0],
+        "Measure at least two poses in 30 cycles each, after the robot and the instrument have warmed up.",
+    ),
+}
+"""In place of the causes that have a camera."""
 
 
-def _motion_warning(steadiness: SessionSteadiness) -> Advisory:
+def _motion_warning(steadiness: SessionSteadiness, *, instrument: bool) -> Advisory:
     found = steadiness.found
     assert found.p_values is not None
-    cause, advice = _CAUSES[found.attribution or Attribution.UNDETERMINED]
+    causes = _CAUSES | _OF_INSTRUMENT if instrument else _CAUSES
+    cause, advice = causes[found.attribution or Attribution.UNDETERMINED]
     moved = [one for one in found.poses if one.pose in found.moved]
     named = listed(steadiness.pose_ids[one.pose] for one in moved)
     parts = [
@@ -194,10 +208,12 @@ def _motion_warning(steadiness: SessionSteadiness) -> Advisory:
             f"over the session by its trend, its largest step at {unit} {furthest.change_cycle}."
         )
     elif found.trend is not None and found.change_point is not None:
+        trend, step = (
+            float(np.linalg.norm(one)) for one in (found.trend.change_mm, found.change_point.step_mm)
+        )
         parts.append(
-            f"The motion that the poses share is {_length(float(np.linalg.norm(found.trend.change_mm)))} over the "
-            f"session by its trend, or a step of {_length(float(np.linalg.norm(found.change_point.step_mm)))} at "
-            f"{unit} {found.change_point.cycle}."
+            f"The motion that the poses share is {_length(trend, step)} over the session by its trend, or a step of "
+            f"{_length(step, trend)} at {unit} {found.change_point.cycle}."
         )
     if steadiness.process.lag_correlation >= MIN_STATED_CORRELATION:
         parts.append(
@@ -208,5 +224,6 @@ def _motion_warning(steadiness: SessionSteadiness) -> Advisory:
     return Advisory("not_steady", " ".join(parts), advice)
 
 
-def _length(value: float) -> str:
-    return f"{value:.3g} mm" if value >= 0.1 else f"{1e3 * value:.2g} µm"
+def _length(value: float, other: float = 0.0) -> str:
+    """Return a length in the unit of the larger one of two that are compared."""
+    return f"{value:.3g} mm" if max(value, other) >= 0.1 else f"{1e3 * value:.2g} µm"

@@ -30,7 +30,7 @@ def steadiness_panels(steadiness: SessionSteadiness, chosen: Sequence[str]) -> l
     if grid is None or found.p_values is None:
         raise TooFewCycles(
             "No pose has six visits with a cycle number each, so that the order of the cycles was not tested.",
-            "Tag every image with its cycle; 30 cycles of each pose are the standard.",
+            "Give every image or reading its cycle; 30 cycles of each pose are the standard.",
         )
     moves = found.p_values.overall <= NOT_STEADY
     panels = [_common(found, grid, moves)] if len(found.poses) > 1 else []
