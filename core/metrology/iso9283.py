@@ -272,14 +272,11 @@ def length_standard_error(vector: Float[np.ndarray, "3"], error: Float[np.ndarra
 def shift_degrees_of_freedom(found: Drift) -> tuple[Float[np.ndarray, "3"], float]:
     """Return the effective degrees of freedom of the shift's standard errors along the axes, and of its length's.
 
-    Welch and Satterthwaite: each block's variance has one less than its cycles, ν = (Σ v)² / Σ (v² / ν_v). Of blocks
-    without scatter, those of both together.
-
-    Reference: JCGM 100:2008, G.4.1, equation (G.2b).
+    By Welch and Satterthwaite (JCGM 100:2008, G.2b); a block has one less than its cycles. Without scatter: of both.
     """
-    first, last = found.blocks[0], found.blocks[-1]
-    own = np.array([[one.last_cycle - one.first_cycle] for one in (first, last)], dtype=np.float64)
-    variances = np.array([first.standard_error_mm, last.standard_error_mm]) ** 2
+    both = (found.blocks[0], found.blocks[-1])
+    own = np.array([[float(one.last_cycle - one.first_cycle)] for one in both])
+    variances = np.array([one.standard_error_mm for one in both]) ** 2
 
     def effective(weights: Float[np.ndarray, "3"]) -> float:
         parts = weights * variances
@@ -288,7 +285,7 @@ def shift_degrees_of_freedom(found: Drift) -> tuple[Float[np.ndarray, "3"], floa
 
     along = found.shift_mm**2
     if not along.any():  # as `length_standard_error`
-        along = np.eye(3)[int(np.argmax(variances.sum(axis=0)))]
+        along = np.eye(3)[variances.sum(axis=0).argmax()]
     return np.array([effective(axis) for axis in np.eye(3)]), effective(along)
 
 

@@ -95,7 +95,7 @@ def with_interval(
     """Return a number and its interval, both to the second digit of a quarter of the interval's width.
 
     That is about the standard uncertainty. Wherever a report states a figure, its interval decides its digits. Of a
-    skewed interval an end far below the others has two digits of its own, and what differs is not written alike.
+    skewed interval an end far below the others has two digits of its own, and what differs is written differently.
     """
     if interval is None:
         return number(value, places=places), UNKNOWN

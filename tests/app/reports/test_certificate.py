@@ -166,37 +166,6 @@ def test_accuracy_conditions_and_decisions_are_stated(
     assert "K 12" in {one.text for one in root.iter(f"{DCC}value")}
 
 
-def test_drift_has_the_coverage_factor_of_its_degrees_of_freedom(
-    documents: dict[str, dict[str, Any]],
-) -> None:
-    document = copy.deepcopy(documents["repeatability"])
-    one = {
-        "pose_id": "P1",
-        "shift_mm": [0.01, 0.02, 0.03],
-        "shift_standard_uncertainty_mm": [0.004, 0.004, 0.004],
-        "shift_degrees_of_freedom": [18.0, 18.0, 9.0],
-        "shift_distance_mm": 0.04,
-        "shift_distance_standard_uncertainty_mm": 0.004,
-        "shift_distance_degrees_of_freedom": 20.0,
-        "drp_mm": 0.001,
-        "duration_h": None,
-    }
-    earlier = {name: value for name, value in one.items() if "freedom" not in name}
-    found = []
-    for pose in (one, earlier):
-        document["analyses"]["repeatability"]["drift"] = {"poses": [pose]}
-        content = certificate_xml(document, SHA256)
-        assert content is not None
-        root = etree.fromstring(content)
-        parts = [
-            quantity(root, "Drift of pose P1 (ISO 9283:1998, 7.6)", f"gridpose_shift_{of}_mm")
-            for of in ("x", "z", "distance")
-        ]
-        found += [float(part.findtext(f".//{SI}coverageFactor")) for part in parts]  # type: ignore[arg-type]
-    # JCGM 100:2008, table G.2, and the normal distribution's where an earlier version stated none.
-    assert found == pytest.approx([2.10, 2.26, 2.09, 1.96, 1.96, 1.96], abs=0.005)
-
-
 def test_what_a_company_states_is_in_its_place(
     validate: Validate, documents: dict[str, dict[str, Any]]
 ) -> None:
