@@ -133,7 +133,7 @@ def _say_what_next(console: Console, folder: Path, key: str, session_id: str) ->
 
 def make_console() -> Console:
     """Return a console of at most 80 columns."""
-    console = Console(highlight=False)
+    console = Console(highlight=False, emoji=False)
     console.width = min(console.width, MAX_COLUMNS)
     return console
 

@@ -42,7 +42,7 @@ def doctor(
         "Backups": list(backups.check(settings)),
         "Workers": list(check_workers(settings)),
     }
-    console = Console(highlight=False)
+    console = Console(highlight=False, emoji=False)
     for title, part in results.items():
         console.print(f"[bold]{escape(title)}[/]", soft_wrap=True)
         for result in part:
@@ -57,7 +57,7 @@ def doctor(
 
 def _check_originals(settings: Settings) -> list[CheckResult]:
     """Hash all originals, with a progress bar on stderr where that is a terminal."""
-    console = Console(stderr=True)
+    console = Console(stderr=True, emoji=False)
     columns = (TextColumn("hashing originals"), BarColumn(), DownloadColumn(), TransferSpeedColumn())
     with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as progress:
         task = progress.add_task("originals", total=None)

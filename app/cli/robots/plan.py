@@ -44,7 +44,7 @@ def plan_dh(
         if as_json:
             print_json(plan)
         else:
-            _show(Console(highlight=False), plan)
+            _show(Console(highlight=False, emoji=False), plan)
 
     return service.run(act)
 

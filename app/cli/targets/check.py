@@ -99,7 +99,7 @@ def check_target(
     if as_json:
         print_json(document(estimate, check))
     else:
-        show(Console(highlight=False, soft_wrap=True), estimate, check)
+        show(Console(highlight=False, soft_wrap=True, emoji=False), estimate, check)
     return 0 if check.verdict == "fine" else 1
 
 

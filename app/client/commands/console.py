@@ -27,13 +27,13 @@ def number_of(count: int, noun: str) -> str:
 
 def error_console() -> Console:
     """Return a console on stderr that breaks no line, so that paths and sentences stay whole in a log."""
-    return Console(stderr=True, highlight=False, soft_wrap=True)
+    return Console(stderr=True, highlight=False, soft_wrap=True, emoji=False)
 
 
 def output_console() -> Console:
     """Return a console on stdout for tables, which are not cut where nobody reads them on a screen."""
-    console = Console(highlight=False)
-    return console if console.is_terminal else Console(highlight=False, width=400)
+    console = Console(highlight=False, emoji=False)
+    return console if console.is_terminal else Console(highlight=False, width=400, emoji=False)
 
 
 def print_list(columns: Sequence[str], rows: Iterable[Sequence[str]], otherwise: str) -> None:

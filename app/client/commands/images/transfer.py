@@ -67,7 +67,7 @@ def send_images(
     session_id, target_id = find_or_make_session(
         client, session, target, accept_implausible=accept_implausible
     )
-    console = Console(stderr=True, highlight=False)
+    console = Console(stderr=True, highlight=False, emoji=False)
     try:
         before(session_id)
         with transfer_progress(console) as progress:

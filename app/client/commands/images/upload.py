@@ -75,7 +75,7 @@ def upload(
     Prints the session's id as the last line. Ends with 0 when every image is stored (and, with --wait, measured), else
     with 1 and a list.
     """
-    console = Console(stderr=True, highlight=False)
+    console = Console(stderr=True, highlight=False, emoji=False)
     try:
         plan = plan_files(folder, pattern, pose, first_cycle=first_cycle)
     except PatternError as error:
