@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import enum
-import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Annotated
@@ -23,7 +22,7 @@ from app.analyses.documents.robot_files import (
 )
 from app.cli.options.access import ReadAccess
 from app.client import ClientError, Json, ServiceClient, find_session
-from app.client.commands import OptionRefused, error_console, print_error
+from app.client.commands import OptionRefused, error_console, print_bytes, print_error
 
 
 class ModelFormat(enum.StrEnum):
@@ -171,7 +170,7 @@ def export_dh(
         print_error(console, str(reason), "--model extended takes all terms, whatever the evidence.")
         return 1
     if output is None:
-        sys.stdout.write(text)
+        print_bytes(text.encode())
     else:
         try:
             output.write_text(text, encoding="utf-8", newline="\n")

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from .images.transfer import transfer, transfer_progress
     from .lazy import LazyCommand
     from .main import make_app, run
-    from .output_files import write_file
+    from .output_files import print_bytes, write_file
     from .record_files import Record, RecordFormat, Records, as_delimiter, read_mapping, read_records
     from .targets.description import Kind, TargetDescription
 
@@ -43,7 +43,7 @@ _PLACES = {
     ".images.transfer": ("transfer", "transfer_progress"),
     ".lazy": ("LazyCommand",),
     ".main": ("make_app", "run"),
-    ".output_files": ("write_file",),
+    ".output_files": ("print_bytes", "write_file"),
     ".record_files": ("Record", "RecordFormat", "Records", "as_delimiter", "read_mapping", "read_records"),
     ".targets.description": ("Kind", "TargetDescription"),
 }
@@ -69,6 +69,7 @@ __all__ = [
     "make_app",
     "open_client",
     "output_console",
+    "print_bytes",
     "print_error",
     "print_json",
     "print_list",

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import contextlib
+import errno
+import io
 import os
 import sys
 from collections.abc import Callable, Mapping
@@ -12,6 +15,8 @@ import typer
 from .lazy import lazy_group
 from .table import CLIENT, GROUPS, SERVICE
 
+_CLOSED_PIPE = (errno.EPIPE, errno.EINVAL) if sys.platform == "win32" else (errno.EPIPE,)
+"""Errors of a pipe that is closed downstream."""
 _ABSENT = ".absent:explain"
 
 
@@ -53,7 +58,10 @@ def make_app(service: Mapping[str, str] | None = None, version: str | None = Non
 
 
 def run(app: Callable[[], None] | None = None) -> None:
-    """Run a command line; a closed pipe downstream (`gridpose sessions list | head`) ends it quietly.
+    """Run a command line.
+
+    Characters that stdout or stderr cannot encode are printed as `?`. Where stdout cannot be written, the exit code is
+    1; a closed pipe downstream (`gridpose sessions list | head`) ends it quietly.
 
     Without `app`: that of the service where it is installed, which has the client's commands, too; else the client's.
     """
@@ -62,10 +70,36 @@ def run(app: Callable[[], None] | None = None) -> None:
             entry.load()()
             return
         app = make_app()
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):  # it is None in a program without a console
+            stream.reconfigure(errors="replace")
+    rest = ""
     try:
         app()
-    except BrokenPipeError:
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+    except OSError:
+        rest = "\n"  # fails again where stdout is the cause
+        raise
+    finally:
+        _finish_output(rest)
+
+
+def _finish_output(rest: str) -> None:
+    """Write what is left for stdout; where that fails, end the process with a message in place of a traceback."""
+    try:
+        if sys.stdout is not None:
+            sys.stdout.write(rest)
+            sys.stdout.flush()
+    except OSError as error:
+        with contextlib.suppress(OSError, ValueError):  # else the interpreter fails again on it when it exits
+            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        if error.errno not in _CLOSED_PIPE:
+            from .console import error_console, print_error  # which most starts of the command do not need
+
+            print_error(
+                error_console(),
+                f"The output cannot be written: {error.strerror or error}.",
+                "Make room there, or send the output elsewhere.",
+            )
         sys.exit(1)
 
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import csv
 import io
 import json
-import sys
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -16,7 +15,7 @@ from ... import Json, ServiceClient, find_robot, find_session
 from ...pose_rows import POSE_COLUMNS, RowError, pose_of_cells
 from ..access import UploadAccess
 from ..console import OptionRefused, error_console
-from ..output_files import write_file
+from ..output_files import print_bytes, write_file
 from ..record_files import Delimiter, FileFormat, FileRefused, RecordFormat, as_delimiter, read_records
 from .programs import Controller, Frame, Program, controller_of, parse_frame, read_program
 
@@ -128,8 +127,7 @@ def _frame(text: str | None, option: str) -> Frame:
 
 def _write(output: Path | None, data: bytes) -> None:
     if output is None:
-        sys.stdout.buffer.write(data)
-        sys.stdout.buffer.flush()
+        print_bytes(data)
         return
     write_file(output, data)
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import enum
-import sys
 from pathlib import Path
 from typing import Annotated
 
@@ -13,6 +12,7 @@ from rich.markup import escape
 from ... import ClientError, find_session
 from ..access import ReadAccess
 from ..console import error_console, print_error
+from ..output_files import print_bytes
 
 _STATED = ("# largest_conversion_error", "# standard_uncertainty", "# warning")
 """How the lines of a file begin that a user has to know."""
@@ -62,7 +62,7 @@ def export_camera(
         print_error(console, str(error), error.advice)
         return 1
     if output is None:
-        sys.stdout.write(data.decode())
+        print_bytes(data)
         return 0
     try:
         output.write_bytes(data)

@@ -67,7 +67,9 @@ def import_dataset(
             before=lambda session_id: _state_robot(client, session_id, dataset),
             wait=wait,
         )
-        return report(Console(stderr=True, highlight=False, emoji=False), FilePlan(dataset.images, (), 0), sent)
+        return report(
+            Console(stderr=True, highlight=False, emoji=False), FilePlan(dataset.images, (), 0), sent
+        )
 
     return service.run(act)
 
