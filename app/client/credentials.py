@@ -14,7 +14,7 @@ from typing import Any
 
 import platformdirs
 
-from .http import ClientError
+from .http import ClientError, service_address
 
 DEFAULT_URL = "http://127.0.0.1:8000"
 _SERVICE = "gridpose"
@@ -113,7 +113,7 @@ def forget_key(url: str) -> bool:
 
 
 def _name(url: str) -> str:
-    return url.rstrip("/")
+    return service_address(url)
 
 
 def _ring() -> Any:

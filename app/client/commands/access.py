@@ -17,6 +17,7 @@ from rich.markup import escape
 
 from .. import ClientError, ServiceClient
 from ..credentials import saved_key, usual_address
+from ..http import Unusable, service_address
 from .console import OptionRefused, error_console, print_error
 
 RETRY_FOR_S = 300.0
@@ -40,6 +41,14 @@ def _choose(context: typer.Context, key: str | None) -> str | None:
     return context.meta.get(_FROM_FILE, key)
 
 
+def _checked(url: str) -> str:
+    """Return the service's address as requests take it; one that is none ends the command before anything is sent."""
+    try:
+        return service_address(url) if url else ""
+    except Unusable as refused:
+        raise typer.BadParameter(f"{refused.detail} {refused.advice}") from None
+
+
 def _key_option(scope: str) -> typer.models.OptionInfo:
     """Return the option `--api-key` of a command that needs a key of `scope`."""
     return typer.Option(
@@ -57,6 +66,7 @@ Url = Annotated[
         envvar="GRIDPOSE_URL",
         help="Address of the service.  [default: that of the last `gridpose login`, else http://127.0.0.1:8000]",
         show_default=False,
+        callback=_checked,
     ),
 ]
 ReadKey = Annotated[str | None, _key_option("read")]
@@ -94,6 +104,12 @@ def open_client(console: Console, url: str, key: str | None, retry_for_s: float)
     )
 
 
+def print_refusal(console: Console, error: ClientError) -> int:
+    """Print why a request was refused, and what to do; return the exit code, 2 where nothing was sent."""
+    print_error(console, str(error), error.advice)
+    return 2 if isinstance(error, Unusable) else 1
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ReadAccess:
     """How a command that reads reaches the service."""
@@ -114,7 +130,7 @@ class ReadAccess:
     def run(self, act: Callable[[ServiceClient], int | None]) -> int:
         """Let `act` use a client and return the exit code, 0 where `act` returns none.
 
-        2 where `act` raises OptionRefused, 1 for a refusal of the service; both are printed with their advice.
+        2 where `act` raises OptionRefused or Unusable, 1 for a refusal of the service; all are printed with advice.
         """
         errors = error_console()
         try:
@@ -124,8 +140,7 @@ class ReadAccess:
             print_error(errors, str(refused), refused.advice)
             return 2
         except ClientError as error:
-            print_error(errors, str(error), error.advice)
-            return 1
+            return print_refusal(errors, error)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import socket
+import threading
 from collections.abc import Callable, Iterator
 
 import httpx2
@@ -101,6 +103,10 @@ def test_something_else_at_the_address_is_said_to_be_that(answer: httpx2.Respons
     [
         ("http://[::1", "gp_a_b", "invalid_url"),
         ("http://cell:80800000", "gp_a_b", "invalid_url"),
+        ("127.0.0.1:8801", "gp_a_b", "invalid_url"),
+        ("measuring-pc:8000/v1", "gp_a_b", "invalid_url"),
+        ("ftp://cell", "gp_a_b", "invalid_url"),
+        ("http:///v1", "gp_a_b", "invalid_url"),
         ("http://cell:8000", "gp_schlüssel", "invalid_key"),
     ],
 )
@@ -128,6 +134,39 @@ def test_who_sends_no_key_is_advised_how_to_give_one(key: str | None, advice: st
     ):
         client.get("/v1/sessions")
     assert advice in (caught.value.advice or "")
+
+
+@pytest.mark.parametrize(
+    "url", ["http://cell:8000", "http://cell:8000/", "http://cell:8000/v1", " http://cell:8000/v1/ "]
+)
+def test_an_address_may_end_with_that_of_the_interface(url: str) -> None:
+    line = Line(httpx2.Response(200, json={}))
+    with ServiceClient(url, "gp_a_b", transport=httpx2.MockTransport(line)) as client:
+        client.get("/v1/sessions")
+    assert str(line.requests[0].url) == "http://cell:8000/v1/sessions"
+
+
+def test_https_where_the_service_speaks_http_is_not_repeated() -> None:
+    with socket.create_server(("127.0.0.1", 0)) as listener:
+        answered = threading.Thread(target=answer_in_plain_http, args=(listener,))
+        answered.start()
+        reasons: list[str] = []
+        url = f"https://127.0.0.1:{listener.getsockname()[1]}"
+        with (
+            ServiceClient(url, "gp_a_b", on_retry=reasons.append) as client,
+            pytest.raises(ClientError) as caught,
+        ):
+            client.get("/v1/sessions")
+        answered.join()
+    assert (caught.value.code, reasons) == ("unreachable", [])
+    assert "http://127.0.0.1" in (caught.value.advice or "")
+
+
+def answer_in_plain_http(listener: socket.socket) -> None:
+    connection, _ = listener.accept()
+    with connection:
+        connection.recv(4096)
+        connection.sendall(b"HTTP/1.1 400 Bad Request\r\nContent-Length: 0\r\n\r\n")
 
 
 def test_what_this_side_gets_wrong_is_not_repeated() -> None:

@@ -15,39 +15,15 @@ from typing import Any
 import httpx2
 import stamina
 
-from .closing import Closing
+from ..closing import Closing
+from .address import advice_on_tls, service_address, tls_failure
+from .errors import ClientError, Unusable
 
 Json = dict[str, Any]
 
 _BUSY_STATUSES = frozenset({408, 425, 429, 502, 503, 504, 507})
 _UNAUTHORIZED = 401
-_LAST_PORT = 65535
 _PAGE, _MISSING_CHUNK = 500, 1000
-
-
-class ClientError(Exception):
-    """The service refused a request, or could not be reached. Code, detail and advice are the service's own."""
-
-    def __init__(
-        self,
-        code: str,
-        detail: str,
-        advice: str | None = None,
-        status: int | None = None,
-        fields: Sequence[tuple[str, str]] = (),
-    ) -> None:
-        self.summary = detail
-        """`detail` without `fields`."""
-        self.fields = tuple(fields)
-        """Field and message of each invalid field of a refused body."""
-        listed = "; ".join(f"{field}: {message}" for field, message in fields if message != detail)
-        self.detail = f"{detail} {listed}" if listed else detail
-        super().__init__(f"{self.detail} ({code})" if code else self.detail)
-        self.code = code
-        self.advice = advice
-        self.status = status
-        self.retry_after_s: float | None = None
-        """The pause that the service asks for, in seconds."""
 
 
 class _BusyError(Exception):
@@ -90,7 +66,7 @@ class ServiceClient(Closing):
 
     Raises
     ------
-    ClientError
+    Unusable
         `invalid_url` or `invalid_key`.
     """
 
@@ -104,7 +80,7 @@ class ServiceClient(Closing):
         transport: httpx2.BaseTransport | None = None,
     ) -> None:
         headers = {} if key is None else {"Authorization": f"Bearer {key}"}
-        self.url = url.rstrip("/")
+        self.url = service_address(url)
         self._retry_for = timedelta(seconds=retry_for_s)
         self._on_retry = on_retry
         try:
@@ -114,17 +90,8 @@ class ServiceClient(Closing):
                 timeout=httpx2.Timeout(60.0, connect=10.0),
                 transport=transport,
             )
-            port = self._http.base_url.port
-            if port is not None and port > _LAST_PORT:
-                raise httpx2.InvalidURL(f"there is no port {port}")
-        except httpx2.InvalidURL as error:
-            raise ClientError(
-                "invalid_url",
-                f"{url} is not an address of a service: {_reason(error)}.",
-                "Write it as http://measuring-pc:8000.",
-            ) from error
         except UnicodeEncodeError as error:
-            raise ClientError(
+            raise Unusable(
                 "invalid_key",
                 "The key holds characters that no API key has.",
                 "Copy it again: gp_, the key's id, and the secret, as `gridpose keys create` printed them.",
@@ -230,6 +197,8 @@ class ServiceClient(Closing):
                 again: bool | float = True if error.pause_s is None else error.pause_s
             elif isinstance(error, httpx2.UnsupportedProtocol | httpx2.LocalProtocolError):
                 again = False  # caused by the request itself: it would fail again
+            elif tls_failure(error) is not None:
+                again = False
             else:
                 sent = not isinstance(error, httpx2.ConnectError | httpx2.ConnectTimeout)
                 again = isinstance(error, httpx2.TransportError) and (repeatable or not sent)
@@ -255,10 +224,13 @@ class ServiceClient(Closing):
         except _BusyError as busy:
             response = busy.response
         except (httpx2.TransportError, httpx2.InvalidURL) as error:
+            failure = tls_failure(error)
             raise ClientError(
                 "unreachable",
                 f"No answer from {self.url}: {_reason(error)}.",
-                "Check the URL, the network, and that the service runs (`gridpose serve`).",
+                "Check the URL, the network, and that the service runs (`gridpose serve`)."
+                if failure is None
+                else advice_on_tls(self.url, failure),
             ) from error
         assert response is not None
         if response.is_success:
