@@ -22,7 +22,7 @@ from app.analyses.documents.robot_files import (
 )
 from app.cli.options.access import ReadAccess
 from app.client import ClientError, Json, ServiceClient, find_session
-from app.client.commands import OptionRefused, error_console, print_bytes, print_error
+from app.client.commands import OptionRefused, error_console, print_bytes, print_error, print_refusal
 
 
 class ModelFormat(enum.StrEnum):
@@ -162,8 +162,7 @@ def export_dh(
         print_error(console, str(refused), refused.advice)
         return 2
     except ClientError as error:
-        print_error(console, str(error), error.advice)
-        return 1
+        return print_refusal(console, error)
     try:
         text = _WRITERS[model_format](written)
     except NoTerms as reason:

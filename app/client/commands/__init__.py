@@ -8,7 +8,16 @@ from typing import TYPE_CHECKING
 from ..lazy_face import lazy_face
 
 if TYPE_CHECKING:
-    from .access import RETRY_FOR_S, AdminAccess, KeyFile, ReadAccess, UploadAccess, UploadKey, open_client
+    from .access import (
+        RETRY_FOR_S,
+        AdminAccess,
+        KeyFile,
+        ReadAccess,
+        UploadAccess,
+        UploadKey,
+        open_client,
+        print_refusal,
+    )
     from .console import (
         OptionRefused,
         error_console,
@@ -27,7 +36,16 @@ if TYPE_CHECKING:
 
 _PLACES = {
     ".access": (
-        *("RETRY_FOR_S", "AdminAccess", "KeyFile", "ReadAccess", "UploadAccess", "UploadKey", "open_client"),
+        *(
+            "RETRY_FOR_S",
+            "AdminAccess",
+            "KeyFile",
+            "ReadAccess",
+            "UploadAccess",
+            "UploadKey",
+            "open_client",
+            "print_refusal",
+        ),
     ),
     ".console": (
         *(
@@ -73,6 +91,7 @@ __all__ = [
     "print_error",
     "print_json",
     "print_list",
+    "print_refusal",
     "read_mapping",
     "read_records",
     "run",

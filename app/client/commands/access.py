@@ -107,6 +107,11 @@ def open_client(console: Console, url: str, key: str | None, retry_for_s: float)
 def print_refusal(console: Console, error: ClientError) -> int:
     """Print why a request was refused, and what to do; return the exit code, 2 where nothing was sent."""
     print_error(console, str(error), error.advice)
+    return exit_code(error)
+
+
+def exit_code(error: ClientError) -> int:
+    """Return 2 where nothing was sent, else 1."""
     return 2 if isinstance(error, Unusable) else 1
 
 

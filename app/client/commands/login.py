@@ -10,7 +10,7 @@ import typer
 
 from .. import ClientError, ServiceClient
 from ..credentials import forget_key, read_key_file, save_key, usual_address
-from .access import Url
+from .access import Url, exit_code
 from .console import fail
 
 _NOT_ALLOWED = 403
@@ -37,7 +37,7 @@ def login(
             scope = _scope(client)
         place = save_key(url, key)
     except ClientError as error:
-        fail(str(error), error.advice)
+        fail(str(error), error.advice, code=exit_code(error))
     print(f"the key for {url} is kept in {place}; {scope}")
     return 0
 

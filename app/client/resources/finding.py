@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
-from ..http import ClientError, Json, ServiceClient
+from ..http import ClientError, Json, ServiceClient, Unusable
 from .sheets import sheet_matcher
 
 _ID = re.compile(r"[a-z]{3}_[0-9a-z]{26}")
@@ -173,6 +173,14 @@ def find_or_make_target(client: ServiceClient, target: str, *, accept_implausibl
         raise
 
 
+def find_or_make_targets(client: ServiceClient, targets: Sequence[str]) -> list[str]:
+    """Return the ids of targets as `find_or_make_target` does; none is made where one cannot be read."""
+    for target in targets:
+        described_target(target)
+        sheet_matcher(target)
+    return [find_or_make_target(client, target) for target in targets]
+
+
 def find_target(client: ServiceClient, target: str) -> Json:
     """Return the target with this id or name, or that is printed on this sheet; none is made.
 
@@ -194,7 +202,7 @@ def check_target(client: ServiceClient, target: str) -> None:
 def described_target(text: str) -> Json | None:
     """Return the fields of the target that a form describes, or None for an id or a name.
 
-    Raises ClientError `target_not_described` for a text that begins like a form and cannot be read as one.
+    Raises Unusable `target_not_described` for a text that begins like a form and cannot be read as one.
     """
     kind = text.partition(":")[0]
     if kind not in _KINDS or ":" not in text:
@@ -234,9 +242,9 @@ _CONVERTERS: dict[str, Callable[[str], Any]] = {
 }
 
 
-def _not_described(text: str, reason: str) -> ClientError:
+def _not_described(text: str, reason: str) -> Unusable:
     kind = text.partition(":")[0]
-    return ClientError(
+    return Unusable(
         "target_not_described",
         f"--target {text} cannot be read: {reason}.",
         f"Write it as {_EXAMPLES[kind]}; columns and rows count {_COUNTED.get(kind, 'inner corners')}, lengths are mm.",

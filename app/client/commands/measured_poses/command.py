@@ -14,7 +14,7 @@ from rich.console import Console
 from rich.markup import escape
 
 from ... import ClientError, Json, find_or_make_session
-from ..access import UploadAccess
+from ..access import UploadAccess, exit_code
 from ..console import error_console, print_error, print_json
 from ..creation import AcceptImplausible
 from ..record_files import Delimiter, FileFormat, FileRefused, Records, as_delimiter, read_records
@@ -187,7 +187,7 @@ def import_poses(
         _list_errors(console, _located(error, chunk))
         if advice := _ADVICE.get(error.code, error.advice):
             console.print(escape(advice))
-        return 1
+        return exit_code(error)
     pose_ids = {pose["pose_id"] for _, pose in poses}
     console.print(f"session {session_id}: {len(poses)} measured poses of {len(pose_ids)} pose IDs are stored")
     print(session_id)

@@ -10,7 +10,7 @@ import typer
 from rich.markup import escape
 
 from ... import ClientError, find_session
-from ..access import ReadAccess
+from ..access import ReadAccess, print_refusal
 from ..console import error_console, print_error
 from ..output_files import print_bytes
 
@@ -59,8 +59,7 @@ def export_camera(
                 focus_group=focus_group,
             )
     except ClientError as error:
-        print_error(console, str(error), error.advice)
-        return 1
+        return print_refusal(console, error)
     if output is None:
         print_bytes(data)
         return 0

@@ -6,8 +6,9 @@ from typing import Annotated
 
 import typer
 
-from ... import Json, ServiceClient, find_or_make_target, find_robot, find_session
+from ... import Json, ServiceClient, find_robot, find_session
 from ...http import insisting_query
+from ...resources import find_or_make_targets
 from ..access import AdminAccess, UploadAccess
 from ..console import OptionRefused
 from ..creation import AcceptImplausible, ChangesFile
@@ -55,7 +56,7 @@ def change(
             )
         session_id = find_session(client, session)["id"]
         if target is not None:
-            changes["target_ids"] = [find_or_make_target(client, each) for each in target]
+            changes["target_ids"] = find_or_make_targets(client, target)
         if robot is not None:
             changes["robot_id"] = find_robot(client, robot)["id"] if robot else None
         if name is not None:

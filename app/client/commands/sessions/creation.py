@@ -6,7 +6,8 @@ from typing import Annotated, Any
 
 import typer
 
-from ... import Json, ServiceClient, find_or_make_target, find_robot
+from ... import Json, ServiceClient, find_robot
+from ...resources import find_or_make_targets
 from ..access import UploadAccess
 from ..console import OptionRefused
 from ..creation import AcceptImplausible, BodyFile, Name, create_named
@@ -46,7 +47,7 @@ def create(
     def fields(client: ServiceClient) -> Json:
         given: dict[str, Any] = {}
         if target:
-            given["target_ids"] = [find_or_make_target(client, each) for each in target]
+            given["target_ids"] = find_or_make_targets(client, target)
         if robot is not None:
             given["robot_id"] = find_robot(client, robot)["id"]
         if camera_mount is not None:
