@@ -5,7 +5,7 @@ A command takes them as one of `ReadAccess`, `UploadAccess` and `AdminAccess`, b
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
@@ -22,6 +22,8 @@ from .console import OptionRefused, error_console, print_error
 
 RETRY_FOR_S = 300.0
 _FROM_FILE = "key"
+_NOT_FOUND = 404
+_UNAUTHORIZED, _TOO_MANY, _SERVER_ERROR = 401, 429, 500
 
 
 def _read(context: typer.Context, path: Path | None) -> Path | None:
@@ -113,6 +115,36 @@ def print_refusal(console: Console, error: ClientError) -> int:
 def exit_code(error: ClientError) -> int:
     """Return 2 where nothing was sent, else 1."""
     return 2 if isinstance(error, Unusable) else 1
+
+
+def act_on_each(ids: Sequence[str], act: Callable[[str], None], shown_by: str) -> int:
+    """Let `act` do something with each of several resources and return the exit code.
+
+    What the service refuses of one is printed with its id, and the others follow. A failure that all of them share, as
+    of the network or the key, ends it and is raised. `shown_by` is the command that shows the ids.
+    """
+    console, advice = error_console(), dict[str, None]()
+    failed = 0
+    for place, one in enumerate(ids):
+        try:
+            act(one)
+        except ClientError as error:
+            if _is_of_all(error):
+                print_error(console, f"Not done: {', '.join(ids[place:])}.")
+                raise
+            failed += 1
+            print_error(console, f"{one}: {error}")
+            is_unknown = error.status == _NOT_FOUND or error.code.endswith("_not_found")
+            advice[f"Check the id; `{shown_by}` shows it." if is_unknown else error.advice or ""] = None
+    for text in filter(None, advice):
+        console.print(escape(text))
+    return 1 if failed else 0
+
+
+def _is_of_all(error: ClientError) -> bool:
+    status = error.status or 0
+    is_service = status in (_UNAUTHORIZED, _TOO_MANY) or status >= _SERVER_ERROR
+    return is_service or error.code in ("unreachable", "unexpected_answer")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

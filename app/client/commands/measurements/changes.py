@@ -7,9 +7,10 @@ from typing import Annotated, Any
 import typer
 
 from ... import ServiceClient
-from ..access import AdminAccess, UploadAccess
+from ..access import AdminAccess, UploadAccess, act_on_each
 from ..console import fail
 
+_SHOWN_BY = "gridpose measurements list SESSION"
 One = Annotated[str, typer.Argument(help="Id of the measurement; `gridpose measurements list` shows it.")]
 Several = Annotated[
     list[str], typer.Argument(help="Ids of measurements; `gridpose measurements list` shows them.")
@@ -77,10 +78,12 @@ def delete(
 ) -> int:
     """Delete measurements with their results, and originals that no other measurement holds."""
 
-    def act(client: ServiceClient) -> None:
-        for measurement in measurements:
+    def act(client: ServiceClient) -> int:
+        def delete_one(measurement: str) -> None:
             client.delete(f"/v1/measurements/{measurement}")
             print(f"{measurement} deleted")
+
+        return act_on_each(measurements, delete_one, _SHOWN_BY)
 
     return service.run(act)
 
@@ -91,20 +94,24 @@ def retry(
 ) -> int:
     """Compute measurements again; their results stay until others replace them."""
 
-    def act(client: ServiceClient) -> None:
-        for measurement in measurements:
+    def act(client: ServiceClient) -> int:
+        def retry_one(measurement: str) -> None:
             client.create(f"/v1/measurements/{measurement}/retry", {})
             print(f"{measurement} queued")
+
+        return act_on_each(measurements, retry_one, _SHOWN_BY)
 
     return service.run(act)
 
 
 def _change(measurements: list[str], changes: dict[str, Any], done: str, service: UploadAccess) -> int:
-    def act(client: ServiceClient) -> None:
-        for measurement in measurements:
+    def act(client: ServiceClient) -> int:
+        def change_one(measurement: str) -> None:
             changed = client.change(f"/v1/measurements/{measurement}", changes)
             siblings = ", ".join(changed["siblings"])
             of_image = f" (other measurements of the image: {siblings})" if siblings else ""
             print(f"{measurement} {done}{of_image}")
+
+        return act_on_each(measurements, change_one, _SHOWN_BY)
 
     return service.run(act)

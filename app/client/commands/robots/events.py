@@ -10,7 +10,7 @@ from typing import Annotated, Any
 import typer
 
 from ... import ServiceClient, find_robot
-from ..access import AdminAccess, ReadAccess, UploadAccess
+from ..access import AdminAccess, ReadAccess, UploadAccess, act_on_each
 from ..console import OptionRefused, print_list
 
 _YES = {"yes": True, "no": False, "": False}
@@ -73,11 +73,14 @@ def delete(
 ) -> int:
     """Delete events that were noted in error."""
 
-    def act(client: ServiceClient) -> None:
+    def act(client: ServiceClient) -> int:
         robot_id = find_robot(client, robot)["id"]
-        for event in events:
+
+        def delete_one(event: str) -> None:
             client.delete(f"/v1/robots/{robot_id}/events/{event}")
             print(f"{event} deleted")
+
+        return act_on_each(events, delete_one, "gridpose robots events list ROBOT")
 
     return service.run(act)
 

@@ -7,7 +7,7 @@ from typing import Annotated
 import typer
 
 from ... import ServiceClient, find_robot
-from ..access import AdminAccess, ReadAccess
+from ..access import AdminAccess, ReadAccess, act_on_each
 from ..console import print_json, print_list
 from .known import KNOWN
 
@@ -48,10 +48,12 @@ def delete(
 ) -> int:
     """Delete robots that no session names."""
 
-    def act(client: ServiceClient) -> None:
-        for robot in robots:
+    def act(client: ServiceClient) -> int:
+        def delete_one(robot: str) -> None:
             robot_id = find_robot(client, robot)["id"]
             client.delete(f"/v1/robots/{robot_id}")
             print(f"{robot_id} deleted")
+
+        return act_on_each(robots, delete_one, "gridpose robots list")
 
     return service.run(act)

@@ -7,7 +7,7 @@ from typing import Annotated
 import typer
 
 from ... import ServiceClient, find_target
-from ..access import AdminAccess, ReadAccess
+from ..access import AdminAccess, ReadAccess, act_on_each
 from ..console import print_json, print_list
 
 _COLUMNS = ("id", "name", "kind", "columns x rows", "pitch, mm")
@@ -41,14 +41,19 @@ def show(
 
 
 def delete(
-    targets: Annotated[list[str], typer.Argument(help="Ids of targets; `gridpose targets list` shows them.")],
+    targets: Annotated[
+        list[str], typer.Argument(help="Ids or names of targets, or sheet: and the id on a print.")
+    ],
     service: AdminAccess,
 ) -> int:
     """Delete targets that no session and no measurement refers to."""
 
-    def act(client: ServiceClient) -> None:
-        for target in targets:
-            client.delete(f"/v1/targets/{target}")
-            print(f"{target} deleted")
+    def act(client: ServiceClient) -> int:
+        def delete_one(target: str) -> None:
+            target_id = find_target(client, target)["id"]
+            client.delete(f"/v1/targets/{target_id}")
+            print(f"{target_id} deleted")
+
+        return act_on_each(targets, delete_one, "gridpose targets list")
 
     return service.run(act)

@@ -9,7 +9,7 @@ from typing import Annotated, Any
 import typer
 
 from ... import ClientError, ServiceClient
-from ..access import AdminAccess
+from ..access import AdminAccess, act_on_each
 from ..console import print_list
 
 _POLL_S, _WITHIN_S = 0.3, 30.0
@@ -77,12 +77,15 @@ def redeliver(
 ) -> int:
     """Send deliveries of a webhook again; without ids, all that failed."""
 
-    def act(client: ServiceClient) -> None:
+    def act(client: ServiceClient) -> int:
         path = f"/v1/webhooks/{webhook}/deliveries"
         chosen = ids or [one["id"] for one in client.items(path, status="failed")]
-        for one in chosen:
-            client.create(f"{path}/{one}/redeliver", {})
-            print(f"{one} is sent again")
+
+        def send_one(delivery: str) -> None:
+            client.create(f"{path}/{delivery}/redeliver", {})
+            print(f"{delivery} is sent again")
+
+        return act_on_each(chosen, send_one, f"gridpose webhooks deliveries {webhook}")
 
     return service.run(act)
 

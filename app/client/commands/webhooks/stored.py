@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from ... import ServiceClient
-from ..access import AdminAccess
+from ..access import AdminAccess, act_on_each
 from ..console import error_console, print_list
 
 
@@ -62,9 +62,11 @@ def delete(
 ) -> int:
     """Delete webhooks with their journals."""
 
-    def act(client: ServiceClient) -> None:
-        for webhook in webhooks:
+    def act(client: ServiceClient) -> int:
+        def delete_one(webhook: str) -> None:
             client.delete(f"/v1/webhooks/{webhook}")
             print(f"{webhook} deleted")
+
+        return act_on_each(webhooks, delete_one, "gridpose webhooks list")
 
     return service.run(act)
