@@ -11,7 +11,7 @@ import typer
 
 from ... import ClientError, Json, ServiceClient, find_session
 from ..access import ReadAccess, UploadAccess
-from ..console import print_json, print_list
+from ..console import fail, print_json, print_list
 from ..output_files import write_file
 
 _COLUMNS = ("id", "kind", "status", "made", "title")
@@ -88,13 +88,18 @@ def create(
 def show_list(
     service: ReadAccess,
     session: Annotated[
-        str | None, typer.Option(help="Id or name of a session: its reports alone.  [default: all]")
+        str | None, typer.Argument(help="Id or name of a session: its reports alone.  [default: all]")
     ] = None,
+    option: Annotated[str | None, typer.Option("--session", help="The session, as an option.")] = None,
 ) -> int:
     """List stored reports, those of deleted sessions too."""
 
+    if session is not None and option is not None:
+        fail("The session is given twice.", "Give it as the argument or by --session.", code=2)
+    chosen = session if session is not None else option
+
     def act(client: ServiceClient) -> None:
-        query = {"session_id": find_session(client, session)["id"]} if session is not None else {}
+        query = {"session_id": find_session(client, chosen)["id"]} if chosen is not None else {}
         rows = [
             (one["id"], one["kind"], one["status"], one["finished_at"] or "", one["title"])
             for one in client.items("/v1/reports", **query)
