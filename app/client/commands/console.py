@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import sys
 from collections.abc import Iterable, Sequence
 from typing import Any, NoReturn
 
@@ -59,6 +60,19 @@ def print_error(console: Console, detail: str, advice: str | None = None) -> Non
     console.print(f"[red]{escape(detail)}[/]")
     if advice:
         console.print(escape(advice))
+
+
+def confirm_deletion(question: str) -> None:
+    """Ask whether to delete. Raises OptionRefused where nobody answers, ends the command where the answer is no."""
+    try:
+        agreed = typer.confirm(question, err=True)
+    except typer.Abort:
+        if sys.stdin.isatty():
+            raise
+        error_console().print()  # ends the line of the question
+        raise OptionRefused("Nobody answered, and nothing was deleted.", "Give --yes to delete it.") from None
+    if not agreed:
+        fail("Nothing was deleted.")
 
 
 def fail(detail: str, advice: str | None = None, *, code: int = 1) -> NoReturn:

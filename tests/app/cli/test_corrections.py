@@ -95,6 +95,7 @@ def test_sessions_targets_and_robots_are_shown_changed_and_deleted(served: Any) 
     gridpose(served, "robots", "delete", "arm")
     gridpose(served, "targets", "delete", target)
     gridpose(served, "sessions", "delete", session, code=1, stdin="n\n")
+    assert "--yes" in gridpose(served, "sessions", "delete", session, code=2, stdin="").stderr
     gridpose(served, "sessions", "delete", session, stdin="y\n")
     assert served.client.get(f"/v1/sessions/{session}").status_code == 404
     gridpose(served, "sessions", "change", "none", code=2)

@@ -10,7 +10,7 @@ from ... import Json, ServiceClient, find_robot, find_session
 from ...http import insisting_query
 from ...resources import find_or_make_targets
 from ..access import AdminAccess, UploadAccess
-from ..console import OptionRefused
+from ..console import OptionRefused, confirm_deletion
 from ..creation import AcceptImplausible, ChangesFile
 from ..record_files import read_mapping
 from .mounts import CameraMount
@@ -97,7 +97,7 @@ def delete(
         if not yes:
             images = sum(found["counts"].values())
             question = f"Delete {found['name']} ({found['id']}) with {images} measurements?"
-            typer.confirm(question, abort=True, err=True)
+            confirm_deletion(question)
         client.delete(f"/v1/sessions/{found['id']}")
         print(f"{found['id']} deleted")
 
