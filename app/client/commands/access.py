@@ -22,6 +22,7 @@ from .console import OptionRefused, error_console, print_error
 
 RETRY_FOR_S = 300.0
 _FROM_FILE = "key"
+_INVALID_FIELDS = "invalid_request"
 _NOT_FOUND = 404
 _UNAUTHORIZED, _TOO_MANY, _SERVER_ERROR = 401, 429, 500
 
@@ -106,9 +107,21 @@ def open_client(console: Console, url: str, key: str | None, retry_for_s: float)
     )
 
 
-def print_refusal(console: Console, error: ClientError) -> int:
-    """Print why a request was refused, and what to do; return the exit code, 2 where nothing was sent."""
-    print_error(console, str(error), error.advice)
+def print_refusal(console: Console, error: ClientError, file: Path | None = None) -> int:
+    """Print why a request was refused, its invalid fields, and what to do; return the exit code, 2 if nothing was sent.
+
+    `file` is where the fields of the request were read from.
+    """
+    fields = [f"  {field}: {message}" for field, message in error.fields if message != error.summary]
+    advice = error.advice
+    if (
+        fields and error.code == _INVALID_FIELDS
+    ):  # whose advice is on the list of an answer, which is not shown
+        advice = (
+            f"Correct {'this field' if len(fields) == 1 else 'these fields'}{f' in {file}' if file else ''}."
+        )
+    code = f" ({error.code})" if error.code else ""
+    print_error(console, "\n".join([f"{error.summary}{code}", *fields]), advice)
     return exit_code(error)
 
 
@@ -164,10 +177,11 @@ class ReadAccess:
         """Return a client of the service, as `open_client` does."""
         return open_client(console, self.url, self.key, self.retry_for)
 
-    def run(self, act: Callable[[ServiceClient], int | None]) -> int:
+    def run(self, act: Callable[[ServiceClient], int | None], file: Path | None = None) -> int:
         """Let `act` use a client and return the exit code, 0 where `act` returns none.
 
         2 where `act` raises OptionRefused or Unusable, 1 for a refusal of the service; all are printed with advice.
+        `file` holds the fields that `act` sends.
         """
         errors = error_console()
         try:
@@ -177,7 +191,7 @@ class ReadAccess:
             print_error(errors, str(refused), refused.advice)
             return 2
         except ClientError as error:
-            return print_refusal(errors, error)
+            return print_refusal(errors, error, file)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

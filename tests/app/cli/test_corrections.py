@@ -147,6 +147,16 @@ def test_a_file_changes_lens_and_conditions_of_a_session(served: Any, tmp_path: 
     assert (changed["name"], changed["conditions"]["temperature_c"]) == ("warm", 21.5)
 
 
+def test_unknown_fields_of_a_file_are_named_with_the_file(served: Any, tmp_path: Path) -> None:
+    session = served.make_session()
+    file = tmp_path / "changes.yaml"
+    file.write_text("colour: red\nlens: {focal_length_mm: x, pixel_pitch_um: 2.0}\n", encoding="utf-8")
+    for command in (("sessions", "change", session), ("robots", "create", "r", "--joint", "1:2:3")):
+        refused = gridpose(served, *command, "--file", str(file), code=1).stderr
+        assert all(text in refused for text in ("colour: ", "invalid_request", str(file)))
+    assert served.client.get(f"/v1/sessions/{session}").json()["lens"] is None
+
+
 def test_readings_are_deleted_by_pose_and_cycle_and_never_all_by_mistake(served: Any) -> None:
     session = served.make_session()
     address = f"/v1/sessions/{session}/measured-poses"

@@ -115,7 +115,8 @@ def create(
             {"joints": "--joint, --joints-from or --known"},
             "gridpose sessions create NAME --robot {id}",
             accept_implausible=accept_implausible,
-        )
+        ),
+        file,
     )
 
 

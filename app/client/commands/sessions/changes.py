@@ -64,7 +64,7 @@ def change(
         changed = client.change(f"/v1/sessions/{session_id}{insisting_query(accept_implausible)}", changes)
         print(f"{session_id} changed; {changed['counts']['queued']} images wait to be computed")
 
-    return service.run(act)
+    return service.run(act, file)
 
 
 def reprocess(

@@ -70,5 +70,6 @@ def create(
             {"target_ids": "--target"},
             "gridpose upload FOLDER --session {id}",
             accept_implausible=accept_implausible,
-        )
+        ),
+        file,
     )

@@ -50,7 +50,7 @@ def load(
             raise ClientError(error.code, error.summary, error.advice, error.status, fields) from error
         print(f"{session_id}: {len(poses)} commanded poses are stored")
 
-    return service.run(act)
+    return service.run(act, file)
 
 
 def _place(field: str, records: Records) -> str:

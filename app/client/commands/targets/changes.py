@@ -55,4 +55,4 @@ def change(
         client.change(f"/v1/targets/{target_id}", changes, accept_implausible=accept_implausible or None)
         print(f"{target_id} changed")
 
-    return service.run(act)
+    return service.run(act, file)

@@ -50,5 +50,6 @@ def create(
             needed,
             "gridpose sessions create NAME --target {id}",
             accept_implausible=accept_implausible,
-        )
+        ),
+        file,
     )
