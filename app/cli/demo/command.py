@@ -12,7 +12,7 @@ from pathlib import Path
 from rich.console import Console
 from rich.markup import escape
 
-from app.cli.demo.evaluation import failed_checks, figures_with_truth, image_error
+from app.cli.demo.evaluation import ImageError, failed_checks, figures_with_truth, image_error
 from app.cli.demo.service_process import ServiceProcess, ServiceStartError
 from app.cli.demo.session import (
     BOARD,
@@ -75,12 +75,17 @@ def _show_image(console: Console, session: DemoSession, measurement: Json) -> No
     """Print one image's result next to its truth, while the others are rendered."""
     if measurement["status"] != "succeeded":
         return
-    calibration, truth = measurement["calibration"], session.images[0].scene.camera
     error = image_error(_image_of(session, measurement), measurement)
-    console.print(
-        f"First image: focal length {calibration['intrinsics']['fx_px']:.1f} ± "
-        f"{1.96 * calibration['standard_uncertainty']['fx_px']:.1f} px (true {truth.fx_px:.1f}); the camera's position "
-        f"is {error.position_error_mm:.2f} mm off the truth, its uncertainty {error.position_uncertainty_mm:.2f} mm."
+    console.print(describe_image(error, session.images[0].scene.camera.fx_px))
+
+
+def describe_image(error: ImageError, true_focal_px: float) -> str:
+    """Return the sentence for one image: focal length and position, next to their truth, each with its u."""
+    return (
+        f"First image (± one standard uncertainty): focal length {true_focal_px + error.focal_error_px:.1f} ± "
+        f"{error.focal_uncertainty_px:.1f} px, true {true_focal_px:.1f}; the camera's position is "
+        f"{error.position_error_mm:.2f} mm off the truth, its standard uncertainty "
+        f"{error.position_uncertainty_mm:.2f} mm."
     )
 
 

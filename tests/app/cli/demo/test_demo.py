@@ -12,6 +12,7 @@ import pytest
 from scipy.stats import binom
 from typer.testing import CliRunner
 
+from app.cli.demo.command import describe_image
 from app.cli.demo.evaluation import Figure, ImageError, failed_checks, figures_with_truth, max_misses
 from app.cli.demo.paper_figures import POSES, PRINTED
 from app.cli.demo.session import FLAT, Answers, DemoSession, demo_session
@@ -89,6 +90,13 @@ def test_what_is_sound_has_no_fault(session: DemoSession) -> None:
     for f in figures:
         assert f.raw == pytest.approx(f.of_these_cycles, rel=1e-9)
     assert failed_checks(session, answers, errors, figures) == []
+
+
+def test_an_image_is_shown_with_standard_uncertainties() -> None:
+    one = replace(error("P1"), focal_error_px=-5.0, focal_uncertainty_px=7.7, position_uncertainty_mm=4.16)
+    shown = describe_image(one, 1160.0)
+    assert "1155.0 ± 7.7 px" in shown
+    assert "4.16 mm" in shown
 
 
 def test_every_fault_is_reported(session: DemoSession) -> None:
