@@ -25,12 +25,17 @@ def test_a_view_of_a_camera_a_line(capsys: pytest.CaptureFixture[str]) -> None:
     view = {
         "instruction": "tilt 43° about x (upper edge away), target in the middle, 412 mm away",
         "joint_angles_deg": None,
-        "expected_uncertainty_now": uncertainty(projection_rms_px=1.5, focal_relative_uncertainty=0.01),
-        "expected_uncertainty_after": uncertainty(projection_rms_px=1.02, focal_relative_uncertainty=0.01),
+        "T_target_camera": [[1.0, 0.0, 0.0, 5.0]],
+        "expected_uncertainty_now": uncertainty(projection_rms_px=0.01388, focal_relative_uncertainty=0.01),
+        "expected_uncertainty_after": uncertainty(projection_rms_px=0.01172, focal_relative_uncertainty=0.01),
     }
-    text = printed(capsys, view, view)
-    assert "1. tilt 43° about x (upper edge away), target in the middle, 412 mm away: 1.50 -> 1.02 px" in text
+    other = {**view, "T_target_camera": [[1.0, 0.0, 0.0, 6.0]]}
+    text = printed(capsys, view, other, view)
+    assert (
+        "1. tilt 43° about x (upper edge away), target in the middle, 412 mm away: 0.014 -> 0.012 px" in text
+    )
     assert "2. tilt 43°" in text
+    assert "3. view 1 once more: tilt 43°" in text
     assert "joints" not in text
 
 
@@ -38,11 +43,12 @@ def test_a_view_of_a_robot_has_its_joint_angles(capsys: pytest.CaptureFixture[st
     view = {
         "instruction": "face the target squarely",
         "joint_angles_deg": [1.0, -20.126],
+        "T_target_camera": [[1.0, 0.0, 0.0, 5.0]],
         "expected_uncertainty_now": uncertainty(length_rms_mm=0.5, angle_rms_deg=0.02),
         "expected_uncertainty_after": uncertainty(length_rms_mm=0.4, angle_rms_deg=0.01),
     }
     text = printed(capsys, view)
-    assert "1. face the target squarely: 0.500 -> 0.400 mm, 0.0200 -> 0.0100 ° joints 1.00, -20.13 °" in text
+    assert "1. face the target squarely: 0.50 -> 0.40 mm, 0.020 -> 0.010 ° joints 1.00, -20.13 °" in text
 
 
 def test_candidates_are_the_joint_angles_of_a_file_of_poses(tmp_path: Path) -> None:

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import enum
+import math
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 from rich.markup import escape
@@ -16,7 +17,8 @@ from ..console import output_console, print_json
 from ..record_files import FileRefused, read_records
 from .poses import pose_fields
 
-_SHOWN = (("projection_rms_px", 2, "px"), ("length_rms_mm", 3, "mm"), ("angle_rms_deg", 4, "°"))
+_SHOWN = (("projection_rms_px", "px"), ("length_rms_mm", "mm"), ("angle_rms_deg", "°"))
+_DIGITS = 2
 
 
 class Purpose(enum.StrEnum):
@@ -87,17 +89,32 @@ def poses_to_choose_from(file: Path) -> list[Json]:
 
 
 def print_views(found: Json) -> None:
-    """Print each view as a camera's user sees it, and what it makes of the uncertainty."""
+    """Print each view as a camera's user sees it, and what it makes of the uncertainty, each after those before it."""
     console = output_console()
     for warning in found["warnings"]:
         console.print(f"note: {escape(warning['detail'])}")
     for number, view in enumerate(found["suggestions"], 1):
         now, after = view["expected_uncertainty_now"], view["expected_uncertainty_after"]
         gains = [
-            f"{now[name]:.{digits}f} -> {after[name]:.{digits}f} {unit}"
-            for name, digits, unit in _SHOWN
+            f"{_rounded(now[name])} -> {_rounded(after[name])} {unit}"
+            for name, unit in _SHOWN
             if now[name] is not None
         ]
-        console.print(f"{number}. {view['instruction']}: {', '.join(gains)}")
+        earlier = next(n for n, other in enumerate(found["suggestions"], 1) if _place(other) == _place(view))
+        again = f"view {earlier} once more: " if earlier < number else ""
+        console.print(f"{number}. {again}{view['instruction']}: {', '.join(gains)}")
         if view["joint_angles_deg"] is not None:
             console.print(f"   joints {', '.join(f'{angle:.2f}' for angle in view['joint_angles_deg'])} °")
+
+
+def _place(view: Json) -> tuple[Any, Any]:
+    """Return where a view is taken from: what views that are one and the same share."""
+    return view["T_target_camera"], view["joint_angles_deg"]
+
+
+def _rounded(value: float) -> str:
+    """Return an uncertainty with two significant digits."""
+    if value == 0.0 or not math.isfinite(value):
+        return f"{value:g}"
+    shown = float(f"{value:.{_DIGITS - 1}e}")
+    return f"{shown:.{max(0, _DIGITS - 1 - math.floor(math.log10(abs(shown))))}f}"
