@@ -10,6 +10,7 @@ import functools
 import gc
 import importlib
 import inspect
+import shutil
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from typing import Any, get_type_hints
@@ -18,6 +19,9 @@ import typer
 from rich.markup import escape
 from typer.core import TyperCommand, TyperGroup
 from typer.main import get_command
+
+_PANEL_COLUMNS = 130
+"""Width from which on help is in panels: their columns cut options and examples where they are narrower."""
 
 
 class LazyCommand(TyperCommand):
@@ -40,6 +44,9 @@ class LazyCommand(TyperCommand):
         settings = getattr(function, "context_settings", None)
         holder.command(self.name, context_settings=settings)(_exiting(_expanded(function)))
         command: Any = get_command(holder)
+        if _is_narrow():
+            command.rich_markup_mode = None
+            return command
         for described in (command, *command.params):
             if getattr(described, "help", None):
                 described.help = escape(described.help)  # `[default: by its name]` is text and no style
@@ -58,7 +65,22 @@ def lazy_group(commands: Mapping[str, tuple[str, str]]) -> type[TyperGroup]:
         def __init__(self, *, commands: Any = None, **attributes: Any) -> None:
             super().__init__(commands={**lazy, **(commands or {})}, **attributes)
 
+        def format_help(self, context: Any, formatter: Any) -> None:
+            if _is_narrow():
+                super(TyperGroup, self).format_help(context, formatter)
+            else:
+                super().format_help(context, formatter)
+
+        def format_commands(self, context: Any, formatter: Any) -> None:
+            """Write every command with its whole summary."""
+            with formatter.section("Commands"):
+                formatter.write_dl([(name, command.help or "") for name, command in self.commands.items()])
+
     return LazyGroup
+
+
+def _is_narrow() -> bool:
+    return shutil.get_terminal_size().columns < _PANEL_COLUMNS
 
 
 @contextmanager

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import re
 import subprocess
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import pytest
 from typer.core import TyperGroup
@@ -30,6 +31,14 @@ def lazy_commands() -> Iterator[tuple[str, LazyCommand]]:
 
 
 COMMANDS = dict(lazy_commands())
+ROOT = get_command(app)
+GROUPS = {
+    "": ROOT,
+    **{name: group for name, group in vars(ROOT)["commands"].items() if isinstance(group, TyperGroup)},
+}
+HELP = [*GROUPS, *COMMANDS]
+WIDEST = ["", "upload", "watch", "sessions import", "robots create"]
+"""Some whose help has long words in narrow columns."""
 
 
 def test_the_table_holds_every_command() -> None:
@@ -104,6 +113,19 @@ def test_a_summary_is_the_first_sentence_of_the_command(name: str) -> None:
 def test_help_shows_what_is_in_brackets(command: str, text: str) -> None:
     shown = CliRunner().invoke(app, [command, "--help"], env={"COLUMNS": "200"}).stdout
     assert text in " ".join(shown.replace("│", " ").split())
+
+
+@pytest.mark.parametrize(("columns", "names"), [(50, HELP), (80, HELP), (130, WIDEST)])
+def test_help_cuts_nothing(columns: int, names: Sequence[str]) -> None:
+    runner = CliRunner()
+    for name in names:
+        shown = runner.invoke(app, [*name.split(), "--help"], env={"COLUMNS": str(columns)}).stdout
+        assert "…" not in shown, name
+        command = COMMANDS[name].load() if name in COMMANDS else GROUPS[name]
+        options = {
+            option for parameter in command.params for option in parameter.opts if option.startswith("--")
+        }
+        assert options <= set(re.findall(r"--[\w-]+", shown)), name
 
 
 def test_the_code_a_command_returns_is_the_exit_code() -> None:

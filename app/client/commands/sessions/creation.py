@@ -29,7 +29,7 @@ def create(
         CameraMount | None, typer.Option(help="Whether the camera is on the robot, or fixed before it.")
     ] = None,
     focal_length_mm: Annotated[
-        float | None, typer.Option(help="Focal length of the lens, with --pixel-pitch-um.")
+        float | None, typer.Option(help="Focal length of the lens; needs --pixel-pitch-um, too.")
     ] = None,
     pixel_pitch_um: Annotated[
         float | None, typer.Option(help="Distance of neighbouring pixels on the sensor.")
