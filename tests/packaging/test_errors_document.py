@@ -18,6 +18,7 @@ _CODE_OF = {
     "ArchiveRefused": 0,
     "BackupRefused": 0,
     "AnalysisError": 0,
+    "ArgumentRefused": 0,
     "ClientError": 0,
     "ExcludedMeasurement": 1,
     "ExcludedPose": 1,

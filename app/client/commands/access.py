@@ -17,7 +17,7 @@ from rich.markup import escape
 
 from .. import ClientError, ServiceClient
 from ..credentials import saved_key, usual_address
-from ..http import Unusable, service_address
+from ..http import ArgumentRefused, service_address
 from .console import OptionRefused, error_console, print_error
 
 RETRY_FOR_S = 300.0
@@ -45,10 +45,10 @@ def _choose(context: typer.Context, key: str | None) -> str | None:
 
 
 def _checked(url: str) -> str:
-    """Return the service's address as requests take it; one that is none ends the command before anything is sent."""
+    """Return the service's address as requests take it; one that cannot be used ends the command."""
     try:
         return service_address(url) if url else ""
-    except Unusable as refused:
+    except ArgumentRefused as refused:
         raise typer.BadParameter(f"{refused.detail} {refused.advice}") from None
 
 
@@ -127,7 +127,7 @@ def print_refusal(console: Console, error: ClientError, file: Path | None = None
 
 def exit_code(error: ClientError) -> int:
     """Return 2 where nothing was sent, else 1."""
-    return 2 if isinstance(error, Unusable) else 1
+    return 2 if isinstance(error, ArgumentRefused) else 1
 
 
 def act_on_each(ids: Sequence[str], act: Callable[[str], None], shown_by: str) -> int:
@@ -180,7 +180,7 @@ class ReadAccess:
     def run(self, act: Callable[[ServiceClient], int | None], file: Path | None = None) -> int:
         """Let `act` use a client and return the exit code, 0 where `act` returns none.
 
-        2 where `act` raises OptionRefused or Unusable, 1 for a refusal of the service; all are printed with advice.
+        2 where `act` raises OptionRefused or ArgumentRefused, 1 for a refusal of the service; all are printed.
         `file` holds the fields that `act` sends.
         """
         errors = error_console()

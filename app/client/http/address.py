@@ -6,7 +6,7 @@ import ssl
 
 import httpx2
 
-from .errors import Unusable
+from .errors import ArgumentRefused
 
 _LAST_PORT = 65535
 _INTERFACE = "/v1"
@@ -20,7 +20,7 @@ _NO_TLS = frozenset(
 def service_address(url: str) -> str:
     """Return the address of a service without what follows it: a slash, or /v1, which paths of requests have.
 
-    Raises Unusable `invalid_url`.
+    Raises ArgumentRefused `invalid_url`.
     """
     address = url.strip().rstrip("/")
     address = address.removesuffix(_INTERFACE).rstrip("/")
@@ -61,5 +61,5 @@ def advice_on_tls(url: str, failure: ssl.SSLError) -> str:
     return f"The service does not seem to speak https there. Write the URL as {plain}."
 
 
-def _invalid(url: str, reason: str, advice: str = _EXAMPLE) -> Unusable:
-    return Unusable("invalid_url", f"{url} is not an address of a service: {reason}.", advice)
+def _invalid(url: str, reason: str, advice: str = _EXAMPLE) -> ArgumentRefused:
+    return ArgumentRefused("invalid_url", f"{url} is not an address of a service: {reason}.", advice)

@@ -30,5 +30,5 @@ class ClientError(Exception):
         """The pause that the service asks for, in seconds."""
 
 
-class Unusable(ClientError):
+class ArgumentRefused(ClientError):
     """An address, a key or a target's form cannot be used; no request was made."""

@@ -17,7 +17,7 @@ import stamina
 
 from ..closing import Closing
 from .address import advice_on_tls, service_address, tls_failure
-from .errors import ClientError, Unusable
+from .errors import ArgumentRefused, ClientError
 
 Json = dict[str, Any]
 
@@ -66,7 +66,7 @@ class ServiceClient(Closing):
 
     Raises
     ------
-    Unusable
+    ArgumentRefused
         `invalid_url` or `invalid_key`.
     """
 
@@ -91,7 +91,7 @@ class ServiceClient(Closing):
                 transport=transport,
             )
         except UnicodeEncodeError as error:
-            raise Unusable(
+            raise ArgumentRefused(
                 "invalid_key",
                 "The key holds characters that no API key has.",
                 "Copy it again: gp_, the key's id, and the secret, as `gridpose keys create` printed them.",

@@ -6,7 +6,7 @@ import re
 from collections.abc import Callable, Sequence
 from typing import Any
 
-from ..http import ClientError, Json, ServiceClient, Unusable
+from ..http import ArgumentRefused, ClientError, Json, ServiceClient
 from .sheets import sheet_matcher
 
 _ID = re.compile(r"[a-z]{3}_[0-9a-z]{26}")
@@ -202,7 +202,7 @@ def check_target(client: ServiceClient, target: str) -> None:
 def described_target(text: str) -> Json | None:
     """Return the fields of the target that a form describes, or None for an id or a name.
 
-    Raises Unusable `target_not_described` for a text that begins like a form and cannot be read as one.
+    Raises ArgumentRefused `target_not_described` for a text that begins like a form and cannot be read as one.
     """
     kind = text.partition(":")[0]
     if kind not in _KINDS or ":" not in text:
@@ -242,9 +242,9 @@ _CONVERTERS: dict[str, Callable[[str], Any]] = {
 }
 
 
-def _not_described(text: str, reason: str) -> Unusable:
+def _not_described(text: str, reason: str) -> ArgumentRefused:
     kind = text.partition(":")[0]
-    return Unusable(
+    return ArgumentRefused(
         "target_not_described",
         f"--target {text} cannot be read: {reason}.",
         f"Write it as {_EXAMPLES[kind]}; columns and rows count {_COUNTED.get(kind, 'inner corners')}, lengths are mm.",

@@ -13,7 +13,7 @@ import re
 from collections.abc import Callable, Iterator
 from typing import Any
 
-from ..http import Unusable
+from ..http import ArgumentRefused
 
 _SHEET = re.compile(r"(?:gp-)?(?P<digits>[0-9a-f]{8})", re.IGNORECASE)
 _PREFIX = "sheet:"
@@ -27,13 +27,13 @@ _SIZES = (50, 100, 250, 1000)
 def sheet_matcher(text: str) -> Callable[[dict[str, Any]], bool] | None:
     """Return what determines whether a target of the service is printed on the sheet `sheet:ID`; None for another text.
 
-    Raises Unusable `target_not_described` for a text that begins like one and has no id.
+    Raises ArgumentRefused `target_not_described` for a text that begins like one and has no id.
     """
     if not text.startswith(_PREFIX):
         return None
     match = _SHEET.fullmatch(text.removeprefix(_PREFIX).strip())
     if match is None:
-        raise Unusable(
+        raise ArgumentRefused(
             "target_not_described",
             f"--target {text} cannot be read: a sheet's id is gp- and eight digits or letters a to f.",
             "Write it as the sheet prints it before the target's description, e.g. sheet:gp-5d49aa3e.",
