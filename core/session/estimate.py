@@ -15,6 +15,12 @@ from core.session.model import MeasuredPose, SessionData
 
 MIN_OTHER_SETTING = 3
 """Images of a focus group that do not fit its camera, from which on they may be of another setting of the lens."""
+_LOOK_ADVICE = "Look at their failures and overlays, and upload better ones of these poses if need be."
+_OTHER_SETTING_ADVICE = (
+    "Look at their failures and overlays. Sound images with not_converged may be of another setting of the lens (focus, "
+    "zoom) or another camera: give these a focus_group of their own. Upload better ones of the others if need be."
+)
+_SIZES_ADVICE = "Give each camera setting a focus_group of its own: they count in a camera of their own size."
 
 
 @dataclass(frozen=True, slots=True)
@@ -90,28 +96,25 @@ def exclusion_warnings(data: SessionData, excluded: Mapping[str, ExcludedMeasure
         if image.measurement_id in excluded:
             reasons.setdefault(excluded[image.measurement_id].code, []).append(image.measurement_id)
     found = "; ".join(f"{code} ({len(ids)}): {listed(ids)}" for code, ids in sorted(reasons.items()))
+    verb = "is" if len(excluded) == 1 else "are"
     return [
         Advisory(
             "images_excluded",
-            f"{len(excluded)} of the {len(data.images)} images in which grid points were found are not in the figures: "
-            f"{found}.",
+            f"{len(excluded)} of {len(data.images)} images {verb} not in the figures: {found}.",
             _advice(data, excluded, set(reasons)),
         )
     ]
 
 
-def _advice(data: SessionData, excluded: Mapping[str, ExcludedMeasurement], reasons: set[str]) -> str:
-    if reasons == {"image_size_differs"}:
-        return "Give each camera setting a focus_group of its own: they count in a camera of their own size."
+def _advice(data: SessionData, excluded: Mapping[str, ExcludedMeasurement], reasons: set[str]) -> str | None:
+    advice = [_SIZES_ADVICE] if "image_size_differs" in reasons else []
     unlike = Counter(
         image.focus_group
         for image in data.images
         if image.measurement_id in excluded and excluded[image.measurement_id].code == NotConverged.code
     )
     if any(count >= MIN_OTHER_SETTING for count in unlike.values()):
-        return (
-            "Look at their failures and overlays. Sound images with not_converged may be of another setting of the "
-            "lens (focus, zoom) or another camera: give these a focus_group of their own. Upload better ones of the "
-            "others if need be."
-        )
-    return "Look at their failures and overlays, and upload better ones of these poses if need be."
+        advice.append(_OTHER_SETTING_ADVICE)
+    elif reasons - {"image_size_differs", "excluded_by_user"}:
+        advice.append(_LOOK_ADVICE)
+    return " ".join(advice) or None
