@@ -19,6 +19,8 @@ _AXIS_SHARE = 0.16
 """Length of a joint's axis to either side, of the arm's extent."""
 _TAG_SHARE = 0.085
 """Height of a line of a tag, of the arm's extent."""
+_LETTER_SHARE = 0.015
+"""Width of a letter of a tag, of the arm's extent, where the arm is as wide as the sheet."""
 _CIRCLE_SHARE = 0.06
 """Between the middle of an axis's number and a tag, of the arm's extent."""
 _TURN = np.radians(35.0)
@@ -165,15 +167,19 @@ def _tags(
         ends = [side * float((high if side > 0 else low)[0]) + 0.14 * extent]
         across = side * max([*ends, *(side * circle + _CIRCLE_SHARE * extent for circle in circles)])
         heights = np.array([float(flat[1]) for flat, _ in some])
-        for i in range(1, len(heights)):  # from the top, none over another
-            heights[i] = min(heights[i], heights[i - 1] - gap * len(some[i - 1][1]))
+        lines = [len(tags) for _, tags in some]
+        for i in range(1, len(heights)):  # from the top, none over another: heights are those of middles
+            heights[i] = min(heights[i], heights[i - 1] - 0.5 * gap * (lines[i - 1] + lines[i]))
         heights += max(0.0, low[1] - heights[-1])
         for (flat, tags), height in zip(some, heights.tolist(), strict=True):
+            written = [f"{letter}: {', '.join(names)}" for letter, names in tags.items()]
             drawn.plot([flat[0], across], [flat[1], height], color=ORANGE, linewidth=1.0, zorder=3)
+            reach = _LETTER_SHARE * extent * max(map(len, written))
+            drawn.update_datalim([(across + side * reach, height)])
             drawn.text(
                 across,
                 height,
-                "\n".join(f"{letter}: {', '.join(names)}" for letter, names in tags.items()),
+                "\n".join(written),
                 ha="left" if side > 0 else "right",
                 va="center",
                 fontsize=8.5,

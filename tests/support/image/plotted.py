@@ -224,6 +224,20 @@ def slender_arm_schematic() -> Figure:
     return arm_schematic_figure(axes, parts, groups, "title")
 
 
+def crowded_arm_schematic() -> Figure:
+    """An arm whose last link is at the height of the tool, in which three groups have a parameter."""
+    places = np.array([[0.0, 0, 0], [0, 0, 400], [180, 0, 400], [900, 0, 430], [1020, 0, 400]])
+    axes = [JointAxis(i + 1, places[i], np.eye(3)[2 - i]) for i in range(3)]
+    parts = [LinkPart(name, places[i], places[i + 1]) for i, name in enumerate(("d1", "a1", "a2", "tool"))]
+    tool = ("tool", places[4])
+    groups = [
+        UndeterminedGroup("A", (("θ1", places[0]), ("base", places[0])), "words"),
+        UndeterminedGroup("B", (("a6", places[3]), ("α6", places[3]), tool), "they coincide."),
+        *(UndeterminedGroup(letter, (tool,), "positions alone.") for letter in "CD"),
+    ]
+    return arm_schematic_figure(axes, parts, groups, "title")
+
+
 def lens_profiles() -> list[LensProfile]:
     """Three lens models of a focus group, one of which turns back within the observed radius."""
     radius = np.linspace(1.0, 900.0, 900)
@@ -253,6 +267,7 @@ DRAWINGS: dict[str, Callable[[], Figure]] = {
     "workspace map": workspace_map,
     "arm schematic": arm_schematic,
     "slender arm": slender_arm_schematic,
+    "crowded arm": crowded_arm_schematic,
     "lens models": lambda: lens_profile_figure(lens_profiles(), "title"),
 }
 """Every kind of plot, and the odd ones."""
