@@ -126,6 +126,7 @@ def test_a_plot_is_known_by_its_tag(api: Any, store: Store, ordinary: list[Shot]
     by_another = get(api, first, plot, estimator="per_image_fixed_pp")
     assert by_another.headers["etag"] != tag
     assert by_another.content != drawn.content
+    assert b"per_image" not in by_another.content, "an estimator has the name that pages give it"
     assert api.client.head(f"/v1/sessions/{first}/{plot}").headers["etag"] == tag
     store(api, first, ordinary[6:9])
     assert get(api, first, plot).headers["etag"] != tag
@@ -141,6 +142,7 @@ def test_a_plot_names_session_robot_and_date(api: Any, store: Store, ordinary: l
     drawn = [get(api, session, PLOTS[0]) for session in sessions]
     titles = [ElementTree.fromstring(one.content)[0].text or "" for one in drawn]
     assert re.search(r": Cell 4 · robot KR <5> · session of \d{4}-\d{2}-\d{2}$", titles[0])
+    assert "(pooled)" in titles[0]
     assert re.search(r": Cell 5 · session of \d{4}-\d{2}-\d{2}$", titles[1])
     assert drawn[0].headers["etag"] != drawn[1].headers["etag"]
     assert api.client.patch(f"/v1/sessions/{sessions[1]}", json={"name": "Cell 6"}).status_code == 200

@@ -23,6 +23,7 @@ from app.errors import NotFound
 from app.reports.camera_plots.projection_map import projection_svg
 from app.reports.camera_plots.residual_map import residuals_svg
 from app.reports.drift import drift_svg
+from app.reports.forms import words
 from app.reports.scatter import PoseScatter, common_half_width, scatter_svg
 from app.reports.steadiness import steadiness_svg
 from core.errors import NothingUsable, TooFewCycles, TooFewMeasurements
@@ -59,7 +60,7 @@ def scatter_pages(
     # One visit has no scatter: such poses are drawn where there is no other, or where one is asked for.
     repeated = [row for row in source.rows if len(row.visits) > 1]
     rows = _chosen(source.rows if wanted is not None or not repeated else repeated, wanted)
-    title = f"Position scatter in the {source.frame}, about each pose's mean ({source.how})"
+    title = f"Positions about each pose's mean, in the {source.frame} ({source.how})"
     poses = [_scatter(row) for row in rows]
     half = common_half_width(poses)
     return [scatter_svg(page, title, about, half_width_mm=half) for page in _pages(poses, poses_a_page)]
@@ -108,15 +109,20 @@ def steadiness_pages(
 def residual_map(data: SessionData, settings: Mapping[str, str], about: str) -> bytes:
     """Return what `GET .../intrinsics/residuals.svg` answers."""
     groups = _chosen_groups(data, settings)
-    title = f"Residuals over the image (estimator {settings['estimator']})"
+    title = f"Residuals over the image ({_estimated(settings)})"
     return residuals_svg([residual_field(group) for group in groups], title, about)
 
 
 def projection_map(data: SessionData, settings: Mapping[str, str], about: str) -> bytes:
     """Return what `GET .../intrinsics/projection-uncertainty.svg` answers."""
     groups = _chosen_groups(data, settings)
-    title = f"Projection uncertainty over the image (estimator {settings['estimator']})"
+    title = f"Projection uncertainty over the image ({_estimated(settings)})"
     return projection_svg([projection_field(group) for group in groups], title, about)
+
+
+def _estimated(settings: Mapping[str, str]) -> str:
+    """Return the estimator by the name that pages and reports give it."""
+    return words(settings["estimator"])
 
 
 def _chosen_groups(data: SessionData, settings: Mapping[str, str]) -> Sequence[FocusGroup]:
@@ -166,8 +172,8 @@ def _source(data: SessionData, settings: Mapping[str, str]) -> _Source:
     estimate = estimate_session(data, settings["estimator"])
     seen = image_rows(data, estimate)
     poses = {pose.measurement_id: pose for pose in estimate.poses}
-    frame = "target frame" if data.camera_mount == "robot" else "frame of the fixed camera"
-    return _Source(seen.rows, seen.steadiness, poses, frame, f"estimator {settings['estimator']}")
+    frame = "target frame" if data.camera_mount == "robot" else "camera frame"
+    return _Source(seen.rows, seen.steadiness, poses, frame, _estimated(settings))
 
 
 def _chosen(rows: Sequence[PoseRow], pose_id: str | None) -> Sequence[PoseRow]:

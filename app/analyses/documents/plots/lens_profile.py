@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from app.analyses.documents.camera.residual_field import radial_residuals
 from app.analyses.outcome import AnalysisError
 from app.reports.camera_plots.lens_profile import LensProfile, lens_profile_svg
+from app.reports.forms import words
 from core import GridposeError
 from core.geometry import LensModel, lens_model_of
 from core.session import FocusGroup, SessionData, estimate_session, observed_radius
@@ -44,9 +45,7 @@ def lens_profile_plot(data: SessionData, settings: Mapping[str, str], about: str
                 [radial_residuals(fitted[model]) for model in sorted(fitted)],
             )
         )
-    return lens_profile_svg(
-        profiles, f"Lens models along the radius (estimator {settings['estimator']})", about
-    )
+    return lens_profile_svg(profiles, f"Lens models along the radius ({words(settings['estimator'])})", about)
 
 
 def _with_model(data: SessionData, estimator: str, model: LensModel) -> dict[str, FocusGroup]:
