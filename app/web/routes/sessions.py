@@ -21,6 +21,7 @@ from app.services.measurements import (
 )
 from app.services.readings import count_readings, readings_by_pose, readings_of_pose
 from app.services.sessions import SessionDetail, get_session
+from app.web.health import count_idle, no_worker
 from app.web.pages import is_fragment, page_router, query_of, render
 from app.web.service import service_of
 
@@ -70,6 +71,9 @@ def show_session(
             "advice": next_step(detail, counted),
             "url": str(request.base_url).rstrip("/"),
         }
+        waits = bool(detail.counts["queued"]) and not is_fragment(request)
+        idle = count_idle(service_of(request), records) if waits else 0
+        context["idle"] = no_worker(idle) if idle else ""
         return render(
             request, "sessions/_gallery.html" if is_fragment(request) else "sessions/session.html", **context
         )

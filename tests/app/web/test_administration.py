@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 import re
+from datetime import timedelta
 from html import unescape
 from typing import Any
 from urllib.parse import unquote
 
 import pytest
 
+from app.records.tables import Measurement
 from app.services.health import Check
 from app.services.inspection import CheckResult, State
 from app.services.keys import change_key, create_key
+from app.web import health
 from app.web.health import Health
 from app.web.routes import administration
 from tests.support.service.signed_in import signed_in
@@ -65,16 +68,35 @@ def test_the_audit_trail_is_chosen_by_the_name_or_the_id_of_a_key(api: Any) -> N
     "found", [(), (State.ok, State.warning), (State.warning, State.warning), (State.failed,)]
 )
 def test_health_is_the_worst_of_all_that_was_found(ok: bool, found: tuple[State, ...]) -> None:
-    health = Health([Check("disk", ok, "No room.")], {"Database": [CheckResult(one, "…") for one in found]})
+    whole = Health([Check("disk", ok, "No room.")], {"Database": [CheckResult(one, "…") for one in found]})
     if not ok:
-        assert (health.kind, health.sentence) == ("bad", "The service cannot do all its work. No room.")
+        assert (whole.kind, whole.sentence) == ("bad", "The service cannot do all its work. No room.")
     elif State.failed in found:
-        assert health.kind == "bad"
+        assert whole.kind == "bad"
     elif State.warning in found:
         points = {1: "1 point needs a look", 2: "2 points need a look"}[found.count(State.warning)]
-        assert (health.kind, health.sentence) == ("fair", f"Every part does its work; {points}.")
+        assert (whole.kind, whole.sentence) == ("fair", f"Every part does its work; {points}.")
     else:
-        assert (health.kind, health.sentence) == ("good", "All is well.")
+        assert (whole.kind, whole.sentence) == ("good", "All is well.")
+
+
+def test_images_that_nothing_computes_are_said(
+    api: Any, grey_png: bytes, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    session_id = api.make_session()
+    made = [api.put_image(session_id, grey_png + bytes([k]), f"P{k}").json()["id"] for k in range(2)]
+
+    def said(address: str) -> list[str]:
+        return re.findall(r'<p class="health fair">.*?(\d+) images', page(api, address))
+
+    addresses = ("", "system", f"sessions/{session_id}")
+    assert [said(one) for one in addresses] == [[], [], []], "they came just now"
+    monkeypatch.setattr(health, "TAKEN_WITHIN", timedelta(0))
+    assert [said(one) for one in addresses] == [["2"]] * 3
+    assert re.search(r'runner</th><td><span class="badge fair">', page(api, "system"))
+    with api.installation.database.write() as records:
+        records.get_one(Measurement, made[0]).status = "running"
+    assert [said(one) for one in addresses] == [[], [], []], "another process computes"
 
 
 def test_the_first_page_and_the_system_page_say_the_same_of_the_service(api: Any) -> None:
