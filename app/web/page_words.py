@@ -12,6 +12,8 @@ from markupsafe import Markup, escape
 
 from app.web.words import ESTIMATORS
 
+STATE_LENS = "state the session's lens"
+"""In an advice, what the page of the session's changes takes."""
 MISSING = "Check the id; lists show what exists."
 """What the API advises where there is no such thing."""
 _ID = re.compile(r"\b(mea|tgt|ses|rob|rep)_[0-9a-z]{26}\b")
@@ -23,6 +25,12 @@ _PAGES = {
     "rep": ("report", "/ui/reports/"),
 }
 _PHRASES = (
+    (f"{STATE_LENS} (focal length and pixel pitch) or its intrinsics", STATE_LENS),
+    (f"{STATE_LENS} or its intrinsics", STATE_LENS),
+    (
+        "Ask again when the session's queued and running counts are lower.",
+        "Load this page again when they are computed: the page of images shows how far they are.",
+    ),
     ("PATCH the session with intrinsics, or choose another estimator", "Choose another estimator"),
     ("PUT the session's poses with what was commanded", "Load the commanded poses"),
     (
@@ -166,6 +174,7 @@ _NEXT = (
     ("not_converged", "frames", "/poses", "See the commanded poses"),
     ("print_scale_mismatch", "", "/robot", "See the robot"),
     ("too_few_cycles", "", "", "To the images"),
+    ("too_few_measurements", "waiting", "", "To the images"),
     ("too_few_measurements", "", "/upload", "Add images"),
 )
 """By code, and what the text says, the tail of the address of the session's page on which a refusal is mended, and what
@@ -209,6 +218,22 @@ def next_page(code: str, detail: str = "") -> tuple[str, str] | None:
     return None
 
 
+@pass_context
+def next_page_here(context: Context, code: str, detail: str = "") -> tuple[str, str] | None:
+    """Return the same on a page of a session; where another instrument measured, images are no answer."""
+    found = next_page(code, detail) if context.get("session_id") is not None else None
+    if found is None or not _of_readings(context):
+        return found
+    return {"": ("?source=measured_poses", "To the readings"), "/upload": None, "?state=failed": None}.get(
+        found[0], found
+    )
+
+
+def _of_readings(context: Context) -> bool:
+    source = context.get("source") or (context.get("settings") or {}).get("source")
+    return source == "measured_poses" or bool(context.get("readings") and not any(context["counts"].values()))
+
+
 def list_of(code: str) -> tuple[str, str]:
     """Return the address of the list in which what is missing would be, by the refusal's code, and the link's text."""
     return _LISTS.get(code.removesuffix("_not_found"), ("/ui/", "All sessions"))
@@ -217,7 +242,7 @@ def list_of(code: str) -> tuple[str, str]:
 @pass_context
 def linked(context: Context, text: str) -> Markup:
     """Return a sentence whose ids are links to their pages: by the name that the page knows (`targets` and
-    `image_names`), or by their kind.
+    `image_names`), or by their kind. Where it says so, it leads to where the session's lens is stated.
     """
     names: Mapping[str, Any] = {
         **{one.id: one.name for one in context.get("targets") or ()},
@@ -239,7 +264,12 @@ def linked(context: Context, text: str) -> Markup:
             Markup('<a href="{}{}"><bdi>{}</bdi></a>').format(address, match[0], name),
         ]
         end = match.end()
-    return Markup("").join([*parts, escape(text[end:])])
+    whole = Markup("").join([*parts, escape(text[end:])])
+    session_id, may = context.get("session_id"), context.get("may")
+    if session_id is None or may is None or not may("upload"):
+        return whole
+    link = Markup('<a href="/ui/sessions/{}/change#lens">{}</a>').format(session_id, STATE_LENS)
+    return whole.replace(escape(STATE_LENS), link)
 
 
 def coded(text: str) -> Markup:

@@ -215,7 +215,7 @@ def environment() -> Environment:
         report_kinds=words.REPORT_KINDS,
         report_forms=words.REPORT_FORMS,
         scopes=words.SCOPES,
-        next_page=page_words.next_page,
+        next_page=page_words.next_page_here,
         list_of=page_words.list_of,
         missing=page_words.MISSING,
         view_purposes=words.VIEW_PURPOSES,

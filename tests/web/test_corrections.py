@@ -15,6 +15,32 @@ pytestmark = pytest.mark.slow
 Open = Callable[..., Any]
 
 
+def test_lens_and_conditions_are_stated_and_taken_back(cell: Cell, open_page: Open) -> None:
+    session_id = cell.api.make_session(
+        cell.target_id, name="Lens", conditions={"load_kg": 2.0, "notes": "warm"}
+    )
+
+    def stated() -> tuple[Any, Any]:
+        found = cell.api.client.get(f"/v1/sessions/{session_id}").json()
+        return found["lens"], {k: v for k, v in (found["conditions"] or {}).items() if v is not None}
+
+    def change(**values: str) -> Any:
+        page = open_page(f"/ui/sessions/{session_id}/change")
+        for name, value in values.items():
+            page.fill(f"#{name}", value)
+        page.click("main form .primary")
+        return page
+
+    change(focal="8,5").wait_for_selector("#pixel[aria-invalid]")
+    change(focal="8,5", pixel="3.45", load="2.5").wait_for_url(f"**/ui/sessions/{session_id}")
+    lens = {"focal_length_mm": 8.5, "pixel_pitch_um": 3.45}
+    assert stated() == (lens, {"load_kg": 2.5, "notes": "warm"})
+    change(load="", notes="").wait_for_url(f"**/ui/sessions/{session_id}")
+    assert stated() == (lens, {})
+    change(focal="", pixel="").wait_for_url(f"**/ui/sessions/{session_id}")
+    assert stated() == (None, {})
+
+
 def test_selected_images_get_a_focus_group_and_are_computed_again(cell: Cell, open_page: Open) -> None:
     session_id = cell.api.make_session(cell.target_id, name="Two lenses")
     for image in cell.images[:2]:

@@ -29,7 +29,7 @@ MAX_POSES = 20_000
 
 @router.get("/sessions/new", operation_id="list_sessions")
 def show_new_session(request: Request, target: Annotated[str, Query(max_length=64)] = "") -> Response:
-    """Ask for a session's target, robot and conditions."""
+    """Ask for a session's target, robot, lens and conditions."""
     with service_of(request).installation.database.read() as records:
         return render(
             request,
@@ -42,7 +42,7 @@ def show_new_session(request: Request, target: Annotated[str, Query(max_length=6
 
 @router.get("/sessions/{session_id}/change", operation_id="update_session")
 def show_change(request: Request, session_id: str) -> Response:
-    """Ask for another name, target or robot of a session."""
+    """Ask for another name, target, robot, lens or other conditions of a session."""
     with service_of(request).installation.database.read() as records:
         return render(
             request,

@@ -97,6 +97,8 @@
       for (const name of names.slice(0, -1)) place = place[name] = place[name] || {};
       place[names[names.length - 1]] = value;
     }
+    // What is stated as a whole, and is all emptied, is stated no longer.
+    for (const { dataset } of form.querySelectorAll("fieldset[data-null]")) if (!(dataset.null in found)) found[dataset.null] = null;
     return found;
   };
 

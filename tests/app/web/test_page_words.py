@@ -10,10 +10,17 @@ from typing import Any, cast
 import pytest
 
 from app.jobs.process_image import _CORRECTION
-from app.web.page_words import linked, named, next_page, on_pages
+from app.web.page_words import linked, named, next_page, next_page_here, on_pages
 from app.web.routes.measurements import camera_meaning
 from app.web.words import ESTIMATORS
-from core.errors import CommandedPosesMissing, GridposeError, IntrinsicsMissing, MixedImageSizes, TooFewCycles
+from core.errors import (
+    CommandedPosesMissing,
+    FocalNotObservable,
+    GridposeError,
+    IntrinsicsMissing,
+    MixedImageSizes,
+    TooFewCycles,
+)
 from tests.support.source_texts import modules, texts_of
 
 TARGET, SESSION = "tgt_" + "0" * 26, "ses_" + "1" * 26
@@ -88,6 +95,38 @@ def test_ids_are_links_by_the_name_that_the_page_knows() -> None:
     first, second = ("mea_" + digit * 26 for digit in "12")
     shown = linked(context, f"{first}, {second}, {first}")
     assert re.findall(r"<bdi>(.*?)</bdi>", shown) == ["image 1", "image 2", "image 1"]
+
+
+@pytest.mark.parametrize(
+    "advice", [FocalNotObservable.default_advice, "Or state the session's lens or its intrinsics."]
+)
+def test_the_advice_to_state_the_lens_leads_to_where_it_is_stated(advice: str) -> None:
+    context: Any = {"session_id": SESSION, "may": lambda scope: True}
+    shown = linked(context, on_pages(advice))
+    assert shown.count(f'<a href="/ui/sessions/{SESSION}/change#lens">') == 1
+    assert "intrinsics" not in shown
+    for unable in ({}, context | {"may": lambda scope: False}):
+        assert "<a" not in linked(cast("Any", unable), on_pages(advice))
+
+
+def test_what_another_instrument_measured_is_not_mended_by_images() -> None:
+    readings: Any = {"session_id": SESSION, "readings": 9, "counts": {"queued": 0}}
+    assert next_page_here(readings, TooFewCycles.code) == ("?source=measured_poses", "To the readings")
+    assert next_page_here(readings, "too_few_measurements") is None
+    assert next_page_here(readings, CommandedPosesMissing.code) == ("/poses", "Load commanded poses")
+    images: Any = {"session_id": SESSION, "readings": 9, "counts": {"queued": 1}}
+    assert next_page_here(images, TooFewCycles.code) == ("", "To the images")
+    chosen: Any = images | {"settings": {"source": "measured_poses"}}
+    assert next_page_here(chosen, "too_few_measurements") is None
+    assert next_page_here(cast("Any", {}), TooFewCycles.code) is None
+
+
+def test_images_that_wait_lead_to_the_images() -> None:
+    waiting = "None of the session's images is measured yet; 8 are waiting."
+    assert next_page("too_few_measurements", waiting) == ("", "To the images")
+    assert next_page("too_few_measurements", "The session has no images.") == ("/upload", "Add images")
+    advice = "Ask again when the session's queued and running counts are lower."
+    assert on_pages(advice) != advice
 
 
 def test_a_refusal_leads_to_the_page_that_mends_it() -> None:

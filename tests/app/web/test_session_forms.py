@@ -1,0 +1,50 @@
+"""Forms of a new session and of a session's changes: what they state, and what is ticked by itself."""
+
+from __future__ import annotations
+
+import re
+from typing import Any
+
+from tests.support.service.signed_in import signed_in
+
+
+def page(api: Any, address: str) -> str:
+    response = api.client.get(f"/ui/sessions/{address}", headers=signed_in(api))
+    assert response.status_code == 200, response.text
+    return str(response.text)
+
+
+def values(text: str) -> dict[str, str]:
+    """The fields of lens and conditions with what they hold."""
+    return dict(re.findall(r'name="((?:lens|conditions)\.\w+)"[^>]* value="([^"]*)"', text))
+
+
+def ticked(text: str) -> list[str]:
+    return re.findall(r'value="(tgt_\w+)" data-type="list" checked', text)
+
+
+def test_a_change_shows_lens_and_conditions_as_they_are_stated(api: Any) -> None:
+    lens = {"focal_length_mm": 8.0, "pixel_pitch_um": 3.45}
+    conditions = {"temperature_c": 0.0, "load_kg": 3.2, "operator": "<A> & B"}
+    stated, bare = api.make_session(lens=lens, conditions=conditions), api.make_session()
+    assert values(page(api, f"{stated}/change")) == {
+        **{"lens.focal_length_mm": "8", "lens.pixel_pitch_um": "3.45"},
+        **{"conditions.temperature_c": "0", "conditions.load_kg": "3.2", "conditions.speed_percent": ""},
+        **{"conditions.warm_up_min": "", "conditions.operator": "&lt;A&gt; &amp; B", "conditions.notes": ""},
+    }
+    empty = values(page(api, f"{bare}/change"))
+    assert set(empty.values()) == {""}
+    assert values(page(api, "new")) == empty
+    for name in ("lens", "conditions"):
+        assert f'data-null="{name}"' in page(api, f"{bare}/change")
+        assert f'data-null="{name}"' not in page(api, "new")
+    assert "3.45 µm" in page(api, stated)
+
+
+def test_a_target_is_ticked_where_it_is_the_only_one_or_asked_for(api: Any) -> None:
+    first = api.make_target(name="first")
+    assert ticked(page(api, "new")) == [first]
+    second = api.make_target(name="second")
+    assert ticked(page(api, "new")) == []
+    assert ticked(page(api, f"new?target={first}")) == [first]
+    assert ticked(page(api, f"new?target={second}")) == [second]
