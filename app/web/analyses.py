@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 import sqlalchemy as sa
@@ -14,15 +14,18 @@ from starlette.concurrency import run_in_threadpool
 from app.analyses.outcome import AnalysisRefused
 from app.errors import Conflict
 from app.http import get_requester, run_while_connected
-from app.records.tables import Measurement
+from app.records.tables import MeasuredPose, Measurement, Robot, Session, Target
+from app.services.queries import visible
 from app.web.service import service_of
 
 REPEATABILITY = {"estimator": "pooled", "source": "images"}
 """The settings that `GET .../repeatability` has by default: the same question, the same answer in the cache."""
 
-_IMAGE_ID = re.compile(r"\bmea_[0-9a-z]{26}\b")
-MAX_NAMED = 200
-"""Images that a page names; there are more only where a sentence lists hundreds, which none does."""
+_ID = re.compile(r"\b(mea|mpo|rob|ses|tgt)_[0-9a-z]{26}\b")
+_COLUMNS = sa.select(Measurement.id, Measurement.pose_id, Measurement.cycle, Measurement.filename)
+_NAMED: dict[str, Any] = {"rob": Robot, "ses": Session, "tgt": Target}
+MAX_NAMED = 500
+"""Rows that a page names: those of its sentences, and the first of a list of what is excluded."""
 
 
 async def analysis_document(
@@ -44,21 +47,41 @@ async def analysis_document(
 
 
 async def image_names(request: Request, found: Mapping[str, Any] | AnalysisRefused) -> dict[str, str]:
-    """Return what the images are called that an analysis speaks of: by their files, else by pose and cycle."""
+    """Return what the images are called that an analysis speaks of: by pose and cycle, with their files."""
     if isinstance(found, AnalysisRefused):
         texts = [found.detail, found.advice or ""]
     else:
         texts = [text or "" for one in found["warnings"] for text in (one["detail"], one["advice"])]
         groups = found.get("groups") or ()
         texts += [image["measurement_id"] for one in groups for image in one.get("highest_residuals") or ()]
-    ids = list(dict.fromkeys(_IMAGE_ID.findall(" ".join(texts))))[:MAX_NAMED]
+        texts += [
+            one.get(key) or ""
+            for one in found.get("excluded") or ()
+            for key in ("measurement_id", "measured_pose_id")
+        ]
+    return await names_in(request, texts)
+
+
+async def names_in(request: Request, texts: Iterable[str]) -> dict[str, str]:
+    """Return what the images, readings, targets, sessions and robots are called whose ids are in these texts."""
+    ids = list(dict.fromkeys(match[0] for match in _ID.finditer(" ".join(texts))))[:MAX_NAMED]
     return await run_in_threadpool(_names, request, ids) if ids else {}
 
 
+def image_name(pose_id: str, cycle: int | None, filename: str | None) -> str:
+    """Return what an image is called: files of different poses may have one name."""
+    return pose_id + (f", cycle {cycle}" if cycle else "") + (f" ({filename})" if filename else "")
+
+
 def _names(request: Request, ids: list[str]) -> dict[str, str]:
-    columns = sa.select(Measurement.id, Measurement.filename, Measurement.pose_id, Measurement.cycle)
+    of = {kind: [one for one in ids if one.startswith(kind)] for kind in {one[:3] for one in ids}}
+    names: dict[str, str] = {}
     with service_of(request).installation.database.read() as records:
-        return {
-            row.id: row.filename or ", ".join([row.pose_id, *([f"cycle {row.cycle}"] if row.cycle else [])])
-            for row in records.execute(columns.where(Measurement.id.in_(ids)))
-        }
+        for row in records.execute(_COLUMNS.where(Measurement.id.in_(of.get("mea", ())))):
+            names[row.id] = image_name(row.pose_id, row.cycle, row.filename)
+        for reading in records.scalars(sa.select(MeasuredPose).where(MeasuredPose.id.in_(of.get("mpo", ())))):
+            names[reading.id] = image_name(reading.pose_id, reading.cycle, None)
+        for kind, table in _NAMED.items():
+            wanted = sa.select(table.id, table.name).where(table.id.in_(of.get(kind, ())), *visible(table))
+            names |= {one.id: one.name for one in records.execute(wanted)} if kind in of else {}
+    return names

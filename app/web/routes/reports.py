@@ -16,6 +16,7 @@ from app.http import get_requester, run_while_connected
 from app.records.tables import Report, Session
 from app.services.queries import visible
 from app.services.reports import get_report, signing_key_of
+from app.web.analyses import names_in
 from app.web.pages import is_fragment, page_router, render
 from app.web.routes.repeatability import head_of
 from app.web.service import service_of
@@ -78,7 +79,25 @@ async def show_verification(request: Request, report_id: str, originals: bool = 
     except Conflict as error:
         refused = error
     template = "reports/_verification.html" if is_fragment(request) else "reports/report.html"
-    return render(request, template, **detail, found=found, refused=refused)
+    return render(
+        request,
+        template,
+        **detail,
+        found=found,
+        refused=refused,
+        image_names=await input_names(request, found),
+    )
+
+
+async def input_names(request: Request, found: dict[str, Any] | None) -> dict[str, str]:
+    """Return what is called what a verification says of its inputs: images, targets, sessions and robots."""
+    if found is None:
+        return {}
+    inputs = [*found["unavailable_inputs"], *found["changed_inputs"]]
+    differing = found["originals"]["differing"]
+    return await names_in(
+        request, [*(one["name"] for one in inputs), *(one["measurement_id"] for one in differing)]
+    )
 
 
 def detail_of(request: Request, report_id: str) -> dict[str, Any]:

@@ -72,8 +72,11 @@ def verification(**found: Any) -> str:
         "originals": {"measured": 0, "differing": []},
         "core_version_then": "0.1.0+a",
         "core_version_now": one.pop("build", "0.1.0+b"),
+        **one.pop("changed", {}),
     }
-    shown = environment().get_template("reports/_verification.html").render(found=answer, refused=None)
+    names = one.pop("image_names", {})
+    page = environment().get_template("reports/_verification.html")
+    shown = page.render(found=answer, refused=None, image_names=names)
     return " ".join(shown.split())
 
 
@@ -86,6 +89,27 @@ def test_a_report_of_another_build_is_measured_by_its_uncertainties() -> None:
     assert "✕ It does not agree" in verification(in_uncertainties=0.04, build="0.1.0+a")
     assert "✕ It does not agree" in verification(in_uncertainties=None, relative_difference=None)
     assert "≈ It agrees" in verification(in_uncertainties=None, relative_difference=1e-4)
+
+
+def test_what_differs_is_called_by_its_name_and_ids_that_nobody_knows_stay() -> None:
+    known, gone = "mea_" + "1" * 26, "mea_" + "2" * 26
+    inputs = [{"noun": "image", "name": one, "detail": "deleted"} for one in (known, gone)]
+    shown = verification(
+        in_uncertainties=1.2,
+        changed={"changed_inputs": inputs, "changed_input_count": 2},
+        image_names={known: "P1, cycle 2 (<a>.png)"},
+    )
+    assert f'<a href="/ui/measurements/{known}"><bdi>P1, cycle 2 (&lt;a&gt;.png)</bdi></a>: deleted' in shown
+    assert f"<bdi>{gone}</bdi>: deleted" in shown
+
+
+def test_who_signs_has_a_role_in_brackets(api: Any) -> None:
+    signers = [{"name": "R. Meier", "role": "operator"}, {"name": "A. Ito", "role": None}]
+    with api.installation.database.write() as records:
+        new = NewReport(kind="camera", title=None, signatories=signers, paper="a4")
+        report_id = order_report(records, api.make_session(), new).report.id
+    shown = api.client.get(f"/ui/reports/{report_id}", headers=signed_in(api)).text
+    assert "<bdi>R. Meier (operator)</bdi>, <bdi>A. Ito</bdi></dd>" in shown
 
 
 def test_a_history_has_the_digits_that_its_points_or_limits_support() -> None:
