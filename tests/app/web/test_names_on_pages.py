@@ -15,23 +15,42 @@ from tests.support.sessions.robot_session import store_robot_session
 from tests.support.sessions.stored_sessions import new_session, shoot, store_shots
 
 
-def test_images_that_a_warning_names_are_called_by_their_files(api: Any) -> None:
+def test_images_are_called_by_pose_and_cycle_with_their_files(api: Any) -> None:
     session = new_session(api)
     first, second, *_ = store_shots(api, session, shoot(cycles=3))
     with api.installation.database.write() as records:
         records.get_one(Measurement, first).filename = "left <07>.png"
         records.get_one(Measurement, second).filename = None
         pose, cycle = records.get_one(Measurement, second).pose_id, records.get_one(Measurement, second).cycle
+        place = f"{records.get_one(Measurement, first).pose_id}, cycle {records.get_one(Measurement, first).cycle}"
     for one in (first, second):
         excluded = {"excluded": {"reason": "a hand"}}
         assert api.client.patch(f"/v1/measurements/{one}", json=excluded).status_code == 200
     for tail in ("repeatability", "next-view", "camera"):
         page = api.client.get(f"/ui/sessions/{session}/{tail}", headers=signed_in(api)).text
-        assert "2 of the 15 images in which grid points were found are not in the figures" in page
-        assert f'<a href="/ui/measurements/{first}"><bdi>left &lt;07&gt;.png</bdi></a>' in page
+        assert "2 of 15 images are not in the figures" in page
+        assert f'<a href="/ui/measurements/{first}"><bdi>{place} (left &lt;07&gt;.png)</bdi></a>' in page
         assert f'<a href="/ui/measurements/{second}"><bdi>{pose}, cycle {cycle}</bdi></a>' in page
         assert "<bdi>image 1</bdi>" not in page
+        assert "mea_" not in re.sub(r"<[^>]*>", "", page), "no raw id is in a sentence or a list"
     assert re.search(r"largest residuals, rms: <a [^>]+><bdi>P\d, cycle \d</bdi></a> \d", page)
+
+    def warned(around: str) -> bool:
+        """Whether the part that is put into this page has the warning, too."""
+        head = {
+            **signed_in(api),
+            "HX-Request": "true",
+            "HX-Current-URL": f"http://localhost/ui/sessions/{around}",
+        }
+        part = api.client.get(f"/ui/sessions/{session}/next-view", headers=head)
+        assert part.status_code == 200
+        return first in part.text
+
+    assert not warned(f"{session}/camera"), "the page shows it already"
+    assert not warned(f"{session}/camera?estimator=pooled")
+    assert warned(f"{session}/camera?estimator=per_image"), "another camera, which was not asked for"
+    assert warned(session)
+    assert warned("ses_other/camera")
 
 
 def test_an_image_says_along_which_axis_its_position_is_least_certain() -> None:

@@ -10,6 +10,8 @@ from typing import Any
 import numpy as np
 import pytest
 
+from app.analyses.outcome import AnalysisRefused
+from app.web.pages import environment
 from app.web.words import fixed, number
 from core.simulation.arm import KR5_ARC
 from tests.app.web.test_pages import signed_in
@@ -104,12 +106,35 @@ def test_an_identification_is_planned_with_what_further_poses_gain(api: Any, tar
     asked = {"target": target, "home": HOME, "sweep_deg": 10, "steps": 5, "free": 10, "suggest": 3}
     shown = page(api, f"robots/{robot}/plan", **asked)
     assert re.search(r"\d+ of 40 poses show the whole grid", shown)
+    assert "cannot be separated from" in shown
+    assert not re.search(r"theta|alpha", shown), "as the table and the robot's page name parameters"
     gains = [float(one) for one in re.findall(r">([\d.]+) times smaller<", shown)]
     assert len(gains) > 10
     assert min(gains) >= 0.99, "more poses never determine less"
     assert max(gains) > 1.05
     suggested = shown[shown.index('id="suggested"') :]
     assert len(re.findall(r'<th scope="row">\d</th>', suggested)) == 3
+
+
+def test_next_views_are_chosen_by_focus_group_where_there_are_several(api: Any, grey_png: bytes) -> None:
+    session = api.make_session()
+    for k, group in enumerate(("near", "far & wide", "near")):
+        sent = api.put_image(session, grey_png + bytes([k]), f"P{k}", focus_group=group)
+        assert sent.status_code == 202, sent.text
+
+    def links(**query: Any) -> list[tuple[str, str]]:
+        nav = page(api, f"sessions/{session}/next-view", **query).partition('aria-label="Focus group"')[2]
+        return re.findall(
+            r"focus_group=([^\"&]+)\"[^>]*?( aria-current)?(?:=\"page\")?>", nav.partition("</nav>")[0]
+        )
+
+    assert links() == [("far+%26+wide", ""), ("near", "")]
+    assert links(focus_group="near") == [("far+%26+wide", ""), ("near", " aria-current")]
+    assert links(purpose="hand_eye") == []
+    part = environment().get_template("planning/_next_view.html")
+    known = {"session_id": session, "settings": {"purpose": "intrinsics"}, "focus_groups": ["near", "far"]}
+    refused = AnalysisRefused("focus_group_required", "Several.", "Name one of them (`focus_group`).")
+    assert "focus_group`" not in part.render(**known, refused=refused, path="")
 
 
 @pytest.mark.slow

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import json
 from typing import Annotated, Any, Literal
+from urllib.parse import parse_qsl, urlsplit
 
 import sqlalchemy as sa
 from fastapi import Query, Request
@@ -11,18 +13,20 @@ from starlette.concurrency import run_in_threadpool
 from starlette.responses import Response
 
 from app.analyses.outcome import AnalysisRefused
+from app.analyses.reporting import DH_DEFAULTS
 from app.errors import NotAllowed
 from app.http import holds
-from app.records.tables import Target
+from app.records.tables import Measurement, Target
 from app.services.queries import visible
 from app.services.robots import limits_setting
 from app.web.analyses import analysis_document, image_names
 from app.web.pages import is_fragment, page_router, render
 from app.web.routes.repeatability import SourceText, chosen_source, head_of, settings_of
-from app.web.service import service_of
+from app.web.service import Service, service_of
 
 router = page_router()
 VIEWS = 3
+MAX_GROUPS = 100
 MIN_GAIN = 0.05
 """Share by which a suggested view makes an uncertainty smaller at least."""
 NextViewPurpose = Literal["intrinsics", "hand_eye", "dh"]
@@ -52,7 +56,23 @@ async def show_next_views(
     settings = {"purpose": purpose, "count": str(VIEWS)}
     settings |= {"focus_group": focus_group} if focus_group else {}
     tab = "robot" if purpose == "dh" else "camera"
-    return await _show(request, session_id, tab, "next_view", settings, "planning/_next_view.html")
+    groups = await run_in_threadpool(focus_groups, service_of(request), session_id)
+    return await _show(
+        request,
+        session_id,
+        tab,
+        "next_view",
+        settings,
+        "planning/_next_view.html",
+        focus_groups=groups if purpose == "intrinsics" and len(groups) > 1 else [],
+    )
+
+
+def focus_groups(service: Service, session_id: str) -> list[str]:
+    """Return the focus groups of a session's images, by name."""
+    with service.installation.database.read() as records:
+        found = sa.select(Measurement.focus_group).where(Measurement.session_id == session_id).distinct()
+        return sorted(records.scalars(found.limit(MAX_GROUPS)))
 
 
 @router.get("/sessions/{session_id}/joint-noise", operation_id="get_joint_noise")
@@ -92,11 +112,22 @@ def views_of(suggestions: list[dict[str, Any]]) -> list[dict[str, Any]]:
 
 
 async def _show(
-    request: Request, session_id: str, tab: str, analysis: str, settings: dict[str, str], part: str
+    request: Request,
+    session_id: str,
+    tab: str,
+    analysis: str,
+    settings: dict[str, str],
+    part: str,
+    **more: Any,
 ) -> Response:
     context = await run_in_threadpool(head_of, service_of(request), session_id, tab)
     found = await analysis_document(request, analysis, session_id, settings)
     is_refused = isinstance(found, AnalysisRefused)
+    if not isinstance(found, AnalysisRefused) and is_fragment(request):
+        known = await run_in_threadpool(
+            _warnings_of_page, request, session_id, settings.get("source", "images")
+        )
+        found["warnings"] = [one for one in found["warnings"] if (one["code"], one["detail"]) not in known]
     shown: dict[str, Any] = {
         "part": part,
         "settings": settings,
@@ -105,4 +136,22 @@ async def _show(
         "document": None if is_refused else found,
         "views": [] if isinstance(found, AnalysisRefused) else views_of(found.get("suggestions", [])),
     }
-    return render(request, part if is_fragment(request) else "planning/advice.html", **context, **shown)
+    return render(
+        request, part if is_fragment(request) else "planning/advice.html", **context, **shown, **more
+    )
+
+
+def _warnings_of_page(request: Request, session_id: str, source: str) -> set[tuple[str, str]]:
+    """Return code and text of the warnings of the page that a part is put into: the robot's or the camera's."""
+    page = urlsplit(request.headers.get("hx-current-url", ""))
+    asked = dict(parse_qsl(page.query))
+    if page.path == f"/ui/sessions/{session_id}/robot":
+        question = "dh", {**DH_DEFAULTS, "source": source}
+    elif page.path == f"/ui/sessions/{session_id}/camera":
+        question = "intrinsics", {"estimator": settings_of(asked.get("estimator", ""), "")["estimator"]}
+    else:
+        return set()
+    kept = service_of(request).analyses.kept(question[0], session_id, question[1])
+    if kept is None or isinstance(kept, AnalysisRefused):
+        return set()
+    return {(one["code"], one["detail"]) for one in json.loads(kept)["warnings"]}
