@@ -149,9 +149,10 @@ def _assess(samples: list[CycleStatistics], process: CycleProcess | None) -> lis
         columns[name] = np.column_stack([getattr(radial, name), getattr(sigma, name)])
     if process is not None:
         _shift_intervals(columns, process, samples, radial.excess)
-    # A perfect instrument would not have measured more: an excess over the raw figure comes from rounding or from the
-    # division by the bias, not from the robot.
-    columns["corrected"] = np.minimum(columns["corrected"], columns["raw"])
+    # A perfect instrument would not have measured more: an excess of the figure over the raw one, or of a bound over
+    # the raw bound, comes from rounding or from the division by the bias, not from the robot.
+    for name in ("", "_low", "_high"):
+        columns["corrected" + name] = np.minimum(columns["corrected" + name], columns[name[1:] or "raw"])
     # Where tails are heavy the bounds of RP_l are not about the reading; they contain it all the same, as the raw do.
     for name, widen in (("corrected_low", np.minimum), ("corrected_high", np.maximum)):
         columns[name][:, 0] = widen(columns[name][:, 0], columns["corrected"][:, 0])

@@ -145,6 +145,24 @@ def test_yaw_about_half_a_turn_does_not_jump(make_cycles: Any) -> None:
     assert max(result.orientation.roll_pitch_yaw) < 1e-3
 
 
+@pytest.mark.parametrize("n", [2, 3, 5, 30])
+def test_no_corrected_bound_exceeds_the_raw_one(n: int) -> None:
+    rng = np.random.default_rng(n)
+    covariances = np.tile(np.diag([0.003**2] * 3 + [1e-10] * 3), (n, 1, 1))
+    poses = [
+        PoseCycles(rng.normal(0.0, 0.02, (n, 3)), np.tile(np.eye(3), (n, 1, 1)), covariances)
+        for _ in range(20)
+    ]
+    for found in assess_repeatability(poses):
+        for (_, raw), (_, corrected) in zip(
+            found.interval.items(), found.corrected_interval.items(), strict=True
+        ):
+            if raw is None or corrected is None:
+                continue  # orientations that do not scatter
+            assert corrected[0] <= raw[0]
+            assert corrected[1] <= raw[1]
+
+
 def test_a_pose_reads_the_same_alone_and_in_company(make_cycles: Any) -> None:
     poses = [make_cycles(n=n, seed=n) for n in (2, 29, 30, 30, 31, 9, 1)]
     together = assess_repeatability(poses)
