@@ -80,7 +80,9 @@ from core.metrology.qualification import (
     qualify,
 )
 from core.metrology.repeatability import (
+    FEW_CYCLES,
     IntervalEstimate,
+    MisplacedVisit,
     Outlier,
     PoseRepeatability,
     Verdict,
@@ -88,6 +90,7 @@ from core.metrology.repeatability import (
     assess_radial,
     assess_repeatability,
     assess_three_sigma,
+    find_misplaced_visits,
     noise_only_lengths,
 )
 from core.metrology.resolution import Resolution, find_resolution, hides_scatter
@@ -104,6 +107,7 @@ from core.metrology.steadiness import (
     Attribution,
     ChangePoint,
     CycleGrid,
+    DisplacedCycle,
     PoseMotion,
     PoseSeries,
     SlowMotion,
@@ -121,6 +125,7 @@ __all__ = [
     "CONFIDENCE",
     "CORRELATED",
     "CYCLES",
+    "FEW_CYCLES",
     "MIN_CYCLES",
     "MIN_POINTS",
     "NOT_STEADY",
@@ -148,6 +153,7 @@ __all__ = [
     "CycleProcess",
     "Decision",
     "Difference",
+    "DisplacedCycle",
     "DistanceAssessment",
     "DistancePerformance",
     "Drift",
@@ -160,6 +166,7 @@ __all__ = [
     "KnownLength",
     "LengthError",
     "MeanNoise",
+    "MisplacedVisit",
     "Outlier",
     "PerComponent",
     "PoseAccuracy",
@@ -204,6 +211,7 @@ __all__ = [
     "estimate_process",
     "ewma_limit",
     "ewma_run_length",
+    "find_misplaced_visits",
     "find_resolution",
     "floor_budget",
     "hides_scatter",

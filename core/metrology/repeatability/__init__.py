@@ -7,6 +7,7 @@ from core.metrology.repeatability.intervals import (
     assess_three_sigma,
     noise_only_lengths,
 )
+from core.metrology.repeatability.misplaced_visits import MisplacedVisit, find_misplaced_visits
 from core.metrology.repeatability.outliers import Outlier
 from core.metrology.repeatability.statistics import cycle_statistics
 from core.metrology.repeatability.verdict import FEW_CYCLES, Verdict, VerdictLimits
@@ -14,6 +15,7 @@ from core.metrology.repeatability.verdict import FEW_CYCLES, Verdict, VerdictLim
 __all__ = [
     "FEW_CYCLES",
     "IntervalEstimate",
+    "MisplacedVisit",
     "Outlier",
     "PoseRepeatability",
     "Verdict",
@@ -22,5 +24,6 @@ __all__ = [
     "assess_repeatability",
     "assess_three_sigma",
     "cycle_statistics",
+    "find_misplaced_visits",
     "noise_only_lengths",
 ]

@@ -10,6 +10,7 @@ from core.metrology.steadiness.assessment import (
     assess_steadiness,
 )
 from core.metrology.steadiness.cycle_grid import CycleGrid, PoseSeries, equal_scale
+from core.metrology.steadiness.displaced_cycles import DisplacedCycle
 from core.metrology.steadiness.local_level import SlowMotion, slow_motion
 from core.metrology.steadiness.motion import ChangePoint, Trend
 from core.metrology.steadiness.two_points import TwoPoints
@@ -20,6 +21,7 @@ __all__ = [
     "Attribution",
     "ChangePoint",
     "CycleGrid",
+    "DisplacedCycle",
     "PoseMotion",
     "PoseSeries",
     "SlowMotion",

@@ -2,8 +2,8 @@
 
 Repeatability describes the scatter of cycles that do not depend on one another. A drift, a slip, a slow wander or two
 stopping points make the figure depend on when and how long was measured, and its interval too narrow. The session is
-not steady where the permutation test of nine statistics (`permutation_test`) has p ≤ .01, or a pose has two stopping
-points (`two_points`).
+not steady where the permutation test of nine statistics (`permutation_test`) has p ≤ .01, a pose has two stopping
+points (`two_points`), or all poses were displaced together in a cycle (`displaced_cycles`).
 
 What moved is attributed by the share of the poses' slow motion that is common to them (`motion.common_share`): about
 1 / p for p poses that move each by itself, 1 for a motion of the camera's mount, the target, or by temperature, in the
@@ -20,6 +20,7 @@ import numpy as np
 from jaxtyping import Float
 
 from core.metrology.steadiness.cycle_grid import CycleGrid, PoseSeries, cycle_grid
+from core.metrology.steadiness.displaced_cycles import DisplacedCycle, find_displaced_cycles
 from core.metrology.steadiness.motion import (
     ChangePoint,
     Trend,
@@ -80,7 +81,7 @@ class Steadiness:
 
     `p_values`, `trend`, `change_point`, `common_share` and `poses` are None or empty where the order of the cycles was
     not tested; `grid` has the series that was. `moved` are the places of the poses that are not steady. Numbers of
-    cycles count visits where `by_visit`.
+    cycles count visits where `by_visit`. `displaced` are cycles in which all poses of the common motion were displaced.
     """
 
     cycles: int
@@ -93,6 +94,7 @@ class Steadiness:
     two_points: tuple[TwoPoints, ...]
     moved: frozenset[int]
     grid: CycleGrid | None
+    displaced: tuple[DisplacedCycle, ...] = ()
 
     @property
     def steady(self) -> bool | None:
@@ -126,6 +128,9 @@ def assess_steadiness(series: Sequence[PoseSeries]) -> Steadiness:
     if test.overall <= NOT_STEADY:
         attribution, share = _attributed(grid)
         moved = frozenset(places[i] for i in _moving(grid, attribution, test.poses))
+    displaced = find_displaced_cycles(grid)
+    if displaced:
+        moved |= frozenset(places[i] for i in np.flatnonzero((grid.weights != 0.0).any(axis=(1, 2))))
     place = change_place(grid, None)
     return Steadiness(
         len(grid.numbers),
@@ -138,6 +143,7 @@ def assess_steadiness(series: Sequence[PoseSeries]) -> Steadiness:
         tuple(split),
         moved | bimodal,
         grid,
+        displaced,
     )
 
 
