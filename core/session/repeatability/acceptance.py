@@ -16,7 +16,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from core.metrology import (
-    REPEATED,
     UNCHANGING,
     WITHOUT_DEGRADED,
     Acceptance,
@@ -166,10 +165,7 @@ def _wider(one: Reading, other: Reading) -> Reading:
 
 def _flaw(found: SessionRepeatability, row: PoseRow) -> str | None:
     """Return why a pose's cycles decide nothing; None where they can."""
-    cycles = {visit.cycle for visit in row.visits}
-    if None not in cycles and len(cycles) < len(row.visits):
-        return REPEATED
-    return found.steadiness.flaw(row.pose_id)
+    return found.tags.flaw(row.pose_id) or found.steadiness.flaw(row.pose_id)
 
 
 def _deviation(found: SessionRepeatability, row: PoseRow | None) -> Reading:

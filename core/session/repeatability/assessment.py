@@ -23,18 +23,22 @@ from core.session.estimate import SessionEstimate
 from core.session.model import MeasuredPose, SessionData
 from core.session.repeatability.confirmation import unconfirmed
 from core.session.repeatability.degraded_images import degraded_warning
-from core.session.repeatability.lacking import measured_pose_warnings
 from core.session.repeatability.performance import Performance, assess_performance
-from core.session.repeatability.pose_rows import (
-    PoseRow,
-    PoseRows,
-    image_rows,
-    measured_rows,
-    without_robot_verdict,
-)
+from core.session.repeatability.pose_rows import PoseRow, PoseRows, image_rows, measured_rows
 from core.session.repeatability.steadiness import SessionSteadiness, steadiness_warnings
 from core.session.repeatability.stops import BurstNoise, burst_warnings, images_of, stop_mean
-from core.session.repeatability.withheld import print_warnings, unchanging_accuracy, unscaled_accuracy
+from core.session.repeatability.visit_tags import (
+    VisitTags,
+    cycle_warnings,
+    tag_warnings,
+    without_robot_verdict,
+)
+from core.session.repeatability.withheld import (
+    measured_pose_warnings,
+    print_warnings,
+    unchanging_accuracy,
+    unscaled_accuracy,
+)
 from core.session.repeatability.witness import Witness, WitnessMotion, witness_warnings
 
 
@@ -43,16 +47,18 @@ class SessionRepeatability:
     """All poses of a session in their natural order, in mm and rad.
 
     `poses` hold each pose's figures (None without a visit), `steadiness` whether their cycles are independent and
-    identically distributed, `accuracy` those of the poses that compare with what was commanded, `performance` distances
-    between poses and variation over approaches. `unscaled` are the poses before a target whose scale nobody states:
-    their absolute figures have no uncertainty. `error_sources` says of what each error is that absolute figures share,
-    `witness` how a witness moved, where one is named, `bursts` what images scatter within stops, where there are any.
-    `units` says how measured and commanded poses contradict one another in their unit; None where they do not.
-    `camera_covariances` are those of the estimate's focus groups, with what the prints may depart by in shape.
+    identically distributed, `tags` what the tags of their visits contradict, `accuracy` those of the poses that compare
+    with what was commanded, `performance` distances between poses and variation over approaches. `unscaled` are the
+    poses before a target whose scale nobody states: their absolute figures have no uncertainty. `error_sources` says of
+    what each error is that absolute figures share, `witness` how a witness moved, where one is named, `bursts` what
+    images scatter within stops, where there are any. `units` says how measured and commanded poses contradict one
+    another in their unit; None where they do not. `camera_covariances` are those of the estimate's focus groups, with
+    what the prints may depart by in shape.
     """
 
     poses: tuple[PoseRow, ...]
     steadiness: SessionSteadiness
+    tags: VisitTags
     accuracy: Accuracy
     performance: Performance
     unscaled: frozenset[str]
@@ -149,6 +155,7 @@ def assess_repeatability(
     return SessionRepeatability(
         rows,
         assessed.steadiness,
+        assessed.tags,
         accuracy,
         performance,
         unscaled,
@@ -159,13 +166,14 @@ def assess_repeatability(
         units,
         (
             *_unit_warning(units),
-            *_visit_warnings(rows),
+            *cycle_warnings(visits),
+            *tag_warnings(assessed.tags),
             *before,
             *of_prints,
             *_row_warnings(rows),
             *withheld,
             *burst_warnings(assessed.bursts),
-            *_outlier_warnings(rows),
+            *_outlier_warnings(rows, assessed),
             *steadiness_warnings(assessed.steadiness, instrument=bool(data.measured)),
             *witness_warnings(assessed.witness, visits),
             *accuracy.warnings,
@@ -236,44 +244,17 @@ def _row_warnings(rows: Sequence[PoseRow]) -> list[Advisory]:
     return warnings
 
 
-def _visit_warnings(rows: Sequence[PoseRow]) -> list[Advisory]:
-    """Say where nothing was repeated, or where nobody states that it was: no figure is to be read without this."""
-    repeated = [row for row in rows if len(row.visits) > 1]
-    if not repeated:
-        return [
-            Advisory(
-                "too_few_cycles",
-                "Nothing was repeated: no pose has two visits that count. What is stated is no repeatability.",
-                "Visit every pose again and state each visit's cycle: ISO 9283 asks for 30.",
-            )
-        ]
-    untagged = [row.pose_id for row in repeated if any(visit.cycle is None for visit in row.visits)]
-    if not untagged:
-        return []
-    return [
-        Advisory(
-            "cycles_not_stated",
-            f"Measurements of {_poses(untagged, repeated)} state no cycle, and each was taken for a visit of its own. "
-            "The figures are a repeatability only if the robot left the pose and came back between them.",
-            "State the cycle of every measurement; images of one stop share their cycle (`gridpose measurements "
-            "correct`).",
-        )
-    ]
-
-
-def _poses(pose_ids: Sequence[str], of: Sequence[PoseRow]) -> str:
-    if len(pose_ids) == len(of) > 1:
-        return "all poses"
-    return f"{'pose' if len(pose_ids) == 1 else 'poses'} {listed(pose_ids)}"
-
-
-def _outlier_warnings(rows: Sequence[PoseRow]) -> list[Advisory]:
-    """Name the poses and cycles of outliers, which count."""
+def _outlier_warnings(rows: Sequence[PoseRow], assessed: PoseRows) -> list[Advisory]:
+    """Name the poses and cycles of outliers, which count, but not those of which another warning says what they are."""
     named = []
     of_images = False
+    mistaken = {id(one.visit) for one in assessed.tags.mistaken}
+    bumped = {one.cycle for one in assessed.steadiness.found.displaced}
     for row in rows:
         for outlier in row.figures.outliers if row.figures else ():
             cycle = row.visits[outlier.index].cycle
+            if id(row.visits[outlier.index]) in mistaken or cycle in bumped:
+                continue
             of_images |= row.visits[outlier.index].image is not None
             named.append(
                 f"{row.pose_id} {f'cycle {cycle}' if cycle is not None else 'without a cycle number'}"

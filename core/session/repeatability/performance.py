@@ -28,13 +28,14 @@ from core.metrology import (
     hides_scatter,
 )
 from core.session.model import CommandedPose, MeasuredPose
-from core.session.repeatability.lacking import (
+from core.session.repeatability.withheld import (
     MIN_SPREADS_APART,
     Lack,
+    distance_of_hidden_scatter,
     distance_pairs_truncated,
     distances_unavailable,
+    unscaled_distance,
 )
-from core.session.repeatability.withheld import distance_of_hidden_scatter, unscaled_distance
 from core.session.visits import cycles_of, mean_common
 
 MAX_PAIRS = 45
@@ -157,7 +158,10 @@ def _lack(
         return Lack.VISITS
     if first[0].frame != second[0].frame:
         return Lack.FRAME
-    return Lack.CYCLES if len(shared) < 2 else None
+    if len(shared) >= 2:
+        return None
+    numbers = [{visit.cycle for visit in visits} - {None} for visits in (first, second)]
+    return Lack.REPEATED if len(numbers[0] & numbers[1]) >= 2 else Lack.CYCLES
 
 
 def _assess(

@@ -15,7 +15,6 @@ from core.metrology import (
     PerComponent,
     PoseAccuracy,
     PoseRepeatability,
-    Verdict,
     accuracy_drift,
     are_unchanging,
     drift,
@@ -28,6 +27,7 @@ from core.session.model import MeasuredPose, SessionData, readings
 from core.session.repeatability.degraded_images import degraded_images, exclude_degraded
 from core.session.repeatability.steadiness import SessionSteadiness, not_steady, session_steadiness
 from core.session.repeatability.stops import BurstNoise, burst_noise, merge_bursts, with_burst_noise
+from core.session.repeatability.visit_tags import VisitTags, visit_tags, without_robot_verdict
 from core.session.repeatability.witness import Witness, WitnessMotion, without_motion, witness_motion
 from core.session.visits import cycles_of, positions_of, rotations_of
 
@@ -54,12 +54,13 @@ class PoseRow:
 
 @dataclass(frozen=True, slots=True)
 class PoseRows:
-    """All poses of a session in their natural order, whether their cycles are steady, how a witness moved, and how the
-    images of bursts scatter; None without a burst.
+    """All poses of a session in their natural order, whether their cycles are steady, what the tags of their visits
+    contradict, how a witness moved, and how the images of bursts scatter; None without a burst.
     """
 
     rows: tuple[PoseRow, ...]
     steadiness: SessionSteadiness
+    tags: VisitTags
     witness: WitnessMotion | None = None
     bursts: BurstNoise | None = None
 
@@ -157,7 +158,9 @@ def _rows(
     if motion is not None and motion.witness.subtract:
         visits = without_motion(visits, motion)
     several = [pose_id for pose_id in visits if visits[pose_id]]
-    steadiness = session_steadiness(visits)
+    tags = visit_tags(visits)
+    # What differs between focus groups is no motion.
+    steadiness = session_steadiness({p: of_pose for p, of_pose in visits.items() if p not in tags.mixed})
     assessed = assess_cycles([cycles_of(visits[pose_id]) for pose_id in several], process=steadiness.process)
     figures = {pose_id: _noise_unknown_said(one) for pose_id, one in zip(several, assessed, strict=True)}
     figures |= {
@@ -167,11 +170,12 @@ def _rows(
     figures |= {
         pose_id: not_steady(figures[pose_id]) for pose_id in steadiness.moved if pose_id not in unreliable
     }
+    figures = {pose_id: tags.judged(pose_id, one) for pose_id, one in figures.items()}
     rows = (
         PoseRow(pose_id, tuple(visits[pose_id]), tuple(excluded.get(pose_id, ())), figures.get(pose_id))
         for pose_id in visits
     )
-    return PoseRows(tuple(rows), steadiness, motion)
+    return PoseRows(tuple(rows), steadiness, tags, motion)
 
 
 def figures_by_itself(row: PoseRow) -> PoseRepeatability | None:
@@ -188,24 +192,6 @@ def figures_by_itself(row: PoseRow) -> PoseRepeatability | None:
 def _noise_unknown_said(figures: PoseRepeatability) -> PoseRepeatability:
     """Return the figures without the warning that the session gives for all its poses."""
     return replace(figures, warnings=tuple(w for w in figures.warnings if w.code != "noise_unknown"))
-
-
-def without_robot_verdict(figures: PoseRepeatability) -> PoseRepeatability:
-    """Return the figures of a pose that scatters by its camera's change, or by what its images do not all show.
-
-    No verdict is `robot`, and nothing is subtracted from the figures: the instrument's share is not known.
-    """
-
-    def judged(verdict: Verdict | None) -> Verdict | None:
-        return Verdict.INSTRUMENT_LIMITED if verdict == Verdict.ROBOT else verdict
-
-    return replace(
-        figures,
-        verdict=judged(figures.verdict) or figures.verdict,
-        verdicts=PerComponent(*(judged(verdict) for _, verdict in figures.verdicts.items())),
-        corrected=figures.repeatability,
-        corrected_interval=PerComponent(None, None, None, None, None, None, None),
-    )
 
 
 def _of_one_target(

@@ -17,6 +17,7 @@ from core.metrology import (
     UNTESTED,
     Attribution,
     CycleProcess,
+    DisplacedCycle,
     PerComponent,
     PoseRepeatability,
     PoseSeries,
@@ -126,8 +127,8 @@ def not_steady(figures: PoseRepeatability) -> PoseRepeatability:
 
 
 def steadiness_warnings(steadiness: SessionSteadiness, *, instrument: bool = False) -> list[Advisory]:
-    """Say what moved, by how much and from which cycle on, which poses have two stopping points, or why nothing was
-    tested; of readings of another `instrument`, in its words.
+    """Say what moved, by how much and from which cycle on, in which cycles all poses were displaced, which poses have
+    two stopping points, or why nothing was tested; of readings of another `instrument`, in its words.
     """
     found = steadiness.found
     warnings = []
@@ -142,6 +143,8 @@ def steadiness_warnings(steadiness: SessionSteadiness, *, instrument: bool = Fal
         )
     if found.p_values is not None and found.p_values.overall <= NOT_STEADY:
         warnings.append(_motion_warning(steadiness, instrument=instrument))
+    if found.displaced:
+        warnings.append(_displaced_warning(found.displaced))
     if found.two_points:
         named = listed(steadiness.pose_ids[one.pose] for one in found.two_points)
         first = found.two_points[0]
@@ -222,6 +225,20 @@ def _motion_warning(steadiness: SessionSteadiness, *, instrument: bool) -> Advis
     else:
         parts.append("Repeatability and its interval describe this session, not a longer one.")
     return Advisory("not_steady", " ".join(parts), advice)
+
+
+def _displaced_warning(displaced: Sequence[DisplacedCycle]) -> Advisory:
+    named = listed(
+        f"cycle {one.cycle} by {_length(float(np.linalg.norm(one.displacement_mm)))}" for one in displaced
+    )
+    return Advisory(
+        "cycle_displaced",
+        f"All poses were displaced together: {named}. In the other cycles their common motion is usually "
+        f"{_length(displaced[0].usual_mm)}. Mount, target or instrument was bumped in that cycle. That is in the "
+        "figures of all poses, which are therefore not said to be the robot's.",
+        "Look at the images or readings of that cycle. Fix what moved, exclude them with that reason, and repeat the "
+        "cycle.",
+    )
 
 
 def _length(value: float, other: float = 0.0) -> str:

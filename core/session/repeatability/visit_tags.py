@@ -1,0 +1,206 @@
+"""What the tags of visits say that cannot be: which focus group, which cycle, which pose; and what follows for a pose.
+
+The figures stay those of all visits that are stated to be of the pose, as ISO 9283 has it. No verdict is `robot` and
+nothing is accepted where
+
+- a pose was seen in several focus groups. The error of a lens cancels in the deviations from a pose's mean only where
+  it is the same in all cycles; that of another group displaces its cycles. Deviations from the mean of each group would
+  be free of it, but also of what the robot moved between the groups, which are mostly one after the other;
+- visits share pose and cycle: images of one stop are no independent cycles;
+- a visit lies at another pose (`core.metrology.find_misplaced_visits`).
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+from core.errors import Advisory, listed
+from core.metrology import (
+    FEW_CYCLES,
+    REPEATED,
+    PerComponent,
+    PoseRepeatability,
+    Verdict,
+    find_misplaced_visits,
+)
+from core.session.model import MeasuredPose, natural
+from core.session.repeatability.steadiness import not_steady
+from core.session.visits import positions_of
+
+MIXED_FOCUS = "seen in several focus groups"
+MISPLACED = "with a visit that lies at another pose"
+
+
+@dataclass(frozen=True, slots=True)
+class MistakenVisit:
+    """A visit that lies at another pose; `distance_mm` is from its own pose, None where that has no place."""
+
+    visit: MeasuredPose
+    likely_pose_id: str
+    distance_mm: float | None
+
+
+@dataclass(frozen=True, slots=True)
+class VisitTags:
+    """By pose: the focus groups where there are several, and the cycles that have several visits; and the visits that
+    lie at another pose. `counts` are the visits and the different cycles of each pose that has repeated ones.
+    """
+
+    mixed: Mapping[str, tuple[str, ...]]
+    repeated: Mapping[str, tuple[int, ...]]
+    counts: Mapping[str, tuple[int, int]]
+    mistaken: tuple[MistakenVisit, ...]
+
+    def flaw(self, pose_id: str) -> str | None:
+        """Return why a pose's visits decide nothing; None where their tags do not speak against it."""
+        if pose_id in self.repeated:
+            return REPEATED
+        if pose_id in self.mixed:
+            return MIXED_FOCUS
+        return MISPLACED if any(one.visit.pose_id == pose_id for one in self.mistaken) else None
+
+    def judged(self, pose_id: str, figures: PoseRepeatability) -> PoseRepeatability:
+        """Return a pose's figures with the verdict that the tags of its visits leave."""
+        flaw = self.flaw(pose_id)
+        if flaw == REPEATED:
+            if self.counts[pose_id][1] < FEW_CYCLES:
+                return _too_few_cycles(figures)
+            return not_steady(figures)
+        return figures if flaw is None else without_robot_verdict(figures)
+
+
+def visit_tags(visits: Mapping[str, Sequence[MeasuredPose]]) -> VisitTags:
+    """Compare the tags of the visits that count, the images of a stop as one."""
+    mixed, repeated, counts = {}, {}, {}
+    for pose_id, of_pose in visits.items():
+        groups = {visit.image.focus_group for visit in of_pose if visit.image is not None}
+        if len(groups) > 1:
+            mixed[pose_id] = tuple(sorted(groups, key=natural))
+        times = Counter(visit.cycle for visit in of_pose if visit.cycle is not None)
+        several = tuple(sorted(cycle for cycle, count in times.items() if count > 1))
+        if several:
+            repeated[pose_id] = several
+            counts[pose_id] = len(of_pose), len(of_pose) - sum(times[cycle] - 1 for cycle in several)
+    named = [pose_id for pose_id, of_pose in visits.items() if of_pose]
+    found = find_misplaced_visits(
+        [positions_of(visits[pose_id]) for pose_id in named], [visits[pose_id][0].frame for pose_id in named]
+    )
+    mistaken = tuple(
+        MistakenVisit(visits[named[one.pose]][one.visit], named[one.likely_pose], one.distance_mm)
+        for one in found
+    )
+    return VisitTags(mixed, repeated, counts, mistaken)
+
+
+def tag_warnings(tags: VisitTags) -> list[Advisory]:
+    """Name the poses, groups, cycles and visits."""
+    warnings = []
+    if tags.mistaken:
+        named = listed(_mistaken(one) for one in tags.mistaken)
+        of_images = any(one.visit.image is not None for one in tags.mistaken)
+        warnings.append(
+            Advisory(
+                "visit_of_another_pose",
+                f"Visits lie at another pose than the one they are stated to be of: {named}. The figures contain them. "
+                "The verdict robot is withheld from these poses, and nothing is decided by them.",
+                "Correct the pose_id of these visits (PATCH /v1/measurements/{measurement_id}, `gridpose measurements "
+                "correct`), or exclude them. If the robot did go to the wrong pose, correct its program."
+                if of_images
+                else "Delete these readings (`gridpose measured-poses delete`) and store them under their pose. If the "
+                "robot did go to the wrong pose, correct its program.",
+            )
+        )
+    if tags.mixed:
+        groups = listed(dict.fromkeys(group for found in tags.mixed.values() for group in found))
+        warnings.append(
+            Advisory(
+                "focus_groups_mixed",
+                f"{_poses(list(tags.mixed))}: the images are of several focus groups ({groups}). Each group has a "
+                "camera of its own, whose error displaces all its cycles. It is in repeatability, distance "
+                "repeatability and drift of these poses, whose verdict is not robot. Nothing is decided by them.",
+                "Take all cycles of a pose in one focus group. Or put the images of each group into a session of their "
+                "own, and look at its figures by themselves.",
+            )
+        )
+    if tags.repeated:
+        pose_id, cycles = next(iter(tags.repeated.items()))
+        visits, different = tags.counts[pose_id]
+        warnings.append(
+            Advisory(
+                "cycles_repeated",
+                f"{_poses(list(tags.repeated))}: several visits state one cycle, and each was taken for a visit of its "
+                f"own. Of {pose_id}, {visits} visits have {different} different cycles; several have cycle "
+                f"{listed(str(cycle) for cycle in cycles)}. Intervals are too narrow if they are images of one stop. "
+                "The verdict robot is withheld, and nothing is decided by these poses.",
+                "Images of one stop: state `burst` 1, 2, ... with them. Visits of their own: give each its own cycle "
+                "(`gridpose measurements correct`).",
+            )
+        )
+    return warnings
+
+
+def cycle_warnings(visits: Mapping[str, Sequence[MeasuredPose]]) -> list[Advisory]:
+    """Say where nothing was repeated, or where nobody states that it was: no figure is to be read without this."""
+    repeated = {pose_id: of_pose for pose_id, of_pose in visits.items() if len(of_pose) > 1}
+    if not repeated:
+        return [
+            Advisory(
+                "too_few_cycles",
+                "Nothing was repeated: no pose has two visits that count. What is stated is no repeatability.",
+                "Visit every pose again and state each visit's cycle: ISO 9283 asks for 30.",
+            )
+        ]
+    untagged = [
+        pose_id for pose_id, of_pose in repeated.items() if any(visit.cycle is None for visit in of_pose)
+    ]
+    if not untagged:
+        return []
+    every = len(untagged) == len(repeated) > 1
+    named = "all poses" if every else f"{'pose' if len(untagged) == 1 else 'poses'} {listed(untagged)}"
+    return [
+        Advisory(
+            "cycles_not_stated",
+            f"Measurements of {named} state no cycle, and each was taken for a visit of its own. "
+            "The figures are a repeatability only if the robot left the pose and came back between them.",
+            "State the cycle of every measurement; images of one stop share their cycle (`gridpose measurements "
+            "correct`).",
+        )
+    ]
+
+
+def without_robot_verdict(figures: PoseRepeatability) -> PoseRepeatability:
+    """Return the figures of a pose that scatters by its camera's change, by what its images do not all show, or by a
+    visit that is not its own.
+
+    No verdict is `robot`, and nothing is subtracted from the figures: the instrument's share is not known.
+    """
+
+    def judged(verdict: Verdict | None) -> Verdict | None:
+        return Verdict.INSTRUMENT_LIMITED if verdict == Verdict.ROBOT else verdict
+
+    return replace(
+        figures,
+        verdict=judged(figures.verdict) or figures.verdict,
+        verdicts=PerComponent(*(judged(verdict) for _, verdict in figures.verdicts.items())),
+        corrected=figures.repeatability,
+        corrected_interval=PerComponent(None, None, None, None, None, None, None),
+    )
+
+
+def _too_few_cycles(figures: PoseRepeatability) -> PoseRepeatability:
+    verdicts = (
+        None if verdict is None else Verdict.TOO_FEW_CYCLES for _, verdict in figures.verdicts.items()
+    )
+    return replace(figures, verdict=Verdict.TOO_FEW_CYCLES, verdicts=PerComponent(*verdicts))
+
+
+def _mistaken(one: MistakenVisit) -> str:
+    cycle = "without a cycle number" if one.visit.cycle is None else f"cycle {one.visit.cycle}"
+    far = "" if one.distance_mm is None else f", {one.distance_mm:.3g} mm from it"
+    return f"{one.visit.pose_id} {cycle} (at {one.likely_pose_id}{far})"
+
+
+def _poses(pose_ids: Sequence[str]) -> str:
+    return f"{'Pose' if len(pose_ids) == 1 else 'Poses'} {listed(pose_ids)}"
