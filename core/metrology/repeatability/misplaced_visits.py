@@ -7,8 +7,8 @@ other one, both by their scatter:
 
 Centres are medians and s_i median distances from them, at least the median of those of all poses, so that visits of
 another pose shift neither. Poses that are nearer to one another than that have no such visits: there, a mistake
-looks as scatter does. Gaussian scatter of one size along three axes has s = 1.54 standard deviations, and `MAX_NEAR` is
-8, `MIN_FAR` 31 of them.
+looks as scatter does. Gaussian scatter of one size along three axes has s = 1.54 standard deviations, and
+`MAX_NEAR` is 8, `MIN_FAR` 31 of them.
 
 Two visits of a pose that are far apart have no centre. One of them is another pose's where it lies near another pose,
 and the other does not.
