@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 from jaxtyping import Float
 
-from core.calibration import HandEyeCalibration, HandEyeObservation, calibrate_hand_eye
+from core.calibration import HandEyeCalibration, HandEyeObservation, PoseResidual, calibrate_hand_eye
 from core.errors import GridposeError, InvalidArgument, NotConverged
 from core.geometry import so3_log
 from core.session.commanded_poses.other_mount import RESIDUALS_LARGE, far_better
@@ -19,6 +19,8 @@ MIN_TURN = math.radians(5.0)
 """Turn of one set of poses from which on the other set ought to turn too."""
 STILL_SHARE = 0.1
 """A set of poses that turns by less than this share of the other's turn stands still."""
+MAX_REJECTED_SHARE = 0.2
+"""Of the poses: where more were rejected, the mount may be the reason."""
 _ON_FLANGE = {"robot": ("camera", "target"), "fixed": ("target", "camera")}
 """What is on the flange, and what is fixed in the cell, by the camera's mount."""
 
@@ -29,8 +31,8 @@ def calibrate_or_explain(
     """Calibrate as `calibrate_hand_eye` does; where no frames explain the poses, say which motion is the likely cause.
 
     Stations are of what moves in what stands still (`core.session.camera_mount`); `mount` None: no camera measured
-    them, and nothing is explained. Where the other mount ties them far better, the warning `camera_mount_unlikely`
-    says so.
+    them, and nothing is explained. Where the deviations are large or many poses were rejected, and the other mount ties
+    them far better, the warning `camera_mount_unlikely` says so.
 
     Raises what `calibrate_hand_eye` raises.
     """
@@ -40,10 +42,25 @@ def calibrate_or_explain(
         if mount is None:
             raise
         raise _explained(failure, stations, mount) from failure
-    if mount is None or all(warning.code != RESIDUALS_LARGE for warning in tie.warnings):
+    rejected = [one for one in tie.deviations if not one.used]
+    large = any(warning.code == RESIDUALS_LARGE for warning in tie.warnings)
+    if mount is None or not (large or len(rejected) > MAX_REJECTED_SHARE * len(stations)):
         return tie
-    found = far_better(stations, mount, (tie.robot_position_mm, tie.robot_rotation))
+    deviations = tie.robot_position_mm, tie.robot_rotation
+    if not large:  # What was rejected is what another mount would have to explain.
+        deviations = _rms(tie.deviations)
+    found = far_better(stations, mount, deviations, None if large else len(rejected))
     return tie if found is None else replace(tie, warnings=(*tie.warnings, found))
+
+
+def _rms(deviations: Sequence[PoseResidual]) -> tuple[float, float]:
+    """Return the root mean square deviation of all stations along an axis, in position (mm) and rotation (rad)."""
+    every = [
+        np.array([one.position_mm for one in deviations]),
+        np.array([one.rotation for one in deviations]),
+    ]
+    position, rotation = (math.sqrt(float(np.mean(of_kind**2))) for of_kind in every)
+    return position, rotation
 
 
 def _explained(

@@ -35,18 +35,24 @@ _ADVICE = {
 
 
 def far_better(
-    stations: Sequence[HandEyeObservation], mount: CameraMount, deviations: tuple[float, float]
+    stations: Sequence[HandEyeObservation],
+    mount: CameraMount,
+    deviations: tuple[float, float],
+    rejected: int | None = None,
 ) -> Advisory | None:
     """Return what to say where the other mount ties the stations before one target far better; else None.
 
     Stations are of what moves in what stands still (`core.session.camera_mount`). `deviations` are the robot's in
-    position (mm) and rotation (rad) as `mount` ties them.
+    position (mm) and rotation (rad) as `mount` ties them; of all stations where it `rejected` some of them, and the
+    other mount has to reject fewer.
     """
     try:
         other = calibrate_hand_eye([_inverse(one) for one in stations if one.target == stations[0].target])
     except GridposeError:
         return None
     found = other.robot_position_mm, other.robot_rotation
+    if rejected is not None and sum(not one.used for one in other.deviations) >= rejected:
+        return None
     if any(warning.code == RESIDUALS_LARGE for warning in other.warnings):
         return None
     if any(one > MAX_SHARE * before for one, before in zip(found, deviations, strict=True)):

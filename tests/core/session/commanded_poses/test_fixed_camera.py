@@ -8,6 +8,7 @@ import math
 import numpy as np
 import pytest
 
+from core.calibration import HandEyeObservation
 from core.errors import NotConverged, SeveralTargetsOnFlange
 from core.geometry import compose, invert, so3_exp, so3_log, transform
 from core.kinematics import forward
@@ -22,6 +23,7 @@ from core.session import (
     suggest_hand_eye_views,
 )
 from core.session.camera_mount import moving_poses
+from core.session.commanded_poses.likely_causes import calibrate_or_explain
 from core.session.next_view import candidate_views, common_fit
 from core.session.next_view.reach import stated_candidates
 from core.session.next_view.views_expected import camera_of, image_size
@@ -142,6 +144,46 @@ def test_the_covariance_of_an_inverse_is_that_of_moved_poses() -> None:
     unit = 1.0 / np.sqrt(np.diag(inverse.scatter))
     sampled = np.cov(np.array(off).T) * np.outer(unit, unit)
     np.testing.assert_allclose(sampled, inverse.scatter * np.outer(unit, unit), atol=0.12)
+
+
+def nine_stations(*, fixed: bool) -> list[HandEyeObservation]:
+    """Five places of one orientation and four tilts, of a camera on the robot; `fixed`: taken for one that stands
+    still, which makes no more than four poses outliers.
+    """
+    rng = np.random.default_rng(4)
+    base = transform(so3_exp(np.array([0.3, 2.0, 0.4])), np.array([800.0, -100.0, 300.0]))
+    flange = transform(so3_exp(np.array([0.05, -0.1, 0.3])), np.array([40.0, 20.0, 90.0]))
+    places = 45.0 * np.array(
+        [[0, 0, 0], [1, 0.8, 1], [-1, 0.8, 1], [-1, -0.8, -1], [1, -0.8, -1]] + 4 * [[0, 0, 0]]
+    )
+    tilts = np.radians(5 * [[15, 5, 0]] + [[25, 0, 0], [-25, 0, 30], [0, 25, 60], [0, -25, 90]])
+    found = []
+    for k, (place, tilt) in enumerate(zip(places, tilts, strict=True)):
+        R = so3_exp(tilt * [1.0, 1.0, 0.0]) @ so3_exp(tilt * [0.0, 0.0, 1.0])
+        T = transform(R, np.array([75.0, 52.5, 0.0]) + place * [1.0, 1.0, 0.0] - (300.0 - place[2]) * R[:, 2])
+        seen = transform(R @ so3_exp(rng.normal(0.0, 2e-4, 3)), T[:3, 3] + rng.normal(0.0, 0.1, 3))
+        found.append(
+            HandEyeObservation(
+                f"P{k + 1}",
+                np.linalg.inv(base) @ T @ np.linalg.inv(flange),
+                np.linalg.inv(seen) if fixed else seen,
+            )
+        )
+    return found
+
+
+def test_the_wrong_mount_is_named_where_it_has_many_poses_rejected() -> None:
+    tie = calibrate_or_explain(nine_stations(fixed=True), "fixed")
+    assert {"poses_excluded", "camera_mount_unlikely"} <= {one.code for one in tie.warnings}
+
+
+def test_poses_rejected_for_reasons_of_their_own_leave_the_mount_as_it_is() -> None:
+    stations = nine_stations(fixed=False)
+    third, fourth = stations[2:4]
+    stations[2] = dataclasses.replace(third, T_target_camera=fourth.T_target_camera)
+    stations[3] = dataclasses.replace(fourth, T_target_camera=third.T_target_camera)
+    tie = calibrate_or_explain(stations, "robot")
+    assert [one.code for one in tie.warnings] == ["poses_excluded"]
 
 
 def test_the_wrong_mount_is_named_where_the_other_ties_far_better() -> None:
