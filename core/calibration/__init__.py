@@ -2,6 +2,7 @@
 
 from core.calibration.closed_form import from_homography, nullspace, vanishing_point
 from core.calibration.hand_eye import (
+    CORRECT_PITCH,
     MIN_POSES_TO_REJECT,
     HandEyeCalibration,
     HandEyeObservation,
@@ -84,6 +85,7 @@ from core.calibration.uncertainty import reprojection
 from core.calibration.validity import check_camera, check_points
 
 __all__ = [
+    "CORRECT_PITCH",
     "FREE",
     "LENS",
     "MAX_DETERMINED_UNCERTAINTY",

@@ -10,6 +10,7 @@ import numpy as np
 from jaxtyping import Float
 from scipy.special import chdtri
 
+from core.calibration import CORRECT_PITCH
 from core.errors import Advisory, listed
 from core.kinematics.arm_model import NOMINAL_LENGTH_MM, ArmState
 from core.kinematics.dh import JOINT_PARAMETERS, Chain, JointParameters
@@ -268,6 +269,5 @@ def _scaled(nominal: Chain, refined: FitResult, gauge: Gauge, *, instrument: boo
     yield Advisory(
         "print_scale_mismatch",
         factor,
-        "Measure the print over its whole length and correct the target's pitch: a page that was fitted to its paper "
-        "is a few percent off.",
+        CORRECT_PITCH,
     )

@@ -4,7 +4,7 @@
 `calibrate_from_positions` uses commanded positions alone.
 """
 
-from core.calibration.hand_eye.answer_checks import scale_warnings
+from core.calibration.hand_eye.answer_checks import CORRECT_PITCH, scale_warnings
 from core.calibration.hand_eye.calibration import MIN_POSES_TO_REJECT, calibrate_hand_eye
 from core.calibration.hand_eye.further_stations import information_so_far, station_information
 from core.calibration.hand_eye.initialisation import frame_rotations
@@ -20,6 +20,7 @@ from core.calibration.hand_eye.result import (
 )
 
 __all__ = [
+    "CORRECT_PITCH",
     "FRAMES_STATE",
     "MIN_POSES_TO_REJECT",
     "CameraMountPrior",

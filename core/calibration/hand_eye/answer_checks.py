@@ -12,14 +12,35 @@ from core.calibration.hand_eye.deviations import FramesFit
 from core.calibration.hand_eye.result import ScaleDifference, rejected_poses
 from core.errors import Advisory, MotionInsufficient, NotConverged
 
+CORRECT_PITCH = (
+    "Measure the print over its whole length: a page that was fitted to its paper is a few percent off. If its pitch "
+    "is another one, make a target with that pitch and its standard uncertainty, and give the session that target "
+    "(target_ids; `gridpose targets create`, `gridpose sessions change SESSION --target TARGET`)."
+)
+"""What to do about a print of another pitch than stated: the grid of a target never changes."""
 LARGE_DEVIATION = 0.01
 """Standard deviation, in rad and of the working distance, from which on a robot is not the likely reason."""
 MAX_UNCERTAINTY = 0.05
 """Largest standard uncertainty of the camera on the flange that is an answer: in rad, and of the working distance."""
 MIN_SCALE_DIFFERENCE, MIN_SCALE_SIGMAS = 5e-3, 4.0
 """Smallest scale of commanded to measured distances, less 1, and in standard deviations of a normal, that is worth a
-warning. A robot's own errors resemble a scale over a small region: .2 % of a UR10 at 25 poses, before a laser tracker.
+warning; also in those of the scales that the robot's other errors would be. A robot's own errors resemble a scale over
+a small region: .2 % of a UR10 at 25 poses, before a laser tracker.
 """
+
+_OF_PRINT = (
+    "print_scale_mismatch",
+    "the images show them",
+    f"{CORRECT_PITCH} If the pitch is right, the robot's lengths are off: identify it (dh).",
+)
+_OF_INSTRUMENT = (
+    "instrument_scale_mismatch",
+    "the instrument measured them",
+    "Check the instrument's scale against a known length, its correction for temperature and air, the unit of its "
+    "export, and that it measures the commanded point. If these are right, the robot's lengths are off: identify it "
+    "(dh).",
+)
+"""Code, what commanded distances differ from, and advice."""
 
 
 def check_answer(found: FramesFit, distance: float, warnings: Sequence[Advisory]) -> None:
@@ -60,23 +81,26 @@ def warnings_of(robot: tuple[float, float], distance: float, wrong: Sequence[str
     return found
 
 
-def scale_warnings(scale: ScaleDifference | None, degrees_of_freedom: float) -> list[Advisory]:
-    """Name commanded distances that are longer or shorter than those of images, all of them.
+def scale_warnings(
+    scale: ScaleDifference | None, degrees_of_freedom: float, *, instrument: bool = False
+) -> list[Advisory]:
+    """Name commanded distances that are longer or shorter than measured ones, all of them.
 
     `degrees_of_freedom` are those of the robot's variances: of few poses they are known less, by Student's t.
+    `instrument`: another one than a camera measured.
     """
     if scale is None:
         return []
     limit = float(stdtrit(max(degrees_of_freedom - 1.0, 1.0), ndtr(MIN_SCALE_SIGMAS)))
-    if abs(scale.value) < max(MIN_SCALE_DIFFERENCE, limit * scale.standard_uncertainty):
+    own = MIN_SCALE_SIGMAS * scale.like_of_robot
+    if abs(scale.value) < max(MIN_SCALE_DIFFERENCE, limit * scale.standard_uncertainty, own):
         return []
+    code, seen, advice = _OF_INSTRUMENT if instrument else _OF_PRINT
     return [
         Advisory(
-            "print_scale_mismatch",
+            code,
             f"Commanded distances are {100.0 * abs(scale.value):.2g} % {'longer' if scale.value > 0.0 else 'shorter'} "
-            f"than the images show them, by one factor, with a standard uncertainty of "
-            f"{100.0 * scale.standard_uncertainty:.1g} %.",
-            "Measure the print over its whole length and correct the target's pitch: a page that was fitted to its "
-            "paper is a few percent off. If the pitch is right, the robot's lengths are off: identify it (dh).",
+            f"than {seen}, by one factor, with a standard uncertainty of {100.0 * scale.standard_uncertainty:.1g} %.",
+            advice,
         )
     ]

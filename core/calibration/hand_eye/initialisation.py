@@ -34,10 +34,7 @@ MAX_DISAGREEMENT = math.radians(1.5)
 SUSPICIOUS = 4.0
 """Times the median residual: beyond it a pose may be a wrong one."""
 SUBSET, SUBSETS = 4, 150
-_ADVICE = (
-    "Add poses whose orientations differ by 20° or more about at least two different axes; or tie the frames by the "
-    "commanded positions alone, which gives position accuracy; or state where the camera is mounted."
-)
+_ADVICE = "Add poses whose orientations differ by 20° or more about at least two different axes."
 
 
 def frame_rotations(

@@ -25,6 +25,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 from scipy.special import stdtrit
 
+from core.calibration.hand_eye.answer_checks import LARGE_DEVIATION
 from core.calibration.hand_eye.deviations import held_out_factors
 from core.calibration.hand_eye.initialisation import check_rigid
 from core.calibration.hand_eye.model import MIN_ROBOT_SIGMAS, whitening
@@ -40,7 +41,8 @@ from core.calibration.hand_eye.position_model import (
     residuals,
 )
 from core.calibration.hand_eye.position_start import best_start
-from core.calibration.hand_eye.result import PositionObservation, rejected_poses
+from core.calibration.hand_eye.result import PositionObservation, ScaleDifference, rejected_poses
+from core.calibration.hand_eye.scale_difference import position_scale_difference
 from core.errors import Advisory, InvalidArgument, MotionInsufficient, NotConverged
 from core.geometry import perturbed
 from core.numerics import Fit, LinearResiduals, Variances, estimate_variances, fit
@@ -57,7 +59,7 @@ class PositionOnlyCalibration:
     `covariance` (9, 9): the point, then d (mm) and w (rad) of T_base_target, R_true = exp(w) R. `deviations_mm` (n, 3)
     are attained - commanded in the base frame, `held_out_mm` the same with the frames tied by the other stations (None
     where those would not suffice), `used` the stations that tied the frames; `undetermined` names in words what was
-    held. `leverage` and `common` are as in `PoseResidual`, of positions alone.
+    held. `leverage` and `common` are as in `PoseResidual`, of positions alone; `scale` as in `HandEyeCalibration`.
     """
 
     T_base_target: Float[np.ndarray, "4 4"]
@@ -73,6 +75,7 @@ class PositionOnlyCalibration:
     warnings: tuple[Advisory, ...]
     leverage: Float[np.ndarray, "n 3 3"]
     common: Float[np.ndarray, "n 3 k"]
+    scale: ScaleDifference | None
 
     @property
     def coverage_factor(self) -> float:
@@ -124,6 +127,7 @@ def calibrate_from_positions(stations: Sequence[PositionObservation]) -> Positio
         result, deviation = _estimate(result.state, problem.part(used))
     C = _covariance(result, free)
     if result.status == "singular" or not np.trace(C[6:, 6:]) < MAX_UNCERTAINTY**2:
+        _check_deviation(commanded[used], deviation)
         raise MotionInsufficient(
             "The commanded positions lie on one line or close together: the target's rotation in the base is not "
             "determined.",
@@ -131,7 +135,8 @@ def calibrate_from_positions(stations: Sequence[PositionObservation]) -> Positio
         )
     if not result.converged:
         raise NotConverged("No target in the base explains the commanded positions.")
-    leverage, common = _follows(result, problem, deviation, used, stations)
+    moved = _shared_motions(result.state, problem, stations)
+    leverage, common = _follows(result, problem, deviation, used, moved)
     return PositionOnlyCalibration(
         T_base_target=result.state.T_base_target,
         point_camera_mm=result.state.point,
@@ -146,7 +151,21 @@ def calibrate_from_positions(stations: Sequence[PositionObservation]) -> Positio
         warnings=_warnings(stations, used),
         leverage=leverage,
         common=common,
+        scale=position_scale_difference(result.state, problem.part(used), deviation, moved[used]),
     )
+
+
+def _check_deviation(commanded: Float[np.ndarray, "n 3"], deviation: float) -> None:
+    """Raise NotConverged where deviations too large for a robot leave the frames uncertain, not the positions."""
+    _, extents, _ = np.linalg.svd(commanded - commanded.mean(axis=0), full_matrices=False)
+    extent, across = (extents[:2] / math.sqrt(len(commanded))).tolist()
+    if deviation > LARGE_DEVIATION * extent and LARGE_DEVIATION * extent < MAX_UNCERTAINTY * across:
+        raise NotConverged(
+            f"Commanded and measured positions differ by {deviation:.3g} mm (standard deviation along each axis): more "
+            f"than robots are off over {extent:.3g} mm.",
+            "Check that each pose_id has its own commanded position and no two are exchanged, that both are in "
+            "millimetres, and that their frames are right-handed.",
+        )
 
 
 def _fit(
@@ -204,23 +223,29 @@ def _most_credible(
     return most_credible(residuals(result.state, problem)[:, None], V[:, None], used, _surplus(problem, used))
 
 
+def _shared_motions(
+    state: PositionState, problem: PositionProblem, stations: Sequence[PositionObservation]
+) -> Float[np.ndarray, "n 3 k"]:
+    """Return what one standard uncertainty of each error that all stations share does to the predictions."""
+    given = [s.common for s in stations if s.common is not None]
+    if len(given) < len(stations):
+        return np.zeros((len(stations), 3, 0))
+    if len({c.shape[1] for c in given}) > 1:
+        raise InvalidArgument("All stations must share the same errors, or none.")
+    return np.asarray(effect(state, problem) @ np.array(given))
+
+
 def _follows(
     result: Fit[PositionState],
     problem: PositionProblem,
     deviation: float,
     used: Bool[np.ndarray, " n"],
-    stations: Sequence[PositionObservation],
+    moved: Float[np.ndarray, "n 3 k"],
 ) -> tuple[Float[np.ndarray, "n 3 3"], Float[np.ndarray, "n 3 k"]]:
-    """Return what the frames follow of each station's deviation, and what errors common to all leave in it."""
+    """Return what the frames follow of each station's deviation, and what `moved` leaves in it, common to all."""
     J = jacobian(result.state, problem)
     weights = np.linalg.inv(measurement(result.state, problem) + deviation**2 * np.eye(3))
     leverage = J @ result.covariance @ J.swapaxes(1, 2) @ weights
-    given = [s.common for s in stations if s.common is not None]
-    if len(given) < len(stations):
-        return leverage, np.zeros((len(stations), 3, 0))
-    if len({c.shape[1] for c in given}) > 1:
-        raise InvalidArgument("All stations must share the same errors, or none.")
-    moved = effect(result.state, problem) @ np.array(given)
     frames = -result.covariance @ np.einsum("nij,nik->jk", J[used], (weights @ moved)[used])
     return leverage, moved + J @ frames
 

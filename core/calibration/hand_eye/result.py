@@ -70,10 +70,23 @@ class CameraMountPrior:
 
 @dataclass(frozen=True, slots=True)
 class ScaleDifference:
-    """By what share commanded distances are longer than measured ones, with its standard uncertainty."""
+    """By what share commanded distances are longer than measured ones, with its standard uncertainty.
+
+    `like_of_robot` is the standard deviation of the scale that the robot's own errors resemble, by what else they have
+    of an affine map of the place; 0 where that is not observable.
+    """
 
     value: float
     standard_uncertainty: float
+    like_of_robot: float = 0.0
+
+    @property
+    def inverse(self) -> ScaleDifference:
+        """That of measured distances to commanded ones."""
+        ratio = 1.0 / max(1.0 + self.value, 1e-9)
+        return ScaleDifference(
+            ratio - 1.0, ratio**2 * self.standard_uncertainty, ratio**2 * self.like_of_robot
+        )
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,6 +1,6 @@
 """A session's poses against what the robot was commanded: accuracy, and the camera on the flange."""
 
-from core.session.commanded_poses.accuracy import Accuracy, assess_accuracy
+from core.session.commanded_poses.accuracy import SCALE_MISMATCHES, Accuracy, assess_accuracy
 from core.session.commanded_poses.hand_eye import (
     HandEyeStation,
     HeldOut,
@@ -10,6 +10,7 @@ from core.session.commanded_poses.hand_eye import (
 from core.session.commanded_poses.units import UnitContradiction, contradicted_unit
 
 __all__ = [
+    "SCALE_MISMATCHES",
     "Accuracy",
     "HandEyeStation",
     "HeldOut",

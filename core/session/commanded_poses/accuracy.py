@@ -11,17 +11,31 @@ the poses that lose the accuracy of their orientation are named.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from core.calibration import MIN_POSES_TO_REJECT
 from core.errors import Advisory, GridposeError, listed
 from core.metrology import CycleProcess, PoseAccuracy
-from core.session.commanded_poses.frame_ties import Commands, Visits, by_positions, by_whole_poses, oriented
+from core.session.commanded_poses.frame_ties import (
+    Commands,
+    Visits,
+    by_positions,
+    by_whole_poses,
+    one_orientation,
+    oriented,
+)
+from core.session.commanded_poses.units import contradicted_unit
 from core.session.model import CameraMount, CommandedPose, MeasuredPose, SessionData, natural
 
 FEW_DEGREES_OF_FREEDOM = 5.0
 """Below so many, an interval of AP is wider than its figure."""
+
+MIN_ROTATION = math.radians(1.0)
+"""Commanded orientations within this of one another tie no frames."""
+SCALE_MISMATCHES = frozenset({"print_scale_mismatch", "instrument_scale_mismatch"})
+"""Warnings that commanded and measured distances differ by one factor: deviations then are not the robot's alone."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,6 +66,7 @@ def assess_accuracy(
     found: dict[str, PoseAccuracy] = {}
     warnings: list[Advisory] = []
     failures: dict[int, GridposeError] = {}
+    in_other_unit = contradicted_unit(visits, data.commanded) is not None  # `units_contradict` says so.
     without = {pose_id: "no measurement of it counts" for pose_id in commands if pose_id not in frames}
     for frame in sorted(set(frames.values())):
         of_frame = {p: commands[p] for p in visits if frames[p] == frame and p in commands}
@@ -64,7 +79,11 @@ def assess_accuracy(
             without |= {pose_id: failure.detail.rstrip(".") for pose_id in of_frame}
             continue
         found |= accuracy.poses
-        warnings += [warning for warning in accuracy.warnings if warning not in warnings]
+        warnings += [
+            warning
+            for warning in accuracy.warnings
+            if warning not in warnings and not (in_other_unit and warning.code in SCALE_MISMATCHES)
+        ]
         without |= {p: _why_not(visits[p], commands[p]) for p in of_frame if p not in found}
     if not found:
         most = max(failures, key=lambda frame: (list(frames.values()).count(frame), -frame))
@@ -75,7 +94,9 @@ def assess_accuracy(
 def _compare(
     visits: Visits, commands: Commands, process: CycleProcess | None, mount: CameraMount | None
 ) -> Accuracy:
-    """Compare in the better of the two ways that gives an answer; the first failure counts where neither does."""
+    """Compare in the better of the two ways that gives an answer. Where neither does, the first failure counts; of
+    poses of one orientation that of positions does.
+    """
     whole = [p for p, c in commands.items() if c.rotation() is not None and oriented(visits[p])]
     if not whole:
         return _by_positions(visits, commands, process)
@@ -86,6 +107,8 @@ def _compare(
             try:
                 return _by_positions_instead(visits, commands, process, whole, failure.detail)
             except GridposeError:
+                if one_orientation({p: commands[p] for p in whole}, MIN_ROTATION):
+                    raise  # Nothing was to be had of whole poses.
                 raise failure from None
     try:
         few = f"they are fewer than half of the poses, and than {MIN_POSES_TO_REJECT}"

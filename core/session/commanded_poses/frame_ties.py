@@ -53,6 +53,14 @@ def oriented(visits: Sequence[MeasuredPose]) -> bool:
     return all(visit.rotation is not None for visit in visits)
 
 
+def one_orientation(commands: Commands, within: float = SAME_ORIENTATION) -> bool:
+    """Return whether all poses were commanded with one and the same orientation, `within` so many rad."""
+    rotations = [R for c in commands.values() if (R := c.rotation()) is not None]
+    if len(rotations) < len(commands):
+        return False
+    return all(float(np.linalg.norm(so3_log(R @ rotations[0].T))) <= within for R in rotations)
+
+
 def by_whole_poses(
     visits: Visits, commands: Commands, process: CycleProcess | None, mount: CameraMount | None
 ) -> Compared:
@@ -114,8 +122,8 @@ def by_whole_poses(
     for pose_id, place in zip(rest, places[len(whole) :], strict=True):
         alone = HeldOutDeviation(place.residual)  # the frames are the others' already
         found[pose_id] = tied_accuracy(place, None, None, alone, positions.degrees_of_freedom, point)
-    of_print = () if mount is None else scale_warnings(tie.scale, tie.degrees_of_freedom)
-    return {p: one for p, one in found.items() if one is not None}, (*tie.warnings, *of_print)
+    of_scale = scale_warnings(tie.scale, tie.degrees_of_freedom, instrument=mount is None)
+    return {p: one for p, one in found.items() if one is not None}, (*tie.warnings, *of_scale)
 
 
 def by_positions(visits: Visits, commands: Commands, process: CycleProcess | None) -> Compared:
@@ -140,7 +148,7 @@ def by_positions(visits: Visits, commands: Commands, process: CycleProcess | Non
 def _by_measured_orientation(visits: Visits, commands: Commands, process: CycleProcess | None) -> Compared:
     poses = np.array([transform_mean(_transforms(visits[p])) for p in commands])
     turns: list[Float[np.ndarray, "3"]] | None = None
-    if _one_orientation(commands):
+    if one_orientation(commands):
         # The robot's own turns about the one orientation say nothing of where the commanded point is on the flange.
         mean = transform_mean(poses)[:3, :3]
         turns = [so3_log(R @ mean.T) for R in poses[:, :3, :3]]
@@ -185,7 +193,9 @@ def _by_measured_orientation(visits: Visits, commands: Commands, process: CycleP
             tied.degrees_of_freedom,
             point,
         )
-    return {p: one for p, one in found.items() if one is not None}, tie.warnings
+    of_images = any(visit.image is not None for pose_id in commands for visit in visits[pose_id])
+    of_scale = scale_warnings(tie.scale, tie.degrees_of_freedom, instrument=not of_images)
+    return {p: one for p, one in found.items() if one is not None}, (*tie.warnings, *of_scale)
 
 
 def _about_the_mean(
@@ -204,14 +214,6 @@ def _about_the_mean(
         np.ones(count, dtype=np.bool_),
         mean_rotation_noise([visits[p] for p in commands], process),
     )
-
-
-def _one_orientation(commands: Commands) -> bool:
-    """Return whether all poses were commanded with one and the same orientation."""
-    rotations = [R for c in commands.values() if (R := c.rotation()) is not None]
-    if len(rotations) < len(commands):
-        return False
-    return all(float(np.linalg.norm(so3_log(R @ rotations[0].T))) <= SAME_ORIENTATION for R in rotations)
 
 
 def _of_a_point(visits: Visits, commands: Commands, process: CycleProcess | None) -> Compared:
@@ -255,7 +257,9 @@ def _of_a_point(visits: Visits, commands: Commands, process: CycleProcess | None
             tied.degrees_of_freedom,
             CommandedPoint(R_base_instrument, np.zeros(3)),
         )
-    return {p: one for p, one in found.items() if one is not None}, (*warnings, *tie.warnings)
+    scale = None if tie.scale is None else tie.scale.inverse
+    warnings += [*tie.warnings, *scale_warnings(scale, tie.degrees_of_freedom, instrument=True)]
+    return {p: one for p, one in found.items() if one is not None}, tuple(warnings)
 
 
 def _commanded_pose(commanded: CommandedPose) -> Float[np.ndarray, "4 4"]:

@@ -26,12 +26,14 @@ from core.metrology import (
     repeatability_reading,
     scatter_flaw,
 )
+from core.session.commanded_poses import SCALE_MISMATCHES
 from core.session.model import SessionData, natural
 from core.session.repeatability.assessment import SessionRepeatability
 from core.session.repeatability.pose_rows import PoseRow, figures_by_itself
 
 UNDETERMINED = "whose accuracy is not determined"
 UNITS = "measured and commanded poses are not in one unit"
+SCALE = "measured and commanded distances differ by one factor"
 UNSCALED = "before a target whose pitch has no stated uncertainty"
 CLEAR_SHARE = 1.0 / 3.0
 """Of the limit: no pose whose upper limit is below it is looked at by itself, which takes a tenth of a second."""
@@ -87,7 +89,9 @@ def assess_acceptance(data: SessionData, found: SessionRepeatability) -> Session
         data.datasheet.accuracy_mm, {p: _deviation(found, rows.get(p)) for p in commanded}, off
     )
     if found.units is not None:
-        repeatability, accuracy = _without_decision(repeatability), _without_decision(accuracy)
+        repeatability, accuracy = _without_decision(repeatability, UNITS), _without_decision(accuracy, UNITS)
+    elif any(warning.code in SCALE_MISMATCHES for warning in found.accuracy.warnings):
+        accuracy = _without_decision(accuracy, SCALE)
     excluded = sum(len(row.excluded) for row in found.poses)
     limitations = (
         [f"{excluded} measurement{'s do' if excluded > 1 else ' does'} not count"] if excluded else []
@@ -100,11 +104,11 @@ def assess_acceptance(data: SessionData, found: SessionRepeatability) -> Session
     )
 
 
-def _without_decision(of_limit: LimitAcceptance | None) -> LimitAcceptance | None:
-    """Return what is decided where measured and commanded poses contradict one another in their unit: nothing."""
+def _without_decision(of_limit: LimitAcceptance | None, reason: str) -> LimitAcceptance | None:
+    """Return what is decided where measured and commanded poses contradict one another in unit or scale: nothing."""
     if of_limit is None:
         return None
-    return replace(of_limit, pose_id=None, found=Acceptance(Decision.INCONCLUSIVE, None, UNITS))
+    return replace(of_limit, pose_id=None, found=Acceptance(Decision.INCONCLUSIVE, None, reason))
 
 
 def _limited(of_limit: LimitAcceptance | None, limitations: Sequence[str]) -> LimitAcceptance | None:

@@ -53,6 +53,25 @@ def at_commands(x: np.ndarray, commanded: dict[str, CommandedPose]) -> SessionDa
     return replace(data, measured=measured)
 
 
+def test_distances_that_are_off_by_one_factor_decide_nothing_of_accuracy() -> None:
+    """A print of another pitch than stated is not the robot's fault."""
+    commanded = commands()
+    data = at_commands(made.gaussian(np.random.default_rng(5), 12, 5), commanded)
+    data = replace(data, commanded=commanded, datasheet=Datasheet(repeatability_mm=1.0, accuracy_mm=1.0))
+    scaled = replace(
+        data, measured=tuple(replace(pose, position_mm=1.03 * pose.position_mm) for pose in data.measured)
+    )
+    for one, decision in ((data, Decision.PASS), (scaled, Decision.INCONCLUSIVE)):
+        table = assess_repeatability(one)
+        found = assess_acceptance(one, table)
+        assert found.repeatability is not None
+        assert found.repeatability.found.decision is Decision.PASS
+        assert found.accuracy is not None
+        assert found.accuracy.found.decision is decision
+        named = "instrument_scale_mismatch" in {warning.code for warning in table.warnings}
+        assert named == (decision is Decision.INCONCLUSIVE)
+
+
 def test_cycles_without_numbers_decide_nothing() -> None:
     """Correlated cycles read too little of the scatter; without numbers nothing shows that they are correlated."""
     limits = Datasheet(repeatability_mm=0.085)  # the robot has .1

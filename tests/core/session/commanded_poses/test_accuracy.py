@@ -8,11 +8,13 @@ import math
 import numpy as np
 import pytest
 
-from benchmarks.trust.accuracy import LAYOUTS, Layout, measure, simulate
+from benchmarks.trust.accuracy import LAYOUTS, Layout, measure, simulate, simulate_visits
+from core.errors import NotConverged
 from core.geometry import rpy_to_rotation, so3_exp, transform
 from core.metrology import AccuracyDrift, PoseAccuracy
 from core.session import CommandedPose, MeasuredPose, PoseRow, SessionData, accuracy_drift_of, drift_of
 from core.session.commanded_poses import Accuracy, assess_accuracy
+from core.session.commanded_poses.frame_ties import by_positions
 from tests.support.sessions.drifting_robot import SIX, drifting_session
 
 CUBE, ANY_FIVE, _, ANY_TEN, POSITIONS, FOUR = LAYOUTS
@@ -115,6 +117,65 @@ def test_four_poses_say_how_little_they_determine() -> None:
     low, high = one.interval.position_mm
     assert one.figures.position_mm is not None
     assert high - low > one.figures.position_mm
+
+
+def scales_named(layout: Layout, scale: float, robots: int, *, oriented: bool = True) -> int:
+    """Of so many robots, those of which a scale is named when readings are multiplied by one."""
+    rng = np.random.default_rng(17)
+    named = 0
+    for _ in range(robots):
+        data, visits, *_ = simulate_visits(rng, layout)
+        read = {
+            name: [
+                dataclasses.replace(
+                    v, position_mm=scale * v.position_mm, rotation=v.rotation if oriented else None
+                )
+                for v in of_pose
+            ]
+            for name, of_pose in visits.items()
+        }
+        named += "instrument_scale_mismatch" in codes(assess_accuracy(data, read))
+    return named
+
+
+@pytest.mark.parametrize(
+    ("layout", "oriented"), [(CUBE, True), (CUBE, False), (ANY_FIVE, True), (POSITIONS, True)]
+)
+def test_a_scale_of_all_distances_is_named_however_the_frames_are_tied(
+    layout: Layout, *, oriented: bool
+) -> None:
+    assert scales_named(layout, 1.03, 4, oriented=oriented) == 4
+    assert scales_named(layout, 1.0, 8, oriented=oriented) == 0
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("oriented", [True, False])
+def test_no_scale_is_named_of_a_robot_with_errors_of_its_own(*, oriented: bool) -> None:
+    assert scales_named(CUBE, 1.0, 250, oriented=oriented) == 0
+
+
+def test_errors_that_are_smooth_over_the_poses_are_no_scale() -> None:
+    """An affine map of the places with parts of like size: the robot's, not the print's."""
+    data, visits = session(np.zeros(3), np.zeros((6, 3)), np.zeros((6, 3)))
+    strain = np.diag([0.02, 0.008, 0.004])
+    for name, of_pose in visits.items():
+        place = np.array(data.commanded[name].position_mm)
+        (visit,) = of_pose
+        rotation = so3_exp(np.array([0.4, -0.3, 1.1])).T
+        visits[name] = [dataclasses.replace(visit, position_mm=visit.position_mm + rotation @ strain @ place)]
+    assert "instrument_scale_mismatch" not in codes(assess_accuracy(data, visits))
+
+
+def test_exchanged_poses_of_one_orientation_are_not_said_to_want_orientations() -> None:
+    """The frames are not tied, by what positions say: more orientations would change nothing."""
+    data, visits = session(np.array([0.1, 0.2, 0.3]), np.zeros((6, 3)), np.zeros((6, 3)))
+    visits = {name: of_pose for name, of_pose in visits.items() if name != "P6"}
+    visits["P1"], visits["P2"] = visits["P2"], visits["P1"]
+    found = assess_accuracy(data, visits)
+    (warning,) = [one for one in found.warnings if one.code == "accuracy_unavailable"]
+    with pytest.raises(NotConverged) as of_positions:
+        by_positions(visits, {name: data.commanded[name] for name in visits}, None)
+    assert of_positions.value.detail in warning.detail
 
 
 @pytest.mark.slow
