@@ -71,7 +71,9 @@ def update_target(
     """
     target = get_or_raise(records, Target, target_id, lock=True)
     if not accept_implausible:
-        check_pitch_uncertainty(target.pitch_mm, None, changes.get("certificate"))
+        check_pitch_uncertainty(
+            target.pitch_mm, changes.get("pitch_standard_uncertainty_mm"), changes.get("certificate")
+        )
     for field, value in changes.items():
         setattr(target, field, value)
     _check(target)

@@ -251,7 +251,7 @@ def unstated_scale_warnings(
             f"Neither a certificate nor the pitch's standard uncertainty is stated of {listed(exact)}: lengths take "
             "the pitch as exact, a pitch 1e-4 too long makes every length 1e-4 too long, and no uncertainty contains "
             "it.",
-            "State the target's certificate or pitch_standard_uncertainty_mm.",
+            "State the target's certificate or pitch_standard_uncertainty_mm (`gridpose targets change`).",
         )
     ]
 

@@ -69,8 +69,9 @@ def update_target(
 ) -> TargetRead:
     """Change a target's name, or what is known of its print; analyses use the change from now on.
 
-    What one image alone gave stays as it was computed, with the nominal grid. A certificate's standard uncertainty of
-    more than 5 % of the pitch is 422 `implausible_unit`.
+    What one image alone gave stays as it was computed, with the nominal grid. The grid itself never changes: for
+    another pitch make another target and set the session's `target_ids` to it. A standard uncertainty of more than 5 %
+    of the pitch is 422 `implausible_unit`.
     """
     changes = body.model_dump(mode="json", include=body.model_fields_set)
     with service.installation.database.write() as records:

@@ -200,6 +200,9 @@ class TargetChange(RequestModel):
 
     # The factory makes the field optional without allowing null; what was not sent is never looked at.
     name: Annotated[Text, Field(description="What people call the target.", default_factory=str)]
+    pitch_standard_uncertainty_mm: Annotated[
+        Annotated[float, Field(ge=0, le=1e6)] | None, Field(description=_PITCH_UNCERTAINTY)
+    ] = None
     print_kind: Annotated[PrintKind | None, Field(description=_PRINT_KIND)] = None
     shape_standard_uncertainty: Annotated[StatedShapeUncertainty | None, Field(description=_SHAPE)] = None
     certificate: Annotated[Certificate | None, Field(description=_CERTIFICATE)] = None

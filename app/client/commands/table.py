@@ -121,7 +121,7 @@ CLIENT = {
     "targets show": (".targets.stored:show", "Print a target as the service answers it."),
     "targets change": (
         ".targets.changes:change",
-        "Change a target's name, or what is known of its print: its kind, its certificate.",
+        "Change a target's name, or what is known of its print: its pitch's uncertainty, its kind, its certificate.",
     ),
     "targets delete": (
         ".targets.stored:delete",

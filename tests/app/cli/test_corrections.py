@@ -119,6 +119,8 @@ def test_what_is_known_of_a_print_is_changed(served: Any, tmp_path: Path) -> Non
     changed = served.client.get(path).json()
     assert (changed["name"], changed["print_kind"]) == ("glass", "glass")
     assert changed["certificate"]["pitch_x_mm"] == 25.01
+    gridpose(served, *change, target, "--pitch-sigma-mm", "0.002")
+    assert served.client.get(path).json()["pitch_standard_uncertainty_mm"] == 0.002
     entries = served.client.get("/v1/audit").json()["items"]
     assert ("update_target", [target]) in [(each["action"], each["object_ids"]) for each in entries]
 

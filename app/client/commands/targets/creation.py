@@ -2,24 +2,17 @@
 
 from __future__ import annotations
 
-from typing import Annotated
-
-import typer
-
 from ... import Json, ServiceClient
 from ..access import UploadAccess
 from ..creation import AcceptImplausible, BodyFile, Name, create_named
-from .description import PrintKind, TargetDescription
+from .description import PitchSigma, PrintKind, TargetDescription
 
 
 def create(
     service: UploadAccess,
     description: TargetDescription,
     name: Name = None,
-    pitch_sigma_mm: Annotated[
-        float | None,
-        typer.Option(help="Standard uncertainty of the pitch, common to the whole print.", min=0.0),
-    ] = None,
+    pitch_sigma_mm: PitchSigma = None,
     print_kind: PrintKind = None,
     file: BodyFile = None,
     accept_implausible: AcceptImplausible = False,

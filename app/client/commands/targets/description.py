@@ -29,6 +29,10 @@ class KindOfPrint(enum.StrEnum):
     glass = "glass"
 
 
+PitchSigma = Annotated[
+    float | None,
+    typer.Option(help="Standard uncertainty of the pitch, mm, common to the whole print.", min=0.0),
+]
 PrintKind = Annotated[
     KindOfPrint | None,
     typer.Option(help="How it was made: paper on a board, ink on a rigid plate, or chrome on glass."),

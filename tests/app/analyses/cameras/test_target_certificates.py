@@ -34,6 +34,9 @@ def test_a_certificate_is_stored_changed_and_taken_away(api: Any) -> None:
     assert changed.json()["certificate"] is None
     assert changed.json()["shape_standard_uncertainty"]["bow_mm"] == 0.3
     assert changed.json()["print_kind"] == "glass"
+    changed = api.client.patch(path, json={"pitch_standard_uncertainty_mm": 0.002})
+    assert changed.status_code == 200, changed.text
+    assert changed.json()["pitch_standard_uncertainty_mm"] == 0.002
     assert changed.json()["name"] == stored["name"]
 
 
@@ -46,6 +49,8 @@ def test_a_certificate_is_stored_changed_and_taken_away(api: Any) -> None:
         {"print_kind": "stone"},
         {"shape_standard_uncertainty": {"bow_mm": -1.0}},
         {"pitch_mm": 12.0},
+        {"pitch_standard_uncertainty_mm": -0.1},
+        {"pitch_standard_uncertainty_mm": 2.0},
     ],
 )
 def test_what_cannot_be_is_refused_and_changes_nothing(api: Any, change: dict[str, Any]) -> None:
@@ -65,6 +70,12 @@ def test_a_certified_pitch_scales_what_analyses_measure(api: Any, store: Store) 
     pitch = api.client.get(f"/v1/targets/{target_id}").json()["pitch_mm"]
     before = table(api, session)
     assert "scale_taken_as_exact" in codes(before)
+    path = f"/v1/targets/{target_id}"
+    assert api.client.patch(path, json={"pitch_standard_uncertainty_mm": 0.001}).status_code == 200
+    stated = table(api, session)
+    assert "scale_taken_as_exact" not in codes(stated)
+    assert all(one["accuracy"]["interval"] is not None for one in stated["poses"] if one["accuracy"])
+    assert api.client.patch(path, json={"pitch_standard_uncertainty_mm": None}).status_code == 200
     certificate = {**CERTIFICATE, "pitch_x_mm": 1.001 * pitch, "pitch_y_mm": 1.001 * pitch}
     response = api.client.patch(f"/v1/targets/{target_id}", json={"certificate": certificate})
     assert response.status_code == 200, response.text
