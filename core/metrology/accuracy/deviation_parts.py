@@ -64,7 +64,7 @@ class DeviationParts:
 
     The tie leaves open the `share` of the deviations' variance, `of_visits` is the covariance of the visits' means, of
     `visits_degrees_of_freedom`, None where their scatter is stated, and the columns of `shared` are what one standard
-    uncertainty of each error does that all poses share. Of a pose that `tied` the frames, the tie leaves out a part of
+    uncertainty of each error does that all poses share. Of a pose that `tied` the frames, the tie follows a part of
     the deviation; of others, the tie is an error of the residual.
     """
 

@@ -60,7 +60,7 @@ def test_a_pose_that_tied_no_frames_is_off_by_what_is_read() -> None:
     assert found.length_interval[0] < 5.0 < found.length_interval[1] < 5.02
 
 
-def test_poses_that_scatter_alike_share_their_scatter() -> None:
+def test_poses_of_one_scatter_share_it() -> None:
     rng = np.random.default_rng(5)
     freedom = np.array([27.0, 27.0, 27.0, 3.0, 0.0])
     variance, found = moderated_variances(rng.chisquare(np.maximum(freedom, 1e-9)), freedom)
