@@ -29,18 +29,16 @@ a small region: .2 % of a UR10 at 25 poses, before a laser tracker.
 """
 
 _OF_PRINT = (
-    "print_scale_mismatch",
     "the images show them",
     f"{CORRECT_PITCH} If the pitch is right, the robot's lengths are off: identify it (dh).",
 )
 _OF_INSTRUMENT = (
-    "instrument_scale_mismatch",
     "the instrument measured them",
     "Check the instrument's scale against a known length, its correction for temperature and air, the unit of its "
     "export, and that it measures the commanded point. If these are right, the robot's lengths are off: identify it "
     "(dh).",
 )
-"""Code, what commanded distances differ from, and advice."""
+"""What commanded distances differ from, and advice."""
 
 
 def check_answer(found: FramesFit, distance: float, warnings: Sequence[Advisory]) -> None:
@@ -95,10 +93,10 @@ def scale_warnings(
     own = MIN_SCALE_SIGMAS * scale.like_of_robot
     if abs(scale.value) < max(MIN_SCALE_DIFFERENCE, limit * scale.standard_uncertainty, own):
         return []
-    code, seen, advice = _OF_INSTRUMENT if instrument else _OF_PRINT
+    seen, advice = _OF_INSTRUMENT if instrument else _OF_PRINT
     return [
         Advisory(
-            code,
+            "instrument_scale_mismatch" if instrument else "print_scale_mismatch",
             f"Commanded distances are {100.0 * abs(scale.value):.2g} % {'longer' if scale.value > 0.0 else 'shorter'} "
             f"than {seen}, by one factor, with a standard uncertainty of {100.0 * scale.standard_uncertainty:.1g} %.",
             advice,
