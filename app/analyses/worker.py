@@ -5,7 +5,7 @@ estimates pass through the process that takes uploads.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from typing import Any, TypeVar
 
@@ -31,7 +31,7 @@ from app.analyses.outcome import AnalysisError, AnalysisRefused, AnalysisResult
 from app.build import core_version
 from app.records.database import Database
 from app.records.numbers import encode
-from core import GridposeError
+from core import Advisory, GridposeError
 from core.session import SessionData
 
 Found = TypeVar("Found")
@@ -159,7 +159,23 @@ def document_of(
     found = _found_or_refused(find)
     if isinstance(found, bytes | AnalysisRefused):
         return found
+    found = replace(found, warnings=[*found.warnings, *_of_stated_targets(snapshot)])
     return as_text(findings_document(head, found, data))
+
+
+def _of_stated_targets(snapshot: Snapshot) -> list[Advisory]:
+    """Return a warning where images count as of another target than they were sent as."""
+    count = sum(image.stated_target_id is not None and bool(image.point_bytes) for image in snapshot.images)
+    if not count:
+        return []
+    return [
+        Advisory(
+            "stated_target_removed",
+            f"{count} measurements are of another target than their images were sent with, "
+            "which was taken out of it.",
+            "Add that target to the session's target_ids again. Exclude these measurements if they are not to count.",
+        )
+    ]
 
 
 def pages_of(

@@ -55,8 +55,9 @@ def test_images_of_sessions_with_one_target_named_none(database: Database, tmp_p
         records.add(Pose(id=new_id("pos"), session_id=both.id, pose_id="P1"))
         records.flush()
         fields = {**before["measurements"][0], "session_id": both.id, "seeks_target": False}
-        records.add(Measurement(**{**fields, "id": new_id("mea")}))
-        records.add(Measurement(**{**fields, "id": new_id("mea"), "target_id": second}))
+        for stated in (target.id, second):
+            of_target = {"id": new_id("mea"), "target_id": stated, "stated_target_id": stated}
+            records.add(Measurement(**{**fields, **of_target}))
     before = content(database)
     migrations.downgrade(database, "0003")
     migrations.upgrade(database, tmp_path)
@@ -93,6 +94,27 @@ def test_one_image_is_searched_for_targets_once(database: Database, tmp_path: Pa
     with database.write() as records:
         for _ in range(2):  # without seeking, targets that are not known do not hinder one another
             records.add(Measurement(**{**row, "id": new_id("mea"), "seeks_target": False}))
+
+
+def test_images_that_do_not_search_stated_their_target(database: Database, tmp_path: Path) -> None:
+    migrations.upgrade(database, tmp_path)
+    searched = fill(database)["measurements"][0]
+    second = new_id("tgt")
+    with database.write() as records:
+        (target,) = records.scalars(sa.select(Target)).all()
+        records.add(Target(id=second, **{**target_fields(target), "columns": 5}, name="b", created_at=NOW))
+        records.flush()
+        found = {**searched, "id": new_id("mea"), "seeks_target": False, "target_id": second}
+        records.add(Measurement(**found))
+        stated = {"sha256": "1" * 64, "target_id": second, "stated_target_id": second}
+        records.add(Measurement(**{**found, "id": new_id("mea"), **stated}))
+    before = content(database)
+    migrations.downgrade(database, "0027")
+    assert "stated_target_id" not in {
+        column["name"] for column in sa.inspect(database.engine).get_columns("measurements")
+    }
+    migrations.upgrade(database, tmp_path)
+    assert content(database) == before
 
 
 def test_labelling_and_capture_quality_come_and_go(database: Database, tmp_path: Path) -> None:

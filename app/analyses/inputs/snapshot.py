@@ -30,7 +30,8 @@ class StoredImage:
     """What came of a measurement, as it is stored.
 
     `content_sha256` covers its grid points and markers; it is None if nothing was computed. `labelling` is that of its
-    grid points; it is None without grid points and for results older than the column.
+    grid points; it is None without grid points and for results older than the column. `stated_target_id` is the target
+    that the upload named, where the measurement is of another one.
     """
 
     observation: ImageObservation
@@ -40,6 +41,7 @@ class StoredImage:
     labelling: str | None = None
     captured_at: datetime | None = None
     received_at: datetime | None = None
+    stated_target_id: str | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -90,6 +92,7 @@ class Snapshot:
                 [
                     *(image.observation.measurement_id, image.observation.filename),
                     *(str(image.captured_at), str(image.received_at)),
+                    *([image.stated_target_id] if image.stated_target_id is not None else []),
                 ]
                 for image in self.images
             ],

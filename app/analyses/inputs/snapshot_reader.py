@@ -159,7 +159,7 @@ def _read_images(records: orm.Session, session_id: str, places: Mapping[str, int
 
 def _stored_image(row: tuple[Any, ...], places: Mapping[str, int]) -> StoredImage:
     """Return the image of an `IMAGE_ROWS` row; one excluded, or of a target not the session's, is a failed one."""
-    *fields, exclusion, filename, burst, captured_at, received_at = row
+    *fields, exclusion, filename, burst, captured_at, received_at, stated = row
     if fields[4] is not None and fields[4] not in places:
         fields = [*fields[:4], None, *fields[5:9], *_FOREIGN, None, fields[12], None, None]
     if exclusion is not None:
@@ -168,7 +168,14 @@ def _stored_image(row: tuple[Any, ...], places: Mapping[str, int]) -> StoredImag
     target = NO_TARGET if seen[4] is None else places[seen[4]]
     observation = ImageObservation(*[*seen[:4], target, *seen[5:], labelling or "absolute", filename, burst])
     return StoredImage(
-        observation, point_bytes, computed_by, content_sha256, labelling, captured_at, received_at
+        observation,
+        point_bytes,
+        computed_by,
+        content_sha256,
+        labelling,
+        captured_at,
+        received_at,
+        stated_target_id=stated if target != NO_TARGET and stated != seen[4] else None,
     )
 
 

@@ -34,12 +34,12 @@ _COLUMNS = (  # in the order of the fields of `ImageObservation` and `snapshot.S
     *(Result.__table__.c[name] for name in ("points", "core_version", "content_sha256", "labelling")),
     *(
         Measurement.__table__.c[name]
-        for name in ("excluded", "filename", "burst", "captured_at", "received_at")
+        for name in ("excluded", "filename", "burst", "captured_at", "received_at", "stated_target_id")
     ),
 )
 IMAGE_ROWS = sa.select(*(sa.func.length(c) if c.name in _LENGTH_ALONE else c for c in _COLUMNS))
-"""Selects the fields of `snapshot.StoredImage`, the exclusion, the file's name, the burst index and its times; the
-caller joins the results and selects the rows.
+"""Selects the fields of `snapshot.StoredImage`, the exclusion, the file's name, the burst index, its times and
+the target stated; the caller joins the results and selects the rows.
 """
 
 _CHECK_BY_NAME: dict[str, Callable[[Any], bool]] = {
@@ -72,7 +72,7 @@ def readable_image(row: sa.Row[Any]) -> tuple[Any, ...]:
     if not damaged:
         return tuple(row)
     detail = f"What is stored of this measurement cannot be read: {', '.join(damaged)}."
-    return (*row[:2], None, *row[3:5], "default", None, 0, 0, CODE, detail, *[None] * 9)
+    return (*row[:2], None, *row[3:5], "default", None, 0, 0, CODE, detail, *[None] * 10)
 
 
 def require_values(noun: str, name: str, table: type[Table], values: Any) -> None:

@@ -104,7 +104,13 @@ def _jobs(
                     )
                 )
             }
-        of = {job.measurement_id: _as_reported(job, inputs, present[job.measurement_id]) for job in jobs}
+        own = {image["measurement_id"]: image["target_id"] for image in some}
+        of = {
+            job.measurement_id: _as_reported(
+                replace(job, target_id=own[job.measurement_id]), inputs, present[job.measurement_id]
+            )
+            for job in jobs
+        }
         searched = {job.sha256: job for job in of.values() if not job.has_explicit_target}
         for image in some:
             job = of.get(image["measurement_id"])
@@ -115,7 +121,9 @@ def _jobs(
 def _as_reported(job: Job, inputs: Mapping[str, Any], seeks_target: bool) -> Job:
     """Return the job with camera and targets as the report states them, whatever the session states since."""
     stated = {one["id"]: target_row(one) for one in inputs["targets"]}
-    sought = tuple(stated) if seeks_target else [one.target_id for one in job.targets]
+    sought = list(stated) if seeks_target else [one.target_id for one in job.targets]
+    if not seeks_target and job.target_id in stated:
+        sought = [job.target_id]
     now = {one.target_id: one for one in job.targets}
     return replace(
         job,

@@ -97,6 +97,7 @@ def _images(records: orm.Session, snapshot: Snapshot, *, with_rms: bool) -> list
                 "sha256": seen.image,
                 "filename": seen.filename,
                 "target_id": snapshot.target_ids[seen.target] if seen.target >= 0 else None,
+                **({} if image.stated_target_id is None else {"stated_target_id": image.stated_target_id}),
                 "focus_group": seen.focus_group,
                 "joint_angles_deg": _listed(seen.joint_angles_deg),
                 "failure_code": seen.failure_code,

@@ -212,6 +212,7 @@ def _image(image: Json, row: sa.Row[Any] | None, places: Mapping[str, int]) -> S
         image["labelling"] if stored is not None else None,
         _moment(image["captured_at"]),
         _moment(image["received_at"]),
+        image.get("stated_target_id"),
     )
 
 

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import sqlalchemy as sa
 from sqlalchemy import orm
 
-from app.records.tables import Measurement, Result
+from app.records.tables import Measurement, Result, Table
 
 TOGETHER = 1000
 """Rows of one statement."""
@@ -21,6 +21,7 @@ class ImageRow(NamedTuple):
     id: str
     target_id: str | None
     seeks_target: bool
+    stated_target_id: str | None = None
 
 
 def queue_rows(records: orm.Session, measurement_ids: Sequence[str], **changes: Any) -> None:
@@ -44,8 +45,9 @@ def search_again(
 ) -> int:
     """Search images again after the session's targets became `target_ids`; return how many are searched.
 
-    These are the images with a measurement whose target went, those in which no target was found and, where there are
-    new targets, all that were sent without one; but not those that have a measurement of every target.
+    Images whose stated target came back are searched for that one alone, and what a search found meanwhile goes.
+    Of the others these are the images with a measurement whose target went, those in which no target was found and,
+    where there are new targets, all that were sent without one; but not those that have a measurement of every target.
     """
     images: dict[tuple[str, str], list[ImageRow]] = {}
     for row in records.execute(
@@ -55,18 +57,52 @@ def search_again(
             Measurement.id,
             Measurement.target_id,
             Measurement.seeks_target,
+            Measurement.stated_target_id,
         )
         .where(Measurement.session_id == session_id)
         .order_by(Measurement.id)
     ):
         of_image = images.setdefault((row.pose_id, row.sha256), [])
-        of_image.append(ImageRow(row.id, row.target_id, row.seeks_target))
+        of_image.append(ImageRow(row.id, row.target_id, row.seeks_target, row.stated_target_id))
     wanted = frozenset(target_ids)
-    found = [row_to_search(image, wanted, with_new=with_new) for image in images.values()]
-    ids = [measurement_id for measurement_id in found if measurement_id is not None]
+    came_back: list[str] = []
+    left_over: list[str] = []
+    ids: list[str] = []
+    for image in images.values():
+        back = rows_of_stated(image, wanted)
+        came_back += [row.id for row in back]
+        returned = {row.id: row._replace(target_id=row.stated_target_id, seeks_target=False) for row in back}
+        now = [returned.get(row.id, row) for row in image]
+        gone = {
+            row.id for row in now if row.stated_target_id in wanted and row.target_id != row.stated_target_id
+        }
+        left_over += gone
+        found = row_to_search([row for row in now if row.id not in gone], wanted, with_new=with_new)
+        ids += [found] if found is not None else []
+    for some in _in_parts(left_over):
+        _delete(records, Measurement, Measurement.id.in_(some))
+    for some in _in_parts(came_back):
+        other = Measurement.target_id.is_distinct_from(Measurement.stated_target_id)
+        of_other = sa.select(Measurement.id).where(Measurement.id.in_(some), other)
+        _delete(records, Result, Result.measurement_id.in_(of_other))
+        queue_rows(records, some, seeks_target=False, target_id=Measurement.stated_target_id)
     for some in _in_parts(ids):
         queue_rows(records, some, seeks_target=True)
-    return len(ids)
+    return len(came_back) + len(ids)
+
+
+def rows_of_stated(image: Sequence[ImageRow], wanted: frozenset[str]) -> list[ImageRow]:
+    """Return which of an image's rows are to be of their stated target again, since it is one of `wanted`."""
+    held = {row.target_id for row in image}
+    back: list[ImageRow] = []
+    for row in image:
+        stated = row.stated_target_id
+        if stated not in wanted or (stated == row.target_id and not row.seeks_target):
+            continue
+        if stated == row.target_id or stated not in held:
+            back.append(row)
+            held.add(stated)
+    return back
 
 
 def row_to_search(image: Sequence[ImageRow], wanted: frozenset[str], *, with_new: bool) -> str | None:
@@ -81,6 +117,10 @@ def row_to_search(image: Sequence[ImageRow], wanted: frozenset[str], *, with_new
     if searching is None:
         return gone[0] if gone else None
     return searching.id if gone or with_new or searching.target_id is None else None
+
+
+def _delete(records: orm.Session, table: type[Table], which: sa.ColumnElement[bool]) -> None:
+    records.execute(sa.delete(table).where(which), execution_options={"synchronize_session": False})
 
 
 def _in_parts(ids: Sequence[str]) -> Iterator[Sequence[str]]:

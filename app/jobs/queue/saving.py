@@ -12,6 +12,7 @@ from sqlalchemy import orm
 
 from app.jobs.job import Job, JobResult
 from app.jobs.queue.claimed_rows import unreadable
+from app.jobs.queue.stated_targets import with_warning
 from app.records.ids import new_id
 from app.records.outcome import DetectedTarget, Failure
 from app.records.readable import unreadable_columns
@@ -41,6 +42,7 @@ _OF_THE_IMAGE = (
     "image_width_px",
     "image_height_px",
     "made_by",
+    "stated_target_id",
 )
 """Columns that all measurements of one upload have in common."""
 
@@ -61,7 +63,7 @@ _SAVE = Statement(
         duration_ms=sa.bindparam("took_ms"),
         retry_failure=sa.null(),
         **{name: sa.bindparam(f"new_{name}") for name in _FAILURE},
-    ).returning(Measurement.id)
+    ).returning(Measurement.stated_target_id, Measurement.target_id)
 )
 _STATUS_OF_EARLIER = sa.case((Measurement.failure_code.is_(None), "succeeded"), else_="failed")
 _KEEP = Statement(
@@ -144,7 +146,8 @@ def save_result(rows: Rows, item: JobResult, now: datetime) -> bool:
     rows.all(_DROP_RESULT, of_id=job.measurement_id)
     if outcome.result is not None:
         columns = dict.fromkeys(_OF_RESULT)
-        rows.all(_ADD_RESULT, **{**columns, "measurement_id": job.measurement_id, **outcome.result})
+        result = with_warning(outcome.result, *taken)
+        rows.all(_ADD_RESULT, **{**columns, "measurement_id": job.measurement_id, **(result or {})})
     return True
 
 
@@ -207,6 +210,7 @@ def save_detected(session: orm.Session, item: JobResult, now: datetime, *, repla
         each.finished_at, each.duration_ms = now, duration_ms
         for name, value in _failure_columns(reason).items():
             setattr(each, name, value)
+        columns = with_warning(columns, each.stated_target_id, each.target_id)
         if columns is not None:
             session.add(Result(measurement_id=each.id, **columns))
     session.flush()

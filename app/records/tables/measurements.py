@@ -15,6 +15,7 @@ class Measurement(Table):
 
     `seeks_target`: the upload named no target, so that detection finds which of the session's are shown; `target_id`
     is null until it has, and where it finds none. What else the image shows has rows of its own, which do not seek.
+    `stated_target_id` is the target that the upload named. The row seeks only while the session does not look at it.
 
     Where the row has a result, `failure_...`, `finished_at` and `duration_ms` are those of that result, also while the
     row is `queued` or `running` again. `retry_failure` (code, detail, advice) says why the last retry computed nothing,
@@ -51,6 +52,7 @@ class Measurement(Table):
     pose_id: Mapped[str] = mapped_column(sa.String(128))
     target_id: Mapped[str | None] = mapped_column(sa.ForeignKey("targets.id"))
     seeks_target: Mapped[bool] = mapped_column(default=False, server_default=sa.false())
+    stated_target_id: Mapped[str | None] = mapped_column(sa.String(40))
     cycle: Mapped[int | None]
     burst: Mapped[int | None]
     focus_group: Mapped[str] = mapped_column(sa.String(200))

@@ -88,6 +88,9 @@ def _belongs(table: type[Table], session_id: str) -> sa.ColumnElement[bool]:
         Target: sa.or_(
             Target.id.in_(sa.select(SessionTarget.target_id).where(SessionTarget.session_id == session_id)),
             Target.id.in_(sa.select(Measurement.target_id).where(Measurement.session_id == session_id)),
+            Target.id.in_(
+                sa.select(Measurement.stated_target_id).where(Measurement.session_id == session_id)
+            ),
         ),
         Session: Session.id == session_id,
         Result: Result.measurement_id.in_(

@@ -58,8 +58,17 @@ _KNOWN = Statement(
 )
 """Whether any measurement is of this original, and whether the session knows the pose."""
 _COLUMNS = (
-    *("id", "session_id", "pose_id", "target_id", "seeks_target", "cycle", "burst", "focus_group"),
-    *("joint_angles_deg", "captured_at", "received_at", "sha256", "filename", "pose_label", "bytes"),
+    *("id", "session_id", "pose_id", "target_id", "seeks_target", "stated_target_id", "cycle", "burst"),
+    *(
+        "focus_group",
+        "joint_angles_deg",
+        "captured_at",
+        "received_at",
+        "sha256",
+        "filename",
+        "pose_label",
+        "bytes",
+    ),
     *("image_format", "image_width_px", "image_height_px", "status", "attempts", "made_by"),
 )
 _ADD = Statement(sa.insert(Measurement), _COLUMNS)
@@ -231,6 +240,7 @@ def _row(image: ReceivedImage, metadata: Metadata, intended: TargetChoice) -> di
         "pose_id": image.pose_id,
         "target_id": intended.target_id,
         "seeks_target": not intended.named,
+        "stated_target_id": intended.target_id if intended.named else None,
         "cycle": metadata.cycle,
         "burst": stored_burst(metadata.burst),
         "focus_group": metadata.focus_group,

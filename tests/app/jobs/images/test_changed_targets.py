@@ -4,7 +4,12 @@ from __future__ import annotations
 
 from typing import Any
 
+import sqlalchemy as sa
+
+from app.analyses.inputs.snapshot import Snapshot
+from app.analyses.inputs.snapshot_reader import read_snapshot
 from app.jobs.queue import JobResult
+from app.records.tables import Result
 from tests.support.jobs.searches import shown
 
 
@@ -56,6 +61,78 @@ def test_an_image_sent_with_a_target_that_went_is_searched_for_those_there_are(
     assert api.put_image(session_id, grey_png).json()["id"] == named, (
         "it was searched as if sent without a target"
     )
+
+
+def test_a_stated_target_that_comes_back_is_searched_alone(any_api: Any, grey_png: bytes) -> None:
+    api = any_api
+    a, b, c = (api.make_target(columns=5 + k) for k in range(3))
+    session_id = api.make_session(a, b)
+    of_b = api.put_image(session_id, grey_png, target_id=b).json()["id"]
+    search(api, 0)
+    change(api, session_id, a, c)
+    assert search(api, 0, 1) == [a, c]
+    meanwhile = api.measurements(session_id)
+    assert [(m["target_id"], m["status"]) for m in meanwhile] == [(a, "succeeded"), (c, "succeeded")]
+    change(api, session_id, a, b, c)
+    assert rows(api, session_id) == [(of_b, b, "queued")], (
+        "what was found meanwhile is no measurement any more"
+    )
+    (job,) = api.installation.queue.claim(9)
+    assert job.has_explicit_target
+    assert job.target_id == b
+    assert api.measurement(of_b)["calibration"] is None, (
+        "what was computed of the other target is not this one's"
+    )
+
+
+def test_a_target_taken_out_and_put_back_before_a_search_keeps_its_result(
+    any_api: Any, grey_png: bytes
+) -> None:
+    api = any_api
+    a, b = api.make_target(), api.make_target(columns=7)
+    session_id = api.make_session(a, b)
+    named = {
+        target_id: api.put_image(session_id, grey_png, f"P{k}", target_id=target_id).json()["id"]
+        for k, target_id in enumerate((a, b))
+    }
+    jobs = api.installation.queue.claim(9)
+    api.installation.queue.finish([JobResult(job, shown(job), 1.0) for job in jobs])
+    before = api.measurement(named[b])
+    change(api, session_id, a)
+    change(api, session_id, b, a)
+    assert api.measurement(named[b]) == {**before, "status": "queued", "attempts": 0}
+    (job,) = api.installation.queue.claim(9)
+    assert (job.target_id, job.has_explicit_target) == (b, True)
+
+
+def test_a_measurement_of_another_target_than_stated_says_so(any_api: Any, grey_png: bytes) -> None:
+    api = any_api
+    a, b = api.make_target(), api.make_target(columns=7)
+    session_id = api.make_session(a, b)
+    measurement_id = api.put_image(session_id, grey_png, target_id=b).json()["id"]
+
+    def warned() -> list[bool]:
+        with api.installation.database.read() as records:
+            found = records.scalars(sa.select(Result.points_warnings)).all()
+        return ["stated_target_removed" in {one["code"] for one in stored or ()} for stored in found]
+
+    change(api, session_id, a)
+    search(api, 0)
+    assert warned() == [True]
+    assert api.client.post(f"/v1/measurements/{measurement_id}/retry").status_code == 202
+    search(api, 0)
+    assert warned() == [True], "the only target is searched for by itself"
+    snapshot = snapshot_of(api, session_id)
+    assert [image.stated_target_id for image in snapshot.images] == [b]
+    change(api, session_id, b)
+    search(api, 0)
+    assert warned() == [False]
+    assert [image.stated_target_id for image in snapshot_of(api, session_id).images] == [None]
+
+
+def snapshot_of(api: Any, session_id: str) -> Snapshot:
+    with api.installation.database.read() as records:
+        return read_snapshot(records, session_id)
 
 
 def test_where_nothing_is_found_the_measurement_has_no_target(any_api: Any, grey_png: bytes) -> None:
