@@ -14,6 +14,7 @@ from app.records.ids import new_id
 from app.records.pagination import page
 from app.records.statements import Rows, Statement, rows_of
 from app.records.tables import Pose, Session
+from app.services.joint_numbers import require_joints
 from app.services.queries import get_or_raise
 
 _COLUMNS = tuple(Pose.__table__.c.keys())
@@ -42,9 +43,11 @@ def put_pose(
 ) -> tuple[Pose, bool]:
     """Store a pose and return it and whether it is new; an existing one is replaced whole.
 
-    Without `overwrite`, Conflict is raised where a stored value would become another one or null.
+    Without `overwrite`, Conflict is raised where a stored value would become another one or null. Raises InvalidContent
+    for joint angles that are not as many as the robot's joints.
     """
     get_or_raise(records, Session, session_id, lock=True)
+    require_joints(rows_of(records), session_id, [("joint_angles_deg", commanded.joint_angles_deg)])
     pose = _find_pose(records, session_id, pose_id)
     if pose is not None:
         if not overwrite:
@@ -78,6 +81,8 @@ def put_poses(
             code="duplicate_pose",
             errors=repeated[:100],
         )
+    angles = [(f"{place}.joint_angles_deg", one.joint_angles_deg) for place, (_, one) in enumerate(items)]
+    require_joints(rows_of(records), session_id, angles)
     if not overwrite:
         stored = {
             pose.pose_id: pose

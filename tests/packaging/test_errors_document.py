@@ -46,7 +46,11 @@ _OTHER_WARNINGS: dict[str, set[str]] = {
     "app/analyses/documents/dh/compensation.py": {
         f"command_{outcome}" for outcome in (Outcome.IN_GAP, Outcome.NEAR_SINGULARITY)
     },
-    "core/session/robot/robot_poses.py": {"joint_angles_missing", "rotations_missing"},
+    "core/session/robot/stated_angles.py": {
+        "joint_angles_missing",
+        "joint_angles_inconsistent",
+        "rotations_missing",
+    },
     "core/session/robot/coupling_proposal.py": {"joint_coupling_proposed"},
     "core/session/absolute_poses.py": {"target_shape_dominates"},
     # The warning is one that was made elsewhere:

@@ -20,6 +20,7 @@ from app.records.ids import is_id, new_id
 from app.records.statements import Rows, Statement
 from app.records.tables import Measurement, Pose, Session, SessionTarget
 from app.services.installation.context import ServiceContext
+from app.services.joint_numbers import require_joints
 from app.services.measurements.quota import count_upload
 from app.services.poses import ensure_pose
 from app.services.queries import NOUNS, may_see_session
@@ -214,6 +215,7 @@ def accept(rows: Rows, image: ReceivedImage, metadata: Metadata) -> NewMeasureme
     """
     session_id, pose_id, sha256 = image.session_id, image.pose_id, image.sha256
     intended = choose_target(read_targets(rows, session_id, lock=True), metadata.target_id)
+    require_joints(rows, session_id, [("joint_angles_deg", metadata.joint_angles_deg)])
     siblings: list[str] = []
     known = rows.first(_KNOWN, session_id=session_id, pose_id=pose_id, sha256=sha256)
     assert known is not None

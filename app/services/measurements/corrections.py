@@ -17,8 +17,10 @@ from sqlalchemy import orm
 from app.errors import Conflict
 from app.jobs.queue import ALREADY_MEASURED, measurements_of_image
 from app.records.activity import maker_name, note_objects
+from app.records.statements import rows_of
 from app.records.tables import Measurement, Session
 from app.services.installation.context import ServiceContext
+from app.services.joint_numbers import require_joints
 from app.services.measurements.acceptance import require_cycle, stored_burst
 from app.services.measurements.reading import MeasurementDetail, get_measurement
 from app.services.originals import finish_soon, record_removals
@@ -35,13 +37,16 @@ def correct_measurement(
     """Change the fields named in `changes`: those of `OF_IMAGE`, and `excluded` (a reason, or None).
 
     Raises NotFound; Conflict where the image has measurements of the same targets at the new pose already;
-    InvalidContent where a burst index would be left without a cycle.
+    InvalidContent where a burst index would be left without a cycle, and for joint angles that are not as many as the
+    robot's joints.
     """
     measurement = lock_measurement(records, measurement_id)
     image = measurements_of_image(records, measurement)
     of_image = {name: changes[name] for name in OF_IMAGE if name in changes}
     if "burst" in of_image:
         of_image["burst"] = stored_burst(of_image["burst"])
+    stated = [("joint_angles_deg", of_image.get("joint_angles_deg"))]
+    require_joints(rows_of(records), measurement.session_id, stated)
     require_cycle(of_image.get("cycle", measurement.cycle), of_image.get("burst", measurement.burst))
     pose_id = of_image.get("pose_id", measurement.pose_id)
     if pose_id != measurement.pose_id:

@@ -13,7 +13,6 @@ from core.errors import (
     Advisory,
     JointAnglesMissing,
     TooManyMeasurements,
-    listed,
 )
 from core.geometry import rotation_to_rpy
 from core.kinematics import PoseData, forward, stack_joint_angles
@@ -22,11 +21,17 @@ from core.session.camera_mount import check_one_on_flange, moving_poses
 from core.session.estimate import ExcludedMeasurement, SessionEstimate
 from core.session.model import MeasuredPose, SessionData, readings
 from core.session.robot.last_moves import last_moves, measuring_order
+from core.session.robot.stated_angles import (
+    angles_of,
+    excluded_for_angles,
+    excluded_poses,
+    refuse_wrong_numbers,
+    without_angles,
+)
 from core.session.visits import positions_of, rotations_of, stack_all
 
 MAX_POSES = 20_000
 """Of one identification, which takes some 20 kB for each."""
-_NO_ANGLES = "Neither it nor its pose has joint angles."
 _NO_ROTATION = "It has no rotation, while most have one."
 
 
@@ -72,13 +77,14 @@ def poses_of_estimate(
     the robot's, SeveralTargetsOnFlange.
     """
     _check_size(len(data.images))
-    angles = [_angles(data, pose) for pose in estimate.poses]
+    angles = [angles_of(data, pose) for pose in estimate.poses]
     keep = [
         i
         for i, pose in enumerate(estimate.poses)
         if angles[i] is not None and pose.measurement_id not in estimate.unclear
     ]
     if not keep:
+        refuse_wrong_numbers(data, estimate.poses)
         raise JointAnglesMissing(
             f"None of the {len(estimate.poses)} images that serve carries joint angles, nor does its pose.",
             "Send joint_angles_deg with the poses (POST .../poses, or `gridpose poses load`), or with the images.",
@@ -103,22 +109,16 @@ def poses_of_estimate(
         number_labels((p.pose_id, p.cycle, p.image.image if p.image else "") for p in chosen),
         last_moves(order, joint_angles),
     )
-    without = sorted(
-        {pose.pose_id for pose, known in zip(estimate.poses, angles, strict=True) if known is None}
-    )
+    without = [pose for pose, known in zip(estimate.poses, angles, strict=True) if known is None]
     warnings = (
         *estimate.warnings,
         *unstated_scale_warnings(data, estimate, estimate.shapes),
-        *_excluded(without, "joint_angles_missing"),
+        *without_angles(data, without, frozenset()),
     )
     excluded = (
         *estimate.excluded.values(),
         *estimate.unclear.values(),
-        *(
-            ExcludedMeasurement(pose.measurement_id, "joint_angles_missing", _NO_ANGLES)
-            for pose, known in zip(estimate.poses, angles, strict=True)
-            if known is None
-        ),
+        *(excluded_for_angles(data, pose) for pose in without),
     )
     return RobotPoses(poses, targets, np.array(keep, dtype=np.intp), order, excluded, warnings)
 
@@ -168,8 +168,9 @@ def poses_of_readings(data: SessionData) -> RobotPoses:
     visits = readings(data)
     _check_size(len(visits))
     warnings: list[Advisory] = []
-    known = [v for v in visits if _angles(data, v) is not None]
+    known = [v for v in visits if angles_of(data, v) is not None]
     if not known:
+        refuse_wrong_numbers(data, visits)
         raise JointAnglesMissing(
             f"None of the {len(visits)} measured poses carries joint angles.",
             "Send joint_angles_deg with the commanded poses of the same pose_id (POST .../poses, or `gridpose poses "
@@ -177,16 +178,12 @@ def poses_of_readings(data: SessionData) -> RobotPoses:
             "instead, delete these first (DELETE .../measured-poses, or `gridpose measured-poses delete SESSION "
             "--all`): without a cycle each would be stored a second time.",
         )
-    without = sorted({v.pose_id for v in visits} - {v.pose_id for v in known})
-    excluded = [
-        ExcludedMeasurement(v.measurement_id, "joint_angles_missing", _NO_ANGLES)
-        for v in visits
-        if _angles(data, v) is None
-    ]
-    warnings += _excluded(without, "joint_angles_missing")
+    without = [v for v in visits if angles_of(data, v) is None]
+    excluded = [excluded_for_angles(data, v) for v in without]
+    warnings += without_angles(data, without, frozenset(v.pose_id for v in known))
     turned = [v for v in known if v.rotation is not None]
     if turned and 2 * len(turned) >= len(known):
-        warnings += _excluded(
+        warnings += excluded_poses(
             [v.pose_id for v in known if v.rotation is None],
             "rotations_missing",
             "have no rotation, while most have one",
@@ -237,18 +234,10 @@ def _check_size(count: int) -> None:
         )
 
 
-def _angles(data: SessionData, pose: MeasuredPose) -> Sequence[float] | None:
-    """Return the pose's own joint angles (deg), or else those commanded."""
-    if pose.joint_angles_deg is not None:
-        return pose.joint_angles_deg
-    commanded = data.commanded.get(pose.pose_id)
-    return commanded.joint_angles_deg if commanded is not None else None
-
-
 def _joint_angles(data: SessionData, poses: Sequence[MeasuredPose]) -> Float[np.ndarray, "n j"]:
     joints = len(data.nominal) if data.nominal is not None else None
     labels = [pose.pose_id for pose in poses]
-    return data.model_angles(stack_joint_angles([_angles(data, pose) for pose in poses], joints, labels))
+    return data.model_angles(stack_joint_angles([angles_of(data, pose) for pose in poses], joints, labels))
 
 
 def shared_errors(poses: Sequence[MeasuredPose]) -> Float[np.ndarray, "n 6 k"] | None:
@@ -275,15 +264,3 @@ def shared_error_columns(
     owners = [*np.repeat(groups, factors).tolist(), *[None] * len(targets)]
     known = np.flatnonzero(np.any(common != 0.0, axis=(0, 1)))
     return np.ascontiguousarray(common[:, :, known]), tuple(owners[k] for k in known)
-
-
-def _excluded(pose_ids: Sequence[str], code: str, what: str = "have no joint angles") -> list[Advisory]:
-    if not pose_ids:
-        return []
-    return [
-        Advisory(
-            code,
-            f"Poses {listed(pose_ids)} {what} and are excluded.",
-            "Send what is missing, and the poses count.",
-        )
-    ]

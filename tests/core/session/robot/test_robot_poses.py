@@ -75,6 +75,18 @@ def test_what_few_lack_leaves_them_out_and_what_most_lack_leaves_it_out() -> Non
     assert codes(session({}, {"joint_angles_deg": None})) == ["joint_angles_missing"]
 
 
+def test_other_numbers_of_angles_than_the_robot_has_joints_are_excluded() -> None:
+    two = Chain.from_rows([(0.0, 0.0, 0.0, 0.0)] * 2)
+    data = session({}, {"joint_angles_deg": [1.0]}, {"joint_angles_deg": None})
+    gathered = poses_of_readings(dataclasses.replace(data, nominal=two))
+    assert gathered.poses.labels == ("P0",)
+    assert [w.code for w in gathered.warnings] == ["joint_angles_missing", "joint_angles_inconsistent"]
+    assert [(one.measurement_id, one.code) for one in gathered.excluded] == [
+        ("mpo_1", "joint_angles_inconsistent"),
+        ("mpo_2", "joint_angles_missing"),
+    ]
+
+
 def test_more_than_memory_holds_and_other_robots_are_refused() -> None:
     with pytest.raises(TooManyMeasurements):
         poses_of_readings(session(*[{}] * (MAX_POSES + 1)))
