@@ -11,6 +11,7 @@ from typing import Any
 
 from scipy.special import stdtrit
 
+from app.records.ids import is_id, moment_of
 from app.reports.forms import FORMAT, FORMAT_VERSION
 from core.numerics import NORMAL_95
 
@@ -119,7 +120,7 @@ def _read(content: bytes) -> dict[str, Any]:
             "report_id": document["report_id"],
             "kind": document["kind"],
             "made_at": _utc(document["made_at"]),
-            "measured_at": _utc(subject["first_captured_at"] or document["made_at"]),
+            "measured_at": _measured_at(document),
             "session": [subject["session"]["id"], subject["session"]["name"]],
             "robot_id": None if robot is None else str(robot["id"]),
             "source": document["source"],
@@ -161,6 +162,21 @@ def read_summary(stored: Any) -> Summary:
 def _row(figure: Figure) -> list[Any]:
     low, high = figure.interval if figure.interval is not None else (None, None)
     return [figure.value, low, high, figure.unit, figure.is_length, figure.deviation]
+
+
+def _measured_at(document: Json) -> str:
+    """Return when a report's first image was taken; else when it or the first reading came.
+
+    Reports of earlier versions do not state that: when they were made.
+    """
+    taken = document["subject"]["first_captured_at"]
+    if taken:
+        return _utc(taken)
+    inputs = document["inputs"]
+    came = [one.get("received_at") for one in inputs.get("images", ())]
+    ids = [one["measurement_id"] for one in inputs.get("measured_poses", ())]
+    came += [moment_of(one).isoformat() for one in ids if is_id(one)]
+    return min((_utc(moment) for moment in came if moment), default=_utc(document["made_at"]))
 
 
 def _utc(text: str) -> str:

@@ -57,12 +57,13 @@ def content(number: int = 1, *, rp_mm: float = 0.05, poses: int = 3, **changes: 
                 "id": changes.get("session", f"ses_{number:026d}"),
                 "name": changes.get("name", f"week {number}"),
             },
-            "first_captured_at": day(number),
+            "first_captured_at": changes.get("captured_at", day(number)),
         },
         "inputs": {
             "robot": {"id": changes.get("robot", ROBOT)},
             "session": {"conditions": conditions, **changes.get("session_inputs", {})},
             "poses": commanded,
+            **changes.get("inputs", {}),
         },
         "analyses": {"repeatability": {"poses": found}},
     }

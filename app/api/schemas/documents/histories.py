@@ -49,7 +49,10 @@ _FIGURE = (
 )
 _UNIT = "Its unit: `mm`, `deg`, `px`, `ppm`."
 _TEST = "Number of the test, from 1."
-_MEASURED = "When the session's first image was taken, or the report was made; RFC 3339 in UTC."
+_MEASURED = (
+    "When the session's first image was taken; else when its first image or reading came; else when the report was "
+    "made. RFC 3339 in UTC."
+)
 _INTERVAL = Field(min_length=2, max_length=2)
 FigureOf = Annotated[str, Field(description=_OF)]
 FigureName = Annotated[str, Field(description=_FIGURE)]

@@ -26,6 +26,7 @@ from app.analyses.history import (
     summary_of,
     unlike,
 )
+from app.records.ids import least_id
 from core.metrology import estimate_difference
 from tests.support.sessions.filed_reports import FIRST, content, day, filed
 
@@ -75,6 +76,17 @@ def test_a_report_of_a_later_version_is_named() -> None:
     with pytest.raises(NotAReport) as refused:
         read_report(content().replace(b'"format_version": 1', b'"format_version": 99'))
     assert refused.value.is_later
+
+
+def test_without_times_of_capture_a_session_is_of_the_time_its_first_image_came() -> None:
+    images = [{"received_at": day(3)}, {"received_at": day(2)}]
+    assert filed(9, inputs={"images": images}).measured_at == day(9), "the time of capture comes first"
+    assert filed(9, captured_at=None, inputs={"images": images}).measured_at == day(2)
+    assert filed(9, captured_at=None, inputs={"images": [{}]}).measured_at == day(9), (
+        "an earlier version's report"
+    )
+    read = {"measured_poses": [{"measurement_id": least_id("mpo", FIRST)}]}
+    assert filed(9, captured_at=None, inputs=read).measured_at == day(0)
 
 
 def test_a_summary_is_the_same_after_it_was_stored() -> None:
