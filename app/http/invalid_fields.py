@@ -30,6 +30,20 @@ _TYPE_WORDS = {
     "json_invalid": "is not valid JSON",
 }
 
+_POSE_ID = "may hold the letters A to Z and a to z, digits, “.”, “_” and “-”, and does not begin with “.”"
+FORMS = {
+    r"^[^\x00-\x1f\x7f-\x9f]*$": "must be one line, without line breaks, tabs and other control characters",
+    r"^[A-Za-z0-9_-][A-Za-z0-9._-]*$": _POSE_ID,
+    r"^[A-Za-z0-9_-][A-Za-z0-9._-]{0,127}$": _POSE_ID,
+    r"^[0-9A-Fa-f]{64}$": "must be 64 hexadecimal digits",
+    r"^[A-Za-z0-9_]+$": "may hold the letters A to Z and a to z, digits and “_”",
+    r"^[0-9]{4}-[01][0-9]-[0-3][0-9]$": "must be a day as YYYY-MM-DD, such as 2026-03-14",
+    r"^[a-z_.]+$": "may hold the letters a to z, “_” and “.”",
+    r"^[1-9][0-9]?:[A-Za-z0-9._*?-]{1,128}(,[A-Za-z0-9._*?-]{1,128})*$": "must be a joint's number, “:” and the pose "
+    "ids of its sweep, separated by commas, such as 1:j1-*",
+}
+"""What a text must be like, by the pattern of its schema."""
+
 
 def invalid_request(errors: Iterable[Any]) -> InvalidContent:
     """Return the refusal that pydantic's findings amount to, in our own words."""
@@ -77,7 +91,7 @@ def _message(error: Mapping[str, Any]) -> str:
     if kind == "literal_error":
         return f"must be one of {context['expected']}"
     if kind == "string_pattern_mismatch":
-        return "has characters or a form not allowed here"
+        return FORMS.get(context["pattern"], "has characters or a form not allowed here")
     if kind == "value_error" and isinstance(context.get("error"), ValueError):
         return str(context["error"])
     return "is not valid"

@@ -6,13 +6,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from datetime import UTC, datetime
+from datetime import UTC, date, datetime, timedelta
 from typing import Any
 
 import sqlalchemy as sa
 from sqlalchemy import orm
 
-from app.errors import Conflict
+from app.errors import Conflict, InvalidContent
 from app.jobs.validation import validate_target
 from app.records.ids import new_id
 from app.records.tables import Measurement, SessionTarget, Target, measured_target_fields
@@ -40,6 +40,7 @@ class NewTarget:
 
 def create_target(session: orm.Session, new: NewTarget) -> Target:
     """Store a target. Raises InvalidContent for one that cannot be."""
+    _check_issue(new.certificate)
     target = Target(
         id=new_id("tgt"),
         name=new.name,
@@ -70,6 +71,7 @@ def update_target(
     `create_target` does, and for an uncertainty that looks like another unit, unless that is accepted.
     """
     target = get_or_raise(records, Target, target_id, lock=True)
+    _check_issue(changes.get("certificate"))
     if not accept_implausible:
         check_pitch_uncertainty(
             target.pitch_mm, changes.get("pitch_standard_uncertainty_mm"), changes.get("certificate")
@@ -84,6 +86,23 @@ def update_target(
 def _check(target: Target) -> None:
     check_certificate(target.certificate, target.pitch_mm, max(target.columns, target.rows) - 1)
     validate_target(measured_target_fields(target, None))
+
+
+def _check_issue(certificate: Mapping[str, Any] | None) -> None:
+    """Raise InvalidContent for a day of issue that does not exist or is to come; somewhere it may be tomorrow."""
+    issued_on = (certificate or {}).get("issued_on")
+    if issued_on is None:
+        return
+    try:
+        is_past = date.fromisoformat(issued_on) <= datetime.now(UTC).date() + timedelta(days=1)
+    except ValueError:
+        is_past = False
+    if not is_past:
+        raise InvalidContent(
+            "The certificate's day of issue does not exist or is in the future.",
+            "State issued_on as the certificate has it, YYYY-MM-DD, or null where it is not known.",
+            errors=[("certificate.issued_on", "must be a day that exists, not after today")],
+        )
 
 
 def delete_target(records: orm.Session, target_id: str) -> None:

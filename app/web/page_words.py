@@ -109,9 +109,6 @@ _WHOLE = {
     "is required": "must be filled in",
     "must have at least 1 character": "must be filled in",
     "must have at least 1 item": "needs one at least",
-    "has characters or a form not allowed here": "has characters that are not allowed here",
-    "pose_id has characters or a form not allowed here": "may hold letters, digits, “.”, “_” and “-”, "
-    "and does not begin with “.”",
 }
 """Texts that are replaced where they stand alone, of one field or of any."""
 _FIELDS = {

@@ -103,8 +103,9 @@ def read_snapshot(records: orm.Session, session_id: str, source: str = "images")
         joint_coupling=robot.joint_coupling if robot is not None else None,
         camera_mount="fixed" if session.camera_mount == "fixed" else "robot",
         datasheet={
-            "repeatability_mm": robot.datasheet_repeatability_mm,
-            "accuracy_mm": robot.datasheet_accuracy_mm,
+            # Earlier versions took zero, which no arm keeps: it is as good as not stated.
+            "repeatability_mm": robot.datasheet_repeatability_mm or None,
+            "accuracy_mm": robot.datasheet_accuracy_mm or None,
         }
         if robot is not None
         else {},

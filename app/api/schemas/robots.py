@@ -85,11 +85,11 @@ SerialNumber = Annotated[
     Text | None, Field(description="The number on its plate, by which reports name this one robot.")
 ]
 DatasheetRepeatability = Annotated[
-    Annotated[float, Field(ge=0, le=1e6)] | None,
+    Annotated[float, Field(gt=0, le=1e6)] | None,
     Field(description="Position repeatability (RP_l) that the maker states, mm; null: not known."),
 ]
 DatasheetAccuracy = Annotated[
-    Annotated[float, Field(ge=0, le=1e6)] | None,
+    Annotated[float, Field(gt=0, le=1e6)] | None,
     Field(description="Position accuracy (AP_p) that the maker states, mm; null: not known."),
 ]
 

@@ -58,7 +58,9 @@ class Certificate(RequestModel):
             str, Field(pattern=r"^[0-9]{4}-[01][0-9]-[0-3][0-9]$", json_schema_extra={"format": "date"})
         ]
         | None,
-        Field(description="Day of issue, YYYY-MM-DD; null: not known.", examples=["2026-03-14"]),
+        Field(
+            description="Day of issue, YYYY-MM-DD, not after today; null: not known.", examples=["2026-03-14"]
+        ),
     ] = None
     temperature_c: Annotated[
         Annotated[float, Field(ge=-100.0, le=200.0)] | None,
@@ -130,7 +132,10 @@ _KIND = (
     "`chessboard`, `charuco` (a chessboard with markers), `circles` (dots in rows and columns), `asymmetric_circles` "
     "(every other row of dots shifted by a pitch), `aprilgrid` (Kalibr's tags)."
 )
-_COLUMNS = "Grid points along x: inner corners of a chessboard or ChArUco board, dots of circles; tags of an AprilGrid."
+_COLUMNS = (
+    "Grid points along x: inner corners of a chessboard or ChArUco board, dots of circles; tags of an AprilGrid. "
+    "At least 2 tags of an AprilGrid, and 3 grid points of the other kinds."
+)
 _ROWS = "Grid points along y, counted as `columns` are."
 _PITCH = (
     "Nominal distance of neighbouring grid points, mm: a square's side, dot to dot, tag to tag. Asymmetric circles lie "

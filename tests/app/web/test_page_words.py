@@ -80,12 +80,6 @@ def test_a_field_has_the_name_that_pages_give_it(field: str, words: str) -> None
     assert named(field) == words
 
 
-def test_what_is_said_of_a_pose_says_what_it_may_hold() -> None:
-    refused = "has characters or a form not allowed here"
-    assert on_pages(refused, "0.pose_id").startswith("may hold letters, digits")
-    assert on_pages(refused, "name") == "has characters that are not allowed here"
-
-
 def test_ids_are_links_by_the_name_that_the_page_knows() -> None:
     context = cast("Any", {"targets": [SimpleNamespace(id=TARGET, name="<Board> 9 x 6")]})
     assert linked(context, f"No {TARGET} & no {SESSION}.") == (
