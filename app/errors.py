@@ -11,7 +11,9 @@ ServiceError                       code, detail, advice, errors [(field, message
 │   ├── OriginalCorrupt            original_corrupt
 │   └── RowUnreadable              row_unreadable
 ├── InvalidContent                 invalid_request, hash_mismatch, referenced_target_not_found, ...
+├── PreconditionFailed             precondition_failed
 ├── UnsupportedContent             unsupported_media_type, unsupported_image
+│   └── ContentEncoded             content_encoding_unsupported
 ├── TooLarge                       body_too_large, upload_too_large
 ├── QuotaExceeded                  quota_exceeded
 ├── StorageFull                    storage_full
@@ -131,8 +133,16 @@ class InvalidContent(ServiceError):
     code = "invalid_request"
 
 
+class PreconditionFailed(ServiceError):
+    code = "precondition_failed"
+
+
 class UnsupportedContent(ServiceError):
     code = "unsupported_media_type"
+
+
+class ContentEncoded(UnsupportedContent):
+    code = "content_encoding_unsupported"
 
 
 class TooLarge(ServiceError):

@@ -20,7 +20,7 @@ from app.api.dependencies import get_app_context
 from app.api.problems import service_problem
 from app.api.routing import StrictRoute, check_parameters, find_parents, query_parameters
 from app.errors import ServiceError
-from app.http import authorize, invalid_request
+from app.http import authorize, check_headers, invalid_request
 from app.records.activity import acting
 
 Handler = Callable[[Request], Coroutine[Any, Any, Response]]
@@ -39,6 +39,7 @@ class DirectRoute(StrictRoute):
         async def handle(request: Request) -> Response:
             with acting(authorize(request, operation)):
                 await find_parents(request)
+                check_headers(request.method, request.headers)
                 if request.scope["query_string"]:
                     check_parameters(request, known)
                 response: Response = await answer(**parameters.read(request))

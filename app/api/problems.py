@@ -11,7 +11,7 @@ from fastapi.exceptions import RequestValidationError
 from starlette.exceptions import HTTPException
 from starlette.responses import JSONResponse, Response
 
-from app.errors import ServiceError
+from app.errors import ContentEncoded, ServiceError
 from app.http import TITLES, ClientDisconnected, invalid_request, status_of
 
 MEDIA_TYPE = "application/problem+json"
@@ -63,6 +63,8 @@ def service_problem(error: ServiceError) -> JSONResponse:
     headers = {}
     if status == HTTPStatus.UNAUTHORIZED:
         headers["WWW-Authenticate"] = 'Bearer realm="gridpose"'
+    if isinstance(error, ContentEncoded):
+        headers["Accept-Encoding"] = "identity"
     if error.retry_after_s is not None:
         headers["Retry-After"] = str(error.retry_after_s)
     return problem_response(status, error.code, error.detail, error.advice, error.errors, headers)

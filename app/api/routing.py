@@ -27,7 +27,7 @@ from app.api.json_body import (
 from app.api.problems import MEDIA_TYPE
 from app.api.representations import CSV, LIST_CSV, is_page, page_in_form, read_csv_list
 from app.errors import InvalidContent, NotFound
-from app.http import authorize, get_requester
+from app.http import UNSAFE, authorize, check_headers, get_requester
 from app.logs import Logger
 from app.records.activity import acting
 from app.records.tables import Measurement, Qualification, Report, Robot, Session, Table, Target, Webhook
@@ -63,6 +63,7 @@ _DESCRIPTIONS = {
     403: "The key's scope does not allow this.",
     404: "There is no such resource.",
     409: "The state of the resource does not allow this now.",
+    412: "The request has an If-Match other than `*`; nothing that can be changed has an entity tag.",
     413: "The body is too large.",
     415: "The body's media type or image format is not taken here.",
     422: "The content is not valid.",
@@ -109,6 +110,8 @@ class StrictRoute(APIRoute):
         for status in _MAKING:
             if status == self.status_code or status in self.responses:
                 self.responses = {**self.responses, status: {**_LOCATION, **self.responses.get(status, {})}}
+        if not UNSAFE.isdisjoint(self.methods or ()):
+            self.responses = {**self.responses, 412: problem_responses(412)[412]}
         if self._is_list:
             self.responses = {**self.responses, 200: {**LIST_CSV, **self.responses.get(200, {})}}
 
@@ -132,6 +135,7 @@ class StrictRoute(APIRoute):
 
         async def handle_allowed(request: Request) -> Response:
             await find_parents(request)
+            check_headers(request.method, request.headers)
             if request.scope["query_string"]:
                 check_parameters(request, parameters)
             if page is not None:

@@ -2,6 +2,7 @@
 
 from app.http.access import GRANTS, authorize, holds, open_to_limited_keys, required_scopes
 from app.http.invalid_fields import invalid_request
+from app.http.request_headers import UNSAFE, check_headers
 from app.http.requester import ClientDisconnected, RequesterDep, get_requester, key_of, run_while_connected
 from app.http.sign_in import COOKIE, CSRF_HEADER, LASTS_S, SignIn, begin_sign_in, csrf_token, read_sign_in
 from app.http.statuses import STATUSES, TITLES, status_of
@@ -13,11 +14,13 @@ __all__ = [
     "LASTS_S",
     "STATUSES",
     "TITLES",
+    "UNSAFE",
     "ClientDisconnected",
     "RequesterDep",
     "SignIn",
     "authorize",
     "begin_sign_in",
+    "check_headers",
     "csrf_token",
     "get_requester",
     "holds",

@@ -22,6 +22,7 @@ def refusals(api: Api) -> None:
         (client.post("/v1/targets", json=sent, headers=read), 403),
         (client.get("/v1/targets/tgt_unknown"), 404),
         (client.delete(f"/v1/targets/{target_id}"), 409),
+        (client.patch(f"/v1/targets/{target_id}", json={"name": "b"}, headers={"If-Match": '"1"'}), 412),
         (
             client.post(
                 "/v1/targets", content=b" " * (2 << 20), headers={"Content-Type": "application/json"}
