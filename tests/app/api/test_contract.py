@@ -124,7 +124,7 @@ RULES = {
         "api/test_reports.py::test_a_report_is_computed_from_what_it_was_made_from_until_grid_points_are_deleted",
     ],
     "the dashboard is where `/` leads": [
-        "api/representations/test_units.py::test_the_services_address_leads_to_a_page_for_people",
+        "web/test_pages.py::test_the_services_address_leads_to_a_page_for_people",
     ],
 }
 
