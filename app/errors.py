@@ -18,7 +18,8 @@ ServiceError                       code, detail, advice, errors [(field, message
 ├── QuotaExceeded                  quota_exceeded
 ├── StorageFull                    storage_full
 └── Unavailable                    unavailable, busy, analysis_interrupted, too_many_streams, database_unavailable,
-                                   database_damaged, storage_unavailable, storage_refused
+    │                              database_damaged, storage_unavailable, storage_refused
+    └── StorageUnusable            storage_unavailable
 
 What a command refuses its operator is another tree, which never reaches HTTP:
 
@@ -42,7 +43,9 @@ from __future__ import annotations
 import errno
 from collections.abc import Sequence
 
-_NO_ROOM = {errno.ENOSPC, errno.EFBIG, errno.EROFS, errno.EIO, getattr(errno, "EDQUOT", errno.ENOSPC)}
+_NO_ROOM = {errno.ENOSPC, errno.EFBIG, getattr(errno, "EDQUOT", errno.ENOSPC)}
+_UNUSABLE = {errno.EACCES, errno.EPERM, errno.EROFS, errno.EIO, errno.ENODEV, errno.ENXIO}
+_UNUSABLE |= {getattr(errno, name) for name in ("ESTALE", "ENOTCONN", "EREMOTEIO") if hasattr(errno, name)}
 _BUSY = {errno.EMFILE, errno.ENFILE, errno.ENOMEM, errno.EAGAIN}
 
 
@@ -170,12 +173,35 @@ class Unavailable(ServiceError):
     retry_after_s = 5
 
 
+class StorageUnusable(Unavailable):
+    """A file or folder of the installation is closed to the service's user, read-only, or on a failing disk."""
+
+    code = "storage_unavailable"
+
+    def __init__(self, detail: str = "The server cannot use its data folder.") -> None:
+        super().__init__(
+            detail,
+            "On the server, run `gridpose doctor`: it names the file. Check its owner, and that its disk is mounted, "
+            "writable and sound.",
+        )
+
+    @classmethod
+    def of(cls, error: OSError) -> StorageUnusable:
+        """Say what the system said, without a path, which is none of the client's business."""
+        return cls(f"The server cannot use its data folder: {error.strerror or type(error).__name__}.")
+
+
 def refusal_of(error: OSError) -> ServiceError | None:
-    """Return what the service answers where the system refused a call: a full disk, too much at once, or None."""
+    """Return what the service answers where the system refused a call; None where nobody foresaw that.
+
+    A full disk, too much at once, or files that the service's user or the disk does not let it use.
+    """
     if error.errno in _NO_ROOM:
         return StorageFull()
     if error.errno in _BUSY:
         return Unavailable("The server has too much to do at once.", "Try again shortly.", code="busy")
+    if error.errno in _UNUSABLE:
+        return StorageUnusable.of(error)
     return None
 
 

@@ -12,16 +12,19 @@ from pathlib import Path
 
 from app.blobs.objects import is_object_address, read_object
 from app.errors import OriginalCorrupt, OriginalMissing, refusal_of
+from app.logs import Logger
 
 PIECE = 1024 * 1024
 """Bytes read at a time, so that no original is in memory whole for being checked."""
+
+log = Logger(__name__)
 
 
 def read_original(address: str | Path, sha256: str) -> bytes:
     """Return the bytes of the original at `address`, a path or one of S3, whose hash is `sha256`.
 
     Raises OriginalMissing, OriginalCorrupt where the bytes have another hash or the disk cannot read them, and
-    Unavailable where S3 cannot be reached.
+    Unavailable where S3 cannot be reached or the service's user may not read the file.
     """
     with _reading():
         where = str(address)
@@ -71,7 +74,7 @@ def hash_of(file: FileIO) -> str:
 
 @contextmanager
 def _reading() -> Iterator[None]:
-    """Turn what a lost or failing file raises into what it means; a lack of descriptors is no damage."""
+    """Turn what a lost or failing file raises into what it means; what keeps the service from it is no damage."""
     try:
         yield
     except (FileNotFoundError, NotADirectoryError) as error:
@@ -84,4 +87,5 @@ def _reading() -> Iterator[None]:
         refusal = refusal_of(error)
         if refusal is None:
             raise
+        log.error("original_not_read", reason=errno.errorcode.get(error.errno or 0), path=error.filename)
         raise refusal from error

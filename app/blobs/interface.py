@@ -94,6 +94,10 @@ class Blobs(Protocol):
         """Return the free space of the disk that uploads are received on."""
         ...
 
+    def check_access(self) -> None:
+        """Raise OSError, with the folder, where this process may not read and write what uploads are received in."""
+        ...
+
     def check_room(self, floor_bytes: int, wanted_bytes: int = 0) -> None:
         """Raise StorageFull where receiving `wanted_bytes` would leave less than `floor_bytes` free."""
         ...

@@ -23,7 +23,7 @@ from pathlib import Path
 from app.blobs.durable import begin_writing, remove_file, sync_folder
 from app.blobs.integrity import is_whole, open_original
 from app.blobs.thumbnails import Thumbnails
-from app.errors import StorageFull, refusal_of
+from app.errors import StorageFull, StorageUnusable, refusal_of
 from app.logs import Logger
 
 _STRIPES = 64
@@ -252,9 +252,18 @@ class LocalBlobs:
         """Return the free space of the disk the originals lie on."""
         return shutil.disk_usage(self._root).free
 
+    def check_access(self) -> None:
+        """Raise OSError, with the folder, where this process may not read and write the originals."""
+        for folder in (self.root, self._incoming):
+            folder.stat()
+            if not os.access(folder, os.R_OK | os.W_OK | os.X_OK):
+                raise PermissionError(errno.EACCES, "no permission, or a read-only disk", str(folder))
+
     def check_room(self, floor_bytes: int, wanted_bytes: int = 0) -> None:
         """Raise StorageFull where storing `wanted_bytes` would leave less than `floor_bytes` free."""
-        if self.free_bytes() - wanted_bytes < floor_bytes:
+        with map_storage_errors():
+            free = self.free_bytes()
+        if free - wanted_bytes < floor_bytes:
             raise StorageFull("Free disk space is below its floor.")
 
 
@@ -265,4 +274,4 @@ def map_storage_errors() -> Iterator[None]:
         yield
     except OSError as error:
         log.error("original_not_written", reason=errno.errorcode.get(error.errno or 0), path=error.filename)
-        raise (refusal_of(error) or StorageFull()) from error
+        raise (refusal_of(error) or StorageUnusable.of(error)) from error

@@ -197,6 +197,10 @@ class S3Blobs:
         """Return the free space of the disk that uploads are received on."""
         return self._spool.free_bytes()
 
+    def check_access(self) -> None:
+        """Raise OSError, with the folder, where this process may not read and write what uploads are received in."""
+        self._spool.check_access()
+
     def check_room(self, floor_bytes: int, wanted_bytes: int = 0) -> None:
         """Raise StorageFull where receiving `wanted_bytes` would leave less than `floor_bytes` free."""
         self._spool.check_room(floor_bytes, wanted_bytes)

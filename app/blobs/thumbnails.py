@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import errno
 import secrets
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -46,7 +47,8 @@ class Thumbnails:
             temporary.replace(path)
         except OSError as error:
             log.warning("thumbnail_not_kept", reason=errno.errorcode.get(error.errno or 0))
-            temporary.unlink(missing_ok=True)
+            with suppress(OSError):  # what kept it from being written may keep it from being removed
+                temporary.unlink()
 
     def remove(self, sha256: str) -> bool:
         """Remove the thumbnail of an original, if there is one; return False where the system refuses."""

@@ -112,8 +112,10 @@ def _disk(installation: ServiceContext) -> Check:
     floor = installation.settings.disk_floor_bytes
     try:
         free = installation.blobs.free_bytes()
-    except OSError:
-        return Check("disk", ok=False, detail="The disk of the originals cannot be reached.")
+        installation.blobs.check_access()
+    except OSError as error:
+        reason = f"{error.filename}: {error.strerror}" if error.filename else str(error)
+        return Check("disk", ok=False, detail=f"The originals cannot be stored or read. {reason}.")
     return Check(
         "disk",
         ok=free >= floor,

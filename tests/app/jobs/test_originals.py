@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 from app.blobs.integrity import PIECE, open_original, read_original
-from app.errors import OriginalCorrupt, OriginalMissing, Unavailable
+from app.errors import OriginalCorrupt, OriginalMissing, StorageUnusable, Unavailable
 from app.jobs.painting.worker import paint_thumbnail
 from app.jobs.process_image import process_image
 from app.jobs.queue import JobResult
@@ -203,7 +203,12 @@ def test_what_the_disk_cannot_read_is_corrupt_and_a_lack_of_files_is_not(
     """The system's call is replaced, none of our own code is."""
     path, sha256 = tmp_path / "original", hashlib.sha256(b"x").hexdigest()
     path.write_bytes(b"x")
-    for code, kind in ((errno.EIO, OriginalCorrupt), (errno.EMFILE, Unavailable)):
+    for code, kind in (
+        (errno.EIO, OriginalCorrupt),
+        (errno.EMFILE, Unavailable),
+        (errno.EACCES, StorageUnusable),
+        (errno.EROFS, StorageUnusable),
+    ):
 
         def refuse(*_arguments: Any, _code: int = code, **_options: Any) -> Any:
             raise OSError(_code, os.strerror(_code))
@@ -245,5 +250,5 @@ def test_a_file_that_cannot_be_replaced_for_being_open_is_good_if_it_is_whole(
         assert api.put_image(elsewhere, grey_png).status_code == 202
         flip_bit(stored(api, first))
         refused = api.put_image(api.make_session(), grey_png)
-        assert (refused.status_code, refused.json()["code"]) == (507, "storage_full")
+        assert (refused.status_code, refused.json()["code"]) == (503, "storage_unavailable")
     assert [path.name for path in stored(api, first).parent.parent.joinpath("incoming").iterdir()] == []

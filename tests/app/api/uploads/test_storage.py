@@ -116,7 +116,7 @@ def test_a_folder_that_cannot_be_written_is_no_defect(api: Any, grey_png: bytes)
     folder = api.installation.blobs.path(hashlib.sha256(grey_png).hexdigest()).parent
     folder.write_text("in the way")
     refused = api.put_image(session_id, grey_png)
-    assert (refused.status_code, refused.json()["code"]) == (507, "storage_full")
+    assert (refused.status_code, refused.json()["code"]) == (503, "storage_unavailable")
     folder.unlink()
     assert api.put_image(session_id, grey_png).status_code == 202
 
@@ -168,7 +168,7 @@ def test_a_refused_upload_leaves_no_file(open_api: Any, grey_png: bytes, name: s
         assert files_of(running) == []
 
 
-@pytest.mark.parametrize("code", [errno.EFBIG, errno.EIO, errno.EMFILE])
+@pytest.mark.parametrize("code", [errno.EFBIG, errno.EIO, errno.EACCES, errno.EROFS, errno.EMFILE])
 @pytest.mark.parametrize(
     ("call", "nth"), [("write", 1), ("fsync", 1), ("fsync", 2), ("replace", 1), ("open folder", 1)]
 )
@@ -202,8 +202,8 @@ def test_an_upload_that_fails_at_any_step_leaves_no_file(
             patched.setattr(os, name, failing(getattr(os, name)))
         response = api.put_image(session_id, grey_png)
     assert calls >= nth
-    expected = (503, "busy") if code == errno.EMFILE else (507, "storage_full")
-    assert (response.status_code, response.json()["code"]) == expected
+    answers = {errno.EMFILE: (503, "busy"), errno.EFBIG: (507, "storage_full")}
+    assert (response.status_code, response.json()["code"]) == answers.get(code, (503, "storage_unavailable"))
     assert files_of(api) == []
     assert api.client.get(f"/v1/sessions/{session_id}").json()["counts"]["queued"] == 0
     assert api.put_image(session_id, grey_png).status_code == 202
