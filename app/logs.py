@@ -6,7 +6,10 @@ import contextlib
 import io
 import logging
 import sys
+import time
 from typing import Any, TextIO, cast
+
+_MAX_SUBJECTS = 100
 
 
 class Logger:
@@ -41,6 +44,24 @@ class Logger:
         import structlog
 
         return structlog.get_logger(self._name)
+
+
+class Sparingly:
+    """Decides whether what happens again and again is to be logged: the first time, then once a minute."""
+
+    def __init__(self, every_s: float = 60.0) -> None:
+        self._every_s = every_s
+        self._last: dict[str, float] = {}
+
+    def due(self, subject: str) -> bool:
+        """Return whether `subject` is to be logged now. Subjects are few: codes, and what a driver says."""
+        now = time.monotonic()
+        if now - self._last.get(subject, -self._every_s) < self._every_s:
+            return False
+        if len(self._last) > _MAX_SUBJECTS:
+            self._last.clear()
+        self._last[subject] = now
+        return True
 
 
 class LossyStream(io.TextIOBase):

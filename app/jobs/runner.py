@@ -27,7 +27,7 @@ from app.jobs.queue import Job, Queue
 from app.jobs.settlement import Settlement, is_death
 from app.jobs.worker_init import keep_compiled_code, prepare_environment, start_worker
 from app.jobs.worker_pool import Compute, Initialise, Task, WorkerLost, WorkerSlot, close_all
-from app.logs import Logger
+from app.logs import Logger, Sparingly
 from app.records.database import Database
 from app.records.presence import RunnerLock
 from app.settings import Settings
@@ -90,6 +90,7 @@ class JobRunner:
         self._fetching = BackOff()
         self._pace = Pace()
         self._has_more = False
+        self._may_repeat = Sparingly()
         self._unable_since_s: float | None = None
         self._round_since_s = time.monotonic()
         self.settlement = Settlement(queue, timeout_s=timeout_s, stopping=self._stopping)
@@ -184,7 +185,8 @@ class JobRunner:
             return step()
         except ServiceError as error:
             # A full disk or a busy database passes; the jobs keep, and so do the results not yet saved.
-            log.warning("runner_waits", code=error.code)
+            if self._may_repeat.due(error.code):
+                log.warning("runner_waits", code=error.code)
             self._stopping.wait(1.0)
             return False
         except Exception:
