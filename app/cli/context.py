@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import errno
 import os
+import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import Any, NoReturn
 
 from pydantic import ValidationError
 from rich.markup import escape
@@ -14,11 +16,14 @@ from sqlalchemy import make_url
 from sqlalchemy.exc import DBAPIError
 
 from app.client.commands import error_console, fail
-from app.errors import OperationRefused, ServiceError
+from app.errors import OperationRefused, ServiceError, StorageFull
+from app.records.database import is_damage
 from app.records.migrations import NoRoomForCopy, SchemaTooNew
 from app.services.installation.context import ServiceContext
 from app.settings import Settings
 
+MIN_FREE_BYTES = 1024 * 1024
+"""Free space below which a database or a lock may not be opened: a full disk rarely has none at all."""
 REFUSED = 2
 """Exit code where folder, database and pepper do not belong together, or hold no installation: wrong settings."""
 
@@ -71,8 +76,15 @@ def data_failures(settings: Settings) -> Iterator[None]:
     except (SchemaTooNew, NoRoomForCopy) as error:
         fail(f"The data in {settings.data_dir} cannot be used: {error}.")
     except ServiceError as error:
+        if error.code == "database_damaged":
+            _fail_damaged(settings)
+        if isinstance(error, StorageFull):
+            _fail_if_full(settings)
         fail(error.detail, error.advice)
     except DBAPIError as error:
+        if is_damage(error):
+            _fail_damaged(settings)
+        _fail_if_full(settings)
         reason = (
             str(error.orig).strip().splitlines()[0] if str(error.orig).strip() else type(error.orig).__name__
         )
@@ -81,9 +93,33 @@ def data_failures(settings: Settings) -> Iterator[None]:
             f"Check that {_where(settings)} can be written, or run `gridpose doctor`.",
         )
     except OSError as error:
+        if error.errno == errno.ENOSPC:
+            _fail_if_full(settings)
+        place = error.filename or settings.data_dir
         fail(
-            f"The data folder {settings.data_dir} cannot be used: {error.strerror or error}.",
-            "Choose another with --data-dir or GRIDPOSE_DATA_DIR, or allow this user to write there.",
+            f"The data folder {settings.data_dir} cannot be used. {place}: {error.strerror or error}.",
+            f"Allow this user to read and write it: `chown -R USER {settings.data_dir}`, with USER the service's. "
+            "Check that its disk is mounted and writable. Or choose another folder with --data-dir or "
+            "GRIDPOSE_DATA_DIR.",
+        )
+
+
+def _fail_damaged(settings: Settings) -> NoReturn:
+    from app.services.backup import damage_advice
+
+    fail("The database is damaged.", damage_advice(settings.data_dir), code=REFUSED)
+
+
+def _fail_if_full(settings: Settings) -> None:
+    """End the command where the data folder's disk has no room, which everything else there follows from."""
+    folder = next(
+        place for place in (settings.data_dir, *settings.data_dir.absolute().parents) if place.exists()
+    )
+    free = shutil.disk_usage(folder).free
+    if free < MIN_FREE_BYTES:
+        fail(
+            f"The disk of {settings.data_dir} is full: {free} bytes are free.",
+            "Remove other files from that disk, or enlarge it; then start again. Nothing that was stored is lost.",
         )
 
 

@@ -17,7 +17,7 @@ from alembic.config import Config
 from alembic.runtime.migration import MigrationContext
 from alembic.script import ScriptDirectory
 
-from app.records.database import Database
+from app.records.database import Database, refusals
 from app.records.file_lock import FileLock
 from app.records.rows import copy_rows
 
@@ -165,7 +165,8 @@ def copy_to_file(database: Database, path: Path) -> None:
 
     Raises NoRoomForCopy; where it fails nothing is left under the path.
     """
-    needed, free = database.size_bytes(), shutil.disk_usage(path.parent).free
+    with refusals(database.damage):
+        needed, free = database.size_bytes(), shutil.disk_usage(path.parent).free
     if free < needed:
         raise NoRoomForCopy(
             f"a copy of the database takes {needed} bytes, and {free} are free in {path.parent}"
@@ -173,7 +174,8 @@ def copy_to_file(database: Database, path: Path) -> None:
     partial = path.with_name(path.name + ".partial")
     try:
         if database.is_sqlite:
-            with database.engine.connect() as connection:
+            # Errors of the driver itself are no errors of SQLAlchemy.
+            with refusals(database.damage), database.engine.connect() as connection:
                 # Outside of any transaction, as VACUUM requires: straight on the driver's connection.
                 driver = connection.connection.driver_connection
                 assert driver is not None

@@ -79,6 +79,15 @@ def check_storage(installation: ServiceContext) -> list[Check]:
 
 
 def _database(installation: ServiceContext) -> Check:
+    written = _written(installation)
+    if installation.database.damage.seen:
+        return Check(
+            "database", ok=False, detail="The database is damaged: `gridpose doctor` says what to restore."
+        )
+    return written
+
+
+def _written(installation: ServiceContext) -> Check:
     try:
         with installation.database.write() as records:
             # Takes the write lock and writes nothing.

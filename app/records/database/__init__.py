@@ -2,5 +2,14 @@
 
 from app.records.database.database import Database
 from app.records.database.engines import BUSY_TIMEOUT_S, sqlite_driver, sqlite_version
+from app.records.database.refusals import Damage, is_damage, refusals
 
-__all__ = ["BUSY_TIMEOUT_S", "Database", "sqlite_driver", "sqlite_version"]
+__all__ = [
+    "BUSY_TIMEOUT_S",
+    "Damage",
+    "Database",
+    "is_damage",
+    "refusals",
+    "sqlite_driver",
+    "sqlite_version",
+]

@@ -27,7 +27,7 @@ from app.records.audit import append_entry, append_entry_below_orm, note_created
 from app.records.database.engines import NOTICE_LOSS, postgresql_engine, sqlite_driver, sqlite_engine
 from app.records.database.group_commit import GroupCommit
 from app.records.database.lending import LendingPool
-from app.records.database.refusals import refusals
+from app.records.database.refusals import Damage, refusals
 from app.records.statements import DriverRows, EngineRows, Rows
 
 Answer = TypeVar("Answer")
@@ -47,6 +47,7 @@ class Database:
     def __init__(self, url: str | sa.URL) -> None:
         self.url = sa.make_url(url)
         self.is_sqlite = self.url.get_backend_name() == "sqlite"
+        self.damage = Damage()
         self._guards: sa.Engine | None = None
         if self.is_sqlite:
             self._writer = sqlite_engine(self.url, begin="BEGIN IMMEDIATE", connections=1)
@@ -75,7 +76,7 @@ class Database:
 
         The first one of a request or command that is audited holds its entry in the audit trail.
         """
-        with refusals(), self._write_session.begin() as session:
+        with refusals(self.damage), self._write_session.begin() as session:
             yield session
             append_entry(session)
         activity = current_activity()
@@ -85,13 +86,13 @@ class Database:
     @contextmanager
     def read(self) -> Iterator[orm.Session]:
         """One consistent snapshot to read from."""
-        with refusals(), self._read_session() as session:
+        with refusals(self.damage), self._read_session() as session:
             yield session
 
     @contextmanager
     def snapshot(self) -> Iterator[sa.Connection]:
         """One moment of all tables, however many statements read it; writers go on meanwhile."""
-        with refusals():
+        with refusals(self.damage):
             engine = self._reader
             if not self.is_sqlite:
                 engine = engine.execution_options(isolation_level="REPEATABLE READ", postgresql_readonly=True)
@@ -101,7 +102,7 @@ class Database:
     @contextmanager
     def read_rows(self) -> Iterator[Rows]:
         """One consistent snapshot to read from, below the ORM."""
-        with refusals():
+        with refusals(self.damage):
             if not self.is_sqlite:
                 with self._reader.connect() as connection:
                     yield EngineRows(connection)
@@ -122,7 +123,7 @@ class Database:
         One that is not `durable` may be undone by a power cut, on SQLite, until a later one is committed; it waits for
         no disk.
         """
-        with refusals():
+        with refusals(self.damage):
             if self.is_sqlite:
                 with self._driver_transaction(durable=durable) as (_, rows):
                     yield rows
@@ -142,7 +143,7 @@ class Database:
             append_entry_below_orm(rows)
             return answer
 
-        with refusals():
+        with refusals(self.damage):
             if self.is_sqlite:
                 answer = self._group.run(audited)
             else:
@@ -213,7 +214,7 @@ class Database:
         if self._guards is None:
             yield
             return
-        with refusals():
+        with refusals(self.damage):
             connection = self._guards.connect()
             try:
                 connection.execute(sa.select(sa.func.pg_advisory_lock(_GUARD, number)))

@@ -7,6 +7,7 @@ originals/ab/abcd...  every original the rows name, by its SHA-256
 key-pepper-*          what the keys are hashed with: a backup is as confidential as the data folder
 """
 
+from app.services.backup.damage import damage_advice
 from app.services.backup.latest import LatestBackup, read_latest_backup
 from app.services.backup.making import Report, make_backup
 from app.services.backup.manifest import Manifest, read_manifest
@@ -17,6 +18,7 @@ __all__ = [
     "LatestBackup",
     "Manifest",
     "Report",
+    "damage_advice",
     "make_backup",
     "move_installation",
     "read_latest_backup",

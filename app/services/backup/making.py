@@ -7,8 +7,12 @@ again. The earlier backup stays whole until the manifest of the new one takes it
 
 from __future__ import annotations
 
+import errno
 import hashlib
+import os
 import shutil
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
@@ -19,13 +23,14 @@ from app.blobs import LocalBlobs
 from app.blobs.durable import sync_folder, write_durably
 from app.blobs.local import original_path
 from app.build import core_version
-from app.errors import BackupRefused, OriginalCorrupt, OriginalMissing
+from app.errors import BackupRefused, OriginalCorrupt, OriginalMissing, ServiceError
 from app.records import migrations
 from app.records.database import Database
 from app.records.file_lock import AlreadyLocked, FileLock
 from app.records.rows import count_rows
 from app.records.tables import Installation as InstallationRow
 from app.records.tables import Measurement
+from app.services.backup.damage import damage_advice, noted_backup
 from app.services.backup.latest import note_backup
 from app.services.backup.manifest import (
     FORMAT,
@@ -38,6 +43,8 @@ from app.services.backup.manifest import (
 )
 from app.services.installation.context import ServiceContext
 
+_OF_WRITING = {errno.ENOSPC, errno.EROFS, errno.EFBIG, getattr(errno, "EDQUOT", errno.ENOSPC)}
+"""What a write alone is refused with, which names no file: a backup writes to its own folder."""
 _MOMENTS = 3
 """Moments tried before originals that were deleted during the backup are given up."""
 
@@ -54,8 +61,27 @@ class Report:
 def make_backup(installation: ServiceContext, folder: Path) -> Report:
     """Bring `folder` up to the present moment of the installation, while it is used.
 
-    Raises BackupRefused where the folder is not for this, in use, or has too little room.
+    Raises BackupRefused where the folder is not for this, in use, cannot be used or has too little room, and where the
+    database is damaged.
     """
+    data_dir = installation.settings.data_dir
+    _refuse_data_folder(data_dir, folder)
+    try:
+        with _folder_failures(data_dir, folder):
+            return _made(installation, folder)
+    except ServiceError as error:
+        if error.code != "database_damaged":
+            raise
+        latest = noted_backup(data_dir)
+        kept = "" if latest is None else f" The backup of {latest.created_at:%Y-%m-%d %H:%M} UTC is kept."
+        raise BackupRefused(
+            "database_damaged",
+            f"The database is damaged, and no backup was made.{kept}",
+            damage_advice(data_dir),
+        ) from error
+
+
+def _made(installation: ServiceContext, folder: Path) -> Report:
     with installation.database.read() as records:
         row = records.get_one(InstallationRow, 1)
     claim_folder(folder, row.id)
@@ -72,6 +98,34 @@ def make_backup(installation: ServiceContext, folder: Path) -> Report:
         return report
     finally:
         lock.release()
+
+
+def _refuse_data_folder(data_dir: Path, folder: Path) -> None:
+    """Raise BackupRefused where the backup would lie in what it is a backup of."""
+    if folder.resolve().is_relative_to(data_dir.resolve()):
+        raise BackupRefused(
+            "backup_in_data_folder",
+            f"{folder} lies in the data folder {data_dir}, and would be lost with it.",
+            "Name a folder on another disk.",
+        )
+
+
+@contextmanager
+def _folder_failures(data_dir: Path, folder: Path) -> Iterator[None]:
+    """Raise BackupRefused where the system refuses what concerns the backup's folder, and not the data folder."""
+    try:
+        yield
+    except OSError as error:
+        named = Path(os.fsdecode(error.filename)) if isinstance(error.filename, str | bytes) else None
+        of_data = named is not None and named.absolute().is_relative_to(data_dir.absolute())
+        if of_data or (named is None and error.errno not in _OF_WRITING):
+            raise
+        raise BackupRefused(
+            "backup_folder_unusable",
+            f"The backup folder {folder} cannot be used. {named or folder}: {error.strerror or error}.",
+            "Allow this user to read and write it, check that its disk is mounted, writable and has room, or name "
+            "another folder.",
+        ) from error
 
 
 class _Making:

@@ -13,16 +13,22 @@ from sqlalchemy import orm
 from sqlalchemy.exc import DBAPIError
 
 from app.errors import InstallationRefused, ServiceError
-from app.records.database import Database
+from app.records.database import Database, is_damage
 from app.records.migrations import current_revision, head_revision, known_revisions
 from app.records.readable import Unreadable
 from app.records.tables import ApiKey, Measurement, Table
+from app.services.backup import damage_advice
 from app.services.inspection.check_result import CheckResult, failed, ok, warn
 from app.services.installation.backends import clock_skew, require_clock, require_direct
 from app.settings import Settings
 
 _MAX_CLOCK_LAG = timedelta(minutes=5)
-_RESTORE = "Stop the service and restore a backup; keep the damaged files for analysis."
+_SQLITE_UNUSABLE = (
+    "Check that gridpose.sqlite3 belongs to the user the service runs as (chown), and that its disk is mounted, "
+    "writable and has free space."
+)
+_NO_SERVER = "Check that the server runs and GRIDPOSE_DATABASE_URL is right."
+_LOCKED = "Check that nothing else locks the database, and that its disk has free space."
 _MAX_LISTED = 20
 _FREE_CONNECTIONS = 42
 """What one more service takes."""
@@ -36,23 +42,22 @@ def check(settings: Settings, *, whole: bool = True, deep: bool = False) -> Iter
         return
     database = Database(settings.effective_database_url)
     try:
-        yield from _check(database, whole=whole, deep=deep, keys_off=settings.auth == "off")
+        yield from _check(settings, database, whole=whole, deep=deep)
     except DBAPIError as error:
-        reason = str(error.orig).strip().splitlines()
-        yield failed(
-            f"cannot be used: {reason[0] if reason else type(error.orig).__name__}",
-            "Check that the server runs and GRIDPOSE_DATABASE_URL is right; restore a damaged SQLite file from "
-            "backups/ in the data folder.",
-        )
+        reason = (str(error.orig).strip().splitlines() or [type(error.orig).__name__])[0]
+        if is_damage(error):
+            yield failed(f"is damaged: {reason}", damage_advice(settings.data_dir))
+        else:
+            yield failed(f"cannot be used: {reason}", _SQLITE_UNUSABLE if database.is_sqlite else _NO_SERVER)
     except ServiceError as error:
-        yield failed(
-            error.detail, "Check that nothing else locks the database, and that its disk has free space."
-        )
+        damaged = error.code == "database_damaged"
+        yield failed(error.detail, damage_advice(settings.data_dir) if damaged else _LOCKED)
     finally:
         database.dispose()
 
 
-def _check(database: Database, *, whole: bool, deep: bool, keys_off: bool) -> Iterator[CheckResult]:
+def _check(settings: Settings, database: Database, *, whole: bool, deep: bool) -> Iterator[CheckResult]:
+    keys_off = settings.auth == "off"
     current, head = current_revision(database), head_revision()
     with database.read() as session:  # a reader: it does not block the service's writers
         if database.is_sqlite:
@@ -60,9 +65,7 @@ def _check(database: Database, *, whole: bool, deep: bool, keys_off: bool) -> It
             if whole:
                 answer = session.scalar(sa.text("PRAGMA quick_check(1)"))
                 if answer != "ok":
-                    yield failed(
-                        f"is damaged: {answer}", "Stop the service; restore the newest file of backups/."
-                    )
+                    yield failed(f"is damaged: {answer}", damage_advice(settings.data_dir))
                     return
                 yield ok("is intact (quick_check)")
         else:
@@ -72,7 +75,7 @@ def _check(database: Database, *, whole: bool, deep: bool, keys_off: bool) -> It
             return
         yield ok(f"schema {current} is current")
         if deep:
-            yield from check_deep(database, session)
+            yield from check_deep(database, session, damage_advice(settings.data_dir))
         keys = session.scalar(sa.select(sa.func.count()).where(ApiKey.revoked_at.is_(None)))
         if keys or keys_off:
             yield ok("keys are off (GRIDPOSE_AUTH)" if keys_off else f"API keys in use: {keys}")
@@ -129,29 +132,29 @@ def _schema(current: str | None, head: str) -> CheckResult:
     )
 
 
-def check_deep(database: Database, session: orm.Session) -> Iterator[CheckResult]:
-    """Read every page and row within `session`, a reader: the service keeps running."""
+def check_deep(database: Database, session: orm.Session, advice: str) -> Iterator[CheckResult]:
+    """Read every page and row within `session`, a reader: the service keeps running. `advice` is for damage."""
     if database.is_sqlite:
-        yield from _sqlite(session)
+        yield from _sqlite(session, advice)
     else:
-        yield from _postgresql(session)
-    yield from _references(session)
+        yield from _postgresql(session, advice)
+    yield from _references(session, advice)
 
 
-def _sqlite(session: orm.Session) -> Iterator[CheckResult]:
+def _sqlite(session: orm.Session, advice: str) -> Iterator[CheckResult]:
     answers = session.scalars(sa.text(f"PRAGMA integrity_check({_MAX_LISTED})")).all()
     if answers == ["ok"]:
         yield ok("is intact in every page and index (integrity_check)")
     for answer in answers if answers != ["ok"] else ():
-        yield failed(f"is damaged: {answer}", _RESTORE)
+        yield failed(f"is damaged: {answer}", advice)
     dangling = session.execute(sa.text("PRAGMA foreign_key_check")).fetchmany(_MAX_LISTED)
     for table, row, parent, _ in dangling:
-        yield failed(f"row {row} of {table} refers to nothing in {parent} (foreign_key_check)", _RESTORE)
+        yield failed(f"row {row} of {table} refers to nothing in {parent} (foreign_key_check)", advice)
     if not dangling:
         yield ok("no row refers to nothing (foreign_key_check)")
 
 
-def _postgresql(session: orm.Session) -> Iterator[CheckResult]:
+def _postgresql(session: orm.Session, advice: str) -> Iterator[CheckResult]:
     """Read every value of every row, which reveals damaged pages and lost large values; query the page checksums."""
     for table in Table.metadata.sorted_tables:
         try:
@@ -160,7 +163,7 @@ def _postgresql(session: orm.Session) -> Iterator[CheckResult]:
                 session.execute(sa.select(sa.func.count(sa.func.md5(whole_row))).select_from(table)).one()
         except DBAPIError as error:
             reason = str(error.orig).strip().splitlines()[0]
-            yield failed(f"table {table.name} cannot be read completely: {reason}", _RESTORE)
+            yield failed(f"table {table.name} cannot be read completely: {reason}", advice)
     if session.scalar(sa.text("SHOW data_checksums")) != "on":
         yield warn(
             "the server keeps no checksums of its pages, so that damage on its disk is detected late",
@@ -171,12 +174,12 @@ def _postgresql(session: orm.Session) -> Iterator[CheckResult]:
         sa.text("SELECT checksum_failures FROM pg_stat_database WHERE datname = current_database()")
     )
     if damaged:
-        yield failed(f"the server counted {damaged} pages with wrong checksums", _RESTORE)
+        yield failed(f"the server counted {damaged} pages with wrong checksums", advice)
     else:
         yield ok("the server found no page with a wrong checksum")
 
 
-def _references(session: orm.Session) -> Iterator[CheckResult]:
+def _references(session: orm.Session, advice: str) -> Iterator[CheckResult]:
     """Count rows whose reference has no target row, by the foreign keys of this version's tables."""
     dangling = 0
     for table in Table.metadata.sorted_tables:
@@ -195,7 +198,7 @@ def _references(session: orm.Session) -> Iterator[CheckResult]:
                 dangling += count
                 yield failed(
                     f"{count} rows of {table.name} refer to nothing in {constraint.referred_table.name}",
-                    _RESTORE,
+                    advice,
                 )
     if not dangling:
         yield ok("every row was read, and what it refers to is there")

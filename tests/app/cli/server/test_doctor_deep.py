@@ -143,6 +143,6 @@ def test_damage_within_the_database_is_found(api: Any, grey_png: bytes, tmp_path
         driver.execute("PRAGMA writable_schema=OFF")
     copy = Database(database.url.render_as_string(hide_password=False))
     with copy.read() as records:
-        said = [result.detail for result in check_deep(copy, records)]
+        said = [result.detail for result in check_deep(copy, records, "")]
     copy.dispose()
     assert any("is damaged" in what and "ix_measurements_sha256" in what for what in said)
