@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import difflib
 import ipaddress
 import os
 import re
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Literal, Self
 
@@ -13,13 +15,19 @@ from pydantic import Field, SecretStr, field_validator, model_validator
 from pydantic_settings import BaseSettings, SettingsConfigDict
 
 MIB = 1024 * 1024
+_PREFIX = "GRIDPOSE_"
+_OF_TESTS = "GRIDPOSE_TEST_"
+_OF_OTHERS = frozenset(
+    {"GRIDPOSE_URL", "GRIDPOSE_KEY", "GRIDPOSE_KEY_FILE", "GRIDPOSE_MEMORY", "GRIDPOSE_PUBLISH"}
+)
+"""Variables of commands that call a service, and of `docker/compose.yaml`."""
 Network = ipaddress.IPv4Network | ipaddress.IPv6Network
 
 
 class Settings(BaseSettings):
     """One running service's configuration."""
 
-    model_config = SettingsConfigDict(env_prefix="GRIDPOSE_", frozen=True, env_ignore_empty=True)
+    model_config = SettingsConfigDict(env_prefix=_PREFIX, frozen=True, env_ignore_empty=True)
 
     data_dir: Annotated[
         Path, Field(description="Folder of the database, the originals and the key pepper.")
@@ -140,6 +148,24 @@ class Settings(BaseSettings):
     def effective_database_url(self) -> str:
         """The database's address, SQLite in the data folder unless one was given."""
         return self.database_url or f"sqlite:///{self.data_dir / 'gridpose.sqlite3'}"
+
+
+def unknown_settings(environment: Mapping[str, str]) -> list[tuple[str, str | None]]:
+    """Return every `GRIDPOSE_*` variable that nothing reads, with the name of a setting that is like it, if one is."""
+    known = [f"{_PREFIX}{name}".upper() for name in Settings.model_fields]
+    found = []
+    for name in sorted(environment):
+        upper = name.upper()  # as settings are read
+        if (
+            upper in known
+            or upper in _OF_OTHERS
+            or not upper.startswith(_PREFIX)
+            or upper.startswith(_OF_TESTS)
+        ):
+            continue
+        nearest = difflib.get_close_matches(upper, known, n=1, cutoff=0.7)
+        found.append((name, nearest[0] if nearest else None))
+    return found
 
 
 def _networks(text: str) -> tuple[Network, ...]:

@@ -17,15 +17,19 @@ from sqlalchemy.exc import DBAPIError
 
 from app.client.commands import error_console, fail
 from app.errors import OperationRefused, ServiceError, StorageFull
+from app.logs import Logger
 from app.records.database import is_damage
 from app.records.migrations import NoRoomForCopy, SchemaTooNew
 from app.services.installation.context import ServiceContext
-from app.settings import Settings
+from app.settings import Settings, unknown_settings
 
 MIN_FREE_BYTES = 1024 * 1024
 """Free space below which a database or a lock may not be opened: a full disk rarely has none at all."""
 REFUSED = 2
 """Exit code where folder, database and pepper do not belong together, or hold no installation: wrong settings."""
+
+
+log = Logger(__name__)
 
 
 def load_settings(**options: Any) -> Settings:
@@ -41,6 +45,12 @@ def load_settings(**options: Any) -> Settings:
         fail(
             "\n".join(lines), "Settings come from the environment; docs/configuration.md lists them.", code=2
         )
+
+
+def warn_of_unknown_settings() -> None:
+    """Log each variable of ours in the environment that nothing reads: a misspelt setting has no effect."""
+    for name, nearest in unknown_settings(os.environ):
+        log.warning("unknown_setting", name=name, nearest=nearest)
 
 
 def open_context(
@@ -107,7 +117,7 @@ def data_failures(settings: Settings) -> Iterator[None]:
 def _fail_damaged(settings: Settings) -> NoReturn:
     from app.services.backup import damage_advice
 
-    fail("The database is damaged.", damage_advice(settings.data_dir), code=REFUSED)
+    fail("The database is damaged.", damage_advice(settings), code=REFUSED)
 
 
 def _fail_if_full(settings: Settings) -> None:

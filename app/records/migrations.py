@@ -17,7 +17,7 @@ from alembic.config import Config
 from alembic.runtime.migration import MigrationContext
 from alembic.script import ScriptDirectory
 
-from app.records.database import Database, refusals
+from app.records.database import Database, map_database_errors
 from app.records.file_lock import FileLock
 from app.records.rows import copy_rows
 
@@ -165,7 +165,7 @@ def copy_to_file(database: Database, path: Path) -> None:
 
     Raises NoRoomForCopy; where it fails nothing is left under the path.
     """
-    with refusals(database.damage):
+    with map_database_errors(database.damage):
         needed, free = database.size_bytes(), shutil.disk_usage(path.parent).free
     if free < needed:
         raise NoRoomForCopy(
@@ -175,7 +175,7 @@ def copy_to_file(database: Database, path: Path) -> None:
     try:
         if database.is_sqlite:
             # Errors of the driver itself are no errors of SQLAlchemy.
-            with refusals(database.damage), database.engine.connect() as connection:
+            with map_database_errors(database.damage), database.engine.connect() as connection:
                 # Outside of any transaction, as VACUUM requires: straight on the driver's connection.
                 driver = connection.connection.driver_connection
                 assert driver is not None

@@ -20,12 +20,11 @@ from app.records.ids import is_id, new_id
 from app.records.pagination import page
 from app.records.readable import unreadable_columns
 from app.records.tables import SCOPES, ApiKey, Session
+from app.services.first_key import forget_key
 from app.services.installation.context import ServiceContext
 
 _SHAPE = re.compile(r"gp_([0-9a-z]{26})_([0-9a-f]{64})", re.ASCII)
 _PREFIX = "key_"
-FIRST_KEY_FILE = "first-admin-key"
-"""In the data folder, until its administrator has stored the key elsewhere."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -217,6 +216,7 @@ def revoke_key(installation: ServiceContext, key_id: str) -> None:
             raise NotFound.of("key")
         if key.revoked_at is None or unreadable_columns(key):
             key.revoked_at = datetime.now(UTC)
+    forget_key(installation.settings.data_dir, key_id)
 
 
 def _check_name(name: str) -> None:

@@ -11,9 +11,18 @@ from rich.progress import BarColumn, DownloadColumn, Progress, TextColumn, Trans
 from sqlalchemy import make_url
 
 from app.cli.context import load_settings
-from app.cli.doctor.environment import check_installation, check_workers
+from app.cli.doctor.environment import check_installation, check_variables, check_workers
 from app.cli.options.data_folder import DataDir
-from app.services.inspection import CheckResult, State, backups, bucket, data_folder, database, originals
+from app.services.inspection import (
+    CheckResult,
+    State,
+    backups,
+    bucket,
+    data_folder,
+    database,
+    guarded,
+    originals,
+)
 from app.settings import Settings
 
 _SIGNS = {State.ok: "[green]ok  [/]", State.warning: "[yellow]warn[/]", State.failed: "[red]FAIL[/]"}
@@ -33,14 +42,15 @@ def doctor(
     Ends with 0 when nothing failed, else with 1.
     """
     settings = load_settings(data_dir=data_dir)
+    folder, in_bucket = settings.data_dir, settings.blob_url is not None
     results: dict[str, list[CheckResult]] = {
-        "Installation": list(check_installation()),
-        f"Data folder {settings.data_dir}": list(data_folder.check(settings)),
-        f"Database {_address(settings)}".rstrip(): list(database.check(settings, deep=deep)),
-        **({f"Bucket {settings.blob_url}": list(bucket.check(settings))} if settings.blob_url else {}),
+        "Installation": [*check_installation(), *check_variables()],
+        f"Data folder {folder}": guarded(data_folder.check(settings), folder),
+        f"Database {_address(settings)}".rstrip(): guarded(database.check(settings, deep=deep), folder),
+        **({f"Bucket {settings.blob_url}": guarded(bucket.check(settings), folder)} if in_bucket else {}),
         **({"Originals": _check_originals(settings)} if deep else {}),
-        "Backups": list(backups.check(settings)),
-        "Workers": list(check_workers(settings)),
+        "Backups": guarded(backups.check(settings), folder),
+        "Workers": guarded(check_workers(settings), folder),
     }
     console = Console(highlight=False, emoji=False)
     for title, part in results.items():
@@ -66,7 +76,7 @@ def _check_originals(settings: Settings) -> list[CheckResult]:
             progress.update(task, completed=done, total=total)
 
         check_all = bucket.check_images if settings.blob_url else originals.check
-        return list(check_all(settings, show))
+        return guarded(check_all(settings, show), settings.data_dir / "originals")
 
 
 def _address(settings: Settings) -> str:

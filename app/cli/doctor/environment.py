@@ -14,7 +14,7 @@ from app.build import core_version
 from app.records.database import sqlite_driver, sqlite_version
 from app.records.file_lock import AlreadyLocked, FileLock
 from app.services.inspection.check_result import CheckResult, failed, ok, warn
-from app.settings import Settings
+from app.settings import Settings, unknown_settings
 
 _PACKAGES = ("fastapi", "uvicorn", "sqlalchemy", "numpy", "scipy")
 
@@ -25,6 +25,15 @@ def check_installation() -> Iterator[CheckResult]:
     yield ok(", ".join(f"{name} {_version(name)}" for name in _PACKAGES))
     yield _opencv()
     yield _sqlite()
+
+
+def check_variables() -> Iterator[CheckResult]:
+    """Check that every variable of ours in the environment is one that something reads."""
+    for name, nearest in unknown_settings(os.environ):
+        yield warn(
+            f"{name} is no setting, and is ignored",
+            f"{f'Is {nearest} meant? ' if nearest else ''}docs/configuration.md lists the settings.",
+        )
 
 
 def _version(name: str) -> str:
@@ -79,22 +88,27 @@ def check_workers(settings: Settings) -> Iterator[CheckResult]:
         )
     else:
         yield ok(f"{count} workers on {cores} cores")
-    yield ok(
-        "a service or worker is running on this folder"
-        if _is_running(settings)
-        else "nothing runs on this folder"
-    )
+    runs = _is_running(settings)
+    if runs is None:
+        yield warn(
+            "whether a service or a worker runs is not known: runner.lock is closed to this user",
+            "Run this as the user that the service runs as; the checks of the data folder name the owner.",
+        )
+        return
+    yield ok("a service or worker is running on this folder" if runs else "nothing runs on this folder")
 
 
-def _is_running(settings: Settings) -> bool:
+def _is_running(settings: Settings) -> bool | None:
     path = settings.data_dir / "runner.lock"
     if not path.exists():
         return False
     lock = FileLock(path)
     try:
         lock.acquire()
-    except (AlreadyLocked, PermissionError):
+    except AlreadyLocked:
         return True
+    except PermissionError:
+        return None
     except OSError:  # e.g. a disk that is read-only now: no process can hold a lock on it
         return False
     lock.release()

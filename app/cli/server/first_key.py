@@ -10,12 +10,13 @@ from pathlib import Path
 
 import sqlalchemy as sa
 
-from app.blobs.durable import write_durably
+from app.blobs.durable import remove_file, write_durably
 from app.logs import Logger
 from app.records.activity import Activity, acting
 from app.records.tables import ApiKey
+from app.services.first_key import FIRST_KEY_FILE
 from app.services.installation.context import ServiceContext
-from app.services.keys import FIRST_KEY_FILE, draft_key, find_key, store_key
+from app.services.keys import draft_key, find_key, store_key
 
 log = Logger(__name__)
 
@@ -36,9 +37,14 @@ def ensure_admin_key(installation: ServiceContext) -> Path | None:
         return path
     if not path.exists():
         return None
-    if find_key(installation, path.read_text(encoding="ascii", errors="replace").strip()) is None:
+    try:
+        key = path.read_text(encoding="ascii", errors="replace").strip()
+    except OSError as error:  # of another owner: the service needs it no more
+        log.warning("first_admin_key_unreadable", path=str(path), reason=error.strerror or str(error))
+        return None
+    if find_key(installation, key) is None:
         log.info("first_admin_key_file_removed", reason="the key in it is not valid")
-        path.unlink(missing_ok=True)
+        remove_file(path)
         return None
     return path
 

@@ -18,7 +18,7 @@ import uvicorn
 from fastapi import FastAPI
 
 from app.build import core_version
-from app.cli.context import data_failures, load_settings, open_context
+from app.cli.context import data_failures, load_settings, open_context, warn_of_unknown_settings
 from app.cli.options.data_folder import DataDir
 from app.cli.server.connections import Connection, allow_many_connections
 from app.cli.server.first_key import announce_admin_key, ensure_admin_key
@@ -58,6 +58,7 @@ def serve(
     """Run the service: HTTP, and GRIDPOSE_WORKERS worker processes (default: one a core)."""
     settings = load_settings(host=host, port=port, data_dir=data_dir)
     configure_logging(settings.log_level)
+    warn_of_unknown_settings()
     allow_many_connections()
     listener = listen(settings)
     require_unlocked(settings, "head.lock", f"Another `gridpose serve` uses {settings.data_dir}.")
@@ -65,7 +66,9 @@ def serve(
         require_no_runner(settings)
     installation = open_context(settings, init=True, adopt=adopt, migrate=True)
     try:
-        key_file = ensure_admin_key(installation)
+        with data_failures(settings):
+            installation.blobs.check_access()
+            key_file = ensure_admin_key(installation)
     finally:
         installation.close()
 

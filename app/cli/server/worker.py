@@ -9,7 +9,7 @@ import sys
 import time
 from types import FrameType
 
-from app.cli.context import load_settings, open_context, print_location
+from app.cli.context import load_settings, open_context, print_location, warn_of_unknown_settings
 from app.cli.options.data_folder import DataDir
 from app.cli.server.serve import end_after_giving_up, require_no_runner
 from app.cli.server.supervision import Supervisor
@@ -46,6 +46,7 @@ def work(data_dir: DataDir = None) -> int:
             code=2,
         )
     configure_logging(settings.log_level)
+    warn_of_unknown_settings()
     print_location(settings)
     require_no_runner(settings)
     installation = open_context(settings, migrate=True, serves=False)

@@ -2,14 +2,14 @@
 
 from app.records.database.database import Database
 from app.records.database.engines import BUSY_TIMEOUT_S, sqlite_driver, sqlite_version
-from app.records.database.refusals import Damage, is_damage, refusals
+from app.records.database.refusals import Damage, is_damage, map_database_errors
 
 __all__ = [
     "BUSY_TIMEOUT_S",
     "Damage",
     "Database",
     "is_damage",
-    "refusals",
+    "map_database_errors",
     "sqlite_driver",
     "sqlite_version",
 ]

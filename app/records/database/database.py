@@ -27,7 +27,7 @@ from app.records.audit import append_entry, append_entry_below_orm, note_created
 from app.records.database.engines import NOTICE_LOSS, postgresql_engine, sqlite_driver, sqlite_engine
 from app.records.database.group_commit import GroupCommit
 from app.records.database.lending import LendingPool
-from app.records.database.refusals import Damage, refusals
+from app.records.database.refusals import Damage, map_database_errors
 from app.records.statements import DriverRows, EngineRows, Rows
 
 Answer = TypeVar("Answer")
@@ -76,7 +76,7 @@ class Database:
 
         The first one of a request or command that is audited holds its entry in the audit trail.
         """
-        with refusals(self.damage), self._write_session.begin() as session:
+        with map_database_errors(self.damage), self._write_session.begin() as session:
             yield session
             append_entry(session)
         activity = current_activity()
@@ -86,13 +86,13 @@ class Database:
     @contextmanager
     def read(self) -> Iterator[orm.Session]:
         """One consistent snapshot to read from."""
-        with refusals(self.damage), self._read_session() as session:
+        with map_database_errors(self.damage), self._read_session() as session:
             yield session
 
     @contextmanager
     def snapshot(self) -> Iterator[sa.Connection]:
         """One moment of all tables, however many statements read it; writers go on meanwhile."""
-        with refusals(self.damage):
+        with map_database_errors(self.damage):
             engine = self._reader
             if not self.is_sqlite:
                 engine = engine.execution_options(isolation_level="REPEATABLE READ", postgresql_readonly=True)
@@ -102,7 +102,7 @@ class Database:
     @contextmanager
     def read_rows(self) -> Iterator[Rows]:
         """One consistent snapshot to read from, below the ORM."""
-        with refusals(self.damage):
+        with map_database_errors(self.damage):
             if not self.is_sqlite:
                 with self._reader.connect() as connection:
                     yield EngineRows(connection)
@@ -123,7 +123,7 @@ class Database:
         One that is not `durable` may be undone by a power cut, on SQLite, until a later one is committed; it waits for
         no disk.
         """
-        with refusals(self.damage):
+        with map_database_errors(self.damage):
             if self.is_sqlite:
                 with self._driver_transaction(durable=durable) as (_, rows):
                     yield rows
@@ -143,7 +143,7 @@ class Database:
             append_entry_below_orm(rows)
             return answer
 
-        with refusals(self.damage):
+        with map_database_errors(self.damage):
             if self.is_sqlite:
                 answer = self._group.run(audited)
             else:
@@ -214,7 +214,7 @@ class Database:
         if self._guards is None:
             yield
             return
-        with refusals(self.damage):
+        with map_database_errors(self.damage):
             connection = self._guards.connect()
             try:
                 connection.execute(sa.select(sa.func.pg_advisory_lock(_GUARD, number)))

@@ -33,7 +33,7 @@ def is_damage(error: BaseException) -> bool:
 
 
 @contextmanager
-def refusals(damage: Damage) -> Iterator[None]:
+def map_database_errors(damage: Damage) -> Iterator[None]:
     """Turn what the database cannot do just now into the service's own errors, and note that it is damaged.
 
     What the log says of the same reason, it says once a minute: a runner asks every second.

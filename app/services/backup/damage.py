@@ -6,18 +6,27 @@ from pathlib import Path
 
 from app.errors import BackupRefused
 from app.services.backup.latest import LatestBackup, read_latest_backup
+from app.settings import Settings
 
 
-def damage_advice(data_dir: Path) -> str:
-    """Return the steps from the damaged database of a data folder to one that works, as far as they are known."""
+def damage_advice(settings: Settings) -> str:
+    """Return the steps from the damaged database of an installation to one that works, as far as they are known."""
+    data_dir = settings.data_dir
     latest = noted_backup(data_dir)
+    place = (
+        "a new folder"
+        if settings.database_url is None
+        else "a new folder and GRIDPOSE_DATABASE_URL a new database's"
+    )
     source = latest.folder if latest is not None else "LAST_BACKUP"
     steps = (
-        f"Stop the service and keep the damaged files. Run `gridpose restore {source} --data-dir NEW`, with NEW a new "
-        "folder, and start the service with it. Then run `gridpose upload` again, which sends what the service lacks. "
+        f"Stop the service and keep the damaged files. Run `gridpose restore {source} --data-dir NEW`, "
+        f"with NEW {place}, and start the service with it. "
+        "Then run `gridpose upload` again, which sends what the service lacks. "
     )
     if latest is not None:
-        steps += f"Results, readings and reports since {latest.created_at:%Y-%m-%d %H:%M} UTC are made anew. "
+        since = f"{latest.created_at:%Y-%m-%d %H:%M} UTC"
+        steps += f"Enter readings and corrections since {since} again, and order the reports of that time. "
     copy = max(_copies(data_dir), key=lambda path: path.stem.rpartition("-")[2], default=None)
     if copy is not None:
         steps += (

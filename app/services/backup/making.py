@@ -77,7 +77,7 @@ def make_backup(installation: ServiceContext, folder: Path) -> Report:
         raise BackupRefused(
             "database_damaged",
             f"The database is damaged, and no backup was made.{kept}",
-            damage_advice(data_dir),
+            damage_advice(installation.settings),
         ) from error
 
 

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import enum
+from collections.abc import Iterator
 from dataclasses import dataclass
+from pathlib import Path
 
 
 class State(enum.Enum):
@@ -31,3 +33,22 @@ def warn(detail: str, advice: str) -> CheckResult:
 
 def failed(detail: str, advice: str) -> CheckResult:
     return CheckResult(State.failed, detail, advice)
+
+
+def unusable(error: OSError, place: Path) -> CheckResult:
+    """Say which file or folder the system refused; `place` where the error names none."""
+    path = error.filename or place
+    return failed(
+        f"{path} cannot be used: {error.strerror or error}",
+        f"Give it to the user that the service runs as: chown -R USER {path}. Check that its disk is mounted.",
+    )
+
+
+def guarded(results: Iterator[CheckResult], place: Path) -> list[CheckResult]:
+    """Return what a check of `place` found; a file that it may not read ends the check as a failure of its own."""
+    found: list[CheckResult] = []
+    try:
+        found.extend(results)
+    except OSError as error:
+        found.append(unusable(error, place))
+    return found

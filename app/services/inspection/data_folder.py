@@ -9,16 +9,18 @@ import time
 from collections.abc import Iterator
 from pathlib import Path
 
+import sqlalchemy as sa
 from sqlalchemy.exc import DBAPIError
 
 from app.errors import InstallationRefused, ServiceError
 from app.records.database import Database
 from app.records.privacy import exposed
-from app.records.tables import Installation
-from app.services.inspection.check_result import CheckResult, failed, ok, warn
+from app.records.tables import ApiKey, Installation
+from app.services.first_key import FIRST_KEY_FILE, id_in
+from app.services.inspection import files
+from app.services.inspection.check_result import CheckResult, failed, ok, unusable, warn
 from app.services.installation.binding import require_installation, require_pepper, require_same, sqlite_path
 from app.services.installation.identity import read_identity
-from app.services.keys import FIRST_KEY_FILE
 from app.settings import Settings, is_loopback
 
 _NETWORK_FILE_SYSTEMS = frozenset(
@@ -38,12 +40,17 @@ def check(settings: Settings) -> Iterator[CheckResult]:
         yield failed("is not a folder", "Choose another with --data-dir or GRIDPOSE_DATA_DIR.")
         return
     yield _writable(folder)
+    yield from files.check(folder)
     if os.name == "posix":
         yield from _private(folder)
+    yield from _first_key(settings)
     yield _room(folder, settings.disk_floor_bytes)
     yield _local(folder)
     yield _transport(settings.host)
-    yield _bound(settings)
+    try:
+        yield _bound(settings)
+    except OSError as error:
+        yield unusable(error, folder)
 
 
 def _bound(settings: Settings) -> CheckResult:
@@ -126,12 +133,38 @@ def _private(folder: Path) -> Iterator[CheckResult]:
         )
     if not found:
         yield ok("is private to this user")
-    key_file = folder / FIRST_KEY_FILE
-    if os.access(key_file, os.F_OK):
-        yield warn(
-            f"{FIRST_KEY_FILE} still holds the first admin key",
-            f"Store the key elsewhere, then remove {key_file}",
-        )
+
+
+def _first_key(settings: Settings) -> Iterator[CheckResult]:
+    """Ask to store the first admin key elsewhere, unless it is valid no more."""
+    path = settings.data_dir / FIRST_KEY_FILE
+    if not os.access(path, os.F_OK):
+        return
+    if _is_worthless(settings, path):
+        yield warn(f"{FIRST_KEY_FILE} holds a key that is not valid any more", f"Remove {path}")
+        return
+    yield warn(
+        f"{FIRST_KEY_FILE} still holds the first admin key",
+        f"Store the key elsewhere, then remove {path}",
+    )
+
+
+def _is_worthless(settings: Settings, path: Path) -> bool:
+    """Return whether the database says that the key in a file is revoked; False where that cannot be known."""
+    file = sqlite_path(settings)
+    try:
+        key_id = id_in(path)
+        if key_id is None or (file is not None and not file.exists()):
+            return False
+        database = Database(settings.effective_database_url)
+        try:
+            with database.read() as records:
+                revoked = sa.select(ApiKey.id).where(ApiKey.id == key_id, ApiKey.revoked_at.is_not(None))
+                return records.scalar(revoked) is not None
+        finally:
+            database.dispose()
+    except (OSError, ServiceError, DBAPIError):
+        return False
 
 
 def _transport(host: str) -> CheckResult:

@@ -46,12 +46,12 @@ def check(settings: Settings, *, whole: bool = True, deep: bool = False) -> Iter
     except DBAPIError as error:
         reason = (str(error.orig).strip().splitlines() or [type(error.orig).__name__])[0]
         if is_damage(error):
-            yield failed(f"is damaged: {reason}", damage_advice(settings.data_dir))
+            yield failed(f"is damaged: {reason}", damage_advice(settings))
         else:
             yield failed(f"cannot be used: {reason}", _SQLITE_UNUSABLE if database.is_sqlite else _NO_SERVER)
     except ServiceError as error:
         damaged = error.code == "database_damaged"
-        yield failed(error.detail, damage_advice(settings.data_dir) if damaged else _LOCKED)
+        yield failed(error.detail, damage_advice(settings) if damaged else _LOCKED)
     finally:
         database.dispose()
 
@@ -65,7 +65,7 @@ def _check(settings: Settings, database: Database, *, whole: bool, deep: bool) -
             if whole:
                 answer = session.scalar(sa.text("PRAGMA quick_check(1)"))
                 if answer != "ok":
-                    yield failed(f"is damaged: {answer}", damage_advice(settings.data_dir))
+                    yield failed(f"is damaged: {answer}", damage_advice(settings))
                     return
                 yield ok("is intact (quick_check)")
         else:
@@ -75,7 +75,7 @@ def _check(settings: Settings, database: Database, *, whole: bool, deep: bool) -
             return
         yield ok(f"schema {current} is current")
         if deep:
-            yield from check_deep(database, session, damage_advice(settings.data_dir))
+            yield from check_deep(database, session, damage_advice(settings))
         keys = session.scalar(sa.select(sa.func.count()).where(ApiKey.revoked_at.is_(None)))
         if keys or keys_off:
             yield ok("keys are off (GRIDPOSE_AUTH)" if keys_off else f"API keys in use: {keys}")

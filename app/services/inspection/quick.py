@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 from app.services.inspection import backups, data_folder, database
-from app.services.inspection.check_result import CheckResult
+from app.services.inspection.check_result import CheckResult, guarded
 from app.settings import Settings
 
 
 def inspect_quickly(settings: Settings) -> dict[str, list[CheckResult]]:
     """Return what was found, by subject; it writes and removes one small file, as every upload does."""
+    folder = settings.data_dir
     return {
-        "Data folder": list(data_folder.check(settings)),
-        "Database": list(database.check(settings, whole=False)),
-        "Backups": list(backups.check(settings)),
+        "Data folder": guarded(data_folder.check(settings), folder),
+        "Database": guarded(database.check(settings, whole=False), folder),
+        "Backups": guarded(backups.check(settings), folder),
     }

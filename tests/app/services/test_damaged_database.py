@@ -14,7 +14,7 @@ from app.cli.context import data_failures
 from app.errors import Unavailable
 from app.logs import Sparingly
 from app.records import migrations
-from app.records.database import Database, refusals, sqlite_driver
+from app.records.database import Database, map_database_errors, sqlite_driver
 from app.services.backup import damage_advice, make_backup
 from app.services.backup.latest import FILE_NAME
 from app.services.health import check_storage
@@ -38,7 +38,7 @@ def damaged(empty_data_dir: Path, tmp_path: Path) -> Settings:
 
 def test_a_damaged_database_is_restored_from_the_backup_that_is_noted(damaged: Settings) -> None:
     (failed,) = [one for one in database.check(damaged) if one.state is State.failed]
-    assert failed.advice == damage_advice(damaged.data_dir)
+    assert failed.advice == damage_advice(damaged)
     assert "gridpose restore LAST_BACKUP" in failed.advice
     assert "backups" not in failed.advice
     (damaged.data_dir / FILE_NAME).write_text(
@@ -46,7 +46,7 @@ def test_a_damaged_database_is_restored_from_the_backup_that_is_noted(damaged: S
     )
     (damaged.data_dir / "backups").mkdir()
     (damaged.data_dir / "backups" / "gridpose-0026-20250101T000000.000000Z.sqlite3").touch()
-    advice = damage_advice(damaged.data_dir)
+    advice = damage_advice(damaged)
     assert advice.index("gridpose restore /mnt/copy") < advice.index("gridpose-0026")
 
 
@@ -66,7 +66,7 @@ def test_a_backup_of_a_damaged_database_is_refused(
     api: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def fail(*_arguments: Any) -> None:
-        with refusals(api.installation.database.damage):
+        with map_database_errors(api.installation.database.damage):
             raise sqlite_driver()[0].DatabaseError("database disk image is malformed")
 
     monkeypatch.setattr(migrations, "copy_to_file", fail)

@@ -124,7 +124,7 @@ def test_rows_that_refer_to_nothing_are_found(
     assert code == 1
     assert "rows of measurements refer to nothing in targets" in said
     assert "rows of session_targets refer to nothing in targets" in said
-    assert "restore a backup" in said
+    assert "gridpose restore" in said
 
 
 def test_damage_within_the_database_is_found(api: Any, grey_png: bytes, tmp_path: Path) -> None:

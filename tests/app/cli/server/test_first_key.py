@@ -16,10 +16,11 @@ from app.errors import Unavailable
 from app.records.audit import list_entries
 from app.records.privacy import close_to_others, exposed
 from app.services import keys
+from app.services.first_key import FIRST_KEY_FILE
 from app.services.inspection import data_folder
 from app.services.inspection.check_result import State
 from app.services.installation.context import ServiceContext
-from app.services.keys import FIRST_KEY_FILE, find_key, list_keys, revoke_key
+from app.services.keys import find_key, list_keys, revoke_key
 from app.settings import Settings
 
 posix = pytest.mark.skipif(os.name != "posix", reason="modes of files are POSIX's")
