@@ -188,7 +188,7 @@ class StorageUnusable(Unavailable):
 
     @classmethod
     def of(cls, error: OSError) -> StorageUnusable:
-        """Say what the system said, without a path, which is none of the client's business."""
+        """Say what the system said; not of which path, which clients have no use for."""
         return cls(f"The server cannot use its data folder: {error.strerror or type(error).__name__}.")
 
 

@@ -20,6 +20,7 @@ from pydantic.fields import FieldInfo
 from starlette.requests import ClientDisconnect, Request
 from starlette.responses import Response
 
+from app.api.problems import incomplete_body
 from app.errors import InvalidContent, TooLarge, Unavailable, UnsupportedContent
 from app.http import invalid_request
 
@@ -55,9 +56,7 @@ async def read_body(request: Request, limit: int) -> bytes:
                 raise _too_large(limit)
             chunks.append(chunk)
     except ClientDisconnect:
-        raise InvalidContent(
-            "The client went away before the body was complete.", code="incomplete_body"
-        ) from None
+        raise incomplete_body("body") from None
     return b"".join(chunks)
 
 

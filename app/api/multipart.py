@@ -17,6 +17,7 @@ if TYPE_CHECKING:
 MAX_FIELDS = 20
 MAX_FIELD_BYTES = 64 * 1024
 MAX_HEADER_BYTES = 16 * 1024
+_CUT_SHORT = "ends before the form does"
 
 
 @dataclass(slots=True)
@@ -45,16 +46,20 @@ async def read_form(
     """Read a form whose one file, in `file_field`, goes to `write` piece by piece."""
     reader = _Reader(file_field)
     try:
-        parser = MultipartParser(boundary, reader.callbacks())
+        # Its own limit is beyond that of the reader, which says what is too long.
+        parser = MultipartParser(boundary, reader.callbacks(), max_header_size=2 * MAX_HEADER_BYTES)
         async for chunk in chunks:
             parser.write(chunk)
             for piece in reader.take_file_data():
                 await write(piece)
-        parser.finalize()
     except FormParserError:
         raise _invalid("is not a valid multipart form") from None
+    try:
+        parser.finalize()
+    except FormParserError:
+        raise _invalid(_CUT_SHORT) from None
     if not reader.complete:
-        raise _invalid("ends before the form does")
+        raise _invalid(_CUT_SHORT)
     return reader.form
 
 

@@ -11,7 +11,7 @@ from fastapi.exceptions import RequestValidationError
 from starlette.exceptions import HTTPException
 from starlette.responses import JSONResponse, Response
 
-from app.errors import ContentEncoded, ServiceError
+from app.errors import ContentEncoded, InvalidContent, ServiceError
 from app.http import TITLES, ClientDisconnected, invalid_request, status_of
 
 MEDIA_TYPE = "application/problem+json"
@@ -30,6 +30,19 @@ _HTTP_ADVICE = {
     405: "The Allow header lists the methods this address takes.",
     413: "Send less at a time.",
 }
+
+
+NEXT_PIECE_WITHIN_S = 60.0
+"""How long nothing of a body may come until it counts as one that nobody sends any more."""
+
+
+def incomplete_body(what: str) -> InvalidContent:
+    """Return the refusal of a body that did not come whole: its client fell silent, or went away."""
+    return InvalidContent(
+        f"The {what} is incomplete: nothing more of it came for {NEXT_PIECE_WITHIN_S:.0f} s, or the connection ended.",
+        "Send it again. If it happens again, check the network and the time limits of a proxy in between.",
+        code="incomplete_body",
+    )
 
 
 def problem_response(

@@ -15,6 +15,7 @@ from typing import TypeVar
 from starlette.requests import ClientDisconnect, Request
 
 from app.api.multipart import Form, boundary_of, read_form
+from app.api.problems import incomplete_body
 from app.api.upload_threads import THREADS
 from app.blobs.local import StagedBlob
 from app.errors import InvalidContent, QuotaExceeded, TooLarge, UnsupportedContent
@@ -148,9 +149,7 @@ async def _staged(request: Request, installation: ServiceContext) -> AsyncIterat
     try:
         yield receiver
     except ClientDisconnect:
-        raise InvalidContent(
-            "The client went away before the image was complete.", code="incomplete_body"
-        ) from None
+        raise incomplete_body("image") from None
     finally:
         await receiver.discard()
 

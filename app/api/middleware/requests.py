@@ -13,7 +13,7 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from app.api.metrics import Metrics
 from app.api.middleware.client_address import client_address
-from app.api.problems import internal_problem, service_problem
+from app.api.problems import NEXT_PIECE_WITHIN_S, internal_problem, service_problem
 from app.errors import refusal_of
 from app.logs import Logger
 from app.settings import Network
@@ -25,7 +25,6 @@ _REQUEST_ID = re.compile(r"[A-Za-z0-9._-]{1,64}")
 _DRAIN_BYTES = 256 * 1024 * 1024
 _DRAIN_S = 5.0
 _MAX_DIGITS = 20
-_NEXT_PIECE_WITHIN_S = 60.0
 _QUIET = ("/livez", "/readyz", "/metrics")
 _CONTENT_SECURITY_POLICY = (
     "default-src 'none'; script-src 'self'; style-src 'self' 'unsafe-inline'; img-src 'self' data:; "
@@ -123,7 +122,7 @@ class _Exchange:
         if self._body_complete:
             return await self._receive()
         try:
-            async with asyncio.timeout(_NEXT_PIECE_WITHIN_S):
+            async with asyncio.timeout(NEXT_PIECE_WITHIN_S):
                 message = await self._receive()
         except TimeoutError:
             # A client that fell silent is as good as gone; its connection is closed after the answer.

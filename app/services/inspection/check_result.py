@@ -7,6 +7,10 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
+from sqlalchemy.exc import DBAPIError
+
+from app.errors import ServiceError
+
 
 class State(enum.Enum):
     ok = enum.auto()
@@ -45,10 +49,12 @@ def unusable(error: OSError, place: Path) -> CheckResult:
 
 
 def guarded(results: Iterator[CheckResult], place: Path) -> list[CheckResult]:
-    """Return what a check of `place` found; a file that it may not read ends the check as a failure of its own."""
+    """Return what a check of `place` found; what it may not read, and a database, end it as a failure of its own."""
     found: list[CheckResult] = []
     try:
         found.extend(results)
     except OSError as error:
         found.append(unusable(error, place))
+    except (ServiceError, DBAPIError):
+        found.append(failed("not checked: the database cannot be used", "See the checks of the database."))
     return found

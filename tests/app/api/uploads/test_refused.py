@@ -62,6 +62,24 @@ def test_a_broken_form_is_refused(api: Any, body: bytes) -> None:
     assert files_of(api) == []
 
 
+def test_a_form_that_is_cut_short_and_one_with_a_long_head_are_distinguished(api: Any) -> None:
+    part = b'--B\r\nContent-Disposition: form-data; name="image"; filename="x"\r\n'
+    said = [
+        api.client.post(
+            f"/v1/sessions/{api.make_session()}/images",
+            content=body,
+            headers={"Content-Type": "multipart/form-data; boundary=B"},
+        ).json()
+        for body in (
+            part + b"\r\nabc",
+            part + b"X-Long: " + b"a" * 20_000 + b"\r\n\r\nabc\r\n--B--\r\n",
+            b"no",
+        )
+    ]
+    assert {one["code"] for one in said} == {"invalid_form"}
+    assert len({one["errors"][0]["message"] for one in said}) == 3
+
+
 @pytest.mark.parametrize(
     "media_type", ["application/json", "multipart/form-data", "text/plain", "multipart/form-data; boundary="]
 )
