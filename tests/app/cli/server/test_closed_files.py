@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import errno
 import os
+import shutil
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -134,3 +135,13 @@ def test_settings_that_nothing_reads_are_found_with_what_is_like_them() -> None:
         ("GRIDPOSE_RETENTION_DAY", "GRIDPOSE_RETENTION_DAYS"),
         ("GRIDPOSE_WORKER", "GRIDPOSE_WORKERS"),
     ]
+
+
+def test_a_start_on_a_full_disk_says_so(
+    folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    usage = shutil.disk_usage(folder)
+    monkeypatch.setattr(shutil, "disk_usage", lambda _path: usage._replace(free=4096))
+    with pytest.raises(typer.Exit), data_failures(Settings(data_dir=folder)):
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+    assert "4096" in capsys.readouterr().err
