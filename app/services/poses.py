@@ -14,7 +14,7 @@ from app.records.ids import new_id
 from app.records.pagination import page
 from app.records.statements import Rows, Statement, rows_of
 from app.records.tables import Pose, Session
-from app.services.joint_numbers import require_joints
+from app.services.plausibility import require_joints
 from app.services.queries import get_or_raise
 
 _COLUMNS = tuple(Pose.__table__.c.keys())

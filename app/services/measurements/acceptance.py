@@ -20,8 +20,8 @@ from app.records.ids import is_id, new_id
 from app.records.statements import Rows, Statement
 from app.records.tables import Measurement, Pose, Session, SessionTarget
 from app.services.installation.context import ServiceContext
-from app.services.joint_numbers import require_joints
 from app.services.measurements.quota import count_upload
+from app.services.plausibility import require_joints
 from app.services.poses import ensure_pose
 from app.services.queries import NOUNS, may_see_session
 

@@ -20,10 +20,10 @@ from app.records.activity import maker_name, note_objects
 from app.records.statements import rows_of
 from app.records.tables import Measurement, Session
 from app.services.installation.context import ServiceContext
-from app.services.joint_numbers import require_joints
 from app.services.measurements.acceptance import require_cycle, stored_burst
 from app.services.measurements.reading import MeasurementDetail, get_measurement
 from app.services.originals import finish_soon, record_removals
+from app.services.plausibility import require_joints
 from app.services.poses import get_or_create_pose
 from app.services.queries import get_or_raise
 

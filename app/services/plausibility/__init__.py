@@ -1,5 +1,6 @@
-"""Values that are almost surely in another unit than their names say: metres, radians."""
+"""Values in another unit than their names say (metres, radians), and joint angles of another number than the joints."""
 
+from app.services.plausibility.joint_numbers import require_joints
 from app.services.plausibility.readings import check_readings
 from app.services.plausibility.stated_values import (
     MAX_PARALLEL,
@@ -24,4 +25,5 @@ __all__ = [
     "check_pitch",
     "check_pitch_uncertainty",
     "check_readings",
+    "require_joints",
 ]
