@@ -167,7 +167,7 @@ def _reversed(found: dict[tuple[int, ...], Misfit], as_given: Misfit, extent: fl
         f"count{'s' if len(best) == 1 else ''} the other way.{also}",
         f"Reverse the sign of the angles of {which} in the poses. If the controller counts so, state it with the "
         f"robot: {coupling} after the joints (`gridpose robots change`, or `create`), or -1 on the diagonal of "
-        "joint_coupling. Check the nominal's alpha_deg, too: a wrong sign of one may look the same.",
+        "joint_coupling. Check the nominal's α, too: a wrong sign of one may look the same.",
     )
 
 

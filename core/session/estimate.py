@@ -17,7 +17,7 @@ MIN_OTHER_SETTING = 3
 """Images of a focus group that do not fit its camera, from which on they may be of another setting of the lens."""
 _LOOK_ADVICE = "Look at their failures and overlays, and upload better ones of these poses if need be."
 _OTHER_SETTING_ADVICE = (
-    "Look at their failures and overlays. Sound images with not_converged may be of another setting of the lens "
+    "Look at their failures and overlays. Sound images that did not converge may be of another setting of the lens "
     "(focus, zoom) or another camera: give these a focus_group of their own. Upload better ones of the others "
     "if need be."
 )

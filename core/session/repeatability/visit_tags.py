@@ -134,7 +134,7 @@ def tag_warnings(tags: VisitTags) -> list[Advisory]:
                 f"own. Of {pose_id}, {visits} visits have {different} different cycles; several have cycle "
                 f"{listed(str(cycle) for cycle in cycles)}. Intervals are too narrow if they are images of one stop. "
                 "The verdict robot is withheld, and nothing is decided by these poses.",
-                "Images of one stop: state `burst` 1, 2, ... with them. Visits of their own: give each its own cycle "
+                "Images of one stop: state burst 1, 2, ... with them. Visits of their own: give each its own cycle "
                 "(`gridpose measurements correct`).",
             )
         )
