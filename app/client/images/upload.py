@@ -11,7 +11,7 @@ import threading
 import time
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 from ..http import ClientError, Json, ServiceClient
@@ -97,13 +97,16 @@ def upload_files(
     wanted = client.missing_images(
         session_id, sorted({(f.pose_id, h) for f, h in hashes.items()}), target_id=target_id
     )
-    to_send: list[ImageFile] = []
+    first: dict[tuple[str, str], ImageFile] = {}
+    copies: list[tuple[ImageFile, ImageFile]] = []  # a second copy in the folder is not sent
     for file, sha256 in hashes.items():
-        if (file.pose_id, sha256) in wanted:
-            wanted.remove((file.pose_id, sha256))  # a second copy in the folder is sent once
-            to_send.append(file)
-        else:
+        image = (file.pose_id, sha256)
+        if image not in wanted:
             finish(UploadResult(file, "present", sha256))
+        elif image in first:
+            copies.append((file, first[image]))
+        else:
+            first[image] = file
 
     def send(file: ImageFile) -> None:
         if stopped:
@@ -141,10 +144,13 @@ def upload_files(
 
     pool = ThreadPoolExecutor(max_workers=parallel, thread_name_prefix="upload")
     try:
-        for future in [pool.submit(send, file) for file in to_send]:
+        for future in [pool.submit(send, file) for file in first.values()]:
             future.result()
     finally:
         pool.shutdown(wait=True, cancel_futures=True)
+    for file, sent in copies:
+        of_sent = outcomes[sent]
+        finish(replace(of_sent, file=file, status="present" if of_sent.status == "sent" else of_sent.status))
     return [outcomes[file] for file in images]
 
 

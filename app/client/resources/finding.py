@@ -31,6 +31,8 @@ _FORM_FIELDS = {
     "u": "pitch_standard_uncertainty_mm",
     "pitch_standard_uncertainty_mm": "pitch_standard_uncertainty_mm",
 }
+_NAMED = 5
+"""Ids that a message lists."""
 _TRUTHS = {"true": True, "yes": True, "false": False, "no": False}
 
 
@@ -108,9 +110,12 @@ def existing_session(client: ServiceClient, session: str) -> Json | None:
     """Return the session with this id or name, or None. Raises ClientError `session_ambiguous`."""
     matches = _matching(client, "/v1/sessions", session)
     if len(matches) > 1:
-        ids = ", ".join(entry["id"] for entry in matches)
+        ids = ", ".join(entry["id"] for entry in matches[:_NAMED])
+        more = f" and {len(matches) - _NAMED} more" if len(matches) > _NAMED else ""
         raise ClientError(
-            "session_ambiguous", f"Several sessions have the name {session!r}: {ids}.", "Give the id."
+            "session_ambiguous",
+            f"{len(matches)} sessions have the name {session!r}: {ids}{more}.",
+            "Give the id; `gridpose sessions list` shows them.",
         )
     return matches[0] if matches else None
 
