@@ -109,7 +109,13 @@ def test_results_of_before_get_the_hash_of_their_arrays(database: Database, tmp_
     migrations.upgrade(database, tmp_path)
     before = fill(database)
     rows = [
-        {**before["measurements"][0], "id": new_id("mea"), "sha256": f"{k:064}", "seeks_target": False}
+        {
+            **before["measurements"][0],
+            "id": new_id("mea"),
+            "sha256": f"{k:064}",
+            "seeks_target": False,
+            "stated_target_id": before["measurements"][0]["target_id"],
+        }
         for k in range(1, 1204)
     ]
     kinds = [(None, None), (b"", None), (b"\1\2", b"\3"), (b"\1", b"\2\3")]

@@ -137,7 +137,7 @@ def test_an_exclusion_by_keyboard_alone_changes_the_table(cell: Cell, open_page:
     assert not api.measurement(excluded[0]["id"])["excluded"]
     page.fill("#c-pose", "P1 with a blank")
     page.click(".corrections >> text=Save")
-    page.wait_for_selector(".field-problem:has-text('Pose: may hold letters, digits')")
+    page.wait_for_selector(".field-problem:has-text('Pose: may hold the letters')")
     page.troubles.clear()  # the browser logs the refusal that was asked for
     page.keyboard.press("Escape")
     page.evaluate("document.activeElement.blur()")
@@ -261,7 +261,7 @@ def test_a_report_is_ordered_downloaded_and_verified(cell: Cell, open_page: Open
     assert download.value.path().read_bytes().startswith(b"%PDF-")
     page.click("text=To be filed")
     page.wait_for_url("**/ui/reports/rep_*")
-    assert "R. Meier, operator; M. Ito" in page.inner_text("main")
+    assert "R. Meier (operator), M. Ito" in page.inner_text("main")
     page.click("text=From the original images")
     page.wait_for_selector("#verification >> text=It agrees", timeout=120_000)
     assert "give the stored points to the last bit" in page.inner_text("#verification")

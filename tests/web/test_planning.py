@@ -82,7 +82,7 @@ def test_a_sheet_that_was_measured_and_a_session_with_another_target_are_stated(
     page.troubles.clear()  # the refusal, which the console names as well
     session_id = cell.api.make_session(cell.target_id, name="Wrong board")
     page.goto(f"/ui/sessions/{session_id}")
-    page.click("text=Change name, target, robot or camera mount")
+    page.click("text=Change name, target, camera mount")
     page.fill("#name", "Right board")
     page.uncheck(f"[value={cell.target_id}]")
     page.check(f"[value={target}]")

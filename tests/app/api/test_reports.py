@@ -230,7 +230,7 @@ def test_a_report_is_computed_from_what_it_was_made_from_until_grid_points_are_d
     assert verified()["is_current"]
     change(f"/v1/measurements/{ids[0]}", pose_id="P2", cycle=9)
     change(f"/v1/measurements/{ids[1]}", excluded={"reason": "hand in view"})
-    change(f"/v1/measurements/{ids[2]}", focus_group="far", joint_angles_deg=[1.0])
+    change(f"/v1/measurements/{ids[2]}", focus_group="far", joint_angles_deg=[1.0] * 6)
     change(f"/v1/robots/{robot_id}", datasheet_repeatability_mm=0.001)
     change(f"/v1/sessions/{session_id}", robot_id=None, lens={"focal_length_mm": 8.0, "pixel_pitch_um": 5.0})
     store_shots(running, session_id, shots[7:], target_id)

@@ -12,7 +12,7 @@ from app.client.resources.finding import existing_session
 
 
 class Lacking:
-    """A service that lacks every image, and refuses those that it is told to."""
+    """A service that lacks every image, and refuses them or not."""
 
     def __init__(self, *, refuses: bool) -> None:
         self.refuses = refuses

@@ -221,12 +221,15 @@ def test_it_says_first_what_it_will_do_and_leaves_nothing_behind(
 
 
 @pytest.mark.parametrize(
-    ("target", "advice"),
-    [("charuco:9x6,edge=3", "charuco:9x6:25,marker=18"), ("board of the day", "gridpose targets list")],
+    ("target", "code", "advice"),
+    [
+        ("charuco:9x6,edge=3", 2, "charuco:9x6:25,marker=18"),  # the option cannot be used; nothing was sent
+        ("board of the day", 1, "gridpose targets list"),
+    ],
 )
 def test_a_target_that_cannot_be_read_shows_the_right_form(
-    service: ServiceProcess, folder: Path, target: str, advice: str
+    service: ServiceProcess, folder: Path, target: str, code: int, advice: str
 ) -> None:
-    code, said = upload(service, folder, "--session", "Cell 10", "--target", target)
-    assert code == 1
+    ended, said = upload(service, folder, "--session", "Cell 10", "--target", target)
+    assert ended == code
     assert advice in " ".join(said.split())

@@ -244,13 +244,6 @@ class WitnessRead(ResponseModel):
         bool, Field(description="Whether the motion is subtracted from the positions of all poses.")
     ]
     shift_mm: Annotated[Vector, Field(description="From its first cycle to its last along x, y, z, mm.")]
-    shift_degrees_of_freedom: Annotated[
-        Vector,
-        Field(
-            description="Of `shift_standard_uncertainty_mm`, by Welch and Satterthwaite of both blocks.",
-            examples=[[17.2, 16.4, 17.9]],
-        ),
-    ]
     shift_distance_mm: Annotated[float, Field(description="Length of `shift_mm`, mm.")]
     motion: Annotated[list[WitnessStep], Field(description="Cycle by cycle; zero where nothing moved.")]
 
