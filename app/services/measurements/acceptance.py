@@ -60,17 +60,8 @@ _KNOWN = Statement(
 """Whether any measurement is of this original, and whether the session knows the pose."""
 _COLUMNS = (
     *("id", "session_id", "pose_id", "target_id", "seeks_target", "stated_target_id", "cycle", "burst"),
-    *(
-        "focus_group",
-        "joint_angles_deg",
-        "captured_at",
-        "received_at",
-        "sha256",
-        "filename",
-        "pose_label",
-        "bytes",
-    ),
-    *("image_format", "image_width_px", "image_height_px", "status", "attempts", "made_by"),
+    *("focus_group", "joint_angles_deg", "captured_at", "received_at", "sha256", "filename", "pose_label"),
+    *("bytes", "image_format", "image_width_px", "image_height_px", "status", "attempts", "made_by"),
 )
 _ADD = Statement(sa.insert(Measurement), _COLUMNS)
 
