@@ -5,6 +5,7 @@ from __future__ import annotations
 import sqlite3
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
+from threading import Timer
 
 import pytest
 import sqlalchemy as sa
@@ -83,6 +84,23 @@ def test_sqlite_is_set_up_to_lose_nothing(tmp_path: Path) -> None:
     database.dispose()
     module, bundled = sqlite_driver()
     assert bundled == (module is not sqlite3)
+
+
+def test_a_new_file_that_another_process_writes_is_waited_for(tmp_path: Path) -> None:
+    """Two first starts at once: one of them failed, since SQLite refuses to change the mode without waiting."""
+    path = tmp_path / "x.sqlite3"
+    module, _ = sqlite_driver()
+    other = module.connect(path, isolation_level=None, check_same_thread=False)
+    for statement in ("CREATE TABLE t (a)", "BEGIN IMMEDIATE", "INSERT INTO t VALUES (1)"):
+        other.execute(statement)
+    commit = Timer(0.3, other.execute, ["COMMIT"])
+    commit.start()
+    database = Database(f"sqlite:///{path}")
+    with database.engine.connect() as connection:
+        assert connection.exec_driver_sql("PRAGMA journal_mode").scalar() == "wal"
+    database.dispose()
+    commit.join()
+    other.close()
 
 
 def test_concurrent_increments_are_all_kept(database: Database, tmp_path: Path) -> None:

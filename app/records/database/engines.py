@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sqlite3
+import time
 from functools import partial
 from types import ModuleType
 from typing import Any
@@ -99,7 +100,7 @@ def sqlite_engine(url: sa.URL, *, begin: str, connections: int) -> sa.Engine:
         # A text that is no UTF-8 would end the whole query as if the database were out of order.
         connection.text_factory = _SQLITE_TEXT
         cursor = connection.cursor()
-        cursor.execute("PRAGMA journal_mode=WAL")
+        _write_ahead(cursor)
         cursor.execute("PRAGMA synchronous=FULL")
         cursor.execute("PRAGMA foreign_keys=ON")
         # KiB a connection. The system keeps the file's pages, too; a larger cache fills as the database grows, so that
@@ -112,3 +113,17 @@ def sqlite_engine(url: sa.URL, *, begin: str, connections: int) -> sa.Engine:
         connection.exec_driver_sql(begin)
 
     return engine
+
+
+def _write_ahead(cursor: Any) -> None:
+    """Have SQLite write ahead. It does not wait for others to change a new file's mode: two first starts collided."""
+    deadline = time.monotonic() + BUSY_TIMEOUT_S
+    while True:
+        try:
+            cursor.execute("PRAGMA journal_mode=WAL")
+        except (sqlite3.OperationalError, sqlite_driver()[0].OperationalError) as error:
+            if error.sqlite_errorcode != sqlite3.SQLITE_BUSY or time.monotonic() > deadline:
+                raise
+            time.sleep(0.02)
+        else:
+            return
