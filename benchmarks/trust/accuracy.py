@@ -28,12 +28,14 @@ CUBE = np.array([[0, 0, 0], [1, 1, 1], [-1, -1, 1], [1, -1, -1], [-1, 1, -1]], d
 
 @dataclass(frozen=True)
 class Layout:
-    """Commanded poses: how many, in which orientations, with which noise of a mean pose and number of cycles."""
+    """Commanded poses: how many and in which orientations; what the robot is off and scatters by; number of cycles."""
 
     name: str
     count: int
     orientations: str = "one"  # one, any, or unknown
     cycles: int = 10
+    deviation_mm: float = DEVIATION_MM
+    scatter_mm: float = SCATTER_MM
 
 
 LAYOUTS = (
@@ -49,6 +51,12 @@ DRIFTING = (
     Layout("six poses, any orientation", 6, "any", cycles=20),
     Layout("ten poses, any orientation", 10, "any", cycles=20),
 )
+RESTLESS = (
+    Layout("five cube poses, three cycles, scatter ten times the deviation", 5, "one", 3, 0.01, 0.1),
+    Layout("five cube poses, ten cycles, scatter ten times the deviation", 5, "one", 10, 0.01, 0.1),
+    Layout("five cube poses, ten cycles, scatter three times the deviation", 5, "one", 10, 0.03, 0.1),
+)
+"""Where the mean pose scatters as much as the robot is off, or more, the length that is read is mostly noise."""
 
 
 def simulate(rng: np.random.Generator, layout: Layout) -> tuple[Accuracy, np.ndarray, np.ndarray]:
@@ -73,7 +81,7 @@ def simulate_visits(
         turns = rng.normal(0.0, 0.4, (n, 3))
     base = transform(so3_exp(rng.normal(0.0, 1.0, 3)), rng.normal(0.0, 500.0, 3))
     mount = transform(so3_exp(rng.normal(0.0, 1.0, 3)), rng.normal(0.0, 80.0, 3))
-    off, turned = rng.normal(0.0, DEVIATION_MM, (n, 3)), rng.normal(0.0, DEVIATION_RAD, (n, 3))
+    off, turned = rng.normal(0.0, layout.deviation_mm, (n, 3)), rng.normal(0.0, DEVIATION_RAD, (n, 3))
     moved = rng.normal(0.0, drift_mm, (n, 3)) if drift_mm else np.zeros((n, 3))
     if layout.orientations == "one":
         # What is measured is the point in the camera's centre: its own deviation is the truth, lever arm included.
@@ -90,7 +98,7 @@ def simulate_visits(
             late = float(2 * cycle > layout.cycles)
             attained = transform(
                 so3_exp(turned[i] + rng.normal(0.0, SCATTER_RAD, 3)) @ R,
-                places[i] + off[i] + late * moved[i] + rng.normal(0.0, SCATTER_MM, 3),
+                places[i] + off[i] + late * moved[i] + rng.normal(0.0, layout.scatter_mm, 3),
             )
             T = np.linalg.inv(base) @ attained @ mount
             noise = np.diag([0.01**2] * 3 + [math.radians(0.001) ** 2] * 3)
@@ -171,6 +179,10 @@ def trust_rows(seeds: Sequence[int], quick: bool) -> Iterator[Row]:
         yield Row.within(f"AP: {layout.name}: coverage by axis", 100.0 * axes, 92.0, 98.0, "%")
         if math.isfinite(turn):
             yield Row.within(f"AP: {layout.name}: orientation, reported ÷ true, rms", turn, 0.95, 1.1)
+    for layout in RESTLESS:
+        coverage = 100.0 * float(np.mean([measure(layout, robots, seed).coverage for seed in seeds]))
+        note = f"{robots * len(seeds)} robots, off by {layout.deviation_mm} mm along each axis"
+        yield Row.within(f"AP: {layout.name}: coverage of AP_p", coverage, 92.0, 98.0, "%", note)
     for layout in DRIFTING:
         ratios = np.concatenate([_drift_ratios(layout, robots, seed) for seed in seeds])
         note = f"{robots * len(seeds)} robots that drift by {DRIFT_MM} mm along each axis, 20 cycles"
