@@ -7,9 +7,11 @@ from core.session.commanded_poses.hand_eye import (
     SessionHandEye,
     calibrate_session_hand_eye,
 )
+from core.session.commanded_poses.other_mount import MOUNT_UNLIKELY
 from core.session.commanded_poses.units import UnitContradiction, contradicted_unit
 
 __all__ = [
+    "MOUNT_UNLIKELY",
     "SCALE_MISMATCHES",
     "Accuracy",
     "HandEyeStation",

@@ -20,6 +20,7 @@ from core.session.model import CameraMount
 
 MAX_SHARE = 0.3
 """Of the deviations: where the other mount leaves less, of positions and of rotations, it is the likely one."""
+MOUNT_UNLIKELY = "camera_mount_unlikely"
 RESIDUALS_LARGE = "hand_eye_residuals_large"
 _SAID = {
     "robot": "With the camera fixed and the target on the flange",
@@ -58,7 +59,7 @@ def far_better(
     if any(one > MAX_SHARE * before for one, before in zip(found, deviations, strict=True)):
         return None
     return Advisory(
-        "camera_mount_unlikely",
+        MOUNT_UNLIKELY,
         f"{_SAID[mount]} the same poses agree to {found[0]:.2g} mm and {math.degrees(found[1]):.2g}°.",
         _ADVICE[mount],
     )

@@ -26,7 +26,7 @@ from core.metrology import (
     repeatability_reading,
     scatter_flaw,
 )
-from core.session.commanded_poses import SCALE_MISMATCHES
+from core.session.commanded_poses import MOUNT_UNLIKELY, SCALE_MISMATCHES
 from core.session.model import SessionData, natural
 from core.session.repeatability.assessment import SessionRepeatability
 from core.session.repeatability.pose_rows import PoseRow, figures_by_itself
@@ -34,6 +34,7 @@ from core.session.repeatability.pose_rows import PoseRow, figures_by_itself
 UNDETERMINED = "whose accuracy is not determined"
 UNITS = "measured and commanded poses are not in one unit"
 SCALE = "measured and commanded distances differ by one factor"
+MOUNT = "the poses agree far better with the camera mounted the other way"
 UNSCALED = "before a target whose pitch has no stated uncertainty"
 CLEAR_SHARE = 1.0 / 3.0
 """Of the limit: no pose whose upper limit is below it is looked at by itself, which takes a tenth of a second."""
@@ -88,10 +89,13 @@ def assess_acceptance(data: SessionData, found: SessionRepeatability) -> Session
     accuracy = _decided(
         data.datasheet.accuracy_mm, {p: _deviation(found, rows.get(p)) for p in commanded}, off
     )
+    codes = {warning.code for warning in found.accuracy.warnings}
     if found.units is not None:
         repeatability, accuracy = _without_decision(repeatability, UNITS), _without_decision(accuracy, UNITS)
-    elif any(warning.code in SCALE_MISMATCHES for warning in found.accuracy.warnings):
+    elif codes & SCALE_MISMATCHES:
         accuracy = _without_decision(accuracy, SCALE)
+    elif MOUNT_UNLIKELY in codes:
+        accuracy = _without_decision(accuracy, MOUNT)
     excluded = sum(len(row.excluded) for row in found.poses)
     limitations = (
         [f"{excluded} measurement{'s do' if excluded > 1 else ' does'} not count"] if excluded else []
@@ -105,7 +109,7 @@ def assess_acceptance(data: SessionData, found: SessionRepeatability) -> Session
 
 
 def _without_decision(of_limit: LimitAcceptance | None, reason: str) -> LimitAcceptance | None:
-    """Return what is decided where measured and commanded poses contradict one another in unit or scale: nothing."""
+    """Return what is decided where measured and commanded poses contradict one another as a whole: nothing."""
     if of_limit is None:
         return None
     return replace(of_limit, pose_id=None, found=Acceptance(Decision.INCONCLUSIVE, None, reason))
