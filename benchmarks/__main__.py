@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import argparse
 import importlib
+import inspect
 import os
 import pkgutil
 import platform
@@ -17,6 +18,7 @@ import time
 from collections.abc import Callable, Iterable
 from datetime import UTC, datetime
 from pathlib import Path
+from types import ModuleType
 
 import cv2
 import numpy as np
@@ -33,8 +35,9 @@ Rows = Callable[[list[int], bool], Iterable[Row]]
 PROFILES: dict[str, Rows] = {"upload": lambda seeds, quick: profile_rows(seeds[0], quick)}
 HEAD = """# Measured
 
-Written by `make bench`; each section states the machine and the day of its own run. Ratios compare
-within one run, accuracy is against rendered or drawn truth. Goals not met say NO and stay in the table.
+Written by `make bench`; each section states the machine and the day of its own run, and what it
+measures. Ratios compare within one run, accuracy is against rendered or drawn truth. Goals not met say
+NO and stay in the table.
 """
 GOALS_HEAD = """Every number to reach, from the latest run of each section; `python -m benchmarks --goals` prints the
 table without running anything. Of more than three figures the smallest and the largest stand here; one that is short
@@ -80,7 +83,8 @@ def main() -> int:
         seconds = time.perf_counter() - started
         console.print(_table(name, rows))
         if not (arguments.no_write or arguments.quick):
-            body = f"{_conditions(seeds, seconds, load)}\n\n{markdown(rows)}"
+            said = [_conditions(seeds, seconds, load), *_subject(modules.get(name)), markdown(rows)]
+            body = "\n\n".join(said)
             document = RESULTS.read_text(encoding="utf-8") if RESULTS.exists() else HEAD
             RESULTS.write_text(with_section(document, name, body), encoding="utf-8")
     if arguments.profile is not None:
@@ -91,6 +95,11 @@ def main() -> int:
     if not arguments.no_write:
         RESULTS.write_text(with_goals(document, outcomes), encoding="utf-8")
     return 0
+
+
+def _subject(module: ModuleType | None) -> list[str]:
+    """Return what a section's module says it measures."""
+    return [] if module is None else [inspect.cleandoc(module.__doc__ or "")]
 
 
 def with_goals(document: str, outcomes: list[Outcome]) -> str:

@@ -5,8 +5,8 @@ photographs of its set, on the same grid points. Nothing of the fit was chosen o
 published calibrations of other cameras. The references have uncertainties of their own, so that a row says how errors
 compare with both. The estimator `per_image_session_prior` is measured on all photographs, too: its lens is that of the
 set's other photographs; with a lens beyond Brown's model the reference is Gridpose's own pooled camera of these. The
-naive recipe is `cv2.calibrateCamera` on the one view, principal point
-held at the centre, square pixels, no tangential distortion.
+naive recipe is `cv2.calibrateCamera` on the one view, principal point held at the centre, square pixels, no tangential
+distortion.
 """
 
 from __future__ import annotations
