@@ -16,6 +16,7 @@ References: D. C. Brown, "Close-range camera calibration", Photogrammetric Engin
 from __future__ import annotations
 
 from dataclasses import dataclass, fields
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float
@@ -61,8 +62,12 @@ class Camera(PinholeIntrinsics):
 
 def project(points_camera: Float[np.ndarray, "n 3"], camera: Camera) -> Float[np.ndarray, "n 2"]:
     """Project points of the camera frame (mm, Z > 0) to pixels."""
-    pixels, _, _ = project_with_jacobian(points_camera, camera)
-    return pixels.T.copy()
+    Z_inverse = 1.0 / points_camera[:, 2]
+    distorted = _distorted(_powers(points_camera[:, 0] * Z_inverse, points_camera[:, 1] * Z_inverse), camera)
+    pixels = np.empty((len(points_camera), 2))
+    pixels[:, 0] = camera.fx_px * distorted[0] + camera.cx_px
+    pixels[:, 1] = camera.fy_px * distorted[1] + camera.cy_px
+    return pixels
 
 
 def project_with_jacobian(
@@ -76,7 +81,9 @@ def project_with_jacobian(
     """
     Z_inverse = 1.0 / points_camera[:, 2]
     x, y = points_camera[:, 0] * Z_inverse, points_camera[:, 1] * Z_inverse
-    distorted, (xx, xy, yy), by_camera = _distort(x, y, camera)
+    powers = _powers(x, y)
+    distorted, (xx, xy, yy) = _distorted(powers, camera), _slopes(powers, camera)
+    by_camera = _by_coefficients(powers)
     pixels = np.empty_like(distorted)
     pixels[0] = camera.fx_px * distorted[0] + camera.cx_px
     pixels[1] = camera.fy_px * distorted[1] + camera.cy_px
@@ -94,36 +101,63 @@ def project_with_jacobian(
     return pixels, by_camera, by_point
 
 
-def _distort(
-    x: Float[np.ndarray, " n"], y: Float[np.ndarray, " n"], camera: Camera
-) -> tuple[Float[np.ndarray, "2 n"], tuple[Float[np.ndarray, " n"], ...], Float[np.ndarray, "9 2 n"]]:
-    """Return (x', y'), the derivatives (dx'/dx, dx'/dy = dy'/dx, dy'/dy), and d(x', y')/dk in rows 4-8 of
-    nine.
-    """
-    k1, k2, p1, p2, k3 = camera.k1, camera.k2, camera.p1, camera.p2, camera.k3
-    x2, y2, xy2 = x * x, y * y, 2.0 * (x * y)
+class _Powers(NamedTuple):
+    """Of normalised places (x, y): what every formula of the distortion is made of."""
+
+    x: Float[np.ndarray, " n"]
+    y: Float[np.ndarray, " n"]
+    x2: Float[np.ndarray, " n"]
+    y2: Float[np.ndarray, " n"]
+    xy2: Float[np.ndarray, " n"]
+    r2: Float[np.ndarray, " n"]
+    r4: Float[np.ndarray, " n"]
+
+
+def _powers(x: Float[np.ndarray, " n"], y: Float[np.ndarray, " n"]) -> _Powers:
+    x2, y2 = x * x, y * y
     r2 = x2 + y2
-    r4 = r2 * r2
-    by_camera = np.zeros((9, 2, len(x)))
-    np.multiply(x, r2, out=by_camera[4, 0])
-    np.multiply(y, r2, out=by_camera[4, 1])
-    np.multiply(by_camera[4], r2, out=by_camera[5])
-    np.multiply(by_camera[5], r2, out=by_camera[8])
-    by_camera[6, 0] = by_camera[7, 1] = xy2
-    np.add(r2, 2.0 * y2, out=by_camera[6, 1])
-    np.add(r2, 2.0 * x2, out=by_camera[7, 0])
-    radial = 1.0 + k1 * r2 + k2 * r4
-    slope = 2.0 * k1 + 4.0 * k2 * r2  # dg/dx = slope·x
-    if k3:
-        radial += k3 * (r4 * r2)
-        slope += 6.0 * k3 * r4
-    distorted = np.empty((2, len(x)))
-    distorted[0] = x * radial + p1 * xy2 + p2 * by_camera[7, 0]
-    distorted[1] = y * radial + p1 * by_camera[6, 1] + p2 * xy2
-    dxx = radial + slope * x2 + (2.0 * p1) * y + (6.0 * p2) * x
-    dyy = radial + slope * y2 + (6.0 * p1) * y + (2.0 * p2) * x
-    dxy = (0.5 * slope) * xy2 + (2.0 * p1) * x + (2.0 * p2) * y
-    return distorted, (dxx, dxy, dyy), by_camera
+    return _Powers(x, y, x2, y2, 2.0 * (x * y), r2, r2 * r2)
+
+
+def _radial(of: _Powers, camera: Camera) -> Float[np.ndarray, " n"]:
+    radial = 1.0 + camera.k1 * of.r2 + camera.k2 * of.r4
+    if camera.k3:
+        radial += camera.k3 * (of.r4 * of.r2)
+    return np.asarray(radial)
+
+
+def _distorted(of: _Powers, camera: Camera) -> Float[np.ndarray, "2 n"]:
+    """Return (x', y')."""
+    p1, p2, radial = camera.p1, camera.p2, _radial(of, camera)
+    distorted = np.empty((2, len(of.x)))
+    distorted[0] = of.x * radial + p1 * of.xy2 + p2 * (of.r2 + 2.0 * of.x2)
+    distorted[1] = of.y * radial + p1 * (of.r2 + 2.0 * of.y2) + p2 * of.xy2
+    return distorted
+
+
+def _slopes(of: _Powers, camera: Camera) -> tuple[Float[np.ndarray, " n"], ...]:
+    """Return dx'/dx, dx'/dy = dy'/dx and dy'/dy."""
+    p1, p2, radial = camera.p1, camera.p2, _radial(of, camera)
+    slope = 2.0 * camera.k1 + 4.0 * camera.k2 * of.r2  # dg/dx = slope·x
+    if camera.k3:
+        slope += 6.0 * camera.k3 * of.r4
+    dxx = radial + slope * of.x2 + (2.0 * p1) * of.y + (6.0 * p2) * of.x
+    dyy = radial + slope * of.y2 + (6.0 * p1) * of.y + (2.0 * p2) * of.x
+    dxy = (0.5 * slope) * of.xy2 + (2.0 * p1) * of.x + (2.0 * p2) * of.y
+    return dxx, dxy, dyy
+
+
+def _by_coefficients(of: _Powers) -> Float[np.ndarray, "9 2 n"]:
+    """Return d(x', y')/dk in rows 4-8 of nine, the others zero."""
+    by_camera = np.zeros((9, 2, len(of.x)))
+    np.multiply(of.x, of.r2, out=by_camera[4, 0])
+    np.multiply(of.y, of.r2, out=by_camera[4, 1])
+    np.multiply(by_camera[4], of.r2, out=by_camera[5])
+    np.multiply(by_camera[5], of.r2, out=by_camera[8])
+    by_camera[6, 0] = by_camera[7, 1] = of.xy2
+    np.add(of.r2, 2.0 * of.y2, out=by_camera[6, 1])
+    np.add(of.r2, 2.0 * of.x2, out=by_camera[7, 0])
+    return by_camera
 
 
 def undistort_points(
@@ -139,10 +173,11 @@ def undistort_points(
     )
     normalised = target.copy()
     for _ in range(iterations):
-        distorted, (dxx, dxy, dyy), _ = _distort(normalised[0], normalised[1], camera)
-        error = target - distorted
+        powers = _powers(normalised[0], normalised[1])
+        error = target - _distorted(powers, camera)
         if not np.any(np.abs(error) > 1e-14):
             break
+        dxx, dxy, dyy = _slopes(powers, camera)
         # Held away from zero: past the fold Newton's step has no meaning, only a bound.
         determinant = np.maximum(dxx * dyy - dxy * dxy, 0.05)
         step = np.array([dyy * error[0] - dxy * error[1], dxx * error[1] - dxy * error[0]]) / determinant

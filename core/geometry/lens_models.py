@@ -28,7 +28,7 @@ from typing import Literal
 import numpy as np
 from jaxtyping import Float
 
-from core.geometry.camera import Camera, PinholeIntrinsics, project_with_jacobian
+from core.geometry.camera import Camera, PinholeIntrinsics, project, project_with_jacobian
 
 LensModel = Literal["brown", "kannala_brandt", "rational"]
 SMALL_TANGENT = 1e-3
@@ -92,6 +92,8 @@ def free_parameters(size: int) -> int:
 
 def project_any(points_camera: Float[np.ndarray, "n 3"], camera: AnyCamera) -> Float[np.ndarray, "n 2"]:
     """Project points of the camera frame (mm) to pixels."""
+    if isinstance(camera, Camera):
+        return project(points_camera, camera)
     pixels, _, _ = project_any_with_jacobian(points_camera, camera)
     return pixels.T.copy()
 

@@ -79,7 +79,8 @@ class EstimatedDeviation:
 
     `residual` is the centre of what is known of it, `parts` what leaves it open; `parts` and `length_interval` are None
     where the tie leaves no degree of freedom. `factor` is half a 95 % interval of t. `held_out_interval` is that of the
-    length in the frames of the other poses; None where these leave no degree of freedom.
+    length in the frames of the other poses; None where these leave no degree of freedom. Both intervals are None where
+    lengths were not asked for.
     """
 
     vector: Float[np.ndarray, "3"] | None
@@ -98,8 +99,10 @@ class EstimatedDeviation:
         return np.hypot(self.factor * own, NORMAL_FACTOR * np.linalg.norm(A, axis=1))
 
 
-def estimate_deviations(tied: TiedDeviations) -> list[EstimatedDeviation]:
-    """Return what the robot was off at each pose, with intervals at `CONFIDENCE`."""
+def estimate_deviations(tied: TiedDeviations, *, lengths: bool = True) -> list[EstimatedDeviation]:
+    """Return what the robot was off at each pose, with intervals at `CONFIDENCE`; those of lengths, which take nearly
+    all of the time, only where asked for.
+    """
     dof = tied.degrees_of_freedom
     H = 0.5 * (tied.leverage + np.swapaxes(tied.leverage, 1, 2))
     squares = np.sum(tied.residuals**2, axis=1)
@@ -117,11 +120,14 @@ def estimate_deviations(tied: TiedDeviations) -> list[EstimatedDeviation]:
         rest = np.eye(3) - share if used else np.eye(3)
         of_visits = tied.noise.variance[i] * rest @ rest + of_means * (share @ rest if used else share)
         parts = DeviationParts(r, share, of_visits, A, tied.noise.freedom_of(i), spread, tied=used)
+        factor = float(stdtrit(parts.own_degrees_of_freedom, 0.5 + 0.5 * CONFIDENCE))
+        if not lengths:
+            found.append(EstimatedDeviation(vector, r, parts, factor, None, None))
+            continue
         low, high = length_limits(parts)
         # The studentised figure is seldom outside what is known of the length; a figure is in its own interval.
         figure = float(np.linalg.norm(vector))
         within = min(low, figure), max(high, figure)
-        factor = float(stdtrit(parts.own_degrees_of_freedom, 0.5 + 0.5 * CONFIDENCE))
         alone = _held_out(tied, i, Hi) if used else within
         found.append(EstimatedDeviation(vector, r, parts, factor, within, alone))
     return found

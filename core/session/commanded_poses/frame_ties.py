@@ -112,7 +112,9 @@ def by_whole_poses(
     places = estimate_deviations(positions)
     point = CommandedPoint(tie.frames.T_base_targets[0][:3, :3], invert(tie.frames.T_flange_camera)[:3, 3])
     found = {}
-    for d, place, turn in zip(tie.deviations, places, estimate_deviations(turns), strict=False):
+    for d, place, turn in zip(
+        tie.deviations, places, estimate_deviations(turns, lengths=False), strict=False
+    ):
         held_out = None
         if d.held_out_position_mm is not None:
             held_out = HeldOutDeviation(d.held_out_position_mm, d.held_out_rotation)
@@ -179,7 +181,7 @@ def _by_measured_orientation(visits: Visits, commands: Commands, process: CycleP
     rotations: list[EstimatedDeviation] | list[None] = [None] * len(stations)
     if turns is not None:
         rotations = estimate_deviations(
-            _about_the_mean(turns, tie.T_base_target[:3, :3], visits, commands, process)
+            _about_the_mean(turns, tie.T_base_target[:3, :3], visits, commands, process), lengths=False
         )
     found = {}
     for station, place, turn, held_out in zip(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from functools import cache
 
 import numpy as np
 import pytest
@@ -18,6 +19,18 @@ from core.session.commanded_poses.frame_ties import by_positions
 from tests.support.sessions.drifting_robot import SIX, drifting_session
 
 CUBE, ANY_FIVE, _, ANY_TEN, POSITIONS, FOUR = LAYOUTS
+
+
+@pytest.fixture
+def without_intervals(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Leave out the intervals of lengths, most of the time, for what they have no part in."""
+    monkeypatch.setattr("core.metrology.accuracy.deviations.length_limits", lambda parts: (0.0, 0.0))
+
+
+@pytest.fixture
+def without_held_out_intervals(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Leave out those in the frames of the other poses, half of the time."""
+    monkeypatch.setattr("core.metrology.accuracy.deviations._held_out", lambda *of_pose: None)
 
 
 def codes(found: Accuracy) -> set[str]:
@@ -138,6 +151,7 @@ def scales_named(layout: Layout, scale: float, robots: int, *, oriented: bool = 
     return named
 
 
+@pytest.mark.usefixtures("without_intervals")
 @pytest.mark.parametrize(
     ("layout", "oriented"), [(CUBE, True), (CUBE, False), (ANY_FIVE, True), (POSITIONS, True)]
 )
@@ -149,6 +163,7 @@ def test_a_scale_of_all_distances_is_named_however_the_frames_are_tied(
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("without_intervals")
 @pytest.mark.parametrize("oriented", [True, False])
 def test_no_scale_is_named_of_a_robot_with_errors_of_its_own(*, oriented: bool) -> None:
     assert scales_named(CUBE, 1.0, 250, oriented=oriented) == 0
@@ -179,12 +194,13 @@ def test_exchanged_poses_of_one_orientation_are_not_said_to_want_orientations() 
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("layout", "robots"), [(CUBE, 200), (ANY_FIVE, 150), (ANY_TEN, 150)])
+@pytest.mark.usefixtures("without_held_out_intervals")
+@pytest.mark.parametrize(("layout", "robots"), [(CUBE, 200), (ANY_FIVE, 150), (ANY_TEN, 100)])
 def test_reported_accuracy_is_the_true_one_and_its_interval_covers(layout: Layout, robots: int) -> None:
     found = measure(layout, robots, seed=11)
     assert found.missing == 0.0
     # Of 9 (6, 24) degrees of freedom a robot the rms has a standard error of 1/√(2 · 9 · 200) = 1.7 %, of 2.4 % with
-    # six and 150; a coverage of poses that share their frames one of .9 to 1.1 %.
+    # six and 150, of 1.4 % with 24 and 100; a coverage of poses that share their frames one of .9 to 1.1 %.
     assert 0.92 < found.ratio < 1.08
     assert 0.92 < found.coverage < 0.98
     assert 0.92 < found.axes < 0.98
@@ -227,26 +243,33 @@ def test_a_turn_about_the_commanded_point_is_no_drift_of_its_position() -> None:
         assert drifting.dap_mm < 0.05 * shift
 
 
+@cache
+def drift_ratios(one_orientation: bool, seed: int) -> list[float]:
+    """Return the errors of the drift at a session's six poses, in their stated uncertainty."""
+    rng = np.random.default_rng(seed)
+    turns = np.tile([0.1, 0.2, 0.3], (6, 1)) if one_orientation else rng.uniform(-0.6, 0.6, (6, 3))
+    off, moved = rng.normal(0.0, 0.3, (2, 6, 3))
+    noise = rng.normal(0.0, 0.05, (6, 20, 3))
+    data, visits = drifting_session(turns, off, moved, np.zeros((6, 3)), noise)
+    found = assess_accuracy(data, visits).poses
+    ratios = []
+    for i, name in enumerate(SIX):
+        drifting = drift_of_accuracy(visits[name], found[name])
+        # The true deviations: what the tie leaves open is in the uncertainty.
+        true = [float(np.linalg.norm(off[i] + late * moved[i])) for late in (0.0, 1.0)]
+        assert drifting is not None
+        assert drifting.standard_uncertainty_mm is not None
+        ratios.append((drifting.dap_mm - abs(true[0] - true[1])) / drifting.standard_uncertainty_mm)
+    return ratios
+
+
+@pytest.mark.usefixtures("without_intervals")
 @pytest.mark.parametrize("sessions", [8, pytest.param(40, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("one_orientation", [True, False])
 def test_the_uncertainty_of_the_drift_of_accuracy_is_what_it_scatters(
     one_orientation: bool, sessions: int
 ) -> None:
-    ratios = []
-    for seed in range(sessions):
-        rng = np.random.default_rng(seed)
-        turns = np.tile([0.1, 0.2, 0.3], (6, 1)) if one_orientation else rng.uniform(-0.6, 0.6, (6, 3))
-        off, moved = rng.normal(0.0, 0.3, (2, 6, 3))
-        noise = rng.normal(0.0, 0.05, (6, 20, 3))
-        data, visits = drifting_session(turns, off, moved, np.zeros((6, 3)), noise)
-        found = assess_accuracy(data, visits).poses
-        for i, name in enumerate(SIX):
-            drifting = drift_of_accuracy(visits[name], found[name])
-            # The true deviations: what the tie leaves open is in the uncertainty.
-            true = [float(np.linalg.norm(off[i] + late * moved[i])) for late in (0.0, 1.0)]
-            assert drifting is not None
-            assert drifting.standard_uncertainty_mm is not None
-            ratios.append((drifting.dap_mm - abs(true[0] - true[1])) / drifting.standard_uncertainty_mm)
+    ratios = [ratio for seed in range(sessions) for ratio in drift_ratios(one_orientation, seed)]
     # A session's six ratios are not independent; shares scatter by the root of the number of sessions.
     wider = math.sqrt(40 / sessions)
     print(
