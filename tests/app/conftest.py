@@ -17,10 +17,10 @@ from core.simulation.scenes import standard_scene
 from core.targets.specification import TargetSpec
 from tests.support.environment.postgres import EITHER_DATABASE, new_database
 from tests.support.image.images import encode
-from tests.support.service.applications import empty_data_dir, open_api, serve_api
+from tests.support.service.applications import empty_data_dir, open_api, serve_api, side_processes
 from tests.support.service.service import Api, ApiMaker
 
-__all__ = ["empty_data_dir", "open_api", "serve_api"]  # fixtures
+__all__ = ["empty_data_dir", "open_api", "serve_api", "side_processes"]  # fixtures
 
 
 @pytest.fixture

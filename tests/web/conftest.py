@@ -20,10 +20,10 @@ import numpy as np
 import pytest
 
 from tests.support.contract.cell import TARGET, CellImage, take_images
-from tests.support.service.applications import empty_data_dir, serve_api
+from tests.support.service.applications import empty_data_dir, serve_api, side_processes
 from tests.support.service.service import Api, ApiMaker
 
-__all__ = ["empty_data_dir", "serve_api"]  # fixtures
+__all__ = ["empty_data_dir", "serve_api", "side_processes"]  # fixtures
 HOSTILE = "<script>alert(1)</script>שלום" + "Ω" * 160
 """A name that would run, reads from right to left in part, and would break a narrow page."""
 TAGS = ["wcag2a", "wcag2aa", "wcag21a", "wcag21aa", "wcag22aa", "best-practice"]

@@ -15,10 +15,12 @@ import uvicorn
 from starlette.testclient import TestClient
 
 from app.blobs import LocalBlobs
+from app.jobs import call_queue
 from app.main import create_app
 from app.services.installation.context import ServiceContext
 from app.settings import Settings
 from tests.support.service.service import Api, ApiMaker, wait_until
+from tests.support.service.side_processes import SideProcesses
 
 
 @pytest.fixture(scope="session")
@@ -30,7 +32,17 @@ def empty_data_dir(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="session")
-def open_api(empty_data_dir: Path, tmp_path_factory: pytest.TempPathFactory) -> ApiMaker:
+def side_processes() -> Iterator[SideProcesses]:
+    """Processes that applications take one after another."""
+    processes = SideProcesses()
+    yield processes
+    processes.close()
+
+
+@pytest.fixture(scope="session")
+def open_api(
+    empty_data_dir: Path, side_processes: SideProcesses, tmp_path_factory: pytest.TempPathFactory
+) -> ApiMaker:
     """Return a function that runs an application with given settings, as a context manager."""
 
     @contextmanager
@@ -43,7 +55,7 @@ def open_api(empty_data_dir: Path, tmp_path_factory: pytest.TempPathFactory) -> 
         app = create_app(Settings(data_dir=data_dir, **values))
         with ExitStack() as stack:
             # A loopback name: without keys, the service answers to no other.
-            with _no_folders_beforehand() if is_empty else nullcontext():
+            with _no_folders_beforehand() if is_empty else nullcontext(), _lent(side_processes):
                 client = stack.enter_context(TestClient(app, base_url="http://localhost"))
             api = Api(client, app.state.service)
             client.headers.update(api.key("admin"))
@@ -60,8 +72,18 @@ def _no_folders_beforehand() -> Iterator[None]:
         yield
 
 
+@contextmanager
+def _lent(side_processes: SideProcesses) -> Iterator[None]:
+    """Let an application that starts meanwhile take processes that are there already."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(call_queue, "SubprocessExecutor", side_processes.lend)
+        yield
+
+
 @pytest.fixture(scope="session")
-def serve_api(empty_data_dir: Path, tmp_path_factory: pytest.TempPathFactory) -> ApiMaker:
+def serve_api(
+    empty_data_dir: Path, side_processes: SideProcesses, tmp_path_factory: pytest.TempPathFactory
+) -> ApiMaker:
     """Return what opens an application behind a real server, whose clients can leave before the answer."""
 
     @contextmanager
@@ -71,8 +93,9 @@ def serve_api(empty_data_dir: Path, tmp_path_factory: pytest.TempPathFactory) ->
         app = create_app(Settings(data_dir=data_dir, **{"workers": 0, "disk_floor_bytes": 0, **settings}))
         server = uvicorn.Server(uvicorn.Config(app, host="127.0.0.1", port=0, log_config=None))
         thread = threading.Thread(target=server.run)
-        thread.start()
-        wait_until(lambda: server.started or not thread.is_alive(), 60.0, "the server listens")
+        with _lent(side_processes):
+            thread.start()
+            wait_until(lambda: server.started or not thread.is_alive(), 60.0, "the server listens")
         assert thread.is_alive(), "the server ended"
         port = server.servers[0].sockets[0].getsockname()[1]
         try:
