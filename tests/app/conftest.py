@@ -55,7 +55,7 @@ def any_api(request: pytest.FixtureRequest, open_api: ApiMaker, tmp_path: Path) 
 @pytest.fixture(scope="module")
 def computing_api(open_api: ApiMaker) -> Iterator[Api]:
     """An application with one worker process."""
-    with open_api(workers=1) as running:
+    with open_api(workers=1, lent_workers=True) as running:
         yield running
 
 

@@ -1,5 +1,5 @@
-"""Processes alongside an application, lent to one after another: each start loads the numerics, seconds of processor
-time.
+"""Processes alongside an application and its workers, lent to one after another: each start loads the numerics, seconds
+of processor time.
 
 What an application asks of them, and what ends them, is as ever: only its end leaves them to the next one.
 """
@@ -9,8 +9,10 @@ from __future__ import annotations
 import contextlib
 import gc
 import sys
+from typing import Any
 
 from app.jobs.subprocess_executor import Initialise, Limits, ProcessDied, SubprocessExecutor
+from app.jobs.worker_process import WorkerProcess
 
 _NO_LIMITS = Limits(300.0)
 
@@ -20,6 +22,7 @@ class SideProcesses:
 
     def __init__(self) -> None:
         self._free: dict[tuple[int, Initialise], list[_Lent]] = {}
+        self._workers: dict[Any, list[_LentWorker]] = {}
 
     def lend(self, max_pixels: int, limits: Limits, initialise: Initialise) -> SubprocessExecutor:
         """Return one for an application that starts, whose end gives it back."""
@@ -28,8 +31,20 @@ class SideProcesses:
         lent.put_under(limits)
         return lent
 
+    def lend_worker(self, initialise: Initialise, arguments: tuple[int, bool]) -> WorkerProcess:
+        """Return a worker process for an application that starts, whose end gives it back if it is idle."""
+        free = self._workers.setdefault((initialise, arguments), [])
+        while free:
+            worker = free.pop()
+            if worker.active:
+                return worker
+        return _LentWorker(initialise, (arguments[0], False), free)
+
     def close(self) -> None:
         """End those that no application has."""
+        for worker in (worker for free in self._workers.values() for worker in free):
+            worker.kill()
+        self._workers.clear()
         for process in (process for free in self._free.values() for process in free):
             process.end()
         self._free.clear()
@@ -55,6 +70,25 @@ class _Lent(SubprocessExecutor):
 
     def end(self) -> None:
         super().close()
+
+
+class _LentWorker(WorkerProcess):
+    """One that outlives the thread of the application that started it."""
+
+    def __init__(self, initialise: Initialise, arguments: tuple[int, bool], free: list[_LentWorker]) -> None:
+        super().__init__(initialise, arguments)
+        self._free = free
+
+    def end(self) -> None:
+        with self._lock:
+            is_idle = self._alive and self._awaited is None
+        if is_idle:
+            self._free.append(self)
+        else:
+            self.kill()
+
+    def kill(self) -> None:
+        super().end()
 
 
 class _Untied:
