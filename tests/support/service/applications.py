@@ -58,9 +58,9 @@ def open_api(
         app = create_app(Settings(data_dir=data_dir, **values))
         with ExitStack() as stack:
             if lent_workers:
-                stack.enter_context(_lent_workers(side_processes))
+                stack.enter_context(workers_lent(side_processes))
             # A loopback name: without keys, the service answers to no other.
-            with _no_folders_beforehand() if is_empty else nullcontext(), _lent(side_processes):
+            with _no_folders_beforehand() if is_empty else nullcontext(), processes_lent(side_processes):
                 client = stack.enter_context(TestClient(app, base_url="http://localhost"))
             api = Api(client, app.state.service)
             client.headers.update(api.key("admin"))
@@ -78,7 +78,7 @@ def _no_folders_beforehand() -> Iterator[None]:
 
 
 @contextmanager
-def _lent(side_processes: SideProcesses) -> Iterator[None]:
+def processes_lent(side_processes: SideProcesses) -> Iterator[None]:
     """Let an application that starts meanwhile take processes that are there already."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(call_queue, "SubprocessExecutor", side_processes.lend)
@@ -86,7 +86,7 @@ def _lent(side_processes: SideProcesses) -> Iterator[None]:
 
 
 @contextmanager
-def _lent_workers(side_processes: SideProcesses) -> Iterator[None]:
+def workers_lent(side_processes: SideProcesses) -> Iterator[None]:
     """The same of workers, as long as the application runs: it starts them when it needs them."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(worker_pool, "WorkerProcess", side_processes.lend_worker)
@@ -108,8 +108,8 @@ def serve_api(
         thread = threading.Thread(target=server.run)
         with ExitStack() as stack:
             if lent_workers:
-                stack.enter_context(_lent_workers(side_processes))
-            with _lent(side_processes):
+                stack.enter_context(workers_lent(side_processes))
+            with processes_lent(side_processes):
                 thread.start()
                 wait_until(lambda: server.started or not thread.is_alive(), 60.0, "the server listens")
             assert thread.is_alive(), "the server ended"
