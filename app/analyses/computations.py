@@ -9,6 +9,10 @@ from typing import Any
 from app.analyses.outcome import AnalysisRefused, AnalysisResult
 from app.errors import Conflict, NotFound, ServiceError, Unavailable
 
+_KEPT_PLANS = 4
+_plans: dict[str, dict[str, Any]] = {}
+"""Plans of tests that this process computed last, by what was asked."""
+
 
 @dataclass(frozen=True, slots=True)
 class ServiceFailure:
@@ -81,11 +85,21 @@ def compute_sheet(target: dict[str, Any], options: dict[str, Any]) -> bytes | An
 def compute_test_plan(
     target: Mapping[str, Any], asked: Mapping[str, Any], suffix: str
 ) -> bytes | AnalysisRefused:
-    """Return the plan of a test by ISO 9283 as a file; run in a process alongside the head."""
+    """Return the plan of a test by ISO 9283 as a file; run in a process alongside the head.
+
+    The last plans are kept: a page and each of its files ask for the same one, which takes seconds.
+    """
     from app.analyses.documents.iso9283 import PLAN_WRITERS, TestRequest, plan_test
     from core import GridposeError, TargetSpec
 
-    try:
-        return PLAN_WRITERS[suffix](plan_test(TargetSpec(**target), TestRequest(**asked)))
-    except GridposeError as error:
-        return AnalysisRefused(error.code, error.detail, error.advice)
+    question = repr((dict(target), dict(asked)))
+    plan = _plans.get(question)
+    if plan is None:
+        try:
+            plan = plan_test(TargetSpec(**target), TestRequest(**asked))
+        except GridposeError as error:
+            return AnalysisRefused(error.code, error.detail, error.advice)
+        if len(_plans) == _KEPT_PLANS:
+            del _plans[next(iter(_plans))]
+        _plans[question] = plan
+    return PLAN_WRITERS[suffix](plan)

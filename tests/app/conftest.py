@@ -17,10 +17,10 @@ from core.simulation.scenes import standard_scene
 from core.targets.specification import TargetSpec
 from tests.support.environment.postgres import EITHER_DATABASE, new_database
 from tests.support.image.images import encode
-from tests.support.service.applications import empty_data_dir, open_api, serve_api
+from tests.support.service.applications import empty_data_dir, open_api, serve_api, side_processes
 from tests.support.service.service import Api, ApiMaker
 
-__all__ = ["empty_data_dir", "open_api", "serve_api"]  # fixtures
+__all__ = ["empty_data_dir", "open_api", "serve_api", "side_processes"]  # fixtures
 
 
 @pytest.fixture
@@ -55,7 +55,7 @@ def any_api(request: pytest.FixtureRequest, open_api: ApiMaker, tmp_path: Path) 
 @pytest.fixture(scope="module")
 def computing_api(open_api: ApiMaker) -> Iterator[Api]:
     """An application with one worker process."""
-    with open_api(workers=1) as running:
+    with open_api(workers=1, lent_workers=True) as running:
         yield running
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from itertools import cycle
 from xml.etree import ElementTree
 
 import pypdfium2
@@ -40,15 +41,27 @@ def test_any_text_comes_out_of_an_xml_parser_as_it_went_in(text: str) -> None:
     assert len(expected) == len(text)
 
 
-@pytest.mark.parametrize(
-    "name", ["markup", *(pytest.param(name, marks=pytest.mark.slow) for name in HOSTILE if name != "markup")]
-)
+@pytest.mark.parametrize("name", HOSTILE)
 def test_plots_of_hostile_names_are_well_formed(name: str) -> None:
-    text = HOSTILE[name]
+    assert_well_formed_plots([HOSTILE[name]], panels=1)
+
+
+@pytest.mark.slow
+def test_odd_plots_of_hostile_names_are_well_formed() -> None:
+    """Every odd panel there is, with hostile names in turn."""
+    assert_well_formed_plots(list(HOSTILE.values()), panels=len(HOSTILE))
+
+
+def assert_well_formed_plots(texts: list[str], panels: int) -> None:
+    """Draw each kind with so many panels, which have the texts as their names, under each of them as a title."""
+    scatters, drifts, fields = (
+        list(zip(odd[:panels], cycle(texts))) for odd in (ODD_SCATTERS, ODD_DRIFTS, ODD_FIELDS)
+    )
+    title = " ".join(texts)
     documents = [
-        scatter_svg([replace(one, pose_id=text) for one in ODD_SCATTERS], text),
-        drift_svg([replace(one, pose_id=text) for one in ODD_DRIFTS], text, 10),
-        residuals_svg([replace(one, focus_group=text) for one in ODD_FIELDS], text),
+        scatter_svg([replace(one, pose_id=text) for one, text in scatters], title),
+        drift_svg([replace(one, pose_id=text) for one, text in drifts], title, 10),
+        residuals_svg([replace(one, focus_group=text) for one, text in fields], title),
     ]
     for svg in documents:
         root = ElementTree.fromstring(svg)

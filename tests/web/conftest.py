@@ -10,6 +10,7 @@ import os
 import shutil
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
+from functools import cache
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
@@ -20,10 +21,10 @@ import numpy as np
 import pytest
 
 from tests.support.contract.cell import TARGET, CellImage, take_images
-from tests.support.service.applications import empty_data_dir, serve_api
+from tests.support.service.applications import empty_data_dir, serve_api, side_processes
 from tests.support.service.service import Api, ApiMaker
 
-__all__ = ["empty_data_dir", "serve_api"]  # fixtures
+__all__ = ["empty_data_dir", "serve_api", "side_processes"]  # fixtures
 HOSTILE = "<script>alert(1)</script>שלום" + "Ω" * 160
 """A name that would run, reads from right to left in part, and would break a narrow page."""
 TAGS = ["wcag2a", "wcag2aa", "wcag21a", "wcag21aa", "wcag22aa", "best-practice"]
@@ -79,7 +80,7 @@ def cell_images() -> list[CellImage]:
 @pytest.fixture(scope="module")
 def cell(serve_api: ApiMaker, cell_images: list[CellImage]) -> Iterator[Cell]:
     """A service with one worker and a measured session; one of its images shows nothing."""
-    with serve_api(workers=1) as api:
+    with serve_api(workers=1, lent_workers=True) as api:
         found = Cell(api, cell_images)
         found.target_id = api.make_target(**TARGET)
         joint = {"a_mm": 180.0, "alpha_deg": -90.0, "d_mm": 400.0, "theta_offset_deg": 0.0}
@@ -104,7 +105,16 @@ def nothing(number: int) -> bytes:
 
 
 @pytest.fixture(scope="module")
-def open_page(chromium: Any, cell: Cell) -> Iterator[Callable[..., Any]]:
+def admin_cookies(chromium: Any, cell: Cell) -> list[Any]:
+    """What a browser keeps of an administrator who has signed in."""
+    with chromium.new_context(base_url=cell.url) as context:
+        sign_in(context.new_page(), "/ui/keys", new_key(cell))
+        cookies: list[Any] = context.cookies()
+    return cookies
+
+
+@pytest.fixture
+def open_page(chromium: Any, cell: Cell, admin_cookies: list[Any]) -> Iterator[Callable[..., Any]]:
     """Return a function that opens a page of a browser of its own, signed in; what goes wrong in it is collected."""
     contexts: list[Any] = []
 
@@ -123,10 +133,11 @@ def open_page(chromium: Any, cell: Cell) -> Iterator[Callable[..., Any]]:
             "request",
             lambda one: urlsplit(one.url).netloc in (host, "") or page.troubles.append(f"foreign: {one.url}"),
         )
-        page.goto(f"/ui/sign-in?next={path}")
-        page.fill("#key", key or new_key(cell))
-        page.press("#key", "Enter")
-        page.wait_for_url(f"**{path}")
+        if key is None:
+            context.add_cookies(admin_cookies)
+            page.goto(path)
+        else:
+            sign_in(page, path, key)
         return page
 
     yield open_
@@ -134,15 +145,36 @@ def open_page(chromium: Any, cell: Cell) -> Iterator[Callable[..., Any]]:
         context.close()
 
 
+def sign_in(page: Any, path: str, key: str) -> None:
+    """Sign in on the way to a page."""
+    page.goto(f"/ui/sign-in?next={path}")
+    page.fill("#key", key)
+    page.press("#key", "Enter")
+    page.wait_for_url(f"**{path}")
+
+
 def new_key(cell: Cell, scope: str = "admin") -> str:
     return cell.api.key(scope)["Authorization"].removeprefix("Bearer ")
 
 
+def show(page: Any, width: int, scheme: str = "light") -> None:
+    """Give a page's window another width and other colours, and wait until it is drawn so."""
+    page.set_viewport_size({"width": width, "height": 900})
+    page.emulate_media(color_scheme=scheme)
+    page.evaluate("new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done)))")
+
+
+@cache
+def _axe() -> str:
+    return (Path(str(files("axe_playwright_python"))) / "axe.min.js").read_text(encoding="utf-8")
+
+
 def violations(page: Any) -> list[str]:
     """Return what axe-core finds against WCAG 2.2 AA and good practice; the policy lets in no script tag."""
-    source = (Path(str(files("axe_playwright_python"))) / "axe.min.js").read_text(encoding="utf-8")
-    page.evaluate(source)
-    found = page.evaluate(f"axe.run(document, {{runOnly: {json.dumps(TAGS)}}})")["violations"]
+    if page.evaluate("typeof axe") == "undefined":
+        page.evaluate(_axe())
+    asked = json.dumps({"runOnly": TAGS, "resultTypes": ["violations"]})
+    found = page.evaluate(f"axe.run(document, {asked}).then((done) => done.violations)")
     return [f"{one['id']}: {node['html'][:200]}" for one in found for node in one["nodes"]]
 
 

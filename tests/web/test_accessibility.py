@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 from tests.support.service.service import wait_until
-from tests.web.conftest import HOSTILE, Cell, is_too_wide, violations
+from tests.web.conftest import HOSTILE, Cell, is_too_wide, show, violations
 
 pytestmark = pytest.mark.slow
 Open = Callable[..., Any]
@@ -25,10 +25,11 @@ def made_report(cell: Cell) -> str:
     return str(ordered["id"])
 
 
-@pytest.mark.parametrize(("width", "scheme"), [(360, "light"), (1280, "dark"), (3840, "light")])
-def test_every_page_is_accessible_and_no_wider_than_the_screen(
-    cell: Cell, open_page: Open, width: int, scheme: str
-) -> None:
+SCREENS = ((360, "light"), (1280, "dark"), (3840, "light"))
+
+
+def test_every_page_is_accessible_and_no_wider_than_the_screen(cell: Cell, open_page: Open) -> None:
+    """A page is laid out anew, by the same rules and scripts, when its window is resized: each is opened once."""
     hostile = cell.api.make_session(cell.target_id, name=HOSTILE[:200], robot_id=cell.robot_id)
     report = made_report(cell)
     pages = [
@@ -47,14 +48,17 @@ def test_every_page_is_accessible_and_no_wider_than_the_screen(
         ),
         *("/ui/targets/new", "/ui/keys", "/ui/audit", "/ui/system"),
     ]
-    page = open_page(viewport={"width": width, "height": 900}, color_scheme=scheme)
+    page = open_page()
     for path in pages:
+        show(page, *SCREENS[0])
         page.goto(path, wait_until="domcontentloaded")
         page.wait_for_selector("#theme:not([hidden])")  # the page's script has run
-        if width < 3840:  # width changes the layout alone
-            assert violations(page) == [], path
-        assert not is_too_wide(page), path
         assert page.locator("h1").count() == 1, path
+        for width, scheme in SCREENS:
+            show(page, width, scheme)
+            if width < 3840:  # width changes the layout alone
+                assert violations(page) == [], (path, width)
+            assert not is_too_wide(page), (path, width)
     assert not page.troubles
 
 

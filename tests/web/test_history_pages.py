@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -12,7 +11,7 @@ import pytest
 from app.analyses.history import summarise_reports
 from tests.support.service.service import ApiMaker
 from tests.support.sessions.filed_reports import content, store_filed
-from tests.web.conftest import HOSTILE, Cell, is_too_wide, new_key, violations
+from tests.web.conftest import HOSTILE, Cell, is_too_wide, new_key, show, violations
 
 pytestmark = pytest.mark.slow
 SESSIONS, CHANGE_AT = 24, 15
@@ -147,24 +146,21 @@ def test_a_reader_sees_no_form_and_a_stranger_no_robot(cell: Cell, open_page: Ca
     assert "no such robot" in page.inner_text("main")
 
 
-@pytest.mark.parametrize("width", [360, 1280])
-def test_the_pages_are_readable_for_everybody(
-    cell: Cell, open_page: Callable[..., Any], width: int, tmp_path: Path
-) -> None:
-    page = open_page(viewport={"width": width, "height": 900})
+def test_the_pages_are_readable_for_everybody(cell: Cell, open_page: Callable[..., Any]) -> None:
     first, last = (f"rep_{k:026d}" for k in (1, SESSIONS))
-    for number, path in enumerate(
-        (
-            f"/ui/robots/{cell.robot_id}/history",
-            f"/ui/reports/comparison?report={first}&report={last}",
-            "/ui/reports",
-        )
+    page = open_page()
+    for path in (
+        f"/ui/robots/{cell.robot_id}/history",
+        f"/ui/reports/comparison?report={first}&report={last}",
+        "/ui/reports",
     ):
+        show(page, 360)
         page.goto(path)
         page.evaluate(
             "Promise.all([...document.images].map((one) => { one.loading = 'eager'; return one.decode(); }))"
         )
-        page.screenshot(path=tmp_path / f"{number}.png", full_page=True)
-        assert violations(page) == []
-        assert not is_too_wide(page), path
+        for width in (360, 1280):
+            show(page, width)
+            assert violations(page) == [], (path, width)
+            assert not is_too_wide(page), (path, width)
     assert not page.troubles

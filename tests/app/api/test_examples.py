@@ -14,6 +14,8 @@ from app.settings import Settings
 from tests.support.contract.contract import JSON_TYPES, TEXT_TYPES, Contract
 from tests.support.contract.recording import FORM, keys_of
 from tests.support.contract.run import record_examples
+from tests.support.service.applications import processes_lent, workers_lent
+from tests.support.service.side_processes import SideProcesses
 
 RENEW = "run `make examples`, then `make openapi`"
 
@@ -68,7 +70,8 @@ def test_a_body_that_breaks_its_schema_is_noticed(contract: Contract) -> None:
 
 
 @pytest.mark.slow
-def test_a_run_of_today_gives_the_same_keys(tmp_path: Path) -> None:
+def test_a_run_of_today_gives_the_same_keys(side_processes: SideProcesses, tmp_path: Path) -> None:
     committed = json.loads(EXAMPLES_PATH.read_text(encoding="utf-8"))
-    today = record_examples(tmp_path)
+    with processes_lent(side_processes), workers_lent(side_processes):
+        today = record_examples(tmp_path)
     assert keys_of(today) ^ keys_of(committed) == set(), RENEW

@@ -24,7 +24,7 @@ def printed(api: Any, *arguments: str, code: int = 0) -> str:
 
 @pytest.mark.slow
 def test_a_wrong_target_is_corrected_as_the_failure_advises(serve_api: ApiMaker, board_png: bytes) -> None:
-    with serve_api(workers=1) as api:
+    with serve_api(workers=1, lent_workers=True) as api:
         session_id = api.make_session(api.make_target(columns=8, rows=5))
         failed = api.wait_for(api.put_image(session_id, board_png).json()["id"])
         assert failed["failure"]["code"] in ("target_mismatch", "target_not_found")

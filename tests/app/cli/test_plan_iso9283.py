@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -10,6 +11,7 @@ import pypdfium2
 import pytest
 from typer.testing import CliRunner, Result
 
+from app.analyses.documents.iso9283 import plan as planning
 from app.cli.main import app
 
 PLAN = (
@@ -32,6 +34,14 @@ def run(*arguments: str, code: int = 0) -> Result:
     done = CliRunner().invoke(app, [*PLAN, *CELL, *arguments])
     assert done.exit_code == code, done.output
     return done
+
+
+@pytest.fixture
+def few_draws(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Few robots are drawn for the forecast, where a test looks at nothing of it: two hundred take seconds."""
+    monkeypatch.setattr(
+        planning, "forecast_repeatability", partial(planning.forecast_repeatability, draws=10)
+    )
 
 
 @pytest.mark.slow
@@ -59,10 +69,12 @@ def test_a_plan_is_written_in_three_forms_and_its_poses_can_be_loaded(served: An
     assert "900.000" in text
 
 
+@pytest.mark.usefixtures("few_draws")
 def test_a_folder_that_is_not_there_is_said(tmp_path: Path) -> None:
     assert "cannot be written" in run("-o", str(tmp_path / "no" / "plan.csv"), code=1).stderr
 
 
+@pytest.mark.usefixtures("few_draws")
 def test_poses_beyond_the_image_are_named() -> None:
     assert "not wholly in the image" in run("--side-mm", "500").stdout
 
@@ -91,6 +103,7 @@ def test_a_plan_that_determines_nothing_ends_with_one(arguments: tuple[str, ...]
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("few_draws")
 def test_loads_speeds_and_approaches_are_planned(tmp_path: Path) -> None:
     files = [tmp_path / f"plan.{suffix}" for suffix in ("json", "csv", "pdf")]
     outputs = [part for file in files for part in ("-o", str(file))]

@@ -118,7 +118,7 @@ def test_all_that_the_client_sends_and_reads_is_in_the_contract(
     (tmp_path / "P1" / "0001.png").write_bytes(board_png)
     (tmp_path / "P1" / "0002.png").write_bytes(board_png[:-100])
     transport = CheckedTransport(contract)
-    with serve_api(workers=1) as api:
+    with serve_api(workers=1, lent_workers=True) as api:
         url, key = str(api.client.base_url), api.client.headers["authorization"].removeprefix("Bearer ")
         with ServiceClient(url, key, transport=transport) as client:
             robot_id = client.create("/v1/robots", {"name": "KR5", "joints": rows_of(KR5_ARC)})["id"]

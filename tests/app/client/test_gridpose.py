@@ -24,7 +24,7 @@ DOCS = Path(__file__).parents[3] / "docs"
 
 @pytest.fixture(scope="module")
 def api(serve_api: ApiMaker) -> Iterator[Api]:
-    with serve_api(workers=1) as running:
+    with serve_api(workers=1, lent_workers=True) as running:
         yield running
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -54,6 +55,7 @@ class Contract:
 
     def __init__(self, document: dict[str, Any]) -> None:
         self.document = document
+        self._validators: dict[str, jsonschema_rs.Draft202012Validator] = {}
         self.operations = [
             Operation(method, path, content)
             for path, item in document["paths"].items()
@@ -83,12 +85,19 @@ class Contract:
 
     def violations(self, value: Any, schema: dict[str, Any]) -> list[str]:
         """Return where a body is not what its schema says, keys that the schema does not have included."""
-        whole = {**schema, "components": self.document["components"]}
         found = [
             f"{'/'.join(map(str, error.instance_path))}: {error.message[:300]}"
-            for error in jsonschema_rs.Draft202012Validator(whole).iter_errors(value)
+            for error in self._validator(schema).iter_errors(value)
         ]
         return found + [f"{path}: is not in the schema" for path in self._undeclared(value, schema, "")]
+
+    def _validator(self, schema: dict[str, Any]) -> jsonschema_rs.Draft202012Validator:
+        """Return what checks against a schema; made once, since the components that it may refer to are many."""
+        text = json.dumps(schema)
+        if text not in self._validators:
+            whole = {**schema, "components": self.document["components"]}
+            self._validators[text] = jsonschema_rs.Draft202012Validator(whole)
+        return self._validators[text]
 
     def _undeclared(self, value: Any, schema: dict[str, Any], path: str) -> Iterator[str]:
         schema = self.resolve(schema)

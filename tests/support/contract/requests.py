@@ -16,7 +16,7 @@ def report_made(client: Any, report: dict[str, Any]) -> str:
     while (found := client.get(path).json())["status"] in ("queued", "running"):
         assert time.monotonic() < deadline, "the report is not made"
         time.sleep(0.1)
-    assert found["status"] == "succeeded", found["last_failure"]
+    assert found["status"] == "succeeded", found["failure"]
     return path
 
 

@@ -1,4 +1,4 @@
-"""A real run of the application on new data folders, recorded: the examples of the OpenAPI document."""
+"""A real run of the application on a new data folder, recorded: the examples of the OpenAPI document."""
 
 from __future__ import annotations
 
@@ -31,11 +31,11 @@ def record_examples(folder: Path) -> dict[str, Any]:
         refusals.over_quota(api, image)
         api.service.begin_shutdown()
         assert api.client.get("/readyz").status_code == 503
-    with _running(folder / "full", recorder, workers=0, disk_floor_bytes=2**60) as api:
+    with _running(folder / "cell", recorder, workers=0, disk_floor_bytes=2**60) as api:
         full = api.client.put(image_address(api.make_session(), image), content=image, headers=OCTETS)
         assert full.status_code == 507, full.text
     with (
-        _running(folder / "defect", recorder, workers=0) as api,
+        _running(folder / "cell", recorder, workers=0) as api,
         patch.object(api.service.metrics, "render", side_effect=RuntimeError("a defect")),
     ):
         assert api.client.get("/metrics").status_code == 500

@@ -25,7 +25,7 @@ from app.services.keys import create_key
 
 TARGET = {"name": "board", "kind": "chessboard", "columns": 9, "rows": 6, "pitch_mm": 25.0}
 OCTETS = {"Content-Type": "application/octet-stream"}
-POLL_S = 0.02
+POLL_S, LONGEST_POLL_S = 0.02, 0.1
 _REQUEST_EVERY_S = (
     0.05  # a request costs several ms of processor time: more of them slow down what is waited for
 )
@@ -127,9 +127,14 @@ def assert_problem(response: Any, status: int, code: str | None = None) -> dict[
 def wait_until(condition: Callable[[], bool], within_s: float = 120.0, what: str = "the condition") -> None:
     """Return once a condition holds; fail with its name when it does not in time."""
     deadline = time.monotonic() + within_s
-    while not condition():
-        assert time.monotonic() < deadline, f"not within {within_s:g} s: {what}"
-        time.sleep(POLL_S)
+    while True:
+        began = time.monotonic()
+        if condition():
+            return
+        now = time.monotonic()
+        assert now < deadline, f"not within {within_s:g} s: {what}"
+        # Of what is waited for, a condition that is a request to the service would take the processor.
+        time.sleep(min(max(POLL_S, 4.0 * (now - began)), LONGEST_POLL_S))
 
 
 def new_session(client: ServiceClient, target: dict[str, Any] = TARGET, **fields: Any) -> str:
