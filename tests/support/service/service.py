@@ -26,9 +26,9 @@ from app.services.keys import create_key
 TARGET = {"name": "board", "kind": "chessboard", "columns": 9, "rows": 6, "pitch_mm": 25.0}
 OCTETS = {"Content-Type": "application/octet-stream"}
 POLL_S = 0.02
-_REQUEST_EVERY_S = (
-    0.05  # a request costs several ms of processor time: more of them slow down what is waited for
-)
+REQUEST_EVERY_S = 0.1
+"""A request costs several ms of processor time: more of them slow down what is waited for."""
+_REQUEST_EVERY_S = 0.05
 _LEAKS = re.compile(
     r"Traceback|pydantic|sqlalchemy|sqlite|psycopg|File \"|/tmp/|Input should|Error\b", re.IGNORECASE
 )
@@ -124,12 +124,21 @@ def assert_problem(response: Any, status: int, code: str | None = None) -> dict[
     return problem
 
 
-def wait_until(condition: Callable[[], bool], within_s: float = 120.0, what: str = "the condition") -> None:
-    """Return once a condition holds; fail with its name when it does not in time."""
+def wait_until(
+    condition: Callable[[], bool],
+    within_s: float = 120.0,
+    what: str = "the condition",
+    *,
+    every_s: float = POLL_S,
+) -> None:
+    """Return once a condition holds; fail with its name when it does not in time.
+
+    A condition that asks a service in a process of its own is looked at less often: `every_s` of REQUEST_EVERY_S.
+    """
     deadline = time.monotonic() + within_s
     while not condition():
         assert time.monotonic() < deadline, f"not within {within_s:g} s: {what}"
-        time.sleep(POLL_S)
+        time.sleep(every_s)
 
 
 def new_session(client: ServiceClient, target: dict[str, Any] = TARGET, **fields: Any) -> str:

@@ -10,11 +10,11 @@ from collections.abc import Callable
 from app.cli.demo.service_process import ServiceProcess
 from app.client import ServiceClient
 from core import TargetSpec
-from tests.support.service.service import wait_until
+from tests.support.service.service import REQUEST_EVERY_S, wait_until
 from tests.support.simulation.room_corner import Corner
 
 SPECS = (TargetSpec("chessboard", 8, 5, 18.0), TargetSpec("charuco", 6, 5, 22.0, 16.0, "DICT_5X5_100"))
-IMAGES = 40
+IMAGES = 24
 
 
 def test_every_grid_is_measured_once_whatever_is_killed(make_service: Callable[..., ServiceProcess]) -> None:
@@ -38,10 +38,12 @@ def test_every_grid_is_measured_once_whatever_is_killed(make_service: Callable[.
         return int(counts["succeeded"] + counts["failed"])
 
     for measurements in (IMAGES // 2, IMAGES):  # a quarter and a half of all: there is work under way
-        wait_until(lambda least=measurements: finished() >= least, 120.0, "some images are measured")
+        wait_until(
+            lambda least=measurements: finished() >= least, 120.0, "some images are measured", every_s=0.05
+        )
         service.kill()
         service = make_service().start()
-    wait_until(lambda: finished() == 2 * IMAGES, 120.0, "all images are measured")
+    wait_until(lambda: finished() == 2 * IMAGES, 120.0, "all images are measured", every_s=REQUEST_EVERY_S)
     with ServiceClient(service.url, key) as client:
         found = list(client.items(f"/v1/sessions/{session_id}/measurements"))
     assert {m["status"] for m in found} == {"succeeded"}

@@ -19,19 +19,25 @@ from app.cli.demo.service_process import ServiceProcess
 from app.client import ServiceClient
 from tests.support.environment.fault_proxy import FaultProxy, at_random
 from tests.support.image.images import small_image
-from tests.support.service.service import TARGET, new_session, wait_until
+from tests.support.service.service import REQUEST_EVERY_S, TARGET, new_session, wait_until
 from tests.support.service.watched import WatchedCell
 
 
+@pytest.fixture(scope="module")
+def service(tmp_path_factory: pytest.TempPathFactory) -> Iterator[ServiceProcess]:
+    """One service for all tests here, which computes nothing."""
+    with ServiceProcess(tmp_path_factory.mktemp("watch") / "data", {"GRIDPOSE_WORKERS": "0"}) as process:
+        yield process
+
+
 @pytest.fixture
-def cell(tmp_path: Path) -> Iterator[WatchedCell]:
-    """A folder for a session of a service that computes nothing."""
-    with ServiceProcess(tmp_path / "data", {"GRIDPOSE_WORKERS": "0"}) as service:
-        key = service.admin_key or ""
-        with ServiceClient(service.url, key) as client, FaultProxy(service.url) as proxy:
-            made = WatchedCell(tmp_path, new_session(client, TARGET), proxy, key, client)
-            made.folder.mkdir()
-            yield made
+def cell(service: ServiceProcess, tmp_path: Path) -> Iterator[WatchedCell]:
+    """A folder for a session of its own."""
+    key = service.admin_key or ""
+    with ServiceClient(service.url, key) as client, FaultProxy(service.url) as proxy:
+        made = WatchedCell(tmp_path, new_session(client, TARGET), proxy, key, client)
+        made.folder.mkdir()
+        yield made
 
 
 @contextmanager
@@ -84,7 +90,7 @@ def test_nothing_is_lost_or_stored_twice_whenever_it_is_killed(cell: WatchedCell
 def test_it_ends_in_order_and_says_so(cell: WatchedCell) -> None:
     with watching(cell) as process:
         cell.write("P1/1.png", small_image(1))
-        wait_until(lambda: cell.has(1), 60)
+        wait_until(lambda: cell.has(1), 60, every_s=REQUEST_EVERY_S)
         with watching(cell) as second:
             said, _ = second.communicate(timeout=60)
             assert second.returncode == 2
