@@ -19,7 +19,7 @@ from tests.support.environment.postgres import new_database
 from tests.support.environment.postgres_cluster import own_cluster
 from tests.support.environment.proxy import Proxy
 from tests.support.image.images import small_image
-from tests.support.service.service import wait_until
+from tests.support.service.service import REQUEST_EVERY_S, wait_until
 
 pytestmark = pytest.mark.postgres
 RESCUED_WITHIN_S = 30.0
@@ -79,11 +79,12 @@ def running(root: Path, environment: dict[str, str], objects: Proxy, *, workers:
 def conclude(machines: Machines, uploads: Uploads, session_id: str, url: str, within_s: float) -> None:
     """Wait until every acknowledged image is computed, and show that each is there once, whole and with one result."""
     uploads.join()
-    wait_until(
-        lambda: sum(machines.counts(session_id)[name] for name in ("queued", "running")) == 0,
-        within_s,
-        "every image is computed",
-    )
+
+    def is_done() -> bool:
+        counts = machines.counts(session_id)
+        return counts["queued"] + counts["running"] == 0
+
+    wait_until(is_done, within_s, "every image is computed", every_s=REQUEST_EVERY_S)
     database = Database(url)
     with database.read() as records:
         rows = records.execute(
