@@ -7,21 +7,43 @@ import os
 import re
 import subprocess
 import sys
+from collections.abc import Mapping
 from pathlib import Path
 from xml.etree import ElementTree
 
+import cv2
 import pytest
 
+from app.cli.demo import paper
+from core.simulation import Scene
+from tests.support.command_line import gridpose_here
+from tests.support.simulation.renders import render
 
-def demo(folder: Path, columns: int, *options: str) -> subprocess.CompletedProcess[str]:
+SEED = ("--seed", "2")
+
+
+def demo(folder: Path) -> subprocess.CompletedProcess[str]:
     return subprocess.run(
-        [sys.executable, "-m", "app.cli", "demo", *options, "--data-dir", str(folder), "--seed", "2"],
-        env={**os.environ, "COLUMNS": str(columns), "NO_COLOR": "1"},
+        [sys.executable, "-m", "app.cli", "demo", "--data-dir", str(folder), *SEED],
+        env={**os.environ, "COLUMNS": "100", "NO_COLOR": "1"},
         capture_output=True,
         text=True,
         timeout=600,
         check=False,
     )
+
+
+def demo_of_the_paper(folder: Path, *options: str) -> subprocess.CompletedProcess[str]:
+    """Run it in this process, on a narrow terminal."""
+    settings = {"COLUMNS": "80", "GRIDPOSE_WORKERS": "1"}
+    return gridpose_here("demo", "--paper", *options, "--data-dir", str(folder), *SEED, **settings)
+
+
+def render_or_read(files: Mapping[Path, Scene], *_: object) -> None:
+    """Write what the demo would render: the same pixels, kept from earlier runs of the tests."""
+    for path, scene in files.items():
+        path.parent.mkdir(parents=True, exist_ok=True)
+        assert cv2.imwrite(str(path), render(scene))
 
 
 def assert_table_iv(said: str, folder: Path) -> None:
@@ -58,7 +80,7 @@ def assert_table_iv(said: str, folder: Path) -> None:
 
 def test_the_small_demo_shows_a_table_of_poses_and_keeps_what_it_made(tmp_path: Path) -> None:
     folder = tmp_path / "kept"
-    ended = demo(folder, 100)
+    ended = demo(folder)
     said = ended.stdout
     assert ended.returncode == 0, said + ended.stderr
     assert ended.stderr == ""
@@ -94,9 +116,11 @@ def test_the_small_demo_shows_a_table_of_poses_and_keeps_what_it_made(tmp_path: 
 
 
 @pytest.mark.slow
-def test_it_calibrates_refuses_and_reports_the_truth(tmp_path: Path) -> None:
+def test_it_calibrates_refuses_and_reports_the_truth(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Its images are the tests' own renders: how a demo renders is shown by the small one."""
+    monkeypatch.setattr(paper, "render_images", render_or_read)
     folder = tmp_path / "kept"
-    ended = demo(folder, 80, "--paper", "--quick")
+    ended = demo_of_the_paper(folder, "--quick")
     said = ended.stdout
     assert ended.returncode == 0, said + ended.stderr
     assert "51 photographs measured; 50 determine the camera by themselves" in " ".join(said.split())
@@ -135,6 +159,6 @@ def test_it_calibrates_refuses_and_reports_the_truth(tmp_path: Path) -> None:
     for kept in re.findall(r"^  ([\w.-]+\.(?:json|svg|png|sqlite3)) ", where, re.MULTILINE):
         assert (folder / kept).exists(), kept
 
-    again = demo(folder, 80, "--paper")
+    again = demo_of_the_paper(folder)
     assert again.returncode == 2
     assert "is not empty" in again.stdout

@@ -14,8 +14,8 @@ from app.settings import Settings
 from tests.support.contract.contract import JSON_TYPES, TEXT_TYPES, Contract
 from tests.support.contract.recording import FORM, keys_of
 from tests.support.contract.run import record_examples
+from tests.support.environment.side_processes import SideProcesses
 from tests.support.service.applications import processes_lent, workers_lent
-from tests.support.service.side_processes import SideProcesses
 
 RENEW = "run `make examples`, then `make openapi`"
 

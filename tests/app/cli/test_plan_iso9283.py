@@ -13,6 +13,7 @@ from typer.testing import CliRunner, Result
 
 from app.analyses.documents.iso9283 import plan as planning
 from app.cli.main import app
+from core.simulation import forecast_repeatability
 
 PLAN = (
     "robots",
@@ -39,9 +40,7 @@ def run(*arguments: str, code: int = 0) -> Result:
 @pytest.fixture
 def few_draws(monkeypatch: pytest.MonkeyPatch) -> None:
     """Few robots are drawn for the forecast, where a test looks at nothing of it: two hundred take seconds."""
-    monkeypatch.setattr(
-        planning, "forecast_repeatability", partial(planning.forecast_repeatability, draws=10)
-    )
+    monkeypatch.setattr(planning, "forecast_repeatability", partial(forecast_repeatability, draws=10))
 
 
 @pytest.mark.slow

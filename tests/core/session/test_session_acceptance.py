@@ -74,19 +74,19 @@ def test_distances_that_are_off_by_one_factor_decide_nothing_of_accuracy() -> No
 
 
 def test_poses_that_agree_with_the_other_camera_mount_decide_nothing_of_accuracy() -> None:
-    """A mount that is stated wrongly is not the robot's fault either: such robots failed, beside the warning."""
+    """A mount that is stated wrongly is not the robot's fault either: such robots failed in spite of the warning."""
     commanded = commands(6)
     data = at_commands(made.gaussian(np.random.default_rng(5), 12, 6), commanded)
     commanded["P6"] = CommandedPose([5.0, 0.0, 100.0], 0.0, 0.0, 0.0)
     for limit, decision in ((20.0, Decision.PASS), (1.0, Decision.FAIL)):
         one = replace(data, commanded=commanded, datasheet=Datasheet(accuracy_mm=limit))
         table = assess_repeatability(one)
-        doubted = replace(table.accuracy, warnings=(Advisory("camera_mount_unlikely", "", ""),))
-        for accuracy, expected in ((table.accuracy, decision), (doubted, Decision.INCONCLUSIVE)):
+        contradicted = replace(table.accuracy, warnings=(Advisory("camera_mount_unlikely", "", ""),))
+        for accuracy, expected in ((table.accuracy, decision), (contradicted, Decision.INCONCLUSIVE)):
             found = assess_acceptance(one, replace(table, accuracy=accuracy)).accuracy
             assert found is not None
             assert found.found.decision is expected
-            assert ("mounted" in found.found.reason) == (accuracy is doubted)
+            assert ("mounted" in found.found.reason) == (accuracy is contradicted)
 
 
 def test_cycles_without_numbers_decide_nothing() -> None:

@@ -19,8 +19,8 @@ from app.jobs import call_queue, worker_pool
 from app.main import create_app
 from app.services.installation.context import ServiceContext
 from app.settings import Settings
+from tests.support.environment.side_processes import SideProcesses
 from tests.support.service.service import Api, ApiMaker, wait_until
-from tests.support.service.side_processes import SideProcesses
 
 
 @pytest.fixture(scope="session")

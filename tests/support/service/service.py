@@ -25,10 +25,8 @@ from app.services.keys import create_key
 
 TARGET = {"name": "board", "kind": "chessboard", "columns": 9, "rows": 6, "pitch_mm": 25.0}
 OCTETS = {"Content-Type": "application/octet-stream"}
-POLL_S, LONGEST_POLL_S = 0.02, 0.1
-_REQUEST_EVERY_S = (
-    0.05  # a request costs several ms of processor time: more of them slow down what is waited for
-)
+POLL_S, REQUEST_EVERY_S = 0.02, 0.1
+"""A request costs several ms of processor time: more of them slow down what is waited for."""
 _LEAKS = re.compile(
     r"Traceback|pydantic|sqlalchemy|sqlite|psycopg|File \"|/tmp/|Input should|Error\b", re.IGNORECASE
 )
@@ -91,7 +89,7 @@ class Api:
             if document["status"] in ("succeeded", "failed"):
                 return document
             assert time.monotonic() < deadline, f"still {document['status']} after {within_s} s"
-            time.sleep(_REQUEST_EVERY_S)
+            time.sleep(REQUEST_EVERY_S)
 
 
 def access_version(database: Database) -> int:
@@ -125,7 +123,10 @@ def assert_problem(response: Any, status: int, code: str | None = None) -> dict[
 
 
 def wait_until(condition: Callable[[], bool], within_s: float = 120.0, what: str = "the condition") -> None:
-    """Return once a condition holds; fail with its name when it does not in time."""
+    """Return once a condition holds; fail with its name when it does not in time.
+
+    The longer a condition takes, as a request to a service does, the less often it is looked at.
+    """
     deadline = time.monotonic() + within_s
     while True:
         began = time.monotonic()
@@ -133,8 +134,7 @@ def wait_until(condition: Callable[[], bool], within_s: float = 120.0, what: str
             return
         now = time.monotonic()
         assert now < deadline, f"not within {within_s:g} s: {what}"
-        # Of what is waited for, a condition that is a request to the service would take the processor.
-        time.sleep(min(max(POLL_S, 4.0 * (now - began)), LONGEST_POLL_S))
+        time.sleep(min(max(POLL_S, 4.0 * (now - began)), REQUEST_EVERY_S))
 
 
 def new_session(client: ServiceClient, target: dict[str, Any] = TARGET, **fields: Any) -> str:

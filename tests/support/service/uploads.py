@@ -12,6 +12,7 @@ from typing import Any
 import httpx2
 
 from app.client import ServiceClient
+from tests.support.service.service import REQUEST_EVERY_S
 
 UPLOADERS = 2
 WITHIN_S = 240.0
@@ -128,13 +129,13 @@ def finished_measurements(client: ServiceClient, session_id: str) -> list[dict[s
     """Wait until nothing is queued or running, as long as things move, and return all measurements."""
     stuck = 0
     last = None
-    while stuck < 6000:
+    while stuck < 600:
         counts = client.get(f"/v1/sessions/{session_id}")["counts"]
         if not counts["queued"] and not counts["running"]:
             break
         stuck = stuck + 1 if counts == last else 0
         last = counts
-        time.sleep(0.01)
+        time.sleep(REQUEST_EVERY_S)
     assert not counts["queued"], counts
     assert not counts["running"], counts
     return list(client.items(f"/v1/sessions/{session_id}/measurements"))

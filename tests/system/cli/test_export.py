@@ -17,6 +17,7 @@ from pytransform3d.urdf import UrdfTransformManager
 from app.cli.demo.service_process import ServiceProcess
 from app.client import ServiceClient
 from core.kinematics.dh import Chain, forward
+from tests.support.command_line import run_here_at
 from tests.support.service.service import TARGET, run_at
 
 TWO_AXES = Chain.from_rows([(150.0, 90.0, 300.0, 10.0), (80.0, 0.0, 20.0, 0.0)])
@@ -90,13 +91,13 @@ def test_a_robot_comes_out_as_every_file(service: ServiceProcess, tmp_path: Path
     T[:3, 3] *= 1000.0
     assert np.abs(T - forward(found, q)[0]).max() < 1e-9
     named = ("--sweep", "1:P0,P3,P6", "--sweep", "1:P1,P4,P7", "--sweep", "2:P?", "--method", "combined")
-    code, text, _ = run_at(service, *export, "--format", "yaml", *named)
+    code, text, _ = run_here_at(service, *export, "--format", "yaml", *named)
     assert (code, text) == (1, "")  # all nine poses are no sweep of joint 2
-    code, text, errors = run_at(service, *export, "--format", "yaml", *named[:4], *named[6:])
+    code, text, errors = run_here_at(service, *export, "--format", "yaml", *named[:4], *named[6:])
     assert code == 0, errors
     document = yaml.safe_load(text)
     assert document["named_sweeps"] == ["1:P0,P3,P6", "1:P1,P4,P7"]
-    code, text, errors = run_at(service, *export, "--format", "yaml")
+    code, text, errors = run_here_at(service, *export, "--format", "yaml")
     assert code == 0, errors
     document = yaml.safe_load(text)
     assert document["robot"] == "Positioner"
@@ -105,7 +106,7 @@ def test_a_robot_comes_out_as_every_file(service: ServiceProcess, tmp_path: Path
         ("lean", [-100.0, 95.0]),
         ("joint_2", None),
     ]
-    code, text, errors = run_at(service, *export, "--format", "roboticstoolbox")
+    code, text, errors = run_here_at(service, *export, "--format", "roboticstoolbox")
     assert code == 0, errors
     program: dict[str, Any] = {}
     exec(compile(text, "robot.py", "exec"), program)
@@ -113,7 +114,7 @@ def test_a_robot_comes_out_as_every_file(service: ServiceProcess, tmp_path: Path
     T[:3, 3] *= 1000.0
     assert np.abs(T - forward(found, q)[0]).max() < 1e-9
     assert np.degrees(program["robot"].links[0].qlim) == pytest.approx([-100.0, 95.0])
-    code, text, errors = run_at(service, *export, "--format", "urdf")
+    code, text, errors = run_here_at(service, *export, "--format", "urdf")
     assert code == 0, errors
     tree = UrdfTransformManager()
     tree.load_urdf(text)
@@ -123,10 +124,10 @@ def test_a_robot_comes_out_as_every_file(service: ServiceProcess, tmp_path: Path
 
 def test_refusals_say_what_to_do(service: ServiceProcess) -> None:
     export = ("robots", "export", "--format", "csv", "--session")
-    code, _, said = run_at(service, *export, "cell")
+    code, _, said = run_here_at(service, *export, "cell")
     assert code == 1
     assert "too_few_measurements" in said
-    code, _, said = run_at(service, *export, "nobody")
+    code, _, said = run_here_at(service, *export, "nobody")
     assert code == 1
     assert "session_not_found" in said
     measured = ("cell", "--source", "measured_poses")
@@ -136,7 +137,7 @@ def test_refusals_say_what_to_do(service: ServiceProcess) -> None:
         ("--joint-limits", "90,x"),
         ("--joint-limits", "90,5:1"),
     ):
-        code, text, said = run_at(service, *export, *measured, *options)
+        code, text, said = run_here_at(service, *export, *measured, *options)
         assert (code, text) == (2, ""), said
         assert options[0] in said, "the option is named"
 
@@ -148,18 +149,18 @@ def test_coupled_joints_are_written_as_yaml_and_urdf_alone(service: ServiceProce
         address = f"/v1/robots/{robot['id']}"
         client.change(address, {"joint_coupling": [[1.0, 0.0], [0.001, 1.0]]})
         for name in ("roboticstoolbox", "csv"):
-            code, text, said = run_at(service, *export, name)
+            code, text, said = run_here_at(service, *export, name)
             assert (code, text) == (2, "")
             assert "--format yaml" in said
-        code, text, errors = run_at(service, *export, "yaml")
+        code, text, errors = run_here_at(service, *export, "yaml")
         assert code == 0, errors
         assert yaml.safe_load(text)["joint_coupling"] == [[1.0, 0.0], [0.001, 1.0]]
-        code, text, errors = run_at(service, *export, "urdf")
+        code, text, errors = run_here_at(service, *export, "urdf")
         assert code == 0, errors
         assert text.count("<mimic ") == 1
         # Ones alone couple nothing.
         assert client.change(address, {"joint_coupling": [[1.0, 0.0], [0.0, 1.0]]})["joint_coupling"] is None
-    assert run_at(service, *export, "csv")[0] == 0
+    assert run_here_at(service, *export, "csv")[0] == 0
 
 
 def test_a_plan_is_shown(service: ServiceProcess, tmp_path: Path) -> None:
@@ -178,12 +179,12 @@ def test_a_plan_is_shown(service: ServiceProcess, tmp_path: Path) -> None:
     }
     path = tmp_path / "plan.yaml"
     path.write_text(yaml.safe_dump(plan), encoding="utf-8")
-    code, shown, errors = run_at(service, "robots", "plan", "dh", str(path), "--robot", "Positioner")
+    code, shown, errors = run_here_at(service, "robots", "plan", "dh", str(path), "--robot", "Positioner")
     assert code == 0, errors
     assert "10 of 10 poses" in shown
     assert "2 further poses" in shown
-    code, _, said = run_at(service, "robots", "plan", "dh", str(path), "--robot", "nobody")
+    code, _, said = run_here_at(service, "robots", "plan", "dh", str(path), "--robot", "nobody")
     assert (code, "robot_not_found" in said) == (1, True)
     path.write_text("- 1\n", encoding="utf-8")
-    code, _, said = run_at(service, "robots", "plan", "dh", str(path), "--robot", "Positioner")
+    code, _, said = run_here_at(service, "robots", "plan", "dh", str(path), "--robot", "Positioner")
     assert (code, path.name in said) == (2, True)

@@ -13,6 +13,7 @@ import pytest
 
 from app.cli.demo.service_process import ServiceProcess
 from app.client import ClientError, ServiceClient
+from tests.support.command_line import run_here_at
 from tests.support.service.service import run_at
 
 DOCUMENT = Path(__file__).parents[3] / "docs" / "kinematics.md"
@@ -54,14 +55,14 @@ def test_a_laser_tracker_s_file_comes_in_as_documented(service: ServiceProcess, 
     R = np.array(readings[0]["rotation"])
     assert np.allclose(R @ R.T, np.eye(3), atol=1e-12)
     # Again: nothing new.
-    code, again, said = run_at(service, *command)
+    code, again, said = run_here_at(service, *command)
     assert (code, again) == (0, session)
     assert len(stored(service, session)) == 1495
 
 
 def test_a_positioner_s_yaml_comes_in_as_documented(service: ServiceProcess, data_folder: Path) -> None:
     command = documented("positioner_kinematic_measurements.yaml", data_folder / "robot_cal_tools")
-    code, session, said = run_at(service, *command)
+    code, session, said = run_here_at(service, *command)
     assert code == 0, said
     readings = stored(service, session)
     assert len(readings) == 205
@@ -77,15 +78,15 @@ def test_refusals_name_lines_and_send_nothing(service: ServiceProcess, tmp_path:
     text = "pose,cycle,x,y,z\nP1,1,0,0,0\nP1,2,0,0,zero\nP1,3,0,0,1\n"
     path.write_text(text, encoding="utf-8")
     options = ("measured-poses", "import", str(path), "--session", "s", "--target", "chessboard:9x6:25")
-    code, _, said = run_at(service, *options)
+    code, _, said = run_here_at(service, *options)
     assert code == 1
     assert "line 3: z" in said
-    code, session, said = run_at(service, *options, "--skip-invalid")
+    code, session, said = run_here_at(service, *options, "--skip-invalid")
     assert code == 0, said
     assert [reading["cycle"] for reading in stored(service, session)] == [1, 3]
     # What the service refuses comes back with the file's lines too.
     path.write_text(text.replace("zero", "2").replace("P1,3,0,0,1", "P1,3,0,0,9"), encoding="utf-8")
-    code, _, said = run_at(service, *options)
+    code, _, said = run_here_at(service, *options)
     assert code == 1
     assert "measured_pose_conflict" in said
     assert "line 4: cycle" in said
@@ -97,7 +98,7 @@ def test_readings_get_joint_angles_by_their_commanded_poses(service: ServiceProc
     rows = [(f"P{k}", 900 + 10 * k, 30 * k, 400 - 5 * k, 3 * k, -4 * k) for k in range(1, 13)]
     path.write_text("pose_id,x_mm,y_mm,z_mm\n" + "".join(f"{p},{x},{y},{z}\n" for p, x, y, z, *_ in rows))
     options = ("measured-poses", "import", str(path), "--session", "angles", "--target", "chessboard:9x6:25")
-    code, session, said = run_at(service, *options)
+    code, session, said = run_here_at(service, *options)
     assert code == 0, said
 
     def refused() -> dict[str, Any]:
@@ -111,17 +112,17 @@ def test_readings_get_joint_angles_by_their_commanded_poses(service: ServiceProc
     # The same readings with joint angles would count twice: nothing is sent.
     whole = "pose_id,x_mm,y_mm,z_mm,j1_deg,j2_deg\n" + "".join(",".join(map(str, row)) + "\n" for row in rows)
     path.write_text(whole)
-    code, _, said = run_at(service, *options)
+    code, _, said = run_here_at(service, *options)
     assert code == 2
     assert "gridpose measured-poses delete" in said
     assert len(stored(service, session)) == 12
     # What the advice says works: angles as commanded poses, or deletion first.
     angles.write_text("pose_id,j1_deg,j2_deg\n" + "".join(f"{p},{a},{b}\n" for p, _, _, _, a, b in rows))
-    code, _, said = run_at(service, "poses", "load", str(angles), "--session", session)
+    code, _, said = run_here_at(service, "poses", "load", str(angles), "--session", session)
     assert code == 0, said
     assert refused()["code"] != "joint_angles_missing"
-    assert run_at(service, "measured-poses", "delete", session, "--all")[0] == 0
-    assert run_at(service, *options)[0] == 0
+    assert run_here_at(service, "measured-poses", "delete", session, "--all")[0] == 0
+    assert run_here_at(service, *options)[0] == 0
     readings = stored(service, session)
     assert len(readings) == 12
     assert readings[0]["joint_angles_deg"] == [3.0, -4.0]

@@ -8,7 +8,6 @@ import json
 import socket
 import sys
 from collections.abc import Iterator
-from pathlib import Path
 from typing import Any
 
 import pytest
@@ -19,12 +18,11 @@ from tests.support.image.images import small_image
 from tests.support.service.service import TARGET, new_session, wait_until
 
 
-@pytest.fixture
-def head(tmp_path: Path) -> Iterator[ServiceProcess]:
-    """A running service without workers."""
-    with ServiceProcess(
-        tmp_path / "data", {"GRIDPOSE_WORKERS": "0", "GRIDPOSE_DISK_FLOOR_BYTES": "0"}
-    ) as service:
+@pytest.fixture(scope="module")
+def head(tmp_path_factory: pytest.TempPathFactory) -> Iterator[ServiceProcess]:
+    """One service without workers for all tests here, each with a session of its own."""
+    folder = tmp_path_factory.mktemp("refused") / "data"
+    with ServiceProcess(folder, {"GRIDPOSE_WORKERS": "0", "GRIDPOSE_DISK_FLOOR_BYTES": "0"}) as service:
         yield service
 
 
@@ -42,8 +40,16 @@ def originals(service: ServiceProcess) -> list[str]:
     return sorted(path.name for path in (service.data_dir / "originals").rglob("*") if path.is_file())
 
 
+@pytest.fixture
+def before(head: ServiceProcess) -> list[str]:
+    """The files that lie there before a test."""
+    return originals(head)
+
+
 @pytest.mark.skipif(sys.platform != "linux", reason="needs prlimit")
-def test_a_limit_of_file_sizes_is_answered_like_a_full_disk(head: ServiceProcess, session_id: str) -> None:
+def test_a_limit_of_file_sizes_is_answered_like_a_full_disk(
+    head: ServiceProcess, session_id: str, before: list[str]
+) -> None:
     """On one connection throughout, with the log on a file that the limit holds for, too."""
     import resource
 
@@ -53,7 +59,7 @@ def test_a_limit_of_file_sizes_is_answered_like_a_full_disk(head: ServiceProcess
     connection.connect()
     first = connection.sock
     assert first is not None
-    kept = []
+    kept = list(before)
 
     def send(method: str, address: str, body: bytes, kind: str) -> tuple[int, Any]:
         headers = {"Authorization": f"Bearer {head.admin_key}", "Content-Type": kind}
@@ -92,7 +98,7 @@ def test_a_limit_of_file_sizes_is_answered_like_a_full_disk(head: ServiceProcess
 
 @pytest.mark.parametrize("more", ["", "Expect: 100-continue\r\n"])
 def test_a_terabyte_that_is_announced_is_refused_at_once(
-    head: ServiceProcess, session_id: str, more: str
+    head: ServiceProcess, session_id: str, before: list[str], more: str
 ) -> None:
     address = f"/v1/sessions/{session_id}/poses/P1/images/{'0' * 64}"
     request = f"PUT {address} HTTP/1.1\r\nHost: x\r\nAuthorization: Bearer {head.admin_key}\r\n"
@@ -104,14 +110,16 @@ def test_a_terabyte_that_is_announced_is_refused_at_once(
             answer += connection.recv(65536)
     assert answer.startswith(b"HTTP/1.1 413")  # no byte of the body was sent: it did not wait for one
     assert b'"upload_too_large"' in answer
-    assert originals(head) == []
+    assert originals(head) == before
 
 
-def test_a_client_that_goes_away_leaves_no_file(head: ServiceProcess, session_id: str) -> None:
+def test_a_client_that_goes_away_leaves_no_file(
+    head: ServiceProcess, session_id: str, before: list[str]
+) -> None:
     address = f"/v1/sessions/{session_id}/poses/P1/images/{'0' * 64}"
     request = f"PUT {address} HTTP/1.1\r\nHost: x\r\nAuthorization: Bearer {head.admin_key}\r\n"
     request += "Content-Type: application/octet-stream\r\nContent-Length: 9000000\r\n\r\n"
     with socket.create_connection(("127.0.0.1", port_of(head)), timeout=60) as connection:
         connection.sendall(request.encode() + bytes(3 << 20))
-        wait_until(lambda: len(originals(head)) == 1, 60, "the upload is being received")
-    wait_until(lambda: originals(head) == [], 60, "nothing is left of it")
+        wait_until(lambda: len(originals(head)) == len(before) + 1, 60, "the upload is being received")
+    wait_until(lambda: originals(head) == before, 60, "nothing is left of it")

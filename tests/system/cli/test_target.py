@@ -3,19 +3,21 @@
 from __future__ import annotations
 
 import json
-import os
 import shutil
 import subprocess
-import sys
 from pathlib import Path
 
 import pytest
 
 from app.cli.demo.service_process import ServiceProcess
 from app.client import ServiceClient
+from tests.support.command_line import gridpose_here
 
 
-def test_a_stored_target_is_printed_and_its_session_checked(tmp_path: Path, data_folder: Path) -> None:
+def test_a_stored_target_is_printed_and_its_session_checked(
+    tmp_path: Path, data_folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
     photos = tmp_path / "photos"
     photos.mkdir()
     for photo in (data_folder / "opencv_samples").glob("left[01]*.jpg"):
@@ -23,17 +25,7 @@ def test_a_stored_target_is_printed_and_its_session_checked(tmp_path: Path, data
     with ServiceProcess(tmp_path / "data", {"GRIDPOSE_WORKERS": "1"}) as service:
 
         def gridpose(*arguments: str) -> subprocess.CompletedProcess[str]:
-            ended = subprocess.run(
-                [sys.executable, "-m", "app.cli", *arguments],
-                cwd=tmp_path,
-                env={**os.environ, "GRIDPOSE_URL": service.url, "GRIDPOSE_KEY": service.admin_key or ""},
-                capture_output=True,
-                text=True,
-                timeout=300,
-                check=False,
-            )
-            assert "Traceback" not in ended.stderr, ended.stderr
-            return ended
+            return gridpose_here(*arguments, GRIDPOSE_URL=service.url, GRIDPOSE_KEY=service.admin_key or "")
 
         gridpose(
             "upload",

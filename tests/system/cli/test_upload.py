@@ -5,19 +5,30 @@ from __future__ import annotations
 import hashlib
 import re
 import shutil
-from collections.abc import Iterator
+import socket
+import subprocess
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
 
 from app.cli.demo.service_process import ServiceProcess
 from app.client import ServiceClient
+from tests.support.command_line import gridpose_here
 from tests.support.image.images import small_image
 from tests.support.service.service import gridpose
 
+Command = Callable[..., subprocess.CompletedProcess[str]]
 
-def upload(service: ServiceProcess, folder: Path, *options: str, key: str | None = None) -> tuple[int, str]:
-    ended = gridpose(
+
+def upload(
+    service: ServiceProcess,
+    folder: Path,
+    *options: str,
+    key: str | None = None,
+    run: Command = gridpose_here,
+) -> tuple[int, str]:
+    ended = run(
         "upload", str(folder), "--url", service.url, *options, GRIDPOSE_KEY=key or service.admin_key or ""
     )
     return ended.returncode, ended.stdout + ended.stderr
@@ -49,11 +60,11 @@ def folder(tmp_path: Path) -> Path:
 
 def test_a_new_session_is_made_and_a_second_run_sends_nothing(service: ServiceProcess, folder: Path) -> None:
     options = ("--session", "Cell 7", "--target", "chessboard:9x6:25")
-    code, said = upload(service, folder, *options)
+    code, said = upload(service, folder, *options, run=gridpose)
     assert code == 0, said
     assert tally(said, "sent", "already", "failed") == (4, 0, 0)
 
-    code, said = upload(service, folder, *options)
+    code, said = upload(service, folder, *options, run=gridpose)
     assert code == 0, said
     assert tally(said, "sent", "already", "failed") == (0, 4, 0)
     with ServiceClient(service.url, service.admin_key) as client:
@@ -141,17 +152,19 @@ def test_what_was_measured_by_name_is_no_refusal(
     assert "1 already measured" in said
 
 
-def test_a_wrong_key_and_a_missing_service_are_identified(tmp_path: Path, folder: Path) -> None:
-    with ServiceProcess(tmp_path / "data", {"GRIDPOSE_WORKERS": "0"}) as ending:
-        code, said = upload(ending, folder, "--session", "nobody", key="gp_nobody")
-        assert code == 1
-        assert "not_authenticated" in said
-        code, said = upload(ending, folder, "--session", "nobody")
-        assert code == 1
-        assert "--target" in said
-    code, said = upload(ending, folder, "--session", "nobody", "--retry-timeout", "0.5")
+def test_a_wrong_key_and_a_missing_service_are_identified(service: ServiceProcess, folder: Path) -> None:
+    code, said = upload(service, folder, "--session", "nobody", key="gp_nobody")
     assert code == 1
-    assert ending.url in said
+    assert "not_authenticated" in said
+    code, said = upload(service, folder, "--session", "nobody")
+    assert code == 1
+    assert "--target" in said
+    with socket.socket() as silent:
+        silent.bind(("127.0.0.1", 0))  # nothing listens there, and nothing else can meanwhile
+        url = f"http://127.0.0.1:{silent.getsockname()[1]}"
+        code, said = upload(service, folder, "--session", "nobody", "--retry-timeout", "0.5", "--url", url)
+    assert code == 1
+    assert url in said
 
 
 def test_a_folder_without_images_and_a_bad_pattern_are_refused(

@@ -23,15 +23,21 @@ from tests.support.service.service import TARGET, new_session, wait_until
 from tests.support.service.watched import WatchedCell
 
 
+@pytest.fixture(scope="module")
+def service(tmp_path_factory: pytest.TempPathFactory) -> Iterator[ServiceProcess]:
+    """One service for all tests here, which computes nothing."""
+    with ServiceProcess(tmp_path_factory.mktemp("watch") / "data", {"GRIDPOSE_WORKERS": "0"}) as process:
+        yield process
+
+
 @pytest.fixture
-def cell(tmp_path: Path) -> Iterator[WatchedCell]:
-    """A folder for a session of a service that computes nothing."""
-    with ServiceProcess(tmp_path / "data", {"GRIDPOSE_WORKERS": "0"}) as service:
-        key = service.admin_key or ""
-        with ServiceClient(service.url, key) as client, FaultProxy(service.url) as proxy:
-            made = WatchedCell(tmp_path, new_session(client, TARGET), proxy, key, client)
-            made.folder.mkdir()
-            yield made
+def cell(service: ServiceProcess, tmp_path: Path) -> Iterator[WatchedCell]:
+    """A folder for a session of its own."""
+    key = service.admin_key or ""
+    with ServiceClient(service.url, key) as client, FaultProxy(service.url) as proxy:
+        made = WatchedCell(tmp_path, new_session(client, TARGET), proxy, key, client)
+        made.folder.mkdir()
+        yield made
 
 
 @contextmanager

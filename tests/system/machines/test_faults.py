@@ -79,11 +79,12 @@ def running(root: Path, environment: dict[str, str], objects: Proxy, *, workers:
 def conclude(machines: Machines, uploads: Uploads, session_id: str, url: str, within_s: float) -> None:
     """Wait until every acknowledged image is computed, and show that each is there once, whole and with one result."""
     uploads.join()
-    wait_until(
-        lambda: sum(machines.counts(session_id)[name] for name in ("queued", "running")) == 0,
-        within_s,
-        "every image is computed",
-    )
+
+    def is_done() -> bool:
+        counts = machines.counts(session_id)
+        return counts["queued"] + counts["running"] == 0
+
+    wait_until(is_done, within_s, "every image is computed")
     database = Database(url)
     with database.read() as records:
         rows = records.execute(

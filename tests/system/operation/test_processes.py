@@ -23,6 +23,7 @@ MakeService = Callable[..., ServiceProcess]
 def test_sigterm_ends_everything_in_time_and_the_rest_is_done_after_a_restart(
     make_service: MakeService,
 ) -> None:
+    """Then the service is killed, takes its workers along, and is ready again."""
     service = make_service().start()
     key = service.admin_key
     with ServiceClient(service.url, key) as client:
@@ -42,7 +43,7 @@ def test_sigterm_ends_everything_in_time_and_the_rest_is_done_after_a_restart(
             assert service.stop() == 0  # within STOP_WITHIN_S
     wait_until(lambda: not any(Path(f"/proc/{pid}").exists() for pid in children), 60, "workers gone")
 
-    service = make_service().start()
+    service = make_service(GRIDPOSE_WORKERS="2").start()
     with ServiceClient(service.url, key) as client:
 
         def counts() -> dict[str, int]:
@@ -53,9 +54,6 @@ def test_sigterm_ends_everything_in_time_and_the_rest_is_done_after_a_restart(
         measurements = list(client.items(f"/v1/sessions/{session_id}/measurements"))
         assert {m["failure"]["code"] for m in measurements} == {"target_not_found"}
 
-
-def test_a_killed_head_takes_its_workers_along_and_a_restart_is_ready(make_service: MakeService) -> None:
-    service = make_service(GRIDPOSE_WORKERS="2").start()
     children = descendants(service.process.pid)
     assert len(children) >= 2
     service.kill()
@@ -64,11 +62,13 @@ def test_a_killed_head_takes_its_workers_along_and_a_restart_is_ready(make_servi
 
 
 def test_an_image_whose_worker_dies_three_times_is_given_up_and_the_others_finish(
-    make_service: MakeService,
+    service: ServiceProcess,
 ) -> None:
     """The worker is killed from outside whenever it computes the one image, as the system's memory guard would."""
-    service = make_service().start()
-    with ServiceClient(service.url, service.admin_key) as client:
+    with (
+        ServiceClient(service.url, service.admin_key) as client,
+        httpx2.Client(base_url=service.url) as anyone,
+    ):
         session_id = new_session(client)
         poison = put(client, session_id, slow_image(), "poison")
         others = [put(client, session_id, small_image(number)) for number in range(5)]
@@ -78,7 +78,7 @@ def test_an_image_whose_worker_dies_three_times_is_given_up_and_the_others_finis
             return m["attempts"], m["status"]
 
         def is_ready() -> bool:  # a worker that has started, and waits for a job or computes one
-            return httpx2.get(f"{service.url}/readyz").status_code == 200
+            return anyone.get("/readyz").status_code == 200
 
         # Once per attempt: a service whose worker is also killed at every start can compute nothing, and ends.
         # A claimed image is `running` while it waits for a worker that starts; a death at the start is no attempt.
@@ -92,7 +92,9 @@ def test_an_image_whose_worker_dies_three_times_is_given_up_and_the_others_finis
             os.kill(worker, signal.SIGKILL)
 
         wait_until(
-            lambda: attempts_and_status()[1] not in ("queued", "running"), 120, "the image is given up"
+            lambda: attempts_and_status()[1] not in ("queued", "running"),
+            120,
+            "the image is given up",
         )
         failure = client.get(f"/v1/measurements/{poison}")["failure"]
         assert failure["code"] == "worker_crashed"
@@ -103,14 +105,17 @@ def test_an_image_whose_worker_dies_three_times_is_given_up_and_the_others_finis
             found = [client.get(f"/v1/measurements/{other}") for other in others]
             return {(m["status"], (m["failure"] or {}).get("code", "")) for m in found}
 
-        wait_until(lambda: ends() == {("failed", "target_not_found")}, 60, "the other images are done")
+        wait_until(
+            lambda: ends() == {("failed", "target_not_found")},
+            60,
+            "the other images are done",
+        )
 
         wait_until(is_ready, 120, "the worker that died last is replaced")
 
 
-def test_a_second_service_on_the_same_folder_is_refused_in_a_sentence(
-    service: ServiceProcess, make_service: MakeService
-) -> None:
+def test_a_second_service_on_the_same_folder_is_refused_in_a_sentence(make_service: MakeService) -> None:
+    service = make_service(GRIDPOSE_WORKERS="0").start()
     with pytest.raises(ServiceStartError, match="ended with code"):
         make_service().start()
     assert httpx2.get(f"{service.url}/readyz").status_code == 200

@@ -34,9 +34,12 @@ class Proxied:
 
     service: ServiceProcess
     key: str
-    restart: Callable[[], None]
     url: str
     tls: ssl.SSLContext
+
+    def restart(self) -> None:
+        assert self.service.stop() == 0
+        self.service.start()
 
     def client(self, **options: Any) -> httpx2.Client:
         headers = {"Authorization": f"Bearer {self.key}", **options.pop("headers", {})}
@@ -49,27 +52,25 @@ def free_port() -> int:
     return port
 
 
+@pytest.fixture(scope="module")
+def service(tmp_path_factory: pytest.TempPathFactory) -> Iterator[ServiceProcess]:
+    """One service behind all proxies, which computes nothing."""
+    settings = {"GRIDPOSE_WORKERS": "0", "GRIDPOSE_TRUSTED_PROXIES": "127.0.0.1"}
+    process = ServiceProcess(tmp_path_factory.mktemp("proxied") / "data", settings, port=free_port())
+    with process:
+        yield process
+
+
 @pytest.fixture(params=["nginx", "caddy"])
-def proxied(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[Proxied]:
+def proxied(request: pytest.FixtureRequest, service: ServiceProcess, tmp_path: Path) -> Iterator[Proxied]:
     program: str = request.param
     found = shutil.which(program, path=f"{os.environ['PATH']}{os.pathsep}/usr/sbin")
     if found is None:
         if os.environ.get("CI"):
             pytest.fail(f"{program} is required here and not installed")
         pytest.skip(f"{program} is not installed")
-    service_port, port = free_port(), free_port()
-    running: list[ServiceProcess] = []
-
-    def start() -> None:
-        environment = {"GRIDPOSE_WORKERS": "1", "GRIDPOSE_TRUSTED_PROXIES": "127.0.0.1"}
-        running.append(ServiceProcess(tmp_path / "data", environment, port=service_port).start())
-
-    def restart() -> None:
-        assert running[-1].stop() == 0
-        start()
-
-    start()
-    key = running[0].admin_key
+    service_port, port = int(service.url.rpartition(":")[2]), free_port()
+    key = service.admin_key
     assert key is not None
     certificate = make_certificate(tmp_path)
     command = [found, *arguments_of[program](tmp_path, service_port, port, certificate)]
@@ -87,10 +88,8 @@ def proxied(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[Proxied]
 
     try:
         wait_until(answers, 30, f"{program} answers")
-        yield Proxied(running[0], key, restart, url, tls)
+        yield Proxied(service, key, url, tls)
     finally:
-        for service in running:
-            service.kill()
         proxy.terminate()
         try:
             proxy.wait(20)

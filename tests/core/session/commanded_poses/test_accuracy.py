@@ -23,13 +23,13 @@ CUBE, ANY_FIVE, _, ANY_TEN, POSITIONS, FOUR = LAYOUTS
 
 @pytest.fixture
 def without_intervals(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Leave out the intervals of lengths, most of the time, for what they have no part in."""
+    """Do without the intervals of lengths, most of the time, where they have no part."""
     monkeypatch.setattr("core.metrology.accuracy.deviations.length_limits", lambda parts: (0.0, 0.0))
 
 
 @pytest.fixture
 def without_held_out_intervals(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Leave out those in the frames of the other poses, half of the time."""
+    """Do without those in the frames of the other poses, half of the time."""
     monkeypatch.setattr("core.metrology.accuracy.deviations._held_out", lambda *of_pose: None)
 
 
