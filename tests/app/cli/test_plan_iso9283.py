@@ -11,8 +11,8 @@ import pypdfium2
 import pytest
 from typer.testing import CliRunner, Result
 
-from app.analyses.documents.iso9283 import plan as planning
 from app.cli.main import app
+from core.simulation import forecast_repeatability
 
 PLAN = (
     "robots",
@@ -39,9 +39,8 @@ def run(*arguments: str, code: int = 0) -> Result:
 @pytest.fixture
 def few_draws(monkeypatch: pytest.MonkeyPatch) -> None:
     """Few robots are drawn for the forecast, where a test looks at nothing of it: two hundred take seconds."""
-    monkeypatch.setattr(
-        planning, "forecast_repeatability", partial(planning.forecast_repeatability, draws=10)
-    )
+    few = partial(forecast_repeatability, draws=10)
+    monkeypatch.setattr("app.analyses.documents.iso9283.plan.forecast_repeatability", few)
 
 
 @pytest.mark.slow
