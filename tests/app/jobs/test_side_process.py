@@ -1,4 +1,7 @@
-"""What becomes of a call whose process dies, hangs, grows, or is not wanted any more."""
+"""What becomes of a call whose process dies, hangs, grows, or is not wanted any more.
+
+The processes are those that draw: the numerics take seconds to load.
+"""
 
 from __future__ import annotations
 
@@ -22,13 +25,14 @@ from app.jobs.subprocess_executor import (
     TimedOut,
     resident_bytes,
 )
+from app.jobs.worker_init import start_drawing
 
 MIB = 1024 * 1024
 
 
 @pytest.fixture(scope="module")
 def process() -> Iterator[SubprocessExecutor]:
-    process = SubprocessExecutor(1_000_000, Limits(60.0))
+    process = SubprocessExecutor(1_000_000, Limits(60.0), start_drawing)
     yield process
     process.close()
 
@@ -70,7 +74,7 @@ def test_what_cannot_be_sent_back_is_an_error_and_not_a_death(process: Subproces
 
 @pytest.mark.slow
 def test_a_call_that_hangs_is_given_up() -> None:
-    process = SubprocessExecutor(1_000_000, Limits(0.5))
+    process = SubprocessExecutor(1_000_000, Limits(0.5), start_drawing)
     try:
         with pytest.raises(TimedOut):
             process.call(time.sleep, 60)
@@ -91,7 +95,7 @@ def test_a_step_of_the_wall_clock_ends_no_call(
 @pytest.mark.slow
 @pytest.mark.skipif(not Path("/proc/self/statm").exists(), reason="needs /proc to see memory")
 def test_a_call_that_grows_beyond_its_memory_is_ended_and_the_next_one_works() -> None:
-    process = SubprocessExecutor(1_000_000, Limits(60.0, memory_bytes=600 * MIB))
+    process = SubprocessExecutor(1_000_000, Limits(60.0, memory_bytes=600 * MIB), start_drawing)
     try:
         small = process.call(os.getpid)
         assert 0 < resident_bytes(small) < 600 * MIB

@@ -11,6 +11,7 @@ from typing import Any
 import pytest
 
 from app.jobs.subprocess_executor import Limits, SubprocessExecutor, TimedOut
+from app.jobs.worker_init import start_drawing
 from app.records import ids
 from app.services.installation.context import ServiceContext
 from tests.support.jobs.runners import queue_images, runner_of
@@ -78,7 +79,7 @@ def test_a_side_process_measures_its_time_by_no_wall_clock(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The clock steps an hour while a call runs; its limit holds in either direction."""
-    process = SubprocessExecutor(1_000_000, Limits(time_s=5.0))
+    process = SubprocessExecutor(1_000_000, Limits(time_s=5.0), start_drawing)
     try:
         process.call(max, 2, 3)
         started = time.time()

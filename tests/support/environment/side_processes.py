@@ -9,10 +9,14 @@ from __future__ import annotations
 import contextlib
 import gc
 import sys
-from typing import Any
+import threading
+from collections.abc import Callable
+from typing import Any, TypeVar
 
 from app.jobs.subprocess_executor import Initialise, Limits, ProcessDied, SubprocessExecutor
 from app.jobs.worker_process import WorkerProcess
+
+Result = TypeVar("Result")
 
 _NO_LIMITS = Limits(300.0)
 
@@ -54,16 +58,26 @@ class _Lent(SubprocessExecutor):
     def __init__(self, max_pixels: int, limits: Limits, initialise: Initialise, free: list[_Lent]) -> None:
         super().__init__(max_pixels, limits, _Untied(initialise))
         self._free = free
+        self._is_used = False
 
     def put_under(self, limits: Limits) -> None:
-        """Take the limits of another application."""
-        self._limits = limits
+        """Take the limits of another application, which has not called it yet."""
+        self._limits, self._is_used = limits, False
+
+    def call(
+        self,
+        function: Callable[..., Result],
+        *arguments: Any,
+        cancelled: threading.Event | None = None,
+    ) -> Result:
+        self._is_used = True
+        return super().call(function, *arguments, cancelled=cancelled)
 
     def close(self) -> None:
         """Take it back from an application: it keeps nothing open of that one's data."""
         running = self._running
-        self.put_under(_NO_LIMITS)
-        if running is not None and running.ready and running.process.is_alive():
+        self._limits = _NO_LIMITS
+        if self._is_used and running is not None and running.ready and running.process.is_alive():
             with contextlib.suppress(ProcessDied):
                 self.call(close_databases)
         self._free.append(self)
@@ -103,6 +117,7 @@ class _Untied:
 
 def close_databases() -> None:
     """Close the connections of the process in which this runs, as its end would."""
-    if "app.analyses.worker" in sys.modules:
-        sys.modules["app.analyses.worker"].open_database.cache_clear()
+    worker = sys.modules.get("app.analyses.worker")
+    if worker is not None and worker.open_database.cache_info().currsize:
+        worker.open_database.cache_clear()
         gc.collect()

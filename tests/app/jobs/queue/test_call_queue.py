@@ -1,4 +1,4 @@
-"""Who gets a process when more ask than there are."""
+"""Who gets a process when more ask than there are; of processes without the numerics, which take seconds to load."""
 
 from __future__ import annotations
 
@@ -14,11 +14,12 @@ import pytest
 
 from app.jobs.call_queue import Call, CallQueue, QueueFull, ShareTaken
 from app.jobs.subprocess_executor import Cancelled, Limits, ProcessDied
+from app.jobs.worker_init import start_drawing
 
 
 @pytest.fixture(scope="module")
 def queue() -> Iterator[CallQueue]:
-    queue = CallQueue(1_000_000, processes=2, places=6, limits=Limits(300.0))
+    queue = CallQueue(1_000_000, processes=2, places=6, limits=Limits(300.0), initialise=start_drawing)
     yield queue
     queue.close()
 
@@ -115,7 +116,7 @@ def test_a_process_that_was_used_is_used_again(queue: CallQueue) -> None:
 @pytest.mark.slow
 def test_closing_lets_go_of_those_who_wait(gate: Path) -> None:
     before = set(threading.enumerate())
-    queue = CallQueue(1_000_000, processes=1, places=8, limits=Limits(300.0))
+    queue = CallQueue(1_000_000, processes=1, places=8, limits=Limits(300.0), initialise=start_drawing)
     calls = [queue.submit(None, await_file, str(gate), f"n{i}") for i in range(3)]
     await_running(gate, "n0")
     queue.close()
@@ -144,7 +145,7 @@ def no_threads() -> Iterator[None]:
 
 @pytest.mark.slow
 def test_a_call_that_finds_no_thread_is_refused_and_later_ones_run() -> None:
-    queue = CallQueue(1_000_000, processes=2, places=8, limits=Limits(300.0))
+    queue = CallQueue(1_000_000, processes=2, places=8, limits=Limits(300.0), initialise=start_drawing)
     with no_threads(), pytest.raises(QueueFull):
         queue.submit("a", max, 2, 3)
     assert queue.counts() == (0, 0)
@@ -154,7 +155,7 @@ def test_a_call_that_finds_no_thread_is_refused_and_later_ones_run() -> None:
 
 @pytest.mark.slow
 def test_threads_that_could_not_be_had_are_started_with_a_later_call(gate: Path) -> None:
-    queue = CallQueue(1_000_000, processes=2, places=8, limits=Limits(300.0))
+    queue = CallQueue(1_000_000, processes=2, places=8, limits=Limits(300.0), initialise=start_drawing)
     first = queue.submit("a", await_file, str(gate), "first")
     with no_threads():
         second = queue.submit("b", await_file, str(gate), "second")
@@ -166,7 +167,7 @@ def test_threads_that_could_not_be_had_are_started_with_a_later_call(gate: Path)
 
 
 def test_a_queue_that_never_had_a_thread_can_be_closed() -> None:
-    queue = CallQueue(1_000_000, processes=1, places=8, limits=Limits(300.0))
+    queue = CallQueue(1_000_000, processes=1, places=8, limits=Limits(300.0), initialise=start_drawing)
     with no_threads(), pytest.raises(QueueFull):
         queue.submit(None, max, 2, 3)
     queue.close()
