@@ -165,5 +165,7 @@ def test_halves_by_the_elbow_agree_within_what_the_model_states(data_folder: Pat
 
 @pytest.mark.slow
 def test_positions_at_clusters_that_had_no_part_are_within_their_intervals(thinned: PoseData) -> None:
-    inside = predicted_within_95(thinned, UR10, clusters(thinned.joint_angles))
+    """Of the ten clusters the largest four, which have two thirds of the poses."""
+    inside = predicted_within_95(thinned, UR10, clusters(thinned.joint_angles), largest=4)
+    assert inside.shape[1] > 0.6 * len(thinned)
     assert 0.9 < np.mean(inside) < 0.995

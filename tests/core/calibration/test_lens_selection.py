@@ -129,14 +129,14 @@ def test_false_alarms_are_rare(bow_mm: float) -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("model", ["kannala_brandt", "rational"])
 def test_intervals_with_the_model_chosen_cover(model: LensModel) -> None:
-    """Of poses and f, with the true model drawn from the priors: 95 % of 40 sessions, within three standard errors."""
+    """Of poses and f, with the true model drawn from the priors: 95 % of 28 sessions, within three standard errors."""
     rng = np.random.default_rng(12)
     focal, position = [], []
-    for _ in range(40):
+    for _ in range(28):
         session = draw_session(rng, model, images=10)
         _, found = choose_lens(session.views, model)
         u = math.sqrt(float(found.camera_covariance[0, 0]))
         focal.append(abs(found.camera.fx_px - session.camera.fx_px) < 1.96 * u)
         position.append(float(np.mean(pose_errors(session, found) < 12.592)))  # χ²₆ at 95 %
-    assert np.mean(focal) > 0.846
-    assert np.mean(position) > 0.846
+    assert np.mean(focal) > 0.826
+    assert np.mean(position) > 0.826

@@ -71,7 +71,7 @@ def test_two_values_of_a_coarse_display_are_not_two_stopping_points() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("sigma", [0.025, 0.04, 0.05, 0.06, 0.1])
+@pytest.mark.parametrize("sigma", [0.025, 0.04, 0.06, 0.1])
 def test_stated_intervals_of_rounded_readings_hold_the_long_run_figure(sigma: float) -> None:
     """Before, of all poses 57 % at a scatter of a quarter of the step, 78 % at .4 steps."""
     rng = np.random.default_rng(12)

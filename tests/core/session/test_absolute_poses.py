@@ -9,7 +9,7 @@ from functools import cache
 import numpy as np
 import pytest
 
-from benchmarks.trust.board_shape import measure
+from benchmarks.trust import board_shape
 from benchmarks.trust.bowed_sessions import DEPARTURES, Departure, Setup, simulate
 from core.calibration import ShapePrior
 from core.session import assess_repeatability, estimate_session
@@ -151,7 +151,7 @@ def depth_ratios(bow_mm: float, trial: int) -> list[float]:
 
 
 @pytest.mark.parametrize("bow_mm", [0.0, 0.05, 0.2])
-@pytest.mark.parametrize("sessions", [8, pytest.param(30, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("sessions", [8, pytest.param(20, marks=pytest.mark.slow)])
 def test_the_camera_before_a_bowed_print_is_as_uncertain_as_stated(bow_mm: float, sessions: int) -> None:
     """Of each image's camera the depth before the print, which follows the focal length."""
     ratios = [depth_ratios(bow_mm, trial) for trial in range(sessions)]
@@ -163,17 +163,19 @@ def test_the_camera_before_a_bowed_print_is_as_uncertain_as_stated(bow_mm: float
 
 
 @pytest.mark.slow
-def test_distances_and_positions_are_covered() -> None:
+def test_distances_and_positions_are_covered(monkeypatch: pytest.MonkeyPatch) -> None:
     """Of every departure; 54 and 36 sessions of each are in `make bench`."""
+    # What prints do to the cameras is tallied there too: not looked at here, and a quarter of the time.
+    monkeypatch.setattr(board_shape, "with_print_uncertainty", lambda data, estimate: estimate)
     of_all: dict[str, list[float]] = {"distances": [], "positions": []}
     for departure in DEPARTURES:
-        found = measure(Setup(cycles=6), departure, 10, seed=12)
+        found = board_shape.measure(Setup(cycles=4), departure, 8, seed=12)
         assert found.refused == 0, departure.name
-        # Distances of a session share its errors: some three independent ones, so 30 of ten sessions, of which at most
-        # 23 (77 %) are inside once in 1,700 where the coverage is .95.
+        # Distances of a session share its errors: some three independent ones, so 24 of eight sessions, of which at
+        # most 18 (75 %) are inside once in 1,000 where the coverage is .95.
         for what, errors in (("distances", found.distances), ("positions", found.positions)):
-            assert np.mean(np.abs(errors) < 1.96) > 0.77, (departure.name, what)
+            assert np.mean(np.abs(errors) < 1.96) > 0.75, (departure.name, what)
             of_all[what] += errors
-    # All seven together count as 210: a standard error of 1.5 %, and four of them.
+    # All seven together count as 168: a standard error of 1.7 %, and four of them.
     for what, errors in of_all.items():
-        assert np.mean(np.abs(errors) < 1.96) > 0.89, what
+        assert np.mean(np.abs(errors) < 1.96) > 0.883, what

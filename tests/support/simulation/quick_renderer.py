@@ -62,15 +62,14 @@ def sheet_in_view(
 
 def _drawn(pattern: RectilinearPattern, per_mm: float) -> UInt8[np.ndarray, "h w 2"]:
     """Return the sheet from its upper left on, drawn with so many samples to the mm: ink and sheet."""
-    index = []
+    index = []  # of the columns, and of the rows
     for edges in (pattern.x_edges, pattern.y_edges):
         count = math.ceil((edges[-1] - edges[0]) * per_mm)
         index.append(np.searchsorted(edges, edges[0] + (np.arange(count) + 0.5) / per_mm))
-    parts = [
-        (whole[np.ix_(index[1], index[0])] * 255.0).astype(np.uint8)
-        for whole in (pattern.white, pattern.sheet)
-    ]
-    return np.ascontiguousarray(np.stack(parts, axis=2))
+    fields = np.stack([(part * 255.0).astype(np.uint8) for part in (pattern.white, pattern.sheet)], axis=2)
+    # Both bytes of a sample are taken as one number, and rows whole: many times as fast as by two indices.
+    drawn = fields.view(np.uint16)[..., 0][:, index[0]][index[1]]
+    return drawn.view(np.uint8).reshape(*drawn.shape, 2)
 
 
 def _dotted(pattern: DotPattern, per_mm: float) -> UInt8[np.ndarray, "h w 2"]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -16,14 +17,17 @@ from core.metrology.steadiness.two_points import find_two_points, max_within_sha
 from tests.support.simulation import session_cycles as made
 
 
+@cache
+def false_alarm(name: str, k: int) -> bool:
+    rng = np.random.default_rng([k, 31])
+    return assess_steadiness(made.series_of(made.STEADY[name](rng, 30))).steady is False
+
+
 @pytest.mark.parametrize("name", made.STEADY)
 @pytest.mark.parametrize("sessions", [40, pytest.param(400, marks=pytest.mark.slow)])
 def test_steady_cycles_are_called_so(name: str, sessions: int) -> None:
     """False alarms are 1 % by construction; a bound that fails by chance once in 100,000 runs."""
-    alarms = 0
-    for k in range(sessions):
-        rng = np.random.default_rng([k, 31])
-        alarms += assess_steadiness(made.series_of(made.STEADY[name](rng, 30))).steady is False
+    alarms = sum(false_alarm(name, k) for k in range(sessions))
     assert alarms <= binom.isf(1e-5, sessions, 0.012)
 
 

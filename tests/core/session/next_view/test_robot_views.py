@@ -147,13 +147,14 @@ def test_what_cannot_be_planned_is_refused(begun: Begun) -> None:
 
 AT_MOST = {"hand_eye": 0.66, "dh": 0.55}
 """With hand-eye the shares of twelve sessions have the mean .59 and scatter by .04, those of four with DH have .46 and
-scatter by .03. The means of four are uncertain by .02: the bounds are over three of these away."""
+scatter by .03. The means of three, and of two with DH, are uncertain by .023 and .021: the bounds are three and four of
+these away."""
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("plan", [HAND_EYE, DH], ids=["hand_eye", "dh"])
 def test_the_planned_order_needs_two_thirds_of_the_images_of_a_random_one(plan: RobotPlan) -> None:
-    shares = [images_needed(plan, seed) for seed in range(4)]
+    shares = [images_needed(plan, seed) for seed in range(3 if plan is HAND_EYE else 2)]
     print(f"images by the planned order over a random one: {np.round(shares, 2).tolist()}")
     assert np.mean(shares) <= AT_MOST["hand_eye" if plan is HAND_EYE else "dh"]
     assert max(shares) < 1.0
@@ -162,5 +163,5 @@ def test_the_planned_order_needs_two_thirds_of_the_images_of_a_random_one(plan: 
 @pytest.mark.slow
 def test_the_planned_order_is_an_image_or_two_from_the_best_choice_for_hand_eye() -> None:
     """The least is a broken number: an image is for rounding up, and one for learning the frames on the way."""
-    for seed in range(4):
+    for seed in range(3):
         assert images_needed(HAND_EYE, seed) <= least_mount_images(seed) + 2.0 / HAND_EYE.at_random

@@ -58,7 +58,6 @@ def test_a_lens_beyond_brown_is_carried_through() -> None:
             pytest.param(count, bow, scatter, 5, marks=pytest.mark.slow)
             for count, bow, scatter in (
                 (36, 0.05, SCATTER),
-                (90, 0.05, SCATTER),
                 (90, 0.2, SCATTER),
             )
         ),

@@ -14,7 +14,7 @@ from core.targets import detect
 from core.targets.specification import GridPoints
 from tests.support.image.mutated_views import MutatedView, mutated_view, mutated_views
 
-VIEWS = 250
+VIEWS = 180
 
 
 def outcome(view: MutatedView) -> tuple[str, int]:
@@ -37,8 +37,8 @@ def test_no_grid_point_of_some_views_has_a_wrong_name() -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", [20])
 def test_no_grid_point_has_a_wrong_name(seed: int) -> None:
-    """Bound 0. Of the boards that are as stated, in whatever state, most are measured (some 77 % are: .64 is four
-    standard deviations below that, of 175 views); of those of another dictionary or mirrored, none."""
+    """Bound 0. Of the boards that are as stated, in whatever state, most are measured (some 77 % are: .62 is four
+    standard deviations below that, of 126 views); of those of another dictionary or mirrored, none."""
     outcomes: Counter[tuple[bool, str]] = Counter()
     for number, view in enumerate(islice(mutated_views(seed), VIEWS)):
         code, wrong = outcome(view)
@@ -51,7 +51,7 @@ def test_no_grid_point_has_a_wrong_name(seed: int) -> None:
             assert code != "found", number
     stated = sum(count for (as_stated, _), count in outcomes.items() if as_stated)
     assert stated > 0.6 * VIEWS
-    assert outcomes[True, "found"] > 0.64 * stated
+    assert outcomes[True, "found"] > 0.62 * stated
     assert outcomes[True, "target_mirrored"] == 0
     assert not any(code == "no advice" for _, code in outcomes)
     assert outcomes[False, "target_mirrored"] > 0.7 * outcomes[False, "of mirrored"] > 0.0

@@ -16,7 +16,7 @@ from tests.support.simulation.renders import render
 from tests.support.targets.corner_errors import LARGEST_ERROR_PX, worst
 
 BOARDS = [(9, 6), (14, 10), (25, 18)]
-FACTORS = [0.5, 0.8, 1.0]
+FACTORS = [0.4, 0.6, 0.8]
 OTHERS = [(8, 6), (9, 7), (10, 6), (9, 5), (13, 10), (14, 9), (15, 10), (24, 18), (25, 17)]
 
 
@@ -61,7 +61,8 @@ def test_boards_of_random_poses_are_found(size: tuple[int, int], factor: float, 
 def test_none_is_found_in_clutter(seeds: range) -> None:
     for seed in seeds:
         scene = standard_scene(standard_target(9, 6), 95_000 + seed)
-        noise = np.random.default_rng(seed).normal(0.0, 4.0, (scene.height_px, scene.width_px))
+        shape = (scene.height_px, scene.width_px)
+        noise = np.float32(4.0) * np.random.default_rng(seed).standard_normal(shape, dtype=np.float32)
         image = np.clip(background(scene) + noise, 0, 255).astype(np.uint8)
         for asked in BOARDS:
             with pytest.raises(TargetNotFound):

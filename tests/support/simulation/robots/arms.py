@@ -55,11 +55,15 @@ def stated(found: Identification) -> np.ndarray:
 
 
 def predicted_within_95(
-    poses: PoseData, nominal: Chain, block: Int[np.ndarray, " n"]
+    poses: PoseData, nominal: Chain, block: Int[np.ndarray, " n"], largest: int | None = None
 ) -> Bool[np.ndarray, "3 n"]:
-    """Return which positions, of one block after another, are within the 95 % intervals that all other blocks give."""
+    """Return which positions, of one block after another, are within the 95 % intervals that all other blocks give.
+
+    `largest` is how many blocks are looked at, those of most poses; None for all.
+    """
     inside = []
-    for one in np.unique(block):
+    names, sizes = np.unique(block, return_counts=True)
+    for one in names[np.argsort(-sizes, kind="stable")[:largest]]:
         rest = poses.take(np.flatnonzero(block != one))
         model = identify(rest, nominal, model=ModelChoice.AUTO).error_model
         assert model is not None
