@@ -59,7 +59,7 @@ def far_better(
     if any(one > MAX_SHARE * before for one, before in zip(found, deviations, strict=True)):
         return None
     return Advisory(
-        MOUNT_UNLIKELY,
+        "camera_mount_unlikely",
         f"{_SAID[mount]} the same poses agree to {found[0]:.2g} mm and {math.degrees(found[1]):.2g}°.",
         _ADVICE[mount],
     )

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import contextlib
 import gc
+import os
 import sys
 import threading
 from collections.abc import Callable
@@ -22,22 +23,26 @@ _NO_LIMITS = Limits(300.0)
 
 
 class SideProcesses:
-    """The processes that no application has just now, by what prepares them; the one last used is lent first."""
+    """The processes that no application has just now, by what prepares them; the one last used is lent first.
+
+    None is lent to an application with other variables in its environment, as those of an object store: a process has
+    what was set when it started.
+    """
 
     def __init__(self) -> None:
-        self._free: dict[tuple[int, Initialise], list[_Lent]] = {}
+        self._free: dict[Any, list[_Lent]] = {}
         self._workers: dict[Any, list[_LentWorker]] = {}
 
     def lend(self, max_pixels: int, limits: Limits, initialise: Initialise) -> SubprocessExecutor:
         """Return one for an application that starts, whose end gives it back."""
-        free = self._free.setdefault((max_pixels, initialise), [])
+        free = self._free.setdefault((max_pixels, initialise, _environment()), [])
         lent = free.pop() if free else _Lent(max_pixels, limits, initialise, free)
         lent.put_under(limits)
         return lent
 
     def lend_worker(self, initialise: Initialise, arguments: tuple[int, bool]) -> WorkerProcess:
         """Return a worker process for an application that starts, whose end gives it back if it is idle."""
-        free = self._workers.setdefault((initialise, arguments), [])
+        free = self._workers.setdefault((initialise, arguments, _environment()), [])
         while free:
             worker = free.pop()
             if worker.active:
@@ -52,6 +57,10 @@ class SideProcesses:
         for process in (process for free in self._free.values() for process in free):
             process.end()
         self._free.clear()
+
+
+def _environment() -> frozenset[tuple[str, str]]:
+    return frozenset((name, value) for name, value in os.environ.items() if not name.startswith("PYTEST_"))
 
 
 class _Lent(SubprocessExecutor):

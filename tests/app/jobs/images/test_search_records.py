@@ -189,14 +189,17 @@ def test_a_page_asks_as_often_for_many_siblings_as_for_few(api: Any, grey_png: b
     engines = {api.installation.database.engine, api.installation.database._reader}
     for engine in engines:
         sa.event.listen(engine, "before_cursor_execute", note)
-    counts = []
+    asked = []
     for session_id, items in zip(sessions, (2, 40), strict=True):
-        statements.clear()
-        page = api.measurements(session_id)
-        assert [len(m["siblings"]) for m in page] == [1] * items
-        counts.append(len(statements))
-    assert counts[0] == counts[1]
-    assert _reads_by_index(api, statements[-1])
+        tries = []
+        for _ in range(4):  # the service's own chores may ask something meanwhile
+            statements.clear()
+            page = api.measurements(session_id)
+            tries.append(list(statements))
+            assert [len(m["siblings"]) for m in page] == [1] * items
+        asked.append(min(tries, key=len))
+    assert len(asked[0]) == len(asked[1])
+    assert _reads_by_index(api, asked[1][-1])
 
 
 def _reads_by_index(api: Any, statement: str) -> bool:
