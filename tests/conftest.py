@@ -11,7 +11,10 @@ import pytest
 from hypothesis import HealthCheck, settings
 from jaxtyping import install_import_hook
 
+from app.jobs.threads import limit_threads
 from tests.support.environment.postgres import new_database
+
+limit_threads()  # before numpy is loaded: with a thread of each core in every process the tests take many times as long
 
 if os.environ.get("GRIDPOSE_TEST_SHAPES"):
     # Before any import of core: annotations such as Float[np.ndarray, "n 3"] become run-time checks, which make calls

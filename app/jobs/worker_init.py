@@ -14,7 +14,8 @@ import sys
 import threading
 from pathlib import Path
 
-THREAD_VARIABLES = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "VECLIB_MAXIMUM_THREADS")
+from app.jobs.threads import limit_threads
+
 THUMBNAIL_NICENESS = 10
 """A tenth of a processor while workers have work, all of it while they have none."""
 _PR_SET_PDEATHSIG = 1
@@ -27,8 +28,7 @@ _KEPT_BYTES = 128 << 20
 
 def prepare_environment(max_image_pixels: int) -> None:
     """Set what children inherit and must see before they import numpy or OpenCV."""
-    for variable in THREAD_VARIABLES:
-        os.environ.setdefault(variable, "1")
+    limit_threads()
     os.environ["OPENCV_IO_MAX_IMAGE_PIXELS"] = str(max_image_pixels)
 
 

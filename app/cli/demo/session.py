@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import multiprocessing
-import os
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import dataclass, replace
@@ -17,7 +16,7 @@ from rich.progress import Progress
 
 from app.client import ClientError, Json, ServiceClient, collect_results, plan_files, upload_files
 from app.client.commands import transfer
-from app.jobs.worker_init import THREAD_VARIABLES
+from app.jobs.threads import limit_threads
 from app.settings import Settings
 from core import TargetSpec
 from core.geometry import Camera, invert, rotation_to_rpy, so3_exp, transform
@@ -116,8 +115,7 @@ def render_images(
 ) -> None:
     """Render into files, in as many processes as there are cores to use; `on_first` gets the first that is there."""
     task = progress.add_task("rendering", total=len(files))
-    for variable in THREAD_VARIABLES:  # inherited: each process is to keep to one core
-        os.environ.setdefault(variable, "1")
+    limit_threads()  # inherited: each process is to keep to one core
     with ProcessPoolExecutor(
         min(max(Settings().worker_count, 1), 16),  # each holds an image of 100 MB
         mp_context=multiprocessing.get_context("spawn"),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 import subprocess
 import sys
@@ -144,10 +145,23 @@ def test_help_imports_no_command() -> None:
         "    assert CliRunner().invoke(app, [*arguments, '--help']).exit_code == 0\n"
         "loaded = [m for m in sys.modules if m.startswith(('app.', 'core'))]\n"
         "loaded = [m for m in loaded if m != 'app.client' and not m.startswith(('app.cli.', 'app.client.commands'))]\n"
-        "loaded = [m for m in loaded if m not in ('app.cli', 'app.client.lazy_face')]\n"
+        "loaded = [m for m in loaded if m not in ('app.cli', 'app.client.lazy_face', 'app.jobs', 'app.jobs.threads')]\n"
         "loaded += [m for m in sys.modules if m.count('.') > 3 or m.startswith('app.cli.') and m.count('.') > 2]\n"
         "loaded += [m for m in ('sqlalchemy', 'fastapi', 'cv2', 'numpy', 'httpx2') if m in sys.modules]\n"
         "sys.exit(', '.join(loaded) or 0)\n"
     )
     ended = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=False)
     assert ended.returncode == 0, ended.stderr
+
+
+def test_commands_that_compute_keep_numpy_to_one_thread_but_for_what_the_user_has_set() -> None:
+    script = "import app.cli.main, numpy, os; print(len(os.listdir('/proc/self/task')), os.environ['OMP_NUM_THREADS'])"
+
+    def threads(**settings: str) -> str:
+        unset = {name: value for name, value in os.environ.items() if not name.endswith("_THREADS")}
+        command = [sys.executable, "-c", script]
+        ended = subprocess.run(command, env={**unset, **settings}, capture_output=True, text=True, check=True)
+        return ended.stdout.strip()
+
+    assert threads() == "1 1"
+    assert threads(OMP_NUM_THREADS="2", OPENBLAS_NUM_THREADS="2") == "2 2"
