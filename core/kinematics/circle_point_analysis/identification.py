@@ -32,7 +32,7 @@ from core.kinematics.circle_point_analysis.common_normals import Axes, DhDescrip
 from core.kinematics.circle_point_analysis.covariance import ArcTree
 from core.kinematics.circle_point_analysis.home_configuration import find_home
 from core.kinematics.circle_point_analysis.link_types import classify_links
-from core.kinematics.circle_point_analysis.target_registration import Given, TargetLink
+from core.kinematics.circle_point_analysis.target_registration import TargetLink
 from core.kinematics.circle_point_analysis.validation import validate_axes
 from core.kinematics.dh import JOINT_PARAMETERS, Chain, forward
 from core.kinematics.equal_descriptions import height_over_flange
@@ -96,7 +96,6 @@ def identify_from_axes(
     *,
     sweeps: Sequence[Sweep] | None = None,
     tolerance: float = JOINT_TOLERANCE,
-    target_transforms: Given | None = None,
     folds: int = 0,
 ) -> AxesIdentification:
     """Identify the robot from sweeps of every joint.
@@ -112,8 +111,6 @@ def identify_from_axes(
         The sweeps, if the caller lists them; otherwise they are recognised from the joint angles.
     tolerance
         How far the resting joints of a sweep may differ, rad.
-    target_transforms
-        Transforms of targets to the first, where they are known; the others are estimated.
     folds
         Parts that poses are dealt into for validation; 0 for none.
 
@@ -127,10 +124,10 @@ def identify_from_axes(
     found = find_sweeps(poses, tolerance=tolerance) if sweeps is None else tuple(sweeps)
     check_angles(poses, found)
     require_sweeps(found, poses.joints)
-    answer = _identify(poses, poses, nominal, method, found, tolerance, target_transforms, None)
+    answer = _identify(poses, poses, nominal, method, found, tolerance, None)
     rested = _rested(poses, found, answer)
     if rested is not None:
-        answer = _identify(rested, poses, nominal, method, found, tolerance, target_transforms, answer.fits)
+        answer = _identify(rested, poses, nominal, method, found, tolerance, answer.fits)
     if folds < 2:
         return answer
     validation = validate_axes(
@@ -143,7 +140,6 @@ def identify_from_axes(
         answer.height_mm,
         answer.chain,
         nominal,
-        target_transforms,
         2.0 * tolerance,
         folds,
     )
@@ -159,12 +155,11 @@ def _identify(
     method: str,
     sweeps: Sequence[Sweep],
     tolerance: float,
-    given: Given | None,
     begin: AxisFits | None,
 ) -> AxesIdentification:
     fits = fit_axes(poses, sweeps, method, begin)
     home = find_home([arc.sweep for arc in fits.arcs], poses.joints, tolerance)
-    tree = ArcTree.grown(fits, home, poses, given, 2.0 * tolerance, measured)
+    tree = ArcTree.grown(fits, home, poses, 2.0 * tolerance, measured)
     links, uncertain = tree.links, tree.uncertain(fits)
     axes = uncertain.axes
     forms = classify_links(uncertain, home, nominal)
