@@ -168,7 +168,9 @@ def _against_one_marker(shots: dict[int, list[Shots]]) -> Iterable[Row]:
     for of_seed in shots.values():
         views = [view for one in of_seed for view in one.views]
         labels = [one.pose for one in of_seed for _ in one.views]
-        table = compare_repeatability(compare_methods(views, repeats=labels, methods=methods), labels)
+        table = compare_repeatability(
+            compare_methods(views, estimate_group(views, "pooled", repeats=labels), methods=methods), labels
+        )
         for row in table:
             read[row.method] += [
                 p.repeatability.position_mm if p.repeatability.position_mm is not None else math.nan
