@@ -50,8 +50,8 @@ def compare_repeatability(
 ) -> tuple[MethodRepeatability, ...]:
     """Return every method's repeatability at every pose.
 
-    `labels` are the poses that the images show, None for an image that belongs to none. Poses are listed in the order in
-    which they first occur.
+    `labels` are the poses that the images show, None for an image that belongs to none; poses are listed in the order
+    in which they first occur.
     """
     images: dict[Hashable, list[int]] = {}
     for image, label in enumerate(labels):

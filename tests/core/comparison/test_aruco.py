@@ -12,7 +12,6 @@ from core.comparison import (
     aruco_board,
     aruco_marker,
     central_marker,
-    detect_markers,
     pose_of_points,
 )
 from core.errors import DegenerateGeometry, InvalidArgument, InvalidTarget
@@ -22,6 +21,7 @@ from core.simulation import Scene
 from core.targets.charuco.layout import charuco_layout
 from core.targets.specification import GridPoints, TargetSpec
 from tests.support.simulation.renders import render
+from tests.support.targets.board_markers import detect_markers
 
 CAMERA = Camera(1800.0, 1810.0, 802.0, 595.0, k1=-0.1, k2=0.04, p1=2e-4)
 TARGET = TargetSpec("charuco", 7, 5, 25.0, 18.0, "DICT_5X5_100")
