@@ -84,7 +84,6 @@ def forecast_repeatability(
     *,
     limit_mm: float | None = None,
     draws: int = 200,
-    seed: int = 0,
 ) -> Forecast:
     """Predict floor, interval and verdicts of a planned session for a robot whose RP_l is `rp_mm` at every pose.
 
@@ -105,7 +104,7 @@ def forecast_repeatability(
             "No planned view shows the whole target.",
             "Plan a larger distance, a smaller target or cube, or a shorter focal length.",
         )
-    rng = np.random.default_rng(seed)
+    rng = np.random.default_rng(0)
     measured = _measured(planned, shown, rng)
     still = assess_repeatability(measured)
     sigma_mm = rp_mm / float(long_run_rp(np.ones((1, 3)))[0])
