@@ -11,7 +11,7 @@ from core.kinematics.error_model.curves import (
     joint_regions,
     visited_angles,
 )
-from core.kinematics.error_model.fit import ErrorFit, Level, fit_levels
+from core.kinematics.error_model.fit import ErrorFit, Level
 from core.kinematics.error_model.held_out import HeldOut, growth, hold_out, variances
 from core.kinematics.error_model.linear_problem import Design, design
 from core.kinematics.error_model.model import (
@@ -40,7 +40,6 @@ __all__ = [
     "choose_model",
     "chosen_level",
     "design",
-    "fit_levels",
     "growth",
     "hold_out",
     "joint_approach",
