@@ -17,7 +17,6 @@ from core.kinematics.error_model.linear_problem import Design, design
 from core.kinematics.error_model.model import (
     STRONG_EVIDENCE,
     ErrorModel,
-    Prediction,
     choose_model,
     chosen_level,
     of_poses,
@@ -36,7 +35,6 @@ __all__ = [
     "JointCurve",
     "JointRegion",
     "Level",
-    "Prediction",
     "choose_model",
     "chosen_level",
     "design",

@@ -75,7 +75,6 @@ class ControlChart:
     outside: tuple[int, ...]
     ewma: Float[np.ndarray, " n"]
     ewma_limit: float
-    run_length: float
     alarm: Alarm | None
 
 
@@ -118,7 +117,6 @@ def chart_figure(
         ),
         ewma=np.concatenate([np.full(FIRST, np.nan), ewma]),
         ewma_limit=limit,
-        run_length=run_length,
         alarm=_first_alarm(x, ewma, limit, logarithms=logarithms),
     )
 
