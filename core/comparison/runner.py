@@ -16,7 +16,7 @@ from core.comparison.dlt import dlt
 from core.comparison.five_points import five_points
 from core.comparison.lines import lines
 from core.comparison.opencv import opencv_single_image, zhang
-from core.comparison.results import Answer, CameraOf, Failure, MethodResult, MethodRow, attempt, baseline
+from core.comparison.results import Answer, CameraOf, Failure, MethodResult, MethodRow, attempt
 from core.comparison.tsai import tsai
 from core.errors import (
     ADVISED_TILT,
@@ -176,7 +176,7 @@ def _pooled_row(views: Sequence[GridPoints], estimate: GroupEstimate | Failure) 
     return MethodRow(
         "pooled",
         "all_images",
-        (Answer(images, baseline("pooled", camera, poses, residuals)),),
+        (Answer(images, MethodResult("pooled", camera, tuple(poses), tuple(residuals))),),
         tuple(Failure(i, e.code, e.detail, e.advice) for i, e in estimate.failures),
         scatter=dict(zip(images, estimate.scatter, strict=True)),
     )

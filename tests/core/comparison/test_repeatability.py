@@ -14,7 +14,7 @@ from core.geometry.se3 import invert, transform_points
 from core.metrology import PoseCycles, assess_repeatability
 from core.targets.charuco.layout import charuco_layout
 from core.targets.specification import GridPoints, TargetSpec
-from tests.support.sessions.pooled_views import NOT_POOLED, pooled
+from tests.support.sessions.comparisons import NOT_POOLED, pooled
 from tests.support.simulation.simulated_views import draw_pose
 
 CAMERA = Camera(1160.0, 1160.3, 605.0, 515.0, -0.1, 0.05, 1e-4, -2e-4)

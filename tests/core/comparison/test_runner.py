@@ -19,14 +19,14 @@ from core.comparison import (
     proposed,
     runner,
 )
-from core.comparison.results import Answer, attempt, baseline
+from core.comparison.results import Answer, MethodResult, attempt
 from core.comparison.runner import MARKER_METHODS, evenly
 from core.errors import DegenerateGeometry, InvalidArgument
 from core.geometry.camera import Camera, project
 from core.geometry.se3 import transform_points
 from core.targets.charuco.layout import charuco_layout
 from core.targets.specification import GridPoints, TargetSpec
-from tests.support.sessions.pooled_views import NOT_POOLED, pooled
+from tests.support.sessions.comparisons import NOT_POOLED, pooled
 from tests.support.simulation.simulated_views import View, draw_camera, draw_pose, draw_view
 
 CAMERA = Camera(1160.0, 1160.3, 605.0, 515.0, -0.1, 0.05, 1e-4, -2e-4)
@@ -156,7 +156,7 @@ def test_a_mapping_that_determines_no_camera_is_no_answer() -> None:
 def test_a_pose_beyond_all_distances_is_no_answer() -> None:
     T = np.eye(4)
     T[2, 3] = 2e6
-    answer = baseline("dlt", CAMERA, [T], [np.zeros((54, 2))])
+    answer = MethodResult("dlt", CAMERA, (T,), (np.zeros((54, 2)),))
     failure = attempt(3, lambda: Answer((3,), answer))
     assert isinstance(failure, Failure)
     assert (failure.image, failure.code) == (3, "not_converged")

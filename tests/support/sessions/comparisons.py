@@ -1,11 +1,13 @@
-"""What the comparison of methods takes beside the views: their pooled calibration, or why there is none."""
+"""What the comparison of methods takes alongside the views, and sums of what its methods leave."""
 
 from __future__ import annotations
 
 from collections.abc import Hashable, Sequence
 
-from core.calibration import GroupEstimate, estimate_group
-from core.comparison import Failure
+import numpy as np
+
+from core.calibration import GroupEstimate, Reprojection, estimate_group, reprojection
+from core.comparison import Failure, MethodResult
 from core.errors import GridposeError
 from core.targets import GridPoints
 
@@ -17,3 +19,8 @@ def pooled(views: Sequence[GridPoints], repeats: Sequence[Hashable] | None = Non
         return estimate_group(views, "pooled", repeats=repeats)
     except GridposeError as error:
         return Failure(None, error.code, error.detail, error.advice)
+
+
+def reprojection_of(found: MethodResult) -> Reprojection:
+    together = np.concatenate(found.residuals_px)
+    return reprojection(together, np.ones(len(together), dtype=np.bool_))
