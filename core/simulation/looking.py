@@ -115,10 +115,8 @@ def in_view(
     T_camera_target: Float[np.ndarray, "n 4 4"], spec: TargetSpec, camera: Camera, size_px: tuple[int, int]
 ) -> Bool[np.ndarray, " n"]:
     """Return in which views the grid and a pitch around it are in the image, a few pixels from its edge."""
-    points = spec.points_target()
-    low, high = points.min(axis=0) - spec.pitch_mm, points.max(axis=0) + spec.pitch_mm
-    outline = np.array([[x, y, 0.0] for x in (low[0], high[0]) for y in (low[1], high[1])])
-    corners = np.einsum("nij,kj->nki", T_camera_target[:, :3, :3], outline) + T_camera_target[:, None, :3, 3]
+    rotations = T_camera_target[:, :3, :3]
+    corners = np.einsum("nij,kj->nki", rotations, spec.outline()) + T_camera_target[:, None, :3, 3]
     ahead = np.all(corners[:, :, 2] > spec.pitch_mm, axis=1)
     corners[~ahead] = [0.0, 0.0, 1.0]
     pixels = project(corners.reshape(-1, 3), camera).reshape(-1, 4, 2)

@@ -93,15 +93,11 @@ def views_of(
     """
     views: list[GridPoints | None] = []
     largest = np.array([rig.width_px, rig.height_px]) - 1.0
-    spec = rig.target
-    points = spec.points_target()
-    low, high = points.min(axis=0) - spec.pitch_mm, points.max(axis=0) + spec.pitch_mm
-    outline = [[x, y, 0.0] for x in (low[0], high[0]) for y in (low[1], high[1])]
-    row, column = (a.ravel() for a in np.mgrid[0 : spec.grid_rows, 0 : spec.grid_columns])
-    noise = np.full(len(points), rig.noise_px)
+    points = rig.target.points_target()
+    with_outline = np.concatenate([points, rig.target.outline()])
     for T in camera_poses(chain, joint_angles, rig):
         T_camera_target = invert(T)
-        in_camera = transform_points(T_camera_target, np.concatenate([points, outline]))
+        in_camera = transform_points(T_camera_target, with_outline)
         # The target's z points into the board: seen from its front, it points away from the camera.
         facing = float(T_camera_target[2, 2]) > math.cos(LARGEST_TILT)
         if not facing or float(in_camera[:, 2].min()) <= 0.0:
@@ -112,5 +108,5 @@ def views_of(
             views.append(None)
             continue
         pixels = np.ascontiguousarray(pixels[: len(points)])
-        views.append(GridPoints(spec, rig.width_px, rig.height_px, column, row, pixels, noise))
+        views.append(GridPoints.whole(rig.target, (rig.width_px, rig.height_px), pixels, rig.noise_px))
     return views
