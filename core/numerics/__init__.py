@@ -22,7 +22,7 @@ from core.numerics.least_squares import (
     Prior,
     fit,
 )
-from core.numerics.normal_equations import block_products, covariance_of, damped_step
+from core.numerics.normal_equations import block_products, covariance_of, damped_step, scaled_inverse
 from core.numerics.order_statistics import NORMAL_95, median, quantiles
 from core.numerics.schur import (
     KNOWN,
@@ -76,6 +76,7 @@ __all__ = [
     "log_likelihood",
     "median",
     "quantiles",
+    "scaled_inverse",
     "shared_camera",
     "weights",
 ]

@@ -25,7 +25,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 from scipy.spatial.transform import Rotation
 
-from core.errors import Advisory, JointAnglesInconsistent
+from core.errors import Advisory
 from core.geometry import invert, transform, transform_mean
 from core.kinematics.arm_model import ParameterLayout
 from core.kinematics.circle_point_analysis.common_normals import Axes, DhDescription, LinkForm, describe
@@ -37,7 +37,7 @@ from core.kinematics.circle_point_analysis.validation import validate_axes
 from core.kinematics.dh import JOINT_PARAMETERS, Chain, forward
 from core.kinematics.equal_descriptions import height_over_flange
 from core.kinematics.global_fit import Unidentifiable, Validation, held_by_axes, unidentifiable
-from core.kinematics.joint_angle_checks import check_angles
+from core.kinematics.joint_angle_checks import check_angles, check_joints
 from core.kinematics.joint_axes import AxisFits, fit_axes
 from core.kinematics.pose_observations import PoseData
 from core.kinematics.results import JointEstimate, validation_warnings
@@ -117,10 +117,7 @@ def identify_from_axes(
     Raises JointAnglesInconsistent for a nominal of another number of joints, JointNotExcited, JointAnglesUnitMismatch,
     PrismaticJoint, and MotionInsufficient where nothing ties the targets.
     """
-    if nominal is not None and len(nominal) != poses.joints:
-        raise JointAnglesInconsistent(
-            f"The poses carry {poses.joints} joint angles and the robot has {len(nominal)} joints."
-        )
+    check_joints(poses, nominal)
     found = find_sweeps(poses, tolerance=tolerance) if sweeps is None else tuple(sweeps)
     check_angles(poses, found)
     require_sweeps(found, poses.joints)
