@@ -10,6 +10,7 @@ import time
 from typing import Any, TextIO, cast
 
 _MAX_SUBJECTS = 100
+_EVERY_S = 60.0
 
 
 class Logger:
@@ -49,14 +50,13 @@ class Logger:
 class Sparingly:
     """Decides whether what happens again and again is to be logged: the first time, then once a minute."""
 
-    def __init__(self, every_s: float = 60.0) -> None:
-        self._every_s = every_s
+    def __init__(self) -> None:
         self._last: dict[str, float] = {}
 
     def due(self, subject: str) -> bool:
         """Return whether `subject` is to be logged now. Subjects are few: codes, and what a driver says."""
         now = time.monotonic()
-        if now - self._last.get(subject, -self._every_s) < self._every_s:
+        if now - self._last.get(subject, -_EVERY_S) < _EVERY_S:
             return False
         if len(self._last) > _MAX_SUBJECTS:
             self._last.clear()

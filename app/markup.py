@@ -1,4 +1,4 @@
-"""Text of users in XML and HTML: escaped, and without the characters that these cannot hold.
+"""Text of users in XML, HTML and CSV: escaped, and without the characters that these cannot hold.
 
 Reference: W3C, "Extensible Markup Language (XML) 1.0 (Fifth Edition)", 2008, production 2 (Char) and section 2.5.
 """
@@ -10,6 +10,7 @@ from xml.sax.saxutils import escape, quoteattr
 
 _ILLEGAL = re.compile(r"[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
 _REPLACEMENT = "\ufffd"
+_FORMULA = ("=", "+", "-", "@", "\t", "\r")
 
 
 def legal_text(text: str) -> str:
@@ -30,3 +31,8 @@ def quoted_attribute(text: str) -> str:
 def comment_text(text: str) -> str:
     """Return the text as it stands within a comment, where two hyphens end it."""
     return re.sub("-(?=-|$)", "- ", element_text(text))
+
+
+def guarded(text: str) -> str:
+    """Return the text as a cell of a table that no spreadsheet takes for a formula."""
+    return f"'{text}" if text.startswith(_FORMULA) else text

@@ -23,7 +23,6 @@ from core.comparison import (
     central_marker,
     compare_methods,
     compare_repeatability,
-    detect_markers,
 )
 from core.errors import GridposeError
 from core.geometry import compose, invert, transform
@@ -31,6 +30,7 @@ from core.metrology import PoseCycles, assess_repeatability, position_repeatabil
 from core.simulation import Scene, render_levels, standard_scene, standard_target
 from core.targets import GridPoints, TargetSpec, charuco_layout, detect
 from tests.support.simulation.simulated_views import draw_pose
+from tests.support.targets.board_markers import detect_markers
 
 POSES, CYCLES = 5, 30
 TILT = math.radians(30.0)
@@ -168,7 +168,9 @@ def _against_one_marker(shots: dict[int, list[Shots]]) -> Iterable[Row]:
     for of_seed in shots.values():
         views = [view for one in of_seed for view in one.views]
         labels = [one.pose for one in of_seed for _ in one.views]
-        table = compare_repeatability(compare_methods(views, repeats=labels, methods=methods), labels)
+        table = compare_repeatability(
+            compare_methods(views, estimate_group(views, "pooled", repeats=labels), methods=methods), labels
+        )
         for row in table:
             read[row.method] += [
                 p.repeatability.position_mm if p.repeatability.position_mm is not None else math.nan

@@ -29,9 +29,9 @@ _SYNC_FILE_RANGE = _sync_file_range()
 log = Logger(__name__)
 
 
-def write_durably(path: Path, content: bytes, *, mode: int = 0o600) -> None:
+def write_durably(path: Path, content: bytes) -> None:
     """Write a file whole, in place of any that is there, and bring it and its name to the disk."""
-    temporary = _write_alongside(path, content, mode)
+    temporary = _write_alongside(path, content)
     try:
         temporary.replace(path)
     finally:
@@ -39,9 +39,9 @@ def write_durably(path: Path, content: bytes, *, mode: int = 0o600) -> None:
     sync_folder(path.parent)
 
 
-def write_once(path: Path, content: bytes, *, mode: int = 0o600) -> None:
+def write_once(path: Path, content: bytes) -> None:
     """Write a file as `write_durably` does, but never in place of one that another process just made."""
-    temporary = _write_alongside(path, content, mode)
+    temporary = _write_alongside(path, content)
     try:
         if hasattr(os, "link"):
             os.link(temporary, path)
@@ -86,9 +86,9 @@ def remove_file(path: Path) -> bool:
     return True
 
 
-def _write_alongside(path: Path, content: bytes, mode: int) -> Path:
+def _write_alongside(path: Path, content: bytes) -> Path:
     temporary = path.with_name(f"{path.name}.{secrets.token_hex(8)}")
-    descriptor = os.open(temporary, os.O_WRONLY | os.O_CREAT | os.O_EXCL, mode)
+    descriptor = os.open(temporary, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)
     try:
         with os.fdopen(descriptor, "wb") as file:
             file.write(content)

@@ -6,6 +6,5 @@ there. A service that is killed in between goes on at its next start.
 
 from app.delivery.alert_file import AlertFile
 from app.delivery.delivery import Delivery
-from app.delivery.posting import signature_of
 
-__all__ = ["AlertFile", "Delivery", "signature_of"]
+__all__ = ["AlertFile", "Delivery"]

@@ -27,9 +27,8 @@ _PENDING = ("queued", "running")
 class MeasuredSessions:
     """Looks for sessions that came to an end."""
 
-    def __init__(self, database: Database, *, quiet_s: float = QUIET_S) -> None:
+    def __init__(self, database: Database) -> None:
         self._database = database
-        self._quiet_s = quiet_s
 
     def look(self, now: datetime | None = None) -> int:
         """Mark the sessions that are in progress, note those that are no longer; return how many these are."""
@@ -45,7 +44,7 @@ class MeasuredSessions:
             ended = [
                 name
                 for name, at in marks.items()
-                if name not in in_progress and abs((now - at).total_seconds()) >= self._quiet_s
+                if name not in in_progress and abs((now - at).total_seconds()) >= QUIET_S
             ]
         is_due = looked is None or bool(in_progress) or bool(ended) or now - since > timedelta(minutes=5)
         if not is_due:
@@ -64,8 +63,7 @@ class MeasuredSessions:
             now,
         )
         new = sa.select(Measurement.session_id, sa.func.max(Measurement.id)).where(
-            Measurement.id
-            > least_id("mea", since - timedelta(seconds=min(_MAX_OVERLAP_S, self._quiet_s / 3.0)))
+            Measurement.id > least_id("mea", since - timedelta(seconds=min(_MAX_OVERLAP_S, QUIET_S / 3.0)))
         )
         for session_id, latest in records.execute(new.group_by(Measurement.session_id)):
             found.setdefault(session_id, min(moment_of(latest), now))

@@ -1,18 +1,17 @@
 """What the API and the dashboard share of HTTP: who asks, what they may do, which status an error has."""
 
-from app.http.access import GRANTS, authorize, holds, open_to_limited_keys, required_scopes
+from app.http.access import GRANTS, authorize, holds
 from app.http.invalid_fields import invalid_request
 from app.http.request_headers import UNSAFE, check_headers
 from app.http.requester import ClientDisconnected, RequesterDep, get_requester, key_of, run_while_connected
 from app.http.sign_in import COOKIE, CSRF_HEADER, LASTS_S, SignIn, begin_sign_in, csrf_token, read_sign_in
-from app.http.statuses import STATUSES, TITLES, status_of
+from app.http.statuses import TITLES, status_of
 
 __all__ = [
     "COOKIE",
     "CSRF_HEADER",
     "GRANTS",
     "LASTS_S",
-    "STATUSES",
     "TITLES",
     "UNSAFE",
     "ClientDisconnected",
@@ -26,9 +25,7 @@ __all__ = [
     "holds",
     "invalid_request",
     "key_of",
-    "open_to_limited_keys",
     "read_sign_in",
-    "required_scopes",
     "run_while_connected",
     "status_of",
 ]

@@ -26,7 +26,7 @@ from core.kinematics import (
 )
 from core.kinematics.global_fit import blocks_of, observations_of, placed
 from core.simulation import KR5_ARC
-from tests.support.simulation.robots.arms import UR10, predicted_within_95
+from tests.support.simulation.robots.arms import UR10, predicted_within_95, predictions
 from tests.support.simulation.robots.real_arms import RealArm, angles_within_limits, measured, real_arm
 from tests.support.simulation.robots.ur10_tracker import tracked
 from tests.support.simulation.simulated_poses import measure_poses
@@ -220,7 +220,7 @@ def _true_error(real: RealArm, found: Identification) -> float:
     """Return the rms distance of predicted from true positions at fresh configurations."""
     q, true = _fresh(real)
     if found.error_model is not None:
-        T = found.error_model.predict(q).poses
+        T, _ = predictions(found.error_model, q)
     else:
         T = found.T_target_base[0] @ forward(found.chain, q) @ found.T_flange_camera
     return math.sqrt(float(np.mean(np.sum((T[:, :3, 3] - true) ** 2, axis=1))))
@@ -231,9 +231,9 @@ def _inside(real: RealArm, found: Identification) -> float:
     rng = np.random.default_rng(98)
     q = angles_within_limits(rng, 300)
     assert found.error_model is not None
-    predicted = found.error_model.predict(q)
-    off = (measured(real, q, rng).positions_mm - predicted.poses[:, :3, 3]).T
-    return float(np.mean(np.abs(off) <= 1.96 * predicted.deviations[:3]))
+    predicted, deviations = predictions(found.error_model, q)
+    off = (measured(real, q, rng).positions_mm - predicted[:, :3, 3]).T
+    return float(np.mean(np.abs(off) <= 1.96 * deviations[:3]))
 
 
 def _speed_rows() -> Iterator[Row]:

@@ -33,8 +33,6 @@ from core.geometry import Camera
 from core.numerics import NORMAL_95
 from core.targets import GridPoints
 
-STATE = ("fx_px", "fy_px", "cx_px", "cy_px", "k1", "k2", "p1", "p2", "k3", "wx", "wy", "wz", "dx", "dy", "dz")
-
 MAX_DETERMINED_UNCERTAINTY = 0.02
 """Largest u(f)/f of an image that determines the camera by itself."""
 MAX_INTERVAL_FACTOR = 1.5

@@ -33,7 +33,7 @@ SMALLEST_NOISE_PX = (
 MAX_START_TANGENT = 3.0
 """Of the angle from the axis: points within it place a view before a wide lens."""
 
-# Step coordinates of the two estimators within the 15 of `result.STATE`.
+# Step coordinates of the two estimators within the 15 of a full covariance (`result`).
 FREE = np.array([0, 1, 2, 3, 4, 5, 6, 7, 9, 10, 11, 12, 13, 14])
 POSE = np.arange(9, 15)
 

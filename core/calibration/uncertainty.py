@@ -74,8 +74,8 @@ def valley_sag(
     covariance
         Of the fit's steps (`state.FREE`), inflation included.
 
-    Returns the 15 of `result.STATE` (w and t of the target's origin in the camera frame), and x, y, z (mm) and w (rad)
-    of the camera in the target frame.
+    Returns those of the full state (`result`; w and t of the target's origin in the camera frame), and of x, y, z (mm)
+    and w (rad) of the camera in the target frame.
     """
     focal = covariance[:, :2].sum(axis=1)
     along = focal / math.sqrt(float(focal[:2].sum()))

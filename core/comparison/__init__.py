@@ -16,7 +16,6 @@ from core.comparison.repeatability import MethodPose, MethodRepeatability, compa
 from core.comparison.results import CameraFigures, Failure, MethodResult, MethodRow
 from core.comparison.runner import METHODS, compare_methods
 from core.comparison.tsai import tsai
-from core.targets import detect_markers
 
 __all__ = [
     "METHODS",
@@ -32,7 +31,6 @@ __all__ = [
     "central_marker",
     "compare_methods",
     "compare_repeatability",
-    "detect_markers",
     "dlt",
     "eight_solutions",
     "five_points",

@@ -21,7 +21,7 @@ import cv2
 import numpy as np
 from jaxtyping import Float
 
-from core.comparison.results import MethodResult, baseline
+from core.comparison.results import MethodResult
 from core.errors import Advisory, DegenerateGeometry, InvalidArgument, NotConverged
 from core.geometry import Camera, compose, invert, project, so3_exp, transform, transform_points
 from core.targets import CharucoLayout
@@ -72,7 +72,9 @@ def aruco_marker(
         "Use the whole board, a larger marker, or a view more from the side.",
     )
     residuals = corners_px - project(transform_points(poses[0], corners_target), camera)
-    return baseline("aruco_marker", camera, poses[:1], [residuals], [warning] if ratio < AMBIGUOUS else [])
+    return MethodResult(
+        "aruco_marker", camera, (poses[0],), (residuals,), (warning,) if ratio < AMBIGUOUS else ()
+    )
 
 
 def aruco_board(
@@ -123,7 +125,7 @@ def pose_of_points(
     inside = transform_points(T, points_target)
     if not found or not np.all(np.isfinite(T)) or np.any(inside[:, 2] <= 0):
         raise NotConverged("OpenCV's solvePnP found no pose of the board.")
-    return baseline(method, camera, [T], [points_px - project(inside, camera)])
+    return MethodResult(method, camera, (T,), (points_px - project(inside, camera),))
 
 
 def _marker_frame(corners: Float[np.ndarray, "4 3"]) -> tuple[Float[np.ndarray, "4 4"], float]:

@@ -26,7 +26,7 @@ from core.calibration import (
     view_prior,
     view_residuals,
 )
-from core.comparison.results import MethodResult, baseline
+from core.comparison.results import MethodResult
 from core.errors import DegenerateGeometry
 from core.numerics import fit
 from core.targets import GridPoints
@@ -57,4 +57,4 @@ def proposed(method: str, points: GridPoints) -> MethodResult:
         summarise_fit(points, name, result, FREE, SMALLEST_NOISE_PX),
         max_focal_uncertainty=MAX_FOCAL_UNCERTAINTY,
     )
-    return baseline(method, found.camera, [found.T_camera_target], [found.residuals_px], found.warnings)
+    return MethodResult(method, found.camera, (found.T_camera_target,), (found.residuals_px,), found.warnings)

@@ -17,7 +17,7 @@ coordinates in close-range photogrammetry", Symposium on Close-Range Photogramme
 from __future__ import annotations
 
 from core.calibration import check_points, from_homography, image_centre
-from core.comparison.results import MethodResult, baseline
+from core.comparison.results import MethodResult
 from core.errors import Advisory, DegenerateGeometry
 from core.geometry import estimate_homography, map_points
 from core.targets import GridPoints
@@ -40,5 +40,5 @@ def dlt(points: GridPoints, *, principal_point: tuple[float, float] | None = Non
         warning = Advisory(
             "camera_not_observable", f"The mapping gives no camera: {failure.detail}", failure.advice
         )
-        return baseline("dlt", None, [], [residuals], [warning])
-    return baseline("dlt", found.camera, [found.T_camera_target], [residuals])
+        return MethodResult("dlt", None, (), (residuals,), (warning,))
+    return MethodResult("dlt", found.camera, (found.T_camera_target,), (residuals,))

@@ -26,7 +26,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from core.calibration import check_points, from_homography, image_centre
-from core.comparison.results import MethodResult, baseline
+from core.comparison.results import MethodResult
 from core.comparison.single_focal_fit import refine_single_focal, require_plausible
 from core.errors import Advisory, DegenerateGeometry
 from core.geometry import normalising_transform, project, transform_points
@@ -50,7 +50,7 @@ def five_points(points: GridPoints) -> MethodResult:
     require_plausible(camera.fx_px, points)
     residuals = points.points_px - project(transform_points(T, points.points_target), camera)
     slopes = np.abs(np.arcsin(np.clip(T[2, :2], -1.0, 1.0)))
-    return baseline("five_points", camera, [T], [residuals], _warnings(float(slopes.min())))
+    return MethodResult("five_points", camera, (T,), (residuals,), _warnings(float(slopes.min())))
 
 
 def _chosen(points: GridPoints) -> Int[np.ndarray, "5"]:
@@ -91,14 +91,14 @@ def _homography(
     return np.asarray(H)
 
 
-def _warnings(slope: float) -> list[Advisory]:
+def _warnings(slope: float) -> tuple[Advisory, ...]:
     if slope >= MIN_LINE_TILT:
-        return []
-    return [
+        return ()
+    return (
         Advisory(
             "one_line_parallel",
             f"A line of the two is within {math.degrees(slope):.1f}° of the image plane: the angle between them does "
             "not determine the focal length.",
             "Tilt the grid about an axis that is parallel to neither of its sides.",
-        )
-    ]
+        ),
+    )

@@ -24,7 +24,7 @@ from jaxtyping import Float, Int
 from scipy.optimize import minimize_scalar
 
 from core.calibration import check_points, from_homography, image_centre
-from core.comparison.results import MethodResult, baseline
+from core.comparison.results import MethodResult
 from core.comparison.single_focal_fit import require_plausible
 from core.errors import Advisory, DegenerateGeometry
 from core.geometry import Camera, project, transform_points
@@ -63,7 +63,7 @@ def lines(points: GridPoints) -> MethodResult:
     camera = Camera(f, f, float(centre[0]), float(centre[1]), division * (f / half) ** 2)
     T = start.T_camera_target
     residuals = points.points_px - project(transform_points(T, points.points_target), camera)
-    return baseline("lines", camera, [T], [residuals], _warnings(unit, members, division))
+    return MethodResult("lines", camera, (T,), (residuals,), _warnings(unit, members, division))
 
 
 def _members(points: GridPoints) -> list[tuple[Int[np.ndarray, " _"], Float[np.ndarray, "3"]]]:
@@ -130,7 +130,7 @@ def _warnings(
     unit: Float[np.ndarray, "n 2"],
     members: list[tuple[Int[np.ndarray, " _"], Float[np.ndarray, "3"]]],
     division: float,
-) -> list[Advisory]:
+) -> tuple[Advisory, ...]:
     """Warn where straightness leaves λ uncertain, by its curvature at the noise that the lines show."""
     some = [one for one, _ in members]
     step = 1e-3
@@ -138,11 +138,11 @@ def _warnings(
     curvature = (more + less - 2.0 * least) / step**2
     dof = max(sum(len(one) - 2 for one in some) - 1, 1)
     if curvature > 0.0 and np.sqrt(2.0 * least / dof / curvature) <= MAX_DIVISION_UNCERTAINTY:
-        return []
-    return [
+        return ()
+    return (
         Advisory(
             "distortion_not_observable",
             "The lines are straight whatever the distortion is: it is left to noise.",
             "Let the grid fill more of the image.",
-        )
-    ]
+        ),
+    )

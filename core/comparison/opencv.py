@@ -20,7 +20,7 @@ import cv2
 import numpy as np
 
 from core.calibration import check_points
-from core.comparison.results import MethodResult, baseline
+from core.comparison.results import MethodResult
 from core.errors import ADVISED_TILT, Advisory, DegenerateGeometry, InvalidArgument, NotConverged
 from core.geometry import Camera, project, so3_exp, transform, transform_points
 from core.targets import GridPoints
@@ -84,17 +84,17 @@ def _calibrate(method: str, views: Sequence[GridPoints]) -> MethodResult:
         raise NotConverged("OpenCV's calibrateCamera puts grid points behind the camera.")
     residuals = [v.points_px - project(p, camera) for v, p in zip(views, inside, strict=True)]
     tilt = max(math.acos(min(1.0, abs(float(T[2, 2])))) for T in poses)
-    return baseline(method, camera, poses, residuals, _warnings(tilt))
+    return MethodResult(method, camera, tuple(poses), tuple(residuals), _warnings(tilt))
 
 
-def _warnings(tilt: float) -> list[Advisory]:
+def _warnings(tilt: float) -> tuple[Advisory, ...]:
     if tilt >= MIN_TILT:
-        return []
-    return [
+        return ()
+    return (
         Advisory(
             "focal_not_observable",
             f"The grid is nowhere tilted by more than {math.degrees(tilt):.1f}°: OpenCV answers all the same, and "
             "its own standard deviations do not show how far off it is.",
             f"Take views with the grid tilted by {ADVISED_TILT}, to different sides.",
-        )
-    ]
+        ),
+    )

@@ -14,7 +14,7 @@ from jaxtyping import Float
 
 from core.comparison.results import Failure, MethodRow
 from core.errors import InvalidArgument
-from core.geometry import compose, invert
+from core.geometry import invert
 from core.metrology import COMPONENTS, PerComponent, PoseCycles, PoseRepeatability, assess_repeatability
 
 MIN_IMAGES = 2
@@ -46,42 +46,22 @@ class MethodRepeatability:
 
 
 def compare_repeatability(
-    rows: Sequence[MethodRow],
-    labels: Sequence[Hashable | None],
-    turns: Sequence[Float[np.ndarray, "4 4"]] | None = None,
+    rows: Sequence[MethodRow], labels: Sequence[Hashable | None]
 ) -> tuple[MethodRepeatability, ...]:
     """Return every method's repeatability at every pose.
 
-    Parameters
-    ----------
-    labels
-        The pose that each image shows; None for an image that belongs to no pose. Poses are listed in the order in
-        which they first occur.
-    turns
-        Of each image T_target_turned, for boards that look the same when turned: its pose is given in the turned frame.
+    `labels` are the poses that the images show, None for an image that belongs to none; poses are listed in the order
+    in which they first occur.
     """
     images: dict[Hashable, list[int]] = {}
     for image, label in enumerate(labels):
         if label is not None:
             images.setdefault(label, []).append(image)
-    return tuple(
-        MethodRepeatability(
-            row.method,
-            tuple(_poses(row, images, turns)),
-            row.failure,
-        )
-        for row in rows
-    )
+    return tuple(MethodRepeatability(row.method, tuple(_poses(row, images)), row.failure) for row in rows)
 
 
-def _poses(
-    row: MethodRow,
-    images: dict[Hashable, list[int]],
-    turns: Sequence[Float[np.ndarray, "4 4"]] | None,
-) -> list[MethodPose]:
-    found = {
-        image: invert(T if turns is None else compose(T, turns[image])) for image, T in row.poses.items()
-    }
+def _poses(row: MethodRow, images: dict[Hashable, list[int]]) -> list[MethodPose]:
+    found = {image: invert(T) for image, T in row.poses.items()}
     failed = {failure.image: failure for failure in row.failures}
     together = failed.get(None)
     known = {label: [i for i in members if i in found] for label, members in images.items()}
@@ -90,7 +70,7 @@ def _poses(
     for label, members in known.items():
         if len(members) >= MIN_IMAGES:
             try:
-                cycles[label] = _cycles(row, members, found, turns)
+                cycles[label] = _cycles(row, members, found)
             except InvalidArgument as error:
                 refused[label] = Failure(None, error.code, error.detail, error.advice)
     assessed = dict(zip(cycles, assess_repeatability(list(cycles.values())), strict=True))
@@ -104,29 +84,10 @@ def _poses(
     return poses
 
 
-def _cycles(
-    row: MethodRow,
-    members: list[int],
-    found: dict[int, Float[np.ndarray, "4 4"]],
-    turns: Sequence[Float[np.ndarray, "4 4"]] | None,
-) -> PoseCycles:
+def _cycles(row: MethodRow, members: list[int], found: dict[int, Float[np.ndarray, "4 4"]]) -> PoseCycles:
     T = np.array([found[i] for i in members])
-    covariances = None
-    if row.scatter is not None:
-        covariances = np.array(
-            [_in_turned_frame(row.scatter[i], None if turns is None else turns[i]) for i in members]
-        )
+    covariances = None if row.scatter is None else np.array([row.scatter[i] for i in members])
     return PoseCycles(T[:, :3, 3], T[:, :3, :3], covariances)
-
-
-def _in_turned_frame(
-    covariance: Float[np.ndarray, "6 6"], turn: Float[np.ndarray, "4 4"] | None
-) -> Float[np.ndarray, "6 6"]:
-    if turn is None:
-        return covariance
-    both = np.zeros((6, 6))
-    both[:3, :3] = both[3:, 3:] = turn[:3, :3].T
-    return np.asarray(both @ covariance @ both.T)
 
 
 def _assessed(

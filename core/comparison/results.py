@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Float
 
 from core.calibration import Reprojection, reprojection
 from core.errors import Advisory, DegenerateGeometry, GridposeError, NotConverged
@@ -23,32 +23,14 @@ class MethodResult:
     """The answer of one method, for the views it was given, in their order.
 
     `camera` is None, and `T_camera_target` empty, where the method maps points without a camera model. `residuals_px`
-    are observed - predicted by the method's own mapping, one array a view; `reprojection` sums up all of them: none of
-    these methods rejects points.
+    are observed - predicted by the method's own mapping, one array a view: none of these methods rejects points.
     """
 
     method: str
     camera: Camera | None
     T_camera_target: tuple[Float[np.ndarray, "4 4"], ...]
     residuals_px: tuple[Float[np.ndarray, "_ 2"], ...]
-    reprojection: Reprojection
     warnings: tuple[Advisory, ...] = ()
-
-
-def baseline(
-    method: str,
-    camera: Camera | None,
-    T_camera_target: Sequence[Float[np.ndarray, "4 4"]],
-    residuals_px: Sequence[Float[np.ndarray, "_ 2"]],
-    warnings: Sequence[Advisory] = (),
-) -> MethodResult:
-    """Sum up the residuals and return the row."""
-    together = np.concatenate(list(residuals_px))
-    used: Bool[np.ndarray, " n"] = np.ones(len(together), dtype=bool)
-    statistics = reprojection(together, used)
-    return MethodResult(
-        method, camera, tuple(T_camera_target), tuple(residuals_px), statistics, tuple(warnings)
-    )
 
 
 @dataclass(frozen=True, slots=True)

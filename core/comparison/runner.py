@@ -5,18 +5,18 @@ The comparison itself does not fail: a method that fails on an image, or on all 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Hashable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 from functools import partial
 
-from core.calibration import GroupEstimate, Lens, check_camera, check_points, estimate_group
+from core.calibration import GroupEstimate, check_camera, check_points
 from core.comparison.aruco import aruco_board, aruco_marker, central_marker, pose_of_points
 from core.comparison.boby_saha import VARIANTS, proposed
 from core.comparison.dlt import dlt
 from core.comparison.five_points import five_points
 from core.comparison.lines import lines
 from core.comparison.opencv import opencv_single_image, zhang
-from core.comparison.results import Answer, CameraOf, Failure, MethodResult, MethodRow, attempt, baseline
+from core.comparison.results import Answer, CameraOf, Failure, MethodResult, MethodRow, attempt
 from core.comparison.tsai import tsai
 from core.errors import (
     ADVISED_TILT,
@@ -58,12 +58,10 @@ MIN_POINTS = 6
 
 def compare_methods(
     views: Sequence[GridPoints],
+    pooled: GroupEstimate | Failure,
     *,
     markers: Sequence[Markers | None] | None = None,
     intrinsics: Camera | None = None,
-    lens: Lens | None = None,
-    repeats: Sequence[Hashable] | None = None,
-    pooled: GroupEstimate | Failure | None = None,
     methods: Iterable[str] = METHODS,
 ) -> tuple[MethodRow, ...]:
     """Run every method: calibrate, or estimate poses where the method does not calibrate.
@@ -72,15 +70,13 @@ def compare_methods(
     ----------
     views
         The images of one camera setting (one focus group).
+    pooled
+        What `estimate_group` made of these very views with estimator `pooled`.
     markers
         The corners of the markers seen in each view, `GridPoints.markers_px` by default; None for a view of which they
         are not known.
     intrinsics
         The camera by which poses from markers are found; the pooled one by default.
-    lens, repeats
-        As `estimate_group` takes them, for the pooled row.
-    pooled
-        What `estimate_group` made of these very views with estimator `pooled`, where that is known already.
     methods
         Those wanted; the rows are in the order of `METHODS`.
 
@@ -90,14 +86,11 @@ def compare_methods(
     if not wanted <= set(METHODS):
         raise InvalidArgument(f"There are no methods {sorted(wanted - set(METHODS))}; choose of {METHODS}.")
     shown = [v.markers_px for v in views] if markers is None else list(markers)
-    if pooled is None and ("pooled" in wanted or (wanted.intersection(MARKER_METHODS) and not intrinsics)):
-        pooled = _pool(views, lens, repeats)
     rows = []
     for method in METHODS:
         if method not in wanted:
             continue
         if method == "pooled":
-            assert pooled is not None
             rows.append(_pooled_row(views, pooled))
         elif method == "zhang":
             rows.append(_zhang_row(views))
@@ -169,15 +162,6 @@ def _zhang_row(views: Sequence[GridPoints]) -> MethodRow:
     return replace(row, failures=(*failures, *row.failures), warnings=(warning, *answer.result.warnings))
 
 
-def _pool(
-    views: Sequence[GridPoints], lens: Lens | None, repeats: Sequence[Hashable] | None
-) -> GroupEstimate | Failure:
-    try:
-        return estimate_group(views, "pooled", lens=lens, repeats=repeats)
-    except GridposeError as error:
-        return Failure(None, error.code, error.detail, error.advice)
-
-
 def _pooled_row(views: Sequence[GridPoints], estimate: GroupEstimate | Failure) -> MethodRow:
     if isinstance(estimate, Failure):
         return MethodRow("pooled", "all_images", (), (estimate,))
@@ -192,7 +176,7 @@ def _pooled_row(views: Sequence[GridPoints], estimate: GroupEstimate | Failure) 
     return MethodRow(
         "pooled",
         "all_images",
-        (Answer(images, baseline("pooled", camera, poses, residuals)),),
+        (Answer(images, MethodResult("pooled", camera, tuple(poses), tuple(residuals))),),
         tuple(Failure(i, e.code, e.detail, e.advice) for i, e in estimate.failures),
         scatter=dict(zip(images, estimate.scatter, strict=True)),
     )
@@ -247,14 +231,13 @@ _NOT_STORED = (
 )
 
 
-def _camera_of(pooled: GroupEstimate | Failure | None) -> Camera | Failure:
+def _camera_of(pooled: GroupEstimate | Failure) -> Camera | Failure:
     if isinstance(pooled, GroupEstimate):
         assert isinstance(pooled.camera, Camera), "the comparison pools with Brown's lens model"
         return pooled.camera
-    why = f": {pooled.detail}" if pooled is not None else "."
     return Failure(
         None,
         "intrinsics_missing",
-        f"Poses from markers take a calibrated camera, and the pooled calibration gives none{why}",
+        f"Poses from markers take a calibrated camera, and the pooled calibration gives none: {pooled.detail}",
         f"Give the session intrinsics, or add images with the target tilted by {ADVISED_TILT}.",
     )

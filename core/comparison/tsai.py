@@ -38,7 +38,7 @@ from jaxtyping import Float
 
 from core.calibration import PLAUSIBLE_START as FOCAL_RANGE
 from core.calibration import SMALLEST_NOISE_PX, centred, check_points, image_centre
-from core.comparison.results import MethodResult, baseline
+from core.comparison.results import MethodResult
 from core.errors import ADVISED_TILT, Advisory, DegenerateGeometry, InvalidArgument, NotConverged
 from core.geometry import Camera, project, project_with_jacobian, transform, transform_points
 from core.numerics import fit
@@ -107,7 +107,7 @@ def tsai(
     if np.any(inside[:, 2] <= 0):
         raise NotConverged("Tsai's method puts grid points behind the camera.")
     residuals = points.points_px - project(inside, camera)
-    return baseline("tsai", camera, [T], [residuals], _warnings(tilt))
+    return MethodResult("tsai", camera, (T,), (residuals,), _warnings(tilt))
 
 
 def _stage_one(
@@ -185,13 +185,13 @@ def _perpendicular() -> DegenerateGeometry:
     )
 
 
-def _warnings(tilt: float) -> list[Advisory]:
+def _warnings(tilt: float) -> tuple[Advisory, ...]:
     if tilt >= MIN_TILT:
-        return []
-    return [
+        return ()
+    return (
         Advisory(
             "tilt_below_method_limit",
             f"The grid is tilted by {math.degrees(tilt):.1f}° only; Tsai's method asks for 30° or more.",
             f"Tilt the grid by {ADVISED_TILT}.",
-        )
-    ]
+        ),
+    )

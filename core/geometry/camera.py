@@ -23,6 +23,7 @@ from jaxtyping import Float
 
 CAMERA_PARAMETERS = ("fx_px", "fy_px", "cx_px", "cy_px", "k1", "k2", "p1", "p2", "k3")
 """Names and order of the camera's parameters in every state vector and covariance."""
+_MAX_STEPS = 30
 
 
 @dataclass(frozen=True, slots=True)
@@ -160,9 +161,7 @@ def _by_coefficients(of: _Powers) -> Float[np.ndarray, "9 2 n"]:
     return by_camera
 
 
-def undistort_points(
-    points_px: Float[np.ndarray, "n 2"], camera: Camera, iterations: int = 30
-) -> Float[np.ndarray, "n 2"]:
+def undistort_points(points_px: Float[np.ndarray, "n 2"], camera: Camera) -> Float[np.ndarray, "n 2"]:
     """Return normalised (x, y) whose projection is `points_px`, by Newton's method on the distortion.
 
     Where the distortion has no inverse (beyond the radius at which the model folds back) the nearest point
@@ -172,7 +171,7 @@ def undistort_points(
         [(points_px[:, 0] - camera.cx_px) / camera.fx_px, (points_px[:, 1] - camera.cy_px) / camera.fy_px]
     )
     normalised = target.copy()
-    for _ in range(iterations):
+    for _ in range(_MAX_STEPS):
         powers = _powers(normalised[0], normalised[1])
         error = target - _distorted(powers, camera)
         if not np.any(np.abs(error) > 1e-14):

@@ -20,15 +20,14 @@ MAX_ANGLE = 1.5
 MAX_FOLD_SHARE = 0.98
 """Of the radius at which a model turns back: a pixel nearer to it, or beyond it, has no direction."""
 MAX_INVERSE_ERROR_PX = 1e-3
+_STEPS = 30
 
 
-def undistort_any(
-    points_px: Float[np.ndarray, "n 2"], camera: AnyCamera, iterations: int = 30
-) -> Float[np.ndarray, "n 2"]:
+def undistort_any(points_px: Float[np.ndarray, "n 2"], camera: AnyCamera) -> Float[np.ndarray, "n 2"]:
     """Return (x, y) at z = 1 whose projection is `points_px`; NaN where no such direction lies within `MAX_ANGLE`, and
     from `MAX_FOLD_SHARE` of the radius on at which the model turns back.
     """
-    found = _inverse(points_px, camera, iterations).T.copy()
+    found = _inverse(points_px, camera).T.copy()
     sound = np.all(np.isfinite(found), axis=1)
     again = project_any(np.column_stack([np.where(sound[:, None], found, 0.0), np.ones(len(found))]), camera)
     sound &= np.linalg.norm(again - points_px, axis=1) < MAX_INVERSE_ERROR_PX
@@ -39,16 +38,14 @@ def undistort_any(
     return found
 
 
-def _inverse(
-    points_px: Float[np.ndarray, "n 2"], camera: AnyCamera, iterations: int
-) -> Float[np.ndarray, "2 n"]:
+def _inverse(points_px: Float[np.ndarray, "n 2"], camera: AnyCamera) -> Float[np.ndarray, "2 n"]:
     if isinstance(camera, Camera):
-        return undistort_points(points_px, camera, iterations).T
+        return undistort_points(points_px, camera).T
     target = ((points_px - [camera.cx_px, camera.cy_px]) / [camera.fx_px, camera.fy_px]).T
     if isinstance(camera, KannalaBrandtCamera):
-        return _angular_inverse(target, camera, iterations)
+        return _angular_inverse(target, camera)
     found = target.copy()
-    for _ in range(iterations):
+    for _ in range(_STEPS):
         distorted, J, _ = distorted_rationally(found[0], found[1], camera)
         error = target - distorted
         determinant = np.maximum(J[0, 0] * J[1, 1] - J[0, 1] * J[1, 0], 0.05)
@@ -58,15 +55,15 @@ def _inverse(
 
 
 def _angular_inverse(
-    target: Float[np.ndarray, "2 n"], camera: KannalaBrandtCamera, iterations: int
+    target: Float[np.ndarray, "2 n"], camera: KannalaBrandtCamera
 ) -> Float[np.ndarray, "2 n"]:
     plain = target.copy()
-    for _ in range(iterations if camera.p1 or camera.p2 else 0):
+    for _ in range(_STEPS if camera.p1 or camera.p2 else 0):
         _, tangential = tangential_terms(plain[0], plain[1], camera.p1, camera.p2)
         plain = target - camera.p1 * tangential[0] - camera.p2 * tangential[1]
     rho = np.hypot(*plain)
     theta = np.minimum(rho, MAX_ANGLE)
-    for _ in range(iterations):
+    for _ in range(_STEPS):
         t2 = theta * theta
         value = theta * (1.0 + t2 * (camera.k1 + t2 * (camera.k2 + t2 * (camera.k3 + t2 * camera.k4))))
         slope = 1.0 + t2 * (

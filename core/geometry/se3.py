@@ -195,20 +195,17 @@ def are_rotations(matrices: Float[np.ndarray, "n 3 3"]) -> Bool[np.ndarray, " n"
     return np.asarray((off < MAX_NOT_ORTHONORMAL) & (np.linalg.det(matrices) > 0.0))
 
 
-def rotation_mean(
-    rotations: Float[np.ndarray, "n 3 3"], weights: Float[np.ndarray, " n"] | None = None
-) -> Float[np.ndarray, "3 3"]:
-    """Return the weighted Riemannian mean: the R with Σ wᵢ log(Rᵢ Rᵀ) = 0.
+def rotation_mean(rotations: Float[np.ndarray, "n 3 3"]) -> Float[np.ndarray, "3 3"]:
+    """Return the Riemannian mean: the R with Σ log(Rᵢ Rᵀ) = 0.
 
-    Raises InvalidArgument where it does not exist: no rotations, or weights without a positive sum.
+    Raises InvalidArgument for no rotations.
 
     References: J. H. Manton, "A globally convergent numerical algorithm for computing the centre of mass on
     compact Lie groups", ICARCV 2004.
     """
-    w = np.ones(len(rotations)) if weights is None else weights
-    if len(rotations) == 0 or not np.sum(w) > 0:
-        raise InvalidArgument("A mean needs at least one rotation and weights with a positive sum.")
-    w = w / np.sum(w)
+    if len(rotations) == 0:
+        raise InvalidArgument("A mean needs at least one rotation.")
+    w = np.full(len(rotations), 1.0 / len(rotations))
     mean = nearest_rotation(np.tensordot(w, rotations, axes=1))
     for _ in range(50):
         step = w @ rotation_vectors(rotations, mean)
@@ -218,10 +215,7 @@ def rotation_mean(
     return mean
 
 
-def transform_mean(
-    transforms: Float[np.ndarray, "n 4 4"], weights: Float[np.ndarray, " n"] | None = None
-) -> Float[np.ndarray, "4 4"]:
-    """Return the mean pose: rotation mean and weighted mean of the positions, each by itself."""
-    w = np.ones(len(transforms)) if weights is None else weights
-    rotation = rotation_mean(transforms[:, :3, :3], w)
-    return transform(rotation, (w / np.sum(w)) @ transforms[:, :3, 3])
+def transform_mean(transforms: Float[np.ndarray, "n 4 4"]) -> Float[np.ndarray, "4 4"]:
+    """Return the mean pose: rotation mean and mean of the positions, each by itself."""
+    w = np.full(len(transforms), 1.0 / len(transforms))
+    return transform(rotation_mean(transforms[:, :3, :3]), w @ transforms[:, :3, 3])

@@ -19,6 +19,7 @@ from core.errors import (
     JointAnglesUnitMismatch,
     PrismaticJoint,
 )
+from core.kinematics.dh import Chain
 from core.kinematics.joint_axes import fit_circle
 from core.kinematics.pose_observations import PoseData
 from core.kinematics.sweeps import Sweep
@@ -34,6 +35,14 @@ _CIRCLE_PARAMETERS = 7  # four within its plane, three of the plane
 _BY_CHANCE = 0.999
 _LINE = 0.01  # a ratio with which an arc is a line
 _MOVED_MM = 1.0  # positions that move less may be on the axis
+
+
+def check_joints(poses: PoseData, chain: Chain | None) -> None:
+    """Raise JointAnglesInconsistent where a chain has another number of joints than the poses have angles."""
+    if chain is not None and len(chain) != poses.joints:
+        raise JointAnglesInconsistent(
+            f"The poses carry {poses.joints} joint angles and the robot has {len(chain)} joints."
+        )
 
 
 def check_angles(poses: PoseData, sweeps: Sequence[Sweep]) -> None:

@@ -2,7 +2,6 @@
 
 from core.metrology.acceptance import (
     REPEATED,
-    ROUNDED,
     RULE,
     UNCHANGING,
     UNSTEADY,
@@ -130,7 +129,6 @@ __all__ = [
     "MIN_POINTS",
     "NOT_STEADY",
     "REPEATED",
-    "ROUNDED",
     "RULE",
     "TEST_PLANES",
     "UNCHANGING",

@@ -14,7 +14,7 @@ from jaxtyping import Float
 
 from core.errors import InvalidArgument
 from core.geometry import rotation_to_rpy, rotation_vectors
-from core.metrology.pose_cycles import PerComponent, as_triple, mean_and_vectors
+from core.metrology.pose_cycles import PerComponent, mean_and_vectors
 
 SMALLEST_DEVIATION = 1e-30
 """What is less is nothing: far below any instrument, and squares of squares stay above the least of floats."""
@@ -112,14 +112,12 @@ def direction_variation(
 
 @dataclass(frozen=True, slots=True)
 class DistancePerformance:
-    """AD and RD of the way between two commanded positions, mm: of its length, then along each axis."""
+    """AD and RD of the way between two commanded positions, mm."""
 
     cycles: int
     mean_distance_mm: float
     accuracy_mm: float | None
-    accuracy_xyz_mm: tuple[float, float, float] | None
     repeatability_mm: float | None
-    repeatability_xyz_mm: tuple[float, float, float] | None
 
 
 def distance_performance(
@@ -130,8 +128,8 @@ def distance_performance(
 ) -> DistancePerformance:
     """Return AD_p = D̄ - D_c (7.3.2) and RD = 3 S_D (7.3.3), D_j = ‖p_1j - p_2j‖ within cycle j.
 
-    Along the axes D_xj = |x_1j - x_2j|. A length is the same in every frame, so AD_p needs no transform between robot
-    and instrument; the axes do. Accuracy is None without commanded positions, repeatability below two cycles.
+    A length is the same in every frame, so AD_p needs no transform between robot and instrument. Accuracy is None
+    without commanded positions, repeatability below two cycles.
 
     Raises InvalidArgument where the two positions were not visited equally often.
     """
@@ -140,23 +138,13 @@ def distance_performance(
             f"A distance needs both its ends in each cycle; there are {len(first_mm)} and {len(second_mm)}.",
             "Pair the visits by cycle and exclude cycles that miss an end.",
         )
-    axes = np.abs(first_mm - second_mm)
-    lengths = np.column_stack([np.linalg.norm(first_mm - second_mm, axis=1), axes])
-    mean = lengths.mean(axis=0)
-    accuracy = repeatability = None
+    lengths = np.linalg.norm(first_mm - second_mm, axis=1)
+    mean = float(lengths.mean())
+    accuracy = None
     if commanded_first_mm is not None and commanded_second_mm is not None:
-        way = commanded_first_mm - commanded_second_mm
-        accuracy = mean - np.array([np.linalg.norm(way), *np.abs(way)])
-    if len(lengths) > 1:
-        repeatability = three_sigma(lengths)
-    return DistancePerformance(
-        len(lengths),
-        float(mean[0]),
-        None if accuracy is None else float(accuracy[0]),
-        None if accuracy is None else as_triple(accuracy[1:]),
-        None if repeatability is None else float(repeatability[0]),
-        None if repeatability is None else as_triple(repeatability[1:]),
-    )
+        accuracy = mean - float(np.linalg.norm(commanded_first_mm - commanded_second_mm))
+    repeatability = float(three_sigma(lengths[:, None])[0]) if len(lengths) > 1 else None
+    return DistancePerformance(len(lengths), mean, accuracy, repeatability)
 
 
 @dataclass(frozen=True, slots=True)

@@ -22,7 +22,7 @@ from core.numerics.least_squares import (
     Prior,
     fit,
 )
-from core.numerics.normal_equations import block_products, covariance_of, damped_step, root_of_inverse
+from core.numerics.normal_equations import block_products, covariance_of, damped_step, scaled_inverse
 from core.numerics.order_statistics import NORMAL_95, median, quantiles
 from core.numerics.schur import (
     KNOWN,
@@ -76,7 +76,7 @@ __all__ = [
     "log_likelihood",
     "median",
     "quantiles",
-    "root_of_inverse",
+    "scaled_inverse",
     "shared_camera",
     "weights",
 ]

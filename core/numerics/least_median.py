@@ -14,6 +14,8 @@ from collections.abc import Callable
 import numpy as np
 from jaxtyping import Float, Int
 
+_SMALLEST = 1e-12
+
 
 def best_subset(
     lengths_of: Callable[[Int[np.ndarray, "s k"]], Float[np.ndarray, "s q n"]],
@@ -21,7 +23,6 @@ def best_subset(
     *,
     size: int,
     number: int,
-    smallest: float = 1e-12,
 ) -> Int[np.ndarray, " k"] | None:
     """Return the set of `size` points whose closed form leaves the least median residuals, or None where that of all
     points does.
@@ -40,7 +41,7 @@ def best_subset(
     kinds, count = of_all.shape
     rng = np.random.default_rng(0)
     sets = np.array([np.sort(rng.permutation(count)[:size]) for _ in range(number)])
-    typical = np.maximum(np.median(of_all, axis=1), smallest)
+    typical = np.maximum(np.median(of_all, axis=1), _SMALLEST)
     scores = np.sum(np.median(lengths_of(sets), axis=2) / typical, axis=1)
     best = int(np.argmin(scores))
     return sets[best] if scores[best] < kinds else None

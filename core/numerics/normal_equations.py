@@ -77,6 +77,13 @@ def condition_number(matrix: Float[np.ndarray, "p p"]) -> float:
     return float(values[-1] / values[0]) if values[0] > 1e-15 * values[-1] else math.inf
 
 
+def scaled_inverse(H: Float[np.ndarray, "p p"]) -> Float[np.ndarray, "p p"]:
+    """Return the inverse of a positive definite matrix, taken with unit diagonal. Raises LinAlgError."""
+    unit = 1.0 / np.sqrt(np.maximum(np.diag(H), 1e-300))
+    scales = np.outer(unit, unit)
+    return np.asarray(np.linalg.inv(H * scales) * scales)
+
+
 def root_of_inverse(H: Float[np.ndarray, "p p"]) -> Float[np.ndarray, "p p"]:
     """Return R with R Rᵀ = H⁻¹ of an information matrix; what H does not determine gets a huge variance."""
     unit = 1.0 / np.sqrt(np.maximum(np.diag(H), 1e-300))

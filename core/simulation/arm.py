@@ -31,6 +31,7 @@ T_FLANGE_CAMERA = transform(so3_exp(np.array([0.05, -0.08, 0.4])), np.array([65.
 _PARALLEL = 1e-6  # sine of a nominal twist below which neighbours are meant to be parallel
 _LEVER_MM = 500.0  # a rotation counts as what it moves at this distance
 _LARGEST_STEP = 0.3  # rad
+_MOUNT_MM, _MOUNT_RAD = 3.0, math.radians(1.0)  # standard deviations of the camera's mount
 
 
 @dataclass(frozen=True, slots=True)
@@ -96,8 +97,6 @@ def kr5_arc(
     *,
     deviation_mm: float = 0.3,
     deviation_rad: float = math.radians(0.03),
-    mount_mm: float = 3.0,
-    mount_rad: float = math.radians(1.0),
 ) -> Arm:
     """Draw a KR5 Arc as built: every length and angle is off by a little, and the camera's mount by more.
 
@@ -113,7 +112,7 @@ def kr5_arc(
     return Arm(
         deviated(KR5_ARC, rng, deviation_mm, deviation_rad),
         np.linalg.inv(np.array(T_base_target)),
-        T_FLANGE_CAMERA @ transform(so3_exp(rng.normal(0.0, mount_rad, 3)), rng.normal(0.0, mount_mm, 3)),
+        T_FLANGE_CAMERA @ transform(so3_exp(rng.normal(0.0, _MOUNT_RAD, 3)), rng.normal(0.0, _MOUNT_MM, 3)),
     )
 
 

@@ -48,7 +48,6 @@ def simulate_arm_session(
     *,
     steps: int,
     free: int,
-    joint_repeatability_rad: float = JOINT_REPEATABILITY_RAD,
     seed: int = 0,
 ) -> ArmSession:
     """Return the session of a KR5 Arc whose targets are all such grids: `steps` poses a sweep, `free` poses a grid.
@@ -85,7 +84,7 @@ def simulate_arm_session(
         poses += [ArmPose(f"{letter}-free-{k + 1}", q, target) for k, q in enumerate(looking)]
     images = []
     for pose in poses:
-        attained = pose.joint_angles + rng.normal(0.0, joint_repeatability_rad, len(pose.joint_angles))
+        attained = pose.joint_angles + rng.normal(0.0, JOINT_REPEATABILITY_RAD, len(pose.joint_angles))
         commanded, true = arm.camera_poses(np.stack([pose.joint_angles, attained]), np.full(2, pose.target))
         scene = workshop_scene(
             grid,

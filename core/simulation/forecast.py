@@ -84,7 +84,6 @@ def forecast_repeatability(
     *,
     limit_mm: float | None = None,
     draws: int = 200,
-    seed: int = 0,
 ) -> Forecast:
     """Predict floor, interval and verdicts of a planned session for a robot whose RP_l is `rp_mm` at every pose.
 
@@ -105,7 +104,7 @@ def forecast_repeatability(
             "No planned view shows the whole target.",
             "Plan a larger distance, a smaller target or cube, or a shorter focal length.",
         )
-    rng = np.random.default_rng(seed)
+    rng = np.random.default_rng(0)
     measured = _measured(planned, shown, rng)
     still = assess_repeatability(measured)
     sigma_mm = rp_mm / float(long_run_rp(np.ones((1, 3)))[0])
@@ -127,15 +126,13 @@ def _measured(
 ) -> list[PoseCycles]:
     """Return what a session of a motionless robot would measure at the poses that are shown."""
     grid = planned.target.points_target()
-    row, column = (a.ravel() for a in np.mgrid[0 : planned.target.grid_rows, 0 : planned.target.grid_columns])
-    sigma = np.full(len(grid), planned.corner_sigma_px)
     also = in_view(planned.additional_views, planned.target, planned.camera, planned.size_px)
     visited = np.repeat(planned.views[shown], planned.cycles, axis=0)
     views = []
     for T_camera_target in (*visited, *planned.additional_views[also]):
         exact = project(transform_points(T_camera_target, grid), planned.camera)
         noisy = exact + rng.normal(0.0, planned.corner_sigma_px, exact.shape)
-        views.append(GridPoints(planned.target, *planned.size_px, column, row, noisy, sigma))
+        views.append(GridPoints.whole(planned.target, planned.size_px, noisy, planned.corner_sigma_px))
     estimate = estimate_group(views, "pooled")
     pose = estimate.images // planned.cycles
     return [

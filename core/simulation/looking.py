@@ -13,6 +13,7 @@ from core.targets import TargetSpec
 
 MARGIN_PX = 10.0
 _STEP = math.radians(2.0)  # of a joint that is moved as far as the grid stays in view
+_LARGEST_SWEEP = math.radians(120.0)
 _STEEPEST = math.radians(60.0)
 
 
@@ -70,19 +71,18 @@ def largest_visible_sweep(
     limits: Float[np.ndarray, "j 2"],
     steps: int,
     target: int = 0,
-    largest: float = math.radians(120.0),
     smallest: float = math.radians(10.0),
 ) -> Float[np.ndarray, "m j"]:
     """Return the deepest sweep (rad) of one joint through any of the given poses that keeps the grid in view.
 
     The joint (counted from 0) is turned both ways until the grid or a pitch around it would leave the image, be seen
-    at less than 30°, or the joint come to its limit, or the arc to `largest`; `steps` poses are spread over the arc.
+    at less than 30°, or the joint come to its limit, or the arc to 120°; `steps` poses are spread over the arc.
     An arc informs by its depth, its deviation from a straight line: of the same angle the deeper, the farther the
     camera is from the axis.
 
     Raises ValueError where no arc is as wide as `smallest`.
     """
-    half = round(largest / _STEP)
+    half = round(_LARGEST_SWEEP / _STEP)
     moves = _STEP * np.arange(-half, half + 1)
     turns = moves[:, None] * np.eye(len(arm.chain))[joint]
     swept = (through[:, None] + turns).reshape(-1, len(arm.chain))
@@ -115,10 +115,8 @@ def in_view(
     T_camera_target: Float[np.ndarray, "n 4 4"], spec: TargetSpec, camera: Camera, size_px: tuple[int, int]
 ) -> Bool[np.ndarray, " n"]:
     """Return in which views the grid and a pitch around it are in the image, a few pixels from its edge."""
-    points = spec.points_target()
-    low, high = points.min(axis=0) - spec.pitch_mm, points.max(axis=0) + spec.pitch_mm
-    outline = np.array([[x, y, 0.0] for x in (low[0], high[0]) for y in (low[1], high[1])])
-    corners = np.einsum("nij,kj->nki", T_camera_target[:, :3, :3], outline) + T_camera_target[:, None, :3, 3]
+    rotations = T_camera_target[:, :3, :3]
+    corners = np.einsum("nij,kj->nki", rotations, spec.outline()) + T_camera_target[:, None, :3, 3]
     ahead = np.all(corners[:, :, 2] > spec.pitch_mm, axis=1)
     corners[~ahead] = [0.0, 0.0, 1.0]
     pixels = project(corners.reshape(-1, 3), camera).reshape(-1, 4, 2)

@@ -87,7 +87,6 @@ def cube_experiment(
     size_px: tuple[int, int],
     *,
     cycles: int,
-    joint_repeatability_rad: float = JOINT_REPEATABILITY_RAD,
     seed: int = 0,
 ) -> Experiment:
     """Return the experiment before a board; arm, mount, view and scatter are drawn by the seed.
@@ -102,13 +101,13 @@ def cube_experiment(
     T_base_target = invert(arm.T_target_base[0])
     views = _views(target, camera, size_px, T_base_target, rng)
     poses = tuple(
-        _pose(f"P{i + 1}", T_base_camera, arm, joint_repeatability_rad)
+        _pose(f"P{i + 1}", T_base_camera, arm, JOINT_REPEATABILITY_RAD)
         for i, T_base_camera in enumerate(views)
     )
     images = []
     for cycle in range(1, cycles + 1):
         for index, pose in enumerate(poses):
-            angles = pose.joint_angles + rng.normal(0.0, joint_repeatability_rad, 6)
+            angles = pose.joint_angles + rng.normal(0.0, JOINT_REPEATABILITY_RAD, 6)
             scene = workshop_scene(
                 target,
                 camera,
@@ -122,12 +121,12 @@ def cube_experiment(
     return Experiment(arm, poses, tuple(images))
 
 
-def cube_points(centre_mm: Float[np.ndarray, "3"], edge_mm: float = CUBE_MM) -> Float[np.ndarray, "5 3"]:
+def cube_points(centre_mm: Float[np.ndarray, "3"]) -> Float[np.ndarray, "5 3"]:
     """Return P1 to P5 of a cube along the axes: its centre, and 10 % from the ends of the measuring plane's diagonals.
 
     The measuring plane holds y and the diagonal of x and z.
     """
-    half = (0.5 - FROM_THE_END) * edge_mm
+    half = (0.5 - FROM_THE_END) * CUBE_MM
     corners = np.array([[1.0, 1.0, 1.0], [1.0, -1.0, 1.0], [-1.0, -1.0, -1.0], [-1.0, 1.0, -1.0]])
     return centre_mm + np.vstack([np.zeros((1, 3)), half * corners])
 

@@ -68,16 +68,7 @@ class Scene:
     @property
     def grid_points(self) -> GridPoints:
         """The same as a detector would hand them over, without uncertainty."""
-        row, column = (a.ravel() for a in np.mgrid[0 : self.target.grid_rows, 0 : self.target.grid_columns])
-        return GridPoints(
-            target=self.target,
-            image_width_px=self.width_px,
-            image_height_px=self.height_px,
-            column=column,
-            row=row,
-            points_px=self.points_px,
-            standard_uncertainty_px=np.zeros(len(row)),
-        )
+        return GridPoints.whole(self.target, (self.width_px, self.height_px), self.points_px, 0.0)
 
 
 def standard_camera() -> Camera:
@@ -177,10 +168,7 @@ def _is_in_view(
     T_camera_target: Float[np.ndarray, "4 4"], target: TargetSpec, camera: Camera, size_px: tuple[int, int]
 ) -> bool:
     """Return whether the grid, and one pitch around it, lies in the image."""
-    points = target.points_target()[:, :2]
-    low, high = points.min(axis=0) - target.pitch_mm, points.max(axis=0) + target.pitch_mm
-    x, y = (a.ravel() for a in np.meshgrid([low[0], high[0]], [low[1], high[1]]))
-    corners = transform_points(T_camera_target, np.stack([x, y, np.zeros(4)], axis=1))
+    corners = transform_points(T_camera_target, target.outline())
     if np.any(corners[:, 2] <= 0.0):
         return False
     pixels = project(corners, camera)

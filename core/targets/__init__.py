@@ -5,7 +5,6 @@ from core.targets.charuco import (
     CharucoLayout,
     Markers,
     charuco_layout,
-    detect_markers,
     find_by_lattice,
     marker_dictionary,
 )
@@ -43,7 +42,6 @@ __all__ = [
     "check_detectable",
     "check_fields",
     "detect",
-    "detect_markers",
     "find_by_lattice",
     "look_for",
     "mark_diameter_mm",

@@ -147,6 +147,17 @@ class TargetSpec:
         """Number of grid points of the whole target."""
         return self.grid_columns * self.grid_rows
 
+    def outline(self) -> Float[np.ndarray, "4 3"]:
+        """Return the corners of the grid with a pitch around it, mm."""
+        points = self.points_target()[:, :2]
+        low, high = points.min(axis=0) - self.pitch_mm, points.max(axis=0) + self.pitch_mm
+        return np.array([[x, y, 0.0] for x in (low[0], high[0]) for y in (low[1], high[1])])
+
+    def rows_and_columns(self) -> tuple[Int[np.ndarray, " n"], Int[np.ndarray, " n"]]:
+        """Return the row and the column of every grid point, row-major."""
+        row, column = np.mgrid[0 : self.grid_rows, 0 : self.grid_columns]
+        return row.ravel(), column.ravel()
+
     def points_target(
         self, column: Int[np.ndarray, " n"] | None = None, row: Int[np.ndarray, " n"] | None = None
     ) -> Float[np.ndarray, "n 3"]:
@@ -165,7 +176,7 @@ class TargetSpec:
         self, column: Int[np.ndarray, " n"] | None = None, row: Int[np.ndarray, " n"] | None = None
     ) -> Float[np.ndarray, "n 3"]:
         if column is None or row is None:
-            row, column = (a.ravel() for a in np.mgrid[0 : self.grid_rows, 0 : self.grid_columns])
+            row, column = self.rows_and_columns()
         if self.kind == "aprilgrid":
             tag_mm = self.marker_mm or 0.0
             x, y = ((n // 2) * self.pitch_mm + (n % 2) * tag_mm for n in (column, row))
@@ -207,6 +218,18 @@ class GridPoints:
     None for targets without markers."""
     labelling: Labelling = "absolute"
     capture_quality: CaptureQuality | None = None
+
+    @classmethod
+    def whole(
+        cls,
+        target: TargetSpec,
+        size_px: tuple[int, int],
+        points_px: Float[np.ndarray, "n 2"],
+        sigma_px: float,
+    ) -> GridPoints:
+        """Return all points of a target, row-major, of one standard uncertainty."""
+        row, column = target.rows_and_columns()
+        return cls(target, *size_px, column, row, points_px, np.full(target.size, sigma_px))
 
     @property
     def points_target(self) -> Float[np.ndarray, "n 3"]:

@@ -56,10 +56,9 @@ def comparison_findings(data: SessionData, markers: Markers) -> Findings:
                 unlabelled += 1
     rows = compare_methods(
         views,
+        pooled.groups[0].estimate if pooled is not None else failure,
         markers=[markers.get(image.measurement_id) for image in session.images],
         intrinsics=data.intrinsics,
-        lens=data.lens,
-        pooled=pooled.groups[0].estimate if pooled is not None else failure,
     )
     table = compare_repeatability(rows, poses)
     fields = {

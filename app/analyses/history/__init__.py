@@ -4,14 +4,13 @@
 thousand sessions reads no form. `history_document` and `comparison_document` are what routes and commands show.
 """
 
-from app.analyses.history.charting import MIN_SESSIONS, HistoryEvent, charts_of, series_of
+from app.analyses.history.charting import HistoryEvent, charts_of, series_of
 from app.analyses.history.comparison import comparison_document, conclusion
 from app.analyses.history.drawing import MAX_CHARTS, ChartAxis, charts_of_tests, draw_charts
 from app.analyses.history.latest import LatestFigures, RobotFigures
 from app.analyses.history.likeness import group_comparable, not_stated, unlike
 from app.analyses.history.over_time import (
     ChartedTest,
-    as_text,
     charted_tests,
     entries_of_qualifications,
     history_document,
@@ -29,7 +28,6 @@ from app.analyses.history.summaries import NotAReport, Summary, read_report, rea
 __all__ = [
     "KINDS",
     "MAX_CHARTS",
-    "MIN_SESSIONS",
     "ChartAxis",
     "ChartedTest",
     "History",
@@ -38,7 +36,6 @@ __all__ = [
     "NotAReport",
     "RobotFigures",
     "Summary",
-    "as_text",
     "charted_tests",
     "charts_of",
     "charts_of_tests",

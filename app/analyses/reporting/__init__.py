@@ -4,13 +4,7 @@
 """
 
 from app.analyses.reporting.maker import ReportMaker
-from app.analyses.reporting.orders import (
-    DH_DEFAULTS,
-    ReportOrder,
-    VerificationOrder,
-    compute_report,
-    compute_verification,
-)
+from app.analyses.reporting.orders import DH_DEFAULTS, ReportOrder, VerificationOrder
 from app.analyses.reporting.requests import verification
 
 __all__ = [
@@ -18,7 +12,5 @@ __all__ = [
     "ReportMaker",
     "ReportOrder",
     "VerificationOrder",
-    "compute_report",
-    "compute_verification",
     "verification",
 ]

@@ -21,8 +21,9 @@ from typing import Any
 
 from pydantic import BaseModel
 
+from app.markup import guarded
+
 SUMMARY = "summary"
-_FORMULA = ("=", "+", "-", "@", "\t", "\r")
 _UNIT = re.compile(r"(_(?:mm|deg|px|rad|s))?$")
 _PARTS = {3: ("x", "y", "z"), 2: ("low", "high")}
 _PIXEL = re.compile(r"_middle_px$")
@@ -78,11 +79,6 @@ def write_table(table: Table, document: Json) -> str:
     for outer, entry in _entries(table, document):
         rows.writerow([*outer, *(_cell(_value(entry, column.path)) for column in table.columns)])
     return text.getvalue()
-
-
-def guarded(text: str) -> str:
-    """Return text that no spreadsheet takes for a formula."""
-    return f"'{text}" if text.startswith(_FORMULA) else text
 
 
 class _Walker:

@@ -14,8 +14,8 @@ import io
 import re
 from typing import Any
 
-from app.api.representations.analysis_tables import guarded
 from app.errors import InvalidContent, TooLarge
+from app.markup import guarded
 
 MAX_ROWS = 20_000
 DELIMITERS = ",;\t"

@@ -7,7 +7,7 @@ from typing import Annotated, Literal
 from pydantic import Field
 from typing_extensions import TypeAliasType
 
-from app.api.schemas.common import Angle, Coordinate, Cycle, JointAngles, PoseTag, Text
+from app.api.schemas.common import Angle, Coordinate, JointAngles, PoseTag, Text
 
 POSE_ID = "The user's own tag of the robot pose; unique within its session."
 CYCLE = "Which of the repeated visits to the pose, from 1. Null: not known; such images are ordered by their SHA-256."
@@ -66,8 +66,6 @@ Source = TypeAliasType(
 )
 
 PoseIdField = Annotated[PoseTag, Field(description=POSE_ID)]
-CycleField = Annotated[Cycle | None, Field(description=CYCLE)]
-FocusGroupField = Annotated[Text, Field(description=FOCUS_GROUP)]
 StatedAngles = Annotated[JointAngles | None, Field(description=f"{JOINT_ANGLES} Null: not known.")]
 StoredAngles = Annotated[list[float] | None, Field(description=f"{JOINT_ANGLES} Null: not known.")]
 

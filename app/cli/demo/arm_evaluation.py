@@ -14,7 +14,7 @@ import numpy as np
 from scipy.special import ndtri
 
 from app.cli.demo.arm_session import ArmAnswers
-from app.cli.demo.evaluation import MAX_RATIO, SIGNIFICANCE, root_mean_square
+from app.cli.demo.evaluation import MAX_RATIO, SIGNIFICANCE, error_ratio, root_mean_square
 from app.client import Json
 from core.kinematics import reparametrise
 from core.simulation import JOINT_REPEATABILITY_RAD, KR5_ARC, Arm, ArmSession, joint_motions
@@ -115,7 +115,7 @@ def error_over_uncertainty(identified: Sequence[Parameter], answer: Json) -> flo
     places = [answer["parameters"].index(f"joint_{p.joint}.{FIELDS[p.name]}") for p in identified]
     correlation = np.array(answer["correlation"])[np.ix_(places, places)]
     z = np.array([p.error / (p.uncertainty or math.nan) for p in identified])
-    return math.sqrt(float(z @ np.linalg.solve(correlation, z)) / len(z))
+    return error_ratio(z, correlation)
 
 
 def true_scatter_mm(session: ArmSession) -> float:

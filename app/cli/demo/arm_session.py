@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 from rich.progress import Progress
 
+from app.cli.demo.session import require_sent
 from app.client import ClientError, Json, ServiceClient, collect_results, plan_files, upload_files
 from core import TargetSpec
 from core.geometry import Camera
@@ -97,9 +98,7 @@ def _upload(
             target_id=target_id,
             on_done=lambda outcome: progress.advance(sending),
         )
-    failed = [outcome for outcome in outcomes if outcome.status == "failed"]
-    if failed:
-        raise ClientError("upload_failed", f"{failed[0].name}: {failed[0].reason}", failed[0].advice)
+    require_sent(outcomes)
     computing = progress.add_task("computing sweeps", total=len(files))
 
     def advance(done: int, of: int) -> None:

@@ -70,10 +70,10 @@ def image_error(image: SessionImage, measurement: Json) -> ImageError:
         pose_id=image.pose_id,
         position_error_mm=float(np.linalg.norm(position_error)),
         position_uncertainty_mm=_length(covariance[:3, :3]),
-        position_ratio=_ratio(position_error, covariance[:3, :3]),
+        position_ratio=error_ratio(position_error, covariance[:3, :3]),
         rotation_error_deg=math.degrees(float(np.linalg.norm(rotation_error))),
         rotation_uncertainty_deg=math.degrees(_length(covariance[3:, 3:])),
-        rotation_ratio=_ratio(rotation_error, covariance[3:, 3:]),
+        rotation_ratio=error_ratio(rotation_error, covariance[3:, 3:]),
         focal_error_px=intrinsics["fx_px"] - image.scene.camera.fx_px,
         focal_uncertainty_px=calibration["standard_uncertainty"]["fx_px"],
     )
@@ -177,5 +177,6 @@ def _length(covariance: np.ndarray) -> float:
     return math.sqrt(float(np.trace(covariance)))
 
 
-def _ratio(error: np.ndarray, covariance: np.ndarray) -> float:
+def error_ratio(error: np.ndarray, covariance: np.ndarray) -> float:
+    """Return √(eᵀ Σ⁻¹ e / n): 1 where the covariance is right."""
     return math.sqrt(float(error @ np.linalg.solve(covariance, error)) / len(error))

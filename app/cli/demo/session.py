@@ -14,7 +14,15 @@ import numpy as np
 from jaxtyping import Float
 from rich.progress import Progress
 
-from app.client import ClientError, Json, ServiceClient, collect_results, plan_files, upload_files
+from app.client import (
+    ClientError,
+    Json,
+    ServiceClient,
+    UploadResult,
+    collect_results,
+    plan_files,
+    upload_files,
+)
 from app.client.commands import transfer
 from app.jobs.threads import limit_threads
 from app.settings import Settings
@@ -154,10 +162,15 @@ def upload_session(client: ServiceClient, session_id: str, folder: Path, progres
     """
     outcomes, result = transfer(client, session_id, plan_files(folder / "images").images, progress, wait=True)
     assert result is not None
-    failed = [outcome for outcome in outcomes if outcome.status == "failed"]
-    if failed:
-        raise ClientError("upload_failed", f"{failed[0].name}: {failed[0].reason}", failed[0].advice)
+    require_sent(outcomes)
     return list(result.measurements)
+
+
+def require_sent(outcomes: Sequence[UploadResult]) -> None:
+    """Raise ClientError with the first image that the service did not accept."""
+    for outcome in outcomes:
+        if outcome.status == "failed":
+            raise ClientError("upload_failed", f"{outcome.name}: {outcome.reason}", outcome.advice)
 
 
 def run_session(

@@ -1,15 +1,17 @@
-"""Vectors and rotations in plain Python: 3x3 matrices as lists of rows, angles in radians, quaternions as x y z w."""
+"""Vectors, rotations and rigid transforms in plain Python: matrices as lists of rows, rad, quaternions x y z w."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass, field
 
 Vector = list[float]
 Matrix = list[list[float]]
 
 _AXES = {"x": 0, "y": 1, "z": 2}
 _SMALL = 1e-8
+_PARTS = 6
 
 
 def plus(u: Sequence[float], v: Sequence[float], scale: float = 1.0) -> Vector:
@@ -41,6 +43,28 @@ def transposed(a: Sequence[Sequence[float]]) -> Matrix:
 def applied(a: Sequence[Sequence[float]], v: Sequence[float]) -> Vector:
     """Return the product of a matrix and a vector."""
     return [math.fsum(x * y for x, y in zip(row, v, strict=True)) for row in a]
+
+
+@dataclass(frozen=True, slots=True)
+class Frame:
+    """T_a_b: the rotation and the position (mm) of frame b in frame a."""
+
+    rotation: Matrix = field(default_factory=identity)
+    position_mm: Vector = field(default_factory=lambda: [0.0, 0.0, 0.0])
+
+    def __matmul__(self, other: Frame) -> Frame:
+        """Return T_a_c of T_a_b and T_b_c."""
+        position = plus(self.position_mm, applied(self.rotation, other.position_mm))
+        return Frame(product(self.rotation, other.rotation), position)
+
+    def inverse(self) -> Frame:
+        """Return T_b_a."""
+        back = transposed(self.rotation)
+        return Frame(back, [-value for value in applied(back, self.position_mm)])
+
+    def column(self, axis: int) -> Vector:
+        """Return the direction of an axis of b in a."""
+        return [row[axis] for row in self.rotation]
 
 
 def from_vector(w: Sequence[float]) -> Matrix:
@@ -114,3 +138,11 @@ def to_roll_pitch_yaw(r: Sequence[Sequence[float]]) -> tuple[float, float, float
 def from_roll_pitch_yaw(roll: float, pitch: float, yaw: float) -> Matrix:
     """Return R = Rz(yaw) Ry(pitch) Rx(roll)."""
     return product(product(about("z", yaw), about("y", pitch)), about("x", roll))
+
+
+def parse_frame(text: str) -> Frame:
+    """Return the frame of `x,y,z,roll,pitch,yaw` in mm and degrees. Raises ValueError."""
+    numbers = [float(part) for part in text.split(",")]
+    if len(numbers) != _PARTS or not all(map(math.isfinite, numbers)):
+        raise ValueError("a frame has six numbers")
+    return Frame(from_roll_pitch_yaw(*map(math.radians, numbers[3:])), numbers[:3])

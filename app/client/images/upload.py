@@ -160,14 +160,13 @@ def collect_results(
     outcomes: Sequence[UploadResult],
     *,
     on_progress: Callable[[int, int], None] = lambda done, total: None,
-    stalled_after_s: float = _STALLED_S,
 ) -> SessionResult:
     """Wait until every uploaded image is calibrated or has failed, and return their measurements.
 
     Raises
     ------
     ClientError
-        `no_progress` where no image was finished for `stalled_after_s`, usually because no worker runs.
+        `no_progress` where no image was finished for ten minutes, usually because no worker runs.
     """
     ours = {(o.file.pose_id, o.sha256) for o in outcomes if o.status != "failed"}
     pause_s, longest_s = _POLL_S
@@ -187,10 +186,10 @@ def collect_results(
         if done != last_done:
             last_done, last_change = done, time.monotonic()
             pause_s = _POLL_S[0]
-        elif time.monotonic() - last_change > stalled_after_s:
+        elif time.monotonic() - last_change > _STALLED_S:
             raise ClientError(
                 "no_progress",
-                f"{len(ours) - done} images are waiting and none was finished for {stalled_after_s:.0f} s.",
+                f"{len(ours) - done} images are waiting and none was finished for {_STALLED_S:.0f} s.",
                 "Check that a worker runs: see /readyz; GRIDPOSE_WORKERS=0 starts none.",
             )
         time.sleep(pause_s)

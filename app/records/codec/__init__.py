@@ -6,7 +6,6 @@ open an image again.
 """
 
 from app.records.codec.points import (
-    MARKER_BYTES,
     POINT_BYTES,
     are_markers,
     are_points,
@@ -19,7 +18,6 @@ from app.records.codec.points import (
 from app.records.codec.results import calibration_document, encode_calibration, encode_refused
 
 __all__ = [
-    "MARKER_BYTES",
     "POINT_BYTES",
     "are_markers",
     "are_points",

@@ -1,5 +1,5 @@
 """Numbers of documents with as many digits as their use supports, by their uncertainties and by the fields' names."""
 
-from app.records.numbers.json_text import SIGNIFICANT_DIGITS, encode, encode_record, rounded
+from app.records.numbers.json_text import encode, encode_record, rounded
 
-__all__ = ["SIGNIFICANT_DIGITS", "encode", "encode_record", "rounded"]
+__all__ = ["encode", "encode_record", "rounded"]

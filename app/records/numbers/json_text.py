@@ -29,7 +29,6 @@ from typing import Any
 
 from app.records.numbers.field_names import ALL_DIGITS, UNCERTAINTY_DIGITS, belongs, digits_of, is_interval
 
-SIGNIFICANT_DIGITS = ALL_DIGITS
 PLACES_AFTER_UNCERTAINTY = 4
 KEPT_DIGITS = 2
 NOTHING = 1e-9

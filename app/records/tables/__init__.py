@@ -1,16 +1,7 @@
 """The tables: one schema for SQLite and PostgreSQL."""
 
 from app.records.tables.access import AccessVersion, ApiKey, AuditEntry, Installation
-from app.records.tables.base import (
-    SCOPES,
-    STATUSES,
-    Bytes,
-    JsonList,
-    JsonObject,
-    Table,
-    UtcDateTime,
-    latest_ids,
-)
+from app.records.tables.base import SCOPES, STATUSES, Table, UtcDateTime, latest_ids
 from app.records.tables.measurements import (
     MeasuredPose,
     Measurement,
@@ -38,10 +29,7 @@ __all__ = [
     "AccessVersion",
     "ApiKey",
     "AuditEntry",
-    "Bytes",
     "Installation",
-    "JsonList",
-    "JsonObject",
     "MeasuredPose",
     "Measurement",
     "MeasurementChange",

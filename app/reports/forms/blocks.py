@@ -89,20 +89,18 @@ def number(value: float | None, uncertainty: float | None = None, *, places: int
     return text.replace("-", "−")
 
 
-def with_interval(
-    value: float | None, interval: Sequence[float] | None, *, places: int = 4
-) -> tuple[str, str]:
+def with_interval(value: float | None, interval: Sequence[float] | None) -> tuple[str, str]:
     """Return a number and its interval, both to the second digit of a quarter of the interval's width.
 
     That is about the standard uncertainty. Wherever a report states a figure, its interval decides its digits. Of a
     skewed interval an end far below the others has two digits of its own, and what differs is written differently.
     """
     if interval is None:
-        return number(value, places=places), UNKNOWN
+        return number(value), UNKNOWN
     quarter = 0.25 * (interval[1] - interval[0])
     if not (quarter > 0.0 and math.isfinite(quarter)):
-        low, high = (number(end, places=places) for end in interval)
-        return number(value, places=places), f"{low} … {high}"
+        low, high = (number(end) for end in interval)
+        return number(value), f"{low} … {high}"
     usual = _places(quarter)
     ends = [_own_places(end, usual) for end in interval]
     if value is None:

@@ -12,6 +12,7 @@ import re
 from collections.abc import Iterator, Mapping
 from typing import Any
 
+from app.markup import guarded
 from app.reports.forms.wording import reading_id
 
 Figure = str | float | int | bool | None
@@ -21,7 +22,6 @@ _IDENTITIES = (
 )
 _UNIT = re.compile(r"_(mm|deg|px|rad|s|kg|percent|min|c)$")
 _UNITS = {"deg": "degree", "percent": "%", "c": "degree Celsius"}
-_FORMULA = ("=", "+", "-", "@", "\t", "\r")
 
 
 def figures_of(document: Mapping[str, Any], prefix: str = "") -> dict[str, Figure]:
@@ -44,7 +44,7 @@ def figures_csv(document: Mapping[str, Any]) -> bytes:
     rows.writerow(("analysis", "figure", "value", "unit"))
     for analysis, found in document["analyses"].items():
         for name, value in figures_of(found).items():
-            rows.writerow((analysis, _guarded(name), _cell(value), unit_of(name)))
+            rows.writerow((analysis, guarded(name), _cell(value), unit_of(name)))
         for one in found.get("excluded", ()):
             name_of = reading_id(one)
             source = known.get(name_of, {})
@@ -90,9 +90,4 @@ def _cell(value: Figure) -> str:
         return ""
     if isinstance(value, bool):
         return "true" if value else "false"
-    return _guarded(value) if isinstance(value, str) else repr(value)
-
-
-def _guarded(text: str) -> str:
-    """Return text that no spreadsheet takes for a formula."""
-    return f"'{text}" if text.startswith(_FORMULA) else text
+    return guarded(value) if isinstance(value, str) else repr(value)

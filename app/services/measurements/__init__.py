@@ -32,7 +32,7 @@ from app.services.measurements.reading import (
 )
 from app.services.measurements.retries import reprocess_session, retry_measurement
 from app.services.measurements.thumbnails import get_thumbnail
-from app.services.measurements.upload import find_upload, sanitise_filename, store_image
+from app.services.measurements.upload import find_upload, store_image
 
 __all__ = [
     "GalleryCounts",
@@ -64,7 +64,6 @@ __all__ = [
     "reprocess_session",
     "require_cycle",
     "retry_measurement",
-    "sanitise_filename",
     "session_targets",
     "sought_target",
     "store_image",

@@ -21,7 +21,7 @@ from app.services.notices.noting import (
     take_up,
     unexamined,
 )
-from app.services.notices.pruning import MAX_AGE, prune
+from app.services.notices.pruning import prune
 from app.services.notices.webhooks import (
     NewWebhook,
     create_webhook,
@@ -36,7 +36,6 @@ from app.services.notices.webhooks import (
 
 __all__ = [
     "ATTEMPTS",
-    "MAX_AGE",
     "Claimed",
     "NewWebhook",
     "NoticeType",

@@ -1,6 +1,6 @@
 """Robots: their nominal parameters, what was done to them, and what the reports of their sessions say over time."""
 
-from app.services.robots.events import NewEvent, add_event, delete_event, events_of, list_events
+from app.services.robots.events import NewEvent, add_event, delete_event, list_events
 from app.services.robots.history import (
     HistoryRows,
     latest_reports,
@@ -24,7 +24,6 @@ __all__ = [
     "create_robot",
     "delete_event",
     "delete_robot",
-    "events_of",
     "latest_reports",
     "limits_setting",
     "list_events",

@@ -28,7 +28,7 @@ def information_so_far(
 def station_information(
     tie: HandEyeCalibration, stations: Sequence[HandEyeObservation]
 ) -> Float[np.ndarray, "n q q"]:
-    """Return what every station says of (x, z), x in the order of `FRAMES_STATE`.
+    """Return what every station says of (x, z), x in the order of the covariance.
 
     V has the station's covariance (zero where it is None) and the robot's deviations as the calibration found them.
     A station without `common` shares nothing.

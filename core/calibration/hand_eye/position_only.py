@@ -9,7 +9,7 @@ with nine unknowns and without the robot's orientations. The camera's rotation o
 position accuracy is determined.
 
 c is observable only through rotation. If all rotations share one axis, c along this axis cannot be separated from
-t_base_target. That component is held at zero and listed in `undetermined`; attained positions do not depend on it.
+t_base_target. That component is held at zero; attained positions do not depend on it.
 
 References: S. Umeyama, "Least-squares estimation of transformation parameters between two point patterns", IEEE PAMI 13
 (1991) 376-380, 10.1109/34.88573 (the case c = 0).
@@ -58,8 +58,8 @@ class PositionOnlyCalibration:
 
     `covariance` (9, 9): the point, then d (mm) and w (rad) of T_base_target, R_true = exp(w) R. `deviations_mm` (n, 3)
     are attained - commanded in the base frame, `held_out_mm` the same with the frames tied by the other stations (None
-    where those would not suffice), `used` the stations that tied the frames; `undetermined` names in words what was
-    held. `leverage` and `common` are as in `PoseResidual`, of positions alone; `scale` as in `HandEyeCalibration`.
+    where those would not suffice), `used` the stations that tied the frames. `leverage` and `common` are as in
+    `PoseResidual`, of positions alone; `scale` as in `HandEyeCalibration`.
     """
 
     T_base_target: Float[np.ndarray, "4 4"]
@@ -71,7 +71,6 @@ class PositionOnlyCalibration:
     deviations_mm: Float[np.ndarray, "n 3"]
     held_out_mm: tuple[Float[np.ndarray, "3"] | None, ...]
     used: Bool[np.ndarray, " n"]
-    undetermined: tuple[str, ...]
     warnings: tuple[Advisory, ...]
     leverage: Float[np.ndarray, "n 3 3"]
     common: Float[np.ndarray, "n 3 k"]
@@ -147,7 +146,6 @@ def calibrate_from_positions(stations: Sequence[PositionObservation]) -> Positio
         deviations_mm=-residuals(result.state, problem),
         held_out_mm=_held_out(result, problem, deviation, used),
         used=used,
-        undetermined=_words(free),
         warnings=_warnings(stations, used),
         leverage=leverage,
         common=common,
@@ -268,19 +266,6 @@ def _covariance(result: Fit[PositionState], free: Float[np.ndarray, "3 k"]) -> F
     spread[:3, :size] = free
     spread[3:, size:] = np.eye(6)
     return np.asarray(spread @ result.covariance @ spread.T)
-
-
-def _words(free: Float[np.ndarray, "3 k"]) -> tuple[str, ...]:
-    if free.shape[1] == 3:
-        return ()
-    if free.shape[1] == 0:
-        where = "in any direction"
-    else:
-        axes = np.linalg.svd(free)[0][:, free.shape[1] :].T
-        where = "along " + ", ".join(f"({', '.join(f'{v:.2f}' for v in axis)})" for axis in axes)
-    return (
-        f"the commanded point in the camera frame {where}: the camera was not turned so that it would show",
-    )
 
 
 def _warnings(stations: Sequence[PositionObservation], used: Bool[np.ndarray, " n"]) -> tuple[Advisory, ...]:

@@ -14,14 +14,6 @@ from core.calibration.hand_eye.model import Frames, jacobian, measurement_effect
 from core.errors import Advisory, InvalidArgument, listed
 from core.geometry import transform_mean
 
-FRAMES_STATE = tuple(
-    f"{frame}.{name}"
-    for frame in ("T_flange_camera", "T_base_target")
-    for name in ("dx", "dy", "dz", "wx", "wy", "wz")
-)
-"""Order of the frames' covariance: for each a small translation d (mm) and rotation w (rad), R_true = exp(w) R. Further
-targets follow in their order."""
-
 
 @dataclass(frozen=True, slots=True)
 class HandEyeObservation:
@@ -114,10 +106,11 @@ class PoseResidual:
 
 @dataclass(frozen=True, slots=True)
 class HandEyeCalibration:
-    """The frames with their covariance, in the order of `FRAMES_STATE`; `T_base_targets` is one for each target.
+    """The frames with their covariance; `T_base_targets` is one for each target.
 
-    `covariance_given_camera` is `covariance` without the errors that all stations have in common; `common` (p, k) is
-    what one standard uncertainty of each of these does to the frames.
+    `covariance` is of T_flange_camera, then of every target's T_base_target: of each a small translation d (mm) and
+    rotation w (rad), R_true = exp(w) R. `covariance_given_camera` is the same without the errors that all stations have
+    in common; `common` (p, k) is what one standard uncertainty of each of these does to the frames.
     `robot_position_mm` and `robot_rotation` (rad) are the robot's standard deviations from the commanded poses along
     each axis, beyond what the measurements explain. `scale` is by how much commanded distances are longer than measured
     ones; None where the poses do not determine it.

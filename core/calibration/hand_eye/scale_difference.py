@@ -28,7 +28,7 @@ from core.calibration.hand_eye.model import (
     residuals,
 )
 from core.calibration.hand_eye.result import ScaleDifference
-from core.numerics import LinearResiduals, Variances, estimate_variances
+from core.numerics import LinearResiduals, Variances, estimate_variances, scaled_inverse
 
 MIN_AFFINE_SHARE = 0.1
 """Of the largest affine map of the places: one of which frames and scale leave less is not looked at."""
@@ -109,9 +109,8 @@ def _by_least_squares(
     robot = estimate_variances([LinearResiduals(known, e, J, prior=information)], robot, MIN_ROBOT_SIGMAS)
     W = np.linalg.inv(known + np.diag(robot.diagonal(components)))
     N = np.einsum("nia,nij,njb->ab", J, W, J) + information
-    unit = 1.0 / np.sqrt(np.maximum(np.diag(N), 1e-300))
     try:
-        C = np.linalg.inv(N * np.outer(unit, unit)) * np.outer(unit, unit)
+        C = scaled_inverse(N)
     except np.linalg.LinAlgError:
         return None
     variance = float(C[-1, -1])

@@ -64,7 +64,6 @@ def fit_common_camera(
     lens: Lens | None,
     *,
     shape: bool = False,
-    iterations: int = ITERATIONS,
 ) -> CommonCamera:
     """Fit the camera of the start's model, and each view's pose, to the points `used`; `scale` is their noise per unit
     of stated uncertainty, which data and priors are weighed by.
@@ -88,7 +87,7 @@ def fit_common_camera(
     equations = _linearised(views, at, used, basis, d, 0)
     H, g, penalty = of_priors(at, d)
     total = equations.cost + penalty
-    for _ in range(iterations):
+    for _ in range(ITERATIONS):
         A = equations.head + H
         step = np.linalg.solve(A + damping * np.diag(np.diag(A)), equations.right + g)
         pose = equations.alone - equations.by_common @ step

@@ -49,7 +49,7 @@ from core.geometry import (
     camera_from_array,
     free_parameters,
 )
-from core.numerics import CAUCHY_C
+from core.numerics import CAUCHY_C, scaled_inverse
 from core.targets import GridPoints, TargetSpec
 
 MIN_DIRECTIONS = 8
@@ -224,8 +224,7 @@ def _shape_of(
     before_px: float,
 ) -> TargetShape:
     H, _ = fit.with_priors(state, normals, scale)
-    unit = 1.0 / np.sqrt(np.diag(H))
-    C = np.linalg.inv(H * np.outer(unit, unit)) * np.outer(unit, unit)
+    C = scaled_inverse(H)
     # H⁻¹ = A⁻¹ + (what the deviations' covariance adds), A the camera's information were the target known, and k3 held.
     size = len(state.parameters)
     of_shape, free = np.zeros((size, size)), free_parameters(size)
@@ -285,9 +284,7 @@ def _single_direction_uncertainty(
         state, rotations=quarter @ state.rotations, translations_mm=state.translations_mm @ quarter.T
     )
     more = normals_at(turned, fit.views, [u.astype(np.float64) for u in used]).information / scale**2
-    both = information + more
-    unit = 1.0 / np.sqrt(np.diag(both))
-    C = np.linalg.inv(both * np.outer(unit, unit)) * np.outer(unit, unit)
+    C = scaled_inverse(information + more)
     size = len(state.parameters)
     covariance = projected(C[size:, size:], gauge_of(fit.nominal))
     measures = low_order_shapes(fit.nominal, np.zeros(len(covariance)), covariance)

@@ -146,19 +146,16 @@ def axes_of(
     return Axes(np.ascontiguousarray(T[:-1, :3, 3]), np.ascontiguousarray(T[:-1, :3, 2]))
 
 
-def reparametrise(
-    chain: Chain, parallel: Sequence[bool], nominal: Chain | None, home: Float[np.ndarray, " j"] | None = None
-) -> Chain:
+def reparametrise(chain: Chain, parallel: Sequence[bool], nominal: Chain | None) -> Chain:
     """Return the same arm in the conventions of an identification, so that the two can be compared.
 
     Parameters that no pose determines take the nominal's values. Where `parallel` (for each joint, or each but the
     last) is true, the link has Hayati's form with the nominal's d. Base and tool then differ from the chain's own.
     """
-    at = np.zeros(len(chain)) if home is None else home
-    axes = axes_of(chain, at)
-    links = len(chain) - 1
-    forms = choose_signs(axes, at, list(parallel)[:links], [False] * links, nominal, np.zeros(links))
-    return Chain.from_array(describe(axes, at, forms, nominal).parameters)
+    home, links = np.zeros(len(chain)), len(chain) - 1
+    axes = axes_of(chain, home)
+    forms = choose_signs(axes, home, list(parallel)[:links], [False] * links, nominal, np.zeros(links))
+    return Chain.from_array(describe(axes, home, forms, nominal).parameters)
 
 
 def _given(axes: Axes, nominal: Chain | None) -> Float[np.ndarray, "j 5"]:

@@ -19,7 +19,6 @@ from core.kinematics.circle_point_analysis.home_configuration import Lines, axes
 from core.kinematics.circle_point_analysis.target_registration import (
     STEP_MM,
     STEP_RAD,
-    Given,
     TargetLink,
     link_targets,
 )
@@ -88,7 +87,6 @@ class ArcTree:
         fits: AxisFits,
         home: Float[np.ndarray, " j"],
         poses: PoseData,
-        given: Given | None,
         tolerance: float,
         measured: PoseData | None = None,
     ) -> ArcTree:
@@ -97,7 +95,7 @@ class ArcTree:
         """
         lines = axes_from_fits(fits)
         measured = poses if measured is None else measured
-        links = link_targets(poses, measured, robot_scatter(fits, poses), lines, given, tolerance)
+        links = link_targets(poses, measured, robot_scatter(fits, poses), lines, tolerance)
         not_from_arcs = {target: link.covariance for target, link in links.items()}
         for target, link in links.items():
             if (J := link.by_arcs) is not None:

@@ -25,19 +25,19 @@ import numpy as np
 from jaxtyping import Bool, Float
 from scipy.spatial.transform import Rotation
 
-from core.errors import Advisory, JointAnglesInconsistent
+from core.errors import Advisory
 from core.geometry import invert, transform, transform_mean
 from core.kinematics.arm_model import ParameterLayout
 from core.kinematics.circle_point_analysis.common_normals import Axes, DhDescription, LinkForm, describe
 from core.kinematics.circle_point_analysis.covariance import ArcTree
 from core.kinematics.circle_point_analysis.home_configuration import find_home
 from core.kinematics.circle_point_analysis.link_types import classify_links
-from core.kinematics.circle_point_analysis.target_registration import Given, TargetLink
+from core.kinematics.circle_point_analysis.target_registration import TargetLink
 from core.kinematics.circle_point_analysis.validation import validate_axes
 from core.kinematics.dh import JOINT_PARAMETERS, Chain, forward
 from core.kinematics.equal_descriptions import height_over_flange
 from core.kinematics.global_fit import Unidentifiable, Validation, held_by_axes, unidentifiable
-from core.kinematics.joint_angle_checks import check_angles
+from core.kinematics.joint_angle_checks import check_angles, check_joints
 from core.kinematics.joint_axes import AxisFits, fit_axes
 from core.kinematics.pose_observations import PoseData
 from core.kinematics.results import JointEstimate, validation_warnings
@@ -96,7 +96,6 @@ def identify_from_axes(
     *,
     sweeps: Sequence[Sweep] | None = None,
     tolerance: float = JOINT_TOLERANCE,
-    target_transforms: Given | None = None,
     folds: int = 0,
 ) -> AxesIdentification:
     """Identify the robot from sweeps of every joint.
@@ -112,25 +111,20 @@ def identify_from_axes(
         The sweeps, if the caller lists them; otherwise they are recognised from the joint angles.
     tolerance
         How far the resting joints of a sweep may differ, rad.
-    target_transforms
-        Transforms of targets to the first, where they are known; the others are estimated.
     folds
         Parts that poses are dealt into for validation; 0 for none.
 
     Raises JointAnglesInconsistent for a nominal of another number of joints, JointNotExcited, JointAnglesUnitMismatch,
     PrismaticJoint, and MotionInsufficient where nothing ties the targets.
     """
-    if nominal is not None and len(nominal) != poses.joints:
-        raise JointAnglesInconsistent(
-            f"The poses carry {poses.joints} joint angles and the robot has {len(nominal)} joints."
-        )
+    check_joints(poses, nominal)
     found = find_sweeps(poses, tolerance=tolerance) if sweeps is None else tuple(sweeps)
     check_angles(poses, found)
     require_sweeps(found, poses.joints)
-    answer = _identify(poses, poses, nominal, method, found, tolerance, target_transforms, None)
+    answer = _identify(poses, poses, nominal, method, found, tolerance, None)
     rested = _rested(poses, found, answer)
     if rested is not None:
-        answer = _identify(rested, poses, nominal, method, found, tolerance, target_transforms, answer.fits)
+        answer = _identify(rested, poses, nominal, method, found, tolerance, answer.fits)
     if folds < 2:
         return answer
     validation = validate_axes(
@@ -143,7 +137,6 @@ def identify_from_axes(
         answer.height_mm,
         answer.chain,
         nominal,
-        target_transforms,
         2.0 * tolerance,
         folds,
     )
@@ -159,12 +152,11 @@ def _identify(
     method: str,
     sweeps: Sequence[Sweep],
     tolerance: float,
-    given: Given | None,
     begin: AxisFits | None,
 ) -> AxesIdentification:
     fits = fit_axes(poses, sweeps, method, begin)
     home = find_home([arc.sweep for arc in fits.arcs], poses.joints, tolerance)
-    tree = ArcTree.grown(fits, home, poses, given, 2.0 * tolerance, measured)
+    tree = ArcTree.grown(fits, home, poses, 2.0 * tolerance, measured)
     links, uncertain = tree.links, tree.uncertain(fits)
     axes = uncertain.axes
     forms = classify_links(uncertain, home, nominal)

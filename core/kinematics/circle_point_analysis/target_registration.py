@@ -15,7 +15,6 @@ References: G. Wahba, SIAM Review 7 (1965) 409; S. Umeyama, IEEE PAMI 13 (1991) 
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -33,7 +32,7 @@ _SAME = 1e-6  # rad: joint angles that were commanded as the same
 _LEAST_SPREAD = 0.1  # second singular value of the directions, for each line: below, they count as parallel
 _ADVICE = (
     "Add images that show both targets at once; or sweep two joints whose axes are not parallel on either target, with "
-    "the joints before them at the same angles; or state the transform."
+    "the joints before them at the same angles."
 )
 
 
@@ -50,19 +49,14 @@ class TargetLink:
     by_arcs: Float[np.ndarray, "6 q"] | None = None
 
 
-Given = Mapping[int, tuple[Float[np.ndarray, "4 4"], Float[np.ndarray, "6 6"]]]
-"""Transforms known beforehand, by the target's index, each with its covariance."""
-
-
 def link_targets(
     poses: PoseData,
     measured: PoseData,
     scatter: Variances,
     lines: Lines,
-    given: Given | None,
     tolerance: float,
 ) -> dict[int, TargetLink]:
-    """Return the transform of every target to the first: as given, else by poses and by arcs.
+    """Return the transform of every target to the first, by poses and by arcs.
 
     `poses` are those that the arcs were fitted to, `measured` the same before their joints were set at rest, `scatter`
     what the robot does differently each time.
@@ -73,10 +67,6 @@ def link_targets(
     first = int(targets.min())
     links = {first: TargetLink(np.eye(4), np.zeros((6, 6)), 0)}
     for target in sorted({int(t) for t in targets} - {first}):
-        if given is not None and target in given:
-            T, covariance = given[target]
-            links[target] = TargetLink(T, covariance, 0)
-            continue
         of_poses = _by_poses(poses, measured, scatter, first, target)
         pairs = shared_axes(lines, first, target, tolerance)
         of_arcs = None

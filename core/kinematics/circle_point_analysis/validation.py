@@ -18,7 +18,7 @@ from core.kinematics.arm_model import ArmState
 from core.kinematics.circle_point_analysis.common_normals import LinkForm, describe
 from core.kinematics.circle_point_analysis.covariance import axes_from_motions, robot_scatter, transforms_of
 from core.kinematics.circle_point_analysis.home_configuration import Lines, axes_at_home
-from core.kinematics.circle_point_analysis.target_registration import Given, link_targets
+from core.kinematics.circle_point_analysis.target_registration import link_targets
 from core.kinematics.dh import Chain, forward
 from core.kinematics.equal_descriptions import level_with_point
 from core.kinematics.global_fit import (
@@ -49,7 +49,6 @@ def validate_axes(
     height_mm: float,
     chain: Chain,
     nominal: Chain | None,
-    given: Given | None,
     tolerance: float,
     folds: int,
 ) -> Validation | None:
@@ -94,7 +93,7 @@ def validate_axes(
             return None
         left = np.flatnonzero((of_fold != fold) & (of_fold != _EXCLUDED))
         try:
-            links = link_targets(rested.take(left), poses.take(left), robot, lines, given, tolerance)
+            links = link_targets(rested.take(left), poses.take(left), robot, lines, tolerance)
         except MotionInsufficient:
             return None
         axes = axes_at_home(lines, home, transforms_of(links))

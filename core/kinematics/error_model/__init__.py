@@ -11,13 +11,12 @@ from core.kinematics.error_model.curves import (
     joint_regions,
     visited_angles,
 )
-from core.kinematics.error_model.fit import ErrorFit, Level, fit_levels
+from core.kinematics.error_model.fit import ErrorFit, Level
 from core.kinematics.error_model.held_out import HeldOut, growth, hold_out, variances
 from core.kinematics.error_model.linear_problem import Design, design
 from core.kinematics.error_model.model import (
     STRONG_EVIDENCE,
     ErrorModel,
-    Prediction,
     choose_model,
     chosen_level,
     of_poses,
@@ -36,11 +35,9 @@ __all__ = [
     "JointCurve",
     "JointRegion",
     "Level",
-    "Prediction",
     "choose_model",
     "chosen_level",
     "design",
-    "fit_levels",
     "growth",
     "hold_out",
     "joint_approach",

@@ -57,24 +57,18 @@ class Design:
         """Positions and rotations, or positions alone."""
         return self.seen.components // 3
 
-    def at(
-        self,
-        joint_angles: Float[np.ndarray, "n j"],
-        target: Int[np.ndarray, " n"] | None = None,
-        components: int | None = None,
-    ) -> Design:
-        """Return the problem at other joint angles (rad), of which nothing was observed: for its rows.
-
-        `target` are the indices of targets (0 for all), `components` 6 or 3; those of the observations if not given.
+    def at(self, joint_angles: Float[np.ndarray, "n j"], *, components: int) -> Design:
+        """Return the problem at other joint angles (rad) before the first target, of which nothing was observed: for
+        its rows, of 6 components or 3.
         """
-        n, m = len(joint_angles), self.seen.components if components is None else components
+        n, m = len(joint_angles), components
         seen = Observations(
             np.ascontiguousarray(joint_angles, dtype=np.float64),
             np.zeros((n, 3)),
             None if m == 3 else np.broadcast_to(np.eye(3), (n, 3, 3)),
             np.zeros((n, m, m)),
             np.zeros((n, m, self.seen.common.shape[2])),
-            np.zeros(n, dtype=np.intp) if target is None else target,
+            np.zeros(n, dtype=np.intp),
         )
         return replace(self, seen=seen)
 

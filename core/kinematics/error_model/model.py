@@ -1,4 +1,4 @@
-"""The model of an arm beyond its chain: which terms it has, what they are, and what it predicts.
+"""The model of an arm beyond its chain: which terms it has, and what they are.
 
 Which level is taken: the one of the greatest marginal likelihood, where the evidence is strong and it predicts held-out
 poses no worse than the chain alone; with fewer than 60 configurations it has to predict them better. The covariance of
@@ -15,12 +15,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Float, Int
 
-from core.geometry import rotations_from_vectors
-from core.kinematics.dh import chain_frames
 from core.kinematics.error_model.evidence import Fitted, solve
 from core.kinematics.error_model.fit import ErrorFit, Level, fit_levels
 from core.kinematics.error_model.gravity import likely_gravity
-from core.kinematics.error_model.held_out import growth, hold_out, variances
+from core.kinematics.error_model.held_out import growth, hold_out
 from core.kinematics.error_model.linear_problem import Design
 from core.kinematics.error_model.priors import FEW_POSES
 from core.kinematics.error_model.terms import ALONG_Z, Kind
@@ -32,17 +30,6 @@ STRONG_EVIDENCE = 10.0
 STRONG_GAIN = 0.95
 """Held-out error of a level by that of the chain alone: what few configurations have to gain."""
 _RANDOM = "random"
-
-
-@dataclass(frozen=True, slots=True)
-class Prediction:
-    """Poses that the model predicts, with standard deviations (mm, then rad about the axes of the measuring frame).
-
-    `deviations` include one more measurement's noise, and hold for configurations like those that were held out.
-    """
-
-    poses: Float[np.ndarray, "n 4 4"]
-    deviations: Float[np.ndarray, "m n"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -93,32 +80,6 @@ class ErrorModel:
     def knows_approach(self) -> bool:
         """Whether the side that joints came from is known, so that this is a term."""
         return bool(self.fit.design.terms.of(Kind.APPROACH).any())
-
-    def predict(
-        self, joint_angles: Float[np.ndarray, "n j"], target: Int[np.ndarray, " n"] | None = None
-    ) -> Prediction:
-        """Predict T_target_camera at joint angles (rad), before the targets of these indices (0 for all).
-
-        From which side the joints come is not known: predictions lie between, with the variance of either.
-        """
-        problem = self.fit.design
-        n, m = len(joint_angles), problem.seen.components
-        which = np.zeros(n, dtype=np.intp) if target is None else target
-        asked = problem.at(joint_angles, which)
-        arm = problem.arm
-        flange = chain_frames(arm.parameters, asked.seen.joint_angles)[:, -1]
-        poses = arm.T_target_base[which] @ flange @ arm.T_flange_camera
-        step, stated = np.zeros((m, n)), np.empty((m, n))
-        for some in asked.blocks(np.arange(n)):
-            rows = asked.rows(some)
-            step[:, some] = np.einsum("pmn,p->mn", rows, self.fitted.coefficients)
-            stated[:, some] = variances(rows, self.fitted) + asked.by_unknown_moves(some, self.fitted)
-        poses[:, :3, 3] += step[:3].T
-        if m == 6:
-            poses[:, :3, :3] = rotations_from_vectors(step[3:].T) @ poses[:, :3, :3]
-        noise = self.scatter.diagonal(m)[:, None]
-        factor = np.repeat(self.growth, 3)[:, None]
-        return Prediction(poses, factor * np.sqrt(stated + noise))
 
     def chain_posterior(self) -> tuple[Float[np.ndarray, " f"], Float[np.ndarray, "f f"]]:
         """Return the step of the free columns from the arm of the design, and its covariance.

@@ -11,7 +11,6 @@ from core.kinematics.global_fit.observability import (
     ObservabilityIndices,
     conditioning,
     conditioning_of_chain,
-    observability_indices,
     scaled,
 )
 from core.kinematics.global_fit.placement import placed
@@ -61,7 +60,6 @@ __all__ = [
     "held_by_axes",
     "information_of",
     "linearised",
-    "observability_indices",
     "observations_of",
     "placed",
     "refine",

@@ -21,7 +21,6 @@ import numpy as np
 from core.errors import (
     DegenerateGeometry,
     InvalidArgument,
-    JointAnglesInconsistent,
     JointNotExcited,
     NotConverged,
     TooFewPoses,
@@ -53,7 +52,7 @@ from core.kinematics.identification.conventions import in_reported_form
 from core.kinematics.identification.extension import ModelChoice, extend
 from core.kinematics.identification.result import Identification
 from core.kinematics.identification.sampling import sample_parameters
-from core.kinematics.joint_angle_checks import check_angles
+from core.kinematics.joint_angle_checks import check_angles, check_joints
 from core.kinematics.nominal_checks import check_against_nominal
 from core.kinematics.pose_observations import PoseData
 from core.kinematics.results import joint_estimates, model_warnings, warnings_for, with_residuals
@@ -237,10 +236,7 @@ def _report(
 def _initial_chain(poses: PoseData, nominal: Chain | None, start: Chain | None) -> Chain:
     """Return the chain to begin at, with the nominal's values where frames make a parameter a convention."""
     for given in (start, nominal):
-        if given is not None and len(given) != poses.joints:
-            raise JointAnglesInconsistent(
-                f"The poses carry {poses.joints} joint angles and the robot has {len(given)} joints."
-            )
+        check_joints(poses, given)
     if not len(poses):
         raise TooFewPoses("There are no poses.")
     if nominal is not None:

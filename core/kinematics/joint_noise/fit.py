@@ -59,8 +59,6 @@ class JointNoise:
         The arm's: s_r over it is the standard deviation of a rotation, rad.
     outliers
         Which visits were excluded.
-    log_likelihood
-        Restricted, at the estimate.
     """
 
     variances: Float[np.ndarray, " p"]
@@ -68,7 +66,6 @@ class JointNoise:
     identifiable: Bool[np.ndarray, " j"]
     reach_mm: float
     outliers: Bool[np.ndarray, " n"]
-    log_likelihood: float
 
     @property
     def joints(self) -> int:
@@ -106,8 +103,7 @@ def fit_joint_noise(seen: PoseScatters, *, rejecting: bool = True) -> JointNoise
                 "Look at the visits in repeatability, and visit the poses again, ten times each or more.",
             )
         found = _fitted(kept)
-    variances, covariance, identifiable, value = found
-    return JointNoise(variances, covariance, identifiable, seen.arm.reach_mm, dropped, value)
+    return JointNoise(*found, seen.arm.reach_mm, dropped)
 
 
 def scatter_covariance(
@@ -130,7 +126,7 @@ def log_likelihood(
     return np.asarray(-0.5 * (freedom * determinant + spread))
 
 
-_Fitted = tuple[Float[np.ndarray, " p"], Float[np.ndarray, "p p"], Bool[np.ndarray, " j"], float]
+_Fitted = tuple[Float[np.ndarray, " p"], Float[np.ndarray, "p p"], Bool[np.ndarray, " j"]]
 
 
 def _fitted(seen: PoseScatters) -> _Fitted:
@@ -171,7 +167,7 @@ def _fitted(seen: PoseScatters) -> _Fitted:
     information = _score(A, seen.own + scatter_covariance(J, theta), S, freedom)[1]
     covariance = np.zeros_like(information)
     covariance[np.ix_(usable, usable)] = covariance_of(information[np.ix_(usable, usable)])
-    return theta, covariance, identifiable, best
+    return theta, covariance, identifiable
 
 
 def _score(

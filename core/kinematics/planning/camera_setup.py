@@ -1,4 +1,4 @@
-"""Camera and grids before a robot is moved: where they are, and what a perfect detector would find at joint angles."""
+"""Camera and grid before a robot is moved: where they are, and what a perfect detector would find at joint angles."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Bool, Float
 
 from core.calibration import Lens
 from core.geometry import Camera, invert, project, transform, transform_points
@@ -18,9 +18,9 @@ LARGEST_TILT = math.radians(65.0)  # beyond it grids are hardly detected
 
 @dataclass(frozen=True, slots=True)
 class CameraSetup:
-    """Camera and grids: where they are, and how well grid points are located.
+    """Camera and grid: where they are, and how well grid points are located.
 
-    `T_target_base` is one for each of `targets`; `noise_px` the standard deviation of a grid point's coordinate;
+    `noise_px` the standard deviation of a grid point's coordinate;
     `scatter_position_mm` and `scatter_rotation` (rad) the robot's own, of each coordinate of the camera's pose.
     """
 
@@ -28,9 +28,9 @@ class CameraSetup:
     width_px: int
     height_px: int
     noise_px: float
-    targets: tuple[TargetSpec, ...]
+    target: TargetSpec
     T_flange_camera: Float[np.ndarray, "4 4"]
-    T_target_base: Float[np.ndarray, "t 4 4"]
+    T_target_base: Float[np.ndarray, "4 4"]
     scatter_position_mm: float = 0.0
     scatter_rotation: float = 0.0
     lens: Lens | None = None
@@ -61,57 +61,43 @@ def default_setup(
         camera,
         *size_px,
         noise_px,
-        (target,),
+        target,
         T_flange_camera,
-        invert(T_base_target)[None],
+        invert(T_base_target),
         scatter_position_mm,
         scatter_rotation,
     )
 
 
 def count_visible_points(
-    chain: Chain,
-    joint_angles: Float[np.ndarray, "n j"],
-    rig: CameraSetup,
-    target: Int[np.ndarray, " n"] | None = None,
+    chain: Chain, joint_angles: Float[np.ndarray, "n j"], rig: CameraSetup
 ) -> Bool[np.ndarray, " n"]:
     """Return which joint angles (rad) let the camera see the whole grid from its front, tilted no more than detectors
     take.
     """
-    return np.array(
-        [view is not None for view in views_of(chain, joint_angles, rig, targets_seen(joint_angles, target))]
-    )
-
-
-def targets_seen(
-    joint_angles: Float[np.ndarray, "n j"], target: Int[np.ndarray, " n"] | None
-) -> Int[np.ndarray, " n"]:
-    """Return the target that each pose looks at: the first unless stated."""
-    return np.zeros(len(joint_angles), dtype=np.intp) if target is None else target
+    return np.array([view is not None for view in views_of(chain, joint_angles, rig)])
 
 
 def camera_poses(
-    chain: Chain, joint_angles: Float[np.ndarray, "n j"], rig: CameraSetup, target: Int[np.ndarray, " n"]
+    chain: Chain, joint_angles: Float[np.ndarray, "n j"], rig: CameraSetup
 ) -> Float[np.ndarray, "n 4 4"]:
     """Return T_target_camera at the joint angles (rad)."""
-    return np.asarray(rig.T_target_base[target] @ forward(chain, joint_angles) @ rig.T_flange_camera)
+    return np.asarray(rig.T_target_base @ forward(chain, joint_angles) @ rig.T_flange_camera)
 
 
 def views_of(
-    chain: Chain, joint_angles: Float[np.ndarray, "n j"], rig: CameraSetup, target: Int[np.ndarray, " n"]
+    chain: Chain, joint_angles: Float[np.ndarray, "n j"], rig: CameraSetup
 ) -> list[GridPoints | None]:
     """Return what a perfect detector would find at each pose; None where the grid is not all in view, with a pitch of
     its margin.
     """
     views: list[GridPoints | None] = []
     largest = np.array([rig.width_px, rig.height_px]) - 1.0
-    for T, t in zip(camera_poses(chain, joint_angles, rig, target), target, strict=True):
-        spec = rig.targets[int(t)]
-        points = spec.points_target()
-        low, high = points.min(axis=0) - spec.pitch_mm, points.max(axis=0) + spec.pitch_mm
-        outline = [[x, y, 0.0] for x in (low[0], high[0]) for y in (low[1], high[1])]
+    points = rig.target.points_target()
+    with_outline = np.concatenate([points, rig.target.outline()])
+    for T in camera_poses(chain, joint_angles, rig):
         T_camera_target = invert(T)
-        in_camera = transform_points(T_camera_target, np.concatenate([points, outline]))
+        in_camera = transform_points(T_camera_target, with_outline)
         # The target's z points into the board: seen from its front, it points away from the camera.
         facing = float(T_camera_target[2, 2]) > math.cos(LARGEST_TILT)
         if not facing or float(in_camera[:, 2].min()) <= 0.0:
@@ -122,7 +108,5 @@ def views_of(
             views.append(None)
             continue
         pixels = np.ascontiguousarray(pixels[: len(points)])
-        row, column = (a.ravel() for a in np.mgrid[0 : spec.grid_rows, 0 : spec.grid_columns])
-        noise = np.full(len(pixels), rig.noise_px)
-        views.append(GridPoints(spec, rig.width_px, rig.height_px, column, row, pixels, noise))
+        views.append(GridPoints.whole(rig.target, (rig.width_px, rig.height_px), pixels, rig.noise_px))
     return views

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Float
 
 from core.calibration import (
     CommonFit,
@@ -30,12 +30,9 @@ def linearise_images(
     placements: Placements,
     lens: Lens | None,
     joint_angles: Float[np.ndarray, "k j"],
-    target: Int[np.ndarray, " k"],
 ) -> PoseData:
-    """Return images of exact points as poses with the uncertainty that their stated noise leaves, one at each of the
-    joint angles (rad).
-
-    `lens` is the prior on the camera, `target` the index of the target that each image shows.
+    """Return images of exact points of one target as poses with the uncertainty that their stated noise leaves, one at
+    each of the joint angles (rad); `lens` is the prior on the camera.
     """
     used = np.ones(len(views.column), dtype=np.bool_)
     information = linearise(views, placements, used).normal[:, -6:, -6:]
@@ -49,7 +46,6 @@ def linearise_images(
         np.ascontiguousarray(rotations.transpose(0, 2, 1)),
         transformed(in_target_frame(rotations, centroids), np.linalg.inv(information)),
         marginal.common[marginal.place],
-        target,
     )
 
 

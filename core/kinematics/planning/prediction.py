@@ -9,7 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Bool, Float
 
 from core.calibration import Placements, stack_views
 from core.errors import TooFewPoses
@@ -24,7 +24,7 @@ from core.kinematics.global_fit import (
     linearised,
     observations_of,
 )
-from core.kinematics.planning.camera_setup import CameraSetup, camera_poses, targets_seen, views_of
+from core.kinematics.planning.camera_setup import CameraSetup, camera_poses, views_of
 from core.kinematics.planning.image_linearisation import linearise_images
 from core.kinematics.results import JointEstimate, joint_estimates
 from core.numerics import SMALLEST, Variances, covariance_of
@@ -44,34 +44,29 @@ class Prediction:
     null_space: tuple[Unidentifiable, ...]
 
 
-def predict(
-    chain: Chain,
-    joint_angles: Float[np.ndarray, "n j"],
-    rig: CameraSetup,
-    target: Int[np.ndarray, " n"] | None = None,
-) -> Prediction:
-    """Predict how well images at these joint angles (rad) would determine the robot's parameters; `target` is the grid
-    that each looks at.
+def predict(chain: Chain, joint_angles: Float[np.ndarray, "n j"], rig: CameraSetup) -> Prediction:
+    """Predict how well images at these joint angles (rad) would determine the robot's parameters.
 
-    Raises TooFewPoses where too few of them see their grid.
+    Raises TooFewPoses where too few of them see the grid.
     """
-    which = targets_seen(joint_angles, target)
-    views = views_of(chain, joint_angles, rig, which)
+    views = views_of(chain, joint_angles, rig)
     seen = np.array([view is not None for view in views])
-    unknown = 4 * len(chain) + 6 * len(rig.targets)
-    if 6 * int(seen.sum()) < 1.2 * unknown or len(np.unique(which[seen])) < len(rig.targets):
+    unknown = 4 * len(chain) + 6
+    if 6 * int(seen.sum()) < 1.2 * unknown:
         raise TooFewPoses(
             f"{int(seen.sum())} of {len(seen)} poses see their whole grid; they would not determine {unknown} "
             "parameters.",
             "Bring the grid and the poses together: move the grid nearer the middle of the poses, or add poses.",
         )
     stack = stack_views([view for view in views if view is not None])
-    T = np.linalg.inv(camera_poses(chain, joint_angles[seen], rig, which[seen]))
+    T = np.linalg.inv(camera_poses(chain, joint_angles[seen], rig))
     lens = np.tile(rig.camera.as_array(), (len(T), 1))
     centroids = np.einsum("kij,kj->ki", T[:, :3, :3], stack.centroids) + T[:, :3, 3]
     placements = Placements(lens, np.ascontiguousarray(T[:, :3, :3]), centroids)
-    ready = observations_of(linearise_images(stack, placements, rig.lens, joint_angles[seen], which[seen]))
-    arm = ArmState(chain.as_array(), rig.T_flange_camera, rig.T_target_base, np.zeros(ready.layout.shared))
+    ready = observations_of(linearise_images(stack, placements, rig.lens, joint_angles[seen]))
+    arm = ArmState(
+        chain.as_array(), rig.T_flange_camera, rig.T_target_base[None], np.zeros(ready.layout.shared)
+    )
     scatter = Variances(
         max(rig.scatter_position_mm**2, SMALLEST.position), max(rig.scatter_rotation**2, SMALLEST.rotation)
     )

@@ -18,7 +18,7 @@ from jaxtyping import Bool, Float, Int
 from core.kinematics.arm_model import ArmState
 from core.kinematics.dh import Chain, forward
 from core.kinematics.global_fit import DEFAULT_SCATTER, Observations, fix_gauge, linearised, scaled
-from core.kinematics.planning.camera_setup import CameraSetup, count_visible_points, targets_seen
+from core.kinematics.planning.camera_setup import CameraSetup, count_visible_points
 
 LONGEST_EXCURSION = 4
 _MAX_EXCURSIONS = 100
@@ -33,17 +33,13 @@ def suggest_poses(
     candidates: Float[np.ndarray, "c j"],
     rig: CameraSetup,
     count: int,
-    target: Int[np.ndarray, " n"] | None = None,
 ) -> Int[np.ndarray, " s"]:
     """Return which candidates to add to the poses at `joint_angles` (rad), in the order of what they add; fewer than
-    `count` where no more of them see the first grid.
+    `count` where no more of them see the grid.
     """
-    arm = ArmState(chain.as_array(), rig.T_flange_camera, rig.T_target_base, np.zeros(0))
+    arm = ArmState(chain.as_array(), rig.T_flange_camera, rig.T_target_base[None], np.zeros(0))
     open_ones = np.flatnonzero(count_visible_points(chain, candidates, rig))
-    which = targets_seen(joint_angles, target)
-    at = np.concatenate([joint_angles, candidates[open_ones]])
-    of = np.concatenate([which, np.zeros(len(open_ones), dtype=np.intp)])
-    seen = _exact(arm, at, of)
+    seen = _exact(arm, np.concatenate([joint_angles, candidates[open_ones]]))
     gauge = fix_gauge(arm, seen, DEFAULT_SCATTER)
     J = scaled(arm, linearised(arm, seen)[1])[gauge.free].transpose(2, 1, 0)
     base, pool = J[: len(joint_angles)], J[len(joint_angles) :]
@@ -110,11 +106,9 @@ def _shrunk(
     return chosen, M
 
 
-def _exact(
-    arm: ArmState, joint_angles: Float[np.ndarray, "n j"], target: Int[np.ndarray, " n"]
-) -> Observations:
+def _exact(arm: ArmState, joint_angles: Float[np.ndarray, "n j"]) -> Observations:
     """Return poses that the arm attains, of an instrument without noise."""
-    T = arm.T_target_base[target] @ forward(arm.chain, joint_angles) @ arm.T_flange_camera
+    T = arm.T_target_base[0] @ forward(arm.chain, joint_angles) @ arm.T_flange_camera
     n = len(T)
     return Observations(
         np.ascontiguousarray(joint_angles),
@@ -122,5 +116,5 @@ def _exact(
         T[:, :3, :3],
         np.zeros((n, 6, 6)),
         np.zeros((n, 6, 0)),
-        target,
+        np.zeros(n, dtype=np.intp),
     )

@@ -75,7 +75,6 @@ class ControlChart:
     outside: tuple[int, ...]
     ewma: Float[np.ndarray, " n"]
     ewma_limit: float
-    run_length: float
     alarm: Alarm | None
 
 
@@ -83,7 +82,6 @@ def chart_figure(
     values: Float[np.ndarray, " n"] | Sequence[float],
     *,
     logarithms: bool,
-    smoothing: float = SMOOTHING,
     run_length: float = RUN_LENGTH,
 ) -> ControlChart:
     """Return the control chart of a figure over sessions in time order, and the first lasting change.
@@ -109,8 +107,8 @@ def chart_figure(
     reach = 3.0 * float(np.abs(np.diff(x)).mean()) / _RANGE_TO_SIGMA
     unit = math.exp if logarithms else float
     limits = IndividualsLimits(unit(centre), unit(centre - reach), unit(centre + reach))
-    ewma = _ewma(self_starting_scores(x), smoothing)
-    limit = ewma_limit(smoothing, run_length) * math.sqrt(smoothing / (2.0 - smoothing))
+    ewma = _ewma(self_starting_scores(x), SMOOTHING)
+    limit = ewma_limit(SMOOTHING, run_length) * math.sqrt(SMOOTHING / (2.0 - SMOOTHING))
     return ControlChart(
         values=given,
         limits=limits,
@@ -119,7 +117,6 @@ def chart_figure(
         ),
         ewma=np.concatenate([np.full(FIRST, np.nan), ewma]),
         ewma_limit=limit,
-        run_length=run_length,
         alarm=_first_alarm(x, ewma, limit, logarithms=logarithms),
     )
 

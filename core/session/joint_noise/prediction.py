@@ -36,10 +36,10 @@ class PredictedScatter:
 
 
 def predict_scatter(
-    noise: JointNoise, arm: ArmState, joint_angles: Float[np.ndarray, "n j"], target: int = 0
+    noise: JointNoise, arm: ArmState, joint_angles: Float[np.ndarray, "n j"]
 ) -> PredictedScatter:
     """Return what the noise predicts at joint angles (rad), of the measured point: camera, probe or reflector."""
-    J = joint_jacobian(arm, joint_angles, np.full(len(joint_angles), target, dtype=np.intp))
+    J = joint_jacobian(arm, joint_angles, np.zeros(len(joint_angles), dtype=np.intp))
     theta, joints = noise.variances, noise.joints
     of_joints = J[:, :3]
     covariance = scatter_covariance(of_joints, theta)

@@ -62,10 +62,7 @@ def shows_target(
     """Return in which views T_camera_target (mm) the whole target with a pitch around it is before the camera and in
     the image.
     """
-    points = spec.points_target()
-    low, high = points.min(axis=0) - spec.pitch_mm, points.max(axis=0) + spec.pitch_mm
-    outline = np.array([[x, y, 0.0] for x in (low[0], high[0]) for y in (low[1], high[1])])
-    points = np.concatenate([points, outline])
+    points = np.concatenate([spec.points_target(), spec.outline()])
     seen = points @ T[:, :3, :3].transpose(0, 2, 1) + T[:, None, :3, 3]
     ahead = seen[:, :, 2].min(axis=1) > 0.0
     seen[~ahead] = [0.0, 0.0, 1.0]

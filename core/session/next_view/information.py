@@ -77,15 +77,13 @@ def simulated_views(
     rng: np.random.Generator | None = None,
 ) -> list[GridPoints]:
     """Return what a detector of this noise would find; exact points without `rng`."""
-    row, column = (a.ravel() for a in np.mgrid[0 : spec.grid_rows, 0 : spec.grid_columns])
     points = spec.points_target()
-    sigma = np.full(len(points), noise_px)
     found = []
     for T in T_camera_target:
         pixels = np.ascontiguousarray(project_any(transform_points(T, points), camera))
         if rng is not None:
             pixels = pixels + rng.normal(0.0, noise_px, pixels.shape)
-        found.append(GridPoints(spec, *size_px, column, row, pixels, sigma))
+        found.append(GridPoints.whole(spec, size_px, pixels, noise_px))
     return found
 
 

@@ -1,7 +1,7 @@
 """ChArUco boards: layout, markers on the lattice, and placement of lattices on the board."""
 
 from core.targets.charuco.detector import detect_charuco, find_by_lattice
-from core.targets.charuco.isolated_markers import Markers, detect_markers
+from core.targets.charuco.isolated_markers import Markers
 from core.targets.charuco.layout import CharucoLayout, charuco_layout, marker_dictionary
 from core.targets.charuco.placement import lattices_of
 
@@ -10,7 +10,6 @@ __all__ = [
     "Markers",
     "charuco_layout",
     "detect_charuco",
-    "detect_markers",
     "find_by_lattice",
     "lattices_of",
     "marker_dictionary",

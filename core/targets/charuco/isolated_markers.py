@@ -19,9 +19,8 @@ import numpy as np
 from jaxtyping import Float, Int, UInt8, UInt16
 
 from core.geometry import find_homography, map_in_front
-from core.targets.charuco.layout import CharucoLayout, charuco_layout, marker_dictionary
+from core.targets.charuco.layout import CharucoLayout, marker_dictionary
 from core.targets.charuco.quadrangles import markers_in_parts
-from core.targets.specification import TargetSpec
 
 Markers = Mapping[int, Float[np.ndarray, "4 2"]]
 
@@ -31,19 +30,6 @@ _REACH = (
     1.5  # squares, from a marker's middle to the grid points it helps to place: its square's own are at .5
 )
 _STRAYS = 1.0  # of a marker's side: one read on the board farther from its place contradicts the others
-
-
-def detect_markers(
-    image: UInt8[np.ndarray, "h w"] | UInt16[np.ndarray, "h w"], target: TargetSpec
-) -> dict[int, Float[np.ndarray, "4 2"]]:
-    """Return the corners (px, in `CharucoLayout.marker_corners`' order) of the board's markers, by OpenCV's detector.
-
-    Its corners are refined by cornerSubPix. An id that was read twice is excluded, since it is ambiguous.
-    Raises InvalidTarget for a target without markers.
-    """
-    layout = charuco_layout(target)
-    markers, _ = detect_isolated_markers(image, layout)
-    return {number: corners for number, corners in markers.items() if number < len(layout.marker_squares)}
 
 
 def detect_isolated_markers(

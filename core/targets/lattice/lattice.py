@@ -61,15 +61,6 @@ class Lattice:
         )
 
 
-def spacing(grid: Float[np.ndarray, "rows columns 2"]) -> Float[np.ndarray, "rows columns"]:
-    """Return each point's distance to its nearest neighbour in the grid, px."""
-    across = np.linalg.norm(np.diff(grid, axis=1), axis=2)
-    down = np.linalg.norm(np.diff(grid, axis=0), axis=2)
-    wide = np.pad(across, ((0, 0), (1, 1)), constant_values=np.inf)
-    high = np.pad(down, ((1, 1), (0, 0)), constant_values=np.inf)
-    return np.minimum(np.minimum(wide[:, 1:], wide[:, :-1]), np.minimum(high[1:], high[:-1]))
-
-
 @jit("f8[:, :, ::1]")
 def bent_points(grid: Float[np.ndarray, "rows columns 2"]) -> Bool[np.ndarray, "rows columns"]:
     """Return at which points a line bends more than any lens makes it."""

@@ -47,6 +47,7 @@ _ASTRAY = 6.0
 _MAX_DISPLACEMENT_IN_PRINT = (
     0.2  # as MAX_DISPLACEMENT where something is printed in the squares, which has corners of its own
 )
+_LARGEST_REACH = 0.5  # how far from the corner pixels are used, as a share of the spacing
 _CUT = 0.98  # of the camera's largest level: white that high is cut off in part
 
 
@@ -57,7 +58,6 @@ def refine_corners(
     points_px: Float[np.ndarray, "n 2"],
     *,
     origin_is_black: bool,
-    largest_reach: float = 0.5,
     places: Float[np.ndarray, "n 2"] | None = None,
     plain: float | None = None,
     marker_margin: float = 0.0,
@@ -73,8 +73,6 @@ def refine_corners(
         Where they are within 2 px and a quarter of the spacing.
     origin_is_black
         Whether the square between grid points (0, 0) and (1, 1) is black.
-    largest_reach
-        How far from the corner pixels are used, as a share of the spacing.
     places
         Where the corners are on the print, in units of the shortest distance to a neighbour, the spacing: (column, row)
         by default.
@@ -104,7 +102,7 @@ def refine_corners(
     basis = grid_basis(ideal, start, good.astype(np.float64))
     shape, _ = _fit(basis, states, good)
     states[:, [model.SIGMA_1, model.SIGMA_2]] = _COARSE_SIGMAS_PX[-1]
-    _step(image, states, shape, _MIDDLE_REACH_PX, largest_reach, good, steps, stride=3)
+    _step(image, states, shape, _MIDDLE_REACH_PX, good, steps, stride=3)
     far = good & ~(step_lengths(steps) < _NEAR_START_PX)
     if far.any():
         states[far, model.Q_U], states[far, model.Q_V] = start[far].T
@@ -116,7 +114,6 @@ def refine_corners(
                 states,
                 shape,
                 _COARSE_REACH_PX,
-                largest_reach,
                 unsettled,
                 steps,
                 stride=3,
@@ -126,14 +123,14 @@ def refine_corners(
         shape, _ = _fit(basis, states, good)
     if far.any() or not _blur_is_settled(steps, _NEARLY_SETTLED_BLUR):
         for _ in range(_MAX_MIDDLE_STEPS):
-            _step(image, states, shape, _MIDDLE_REACH_PX, largest_reach, good, steps, stride=2)
+            _step(image, states, shape, _MIDDLE_REACH_PX, good, steps, stride=2)
             if _blur_is_settled(steps, _SETTLED_BLUR):
                 break
     shape, steady = _fit(basis, states, good)
     slope_sigmas = _set_light(basis, ideal, column, row, shape, states, steps, steady, largest_level(image))
     unsettled = good
     for _ in range(_MAX_FINAL_STEPS):
-        _step(image, states, shape, np.inf, largest_reach, unsettled, steps, stride=1)
+        _step(image, states, shape, np.inf, unsettled, steps, stride=1)
         unsettled = good & (step_lengths(steps) > _CONVERGED_PX)
         if not _blur_is_settled(steps, _SETTLED_BLUR):
             unsettled = good
@@ -216,7 +213,6 @@ def _step(
     states: Float[np.ndarray, "n state"],
     shape: GridShape,
     reach_px: float,
-    largest_reach: float,
     chosen: Bool[np.ndarray, " n"],
     steps: Float[np.ndarray, "n step"],
     *,
@@ -232,7 +228,7 @@ def _step(
         shape.bend_x,
         shape.bend_y,
         reach_px,
-        largest_reach,
+        _LARGEST_REACH,
         width,
         height,
     )

@@ -12,7 +12,6 @@ from core.comparison import (
     aruco_board,
     aruco_marker,
     central_marker,
-    detect_markers,
     pose_of_points,
 )
 from core.errors import DegenerateGeometry, InvalidArgument, InvalidTarget
@@ -21,7 +20,9 @@ from core.geometry.se3 import so3_exp, transform, transform_points
 from core.simulation import Scene
 from core.targets.charuco.layout import charuco_layout
 from core.targets.specification import GridPoints, TargetSpec
+from tests.support.sessions.comparisons import reprojection_of
 from tests.support.simulation.renders import render
+from tests.support.targets.board_markers import detect_markers
 
 CAMERA = Camera(1800.0, 1810.0, 802.0, 595.0, k1=-0.1, k2=0.04, p1=2e-4)
 TARGET = TargetSpec("charuco", 7, 5, 25.0, 18.0, "DICT_5X5_100")
@@ -61,7 +62,7 @@ def test_exact_corners_give_the_pose(tilt: float) -> None:
         # OpenCV undoes distortion by five fixed steps: 1e-3 px, which a small marker turns into hundredths of a mm.
         np.testing.assert_allclose(found.T_camera_target[0][:3, :3], T[:3, :3], atol=1e-3)
         np.testing.assert_allclose(found.T_camera_target[0][:3, 3], T[:3, 3], atol=0.2)
-        assert found.reprojection.max_px < 0.01
+        assert reprojection_of(found).max_px < 0.01
         assert found.method == "aruco_marker"
     board = aruco_board(board_markers(T), LAYOUT, CAMERA)
     np.testing.assert_allclose(board.T_camera_target[0], T, atol=1e-3)

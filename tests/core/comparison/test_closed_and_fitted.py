@@ -15,6 +15,7 @@ from core.errors import DegenerateGeometry, GridposeError, InvalidArgument
 from core.geometry.camera import Camera, project
 from core.geometry.se3 import so3_exp, transform, transform_points
 from core.targets.specification import GridPoints, TargetSpec
+from tests.support.sessions.comparisons import reprojection_of
 from tests.support.simulation.simulated_views import draw_view
 
 CENTRE = (1223.5, 1024.5)
@@ -43,7 +44,7 @@ def test_tsai_recovers_the_truth_of_his_own_model(axis: tuple[float, float], til
     assert found.camera is not None
     np.testing.assert_allclose(found.camera.as_array(), camera.as_array(), rtol=1e-6, atol=1e-8)
     np.testing.assert_allclose(found.T_camera_target[0], T, rtol=1e-6, atol=1e-5)
-    assert found.reprojection.max_px < 1e-6
+    assert reprojection_of(found).max_px < 1e-6
     assert [w.code for w in found.warnings] == ([] if tilt >= 30 else ["tilt_below_method_limit"])
 
 
@@ -125,10 +126,10 @@ def test_the_dlt_leaves_distortion_in_the_residuals_and_noise_as_it_is() -> None
     found = dlt(view_of(Camera(2320.0, 2320.0, *CENTRE), T, sigma, 1))
     # Eight of 280 observations are used up; the mean of a 2-D distance is √(π/4) of its rms.
     rms = sigma * math.sqrt(2.0 * (1.0 - 8.0 / 280.0))
-    assert found.reprojection.rms_px == pytest.approx(rms, rel=4.0 / math.sqrt(2 * 272))
-    assert found.reprojection.mean_px == pytest.approx(rms * math.sqrt(math.pi / 4), rel=0.15)
+    assert reprojection_of(found).rms_px == pytest.approx(rms, rel=4.0 / math.sqrt(2 * 272))
+    assert reprojection_of(found).mean_px == pytest.approx(rms * math.sqrt(math.pi / 4), rel=0.15)
     distorted = dlt(view_of(Camera(2320.0, 2320.0, *CENTRE, k1=-0.1), T, sigma, 1))
-    assert distorted.reprojection.rms_px > 5 * rms
+    assert reprojection_of(distorted).rms_px > 5 * rms
 
 
 def test_the_dlt_maps_where_it_gives_no_camera() -> None:
@@ -139,7 +140,7 @@ def test_the_dlt_maps_where_it_gives_no_camera() -> None:
         assert found.camera is None
         assert found.T_camera_target == ()
         assert [w.code for w in found.warnings] == ["camera_not_observable"]
-        assert found.reprojection.max_px < 1e-6
+        assert reprojection_of(found).max_px < 1e-6
 
 
 def test_zhang_recovers_the_truth_from_exact_views() -> None:
@@ -177,7 +178,7 @@ def test_opencv_on_one_view_answers_whatever_it_is_shown() -> None:
     for seed in range(10):
         nonsense = opencv_single_image(view_of(camera, flat, 0.05, seed + 1))
         assert nonsense.camera is not None
-        assert nonsense.reprojection.rms_px < 0.08
+        assert reprojection_of(nonsense).rms_px < 0.08
         assert [w.code for w in nonsense.warnings] == ["focal_not_observable"]
         off.append(abs(nonsense.camera.fx_px / 2320.0 - 1.0))
     assert np.median(off) > 0.2

@@ -10,10 +10,11 @@ import pytest
 
 from core.comparison import METHODS, MethodRepeatability, compare_methods, compare_repeatability
 from core.geometry.camera import Camera, project
-from core.geometry.se3 import invert, so3_exp, transform, transform_points
+from core.geometry.se3 import invert, transform_points
 from core.metrology import PoseCycles, assess_repeatability
 from core.targets.charuco.layout import charuco_layout
 from core.targets.specification import GridPoints, TargetSpec
+from tests.support.sessions.comparisons import NOT_POOLED, pooled
 from tests.support.simulation.simulated_views import draw_pose
 
 CAMERA = Camera(1160.0, 1160.3, 605.0, 515.0, -0.1, 0.05, 1e-4, -2e-4)
@@ -47,7 +48,7 @@ def by_method(rows: tuple[MethodRepeatability, ...]) -> dict[str, MethodRepeatab
 
 def test_one_marker_is_many_times_worse_than_all_points_together() -> None:
     views, labels = visits()
-    table = by_method(compare_repeatability(compare_methods(views, repeats=labels), labels))
+    table = by_method(compare_repeatability(compare_methods(views, pooled(views, labels)), labels))
     assert tuple(table) == METHODS
     reading = {}
     for method, row in table.items():
@@ -72,7 +73,7 @@ def test_one_marker_is_many_times_worse_than_all_points_together() -> None:
 
 def test_figures_are_those_of_the_engine_on_the_methods_own_poses() -> None:
     views, labels = visits()
-    (row,) = compare_methods(views, methods=["opencv_single_image"])
+    (row,) = compare_methods(views, NOT_POOLED, methods=["opencv_single_image"])
     T = np.array([invert(row.poses[i]) for i in range(CYCLES, 2 * CYCLES)])
     (expected,) = assess_repeatability([PoseCycles(T[:, :3, 3], T[:, :3, :3])])
     (table,) = compare_repeatability([row], labels)
@@ -80,42 +81,12 @@ def test_figures_are_those_of_the_engine_on_the_methods_own_poses() -> None:
     assert table.poses[1].images == tuple(range(CYCLES, 2 * CYCLES))
 
 
-def test_a_turned_reading_turns_the_figures_with_it() -> None:
-    """Turned by 180° about z, x and y stay what they are; roll and pitch are about turned axes."""
-    views, labels = visits()
-    rows = compare_methods(views, methods=["pooled"], repeats=labels)
-    half = transform(so3_exp(np.array([0.0, 0.0, math.pi])), np.array([96.0, 60.0, 0.0]))
-    (plain,) = compare_repeatability(rows, labels)
-    (turned,) = compare_repeatability(rows, labels, [half] * len(views))
-    for one, other in zip(plain.poses, turned.poses, strict=True):
-        for name in ("position_mm", "x_mm", "y_mm", "z_mm", "yaw"):
-            assert getattr(one.repeatability, name) == pytest.approx(getattr(other.repeatability, name))
-        assert one.noise_floor is not None
-        assert other.noise_floor is not None
-        assert one.noise_floor.x_mm == pytest.approx(other.noise_floor.x_mm)
-
-
-def test_images_read_half_turned_do_not_pass_for_scatter() -> None:
-    views, labels = visits()
-    rows = compare_methods(views[:CYCLES], methods=["opencv_single_image"])
-    half = transform(so3_exp(np.array([0.0, 0.0, math.pi])), np.array([96.0, 60.0, 0.0]))
-    # the third image numbered from the board's other end
-    other = dataclasses.replace(views[2], column=8 - views[2].column, row=5 - views[2].row)
-    mixed = compare_methods([*views[:2], other, *views[3:CYCLES]], methods=["opencv_single_image"])
-    turns = [half if i == 2 else np.eye(4) for i in range(CYCLES)]
-    (right,) = compare_repeatability(rows, labels[:CYCLES])
-    (mended,) = compare_repeatability(mixed, labels[:CYCLES], turns)
-    assert mended.poses[0].repeatability.position_mm == pytest.approx(
-        right.poses[0].repeatability.position_mm, rel=1e-3
-    )
-
-
 def test_too_few_images_say_so_and_have_no_figures() -> None:
     views, _ = visits()
     chosen = [views[0], views[CYCLES], views[CYCLES + 1]]
     flat = dataclasses.replace(views[1], points_px=views[1].points_target[:, :2] * 5.0 + 300.0)
     (row,) = compare_repeatability(
-        compare_methods([*chosen, flat], methods=["tsai"]), ["P1", "P2", "P2", "P3"]
+        compare_methods([*chosen, flat], NOT_POOLED, methods=["tsai"]), ["P1", "P2", "P2", "P3"]
     )
     first, second, third = row.poses
     assert second.failure is None
@@ -130,7 +101,7 @@ def test_too_few_images_say_so_and_have_no_figures() -> None:
 
 def test_a_method_that_fails_as_a_whole_says_why_at_every_pose() -> None:
     views, _ = visits()
-    (row,) = compare_repeatability(compare_methods(views[:1], methods=["zhang"]), ["P1"])
+    (row,) = compare_repeatability(compare_methods(views[:1], NOT_POOLED, methods=["zhang"]), ["P1"])
     assert row.failure is not None
     assert row.failure.code == "degenerate_geometry"
     assert row.poses[0].failure == row.failure
@@ -138,7 +109,7 @@ def test_a_method_that_fails_as_a_whole_says_why_at_every_pose() -> None:
 
 def test_poses_that_the_engine_refuses_are_named_and_the_others_stand() -> None:
     views, labels = visits()
-    (row,) = compare_methods(views, methods=["pooled"], repeats=labels)
+    (row,) = compare_methods(views, pooled(views, labels), methods=["pooled"])
     assert row.scatter is not None
     wrong = dataclasses.replace(row, scatter={**row.scatter, 0: -np.eye(6)})
     (table,) = compare_repeatability([wrong], labels)
@@ -151,6 +122,6 @@ def test_poses_that_the_engine_refuses_are_named_and_the_others_stand() -> None:
 
 def test_images_without_a_pose_count_nowhere() -> None:
     views, _ = visits()
-    rows = compare_methods(views[:4], methods=["dlt"])
+    rows = compare_methods(views[:4], NOT_POOLED, methods=["dlt"])
     (row,) = compare_repeatability(rows, ["P1", "P1", None, "P1"])
     assert row.poses[0].images == (0, 1, 3)

@@ -8,7 +8,6 @@ import math
 import numpy as np
 import pytest
 
-from core.calibration.multi_view.estimators import estimate_group
 from core.calibration.single_image import calibrate_points
 from core.comparison import (
     METHODS,
@@ -20,13 +19,14 @@ from core.comparison import (
     proposed,
     runner,
 )
-from core.comparison.results import Answer, attempt, baseline
+from core.comparison.results import Answer, MethodResult, attempt
 from core.comparison.runner import MARKER_METHODS, evenly
 from core.errors import DegenerateGeometry, InvalidArgument
 from core.geometry.camera import Camera, project
 from core.geometry.se3 import transform_points
 from core.targets.charuco.layout import charuco_layout
 from core.targets.specification import GridPoints, TargetSpec
+from tests.support.sessions.comparisons import NOT_POOLED, pooled
 from tests.support.simulation.simulated_views import View, draw_camera, draw_pose, draw_view
 
 CAMERA = Camera(1160.0, 1160.3, 605.0, 515.0, -0.1, 0.05, 1e-4, -2e-4)
@@ -68,7 +68,8 @@ def by_method(rows: tuple[MethodRow, ...]) -> dict[str, MethodRow]:
 
 def test_every_method_has_its_row_and_its_noise() -> None:
     views = session(6)
-    rows = by_method(compare_methods([v.points for v in views]))
+    points = [v.points for v in views]
+    rows = by_method(compare_methods(points, pooled(points)))
     assert tuple(rows) == METHODS
     for method in ("proposed_vanishing_point", "zhang", "opencv_single_image", "pooled"):
         row = rows[method]
@@ -97,13 +98,13 @@ def test_every_method_has_its_row_and_its_noise() -> None:
 
 def test_cameras_of_single_images_are_summed_up() -> None:
     views = [v.points for v in session(4)]
-    (row,) = compare_methods(views, methods=["opencv_single_image"])
+    (row,) = compare_methods(views, NOT_POOLED, methods=["opencv_single_image"])
     cameras = np.array([opencv_single_image(v).camera.as_array() for v in views])  # type: ignore[union-attr]
     assert row.camera is not None
     assert row.camera.images == 4
     np.testing.assert_allclose(row.camera.mean, cameras.mean(axis=0))
     np.testing.assert_allclose(row.camera.spread, cameras.std(axis=0, ddof=1))
-    (single,) = compare_methods(views[:1], methods=["opencv_single_image"])
+    (single,) = compare_methods(views[:1], NOT_POOLED, methods=["opencv_single_image"])
     assert single.camera is not None
     assert single.camera.spread is None
 
@@ -119,7 +120,8 @@ def test_both_variants_end_in_the_same_minimum_as_the_product_itself() -> None:
 
 
 def test_failures_are_named_image_by_image() -> None:
-    rows = by_method(compare_methods([session(1, tilt_deg=0.0)[0].points]))
+    flat = [session(1, tilt_deg=0.0)[0].points]
+    rows = by_method(compare_methods(flat, pooled(flat)))
     assert rows["zhang"].failure is not None
     assert rows["zhang"].failure.image is None
     assert "two views" in rows["zhang"].failure.detail
@@ -145,7 +147,7 @@ def test_a_mapping_that_determines_no_camera_is_no_answer() -> None:
     row_, column = (a.ravel() for a in np.mgrid[0:6, 0:9])
     px = CHARUCO.points_target()[:, :2] * 5.0 + 300.0  # seen at right angles, without noise
     flat = GridPoints(CHARUCO, 1224, 1024, column, row_, px, np.full(54, 0.02))
-    (row,) = compare_methods([flat], methods=["dlt"])
+    (row,) = compare_methods([flat], NOT_POOLED, methods=["dlt"])
     assert row.answers == ()
     assert row.failure is not None
     assert row.failure.code == "camera_not_observable"
@@ -154,7 +156,7 @@ def test_a_mapping_that_determines_no_camera_is_no_answer() -> None:
 def test_a_pose_beyond_all_distances_is_no_answer() -> None:
     T = np.eye(4)
     T[2, 3] = 2e6
-    answer = baseline("dlt", CAMERA, [T], [np.zeros((54, 2))])
+    answer = MethodResult("dlt", CAMERA, (T,), (np.zeros((54, 2)),))
     failure = attempt(3, lambda: Answer((3,), answer))
     assert isinstance(failure, Failure)
     assert (failure.image, failure.code) == (3, "not_converged")
@@ -167,7 +169,8 @@ def test_a_pose_beyond_all_distances_is_no_answer() -> None:
 
 def test_one_image_that_fails_leaves_the_others_their_figures() -> None:
     good, flat = session(3), session(1, tilt_deg=0.0)
-    rows = by_method(compare_methods([good[0].points, flat[0].points, *(v.points for v in good[1:])]))
+    views = [good[0].points, flat[0].points, *(v.points for v in good[1:])]
+    rows = by_method(compare_methods(views, pooled(views)))
     for method in ("proposed_vanishing_point", "tsai"):
         assert rows[method].images == (0, 2, 3)
         assert [failure.image for failure in rows[method].failures] == [1]
@@ -185,17 +188,17 @@ def test_too_few_points_cost_zhang_the_image_only() -> None:
         points_px=views[1].points_px[:5],
         standard_uncertainty_px=views[1].standard_uncertainty_px[:5],
     )
-    (row,) = compare_methods([views[0], few, *views[2:]], methods=["zhang"])
+    (row,) = compare_methods([views[0], few, *views[2:]], NOT_POOLED, methods=["zhang"])
     assert row.images == (0, 2, 3)
     assert [(f.image, f.code) for f in row.failures] == [(1, "degenerate_geometry")]
 
 
 def test_zhang_from_a_part_places_all_and_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
     views = [v.points for v in session(8)]
-    (whole,) = compare_methods(views, methods=["zhang"])
+    (whole,) = compare_methods(views, NOT_POOLED, methods=["zhang"])
     assert whole.warnings == ()
     monkeypatch.setattr(runner, "ZHANG_VIEWS", 5)
-    (part,) = compare_methods(views, methods=["zhang"])
+    (part,) = compare_methods(views, NOT_POOLED, methods=["zhang"])
     assert part.images == whole.images
     assert part.camera is not None
     assert part.camera.spread is None
@@ -207,7 +210,7 @@ def test_zhang_from_a_part_places_all_and_says_so(monkeypatch: pytest.MonkeyPatc
 def test_poses_of_a_camera_held_are_those_of_the_calibration_itself(monkeypatch: pytest.MonkeyPatch) -> None:
     """What justifies placing views by the camera of a part: with the same camera it is the same pose."""
     views = [v.points for v in session(4)]
-    (whole,) = compare_methods(views, methods=["zhang"])
+    (whole,) = compare_methods(views, NOT_POOLED, methods=["zhang"])
     camera = whole.answers[0].result.camera
     for i, T in whole.poses.items():
         placed = pose_of_points("zhang", views[i].points_target, views[i].points_px, camera)
@@ -228,7 +231,7 @@ def test_places_are_even_and_hold_both_ends() -> None:
 
 def test_markers_give_poses_by_the_pooled_camera_or_the_given_one() -> None:
     views, truth = charuco_views(4)
-    rows = by_method(compare_methods(views))
+    rows = by_method(compare_methods(views, pooled(views)))
     for method in MARKER_METHODS:
         row = rows[method]
         assert row.camera_of == "given"
@@ -236,13 +239,13 @@ def test_markers_give_poses_by_the_pooled_camera_or_the_given_one() -> None:
         assert row.camera is not None
         assert rows["pooled"].camera is not None
         np.testing.assert_array_equal(row.camera.mean, rows["pooled"].camera.mean)
-    (held,) = compare_methods(views, intrinsics=CAMERA, methods=["aruco_board"])
+    (held,) = compare_methods(views, NOT_POOLED, intrinsics=CAMERA, methods=["aruco_board"])
     assert held.camera is not None
     np.testing.assert_array_equal(held.camera.mean, CAMERA.as_array())
     # 35 markers of four corners of .02 px, 300 mm away: some hundredths of a mm
     for i, T in held.poses.items():
         np.testing.assert_allclose(T[:3, 3], truth[i][:3, 3], atol=0.2)
-    (marker,) = compare_methods(views, intrinsics=CAMERA, methods=["aruco_marker"])
+    (marker,) = compare_methods(views, NOT_POOLED, intrinsics=CAMERA, methods=["aruco_marker"])
     worst = max(float(np.abs(T[:3, 3] - truth[i][:3, 3]).max()) for i, T in marker.poses.items())
     assert 0.05 < worst < 10.0
 
@@ -251,7 +254,7 @@ def test_where_markers_are_missing_the_reason_is_said() -> None:
     views, _ = charuco_views(3)
     views[0] = dataclasses.replace(views[0], markers_px=None)
     views[1] = dataclasses.replace(views[1], markers_px={0: (views[1].markers_px or {})[0]})
-    rows = by_method(compare_methods(views, methods=MARKER_METHODS))
+    rows = by_method(compare_methods(views, pooled(views), methods=MARKER_METHODS))
     assert [(f.image, f.code) for f in rows["aruco_marker"].failures] == [
         (0, "markers_not_stored"),
         (1, "target_not_found"),
@@ -260,7 +263,8 @@ def test_where_markers_are_missing_the_reason_is_said() -> None:
         (0, "markers_not_stored"),
         (1, "degenerate_geometry"),
     ]
-    plain = by_method(compare_methods([v.points for v in session(3)], methods=MARKER_METHODS))
+    chessboards = [v.points for v in session(3)]
+    plain = by_method(compare_methods(chessboards, pooled(chessboards), methods=MARKER_METHODS))
     for method in MARKER_METHODS:
         failure = plain[method].failure
         assert failure is not None
@@ -268,17 +272,8 @@ def test_where_markers_are_missing_the_reason_is_said() -> None:
         assert "ChArUco" in (failure.advice or "")
 
 
-def test_an_estimate_that_is_known_is_not_made_again() -> None:
-    views = [v.points for v in session(4)]
-    known = estimate_group(views, "pooled")
-    (given,) = compare_methods(views, pooled=known, methods=["pooled"])
-    (made,) = compare_methods(views, methods=["pooled"])
-    for i, T in made.poses.items():
-        np.testing.assert_array_equal(given.poses[i], T)
-
-
 def test_no_images_are_no_rows_of_figures() -> None:
-    for row in compare_methods([]):
+    for row in compare_methods([], pooled([])):
         assert row.reprojection is None
         assert row.camera is None
         assert row.images == ()
@@ -294,4 +289,4 @@ def test_too_few_points_are_refused() -> None:
 
 def test_a_method_there_is_not() -> None:
     with pytest.raises(InvalidArgument, match="best"):
-        compare_methods([], methods=["zhang", "best"])
+        compare_methods([], NOT_POOLED, methods=["zhang", "best"])

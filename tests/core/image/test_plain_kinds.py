@@ -12,10 +12,8 @@ import pytest
 from core.errors import UndecodableImage
 from core.image import bmp, decode, tiff
 from tests.support.image import image_encoders as encoders
-from tests.support.image.image_encoders import GREY_PALETTE, bmp_rows, chunk
+from tests.support.image.image_encoders import GREY_PALETTE, bmp_rows
 from tests.support.image.plain_kinds import SIZES, by_opencv, check_same, noise, read_png, sample_image
-
-IEND = chunk(b"IEND", b"")
 
 
 def read_bmp(data: bytes) -> np.ndarray | None:

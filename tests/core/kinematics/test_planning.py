@@ -27,7 +27,7 @@ from tests.support.simulation.robots.arms import stated
 
 
 def rig_of(arm: Arm, **how: float) -> CameraSetup:
-    return CameraSetup(CAMERA, *SIZE, 0.02, (GRID,), arm.T_flange_camera, arm.T_target_base[:1], **how)
+    return CameraSetup(CAMERA, *SIZE, 0.02, GRID, arm.T_flange_camera, arm.T_target_base[0], **how)
 
 
 @pytest.mark.parametrize("scatter", [0.0, 1.0], ids=["perfect robot", "robot that scatters"])
@@ -73,7 +73,7 @@ def test_a_grid_seen_from_behind_is_not_visible() -> None:
 
 def test_the_rig_puts_the_grid_before_the_camera() -> None:
     rig = default_setup(KR5_ARC, KR5_ARC_HOME, CAMERA, SIZE, GRID, T_FLANGE_CAMERA, noise_px=0.05, fill=0.5)
-    T = invert(rig.T_target_base[0] @ forward(KR5_ARC, KR5_ARC_HOME[None])[0] @ rig.T_flange_camera)
+    T = invert(rig.T_target_base @ forward(KR5_ARC, KR5_ARC_HOME[None])[0] @ rig.T_flange_camera)
     middle = T[:3, :3] @ GRID.points_target().mean(axis=0) + T[:3, 3]
     assert middle[:2] == pytest.approx([0.0, 0.0], abs=1e-9)
     assert CAMERA.fx_px * 14 * 25.0 / middle[2] <= 0.5 * SIZE[0] + 1e-6

@@ -102,8 +102,6 @@ def test_distance_performance_of_four_cycles() -> None:
     assert result.mean_distance_mm == pytest.approx(100.1)
     assert result.accuracy_mm == pytest.approx(0.1)
     assert result.repeatability_mm == pytest.approx(0.4898979, abs=1e-7)
-    assert result.accuracy_xyz_mm == pytest.approx((40.1, -80.0, 0.0))
-    assert result.repeatability_xyz_mm == pytest.approx((0.4898979, 0.0, 0.0), abs=1e-7)
 
 
 def test_distance_of_one_cycle_has_no_repeatability() -> None:

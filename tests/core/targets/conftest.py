@@ -19,8 +19,6 @@ from tests.support.simulation.renders import render
 SIZE_PX = (1000, 800)
 CAMERA = Camera(1000.0, 1000.0, 503.0, 396.0, k1=-0.1, k2=0.05)
 
-SceneMaker = Callable[..., Scene]
-
 
 @lru_cache(maxsize=64)
 def _make(columns: int, rows: int, seed: int, tilt_deg: float, max_roll_deg: float) -> Scene:

@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 
 from core import calibrate_points
+from core.calibration import estimate_group
 from core.comparison import compare_methods
 from core.errors import FocalNotObservable
 from core.targets import TargetSpec, detect
@@ -82,7 +83,7 @@ def test_all_eight_are_measured_and_determine_the_focal_length(data_folder: Path
         views.append(detect(cv2.imread(str(file), cv2.IMREAD_GRAYSCALE), BOARD))
     assert len(views) == 8
     assert sum(len(points) for points in views) > 150
-    (pooled,) = compare_methods(views, methods=["pooled"])
+    (pooled,) = compare_methods(views, estimate_group(views, "pooled"), methods=["pooled"])
     assert pooled.failures == ()
     assert pooled.camera is not None
     np.testing.assert_allclose(pooled.camera.mean[:2], 1361.0, rtol=0.012)

@@ -9,10 +9,10 @@ from core.targets.subpixel.corner_acceptance import RefinedCorners
 from core.targets.subpixel.refinement import refine_corners
 
 
-def refine_scene(scene: Scene, image: np.ndarray, off_px: float = 0.7, **options: float) -> RefinedCorners:
+def refine_scene(scene: Scene, image: np.ndarray, off_px: float = 0.7) -> RefinedCorners:
     grid = scene.grid_points
     start = grid.points_px + np.random.default_rng(1).uniform(-off_px, off_px, grid.points_px.shape)
-    return refine_corners(image, grid.column, grid.row, start, origin_is_black=True, **options)
+    return refine_corners(image, grid.column, grid.row, start, origin_is_black=True)
 
 
 def rms(error: np.ndarray) -> float:

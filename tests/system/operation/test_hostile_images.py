@@ -23,7 +23,7 @@ from tests.support.service.service import new_session
 MIB = 1 << 20
 MOST_GROWTH_BYTES = 64 * MIB
 MOST_SECONDS = 0.5
-BYTE, SHORT, LONG = 1, 3, 4
+BYTE, LONG = 1, 4
 
 HOSTILE: dict[str, Callable[[], bytes]] = {
     "TIFF of 2 MiB": lambda: greedy_tiff(2 * MIB),

@@ -86,7 +86,6 @@ def _converted(group: FocusGroup, kind: str, warnings: tuple[Advisory, ...]) -> 
         estimate = group.estimate
         uncertainty = np.sqrt(np.maximum(np.diag(estimate.camera_covariance)[:INNER], 0.0))
         return CameraFile(
-            group.name,
             *_size(group),
             choice,
             conversion,

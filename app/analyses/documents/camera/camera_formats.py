@@ -53,7 +53,6 @@ LENS_FORMS: Mapping[str, tuple[LensForm, ...]] = {
 class CameraFile:
     """What a file holds."""
 
-    group: str
     width_px: int
     height_px: int
     choice: LensForm

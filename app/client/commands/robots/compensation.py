@@ -17,7 +17,8 @@ from ..access import UploadAccess
 from ..console import OptionRefused, error_console
 from ..output_files import print_bytes, write_file
 from ..record_files import Delimiter, FileFormat, FileRefused, RecordFormat, as_delimiter, read_records
-from .programs import Controller, Frame, Program, controller_of, parse_frame, read_program
+from ..rotations import Frame, parse_frame
+from .programs import Controller, Program, controller_of, read_program
 
 _FIELDS = ("pose_id", "position_mm", "roll_deg", "pitch_deg", "yaw_deg", "joint_angles_deg")
 _TABLES = (".csv", ".json")

@@ -19,7 +19,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from ..rotations import Matrix, Vector, about, applied, cross, plus, product
+from ..rotations import Frame, Vector, about, applied, cross, plus, product
 
 _PARALLEL = 1e-6
 """Sine of the angle below which axes are parallel: over metres that is micrometres."""
@@ -29,23 +29,6 @@ _ACROSS = 1e-3
 """Cosine of the angle below which a direction is taken to be across an axis."""
 _ON_AXIS_MM = 1e-6
 _DECIMALS = 9
-
-
-@dataclass(frozen=True, slots=True)
-class Frame:
-    """A pose: origin in mm, axes as the columns of a rotation."""
-
-    origin: Vector
-    rotation: Matrix
-
-    def column(self, axis: int) -> Vector:
-        return [row[axis] for row in self.rotation]
-
-    def then(self, other: Frame) -> Frame:
-        """Return the pose of `other`, which is given in this frame, in this frame's own base."""
-        return Frame(
-            plus(self.origin, applied(self.rotation, other.origin)), product(self.rotation, other.rotation)
-        )
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,7 +53,7 @@ class DhRow:
         """Return T_{i-1,i} for the joint's angle, rad."""
         turned = about("z", angle + self.offset)
         link = product(about("x", self.alpha), about("y", self.beta))
-        return Frame([self.a * turned[0][0], self.a * turned[1][0], self.d], product(turned, link))
+        return Frame(product(turned, link), [self.a * turned[0][0], self.a * turned[1][0], self.d])
 
 
 def dot(u: Sequence[float], v: Sequence[float]) -> float:
@@ -151,7 +134,7 @@ def _turns(x: Vector, z: Vector, m: Vector, sine: float) -> tuple[float, float]:
 
 def _last(origin: Vector, x: Vector, z: Vector, flange: Frame) -> DhRow:
     """Return the last joint's row: x of the flange where it is across the axis and meets it."""
-    step = plus(flange.origin, origin, -1.0)
+    step = plus(flange.position_mm, origin, -1.0)
     d = dot(step, z)
     across = plus(step, z, -d)
     x_flange, z_flange = flange.column(0), flange.column(2)
@@ -166,7 +149,7 @@ def _last(origin: Vector, x: Vector, z: Vector, flange: Frame) -> DhRow:
 
 def _framed(origin: Vector, x: Vector, z: Vector) -> Frame:
     y = cross(z, x)
-    return Frame(origin, [[x[i], y[i], z[i]] for i in range(3)])
+    return Frame([[x[i], y[i], z[i]] for i in range(3)], origin)
 
 
 def _across(v: Vector, z: Vector) -> Vector | None:

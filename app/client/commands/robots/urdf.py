@@ -16,8 +16,8 @@ from pathlib import Path
 
 from ... import Json
 from ..record_files import FileRefused
-from ..rotations import applied, from_roll_pitch_yaw, from_vector, identity, plus, product, transposed
-from .screw_axes import Axis, DhRow, Frame, dh_of_axes, unit
+from ..rotations import Frame, applied, from_roll_pitch_yaw, from_vector
+from .screw_axes import Axis, DhRow, dh_of_axes, unit
 
 _MM_PER_M = 1000.0
 _MAX_JOINTS = 12
@@ -69,11 +69,11 @@ def parse_urdf(text: str) -> UrdfRobot:
     """`read_urdf` of a file's content."""
     robot = _parsed(text)
     chain = _chain([_joint(element) for element in robot.findall("joint")])
-    frame, axes = Frame([0.0, 0.0, 0.0], identity()), list[Axis]()
+    frame, axes = Frame(), list[Axis]()
     for joint in chain:
-        frame = frame.then(joint.origin)
+        frame = frame @ joint.origin
         if joint.kind in _TURNING:
-            axes.append(Axis(frame.origin, applied(frame.rotation, joint.axis)))
+            axes.append(Axis(frame.position_mm, applied(frame.rotation, joint.axis)))
     rows, base = dh_of_axes(axes, frame)
     turning = [joint for joint in chain if joint.kind in _TURNING]
     joints = [_fields(row, joint) for row, joint in zip(rows, turning, strict=True)]
@@ -119,7 +119,7 @@ def _joint(element: ElementTree.Element) -> UrdfJoint:
         element.get("type") or "",
         str(links[0]),
         str(links[1]),
-        Frame([_MM_PER_M * value for value in xyz], from_roll_pitch_yaw(*rpy)),
+        Frame(from_roll_pitch_yaw(*rpy), [_MM_PER_M * value for value in xyz]),
         unit(direction),
         limits if element.get("type") == "revolute" else None,
         element.find("mimic") is not None,
@@ -239,23 +239,19 @@ def _deviation(chain: Sequence[UrdfJoint], rows: Sequence[DhRow], base: Frame) -
         file = _file_flange(chain, angles)
         found = base
         for row, angle in zip(rows, angles, strict=True):
-            found = found.then(row.frame(angle))
+            found = found @ row.frame(angle)
         if tool is None:
-            inverse = transposed(found.rotation)
-            tool = Frame(
-                applied(inverse, plus(file.origin, found.origin, -1.0)), product(inverse, file.rotation)
-            )
-        expected = found.then(tool)
-        largest = max(largest, math.dist(expected.origin, file.origin))
+            tool = found.inverse() @ file
+        expected = found @ tool
+        largest = max(largest, math.dist(expected.position_mm, file.position_mm))
     return largest
 
 
 def _file_flange(chain: Sequence[UrdfJoint], angles: Sequence[float]) -> Frame:
-    frame, left = Frame([0.0, 0.0, 0.0], identity()), list(angles)
+    frame, left = Frame(), list(angles)
     for joint in chain:
-        frame = frame.then(joint.origin)
+        frame = frame @ joint.origin
         if joint.kind in _TURNING:
             angle = left.pop(0)
-            turned = from_vector([angle * value for value in joint.axis])
-            frame = frame.then(Frame([0.0, 0.0, 0.0], turned))
+            frame = frame @ Frame(from_vector([angle * value for value in joint.axis]))
     return frame

@@ -31,7 +31,7 @@ from typing import Any
 from ... import ImageFile, Json
 from ...images.files import SUFFIXES, natural_key
 from ..record_files import FileRefused, read_mapping, read_structure
-from ..rotations import Matrix, applied, from_quaternion, from_vector, to_roll_pitch_yaw, transposed
+from ..rotations import Frame, from_quaternion, from_vector, to_roll_pitch_yaw
 
 _VISP_POSE = re.compile(r"(?P<prefix>.*)pose_[fr]Pe_(?P<number>[0-9]{1,9})", re.IGNORECASE)
 _VISP_IMAGE = re.compile(r"(?P<prefix>.*)image[-_](?P<number>[0-9]{1,9})", re.IGNORECASE)
@@ -60,26 +60,6 @@ class Dataset:
     fixed_camera: bool
 
 
-@dataclass(frozen=True, slots=True)
-class _Pose:
-    position_mm: list[float]
-    rotation: Matrix
-
-    def inverted(self) -> _Pose:
-        turned = transposed(self.rotation)
-        return _Pose([-v for v in applied(turned, self.position_mm)], turned)
-
-    def body(self, pose_id: str) -> Json:
-        roll, pitch, yaw = (math.degrees(angle) for angle in to_roll_pitch_yaw(self.rotation))
-        return {
-            "pose_id": pose_id,
-            "position_mm": self.position_mm,
-            "roll_deg": roll,
-            "pitch_deg": pitch,
-            "yaw_deg": yaw,
-        }
-
-
 def read_dataset(folder: Path, layout: Layout, *, fixed_camera: bool = False) -> Dataset:
     """Return the dataset of a folder; `fixed_camera` states what its files may say too.
 
@@ -100,11 +80,22 @@ def read_dataset(folder: Path, layout: Layout, *, fixed_camera: bool = False) ->
     images = tuple(
         ImageFile(path, path.relative_to(folder).as_posix(), pose_id, 1) for pose_id, path, _ in pairs
     )
-    poses = tuple(pose.body(pose_id) for pose_id, _, pose in pairs)
+    poses = tuple(_body(pose_id, pose) for pose_id, _, pose in pairs)
     return Dataset(images, poses, tuple(without_pose), tuple(without_image), is_fixed)
 
 
-_Pairs = list[tuple[str, Path, _Pose]]
+def _body(pose_id: str, pose: Frame) -> Json:
+    roll, pitch, yaw = (math.degrees(angle) for angle in to_roll_pitch_yaw(pose.rotation))
+    return {
+        "pose_id": pose_id,
+        "position_mm": pose.position_mm,
+        "roll_deg": roll,
+        "pitch_deg": pitch,
+        "yaw_deg": yaw,
+    }
+
+
+_Pairs = list[tuple[str, Path, Frame]]
 
 
 def _visp(folder: Path) -> tuple[_Pairs, list[str], list[str]]:
@@ -133,7 +124,7 @@ def _visp(folder: Path) -> tuple[_Pairs, list[str], list[str]]:
     return pairs, without_pose, [files[key].name for key in sorted(files.keys() - images.keys())]
 
 
-def _visp_pose(path: Path) -> _Pose:
+def _visp_pose(path: Path) -> Frame:
     data = read_mapping(path).get("data")
     rows = data if isinstance(data, list) else []
     values = [
@@ -141,7 +132,7 @@ def _visp_pose(path: Path) -> _Pose:
     ]
     if len(values) != 6:
         raise FileRefused(f"{path.name} has no six numbers in data.", "It is no pose vector of ViSP.")
-    return _Pose([_MM_PER_M * v for v in values[:3]], from_vector(values[3:]))
+    return Frame(from_vector(values[3:]), [_MM_PER_M * v for v in values[:3]])
 
 
 def _industrial_calibration(folder: Path) -> tuple[_Pairs, list[str], bool]:
@@ -193,7 +184,7 @@ def _easy_handeye(folder: Path, *, fixed_camera: bool) -> tuple[_Pairs, list[str
         parts = [robot.get(name) for name in ("translation", "rotation")]
         translation, rotation = (part if isinstance(part, dict) else {} for part in parts)
         pose = _transform(path, translation, rotation, ("x", "y", "z", "w"), f"sample {number} ")
-        pairs.append((f"s{number}", image, pose.inverted() if fixed_camera else pose))
+        pairs.append((f"s{number}", image, pose.inverse() if fixed_camera else pose))
     return pairs, [], []
 
 
@@ -211,13 +202,13 @@ def _transform(
     rotation: Mapping[str, Any],
     names: Sequence[str],
     where: str = "",
-) -> _Pose:
+) -> Frame:
     position = [_MM_PER_M * _number(path, f"{where}{name}", translation.get(name)) for name in "xyz"]
     x, y, z, w = (_number(path, f"{where}{name}", rotation.get(name)) for name in names)
     norm = math.sqrt(x * x + y * y + z * z + w * w)
     if abs(norm - 1.0) > _MAX_NORM_ERROR:
         raise FileRefused(f"{path.name}: {where}quaternion has the norm {norm:.6g}, not 1.")
-    return _Pose(position, from_quaternion(x, y, z, w))
+    return Frame(from_quaternion(x, y, z, w), position)
 
 
 def _number(path: Path, name: str, value: Any) -> float:

@@ -16,7 +16,8 @@ from app.analyses.documents.findings import Findings, findings_document
 from app.analyses.inputs.session_loader import load_session, read_markers
 from app.analyses.inputs.snapshot_reader import read_snapshot
 from app.analyses.worker import ANALYSES as FUNCTIONS
-from app.records.numbers import SIGNIFICANT_DIGITS, encode, encode_record, rounded
+from app.records.numbers import encode, encode_record, rounded
+from app.records.numbers.field_names import ALL_DIGITS
 from tests.support.sessions.robot_session import ANALYSES, SETTINGS, RobotSession
 
 _TEXTS = re.compile(rb'"(?:[^"\\]|\\.)*"')
@@ -83,7 +84,7 @@ def test_no_number_is_longer_than_its_use_supports_and_none_too_short(robot_sess
         text = encode(exact)
         shown = json.loads(text)
         assert max(map(digits, re.findall(rb"-?[0-9][0-9.]*(?:e[-+]?[0-9]+)?", _TEXTS.sub(b"", text)))) <= (
-            SIGNIFICANT_DIGITS
+            ALL_DIGITS
         ), analysis
         assert encode(shown) == text, "a rounded document is rounded"
         checked = list(uncertain(exact, shown))

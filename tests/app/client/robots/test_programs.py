@@ -11,13 +11,12 @@ from scipy.spatial.transform import Rotation
 
 from app.client.commands.robots.programs import (
     Controller,
-    Frame,
     Program,
     ProgramRefused,
     controller_of,
-    parse_frame,
     read_program,
 )
+from app.client.commands.rotations import Frame, parse_frame
 
 KUKA = """&ACCESS RVP\r
 DEFDAT  PART1 PUBLIC\r

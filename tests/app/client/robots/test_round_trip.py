@@ -71,7 +71,7 @@ def test_an_exported_urdf_comes_back_as_the_same_arm(arm: str, seed: int) -> Non
     robot = parse_urdf(WRITERS["urdf"](model))
     q = np.random.default_rng(seed).uniform(-3.0, 3.0, (100, len(model.joints)))
     expected = forward(chain(model.joints), q)
-    base = transform(np.array(robot.T_base_dh.rotation), np.array(robot.T_base_dh.origin))
+    base = transform(np.array(robot.T_base_dh.rotation), np.array(robot.T_base_dh.position_mm))
     found = base @ forward(chain(robot.joints), q)
     found = found @ invert(found[0]) @ expected[0]  # the tool is the same for all poses
     assert np.linalg.norm((found - expected)[:, :3, 3], axis=1).max() < WITHIN_MM

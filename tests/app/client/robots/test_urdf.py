@@ -142,7 +142,7 @@ def chain_of(robot: UrdfRobot) -> Chain:
 
 def assert_same_motion(text: str, robot: UrdfRobot, rng: np.random.Generator, within_mm: float) -> None:
     """Check that parameters and file move the flange equally, but for a constant base and tool."""
-    base = transform(np.array(robot.T_base_dh.rotation), np.array(robot.T_base_dh.origin))
+    base = transform(np.array(robot.T_base_dh.rotation), np.array(robot.T_base_dh.position_mm))
     poses = []
     for _ in range(6):
         q = rng.uniform(-2.5, 2.5, len(robot.joints))

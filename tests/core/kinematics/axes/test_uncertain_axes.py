@@ -10,7 +10,13 @@ import pytest
 from core.geometry.se3 import invert, so3_exp, transform
 from core.kinematics.circle_point_analysis.covariance import ArcTree, axes_from_fits
 from core.kinematics.circle_point_analysis.home_configuration import axes_at_home, find_home
-from core.kinematics.circle_point_analysis.target_registration import STEP_MM, STEP_RAD, by_arcs, shared_axes
+from core.kinematics.circle_point_analysis.target_registration import (
+    STEP_MM,
+    STEP_RAD,
+    TargetLink,
+    by_arcs,
+    shared_axes,
+)
 from core.kinematics.joint_axes.axis_fit import AxisFits, fit_axes
 from core.kinematics.sweeps import JOINT_TOLERANCE, find_sweeps
 from core.simulation.arm import KR5_ARC_HOME, kr5_arc, sweep_angles
@@ -22,7 +28,7 @@ TOLERANCE = 2.0 * JOINT_TOLERANCE
 
 @pytest.fixture(scope="module")
 def swept() -> Swept:
-    """Two targets, of every joint arcs at several settings; the tree by arcs, and with the link given."""
+    """Two targets, of every joint arcs at several settings; the tree by arcs, and with the link by poses."""
     rng = np.random.default_rng(3)
     arm = kr5_arc(rng)
     away = KR5_ARC_HOME + np.radians([0.0, 0.0, -20.0, 5.0, 30.0, 10.0])
@@ -35,13 +41,9 @@ def swept() -> Swept:
     home = find_home([arc.sweep for arc in fits.arcs], 6, JOINT_TOLERANCE)
     T = arm.T_target_base[0] @ invert(arm.T_target_base[1])
     C = np.diag([0.01] * 3 + [1e-8] * 3)
-    return (
-        fits,
-        home,
-        ArcTree.grown(fits, home, poses, None, TOLERANCE),
-        ArcTree.grown(fits, home, poses, {1: (T, C)}, TOLERANCE),
-        C,
-    )
+    tree = ArcTree.grown(fits, home, poses, TOLERANCE)
+    of_poses = {0: tree.links[0], 1: TargetLink(T, C, 1)}
+    return fits, home, tree, replace(tree, links=of_poses, not_from_arcs={1: C}), C
 
 
 @pytest.mark.parametrize("given", [False, True])

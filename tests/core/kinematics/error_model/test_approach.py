@@ -12,6 +12,7 @@ from core.kinematics import Level, ModelChoice, joint_approach
 from core.kinematics.identification import Identification, identify
 from core.kinematics.pose_observations import PoseData
 from core.simulation.arm import KR5_ARC
+from tests.support.simulation.robots.arms import predictions
 from tests.support.simulation.robots.real_arms import RealArm, angles_within_limits, measured, real_arm
 
 OFFSETS = np.radians([0.015, -0.01, 0.012, 0.0, 0.02, 0.01])
@@ -55,11 +56,11 @@ def test_what_the_side_of_approach_does_is_found_and_predicts_better() -> None:
     assert not joint_approach(blind.error_model)
     # Where the side is not known, a prediction lies between the two, and says how far they are.
     others = angles_within_limits(rng, 200)
-    predicted = model.predict(others)
+    predicted, deviations = predictions(model, others)
     for side in (-1.0, 1.0):
         true = real.arm.camera_poses(real.turned(others + side * OFFSETS))
-        error = (true[:, :3, 3] - predicted.poses[:, :3, 3]).T
-        assert np.mean(np.abs(error) < 1.96 * predicted.deviations[:3]) > 0.9
+        error = (true[:, :3, 3] - predicted[:, :3, 3]).T
+        assert np.mean(np.abs(error) < 1.96 * deviations[:3]) > 0.9
 
 
 @pytest.mark.slow

@@ -16,7 +16,7 @@ from core.kinematics.error_model.terms import Kind, term_columns, terms_of
 from core.kinematics.identification import Identification, identify
 from core.kinematics.identification.extension import MAX_ANGLE_UNCERTAINTY, MAX_LENGTH_UNCERTAINTY_MM
 from core.simulation.arm import KR5_ARC
-from tests.support.simulation.robots.arms import identifiable_truth, stated
+from tests.support.simulation.robots.arms import identifiable_truth, predictions, stated
 from tests.support.simulation.robots.real_arms import RealArm, angles_within_limits, measured, real_arm
 
 
@@ -69,12 +69,12 @@ def test_gears_and_compliance_are_found_and_predicted() -> None:
     assert {block.blocking for block in found.validation.blocks} == set(Blocking)
     others = angles_within_limits(rng, 400)
     true = real.arm.camera_poses(real.turned(others))
-    predicted = model.predict(others)
-    error = (true[:, :3, 3] - predicted.poses[:, :3, 3]).T
+    predicted, deviations = predictions(model, others)
+    error = (true[:, :3, 3] - predicted[:, :3, 3]).T
     rms = math.sqrt(float(np.mean(np.sum(error**2, axis=0))))
     assert rms < 0.15
     # The truth has no noise of its own, which the deviations include.
-    assert np.mean(np.abs(error) < 1.96 * predicted.deviations[:3]) > 0.9
+    assert np.mean(np.abs(error) < 1.96 * deviations[:3]) > 0.9
     curves, compliance = joint_curves(model), joint_compliance(model)
     assert [curve.joint for curve in curves] == [1, 2, 3, 4, 5, 6]
     assert real.gears is not None
@@ -182,7 +182,7 @@ def test_positions_alone_have_a_model_too() -> None:
     assert found.error_model.growth.shape == (1,)
     assert found.error_model.held_out_ratio is not None
     assert found.error_model.held_out_ratio < 0.7
-    assert found.error_model.predict(q[:3]).deviations.shape == (3, 3)
+    assert predictions(found.error_model, q[:3])[1].shape == (3, 3)
 
 
 @cache

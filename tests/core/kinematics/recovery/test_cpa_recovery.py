@@ -153,7 +153,7 @@ def test_how_targets_lie_by_arcs_on_each_has_a_true_covariance() -> None:
         arm = kr5_arc(rng)
         poses = measure_poses(arm, q, rng, robot=ROBOT, target=target)
         fits = fit_axes(poses, find_sweeps(poses))
-        link = ArcTree.grown(fits, KR5_ARC_HOME, poses, None, 2.0 * JOINT_TOLERANCE).links[1]
+        link = ArcTree.grown(fits, KR5_ARC_HOME, poses, 2.0 * JOINT_TOLERANCE).links[1]
         assert link.covariance is not None
         T = arm.T_target_base[0] @ invert(arm.T_target_base[1])
         turn = so3_log(T[:3, :3] @ link.T_first_target[:3, :3].T)

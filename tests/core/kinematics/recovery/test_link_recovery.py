@@ -33,7 +33,7 @@ def true_link(arm: Arm) -> np.ndarray:
 
 def linked(poses: PoseData, method: str = "combined") -> TargetLink:
     fits = fit_axes(poses, find_sweeps(poses), method)
-    return ArcTree.grown(fits, KR5_ARC_HOME, poses, None, 2.0 * JOINT_TOLERANCE).links[1]
+    return ArcTree.grown(fits, KR5_ARC_HOME, poses, 2.0 * JOINT_TOLERANCE).links[1]
 
 
 def square(arm: Arm, link: TargetLink) -> float:

@@ -13,10 +13,11 @@ from core.geometry.camera import project
 from core.geometry.se3 import transform_points
 from core.simulation import Scene
 from core.targets import detect
-from core.targets.charuco.isolated_markers import consistent_markers, detect_markers
+from core.targets.charuco.isolated_markers import consistent_markers
 from core.targets.charuco.layout import charuco_layout
 from core.targets.specification import TargetSpec
 from tests.support.image.tilted_sheets import Shot, errors, take, truth_px
+from tests.support.targets.board_markers import detect_markers
 
 BOARD = TargetSpec("charuco", 7, 5, 22.0, 15.4, "DICT_5X5_100")
 MARKED = charuco_layout(BOARD).marker_squares.tolist()

@@ -10,16 +10,10 @@ from core.targets.chessboard.orientation import orient
 from core.targets.lattice.board_boundary import bounded
 from core.targets.lattice.corner_graph import link
 from core.targets.lattice.growing import grow_lattice
-from core.targets.lattice.lattice import bent_points, spacing
+from core.targets.lattice.lattice import bent_points
 from core.targets.lattice.pyramid import Level
 from core.targets.lattice.saddle_points import find_saddles
 from tests.support.targets.drawn_boards import PITCH, board
-
-
-def test_spacing_is_to_the_nearest_neighbour() -> None:
-    _, grid = board(4, 3)
-    stretched = grid * np.array([1.0, 1.5])
-    np.testing.assert_allclose(spacing(stretched), PITCH)
 
 
 def test_a_lens_makes_no_kinks_and_a_mistake_does() -> None:

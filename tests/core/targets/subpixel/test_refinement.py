@@ -11,6 +11,7 @@ import pytest
 
 from core.geometry.camera import Camera
 from core.simulation import Light, Scene, standard_scene, standard_target
+from core.targets.subpixel import refinement
 from core.targets.subpixel.refinement import refine_corners
 from tests.support.cramer_rao import corner_bounds
 from tests.support.simulation.renders import render, render_levels
@@ -119,9 +120,11 @@ def test_any_part_of_a_grid_serves(take: Take) -> None:
     assert rms(error) == pytest.approx(1.0, abs=0.2)
 
 
-def test_a_shorter_reach_knows_less(take: Take) -> None:
+def test_a_shorter_reach_knows_less(take: Take, monkeypatch: pytest.MonkeyPatch) -> None:
     scene, image = take(9, 6, seed=2)
-    half, fifth = (refine_scene(scene, image, largest_reach=reach) for reach in (0.5, 0.2))
+    half = refine_scene(scene, image)
+    monkeypatch.setattr(refinement, "_LARGEST_REACH", 0.2)
+    fifth = refine_scene(scene, image)
     ratio = fifth.standard_uncertainty_px / half.standard_uncertainty_px
     assert np.median(ratio) == pytest.approx(math.sqrt(0.5 / 0.2), rel=0.1)
 

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
-from jaxtyping import Bool, Int
+from jaxtyping import Bool, Float, Int
 
+from core.kinematics.correction.model import attained_poses
 from core.kinematics.dh import JOINT_PARAMETERS, Chain
+from core.kinematics.error_model import ErrorModel, variances
 from core.kinematics.identification import Identification, ModelChoice, identify
 from core.kinematics.pose_observations import PoseData
 from core.simulation.arm import KR5_ARC, KR5_ARC_HOME, Arm, free_angles, sweep_angles
@@ -54,6 +56,20 @@ def stated(found: Identification) -> np.ndarray:
     return np.array(rows, dtype=np.float64)
 
 
+def predictions(
+    model: ErrorModel, joint_angles: Float[np.ndarray, "n j"]
+) -> tuple[Float[np.ndarray, "n 4 4"], Float[np.ndarray, "m n"]]:
+    """Return the poses before the first target that a model predicts, from whichever side joints come, and the standard
+    deviations (mm, then rad) of one more measurement from them.
+    """
+    asked = model.fit.design.at(joint_angles, components=model.fit.design.seen.components)
+    every = np.arange(len(joint_angles))
+    stated = variances(asked.rows(every), model.fitted) + asked.by_unknown_moves(every, model.fitted)
+    noise = model.scatter.diagonal(len(stated))[:, None]
+    factor = np.repeat(model.growth, 3)[:, None]
+    return attained_poses(model, model.level, joint_angles), factor * np.sqrt(stated + noise)
+
+
 def predicted_within_95(
     poses: PoseData, nominal: Chain, block: Int[np.ndarray, " n"], largest: int | None = None
 ) -> Bool[np.ndarray, "3 n"]:
@@ -68,7 +84,7 @@ def predicted_within_95(
         model = identify(rest, nominal, model=ModelChoice.AUTO).error_model
         assert model is not None
         out = poses.take(np.flatnonzero(block == one))
-        predicted = model.predict(out.joint_angles)
-        off = (out.positions_mm - predicted.poses[:, :3, 3]).T
-        inside.append(np.abs(off) <= 1.96 * predicted.deviations[:3])
+        predicted, deviations = predictions(model, out.joint_angles)
+        off = (out.positions_mm - predicted[:, :3, 3]).T
+        inside.append(np.abs(off) <= 1.96 * deviations[:3])
     return np.concatenate(inside, axis=1)

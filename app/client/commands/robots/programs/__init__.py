@@ -3,16 +3,13 @@
 KUKA's KRL, ABB's RAPID, Universal Robots' URScript and FANUC's listings of TP programs.
 """
 
-from .frames import Frame, parse_frame
 from .languages import Controller, controller_of
 from .program import Program, ProgramRefused, read_program
 
 __all__ = [
     "Controller",
-    "Frame",
     "Program",
     "ProgramRefused",
     "controller_of",
-    "parse_frame",
     "read_program",
 ]

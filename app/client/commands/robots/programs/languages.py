@@ -15,6 +15,7 @@ from dataclasses import dataclass
 from pathlib import PurePath
 
 from ...rotations import (
+    Frame,
     from_quaternion,
     from_roll_pitch_yaw,
     from_vector,
@@ -22,7 +23,6 @@ from ...rotations import (
     to_roll_pitch_yaw,
     to_vector,
 )
-from .frames import Frame
 
 Span = tuple[int, int]
 NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?"

@@ -13,8 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from ...console import OptionRefused
-from ...rotations import from_roll_pitch_yaw, to_roll_pitch_yaw
-from .frames import Frame
+from ...rotations import Frame, from_roll_pitch_yaw, to_roll_pitch_yaw
 from .languages import LANGUAGES, Controller, Found, Language
 
 _ENCODING = "latin-1"
