@@ -23,7 +23,7 @@
       clearTimeout(due);
       due = setTimeout(async function () {
         const query = new URLSearchParams();
-        for (const field of form.elements) if (field.name && field.name !== "csrf_token" && field.value && !field.closest("[hidden]")) query.set(field.name, field.value);
+        for (const field of form.elements) if (field.name && field.value && !field.closest("[hidden]")) query.set(field.name, field.value);
         print.href = "/ui/targets/sheet.pdf?" + query;
         try {
           const answer = await fetch("/ui/targets/sheet.svg?" + query, { credentials: "same-origin", headers: { "HX-Request": "true" } });

@@ -84,7 +84,7 @@
   gridpose.body = function (form) {
     const found = {};
     for (const field of form.elements) {
-      if (!field.name || field.name === "csrf_token" || field.disabled || "skip" in field.dataset || field.closest("[hidden]")) continue;
+      if (!field.name || field.disabled || "skip" in field.dataset || field.closest("[hidden]")) continue;
       if (field.dataset.type === "list") {
         found[field.name] = found[field.name] || [];
         if (field.checked) found[field.name].push(field.value);

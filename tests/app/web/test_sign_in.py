@@ -5,11 +5,13 @@ from __future__ import annotations
 import re
 from datetime import timedelta
 from http.cookies import SimpleCookie
+from pathlib import Path
 from typing import Any
 
 import pytest
 from starlette.testclient import TestClient
 
+from app import web
 from app.http import COOKIE, LASTS_S
 from app.services.keys import create_key, revoke_key
 from tests.support.service.service import ApiMaker, assert_problem
@@ -230,3 +232,15 @@ def test_without_keys_pages_are_open_to_this_machine_alone(open_api: ApiMaker) -
         assert "keys are off" in client.get("/ui/").text
         assert client.get("/ui/", headers={"Host": "evil.test"}).status_code == 403
         assert client.get("/ui/sign-in").headers["location"] == "/ui/"
+
+
+def test_no_form_carries_the_token_into_an_address() -> None:
+    """A form without `method="post"` that a browser sends by itself has all its fields in the address, and in logs."""
+    templates = (Path(web.__file__).parent / "templates").rglob("*.html")
+    forms = [
+        form for page in templates for form in re.findall(r"<form.*?</form>", page.read_text(), re.DOTALL)
+    ]
+    assert len(forms) > 10
+    with_token = [form for form in forms if "csrf_token" in form]
+    assert with_token
+    assert all('method="post"' in form.partition(">")[0].split(" data-")[0] for form in with_token)
