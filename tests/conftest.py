@@ -11,7 +11,7 @@ import pytest
 from hypothesis import HealthCheck, settings
 from jaxtyping import install_import_hook
 
-from app.jobs.threads import limit_threads
+from app.threads import limit_threads
 from tests.support.environment.postgres import new_database
 
 limit_threads()  # before numpy is loaded: with a thread of each core in every process the tests take many times as long

@@ -9,7 +9,7 @@ from __future__ import annotations
 import typer
 
 from app.client.commands import make_app, run
-from app.jobs.threads import limit_threads
+from app.threads import limit_threads
 
 limit_threads()  # commands that compute load numpy later
 

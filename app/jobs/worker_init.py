@@ -14,7 +14,7 @@ import sys
 import threading
 from pathlib import Path
 
-from app.jobs.threads import limit_threads
+from app.threads import limit_threads
 
 THUMBNAIL_NICENESS = 10
 """A tenth of a processor while workers have work, all of it while they have none."""

@@ -24,8 +24,8 @@ from app.client import (
     upload_files,
 )
 from app.client.commands import transfer
-from app.jobs.threads import limit_threads
 from app.settings import Settings
+from app.threads import limit_threads
 from core import TargetSpec
 from core.geometry import Camera, invert, rotation_to_rpy, so3_exp, transform
 from core.kinematics import Chain

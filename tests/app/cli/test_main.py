@@ -145,7 +145,7 @@ def test_help_imports_no_command() -> None:
         "    assert CliRunner().invoke(app, [*arguments, '--help']).exit_code == 0\n"
         "loaded = [m for m in sys.modules if m.startswith(('app.', 'core'))]\n"
         "loaded = [m for m in loaded if m != 'app.client' and not m.startswith(('app.cli.', 'app.client.commands'))]\n"
-        "loaded = [m for m in loaded if m not in ('app.cli', 'app.client.lazy_face', 'app.jobs', 'app.jobs.threads')]\n"
+        "loaded = [m for m in loaded if m not in ('app.cli', 'app.client.lazy_face', 'app.threads')]\n"
         "loaded += [m for m in sys.modules if m.count('.') > 3 or m.startswith('app.cli.') and m.count('.') > 2]\n"
         "loaded += [m for m in ('sqlalchemy', 'fastapi', 'cv2', 'numpy', 'httpx2') if m in sys.modules]\n"
         "sys.exit(', '.join(loaded) or 0)\n"
