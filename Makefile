@@ -31,7 +31,7 @@ setup: $(BIN)/.setup  ## make .venv from the hashed requirements.txt
 
 setup-dev: $(BIN)/.setup-dev  ## the same, with what tests and checks need
 
-demo: setup  ## a small rendered robot session through the real service, compared with its truth
+demo: setup  ## a rendered robot session through the service, against its truth
 	$(BIN)/gridpose demo
 
 serve: setup  ## run the service on this machine (data in ./gridpose-data)
@@ -40,13 +40,13 @@ serve: setup  ## run the service on this machine (data in ./gridpose-data)
 test: setup-dev  ## every behaviour on small samples, in minutes
 	$(BIN)/python -m pytest -n auto --dist worksteal -m "not slow and not soak"
 
-test-all: setup-dev test-shapes  ## the same, statistics at full size, long system tests, and shapes checked
+test-all: setup-dev test-shapes  ## the same at full size, long system tests, shapes of arrays
 	$(BIN)/python -m pytest -n auto --dist worksteal -m "not soak" --durations=25
 
-test-shapes: setup-dev  ## each path of core with the shapes and types of its arrays checked at run time
+test-shapes: setup-dev  ## core with shapes and types of arrays checked at run time
 	GRIDPOSE_TEST_SHAPES=1 $(BIN)/python -m pytest -n auto --dist worksteal -m shapes tests/core tests/docs
 
-check: setup-dev  ## format, lint, types, layers, vocabulary, sizes, and the committed openapi.json
+check: setup-dev  ## format, lint, types, layers, words, sizes, openapi.json
 	$(BIN)/ruff format --check .
 	$(BIN)/ruff check .
 	$(BIN)/mypy
@@ -58,10 +58,10 @@ check: setup-dev  ## format, lint, types, layers, vocabulary, sizes, and the com
 openapi: setup-dev  ## write openapi.json from the code
 	$(BIN)/python -m app.cli.openapi
 
-examples: setup-dev  ## record the examples of openapi.json in a real run; then `make openapi`
+examples: setup-dev  ## record the examples of openapi.json; then `make openapi`
 	$(BIN)/python -m tests.support.contract
 
-check-clients: setup-dev  ## lint the contract, generate Python, TypeScript and Java clients, and measure with each
+check-clients: setup-dev  ## lint the contract, generate and try clients in 3 languages
 	$(BIN)/python -m tests.clients
 
 bench: setup-dev  ## measure; prints the table and writes benchmarks/RESULTS.md
@@ -79,7 +79,7 @@ figures: setup-dev  ## draw the figures of docs/ anew
 	$(BIN)/python docs/figures/draw_targets.py
 	$(BIN)/python docs/figures/draw_uncertainty.py
 
-screenshots: setup-dev  ## take the screenshots of docs/dashboard.md, and of every page in build/screenshots
+screenshots: setup-dev  ## take the screenshots of docs/dashboard.md, all pages in build/
 	$(BIN)/python docs/figures/draw_dashboard.py
 
 lock: setup-dev  ## renew the hashed requirements

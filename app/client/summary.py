@@ -65,9 +65,13 @@ def describe_measured(measurements: Sequence[Json], cameras: Sequence[Json] | No
         if len(measured) == 1:
             return f"{said}, which does not determine the camera: further views are needed, tilted to other sides"
         return f"{said}, which do not determine the camera yet, not even together"
+    worst = max(c["standard_uncertainty"]["fx_px"] / c["intrinsics"]["fx_px"] for c in cameras)
+    focal = f"focal length ± {100.0 * worst:.2g} %"
+    if len(measured) == 1:
+        return f"{said}: {focal}"
     alone = "determines" if determined == 1 else "determine"
     own = "itself" if determined == 1 else "themselves"
     said = f"{said}; {determined} {alone} the camera by {own}"
-    worst = max(c["standard_uncertainty"]["fx_px"] / c["intrinsics"]["fx_px"] for c in cameras)
-    does = "the session's camera does" if len(cameras) == 1 else f"the session's {len(cameras)} cameras do"
-    return f"{said}, {does} (± {100.0 * worst:.2g} %)"
+    if len(cameras) == 1:
+        return f"{said}, all together do: {focal}"
+    return f"{said}, all together determine the session's {len(cameras)} cameras: {focal} or better"

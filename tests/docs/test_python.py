@@ -59,7 +59,7 @@ def test_the_page_s_code_makes_the_table(
     folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.chdir(folder)
-    first, second, _ = blocks()
+    first, second, third, _ = blocks()
     assert sum(bool(line.strip()) for line in first.splitlines()) <= 12
     names: dict[str, Any] = {}
     exec(compile(first, str(PAGE), "exec"), names)
@@ -79,6 +79,9 @@ def test_the_page_s_code_makes_the_table(
     assert abs(group.estimate.camera.fx_px - CAMERA.fx_px) < 4.0 * deviation
     assert deviation < 0.02 * CAMERA.fx_px
     assert printed[-1].split()[:2] == [str(Path("images/P4/4.png")), "target_not_found"]
+    exec(compile(third, str(PAGE), "exec"), names)
+    assert capsys.readouterr().out.startswith("before a print on paper")
+    assert names["group"].estimate.camera_covariance[0, 0] > deviation**2
 
 
 @pytest.fixture(scope="module")
@@ -116,10 +119,10 @@ def test_the_page_s_code_identifies_a_robot(
     robot: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.chdir(robot)
-    first, _, third = blocks()
+    first, _, _, fourth = blocks()
     imports = "\n".join(line for line in first.splitlines() if line.startswith(("from", "board")))
     names: dict[str, Any] = {}
-    exec(compile(f"{imports}\n{third}", str(PAGE), "exec"), names)
+    exec(compile(f"{imports}\n{fourth}", str(PAGE), "exec"), names)
     assert len(capsys.readouterr().out.splitlines()) == 6
     found = names["robot"]
     assert found.validation.held_out == 24

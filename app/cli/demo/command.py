@@ -130,7 +130,7 @@ def _say_what_next(console: Console, folder: Path, key: str, session_id: str) ->
         "Try next:\n"
         f"  {gridpose} targets print --help   print a board of your own\n"
         f"  {gridpose} upload --help          send a folder of images\n"
-        f"  {gridpose} demo --paper           the paper's Tables II to IV, some four minutes",
+        f"  {gridpose} demo --paper           the paper's tables, in four minutes",
         soft_wrap=True,
         markup=False,
     )

@@ -47,6 +47,7 @@ _MORE_PHOTOS = f"Add photos with {_TILTED_VIEWS}, and with the camera turned by 
 _TOO_NEAR = (
     "It is too near the limit for photographs to decide: take it as off, or allow more (--tolerance-percent)."
 )
+_NEAR = "It is near the limit: more photographs may decide. Or take it as off, or allow more (--tolerance-percent)."
 _MIN_MORE_PHOTOS, _MAX_MORE_PHOTOS = 4, 50
 
 
@@ -194,6 +195,8 @@ def _finding(
             advice = photos_needed if photos_needed != _TOO_NEAR else f"{_TOO_NEAR} {cure}"
         elif coverage * u > 0.5 * limit:
             advice = _MORE_PHOTOS
+        else:
+            advice = f"{_NEAR} {cure}"
     return PrintFinding(code, unit, value, u, limit, verdict, detail, advice)
 
 

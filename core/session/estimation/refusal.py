@@ -21,11 +21,11 @@ _OF_SESSION = {
 
 
 def refusal_of_all(images: int, reasons: Mapping[str, int]) -> NothingUsable:
-    """Return the refusal of a session of so many measured images, with the number of those excluded for each code."""
+    """Return the refusal of a session of so many images, with the number of those excluded for each code."""
     found = ", ".join(f"{code} ({count})" for code, count in sorted(reasons.items()))
     commonest = min(reasons, key=lambda code: (-reasons[code], code), default="")
     advice = _OF_SESSION.get(commonest) or dict(_advice_by_code(GridposeError)).get(commonest)
-    return NothingUsable(f"None of the {images} measured images serves this analysis: {found}.", advice)
+    return NothingUsable(f"None of the {images} images serves this analysis: {found}.", advice)
 
 
 def _advice_by_code(kind: type[GridposeError]) -> Iterator[tuple[str, str]]:
