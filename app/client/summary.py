@@ -66,12 +66,9 @@ def describe_measured(measurements: Sequence[Json], cameras: Sequence[Json] | No
             return f"{said}, which does not determine the camera: further views are needed, tilted to other sides"
         return f"{said}, which do not determine the camera yet, not even together"
     worst = max(c["standard_uncertainty"]["fx_px"] / c["intrinsics"]["fx_px"] for c in cameras)
-    focal = f"focal length ± {100.0 * worst:.2g} %"
     if len(measured) == 1:
-        return f"{said}: {focal}"
+        return f"{said}: focal length ± {100.0 * worst:.2g} %"
     alone = "determines" if determined == 1 else "determine"
     own = "itself" if determined == 1 else "themselves"
-    said = f"{said}; {determined} {alone} the camera by {own}"
-    if len(cameras) == 1:
-        return f"{said}, all together do: {focal}"
-    return f"{said}, all together determine the session's {len(cameras)} cameras: {focal} or better"
+    does = "the session's camera does" if len(cameras) == 1 else f"the session's {len(cameras)} cameras do"
+    return f"{said}; {determined} {alone} the camera by {own}, {does} (± {100.0 * worst:.2g} %)"

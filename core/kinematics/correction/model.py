@@ -99,14 +99,8 @@ class CorrectionModel:
         """Return the expected lengths of the error of position (mm) and, where known, of rotation (rad), whichever side
         the joints come from.
         """
-        problem, fitted = self.model.fit.design, self.model.fit.levels[self.level]
-        m = problem.seen.components
-        asked = problem.at(joint_angles, components=m)
-        stated = np.empty((m, len(joint_angles)))
-        for some in asked.blocks(np.arange(len(joint_angles))):
-            stated[:, some] = variances(asked.rows(some), fitted) + asked.by_unknown_moves(some, fitted)
-        stated += self.model.fit.scatter_of(self.level).diagonal(m)[:, None]
-        lengths = np.sqrt(stated.reshape(problem.kinds, 3, -1).sum(axis=1))
+        stated = predicted_variances(self.model, self.level, joint_angles)
+        lengths = np.sqrt(stated.reshape(len(self.growth), 3, -1).sum(axis=1))
         return np.asarray(self.growth[:, None] * lengths)
 
 
@@ -189,3 +183,17 @@ def attained_poses(
     poses[:, :3, 3] += step[:3].T
     poses[:, :3, :3] = rotations_from_vectors(step[3:].T) @ poses[:, :3, :3]
     return poses
+
+
+def predicted_variances(
+    model: ErrorModel, level: Level, joint_angles: Float[np.ndarray, "n j"]
+) -> Float[np.ndarray, "m n"]:
+    """Return the variances (mm², then rad²) of one more measurement about `attained_poses`, whichever side the joints
+    come from, before they grow by what held-out poses are off.
+    """
+    problem, fitted = model.fit.design, model.fit.levels[level]
+    asked = problem.at(joint_angles, components=problem.seen.components)
+    stated = np.empty((problem.seen.components, len(joint_angles)))
+    for some in asked.blocks(np.arange(len(joint_angles))):
+        stated[:, some] = variances(asked.rows(some), fitted) + asked.by_unknown_moves(some, fitted)
+    return np.asarray(stated + model.fit.scatter_of(level).diagonal(len(stated))[:, None])

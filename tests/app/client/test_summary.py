@@ -59,13 +59,13 @@ def test_images_whose_points_serve_are_measured() -> None:
 def test_the_session_camera_is_named_with_its_uncertainty(
     measurements: list[dict[str, Any]], cameras: list[dict[str, Any]], numbers: str
 ) -> None:
-    assert describe_measured(measurements, cameras) == numbers + "all together do: focal length ± 0.4 %"
+    assert describe_measured(measurements, cameras) == numbers + "the session's camera does (± 0.4 %)"
 
 
 def test_the_least_certain_of_several_cameras_counts() -> None:
     other = {"intrinsics": {"fx_px": 1000.0}, "standard_uncertainty": {"fx_px": 10.0}}
     assert describe_measured(images(WEAK, WEAK), [CAMERA, other]).endswith(
-        "all together determine the session's 2 cameras: focal length ± 1 % or better"
+        "the session's 2 cameras do (± 1 %)"
     )
 
 

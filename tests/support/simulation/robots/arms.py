@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from core.kinematics.correction.model import attained_poses
+from core.kinematics.correction.model import attained_poses, predicted_variances
 from core.kinematics.dh import JOINT_PARAMETERS, Chain
-from core.kinematics.error_model import ErrorModel, variances
+from core.kinematics.error_model import ErrorModel
 from core.kinematics.identification import Identification, ModelChoice, identify
 from core.kinematics.pose_observations import PoseData
 from core.simulation.arm import KR5_ARC, KR5_ARC_HOME, Arm, free_angles, sweep_angles
@@ -62,12 +62,9 @@ def predictions(
     """Return the poses before the first target that a model predicts, from whichever side joints come, and the standard
     deviations (mm, then rad) of one more measurement from them.
     """
-    asked = model.fit.design.at(joint_angles, components=model.fit.design.seen.components)
-    every = np.arange(len(joint_angles))
-    stated = variances(asked.rows(every), model.fitted) + asked.by_unknown_moves(every, model.fitted)
-    noise = model.scatter.diagonal(len(stated))[:, None]
+    stated = predicted_variances(model, model.level, joint_angles)
     factor = np.repeat(model.growth, 3)[:, None]
-    return attained_poses(model, model.level, joint_angles), factor * np.sqrt(stated + noise)
+    return attained_poses(model, model.level, joint_angles), factor * np.sqrt(stated)
 
 
 def predicted_within_95(
