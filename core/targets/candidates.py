@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterator, Sequence
 import numpy as np
 from jaxtyping import Float, Int
 
+from core.numerics import median
 from core.targets.lattice import MAX_REACH, Lattice, Level, Patches, Saddles, grow_lattice
 
 _MIN_CORNERS = 4  # of a patch or a lattice: one closed cell
@@ -52,4 +53,4 @@ def _distance_px(points: Float[np.ndarray, "n 2"], lattice: Lattice) -> float:
     known = lattice.grid[lattice.known]
     few = points[:: max(1, len(points) // 5)]
     u, v = (np.subtract.outer(few[:, k], known[:, k]) for k in range(2))
-    return float(np.median(np.sqrt((u * u + v * v).min(axis=1))))
+    return median(np.sqrt((u * u + v * v).min(axis=1)))

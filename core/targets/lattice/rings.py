@@ -41,7 +41,7 @@ def rings(
     points = np.empty((places.shape[0], 2), dtype=np.float32)
     rays = np.empty((places.shape[0], 4, 2), dtype=np.float32)
     contrast = np.empty(places.shape[0], dtype=np.float32)
-    ring = np.empty(circle.shape[0], dtype=np.float32)
+    samples = np.empty((len(_RINGS_PX), circle.shape[0]), dtype=np.float32)
     angles, best = np.empty(4, dtype=np.float32), np.empty(4, dtype=np.float32)
     reach = np.float32(_RINGS_PX[-1] + 1.0)
     count = 0
@@ -51,10 +51,12 @@ def rings(
             continue
         kept = np.float32(0.0)
         for centred in (False, True):
-            for radius in _RINGS_PX:
-                changes = sample_circle(smooth, x, y, np.float32(radius), level, circle, ring)
-                if centred:
+            for n, radius in enumerate(_RINGS_PX):
+                ring = samples[n]
+                if centred:  # all three were sampled, and none alternates
                     changes = centre_grey_values(ring)
+                else:
+                    changes = sample_circle(smooth, x, y, np.float32(radius), level, circle, ring)
                 apart = (
                     alternates_in_sign(ring, np.float32(least_sector), angles)
                     if changes == 4
