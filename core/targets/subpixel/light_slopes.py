@@ -12,7 +12,11 @@ from core.targets.subpixel.degree_selection import graded_coefficients, orthonor
 from core.targets.subpixel.smooth_map import GridBasis
 
 _LIGHT_DEGREE = 3
-_STANDS_OUT = 4.0  # times the median
+_STANDS_OUT = 10.0
+"""Times the median. Noise alone reaches it in one image of some thousands: a corner that it made uncertain in
+one image and not in the next would be weighed differently in each, and where the camera does not fit the lens the pose
+would jump.
+"""
 _AGREEMENT = 3.0  # standard deviations by which chance correlates neighbours
 
 
