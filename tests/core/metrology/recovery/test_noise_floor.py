@@ -82,7 +82,8 @@ def test_corrected_repeatability_is_the_robots_within_2_percent(
     n: int, ratio: float, shape: str, noise_shape: str, turned: bool
 ) -> None:
     # Against what the same cycles would have read with a perfect instrument, true RP ≥ floor.
-    trials = 3000
+    # The correction scatters most where cycles are few and most is subtracted.
+    trials = 3000 if (n, ratio) == (30, 1.0) else 1500
     robot, noise = of_reading(shape, ratio), of_reading(noise_shape, 1.0, turned)
     result = run(n, robot, noise, trials, seed=5)
     truth = result.true_reading.mean()

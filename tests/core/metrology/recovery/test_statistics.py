@@ -66,7 +66,8 @@ def test_intervals_cover_where_cycles_differ_in_noise(n: int, shape: str) -> Non
     # Every other measurement has three times the variance of the rest; robot and instrument read the same.
     robot, noise = of_reading(shape, 1.0), of_reading("sphere", 1.0)
     weights = np.where(np.arange(n) % 2, 0.5, 1.5)
-    result = run(n, robot, noise, 6000, seed=3, weights=weights)
+    # 3,000 trials know a coverage to .4 %: the tolerances are five and six times as wide.
+    result = run(n, robot, noise, 3000, seed=3, weights=weights)
     x = 3.0 * math.sqrt(robot[0] + noise[0])
     assert covered(result.three_sigma.low[:, 0], result.three_sigma.high[:, 0], x) == pytest.approx(
         0.95, abs=0.02

@@ -166,7 +166,8 @@ def test_a_scale_of_all_distances_is_named_however_the_frames_are_tied(
 @pytest.mark.usefixtures("without_intervals")
 @pytest.mark.parametrize("oriented", [True, False])
 def test_no_scale_is_named_of_a_robot_with_errors_of_its_own(*, oriented: bool) -> None:
-    assert scales_named(CUBE, 1.0, 250, oriented=oriented) == 0
+    # None of 150 is less than 2 % of all, with 95 % confidence.
+    assert scales_named(CUBE, 1.0, 150, oriented=oriented) == 0
 
 
 def test_errors_that_are_smooth_over_the_poses_are_no_scale() -> None:
@@ -195,12 +196,12 @@ def test_exchanged_poses_of_one_orientation_are_not_said_to_want_orientations() 
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("without_held_out_intervals")
-@pytest.mark.parametrize(("layout", "robots"), [(CUBE, 200), (ANY_FIVE, 150), (ANY_TEN, 100)])
+@pytest.mark.parametrize(("layout", "robots"), [(CUBE, 120), (ANY_FIVE, 100), (ANY_TEN, 60)])
 def test_reported_accuracy_is_the_true_one_and_its_interval_covers(layout: Layout, robots: int) -> None:
     found = measure(layout, robots, seed=11)
     assert found.missing == 0.0
-    # Of 9 (6, 24) degrees of freedom a robot the rms has a standard error of 1/√(2 · 9 · 200) = 1.7 %, of 2.4 % with
-    # six and 150, of 1.4 % with 24 and 100; a coverage of poses that share their frames one of .9 to 1.1 %.
+    # Of 9 (6, 24) degrees of freedom a robot the rms has a standard error of 1/√(2 · 9 · 120) = 2.2 %, of 2.9 % with
+    # six and 100, of 1.9 % with 24 and 60; a coverage of poses that share their frames one of 1.2 to 1.4 %.
     assert 0.92 < found.ratio < 1.08
     assert 0.92 < found.coverage < 0.98
     assert 0.92 < found.axes < 0.98
