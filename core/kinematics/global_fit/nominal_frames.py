@@ -46,7 +46,21 @@ def fit_frames(
     )
     starts = [replace(identified, parameters=parameters)]
     starts += [replace(start, shared=identified.shared) for start in closed]
-    return _best([_converged(start, seen, of_frames, scatter) for start in starts], seen, scatter)
+    arms = [_converged(start, seen, of_frames, scatter) for start in _distinct(starts)]
+    return arms[0] if len(arms) == 1 else _best(arms, seen, scatter)
+
+
+def _distinct(starts: Sequence[ArmState]) -> list[ArmState]:
+    """Return those whose frames no earlier one has: the identified arm is often of the closed form itself."""
+    found: list[ArmState] = []
+    for start in starts:
+        if not any(
+            np.array_equal(start.T_flange_camera, one.T_flange_camera)
+            and np.array_equal(start.T_target_base, one.T_target_base)
+            for one in found
+        ):
+            found.append(start)
+    return found
 
 
 def _best(arms: Sequence[ArmState], seen: Observations, scatter: Variances) -> ArmState:
@@ -66,19 +80,24 @@ def _converged(
     damping = _FIRST_DAMPING
     r, J = linearised(arm, seen)
     left = whitened(W, r)
+    squares = np.sum(left**2)
+    rows = whitened(W, J[free]).reshape(int(free.sum()), -1)
+    normal, gradient = np.ascontiguousarray(rows @ rows.T), rows @ left.ravel()
+    step = np.zeros(arm.layout.size)
     for _ in range(_MAX_ITERATIONS):
-        rows = whitened(W, J[free]).reshape(int(free.sum()), -1)
-        moved, length = damped_step(np.ascontiguousarray(rows @ rows.T), rows @ left.ravel(), damping)
-        step = np.zeros(arm.layout.size)
+        moved, length = damped_step(normal, gradient, damping)
         step[free] = moved
         candidate = arm.moved(step)
         r, derivatives = linearised(candidate, seen)
         now = whitened(W, r)
-        if np.isfinite(length) and np.sum(now**2) <= np.sum(left**2):
-            arm, left, J = candidate, now, derivatives
+        squares_now = np.sum(now**2)
+        if np.isfinite(length) and squares_now <= squares:
+            arm, squares = candidate, squares_now
             damping = max(damping / 10.0, _LEAST_DAMPING)
             if length < _SETTLED:
                 break
+            rows = whitened(W, derivatives[free]).reshape(len(moved), -1)
+            normal, gradient = np.ascontiguousarray(rows @ rows.T), rows @ now.ravel()
         else:
             damping *= 10.0
             if damping > _MOST_DAMPING:

@@ -108,16 +108,18 @@ def linearised(
     end, local = pose_with_jacobian(
         arm.parameters, seen.joint_angles, arm.T_target_base[seen.target], arm.T_flange_camera
     )
-    J = np.zeros((layout.size, m, len(seen)))
-    base = layout.tool.stop
-    J[:base] = local[:base, :m]
-    for target in range(layout.targets):
-        of_target = seen.target == target
-        if of_target.all():
-            J[layout.base(target)] = local[base:, :m]
-        else:
-            J[layout.base(target)] = local[base:, :m] * of_target
-    J[layout.kinematic :] = np.moveaxis(seen.common, 2, 0).swapaxes(1, 2)
+    J = local[:, :m]
+    if layout.targets > 1 or layout.shared:
+        base = layout.tool.stop
+        J = np.zeros((layout.size, m, len(seen)))
+        J[:base] = local[:base, :m]
+        for target in range(layout.targets):
+            of_target = seen.target == target
+            if of_target.all():
+                J[layout.base(target)] = local[base:, :m]
+            else:
+                J[layout.base(target)] = local[base:, :m] * of_target
+        J[layout.kinematic :] = np.moveaxis(seen.common, 2, 0).swapaxes(1, 2)
     r = np.empty((m, len(seen)))
     r[:3] = (seen.positions_mm - end[:, :3, 3]).T
     if seen.rotations is not None:
