@@ -17,6 +17,7 @@ C. K. I. Williams, Gaussian Processes for Machine Learning, MIT Press 2006, sect
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -138,6 +139,14 @@ def coefficients(
     return b
 
 
+def minus_2_log(
+    problem: LevelProblem, hyperparameters: Hyperparameters, noise: Float[np.ndarray, " k"]
+) -> float:
+    """Return that of `solve` alone, without the covariance."""
+    variances = hyperparameters.variances(problem.terms)[0][problem.chosen]
+    return _factored(problem.taken(), problem.prior, variances, noise).minus_2_log
+
+
 def maximise(
     problem: LevelProblem,
     start: tuple[Hyperparameters, Float[np.ndarray, " k"]],
@@ -159,13 +168,17 @@ def maximise(
         values[moving] = x[:h]
         return Hyperparameters(values), np.exp(x[h:])
 
-    def objective(x: Float[np.ndarray, " x"]) -> tuple[float, Float[np.ndarray, " x"]]:
-        found, kappa = unpacked(x)
+    @lru_cache(maxsize=1)  # the first point is asked for three times, the last one twice
+    def state_at(point: bytes) -> tuple[_State, Float[np.ndarray, "h c"]]:
+        found, kappa = unpacked(np.frombuffer(point))
         variances, by = found.variances(terms)
-        state = _evaluated(taken, prior, variances[chosen], kappa)
+        return _evaluated(taken, prior, variances[chosen], kappa), by[moving][:, chosen]
+
+    def objective(x: Float[np.ndarray, " x"]) -> tuple[float, Float[np.ndarray, " x"]]:
+        state, by = state_at(x.tobytes())
         off = (x[:h] - middle[moving]) / spread[moving]
         gradient = np.empty(h + kinds)
-        gradient[:h] = by[moving][:, chosen] @ state.by_log_variance[len(prior.variances) :]
+        gradient[:h] = by @ state.by_log_variance[len(prior.variances) :]
         gradient[:h] += 2.0 * off / spread[moving]
         gradient[h:] = state.by_log_noise
         return state.value + float(off @ off), gradient
@@ -173,7 +186,7 @@ def maximise(
     begin = np.concatenate([start[0].log_values[moving], np.log(np.maximum(start[1], least_noise))])
     lowest = np.concatenate([middle[moving] - _RANGE, np.log(least_noise)])
     highest = np.concatenate([middle[moving] + _RANGE, np.log(least_noise) + _NOISE_RANGE])
-    unit = 1.0 / np.sqrt(_curvatures(taken, prior, unpacked(begin), terms, chosen, moving, spread))
+    unit = 1.0 / np.sqrt(_curvatures(taken, prior, *state_at(begin.tobytes()), spread[moving]))
     scale = max(abs(objective(begin)[0]), 1.0)
 
     def scaled(x: Float[np.ndarray, " x"]) -> tuple[float, Float[np.ndarray, " x"]]:
@@ -193,25 +206,18 @@ def maximise(
         bounds=list(zip((lowest - begin) / unit, (highest - begin) / unit, strict=True)),
         options={"ftol": _ENOUGH / scale, "gtol": _FLAT / scale, "maxfun": _MAX_EVALUATIONS},
     )
-    found, kappa = unpacked(np.clip(begin + unit * np.asarray(answer.x), lowest, highest))
-    state = _evaluated(taken, prior, found.variances(terms)[0][chosen], kappa)
+    best = np.clip(begin + unit * np.asarray(answer.x), lowest, highest)
+    found, kappa = unpacked(best)
+    state, _ = state_at(best.tobytes())
     return _spread_out(state, problem.columns, found, kappa, scale * float(answer.fun))
 
 
 def _curvatures(
-    sums: Sums,
-    prior: Prior,
-    at: tuple[Hyperparameters, Float[np.ndarray, " k"]],
-    terms: Terms,
-    chosen: Bool[np.ndarray, " c"],
-    moving: Bool[np.ndarray, " h"],
-    spread: Float[np.ndarray, "7"],
+    sums: Sums, prior: Prior, state: _State, by: Float[np.ndarray, "h c"], spread: Float[np.ndarray, " h"]
 ) -> Float[np.ndarray, " x"]:
     """Return about how the objective curves along each logarithm: what determines it, and its prior."""
-    variances, by = at[0].variances(terms)
-    state = _evaluated(sums, prior, variances[chosen], at[1])
-    known = by[moving][:, chosen] ** 2 @ state.determined[len(prior.variances) :]
-    return np.concatenate([known + 2.0 / spread[moving] ** 2, sums.rows - state.taken + 1.0])
+    known = by**2 @ state.determined[len(prior.variances) :]
+    return np.concatenate([known + 2.0 / spread**2, sums.rows - state.taken + 1.0])
 
 
 def _spread_out(
@@ -231,17 +237,16 @@ def _spread_out(
 
 @dataclass(frozen=True, slots=True)
 class _Factors:
-    """The equations in units of the priors' deviations: Cholesky's factor, right-hand side, roots, prior means."""
+    """The equations in units of the priors' deviations: Cholesky's factor, prior means, roots, solution; and what
+    `Fitted` calls `minus_2_log`, without the hyperparameters' prior.
+    """
 
     lower: Float[np.ndarray, "p p"]
-    right: Float[np.ndarray, " p"]
-    root: Float[np.ndarray, " p"]
     mean: Float[np.ndarray, " p"]
+    root: Float[np.ndarray, " p"]
     known: Bool[np.ndarray, " p"]
-
-    @property
-    def scaled(self) -> Float[np.ndarray, " p"]:
-        return np.asarray(lapack.dpotrs(self.lower, self.right, lower=1)[0])
+    scaled: Float[np.ndarray, " p"]
+    minus_2_log: float
 
 
 def _factored(
@@ -261,7 +266,13 @@ def _factored(
     lower, failed = lapack.dpotrf(A.T, lower=1, overwrite_a=1)  # symmetric; A.T is as LAPACK has matrices
     if failed:
         raise np.linalg.LinAlgError("The columns of the error model are not independent.")
-    return _Factors(lower, root * ((1.0 / noise) @ sums.gradient) + mean, root, mean, known)
+    right = root * ((1.0 / noise) @ sums.gradient) + mean
+    scaled = np.asarray(lapack.dpotrs(lower, right, lower=1)[0])
+    value = float(sums.rows @ np.log(noise)) + 2.0 * float(np.sum(np.log(np.diag(lower))))
+    # Of flat columns ln |A| is by their own units, whatever they are scaled by here.
+    value -= 2.0 * float(np.sum(np.log(root[~known])))
+    value += float(np.sum(sums.squares / noise)) + float(mean @ mean) - float(right @ scaled)
+    return _Factors(lower, mean, root, known, scaled, value)
 
 
 def _evaluated(
@@ -269,22 +280,17 @@ def _evaluated(
 ) -> _State:
     at = _factored(sums, prior, variances, noise)
     scaled, root, known = at.scaled, at.root, at.known
-    value = float(sums.rows @ np.log(noise)) + 2.0 * float(np.sum(np.log(np.diag(at.lower))))
-    half = lapack.dpotri(at.lower, lower=1, overwrite_c=1)[
-        0
-    ]  # its lower triangle; above it zeros, as the factor has
+    # Its lower triangle; above it zeros, as the factor has.
+    half = lapack.dpotri(at.lower, lower=1, overwrite_c=1)[0]
     unit = np.diag(half).copy()
     half *= root[:, None]
     half *= root
     b = root * scaled
     left = sums.squares - 2.0 * sums.gradient @ b + (sums.normal @ b) @ b
     traces = np.array([2.0 * np.vdot(N, half.T) - np.diag(N) @ np.diag(half) for N in sums.normal])
-    # Of flat columns ln |A| is by their own units, whatever they are scaled by here.
-    value -= 2.0 * float(np.sum(np.log(root[~known])))
-    value += float(np.sum(sums.squares / noise)) + float(at.mean @ at.mean) - float(at.right @ scaled)
     off = (scaled - at.mean) ** 2
     return _State(
-        value,
+        at.minus_2_log,
         np.where(known, 1.0 - unit - off, 0.0),
         sums.rows - traces / noise - left / noise,
         np.where(known, (1.0 - unit) ** 2, 0.0),

@@ -12,7 +12,7 @@ from dataclasses import replace
 import numpy as np
 from jaxtyping import Float
 
-from core.kinematics.error_model.evidence import solve
+from core.kinematics.error_model.evidence import minus_2_log
 from core.kinematics.error_model.fit import ErrorFit, Level
 from core.kinematics.error_model.terms import ALONG_Z
 
@@ -34,8 +34,7 @@ def likely_gravity(fit: ErrorFit) -> Float[np.ndarray, "3"]:
 
     def evidence(direction: Float[np.ndarray, "3"]) -> float:
         sums = replace(problem, gravity=direction).sums(members[some], fit.scatter)
-        found = solve(Level.ALL.problem(problem, sums), everything.hyperparameters, everything.noise)
-        return found.minus_2_log
+        return minus_2_log(Level.ALL.problem(problem, sums), everything.hyperparameters, everything.noise)
 
     values = [evidence(direction) for direction in ACROSS]
     best = int(np.argmin(values))
