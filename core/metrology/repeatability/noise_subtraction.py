@@ -19,7 +19,8 @@ import numpy as np
 from jaxtyping import Float
 from scipy.special import chdtri, ndtri
 
-from core.metrology.rp_distribution import eigenvalues, long_run_rp
+from core.metrology.repeatability.replica_readings import replica_readings
+from core.metrology.rp_distribution import long_run_rp
 
 _POINTS = 32  # a power of two, which balances the net
 _SIGNS = np.array([[1.0, 1.0, 1.0], [1.0, 1.0, -1.0], [1.0, -1.0, 1.0], [-1.0, 1.0, 1.0]])
@@ -51,17 +52,17 @@ def subtracted_scatter(
     gain, log_variance = np.empty((2, len(left))), np.empty((2, len(left)))
     for n in np.unique(cycles):
         rows = np.flatnonzero(cycles == n)
-        factors = _wishart_factors(int(n) - 1)
+        factors = _wishart_factors(int(n) - 1).copy()  # kernels take arrays that may be written
         for chunk in np.array_split(rows, max(1, len(rows) // 64)):
-            D, M = _composed(vectors[chunk], values[chunk]), noise[chunk]
+            D, M = _composed(vectors[chunk], values[chunk]), np.ascontiguousarray(noise[chunk])
             scale = np.ones(len(chunk))
             for _ in range(_ROUNDS):
                 model = scale[:, None, None] * D + M
-                replicas = _replicas(model, factors)
-                of_robot = long_run_rp(eigenvalues(replicas - M[:, None]))
+                roots = _roots(model)
+                of_robot = replica_readings(roots, factors, M)
                 gain[0, chunk] = share(of_robot.mean(axis=1), np.sqrt(scale) * left[chunk])
                 scale = share(np.ones(len(chunk)), gain[0, chunk]) ** 2
-            of_all = long_run_rp(eigenvalues(replicas))
+            of_all = replica_readings(roots, factors, np.zeros_like(M))
             gain[1, chunk] = share(of_all.mean(axis=1), long_run_rp(np.linalg.eigvalsh(model)[:, ::-1]))
             for k, sizes in enumerate((of_robot, of_all)):
                 log_variance[k, chunk] = np.log1p(share(sizes.var(axis=1), sizes.mean(axis=1) ** 2))
@@ -74,13 +75,10 @@ def _composed(
     return np.asarray((vectors * values[:, None, :]) @ np.swapaxes(vectors, 1, 2))
 
 
-def _replicas(
-    covariance: Float[np.ndarray, "k 3 3"], factors: Float[np.ndarray, "b 3 3"]
-) -> Float[np.ndarray, "k b 3 3"]:
-    """Return sample covariances of cycles that scatter as `covariance`."""
+def _roots(covariance: Float[np.ndarray, "k 3 3"]) -> Float[np.ndarray, "k 3 3"]:
+    """Return roots of covariances: times Wishart factors, those of sample covariances of cycles that scatter so."""
     values, vectors = np.linalg.eigh(covariance)
-    roots = (vectors * np.sqrt(np.maximum(values, 0.0))[:, None, :])[:, None] @ factors
-    return np.asarray(roots @ np.swapaxes(roots, 2, 3))
+    return np.ascontiguousarray(vectors * np.sqrt(np.maximum(values, 0.0))[:, None, :])
 
 
 @lru_cache(maxsize=256)

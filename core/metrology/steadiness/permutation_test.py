@@ -22,10 +22,12 @@ References: E. J. G. Pitman, J. R. Stat. Soc. Suppl. 4 (1937) 119-130, doi:10.23
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from core.jit import jit
 from core.metrology.steadiness.cycle_grid import CycleGrid
 
 MAX_PERMUTATIONS = 1999
@@ -56,12 +58,8 @@ def permutation_test(grid: CycleGrid) -> PermutationTest:
     present = np.column_stack([seen, grid.present])
     n, columns = present.shape
     draws = int(np.clip(_CELLS // (n * columns), MIN_PERMUTATIONS, MAX_PERMUTATIONS))
-    orders = np.tile(np.arange(n), (draws + 1, 1))
-    orders[1:] = np.random.default_rng([_SEED, n]).permuted(orders[1:], axis=1)
-    parts = [
-        _statistics(z, present, chunk)
-        for chunk in np.array_split(orders, max(1, (draws + 1) * columns // _CHUNK))
-    ]
+    chunks = np.array_split(_orders(n, draws), max(1, (draws + 1) * columns // _CHUNK))
+    parts = [_statistics(z, present, chunk) for chunk in chunks]
     session, poses = (np.concatenate(found) for found in zip(*parts, strict=True))
     scores = _scores(session)
     by_kind = scores.max(axis=2)
@@ -75,12 +73,19 @@ def permutation_test(grid: CycleGrid) -> PermutationTest:
     )
 
 
+@lru_cache(maxsize=4)  # a session is tested as a whole and without single poses
+def _orders(n: int, draws: int) -> Int[np.ndarray, "b n"]:
+    """Return the order of n cycles as it is, then so many permutations."""
+    orders = np.tile(np.arange(n), (draws + 1, 1))
+    orders[1:] = np.random.default_rng([_SEED, n]).permuted(orders[1:], axis=1)
+    return orders
+
+
 def _statistics(
     z: Float[np.ndarray, "n c 3"], present: Bool[np.ndarray, "n c"], orders: Int[np.ndarray, "b n"]
 ) -> tuple[Float[np.ndarray, "b 3 3"], Float[np.ndarray, "b 3 p"]]:
     """Return for each order the nine statistics (kind; common, summed, worst), and those of each pose."""
     n, columns = present.shape
-    complete = bool(present.all())
     there = present.astype(float)
     tau = np.arange(n) - (n - 1) / 2.0
     at_cycle = np.empty(orders.shape)
@@ -90,38 +95,51 @@ def _statistics(
     spread = (at_cycle**2) @ there - (at_cycle @ there) ** 2 / np.maximum(total, 1.0)
     trend = np.einsum("bci,bci->bc", along, along) / np.maximum(spread, 1.0)
 
-    # One cycle after the other over all orders and columns at once: no array of orders by cycles by columns.
-    components = np.ascontiguousarray(np.moveaxis(z, 2, 0))
-    shape = len(orders), columns
-    sums, before = np.zeros((2, 3, *shape))
-    lag, pairs, highest = np.zeros((3, *shape))
-    count = np.zeros(shape)
-    summed = np.zeros(len(orders))
-    seen_before = np.zeros(shape)
-    for t, row in enumerate(orders.T):
-        value = components[:, row]
-        sums += value
-        lag += np.einsum("ibc,ibc->bc", value, before)
-        before = value
-        if complete:
-            valid = _LEAST_SIDE <= t + 1 <= n - _LEAST_SIDE
-            weight = n / ((t + 1.0) * (n - t - 1.0)) if valid else 0.0
-        else:
-            seen = there[row]
-            pairs += seen * seen_before
-            seen_before = seen
-            count += seen
-            inside = (count >= _LEAST_SIDE) & (total - count >= _LEAST_SIDE)
-            weight = np.where(inside, total / np.where(inside, count * (total - count), 1.0), 0.0)
-        steps = np.einsum("ibc,ibc->bc", sums, sums)
-        steps *= weight
-        np.maximum(highest, steps, out=highest)
-        np.maximum(summed, steps[:, 1:].sum(axis=1), out=summed)
-    lag /= np.sqrt(n - 1.0 if complete else np.maximum(pairs, 1.0))
+    highest, lag, summed = running_statistics(np.ascontiguousarray(z), there, np.ascontiguousarray(orders))
     poses = np.stack([trend[:, 1:], highest[:, 1:], lag[:, 1:]], axis=1)
     common = np.stack([trend[:, 0], highest[:, 0], lag[:, 0]], axis=1)
     all_poses = np.stack([trend[:, 1:].sum(axis=1), summed, lag[:, 1:].sum(axis=1)], axis=1)
     return np.stack([common, all_poses, poses.max(axis=2)], axis=2), poses
+
+
+@jit("f8[:, :, ::1], f8[:, ::1], i8[:, ::1]")
+def running_statistics(
+    z: Float[np.ndarray, "n c 3"], there: Float[np.ndarray, "n c"], orders: Int[np.ndarray, "b n"]
+) -> tuple[Float[np.ndarray, "b c"], Float[np.ndarray, "b c"], Float[np.ndarray, " b"]]:
+    """Return for each order the largest step of each column, its lag, and the largest step summed over the poses.
+
+    `there` is 1 where a column has the cycle. The first column is the common series, which no sum counts.
+    """
+    n, columns, _ = z.shape
+    highest, lag = np.zeros((len(orders), columns)), np.zeros((len(orders), columns))
+    summed = np.zeros(len(orders))
+    total = there.sum(axis=0)
+    for b in range(len(orders)):
+        sums, count, pairs = np.zeros((columns, 3)), np.zeros(columns), np.zeros(columns)
+        for t in range(n):
+            row, before = orders[b, t], orders[b, max(t - 1, 0)]
+            of_poses = 0.0
+            for c in range(columns):
+                square, product = 0.0, 0.0
+                for i in range(3):
+                    value = z[row, c, i]
+                    sums[c, i] += value
+                    square += sums[c, i] * sums[c, i]
+                    product += value * z[before, c, i]
+                if t > 0:
+                    lag[b, c] += product
+                    pairs[c] += there[row, c] * there[before, c]
+                count[c] += there[row, c]
+                left = total[c] - count[c]
+                if count[c] >= _LEAST_SIDE and left >= _LEAST_SIDE:
+                    step = square * (total[c] / (count[c] * left))
+                    highest[b, c] = max(highest[b, c], step)
+                    if c > 0:
+                        of_poses += step
+            summed[b] = max(summed[b], of_poses)
+        for c in range(columns):
+            lag[b, c] /= np.sqrt(max(pairs[c], 1.0))
+    return highest, lag, summed
 
 
 def _scores(statistics: Float[np.ndarray, "b 3 k"]) -> Float[np.ndarray, "b 3 k"]:
