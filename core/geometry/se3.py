@@ -22,7 +22,7 @@ MAX_NOT_ORTHONORMAL = 1e-6
 
 def hat(w: Float[np.ndarray, "3"]) -> Float[np.ndarray, "3 3"]:
     """Return [w]×, so that hat(w) @ a = w × a."""
-    x, y, z = w
+    x, y, z = w.tolist()
     return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
 
 
@@ -150,9 +150,10 @@ def transform(
     rotation: Float[np.ndarray, "3 3"], translation: Float[np.ndarray, "3"]
 ) -> Float[np.ndarray, "4 4"]:
     """Return [[R, t], [0, 1]]."""
-    T = np.eye(4)
+    T = np.zeros((4, 4))
     T[:3, :3] = rotation
     T[:3, 3] = translation
+    T[3, 3] = 1.0
     return T
 
 
@@ -185,8 +186,12 @@ def perturbed(T: Float[np.ndarray, "4 4"], step: Float[np.ndarray, "6"]) -> Floa
 def nearest_rotation(matrices: Float[np.ndarray, "*b 3 3"]) -> Float[np.ndarray, "*b 3 3"]:
     """Return the rotation nearest to each matrix in the Frobenius norm (orthogonal Procrustes)."""
     U, _, Vt = np.linalg.svd(matrices)
-    U[..., :, 2] *= np.sign(np.linalg.det(U @ Vt))[..., None]
-    return np.asarray(U @ Vt)
+    R = U @ Vt
+    mirrored = np.linalg.det(R) < 0.0
+    if mirrored.any():
+        U[mirrored, :, 2] *= -1.0
+        R = U @ Vt
+    return np.asarray(R)
 
 
 def are_rotations(matrices: Float[np.ndarray, "n 3 3"]) -> Bool[np.ndarray, " n"]:

@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -102,6 +103,7 @@ def camera_noise(
     return covariance, None if shared is None else turn @ shared[which]
 
 
+@cache  # of two dozen views, whatever the arm
 def _information(
     index: int, sigma_px: float
 ) -> tuple[Float[np.ndarray, "6 6"], Float[np.ndarray, "6 9"], Float[np.ndarray, "9 9"]]:
