@@ -19,6 +19,8 @@ import httpx2
 _SERVICE = re.compile(r"service\s+(http://\S+)")
 _ADMIN_KEY = re.compile(r"admin key\s+is in (.+)")
 STOP_WITHIN_S = 25.0
+_READY_EVERY_S = 0.15
+"""A question costs the service and this process 10 ms of processor time, which its workers need to start."""
 
 
 class ServiceStartError(Exception):
@@ -148,7 +150,7 @@ class ServiceProcess:
                     if response.status_code == 200:
                         return
                     answer = response.text
-                time.sleep(0.05)
+                time.sleep(_READY_EVERY_S)
         raise self._failure(f"was not ready in time: {answer}")
 
     def _failure(self, what: str) -> ServiceStartError:

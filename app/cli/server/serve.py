@@ -1,4 +1,7 @@
-"""`gridpose serve`: the HTTP service and its workers in the foreground, until SIGTERM or Ctrl-C."""
+"""`gridpose serve`: the HTTP service and its workers in the foreground, until SIGTERM or Ctrl-C.
+
+What may refuse the start comes first, and loads nothing of what serves.
+"""
 
 from __future__ import annotations
 
@@ -6,33 +9,21 @@ import os
 import signal
 import socket
 import sys
-import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from types import FrameType
 from typing import Annotated
 
 import typer
-import uvicorn
-from fastapi import FastAPI
 
 from app.build import core_version
 from app.cli.context import data_failures, load_settings, open_context, warn_of_unknown_settings
 from app.cli.options.data_folder import DataDir
-from app.cli.server.connections import Connection, allow_many_connections
+from app.cli.server.exclusion import require_no_runner, require_unlocked
 from app.cli.server.first_key import announce_admin_key, ensure_admin_key
-from app.cli.server.supervision import Supervisor
-from app.client.commands import fail
+from app.client.commands import fail, uncollected
 from app.logs import Logger, configure_logging
-from app.main import create_app
-from app.records.file_lock import AlreadyLocked, FileLock
 from app.settings import Settings, is_loopback
-
-_MAX_REQUEST_SHUTDOWN_S = 8
-"""Time for open requests after SIGTERM; with the workers' own time the shutdown stays below 25 s."""
-_MAX_GIVE_UP_SHUTDOWN_S = 15.0
-"""Time for the shutdown after the runner gave up; with the runner's `MAX_UNABLE_S` it stays below 60 s."""
 
 log = Logger(__name__)
 
@@ -59,7 +50,6 @@ def serve(
     settings = load_settings(host=host, port=port, data_dir=data_dir)
     configure_logging(settings.log_level)
     warn_of_unknown_settings()
-    allow_many_connections()
     listener = listen(settings)
     require_unlocked(settings, "head.lock", f"Another `gridpose serve` uses {settings.data_dir}.")
     if settings.worker_count:
@@ -72,22 +62,10 @@ def serve(
     finally:
         installation.close()
 
-    app = create_app(settings)
-    server = _Server(
-        uvicorn.Config(
-            app,
-            http=Connection,
-            # `X-Forwarded-For` is ours to read (GRIDPOSE_TRUSTED_PROXIES): uvicorn would believe every local program.
-            proxy_headers=False,
-            log_config=None,
-            access_log=False,
-            server_header=False,
-            ws="none",
-            lifespan="on",
-            timeout_graceful_shutdown=_MAX_REQUEST_SHUTDOWN_S,
-        ),
-        app,
-    )
+    # The framework and every route, three quarters of a start's processor time: not for one that is refused.
+    with uncollected():
+        from app.cli.server.http_server import HttpServer
+    server = HttpServer(settings)
     if not is_loopback(settings.host):
         log.warning("plain_http", host=settings.host)
     with stdout_may_fail():
@@ -98,70 +76,6 @@ def serve(
         signal.signal(number, lambda *_: None)
     server.run(sockets=[listener])
     return 0 if server.started and not server.gave_up else 1
-
-
-def require_no_runner(settings: Settings) -> None:
-    """End the command where another process already runs jobs of this data folder."""
-    require_unlocked(settings, "runner.lock", f"Another process computes the images of {settings.data_dir}.")
-
-
-def require_unlocked(settings: Settings, name: str, message: str) -> None:
-    """End the command where another process holds a lock that this one needs; create no file."""
-    lock = FileLock(settings.data_dir / name)
-    try:
-        with data_failures(settings):
-            if not lock.path.exists():
-                return
-            lock.acquire()
-    except AlreadyLocked:
-        fail(message, "Stop that process, or choose another --data-dir.")
-    lock.release()
-
-
-class _Server(uvicorn.Server):
-    """A server that shuts down its workers and event streams before it waits for open connections.
-
-    Its event loop reports to the process's supervisor, and ends the process where the runner gave up.
-    """
-
-    def __init__(self, config: uvicorn.Config, app: FastAPI) -> None:
-        super().__init__(config)
-        self.gave_up = False
-        self._app = app
-        self._supervisor = Supervisor.from_environment(os.environ)
-
-    async def on_tick(self, counter: int) -> bool:
-        """Report to the supervisor ten times a second; return whether the server shall exit."""
-        runner = self._app.state.service.runner
-        if runner is not None and runner.given_up and not self.gave_up:
-            self.gave_up = True
-            end_after_giving_up()
-            self._app.state.begin_shutdown()
-        if not self.gave_up:
-            self._supervisor.beat(ready=runner is None or runner.state.ready > 0)
-        return await super().on_tick(counter) or self.gave_up
-
-    async def shutdown(self, sockets: list[socket.socket] | None = None) -> None:
-        """Report the shutdown to the supervisor, then shut down."""
-        self._supervisor.stopping()
-        await super().shutdown(sockets)
-
-    def handle_exit(self, sig: int, frame: FrameType | None) -> None:
-        begin_shutdown = getattr(self._app.state, "begin_shutdown", None)
-        if begin_shutdown is not None:
-            begin_shutdown()
-        super().handle_exit(sig, frame)
-
-
-def end_after_giving_up() -> None:
-    """Log the reason, and exit by force where the shutdown takes too long: acknowledged uploads are on disk."""
-    log.critical(
-        "nothing_can_be_computed",
-        advice="The process exits to be restarted. See the messages before this one; check memory and limits.",
-    )
-    last_resort = threading.Timer(_MAX_GIVE_UP_SHUTDOWN_S, os._exit, [1])
-    last_resort.daemon = True
-    last_resort.start()
 
 
 def listen(settings: Settings) -> socket.socket:

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import os
 import socket
+import threading
 import time
 from collections.abc import Mapping
 from typing import Self
@@ -17,6 +18,8 @@ log = Logger(__name__)
 
 _MORE_TIME = "EXTEND_TIMEOUT_USEC=30000000"
 _MORE_TIME_EVERY_S = 10.0
+_MAX_GIVE_UP_SHUTDOWN_S = 15.0
+"""Time for the shutdown after the runner gave up; with the runner's `MAX_UNABLE_S` it stays below 60 s."""
 
 
 class Supervisor:
@@ -69,3 +72,14 @@ class Supervisor:
                 sender.sendto(message.encode(), address)
         except OSError as error:  # the service continues without its supervisor
             log.warning("supervisor_not_reached", error=repr(error))
+
+
+def end_after_giving_up() -> None:
+    """Log the reason, and exit by force where the shutdown takes too long: acknowledged uploads are on disk."""
+    log.critical(
+        "nothing_can_be_computed",
+        advice="The process exits to be restarted. See the messages before this one; check memory and limits.",
+    )
+    last_resort = threading.Timer(_MAX_GIVE_UP_SHUTDOWN_S, os._exit, [1])
+    last_resort.daemon = True
+    last_resort.start()

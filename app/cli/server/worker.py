@@ -11,8 +11,8 @@ from types import FrameType
 
 from app.cli.context import load_settings, open_context, print_location, warn_of_unknown_settings
 from app.cli.options.data_folder import DataDir
-from app.cli.server.serve import end_after_giving_up, require_no_runner
-from app.cli.server.supervision import Supervisor
+from app.cli.server.exclusion import require_no_runner
+from app.cli.server.supervision import Supervisor, end_after_giving_up
 from app.client.commands import fail
 from app.logs import configure_logging
 from app.records.file_lock import AlreadyLocked

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
         print_list,
     )
     from .images.transfer import transfer, transfer_progress
-    from .lazy import LazyCommand
+    from .lazy import LazyCommand, uncollected
     from .main import make_app, run
     from .output_files import print_bytes, write_file
     from .record_files import Record, RecordFormat, Records, as_delimiter, read_mapping, read_records
@@ -59,7 +59,7 @@ _PLACES = {
         ),
     ),
     ".images.transfer": ("transfer", "transfer_progress"),
-    ".lazy": ("LazyCommand",),
+    ".lazy": ("LazyCommand", "uncollected"),
     ".main": ("make_app", "run"),
     ".output_files": ("print_bytes", "write_file"),
     ".record_files": ("Record", "RecordFormat", "Records", "as_delimiter", "read_mapping", "read_records"),
@@ -97,5 +97,6 @@ __all__ = [
     "run",
     "transfer",
     "transfer_progress",
+    "uncollected",
     "write_file",
 ]

@@ -39,7 +39,7 @@ class LazyCommand(TyperCommand):
         """Import the command."""
         module, _, name = self.place.partition(":")
         holder = typer.Typer(add_completion=False, pretty_exceptions_show_locals=False)
-        with _uncollected():
+        with uncollected():
             function = getattr(importlib.import_module(module), name)
         settings = getattr(function, "context_settings", None)
         holder.command(self.name, context_settings=settings)(_exiting(_expanded(function)))
@@ -84,7 +84,7 @@ def _is_narrow() -> bool:
 
 
 @contextmanager
-def _uncollected() -> Iterator[None]:
+def uncollected() -> Iterator[None]:
     """Leave modules to themselves: they stay to the end, and looking through them for garbage again and again takes a
     fifth of their import.
     """

@@ -42,9 +42,12 @@ def test_answers_do_not_wait_for_delayed_acknowledgements() -> None:
 @pytest.mark.slow
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs a file on which nothing has room")
 def test_a_full_disk_under_stdout_does_not_end_the_start() -> None:
+    """And a start that is refused, or computes without HTTP, does not pay for what serves."""
     script = (
         "import sys\n"
+        "import app.cli.server.worker\n"
         "from app.cli.server.serve import stdout_may_fail\n"
+        "assert not {'core', 'fastapi', 'uvicorn'} & set(sys.modules)\n"
         "from app.logs import configure_logging\n"
         "configure_logging()\n"
         "with stdout_may_fail():\n"
