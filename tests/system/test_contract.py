@@ -17,7 +17,8 @@ from app.client import ServiceClient
 @pytest.mark.parametrize(
     ("examples", "phases"),
     [
-        pytest.param(4, "examples,coverage,fuzzing", id="short"),
+        # Its own examples and every bound; what chance finds is for the long one.
+        pytest.param(1, "examples,coverage,fuzzing", id="short"),
         pytest.param(400, "examples,coverage,fuzzing,stateful", id="long", marks=pytest.mark.soak),
     ],
 )

@@ -14,7 +14,7 @@ from tests.support.service.service import wait_until
 from tests.support.simulation.room_corner import Corner
 
 SPECS = (TargetSpec("chessboard", 8, 5, 18.0), TargetSpec("charuco", 6, 5, 22.0, 16.0, "DICT_5X5_100"))
-IMAGES = 24
+IMAGES = 12
 
 
 def test_every_grid_is_measured_once_whatever_is_killed(make_service: Callable[..., ServiceProcess]) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import re
 import sqlite3
 import threading
 from collections.abc import Callable
@@ -87,7 +88,7 @@ def test_what_is_restored_answers_as_what_was_backed_up(
         uploading.start()
         try:
             wait_until(lambda: len(sent) >= IMAGES, 120, "uploads go on")
-            first = gridpose("backup", str(folder), "--data-dir", str(service.data_dir), **database)
+            first = gridpose_here("backup", str(folder), "--data-dir", str(service.data_dir), **database)
             uploaded = len(sent)
             wait_until(lambda: len(sent) > uploaded, 120, "uploads go on after the backup")
         finally:
@@ -104,7 +105,7 @@ def test_what_is_restored_answers_as_what_was_backed_up(
     assert service.stop() == 0
     emptied(database)
 
-    restored = gridpose("restore", str(folder), "--data-dir", str(tmp_path / "restored"), **database)
+    restored = gridpose_here("restore", str(folder), "--data-dir", str(tmp_path / "restored"), **database)
     assert restored.returncode == 0, restored.stdout + restored.stderr
     again = make_service("restored", GRIDPOSE_WORKERS="0", **database).start()
     assert again.admin_key is None, "the keys are those of the backup"
@@ -129,11 +130,14 @@ def test_a_second_service_on_another_folder_is_refused(
 def test_the_schema_is_taken_back_and_comes_up_again(
     make_service: MakeService, database: dict[str, str]
 ) -> None:
-    service = make_service(GRIDPOSE_WORKERS="0", **database).start()
-    key, folder = service.admin_key, str(service.data_dir)
-    running = gridpose_here("schema", "downgrade", "0004", "--yes", "--data-dir", folder, **database)
-    assert running.returncode == 1
-    assert service.stop() == 0
+    """And stays while the service runs."""
+    service = make_service(GRIDPOSE_WORKERS="0", **database)
+    folder = str(service.data_dir)
+    made = gridpose_here(
+        "keys", "create", "k", "--scope", "admin", "--init", "--data-dir", folder, **database
+    )
+    found = re.search(r"gp_\w+", made.stdout)
+    assert found, made.stdout + made.stderr
     shown = gridpose_here("schema", "downgrade", "0004", "--data-dir", folder, **database)
     assert shown.returncode == 1
     assert (
@@ -141,7 +145,7 @@ def test_the_schema_is_taken_back_and_comes_up_again(
     )
     unknown = gridpose_here("schema", "downgrade", "0099", "--yes", "--data-dir", folder, **database)
     assert unknown.returncode == 2
-    done = gridpose("schema", "downgrade", "0004", "--yes", "--data-dir", folder, **database)
+    done = gridpose_here("schema", "downgrade", "0004", "--yes", "--data-dir", folder, **database)
     assert done.returncode == 0, done.stderr
     assert "0004" in gridpose_here("schema", "show", "--data-dir", folder, **database).stdout.splitlines()[0]
     (copy,) = (service.data_dir / "backups").iterdir()
@@ -151,7 +155,10 @@ def test_the_schema_is_taken_back_and_comes_up_again(
     later = gridpose_here("backup", str(service.data_dir.parent / "b"), "--data-dir", folder, **database)
     assert later.returncode == 2
     assert "0004" in later.stderr
-    again = make_service(GRIDPOSE_WORKERS="0", **database).start()
-    assert again.admin_key == key  # the file of the first key is still there
-    with ServiceClient(again.url, key) as client:
+    service.start()
+    with ServiceClient(service.url, found[0]) as client:
         client.get("/v1/sessions")
+        running = gridpose_here("schema", "downgrade", "0004", "--yes", "--data-dir", folder, **database)
+        assert running.returncode == 1
+        shown = gridpose_here("schema", "show", "--data-dir", folder, **database)
+        assert "0004" not in shown.stdout.splitlines()[0]

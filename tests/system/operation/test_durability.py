@@ -19,7 +19,7 @@ from tests.support.service.uploads import Uploaders, finished_measurements
 @pytest.mark.parametrize(
     ("kills", "uploads"),
     [
-        pytest.param(3, 160, id="short"),
+        pytest.param(2, 110, id="short"),
         pytest.param(24, 5200, id="long", marks=pytest.mark.soak),
     ],
 )

@@ -58,7 +58,7 @@ def test_sigterm_ends_everything_in_time_and_the_rest_is_done_after_a_restart(
     assert len(children) >= 2
     service.kill()
     wait_until(lambda: not any(is_alive(pid) for pid in children), 60, "workers gone")
-    make_service(GRIDPOSE_WORKERS="2").start(ready_within_s=120)  # 40 s on a machine with nothing else to do
+    make_service().start(ready_within_s=120)  # 40 s on a machine with nothing else to do
 
 
 def test_an_image_whose_worker_dies_three_times_is_given_up_and_the_others_finish(
