@@ -121,7 +121,8 @@ def _shots(place: str, target: TargetSpec, seeds: list[int], cycles: int) -> dic
 def _floors(shots: dict[int, list[Shots]], words: str) -> Iterable[Row]:
     images = sum(len(one.views) for of_seed in shots.values() for one in of_seed)
     missed = sum(one.missed for of_seed in shots.values() for one in of_seed)
-    corner = math.sqrt(float(np.mean([one.squared_px for of_seed in shots.values() for one in of_seed])))
+    found = [one.squared_px for of_seed in shots.values() for one in of_seed if one.views]
+    corner = math.sqrt(float(np.mean(found)))
     note = f"{len(shots)} sessions × {POSES} poses, {images} images ({missed} missed), corner rms {corner:.4f} px"
     for estimator, goal_mm in (("pooled", 0.010), ("per_image_fixed_pp", 0.030)):
         position, turn, ratio = _readings(shots, estimator)
