@@ -215,12 +215,15 @@ def test_a_queue_that_raises_repeatedly_ends_in_giving_up_and_a_full_disk_does_n
 def test_a_result_that_cannot_be_saved_keeps_no_other_from_it(api: Any, grey_png: bytes) -> None:
     bad, *others = queue_images(api, grey_png, "abcd")
 
+    def has_failed() -> bool:
+        api.wait_for(queue_images(api, grey_png, "e")[0])  # another is saved meanwhile
+        time.sleep(1.0)  # it takes half a minute, with pauses of up to 5 s
+        return api.measurement(bad)["status"] == "failed"
+
     with runner_of(api, FaultyQueue(api, refused=bad)) as runner:
         for other in others:
             assert api.wait_for(other)["attempts"] == 1
-        while api.measurement(bad)["status"] != "failed":  # for half a minute, with pauses of up to 5 s
-            api.wait_for(queue_images(api, grey_png, "e")[0])  # another is saved meanwhile
-            time.sleep(1.0)
+        wait_until(has_failed)
         assert runner.state.able
     failed = api.measurement(bad)
     assert (failed["failure"]["code"], failed["attempts"]) == ("internal_error", 3)
