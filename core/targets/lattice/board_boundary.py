@@ -22,7 +22,8 @@ from core.targets.lattice.lattice import Lattice
 _MIN_LINE_SHARE = 0.3  # of a line's corners; a line with fewer is not part of the lattice
 _MIN_END_SHARE = 0.5
 _MIN_CORNERS = 2
-MIN_VISIBLE_SHARE = 0.5
+_MIN_PLACES = 3  # beyond a side: of fewer, all corners that follow there may be missed
+MIN_VISIBLE_SHARE = 0.3  # a print is a rectangle: where a third of a side ends, the rest does
 MIN_SQUARES_SHARE = 0.65
 MAX_BEYOND_SHARE = 0.12  # of the places beyond: chance makes corners of clutter, a board makes all of them
 _DEPTHS = (0.4, 0.5, 0.6, 0.7, 0.8, 0.9)  # of a step, where the outermost squares are looked at
@@ -39,8 +40,9 @@ class Side:
     """One side of a lattice, all as shares from 0 to 1.
 
     `seen` of its outermost corners; `visible` of the places of the line beyond, where the outermost squares end: those
-    in the image; `squares` of the outermost squares in the image: those that reach as deep as most do; `beyond` of
-    the visible places: those that are corners again, followed by squares of the other colour.
+    in the image, 0 where one or two are and do not show that no squares follow; `squares` of the outermost squares in
+    the image: those that reach as deep as most do; `beyond` of the visible places: those that are corners again,
+    followed by squares of the other colour.
     `is_crossed`: the squares go on beyond something that lies across them.
     """
 
@@ -277,7 +279,8 @@ def look_at_side(
         for n in range(good):
             at_least += depths[n] > usual
     seen = max(int(np.sum(visible)), 1)
-    shares[1] = np.sum(visible) / good
+    tells = seen >= _MIN_PLACES or (2 * seen >= good and np.sum(visible & follows) < seen)
+    shares[1] = np.sum(visible) / good if tells else 0.0
     shares[2] = np.sum(visible & (np.abs(depths - usual) <= 1)) / (seen + count - good)
     for n in range(good):
         shares[3] += (visible[n] and beyond[number[n]] and follows[n]) / seen

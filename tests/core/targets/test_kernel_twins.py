@@ -151,7 +151,10 @@ def plain_side(
     right = visible & (np.abs(depth - np.sort(depth)[len(depth) // 2]) <= 1)
     count = max(int(visible.sum()), 1)
     squares = right.sum() / (count + len(gap) - len(number))
-    return seen, float(visible.mean()), float(squares), (beyond[good] & visible & follows).sum() / count
+    in_view = float(visible.mean())
+    if visible.sum() < 3 and (in_view < 0.5 or follows[visible].all()):
+        in_view = 0.0
+    return seen, in_view, float(squares), (beyond[good] & visible & follows).sum() / count
 
 
 @pytest.mark.parametrize("dtype", [np.uint8, np.uint16])

@@ -6,6 +6,8 @@ import cv2
 import numpy as np
 import pytest
 
+from core.errors import DetectionError
+from core.targets import TargetSpec, detect
 from core.targets.lattice.board_boundary import bounded
 from core.targets.lattice.corner_graph import link
 from core.targets.lattice.growing import grow_lattice
@@ -59,6 +61,35 @@ def test_an_image_that_ends_with_the_corners_does_not_show_a_whole_board(side: i
     assert found.size == (8, 6)
     assert found.continues
     assert not found.is_whole
+
+
+@pytest.mark.parametrize(
+    ("rows", "in_view", "ends"), [(10, 4, True), (10, 3, True), (10, 2, False), (4, 3, True)]
+)
+@pytest.mark.parametrize("corner", range(4))
+def test_part_of_a_side_shows_where_the_board_ends(rows: int, in_view: int, ends: bool, corner: int) -> None:
+    """The image's border cuts the outermost squares of a turned board; those left tell, but not two of them."""
+    asked, larger = TargetSpec("chessboard", 8, rows, 20.0), (9, rows)
+    for columns, lines in ((8, rows), larger):
+        image = board_cut_aslant(columns, lines, in_view)
+        image = np.ascontiguousarray(np.rot90(image, corner))
+        if ends and columns == 8:
+            assert len(detect(image, asked)) == 8 * rows
+        else:
+            with pytest.raises(DetectionError):
+                detect(image, asked)
+
+
+def board_cut_aslant(columns: int, rows: int, in_view: int) -> np.ndarray:
+    """A turned board, the image cut so that of the places one square right of its eighth column so many are in it."""
+    image, grid = board(columns, rows, margin=4)
+    turn = cv2.getRotationMatrix2D((0.0, 0.0), 5.0, 1.0)
+    turn[1, 2] = down = 0.25 * image.shape[1]
+    size = image.shape[1] + round(0.25 * image.shape[0]), image.shape[0] + round(down)
+    turned = cv2.warpAffine(image, turn, size, borderValue=200.0)
+    across = (grid[:, 7] + (PITCH, 0.0)) @ turn[:, :2].T + turn[:, 2]
+    border = np.sort(across[:, 0])[[in_view - 1, in_view]].mean() + 3.0
+    return np.ascontiguousarray(turned[:, : round(border)])
 
 
 @pytest.mark.parametrize("depth", [0.55, 0.8])
